@@ -64,11 +64,7 @@ def decide(
             "noise: there is no gap to explain."
         )
     if other > 0.5 or leader.p_value < MISFIT:
-        return "unknown", (
-            "No effect of the library explains the test. The best of them, "
-            f"{leader.hypothesis.label}, leaves {100 * after.rms:.1f} %, which noise and model "
-            f"error do not explain (p {_equals(p_value(leader.p_value))})."
-        )
+        return "unknown", _no_effect(leader, after)
     classes = class_probabilities(fits, probability, effects)
     if sure := sure_classes(classes, other):
         said = "; and ".join(f"{_sentence(name)} ({shown(classes[name])})" for name in sure)
@@ -92,6 +88,21 @@ def confirmed(s: Shrinkage) -> bool:
 def unproved(s: Shrinkage) -> list[str]:
     """The causes that held-out data do not make surely more probable."""
     return [name for name, gain in s.gains.items() if not gain > _CONFIRMED]
+
+
+def _no_effect(leader: Fit, after: Gap) -> str:
+    """Why no effect of the library is the cause."""
+    best = f"{leader.hypothesis.label}, leaves {100 * after.rms:.1f} %"
+    p = f"(p {_equals(p_value(leader.p_value))})"
+    if leader.p_value < MISFIT:
+        return (
+            f"No effect of the library explains the test. The best of them, {best}, which noise "
+            f"and model error do not explain {p}."
+        )
+    return (
+        f"No effect of the library is as probable as a cause that is not in it. The best of them, "
+        f"{best}, as noise and model error may {p}."
+    )
 
 
 def confirm(verdict: str, summary: str, s: Shrinkage) -> tuple[str, str]:

@@ -234,6 +234,14 @@ def test_other_verdicts_have_sentences_of_their_own():
     at_chance = shrinkage(claimed=False)
     words = explain(diagnosis(verdict="unknown", hypotheses=unknown, shrinkage=at_chance))
     assert words.which == f"{best} that something else is at work has > 90 %."
+    # What noise may leave is not refuted: it is less probable than what nobody listed.
+    fits = [unknown[0], replace(unknown[1], p_value=0.5)]
+    words = explain(diagnosis(verdict="unknown", hypotheses=fits, shrinkage=at_chance))
+    assert words.which == (
+        "None of the 4 effects that were considered is as probable as one that was not: the best, "
+        "joint normal compliance, leaves a gap of 1.10 %, as noise and model error may (p = 0.50); "
+        "that something else is at work has > 90 %."
+    )
     # What is borne out by data that were held out is not denied for what it leaves.
     part = diagnosis(verdict="unknown", hypotheses=unknown)
     assert explain(part).which == (

@@ -47,7 +47,7 @@ from fenics_joints.commands.diagnose.words import (
 from fenics_joints.diagnosis.location import Location
 from fenics_joints.diagnosis.result import Diagnosis
 from fenics_joints.diagnosis.shrinkage import Shrinkage
-from fenics_joints.diagnosis.verdict import CAUSE, LIKELY, NO_GAP, UNKNOWN
+from fenics_joints.diagnosis.verdict import CAUSE, LIKELY, MISFIT, NO_GAP, UNKNOWN
 from fenics_joints.diagnosis.where.zone_tests import ZoneTest
 from fenics_joints.formatting import error_percent, percent, probability, spaced
 
@@ -246,11 +246,14 @@ def _no_cause(d: Diagnosis) -> str:
 
 def _unknown(d: Diagnosis) -> str:
     lead, n = leading(d), sum(len(c.effects) for c in causes(d))
-    words = f"none of the {n} effects that were considered explains all of the test"
+    fits = lead is not None and lead.p_value >= MISFIT
+    words = "is as probable as one that was not" if fits else "explains all of the test"
+    words = f"none of the {n} effects that were considered {words}"
     if lead is not None:
-        words += (
-            f": the best, {named(lead)}, leaves a gap of {error_percent(lead.gap)} and would give "
-            f"such a misfit with {p_value_words(lead.p_value)}"
+        words += f": the best, {named(lead)}, leaves a gap of {error_percent(lead.gap)}"
+        p = p_value_words(lead.p_value)
+        words += f", as noise and model error may ({p})" if fits else (
+            f" and would give such a misfit with {p}"
         )
     if is_part(d):
         words += (
