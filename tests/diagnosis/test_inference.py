@@ -327,14 +327,19 @@ def test_classes_hold_what_stands_for_each_other(angle_deg, together):
         assert left["effect 0"] == "effect 0" and alike["effect 0"] == {"effect 0", "effect 1"}
 
 
-def test_two_causes_are_two_classes():
+@pytest.mark.parametrize("sd", [0.005, 0.032])
+def test_two_causes_are_two_classes(sd):
     """Both are in the leader, and neither can stand for the other."""
     forward = flat(4, 5.0)
     truth = 5.0 + forward.matrix @ [0.1, 0.0, 0.1]
-    evidence = evidence_of(truth[None], sd=0.005, discrepancy=0.0, torques=np.array([10.0]))
+    evidence = evidence_of(truth[None], sd=sd, discrepancy=0.0, torques=np.array([10.0]))
     fits, p = all_fits(forward, evidence)
     found = classes(fits, p, stand_ins(fits, p, evidence))
     assert found["effect 0"] == found["effect 1"] != found["effect 2"]
+    # An unknown cause may be more probable than each: alone the two are near each other by now.
+    unknown = fit(Hypothesis((), unknown=True), forward, evidence, forward.baseline)
+    fits, p = [*fits, unknown], [*p, 1.5 * max(p)]
+    assert classes(fits, p, stand_ins(fits, p, evidence)) == found
 
 
 def test_detectable_only_when_the_change_outgrows_the_noise():

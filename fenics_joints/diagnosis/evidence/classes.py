@@ -116,8 +116,9 @@ def stand_ins(
         Keys of what can stand for each effect, itself among them, by its key.
     """
     keys = list(dict.fromkeys(e.key for f in fits for e in f.hypothesis.effects))
-    leader = fits[int(np.argmax(probability))]
-    lead = {e.key for e in leader.hypothesis.effects}
+    # An unknown cause may lead, but holds nothing that others could be put beside.
+    known = [0.0 if f.hypothesis.unknown else p for f, p in zip(fits, probability, strict=True)]
+    lead = {e.key for e in fits[int(np.argmax(known))].hypothesis.effects}
     together = DisjointSet(keys)
     weighed = list(zip(fits, probability, strict=True))
     alone = {
