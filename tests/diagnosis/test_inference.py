@@ -340,6 +340,8 @@ def test_two_causes_are_two_classes(sd):
     unknown = fit(Hypothesis((), unknown=True), forward, evidence, forward.baseline)
     fits, p = [*fits, unknown], [*p, 1.5 * max(p)]
     assert classes(fits, p, stand_ins(fits, p, evidence)) == found
+    back = fits[::-1], p[::-1]
+    assert classes(*back, stand_ins(*back, evidence)) == found
 
 
 def test_detectable_only_when_the_change_outgrows_the_noise():

@@ -132,7 +132,8 @@ def stand_ins(
             if swap is None or together.connected(*swap):
                 continue
             rest = {e.key for e in a.hypothesis.effects} - {swap[0]}
-            if rest - lead or (not rest and swap[0] in lead and len(lead) > 1):
+            # Alone, one of several that lead explains a part, as others may.
+            if rest - lead or (not rest and len(lead) > 1 and lead & set(swap)):
                 continue
             if min(p_a, p_b) <= alone.get(frozenset(rest), 0.0):
                 continue  # one of them is idle: equal effects that explain nothing are no class
