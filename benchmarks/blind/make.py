@@ -66,7 +66,7 @@ def make_cases(
     folder.mkdir(parents=True, exist_ok=True)
     state = _state(folder, key, n, seed, final, world, only)
     if so_far:
-        for half in {place.name for place in (folder / "cases").iterdir()} - set(state["done"]):
+        for half in {place.name for place in (folder / "cases").glob("*")} - set(state["done"]):
             shutil.rmtree(folder / "cases" / half)
         return _publish(folder, key, state)
     state["failed"] = {}

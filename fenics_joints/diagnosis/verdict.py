@@ -90,21 +90,6 @@ def unproved(s: Shrinkage) -> list[str]:
     return [name for name, gain in s.gains.items() if not gain > _CONFIRMED]
 
 
-def _no_effect(leader: Fit, after: Gap) -> str:
-    """Why no effect of the library is the cause."""
-    best = f"{leader.hypothesis.label}, leaves {100 * after.rms:.1f} %"
-    p = f"(p {_equals(p_value(leader.p_value))})"
-    if leader.p_value < MISFIT:
-        return (
-            f"No effect of the library explains the test. The best of them, {best}, which noise "
-            f"and model error do not explain {p}."
-        )
-    return (
-        f"No effect of the library is as probable as a cause that is not in it. The best of them, "
-        f"{best}, as noise and model error may {p}."
-    )
-
-
 def confirm(verdict: str, summary: str, s: Shrinkage) -> tuple[str, str]:
     """A verdict that names a cause, with what held-out data say of it: ``cause`` if they confirm
     it, ``likely`` if not; other verdicts stay.
@@ -170,6 +155,21 @@ def class_probabilities(
         for name in {named[e.name, e.region] for e in f.hypothesis.effects}:
             total[name] += float(p)
     return dict(sorted(total.items(), key=lambda item: -item[1]))
+
+
+def _no_effect(leader: Fit, after: Gap) -> str:
+    """Why no effect of the library is the cause."""
+    best = f"{leader.hypothesis.label}, leaves {100 * after.rms:.1f} %"
+    p = f"(p {_equals(p_value(leader.p_value))})"
+    if leader.p_value < MISFIT:
+        return (
+            f"No effect of the library explains the test. The best of them, {best}, which noise "
+            f"and model error do not explain {p}."
+        )
+    return (
+        "No effect of the library is as probable as a cause that is not in it. The best of them, "
+        f"{best}, as noise and model error may {p}."
+    )
 
 
 def _equals(p: str) -> str:

@@ -78,7 +78,7 @@ class LeanForward(Forward):
             model, forward.sensors, forward.n_test, n_modes, forward.reference, forward.threshold
         )
         if forward.further is not None:
-            self.further = LeanForward(forward.further, model)
+            self.further = LeanForward(forward.further, model, turned)
         self._ready: dict[tuple, tuple] = {}
         self._ready_shapes: dict[tuple, np.ndarray] = {}
         names = list(model.parameters)
@@ -87,7 +87,7 @@ class LeanForward(Forward):
     def __call__(self, values: Mapping[str, float]) -> tuple[np.ndarray, np.ndarray]:
         """See `Forward`; from `prepare` where that knows the values."""
         ready = self._ready.get(self._key(values))
-        return super().__call__(self._own(values)) if ready is None else ready
+        return super().__call__(values) if ready is None else ready
 
     def solve(self, values: Mapping[str, float]) -> tuple[Modes, Pairing]:
         """See `Forward`."""
@@ -100,7 +100,7 @@ class LeanForward(Forward):
     def vectors(self, values: Mapping[str, float]) -> np.ndarray:
         """See `Forward`; from `prepare` where that knows the values."""
         x = self._ready_shapes.get(self._key(values))
-        return super().vectors(self._own(values)) if x is None else x
+        return super().vectors(values) if x is None else x
 
     def shapes(
         self, values: Mapping[str, float], along: np.ndarray | None = None
@@ -154,7 +154,7 @@ class LeanForward(Forward):
     def _searched(self, values, nothing) -> tuple[np.ndarray, np.ndarray]:
         """One by one, among more modes; ``nothing`` if the test's are not there either."""
         try:
-            return super().__call__(self._own(values))
+            return super().__call__(values)
         except InputError:
             return nothing
 
@@ -249,16 +249,13 @@ class LeanForward(Forward):
         k = n if count is None else count
         eigenvalues, vectors = np.empty((len(K), k)), np.empty((len(K), n, k))
         for i in range(len(K)):
-            one = self._unit_modes(K[i], k) if self._unit else self._one(K[i], M[i], k, few)
-            eigenvalues[i], vectors[i] = one
+            eigenvalues[i], vectors[i] = self._one(K[i], M[i], k, few)
         return eigenvalues, vectors
-
-    @staticmethod
-    def _unit_modes(K, count: int) -> tuple[np.ndarray, np.ndarray]:
-        return scipy.linalg.eigh(K, subset_by_index=[0, count - 1], check_finite=False)
 
     def _one(self, K, M, count: int, few: bool) -> tuple[np.ndarray, np.ndarray]:
         """Of one model: a third sooner than many together, whose products are not blocked."""
+        if self._unit:
+            return scipy.linalg.eigh(K, subset_by_index=[0, count - 1], check_finite=False)
         shift = (2 * np.pi * _SHIFT_SHARE * self.model.scale_hz) ** 2
         try:
             inverse, vectors = inverted_modes(K, M, shift, count if few else None)

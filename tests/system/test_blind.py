@@ -9,6 +9,7 @@ import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -22,6 +23,7 @@ from scipy.stats import multivariate_normal, norm  # noqa: E402
 from benchmarks.blind import (  # noqa: E402
     counted,
     forecast,
+    make,
     matching,
     misses,
     oracle,
@@ -60,6 +62,31 @@ def sealed(tmp_path):
     (folder / seal.ANSWERS).write_text(seal.encrypt({"cases": kept}, key))
     (folder / "diagnoses" / "aa.json").write_text("{}")
     return folder, key, kept
+
+
+def test_what_is_made_so_far_is_sealed_and_nothing_else(tmp_path, monkeypatch):
+    """A case whose answer was not kept when making was stopped is no case of the check."""
+    folder = tmp_path / "check"
+    key = seal.make_key(tmp_path / "check.key", folder)
+    said = []
+
+    def run(command, input, **given):
+        Path(json.loads(input)["folder"], "case.toml").write_text("title = 'a case'")
+        truth = json.dumps(ANSWER)
+        return SimpleNamespace(returncode=0, stderr="", stdout=f"truth of the case: {truth}\n")
+
+    def say(words):
+        said.append(words)
+        if len(said) == 2:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(make, "subprocess", SimpleNamespace(run=run, TimeoutExpired=TimeoutError))
+    with pytest.raises(KeyboardInterrupt):
+        make.make_cases(folder, key, 3, 1, jobs=1, say=say)
+    listed = make.make_cases(folder, key, 3, 1, so_far=True)
+    there = {place.name for place in (folder / "cases").iterdir()}
+    assert {case["id"] for case in listed["cases"]} == there == {said[0].split()[-2]}
+    assert listed["planned"] == 3
 
 
 def test_equal_answers_have_unequal_seals(sealed):
