@@ -27,6 +27,7 @@ from fenics_joints.diagnosis.evidence.unlisted import look_alike
 from fenics_joints.diagnosis.exchange import fit_exchanged
 from fenics_joints.diagnosis.kept_fits import KeptFits
 from fenics_joints.diagnosis.model.prepared import Prepared
+from fenics_joints.diagnosis.nearer import nearer
 from fenics_joints.diagnosis.several import fit_several
 from fenics_joints.diagnosis.starts import starts_of
 from fenics_joints.diagnosis.survey import survey
@@ -99,7 +100,8 @@ class Search:
         fits += self._above(
             singles, [known.get(h.label_of_keys, ()) for h in singles], [fits[0]] * len(singles)
         )
-        fits = self.checked(survey(self, fits), _LEADING_SINGLES, quickly=True)
+        fits = nearer(self, survey(self, fits))
+        fits = self.checked(fits, _LEADING_SINGLES, quickly=True)
         several = fit_several(self, fits[2:])
         fits = fits + several
         if any(f is g for f in several for g in self._leading(fits, _LEADING_SINGLES)):
@@ -415,6 +417,16 @@ class Search:
         return np.concatenate([parent.z[:first], np.zeros(len(effects[-1].priors)), *tail])
 
     # -- weights -------------------------------------------------------------------------------
+
+    def narrow(self, effects: Sequence[Effect], share: float) -> None:
+        """Let effects be of a share of the places that they were of, and have that of their odds.
+
+        Args:
+            effects: The effects.
+            share: The share.
+        """
+        for effect in effects:
+            self._odds[effect.key] += np.log(share)
 
     def log_prior(self, hypotheses: Sequence[Hypothesis]) -> np.ndarray:
         """ln of each hypothesis' prior odds against none."""

@@ -48,6 +48,9 @@ class Fits(Protocol):
     def log_prior(self, hypotheses: Sequence[Hypothesis]) -> np.ndarray:
         """ln of each hypothesis' prior odds against none."""
 
+    def narrow(self, effects: Sequence[Effect], share: float) -> None:
+        """Let effects be of a share of the places that they were of."""
+
     def start(self, effects: Sequence[Effect], parent: Fit) -> np.ndarray:
         """A fit's parameters, with a zero for each of the effect that is added."""
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +20,7 @@ from fenics_joints.reduction.forward import SPARE
 from fenics_joints.reduction.kept import KeptModel
 from fenics_joints.reduction.memory import give_back
 from fenics_joints.reduction.motions import MovingModel, with_motions
+from fenics_joints.reduction.projection import Projection
 from fenics_joints.reduction.reduced import ReducedStructure, reduce
 from fenics_joints.reduction.sampled import SampledBasis
 from fenics_joints.reduction.seen import SeenModes, places_all_over
@@ -175,6 +177,18 @@ class Surrogate(SeenModes):
         self.forward.model = self._with_motions()
         self.forward.forget()
         give_back()
+
+    def move_points(self, points: Mapping[str, Sequence[float]]) -> None:
+        """Put what may be attached elsewhere, see `Structure.move_points`. Collective."""
+        self.full.move_points(points)
+        on = Projection(self.full, self._basis)
+        moved = {c.name: on.change(c) for c in on.changes if c.name in points}
+        regions = [moved.get(region.name, region) for region in self._whole.regions]
+        self._whole = replace(self._whole, pencil=replace(self._whole.pencil, regions=regions))
+        # The same values are of another structure from here.
+        self._solved.clear(), self._refined.clear()
+        self.forward.model = self._with_motions()
+        self.forward.forget()
 
     def _with(self, points: Points) -> ArrayModel:
         """The reduced model with modes of the full one at points."""

@@ -7,6 +7,7 @@ the parameters, and one assembly gives the derivative with respect to all of the
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
 from functools import cached_property
 from itertools import product
 
@@ -164,6 +165,18 @@ class Assembly:
                 dofs = fem.locate_dofs_topological((self.V.sub(i), W), dim, entities)
                 bcs.append(fem.dirichletbc(fem.Function(W), dofs, self.V.sub(i)))
         return bcs
+
+    def move_points(self, points: Mapping[str, Sequence[float]]) -> None:
+        """Put what may be attached at points of the solid at others, in place.
+
+        Args:
+            points: Where, m, (3,) each, by the names of `PlacedPoint` and `PlacedResonator`.
+        """
+        self.changes = tuple(
+            replace(c, point=tuple(points[c.name])) if c.name in points else c
+            for c in self.changes
+        )
+        self._made_of["changes"] = self.changes
 
     # -- forms -------------------------------------------------------------------------------
 

@@ -26,8 +26,9 @@ from fenics_joints.case import load_case
 from fenics_joints.diagnosis.kept_fits import KeptFits
 from fenics_joints.diagnosis.model.prepared import prepare
 from fenics_joints.diagnosis.model.subject import subject_of, with_places
+from fenics_joints.diagnosis.nearer import nearer
 from fenics_joints.diagnosis.search import Search
-from fenics_joints.diagnosis.zones.sites import as_mass
+from fenics_joints.diagnosis.zones.sites import as_mass, points_about
 from fenics_joints.errors import InputError
 from fenics_joints.modal import solve_modes
 from fenics_joints.progress import Progress
@@ -180,6 +181,33 @@ def test_what_hangs_on_a_spring_has_motions_of_its_own(tmp_path):
     assert felt["put_on.mass"] == kg and felt["hung.mass"] == model.baseline["hung.mass"]
 
 
+def test_where_something_hangs_is_looked_for_from_nearer(tmp_path):
+    """Between the first places, and with matrices that have it where the places are then; a place
+    that is one of few of the structure has as much less of the odds."""
+    kg, own_hz, at = 0.02, 380.0, (0.2, 0.02, 0.0)
+    data = with_resonator(kg, own_hz, at)
+    path = write_strip(tmp_path, *data, 'effects = ["attached resonator"]')
+    model = prepare(load_case(path), MPI.COMM_SELF, QUIET)
+    model.reduce(QUIET)
+    search = Search(model, QUIET, KeptFits(None, model.evidence, model.baseline, False))
+    away = np.linalg.norm(model.sites.points - at, axis=1).min()
+    fits = search.fit_all([model.hypothesis((), name="no gap"), model.hypothesis(model.effects)])
+    before, odds = fits[1].log_evidence, search.log_prior([fits[1].hypothesis])
+    _, found = nearer(search, fits)
+    assert found.log_evidence > before + 10
+    rows = leading([found], [1.0])[2]
+    assert rows["mass"]["value"] == pytest.approx(kg, rel=0.2)
+    assert rows["frequency"]["value"] == pytest.approx(own_hz, rel=0.1)
+    place = [float(c) for c in rows["place"]["at"].split(")")[0][1:].split(",")]
+    assert 1e-3 * np.linalg.norm(np.subtract(place, 1e3 * np.array(at))) < 0.4 * away
+    assert search.log_prior([found.hypothesis]) < odds - np.log(3)
+    effect, values = model.effects[0], dict(model.baseline)
+    i = int(np.argmin(np.linalg.norm(model.sites.points - at, axis=1)))
+    effect.apply(values, {"mass": kg, "frequency": own_hz, "place": float(i)}, 0.0)
+    hz, _ = with_resonator(kg, own_hz, model.sites.points[i], plate=model.full)
+    assert np.exp(model.forward(values)[0]) == pytest.approx(hz, rel=5e-3)
+
+
 @pytest.mark.parallel
 def test_places_are_the_same_on_two_ranks(shared_tmp_path):
     comm = MPI.COMM_WORLD
@@ -203,3 +231,13 @@ def test_places_are_the_same_on_two_ranks(shared_tmp_path):
         a, b = (solve_modes(s.full, values, n_modes=9).frequencies_hz[7:]
                 for s in (alone, together))  # fmt: skip
         assert b == pytest.approx(a, rel=1e-6)
+    # Nor are places that are nearer, where the same values are of another structure.
+    near = [points_about(s.case, s.full, s.sites.points, [3, 4]) for s in (alone, together)]
+    assert near[1] == pytest.approx(near[0]) and 2 < len(near[0]) <= len(alone.sites.points)
+    for s, points in zip((alone, together), near, strict=True):
+        s.full.move_points({f"put_on {i}": x for i, x in enumerate(points.tolist())})
+    c, d = (solve_modes(s.full, given[1], n_modes=9).frequencies_hz[7:] for s in (alone, together))
+    assert d == pytest.approx(c, rel=1e-6)
+    before = solve_modes(with_places(subject_of(case.diagnosed(), MPI.COMM_SELF, QUIET),
+                         case.diagnosed_test().sensors).full, given[1], n_modes=9)  # fmt: skip
+    assert np.abs(c / before.frequencies_hz[7:] - 1).max() > 1e-3

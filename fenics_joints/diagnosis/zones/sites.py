@@ -26,7 +26,9 @@ from fenics_joints.structure.changes import (
     ShapeChange,
 )
 
-__all__ = ["BOW", "HUNG", "LOSS", "ON", "TAPER", "Plate", "Sites", "as_mass", "sites_of"]
+__all__ = [
+    "BOW", "HUNG", "LOSS", "ON", "TAPER", "Plate", "Sites", "as_mass", "points_about", "sites_of",
+]  # fmt: skip
 
 #: Prefixes of the parameters.
 LOSS, ON, HUNG, BOW, TAPER = "local_loss", "put_on", "hung", "bow", "taper"
@@ -128,6 +130,22 @@ def sites_of(
     return found, changes, values
 
 
+def points_about(
+    case: Case, full: Structure, points: np.ndarray, own: Sequence[int]
+) -> np.ndarray:
+    """As many points at most as there are, all over that part of the structure which is nearest to
+    some of them, these among them, m, (k, 3). Collective.
+
+    Args:
+        case: The case.
+        full: Its nominal model.
+        points: Where something may be attached, m, (P, 3).
+        own: Which of them.
+    """
+    cells = _Cells(directed_parts(case, full.tagged), full)
+    return full.comm.bcast(cells.about(points, own))
+
+
 def _hung(full: Structure, points: np.ndarray) -> tuple[list[Change], dict[str, float]]:
     """What may hang on a spring at these points, and the parameters' nominal values, at which it
     is as light as nothing and too fast to take part."""
@@ -169,12 +187,25 @@ class _Cells:
 
     # -- points --------------------------------------------------------------------------------
 
-    def points(self, sensors: Sensors | None) -> np.ndarray:
-        """Vertices of the parts' cells near the sensors, and far from these and each other."""
+    def _vertices(self) -> np.ndarray:
+        """Of the parts' cells, on all ranks, (n, 3)."""
         own = np.concatenate([self._own(name) for name in self.names])
         vertices = np.vstack(self.comm.allgather(self.corners[own].reshape(-1, 3)))
         size = float(np.ptp(vertices, axis=0).max())
-        vertices = vertices[np.unique(np.round(vertices / size, 7), axis=0, return_index=True)[1]]
+        return vertices[np.unique(np.round(vertices / size, 7), axis=0, return_index=True)[1]]
+
+    def about(self, points: np.ndarray, own: Sequence[int]) -> np.ndarray:
+        """See `points_about`."""
+        vertices, own = self._vertices(), list(own)
+        nearest = np.argmin([np.linalg.norm(vertices - x, axis=1) for x in points], axis=0)
+        near = vertices[np.isin(nearest, own)]
+        more = _far_apart(near, points[own], len(points) - len(own))
+        chosen = np.vstack([points[own], more])
+        return chosen[_tour(chosen)]
+
+    def points(self, sensors: Sensors | None) -> np.ndarray:
+        """Vertices of the parts' cells near the sensors, and far from these and each other."""
+        vertices = self._vertices()
         at = vertices[:0] if sensors is None else np.unique(np.pad(
             sensors.points, [(0, 0), (0, 3 - sensors.points.shape[1])]), axis=0)  # fmt: skip
         near = [int(np.argmin(np.linalg.norm(vertices - x, axis=1))) for x in at]
