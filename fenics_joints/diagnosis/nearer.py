@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from dataclasses import dataclass, replace
+from operator import attrgetter
 
 import numpy as np
 
 from fenics_joints.diagnosis.effects.effect import Effect
 from fenics_joints.diagnosis.effects.sited import sited_effects
 from fenics_joints.diagnosis.evidence.fitted import Fit
+from fenics_joints.diagnosis.evidence.problem import Problem
 from fenics_joints.diagnosis.model.prepared import Prepared
 from fenics_joints.diagnosis.several import Fits
 from fenics_joints.diagnosis.zones.sites import HUNG, ON, points_about
@@ -19,11 +21,14 @@ __all__ = ["nearer"]
 #: How far (in ln) behind the best one that is attached may be to be looked at from nearer, and how
 #: much better than nothing it has to be.
 _MARGIN, _WORTH = 8.0, 5.0
-#: Looks at most, and how many in a row may gain less than this, in ln: a place between two points
-#: may be better than any of those that are about them.
-_LOOKS, _IN_VAIN, _GAIN = 6, 2, 1.0
+#: Places all over the structure that are looked at from nearer.
+_FROM = 5
+#: Further looks at most, and how many in a row may gain less than this, in ln: a place between two
+#: points may be better than any of those that are about them.
+_LOOKS, _IN_VAIN, _GAIN = 8, 3, 1.0
 #: Share of the way to the next place from which that counts too.
 _BETWEEN = 0.25
+_SCORE = attrgetter("score")
 
 
 def nearer(search: Fits, fits: list[Fit]) -> list[Fit]:
@@ -76,32 +81,81 @@ def _best_look(search: Fits, first: _Look, near: Collection[str]) -> _Look:
         first: Points all over the structure.
         near: Keys of the effects that count.
     """
-    now = best = first
-    vain = 0
+    now, waiting = first, []
+    for own in _cells(search, first, near):
+        found = _look(search, now, first, own, near)
+        if found is not None:
+            now = found
+            waiting.append(found)
+    best, vain = max([first, *waiting], key=_SCORE), 0
     for _ in range(_LOOKS):
-        own = _places(max(now.fits, key=lambda f: search.scores([f])[0]))
-        model = search.model
-        points = points_about(model.case, model.full, now.points, own)
-        if len(points) <= len(own):
+        if not waiting or vain == _IN_VAIN:
             break
-        share = now.share * len(own) / len(now.points)
-        now = _look(search, now, points, share, near)
-        vain = 0 if now.score > best.score + _GAIN else vain + 1
-        if now.score > best.score:
-            best = now
-        if vain == _IN_VAIN:
-            break
-    if best is first:
-        _put(search, now, first.points, first.share)
-        return first
-    every = _look(search, now, best.points, best.share)
-    return replace(every, fits=(*every.fits, *best.fits))
+        # What is about the best place is looked at first, but another may get better yet.
+        before = waiting.pop(int(np.argmax([look.score for look in waiting])))
+        own = _places(max(before.fits, key=lambda f: search.scores([f])[0]))
+        found = _look(search, now, before, own, near)
+        vain += 1
+        if found is not None:
+            now = found
+            waiting.append(found)
+            vain = 0 if found.score > best.score + _GAIN else vain
+            best = max(best, found, key=_SCORE)
+    return _restored(search, now, best)
 
 
-def _look(search: Fits, before: _Look, points, share: float, near=None) -> _Look:
-    """Fits at points, of all effects or of some."""
-    effects = [e for e in _put(search, before, points, share) if near is None or e.key in near]
-    fits = search.fit_all([search.model.hypothesis((e,)) for e in effects], again=True)
+def _cells(search: Fits, first: _Look, near: Collection[str]) -> list[list[int]]:
+    """Places that are worth it to look from nearer, the best first: where the fits end from the
+    best point at each."""
+    model, found = search.model, [f for f in first.fits if _of(f).key in near]
+    for h in [f.hypothesis for f in found]:
+        forward, guide = search.leans.for_fit(h)
+        evidence = model.evidence
+        problem = Problem(h, guide or forward, evidence, model.baseline, evidence.lower())
+        scanned = [j for j, (_, p) in enumerate(h.priors) if p.scan]
+        starts = problem.at_each(scanned, next(j for j in scanned if h.priors[j][1].even))
+        found += search.fit_all([h] * len(starts), [[z] for z in starts], again=True, places=False)
+    cells: list[list[int]] = []
+    for i in np.argsort(-search.scores(found), kind="stable"):
+        own = _places(found[i])
+        if not set(own) & {i for cell in cells for i in cell}:
+            cells.append(own)
+    return cells[:_FROM]
+
+
+def _restored(search: Fits, now: _Look, best: _Look) -> _Look:
+    """The best look with its points put back, and fits of the other effects there."""
+    effects = _put(search, now, best.points, best.share)
+    known = {f.hypothesis.label_of_keys: f.z for f in best.fits}
+    alone = [search.model.hypothesis((e,)) for e in effects]
+    some = [h for h in alone if h.label_of_keys in known]
+    rest = [h for h in alone if h.label_of_keys not in known]
+    fits = search.fit_all(
+        some, [[known[h.label_of_keys]] for h in some], again=True, places=False
+    )
+    return replace(best, fits=(*fits, *search.fit_all(rest, again=True)))
+
+
+def _look(
+    search: Fits, now: _Look, before: _Look, own: list[int], near: Collection[str]
+) -> _Look | None:
+    """Fits of some effects at points about some of those of an earlier look; None where no others
+    are.
+
+    Args:
+        search: Fits hypotheses.
+        now: Where the points are.
+        before: The earlier look.
+        own: Which of its points.
+        near: Keys of the effects.
+    """
+    model = search.model
+    points = points_about(model.case, model.full, before.points, own)
+    if len(points) <= len(own):
+        return None
+    share = before.share * len(own) / len(before.points)
+    effects = [e for e in _put(search, now, points, share) if e.key in near]
+    fits = search.fit_all([model.hypothesis((e,)) for e in effects], again=True)
     return _Look(points, tuple(fits), float(search.scores(fits).max()), share)
 
 

@@ -38,8 +38,9 @@ class Fits(Protocol):
         """A quick look at each."""
 
     def fit_all(
-        self, hypotheses: Sequence[Hypothesis], starts: Sequence | None = None, again: bool = False
-    ) -> list[Fit]:
+        self, hypotheses: Sequence[Hypothesis], starts: Sequence | None = None, again: bool = False,
+        places: bool = True,
+    ) -> list[Fit]:  # fmt: skip
         """Fits of each."""
 
     def scores(self, fits: Sequence[Fit]) -> np.ndarray:

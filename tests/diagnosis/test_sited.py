@@ -201,6 +201,7 @@ def test_where_something_hangs_is_looked_for_from_nearer(tmp_path):
     place = [float(c) for c in rows["place"]["at"].split(")")[0][1:].split(",")]
     assert 1e-3 * np.linalg.norm(np.subtract(place, 1e3 * np.array(at))) < 0.4 * away
     assert search.log_prior([found.hypothesis]) < odds - np.log(3)
+    assert found.hypothesis.effects == model.effects
     effect, values = model.effects[0], dict(model.baseline)
     i = int(np.argmin(np.linalg.norm(model.sites.points - at, axis=1)))
     effect.apply(values, {"mass": kg, "frequency": own_hz, "place": float(i)}, 0.0)

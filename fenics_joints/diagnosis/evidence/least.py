@@ -11,7 +11,7 @@ from fenics_joints.diagnosis.evidence.many import ManyPredictions
 from fenics_joints.reduction.forward import Forward
 from fenics_joints.reduction.lean import batched
 
-__all__ = ["least_apart", "residuals_at"]
+__all__ = ["least_apart", "residuals_at", "squares"]
 
 
 def residuals_at(hypothesis, forward, evidence, baseline, points: np.ndarray) -> np.ndarray | None:
@@ -38,14 +38,21 @@ def least_apart(
         distance: By more than this, in standard deviations of the prior.
         count: How many at most.
     """
-    there = np.all(np.isfinite(residual), axis=1)
-    squares = np.full(len(points), np.inf)
-    squares[there] = np.sum(whiten(lower, residual[there].T) ** 2, axis=0)
-    squares[there] += np.sum(points[there] ** 2, axis=1)
+    size = squares(points, residual, lower)
     found: list[np.ndarray] = []
-    for i in np.argsort(squares, kind="stable"):
+    for i in np.argsort(size, kind="stable"):
         away = (np.max(np.abs((points[i] - z)[among]), initial=0.0) for z in found)
         apart = [d > distance for d in away]
-        if there[i] and all(apart) and len(found) < count:
+        if np.isfinite(size[i]) and all(apart) and len(found) < count:
             found.append(points[i])
+    return found
+
+
+def squares(points: np.ndarray, residual: np.ndarray, lower) -> np.ndarray:
+    """What a fit makes small: squared whitened residuals and distances from the prior's medians,
+    (b,); infinite where the model has no such modes. See `least_apart`."""
+    there = np.all(np.isfinite(residual), axis=1)
+    found = np.full(len(points), np.inf)
+    found[there] = np.sum(whiten(lower, residual[there].T) ** 2, axis=0)
+    found[there] += np.sum(points[there] ** 2, axis=1)
     return found

@@ -12,7 +12,7 @@ from scipy.integrate import trapezoid
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.fitted import Fit
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
-from fenics_joints.diagnosis.evidence.least import least_apart, residuals_at
+from fenics_joints.diagnosis.evidence.least import least_apart, residuals_at, squares
 from fenics_joints.diagnosis.evidence.linear import least_square, log_evidence, whiten
 from fenics_joints.diagnosis.evidence.prediction import (
     frequencies_and_damping,
@@ -230,21 +230,37 @@ class Problem:
     def places(self, indices: Sequence[int]) -> list[np.ndarray]:
         """The most probable points over parameters that say where, and others that act in steps, at
         the values of each that their priors say; the others optimal in a linear model."""
-        priors = [self.hypothesis.priors[j][1] for j in indices]
-        axes = [p.tried() for p in priors]
-        if any(p.also for p in priors):
+        points, value, residual = self._looks(indices)
+        if residual is not None:
+            return least_apart(points, residual, self.lower, list(indices), _AWAY, _STARTS_ALL)
+        return [points[i] for i in np.argsort(-value, kind="stable")[:_STARTS]]
+
+    def at_each(self, indices: Sequence[int], index: int) -> list[np.ndarray]:
+        """The most probable point of `places` at each value of one of the parameters.
+
+        Args:
+            indices: See `places`.
+            index: Which of these.
+        """
+        points, value, _ = self._looks(indices)
+        values = np.unique(points[:, index])
+        own = (np.flatnonzero(points[:, index] == at) for at in values)
+        return [points[i[np.argmax(value[i])]] for i in own]
+
+    def _looks(self, indices) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
+        """Points at all values of some parameters, (n, d), and how probable they are, in ln, (n,);
+        prediction less data, (n, k), where all are solved for together."""
+        axes = [self.hypothesis.priors[j][1].tried() for j in indices]
+        if any(self.hypothesis.priors[j][1].also for j in indices):
             # What resonates makes new modes, of which no slope tells.
             points = self._all_over(indices, axes)
             residual = residuals_at(
                 self.hypothesis, self.forward, self.evidence, self.baseline, points
             )
             if residual is not None:
-                return least_apart(
-                    points, residual, self.lower, list(indices), _AWAY, _STARTS_ALL
-                )
+                return points, -0.5 * squares(points, residual, self.lower), residual
         looks = [self._at(dict(zip(indices, point, strict=True))) for point in product(*axes)]
-        order = np.argsort([-value for value, _ in looks], kind="stable")
-        return [looks[i][1] for i in order[:_STARTS]]
+        return np.array([z for _, z in looks]), np.array([value for value, _ in looks]), None
 
     def _all_over(self, indices: Sequence[int], axes) -> np.ndarray:
         """Points at all values of some parameters, at two sizes of the effects' others, (n, d)."""
