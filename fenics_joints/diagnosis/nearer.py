@@ -21,6 +21,9 @@ __all__ = ["nearer"]
 #: How far (in ln) behind the best one that is attached may be to be looked at from nearer, and how
 #: much better than nothing it has to be.
 _MARGIN, _WORTH = 8.0, 5.0
+#: Squared misfit per datum below which the test is explained better than its errors ask for, so
+#: that the place refutes nothing.
+_EXPLAINED = 0.5
 #: Places all over the structure that are looked at from nearer.
 _FROM = 5
 #: Further looks at most, and how many in a row may gain less than this, in ln: a place between two
@@ -47,7 +50,9 @@ def nearer(search: Fits, fits: list[Fit]) -> list[Fit]:
         return fits
     scores = search.scores(put_on)
     none, *known = search.scores([f for f in fits if not f.hypothesis.unknown])
-    if scores.max() < max(none + _WORTH, max(known) - _MARGIN):
+    leader = put_on[int(np.argmax(scores))]
+    rivals = max(none + _WORTH, max(known) - _MARGIN)
+    if scores.max() < rivals or leader.misfit < _EXPLAINED * leader.n_data:
         return fits
     search.progress.step("looking from nearer at where something is attached")
     near = {_of(f).key for f, s in zip(put_on, scores, strict=True) if s > scores.max() - _MARGIN}
