@@ -19,7 +19,7 @@ from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.inference import fit, moved, refreshed
 from fenics_joints.diagnosis.evidence.leans import Leans
 from fenics_joints.diagnosis.evidence.prediction import predict
-from fenics_joints.diagnosis.predictive import gain, held, predictive
+from fenics_joints.diagnosis.predictive import draws, gain, held
 from fenics_joints.diagnosis.shrinkage import Fold, Forecast, Interval, Shrinkage, shrink
 from fenics_joints.parallel import spread
 from fenics_joints.reduction.forward import Forward
@@ -112,7 +112,7 @@ def forecast(
     scored: np.ndarray,
     noise: float,
     *,
-    draws: int = _DRAWS,
+    count: int = _DRAWS,
     seed: int = _SEED,
 ) -> Forecast:
     """What the held-out frequencies will show, from all that is known without them.
@@ -128,16 +128,14 @@ def forecast(
         blind: The test without the held-out values, from `blinded`.
         scored: Which entries will be scored, shape (N,); k of them.
         noise: E_noise of the fold.
-        draws: Number of draws.
+        count: Number of draws.
         seed: Of the random numbers.
     """
     rng = np.random.default_rng(seed)
-    counts = rng.multinomial(draws, weights / np.sum(weights))
     parts = []
-    for refit, count in zip(refits, counts, strict=True):
-        if count:
-            mean, root = predictive(refit, blind, scored)
-            parts.append(mean + rng.standard_normal((count, len(mean))) @ root.T)
+    for refit, own in zip(refits, rng.multinomial(count, weights / np.sum(weights)), strict=True):
+        if own:
+            parts.append(draws(refit, blind, scored, own, rng))
     drawn = np.concatenate(parts)
     after = _rms_rows(np.expm1(chosen.predicted[scored] - drawn))
     before = _rms_rows(np.expm1(nominal - drawn))

@@ -12,7 +12,10 @@ from fenics_joints.diagnosis.evidence.entries import DAMPING, FREQUENCY
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.fitted import Fit
 
-__all__ = ["gain", "held", "predictive"]
+__all__ = ["draws", "gain", "held", "predictive", "share_of_stated"]
+
+#: Modes that what is stated of a model's error is worth.
+_KNOWN = 3.0
 
 
 def predictive(
@@ -42,8 +45,66 @@ def predictive(
     slope = refit.jacobian[scored] - gained @ refit.jacobian[fitted]
     covariance = total[np.ix_(scored, scored)] - gained @ cross.T
     covariance = covariance + slope @ refit.covariance @ slope.T
+    return mean, _root(covariance)
+
+
+def _root(covariance: np.ndarray) -> np.ndarray:
+    """A square root of a covariance that may be singular."""
     values, vectors = np.linalg.eigh(0.5 * (covariance + covariance.T))
-    return mean, vectors * np.sqrt(np.maximum(values, 0.0))
+    return vectors * np.sqrt(np.maximum(values, 0.0))
+
+
+def draws(
+    refit: Fit, blind: Evidence, scored: np.ndarray, count: int, rng: np.random.Generator
+) -> np.ndarray:
+    """Values of the scored entries that a hypothesis has them take, (count, k).
+
+    Those of `predictive`, but as much of what is stated of the model's error and of its parameters
+    as the fitted frequencies have of it, which is more or less (`share_of_stated`).
+
+    Args:
+        refit: See `predictive`.
+        blind: Likewise.
+        scored: Likewise.
+        count: Number of draws.
+        rng: Random numbers.
+    """
+    mean, root = predictive(refit, blind, scored)
+    sd = np.where(np.isfinite(blind.noise_sd()[scored]), blind.noise_sd()[scored], 0.0)
+    rest = _root(root @ root.T - np.diag(sd**2))
+    square, known = share_of_stated(refit, blind)
+    share = np.sqrt(square * known / rng.chisquare(known, count)) if np.isfinite(known) else 1.0
+    normal = rng.standard_normal((2, count, len(mean)))
+    return mean + np.reshape(share, (-1, 1)) * (normal[0] @ rest.T) + normal[1] * sd
+
+
+def share_of_stated(refit: Fit, blind: Evidence) -> tuple[float, float]:
+    """Mean square of the fitted frequencies' distance from what a hypothesis predicts, 1 where all
+    that is stated of it is there, and how many degrees of freedom know it.
+
+    One number for all modes has an inverse chi-square prior about 1. At several conditions it is of
+    the modes' means over these: what is between them is small. An unknown cause may do anything,
+    and what changes between levels has scales of its own: these have all that is stated.
+
+    Args:
+        refit: The hypothesis fitted to a part of the test.
+        blind: That part.
+    """
+    e = blind.entries
+    used = np.flatnonzero(blind.fitted & (e.kind == FREQUENCY))
+    if refit.hypothesis.unknown or blind.drifts or not len(used):
+        return 1.0, np.inf
+    modes, at = np.unique(e.mode[used], return_inverse=True)
+    mean = (at == np.arange(len(modes))[:, None]) / np.bincount(at)[:, None]
+    own = refit.hypothesis.own
+    others = np.delete(np.arange(len(refit.z)), own)
+    slope = refit.jacobian[np.ix_(used, others)]
+    residual = mean @ (blind.data[used] - refit.predicted[used] + slope @ refit.z[others])
+    total = blind.full_covariance()[np.ix_(used, used)] + slope @ slope.T
+    square = residual @ np.linalg.solve(mean @ total @ mean.T, residual)
+    # Each of the effects' parameters may have taken one off.
+    known = _KNOWN + max(len(modes) - (own.stop - own.start), 0)
+    return float((_KNOWN + square) / known), float(known)
 
 
 def held(evidence: Evidence, mask: np.ndarray) -> np.ndarray:

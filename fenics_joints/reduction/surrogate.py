@@ -26,7 +26,7 @@ from fenics_joints.reduction.sampled import SampledBasis
 from fenics_joints.reduction.seen import SeenModes, places_all_over
 from fenics_joints.reduction.snapshots import SNAPSHOT, orthonormal
 from fenics_joints.structure import Sensors, Structure
-from fenics_joints.structure.changes import PlacedResonator
+from fenics_joints.structure.changes import Change, PlacedResonator
 from fenics_joints.structure.sparse import vectors_like
 
 __all__ = ["LACKING", "Surrogate"]
@@ -178,12 +178,14 @@ class Surrogate(SeenModes):
         self.forward.forget()
         give_back()
 
-    def move_points(self, points: Mapping[str, Sequence[float]]) -> None:
-        """Put what may be attached elsewhere, see `Structure.move_points`. Collective."""
-        self.full.move_points(points)
+    def exchange(self, changes: Sequence[Change]) -> None:
+        """Put changes of the structure in the place of others, see `Structure.exchange`; of the
+        model nothing else changes. Collective."""
+        new = {change.name for change in changes}
+        self.full.exchange(changes)
         on = Projection(self.full, self._basis)
-        moved = {c.name: on.change(c) for c in on.changes if c.name in points}
-        regions = [moved.get(region.name, region) for region in self._whole.regions]
+        terms = {c.name: on.change(c) for c in on.changes if c.name in new}
+        regions = [terms.get(region.name, region) for region in self._whole.regions]
         self._whole = replace(self._whole, pencil=replace(self._whole.pencil, regions=regions))
         # The same values are of another structure from here.
         self._solved.clear(), self._refined.clear()

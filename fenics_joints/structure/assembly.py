@@ -7,7 +7,6 @@ the parameters, and one assembly gives the derivative with respect to all of the
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import replace
 from functools import cached_property
 from itertools import product
 
@@ -166,16 +165,14 @@ class Assembly:
                 bcs.append(fem.dirichletbc(fem.Function(W), dofs, self.V.sub(i)))
         return bcs
 
-    def move_points(self, points: Mapping[str, Sequence[float]]) -> None:
-        """Put what may be attached at points of the solid at others, in place.
+    def exchange(self, changes: Iterable[Change]) -> None:
+        """Put changes in the place of those of the same names, which take the same parameters.
 
         Args:
-            points: Where, m, (3,) each, by the names of `PlacedPoint` and `PlacedResonator`.
+            changes: As a `PlacedPoint` elsewhere.
         """
-        self.changes = tuple(
-            replace(c, point=tuple(points[c.name])) if c.name in points else c
-            for c in self.changes
-        )
+        new = {change.name: change for change in changes}
+        self.changes = tuple(new.get(c.name, c) for c in self.changes)
         self._made_of["changes"] = self.changes
 
     # -- forms -------------------------------------------------------------------------------

@@ -10,7 +10,7 @@ import pytest
 from linear_forward import Linear
 from scipy.stats import binom
 
-from fenics_joints.diagnosis import Effect, Prior
+from fenics_joints.diagnosis import Effect, Prior, predictive
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.inference import fit, moved
@@ -170,14 +170,16 @@ def test_a_fit_to_a_part_is_linear_about_that_to_all_where_little_moves():
     assert moved(whole, far) is None
 
 
-def test_forecast_is_the_conditional_normal_when_linear():
-    """Intervals of single entries against the joint normal of all data under the hypothesis."""
+def test_forecast_is_the_conditional_normal_when_linear(monkeypatch):
+    """Intervals of single entries against the joint normal of all data under the hypothesis, where
+    all that is stated of the model is there."""
+    monkeypatch.setattr(predictive, "share_of_stated", lambda *_: (1.0, np.inf))
     evidence = draw(np.random.default_rng(4), [0.5, 0.0, 0.0])
     mask = dict(folds(TORQUES, MODES, ("torque", "N·m")))["torque 40 N·m"]
     blind = blinded(evidence, mask)
     refit = fit(Hypothesis((shift(0),)), FORWARD, blind, FORWARD.baseline)
     held = mask.ravel()
-    stated = forecast([refit], np.ones(1), refit, np.full(5, 5.0), blind, held, SD, draws=40000)
+    stated = forecast([refit], np.ones(1), refit, np.full(5, 5.0), blind, held, SD, count=40000)
     slope = np.tile(FORWARD.matrix[:, :1], (4, 1))
     joint = evidence.full_covariance() + slope @ slope.T
     gain = joint[np.ix_(held, ~held)] @ np.linalg.inv(joint[np.ix_(~held, ~held)])
@@ -185,6 +187,28 @@ def test_forecast_is_the_conditional_normal_when_linear():
     sd = np.sqrt(np.diag(joint[np.ix_(held, held)] - gain @ joint[np.ix_(~held, held)]))
     assert stated.low == pytest.approx(mean - 1.645 * sd, abs=0.03 * sd.max())
     assert stated.high == pytest.approx(mean + 1.645 * sd, abs=0.03 * sd.max())
+
+
+@pytest.mark.parametrize("stated", [1.0, 3.0])
+def test_intervals_hold_though_less_than_is_stated_is_wrong(stated):
+    """Of 5 modes, and of 12: what those fitted call for is stated of the one that is held out."""
+    rng, blank = np.random.default_rng(3), np.full((1, 12), SD)
+    one = Linear(rng.uniform(-0.1, 0.1, (12, 1)))
+    for m, low, high in ((5, 0.7, 0.98), (12, 0.82, 0.96)):
+        held_, above = [], []
+        for _ in range(300):
+            error = rng.standard_normal((2, 1, 12))
+            log_f = 5.0 + DISCREPANCY * error[0] + 0.1 * SD * error[1]
+            evidence = Evidence(np.ones(1), log_f, 0.1 * blank, stated * DISCREPANCY,
+                                used=np.arange(12)[None] < m)  # fmt: skip
+            mask = np.arange(12)[None] == 0
+            blind = blinded(evidence, mask)
+            refit = fit(Hypothesis((), name="none"), one, blind, one.baseline)
+            found = forecast([refit], np.ones(1), refit, np.full(1, 5.0), blind, mask[0], SD)
+            value = abs(np.expm1(5.0 - log_f[0, 0]))
+            held_.append(found.after[0] <= value <= found.after[1])
+            above.append(value > found.after[1])
+        assert low < np.mean(held_) < high and np.mean(above) < 0.1
 
 
 def test_names_of_folds():

@@ -28,7 +28,7 @@ from fenics_joints.diagnosis.model.prepared import prepare
 from fenics_joints.diagnosis.model.subject import subject_of, with_places
 from fenics_joints.diagnosis.nearer import nearer
 from fenics_joints.diagnosis.search import Search
-from fenics_joints.diagnosis.zones.sites import as_mass, points_about
+from fenics_joints.diagnosis.zones.sites import as_mass, attached_about, lost_about
 from fenics_joints.errors import InputError
 from fenics_joints.modal import solve_modes
 from fenics_joints.progress import Progress
@@ -181,6 +181,20 @@ def test_what_hangs_on_a_spring_has_motions_of_its_own(tmp_path):
     assert felt["put_on.mass"] == kg and felt["hung.mass"] == model.baseline["hung.mass"]
 
 
+def test_a_loss_is_looked_for_from_nearer(tmp_path):
+    """Half as long as the patches of the structure, and beside the middle of one."""
+    data = measured(strip(soft=(0.139, 0.161, 0.4)))
+    asked = 'effects = ["local loss of stiffness"]'
+    path = write_strip(tmp_path, *data, asked, cells=(40, 6, 1))
+    model = prepare(load_case(path), MPI.COMM_SELF, QUIET)
+    model.reduce(QUIET)
+    search = Search(model, QUIET, KeptFits(None, model.evidence, model.baseline, False))
+    fits = search.fit_all([model.hypothesis((), name="no gap"), model.hypothesis(model.effects)])
+    _, found = nearer(search, fits)
+    assert search.scores([found]) > search.scores(fits[1:]) + 10
+    assert found.hypothesis.effects == model.effects
+
+
 def test_where_something_hangs_is_looked_for_from_nearer(tmp_path):
     """Between the first places, and with matrices that have it where the places are then; a place
     that is one of few of the structure has as much less of the odds."""
@@ -232,13 +246,16 @@ def test_places_are_the_same_on_two_ranks(shared_tmp_path):
         a, b = (solve_modes(s.full, values, n_modes=9).frequencies_hz[7:]
                 for s in (alone, together))  # fmt: skip
         assert b == pytest.approx(a, rel=1e-6)
-    # Nor are places that are nearer, where the same values are of another structure.
-    near = [points_about(s.case, s.full, s.sites.points, [3, 4]) for s in (alone, together)]
-    assert near[1] == pytest.approx(near[0]) and 2 < len(near[0]) <= len(alone.sites.points)
-    for s, points in zip((alone, together), near, strict=True):
-        s.full.move_points({f"put_on {i}": x for i, x in enumerate(points.tolist())})
-    c, d = (solve_modes(s.full, given[1], n_modes=9).frequencies_hz[7:] for s in (alone, together))
-    assert d == pytest.approx(c, rel=1e-6)
-    before = solve_modes(with_places(subject_of(case.diagnosed(), MPI.COMM_SELF, QUIET),
-                         case.diagnosed_test().sensors).full, given[1], n_modes=9)  # fmt: skip
-    assert np.abs(c / before.frequencies_hz[7:] - 1).max() > 1e-3
+    # So are places that are nearer, where the same values are of another structure.
+    for about, own, values in ((attached_about, [3, 4], given[1]), (lost_about, [7], given[0])):
+        before = solve_modes(alone.full, values, n_modes=9).frequencies_hz[7:]
+        found = [about(s.case, s.full, s.sites, own) for s in (alone, together)]
+        (one, _, share), (other, _, _) = found
+        assert other.points == pytest.approx(one.points) and 0 < share < 1
+        assert other.patches == pytest.approx(one.patches)
+        for s, (_, changes, _) in zip((alone, together), found, strict=True):
+            s.full.exchange(changes)
+        a, b = (solve_modes(s.full, values, n_modes=9).frequencies_hz[7:]
+                for s in (alone, together))  # fmt: skip
+        assert b == pytest.approx(a, rel=1e-6)
+        assert np.abs(a / before - 1).max() > 1e-3

@@ -167,11 +167,12 @@ def on_springs(k: float, eta: float) -> tuple[np.ndarray, np.ndarray, np.ndarray
 
 
 def write_strip(
-    folder: Path, hz, shapes, *lines: str, seed: int = 3, thick=SIZE[2], ratios=None
-) -> Path:
+    folder: Path, hz, shapes, *lines: str, seed: int = 3, thick=SIZE[2], ratios=None,
+    cells=(16, 3, 1),
+) -> Path:  # fmt: skip
     """Put the nominal case and these data, with noise, into a folder, and return it; with damping
     ratios it is clamped."""
-    write_block(folder / "strip.msh", [1e3 * L for L in (*SIZE[:2], thick)], (16, 3, 1))
+    write_block(folder / "strip.msh", [1e3 * L for L in (*SIZE[:2], thick)], cells)
     rng = np.random.default_rng(seed)
     hz = hz * np.exp(NOISE * rng.standard_normal(len(hz)))
     size = np.sqrt(np.mean(shapes**2, axis=0))

@@ -14,7 +14,8 @@ import numpy as np
 from fenics_joints.case import Case
 from fenics_joints.diagnosis.effects.effect import RARE, Effect, Prior, Silent, somewhere
 from fenics_joints.diagnosis.effects.part import DIMENSIONS
-from fenics_joints.diagnosis.zones.sites import BOW, HUNG, LOSS, ON, TAPER, Plate, Sites
+from fenics_joints.diagnosis.zones.part_cells import BOW, LOSS, TAPER, Plate
+from fenics_joints.diagnosis.zones.sites import HUNG, ON, Sites
 from fenics_joints.measurements.data import TestData
 
 __all__ = [

@@ -236,7 +236,8 @@ class Problem:
         return [points[i] for i in np.argsort(-value, kind="stable")[:_STARTS]]
 
     def at_each(self, indices: Sequence[int], index: int) -> list[np.ndarray]:
-        """The most probable point of `places` at each value of one of the parameters.
+        """The most probable point of `places` at each value of one of the parameters, the best
+        first.
 
         Args:
             indices: See `places`.
@@ -245,7 +246,8 @@ class Problem:
         points, value, _ = self._looks(indices)
         values = np.unique(points[:, index])
         own = (np.flatnonzero(points[:, index] == at) for at in values)
-        return [points[i[np.argmax(value[i])]] for i in own]
+        best = np.array([i[np.argmax(value[i])] for i in own])
+        return [points[i] for i in best[np.argsort(-value[best], kind="stable")]]
 
     def _looks(self, indices) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
         """Points at all values of some parameters, (n, d), and how probable they are, in ln, (n,);
