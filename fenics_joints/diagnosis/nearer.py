@@ -24,8 +24,8 @@ _MARGIN, _SHARE, _WORTH = 8.0, 0.25, 5.0
 #: Squared misfit per datum below which the test is explained so much better than its errors ask
 #: for that the place refutes nothing.
 _EXPLAINED = 0.3
-#: Places all over the structure from which fits start anew, and that are looked at from nearer.
-_TRIED, _FROM = 12, 5
+#: Places all over the structure from which fits start anew.
+_TRIED = 12
 #: Further looks at most, and how many in a row may gain less than this, in ln: a place between two
 #: others may be better than any of those that are about them.
 _LOOKS, _IN_VAIN, _GAIN = 8, 3, 1.0
@@ -42,11 +42,13 @@ class _Kind:
         holds: Whether an effect is one.
         changes: What they change of the structure.
         about: Places about some: `attached_about`.
+        start: Places all over the structure that are looked at from nearer.
     """
 
     holds: Callable[[Effect], bool]
     changes: tuple[type, ...]
     about: Callable
+    start: int
 
     def of(self, found: Fit) -> Effect | None:
         """The effect of a fit that is one."""
@@ -54,8 +56,8 @@ class _Kind:
 
 
 _KINDS = (
-    _Kind(lambda e: e.family == ON, (PlacedPoint, PlacedResonator), attached_about),
-    _Kind(lambda e: e.name == LOCAL_LOSS, (LocalLoss,), lost_about),
+    _Kind(lambda e: e.family == ON, (PlacedPoint, PlacedResonator), attached_about, 5),
+    _Kind(lambda e: e.name == LOCAL_LOSS, (LocalLoss,), lost_about, 2),
 )
 
 
@@ -172,7 +174,7 @@ class _Looks:
             own = self._places(found[i])
             if not set(own) & {i for cell in cells for i in cell}:
                 cells.append(own)
-        return cells[:_FROM]
+        return cells[: self.kind.start]
 
     def _places(self, found: Fit) -> list[int]:
         """The place of a fit, or the two that it is between."""

@@ -15,7 +15,7 @@ from fenics_joints.diagnosis.evidence.fitted import Fit
 __all__ = ["draws", "gain", "held", "predictive", "share_of_stated"]
 
 #: Modes that what is stated of a model's error is worth.
-_KNOWN = 3.0
+_KNOWN = 1.0
 
 
 def predictive(
@@ -59,8 +59,8 @@ def draws(
 ) -> np.ndarray:
     """Values of the scored entries that a hypothesis has them take, (count, k).
 
-    Those of `predictive`, but as much of what is stated of the model's error and of its parameters
-    as the fitted frequencies have of it, which is more or less (`share_of_stated`).
+    Those of `predictive`, but with as much of what is stated of the model's error and of its
+    parameters as the fitted frequencies have of it, which is more or less (`share_of_stated`).
 
     Args:
         refit: See `predictive`.
@@ -72,39 +72,55 @@ def draws(
     mean, root = predictive(refit, blind, scored)
     sd = np.where(np.isfinite(blind.noise_sd()[scored]), blind.noise_sd()[scored], 0.0)
     rest = _root(root @ root.T - np.diag(sd**2))
-    square, known = share_of_stated(refit, blind)
-    share = np.sqrt(square * known / rng.chisquare(known, count)) if np.isfinite(known) else 1.0
     normal = rng.standard_normal((2, count, len(mean)))
-    return mean + np.reshape(share, (-1, 1)) * (normal[0] @ rest.T) + normal[1] * sd
+    error, e = normal[0] @ rest.T, blind.entries
+    _, at = np.unique(e.mode[scored], return_inverse=True)
+    common = (at[:, None] == at) / np.bincount(at)[at]
+    # Of a mode that was fitted at other conditions all is between these.
+    common[np.isin(e.mode[scored], e.mode[blind.fitted & (e.kind == FREQUENCY)])] = 0.0
+    shared = error @ common.T
+    for part, between in ((shared, False), (error - shared, True)):
+        square, known = share_of_stated(refit, blind, between)
+        share = square * known / rng.chisquare(known, (count, 1)) if np.isfinite(known) else 1.0
+        mean = mean + np.sqrt(share) * part
+    return mean + normal[1] * sd
 
 
-def share_of_stated(refit: Fit, blind: Evidence) -> tuple[float, float]:
+def share_of_stated(refit: Fit, blind: Evidence, between: bool = False) -> tuple[float, float]:
     """Mean square of the fitted frequencies' distance from what a hypothesis predicts, 1 where all
     that is stated of it is there, and how many degrees of freedom know it.
 
-    One number for all modes has an inverse chi-square prior about 1. At several conditions it is of
-    the modes' means over these: what is between them is small. An unknown cause may do anything,
-    and what changes between levels has scales of its own: these have all that is stated.
+    One number for all modes has an inverse chi-square prior about 1. It is of the modes' means over
+    the conditions, or of what is between these. An unknown cause may do anything, and what changes
+    between levels has scales of its own: these have all that is stated.
 
     Args:
         refit: The hypothesis fitted to a part of the test.
         blind: That part.
+        between: Which of the two.
     """
     e = blind.entries
     used = np.flatnonzero(blind.fitted & (e.kind == FREQUENCY))
-    if refit.hypothesis.unknown or blind.drifts or not len(used):
+    if refit.hypothesis.unknown or blind.drifts:
         return 1.0, np.inf
-    modes, at = np.unique(e.mode[used], return_inverse=True)
-    mean = (at == np.arange(len(modes))[:, None]) / np.bincount(at)[:, None]
+    take = _over_conditions(e.mode[used], between)
     own = refit.hypothesis.own
     others = np.delete(np.arange(len(refit.z)), own)
     slope = refit.jacobian[np.ix_(used, others)]
-    residual = mean @ (blind.data[used] - refit.predicted[used] + slope @ refit.z[others])
+    residual = take @ (blind.data[used] - refit.predicted[used] + slope @ refit.z[others])
     total = blind.full_covariance()[np.ix_(used, used)] + slope @ slope.T
-    square = residual @ np.linalg.solve(mean @ total @ mean.T, residual)
+    square = residual @ np.linalg.solve(take @ total @ take.T, residual)
     # Each of the effects' parameters may have taken one off.
-    known = _KNOWN + max(len(modes) - (own.stop - own.start), 0)
+    known = _KNOWN + max(len(take) - (own.stop - own.start), 0)
     return float((_KNOWN + square) / known), float(known)
+
+
+def _over_conditions(modes: np.ndarray, between: bool) -> np.ndarray:
+    """What makes of entries, of a mode each, (n,), the means of every mode, (m, n); or what all but
+    the first of a mode have beyond that, (n - m, n)."""
+    _, first, at = np.unique(modes, return_index=True, return_inverse=True)
+    mean = (at == np.arange(len(first))[:, None]) / np.bincount(at)[:, None]
+    return np.delete(np.eye(len(at)) - mean[at], first, axis=0) if between else mean
 
 
 def held(evidence: Evidence, mask: np.ndarray) -> np.ndarray:

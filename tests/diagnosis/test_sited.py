@@ -181,6 +181,7 @@ def test_what_hangs_on_a_spring_has_motions_of_its_own(tmp_path):
     assert felt["put_on.mass"] == kg and felt["hung.mass"] == model.baseline["hung.mass"]
 
 
+@pytest.mark.slow
 def test_a_loss_is_looked_for_from_nearer(tmp_path):
     """Half as long as the patches of the structure, and beside the middle of one."""
     data = measured(strip(soft=(0.139, 0.161, 0.4)))
