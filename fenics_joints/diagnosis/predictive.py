@@ -16,6 +16,8 @@ __all__ = ["draws", "gain", "held", "predictive", "share_of_stated"]
 
 #: Modes that what is stated of a model's error is worth.
 _KNOWN = 1.0
+#: Times what is stated that a model's error may be at most.
+_MOST = 2.0
 
 
 def predictive(
@@ -82,7 +84,7 @@ def draws(
     for part, between in ((shared, False), (error - shared, True)):
         square, known = share_of_stated(refit, blind, between)
         share = square * known / rng.chisquare(known, (count, 1)) if np.isfinite(known) else 1.0
-        mean = mean + np.sqrt(share) * part
+        mean = mean + np.minimum(np.sqrt(share), _MOST) * part
     return mean + normal[1] * sd
 
 
