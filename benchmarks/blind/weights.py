@@ -4,7 +4,8 @@ Shown ones stay between 1 and 90 %. With a hundred hypotheses the least of them 
 as weights they would make "no gap" out of 0.6 to 0.3, and "some sensor is misplaced" likely. The
 JSON has what they were made of: evidence, odds and p-values
 (`fenics_joints.diagnosis.search.Search.probabilities`). Recomputed so, they are those that are
-shown in between to 4 % of themselves at most, 1 % in the median of 213 diagnoses.
+shown in between to 4 % of themselves at most, 1 % in the median of 213 diagnoses. What "none of
+these" keeps once held-out data have spoken follows from no evidence, and is taken as shown.
 """
 
 from __future__ import annotations
@@ -21,6 +22,8 @@ _UNKNOWN = "none of these"
 #: of what looks like a listed effect, and nats beyond which a misfit says no more.
 _ANY, _OTHER, _MISFIT = 1.5, 0.2, 0.01
 _ALIKE, _MOST = (-2.08, 0.36), 10.0
+#: Least and largest probability that is shown, of that next to these.
+_LEAST, _SHOWN = 0.0101, 0.8999
 #: Effects whose odds come beside those of the others.
 _BESIDE = (
     "local loss of stiffness", "cable or stinger", "attached resonator", "plate not flat",
@@ -58,4 +61,14 @@ def weights_of(diagnosis: Mapping) -> np.ndarray:
     misfit = min(-np.log(max(p[leader], 1e-300)), _MOST)
     found *= 1 - expit(_ALIKE[0] + _ALIKE[1] * misfit)
     found[unknown] += (1 - found.sum()) / unknown.sum()
-    return found
+    return _as_shown(found, unknown, [row.get("probability") for row in rows])
+
+
+def _as_shown(found: np.ndarray, unknown: np.ndarray, shown: list[float | None]) -> np.ndarray:
+    """With the probability of an unknown cause that is shown, if that is one and no limit of what
+    is shown; the others keep their odds."""
+    rest = found[~unknown].sum()
+    own = [p for p, other in zip(shown, unknown, strict=True) if other]
+    if len(own) != 1 or own[0] is None or not _LEAST < own[0] < _SHOWN or not rest > 0:
+        return found
+    return np.where(unknown, own[0], found * (1 - own[0]) / rest)

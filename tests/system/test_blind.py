@@ -232,6 +232,12 @@ def test_weights_are_those_counted_with():
     assert found == pytest.approx(expected, rel=1e-12)
     shares = forecast.Forecast({"effects": effects, "hypotheses": hypotheses}).shares
     assert shares("effect")["none of these"] == pytest.approx(expected[3])
+    # Once held-out data have spoken, an unknown cause keeps what is said of it.
+    later = [h | {"probability": 0.394 if h["label"] == "none of these" else 0.2}
+             for h in hypotheses]  # fmt: skip
+    found = weights.weights_of({"effects": effects, "hypotheses": later})
+    assert found[3] == 0.394
+    assert found[:3] == pytest.approx((1 - 0.394) * parts[:3] / parts[:3].sum())
 
 
 def test_three_levels_of_detail():
