@@ -46,6 +46,7 @@ from fenics_joints.files import writable_folder
 from fenics_joints.measurements import Gap, TestData
 from fenics_joints.parallel import on_root
 from fenics_joints.progress import Progress
+from fenics_joints.reduction.memory import hold_freed
 
 __all__ = ["diagnose"]
 
@@ -81,6 +82,7 @@ def diagnose(
     """
     progress = progress or Progress(silent=True)
     started = time.perf_counter()
+    hold_freed()
     # Matrices of this size are too small for a second BLAS thread to be worth waking; a second
     # MPI rank is.
     with threadpool_limits(1):
