@@ -46,7 +46,7 @@ from fenics_joints.files import writable_folder
 from fenics_joints.measurements import Gap, TestData
 from fenics_joints.parallel import on_root
 from fenics_joints.progress import Progress
-from fenics_joints.reduction.memory import hold_freed
+from fenics_joints.reduction.memory import give_back, hold_freed
 
 __all__ = ["diagnose"]
 
@@ -99,7 +99,9 @@ def diagnose(
         )
         kept = KeptFits(folder, model.evidence, model.baseline, comm.rank == 0)
         run = _Run(case, model, progress, Search(model, progress, kept), started)
-        return run.answer()
+        found = run.answer()
+    give_back()
+    return found
 
 
 class _Run:

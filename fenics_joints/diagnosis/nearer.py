@@ -13,7 +13,13 @@ from fenics_joints.diagnosis.effects.sited import LOCAL_LOSS, sited_effects
 from fenics_joints.diagnosis.evidence.fitted import Fit
 from fenics_joints.diagnosis.evidence.problem import Problem
 from fenics_joints.diagnosis.several import Fits
-from fenics_joints.diagnosis.zones.sites import ON, Sites, attached_about, lost_about
+from fenics_joints.diagnosis.zones.sites import (
+    ON,
+    Sites,
+    attached_about,
+    cells_of,
+    lost_about,
+)
 from fenics_joints.structure.changes import Change, LocalLoss, PlacedPoint, PlacedResonator
 
 __all__ = ["nearer"]
@@ -128,6 +134,7 @@ class _Looks:
 
     def __init__(self, search: Fits, kind: _Kind, near: Collection[str]):
         self.search, self.kind, self.near = search, kind, near
+        self.cells = cells_of(search.model.case, search.model.full)
         self.now: _Look | None = None
 
     def best(self, first: _Look) -> _Look:
@@ -163,8 +170,10 @@ class _Looks:
         found = [f for f in first.fits if self.kind.of(f).key in self.near]
         for h in [f.hypothesis for f in found]:
             forward, guide = search.leans.for_fit(h)
-            lower = model.evidence.lower()
-            problem = Problem(h, guide or forward, model.evidence, model.baseline, lower)
+            problem = Problem(
+                h, guide or forward, model.evidence, model.baseline, model.evidence.lower(),
+                scanned=search.leans.scanned, role="guide" if guide else "whole",
+            )  # fmt: skip
             scanned = [j for j, (_, p) in enumerate(h.priors) if p.scan]
             place = next(j for j in scanned if h.priors[j][1].even)
             starts = [[z] for z in problem.at_each(scanned, place)[:_TRIED]]
@@ -192,11 +201,8 @@ class _Looks:
         """Fits of the effects that count at places about some of those of an earlier look; None
         where there are no others."""
         search, model = self.search, self.search.model
-        # Where each other look would have them does not matter: it has places of its own.
-        model.full.exchange(before.changes)
-        found = self.kind.about(model.case, model.full, before.sites, own)
+        found = self.kind.about(self.cells, before.sites, before.changes, own)
         if found is None:
-            model.full.exchange(self.now.changes)
             return None
         sites, changes, share = found
         self._put(_Look(sites, self._all(before, changes), (), 0.0, before.share * share))
@@ -229,7 +235,8 @@ class _Looks:
 
     def _restored(self, best: _Look) -> _Look:
         """The best look with its places put back, and fits of the other effects there."""
-        self._put(best)
+        if best is not self.now:
+            self._put(best)
         search, model = self.search, self.search.model
         known = {f.hypothesis.label_of_keys: f.z for f in best.fits}
         alone = [model.hypothesis((e,)) for e in model.effects if self.kind.holds(e)]

@@ -23,7 +23,7 @@ _MOST = 2.0
 def predictive(
     refit: Fit, blind: Evidence, scored: np.ndarray, *, mended: bool = True
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Mean and a square root of the covariance of the scored entries given the fitted ones.
+    """Mean and covariance of the scored entries given the fitted ones.
 
     With r = data - prediction of the fitted entries, G = S_sf S_ff^-1 and S the covariance of
     noise and discrepancy, the scored entries are prediction_s + G r + (J_s - G J_f) dz + e,
@@ -47,13 +47,7 @@ def predictive(
     slope = refit.jacobian[scored] - gained @ refit.jacobian[fitted]
     covariance = total[np.ix_(scored, scored)] - gained @ cross.T
     covariance = covariance + slope @ refit.covariance @ slope.T
-    return mean, _root(covariance)
-
-
-def _root(covariance: np.ndarray) -> np.ndarray:
-    """A square root of a covariance that may be singular."""
-    values, vectors = np.linalg.eigh(0.5 * (covariance + covariance.T))
-    return vectors * np.sqrt(np.maximum(values, 0.0))
+    return mean, 0.5 * (covariance + covariance.T)
 
 
 def draws(
@@ -71,9 +65,10 @@ def draws(
         count: Number of draws.
         rng: Random numbers.
     """
-    mean, root = predictive(refit, blind, scored)
-    sd = np.where(np.isfinite(blind.noise_sd()[scored]), blind.noise_sd()[scored], 0.0)
-    rest = _root(root @ root.T - np.diag(sd**2))
+    mean, covariance = predictive(refit, blind, scored)
+    sd = np.nan_to_num(blind.noise_sd()[scored])
+    values, vectors = np.linalg.eigh(covariance - np.diag(sd**2))
+    rest = vectors * np.sqrt(np.maximum(values, 0.0))
     normal = rng.standard_normal((2, count, len(mean)))
     error, e = normal[0] @ rest.T, blind.entries
     _, at = np.unique(e.mode[scored], return_inverse=True)
@@ -159,9 +154,9 @@ def gain(
         return float("nan")
     logs = np.full(len(refits), -np.inf)
     for i in np.flatnonzero(known):
-        mean, root = predictive(refits[i], blind, scored, mended=False)
+        mean, covariance = predictive(refits[i], blind, scored, mended=False)
         logs[i] = multivariate_normal.logpdf(
-            data[scored], mean, root @ root.T, allow_singular=True
+            data[scored], mean, covariance, allow_singular=True
         )
     sides = []
     for side in (known & holds, known & ~holds):

@@ -9,7 +9,7 @@ from scipy.stats import qmc
 
 from fenics_joints.diagnosis.evidence.fitted import Fit
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
-from fenics_joints.diagnosis.evidence.least import least_apart, residuals_at
+from fenics_joints.diagnosis.evidence.least import least_apart, residuals_at, squares
 from fenics_joints.diagnosis.evidence.prediction import predict
 from fenics_joints.diagnosis.several import Fits
 from fenics_joints.errors import InputError
@@ -62,9 +62,9 @@ def starts_of(
 def _least(search: Fits, hypothesis: Hypothesis, points: np.ndarray, lower) -> list[np.ndarray]:
     """The points, (b, d), of the least squared residuals, apart from one another."""
     residual = _residuals(search, hypothesis, points)
-    found = least_apart(
-        points[: len(residual)], residual, lower, hypothesis.own, 0.5 * _ASIDE, _BEST
-    )
+    points = points[: len(residual)]
+    size = squares(points, residual, lower)
+    found = least_apart(points, size, hypothesis.own, 0.5 * _ASIDE, _BEST)
     return found or [points[0]]
 
 

@@ -191,11 +191,12 @@ def test_forecast_is_the_conditional_normal_when_linear(monkeypatch):
 
 @pytest.mark.parametrize("stated", [1.0, 3.0])
 def test_intervals_hold_though_less_than_is_stated_is_wrong(stated):
-    """Of 5 modes, and of 12: what those fitted call for is stated of the one that is held out."""
+    """Of 5 modes, and of 12: what those fitted call for is stated of the one that is held out. With
+    all that is stated the intervals would be 3 times too wide."""
     rng, blank = np.random.default_rng(3), np.full((1, 12), SD)
     one = Linear(rng.uniform(-0.1, 0.1, (12, 1)))
-    for m, low, high in ((5, 0.7, 0.98), (12, 0.82, 0.96)):
-        held_, above = [], []
+    for m, low, high, widest in ((5, 0.7, 0.98, 2.4), (12, 0.82, 0.96, 1.5)):
+        held_, above, ends = [], [], []
         for _ in range(300):
             error = rng.standard_normal((2, 1, 12))
             log_f = 5.0 + DISCREPANCY * error[0] + 0.1 * SD * error[1]
@@ -208,7 +209,28 @@ def test_intervals_hold_though_less_than_is_stated_is_wrong(stated):
             value = abs(np.expm1(5.0 - log_f[0, 0]))
             held_.append(found.after[0] <= value <= found.after[1])
             above.append(value > found.after[1])
+            ends.append(found.after[1] / (1.96 * DISCREPANCY))
         assert low < np.mean(held_) < high and np.mean(above) < 0.1
+        assert np.median(ends) < widest
+
+
+@pytest.mark.parametrize("between", [False, True])
+def test_all_that_is_stated_is_there_where_it_is(between):
+    """Of tests drawn from what is stated, of modes' means and between torques: chi-square."""
+    squares = []
+    for seed in range(200):
+        evidence = draw(np.random.default_rng(seed), np.zeros(3))
+        refit = fit(Hypothesis((), name="none"), FORWARD, evidence, FORWARD.baseline)
+        mean, known = predictive.share_of_stated(refit, evidence, between)
+        prior = known - (15 if between else 5)  # modes that it is worth, each as stated
+        squares.append(mean * known - prior)
+    assert np.mean(squares) / (known - prior) == pytest.approx(1.0, abs=0.1)
+    assert np.var(squares) == pytest.approx(2 * (known - prior), rel=0.4)
+    # Where nothing changes between the torques little of it is there.
+    still = np.broadcast_to(evidence.log_f[:1], (4, 5))
+    calm = Evidence(TORQUES, still, np.full((4, 5), SD), DISCREPANCY)
+    refit = fit(Hypothesis((), name="none"), FORWARD, calm, FORWARD.baseline)
+    assert predictive.share_of_stated(refit, calm, True)[0] < 0.2
 
 
 def test_names_of_folds():

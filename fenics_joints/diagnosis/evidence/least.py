@@ -25,20 +25,17 @@ def residuals_at(hypothesis, forward, evidence, baseline, points: np.ndarray) ->
 
 
 def least_apart(
-    points: np.ndarray, residual: np.ndarray, lower, among: Sequence[int] | slice,
-    distance: float, count: int,
+    points: np.ndarray, size: np.ndarray, among: Sequence[int] | slice, distance: float, count: int
 ) -> list[np.ndarray]:
-    """Some points of the least squared residuals, the best first, apart from one another.
+    """Some of the least points, the best first, apart from one another.
 
     Args:
         points: z, (b, d).
-        residual: Prediction less data there, (b, k); nan is left out.
-        lower: Cholesky factor of the covariance, see `whiten`.
+        size: Of each, such as `squares`, (b,); what is infinite is left out.
         among: Parameters in one of which they are apart.
         distance: By more than this, in standard deviations of the prior.
         count: How many at most.
     """
-    size = squares(points, residual, lower)
     found: list[np.ndarray] = []
     for i in np.argsort(size, kind="stable"):
         away = (np.max(np.abs((points[i] - z)[among]), initial=0.0) for z in found)
@@ -50,7 +47,13 @@ def least_apart(
 
 def squares(points: np.ndarray, residual: np.ndarray, lower) -> np.ndarray:
     """What a fit makes small: squared whitened residuals and distances from the prior's medians,
-    (b,); infinite where the model has no such modes. See `least_apart`."""
+    (b,); infinite where the model has no such modes.
+
+    Args:
+        points: z, (b, d).
+        residual: Prediction less data there, (b, k); nan where there is none.
+        lower: Cholesky factor of the covariance, see `whiten`.
+    """
     there = np.all(np.isfinite(residual), axis=1)
     found = np.full(len(points), np.inf)
     found[there] = np.sum(whiten(lower, residual[there].T) ** 2, axis=0)

@@ -230,9 +230,9 @@ class Problem:
     def places(self, indices: Sequence[int]) -> list[np.ndarray]:
         """The most probable points over parameters that say where, and others that act in steps, at
         the values of each that their priors say; the others optimal in a linear model."""
-        points, value, residual = self._looks(indices)
-        if residual is not None:
-            return least_apart(points, residual, self.lower, list(indices), _AWAY, _STARTS_ALL)
+        points, value, exact = self._looks(indices)
+        if exact:
+            return least_apart(points, -value, list(indices), _AWAY, _STARTS_ALL)
         return [points[i] for i in np.argsort(-value, kind="stable")[:_STARTS]]
 
     def at_each(self, indices: Sequence[int], index: int) -> list[np.ndarray]:
@@ -249,9 +249,9 @@ class Problem:
         best = np.array([i[np.argmax(value[i])] for i in own])
         return [points[i] for i in best[np.argsort(-value[best], kind="stable")]]
 
-    def _looks(self, indices) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
-        """Points at all values of some parameters, (n, d), and how probable they are, in ln, (n,);
-        prediction less data, (n, k), where all are solved for together."""
+    def _looks(self, indices) -> tuple[np.ndarray, np.ndarray, bool]:
+        """Points at all values of some parameters, (n, d), how probable they are, in ln, (n,), and
+        whether all were solved for; else the others are optimal in a linear model."""
         axes = [self.hypothesis.priors[j][1].tried() for j in indices]
         if any(self.hypothesis.priors[j][1].also for j in indices):
             # What resonates makes new modes, of which no slope tells.
@@ -260,9 +260,9 @@ class Problem:
                 self.hypothesis, self.forward, self.evidence, self.baseline, points
             )
             if residual is not None:
-                return points, -0.5 * squares(points, residual, self.lower), residual
+                return points, -0.5 * squares(points, residual, self.lower), True
         looks = [self._at(dict(zip(indices, point, strict=True))) for point in product(*axes)]
-        return np.array([z for _, z in looks]), np.array([value for value, _ in looks]), None
+        return np.array([z for _, z in looks]), np.array([value for value, _ in looks]), False
 
     def _all_over(self, indices: Sequence[int], axes) -> np.ndarray:
         """Points at all values of some parameters, at two sizes of the effects' others, (n, d)."""

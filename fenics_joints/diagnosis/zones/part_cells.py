@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -65,6 +66,7 @@ class PartCells:
 
     # -- points --------------------------------------------------------------------------------
 
+    @cached_property
     def _vertices(self) -> np.ndarray:
         """Of the parts' cells, on all ranks, (n, 3)."""
         own = np.concatenate([self._own(name) for name in self.names])
@@ -80,16 +82,16 @@ class PartCells:
             points: Some points, m, (P, 3).
             own: Which of them.
         """
-        vertices, own = self._vertices(), list(own)
+        vertices, own = self._vertices, list(own)
         nearest = np.argmin([np.linalg.norm(vertices - x, axis=1) for x in points], axis=0)
         near = vertices[np.isin(nearest, own)]
         more = _far_apart(near, points[own], len(points) - len(own))
         chosen = np.vstack([points[own], more])
-        return chosen[_tour(chosen)]
+        return self.comm.bcast(chosen[_tour(chosen)])
 
     def points(self, sensors: Sensors | None) -> np.ndarray:
         """Vertices of the parts' cells near the sensors, and far from these and each other."""
-        vertices = self._vertices()
+        vertices = self._vertices
         at = vertices[:0] if sensors is None else np.unique(np.pad(
             sensors.points, [(0, 0), (0, 3 - sensors.points.shape[1])]), axis=0)  # fmt: skip
         near = [int(np.argmin(np.linalg.norm(vertices - x, axis=1))) for x in at]

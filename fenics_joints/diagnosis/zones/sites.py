@@ -25,7 +25,7 @@ from fenics_joints.structure.changes import (
 )
 
 __all__ = [
-    "HUNG", "ON", "Sites", "as_mass", "attached_about", "lost_about", "sites_of",
+    "HUNG", "ON", "Sites", "as_mass", "attached_about", "cells_of", "lost_about", "sites_of",
 ]  # fmt: skip
 
 #: Prefixes of the parameters, besides those of `part_cells`.
@@ -76,8 +76,7 @@ def sites_of(
     """
     if full.gdim != 3 or full.axisymmetric:
         return Sites.none(), [], {}
-    case = directed_parts(case, full.tagged)
-    cells = PartCells(case, full)
+    cells = cells_of(case, full)
     found, changes, values = Sites.none(), [], {}
     if ON in wanted:
         points = full.comm.bcast(cells.points(sensors))
@@ -104,48 +103,55 @@ def sites_of(
     return found, changes, values
 
 
-def attached_about(
-    case: Case, full: Structure, sites: Sites, own: Sequence[int]
-) -> tuple[Sites, list[Change], float] | None:
-    """Points where something may be attached about some of them, and no others: the places, what
-    takes the place of the structure's changes there, and the share of the first points that they
-    stand for. None where there are no more. Collective.
+def cells_of(case: Case, full: Structure) -> PartCells:
+    """The cells of a case's parts.
 
     Args:
         case: The case.
         full: Its nominal model.
+    """
+    return PartCells(directed_parts(case, full.tagged), full)
+
+
+def attached_about(
+    cells: PartCells, sites: Sites, changes: Sequence[Change], own: Sequence[int]
+) -> tuple[Sites, list[Change], float] | None:
+    """Points where something may be attached about some of them, and no others: the places, what
+    takes the place of changes there, and the share of the first points that they stand for. None
+    where there are no more. Collective.
+
+    Args:
+        cells: Of the parts.
         sites: The places.
+        changes: What may change of the structure at these points.
         own: Which of the points.
     """
-    cells = PartCells(directed_parts(case, full.tagged), full)
-    points = full.comm.bcast(cells.points_about(sites.points, own))
+    points = cells.points_about(sites.points, own)
     if len(points) <= len(own):
         return None
     where = {f"{what} {i}": tuple(x) for what in (ON, HUNG) for i, x in enumerate(points.tolist())}
-    changes = [replace(c, point=where[c.name]) for c in full.changes if c.name in where]
-    return replace(sites, points=points), changes, len(own) / len(sites.points)
+    moved = [replace(c, point=where[c.name]) for c in changes if c.name in where]
+    return replace(sites, points=points), moved, len(own) / len(sites.points)
 
 
 def lost_about(
-    case: Case, full: Structure, sites: Sites, own: Sequence[int]
+    cells: PartCells, sites: Sites, changes: Sequence[LocalLoss], own: Sequence[int]
 ) -> tuple[Sites, list[Change], float] | None:
     """Patches about some of those that may have lost stiffness, smaller ones in the place of all of
     their part: see `attached_about`. Collective.
 
     Args:
-        case: See `attached_about`.
-        full: Likewise.
+        cells: See `attached_about`.
         sites: Likewise.
+        changes: Likewise, of the patches.
         own: Which of the patches.
     """
-    losses = [c for c in full.changes if isinstance(c, LocalLoss)]
-    loss = next(c for c in losses if own[0] < c.properties["first"] + c.properties["count"])
+    loss = next(c for c in changes if own[0] < c.properties["first"] + c.properties["count"])
     first, count = (int(loss.properties[key]) for key in ("first", "count"))
     place = slice(first, first + count)
     middles = sites.patches[place]
     at = middles[[i - first for i in own if i < first + count]].mean(axis=0)
     near = np.argsort(np.linalg.norm(middles - at, axis=1), kind="stable")[:_AROUND]
-    cells = PartCells(directed_parts(case, full.tagged), full)
     patches, found = cells.split([loss.cells[i] for i in near], count)
     if len(patches) <= len(near):
         return None
