@@ -19,6 +19,7 @@ from fenics_joints.diagnosis.evidence.classes import classes, detectable, stand_
 from fenics_joints.diagnosis.evidence.fitted import Fit
 from fenics_joints.diagnosis.evidence.row import RowPrediction
 from fenics_joints.diagnosis.evidence.screen import linear_evidence, near_listed
+from fenics_joints.diagnosis.evidence.simulated import with_simulated
 from fenics_joints.diagnosis.evidence.somewhere import changes
 from fenics_joints.diagnosis.evidence.unlisted import after_held_out
 from fenics_joints.diagnosis.held_out import blinded, cross_validate, folds
@@ -127,6 +128,7 @@ class _Run:
     # -- the answer --------------------------------------------------------------------------
 
     def _report(self, fits: list[Fit]) -> Diagnosis:
+        fits = with_simulated(fits, self.search.scores(fits), self.evidence)
         order, probability = self.search.ranked(fits)
         fits = [fits[i] for i in order]
         alike = stand_ins(fits, probability, self.evidence)

@@ -35,6 +35,9 @@ class Fit:
         placed: Of an unknown cause, the probability that it is a change somewhere
             (`fenics_joints.diagnosis.evidence.somewhere`), and not one that may do anything; None
             where that was not looked at.
+        simulated: Share of tests like this one, made by causes of the library, of which the best
+            explanation leaves as much as this leaves of the real one
+            (`fenics_joints.diagnosis.evidence.simulated`); None where none were made.
         ends: Other points at which the search ended, from other starts, nearly as probable, each
             (d,).
     """
@@ -53,6 +56,7 @@ class Fit:
     widening: float = 0.0
     stated: float | None = None
     placed: float | None = None
+    simulated: float | None = None
     ends: tuple[np.ndarray, ...] = ()
 
     def __repr__(self) -> str:
@@ -74,15 +78,25 @@ class Fit:
         return self.predicted[n * m : 2 * n * m].reshape(n, m)
 
     @property
-    def p_value(self) -> float:
-        """Probability of a misfit as large as this, if the hypothesis were right.
+    def square(self) -> float:
+        """Least misfit + |z|^2, the data's distance from the prediction in the metric of errors and
+        prior together.
 
-        In the linear-Gaussian case misfit + |z|^2 is the data's distance from the prediction in
-        the metric of noise and prior together, and distributed as chi-square with n_data degrees.
         Standard deviations between levels that had to be far from what is expected count as well;
         of errors that are stated at most all is there, for a misfit is what they cannot explain.
         """
         if self.stated is not None:
-            return float(chi2.sf(self.stated, self.n_data))
+            return self.stated
         scales = 0.0 if self.scales is None else self.scales.squares
-        return float(chi2.sf(self.misfit + self.z @ self.z + scales, self.n_data))
+        return float(self.misfit + self.z @ self.z + scales)
+
+    @property
+    def p_value(self) -> float:
+        """Probability of a misfit as large as this, if the hypothesis were right.
+
+        By `simulated` tests; else, in the linear-Gaussian case and for a hypothesis that was not
+        chosen among others, `square` is distributed as chi-square with n_data degrees.
+        """
+        if self.simulated is not None:
+            return self.simulated
+        return float(chi2.sf(self.square, self.n_data))
