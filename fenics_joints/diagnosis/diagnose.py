@@ -27,6 +27,7 @@ from fenics_joints.diagnosis.kept_fits import KeptFits
 from fenics_joints.diagnosis.location import locate_gap
 from fenics_joints.diagnosis.model.prepared import Prepared, prepare
 from fenics_joints.diagnosis.result import Diagnosis, EffectResult, HypothesisResult
+from fenics_joints.diagnosis.rivals import is_wrong, several_causes
 from fenics_joints.diagnosis.sampling import sample
 from fenics_joints.diagnosis.search import Search
 from fenics_joints.diagnosis.separation import best_measurement
@@ -35,11 +36,9 @@ from fenics_joints.diagnosis.verdict import (
     NAMED,
     NO_GAP,
     UNKNOWN,
-    class_probabilities,
     confirm,
     confirmed,
     decide,
-    sure_classes,
 )
 from fenics_joints.diagnosis.where.localise import cell_map, zone_shares
 from fenics_joints.errors import InputError, JointsError
@@ -138,9 +137,9 @@ class _Run:
         seen = self._detectable(leader)
         effects = self._effects(fits, probability, grouped, seen)
         verdict, summary = decide(fits, probability, effects, leader, after)
-        wrong, causes = self._is_wrong(fits, leader, alike), {}
+        wrong, causes = is_wrong(fits, leader, self._touched(), alike), {}
         if verdict in NAMED:
-            causes = self._causes(fits, probability, effects, grouped, alike)
+            causes = several_causes(fits, probability, effects, grouped, alike)
         shrink = self._shrink(fits, wrong, causes)
         if verdict in NAMED:
             fits, probability = _held_out(fits, probability, leader, confirmed(shrink))
@@ -269,56 +268,10 @@ class _Run:
         order = np.lexsort((places, [-e.probability for e in found]))
         return [found[i] for i in order]
 
-    def _is_wrong(self, fits: Sequence[Fit], leader: Fit, alike: dict[str, frozenset[str]]):
-        """A hypothesis is a placebo if it has nothing of the leader's main cause.
-
-        The main cause is the effect without which the evidence falls most, of those that move
-        frequencies, which S* is of (beside one that only damps, the other is no placebo), and all
-        that can stand for it. Of its kind are also effects of its family, and what acts on the same
-        parameters of the model: a joint that gives way at one place is no fair placebo for one that
-        gives way.
-        """
+    def _touched(self) -> dict[str, frozenset[str]]:
+        """The model's parameters that each effect acts on, by its key."""
         last = float(self.evidence.conditions[-1])
-        touched = {e.key: e.touches(self.baseline, 1.0, last) for e in self.model.effects}
-
-        def holds(f: Fit, effect: Effect) -> bool:
-            return any(
-                e.key in alike[effect.key]
-                or (e.family and e.family == effect.family)
-                or touched[e.key] & touched[effect.key]
-                for e in f.hypothesis.effects
-            )
-
-        known = [f for f in fits if not f.hypothesis.unknown]
-        effects = leader.hypothesis.effects
-        main = min(
-            [e for e in effects if touched[e.key] or e.sensing is not None] or effects,
-            key=lambda e: max((f.log_evidence for f in known if not holds(f, e)), default=-np.inf),
-            default=None,
-        )
-        def wrong(f: Fit) -> bool:
-            own = f.hypothesis.effects
-            # What few structures have did not have the same chance.
-            fair = bool(own) and not any(e.beside for e in own)
-            return fair and (main is None or not holds(f, main))
-
-        return wrong
-
-    def _causes(
-        self, fits, probability, effects, grouped, alike
-    ) -> dict[str, Callable[[Fit], bool]]:
-        """Several causes that are called so, each as whether a hypothesis holds one of its class,
-        or what can stand for one and is no member since it is rarer; by the most probable member's
-        name. A single one is S*'s to confirm."""
-        rated = class_probabilities(fits, probability, effects)
-        other = sum(p for f, p in zip(fits, probability, strict=True) if f.hypothesis.unknown)
-        found = {}
-        for name in sure_classes(rated, float(other)):
-            members = [e for e in effects if e.class_name == name]
-            kind = frozenset().union(*(alike[k] for k, of in grouped.items() if of == name))
-            label = members[0].name + (" (or its like)" if len(members) > 1 else "")
-            found[label] = lambda f, kind=kind: any(e.key in kind for e in f.hypothesis.effects)
-        return found if len(found) > 1 else {}
+        return {e.key: e.touches(self.baseline, 1.0, last) for e in self.model.effects}
 
     def _shrink(self, fits: Sequence[Fit], wrong: Callable[[Fit], bool], causes) -> Shrinkage:
         masks = folds(

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from functools import partial
-from itertools import combinations
 
 import numpy as np
 from scipy.special import logsumexp
@@ -16,21 +15,15 @@ from fenics_joints.diagnosis.evidence.fitted import Fit
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.inference import fit, settled
 from fenics_joints.diagnosis.evidence.leans import Leans
-from fenics_joints.diagnosis.evidence.screen import (
-    near_best,
-    near_listed,
-    quick_evidence,
-    whitened,
-    with_other,
-)
+from fenics_joints.diagnosis.evidence.screen import near_listed, quick_evidence
 from fenics_joints.diagnosis.evidence.unlisted import look_alike
-from fenics_joints.diagnosis.exchange import fit_exchanged
 from fenics_joints.diagnosis.kept_fits import KeptFits
 from fenics_joints.diagnosis.model.prepared import Prepared
 from fenics_joints.diagnosis.nearer import nearer
 from fenics_joints.diagnosis.several import fit_several
 from fenics_joints.diagnosis.starts import starts_of
 from fenics_joints.diagnosis.survey import survey
+from fenics_joints.diagnosis.together import fit_together
 from fenics_joints.diagnosis.verdict import MISFIT, NO_GAP, UNKNOWN
 from fenics_joints.diagnosis.zones.sites import as_mass
 from fenics_joints.parallel import spread
@@ -43,8 +36,6 @@ __all__ = ["Search"]
 #: beside which some come (`Effect.beside`), so that a larger library makes nothing less likely;
 #: two at once have the product of their odds. And those of an unknown cause.
 _ANY, _UNKNOWN = 1.5, 0.2
-#: A pair this far (in ln) behind the best is not fitted in full; and at most so many are.
-_MARGIN, _MOST = 8.0, 24
 #: What an effect that is not there may cost a hypothesis, in ln, at most.
 _OCCAM = 10.0
 #: Nats by which "no gap" has to be better by a better model for effects that it left behind to be
@@ -52,18 +43,12 @@ _OCCAM = 10.0
 _RAISED = 1.0
 #: Relative change of the sum of squares at which a fit ends.
 _TOLERANCE = 1e-4
-#: How far from the middle of their priors a second look at effects by level is taken from.
-_NEARER = 2.0
-#: Pairs that get a quick look with the model.
-_LOOKS = 100
 #: Leading hypotheses that are checked on the full model, of one effect and in the end; the error
 #: of a reduced frequency, relative to the discrepancy, above which the basis is enriched; and how
 #: often it is looked at.
 _LEADING_SINGLES, _LEADING, _REDUCED, _ROUNDS = 4, 2, 0.1, 4
 #: Hypotheses this far (in ln) behind the best are not fitted again with a better model.
 _AGAIN = 25.0
-#: Leading hypotheses that a third effect is put beside.
-_LEADERS = 3
 
 
 class Search:
@@ -80,9 +65,9 @@ class Search:
         common = [effect.weight for effect in model.effects if not effect.beside]
         total = sum(common or [effect.weight for effect in model.effects])
         self._odds = {e.key: np.log(_ANY * e.weight / total) for e in model.effects}
-        self._met = Known(model.baseline, model.evidence.conditions)
+        self.met = Known(model.baseline, model.evidence.conditions)
         for effect in model.effects:
-            self._met.same((effect,))
+            self.met.same((effect,))
         self._leans: Leans | None = None
 
     def run(self) -> list[Fit]:
@@ -95,9 +80,9 @@ class Search:
         self.progress.step("fitting one effect at a time", len(singles) + 2)
         fits = self.fit_all(plain)
         new = [h for h in singles if not self._kept(h)]
-        ways = starts_of(self, new, fits[0], self._lowers())
+        ways = starts_of(self, new, fits[0], self.lowers())
         known = dict(zip((h.label_of_keys for h in new), ways, strict=True))
-        fits += self._above(
+        fits += self.above(
             singles, [known.get(h.label_of_keys, ()) for h in singles], [fits[0]] * len(singles)
         )
         fits = nearer(self, survey(self, fits))
@@ -110,7 +95,7 @@ class Search:
         fitted = {f.hypothesis.effects[0].key for f in level}
         model.effects = tuple(e for e in model.effects if e.key in fitted)
         for size in range(2, model.case.diagnose.max_effects + 1):
-            level = self._together(level, fits, size)
+            level = fit_together(self, level, fits, size)
             fits = fits + level
         return self.checked(fits, _LEADING)
 
@@ -256,7 +241,7 @@ class Search:
                 self.progress.advance(len(found))
         return done
 
-    def _above(
+    def above(
         self, hypotheses: Sequence[Hypothesis], starts: Sequence, parents: Sequence[Fit]
     ) -> list[Fit]:
         """Fits of hypotheses that hold others: no worse than these but for an effect more, or the
@@ -302,105 +287,13 @@ class Search:
             progress=self.progress.advance if alone else None,
         )  # fmt: skip
 
-    def _together(self, level: Sequence[Fit], known: Sequence[Fit], size: int) -> list[Fit]:
-        """Fits of ``size`` effects at once that a quick look does not rule out."""
-        pairs = self._pairs(level) if size == 2 else self._beside_leaders(level)
-        pairs = [pair for pair in pairs if self._met.same(pair[0]) is None]
-        allowed = {frozenset(e.key for e in effects): effects for effects, _ in pairs}
-        pairs = self._promising(pairs, known)
-        if not pairs:
-            return []
-        self.progress.step(f"a quick look at {size} effects at a time", len(pairs))
-        lowers = self._lowers(known)
-        hypotheses = [self.model.hypothesis(effects) for effects, _ in pairs]
-        starts = [self.start(effects, parent) for effects, parent in pairs]
-        # What an unknown cause does far better than is looked at all the same, for what is a part.
-        listed = [f for f in known if not f.hypothesis.unknown]
-        best = np.max(self.scores(listed))
-        looks = self.looked(hypotheses, starts, lowers)
-        if self.model.evidence.drifts:
-            # What grows with the level does so by exponentials: a first step may go far too far.
-            nearer = [np.clip(z, -_NEARER, _NEARER) for _, z in looks]
-            again = self.looked(hypotheses, nearer, lowers)
-            looks = [max(pair, key=lambda look: look[0]) for pair in zip(looks, again, strict=True)]
-        scores = np.array([value for value, _ in looks]) + self.log_prior(hypotheses)
-        # A step that is too long promises too much: what is promised is held against what is
-        # fitted, and never against another promise.
-        chosen = [i for i in near_best(scores, np.inf, _MOST) if scores[i] > best - _MARGIN]
-        self.progress.step(f"fitting {size} effects at a time", len(chosen))
-        singles = [f for f in known if len(f.hypothesis.effects) == 1]
-        found = self._above(
-            [hypotheses[i] for i in chosen],
-            [[looks[i][1], *self._as_alone(hypotheses[i], looks[i][1], singles)] for i in chosen],
-            [pairs[i][1] for i in chosen],
-        )  # fmt: skip
-        lowers = self._lowers([*known, *found])
-        return found + fit_exchanged(self, found, singles, allowed, lowers)
-
-    @staticmethod
-    def _as_alone(h: Hypothesis, z: np.ndarray, singles: Sequence[Fit]) -> list[np.ndarray]:
-        """A point with what acts in steps of the last effect where the fit of that alone has it,
-        in a list; empty if nothing does."""
-        last = h.effects[-1]
-        alone = next((f for f in singles if f.hypothesis.effects == (last,)), None)
-        if alone is None or not any(p.scan for p in last.priors):
-            return []
-        start, z = h.own.stop - len(last.priors), z.copy()
-        z[start : h.own.stop] = alone.z[alone.hypothesis.own]
-        return [z]
-
-    def _pairs(self, singles: Sequence[Fit]) -> list[tuple[tuple[Effect, ...], Fit]]:
-        """Every two effects of different families, with the better of the two alone."""
-        found = []
-        for a, b in combinations(singles, 2):
-            parent, other = (a, b) if a.log_evidence >= b.log_evidence else (b, a)
-            effects = (*parent.hypothesis.effects, *other.hypothesis.effects)
-            if _compatible(effects):
-                found.append((effects, parent))
-        return found
-
-    def _beside_leaders(self, level: Sequence[Fit]) -> list[tuple[tuple[Effect, ...], Fit]]:
-        """The best of a level with one more effect each."""
-        found, known = [], set()
-        for parent in sorted(level, key=lambda f: -f.log_evidence)[:_LEADERS]:
-            for effect in self.model.effects:
-                effects = (*parent.hypothesis.effects, effect)
-                keys = frozenset(e.key for e in effects)
-                if _compatible(effects) and keys not in known:
-                    known.add(keys)
-                    found.append((effects, parent))
-        return found
-
-    def _promising(self, together: list, known: Sequence[Fit]) -> list:
-        """Those that are worth a look: by the sum of what the fits alone say, without the model.
-
-        The last effect's signature is taken at its own best fit. What it could explain of what the
-        others leave is then a linear problem.
-        """
-        if len(together) <= _LOOKS:
-            return together
-        evidence, alone = self.model.evidence, {}
-        for f in known:
-            if len(f.hypothesis.effects) == 1:
-                alone[f.hypothesis.effects[0].key] = f
-        white = [
-            (lower, {id(f): whitened(f, evidence, lower) for f in known})
-            for lower in self._lowers(known)
-        ]
-        gains = []
-        for effects, parent in together:
-            other = alone[effects[-1].key]
-            both = [with_other(parent, other, seen, lower) for lower, seen in white]
-            before, after = np.max(both, axis=0)
-            gains.append(parent.log_evidence + after - before)
-        scores = np.array(gains) + self.log_prior(
-            [self.model.hypothesis(effects) for effects, _ in together]
-        )
-        return [together[i] for i in near_best(scores, np.inf, _LOOKS)]
-
-    def _lowers(self, known: Sequence[Fit] = ()) -> list[np.ndarray]:
+    def lowers(self, known: Sequence[Fit] = ()) -> list[np.ndarray]:
         """Factors of the test's covariance: with scales as expected, and as the best of some fits
-        has them, which may have taken for drift what another effect explains."""
+        has them, which may have taken for drift what another effect explains.
+
+        Args:
+            known: The fits.
+        """
         evidence, found = self.model.evidence, [self.model.evidence]
         if len(known) and evidence.scales is not None:
             found.append(evidence.at(known[int(np.argmax(self.scores(known)))].scales))
@@ -480,14 +373,6 @@ class Search:
 
 def _no_gap(fits: Sequence[Fit]) -> Fit:
     return next(f for f in fits if f.hypothesis.name == NO_GAP)
-
-
-def _compatible(effects: Sequence[Effect]) -> bool:
-    families = [e.family or e.key for e in effects]
-    keys = [e.key for e in effects]
-    if len(set(families)) < len(families) or len(set(keys)) < len(keys):
-        return False
-    return not any(a.never_with & {b.name for b in effects if b is not a} for a in effects)
 
 
 def _pack(found: Fit) -> dict:

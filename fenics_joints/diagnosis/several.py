@@ -8,6 +8,7 @@ from typing import Protocol
 import numpy as np
 
 from fenics_joints.diagnosis.effects.effect import Effect
+from fenics_joints.diagnosis.evidence.equal import Known
 from fenics_joints.diagnosis.evidence.fitted import Fit
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.leans import Leans
@@ -28,6 +29,16 @@ class Fits(Protocol):
     model: Prepared
     progress: Progress
     leans: Leans
+    #: Says which effects are together what others are.
+    met: Known
+
+    def above(
+        self, hypotheses: Sequence[Hypothesis], starts: Sequence, parents: Sequence[Fit]
+    ) -> list[Fit]:
+        """Fits of hypotheses that hold others, no worse than these but for an effect more."""
+
+    def lowers(self, known: Sequence[Fit] = ()) -> list[np.ndarray]:
+        """Factors of the test's covariance that a quick look takes, of some fits'."""
 
     def looked(
         self,
