@@ -16,7 +16,7 @@ from fenics_joints.diagnosis.evidence.entries import FREQUENCY, SHAPE
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.many import ManyPredictions
-from fenics_joints.diagnosis.evidence.prediction import predict
+from fenics_joints.diagnosis.evidence.prediction import predict, predicted
 from fenics_joints.diagnosis.evidence.row import RowPrediction
 from fenics_joints.diagnosis.zones.zone import Zone
 from fenics_joints.reduction import ArrayModel, Forward, LeanForward
@@ -229,6 +229,8 @@ def test_many_at_once_are_as_one_by_one(forward, kind, damped):
         at_once, by_all = predict(hypothesis, forward, evidence, point, BASELINE)
         assert at_once == pytest.approx(one, rel=1e-6, abs=1e-8)
         assert by_all == pytest.approx(slope, rel=1e-4, abs=1e-6)
+        alone = predicted(hypothesis, forward, evidence, point, BASELINE)
+        assert alone == pytest.approx(one, rel=1e-6, abs=1e-8)
 
 
 @pytest.mark.parametrize("at_once", [False, True], ids=["one by one", "at once"])

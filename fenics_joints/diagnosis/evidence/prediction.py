@@ -55,25 +55,31 @@ def predict(
 def predicted(
     hypothesis: Hypothesis, forward: Forward, evidence: Evidence, z: np.ndarray, baseline
 ) -> np.ndarray:
-    """The prediction of `predict`, (N,), with no more of the derivatives than comes with it."""
-    found = predicted_alone(hypothesis, forward, evidence, z, baseline)
-    return predict(hypothesis, forward, evidence, z, baseline)[0] if found is None else found
+    """The prediction of `predict`, (N,), without its derivatives, which are most of the work."""
+    if len(evidence.conditions) > 1:
+        found = _together(hypothesis, forward, evidence, z, baseline, slopes=False)
+        if found is not None:
+            return found[0]
+    rows, shapes = {}, []
+    for row, prediction in in_turn(hypothesis, forward, evidence, z, baseline, {}):
+        rows[row] = prediction.data
+        if evidence.shapes is not None and row == evidence.shape_row:
+            shapes = [prediction.read_shapes(evidence.shapes).ravel()]
+    masses, _ = weights(evidence.weighed, hypothesis, z, evidence.conditions[0], baseline)
+    return joined(rows, [*shapes, masses], evidence.shape[1])
 
 
 def predicted_alone(
     hypothesis: Hypothesis, forward: Forward, evidence: Evidence, z: np.ndarray, baseline
 ) -> np.ndarray | None:
-    """The prediction of `predict` without its derivatives, which are most of the work; None where
-    these come with it, as at several conditions, whose modes are followed from one to the next."""
+    """`predicted`; None at several conditions, whose modes are followed from one to the next: a
+    search that goes on from there would solve for them again."""
     if len(evidence.conditions) > 1 or not isinstance(forward, Forward):
         return None
-    [(row, prediction)] = in_turn(hypothesis, forward, evidence, z, baseline)
-    shapes = [] if evidence.shapes is None else [prediction.read_shapes(evidence.shapes).ravel()]
-    masses, _ = weights(evidence.weighed, hypothesis, z, evidence.conditions[row], baseline)
-    return joined({row: prediction.data}, [*shapes, masses], evidence.shape[1])
+    return predicted(hypothesis, forward, evidence, z, baseline)
 
 
-def _together(hypothesis, forward, evidence, z, baseline):
+def _together(hypothesis, forward, evidence, z, baseline, slopes: bool = True):
     """`predict` with all conditions solved for at once; None where that cannot be done."""
     if not isinstance(forward, Forward):
         return None  # what stands in for one, such as for a structure that is altered
@@ -84,11 +90,12 @@ def _together(hypothesis, forward, evidence, z, baseline):
     if not at_once.changes:
         return None  # all conditions have the same solution
     before = many.calls
-    predicted, slopes = at_once(np.asarray(z, dtype=float)[None], range(len(z)))
+    by = range(len(z)) if slopes else ()
+    predicted, along = at_once(np.asarray(z, dtype=float)[None], by)
     forward.calls += 0 if many is forward else many.calls - before
     if not np.all(np.isfinite(predicted)):
         return None  # one by one it is looked further for a mode that is not there
-    return predicted[0], slopes[0]
+    return predicted[0], along[0]
 
 
 def in_turn(
