@@ -360,7 +360,7 @@ def test_damping_slopes_are_those_of_the_prediction():
 
     h = 1e-6
     numeric = [(predict(z + s) - predict(z - s)) / (2 * h) for s in h * np.eye(len(z))]
-    slopes = RowPrediction(hypothesis, Series(), z, 2.0, base).slopes()
+    slopes = RowPrediction(hypothesis, Series(), z, 2.0, base).slopes
     assert slopes == pytest.approx(np.array(numeric).T, rel=1e-5, abs=1e-8)
     # And the damping itself: at rest, plus half of loss factor times share.
     drop, chi, loss, faster, rise = (p.value(x) for p, x in zip(effect.priors, z, strict=False))

@@ -247,6 +247,16 @@ class Hypothesis:
         return not damped.start <= j < damped.stop
 
     @cached_property
+    def varies(self) -> bool:
+        """Whether it may say otherwise at one condition than at another."""
+        if self.tightenings or self.amplitudes or any(self.known):
+            return True
+        return any(
+            e.depends_on_condition or e.by_level or e.drifts or e.loss
+            for e in (*self.nuisances, *self.effects)
+        )
+
+    @cached_property
     def steady(self) -> list[bool]:
         """Whether each parameter's effect is the same at all conditions."""
 

@@ -234,7 +234,7 @@ def _fit_at(
             z = min(ends, key=lambda end: end[0])[1]
             # A guide may follow another mode than the model does: no end is worse than a start.
             costs = [whole.cost(start) for start in starts or ()]
-            end = whole.cost(z)
+            end = 0.5 * np.sum(whole.residual(z) ** 2)
             better = [start for start, cost in zip(starts or (), costs, strict=True) if cost < end]
             if not better and whole.ends_with(quick, z, tolerance) and (
                 scan is None or whole.agrees(quick, scan.start)

@@ -54,12 +54,6 @@ class ManyPredictions:
         self.baseline, self._held_out = baseline, held_out
         self._singly, self._apart = False, False
         self._filled: dict[tuple[float, int], np.ndarray] = {}
-        effects = (*hypothesis.nuisances, *hypothesis.effects)
-        #: Whether the conditions matter.
-        varies = hypothesis.tightenings or hypothesis.amplitudes or any(hypothesis.known)
-        self.changes = bool(varies) or any(
-            e.depends_on_condition or e.by_level or e.drifts or e.loss for e in effects
-        )
 
     def __call__(
         self, z: np.ndarray, by: Sequence[int] = ()
@@ -112,18 +106,19 @@ class ManyPredictions:
             found |= dict(zip(rows, zip(*parts, strict=True), strict=True))
             if with_shapes:
                 shapes = [self._shapes(z, looks[0], by)]
-        rows = [found[row if self.changes else 0] for row in range(len(evidence.conditions))]
+        count, varies = len(evidence.conditions), self.hypothesis.varies
+        rows = [found[row if varies else 0] for row in range(count)]
         blocks = [*self._by_kind(rows), *shapes, *self._masses(z, by)]
         return tuple(np.concatenate(part, axis=1) for part in zip(*blocks, strict=True))
 
     @property
     def _shape_row(self) -> int:
-        return self.evidence.shape_row if self.changes else 0
+        return self.evidence.shape_row if self.hypothesis.varies else 0
 
     def _groups(self, count: int) -> list[list[int]]:
         """Rows that are solved for together at so many points; that of the shapes, whose
         derivatives take all modes, by itself."""
-        turns = self.evidence.turns if self.changes else ((0, None),)
+        turns = self.evidence.turns if self.hypothesis.varies else ((0, None),)
         rows = [row for row, _ in turns]
         alone = [] if self.evidence.shapes is None else [self._shape_row]
         if turns[-1][1] is not None:
@@ -136,7 +131,7 @@ class ManyPredictions:
     def _followed(self, rows: Sequence[int], count: int, seen) -> Followed | None:
         """What modes at some rows are matched to; None to the test's own shapes."""
         after = dict(self.evidence.turns)
-        if not self.changes or after[rows[0]] is None:
+        if not self.hypothesis.varies or after[rows[0]] is None:
             return None
         place = np.array([rows.index(after[r]) if after[r] in rows else -1 for r in rows])
         points = np.where(place[:, None] < 0, -1, place[:, None] * count + np.arange(count))

@@ -43,7 +43,7 @@ def predict(
         return found
     rows, slopes, shapes, steady = {}, {}, ([], []), {}
     for row, prediction in in_turn(hypothesis, forward, evidence, z, baseline, steady):
-        rows[row], slopes[row] = prediction.data, prediction.slopes()
+        rows[row], slopes[row] = prediction.data, prediction.slopes
         if evidence.shapes is not None and row == evidence.shape_row:
             at, by_z = prediction.shapes(evidence.shapes)
             shapes = [at.ravel()], [by_z.reshape(at.size, len(z))]
@@ -86,9 +86,9 @@ def _together(hypothesis, forward, evidence, z, baseline, slopes: bool = True):
     many = batched(forward)
     if not many.batches or (hypothesis.senses and evidence.shapes is not None):
         return None  # how shapes follow a sensor's own error is known one by one
-    at_once = ManyPredictions(hypothesis, many, evidence, baseline, held_out=True)
-    if not at_once.changes:
+    if not hypothesis.varies:
         return None  # all conditions have the same solution
+    at_once = ManyPredictions(hypothesis, many, evidence, baseline, held_out=True)
     before = many.calls
     by = range(len(z)) if slopes else ()
     predicted, along = at_once(np.asarray(z, dtype=float)[None], by)
@@ -105,6 +105,10 @@ def in_turn(
     """Predictions at all conditions, in the order of `Evidence.turns`, by row."""
     found: dict[int, RowPrediction] = {}
     for row, after in evidence.turns:
+        if found and not hypothesis.varies:
+            found[row] = next(iter(found.values()))
+            yield row, found[row]
+            continue
         # What stands in for a forward follows none.
         near = found[after] if after is not None and getattr(forward, "follows", False) else None
         condition = evidence.conditions[row]

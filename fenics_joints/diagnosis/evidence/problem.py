@@ -17,6 +17,7 @@ from fenics_joints.diagnosis.evidence.linear import least_square, log_evidence, 
 from fenics_joints.diagnosis.evidence.prediction import (
     frequencies_and_damping,
     predict,
+    predicted,
     predicted_alone,
 )
 from fenics_joints.errors import InputError
@@ -156,21 +157,21 @@ class Problem:
             jacobian[n : 2 * n, j] = (moved[n:] - predicted[n : 2 * n]) / step[j]
         return jacobian
 
-    def _predicted(self, z) -> np.ndarray:
-        """The prediction alone: a search asks for slopes only where it goes on from."""
+    def _predicted(self, z, ends: bool = False) -> np.ndarray:
+        """The prediction alone: a search asks for slopes only where it goes on from, and if it
+        ``ends`` there nobody does."""
         for last in (self._last, self._alone):
             if last is not None and np.array_equal(last[0], z):
                 return last[1]
-        found = predicted_alone(
-            self.hypothesis, self.forward, self.evidence, z, self.baseline
-        )
+        alone = predicted if ends else predicted_alone
+        found = alone(self.hypothesis, self.forward, self.evidence, z, self.baseline)
         if found is None:
             return self.predict(z)[0]
         self._alone = z.copy(), found
         return found
 
-    def residual(self, z):
-        predicted = self._predicted(z)
+    def residual(self, z, ends: bool = False):
+        predicted = self._predicted(z, ends)
         used = self.evidence.fitted
         return np.concatenate([whiten(self.lower, (predicted - self.evidence.data)[used]), z])
 
@@ -179,8 +180,9 @@ class Problem:
         return np.clip(z, *(self.hypothesis.limits.T + _INSIDE))
 
     def cost(self, z) -> float:
-        """Half the sum of squares that a search makes small, inside the limits."""
-        return 0.5 * float(np.sum(self.residual(self.inside(z)) ** 2))
+        """Half the sum of squares that a search makes small, inside the limits, of a point that
+        none goes on from at once."""
+        return 0.5 * float(np.sum(self.residual(self.inside(z), ends=True) ** 2))
 
     def slope(self, z):
         _, jacobian = self.predict(z)

@@ -134,6 +134,7 @@ class RowPrediction:
             [self.log_f, self._ordered(np.log(self._at_rest() + self._lost()))]
         )
 
+    @cached_property
     def slopes(self) -> np.ndarray:
         """Derivative of `data` by z, shape (data.size, d)."""
         chains = [self._chain(look.mode) for look in self._looks]

@@ -191,7 +191,7 @@ def shifted(test: Measurement, evidence: Evidence, forward, other, row: int) -> 
             RowPrediction(undamped, f, z[kept], condition, baseline, row) for f in (forward, other)
         )
         more = np.zeros((len(there), len(z)))
-        more[:, kept] = (after.slopes() - before.slopes())[there]
+        more[:, kept] = (after.slopes - before.slopes)[there]
         shifts = (after.log_f - before.log_f)[there]
         return np.append(values, shifts), np.vstack([slopes, more])
 

@@ -14,9 +14,12 @@ _RANK = 1e-3
 
 
 def _svd(a: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    # LAPACK's divide and conquer (gesdd, NumPy's) does not always converge where directions are
-    # the same but for round-off, as those of zones that do alike are.
-    return scipy.linalg.svd(a, full_matrices=False, lapack_driver="gesvd")
+    try:
+        return scipy.linalg.svd(a, full_matrices=False)
+    except np.linalg.LinAlgError:
+        # LAPACK's divide and conquer (gesdd) does not always converge where directions are the
+        # same but for round-off, as those of zones that do alike are.
+        return scipy.linalg.svd(a, full_matrices=False, lapack_driver="gesvd")
 
 
 def visible_part(S: np.ndarray, least: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
