@@ -17,7 +17,9 @@ LIBRARY: dict[str, tuple[str, ...]] = {
         "joint normal and tangential compliance", "joint compliance that falls with the pressure",
         "joint compliance graded from zone to zone",
     ),
-    "sliding_joint": ("joint tangential compliance",),
+    "sliding_joint": (
+        "joint tangential compliance", "joint tangential compliance that falls with the pressure",
+    ),
     "small_contact": (
         "contact area smaller than modelled", "contact lost at low pressure",
         "compliance away from the bolts only",
