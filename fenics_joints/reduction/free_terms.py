@@ -116,7 +116,7 @@ class FreeTerms:
         full, matrices, mix = self.full, [], []
         for i in self._regions:
             law = full.regions[i].law
-            matrices += [full.region_matrix(i, 0, q).copy() for q in law.samples]
+            matrices += [full.law_matrix(i, 0, k) for k in range(len(law.samples))]
             mix.append(np.linalg.inv([law.stiffness_terms(q) for q in law.samples]))
         for i in self._supports:
             matrices += full.support_matrices(i)
@@ -134,7 +134,7 @@ class FreeTerms:
                 found[row] = self._difference(self._M, self.full.mass, name)
                 continue
             law = owners[row].law
-            found[row] = self.full.region_matrix(self._regions[row], 1, law.samples[0]).copy()
+            found[row] = self.full.law_matrix(self._regions[row], 1, 0)
             found[row].scale(1 / law.inertia_term(law.samples[0]))
         return found
 

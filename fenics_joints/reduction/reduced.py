@@ -73,9 +73,16 @@ class ReducedStructure(ArrayModel):
 
     def _region_term(self, number: int, volume: float, known: Mapping) -> RegionTerm:
         region, on = self.full.regions[number], self.projection
-        samples, full = region.law.samples, self.full
-        sampled = [on.new(full.law_matrix(number, 0, i)) for i in range(len(samples))]
-        inertia = on.new(full.law_matrix(number, 1, 0)) / region.law.inertia_term(samples[0])
+        samples = region.law.samples
+
+        def new(which: int, sample: int) -> np.ndarray:
+            A = self.full.law_matrix(number, which, sample)
+            found = on.new(A)
+            A.destroy()
+            return found
+
+        sampled = [new(0, i) for i in range(len(samples))]
+        inertia = new(1, 0) / region.law.inertia_term(samples[0])
         return on.region(
             region, region.properties, sampled, inertia, volume, known.get(region.name)
         )

@@ -45,6 +45,7 @@ from fenics_joints.structure.held import held_entities
 from fenics_joints.structure.laws import ELASTIC_SUPPORT
 from fenics_joints.structure.points import PointRows, locate
 from fenics_joints.structure.properties import PropertyField
+from fenics_joints.structure.summed import SummedMatrices
 from fenics_joints.structure.values import by_name, number, parameter_values
 
 __all__ = ["Assembly"]
@@ -138,7 +139,7 @@ class Assembly:
         self._direction: fem.Function | None = None
         self._rows: dict[bytes, PointRows] = {}
         self._region_matrices: dict[tuple[int, int], PETSc.Mat] = {}
-        self._law_matrices: dict[tuple[int, int, int], PETSc.Mat] = {}
+        self._summed = SummedMatrices(self)
         self._support_matrices: dict[int, tuple[PETSc.Mat, PETSc.Mat]] = {}
 
     # -- set-up ------------------------------------------------------------------------------
@@ -274,18 +275,16 @@ class Assembly:
         return self._region_matrices[key]
 
     def law_matrix(self, number: int, which: int, sample: int) -> PETSc.Mat:
-        """A region's stiffness (0) or mass (1) at a sample of its law, kept for bases that grow.
+        """A region's stiffness (0) or mass (1) at a sample of its law, the caller's to destroy.
+
+        Its entries are kept, for bases that grow and for `stiffness` and `mass`.
 
         Args:
             number: Index of the region in `regions`.
             which: 0 or 1.
             sample: Index in the law's ``samples``.
         """
-        key = number, which, sample
-        if key not in self._law_matrices:
-            self.field.fill(number, self.regions[number].law.samples[sample])
-            self._law_matrices[key] = self.assembled(self.compiled_region(number, which))
-        return self._law_matrices[key]
+        return self._summed.laws[number].matrix(which, sample)
 
     def support_matrices(self, number: int) -> tuple[PETSc.Mat, PETSc.Mat]:
         """Stiffness of an elastic support at k_n = 1 Pa/m and at k_t = 1 Pa/m, m2; kept.
@@ -344,8 +343,7 @@ class Assembly:
             out: A matrix from an earlier call, to assemble into.
         """
         values = self.update(given)
-        form = self.compiled("K", lambda: self.stiffness_form(*self.arguments))
-        K = self.assembled(form, out, 1.0)
+        K = self._of_regions(0, values, out)
         for spring in self.springs:
             k = real(f"{spring.name}.stiffness", number(spring.stiffness, values), "N/m", least=0)
             k *= spring.share
@@ -358,8 +356,7 @@ class Assembly:
     def mass(self, given: Mapping[str, float] | None = None, out=None) -> PETSc.Mat:
         """Mass matrix M(p), kg, positive semi-definite; rows of held DOFs are zero."""
         values = self.update(given)
-        form = self.compiled("M", lambda: self.inertia_form(*self.arguments))
-        M = self.assembled(form, out)
+        M = self._of_regions(1, values, out)
         for mass in self.masses:
             m = real(f"{mass.name}.mass", number(mass.mass, values), "kg", least=0) * mass.share
             if m:
@@ -367,6 +364,16 @@ class Assembly:
         M.assemble()
         add_changes(self, M, 1, values)
         return M
+
+    def _of_regions(self, which: int, values: Mapping[str, float], out=None) -> PETSc.Mat:
+        """Stiffness (0) or mass (1) of parts and joints: summed, or assembled."""
+        found = self._summed.matrix(which, values) if out is None else None
+        if found is None:
+            make = self.inertia_form if which else self.stiffness_form
+            form = self.compiled("KM"[which], lambda: make(*self.arguments))
+            found = self.assembled(form, out, 0.0 if which else 1.0)
+            self._summed.learn(found)
+        return found
 
     def update(self, given: Mapping[str, float] | None) -> dict[str, float]:
         """Put parameters' values into the property field; returns all of them."""

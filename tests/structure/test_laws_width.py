@@ -54,6 +54,7 @@ def test_terms_reproduce_the_assembled_matrices(across):
     for x in vectors:
         x.array[:] = rng.standard_normal(x.local_size)
     small = ReducedStructure(model, vectors)
+    model = bar(across=across)  # which has no samples to sum up
     for w, s in ((1.1, 1.0), (0.7, 1.9), (3.0, 0.4)):
         given = {"w": w, "s": s}
         for reduced, assembled in (
