@@ -15,6 +15,7 @@ from fenics_joints.case import Case, test_notes
 from fenics_joints.case.dimensions import unfit
 from fenics_joints.diagnosis.effects.effect import Effect
 from fenics_joints.diagnosis.evidence.alike import one_of_alike
+from fenics_joints.diagnosis.evidence.all_at_once import all_at_once
 from fenics_joints.diagnosis.evidence.classes import classes, detectable, stand_ins
 from fenics_joints.diagnosis.evidence.fitted import Fit
 from fenics_joints.diagnosis.evidence.row import RowPrediction
@@ -33,6 +34,7 @@ from fenics_joints.diagnosis.search import Search
 from fenics_joints.diagnosis.separation import best_measurement
 from fenics_joints.diagnosis.shrinkage import Shrinkage
 from fenics_joints.diagnosis.verdict import (
+    MISFIT,
     NAMED,
     NO_GAP,
     UNKNOWN,
@@ -136,7 +138,8 @@ class _Run:
         after = self._gap(self.data, leader.log_f)
         seen = self._detectable(leader)
         effects = self._effects(fits, probability, grouped, seen)
-        verdict, summary = decide(fits, probability, effects, leader, after)
+        at_once = all_at_once(fits, leader, self.evidence) if leader.p_value < MISFIT else None
+        verdict, summary = decide(fits, probability, effects, leader, after, at_once)
         wrong, causes = is_wrong(fits, leader, self._touched(), alike), {}
         if verdict in NAMED:
             causes = several_causes(fits, probability, effects, grouped, alike)
@@ -144,7 +147,7 @@ class _Run:
         if verdict in NAMED:
             fits, probability = _held_out(fits, probability, leader, confirmed(shrink))
             effects = self._effects(fits, probability, grouped, seen)
-            verdict, summary = decide(fits, probability, effects, leader, after)
+            verdict, summary = decide(fits, probability, effects, leader, after, at_once)
         verdict, summary = confirm(verdict, summary, shrink)
         self.progress.step("localising the gap")
         shown = self.model.zones.shown
@@ -186,6 +189,7 @@ class _Run:
             ),
             shrinkage=shrink,
             sampled=self.sampled,
+            at_once=at_once,
             somewhere=changes(next(f for f in fits if f.hypothesis.unknown), self.evidence),
             row_names=self.data.row_names,
             model={

@@ -133,6 +133,8 @@ class Diagnosis:
             (n, m); None if damping was not used.
         somewhere: Where an unknown cause would be, if it is a change of stiffness or mass; None
             where that was not looked at.
+        at_once: Probability of a misfit as large as all effects of the library at once leave; None
+            where the best few explain the test.
         row_names: Names of the conditions that are after a known change, ``""`` for the others;
             empty without such.
     """
@@ -166,6 +168,7 @@ class Diagnosis:
     sampled: dict[str, Sampled] = field(default_factory=dict)
     somewhere: Somewhere | None = None
     row_names: tuple[str, ...] = ()
+    at_once: float | None = None
 
     def _repr_html_(self) -> str:
         rows = [(e.name, e.region, probability(e.probability)) for e in self.effects[:8]]
@@ -229,6 +232,8 @@ class Diagnosis:
             label: {key: getattr(n, key) for key in _OF_SAMPLED}
             for label, n in self.sampled.items()
         }
+        if self.at_once is not None:
+            out["at_once"] = self.at_once
         if self.somewhere is not None:
             out["somewhere"] = asdict(self.somewhere)
         if self.damping is not None:

@@ -37,6 +37,7 @@ def decide(
     effects: Sequence[EffectResult],
     leader: Fit,
     after: Gap,
+    at_once: float | None = None,
 ) -> tuple[str, str]:
     """The verdict and a sentence or two that say it.
 
@@ -52,6 +53,8 @@ def decide(
         effects: Effects with their probability and class.
         leader: The best hypothesis that is not the unknown.
         after: Its gap.
+        at_once: Probability of a misfit as large as all effects at once leave
+            (`fenics_joints.diagnosis.evidence.all_at_once`); None where it was not looked at.
     """
     by_label = {}
     for f, p in zip(fits, probability, strict=True):
@@ -64,7 +67,7 @@ def decide(
             "noise: there is no gap to explain."
         )
     if other > 0.5 or leader.p_value < MISFIT:
-        return "unknown", _no_effect(leader, after)
+        return "unknown", _no_effect(leader, after, at_once)
     classes = class_probabilities(fits, probability, effects)
     if sure := sure_classes(classes, other):
         said = "; and ".join(f"{_sentence(name)} ({shown(classes[name])})" for name in sure)
@@ -157,19 +160,28 @@ def class_probabilities(
     return dict(sorted(total.items(), key=lambda item: -item[1]))
 
 
-def _no_effect(leader: Fit, after: Gap) -> str:
-    """Why no effect of the library is the cause."""
+def _no_effect(leader: Fit, after: Gap, at_once: float | None) -> str:
+    """Why no effect of the library is the cause, and whether all of them could be."""
     best = f"{leader.hypothesis.label}, leaves {100 * after.rms:.1f} %"
     p = f"(p {_equals(p_value(leader.p_value))})"
     if leader.p_value < MISFIT:
         return (
             f"No effect of the library explains the test. The best of them, {best}, which noise "
-            f"and model error do not explain {p}."
+            f"and model error do not explain {p}.{_all(at_once)}"
         )
     return (
         "No effect of the library is as probable as a cause that is not in it. The best of them, "
         f"{best}, as noise and model error may {p}."
     )
+
+
+def _all(at_once: float | None) -> str:
+    if at_once is None:
+        return ""
+    p = f"(p {_equals(p_value(at_once))})"
+    if at_once < MISFIT:
+        return f" Nor do all of its effects at once {p}: something of another kind is there."
+    return f" All of its effects at once may {p}: it can also be several that are in it."
 
 
 def _equals(p: str) -> str:

@@ -234,6 +234,12 @@ def test_other_verdicts_have_sentences_of_their_own():
     at_chance = shrinkage(claimed=False)
     words = explain(diagnosis(verdict="unknown", hypotheses=unknown, shrinkage=at_chance))
     assert words.which == f"{best} that something else is at work has > 90 %."
+    for p, found in (
+        (1e-5, "nor would all of them at once (p below 0.001), so that something of another kind"),
+        (0.31, "all of them at once may leave as much (p = 0.31), so that it can also be several"),
+    ):
+        d = diagnosis(verdict="unknown", hypotheses=unknown, shrinkage=at_chance, at_once=p)
+        assert f"{best} {found}" in explain(d).which and d.to_json()["at_once"] == p
     # What noise may leave is not refuted: it is less probable than what nobody listed.
     fits = [unknown[0], replace(unknown[1], p_value=0.5)]
     words = explain(diagnosis(verdict="unknown", hypotheses=fits, shrinkage=at_chance))

@@ -133,6 +133,7 @@ def test_what_no_effect_explains_is_unknown(diagnosed, mode, factor):
     result = diagnosed(Measured(shifted, clean.shapes))
     assert result.verdict == "unknown", result.summary
     assert result.effects[0].name == "none of these"
+    assert result.at_once < 0.01
 
 
 def test_small_mass_is_left_open_by_a_coarse_model(diagnosed):

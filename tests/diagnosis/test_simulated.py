@@ -6,12 +6,10 @@ from itertools import combinations
 
 import numpy as np
 import pytest
-from linear_forward import shift
-from scipy.stats import binomtest, multivariate_normal
+from linear_forward import linear_fit
+from scipy.stats import binomtest
 
 from fenics_joints.diagnosis.evidence.evidence import Evidence
-from fenics_joints.diagnosis.evidence.fitted import Fit
-from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.simulated import with_simulated
 
 MODES, CAUSES, SD, TESTS = 4, 10, 0.01, 200
@@ -23,22 +21,10 @@ def rng():
     return np.random.default_rng(3)
 
 
-def closed_form(causes: tuple[int, ...], slope: np.ndarray, log_f: np.ndarray) -> Fit:
-    """The fit of causes that move ln f by ``slope`` at one standard deviation of each's size."""
-    precision = slope.T @ slope / SD**2 + np.eye(len(causes))
-    z = np.linalg.solve(precision, slope.T @ log_f / SD**2)
-    left = (log_f - slope @ z) / SD
-    density = multivariate_normal(cov=SD**2 * np.eye(MODES) + slope @ slope.T).logpdf(log_f)
-    return Fit(
-        Hypothesis(tuple(shift(i) for i in causes)), z, np.linalg.inv(precision), slope @ z,
-        (1, MODES), slope, float(density), float(left @ left), MODES,
-    )  # fmt: skip
-
-
 def p_values(moves: np.ndarray, log_f: np.ndarray) -> tuple[float, float]:
     """Of the best explanation of a test: chi-square's, and that of simulated tests."""
     test = Evidence(np.array([1.0]), log_f[None, :], np.full((1, MODES), SD), 0.0)
-    fits = [closed_form(causes, moves[:, causes], log_f) for causes in SETS]
+    fits = [linear_fit(causes, moves[:, causes], log_f, SD) for causes in SETS]
     score = np.array([f.log_evidence for f in fits])
     best = int(np.argmax(score))
     return fits[best].p_value, with_simulated(fits, score, test, count=199)[best].p_value

@@ -5,8 +5,11 @@ from __future__ import annotations
 from types import SimpleNamespace
 
 import numpy as np
+from scipy.stats import multivariate_normal
 
 from fenics_joints.diagnosis import Effect, Prior
+from fenics_joints.diagnosis.evidence.fitted import Fit
+from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 
 
 class Linear:
@@ -30,3 +33,16 @@ def shift(index, spread=1.0, median=0.0):
         values[f"p{index}"] += theta["d"]
 
     return Effect(f"effect {index}", "", (Prior("d", median, spread, log=False),), apply)
+
+
+def linear_fit(causes: tuple[int, ...], slope: np.ndarray, log_f: np.ndarray, sd: float) -> Fit:
+    """The fit of causes that move ln f, (m,), by ``slope`` at one standard deviation of each's
+    size; ``sd`` is that of the data."""
+    precision = slope.T @ slope / sd**2 + np.eye(len(causes))
+    z = np.linalg.solve(precision, slope.T @ log_f / sd**2)
+    left, m = (log_f - slope @ z) / sd, len(log_f)
+    density = multivariate_normal(cov=sd**2 * np.eye(m) + slope @ slope.T).logpdf(log_f)
+    return Fit(
+        Hypothesis(tuple(shift(i) for i in causes)), z, np.linalg.inv(precision), slope @ z,
+        (1, m), slope, float(density), float(left @ left), m,
+    )  # fmt: skip

@@ -253,7 +253,7 @@ def _unknown(d: Diagnosis) -> str:
         words += f": the best, {named(lead)}, leaves a gap of {error_percent(lead.gap)}"
         p = p_value_words(lead.p_value)
         words += f", as noise and model error may ({p})" if fits else (
-            f" and would give such a misfit with {p}"
+            f" and would give such a misfit with {p}{_at_once(d)}"
         )
     if is_part(d):
         words += (
@@ -264,6 +264,16 @@ def _unknown(d: Diagnosis) -> str:
     words += f"; that something else is at work{' too' if is_part(d) else ''} has {p}"
     placed = somewhere_words(d.somewhere)
     return f"{words}; it would most surely be {placed}" if placed else words
+
+
+def _at_once(d: Diagnosis) -> str:
+    """Whether all effects at once could explain what the best few do not."""
+    if d.at_once is None:
+        return ""
+    p = p_value_words(d.at_once)
+    if d.at_once < MISFIT:
+        return f"; nor would all of them at once ({p}), so that something of another kind is there"
+    return f"; all of them at once may leave as much ({p}), so that it can also be several of them"
 
 
 def _cause(d: Diagnosis) -> str:
