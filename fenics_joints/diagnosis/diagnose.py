@@ -31,7 +31,7 @@ from fenics_joints.diagnosis.result import Diagnosis, EffectResult, HypothesisRe
 from fenics_joints.diagnosis.rivals import is_wrong, several_causes
 from fenics_joints.diagnosis.sampling import sample
 from fenics_joints.diagnosis.search import Search
-from fenics_joints.diagnosis.separation import best_measurement
+from fenics_joints.diagnosis.separation import separations
 from fenics_joints.diagnosis.shrinkage import Shrinkage
 from fenics_joints.diagnosis.verdict import (
     MISFIT,
@@ -43,7 +43,7 @@ from fenics_joints.diagnosis.verdict import (
     decide,
 )
 from fenics_joints.diagnosis.where.localise import cell_map, zone_shares
-from fenics_joints.errors import InputError, JointsError
+from fenics_joints.errors import InputError
 from fenics_joints.files import writable_folder
 from fenics_joints.measurements import Gap, TestData
 from fenics_joints.parallel import on_root
@@ -158,7 +158,8 @@ class _Run:
             if share.region not in changed
         ]  # fmt: skip
         cells = self._cells()
-        separations, unsplit = self._separations(fits, probability, grouped, leader)
+        self.progress.step("looking for measurements that would split what this test cannot")
+        split, unsplit = separations(self.model, fits, grouped, leader)
         return Diagnosis(
             title=self.case.title,
             verdict=verdict,
@@ -175,7 +176,7 @@ class _Run:
             where=where,
             effects=effects,
             hypotheses=self._hypotheses(fits, probability),
-            separations=separations,
+            separations=split,
             cells=cells,
             model_error=self.search.model_error,
             silent=self.model.silent,
@@ -340,47 +341,6 @@ class _Run:
             self.model.cells, surrogate.nominal, surrogate.pairing, self.evidence.as_it_is,
             np.array(columns).T, self.model.zones.shown,
         )  # fmt: skip
-
-    def _separations(self, fits, probability, grouped, leader):
-        """For each class with several likely members: what would split the leading two; and notes
-        of those whose models cannot be solved, for which what stands by now is not lost.
-        """
-        self.progress.step("looking for measurements that would split what this test cannot")
-        found, failed = [], []
-        for name in dict.fromkeys(grouped[e.key] for e in leader.hypothesis.effects):
-            members = {e.key: e.name for e in self.model.effects if grouped[e.key] == name}
-            if len(members) < 2:
-                continue
-            mine = next(e.key for e in leader.hypothesis.effects if e.key in members)
-            rival = self._rival(fits, leader, mine, members)
-            if rival is None:
-                continue
-            try:
-                separation = best_measurement(
-                    name, list(members.values()), leader, rival, self.model.surrogate,
-                    self.baseline, self.model.condition,
-                    float(np.max(self.data.noise)) or 1e-3, self.evidence.discrepancy,
-                )  # fmt: skip
-            except JointsError as error:
-                failed.append(
-                    f"No measurement is offered that would split class {name} "
-                    f"({', '.join(members.values())}): {error}"
-                )
-                continue
-            if separation is not None:
-                found.append(separation)
-        return found, failed
-
-    @staticmethod
-    def _rival(fits, leader, mine, members) -> Fit | None:
-        """The best hypothesis that has another member in place of the leader's."""
-        rest = {e.key for e in leader.hypothesis.effects} - {mine}
-        for f in fits:
-            keys = {e.key for e in f.hypothesis.effects}
-            others = keys - rest
-            if rest <= keys and len(others) == 1 and others <= set(members) - {mine}:
-                return f
-        return None
 
 
 def _held_out(

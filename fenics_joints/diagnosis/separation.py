@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -10,6 +10,7 @@ import numpy as np
 
 from fenics_joints.diagnosis.evidence.fitted import Fit
 from fenics_joints.diagnosis.evidence.row import RowPrediction
+from fenics_joints.diagnosis.model.prepared import Prepared
 from fenics_joints.diagnosis.plan.added import (
     ADDED_MASS,
     DAMPING_NOISE,
@@ -19,14 +20,16 @@ from fenics_joints.diagnosis.plan.added import (
 )
 from fenics_joints.diagnosis.result import Separation
 from fenics_joints.diagnosis.zones.sites import as_mass
-from fenics_joints.errors import InputError
+from fenics_joints.errors import InputError, JointsError
 from fenics_joints.formatting import point_mm
 from fenics_joints.measurements.gap import VISIBLE
 from fenics_joints.modal.modes import Modes, solve_modes
 from fenics_joints.reduction.likes import PLACES, likes
 from fenics_joints.reduction.surrogate import Surrogate
 
-__all__ = ["Pairs", "added_mass", "best_measurement", "further_modes", "same_in_both"]
+__all__ = [
+    "Pairs", "added_mass", "best_measurement", "further_modes", "same_in_both", "separations",
+]  # fmt: skip
 
 #: Expected separation D of two hypotheses, and the measurement.
 Candidate = tuple[float, str]
@@ -86,6 +89,55 @@ def best_measurement(
         return None
     distance, name = max(candidates)
     return Separation(class_name, tuple(members), name, distance)
+
+
+def separations(
+    model: Prepared, fits: Sequence[Fit], grouped: Mapping[str, str], leader: Fit
+) -> tuple[list[Separation], list[str]]:
+    """For each class of the leader with several members, what would split the leading two; and
+    notes of those whose models cannot be solved, for which what stands by now is not lost.
+
+    Args:
+        model: The case with its test.
+        fits: Hypotheses, most probable first.
+        grouped: Class of each effect, by its key.
+        leader: The leading one of them.
+    """
+    found, failed = [], []
+    for name in dict.fromkeys(grouped[e.key] for e in leader.hypothesis.effects):
+        members = {e.key: e.name for e in model.effects if grouped[e.key] == name}
+        if len(members) < 2:
+            continue
+        mine = next(e.key for e in leader.hypothesis.effects if e.key in members)
+        rival = _rival(fits, leader, mine, set(members))
+        if rival is None:
+            continue
+        try:
+            separation = best_measurement(
+                name, list(members.values()), leader, rival, model.surrogate, model.baseline,
+                model.condition, float(np.max(model.data.noise)) or 1e-3,
+                model.evidence.discrepancy,
+            )  # fmt: skip
+        except JointsError as error:
+            failed.append(
+                f"No measurement is offered that would split class {name} "
+                f"({', '.join(members.values())}): {error}"
+            )
+            continue
+        if separation is not None:
+            found.append(separation)
+    return found, failed
+
+
+def _rival(fits: Sequence[Fit], leader: Fit, mine: str, members: set[str]) -> Fit | None:
+    """The best hypothesis that has another member in place of the leader's, ``mine``."""
+    rest = {e.key for e in leader.hypothesis.effects} - {mine}
+    for f in fits:
+        keys = {e.key for e in f.hypothesis.effects}
+        others = keys - rest
+        if rest <= keys and len(others) == 1 and others <= members - {mine}:
+            return f
+    return None
 
 
 def _candidate(name: str, change: np.ndarray, sd: float) -> Candidate:
