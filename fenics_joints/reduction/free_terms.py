@@ -121,7 +121,7 @@ class FreeTerms:
         for i in self._supports:
             matrices += full.support_matrices(i)
         springs = [s.stiffness for s in self._terms.springs]
-        matrices += [self._difference(self._K, full.stiffness, name) for name in springs]
+        matrices += [self._unit_spring(name) for name in springs]
         mix.append(np.eye(2 * len(self._supports) + len(springs)))
         return matrices, block_diag(*mix)
 
@@ -130,8 +130,7 @@ class FreeTerms:
         moving = self._terms.scalar_slopes(self.given)[1].any(axis=1)
         for row in np.flatnonzero(moving).tolist():
             if row >= len(owners):
-                name = self._terms.masses[row - len(owners)].mass
-                found[row] = self._difference(self._M, self.full.mass, name)
+                found[row] = self._unit_mass(self._terms.masses[row - len(owners)].mass)
                 continue
             law = owners[row].law
             found[row] = self.full.law_matrix(self._regions[row], 1, 0)
@@ -143,13 +142,25 @@ class FreeTerms:
         theta, rho = self._terms.scalars(values)
         return self._mix.T @ theta, rho[list(self._heavy)]
 
-    def _difference(self, here: PETSc.Mat, assemble, name: str) -> PETSc.Mat:
-        """The matrix of a unit of a parameter that one is linear in."""
-        step = abs(self.given[name]) or 1.0
-        there = assemble({**self.given, name: self.given[name] + step})
-        there.axpy(-1.0, here, PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
-        there.scale(1 / step)
-        return there
+    def _of_points(self, like: PETSc.Mat, blocks: Iterable[tuple]) -> PETSc.Mat:
+        """A matrix of blocks, (3, 3), at points alone."""
+        A = like.duplicate(copy=False)
+        A.zeroEntries()
+        for point, block in blocks:
+            self.full.add_point(A, point, block)
+        return A
+
+    def _unit_spring(self, name: str) -> PETSc.Mat:
+        own = [s for s in self._springs if s.stiffness == name]
+        return self._of_points(
+            self._K, ((s.point, s.share * np.outer(s.direction, s.direction)) for s in own)
+        )
+
+    def _unit_mass(self, name: str) -> PETSc.Mat:
+        own = [m for m in self._masses if m.mass == name]
+        return self._of_points(
+            self._M, ((self.full.place(m, self.given), m.share * np.eye(3)) for m in own)
+        )
 
     @staticmethod
     def _add(A: PETSc.Mat, matrices: Iterable[PETSc.Mat], numbers: np.ndarray) -> None:
