@@ -271,7 +271,7 @@ def _nominal(forward, evidence: Evidence, baseline) -> np.ndarray:
     """What the nominal model predicts, shape (N,); nan but for frequencies."""
     predicted = np.full(len(evidence.data), np.nan)
     is_f = evidence.entries.kind == FREQUENCY
-    plain = replace(evidence, log_damping=None, shapes=None, weighed=())
+    plain = replace(evidence, log_damping=None, shapes=None, scalars=())
     bare = Hypothesis((), known=evidence.known)
     predicted[is_f] = predict(bare, forward, plain, np.zeros(0), baseline)[0]
     return predicted

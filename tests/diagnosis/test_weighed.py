@@ -113,10 +113,10 @@ def test_masses_that_the_model_has(tmp_path):
     text = part + TEST.format(more='mass = "1.12 kg"')
     (tmp_path / "case" / "case.toml").write_text(text, encoding="utf-8")
     model = prepare(load_case(tmp_path / "case"), MPI.COMM_SELF, Progress(silent=True))
-    whole, beams = model.evidence.weighed
-    assert np.exp(whole.log_mass(model.baseline)) == pytest.approx(BEAMS + BOLT, rel=1e-9)
+    whole, beams = model.evidence.scalars
+    assert np.exp(whole.log_value(model.baseline)) == pytest.approx(BEAMS + BOLT, rel=1e-9)
     changed = {**model.baseline, "beams.rho": 2 * RHO, "beams.width": 0.9, "beams.thickness": 1.1}
-    assert np.exp(beams.log_mass(changed)) == pytest.approx(2 * 0.9 * 1.1 * BEAMS, rel=1e-9)
+    assert np.exp(beams.log_value(changed)) == pytest.approx(2 * 0.9 * 1.1 * BEAMS, rel=1e-9)
     kind = model.evidence.entries.kind == MASS
     assert np.exp(model.evidence.data[kind]) == pytest.approx([1.12, 1.1])
     assert model.evidence.noise_sd()[kind] == pytest.approx([0.005, 0.005])

@@ -7,7 +7,7 @@ from typing import Protocol
 
 import numpy as np
 
-from fenics_joints.diagnosis.evidence.entries import DAMPING, FREQUENCY, MASS, SHAPE, Entries
+from fenics_joints.diagnosis.evidence.entries import DAMPING, FREQUENCY, SHAPE, Entries
 from fenics_joints.diagnosis.evidence.scales import Scales, correlation
 from fenics_joints.diagnosis.evidence.turning import Neighbours, turned
 
@@ -22,8 +22,6 @@ _UNKNOWN_SHAPE = 0.2
 #: Share of the variance of a model's error that is a row's own after a known change: all else is
 #: the same before and after, and cancels in what the change shifts.
 _OF_CHANGE = 0.0025
-#: What it may do to a mass.
-_UNKNOWN_MASS = 0.1
 #: Change of the logarithm of the condition over which a model's error forgets itself.
 _MEMORY = 0.7
 #: Share of the variance of a model's error in a shape that is each sensor's own.
@@ -47,7 +45,7 @@ class Stated(Protocol):
     shape_error: float
     near: np.ndarray | None
     along: np.ndarray | None
-    weighed: tuple
+    scalars: tuple
     mesh_error: np.ndarray | None
     mesh_common: np.ndarray | None
     mesh_shape: np.ndarray | None
@@ -181,8 +179,10 @@ class Covariance:
             total = total + turns @ turns.T
             if unknown:
                 total = total + self._locally * _UNKNOWN_SHAPE**2
-        if unknown and self.test.weighed:
-            total = total + np.diag(np.where(e.kind == MASS, _UNKNOWN_MASS**2, 0.0))
+        if unknown and self.test.scalars:
+            wide = np.zeros(len(e.kind))
+            wide[e.of_scalars] = [scalar.unknown for scalar in self.test.scalars]
+            total = total + np.diag(wide**2)
         return total + np.diag(self.test.noise_sd() ** 2)
 
     def _of_all_modes(self, error: np.ndarray) -> np.ndarray:

@@ -6,10 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-__all__ = ["DAMPING", "FREQUENCY", "MASS", "SHAPE", "Entries"]
+__all__ = ["DAMPING", "FREQUENCY", "KINDS", "MASS", "SHAPE", "STIFFNESS", "Entries"]
 
 #: Kinds of entries.
-FREQUENCY, DAMPING, SHAPE, MASS = 0, 1, 2, 3
+FREQUENCY, DAMPING, SHAPE, MASS, STIFFNESS = 0, 1, 2, 3, 4
+#: Their names.
+KINDS = ("frequencies", "damping", "shapes", "masses", "static stiffness")
 
 
 @dataclass(frozen=True)
@@ -17,8 +19,8 @@ class Entries:
     """What each entry of the data is; arrays of shape (N,).
 
     Attributes:
-        kind: `FREQUENCY`, `DAMPING`, `SHAPE` or `MASS`.
-        row: Its condition; 0 for masses.
+        kind: `FREQUENCY`, `DAMPING`, `SHAPE`, `MASS` or `STIFFNESS`.
+        row: Its condition; 0 for masses, and for stiffness, whose own says it.
         mode: Its mode; likewise.
         sensor: Its sensor; -1 but for shapes.
     """
@@ -27,6 +29,11 @@ class Entries:
     row: np.ndarray
     mode: np.ndarray
     sensor: np.ndarray
+
+    @property
+    def of_scalars(self) -> np.ndarray:
+        """Which are of no mode and no condition: single numbers of their own."""
+        return self.kind >= MASS
 
     def filled(self, log_f: np.ndarray, shapes: np.ndarray | None) -> np.ndarray:
         """Changes of every entry, (N, k), the same at all rows; nought of other kinds, and of modes

@@ -10,10 +10,10 @@ import numpy as np
 
 from fenics_joints.diagnosis.evidence.covariance import Covariance
 from fenics_joints.diagnosis.evidence.entries import DAMPING, FREQUENCY, MASS, SHAPE, Entries
+from fenics_joints.diagnosis.evidence.scalars import Scalar
 from fenics_joints.diagnosis.evidence.scales import BETWEEN, Scales
 from fenics_joints.diagnosis.evidence.signatures import Signatures
 from fenics_joints.diagnosis.evidence.turning import Neighbours
-from fenics_joints.diagnosis.evidence.weighed import Weighed
 
 __all__ = ["BEYOND", "UNSURE", "Evidence"]
 
@@ -36,7 +36,7 @@ class Evidence:
 
     The data stand in one vector: ln of the frequencies, (n, m) row by row; behind it ln of the
     damping ratios likewise, if used; behind it the shapes, (n_s, m) row by row, if measured;
-    behind these ln of the masses that were weighed.
+    behind these ln of single numbers, as masses that were weighed.
 
     Attributes:
         conditions: Torque or level of each row, shape (n,).
@@ -68,7 +68,7 @@ class Evidence:
         near: That correlation, shape (n_s, n_s).
         along: Cosines between the sensors' directions, shape (n_s, n_s): errors across each other
             are unrelated; None if all measure the same way.
-        weighed: What was put on a scale.
+        scalars: Single numbers that were measured besides, as masses from a scale.
         mesh_error: Standard deviation of ln f, (m,), of what is left of the error of the model's
             mesh, which is taken for the discrepancy where it is larger; None where it was not
             measured.
@@ -103,7 +103,7 @@ class Evidence:
     shape_error: float = 0.05
     near: np.ndarray | None = None
     along: np.ndarray | None = None
-    weighed: tuple[Weighed, ...] = ()
+    scalars: tuple[Scalar, ...] = ()
     mesh_error: np.ndarray | None = None
     mesh_common: np.ndarray | None = None
     mesh_shift: np.ndarray | None = None
@@ -197,21 +197,22 @@ class Evidence:
             blocks.append((SHAPE, self.shape_row, mode, sensor))
         # Each a (1, k) block: an empty one has no place in what is stacked.
         flat = [np.array(np.broadcast_arrays(*block)).reshape(4, -1) for block in blocks]
-        masses = np.tile([[MASS], [0], [0], [-1]], len(self.weighed))
-        return Entries(*np.hstack([*flat, masses.reshape(4, -1)]).astype(int))
+        single = [(scalar.kind, 0, 0, -1) for scalar in self.scalars]
+        flat.append(np.array(single, dtype=int).reshape(-1, 4).T)
+        return Entries(*np.hstack(flat).astype(int))
 
     @cached_property
     def data(self) -> np.ndarray:
         """Everything measured, shape (N,); nan where missing."""
         parts = [self.log_f, self.log_damping, self.shapes]
-        masses = np.log([w.kg for w in self.weighed])
-        return np.concatenate([*(part.ravel() for part in parts if part is not None), masses])
+        single = np.log([scalar.measured for scalar in self.scalars])
+        return np.concatenate([*(part.ravel() for part in parts if part is not None), single])
 
     @cached_property
     def fitted(self) -> np.ndarray:
         """Which of `data` are fitted; what is held out is so with its damping and its shape."""
         e = self.entries
-        return (self.used[e.row, e.mode] | (e.kind == MASS)) & np.isfinite(self.data)
+        return (self.used[e.row, e.mode] | e.of_scalars) & np.isfinite(self.data)
 
     def without(self, held_out: np.ndarray) -> Evidence:
         """The same test with some entries held out, mask of shape (n, m)."""
@@ -288,6 +289,6 @@ class Evidence:
         """Standard deviation of each entry from the instrument alone, (N,)."""
         e = self.entries
         sd = self.log_sd[e.row, e.mode]
-        sd = np.choose(e.kind, [sd, self.damping_sd, self.shape_sd, 0.0])
-        sd[e.kind == MASS] = [w.sd for w in self.weighed]
+        sd = np.choose(np.minimum(e.kind, MASS), [sd, self.damping_sd, self.shape_sd, 0.0])
+        sd[e.of_scalars] = [scalar.sd for scalar in self.scalars]
         return sd

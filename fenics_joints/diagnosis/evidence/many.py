@@ -16,6 +16,7 @@ from fenics_joints.diagnosis.effects.sensing import Sensing
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.look import Look
+from fenics_joints.diagnosis.evidence.scalars import reach
 from fenics_joints.errors import InputError
 from fenics_joints.reduction import LeanForward
 from fenics_joints.reduction.lean import Followed
@@ -108,7 +109,7 @@ class ManyPredictions:
                 shapes = [self._shapes(z, looks[0], by)]
         count, varies = len(evidence.conditions), self.hypothesis.varies
         rows = [found[row if varies else 0] for row in range(count)]
-        blocks = [*self._by_kind(rows), *shapes, *self._masses(z, by)]
+        blocks = [*self._by_kind(rows), *shapes, *self._scalars(z, by)]
         return tuple(np.concatenate(part, axis=1) for part in zip(*blocks, strict=True))
 
     @property
@@ -319,7 +320,7 @@ class ManyPredictions:
                 found = found - 0.5 * losses[key] * share * rest * log_stiffness
         return found
 
-    # -- shapes and masses -----------------------------------------------------------------------
+    # -- shapes and single numbers ---------------------------------------------------------------
 
     def _shapes(self, z, look: Look, by) -> tuple[np.ndarray, np.ndarray]:
         """`RowPrediction.shapes` flat, (b, n_s m), and slopes by what is no effect in the test."""
@@ -367,19 +368,22 @@ class ManyPredictions:
             )
         )
 
-    def _masses(self, z, by) -> list[tuple[np.ndarray, np.ndarray]]:
-        weighed = self.evidence.weighed
-        if not weighed:
+    def _scalars(self, z, by) -> list[tuple[np.ndarray, np.ndarray]]:
+        measured = self.evidence.scalars
+        if not measured:
             return []
 
         def at(z) -> np.ndarray:
-            values = self._values(z)
-            masses = (np.broadcast_to(w.log_mass(values), len(z)) for w in weighed)
-            return np.stack(list(masses), axis=1)
+            found = []
+            for scalar in measured:
+                rows = None if scalar.row is None else np.full(len(z), scalar.row)
+                found.append(np.broadcast_to(scalar.log_value(self._values(z, rows)), len(z)))
+            return np.stack(found, axis=1)
 
-        slope = np.zeros((len(z), len(weighed), len(by)))
+        slope = np.zeros((len(z), len(measured), len(by)))
+        matter = reach(measured, self.hypothesis)
         for k, j in enumerate(by):
-            if j < self.hypothesis.own.stop:
+            if j in matter:
                 low, high = (at(moved) for moved in _moved(z, [j]))
                 slope[..., k] = (high - low) / (2 * _STEP)
         return [(at(z), slope)]

@@ -23,7 +23,7 @@ from fenics_joints.diagnosis.evidence.leans import of_few_terms
 from fenics_joints.diagnosis.evidence.linear import whiten
 from fenics_joints.diagnosis.evidence.many import ManyPredictions
 from fenics_joints.diagnosis.evidence.prediction import in_turn, joined, predict
-from fenics_joints.diagnosis.evidence.weighed import weights
+from fenics_joints.diagnosis.evidence.scalars import scalars
 from fenics_joints.reduction import Forward, LeanForward
 from fenics_joints.reduction.forward import SPARE
 from fenics_joints.reduction.leanest import lean_forward
@@ -234,7 +234,7 @@ class Marginal:
         asked = dict.fromkeys((self.forward, self.watched(self.forward)))
         for forward in asked:
             found = forward.prepare(wanted, slopes=h.damped)
-        more = evidence.shapes is not None or evidence.weighed
+        more = evidence.shapes is not None or evidence.scalars
         if h.amplitudes or h.senses or h.damped or more:
             found = np.array([self._predicted(each) for each in z])
         for forward in asked:
@@ -252,11 +252,10 @@ class Marginal:
             rows[row] = prediction.data
             if evidence.shapes is not None and row == evidence.shape_row:
                 shapes = [prediction.read_shapes(evidence.shapes).ravel()]
-        first = evidence.conditions[0]
-        masses, _ = weights(
-            evidence.weighed, self.hypothesis, z, first, self.baseline, slopes=False
+        single, _ = scalars(
+            evidence.scalars, self.hypothesis, z, evidence.conditions, self.baseline, slopes=False
         )
-        return joined(rows, [*shapes, masses], evidence.shape[1])
+        return joined(rows, [*shapes, single], evidence.shape[1])
 
     def log_likelihood(self, points: np.ndarray) -> np.ndarray:
         """ln N(r - J_n z_n*; 0, Sigma + J_n J_n^T) at points, (b, d_e) -> (b,)."""

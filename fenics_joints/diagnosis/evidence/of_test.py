@@ -6,8 +6,8 @@ import numpy as np
 
 from fenics_joints.diagnosis.effects.damping import has_ratios
 from fenics_joints.diagnosis.evidence.evidence import Evidence
+from fenics_joints.diagnosis.evidence.scalars import Scalar
 from fenics_joints.diagnosis.evidence.scales import BETWEEN, ERRORS
-from fenics_joints.diagnosis.evidence.weighed import Weighed
 from fenics_joints.measurements.data import TestData
 
 __all__ = ["evidence_of"]
@@ -24,7 +24,7 @@ def evidence_of(
     data: TestData,
     discrepancy: float,
     shape_error: float = 0.05,
-    weighed: tuple[Weighed, ...] = (),
+    scalars: tuple[Scalar, ...] = (),
     mesh_error: np.ndarray | None = None,
 ) -> Evidence:
     """A test as the inference sees it.
@@ -35,11 +35,11 @@ def evidence_of(
         data: The test.
         discrepancy: See `Evidence`.
         shape_error: Likewise.
-        weighed: Likewise.
+        scalars: Likewise.
         mesh_error: Likewise.
     """
     log_f = np.log(data.frequencies_hz)
-    kwargs = {"weighed": weighed, "mesh_error": mesh_error}
+    kwargs = {"scalars": scalars, "mesh_error": mesh_error}
     kwargs["scales"] = ERRORS.expected(1 if data.shapes is None else 2)
     if data.by_level:
         kwargs["changing"] = 0.0

@@ -10,7 +10,7 @@ from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.many import ManyPredictions
 from fenics_joints.diagnosis.evidence.row import RowPrediction
-from fenics_joints.diagnosis.evidence.weighed import weights
+from fenics_joints.diagnosis.evidence.scalars import scalars
 from fenics_joints.reduction.forward import Forward
 from fenics_joints.reduction.lean import batched
 
@@ -48,8 +48,8 @@ def predict(
             at, by_z = prediction.shapes(evidence.shapes)
             shapes = [at.ravel()], [by_z.reshape(at.size, len(z))]
     m = evidence.shape[1]
-    masses, by_mass = weights(evidence.weighed, hypothesis, z, evidence.conditions[0], baseline)
-    return joined(rows, [*shapes[0], masses], m), joined(slopes, [*shapes[1], by_mass], m)
+    single, along = scalars(evidence.scalars, hypothesis, z, evidence.conditions, baseline)
+    return joined(rows, [*shapes[0], single], m), joined(slopes, [*shapes[1], along], m)
 
 
 def predicted(
@@ -65,8 +65,10 @@ def predicted(
         rows[row] = prediction.data
         if evidence.shapes is not None and row == evidence.shape_row:
             shapes = [prediction.read_shapes(evidence.shapes).ravel()]
-    masses, _ = weights(evidence.weighed, hypothesis, z, evidence.conditions[0], baseline)
-    return joined(rows, [*shapes, masses], evidence.shape[1])
+    single, _ = scalars(
+        evidence.scalars, hypothesis, z, evidence.conditions, baseline, slopes=False
+    )
+    return joined(rows, [*shapes, single], evidence.shape[1])
 
 
 def predicted_alone(

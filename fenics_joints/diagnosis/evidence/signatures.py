@@ -8,7 +8,6 @@ from functools import cached_property
 import numpy as np
 
 from fenics_joints.diagnosis.evidence.covariance import Stated
-from fenics_joints.diagnosis.evidence.entries import MASS
 
 __all__ = ["Signatures"]
 
@@ -69,22 +68,11 @@ class Signatures:
             e.filled(self.log_f[..., key], None if shapes is None else shapes[..., key])
             for key in (0, 1)
         )
-        mass[e.kind == MASS] = self._weighed(test)
+        for i, scalar in zip(np.flatnonzero(e.of_scalars), test.scalars, strict=True):
+            stiff[i], mass[i] = scalar.by_patch(self)
         conditions = test.conditions
         if not self.of_joint.any() or len(conditions) < 2 or test.drifts or min(conditions) <= 0:
             return [stiff, mass]
         x = np.log(conditions)
         tightened = _EXPONENT * (x - x.mean())[e.row, None] * stiff * self.of_joint
         return [stiff, mass, tightened]
-
-    def _weighed(self, test: Stated) -> np.ndarray:
-        """Change of ln of each mass that was weighed by the mass of each patch, (k, P)."""
-        found = np.zeros((len(test.weighed), len(self.names)))
-        region = np.array(self.region)
-        for row, scale in zip(found, test.weighed, strict=True):
-            for part, kg in scale.parts.items():
-                own = region == part
-                if own.any():
-                    row[own] = self.expected[1] * kg / scale.kg * self.volume[own]
-                    row[own] /= self.volume[own].sum()
-        return found

@@ -2,26 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 
 from fenics_joints.case import Case
-from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
+from fenics_joints.diagnosis.evidence.entries import MASS
+from fenics_joints.diagnosis.evidence.signatures import Signatures
 from fenics_joints.structure.model import Model
 
-__all__ = ["WHOLE", "Weighed", "case_weighed", "on_a_scale", "weights"]
+__all__ = ["WHOLE", "Weighed", "case_weighed", "on_a_scale"]
 
 WHOLE = "the whole structure"
 #: What a part's mass is proportional to, and what a point mass is.
 _SIZES, _POINT = ("rho", "thickness", "width"), "mass"
-_STEP = 1e-5
 
 
 @dataclass(frozen=True)
 class Weighed:
-    """A mass from a scale, and what the model has for it.
+    """A mass from a scale, and what the model has for it: a `scalars.Scalar`.
 
     Attributes:
         name: The part's, or `WHOLE`.
@@ -40,8 +41,26 @@ class Weighed:
     nominal: Mapping[str, float]
     points: tuple[str, ...] = ()
     fixed: float = 0.0
+    kind: ClassVar[int] = MASS
+    row: ClassVar[int | None] = None
+    unknown: ClassVar[float] = 0.1
 
-    def log_mass(self, values: Mapping[str, float | np.ndarray]) -> float | np.ndarray:
+    @property
+    def measured(self) -> float:
+        """What the scale said, kg."""
+        return self.kg
+
+    def by_patch(self, patches: Signatures) -> tuple[np.ndarray, np.ndarray]:
+        """See `scalars.Scalar`."""
+        found, region = np.zeros(len(patches.names)), np.array(patches.region)
+        for part, kg in self.parts.items():
+            own = region == part
+            if own.any():
+                share = patches.volume[own] / patches.volume[own].sum()
+                found[own] = patches.expected[1] * kg / self.kg * share
+        return 0.0 * found, found
+
+    def log_value(self, values: Mapping[str, float | np.ndarray]) -> float | np.ndarray:
         """ln of the model's mass, kg; (b,) of values (b,).
 
         Args:
@@ -101,35 +120,3 @@ def _part_mass(model: Model, baseline: Mapping[str, float], part: str, total: fl
     """kg; the total is linear in the part's density."""
     key = f"{part}.rho"
     return 2.0 * (total - model.total_mass({**baseline, key: 0.5 * baseline[key]}))
-
-
-def weights(
-    weighed: Sequence[Weighed],
-    hypothesis: Hypothesis,
-    z: np.ndarray,
-    condition: float,
-    baseline: dict[str, float],
-    *,
-    slopes: bool = True,
-) -> tuple[np.ndarray, np.ndarray]:
-    """ln of the masses that a hypothesis predicts, (k,), and their derivatives by z, (k, d).
-
-    Args:
-        weighed: What was weighed.
-        hypothesis: The hypothesis.
-        z: Parameters in prior standard deviations, (d,).
-        condition: Any of the test's: no mass depends on it.
-        baseline: Parameter values of the nominal model.
-        slopes: Whether derivatives are wanted; they are zero otherwise.
-    """
-
-    def at(z) -> np.ndarray:
-        values = hypothesis.values(z, condition, baseline)
-        return np.array([w.log_mass(values) for w in weighed])
-
-    by_z = np.zeros((len(weighed), len(z)))
-    for j in range(hypothesis.own.stop) if weighed and slopes else ():
-        step = np.zeros(len(z))
-        step[j] = _STEP
-        by_z[:, j] = (at(z + step) - at(z - step)) / (2 * _STEP)
-    return at(z), by_z

@@ -188,7 +188,7 @@ class Candidates:
         damping = np.full(data.frequencies_hz.shape, 1e-3)
         evidence = evidence_of(
             replace(data, damping=damping, damping_noise=noise), self.evidence.discrepancy,
-            weighed=self.evidence.weighed, mesh_error=self.evidence.mesh_error,
+            scalars=self.evidence.scalars, mesh_error=self.evidence.mesh_error,
         )  # fmt: skip
         name = f"the damping ratios of the same modes, to {100 * noise:.3g} %"
         return [Candidate(name, self._measurement(evidence))]
@@ -200,18 +200,18 @@ class Candidates:
         shapes = m.surrogate.pairing.shapes
         evidence = evidence_of(
             replace(m.data, shapes=shapes), self.evidence.discrepancy,
-            weighed=self.evidence.weighed, mesh_error=self.evidence.mesh_error,
+            scalars=self.evidence.scalars, mesh_error=self.evidence.mesh_error,
         )  # fmt: skip
         name = f"the mode shapes at the same {len(m.data.sensors)} sensors"
         return [Candidate(name, self._measurement(evidence))]
 
     def _weighing(self) -> list[Candidate]:
         """A scale under all of it."""
-        m, known = self.model, self.evidence.weighed
-        if any(w.name == WHOLE for w in known):
+        m, known = self.model, self.evidence.scalars
+        if any(s.name == WHOLE for s in known):
             return []
         scale = on_a_scale(m.case, m.full, m.baseline)
-        evidence = replace(self.evidence, weighed=(scale, *known))
+        evidence = replace(self.evidence, scalars=(scale, *known))
         name = f"the mass of {scale.name}, to {100 * scale.sd:.3g} %"
         return [Candidate(name, self._measurement(evidence))]
 

@@ -67,7 +67,7 @@ def plan(
         model.reduce(progress, keep)
         model.data = _nominal(model, case)
         evidence = evidence_of(
-            model.data, model.case.diagnose.discrepancy, weighed=model.evidence.weighed,
+            model.data, model.case.diagnose.discrepancy, scalars=model.evidence.scalars,
             mesh_error=model.evidence.mesh_error,
         )  # fmt: skip
         test = measurement(

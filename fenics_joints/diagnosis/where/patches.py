@@ -200,7 +200,7 @@ def patch_tests(
     """
     split = patches(cells, n, merged)
     columns = patch_columns(cells, modes, pairing, split, soft)
-    frequencies = replace(evidence, log_damping=None, shapes=None, weighed=())
+    frequencies = replace(evidence, log_damping=None, shapes=None, scalars=())
     count, mode = frequencies.data.size, frequencies.entries.mode
     slope = []
     if by_torque and len(evidence.conditions) > 1:

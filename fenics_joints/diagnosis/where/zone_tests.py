@@ -22,6 +22,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import chi2
 
+from fenics_joints.diagnosis.evidence.entries import KINDS
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.linear import whiten
 from fenics_joints.diagnosis.where.spans import outside, visible_part
@@ -261,7 +262,7 @@ def attribution(
         residual: Data minus the nominal model's prediction, (N,).
         evidence: The test.
         by: ``"mode"``, ``"band"`` (octaves from the lowest frequency), ``"condition"`` (torque or
-            level, ascending) or ``"kind"`` (frequencies, damping, shapes, masses); masses are of no
+            level, ascending) or ``"kind"`` (`KINDS`); single numbers, as masses, are of no
             mode and no condition.
         nuisance: Derivatives by the nuisances in prior standard deviations, (N, p).
         names: Names of the modes.
@@ -269,8 +270,8 @@ def attribution(
     Raises:
         InputError: If ``by`` is none of these.
     """
-    if by != "kind" and evidence.weighed and len(residual) == len(evidence.data):
-        evidence = replace(evidence, weighed=())
+    if by != "kind" and evidence.scalars and len(residual) == len(evidence.data):
+        evidence = replace(evidence, scalars=())
         residual = residual[: len(evidence.data)]
         nuisance = None if nuisance is None else nuisance[: len(residual)]
     used = np.ravel(evidence.fitted)
@@ -297,7 +298,7 @@ def _groups(evidence: Evidence, by: str, names) -> tuple[np.ndarray, list[str]]:
     if by == "mode":
         return mode, list(names or (f"mode {j + 1}" for j in range(n_modes)))
     if by == "kind":
-        return kind, ["frequencies", "damping", "shapes", "masses"]
+        return kind, list(KINDS)
     if by == "condition":
         values, rank = np.unique(evidence.conditions, return_inverse=True)
         return rank[row], [f"{value:g}" for value in values]
