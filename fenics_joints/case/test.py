@@ -23,6 +23,7 @@ from fenics_joints.case.values import (
     Section,
     Share,
     Spacing,
+    Stiffness,
     ascending,
     either,
     in_files,
@@ -33,7 +34,10 @@ from fenics_joints.measurements.data import same_conditions
 from fenics_joints.measurements.files import UFF_SUFFIXES
 from fenics_joints.measurements.tables import column_head
 
-__all__ = ["ChangedTest", "FRFSection", "PlannedTest", "ShapesSection", "Test", "ValidationTest"]
+__all__ = [
+    "ChangedTest", "FRFSection", "PlannedTest", "ShapesSection", "StaticTest", "Test",
+    "ValidationTest",
+]  # fmt: skip
 
 
 class LineOfSensors(Section):
@@ -192,6 +196,21 @@ class ChangedTest(Section):
         return self
 
 
+class StaticTest(Section):
+    """``[test.stiffness.NAME]``: a static stiffness, for ``diagnose``: force over displacement at a
+    point of the held structure, both along a direction.
+
+    ``noise`` is its relative standard deviation, 2 % unless given. ``at`` is the condition, the
+    last one by default.
+    """
+
+    point: Point
+    direction: Direction
+    stiffness: Stiffness
+    noise: quantity("", 0, above=True) = 0.02
+    at: Number | None = None
+
+
 class PlannedTest(Section):
     """``[test.planned]``: a test that has not been made, for ``diagnose --plan``.
 
@@ -247,7 +266,7 @@ class Test(Section):
     with what the mesh leaves out of the volume: 0.5 % unless given. ``amplitude`` are modes over
     their amplitude, for ``harmonic``, and the test by level that a diagnosis takes, together with
     ``frequencies`` or shapes of one row. ``changed`` are tests of the same structure after known
-    changes, for ``diagnose``.
+    changes, for ``diagnose``; so are static measurements of its ``stiffness``.
     """
 
     __test__ = False
@@ -270,6 +289,7 @@ class Test(Section):
     mass_noise: quantity("", 0, above=True) = 0.005
     amplitude: Modes = {}
     changed: dict[str, ChangedTest] = {}
+    stiffness: dict[str, StaticTest] = {}
 
     @property
     def has_universal_shapes(self) -> bool:

@@ -203,8 +203,16 @@ class EigenSolver:
         statistics = {"method": "inverse iteration", "solves": start.shape[1]}
         return EigenResult(self.shift + 1.0 / theta, shapes, unknown, statistics, _round_off(K, X))
 
+    def factorise(self, K: PETSc.Mat, M: PETSc.Mat) -> None:
+        """Factorise ``K - shift M`` alone, for `inverse`; arguments and errors as of `solve`."""
+        _check_pencil(K, M, self.n, None)
+        with petsc_defaults(self.prefix, _OPTIONS, self.petsc_options):
+            if self._eps is None:
+                self._create(K.comm)
+            self._factorised(K, M)
+
     def inverse(self, block: np.ndarray) -> np.ndarray:
-        """``(K - shift M)^-1 block`` with the last solution's factorisation. Collective.
+        """``(K - shift M)^-1 block`` with the last factorisation. Collective.
 
         Args:
             block: This rank's rows of the right-hand sides, shape (n_local, n_columns).

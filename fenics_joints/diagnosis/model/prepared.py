@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -14,6 +14,7 @@ from fenics_joints.case import Case
 from fenics_joints.case.dimensions import unfit
 from fenics_joints.case.fingerprint import fingerprint
 from fenics_joints.case.notes import OF_MODEL
+from fenics_joints.case.test import StaticTest
 from fenics_joints.diagnosis.effects.effect import Effect, Silent
 from fenics_joints.diagnosis.effects.joint import interfaces
 from fenics_joints.diagnosis.effects.library import by_preload, case_effects, case_nuisances
@@ -23,10 +24,12 @@ from fenics_joints.diagnosis.evidence.equal import distinct
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.of_test import evidence_of
+from fenics_joints.diagnosis.evidence.stiffness import StaticStiffness
 from fenics_joints.diagnosis.evidence.turning import Neighbours
 from fenics_joints.diagnosis.evidence.weighed import case_weighed
 from fenics_joints.diagnosis.model.bonded import joint_errors
 from fenics_joints.diagnosis.model.resolution import MeshErrors, mesh_errors
+from fenics_joints.diagnosis.model.static import by_patches, static_stiffness
 from fenics_joints.diagnosis.model.subject import Subject, subject_of, with_places
 from fenics_joints.diagnosis.where.patch_signatures import signatures
 from fenics_joints.diagnosis.where.patches import patches
@@ -140,8 +143,32 @@ class Prepared(Subject):
             )  # fmt: skip
             if errors is not None:
                 self.on_mesh(errors)
+        given = {} if self.case.test is None else self.case.test.stiffness
+        if given:
+            progress.step("static stiffness at samples of the parameters")
+            measured = self.static(given)
+            self.evidence = replace(self.evidence, scalars=(*self.evidence.scalars, *measured))
         give_back()
         self._share_joints()
+
+    def static(self, given: Mapping[str, StaticTest]) -> tuple[StaticStiffness, ...]:
+        """Static stiffnesses as the inference takes them. Collective; after `reduce`.
+
+        Args:
+            given: What was measured, or would be, by name.
+
+        Raises:
+            InputError: See `static_stiffness`.
+        """
+        seen, count = self.surrogate, self.case.diagnose.samples
+        samples, more, travel = [], [], None
+        if not self.full.is_dense:
+            samples, travel = self._samples(count), self._travel()
+            more = [values for values in self._samples(2 * count) if values not in samples]
+        return static_stiffness(
+            self.case, self.full, self.data, self.baseline, given, n_rigid=seen.nominal.n_rigid,
+            discrepancy=self.evidence.discrepancy, samples=samples, more=more, travel=travel,
+        )  # fmt: skip
 
     def _share_joints(self) -> None:
         """Take what joints that are as one do to all modes for an error that they share."""
@@ -172,7 +199,9 @@ class Prepared(Subject):
             self.cells, seen.nominal, seen.pairing, self.evidence, split, self.data.sensors,
             self.yielding(),
         )  # fmt: skip
-        self.evidence = replace(self.evidence, signatures=found)
+        soft = given_way(self.baseline, interfaces(self.zones, self.baseline))
+        scalars = by_patches(self.evidence.scalars, self.cells, split, self.baseline, soft)
+        self.evidence = replace(self.evidence, signatures=found, scalars=scalars)
 
     def _unfit(self) -> list[str]:
         """Thicknesses and widths that the model cannot represent, which no effect changes."""

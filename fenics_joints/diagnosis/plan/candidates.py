@@ -8,13 +8,16 @@ from functools import cached_property
 
 import numpy as np
 
+from fenics_joints.case.test import StaticTest
 from fenics_joints.diagnosis.effects.effect import Effect
 from fenics_joints.diagnosis.effects.library import case_effects
 from fenics_joints.diagnosis.evidence.classes import APART
+from fenics_joints.diagnosis.evidence.entries import STIFFNESS
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.of_test import evidence_of
 from fenics_joints.diagnosis.evidence.weighed import WHOLE, on_a_scale
 from fenics_joints.diagnosis.model.prepared import Prepared
+from fenics_joints.diagnosis.model.static import most_yielding
 from fenics_joints.diagnosis.plan.added import (
     ADDED_MASS,
     DAMPING_NOISE,
@@ -67,7 +70,7 @@ class Candidates:
     def all(self) -> list[Candidate]:
         """Every measurement that this case can offer. Collective."""
         found = [*self._modes(), *self._conditions(), *self._damping(), *self._shapes()]
-        return [*found, *self._weighing(), *self._mass(), *self._rig()]
+        return [*found, *self._weighing(), *self._static(), *self._mass(), *self._rig()]
 
     def _measurement(self, evidence, forward=None, modes=None, scatter=None) -> Measurement:
         m = self.model
@@ -213,6 +216,21 @@ class Candidates:
         scale = on_a_scale(m.case, m.full, m.baseline)
         evidence = replace(self.evidence, scalars=(scale, *known))
         name = f"the mass of {scale.name}, to {100 * scale.sd:.3g} %"
+        return [Candidate(name, self._measurement(evidence))]
+
+    def _static(self) -> list[Candidate]:
+        """A force on a structure that is held, where it gives way most."""
+        m, known = self.model, self.evidence.scalars
+        there = any(scalar.kind == STIFFNESS for scalar in known)
+        if m.surrogate.nominal.n_rigid or there or m.data.sensors is None:
+            return []
+        best, stiffness = most_yielding(m.full, m.data.sensors, m.baseline)
+        point, way = m.data.sensors.points[best], m.data.sensors.directions[best]
+        given = StaticTest.model_construct(
+            point=point.tolist(), direction=way.tolist(), stiffness=stiffness
+        )
+        evidence = replace(self.evidence, scalars=(*known, *m.static({"planned": given})))
+        name = f"the static stiffness at {point_mm(point)} mm, to {100 * given.noise:.3g} %"
         return [Candidate(name, self._measurement(evidence))]
 
     # -- changes of the structure ------------------------------------------------------------

@@ -15,6 +15,7 @@ from fenics_joints.case import Case
 from fenics_joints.diagnosis.effects.effect import Effect, Silent
 from fenics_joints.diagnosis.effects.rig import MISSED
 from fenics_joints.diagnosis.evidence.classes import APART
+from fenics_joints.diagnosis.evidence.entries import KINDS
 from fenics_joints.diagnosis.evidence.of_test import evidence_of
 from fenics_joints.diagnosis.model.prepared import Prepared, prepare
 from fenics_joints.diagnosis.plan.added import measurement, rank, table
@@ -138,7 +139,8 @@ def _measured(evidence) -> tuple[str, ...]:
         ("damping", evidence.log_damping is not None),
         ("shapes", evidence.shapes is not None),
     )
-    return tuple(name for name, there in kinds if there)
+    single = dict.fromkeys(KINDS[scalar.kind] for scalar in evidence.scalars)
+    return (*(name for name, there in kinds if there), *single)
 
 
 def _beneath(model: Prepared) -> dict[str, dict[str, float]]:

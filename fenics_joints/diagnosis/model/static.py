@@ -1,0 +1,165 @@
+"""Static stiffnesses of a case's test, and a reduced model that predicts them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from fenics_joints.beams.structure import BeamStructure
+from fenics_joints.case import Case
+from fenics_joints.case.test import StaticTest
+from fenics_joints.diagnosis.evidence.evidence import BEYOND, UNSURE
+from fenics_joints.diagnosis.evidence.stiffness import StaticStiffness
+from fenics_joints.diagnosis.model.resolution import MOST
+from fenics_joints.diagnosis.where.cells import Cells
+from fenics_joints.diagnosis.where.patches import Patches
+from fenics_joints.diagnosis.where.zone_sensitivity import EXPECTED
+from fenics_joints.errors import InputError
+from fenics_joints.measurements.data import TestData
+from fenics_joints.reduction.adaptive import Points
+from fenics_joints.reduction.static import StaticModel, StaticSolver
+from fenics_joints.structure import Sensors, Structure
+
+__all__ = ["by_patches", "most_yielding", "static_stiffness"]
+
+#: Share of a measurement's standard deviation that the reduced model may err; points of a round
+#: that are looked at.
+_SHARE, _FRESH = 0.1, 6
+
+
+def static_stiffness(
+    case: Case,
+    full: Structure | BeamStructure,
+    data: TestData,
+    baseline: Mapping[str, float],
+    given: Mapping[str, StaticTest],
+    *,
+    n_rigid: int,
+    discrepancy: float,
+    samples: Points,
+    more: Points,
+    travel: Mapping | None,
+) -> tuple[StaticStiffness, ...]:
+    """What ``[test.stiffness]`` says, or a planned one. Collective.
+
+    The error of any such model in a stiffness is twice that in a frequency.
+
+    Args:
+        case: The case.
+        full: Its nominal model.
+        data: The test.
+        baseline: That model's parameter values.
+        given: What was measured, by name; one at least.
+        n_rigid: The nominal model's rigid-body modes.
+        discrepancy: Error of any such model in a frequency.
+        samples: Parameter values at which the reduced model is made.
+        more: Others, at which it is looked at and made better.
+        travel: See `fenics_joints.reduction.reduced.ReducedStructure`.
+
+    Raises:
+        InputError: If the structure is free to move, a point is beside it, or a condition is none
+            of the test's.
+    """
+    if n_rigid:
+        raise InputError(
+            f"{case.path}: test.stiffness: the structure is free to move ({n_rigid} rigid-body "
+            "modes): expected [supports] that hold it, as in the measurement"
+        )
+    sections = list(given.values())
+    names = tuple(f"test.stiffness.{name}" for name in given)
+    rows = [_row(case, name, s.at, data) for name, s in zip(names, sections, strict=True)]
+    at = Sensors([s.point for s in sections], [s.direction for s in sections], names)
+    noise = np.array([s.noise for s in sections])
+    sd = np.hypot(noise, 2 * discrepancy)
+    if full.is_dense:
+        model, mesh = StaticModel(full.arrays(at)), np.zeros(len(sections))
+    else:
+        model, mesh = _reduced(case, full, at, baseline, samples, more, travel, _SHARE * sd.min())
+    sd = np.hypot(sd, UNSURE * mesh)
+    return tuple(
+        StaticStiffness(name, s.stiffness, float(sd[i]), rows[i], model, i,
+                        float((1 + BEYOND) * mesh[i]))
+        for i, (name, s) in enumerate(zip(given, sections, strict=True))
+    )  # fmt: skip
+
+
+def most_yielding(full: Structure | BeamStructure, sensors: Sensors, baseline) -> tuple[int, float]:
+    """The sensor at which a held structure gives way most, and its stiffness there, N/m.
+    Collective."""
+    if full.is_dense:
+        found = StaticModel(full.arrays(sensors)).log_compliance(baseline)
+    else:
+        solver = StaticSolver(full, sensors)
+        found = solver(baseline)[0]
+        solver.destroy()
+    best = int(np.argmax(found))
+    return best, float(np.exp(-found[best]))
+
+
+def _reduced(case: Case, full, at, baseline, samples, more, travel, tolerance: float):
+    """The reduced model, and ln of how much too stiff the mesh makes each, (n,)."""
+    solver = StaticSolver(full, at)
+    exact = solver(baseline)[0]
+
+    def fresh(turn: int) -> Points:
+        return more[turn * _FRESH : (turn + 1) * _FRESH]
+
+    model = StaticModel.made(solver, samples, travel, tolerance, fresh)
+    solver.destroy()
+    finer = full.finer() if case.diagnose.mesh_error and full.is_meshed else None
+    if finer is None or finer.n_dofs > MOST:
+        return model, np.zeros(len(exact))
+    better = StaticSolver(finer, at)
+    mesh = better(baseline)[0] - exact
+    better.destroy()
+    return model, mesh
+
+
+def _row(case: Case, name: str, at: float | None, data: TestData) -> int:
+    """The test's row of a condition, those after a known change left out."""
+    own = np.flatnonzero([not known for known in data.known] or np.ones(len(data), dtype=bool))
+    if at is None:
+        return int(own[-1])
+    near = own[np.isclose(data.conditions[own], at)]
+    if not len(near):
+        there = ", ".join(f"{c:g}" for c in data.conditions[own])
+        raise InputError(
+            f"{case.path}: {name}.at = {at:g}: expected a condition of the test: {there}"
+        )
+    return int(near[0])
+
+
+def by_patches(
+    measured: Sequence, cells: Cells, split: Patches, baseline: Mapping[str, float],
+    soft: Mapping[str, float],
+) -> tuple:
+    """The same numbers, with the change of each stiffness by that of every patch. Collective.
+
+    With the response u to the force, d ln k is u^T dK u over u^T K u. A patch of a joint is taken
+    where all joints give way, as in `fenics_joints.diagnosis.where.patch_signatures`.
+
+    Args:
+        measured: All single numbers.
+        cells: The full model's cells.
+        split: The patches.
+        baseline: Parameter values of the nominal model.
+        soft: Those with all joints giving way.
+    """
+    of_joint = np.array([region in cells.joints for region in split.region], dtype=bool)
+
+    def shares(scalar: StaticStiffness, values) -> np.ndarray:
+        x = scalar.model.response(values, scalar.index)
+        energy = cells.sums(split.number, cells.energies(x, 0.0, values)[0], len(split))
+        return energy / energy.sum()
+
+    def placed(scalar):
+        if not isinstance(scalar, StaticStiffness):
+            return scalar
+        change = EXPECTED["E"] * shares(scalar, baseline)
+        if of_joint.any():
+            change[of_joint] = -shares(scalar, soft)[of_joint]
+        return replace(scalar, patches=change)
+
+    return tuple(placed(scalar) for scalar in measured)

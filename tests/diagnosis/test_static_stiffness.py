@@ -1,0 +1,269 @@
+"""A measured static stiffness in a diagnosis: clamped lap plates, and a cantilever by hand."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import scipy.sparse
+from mpi4py import MPI
+
+from fenics_joints.case import build_structure, load_case
+from fenics_joints.diagnosis import diagnose
+from fenics_joints.diagnosis.evidence.entries import STIFFNESS
+from fenics_joints.diagnosis.model.prepared import prepare
+from fenics_joints.diagnosis.plan.planned import plan
+from fenics_joints.errors import InputError
+from fenics_joints.measurements import pair_modes
+from fenics_joints.meshes import box
+from fenics_joints.modal import solve_modes
+from fenics_joints.progress import Progress
+from fenics_joints.reduction.static import StaticModel, StaticSolver
+from fenics_joints.structure import Parameter, Sensors, Structure, Support, part
+
+E, RHO = 69e9, 2750.0
+CASE = """
+title = "Clamped lap plates"
+
+[mesh]
+builder = "lap_plates"
+element_size = "{size} mm"
+n_thickness = 1
+
+[parts.plates]
+cells = ["plate_1", "plate_2"]
+E = "{E} Pa"
+G = "{G} Pa"
+rho = "{rho} kg/m3"
+tolerance = {{ E = "0.5 %", rho = "0.5 %" }}
+
+[joints.lap]
+cells = ["joint_near", "joint_away"]
+bolted = true
+E = "1 GPa"
+G = "0.4 GPa"
+
+[supports.clamp]
+facets = "end_1"
+
+[diagnose]
+n_modes = 18
+samples = 8
+discrepancy = "0.3 %"
+max_effects = 1
+nested = 0
+patches = 0
+effects = ["modulus error", "density error", "joint normal compliance"]
+"""
+TEST = """
+[test]
+frequencies = "frequencies.csv"
+noise = "0.1 %"
+
+[test.sees]
+along = "x"
+positions = ["60 mm", "110 mm", "160 mm", "210 mm", "260 mm", "310 mm"]
+at = { y = "40 mm", z = ["8 mm", "8 mm", "16.5 mm", "16.5 mm", "16.5 mm", "16.5 mm"] }
+direction = [0, 0, 1]
+"""
+ALONG = (0.06, 0.11, 0.16, 0.21, 0.26, 0.31)
+TIP = Sensors([0.31, 0.04, 0.0165], [0, 0, 1])
+
+
+METAL = ("modulus error", "density error")
+
+
+def said(result):
+    return {e.name: e.probability for e in result.effects}
+
+
+def static(k: float, more: str = "", noise: float = 0.5) -> str:
+    return f"""
+[test.stiffness.tip]
+point = ["310 mm", "40 mm", "16.5 mm"]
+direction = [0, 0, 1]
+stiffness = "{k} N/m"
+noise = "{noise} %"
+{more}
+"""
+
+
+def written(folder: Path, more: str = "", *, E=E, rho=RHO, size=20, **values):
+    file = folder / "case.toml"
+    text = CASE.format(E=E, G=E / 2.566, rho=rho, size=size)
+    file.write_text(text + more, encoding="utf-8")
+    return load_case(folder)
+
+
+def exact_stiffness(full: Structure, sensors: Sensors, given=None) -> float:
+    """By a factorisation that is not PETSc's."""
+    K = full.stiffness(given)
+    rows, columns, values = K.getValuesCSR()
+    A = scipy.sparse.csr_matrix((values, columns, rows), shape=K.getSize()).tocsc()
+    load = full.loads(sensors)[:, 0]
+    return 1 / float(load @ scipy.sparse.linalg.spsolve(A, load))
+
+
+@pytest.fixture(scope="module")
+def measured(tmp_path_factory):
+    """A test of plates of a softer metal, bonded, on another mesh; and their stiffness."""
+    folder = tmp_path_factory.mktemp("true")
+    full = build_structure(written(folder, E=0.93 * E, size=16), MPI.COMM_SELF, law="uncoupled")
+    bonded = {"lap.E": 3e11, "lap.G": 1e11}
+    modes = solve_modes(full, bonded, n_modes=18)
+    points = [[x, 0.04, 0.008 if x < 0.12 else 0.0165] for x in ALONG]
+    sensors = Sensors(points, [0, 0, 1])
+    seen = pair_modes(modes, 4, sensors).index
+    return modes.frequencies_hz[seen], exact_stiffness(full, TIP, bonded)
+
+
+def case_of(folder: Path, measured, more: str):
+    folder.mkdir()
+    hz = measured[0] * np.exp(1e-3 * np.random.default_rng(2).standard_normal(4))
+    head = ",".join(f"mode {i + 1} [Hz]" for i in range(4))
+    (folder / "frequencies.csv").write_text(f"{head}\n{','.join(map(str, hz))}\n")
+    return written(folder, TEST + more)
+
+
+def test_a_stiffness_splits_modulus_from_density(tmp_path, measured):
+    """Frequencies alone do not: the metal is softer. Of one as stiff as it should be, the density
+    is off."""
+    blind = diagnose(case_of(tmp_path / "blind", measured, ""), MPI.COMM_SELF)
+    assert {e.class_name for e in blind.effects if e.name in METAL} == {blind.effects[1].class_name}
+    assert min(said(blind)[name] for name in METAL) > 0.2, blind.summary
+    seen = diagnose(case_of(tmp_path / "seen", measured, static(measured[1])), MPI.COMM_SELF)
+    assert said(seen)["modulus error"] > 0.5 and said(seen)["density error"] < 0.01
+    as_given = static(measured[1] / 0.93)
+    other = diagnose(case_of(tmp_path / "other", measured, as_given), MPI.COMM_SELF)
+    assert said(other)["density error"] > 0.5 and said(other)["modulus error"] < 0.01
+
+
+def test_it_is_an_entry_that_the_mesh_and_any_model_err_in(tmp_path, measured):
+    case = case_of(tmp_path / "case", measured, static(measured[1]))
+    model = prepare(case, MPI.COMM_SELF, Progress(silent=True))
+    model.reduce(Progress(silent=True))
+    model.place_unknown()
+    (tip,) = model.evidence.scalars
+    (own,) = np.flatnonzero(model.evidence.entries.kind == STIFFNESS)
+    assert model.evidence.data[own] == pytest.approx(np.log(measured[1]))
+    assert 0.0078 < model.evidence.noise_sd()[own] < 0.02  # noise, and twice 0.3 %, and the mesh's
+    assert 0 < tip.mesh < 0.05
+    changed = {**model.baseline, "plates.E": 0.9 * E, "plates.rho": 2000.0}
+    exact = exact_stiffness(model.full, TIP, changed)
+    assert tip.log_value(changed) + tip.mesh == pytest.approx(np.log(exact), abs=5e-4)
+    many = {name: np.array([value, changed[name]]) for name, value in model.baseline.items()}
+    assert tip.log_value(many) == pytest.approx(
+        [tip.log_value(model.baseline), tip.log_value(changed)]
+    )
+    # All patches softer by the expected size are a softer metal; near the clamp there is most.
+    parts = ~model.evidence.signatures.of_joint
+    assert np.sum(tip.patches[parts]) == pytest.approx(0.15, rel=0.02)
+    assert np.all(tip.patches[parts] >= 0)
+    middle = model.evidence.signatures.middle[:, 0]
+    assert middle[parts][np.argmax(tip.patches[parts])] < 0.12
+
+
+def test_refusals(tmp_path, measured):
+    free = case_of(tmp_path / "free", measured, static(1e5))
+    free = free.model_copy(update={"supports": {}})
+    with pytest.raises(InputError, match=r"test.stiffness: the structure is free to move \(6 "):
+        diagnose(free, MPI.COMM_SELF)
+    beside = static(1e5).replace("310 mm", "900 mm")
+    with pytest.raises(InputError, match=r"test.stiffness.tip"):
+        diagnose(case_of(tmp_path / "beside", measured, beside), MPI.COMM_SELF)
+    late = static(1e5, "at = 7")
+    with pytest.raises(InputError, match=r"test.stiffness.tip.at = 7: expected a condition"):
+        diagnose(case_of(tmp_path / "late", measured, late), MPI.COMM_SELF)
+
+
+def test_a_plan_ranks_it(tmp_path):
+    """It would tell the metal's modulus from its density, at the free end."""
+    planned = TEST.replace('frequencies = "frequencies.csv"\n', "") + "[test.planned]\nmodes = 4\n"
+    found = plan(written(tmp_path, planned), MPI.COMM_SELF)
+    gained = {a.name: a.mean for a in found.additions}
+    assert gained["the static stiffness at (310, 40, 16) mm, to 2 %"] > 0.5
+
+
+BEAMS = """
+title = "Clamped beams"
+
+[mesh]
+builder = "offset_beams"
+lengths = ["0.4 m", "0.3 m"]
+laps = "60 mm"
+width = "20 mm"
+thickness = "10 mm"
+elements = [14, 10]
+lap_elements = 4
+
+[parts.beams]
+cells = ["beam_1", "beam_2"]
+E = "208 GPa"
+nu = 0.3
+rho = "7860 kg/m3"
+
+[joints.lap]
+cells = "lap"
+law = "generic"
+k1 = "1763 N m"
+k2 = "37402 N m"
+
+[supports.clamp]
+facets = "left"
+
+[test]
+frequencies = "frequencies.csv"
+noise = "0.1 %"
+
+[test.sees]
+along = "x"
+positions = ["120 mm", "370 mm", "480 mm", "640 mm"]
+direction = [0, 0, 1]
+
+[test.stiffness.end]
+point = ["640 mm", "0 mm", "0 mm"]
+direction = [0, 0, 1]
+stiffness = "4 kN/m"
+"""
+
+
+def test_beams_have_it_without_a_reduced_model(tmp_path):
+    """Softer than one beam as long and as thick as they are, stiffer than with a lap as thin."""
+    (tmp_path / "case.toml").write_text(BEAMS, encoding="utf-8")
+    (tmp_path / "frequencies.csv").write_text("mode 1 [Hz],mode 2 [Hz]\n20,125\n")
+    model = prepare(load_case(tmp_path), MPI.COMM_SELF, Progress(silent=True))
+    model.reduce(Progress(silent=True))
+    model.place_unknown()
+    (end,) = model.evidence.scalars
+    k = np.exp(end.log_value(model.baseline))
+    uniform = 3 * 208e9 * 0.02 * 0.01**3 / 12 / 0.64**3
+    assert 0.98 * uniform < k < 1.3 * uniform
+    halved = {**model.baseline, "beams.E": 104e9}
+    assert np.exp(end.log_value(halved)) < 0.6 * k
+    parts = ~model.evidence.signatures.of_joint
+    assert 0.1 < np.sum(end.patches[parts]) < 0.151
+
+
+@pytest.mark.parallel
+def test_a_cantilever_bends_as_by_hand():
+    """3 E I / L^3, less what it shears, at any modulus and thickness; and many values together."""
+    length, width, height = 0.3, 0.02, 0.01
+    body = part("bar", "body", E="E", nu=0.0, rho=7800.0, stretch="s")
+    full = Structure(
+        box(MPI.COMM_WORLD, (length, width, height), (12, 1, 1)), [body],
+        [Parameter("E", 2e11), Parameter("s", 1.0)], supports=[Support("x_min")],
+    )  # fmt: skip
+    tip = Sensors([length, width / 2, height / 2], [0, 0, 1])
+    solver = StaticSolver(full, tip)
+    samples = [{"E": 2e11, "s": s} for s in (0.8, 1.0, 1.25)]
+    model = StaticModel.made(solver, samples)
+    for modulus, s in ((1.5e11, 0.9), (2.3e11, 1.15)):
+        area, inertia = width * s * height, width * (s * height) ** 3 / 12
+        by_hand = length**3 / (3 * modulus * inertia) + length / (5 / 6 * modulus / 2 * area)
+        found = model.log_compliance({"E": modulus, "s": s})
+        assert np.exp(found[0]) == pytest.approx(by_hand, rel=3e-3)
+        assert found == pytest.approx(solver({"E": modulus, "s": s})[0], abs=1e-5)
+    both = model.log_compliance({"E": np.array([1.5e11, 2.3e11]), "s": np.array([0.9, 1.15])})
+    assert both[1] == pytest.approx(found)
+    solver.destroy()
