@@ -16,12 +16,15 @@ from petsc4py import PETSc
 from fenics_joints.modal.eigensolver import EigenSolver
 from fenics_joints.reduction.adaptive import Points
 from fenics_joints.reduction.arrays import ArrayModel
+from fenics_joints.reduction.many import change
 from fenics_joints.reduction.reduced import ReducedStructure
 from fenics_joints.reduction.snapshots import orthonormal
 from fenics_joints.structure import Sensors, Structure
 from fenics_joints.structure.sparse import vectors_like
 
 __all__ = ["StaticModel", "StaticSolver"]
+
+ManyValues = Mapping[str, np.ndarray]
 
 #: Share of the largest energy below which a combination of the responses is round-off.
 _DEPENDENT = 1e-12
@@ -108,13 +111,41 @@ class StaticModel:
     def log_compliance(self, values: Mapping[str, float | np.ndarray]) -> np.ndarray:
         """ln of the displacement at each force along it, m/N, (n,); (b, n) of values (b,)."""
         at = self.model.sensor_rows
+        return np.log(np.einsum("sn,...ns->...s", at, self._moved(values, at)))
+
+    def log_slopes(
+        self, index: int, values: ManyValues, low: ManyValues, high: ManyValues, width: float
+    ) -> np.ndarray:
+        """Derivatives of one along directions in the parameters, (b, p): with K u = r and the
+        compliance r^T u, that is - u^T dK u / r^T u.
+
+        Args:
+            index: Which.
+            values: Parameter values, each (b,).
+            low: See `fenics_joints.reduction.many.change`.
+            high: Likewise.
+            width: Likewise.
+        """
+        row, n = self.model.sensor_rows[index], len(next(iter(values.values())))
+        moved = self._moved(values, row[None])[..., 0]
+        low, high = (self._own(each) for each in (low, high))
+        count = len(next(iter(low.values()))) // n
+        along = change(self.model, low, high, width, count)
+        stiff, _ = self.model.pencil.squares(moved.T)
+        return -np.einsum("bt,btp->bp", stiff, along.theta) / (moved @ row)[:, None]
+
+    def _moved(self, values, rows: np.ndarray) -> np.ndarray:
+        """Responses to forces of these rows, (k, n): (n, k), or (b, n, k)."""
+        K, _ = self.model.pencil.matrices(self._own(values))
+        return np.linalg.solve(K, np.broadcast_to(rows.T, (*K.shape[:-2], *rows.T.shape)))
+
+    def _own(self, values) -> dict[str, float | np.ndarray]:
+        """The model's own parameters, all of one shape."""
         names = list(self.model.parameters)
         own = [values[name] for name in names]
         if any(np.ndim(value) for value in own):
             own = np.broadcast_arrays(*own)
-        K, _ = self.model.pencil.matrices(dict(zip(names, own, strict=True)))
-        moved = np.linalg.solve(K, np.broadcast_to(at.T, (*K.shape[:-2], *at.T.shape)))
-        return np.log(np.einsum("sn,...ns->...s", at, moved))
+        return dict(zip(names, own, strict=True))
 
     def response(self, values: Mapping[str, float], index: int):
         """The response to a force in the full model's unknowns, as a vector of its kind."""

@@ -12,6 +12,8 @@ from mpi4py import MPI
 from fenics_joints.case import build_structure, load_case
 from fenics_joints.diagnosis import diagnose
 from fenics_joints.diagnosis.evidence.entries import STIFFNESS
+from fenics_joints.diagnosis.evidence.many import ManyPredictions
+from fenics_joints.diagnosis.evidence.prediction import predict
 from fenics_joints.diagnosis.model.prepared import prepare
 from fenics_joints.diagnosis.plan.planned import plan
 from fenics_joints.errors import InputError
@@ -19,6 +21,7 @@ from fenics_joints.measurements import pair_modes
 from fenics_joints.meshes import box
 from fenics_joints.modal import solve_modes
 from fenics_joints.progress import Progress
+from fenics_joints.reduction.lean import batched
 from fenics_joints.reduction.static import StaticModel, StaticSolver
 from fenics_joints.structure import Parameter, Sensors, Structure, Support, part
 
@@ -156,6 +159,23 @@ def test_it_is_an_entry_that_the_mesh_and_any_model_err_in(tmp_path, measured):
     assert tip.log_value(many) == pytest.approx(
         [tip.log_value(model.baseline), tip.log_value(changed)]
     )
+    # Its derivatives are those of what is predicted, one by one and of many points together.
+    hypothesis = model.hypothesis(model.effects[-1:])
+    z = 0.3 * np.random.default_rng(1).standard_normal((3, len(hypothesis.priors)))
+    found, by_z = zip(*(predict(hypothesis, model.forward, model.evidence, p, model.baseline)
+                        for p in z), strict=True)  # fmt: skip
+    step = 1e-3 * np.eye(len(z[0]))[-1]
+    ends = [predict(hypothesis, model.forward, model.evidence, z[0] + side * step, model.baseline)
+            for side in (1, -1)]  # fmt: skip
+    differences = (ends[0][0] - ends[1][0])[own] / 2e-3
+    assert by_z[0][own, -1] == pytest.approx(differences, rel=1e-4, abs=1e-9)
+    together = ManyPredictions(hypothesis, batched(model.forward), model.evidence, model.baseline)
+    at, along = together(z, range(len(z[0])))
+    at_own = np.flatnonzero(np.flatnonzero(model.evidence.fitted) == own)
+    assert at.shape[1] in (len(found[0]), model.evidence.fitted.sum())
+    column = own if at.shape[1] == len(found[0]) else int(at_own[0])
+    assert at[:, column] == pytest.approx([f[own] for f in found])
+    assert along[:, column] == pytest.approx(np.array([d[own] for d in by_z]), abs=1e-9)
     # All patches softer by the expected size are a softer metal; near the clamp there is most.
     parts = ~model.evidence.signatures.of_joint
     assert np.sum(tip.patches[parts]) == pytest.approx(0.15, rel=0.02)

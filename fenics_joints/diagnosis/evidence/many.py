@@ -16,7 +16,7 @@ from fenics_joints.diagnosis.effects.sensing import Sensing
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.look import Look
-from fenics_joints.diagnosis.evidence.scalars import reach
+from fenics_joints.diagnosis.evidence.scalars import scalars_at
 from fenics_joints.errors import InputError
 from fenics_joints.reduction import LeanForward
 from fenics_joints.reduction.lean import Followed
@@ -370,23 +370,11 @@ class ManyPredictions:
 
     def _scalars(self, z, by) -> list[tuple[np.ndarray, np.ndarray]]:
         measured = self.evidence.scalars
-        if not measured:
-            return []
 
-        def at(z) -> np.ndarray:
-            found = []
-            for scalar in measured:
-                rows = None if scalar.row is None else np.full(len(z), scalar.row)
-                found.append(np.broadcast_to(scalar.log_value(self._values(z, rows)), len(z)))
-            return np.stack(found, axis=1)
+        def at(points, row: int | None) -> dict[str, np.ndarray]:
+            return self._values(points, None if row is None else np.full(len(points), row))
 
-        slope = np.zeros((len(z), len(measured), len(by)))
-        matter = reach(measured, self.hypothesis)
-        for k, j in enumerate(by):
-            if j in matter:
-                low, high = (at(moved) for moved in _moved(z, [j]))
-                slope[..., k] = (high - low) / (2 * _STEP)
-        return [(at(z), slope)]
+        return [scalars_at(measured, self.hypothesis, z, by, at)] if measured else []
 
 
 def _of_each(looks: Sequence[Look], what) -> np.ndarray:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
@@ -11,7 +11,9 @@ if TYPE_CHECKING:
     from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
     from fenics_joints.diagnosis.evidence.signatures import Signatures
 
-__all__ = ["Scalar", "reach", "scalars"]
+__all__ = ["Scalar", "Values", "reach", "scalars", "scalars_at"]
+
+Values = Mapping[str, np.ndarray]
 
 _STEP = 1e-5
 
@@ -37,6 +39,18 @@ class Scalar(Protocol):
 
     def log_value(self, values: Mapping[str, float | np.ndarray]) -> float | np.ndarray:
         """ln of what the model has for it; (b,) of parameter values (b,)."""
+
+    def log_slopes(
+        self, values: Values, low: Values, high: Values, width: float
+    ) -> np.ndarray:
+        """Its derivatives along p directions at b points, (b, p).
+
+        Args:
+            values: Parameter values at the points, each (b,).
+            low: Those a little less along the directions, (p * b,): all of one, then of the next.
+            high: Likewise a little more.
+            width: How far these are apart.
+        """
 
     def by_patch(self, patches: Signatures) -> tuple[np.ndarray, np.ndarray]:
         """Its change by the stiffness and by the mass of each patch, of the expected size, (P,)."""
@@ -71,16 +85,46 @@ def scalars(
         slopes: Whether derivatives are wanted; they are zero otherwise.
     """
 
-    def at(z) -> np.ndarray:
-        values = {
-            row: hypothesis.values(z, conditions[row or 0], baseline, row)
-            for row in dict.fromkeys(scalar.row for scalar in measured)
-        }
-        return np.array([scalar.log_value(values[scalar.row]) for scalar in measured])
+    def at(points: np.ndarray, row: int | None) -> Values:
+        each = [hypothesis.values(p, conditions[row or 0], baseline, row) for p in points]
+        return {name: np.array([values[name] for values in each]) for name in each[0]}
 
-    by_z = np.zeros((len(measured), len(z)))
-    for j in reach(measured, hypothesis) if measured and slopes else ():
-        step = np.zeros(len(z))
-        step[j] = _STEP
-        by_z[:, j] = (at(z + step) - at(z - step)) / (2 * _STEP)
-    return at(z), by_z
+    by = range(len(z)) if slopes else ()
+    found, along = scalars_at(measured, hypothesis, np.asarray(z, dtype=float)[None], by, at)
+    return found[0], along[0] if slopes else np.zeros((len(measured), len(z)))
+
+
+def scalars_at(
+    measured: Sequence[Scalar],
+    hypothesis: Hypothesis,
+    z: np.ndarray,
+    by: Sequence[int],
+    at: Callable[[np.ndarray, int | None], Values],
+) -> tuple[np.ndarray, np.ndarray]:
+    """The same at many points, (b, k), and derivatives by some of z, (b, k, len(by)).
+
+    Args:
+        measured: The numbers.
+        hypothesis: The hypothesis.
+        z: Points, (b, d).
+        by: Which of z.
+        at: Parameter values at points, (n, d), at a row: each (n,).
+    """
+    found = np.zeros((len(z), len(measured)))
+    slope = np.zeros((len(z), len(measured), len(by)))
+    matter = set(reach(measured, hypothesis))
+    own = [k for k, j in enumerate(by) if j in matter] if measured else []
+    steps = np.zeros((len(own), 1, z.shape[1]))
+    steps[range(len(own)), 0, [by[k] for k in own]] = _STEP
+    low, high = (
+        (z + side * steps).reshape(len(own) * len(z), z.shape[1]) for side in (-1, 1)
+    )
+    for row in dict.fromkeys(scalar.row for scalar in measured):
+        values = at(z, row)
+        ends = (at(low, row), at(high, row)) if own else None
+        for i, scalar in enumerate(measured):
+            if scalar.row == row:
+                found[:, i] = scalar.log_value(values)
+                if own:
+                    slope[:, i, own] = scalar.log_slopes(values, *ends, 2 * _STEP)
+    return found, slope

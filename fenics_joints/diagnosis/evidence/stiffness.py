@@ -9,6 +9,7 @@ from typing import ClassVar
 import numpy as np
 
 from fenics_joints.diagnosis.evidence.entries import STIFFNESS
+from fenics_joints.diagnosis.evidence.scalars import Values
 from fenics_joints.diagnosis.evidence.signatures import Signatures
 from fenics_joints.reduction.static import StaticModel
 
@@ -46,6 +47,10 @@ class StaticStiffness:
     def log_value(self, values: Mapping[str, float | np.ndarray]) -> float | np.ndarray:
         """ln of the model's, N/m, without its mesh's error; (b,) of values (b,)."""
         return -self.model.log_compliance(values)[..., self.index] - self.mesh
+
+    def log_slopes(self, values: Values, low: Values, high: Values, width: float) -> np.ndarray:
+        """See `scalars.Scalar`."""
+        return -self.model.log_slopes(self.index, values, low, high, width)
 
     def by_patch(self, patches: Signatures) -> tuple[np.ndarray, np.ndarray]:
         """See `scalars.Scalar`."""

@@ -10,6 +10,7 @@ import numpy as np
 
 from fenics_joints.case import Case
 from fenics_joints.diagnosis.evidence.entries import MASS
+from fenics_joints.diagnosis.evidence.scalars import Values
 from fenics_joints.diagnosis.evidence.signatures import Signatures
 from fenics_joints.structure.model import Model
 
@@ -59,6 +60,12 @@ class Weighed:
                 share = patches.volume[own] / patches.volume[own].sum()
                 found[own] = patches.expected[1] * kg / self.kg * share
         return 0.0 * found, found
+
+    def log_slopes(self, values: Values, low: Values, high: Values, width: float) -> np.ndarray:
+        """See `scalars.Scalar`."""
+        count = len(next(iter(values.values())))
+        found = (self.log_value(high) - self.log_value(low)) / width
+        return np.broadcast_to(found, len(next(iter(low.values())))).reshape(-1, count).T
 
     def log_value(self, values: Mapping[str, float | np.ndarray]) -> float | np.ndarray:
         """ln of the model's mass, kg; (b,) of values (b,).
