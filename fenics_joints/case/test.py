@@ -35,8 +35,8 @@ from fenics_joints.measurements.files import UFF_SUFFIXES
 from fenics_joints.measurements.tables import column_head
 
 __all__ = [
-    "ChangedTest", "FRFSection", "PlannedTest", "ShapesSection", "StaticTest", "Test",
-    "ValidationTest",
+    "AntiresonanceTest", "ChangedTest", "FRFSection", "PlannedTest", "ShapesSection", "StaticTest",
+    "Test", "ValidationTest",
 ]  # fmt: skip
 
 
@@ -211,6 +211,22 @@ class StaticTest(Section):
     at: Number | None = None
 
 
+class AntiresonanceTest(Section):
+    """``[test.antiresonances.NAME]``: frequencies at which a point stands still while it is driven
+    there, for ``diagnose``: minima of the frequency response function of force and motion at one
+    place along one direction.
+
+    ``frequencies`` are those that were seen, not all that there are. ``noise`` is their relative
+    standard deviation, 0.5 % unless given. ``at`` is the condition, the last one by default.
+    """
+
+    point: Point
+    direction: Direction
+    frequencies: Annotated[list[quantity("Hz", 0, above=True)], Field(min_length=1)]
+    noise: quantity("", 0, above=True) = 0.005
+    at: Number | None = None
+
+
 class PlannedTest(Section):
     """``[test.planned]``: a test that has not been made, for ``diagnose --plan``.
 
@@ -266,7 +282,8 @@ class Test(Section):
     with what the mesh leaves out of the volume: 0.5 % unless given. ``amplitude`` are modes over
     their amplitude, for ``harmonic``, and the test by level that a diagnosis takes, together with
     ``frequencies`` or shapes of one row. ``changed`` are tests of the same structure after known
-    changes, for ``diagnose``; so are static measurements of its ``stiffness``.
+    changes, for ``diagnose``; so are static measurements of its ``stiffness`` and
+    ``antiresonances`` of points that were driven.
     """
 
     __test__ = False
@@ -290,6 +307,7 @@ class Test(Section):
     amplitude: Modes = {}
     changed: dict[str, ChangedTest] = {}
     stiffness: dict[str, StaticTest] = {}
+    antiresonances: dict[str, AntiresonanceTest] = {}
 
     @property
     def has_universal_shapes(self) -> bool:

@@ -178,10 +178,10 @@ def test_it_is_an_entry_that_the_mesh_and_any_model_err_in(tmp_path, measured):
     assert along[:, column] == pytest.approx(np.array([d[own] for d in by_z]), abs=1e-9)
     # All patches softer by the expected size are a softer metal; near the clamp there is most.
     parts = ~model.evidence.signatures.of_joint
-    assert np.sum(tip.patches[parts]) == pytest.approx(0.15, rel=0.02)
-    assert np.all(tip.patches[parts] >= 0)
+    assert np.sum(tip.patches[0, parts]) == pytest.approx(0.15, rel=0.02)
+    assert np.all(tip.patches[0, parts] >= 0)
     middle = model.evidence.signatures.middle[:, 0]
-    assert middle[parts][np.argmax(tip.patches[parts])] < 0.12
+    assert middle[parts][np.argmax(tip.patches[0, parts])] < 0.12
 
 
 def test_refusals(tmp_path, measured):
@@ -262,7 +262,7 @@ def test_beams_have_it_without_a_reduced_model(tmp_path):
     halved = {**model.baseline, "beams.E": 104e9}
     assert np.exp(end.log_value(halved)) < 0.6 * k
     parts = ~model.evidence.signatures.of_joint
-    assert 0.1 < np.sum(end.patches[parts]) < 0.151
+    assert 0.1 < np.sum(end.patches[0, parts]) < 0.151
 
 
 @pytest.mark.parallel

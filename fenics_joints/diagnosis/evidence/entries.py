@@ -6,12 +6,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-__all__ = ["DAMPING", "FREQUENCY", "KINDS", "MASS", "SHAPE", "STIFFNESS", "Entries"]
+__all__ = [
+    "ANTIRESONANCE", "DAMPING", "FREQUENCY", "KINDS", "MASS", "SHAPE", "STIFFNESS", "Entries",
+]  # fmt: skip
 
 #: Kinds of entries.
-FREQUENCY, DAMPING, SHAPE, MASS, STIFFNESS = 0, 1, 2, 3, 4
+FREQUENCY, DAMPING, SHAPE, MASS, STIFFNESS, ANTIRESONANCE = 0, 1, 2, 3, 4, 5
 #: Their names.
-KINDS = ("frequencies", "damping", "shapes", "masses", "static stiffness")
+KINDS = ("frequencies", "damping", "shapes", "masses", "static stiffness", "antiresonances")
 
 
 @dataclass(frozen=True)
@@ -19,8 +21,8 @@ class Entries:
     """What each entry of the data is; arrays of shape (N,).
 
     Attributes:
-        kind: `FREQUENCY`, `DAMPING`, `SHAPE`, `MASS` or `STIFFNESS`.
-        row: Its condition; 0 for masses, and for stiffness, whose own says it.
+        kind: `FREQUENCY`, `DAMPING`, `SHAPE`, or one of a single number.
+        row: Its condition; 0 for single numbers, which say it themselves.
         mode: Its mode; likewise.
         sensor: Its sensor; -1 but for shapes.
     """

@@ -29,8 +29,8 @@ class StaticStiffness:
         model: Has the compliance of all that were measured.
         index: Which of them this is.
         mesh: ln of how much too stiff the mesh makes it.
-        patches: Change of its logarithm by the stiffness of each patch, (P,); None where no unknown
-            cause has a place.
+        patches: Change of its logarithm by the stiffness and by the mass of each patch, (2, P);
+            None where no unknown cause has a place.
     """
 
     name: str
@@ -55,4 +55,4 @@ class StaticStiffness:
     def by_patch(self, patches: Signatures) -> tuple[np.ndarray, np.ndarray]:
         """See `scalars.Scalar`."""
         none = np.zeros(len(patches.names))
-        return none if self.patches is None else self.patches, none
+        return (none, none) if self.patches is None else (self.patches[0], self.patches[1])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -14,7 +14,6 @@ from fenics_joints.case import Case
 from fenics_joints.case.dimensions import unfit
 from fenics_joints.case.fingerprint import fingerprint
 from fenics_joints.case.notes import OF_MODEL
-from fenics_joints.case.test import StaticTest
 from fenics_joints.diagnosis.effects.effect import Effect, Silent
 from fenics_joints.diagnosis.effects.joint import interfaces
 from fenics_joints.diagnosis.effects.library import by_preload, case_effects, case_nuisances
@@ -24,12 +23,11 @@ from fenics_joints.diagnosis.evidence.equal import distinct
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.of_test import evidence_of
-from fenics_joints.diagnosis.evidence.stiffness import StaticStiffness
 from fenics_joints.diagnosis.evidence.turning import Neighbours
 from fenics_joints.diagnosis.evidence.weighed import case_weighed
+from fenics_joints.diagnosis.model.at_points import by_patches, measured_at_points
 from fenics_joints.diagnosis.model.bonded import joint_errors
 from fenics_joints.diagnosis.model.resolution import MeshErrors, mesh_errors
-from fenics_joints.diagnosis.model.static import by_patches, static_stiffness
 from fenics_joints.diagnosis.model.subject import Subject, subject_of, with_places
 from fenics_joints.diagnosis.where.patch_signatures import signatures
 from fenics_joints.diagnosis.where.patches import patches
@@ -129,7 +127,7 @@ class Prepared(Subject):
         self.surrogate = tested_models(self.full).seen(
             self.full, self.baseline, sensors=self.data.sensors, n_test=len(self.data.mode_names),
             n_modes=self.case.diagnose.n_modes, shapes=self.data.shapes, by_order=True,
-            samples=lambda: self._samples(self.case.diagnose.samples), travel=self._travel,
+            samples=lambda: self.samples(self.case.diagnose.samples), travel=self.travel,
             keep=keep and (lambda: self._file(keep, "model", ".h5")), progress=progress,
             still=self._unfit(),
             lacking=self._share,
@@ -143,32 +141,11 @@ class Prepared(Subject):
             )  # fmt: skip
             if errors is not None:
                 self.on_mesh(errors)
-        given = {} if self.case.test is None else self.case.test.stiffness
-        if given:
-            progress.step("static stiffness at samples of the parameters")
-            measured = self.static(given)
-            self.evidence = replace(self.evidence, scalars=(*self.evidence.scalars, *measured))
+        self.evidence = replace(
+            self.evidence, scalars=(*self.evidence.scalars, *measured_at_points(self, progress))
+        )
         give_back()
         self._share_joints()
-
-    def static(self, given: Mapping[str, StaticTest]) -> tuple[StaticStiffness, ...]:
-        """Static stiffnesses as the inference takes them. Collective; after `reduce`.
-
-        Args:
-            given: What was measured, or would be, by name.
-
-        Raises:
-            InputError: See `static_stiffness`.
-        """
-        seen, count = self.surrogate, self.case.diagnose.samples
-        samples, more, travel = [], [], None
-        if not self.full.is_dense:
-            samples, travel = self._samples(count), self._travel()
-            more = [values for values in self._samples(2 * count) if values not in samples]
-        return static_stiffness(
-            self.case, self.full, self.data, self.baseline, given, n_rigid=seen.nominal.n_rigid,
-            discrepancy=self.evidence.discrepancy, samples=samples, more=more, travel=travel,
-        )  # fmt: skip
 
     def _share_joints(self) -> None:
         """Take what joints that are as one do to all modes for an error that they share."""
@@ -296,7 +273,8 @@ class Prepared(Subject):
             f"frequency of the model, and a part of it stays as its uncertainty{more}"
         ]
 
-    def _travel(self) -> dict:
+    def travel(self) -> dict[str, tuple[float, float]]:
+        """Range, m, in which each point mass may move, by its name."""
         pointed = {**self.case.masses, **self.case.attached}
         moving = {
             name: section.shift()
@@ -309,7 +287,7 @@ class Prepared(Subject):
             if (owner := str(mass.travel).removesuffix(".travel")) in moving
         }
 
-    def _samples(self, count: int) -> list[dict[str, float]]:
+    def samples(self, count: int) -> list[dict[str, float]]:
         """The baseline, some parameters at the ends of their ranges, a Sobol sequence of those that
         are no joint's, and every effect at places of its prior."""
         ranges = self._ranges()

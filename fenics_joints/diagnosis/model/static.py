@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -13,16 +12,13 @@ from fenics_joints.case.test import StaticTest
 from fenics_joints.diagnosis.evidence.evidence import BEYOND, UNSURE
 from fenics_joints.diagnosis.evidence.stiffness import StaticStiffness
 from fenics_joints.diagnosis.model.resolution import MOST
-from fenics_joints.diagnosis.where.cells import Cells
-from fenics_joints.diagnosis.where.patches import Patches
-from fenics_joints.diagnosis.where.zone_sensitivity import EXPECTED
 from fenics_joints.errors import InputError
 from fenics_joints.measurements.data import TestData
 from fenics_joints.reduction.adaptive import Points
 from fenics_joints.reduction.static import StaticModel, StaticSolver
 from fenics_joints.structure import Sensors, Structure
 
-__all__ = ["by_patches", "most_yielding", "static_stiffness"]
+__all__ = ["most_yielding", "row_of", "static_stiffness"]
 
 #: Share of a measurement's standard deviation that the reduced model may err; points of a round
 #: that are looked at.
@@ -69,7 +65,7 @@ def static_stiffness(
         )
     sections = list(given.values())
     names = tuple(f"test.stiffness.{name}" for name in given)
-    rows = [_row(case, name, s.at, data) for name, s in zip(names, sections, strict=True)]
+    rows = [row_of(case, name, s.at, data) for name, s in zip(names, sections, strict=True)]
     at = Sensors([s.point for s in sections], [s.direction for s in sections], names)
     noise = np.array([s.noise for s in sections])
     sd = np.hypot(noise, 2 * discrepancy)
@@ -117,8 +113,18 @@ def _reduced(case: Case, full, at, baseline, samples, more, travel, tolerance: f
     return model, mesh
 
 
-def _row(case: Case, name: str, at: float | None, data: TestData) -> int:
-    """The test's row of a condition, those after a known change left out."""
+def row_of(case: Case, name: str, at: float | None, data: TestData) -> int:
+    """The test's row of a condition, those after a known change left out.
+
+    Args:
+        case: The case.
+        name: Of the section that says it.
+        at: The condition; None for the last one.
+        data: The test.
+
+    Raises:
+        InputError: If it is none of the test's.
+    """
     own = np.flatnonzero([not known for known in data.known] or np.ones(len(data), dtype=bool))
     if at is None:
         return int(own[-1])
@@ -129,37 +135,3 @@ def _row(case: Case, name: str, at: float | None, data: TestData) -> int:
             f"{case.path}: {name}.at = {at:g}: expected a condition of the test: {there}"
         )
     return int(near[0])
-
-
-def by_patches(
-    measured: Sequence, cells: Cells, split: Patches, baseline: Mapping[str, float],
-    soft: Mapping[str, float],
-) -> tuple:
-    """The same numbers, with the change of each stiffness by that of every patch. Collective.
-
-    With the response u to the force, d ln k is u^T dK u over u^T K u. A patch of a joint is taken
-    where all joints give way, as in `fenics_joints.diagnosis.where.patch_signatures`.
-
-    Args:
-        measured: All single numbers.
-        cells: The full model's cells.
-        split: The patches.
-        baseline: Parameter values of the nominal model.
-        soft: Those with all joints giving way.
-    """
-    of_joint = np.array([region in cells.joints for region in split.region], dtype=bool)
-
-    def shares(scalar: StaticStiffness, values) -> np.ndarray:
-        x = scalar.model.response(values, scalar.index)
-        energy = cells.sums(split.number, cells.energies(x, 0.0, values)[0], len(split))
-        return energy / energy.sum()
-
-    def placed(scalar):
-        if not isinstance(scalar, StaticStiffness):
-            return scalar
-        change = EXPECTED["E"] * shares(scalar, baseline)
-        if of_joint.any():
-            change[of_joint] = -shares(scalar, soft)[of_joint]
-        return replace(scalar, patches=change)
-
-    return tuple(placed(scalar) for scalar in measured)

@@ -16,6 +16,7 @@ from fenics_joints.diagnosis.evidence.entries import STIFFNESS
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.of_test import evidence_of
 from fenics_joints.diagnosis.evidence.weighed import WHOLE, on_a_scale
+from fenics_joints.diagnosis.model.at_points import stiffness_at
 from fenics_joints.diagnosis.model.prepared import Prepared
 from fenics_joints.diagnosis.model.static import most_yielding
 from fenics_joints.diagnosis.plan.added import (
@@ -229,7 +230,7 @@ class Candidates:
         given = StaticTest.model_construct(
             point=point.tolist(), direction=way.tolist(), stiffness=stiffness
         )
-        evidence = replace(self.evidence, scalars=(*known, *m.static({"planned": given})))
+        evidence = replace(self.evidence, scalars=(*known, *stiffness_at(m, {"planned": given})))
         name = f"the static stiffness at {point_mm(point)} mm, to {100 * given.noise:.3g} %"
         return [Candidate(name, self._measurement(evidence))]
 

@@ -1,0 +1,122 @@
+"""What a test measured at single points, of a case that is being prepared."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from fenics_joints.case.test import AntiresonanceTest, StaticTest
+from fenics_joints.diagnosis.evidence.antiresonance import Antiresonance
+from fenics_joints.diagnosis.evidence.scalars import Scalar
+from fenics_joints.diagnosis.evidence.stiffness import StaticStiffness
+from fenics_joints.diagnosis.model.antiresonances import antiresonances
+from fenics_joints.diagnosis.model.static import static_stiffness
+from fenics_joints.diagnosis.where.cells import Cells
+from fenics_joints.diagnosis.where.patches import Patches
+from fenics_joints.diagnosis.where.zone_sensitivity import EXPECTED
+from fenics_joints.progress import Progress
+
+if TYPE_CHECKING:
+    from fenics_joints.diagnosis.model.prepared import Prepared
+
+__all__ = ["by_patches", "measured_at_points", "stiffness_at"]
+
+#: Places all over the structure by which modes with a point held are told.
+_PLACES = 40
+
+
+def measured_at_points(model: Prepared, progress: Progress) -> list[Scalar]:
+    """The static stiffnesses and the antiresonances of a case's test. Collective; after the reduced
+    model is made.
+
+    Args:
+        model: The case.
+        progress: Told what is being done.
+
+    Raises:
+        InputError: See `static_stiffness` and `antiresonances`.
+    """
+    found, test = [], model.case.test
+    if test is not None and test.stiffness:
+        progress.step("static stiffness at samples of the parameters")
+        found += stiffness_at(model, test.stiffness)
+    if test is not None and test.antiresonances:
+        progress.step("antiresonances at samples of the parameters")
+        found += _antiresonances_at(model, test.antiresonances)
+    return found
+
+
+def stiffness_at(model: Prepared, given: Mapping[str, StaticTest]) -> tuple[StaticStiffness, ...]:
+    """Static stiffnesses that were measured, or would be. Collective.
+
+    Args:
+        model: The case.
+        given: What was measured, by name.
+    """
+    samples, more, travel, count = [], [], None, model.case.diagnose.samples
+    if not model.full.is_dense:
+        samples, travel = model.samples(count), model.travel()
+        more = [values for values in model.samples(2 * count) if values not in samples]
+    return static_stiffness(
+        model.case, model.full, model.data, model.baseline, given,
+        n_rigid=model.surrogate.nominal.n_rigid, discrepancy=model.evidence.discrepancy,
+        samples=samples, more=more, travel=travel,
+    )  # fmt: skip
+
+
+def _antiresonances_at(
+    model: Prepared, given: Mapping[str, AntiresonanceTest]
+) -> tuple[Antiresonance, ...]:
+    dense, seen = model.full.is_dense, model.surrogate
+    return antiresonances(
+        model.case, model.full, model.data, model.evidence, model.baseline, given,
+        nominal_log_f=seen.forward(model.baseline)[0], everywhere=seen.everywhere(_PLACES),
+        samples=[] if dense else model.samples(model.case.diagnose.samples),
+        travel=None if dense else model.travel(),
+    )  # fmt: skip
+
+
+def by_patches(
+    measured: Sequence, cells: Cells, split: Patches, baseline: Mapping[str, float],
+    soft: Mapping[str, float],
+) -> tuple:
+    """The same numbers, with what a change of each patch does to them. Collective.
+
+    With the response u to the force, d ln k is u^T dK u over u^T K u; of an antiresonance it is as
+    of any frequency. A patch of a joint is taken where all joints give way, as in
+    `fenics_joints.diagnosis.where.patch_signatures`.
+
+    Args:
+        measured: All single numbers.
+        cells: The full model's cells.
+        split: The patches.
+        baseline: Parameter values of the nominal model.
+        soft: Those with all joints giving way.
+    """
+    of_joint = np.array([region in cells.joints for region in split.region], dtype=bool)
+    size = np.array([EXPECTED["E"], EXPECTED["rho"]])[:, None]
+
+    def energies(x, omega: float, values) -> np.ndarray:
+        both = cells.energies(x, omega, values)
+        return np.array([cells.sums(split.number, each, len(split)) for each in both])
+
+    def of(scalar, values) -> np.ndarray:
+        """By ln of the stiffness and of the mass of each patch, (2, P)."""
+        if isinstance(scalar, StaticStiffness):
+            stiff, _ = energies(scalar.model.response(values, scalar.index), 0.0, values)
+            return np.array([stiff / stiff.sum(), 0.0 * stiff])
+        x, square = scalar.zeros.shape(scalar.index, values)
+        return np.array([[0.5], [-0.5]]) * energies(x, np.sqrt(square), values) / square
+
+    def placed(scalar):
+        if not isinstance(scalar, StaticStiffness | Antiresonance):
+            return scalar
+        change = size * of(scalar, baseline)
+        if of_joint.any():
+            change[:, of_joint] = np.array([[-1.0], [0.0]]) * of(scalar, soft)[:, of_joint]
+        return replace(scalar, patches=change)
+
+    return tuple(placed(scalar) for scalar in measured)

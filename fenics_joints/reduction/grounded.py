@@ -1,0 +1,162 @@
+"""Antiresonances of a structure as functions of its parameters.
+
+Where a force acts and the motion at its own point along it is read, that motion vanishes at the
+natural frequencies of the structure held there (Bishop and Johnson, The Mechanics of Vibration,
+1960): the antiresonances. Modes alone are a poor basis for these, as a hold bends the structure
+about its point; so the basis has, at each sample of the parameters, what a force there bends, too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+import scipy.linalg
+from petsc4py import PETSc
+
+from fenics_joints.modal.modes import Modes, solve_modes
+from fenics_joints.reduction.adaptive import Points
+from fenics_joints.reduction.arrays import ArrayModel
+from fenics_joints.reduction.forward import Forward
+from fenics_joints.reduction.lean import batched
+from fenics_joints.reduction.many import ManyModes, change
+from fenics_joints.reduction.reduced import ReducedStructure
+from fenics_joints.reduction.snapshots import SNAPSHOT, Snapshots
+from fenics_joints.structure import Sensors, Structure
+from fenics_joints.structure.sparse import vectors_like
+
+__all__ = ["Antiresonances", "PointBasis"]
+
+ManyValues = Mapping[str, np.ndarray]
+
+#: Share of the largest energy below which a direction is left out of the basis.
+_BASIS = 1e-10
+#: How far, in ln f, an antiresonance is from the nearest resonance at least: where both fall
+#: together neither is seen at the point.
+_APART = 2e-3
+
+
+class PointBasis:
+    """A model on its modes and what forces at points bend, at samples. Collective.
+
+    Args:
+        full: The full model.
+        at: Points and directions of the forces.
+        everywhere: Places all over it, by whose motion modes are told.
+        samples: Parameter values; the first are the nominal ones. None of beams, which need none.
+        n_modes: Modes at each.
+        travel: See `ReducedStructure`.
+
+    Attributes:
+        model: The model, whose ``sensor_rows`` are those of ``everywhere``.
+        rows: What the points read of its basis, (n, n_dofs).
+        everywhere: See above.
+    """
+
+    def __init__(
+        self, full, at: Sensors, everywhere: Sensors, samples: Points, n_modes: int,
+        travel: Mapping | None = None,
+    ):  # fmt: skip
+        self.full, self.everywhere = full, everywhere
+        self._basis: list[PETSc.Vec] | None = None
+        if full.is_dense:
+            self.model, self.rows = full.arrays(everywhere), full.loads(at).T
+            return
+        self._basis = _sampled(full, full.loads(at), samples, n_modes)
+        reduced = ReducedStructure(full, self._basis, travel)
+        self.model = reduced.arrays(sensors=everywhere)
+        self.rows = full.observe(self._basis, at)
+
+    def in_full(self, y: np.ndarray):
+        """A vector of the basis in the full model's unknowns, as a vector of its kind."""
+        if self._basis is None:
+            return y
+        own = np.column_stack([vector.array_r for vector in self._basis]) @ y
+        return vectors_like(self._basis[0], [own])[0]
+
+
+def _sampled(full: Structure, loads: np.ndarray, samples: Points, n_modes: int) -> list[PETSc.Vec]:
+    snapshots, solver = Snapshots(full), None
+    for values in samples:
+        modes = solve_modes(full, values, n_modes=n_modes, solver=solver, tolerance=SNAPSHOT)
+        solver = modes.solver
+        snapshots.add(modes, more=solver.inverse(loads))
+    return snapshots.basis(_BASIS)
+
+
+class Antiresonances:
+    """Those of the motion at a point under a force there, some of which a test saw.
+
+    Args:
+        basis: The model.
+        index: Which of its points.
+        baseline: Parameter values of the nominal model.
+        n_modes: Modes that are looked through.
+    """
+
+    def __init__(
+        self, basis: PointBasis, index: int, baseline: Mapping[str, float], n_modes: int
+    ):
+        self.basis, self.baseline = basis, baseline
+        # Vectors that do not move the point.
+        self._held = scipy.linalg.null_space(basis.rows[index][None])
+        self._model: ArrayModel = basis.model.on(self._held)
+        self._n_modes = min(n_modes, self._model.n_dofs)
+        free = solve_modes(basis.model, baseline, n_modes=self._n_modes)
+        self.nominal: Modes = solve_modes(self._model, baseline, n_modes=self._n_modes)
+        own = np.arange(self.nominal.n_rigid, self._n_modes)
+        poles = np.log(free.frequencies_hz[free.n_rigid :])
+        zeros = np.log(self.nominal.frequencies_hz[own])
+        apart = np.min(np.abs(zeros[:, None] - poles), axis=1)
+        seen = (apart > _APART) & (zeros < poles[-1])
+        self._own, self.log_f = own[seen], zeros[seen]
+        self.forward: Forward | None = None
+        self._last: tuple | None = None
+
+    def follow(self, which: np.ndarray) -> None:
+        """Which of the nominal ones, by their place in ``log_f``, are asked for from now on."""
+        index = self._own[which]
+        shapes = self.nominal.at(self.basis.everywhere)[:, index]
+        self.forward = Forward(
+            self._model, self.basis.everywhere, len(index), self._n_modes, reference=shapes
+        )
+
+    def at(self, values: Mapping[str, float | np.ndarray]) -> ManyModes:
+        """Those that are asked for, at values (b,)."""
+        own = self._values(values)
+        key = tuple(each.tobytes() for each in own.values())
+        if self._last is None or self._last[0] != key:
+            self._last = key, batched(self.forward).many(own, every=False)
+        return self._last[1]
+
+    def slopes(
+        self, values: ManyValues, low: ManyValues, high: ManyValues, width: float
+    ) -> np.ndarray:
+        """Derivatives of ln f along directions in the parameters, (b, m, p).
+
+        Args:
+            values: Parameter values, each (b,).
+            low: See `fenics_joints.reduction.many.change`.
+            high: Likewise.
+            width: Likewise.
+        """
+        modes, (low, high) = self.at(values), (self._values(each) for each in (low, high))
+        count = len(next(iter(low.values()))) // len(modes.index)
+        return modes.slopes(change(modes.model, low, high, width, count))
+
+    def _values(self, values) -> dict[str, np.ndarray]:
+        """The model's own parameters, each (b,)."""
+        names = list(self._model.parameters)
+        own = np.broadcast_arrays(*(np.atleast_1d(values[name]) for name in names))
+        return dict(zip(names, map(np.ascontiguousarray, own), strict=True))
+
+    def shape(self, i: int, values: Mapping[str, float]):
+        """The full model's motion in one that is asked for, of unit modal mass; and its omega^2.
+
+        Raises:
+            InputError: If the model has it not at these values.
+        """
+        modes, pairing = self.forward.solve({name: values[name] for name in self._model.parameters})
+        k = int(pairing.index[i])
+        moved = self.basis.in_full(self._held @ modes.shapes[:, k])
+        return moved, float(modes.eigenvalues[k])

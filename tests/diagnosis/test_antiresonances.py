@@ -1,0 +1,245 @@
+"""Measured antiresonances in a diagnosis: lap plates that are the same from either end."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import scipy.optimize
+import scipy.sparse.linalg
+from mpi4py import MPI
+
+from fenics_joints.case import build_structure, load_case
+from fenics_joints.diagnosis import diagnose
+from fenics_joints.diagnosis.evidence.entries import ANTIRESONANCE
+from fenics_joints.diagnosis.evidence.many import ManyPredictions
+from fenics_joints.diagnosis.evidence.prediction import predict
+from fenics_joints.diagnosis.model.antiresonances import paired_zeros
+from fenics_joints.diagnosis.model.prepared import prepare
+from fenics_joints.errors import InputError
+from fenics_joints.measurements import pair_modes
+from fenics_joints.meshes import box
+from fenics_joints.modal import solve_modes
+from fenics_joints.progress import Progress
+from fenics_joints.reduction.grounded import Antiresonances, PointBasis
+from fenics_joints.reduction.lean import batched
+from fenics_joints.reduction.seen import places_all_over
+from fenics_joints.structure import Parameter, Sensors, Structure, part
+
+ALONG = (0.01, 0.06, 0.11, 0.16, 0.21, 0.26, 0.31)
+#: Of all sensors the first, at the left end.
+END = Sensors([0.01, 0.04, 0.0], [0, 0, 1])
+CASE = """
+title = "Lap plates with a weight at one end"
+
+[mesh]
+builder = "lap_plates"
+element_size = "{size} mm"
+n_thickness = 1
+
+[parts.plates]
+cells = ["plate_1", "plate_2"]
+E = "69 GPa"
+G = "26.9 GPa"
+rho = "2750 kg/m3"
+tolerance = {{ E = "0.3 %", rho = "0.3 %" }}
+
+[joints.lap]
+cells = ["joint_near", "joint_away"]
+bolted = true
+E = "1 GPa"
+G = "0.4 GPa"
+
+[attached.left]
+kind = "mass"
+points = [["10 mm", "40 mm", "0 mm"]]
+mass = "40 g"
+tolerance = "5 %"
+
+[attached.right]
+kind = "mass"
+points = [["310 mm", "40 mm", "16.5 mm"]]
+mass = "40 g"
+tolerance = "5 %"
+
+[diagnose]
+n_modes = 20
+samples = 8
+discrepancy = "0.3 %"
+max_effects = 1
+nested = 0
+patches = 0
+effects = ["left mass", "right mass", "modulus error"]
+"""
+TEST = """
+[test]
+frequencies = "frequencies.csv"
+noise = "0.1 %"
+
+[test.sees]
+along = "x"
+positions = ["10 mm", "60 mm", "110 mm", "160 mm", "210 mm", "260 mm", "310 mm"]
+at = { y = "40 mm", z = ["0 mm", "8 mm", "8 mm", "16.5 mm", "16.5 mm", "16.5 mm", "16.5 mm"] }
+direction = [0, 0, 1]
+"""
+
+
+def driven(hz, more: str = "", point: str = "10 mm") -> str:
+    listed = ", ".join(f'"{f} Hz"' for f in hz)
+    return f"""
+[test.antiresonances.end]
+point = ["{point}", "40 mm", "0 mm"]
+direction = [0, 0, 1]
+frequencies = [{listed}]
+noise = "0.2 %"
+{more}
+"""
+
+
+def written(folder: Path, more: str = "", *, size=20):
+    file = folder / "case.toml"
+    file.write_text(CASE.format(size=size) + more, encoding="utf-8")
+    return load_case(folder)
+
+
+def motion(full: Structure, at: Sensors, given):
+    """Of a point under a unit force there over the frequency, by factorisations not PETSc's."""
+    def sparse(A):
+        rows, columns, values = A.getValuesCSR()
+        return scipy.sparse.csr_matrix((values, columns, rows), shape=A.getSize()).tocsc()
+
+    K, M, load = sparse(full.stiffness(given)), sparse(full.mass(given)), full.loads(at)[:, 0]
+    return lambda hz: load @ scipy.sparse.linalg.spsolve(K - (2 * np.pi * hz) ** 2 * M, load)
+
+
+def exact_zeros(full: Structure, at: Sensors, given, near) -> np.ndarray:
+    """Roots of that motion within 2 % of some frequencies."""
+    h = motion(full, at, given)
+    return np.array([scipy.optimize.brentq(h, 0.98 * f, 1.02 * f, rtol=1e-8) for f in near])
+
+
+@pytest.fixture(scope="module")
+def measured(tmp_path_factory):
+    """Resonances and the first two antiresonances at the left end, where the weight is."""
+    folder = tmp_path_factory.mktemp("true")
+    case = written(folder, size=16)
+    full = build_structure(case, MPI.COMM_SELF, law="uncoupled", attached=True)
+    bonded = {"lap.E": 3e11, "lap.G": 1e11, "left.mass": 0.04}
+    modes = solve_modes(full, bonded, n_modes=20)
+    points = [[x, 0.04, 0.0 if x == 0.01 else 0.008 if x < 0.12 else 0.0165] for x in ALONG]
+    seen = pair_modes(modes, 4, Sensors(points, [0, 0, 1])).index
+    h = motion(full, END, bonded)
+    hz = np.geomspace(150, 1500, 60)
+    signs, poles = np.sign([h(f) for f in hz]), modes.frequencies_hz
+    # A change of sign is a zero where no resonance is.
+    found = [
+        scipy.optimize.brentq(h, a, b) for a, b, s, t in zip(hz, hz[1:], signs, signs[1:],
+                                                             strict=False)
+        if s != t and not np.any((poles > a) & (poles < b))
+    ]  # fmt: skip
+    return modes.frequencies_hz[seen], np.array(found[:2])
+
+
+def case_of(folder: Path, measured, more: str):
+    folder.mkdir()
+    hz = measured[0] * np.exp(1e-3 * np.random.default_rng(2).standard_normal(4))
+    head = ",".join(f"mode {i + 1} [Hz]" for i in range(4))
+    (folder / "frequencies.csv").write_text(f"{head}\n{','.join(map(str, hz))}\n")
+    return written(folder, TEST + more)
+
+
+def said(result):
+    return {e.name: e.probability for e in result.effects}
+
+
+def test_antiresonances_say_at_which_end(tmp_path, measured):
+    """Frequencies do not: they are the same with the weight at the other end."""
+    blind = diagnose(case_of(tmp_path / "blind", measured, ""), MPI.COMM_SELF)
+    assert min(said(blind)[name] for name in ("left mass", "right mass")) > 0.2, blind.summary
+    seen = diagnose(case_of(tmp_path / "seen", measured, driven(measured[1])), MPI.COMM_SELF)
+    assert said(seen)["left mass"] > 0.5 and said(seen)["right mass"] < 0.05, seen.summary
+
+
+def test_they_are_entries_with_derivatives(tmp_path, measured):
+    case = case_of(tmp_path / "case", measured, driven(measured[1]))
+    model = prepare(case, MPI.COMM_SELF, Progress(silent=True))
+    model.reduce(Progress(silent=True))
+    model.place_unknown()
+    own = np.flatnonzero(model.evidence.entries.kind == ANTIRESONANCE)
+    zeros = model.evidence.scalars
+    assert np.exp(model.evidence.data[own]) == pytest.approx(measured[1])
+    assert np.all(model.evidence.noise_sd()[own] > np.hypot(0.002, 0.003) - 1e-12)
+    changed = {**model.baseline, "left.mass": 0.07, "plates.rho": 2600.0}
+    found = np.array([z.log_value(changed)[0] + z.mesh for z in zeros])
+    exact = exact_zeros(model.full, END, changed, np.exp(found))
+    assert np.exp(found) == pytest.approx(exact, rel=2e-4)
+    hypothesis = model.hypothesis(model.effects[:1])
+    z = 0.3 * np.random.default_rng(1).standard_normal((2, len(hypothesis.priors)))
+    at, by_z = zip(*(predict(hypothesis, model.forward, model.evidence, p, model.baseline)
+                     for p in z), strict=True)  # fmt: skip
+    j = hypothesis.own.start
+    step = 1e-3 * np.eye(len(z[0]))[j]
+    ends = [predict(hypothesis, model.forward, model.evidence, z[0] + s * step, model.baseline)[0]
+            for s in (1, -1)]  # fmt: skip
+    assert by_z[0][own, j] == pytest.approx((ends[0] - ends[1])[own] / 2e-3, rel=1e-4, abs=1e-8)
+    many = ManyPredictions(
+        hypothesis, batched(model.forward), model.evidence, model.baseline, held_out=True
+    )
+    together, along = many(z, range(len(z[0])))
+    assert together[:, own] == pytest.approx(np.array(at)[:, own], rel=1e-9)
+    assert along[:, own] == pytest.approx(np.array(by_z)[:, own], abs=1e-8)
+    # Stiffer by 15 % everywhere is higher by half of it, heavier by 10 % lower by half of that.
+    parts = ~model.evidence.signatures.of_joint
+    for zero in zeros:
+        stiff, mass = zero.patches[:, parts].sum(axis=1)
+        assert [stiff, mass] == pytest.approx([0.075, -0.05], rel=0.02)
+
+
+def test_refusals(tmp_path, measured):
+    far = case_of(tmp_path / "far", measured, driven([30.0]))
+    with pytest.raises(InputError, match=r"test.antiresonances.end.frequencies: expected such as"):
+        diagnose(far, MPI.COMM_SELF)
+    beside = case_of(tmp_path / "beside", measured, driven(measured[1], point="900 mm"))
+    with pytest.raises(InputError, match="test.antiresonances.end"):
+        diagnose(beside, MPI.COMM_SELF)
+    late = case_of(tmp_path / "late", measured, driven(measured[1], "at = 7"))
+    with pytest.raises(InputError, match=r"test.antiresonances.end.at = 7: expected a condition"):
+        diagnose(late, MPI.COMM_SELF)
+
+
+def test_pairs_once_resonances_are_moved_onto_each_other():
+    """A structure softer by 30 % has its second antiresonance where the model has its first."""
+    zeros, nominal = np.log([300.0, 430.0, 900.0]), np.log([350.0, 600.0])
+    softer = 0.7 * np.exp(zeros)
+    tested = nominal + np.log(0.7)
+    found = paired_zeros(np.log(softer[1:]), zeros, tested, nominal)
+    assert found.tolist() == [1, 2]
+    assert paired_zeros(np.log([100.0]), zeros, tested, nominal) is None
+    assert paired_zeros(np.log(softer[:1]), zeros, np.full(2, np.nan), nominal) is None
+
+
+@pytest.mark.parallel
+def test_a_beam_driven_at_its_end_has_those_of_a_pinned_one():
+    """tan(beta L) = tanh(beta L) (Blevins, Formulas for Natural Frequency and Mode Shape, 1979), at
+    a modulus and a thickness that no sample has."""
+    length, width, height, rho = 0.5, 0.02, 0.005, 7800.0
+    body = part("bar", "body", E="E", nu=0.0, rho=rho, stretch="s")
+    full = Structure(
+        box(MPI.COMM_WORLD, (length, width, height), (24, 1, 1)), [body],
+        [Parameter("E", 2e11), Parameter("s", 1.0)],
+    )  # fmt: skip
+    end = Sensors([0.0, width / 2, height / 2], [0, 0, 1])
+    samples = [{"E": 2e11, "s": s} for s in (1.0, 0.8, 1.25)]
+    basis = PointBasis(full, end, places_all_over(full, 40), samples, 24)
+    zeros = Antiresonances(basis, 0, samples[0], 24)
+
+    def by_hand(E, s):
+        beta = np.array([3.926602, 7.068583, 10.210176]) / length
+        return beta**2 * np.sqrt(E * (s * height) ** 2 / (12 * rho)) / (2 * np.pi)
+
+    assert np.exp(zeros.log_f[:3]) == pytest.approx(by_hand(2e11, 1.0), rel=5e-3)
+    zeros.follow(np.arange(3))
+    for values in ({"E": 1.7e11, "s": 0.9}, {"E": 2.2e11, "s": 1.15}):
+        found = np.exp(zeros.at(values).log_f[0])
+        assert found == pytest.approx(by_hand(**values), rel=5e-3)
