@@ -87,6 +87,9 @@ def _sampled(full: Structure, loads: np.ndarray, samples: Points, n_modes: int) 
 class Antiresonances:
     """Those of the motion at a point under a force there, some of which a test saw.
 
+    What hangs on the structure and moves by itself (`fenics_joints.structure.changes`) is not in
+    this model: an attached resonator leaves antiresonances as they are.
+
     Args:
         basis: The model.
         index: Which of its points.

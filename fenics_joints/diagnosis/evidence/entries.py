@@ -22,8 +22,8 @@ class Entries:
 
     Attributes:
         kind: `FREQUENCY`, `DAMPING`, `SHAPE`, or one of a single number.
-        row: Its condition; 0 for single numbers, which say it themselves.
-        mode: Its mode; likewise.
+        row: Its condition; 0 for what depends on none, as masses.
+        mode: Its mode; 0 for single numbers.
         sensor: Its sensor; -1 but for shapes.
     """
 

@@ -197,7 +197,7 @@ class Evidence:
             blocks.append((SHAPE, self.shape_row, mode, sensor))
         # Each a (1, k) block: an empty one has no place in what is stacked.
         flat = [np.array(np.broadcast_arrays(*block)).reshape(4, -1) for block in blocks]
-        single = [(scalar.kind, 0, 0, -1) for scalar in self.scalars]
+        single = [(scalar.kind, scalar.row or 0, 0, -1) for scalar in self.scalars]
         flat.append(np.array(single, dtype=int).reshape(-1, 4).T)
         return Entries(*np.hstack(flat).astype(int))
 

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
+from fenics_joints.errors import InputError
+
 if TYPE_CHECKING:
     from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
     from fenics_joints.diagnosis.evidence.signatures import Signatures
@@ -40,9 +42,7 @@ class Scalar(Protocol):
     def log_value(self, values: Mapping[str, float | np.ndarray]) -> float | np.ndarray:
         """ln of what the model has for it; (b,) of parameter values (b,)."""
 
-    def log_slopes(
-        self, values: Values, low: Values, high: Values, width: float
-    ) -> np.ndarray:
+    def log_slopes(self, values: Values, low: Values, high: Values, width: float) -> np.ndarray:
         """Its derivatives along p directions at b points, (b, p).
 
         Args:
@@ -83,6 +83,9 @@ def scalars(
         conditions: The test's.
         baseline: Parameter values of the nominal model.
         slopes: Whether derivatives are wanted; they are zero otherwise.
+
+    Raises:
+        InputError: If the model has one not, as an antiresonance.
     """
 
     def at(points: np.ndarray, row: int | None) -> Values:
@@ -91,6 +94,9 @@ def scalars(
 
     by = range(len(z)) if slopes else ()
     found, along = scalars_at(measured, hypothesis, np.asarray(z, dtype=float)[None], by, at)
+    if not np.all(np.isfinite(found)):
+        lacking = measured[int(np.argmin(np.isfinite(found[0])))]
+        raise InputError(f"{lacking.name}: the model has no such antiresonance at these values.")
     return found[0], along[0] if slopes else np.zeros((len(measured), len(z)))
 
 
