@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 
@@ -19,11 +19,10 @@ from fenics_joints.diagnosis.where.patches import Patches
 from fenics_joints.diagnosis.where.zone_sensitivity import EXPECTED
 from fenics_joints.progress import Progress
 
-if TYPE_CHECKING:
-    from fenics_joints.diagnosis.model.prepared import Prepared
-
 __all__ = ["by_patches", "measured_at_points", "stiffness_at"]
 
+#: `fenics_joints.diagnosis.model.prepared.Prepared`, which asks for these.
+Prepared = Any
 #: Places all over the structure by which modes with a point held are told.
 _PLACES = 40
 
