@@ -19,15 +19,12 @@ from fenics_joints.reduction.adaptive import Points
 from fenics_joints.reduction.arrays import ArrayModel
 from fenics_joints.reduction.forward import Forward
 from fenics_joints.reduction.lean import batched
-from fenics_joints.reduction.many import ManyModes, change
-from fenics_joints.reduction.reduced import ReducedStructure
-from fenics_joints.reduction.snapshots import SNAPSHOT, Snapshots
-from fenics_joints.structure import Sensors, Structure
-from fenics_joints.structure.sparse import vectors_like
+from fenics_joints.reduction.many import ManyModes, ManyValues, change, own_values
+from fenics_joints.reduction.reduced import reduce
+from fenics_joints.structure import Sensors
+from fenics_joints.structure.sparse import combination
 
 __all__ = ["Antiresonances", "PointBasis"]
-
-ManyValues = Mapping[str, np.ndarray]
 
 #: Share of the largest energy below which a direction is left out of the basis.
 _BASIS = 1e-10
@@ -45,7 +42,7 @@ class PointBasis:
         everywhere: Places all over it, by whose motion modes are told.
         samples: Parameter values; the first are the nominal ones. None of beams, which need none.
         n_modes: Modes at each.
-        travel: See `ReducedStructure`.
+        travel: See `reduce`.
 
     Attributes:
         model: The model, whose ``sensor_rows`` are those of ``everywhere``.
@@ -57,31 +54,23 @@ class PointBasis:
         self, full, at: Sensors, everywhere: Sensors, samples: Points, n_modes: int,
         travel: Mapping | None = None,
     ):  # fmt: skip
-        self.full, self.everywhere = full, everywhere
+        self.everywhere = everywhere
         self._basis: list[PETSc.Vec] | None = None
         if full.is_dense:
             self.model, self.rows = full.arrays(everywhere), full.loads(at).T
             return
-        self._basis = _sampled(full, full.loads(at), samples, n_modes)
-        reduced = ReducedStructure(full, self._basis, travel)
+        loads = full.loads(at)
+        reduced = reduce(
+            full, samples, n_modes, travel=travel, tolerance=_BASIS,
+            more=lambda modes: modes.solver.inverse(loads),
+        )  # fmt: skip
+        self._basis = reduced.basis
         self.model = reduced.arrays(sensors=everywhere)
         self.rows = full.observe(self._basis, at)
 
     def in_full(self, y: np.ndarray):
         """A vector of the basis in the full model's unknowns, as a vector of its kind."""
-        if self._basis is None:
-            return y
-        own = np.column_stack([vector.array_r for vector in self._basis]) @ y
-        return vectors_like(self._basis[0], [own])[0]
-
-
-def _sampled(full: Structure, loads: np.ndarray, samples: Points, n_modes: int) -> list[PETSc.Vec]:
-    snapshots, solver = Snapshots(full), None
-    for values in samples:
-        modes = solve_modes(full, values, n_modes=n_modes, solver=solver, tolerance=SNAPSHOT)
-        solver = modes.solver
-        snapshots.add(modes, more=solver.inverse(loads))
-    return snapshots.basis(_BASIS)
+        return y if self._basis is None else combination(self._basis, y)
 
 
 class Antiresonances:
@@ -100,7 +89,7 @@ class Antiresonances:
     def __init__(
         self, basis: PointBasis, index: int, baseline: Mapping[str, float], n_modes: int
     ):
-        self.basis, self.baseline = basis, baseline
+        self.basis = basis
         # Vectors that do not move the point.
         self._held = scipy.linalg.null_space(basis.rows[index][None])
         self._model: ArrayModel = basis.model.on(self._held)
@@ -149,9 +138,8 @@ class Antiresonances:
 
     def _values(self, values) -> dict[str, np.ndarray]:
         """The model's own parameters, each (b,)."""
-        names = list(self._model.parameters)
-        own = np.broadcast_arrays(*(np.atleast_1d(values[name]) for name in names))
-        return dict(zip(names, map(np.ascontiguousarray, own), strict=True))
+        own = own_values(self._model, values)
+        return {name: np.atleast_1d(value) for name, value in own.items()}
 
     def shape(self, i: int, values: Mapping[str, float]):
         """The full model's motion in one that is asked for, of unit modal mass; and its omega^2.

@@ -15,7 +15,7 @@ import numpy as np
 
 from fenics_joints.reduction.arrays import ArrayModel
 
-__all__ = ["Change", "ManyModes", "change"]
+__all__ = ["Change", "ManyModes", "ManyValues", "change", "own_values"]
 
 #: Step of a difference by the logarithm of a stiffness.
 _STEP = 1e-6
@@ -44,6 +44,15 @@ class Change:
     def n(self) -> int:
         """Number of directions, p."""
         return self.theta.shape[2]
+
+
+def own_values(model: ArrayModel, values: Mapping[str, float | np.ndarray]) -> dict:
+    """A model's own parameters among values, all of one shape: numbers, or (b,) each."""
+    names = list(model.parameters)
+    own = [values[name] for name in names]
+    if any(np.ndim(value) for value in own):
+        own = np.broadcast_arrays(*own)
+    return dict(zip(names, own, strict=True))
 
 
 def change(

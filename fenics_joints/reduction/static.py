@@ -16,15 +16,13 @@ from petsc4py import PETSc
 from fenics_joints.modal.eigensolver import EigenSolver
 from fenics_joints.reduction.adaptive import Points
 from fenics_joints.reduction.arrays import ArrayModel
-from fenics_joints.reduction.many import change
+from fenics_joints.reduction.many import ManyValues, change, own_values
 from fenics_joints.reduction.reduced import ReducedStructure
 from fenics_joints.reduction.snapshots import orthonormal
 from fenics_joints.structure import Sensors, Structure
-from fenics_joints.structure.sparse import vectors_like
+from fenics_joints.structure.sparse import combination, vectors_like
 
 __all__ = ["StaticModel", "StaticSolver"]
-
-ManyValues = Mapping[str, np.ndarray]
 
 #: Share of the largest energy below which a combination of the responses is round-off.
 _DEPENDENT = 1e-12
@@ -39,7 +37,7 @@ class StaticSolver:
     """
 
     def __init__(self, full: Structure, sensors: Sensors):
-        self.full, self.loads = full, full.loads(sensors)
+        self.full, self.sensors, self.loads = full, sensors, full.loads(sensors)
         self._solver = EigenSolver(1, shift=0.0)
 
     def __call__(self, values: Mapping[str, float]) -> tuple[np.ndarray, list[PETSc.Vec]]:
@@ -95,9 +93,7 @@ class StaticModel:
             basis = orthonormal(solver.full, responses, samples[0], _DEPENDENT)
             reduced = ReducedStructure(solver.full, basis, travel)
             found = cls(reduced.arrays(), basis)
-            found.model.sensor_rows = solver.full.comm.allreduce(
-                solver.loads.T @ np.column_stack([v.array_r for v in basis])
-            )
+            found.model.sensor_rows = solver.full.observe(basis, solver.sensors)
             if fresh is None or turn == rounds - 1:
                 break
             points = fresh(turn)
@@ -128,7 +124,7 @@ class StaticModel:
         """
         row, n = self.model.sensor_rows[index], len(next(iter(values.values())))
         moved = self._moved(values, row[None])[..., 0]
-        low, high = (self._own(each) for each in (low, high))
+        low, high = (own_values(self.model, each) for each in (low, high))
         count = len(next(iter(low.values()))) // n
         along = change(self.model, low, high, width, count)
         stiff, _ = self.model.pencil.squares(moved.T)
@@ -136,21 +132,10 @@ class StaticModel:
 
     def _moved(self, values, rows: np.ndarray) -> np.ndarray:
         """Responses to forces of these rows, (k, n): (n, k), or (b, n, k)."""
-        K, _ = self.model.pencil.matrices(self._own(values))
+        K, _ = self.model.pencil.matrices(own_values(self.model, values))
         return np.linalg.solve(K, np.broadcast_to(rows.T, (*K.shape[:-2], *rows.T.shape)))
-
-    def _own(self, values) -> dict[str, float | np.ndarray]:
-        """The model's own parameters, all of one shape."""
-        names = list(self.model.parameters)
-        own = [values[name] for name in names]
-        if any(np.ndim(value) for value in own):
-            own = np.broadcast_arrays(*own)
-        return dict(zip(names, own, strict=True))
 
     def response(self, values: Mapping[str, float], index: int):
         """The response to a force in the full model's unknowns, as a vector of its kind."""
         y = np.linalg.solve(self.model.stiffness(values), self.model.sensor_rows[index])
-        if self.basis is None:
-            return y
-        own = np.column_stack([vector.array_r for vector in self.basis]) @ y
-        return vectors_like(self.basis[0], [own])[0]
+        return y if self.basis is None else combination(self.basis, y)

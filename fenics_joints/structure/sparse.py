@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 from petsc4py import PETSc
 
 __all__ = [
-    "MatrixForm", "RowForm", "absolute", "dense_block", "product", "vectors_like", "without_zeros",
+    "MatrixForm", "RowForm", "absolute", "combination", "dense_block", "product", "vectors_like",
+    "without_zeros",
 ]  # fmt: skip
 
 #: Parts of a matrix whose rows are copied one after the other.
@@ -77,6 +78,12 @@ def vectors_like(one: PETSc.Vec, rows: Iterable[np.ndarray]) -> list[PETSc.Vec]:
         found.append(one.duplicate())
         found[-1].array[:] = row
     return found
+
+
+def combination(vectors: Sequence[PETSc.Vec], factors: np.ndarray) -> PETSc.Vec:
+    """The sum of vectors times factors, (n,)."""
+    rows = np.column_stack([vector.array_r for vector in vectors])
+    return vectors_like(vectors[0], [rows @ factors])[0]
 
 
 def without_zeros(A: PETSc.Mat) -> PETSc.Mat:

@@ -1,9 +1,9 @@
 """K(p) and M(p) as sums of matrices that are kept, once they have been asked for often enough.
 
 The stiffness of a region with uniform properties is linear in a few scalars (`structure.laws.Law`),
-so it is a sum of its matrices at the law's samples: a tenth of the time of its integrals. Making
-these takes as long as some assemblies, so they are made when as many have been done before: in all
-it never takes more than twice as long as the shorter of both ways.
+so it is a sum of its matrices at the law's samples, which takes less than half the time of its
+integrals (benchmarks/assembly.py). Making these takes as long as some assemblies, so they are made
+when as many have been done before.
 """
 
 from __future__ import annotations
@@ -116,7 +116,9 @@ class SummedMatrices:
     def __init__(self, assembly: Assembly):
         self.assembly = assembly
         self.laws = [LawMatrices(assembly, i) for i in range(len(assembly.regions))]
-        self._graded = [any(map(callable, r.properties.values())) for r in assembly.regions]
+        graded = [any(map(callable, r.properties.values())) for r in assembly.regions]
+        self._uniform = [laws for laws, g in zip(self.laws, graded, strict=True) if not g]
+        self._graded = [laws for laws, g in zip(self.laws, graded, strict=True) if g]
         self._asked = [0, 0]
         self._like: PETSc.Mat | None = None
 
@@ -130,21 +132,19 @@ class SummedMatrices:
         Returns:
             A new matrix; None as long as it is not worth it.
         """
-        if self.assembly.n_dofs > _MOST or all(self._graded):
+        if self.assembly.n_dofs > _MOST or not self._uniform:
             return None
-        shares = [
-            None if graded else laws.shares(which, self._properties(laws, values))
-            for laws, graded in zip(self.laws, self._graded, strict=True)
+        own = [
+            (laws, laws.shares(which, self._properties(laws, values))) for laws in self._uniform
         ]
-        own = [(laws, s) for laws, s in zip(self.laws, shares, strict=True) if s is not None]
         missing = max(laws.missing(which, s) for laws, s in own)
         self._asked[which] += 1
         if missing >= self._asked[which] or self._like is None:
             return None
         found = self._sum(which, own)
-        if missing or any(self._graded):
+        if missing or self._graded:
             self.assembly.field.update(values)  # samples were put into it
-        for laws in (law for law, graded in zip(self.laws, self._graded, strict=True) if graded):
+        for laws in self._graded:
             *pattern, entries = self.assembly.region_matrix(laws.index, which, None).getValuesCSR()
             found[np.searchsorted(self._keys, _keys(*pattern, self.assembly.n_dofs))] += entries
         return self._as_matrix(found, which)

@@ -8,13 +8,12 @@ import numpy as np
 import pytest
 import scipy.optimize
 import scipy.sparse.linalg
+from measured_points import check_derivatives, plates, said, sparse, write_frequencies
 from mpi4py import MPI
 
 from fenics_joints.case import build_structure, load_case
 from fenics_joints.diagnosis import diagnose
 from fenics_joints.diagnosis.evidence.entries import ANTIRESONANCE
-from fenics_joints.diagnosis.evidence.many import ManyPredictions
-from fenics_joints.diagnosis.evidence.prediction import predict
 from fenics_joints.diagnosis.model.antiresonances import paired_zeros
 from fenics_joints.diagnosis.model.prepared import prepare
 from fenics_joints.errors import InputError
@@ -23,34 +22,13 @@ from fenics_joints.meshes import box
 from fenics_joints.modal import solve_modes
 from fenics_joints.progress import Progress
 from fenics_joints.reduction.grounded import Antiresonances, PointBasis
-from fenics_joints.reduction.lean import batched
 from fenics_joints.reduction.seen import places_all_over
 from fenics_joints.structure import Parameter, Sensors, Structure, part
 
 ALONG = (0.01, 0.06, 0.11, 0.16, 0.21, 0.26, 0.31)
 #: Of all sensors the first, at the left end.
 END = Sensors([0.01, 0.04, 0.0], [0, 0, 1])
-CASE = """
-title = "Lap plates with a weight at one end"
-
-[mesh]
-builder = "lap_plates"
-element_size = "{size} mm"
-n_thickness = 1
-
-[parts.plates]
-cells = ["plate_1", "plate_2"]
-E = "69 GPa"
-G = "26.9 GPa"
-rho = "2750 kg/m3"
-tolerance = {{ E = "0.3 %", rho = "0.3 %" }}
-
-[joints.lap]
-cells = ["joint_near", "joint_away"]
-bolted = true
-E = "1 GPa"
-G = "0.4 GPa"
-
+WEIGHTS = """
 [attached.left]
 kind = "mass"
 points = [["10 mm", "40 mm", "0 mm"]]
@@ -62,15 +40,6 @@ kind = "mass"
 points = [["310 mm", "40 mm", "16.5 mm"]]
 mass = "40 g"
 tolerance = "5 %"
-
-[diagnose]
-n_modes = 20
-samples = 8
-discrepancy = "0.3 %"
-max_effects = 1
-nested = 0
-patches = 0
-effects = ["left mass", "right mass", "modulus error"]
 """
 TEST = """
 [test]
@@ -97,18 +66,15 @@ noise = "0.2 %"
 """
 
 
-def written(folder: Path, more: str = "", *, size=20):
-    file = folder / "case.toml"
-    file.write_text(CASE.format(size=size) + more, encoding="utf-8")
+def written(folder: Path, more: str = "", **values):
+    effects = "left mass", "right mass", "modulus error"
+    case = plates(*effects, n_modes=20, tolerance=0.3, **values)
+    (folder / "case.toml").write_text(case + WEIGHTS + more, encoding="utf-8")
     return load_case(folder)
 
 
 def motion(full: Structure, at: Sensors, given):
     """Of a point under a unit force there over the frequency, by factorisations not PETSc's."""
-    def sparse(A):
-        rows, columns, values = A.getValuesCSR()
-        return scipy.sparse.csr_matrix((values, columns, rows), shape=A.getSize()).tocsc()
-
     K, M, load = sparse(full.stiffness(given)), sparse(full.mass(given)), full.loads(at)[:, 0]
     return lambda hz: load @ scipy.sparse.linalg.spsolve(K - (2 * np.pi * hz) ** 2 * M, load)
 
@@ -143,14 +109,8 @@ def measured(tmp_path_factory):
 
 def case_of(folder: Path, measured, more: str):
     folder.mkdir()
-    hz = measured[0] * np.exp(1e-3 * np.random.default_rng(2).standard_normal(4))
-    head = ",".join(f"mode {i + 1} [Hz]" for i in range(4))
-    (folder / "frequencies.csv").write_text(f"{head}\n{','.join(map(str, hz))}\n")
+    write_frequencies(folder, measured[0])
     return written(folder, TEST + more)
-
-
-def said(result):
-    return {e.name: e.probability for e in result.effects}
 
 
 def test_antiresonances_say_at_which_end(tmp_path, measured):
@@ -175,20 +135,7 @@ def test_they_are_entries_with_derivatives(tmp_path, measured):
     exact = exact_zeros(model.full, END, changed, np.exp(found))
     assert np.exp(found) == pytest.approx(exact, rel=2e-4)
     hypothesis = model.hypothesis(model.effects[:1])
-    z = 0.3 * np.random.default_rng(1).standard_normal((2, len(hypothesis.priors)))
-    at, by_z = zip(*(predict(hypothesis, model.forward, model.evidence, p, model.baseline)
-                     for p in z), strict=True)  # fmt: skip
-    j = hypothesis.own.start
-    step = 1e-3 * np.eye(len(z[0]))[j]
-    ends = [predict(hypothesis, model.forward, model.evidence, z[0] + s * step, model.baseline)[0]
-            for s in (1, -1)]  # fmt: skip
-    assert by_z[0][own, j] == pytest.approx((ends[0] - ends[1])[own] / 2e-3, rel=1e-4, abs=1e-8)
-    many = ManyPredictions(
-        hypothesis, batched(model.forward), model.evidence, model.baseline, held_out=True
-    )
-    together, along = many(z, range(len(z[0])))
-    assert together[:, own] == pytest.approx(np.array(at)[:, own], rel=1e-9)
-    assert along[:, own] == pytest.approx(np.array(by_z)[:, own], abs=1e-8)
+    check_derivatives(model, hypothesis, own, hypothesis.own.start)
     # Stiffer by 15 % everywhere is higher by half of it, heavier by 10 % lower by half of that.
     parts = ~model.evidence.signatures.of_joint
     for zero in zeros:

@@ -6,14 +6,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import scipy.sparse
+import scipy.sparse.linalg
+from measured_points import E, check_derivatives, plates, said, sparse, write_frequencies
 from mpi4py import MPI
 
 from fenics_joints.case import build_structure, load_case
 from fenics_joints.diagnosis import diagnose
 from fenics_joints.diagnosis.evidence.entries import STIFFNESS
-from fenics_joints.diagnosis.evidence.many import ManyPredictions
-from fenics_joints.diagnosis.evidence.prediction import predict
 from fenics_joints.diagnosis.model.prepared import prepare
 from fenics_joints.diagnosis.plan.planned import plan
 from fenics_joints.errors import InputError
@@ -21,43 +20,12 @@ from fenics_joints.measurements import pair_modes
 from fenics_joints.meshes import box
 from fenics_joints.modal import solve_modes
 from fenics_joints.progress import Progress
-from fenics_joints.reduction.lean import batched
 from fenics_joints.reduction.static import StaticModel, StaticSolver
 from fenics_joints.structure import Parameter, Sensors, Structure, Support, part
 
-E, RHO = 69e9, 2750.0
-CASE = """
-title = "Clamped lap plates"
-
-[mesh]
-builder = "lap_plates"
-element_size = "{size} mm"
-n_thickness = 1
-
-[parts.plates]
-cells = ["plate_1", "plate_2"]
-E = "{E} Pa"
-G = "{G} Pa"
-rho = "{rho} kg/m3"
-tolerance = {{ E = "0.5 %", rho = "0.5 %" }}
-
-[joints.lap]
-cells = ["joint_near", "joint_away"]
-bolted = true
-E = "1 GPa"
-G = "0.4 GPa"
-
+SUPPORT = """
 [supports.clamp]
 facets = "end_1"
-
-[diagnose]
-n_modes = 18
-samples = 8
-discrepancy = "0.3 %"
-max_effects = 1
-nested = 0
-patches = 0
-effects = ["modulus error", "density error", "joint normal compliance"]
 """
 TEST = """
 [test]
@@ -72,13 +40,7 @@ direction = [0, 0, 1]
 """
 ALONG = (0.06, 0.11, 0.16, 0.21, 0.26, 0.31)
 TIP = Sensors([0.31, 0.04, 0.0165], [0, 0, 1])
-
-
 METAL = ("modulus error", "density error")
-
-
-def said(result):
-    return {e.name: e.probability for e in result.effects}
 
 
 def static(k: float, more: str = "", noise: float = 0.5) -> str:
@@ -92,20 +54,16 @@ noise = "{noise} %"
 """
 
 
-def written(folder: Path, more: str = "", *, E=E, rho=RHO, size=20, **values):
-    file = folder / "case.toml"
-    text = CASE.format(E=E, G=E / 2.566, rho=rho, size=size)
-    file.write_text(text + more, encoding="utf-8")
+def written(folder: Path, more: str = "", **values):
+    case = plates(*METAL, "joint normal compliance", n_modes=18, tolerance=0.5, **values)
+    (folder / "case.toml").write_text(case + SUPPORT + more, encoding="utf-8")
     return load_case(folder)
 
 
 def exact_stiffness(full: Structure, sensors: Sensors, given=None) -> float:
     """By a factorisation that is not PETSc's."""
-    K = full.stiffness(given)
-    rows, columns, values = K.getValuesCSR()
-    A = scipy.sparse.csr_matrix((values, columns, rows), shape=K.getSize()).tocsc()
     load = full.loads(sensors)[:, 0]
-    return 1 / float(load @ scipy.sparse.linalg.spsolve(A, load))
+    return 1 / float(load @ scipy.sparse.linalg.spsolve(sparse(full.stiffness(given)), load))
 
 
 @pytest.fixture(scope="module")
@@ -123,9 +81,7 @@ def measured(tmp_path_factory):
 
 def case_of(folder: Path, measured, more: str):
     folder.mkdir()
-    hz = measured[0] * np.exp(1e-3 * np.random.default_rng(2).standard_normal(4))
-    head = ",".join(f"mode {i + 1} [Hz]" for i in range(4))
-    (folder / "frequencies.csv").write_text(f"{head}\n{','.join(map(str, hz))}\n")
+    write_frequencies(folder, measured[0])
     return written(folder, TEST + more)
 
 
@@ -160,22 +116,7 @@ def test_it_is_an_entry_that_the_mesh_and_any_model_err_in(tmp_path, measured):
         [tip.log_value(model.baseline), tip.log_value(changed)]
     )
     # Its derivatives are those of what is predicted, one by one and of many points together.
-    hypothesis = model.hypothesis(model.effects[-1:])
-    z = 0.3 * np.random.default_rng(1).standard_normal((3, len(hypothesis.priors)))
-    found, by_z = zip(*(predict(hypothesis, model.forward, model.evidence, p, model.baseline)
-                        for p in z), strict=True)  # fmt: skip
-    step = 1e-3 * np.eye(len(z[0]))[-1]
-    ends = [predict(hypothesis, model.forward, model.evidence, z[0] + side * step, model.baseline)
-            for side in (1, -1)]  # fmt: skip
-    differences = (ends[0][0] - ends[1][0])[own] / 2e-3
-    assert by_z[0][own, -1] == pytest.approx(differences, rel=1e-4, abs=1e-9)
-    together = ManyPredictions(hypothesis, batched(model.forward), model.evidence, model.baseline)
-    at, along = together(z, range(len(z[0])))
-    at_own = np.flatnonzero(np.flatnonzero(model.evidence.fitted) == own)
-    assert at.shape[1] in (len(found[0]), model.evidence.fitted.sum())
-    column = own if at.shape[1] == len(found[0]) else int(at_own[0])
-    assert at[:, column] == pytest.approx([f[own] for f in found])
-    assert along[:, column] == pytest.approx(np.array([d[own] for d in by_z]), abs=1e-9)
+    check_derivatives(model, model.hypothesis(model.effects[-1:]), np.array([own]), -1)
     # All patches softer by the expected size are a softer metal; near the clamp there is most.
     parts = ~model.evidence.signatures.of_joint
     assert np.sum(tip.patches[0, parts]) == pytest.approx(0.15, rel=0.02)

@@ -8,39 +8,23 @@ from typing import ClassVar
 
 import numpy as np
 
+from fenics_joints.diagnosis.evidence.at_point import AtPoint, Energies
 from fenics_joints.diagnosis.evidence.entries import ANTIRESONANCE
 from fenics_joints.diagnosis.evidence.scalars import Values
-from fenics_joints.diagnosis.evidence.signatures import Signatures
 from fenics_joints.reduction.grounded import Antiresonances
 
 __all__ = ["Antiresonance"]
 
 
-@dataclass(frozen=True, eq=False)
-class Antiresonance:
-    """A frequency at which a point stands still under a force there: a `scalars.Scalar`.
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Antiresonance(AtPoint):
+    """A frequency, Hz, at which a point stands still under a force there.
 
     Attributes:
-        name: The point's.
-        measured: Hz.
-        sd: Relative standard deviation: of the instrument, of any such model, and of what is left
-            of the mesh's error.
-        row: The test's row at which it was measured.
         zeros: Has all antiresonances of the point.
-        index: Which of them this is.
-        mesh: How much too high, in ln f, the mesh makes it.
-        patches: Change of its logarithm by the stiffness and by the mass of each patch, (2, P);
-            None where no unknown cause has a place.
     """
 
-    name: str
-    measured: float
-    sd: float
-    row: int
     zeros: Antiresonances
-    index: int
-    mesh: float = 0.0
-    patches: np.ndarray | None = None
     kind: ClassVar[int] = ANTIRESONANCE
     unknown: ClassVar[float] = 0.1
 
@@ -53,7 +37,7 @@ class Antiresonance:
         """See `scalars.Scalar`."""
         return self.zeros.slopes(values, low, high, width)[:, self.index]
 
-    def by_patch(self, patches: Signatures) -> tuple[np.ndarray, np.ndarray]:
-        """See `scalars.Scalar`."""
-        none = np.zeros(len(patches.names))
-        return (none, none) if self.patches is None else (self.patches[0], self.patches[1])
+    def by_logs(self, energies: Energies, values: Mapping[str, float]) -> np.ndarray:
+        """As of any frequency; see `AtPoint`."""
+        x, square = self.zeros.shape(self.index, values)
+        return np.array([[0.5], [-0.5]]) * energies(x, np.sqrt(square), values) / square

@@ -8,39 +8,23 @@ from typing import ClassVar
 
 import numpy as np
 
+from fenics_joints.diagnosis.evidence.at_point import AtPoint, Energies
 from fenics_joints.diagnosis.evidence.entries import STIFFNESS
 from fenics_joints.diagnosis.evidence.scalars import Values
-from fenics_joints.diagnosis.evidence.signatures import Signatures
 from fenics_joints.reduction.static import StaticModel
 
 __all__ = ["StaticStiffness"]
 
 
-@dataclass(frozen=True, eq=False)
-class StaticStiffness:
-    """Force over displacement at a point, along a direction: a `scalars.Scalar`.
+@dataclass(frozen=True, eq=False, kw_only=True)
+class StaticStiffness(AtPoint):
+    """Force over displacement, N/m.
 
     Attributes:
-        name: The measurement's.
-        measured: N/m.
-        sd: Relative standard deviation: of the instrument, of any such model, and of what is left
-            of the mesh's error.
-        row: The test's row at which it was measured.
         model: Has the compliance of all that were measured.
-        index: Which of them this is.
-        mesh: ln of how much too stiff the mesh makes it.
-        patches: Change of its logarithm by the stiffness and by the mass of each patch, (2, P);
-            None where no unknown cause has a place.
     """
 
-    name: str
-    measured: float
-    sd: float
-    row: int
     model: StaticModel
-    index: int
-    mesh: float = 0.0
-    patches: np.ndarray | None = None
     kind: ClassVar[int] = STIFFNESS
     unknown: ClassVar[float] = 0.2
 
@@ -52,7 +36,7 @@ class StaticStiffness:
         """See `scalars.Scalar`."""
         return -self.model.log_slopes(self.index, values, low, high, width)
 
-    def by_patch(self, patches: Signatures) -> tuple[np.ndarray, np.ndarray]:
-        """See `scalars.Scalar`."""
-        none = np.zeros(len(patches.names))
-        return (none, none) if self.patches is None else (self.patches[0], self.patches[1])
+    def by_logs(self, energies: Energies, values: Mapping[str, float]) -> np.ndarray:
+        """With the response u to the force, u^T dK u over u^T K u; see `AtPoint`."""
+        stiff, _ = energies(self.model.response(values, self.index), 0.0, values)
+        return np.array([stiff / stiff.sum(), 0.0 * stiff])

@@ -80,9 +80,12 @@ def antiresonances(
         mesh = _of_mesh(zeros.log_f[which], evidence, nominal_log_f)
         sd = np.sqrt(s.noise**2 + evidence.discrepancy**2 + (UNSURE * mesh / (1 + BEYOND)) ** 2)
         found += [
-            Antiresonance(name, float(np.exp(f)), float(sd[k]), rows[i], zeros, k, float(mesh[k]))
+            Antiresonance(
+                name=name, measured=float(np.exp(f)), sd=float(sd[k]), row=rows[i], zeros=zeros,
+                index=k, mesh=float(mesh[k]),
+            )
             for k, f in enumerate(log_f)
-        ]
+        ]  # fmt: skip
     return tuple(found)
 
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from fenics_joints.case.test import AntiresonanceTest, StaticTest
 from fenics_joints.diagnosis.evidence.antiresonance import Antiresonance
+from fenics_joints.diagnosis.evidence.at_point import AtPoint
 from fenics_joints.diagnosis.evidence.scalars import Scalar
 from fenics_joints.diagnosis.evidence.stiffness import StaticStiffness
 from fenics_joints.diagnosis.model.antiresonances import antiresonances
@@ -84,8 +85,7 @@ def by_patches(
 ) -> tuple:
     """The same numbers, with what a change of each patch does to them. Collective.
 
-    With the response u to the force, d ln k is u^T dK u over u^T K u; of an antiresonance it is as
-    of any frequency. A patch of a joint is taken where all joints give way, as in
+    A patch of a joint is taken where all joints give way, as in
     `fenics_joints.diagnosis.where.patch_signatures`.
 
     Args:
@@ -102,20 +102,13 @@ def by_patches(
         both = cells.energies(x, omega, values)
         return np.array([cells.sums(split.number, each, len(split)) for each in both])
 
-    def of(scalar, values) -> np.ndarray:
-        """By ln of the stiffness and of the mass of each patch, (2, P)."""
-        if isinstance(scalar, StaticStiffness):
-            stiff, _ = energies(scalar.model.response(values, scalar.index), 0.0, values)
-            return np.array([stiff / stiff.sum(), 0.0 * stiff])
-        x, square = scalar.zeros.shape(scalar.index, values)
-        return np.array([[0.5], [-0.5]]) * energies(x, np.sqrt(square), values) / square
-
     def placed(scalar):
-        if not isinstance(scalar, StaticStiffness | Antiresonance):
+        if not isinstance(scalar, AtPoint):
             return scalar
-        change = size * of(scalar, baseline)
+        change = size * scalar.by_logs(energies, baseline)
         if of_joint.any():
-            change[:, of_joint] = np.array([[-1.0], [0.0]]) * of(scalar, soft)[:, of_joint]
+            given_way = scalar.by_logs(energies, soft)[:, of_joint]
+            change[:, of_joint] = np.array([[-1.0], [0.0]]) * given_way
         return replace(scalar, patches=change)
 
     return tuple(placed(scalar) for scalar in measured)

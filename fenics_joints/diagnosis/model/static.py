@@ -50,7 +50,7 @@ def static_stiffness(
         given: What was measured, by name; one at least.
         n_rigid: The nominal model's rigid-body modes.
         discrepancy: Error of any such model in a frequency.
-        samples: Parameter values at which the reduced model is made.
+        samples: Parameter values at which the reduced model is made, the baseline first.
         more: Others, at which it is looked at and made better.
         travel: See `fenics_joints.reduction.reduced.ReducedStructure`.
 
@@ -75,8 +75,10 @@ def static_stiffness(
         model, mesh = _reduced(case, full, at, baseline, samples, more, travel, _SHARE * sd.min())
     sd = np.hypot(sd, UNSURE * mesh)
     return tuple(
-        StaticStiffness(name, s.stiffness, float(sd[i]), rows[i], model, i,
-                        float((1 + BEYOND) * mesh[i]))
+        StaticStiffness(
+            name=name, measured=s.stiffness, sd=float(sd[i]), row=rows[i], model=model, index=i,
+            mesh=float((1 + BEYOND) * mesh[i]),
+        )
         for i, (name, s) in enumerate(zip(given, sections, strict=True))
     )  # fmt: skip
 
@@ -97,7 +99,6 @@ def most_yielding(full: Structure | BeamStructure, sensors: Sensors, baseline) -
 def _reduced(case: Case, full, at, baseline, samples, more, travel, tolerance: float):
     """The reduced model, and ln of how much too stiff the mesh makes each, (n,)."""
     solver = StaticSolver(full, at)
-    exact = solver(baseline)[0]
 
     def fresh(turn: int) -> Points:
         return more[turn * _FRESH : (turn + 1) * _FRESH]
@@ -106,9 +107,10 @@ def _reduced(case: Case, full, at, baseline, samples, more, travel, tolerance: f
     solver.destroy()
     finer = full.finer() if case.diagnose.mesh_error and full.is_meshed else None
     if finer is None or finer.n_dofs > MOST:
-        return model, np.zeros(len(exact))
+        return model, np.zeros(len(at))
     better = StaticSolver(finer, at)
-    mesh = better(baseline)[0] - exact
+    # The baseline is the first of the samples: there the reduced model is the full one.
+    mesh = better(baseline)[0] - model.log_compliance(baseline)
     better.destroy()
     return model, mesh
 

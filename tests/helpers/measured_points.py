@@ -1,0 +1,93 @@
+"""Lap plates of a few effects, with a test of frequencies and of what is measured at a point."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import scipy.sparse
+
+from fenics_joints.diagnosis.evidence.many import ManyPredictions
+from fenics_joints.diagnosis.evidence.prediction import predict
+from fenics_joints.reduction.lean import batched
+
+E, RHO, NOISE = 69e9, 2750.0, 1e-3
+
+_PLATES = """
+title = "Lap plates"
+
+[mesh]
+builder = "lap_plates"
+element_size = "{size} mm"
+n_thickness = 1
+
+[parts.plates]
+cells = ["plate_1", "plate_2"]
+E = "{E} Pa"
+G = "{G} Pa"
+rho = "{rho} kg/m3"
+tolerance = {{ E = "{tolerance} %", rho = "{tolerance} %" }}
+
+[joints.lap]
+cells = ["joint_near", "joint_away"]
+bolted = true
+E = "1 GPa"
+G = "0.4 GPa"
+
+[diagnose]
+n_modes = {n_modes}
+samples = 8
+discrepancy = "0.3 %"
+max_effects = 1
+nested = 0
+patches = 0
+effects = [{effects}]
+"""
+
+
+def plates(*effects: str, n_modes: int, tolerance: float, size=20, E=E, rho=RHO) -> str:
+    """A case without a test."""
+    return _PLATES.format(
+        size=size, E=E, G=E / 2.566, rho=rho, tolerance=tolerance, n_modes=n_modes,
+        effects=", ".join(f'"{name}"' for name in effects),
+    )  # fmt: skip
+
+
+def write_frequencies(folder: Path, hz: np.ndarray) -> None:
+    """The table of a test, with noise."""
+    hz = hz * np.exp(NOISE * np.random.default_rng(2).standard_normal(len(hz)))
+    head = ",".join(f"mode {i + 1} [Hz]" for i in range(len(hz)))
+    (folder / "frequencies.csv").write_text(f"{head}\n{','.join(map(str, hz))}\n")
+
+
+def said(result) -> dict[str, float]:
+    """Probability of each effect."""
+    return {e.name: e.probability for e in result.effects}
+
+
+def sparse(A) -> scipy.sparse.csc_matrix:
+    """A matrix of one rank, to be factorised by something that is not PETSc."""
+    rows, columns, values = A.getValuesCSR()
+    return scipy.sparse.csr_matrix((values, columns, rows), shape=A.getSize()).tocsc()
+
+
+def check_derivatives(model, hypothesis, own: np.ndarray, j: int) -> None:
+    """Of some entries of what is predicted: by differences along a parameter; and one by one as of
+    many points together, by all of them."""
+    z = 0.3 * np.random.default_rng(1).standard_normal((3, len(hypothesis.priors)))
+    given = hypothesis, model.forward, model.evidence
+
+    def at(point):
+        return predict(*given, point, model.baseline)
+
+    found, by_z = zip(*map(at, z), strict=True)
+    step = 1e-3 * np.eye(len(z[0]))[j]
+    differences = (at(z[0] + step)[0] - at(z[0] - step)[0])[own] / 2e-3
+    assert by_z[0][own, j] == pytest.approx(differences, rel=1e-4, abs=1e-9)
+    many = ManyPredictions(
+        hypothesis, batched(model.forward), model.evidence, model.baseline, held_out=True
+    )
+    together, along = many(z, range(len(z[0])))
+    assert together[:, own] == pytest.approx(np.array(found)[:, own], rel=1e-9)
+    assert along[:, own] == pytest.approx(np.array(by_z)[:, own], abs=1e-9)
