@@ -362,6 +362,7 @@ class Diagnose(Section):
     common to all modes beside ``discrepancy``, what is each one's own where that is larger.
     ``rare`` says whether causes that few structures have are looked for too, such as a local loss
     of stiffness or a resonator somewhere; those that ``effects`` names are in any case.
+    ``frfs`` says whether measured functions (``[test.frfs]``) are data beside the modes.
     ``joints`` says what the nominal model has where the joints are: ``bonded`` parts, so that
     nothing of the joints is assumed; or the stiffness ``given`` by ``[joints]``, of which a
     diagnosis can then say that the preload is below the nominal one.
@@ -381,6 +382,7 @@ class Diagnose(Section):
     patches: Annotated[int, Field(ge=0, le=200, strict=True)] = 12
     mesh_error: Annotated[bool, Field(strict=True)] = True
     rare: Annotated[bool, Field(strict=True)] = False
+    frfs: Annotated[bool, Field(strict=True)] = True
 
 
 def _parallel(a, b) -> bool:

@@ -115,7 +115,8 @@ class FRFSection(Section):
     ``keys`` are for what the files do not say: see `measurements.files.read_frfs`. ``at`` is
     the condition at which they were measured, the last one by default. ``noise`` is their relative
     standard deviation, 5 % by default; with ``averages``, their number, it comes from the measured
-    coherence instead.
+    coherence instead. ``calibration`` is that of each sensor's and each force's scale, 2 % by
+    default, which a diagnosis counts besides.
     """
 
     class Identify(Section):
@@ -139,6 +140,7 @@ class FRFSection(Section):
     at: Number | None = None
     noise: Positive | None = None
     averages: Annotated[int, Field(ge=2, strict=True)] | None = None
+    calibration: quantity("", 0) = 0.02
     identify: Identify | None = None
 
     @model_validator(mode="after")

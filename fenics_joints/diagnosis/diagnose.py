@@ -200,7 +200,7 @@ class _Run:
                 "order": self.model.order_note(),
                 "notes": list(dict.fromkeys([
                     *test_notes(self.case, self.model.full), *self.data.notes,
-                    *self.model.mesh_notes(), *unsplit,
+                    *self.model.mesh_notes(), *self.model.notes, *unsplit,
                 ])),
                 "seconds": time.perf_counter() - self.started,
             },

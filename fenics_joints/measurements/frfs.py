@@ -18,6 +18,9 @@ __all__ = ["Coherence", "MeasuredFRFs", "Reciprocity"]
 
 #: How far two points may be apart, relative to the extent of all, to be one.
 _SAME_POINT = 1e-6
+#: Relative standard deviation of functions of which nothing is said; and the least by coherence:
+#: one of 1 is not a perfect test.
+_NOISE, _LEAST = 0.05, 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -324,6 +327,17 @@ class MeasuredFRFs:
             raise InputError(f"averages = {averages}: expected 2 or more")
         gamma = np.clip(self.coherence, 1e-12, 1.0)
         return np.sqrt((1 - gamma) / (2 * gamma * averages))
+
+    def stated_sd(self, noise: float | None, averages: int | None) -> np.ndarray:
+        """`relative_sd` where averages are given, at least 0.1 %, 1 where it is not known; else the
+        noise, 5 % unless given; shape of ``values``.
+
+        Raises:
+            InputError: See `relative_sd`.
+        """
+        if averages is None:
+            return np.full(self.values.shape, _NOISE if noise is None else noise)
+        return np.maximum(np.nan_to_num(self.relative_sd(averages), nan=1.0), _LEAST)
 
 
 def _ascending(frequencies) -> np.ndarray:

@@ -26,7 +26,7 @@ from fenics_joints.structure.sparse import combination
 
 __all__ = ["Antiresonances", "PointBasis"]
 
-#: Share of the largest energy below which a direction is left out of the basis.
+#: See `PointBasis`: for antiresonances, which are where little is left of large sums.
 _BASIS = 1e-10
 #: How far, in ln f, an antiresonance is from the nearest resonance at least: where both fall
 #: together neither is seen at the point.
@@ -43,6 +43,7 @@ class PointBasis:
         samples: Parameter values; the first are the nominal ones. None of beams, which need none.
         n_modes: Modes at each.
         travel: See `reduce`.
+        tolerance: Share of the largest energy below which a direction is left out of the basis.
 
     Attributes:
         model: The model, whose ``sensor_rows`` are those of ``everywhere``.
@@ -52,7 +53,7 @@ class PointBasis:
 
     def __init__(
         self, full, at: Sensors, everywhere: Sensors, samples: Points, n_modes: int,
-        travel: Mapping | None = None,
+        travel: Mapping | None = None, tolerance: float = _BASIS,
     ):  # fmt: skip
         self.everywhere = everywhere
         self._basis: list[PETSc.Vec] | None = None
@@ -61,7 +62,7 @@ class PointBasis:
             return
         loads = full.loads(at)
         reduced = reduce(
-            full, samples, n_modes, travel=travel, tolerance=_BASIS,
+            full, samples, n_modes, travel=travel, tolerance=tolerance,
             more=lambda modes: modes.solver.inverse(loads),
         )  # fmt: skip
         self._basis = reduced.basis

@@ -13,10 +13,6 @@ from fenics_joints.measurements.lines import choose_lines
 
 __all__ = ["UpdateData", "positive", "update_data"]
 
-#: Relative standard deviation of functions of which the case says nothing.
-_NOISE = 0.05
-#: That of functions by coherence is at least this: a coherence of 1 is not a perfect test.
-_LEAST = 1e-3
 #: How far the band of the lowest and the highest mode goes where there is no other, as a factor.
 _ALONE = 1.2
 #: Lines that are fitted by default, at most.
@@ -135,9 +131,7 @@ def positive(log_sd: np.ndarray) -> np.ndarray:
 def _functions(case: Case, bands: list[tuple[float, float]]) -> dict:
     """Fields of `UpdateData` on functions, and their target; no line of ``bands`` is fitted."""
     frfs, section, held = case.frfs(), case.test.frfs, case.update.held
-    sd = np.full(frfs.values.shape, section.noise or _NOISE)
-    if section.averages is not None:
-        sd = np.maximum(np.nan_to_num(frfs.relative_sd(section.averages), nan=1.0), _LEAST)
+    sd = frfs.stated_sd(section.noise, section.averages)
     out = np.zeros(frfs.values.shape, dtype=bool)
     bands = [*bands, *((held.bands if held is not None else None) or ())]
     out[frfs.lines_in(bands)] = True

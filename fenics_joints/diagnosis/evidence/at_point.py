@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Hashable, Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -29,6 +29,7 @@ class AtPoint(ABC):
         row: The test's row at which it was measured.
         index: Which of its model's this is.
         mesh: How much too high, in ln of it, the mesh makes it.
+        common: See `scalars.Scalar`.
         patches: Change of its logarithm by the stiffness and by the mass of each patch, (2, P);
             None where no unknown cause has a place.
     """
@@ -39,6 +40,7 @@ class AtPoint(ABC):
     row: int
     index: int
     mesh: float = 0.0
+    common: Mapping[Hashable, float] = field(default_factory=dict)
     patches: np.ndarray | None = None
 
     @abstractmethod

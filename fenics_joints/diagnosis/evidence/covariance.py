@@ -179,6 +179,9 @@ class Covariance:
             total = total + turns @ turns.T
             if unknown:
                 total = total + self._locally * _UNKNOWN_SHAPE**2
+        if self.test.scalars:
+            common = _common_errors(self.test.scalars)
+            total[np.ix_(e.of_scalars, e.of_scalars)] += common @ common.T
         if unknown and self.test.scalars:
             wide = np.zeros(len(e.kind))
             wide[e.of_scalars] = [scalar.unknown for scalar in self.test.scalars]
@@ -211,6 +214,17 @@ def _blocks(
     """Products of the scales of frequencies and damping, nought between different kinds."""
     scale = np.where(kind == FREQUENCY, of_frequency, np.where(kind == DAMPING, of_damping, 0.0))
     return np.outer(scale, scale) * (kind[:, None] == kind[None, :])
+
+
+def _common_errors(measured: tuple) -> np.ndarray:
+    """What several single numbers err together, a column for each such error, (k, n_errors)."""
+    names = dict.fromkeys(name for scalar in measured for name in scalar.common)
+    found = np.zeros((len(measured), len(names)))
+    at = {name: j for j, name in enumerate(names)}
+    for i, scalar in enumerate(measured):
+        for name, change in scalar.common.items():
+            found[i, at[name]] = change
+    return found
 
 
 def _log(conditions: np.ndarray) -> np.ndarray:

@@ -7,13 +7,16 @@ from dataclasses import dataclass
 import numpy as np
 
 __all__ = [
-    "ANTIRESONANCE", "DAMPING", "FREQUENCY", "KINDS", "MASS", "SHAPE", "STIFFNESS", "Entries",
+    "ANTIRESONANCE", "DAMPING", "FREQUENCY", "FUNCTION", "KINDS", "MASS", "SHAPE", "STIFFNESS",
+    "Entries",
 ]  # fmt: skip
 
 #: Kinds of entries.
-FREQUENCY, DAMPING, SHAPE, MASS, STIFFNESS, ANTIRESONANCE = 0, 1, 2, 3, 4, 5
+FREQUENCY, DAMPING, SHAPE, MASS, STIFFNESS, ANTIRESONANCE, FUNCTION = range(7)
 #: Their names.
-KINDS = ("frequencies", "damping", "shapes", "masses", "static stiffness", "antiresonances")
+KINDS = (
+    "frequencies", "damping", "shapes", "masses", "static stiffness", "antiresonances", "functions",
+)  # fmt: skip
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
@@ -30,6 +30,8 @@ class Scalar(Protocol):
         sd: Its relative standard deviation, with what the model leaves out.
         row: The test's row at which it was measured; None if it does not depend on that.
         unknown: What an unknown cause may do to its logarithm, one standard deviation.
+        common: What any model of the structure, or the test, errs in it that it errs in others too:
+            change of its logarithm by one standard deviation of each such error, by its name.
     """
 
     name: str
@@ -38,6 +40,7 @@ class Scalar(Protocol):
     sd: float
     row: int | None
     unknown: float
+    common: Mapping[Hashable, float]
 
     def log_value(self, values: Mapping[str, float | np.ndarray]) -> float | np.ndarray:
         """ln of what the model has for it; (b,) of parameter values (b,)."""
@@ -96,7 +99,10 @@ def scalars(
     found, along = scalars_at(measured, hypothesis, np.asarray(z, dtype=float)[None], by, at)
     if not np.all(np.isfinite(found)):
         lacking = measured[int(np.argmin(np.isfinite(found[0])))]
-        raise InputError(f"{lacking.name}: the model has no such antiresonance at these values.")
+        raise InputError(
+            f"{lacking.name}: the model lacks the antiresonance, or a mode that it is made of, at "
+            "these values."
+        )
     return found[0], along[0] if slopes else np.zeros((len(measured), len(z)))
 
 

@@ -45,6 +45,7 @@ class Weighed:
     kind: ClassVar[int] = MASS
     row: ClassVar[int | None] = None
     unknown: ClassVar[float] = 0.1
+    common: ClassVar[Mapping] = {}
 
     @property
     def measured(self) -> float:

@@ -14,10 +14,12 @@ from fenics_joints.diagnosis.evidence.at_point import AtPoint
 from fenics_joints.diagnosis.evidence.scalars import Scalar
 from fenics_joints.diagnosis.evidence.stiffness import StaticStiffness
 from fenics_joints.diagnosis.model.antiresonances import antiresonances
+from fenics_joints.diagnosis.model.functions import measured_functions
 from fenics_joints.diagnosis.model.static import static_stiffness
 from fenics_joints.diagnosis.where.cells import Cells
 from fenics_joints.diagnosis.where.patches import Patches
 from fenics_joints.diagnosis.where.zone_sensitivity import EXPECTED
+from fenics_joints.errors import InputError
 from fenics_joints.progress import Progress
 
 __all__ = ["by_patches", "measured_at_points", "stiffness_at"]
@@ -29,15 +31,15 @@ _PLACES = 40
 
 
 def measured_at_points(model: Prepared, progress: Progress) -> list[Scalar]:
-    """The static stiffnesses and the antiresonances of a case's test. Collective; after the reduced
-    model is made.
+    """Static stiffnesses, antiresonances and functions of a case's test, with what is to be said of
+    them in the model's notes. Collective; after the reduced model is made.
 
     Args:
         model: The case.
         progress: Told what is being done.
 
     Raises:
-        InputError: See `static_stiffness` and `antiresonances`.
+        InputError: See `static_stiffness`, `antiresonances` and `measured_functions`.
     """
     found, test = [], model.case.test
     if test is not None and test.stiffness:
@@ -46,6 +48,12 @@ def measured_at_points(model: Prepared, progress: Progress) -> list[Scalar]:
     if test is not None and test.antiresonances:
         progress.step("antiresonances at samples of the parameters")
         found += _antiresonances_at(model, test.antiresonances)
+    frfs = model.case.frfs()
+    if frfs is not None and model.case.diagnose.frfs:
+        progress.step("functions at samples of the parameters")
+        lines, notes = measured_functions(model, frfs, model.surrogate.everywhere(_PLACES))
+        found += lines
+        model.notes += notes
     return found
 
 
@@ -102,13 +110,16 @@ def by_patches(
         both = cells.energies(x, omega, values)
         return np.array([cells.sums(split.number, each, len(split)) for each in both])
 
-    def placed(scalar):
-        if not isinstance(scalar, AtPoint):
-            return scalar
-        change = size * scalar.by_logs(energies, baseline)
-        if of_joint.any():
-            given_way = scalar.by_logs(energies, soft)[:, of_joint]
-            change[:, of_joint] = np.array([[-1.0], [0.0]]) * given_way
-        return replace(scalar, patches=change)
-
-    return tuple(placed(scalar) for scalar in measured)
+    # All at one model, then all at the other: some know what the model was last.
+    placed = [s for s in measured if isinstance(s, AtPoint)]
+    changes = {s: size * s.by_logs(energies, baseline) for s in placed}
+    if of_joint.any():
+        for scalar in placed:
+            try:
+                given_way = scalar.by_logs(energies, soft)[:, of_joint]
+            except InputError:
+                continue  # the model has it no more: what stiff joints say stays
+            changes[scalar][:, of_joint] = np.array([[-1.0], [0.0]]) * given_way
+    return tuple(
+        replace(s, patches=changes[s]) if isinstance(s, AtPoint) else s for s in measured
+    )

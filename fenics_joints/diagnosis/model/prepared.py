@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -72,6 +72,7 @@ class Prepared(Subject):
         unresolved: Modes of the test that are no modes of the same mesh one degree higher.
         left_out: Mask of these, (m,), if they are left out; None if not, as they are most of the
             test or there are none.
+        notes: What is to be said of the data that are single numbers.
     """
 
     comm: MPI.Intracomm
@@ -84,6 +85,7 @@ class Prepared(Subject):
     surrogate: SeenModes | None = None
     unresolved: tuple[str, ...] = ()
     left_out: np.ndarray | None = None
+    notes: list[str] = field(default_factory=list)
     _yielding: tuple[Modes, Pairing] | None = None
 
     def __repr__(self) -> str:

@@ -1,0 +1,159 @@
+"""Measured functions in a diagnosis: lap plates that hang free, and a mass on springs by hand."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import scipy.sparse.linalg
+from measured_points import E, check_derivatives, plates, said, sparse, write_frequencies
+from mpi4py import MPI
+
+from fenics_joints.case import build_structure, load_case
+from fenics_joints.diagnosis import diagnose
+from fenics_joints.diagnosis.evidence.entries import FUNCTION
+from fenics_joints.diagnosis.model.prepared import prepare
+from fenics_joints.errors import InputError
+from fenics_joints.measurements import pair_modes
+from fenics_joints.modal import solve_modes
+from fenics_joints.progress import Progress
+from fenics_joints.structure import Sensors, Structure
+
+ALONG = (0.01, 0.06, 0.11, 0.16, 0.21, 0.26, 0.31)
+#: A force at the right end, and motion there and at the left.
+ENDS = Sensors([[0.31, 0.04, 0.0165], [0.01, 0.04, 0.0]], [0, 0, 1])
+BONDED = {"lap.E": 3e11, "lap.G": 1e11}
+METAL = ("modulus error", "density error")
+LOSS = 0.004
+HZ = np.arange(100.0, 1600.0, 2.0)
+TEST = """
+[test]
+frequencies = "frequencies.csv"
+noise = "0.1 %"
+
+[test.sees]
+along = "x"
+positions = ["10 mm", "60 mm", "110 mm", "160 mm", "210 mm", "260 mm", "310 mm"]
+at = { y = "40 mm", z = ["0 mm", "8 mm", "8 mm", "16.5 mm", "16.5 mm", "16.5 mm", "16.5 mm"] }
+direction = [0, 0, 1]
+"""
+
+
+
+
+def frfs(more: str = "", node: str = '["10 mm", "40 mm", "0 mm"]') -> str:
+    return f"""
+[test.frfs]
+files = "frfs.csv"
+noise = "2 %"
+calibration = "0.5 %"
+points = {{ "1" = ["310 mm", "40 mm", "16.5 mm"], "2" = {node} }}
+{more}
+"""
+
+
+def written(folder: Path, more: str = "", **values):
+    case = plates(*METAL, "joint normal compliance", n_modes=20, tolerance=0.5, **values)
+    (folder / "case.toml").write_text(case + more, encoding="utf-8")
+    return load_case(folder)
+
+
+def exact(full: Structure, given, hz, response: int, loss: float = LOSS) -> np.ndarray:
+    """Receptances by factorisations that are not PETSc's, m/N."""
+    K, M, at = sparse(full.stiffness(given)), sparse(full.mass(given)), full.loads(ENDS)
+    solved = (
+        scipy.sparse.linalg.spsolve(K * (1 + 1j * loss) - (2 * np.pi * f) ** 2 * M, at[:, 0] + 0j)
+        for f in hz
+    )
+    return np.array([at[:, response] @ x for x in solved])
+
+
+@pytest.fixture(scope="module")
+def measured(tmp_path_factory):
+    """Resonances of plates of a softer metal, bonded, on another mesh, and both functions, m/N."""
+    folder = tmp_path_factory.mktemp("true")
+    case = written(folder, E=0.93 * E, size=16)
+    full = build_structure(case, MPI.COMM_SELF, law="uncoupled")
+    modes = solve_modes(full, BONDED, n_modes=60)
+    points = [[x, 0.04, 0.0 if x == 0.01 else 0.008 if x < 0.12 else 0.0165] for x in ALONG]
+    seen = pair_modes(modes, 4, Sensors(points, [0, 0, 1])).index
+    at, lam = modes.at(ENDS), np.maximum(modes.eigenvalues, 0.0)
+    gap = lam * (1 + 1j * LOSS) - (2 * np.pi * HZ[:, None]) ** 2
+    found = np.stack([np.sum(at[0] * at[i] / gap, axis=1) for i in range(2)])
+    # What modes beyond add hardly changes with the frequency.
+    some = HZ[::250]
+    rest = [exact(full, BONDED, some, i) - found[i, ::250] for i in range(2)]
+    found = found + np.array([np.interp(HZ, some, r.real) for r in rest])
+    return modes.frequencies_hz[seen], found
+
+
+def case_of(folder: Path, measured, more: str, scale: float = 1.0):
+    """With 2 % of noise on accelerances."""
+    folder.mkdir()
+    write_frequencies(folder, measured[0])
+    rng = np.random.default_rng(4)
+    both = scale * measured[1] * -((2 * np.pi * HZ) ** 2)
+    noise = rng.standard_normal((2, *both.shape)) * 0.02 / np.sqrt(2)
+    both = both * (1 + noise[0] + 1j * noise[1])
+    heads = [f"{i}:+z/1:+z {part} [m/s2/N]" for i in (1, 2) for part in ("re", "im")]
+    rows = np.column_stack([HZ, *(part for h in both for part in (h.real, h.imag))])
+    table = [",".join(["frequency [Hz]", *heads]), *(",".join(map(repr, r)) for r in rows.tolist())]
+    (folder / "frfs.csv").write_text("\n".join(table) + "\n", encoding="utf-8")
+    return written(folder, TEST + more)
+
+
+def test_functions_split_modulus_from_density(tmp_path, measured):
+    """Frequencies alone do not: the metal is softer. By functions of a heavier one, it is that."""
+    blind = diagnose(case_of(tmp_path / "blind", measured, ""), MPI.COMM_SELF)
+    assert min(said(blind)[name] for name in METAL) > 0.2, blind.summary
+    seen = diagnose(case_of(tmp_path / "seen", measured, frfs()), MPI.COMM_SELF)
+    assert said(seen)["modulus error"] > 0.5 and said(seen)["density error"] < 0.1, seen.summary
+    # Of a structure heavier by 7.5 % the frequencies are the same, and functions less by that.
+    heavier = case_of(tmp_path / "heavier", measured, frfs(), scale=0.93)
+    other = diagnose(heavier, MPI.COMM_SELF)
+    assert said(other)["density error"] > 0.5 and said(other)["modulus error"] < 0.1, other.summary
+
+
+
+def test_they_are_entries_with_derivatives(tmp_path, measured):
+    case = case_of(tmp_path / "case", measured, frfs())
+    model = prepare(case, MPI.COMM_SELF, Progress(silent=True))
+    model.reduce(Progress(silent=True))
+    model.place_unknown()
+    lines = model.evidence.scalars
+    own = np.flatnonzero(model.evidence.entries.kind == FUNCTION)
+    assert len(own) == len(lines) == 96 and not model.evidence.data[own].any()
+    # Of the true metal what is left is noise, and the errors that the model says of itself.
+    metal = {"plates.E": 0.93 * model.baseline["plates.E"]}
+    off = np.array([line.log_value(model.baseline | metal)[0] for line in lines])
+    errors = model.evidence.full_covariance()[np.ix_(own, own)]
+    assert 0.3 < off @ np.linalg.solve(errors, off) / len(off) < 1.5
+    hypothesis = model.hypothesis(model.effects[:2])
+    for j in (0, 1):  # to round-off of rigid-body modes, over their frequency
+        check_derivatives(model, hypothesis, own, hypothesis.own.start + j, floor=1e-7)
+    # Well below the first resonance of a free body there is its mass, heavier by 10 %.
+    parts = ~model.evidence.signatures.of_joint
+    low = [line for line in lines if line.functions.lines.frequencies_hz[line.index] < 150]
+    for line in low:
+        stiff, mass = line.patches[:, parts].sum(axis=1)
+        assert [stiff, mass] == pytest.approx([0.0, 0.0 if line.phase else -0.1], abs=2e-3)
+
+
+def test_what_is_not_of_this_structure_is_left_out(tmp_path, measured):
+    """Accelerations in g, and a sensor upside down."""
+    wrong = frfs('units = "g/N"')
+    case = case_of(tmp_path / "wrong", measured, wrong)
+    model = prepare(case, MPI.COMM_SELF, Progress(silent=True))
+    model.reduce(Progress(silent=True))
+    assert not model.evidence.scalars
+    left = [note for note in model.notes if "is left out: it is" in note]
+    assert len(left) == 2 and "look at its unit" in left[0], model.notes
+
+
+def test_refusals(tmp_path, measured):
+    beside = case_of(tmp_path / "beside", measured, frfs(node='["900 mm", "40 mm", "0 mm"]'))
+    with pytest.raises(InputError, match="test.frfs 2"):
+        diagnose(beside, MPI.COMM_SELF)
+    with pytest.raises(InputError, match=r"test.frfs: row = 7 was not measured: expected one of 1"):
+        case_of(tmp_path / "late", measured, frfs("at = 7"))
