@@ -63,7 +63,7 @@ class PointBasis:
         loads = full.loads(at)
         reduced = reduce(
             full, samples, n_modes, travel=travel, tolerance=tolerance,
-            more=lambda modes: modes.solver.inverse(loads),
+            more=lambda modes: _beyond(modes, loads, at),
         )  # fmt: skip
         self._basis = reduced.basis
         self.model = reduced.arrays(sensors=everywhere)
@@ -72,6 +72,14 @@ class PointBasis:
     def in_full(self, y: np.ndarray):
         """A vector of the basis in the full model's unknowns, as a vector of its kind."""
         return y if self._basis is None else combination(self._basis, y)
+
+
+def _beyond(modes: Modes, loads: np.ndarray, at: Sensors) -> np.ndarray:
+    """This rank's rows of what forces bend besides the modes at hand, of which a free body's rigid
+    ones would hide it, (n_local, n_sensors)."""
+    own = np.column_stack([shape.array_r for shape in modes.shapes])
+    share = modes.at(at).T / (modes.eigenvalues - modes.solver.shift)[:, None]
+    return modes.solver.inverse(loads) - own @ share
 
 
 class Antiresonances:

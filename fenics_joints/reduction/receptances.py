@@ -132,22 +132,20 @@ class Receptances:
 
     def modes(self, values: Mapping[str, float | np.ndarray]) -> ManyModes:
         """All modes of the basis, at values (b,)."""
-        own = self._values(values)
-        return self._once("modes", own, lambda: batched(self.forward).many(own))
+        return self._once("modes", (values,), batched(self.forward).many)
 
     def at(self, values: Mapping[str, float | np.ndarray]) -> np.ndarray:
         """Receptances at the lines, m/N, complex, (b, n), of values (b,); nan where the model lacks
         a mode of the test."""
-        own = self._values(values)
-        count = len(next(iter(own.values())))
-        parts = -(-count * self.basis.model.n_dofs**2 // _ROOM)
 
-        def found() -> np.ndarray:
+        def found(own: dict[str, np.ndarray]) -> np.ndarray:
+            count = len(next(iter(own.values())))
+            parts = -(-count * self.basis.model.n_dofs**2 // _ROOM)
             split = [np.array_split(each, parts) for each in own.values()]
             each = (dict(zip(own, part, strict=True)) for part in zip(*split, strict=True))
             return np.concatenate([self._at(self.modes(part)) for part in each])
 
-        return self._once("at", own, found)
+        return self._once("at", (values,), found)
 
     def about(self, values: Mapping[str, float]) -> About:
         """For what patches do to them. Collective.
@@ -158,7 +156,7 @@ class Receptances:
         Raises:
             InputError: If the model lacks a mode of the test there.
         """
-        return self._once("about", self._values(values), lambda: self._about(self.modes(values)))
+        return self._once("about", (values,), lambda own: self._about(self.modes(own)))
 
     def _about(self, modes: ManyModes) -> About:
         if not modes.good[0]:
@@ -198,52 +196,40 @@ class Receptances:
             high: Likewise.
             width: Likewise.
         """
-        modes, (low, high) = self.modes(values), (self._values(each) for each in (low, high))
-        ends = {f"{name} {end}": each[name] for end, each in (("low", low), ("high", high))
-                for name in each}  # fmt: skip
+        return self._once("slopes", (values, low, high), lambda own, below, above: self._slopes(
+            self.modes(own), below, above, width
+        ))  # fmt: skip
 
-        def found() -> np.ndarray:
-            count = len(next(iter(low.values()))) // len(modes.index)
-            along = change(modes.model, low, high, width, count)
-            return self._of_motions(modes, along) + self._of_poles(modes, along)
+    def _slopes(self, modes: ManyModes, low, high, width: float) -> np.ndarray:
+        count = len(next(iter(low.values()))) // len(modes.index)
+        along = change(modes.model, low, high, width, count)
+        return np.stack([self._slopes_at(modes, along, b) for b in range(len(modes.index))])
 
-        return self._once("slopes", self._values(values) | ends, found)
-
-    def _of_motions(self, modes: ManyModes, along: Change) -> np.ndarray:
-        """-x^T dZ y of the motions x and y by forces at both points, (b, n, p)."""
-        stiff, heavy = modes.model.pencil.terms
-        found = np.empty((len(modes.index), len(self.lines), along.n))
-        square = self.lines.omega**2
-        for b, moves in enumerate(self.basis.rows @ modes.vectors):
-            gap = modes.eigenvalues[b, :, None] - square
-            x, y = (
-                modes.vectors[b] @ (moves[which].T / gap)
-                for which in (self.lines.response, self.lines.reference)
-            )
-            by_K = np.tensordot(along.theta[b], stiff, axes=(0, 0)) @ y
-            by_M = np.tensordot(along.rho[b], heavy, axes=(0, 0)) @ y
-            for k, parts in along.moved.items():
-                for w, at in parts:
-                    by_M[k] += w[b] * np.einsum("di,dj,jl->il", at[b], at[b], y)
-            found[b] = -np.einsum("il,pil->lp", x, by_K - square * by_M)
-        return found
-
-    def _of_poles(self, modes: ManyModes, along: Change) -> np.ndarray:
-        """What is to be added since the test's resonances stay where they are, (b, n, p)."""
-        rows, own = self.basis.rows, self._own
-        moves, lam = rows @ modes.x[:, :, own], modes.lam[:, own]
-        gap = lam[:, None, :] - (self.lines.omega**2)[:, None]
-        apart = 1 / self._given.T - 1 / gap
-        by_lam = 2 * lam[:, :, None] * modes.slopes(along)[:, own]
-        residues = self._residues(moves)
-        found = np.einsum("bnm,bmp->bnp", residues / gap**2, by_lam).astype(complex)
-        one, other = (moves[:, at] for at in (self.lines.response, self.lines.reference))
-        for k in range(along.n):
-            turned = rows @ modes.shape_slope(along, k)[:, :, own]
-            changed = (
-                turned[:, self.lines.response] * other + one * turned[:, self.lines.reference]
-            )
-            found[..., k] += np.sum(changed * apart, axis=2)
+    def _slopes_at(self, modes: ManyModes, along: Change, b: int) -> np.ndarray:
+        """At one of the points, (n, p): -x^T dZ y of the motions x and y by forces at both points,
+        and what is to be added since the test's resonances stay where they are."""
+        lam, vectors = modes.eigenvalues[b], modes.vectors[b]
+        moves, square, n = self.basis.rows @ vectors, self.lines.omega**2, len(self.lines)
+        inverse = 1 / (lam - square[:, None])
+        x = vectors @ (moves[self.lines.response] * inverse).T
+        y = vectors @ (moves[self.lines.reference] * inverse).T
+        index = modes.index[b][self._own]
+        own = vectors[:, index]
+        by_K, by_M = _products(modes.model, along, b, np.hstack([y, own]))
+        found = -np.einsum("nl,pnl->lp", x, by_K[..., :n] - square * by_M[..., :n]) + 0j
+        pull, heavy = by_K[..., n:] - lam[index] * by_M[..., n:], by_M[..., n:]
+        # Of what a mode moves the points, by expansion in all (Fox and Kapoor, AIAA J. 6, 1968).
+        gap = lam[index] - lam[:, None]
+        gap[index, np.arange(len(index))] = np.inf
+        mixed = np.einsum("ns,pnm->psm", vectors, pull) / gap
+        turned = np.einsum("is,psm->pim", moves, mixed)
+        at = moves[:, index]
+        turned -= 0.5 * at * np.einsum("nm,pnm->pm", own, heavy)[:, None]
+        one, other = self.lines.response, self.lines.reference
+        changed = turned[:, one] * at[other] + at[one] * turned[:, other]
+        free, by_lam = inverse[:, index], np.einsum("nm,pnm->pm", own, pull)
+        found += np.einsum("plm,lm->lp", changed, 1 / self._given.T - free)
+        found += np.einsum("lm,pm->lp", at[one] * at[other] * free**2, by_lam)
         return found
 
     def _residues(self, moves: np.ndarray) -> np.ndarray:
@@ -262,9 +248,25 @@ class Receptances:
         own = own_values(self.basis.model, values)
         return {name: np.atleast_1d(value) for name, value in own.items()}
 
-    def _once(self, what: str, values: Mapping[str, np.ndarray], made):
+    def _once(self, what: str, given: tuple, made: Callable):
         """What was made last, if it was of these values: all lines ask for the same."""
-        key = tuple(each.tobytes() for each in values.values())
-        if what not in self._kept or self._kept[what][0] != key:
-            self._kept[what] = key, made()
-        return self._kept[what][1]
+        kept = self._kept.get(what)
+        if kept is not None and all(a is b for a, b in zip(kept[0], given, strict=True)):
+            return kept[2]
+        own = [self._values(values) for values in given]
+        key = [value.tobytes() for values in own for value in values.values()]
+        found = kept[2] if kept is not None and kept[1] == key else made(*own)
+        self._kept[what] = given, key, found
+        return found
+
+
+def _products(model, along: Change, b: int, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Derivatives of K x and of M x along all directions at one of b points, each (p, n, k)."""
+    found = []
+    for terms, by in zip(model.pencil.terms, (along.theta[b], along.rho[b]), strict=True):
+        moving = np.flatnonzero(by.any(axis=1))
+        found.append(np.tensordot(by[moving], terms[moving], axes=(0, 0)) @ x)
+    for k, parts in along.moved.items():
+        for w, at in parts:
+            found[1][k] += w[b] * np.einsum("di,dk->ik", at[b], at[b] @ x)
+    return found[0], found[1]

@@ -1,4 +1,4 @@
-"""Measured functions in a diagnosis: lap plates that hang free, and a mass on springs by hand."""
+"""Measured functions in a diagnosis: lap plates that hang free, and a bar by hand."""
 
 from __future__ import annotations
 
@@ -16,9 +16,14 @@ from fenics_joints.diagnosis.evidence.entries import FUNCTION
 from fenics_joints.diagnosis.model.prepared import prepare
 from fenics_joints.errors import InputError
 from fenics_joints.measurements import pair_modes
+from fenics_joints.meshes import box
 from fenics_joints.modal import solve_modes
 from fenics_joints.progress import Progress
-from fenics_joints.structure import Sensors, Structure
+from fenics_joints.reduction.forward import Forward
+from fenics_joints.reduction.grounded import PointBasis
+from fenics_joints.reduction.receptances import Lines, Poles, Receptances
+from fenics_joints.reduction.seen import places_all_over
+from fenics_joints.structure import Parameter, Sensors, Structure, part
 
 ALONG = (0.01, 0.06, 0.11, 0.16, 0.21, 0.26, 0.31)
 #: A force at the right end, and motion there and at the left.
@@ -157,3 +162,37 @@ def test_refusals(tmp_path, measured):
         diagnose(beside, MPI.COMM_SELF)
     with pytest.raises(InputError, match=r"test.frfs: row = 7 was not measured: expected one of 1"):
         case_of(tmp_path / "late", measured, frfs("at = 7"))
+
+
+@pytest.mark.parallel
+def test_of_a_free_bar_with_the_resonances_of_a_test():
+    """Of force and motion at an end every mode has the residue 4 / m (Blevins, Formulas for Natural
+    Frequency and Mode Shape, 1979, table 8-1), rigid ones together too; at values no sample has."""
+    length, width, height, rho = 0.5, 0.02, 0.005, 7800.0
+    body = part("bar", "body", E="E", nu=0.0, rho=rho, stretch="s")
+    full = Structure(
+        box(MPI.COMM_WORLD, (length, width, height), (24, 1, 1)), [body],
+        [Parameter("E", 2e11), Parameter("s", 1.0)],
+    )  # fmt: skip
+    end = Sensors([0.0, width / 2, height / 2], [0, 0, 1])
+    samples = [{"E": 2e11, "s": s} for s in (1.0, 0.8, 1.25)]
+    basis = PointBasis(full, end, places_all_over(full, 40), samples, 24, tolerance=1e-6)
+    modes = solve_modes(basis.model, samples[0], n_modes=24)
+    bent = np.flatnonzero(np.abs(basis.rows[0] @ modes.shapes) > 0.1)
+    reference = modes.at(basis.everywhere)[:, bent[bent >= modes.n_rigid][:3]]
+    forward = Forward(basis.model, basis.everywhere, 3, 24, reference=reference)
+    tested = np.array([100.0, np.nan, 540.0])
+    hz = np.array([20.0, 60.0, 101.0, 180.0, 400.0, 541.0, 620.0])
+    lines = Lines(hz, np.zeros(7, dtype=int), np.zeros(7, dtype=int))
+    functions = Receptances(basis, lines, Poles(tested, np.full(3, 0.01)), forward)
+    beta = np.array([4.730041, 7.853205, *(np.arange(3, 30) + 0.5) * np.pi]) / length
+    for values in ({"E": 1.7e11, "s": 0.9}, {"E": 2.2e11, "s": 1.15}):
+        thick = values["s"] * height
+        mass = rho * length * width * thick
+        own = beta**2 * np.sqrt(values["E"] * thick**2 / (12 * rho)) / (2 * np.pi)
+        poles = np.array([100.0, own[1], 540.0, *own[3:]])[:, None]
+        damping = np.isin(poles, tested) * 0.01
+        omega = 2 * np.pi * hz
+        gap = (2 * np.pi * poles) ** 2 - omega**2 + 4j * np.pi * damping * poles * omega
+        by_hand = 4 / mass * (np.sum(1 / gap, axis=0) - 1 / omega**2)
+        assert np.abs(functions.at(values)[0] / by_hand - 1).max() < 0.02
