@@ -77,7 +77,8 @@ class Errors:
         return float(np.sqrt(last * above.min())) if len(above) else float(last)
 
     def small(self, lines: Lines, values: np.ndarray, sd: np.ndarray) -> np.ndarray:
-        """Which lines say something, (n,), of measured values (n,) with their noise."""
+        """Which lines say something, (n,), of values (n,) with their noise: the lesser of what was
+        measured and of what the model has, which errors shall be little of either."""
         of_shapes, of_poles = self._columns(lines)
         near, all_ = (
             np.sqrt(sum(np.abs(c) ** 2 for c in parts.values())) / np.abs(values)

@@ -7,7 +7,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy.ndimage import median_filter
 
+from fenics_joints.case.test import FRFSection
 from fenics_joints.diagnosis.evidence.function_line import FunctionLine
 from fenics_joints.diagnosis.model.function_errors import Errors
 from fenics_joints.diagnosis.model.static import row_of
@@ -19,14 +21,18 @@ from fenics_joints.reduction.grounded import PointBasis
 from fenics_joints.reduction.receptances import Lines, Poles, Receptances
 from fenics_joints.structure import Sensors
 
-__all__ = ["measured_functions"]
+__all__ = ["measured_functions", "planned_function"]
 
 #: `fenics_joints.diagnosis.model.prepared.Prepared`, whose test these are of.
 Prepared = Any
 #: Functions and lines that are taken, at most; the fewest of a function.
 _FUNCTIONS, _LINES, _FEW = 6, 48, 4
+#: Lines of a planned function, and where they begin, in lowest resonances.
+_GRID, _LOWEST = 800, 0.3
 #: See `PointBasis`: lines are off by 0.2 % in the median, 1 % near valleys (test plates).
 _BASIS = 1e-4
+#: Lines over which what a function is off is taken in the median: single ones may be hum.
+_BESIDE = 5
 #: How far a function may be off before it is another's: a unit, a scale or a sign is wrong.
 _OFF = 3.0
 #: Damping ratio of a mode of which it was not measured, which it is within a factor of e.
@@ -77,25 +83,55 @@ def measured_functions(
     taken = _taken(frfs.converted("receptance"), section)
     if full.is_meshed:
         full.rows(taken.at.points, "frf", taken.at.names)  # whether they are on the mesh
-    samples, travel = [], None
+    return _data(_Found(taken, section, _errors(model, taken.at, everywhere, row)), row)
+
+
+def planned_function(
+    model: Prepared, at: Sensors, everywhere: Sensors
+) -> tuple[FunctionLine, ...]:
+    """Lines of a function that would be measured, of force and motion at one place, as the nominal
+    model has it. Collective.
+
+    Args:
+        model: The case, with its reduced model.
+        at: The place.
+        everywhere: See `measured_functions`.
+    """
+    row = row_of(model.case, "test.planned", None, model.data)
+    errors = _errors(model, at, everywhere, row)
+    poles = errors.poles.frequencies_hz[np.isfinite(errors.poles.frequencies_hz)]
+    hz = np.geomspace(_LOWEST * poles.min(), poles.max(), _GRID)
+    same = np.zeros(_GRID, dtype=int)
+    values = errors.receptances(Lines(hz, same, same))
+    frfs = MeasuredFRFs(hz, values[:, None, None], "receptance", *2 * (at.points, at.directions))
+    section = FRFSection.model_construct()
+    return _data(_Found(_taken(frfs, section), section, errors), row)[0]
+
+
+def _errors(model: Prepared, at: Sensors, everywhere: Sensors, row: int) -> Errors:
+    """A model with these points, and what it errs there."""
+    full, count, samples, travel = model.full, model.case.diagnose.n_modes, [], None
     if not full.is_dense:
-        samples, travel = model.samples(case.diagnose.samples), model.travel()
-    basis = PointBasis(
-        full, taken.at, everywhere, samples, case.diagnose.n_modes, travel, tolerance=_BASIS
-    )
-    errors = Errors(model, basis, _forward(model, basis, everywhere), row, *_poles(model, row))
-    found = _Found(taken, errors)
+        samples, travel = model.samples(model.case.diagnose.samples), model.travel()
+    basis = PointBasis(full, at, everywhere, samples, count, travel, tolerance=_BASIS)
+    return Errors(model, basis, _forward(model, basis, everywhere), row, *_poles(model, row))
+
+
+def _data(found: _Found, row: int) -> tuple[tuple[FunctionLine, ...], list[str]]:
+    """The lines as data, two entries each, and what is to be said of them."""
+    taken, errors = found.taken, found.errors
     lines, numbers = found.lines()
-    functions = Receptances(basis, lines, errors.poles, errors.forward)
+    functions = Receptances(errors.basis, lines, errors.poles, errors.forward)
     entries = []
     for n, (k, at) in enumerate(numbers):
-        of_model = errors.common(lines, n, taken.values[at, k]) | found.calibration(k, section)
+        value = found.values[at, k]
+        of_model = errors.common(lines, n, value) | found.calibration(k)
         for phase in (False, True):
             entries.append(
                 FunctionLine(
                     name=f"test.frfs: {taken.named(k)} at {lines.frequencies_hz[n]:.4g} Hz",
                     measured=1.0, sd=float(taken.sd[at, k]), row=row, index=n, phase=phase,
-                    functions=functions, over=complex(taken.values[at, k]),
+                    functions=functions, over=complex(value),
                     common=_part(of_model, phase), unknown=errors.unknown(of_model),
                 )
             )  # fmt: skip
@@ -132,7 +168,7 @@ def _forward(model: Prepared, basis: PointBasis, everywhere: Sensors) -> Forward
     return Forward(basis.model, everywhere, shapes.shape[1], count, reference=shapes)
 
 
-def _taken(frfs: MeasuredFRFs, section) -> _Taken:
+def _taken(frfs: MeasuredFRFs, section: FRFSection) -> _Taken:
     """The driving points, and those whose responses are the farthest from others."""
     driving = {(i, j): sign for i, j, sign in frfs.driving_points()}
     pairs, rest = list(driving)[:_FUNCTIONS], [
@@ -163,10 +199,17 @@ def _taken(frfs: MeasuredFRFs, section) -> _Taken:
 
 
 class _Found:
-    """Which lines of which functions are data, and what is to be said of that."""
+    """Which lines of which functions are data, and what is to be said of that.
 
-    def __init__(self, taken: _Taken, errors: Errors):
+    Attributes:
+        values: The functions, m/N, (n_lines, n), less what single lines alone have, as hum.
+        notes: What is to be said.
+    """
+
+    def __init__(self, taken: _Taken, section: FRFSection, errors: Errors):
         self.taken, self.errors, self.notes = taken, errors, []
+        self._given = complex(section.calibration)
+        self._hz, self.values = taken.frfs.frequencies_hz, taken.values.copy()
 
     def lines(self) -> tuple[Lines, list[tuple[int, int]]]:
         """The lines, and the function and the measured line of each."""
@@ -187,26 +230,30 @@ class _Found:
     def _at(self, chosen: list[tuple[int, int]]) -> Lines:
         k, at = np.array(chosen, dtype=int).reshape(-1, 2).T
         points = self.taken.points[k]
-        return Lines(self.taken.frfs.frequencies_hz[at], points[:, 0], points[:, 1])
+        return Lines(self._hz[at], points[:, 0], points[:, 1])
 
     def _of(self, k: int, count: int) -> list[int]:
         """Lines of a function, as many or fewer; none if it seems to be another's."""
-        taken = self.taken
-        f, values, sd = taken.frfs.frequencies_hz, taken.values[:, k], taken.sd[:, k]
-        there = np.flatnonzero((f > 0) & (values != 0))
+        taken, f, sd = self.taken, self._hz, self.taken.sd[:, k]
+        there = np.flatnonzero((f > 0) & (taken.values[:, k] != 0))
         lines = self._at([(k, at) for at in there])
+        nominal = self.errors.receptances(lines)
+        ratio = taken.values[there, k] / nominal
+        ratio = median_filter(ratio.real, _BESIDE) + 1j * median_filter(ratio.imag, _BESIDE)
+        self.values[there, k] = ratio * nominal
         allowed = np.zeros(len(f), dtype=bool)
-        allowed[there] = self.errors.small(lines, values[there], sd[there])
+        allowed[there] = self.errors.small(lines, np.minimum(1, np.abs(ratio)) * nominal, sd[there])
         if not allowed.any():
             self.notes.append(
                 f"test.frfs: of {taken.named(k)} no line is data: expected some between "
                 "resonances, where a model with the test's resonances says what to expect."
             )
             return []
+        values = self.values[:, k]
         own = choose_lines(
             f, values[:, None, None], count, relative_sd=sd[:, None, None], allowed=allowed
         )
-        ratio = values[own] / self.errors.receptances(self._at([(k, at) for at in own]))
+        ratio = ratio[np.searchsorted(there, own)]
         times, sign = np.median(np.abs(ratio)), np.median(np.cos(np.angle(ratio)))
         if not 1 / _OFF < times < _OFF or sign < 0:
             self.notes.append(
@@ -217,8 +264,7 @@ class _Found:
             return []
         return own.tolist()
 
-    def calibration(self, k: int, section) -> dict[Hashable, complex]:
+    def calibration(self, k: int) -> dict[Hashable, complex]:
         """What the scales of a function's sensor and of its force are off."""
         i, j = map(int, self.taken.pairs[k])
-        given = complex(section.calibration)
-        return {("sensor", i): given, ("force", j): given} if given else {}
+        return {("sensor", i): self._given, ("force", j): self._given} if self._given else {}

@@ -12,11 +12,12 @@ from fenics_joints.case.test import StaticTest
 from fenics_joints.diagnosis.effects.effect import Effect
 from fenics_joints.diagnosis.effects.library import case_effects
 from fenics_joints.diagnosis.evidence.classes import APART
-from fenics_joints.diagnosis.evidence.entries import STIFFNESS
+from fenics_joints.diagnosis.evidence.entries import FUNCTION, STIFFNESS
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.of_test import evidence_of
 from fenics_joints.diagnosis.evidence.weighed import WHOLE, on_a_scale
 from fenics_joints.diagnosis.model.at_points import stiffness_at
+from fenics_joints.diagnosis.model.functions import planned_function
 from fenics_joints.diagnosis.model.prepared import Prepared
 from fenics_joints.diagnosis.model.static import most_yielding
 from fenics_joints.diagnosis.plan.added import (
@@ -71,7 +72,9 @@ class Candidates:
     def all(self) -> list[Candidate]:
         """Every measurement that this case can offer. Collective."""
         found = [*self._modes(), *self._conditions(), *self._damping(), *self._shapes()]
-        return [*found, *self._weighing(), *self._static(), *self._mass(), *self._rig()]
+        return [
+            *found, *self._weighing(), *self._static(), *self._driven(), *self._mass(), *self._rig()
+        ]
 
     def _measurement(self, evidence, forward=None, modes=None, scatter=None) -> Measurement:
         m = self.model
@@ -232,6 +235,22 @@ class Candidates:
         )
         evidence = replace(self.evidence, scalars=(*known, *stiffness_at(m, {"planned": given})))
         name = f"the static stiffness at {point_mm(point)} mm, to {100 * given.noise:.3g} %"
+        return [Candidate(name, self._measurement(evidence))]
+
+    def _driven(self) -> list[Candidate]:
+        """A force where all modes move, and the motion there."""
+        m, known = self.model, self.evidence.scalars
+        there = any(scalar.kind == FUNCTION for scalar in known)
+        if there or m.data.sensors is None or not m.case.diagnose.frfs:
+            return []
+        moved = np.abs(m.surrogate.pairing.shapes)
+        best = int(np.argmax(np.mean(np.log(np.maximum(moved, 1e-9 * moved.max())), axis=1)))
+        at = Sensors(m.data.sensors.points[best], m.data.sensors.directions[best])
+        lines = planned_function(m, at, self._everywhere)
+        if not lines:
+            return []
+        evidence = replace(self.evidence, scalars=(*known, *lines))
+        name = f"the function of a force and the motion at {point_mm(at.points[0])} mm"
         return [Candidate(name, self._measurement(evidence))]
 
     # -- changes of the structure ------------------------------------------------------------
