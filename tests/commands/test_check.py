@@ -144,6 +144,46 @@ def test_sensors_of_another_unit(tmp_path, write_case):
     assert found.errors == () and "span 11.8 mm of a structure of 320 mm" in found.notes[0]
 
 
+BESIDES = """
+[test.stiffness.tip]
+point = ["900 mm", "40 mm", "16.5 mm"]
+direction = [0, 0, 1]
+stiffness = "20 kN/m"
+
+[test.antiresonances.end]
+point = ["10 mm", "40 mm", "0 mm"]
+direction = [0, 0, 1]
+frequencies = ["300 Hz"]
+
+[test.changed.loaded]
+frequencies = "loaded.csv"
+mass = "40 g"
+points = [["300 mm", "40 mm", "-9 mm"]]
+
+[test.frfs]
+files = "frfs.csv"
+points = { "1" = ["310 mm", "40 mm", "16.5 mm"], "2" = ["400 mm", "40 mm", "8 mm"] }
+
+[test.sees]"""
+
+
+def test_where_else_a_test_measured(tmp_path, write_case):
+    """Of what was measured beside modes, too, all that is beside the mesh is said at once."""
+    write_case(tmp_path, ("[test.sees]", BESIDES))
+    head = "bending 1 [Hz],bending 2 [Hz],bending 3 [Hz],bending 4 [Hz]\n400,1000,2200,3100\n"
+    (tmp_path / "loaded.csv").write_text(head)
+    table = "frequency [Hz],2:+z/1:+z re [m/s2/N],2:+z/1:+z im [m/s2/N]\n1,2,3\n2,3,4\n3,4,6\n"
+    (tmp_path / "frfs.csv").write_text(table)
+    found = checked(tmp_path)
+    names = {place.name: place.kind for place in found.places}
+    assert names["test.antiresonances.end"] == names["force 1"] == "force"
+    assert names["test.changed.loaded"] == "mass" and names["2:+z"] == "sensor"
+    said = "\n".join(found.errors)
+    for name in ("test.stiffness.tip", "test.changed.loaded", "2:+z"):
+        assert name in said, said
+    assert "test.antiresonances.end" not in said
+
+
 def test_parts_of_a_test_that_do_not_go_together(tmp_path, write_case):
     """A mode by amplitude under another name than in the table, which each file is silent on."""
     levels = "level [m/s2],frequency [Hz]\n5,80.3\n20,80.2\n"

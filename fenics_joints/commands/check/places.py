@@ -12,8 +12,11 @@ import numpy as np
 from fenics_joints.case import Case
 from fenics_joints.case.harmonic import HarmonicSection
 from fenics_joints.case.sections import ONE_BOLT
+from fenics_joints.case.test import Test
 from fenics_joints.errors import InputError
+from fenics_joints.measurements import MeasuredFRFs
 from fenics_joints.meshes import TaggedMesh
+from fenics_joints.structure import Sensors
 from fenics_joints.structure.nearest import far_points, nearest, too_close_together
 
 __all__ = ["Place", "bolts_of", "close_together", "far_places", "places_of", "same_bolts", "twice"]
@@ -58,17 +61,20 @@ def places_of(case: Case) -> list[Place]:
 
 
 def _places(case: Case) -> Iterator[Place]:
-    sensors = case.sensors()
+    sensors, frfs = case.sensors(), case.frfs()
     if sensors is not None:
         names = sensors.names or [f"sensor {i + 1}" for i in range(len(sensors))]
         for name, point, way in zip(names, sensors.points, sensors.directions, strict=True):
             yield Place("sensor", name, _three(point), _three(way))
-    frfs = case.frfs()
     if frfs is not None:
+        if case.test.sees is not None:
+            yield from _responses(frfs, sensors)
         for i, (point, way) in enumerate(
             zip(frfs.reference_points, frfs.reference_directions, strict=True)
         ):
             yield Place("force", f"force {i + 1}", _three(point), _three(way))
+    if case.test is not None:
+        yield from _besides(case.test)
     if case.harmonic is not None:
         yield from _harmonic(case.harmonic)
     tables = {"mass": case.masses, "spring": case.springs, "attached": case.attached}
@@ -77,6 +83,25 @@ def _places(case: Case) -> Iterator[Place]:
             way = getattr(section, "direction", None)
             for label, point in section.labelled(name):
                 yield Place(kind, label, tuple(point), way)
+
+
+def _responses(frfs: MeasuredFRFs, sensors: Sensors) -> Iterator[Place]:
+    """Those of functions that are none of the test's sensors."""
+    known = sensors.points
+    rows = zip(frfs.response_names, frfs.response_points, frfs.response_directions, strict=True)
+    for name, point, way in rows:
+        if np.min(np.linalg.norm(known - point[: known.shape[1]], axis=1)) > _ON:
+            yield Place("sensor", name, _three(point), _three(way))
+
+
+def _besides(test: Test) -> Iterator[Place]:
+    """Where single numbers were measured, and what was put on for a second test."""
+    for key, table in (("stiffness", test.stiffness), ("antiresonances", test.antiresonances)):
+        for name, at in table.items():
+            yield Place("force", f"test.{key}.{name}", _three(at.point), _three(at.direction))
+    for name, changed in test.changed.items():
+        for point in changed.points:
+            yield Place("mass", f"test.changed.{name}", _three(point))
 
 
 def _harmonic(section: HarmonicSection) -> Iterator[Place]:
