@@ -9,7 +9,13 @@ import numpy as np
 
 from fenics_joints.diagnosis.effects.effect import Silent
 from fenics_joints.diagnosis.evidence.sampled import Sampled
-from fenics_joints.diagnosis.evidence.scales import BETWEEN, ERRORS, Kind, Scales
+from fenics_joints.diagnosis.evidence.scales import (
+    BETWEEN,
+    ERRORS,
+    WITH_FUNCTIONS,
+    Kind,
+    Scales,
+)
 from fenics_joints.diagnosis.evidence.somewhere import Somewhere
 from fenics_joints.diagnosis.location import Location
 from fenics_joints.diagnosis.shrinkage import Shrinkage
@@ -192,7 +198,14 @@ class Diagnosis:
     def of_stated(self) -> tuple[float, ...] | None:
         """Of other tests, how much of the stated error of any such model the leading hypothesis
         has, of ln f and, if there are some, of shapes."""
-        return self._scales_of(ERRORS)
+        there = self._scales_of(WITH_FUNCTIONS)
+        return self._scales_of(ERRORS) if there is None else (there[0], *there[2:])
+
+    @property
+    def of_functions(self) -> float | None:
+        """How much of the stated errors of measured functions it has; None without."""
+        there = self._scales_of(WITH_FUNCTIONS)
+        return None if there is None else there[1]
 
     def _scales_of(self, kind: Kind) -> tuple[float, ...] | None:
         there = self.scales is not None and self.scales.kind == kind
@@ -242,6 +255,8 @@ class Diagnosis:
             out["between_levels"] = dict(zip(("frequency", "damping"), self.between, strict=False))
         if self.of_stated is not None:
             out["of_stated_error"] = dict(zip(("frequency", "shape"), self.of_stated, strict=False))
+        if self.of_functions is not None:
+            out["of_stated_error"]["function"] = self.of_functions
         if self.validation is not None:
             before, after = self.validation
             out["validation"] = {

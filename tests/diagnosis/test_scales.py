@@ -54,7 +54,7 @@ def test_evidence_is_summed_over_how_much_of_the_stated_error_there_is():
         found[true] = fit(hypothesis, forward, evidence, forward.baseline)
         assert found[true].log_evidence == pytest.approx(exact(evidence, forward), abs=1e-6)
     little, much = found.values()
-    least = np.exp(min(ERRORS.grid) * ERRORS.spread)
+    least = np.exp(min(ERRORS.grids[0]) * ERRORS.spread)
     assert little.scales.values == pytest.approx((least,)) and least < 0.7
     assert much.scales.values == (1.0,) and much.scales.squares == 0.0 < little.scales.squares
     # A misfit is what all that is stated cannot explain.

@@ -76,7 +76,7 @@ def doubts(d: Diagnosis) -> list[str]:
             )
     if d.model.get("order"):
         words.append(d.model["order"])
-    words += [*_broad(d), *_drifts(d), *_of_mesh(d)]
+    words += [*_broad(d), *_of_functions(d), *_drifts(d), *_of_mesh(d)]
     if np.isfinite(d.model_error) and d.model_error > 0.5 * d.noise:
         words.append(
             f"The reduced model's error, up to {percent(d.model_error, 3)}, is not small against "
@@ -113,6 +113,16 @@ def _counted(d: Diagnosis) -> str:
     kinds = zip(("frequencies", "shapes"), d.of_stated or (), strict=False)
     less = [f"{x:.2g} of it for {kind}" for kind, x in kinds if x < 1.0]
     return f", though no more than {joined(less)} was counted" if less else ""
+
+
+def _of_functions(d: Diagnosis) -> list[str]:
+    """That measured functions are off by more than is stated of them."""
+    if (d.of_functions or 1.0) <= 1.0:
+        return []
+    return [
+        f"The measured functions are taken to be {d.of_functions:.2g} times as much off as is "
+        "stated of them (noise aside): calibration, places and directions of their sensors?"
+    ]
 
 
 def _drifts(d: Diagnosis) -> list[str]:

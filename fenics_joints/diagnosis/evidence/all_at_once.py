@@ -30,9 +30,9 @@ def all_at_once(fits: Sequence[Fit], leader: Fit, evidence: Evidence) -> float:
         evidence: The test.
     """
     # As for `Fit.square`: of errors that are stated at most all that is stated is there.
-    scales = leader.scales if evidence.drifts or evidence.scales is None else (
-        evidence.scales.expected
-    )
+    scales = leader.scales
+    if scales is not None and not evidence.drifts:
+        scales = scales.stated
     test = evidence.at(scales)
     lower = test.lower()
     residual, slope = whitened(leader, test, lower)
@@ -45,5 +45,5 @@ def all_at_once(fits: Sequence[Fit], leader: Fit, evidence: Evidence) -> float:
             free.append(np.ones(h.own.stop - h.own.start, dtype=bool))
     z = np.pad(leader.z, (0, slope.shape[1] - len(leader.z)))
     square, _ = least_square(residual, slope, z, np.concatenate(free))
-    of_scales = scales.squares if evidence.drifts and scales is not None else 0.0
+    of_scales = 0.0 if scales is None else scales.squares
     return float(chi2.sf(square + of_scales, len(residual)))

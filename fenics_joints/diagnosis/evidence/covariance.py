@@ -8,7 +8,7 @@ from typing import Protocol
 import numpy as np
 
 from fenics_joints.diagnosis.evidence.entries import DAMPING, FREQUENCY, SHAPE, Entries
-from fenics_joints.diagnosis.evidence.scales import Scales, correlation
+from fenics_joints.diagnosis.evidence.scales import WITH_FUNCTIONS, Scales, correlation
 from fenics_joints.diagnosis.evidence.turning import Neighbours, turned
 
 __all__ = ["Covariance"]
@@ -105,11 +105,28 @@ class Covariance:
     def _parts(self) -> tuple[np.ndarray, ...]:
         """The covariances that `scales` are of, at one: between levels of ln f and ln damping, or
         of what is stated of ln f and of shapes."""
+        if self._with_functions:
+            return self._of_frequencies, self._of_scalars, self._of_shapes
         if not self.test.drifts:
             return self._of_frequencies, self._of_shapes
         e = self.test.entries
         drift = correlation(self.test.conditions)[np.ix_(e.row, e.row)] * self._same_mode
         return tuple(drift * _blocks(e.kind, *scales) for scales in ((1.0, 0.0), (0.0, 1.0)))
+
+    @property
+    def _with_functions(self) -> bool:
+        return self.test.scales is not None and self.test.scales.kind == WITH_FUNCTIONS
+
+    @cached_property
+    def _of_scalars(self) -> np.ndarray:
+        """What single numbers err together."""
+        own = np.flatnonzero(self.test.entries.of_scalars)
+        common = np.zeros((len(self.test.entries.kind), 0))
+        if len(own):
+            found = _common_errors(self.test.scalars)
+            common = np.zeros((len(common), found.shape[1]))
+            common[own] = found
+        return common @ common.T
 
     @cached_property
     def _by_mode(self) -> np.ndarray:
@@ -179,9 +196,8 @@ class Covariance:
             total = total + turns @ turns.T
             if unknown:
                 total = total + self._locally * _UNKNOWN_SHAPE**2
-        if self.test.scalars:
-            common = _common_errors(self.test.scalars)
-            total[np.ix_(e.of_scalars, e.of_scalars)] += common @ common.T
+        if not self._with_functions:
+            total = total + self._of_scalars
         if unknown and self.test.scalars:
             wide = np.zeros(len(e.kind))
             wide[e.of_scalars] = [scalar.unknown for scalar in self.test.scalars]

@@ -112,9 +112,10 @@ def _over_all(found: Fit, evidence: Evidence, over: Callable[[Scales], float]) -
     """A fit with the evidence of all scales, and with what it would leave by what is stated."""
     widening, stated = over(found.scales), None
     if not evidence.drifts:
-        lower = evidence.at(evidence.scales.expected).lower(found.hypothesis.unknown)
+        scales = found.scales.stated
+        lower = evidence.at(scales).lower(found.hypothesis.unknown)
         free = ~found.hypothesis.at_limit(found.z)
-        stated, _ = least_square(*whitened(found, evidence, lower), found.z, free)
+        stated = least_square(*whitened(found, evidence, lower), found.z, free)[0] + scales.squares
     return replace(
         found, log_evidence=found.log_evidence + widening, widening=widening, stated=stated
     )

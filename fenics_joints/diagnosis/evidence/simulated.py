@@ -63,7 +63,7 @@ def _left(fits: list[Fit], score: np.ndarray, evidence: Evidence, count: int) ->
     # Between levels errors are what the best calls for; of a model all that is stated.
     scales = evidence.scales
     if scales is not None:
-        scales = best.scales if evidence.drifts else scales.expected
+        scales = best.scales if evidence.drifts else best.scales.stated
     test = evidence.at(scales)
     lower, rng = test.lower(), np.random.default_rng(0)
     lines = [_Line(f, s, test, lower) for f, s in zip(fits, score, strict=True)]
@@ -74,7 +74,7 @@ def _left(fits: list[Fit], score: np.ndarray, evidence: Evidence, count: int) ->
         square = line.square(tests)
         better = (value := line.offset - 0.5 * square) > most
         most[better], left[better] = value[better], square[better]
-    return left + (scales.squares if evidence.drifts and scales is not None else 0.0)
+    return left + (0.0 if scales is None else scales.squares)
 
 
 class _Line:

@@ -19,10 +19,13 @@ from fenics_joints.diagnosis.effects.joint import interfaces
 from fenics_joints.diagnosis.effects.library import by_preload, case_effects, case_nuisances
 from fenics_joints.diagnosis.effects.samples import is_rare, sample_ranges, sample_values
 from fenics_joints.diagnosis.effects.user import for_zones
+from fenics_joints.diagnosis.evidence.entries import FUNCTION
 from fenics_joints.diagnosis.evidence.equal import distinct
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.of_test import evidence_of
+from fenics_joints.diagnosis.evidence.scalars import Scalar
+from fenics_joints.diagnosis.evidence.scales import ERRORS, WITH_FUNCTIONS
 from fenics_joints.diagnosis.evidence.turning import Neighbours
 from fenics_joints.diagnosis.evidence.weighed import case_weighed
 from fenics_joints.diagnosis.model.at_points import by_patches, measured_at_points
@@ -143,11 +146,18 @@ class Prepared(Subject):
             )  # fmt: skip
             if errors is not None:
                 self.on_mesh(errors)
-        self.evidence = replace(
-            self.evidence, scalars=(*self.evidence.scalars, *measured_at_points(self, progress))
-        )
+        self._take(measured_at_points(self, progress))
         give_back()
         self._share_joints()
+
+    def _take(self, measured: Sequence[Scalar]) -> None:
+        """Single numbers as data."""
+        scales = self.evidence.scales
+        functions = any(scalar.kind == FUNCTION for scalar in measured)
+        if functions and scales is not None and scales.kind == ERRORS:
+            scales = WITH_FUNCTIONS.expected(len(scales.values) + 1)
+        scalars = (*self.evidence.scalars, *measured)
+        self.evidence = replace(self.evidence, scalars=scalars, scales=scales)
 
     def _share_joints(self) -> None:
         """Take what joints that are as one do to all modes for an error that they share."""
