@@ -103,7 +103,8 @@ def planned_function(
     hz = np.geomspace(_LOWEST * poles.min(), poles.max(), _GRID)
     same = np.zeros(_GRID, dtype=int)
     values = errors.receptances(Lines(hz, same, same))
-    frfs = MeasuredFRFs(hz, values[:, None, None], "receptance", *2 * (at.points, at.directions))
+    three = [np.pad(each, [(0, 0), (0, 3 - each.shape[1])]) for each in (at.points, at.directions)]
+    frfs = MeasuredFRFs(hz, values[:, None, None], "receptance", *three, *three)
     section = FRFSection.model_construct()
     return _data(_Found(_taken(frfs, section), section, errors), row)[0]
 
