@@ -19,7 +19,7 @@ from fenics_joints.reduction.adaptive import Points
 from fenics_joints.reduction.arrays import ArrayModel
 from fenics_joints.reduction.forward import Forward
 from fenics_joints.reduction.lean import batched
-from fenics_joints.reduction.many import ManyModes, ManyValues, change, own_values
+from fenics_joints.reduction.many import ManyModes, ManyValues, change, own_arrays
 from fenics_joints.reduction.reduced import reduce
 from fenics_joints.structure import Sensors
 from fenics_joints.structure.sparse import combination
@@ -124,7 +124,7 @@ class Antiresonances:
 
     def at(self, values: Mapping[str, float | np.ndarray]) -> ManyModes:
         """Those that are asked for, at values (b,)."""
-        own = self._values(values)
+        own = own_arrays(self._model, values)
         key = tuple(each.tobytes() for each in own.values())
         if self._last is None or self._last[0] != key:
             self._last = key, batched(self.forward).many(own, every=False)
@@ -141,14 +141,9 @@ class Antiresonances:
             high: Likewise.
             width: Likewise.
         """
-        modes, (low, high) = self.at(values), (self._values(each) for each in (low, high))
+        modes, (low, high) = self.at(values), (own_arrays(self._model, v) for v in (low, high))
         count = len(next(iter(low.values()))) // len(modes.index)
         return modes.slopes(change(modes.model, low, high, width, count))
-
-    def _values(self, values) -> dict[str, np.ndarray]:
-        """The model's own parameters, each (b,)."""
-        own = own_values(self._model, values)
-        return {name: np.atleast_1d(value) for name, value in own.items()}
 
     def shape(self, i: int, values: Mapping[str, float]):
         """The full model's motion in one that is asked for, of unit modal mass; and its omega^2.

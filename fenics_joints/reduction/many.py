@@ -15,7 +15,7 @@ import numpy as np
 
 from fenics_joints.reduction.arrays import ArrayModel
 
-__all__ = ["Change", "ManyModes", "ManyValues", "change", "own_values"]
+__all__ = ["Change", "ManyModes", "ManyValues", "change", "own_arrays", "own_values"]
 
 #: Step of a difference by the logarithm of a stiffness.
 _STEP = 1e-6
@@ -53,6 +53,11 @@ def own_values(model: ArrayModel, values: Mapping[str, float | np.ndarray]) -> d
     if any(np.ndim(value) for value in own):
         own = np.broadcast_arrays(*own)
     return dict(zip(names, own, strict=True))
+
+
+def own_arrays(model: ArrayModel, values: Mapping[str, float | np.ndarray]) -> dict:
+    """The same, each (b,), of numbers (1,)."""
+    return {name: np.atleast_1d(value) for name, value in own_values(model, values).items()}
 
 
 def change(

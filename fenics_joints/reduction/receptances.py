@@ -21,7 +21,7 @@ from fenics_joints.errors import InputError
 from fenics_joints.reduction.forward import Forward
 from fenics_joints.reduction.grounded import PointBasis
 from fenics_joints.reduction.lean import batched
-from fenics_joints.reduction.many import Change, ManyModes, ManyValues, change, own_values
+from fenics_joints.reduction.many import Change, ManyModes, ManyValues, change, own_arrays
 
 __all__ = ["About", "Lines", "Poles", "Receptances"]
 
@@ -243,17 +243,12 @@ class Receptances:
             found[b][:, index[self._own]] = 1 / self._given.T
         return found
 
-    def _values(self, values) -> dict[str, np.ndarray]:
-        """The model's own parameters, each (b,)."""
-        own = own_values(self.basis.model, values)
-        return {name: np.atleast_1d(value) for name, value in own.items()}
-
     def _once(self, what: str, given: tuple, made: Callable):
         """What was made last, if it was of these values: all lines ask for the same."""
         kept = self._kept.get(what)
         if kept is not None and all(a is b for a, b in zip(kept[0], given, strict=True)):
             return kept[2]
-        own = [self._values(values) for values in given]
+        own = [own_arrays(self.basis.model, values) for values in given]
         key = [value.tobytes() for values in own for value in values.values()]
         found = kept[2] if kept is not None and kept[1] == key else made(*own)
         self._kept[what] = given, key, found

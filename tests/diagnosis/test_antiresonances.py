@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import scipy.optimize
 import scipy.sparse.linalg
-from measured_points import check_derivatives, plates, said, sparse, write_frequencies
+from measured_points import ALONG, TEST, check_derivatives, plates, said, sparse, write_frequencies
 from mpi4py import MPI
 
 from fenics_joints.case import build_structure, load_case
@@ -25,7 +25,6 @@ from fenics_joints.reduction.grounded import Antiresonances, PointBasis
 from fenics_joints.reduction.seen import places_all_over
 from fenics_joints.structure import Parameter, Sensors, Structure, part
 
-ALONG = (0.01, 0.06, 0.11, 0.16, 0.21, 0.26, 0.31)
 #: Of all sensors the first, at the left end.
 END = Sensors([0.01, 0.04, 0.0], [0, 0, 1])
 WEIGHTS = """
@@ -40,17 +39,6 @@ kind = "mass"
 points = [["310 mm", "40 mm", "16.5 mm"]]
 mass = "40 g"
 tolerance = "5 %"
-"""
-TEST = """
-[test]
-frequencies = "frequencies.csv"
-noise = "0.1 %"
-
-[test.sees]
-along = "x"
-positions = ["10 mm", "60 mm", "110 mm", "160 mm", "210 mm", "260 mm", "310 mm"]
-at = { y = "40 mm", z = ["0 mm", "8 mm", "8 mm", "16.5 mm", "16.5 mm", "16.5 mm", "16.5 mm"] }
-direction = [0, 0, 1]
 """
 
 
@@ -93,8 +81,7 @@ def measured(tmp_path_factory):
     full = build_structure(case, MPI.COMM_SELF, law="uncoupled", attached=True)
     bonded = {"lap.E": 3e11, "lap.G": 1e11, "left.mass": 0.04}
     modes = solve_modes(full, bonded, n_modes=20)
-    points = [[x, 0.04, 0.0 if x == 0.01 else 0.008 if x < 0.12 else 0.0165] for x in ALONG]
-    seen = pair_modes(modes, 4, Sensors(points, [0, 0, 1])).index
+    seen = pair_modes(modes, 4, ALONG).index
     h = motion(full, END, bonded)
     hz = np.geomspace(150, 1500, 60)
     signs, poles = np.sign([h(f) for f in hz]), modes.frequencies_hz

@@ -7,7 +7,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 import scipy.sparse.linalg
-from measured_points import E, check_derivatives, plates, said, sparse, write_frequencies
+from measured_points import (
+    ALONG,
+    TEST,
+    E,
+    check_derivatives,
+    plates,
+    said,
+    sparse,
+    write_frequencies,
+)
 from mpi4py import MPI
 
 from fenics_joints.case import build_structure, load_case
@@ -26,26 +35,12 @@ from fenics_joints.reduction.receptances import Lines, Poles, Receptances
 from fenics_joints.reduction.seen import places_all_over
 from fenics_joints.structure import Parameter, Sensors, Structure, part
 
-ALONG = (0.01, 0.06, 0.11, 0.16, 0.21, 0.26, 0.31)
 #: A force at the right end, and motion there and at the left.
 ENDS = Sensors([[0.31, 0.04, 0.0165], [0.01, 0.04, 0.0]], [0, 0, 1])
 BONDED = {"lap.E": 3e11, "lap.G": 1e11}
 METAL = ("modulus error", "density error")
 LOSS = 0.004
 HZ = np.arange(100.0, 1600.0, 2.0)
-TEST = """
-[test]
-frequencies = "frequencies.csv"
-noise = "0.1 %"
-
-[test.sees]
-along = "x"
-positions = ["10 mm", "60 mm", "110 mm", "160 mm", "210 mm", "260 mm", "310 mm"]
-at = { y = "40 mm", z = ["0 mm", "8 mm", "8 mm", "16.5 mm", "16.5 mm", "16.5 mm", "16.5 mm"] }
-direction = [0, 0, 1]
-"""
-
-
 
 
 def frfs(more: str = "", node: str = '["10 mm", "40 mm", "0 mm"]') -> str:
@@ -82,8 +77,7 @@ def measured(tmp_path_factory):
     case = written(folder, E=0.93 * E, size=16)
     full = build_structure(case, MPI.COMM_SELF, law="uncoupled")
     modes = solve_modes(full, BONDED, n_modes=60)
-    points = [[x, 0.04, 0.0 if x == 0.01 else 0.008 if x < 0.12 else 0.0165] for x in ALONG]
-    seen = pair_modes(modes, 4, Sensors(points, [0, 0, 1])).index
+    seen = pair_modes(modes, 4, ALONG).index
     at, lam = modes.at(ENDS), np.maximum(modes.eigenvalues, 0.0)
     gap = lam * (1 + 1j * LOSS) - (2 * np.pi * HZ[:, None]) ** 2
     found = np.stack([np.sum(at[0] * at[i] / gap, axis=1) for i in range(2)])
@@ -120,7 +114,6 @@ def test_functions_split_modulus_from_density(tmp_path, measured):
     heavier = case_of(tmp_path / "heavier", measured, frfs(), scale=0.93)
     other = diagnose(heavier, MPI.COMM_SELF)
     assert said(other)["density error"] > 0.5 and said(other)["modulus error"] < 0.1, other.summary
-
 
 
 def test_they_are_entries_with_derivatives(tmp_path, measured):

@@ -11,8 +11,25 @@ import scipy.sparse
 from fenics_joints.diagnosis.evidence.many import ManyPredictions
 from fenics_joints.diagnosis.evidence.prediction import predict
 from fenics_joints.reduction.lean import batched
+from fenics_joints.structure import Sensors
 
 E, RHO, NOISE = 69e9, 2750.0, 1e-3
+#: Sensors along the middle of both plates from end to end, and a test by them.
+ALONG = Sensors(
+    [[x, 0.04, 0.0 if x == 0.01 else 0.008 if x < 0.12 else 0.0165]
+     for x in (0.01, 0.06, 0.11, 0.16, 0.21, 0.26, 0.31)], [0, 0, 1],
+)  # fmt: skip
+TEST = """
+[test]
+frequencies = "frequencies.csv"
+noise = "0.1 %"
+
+[test.sees]
+along = "x"
+positions = ["10 mm", "60 mm", "110 mm", "160 mm", "210 mm", "260 mm", "310 mm"]
+at = { y = "40 mm", z = ["0 mm", "8 mm", "8 mm", "16.5 mm", "16.5 mm", "16.5 mm", "16.5 mm"] }
+direction = [0, 0, 1]
+"""
 
 _PLATES = """
 title = "Lap plates"

@@ -64,10 +64,10 @@ def stiffness_at(model: Prepared, given: Mapping[str, StaticTest]) -> tuple[Stat
         model: The case.
         given: What was measured, by name.
     """
-    samples, more, travel, count = [], [], None, model.case.diagnose.samples
-    if not model.full.is_dense:
-        samples, travel = model.samples(count), model.travel()
-        more = [values for values in model.samples(2 * count) if values not in samples]
+    (samples, travel), more = model.to_span(), []
+    if samples:
+        twice = model.samples(2 * model.case.diagnose.samples)
+        more = [values for values in twice if values not in samples]
     return static_stiffness(
         model.case, model.full, model.data, model.baseline, given,
         n_rigid=model.surrogate.nominal.n_rigid, discrepancy=model.evidence.discrepancy,
@@ -78,12 +78,11 @@ def stiffness_at(model: Prepared, given: Mapping[str, StaticTest]) -> tuple[Stat
 def _antiresonances_at(
     model: Prepared, given: Mapping[str, AntiresonanceTest]
 ) -> tuple[Antiresonance, ...]:
-    dense, seen = model.full.is_dense, model.surrogate
+    seen, (samples, travel) = model.surrogate, model.to_span()
     return antiresonances(
         model.case, model.full, model.data, model.evidence, model.baseline, given,
         nominal_log_f=seen.forward(model.baseline)[0], everywhere=seen.everywhere(_PLACES),
-        samples=[] if dense else model.samples(model.case.diagnose.samples),
-        travel=None if dense else model.travel(),
+        samples=samples, travel=travel,
     )  # fmt: skip
 
 

@@ -111,10 +111,10 @@ def planned_function(
 
 def _errors(model: Prepared, at: Sensors, everywhere: Sensors, row: int) -> Errors:
     """A model with these points, and what it errs there."""
-    full, count, samples, travel = model.full, model.case.diagnose.n_modes, [], None
-    if not full.is_dense:
-        samples, travel = model.samples(model.case.diagnose.samples), model.travel()
-    basis = PointBasis(full, at, everywhere, samples, count, travel, tolerance=_BASIS)
+    samples, travel = model.to_span()
+    basis = PointBasis(
+        model.full, at, everywhere, samples, model.case.diagnose.n_modes, travel, tolerance=_BASIS
+    )
     return Errors(model, basis, _forward(model, basis, everywhere), row, *_poles(model, row))
 
 

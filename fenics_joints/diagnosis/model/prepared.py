@@ -321,6 +321,13 @@ class Prepared(Subject):
         samples += sample_values(self.effects, self.baseline, conditions, count, 2, ranges)
         return samples + self._cutoffs()
 
+    def to_span(self) -> tuple[list[dict[str, float]], dict[str, tuple[float, float]] | None]:
+        """Samples and ranges of moving masses of one more reduced model; none of beams, which need
+        none."""
+        if self.full.is_dense:
+            return [], None
+        return self.samples(self.case.diagnose.samples), self.travel()
+
     def _ranges(self) -> dict[str, tuple[float, float, bool]]:
         """`sample_ranges` of what the model can represent."""
         ranges = sample_ranges(self.case)
