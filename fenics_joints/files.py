@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 import sys
+import zipfile
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
+from typing import BinaryIO
 
 import numpy as np
 
 from fenics_joints.errors import InputError, items, wanted
 from fenics_joints.formatting import control_character, printable
+from fenics_joints.machine.private import changed_by_others
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -21,7 +25,8 @@ else:
 
 __all__ = [
     "check_outputs", "check_writable", "is_file", "json_text", "path_of", "paths_of", "plain",
-    "read_text", "read_toml", "shown_path", "writable_folder", "write_arrays", "write_text",
+    "read_arrays", "read_text", "read_toml", "sealed", "shown_path", "unsealed", "writable_folder",
+    "write_arrays", "write_text",
 ]  # fmt: skip
 
 #: How deep tables and arrays of TOML may be nested, and its whole numbers (64 bits, as it says).
@@ -29,6 +34,9 @@ _DEEPEST, _LARGEST = 50, 2**63
 #: Characters of the longest path that a message shows whole, and bytes of the longest name of a
 #: file: file systems take 255, and a file has a sibling with a longer name until it is whole.
 _LONGEST_SHOWN, _LONGEST_NAME = 300, 230
+#: In front of the SHA-256, in hexadecimal digits, of all that comes before, at a sealed file's end.
+_SEAL = b"\nSHA-256 "
+_DIGITS = 64
 
 
 def shown_path(path: str | Path) -> str:
@@ -229,14 +237,85 @@ def replaced(path: str | Path) -> Iterator[Path]:
         part.unlink(missing_ok=True)
 
 
+@contextmanager
+def sealed(path: str | Path) -> Iterator[Path]:
+    """As `replaced`, for a file that ends with a digest of its content and that others cannot
+    write to.
+
+    HDF5 and zip archives may be followed by other bytes, so that their own readers open the file.
+    """
+    with replaced(path) as part:
+        yield part
+        os.chmod(part, part.stat().st_mode & 0o755)
+        with part.open("r+b") as file:
+            file.write(_SEAL + _digest(file, part.stat().st_size))
+
+
+@contextmanager
+def unsealed(path: str | Path, own: bool = True) -> Iterator[BinaryIO]:
+    """A file of `sealed`, opened, if nothing has changed it since.
+
+    Args:
+        path: The file.
+        own: Whether it has to be the user's own, which nobody else can write to.
+
+    Raises:
+        InputError: If it cannot be opened, is another user's, or its content is not that of the
+            digest.
+    """
+    name = shown_path(path)
+    try:
+        with open(path, "rb") as file:
+            status = os.fstat(file.fileno())  # of what was opened, whatever has its name by now
+            reason = changed_by_others(status) if own else ""
+            if reason:
+                raise InputError(f"{name}: {reason}; expected a file of your own")
+            length = status.st_size - len(_SEAL) - _DIGITS
+            if length < 0 or _digest(file, length) != file.read()[len(_SEAL) :]:
+                raise InputError(
+                    f"{name}: is damaged, cut off, or no file that was kept: its checksum is not "
+                    "that of its content"
+                )
+            file.seek(0)
+            yield file
+    except OSError as error:
+        raise InputError(f"{name}: cannot be read ({error.strerror or error})") from error
+
+
+def _digest(file: BinaryIO, length: int) -> bytes:
+    """SHA-256 of a file's first bytes, in hexadecimal digits; the file then stands after them."""
+    digest = hashlib.sha256()
+    while length > 0 and (block := file.read(min(length, 1 << 20))):
+        digest.update(block)
+        length -= len(block)
+    return digest.hexdigest().encode()
+
+
 def write_arrays(path: str | Path, **arrays: np.ndarray) -> None:
-    """Write arrays to an .npz file, whole or not at all.
+    """Write arrays to an .npz file, whole or not at all, sealed.
 
     Raises:
         InputError: If it cannot be written.
     """
-    with replaced(path) as part, part.open("wb") as file:
+    with sealed(path) as part, part.open("wb") as file:
         np.savez(file, **arrays)
+
+
+def read_arrays(path: str | Path) -> dict[str, np.ndarray]:
+    """What `write_arrays` wrote.
+
+    Raises:
+        InputError: If there is no such file, or as `unsealed`.
+    """
+    with unsealed(path) as file:
+        try:
+            with np.load(file, allow_pickle=False) as stored:
+                return {name: stored[name] for name in stored.files}
+        except (
+            KeyError, ValueError, TypeError, EOFError, MemoryError, NotImplementedError,
+            zipfile.BadZipFile,
+        ) as error:  # fmt: skip
+            raise InputError(f"{shown_path(path)}: holds no arrays ({error})") from error
 
 
 def write_text(path: str | Path, text: str) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from textwrap import shorten
@@ -13,7 +14,7 @@ from mpi4py import MPI
 from fenics_joints import _compat
 from fenics_joints.errors import MeshError
 
-__all__ = ["MeshLists", "TaggedMesh", "distribute", "extent", "limits"]
+__all__ = ["MeshLists", "TaggedMesh", "distribute", "extent", "limits", "mixed"]
 
 @dataclass(frozen=True)
 class TaggedMesh:
@@ -44,6 +45,27 @@ class TaggedMesh:
     def __repr__(self) -> str:
         parts, faces = ", ".join(self.cell_names), len(self.facet_names)
         return f"TaggedMesh({shorten(parts, 60)}; {faces} named faces)"
+
+    def digest(self) -> str:
+        """A text, 64 digits, of the coordinates, cells, tags, names and points, the same however
+        the mesh is shared out over ranks. Collective."""
+        mesh, nodes = self.mesh, np.uint64(0)
+        for column in np.asarray(mesh.geometry.x, dtype=float).T + 0.0:  # without -0.0
+            nodes = mixed(nodes ^ np.ascontiguousarray(column).view(np.uint64))
+        told = hashlib.sha256()
+        for tags, names in ((self.cell_tags, self.cell_names), (self.facet_tags, self.facet_names)):
+            own = tags.indices < mesh.topology.index_map(tags.dim).size_local
+            entities, cells = tags.indices[own], tags.dim == mesh.topology.dim
+            at = _compat.geometry_dofmap(mesh)[entities] if cells else (
+                _compat.entity_nodes(mesh, tags.dim, entities)
+            )  # fmt: skip
+            sums = nodes[at].sum(axis=1, dtype=np.uint64)
+            found = mixed(sums ^ mixed(tags.values[own].astype(np.uint64)))
+            told.update(np.sort(np.concatenate(mesh.comm.allgather(found))).tobytes())
+            told.update(repr(sorted(names.items())).encode())
+        for name in sorted(self.points):
+            told.update(repr((name, np.asarray(self.points[name]).tolist())).encode())
+        return told.hexdigest()
 
     def cell_tag(self, name: str) -> int:
         """Tag of the part ``name``; raises MeshError when the mesh has no such part."""
@@ -86,6 +108,15 @@ def limits(tagged: TaggedMesh) -> tuple[np.ndarray, np.ndarray]:
     tagged.mesh.comm.Allreduce(MPI.IN_PLACE, low, op=MPI.MIN)
     tagged.mesh.comm.Allreduce(MPI.IN_PLACE, high, op=MPI.MAX)
     return low, high
+
+
+def mixed(x: np.ndarray) -> np.ndarray:
+    """A permutation of the 64-bit numbers in which near ones are far apart (SplitMix64: Steele,
+    Lea and Flood, OOPSLA 2014)."""
+    x = x + np.uint64(0x9E3779B97F4A7C15)
+    x = (x ^ (x >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    x = (x ^ (x >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    return x ^ (x >> np.uint64(31))
 
 
 def _lookup(names: dict, name: str, kind: str):

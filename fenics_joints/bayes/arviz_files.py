@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from fenics_joints.errors import InputError
-from fenics_joints.files import replaced
+from fenics_joints.files import sealed, unsealed
 
 __all__ = ["arviz", "convergence", "data_tree", "draw", "read_chains", "write_chains"]
 
@@ -113,7 +113,7 @@ def write_chains(
     """
     import h5py
 
-    with replaced(path) as part:
+    with sealed(path) as part:
         if draws:
             data_tree(draws, statistics).to_netcdf(str(part), engine="h5netcdf")
         with h5py.File(part, "a") as file:
@@ -132,13 +132,14 @@ def read_chains(path: Path) -> tuple[dict, dict, dict]:
     import xarray
 
     try:
-        with h5py.File(path, "r") as file:
-            resume = json.loads(file["resume/state"].asstr()[()])
-            there = [group for group in _GROUPS if group in file]
-        found = []
-        for group in there:
-            with xarray.open_dataset(path, group=group, engine="h5netcdf") as data:
-                found.append({str(k): np.array(v.values) for k, v in data.data_vars.items()})
+        with unsealed(path) as content:
+            with h5py.File(content, "r") as file:
+                resume = json.loads(file["resume/state"].asstr()[()])
+                there = [group for group in _GROUPS if group in file]
+            found = []
+            for group in there:
+                with xarray.open_dataset(content, group=group, engine="h5netcdf") as data:
+                    found.append({str(k): np.array(v.values) for k, v in data.data_vars.items()})
     except (OSError, KeyError, ValueError, TypeError, RuntimeError, MemoryError) as error:
         raise InputError(
             f"{path}: is not a file of chains that can go on ({error}); expected one that "

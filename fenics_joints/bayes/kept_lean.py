@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 
 from fenics_joints.bayes.model import Frequencies, ReducedCheck
-from fenics_joints.errors import InputError
 from fenics_joints.reduction import ArrayModel, Forward, LeanForward
 from fenics_joints.reduction.files import read_model, register, write_model
 from fenics_joints.structure.points import Sensors
@@ -23,7 +22,6 @@ class KeptLean:
     """What stands in the file.
 
     Attributes:
-        name: What the model depends on, see `fenics_joints.case.fingerprint`.
         model: The lean model.
         n_test: Of its forward; so are the next two.
         n_modes: See `Forward`.
@@ -33,7 +31,6 @@ class KeptLean:
         bound: Estimated error.
     """
 
-    name: str
     model: ArrayModel
     n_test: int
     n_modes: int
@@ -63,28 +60,26 @@ def write_lean(
     """
     forward = frequencies.forward
     kept = KeptLean(
-        name, forward.model, forward.n_test, forward.n_modes, forward.reference,
+        forward.model, forward.n_test, forward.n_modes, forward.reference,
         frequencies.error, check, bound,
     )  # fmt: skip
-    write_model(kept, path, _FORMAT)
+    write_model(kept, path, _FORMAT, name)
 
 
 def read_lean(
     path: Path, name: str, sensors: Sensors | None
-) -> tuple[Frequencies, ReducedCheck, float] | None:
-    """What `write_lean` wrote under this name; None if there is none or it is of another one.
+) -> tuple[Frequencies, ReducedCheck, float]:
+    """What `write_lean` wrote under this name.
 
     Args:
         path: The file.
         name: What the model depends on now.
         sensors: What the test saw.
+
+    Raises:
+        InputError: As `fenics_joints.reduction.files.read_model`.
     """
-    try:
-        kept = read_model(path, _FORMAT, KeptLean)
-    except InputError:
-        return None
-    if kept.name != name:
-        return None
+    kept = read_model(path, _FORMAT, KeptLean, name)
     forward = Forward(kept.model, sensors, kept.n_test, kept.n_modes, kept.reference)
     lean = LeanForward(forward, kept.model)
     return Frequencies(tuple(kept.model.parameters), lean, {}, kept.error), kept.check, kept.bound

@@ -5,6 +5,8 @@ from __future__ import annotations
 import hashlib
 import json
 
+import dolfinx
+
 from fenics_joints import __version__
 from fenics_joints.case.case import Case
 from fenics_joints.structure import Sensors, Structure
@@ -17,18 +19,21 @@ _TABLES = (
 
 
 def fingerprint(case: Case, full: Structure, sensors: Sensors | None, *more: object) -> str:
-    """16 hexadecimal digits. Collective.
+    """16 hexadecimal digits, the same on any number of ranks. Collective.
 
     Args:
         case: The case, of which the tables that make the model count.
-        full: The full model; a mesh from a file is known by its cells and the regions' volumes.
+        full: The full model, of solids or beams; a mesh from a file is known by what is in it, not by the file's name.
         sensors: What the test saw.
         more: What else the kept model depends on, for JSON.
     """
     said = case.model_dump(mode="json", include=set(_TABLES), warnings=False)
+    said["mesh"].pop("file", None)
     seen = [] if sensors is None else [sensors.points.tolist(), sensors.directions.tolist()]
-    cells = full.mesh.topology.index_map(full.mesh.topology.dim).size_global
-    sizes = [f"{volume:.6e}" for volume in full.volumes()]
-    content = [__version__, said, seen, cells, full.n_dofs, sizes, case.diagnose.n_modes, more]
+    content = [
+        __version__, dolfinx.__version__, said, seen, full.n_dofs,
+        full.tagged.digest() if full.is_meshed else "", case.diagnose.n_modes,
+        case.diagnose.samples, more,
+    ]  # fmt: skip
     text = json.dumps(content, sort_keys=True, default=str)
     return hashlib.sha256(text.encode()).hexdigest()[:16]

@@ -17,6 +17,7 @@ from fenics_joints.database.kriging import FORMAT, Kriging
 from fenics_joints.database.store import Store
 from fenics_joints.errors import InputError
 from fenics_joints.files import json_text, write_text
+from fenics_joints.machine.private import changed_by_others
 
 __all__ = ["fitted", "fits_text"]
 
@@ -40,7 +41,8 @@ def fitted(
     Raises:
         InputError: As `Kriging.fit` does.
     """
-    key, kept = _digest(x, y, inputs, output), _read(store.fits)
+    kept_here = store.path != ":memory:"
+    key, kept = _digest(x, y, inputs, output), _read(store.fits, kept_here)
     try:
         kriging = Kriging.from_json(kept[key])
         if _digest(kriging.x, kriging.y, kriging.inputs, kriging.output) == key:
@@ -48,7 +50,7 @@ def fitted(
     except (KeyError, InputError):
         pass
     kriging = Kriging.fit(x, y, inputs=inputs, output=output)
-    if store.path != ":memory:":
+    if kept_here:
         others = [item for item in kept.items() if item[0] != key][1 - _MOST :]
         try:
             write_text(store.fits, _text({**dict(others), key: kriging.to_json()}))
@@ -63,21 +65,29 @@ def fits_text(*fits: Kriging) -> str:
 
 
 def _text(fits: dict[str, object]) -> str:
-    return json_text({"format": _FORMAT, "fits": fits})
+    return json_text({"format": _FORMAT, "checksum": _checksum(fits), "fits": fits})
 
 
-def _read(path: Path | None) -> dict[str, object]:
-    """Kept fits by digest; none if the file is not there, or is something else."""
+def _checksum(fits: object) -> str:
+    return hashlib.sha256(json.dumps(fits, sort_keys=True).encode()).hexdigest()
+
+
+def _read(path: Path | None, own: bool) -> dict[str, object]:
+    """Kept fits by digest; none if the file is not there, is damaged, something else, or others
+    could have changed one that has to be this user's own."""
     if path is None or not path.is_file():
         return {}
     try:
+        if own and changed_by_others(path.stat()):
+            return {}
         content = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError):
         return {}
     if not isinstance(content, dict) or content.get("format") != _FORMAT:
         return {}
     fits = content.get("fits")
-    return fits if isinstance(fits, dict) else {}
+    good = isinstance(fits, dict) and content.get("checksum") == _checksum(fits)
+    return fits if good else {}
 
 
 def _digest(x: np.ndarray, y: np.ndarray, inputs: Sequence[str], output: str) -> str:

@@ -99,7 +99,8 @@ def diagnose(
         model.effects = one_of_alike(
             model.effects, model.forward, model.evidence, model.baseline, comm
         )
-        kept = KeptFits(folder, model.evidence, model.baseline, comm.rank == 0)
+        made = "" if folder is None else model.fingerprint()
+        kept = KeptFits(folder, model.evidence, model.baseline, comm.rank == 0, made)
         run = _Run(case, model, progress, Search(model, progress, kept), started)
         found = run.answer()
     give_back()

@@ -11,6 +11,7 @@ import numpy as np
 
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.errors import InputError
+from fenics_joints.machine.private import changed_by_others
 
 __all__ = ["KeptFits"]
 
@@ -22,30 +23,32 @@ _WAY = 6
 class KeptFits:
     """Where each hypothesis' fit ended, one JSON line for each.
 
-    A line that a stopped run left unfinished is passed over, and the last of a hypothesis counts.
-    The file is named by a hash of the test, its errors and the nominal model, so that fits to other
-    data are never taken up.
+    A line that a stopped run left unfinished, or whose checksum is wrong, is passed over, and the
+    last of a hypothesis counts. The file is named by a hash of the test, its errors and the nominal
+    model, so that fits to other data are never taken up.
 
     Args:
         folder: Where the file stands; None to keep nothing.
         evidence: The test.
         baseline: Parameter values of the nominal model.
         writes: Whether this rank writes.
+        made: Digest of all that made the model.
     """
 
     def __init__(
-        self, folder: Path | None, evidence: Evidence, baseline: Mapping[str, float], writes: bool
-    ):
+        self, folder: Path | None, evidence: Evidence, baseline: Mapping[str, float], writes: bool,
+        made: str = "",
+    ):  # fmt: skip
         self._path, self._writes = None, writes
         self._known: dict[str, np.ndarray] = {}
         if folder is None:
             return
         data = np.nan_to_num(evidence.data, nan=-1.0).tobytes()
         errors = np.round(evidence.full_covariance(), 12).tobytes()
-        words = json.dumps([_WAY, dict(baseline), evidence.conditions.tolist()])
+        words = json.dumps([_WAY, dict(baseline), evidence.conditions.tolist(), made])
         name = hashlib.sha256(data + errors + words.encode()).hexdigest()[:16]
         self._path = Path(folder) / f"fits-{name}.jsonl"
-        if self._path.is_file():
+        if self._path.is_file() and not changed_by_others(self._path.stat()):
             self._known = dict(_lines(self._path))
 
     def start(self, label: str, size: int) -> list[np.ndarray]:
@@ -61,7 +64,7 @@ class KeptFits:
         self._known |= new
         if self._path is None or not self._writes or not new:
             return
-        lines = [json.dumps({"label": label, "z": list(map(float, z))}) for label, z in new.items()]
+        lines = [_line(label, list(map(float, z))) for label, z in new.items()]
         try:
             with self._path.open("a", encoding="utf-8") as file:
                 # The first newline ends a line that a stopped run left unfinished.
@@ -70,10 +73,17 @@ class KeptFits:
             raise InputError(f"{self._path}: cannot be written ({error})") from error
 
 
+def _line(label: str, z: list[float]) -> str:
+    told = hashlib.sha256(json.dumps([label, z]).encode()).hexdigest()[:16]
+    return json.dumps({"label": label, "z": z, "checksum": told})
+
+
 def _lines(path: Path):
     for line in path.read_text(encoding="utf-8", errors="replace").splitlines():
         try:
             item = json.loads(line)
+            if _line(item["label"], item["z"]) != line:
+                continue
             label, z = str(item["label"]), np.array(item["z"], dtype=float)
         except (ValueError, KeyError, TypeError, RecursionError):
             continue

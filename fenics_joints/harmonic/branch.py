@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import zipfile
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
 import numpy as np
 
 from fenics_joints.errors import InputError
-from fenics_joints.files import write_arrays
+from fenics_joints.files import read_arrays, write_arrays
 
 __all__ = ["Branch", "load_branch", "save_branch"]
 
@@ -85,11 +84,11 @@ def load_branch(path: str | Path, name: str = "") -> Branch | None:
     path = Path(path)
     if not path.exists():
         return None
+    stored = read_arrays(path)
     try:
-        with np.load(path, allow_pickle=False) as stored:
-            found = str(stored["name"])
-            branch = Branch(**{field.name: stored[field.name][()] for field in fields(Branch)})
-    except (OSError, KeyError, ValueError, EOFError, MemoryError, zipfile.BadZipFile) as error:
+        found = str(stored.pop("name"))
+        branch = Branch(**{key: value[()] for key, value in stored.items()})
+    except (KeyError, TypeError) as error:
         raise InputError(f"{path}: not a branch written by this package ({error}).") from error
     if found != name:
         raise InputError(

@@ -45,7 +45,7 @@ def kept_model(
     if not comm.bcast(path.exists() if comm.rank == 0 else None):
         model.write(path)
         return model
-    kept = read_interface_model(path)
+    kept = read_interface_model(path, own=True)
     if not _same(kept, model, band):
         raise InputError(
             f"{path}: holds another model than the case describes; expected the one that the "

@@ -209,10 +209,14 @@ def _stretching(points: InterfacePoints, layer: LayerTerm, s: float, shapes) -> 
 register(InterfacePoints, LayerTerm, ReducedInterfaceModel)
 
 
-def read_interface_model(path: str | Path) -> ReducedInterfaceModel:
+def read_interface_model(path: str | Path, *, own: bool = False) -> ReducedInterfaceModel:
     """Read a model that `ReducedInterfaceModel.write` wrote. Any rank may do so by itself.
+
+    Args:
+        path: The file.
+        own: Whether it has to be the user's own, which nobody else can write to.
 
     Raises:
         InputError: As `fenics_joints.reduction.files.read_model`.
     """
-    return read_model(path, _FORMAT, ReducedInterfaceModel)
+    return read_model(path, _FORMAT, ReducedInterfaceModel, "" if own else None)

@@ -21,6 +21,7 @@ import numpy as np
 from fenics_joints.errors import InputError, JointsError
 from fenics_joints.joint_laws.law import JointLaw, is_rated
 from fenics_joints.joint_laws.source import law_source
+from fenics_joints.machine.private import cache_folder, empty_folder
 
 __all__ = ["HarmonicStress", "LawKernel"]
 
@@ -288,7 +289,7 @@ def _closure(begun: np.ndarray, ended: np.ndarray) -> float:
 
 def _cache_folder() -> Path:
     root = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
-    return Path(root) / "fenics_joints" / "laws"
+    return cache_folder(Path(root) / "fenics_joints" / "laws")
 
 
 def _compile(source: str):
@@ -314,8 +315,7 @@ def _build(name: str, source: str, folder: Path, flags: list[str]) -> Path:
     ffi.cdef(_DECLARATIONS)
     ffi.set_source(name, source, extra_compile_args=flags)
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryDirectory(dir=folder) as scratch:
+        with tempfile.TemporaryDirectory(dir=folder) as scratch, empty_folder():
             built = Path(ffi.compile(tmpdir=scratch))
             # Whole or not there, whoever else compiles the same law at this moment.
             final = folder / built.name

@@ -6,6 +6,10 @@ is removed by hand; and to remove it while somebody does compile it breaks their
 compiled in a folder that nobody else knows, which takes its name when it is whole: a rename does
 that on local and on network file systems. Locks only spare two processes the same work; a file
 system without them costs time and nothing else.
+
+A form is a library that is loaded, and so runs. The cache has to be one that no other user can
+write to, or it is not used; and settings of DOLFINx, FFCx and setuptools are not taken from the
+working folder, which may be a stranger's: they could name any program as the compiler.
 """
 
 from __future__ import annotations
@@ -26,6 +30,8 @@ from pathlib import Path
 import dolfinx.jit
 import ffcx
 import ffcx.naming
+
+from fenics_joints.machine.private import cache_folder, empty_folder
 
 __all__ = ["install"]
 
@@ -49,19 +55,21 @@ def install() -> None:
 
     @functools.wraps(compiled)
     def cached(ufl_object, form_compiler_options=None, jit_options=None):
-        options = dolfinx.jit.get_options(jit_options)
-        key = _key(ufl_object, form_compiler_options, options)
+        with empty_folder():
+            options = dolfinx.jit.get_options(jit_options)
+            key = _key(ufl_object, form_compiler_options, options)
 
         def at(folder: Path):
             handlers = logging.getLogger().handlers.copy()
             try:
-                return compiled(
-                    ufl_object, form_compiler_options, {**options, "cache_dir": folder}
-                )  # fmt: skip
+                with empty_folder():
+                    return compiled(
+                        ufl_object, form_compiler_options, {**options, "cache_dir": folder}
+                    )  # fmt: skip
             finally:  # FFCx leaves the log to itself when a compiler fails
                 logging.getLogger().handlers = handlers
 
-        return _found(key, Path(options["cache_dir"]) / _FOLDER, at)
+        return _found(key, cache_folder(Path(options["cache_dir"]) / _FOLDER), at)
 
     dolfinx.jit.ffcx_jit = dolfinx.jit.mpi_jit_decorator(cached)
     dolfinx.jit.ffcx_jit.whole_folders = True
@@ -91,7 +99,6 @@ def _found(key: str, cache: Path, at: Callable[[Path], tuple]) -> tuple:
 
 
 def _made(key: str, cache: Path, at: Callable[[Path], tuple]) -> tuple:
-    cache.mkdir(parents=True, exist_ok=True)
     folder = cache / key
     with _locked(cache / f"{key}.lock"):
         if folder.is_dir():  # made while we waited

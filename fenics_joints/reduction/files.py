@@ -1,9 +1,9 @@
 """Reduced models as HDF5 files, which need no mesh to be read.
 
-A file holds plain arrays and text in groups that follow the objects' attributes; nothing in it is
-run. A law of one's own is found by its class, whose module must have been imported before reading;
-so must `fenics_joints.beams` for a model of beams. Higher rooms name what else a file may hold by
-`register`.
+A file holds plain arrays and text in groups that follow the objects' attributes, and a digest of
+them; nothing in it is run. A law of one's own is found by its class, whose module must have been
+imported before reading; so must `fenics_joints.beams` for a model of beams. Higher rooms name what
+else a file may hold by `register`.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from fenics_joints.errors import InputError
-from fenics_joints.files import check_writable, is_file, path_of, replaced, shown_path
+from fenics_joints.files import check_writable, is_file, path_of, sealed, shown_path, unsealed
 from fenics_joints.joint_laws import Backbone, JointLaw, LawKernel
 from fenics_joints.reduction.affine import AffinePencil
 from fenics_joints.reduction.arrays import ArrayModel
@@ -26,10 +26,10 @@ from fenics_joints.structure.components import Parameter
 from fenics_joints.structure.laws import LINEAR_LAWS, Law
 from fenics_joints.structure.rows import PlaceRows
 
-__all__ = ["read_array_model", "read_model", "register", "write_array_model", "write_model"]
+__all__ = ["ARRAYS", "read_array_model", "read_model", "register", "write_array_model", "write_model"]
 
-_ARRAYS = "fenics_joints reduced model"
-_VERSION = 1
+ARRAYS = "fenics_joints reduced model"
+_VERSION = 2
 _LAWS = LINEAR_LAWS | {law.name: law for law in CHANGES}
 _CLASSES = {
     c.__name__: c
@@ -54,7 +54,7 @@ def write_array_model(model: ArrayModel, path: str | Path) -> None:
     Raises:
         InputError: If it cannot be written.
     """
-    write_model(model, path, _ARRAYS)
+    write_model(model, path, ARRAYS)
 
 
 def read_array_model(path: str | Path) -> ArrayModel:
@@ -63,16 +63,17 @@ def read_array_model(path: str | Path) -> ArrayModel:
     Raises:
         InputError: As `read_model`.
     """
-    return read_model(path, _ARRAYS, ArrayModel)
+    return read_model(path, ARRAYS, ArrayModel)
 
 
-def write_model(model, path: str | Path, what: str) -> None:
+def write_model(model, path: str | Path, what: str, made: str = "") -> None:
     """Write a dataclass of arrays, laws and plain values, whole or not at all; on one rank.
 
     Args:
         model: Of a class that is known here.
         path: The file; one that exists is replaced.
         what: Name of the format.
+        made: Digest of all that made the model, which `read_model` may ask for.
 
     Raises:
         InputError: If it cannot be written, or a law has an attribute that no file can hold.
@@ -80,22 +81,24 @@ def write_model(model, path: str | Path, what: str) -> None:
     import h5py
 
     path = check_writable(path, "model file").resolve()
-    with replaced(path) as part, h5py.File(part, "w") as file:
-        file.attrs["format"], file.attrs["version"] = what, _VERSION
+    with sealed(path) as part, h5py.File(part, "w") as file:
+        file.attrs["format"], file.attrs["version"], file.attrs["made"] = what, _VERSION, made
         _encode(file, "model", model)
 
 
-def read_model(path: str | Path, what: str, kind: type):
+def read_model(path: str | Path, what: str, kind: type, made: str | None = None):
     """Read what `write_model` wrote. Any rank may do so by itself.
 
     Args:
         path: The file.
         what: Name of the format.
         kind: Class of the model.
+        made: Digest of all that makes the model now: the file then is kept from an earlier run, and
+            has to be the user's own. None for a file that the user names.
 
     Raises:
-        InputError: If there is no such file, it is of another kind, damaged or newer than this
-            version, or one of its laws is not known.
+        InputError: If there is no such file, it is of another kind, damaged, newer or older than
+            this version, made of something else, or one of its laws is not known.
     """
     import h5py
 
@@ -104,23 +107,26 @@ def read_model(path: str | Path, what: str, kind: type):
         name = shown_path(path)
         raise InputError(f"{name}: there is no such file; expected a reduced model in HDF5.")
     try:
-        with h5py.File(path, "r") as file:
+        with unsealed(path, own=made is not None) as content, h5py.File(content, "r") as file:
             if file.attrs.get("format") != what:
-                nonlinear = "" if what == _ARRAYS else " with nonlinear interfaces"
+                nonlinear = "" if what == ARRAYS else " with nonlinear interfaces"
                 raise InputError(f"{path}: is no reduced model{nonlinear}.")
             version = int(file.attrs["version"])
-            if version > _VERSION:
+            if version != _VERSION:
                 raise InputError(
-                    f"{path}: has version {version} of the format; expected at most {_VERSION}. "
-                    "A newer fenics_joints reads it."
+                    f"{path}: has version {version} of the format; expected {_VERSION}. Another "
+                    "version of fenics_joints reads it."
                 )
+            if made is not None and file.attrs["made"] != made:
+                raise InputError(f"{path}: was made of another structure or case")
             model = _decode(file, "model", set())
     except InputError as error:
         raise error if str(path) in str(error) else InputError(f"{path}: {error}") from error
     except (
         OSError, KeyError, ValueError, TypeError, AttributeError, RuntimeError, MemoryError,
+        ArithmeticError,
     ) as error:  # fmt: skip  # a link in a circle is a RecursionError
-        raise InputError(f"{path}: is damaged, or no HDF5 file ({error})") from error
+        raise InputError(f"{path}: holds no such model ({error})") from error
     if not isinstance(model, kind):
         raise InputError(f"{path}: holds {type(model).__name__}; expected a reduced model.")
     return model
@@ -210,8 +216,12 @@ def _own(parent, name: str, read: set):
     if place in read:
         raise ValueError(f"{item.name} is in the file twice")
     read.add(place)
-    if isinstance(item, h5py.Dataset) and item.nbytes > item.id.get_storage_size():
-        raise ValueError(f"{item.name} has {item.id.get_storage_size()} of its {item.nbytes} bytes")
+    if isinstance(item, h5py.Dataset):
+        if item.dtype.kind not in "biufc" or item.external or item.is_virtual:
+            raise ValueError(f"{item.name} is no array of numbers in this file")
+        if item.nbytes > item.id.get_storage_size():
+            stored = item.id.get_storage_size()
+            raise ValueError(f"{item.name} has {stored} of its {item.nbytes} bytes")
     return item
 
 
@@ -228,6 +238,8 @@ def _object(kind: str, content: dict):
     cls = _find({"law": JointLaw, "backbone": Backbone}[what], name)
     if what == "backbone":
         return cls(**content)
+    if any(callable(getattr(cls, key, None)) for key in content):
+        raise ValueError(f"{name} has a number in place of a method")
     law = object.__new__(cls)
     vars(law).update(content)
     JointLaw.__init__(law, **content["parameters"])

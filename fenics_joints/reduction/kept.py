@@ -5,9 +5,8 @@ What a test brings by itself is not in them: its sensors, and the points where s
 
 from __future__ import annotations
 
-import hashlib
+import os
 import re
-import zipfile
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -17,10 +16,10 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from fenics_joints.errors import InputError
-from fenics_joints.files import write_arrays
+from fenics_joints.files import read_arrays, write_arrays
 from fenics_joints.parallel import on_root
 from fenics_joints.reduction.arrays import ArrayModel
-from fenics_joints.reduction.files import read_array_model, write_array_model
+from fenics_joints.reduction.files import ARRAYS, read_model, write_model
 from fenics_joints.reduction.projection import Projection
 from fenics_joints.structure import Sensors, Structure
 from fenics_joints.structure.changes import PlacedPoint
@@ -29,9 +28,6 @@ from fenics_joints.structure.sparse import vectors_like
 
 __all__ = ["KeptModel", "read_vectors", "write_vectors"]
 
-#: What cannot be read, in whichever way.
-_UNREADABLE = (OSError, ValueError, KeyError, EOFError, MemoryError, zipfile.BadZipFile)
-
 
 class KeptModel:
     """The files of a reduced model: its matrices, and beside them its basis, each rank's part of
@@ -39,24 +35,29 @@ class KeptModel:
 
     Args:
         full: The full structure.
-        file: The file of the matrices.
+        file: The file of the matrices; its name counts among what made the model.
+
+    Attributes:
+        reason: Why `read` gave nothing though there is a file; else empty.
     """
 
     def __init__(self, full: Structure, file: Path):
-        self.full, self.file = full, file
+        self.full, self.file, self.reason = full, file, ""
+        self._made = f"{file.name} {full.tagged.digest()}"
 
     def read(self) -> tuple[ArrayModel, list[PETSc.Vec]] | None:
         """The model without what is a test's own, and its basis; None if they are not to be had."""
-        comm, model = self.full.comm, None
-        if comm.bcast(self.file.is_file()):
-            try:
-                model = read_array_model(self.file)
-            except (InputError, MemoryError):
-                pass
+        if not self.full.comm.bcast(self.file.is_file()):
+            return None
+        model, stamp = None, ""
+        try:
+            model, stamp = read_model(self.file, ARRAYS, ArrayModel, self._made), self._stamp()
+        except (InputError, OSError) as error:
+            self.reason = str(error)
         # Two runs that kept their models at a time may have left one's matrices, another's basis.
-        stamp = "" if model is None else _stamp(model)
         basis = read_vectors(self.full, self.file, stamp)
         if model is None or basis is None or len(basis) != model.n_dofs:
+            self.reason = self.reason or f"{self.file}: the files of its basis are not whole"
             return None
         return model, basis
 
@@ -65,8 +66,19 @@ class KeptModel:
         own = {change.name for change in self.full.changes if isinstance(change, PlacedPoint)}
         regions = [region for region in model.regions if region.name not in own]
         lasting = ArrayModel(replace(model.pencil, regions=regions), model.scale_hz)
-        on_root(self.full.comm, lambda: write_array_model(lasting, self.file))
-        write_vectors(self.full, self.file, basis, _stamp(lasting))
+
+        def written() -> str:
+            write_model(lasting, self.file, ARRAYS, self._made)
+            return self._stamp()
+
+        comm = self.full.comm
+        write_vectors(self.full, self.file, basis, comm.bcast(on_root(comm, written)))
+
+    def _stamp(self) -> str:
+        """The digest at the end of the file of matrices, by which its basis knows it."""
+        with self.file.open("rb") as file:
+            file.seek(-64, os.SEEK_END)
+            return file.read().decode()
 
     def for_test(
         self, model: ArrayModel, basis: Sequence[PETSc.Vec], sensors: Sensors | None
@@ -122,11 +134,11 @@ def read_vectors(
     keys, rows, found = node_keys(full.V), None, {}
     for path in _parts(file):
         try:
-            with np.load(path) as kept:
-                if str(kept["stamp"]) == stamp:
-                    rows = _taken(rows, keys, kept["keys"], kept["rows"])
-                    found |= {n: kept[n] for n in kept.files if n not in ("rows", "keys", "stamp")}
-        except _UNREADABLE:
+            kept = read_arrays(path)
+            if str(kept.pop("stamp")) == stamp:
+                rows = _taken(rows, keys, kept.pop("keys"), kept.pop("rows"))
+                found |= kept
+        except (InputError, KeyError):
             continue
     good = rows is not None and not np.isnan(rows).any()
     if not full.comm.allreduce(good, op=MPI.LAND):
@@ -166,7 +178,3 @@ def _parts(file: Path) -> list[Path]:
     """Files of vectors, kept by any number of ranks."""
     name = re.compile(re.escape(file.stem) + r"(-\d+of\d+)?\.npz")
     return sorted(path for path in file.parent.glob("*.npz") if name.fullmatch(path.name))
-
-
-def _stamp(model: ArrayModel) -> str:
-    return hashlib.sha256(np.ascontiguousarray(model.regions[0].inertia).tobytes()).hexdigest()[:16]

@@ -98,6 +98,8 @@ class Surrogate(SeenModes):
         """The model in its files, or made and kept there."""
         found = self.kept.read()
         if found is None:
+            if self.kept.reason:
+                self.progress.step(f"{self.kept.reason}; making the model anew")
             model = self._reduce()
             self.kept.write(model, self._basis)
             return model

@@ -9,6 +9,7 @@ from dolfinx import fem
 from mpi4py import MPI
 
 from fenics_joints._compat import geometry_dofmap
+from fenics_joints.meshes.tagged import mixed
 
 __all__ = ["node_keys"]
 
@@ -46,8 +47,8 @@ def _least_around(V: fem.FunctionSpace, cells: np.ndarray) -> np.ndarray:
     them, (n_owned,)."""
     imap, nodes = V.dofmap.index_map, V.dofmap.list
     least = np.full(imap.size_local + imap.num_ghosts, _LARGEST)
-    inside = _mixed(np.arange(nodes.shape[1], dtype=np.uint64))
-    np.minimum.at(least, nodes.ravel(), _mixed(cells[: len(nodes), None] ^ inside).ravel())
+    inside = mixed(np.arange(nodes.shape[1], dtype=np.uint64))
+    np.minimum.at(least, nodes.ravel(), mixed(cells[: len(nodes), None] ^ inside).ravel())
     told = V.mesh.comm.allgather((imap.ghosts, least[imap.size_local :]))
     first, last = imap.local_range
     for ghosts, numbers in told:
@@ -61,14 +62,5 @@ def _hashed(places: np.ndarray) -> np.ndarray:
     digits = np.floor(places * 10.0**_DIGITS + _ASIDE + 0.5).astype(np.int64).astype(np.uint64)
     found = np.zeros(len(places), dtype=np.uint64)
     for column in digits.T:
-        found = _mixed(found ^ column)
+        found = mixed(found ^ column)
     return found
-
-
-def _mixed(x: np.ndarray) -> np.ndarray:
-    """A permutation of the 64-bit numbers in which near ones are far apart (SplitMix64: Steele,
-    Lea and Flood, OOPSLA 2014)."""
-    x = x + np.uint64(0x9E3779B97F4A7C15)
-    x = (x ^ (x >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
-    x = (x ^ (x >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
-    return x ^ (x >> np.uint64(31))

@@ -10,6 +10,7 @@ import h5py
 import numpy as np
 
 from fenics_joints.errors import InputError
+from fenics_joints.files import sealed
 from fenics_joints.reduction.files import read_array_model
 
 
@@ -17,15 +18,15 @@ from fenics_joints.reduction.files import read_array_model
 def test_links_in_a_circle(tmp_path, inside):
     """A link to itself, and a group that holds itself."""
     path = tmp_path / "model.h5"
-    with h5py.File(path, "w") as file:
-        file.attrs["format"], file.attrs["version"] = "fenics_joints reduced model", 1
+    with sealed(path) as part, h5py.File(part, "w") as file:
+        file.attrs["format"], file.attrs["version"] = "fenics_joints reduced model", 2
         if inside:
             group = file.create_group("model")
             group.attrs["kind"], group.attrs["keys"] = "sequence", "1"
             group["0"] = h5py.SoftLink("/model")
         else:
             file["model"] = h5py.SoftLink("/model")
-    with pytest.raises(InputError, match="is damaged, or no HDF5 file"):
+    with pytest.raises(InputError, match="holds no such model"):
         read_array_model(path)
 
 
@@ -33,8 +34,8 @@ def test_links_in_a_circle(tmp_path, inside):
 def test_a_small_file_that_would_become_a_large_model(tmp_path, more):
     """One group at many places; an array of zeros that the file does not hold."""
     path = tmp_path / "model.h5"
-    with h5py.File(path, "w") as file:
-        file.attrs["format"], file.attrs["version"] = "fenics_joints reduced model", 1
+    with sealed(path) as part, h5py.File(part, "w") as file:
+        file.attrs["format"], file.attrs["version"] = "fenics_joints reduced model", 2
         group = file.create_group("model")
         group.attrs["kind"], group.attrs["keys"] = "sequence", "2"
         if more == "linked":

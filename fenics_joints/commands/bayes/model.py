@@ -167,9 +167,16 @@ def _ready(case: Case, full, start, given, prior: Prior, tolerance, progress, ke
         said = [start, prior.names, prior.exactly(), given["n_test"], tolerance]
         shapes = None if given["shapes"] is None else given["shapes"].tolist()
         name = fingerprint(case, full, given["sensors"], *said, shapes)
-        kept = read_lean(keep, name, given["sensors"])
+        kept, reason = None, ""
+        if full.comm.bcast(keep.is_file()):
+            try:
+                kept = read_lean(keep, name, given["sensors"])
+            except InputError as error:
+                reason = str(error)
         if full.comm.allreduce(kept is not None, op=MPI.LAND):
             return kept
+        if reason:
+            progress.step(f"{reason}; making the model anew")
     found = SampledModel(full, start, prior, tolerance, progress, **given).ready()
     if keep is not None and found[1].error <= tolerance:
         on_root(full.comm, lambda: write_lean(keep, name, *found))

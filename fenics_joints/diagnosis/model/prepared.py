@@ -204,9 +204,12 @@ class Prepared(Subject):
 
     def _file(self, keep: Path, what: str, suffix: str) -> Path:
         """A file that serves every test of the structure with this discrepancy. Collective."""
+        return Path(keep) / f"{what}-{self.fingerprint()}{suffix}"
+
+    def fingerprint(self) -> str:
+        """See `fenics_joints.case.fingerprint`. Collective."""
         more = sorted(self.full.parameters), self._share, _SAMPLED
-        name = fingerprint(self.case, self.full, None, *more)
-        return Path(keep) / f"{what}-{name}{suffix}"
+        return fingerprint(self.case, self.full, None, *more)
 
     def on_mesh(self, errors: MeshErrors) -> None:
         """Take the mesh's errors off, and leave out modes that it does not resolve."""

@@ -147,10 +147,11 @@ def _solved(finer: Structure, values, n_modes: int, keep) -> Modes:
     if keep is None:
         return solve_modes(finer, values, n_modes=n_modes)
     file, more = keep(), {}
-    shapes = read_vectors(finer, file, "finer", more)
+    made = f"{file.name} {finer.tagged.digest()} {sorted(values.items())}"
+    shapes = read_vectors(finer, file, made, more)
     squares = more.get("eigenvalues")
     if shapes is not None and squares is not None and len(squares) == len(shapes) == n_modes:
         return Modes(finer, dict(values), squares, shapes, 0)
     found = solve_modes(finer, values, n_modes=n_modes)
-    write_vectors(finer, file, found.shapes, "finer", eigenvalues=found.eigenvalues)
+    write_vectors(finer, file, found.shapes, made, eigenvalues=found.eigenvalues)
     return found

@@ -1,0 +1,110 @@
+"""Folders that nobody else can change, where what is loaded can run as code; or that are empty."""
+
+from __future__ import annotations
+
+import atexit
+import grp
+import logging
+import os
+import pwd
+import shutil
+import stat
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from functools import lru_cache
+from pathlib import Path
+
+__all__ = ["cache_folder", "changed_by_others", "empty_folder", "private_folder"]
+
+#: Owner of whatever belongs to a user that a container does not know, root of the host among them.
+_UNKNOWN = 65534
+
+
+@contextmanager
+def empty_folder() -> Iterator[None]:
+    """Work in an empty folder, so that no settings are read from the user's working folder."""
+    before = os.open(os.curdir, getattr(os, "O_PATH", os.O_RDONLY))
+    try:
+        with tempfile.TemporaryDirectory(prefix="fenics_joints_") as empty:
+            os.chdir(empty)
+            try:
+                yield
+            finally:
+                os.fchdir(before)
+    finally:
+        os.close(before)
+
+
+@lru_cache
+def cache_folder(path: Path) -> Path:
+    """`private_folder`, or, with a warning, one for this process alone."""
+    try:
+        return private_folder(path)
+    except OSError as error:
+        logging.getLogger(__name__).warning(
+            "%s: compiled forms and laws cannot be kept there (%s); every run compiles them anew. "
+            "Set XDG_CACHE_HOME to a folder that you and nobody else can write to", path,
+            error.strerror or error,
+        )  # fmt: skip
+    folder = Path(tempfile.mkdtemp(prefix="fenics_joints_"))
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    return folder
+
+
+def private_folder(path: Path) -> Path:
+    """A folder into which nobody else can put a file, made with mode 0700 if it is not there.
+
+    The folders above it count too: who can write to one of them can put another in its place.
+
+    Args:
+        path: The folder.
+
+    Returns:
+        Its path without links, to be used from here on: links can be turned elsewhere.
+
+    Raises:
+        OSError: If it cannot be made, or others could change it.
+    """
+    _make(path)
+    real = path.resolve()
+    for folder in (real, *real.parents):
+        reason = changed_by_others(folder.stat(), above=folder != real)
+        if reason:
+            raise PermissionError(f"{folder} {reason}")
+    return real
+
+
+def _make(path: Path) -> None:
+    """The folder and those above it, each for this user alone where it is not there."""
+    if not path.is_dir():
+        _make(path.parent)
+        path.mkdir(mode=0o700, exist_ok=True)
+
+
+def changed_by_others(status: os.stat_result, above: bool = False) -> str:
+    """Why a file or folder could have been changed by another user than this one and root; empty
+    if it could not.
+
+    Args:
+        status: Of the file.
+        above: Whether it is a folder above the one that counts: with the sticky bit, as /tmp has
+            it, others cannot rename what is in it.
+    """
+    known = (0, os.geteuid(), *([_UNKNOWN] if above else []))
+    if status.st_uid not in known:
+        return f"belongs to another user (number {status.st_uid})"
+    mode = status.st_mode
+    if above and mode & stat.S_ISVTX:
+        return ""
+    if mode & stat.S_IWOTH or (mode & stat.S_IWGRP and not _of_one(status.st_gid)):
+        return f"can be written to by other users (mode {stat.S_IMODE(mode):04o})"
+    return ""
+
+
+def _of_one(gid: int) -> bool:
+    """Whether a group is this user's alone, as Debian and Red Hat make one for each user."""
+    with suppress(KeyError):
+        user, group = pwd.getpwuid(os.geteuid()), grp.getgrgid(gid)
+        return group.gr_name == user.pw_name and set(group.gr_mem) <= {user.pw_name}
+    return False
