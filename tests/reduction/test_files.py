@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+
 import pytest
 
 pytest.importorskip("dolfinx")
@@ -11,7 +13,17 @@ import numpy as np
 
 from fenics_joints.errors import InputError
 from fenics_joints.files import sealed
-from fenics_joints.reduction.files import read_array_model
+from fenics_joints.reduction import ArrayModel
+from fenics_joints.reduction.affine import AffinePencil
+from fenics_joints.reduction.files import (
+    ARRAYS,
+    read_array_model,
+    read_model,
+    write_array_model,
+    write_model,
+)
+from fenics_joints.reduction.terms import RegionTerm
+from fenics_joints.structure.laws import SOLID
 
 
 @pytest.mark.parametrize("inside", [False, True])
@@ -44,4 +56,78 @@ def test_a_small_file_that_would_become_a_large_model(tmp_path, more):
         else:
             group.create_dataset("0", (50_000, 50_000), dtype="f8", chunks=(1000, 1000))
     with pytest.raises(InputError, match="in the file twice" if more == "linked" else "of its"):
+        read_array_model(path)
+
+
+@pytest.fixture
+def model(tmp_path):
+    """A small model in its file."""
+    rng = np.random.default_rng(3)
+    n = 12
+    stiffness, inertia = (x @ x.T + n * np.eye(n) for x in rng.normal(size=(2, n, n)))
+    given = {"E": 2e11, "nu": 0.3, "rho": 7800.0, "stretch": 1.0}
+    region = RegionTerm("rod", SOLID, given, stiffness[None], inertia, 1e-3)
+    path = tmp_path / "model.h5"
+    write_array_model(ArrayModel(AffinePencil({}, [region]), 100.0), path)
+    return path
+
+
+def test_no_changed_bit_is_taken(model):
+    """Anywhere in the file: refused, each of 300, and wherever it is cut off."""
+    whole, rng = model.read_bytes(), np.random.default_rng(44)
+    read_array_model(model)
+    for bit in rng.integers(8 * len(whole), size=300):
+        content = bytearray(whole)
+        content[bit // 8] ^= 1 << bit % 8
+        model.write_bytes(content)
+        with pytest.raises(InputError, match=r"model\.h5"):
+            read_array_model(model)
+    for length in (0, 1, 72, 73, len(whole) // 2, len(whole) - 1):
+        model.write_bytes(whole[:length])
+        with pytest.raises(InputError, match=r"model\.h5"):
+            read_array_model(model)
+
+
+def test_a_kept_model_is_of_what_it_was_made_of(model):
+    """A file that the user names is read whatever made it."""
+    write_model(read_array_model(model), model, ARRAYS, "this mesh")
+    assert read_model(model, ARRAYS, ArrayModel, "this mesh").n_dofs == 12
+    with pytest.raises(InputError, match="another structure"):
+        read_model(model, ARRAYS, ArrayModel, "that mesh")
+    assert read_array_model(model).n_dofs == 12
+
+
+def test_another_users_file_is_not_kept(model):
+    """One that others can write to might be theirs; root may give it away in earnest."""
+    write_model(read_array_model(model), model, ARRAYS, "this mesh")
+    assert not model.stat().st_mode & 0o022
+    model.chmod(0o646)
+    with pytest.raises(InputError, match="written to by other users"):
+        read_model(model, ARRAYS, ArrayModel, "this mesh")
+    model.chmod(0o600)
+    if os.geteuid() == 0:
+        os.chown(model, 1234, -1)
+        with pytest.raises(InputError, match="1234"):
+            read_model(model, ARRAYS, ArrayModel, "this mesh")
+
+
+@pytest.mark.parametrize("what", ["other file", "virtual", "text", "references"])
+def test_arrays_of_a_file_are_numbers_in_that_file(tmp_path, what):
+    path, secret = tmp_path / "model.h5", tmp_path / "secret"
+    secret.write_bytes(b"0123456789abcdef")
+    with h5py.File(tmp_path / "other.h5", "w") as file:
+        file["x"] = np.ones(2)
+    with sealed(path) as part, h5py.File(part, "w") as file:
+        file.attrs["format"], file.attrs["version"] = ARRAYS, 2
+        if what == "other file":
+            file.create_dataset("model", (2,), "f8", external=[(str(secret), 0, 16)])
+        elif what == "virtual":
+            layout = h5py.VirtualLayout((2,), "f8")
+            layout[:] = h5py.VirtualSource(str(tmp_path / "other.h5"), "x", (2,))
+            file.create_virtual_dataset("model", layout)
+        elif what == "text":
+            file["model"] = "text"
+        else:
+            file.create_dataset("model", data=[file.ref], dtype=h5py.ref_dtype)
+    with pytest.raises(InputError, match="no array of numbers"):
         read_array_model(path)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import threading
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields, replace
 from functools import lru_cache
@@ -85,7 +84,8 @@ class _Question:
 
 
 class Page:
-    """Replies to requests; keeps nothing of them.
+    """Replies to requests, one at a time: neither matplotlib's fonts nor the database's connection
+    are for two threads at once. Keeps nothing of them.
 
     Args:
         surfaces: Fitted.
@@ -100,8 +100,6 @@ class Page:
             "bolt": self._bolts, "way": tuple(_WAYS), "output": tuple(surfaces.kriging),
             "extrapolate": ("", "on"),
         }  # fmt: skip
-        # Neither matplotlib's fonts nor the database's connection are for two threads at once.
-        self._one_at_a_time = threading.Lock()
 
     def reply(self, path: str, typed: Mapping[str, str]) -> Reply:
         """Reply to a request.
@@ -119,11 +117,10 @@ class Page:
         if path not in ("", "picture.svg"):
             raise Refused(HTTPStatus.NOT_FOUND)
         question = self._question(typed)
-        with self._one_at_a_time:
-            answer, error = self._answered(question)
-            if path:
-                svg = self._pictures.svg(question.output, answer)
-                return Reply(svg.encode(), "image/svg+xml; charset=utf-8")
+        answer, error = self._answered(question)
+        if path:
+            svg = self._pictures.svg(question.output, answer)
+            return Reply(svg.encode(), "image/svg+xml; charset=utf-8")
         return Reply(self._html(question, answer, error).encode(), "text/html; charset=utf-8")
 
     def _question(self, typed: Mapping[str, str]) -> _Question:

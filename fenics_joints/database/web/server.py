@@ -3,9 +3,10 @@
 Only who knows the address with its secret, new at each start, gets an answer, and only on this
 machine. A web site that is open in the same browser cannot read it under another name (DNS
 rebinding: Host), nor ask in its own (Origin, Sec-Fetch-Site), nor frame it. A request is a short
-GET; all else is refused with a status and its standard words. Each is answered on its own and
-nothing is kept between them, so that no client can write to another's page. See the OWASP
-cheat sheets on cross-site request forgery and HTTP headers.
+GET; all else is refused with a status and its standard words. Each is answered on its own, one
+after the other, unless its client has hung up meanwhile, and nothing is kept between them, so that
+no client can write to another's page. See the OWASP cheat sheets on cross-site request forgery and
+HTTP headers.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler
@@ -36,8 +38,11 @@ _HOSTS = re.compile(r"(127\.0\.0\.1|localhost|\[::1\])(:\d{1,5})?", re.ASCII | r
 #: Bytes of a request up to its empty line; a browser sends about 1,000.
 _LONGEST_HEAD = 16384
 _MOST_FIELDS = 20
-#: Requests that are answered at once; others wait for these.
-_MOST_AT_ONCE = 32
+#: Connections that are served at once, others wait for these; and those among them that have not
+#: sent their request yet, the oldest of which make room.
+_MOST_AT_ONCE, _MOST_IDLE = 128, 32
+#: Seconds after which one that waits for its turn looks whether its client is still there.
+_TO_LOOK = 0.1
 #: Seconds for a request to come, for a reply to leave, and for the client to hang up after it.
 _TO_COME, _TO_LEAVE, _TO_HANG_UP = 5.0, 10.0, 0.5
 #: Seconds for answers under way when the page ends.
@@ -90,7 +95,7 @@ class PageServer(ThreadingMixIn, TCPServer):
 
     Args:
         answer: Reply to a path below the secret one ("" for the page) and the fields of the query;
-            raises `Refused`. Called from several threads.
+            raises `Refused`. Called from several threads, one at a time.
         port: 0 for any that is free.
 
     Attributes:
@@ -105,7 +110,7 @@ class PageServer(ThreadingMixIn, TCPServer):
 
     def __init__(self, answer: Callable[[str, Mapping[str, str]], Reply], port: int):
         self._answer, self._free = answer, threading.Semaphore(_MOST_AT_ONCE)
-        self._change, self._under_way, self._ended = threading.Condition(), 0, False
+        self._turn, self._idle = threading.Lock(), dict[socket.socket, None]()
         try:
             super().__init__((HOST, port), _Request)
         except OSError as error:
@@ -115,26 +120,34 @@ class PageServer(ThreadingMixIn, TCPServer):
         self._secret = secrets.token_urlsafe(24)
         self.url = f"http://{HOST}:{self.server_address[1]}/{self._secret}/"
 
-    def answer(self, path: str, fields: Mapping[str, str]) -> Reply:
-        """The reply to a path below the secret one; raises `Refused`."""
-        with self._change:
-            if self._ended:
-                raise Refused(HTTPStatus.SERVICE_UNAVAILABLE)
-            self._under_way += 1
+    def answer(self, path: str, fields: Mapping[str, str], client: socket.socket) -> Reply:
+        """The reply to a path below the secret one; raises `Refused`, or ConnectionError where the
+        client did not wait for its turn."""
+        while not self._turn.acquire(timeout=_TO_LOOK):
+            client.settimeout(0.0)
+            with suppress(BlockingIOError):  # it is there, and says nothing
+                if not client.recv(1, socket.MSG_PEEK):
+                    raise ConnectionAbortedError
         try:
             return self._answer(path, fields)
         finally:
-            with self._change:
-                self._under_way -= 1
-                self._change.notify_all()
+            self._turn.release()
 
     def server_close(self) -> None:
-        """Hear nobody else, and wait for answers under way: the interpreter would crash if it ended
-        while one of them draws."""
+        """Hear nobody else, and wait for the answer under way, the last: the interpreter would
+        crash if it ended while one is drawn."""
         super().server_close()
-        with self._change:
-            self._ended = True
-            self._change.wait_for(lambda: not self._under_way, _TO_END)
+        self._turn.acquire(timeout=_TO_END)
+
+    def listening(self, client: socket.socket, begins: bool) -> None:
+        """A client whose request is waited for, or has come; too many of these are cut off."""
+        if not begins:
+            self._idle.pop(client, None)
+            return
+        self._idle[client] = None
+        for oldest in list(self._idle)[:-_MOST_IDLE]:
+            with suppress(OSError):
+                oldest.shutdown(socket.SHUT_RD)
 
     def below_secret(self, path: str) -> str | None:
         """The rest of a path that begins with the secret; None for any other."""
@@ -144,6 +157,7 @@ class PageServer(ThreadingMixIn, TCPServer):
 
     def process_request(self, request, client_address) -> None:
         """Answer in a thread of its own, once one of a bounded number is free."""
+        self.listening(request, True)
         self._free.acquire()
         try:
             super().process_request(request, client_address)
@@ -156,6 +170,7 @@ class PageServer(ThreadingMixIn, TCPServer):
         try:
             super().process_request_thread(request, client_address)
         finally:
+            self.listening(request, False)
             self._free.release()
 
     def handle_error(self, request, client_address) -> None:
@@ -177,6 +192,7 @@ class _Request(BaseHTTPRequestHandler):
 
     def handle(self) -> None:
         head = self._head()
+        self.server.listening(self.connection, False)
         if len(head) > _LONGEST_HEAD:
             self.requestline, self.request_version = "", self.default_request_version
             self.send_error(HTTPStatus.REQUEST_HEADER_FIELDS_TOO_LARGE)
@@ -216,7 +232,9 @@ class _Request(BaseHTTPRequestHandler):
     def do_GET(self) -> None:
         try:
             path = self._checked()
-            reply = self.server.answer(path, self._fields())
+            reply = self.server.answer(path, self._fields(), self.connection)
+        except ConnectionError:
+            pass
         except Refused as refused:
             self.send_error(refused.status)
         except Exception:
