@@ -9,6 +9,7 @@ from __future__ import annotations
 import csv
 import io
 import os
+import re
 import sqlite3
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
@@ -26,6 +27,8 @@ _APPLICATION, _SCHEMA = 0x464A4442, 1  # "FJDB"
 _COLUMNS = NUMBERS + TEXTS
 #: Seconds to wait for another process's transaction.
 _PATIENCE = 60.0
+#: How a formula begins in a spreadsheet, or one that was written as text.
+_FORMULA = re.compile(r"'*\s*[=+\-@\uff1d\uff0b\uff0d\uff20]|'*[\t\r\n]")
 _TABLES = f"""
 CREATE TABLE joints (
   id INTEGER PRIMARY KEY,
@@ -152,13 +155,16 @@ class Store:
     # -- CSV ---------------------------------------------------------------------------------------
 
     def csv_text(self) -> str:
-        """All rows as CSV; numbers with all their digits, units in the heads."""
+        """All rows as CSV; numbers with all their digits, units in the heads. Text that a
+        spreadsheet would take for a formula begins with an apostrophe, which `import_csv` drops."""
         stream = io.StringIO()
         writer = csv.writer(stream, lineterminator="\n")
         writer.writerow([_head(c) for c in _COLUMNS])
         for joint in self.joints():
             row = joint.to_dict()
-            writer.writerow(["" if row[c] is None else row[c] for c in _COLUMNS])
+            texts = {c: _quoted(row[c]) for c in TEXTS if row[c] is not None}
+            numbers = {c: row[c] for c in NUMBERS if row[c] is not None}
+            writer.writerow([{**numbers, **texts}.get(c, "") for c in _COLUMNS])
         return stream.getvalue()
 
     def export_csv(self, path: str | Path) -> None:
@@ -183,6 +189,9 @@ class Store:
     # -- SQLite ------------------------------------------------------------------------------------
 
     def _prepare(self, create: bool) -> None:
+        # Views and triggers of a stranger's file do nothing but what SQLite itself has functions for.
+        self._connection.execute("PRAGMA trusted_schema = OFF")
+        self._connection.execute("PRAGMA cell_size_check = ON")
         self._connection.execute("PRAGMA synchronous = FULL")
         if self.readonly:
             self._connection.execute("PRAGMA query_only = ON")
@@ -198,6 +207,12 @@ class Store:
             raise InputError(
                 f"{self.path}: is an SQLite file of another program, expected a database of "
                 "joint parameters"
+            )
+        more = "SELECT name FROM sqlite_master WHERE type IN ('view', 'trigger')"
+        for (name,) in self._connection.execute(more):
+            raise InputError(
+                f"{self.path}: has the view or trigger {name!r}, expected tables alone, as a "
+                "database of joint parameters has them"
             )
         if self._pragma("user_version") != _SCHEMA:
             raise InputError(
@@ -282,6 +297,11 @@ def _insert(extra: str | None = None, or_what: str = "") -> str:
     return f"INSERT {or_what} INTO joints ({', '.join(columns)}) VALUES ({marks})"
 
 
+def _quoted(text: str) -> str:
+    """Text as no formula: spreadsheets run what begins so (OWASP, CSV injection)."""
+    return f"'{text}" if _FORMULA.match(text) else text
+
+
 def _head(column: str) -> str:
     unit = UNITS.get(column, "")
     return f"{column} [{unit}]" if unit else column
@@ -329,7 +349,7 @@ def _values(columns, row) -> dict[str, float | str]:
             except ValueError as error:
                 raise InputError(f"{field} = {cell!r}: expected a number") from error
         else:
-            values[field] = cell
+            values[field] = cell[1:] if cell[0] == "'" and _FORMULA.match(cell) else cell
     if "diameter" not in values:
         raise InputError("diameter is empty, expected a number in m")
     return values

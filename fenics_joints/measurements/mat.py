@@ -42,6 +42,8 @@ KEYS = {
 }
 #: Numbers of one variable, far more than any test has: a packed file says so before it unpacks.
 _MOST = 200_000_000
+#: Kinds of variables that hold others, of any size.
+_HOLDERS = ("cell", "struct", "object", "function", "opaque", "sparse")
 
 
 def read_mat(path: Path, said: Said) -> Contents:
@@ -82,10 +84,14 @@ class _Variables:
         if unknown:
             raise InputError(f"keys.{unknown[0]}: expected one of {', '.join(KEYS)}")
         self.path, self.keys = path, said.keys
-        shapes = {name: shape for name, shape, _ in _scipy(path, scipy.io.whosmat)}
+        listed = _scipy(path, scipy.io.whosmat)
+        shapes = {name: shape for name, shape, _ in listed}
+        kinds = {name: kind for name, _, kind in listed}
         self.there = list(shapes)
         used = [name for name in map(self.name, KEYS) if name in shapes]
         for name in used:
+            if kinds[name] in _HOLDERS:
+                raise InputError(f"{path}: {name} is a {kinds[name]}: expected numbers or text")
             if math.prod(shapes[name]) > _MOST:
                 raise InputError(
                     f"{path}: {name} is {' x '.join(map(str, shapes[name]))}: expected at most "

@@ -34,6 +34,7 @@ CHOSEN, NOMINAL, PLACEBO, NOISE = "#2b7bba", "#8d949e", "#d9822b", "#4d9a6a"
 SERIES = (_BLUE, "#e69f00", _GREEN, "#cc79a7", "#56b4e9", "#d55e00")
 
 _STYLE = {
+    "text.parse_math": False,  # names are text, whatever signs of dollars are in them
     "axes.prop_cycle": cycler(color=SERIES),
     "font.size": 9.5,
     "font.family": "sans-serif",
@@ -106,7 +107,10 @@ def to_svg(figure: Figure, name: str, alt: str, dpi: int = 150) -> str:
         dpi: Resolution of its rasterised parts.
     """
     stream = io.StringIO()
-    with style():
+    with style(), matplotlib.rc_context({"text.parse_math": True}):
+        for axes in figure.axes:
+            for label in (*axes.get_xticklabels(which="both"), *axes.get_yticklabels(which="both")):
+                label.set_parse_math(True)  # powers of ten
         figure.savefig(stream, format="svg", dpi=dpi, transparent=True, metadata=_NO_METADATA)
     text = stream.getvalue()
     text = text[text.index("<svg") :].strip()

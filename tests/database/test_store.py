@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import sqlite3
 import subprocess
 import sys
@@ -159,3 +160,37 @@ def test_a_new_database_takes_no_other_place(tmp_path):
         with Store(tmp_path / "one.db", create=True) as second:
             assert len(second.joints()) == 1
     assert [file.name for file in tmp_path.iterdir()] == ["one.db"]
+
+
+@serial
+def test_text_is_no_formula_in_a_spreadsheet_and_comes_back(tmp_path):
+    """What Excel and LibreOffice would run (OWASP, CSV injection), and what only looks like it."""
+    texts = [
+        '=cmd|"/C calc"!A0', "@SUM(1+9)*cmd", "-2+3", "+1", "\t=1", " =1", "'=1", "''=1",
+        "\uff1d1", "'", "'s-Hertogenbosch", "a=b", "",
+    ]  # fmt: skip
+    rows = [Joint(diameter=0.012, radius=0.04, nu=-0.25, author=t or None) for t in texts]
+    with Store(":memory:") as a, Store(":memory:") as b:
+        a.add(rows)
+        a.export_csv(tmp_path / "rows.csv")
+        b.import_csv(tmp_path / "rows.csv")
+        assert b.joints() == rows
+    with (tmp_path / "rows.csv").open(newline="", encoding="utf-8") as file:
+        cells = [cell for row in csv.reader(file) for cell in row]
+    starts = {c[0] for c in map(str.strip, cells) if c and c not in ("-0.25",)}
+    assert not starts & set("=+-@\t\r\uff1d") and cells.count("-0.25") == len(rows)
+
+
+@serial
+@pytest.mark.parametrize("what", [
+    "CREATE TRIGGER t AFTER INSERT ON joints BEGIN DELETE FROM joints; END",
+    "CREATE VIEW v AS SELECT * FROM joints",
+])  # fmt: skip
+def test_a_database_has_tables_alone(tmp_path, what):
+    path = tmp_path / "a.db"
+    Store(path, create=True).close()
+    other = sqlite3.connect(path)
+    other.execute(what)
+    other.commit()
+    with pytest.raises(InputError, match="view or trigger"):
+        Store(path)

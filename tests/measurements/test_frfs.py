@@ -344,3 +344,12 @@ def test_kinds_reciprocity_and_parts(tmp_path):
     with pytest.raises(InputError, match="60 to 359.5 Hz"):
         read.band(400, 500)
     assert frf_unit("in/s^2/lbf")[1] == pytest.approx(0.0254 / 4.4482216152605)
+
+
+def test_a_variable_that_holds_others_is_not_unpacked(tmp_path):
+    """A struct says nothing of the size of what is in it."""
+    path = tmp_path / "test.mat"
+    inside = {"values": np.zeros((2000, 2000))}
+    scipy.io.savemat(path, {"frequency": np.arange(3.0), "frf": inside}, do_compression=True)
+    with pytest.raises(InputError, match="frf is a struct"):
+        read_frfs(path)
