@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import re
 import sys
 import zipfile
 from collections.abc import Iterable, Iterator, Mapping
@@ -103,6 +104,8 @@ def read_toml(path: str | Path, expected: str) -> dict:
         InputError: As `read_text`; if it is no such TOML.
     """
     text = read_text(path, expected)
+    if _DOTTED.search(text):  # which a reader takes minutes for
+        raise InputError(f"{path}: {_TOO_DEEP}")
     try:
         content = tomllib.loads(text)
     except RecursionError:
@@ -115,6 +118,7 @@ def read_toml(path: str | Path, expected: str) -> dict:
 
 
 _TOO_DEEP = f"tables or arrays are nested more than {_DEEPEST} deep, expected fewer"
+_DOTTED = re.compile(rf"(?<![\w-])(?:(?:[\w-]+|\"[^\"\n]*\"|'[^'\n]*')[ \t]*\.[ \t]*){{{_DEEPEST}}}")
 _TOO_LARGE = "a whole number has more than the 64 bits that TOML allows"
 
 
@@ -271,7 +275,7 @@ def unsealed(path: str | Path, own: bool = True) -> Iterator[BinaryIO]:
             if reason:
                 raise InputError(f"{name}: {reason}; expected a file of your own")
             length = status.st_size - len(_SEAL) - _DIGITS
-            if length < 0 or _digest(file, length) != file.read()[len(_SEAL) :]:
+            if length < 0 or _SEAL + _digest(file, length) != file.read():
                 raise InputError(
                     f"{name}: is damaged, cut off, or no file that was kept: its checksum is not "
                     "that of its content"

@@ -16,7 +16,7 @@ SECTIONS = {
         "functions", "slip", "preload", "beams", "database", "forms", "own-law", "own-effect",
         "cluster",
     ),
-    "Look up": ("commands", "case-file", "api/index", "theory", "limits"),
+    "Look up": ("commands", "case-file", "api/index", "theory", "limits", "security"),
     "Judge": ("blind", "nonlinear_checks", "benchmarks", "speed", "peers"),
     "Project": ("contributing", "changelog"),
 }  # fmt: skip

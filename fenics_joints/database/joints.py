@@ -88,8 +88,8 @@ class Joint:
         if self.settings is not None:
             try:
                 json.loads(self.settings)
-            except ValueError as error:
-                raise InputError(f"settings = {self.settings!r}: expected JSON") from error
+            except (ValueError, RecursionError) as error:
+                raise InputError(f"settings = {self.settings[:80]!r}: expected JSON") from error
         if all(getattr(self, name) is None for name in RESULTS):
             raise InputError(f"row has no result, expected one of {', '.join(RESULTS)}")
 

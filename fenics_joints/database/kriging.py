@@ -11,6 +11,7 @@ predictions of the sample points likeliest (Yao, Vehtari, Simpson, Gelman, Bayes
 from __future__ import annotations
 
 import itertools
+import hashlib
 import json
 import math
 import warnings
@@ -89,6 +90,11 @@ class _Member:
     scales: Sequence[str]
     theta: Sequence[float]
     weight: float
+
+
+def _checksum(content: Mapping) -> str:
+    told = {key: value for key, value in content.items() if key != "checksum"}
+    return hashlib.sha256(json.dumps(told, sort_keys=True).encode()).hexdigest()
 
 
 class Kriging:
@@ -216,19 +222,20 @@ class Kriging:
         """
         try:
             content = json.loads(Path(path).read_text(encoding="utf-8"))
-        except (OSError, ValueError) as error:
+        except (OSError, ValueError, RecursionError) as error:
             raise InputError(f"{path}: cannot be read ({error}), expected saved Kriging") from error
         with located(path):
             return cls.from_json(content)
 
     def to_json(self) -> dict[str, object]:
-        """Everything that makes the model, for JSON."""
-        return {
+        """Everything that makes the model, for JSON, with a checksum."""
+        content = {
             "format": _FORMAT, "version": _VERSION,
             "inputs": list(self.inputs), "output": self.output,
             "x": self.x.tolist(), "y": self.y.tolist(),
             "members": [vars(m) for m in self.members], "facets": self._hull.facets.tolist(),
         }  # fmt: skip
+        return {**content, "checksum": _checksum(content)}
 
     @classmethod
     def from_json(cls, content: Mapping) -> Kriging:
@@ -244,6 +251,8 @@ class Kriging:
                 known = m.kernel in _KERNELS and m.trend in _TRENDS and set(m.scales) <= {*_SCALES}
                 if not known or not np.all(np.isfinite([*m.theta, m.weight])):
                     raise ValueError(f"{m} is no process")
+            if content["checksum"] != _checksum(content):
+                raise ValueError("its checksum is not that of its content")
             return cls(content["inputs"], content["output"], x, y, members, content.get("facets"))
         except (KeyError, TypeError, ValueError, np.linalg.LinAlgError) as error:
             raise InputError(f"is incomplete or damaged ({error!r})") from error

@@ -184,7 +184,10 @@ class Store:
                 text = stream.read()
         except (OSError, UnicodeDecodeError) as error:
             raise InputError(f"{path}: cannot be read ({error}), expected CSV in UTF-8") from error
-        return self.add(_from_csv(str(path), text))
+        try:
+            return self.add(_from_csv(str(path), text))
+        except csv.Error as error:
+            raise InputError(f"{path}: {error}; expected short cells") from error
 
     # -- SQLite ------------------------------------------------------------------------------------
 
@@ -231,7 +234,7 @@ class Store:
     def _told(self) -> Iterator[None]:
         try:
             yield
-        except sqlite3.Error as error:
+        except (sqlite3.Error, UnicodeDecodeError) as error:
             raise InputError(
                 f"{self.path}: {error}; expected a database of joint parameters"
                 + (" that can be written to" if "readonly" in str(error) else "")

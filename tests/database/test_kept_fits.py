@@ -70,6 +70,7 @@ def _changed(content: dict, **values) -> str:
         lambda text: _changed(json.loads(text), kernel="other"),
         lambda text: _changed(json.loads(text), x=[[0.012, 1e4 * i, 0.03] for i in range(1, 7)]),
         lambda text: _changed(json.loads(text), facets=[[1.0]]),
+        lambda text: _changed(json.loads(text), weight=0.123),  # by its checksum alone
     ],
 )
 def test_what_is_no_fit_of_these_rows_is_made_anew(path, fits, damage):
