@@ -118,7 +118,9 @@ def read_toml(path: str | Path, expected: str) -> dict:
 
 
 _TOO_DEEP = f"tables or arrays are nested more than {_DEEPEST} deep, expected fewer"
-_DOTTED = re.compile(rf"(?<![\w-])(?:(?:[\w-]+|\"[^\"\n]*\"|'[^'\n]*')[ \t]*\.[ \t]*){{{_DEEPEST}}}")
+_DOTTED = re.compile(
+    rf"(?<![\w-])(?:(?:[\w-]+|\"[^\"\n]*\"|'[^'\n]*')[ \t]*\.[ \t]*){{{_DEEPEST}}}"
+)
 _TOO_LARGE = "a whole number has more than the 64 bits that TOML allows"
 
 

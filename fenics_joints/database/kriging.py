@@ -10,8 +10,8 @@ predictions of the sample points likeliest (Yao, Vehtari, Simpson, Gelman, Bayes
 
 from __future__ import annotations
 
-import itertools
 import hashlib
+import itertools
 import json
 import math
 import warnings

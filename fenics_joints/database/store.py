@@ -192,7 +192,7 @@ class Store:
     # -- SQLite ------------------------------------------------------------------------------------
 
     def _prepare(self, create: bool) -> None:
-        # Views and triggers of a stranger's file do nothing but what SQLite itself has functions for.
+        # What a stranger's file defines calls no function but SQLite's own harmless ones.
         self._connection.execute("PRAGMA trusted_schema = OFF")
         self._connection.execute("PRAGMA cell_size_check = ON")
         self._connection.execute("PRAGMA synchronous = FULL")

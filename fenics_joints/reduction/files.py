@@ -26,8 +26,11 @@ from fenics_joints.structure.components import Parameter
 from fenics_joints.structure.laws import LINEAR_LAWS, Law
 from fenics_joints.structure.rows import PlaceRows
 
-__all__ = ["ARRAYS", "read_array_model", "read_model", "register", "write_array_model", "write_model"]
+__all__ = [
+    "ARRAYS", "read_array_model", "read_model", "register", "write_array_model", "write_model",
+]  # fmt: skip
 
+#: Name of the format of linear models.
 ARRAYS = "fenics_joints reduced model"
 _VERSION = 2
 _LAWS = LINEAR_LAWS | {law.name: law for law in CHANGES}

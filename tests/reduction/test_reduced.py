@@ -304,8 +304,23 @@ def test_a_basis_of_another_model_is_not_taken(tmp_path):
         "samples": lambda: [{**start, "layer.E": 1e7}]
     })  # fmt: skip
     assert other.model.n_dofs == first.model.n_dofs
+    own = file.with_suffix(".npz").read_bytes()
     file.with_suffix(".npz").write_bytes(basis)
-    assert KeptModel(model, file).read() is None
+    kept = KeptModel(model, file)
+    assert kept.read() is None and "not whole" in kept.reason
+    # Nor one that was damaged, nor matrices of a structure of which one node stood elsewhere.
+    rng = np.random.default_rng(2)
+    for bit in rng.integers(8 * len(own), size=20).tolist():
+        content = bytearray(own)
+        content[bit // 8] ^= 1 << bit % 8
+        file.with_suffix(".npz").write_bytes(content)
+        assert KeptModel(model, file).read() is None
+    file.with_suffix(".npz").write_bytes(own)
+    assert KeptModel(model, file).read() is not None
+    moved = build()
+    moved.mesh.geometry.x[0, 0] += 1e-9
+    kept = KeptModel(moved, file)
+    assert kept.read() is None and "another structure" in kept.reason
 
 
 @pytest.mark.parametrize("axis", [0, 1, 2])
