@@ -9,7 +9,7 @@ import re
 import sys
 import zipfile
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import BinaryIO
 
@@ -252,7 +252,8 @@ def sealed(path: str | Path) -> Iterator[Path]:
     """
     with replaced(path) as part:
         yield part
-        os.chmod(part, part.stat().st_mode & 0o755)
+        with suppress(OSError):  # a file system without modes
+            os.chmod(part, part.stat().st_mode & 0o755)
         with part.open("r+b") as file:
             file.write(_SEAL + _digest(file, part.stat().st_size))
 
@@ -270,6 +271,8 @@ def unsealed(path: str | Path, own: bool = True) -> Iterator[BinaryIO]:
             digest.
     """
     name = shown_path(path)
+    if not is_file(path):
+        raise InputError(f"{name}: there is no such file")
     try:
         with open(path, "rb") as file:
             status = os.fstat(file.fileno())  # of what was opened, whatever has its name by now

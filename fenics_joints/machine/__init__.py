@@ -1,1 +1,1 @@
-"""The machine: where compiled forms are kept, and signals."""
+"""The machine: where compiled forms are kept, whose folders are safe, and signals."""

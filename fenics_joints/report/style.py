@@ -17,6 +17,7 @@ import numpy as np
 from cycler import cycler
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogFormatter
 
 __all__ = [
     "CHOSEN", "INK", "NOISE", "NOMINAL", "PAPER", "PLACEBO", "SERIES", "drawing", "grid", "style",
@@ -108,9 +109,10 @@ def to_svg(figure: Figure, name: str, alt: str, dpi: int = 150) -> str:
     """
     stream = io.StringIO()
     with style(), matplotlib.rc_context({"text.parse_math": True}):
-        for axes in figure.axes:
-            for label in (*axes.get_xticklabels(which="both"), *axes.get_yticklabels(which="both")):
-                label.set_parse_math(True)  # powers of ten
+        for axis in (axis for axes in figure.axes for axis in (axes.xaxis, axes.yaxis)):
+            powers = isinstance(axis.get_major_formatter(), LogFormatter)  # else names or numbers
+            for label in axis.get_ticklabels(which="both"):
+                label.set_parse_math(powers)
         figure.savefig(stream, format="svg", dpi=dpi, transparent=True, metadata=_NO_METADATA)
     text = stream.getvalue()
     text = text[text.index("<svg") :].strip()
