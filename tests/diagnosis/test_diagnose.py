@@ -212,7 +212,7 @@ def test_a_diagnosis_that_was_stopped_goes_on(tmp_path):
     def search(folder, progress):
         model = prepare(case, MPI.COMM_SELF, progress)
         model.reduce(progress, keep)
-        fits = KeptFits(folder, model.evidence, model.baseline, writes=True)
+        fits = KeptFits(folder, model.evidence, model.baseline, True, model.fingerprint())
         done = Search(model, progress, fits)
         found = done.run()
         keys = [f.hypothesis.label_of_keys for f in found]
