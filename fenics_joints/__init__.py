@@ -24,8 +24,6 @@ from importlib.util import find_spec
 from pathlib import Path
 from types import ModuleType
 
-from fenics_joints.machine.imports import guard
-
 _NEEDED = ("mpi4py", "petsc4py", "slepc4py", "dolfinx")
 _MISSING = [name for name in _NEEDED if find_spec(name) is None]
 if _MISSING:
@@ -45,8 +43,6 @@ __version__ = "0.1.0"
 _HERE = Path(__file__).resolve().parent
 if not (_HERE / "forms").is_dir() and (_HERE.parent / "forms" / "thin_layer.py").is_file():
     __path__.append(str(_HERE.parent))
-
-guard()
 
 _ROOMS = (
     "forms", "meshes", "structure", "modal", "joint_laws", "preload", "response", "measurements",

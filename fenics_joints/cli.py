@@ -22,6 +22,7 @@ from fenics_joints.commands.arguments import (
 from fenics_joints.commands.database import app as database_app
 from fenics_joints.commands.line import new_app
 from fenics_joints.commands.start import check, new, schema, show
+from fenics_joints.machine.imports import guard
 from fenics_joints.progress import LAUNCHED, loudness
 
 if TYPE_CHECKING:
@@ -234,6 +235,7 @@ def main() -> None:
     if any(os.environ.get(key, "0") != "0" for key in LAUNCHED):
         # Help and usage errors come from every rank; one is enough.
         sys.stdout = sys.stderr = open(os.devnull, "w")  # noqa: SIM115
+    guard()
     app(prog_name="fenics-joints")
 
 

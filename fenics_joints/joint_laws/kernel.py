@@ -21,7 +21,8 @@ import numpy as np
 from fenics_joints.errors import InputError, JointsError
 from fenics_joints.joint_laws.law import JointLaw, is_rated
 from fenics_joints.joint_laws.source import law_source
-from fenics_joints.machine.private import cache_folder, empty_folder
+from fenics_joints.machine.imports import without_local_settings
+from fenics_joints.machine.private import cache_folder
 
 __all__ = ["HarmonicStress", "LawKernel"]
 
@@ -315,7 +316,7 @@ def _build(name: str, source: str, folder: Path, flags: list[str]) -> Path:
     ffi.cdef(_DECLARATIONS)
     ffi.set_source(name, source, extra_compile_args=flags)
     try:
-        with tempfile.TemporaryDirectory(dir=folder) as scratch, empty_folder():
+        with tempfile.TemporaryDirectory(dir=folder) as scratch, without_local_settings():
             built = Path(ffi.compile(tmpdir=scratch))
             # Whole or not there, whoever else compiles the same law at this moment.
             final = folder / built.name

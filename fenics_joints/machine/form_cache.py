@@ -8,8 +8,8 @@ that on local and on network file systems. Locks only spare two processes the sa
 system without them costs time and nothing else.
 
 A form is a library that is loaded, and so runs. The cache has to be one that no other user can
-write to, or it is not used; and settings of DOLFINx, FFCx and setuptools are not taken from the
-working folder, which may be a stranger's: they could name any program as the compiler.
+write to, or it is not used. The ``fenics-joints`` command takes no settings of DOLFINx, FFCx and
+setuptools from the working folder, which may be a stranger's, see `fenics_joints.machine.imports`.
 """
 
 from __future__ import annotations
@@ -31,7 +31,8 @@ import dolfinx.jit
 import ffcx
 import ffcx.naming
 
-from fenics_joints.machine.private import cache_folder, empty_folder
+from fenics_joints.machine.imports import without_local_settings
+from fenics_joints.machine.private import cache_folder
 
 __all__ = ["install"]
 
@@ -55,14 +56,14 @@ def install() -> None:
 
     @functools.wraps(compiled)
     def cached(ufl_object, form_compiler_options=None, jit_options=None):
-        with empty_folder():
+        with without_local_settings():
             options = dolfinx.jit.get_options(jit_options)
             key = _key(ufl_object, form_compiler_options, options)
 
         def at(folder: Path):
             handlers = logging.getLogger().handlers.copy()
             try:
-                with empty_folder():
+                with without_local_settings():
                     return compiled(
                         ufl_object, form_compiler_options, {**options, "cache_dir": folder}
                     )  # fmt: skip

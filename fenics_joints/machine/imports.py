@@ -1,19 +1,22 @@
-"""Libraries that would take settings from the working folder, which may be a stranger's.
+"""Libraries that take settings from the working folder, which may be a stranger's.
 
-PETSc reads ``petscrc`` there, which can name a library to load, UCX below MPI ``ucx.conf``,
-matplotlib ``matplotlibrc``, ArviZ ``arvizrc``. They are imported in an empty folder; settings in
-the home folder and the environment hold as ever.
+PETSc reads ``petscrc`` there, which can name a library to load, DOLFINx
+``dolfinx_jit_options.json``, which can name any program as the compiler, UCX below MPI ``ucx.conf``,
+matplotlib ``matplotlibrc``, ArviZ ``arvizrc``. The ``fenics-joints`` command may be run in a folder that came with a case, so it
+ignores these files; settings in the home folder and the environment hold as ever. A script of the
+user's own keeps its settings: importing `fenics_joints` changes nothing.
 """
 
 from __future__ import annotations
 
 import sys
 from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
 from importlib.machinery import ModuleSpec, PathFinder
 
 from fenics_joints.machine.private import empty_folder
 
-__all__ = ["guard"]
+__all__ = ["guard", "without_local_settings"]
 
 _NAMES = ("mpi4py.MPI", "petsc4py.PETSc", "matplotlib", "arviz_base", "arviz.rcparams")
 
@@ -39,6 +42,15 @@ def _elsewhere(step: Callable) -> Callable:
 
 
 def guard() -> None:
-    """Let these libraries be imported so, from here on in this process; again does nothing."""
-    if not any(isinstance(finder, _Finder) for finder in sys.meta_path):
+    """Ignore settings in the working folder, from here on in this process."""
+    if not _guarded():
         sys.meta_path.insert(0, _Finder())
+
+
+def without_local_settings() -> AbstractContextManager:
+    """An empty working folder once `guard` was called; otherwise the working folder stays."""
+    return empty_folder() if _guarded() else nullcontext()
+
+
+def _guarded() -> bool:
+    return any(isinstance(finder, _Finder) for finder in sys.meta_path)

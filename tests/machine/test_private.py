@@ -46,23 +46,34 @@ def test_code_is_loaded_from_ones_own_folder_only(tmp_path, how, caplog):
 
 
 @serial
-def test_no_library_takes_settings_from_the_working_folder(tmp_path):
+@pytest.mark.parametrize("command", [True, False], ids=["command", "script"])
+def test_only_scripts_take_settings_from_the_working_folder(tmp_path, command):
     """PETSc would load a library, the compiler of forms run a program, matplotlib change."""
     (tmp_path / "petscrc").write_text("-from_petscrc 1\n")
-    (tmp_path / ".petscrc").write_text("-from_hidden_petscrc 1\n")
     (tmp_path / "matplotlibrc").write_text("figure.dpi: 7\n")
-    (tmp_path / "dolfinx_jit_options.json").write_text('{"cffi_libraries": ["from_strangers"]}')
-    (tmp_path / "ffcx_options.json").write_text('{"sum_factorization": "from_strangers"}')
-    code = """
-import os
+    libraries = '{"cffi_libraries": ["from_strangers"]}'
+    (tmp_path / "dolfinx_jit_options.json").write_text(libraries)
+    code = f"""
+import os, sys
 import fenics_joints
+if {command}:
+    from fenics_joints.cli import main
+    sys.argv = ["fenics-joints", "schema"]
+    try:
+        main()
+    except SystemExit:
+        pass
 from fenics_joints import _compat
 import matplotlib, dolfinx, ufl
 from mpi4py import MPI
 from petsc4py import PETSc
 mesh = dolfinx.mesh.create_unit_interval(MPI.COMM_SELF, 2)
-one = dolfinx.fem.form(dolfinx.fem.Constant(mesh, 1.0) * ufl.dx)
-print(dolfinx.fem.assemble_scalar(one), matplotlib.rcParams["figure.dpi"] == 7,
+try:
+    one = dolfinx.fem.form(dolfinx.fem.Constant(mesh, 1.0) * ufl.dx)
+    made = dolfinx.fem.assemble_scalar(one) == 1
+except Exception:
+    made = False
+print("settings:", not made, matplotlib.rcParams["figure.dpi"] == 7,
       any("petscrc" in name for name in PETSc.Options().getAll()), os.getcwd())
 """
     done = subprocess.run(
@@ -70,4 +81,5 @@ print(dolfinx.fem.assemble_scalar(one), matplotlib.rcParams["figure.dpi"] == 7,
         env={**os.environ, "XDG_CACHE_HOME": str(tmp_path / "cache")},
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
-    assert done.stdout.split() == ["1.0", "False", "False", str(tmp_path)]
+    found = done.stdout.partition("settings: ")[2].splitlines()[0].split()
+    assert found == [*[str(not command)] * 3, str(tmp_path)]
