@@ -592,7 +592,8 @@ def main() -> int:
     late = [e.name for e in todo if e.name not in done]
     if late:
         print(f"no time left for: {', '.join(late)}")
-    print(f"{bad} numbers moved or runs failed" if bad else "nothing moved", flush=True)
+    good = "made" if asked.make else "nothing moved"
+    print(f"{bad} numbers moved or runs failed" if bad else good, flush=True)
     return 1 if bad or (late and not asked.make) else 0
 
 
