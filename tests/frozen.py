@@ -22,6 +22,7 @@ import importlib.util
 import json
 import os
 import re
+import shutil
 import subprocess
 import sys
 import tarfile
@@ -568,6 +569,8 @@ def main() -> int:
         for name in set(kept) - {e.name for e in everything}:
             del kept[name]
         todo = [e for e in todo if asked.names or asked.again or e.name not in kept]
+    if asked.again:  # they hold finished fits, too
+        shutil.rmtree(_work() / "models", ignore_errors=True)
     bad, done = 0, set()
     for entry, found in Run(asked.jobs, asked.minutes, asked.again)(todo):
         done.add(entry.name)
