@@ -51,8 +51,8 @@ REASONS = {
     "solver": (1e-5, 0.0, "solvers end at 1e-8 to 1e-10, and BLAS differs by processor"),
     "mesh": (2e-3, 0.0, "gmsh's free meshes differ from version to version"),
     "fit": (5e-4, 0.0, "fits end at a tolerance, on reduced models that err by 1e-4"),
-    "deviation": (0.05, 0.0, "of a standard deviation, an interval's end or a misfit: differences"),
-    "interval": (2e-3, 0.0, "a fitted number, which may also move by a tenth of its deviation"),
+    "deviation": (0.05, 0.0, "a standard deviation, a misfit, a count at an edge: differences"),
+    "interval": (2e-3, 0.0, "a fitted number moves by a tenth of its deviation, too"),
     "sampling": (0.15, 0.0, "drawn: the order of draws is no promise, their spread is"),
     "probability": (0.0, 0.03, "evidence is approximate: 0.1 of its logarithm moves 0.5 by 0.03"),
 }
@@ -78,12 +78,14 @@ PLACES = {
         (r"frequencies_hz\[\d+\]|test\.gap|test\.pairs\.[^.]+\.(model_hz|mac)", "solver"),
     ],
     "preload": [
-        (r"contacts\.[^.]+\.(open|slip|stick)", "exact"),
+        (r"contacts\.[^.]+\.(open|slip|stick)", "deviation"),
         (r"frequencies_hz\..*|bolt_forces_n\..*|contacts\.[^.]+\.(?!area_above).*", "solver"),
     ],
     "update": [
         (r"parameters\.[^.]+\.determined|fit\.(converged|degrees_of_freedom)", "exact"),
-        (r"parameters\.[^.]+\.value|cutoff.*", "interval"),
+        (r"parameters\.[^.]+\.value", "interval"),
+        (r"\w+\.[^.]+\.minimum\.(cutoff_pa|objective)|curve_gap\..*", "deviation"),
+        (r"\w+\.[^.]+\.minimum\.frequencies_hz.*", "fit"),
         (r"parameters\.[^.]+\.relative_standard_deviation", "deviation"),
         (r"modes\.[^.]+\.before_hz", "solver"),
         (r"modes\.[^.]+\.(after_hz|mac_after)|held_modes\.[^.]+\.predicted_hz", "fit"),
@@ -99,12 +101,11 @@ PLACES = {
         (r"gap\.(before|noise)", "fit"),
         (r"gap\.(after|heldout_before|heldout_after|placebo_after)", "deviation"),
         (r"probability\..*", "probability"),
-        (r"identified\..*\.value", "interval"),
-        (r"identified\..*\.(low|high)", "deviation"),
+        (r"identified\..*\.(value|low|high)", "interval"),
     ],
 }  # fmt: skip
 #: Where a list's members have their name.
-NAMES = ("name", "label", "effect", "level_n", "level", "method")
+NAMES = ("name", "label", "effect", "level_n", "level", "method", "scheme")
 #: What CI compares.
 QUICK = (
     "README.md", "docs/forms.md", "demo_bolted_plates",
@@ -299,17 +300,18 @@ def of_json(command: str, content: dict) -> list[list]:
         share, amount, _ = REASONS[why]
         may = max(share * abs(value), amount)
         if why == "interval":
-            may = max(may, 0.1 * _deviation(flat, place, value))
+            base, _, kind = place.rpartition(".")
+            may = max(may, (0.1 if kind == "value" else 0.3) * _deviation(flat, base))
         found.append([place, _short(value, 9), _short(may), why])
     return found
 
 
-def _deviation(flat: dict, place: str, value: float) -> float:
+def _deviation(flat: dict, base: str) -> float:
     """The standard deviation that is said of a number, or a quarter of its interval."""
-    base = place.removesuffix("value")
-    if f"{base}low" in flat:
-        return abs(flat[f"{base}high"] - flat[f"{base}low"]) / 4
-    return abs(value) * min(flat.get(f"{base}relative_standard_deviation") or 0.0, 10.0)
+    if f"{base}.low" in flat:
+        return abs(flat[f"{base}.high"] - flat[f"{base}.low"]) / 4
+    relative = flat.get(f"{base}.relative_standard_deviation") or 0.0
+    return abs(flat[f"{base}.value"]) * min(relative, 10.0)
 
 
 def _diagnosis(content: dict) -> dict:
