@@ -3,7 +3,7 @@
 
     python3 tests/frozen.py [NAME ...]     compare with `frozen.json`; exit status 1 if one moved
     python3 tests/frozen.py --quick        a part of it, in minutes, as `.ci/run` does
-    python3 tests/frozen.py --make         compute what the table lacks, and write it
+    python3 tests/frozen.py --make         compute what the table lacks, and write it; '*' for all
     python3 tests/frozen.py --list         the entries, and the seconds that each took
 
 Each number stands in the table with what it may move by and why. Numbers of a command are known by
@@ -35,6 +35,7 @@ from concurrent.futures import ThreadPoolExecutor, as_completed
 from contextlib import nullcontext
 from dataclasses import dataclass, field, replace
 from fnmatch import fnmatch
+from functools import cache
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -56,8 +57,10 @@ REASONS = {
     "sampling": (0.15, 0.0, "drawn: the order of draws is no promise, their spread is"),
     "probability": (0.0, 0.03, "evidence is approximate: 0.1 of its logarithm moves 0.5 by 0.03"),
 }
-#: Least probability of an effect that is frozen.
+#: Least probability of what is looked at in a diagnosis.
 LEAST = 0.05
+#: The same of a hypothesis whose numbers are frozen: not one that might be gone the next time.
+SURE = 0.15
 
 # -- what is frozen --------------------------------------------------------------------------------
 
@@ -222,6 +225,7 @@ def _blind(case: dict) -> Callable[[Path], list[str]]:
 # -- computing -------------------------------------------------------------------------------------
 
 
+@cache
 def _work() -> Path:
     """Where what was computed with these very sources is kept."""
     total = hashlib.sha256()
@@ -256,10 +260,10 @@ def compute(entry: Entry, seconds: float) -> dict:
     return {"seconds": spent, "said": said}
 
 
-def numbers(entry: Entry, said) -> list[list]:
+def numbers(entry: Entry, said, least: float = LEAST) -> list[list]:
     """``[label, value, may move by, why]`` of each number that it printed or wrote."""
     if entry.kind in PLACES:
-        return of_json(entry.kind, said)
+        return of_json(entry.kind, said, least)
     return printed(said, entry.kind)
 
 
@@ -285,10 +289,10 @@ def printed(text: str, why: str) -> list[list]:
 NUMBER = r"(?<![\w.,])[-+−]?\d+(?:,\d{3})*(?:\.\d+)?(?:[eE][-+]?\d+)?(?!\w)"
 
 
-def of_json(command: str, content: dict) -> list[list]:
+def of_json(command: str, content: dict, least: float = LEAST) -> list[list]:
     """Those of a command's JSON; their labels are their places."""
     if command == "diagnose":
-        content = _diagnosis(content)
+        content = _diagnosis(content, least)
     places = [(re.compile(pattern), why) for pattern, why in PLACES[command]]
     flat = dict(_flat(content))
     found = []
@@ -316,8 +320,8 @@ def _deviation(flat: dict, base: str) -> float:
     return abs(flat[f"{base}.value"]) * min(relative, 10.0)
 
 
-def _diagnosis(content: dict) -> dict:
-    """What is frozen of a diagnosis: verdict, gap, likely effects, numbers of the leading one."""
+def _diagnosis(content: dict, least: float) -> dict:
+    """What is frozen of a diagnosis: verdict, gap, effects and numbers of likely hypotheses."""
     effects = {
         f"{e['name']} ({e['region']})" if e["region"] else e["name"]: e["probability"]
         for e in content["effects"]
@@ -325,7 +329,6 @@ def _diagnosis(content: dict) -> dict:
     sums: dict[str, float] = {}
     for e in content["effects"]:
         sums[e["class"]] = sums.get(e["class"], 0.0) + e["probability"]
-    leading = max(content["hypotheses"], key=lambda h: h["probability"])
     return {
         "verdict": content["verdict"],
         "gap": content["gap"],
@@ -334,9 +337,13 @@ def _diagnosis(content: dict) -> dict:
             "of class": {k: min(v, 1.0) for k, v in sums.items() if v >= LEAST},
         },
         "identified": {
-            f"{p['effect']}, {p['name']}": {k: p[k] for k in ("value", "low", "high")}
-            for p in leading["parameters"]
-            if not p["nuisance"]
+            h["label"]: {
+                f"{p['effect']}, {p['name']}": {k: p[k] for k in ("value", "low", "high")}
+                for p in h["parameters"]
+                if not p["nuisance"]
+            }
+            for h in content["hypotheses"]
+            if h["probability"] >= least
         },
     }
 
@@ -588,7 +595,7 @@ def main() -> int:
             print(f"{entry.name}: FAILED, {found['error']}", flush=True)
         elif asked.make:
             by = "name" if entry.kind in PLACES else "order"
-            rows, spent = numbers(entry, found["said"]), found["seconds"]
+            rows, spent = numbers(entry, found["said"], SURE), found["seconds"]
             kept[entry.name] = {"seconds": spent, "sources": _work().name, "by": by,
                                 "numbers": rows}  # fmt: skip
             write(table)

@@ -47,7 +47,7 @@ def test_words_may_change_and_numbers_not(after, lines):
 
 def diagnosis(verdict="cause", modulus=0.7, other=0.3, value=1.2):
     hypothesis = {
-        "probability": modulus,
+        "label": "modulus", "probability": modulus,
         "parameters": [
             {"effect": "modulus (stem)", "name": "factor", "value": value, "low": 1.1, "high": 1.3,
              "nuisance": False}
@@ -71,7 +71,7 @@ def diagnosis(verdict="cause", modulus=0.7, other=0.3, value=1.2):
         ({}, []),
         ({"modulus": 0.69, "other": 0.31, "value": 1.203}, []),
         ({"verdict": "likely"}, ["verdict"]),
-        ({"value": 1.23}, ["identified.modulus (stem), factor.value"]),
+        ({"value": 1.23}, ["identified.modulus.modulus (stem), factor.value"]),
         ({"modulus": 0.6}, ["probability.of effect.modulus (stem)",
                             "probability.of class.class of modulus"]),
     ],
