@@ -1,10 +1,11 @@
 """Libraries that take settings from the working folder, which may be a stranger's.
 
 PETSc reads ``petscrc`` there, which can name a library to load, DOLFINx
-``dolfinx_jit_options.json``, which can name any program as the compiler, UCX below MPI ``ucx.conf``,
-matplotlib ``matplotlibrc``, ArviZ ``arvizrc``. The ``fenics-joints`` command may be run in a folder that came with a case, so it
-ignores these files; settings in the home folder and the environment hold as ever. A script of the
-user's own keeps its settings: importing `fenics_joints` changes nothing.
+``dolfinx_jit_options.json``, which can name any program as the compiler, UCX below MPI
+``ucx.conf``, matplotlib ``matplotlibrc``, ArviZ ``arvizrc``. The ``fenics-joints`` command may be
+run in a folder that came with a case, so it ignores these files; settings in the home folder and
+the environment hold as ever. A script of the user's own keeps its settings: importing
+`fenics_joints` changes nothing.
 """
 
 from __future__ import annotations
