@@ -20,7 +20,7 @@ import pytest
 REPOSITORY = Path(__file__).resolve().parents[2]
 TOOLS = (
     "bash sh env cat cut awk sed grep ls mkdir rm mv chmod cksum mktemp df du tail sleep tar uname "
-    "id dirname flock true"
+    "id dirname flock true readlink ln"
 ).split()
 MISSING = [tool for tool in TOOLS if shutil.which(tool) is None]
 pytestmark = pytest.mark.skipif(
@@ -276,3 +276,76 @@ def test_clean_removes_roots_and_environments(machine: Machine) -> None:
     assert (status, machine.roots()) == (0, [])
     assert "MB freed" in err
     assert os.listdir(machine.cache) == ["lock"]
+
+
+def is_refused(machine: Machine, **environment: str) -> bool:
+    """Whether it says which folder is not safe, before anything is made or run."""
+    status, out, err = machine.run("sh", "-c", "echo ran", **environment)
+    assert (status, out) in ((1, ""), (0, "ran\n")), err
+    return status == 1 and machine.count("build") == 0 and "safe" in err
+
+
+@pytest.mark.parametrize("folder", [".", "fenics-joints", "fenics-joints/roots", "fenics-joints/venvs"])
+def test_cache_that_others_can_write_to_is_refused(machine: Machine, folder: str) -> None:
+    at = machine.cache.parent / folder
+    at.mkdir(parents=True)
+    at.chmod(0o777)
+    assert is_refused(machine)
+    at.chmod(0o755)
+    assert not is_refused(machine)
+
+
+def test_cache_in_a_folder_for_all_is_for_the_user_alone(machine: Machine) -> None:
+    """As in /tmp: what is not there yet can be made, whatever the mask, and is nobody else's."""
+    machine.cache.parent.mkdir()
+    machine.cache.parent.chmod(0o1777)
+    before = os.umask(0)
+    try:
+        status, out, err = machine.run("sh", "-c", "umask")
+    finally:
+        os.umask(before)
+    assert (status, int(out, 8)) == (0, 0), err  # the command's mask is the user's
+    assert machine.cache.stat().st_mode & 0o777 == 0o700
+    inside = [path for path in machine.cache.rglob("*") if not path.is_symlink()]
+    assert not [path for path in inside if path.stat().st_mode & 0o002]
+
+
+def test_cache_of_another_user_or_through_his_link_is_refused(machine: Machine) -> None:
+    other = machine.checkout.parent / "other"
+    other.mkdir()
+    (other / "link").symlink_to(machine.checkout.parent)
+    link = machine.checkout.parent / "way"
+    link.symlink_to("other/link")
+    try:
+        os.chown(other, 12345, 12345)
+    except PermissionError:
+        pytest.skip("only the superuser can make a folder that is another user's")
+    assert is_refused(machine, XDG_CACHE_HOME=str(other))
+    assert is_refused(machine, XDG_CACHE_HOME=str(other / "link"))
+    assert is_refused(machine, XDG_CACHE_HOME=str(link))
+    os.chown(other, os.getuid(), os.getgid())
+    assert not is_refused(machine, XDG_CACHE_HOME=str(link))
+
+
+def test_cache_of_a_relative_name_counts_for_nothing(machine: Machine) -> None:
+    status, out, err = machine.run("sh", "-c", "pwd", XDG_CACHE_HOME="here")
+    assert (status, not Path("here").exists()) == (0, True), err
+    assert (machine.checkout.parent / ".cache" / "fenics-joints" / "roots").is_dir()
+
+
+def test_working_folder_of_a_known_name_is_not_taken(machine: Machine) -> None:
+    """mmdebstrap's is in /var/tmp for an ordinary user, where all can make folders."""
+    machine.install("id", "#!/bin/sh\necho 987654\n")
+    machine.install("newuidmap", "#!/bin/sh\n")
+    machine.install("grep", "#!/bin/sh\nexit 0\n")  # there are subordinate ids
+    planted = Path("/var/tmp/fenics-joints-987654")
+    planted.mkdir()
+    try:
+        stub = MMDEBSTRAP.replace("echo build", 'echo "build $TMPDIR"')
+        machine.install("mmdebstrap", stub)
+        status, _, err = machine.run("true")
+        assert (status, list(planted.iterdir())) == (0, []), err
+        (place,) = [Path(w) for w in machine.record.read_text().split() if w.startswith("/")]
+        assert place != planted and not place.exists()
+    finally:
+        planted.rmdir()
