@@ -194,10 +194,26 @@ def test_root_user_installs_the_tools(machine: Machine) -> None:
     assert "installing bubblewrap mmdebstrap" in err
 
 
-def test_failed_build_says_why_and_leaves_nothing(machine: Machine) -> None:
-    status, _, err = machine.run("true", STUB_FAILURE="E: Could not resolve 'deb.debian.org'")
+@pytest.mark.parametrize(
+    ("failure", "word"),
+    [
+        ("E: Could not resolve 'deb.debian.org'", "network"),
+        ("tar: ./usr/lib/x: Cannot write: No space left on device", "disk"),
+        ("W: GPG error: m trixie InRelease: ... NO_PUBKEY 6ED0E7B8\nE: ... is not signed.", "keys"),
+        ("E: InRelease  Clearsigned file isn't valid, got 'NOSPLIT'\nE: ... is not signed.", "send"),
+        ("W: ... InRelease into data and signature failed\nE: ... is not signed.", "send"),
+        ("W: signatures were invalid: BADSIG 6ED0E7B8\nE: ... is not signed.", "send"),
+        ("E: The repository 'm trixie Release' does not have a Release file.", "send"),
+        ("E: Failed to fetch http://m/dists/trixie/InRelease  500  Internal Server Error", "send"),
+    ],
+)  # what apt wrote at mirrors that were broken on purpose
+def test_failed_build_says_why_and_leaves_nothing(
+    machine: Machine, failure: str, word: str
+) -> None:
+    status, _, err = machine.run("true", STUB_FAILURE=failure)
     assert status == 69
-    assert "no network" in err and "Could not resolve" in err
+    reason = err.partition("with-fenicsx: Other ways")[0].splitlines()[-1]
+    assert reason.startswith("with-fenicsx: ") and word in reason and failure in err
     assert machine.roots() == []
 
 
