@@ -21,6 +21,7 @@ import numpy as np
 from fenics_joints.errors import InputError, JointsError
 from fenics_joints.joint_laws.law import JointLaw, is_rated
 from fenics_joints.joint_laws.source import law_source
+from fenics_joints.machine.form_cache import trusted
 
 __all__ = ["HarmonicStress", "LawKernel"]
 
@@ -297,6 +298,11 @@ def _compile(source: str):
     text = "".join([source, _DECLARATIONS, *flags, cpu, sys.version, cffi.__version__])
     name = f"law_{hashlib.sha256(text.encode()).hexdigest()[:24]}"
     folder = _cache_folder()
+    if not trusted(folder):
+        raise JointsError(
+            f"{folder}: other users can write there, or to a folder that it is in, and so to laws "
+            "that would be run; expected a folder of your own: set XDG_CACHE_HOME to one"
+        )
     found = list(folder.glob(f"{name}.*"))
     return _load(name, found[0] if found else _build(name, source, folder, flags))
 
@@ -314,7 +320,7 @@ def _build(name: str, source: str, folder: Path, flags: list[str]) -> Path:
     ffi.cdef(_DECLARATIONS)
     ffi.set_source(name, source, extra_compile_args=flags)
     try:
-        folder.mkdir(parents=True, exist_ok=True)
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(dir=folder) as scratch:
             built = Path(ffi.compile(tmpdir=scratch))
             # Whole or not there, whoever else compiles the same law at this moment.

@@ -16,6 +16,7 @@ import functools
 import logging
 import os
 import shutil
+import stat
 import sysconfig
 import tempfile
 import time
@@ -27,7 +28,7 @@ import dolfinx.jit
 import ffcx
 import ffcx.naming
 
-__all__ = ["install"]
+__all__ = ["install", "trusted"]
 
 #: Name of the folder beside DOLFINx's own files, which users' settings of DOLFINx move.
 _FOLDER = "fenics_joints"
@@ -78,7 +79,7 @@ def _key(ufl_object, form_compiler_options, options: dict) -> str:
 def _found(key: str, cache: Path, at: Callable[[Path], tuple]) -> tuple:
     """A form from its folder, which is made where it is not there or its files are damaged."""
     folder = _own.get(key, cache / key)
-    if folder.is_dir():
+    if folder.is_dir() and (key in _own or trusted(folder)):
         try:
             return at(folder)
         except _DAMAGED:
@@ -91,8 +92,10 @@ def _found(key: str, cache: Path, at: Callable[[Path], tuple]) -> tuple:
 
 
 def _made(key: str, cache: Path, at: Callable[[Path], tuple]) -> tuple:
-    cache.mkdir(parents=True, exist_ok=True)
+    cache.mkdir(mode=0o700, parents=True, exist_ok=True)
     folder = cache / key
+    if not trusted(folder):
+        raise PermissionError(f"other users can write to {cache}, or to a folder that it is in")
     with _locked(cache / f"{key}.lock"):
         if folder.is_dir():  # made while we waited
             return at(folder)
@@ -125,6 +128,30 @@ def _made_for_us(key: str, cache: Path, at: Callable[[Path], tuple], reason: Exc
         )  # fmt: skip
     _own[key] = folder
     return result
+
+
+def trusted(folder: Path) -> bool:
+    """Whether nobody but this user and the superuser could have put a library there to be loaded.
+
+    Links count by where they stand and by where they lead. In a folder for all, as /tmp, what is
+    in it is safe, but it is none to keep forms in.
+    """
+    system = {os.geteuid(), 0, os.stat("/").st_uid}  # in a namespace of users root has another number
+    for way in (folder.absolute(), folder.resolve()):
+        for place in (way, *way.parents):
+            try:
+                found = place.lstat()
+            except FileNotFoundError:
+                continue
+            except OSError:
+                return False
+            if found.st_uid not in system:
+                return False
+            open_to_all = found.st_mode & stat.S_IWOTH and not stat.S_ISLNK(found.st_mode)
+            kept_there = place in (way, way.parent)
+            if open_to_all and (kept_there or not found.st_mode & stat.S_ISVTX):
+                return False
+    return True
 
 
 @contextmanager
