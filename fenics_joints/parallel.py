@@ -130,8 +130,8 @@ def _end(comm, stop: Stop) -> NoReturn:
     stop.leaving = True
     _say("stopped; no file is left half-written" if comm.rank == 0 else None)
     if comm.size > 1:
-        # Where all were asked, as by Ctrl-C, none needs MPI_Abort and the page that it prints. MPI's
-        # own end would wait for messages that are lost.
+        # Where all were asked, as by Ctrl-C, none needs MPI_Abort and the page that it prints.
+        # MPI's own end would wait for messages that are lost.
         if not _all_arrive(comm):
             comm.Abort(stop.exit_code)
         sys.stdout.flush()

@@ -136,7 +136,8 @@ def trusted(folder: Path) -> bool:
     Links count by where they stand and by where they lead. In a folder for all, as /tmp, what is
     in it is safe, but it is none to keep forms in.
     """
-    system = {os.geteuid(), 0, os.stat("/").st_uid}  # in a namespace of users root has another number
+    # In a namespace of users the superuser has another number.
+    system = {os.geteuid(), 0, os.stat("/").st_uid}
     for way in (folder.absolute(), folder.resolve()):
         for place in (way, *way.parents):
             try:

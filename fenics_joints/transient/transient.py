@@ -177,7 +177,8 @@ class _Integration:
         ts.setI2Function(self._i2function, self._residual)
         ts.setI2Jacobian(self._i2jacobian, self._matrix)
         ts.setExactFinalTime(PETSc.TS.ExactFinalTime.STEPOVER)
-        with petsc_defaults(_PREFIX, {**_DEFAULTS, **motion.options, **given_options(petsc_options)}):
+        given = given_options(petsc_options)
+        with petsc_defaults(_PREFIX, {**_DEFAULTS, **motion.options, **given}):
             ts.setFromOptions()
             ts.getSNES().setFromOptions()
             self._gamma = _newmark_gamma(PETSc.Options(_PREFIX))

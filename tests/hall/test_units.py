@@ -65,7 +65,7 @@ def test_nothing_else_is_computed(text):
 
 @settings(deadline=None, derandomize=True)
 @given(st.sampled_from(sorted(NEWTONS)), st.sampled_from(sorted(METRES)), st.booleans(),
-       st.sampled_from(["-", "*", "·", " ", ".", "⋅", " * ", ""]), st.floats(1e-3, 1e3))  # fmt: skip
+       st.sampled_from("-*·.⋅ ") | st.just(""), st.floats(1e-3, 1e3))  # fmt: skip
 def test_torques_in_every_spelling(force, arm, first, sign, value):
     """Force by arm or arm by force: N-m, lbf.ft, in·lb, Nmm; pounds are their weight."""
     if not sign and (("N" in force) != ("m" in arm) or ("N" in force and not first)):
@@ -89,7 +89,9 @@ def test_any_text_is_a_unit_or_an_input_error(text, unit):
         assert one > 0 and to_si(f"2 {text}", unit) == pytest.approx(2 * one)
 
 
-@pytest.mark.parametrize("unit", ["1/s", "s^-1", "Bq", "rpm", "rad/s", "deg/s", "rad Hz", "cycles/s", "1/min"])
+@pytest.mark.parametrize(
+    "unit", ["1/s", "s^-1", "Bq", "rpm", "rad/s", "deg/s", "rad Hz", "cycles/s", "1/min"]
+)
 def test_what_is_no_frequency_in_hertz(unit):
     """Rates have its dimension, and would be wrong by 2 pi, 60 or 360."""
     with pytest.raises(InputError, match="expected"):

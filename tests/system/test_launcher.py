@@ -200,7 +200,7 @@ def test_root_user_installs_the_tools(machine: Machine) -> None:
         ("E: Could not resolve 'deb.debian.org'", "network"),
         ("tar: ./usr/lib/x: Cannot write: No space left on device", "disk"),
         ("W: GPG error: m trixie InRelease: ... NO_PUBKEY 6ED0E7B8\nE: ... is not signed.", "keys"),
-        ("E: InRelease  Clearsigned file isn't valid, got 'NOSPLIT'\nE: ... is not signed.", "send"),
+        ("E: InRelease  Clearsigned file isn't valid, got 'NOSPLIT'\nE: is not signed.", "send"),
         ("W: ... InRelease into data and signature failed\nE: ... is not signed.", "send"),
         ("W: signatures were invalid: BADSIG 6ED0E7B8\nE: ... is not signed.", "send"),
         ("E: The repository 'm trixie Release' does not have a Release file.", "send"),
@@ -314,7 +314,9 @@ def is_refused(machine: Machine, **environment: str) -> bool:
     return status == 1 and machine.count("build") == 0 and "safe" in err
 
 
-@pytest.mark.parametrize("folder", [".", "fenics-joints", "fenics-joints/roots", "fenics-joints/venvs"])
+@pytest.mark.parametrize(
+    "folder", [".", "fenics-joints", "fenics-joints/roots", "fenics-joints/venvs"]
+)
 def test_cache_that_others_can_write_to_is_refused(machine: Machine, folder: str) -> None:
     at = machine.cache.parent / folder
     at.mkdir(parents=True)

@@ -78,7 +78,8 @@ def test_locked_versions_are_those_that_the_project_asks_for():
     entries = re.findall(r"^([\w.-]+)==(\S+) \\\n((?:    --hash=\S+(?: \\)?\n)+)", text, re.M)
     lines = [line for line in text.splitlines() if line and line[0] not in " #"]
     assert len(entries) == len(lines) > 50  # no line without hashes
-    assert all(re.fullmatch(r"(?:--hash=sha256:[0-9a-f]{64}[\s\\]*)+", e[2].strip()) for e in entries)
+    hashes = r"(?:--hash=sha256:[0-9a-f]{64}[\s\\]*)+"
+    assert all(re.fullmatch(hashes, given.strip()) for _, _, given in entries)
     locked = {canonicalize_name(name): version for name, version, _ in entries}
     asked = [Requirement(line) for line in
              (*PROJECT["dependencies"], *PROJECT["optional-dependencies"]["test"])]  # fmt: skip
