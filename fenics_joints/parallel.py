@@ -147,14 +147,23 @@ def _message(error: Exception, rank: int, alone: bool) -> str:
     if isinstance(error, MemoryError) or any(words in said for words in _NO_MEMORY):
         return f"error{where}: there is no memory left for this process" + (said and f" ({said})")
     if isinstance(error, OSError):  # a full disk, a closed stream, no right to read
-        named = "a file or a standard stream"
-        if error.filename is not None:
+        named = "standard output" if _is_stuck(sys.stdout) else "a file"
+        if isinstance(error.filename, str | bytes):
             named = printable(os.fsdecode(error.filename))
         return f"error{where}: {named}: {error.strerror or said}"
     return (
         f"error{where}: unexpected {type(error).__name__}: {error}\n"
         "Run again with --debug to see where, and please report it."
     )
+
+
+def _is_stuck(stream) -> bool:
+    """Whether what was printed cannot be written: a full disk, a closed stream."""
+    try:
+        stream.flush()
+    except OSError:
+        return True
+    return False
 
 
 def _say(message: str | None) -> None:
