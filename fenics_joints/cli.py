@@ -22,7 +22,9 @@ from fenics_joints.commands.arguments import (
 from fenics_joints.commands.database import app as database_app
 from fenics_joints.commands.line import new_app
 from fenics_joints.commands.start import check, new, schema, show
+from fenics_joints.formatting import printable
 from fenics_joints.machine.imports import guard
+from fenics_joints.machine.streams import environment, open_streams
 from fenics_joints.progress import LAUNCHED, loudness
 
 if TYPE_CHECKING:
@@ -236,7 +238,11 @@ def main() -> None:
         # Help and usage errors come from every rank; one is enough.
         sys.stdout = sys.stderr = open(os.devnull, "w")  # noqa: SIM115
     guard()
-    app(prog_name="fenics-joints")
+    with open_streams():
+        environment()
+        arguments = sys.argv[1:]
+        sys.argv[1:] = map(printable, arguments)  # DOLFINx reads them, too, and only UTF-8
+        app(args=arguments, prog_name="fenics-joints")
 
 
 # -- running ---------------------------------------------------------------------------------------

@@ -334,6 +334,12 @@ def write_text(path: str | Path, text: str) -> None:
         InputError: If it cannot be written; what was there before is still there.
     """
     path = Path(path)
+    if lost := re.search("[\ud800-\udfff]", text):  # bytes of a name that are no UTF-8
+        near = printable(text[max(lost.start() - 40, 0) : lost.start() + 40])
+        raise InputError(
+            f"{shown_path(path)}: cannot be written in UTF-8, since it names {near!r}; expected "
+            "names of files in UTF-8"
+        )
     if not _is_stream(path):
         with replaced(path.resolve()) as part:  # a link stays a link
             with part.open("w", encoding="utf-8") as stream:

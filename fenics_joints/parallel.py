@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import os
 import sys
 import time
 import traceback
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, NoReturn, TypeVar
 
 from fenics_joints.errors import JointsError
+from fenics_joints.formatting import printable
 from fenics_joints.machine.signals import Stop, Terminated, stoppable
 
 if TYPE_CHECKING:
@@ -19,6 +21,8 @@ __all__ = ["guarded", "on_root", "spread"]
 
 T, Task, Result = TypeVar("T"), TypeVar("Task"), TypeVar("Result")
 
+#: What libraries say where the machine, or a limit such as ulimit -v, gives no more memory.
+_NO_MEMORY = ("Cannot allocate memory", "failed to map segment", "Out of memory", "INFOG(1)=-13")
 #: How long a failed rank waits for the others to fail too, in seconds.
 _PATIENCE = 2.0
 
@@ -126,7 +130,12 @@ def _end(comm, stop: Stop) -> NoReturn:
     stop.leaving = True
     _say("stopped; no file is left half-written" if comm.rank == 0 else None)
     if comm.size > 1:
-        comm.Abort(stop.exit_code)
+        # Where all were asked, as by Ctrl-C, none needs MPI_Abort and the page that it prints.
+        # MPI's own end would wait for messages that are lost.
+        if not _all_arrive(comm):
+            comm.Abort(stop.exit_code)
+        sys.stdout.flush()
+        os._exit(stop.exit_code)
     sys.exit(stop.exit_code)
 
 
@@ -134,15 +143,33 @@ def _message(error: Exception, rank: int, alone: bool) -> str:
     where = f" (on rank {rank})" if alone else ""
     if isinstance(error, JointsError):
         return f"error{where}: {error}"
+    said = printable(str(error))
+    if isinstance(error, MemoryError) or any(words in said for words in _NO_MEMORY):
+        return f"error{where}: there is no memory left for this process" + (said and f" ({said})")
+    if isinstance(error, OSError):  # a full disk, a closed stream, no right to read
+        named = "standard output" if _is_stuck(sys.stdout) else "a file"
+        if isinstance(error.filename, str | bytes):
+            named = printable(os.fsdecode(error.filename))
+        return f"error{where}: {named}: {error.strerror or said}"
     return (
         f"error{where}: unexpected {type(error).__name__}: {error}\n"
         "Run again with --debug to see where, and please report it."
     )
 
 
+def _is_stuck(stream) -> bool:
+    """Whether what was printed cannot be written: a full disk, a closed stream."""
+    try:
+        stream.flush()
+    except OSError:
+        return True
+    return False
+
+
 def _say(message: str | None) -> None:
     if message is not None:
-        print(message, file=sys.__stderr__, flush=True)
+        with suppress(OSError):  # a full disk under standard error
+            print(message, file=sys.__stderr__, flush=True)
 
 
 def _all_arrive(comm) -> bool:

@@ -115,7 +115,8 @@ class Progress:
             return
         now = time.monotonic()
         if now - self._said > self.interval:
-            of = f" of {self._total}" if self._total else ""
+            # What is done again, as a fit that ended in another valley, was not counted before.
+            of = f" of {self._total}" if self._total and self._done <= self._total else ""
             print(f"{self._text}: {self._done}{of}{note}", file=self._stream, flush=True)
             self._said = now
 

@@ -8,7 +8,7 @@ from functools import lru_cache
 
 from fenics_joints.errors import InputError
 
-__all__ = ["factor_to_si", "parameter_unit", "sizes", "to_si"]
+__all__ = ["factor_to_si", "parameter_unit", "plain_number", "sizes", "to_si"]
 
 #: What a unit measures and how one would write it, for messages.
 _KINDS = {
@@ -44,8 +44,20 @@ _PARAMETERS = {
     "c": "N*m*s", "alpha": "1/s", "beta": "s", "relaxation": "s",
 }  # fmt: skip
 _NUMBER = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*")
-#: Angles are no dimension, so that rad/s and rpm would pass for Hz and be wrong by 2 pi or 60.
-_ANGLES = re.compile(r"rad|rev|rpm|turn|cycle|deg|°")
+#: What is written without a sign between two units, by what it means. Pint's Nm is a count of yarn.
+_JOINED = tuple(
+    (re.compile(rf"(?<![^\W\d]){first}{second}(?![^\W\d])"), r"\1*\2")
+    for first, second in (
+        (r"((?:da|[kMmcdµμ])?N)", "([mc]?m)"),
+        ("(in|ft)", "(lbf|lbs?|ozf?)"),
+        ("(lbf|lbs?|ozf?)", "(in|ft)"),
+    )
+)
+#: Masses that stand for their weight where the mass makes no sense, as in a torque in ft lb.
+_WEIGHTS = tuple(
+    (re.compile(rf"(?<![^\W\d]){mass}(?![^\W\d])"), force)
+    for mass, force in (("(?:lbs?|pounds?)", "lbf"), ("(?:oz|ounces?)", "ozf"))
+)
 _PRODUCT = str.maketrans("·⋅×−⁰¹²³⁴⁵⁶⁷⁸⁹⁻", "***-0123456789-")
 #: Characters of a unit and of a quantity, and how deep a unit's brackets may be nested. Nothing but
 #: this grammar reaches pint, which computes 9**9**9 if it is asked to.
@@ -108,21 +120,49 @@ def factor_to_si(text: str, unit: str) -> float:
         if unit and text:
             raise InputError(_expected(unit))
         return {"": 1.0, "%": 1e-2, "‰": 1e-3}[text]
-    if unit == "Hz" and _ANGLES.search(text):
-        raise InputError(f"the unit {text!r} is not one of cycles per second; {_expected(unit)}")
-    registry = _registry()
-    try:
-        return float(registry.Quantity(1.0, _parsed(text)).to(_parsed(unit)).magnitude)
-    except Exception as error:  # pint, its tokenizer and Python's raise many kinds
-        shown = text if len(text) <= 40 else f"{text[:37]}..."
-        known = f"{_expected(unit)} (the unit {shown!r} measures something else or is unknown)"
-        raise InputError(known) from error
+    problem = None
+    for spelt in (text, _spelt(text, (*_JOINED, *_WEIGHTS))) if unit != "N" else (text,):
+        try:
+            return _factor(spelt, unit)
+        except Exception as error:  # pint, its tokenizer and Python's raise many kinds
+            problem = problem or error
+    shown = text if len(text) <= 40 else f"{text[:37]}..."
+    known = f"{_expected(unit)} (the unit {shown!r} measures something else or is unknown)"
+    raise InputError(known) from problem
+
+
+def _factor(text: str, unit: str) -> float:
+    """How many of ``unit`` one of ``text`` is; raises exceptions of any kind if it is none."""
+    quantity = _registry().Quantity
+    given, wanted = _parsed(text), _parsed(unit)
+    if unit == "Hz":
+        # Angles have no dimension: rad/s and 1/s would pass and be wrong by 2 pi, rpm by 60.
+        left = (quantity(1.0, given) / quantity(1.0, wanted)).to_root_units().unit_items()
+        if left or "hertz" not in str(given):
+            raise InputError("expected one of cycles per second")
+    return float(quantity(1.0, given).to(wanted).magnitude)
+
+
+def plain_number(text: str) -> float:
+    """A number as tables have it; Python's ``1_00`` is none.
+
+    Raises:
+        ValueError: If it is none.
+    """
+    if "_" in text:
+        raise ValueError(text)
+    return float(text)
+
+
+def _spelt(text: str, spellings) -> str:
+    for pattern, meant in spellings:
+        text = pattern.sub(meant, text)
+    return text
 
 
 def _parsed(text: str):
-    text = text.translate(_PRODUCT)
-    # Pint's Nm is a count of yarn; here it can only be a torque.
-    text = re.sub(r"(?<![A-Za-z])(k|m|M)?Nm(?![A-Za-z])", r"\1N*m", text)
+    text = re.sub(r"(?<=[^\W\d])\s*[-.]\s*(?=[^\W\d])", "*", text.translate(_PRODUCT))
+    text = _spelt(text, _JOINED)
     text = re.sub(r"(?<=[A-Za-z])\^?(-?\d)", r"**\1", text)
     if not _is_unit(text):
         raise InputError("expected names of units, multiplied, divided, with powers of one digit")

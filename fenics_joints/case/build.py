@@ -53,7 +53,8 @@ def build_mesh(case: Case, comm: MPI.Intracomm) -> TaggedMesh:
         raise InputError(f"{case.path}: {error}") from error
     missing = unknown_groups(case, tagged.cell_names, tagged.facet_names)
     if missing:
-        lines = [f"{case.path}: names groups of the mesh:", *missing, *tagged.notes]
+        notes = [f"note: {note}" for note in tagged.notes]
+        lines = [f"{case.path}: names groups of the mesh:", *missing, *notes]
         raise MeshError("\n  ".join(lines))
     return tagged
 

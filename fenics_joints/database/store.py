@@ -20,6 +20,7 @@ from tempfile import TemporaryDirectory
 from fenics_joints.database.joints import NUMBERS, TEXTS, UNITS, Joint
 from fenics_joints.errors import InputError, located
 from fenics_joints.files import check_writable, is_file, write_text
+from fenics_joints.units import factor_to_si, plain_number
 
 __all__ = ["Store", "seed_database"]
 
@@ -329,8 +330,6 @@ def _from_csv(name: str, text: str) -> list[Joint]:
 
 def _column(name: str, head: str) -> tuple[str, float]:
     """A column's field and the factor to SI of its unit."""
-    from fenics_joints.units import factor_to_si
-
     field, _, unit = head.strip().rstrip("]").partition("[")
     field, unit = field.strip(), unit.strip()
     if field not in _COLUMNS:
@@ -348,7 +347,7 @@ def _values(columns, row) -> dict[str, float | str]:
             continue
         if field in NUMBERS:
             try:
-                values[field] = float(cell) * factor
+                values[field] = plain_number(cell) * factor
             except ValueError as error:
                 raise InputError(f"{field} = {cell!r}: expected a number") from error
         else:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.linalg
 
-from fenics_joints.errors import ConvergenceError, InputError, reals
+from fenics_joints.errors import ConvergenceError, InputError, reals, wanted
 from fenics_joints.harmonic.backbone import FreeMode, free_mode
 from fenics_joints.harmonic.balance import Balance
 from fenics_joints.harmonic.corrector import NotFound, Settings, check_settings, correct
@@ -133,6 +133,8 @@ def solve_backbone_at(
     settings = check_settings(settings)
     balance = Balance(model, **equations)
     problem = free_mode(balance, check_sensor(model, sensor), near)
+    if initial is not None and not isinstance(initial, BackbonePoints):
+        raise wanted("initial", initial, "BackbonePoints of a near model, or None")
     warm = initial is not None and initial.z.shape == (len(a), balance.size + 3)
     found, iterations, last = np.empty((len(a), balance.size + 3)), np.zeros(len(a), int), None
     for i in np.argsort(a, kind="stable"):

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fenics_joints.errors import ConvergenceError, InputError, member, real, reals
+from fenics_joints.errors import ConvergenceError, InputError, member, real, reals, wanted
 from fenics_joints.harmonic.balance import Balance, Equations
 from fenics_joints.harmonic.branch import Branch
 from fenics_joints.harmonic.continuation import follow, locate
@@ -318,6 +318,8 @@ def _at_frequencies(balance, loading, at, settings, initial, tell):
 def _starts(balance: Balance, initial: HarmonicResult | None, frequencies):
     if initial is None:
         return None
+    if not isinstance(initial, HarmonicResult):
+        raise wanted("initial", initial, "a HarmonicResult, or None")
     theirs = initial.frequencies_hz
     same = theirs.shape == frequencies.shape and np.allclose(theirs, frequencies, rtol=1e-9, atol=0)
     if not same or initial.coefficients.shape[1:] != balance.shape:

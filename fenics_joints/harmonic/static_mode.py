@@ -21,7 +21,7 @@ from fenics_joints.errors import ConvergenceError, InputError, real, reals, whol
 from fenics_joints.interfaces import FullModel, InterfaceModel
 from fenics_joints.interfaces.motion import Motion
 from fenics_joints.interfaces.statics import Statics
-from fenics_joints.modal.options import reason_of
+from fenics_joints.modal.options import given_options, reason_of
 
 __all__ = ["StaticBackbone", "solve_static_backbone"]
 
@@ -122,7 +122,7 @@ def solve_static_backbone(
     if not model.sensors:
         raise InputError("sensors: the model has none; expected at least one.")
     sensor = next(iter(model.sensors)) if sensor is None else sensor
-    path = _Path(model, near, static, {**_OPTIONS, **(petsc_options or {})})
+    path = _Path(model, near, static, {**_OPTIONS, **given_options(petsc_options)})
     row = path.motion.place("sensors", sensor)
     reach = row.dot(path.shape)
     if reach < 0:  # of the two directions of a mode, that in which the sensor moves on

@@ -12,7 +12,7 @@ from fenics_joints.errors import ConvergenceError, InputError, capable, real, re
 from fenics_joints.interfaces.model import InterfaceModel
 from fenics_joints.interfaces.sparse import FullModel
 from fenics_joints.interfaces.statics import Statics
-from fenics_joints.modal.options import reason_of
+from fenics_joints.modal.options import given_options, reason_of
 
 __all__ = ["condense", "loading_shapes", "static_state"]
 
@@ -112,7 +112,7 @@ def loading_shapes(
     """
     if np.any(np.diff([0.0, *factors]) <= 0):
         raise InputError(f"factors = {list(factors)}: expected ascending numbers > 0.")
-    statics = Statics(model.motion(), {**_SHAPES, **(petsc_options or {})})
+    statics = Statics(model.motion(), {**_SHAPES, **given_options(petsc_options)})
     u, whole = statics.u, statics.motion.vector()
     whole.array[:] = load.array_r if isinstance(load, PETSc.Vec) else load
     found, first, last, pending, halvings = [], None, 0.0, [float(f) for f in factors], 0

@@ -13,7 +13,7 @@ from petsc4py import PETSc
 
 from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.joint_laws.field import JointField, integral
-from fenics_joints.modal.options import petsc_defaults, reason_of
+from fenics_joints.modal.options import given_options, petsc_defaults, reason_of
 
 __all__ = ["QuasiStatic", "QuasiStaticHistory", "solve_quasi_static"]
 
@@ -94,7 +94,7 @@ class QuasiStatic:
         self._A.assemble()
         self._b, self._x = self._A.createVecLeft(), self._A.createVecRight()
         self.residuals: np.ndarray = np.empty(0)
-        self.solver = self._snes({**_OPTIONS, **(petsc_options or {})}, prefix)
+        self.solver = self._snes({**_OPTIONS, **given_options(petsc_options)}, prefix)
         self._atol, self._largest = self.solver.getTolerances()[1], 0.0
 
     def _snes(self, options: Mapping[str, object], prefix: str) -> PETSc.SNES:

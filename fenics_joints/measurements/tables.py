@@ -16,7 +16,7 @@ import numpy as np
 from fenics_joints.errors import InputError, Problems, located
 from fenics_joints.files import path_of, read_text, read_toml
 from fenics_joints.formatting import control_character
-from fenics_joints.units import factor_to_si
+from fenics_joints.units import factor_to_si, plain_number
 
 __all__ = ["LISTED", "Table", "column_head", "read_table"]
 
@@ -194,7 +194,7 @@ def _numbers(path: Path, heads, rows) -> np.ndarray:
             if cell == "":
                 continue
             try:
-                values[i, j] = float(cell)
+                values[i, j] = plain_number(cell) if isinstance(cell, str) else float(cell)
                 good = not math.isinf(values[i, j]) and not isinstance(cell, bool)
             except (TypeError, ValueError):
                 good = False

@@ -24,9 +24,15 @@ from mpi4py import MPI
 from petsc4py import PETSc
 from slepc4py import SLEPc
 
-from fenics_joints.errors import ConvergenceError, InputError, real, whole
+from fenics_joints.errors import ConvergenceError, InputError, items, real, whole
 from fenics_joints.modal.lanczos import Operator, lanczos, refined
-from fenics_joints.modal.options import give_room, petsc_defaults, reason_of
+from fenics_joints.modal.options import (
+    give_room,
+    given_options,
+    petsc_defaults,
+    reason_of,
+    say_unused,
+)
 from fenics_joints.structure.sparse import dense_block, product, vectors_like
 
 __all__ = [
@@ -120,7 +126,7 @@ class EigenSolver:
         whole("max_restarts", max_restarts, 0)
         self.n, self.shift, self.tol = int(n), float(shift), float(tol)
         self.block, self.max_basis, self.max_restarts = block, max_basis, max_restarts
-        self.petsc_options, self.prefix = dict(petsc_options or {}), prefix
+        self.petsc_options, self.prefix = given_options(petsc_options), prefix
         self._eps: SLEPc.EPS | None = None
         self._shifted: PETSc.Mat | None = None
         self._pattern: tuple | None = None
@@ -152,10 +158,13 @@ class EigenSolver:
         _check_pencil(K, M, self.n, initial)
         begin = time.perf_counter()
         with petsc_defaults(self.prefix, _OPTIONS, self.petsc_options) as options:
-            if self._eps is None:
+            first = self._eps is None
+            if first:
                 self._create(K.comm)
             solve = self._solve_slepc if options.hasName("eps_type") else self._solve_block
             values, X, stats = solve(K, M, initial)
+            if first:
+                say_unused(self.prefix, self.petsc_options)
         residuals = _residuals(K, M, values, X, self.shift)
         # The recurrence's own estimate decides convergence; this catches a wrong factorisation.
         if not np.all(residuals <= max(1e3 * self.tol, 1e-6)):
@@ -438,6 +447,6 @@ def _check_pencil(K: PETSc.Mat, M: PETSc.Mat, n: int, initial) -> None:
         raise InputError(f"K is {K.getSize()} and M is {M.getSize()}: expected square and alike")
     if n > K.getSize()[0]:
         raise InputError(f"n is {n}: K has {K.getSize()[0]} rows only")
-    for vector in initial or ():
+    for vector in items("initial", initial or (), PETSc.Vec, "PETSc's vectors"):
         if vector.getSizes() != K.getSizes()[0]:
             raise InputError(f"an initial vector has {vector.getSize()} rows, K {K.getSize()[0]}")

@@ -17,9 +17,10 @@ import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from fenics_joints.errors import ConvergenceError, InputError, real, whole
+from fenics_joints.errors import ConvergenceError, InputError, items, real, whole
 from fenics_joints.modal.eigensolver import EigenResult
 from fenics_joints.modal.multigrid import Multigrid, rigid_motions, to_upper_half
+from fenics_joints.modal.options import given_options
 from fenics_joints.structure.sparse import product, vectors_like, without_zeros
 from fenics_joints.structure.structure import Structure
 
@@ -67,7 +68,7 @@ class IterativeEigenSolver:
         whole("max_iterations", max_iterations)
         self.n, self.shift, self.tol = int(n), float(shift), float(tol)
         self.guard, self.max_iterations = int(guard), int(max_iterations)
-        self.petsc_options, self.prefix = dict(petsc_options or {}), prefix
+        self.petsc_options, self.prefix = given_options(petsc_options), prefix
         self._multigrid: Multigrid | None = None
         self._A: PETSc.Mat | None = None
         self._M: PETSc.Mat | None = None
@@ -97,6 +98,7 @@ class IterativeEigenSolver:
         """
         if self.n > structure.n_dofs:
             raise InputError(f"n is {self.n}: the structure has {structure.n_dofs} DOFs only")
+        initial = items("initial", initial or (), PETSc.Vec, "PETSc's vectors")
         begin = time.perf_counter()
         self._set_up(structure, given)
         ready = time.perf_counter()
@@ -107,7 +109,7 @@ class IterativeEigenSolver:
         steps, width = 0, 0
         if more > 0:
             width = min(more + self.guard, structure.n_dofs - Y.shape[1])
-            start = _start(op, Y, width, list(initial or ())[-more:])
+            start = _start(op, Y, width, list(initial)[-more:])
             theta, Z, steps = _lobpcg(op, Y, start, more, self.tol, self.max_iterations)
             values = np.concatenate([values, self.shift + 1.0 / theta])
             X = np.hstack([X, Z / np.sqrt(theta)])

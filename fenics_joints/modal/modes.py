@@ -10,7 +10,7 @@ import scipy.linalg
 from dolfinx import fem
 from petsc4py import PETSc
 
-from fenics_joints.errors import ConvergenceError, InputError, capable, member, real, whole
+from fenics_joints.errors import ConvergenceError, InputError, capable, member, real, wanted, whole
 from fenics_joints.formatting import hertz, html_table
 from fenics_joints.modal.eigensolver import EigenSolver
 from fenics_joints.modal.iterative import IterativeEigenSolver
@@ -194,6 +194,8 @@ def solve_modes(
     if tolerance is not None:
         real("tolerance", tolerance, above=0)
     model.values(given)
+    if initial is not None and not isinstance(initial, Modes):
+        raise wanted("initial", initial, "Modes of a near model, or None")
     given = dict(given or {})
     settings = {"tol": tolerance} if tolerance is not None else {}
     settings["petsc_options"] = petsc_options

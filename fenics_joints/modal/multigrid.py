@@ -20,7 +20,7 @@ from petsc4py import PETSc
 
 from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.meshes.tagged import limits
-from fenics_joints.modal.options import petsc_defaults
+from fenics_joints.modal.options import given_options, petsc_defaults
 from fenics_joints.structure.sparse import vectors_like, without_zeros
 from fenics_joints.structure.structure import Structure
 
@@ -67,7 +67,7 @@ class Multigrid:
         self.structure, self.prefix = structure, prefix
         self.coarse = structure.coarser() if structure.degree > 1 else None
         ours = _ONE_LEVEL if self.coarse is None else _TWO_LEVELS
-        self.options = {**ours, **(petsc_options or {})}
+        self.options = {**ours, **given_options(petsc_options)}
         self.solver: PETSc.KSP | None = None
         self._prolongation = self._matrix = None
 

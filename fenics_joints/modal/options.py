@@ -2,12 +2,52 @@
 
 from __future__ import annotations
 
+import ctypes
+import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from numbers import Real
 
 from petsc4py import PETSc
 
-__all__ = ["give_room", "last_line", "petsc_defaults", "reason_of"]
+from fenics_joints.errors import InputError, mapping, shown, wanted
+
+__all__ = [
+    "give_room", "given_options", "last_line", "petsc_defaults", "reason_of", "say_unused",
+]  # fmt: skip
+
+
+def given_options(petsc_options: object) -> dict[str, object]:
+    """PETSc's options as a user gives them; none for None.
+
+    Raises:
+        InputError: If they are no mapping from names to texts, numbers, truth values or None.
+    """
+    expected = "options of PETSc by their names, such as {'eps_type': 'krylovschur'}"
+    found = mapping("petsc_options", petsc_options, expected)
+    for name, value in found.items():
+        key = f"petsc_options[{name!r}]"
+        if not name or any(c.isspace() for c in name):
+            raise wanted(key, value, "a name without spaces")
+        if not isinstance(value, str | Real | None):
+            raise wanted(key, value, "a text, a number, True, False or None")
+    return found
+
+
+def say_unused(prefix: str, options: Mapping[str, object]) -> None:
+    """Warn of options that no solver has asked for, as PETSc does not know an error in a name."""
+    library = ctypes.CDLL(PETSc.__file__)  # petsc4py has no call for it
+    for name in options:
+        used = ctypes.c_int(0)
+        library.PetscOptionsUsed(None, f"{prefix}{name}".encode(), ctypes.byref(used))
+        if not used.value:
+            warnings.warn(
+                f"petsc_options: {name!r} was read by no solver; is its name right?", stacklevel=4
+            )
+
+
+#: PETSC_ERR_UNKNOWN_TYPE.
+_UNKNOWN_TYPE = 86
 
 
 @contextmanager
@@ -20,6 +60,9 @@ def petsc_defaults(
         prefix: The prefix.
         ours: Those below what the command line says.
         above: Those above it.
+
+    Raises:
+        InputError: If a solver is set up inside and PETSc does not take a value.
     """
     options = PETSc.Options(prefix)
     new = {k: v for k, v in ours.items() if not options.hasName(k)} | dict(above or {})
@@ -28,6 +71,12 @@ def petsc_defaults(
         options.setValue(key, value)
     try:
         yield options
+    except PETSc.Error as error:
+        if error.ierr != _UNKNOWN_TYPE and "SetFromOptions" not in str(error):
+            raise
+        raise InputError(
+            f"petsc_options: PETSc does not take one of {shown(new)} ({last_line(error)})"
+        ) from error
     finally:
         for key in new:
             options.delValue(key)

@@ -116,7 +116,7 @@ class Obstacle:
 
 def _check_touch(contact: Contact | Obstacle) -> None:
     if not isinstance(contact.friction, float) or contact.friction != np.inf:
-        real(f"{contact.name}.friction", contact.friction, least=0)
+        real(f"{contact.name}.friction", contact.friction, least=0, most=100)
     if not callable(contact.gap):
         real(f"{contact.name}.gap", contact.gap, "m")
 

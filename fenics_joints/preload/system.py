@@ -8,7 +8,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from fenics_joints.errors import mapping
-from fenics_joints.modal.options import petsc_defaults
+from fenics_joints.modal.options import given_options, petsc_defaults
 from fenics_joints.preload.conditions import Pairs, Penalty
 from fenics_joints.preload.hold import Hold, find_hold
 from fenics_joints.preload.interface import Interface
@@ -55,7 +55,7 @@ class PreloadSystem:
     ):
         self.model = model
         self.given = mapping("given", given, "values by the names of parameters")
-        self.petsc_options, self.prefix = dict(petsc_options or {}), prefix
+        self.petsc_options, self.prefix = given_options(petsc_options), prefix
         self.K = model.stiffness(self.given)
         self.hold: Hold = find_hold(model, self.K)
         self.fixed = self._fixed()

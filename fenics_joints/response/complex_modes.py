@@ -21,7 +21,7 @@ from slepc4py import SLEPc
 
 from fenics_joints.errors import ConvergenceError, InputError, flag, member, real, whole
 from fenics_joints.modal.modes import SHIFT_SHARE, Modes, solve_modes
-from fenics_joints.modal.options import petsc_defaults
+from fenics_joints.modal.options import given_options, petsc_defaults
 from fenics_joints.response.modal_basis import ModalPencil, extended, modal_pencil, with_terms
 from fenics_joints.response.pencil import DampedPencil, check_damped, check_damping
 from fenics_joints.response.reduced import reduced_pencil
@@ -337,7 +337,7 @@ def _state_space(pencil: DampedPencil, given, n_modes: int, petsc_options) -> Co
     pep.setWhichEigenpairs(SLEPc.PEP.Which.TARGET_MAGNITUDE)
     pep.setTarget(sigma)
     pep.setTolerances(1e-10)
-    with petsc_defaults(prefix, {**_OPTIONS, **(petsc_options or {})}):
+    with petsc_defaults(prefix, {**_OPTIONS, **given_options(petsc_options)}):
         pep.setFromOptions()
         try:
             pep.solve()

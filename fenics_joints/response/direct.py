@@ -20,7 +20,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from fenics_joints.errors import ConvergenceError
-from fenics_joints.modal.options import give_room, last_line, petsc_defaults
+from fenics_joints.modal.options import give_room, given_options, last_line, petsc_defaults
 from fenics_joints.response.pencil import DampedPencil
 from fenics_joints.structure.sparse import dense_block
 
@@ -59,7 +59,7 @@ class DynamicStiffness:
         self._lay_out()
         self._ksp = PETSc.KSP().create(pencil.comm)
         self._ksp.setOptionsPrefix(prefix)
-        self._options, self._prefix = {**_OPTIONS, **(petsc_options or {})}, prefix
+        self._options, self._prefix = {**_OPTIONS, **given_options(petsc_options)}, prefix
 
     @property
     def solver(self) -> PETSc.KSP:

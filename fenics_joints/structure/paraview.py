@@ -62,7 +62,9 @@ def write_fields(
     path, comm = Path(path), fields[0].function_space.mesh.comm
     beside = beside or {}
     check_fields_path(comm, path, list(beside))
-    part = comm.bcast(on_root(comm, lambda: _part(path)))
+    maps = [f.function_space.dofmap for f in fields]
+    need = 8 * sum(m.index_map.size_global * m.index_map_bs for m in maps)
+    part = comm.bcast(on_root(comm, lambda: _part(path, need)))
     try:
         ENDINGS[path.suffix](fields, part / path.name)
         comm.barrier()
@@ -90,8 +92,15 @@ def _files(path: Path) -> list[Path]:
     return [path, path.with_suffix(".h5")] if path.suffix == ".xdmf" else [path]
 
 
-def _part(path: Path) -> Path:
+def _part(path: Path, need: int) -> Path:
+    """A new folder beside the file, for so many bytes."""
     try:
+        # ADIOS2 ends the whole process where a disk becomes full.
+        if (free := shutil.disk_usage(path.parent).free) < need:
+            raise InputError(
+                f"{path}: cannot be written: {free / 1e6:.3g} MB are free on the disk, expected "
+                f"{need / 1e6:.3g} MB or more."
+            )
         return Path(tempfile.mkdtemp(prefix=f".{path.name}.", suffix=".part", dir=path.parent))
     except OSError as error:
         raise InputError(f"{path}: cannot be written ({error.strerror}).") from error

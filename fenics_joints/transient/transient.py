@@ -14,7 +14,7 @@ from petsc4py import PETSc
 
 from fenics_joints.errors import ConvergenceError, InputError, capable, real, reals, wanted, whole
 from fenics_joints.interfaces.motion import Motion
-from fenics_joints.modal.options import last_line, petsc_defaults, reason_of
+from fenics_joints.modal.options import given_options, last_line, petsc_defaults, reason_of
 from fenics_joints.transient.ring_down import RingDown, ring_down
 
 __all__ = ["TransientResult", "solve_transient", "steady_harmonics", "stepped_sine"]
@@ -177,7 +177,8 @@ class _Integration:
         ts.setI2Function(self._i2function, self._residual)
         ts.setI2Jacobian(self._i2jacobian, self._matrix)
         ts.setExactFinalTime(PETSc.TS.ExactFinalTime.STEPOVER)
-        with petsc_defaults(_PREFIX, {**_DEFAULTS, **motion.options, **(petsc_options or {})}):
+        given = given_options(petsc_options)
+        with petsc_defaults(_PREFIX, {**_DEFAULTS, **motion.options, **given}):
             ts.setFromOptions()
             ts.getSNES().setFromOptions()
             self._gamma = _newmark_gamma(PETSc.Options(_PREFIX))
@@ -195,7 +196,11 @@ class _Integration:
         self.motion.jacobian(u, self.states, shift_v, shift_a, P, v)
 
     def solve(self, record, initial, start, step, n_steps, progress) -> TransientResult:
-        ts, (u, v, states) = self.solver, (initial or (None, None, None))
+        if initial is None:
+            initial = (None, None, None)
+        if not isinstance(initial, tuple | list) or len(initial) != 3:
+            raise wanted("initial", initial, "displacements, velocities and states, or None")
+        ts, (u, v, states) = self.solver, initial
         u, v = self._start(u), self._start(v)
         if states is not None:
             self.states = states
@@ -243,7 +248,7 @@ class _Integration:
     def _start(self, given) -> PETSc.Vec:
         vector = self.motion.vector()
         if given is not None:
-            given = given.array_r if isinstance(given, PETSc.Vec) else np.asarray(given)
+            given = given.array_r if isinstance(given, PETSc.Vec) else reals("initial", given)
             if given.shape != vector.array_r.shape:
                 raise InputError(
                     f"initial: a vector has shape {given.shape}: expected {vector.array_r.shape}."

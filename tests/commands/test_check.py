@@ -12,7 +12,7 @@ from mpi4py import MPI
 from rich.console import Console
 from step_files import flanges
 
-from fenics_joints.case import estimate, examine_case, load_case
+from fenics_joints.case import build_mesh, estimate, examine_case, load_case
 from fenics_joints.cli import main
 from fenics_joints.commands.check.costs import costs_of
 from fenics_joints.commands.check.run import check_case, run_check
@@ -131,6 +131,17 @@ def test_bolts_at_one_place(tmp_path):
     holes = 4 * 3.14159265 * 6e-3**2 * 35e-3  # polygons of the mesh are a little smaller
     solid = 0.1 * 0.06 * 0.02 + 0.08 * 0.06 * 0.015
     assert found.mass == pytest.approx(7850 * (solid - holes), rel=0.01)
+
+
+def test_group_that_is_not_there_is_one_error_and_what_the_mesh_says_are_notes(tmp_path):
+    write_step(tmp_path / "machine.step", flanges(), labels=("bed", "foot"))
+    text = STEP.format(bolts="[0.045, 0.015, 0.02], [0.085, 0.015, 0.02]")
+    (tmp_path / "case.toml").write_text(text, encoding="utf-8")
+    good = checked(tmp_path)
+    (tmp_path / "case.toml").write_text(text.replace('"foot"', '"nowhere"'), encoding="utf-8")
+    found = checked(tmp_path)
+    assert all("nowhere" in error for error in found.errors) and found.errors
+    assert set(build_mesh(good.case, MPI.COMM_SELF).notes) <= set(found.notes)
 
 
 def test_sensors_of_another_unit(tmp_path, write_case):

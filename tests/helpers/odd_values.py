@@ -25,6 +25,8 @@ VECTOR = (None, "x", "text", nan, True, 1.0, [], {}, [0, 0, 0], [nan, 0, 1], [1e
           [None, 0, 1], ["a", "b", "c"], [1.0], [1, 0, 0, 0], [[1, 0, 0]])  # fmt: skip
 POINT = tuple(v for v in VECTOR if v != [0, 0, 0])
 MODEL = (None, "model", 1.0, [], {}, Structure)
+START = (5, "x", [1], (1, 2), {"a": 1}, object())
+OPTIONS = (5, "x", [1], {5: 1}, {"": 1}, {"two words": 1}, {"eps_tol": object()})
 GIVEN = ("text", 1.0, [1.0], {"nothing": 1.0}, {1: 1.0})
 
 

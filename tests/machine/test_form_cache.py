@@ -107,11 +107,20 @@ def test_damaged_forms_are_made_anew(tmp_path, damage):
 
 
 @serial
-@pytest.mark.parametrize("place", ["a file", "read-only"])
+@pytest.mark.parametrize("place", ["a file", "read-only", "open to all", "another's"])
 def test_without_a_place_forms_are_compiled_all_the_same(tmp_path, place):
     cache = tmp_path / "cache"
     if place == "a file":
         cache.write_text("not a folder")
+    elif place == "open to all":  # what is loaded from there is anybody's code
+        cache.mkdir()
+        cache.chmod(0o777)
+    elif place == "another's":
+        cache.mkdir()
+        try:
+            os.chown(cache, 12345, 12345)
+        except PermissionError:
+            pytest.skip("only the superuser can make a folder that is another user's")
     else:
         cache.mkdir()
         cache.chmod(stat.S_IRUSR | stat.S_IXUSR)

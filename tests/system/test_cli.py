@@ -306,4 +306,7 @@ def test_progress_counts_to_what_is_done():
         progress.advance(5)
         progress.interval = 0.0
         progress.reach(80, "half")
-    assert stream.getvalue().splitlines() == ["sampling ...", "sampling: 80 of 100 (half)"]
+        progress.reach(104)
+    assert stream.getvalue().splitlines() == [
+        "sampling ...", "sampling: 80 of 100 (half)", "sampling: 104"
+    ]  # fmt: skip

@@ -20,7 +20,7 @@ import pytest
 REPOSITORY = Path(__file__).resolve().parents[2]
 TOOLS = (
     "bash sh env cat cut awk sed grep ls mkdir rm mv chmod cksum mktemp df du tail sleep tar uname "
-    "id dirname flock true"
+    "id dirname flock true readlink ln"
 ).split()
 MISSING = [tool for tool in TOOLS if shutil.which(tool) is None]
 pytestmark = pytest.mark.skipif(
@@ -41,7 +41,7 @@ shift
 case "$1 $2 $3" in
   *python3*"-m venv") for venv; do :; done
     mkdir -p "$venv/lib/python3.13/site-packages" "$venv/bin" ;;
-  *python3*"-m pip") echo pip >>"$RECORD" ;;
+  *python3*"-m pip") case "$*" in *--require-hashes*) echo pip >>"$RECORD" ;; esac ;;
   *python3*) echo "ok /usr|/usr/dolfinx|0.9.0" ;;
   *) "$@"; exit $? ;;
 esac
@@ -62,7 +62,7 @@ class Machine:
         self.install("mmdebstrap", MMDEBSTRAP)
         self.install("bwrap", BWRAP)
         self.install("id", "#!/bin/sh\necho 0\n")
-        for name in ("with-fenicsx", "pyproject.toml", "setup.py"):
+        for name in ("with-fenicsx", "pyproject.toml", "setup.py", "requirements.lock"):
             shutil.copy(REPOSITORY / name, self.checkout / name)
 
     def install(self, name: str, script: str) -> None:
@@ -194,10 +194,26 @@ def test_root_user_installs_the_tools(machine: Machine) -> None:
     assert "installing bubblewrap mmdebstrap" in err
 
 
-def test_failed_build_says_why_and_leaves_nothing(machine: Machine) -> None:
-    status, _, err = machine.run("true", STUB_FAILURE="E: Could not resolve 'deb.debian.org'")
+@pytest.mark.parametrize(
+    ("failure", "word"),
+    [
+        ("E: Could not resolve 'deb.debian.org'", "network"),
+        ("tar: ./usr/lib/x: Cannot write: No space left on device", "disk"),
+        ("W: GPG error: m trixie InRelease: ... NO_PUBKEY 6ED0E7B8\nE: ... is not signed.", "keys"),
+        ("E: InRelease  Clearsigned file isn't valid, got 'NOSPLIT'\nE: is not signed.", "send"),
+        ("W: ... InRelease into data and signature failed\nE: ... is not signed.", "send"),
+        ("W: signatures were invalid: BADSIG 6ED0E7B8\nE: ... is not signed.", "send"),
+        ("E: The repository 'm trixie Release' does not have a Release file.", "send"),
+        ("E: Failed to fetch http://m/dists/trixie/InRelease  500  Internal Server Error", "send"),
+    ],
+)  # what apt wrote at mirrors that were broken on purpose
+def test_failed_build_says_why_and_leaves_nothing(
+    machine: Machine, failure: str, word: str
+) -> None:
+    status, _, err = machine.run("true", STUB_FAILURE=failure)
     assert status == 69
-    assert "no network" in err and "Could not resolve" in err
+    reason = err.partition("with-fenicsx: Other ways")[0].splitlines()[-1]
+    assert reason.startswith("with-fenicsx: ") and word in reason and failure in err
     assert machine.roots() == []
 
 
@@ -209,6 +225,18 @@ def test_signal_to_the_launcher_reaches_the_command(machine: Machine) -> None:
     process.send_signal(signal.SIGINT)
     assert process.communicate(timeout=20)[0] == "cleaned\n"
     assert process.returncode == 3
+
+
+def test_ctrl_c_of_several_ranks_is_said_in_one_sentence(machine: Machine) -> None:
+    """mpirun ends with 1 then, and shows nothing more of what its ranks say."""
+    script = 'trap "exit 1" INT; echo up >>"$RECORD"; while :; do sleep 0.05; done'
+    machine.install("mpirun", f"#!/bin/sh\n{script}\n")
+    assert machine.run("true")[0] == 0
+    process = machine.start("mpirun", "-n", "2", "true")
+    wait_for(lambda: machine.count("up") == 1)
+    process.send_signal(signal.SIGINT)
+    _, err = process.communicate(timeout=20)
+    assert (process.returncode, err.count("\n")) == (130, 1) and "INT" in err
 
 
 def test_new_dependency_makes_a_new_environment_and_gone_checkouts_lose_theirs(
@@ -224,6 +252,7 @@ def test_new_dependency_makes_a_new_environment_and_gone_checkouts_lose_theirs(
     assert machine.run("true")[0] == 0
     assert machine.count("pip") == 2
     (machine.checkout / "setup.py").open("a").write("# other folders\n")
+    (machine.checkout / "requirements.lock").open("a").write("# other versions\n")
     assert machine.run("true")[0] == 0
     assert machine.count("pip") == 3
     machine.checkout = shutil.move(machine.checkout, machine.checkout.with_name("moved"))
@@ -276,3 +305,78 @@ def test_clean_removes_roots_and_environments(machine: Machine) -> None:
     assert (status, machine.roots()) == (0, [])
     assert "MB freed" in err
     assert os.listdir(machine.cache) == ["lock"]
+
+
+def is_refused(machine: Machine, **environment: str) -> bool:
+    """Whether it says which folder is not safe, before anything is made or run."""
+    status, out, err = machine.run("sh", "-c", "echo ran", **environment)
+    assert (status, out) in ((1, ""), (0, "ran\n")), err
+    return status == 1 and machine.count("build") == 0 and "safe" in err
+
+
+@pytest.mark.parametrize(
+    "folder", [".", "fenics-joints", "fenics-joints/roots", "fenics-joints/venvs"]
+)
+def test_cache_that_others_can_write_to_is_refused(machine: Machine, folder: str) -> None:
+    at = machine.cache.parent / folder
+    at.mkdir(parents=True)
+    at.chmod(0o777)
+    assert is_refused(machine)
+    at.chmod(0o755)
+    assert not is_refused(machine)
+
+
+def test_cache_in_a_folder_for_all_is_for_the_user_alone(machine: Machine) -> None:
+    """As in /tmp: what is not there yet can be made, whatever the mask, and is nobody else's."""
+    machine.cache.parent.mkdir()
+    machine.cache.parent.chmod(0o1777)
+    before = os.umask(0)
+    try:
+        status, out, err = machine.run("sh", "-c", "umask")
+    finally:
+        os.umask(before)
+    assert (status, int(out, 8)) == (0, 0), err  # the command's mask is the user's
+    assert machine.cache.stat().st_mode & 0o777 == 0o700
+    inside = [path for path in machine.cache.rglob("*") if not path.is_symlink()]
+    assert not [path for path in inside if path.stat().st_mode & 0o002]
+
+
+def test_cache_of_another_user_or_through_his_link_is_refused(machine: Machine) -> None:
+    other = machine.checkout.parent / "other"
+    other.mkdir()
+    (other / "link").symlink_to(machine.checkout.parent)
+    link = machine.checkout.parent / "way"
+    link.symlink_to("other/link")
+    try:
+        os.chown(other, 12345, 12345)
+    except PermissionError:
+        pytest.skip("only the superuser can make a folder that is another user's")
+    assert is_refused(machine, XDG_CACHE_HOME=str(other))
+    assert is_refused(machine, XDG_CACHE_HOME=str(other / "link"))
+    assert is_refused(machine, XDG_CACHE_HOME=str(link))
+    os.chown(other, os.getuid(), os.getgid())
+    assert not is_refused(machine, XDG_CACHE_HOME=str(link))
+
+
+def test_cache_of_a_relative_name_counts_for_nothing(machine: Machine) -> None:
+    status, out, err = machine.run("sh", "-c", "pwd", XDG_CACHE_HOME="here")
+    assert (status, not Path("here").exists()) == (0, True), err
+    assert (machine.checkout.parent / ".cache" / "fenics-joints" / "roots").is_dir()
+
+
+def test_working_folder_of_a_known_name_is_not_taken(machine: Machine) -> None:
+    """mmdebstrap's is in /var/tmp for an ordinary user, where all can make folders."""
+    machine.install("id", "#!/bin/sh\necho 987654\n")
+    machine.install("newuidmap", "#!/bin/sh\n")
+    machine.install("grep", "#!/bin/sh\nexit 0\n")  # there are subordinate ids
+    planted = Path("/var/tmp/fenics-joints-987654")
+    planted.mkdir()
+    try:
+        stub = MMDEBSTRAP.replace("echo build", 'echo "build $TMPDIR"')
+        machine.install("mmdebstrap", stub)
+        status, _, err = machine.run("true")
+        assert (status, list(planted.iterdir())) == (0, []), err
+        (place,) = [Path(w) for w in machine.record.read_text().split() if w.startswith("/")]
+        assert place != planted and not place.exists()
+    finally:
+        planted.rmdir()

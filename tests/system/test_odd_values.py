@@ -25,8 +25,10 @@ from odd_values import (
     NAMED_ABOVE_0,
     NAMED_FROM_0,
     NO_NUMBER,
+    OPTIONS,
     POINT,
     RATIO,
+    START,
     TEXT,
     VECTOR,
     WORD,
@@ -44,6 +46,7 @@ from fenics_joints import (
     structure,
     transient,
 )
+from fenics_joints.errors import InputError
 from fenics_joints.meshes import lap_plates, stacked_blocks
 from fenics_joints.structure import Damping, Parameter, PointMass, Sensors, Spring, Structure, part
 
@@ -231,7 +234,7 @@ def of_laws():
 def of_preload():
     yield preload.Contact, {"name": "c", "lower": "bottom", "upper": "top"}, {
         "name": TEXT, "lower": (*TEXT, "top"), "upper": TEXT, "gap": ANY, "bonded": FLAG,
-        "friction": tuple(v for v in FROM_0 if v != inf), "tolerance": ABOVE_0[1:],
+        "friction": (*(v for v in FROM_0 if v != inf), 1e9), "tolerance": ABOVE_0[1:],
     }  # fmt: skip
     yield preload.WasherForce, ENDS, ODD_ENDS | {"axis": VECTOR[1:]}
     yield preload.PretensionSection, ENDS, ODD_ENDS | {"axis": VECTOR[1:]}
@@ -249,7 +252,7 @@ def of_preload():
     plane = preload.Plane((0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
     yield preload.Obstacle, {"name": "o", "facets": "top", "shape": plane}, {
         "name": TEXT, "facets": TEXT, "gap": ANY, "shape": (None, "x", 1.0),
-        "friction": tuple(v for v in FROM_0 if v != inf), "force": VECTOR[1:],
+        "friction": (*(v for v in FROM_0 if v != inf), 1e9), "force": VECTOR[1:],
         "travel": ("x", 1.0, [nan, 0, 0]),
     }  # fmt: skip
     model = blocks()
@@ -261,8 +264,9 @@ def of_preload():
     }  # fmt: skip
     yield preload.solve_preload, {"model": model}, {
         "model": (*MODEL, preload.PreloadModel(model.structure, [faces()])),
-        "forces": (*GIVEN, *({"b": v} for v in FROM_0)), "given": GIVEN, "initial": ("x", 1.0, AT),
+        "forces": (*GIVEN, *({"b": v} for v in FROM_0)), "given": GIVEN, "initial": (*START, AT),
         "method": ("", "other", 1.0, True), "penalty": (1.0, "text"),
+        "petsc_options": (*OPTIONS, {"snes_type": "nonsense"}),
     }  # fmt: skip
     thread = {"thread_": "M12"}
     yield preload.motosh_force, thread | {
@@ -283,13 +287,15 @@ def of_responses():
     yield modal.solve_modes, modes, {
         "model": MODEL, "given": (*GIVEN, {"layer.G": None}, {"layer.G": "x"}, {"layer.G": nan}),
         "n_modes": COUNT, "shift_hz": FROM_0[1:], "tolerance": ABOVE_0[1:], "method": WORD,
+        "initial": START, "petsc_options": (*OPTIONS, {"eps_type": "nonsense"}),
     }  # fmt: skip
     yield modal.EigenSolver, {"n": 3}, {
         "n": COUNT, "shift": (*ANY, 1.0), "tol": (*ABOVE_0, 0.1), "block": COUNT[1:],
-        "max_restarts": (None, "x", nan, -1, 2.5),
+        "max_restarts": (None, "x", nan, -1, 2.5), "petsc_options": OPTIONS,
     }  # fmt: skip
     yield modal.IterativeEigenSolver, {"n": 3, "shift": -1.0}, {
         "n": COUNT, "shift": (*ANY, 0.0, 1.0), "tol": (*ABOVE_0, 0.1), "max_iterations": COUNT,
+        "petsc_options": OPTIONS,
     }  # fmt: skip
     places = (None, "x", 1.0, [0, 0, 0], Sensors(np.zeros((0, 3)), np.zeros((0, 3))))
     frf = {"model": plates(), "frequencies_hz": [10.0], "excitation": AT, "sensors": AT}
@@ -312,7 +318,7 @@ def of_vibration():
     forced = {"model": duffing(), "force": "push", "amplitude": 1e-3, "at": [0.1]}
     yield harmonic.solve_harmonic, forced, equations | {
         "model": MODEL, "force": WORD, "amplitude": ABOVE_0, "sensor": WORD[1:], "measure": WORD,
-        "settings": ("x", 1.0, {}), "at": (None, "x", [nan], [-1.0], [], ["x"]),
+        "settings": ("x", 1.0, {}), "initial": START, "at": (None, "x", [nan], [-1.0], [], ["x"]),
     }  # fmt: skip
     held = {"model": duffing(), "force": "push", "sensor": "mass", "amplitude": 1e-3,
             "band": (0.05, 0.06)}  # fmt: skip
@@ -336,6 +342,8 @@ def of_vibration():
     yield transient.solve_transient, {"model": duffing(), "step": 0.1, "n_steps": 1}, {
         "model": MODEL, "step": ABOVE_0, "n_steps": COUNT, "start": ANY,
         "loads": ({"push": 1.0}, {"nowhere": np.sin}), "sensors": ("mass", ["nothing"]),
+        "initial": (*START, ("a", "b", "c"), (None, [nan], None)),
+        "petsc_options": (*OPTIONS, {"ts_type": "nonsense"}),
     }  # fmt: skip
     signal = np.exp(-T / 10) * np.cos(20 * T)
     yield transient.ring_down, {"times": T, "signal": signal}, {
@@ -360,3 +368,16 @@ def test_odd_values_are_refused(rooms):
     # UFL works with complex numbers.
     wrong = not_refused(CALLS[rooms](), skip=complex if rooms == "forms" else ())
     assert not wrong, "\n".join(wrong)
+
+
+def test_option_that_no_solver_reads_is_said():
+    with pytest.warns(UserWarning, match="eps_bogus"):
+        modal.solve_modes(plates(), n_modes=8, petsc_options={"eps_bogus": 1})
+
+
+def test_structure_without_mass_is_refused():
+    weightless = [part("plates", ("plate_1", "plate_2"), E=2e11, nu=0.3, rho=0.0)]
+    layers = structure.joint("layer", ("joint_near", "joint_away"), E=1e9, G=4e8)
+    tagged = lap_plates(MPI.COMM_SELF, element_size=0.04, n_thickness=1)
+    with pytest.raises(InputError, match="mass"):
+        modal.solve_modes(Structure(tagged, [*weightless, layers], degree=1), n_modes=8)

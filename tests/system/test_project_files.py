@@ -8,6 +8,8 @@ from pathlib import Path
 import pytest
 import yaml
 from mpi4py import MPI
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
 
 from fenics_joints import __version__
 from fenics_joints.files import read_toml
@@ -68,6 +70,24 @@ def test_recipe_asks_for_what_the_project_asks():
     oldest, newest = re.search(r'OLDEST="(.+?)" NEWEST="0\.(\d+)"', launcher).groups()
     assert run["fenics-dolfinx"] == f">={oldest},<0.{int(newest) + 1}"
     assert (REPOSITORY / recipe["about"]["license_file"]).is_file()
+
+
+def test_locked_versions_are_those_that_the_project_asks_for():
+    """Each with hashes; what the lock does not have is Debian's own."""
+    text = (REPOSITORY / "requirements.lock").read_text(encoding="utf-8")
+    entries = re.findall(r"^([\w.-]+)==(\S+) \\\n((?:    --hash=\S+(?: \\)?\n)+)", text, re.M)
+    lines = [line for line in text.splitlines() if line and line[0] not in " #"]
+    assert len(entries) == len(lines) > 50  # no line without hashes
+    hashes = r"(?:--hash=sha256:[0-9a-f]{64}[\s\\]*)+"
+    assert all(re.fullmatch(hashes, given.strip()) for _, _, given in entries)
+    locked = {canonicalize_name(name): version for name, version, _ in entries}
+    asked = [Requirement(line) for line in
+             (*PROJECT["dependencies"], *PROJECT["optional-dependencies"]["test"])]  # fmt: skip
+    for each in asked:
+        if (version := locked.get(canonicalize_name(each.name))) is not None:
+            assert each.specifier.contains(version), each
+    assert {"h5py", "pint", "pytest", "cryptography"} <= locked.keys()
+    assert not {"numpy", "mpi4py", "petsc4py", "slepc4py", "scipy"} & locked.keys()
 
 
 def test_hosted_tests_run_on_every_version_and_name_files_that_are_there():

@@ -94,7 +94,10 @@ def check_case(
     try:
         tagged = build_mesh(case, comm)
     except (InputError, JointsError) as error:
-        found = _more(found, [*same_bolts(case, []), *_lines(_own(case, error))])
+        lines = _lines(_own(case, error))
+        notes = [line.removeprefix("note: ") for line in lines if line.startswith("note: ")]
+        errors = [line for line in lines if not line.startswith("note: ")]
+        found = _more(found, [*same_bolts(case, []), *errors], notes)
         return _with_costs(found, comm)
     return _with_costs(_meshed(found, examined, tagged), comm)
 

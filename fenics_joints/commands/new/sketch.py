@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from fenics_joints.formatting import printable
 from fenics_joints.preload.threads import Thread
 
 __all__ = [
@@ -186,7 +187,7 @@ def text_of(title: str, sketch: Sketch, test: TestSketch) -> str:
         '# text; a bare number is in SI units. What was guessed has a "?" behind it:',
         *(f"# ? {question}" for question in asked),
         "# fenics-joints check says what else is wrong or unlikely.",
-        "", f"title = {toml(title)}", "", *sketch.mesh, "",
+        "", f"title = {toml(printable(title))}", "", *sketch.mesh, "",
     ]  # fmt: skip
     for part in sketch.parts:
         lines += _part(part)

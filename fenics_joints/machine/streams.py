@@ -1,0 +1,110 @@
+"""Standard streams and variables of the environment, whatever the command was started with."""
+
+from __future__ import annotations
+
+import codecs
+import os
+import sys
+import tempfile
+import unicodedata
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+
+__all__ = ["environment", "open_streams"]
+
+#: For terminals and files of another encoding than UTF-8, what has no plain form of its own.
+_PLAIN = {
+    "·": "*", "×": "x", "–": "-", "—": "-", "−": "-", "µ": "u", "μ": "u", "°": "deg", "∞": "inf",
+    "→": "->", "≤": "<=", "≥": ">=", "±": "+-", "√": "sqrt", "Σ": "sum",
+}  # fmt: skip
+#: Columns of the narrowest terminal that a variable may ask for: tables need their numbers.
+_NARROWEST = 20
+
+
+def environment() -> None:
+    """Set right what libraries stumble over; before they are imported.
+
+    A terminal of no columns shows nothing, Open MPI does not start without a home, and PETSc not in
+    a folder that was removed.
+
+    Raises:
+        SystemExit: With a sentence, in such a folder: files named from there would be elsewhere.
+    """
+    try:
+        os.getcwd()
+    except OSError as error:
+        sys.exit(f"error: the current folder: {error.strerror}; change to one that is there")
+    for name in ("COLUMNS", "LINES"):
+        value = os.environ.get(name, "")
+        if not value.isdecimal() or int(value) < _NARROWEST:
+            os.environ.pop(name, None)
+    if not os.environ.get("HOME"):
+        home = os.path.expanduser("~")  # by the list of users
+        os.environ["HOME"] = home if os.path.isdir(home) else tempfile.gettempdir()
+
+
+@contextmanager
+def open_streams() -> Iterator[None]:
+    """Streams that can be written to; what could not be written in the end is an error.
+
+    A closed one is opened, so that no file takes its number: standard input is empty, standard
+    error goes nowhere, and standard output fails once something is written. Characters that an
+    encoding lacks are written in plain letters.
+
+    Raises:
+        SystemExit: With 1 and a sentence, if standard output could not be written.
+    """
+    for number, name in enumerate(("stdin", "stdout", "stderr")):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.dup2(os.open(os.devnull, os.O_WRONLY if name == "stderr" else os.O_RDONLY), number)
+        if getattr(sys, name) is None:
+            stream = open(number, "r" if name == "stdin" else "w", encoding="utf-8", closefd=False)
+            setattr(sys, name, stream)
+            setattr(sys, f"__{name}__", stream)
+        elif name != "stdin" and hasattr(getattr(sys, name), "reconfigure"):
+            getattr(sys, name).reconfigure(errors=_plain_letters.__name__)
+    leaving = failed = None
+    try:
+        yield
+    except BaseException as error:
+        leaving = error
+    if isinstance(leaving, OSError):  # of help and versions; commands tell theirs themselves
+        failed = leaving
+    for stream in (sys.stdout, sys.stderr):
+        try:
+            stream.flush()
+        except OSError as error:
+            _drop(stream)
+            if stream is sys.stdout and not isinstance(error, BrokenPipeError):
+                failed = failed or error
+    if failed is not None and (leaving in (None, failed) or leaving.args in ((), (0,), (None,))):
+        with suppress(OSError):
+            print(f"error: standard output: {failed.strerror}", file=sys.stderr, flush=True)
+        sys.exit(1)
+    if leaving is not None:
+        raise leaving
+
+
+def _drop(stream) -> None:
+    """Send what is left in a stream nowhere: at its end Python would fail to write it again."""
+    with suppress(OSError, ValueError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
+        stream.flush()
+
+
+def _plain_letters(error: UnicodeError):
+    if not isinstance(error, UnicodeEncodeError):
+        raise error
+    text = error.object[error.start : error.end]
+    return "".join(map(_plain, text)), error.end
+
+
+def _plain(character: str) -> str:
+    text = _PLAIN.get(character) or unicodedata.normalize("NFKD", character)
+    text = text.encode("ascii", "ignore").decode()
+    return text or ascii(character)[1:-1]
+
+
+codecs.register_error(_plain_letters.__name__, _plain_letters)

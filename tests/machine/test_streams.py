@@ -1,0 +1,133 @@
+"""The command in an environment that lacks something: an answer, or one sentence and a status."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shlex
+import shutil
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+from mpi4py import MPI
+
+pytestmark = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="starts processes of its own")
+
+FAST = "-m fenics_joints database show"
+
+
+def run(shell: str, *, cwd=None, **variables: str) -> tuple[int, bytes, str]:
+    """Runs a line of a shell in which $P is Python; status, output, and errors as text."""
+    done = subprocess.run(
+        ["sh", "-c", f"P={shlex.quote(sys.executable)}; {shell}"], capture_output=True, cwd=cwd,
+        env={**os.environ, **variables}, timeout=120, check=False,
+    )  # fmt: skip
+    error = done.stderr.decode(errors="replace")
+    assert "Traceback" not in error and "please report" not in error, error
+    return done.returncode, done.stdout, error
+
+
+@pytest.fixture(scope="module")
+def answer() -> str:
+    status, out, error = run(f"$P {FAST}")
+    assert status == 0, error
+    return out.decode()
+
+
+def numbers(text: str) -> list[str]:
+    return re.findall(r"\d+\.\d+", text)
+
+
+@pytest.mark.parametrize("encoding", ["latin-1", "ascii", "ascii:strict", "cp437"])
+def test_numbers_are_the_same_in_every_encoding(answer, encoding):
+    status, out, error = run(f"$P {FAST}", PYTHONIOENCODING=encoding)
+    text = out.decode(encoding.split(":")[0])
+    assert (status, numbers(text), error) == (0, numbers(answer), "")
+    assert not answer.isascii() and "?" not in text and "\\x" not in text and "\\u" not in text
+
+
+def test_schema_is_json_in_every_encoding():
+    status, out, error = run("$P -m fenics_joints schema", PYTHONIOENCODING="ascii")
+    assert (status, "properties" in json.loads(out)) == (0, True), error
+
+
+@pytest.mark.parametrize("columns", ["0", "1", "-3", "x", "", "1e9"])
+def test_width_that_no_terminal_has_is_left_out(answer, columns):
+    status, out, _ = run(f"$P {FAST}", COLUMNS=columns)
+    assert (status, out.decode()) == (0, answer)
+
+
+@pytest.mark.parametrize(
+    ("shell", "status"),
+    [
+        ("<&-", 0), ("2>&-", 0), (">&-", 1), ("<&- >&- 2>&-", 1), (">/dev/full", 1),
+        ("2>/dev/full", 0), (">&- --csv rows.csv -q", 0), ("--csv /dev/full", 1),
+    ],
+)  # fmt: skip
+def test_closed_and_full_streams(answer, tmp_path, shell, status):
+    """What could not be written is said; a file never takes the number of a closed stream."""
+    found, out, error = run(f"$P {FAST} {shell}", cwd=tmp_path)
+    assert found == status
+    if status and "2>" not in shell:
+        assert error.count("\n") == 1 and error.startswith("error: "), error
+    if not status and ">&- -" not in shell:
+        assert out.decode() == answer
+    if "rows.csv" in shell:
+        assert (tmp_path / "rows.csv").read_text(encoding="utf-8").startswith("diameter")
+
+
+def test_version_on_a_full_disk():
+    status, _, error = run("$P -m fenics_joints --version >/dev/full")
+    assert (status, error.count("\n")) == (1, 1)
+
+
+def test_folder_that_was_removed(tmp_path):
+    status, out, error = run(f"mkdir gone; cd gone; rmdir ../gone; $P {FAST}", cwd=tmp_path)
+    assert (status, out) == (1, b"") and "folder" in error.splitlines()[-1]
+
+
+def test_without_a_home_or_a_folder_for_temporary_files(answer):
+    status, out, error = run(f"unset HOME; TMPDIR=/nowhere $P {FAST}")
+    assert (status, out.decode()) == (0, answer), error
+
+
+def test_names_that_are_no_utf8(tmp_path):
+    """As an old disk has them: cases are read, and results written; a case cannot name them."""
+    make = "$P -m fenics_joints new \"$B\" --beams --yes"
+    name = "B=$(printf 'a\\377b')"
+    status, _, error = run(f"{name}; {make}; $P -m fenics_joints check \"$B\" --json \"$B.json\"",
+                           cwd=tmp_path)  # fmt: skip
+    assert status == 0, error
+    (made,) = tmp_path.glob("*.json")
+    assert b"\xff" in os.fsencode(made) and json.loads(made.read_bytes())["dofs"] > 0
+
+
+def test_too_little_memory(tmp_path):
+    status, out, error = run("ulimit -v 300000; $P -m fenics_joints check .", cwd=tmp_path)
+    assert (status, out) == (1, b"") and "memory" in error.splitlines()[-1]
+
+
+STOPPED = """
+import sys, time
+from fenics_joints.parallel import guarded
+with guarded():
+    print("inside", flush=True)
+    time.sleep(60)
+"""
+
+
+@pytest.mark.skipif(shutil.which("mpirun") is None, reason="needs mpirun")
+def test_ctrl_c_on_two_ranks_needs_no_abort():
+    process = subprocess.Popen(
+        ["mpirun", "-n", "2", sys.executable, "-c", STOPPED], text=True, start_new_session=True,
+        stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
+    )  # fmt: skip
+    assert [process.stdout.readline() for _ in range(2)] == ["inside\n"] * 2
+    time.sleep(0.5)
+    process.send_signal(signal.SIGINT)
+    out, _ = process.communicate(timeout=60)
+    assert process.returncode != 0 and "MPI_ABORT" not in out, out
