@@ -1,8 +1,9 @@
 """Modes of a structure from its measured frequency response functions.
 
 Poles are estimated by the least-squares complex frequency method (LSCF) of sdypy-EMA over rising
-orders of the model. Those that stay are the modes; they are refined by non-linear least squares on
-the functions, which takes away the bias that the method has under noise, and gives a covariance.
+orders of the model. Those that stay are where non-linear least squares on all functions starts,
+with residues of rank one, which takes away the bias that the method has under noise, and gives a
+covariance. Modes that the method lost, as close or repeated ones, are in what that fit leaves.
 """
 
 from __future__ import annotations
@@ -147,7 +148,7 @@ class IdentifiedModes:
             noise=np.hypot(self.frequencies_sd / self.frequencies_hz, noise),
             sensors=self.frfs.sensors(), shapes=self.shapes,
             damping_noise=float(np.sqrt(np.mean((self.damping_sd / self.damping) ** 2))),
-            shape_noise=float(np.sqrt(np.nanmean((self.shapes_sd / rms) ** 2))),
+            shape_noise=float(np.sqrt(np.nanmean((self.shapes_sd / rms) ** 2))), notes=self.notes,
         )  # fmt: skip
 
 
@@ -163,7 +164,8 @@ def identify_modes(
     """Identify the modes in a band.
 
     Where forces stood at more places than sensors, as with a roving hammer, the shapes are those at
-    the forces, by reciprocity (H_ij = H_ji): ``frfs`` of the result has the two exchanged.
+    the forces, by reciprocity (H_ij = H_ji): ``frfs`` of the result has the two exchanged. A pair
+    of modes at one frequency is told apart by two references or more, never by one.
 
     Args:
         frfs: Measured functions; evenly spaced lines.
@@ -172,15 +174,20 @@ def identify_modes(
         band: Hz, that of the data by default.
         order: Highest number of modes of a model; a few times that of the modes in the band.
         max_damping: Ratio above which a pole is none of a mode.
+        exponential_window: Time, s, in which the analyser's exponential window falls to 1/e; the
+            damping that it adds, 1 / (2 pi f time), is taken away. By default there was none.
 
     Raises:
-        InputError: If sdypy-EMA is missing, the lines are unevenly spaced or too few, or no pole
-            is stable or none near an asked frequency.
+        InputError: If sdypy-EMA is missing, the lines are unevenly spaced or too few, no pole is
+            stable or none near an asked frequency, functions have nothing in common, or the
+            window has more damping than the modes.
     """
     if not isinstance(frfs, MeasuredFRFs):
         raise wanted("frfs", frfs, "MeasuredFRFs, as read_frfs gives them")
     whole("order", order, 2)
     real("max_damping", max_damping, above=0.0, most=1.0)
+    if exponential_window is not None:
+        real("exponential_window", exponential_window, "s", above=0.0)
     if near is not None and not len(reals("near", near, (None,), "Hz", above=0.0)):
         raise wanted("near", near, "the frequency of a mode at least, or None")
     low, high = (0.0, np.inf) if band is None else reals("band", band, (2,), "Hz", least=0.0)

@@ -136,6 +136,7 @@ def fit_modes(
     references: np.ndarray | None = None,
     *,
     fixed: bool = False,
+    room: np.ndarray | None = None,
 ) -> ModeFit:
     """Non-linear least squares on functions, started at poles nearby.
 
@@ -150,20 +151,23 @@ def fit_modes(
         references: Where to start, shape (n_references, m); by default by the residues of each
             function.
         fixed: Whether the references stay.
+        room: Standard deviation of the poles about those at the start, where these are known
+            before, rad/s, shape (m,).
     """
     poles = np.array(poles, dtype=complex)
+    prior = None if room is None else (poles, 1 / room**2)
     rest, residues = free_residues(functions, poles)
     if references is None:
         references = rank_one(functions, residues)
     size = np.sqrt((np.abs(functions.values) ** 2).mean(axis=0))
     for _ in range(_SWEEPS):
         noise = _noise(rest, _LEAST * size)
-        state = _State(functions, noise, poles, _normalised(functions, references))
+        state = _State(functions, noise, poles, _normalised(functions, references), prior)
         for _ in range(_STEPS):
             step, parts = state.step(fixed)
             for _ in range(8):
                 moved = _normalised(functions, state.references + parts)
-                trial = _State(functions, noise, state.poles + step, moved)
+                trial = _State(functions, noise, state.poles + step, moved, prior)
                 if trial.cost <= state.cost:
                     break
                 step, parts = step / 2, parts / 2
@@ -289,8 +293,8 @@ class _State:
     poles. Functions are projected on it once; the rows are then small problems.
     """
 
-    def __init__(self, functions: Functions, noise, poles, references):
-        self.functions, self.noise = functions, noise
+    def __init__(self, functions: Functions, noise, poles, references, prior=None):
+        self.functions, self.noise, self.prior = functions, noise, prior
         self.poles, self.references = poles, references
         # The noise is a product of one of lines and one of functions.
         over, self.sigma = noise[:, 0] / noise[0, 0], noise[0]
@@ -319,6 +323,8 @@ class _State:
                     fitted[:, k] = back[i, j] * self.sigma[k]
         left = y - q @ fitted
         self.cost = float(((left / self.sigma) ** 2).sum())
+        if prior is not None:
+            self.cost += float((np.abs(poles - prior[0]) ** 2 * prior[1]).sum())
         n = len(over)
         self.rest = (left[:n] + 1j * left[n:]) * over[:, None]
 
@@ -373,42 +379,51 @@ class _State:
             flat = slopes.reshape(-1, count)
             gradient += flat.T @ left.ravel()
             information += flat.T @ flat
+        if self.prior is not None:
+            away, weight = self.poles - self.prior[0], self.prior[1]
+            gradient[: 2 * m] -= np.concatenate([away.real * weight, away.imag * weight])
+            information[np.arange(2 * m), np.arange(2 * m)] += np.tile(weight, 2)
         return gradient, information, follow, own, by_poles
+
+    def unknowns(self) -> np.ndarray:
+        """Index of poles and references, without references that share no sensor with others."""
+        m, components = len(self.poles), self.functions.components
+        shared = (components[:, None] == components).sum(axis=0) > 1
+        return np.flatnonzero(np.concatenate([np.ones(2 * m), np.tile(np.repeat(shared, m), 2)]))
 
     def step(self, fixed: bool) -> tuple[np.ndarray, np.ndarray]:
         """Change of the poles and of the references, towards less."""
         gradient, information, *_ = self.normal()
         m = len(self.poles)
-        # References of unit length have none of their length as an unknown; nor has a lone one any.
-        used = 2 * m if fixed or self.functions.shape[1] == 1 else len(gradient)
-        gradient, information = gradient[:used], information[:used, :used]
-        size = np.sqrt(np.diag(information))
-        size[size == 0] = 1.0
-        scaled = information / np.outer(size, size)
-        delta = np.linalg.lstsq(scaled, gradient / size, rcond=1e-11)[0] / size
+        used = np.arange(2 * m) if fixed else self.unknowns()
+        inverse = _inverse(information, used)
+        delta = inverse @ gradient
         step = delta[:m] + 1j * delta[m : 2 * m]
-        parts = np.zeros_like(self.references)
-        if used > 2 * m:
-            b = delta[2 * m :].reshape(2, *parts.shape)
-            parts = b[0] + 1j * b[1]
+        b = delta[2 * m :].reshape(2, *self.references.shape)
+        parts = b[0] + 1j * b[1]
         # No further than half a damping, so that a pole stays on its side and at its peak.
         most = 0.5 * np.abs(self.poles.real)
         shorter = max(1.0, float((np.abs(step) / most).max()))
         return step / shorter, parts / shorter
 
 
+def _inverse(information: np.ndarray, used: np.ndarray) -> np.ndarray:
+    """Inverse for some unknowns, without what nothing is known of; zero for the others."""
+    part = information[np.ix_(used, used)]
+    size = np.sqrt(np.diag(part))
+    size[size == 0] = 1.0
+    inverse = np.zeros_like(information)
+    found = np.linalg.pinv(part / np.outer(size, size), rcond=1e-11, hermitian=True)
+    inverse[np.ix_(used, used)] = found / np.outer(size, size)
+    return inverse
+
+
 def _result(state: _State) -> ModeFit:
     functions, poles, m = state.functions, state.poles, len(state.poles)
     _, information, follow, own, by_poles = state.normal()
     wider = _wider(state, by_poles)
-    size = np.sqrt(np.diag(information))
-    size[size == 0] = 1.0
-    scaled = information / np.outer(size, size)
-    used = 2 * m if functions.shape[1] == 1 else len(size)
-    covariance = np.zeros_like(information)
-    covariance[:used, :used] = np.linalg.pinv(scaled[:used, :used], rcond=1e-11, hermitian=True)
-    covariance /= np.outer(size, size)
-    each = np.tile(wider, len(size) // m)
+    covariance = _inverse(information, state.unknowns())
+    each = np.tile(wider, len(information) // m)
     covariance *= np.outer(each, each)
     pairs = [covariance[np.ix_([r, m + r], [r, m + r])] for r in range(m)]
     length = np.abs(poles)

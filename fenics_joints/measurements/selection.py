@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -32,8 +33,8 @@ _ABOVE, _SURE = 1.5, 5.0
 _DAMPING, _USUAL = (0.5, 1.0, 2.0), 0.01
 #: How far out of the band modes are still counted, as a part of it: their flanks are in it.
 _OUTSIDE = 0.25
-#: How far poles of one row may be from those of all, in half-widths.
-_AWAY = 3.0
+#: How far apart poles of one mode in different rows can be, in half-widths.
+_DOUBLE = 3.0
 #: Places that are tried in vain, the lines of one, and sentences about them.
 _TRIES, _AROUND, _SAID = 5, 10, 4
 
@@ -94,7 +95,7 @@ def _without_doubles(functions: Functions, fit: ModeFit, max_damping: float) -> 
     """A fit without poles beside others that are one mode with poles of each row's own."""
     apart = np.abs(fit.poles[:, None] - fit.poles) + np.diag(np.full(len(fit.poles), np.inf))
     r = int(np.argmin(apart.min(axis=1) / np.abs(fit.poles.real)))
-    if apart[r].min() > _AWAY * np.abs(fit.poles[r].real):
+    if apart[r].min() > _DOUBLE * np.abs(fit.poles[r].real):
         return fit
     for one in (r, int(np.argmin(apart[r]))):
         kept = np.arange(len(fit.poles)) != one
@@ -170,7 +171,7 @@ def _one_more(functions: Functions, fit: ModeFit | None, at: int) -> ModeFit:
 def _better(functions: Functions, fit: ModeFit | None, more: ModeFit, max_damping: float) -> bool:
     """Whether the last mode of some explains what is left without it.
 
-    And does so better than poles of each row's own would.
+    And does so better than poles of each row's own would, or scales of each function's own.
     """
     if not _is_mode(functions, more, max_damping)[-1]:
         return False
@@ -186,7 +187,11 @@ def _better(functions: Functions, fit: ModeFit | None, more: ModeFit, max_dampin
 
     if misfit(rest) - misfit(more.rest) < price:
         return False
-    if fit is None or n_rows == 1:
+    if fit is None:
+        return True
+    if misfit(more.rest) + price > misfit(_scaled(functions, fit)[0]) + size * 2 * rest.shape[1]:
+        return False
+    if n_rows == 1:
         return True
     pole = more.poles[-1]
     lines = np.abs(2 * np.pi * functions.f - pole.imag) <= 6 * np.abs(pole.real)
@@ -196,19 +201,31 @@ def _better(functions: Functions, fit: ModeFit | None, more: ModeFit, max_dampin
     return misfit(more.rest, lines) + price <= by_own
 
 
+def _scaled(functions: Functions, fit: ModeFit) -> tuple[np.ndarray, np.ndarray]:
+    """What is left where each function has a scale of its own, (n, K), and the scales, (K,)."""
+    fitted = functions.values - fit.rest
+    weight = 1 / _floored(functions, _noise(fit.rest)) ** 2
+    above, below = ((weight * fitted.conj() * x).sum(axis=0) for x in (fit.rest, fitted))
+    more = above / below
+    return fit.rest - more * fitted, 1 + more
+
+
+@lru_cache(maxsize=2)
 def _own_poles(functions: Functions, fit: ModeFit) -> tuple[np.ndarray, list[ModeFit]]:
     """What is left where each row has poles of its own, (n, K), and the fits.
 
-    Poles that leave their peak are none of the same modes: the row then keeps those of all.
+    One that leaves its peak, or that a row knows little of, stays where it is for all.
     """
     rest, fits = fit.rest.copy(), []
     for row in np.unique(functions.rows):
-        one = fit_modes(functions.of_row(row), fit.poles, fit.references, fixed=True)
-        away = np.abs(one.poles - fit.poles) > _AWAY * np.abs(fit.poles.real)
-        if away.any():
-            one = replace(fit, responses=fit.responses[[row]])
-        else:
-            rest[:, functions.rows == row] = one.rest
+        own, room = functions.of_row(row), np.abs(fit.poles.real)
+        for _ in range(len(room)):
+            one = fit_modes(own, fit.poles, fit.references, fixed=True, room=room)
+            left = np.abs(one.poles - fit.poles) > _DOUBLE * np.abs(fit.poles.real)
+            if not left.any():
+                break
+            room = np.where(left, 1e-6 * room, room)
+        rest[:, functions.rows == row] = one.rest
         fits.append(one)
     return rest, fits
 
@@ -223,9 +240,11 @@ def _with_notes(
         return None, []
     notes = []
     level, least = _level(functions, fit.rest)
-    if functions.n_rows > 1 and (level > least).any():
+    if (level > least).any():
+        fit, notes = _other_scales(functions, fit, names)
+    if functions.n_rows > 1 and (level > least).any() and not notes:
         fit, notes = _apart(functions, fit, names)
-        level, least = _level(functions, fit.rest)
+    level, least = _level(functions, fit.rest)
     parts = np.split(np.arange(len(level)), np.flatnonzero(np.diff(level > least)) + 1)
     parts = [part for part in parts if level[part[0]] > least]
     parts.sort(key=lambda part: -level[part].max())
@@ -236,8 +255,34 @@ def _with_notes(
             "noise: a mode may be missing there, or the functions do not belong together"
         )
     if len(parts) > _SAID:
-        notes.append(f"so it is at {len(parts) - _SAID} other places")
+        notes.append(f"more than noise is left at {len(parts) - _SAID} other places, too")
     return fit, notes
+
+
+def _explains(functions: Functions, before: np.ndarray, after: np.ndarray, unknowns: int) -> bool:
+    """Whether some unknowns are worth it and take most of what is left: or they are not why."""
+    noise = _floored(functions, _noise(after))
+    size, less = (2 * ((np.abs(one) / noise) ** 2).sum() for one in (before, after))
+    return size - less > max(np.log(2 * after.size) * unknowns, 0.5 * (size - 2 * after.size))
+
+
+def _other_scales(
+    functions: Functions, fit: ModeFit, names: Sequence[str]
+) -> tuple[ModeFit, list[str]]:
+    rest, scales = _scaled(functions, fit)
+    if not _explains(functions, fit.rest, rest, 2 * len(scales)):
+        return fit, []
+    k = int(np.argmax(np.abs(scales - 1)))
+    note = (
+        f"{names[functions.rows[k]]}: its function by force {functions.columns[k] + 1} is "
+        f"{100 * np.abs(scales[k] - 1):.2g} % off what the others make of it: scales of sensors or "
+        "forces changed between functions"
+    )
+    for _ in range(2):
+        functions = replace(functions, values=functions.values / scales)
+        fit = fit_modes(functions, fit.poles, fit.references)
+        scales = _scaled(functions, fit)[1]
+    return fit, [note]
 
 
 def _apart(
@@ -245,12 +290,8 @@ def _apart(
 ) -> tuple[ModeFit, list[str]]:
     """The fit with means of poles of each row's own, if these are better."""
     rest, fits = _own_poles(functions, fit)
-    noise = _floored(functions, _noise(rest))
     n_rows, m = functions.n_rows, len(fit.poles)
-    before, after = (2 * ((np.abs(one) / noise) ** 2).sum() for one in (fit.rest, rest))
-    price = np.log(2 * rest.size) * 2 * m * (n_rows - 1)
-    # It has to be most of what is left, or this is not why.
-    if before - after < max(price, 0.5 * (before - 2 * rest.size)):
+    if not _explains(functions, fit.rest, rest, 2 * m * (n_rows - 1)):
         return fit, []
     f, z = (np.array([getattr(one, key) for one in fits]) for key in ("frequencies_hz", "damping"))
     sd_f = np.array([one.frequencies_sd for one in fits])
