@@ -20,7 +20,7 @@ else:
     import tomli as tomllib
 
 __all__ = [
-    "check_outputs", "check_writable", "is_file", "json_text", "path_of", "paths_of", "plain",
+    "check_outputs", "check_size", "check_writable", "is_file", "json_text", "path_of", "paths_of", "plain",
     "read_text", "read_toml", "shown_path", "writable_folder", "write_arrays", "write_text",
 ]  # fmt: skip
 
@@ -29,6 +29,8 @@ _DEEPEST, _LARGEST = 50, 2**63
 #: Characters of the longest path that a message shows whole, and bytes of the longest name of a
 #: file: file systems take 255, and a file has a sibling with a longer name until it is whole.
 _LONGEST_SHOWN, _LONGEST_NAME = 300, 230
+#: Bytes of the largest file of measured data.
+_LARGEST_FILE = 2_000_000_000
 
 
 def shown_path(path: str | Path) -> str:
@@ -62,6 +64,19 @@ def paths_of(value: object) -> list[Path]:
 def is_file(path: str | Path) -> bool:
     """Whether there is such a file, also of names that no file can have."""
     return os.path.isfile(path)  # a Path raises for some of those
+
+
+def check_size(path: str | Path) -> None:
+    """Raise InputError for a file that is larger than what a test or a case is.
+
+    Files of hundreds of megabytes are read; the limit is where a machine's memory is.
+    """
+    size = os.path.getsize(path)
+    if size > _LARGEST_FILE:
+        raise InputError(
+            f"{shown_path(path)}: has {size / 1e9:.3g} GB, expected at most "
+            f"{_LARGEST_FILE / 1e9:g} GB; expected only the functions, lines and columns needed"
+        )
 
 
 def read_text(path: str | Path, expected: str) -> str:
