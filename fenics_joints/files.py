@@ -20,8 +20,9 @@ else:
     import tomli as tomllib
 
 __all__ = [
-    "check_outputs", "check_size", "check_writable", "is_file", "json_text", "path_of", "paths_of", "plain",
-    "read_text", "read_toml", "shown_path", "writable_folder", "write_arrays", "write_text",
+    "check_outputs", "check_size", "check_writable", "is_file", "json_text", "path_of", "paths_of",
+    "plain", "read_text", "read_toml", "shown_path", "writable_folder", "write_arrays",
+    "write_text",
 ]  # fmt: skip
 
 #: How deep tables and arrays of TOML may be nested, and its whole numbers (64 bits, as it says).
@@ -29,8 +30,8 @@ _DEEPEST, _LARGEST = 50, 2**63
 #: Characters of the longest path that a message shows whole, and bytes of the longest name of a
 #: file: file systems take 255, and a file has a sibling with a longer name until it is whole.
 _LONGEST_SHOWN, _LONGEST_NAME = 300, 230
-#: Bytes of the largest file of measured data.
-_LARGEST_FILE = 2_000_000_000
+#: Bytes of the largest file of measured data, and of the largest text that is read as a whole.
+_LARGEST_FILE, _LARGEST_TEXT = 2_000_000_000, 50_000_000
 
 
 def shown_path(path: str | Path) -> str:
@@ -66,16 +67,13 @@ def is_file(path: str | Path) -> bool:
     return os.path.isfile(path)  # a Path raises for some of those
 
 
-def check_size(path: str | Path) -> None:
-    """Raise InputError for a file that is larger than what a test or a case is.
-
-    Files of hundreds of megabytes are read; the limit is where a machine's memory is.
-    """
+def check_size(path: str | Path, most: int = _LARGEST_FILE) -> None:
+    """Raise InputError for a file of more bytes than are read."""
     size = os.path.getsize(path)
-    if size > _LARGEST_FILE:
+    if size > most:
         raise InputError(
-            f"{shown_path(path)}: has {size / 1e9:.3g} GB, expected at most "
-            f"{_LARGEST_FILE / 1e9:g} GB; expected only the functions, lines and columns needed"
+            f"{shown_path(path)}: has {size / 1e6:,.0f} MB, expected at most {most / 1e6:,.0f} MB: "
+            "only what is needed"
         )
 
 
@@ -93,6 +91,7 @@ def read_text(path: str | Path, expected: str) -> str:
     if not is_file(path):
         raise InputError(f"{name}: no such file, expected {expected}")
     try:
+        check_size(path, _LARGEST_TEXT)
         content = Path(path).read_bytes()
         return content.decode("utf-8-sig")
     except UnicodeDecodeError as error:

@@ -10,6 +10,7 @@ import numpy as np
 import scipy.io
 
 from fenics_joints.errors import InputError, located
+from fenics_joints.files import check_size
 from fenics_joints.measurements.records import (
     CoherenceRecord,
     Contents,
@@ -82,6 +83,7 @@ class _Variables:
         if unknown:
             raise InputError(f"keys.{unknown[0]}: expected one of {', '.join(KEYS)}")
         self.path, self.keys = path, said.keys
+        check_size(path)
         shapes = {name: shape for name, shape, _ in _scipy(path, scipy.io.whosmat)}
         self.there = list(shapes)
         used = [name for name in map(self.name, KEYS) if name in shapes]
