@@ -192,8 +192,8 @@ def identify_modes(
         raise wanted("near", near, "the frequency of a mode at least, or None")
     low, high = (0.0, np.inf) if band is None else reals("band", band, (2,), "Hz", least=0.0)
     data = frfs.band(max(low, np.nextafter(0.0, 1.0)), high)
-    there = data.measured
-    data = data.select(references=[n for n, w in zip(data.reference_names, there.any(0)) if w])
+    used = np.flatnonzero(data.measured.any(axis=0))
+    data = data.select(references=[data.reference_names[j] for j in used])
     if data.values.shape[2] > data.values.shape[1]:
         data = _exchanged(data)
     rows, columns = np.nonzero(data.measured)
@@ -358,7 +358,8 @@ def _pole(f: float, damping: float) -> complex:
 
 
 def _modes(data, links, fit: ModeFit, poles: Poles, chosen, notes, window) -> IdentifiedModes:
-    shapes, factor = (x[..., chosen] for x in links.shapes(fit.responses, fit.references, fit.poles))
+    found = links.shapes(fit.responses, fit.references, fit.poles)
+    shapes, factor = (x[..., chosen] for x in found)
     normalised = links.scaled and not np.isnan(factor).any()
     largest = np.nanargmax(np.abs(shapes.real), axis=0), np.arange(len(chosen))
     shapes = shapes * np.sign(shapes.real[largest])
@@ -394,8 +395,8 @@ def _doubts(f: np.ndarray, sd: np.ndarray, collinearity: np.ndarray) -> list[str
         f"{f[i]:.6g} Hz: far from a real shape; two close modes may be in it"
         for i in np.flatnonzero(collinearity < _MIXED)
     ] + [
-        f"{f[i]:.6g} and {f[i + 1]:.6g} Hz: two modes as good as at one frequency; their shapes may "
-        "be any mix of the two"
+        f"{f[i]:.6g} and {f[i + 1]:.6g} Hz: two modes as good as at one frequency; their shapes "
+        "may be any mix of the two"
         for i in close
     ]
 

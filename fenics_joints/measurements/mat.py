@@ -20,6 +20,7 @@ from fenics_joints.measurements.records import (
     as_dof,
     node_label,
 )
+from fenics_joints.progress import reading
 from fenics_joints.response.units import MOTION, frf_unit, length_factor
 
 __all__ = ["KEYS", "read_mat"]
@@ -84,6 +85,7 @@ class _Variables:
             raise InputError(f"keys.{unknown[0]}: expected one of {', '.join(KEYS)}")
         self.path, self.keys = path, said.keys
         check_size(path)
+        reading(path.name, path.stat().st_size)
         shapes = {name: shape for name, shape, _ in _scipy(path, scipy.io.whosmat)}
         self.there = list(shapes)
         used = [name for name in map(self.name, KEYS) if name in shapes]

@@ -60,7 +60,7 @@ class Functions:
 
 @dataclass(frozen=True, eq=False)
 class ModeFit:
-    """Modes of functions H_ij = (i w)^q (sum_r a_ir b_jr / (i w - p_r) + conj. + U_ij - L_ij / w^2).
+    """Modes of functions (i w)^q (sum_r a_ir b_jr / (i w - p_r) + conj. + U_ij - L_ij / w^2).
 
     The deviations of a mode are widened by what the fit leaves near it, and by how that is
     correlated from line to line.
@@ -74,7 +74,7 @@ class ModeFit:
         rest: Measured minus fitted, shape (n, K).
         residual: Its root mean square, relative to measured.
         covariance: Of Re p, Im p, Re b, Im b, shape (2 m + 2 m n_references,) squared.
-        responses_sd: Covariance of Re a, Im a at given poles and references, (n_responses, 2 m, 2 m).
+        own: Covariance of Re a, Im a at given poles and references, (n_responses, 2 m, 2 m).
         slopes: How Re a, Im a follow those, shape (n_responses, 2 m, 2 m + 2 m n_references).
     """
 
@@ -86,7 +86,7 @@ class ModeFit:
     rest: np.ndarray
     residual: float
     covariance: np.ndarray
-    responses_sd: np.ndarray
+    own: np.ndarray
     slopes: np.ndarray
 
     def __repr__(self) -> str:
@@ -106,7 +106,7 @@ class ModeFit:
         """Responses and references as they might be as well, (n, n_responses, m) and the like."""
         rng, m = np.random.default_rng(seed), len(self.poles)
         parts = rng.normal(size=(n, len(self.covariance))) @ _root(self.covariance).T
-        own = np.einsum("iab,nib->nia", _root(self.responses_sd),
+        own = np.einsum("iab,nib->nia", _root(self.own),
                         rng.normal(size=(n, *self.slopes.shape[:2])))  # fmt: skip
         moved = own + np.einsum("iap,np->nia", self.slopes, parts)
         b = parts[:, 2 * m :].reshape(n, 2, *self.references.shape)

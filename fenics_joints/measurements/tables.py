@@ -17,7 +17,7 @@ import numpy as np
 from fenics_joints.errors import InputError, Problems, located
 from fenics_joints.files import check_size, is_file, path_of, read_toml, shown_path
 from fenics_joints.formatting import control_character
-from fenics_joints.progress import Progress
+from fenics_joints.progress import reading
 from fenics_joints.units import factor_to_si
 
 __all__ = ["LISTED", "Table", "column_head", "read_table"]
@@ -31,10 +31,9 @@ _NAMED = 10
 LISTED = 30
 _EXPECTED = "measured data in CSV or TOML"
 _NO_NUMBER = "expected a number, or nothing where none was measured"
-#: Bytes of a file of which it is said how far it is read, and every how many rows.
-_LARGE, _STEP = 20_000_000, 1000
-#: Characters of a line above which a file has none.
-_LONGEST = 50_000_000
+#: Every how many rows it is said how far a file is read, and characters of a line above which a
+#: file has none.
+_STEP, _LONGEST = 1000, 50_000_000
 
 
 @dataclass(frozen=True)
@@ -201,32 +200,31 @@ class _Csv:
         wrong, bad, either, row = _Some(), _Some(), _Some(), 0
         lines = self._lines()
         next(lines)
-        with Progress(silent=self.size < _LARGE) as progress:
-            progress.step(f"reading {self.path.name}, {self.size / 1e6:.0f} MB", self.n_rows)
-            for i, text in lines:
-                row += 1
-                if row % _STEP == 0:
-                    progress.advance(_STEP)
-                cells = self._cells(i, text)
-                while len(cells) > n and not cells[-1]:
-                    cells.pop()
-                if len(cells) != n:
-                    wrong.add(f"row {i} has {len(cells)} cells")
-                if len(cells) != n or not len(values):
-                    continue
-                if commas:
-                    for cell in cells:
-                        if _THOUSANDS.fullmatch(cell):
-                            either.add(cell)
-                    cells = [_COMMA.sub(r"\1.\2", cell) for cell in cells]
-                try:
-                    values[row - 1] = cells
-                    good = "_" not in text and not np.isinf(values[row - 1]).any()
-                except ValueError:
-                    good = False
-                if not good:
-                    values[row - 1] = [_number(cell, i, h, bad)
-                                       for cell, h in zip(cells, self.heads, strict=True)]  # fmt: skip
+        progress = reading(self.path.name, self.size, self.n_rows)
+        for i, text in lines:
+            row += 1
+            if row % _STEP == 0:
+                progress.advance(_STEP)
+            cells = self._cells(i, text)
+            while len(cells) > n and not cells[-1]:
+                cells.pop()
+            if len(cells) != n:
+                wrong.add(f"row {i} has {len(cells)} cells")
+            if len(cells) != n or not len(values):
+                continue
+            if commas:
+                for cell in cells:
+                    if _THOUSANDS.fullmatch(cell):
+                        either.add(cell)
+                cells = [_COMMA.sub(r"\1.\2", cell) for cell in cells]
+            try:
+                values[row - 1] = cells
+                good = "_" not in text and not np.isinf(values[row - 1]).any()
+            except ValueError:
+                good = False
+            if not good:
+                values[row - 1] = [_number(cell, i, h, bad)
+                                   for cell, h in zip(cells, self.heads, strict=True)]  # fmt: skip
         if wrong:
             problems.add(InputError(f"{self.path}: {wrong}, expected {n} as in the head"))
         if bad:

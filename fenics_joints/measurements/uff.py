@@ -95,6 +95,7 @@ def read_uff(path: Path, said: Said) -> Contents:
         else:
             other[word(_TYPES, data["func_type"])] += 1
     problems.check()
+    contents.notes = list(dict.fromkeys(contents.notes))
     left = ", ".join(f"{n} of type {kind}" for kind, n in other.items())
     if left and not contents.functions:
         raise InputError(
@@ -208,11 +209,11 @@ def _scale(where: str, data, units, said: Said, notes: list[str]) -> tuple[str, 
         )
     if by_label is not None and length == force == 1 and by_label != 1:
         text = f"{_label(data, 'ordinate')!r} by {_label(data, 'orddenom') or 'force'!r}"
-        notes += [note for note in [
-            f"functions are in {text}, as their labels say, though dataset 164 says SI units; units "
-            "says otherwise"
-        ] if note not in notes]  # fmt: skip
-    elif by_label is not None and by_set is not None and not np.isclose(by_label, by_set, rtol=1e-3):
+        notes.append(
+            f"functions are in {text}, as their labels say, though dataset 164 says SI units; "
+            "units says otherwise"
+        )
+    elif None not in (by_label, by_set) and not np.isclose(by_label, by_set, rtol=1e-3):
         raise InputError(
             f"{where}: the unit {_label(data, 'ordinate')!r} by "
             f"{_label(data, 'orddenom') or 'force'!r} is {by_label:.6g} {MOTION[kind]}/N, but by "

@@ -20,6 +20,7 @@ import numpy as np
 from fenics_joints.errors import InputError, Problems
 from fenics_joints.files import check_size
 from fenics_joints.measurements.records import MISSING, Contents, Node, Said
+from fenics_joints.progress import reading
 from fenics_joints.response.units import length_factor
 
 __all__ = ["GEOMETRY", "Dataset", "add_nodes", "axes_of", "read_sets", "units_of", "word"]
@@ -69,7 +70,9 @@ def read_sets(
     found = Problems(path) if problems is None else problems
     sets = []
     with path.open("rb") as stream, mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as data:
+        progress = reading(path.name, len(data), len(data))
         for i, (kind, start, body, end) in enumerate(_blocks(path, data)):
+            progress.advance(end - start)
             where = f"{path}: dataset {i + 1} (type {kind or 'unknown'})"
             if not kind:
                 expected = "expected its number after the line '    -1'"
@@ -151,7 +154,11 @@ def _pyuff():
 
 def _read_set(pyuff, kind: int, where: str, head: bytes, body: bytes) -> dict[str, Any]:
     text = _text(head if kind == 58 else head + body).replace("\r", "").replace("\t", " ")
-    if kind != 58:
+    lines = text.splitlines()
+    if kind == 58:  # but not the labels
+        lines[7:8] = [_D.sub(r"\1E\2", line) for line in lines[7:8]]
+        text = "\n".join(lines)
+    else:
         text = _D.sub(r"\1E\2", text)
     with tempfile.TemporaryDirectory() as folder:
         alone = Path(folder) / "a.uff"
@@ -385,8 +392,8 @@ def add_nodes(contents: Contents, where: str, data, length: float | None, axes) 
         contents.add_node(str(int(label)), Node(length * point, moves, where, problem, turned))
     if on_axis:
         contents.notes.append(
-            f"{where}: nodes {', '.join(on_axis[:12])} are on the axis of their cylindrical system: "
-            "their first direction is taken as its x"
+            f"{where}: nodes {', '.join(on_axis[:12])} are on the axis of their cylindrical "
+            "system: their first direction is taken as its x"
         )
 
 

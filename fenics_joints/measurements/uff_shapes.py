@@ -123,14 +123,14 @@ def _refuse_none(paths: Sequence[Path], sets: Sequence[Dataset], others: Sequenc
     files = ", ".join(map(str, paths))
     if others:
         raise InputError(
-            f"{files}: {'; '.join(others)}; expected mode shapes, datasets 55 or 2414 of analysis 2 "
-            "(normal modes), 3 or 7 (complex ones)"
+            f"{files}: {'; '.join(others)}; expected mode shapes, datasets 55 or 2414 of "
+            "analysis 2 (normal modes), 3 or 7 (complex ones)"
         )
     kinds = sorted({data["type"] for _, data in sets})
     there = f"of use are datasets {', '.join(map(str, kinds))} only" if kinds else "none is of use"
     raise InputError(
-        f"{files}: no mode shape, {there}; expected datasets 55 or 2414. Of functions (datasets 58) modes "
-        "come with [test.frfs.identify]"
+        f"{files}: no mode shape, {there}; expected datasets 55 or 2414. Of functions "
+        "(datasets 58) modes come with [test.frfs.identify]"
     )
 
 

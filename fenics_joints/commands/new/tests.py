@@ -189,7 +189,8 @@ def _sorted(files: TestFiles) -> tuple[list[Path], list[Path]]:
             nodes.append(path)
         elif not kinds & {*_SHAPES, 58}:
             raise InputError(
-                f"{path}: holds neither mode shapes (datasets 55 or 2414) nor functions (58): expected one"
+                f"{path}: holds neither mode shapes (datasets 55 or 2414) nor functions (58): "
+                "expected one"
             )
     universal = [p for p in functions if p.suffix.lower() in UFF_SUFFIXES]
     return modal + nodes * bool(modal), functions + nodes * bool(universal)
