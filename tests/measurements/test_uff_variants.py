@@ -35,7 +35,7 @@ VARIANTS = {
     "CRLF": _crlf,
     "80 columns": lambda text: b"\n".join(line.ljust(80) for line in text.split(b"\n")),
     "no last line": lambda text: text.rstrip(),
-    "tabs": lambda text: re.sub(rb"(E[+-]\d\d)  +(?=[\d-])", rb"\1\t", text),
+    "tabs": lambda text: re.sub(rb"(\d{5}E[+-]\d\d) +(?=[\d-])", rb"\1\t", text),
 }
 
 
