@@ -6,7 +6,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-__all__ = ["Functions", "ModeFit", "fit_modes", "free_residues", "rank_one", "smooth"]
+__all__ = [
+    "Functions", "ModeFit", "fit_modes", "fitted", "free_residues", "rank_one", "smooth",
+]  # fmt: skip
 
 _SWEEPS, _STEPS = 3, 30
 #: Lines over which the noise of a function is taken to be of one size.
@@ -205,6 +207,14 @@ def _basis(functions: Functions, poles: np.ndarray) -> tuple[np.ndarray, np.ndar
         columns += [one + two, 1j * (one - two)]
     smooth_part = np.hstack([factor * np.ones_like(s), factor / s**2])
     return np.hstack(columns), np.hstack([smooth_part, 1j * smooth_part])
+
+
+def fitted(functions: Functions, fit: ModeFit) -> np.ndarray:
+    """What modes make of functions, without the rest out of the band, shape (n, K)."""
+    m = len(fit.poles)
+    columns = _basis(functions, fit.poles)[0]
+    residues = fit.responses[functions.rows] * fit.references[functions.columns]
+    return columns[:, :m] @ residues.real.T + columns[:, m : 2 * m] @ residues.imag.T
 
 
 def _stacked(values: np.ndarray) -> np.ndarray:

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import lru_cache
 
 import numpy as np
 
@@ -17,6 +16,7 @@ from fenics_joints.measurements.poles import (
     Functions,
     ModeFit,
     fit_modes,
+    fitted,
     free_residues,
     rank_one,
     smooth,
@@ -35,6 +35,8 @@ _DAMPING, _USUAL = (0.5, 1.0, 2.0), 0.01
 _OUTSIDE = 0.25
 #: How far apart poles of one mode in different rows can be, in half-widths.
 _DOUBLE = 3.0
+#: Half-widths about a pole within which poles of each row's own are fitted.
+_WIDE = 20.0
 #: Places that are tried in vain, the lines of one, and sentences about them.
 _TRIES, _AROUND, _SAID = 5, 10, 4
 
@@ -194,9 +196,13 @@ def _better(functions: Functions, fit: ModeFit | None, more: ModeFit, max_dampin
     if n_rows == 1:
         return True
     pole = more.poles[-1]
-    lines = np.abs(2 * np.pi * functions.f - pole.imag) <= 6 * np.abs(pole.real)
-    lines = lines if lines.any() else ~lines
-    own, _ = _own_poles(functions, fit)
+    away = np.abs(2 * np.pi * functions.f - pole.imag) / np.abs(pole.real)
+    lines = away <= max(6.0, np.sort(away)[min(_AROUND, len(away) - 1)])
+    wide = np.flatnonzero(away <= max(_WIDE, np.sort(away)[min(6 * _AROUND, len(away) - 1)]))
+    own = rest.copy()
+    part, near = _part(functions, fit, wide)
+    if len(near.poles):
+        own[wide] = _own_poles(part, near)[0]
     by_own = misfit(own, lines) + size * 2 * n_rows
     return misfit(more.rest, lines) + price <= by_own
 
@@ -210,7 +216,16 @@ def _scaled(functions: Functions, fit: ModeFit) -> tuple[np.ndarray, np.ndarray]
     return fit.rest - more * fitted, 1 + more
 
 
-@lru_cache(maxsize=2)
+def _part(functions: Functions, fit: ModeFit, lines: np.ndarray) -> tuple[Functions, ModeFit]:
+    """Some lines, and modes there; the others' parts are taken off, as they are fitted."""
+    f = functions.f[lines]
+    kept = (fit.frequencies_hz >= f[0]) & (fit.frequencies_hz <= f[-1])
+    near = replace(fit, poles=fit.poles[kept], responses=fit.responses[:, kept],
+                   references=fit.references[:, kept], rest=fit.rest[lines])  # fmt: skip
+    part = replace(functions, f=f, values=functions.values[lines])
+    return replace(part, values=near.rest + fitted(part, near)), near
+
+
 def _own_poles(functions: Functions, fit: ModeFit) -> tuple[np.ndarray, list[ModeFit]]:
     """What is left where each row has poles of its own, (n, K), and the fits.
 
