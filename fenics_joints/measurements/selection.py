@@ -331,8 +331,12 @@ def _apart(
 
 
 def _mean(values: np.ndarray, sd: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Mean over rows, and their scatter about it; each by the weights of their deviations."""
+    """Mean over rows by the weights of their deviations, and how far a row that knows is from it.
+
+    Of sensors whose mass moves a mode none may have the structure's own: the mean is no better
+    than the farthest of them.
+    """
     weight = 1 / np.maximum(sd, 1e-300) ** 2
-    weight = weight / weight.sum(axis=0)
-    mean = (weight * values).sum(axis=0)
-    return mean, np.sqrt((weight * (values - mean) ** 2).sum(axis=0))
+    mean = (weight * values).sum(axis=0) / weight.sum(axis=0)
+    known = sd <= 3 * np.median(sd, axis=0)
+    return mean, np.where(known, np.abs(values - mean), 0.0).max(axis=0)
