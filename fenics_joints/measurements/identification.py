@@ -367,8 +367,9 @@ def _modes(data, links, fit: ModeFit, poles: Poles, chosen, notes, window) -> Id
     drawn, factors = (x[..., chosen] for x in links.shapes(*fit.draws(_DRAWS), fit.poles))
     turned = drawn.real * np.sign(np.nansum(drawn.real * shapes.real, axis=-2, keepdims=True))
     scales = factors if normalised else 1 / turned[(slice(None), *largest)]
-    spread = np.nanstd(turned * scales[:, None, :], axis=0)
     rows = ~np.isnan(shapes).any(axis=1)
+    spread = np.full(shapes.shape, np.nan)
+    spread[rows] = np.nanstd((turned * scales[:, None, :])[:, rows], axis=0)
     real, imag = shapes.real[rows], shapes.imag[rows]
     xx, yy, xy = (real**2).sum(0), (imag**2).sum(0), (real * imag).sum(0)
     decay = 0.0 if window is None else 1 / window

@@ -7,7 +7,7 @@ Noise is what jumps from line to line; a mode, or an error, is smooth.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -81,16 +81,23 @@ def _rest(functions: Functions, fit: ModeFit | None) -> np.ndarray:
 
 
 def _certain(functions: Functions, fit: ModeFit, max_damping: float) -> ModeFit | None:
-    """A fit without poles of which the functions do not know the damping, the worst first."""
-    sure = _is_mode(functions, fit, max_damping)
-    if sure.all():
-        return fit
-    if len(sure) == 1:
-        return None
-    doubt = np.where(sure, 0.0, fit.damping_sd / np.maximum(np.abs(fit.damping), 1e-300))
-    kept = np.arange(len(sure)) != np.argmax(np.where(sure, -1.0, doubt))
-    fit = fit_modes(functions, fit.poles[kept], fit.references[:, kept])
-    return _certain(functions, fit, max_damping)
+    """A fit without poles that are none of modes, the worst first.
+
+    One whose damping the functions do not know stays if it is worth its unknowns.
+    """
+    good = _is_mode(functions, fit, max_damping)
+    doubt = fit.damping_sd / np.maximum(np.abs(fit.damping), 1e-300)
+    doubt = np.where(good, doubt, np.inf)
+    for r in np.argsort(-doubt):
+        if doubt[r] < _DOUBTFUL:
+            break
+        kept = np.arange(len(doubt)) != r
+        fewer = (
+            fit_modes(functions, fit.poles[kept], fit.references[:, kept]) if kept.any() else None
+        )
+        if not good[r] or not _pays(functions, fewer, fit)[0]:
+            return None if fewer is None else _certain(functions, fewer, max_damping)
+    return fit
 
 
 def _without_doubles(functions: Functions, fit: ModeFit, max_damping: float) -> ModeFit:
@@ -113,8 +120,7 @@ def _is_mode(functions: Functions, fit: ModeFit, max_damping: float) -> np.ndarr
     damping, f = fit.damping, fit.frequencies_hz
     room = _OUTSIDE * np.ptp(functions.f)
     inside = (f >= functions.f[0] - room) & (f <= functions.f[-1] + room)
-    known = (damping > 0) & (damping < max_damping) & (fit.damping_sd < _DOUBTFUL * damping)
-    return inside & known
+    return inside & (damping > 0) & (damping < max_damping)
 
 
 def _noise(rest: np.ndarray) -> np.ndarray:
@@ -177,21 +183,14 @@ def _better(functions: Functions, fit: ModeFit | None, more: ModeFit, max_dampin
     """
     if not _is_mode(functions, more, max_damping)[-1]:
         return False
-    n_rows, n_columns = functions.shape
-    size = np.log(2 * functions.values.size)
-    rest, noise = _rest(functions, fit), _floored(functions, _noise(more.rest))
-    level = np.sqrt(smooth((np.abs(more.rest) ** 2 / noise**2).mean(axis=1)))
-    noise = noise * max(1.0, float(np.median(level)))
-    price = size * 2 * (n_rows + n_columns)
-
-    def misfit(rest: np.ndarray, lines=slice(None)) -> float:
-        return 2 * float((np.abs(rest[lines]) ** 2 / noise[lines] ** 2).sum())
-
-    if misfit(rest) - misfit(more.rest) < price:
+    n_rows, size = functions.n_rows, np.log(2 * functions.values.size)
+    pays, misfit, price = _pays(functions, fit, more)
+    if not pays:
         return False
     if fit is None:
         return True
-    if misfit(more.rest) + price > misfit(_scaled(functions, fit)[0]) + size * 2 * rest.shape[1]:
+    by_scales = misfit(_scaled(functions, fit)[0]) + size * 2 * fit.rest.shape[1]
+    if misfit(more.rest) + price > by_scales:
         return False
     if n_rows == 1:
         return True
@@ -199,7 +198,7 @@ def _better(functions: Functions, fit: ModeFit | None, more: ModeFit, max_dampin
     away = np.abs(2 * np.pi * functions.f - pole.imag) / np.abs(pole.real)
     lines = away <= max(6.0, np.sort(away)[min(_AROUND, len(away) - 1)])
     wide = np.flatnonzero(away <= max(_WIDE, np.sort(away)[min(6 * _AROUND, len(away) - 1)]))
-    own = rest.copy()
+    own = fit.rest.copy()
     part, near = _part(functions, fit, wide)
     if len(near.poles):
         own[wide] = _own_poles(part, near)[0]
@@ -214,6 +213,21 @@ def _scaled(functions: Functions, fit: ModeFit) -> tuple[np.ndarray, np.ndarray]
     above, below = ((weight * fitted.conj() * x).sum(axis=0) for x in (fit.rest, fitted))
     more = above / below
     return fit.rest - more * fitted, 1 + more
+
+
+def _pays(
+    functions: Functions, fit: ModeFit | None, more: ModeFit
+) -> tuple[bool, Callable[..., float], float]:
+    """Whether one more mode is worth its unknowns; misfit of what is left, and their price."""
+    rest, noise = _rest(functions, fit), _floored(functions, _noise(more.rest))
+    level = np.sqrt(smooth((np.abs(more.rest) ** 2 / noise**2).mean(axis=1)))
+    noise = noise * max(1.0, float(np.median(level)))
+    price = np.log(2 * functions.values.size) * 2 * sum(functions.shape)
+
+    def misfit(rest: np.ndarray, lines=slice(None)) -> float:
+        return 2 * float((np.abs(rest[lines]) ** 2 / noise[lines] ** 2).sum())
+
+    return misfit(rest) - misfit(more.rest) >= price, misfit, price
 
 
 def _part(functions: Functions, fit: ModeFit, lines: np.ndarray) -> tuple[Functions, ModeFit]:
