@@ -25,9 +25,9 @@ else:
     import tomli as tomllib
 
 __all__ = [
-    "check_outputs", "check_writable", "is_file", "json_text", "path_of", "paths_of", "plain",
-    "read_arrays", "read_text", "read_toml", "sealed", "shown_path", "unsealed", "writable_folder",
-    "write_arrays", "write_text",
+    "check_outputs", "check_size", "check_writable", "is_file", "json_text", "path_of", "paths_of",
+    "plain", "read_arrays", "read_text", "read_toml", "sealed", "shown_path", "unsealed",
+    "writable_folder", "write_arrays", "write_text",
 ]  # fmt: skip
 
 #: How deep tables and arrays of TOML may be nested, and its whole numbers (64 bits, as it says).
@@ -38,6 +38,8 @@ _LONGEST_SHOWN, _LONGEST_NAME = 300, 230
 #: In front of the SHA-256, in hexadecimal digits, of all that comes before, at a sealed file's end.
 _SEAL = b"\nSHA-256 "
 _DIGITS = 64
+#: Bytes of the largest file of measured data, and of the largest text that is read as a whole.
+_LARGEST_FILE, _LARGEST_TEXT = 2_000_000_000, 50_000_000
 
 
 def shown_path(path: str | Path) -> str:
@@ -73,6 +75,16 @@ def is_file(path: str | Path) -> bool:
     return os.path.isfile(path)  # a Path raises for some of those
 
 
+def check_size(path: str | Path, most: int = _LARGEST_FILE) -> None:
+    """Raise InputError for a file of more bytes than are read."""
+    size = os.path.getsize(path)
+    if size > most:
+        raise InputError(
+            f"{shown_path(path)}: has {size / 1e6:,.0f} MB, expected at most {most / 1e6:,.0f} MB: "
+            "only what is needed"
+        )
+
+
 def read_text(path: str | Path, expected: str) -> str:
     """Text of a file in UTF-8; a mark that editors put at its begin is left out.
 
@@ -87,6 +99,7 @@ def read_text(path: str | Path, expected: str) -> str:
     if not is_file(path):
         raise InputError(f"{name}: no such file, expected {expected}")
     try:
+        check_size(path, _LARGEST_TEXT)
         content = Path(path).read_bytes()
         return content.decode("utf-8-sig")
     except UnicodeDecodeError as error:

@@ -8,12 +8,16 @@ import sys
 import time
 from typing import TextIO
 
-__all__ = ["LAUNCHED", "Progress", "is_terminal", "loudness", "set_loudness"]
+__all__ = ["LAUNCHED", "Progress", "is_terminal", "loudness", "reading", "set_loudness"]
 
 #: Where launchers say the rank, before MPI itself is started.
 LAUNCHED = ("OMPI_COMM_WORLD_RANK", "PMIX_RANK", "PMI_RANK")
 
 _loudness = "normal"
+#: Those that are open in this process, the innermost last.
+_contexts: list[Progress] = []
+#: Bytes of a file from which on it is said that it is read, and how far.
+_LARGE = 20_000_000
 
 
 def loudness() -> str:
@@ -25,6 +29,19 @@ def set_loudness(value: str) -> None:
     """Say how much is said in this process from now on; see `loudness`."""
     global _loudness
     _loudness = value
+
+
+def reading(name: str, size: int, total: int | None = None) -> Progress:
+    """Begin a step of the command that runs, if there is one, where a file is large.
+
+    Args:
+        name: Of the file.
+        size: Its bytes.
+        total: How many calls of `Progress.advance` it takes, if known.
+    """
+    progress = _contexts[-1] if _contexts and size > _LARGE else Progress(silent=True)
+    progress.step(f"reading {name}, {size / 1e6:.0f} MB", total)
+    return progress
 
 
 def is_terminal(stream: TextIO) -> bool:
@@ -67,6 +84,7 @@ class Progress:
         self._done, self._text, self._said = 0, "", 0.0
 
     def __enter__(self) -> Progress:
+        _contexts.append(self)
         self._open = not self._silent
         self._entered = time.monotonic()
         if self._open and not self._verbose and is_terminal(self._stream):
@@ -75,6 +93,7 @@ class Progress:
         return self
 
     def __exit__(self, kind, value, trace) -> None:
+        _contexts.remove(self)
         if self._live is not None:
             if kind is None:
                 self._finish()

@@ -170,8 +170,9 @@ def _identified(case: Case, section: FRFSection) -> TestData:
 
     test, identify = case.test, section.identify
     found = identify_modes(
-        case._frfs, near=identify.near, order=identify.order, max_damping=identify.max_damping
-    )
+        case._frfs, near=identify.near, order=identify.order, max_damping=identify.max_damping,
+        exponential_window=identify.exponential_window,
+    )  # fmt: skip
     noise = _per_mode("noise", test.noise, len(found.frequencies_hz))
     data = found.test_data(
         test.modes, 1.0 if section.at is None else section.at, test.condition or "row", noise=noise

@@ -123,11 +123,14 @@ class FRFSection(Section):
         """``[test.frfs.identify]``: modes from the functions, in place of ``frequencies``.
 
         ``near`` is about where they are, one for each mode; by default what is stable.
+        ``exponential_window`` is the time in which that of the analyser falls to 1/e, if it had
+        one: the damping that it adds is taken away.
         """
 
         near: list[quantity("Hz", 0, above=True)] | None = None
         order: Annotated[int, Field(ge=1, le=1000, strict=True)] = 30
         max_damping: Positive = 0.1
+        exponential_window: quantity("s", 0, above=True) | None = None
 
     files: Files
     kind: Literal["receptance", "mobility", "accelerance"] | None = None

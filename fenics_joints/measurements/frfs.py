@@ -192,21 +192,17 @@ class MeasuredFRFs:
 
         The sign is -1 where the two directions oppose each other.
         """
-        found = []
-        for i, j in np.argwhere(self.measured):
-            sign = self._same_dof(i, j)
-            if sign:
-                found.append((int(i), int(j), sign))
-        return found
+        there = self.measured
+        return [pair for pair in self.same_dofs() if there[pair[:2]]]
 
-    def _same_dof(self, i: int, j: int) -> int:
+    def same_dofs(self) -> list[tuple[int, int, int]]:
+        """The same of all pairs, whether they were measured or not."""
         points = np.vstack([self.response_points, self.reference_points])
         extent = float(np.ptp(points, axis=0).max()) or 1.0
-        apart = np.linalg.norm(self.response_points[i] - self.reference_points[j])
-        cosine = float(self.response_directions[i] @ self.reference_directions[j])
-        if apart > _SAME_POINT * extent or abs(cosine) < 1 - 1e-6:
-            return 0
-        return 1 if cosine > 0 else -1
+        apart = np.linalg.norm(self.response_points[:, None] - self.reference_points, axis=2)
+        cosine = self.response_directions @ self.reference_directions.T
+        same = (apart <= _SAME_POINT * extent) & (np.abs(cosine) >= 1 - 1e-6)
+        return [(int(i), int(j), 1 if cosine[i, j] > 0 else -1) for i, j in np.argwhere(same)]
 
     # -- parts and forms of it ---------------------------------------------------------------------
 
@@ -280,10 +276,10 @@ class MeasuredFRFs:
     def reciprocity(self) -> Reciprocity:
         """Compare all pairs that were measured both ways: force here, response there."""
         there = self.measured
-        at = {}  # reference -> (response at the same place, sign)
-        for j in range(there.shape[1]):
-            same = [(i, self._same_dof(i, j)) for i in range(there.shape[0])]
-            at[j] = next(((i, sign) for i, sign in same if sign), None)
+        # reference -> (response at the same place, sign)
+        at = dict.fromkeys(range(there.shape[1]))
+        for i, j, sign in self.same_dofs():
+            at[j] = at[j] or (i, sign)
         names, one, other = [], [], []
         for a in range(there.shape[1]):
             for b in range(a + 1, there.shape[1]):

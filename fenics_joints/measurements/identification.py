@@ -1,8 +1,9 @@
 """Modes of a structure from its measured frequency response functions.
 
 Poles are estimated by the least-squares complex frequency method (LSCF) of sdypy-EMA over rising
-orders of the model. Those that stay are the modes; they are refined by non-linear least squares on
-the functions, which takes away the bias that the method has under noise, and gives a covariance.
+orders of the model. Those that stay are where non-linear least squares on all functions starts,
+with residues of rank one, which takes away the bias that the method has under noise, and gives a
+covariance. Modes that the method lost, as close or repeated ones, are in what that fit leaves.
 """
 
 from __future__ import annotations
@@ -16,8 +17,9 @@ import numpy as np
 from fenics_joints.errors import InputError, real, reals, wanted, whole
 from fenics_joints.measurements.data import TestData
 from fenics_joints.measurements.frfs import MeasuredFRFs
-from fenics_joints.measurements.poles import PoleFit, fit_poles
-from fenics_joints.measurements.shapes import ShapeFit
+from fenics_joints.measurements.poles import Functions, ModeFit
+from fenics_joints.measurements.selection import select_modes
+from fenics_joints.measurements.shapes import Links
 from fenics_joints.response.units import KINDS
 
 __all__ = ["IdentifiedModes", "Poles", "identify_modes"]
@@ -30,9 +32,6 @@ _STABLE_F, _STABLE_DAMPING = 2e-3, 0.1
 _STAYS = 0.4
 #: Draws of the residues, from which the shapes' deviations are known to 9 %.
 _DRAWS = 64
-#: Standard deviation of the damping, relative, above which a pole that nobody asked for is noise.
-_DOUBTFUL = 0.5
-
 #: Phase collinearity below which a mode is doubtful.
 _MIXED = 0.8
 
@@ -78,10 +77,11 @@ class IdentifiedModes:
         phase_collinearity: 1 for a real mode, towards 0 for a complex one, shape (m,).
         mass_normalised: Whether the scale of the shapes is that of the modal mass.
         scatter: Standard deviation of the stable poles' frequency over the orders, relative, and
-            that of their damping, relative, shape (m, 2).
+            that of their damping, relative, shape (m, 2); nan where none is stable.
         residual: Root mean square of measured minus fitted, relative to measured.
         poles: All poles of all orders.
         frfs: The functions, in the band; forces and responses may be exchanged.
+        notes: What is doubtful, in sentences.
     """
 
     frequencies_hz: np.ndarray
@@ -97,6 +97,7 @@ class IdentifiedModes:
     residual: float
     poles: Poles
     frfs: MeasuredFRFs
+    notes: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
         low, high = self.frequencies_hz.min(), self.frequencies_hz.max()
@@ -111,11 +112,9 @@ class IdentifiedModes:
             )
         ]  # fmt: skip
         head = f"{len(rows)} modes, residual {100 * self.residual:.2g} %"
-        doubts = [
-            f"{self.frequencies_hz[i]:.6g} Hz: far from a real shape; two close modes may be in it"
-            for i in np.flatnonzero(self.phase_collinearity < _MIXED)
-        ]
-        return "\n".join([head, "   frequency, damping ratio, phase collinearity", *rows, *doubts])
+        return "\n".join(
+            [head, "   frequency, damping ratio, phase collinearity", *rows, *self.notes]
+        )
 
     def test_data(
         self,
@@ -149,7 +148,7 @@ class IdentifiedModes:
             noise=np.hypot(self.frequencies_sd / self.frequencies_hz, noise),
             sensors=self.frfs.sensors(), shapes=self.shapes,
             damping_noise=float(np.sqrt(np.mean((self.damping_sd / self.damping) ** 2))),
-            shape_noise=float(np.sqrt(np.nanmean((self.shapes_sd / rms) ** 2))),
+            shape_noise=float(np.sqrt(np.nanmean((self.shapes_sd / rms) ** 2))), notes=self.notes,
         )  # fmt: skip
 
 
@@ -160,11 +159,13 @@ def identify_modes(
     band: tuple[float, float] | None = None,
     order: int = 30,
     max_damping: float = 0.1,
+    exponential_window: float | None = None,
 ) -> IdentifiedModes:
     """Identify the modes in a band.
 
     Where forces stood at more places than sensors, as with a roving hammer, the shapes are those at
-    the forces, by reciprocity (H_ij = H_ji): ``frfs`` of the result has the two exchanged.
+    the forces, by reciprocity (H_ij = H_ji): ``frfs`` of the result has the two exchanged. A pair
+    of modes at one frequency is told apart by two references or more, never by one.
 
     Args:
         frfs: Measured functions; evenly spaced lines.
@@ -173,43 +174,54 @@ def identify_modes(
         band: Hz, that of the data by default.
         order: Highest number of modes of a model; a few times that of the modes in the band.
         max_damping: Ratio above which a pole is none of a mode.
+        exponential_window: Time, s, in which the analyser's exponential window falls to 1/e; the
+            damping that it adds, 1 / (2 pi f time), is taken away. By default there was none.
 
     Raises:
-        InputError: If sdypy-EMA is missing, the lines are unevenly spaced or too few, or no pole
-            is stable or none near an asked frequency.
+        InputError: If sdypy-EMA is missing, the lines are unevenly spaced or too few, no pole is
+            stable or none near an asked frequency, functions have nothing in common, or the
+            window has more damping than the modes.
     """
     if not isinstance(frfs, MeasuredFRFs):
         raise wanted("frfs", frfs, "MeasuredFRFs, as read_frfs gives them")
     whole("order", order, 2)
     real("max_damping", max_damping, above=0.0, most=1.0)
+    if exponential_window is not None:
+        real("exponential_window", exponential_window, "s", above=0.0)
     if near is not None and not len(reals("near", near, (None,), "Hz", above=0.0)):
         raise wanted("near", near, "the frequency of a mode at least, or None")
     low, high = (0.0, np.inf) if band is None else reals("band", band, (2,), "Hz", least=0.0)
     data = frfs.band(max(low, np.nextafter(0.0, 1.0)), high)
+    used = np.flatnonzero(data.measured.any(axis=0))
+    data = data.select(references=[data.reference_names[j] for j in used])
     if data.values.shape[2] > data.values.shape[1]:
         data = _exchanged(data)
-    measured = data.values[:, data.measured].T
-    if not measured.any(axis=1).all():
-        i, j = np.argwhere(data.measured)[np.argmin(measured.any(axis=1))]
+    rows, columns = np.nonzero(data.measured)
+    values = data.values[:, rows, columns]
+    if not values.any(axis=0).all():
+        k = int(np.argmin(values.any(axis=0)))
         raise InputError(
-            f"the function of {data.response_names[i]} by {data.reference_names[j]} is zero in the "
-            "band; expected a measured one"
+            f"the function of {data.response_names[rows[k]]} by "
+            f"{data.reference_names[columns[k]]} is zero in the band; expected a measured one"
         )
-    orders = _lscf(data, measured, order)
-    poles = _diagram(orders, data, max_damping)
+    links = Links(data)
+    functions = Functions(
+        data.frequencies_hz, values, rows, columns, KINDS[data.kind], links.columns,
+        data.values.shape[1],
+    )  # fmt: skip
+    poles = _diagram(_lscf(data, values.T, order), data, max_damping)
     groups = _groups(poles, order)
-    groups = groups if near is None else _nearest(groups, poles, near, order)
-    if not groups:
+    start = np.array([_pole(*_median(poles, group)) for group in groups])
+    fit, notes = select_modes(functions, start, max_damping, data.response_names)
+    inside = np.zeros(0, dtype=int) if fit is None else _inside(fit, data)
+    if not len(inside):
         raise InputError(
             f"no pole is stable between {data.frequencies_hz[0]:g} and {data.frequencies_hz[-1]:g} "
             f"Hz in models of up to {order} modes, damped below {max_damping:g}; expected another "
             "band, order or max_damping, or better data"
         )
-    start = np.array([_pole(*_median(poles, group)) for group in groups])
-    fit = fit_poles(data.frequencies_hz, measured, start, KINDS[data.kind])
-    if near is None:
-        groups, fit = _without_doubtful(groups, fit, data, measured)
-    return _modes(data, measured, fit, poles, groups)
+    chosen = inside if near is None else inside[_nearest(fit.frequencies_hz[inside], near)]
+    return _modes(data, links, fit, poles, chosen, notes, exponential_window)
 
 
 def _exchanged(data: MeasuredFRFs) -> MeasuredFRFs:
@@ -313,19 +325,25 @@ def _apart(part: np.ndarray, orders: np.ndarray, least: float) -> list[np.ndarra
     return [part]
 
 
-def _nearest(groups, poles: Poles, near: Sequence[float], order: int) -> list[np.ndarray]:
+def _inside(fit: ModeFit, data: MeasuredFRFs) -> np.ndarray:
+    """Index of modes in the band, ascending."""
+    order, (low, high) = np.argsort(fit.frequencies_hz), data.frequencies_hz[[0, -1]]
+    return np.array([i for i in order if low <= fit.frequencies_hz[i] <= high], dtype=int)
+
+
+def _nearest(at: np.ndarray, near: Sequence[float]) -> list[int]:
+    """Index of the mode nearest to each frequency, ascending."""
     found = []
-    at = np.array([_median(poles, group)[0] for group in groups])
     for f in near:
-        i = int(np.argmin(np.abs(at - f))) if len(at) else -1
-        if i < 0 or abs(at[i] - f) > 0.05 * f or any(groups[i] is g for g in found):
-            there = ", ".join(f"{x:.5g}" for x in at) or "none"
+        i = int(np.argmin(np.abs(at - f)))
+        if abs(at[i] - f) > 0.05 * f or i in found:
+            there = ", ".join(f"{x:.5g}" for x in at)
             raise InputError(
-                f"near = {f:g} Hz: expected a stable pole of its own within 5 %; in models of up "
-                f"to {order} modes they are at {there} Hz"
+                f"near = {f:g} Hz: expected a stable pole of its own within 5 %; those of the "
+                f"functions are at {there} Hz"
             )
-        found.append(groups[i])
-    return sorted(found, key=lambda group: _median(poles, group)[0])
+        found.append(i)
+    return sorted(found)
 
 
 def _median(poles: Poles, group: np.ndarray) -> tuple[float, float]:
@@ -336,44 +354,58 @@ def _pole(f: float, damping: float) -> complex:
     return 2 * np.pi * f * (-damping + 1j * np.sqrt(1 - damping**2))
 
 
-def _without_doubtful(groups, fit: PoleFit, data: MeasuredFRFs, measured: np.ndarray):
-    """Leave out poles of which the data do not know the damping, and fit the others again."""
-    sure = fit.damping_sd < _DOUBTFUL * fit.damping
-    if sure.all():
-        return groups, fit
-    if not sure.any():
-        raise InputError(
-            "no pole has a damping that the data determine; expected another band, or better data"
-        )
-    groups = [group for group, kept in zip(groups, sure, strict=True) if kept]
-    return groups, fit_poles(data.frequencies_hz, measured, fit.poles[sure], KINDS[data.kind])
+# -- the result ------------------------------------------------------------------------------------
 
 
-# -- shapes ----------------------------------------------------------------------------------------
-
-
-def _modes(data, measured, fit: PoleFit, poles: Poles, groups) -> IdentifiedModes:
-    order = np.argsort(fit.frequencies_hz)
-    found = [ShapeFit(data, fit, r) for r in order]
-    shapes = np.column_stack([shape.value for shape in found])
-    normalised = all(shape.scale > 0 for shape in found)
-    scale = np.array([shape.scale for shape in found])
-    if not normalised:
-        scale = 1 / np.nanmax(np.abs(shapes.real), axis=0)
-    draws = fit.draws(_DRAWS)
-    spread = np.column_stack([
-        shape.spread(draws[:, :, r], normalised) for shape, r in zip(found, order, strict=True)
-    ])  # fmt: skip
-    rows = ~np.isnan(shapes[:, 0])
+def _modes(data, links, fit: ModeFit, poles: Poles, chosen, notes, window) -> IdentifiedModes:
+    found = links.shapes(fit.responses, fit.references, fit.poles)
+    shapes, factor = (x[..., chosen] for x in found)
+    normalised = links.scaled and not np.isnan(factor).any()
+    largest = np.nanargmax(np.abs(shapes.real), axis=0), np.arange(len(chosen))
+    shapes = shapes * np.sign(shapes.real[largest])
+    scale = factor if normalised else 1 / shapes.real[largest]
+    drawn, factors = (x[..., chosen] for x in links.shapes(*fit.draws(_DRAWS), fit.poles))
+    turned = drawn.real * np.sign(np.nansum(drawn.real * shapes.real, axis=-2, keepdims=True))
+    scales = factors if normalised else 1 / turned[(slice(None), *largest)]
+    rows = ~np.isnan(shapes).any(axis=1)
+    spread = np.full(shapes.shape, np.nan)
+    spread[rows] = np.nanstd((turned * scales[:, None, :])[:, rows], axis=0)
     real, imag = shapes.real[rows], shapes.imag[rows]
     xx, yy, xy = (real**2).sum(0), (imag**2).sum(0), (real * imag).sum(0)
-    scatter = np.array([
-        (np.std(poles.frequencies_hz[g]) / f, np.std(poles.damping[g]) / z)
-        for g, f, z in zip(groups, fit.frequencies_hz, fit.damping, strict=True)
-    ])  # fmt: skip
+    decay = 0.0 if window is None else 1 / window
+    damping = fit.damping[chosen] - decay / np.abs(fit.poles[chosen])
+    if (damping <= 0).any():
+        r = int(np.argmin(damping))
+        raise InputError(
+            f"exponential_window = {window:g} s: takes more damping away than was measured, "
+            f"{100 * fit.damping[chosen][r]:.3g} % at {fit.frequencies_hz[chosen][r]:.5g} Hz; "
+            "expected the time in which the window falls to 1/e"
+        )
+    collinearity = ((xx - yy) ** 2 + 4 * xy**2) / (xx + yy) ** 2
+    notes = [*notes, *_doubts(fit.frequencies_hz[chosen], fit.frequencies_sd[chosen], collinearity)]
     return IdentifiedModes(
-        fit.frequencies_hz[order], fit.damping[order], fit.frequencies_sd[order],
-        fit.damping_sd[order], scale * shapes.real, spread, scale * shapes,
-        ((xx - yy) ** 2 + 4 * xy**2) / (xx + yy) ** 2, normalised, scatter[order],
-        fit.residual, poles, data,
+        fit.frequencies_hz[chosen], damping, fit.frequencies_sd[chosen], fit.damping_sd[chosen],
+        scale * shapes.real, spread, scale * shapes, collinearity,
+        normalised, _scatter(poles, fit, chosen), fit.residual, poles, data, tuple(notes),
     )  # fmt: skip
+
+
+def _doubts(f: np.ndarray, sd: np.ndarray, collinearity: np.ndarray) -> list[str]:
+    close = np.flatnonzero(np.diff(f) < 2 * np.hypot(sd[1:], sd[:-1]))
+    return [
+        f"{f[i]:.6g} Hz: far from a real shape; two close modes may be in it"
+        for i in np.flatnonzero(collinearity < _MIXED)
+    ] + [
+        f"{f[i]:.6g} and {f[i + 1]:.6g} Hz: two modes as good as at one frequency; their shapes "
+        "may be any mix of the two"
+        for i in close
+    ]
+
+
+def _scatter(poles: Poles, fit: ModeFit, chosen: np.ndarray) -> np.ndarray:
+    found = []
+    for f, z in zip(fit.frequencies_hz[chosen], fit.damping[chosen], strict=True):
+        near = poles.stable & (np.abs(poles.frequencies_hz - f) < _STABLE_F * f)
+        parts = poles.frequencies_hz[near] / f, poles.damping[near] / z
+        found.append([np.std(part) if near.any() else np.nan for part in parts])
+    return np.array(found)

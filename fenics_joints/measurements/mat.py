@@ -10,6 +10,7 @@ import numpy as np
 import scipy.io
 
 from fenics_joints.errors import InputError, located
+from fenics_joints.files import check_size
 from fenics_joints.measurements.records import (
     CoherenceRecord,
     Contents,
@@ -19,6 +20,7 @@ from fenics_joints.measurements.records import (
     as_dof,
     node_label,
 )
+from fenics_joints.progress import reading
 from fenics_joints.response.units import MOTION, frf_unit, length_factor
 
 __all__ = ["KEYS", "read_mat"]
@@ -84,6 +86,8 @@ class _Variables:
         if unknown:
             raise InputError(f"keys.{unknown[0]}: expected one of {', '.join(KEYS)}")
         self.path, self.keys = path, said.keys
+        check_size(path)
+        reading(path.name, path.stat().st_size)
         listed = _scipy(path, scipy.io.whosmat)
         shapes = {name: shape for name, shape, _ in listed}
         kinds = {name: kind for name, _, kind in listed}

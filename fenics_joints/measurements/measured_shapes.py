@@ -108,7 +108,7 @@ def _in_order(cost: np.ndarray) -> np.ndarray | None:
 def read_shapes(
     paths: str | Path | Sequence[str | Path], *, length_unit: str | None = None
 ) -> MeasuredShapes:
-    """Read the modes of universal files: datasets 55 with 15, 2411, 18, 2420, 164 and 82.
+    """Read the modes of universal files: datasets 55 or 2414 with 15, 2411, 18, 2420, 164 and 82.
 
     A direction in which no mode moves was not measured. Complex shapes are turned until they are
     as real as they get, and their real part is taken.

@@ -1,42 +1,98 @@
-"""Poles that fit measured functions best, and how well the functions know them."""
+"""Poles and residues of rank one that fit measured functions best, and how well these know them."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-__all__ = ["PoleFit", "fit_poles"]
+__all__ = [
+    "Functions", "ModeFit", "fit_modes", "fitted", "free_residues", "rank_one", "smooth",
+]  # fmt: skip
 
-_STEPS = 30
+_SWEEPS, _STEPS = 3, 30
+#: Lines over which the noise of a function is taken to be of one size.
+_WINDOW = 9
+#: Numbers of one batch of rows, 80 MB.
+_BATCH = 10_000_000
+#: Least noise, relative to the root mean square of a function: far below that of any test.
+_LEAST = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
-class PoleFit:
-    """Poles of functions H_k = (i w)^q (sum_r A_kr / (i w - p_r) + conj. + U_k - L_k / w^2).
+class Functions:
+    """Measured functions one by one, K of them.
+
+    Attributes:
+        f: Hz, shape (n,).
+        values: Shape (n, K).
+        rows: Index of the response of each, shape (K,).
+        columns: Index of its reference, shape (K,).
+        power: 0 for receptances, 1 for mobilities, 2 for accelerances.
+        components: Of each reference, which others it shares sensors with, by a number, (n_refs,).
+        n_rows: Number of responses.
+    """
+
+    f: np.ndarray
+    values: np.ndarray
+    rows: np.ndarray
+    columns: np.ndarray
+    power: int
+    components: np.ndarray
+    n_rows: int
+
+    def of_row(self, row: int) -> Functions:
+        """Those of one response."""
+        kept = self.rows == row
+        return replace(self, values=self.values[:, kept], columns=self.columns[kept],
+                       rows=np.zeros(kept.sum(), dtype=int), n_rows=1)  # fmt: skip
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Numbers of responses and references."""
+        return self.n_rows, len(self.components)
+
+    def matrix(self, values: np.ndarray) -> np.ndarray:
+        """Values of each function, (..., K), as a matrix of responses and references; 0 for none.
+        """
+        found = np.zeros((*values.shape[:-1], *self.shape), dtype=values.dtype)
+        found[..., self.rows, self.columns] = values
+        return found
+
+
+@dataclass(frozen=True, eq=False)
+class ModeFit:
+    """Modes of functions (i w)^q (sum_r a_ir b_jr / (i w - p_r) + conj. + U_ij - L_ij / w^2).
+
+    The deviations of a mode are widened by what the fit leaves near it, and by how that is
+    correlated from line to line.
 
     Attributes:
         poles: rad/s, shape (m,).
+        responses: a, shape (n_responses, m).
+        references: b, shape (n_references, m), of unit length among those that share sensors.
         frequencies_sd: Hz, shape (m,).
         damping_sd: Of the ratios, shape (m,).
-        covariance: Of all real parts and then all imaginary parts of the poles, shape (2 m, 2 m).
-        residues: Of the receptance, A_kr, shape (n_functions, m).
-        residues_sd: Standard deviation of their real or imaginary part at given poles, the same.
-        residues_slopes: How they follow those parts of the poles, shape (n_functions, m, 2 m).
-        residual: Root mean square of measured minus fitted, relative to measured.
+        rest: Measured minus fitted, shape (n, K).
+        residual: Its root mean square, relative to measured.
+        covariance: Of Re p, Im p, Re b, Im b, shape (2 m + 2 m n_references,) squared.
+        own: Covariance of Re a, Im a at given poles and references, (n_responses, 2 m, 2 m).
+        slopes: How Re a, Im a follow those, shape (n_responses, 2 m, 2 m + 2 m n_references).
     """
 
     poles: np.ndarray
+    responses: np.ndarray
+    references: np.ndarray
     frequencies_sd: np.ndarray
     damping_sd: np.ndarray
-    covariance: np.ndarray
-    residues: np.ndarray
-    residues_sd: np.ndarray
-    residues_slopes: np.ndarray
+    rest: np.ndarray
     residual: float
+    covariance: np.ndarray
+    own: np.ndarray
+    slopes: np.ndarray
 
     def __repr__(self) -> str:
-        return f"PoleFit({len(self.poles)} poles, residual {self.residual:.2g})"
+        return f"ModeFit({len(self.poles)} poles, residual {self.residual:.2g})"
 
     @property
     def frequencies_hz(self) -> np.ndarray:
@@ -48,144 +104,374 @@ class PoleFit:
         """-Re p / |p|."""
         return -self.poles.real / np.abs(self.poles)
 
-    def draws(self, n: int, seed: int = 0) -> np.ndarray:
-        """Residues as they might be as well, shape (n, n_functions, m)."""
-        rng = np.random.default_rng(seed)
-        values, vectors = np.linalg.eigh(self.covariance)
-        parts = rng.normal(size=(n, len(values))) * np.sqrt(np.maximum(values, 0)) @ vectors.T
-        shape = (n, *self.residues.shape)
-        own = self.residues_sd * (rng.normal(size=shape) + 1j * rng.normal(size=shape))
-        return self.residues + own + np.einsum("krp,np->nkr", self.residues_slopes, parts)
+    def draws(self, n: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
+        """Responses and references as they might be as well, (n, n_responses, m) and the like."""
+        rng, m = np.random.default_rng(seed), len(self.poles)
+        parts = rng.normal(size=(n, len(self.covariance))) @ _root(self.covariance).T
+        own = np.einsum("iab,nib->nia", _root(self.own),
+                        rng.normal(size=(n, *self.slopes.shape[:2])))  # fmt: skip
+        moved = own + np.einsum("iap,np->nia", self.slopes, parts)
+        b = parts[:, 2 * m :].reshape(n, 2, *self.references.shape)
+        return (
+            self.responses + moved[..., :m] + 1j * moved[..., m:],
+            self.references + b[:, 0] + 1j * b[:, 1],
+        )
 
 
-def fit_poles(f: np.ndarray, measured: np.ndarray, start: np.ndarray, power: int) -> PoleFit:
+def _root(covariance: np.ndarray) -> np.ndarray:
+    values, vectors = np.linalg.eigh(covariance)
+    return vectors * np.sqrt(np.maximum(values, 0.0))[..., None, :]
+
+
+def smooth(values: np.ndarray, lines: int = _WINDOW) -> np.ndarray:
+    """Mean over neighbouring lines, along the first axis; the window shrinks at the ends."""
+    n, half = len(values), lines // 2
+    total = np.concatenate([np.zeros((1, *values.shape[1:])), np.cumsum(values, axis=0)])
+    at = np.arange(n)
+    low, high = np.maximum(at - half, 0), np.minimum(at + half + 1, n)
+    return (total[high] - total[low]) / (high - low).reshape(-1, *[1] * (values.ndim - 1))
+
+
+def fit_modes(
+    functions: Functions,
+    poles: np.ndarray,
+    references: np.ndarray | None = None,
+    *,
+    fixed: bool = False,
+    room: np.ndarray | None = None,
+) -> ModeFit:
     """Non-linear least squares on functions, started at poles nearby.
 
-    Residues and the residuals of modes out of the band are linear in the functions and are
-    projected out (variable projection; Golub and Pereyra, SIAM J. Numer. Anal. 10, 1973); each
-    function has the weight of its own misfit.
+    Residues are of rank one over responses and references. Responses and the residuals of modes
+    out of the band are linear in the functions and are projected out (variable projection; Golub
+    and Pereyra, SIAM J. Numer. Anal. 10, 1973). The weights are those of the misfit of each
+    function, and of the noise of all over frequency.
 
     Args:
-        f: Hz, shape (n,).
-        measured: Functions, shape (n_functions, n).
-        start: Poles, rad/s, shape (m,).
-        power: 0 for receptances, 1 for mobilities, 2 for accelerances.
+        functions: The functions.
+        poles: rad/s, shape (m,).
+        references: Where to start, shape (n_references, m); by default by the residues of each
+            function.
+        fixed: Whether the references stay.
+        room: Standard deviation of the poles about those at the start, where these are known
+            before, rad/s, shape (m,).
     """
-    y = np.hstack([measured.real, measured.imag]).T
-    # Tiny against any noise, so that data without noise have a weight too.
-    least = 1e-10 * np.sqrt((y**2).mean(axis=0))
-    poles = np.array(start, dtype=complex)
-    state = _Linear(f, y, poles, power)
-    for _ in range(_STEPS):
-        sigma = np.hypot(state.sigma, least)
-        step = _step(state, sigma)
-        before = ((state.rest / sigma) ** 2).sum()
-        for _ in range(8):
-            trial = _Linear(f, y, poles + step, power)
-            if ((trial.rest / sigma) ** 2).sum() <= before:
+    poles = np.array(poles, dtype=complex)
+    prior = None if room is None else (poles, 1 / room**2)
+    rest, residues = free_residues(functions, poles)
+    if references is None:
+        references = rank_one(functions, residues)
+    size = np.sqrt((np.abs(functions.values) ** 2).mean(axis=0))
+    for _ in range(_SWEEPS):
+        noise = _noise(rest, _LEAST * size)
+        state = _State(functions, noise, poles, _normalised(functions, references), prior)
+        for _ in range(_STEPS):
+            step, parts = state.step(fixed)
+            for _ in range(8):
+                moved = _normalised(functions, state.references + parts)
+                trial = _State(functions, noise, state.poles + step, moved, prior)
+                if trial.cost <= state.cost:
+                    break
+                step, parts = step / 2, parts / 2
+            else:
                 break
-            step = step / 2
+            gain, state = state.cost - trial.cost, trial
+            if np.abs(step / state.poles).max() < 1e-10 or gain < 1e-7 * state.cost:
+                break
+        poles, references, rest = state.poles, state.references, state.rest
+    return _result(state)
+
+
+def _noise(rest: np.ndarray, least: np.ndarray) -> np.ndarray:
+    """Size of the noise of each function at each line, the product of two parts, shape (n, K).
+
+    That over lines is by second differences, which have little of what is smooth and was not
+    fitted; that of a function is by all of its misfit.
+    """
+    of_function = np.hypot(np.sqrt((np.abs(rest) ** 2).mean(axis=0)), least)
+    rough = np.zeros(len(rest))
+    rough[1:-1] = (np.abs(np.diff(rest / of_function, 2, axis=0)) ** 2).mean(axis=1) / 6
+    rough[[0, -1]] = rough[[1, -2]]
+    over = smooth(rough)
+    over = np.sqrt(np.maximum(over, 1e-6 * over.mean() + 1e-300))
+    return of_function * over[:, None]
+
+
+def _basis(functions: Functions, poles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Columns, (n, 4 m), complex, for Re and Im of residues and of slopes by poles; and (n, 4)."""
+    s = 2j * np.pi * functions.f[:, None]
+    factor = s**functions.power
+    columns = []
+    for power in (1, 2):
+        one, two = factor / (s - poles) ** power, factor / (s - poles.conj()) ** power
+        columns += [one + two, 1j * (one - two)]
+    smooth_part = np.hstack([factor * np.ones_like(s), factor / s**2])
+    return np.hstack(columns), np.hstack([smooth_part, 1j * smooth_part])
+
+
+def fitted(functions: Functions, fit: ModeFit) -> np.ndarray:
+    """What modes make of functions, without the rest out of the band, shape (n, K)."""
+    m = len(fit.poles)
+    columns = _basis(functions, fit.poles)[0]
+    residues = fit.responses[functions.rows] * fit.references[functions.columns]
+    return columns[:, :m] @ residues.real.T + columns[:, m : 2 * m] @ residues.imag.T
+
+
+def _stacked(values: np.ndarray) -> np.ndarray:
+    return np.concatenate([values.real, values.imag])
+
+
+def free_residues(functions: Functions, poles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """What is left, (n, K), and residues, (K, m), where these may be any."""
+    columns, out = _basis(functions, poles)
+    m = len(poles)
+    basis = _stacked(np.hstack([columns[:, : 2 * m], out]))
+    scale = np.linalg.norm(basis, axis=0)
+    y = _stacked(functions.values)
+    x = np.linalg.lstsq(basis / scale, y, rcond=1e-12)[0]
+    rest = y - basis / scale @ x
+    x = x / scale[:, None]
+    n = len(functions.f)
+    return rest[:n] + 1j * rest[n:], (x[:m] + 1j * x[m : 2 * m]).T
+
+
+def rank_one(functions: Functions, residues: np.ndarray, weights=None) -> np.ndarray:
+    """References of residues, (K, m), by a chain of the strongest and then least squares."""
+    if functions.shape[1] == 1:
+        return np.ones((1, residues.shape[1]), dtype=complex)
+    there = functions.matrix(np.ones(len(residues)) if weights is None else weights)
+    found = np.empty((functions.shape[1], residues.shape[1]), dtype=complex)
+    for r, mode in enumerate(residues.T):
+        A = functions.matrix(mode)
+        b = _chained(A * np.sqrt(there), there > 0) if (there > 0).any() else np.ones(len(found))
+        for _ in range(50):
+            a = _solve(there, A, b)
+            b, before = _solve(there.T, A.T, a), b
+            if np.linalg.norm(b - before) <= 1e-6 * np.linalg.norm(b):
+                break
+        found[:, r] = b
+    return _normalised(functions, found)
+
+
+def _chained(A: np.ndarray, there: np.ndarray) -> np.ndarray:
+    """References by the strongest entries that link each with one before (Prim's tree)."""
+    size = np.where(there, np.abs(A), -1.0)
+    a, b = np.full(len(A), np.nan, dtype=complex), np.full(A.shape[1], np.nan, dtype=complex)
+    while np.isnan(b).any():
+        by_row = np.where(~np.isnan(a)[:, None] & np.isnan(b), size, -1.0)
+        by_column = np.where(np.isnan(a)[:, None] & ~np.isnan(b), size, -1.0)
+        if max(by_row.max(), by_column.max()) < 0:
+            rest = np.where(np.isnan(b), size, -1.0)
+            b[np.unravel_index(np.argmax(rest), A.shape)[1]] = 1.0
+            continue
+        if by_row.max() >= by_column.max():
+            i, j = np.unravel_index(np.argmax(by_row), A.shape)
+            b[j] = A[i, j] / (a[i] or 1e-300)
         else:
-            break
-        state, poles = trial, poles + step
-        if np.abs(step / poles).max() < 1e-10:
-            break
-    return _result(state, np.hypot(state.sigma, least), measured)
+            i, j = np.unravel_index(np.argmax(by_column), A.shape)
+            a[i] = A[i, j] / (b[j] or 1e-300)
+    return np.where(np.isfinite(b), b, 0.0)
 
 
-class _Linear:
-    """The linear least squares at fixed poles."""
+def _solve(weight: np.ndarray, A: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Least-squares a of A = a b^T."""
+    below = weight @ np.abs(b) ** 2
+    return (weight * A) @ b.conj() / np.where(below > 0, below, 1.0)
 
-    def __init__(self, f, y, poles, power):
-        s, self.poles = 2j * np.pi * f[:, None], poles
-        self.factor = s**power
-        self.one, self.two = self.factor / (s - poles), self.factor / (s - poles.conj())
-        rest = [self.factor * np.ones_like(s), self.factor / s**2]
-        columns = [self.one + self.two, 1j * (self.one - self.two), *rest, *(1j * c for c in rest)]
-        basis = np.hstack(columns)
-        basis = np.vstack([basis.real, basis.imag])
-        self.scale = np.linalg.norm(basis, axis=0)
-        self.Q, self.R = np.linalg.qr(basis / self.scale)
-        self.x = np.linalg.solve(self.R, self.Q.T @ y) / self.scale[:, None]
-        self.rest = y - self.Q @ (self.Q.T @ y)
-        self.s = s
+
+def _normalised(functions: Functions, references: np.ndarray) -> np.ndarray:
+    found = references.copy()
+    for component in np.unique(functions.components):
+        at = functions.components == component
+        size = np.linalg.norm(found[at], axis=0)
+        found[at] /= np.where(size > 0, size, 1.0)
+    return found
+
+
+def _times(columns: np.ndarray, c: np.ndarray) -> np.ndarray:
+    """Columns for Re and Im of x, from those of c x; c of shape (..., m)."""
+    m = columns.shape[-1] // 2
+    one, two = columns[:, :m], columns[:, m:]
+    a, b = c.real[..., None, :], c.imag[..., None, :]
+    return np.concatenate([one * a + two * b, two * a - one * b], axis=-1)
+
+
+class _State:
+    """The best responses at given poles, references and noise.
+
+    All that varies at one line lies in the span of 4 m columns, those of residues and of slopes by
+    poles. Functions are projected on it once; the rows are then small problems.
+    """
+
+    def __init__(self, functions: Functions, noise, poles, references, prior=None):
+        self.functions, self.noise, self.prior = functions, noise, prior
+        self.poles, self.references = poles, references
+        # The noise is a product of one of lines and one of functions.
+        over, self.sigma = noise[:, 0] / noise[0, 0], noise[0]
+        columns, out = _basis(functions, poles)
         m = len(poles)
-        self.free = max(len(y) - basis.shape[1] - 2 * m / y.shape[1], 1)
-        #: Standard deviation of a real or imaginary part of each function's values.
-        self.sigma = np.sqrt((self.rest**2).sum(axis=0) / self.free)
-        self.residues = (self.x[:m] + 1j * self.x[m : 2 * m]).T
+        out, columns = (_stacked(part / over[:, None]) for part in (out, columns))
+        out = np.linalg.qr(out / np.linalg.norm(out, axis=0))[0]
+        columns = columns - out @ (out.T @ columns)
+        size = np.linalg.norm(columns, axis=0)
+        q, r = np.linalg.qr(columns / size)
+        r = r * size
+        self.q = q
+        self.by_residue, self.by_slope = r[:, : 2 * m], r[:, 2 * m :]
+        y = _stacked(functions.values / over[:, None])
+        y = y - out @ (out.T @ y)
+        self.z = q.T @ y  # (4 m, K)
+        self.responses = np.empty((functions.shape[0], m), dtype=complex)
+        fitted = np.zeros_like(self.z)
+        for rows, index, blocks, z in self._batches():
+            pinv = np.linalg.pinv(blocks, rcond=1e-11)
+            x = np.einsum("iab,ib->ia", pinv, z)
+            self.responses[rows] = x[:, :m] + 1j * x[:, m:]
+            back = np.einsum("iab,ib->ia", blocks, x).reshape(len(rows), -1, 4 * m)
+            for i, row in enumerate(index):
+                for j, k in row:
+                    fitted[:, k] = back[i, j] * self.sigma[k]
+        left = y - q @ fitted
+        self.cost = float(((left / self.sigma) ** 2).sum())
+        if prior is not None:
+            self.cost += float((np.abs(poles - prior[0]) ** 2 * prior[1]).sum())
+        n = len(over)
+        self.rest = (left[:n] + 1j * left[n:]) * over[:, None]
 
-    def slopes(self) -> tuple[np.ndarray, np.ndarray]:
-        """Change of each function by Re p and Im p at the best residues, and that of these.
+    def _batches(self):
+        """Some rows at a time: their numbers, functions, weighted columns and functions."""
+        functions, m = self.functions, len(self.poles)
+        n_rows, n_columns = functions.shape
+        sigma = np.zeros((n_rows, n_columns))
+        sigma[functions.rows, functions.columns] = 1 / self.sigma
+        width = 4 * m * n_columns
+        for rows in np.array_split(np.arange(n_rows), -(-n_rows * width * 2 * m // _BATCH)):
+            blocks = _times(self.by_residue, self.references)  # (n_columns, 4 m, 2 m)
+            blocks = sigma[rows][:, :, None, None] * blocks
+            z, index = np.zeros((len(rows), n_columns, 4 * m)), []
+            for i, row in enumerate(rows):
+                own = np.flatnonzero(functions.rows == row)
+                index.append([(functions.columns[k], k) for k in own])
+                z[i, functions.columns[own]] = (self.z[:, own] / self.sigma[own]).T
+            yield rows, index, blocks.reshape(len(rows), width, 2 * m), z.reshape(len(rows), width)
 
-        Shapes (n_functions, 2 n, 2 m) and (n_functions, m, 2 m).
+    def normal(self):
+        """Gradient and information of poles and references, how responses follow these, their own
+        covariance, and the slopes of each function by the poles, in units of its noise.
         """
-        a = self.residues[:, None, :]
-        one, two = (
-            a * (self.one / (self.s - self.poles)),
-            a.conj() * (self.two / (self.s - self.poles.conj())),
-        )
-        slopes = np.concatenate([one + two, 1j * (one - two)], axis=2)
-        slopes = np.concatenate([slopes.real, slopes.imag], axis=1)
-        within = self.Q.T @ slopes
-        follow = -np.linalg.solve(self.R, within) / self.scale[:, None]
+        m, n_columns = len(self.poles), self.functions.shape[1]
+        count = 2 * m * (1 + n_columns)
+        gradient, information = np.zeros(count), np.zeros((count, count))
+        follow = np.empty((self.functions.shape[0], 2 * m, count))
+        own = np.empty((self.functions.shape[0], 2 * m, 2 * m))
+        by_poles = np.empty((len(self.sigma), 4 * m, 2 * m))
+        sigma = self.functions.matrix(1 / self.sigma)
+        for rows, index, blocks, z in self._batches():
+            a = self.responses[rows]
+            slopes = np.zeros((len(rows), n_columns, 4 * m, count))
+            residues = a[:, None, :] * self.references
+            slopes[..., : 2 * m] = _times(self.by_slope, residues)
+            by_reference = _times(self.by_residue, a)  # (rows, 4 m, 2 m)
+            for j in range(n_columns):
+                at = 2 * m + j * m + np.arange(m)
+                slopes[:, j, :, at] = by_reference[..., :m].transpose(2, 0, 1)
+                slopes[:, j, :, at + m * n_columns] = by_reference[..., m:].transpose(2, 0, 1)
+            slopes *= sigma[rows][:, :, None, None]
+            slopes = slopes.reshape(len(rows), -1, count)
+            pinv = np.linalg.pinv(blocks, rcond=1e-11)
+            follow[rows] = -pinv @ slopes
+            own[rows] = pinv @ pinv.transpose(0, 2, 1)
+            slopes = slopes + blocks @ follow[rows]
+            for i, row in enumerate(index):
+                for j, k in row:
+                    by_poles[k] = slopes[i, 4 * m * j : 4 * m * (j + 1), : 2 * m]
+            left = z - np.einsum("iab,ib->ia", blocks, np.hstack([a.real, a.imag]))
+            flat = slopes.reshape(-1, count)
+            gradient += flat.T @ left.ravel()
+            information += flat.T @ flat
+        if self.prior is not None:
+            away, weight = self.poles - self.prior[0], self.prior[1]
+            gradient[: 2 * m] -= np.concatenate([away.real * weight, away.imag * weight])
+            information[np.arange(2 * m), np.arange(2 * m)] += np.tile(weight, 2)
+        return gradient, information, follow, own, by_poles
+
+    def unknowns(self) -> np.ndarray:
+        """Index of poles and references, without references that share no sensor with others."""
+        m, components = len(self.poles), self.functions.components
+        shared = (components[:, None] == components).sum(axis=0) > 1
+        return np.flatnonzero(np.concatenate([np.ones(2 * m), np.tile(np.repeat(shared, m), 2)]))
+
+    def step(self, fixed: bool) -> tuple[np.ndarray, np.ndarray]:
+        """Change of the poles and of the references, towards less."""
+        gradient, information, *_ = self.normal()
         m = len(self.poles)
-        return slopes - self.Q @ within, follow[:, :m] + 1j * follow[:, m : 2 * m]
+        used = np.arange(2 * m) if fixed else self.unknowns()
+        inverse = _inverse(information, used)
+        delta = inverse @ gradient
+        step = delta[:m] + 1j * delta[m : 2 * m]
+        b = delta[2 * m :].reshape(2, *self.references.shape)
+        parts = b[0] + 1j * b[1]
+        # No further than half a damping, so that a pole stays on its side and at its peak.
+        most = 0.5 * np.abs(self.poles.real)
+        shorter = max(1.0, float((np.abs(step) / most).max()))
+        return step / shorter, parts / shorter
 
 
-def _information(slopes: np.ndarray, sigma: np.ndarray) -> np.ndarray:
-    weighted = slopes / sigma[:, None, None]
-    return np.einsum("kna,knb->ab", weighted, weighted)
-
-
-def _step(state: _Linear, sigma: np.ndarray) -> np.ndarray:
-    slopes, _ = state.slopes()
-    gradient = np.einsum("kna,nk->a", slopes, state.rest / sigma**2)
-    matrix = _information(slopes, sigma)
-    size = np.sqrt(np.diag(matrix))
+def _inverse(information: np.ndarray, used: np.ndarray) -> np.ndarray:
+    """Inverse for some unknowns, without what nothing is known of; zero for the others."""
+    part = information[np.ix_(used, used)]
+    size = np.sqrt(np.diag(part))
     size[size == 0] = 1.0
-    delta = np.linalg.lstsq(matrix / np.outer(size, size), gradient / size, rcond=1e-12)[0] / size
-    m = len(state.poles)
-    step = delta[:m] + 1j * delta[m:]
-    # No further than half a damping, so that a pole stays on its side and at its peak.
-    most = 0.5 * np.abs(state.poles.real)
-    return step / max(1.0, float((np.abs(step) / most).max()))
+    inverse = np.zeros_like(information)
+    found = np.linalg.pinv(part / np.outer(size, size), rcond=1e-11, hermitian=True)
+    inverse[np.ix_(used, used)] = found / np.outer(size, size)
+    return inverse
 
 
-def _result(state: _Linear, sigma: np.ndarray, measured: np.ndarray) -> PoleFit:
-    poles, m, n = state.poles, len(state.poles), measured.shape[1]
-    colour = _colour(state.rest.reshape(2, n, -1))
-    slopes, follow = state.slopes()
-    covariance = np.linalg.pinv(_information(slopes, sigma * colour), hermitian=True)
-    size = np.abs(poles)
-    # Of |p| and -Re p / |p| by Re p and Im p.
-    by_re, by_im = poles.real / size, poles.imag / size
-    slope_f = np.stack([by_re, by_im]) / (2 * np.pi)
-    slope_z = np.stack([-(poles.imag**2), poles.real * poles.imag]) / size**3
+def _result(state: _State) -> ModeFit:
+    functions, poles, m = state.functions, state.poles, len(state.poles)
+    _, information, follow, own, by_poles = state.normal()
+    wider = _wider(state, by_poles)
+    covariance = _inverse(information, state.unknowns())
+    each = np.tile(wider, len(information) // m)
+    covariance *= np.outer(each, each)
     pairs = [covariance[np.ix_([r, m + r], [r, m + r])] for r in range(m)]
-    inverse = np.linalg.inv(state.R)
-    linear = np.sqrt((inverse**2).sum(axis=1)) / state.scale
-    residues_sd = np.outer(
-        sigma * colour, np.sqrt(0.5 * (linear[:m] ** 2 + linear[m : 2 * m] ** 2))
-    )
-    return PoleFit(
-        poles,
+    length = np.abs(poles)
+    # Of |p| and -Re p / |p| by Re p and Im p.
+    slope_f = np.stack([poles.real / length, poles.imag / length]) / (2 * np.pi)
+    slope_z = np.stack([-(poles.imag**2), poles.real * poles.imag]) / length**3
+    total = np.linalg.norm(functions.values)
+    return ModeFit(
+        poles, state.responses, state.references,
         np.sqrt([slope_f[:, r] @ pairs[r] @ slope_f[:, r] for r in range(m)]),
         np.sqrt([slope_z[:, r] @ pairs[r] @ slope_z[:, r] for r in range(m)]),
-        covariance,
-        state.residues,
-        residues_sd,
-        follow,
-        float(np.linalg.norm(state.rest) / np.linalg.norm(measured)),
-    )
+        state.rest, float(np.linalg.norm(state.rest) / total), covariance,
+        own * np.outer(np.tile(wider, 2), np.tile(wider, 2)), follow,
+    )  # fmt: skip
 
 
-def _colour(rest: np.ndarray) -> np.ndarray:
-    """How many times larger deviations are than for white residuals, of each function.
+def _wider(state: _State, by_poles: np.ndarray) -> np.ndarray:
+    """How many times larger deviations of each mode are than the weights say, shape (m,).
 
-    By their correlation c from line to line: sqrt((1 + c) / (1 - c)), not below 1.
+    By what is left at the lines and functions that tell of its pole, in units of the weights (a
+    real or imaginary part has the variance 1/2 of them), as in the covariance of White
+    (Econometrica 48, 1980); and by the correlation c of that from line to line: sqrt((1 + c) /
+    (1 - c)), not below 1.
     """
-    power = (rest**2).sum(axis=(0, 1))
-    c = (rest[:, 1:] * rest[:, :-1]).sum(axis=(0, 1)) / np.where(power > 0, power, 1.0)
-    c = np.clip(c, 0.0, 1 - 2 / rest.shape[1])
-    return np.sqrt((1 + c) / (1 - c))
+    n, count = state.rest.shape
+    m = len(state.poles)
+    left = np.abs(state.rest / state.noise) ** 2
+    next_ = (state.rest[1:] * state.rest[:-1].conj()).real / (state.noise[1:] * state.noise[:-1])
+    power, total, squares, shared, alone = np.zeros((5, m))
+    for k in range(count):
+        slopes = (state.q @ by_poles[k]) ** 2
+        weight = slopes.reshape(2, n, 2, m).sum(axis=(0, 2))
+        both = np.sqrt(weight[1:] * weight[:-1])
+        power += left[:, k] @ weight
+        total, squares = total + weight.sum(axis=0), squares + (weight**2).sum(axis=0)
+        shared += next_[:, k] @ both
+        alone += 0.5 * (left[1:, k] + left[:-1, k]) @ both
+    # The unknowns of a mode take their share of what is left at its lines.
+    share = 2 * sum(state.functions.shape) * squares / (2 * total**2)
+    c = np.clip(shared / np.where(alone > 0, alone, 1.0), 0.0, 1 - 2 / n)
+    return np.sqrt(0.5 * power / total / np.maximum(1 - share, 0.2) * (1 + c) / (1 - c))

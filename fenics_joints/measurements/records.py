@@ -28,6 +28,8 @@ __all__ = [
 _REACTIVE = 0.15
 #: Most values of a matrix of functions, 4.8 GB: 500 responses, 6 references, 100,000 lines.
 _VALUES = 300_000_000
+#: Of axes that a node has but no file.
+MISSING = "is not in the file"
 #: How many nodes a message names.
 _NAMED = 12
 
@@ -83,12 +85,14 @@ class Node:
         axes: Axes in which its directions are given, as rows, shape (3, 3).
         where: File and place in it, for messages.
         problem: What is wrong with it, of importance only if something was measured there.
+        turned: What is wrong with its axes, which coordinates from elsewhere do not mend.
     """
 
     point: np.ndarray
     axes: np.ndarray
     where: str
     problem: str = ""
+    turned: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,7 +176,7 @@ def merge(
 
     Args:
         contents: What the files hold.
-        points: Coordinates of nodes, m; they go before those of the files, without local axes.
+        points: Coordinates of nodes, m; they go before those of the files, whose local axes stay.
         directions: Directions of nodes for which a file does not say any.
         sources: The files.
 
@@ -216,7 +220,8 @@ def merge(
         grid, values, first.kind,
         *places.arrays(rows), *places.arrays(columns),
         tuple(places.names[key] for key in rows), tuple(places.names[key] for key in columns),
-        None if np.isnan(coherence).all() else coherence, tuple(sources), tuple(contents.notes),
+        None if np.isnan(coherence).all() else coherence, tuple(sources),
+        (*contents.notes, *places.notes),
     )  # fmt: skip
     where = {key: record.where for key, (record, _) in cells.items()}
     doubts = _check_power(data, where, list(rows), list(columns))
@@ -287,8 +292,15 @@ class _Places:
     def __init__(self, nodes, points, directions):
         self.nodes = dict(nodes)
         self.directions = {str(k): v for k, v in directions.items()}
+        self.notes: list[str] = []
         for label, point in points.items():
-            self.nodes[str(label)] = Node(_vector(point, f"points.{label}"), np.eye(3), "points")
+            known = self.nodes.get(str(label))
+            axes, turned = (np.eye(3), "") if known is None else (known.axes, known.turned)
+            if turned.endswith(MISSING):
+                self.notes.append(f"node {label}: {turned}: its directions are taken as global")
+                turned = ""
+            at = _vector(point, f"points.{label}")
+            self.nodes[str(label)] = Node(at, axes, "points", turned)
         self.names: dict[tuple, str] = {}
         self.found: dict[tuple, tuple[np.ndarray, np.ndarray]] = {}
 

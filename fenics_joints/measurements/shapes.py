@@ -1,76 +1,127 @@
-"""Shapes of modes from the residues that poles have in measured functions."""
+"""Shapes of modes from what they have at responses and references, and their scale."""
 
 from __future__ import annotations
 
 import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
+from fenics_joints.errors import InputError
 from fenics_joints.measurements.frfs import MeasuredFRFs
-from fenics_joints.measurements.poles import PoleFit
 
-__all__ = ["ShapeFit"]
+__all__ = ["Links"]
+
+#: Share of a shape's square below which a sensor stands still in a mode and links nothing.
+_STILL = 1e-6
+#: How many names a message has.
+_NAMED = 6
 
 
-class ShapeFit:
-    """The shape of a mode from its residues A = shape parts^T, and its scale."""
+class Links:
+    """What places the sensors of a test on one scale.
 
-    def __init__(self, data: MeasuredFRFs, fit: PoleFit, r: int):
-        self.data, self.there, self.pole = data, data.measured, fit.poles[r]
-        self.weight = np.zeros(self.there.shape)
-        self.weight[self.there] = 1 / np.maximum(fit.residues_sd[:, r], 1e-300) ** 2
-        self.weight /= self.weight.max()
-        residues = np.zeros(self.there.shape)
-        residues[self.there] = np.abs(fit.residues[:, r])
-        self.strongest = int(np.argmax((self.weight * residues**2).sum(axis=1)))
-        self.largest = self.strongest
-        first, _ = self._rank_one(fit.residues[:, r])
-        # The component that says the sign, and of a shape without modal mass the scale.
-        self.largest = int(np.nanargmax(np.abs(first.real)))
-        self.value, parts = self._rank_one(fit.residues[:, r])
-        self.scale = self._modal_scale(self.value, parts)
+    Functions that share a sensor or a force, directly or by others, are one set, in which residues
+    A_ij = a_i b_j say all ratios. By reciprocity a_i of one set and b_j of another (or the same, at
+    a driving point) are of one degree of freedom, which says the product of both sets' scales.
+    Ratios of scales follow over an even number of such products, a scale itself over an odd one.
 
-    def _rank_one(self, residues: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Shape of unit length, as real as it can be turned, and parts of the references.
+    Attributes:
+        rows: Set of each response, shape (n_responses,).
+        columns: Set of each reference, shape (n_references,).
+    """
 
-        Least squares, weighted by the residues' deviations; nan where nothing was measured. Of one
-        set of residues or of many, shape (..., n_functions).
-        """
-        A = np.zeros((*residues.shape[:-1], *self.there.shape), dtype=complex)
-        A[..., self.there] = residues
-        parts = A[..., self.strongest, :].copy()
-        parts[parts == 0] = 1e-6 * np.abs(parts).max()
-        for _ in range(100):
-            shape, before = _solve(self.weight, A, parts), parts
-            parts = _solve(self.weight.T, A.swapaxes(-1, -2), shape)
-            if np.linalg.norm(parts - before) <= 1e-9 * np.linalg.norm(parts):
-                break
-        # The sum of squares of a shape turned by an angle is turned by twice that.
-        turn = np.exp(0.5j * np.angle((shape**2).sum(axis=-1, keepdims=True)))
-        turn = turn * np.linalg.norm(shape, axis=-1, keepdims=True)
-        turn = turn * np.where((shape / turn)[..., [self.largest]].real < 0, -1, 1)
-        return np.where(self.there.any(axis=1), shape / turn, np.nan), parts * turn
+    def __init__(self, data: MeasuredFRFs):
+        self.there = data.measured
+        n, k = self.there.shape
+        i, j = np.nonzero(self.there)
+        graph = coo_array((np.ones(len(i)), (i, n + j)), shape=(n + k, n + k))
+        sets = connected_components(graph, directed=False)[1]
+        self.measured = self.there.any(axis=1)
+        self.rows, self.columns = sets[:n], sets[n:]
+        self.pairs: dict[tuple[int, int], list[tuple[int, int, int]]] = {}
+        for i, j, sign in data.same_dofs():
+            a, b = int(self.rows[i]), int(self.columns[j])
+            if self.measured[i] and self.there[:, j].any():
+                self.pairs.setdefault((a, b), []).append((i, j, sign))
+        own = [a for a, b in self.pairs if a == b]
+        self.root = own[0] if own else int(self.columns[0])
+        #: (set, sign), the pair of sets that leads to it, and from where.
+        self.chain = [((self.root, 1), None, None)]
+        for at, _, _ in self.chain:
+            reached = {one for one, _, _ in self.chain}
+            for a, b in self.pairs:
+                for here, there in ((a, b), (b, a)):
+                    to = (there, -at[1])
+                    if here == at[0] and to not in reached:
+                        reached.add(to)
+                        self.chain.append((to, (a, b), at))
+        self._check(data)
 
-    def _modal_scale(self, shape: np.ndarray, parts: np.ndarray) -> np.ndarray:
-        """Factor from a shape to the mass-normalised one; 0 if no driving point tells.
+    def _check(self, data: MeasuredFRFs) -> None:
+        reached = {one for (one, sign), _, _ in self.chain if sign > 0}
+        lost = [one for one in np.unique(self.columns) if one not in reached]
+        if lost:
+            texts = [
+                f"responses {_listed(data.response_names, self.rows == one)} by references "
+                f"{_listed(data.reference_names, self.columns == one)}"
+                for one in (self.root, *lost)
+            ]
+            raise InputError(
+                f"the functions are sets that have nothing in common: {'; '.join(texts)}; the "
+                "shapes of one set have no known scale or sign by those of another. Expected a "
+                "sensor, or a place of the force, that is in both, or functions of one set alone"
+            )
+
+    @property
+    def scaled(self) -> bool:
+        """Whether driving points tell the modal mass."""
+        return (self.root, -1) in {one for one, _, _ in self.chain}
+
+    def shapes(
+        self, a: np.ndarray, b: np.ndarray, poles: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Shapes of unit length, as real as they can be turned, and factors to unit modal mass.
 
         A residue is A_ij = phi_i phi_j / (2 i w_d) of a mass-normalised real mode (Ewins, Modal
-        Testing, 2nd ed., 2.5), so that at driving points parts = Q shape with Q 2 i w_d = scale^2.
+        Testing, 2nd ed., 2.5).
+
+        Args:
+            a: At responses, shape (..., n_responses, m).
+            b: At references, shape (..., n_references, m).
+            poles: rad/s, shape (m,).
+
+        Returns:
+            The shapes, nan where nothing was measured or the mode stands still at all that links
+            it, (..., n_responses, m); and the factors, nan where nothing tells them, (..., m).
         """
-        above, below = np.zeros(shape.shape[:-1], dtype=complex), 1e-300
-        for i, j, sign in self.data.driving_points():
-            above = above + parts[..., j] * sign * np.conj(shape[..., i])
-            below = below + np.abs(shape[..., i]) ** 2
-        square = np.where(below > 1e-6, (2j * self.pole.imag * above / below).real, 0.0)
-        return np.sqrt(np.maximum(square, 0.0))
+        values = {(self.root, 1): np.ones(a.shape[:-2] + a.shape[-1:], dtype=complex)}
+        for to, pair, start in self.chain[1:]:
+            values[to] = self._product(a, b, poles, pair) / values[start]
+        shape = np.full(a.shape, np.nan, dtype=complex)
+        for one in np.unique(self.columns):
+            at = (self.rows == one) & self.measured
+            shape[..., at, :] = values[one, 1][..., None, :] * a[..., at, :]
+        square = np.nansum(shape**2, axis=-2)
+        # The sum of squares of a shape turned by an angle is turned by twice that.
+        turn = np.exp(0.5j * np.angle(square))
+        turn = turn * np.sqrt(np.nansum(np.abs(shape) ** 2, axis=-2))
+        mass = values.get((self.root, -1), np.full(turn.shape, np.nan)) * turn**2
+        with np.errstate(invalid="ignore"):
+            factor = np.sqrt(np.where(mass.real > 0, mass.real, np.nan))
+        return shape / turn[..., None, :], factor
 
-    def spread(self, draws: np.ndarray, normalised: bool) -> np.ndarray:
-        """Standard deviation of the scaled real shape over draws of the residues."""
-        shapes, parts = self._rank_one(draws)
-        scale = self._modal_scale(shapes, parts) if normalised else 1 / shapes[:, self.largest].real
-        return np.std(scale[:, None] * shapes.real, axis=0)
+    def _product(self, a, b, poles, pair) -> np.ndarray:
+        """Product of the scales of two sets, by all places that link them."""
+        above, below = 0.0, 0.0
+        for i, j, sign in self.pairs[pair]:
+            above = above + sign * b[..., j, :] * a[..., i, :].conj()
+            below = below + np.abs(a[..., i, :]) ** 2
+        own = (np.abs(a[..., self.rows == pair[0], :]) ** 2).sum(axis=-2)
+        found = 2j * poles.imag * above / np.where(below > 0, below, 1.0)
+        return np.where(below > _STILL * own, found, np.nan)
 
 
-def _solve(weight: np.ndarray, A: np.ndarray, parts: np.ndarray) -> np.ndarray:
-    """Least-squares x of A = x parts^T, row by row."""
-    parts = parts[..., None, :]
-    below = (weight * np.abs(parts) ** 2).sum(axis=-1)
-    return (weight * A * parts.conj()).sum(axis=-1) / np.where(below > 0, below, 1.0)
+def _listed(names, chosen: np.ndarray) -> str:
+    found = [name for name, here in zip(names, chosen, strict=True) if here]
+    more = f" and {len(found) - _NAMED} more" if len(found) > _NAMED else ""
+    return ", ".join(found[:_NAMED]) + more

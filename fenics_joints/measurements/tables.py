@@ -7,6 +7,7 @@ import difflib
 import math
 import re
 from collections import Counter
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -14,8 +15,9 @@ from pathlib import Path
 import numpy as np
 
 from fenics_joints.errors import InputError, Problems, located
-from fenics_joints.files import path_of, read_text, read_toml
+from fenics_joints.files import check_size, is_file, path_of, read_toml, shown_path
 from fenics_joints.formatting import control_character
+from fenics_joints.progress import reading
 from fenics_joints.units import factor_to_si, plain_number
 
 __all__ = ["LISTED", "Table", "column_head", "read_table"]
@@ -27,6 +29,11 @@ _THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2},\d{3}")
 _NAMED = 10
 #: How many columns a message names.
 LISTED = 30
+_EXPECTED = "measured data in CSV or TOML"
+_NO_NUMBER = "expected a number, or nothing where none was measured"
+#: Every how many rows it is said how far a file is read, and characters of a line above which a
+#: file has none.
+_STEP, _LONGEST = 1000, 50_000_000
 
 
 @dataclass(frozen=True)
@@ -97,6 +104,8 @@ def read_table(path: str | Path) -> Table:
     A column's head is its name and its unit in brackets, such as ``torque [N·m]``. An empty CSV
     cell, or ``nan`` in TOML, is a value that was not measured. Lines that begin with # are skipped.
     Between the cells of CSV stand commas, or semicolons or tabs and then perhaps decimal commas.
+    CSV is text in UTF-8, UTF-16 with its mark, or Latin-1; columns without a head and a cell at the
+    right are left out.
 
     Raises:
         InputError: Names the file, the row (the line, for CSV), the column and what was expected.
@@ -104,9 +113,11 @@ def read_table(path: str | Path) -> Table:
     path = path_of(path)
     problems = Problems(path)
     if path.suffix == ".toml":
-        heads, rows, notes = _toml_rows(path)
+        (heads, values), notes = _toml_columns(path, problems), ()
     else:
-        heads, rows, notes = _csv_rows(path, problems)
+        file = _Csv(path)
+        heads = file.heads
+        values, notes = problems.tried(lambda: file.read(problems)) or (None, ())
     split = [column_head(head) for head in heads]
     names = tuple(name for name, _ in split)
     for hidden in (head for head in heads if control_character(head)):
@@ -118,64 +129,156 @@ def read_table(path: str | Path) -> Table:
         if not name or count > 1:
             what = f"column name {name!r}, expected a name for each, used once"
             problems.add(InputError(f"{path}: {what}"))
-    values = problems.tried(lambda: _numbers(path, heads, rows))
     problems.check()
     return Table(path, names, tuple(unit for _, unit in split), values, notes)
 
 
-def _csv_rows(path: Path, problems: Problems):
-    """Heads, (line number, cells) of each row that has as many, and notes."""
-    lines = read_text(path, "measured data in CSV or TOML").splitlines()
-    kept = [(i, s) for i, s in enumerate(lines, 1) if s.strip() and not s.lstrip().startswith("#")]
-    if len(kept) < 2:
-        raise InputError(f"{path}: has {len(kept)} rows, expected a head and rows of numbers")
-    comma = next((sign for sign in ",;\t" if sign in kept[0][1]), ",")
-    cells = [_cells(path, line, text, comma) for line, text in kept]
-    heads = cells[0]
-    wrong = [f"row {line} has {len(row)} cells" for (line, _), row
-             in zip(kept[1:], cells[1:], strict=True) if len(row) != len(heads)]  # fmt: skip
-    if wrong:
-        more = f" and {len(wrong) - _NAMED} more" if len(wrong) > _NAMED else ""
-        problems.add(InputError(
-            f"{path}: {'; '.join(wrong[:_NAMED])}{more}, expected {len(heads)} as in the head"
-        ))  # fmt: skip
-    whole = [(line, row) for (line, _), row in zip(kept[1:], cells[1:], strict=True)
-             if len(row) == len(heads)]  # fmt: skip
-    rows = [row for _, row in whole]
-    rows, notes = (rows, ()) if comma == "," else _with_points(path, rows)
-    return heads, [(line, row) for (line, _), row in zip(whole, rows, strict=True)], notes
+class _Csv:
+    """Rows of a CSV file, read line by line: a table takes the memory of its numbers alone."""
+
+    def __init__(self, path: Path):
+        if not is_file(path):
+            raise InputError(f"{shown_path(path)}: no such file, expected {_EXPECTED}")
+        check_size(path)
+        self.path, self.size = path, path.stat().st_size
+        with path.open("rb") as stream:
+            mark = stream.read(2)
+        self.encoding = "utf-16" if mark in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig"
+        try:
+            self._look()
+        except UnicodeDecodeError:
+            self.encoding = "latin-1"
+            self._look()
+        except OSError as error:
+            raise InputError(f"{shown_path(path)}: cannot be read ({error.strerror})") from error
+
+    def _lines(self) -> Iterator[tuple[int, str]]:
+        with self.path.open(encoding=self.encoding) as stream:
+            for i, text in enumerate(iter(lambda: stream.readline(_LONGEST), ""), 1):
+                if len(text) == _LONGEST:
+                    raise InputError(
+                        f"{self.path}: row {i} has {_LONGEST:,} characters or more, expected a "
+                        "table with a line for each row"
+                    )
+                if text.strip() and not text.lstrip().startswith("#"):
+                    yield i, text
+
+    def _look(self) -> None:
+        """Heads, and whether cells have points: all of the file has to be seen for that."""
+        self.n_rows, self.comma, self.heads, self.pointed = -1, ",", [], False
+        for i, text in self._lines():
+            self.n_rows += 1
+            if self.n_rows == 0:
+                self.comma = next((sign for sign in ",;\t" if sign in text), ",")
+                self.heads = self._cells(i, text)
+            elif self.comma != "," and not self.pointed:
+                self.pointed = "." in text
+        while len(self.heads) > 1 and not self.heads[-1]:
+            self.heads.pop()
+        if self.n_rows < 1:
+            raise InputError(
+                f"{self.path}: has {self.n_rows + 1} rows, expected a head and rows of numbers"
+            )
+
+    def _cells(self, line: int, text: str) -> list[str]:
+        text = text.rstrip("\r\n")
+        if '"' not in text and len(text) < csv.field_size_limit():
+            return [cell.strip() for cell in text.split(self.comma)]
+        try:
+            row = next(csv.reader([text], delimiter=self.comma, skipinitialspace=True))
+        except csv.Error as error:
+            raise InputError(
+                f"{self.path}: row {line}: {error}; expected cells of numbers"
+            ) from error
+        return [cell.strip() for cell in row]
+
+    def read(self, problems: Problems) -> tuple[np.ndarray, tuple[str, ...]]:
+        """Values, (n_rows, n_columns), and notes."""
+        n, commas = len(self.heads), self.comma != "," and not self.pointed
+        # A cell takes a byte at least: rows of a table for which there are too few are wrong.
+        values = np.full((self.n_rows if self.n_rows * n <= self.size else 0, n), np.nan)
+        wrong, bad, either, row = _Some(), _Some(), _Some(), 0
+        lines = self._lines()
+        next(lines)
+        progress = reading(self.path.name, self.size, self.n_rows)
+        for i, text in lines:
+            row += 1
+            if row % _STEP == 0:
+                progress.advance(_STEP)
+            cells = self._cells(i, text)
+            while len(cells) > n and not cells[-1]:
+                cells.pop()
+            if len(cells) != n:
+                wrong.add(f"row {i} has {len(cells)} cells")
+            if len(cells) != n or not len(values):
+                continue
+            if commas:
+                for cell in cells:
+                    if _THOUSANDS.fullmatch(cell):
+                        either.add(cell)
+                cells = [_COMMA.sub(r"\1.\2", cell) for cell in cells]
+            try:
+                values[row - 1] = cells
+                good = "_" not in text and not np.isinf(values[row - 1]).any()
+            except ValueError:
+                good = False
+            if not good:
+                values[row - 1] = [_number(cell, i, h, bad)
+                                   for cell, h in zip(cells, self.heads, strict=True)]  # fmt: skip
+        if wrong:
+            problems.add(InputError(f"{self.path}: {wrong}, expected {n} as in the head"))
+        if bad:
+            problems.add(InputError(f"{self.path}: {bad}: {_NO_NUMBER}"))
+        return values, self._notes(either)
+
+    def _notes(self, either: _Some) -> tuple[str, ...]:
+        """What has to be said of a comma before three digits, which may be one of thousands."""
+        if not either:
+            return ()
+        cell = either.first[0]
+        more = f" (and {either.count - 1} cells like it)" if either.count > 1 else ""
+        return (
+            f"{self.path}: {cell!r}{more} is read as {float(cell.replace(',', '.')):g}, with a "
+            f"decimal comma; for {cell.replace(',', '')} write it without a comma",
+        )
 
 
-def _cells(path: Path, line: int, text: str, comma: str) -> list[str]:
+class _Some:
+    """The first of many texts, and how many there are."""
+
+    def __init__(self):
+        self.first: list[str] = []
+        self.count = 0
+
+    def add(self, text: str) -> None:
+        self.count += 1
+        if len(self.first) < _NAMED:
+            self.first.append(text)
+
+    def __bool__(self) -> bool:
+        return self.count > 0
+
+    def __str__(self) -> str:
+        more = f" and {self.count - _NAMED} more" if self.count > _NAMED else ""
+        return "; ".join(self.first) + more
+
+
+def _number(cell: object, row: int, head: str, bad: _Some) -> float:
+    """A cell's number; nan where it is empty, or bad."""
+    if cell == "":
+        return np.nan
     try:
-        row = next(csv.reader([text], delimiter=comma, skipinitialspace=True))
-    except csv.Error as error:
-        raise InputError(f"{path}: row {line}: {error}; expected cells of numbers") from error
-    return [cell.strip() for cell in row]
+        value = plain_number(cell) if isinstance(cell, str) else float(cell)
+        if not math.isinf(value) and not isinstance(cell, bool):
+            return value
+    except (TypeError, ValueError):
+        pass
+    bad.add(f"row {row}, column {head!r} = {_short(cell)}")
+    return np.nan
 
 
-def _with_points(path: Path, rows: list[list[str]]):
-    """Cells of a table without decimal points, with decimal commas made into such points.
-
-    And what has to be said of it: a comma before three digits may be one of thousands.
-    """
-    if any("." in cell for row in rows for cell in row):
-        return rows, ()
-    read = [[_COMMA.sub(r"\1.\2", cell) for cell in row] for row in rows]
-    either = [cell for row in rows for cell in row if _THOUSANDS.fullmatch(cell)]
-    if not either:
-        return read, ()
-    cell = either[0]
-    more = f" (and {len(either) - 1} cells like it)" if len(either) > 1 else ""
-    note = (
-        f"{path}: {cell!r}{more} is read as {float(cell.replace(',', '.')):g}, with a decimal "
-        f"comma; for {cell.replace(',', '')} write it without a comma"
-    )
-    return read, (note,)
-
-
-def _toml_rows(path: Path):
-    columns = read_toml(path, "measured data in CSV or TOML")
+def _toml_columns(path: Path, problems: Problems) -> tuple[list[str], np.ndarray]:
+    columns = read_toml(path, _EXPECTED)
     for head, column in columns.items():
         if not isinstance(column, list) or not column:
             shown = repr(column)[:80]
@@ -184,29 +287,12 @@ def _toml_rows(path: Path):
     if len(set(lengths.values())) != 1:
         shown = ", ".join(f"{head}: {n}" for head, n in list(lengths.items())[:_NAMED])
         raise InputError(f"{path}: the arrays have lengths {shown}, expected one and the same")
-    return list(columns), list(enumerate(zip(*columns.values(), strict=True), 1)), ()
-
-
-def _numbers(path: Path, heads, rows) -> np.ndarray:
-    values, errors = np.full((len(rows), len(heads)), np.nan), []
-    for i, (row, cells) in enumerate(rows):
-        for j, cell in enumerate(cells):
-            if cell == "":
-                continue
-            try:
-                values[i, j] = plain_number(cell) if isinstance(cell, str) else float(cell)
-                good = not math.isinf(values[i, j]) and not isinstance(cell, bool)
-            except (TypeError, ValueError):
-                good = False
-            if not good:
-                errors.append(f"row {row}, column {heads[j]!r} = {_short(cell)}")
-    if errors:
-        more = f" and {len(errors) - _NAMED} more" if len(errors) > _NAMED else ""
-        raise InputError(
-            f"{path}: {'; '.join(errors[:_NAMED])}{more}: expected a number, or nothing where none "
-            "was measured"
-        )
-    return values
+    bad = _Some()
+    values = [[_number(cell, i, head, bad) for i, cell in enumerate(column, 1)]
+              for head, column in columns.items()]  # fmt: skip
+    if bad:
+        problems.add(InputError(f"{path}: {bad}: {_NO_NUMBER}"))
+    return list(columns), np.array(values).T
 
 
 def _short(cell: object) -> str:

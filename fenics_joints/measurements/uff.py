@@ -84,7 +84,9 @@ def read_uff(path: Path, said: Said) -> Contents:
         if data["type"] != 58:
             continue
         if data["func_type"] == _FRF:
-            one = problems.tried(lambda w=where, d=data: _function(w, d, units, said))
+            one = problems.tried(
+                lambda w=where, d=data: _function(w, d, units, said, contents.notes)
+            )
             contents.functions.append(one)
         elif data["func_type"] in (_COHERENCE, _MULTIPLE):
             contents.coherences.append(
@@ -93,6 +95,7 @@ def read_uff(path: Path, said: Said) -> Contents:
         else:
             other[word(_TYPES, data["func_type"])] += 1
     problems.check()
+    contents.notes = list(dict.fromkeys(contents.notes))
     left = ", ".join(f"{n} of type {kind}" for kind, n in other.items())
     if left and not contents.functions:
         raise InputError(
@@ -107,7 +110,7 @@ def read_uff(path: Path, said: Said) -> Contents:
 # -- functions -------------------------------------------------------------------------------------
 
 
-def _function(where: str, data, units, said: Said) -> FRFRecord:
+def _function(where: str, data, units, said: Said, notes: list[str]) -> FRFRecord:
     x = _abscissa(where, data)
     denominator = data["orddenom_spec_data_type"]
     if denominator != _FORCE and denominator not in _UNSAID:
@@ -121,7 +124,7 @@ def _function(where: str, data, units, said: Said) -> FRFRecord:
             f"{where}: ordinate data type {word(FORMS, data['ord_data_type'])}, expected 5 or 6 "
             "(complex): a frequency response function has a phase"
         )
-    kind, factor = _scale(where, data, units, said)
+    kind, factor = _scale(where, data, units, said, notes)
     return FRFRecord(
         _dof(where, data, "rsp", "response"), _dof(where, data, "ref", "reference"),
         x, factor * np.asarray(data["data"]), kind, where,
@@ -170,10 +173,11 @@ def _dof(where: str, data, side: str, word: str) -> Dof:
     return Dof(str(node), tuple(direction) if code else None)
 
 
-def _scale(where: str, data, units, said: Said) -> tuple[str, float]:
+def _scale(where: str, data, units, said: Said, notes: list[str]) -> tuple[str, float]:
     """Kind of a function and its factor to SI.
 
-    By the order of what is said: the user's units, the axes' labels, dataset 164.
+    By the order of what is said: the user's units, the axes' labels, dataset 164. Many programs
+    write a dataset 164 of SI units whatever their data are in.
     """
     kind, factor = _file_kind(where, data, said), None
     if said.units is not None:
@@ -203,7 +207,13 @@ def _scale(where: str, data, units, said: Said) -> tuple[str, float]:
             f"{where}: the units are not known; expected a dataset 164, labels of the axes' units, "
             f"or units such as '{MOTION[kind]}/N'"
         )
-    if by_label is not None and by_set is not None and not np.isclose(by_label, by_set, rtol=1e-3):
+    if by_label is not None and length == force == 1 and by_label != 1:
+        text = f"{_label(data, 'ordinate')!r} by {_label(data, 'orddenom') or 'force'!r}"
+        notes.append(
+            f"functions are in {text}, as their labels say, though dataset 164 says SI units; "
+            "units says otherwise"
+        )
+    elif None not in (by_label, by_set) and not np.isclose(by_label, by_set, rtol=1e-3):
         raise InputError(
             f"{where}: the unit {_label(data, 'ordinate')!r} by "
             f"{_label(data, 'orddenom') or 'force'!r} is {by_label:.6g} {MOTION[kind]}/N, but by "
@@ -257,6 +267,5 @@ def _by_labels(where: str, data, force: float | None) -> tuple[str | None, float
 
 def _label(data, axis: str) -> str:
     """Label of an axis's unit; empty where there is none."""
-    # pyuff reads UTF-8; what most often is none is a square in Latin-1.
-    text = str(data.get(f"{axis}_axis_units_lab", "")).strip().replace("\ufffd", "²")
+    text = str(data.get(f"{axis}_axis_units_lab", "")).strip()
     return "" if text.upper() == "NONE" else text

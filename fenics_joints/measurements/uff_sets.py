@@ -1,4 +1,4 @@
-"""Datasets of universal files (UFF), read by pyuff: units, nodes and their axes.
+"""Datasets of universal files (UFF), their heads read by pyuff: functions, units, nodes and axes.
 
 The meaning of the fields: "Universal file formats", Structural Dynamics Research Laboratory,
 University of Cincinnati.
@@ -6,15 +6,21 @@ University of Cincinnati.
 
 from __future__ import annotations
 
+import mmap
+import re
+import tempfile
 import warnings
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from fenics_joints.errors import InputError, Problems
-from fenics_joints.measurements.records import Contents, Node, Said
+from fenics_joints.files import check_size
+from fenics_joints.measurements.records import MISSING, Contents, Node, Said
+from fenics_joints.progress import reading
 from fenics_joints.response.units import length_factor
 
 __all__ = ["GEOMETRY", "Dataset", "add_nodes", "axes_of", "read_sets", "units_of", "word"]
@@ -26,13 +32,26 @@ GEOMETRY = (15, 18, 164, 2411, 2420)
 #: Ordinate data types of dataset 58.
 FORMS = {2: "real single", 4: "real double", 5: "complex single", 6: "complex double"}
 
+#: Datasets of shapes, of which the lines are given.
+_SHAPES = (55, 2414)
+#: The mark between datasets, alone in its line, and after binary data, which end without a line.
+_MARK = re.compile(rb"^[ \t]{0,5}-1[ \t]*(?:\r?\n|\Z)", re.MULTILINE)
+_BINARY_MARK = re.compile(rb"[\r\n]{0,2} {4}-1[ \t]*(?:\r?\n|\Z)")
+_D = re.compile(r"(\d\.?)[Dd]([+-]?\d)")
+_NUMBER = re.compile(
+    r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[Ee][+-]?\d+|[+-]\d{3}(?![\d.]))?|[+-]?(?:nan|inf)",
+    re.IGNORECASE,
+)
+_BARE = re.compile(r"(\d\.?)([+-]\d{3})$")
+
 
 def read_sets(
     path: Path, kinds: Collection[int], problems: Problems | None = None
 ) -> list[Dataset]:
     """(place, content) of each dataset of these types.
 
-    Of a dataset 55 the content is its ``lines``: pyuff does not read all that labs write.
+    Of a dataset 55 or 2414 the content is its ``lines``, and the values of a dataset 58 are read
+    here: pyuff does not read all that labs write.
 
     Args:
         path: The file.
@@ -45,53 +64,79 @@ def read_sets(
             by its place (from 1) and type, and what was expected.
     """
     pyuff = _pyuff()
-    tail = path.read_bytes().rstrip()
-    if not tail:
+    check_size(path)
+    if not path.stat().st_size:
         raise InputError(f"{path}: is empty, expected a universal file")
-    if not tail.endswith(b"-1"):
-        raise InputError(
-            f"{path}: stops within a dataset ({len(tail)} bytes); expected '    -1' at its end: "
-            "the file is truncated, or no universal file"
-        )
-    try:
-        file = pyuff.UFF(str(path))
-        types = [int(t) for t in file.get_set_types()]
-    except Exception as error:
-        raise InputError(f"{path}: cannot be read as a universal file ({error})") from error
-    if not types:
-        raise InputError(f"{path}: holds no dataset; expected blocks between lines of '    -1'")
-    sets, shapes = [], iter(_blocks(path, 55) if 55 in kinds else [])
     found = Problems(path) if problems is None else problems
-    for i, kind in enumerate(types):
-        where = f"{path}: dataset {i + 1} (type {kind or 'unknown'})"
-        if not kind:
-            expected = "expected its number after the line '    -1'"
-            found.add(InputError(f"{where}: has no type; {expected}"))
-        elif kind == 55 and kind in kinds:
-            sets.append((where, {"type": 55, "lines": next(shapes, [])}))
-        elif kind in kinds:
-            read = found.tried(lambda i=i, kind=kind, at=where: _read_set(file, i, kind, at))
-            if read is not None:
-                sets.append((where, read))
+    sets = []
+    with path.open("rb") as stream, mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as data:
+        progress = reading(path.name, len(data), len(data))
+        for i, (kind, start, body, end) in enumerate(_blocks(path, data)):
+            progress.advance(end - start)
+            where = f"{path}: dataset {i + 1} (type {kind or 'unknown'})"
+            if not kind:
+                expected = "expected its number after the line '    -1'"
+                found.add(InputError(f"{where}: has no type; {expected}"))
+            elif kind in kinds and kind in _SHAPES:
+                lines = _text(data[body:end]).splitlines()
+                sets.append((where, {"type": kind, "lines": lines}))
+            elif kind in kinds:
+                read = found.tried(lambda k=kind, at=where, s=start, b=body, e=end: _read_set(
+                    pyuff, k, at, data[s:b], data[b:e]))  # fmt: skip
+                if read is not None:
+                    sets.append((where, read))
     if problems is None:
         found.check()
     return sets
 
 
-def _blocks(path: Path, kind: int) -> list[list[str]]:
-    """Lines of each dataset of one type, those with its number and the marks left out."""
-    found, block = [], None
-    for line in path.read_text(encoding="utf-8", errors="replace").splitlines():
-        if line.rstrip() != "    -1":
-            if block is not None:
-                block.append(line)
-        elif block is None:
-            block = []
-        else:
-            if block and block[0].strip() == str(kind):
-                found.append(block[1:])
-            block = None
-    return found
+def _blocks(path: Path, data: mmap.mmap) -> Iterator[tuple[int, int, int, int]]:
+    """Type of each dataset, where it starts, where what comes after its head does, and its end.
+
+    The head is the line with the number, and of a dataset 58 eleven records more. Binary data are
+    skipped by the number of their bytes: after them the mark may stand without a new line.
+    """
+    at, n = 0, 0
+    while (mark := _MARK.search(data, at)) is not None:
+        n += 1
+        start = body = mark.end()
+        line = _line(data, start)
+        number = re.match(rb"\s*(\d+)(b?)(?!\S)", line, re.IGNORECASE)
+        kind = int(number[1]) if number else 0
+        heads = []
+        for _ in range(12 if kind == 58 else 1):
+            heads.append(_line(data, body))
+            body += len(heads[-1])
+        stop = _MARK.search(data, body)
+        if kind == 58 and number[2]:
+            sizes = [int(x) for x in line[31:43].split()] + [_bytes(heads)]
+            ends = [_BINARY_MARK.match(data, body + size) for size in sizes]
+            stop = next((end for end in ends if end), _BINARY_MARK.search(data, body) or stop)
+        if stop is None:
+            raise InputError(
+                f"{path}: stops within a dataset ({len(data)} bytes); expected '    -1' at its end:"
+                " the file is truncated, or no universal file"
+            )
+        yield kind, start, body, stop.start()
+        at = stop.end()
+    if not n:
+        raise InputError(
+            f"{path}: cannot be read as a universal file: holds no dataset; it stops within a "
+            "dataset, or is truncated; expected blocks between lines of '    -1'"
+        )
+
+
+def _line(data: mmap.mmap, at: int) -> bytes:
+    end = data.find(b"\n", at)
+    return data[at : len(data) if end < 0 else end + 1]
+
+
+def _text(raw: bytes) -> str:
+    """Text of a file in UTF-8, or else in Latin-1, as older programs write it."""
+    try:
+        return raw.decode("utf-8")
+    except UnicodeDecodeError:
+        return raw.decode("latin-1")
 
 
 def _pyuff():
@@ -107,26 +152,92 @@ def _pyuff():
     return pyuff
 
 
-def _read_set(file, i: int, kind: int, where: str) -> dict[str, Any]:
-    try:
-        return file.read_sets(i)
-    except Exception as error:  # pyuff raises plain Exception
-        raise InputError(f"{where}: {_why(file, i, kind)}") from error
+def _read_set(pyuff, kind: int, where: str, head: bytes, body: bytes) -> dict[str, Any]:
+    text = _text(head if kind == 58 else head + body).replace("\r", "").replace("\t", " ")
+    lines = text.splitlines()
+    if kind == 58:  # but not the labels
+        lines[7:8] = [_D.sub(r"\1E\2", line) for line in lines[7:8]]
+        text = "\n".join(lines)
+    else:
+        text = _D.sub(r"\1E\2", text)
+    with tempfile.TemporaryDirectory() as folder:
+        alone = Path(folder) / "a.uff"
+        alone.write_text(f"    -1\n{text.rstrip()}\n    -1\n", encoding="utf-8", newline="\n")
+        try:
+            read = pyuff.UFF(str(alone)).read_sets(0, header_only=kind == 58)
+        except Exception as error:  # pyuff raises plain Exception
+            what = (
+                "its head cannot be read; expected the eleven records of dataset 58"
+                if kind == 58
+                else "cannot be read; expected the records of that dataset, numbers apart by blanks"
+            )
+            raise InputError(f"{where}: {what}") from error
+    return read if kind != 58 else read | _function_values(where, read, body)
 
 
-def _why(file, i: int, kind: int) -> str:
-    """What is wrong with a dataset that pyuff cannot read."""
-    if kind != 58:
-        return "cannot be read; expected the records of that dataset, numbers apart by blanks"
+def _form(code: int, spacing: int) -> tuple[int, int, int]:
+    """Numbers of a value, with its abscissa; of a row in ASCII; and bytes of one."""
+    count = (2 if code in (5, 6) else 1) + (spacing == 0)
+    size = 8 if code in (4, 6) else 4
+    row = 6 if size == 4 else 4 if spacing or code == 4 else 3
+    return count, row, size
+
+
+def _bytes(heads: Sequence[bytes]) -> int:
+    """Bytes of binary data by their record 7."""
     try:
-        head = file.read_sets(i, header_only=True)
-    except Exception:
-        return "its head cannot be read; expected the eleven records of dataset 58"
-    form = "binary" if head["binary"] else "ASCII"
-    return (
-        f"its values cannot be read; expected {head['num_pts']} {form} values, "
-        f"{word(FORMS, head['ord_data_type'])}, spacing {head['abscissa_spacing']} (0 uneven, 1 "
-        "even) as in its record 7: the data are damaged or truncated, or the record is wrong"
+        code, points, spacing = (int(x) for x in heads[7][:30].split())
+    except ValueError:
+        return 0
+    count, _, size = _form(code, spacing)
+    return count * points * size
+
+
+def _function_values(where: str, head: dict[str, Any], body: bytes) -> dict[str, np.ndarray]:
+    """Abscissa and values of a dataset 58, ``x`` and ``data``.
+
+    A last row that is filled up is cut to the number of values in record 7.
+    """
+    code, spacing, points = (head[k] for k in ("ord_data_type", "abscissa_spacing", "num_pts"))
+    count, row, size = _form(code, spacing)
+    wanted = points * count
+    if code not in FORMS:
+        values = np.zeros(0)
+    elif head["binary"]:
+        kind = f"{'<' if head['byte_ordering'] == 1 else '>'}f{size}"
+        # A new line, or what fills a record, may come after the last value.
+        values = np.frombuffer(body[: len(body) // size * size], kind).astype(float)
+        values = values[:wanted] if len(body) < wanted * size + 2 * row * size else values
+    else:
+        values = _numbers(where, head, body)
+        values = values[:wanted] if len(values) < wanted + row else values
+    values = values[: len(values) // count * count].reshape(-1, count)
+    if spacing:
+        x = head["abscissa_min"] + np.arange(len(values)) * head["abscissa_inc"]
+    else:
+        x, values = values[:, 0], values[:, 1:]
+    return {"x": x, "data": values[:, 0] if code in (2, 4) else values[:, 0] + 1j * values[:, -1]}
+
+
+def _numbers(where: str, head: dict[str, Any], body: bytes) -> np.ndarray:
+    """Numbers of a text, also with D as exponent, none where it has three digits, or touching."""
+    text = body.decode("latin-1").replace("D", "E").replace("d", "e")
+    if (last := text[-90:].split()[-1:]) and _NUMBER.sub("", last[0]) == last[0][-1]:
+        text = text.rstrip()[: -len(last[0])]  # half a number, where a file was cut
+    try:
+        return np.array(text.split(), dtype=float)
+    except ValueError:
+        pass
+    rest = _NUMBER.sub("", text)
+    if rest.strip():
+        raise InputError(
+            f"{where}: its values cannot be read; expected {head['num_pts']} ASCII values, "
+            f"{word(FORMS, head['ord_data_type'])}, spacing {head['abscissa_spacing']} (0 uneven, "
+            f"1 even) as in its record 7, not {rest.split()[0]!r}: the data are damaged or "
+            "truncated, or the record is wrong"
+        )
+    return np.array(
+        [float(_BARE.sub(r"\1E\2", one)) for one in _NUMBER.findall(text)], dtype=float
     )
 
 
@@ -166,34 +277,73 @@ def units_of(sets: Sequence[Dataset], said: Said) -> tuple[float | None, float |
     return length, force
 
 
-def axes_of(sets: Sequence[Dataset]) -> dict[int, np.ndarray | None]:
-    """Transformations (4, 3) of coordinate systems: axes as rows, and the origin.
+@dataclass(frozen=True, eq=False)
+class CoordinateSystem:
+    """A coordinate system of a file.
 
-    None for one that is not Cartesian (its axes would differ from place to place), or is given in
-    another one.
+    Attributes:
+        kind: 0 Cartesian, 1 cylindrical, 2 spherical.
+        axes: Axes of x, y and z, as rows, shape (3, 3).
+        origin: In the file's unit of length, shape (3,).
+        problem: Why it cannot be used, in words.
     """
+
+    kind: int = 0
+    axes: np.ndarray = field(default_factory=lambda: np.eye(3))
+    origin: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    problem: str = ""
+
+    def directions(self, point: np.ndarray) -> tuple[np.ndarray, str]:
+        """Its directions at a place, as rows, or what is wrong with them.
+
+        Of a cylindrical one they are outwards, around and along its z.
+        """
+        if self.problem or self.kind == 0:
+            return self.axes, self.problem
+        if self.kind != 1:
+            return self.axes, "is spherical, of which the order of directions differs by program"
+        x, y, _ = self.axes @ (point - self.origin)
+        if self.on_axis(point):
+            return self.axes, ""
+        c, s = np.array([x, y]) / np.hypot(x, y)
+        return np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]]) @ self.axes, ""
+
+    def on_axis(self, point: np.ndarray) -> bool:
+        """Whether a place is on the axis of a cylindrical one, where its x counts as outwards."""
+        x, y, z = self.axes @ (point - self.origin)
+        return self.kind == 1 and np.hypot(x, y) <= 1e-9 * abs(z)
+
+
+def axes_of(sets: Sequence[Dataset]) -> dict[int, CoordinateSystem]:
+    """Coordinate systems of datasets 18 and 2420 by their labels."""
     found = {}
     for where, data in sets:
         if data["type"] == 2420:
-            systems = zip(data["CS_sys_labels"], data["CS_types"], data["CS_matrices"], strict=True)
+            others = [0] * len(data["CS_types"])
+            systems = zip(data["CS_sys_labels"], data["CS_types"], others, data["CS_matrices"],
+                          strict=True)  # fmt: skip
         elif data["type"] == 18:
             matrices = [*map(_frame, data["ref_o"], data["x_point"], data["xz_point"])]
-            kinds = np.asarray(data["cs_type"]) + np.asarray(data["ref_cs_num"])
-            systems = zip(data["cs_num"], kinds, matrices, strict=True)
+            systems = zip(data["cs_num"], data["cs_type"], data["ref_cs_num"], matrices,
+                          strict=True)  # fmt: skip
         else:
             continue
-        for label, kind, matrix in systems:
-            if not np.isfinite([label, kind]).all():
+        for label, kind, other, matrix in systems:
+            if not np.isfinite([label, kind, other]).all():
                 raise InputError(f"{where}: expected a label and a kind of each coordinate system")
             good = matrix.shape == (4, 3) and np.allclose(
                 matrix[:3] @ matrix[:3].T, np.eye(3), atol=1e-4
             )
-            if kind == 0 and not good:
+            problem = "is given in another system" if other else ""
+            if not good and not problem:
                 raise InputError(
                     f"{where}: axes of coordinate system {int(label)} are no rotation; expected an "
                     "origin and three axes at right angles"
                 )
-            found[int(label)] = matrix if kind == 0 else None
+            found[int(label)] = (
+                CoordinateSystem(problem=problem) if problem
+                else CoordinateSystem(int(kind), matrix[:3], matrix[3])
+            )  # fmt: skip
     return found
 
 
@@ -219,33 +369,36 @@ def add_nodes(contents: Contents, where: str, data, length: float | None, axes) 
             f"{where}: the unit of coordinates is not known; expected a dataset 164, or "
             f"length_unit, such as length_unit = 'mm' if the nodes span {spans} mm"
         )
+    on_axis: list[str] = []
     for i, label in enumerate(labels):
         point, problem = np.array([c[i] for c in columns]), ""
-        moves, trouble = _system(int(systems[1][i]), axes)
         if data["type"] == 15:  # in 2411 coordinates are in the part's system
-            defined, problem = _system(int(systems[0][i]), axes)
-            point = point @ defined[:3] + defined[3]
-        problem = f"its definition system {problem}" if problem else ""
-        if trouble and not problem:
-            problem = f"its displacement system {trouble}"
-        node = Node(length * point, moves[:3], where, problem)
-        contents.add_node(str(int(label)), node)
+            defined = _system(int(systems[0][i]), axes)
+            if defined.problem or defined.kind:
+                why = defined.problem or "is not Cartesian"
+                problem = f"its definition system {int(systems[0][i])} {why}"
+            point = point @ defined.axes + defined.origin
+        system = _system(int(systems[1][i]), axes)
+        moves, trouble = system.directions(point)
+        if not trouble and system.on_axis(point):
+            on_axis.append(str(int(label)))
+        turned = f"its displacement system {int(systems[1][i])} {trouble}" if trouble else ""
+        problem = problem or turned
+        if problem:
+            problem += (
+                "; expected 0 or 1 (global), or a Cartesian or (for displacements) a cylindrical "
+                "one of a dataset 18 or 2420"
+            )
+        contents.add_node(str(int(label)), Node(length * point, moves, where, problem, turned))
+    if on_axis:
+        contents.notes.append(
+            f"{where}: nodes {', '.join(on_axis[:12])} are on the axis of their cylindrical "
+            "system: their first direction is taken as its x"
+        )
 
 
-def _system(label: int, axes) -> tuple[np.ndarray, str]:
-    """Axes and origin of a coordinate system, and what is wrong with it.
-
-    0, and 1 unless it is defined, are the global one.
-    """
-    common = np.vstack([np.eye(3), np.zeros(3)])
-    if label == 0 or (label == 1 and 1 not in axes):
-        return common, ""
-    if axes.get(label) is not None:
-        return axes[label], ""
-    kind = "is not Cartesian in global axes" if label in axes else "is not in the file"
-    return common, (
-        f"{label} {kind}; expected 0 or 1 (global), a Cartesian one in a dataset 18 or 2420, or "
-        "the node in points"
-    )
-
-
+def _system(label: int, axes: Mapping[int, CoordinateSystem]) -> CoordinateSystem:
+    """A coordinate system; 0, and 1 unless it is defined, are the global one."""
+    if label in axes:
+        return axes[label]
+    return CoordinateSystem(problem="" if label in (0, 1) else MISSING)

@@ -1,4 +1,4 @@
-"""Mode shapes from universal files (UFF): datasets 55, one for each mode.
+"""Mode shapes from universal files (UFF): datasets 55 or 2414, one for each mode.
 
 Used are the analyses 2 (normal modes) and 3 and 7 (complex eigenvalues). Nodes and their axes come
 from datasets 15, 2411, 18 and 2420, units from 164, and lines for pictures from 82, in any order.
@@ -45,7 +45,6 @@ _DATA = {
 }  # fmt: skip
 _MOTIONS = (0, 1, 8, 11, 12)
 _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[EeDd][+-]?\d+)?|nan|[+-]?inf", re.IGNORECASE)
-_HEADS = 8  # records before those of the nodes
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,7 +95,7 @@ def read_uff_shapes(paths: Sequence[Path], said: Said) -> ShapeContents:
     sets = [
         one for path in paths
         for one in problems.tried(
-            lambda path=path: read_sets(path, (55, 82, *GEOMETRY), problems)
+            lambda path=path: read_sets(path, (55, 82, 2414, *GEOMETRY), problems)
         ) or ()
     ]  # fmt: skip
     found, others = ShapeContents(), []
@@ -107,8 +106,8 @@ def read_uff_shapes(paths: Sequence[Path], said: Said) -> ShapeContents:
             problems.tried(lambda w=where, d=data: add_nodes(found.places, w, d, length, axes))
         elif data["type"] == 82:
             found.lines += _lines(data)
-        elif data["type"] == 55:
-            record = problems.tried(lambda w=where, d=data: _shape(w, d["lines"]))
+        elif data["type"] in (55, 2414):
+            record = problems.tried(lambda w=where, d=data: _shape(w, d["type"], d["lines"]))
             if isinstance(record, ShapeRecord):
                 found.shapes.append(record)
             elif record is not None:
@@ -116,7 +115,7 @@ def read_uff_shapes(paths: Sequence[Path], said: Said) -> ShapeContents:
     problems.check()
     if not found.shapes:
         _refuse_none(paths, sets, others)
-    found.notes += [f"{text}, left out" for text in others]
+    found.notes += [*found.places.notes, *(f"{text}, left out" for text in others)]
     return found
 
 
@@ -124,14 +123,14 @@ def _refuse_none(paths: Sequence[Path], sets: Sequence[Dataset], others: Sequenc
     files = ", ".join(map(str, paths))
     if others:
         raise InputError(
-            f"{files}: {'; '.join(others)}; expected mode shapes, datasets 55 of analysis 2 "
-            "(normal modes), 3 or 7 (complex ones)"
+            f"{files}: {'; '.join(others)}; expected mode shapes, datasets 55 or 2414 of "
+            "analysis 2 (normal modes), 3 or 7 (complex ones)"
         )
     kinds = sorted({data["type"] for _, data in sets})
     there = f"of use are datasets {', '.join(map(str, kinds))} only" if kinds else "none is of use"
     raise InputError(
-        f"{files}: no mode shape, {there}; expected datasets 55. Of functions (datasets 58) modes "
-        "come with [test.frfs.identify]"
+        f"{files}: no mode shape, {there}; expected datasets 55 or 2414. Of functions "
+        "(datasets 58) modes come with [test.frfs.identify]"
     )
 
 
@@ -146,12 +145,16 @@ def _lines(data) -> list[list[str]]:
     return [line for line in lines if len(line) > 1]
 
 
-def _shape(where: str, lines: Sequence[str]) -> ShapeRecord | str:
-    """One mode; or what it is instead, in words."""
-    if len(lines) < _HEADS:
-        raise InputError(f"{where}: has {len(lines)} records, expected {_HEADS} and the nodes'")
-    head = _integers(where, lines[5], 6, "record 6")
-    _, analysis, character, kind, form, count = head[:6]
+def _shape(where: str, type_: int, lines: Sequence[str]) -> ShapeRecord | str:
+    """One mode of a dataset 55, or 2414 of data at nodes; or what it is instead, in words."""
+    head, ids, real, start = (5, 6, 7, 8) if type_ == 55 else (8, 9, 11, 13)
+    if len(lines) < start:
+        raise InputError(f"{where}: has {len(lines)} records, expected {start} and the nodes'")
+    if type_ == 2414 and _integers(where, lines[2], 1, "record 3")[0] != 1:
+        return f"{where}: its data are not at nodes (location {lines[2].strip()} in record 3)"
+    _, analysis, character, kind, form, count = _integers(
+        where, lines[head], 6, f"record {head + 1}"
+    )[:6]
     if analysis != _NORMAL and analysis not in _COMPLEX:
         return f"{where}: is of analysis {word(_ANALYSES, analysis)}"
     if kind not in _MOTIONS:
@@ -161,18 +164,26 @@ def _shape(where: str, lines: Sequence[str]) -> ShapeRecord | str:
             f"{where}: has {count} values for each node ({word(_CHARACTER, character)}), and not 3 "
             "translations, or 6 with rotations"
         )
-    if form not in (2, 5):
-        raise InputError(f"{where}: data type {form} in record 6, expected 2 (real) or 5 (complex)")
-    number = _integers(where, lines[6], 2, "record 7")[3:4] or [0]
-    frequency, damping = _pole(where, analysis, _numbers(lines[7]))
-    table = _nodes(where, lines[_HEADS:], count * (2 if form == 5 else 1))
+    if form not in (2, 4, 5, 6):
+        raise InputError(
+            f"{where}: data type {form} in record {head + 1}, expected 2 or 4 (real), 5 or 6 "
+            "(complex)"
+        )
+    numbers = _integers(where, lines[ids], 2, f"record {ids + 1}")
+    number = (numbers[3:4] if type_ == 55 else numbers[5:6]) or [0]
+    poles = _numbers(lines[real])
+    if type_ == 2414:  # time, frequency, eigenvalue, modal mass, damping; or the eigenvalue below
+        poles = [*poles[1:2], 0.0, *poles[4:6]] if analysis == _NORMAL else _numbers(lines[12])
+    frequency, damping = _pole(where, analysis, poles)
+    is_complex = form in (5, 6)
+    table = _nodes(where, lines[start:], count * (2 if is_complex else 1))
     values = {
-        node: row[0::2] + 1j * row[1::2] if form == 5 else row.astype(complex)
+        node: row[0::2] + 1j * row[1::2] if is_complex else row.astype(complex)
         for node, row in table.items()
     }
     return ShapeRecord(
         where, number[0], frequency, damping, {node: v[:3] for node, v in values.items()},
-        form == 5, any(v[3:].any() for v in values.values()),
+        is_complex, any(v[3:].any() for v in values.values()),
     )  # fmt: skip
 
 

@@ -134,6 +134,112 @@ def test_what_is_refused():
         identify_modes(noise)
 
 
+SIX = 1.5 * np.random.default_rng(5).normal(size=(6, 4))  # mass-normalised shapes at six sensors
+CLOSE, SIX_ZETA = np.array([62, 118, 121.5, 260]), np.array([0.008, 0.006, 0.007, 0.01])
+PLACES, UP = np.outer(np.linspace(0, 0.4, 6), [1, 0, 0]), np.tile([0, 0, 1.0], (6, 1))
+
+
+def _six(references, noise=0.0, seed=0, fn=CLOSE, shift=(0,) * 6, decay=0.0, without=()):
+    """Functions of four modes; of the sensor i all frequencies are 1 + shift[i] times ``fn``."""
+    f, references = np.arange(20, 400.01, 0.25), list(references)
+    s = (2j * np.pi * f + decay)[:, None, None]
+    w = 2 * np.pi * np.outer(1 + np.asarray(shift), fn)
+    H = np.einsum(
+        "nir,ir,jr->nij", s**2 / (s**2 + 2 * SIX_ZETA * w * s + w**2), SIX, SIX[references]
+    )
+    rng = np.random.default_rng(seed)
+    noise = noise * np.abs(H).mean(axis=0) / np.sqrt(2)
+    H += noise * (rng.normal(size=H.shape) + 1j * rng.normal(size=H.shape))
+    for rows, column in without:
+        H[:, rows, column] = np.nan
+    return MeasuredFRFs(
+        f, H, "accelerance", PLACES, UP, PLACES[references], UP[references],
+    )  # fmt: skip
+
+
+def _against(found, true=SIX):
+    return true * np.sign((true * found.shapes).sum(axis=0))
+
+
+def test_close_modes_and_their_deviations():
+    """A mode 3 % above another, beside which LSCF loses it at some seeds."""
+    errors = []
+    for seed in range(10):
+        found = identify_modes(_six([0, 2], 0.02, seed))
+        assert len(found.damping) == 4 and not found.notes
+        errors.append(np.vstack([
+            (found.frequencies_hz - CLOSE) / found.frequencies_sd,
+            (found.damping - SIX_ZETA) / found.damping_sd,
+            (found.shapes - _against(found)) / found.shapes_sd,
+        ]))  # fmt: skip
+    errors = np.array(errors)
+    assert 0.8 < (np.abs(errors) < 1.645).mean() < 0.96  # 90 % are right
+    assert 0.7 < np.sqrt(np.mean(errors**2)) < 1.4
+
+
+MOVED = [
+    ((0, 5), [(slice(4, 6), 0), (slice(0, 3), 1)]),  # sensor 4 stayed
+    ((0, 1), [(slice(3, 6), 0), (slice(0, 3), 1)]),  # the force came to where sensor 2 was
+]
+
+
+@pytest.mark.parametrize(("references", "without"), MOVED)
+def test_what_was_moved_is_linked(references, without):
+    found = identify_modes(_six(references, 0.001, without=without))
+    assert found.mass_normalised
+    assert np.abs(found.shapes - _against(found)).max() < 0.002
+    assert (np.abs(found.shapes - _against(found)) < 4 * found.shapes_sd).all()
+
+
+def test_what_nothing_links_is_refused():
+    """Both halves have a driving point, but nothing says the sign of one by the other."""
+    apart = _six([0, 5], without=[(slice(3, 6), 0), (slice(0, 3), 1)])
+    with pytest.raises(InputError) as raised:
+        identify_modes(apart)
+    for name in ("response 1, response 2, response 3", "response 4", "reference 2"):
+        assert name in str(raised.value)
+
+
+def test_two_modes_at_one_frequency():
+    found = identify_modes(_six([0, 2], 0.005, fn=np.array([62, 118, 118, 260])))
+    assert found.frequencies_hz == pytest.approx([62, 118, 118, 260], rel=2e-4)
+    assert len(found.notes) and all("118" in note for note in found.notes)
+    # What both shapes span is what the true ones span.
+    q = np.linalg.qr(found.shapes[:, 1:3])[0]
+    assert np.abs(SIX[:, 1:3] - q @ (q.T @ SIX[:, 1:3])).max() < 0.03
+
+
+def test_poles_that_differ_from_sensor_to_sensor():
+    """By up to 1 %, as one accelerometer after the other makes them."""
+    shift = [0, -0.002, -0.01, -0.004, -0.008, -0.001]
+    found = identify_modes(_six([0], 0.005, shift=shift))
+    assert found.frequencies_hz == pytest.approx(CLOSE, rel=0.01)
+    assert (np.abs(found.frequencies_hz - CLOSE) < 2 * found.frequencies_sd).all()
+    assert found.damping == pytest.approx([0.008, 0.006, 0.007, 0.01], rel=0.02)
+    assert "response 3" in found.notes[0] and "response 1" in found.notes[0]
+    assert found.test_data().notes == found.notes
+
+
+def test_what_is_left_is_said():
+    """Sensors' scales that changed by some per cent between the forces: no mode, but no noise."""
+    frfs = _six([0, 2], 0.005)
+    frfs.values[:] *= 1 + 0.03 * np.random.default_rng(0).normal(size=(6, 2))
+    found = identify_modes(frfs)
+    assert found.frequencies_hz == pytest.approx(CLOSE, rel=1e-4) and found.notes
+    # Of rank one again, nothing is.
+    assert not identify_modes(frfs.select(references=["reference 1"])).notes
+
+
+def test_exponential_window():
+    """Functions of windowed responses are those at s + 1 / time."""
+    found = identify_modes(_six([0, 2], 0.005, decay=1 / 0.25), exponential_window=0.25)
+    assert found.damping == pytest.approx(SIX_ZETA, rel=2e-3)
+    found = identify_modes(_six([0, 2], 0.005, decay=4))
+    assert found.damping[0] == pytest.approx(0.0183, rel=3e-3)
+    with pytest.raises(InputError, match="exponential_window = 0.1 s"):
+        identify_modes(_six([0, 2], 0.005), exponential_window=0.1)
+
+
 IDENTIFIED = [
     ('frequencies = "frequencies.csv"\n', ""), ('damping = "damping.csv"\n', ""),
     ('condition = "torque"\n', ""), ('resolution = ["12.5 Hz", "12.5 Hz", "0 Hz", "0 Hz"]\n', ""),

@@ -20,7 +20,7 @@ from fenics_joints.units import factor_to_si, to_si
 
 __all__ = ["TestFiles", "test_sketch"]
 
-_NODES = {15, 2411}
+_NODES, _SHAPES = {15, 2411}, {55, 2414}
 #: Names of a condition's column without a unit.
 _CONDITIONS = ("torque", "level", "force", "preload", "amplitude", "run", "row", "test")
 _NO_SENSORS = (
@@ -180,16 +180,17 @@ def _sorted(files: TestFiles) -> tuple[list[Path], list[Path]]:
         uff.append(files.shapes)
     nodes = []
     for path in dict.fromkeys(uff):
-        kinds = {int(data["type"]) for _, data in read_sets(path, (55, 58, *_NODES))}
-        if 55 in kinds:
+        kinds = {int(data["type"]) for _, data in read_sets(path, (*_SHAPES, 58, *_NODES))}
+        if kinds & _SHAPES:
             modal.append(path)
         if 58 in kinds and path not in functions:
             functions.append(path)
         if kinds and kinds <= _NODES:
             nodes.append(path)
-        elif not kinds & {55, 58}:
+        elif not kinds & {*_SHAPES, 58}:
             raise InputError(
-                f"{path}: holds neither mode shapes (datasets 55) nor functions (58): expected one"
+                f"{path}: holds neither mode shapes (datasets 55 or 2414) nor functions (58): "
+                "expected one"
             )
     universal = [p for p in functions if p.suffix.lower() in UFF_SUFFIXES]
     return modal + nodes * bool(modal), functions + nodes * bool(universal)
