@@ -12,13 +12,16 @@ import unicodedata
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 
 from fenics_joints.errors import MeshError
 from fenics_joints.files import is_file
 from fenics_joints.meshes.cad_kinds import TOUCH, circle_of, is_flat
+from fenics_joints.meshes.gmsh_apart import run_apart
 
 __all__ = [
     "Contact",
@@ -41,6 +44,8 @@ _LETTERS = str.maketrans({
     "ä": "ae", "ö": "oe", "ü": "ue", "Ä": "Ae", "Ö": "Oe", "Ü": "Ue", "ß": "ss",
     "æ": "ae", "Æ": "Ae", "ø": "oe", "Ø": "Oe", "ł": "l", "Ł": "L",
 })  # fmt: skip
+#: How a STEP file begins: comments may stand before it.
+_STEP = re.compile(rb"(\xef\xbb\xbf)?(\s|/\*.*?\*/)*ISO-10303-21\s*;", re.DOTALL)
 #: How far from a face a point is asked for being in the solid.
 _PROBE = 1e-2
 
@@ -103,26 +108,46 @@ def import_solids(path: Path, model, names: Mapping[str, Place]) -> Solids:
         MeshError: The file is missing, is no STEP file, or has less than two solids; or a name
             fits no solid, or two.
     """
-    if not is_file(path):
-        raise MeshError(f"{path}: no such file, expected a STEP file")
-    with path.open("rb") as file:
-        if b"ISO-10303-21" not in file.read(4096):
-            raise MeshError(f"{path}: not a STEP file, expected it to begin with ISO-10303-21")
-        file.seek(max(0, path.stat().st_size - 4096))
-        cut = b"END-ISO-10303-21" not in file.read()
+    _check_step(path)
     try:
         with _unheard():
-            found = model.occ.importShapes(str(path))
+            found = model.occ.importShapes(str(path), format="step")
         model.occ.synchronize()
     except Exception as error:
-        why = "it is truncated, expected END-ISO-10303-21; at its end" if cut else error
-        raise MeshError(f"{path}: gmsh cannot read it: {why}") from error
+        raise MeshError(f"{path}: gmsh cannot read it: {error}") from error
     tags = [tag for dim, tag in found if dim == 3]
     labels = [_label(model.getEntityName(3, tag)) for tag in tags]
     if len(tags) < 2:
         there = f"one solid, {labels[0][-1] or 'unnamed'!r}" if tags else "no solid"
         raise MeshError(f"{path}: it has {there}; expected an assembly of at least two")
     return Solids(path, _named(path, model, tags, labels, names), tags)
+
+
+def _check_step(path: Path) -> None:
+    """Refuse what is no STEP file, and what gmsh cannot read or crashes on."""
+    if not is_file(path):
+        raise MeshError(f"{path}: no such file, expected a STEP file")
+    with path.open("rb") as file:
+        start = file.read(4096)
+        size = file.seek(0, os.SEEK_END)
+        file.seek(max(0, size - 4096))
+        whole = b"END-ISO-10303-21" in file.read()
+    if not _STEP.match(start):
+        raise MeshError(f"{path}: not a STEP file, expected it to begin with ISO-10303-21;")
+    try:
+        _read_apart(path.resolve(), size, path.stat().st_mtime_ns)
+    except MeshError as error:
+        if whole:
+            raise
+        expected = "it is truncated, expected END-ISO-10303-21; at its end"
+        raise MeshError(f"{path}: gmsh cannot read it: {expected}") from error
+
+
+@lru_cache(maxsize=8)
+def _read_apart(path: Path, size: int, changed: int) -> None:
+    """Read a file in a process of its own, once for each state of the file."""
+    with TemporaryDirectory(prefix="fenics-joints-") as folder:
+        run_apart(path, Path(folder), str(path), size)
 
 
 @contextmanager
