@@ -11,7 +11,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from fenics_joints.errors import MeshError
-from fenics_joints.meshes.cad_shapes import TOUCH, Contact, Hole, Solids, circle_points, holes
+from fenics_joints.meshes.cad_shapes import (
+    TOUCH,
+    Contact,
+    Hole,
+    Outline,
+    Solids,
+    circle_points,
+    holes,
+)
 
 __all__ = ["BoltPlace", "check_rings", "given_bolts", "hole_bolts"]
 
@@ -55,7 +63,7 @@ class _Holes:
 
     def of(self, face: int) -> list[Hole]:
         if face not in self._found:
-            self._found[face] = holes(self.model, face)
+            self._found[face] = holes(Outline.of(self.model, face))
         return self._found[face]
 
     def pairs(self, contact: Contact) -> list[tuple[Hole, Hole, float]]:
