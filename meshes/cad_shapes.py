@@ -240,11 +240,11 @@ def _free(name: str, used: set[str]) -> str:
 # -- faces -----------------------------------------------------------------------------------------
 
 
-#: Told how much of some work is done, and of how much.
-Told = Callable[[int, int], None]
+#: Told what is being done, how many parts of it are done, and of how many.
+Told = Callable[[str, int, int], None]
 
 
-def untold(done: int, of: int) -> None:
+def untold(words: str, done: int, of: int) -> None:
     """Say nothing."""
 
 
@@ -270,14 +270,14 @@ def find_contacts(
         model: gmsh's model.
         solids: The solids.
         reach: How far apart faces may be.
-        told: Told how many pairs of faces have been looked at, and of how many.
+        told: Told how far it is.
         tidy: Whether to remove what was drawn meanwhile, which takes as long as the rest.
     """
     flats = [(i, flat) for i, tag in enumerate(solids.tags) for flat in _flats(model, tag)]
     pairs = _facing(flats, reach)
     found: list[tuple[Contact, list]] = []
     for n, (k, m, gap) in enumerate(pairs):
-        told(n, len(pairs))
+        told("pairs of faces", n, len(pairs))
         (i, a), (j, b) = flats[k], flats[m]
         common, area = _common(model, a, b, gap)
         if area > _NO_AREA * model.occ.getMass(2, a.tag):
@@ -404,52 +404,64 @@ class Outline:
     """The edges of a flat face.
 
     Attributes:
-        circles: Centre, radius and curves of each circle on which edges lie.
-        pieces: All edges as straight pieces, shape (n, 2, 3).
-        circle: Number of the circle of each piece; -1 for other curves.
+        centres: Of the circles on which edges lie, shape (n, 3).
+        radii: Theirs, shape (n,).
+        curves: gmsh's curves on each of them.
         holes: Numbers of the circles that are holes: whole, with edges outside them.
+        pieces: What is on no hole, as straight pieces, shape (n_pieces, 2, 3).
     """
 
-    circles: list[tuple[np.ndarray, float, list[int]]]
+    centres: np.ndarray
+    radii: np.ndarray
+    curves: list[list[int]]
+    holes: np.ndarray
     pieces: np.ndarray
-    circle: np.ndarray
-    holes: list[int]
 
     @classmethod
     def of(cls, model, face: int) -> Outline:
         """The edges of a face of gmsh's."""
-        circles: list[tuple[np.ndarray, float, list[int]]] = []
-        known, lengths, pieces, circle = np.empty((0, 4)), [], [], []
+        circles, curves, lengths = np.empty((0, 4)), [], []
+        number, starts, all_points = [], [], []
         for _, curve in model.getBoundary([(2, face)], oriented=False):
-            number, found = -1, circle_of(model, curve)
+            found, own = circle_of(model, curve), -1
             if found is not None:
-                same = np.linalg.norm(known[:, :3] - found[0], axis=1) < TOUCH
-                same = np.flatnonzero(same & (np.abs(known[:, 3] - found[1]) < TOUCH))
-                number = int(same[0]) if len(same) else len(circles)
-                if number == len(circles):
-                    circles.append((*found, []))
+                off = circles - [*found[0], found[1]]
+                same = (np.abs(off[:, 3]) < TOUCH) & (np.sum(off[:, :3] ** 2, axis=1) < TOUCH**2)
+                own = int(np.flatnonzero(same)[0]) if np.any(same) else len(circles)
+                if own == len(circles):
+                    circles = np.vstack([circles, [*found[0], found[1]]])
+                    curves.append([])
                     lengths.append(0.0)
-                    known = np.vstack([known, [*found[0], found[1]]])
-                circles[number][2].append(curve)
-                lengths[number] += model.occ.getMass(1, curve)
-            points = _along(model, curve)
-            pieces.append(np.stack([points[:-1], points[1:]], axis=1))
-            circle.append(np.full(len(points) - 1, number))
-        pieces, circle = np.vstack(pieces), np.concatenate(circle)
-        holes = [
-            i for i, (centre, radius, _) in enumerate(circles)
-            if abs(lengths[i] / (2 * np.pi * radius) - 1) < 1e-3
-            and np.any(np.linalg.norm(pieces[circle != i] - centre, axis=2) > radius)
-        ]  # fmt: skip
-        return cls(circles, pieces, circle, holes)
+                curves[own].append(curve)
+                lengths[own] += model.occ.getMass(1, curve)
+            number.append(own)
+            all_points.append(_along(model, curve))
+            starts.append(all_points[-1][0])
+        number, starts = np.array(number), np.array(starts)
+        centres, radii = circles[:, :3], circles[:, 3]
+        whole = np.abs(np.array(lengths) / (2 * np.pi * radii) - 1) < 1e-3
+        holes = np.array([
+            i for i in np.flatnonzero(whole)
+            if np.any(np.linalg.norm(starts[number != i] - centres[i], axis=1) > radii[i])
+        ], dtype=int)  # fmt: skip
+        others = [x for x, of in zip(all_points, number, strict=True) if of not in set(holes)]
+        pieces = [np.stack([x[:-1], x[1:]], axis=1) for x in others]
+        pieces = np.vstack(pieces) if pieces else np.empty((0, 2, 3))
+        return cls(centres, radii, curves, holes, pieces)
 
     def clearance(self, point: np.ndarray, hole: int) -> float:
         """Distance of a point of the face's plane from the nearest edge but those of a hole."""
-        start, end = self.pieces[self.circle != hole].transpose(1, 0, 2)
+        others = self.holes[self.holes != hole]
+        apart = np.linalg.norm(self.centres[others] - point, axis=1)
+        start, end = self.pieces[:, 0], self.pieces[:, 1]
         along = end - start
         length = np.maximum((along**2).sum(axis=1), 1e-300)
         share = np.clip(((point - start) * along).sum(axis=1) / length, 0, 1)
-        return float(np.linalg.norm(start + share[:, None] * along - point, axis=1).min())
+        beside = np.linalg.norm(start + share[:, None] * along - point, axis=1)
+        return min(
+            np.min(np.abs(apart - self.radii[others]), initial=np.inf),
+            np.min(beside, initial=np.inf),
+        )
 
 
 def _along(model, curve: int) -> np.ndarray:
@@ -462,7 +474,7 @@ def _along(model, curve: int) -> np.ndarray:
 
 def holes(outline: Outline) -> list[Hole]:
     """Round holes in a flat face: whole circles that are not its outer edge."""
-    return [Hole(*outline.circles[i][:2], i) for i in outline.holes]
+    return [Hole(outline.centres[i], float(outline.radii[i]), int(i)) for i in outline.holes]
 
 
 def circle_points(normal: np.ndarray, n: int) -> np.ndarray:

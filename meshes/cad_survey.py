@@ -110,13 +110,14 @@ def survey_step(path: str | Path, told: Told = untold) -> StepSurvey:
 
     Args:
         path: The file.
-        told: Told how many pairs of faces have been looked at, and of how many.
+        told: Told how far it is.
 
     Raises:
         MeshError: As `read_step` for a file that it cannot read; or solids overlap.
     """
     path = Path(path)
     with gmsh_model(path, {"Geometry.OCCTargetUnit": "MM"}) as model:
+        told("bytes read", 0, path.stat().st_size if path.exists() else 0)
         found = import_solids(path, model, {})
         solids = tuple(
             _solid(model, tag, i, name)
@@ -127,7 +128,7 @@ def survey_step(path: str | Path, told: Told = untold) -> StepSurvey:
             why = nearest(model, found, _REACH)
             if "overlap" in why:
                 raise MeshError(f"{path}: {why.removeprefix('; ')}")
-        through = _through(model, contacts)
+        through = _through(model, contacts, told)
     touching = tuple(
         Touch((c.lower, c.upper), c.normal, c.gap / _MM, c.area / _MM**2) for c in contacts
     )
@@ -144,7 +145,7 @@ def _solid(model, tag: int, number: int, name: str) -> Solid:
     return Solid(plain, name, model.occ.getMass(3, tag) / _MM**3, area / _MM**2, box)
 
 
-def _through(model, contacts: list[Contact]) -> list[ThroughHole]:
+def _through(model, contacts: list[Contact], told: Told) -> list[ThroughHole]:
     """Pairs of holes with one axis, and how large rings around them may be."""
     outlines = {face: Outline.of(model, face) for c in contacts for face in c.faces}
     of_face = {face: holes(outline) for face, outline in outlines.items()}
@@ -158,7 +159,8 @@ def _through(model, contacts: list[Contact]) -> list[ThroughHole]:
             near = np.flatnonzero(np.linalg.norm(centres - a.centre, axis=1) <= TOUCH)
             pairs += [(i, a, upper[k]) for k in near]
     places, found = np.array([a.centre for _, a, _ in pairs]).reshape(-1, 3), []
-    for i, a, b in pairs:
+    for n, (i, a, b) in enumerate(pairs):
+        told("pairs of holes", n, len(pairs))
         contact = contacts[i]
         between = places - a.centre
         distance = np.linalg.norm(between, axis=1)
@@ -166,7 +168,7 @@ def _through(model, contacts: list[Contact]) -> list[ThroughHole]:
         most = 0.98 * min(others / 2, default=np.inf)
         room = _room(contact, [outlines[face] for face in contact.faces], (a, b), most)
         depths = tuple(
-            _depth(model, face, outlines[face].circles[hole.circle][2], contact.normal)
+            _depth(model, face, outlines[face].curves[hole.circle], contact.normal)
             for face, hole in zip(contact.faces, (a, b), strict=True)
         )
         diameters = 2 * a.radius / _MM, 2 * b.radius / _MM

@@ -15,6 +15,7 @@ from fenics_joints.meshes.check import check_mesh
 from fenics_joints.meshes.grow import Grown, grow
 from fenics_joints.meshes.msh_file import MshFile, read_msh_file
 from fenics_joints.meshes.rings import ring_centres
+from fenics_joints.meshes.sheet import thickened
 from fenics_joints.meshes.tagged import MeshLists, TaggedMesh, distribute
 from fenics_joints.parallel import on_root
 
@@ -44,6 +45,7 @@ def read_msh(
     required_facets: Sequence[str] = (),
     scale: float = 1.0,
     grown: Grown | None = None,
+    thickness: float | None = None,
 ) -> TaggedMesh:
     """Read a gmsh ``.msh`` file whose physical groups name the parts and the faces.
 
@@ -64,6 +66,8 @@ def read_msh(
         scale: Length in metres of the file's unit, such as 1e-3 for millimetres.
         grown: Joint layers to grow where parts touch, see `fenics_joints.meshes.grow`; None: none,
             parts that share vertices are as one.
+        thickness: Of the sheet, m, that a plane mesh is the middle of, with ``gdim=2``: the mesh is
+            then of that solid, in space; None: the mesh is a section, in the plane.
 
     Returns:
         The tagged mesh.
@@ -78,9 +82,13 @@ def read_msh(
     require = requirement("read_msh")
     require(gdim in (2, 3), "gdim", gdim, "2 or 3")
     require(is_positive(scale), "scale", scale, "a length above 0 m")
+    sheet = thickness is None or (is_positive(thickness) and gdim == 2)
+    require(sheet, "thickness", thickness, "a length above 0 m with gdim = 2, or none")
 
     def build() -> MeshLists:
         lists = read_lists(path, gdim, scale)
+        if thickness is not None:
+            lists = thickened(lists, thickness)
         _check_required(path, "part", required_cells, lists.cell_names)
         _check_required(path, "face", required_facets, lists.facet_names)
         if grown is None:
@@ -93,7 +101,8 @@ def read_msh(
     with located(path):
         check_mesh(tagged)
     _check_facets_found(path, tagged, lists)
-    bolts = ring_centres(tagged) if gdim == 3 and "bolts" not in tagged.points else None
+    space = tagged.mesh.geometry.dim == 3
+    bolts = ring_centres(tagged) if space and "bolts" not in tagged.points else None
     return tagged if bolts is None else replace(tagged, points=tagged.points | {"bolts": bolts})
 
 
@@ -114,7 +123,10 @@ def read_lists(path: Path, gdim: int, scale: float) -> MeshLists:
     order = np.argsort(file.tags)
     x = file.x[order[np.searchsorted(file.tags, nodes, sorter=order)]] * scale
     if gdim == 2 and np.ptp(x[:, 2]) > 1e-9 * np.ptp(x):
-        raise MeshError(f"{path}: gdim is 2, expected all vertices at one z, got {np.ptp(x[:, 2])}")
+        raise MeshError(
+            f"{path}: gdim is 2, expected all vertices at one z, but they span "
+            f"{np.ptp(x[:, 2]):.6g} m (folded or turned shells have to be meshed as solids)"
+        )
     if not np.isin(facets, nodes).all():
         raise MeshError(f"{path}: a face has vertices that no cell has, expected facets of cells")
     return MeshLists(
@@ -171,7 +183,12 @@ def _check_ungrouped(path: Path, file: MshFile, gdim: int, groups) -> None:
     for entity, _, nodes in file.elements(gdim):
         counts[entity] = counts.get(entity, 0) + len(nodes)
     if not any(counts.values()):
-        raise MeshError(f"{path}: the mesh has no cells of dimension {gdim}, expected some")
+        surface = gdim == 3 and any(len(nodes) for _, _, nodes in file.elements(2))
+        hint = ": it is of surfaces alone; a flat sheet is read with gdim = 2 and its thickness"
+        raise MeshError(
+            f"{path}: the mesh has no cells of dimension {gdim}, expected some"
+            f"{hint if surface else ''}"
+        )
     missing = {entity: n for entity, n in counts.items() if n and entity not in grouped}
     if missing:
         entities = ", ".join(str(entity) for entity in missing)

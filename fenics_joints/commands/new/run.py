@@ -121,8 +121,8 @@ def _looked(
     """The test, and the cases that its files and those of the structure may mean."""
     survey = None
     if source.step is not None:
-        def told(done: int, of: int) -> None:
-            progress.reach(done, f"{of} pairs of faces that look at each other")
+        def told(words: str, done: int, of: int) -> None:
+            progress.reach(done, f"of {of} {words}")
 
         survey = problems.tried(lambda: survey_step(source.step, told))
     test = problems.tried(
