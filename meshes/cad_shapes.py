@@ -277,7 +277,8 @@ def find_contacts(
     pairs = _facing(flats, reach)
     found: list[tuple[Contact, list]] = []
     for n, (k, m, gap) in enumerate(pairs):
-        told("pairs of faces", n, len(pairs))
+        if n % 20 == 0:
+            told("pairs of faces", n, len(pairs))
         (i, a), (j, b) = flats[k], flats[m]
         common, area = _common(model, a, b, gap)
         if area > _NO_AREA * model.occ.getMass(2, a.tag):

@@ -160,7 +160,8 @@ def _through(model, contacts: list[Contact], told: Told) -> list[ThroughHole]:
             pairs += [(i, a, upper[k]) for k in near]
     places, found = np.array([a.centre for _, a, _ in pairs]).reshape(-1, 3), []
     for n, (i, a, b) in enumerate(pairs):
-        told("pairs of holes", n, len(pairs))
+        if n % 20 == 0:
+            told("pairs of holes", n, len(pairs))
         contact = contacts[i]
         between = places - a.centre
         distance = np.linalg.norm(between, axis=1)

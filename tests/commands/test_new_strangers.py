@@ -9,7 +9,7 @@ import pytest
 from mpi4py import MPI
 from step_files import bores
 
-from fenics_joints.case import load_case
+from fenics_joints.case import build_structure, load_case
 from fenics_joints.commands.check.run import check_case
 from fenics_joints.commands.modes.run import run_modes
 from fenics_joints.commands.new.run import Source, run_new
@@ -136,3 +136,21 @@ def test_cells_larger_than_all(tmp_path):
     (line,) = [line for line in text.splitlines() if line.startswith("size = ")]
     (note,) = edited(tmp_path / "case", (line, "size = 5")).notes
     assert "mesh.size = 5" in note
+
+
+def test_a_mass_on_a_bolt(tmp_path):
+    """The hole is empty: the mass sits on the ring, with the bolt's axis as its centre."""
+    step = write_step(tmp_path / "a.step", flanges_named)
+    written(tmp_path / "case", Source(step=step))
+    path = tmp_path / "case" / "case.toml"
+    screw = '[masses.screw]\nmass = "20 g"\npoints = [["25 mm", "30 mm", "10 mm"]]\n'
+    path.write_text(path.read_text(encoding="utf-8") + screw, encoding="utf-8")
+    assert check_case(tmp_path / "case", MPI.COMM_SELF, Progress(silent=True)).errors == ()
+    model = build_structure(load_case(tmp_path / "case"), MPI.COMM_SELF)
+    places = np.array([mass.point for mass in model.masses])
+    assert sum(mass.share for mass in model.masses) == pytest.approx(1.0)
+    assert np.allclose(places.mean(axis=0), [0.025, 0.03, 0.01], atol=1e-5)
+    beside = screw.replace('"25 mm", "30 mm"', '"50 mm", "70 mm"')
+    path.write_text(path.read_text(encoding="utf-8").replace(screw, beside), encoding="utf-8")
+    (error,) = check_case(tmp_path / "case", MPI.COMM_SELF, Progress(silent=True)).errors
+    assert "screw" in error

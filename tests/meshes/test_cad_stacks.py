@@ -6,9 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from mpi4py import MPI
 from step_files import bores
 
 from fenics_joints.errors import MeshError
+from fenics_joints.meshes import measure_ring, read_step
 from fenics_joints.meshes.cad_survey import survey_step
 from fenics_joints.meshes.step_writer import write_step
 
@@ -108,3 +110,22 @@ def test_rooms_of_many_holes(tmp_path):
     rooms = np.array([hole.room for hole in survey.holes])
     assert np.all(rooms <= 0.98 * 0.01) and np.all(rooms > 0.93 * 0.98 * 0.01)
     assert np.allclose([hole.depths for hole in survey.holes], 0.01)
+
+
+def thin_pack(occ):
+    """Four sheets of 0.5 mm with one hole through all."""
+    for i in range(4):
+        sheet = [(3, occ.addBox(0, 0, 0.5 * i, 60, 60, 0.5))]
+        occ.cut(sheet, bores(occ, [(30, 30)], -1, 4, 4.5))
+
+
+def test_rings_of_a_pack_of_thin_sheets(tmp_path):
+    """Each given centre is on the faces that are nearest to it, not on the first within reach."""
+    path = write_step(tmp_path / "a.step", thin_pack)
+    at = [(0.03, 0.03, 0.0005 * i) for i in (1, 2, 3)]
+    given = {"r_wai": 0.01, "element_size": 0.02, "circle": 8}
+    tagged = read_step(path, MPI.COMM_SELF, bolts=at, **given)
+    assert np.allclose(tagged.points["bolts"], at, atol=1e-6)
+    between = [(ring.lower, ring.upper) for ring in
+               (measure_ring(tagged, f"ring_{n}") for n in (1, 2, 3))]  # fmt: skip
+    assert len({frozenset(lower + upper) for lower, upper in between}) == 3
