@@ -117,7 +117,6 @@ def survey_step(path: str | Path, told: Told = untold) -> StepSurvey:
     """
     path = Path(path)
     with gmsh_model(path, {"Geometry.OCCTargetUnit": "MM"}) as model:
-        told("bytes read", 0, path.stat().st_size if path.exists() else 0)
         found = import_solids(path, model, {})
         solids = tuple(
             _solid(model, tag, i, name)

@@ -6,6 +6,7 @@ JSON; how many bytes of memory may be used; and the file. What is in ``mesh.msh`
 reason is in ``error.txt``.
 """
 
+import contextlib
 import json
 import sys
 
@@ -49,8 +50,10 @@ def _limit(most: int) -> None:
     except ImportError:  # Windows
         return
     _, hard = resource.getrlimit(resource.RLIMIT_AS)
-    resource.setrlimit(resource.RLIMIT_AS, (most, hard))
-    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    most = most if hard == resource.RLIM_INFINITY else min(most, hard)
+    with contextlib.suppress(ValueError, OSError):  # macOS has none
+        resource.setrlimit(resource.RLIMIT_AS, (most, hard))
+        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
 
 
 def _content(model, np) -> dict:

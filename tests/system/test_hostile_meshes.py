@@ -206,7 +206,7 @@ def test_no_mesh_ends_or_stops_the_program(tmp_path, name):
 
 def test_no_drawing_ends_the_program(tmp_path):
     """Of drawings whose references are turned about OpenCASCADE crashes on a half."""
-    whole = (Path(__file__).parent / "data" / "washers.step").read_bytes()
+    whole = (Path(__file__).parents[1] / "meshes" / "data" / "washers.step").read_bytes()
     lines, rng = whole.split(b"\n"), np.random.default_rng(1)
     numbered = [i for i, line in enumerate(lines) if line.startswith(b"#")]
     for k in range(6):
