@@ -112,9 +112,7 @@ def _loaded(path: Path, file: Path) -> MshFile:
             (dim, entity, kind, found[f"block{i}"].astype(np.int64).reshape(-1, kinds[kind][2]))
             for i, (dim, entity, kind) in enumerate(head["blocks"])
         )
-        points = {
-            i: found[f"points{i}"].reshape(-1, 3) for i, g in enumerate(groups) if g.dim < 2
-        }
+        points = {i: found[f"points{i}"].reshape(-1, 3) for i, g in enumerate(groups) if g.dim < 2}
         tags, x = found["tags"].astype(np.int64), found["x"].reshape(-1, 3)
     if not np.all(np.isfinite(x)):
         raise MeshError(f"{shown_path(path)}: a vertex is not finite, expected numbers")
