@@ -11,11 +11,13 @@ import numpy as np
 from mpi4py import MPI
 
 from fenics_joints.errors import MeshError, located
+from fenics_joints.files import path_of
 from fenics_joints.meshes.arguments import (
     Arguments,
     Demand,
     Size,
     described,
+    holds,
     is_count,
     is_positive,
 )
@@ -133,6 +135,14 @@ class StepAssembly(Arguments):
 
     def check(self) -> None:
         """Refuse arguments that do not fit each other, with MeshError."""
+        for key in ("parts", "faces"):
+            value = getattr(self, key)
+            named = value is None or isinstance(value, Mapping)
+            self.require(named, key, value, "places by their names")
+        for key in ("bolts", "between", "bonded"):
+            value = getattr(self, key)
+            several = value is None or (np.iterable(value) and not isinstance(value, str))
+            self.require(several, key, value, "a sequence")
         self.radii()
         self.points()
 
@@ -159,15 +169,17 @@ class StepAssembly(Arguments):
         """Points on each named face, m, shape (n, 3)."""
         found = {}
         for name, points in (self.faces or {}).items():
+            expected = "a point (x, y, z) in metres, or several"
+            number = holds(lambda p: np.array(p, dtype=float).ndim, points)
+            self.require(number, f"faces.{name}", points, expected)
             found[name] = np.atleast_2d(np.array(points, dtype=float))
             fits = found[name].ndim == 2 and found[name].shape[1] == 3
-            expected = "a point (x, y, z) in metres, or several"
             self.require(fits, f"faces.{name}", points, expected)
         return found
 
     def read(self, path: str | Path, comm: MPI.Intracomm) -> TaggedMesh:
         """The mesh of a STEP file, in any unit. Collective; gmsh runs on rank 0 alone."""
-        tagged = distribute(comm, on_root(comm, _Assembly(Path(path), self).lists))
+        tagged = distribute(comm, on_root(comm, _Assembly(path_of(path), self).lists))
         with located(path):
             check_mesh(tagged)
         return tagged

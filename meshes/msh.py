@@ -10,6 +10,7 @@ import numpy as np
 from mpi4py import MPI
 
 from fenics_joints.errors import MeshError, Problems, located
+from fenics_joints.files import path_of
 from fenics_joints.meshes.arguments import is_positive, requirement
 from fenics_joints.meshes.check import check_mesh
 from fenics_joints.meshes.grow import Grown, grow
@@ -78,10 +79,13 @@ def read_msh(
             of second order; facets are in two groups or are no facets of the cells; a required
             name is missing; cells are inverted or flat. The message names it.
     """
-    path = Path(path)
+    path = path_of(path)
     require = requirement("read_msh")
     require(gdim in (2, 3), "gdim", gdim, "2 or 3")
     require(is_positive(scale), "scale", scale, "a length above 0 m")
+    for key, names in (("required_cells", required_cells), ("required_facets", required_facets)):
+        require(np.iterable(names) and not isinstance(names, str), key, names, "a list of names")
+    require(grown is None or isinstance(grown, Grown), "grown", grown, "a Grown, or none")
     sheet = thickness is None or (is_positive(thickness) and gdim == 2)
     require(sheet, "thickness", thickness, "a length above 0 m with gdim = 2, or none")
 
