@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
+import ufl
 from ufl.core.expr import Expr
 
-from fenics_joints.errors import real, reals
+from fenics_joints.errors import direction, real, reals
 
-__all__ = ["check"]
+__all__ = ["check", "unit_vector"]
 
 
 def check(key: str, value, unit: str = "", **bounds: float) -> None:
@@ -29,3 +30,17 @@ def check(key: str, value, unit: str = "", **bounds: float) -> None:
         reals(key, value, None, unit, **bounds)
     else:
         real(key, value, unit, **bounds)
+
+
+def unit_vector(key: str, value, gdim: int):
+    """A direction as a unit vector of UFL.
+
+    Args:
+        key: Name of the argument.
+        value: UFL, which passes; or ``gdim`` numbers, of any length but zero.
+        gdim: Number of components.
+
+    Raises:
+        InputError: If numbers are no direction.
+    """
+    return value if isinstance(value, Expr) else ufl.as_vector(direction(key, value, (gdim,)))

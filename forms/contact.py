@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import ufl
 
-from fenics_joints.forms.checks import check
+from fenics_joints.forms.checks import check, unit_vector
 
 __all__ = [
     "augmented_pressure",
@@ -39,11 +39,12 @@ def contact_gap(jump, normal, initial_gap=0.0):
         initial_gap: Gap without displacement, m; negative is an interference fit.
     """
     check("initial_gap", initial_gap, "m")
-    return initial_gap + ufl.dot(jump, normal)
+    return initial_gap + ufl.dot(jump, unit_vector("normal", normal, jump.ufl_shape[0]))
 
 
 def contact_slip(jump, normal):
     """Slip, m, shape (gdim,): the part of the jump in the plane of the interface."""
+    normal = unit_vector("normal", normal, jump.ufl_shape[0])
     return jump - ufl.dot(jump, normal) * normal
 
 
@@ -109,6 +110,7 @@ def contact_interface(jump_v, normal, pressure, traction, dS):
         traction: Friction traction along the slip, shape (gdim,), Pa; None without friction.
         dS: Measure over the interface. In parallel the mesh needs ``GhostMode.shared_facet``.
     """
+    normal = unit_vector("normal", normal, jump_v.ufl_shape[0])
     residual = -pressure * ufl.dot(normal, jump_v)
     if traction is not None:
         residual += ufl.dot(traction, jump_v)

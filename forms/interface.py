@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ufl
 
-from fenics_joints.forms.checks import check
+from fenics_joints.forms.checks import check, unit_vector
 
 __all__ = ["spring_interface", "spring_traction"]
 
@@ -19,10 +19,12 @@ def spring_traction(jump, normal, k_n, k_t):
         k_t: Tangential stiffness per area, Pa/m.
 
     Raises:
-        InputError: A stiffness is a number that is negative or not finite.
+        InputError: A stiffness is a number that is negative or not finite; the normal is no
+            direction.
     """
     check("k_n", k_n, "Pa/m", least=0)
     check("k_t", k_t, "Pa/m", least=0)
+    normal = unit_vector("normal", normal, jump.ufl_shape[0])
     normal_jump = ufl.dot(jump, normal) * normal
     return k_n * normal_jump + k_t * (jump - normal_jump)
 

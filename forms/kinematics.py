@@ -11,7 +11,7 @@ from __future__ import annotations
 import ufl
 
 from fenics_joints.errors import InputError
-from fenics_joints.forms.checks import check
+from fenics_joints.forms.checks import check, unit_vector
 
 __all__ = ["layer_strain", "strain", "stretched_gradient"]
 
@@ -30,7 +30,8 @@ def stretched_gradient(u, normal=None, stretch=None, across=None, width=None):
         UFL expression of shape (gdim, gdim), row i the gradient of component i.
 
     Raises:
-        InputError: A stretch without its direction, or one that is not above 0.
+        InputError: A stretch without its direction, a direction of zero, or a stretch that is not
+            above 0.
     """
     gradient = ufl.grad(u)
     if stretch is not None and normal is None:
@@ -40,9 +41,11 @@ def stretched_gradient(u, normal=None, stretch=None, across=None, width=None):
     stretched = gradient
     if stretch is not None:
         check("stretch", stretch, above=0)
+        normal = unit_vector("normal", normal, gradient.ufl_shape[1])
         stretched += (1 / stretch - 1) * ufl.outer(gradient * normal, normal)
     if width is not None:
         check("width", width, above=0)
+        across = unit_vector("across", across, gradient.ufl_shape[1])
         stretched += (1 / width - 1) * ufl.outer(gradient * across, across)
     return stretched
 
@@ -67,7 +70,11 @@ def layer_strain(gradient, normal):
         (eps_n, gamma_t): scalar normal strain, and the engineering shear strain as a vector in
         the tangent plane, shape (gdim,). Both are unchanged when ``normal`` changes sign, but for
         the sign of ``gamma_t``.
+
+    Raises:
+        InputError: The normal is no direction.
     """
+    normal = unit_vector("normal", normal, gradient.ufl_shape[1])
     eps_n = ufl.dot(normal, gradient * normal)
     shear = gradient * normal + ufl.transpose(gradient) * normal
     gamma_t = shear - ufl.dot(shear, normal) * normal

@@ -19,12 +19,15 @@ from fenics_joints.meshes.tagged import MeshLists, TaggedMesh, distribute
 from fenics_joints.parallel import on_root
 
 __all__ = [
+    "MOST_CELLS",
     "Arguments", "Builder", "Count", "Demand", "Gap", "Places", "Size", "Solid", "described",
     "holds", "is_count", "is_finite", "is_positive", "lengths", "made_by", "requirement",
     "two_counts",
 ]  # fmt: skip
 
 P = ParamSpec("P")
+#: No mesh of more cells is made.
+MOST_CELLS = 1e9
 #: Two bolts nearer than this, m, are one: no thread is thinner.
 ONE_BOLT = 1e-3
 
@@ -172,7 +175,17 @@ class Builder(Arguments):
         raise NotImplementedError
 
     def build(self, comm: MPI.Intracomm) -> TaggedMesh:
-        """The mesh. Collective; its lists are made on rank 0 alone."""
+        """The mesh. Collective; its lists are made on rank 0 alone.
+
+        Raises:
+            MeshError: It would have more than `MOST_CELLS` cells.
+        """
+        cells = sum(math.prod(map(float, brick)) for brick in self.bricks())
+        if not cells <= MOST_CELLS:
+            raise MeshError(
+                f"{self.function}: the mesh would have about {cells:.2g} cells, expected at most "
+                f"{MOST_CELLS:.0e}: are the sizes of its elements given in metres?"
+            )
         return distribute(comm, on_root(comm, self.lists))
 
 

@@ -11,12 +11,13 @@ import numpy as np
 from mpi4py import MPI
 
 from fenics_joints.errors import MeshError, located
+from fenics_joints.files import path_of
 from fenics_joints.meshes.arguments import (
     Arguments,
-    Count,
     Demand,
     Size,
     described,
+    holds,
     is_count,
     is_positive,
 )
@@ -60,8 +61,12 @@ def _is_range(hole) -> bool:
     return np.shape(hole) == (2,) and all(map(is_positive, hole)) and hole[0] <= hole[1]
 
 
+def _is_few(cells) -> bool:
+    return is_count(cells) and cells <= 1000
+
+
 def _is_polygon(edges) -> bool:
-    return is_count(edges) and edges >= 6
+    return is_count(edges) and 6 <= edges <= 10_000
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -120,16 +125,24 @@ class StepAssembly(Arguments):
         tuple[float, float], Demand(_is_range, "the least and the largest diameter, in metres")
     ] | None = None
     layer: Size | None = None
-    n_layer: Count = 1
+    n_layer: Annotated[int, Demand(_is_few, "a whole number from 1 to 1,000")] = 1
     parts: Mapping[str, Place] | None = None
     bonded: Sequence[tuple[str, str]] = ()
     between: Sequence[tuple[str, str]] | None = None
     faces: Mapping[str, Sequence[float] | Sequence[Sequence[float]]] | None = None
     ring_size: Size | None = None
-    circle: Annotated[int, Demand(_is_polygon, "a whole number of at least 6")] = 16
+    circle: Annotated[int, Demand(_is_polygon, "a whole number from 6 to 10,000")] = 16
 
     def check(self) -> None:
         """Refuse arguments that do not fit each other, with MeshError."""
+        for key in ("parts", "faces"):
+            value = getattr(self, key)
+            named = value is None or isinstance(value, Mapping)
+            self.require(named, key, value, "places by their names")
+        for key in ("bolts", "between", "bonded"):
+            value = getattr(self, key)
+            several = value is None or (np.iterable(value) and not isinstance(value, str))
+            self.require(several, key, value, "a sequence")
         self.radii()
         self.points()
 
@@ -156,15 +169,17 @@ class StepAssembly(Arguments):
         """Points on each named face, m, shape (n, 3)."""
         found = {}
         for name, points in (self.faces or {}).items():
+            expected = "a point (x, y, z) in metres, or several"
+            number = holds(lambda p: np.array(p, dtype=float).ndim, points)
+            self.require(number, f"faces.{name}", points, expected)
             found[name] = np.atleast_2d(np.array(points, dtype=float))
             fits = found[name].ndim == 2 and found[name].shape[1] == 3
-            expected = "a point (x, y, z) in metres, or several"
             self.require(fits, f"faces.{name}", points, expected)
         return found
 
     def read(self, path: str | Path, comm: MPI.Intracomm) -> TaggedMesh:
         """The mesh of a STEP file, in any unit. Collective; gmsh runs on rank 0 alone."""
-        tagged = distribute(comm, on_root(comm, _Assembly(Path(path), self).lists))
+        tagged = distribute(comm, on_root(comm, _Assembly(path_of(path), self).lists))
         with located(path):
             check_mesh(tagged)
         return tagged
@@ -218,6 +233,7 @@ class _Assembly:
             bolts = self._bolts(model, solids, contacts)
             if self.given.joint == "rings":
                 contacts = [c for c in contacts if any(b.contact is c for b in bolts)]
+            self._check_names(solids, len(bolts), len(contacts))
             shifts, body = closing(solids, contacts), bodies(solids, bonded)
             moves = np.zeros((int(body.max()) + 1, 3))
             if self.stays:
@@ -362,6 +378,13 @@ class _Assembly:
             all_facets, tags, {name: i for i, name in enumerate(names, start=1)},
             {name: i for i, name in enumerate(facets, start=1)}, points,
         )  # fmt: skip
+
+    def _check_names(self, solids: Solids, n_bolts: int, n_contacts: int) -> None:
+        """Refuse solids with the names of the layers, before the mesh is made."""
+        joints = [f"joint_{n + 1}" for n in range(n_contacts)] if n_contacts > 1 else ["joint"]
+        taken = {"rings": [f"ring_{n + 1}" for n in range(n_bolts)], "layer": joints}
+        for name in taken.get(self.given.joint, ()):
+            self._check_new(name, solids.names, "part")
 
     def _check_new(self, name: str, there, kind: str) -> None:
         if name in there:

@@ -11,7 +11,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from fenics_joints.errors import MeshError
-from fenics_joints.meshes.cad_shapes import TOUCH, Contact, Hole, Solids, circle_points, holes
+from fenics_joints.meshes.cad_shapes import (
+    TOUCH,
+    Contact,
+    Hole,
+    Outline,
+    Solids,
+    circle_points,
+    holes,
+)
 
 __all__ = ["BoltPlace", "check_rings", "given_bolts", "hole_bolts"]
 
@@ -55,8 +63,17 @@ class _Holes:
 
     def of(self, face: int) -> list[Hole]:
         if face not in self._found:
-            self._found[face] = holes(self.model, face)
+            self._found[face] = holes(Outline.of(self.model, face))
         return self._found[face]
+
+    def near(self, face: int, place: np.ndarray) -> list[tuple[float, Hole]]:
+        """Holes of a face that are about a place, and how far their centres are from it."""
+        found = self.of(face)
+        if not found:
+            return []
+        apart = np.linalg.norm([h.centre for h in found] - place, axis=1)
+        own = np.flatnonzero(apart < [_COAXIAL * h.radius for h in found])
+        return [(float(apart[i]), found[i]) for i in own]
 
     def pairs(self, contact: Contact) -> list[tuple[Hole, Hole, float]]:
         """Holes of the two faces that contain each other's axis, and how far apart these are."""
@@ -184,7 +201,7 @@ def given_bolts(
     for number, (centre, outer) in enumerate(zip(centres, r_wai, strict=True), start=1):
         centre = np.asarray(centre, dtype=float)
         at = f"{solids.path}: bolt {number} at ({', '.join(f'{x:.6g}' for x in centre)}) mm"
-        contact = _contact_at(model, contacts, centre, outer, reach)
+        contact = _contact_at(seen, centre, outer, reach)
         if contact is None:
             touching = {(solids.names[c.lower], solids.names[c.upper]) for c in contacts}
             pairs = ", ".join(f"{a!r} and {b!r}" for a, b in sorted(touching))
@@ -195,16 +212,23 @@ def given_bolts(
     return found
 
 
-def _contact_at(model, contacts, centre, radius: float, reach: float) -> Contact | None:
-    """The contact whose faces have most of the circle around a centre."""
-    best, most = None, 0
-    for contact in contacts:
-        if abs((centre - contact.point) @ contact.normal) > reach + TOUCH:
+def _contact_at(seen: _Holes, centre, radius: float, reach: float) -> Contact | None:
+    """The contact whose faces have most of the circle around a centre, and of these the nearest."""
+    best, most = None, (0, 0.0)
+    for contact in seen.contacts:
+        off = float((centre - contact.point) @ contact.normal)
+        if abs(off) > reach + TOUCH:
             continue
-        around = centre + 0.99 * radius * circle_points(contact.normal, 16)
-        n = sum(_on_face(model, face, contact.normal, p) for face in contact.faces for p in around)
-        if n > most:
-            best, most = contact, n
+        base = centre - off * contact.normal
+        sides = zip(contact.faces, (base, base + contact.gap * contact.normal), strict=True)
+        if all(seen.near(face, place) for face, place in sides):
+            n = 32  # its two holes are there
+        else:
+            around = centre + 0.99 * radius * circle_points(contact.normal, 16)
+            faces = contact.faces
+            n = sum(_on_face(seen.model, face, contact.normal, p) for face in faces for p in around)
+        if n and (n, -abs(off)) > most:
+            best, most = contact, (n, -abs(off))
     return best
 
 
@@ -224,8 +248,7 @@ def _at_centre(seen: _Holes, contact, centre, r_wai, r_nei, number: int, at: str
         contact.faces, (0.0, contact.gap), (contact.lower, contact.upper), strict=True
     ):
         place = centre + lift * contact.normal
-        distance = [(float(np.linalg.norm(h.centre - place)), h) for h in seen.of(face)]
-        own = [(d, h) for d, h in distance if d < _COAXIAL * h.radius]
+        own = seen.near(face, place)
         if not own and r_nei is None:
             raise MeshError(
                 f"{at}: {seen.solids.names[solid]!r} has no hole there, expected one, or r_nei; "

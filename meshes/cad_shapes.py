@@ -9,31 +9,39 @@ import os
 import re
 import sys
 import unicodedata
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 
 from fenics_joints.errors import MeshError
 from fenics_joints.files import is_file
 from fenics_joints.meshes.cad_kinds import TOUCH, circle_of, is_flat
+from fenics_joints.meshes.gmsh_apart import run_apart
 
 __all__ = [
     "Contact",
     "Hole",
+    "Outline",
     "Place",
     "Solids",
+    "Told",
     "find_contacts",
     "holes",
     "import_solids",
     "nearest",
+    "untold",
 ]
 
 #: A solid by its label in the file, its number there from 1, or a point inside.
 Place = str | int | Sequence[float]
 _PARALLEL = 1e-6
+#: Faces that overlap by less touch: drawings are rounded, to micrometres or inches.
+OVERLAP = 0.02
 #: Share of a face below which a common area is round-off.
 _NO_AREA = 1e-6
 #: Letters that are more than a plain one with an accent.
@@ -41,6 +49,8 @@ _LETTERS = str.maketrans({
     "ä": "ae", "ö": "oe", "ü": "ue", "Ä": "Ae", "Ö": "Oe", "Ü": "Ue", "ß": "ss",
     "æ": "ae", "Æ": "Ae", "ø": "oe", "Ø": "Oe", "ł": "l", "Ł": "L",
 })  # fmt: skip
+#: How a STEP file begins: comments may stand before it.
+_STEP = re.compile(rb"(\xef\xbb\xbf)?(\s|/\*.*?\*/)*ISO-10303-21\s*;", re.DOTALL)
 #: How far from a face a point is asked for being in the solid.
 _PROBE = 1e-2
 
@@ -69,7 +79,7 @@ class Contact:
         upper: Index of the second.
         normal: Unit normal from the first to the second, shape (3,).
         point: A point of the first's face, shape (3,).
-        gap: Distance of the second's face in the file.
+        gap: Distance of the second's face in the file; below 0 where they overlap.
         faces: gmsh's numbers of the two faces.
         area: Area that they have in common.
     """
@@ -85,10 +95,11 @@ class Contact:
 
 @dataclass(frozen=True)
 class Hole:
-    """A round hole in a flat face: its centre, shape (3,), and radius."""
+    """A round hole in a flat face: its centre, shape (3,), radius, and number in the outline."""
 
     centre: np.ndarray
     radius: float
+    circle: int
 
 
 def import_solids(path: Path, model, names: Mapping[str, Place]) -> Solids:
@@ -103,26 +114,46 @@ def import_solids(path: Path, model, names: Mapping[str, Place]) -> Solids:
         MeshError: The file is missing, is no STEP file, or has less than two solids; or a name
             fits no solid, or two.
     """
-    if not is_file(path):
-        raise MeshError(f"{path}: no such file, expected a STEP file")
-    with path.open("rb") as file:
-        if b"ISO-10303-21" not in file.read(4096):
-            raise MeshError(f"{path}: not a STEP file, expected it to begin with ISO-10303-21")
-        file.seek(max(0, path.stat().st_size - 4096))
-        cut = b"END-ISO-10303-21" not in file.read()
+    _check_step(path)
     try:
         with _unheard():
-            found = model.occ.importShapes(str(path))
+            found = model.occ.importShapes(str(path), format="step")
         model.occ.synchronize()
     except Exception as error:
-        why = "it is truncated, expected END-ISO-10303-21; at its end" if cut else error
-        raise MeshError(f"{path}: gmsh cannot read it: {why}") from error
+        raise MeshError(f"{path}: gmsh cannot read it: {error}") from error
     tags = [tag for dim, tag in found if dim == 3]
     labels = [_label(model.getEntityName(3, tag)) for tag in tags]
     if len(tags) < 2:
         there = f"one solid, {labels[0][-1] or 'unnamed'!r}" if tags else "no solid"
         raise MeshError(f"{path}: it has {there}; expected an assembly of at least two")
     return Solids(path, _named(path, model, tags, labels, names), tags)
+
+
+def _check_step(path: Path) -> None:
+    """Refuse what is no STEP file, and what gmsh cannot read or crashes on."""
+    if not is_file(path):
+        raise MeshError(f"{path}: no such file, expected a STEP file")
+    with path.open("rb") as file:
+        start = file.read(4096)
+        size = file.seek(0, os.SEEK_END)
+        file.seek(max(0, size - 4096))
+        whole = b"END-ISO-10303-21" in file.read()
+    if not _STEP.match(start):
+        raise MeshError(f"{path}: not a STEP file, expected it to begin with ISO-10303-21;")
+    try:
+        _read_apart(path.resolve(), size, path.stat().st_mtime_ns)
+    except MeshError as error:
+        if whole:
+            raise
+        expected = "it is truncated, expected END-ISO-10303-21; at its end"
+        raise MeshError(f"{path}: gmsh cannot read it: {expected}") from error
+
+
+@lru_cache(maxsize=8)
+def _read_apart(path: Path, size: int, changed: int) -> None:
+    """Read a file in a process of its own, once for each state of the file."""
+    with TemporaryDirectory(prefix="fenics-joints-") as folder:
+        run_apart(path, Path(folder), str(path), size)
 
 
 @contextmanager
@@ -209,6 +240,14 @@ def _free(name: str, used: set[str]) -> str:
 # -- faces -----------------------------------------------------------------------------------------
 
 
+#: Told what is being done, how many parts of it are done, and of how many.
+Told = Callable[[str, int, int], None]
+
+
+def untold(words: str, done: int, of: int) -> None:
+    """Say nothing."""
+
+
 @dataclass(frozen=True)
 class _Flat:
     """A flat face: gmsh's number, its unit normal out of the solid, a point of it, its box."""
@@ -219,15 +258,76 @@ class _Flat:
     box: np.ndarray
 
 
-def find_contacts(model, solids: Solids, reach: float) -> list[Contact]:
-    """Pairs of flat faces that touch, or are apart by at most ``reach``; see `Contact`."""
-    flats = [_flats(model, tag) for tag in solids.tags]
+def find_contacts(
+    model, solids: Solids, reach: float, told: Told = untold, *, tidy: bool = True
+) -> list[Contact]:
+    """Pairs of flat faces that touch, or are apart by at most ``reach``; see `Contact`.
+
+    Faces that overlap by at most `OVERLAP` touch, too. Those that are apart do not touch where
+    another solid lies between them, as a sheet or a washer does.
+
+    Args:
+        model: gmsh's model.
+        solids: The solids.
+        reach: How far apart faces may be.
+        told: Told how far it is.
+        tidy: Whether to remove what was drawn meanwhile, which takes as long as the rest.
+    """
+    flats = [(i, flat) for i, tag in enumerate(solids.tags) for flat in _flats(model, tag)]
+    pairs = _facing(flats, reach)
+    found: list[tuple[Contact, list]] = []
+    for n, (k, m, gap) in enumerate(pairs):
+        if n % 20 == 0:
+            told("pairs of faces", n, len(pairs))
+        (i, a), (j, b) = flats[k], flats[m]
+        common, area = _common(model, a, b, gap)
+        if area > _NO_AREA * model.occ.getMass(2, a.tag):
+            contact = Contact(i, j, a.normal, a.point, gap, (a.tag, b.tag), area)
+            found.append((contact, common))
+        elif common:
+            model.occ.remove(common, recursive=True)
+    free = [not _kept_apart(model, item, found) for item in found]
+    if tidy:
+        for _, common in found:
+            model.occ.remove(common, recursive=True)
+    return [contact for (contact, _), keep in zip(found, free, strict=True) if keep]
+
+
+def _facing(flats: Sequence[tuple[int, _Flat]], reach: float) -> list[tuple[int, int, float]]:
+    """Faces of two solids that look at each other, within reach: their numbers, and the gap."""
+    if not flats:
+        return []
+    solid = np.array([i for i, _ in flats])
+    normals, points = (np.array([getattr(f, k) for _, f in flats]) for k in ("normal", "point"))
+    boxes = np.array([f.box for _, f in flats])
     found = []
-    for i, lower in enumerate(flats):
-        for j in range(i + 1, len(flats)):
-            pairs = [(a, b) for a in lower for b in flats[j]]
-            found += [c for a, b in pairs if (c := _contact(model, i, j, a, b, reach))]
-    return found
+    for k, (i, a) in enumerate(flats):
+        gap = points @ a.normal - a.point @ a.normal
+        near = (solid > i) & (normals @ a.normal <= _PARALLEL - 1)
+        near &= (gap >= -OVERLAP) & (gap <= reach)
+        moved = boxes - gap[:, None, None] * a.normal
+        near &= np.all(moved[:, 1] >= a.box[0] - TOUCH, axis=1)
+        near &= np.all(a.box[1] >= moved[:, 0] - TOUCH, axis=1)
+        found += [(i, int(solid[m]), k, int(m), float(gap[m])) for m in np.flatnonzero(near)]
+    return [(k, m, gap) for _, _, k, m, gap in sorted(found)]
+
+
+def _kept_apart(model, item: tuple[Contact, list], found) -> bool:
+    """Whether a solid lies between two faces: it is nearer to one of them, where they meet."""
+    contact, common = item
+    if contact.gap <= TOUCH:
+        return False
+    for other, nearer in found:
+        if other.gap < contact.gap and set(other.faces) & set(contact.faces):
+            one, two = model.occ.copy(common), model.occ.copy(nearer)
+            apart = (contact.point - other.point) @ contact.normal
+            model.occ.translate(two, *(apart * contact.normal))
+            both, _ = model.occ.intersect(one, two)
+            area = sum(model.occ.getMass(2, tag) for dim, tag in both if dim == 2)
+            model.occ.remove(both, recursive=True)
+            if area > _NO_AREA * contact.area:
+                return True
+    return False
 
 
 def nearest(
@@ -260,29 +360,13 @@ def nearest(
     return f"; those of {a!r} and {b!r} are {gap:.6g} mm apart (layer says how far they may be)"
 
 
-def _contact(model, i: int, j: int, a: _Flat, b: _Flat, reach: float) -> Contact | None:
-    if a.normal @ b.normal > _PARALLEL - 1:
-        return None
-    gap = float(a.normal @ (b.point - a.point))
-    if not -TOUCH <= gap <= reach:
-        return None
-    shifted = b.box - gap * a.normal
-    if np.any(shifted[1] < a.box[0] - TOUCH) or np.any(a.box[1] < shifted[0] - TOUCH):
-        return None
-    area = _common_area(model, a, b, gap)
-    if area <= _NO_AREA * model.occ.getMass(2, a.tag):
-        return None
-    return Contact(i, j, a.normal, a.point, gap, (a.tag, b.tag), area)
-
-
-def _common_area(model, a: _Flat, b: _Flat, gap: float) -> float:
+def _common(model, a: _Flat, b: _Flat, gap: float) -> tuple[list[tuple[int, int]], float]:
+    """What two faces have in common when the second is moved onto the first, and its area."""
     occ = model.occ
     first, second = occ.copy([(2, a.tag)]), occ.copy([(2, b.tag)])
     occ.translate(second, *(-gap * a.normal))
     common, _ = occ.intersect(first, second)
-    area = sum(occ.getMass(2, tag) for dim, tag in common if dim == 2)
-    occ.remove(common, recursive=True)
-    return area
+    return common, sum(occ.getMass(2, tag) for dim, tag in common if dim == 2)
 
 
 def _flats(model, solid: int) -> list[_Flat]:
@@ -316,35 +400,82 @@ def _inner_parameters(model, tag: int) -> list[float] | None:
     return None
 
 
-def holes(model, face: int) -> list[Hole]:
-    """Round holes in a flat face: whole circles with the face outside them and not inside."""
-    arcs: list[list] = []
-    for _, curve in model.getBoundary([(2, face)], oriented=False):
-        circle = circle_of(model, curve)
-        if circle is None:
-            continue
-        (centre, radius), length = circle, model.occ.getMass(1, curve)
-        for arc in arcs:
-            if np.linalg.norm(arc[0] - centre) < TOUCH and abs(arc[1] - radius) < TOUCH:
-                arc[2] += length
-                break
-        else:
-            arcs.append([centre, radius, length])
-    whole = [
-        Hole(centre, radius) for centre, radius, length in arcs
-        if abs(length / (2 * np.pi * radius) - 1) < 1e-3
-    ]  # fmt: skip
-    return [hole for hole in whole if _is_hole(model, face, hole)]
+@dataclass(frozen=True)
+class Outline:
+    """The edges of a flat face.
+
+    Attributes:
+        centres: Of the circles on which edges lie, shape (n, 3).
+        radii: Theirs, shape (n,).
+        curves: gmsh's curves on each of them.
+        holes: Numbers of the circles that are holes: whole, with edges outside them.
+        pieces: What is on no hole, as straight pieces, shape (n_pieces, 2, 3).
+    """
+
+    centres: np.ndarray
+    radii: np.ndarray
+    curves: list[list[int]]
+    holes: np.ndarray
+    pieces: np.ndarray
+
+    @classmethod
+    def of(cls, model, face: int) -> Outline:
+        """The edges of a face of gmsh's."""
+        circles, curves, lengths = np.empty((0, 4)), [], []
+        number, starts, all_points = [], [], []
+        for _, curve in model.getBoundary([(2, face)], oriented=False):
+            found, own = circle_of(model, curve), -1
+            if found is not None:
+                off = circles - [*found[0], found[1]]
+                same = (np.abs(off[:, 3]) < TOUCH) & (np.sum(off[:, :3] ** 2, axis=1) < TOUCH**2)
+                own = int(np.flatnonzero(same)[0]) if np.any(same) else len(circles)
+                if own == len(circles):
+                    circles = np.vstack([circles, [*found[0], found[1]]])
+                    curves.append([])
+                    lengths.append(0.0)
+                curves[own].append(curve)
+                lengths[own] += model.occ.getMass(1, curve)
+            number.append(own)
+            all_points.append(_along(model, curve))
+            starts.append(all_points[-1][0])
+        number, starts = np.array(number), np.array(starts)
+        centres, radii = circles[:, :3], circles[:, 3]
+        whole = np.abs(np.array(lengths) / (2 * np.pi * radii) - 1) < 1e-3
+        holes = np.array([
+            i for i in np.flatnonzero(whole)
+            if np.any(np.linalg.norm(starts[number != i] - centres[i], axis=1) > radii[i])
+        ], dtype=int)  # fmt: skip
+        others = [x for x, of in zip(all_points, number, strict=True) if of not in set(holes)]
+        pieces = [np.stack([x[:-1], x[1:]], axis=1) for x in others]
+        pieces = np.vstack(pieces) if pieces else np.empty((0, 2, 3))
+        return cls(centres, radii, curves, holes, pieces)
+
+    def clearance(self, point: np.ndarray, hole: int) -> float:
+        """Distance of a point of the face's plane from the nearest edge but those of a hole."""
+        others = self.holes[self.holes != hole]
+        apart = np.linalg.norm(self.centres[others] - point, axis=1)
+        start, end = self.pieces[:, 0], self.pieces[:, 1]
+        along = end - start
+        length = np.maximum((along**2).sum(axis=1), 1e-300)
+        share = np.clip(((point - start) * along).sum(axis=1) / length, 0, 1)
+        beside = np.linalg.norm(start + share[:, None] * along - point, axis=1)
+        return min(
+            np.min(np.abs(apart - self.radii[others]), initial=np.inf),
+            np.min(beside, initial=np.inf),
+        )
 
 
-def _is_hole(model, face: int, hole: Hole) -> bool:
-    uv = _inner_parameters(model, face)
-    normal = np.array(model.getNormal(face, uv))
-    around = circle_points(normal, 8)
-    outside = [hole.centre + 1.02 * hole.radius * way for way in around]
-    inside = [hole.centre + 0.98 * hole.radius * way for way in around]
-    n_out, n_in = (sum(model.isInside(2, face, p.tolist()) for p in ps) for ps in (outside, inside))
-    return n_out >= 5 and n_in == 0
+def _along(model, curve: int) -> np.ndarray:
+    """Points along a curve, its ends included, shape (n, 3)."""
+    (low,), (high,) = model.getParametrizationBounds(1, curve)
+    n = 2 if model.getType(1, curve) == "Line" else 65
+    at = np.linspace(low, high, n).tolist()
+    return np.reshape(model.getValue(1, curve, at), (-1, 3))
+
+
+def holes(outline: Outline) -> list[Hole]:
+    """Round holes in a flat face: whole circles that are not its outer edge."""
+    return [Hole(outline.centres[i], float(outline.radii[i]), int(i)) for i in outline.holes]
 
 
 def circle_points(normal: np.ndarray, n: int) -> np.ndarray:

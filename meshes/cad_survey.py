@@ -8,16 +8,18 @@ from pathlib import Path
 import numpy as np
 
 from fenics_joints.errors import MeshError
-from fenics_joints.meshes.cad_kinds import circle_of, is_flat
+from fenics_joints.meshes.cad_kinds import is_flat
 from fenics_joints.meshes.cad_shapes import (
     TOUCH,
     Contact,
     Hole,
-    circle_points,
+    Outline,
+    Told,
     find_contacts,
     holes,
     import_solids,
     nearest,
+    untold,
 )
 from fenics_joints.meshes.gmsh_model import gmsh_model
 
@@ -26,8 +28,8 @@ __all__ = ["Solid", "StepSurvey", "ThroughHole", "Touch", "survey_step"]
 _MM = 1e3
 #: How far faces that belong together may be apart, mm: a gasket, paint, a drawing's gap.
 _REACH = 1.0
-#: Points on a circle, and shares of the next smaller one, when a ring is fitted into faces.
-_AROUND, _STEP = 32, 0.93
+#: Share of the next smaller radius when a ring is fitted into faces.
+_STEP = 0.93
 #: A ring is at least so much wider than its hole.
 _LEAST = 1.15
 
@@ -103,8 +105,12 @@ class StepSurvey:
     holes: tuple[ThroughHole, ...]
 
 
-def survey_step(path: str | Path) -> StepSurvey:
+def survey_step(path: str | Path, told: Told = untold) -> StepSurvey:
     """Look into a STEP file. Needs gmsh, and no MPI.
+
+    Args:
+        path: The file.
+        told: Told how far it is.
 
     Raises:
         MeshError: As `read_step` for a file that it cannot read; or solids overlap.
@@ -116,12 +122,12 @@ def survey_step(path: str | Path) -> StepSurvey:
             _solid(model, tag, i, name)
             for i, (tag, name) in enumerate(zip(found.tags, found.names, strict=True), start=1)
         )
-        contacts = find_contacts(model, found, _REACH)
+        contacts = find_contacts(model, found, _REACH, told, tidy=False)
         if not contacts:
             why = nearest(model, found, _REACH)
             if "overlap" in why:
                 raise MeshError(f"{path}: {why.removeprefix('; ')}")
-        through = _through(model, contacts)
+        through = _through(model, contacts, told)
     touching = tuple(
         Touch((c.lower, c.upper), c.normal, c.gap / _MM, c.area / _MM**2) for c in contacts
     )
@@ -138,27 +144,31 @@ def _solid(model, tag: int, number: int, name: str) -> Solid:
     return Solid(plain, name, model.occ.getMass(3, tag) / _MM**3, area / _MM**2, box)
 
 
-def _through(model, contacts: list[Contact]) -> list[ThroughHole]:
+def _through(model, contacts: list[Contact], told: Told) -> list[ThroughHole]:
     """Pairs of holes with one axis, and how large rings around them may be."""
-    of_face = {face: holes(model, face) for c in contacts for face in c.faces}
-    pairs = [
-        (i, a, b)
-        for i, c in enumerate(contacts)
-        for a in of_face[c.faces[0]]
-        for b in of_face[c.faces[1]]
-        if np.linalg.norm(b.centre - c.gap * c.normal - a.centre) <= TOUCH
-    ]
-    found = []
-    for i, a, b in pairs:
-        contact, apart = contacts[i], [np.inf]
-        for _, other, _ in pairs:
-            between = other.centre - a.centre
-            flat = abs(contact.normal @ between) < TOUCH
-            if flat and np.linalg.norm(between) > TOUCH:
-                apart.append(float(np.linalg.norm(between)) / 2)
-        room = _room(model, contact, a, b, 0.98 * min(apart))
+    outlines = {face: Outline.of(model, face) for c in contacts for face in c.faces}
+    of_face = {face: holes(outline) for face, outline in outlines.items()}
+    pairs = []
+    for i, c in enumerate(contacts):
+        lower, upper = (of_face[face] for face in c.faces)
+        if not upper:
+            continue
+        centres = np.array([b.centre for b in upper]) - c.gap * c.normal
+        for a in lower:
+            near = np.flatnonzero(np.linalg.norm(centres - a.centre, axis=1) <= TOUCH)
+            pairs += [(i, a, upper[k]) for k in near]
+    places, found = np.array([a.centre for _, a, _ in pairs]).reshape(-1, 3), []
+    for n, (i, a, b) in enumerate(pairs):
+        if n % 20 == 0:
+            told("pairs of holes", n, len(pairs))
+        contact = contacts[i]
+        between = places - a.centre
+        distance = np.linalg.norm(between, axis=1)
+        others = distance[(np.abs(between @ contact.normal) < TOUCH) & (distance > TOUCH)]
+        most = 0.98 * min(others / 2, default=np.inf)
+        room = _room(contact, [outlines[face] for face in contact.faces], (a, b), most)
         depths = tuple(
-            _depth(model, face, hole, contact.normal)
+            _depth(model, face, outlines[face].curves[hole.circle], contact.normal)
             for face, hole in zip(contact.faces, (a, b), strict=True)
         )
         diameters = 2 * a.radius / _MM, 2 * b.radius / _MM
@@ -168,36 +178,28 @@ def _through(model, contacts: list[Contact]) -> list[ThroughHole]:
     return found
 
 
-def _room(model, contact: Contact, a: Hole, b: Hole, most: float) -> float:
+def _room(contact: Contact, outlines: list[Outline], pair: tuple[Hole, Hole], most: float) -> float:
     """Largest radius of a ring on both faces, mm; it meets no edge and no other hole."""
-    inner = max(a.radius, b.radius)
+    inner = max(hole.radius for hole in pair)
+    clear = min(
+        outline.clearance(pair[0].centre + lift * contact.normal, hole.circle)
+        for outline, hole, lift in zip(outlines, pair, (0.0, contact.gap), strict=True)
+    )
+    least, most = _LEAST * inner, min(most, 6 * inner)
     radius, best = inner * 1.05, 0.0
-    least = _LEAST * inner
-    ways = circle_points(contact.normal, _AROUND)
-    while radius < min(most, 6 * inner):
-        for face, lift in zip(contact.faces, (0.0, contact.gap), strict=True):
-            around = a.centre + lift * contact.normal + 1.02 * radius * ways
-            if not all(model.isInside(2, face, p.tolist()) for p in around):
-                return best if best >= least else 0.0
+    while radius < most:
+        if 1.02 * radius > clear:
+            return best if best >= least else 0.0
         best, radius = radius, radius / _STEP
-    best = max(best, min(most, 6 * inner) * _STEP) if best else 0.0
+    best = max(best, most * _STEP) if best else 0.0
     return best if best >= least else 0.0
 
 
-def _depth(model, face: int, hole: Hole, normal: np.ndarray) -> float:
+def _depth(model, face: int, edge: list[int], normal: np.ndarray) -> float:
     """How deep a hole is: the extent along the normal of the walls that meet its edge, mm."""
-    deep = 0.0
-    for _, curve in model.getBoundary([(2, face)], oriented=False):
-        if circle_of(model, curve) is None:
-            continue
-        (low,), (high,) = model.getParametrizationBounds(1, curve)
-        point = np.array(model.getValue(1, curve, [(low + high) / 2]))
-        if abs(np.linalg.norm(point - hole.centre) - hole.radius) > TOUCH:
-            continue
-        for wall in model.getAdjacencies(1, curve)[0]:
-            if wall != face and not is_flat(model, int(wall)):
-                deep = max(deep, _extent(model, int(wall), normal))
-    return deep
+    walls = {int(wall) for curve in edge for wall in model.getAdjacencies(1, curve)[0]} - {face}
+    round_walls = (wall for wall in walls if not is_flat(model, wall))
+    return max((_extent(model, wall, normal) for wall in round_walls), default=0.0)
 
 
 def _extent(model, wall: int, normal: np.ndarray) -> float:

@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from fenics_joints.errors import MeshError
+from fenics_joints.meshes.gmsh_apart import NO_GMSH
 
 __all__ = ["gmsh_model"]
 
@@ -28,10 +29,7 @@ def gmsh_model(path: str | Path, options: Mapping[str, float | str] | None = Non
     try:
         import gmsh
     except ImportError as error:
-        raise MeshError(
-            f"{path}: reading it takes gmsh's Python module, expected python3-gmsh (Debian) "
-            "or python-gmsh (conda) to be installed"
-        ) from error
+        raise MeshError(f"{path}: {NO_GMSH}") from error
     ours = not gmsh.isInitialized()
     if ours:
         gmsh.initialize(readConfigFiles=False, interruptible=False)

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,12 +10,13 @@ import numpy as np
 from mpi4py import MPI
 
 from fenics_joints.errors import MeshError, Problems, located
-from fenics_joints.files import is_file
+from fenics_joints.files import path_of
 from fenics_joints.meshes.arguments import is_positive, requirement
 from fenics_joints.meshes.check import check_mesh
-from fenics_joints.meshes.gmsh_model import gmsh_model
 from fenics_joints.meshes.grow import Grown, grow
+from fenics_joints.meshes.msh_file import MshFile, read_msh_file
 from fenics_joints.meshes.rings import ring_centres
+from fenics_joints.meshes.sheet import thickened
 from fenics_joints.meshes.tagged import MeshLists, TaggedMesh, distribute
 from fenics_joints.parallel import on_root
 
@@ -46,6 +46,7 @@ def read_msh(
     required_facets: Sequence[str] = (),
     scale: float = 1.0,
     grown: Grown | None = None,
+    thickness: float | None = None,
 ) -> TaggedMesh:
     """Read a gmsh ``.msh`` file whose physical groups name the parts and the faces.
 
@@ -58,13 +59,16 @@ def read_msh(
 
     Args:
         path: The file, in any version of the format, text or binary.
-        comm: Communicator; the call is collective, gmsh runs on rank 0 alone.
+        comm: Communicator; the call is collective, gmsh runs on rank 0 alone, see
+            `fenics_joints.meshes.msh_file`.
         gdim: Dimension of the cells and of the coordinates, 3 or 2.
         required_cells: Names of parts that must be there.
         required_facets: Names of faces that must be there.
         scale: Length in metres of the file's unit, such as 1e-3 for millimetres.
         grown: Joint layers to grow where parts touch, see `fenics_joints.meshes.grow`; None: none,
             parts that share vertices are as one.
+        thickness: Of the sheet, m, that a plane mesh is the middle of, with ``gdim=2``: the mesh is
+            then of that solid, in space; None: the mesh is a section, in the plane.
 
     Returns:
         The tagged mesh.
@@ -75,13 +79,20 @@ def read_msh(
             of second order; facets are in two groups or are no facets of the cells; a required
             name is missing; cells are inverted or flat. The message names it.
     """
-    path = Path(path)
+    path = path_of(path)
     require = requirement("read_msh")
     require(gdim in (2, 3), "gdim", gdim, "2 or 3")
     require(is_positive(scale), "scale", scale, "a length above 0 m")
+    for key, names in (("required_cells", required_cells), ("required_facets", required_facets)):
+        require(np.iterable(names) and not isinstance(names, str), key, names, "a list of names")
+    require(grown is None or isinstance(grown, Grown), "grown", grown, "a Grown, or none")
+    sheet = thickness is None or (is_positive(thickness) and gdim == 2)
+    require(sheet, "thickness", thickness, "a length above 0 m with gdim = 2, or none")
 
     def build() -> MeshLists:
         lists = read_lists(path, gdim, scale)
+        if thickness is not None:
+            lists = thickened(lists, thickness)
         _check_required(path, "part", required_cells, lists.cell_names)
         _check_required(path, "face", required_facets, lists.facet_names)
         if grown is None:
@@ -94,51 +105,50 @@ def read_msh(
     with located(path):
         check_mesh(tagged)
     _check_facets_found(path, tagged, lists)
-    bolts = ring_centres(tagged) if gdim == 3 and "bolts" not in tagged.points else None
+    space = tagged.mesh.geometry.dim == 3
+    bolts = ring_centres(tagged) if space and "bolts" not in tagged.points else None
     return tagged if bolts is None else replace(tagged, points=tagged.points | {"bolts": bolts})
 
 
 def read_lists(path: Path, gdim: int, scale: float) -> MeshLists:
     """The whole mesh of a file, on one rank; raises as `read_msh`."""
-    _check_header(path)
-    with _opened(path) as model:
-        problems = Problems(path)
-        cell_groups = _groups(path, model, gdim, problems)
-        facet_groups = _groups(path, model, gdim - 1, problems)
-        problems.tried(lambda: _check_ungrouped(path, model, gdim, cell_groups))
-        found = [
-            problems.tried(lambda d=dim, g=groups, s=shapes: _elements(path, model, d, g, s))
-            for dim, groups, shapes in (
-                (gdim, cell_groups, _CELLS), (gdim - 1, facet_groups, _FACETS)
-            )
-        ]  # fmt: skip
-        problems.check()
-        (cell, cells, cell_values), (_, facets, facet_values) = found
-        tags, x, _ = model.mesh.getNodes()
-        points = _points(model, gdim, scale)
+    file = read_msh_file(path)
+    problems = Problems(path)
+    cell_groups = _groups(path, file, gdim, problems)
+    facet_groups = _groups(path, file, gdim - 1, problems)
+    problems.tried(lambda: _check_ungrouped(path, file, gdim, cell_groups))
+    found = [
+        problems.tried(lambda d=dim, g=groups, s=shapes: _elements(path, file, d, g, s))
+        for dim, groups, shapes in ((gdim, cell_groups, _CELLS), (gdim - 1, facet_groups, _FACETS))
+    ]
+    problems.check()
+    (cell, cells, cell_values), (_, facets, facet_values) = found
     nodes = np.unique(cells)
-    order = np.argsort(tags)
-    x = x.reshape(-1, 3)[order[np.searchsorted(tags, nodes, sorter=order)]] * scale
+    order = np.argsort(file.tags)
+    x = file.x[order[np.searchsorted(file.tags, nodes, sorter=order)]] * scale
     if gdim == 2 and np.ptp(x[:, 2]) > 1e-9 * np.ptp(x):
-        raise MeshError(f"{path}: gdim is 2, expected all vertices at one z, got {np.ptp(x[:, 2])}")
+        raise MeshError(
+            f"{path}: gdim is 2, expected all vertices at one z, but they span "
+            f"{np.ptp(x[:, 2]):.6g} m (folded or turned shells have to be meshed as solids)"
+        )
     if not np.isin(facets, nodes).all():
         raise MeshError(f"{path}: a face has vertices that no cell has, expected facets of cells")
     return MeshLists(
         cell, x[:, :gdim], np.searchsorted(nodes, cells), cell_values,
         np.searchsorted(nodes, facets), facet_values,
-        _names(cell_groups, cell_values), _names(facet_groups, facet_values), points,
+        _names(cell_groups, cell_values), _names(facet_groups, facet_values),
+        _points(file, gdim, scale),
     )  # fmt: skip
 
 
-def _points(model, gdim: int, scale: float) -> dict[str, np.ndarray]:
+def _points(file: MshFile, gdim: int, scale: float) -> dict[str, np.ndarray]:
     """Vertices, m, (n, 3), of the named groups of points and lines that are no faces."""
-    found = {}
-    for dim, tag in model.getPhysicalGroups():
-        name = model.getPhysicalName(dim, tag)
-        if dim < gdim - 1 and name and name != "bolts":  # the rings' centres have this name
-            x = model.mesh.getNodesForPhysicalGroup(dim, tag)[1].reshape(-1, 3)
-            found[name] = scale * np.vstack([found.get(name, np.empty((0, 3))) / scale, x])
-    return {name: x for name, x in found.items() if len(x)}
+    found: dict[str, list[np.ndarray]] = {}
+    for i, group in enumerate(file.groups):
+        # The rings' centres have the name of bolts.
+        if group.dim < gdim - 1 and group.name and group.name != "bolts" and len(file.points[i]):
+            found.setdefault(group.name, []).append(scale * file.points[i])
+    return {name: np.vstack(x) for name, x in found.items()}
 
 
 def _names(groups, values: np.ndarray) -> dict[str, int]:
@@ -147,41 +157,22 @@ def _names(groups, values: np.ndarray) -> dict[str, int]:
     return {name: tag for tag, (name, _) in groups.items() if tag in present}
 
 
-def _check_header(path: Path) -> None:
-    # gmsh guesses the format and would run another file as its script.
-    if not is_file(path):
-        raise MeshError(f"{path}: no such file, expected a gmsh .msh file")
-    with path.open("rb") as file:
-        start = file.read(4096)
-    if b"$MeshFormat" not in start:
-        raise MeshError(f"{path}: not a gmsh .msh file, expected it to begin with $MeshFormat")
-
-
-@contextmanager
-def _opened(path: Path) -> Iterator:
-    """The file as gmsh's current model, closed afterwards; a model of the caller's stays."""
-    with gmsh_model(path) as model:
-        import gmsh
-
-        try:
-            gmsh.merge(str(path))
-        except Exception as error:
-            raise MeshError(f"{path}: gmsh cannot read it: {error}") from error
-        yield model
-
-
-def _groups(path: Path, model, dim: int, problems: Problems) -> dict[int, tuple[str, list[int]]]:
+def _groups(
+    path: Path, file: MshFile, dim: int, problems: Problems
+) -> dict[int, tuple[str, list[int]]]:
     """Name and entities of each physical group that has any, by the group's number."""
     groups: dict[int, tuple[str, list[int]]] = {}
     group_of: dict[int, str] = {}
-    for _, tag in model.getPhysicalGroups(dim):
-        name = model.getPhysicalName(dim, tag)
+    for group in file.groups:
+        if group.dim != dim:
+            continue
+        tag, name = group.tag, group.name
         if not name:
             problems.add(MeshError(f"{path}: {_KINDS[dim]} group {tag} has no name, expected one"))
         elif name in (other for other, _ in groups.values()):
             what = f"two {_KINDS[dim]} groups are named {name!r}"
             problems.add(MeshError(f"{path}: {what}, expected one"))
-        entities = [abs(entity) for entity in model.getEntitiesForPhysicalGroup(dim, tag)]
+        entities = [abs(entity) for entity in group.entities]
         for entity in entities:
             if group_of.setdefault(entity, name) != name:
                 what = f"{_KINDS[dim]} {entity} is in {group_of[entity]!r} and {name!r}"
@@ -190,14 +181,18 @@ def _groups(path: Path, model, dim: int, problems: Problems) -> dict[int, tuple[
     return groups
 
 
-def _check_ungrouped(path: Path, model, gdim: int, groups) -> None:
+def _check_ungrouped(path: Path, file: MshFile, gdim: int, groups) -> None:
     grouped = {entity for _, entities in groups.values() for entity in entities}
-    counts = {
-        entity: sum(len(tags) for tags in model.mesh.getElements(gdim, entity)[1])
-        for _, entity in model.getEntities(gdim)
-    }
+    counts: dict[int, int] = {}
+    for entity, _, nodes in file.elements(gdim):
+        counts[entity] = counts.get(entity, 0) + len(nodes)
     if not any(counts.values()):
-        raise MeshError(f"{path}: the mesh has no cells of dimension {gdim}, expected some")
+        surface = gdim == 3 and any(len(nodes) for _, _, nodes in file.elements(2))
+        hint = ": it is of surfaces alone; a flat sheet is read with gdim = 2 and its thickness"
+        raise MeshError(
+            f"{path}: the mesh has no cells of dimension {gdim}, expected some"
+            f"{hint if surface else ''}"
+        )
     missing = {entity: n for entity, n in counts.items() if n and entity not in grouped}
     if missing:
         entities = ", ".join(str(entity) for entity in missing)
@@ -208,16 +203,16 @@ def _check_ungrouped(path: Path, model, gdim: int, groups) -> None:
         )
 
 
-def _elements(path: Path, model, dim: int, groups, shapes):
+def _elements(path: Path, file: MshFile, dim: int, groups, shapes):
     """Shape, vertices by gmsh's numbers (n, n_corners) and group (n,) of the groups' elements."""
     found = [
         (kind, nodes, tag, name)
         for tag, (name, entities) in groups.items()
         for entity in entities
-        for kind, _, nodes in zip(*model.mesh.getElements(dim, entity), strict=True)
+        for _, kind, nodes in file.elements(dim, entity)
     ]
     for kind, _, _, name in found:
-        title, _, order, *_ = model.mesh.getElementProperties(kind)
+        title, order = file.kinds[kind]
         if order != 1:
             raise MeshError(
                 f"{path}: group {name!r} has elements of order {order} ({title}), expected order 1 "
@@ -233,11 +228,10 @@ def _elements(path: Path, model, dim: int, groups, shapes):
     # Without faces any shape of facet does, as long as there are none.
     kind = next(iter(kinds), next(iter(shapes)))
     shape, order = shapes[kind]
-    nodes = [nodes.reshape(-1, len(order)) for _, nodes, _, _ in found]
-    values = [np.full(len(n), tag) for n, (_, _, tag, _) in zip(nodes, found, strict=True)]
     if not found:
         return shape, np.empty((0, len(order)), np.int64), np.empty(0, np.int32)
-    return shape, np.vstack(nodes)[:, order].astype(np.int64), np.concatenate(values)
+    values = [np.full(len(nodes), tag) for _, nodes, tag, _ in found]
+    return shape, np.vstack([n for _, n, _, _ in found])[:, order], np.concatenate(values)
 
 
 def _check_required(path: Path, kind: str, required: Sequence[str], present) -> None:

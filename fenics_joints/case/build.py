@@ -30,6 +30,7 @@ from fenics_joints.structure.components import (
     part,
     transition,
 )
+from fenics_joints.structure.nearest import round_bolts
 from fenics_joints.structure.structure import Structure
 
 __all__ = ["build_mesh", "build_preload", "build_structure", "measured_joints"]
@@ -112,7 +113,7 @@ def _solid(
     """The structure of solid parts of a case, without what acts on its faces. Collective."""
     tagged = build_mesh(case, comm) if tagged is None else tagged
     pointed = {**case.masses, **case.springs, **(case.attached if attached else {})}
-    masses = [m for name, section in pointed.items() for m in _masses(name, section)]
+    masses = [m for name, section in pointed.items() for m in _masses(name, section, tagged)]
     springs = [s for name, section in pointed.items() for s in springs_of(name, section)]
     supports = [_support(name, s, elastic_supports) for name, s in case.supports.items()]
     with located(case.path):
@@ -275,19 +276,27 @@ def _transition(name: str, section: Joint, tagged: TaggedMesh, grown: bool) -> R
     )  # fmt: skip
 
 
-def _masses(name: str, section) -> list[PointMass]:
+def _masses(name: str, section, tagged: TaggedMesh) -> list[PointMass]:
     if not isinstance(section, MassSection):
         return []
     moves = section.travel is not None
     axis = np.eye(3)[AXES.index(section.along) if moves else 0]
-    return [
-        PointMass(
-            label,
-            f"{name}.mass",
-            point,
-            direction=tuple(axis.tolist()),
-            travel=f"{name}.travel" if moves else 0.0,
-            share=1 / len(section.points),
-        )
-        for label, point in section.labelled(name)
-    ]
+    # What is on a bolt sits on the ring round its hole, which is empty.
+    rings = [] if moves else round_bolts(tagged, np.array(section.points, dtype=float))
+    found = []
+    for i, (label, point) in enumerate(section.labelled(name)):
+        around = rings[i] if rings else None
+        places = [point] if around is None else [tuple(place.tolist()) for place in around]
+        names = [label] if len(places) == 1 else [f"{label}.{k + 1}" for k in range(len(places))]
+        found += [
+            PointMass(
+                own,
+                f"{name}.mass",
+                place,
+                direction=tuple(axis.tolist()),
+                travel=f"{name}.travel" if moves else 0.0,
+                share=1 / len(section.points) / len(places),
+            )
+            for own, place in zip(names, places, strict=True)
+        ]
+    return found

@@ -202,16 +202,22 @@ class OffsetBeamsMesh(BuilderMesh):
 class FileMesh(JoinedMesh):
     """``[mesh]`` from a gmsh file with named physical groups.
 
-    Without ``joint`` and ``[mesh.bolts]`` it is as the file has it, layers included.
+    Without ``joint`` and ``[mesh.bolts]`` it is as the file has it, layers included. With ``gdim =
+    2`` it is a section in plane strain, one metre deep; or with a ``thickness`` the sheet that the
+    plane mesh is the middle of, in space.
     """
 
     scale: Size = 1.0
     gdim: Literal[2, 3] = 3
+    thickness: Size | None = None
 
     def build(self, folder: Path, comm: MPI.Intracomm) -> TaggedMesh:
         """See `MeshSection.build`."""
         grown = comm.bcast(on_root(comm, self._grown))
-        return read_msh(folder / self.file, comm, gdim=self.gdim, scale=self.scale, grown=grown)
+        return read_msh(
+            folder / self.file, comm, gdim=self.gdim, scale=self.scale, grown=grown,
+            thickness=self.thickness,
+        )  # fmt: skip
 
     @property
     def grows(self) -> bool:
@@ -231,6 +237,12 @@ class FileMesh(JoinedMesh):
                 None if given["bolts"] is None else np.array(given["bolts"]), given["hole"],
             )  # fmt: skip
         return Grown(joint, self.layer, rings, self.bonded or (), self.between)
+
+    @model_validator(mode="after")
+    def _sheet(self) -> FileMesh:
+        if self.thickness is not None and self.gdim != 2:
+            raise ValueError("thickness given: expected gdim = 2, as it is that of a plane mesh")
+        return self
 
     @model_validator(mode="after")
     def _something_to_grow(self) -> FileMesh:

@@ -91,7 +91,10 @@ def estimate(case: Case, *, method: str = "direct", ranks: int = 1) -> Estimate:
         cut = max(math.prod(sorted(mesh.degree * float(n) + 1 for n in b)[:2]) for b in bricks)
     else:
         vertices = _step_vertices(case, mesh) if isinstance(mesh, StepMesh) else _vertices(case)
-        dofs = getattr(mesh, "gdim", 3) * vertices * (_EDGES if mesh.degree == 2 else 1.0)
+        gdim = getattr(mesh, "gdim", 3)
+        if getattr(mesh, "thickness", None) is not None:  # a sheet has two sides
+            gdim, vertices = 3, 2 * vertices
+        dofs = gdim * vertices * (_EDGES if mesh.degree == 2 else 1.0)
         cut = None  # assemblies are slender
     return estimate_of(dofs, mesh.degree, cut, method=method, ranks=ranks)
 

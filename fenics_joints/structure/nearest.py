@@ -12,12 +12,18 @@ from mpi4py import MPI
 from scipy.spatial.distance import pdist
 
 from fenics_joints._compat import geometry_dofmap
-from fenics_joints.errors import InputError
+from fenics_joints.errors import InputError, MeshError
+from fenics_joints.meshes import TaggedMesh
+from fenics_joints.meshes.rings import measure_ring, ring_names
 
-__all__ = ["NEAR", "Nearest", "all_min", "far_points", "nearest", "too_close_together"]
+__all__ = [
+    "NEAR", "Nearest", "all_min", "far_points", "nearest", "round_bolts", "too_close_together",
+]  # fmt: skip
 
 #: A point this near, m, or nearer than half a cell, is moved onto the surface.
 NEAR = 1e-3
+#: Nearer than this, m, a point is on the mesh but for round-off.
+_ON = 1e-8
 #: How many points a message names.
 _NAMED = 12
 #: Points that span less than this share of a structure are those of another unit.
@@ -80,6 +86,38 @@ def nearest(msh, points: np.ndarray) -> Nearest:
         (places, mine[:, None]), (reach, mine)
     ))  # fmt: skip
     return Nearest(owner, np.where(mine, cells, -1), places, least, reach)
+
+
+def round_bolts(tagged: TaggedMesh, points: np.ndarray, n: int = 8) -> list[np.ndarray | None]:
+    """Places on the ring round the empty hole that a point is in, as of a bolt. Collective.
+
+    Args:
+        tagged: A mesh.
+        points: m, shape (n_points, 3).
+        n: How many places.
+
+    Returns:
+        For each point places halfway through its ring, m, shape (n, 3), their mean on the bolt's
+        axis; None for a point that is in the mesh or in no bolt's hole.
+    """
+    found: list[np.ndarray | None] = [None] * len(points)
+    names = ring_names(list(tagged.cell_names)) if tagged.mesh.geometry.dim == 3 else []
+    if not names or not np.any(empty := nearest(tagged.mesh, points).distance > _ON):
+        return found
+    for name in names:
+        try:
+            ring = measure_ring(tagged, name)
+        except MeshError:  # no flat ring
+            continue
+        across = np.linalg.svd(ring.normal[None])[2][1:]
+        turn = 2 * np.pi * (np.arange(n)[:, None] + 0.5) / n
+        way = np.cos(turn) * across[0] + np.sin(turn) * across[1]
+        for i in np.flatnonzero(empty):
+            along = (points[i] - ring.centre) @ ring.normal
+            beside = np.linalg.norm(points[i] - ring.centre - along * ring.normal)
+            if beside < ring.r_nei and abs(along) <= ring.r_wai:
+                found[i] = ring.centre + 0.5 * (ring.r_nei + ring.r_wai) * way
+    return found
 
 
 def all_min(comm: MPI.Intracomm, array: np.ndarray) -> np.ndarray:

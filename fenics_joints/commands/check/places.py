@@ -17,7 +17,12 @@ from fenics_joints.errors import InputError
 from fenics_joints.measurements import MeasuredFRFs
 from fenics_joints.meshes import TaggedMesh
 from fenics_joints.structure import Sensors
-from fenics_joints.structure.nearest import far_points, nearest, too_close_together
+from fenics_joints.structure.nearest import (
+    far_points,
+    nearest,
+    round_bolts,
+    too_close_together,
+)
 
 __all__ = ["Place", "bolts_of", "close_together", "far_places", "places_of", "same_bolts", "twice"]
 
@@ -127,6 +132,10 @@ def far_places(places: Sequence[Place], tagged: TaggedMesh) -> tuple[list[Place]
     points = np.array([place.point for place in places], dtype=float)
     found, errors = nearest(tagged.mesh, points), []
     off = np.where(found.distance > _ON, found.distance, 0.0)
+    heavy = np.flatnonzero([place.kind in ("mass", "attached") for place in places])
+    for i, around in zip(heavy, round_bolts(tagged, points[heavy]), strict=True):
+        if around is not None:
+            off[i] = 0.0  # it is put on the ring
     for kind in dict.fromkeys(place.kind for place in places):
         own = np.array([place.kind == kind for place in places])
         measured = kind in ("sensor", "force")

@@ -98,7 +98,8 @@ def check_case(
         notes = [line.removeprefix("note: ") for line in lines if line.startswith("note: ")]
         errors = [line for line in lines if not line.startswith("note: ")]
         found = _more(found, [*same_bolts(case, []), *errors], notes)
-        return _with_costs(found, comm)
+        # How large a file's mesh would be is known by nothing else.
+        return found if case.mesh.origin == "file" else _with_costs(found, comm)
     return _with_costs(_meshed(found, examined, tagged), comm)
 
 
@@ -176,7 +177,12 @@ def _meshed(found: Checked, examined: Examined, tagged: TaggedMesh) -> Checked:
     size = float(np.max(high - low))
     small = [] if any(" places of sensors span " in line for line in far) else \
         close_together(places, size)  # fmt: skip
-    odd = [*doubtful(case, weights), *small, *_odd_size(size)]
+    odd = [*doubtful(case, weights), *small, *_odd_size(size), *_odd_cells(case, size)]
+    if case.mesh.origin == "file" and tagged.mesh.geometry.dim == 2:
+        odd.append(
+            "mesh.gdim = 2: the mesh is a section in plane strain, 1 m deep, and masses are of one "
+            "metre; a sheet needs mesh.thickness"
+        )
     found = _more(found, [*far, *same_bolts(case, bolts)], odd)
     moved = found.moved()
     if moved and not far:
@@ -201,6 +207,17 @@ def _odd_size(size: float) -> list[str]:
     if _SIZES[0] <= size <= _SIZES[1]:
         return []
     return [f"the structure is {quantity(size, 'm')} long: is the unit of its file right?"]
+
+
+def _odd_cells(case: Case, size: float) -> list[str]:
+    """A sentence for cells that are to be larger than the structure, m."""
+    asked = getattr(case.mesh, "size", None)
+    if asked is None or asked <= size:
+        return []
+    return [
+        f"mesh.size = {quantity(asked, 'm')} is more than the structure, {quantity(size, 'm')}: "
+        "its cells are as large as its shape lets them"
+    ]
 
 
 def _model(found: Checked, tagged: TaggedMesh) -> int | str:

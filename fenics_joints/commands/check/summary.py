@@ -64,8 +64,10 @@ def place_words(result: Checked) -> str:
             counts[place.kind] += 1
     words = [f"{n} {kind}{'s' if n > 1 else ''}" for kind, n in counts.items() if n]
     if result.bolts:
-        n = len(result.bolts)
-        words.append(f"{n} bolt{'s' if n > 1 else ''}")
+        n, rings = len(result.bolts), result.case is not None and not result.case.bolts
+        # A bolt has a ring on each pair of faces that it presses together.
+        words.append(f"{n} {'ring' if rings else 'bolt'}{'s' if n > 1 else ''}"
+                     f"{' at bolts' if rings else ''}")  # fmt: skip
     return ", ".join(words)
 
 

@@ -16,10 +16,12 @@ from fenics_joints.commands.check.body import Body
 from fenics_joints.formatting import percent, quantity
 from fenics_joints.preload.threads import thread
 
-__all__ = ["Weight", "doubtful", "weights_of"]
+__all__ = ["USUAL_KG", "Weight", "doubtful", "weights_of"]
 
 #: A mass that is off by more is said: castings and paint are within it, a wrong material is not.
 _OFF = 0.05
+#: Between these masses, kg, structures are that stand in a lab.
+USUAL_KG = (1e-3, 1e4)
 #: Ratios of units, and of numbers that are easily mixed up, with what they mean.
 _RATIOS = {
     1000.0: "g read as kg, or mm as m in one place", 1e9: "lengths in mm read as m",
@@ -90,12 +92,15 @@ def _volume(case: Case, body: Body | None, cells) -> float:
 
 
 def doubtful(case: Case, weights: tuple[Weight, ...]) -> list[str]:
-    """A sentence for each mass that is not what was weighed, and for parts that are empty."""
+    """A sentence for each mass that is not what was weighed, and for one of no lab's structure."""
     notes = [
         _said(f"parts.{w.name}", w.mass, w.weighed) for w in weights if w.weighed is not None
     ]
     if case.test is not None and case.test.mass is not None:
         notes.append(_said("the whole structure", sum(w.mass for w in weights), case.test.mass))
+    total = sum(w.mass for w in weights if w.kind != "attached")
+    if total > 0 and not USUAL_KG[0] <= total <= USUAL_KG[1]:
+        notes.append(f"the structure weighs {quantity(total, 'kg')}: is the unit of lengths right?")
     return [note for note in notes if note]
 
 

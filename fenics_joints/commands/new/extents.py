@@ -13,12 +13,14 @@ from fenics_joints.errors import MeshError
 from fenics_joints.meshes.cad_survey import StepSurvey
 from fenics_joints.meshes.msh import read_lists
 
-__all__ = ["UNITS", "extents_of_builder", "extents_of_msh", "extents_of_step", "likely_unit"]
+__all__ = [
+    "METRES", "UNITS", "extents_of_builder", "extents_of_msh", "extents_of_step", "likely_unit",
+]  # fmt: skip
 
 #: Factors to metres of the units that files are in, the largest first.
 UNITS = {"m": 1.0, "inch": 0.0254, "cm": 1e-2, "mm": 1e-3}
 #: Between these numbers of a unit, in metres, structures are that stand in a lab.
-_METRES = (1e-3, 15.0)
+METRES = (1e-3, 15.0)
 #: Sensors stand a little beside the drawing, too: share of its extent, and m.
 _ROOM, _BESIDE = 1.02, 1e-3
 
@@ -58,7 +60,7 @@ def likely_unit(spans: Sequence[float], extents: np.ndarray | None) -> str:
     """
     spans = np.sort(spans)[::-1]
     if extents is None:
-        return "m" if _METRES[0] <= spans[0] <= _METRES[1] else "mm"
+        return "m" if METRES[0] <= spans[0] <= METRES[1] else "mm"
     room = np.zeros(len(spans))
     room[: len(extents)] = np.sort(extents)[::-1][: len(spans)]
     for unit, factor in UNITS.items():

@@ -13,9 +13,12 @@ from fenics_joints.commands.new.sketch import (
     BOLT_FORCE,
     UNBOLTED,
     JointSketch,
+    Ring,
     Sketch,
     force_of,
     millimetres,
+    stacked,
+    stacked_words,
     toml,
 )
 from fenics_joints.meshes.msh import read_lists
@@ -37,10 +40,11 @@ _LEAST = 1.2
 
 @dataclass(frozen=True)
 class _Bolt:
-    """A bolt's place, m, radii of its hole and ring, and its thread."""
+    """A bolt's place, m, normal of the faces, radii of its hole and ring, and its thread."""
 
     parts: tuple[str, str]
     centre: np.ndarray
+    normal: np.ndarray
     hole: float
     ring: float
     guess: ThreadGuess | None
@@ -79,12 +83,13 @@ def _bolts(x: np.ndarray, touch: Touch) -> Iterator[_Bolt]:
                 wanted = min(wanted, 0.49 * apart)
         wanted = min(wanted, float(np.linalg.norm(rim - hole.centre, axis=1).max()))
         if wanted >= _LEAST * hole.radius:
-            yield _Bolt(touch.parts, hole.centre, hole.radius, wanted, guess)
+            yield _Bolt(touch.parts, hole.centre, touch.normal, hole.radius, wanted, guess)
 
 
 def _with_rings(sketch: Sketch, found: list[Touch], bolts: list[_Bolt]) -> Sketch:
     names = {bolt.guess.thread.name for bolt in bolts if bolt.guess}
     one = bolts[0].guess if len(names) == 1 and all(bolt.guess for bolt in bolts) else None
+    numbers = stacked([Ring(b.parts, b.centre, b.normal, b.hole) for b in bolts])
     radii = [millimetres(math.floor(1e4 * bolt.ring) / 1e4) for bolt in bolts]
     lines = [
         *_bonded(found, bolts), "",
@@ -95,21 +100,24 @@ def _with_rings(sketch: Sketch, found: list[Touch], bolts: list[_Bolt]) -> Sketc
           if one else []),
         "# Outer radii of the rings, where the pressure ends: a cone from the head.",
         f"r_wai = {toml(radii[0] if len(set(radii)) == 1 else radii)}", "at = [",
-        *(_line(i, bolt) for i, bolt in enumerate(bolts, start=1)), "]",
+        *(_line(i, bolt, of) for i, (bolt, of) in enumerate(zip(bolts, numbers, strict=True), 1)),
+        "]",
     ]  # fmt: skip
     pressure = None if one else float(np.mean([
         force_of(b.guess and b.guess.thread) / (math.pi * (b.ring**2 - b.hole**2)) for b in bolts
     ]))  # fmt: skip
-    joint = JointSketch("bolts", ("ring_*",), f"{len(bolts)} bolts", pressure=pressure)
+    joint = JointSketch("bolts", ("ring_*",), stacked_words(numbers), pressure=pressure)
     asked = "The threads of the bolts, by the holes (ISO 273), and their force."
-    words = f"bolts: {len(bolts)}, {', '.join(sorted(names)) or 'no standard thread'}"
+    words = f"{stacked_words(numbers)}: {', '.join(sorted(names)) or 'no standard thread'}"
     return _joined(sketch, lines, joint, words, asked)
 
 
-def _line(number: int, bolt: _Bolt) -> str:
+def _line(number: int, bolt: _Bolt, of: int) -> str:
     name = bolt.guess.thread.name if bolt.guess else "no standard thread"
     at = toml([millimetres(c, 5) for c in np.round(bolt.centre, 7) + 0.0])
-    return f"  {at},  # {number}: {' and '.join(bolt.parts)}, {2e3 * bolt.hole:.3g} mm, {name}?"
+    of = f" (bolt {of})" if of != number else ""
+    words = f"{' and '.join(bolt.parts)}, {2e3 * bolt.hole:.3g} mm, {name}?"
+    return f"  {at},  # {number}{of}: {words}"
 
 
 def _bonded(found: list[Touch], bolts: list[_Bolt]) -> list[str]:

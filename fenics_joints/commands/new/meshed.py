@@ -13,7 +13,8 @@ from mpi4py import MPI
 
 from fenics_joints.case.mesh import BUILDERS
 from fenics_joints.commands.check.body import body_of
-from fenics_joints.commands.new.extents import UNITS, likely_unit
+from fenics_joints.commands.check.weights import USUAL_KG
+from fenics_joints.commands.new.extents import METRES, UNITS, likely_unit
 from fenics_joints.commands.new.grown import with_joints
 from fenics_joints.commands.new.sketch import (
     BOLT_FORCE,
@@ -33,11 +34,14 @@ from fenics_joints.meshes.check import check_mesh
 from fenics_joints.meshes.rings import ring_names
 from fenics_joints.meshes.tagged import limits
 from fenics_joints.preload.clearance import guess_thread
+from fenics_joints.units import to_si
 
 __all__ = ["builder_sketch", "msh_sketches"]
 
 #: Names that layers of joints have.
 _JOINT = re.compile(r"joint|ring|layer|lap\b|zone|interface|contact|glue|fuge|naht|gasket", re.I)
+#: Units by how often meshes are in them, and a density to know them by, kg/m3.
+_UNITS, _STEEL = ("m", "mm", "inch", "cm"), 7850.0
 #: Numbers of lapped beams that a case must have, where a builder has no defaults.
 _BEAMS = (
     'lengths = ["360 mm", "260 mm"]  # ? of each beam, in a row',
@@ -71,36 +75,72 @@ def msh_sketches(
         except MeshError:
             tagged = read_msh(path, MPI.COMM_SELF)  # says what is wrong in space
     size = float(np.ptp(np.array(limits(tagged)), axis=0).max())
+    volume = float(body_of(tagged).volumes.sum()) if gdim == 3 else None
 
     def known(answer: str) -> None:
         member("unit", answer, UNITS)
 
-    guess = _unit(size, places)
-    unit = ask(f"Unit of the lengths in {path.name} (its extent is {size:.6g})", guess, known)
+    sizes = ", ".join(f"{1e3 * size * scale:.4g} mm in {name}" for name, scale in UNITS.items())
+    question = f"Unit of the lengths in {path.name} (its extent is {size:.6g}: {sizes})"
+    unit = ask(question, _unit(size, volume, places), known)
     scale = UNITS[unit]
     lines = [
         "[mesh]", f"file = {toml(file)}",
         f'scale = "{scale:g} m"  # ? the file is in {unit}: it is {size * scale:.4g} m long',
-        *(["gdim = 2"] if gdim == 2 else []),
     ]  # fmt: skip
-    if scale != 1.0:
-        tagged = read_msh(path, MPI.COMM_SELF, gdim=gdim, scale=scale)
+    questions, thickness = ["The unit of the mesh, which a .msh file does not say."], None
+    if gdim == 2:
+        thickness = _thickness(path, ask)
+        lines.append("gdim = 2")
+        if thickness is not None:
+            lines.append(f"thickness = {toml(millimetres(thickness))}  # of the sheet")
+        else:
+            lines.append('# thickness = "2 mm"  # ? of a sheet; without it a section, 1 m deep')
+            questions.append(
+                "The mesh is plane: it is taken for a section in plane strain, 1 m deep. A sheet "
+                "needs its thickness."
+            )
+    tagged = read_msh(path, MPI.COMM_SELF, gdim=gdim, scale=scale, thickness=thickness)
     found = _sketch(tagged, lines, material, ask, None)
-    questions = "The unit of the mesh, which a .msh file does not say.", *found.questions
-    found = replace(found, questions=questions)
-    if found.joints or found.more or len(found.parts) < 2:
+    found = replace(found, questions=(*questions, *found.questions))
+    if found.joints or found.more or len(found.parts) < 2 or thickness:
         yield found
     else:
         yield from with_joints(found, path, gdim, scale)
 
 
-def _unit(size: float, places: np.ndarray) -> str:
-    """The unit with which sensors span the mesh, or else with which it is of a usual size."""
+def _thickness(path: Path, ask: Ask) -> float | None:
+    """That of a sheet, m, if a plane mesh is one."""
+    def known(answer: str) -> None:
+        if answer != "none" and not to_si(answer, "m") > 0:
+            raise ValueError(f"{answer!r}: expected a length above 0, such as 2 mm, or none")
+
+    question = (
+        f"Thickness of the sheet in {path.name}, which is plane, such as 2 mm (none: it is a "
+        "section in plane strain, 1 m deep)"
+    )
+    answer = ask(question, "none", known)
+    return None if answer == "none" else to_si(answer, "m")
+
+
+def _unit(size: float, volume: float | None, places: np.ndarray) -> str:
+    """The unit with which sensors span the mesh, or else with which it is of a usual size.
+
+    Args:
+        size: Its largest extent.
+        volume: Of the solids; None for a plane mesh.
+        places: Sensors, m, shape (n, 3).
+    """
     if len(places) > 2 and (span := float(np.ptp(places, axis=0).max())) > 0:
         near = {unit: abs(np.log(size * scale / span)) for unit, scale in UNITS.items()}
         best = min(near, key=near.get)
         if near[best] < np.log(2.0):
             return best
+    for unit in () if volume is None else _UNITS:
+        scale = UNITS[unit]
+        kilograms = _STEEL * volume * scale**3
+        if METRES[0] <= size * scale <= METRES[1] and USUAL_KG[0] <= kilograms <= USUAL_KG[1]:
+            return unit
     return likely_unit([size], None)
 
 

@@ -100,7 +100,7 @@ def run_new(
     problems.check()
     progress.step("looking into the files")
     files = _Files(folder)
-    test, sketches = _looked(source, tests, files, material, ask, problems)
+    test, sketches = _looked(source, tests, files, material, ask, problems, progress)
     problems.check()
     made = not folder.exists()
     writable_folder(folder, "FOLDER")
@@ -114,11 +114,17 @@ def run_new(
         raise
 
 
-def _looked(source: Source, tests: TestFiles, files, material: str, ask: Ask, problems: Problems):
+def _looked(
+    source: Source, tests: TestFiles, files, material: str, ask: Ask, problems: Problems,
+    progress: Progress,
+):  # fmt: skip
     """The test, and the cases that its files and those of the structure may mean."""
     survey = None
     if source.step is not None:
-        survey = problems.tried(lambda: survey_step(source.step))
+        def told(words: str, done: int, of: int) -> None:
+            progress.reach(done, f"of {of} {words}")
+
+        survey = problems.tried(lambda: survey_step(source.step, told))
     test = problems.tried(
         lambda: test_sketch(tests, files.name, ask, lambda: _extents(source, survey))
     )

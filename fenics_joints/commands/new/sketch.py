@@ -12,9 +12,9 @@ from fenics_joints.formatting import printable
 from fenics_joints.preload.threads import Thread
 
 __all__ = [
-    "BOLT_FORCE", "MATERIALS", "UNBOLTED", "Ask", "JointSketch", "Material", "PartSketch",
-    "Sketch", "TestSketch", "ask_materials", "force_of", "material_of", "millimetres", "text_of",
-    "toml",
+    "BOLT_FORCE", "MATERIALS", "UNBOLTED", "Ask", "JointSketch", "Material", "PartSketch", "Ring",
+    "Sketch", "TestSketch", "ask_materials", "force_of", "material_of", "millimetres", "stacked",
+    "stacked_words", "text_of", "toml",
 ]  # fmt: skip
 
 #: Pressure between faces where no bolt is, Pa: assumed.
@@ -134,6 +134,60 @@ def force_of(thread: Thread | None) -> float:
 
 #: Asks: a question, an answer that is taken for granted, and what refuses a wrong one.
 Ask = Callable[[str, str, Callable[[str], object]], str]
+
+
+@dataclass(frozen=True)
+class Ring:
+    """One place where a bolt presses two parts together; lengths in m.
+
+    Attributes:
+        parts: The two parts.
+        centre: Shape (3,).
+        normal: Of the faces, shape (3,).
+        radius: Of the hole.
+        depths: Of the holes in the two parts; None if they are not known.
+    """
+
+    parts: tuple
+    centre: np.ndarray
+    normal: np.ndarray
+    radius: float
+    depths: tuple[float, float] | None = None
+
+
+def stacked(rings: Sequence[Ring]) -> list[int]:
+    """The number, from 1, of the bolt of each ring: one bolt presses all that it passes through.
+
+    Two rings are of one bolt if they have one axis and a part between them whose hole goes through.
+    """
+    bolt = list(range(len(rings)))
+    for j, b in enumerate(rings):
+        for i, a in enumerate(rings[:j]):
+            between = b.centre - a.centre
+            along = float(between @ a.normal)
+            beside = float(np.linalg.norm(between - along * a.normal))
+            shared = set(a.parts) & set(b.parts)
+            if beside > 0.1 * a.radius or abs(along) < 1e-9 or abs(a.normal @ b.normal) < 0.999:
+                continue
+            if any(_passes(a, b, part, abs(along)) for part in shared):
+                bolt = [bolt[i] if n == bolt[j] else n for n in bolt]
+    numbers = {n: k for k, n in enumerate(dict.fromkeys(bolt), start=1)}
+    return [numbers[n] for n in bolt]
+
+
+def _passes(a: Ring, b: Ring, part, apart: float) -> bool:
+    """Whether the holes of two rings in a part are one, or meet; blind ones do not."""
+    if a.depths is None or b.depths is None:
+        return True
+    deep = sum(r.depths[r.parts.index(part)] for r in (a, b))
+    return deep > apart * (1 - 1e-3)
+
+
+def stacked_words(bolts: Sequence[int]) -> str:
+    """How many bolts there are, and how many pressed faces where a bolt has several."""
+    n, faces = max(bolts), sorted({bolts.count(bolt) for bolt in bolts})
+    each = "" if faces == [1] else f" of {' or '.join(map(str, faces))} pressed faces each"
+    return f"{n} bolt{'s' if n > 1 else ''}{each}"
 
 
 def material_of(words: str, default: str) -> str:

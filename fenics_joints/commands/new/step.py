@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from statistics import fmean
@@ -15,11 +16,14 @@ from fenics_joints.commands.new.sketch import (
     Ask,
     JointSketch,
     PartSketch,
+    Ring,
     Sketch,
     ask_materials,
     force_of,
     material_of,
     millimetres,
+    stacked,
+    stacked_words,
     toml,
 )
 from fenics_joints.meshes.cad_survey import Solid, StepSurvey, ThroughHole
@@ -37,6 +41,8 @@ __all__ = ["step_sketches"]
 _VERTICES = 300
 #: Gaps between faces that a layer closes by itself, m.
 _GAP = 0.7e-3
+#: Names that the layers of joints have.
+_LAYERS = re.compile(r"ring_\d+|joint(_\d+)?")
 #: Edges of a circle: a ring's area is short by 10 %, twelve: by 5 %.
 _CIRCLE = 8
 
@@ -50,11 +56,18 @@ def step_sketches(survey: StepSurvey, file: str, material: str, ask: Ask) -> Ite
         material: Of parts whose label names none.
         ask: Asks the user.
     """
+    solids = tuple(replace(solid, name=_own_name(solid.name)) for solid in survey.solids)
+    survey = replace(survey, solids=solids)
     bolts = [hole for hole in survey.holes if hole.room > 0]
     base = _base(survey, file, material, ask)
     if bolts:
         yield _with_rings(survey, base, bolts, ask)
     yield _with_layers(survey, base)
+
+
+def _own_name(name: str) -> str:
+    """The name of a solid that is none of the layers'."""
+    return f"part_{name}" if _LAYERS.fullmatch(name) else name
 
 
 def _base(survey: StepSurvey, file: str, material: str, ask: Ask) -> Sketch:
@@ -115,6 +128,7 @@ def _with_rings(
     guesses = _threads(bolts, ask)
     radii = [_radius(bolt, guess) for bolt, guess in zip(bolts, guesses, strict=True)]
     bonded = _bonded(survey, {survey.touching[bolt.touch].solids for bolt in bolts})
+    numbers = stacked([_ring(survey, bolt) for bolt in bolts])
     names = {guess.thread.name for guess in guesses if guess}
     one = guesses[0] if len(names) == 1 and all(guesses) else None
     each = [millimetres(math.floor(1e4 * radius) / 1e4) for radius in radii]
@@ -127,8 +141,8 @@ def _with_rings(
         "# Outer radii of the rings, where the pressure ends: a cone of 30 degrees from the head,",
         "# as far as there is room on the faces.",
         f"r_wai = {toml(each[0] if len(set(each)) == 1 else each)}", "at = [",
-        *(_bolt_line(i, survey, bolt, guess)
-          for i, (bolt, guess) in enumerate(zip(bolts, guesses, strict=True), start=1)),
+        *(_bolt_line(i, survey, *each) for i, each in
+          enumerate(zip(bolts, guesses, numbers, strict=True), start=1)),
         "]",
     ]  # fmt: skip
     pressures = None if one else [
@@ -151,7 +165,7 @@ def _with_rings(
         *([f"Holes through two parts without room for a ring, taken as no bolts: {skipped}."]
           if skipped else []),
     ]  # fmt: skip
-    there = [f"{len(bolts)} bolts: {', '.join(sorted(names)) or 'no standard thread'}"]
+    there = [f"{stacked_words(numbers)}: {', '.join(sorted(names)) or 'no standard thread'}"]
     return replace(
         base, mesh=tuple([*mesh, *lines]), joints=tuple(joints), found=(*base.found, *there),
         questions=(*base.questions, *questions),
@@ -196,12 +210,18 @@ def _or(guess: ThreadGuess) -> str:
     return f"; or {' or '.join(guess.others)}" if guess.others else ""
 
 
-def _bolt_line(number: int, survey: StepSurvey, bolt: ThroughHole, guess) -> str:
+def _ring(survey: StepSurvey, bolt: ThroughHole) -> Ring:
+    touch = survey.touching[bolt.touch]
+    return Ring(touch.solids, bolt.centre, touch.normal, max(bolt.diameters) / 2, bolt.depths)
+
+
+def _bolt_line(number: int, survey: StepSurvey, bolt: ThroughHole, guess, of: int) -> str:
     a, b = (survey.solids[i].name for i in survey.touching[bolt.touch].solids)
     holes = " and ".join(f"{1e3 * d:.4g}" for d in dict.fromkeys(np.round(bolt.diameters, 7)))
     name = f"{guess.thread.name}{_or(guess)}?" if guess else "no standard thread"
     at = toml([millimetres(c) for c in bolt.centre + 0.0])
-    return f"  {at},  # {number}: {a} and {b}, {holes} mm, {name}"
+    of = f" (bolt {of})" if of != number else ""
+    return f"  {at},  # {number}{of}: {a} and {b}, {holes} mm, {name}"
 
 
 def _layer(survey: StepSurvey) -> list[str]:

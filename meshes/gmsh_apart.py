@@ -1,0 +1,72 @@
+"""gmsh in a process of its own, for files that others made.
+
+Of STEP and .msh files with a few changed numbers up to a half make gmsh or OpenCASCADE crash, and
+with it the whole program, on all ranks. Here a crash, an endless loop or a demand for all memory
+ends only that process, and becomes a `MeshError`.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from importlib.util import find_spec
+from pathlib import Path
+
+from fenics_joints.errors import MeshError
+from fenics_joints.files import shown_path
+
+__all__ = ["NO_GMSH", "run_apart"]
+
+#: What is missing without gmsh's Python module, for messages.
+NO_GMSH = (
+    "reading it takes gmsh's Python module, expected python3-gmsh (Debian) "
+    "or python-gmsh (conda) to be installed"
+)
+#: Seconds that reading may take, and more for each byte; bytes of memory, and more for each byte.
+_SECONDS, _SECONDS_A_BYTE = 60.0, 1e-4
+_MEMORY, _MEMORY_A_BYTE = 4 << 30, 300
+_CHILD = Path(__file__).with_name("gmsh_child.py")
+
+
+def run_apart(path: Path, folder: Path, file: str, size: int) -> None:
+    """Run ``gmsh_child.py``, which reads a file and writes what is in it.
+
+    Args:
+        path: The user's file, for messages.
+        folder: A private folder, where it runs and writes.
+        file: What it reads: ``"mesh.msh"`` in the folder, or the absolute path of a STEP file.
+        size: Bytes of the file.
+
+    Raises:
+        MeshError: gmsh is not installed, refuses the file, crashes on it or takes too long.
+    """
+    name = shown_path(path)
+    if find_spec("gmsh") is None:
+        raise MeshError(f"{name}: {NO_GMSH}")
+    # Isolated: nothing is imported from the folder where the user happens to be.
+    where, most = [each for each in sys.path if each], _MEMORY + _MEMORY_A_BYTE * size
+    command = [sys.executable, "-I", str(_CHILD), json.dumps(where), str(most), file]
+    # A process that an MPI started is not one of its ranks.
+    mine = {k: v for k, v in os.environ.items() if not k.startswith(("OMPI_", "PMI", "MPI"))}
+    mine["HOME"] = str(folder)
+    nowhere, limit = subprocess.DEVNULL, _SECONDS + _SECONDS_A_BYTE * size
+    try:
+        done = subprocess.run(
+            command, cwd=folder, env=mine, timeout=limit, check=False,
+            stdin=nowhere, stdout=nowhere, stderr=subprocess.PIPE,
+        )  # fmt: skip
+    except subprocess.TimeoutExpired:
+        raise MeshError(f"{name}: gmsh was still reading it after {limit:.0f} s") from None
+    refused = folder / "error.txt"
+    if refused.exists():
+        words = refused.read_text(encoding="utf-8", errors="replace")[:300]
+        raise MeshError(f"{name}: gmsh cannot read it: {words or 'no reason is given'}")
+    if done.returncode < 0:
+        how = signal.Signals(-done.returncode).name
+        raise MeshError(f"{name}: gmsh crashes on it ({how}); expected a whole file")
+    if done.returncode:
+        words = done.stderr.decode(errors="replace").strip().rpartition("\n")[2][:300]
+        raise MeshError(f"{name}: gmsh cannot read it: {words}")

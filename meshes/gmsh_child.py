@@ -1,0 +1,83 @@
+"""Reads a file with gmsh, alone: run by its path, see `fenics_joints.meshes.gmsh_apart`.
+
+Here is neither MPI nor anything of `fenics_joints`. Arguments: where Python finds modules, as
+JSON; how many bytes of memory may be used; and the file. What is in ``mesh.msh`` is written to
+``mesh.npz``; of a STEP file it is only seen whether it can be read. If gmsh refuses the file, the
+reason is in ``error.txt``.
+"""
+
+import contextlib
+import json
+import sys
+
+
+def main() -> None:
+    """Read the file and write what is in it."""
+    sys.path[:] = json.loads(sys.argv[1])
+    import gmsh
+    import numpy as np
+
+    gmsh.initialize(readConfigFiles=False, interruptible=False)
+    gmsh.option.setNumber("General.Terminal", 0)
+    _limit(int(sys.argv[2]))
+    try:
+        if sys.argv[3] == "mesh.msh":
+            gmsh.merge("mesh.msh")
+            np.savez("mesh.npz", **_content(gmsh.model, np))
+        else:
+            _look_at(gmsh, sys.argv[3])
+    except Exception as error:
+        text = "it takes too much memory" if isinstance(error, MemoryError) else str(error)
+        with open("error.txt", "w", encoding="utf-8") as file:
+            file.write(text)
+
+
+def _look_at(gmsh, path: str) -> None:
+    gmsh.option.setString("Geometry.OCCTargetUnit", "MM")
+    model = gmsh.model
+    found = model.occ.importShapes(path, format="step")
+    model.occ.synchronize()
+    for dim, tag in found:
+        model.occ.getMass(dim, tag)
+        for _, face in model.getBoundary([(dim, tag)], oriented=False):
+            model.occ.getMass(dim - 1, face)
+            model.getBoundingBox(dim - 1, face)
+
+
+def _limit(most: int) -> None:
+    try:
+        import resource
+    except ImportError:  # Windows
+        return
+    _, hard = resource.getrlimit(resource.RLIMIT_AS)
+    most = most if hard == resource.RLIM_INFINITY else min(most, hard)
+    with contextlib.suppress(ValueError, OSError):  # macOS has none
+        resource.setrlimit(resource.RLIMIT_AS, (most, hard))
+        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+
+
+def _content(model, np) -> dict:
+    groups = [
+        [dim, tag, model.getPhysicalName(dim, tag),
+         [int(e) for e in model.getEntitiesForPhysicalGroup(dim, tag)]]
+        for dim, tag in model.getPhysicalGroups()
+    ]  # fmt: skip
+    blocks, kinds, arrays = [], {}, {}
+    for dim, entity in model.getEntities():
+        for kind, _, nodes in zip(*model.mesh.getElements(dim, entity), strict=True):
+            arrays[f"block{len(blocks)}"] = nodes
+            blocks.append([dim, entity, int(kind)])
+            title, _, order, corners, *_ = model.mesh.getElementProperties(kind)
+            kinds[int(kind)] = [title, order, corners]
+    points = {
+        str(i): model.mesh.getNodesForPhysicalGroup(dim, tag)[1]
+        for i, (dim, tag, _, _) in enumerate(groups) if dim < 2
+    }  # fmt: skip
+    arrays |= {f"points{i}": x for i, x in points.items()}
+    tags, x, _ = model.mesh.getNodes()
+    head = json.dumps({"groups": groups, "blocks": blocks, "kinds": kinds}).encode()
+    return {"head": np.frombuffer(head, np.uint8), "tags": tags, "x": x, **arrays}
+
+
+if __name__ == "__main__":
+    main()
