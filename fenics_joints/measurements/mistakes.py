@@ -1,0 +1,350 @@
+"""Mistakes in the tables of a test: copied modes, other units, columns and rows in another order,
+sensors that are dead, flipped or exchanged. Some show in the test alone, most beside a model.
+
+A model may be off by much where its joints are. So a mistake is not said because model and test
+differ, but because undoing it, and nothing else, would make them agree.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from fenics_joints.measurements.data import TestData
+from fenics_joints.measurements.gap import ALIKE, assigned, mac
+from fenics_joints.measurements.measured_shapes import in_order
+
+__all__ = ["mistakes_beside", "mistakes_within"]
+
+#: Ratios of frequencies that slips make, with what makes them.
+_SLIPS = {
+    2 * math.pi: "rad/s and Hz", 1000.0: "Hz and kHz, m and mm", 10.0: "the decimal point",
+    2.0: "a factor of two", 60.0: "per minute and Hz", 100.0: "the decimal point",
+    math.sqrt(1000.0): "a modulus or a density a thousand times off",
+}  # fmt: skip
+#: How near a ratio comes to a slip's, for a joint may be off as well.
+_NEAR = 0.1
+#: What undoing a mistake leaves of the misfit (root mean square of ln f, test to model), and below
+#: which misfit none is looked for.
+_LEFT, _FITS = 1 / 3, 0.1
+#: No joint makes the middle one of all frequencies so many times too high or low.
+_FAR = 4.0
+#: Share of the strain energy in joints from which on they may be what makes them so.
+_JOINTS = 0.5
+#: Relative distance of two frequencies that are one, and MAC of two shapes that are.
+_ONE, _SAME = 1e-6, 0.99
+#: So few modes go into any place.
+_FEW = 4
+#: Share of the usual motion below which a sensor is silent, or says nothing of its own sign.
+_SILENT, _WEAK = 0.02, 0.2
+#: Signed COMAC (its root) of a sensor with the model below which it is another one, and above
+#: which it is that.
+_OTHER, _THAT = -0.6, 0.9
+
+
+def mistakes_within(data: TestData) -> list[str]:
+    """What is unlikely in a test by itself, in sentences.
+
+    Args:
+        data: The test.
+    """
+    return [*_copied(data), *_out_of_order(data), *_silent(data), *_alike(data)]
+
+
+def _copied(data: TestData) -> list[str]:
+    """Modes with the frequencies of another one."""
+    f, found = data.frequencies_hz, []
+    for i, name in enumerate(data.mode_names):
+        for j in range(i):
+            both = np.isfinite(f[:, i]) & np.isfinite(f[:, j])
+            if both.any() and np.allclose(f[both, i], f[both, j], rtol=_ONE, atol=0):
+                found.append(
+                    f"test.frequencies: {name!r} has the frequencies of {data.mode_names[j]!r} "
+                    f"({f[both, i][-1]:.6g} Hz); expected each mode once: leave one out"
+                )
+    return found
+
+
+def _out_of_order(data: TestData) -> list[str]:
+    """Modes without shapes that do not ascend, and are paired in their order."""
+    if data.shapes is not None:
+        return []
+    for condition, f in zip(data.conditions, data.frequencies_hz, strict=True):
+        there = np.flatnonzero(np.isfinite(f))
+        down = np.flatnonzero(np.diff(f[there]) < -_ONE * f[there][:-1])
+        if len(down):
+            i, j = there[down[0]], there[down[0] + 1]
+            where = f" at {data.condition_name} {condition:g}" if len(data) > 1 else ""
+            return [
+                f"test.frequencies: {data.mode_names[i]!r}, {f[i]:.6g} Hz, stands before "
+                f"{data.mode_names[j]!r}, {f[j]:.6g} Hz{where}; without shapes modes are paired in "
+                "the order of their columns: expected ascending frequencies"
+            ]
+    return []
+
+
+def _silent(data: TestData) -> list[str]:
+    """Sensors that read nothing in any mode."""
+    if data.shapes is None:
+        return []
+    size = np.sqrt(np.nanmean((data.shapes / _sizes(data.shapes)) ** 2, axis=1))
+    return [
+        f"test.shapes: {_sensor(data, s)} reads {'nothing' if size[s] == 0 else 'next to nothing'} "
+        "in any mode; expected a sensor that works: leave its cells empty if it is dead"
+        for s in np.flatnonzero(size < _SILENT**2)
+    ]
+
+
+def _alike(data: TestData) -> list[str]:
+    """Measured shapes of which sensors enough say that they are one."""
+    if data.shapes is None or len(data.shapes) < 3:
+        return []
+    same = np.tril(_auto(data.shapes) > _SAME, -1)
+    return [
+        f"test.shapes: the shapes of {_listed(data, np.flatnonzero(same[:, j]))} are that of "
+        f"{data.mode_names[j]!r} (MAC above {_SAME:g}); expected a shape of its own for each mode"
+        for j in range(len(same)) if same[:, j].any() and not same[j].any()
+    ]  # fmt: skip
+
+
+def mistakes_beside(
+    data: TestData, row: int, model_hz: np.ndarray, model_shapes: np.ndarray | None,
+    of_joints: Callable[[int], float] = lambda count: 0.0,
+) -> list[str]:
+    """What is unlikely in a test beside a model's modes, in sentences.
+
+    Args:
+        data: The test, m modes at n sensors.
+        row: The condition that the model is for.
+        model_hz: Frequencies of the model's modes that the test could see, Hz, (k,), ascending.
+        model_shapes: Their shapes at the sensors, (n, k); None without sensors.
+        of_joints: Gives the joints' share of the strain energy of so many of these modes, the
+            lowest, of the middle one. It is d ln w^2 / d ln k: where it is most of it, joints alone
+            may be what scales all frequencies.
+    """  # fmt: skip
+    f = data.frequencies_hz[row]
+    kept = np.flatnonzero(np.isfinite(f))
+    words: list[str] = []
+    if data.shapes is None or model_shapes is None:
+        if len(kept) <= len(model_hz):
+            words = _frequencies(data, f, kept, model_hz, of_joints)
+        return words + _few_sensors(data, model_shapes)
+    match = mac(data.shapes, model_shapes)
+    if len(match) > len(model_hz):
+        return []
+    index = assigned(match, model_hz)
+    told = np.flatnonzero((match[np.arange(len(match)), index] >= ALIKE) & np.isfinite(f))
+    if 2 * len(told) < len(kept):  # shapes do not speak: is it their rows?
+        order = in_order(_distance(np.sort(f[kept]), model_hz))[np.argsort(np.argsort(f[kept]))]
+        return _rows(data, kept, model_shapes[:, order]) or _frequencies(
+            data, f, kept, model_hz, of_joints
+        )
+    exchanged = _exchanged(data, f, told, model_hz[index])
+    words = exchanged or _paired(data, f, told, model_hz[index], of_joints)
+    return words + _sensors(data, told, model_shapes[:, index]) + _few_sensors(data, model_shapes)
+
+
+def _distance(test_hz: np.ndarray, model_hz: np.ndarray) -> np.ndarray:
+    """ln of each measured frequency over each of the model's, (m, k)."""
+    return np.abs(np.log(test_hz)[:, None] - np.log(model_hz))
+
+
+def _aligned(test_hz: np.ndarray, model_hz: np.ndarray) -> tuple[float, np.ndarray]:
+    """Misfit of frequencies in the order of a model's, of which some may be passed over."""
+    cost = _distance(np.sort(test_hz), model_hz)
+    index = in_order(cost)
+    off = cost[np.arange(len(index)), index]
+    return float(np.sqrt(np.mean(off**2))), index
+
+
+def _frequencies(data: TestData, f: np.ndarray, kept: np.ndarray, model_hz, of_joints) -> list[str]:
+    """Frequencies that have no shapes: all are off by one factor, or one of them alone is off."""
+    misfit, index = _aligned(f[kept], model_hz)
+    ratio = np.median(np.sort(f[kept]) / model_hz[: len(kept)])
+
+    def scaled(factor: float) -> float:
+        return _aligned(f[kept] / factor, model_hz)[0]
+
+    words = _all_off(len(kept), ratio, misfit, scaled, of_joints)
+    if words or len(kept) < _FEW or misfit < _FITS:
+        return words
+    left = np.array([_aligned(np.delete(f[kept], i), model_hz)[0] for i in range(len(kept))])
+    i = int(np.argmin(left))
+    if left[i] > _LEFT * misfit or left[i] > 0.5 * np.sort(left)[1]:
+        return []
+    others = _aligned(np.delete(f[kept], i), model_hz)[1]
+    below, above = others[i - 1] if i else -1, others[i] if i < len(others) else len(model_hz)
+    return [_one_off(data, f, kept[i], model_hz[below + 1 : above], model_hz)]
+
+
+def _paired(data: TestData, f: np.ndarray, told: np.ndarray, partners, of_joints) -> list[str]:
+    """The same of frequencies whose partners are known by their shapes."""
+    log_r = np.log(f[told] / partners[told])
+
+    def scaled(factor: float) -> float:
+        return float(np.sqrt(np.mean((log_r - math.log(factor)) ** 2)))
+
+    words = _all_off(len(told), float(np.exp(np.median(log_r))), scaled(1.0), scaled, of_joints)
+    if words or len(told) < _FEW:
+        return words
+    i = int(np.argmax(np.abs(log_r)))
+    left = np.sqrt(np.mean(np.delete(log_r, i) ** 2))
+    if scaled(1.0) < _FITS or left > _LEFT * scaled(1.0):
+        return []
+    return [_one_off(data, f, told[i], partners[[told[i]]], partners)]
+
+
+def _all_off(count: int, ratio: float, misfit: float, scaled, of_joints) -> list[str]:
+    """All frequencies off by one factor, that of a slip or one beyond any joint."""
+    if misfit < _FITS or of_joints(count) > _JOINTS:
+        return []
+    words = f"test.frequencies: the {count} measured frequencies are " if count > 1 else \
+        "test.frequencies: the measured frequency is "  # fmt: skip
+    slips = [x for slip in _SLIPS for x in (slip, 1 / slip)]
+    best = min(slips, key=scaled)
+    if count > 2 and scaled(best) < _LEFT * misfit:
+        what = _SLIPS.get(best) or _SLIPS[min(_SLIPS, key=lambda s: abs(s * best - 1))]
+        return [
+            f"{words}all about {best:.3g} times the model's ({what}?); expected about 1: the unit "
+            "of the table, and E, rho and the lengths of the model"
+        ]
+    if abs(math.log(ratio)) > math.log(_FAR):
+        return [
+            f"{words}{ratio:.3g} times the model's in the middle, more than joints explain; "
+            "expected 0.5 to 2: the unit of the table, and E, rho, masses and the lengths of the "
+            "model"
+        ]
+    return []
+
+
+def _one_off(data: TestData, f: np.ndarray, i: int, places, model_hz) -> str:
+    """A frequency that alone has no partner."""
+    words = f"test.frequencies: {data.mode_names[i]!r}, {f[i]:.6g} Hz, fits no mode of the model"
+    for place in places:
+        for slip, what in _SLIPS.items():
+            if any(abs(f[i] / place / s - 1) < _NEAR for s in (slip, 1 / slip)):
+                return f"{words}, all others do: is it {place:.4g} Hz ({what})?"
+    if f[i] < 0.5 * model_hz[0]:
+        return (
+            f"{words}, whose lowest elastic one is at {model_hz[0]:.4g} Hz, all others do: a rigid "
+            "motion on its suspension? expected elastic modes alone"
+        )
+    return f"{words}, all others do; expected modes of this structure: leave it out"
+
+
+def _exchanged(data: TestData, f: np.ndarray, told: np.ndarray, partners) -> list[str]:
+    """Frequencies that belong to one another's shapes."""
+    log_f, log_g = np.log(f[told]), np.log(partners[told])
+    misfit = np.sqrt(np.mean((log_f - log_g) ** 2))
+    rank = np.argsort(np.argsort(log_g))
+    left = np.sqrt(np.mean((np.sort(log_f)[rank] - log_g) ** 2))
+    moved = told[np.sort(log_f)[rank] != log_f]
+    if misfit < _FITS or left > _LEFT * misfit or not len(moved):
+        return []
+    return [
+        f"test.shapes: the shapes of {_listed(data, moved)} are like modes of the model whose "
+        "frequencies are those measured of one another; expected the columns of frequencies and "
+        "shapes in one order"
+    ]
+
+
+def _scaled(data: TestData, kept: np.ndarray, model: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Measured shapes of some modes, 0 where not measured, and the model's in their scale."""
+    a, b = data.shapes[:, kept], model[:, kept] / _sizes(model[:, kept])
+    a = np.nan_to_num(a / _sizes(a))
+    b = np.where(np.isfinite(data.shapes[:, kept]), b, 0.0)
+    # About the scale of most sensors, whatever the few wrong ones do to it.
+    sign = np.sign(np.sum(np.sign(a * b) * np.sqrt(np.abs(a * b)), axis=0))
+    return a * np.where(sign == 0, 1.0, sign), b
+
+
+def _sensors(data: TestData, kept: np.ndarray, model: np.ndarray) -> list[str]:
+    """Sensors that are silent, flipped or another one, by their signed COMAC (Lieven and Ewins,
+    1988)."""
+    if len(kept) < 3:
+        return []
+    a, b = _scaled(data, kept, model)
+    size = np.linalg.norm(b, axis=1) / math.sqrt(len(kept))
+    loud = (size > _WEAK) & (np.linalg.norm(a, axis=1) > 0)
+    own = np.divide(np.sum(a * b, axis=1), np.linalg.norm(a, axis=1) * np.linalg.norm(b, axis=1),
+                    out=np.ones(len(a)), where=loud)  # fmt: skip
+    words = [
+        f"test.shapes: {_sensor(data, s)} moves against the model in most modes (correlation "
+        f"{own[s]:.2f}); expected about 1: is its direction the other way round?"
+        for s in np.flatnonzero(own < _OTHER)
+    ]
+    return words or _swapped(data, a, b, own) or _rows(data, kept, model)
+
+
+def _swapped(data: TestData, a: np.ndarray, b: np.ndarray, own: np.ndarray) -> list[str]:
+    """Pairs of sensors each of which is what the model has at the other."""
+    odd = np.flatnonzero(own < 0.5)
+    a, b = (x / np.maximum(np.linalg.norm(x, axis=1, keepdims=True), 1e-300) for x in (a, b))
+    like = a[odd] @ b[odd].T
+    return [
+        f"test.shapes: {_sensor(data, odd[i])} moves as the model does at {_sensor(data, odd[j])}, "
+        "and the other way round; expected a row for each point of test.sees, in its order"
+        for i, j in itertools.combinations(range(len(odd)), 2)
+        if min(like[i, j], like[j, i]) > _THAT
+    ]
+
+
+def _rows(data: TestData, kept: np.ndarray, model: np.ndarray) -> list[str]:
+    """Rows of the table that are like those of the model's other sensors."""
+    before = _agreement(data.shapes[:, kept], model)
+    n = len(data.shapes)
+    if n < 3 or len(kept) < 2:
+        return []
+    for step in (s for s in range(1 - n, n) if s):
+        rolled = _agreement(np.roll(data.shapes[:, kept], step, axis=0), model)
+        if 1 - rolled < _LEFT * (1 - before):
+            return [
+                f"test.shapes: the rows fit the model's sensors after {abs(step)} places "
+                f"{'down' if step > 0 else 'up'} (MAC {before:.2f}, then {rolled:.2f}); expected a "
+                "row for each point of test.sees, in its order"
+            ]
+    return []
+
+
+def _agreement(shapes: np.ndarray, model: np.ndarray) -> float:
+    """Mean MAC of each measured shape with the mode that it is most like."""
+    return float(mac(shapes, model).max(axis=1).mean())
+
+
+def _few_sensors(data: TestData, model_shapes: np.ndarray | None) -> list[str]:
+    """Sensors to which all modes look alike."""
+    m = len(data.mode_names)
+    if model_shapes is None or m < 2 or data.sensors is None:
+        return []
+    seen = model_shapes[:, :m]
+    if seen.shape[1] < 2 or np.min(_auto(seen)) < _SAME:
+        return []
+    n = len(data.sensors)
+    return [
+        f"test.sees: to {'its one sensor' if n == 1 else f'its {n} sensors'} all {m} modes look "
+        "alike; expected places at which they differ, as many as modes"
+    ]
+
+
+def _sizes(shapes: np.ndarray) -> np.ndarray:
+    """Root mean square of each shape, (m,), that of zeros 1."""
+    found = np.sqrt(np.nanmean((shapes / np.nanmax(np.abs(shapes), axis=0)) ** 2, axis=0))
+    return found * np.nanmax(np.abs(shapes), axis=0)
+
+
+def _auto(shapes: np.ndarray) -> np.ndarray:
+    """MAC of shapes with one another, at the sensors that both have."""
+    return mac(shapes, np.nan_to_num(shapes))
+
+
+def _sensor(data: TestData, s: int) -> str:
+    names = data.sensors.names
+    return f"sensor {names[s]}" if names else f"sensor {s + 1}"
+
+
+def _listed(data: TestData, index: Sequence[int]) -> str:
+    names = [repr(data.mode_names[i]) for i in index]
+    return ", ".join(names[:-1]) + " and " + names[-1] if len(names) > 1 else names[0]
