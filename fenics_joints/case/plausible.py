@@ -180,18 +180,9 @@ def _quantities(case: Case) -> Iterator[Found]:
                 if value is not None:
                     yield f"{table}.{name}.{key}", value, USUAL[kind]
     for name, part in case.parts.items():
-        for key, value in part.tolerance.model_dump(exclude_none=True).items():
-            yield f"parts.{name}.tolerance.{key}", value, USUAL["tolerance"]
         if USUAL["E"].holds(part.E) and USUAL["rho"].holds(part.rho):
             yield f"parts.{name}: sqrt(E/rho)", math.sqrt(part.E / part.rho), USUAL["speed"]
-    # Joints, and what is attached, may be known to a factor only; but nothing is known exactly.
-    for table in ("joints", "masses", "springs", "attached"):
-        for name, section in getattr(case, table).items():
-            given = section.tolerance
-            given = given.model_dump() if hasattr(given, "model_dump") else {"": given}
-            for key, value in given.items():
-                if value == 0:
-                    yield f"{table}.{name}.tolerance.{key}".rstrip("."), value, USUAL["tolerance"]
+    yield from _tolerances(case)
     yield from _starts(case)
     yield from _mesh(case)
     yield from _bolts(case)
@@ -220,6 +211,20 @@ def _mesh(case: Case) -> Iterator[Found]:
         if USUAL["length"].holds(value):
             words = "beams and plates are thinner than they are long,"
             yield "mesh.thickness", value, Usual(words, 0.0, float(longest), "m")
+
+
+def _tolerances(case: Case) -> Iterator[Found]:
+    """Of parts; joints, and what is attached, may be known to a factor only. Something of each may
+    be known exactly, but not all."""
+    for table in ("parts", "joints", "masses", "springs", "attached"):
+        for name, section in getattr(case, table).items():
+            given, key = section.tolerance, f"{table}.{name}.tolerance"
+            given = {} if given is None else {"": given} if isinstance(given, float) else \
+                given.model_dump(exclude_none=True)  # fmt: skip
+            exact = bool(given) and not any(given.values())
+            for of, value in given.items():
+                if exact or (table == "parts" and value > 0):
+                    yield f"{key}.{of}".rstrip("."), value, USUAL["tolerance"]
 
 
 def _starts(case: Case) -> Iterator[Found]:

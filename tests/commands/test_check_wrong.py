@@ -1,0 +1,261 @@
+"""``fenics-joints check`` on cases that are wrong, each in one way, and on those that are right."""
+
+from __future__ import annotations
+
+import re
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from fenics_joints.case import build_structure, load_case
+from fenics_joints.commands.check.run import check_case
+from fenics_joints.modal.modes import solve_modes
+from fenics_joints.progress import Progress
+
+DEMOS = Path(__file__).resolve().parents[2] / "demos"
+CASE, TABLE, SHAPES = "case.toml", "frequencies.csv", "shapes.csv"
+#: The joint that the virtual test of beams with shapes has: the nominal one times these.
+TRUE = {"lap.k1": 0.6, "lap.k2": 1.7}
+
+
+def checked(path: Path):
+    return check_case(path, MPI.COMM_SELF, Progress(silent=True))
+
+
+def base(source: str | Path, folder: Path) -> None:
+    """Copies a case, that of the demo's beams unless another folder is given."""
+    source = DEMOS / "bolted_beams" if source == "beams" else source
+    for file in source.iterdir():
+        if file.suffix in (".toml", ".csv"):
+            shutil.copy(file, folder)
+
+
+@pytest.fixture(scope="module")
+def shaped(tmp_path_factory) -> Path:
+    """The demo's beams with frequencies and shapes of another joint, and noise."""
+    folder = tmp_path_factory.mktemp("shaped")
+    base("beams", folder)
+    case = load_case(folder)
+    model = build_structure(case, MPI.COMM_SELF)
+    values = {name: factor * model.values()[name] for name, factor in TRUE.items()}
+    modes = solve_modes(model, values, n_modes=11)
+    rng, elastic = np.random.default_rng(1), slice(modes.n_rigid, None)
+    hz = modes.frequencies_hz[elastic]
+    seen = modes.at(case.sensors())[:, elastic]
+    seen = seen / np.abs(seen).max(axis=0) + 0.02 * rng.standard_normal(seen.shape)
+    names = [f"mode {i + 1}" for i in range(len(hz))]
+    write(folder / TABLE, ["torque [N·m]", *(f"{n} [Hz]" for n in names)], [[23.0, *hz]])
+    write(folder / SHAPES, names, seen)
+    text = (folder / CASE).read_text(encoding="utf-8")
+    text = text.partition("[update.held]")[0] + "[diagnose]\nn_modes = 16\n"
+    text = text.replace("[test]\n", '[test]\nshapes = "shapes.csv"\n')
+    (folder / CASE).write_text(text, encoding="utf-8")
+    return folder
+
+
+def write(path: Path, head, rows) -> None:
+    lines = [",".join(head)]
+    lines += [",".join("" if np.isnan(x) else f"{x:.8g}" for x in row) for row in rows]
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+Edit = Callable[[Path], None]
+
+
+def text(old: str, new: str) -> Edit:
+    """Replaces a text of the case, which is a regular expression."""
+
+    def edit(folder: Path) -> None:
+        before = (folder / CASE).read_text(encoding="utf-8")
+        after, n = re.subn(old, new, before, flags=re.M)
+        assert n, old
+        (folder / CASE).write_text(after, encoding="utf-8")
+
+    return edit
+
+
+def table(change: Callable[[np.ndarray], np.ndarray | None], file: str = TABLE) -> Edit:
+    """Changes the numbers of a table, without the column of its condition."""
+
+    def edit(folder: Path) -> None:
+        head, *rows = (folder / file).read_text(encoding="utf-8").splitlines()
+        values = np.array([[float(x or "nan") for x in row.split(",")] for row in rows])
+        first = 1 if file == TABLE else 0
+        numbers = values[:, first:].copy()
+        found = change(numbers)
+        numbers = numbers if found is None else found
+        names = head.split(",")[: first + numbers.shape[1]]
+        write(folder / file, names, np.hstack([values[:, :first], numbers]))
+
+    return edit
+
+
+def setting(index, value) -> Callable[[np.ndarray], None]:
+    """Sets some numbers to a value, or to what a function makes of all."""
+
+    def change(x: np.ndarray) -> None:
+        x[index] = value(x) if callable(value) else value
+
+    return change
+
+
+def times(factor: float, column=slice(None)) -> Callable[[np.ndarray], None]:
+    return setting((slice(None), column), lambda x: factor * x[:, column])
+
+
+def columns(order) -> Callable[[np.ndarray], np.ndarray]:
+    return lambda x: x[:, order]
+
+
+def both(*edits: Edit) -> Edit:
+    def edit(folder: Path) -> None:
+        for one in edits:
+            one(folder)
+
+    return edit
+
+
+ONE_SENSOR = text(r"^positions = \[(.|\n)*?\]", 'positions = ["0 mm"]')
+SWAP = [1, 0, 2, 3, 4, 5, 6, 7]
+ROTATED = [1, 2, 3, 4, 5, 6, 7, 0]
+
+
+def rows(order) -> Callable[[np.ndarray], np.ndarray]:
+    return lambda x: x[order]
+
+
+N = 15  # sensors of the beams
+#: Base, what is changed, and what a note or an error has to name.
+WRONG = {
+    # -- the table of frequencies
+    "two modes exchanged": ("beams", table(columns(SWAP)), "'mode 1'"),
+    "last two modes exchanged": ("beams", table(columns([0, 1, 2, 3, 4, 5, 7, 6])), "'mode 7'"),
+    "descending": ("beams", table(columns(range(7, -1, -1))), "'mode 1'"),
+    "a mode twice": ("beams", table(setting((0, 2), lambda x: x[0, 1])), "'mode 3'"),
+    "first times ten": ("beams", table(times(10, 0)), "'mode 1'"),
+    "third in kHz": ("beams", table(times(1e-3, 2)), "'mode 3'"),
+    "first times ten with shapes": ("shaped", table(times(10, 0)), "'mode 1'"),
+    "all halved": ("beams", table(times(0.5)), "0.5 times"),
+    "all halved on plates": ("plates", table(times(0.5)), "0.5 times"),
+    "all halved with shapes": ("shaped", table(times(0.5)), "0.5 times"),
+    "all doubled": ("beams", table(times(2)), "2 times"),
+    "rad/s called Hz": ("beams", table(times(2 * np.pi)), "6.28 times"),
+    "rad/s called Hz on plates": ("plates", table(times(2 * np.pi)), "6.28 times"),
+    "kHz called Hz": ("beams", table(times(1e-3)), "0.001 times"),
+    "Hz called kHz": ("plates", table(times(1e3)), "test.frequencies"),
+    "per minute": ("beams", table(times(60)), "60 times"),
+    "an eigenvalue's square": ("beams", table(lambda x: (2 * np.pi * x) ** 2), "times the model's"),
+    "one mode": ("beams", table(columns([0])), "update.parameters"),
+    "a blank mode": ("beams", table(setting((0, 0), np.nan)), "mode 1"),
+    "a rigid motion": ("plates", table(lambda x: setting((slice(None), 0), 3.2)(x)), "'bending 1'"),
+    "a mode of another structure": (
+        "beams", table(lambda x: setting((0, 2), 600.0)(x)), "'mode 3'"
+    ),
+    "a decimal point": ("beams", table(times(0.1, 4)), "'mode 5'"),
+    "in a row alone": ("plates", table(setting((3, 1), 98.7)), "torque 8"),
+    # -- the sensors
+    "one sensor": ("beams", ONE_SENSOR, "test.sees"),
+    "sensors that see nothing": (
+        "plates", text(r"^direction = \[0, 0, 1\]", "direction = [0, 1, 0]"), "test.sees"
+    ),
+    "sensors in mm": ("beams", text(r'"([\d]+) mm",', r'"\1 m",'), "test.sees"),
+    "sensors 5 m away": ("plates", text(r'y = "40 mm"', 'y = "5 m"'), "sensor 1"),
+    "sensors 5 m beside beams": ("beams", text(r'^along = "x"', 'along = "x"\nat = { y = "5 m" }'),
+                                 "test.sees"),  # fmt: skip
+    "a sensor twice": ("beams", text(r'"40 mm", "80 mm"', '"40 mm", "40 mm"'), "sensor 2"),
+    "direction of zero": ("beams", text(r"^direction = .*", "direction = [0, 0, 0]"), "direction"),
+    "a direction of beams across": (
+        "beams", text(r"^direction = .*", "direction = [0, 1, 0]"), "direction"
+    ),
+    # -- the table of shapes
+    "a dead sensor": ("shaped", table(setting(4, 0.0), SHAPES), "sensor 5"),
+    "a nearly dead sensor": ("shaped", table(setting(4, lambda x: 1e-5 * x[4]), SHAPES), "sensor 5"),
+    "a flipped sensor": ("shaped", table(setting(4, lambda x: -x[4]), SHAPES), "sensor 5"),
+    "two flipped sensors": (
+        "shaped", table(setting([4, 11], lambda x: -x[[4, 11]]), SHAPES), "sensor 12"
+    ),
+    "sensors exchanged": (
+        "shaped", table(rows([0, 1, 2, 3, 9, 5, 6, 7, 8, 4, *range(10, N)]), SHAPES), "sensor 10"
+    ),
+    "rows rotated": ("shaped", table(rows([*range(1, N), 0]), SHAPES), "test.sees"),
+    "rows reversed": ("shaped", table(rows(range(N - 1, -1, -1)), SHAPES), "test.sees"),
+    "identical shapes": ("shaped", table(lambda x: x[:, :1] + 0 * x, SHAPES), "'mode 8'"),
+    "two identical shapes": ("shaped", table(columns([0, 1, 2, 2, 4, 5, 6, 7]), SHAPES), "'mode 4'"),
+    "columns rotated": ("shaped", table(columns(ROTATED), SHAPES), "'mode 8'"),
+    "two columns exchanged": ("shaped", table(columns(SWAP), SHAPES), "'mode 2'"),
+    "a mode twice with its shape": (
+        "shaped", both(table(setting((0, 2), lambda x: 1.001 * x[0, 1])),
+                       table(setting((slice(None), 2), lambda x: x[:, 1]), SHAPES)), "'mode 3'"
+    ),
+    "no shape": ("shaped", table(setting((slice(None), 3), np.nan), SHAPES), "shapes"),
+    # -- how good it is
+    "noise of 1e-6": ("beams", text(r'noise = "0.1 %"', "noise = 1e-6"), "test.noise"),
+    "noise of 0": ("beams", text(r'noise = "0.1 %"', 'noise = "0 %"'), "test.noise"),
+    "tolerances of 0": ("beams", text(r"^tolerance = .*", "tolerance = { E = 0, rho = 0 }"),
+                        "parts.beams.tolerance.E"),  # fmt: skip
+    "a tolerance in per cent": ("beams", text(r'E = "1.5 %"', "E = 1.5"), "parts.beams.tolerance.E"),
+    "damping in per cent": (
+        "plates", both(lambda folder: (folder / "damping.csv").write_text(
+            (folder / "damping.csv").read_text(encoding="utf-8").replace("[%]", ""),
+            encoding="utf-8")), "test.damping"
+    ),
+    "torque in N mm": ("plates", lambda folder: (folder / TABLE).write_text(
+        (folder / TABLE).read_text(encoding="utf-8").replace("N·m", "N·mm"), encoding="utf-8"),
+        "test.torque"),
+    # -- the model
+    "beams 10.6 m thick": ("beams", text(r'"10.6 mm"', '"10.6 m"'), "mesh.thickness"),
+    "beams 21 mm long": ("beams", text(r'\["360 mm", "260 mm"\]', '["3.6 mm", "260 mm"]'),
+                         "mesh.lengths"),  # fmt: skip
+    "lengths in m": ("beams", text(r'\["360 mm", "260 mm"\]', '["360 m", "260 m"]'),
+                     "mesh.lengths"),  # fmt: skip
+    "E in MPa": ("beams", text(r'"208 GPa"', '"208 MPa"'), "parts.beams"),
+    "E in MPa on plates": ("plates", text(r'"69 GPa"\nG = "26.9 GPa"', '"69 MPa"\nG = "26.9 MPa"'),
+                           "parts.plates.E"),  # fmt: skip
+    "density of 7.85": ("beams", text(r'"7860 kg/m3"', "7.86"), "parts.beams.rho"),
+    "density of 785": ("beams", text(r'"7860 kg/m3"', "78"), "parts.beams.rho"),
+    "nu of 0.5": ("beams", text(r"^nu = 0.3 .*", "nu = 0.5"), "parts.beams.nu"),
+    "nu of 30": ("beams", text(r"^nu = 0.3 .*", "nu = 30"), "parts.beams.nu"),
+    "a bolt of 3 kg": ("beams", text(r'mass = "12 g"', 'mass = "3 kg"'), "masses.bolt"),
+    "a bolt of 12 kg": ("beams", text(r'mass = "12 g"', "mass = 12"), "masses.bolt"),
+    "one element a beam": ("beams", text(r"elements = \[30, 20\]", "elements = 1"),
+                           "mesh.elements"),  # fmt: skip
+    "plates meshed by 80 mm": (
+        "plates", text(r'element_size = "20 mm"', 'element_size = "80 mm"'), "mesh.element_size"
+    ),
+    # -- what to do with it
+    "starts off by 1e9": ("beams", text(r'"1000 N m", "lap.k2" = "20000 N m"',
+                                        '1e12, "lap.k2" = 2e13'), "update.start.lap.k1"),  # fmt: skip
+    "a start in N mm": ("beams", text(r'"lap.k2" = "20000 N m"', '"lap.k2" = 2e9'),
+                        "update.start.lap.k2"),  # fmt: skip
+    "a band without a mode": (
+        "plates", lambda folder: (folder / CASE).open("a", encoding="utf-8").write(BAND),
+        "harmonic.band"
+    ),
+}  # fmt: skip
+BAND = """
+[damping]
+modal = 0.005
+
+[harmonic]
+band = ["40 Hz", "60 Hz"]
+levels = ["1 N"]
+force = { point = ["10 mm", "40 mm", "8 mm"], direction = [0, 0, 1] }
+sensor = { point = ["310 mm", "40 mm", "16.5 mm"], direction = [0, 0, 1] }
+"""
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_what_is_wrong_is_said(tmp_path, shaped, write_case, name):
+    kind, edit, named = WRONG[name]
+    if kind == "plates":
+        write_case(tmp_path)
+    else:
+        base(shaped if kind == "shaped" else kind, tmp_path)
+    edit(tmp_path)
+    found = checked(tmp_path)
+    said = "\n".join([*found.errors, *found.notes])
+    assert named in said, (said, found.solved)
