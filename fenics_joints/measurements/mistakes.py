@@ -14,7 +14,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from fenics_joints.measurements.data import TestData
-from fenics_joints.measurements.gap import ALIKE, assigned, mac
+from fenics_joints.measurements.gap import ALIKE, Pairing, mac, partnered
 from fenics_joints.measurements.measured_shapes import in_order
 
 __all__ = ["mistakes_beside", "mistakes_within"]
@@ -36,6 +36,8 @@ _FAR = 4.0
 _JOINTS = 0.5
 #: Relative distance of two frequencies that are one, and MAC of two shapes that are.
 _ONE, _SAME = 1e-6, 0.99
+#: ln of a jump that no joint makes at one torque and takes back at the next.
+_JUMP = 0.1
 #: So few modes go into any place.
 _FEW = 4
 #: Share of the usual motion below which a sensor is silent, or says nothing of its own sign.
@@ -51,7 +53,7 @@ def mistakes_within(data: TestData) -> list[str]:
     Args:
         data: The test.
     """
-    return [*_copied(data), *_out_of_order(data), *_silent(data), *_alike(data)]
+    return [*_copied(data), *_out_of_order(data), *_jumps(data), *_silent(data), *_alike(data)]
 
 
 def _copied(data: TestData) -> list[str]:
@@ -86,11 +88,27 @@ def _out_of_order(data: TestData) -> list[str]:
     return []
 
 
+def _jumps(data: TestData) -> list[str]:
+    """Frequencies far above, or far below, those of both neighbouring conditions."""
+    log_f, found = np.log(data.frequencies_hz), []
+    if data.known or len(data) < 3:
+        return []
+    up, down = np.diff(log_f, axis=0)[:-1], -np.diff(log_f, axis=0)[1:]
+    for i, j in np.argwhere((np.sign(up) == np.sign(down)) & (np.minimum(abs(up), abs(down)) > _JUMP)):
+        f = data.frequencies_hz[i : i + 3, j]
+        found.append(
+            f"test.frequencies: {data.mode_names[j]!r} is {f[1]:.6g} Hz at {data.condition_name} "
+            f"{data.conditions[i + 1]:g}, and {f[0]:.6g} and {f[2]:.6g} Hz before and after it; "
+            "expected a frequency between or near these"
+        )
+    return found
+
+
 def _silent(data: TestData) -> list[str]:
     """Sensors that read nothing in any mode."""
     if data.shapes is None:
         return []
-    size = np.sqrt(np.nanmean((data.shapes / _sizes(data.shapes)) ** 2, axis=1))
+    size = np.sqrt(np.nan_to_num((data.shapes / _sizes(data.shapes)) ** 2).mean(axis=1))
     return [
         f"test.shapes: {_sensor(data, s)} reads {'nothing' if size[s] == 0 else 'next to nothing'} "
         "in any mode; expected a sensor that works: leave its cells empty if it is dead"
@@ -111,7 +129,8 @@ def _alike(data: TestData) -> list[str]:
 
 
 def mistakes_beside(
-    data: TestData, row: int, model_hz: np.ndarray, model_shapes: np.ndarray | None,
+    data: TestData, row: int, model_hz: np.ndarray, visible: np.ndarray,
+    at_sensors: np.ndarray | None = None, pairing: Pairing | None = None,
     of_joints: Callable[[int], float] = lambda count: 0.0,
 ) -> list[str]:
     """What is unlikely in a test beside a model's modes, in sentences.
@@ -119,32 +138,47 @@ def mistakes_beside(
     Args:
         data: The test, m modes at n sensors.
         row: The condition that the model is for.
-        model_hz: Frequencies of the model's modes that the test could see, Hz, (k,), ascending.
-        model_shapes: Their shapes at the sensors, (n, k); None without sensors.
-        of_joints: Gives the joints' share of the strain energy of so many of these modes, the
+        model_hz: Frequencies of all modes of the model, Hz, (k,), ascending.
+        visible: Those that the test could see, by index, ascending.
+        at_sensors: Shapes of all modes of the model at the sensors, (n, k); None without sensors.
+        pairing: Which of them the test's are; None where the model has too few.
+        of_joints: Gives the joints' share of the strain energy of so many of the visible modes, the
             lowest, of the middle one. It is d ln w^2 / d ln k: where it is most of it, joints alone
             may be what scales all frequencies.
     """  # fmt: skip
-    f = data.frequencies_hz[row]
+    f, seen_hz = data.frequencies_hz[row], model_hz[visible]
     kept = np.flatnonzero(np.isfinite(f))
     words: list[str] = []
-    if data.shapes is None or model_shapes is None:
-        if len(kept) <= len(model_hz):
-            words = _frequencies(data, f, kept, model_hz, of_joints)
-        return words + _few_sensors(data, model_shapes)
-    match = mac(data.shapes, model_shapes)
-    if len(match) > len(model_hz):
+    by_shape = data.shapes is not None and pairing is not None
+    told = np.flatnonzero((pairing.mac >= ALIKE) & np.isfinite(f)) if by_shape else kept[:0]
+    if 2 * len(told) >= len(kept) and by_shape:
+        partners = model_hz[pairing.index]
+        words = _exchanged(data, f, told, partners) or _paired(data, f, told, partners, of_joints)
+        words += _sensors(data, told, pairing.shapes)
+    elif len(kept) <= len(visible):
+        if by_shape:  # shapes do not speak: is it their rows?
+            place = np.argsort(np.argsort(f[kept]))
+            order = in_order(_distance(np.sort(f[kept]), seen_hz))[place]
+            words = _rows(data, kept, at_sensors[:, visible[order]])
+        words = words or _frequencies(data, f, kept, seen_hz, of_joints)
+    if pairing is not None:
+        words += _unpartnered(data, f, model_hz, pairing, words)
+    if at_sensors is not None:
+        words += _few_sensors(data, at_sensors[:, visible])
+    return words
+
+
+def _unpartnered(data: TestData, f: np.ndarray, model_hz, pairing: Pairing, words) -> list[str]:
+    """Modes that are like none of the model's, but those that are named already."""
+    alone = np.flatnonzero(~partnered(pairing, model_hz, f, data.shapes))
+    alone = [i for i in alone if not any(repr(data.mode_names[i]) in line for line in words)]
+    if not len(alone):
         return []
-    index = assigned(match, model_hz)
-    told = np.flatnonzero((match[np.arange(len(match)), index] >= ALIKE) & np.isfinite(f))
-    if 2 * len(told) < len(kept):  # shapes do not speak: is it their rows?
-        order = in_order(_distance(np.sort(f[kept]), model_hz))[np.argsort(np.argsort(f[kept]))]
-        return _rows(data, kept, model_shapes[:, order]) or _frequencies(
-            data, f, kept, model_hz, of_joints
-        )
-    exchanged = _exchanged(data, f, told, model_hz[index])
-    words = exchanged or _paired(data, f, told, model_hz[index], of_joints)
-    return words + _sensors(data, told, model_shapes[:, index]) + _few_sensors(data, model_shapes)
+    return [
+        f"test.frequencies: {_listed(data, alone)} {'have' if len(alone) > 1 else 'has'} no partner "
+        "among the model's modes; expected one of like shape, or of like frequency: is it a mode of "
+        "this structure?"
+    ]
 
 
 def _distance(test_hz: np.ndarray, model_hz: np.ndarray) -> np.ndarray:
@@ -226,13 +260,13 @@ def _one_off(data: TestData, f: np.ndarray, i: int, places, model_hz) -> str:
     for place in places:
         for slip, what in _SLIPS.items():
             if any(abs(f[i] / place / s - 1) < _NEAR for s in (slip, 1 / slip)):
-                return f"{words}, all others do: is it {place:.4g} Hz ({what})?"
+                return f"{words}, while all others do: is it {place:.4g} Hz ({what})?"
     if f[i] < 0.5 * model_hz[0]:
         return (
-            f"{words}, whose lowest elastic one is at {model_hz[0]:.4g} Hz, all others do: a rigid "
-            "motion on its suspension? expected elastic modes alone"
+            f"{words}, whose lowest elastic one is at {model_hz[0]:.4g} Hz, while all others do: a "
+            "rigid motion on its suspension? expected elastic modes alone"
         )
-    return f"{words}, all others do; expected modes of this structure: leave it out"
+    return f"{words}, while all others do; expected modes of this structure: leave it out"
 
 
 def _exchanged(data: TestData, f: np.ndarray, told: np.ndarray, partners) -> list[str]:
@@ -298,13 +332,17 @@ def _rows(data: TestData, kept: np.ndarray, model: np.ndarray) -> list[str]:
     n = len(data.shapes)
     if n < 3 or len(kept) < 2:
         return []
-    for step in (s for s in range(1 - n, n) if s):
-        rolled = _agreement(np.roll(data.shapes[:, kept], step, axis=0), model)
-        if 1 - rolled < _LEFT * (1 - before):
+    orders = {"in reverse order": range(n)[::-1]}
+    for step in range(1, n // 2 + 1):
+        orders[f"{step} rows further down"] = np.roll(range(n), step)
+        orders[f"{step} rows further up"] = np.roll(range(n), -step)
+    for words, order in orders.items():
+        after = _agreement(data.shapes[:, kept][order], model)
+        if 1 - after < _LEFT * (1 - before):
             return [
-                f"test.shapes: the rows fit the model's sensors after {abs(step)} places "
-                f"{'down' if step > 0 else 'up'} (MAC {before:.2f}, then {rolled:.2f}); expected a "
-                "row for each point of test.sees, in its order"
+                f"test.shapes: {words} its rows fit the sensors of the model better (MAC "
+                f"{after:.2f}, now {before:.2f}); expected a row for each point of test.sees, in "
+                "its order"
             ]
     return []
 
@@ -314,13 +352,11 @@ def _agreement(shapes: np.ndarray, model: np.ndarray) -> float:
     return float(mac(shapes, model).max(axis=1).mean())
 
 
-def _few_sensors(data: TestData, model_shapes: np.ndarray | None) -> list[str]:
+def _few_sensors(data: TestData, model_shapes: np.ndarray) -> list[str]:
     """Sensors to which all modes look alike."""
     m = len(data.mode_names)
-    if model_shapes is None or m < 2 or data.sensors is None:
-        return []
     seen = model_shapes[:, :m]
-    if seen.shape[1] < 2 or np.min(_auto(seen)) < _SAME:
+    if m < 2 or seen.shape[1] < 2 or np.min(_auto(seen)) < _SAME:
         return []
     n = len(data.sensors)
     return [

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,7 +12,7 @@ from mpi4py import MPI
 from fenics_joints.case import Case, build_preload, build_structure, estimate
 from fenics_joints.errors import InputError, JointsError
 from fenics_joints.formatting import number, percent
-from fenics_joints.measurements.gap import VISIBLE
+from fenics_joints.measurements.gap import VISIBLE, TooFewModes, pair_modes
 from fenics_joints.measurements.mistakes import mistakes_beside
 from fenics_joints.meshes import TaggedMesh
 from fenics_joints.modal.modes import Modes, solve_modes
@@ -140,19 +141,21 @@ def _of_test(case: Case, modes: Modes) -> list[str]:
         return []
     own = case.row()
     row = data.shape_row if data.shapes is not None or own is None else own
-    elastic = np.arange(modes.n_rigid, len(modes))
-    shapes = None
+    seen, shapes = np.arange(modes.n_rigid, len(modes)), None
     if data.sensors is not None:
-        elastic = elastic[modes.visibility(data.sensors)[elastic] > VISIBLE]
-        shapes = modes.at(data.sensors)[:, elastic]
-    hz, count = modes.frequencies_hz[elastic], int(np.isfinite(data.frequencies_hz[row]).sum())
+        seen = seen[modes.visibility(data.sensors)[seen] > VISIBLE]
+        shapes = modes.at(data.sensors)
+    pairing, hz = None, modes.frequencies_hz
+    with suppress(TooFewModes):
+        pairing = pair_modes(modes, len(data.mode_names), data.sensors, reference=data.shapes)
+        seen = pairing.visible
     notes = mistakes_beside(
-        data, row, hz, shapes, lambda count: _share_of_joints(case, modes, elastic[:count])
+        data, row, hz, seen, shapes, pairing, lambda n: _share_of_joints(case, modes, seen[:n])
     )
-    if len(hz) < count and np.nanmax(data.frequencies_hz[row]) < modes.frequencies_hz[-1]:
+    if pairing is None and np.nanmax(data.frequencies_hz[row]) < hz[-1]:
         notes.append(
-            f"test.sees: its sensors see {len(hz)} of the model's {len(modes) - modes.n_rigid} "
-            f"elastic modes up to {modes.frequencies_hz[-1]:.4g} Hz; expected at least the {count} "
+            f"test.sees: its sensors see {len(seen)} of the model's {len(modes) - modes.n_rigid} "
+            f"elastic modes up to {hz[-1]:.4g} Hz; expected at least the {len(data.mode_names)} "
             "that were measured: are their places and directions right?"
         )
     return notes
@@ -178,6 +181,7 @@ def _of_mesh(case: Case, model, modes: Modes) -> list[str]:
     finer, key = _finer(case, model)
     if finer is None or finer.n_dofs > _FINER:
         return []
+    # On nested spaces each eigenvalue, in order, is above the finer one's (Courant and Fischer).
     better = solve_modes(finer, n_modes=len(modes))
     count = int(np.sum(modes.frequencies_hz < 1.1 * np.nanmax(data.frequencies_hz)))
     count = max(count, modes.n_rigid + data.frequencies_hz.shape[1])
