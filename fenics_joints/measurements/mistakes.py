@@ -30,6 +30,8 @@ _NEAR = 0.1
 #: What undoing a mistake leaves of the misfit (root mean square of ln f, test to model), and below
 #: which misfit none is looked for.
 _LEFT, _FITS = 1 / 3, 0.1
+#: ln of a ratio by which a mode with a shape of the model's is off alone.
+_ALONE = math.log(1.6)
 #: No joint makes the middle one of all frequencies so many times too high or low.
 _FAR = 4.0
 #: Share of the strain energy in joints from which on they may be what makes them so.
@@ -42,6 +44,10 @@ _JUMP = 0.1
 _FEW = 4
 #: Share of the usual motion below which a sensor is silent, or says nothing of its own sign.
 _SILENT, _WEAK = 0.02, 0.2
+#: Sensors up to which each pair is exchanged for a try; among more, two hardly lower a MAC.
+_PAIRS = 40
+#: Gain of a sensor, to the usual one, that no model's error makes.
+_GAIN = 6.0
 #: Signed COMAC (its root) of a sensor with the model below which it is another one, and above
 #: which it is that.
 _OTHER, _THAT = -0.6, 0.9
@@ -151,15 +157,18 @@ def mistakes_beside(
     words: list[str] = []
     by_shape = data.shapes is not None and pairing is not None
     told = np.flatnonzero((pairing.mac >= ALIKE) & np.isfinite(f)) if by_shape else kept[:0]
-    if 2 * len(told) >= len(kept) and by_shape:
+    if by_shape and len(kept) <= len(visible):  # which shapes the frequencies ask for
+        place = np.argsort(np.argsort(f[kept]))
+        ordered = at_sensors[:, visible[in_order(_distance(np.sort(f[kept]), seen_hz))[place]]]
+        words = _turned(data, kept, ordered)
+    if words:
+        pass
+    elif by_shape and 2 * len(told) >= len(kept):
         partners = model_hz[pairing.index]
         words = _exchanged(data, f, told, partners) or _paired(data, f, told, partners, of_joints)
         words += _sensors(data, told, pairing.shapes)
     elif len(kept) <= len(visible):
-        if by_shape:  # shapes do not speak: is it their rows?
-            place = np.argsort(np.argsort(f[kept]))
-            order = in_order(_distance(np.sort(f[kept]), seen_hz))[place]
-            words = _rows(data, kept, at_sensors[:, visible[order]])
+        words = _rows(data, kept, ordered) if by_shape else []
         words = words or _frequencies(data, f, kept, seen_hz, of_joints)
     if pairing is not None:
         words += _unpartnered(data, f, model_hz, pairing, words)
@@ -224,9 +233,9 @@ def _paired(data: TestData, f: np.ndarray, told: np.ndarray, partners, of_joints
     words = _all_off(len(told), float(np.exp(np.median(log_r))), scaled(1.0), scaled, of_joints)
     if words or len(told) < _FEW:
         return words
-    i = int(np.argmax(np.abs(log_r)))
-    left = np.sqrt(np.mean(np.delete(log_r, i) ** 2))
-    if scaled(1.0) < _FITS or left > _LEFT * scaled(1.0):
+    off = np.abs(log_r - np.median(log_r))
+    i = int(np.argmax(off))
+    if off[i] < _ALONE or np.sqrt(np.mean(np.delete(log_r, i) ** 2)) > _LEFT * off[i]:
         return []
     return [_one_off(data, f, told[i], partners[[told[i]]], partners)]
 
@@ -272,16 +281,32 @@ def _one_off(data: TestData, f: np.ndarray, i: int, places, model_hz) -> str:
 def _exchanged(data: TestData, f: np.ndarray, told: np.ndarray, partners) -> list[str]:
     """Frequencies that belong to one another's shapes."""
     log_f, log_g = np.log(f[told]), np.log(partners[told])
-    misfit = np.sqrt(np.mean((log_f - log_g) ** 2))
-    rank = np.argsort(np.argsort(log_g))
-    left = np.sqrt(np.mean((np.sort(log_f)[rank] - log_g) ** 2))
-    moved = told[np.sort(log_f)[rank] != log_f]
-    if misfit < _FITS or left > _LEFT * misfit or not len(moved):
+    there = np.sort(log_f)[np.argsort(np.argsort(log_g))]
+    moves = there != log_f
+    misfit, left = (np.sqrt(np.mean((x[moves] - log_g[moves]) ** 2)) if moves.any() else 0.0
+                    for x in (log_f, there))  # fmt: skip
+    moved = told[moves]
+    if misfit < _FITS or left > _LEFT * misfit:
         return []
     return [
         f"test.shapes: the shapes of {_listed(data, moved)} are like modes of the model whose "
         "frequencies are those measured of one another; expected the columns of frequencies and "
         "shapes in one order"
+    ]
+
+
+def _turned(data: TestData, kept: np.ndarray, model: np.ndarray) -> list[str]:
+    """Columns of shapes that are a whole number of places beside those of the frequencies."""
+    match, n = mac(data.shapes[:, kept], model), len(kept)
+    tries = {f"{k} columns further left": np.roll(match, -k, axis=0) for k in range(1, n)}
+    tries["in reverse order"] = match[::-1]
+    after = {words: float(np.mean(np.diag(x))) for words, x in tries.items()}
+    words, before = max(after, key=after.get), float(np.mean(np.diag(match)))
+    if n < 3 or 1 - after[words] > _LEFT * (1 - before):
+        return []
+    return [
+        f"test.shapes: {words} its columns fit the frequencies better (MAC {after[words]:.2f}, now "
+        f"{before:.2f}); expected the columns of frequencies and shapes in one order"
     ]
 
 
@@ -305,10 +330,18 @@ def _sensors(data: TestData, kept: np.ndarray, model: np.ndarray) -> list[str]:
     loud = (size > _WEAK) & (np.linalg.norm(a, axis=1) > 0)
     own = np.divide(np.sum(a * b, axis=1), np.linalg.norm(a, axis=1) * np.linalg.norm(b, axis=1),
                     out=np.ones(len(a)), where=loud)  # fmt: skip
+    gain = np.divide(np.linalg.norm(a, axis=1), np.linalg.norm(b, axis=1), out=np.ones(len(a)),
+                     where=loud)  # fmt: skip
+    gain = gain / np.median(gain[loud]) if loud.any() else gain
     words = [
+        f"test.shapes: {_sensor(data, s)} reads {gain[s]:.2g} times what the model has there; "
+        "expected about 1: is it dead, or its calibration another one?"
+        for s in np.flatnonzero(np.abs(np.log(gain)) > math.log(_GAIN))
+    ]
+    words += [
         f"test.shapes: {_sensor(data, s)} moves against the model in most modes (correlation "
         f"{own[s]:.2f}); expected about 1: is its direction the other way round?"
-        for s in np.flatnonzero(own < _OTHER)
+        for s in np.flatnonzero((own < _OTHER) & (np.abs(np.log(gain)) < math.log(_GAIN)))
     ]
     return words or _swapped(data, a, b, own) or _rows(data, kept, model)
 
@@ -332,17 +365,27 @@ def _rows(data: TestData, kept: np.ndarray, model: np.ndarray) -> list[str]:
     n = len(data.shapes)
     if n < 3 or len(kept) < 2:
         return []
-    orders = {"in reverse order": range(n)[::-1]}
-    for step in range(1, n // 2 + 1):
-        orders[f"{step} rows further down"] = np.roll(range(n), step)
-        orders[f"{step} rows further up"] = np.roll(range(n), -step)
-    for words, order in orders.items():
-        after = _agreement(data.shapes[:, kept][order], model)
-        if 1 - after < _LEFT * (1 - before):
+    shapes = data.shapes[:, kept]
+    one = np.eye(n, dtype=bool)[..., None]
+    tries = [
+        {f"{step} rows further {way}": np.roll(shapes, step * sign, axis=0)
+         for step in range(1, n // 2 + 1) for way, sign in (("down", 1), ("up", -1))},
+        {"in reverse order": shapes[::-1]},
+        {f"with {_sensor(data, s)} the other way round": np.where(one[s], -shapes, shapes)
+         for s in range(n)},
+        {f"with {_sensor(data, s)} and {_sensor(data, t)} exchanged":
+         np.where(one[s], shapes[t], np.where(one[t], shapes[s], shapes))
+         for s, t in itertools.combinations(range(n), 2) if n <= _PAIRS},
+        {f"without {_sensor(data, s)}": np.where(one[s], np.nan, shapes) for s in range(n)},
+    ]  # fmt: skip
+    for changed in tries:
+        after = {words: _agreement(x, model) for words, x in changed.items()}
+        words = max(after, key=after.get, default="")
+        if words and 1 - after[words] < _LEFT * (1 - before):
             return [
-                f"test.shapes: {words} its rows fit the sensors of the model better (MAC "
-                f"{after:.2f}, now {before:.2f}); expected a row for each point of test.sees, in "
-                "its order"
+                f"test.shapes: {words} its rows fit the model better (MAC {after[words]:.2f}, now "
+                f"{before:.2f}); expected a row for each point of test.sees, in its order and "
+                "direction"
             ]
     return []
 

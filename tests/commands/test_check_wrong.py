@@ -204,12 +204,19 @@ WRONG = {
     "rows reversed": ("shaped", table(rows(range(N - 1, -1, -1)), SHAPES), "test.sees"),
     "identical shapes": ("shaped", table(lambda x: x[:, :1] + 0 * x, SHAPES), "'mode 8'"),
     "two identical shapes": ("shaped", table(columns([0, 1, 2, 2, 4, 5, 6, 7]), SHAPES), "'mode 4'"),
-    "columns rotated": ("shaped", table(columns(ROTATED), SHAPES), "'mode 8'"),
+    "columns rotated": ("shaped", table(columns(ROTATED), SHAPES), "7 columns"),
     "two columns exchanged": ("shaped", table(columns(SWAP), SHAPES), "'mode 2'"),
     "a mode twice with its shape": (
         "shaped", both(table(setting((0, 2), lambda x: 1.001 * x[0, 1])),
                        table(setting((slice(None), 2), lambda x: x[:, 1]), SHAPES)), "'mode 3'"
     ),
+    "columns reversed": ("shaped", table(columns(range(7, -1, -1)), SHAPES), "reverse"),
+    "a sensor's gain of ten": ("shaped", table(setting(4, lambda x: 10 * x[4]), SHAPES), "sensor 5"),
+    "a sensor in mV": ("shaped", table(setting(4, lambda x: 1e-3 * x[4]), SHAPES), "sensor 5"),
+    "all halved with joints softer": (
+        "shaped", both(table(times(0.5)), text(r"^k2 = .*", "k2 = 1e4")), "0.5 times"
+    ),
+    "one doubled with its shape": ("shaped", table(times(2, 5)), "'mode 6'"),
     "no shape": ("shaped", table(setting((slice(None), 3), np.nan), SHAPES), "shapes"),
     # -- how good it is
     "noise of 1e-6": ("beams", text(r'noise = "0.1 %"', "noise = 1e-6"), "test.noise"),
@@ -300,6 +307,9 @@ for factor in (0.01, 0.1, 0.3, 3, 10, 100):  # the gap is 20 to 300 %, and the j
         "beams", [text(r"^k1 = .*", f"k1 = {1763.2 * factor}"),
                   text(r"^k2 = .*", f"k2 = {37402 * factor}")]
     )  # fmt: skip
+    RIGHT[f"joints of beams with shapes times {factor}"] = ("shaped", RIGHT[
+        f"joints of beams times {factor}"
+    ][1])
     RIGHT[f"joints of plates times {factor}"] = (
         "plates", [text(r'^E = "863 MPa"\nG = .*', f"E = {863e6 * factor}\nG = {342e6 * factor}"),
                    text(r'^E = "0.933 MPa"\nG = .*',
