@@ -55,8 +55,8 @@ USUAL = {
     "E": Usual("solid materials have", 1e8, 1.2e12, "Pa"),
     "G": Usual("solid materials have", 3e7, 5.5e11, "Pa"),
     "rho": Usual("solid materials have", 100.0, 23e3, "kg/m3"),
-    # sqrt(E/rho) on Ashby's chart: lead and soft polymers 300 m/s and more, diamond 18 km/s. Of steel
-    # with E in MPa it is 160 m/s.
+    # sqrt(E/rho) on Ashby's chart: soft polymers 300 m/s, diamond 18 km/s. Of steel with E in
+    # MPa it is 160 m/s.
     "speed": Usual("sound in bars of solid materials runs at", 250.0, 2e4, "m/s"),
     # Cork 0, metals 0.2 (cast iron) to 0.45 (lead, gold), polymers up to 0.48.
     "nu": Usual("solid materials have", 0.0, 0.49),
@@ -214,17 +214,17 @@ def _mesh(case: Case) -> Iterator[Found]:
 
 
 def _tolerances(case: Case) -> Iterator[Found]:
-    """Of parts; joints, and what is attached, may be known to a factor only. Something of each may
-    be known exactly, but not all."""
+    """Of parts; joints, and what is attached, may be known to a factor only. Some of a section's
+    values may be known exactly, but not all."""
     for table in ("parts", "joints", "masses", "springs", "attached"):
         for name, section in getattr(case, table).items():
-            given, key = section.tolerance, f"{table}.{name}.tolerance"
-            given = {} if given is None else {"": given} if isinstance(given, float) else \
-                given.model_dump(exclude_none=True)  # fmt: skip
-            exact = bool(given) and not any(given.values())
-            for of, value in given.items():
-                if exact or (table == "parts" and value > 0):
-                    yield f"{key}.{of}".rstrip("."), value, USUAL["tolerance"]
+            given = section.tolerance
+            given = given.model_dump() if hasattr(given, "model_dump") else {"": given}
+            given = {key: value for key, value in given.items() if value is not None}
+            for key, value in given.items():
+                if not any(given.values()) or (table == "parts" and value > 0):
+                    key = f"{table}.{name}.tolerance.{key}".rstrip(".")
+                    yield key, value, USUAL["tolerance"]
 
 
 def _starts(case: Case) -> Iterator[Found]:
@@ -249,8 +249,8 @@ def _too_few(case: Case) -> list[str]:
         return []
     if np.isfinite(data.frequencies_hz).sum() == 1 and case.harmonic is None:
         return [
-            "test.frequencies: one frequency in all; expected several modes: whatever is changed in "
-            "the model can explain one"
+            "test.frequencies: one frequency in all; expected several modes: any change of the "
+            "model can explain one"
         ]
     count = int(np.isfinite(data.frequencies_hz[row]).sum())
     wanted = () if case.update is None else case.update.parameters

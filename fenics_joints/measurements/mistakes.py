@@ -24,16 +24,17 @@ _SLIPS = {
     2 * math.pi: "rad/s and Hz", 1000.0: "Hz and kHz, m and mm", 10.0: "the decimal point",
     2.0: "a factor of two", 60.0: "per minute and Hz", 100.0: "the decimal point",
     math.sqrt(1000.0): "a modulus or a density a thousand times off",
+    math.sqrt(10.0): "a modulus or a density ten times off",
 }  # fmt: skip
 #: How near a ratio comes to a slip's, for a joint may be off as well.
 _NEAR = 0.1
 #: What undoing a mistake leaves of the misfit (root mean square of ln f, test to model), and below
 #: which misfit none is looked for.
 _LEFT, _FITS = 1 / 3, 0.1
-#: ln of a ratio by which a mode with a shape of the model's is off alone.
-_ALONE = math.log(1.6)
+#: ln of a ratio by which a mode is off alone.
+_ALONE = math.log(1.4)
 #: No joint makes the middle one of all frequencies so many times too high or low.
-_FAR = 4.0
+_FAR = 2.5
 #: Share of the strain energy in joints from which on they may be what makes them so.
 _JOINTS = 0.5
 #: Relative distance of two frequencies that are one, and MAC of two shapes that are.
@@ -42,8 +43,11 @@ _ONE, _SAME = 1e-6, 0.99
 _JUMP = 0.1
 #: So few modes go into any place.
 _FEW = 4
-#: Share of the usual motion below which a sensor is silent, or says nothing of its own sign.
-_SILENT, _WEAK = 0.02, 0.2
+#: Share of the usual motion below which a sensor is silent; and of a model's, below which it does
+#: not say whether that is right.
+_SILENT, _WEAK = 1e-3, 0.2
+#: Misfit of shapes, 1 - MAC, below which none is looked for; and how many sensors it takes.
+_POOR, _SENSORS = 0.05, range(6, 301)
 #: Sensors up to which each pair is exchanged for a try; among more, two hardly lower a MAC.
 _PAIRS = 40
 #: Gain of a sensor, to the usual one, that no model's error makes.
@@ -100,7 +104,8 @@ def _jumps(data: TestData) -> list[str]:
     if data.known or len(data) < 3:
         return []
     up, down = np.diff(log_f, axis=0)[:-1], -np.diff(log_f, axis=0)[1:]
-    for i, j in np.argwhere((np.sign(up) == np.sign(down)) & (np.minimum(abs(up), abs(down)) > _JUMP)):
+    alone = (up * down > 0) & (np.minimum(abs(up), abs(down)) > _JUMP)
+    for i, j in np.argwhere(alone):
         f = data.frequencies_hz[i : i + 3, j]
         found.append(
             f"test.frequencies: {data.mode_names[j]!r} is {f[1]:.6g} Hz at {data.condition_name} "
@@ -114,11 +119,12 @@ def _silent(data: TestData) -> list[str]:
     """Sensors that read nothing in any mode."""
     if data.shapes is None:
         return []
-    size = np.sqrt(np.nan_to_num((data.shapes / _sizes(data.shapes)) ** 2).mean(axis=1))
+    size = np.abs(data.shapes) / _sizes(data.shapes)
+    still = np.isfinite(size).any(axis=1) & ~np.any(size > _SILENT, axis=1)
     return [
-        f"test.shapes: {_sensor(data, s)} reads {'nothing' if size[s] == 0 else 'next to nothing'} "
-        "in any mode; expected a sensor that works: leave its cells empty if it is dead"
-        for s in np.flatnonzero(size < _SILENT**2)
+        f"test.shapes: {_sensor(data, s)} reads nothing in any mode; expected motion: leave its "
+        "cells empty if it is dead"
+        for s in np.flatnonzero(still)
     ]
 
 
@@ -155,6 +161,8 @@ def mistakes_beside(
     f, seen_hz = data.frequencies_hz[row], model_hz[visible]
     kept = np.flatnonzero(np.isfinite(f))
     words: list[str] = []
+    if not len(kept):
+        return words
     by_shape = data.shapes is not None and pairing is not None
     told = np.flatnonzero((pairing.mac >= ALIKE) & np.isfinite(f)) if by_shape else kept[:0]
     if by_shape and len(kept) <= len(visible):  # which shapes the frequencies ask for
@@ -165,11 +173,17 @@ def mistakes_beside(
         pass
     elif by_shape and 2 * len(told) >= len(kept):
         partners = model_hz[pairing.index]
-        words = _exchanged(data, f, told, partners) or _paired(data, f, told, partners, of_joints)
+        words = _exchanged(data, f, told, partners) or _off(
+            data, f, told, seen_hz, of_joints, lambda i, c: np.log(f[i] / c / partners[i]),
+            lambda i: partners[[told[i]]],
+        )  # fmt: skip
         words += _sensors(data, told, pairing.shapes)
     elif len(kept) <= len(visible):
         words = _rows(data, kept, ordered) if by_shape else []
-        words = words or _frequencies(data, f, kept, seen_hz, of_joints)
+        words = words or _off(
+            data, f, kept, seen_hz, of_joints, lambda i, c: _aligned(f[i] / c, seen_hz)[0],
+            lambda i: _free(np.delete(f[kept], i), seen_hz, i),
+        )  # fmt: skip
     if pairing is not None:
         words += _unpartnered(data, f, model_hz, pairing, words)
     if at_sensors is not None:
@@ -184,9 +198,9 @@ def _unpartnered(data: TestData, f: np.ndarray, model_hz, pairing: Pairing, word
     if not len(alone):
         return []
     return [
-        f"test.frequencies: {_listed(data, alone)} {'have' if len(alone) > 1 else 'has'} no partner "
-        "among the model's modes; expected one of like shape, or of like frequency: is it a mode of "
-        "this structure?"
+        f"test.frequencies: {_listed(data, alone)} {'have' if len(alone) > 1 else 'has'} no "
+        "partner among the model's modes; expected one of like shape, or of like frequency: is it "
+        "a mode of this structure?"
     ]
 
 
@@ -195,72 +209,62 @@ def _distance(test_hz: np.ndarray, model_hz: np.ndarray) -> np.ndarray:
     return np.abs(np.log(test_hz)[:, None] - np.log(model_hz))
 
 
-def _aligned(test_hz: np.ndarray, model_hz: np.ndarray) -> tuple[float, np.ndarray]:
-    """Misfit of frequencies in the order of a model's, of which some may be passed over."""
+def _aligned(test_hz: np.ndarray, model_hz: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """ln of frequencies over those of a model's modes in the same order, some of which may be
+    passed over, and which these are; both of the frequencies in ascending order."""
     cost = _distance(np.sort(test_hz), model_hz)
     index = in_order(cost)
-    off = cost[np.arange(len(index)), index]
-    return float(np.sqrt(np.mean(off**2))), index
+    return cost[np.arange(len(index)), index], index
 
 
-def _frequencies(data: TestData, f: np.ndarray, kept: np.ndarray, model_hz, of_joints) -> list[str]:
-    """Frequencies that have no shapes: all are off by one factor, or one of them alone is off."""
-    misfit, index = _aligned(f[kept], model_hz)
-    ratio = np.median(np.sort(f[kept]) / model_hz[: len(kept)])
+def _free(others_hz: np.ndarray, model_hz: np.ndarray, i: int) -> np.ndarray:
+    """Modes of a model that could be the i-th of a test whose others are these, Hz."""
+    index = [-1, *_aligned(others_hz, model_hz)[1], len(model_hz)]
+    return model_hz[index[i] + 1 : index[i + 1]]
 
-    def scaled(factor: float) -> float:
-        return _aligned(f[kept] / factor, model_hz)[0]
 
-    words = _all_off(len(kept), ratio, misfit, scaled, of_joints)
-    if words or len(kept) < _FEW or misfit < _FITS:
-        return words
-    left = np.array([_aligned(np.delete(f[kept], i), model_hz)[0] for i in range(len(kept))])
+def _off(
+    data: TestData, f: np.ndarray, kept: np.ndarray, model_hz: np.ndarray, of_joints, log_ratios,
+    places,
+) -> list[str]:
+    """All frequencies off by one factor, that of a slip or one beyond any joint, or one alone.
+
+    Args:
+        data: The test.
+        f: Its frequencies, Hz, (m,).
+        kept: Those that are compared, by index.
+        model_hz: Those of the model that the test could see, Hz.
+        of_joints: See `mistakes_beside`.
+        log_ratios: Gives ln of some of the frequencies, over a factor, to their partners'.
+        places: Gives frequencies that the i-th of those kept could have, Hz.
+    """  # fmt: skip
+
+    def misfit(index: np.ndarray, factor: float = 1.0) -> float:
+        return float(np.sqrt(np.mean(log_ratios(index, factor) ** 2)))
+
+    whole, count = misfit(kept), len(kept)
+    if whole < _FITS:
+        return []
+    ratio = np.median(np.sort(f[kept]) / model_hz[:count])
+    words = f"test.frequencies: the {count} measured are"
+    slips = {x: what for slip, what in _SLIPS.items() for x in (slip, 1 / slip)}
+    best = min(slips, key=lambda slip: misfit(kept, slip))
+    by_slip = count > 2 and misfit(kept, best) < _LEFT * whole
+    if (by_slip or abs(math.log(ratio)) > math.log(_FAR)) and of_joints(count) < _JOINTS:
+        by = f"all about {best:.3g} times the model's ({slips[best]}?)" if by_slip else \
+            f"{ratio:.3g} times the model's in the middle, more than joints explain"  # fmt: skip
+        return [
+            f"{words} {by}; expected about 1: look at the unit of the table, and at E, rho, masses "
+            "and lengths of the model"
+        ]
+    if count < _FEW:
+        return []
+    left = np.array([misfit(np.delete(kept, i)) for i in range(count)])
     i = int(np.argmin(left))
-    if left[i] > _LEFT * misfit or left[i] > 0.5 * np.sort(left)[1]:
+    own = math.sqrt(max(count * whole**2 - (count - 1) * left[i] ** 2, 0.0))
+    if own < _ALONE or left[i] > _LEFT * own or left[i] > 0.5 * np.sort(left)[1]:
         return []
-    others = _aligned(np.delete(f[kept], i), model_hz)[1]
-    below, above = others[i - 1] if i else -1, others[i] if i < len(others) else len(model_hz)
-    return [_one_off(data, f, kept[i], model_hz[below + 1 : above], model_hz)]
-
-
-def _paired(data: TestData, f: np.ndarray, told: np.ndarray, partners, of_joints) -> list[str]:
-    """The same of frequencies whose partners are known by their shapes."""
-    log_r = np.log(f[told] / partners[told])
-
-    def scaled(factor: float) -> float:
-        return float(np.sqrt(np.mean((log_r - math.log(factor)) ** 2)))
-
-    words = _all_off(len(told), float(np.exp(np.median(log_r))), scaled(1.0), scaled, of_joints)
-    if words or len(told) < _FEW:
-        return words
-    off = np.abs(log_r - np.median(log_r))
-    i = int(np.argmax(off))
-    if off[i] < _ALONE or np.sqrt(np.mean(np.delete(log_r, i) ** 2)) > _LEFT * off[i]:
-        return []
-    return [_one_off(data, f, told[i], partners[[told[i]]], partners)]
-
-
-def _all_off(count: int, ratio: float, misfit: float, scaled, of_joints) -> list[str]:
-    """All frequencies off by one factor, that of a slip or one beyond any joint."""
-    if misfit < _FITS or of_joints(count) > _JOINTS:
-        return []
-    words = f"test.frequencies: the {count} measured frequencies are " if count > 1 else \
-        "test.frequencies: the measured frequency is "  # fmt: skip
-    slips = [x for slip in _SLIPS for x in (slip, 1 / slip)]
-    best = min(slips, key=scaled)
-    if count > 2 and scaled(best) < _LEFT * misfit:
-        what = _SLIPS.get(best) or _SLIPS[min(_SLIPS, key=lambda s: abs(s * best - 1))]
-        return [
-            f"{words}all about {best:.3g} times the model's ({what}?); expected about 1: the unit "
-            "of the table, and E, rho and the lengths of the model"
-        ]
-    if abs(math.log(ratio)) > math.log(_FAR):
-        return [
-            f"{words}{ratio:.3g} times the model's in the middle, more than joints explain; "
-            "expected 0.5 to 2: the unit of the table, and E, rho, masses and the lengths of the "
-            "model"
-        ]
-    return []
+    return [_one_off(data, f, kept[i], places(i), model_hz)]
 
 
 def _one_off(data: TestData, f: np.ndarray, i: int, places, model_hz) -> str:
@@ -300,14 +304,20 @@ def _turned(data: TestData, kept: np.ndarray, model: np.ndarray) -> list[str]:
     match, n = mac(data.shapes[:, kept], model), len(kept)
     tries = {f"{k} columns further left": np.roll(match, -k, axis=0) for k in range(1, n)}
     tries["in reverse order"] = match[::-1]
-    after = {words: float(np.mean(np.diag(x))) for words, x in tries.items()}
-    words, before = max(after, key=after.get), float(np.mean(np.diag(match)))
-    if n < 3 or 1 - after[words] > _LEFT * (1 - before):
-        return []
+    found = _better(np.mean(np.diag(match)), {w: np.mean(np.diag(x)) for w, x in tries.items()})
     return [
-        f"test.shapes: {words} its columns fit the frequencies better (MAC {after[words]:.2f}, now "
-        f"{before:.2f}); expected the columns of frequencies and shapes in one order"
-    ]
+        f"test.shapes: its columns fit the frequencies better {words}; expected the columns of "
+        "frequencies and shapes in one order"
+        for words in found if n > 2
+    ]  # fmt: skip
+
+
+def _better(before: float, after: dict[str, float]) -> list[str]:
+    """In words which change of the shapes, and nothing else, makes them fit, by their MAC."""
+    words = max(after, key=after.get, default="")
+    if not words or 1 - before < _POOR or 1 - after[words] > _LEFT * (1 - before):
+        return []
+    return [f"{words} (MAC {after[words]:.2f}, now {before:.2f})"]
 
 
 def _scaled(data: TestData, kept: np.ndarray, model: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -326,22 +336,21 @@ def _sensors(data: TestData, kept: np.ndarray, model: np.ndarray) -> list[str]:
     if len(kept) < 3:
         return []
     a, b = _scaled(data, kept, model)
-    size = np.linalg.norm(b, axis=1) / math.sqrt(len(kept))
-    loud = (size > _WEAK) & (np.linalg.norm(a, axis=1) > 0)
-    own = np.divide(np.sum(a * b, axis=1), np.linalg.norm(a, axis=1) * np.linalg.norm(b, axis=1),
-                    out=np.ones(len(a)), where=loud)  # fmt: skip
-    gain = np.divide(np.linalg.norm(a, axis=1), np.linalg.norm(b, axis=1), out=np.ones(len(a)),
-                     where=loud)  # fmt: skip
-    gain = gain / np.median(gain[loud]) if loud.any() else gain
+    ours, theirs = np.linalg.norm(a, axis=1), np.linalg.norm(b, axis=1)
+    loud = np.flatnonzero((theirs > _WEAK * math.sqrt(len(kept))) & (ours > 0))
+    own, gain = np.ones((2, len(a)))
+    own[loud] = np.sum(a * b, axis=1)[loud] / (ours * theirs)[loud]
+    gain[loud] = ours[loud] / theirs[loud] / np.median(ours[loud] / theirs[loud])
+    odd = np.abs(np.log(gain)) > math.log(_GAIN)
     words = [
         f"test.shapes: {_sensor(data, s)} reads {gain[s]:.2g} times what the model has there; "
         "expected about 1: is it dead, or its calibration another one?"
-        for s in np.flatnonzero(np.abs(np.log(gain)) > math.log(_GAIN))
+        for s in np.flatnonzero(odd)
     ]
     words += [
-        f"test.shapes: {_sensor(data, s)} moves against the model in most modes (correlation "
-        f"{own[s]:.2f}); expected about 1: is its direction the other way round?"
-        for s in np.flatnonzero((own < _OTHER) & (np.abs(np.log(gain)) < math.log(_GAIN)))
+        f"test.shapes: {_sensor(data, s)} moves against the model (correlation {own[s]:.2f}); "
+        "expected about 1: is its direction the other way round?"
+        for s in np.flatnonzero(~odd & (own < _OTHER))
     ]
     return words or _swapped(data, a, b, own) or _rows(data, kept, model)
 
@@ -361,11 +370,9 @@ def _swapped(data: TestData, a: np.ndarray, b: np.ndarray, own: np.ndarray) -> l
 
 def _rows(data: TestData, kept: np.ndarray, model: np.ndarray) -> list[str]:
     """Rows of the table that are like those of the model's other sensors."""
-    before = _agreement(data.shapes[:, kept], model)
-    n = len(data.shapes)
-    if n < 3 or len(kept) < 2:
+    shapes, n = data.shapes[:, kept], len(data.shapes)
+    if n not in _SENSORS or len(kept) < 3:
         return []
-    shapes = data.shapes[:, kept]
     one = np.eye(n, dtype=bool)[..., None]
     tries = [
         {f"{step} rows further {way}": np.roll(shapes, step * sign, axis=0)
@@ -373,19 +380,20 @@ def _rows(data: TestData, kept: np.ndarray, model: np.ndarray) -> list[str]:
         {"in reverse order": shapes[::-1]},
         {f"with {_sensor(data, s)} the other way round": np.where(one[s], -shapes, shapes)
          for s in range(n)},
+        {f"with all sensors along {np.round(way, 3).tolist()} the other way round":
+         np.where(np.all(data.sensors.directions == way, axis=1)[:, None], -shapes, shapes)
+         for way in np.unique(data.sensors.directions, axis=0)},
         {f"with {_sensor(data, s)} and {_sensor(data, t)} exchanged":
          np.where(one[s], shapes[t], np.where(one[t], shapes[s], shapes))
          for s, t in itertools.combinations(range(n), 2) if n <= _PAIRS},
         {f"without {_sensor(data, s)}": np.where(one[s], np.nan, shapes) for s in range(n)},
     ]  # fmt: skip
+    before = _agreement(shapes, model)
     for changed in tries:
-        after = {words: _agreement(x, model) for words, x in changed.items()}
-        words = max(after, key=after.get, default="")
-        if words and 1 - after[words] < _LEFT * (1 - before):
+        for words in _better(before, {w: _agreement(x, model) for w, x in changed.items()}):
             return [
-                f"test.shapes: {words} its rows fit the model better (MAC {after[words]:.2f}, now "
-                f"{before:.2f}); expected a row for each point of test.sees, in its order and "
-                "direction"
+                f"test.shapes: its rows fit the model better {words}; expected a row for each "
+                "point of test.sees, in its order and direction"
             ]
     return []
 

@@ -89,7 +89,7 @@ def table(change: Callable[[np.ndarray], np.ndarray | None], file: str = TABLE) 
         found = change(numbers)
         numbers = numbers if found is None else found
         names = head.split(",")[: first + numbers.shape[1]]
-        write(folder / file, names, np.hstack([values[:, :first], numbers]))
+        write(folder / file, names, np.hstack([values[: len(numbers), :first], numbers]))
 
     return edit
 
@@ -192,7 +192,9 @@ WRONG = {
     ),
     # -- the table of shapes
     "a dead sensor": ("shaped", table(setting(4, 0.0), SHAPES), "sensor 5"),
-    "a nearly dead sensor": ("shaped", table(setting(4, lambda x: 1e-5 * x[4]), SHAPES), "sensor 5"),
+    "a nearly dead sensor": (
+        "shaped", table(setting(4, lambda x: 1e-5 * x[4]), SHAPES), "sensor 5"
+    ),
     "a flipped sensor": ("shaped", table(setting(4, lambda x: -x[4]), SHAPES), "sensor 5"),
     "two flipped sensors": (
         "shaped", table(setting([4, 11], lambda x: -x[[4, 11]]), SHAPES), "sensor 12"
@@ -203,7 +205,9 @@ WRONG = {
     "rows rotated": ("shaped", table(rows([*range(1, N), 0]), SHAPES), "test.sees"),
     "rows reversed": ("shaped", table(rows(range(N - 1, -1, -1)), SHAPES), "test.sees"),
     "identical shapes": ("shaped", table(lambda x: x[:, :1] + 0 * x, SHAPES), "'mode 8'"),
-    "two identical shapes": ("shaped", table(columns([0, 1, 2, 2, 4, 5, 6, 7]), SHAPES), "'mode 4'"),
+    "two identical shapes": (
+        "shaped", table(columns([0, 1, 2, 2, 4, 5, 6, 7]), SHAPES), "'mode 4'"
+    ),
     "columns rotated": ("shaped", table(columns(ROTATED), SHAPES), "7 columns"),
     "two columns exchanged": ("shaped", table(columns(SWAP), SHAPES), "'mode 2'"),
     "a mode twice with its shape": (
@@ -211,7 +215,9 @@ WRONG = {
                        table(setting((slice(None), 2), lambda x: x[:, 1]), SHAPES)), "'mode 3'"
     ),
     "columns reversed": ("shaped", table(columns(range(7, -1, -1)), SHAPES), "reverse"),
-    "a sensor's gain of ten": ("shaped", table(setting(4, lambda x: 10 * x[4]), SHAPES), "sensor 5"),
+    "a sensor's gain of ten": (
+        "shaped", table(setting(4, lambda x: 10 * x[4]), SHAPES), "sensor 5"
+    ),
     "a sensor in mV": ("shaped", table(setting(4, lambda x: 1e-3 * x[4]), SHAPES), "sensor 5"),
     "all halved with joints softer": (
         "shaped", both(table(times(0.5)), text(r"^k2 = .*", "k2 = 1e4")), "0.5 times"
@@ -223,7 +229,9 @@ WRONG = {
     "noise of 0": ("beams", text(r'noise = "0.1 %"', 'noise = "0 %"'), "test.noise"),
     "tolerances of 0": ("beams", text(r"^tolerance = .*", "tolerance = { E = 0, rho = 0 }"),
                         "parts.beams.tolerance.E"),  # fmt: skip
-    "a tolerance in per cent": ("beams", text(r'E = "1.5 %"', "E = 1.5"), "parts.beams.tolerance.E"),
+    "a tolerance in per cent": (
+        "beams", text(r'E = "1.5 %"', "E = 1.5"), "parts.beams.tolerance.E"
+    ),
     "damping in per cent": (
         "plates", replaced("damping.csv", " [%]", ""), "damping.csv"
     ),
@@ -256,8 +264,10 @@ WRONG = {
         "plates", text(r'element_size = "20 mm"', 'element_size = "80 mm"'), "mesh.element_size"
     ),
     # -- what to do with it
-    "starts off by 1e9": ("beams", text(r'"1000 N m", "lap.k2" = "20000 N m"',
-                                        '1e12, "lap.k2" = 2e13'), "update.start.lap.k1"),  # fmt: skip
+    "starts off by 1e9": (
+        "beams", text(r'"1000 N m", "lap.k2" = "20000 N m"', '1e12, "lap.k2" = 2e13'),
+        "update.start.lap.k1"
+    ),
     "a start in N mm": ("beams", text(r'"lap.k2" = "20000 N m"', '"lap.k2" = 2e9'),
                         "update.start.lap.k2"),  # fmt: skip
     "a band without a mode": (
@@ -296,6 +306,12 @@ RIGHT = {
     "a blank cell": ("shaped", [table(setting((4, 2), np.nan), SHAPES)]),
     "modes in descending order with shapes": (
         "shaped", [table(columns(range(7, -1, -1))), table(columns(range(7, -1, -1)), SHAPES)]
+    ),
+    "a sensor that is not there": ("shaped", [table(setting(4, np.nan), SHAPES)]),
+    "five sensors with shapes and a softer joint": (
+        "shaped", [table(rows([0, 4, 7, 11, 14]), SHAPES), text(r"^k2 = .*", "k2 = 1e4"),
+                   text(r"^positions = \[(.|\n)*?\]",
+                        'positions = ["0 mm", "160 mm", "280 mm", "440 mm", "570 mm"]')]
     ),
     "three sensors": ("beams", [text(r"^positions = \[(.|\n)*?\]",
                                      'positions = ["10 mm", "200 mm", "500 mm"]')]),  # fmt: skip

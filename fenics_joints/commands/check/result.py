@@ -119,6 +119,7 @@ class Checked:
             "mass_kg": self.mass if self.weights else None,
             "places": [p.to_json() for p in self.places],
             "bolts": [p.to_json() for p in self.bolts],
-            "test": self.test_words(), "solved": self.solved, "size_m": self.size_m, "dofs": self.dofs,
+            "test": self.test_words(), "solved": self.solved,
+            "size_m": self.size_m, "dofs": self.dofs,
             "costs": [vars(cost) for cost in self.costs],
         })  # fmt: skip

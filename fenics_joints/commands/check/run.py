@@ -87,7 +87,7 @@ def check_case(
         return found
     if case.mesh.origin == "beams":
         found = _beams(found, examined, comm)
-        return _with_costs(_beside(found, examined, None, comm, progress, large), comm)
+        return _with_costs(_beside(found, examined, None, comm, progress), comm)
     if not large and _is_too_large(found, comm):
         note = (
             "the mesh was not made, as it seems too large: are the size of its cells and the unit "
@@ -100,15 +100,15 @@ def check_case(
     except (InputError, JointsError) as error:
         found = _more(found, [*same_bolts(case, []), *_lines(_own(case, error))])
         return _with_costs(found, comm)
-    found = _beside(_meshed(found, examined, tagged), examined, tagged, comm, progress, large)
+    found = _beside(_meshed(found, examined, tagged), examined, tagged, comm, progress)
     return _with_costs(found, comm)
 
 
-def _beside(found: Checked, examined: Examined, tagged, comm, progress, large) -> Checked:
+def _beside(found: Checked, examined: Examined, tagged, comm, progress) -> Checked:
     """With what the model's modes say, where a model can be made."""
-    if found.errors or not examined.whole:
+    if found.errors or not examined.whole or found.dofs is None:
         return found
-    beside = beside_model(found.case, tagged, comm, progress, large)
+    beside = beside_model(found.case, tagged, found.dofs, comm, progress)
     return _more(replace(found, solved=beside.words), (), beside.notes)
 
 

@@ -21,9 +21,9 @@ from fenics_joints.progress import Progress
 
 __all__ = ["Beside", "beside_model"]
 
-#: Degrees of freedom that are solved: some three seconds. And of a model one degree finer, which
+#: Degrees of freedom that are solved: some two seconds. And of a model one degree finer, which
 #: only a coarse mesh needs: one as large as this resolves more modes than a test has.
-_MOST, _FINER = 40_000, 10_000
+_MOST, _FINER = 20_000, 10_000
 #: Keys of a joint to which its stiffness is proportional.
 _STIFFNESSES = ("E", "G", "k_n", "k_t", "k1", "k2", "k_axial")
 #: Error of a frequency by the mesh that is said.
@@ -45,24 +45,23 @@ class Beside:
 
 
 def beside_model(
-    case: Case, tagged: TaggedMesh | None, comm: MPI.Intracomm, progress: Progress,
-    large: bool = False,
-) -> Beside:  # fmt: skip
+    case: Case, tagged: TaggedMesh | None, dofs: int, comm: MPI.Intracomm, progress: Progress
+) -> Beside:
     """Solve the nominal model's modes and hold test and bands against them. Collective.
 
     Args:
         case: The case, without errors.
         tagged: Its mesh; None for beams.
+        dofs: Degrees of freedom of its model.
         comm: Communicator.
         progress: Told before the solution.
-        large: Whether it is solved whatever its size.
     """
     if case.measured is None and not _bands(case):
         return Beside()
     if case.obstacles:
         return Beside("not held against the model's modes: where obstacles touch is not known yet")
     try:
-        case, tagged = _small_enough(case, tagged, large)
+        case, tagged = _small_enough(case, tagged, dofs)
         progress.step("modes of the nominal model")
         begin = time.perf_counter()
         model = _built(case, comm, tagged)
@@ -76,13 +75,13 @@ def beside_model(
     return Beside(f"held against {words}", tuple(notes))
 
 
-def _small_enough(case: Case, tagged, large: bool) -> tuple[Case, TaggedMesh | None]:
+def _small_enough(case: Case, tagged, dofs: int) -> tuple[Case, TaggedMesh | None]:
     """The case with its own mesh, that of its diagnosis, or elements so large that it is small.
 
     Raises:
         InputError: If it stays too large.
     """
-    if large or tagged is None or _dofs(tagged, case) <= _MOST:
+    if tagged is None or dofs <= _MOST:
         return case, tagged
     coarse = case.diagnosed()
     for key in ("size", "element_size"):
@@ -92,18 +91,8 @@ def _small_enough(case: Case, tagged, large: bool) -> tuple[Case, TaggedMesh | N
             coarse = coarse.model_copy(update={"mesh": mesh})
     found = estimate(coarse)
     if found.dofs > _MOST:
-        raise InputError(f"{found}, too large for a check; --large does it, and `modes`")
+        raise InputError(f"{found}, too large for a check; `modes` does it")
     return coarse, None
-
-
-def _dofs(tagged: TaggedMesh, case: Case) -> int:
-    """Degrees of freedom of displacements on a mesh, nearly."""
-    mesh, tdim = tagged.mesh, tagged.mesh.topology.dim
-    nodes = mesh.topology.index_map(0).size_global
-    if case.mesh.degree == 2:
-        mesh.topology.create_entities(1)
-        nodes += mesh.topology.index_map(1).size_global
-    return tdim * nodes
 
 
 def _built(case: Case, comm: MPI.Intracomm, tagged: TaggedMesh | None):
