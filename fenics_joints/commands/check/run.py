@@ -70,9 +70,10 @@ def run_check(
 
 
 def check_case(
-    path: str | Path, comm: MPI.Intracomm, progress: Progress, *, large: bool = False
+    path: str | Path, comm: MPI.Intracomm, progress: Progress, *, large: bool = False,
+    solve: bool = True,
 ) -> Checked:
-    """What `run_check` shows."""
+    """What `run_check` shows, without the model's modes if ``solve`` is false."""  # fmt: skip
     progress.step("reading the case")
     examined = comm.bcast(on_root(comm, lambda: examine_case(path)))
     case = examined.case
@@ -87,7 +88,8 @@ def check_case(
         return found
     if case.mesh.origin == "beams":
         found = _beams(found, examined, comm)
-        return _with_costs(_beside(found, examined, None, comm, progress), comm)
+        found = _beside(found, examined, None, comm, progress) if solve else found
+        return _with_costs(found, comm)
     if not large and _is_too_large(found, comm):
         note = (
             "the mesh was not made, as it seems too large: are the size of its cells and the unit "
@@ -100,7 +102,8 @@ def check_case(
     except (InputError, JointsError) as error:
         found = _more(found, [*same_bolts(case, []), *_lines(_own(case, error))])
         return _with_costs(found, comm)
-    found = _beside(_meshed(found, examined, tagged), examined, tagged, comm, progress)
+    found = _meshed(found, examined, tagged)
+    found = _beside(found, examined, tagged, comm, progress) if solve else found
     return _with_costs(found, comm)
 
 
