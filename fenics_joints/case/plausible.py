@@ -245,21 +245,17 @@ def _starts(case: Case) -> Iterator[Found]:
 def _too_few(case: Case) -> list[str]:
     """A sentence where a test has less than what is to be found by it."""
     data, row = case.measured, case.row()
-    if data is None or row is None or data.shapes is not None or case.frfs() is not None:
+    if row is None or data.shapes is not None or case.frfs() or case.harmonic:
         return []
-    if np.isfinite(data.frequencies_hz).sum() == 1 and case.harmonic is None:
-        return [
-            "test.frequencies: one frequency in all; expected several modes: any change of the "
-            "model can explain one"
-        ]
-    count = int(np.isfinite(data.frequencies_hz[row]).sum())
-    wanted = () if case.update is None else case.update.parameters
-    if case.fitted_data() != ("frequencies",) or len(wanted) <= count:
+    there = np.isfinite(data.frequencies_hz)
+    names = () if case.update is None else case.update.parameters
+    by_them = case.fitted_data() == ("frequencies",)
+    if there.sum() > 1 and not (by_them and len(names) > there[row].sum()):
         return []
+    wanted = f"the {len(names)} update.parameters" if names else "what is to be found"
     return [
-        f"update.parameters: {len(wanted)} are to be found by {count} measured "
-        f"{'frequency' if count == 1 else 'frequencies'}; expected as many at least: fewer "
-        "parameters, or more modes"
+        f"test.frequencies: {there[row].sum()} measured for {wanted}; expected as many at least, "
+        "and two: any change of a model can explain one"
     ]
 
 

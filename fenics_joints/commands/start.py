@@ -136,8 +136,8 @@ def check(
     unlikely is said.
 
     JSON: errors and notes in sentences, masses (name, kind, kg, weighed_kg), mass_kg, places (kind,
-    name, at_m, direction, off_mm), bolts, test and solved in words, size_m, dofs, costs (command, seconds,
-    bytes).
+    name, at_m, direction, off_mm), bolts, test and solved in words, size_m, dofs, costs (command,
+    seconds, bytes).
     """
     from fenics_joints.parallel import guarded
 

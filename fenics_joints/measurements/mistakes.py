@@ -52,9 +52,8 @@ _POOR, _SENSORS = 0.05, range(6, 301)
 _PAIRS = 40
 #: Gain of a sensor, to the usual one, that no model's error makes.
 _GAIN = 6.0
-#: Signed COMAC (its root) of a sensor with the model below which it is another one, and above
-#: which it is that.
-_OTHER, _THAT = -0.6, 0.9
+#: Signed COMAC (its root) of a sensor with the model below which it is the other way round.
+_OTHER = -0.6
 
 
 def mistakes_within(data: TestData) -> list[str]:
@@ -68,16 +67,15 @@ def mistakes_within(data: TestData) -> list[str]:
 
 def _copied(data: TestData) -> list[str]:
     """Modes with the frequencies of another one."""
-    f, found = data.frequencies_hz, []
-    for i, name in enumerate(data.mode_names):
-        for j in range(i):
-            both = np.isfinite(f[:, i]) & np.isfinite(f[:, j])
-            if both.any() and np.allclose(f[both, i], f[both, j], rtol=_ONE, atol=0):
-                found.append(
-                    f"test.frequencies: {name!r} has the frequencies of {data.mode_names[j]!r} "
-                    f"({f[both, i][-1]:.6g} Hz); expected each mode once: leave one out"
-                )
-    return found
+    f = data.frequencies_hz
+    near = np.abs(f[:, :, None] / f[:, None] - 1) < _ONE  # not of what was not measured
+    apart = np.abs(f[:, :, None] / f[:, None] - 1) >= _ONE
+    pairs = np.argwhere(np.tril(near.any(axis=0) & ~apart.any(axis=0), -1))
+    return [
+        f"test.frequencies: {data.mode_names[i]!r} has the frequencies of {data.mode_names[j]!r}; "
+        "expected each mode once: leave one out"
+        for i, j in pairs
+    ]
 
 
 def _out_of_order(data: TestData) -> list[str]:
@@ -86,33 +84,27 @@ def _out_of_order(data: TestData) -> list[str]:
         return []
     for condition, f in zip(data.conditions, data.frequencies_hz, strict=True):
         there = np.flatnonzero(np.isfinite(f))
-        down = np.flatnonzero(np.diff(f[there]) < -_ONE * f[there][:-1])
-        if len(down):
-            i, j = there[down[0]], there[down[0] + 1]
-            where = f" at {data.condition_name} {condition:g}" if len(data) > 1 else ""
-            return [
-                f"test.frequencies: {data.mode_names[i]!r}, {f[i]:.6g} Hz, stands before "
-                f"{data.mode_names[j]!r}, {f[j]:.6g} Hz{where}; without shapes modes are paired in "
-                "the order of their columns: expected ascending frequencies"
-            ]
+        for i, j in itertools.pairwise(there):
+            if f[j] < (1 - _ONE) * f[i]:
+                where = f" at {data.condition_name} {condition:g}" if len(data) > 1 else ""
+                return [
+                    f"test.frequencies: {data.mode_names[i]!r}, {f[i]:.6g} Hz, stands before "
+                    f"{data.mode_names[j]!r}, {f[j]:.6g} Hz{where}; without shapes modes are "
+                    "paired in the order of their columns: expected ascending frequencies"
+                ]
     return []
 
 
 def _jumps(data: TestData) -> list[str]:
     """Frequencies far above, or far below, those of both neighbouring conditions."""
-    log_f, found = np.log(data.frequencies_hz), []
-    if data.known or len(data) < 3:
-        return []
-    up, down = np.diff(log_f, axis=0)[:-1], -np.diff(log_f, axis=0)[1:]
-    alone = (up * down > 0) & (np.minimum(abs(up), abs(down)) > _JUMP)
-    for i, j in np.argwhere(alone):
-        f = data.frequencies_hz[i : i + 3, j]
-        found.append(
-            f"test.frequencies: {data.mode_names[j]!r} is {f[1]:.6g} Hz at {data.condition_name} "
-            f"{data.conditions[i + 1]:g}, and {f[0]:.6g} and {f[2]:.6g} Hz before and after it; "
-            "expected a frequency between or near these"
-        )
-    return found
+    steps = np.diff(np.log(data.as_it_is.frequencies_hz), axis=0)
+    alone = (steps[:-1] * steps[1:] < 0) & (np.minimum(abs(steps[:-1]), abs(steps[1:])) > _JUMP)
+    return [
+        f"test.frequencies: {data.mode_names[j]!r} is {data.frequencies_hz[i + 1, j]:.6g} Hz at "
+        f"{data.condition_name} {data.conditions[i + 1]:g}, {data.frequencies_hz[i, j]:.6g} and "
+        f"{data.frequencies_hz[i + 2, j]:.6g} Hz before and after it; expected one near these"
+        for i, j in np.argwhere(alone)
+    ]
 
 
 def _silent(data: TestData) -> list[str]:
@@ -159,60 +151,50 @@ def mistakes_beside(
             may be what scales all frequencies.
     """  # fmt: skip
     f, seen_hz = data.frequencies_hz[row], model_hz[visible]
-    kept = np.flatnonzero(np.isfinite(f))
-    words: list[str] = []
-    if not len(kept):
-        return words
-    by_shape = data.shapes is not None and pairing is not None
-    told = np.flatnonzero((pairing.mac >= ALIKE) & np.isfinite(f)) if by_shape else kept[:0]
-    if by_shape and len(kept) <= len(visible):  # which shapes the frequencies ask for
+    kept, words = np.flatnonzero(np.isfinite(f)), []
+    if not len(kept) or len(kept) > len(visible):
+        return words if at_sensors is None else _few_sensors(data, at_sensors[:, visible])
+    shaped = data.shapes is not None and pairing is not None
+    told = np.flatnonzero((pairing.mac >= ALIKE) & np.isfinite(f)) if shaped else kept[:0]
+    if shaped:  # is it the order of the columns, or of the rows where shapes do not speak?
         place = np.argsort(np.argsort(f[kept]))
-        ordered = at_sensors[:, visible[in_order(_distance(np.sort(f[kept]), seen_hz))[place]]]
+        ordered = at_sensors[:, visible[_aligned(f[kept], seen_hz)[1][place]]]
         words = _turned(data, kept, ordered)
-    if words:
-        pass
-    elif by_shape and 2 * len(told) >= len(kept):
+        if not words and 2 * len(told) < len(kept):
+            words = _rows(data, kept, ordered)
+    if not words and shaped and 2 * len(told) >= len(kept):
         partners = model_hz[pairing.index]
         words = _exchanged(data, f, told, partners) or _off(
             data, f, told, seen_hz, of_joints, lambda i, c: np.log(f[i] / c / partners[i]),
             lambda i: partners[[told[i]]],
         )  # fmt: skip
         words += _sensors(data, told, pairing.shapes)
-    elif len(kept) <= len(visible):
-        words = _rows(data, kept, ordered) if by_shape else []
-        words = words or _off(
+    elif not words:
+        words = _off(
             data, f, kept, seen_hz, of_joints, lambda i, c: _aligned(f[i] / c, seen_hz)[0],
             lambda i: _free(np.delete(f[kept], i), seen_hz, i),
         )  # fmt: skip
     if pairing is not None:
         words += _unpartnered(data, f, model_hz, pairing, words)
-    if at_sensors is not None:
-        words += _few_sensors(data, at_sensors[:, visible])
-    return words
+    return words if at_sensors is None else words + _few_sensors(data, at_sensors[:, visible])
 
 
 def _unpartnered(data: TestData, f: np.ndarray, model_hz, pairing: Pairing, words) -> list[str]:
     """Modes that are like none of the model's, but those that are named already."""
-    alone = np.flatnonzero(~partnered(pairing, model_hz, f, data.shapes))
-    alone = [i for i in alone if not any(repr(data.mode_names[i]) in line for line in words)]
-    if not len(alone):
-        return []
+    alone = [
+        i for i in np.flatnonzero(~partnered(pairing, model_hz, f, data.shapes))
+        if not any(repr(data.mode_names[i]) in line for line in words)
+    ]  # fmt: skip
     return [
-        f"test.frequencies: {_listed(data, alone)} {'have' if len(alone) > 1 else 'has'} no "
-        "partner among the model's modes; expected one of like shape, or of like frequency: is it "
-        "a mode of this structure?"
-    ]
-
-
-def _distance(test_hz: np.ndarray, model_hz: np.ndarray) -> np.ndarray:
-    """ln of each measured frequency over each of the model's, (m, k)."""
-    return np.abs(np.log(test_hz)[:, None] - np.log(model_hz))
+        f"test.frequencies: without a partner among the model's modes: {_listed(data, alone)}; "
+        "expected a mode of like shape, or of like frequency, for each"
+    ] if alone else []  # fmt: skip
 
 
 def _aligned(test_hz: np.ndarray, model_hz: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """ln of frequencies over those of a model's modes in the same order, some of which may be
     passed over, and which these are; both of the frequencies in ascending order."""
-    cost = _distance(np.sort(test_hz), model_hz)
+    cost = np.abs(np.log(np.sort(test_hz))[:, None] - np.log(model_hz))
     index = in_order(cost)
     return cost[np.arange(len(index)), index], index
 
@@ -246,16 +228,14 @@ def _off(
     if whole < _FITS:
         return []
     ratio = np.median(np.sort(f[kept]) / model_hz[:count])
-    words = f"test.frequencies: the {count} measured are"
-    slips = {x: what for slip, what in _SLIPS.items() for x in (slip, 1 / slip)}
-    best = min(slips, key=lambda slip: misfit(kept, slip))
+    best, what = min(_both_ways(), key=lambda slip: misfit(kept, slip[0]))
     by_slip = count > 2 and misfit(kept, best) < _LEFT * whole
     if (by_slip or abs(math.log(ratio)) > math.log(_FAR)) and of_joints(count) < _JOINTS:
-        by = f"all about {best:.3g} times the model's ({slips[best]}?)" if by_slip else \
+        by = f"all about {best:.3g} times the model's ({what}?)" if by_slip else \
             f"{ratio:.3g} times the model's in the middle, more than joints explain"  # fmt: skip
         return [
-            f"{words} {by}; expected about 1: look at the unit of the table, and at E, rho, masses "
-            "and lengths of the model"
+            f"test.frequencies: the {count} measured are {by}; expected about 1: look at the unit "
+            "of the table, and at E, rho, masses and lengths of the model"
         ]
     if count < _FEW:
         return []
@@ -269,17 +249,22 @@ def _off(
 
 def _one_off(data: TestData, f: np.ndarray, i: int, places, model_hz) -> str:
     """A frequency that alone has no partner."""
-    words = f"test.frequencies: {data.mode_names[i]!r}, {f[i]:.6g} Hz, fits no mode of the model"
-    for place in places:
-        for slip, what in _SLIPS.items():
-            if any(abs(f[i] / place / s - 1) < _NEAR for s in (slip, 1 / slip)):
-                return f"{words}, while all others do: is it {place:.4g} Hz ({what})?"
-    if f[i] < 0.5 * model_hz[0]:
-        return (
-            f"{words}, whose lowest elastic one is at {model_hz[0]:.4g} Hz, while all others do: a "
-            "rigid motion on its suspension? expected elastic modes alone"
-        )
-    return f"{words}, while all others do; expected modes of this structure: leave it out"
+    meant = [(place, what) for place in places for slip, what in _both_ways()
+             if abs(f[i] / place / slip - 1) < _NEAR]  # fmt: skip
+    expected = "expected modes of this structure: leave it out"
+    if meant:
+        expected = "is it {:.4g} Hz ({})?".format(*meant[0])
+    elif f[i] < 0.5 * model_hz[0]:
+        expected = f"a rigid motion on its suspension, below {model_hz[0]:.4g} Hz? {expected}"
+    return (
+        f"test.frequencies: {data.mode_names[i]!r}, {f[i]:.6g} Hz, fits no mode of the model, as "
+        f"all others do; {expected}"
+    )
+
+
+def _both_ways() -> list[tuple[float, str]]:
+    """Ratios of slips, up and down, with what makes them."""
+    return [(x, what) for slip, what in _SLIPS.items() for x in (slip, 1 / slip)]
 
 
 def _exchanged(data: TestData, f: np.ndarray, told: np.ndarray, partners) -> list[str]:
@@ -352,20 +337,7 @@ def _sensors(data: TestData, kept: np.ndarray, model: np.ndarray) -> list[str]:
         "expected about 1: is its direction the other way round?"
         for s in np.flatnonzero(~odd & (own < _OTHER))
     ]
-    return words or _swapped(data, a, b, own) or _rows(data, kept, model)
-
-
-def _swapped(data: TestData, a: np.ndarray, b: np.ndarray, own: np.ndarray) -> list[str]:
-    """Pairs of sensors each of which is what the model has at the other."""
-    odd = np.flatnonzero(own < 0.5)
-    a, b = (x / np.maximum(np.linalg.norm(x, axis=1, keepdims=True), 1e-300) for x in (a, b))
-    like = a[odd] @ b[odd].T
-    return [
-        f"test.shapes: {_sensor(data, odd[i])} moves as the model does at {_sensor(data, odd[j])}, "
-        "and the other way round; expected a row for each point of test.sees, in its order"
-        for i, j in itertools.combinations(range(len(odd)), 2)
-        if min(like[i, j], like[j, i]) > _THAT
-    ]
+    return words or _rows(data, kept, model)
 
 
 def _rows(data: TestData, kept: np.ndarray, model: np.ndarray) -> list[str]:
@@ -428,10 +400,8 @@ def _auto(shapes: np.ndarray) -> np.ndarray:
 
 
 def _sensor(data: TestData, s: int) -> str:
-    names = data.sensors.names
-    return f"sensor {names[s]}" if names else f"sensor {s + 1}"
+    return f"sensor {data.sensors.names[s] if data.sensors.names else s + 1}"
 
 
 def _listed(data: TestData, index: Sequence[int]) -> str:
-    names = [repr(data.mode_names[i]) for i in index]
-    return ", ".join(names[:-1]) + " and " + names[-1] if len(names) > 1 else names[0]
+    return ", ".join(repr(data.mode_names[i]) for i in index)

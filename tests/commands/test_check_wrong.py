@@ -283,7 +283,7 @@ def prepared(kind: str, folder: Path, shaped: Path, write_case) -> None:
     elif kind == "nonlinear":
         shutil.copy(DEMOS / "lap_beam" / "nonlinear.toml", folder / CASE)
     else:
-        base(shaped if kind == "shaped" else kind, folder)
+        base({"shaped": shaped, "dumbbell": DEMOS / "dumbbell"}.get(kind, kind), folder)
 
 
 @pytest.mark.parametrize("name", WRONG)
@@ -318,7 +318,7 @@ RIGHT = {
     "a mode left out": ("beams", [table(columns([0, 1, 2, 4, 5, 6, 7])), PLAIN]),
     "noise by lines alone": ("plates", [text(r"^noise = .*", "noise = 0")]),
 }  # fmt: skip
-for factor in (0.01, 0.1, 0.3, 3, 10, 100):  # the gap is 20 to 300 %, and the joint's
+for factor in (0.001, 0.01, 0.1, 0.3, 3, 10, 100):  # the gap is 20 to 300 %, and the joint's
     RIGHT[f"joints of beams times {factor}"] = (
         "beams", [text(r"^k1 = .*", f"k1 = {1763.2 * factor}"),
                   text(r"^k2 = .*", f"k2 = {37402 * factor}")]
@@ -332,8 +332,11 @@ for factor in (0.01, 0.1, 0.3, 3, 10, 100):  # the gap is 20 to 300 %, and the j
                         f"E = {0.933e6 * factor}\nG = {0.446e6 * factor}"),
                    text(r"^bounds = .*", "")]
     )  # fmt: skip
+RIGHT["a dumbbell that is all joint"] = (
+    "dumbbell", [text(r'^E = "1513 MPa"', 'E = "50 MPa"'), text(r"^bounds = .*", "")]
+)
 #: Sections that these alone are about, where a value is odd but the joint's.
-ODD = ("joints.away.", "has no partner", "have no partner")
+ODD = ("joints.away.", "without a partner")
 
 
 @pytest.mark.parametrize("name", RIGHT)

@@ -111,8 +111,8 @@ def _beside(found: Checked, examined: Examined, tagged, comm, progress) -> Check
     """With what the model's modes say, where a model can be made."""
     if found.errors or not examined.whole or found.dofs is None:
         return found
-    beside = beside_model(found.case, tagged, found.dofs, comm, progress)
-    return _more(replace(found, solved=beside.words), (), beside.notes)
+    words, notes = beside_model(found.case, tagged, found.dofs, comm, progress)
+    return _more(replace(found, solved=words), (), notes)
 
 
 def _diagnosed(case: Case, errors) -> list[str]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from contextlib import suppress
-from dataclasses import dataclass
 
 import numpy as np
 from mpi4py import MPI
@@ -18,35 +17,26 @@ from fenics_joints.meshes import TaggedMesh
 from fenics_joints.modal.modes import Modes, solve_modes
 from fenics_joints.preload import LinearJoint
 from fenics_joints.progress import Progress
+from fenics_joints.structure import Structure
 
-__all__ = ["Beside", "beside_model"]
+__all__ = ["beside_model"]
 
 #: Degrees of freedom that are solved: some two seconds. And of a model one degree finer, which
 #: only a coarse mesh needs: one as large as this resolves more modes than a test has.
 _MOST, _FINER = 20_000, 10_000
+#: Keys of a mesh that say how large its cells are.
+_SIZES = ("element_size", "size", "file")
 #: Keys of a joint to which its stiffness is proportional.
 _STIFFNESSES = ("E", "G", "k_n", "k_t", "k1", "k2", "k_axial")
+#: Factor by which a mode may be beside a band that is about it.
+_BESIDE = 1.5
 #: Error of a frequency by the mesh that is said.
 _COARSE = 0.05
 
 
-@dataclass(frozen=True)
-class Beside:
-    """What the nominal model's modes say of a case.
-
-    Attributes:
-        words: What was solved, and in what time; or why nothing was. Empty if there is nothing to
-            compare with.
-        notes: What is unlikely, in sentences.
-    """
-
-    words: str = ""
-    notes: tuple[str, ...] = ()
-
-
 def beside_model(
     case: Case, tagged: TaggedMesh | None, dofs: int, comm: MPI.Intracomm, progress: Progress
-) -> Beside:
+) -> tuple[str, list[str]]:
     """Solve the nominal model's modes and hold test and bands against them. Collective.
 
     Args:
@@ -55,24 +45,36 @@ def beside_model(
         dofs: Degrees of freedom of its model.
         comm: Communicator.
         progress: Told before the solution.
+
+    Returns:
+        What was solved, and in what time, or why nothing was; empty if there is nothing to compare
+        with. And what is unlikely, in sentences.
     """
-    if case.measured is None and not _bands(case):
-        return Beside()
-    if case.obstacles:
-        return Beside("not held against the model's modes: where obstacles touch is not known yet")
+    bands = {} if case.harmonic is None else {"harmonic.band": case.harmonic.band}
+    if case.frfs() is not None and case.test.frfs.band is not None:
+        bands["test.frfs.band"] = case.test.frfs.band
+    if case.measured is None and not bands:
+        return "", []
+    begin = time.perf_counter()
     try:
+        if case.obstacles:
+            raise InputError("where obstacles touch is not known before the preload")
         case, tagged = _small_enough(case, tagged, dofs)
         progress.step("modes of the nominal model")
-        begin = time.perf_counter()
-        model = _built(case, comm, tagged)
+        if case.contacts:
+            model = LinearJoint(build_preload(case, comm, tagged=tagged, at_rest=True))
+        else:
+            model = build_structure(case, comm, tagged=tagged)
         modes = solve_modes(model, n_modes=min(case.diagnose.n_modes, model.n_dofs))
-        notes = [*_of_test(case, modes), *_of_bands(case, modes), *_of_mesh(case, model, modes)]
+        notes = _of_bands(bands, modes.frequencies_hz[modes.n_rigid :])
+        if case.measured is not None:
+            notes += [*_of_test(case, modes), *_of_mesh(case, comm, model, modes)]
     except JointsError as error:
         reason = str(error).removeprefix(f"{case.path}: ")
-        return Beside(f"not held against the model's modes: {reason}")
-    spent = comm.bcast(time.perf_counter() - begin)
-    words = f"{len(modes)} modes of {model.n_dofs} degrees of freedom in {number(spent, 2)} s"
-    return Beside(f"held against {words}", tuple(notes))
+        return f"not held against the model's modes: {reason}", []
+    spent = number(comm.bcast(time.perf_counter() - begin), 2)
+    words = f"held against {len(modes)} modes of {model.n_dofs} degrees of freedom"
+    return f"{words} in {spent} s", notes
 
 
 def _small_enough(case: Case, tagged, dofs: int) -> tuple[Case, TaggedMesh | None]:
@@ -84,7 +86,7 @@ def _small_enough(case: Case, tagged, dofs: int) -> tuple[Case, TaggedMesh | Non
     if tagged is None or dofs <= _MOST:
         return case, tagged
     coarse = case.diagnosed()
-    for key in ("size", "element_size"):
+    for key in _SIZES[:2]:
         size = getattr(coarse.mesh, key, None)
         if size is not None and (dofs := estimate(coarse).dofs) > _MOST:
             mesh = coarse.mesh.model_copy(update={key: size * (dofs / _MOST) ** 0.5})
@@ -95,40 +97,22 @@ def _small_enough(case: Case, tagged, dofs: int) -> tuple[Case, TaggedMesh | Non
     return coarse, None
 
 
-def _built(case: Case, comm: MPI.Intracomm, tagged: TaggedMesh | None):
-    if case.contacts:
-        return LinearJoint(build_preload(case, comm, tagged=tagged, at_rest=True))
-    return build_structure(case, comm, tagged=tagged)
-
-
-def _bands(case: Case) -> dict[str, tuple[float, float]]:
-    """Bands of frequency in which modes are expected, Hz."""
-    found = {} if case.harmonic is None else {"harmonic.band": case.harmonic.band}
-    if case.test is not None and case.test.frfs is not None and case.test.frfs.band is not None:
-        found["test.frfs.band"] = case.test.frfs.band
-    return found
-
-
-def _of_bands(case: Case, modes: Modes) -> list[str]:
-    """Bands without a mode."""
-    hz, notes = modes.frequencies_hz[modes.n_rigid :], []
-    for key, (low, high) in _bands(case).items():
-        if not len(hz) or np.any((hz > low / 1.5) & (hz < 1.5 * high)) or low > hz[-1]:
-            continue
-        near = hz[np.argmin(np.abs(np.log(hz / np.sqrt(max(low, 1e-9) * high))))]
-        notes.append(
-            f"{key} = [{low:g}, {high:g}] Hz: the model has no mode there; expected a band round "
-            f"one, the nearest of which is at {near:.4g} Hz"
-        )
+def _of_bands(bands: dict[str, tuple[float, float]], hz: np.ndarray) -> list[str]:
+    """Bands of frequency without a mode of the model, all of whose elastic modes these are, Hz."""
+    notes = []
+    for key, (low, high) in bands.items():
+        if not np.any((hz > low / _BESIDE) & (hz < _BESIDE * high)) and low < hz.max(initial=0.0):
+            near = min(hz.tolist(), key=lambda f: max(low / f, f / high))
+            notes.append(
+                f"{key} = [{low:g}, {high:g}] Hz: the model has no mode there; expected a band "
+                f"round one, the nearest of which is at {near:.4g} Hz"
+            )
     return notes
 
 
 def _of_test(case: Case, modes: Modes) -> list[str]:
     """What is unlikely in the measured modes."""
-    data = case.measured
-    if data is None:
-        return []
-    own = case.row()
+    data, own = case.measured, case.row()
     row = data.shape_row if data.shapes is not None or own is None else own
     seen, shapes = np.arange(modes.n_rigid, len(modes)), None
     if data.sensors is not None:
@@ -152,49 +136,36 @@ def _of_test(case: Case, modes: Modes) -> list[str]:
 
 def _share_of_joints(case: Case, modes: Modes, index) -> float:
     """Share of the strain energy of modes that is in joints, of the middle one; 0 of contacts."""
-    values = modes.model.values(modes.given)
-    stiff = [f"{name}.{key}" for name in case.joints for key in _STIFFNESSES]
-    there = [name for name in stiff if name in values]
-    if not there:
+    values, stiff = modes.model.values(modes.given), {
+        f"{name}.{key}" for name in case.joints for key in _STIFFNESSES
+    }  # fmt: skip
+    sizes = np.array([value if name in stiff else 0.0 for name, value in values.items()])
+    if not sizes.any():
         return 0.0
-    columns = [list(modes.model.parameters).index(name) for name in there]
-    slopes = modes.gradients(index)[:, columns] @ np.array([values[name] for name in there])
-    return float(np.median(slopes / modes.eigenvalues[index]))
+    return float(np.median(modes.gradients(index) @ sizes / modes.eigenvalues[index]))
 
 
-def _of_mesh(case: Case, model, modes: Modes) -> list[str]:
+def _of_mesh(case: Case, comm: MPI.Intracomm, model, modes: Modes) -> list[str]:
     """What the mesh does to the modes in the range of the test, where it is coarse."""
-    data = case.measured
-    if data is None:
-        return []
-    finer, key = _finer(case, model)
+    hz, mesh, finer, key = case.measured.frequencies_hz, case.mesh, None, "elements"
+    if mesh.origin == "beams":
+        mesh = mesh.model_copy(update={"elements": [2 * n for n in mesh.elements]})
+        finer = build_structure(case.model_copy(update={"mesh": mesh}), comm)
+    elif isinstance(model, Structure) and 2 * model.n_dofs < _FINER:
+        key = next((k for k in _SIZES if getattr(mesh, k, None) is not None), "builder")
+        finer = model.finer()
     if finer is None or finer.n_dofs > _FINER:
         return []
     # On nested spaces each eigenvalue, in order, is above the finer one's (Courant and Fischer).
     better = solve_modes(finer, n_modes=len(modes))
-    count = int(np.sum(modes.frequencies_hz < 1.1 * np.nanmax(data.frequencies_hz)))
-    count = max(count, modes.n_rigid + data.frequencies_hz.shape[1])
-    own, true = (m.frequencies_hz[m.n_rigid : count] for m in (modes, better))
-    n = min(len(own), len(true))
-    off = own[:n] / true[:n] - 1
-    if not n or np.max(np.abs(off)) < _COARSE:
+    top = max(np.sum(modes.frequencies_hz < np.nanmax(hz)), modes.n_rigid + hz.shape[1])
+    own, true = (m.frequencies_hz[modes.n_rigid : top] for m in (modes, better))
+    worst = int(np.argmax(own / true))
+    if own[worst] / true[worst] < 1 + _COARSE:
         return []
-    worst = int(np.argmax(np.abs(off)))
     return [
-        f"{key}: the mesh alone makes the model's frequencies up to {percent(off[worst])} too high "
-        f"in the range of the test (at {own[worst]:.4g} Hz, {true[worst]:.4g} Hz on a finer one); "
-        f"expected less than {percent(_COARSE)}: smaller elements, or more of them"
+        f"mesh.{key}: the mesh alone makes the model's frequencies up to "
+        f"{percent(own[worst] / true[worst] - 1)} too high in the range of the test (at "
+        f"{own[worst]:.4g} Hz, {true[worst]:.4g} Hz on a finer one); expected less than "
+        f"{percent(_COARSE)}: smaller elements, or more of them"
     ]
-
-
-def _finer(case: Case, model):
-    """A finer model of the same structure, or None, and the key that says how fine it is."""
-    mesh = case.mesh
-    if mesh.origin == "beams":
-        finer = mesh.model_copy(update={"elements": [2 * n for n in mesh.elements]})
-        return build_structure(case.model_copy(update={"mesh": finer}), MPI.COMM_SELF), \
-            "mesh.elements"  # fmt: skip
-    keys = [key for key in ("element_size", "size", "file") if getattr(mesh, key, None) is not None]
-    own = getattr(model, "finer", None)
-    small = own is not None and 2.5 * model.n_dofs < _FINER
-    return own() if small else None, f"mesh.{(keys or ['builder'])[0]}"
