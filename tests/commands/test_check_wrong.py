@@ -352,6 +352,48 @@ def test_what_is_right_is_not_doubted(tmp_path, shaped, write_case, name):
     assert found.solved.startswith("held against ")
 
 
+def test_a_large_model_is_solved_on_larger_elements(tmp_path, write_case):
+    """With the same answer: nothing is wrong."""
+    write_case(tmp_path, ('element_size = "20 mm"', 'element_size = "2.5 mm"'))
+    found = checked(tmp_path)
+    assert not found.errors and not found.notes and found.dofs > 40_000
+    assert int(re.search(r"of (\d+) degrees", found.solved)[1]) < 40_000
+
+
+def test_a_large_mesh_of_a_file_is_not_solved(tmp_path):
+    import gmsh
+
+    gmsh.initialize(readConfigFiles=False, interruptible=False)
+    gmsh.option.setNumber("General.Terminal", 0)
+    gmsh.model.occ.addBox(0, 0, 0, 0.3, 0.1, 0.1)
+    gmsh.model.occ.synchronize()
+    gmsh.model.addPhysicalGroup(3, [1], name="block")
+    gmsh.option.setNumber("Mesh.MeshSizeMax", 0.009)
+    gmsh.model.mesh.generate(3)
+    gmsh.write(str(tmp_path / "block.msh"))
+    gmsh.finalize()
+    (tmp_path / TABLE).write_text("row,a [Hz]\n1,5000\n", encoding="utf-8")
+    (tmp_path / CASE).write_text(BLOCK, encoding="utf-8")
+    found = checked(tmp_path)
+    assert not found.errors and found.dofs > 40_000
+    assert found.solved.startswith("not held") and str(found.dofs) in found.solved
+
+
+BLOCK = """
+[mesh]
+file = "block.msh"
+
+[parts.block]
+cells = "block"
+E = "70 GPa"
+nu = 0.33
+rho = "2700 kg/m3"
+
+[test]
+frequencies = "frequencies.csv"
+condition = "row"
+noise = "0.1 %"
+"""
 DEMO_CASES = sorted(path.relative_to(DEMOS) for path in DEMOS.glob("*/*.toml"))
 #: What is said of a demo: of one that has a layer of the paper's as a part, and of a file that has
 #: no deviations of damping.

@@ -65,6 +65,10 @@ def beside_model(
             model = LinearJoint(build_preload(case, comm, tagged=tagged, at_rest=True))
         else:
             model = build_structure(case, comm, tagged=tagged)
+        if model.n_dofs > 2 * _MOST:
+            raise InputError(
+                f"{model.n_dofs} degrees of freedom are too many for a check; modes does it"
+            )
         modes = solve_modes(model, n_modes=min(case.diagnose.n_modes, model.n_dofs))
         notes = _of_bands(bands, modes.frequencies_hz[modes.n_rigid :])
         if case.measured is not None:
@@ -78,23 +82,16 @@ def beside_model(
 
 
 def _small_enough(case: Case, tagged, dofs: int) -> tuple[Case, TaggedMesh | None]:
-    """The case with its own mesh, that of its diagnosis, or elements so large that it is small.
-
-    Raises:
-        InputError: If it stays too large.
-    """
+    """The case and its own mesh, or with that of its diagnosis, or larger elements, and none."""
     if tagged is None or dofs <= _MOST:
         return case, tagged
     coarse = case.diagnosed()
-    for key in _SIZES[:2]:
-        size = getattr(coarse.mesh, key, None)
-        if size is not None and (dofs := estimate(coarse).dofs) > _MOST:
-            mesh = coarse.mesh.model_copy(update={key: size * (dofs / _MOST) ** 0.5})
-            coarse = coarse.model_copy(update={"mesh": mesh})
-    found = estimate(coarse)
-    if found.dofs > _MOST:
-        raise InputError(f"{found}, too large for a check; `modes` does it")
-    return coarse, None
+    mesh, expected = coarse.mesh, estimate(coarse).dofs
+    key = next((key for key in _SIZES[:2] if getattr(mesh, key, None) is not None), None)
+    if key is not None and expected > _MOST:
+        size = getattr(mesh, key) * (expected / _MOST) ** 0.5
+        coarse = coarse.model_copy(update={"mesh": mesh.model_copy(update={key: size})})
+    return coarse, tagged if coarse.mesh is case.mesh else None
 
 
 def _of_bands(bands: dict[str, tuple[float, float]], hz: np.ndarray) -> list[str]:
