@@ -21,8 +21,9 @@ from fenics_joints.structure import Structure
 
 __all__ = ["beside_model"]
 
-#: Degrees of freedom that are solved: some two seconds. And of a model one degree finer, which
-#: only a coarse mesh needs: one as large as this resolves more modes than a test has.
+#: Degrees of freedom that are solved as they are: some two seconds; larger models are made half as
+#: large. And of a model one degree finer, which only a coarse mesh needs: one as large as this
+#: resolves more modes than a test has.
 _MOST, _FINER = 20_000, 10_000
 #: Keys of a mesh that say how large its cells are.
 _SIZES = ("element_size", "size", "file")
@@ -89,7 +90,7 @@ def _small_enough(case: Case, tagged, dofs: int) -> tuple[Case, TaggedMesh | Non
     mesh, expected = coarse.mesh, estimate(coarse).dofs
     key = next((key for key in _SIZES[:2] if getattr(mesh, key, None) is not None), None)
     if key is not None and expected > _MOST:
-        size = getattr(mesh, key) * (expected / _MOST) ** 0.5
+        size = getattr(mesh, key) * (2 * expected / _MOST) ** 0.5
         coarse = coarse.model_copy(update={"mesh": mesh.model_copy(update={key: size})})
     return coarse, tagged if coarse.mesh is case.mesh else None
 
