@@ -46,6 +46,8 @@ _FEW = 4
 #: Share of the usual motion below which a sensor is silent; and of a model's, below which it does
 #: not say whether that is right.
 _SILENT, _WEAK = 1e-3, 0.2
+#: MAC of a pair that tells what its frequency should be.
+_CLEARLY = 0.8
 #: Misfit of shapes, 1 - MAC, below which none is looked for; and how many sensors it takes.
 _POOR, _SENSORS = 0.05, range(6, 301)
 #: Sensors up to which each pair is exchanged for a try; among more, two hardly lower a MAC.
@@ -124,10 +126,14 @@ def _alike(data: TestData) -> list[str]:
     """Measured shapes of which sensors enough say that they are one."""
     if data.shapes is None or len(data.shapes) < 3:
         return []
-    same = np.tril(_auto(data.shapes) > _SAME, -1)
+    f = data.frequencies_hz[data.shape_row]
+    near = np.abs(f[:, None] / f - 1) < _NEAR  # far ones may look alike to few sensors
+    match = _auto(data.shapes)
+    same = np.tril((match > 1 - _ONE) | ((match > _SAME) & near), -1)
     return [
         f"test.shapes: the shapes of {_listed(data, np.flatnonzero(same[:, j]))} are that of "
-        f"{data.mode_names[j]!r} (MAC above {_SAME:g}); expected a shape of its own for each mode"
+        f"{data.mode_names[j]!r} (MAC {match[j, j + 1 :].max():.3g}); expected a shape of its own "
+        "for each mode"
         for j in range(len(same)) if same[:, j].any() and not same[j].any()
     ]  # fmt: skip
 
@@ -154,6 +160,7 @@ def mistakes_beside(
     kept, words = np.flatnonzero(np.isfinite(f)), []
     if not len(kept) or len(kept) > len(visible):
         return words if at_sensors is None else _few_sensors(data, at_sensors[:, visible])
+    elastic = model_hz[model_hz > _SILENT * seen_hz[0]]
     shaped = data.shapes is not None and pairing is not None
     told = np.flatnonzero((pairing.mac >= ALIKE) & np.isfinite(f)) if shaped else kept[:0]
     if shaped:  # is it the order of the columns, or of the rows where shapes do not speak?
@@ -165,13 +172,16 @@ def mistakes_beside(
     if not words and shaped and 2 * len(told) >= len(kept):
         partners = model_hz[pairing.index]
         words = _exchanged(data, f, told, partners) or _off(
-            data, f, told, seen_hz, of_joints, lambda i, c: np.log(f[i] / c / partners[i]),
-            lambda i: partners[[told[i]]],
+            data, f, told, seen_hz, elastic, of_joints,
+            lambda i, c: np.log(f[i] / c / partners[i]),
+            lambda i: partners[[told[i]]] if pairing.mac[told[i]] > _CLEARLY else [],
         )  # fmt: skip
         words += _sensors(data, told, pairing.shapes)
     elif not words:
         words = _off(
-            data, f, kept, seen_hz, of_joints, lambda i, c: _aligned(f[i] / c, seen_hz)[0],
+            data, f, kept, seen_hz, elastic, of_joints, lambda i, c: _aligned(
+                f[i] / c, seen_hz if c == 1 else seen_hz[: len(i)]
+            )[0],
             lambda i: _free(np.delete(f[kept], i), seen_hz, i),
         )  # fmt: skip
     if pairing is not None:
@@ -206,8 +216,8 @@ def _free(others_hz: np.ndarray, model_hz: np.ndarray, i: int) -> np.ndarray:
 
 
 def _off(
-    data: TestData, f: np.ndarray, kept: np.ndarray, model_hz: np.ndarray, of_joints, log_ratios,
-    places,
+    data: TestData, f: np.ndarray, kept: np.ndarray, seen_hz: np.ndarray, elastic: np.ndarray,
+    of_joints, log_ratios, places,
 ) -> list[str]:
     """All frequencies off by one factor, that of a slip or one beyond any joint, or one alone.
 
@@ -215,7 +225,8 @@ def _off(
         data: The test.
         f: Its frequencies, Hz, (m,).
         kept: Those that are compared, by index.
-        model_hz: Those of the model that the test could see, Hz.
+        seen_hz: Those of the model that the test could see, Hz.
+        elastic: Those of all its elastic modes, Hz.
         of_joints: See `mistakes_beside`.
         log_ratios: Gives ln of some of the frequencies, over a factor, to their partners'.
         places: Gives frequencies that the i-th of those kept could have, Hz.
@@ -227,7 +238,7 @@ def _off(
     whole, count = misfit(kept), len(kept)
     if whole < _FITS:
         return []
-    ratio = np.median(np.sort(f[kept]) / model_hz[:count])
+    ratio = np.median(np.sort(f[kept]) / seen_hz[:count])
     best, what = min(_both_ways(), key=lambda slip: misfit(kept, slip[0]))
     by_slip = count > 2 and misfit(kept, best) < _LEFT * whole
     if (by_slip or abs(math.log(ratio)) > math.log(_FAR)) and of_joints(count) < _JOINTS:
@@ -244,22 +255,24 @@ def _off(
     own = math.sqrt(max(count * whole**2 - (count - 1) * left[i] ** 2, 0.0))
     if own < _ALONE or left[i] > _LEFT * own or left[i] > 0.5 * np.sort(left)[1]:
         return []
-    return [_one_off(data, f, kept[i], places(i), model_hz)]
+    return _one_off(data, f, kept[i], places(i), elastic)
 
 
-def _one_off(data: TestData, f: np.ndarray, i: int, places, model_hz) -> str:
-    """A frequency that alone has no partner."""
+def _one_off(data: TestData, f: np.ndarray, i: int, places, model_hz) -> list[str]:
+    """A frequency that alone has no partner; unless the model has a mode near it, after all."""
     meant = [(place, what) for place in places for slip, what in _both_ways()
              if abs(f[i] / place / slip - 1) < _NEAR]  # fmt: skip
     expected = "expected modes of this structure: leave it out"
     if meant:
         expected = "is it {:.4g} Hz ({})?".format(*meant[0])
+    elif np.min(np.abs(f[i] / model_hz - 1)) < _NEAR:
+        return []
     elif f[i] < 0.5 * model_hz[0]:
         expected = f"a rigid motion on its suspension, below {model_hz[0]:.4g} Hz? {expected}"
-    return (
+    return [
         f"test.frequencies: {data.mode_names[i]!r}, {f[i]:.6g} Hz, fits no mode of the model, as "
         f"all others do; {expected}"
-    )
+    ]
 
 
 def _both_ways() -> list[tuple[float, str]]:
