@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 import typing
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,7 +20,7 @@ from fenics_joints.case.preload import BeamBoltSection
 from fenics_joints.errors import InputError
 from fenics_joints.formatting import quantity
 from fenics_joints.preload.threads import thread
-from fenics_joints.units import factor_to_si
+from fenics_joints.units import factor_to_si, parameter_unit, to_si
 
 __all__ = ["USUAL", "Usual", "plausibility"]
 
@@ -54,6 +55,9 @@ USUAL = {
     "E": Usual("solid materials have", 1e8, 1.2e12, "Pa"),
     "G": Usual("solid materials have", 3e7, 5.5e11, "Pa"),
     "rho": Usual("solid materials have", 100.0, 23e3, "kg/m3"),
+    # sqrt(E/rho) on Ashby's chart: soft polymers 300 m/s, diamond 18 km/s. Of steel with E in
+    # MPa it is 160 m/s.
+    "speed": Usual("sound in bars of solid materials runs at", 250.0, 2e4, "m/s"),
     # Cork 0, metals 0.2 (cast iron) to 0.45 (lead, gold), polymers up to 0.48.
     "nu": Usual("solid materials have", 0.0, 0.49),
     # The papers' layers have 0.9 MPa to 6.1 GPa; none is stiffer than its parts, and one of 0.1 mm
@@ -88,16 +92,17 @@ USUAL = {
     # A tall machine to ultrasound; accelerometers end at 50 kHz, laser vibrometers beyond.
     "frequency": Usual("modes of bolted structures are measured at", 0.1, 1e5, "Hz"),
     # Bare metal 1e-5, bolted structures 1e-4 to 5e-2 (Adams and Askenazi; the papers: below 2 %).
-    "damping ratio": Usual("damping ratios of bolted structures are", 1e-6, 0.2, zero=True),
+    "damping ratio": Usual("damping ratios of bolted structures are", 1e-6, 0.1, zero=True),
     "loss factor": Usual("loss factors of bolted structures are", 1e-6, 0.5, zero=True),
     # Ratio 0.2 at 100 Hz by mass alone is alpha = 250 1/s; at 10 Hz by stiffness alone beta = 6 ms.
     "alpha": Usual("Rayleigh's alpha is", 1e-6, 1e4, "1/s", zero=True),
     "beta": Usual("Rayleigh's beta is", 1e-12, 2e-2, "s", zero=True),
     "relaxation": Usual("relaxation times are", 1e-12, 2e-2, "s", zero=True),
     # Repeated tests agree to 1e-4; after a joint was taken apart to some per cent.
-    "noise": Usual("relative scatter of measured frequencies is", 1e-7, 0.1, zero=True),
+    "noise": Usual("relative scatter of measured frequencies is", 1e-5, 0.1),
     "damping noise": Usual("relative scatter of damping ratios is", 1e-4, 1.0, zero=True),
-    "tolerance": Usual("relative tolerances are", 1e-6, 0.5, zero=True),
+    "tolerance": Usual("relative tolerances are", 1e-6, 0.5),
+    "discrepancy": Usual("relative errors of models are", 1e-6, 0.5, zero=True),
     "resolution": Usual("lines of analysers are apart by", 1e-4, 100.0, "Hz", zero=True),
     # A hammer tap by a fingernail to a hydraulic shaker.
     "level": Usual("forces of excitation are", 1e-4, 1e5, "N"),
@@ -152,7 +157,8 @@ def plausibility(case: Case) -> tuple[str, ...]:
     for key, value, usual in _quantities(case):
         if not usual.holds(value):
             alike.setdefault((key.rpartition(".")[2], value, usual), []).append(key)
-    return tuple(_said(keys, value, usual) for (_, value, usual), keys in alike.items())
+    said = [_said(keys, value, usual) for (_, value, usual), keys in alike.items()]
+    return (*said, *_too_few(case))
 
 
 def _said(keys: list[str], value: float, usual: Usual) -> str:
@@ -173,17 +179,18 @@ def _quantities(case: Case) -> Iterator[Found]:
                 value = getattr(section, key, None)
                 if value is not None:
                     yield f"{table}.{name}.{key}", value, USUAL[kind]
-    # Joints, and what is attached, may be known to a factor only.
     for name, part in case.parts.items():
-        for key, value in part.tolerance.model_dump(exclude_none=True).items():
-            yield f"parts.{name}.tolerance.{key}", value, USUAL["tolerance"]
+        if USUAL["E"].holds(part.E) and USUAL["rho"].holds(part.rho):
+            yield f"parts.{name}: sqrt(E/rho)", math.sqrt(part.E / part.rho), USUAL["speed"]
+    yield from _tolerances(case)
+    yield from _starts(case)
     yield from _mesh(case)
     yield from _bolts(case)
     yield from _applied(case)
     yield from _damping(case)
     yield from _test(case)
     yield from _nonlinear(case)
-    yield "diagnose.discrepancy", case.diagnose.discrepancy, USUAL["tolerance"]
+    yield "diagnose.discrepancy", case.diagnose.discrepancy, USUAL["discrepancy"]
 
 
 def _mesh(case: Case) -> Iterator[Found]:
@@ -198,6 +205,58 @@ def _mesh(case: Case) -> Iterator[Found]:
         for value in given if isinstance(given, list | tuple) else (given,):
             if isinstance(value, float) and value > 0:
                 yield f"mesh.{name}", value, USUAL["length"]
+    along = [getattr(case.mesh, key, None) for key in ("length", "lengths")]
+    longest = max((x for given in along if given for x in np.atleast_1d(given)), default=math.inf)
+    for value in np.atleast_1d(getattr(case.mesh, "thickness", None) or ()).tolist():
+        if USUAL["length"].holds(value):
+            words = "beams and plates are thinner than they are long,"
+            yield "mesh.thickness", value, Usual(words, 0.0, float(longest), "m")
+
+
+def _tolerances(case: Case) -> Iterator[Found]:
+    """Of parts; joints, and what is attached, may be known to a factor only. Some of a section's
+    values may be known exactly, but not all."""
+    for table in ("parts", "joints", "masses", "springs", "attached"):
+        for name, section in getattr(case, table).items():
+            given = section.tolerance
+            given = given.model_dump() if hasattr(given, "model_dump") else {"": given}
+            given = {key: value for key, value in given.items() if value is not None}
+            for key, value in given.items():
+                if not any(given.values()) or (table == "parts" and value > 0):
+                    key = f"{table}.{name}.tolerance.{key}".rstrip(".")
+                    yield key, value, USUAL["tolerance"]
+
+
+def _starts(case: Case) -> Iterator[Found]:
+    """Where an update begins, beside the nominal model: joints are known to some factor, parts
+    well."""
+    nominal = case.nominal(damping=True)
+    for name, given in ({} if case.update is None else case.update.start).items():
+        value, unit = nominal.get(name), parameter_unit(name)
+        if not value or case.update.cutoff is not None:
+            continue
+        factor = 3.0 if name.partition(".")[0] in case.parts else 1e4
+        low, high = sorted((value / factor, value * factor))
+        with suppress(InputError):  # said where it is checked
+            words = "with this nominal model, starts are"
+            yield f"update.start.{name}", to_si(given, unit), Usual(words, low, high, unit)
+
+
+def _too_few(case: Case) -> list[str]:
+    """A sentence where a test has less than what is to be found by it."""
+    data, row = case.measured, case.row()
+    if row is None or data.shapes is not None or case.frfs() or case.harmonic:
+        return []
+    there = np.isfinite(data.frequencies_hz)
+    names = () if case.update is None else case.update.parameters
+    by_them = case.fitted_data() == ("frequencies",)
+    if there.sum() > 1 and not (by_them and len(names) > there[row].sum()):
+        return []
+    wanted = f"the {len(names)} update.parameters" if names else "what is to be found"
+    return [
+        f"test.frequencies: {there[row].sum()} measured for {wanted}; expected as many at least, "
+        "and two: any change of a model can explain one"
+    ]
 
 
 def _is_length(kind) -> bool:
@@ -262,9 +321,12 @@ def _damping(case: Case) -> Iterator[Found]:
 def _test(case: Case) -> Iterator[Found]:
     if case.test is None:
         return
+    # Of a table without noise the analyser's lines may say how good it is.
+    exact = "noise" in case.test.model_fields_set and not any(case.test.resolution)
     for key, kind in (("noise", "noise"), ("resolution", "resolution")):
         for value in getattr(case.test, key):
-            yield f"test.{key}", value, USUAL[kind]
+            if key != "noise" or value or exact:
+                yield f"test.{key}", value, USUAL[kind]
     if case.test.damping_noise is not None:
         yield "test.damping_noise", case.test.damping_noise, USUAL["damping noise"]
     data = case.measured

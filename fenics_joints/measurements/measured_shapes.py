@@ -14,7 +14,7 @@ from fenics_joints.measurements.records import Said
 from fenics_joints.measurements.uff_shapes import ShapeContents, ShapeRecord, read_uff_shapes
 from fenics_joints.structure.points import Sensors
 
-__all__ = ["MeasuredShapes", "made_real", "read_shapes"]
+__all__ = ["MeasuredShapes", "in_order", "made_real", "read_shapes"]
 
 #: How many nodes or modes a sentence names.
 _NAMED = 12
@@ -73,7 +73,7 @@ class MeasuredShapes:
         """
         wanted = np.log(np.asarray(frequencies_hz, dtype=float))
         cost = np.abs(wanted[:, None] - np.log(self.frequencies_hz))
-        index = _in_order(cost)
+        index = in_order(cost)
         bad = index is None or np.any(cost[np.arange(len(wanted)), index] > within)
         if bad:
             here = ", ".join(f"{f:.5g}" for f in self.frequencies_hz)
@@ -85,7 +85,7 @@ class MeasuredShapes:
         return index
 
 
-def _in_order(cost: np.ndarray) -> np.ndarray | None:
+def in_order(cost: np.ndarray) -> np.ndarray | None:
     """Ascending columns, one for each row, of the least sum of squared costs; None if too few."""
     n, m = cost.shape
     if m < n:

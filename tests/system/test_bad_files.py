@@ -63,7 +63,7 @@ def uff(path, places=PLACES, said=1e3, without=()):
     """A universal file in millimetres, which says 1000 / ``said`` of them."""
     nodes = {i: 1e3 * p for i, p in enumerate(places, 1) if i not in without}
     modes = "".join(
-        mode_55(k, 60.0 * k, {i: (0, 0, (-1) ** (i * k) * i) for i in range(1, 7)})
+        mode_55(k, 60.0 * k, {i: (0, 0, (-1) ** (i * k) * i**k) for i in range(1, 7)})
         for k in (1, 2, 3)
     )
     path.write_text(units_164(said) + nodes_15(nodes) + modes, encoding="utf-8")

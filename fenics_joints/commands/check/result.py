@@ -23,7 +23,7 @@ __all__ = ["Checked"]
 
 @dataclass(frozen=True, eq=False)
 class Checked:
-    """A case, looked at and not solved.
+    """A case, looked at.
 
     Attributes:
         path: The case file.
@@ -39,6 +39,7 @@ class Checked:
         estimate: What one modal solution takes; None where it is not known.
         costs: What the commands take.
         directions: Normal and across that the mesh gives to parts without any.
+        solved: Which modes test and bands were held against, in words, or why none.
     """
 
     path: Path
@@ -54,6 +55,7 @@ class Checked:
     estimate: Estimate | None = None
     costs: tuple[Cost, ...] = ()
     directions: Mapping[str, tuple[tuple, tuple]] = MappingProxyType({})
+    solved: str = ""
 
     def __repr__(self) -> str:
         return f"Checked({self.path.name}: {len(self.errors)} errors, {len(self.notes)} notes)"
@@ -107,8 +109,8 @@ class Checked:
 
         Keys: ``version``, ``title``, ``errors`` and ``notes`` in sentences; ``masses`` (``name``,
         ``kind``, ``kg``, ``weighed_kg``), ``mass_kg`` of the model; ``places`` (``kind``, ``name``,
-        ``at_m``, ``direction``, ``off_mm``); ``bolts``, likewise; ``test`` in words; ``size_m``,
-        ``dofs``, ``costs`` (``command``, ``seconds``, ``bytes``).
+        ``at_m``, ``direction``, ``off_mm``); ``bolts``, likewise; ``test`` and ``solved`` in
+        words; ``size_m``, ``dofs``, ``costs`` (``command``, ``seconds``, ``bytes``).
         """
         return plain({
             "version": fenics_joints.__version__, "title": self.title,
@@ -117,6 +119,7 @@ class Checked:
             "mass_kg": self.mass if self.weights else None,
             "places": [p.to_json() for p in self.places],
             "bolts": [p.to_json() for p in self.bolts],
-            "test": self.test_words(), "size_m": self.size_m, "dofs": self.dofs,
+            "test": self.test_words(), "solved": self.solved,
+            "size_m": self.size_m, "dofs": self.dofs,
             "costs": [vars(cost) for cost in self.costs],
         })  # fmt: skip

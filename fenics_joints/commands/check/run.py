@@ -1,4 +1,4 @@
-"""The ``check`` command: all that is wrong or unlikely in a case at once; nothing is solved."""
+"""The ``check`` command: all that is wrong or unlikely in a case at once, beside its own modes."""
 
 from __future__ import annotations
 
@@ -34,11 +34,13 @@ from fenics_joints.commands.check.places import (
     twice,
 )
 from fenics_joints.commands.check.result import Checked
+from fenics_joints.commands.check.solved import beside_model
 from fenics_joints.commands.check.summary import show_check
 from fenics_joints.commands.check.weights import doubtful, weights_of
 from fenics_joints.commands.outcome import Outcome
 from fenics_joints.errors import InputError, JointsError
 from fenics_joints.formatting import quantity
+from fenics_joints.measurements.mistakes import mistakes_within
 from fenics_joints.meshes import TaggedMesh, check_mesh
 from fenics_joints.meshes.tagged import limits
 from fenics_joints.parallel import on_root
@@ -68,22 +70,26 @@ def run_check(
 
 
 def check_case(
-    path: str | Path, comm: MPI.Intracomm, progress: Progress, *, large: bool = False
+    path: str | Path, comm: MPI.Intracomm, progress: Progress, *, large: bool = False,
+    solve: bool = True,
 ) -> Checked:
-    """What `run_check` shows."""
+    """What `run_check` shows, without the model's modes if ``solve`` is false."""  # fmt: skip
     progress.step("reading the case")
     examined = comm.bcast(on_root(comm, lambda: examine_case(path)))
     case = examined.case
     if case is None:
         return Checked(examined.path, None, examined.errors)
-    notes = [*case.test_notes(), *plausibility(case)]
+    within = [] if case.measured is None else mistakes_within(case.measured)
+    notes = [*case.test_notes(), *plausibility(case), *within]
     found = Checked(examined.path, case, examined.errors, tuple(notes))
     found = replace(found, places=tuple(places_of(case)))
     found = _more(found, _diagnosed(case, examined.errors), twice(found.places))
     if not examined.has_mesh:
         return found
     if case.mesh.origin == "beams":
-        return _with_costs(_beams(found, examined, comm), comm)
+        found = _beams(found, examined, comm)
+        found = _beside(found, examined, None, comm, progress) if solve else found
+        return _with_costs(found, comm)
     if not large and _is_too_large(found, comm):
         note = (
             "the mesh was not made, as it seems too large: are the size of its cells and the unit "
@@ -100,7 +106,17 @@ def check_case(
         found = _more(found, [*same_bolts(case, []), *errors], notes)
         # How large a file's mesh would be is known by nothing else.
         return found if case.mesh.origin == "file" else _with_costs(found, comm)
-    return _with_costs(_meshed(found, examined, tagged), comm)
+    found = _meshed(found, examined, tagged)
+    found = _beside(found, examined, tagged, comm, progress) if solve else found
+    return _with_costs(found, comm)
+
+
+def _beside(found: Checked, examined: Examined, tagged, comm, progress) -> Checked:
+    """With what the model's modes say, where a model can be made."""
+    if found.errors or not examined.whole or found.dofs is None:
+        return found
+    words, notes = beside_model(found.case, tagged, found.dofs, comm, progress)
+    return _more(replace(found, solved=words), (), notes)
 
 
 def _diagnosed(case: Case, errors) -> list[str]:

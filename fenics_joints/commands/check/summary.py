@@ -17,7 +17,7 @@ _ROWS = 16
 
 def show_check(console: Console, result: Checked) -> None:
     """Print masses, places, costs, and then all that is wrong or unlikely."""
-    say(console, f"{result.title}: checked, nothing solved", "bold")
+    say(console, f"{result.title}: checked", "bold")
     if result.weights:
         rows = weight_rows(result)
         weighed = any(row[3] for row in rows)
@@ -30,7 +30,8 @@ def show_check(console: Console, result: Checked) -> None:
     dofs = f"{result.dofs} degrees of freedom" if result.dofs else str(result.estimate or "")
     if size or dofs:
         tell(console, f"{size}{dofs}")
-    for words in (place_words(result), f"test: {w}" if (w := result.test_words()) else ""):
+    test = f"test: {w}" if (w := result.test_words()) else ""
+    for words in (place_words(result), test, result.solved):
         if words:
             tell(console, words)
     if result.costs:

@@ -29,6 +29,10 @@ _RATIOS = {
 }  # fmt: skip
 
 
+#: Tables of what is put on, by kind.
+_TABLES = {"mass": "masses", "attached": "attached"}
+
+
 @dataclass(frozen=True)
 class Weight:
     """The mass of something in a case.
@@ -101,6 +105,13 @@ def doubtful(case: Case, weights: tuple[Weight, ...]) -> list[str]:
     total = sum(w.mass for w in weights if w.kind != "attached")
     if total > 0 and not USUAL_KG[0] <= total <= USUAL_KG[1]:
         notes.append(f"the structure weighs {quantity(total, 'kg')}: is the unit of lengths right?")
+    of_parts = sum(w.mass for w in weights if w.kind == "part")
+    notes += [
+        f"{table}.{w.name} is {quantity(w.mass, 'kg')}, more than all parts together, "
+        f"{quantity(of_parts, 'kg')}; expected less: g read as kg?"
+        for w in weights
+        for table in [_TABLES.get(w.kind)] if table and 0 < of_parts < w.mass
+    ]  # fmt: skip
     return [note for note in notes if note]
 
 

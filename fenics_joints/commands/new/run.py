@@ -165,7 +165,7 @@ def _first_good(folder: Path, sketches, test: TestSketch, files: _Files, progres
     for sketch in sketches:
         text = text_of(folder.resolve().name, sketch, test)
         write_text(folder / "case.toml", text)
-        checked = check_case(folder, MPI.COMM_SELF, progress)
+        checked = check_case(folder, MPI.COMM_SELF, progress, solve=False)
         tried.append((text, Written(sketch, test, checked, tuple(files.copied))))
         if not checked.errors:
             return _with_directions(folder, tried[-1][1])

@@ -1,0 +1,169 @@
+"""The modes of a case's nominal model, for a second's work, and what is unlikely beside them."""
+
+from __future__ import annotations
+
+import time
+from contextlib import suppress
+
+import numpy as np
+from mpi4py import MPI
+
+from fenics_joints.case import Case, build_preload, build_structure, estimate
+from fenics_joints.errors import InputError, JointsError
+from fenics_joints.formatting import number, percent
+from fenics_joints.measurements.gap import VISIBLE, TooFewModes, pair_modes
+from fenics_joints.measurements.mistakes import mistakes_beside
+from fenics_joints.meshes import TaggedMesh
+from fenics_joints.modal.modes import Modes, solve_modes
+from fenics_joints.preload import LinearJoint
+from fenics_joints.progress import Progress
+from fenics_joints.structure import Structure
+
+__all__ = ["beside_model"]
+
+#: Degrees of freedom that are solved as they are: some two seconds; larger models are made half as
+#: large. And of a model one degree finer, which only a coarse mesh needs: one as large as this
+#: resolves more modes than a test has.
+_MOST, _FINER = 20_000, 10_000
+#: Keys of a mesh that say how large its cells are.
+_SIZES = ("element_size", "size", "file")
+#: Keys of a joint to which its stiffness is proportional.
+_STIFFNESSES = ("E", "G", "k_n", "k_t", "k1", "k2", "k_axial")
+#: Factor by which a mode may be beside a band that is about it.
+_BESIDE = 1.5
+#: Error of a frequency by the mesh that is said.
+_COARSE = 0.05
+
+
+def beside_model(
+    case: Case, tagged: TaggedMesh | None, dofs: int, comm: MPI.Intracomm, progress: Progress
+) -> tuple[str, list[str]]:
+    """Solve the nominal model's modes and hold test and bands against them. Collective.
+
+    Args:
+        case: The case, without errors.
+        tagged: Its mesh; None for beams.
+        dofs: Degrees of freedom of its model.
+        comm: Communicator.
+        progress: Told before the solution.
+
+    Returns:
+        What was solved, and in what time, or why nothing was; empty if there is nothing to compare
+        with. And what is unlikely, in sentences.
+    """
+    bands = {} if case.harmonic is None else {"harmonic.band": case.harmonic.band}
+    if case.frfs() is not None and case.test.frfs.band is not None:
+        bands["test.frfs.band"] = case.test.frfs.band
+    if case.measured is None and not bands:
+        return "", []
+    begin = time.perf_counter()
+    try:
+        if case.obstacles:
+            raise InputError("where obstacles touch is not known before the preload")
+        case, tagged = _small_enough(case, tagged, dofs)
+        progress.step("modes of the nominal model")
+        if case.contacts:
+            model = LinearJoint(build_preload(case, comm, tagged=tagged, at_rest=True))
+        else:
+            model = build_structure(case, comm, tagged=tagged)
+        if model.n_dofs > 2 * _MOST:
+            raise InputError(
+                f"{model.n_dofs} degrees of freedom are too many for a check; modes does it"
+            )
+        modes = solve_modes(model, n_modes=min(case.diagnose.n_modes, model.n_dofs))
+        notes = _of_bands(bands, modes.frequencies_hz[modes.n_rigid :])
+        if case.measured is not None:
+            notes += [*_of_test(case, modes), *_of_mesh(case, comm, model, modes)]
+    except JointsError as error:
+        reason = str(error).removeprefix(f"{case.path}: ")
+        return f"not held against the model's modes: {reason}", []
+    spent = number(comm.bcast(time.perf_counter() - begin), 2)
+    words = f"held against {len(modes)} modes of {model.n_dofs} degrees of freedom"
+    return f"{words} in {spent} s", notes
+
+
+def _small_enough(case: Case, tagged, dofs: int) -> tuple[Case, TaggedMesh | None]:
+    """The case and its own mesh, or with that of its diagnosis, or larger elements, and none."""
+    if tagged is None or dofs <= _MOST:
+        return case, tagged
+    coarse = case.diagnosed()
+    mesh, expected = coarse.mesh, estimate(coarse).dofs
+    key = next((key for key in _SIZES[:2] if getattr(mesh, key, None) is not None), None)
+    if key is not None and expected > _MOST:
+        size = getattr(mesh, key) * (2 * expected / _MOST) ** 0.5
+        coarse = coarse.model_copy(update={"mesh": mesh.model_copy(update={key: size})})
+    return coarse, tagged if coarse.mesh is case.mesh else None
+
+
+def _of_bands(bands: dict[str, tuple[float, float]], hz: np.ndarray) -> list[str]:
+    """Bands of frequency without a mode of the model, all of whose elastic modes these are, Hz."""
+    notes = []
+    for key, (low, high) in bands.items():
+        if not np.any((hz > low / _BESIDE) & (hz < _BESIDE * high)) and low < hz.max(initial=0.0):
+            near = min(hz.tolist(), key=lambda f: max(low / f, f / high))
+            notes.append(
+                f"{key} = [{low:g}, {high:g}] Hz: the model has no mode there; expected a band "
+                f"round one, the nearest of which is at {near:.4g} Hz"
+            )
+    return notes
+
+
+def _of_test(case: Case, modes: Modes) -> list[str]:
+    """What is unlikely in the measured modes."""
+    data, own = case.measured, case.row()
+    row = data.shape_row if data.shapes is not None or own is None else own
+    seen, shapes = np.arange(modes.n_rigid, len(modes)), None
+    if data.sensors is not None:
+        seen = seen[modes.visibility(data.sensors)[seen] > VISIBLE]
+        shapes = modes.at(data.sensors)
+    pairing, hz = None, modes.frequencies_hz
+    with suppress(TooFewModes):
+        pairing = pair_modes(modes, len(data.mode_names), data.sensors, reference=data.shapes)
+        seen = pairing.visible
+    notes = mistakes_beside(
+        data, row, hz, seen, shapes, pairing, lambda n: _share_of_joints(case, modes, seen[:n])
+    )
+    if pairing is None and np.nanmax(data.frequencies_hz[row]) < hz[-1]:
+        notes.append(
+            f"test.sees: its sensors see {len(seen)} of the model's {len(modes) - modes.n_rigid} "
+            f"elastic modes up to {hz[-1]:.4g} Hz; expected at least the {len(data.mode_names)} "
+            "that were measured: are their places and directions right?"
+        )
+    return notes
+
+
+def _share_of_joints(case: Case, modes: Modes, index) -> float:
+    """Share of the strain energy of modes that is in joints, of the middle one; 0 of contacts."""
+    values, stiff = modes.model.values(modes.given), {
+        f"{name}.{key}" for name in case.joints for key in _STIFFNESSES
+    }  # fmt: skip
+    sizes = np.array([value if name in stiff else 0.0 for name, value in values.items()])
+    if not sizes.any():
+        return 0.0
+    return float(np.median(modes.gradients(index) @ sizes / modes.eigenvalues[index]))
+
+
+def _of_mesh(case: Case, comm: MPI.Intracomm, model, modes: Modes) -> list[str]:
+    """What the mesh does to the modes in the range of the test, where it is coarse."""
+    hz, mesh, finer, key = case.measured.frequencies_hz, case.mesh, None, "elements"
+    if mesh.origin == "beams":
+        mesh = mesh.model_copy(update={"elements": [2 * n for n in mesh.elements]})
+        finer = build_structure(case.model_copy(update={"mesh": mesh}), comm)
+    elif isinstance(model, Structure) and 2 * model.n_dofs < _FINER:
+        key = next((k for k in _SIZES if getattr(mesh, k, None) is not None), "builder")
+        finer = model.finer()
+    if finer is None or finer.n_dofs > _FINER:
+        return []
+    # On nested spaces each eigenvalue, in order, is above the finer one's (Courant and Fischer).
+    better = solve_modes(finer, n_modes=len(modes))
+    top = max(np.sum(modes.frequencies_hz < np.nanmax(hz)), modes.n_rigid + hz.shape[1])
+    own, true = (m.frequencies_hz[modes.n_rigid : top] for m in (modes, better))
+    worst = int(np.argmax(own / true))
+    if own[worst] / true[worst] < 1 + _COARSE:
+        return []
+    return [
+        f"mesh.{key}: the mesh alone makes the model's frequencies up to "
+        f"{percent(own[worst] / true[worst] - 1)} too high in the range of the test (at "
+        f"{own[worst]:.4g} Hz, {true[worst]:.4g} Hz on a finer one); expected less than "
+        f"{percent(_COARSE)}: smaller elements, or more of them"
+    ]
