@@ -79,21 +79,8 @@ def read_test_data(
     return TestData(
         conditions[order], f[order], tuple(modes), condition or "row", unit,
         None if ratios is None else ratios[order], resolution_hz, noise, sensors,
-        notes=(*table.notes, *_descending(table, modes, f)),
+        notes=tuple(table.notes),
     )  # fmt: skip
-
-
-def _descending(table: Table, modes: Sequence[str], f: np.ndarray) -> list[str]:
-    """What to say of columns whose frequencies descend in every row."""
-    down = [j for j in range(len(modes) - 1) if (f[:, j] > f[:, j + 1]).all()]
-    if not down:
-        return []
-    j = down[0]
-    return [
-        f"{table.path}: {modes[j]!r} ({f[-1, j]:.5g} Hz) stands before {modes[j + 1]!r} "
-        f"({f[-1, j + 1]:.5g} Hz): where shapes do not tell, modes are the model's in the order of "
-        "columns; modes = [...] says another order"
-    ]
 
 
 def _beside(table: Table, condition: str | None) -> list[str]:

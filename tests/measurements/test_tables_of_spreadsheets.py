@@ -55,13 +55,6 @@ def test_what_is_no_table(tmp_path, text, said):
     assert said in str(raised.value)
 
 
-def test_modes_in_descending_columns_are_said(tmp_path):
-    path = tmp_path / "a.csv"
-    path.write_text("b [Hz],a [Hz]\n200,100\n201,101\n")
-    assert "'b'" in read_test_data(path).notes[0] and "'a'" in read_test_data(path).notes[0]
-    assert not read_test_data(path, modes=["a", "b"]).notes
-
-
 READ = """
 import resource, sys
 from fenics_joints.measurements import read_table
