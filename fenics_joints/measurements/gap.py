@@ -13,9 +13,9 @@ from fenics_joints.modal.modes import Modes
 from fenics_joints.structure.points import Sensors
 
 __all__ = [
-    "ALIKE", "VISIBLE", "Gap", "Pairing", "TooFewModes", "assigned", "check_sight", "likeness",
-    "largest_difference", "mac", "nearest", "pair_modes", "rms", "same_modes", "skipped",
-    "with_untold",
+    "ALIKE", "FAINT", "VISIBLE", "Gap", "Pairing", "TooFewModes", "assigned", "check_sight",
+    "largest_difference", "likeness", "mac", "nearest", "pair_modes", "partnered", "rms",
+    "same_modes", "skipped", "with_untold",
 ]  # fmt: skip
 
 
@@ -27,8 +27,14 @@ ALIKE, _PLACE = 0.5, 0.2
 _FAR = 0.1
 #: Frequencies that are off by a factor of e to this are of other modes, or of a joint that is not.
 _ELSEWHERE = 0.4
-#: Least visibility (see `Modes.visibility`) of a mode that a test is taken to have seen.
-VISIBLE = 0.3
+#: Least MAC of a pair whose frequencies agree; below it the shapes contradict the pair.
+_CONTRADICTED = 0.1
+#: Least number of sensors whose MAC says anything: at one all shapes are alike, at two half are.
+_SPEAKING = 3
+#: Least visibility (see `Modes.visibility`) of a mode that a test is taken to have seen; and of one
+#: that it is taken to have seen where a measured shape is like no other mode but like this one, and
+#: the MAC that this takes.
+VISIBLE, FAINT, _CLEARLY = 0.3, 0.05, 0.8
 
 
 def mac(a: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -81,7 +87,8 @@ class Pairing:
 
     Attributes:
         index: Index of the model mode of each test mode, shape (n_test,).
-        visible: All model modes that the test could see, rigid-body modes left out.
+        visible: All model modes that the test could see, rigid-body modes left out; and fainter
+            ones that a measured shape is like.
         shapes: The paired model shapes at the sensors, shape (n_sensors, n_test); None without.
         mac: MAC of each pair with what it was matched to; None when matched by order alone.
         crossing: Pairs of test modes that a MAC match puts in another order than the frequency.
@@ -124,8 +131,10 @@ def pair_modes(
     modes that move where and as they measure are candidates. With reference shapes (measured, or a
     near model's paired shapes) candidates are matched by MAC: modes that cross are followed, and of
     those that look alike at the sensors the one whose frequency is nearer to that of its place in
-    the order counts. Test modes that are like none, as where a joint has changed much, go by their
-    order among what is left: the best of poor matches may be a mode of several times the frequency.
+    the order counts. Test modes that are like none are compared with modes that the sensors see
+    faintly, as one that moves mainly across them. Those that are like none of these either, as
+    where a joint has changed much, go by their order among what is left: the best of poor matches
+    may be a mode of several times the frequency. `partnered` says which pairs are any.
 
     Args:
         modes: The model's modes.
@@ -147,20 +156,51 @@ def pair_modes(
     if sensors is None:
         _check_enough(elastic, n_test, modes)
         return Pairing(elastic[:n_test], elastic)
-    visible = elastic[modes.visibility(sensors)[elastic] > threshold]
-    shapes = modes.at(sensors)[:, visible]
-    _check_enough(visible, n_test, modes, None if reference is None else mac(reference, shapes))
+    seen = modes.visibility(sensors)[elastic]
+    visible, at_sensors = elastic[seen > threshold], modes.at(sensors)
     if reference is None:
-        return Pairing(visible[:n_test], visible, shapes[:, :n_test])
+        _check_enough(visible, n_test, modes)
+        return Pairing(visible[:n_test], visible, at_sensors[:, visible[:n_test]])
+    candidates = elastic[seen > min(threshold, FAINT)]
+    clear, shapes = np.isin(candidates, visible), at_sensors[:, candidates]
     match = mac(reference, shapes)
-    columns = assigned(match, modes.frequencies_hz[visible])
+    _check_enough(visible, n_test, modes, match[:, clear])
+    columns = assigned(match, modes.frequencies_hz[candidates], clear)
     told = match.any(axis=1)
     crossing = tuple(
         (i, i + 1) for i in range(n_test - 1)
         if columns[i] > columns[i + 1] and told[i] and told[i + 1]
     )  # fmt: skip
-    agreement = match[np.arange(n_test), columns]
-    return Pairing(visible[columns], visible, shapes[:, columns], agreement, crossing)
+    agreement, clear[columns] = match[np.arange(n_test), columns], True
+    index = candidates[columns]
+    return Pairing(index, candidates[clear], shapes[:, columns], agreement, crossing)
+
+
+def partnered(
+    pairing: Pairing, model_hz: np.ndarray, test_hz: np.ndarray, shapes: np.ndarray | None = None
+) -> np.ndarray:
+    """Which test modes have a partner in a model, mask (m,): a pair is one by its likeness alone.
+
+    A MAC of `ALIKE` (0.5) or more makes a pair. So do, where the shapes do not contradict it by a
+    MAC below 0.1, frequencies that agree: within a factor of exp(0.4), 1.5, once a factor that all
+    modes have in common, as of a wrong modulus or unit, is left out. Where there are no shapes, or
+    fewer than three sensors, frequencies alone say it.
+
+    Args:
+        pairing: From `pair_modes`.
+        model_hz: Frequencies of all modes of the model, Hz.
+        test_hz: Measured ones, Hz, (m,); nan where missing, which contradicts nothing.
+        shapes: The measured shapes that were matched, (n_sensors, m); None where modes were paired
+            by order, or by shapes of another model.
+    """
+    slip = np.log(model_hz[pairing.index] / test_hz)
+    common = np.nanmedian(slip) if np.isfinite(slip).any() else 0.0
+    agrees = ~(np.abs(slip - common) > _ELSEWHERE)
+    if pairing.mac is None or shapes is None:
+        return agrees
+    speaks = np.isfinite(shapes).sum(axis=0) >= _SPEAKING
+    alike, contradicted = pairing.mac >= ALIKE, pairing.mac < _CONTRADICTED
+    return np.where(speaks, alike | agrees & ~contradicted, agrees)
 
 
 def same_modes(
@@ -248,19 +288,33 @@ def likeness(match: np.ndarray, frequencies: np.ndarray, places: np.ndarray) -> 
     return match - _FAR * np.abs(log_f[..., None, :] - at[..., :, None])
 
 
-def assigned(match: np.ndarray, frequencies: np.ndarray) -> np.ndarray:
+def assigned(match: np.ndarray, frequencies: np.ndarray, clear: np.ndarray) -> np.ndarray:
     """Column of each row of MAC values, (m,): the most alike, by order where none is like.
 
     Args:
         match: MAC of test modes with candidates, shape (m, n); a row of 0 for one that is not to be
             told: it gets what the others leave.
         frequencies: Of the candidates, ascending, (n,).
+        clear: Which of them the test sees clearly, mask (n,), at least m; others are taken by rows
+            alone that are like none of these.
     """
-    told = match.any(axis=1)
+    told, seen = match.any(axis=1), np.flatnonzero(clear)
     if not told.all():
-        return with_untold(assigned(match[told], frequencies), told, np.arange(match.shape[1]))
-    alike = likeness(match, frequencies, frequencies[: len(match)])
-    return _by_order_where_unlike(match, linear_sum_assignment(-alike)[1])
+        return with_untold(assigned(match[told], frequencies, clear), told, seen)
+    alike = likeness(match, frequencies, frequencies[seen[: len(match)]])
+    columns = seen[linear_sum_assignment(-alike[:, seen])[1]]
+    unlike = match[np.arange(len(columns)), columns] < ALIKE
+    if not unlike.any():
+        return columns
+    faint = np.flatnonzero(~clear)
+    rows = np.flatnonzero(unlike & (match[:, faint] >= _CLEARLY).any(axis=1))
+    if len(rows):
+        # Ones that are not clearly alike are worth less than any that is.
+        worth = np.where(match >= _CLEARLY, alike, alike - len(match))[np.ix_(rows, faint)]
+        for i, j in zip(*linear_sum_assignment(-worth), strict=True):
+            if match[rows[i], faint[j]] >= _CLEARLY:
+                columns[rows[i]], unlike[rows[i]] = faint[j], False
+    return _by_order_where_unlike(match, columns, unlike, seen)
 
 
 def with_untold(columns: np.ndarray, told: np.ndarray, seen: np.ndarray) -> np.ndarray:
@@ -277,18 +331,29 @@ def with_untold(columns: np.ndarray, told: np.ndarray, seen: np.ndarray) -> np.n
     return found
 
 
-def _by_order_where_unlike(match: np.ndarray, columns: np.ndarray) -> np.ndarray:
-    """Columns of an assignment, those of poor matches chosen anew by order and MAC together."""
-    unlike = match[np.arange(len(columns)), columns] < ALIKE
+def _by_order_where_unlike(
+    match: np.ndarray, columns: np.ndarray, unlike: np.ndarray, seen: np.ndarray
+) -> np.ndarray:
+    """Columns of an assignment, those of poor matches chosen anew by order and MAC together.
+
+    Args:
+        match: MAC, shape (m, n).
+        columns: The assignment, (m,).
+        unlike: Its poor matches, mask (m,).
+        seen: Columns that are clearly seen, ascending; order counts among these.
+    """
     if not unlike.any():
         return columns
-    free = np.setdiff1d(np.arange(match.shape[1]), columns[~unlike])
+    free = np.setdiff1d(seen, columns[~unlike])
     place = []
     for i in np.flatnonzero(unlike):
         # As far behind the next one below that is matched as in the test: the model may have more.
         below = np.flatnonzero(~unlike[:i])
-        place.append(columns[below[-1]] + i - below[-1] if len(below) else i)
-    cost = _PLACE * np.abs(free - np.array(place)[:, None]) - match[np.ix_(unlike, free)]
+        last = below[-1] if len(below) else -1
+        behind = np.searchsorted(seen, columns[last], side="right") - 1 if len(below) else -1
+        place.append(behind + i - last)
+    cost = _PLACE * np.abs(np.searchsorted(seen, free) - np.array(place)[:, None])
+    cost = cost - match[np.ix_(unlike, free)]
     found = columns.copy()
     found[unlike] = free[linear_sum_assignment(cost)[1]]
     return found

@@ -16,6 +16,7 @@ import scipy.linalg
 from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.measurements.gap import (
     ALIKE,
+    FAINT,
     Pairing,
     assigned,
     likeness,
@@ -270,13 +271,15 @@ class LeanForward(Forward):
         """
         b, m = len(eigenvalues), self.n_test
         n_rigid = self._count_rigid(eigenvalues)
-        seen = np.arange(eigenvalues.shape[1])[None, :] >= n_rigid[:, None]
+        elastic = np.arange(eigenvalues.shape[1])[None, :] >= n_rigid[:, None]
+        seen = elastic
         if self.sensors is not None:
             shapes = self.model.sensor_rows @ vectors
             mass = self.model.pencil.total_mass(values)
             own = self.model.hung_share(vectors, values)
             rest = np.maximum(1.0 - own, NOTHING)
-            seen &= np.sqrt(np.mean(shapes**2, axis=1) * mass[:, None] / rest) > self.threshold
+            visibility = np.sqrt(np.mean(shapes**2, axis=1) * mass[:, None] / rest)
+            seen = elastic & (visibility > self.threshold)
         good = np.sum(seen, axis=1) >= m
         index = np.zeros((b, m), dtype=int)
         if self.sensors is None or self.reference is None:
@@ -287,7 +290,8 @@ class LeanForward(Forward):
         flat = mac(self.reference[:, told], np.concatenate(shapes, axis=1))
         match = flat.reshape(len(flat), b, -1).transpose(1, 0, 2)
         f = np.sqrt(np.maximum(eigenvalues, 0.0))
-        own = _matched(match, f, seen, good)
+        candidates = elastic & (visibility > min(self.threshold, FAINT))
+        own = _matched(match, f, seen, candidates, good)
         if told.all():
             return own, good
         for i in np.flatnonzero(good):
@@ -295,7 +299,9 @@ class LeanForward(Forward):
         return index, good
 
 
-def _matched(match: np.ndarray, f: np.ndarray, seen: np.ndarray, good: np.ndarray) -> np.ndarray:
+def _matched(
+    match: np.ndarray, f: np.ndarray, seen: np.ndarray, candidates: np.ndarray, good: np.ndarray
+) -> np.ndarray:
     """Index of the mode that each of the test's is like, (b, m), at many parameter values.
 
     If each test mode is most like another model mode, and like it at all, these are the
@@ -305,6 +311,7 @@ def _matched(match: np.ndarray, f: np.ndarray, seen: np.ndarray, good: np.ndarra
         match: MAC, (b, m, n).
         f: Frequencies of the model's modes, in any unit, (b, n).
         seen: Which of them the test could see, (b, n).
+        candidates: These, and fainter ones, (b, n).
         good: At which values these are enough, (b,).
     """
     first = np.argsort(~seen, axis=1, kind="stable")[:, : match.shape[1]]
@@ -314,8 +321,8 @@ def _matched(match: np.ndarray, f: np.ndarray, seen: np.ndarray, good: np.ndarra
     best = np.take_along_axis(match, index[:, :, None], axis=2)
     hard = np.any(ordered[:, 1:] == ordered[:, :-1], axis=1) | np.any(best < ALIKE, axis=(1, 2))
     for i in np.flatnonzero(good & hard):
-        own = np.flatnonzero(seen[i])
-        index[i] = own[assigned(match[i][:, own], f[i][own])]
+        own = np.flatnonzero(candidates[i])
+        index[i] = own[assigned(match[i][:, own], f[i][own], seen[i][own])]
     return index
 
 

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 
 from fenics_joints._compat import geometry_dofmap
-from fenics_joints.measurements.gap import Pairing, pair_modes
+from fenics_joints.measurements.gap import FAINT, Pairing, pair_modes
 from fenics_joints.modal.modes import Modes, solve_modes
 from fenics_joints.reduction.adaptive import SmallModel
 from fenics_joints.reduction.arrays import ArrayModel
@@ -15,9 +15,6 @@ from fenics_joints.reduction.forward import SPARE, Forward
 from fenics_joints.structure.points import Sensors
 
 __all__ = ["SeenModes", "places_all_over"]
-
-#: Least visibility of a mode that enters a basis.
-_SEEN = 0.05
 
 
 class SeenModes:
@@ -128,7 +125,7 @@ class SeenModes:
         index = np.arange(modes.n_rigid, len(modes))
         if self.sensors is None:
             return index
-        return index[modes.visibility(self.sensors)[index] > _SEEN][: self.n_test + SPARE]
+        return index[modes.visibility(self.sensors)[index] > FAINT][: self.n_test + SPARE]
 
     def _forward(self, model: ArrayModel) -> Forward:
         """Of a model on a basis, which with sensors holds what they see alone, besides six

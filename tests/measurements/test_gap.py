@@ -8,7 +8,7 @@ from mpi4py import MPI
 
 from fenics_joints.errors import InputError
 from fenics_joints.measurements import Gap, mac, pair_modes
-from fenics_joints.measurements.gap import rms, skipped
+from fenics_joints.measurements.gap import partnered, rms, skipped
 from fenics_joints.meshes import box
 from fenics_joints.modal import solve_modes
 from fenics_joints.structure import Parameter, Sensors, Structure, part
@@ -188,3 +188,48 @@ def test_a_mode_that_is_not_to_be_told_takes_none_from_the_others(strip):
     left = pair_modes(modes, 4, across, reference=untold)
     assert left.index[[0, 1, 3]].tolist() == plain.index[[0, 1, 3]].tolist()
     assert left.index[2] == plain.index[2] and left.mac[2] == 0 and left.crossing == ()
+
+
+def test_a_measured_shape_is_matched_with_a_mode_that_the_sensors_see_faintly(strip):
+    """Sensors a little aslant see in-plane bending at a tenth: no candidate by itself, but no other
+    is like a measured one. Bending keeps its partners, though others are there now."""
+    aslant = Sensors(LINE, np.array([0.0, 0.1, 1.0]) / np.sqrt(1.01))
+    modes = solve_modes(strip, n_modes=24)
+    elastic = np.arange(modes.n_rigid, len(modes))
+    kind, plain = kinds(modes), pair_modes(modes, 4, aslant)
+    plane = next(i for i in elastic if kind[i] == "in plane")
+    assert 0.05 < modes.visibility(aslant)[plane] < 0.3 and plane not in plain.visible
+    measured = modes.at(aslant)[:, [*plain.index[:3], plane]]
+    measured = measured / np.abs(measured).max(axis=0)
+    found = pair_modes(modes, 4, aslant, reference=measured)
+    assert found.index.tolist() == [*plain.index[:3], plane] and plane in found.visible
+    assert partnered(found, modes.frequencies_hz, modes.frequencies_hz[found.index], measured).all()
+
+
+def test_a_pair_needs_likeness(strip):
+    """A shape that is like none is no partner, whatever its frequency; a poor one is if that
+    agrees; without shapes frequencies alone say it, but for what all have in common."""
+    modes = solve_modes(strip, n_modes=24)
+    plain = pair_modes(modes, 4, ACROSS)
+    hz = modes.frequencies_hz[plain.index]
+
+    def of(shapes, test_hz):
+        pairing = pair_modes(modes, 4, ACROSS, reference=shapes)
+        return partnered(pairing, modes.frequencies_hz, test_hz, shapes).tolist()
+
+    rest = np.linalg.svd(modes.at(ACROSS))[0][:, -1]
+    for share, far, near in ((0.0, False, False), (0.3, False, True), (0.8, True, True)):
+        shapes = plain.shapes / np.linalg.norm(plain.shapes, axis=0)
+        shapes[:, 3] = np.sqrt(share) * shapes[:, 3] + np.sqrt(1 - share) * rest
+        assert of(shapes, hz) == [True, True, True, near]
+        assert of(shapes, hz * [1, 1, 1, 3]) == [True, True, True, far]
+    ordered = pair_modes(modes, 4, ACROSS)
+    for factors, expected in (
+        ([10, 1, 1, 1], [False, True, True, True]),
+        ([2, 2, 2, 2], [True] * 4),
+        ([1, np.nan, 1.2, 1], [True] * 4),
+    ):
+        given = partnered(ordered, modes.frequencies_hz, hz * factors)
+        assert given.tolist() == expected
+    exchanged = partnered(ordered, modes.frequencies_hz, hz[[1, 0, 2, 3]])
+    assert exchanged.tolist() == [False, False, True, True]
