@@ -41,6 +41,7 @@ from fenics_joints.diagnosis.verdict import (
     confirm,
     confirmed,
     decide,
+    with_strangers,
 )
 from fenics_joints.diagnosis.where.localise import cell_map, zone_shares
 from fenics_joints.errors import InputError
@@ -149,6 +150,7 @@ class _Run:
             effects = self._effects(fits, probability, grouped, seen)
             verdict, summary = decide(fits, probability, effects, leader, after, at_once)
         verdict, summary = confirm(verdict, summary, shrink)
+        verdict, summary = with_strangers(verdict, summary, self.model.without_partner)
         self.progress.step("localising the gap")
         shown = self.model.zones.shown
         plain = self.evidence.as_it_is
@@ -193,6 +195,7 @@ class _Run:
             at_once=at_once,
             somewhere=changes(next(f for f in fits if f.hypothesis.unknown), self.evidence),
             row_names=self.data.row_names,
+            without_partner=self.model.without_partner,
             model={
                 **self.model.surrogate.facts(),
                 "crossing_modes": self.model.surrogate.crossing_names(self.data.mode_names),
@@ -291,7 +294,7 @@ class _Run:
         return cross_validate(
             fair, self.search.log_prior([f.hypothesis for f in fair]), wrong, self.forward,
             self.evidence, self.baseline, masks, causes=causes, leans=self.search.leans,
-            comm=self.comm, progress=self.progress.advance,
+            not_nominal=self.model.not_nominal, comm=self.comm, progress=self.progress.advance,
         )  # fmt: skip
 
     def _short_list(self, fits: Sequence[Fit], masks, always: Sequence[Fit]) -> list[Fit]:
@@ -320,12 +323,17 @@ class _Run:
         if data is None:
             return None
         data = self.model.without_lost(data)
-        before = [self.forward(self.baseline)[0]] * len(data)
+        before = [self._nominal()] * len(data)
         after = [
             RowPrediction(leader.hypothesis, self.forward, leader.z, c, self.baseline).log_f
             for c in data.conditions
         ]
         return self._gap(data, before), self._gap(data, after)
+
+    def _nominal(self) -> np.ndarray:
+        """ln f of the nominal model, (m,); nan of modes that have no partner in it."""
+        found, out = self.forward(self.baseline)[0], self.model.not_nominal
+        return found if out is None else np.where(out, np.nan, found)
 
     def _cells(self):
         names = list(self.model.full.parameters)
