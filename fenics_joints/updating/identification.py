@@ -87,11 +87,16 @@ class Identification:
         converged: bool,
         message: str,
     ) -> Update:
-        """What was found; see `Update`."""
+        """What was found; see `Update`. What the widths of the residuals do not account for of the
+        misfit widens the standard deviations."""
         chi2, count = self.residuals.chi2(prediction)
+        freedom = count - len(self.names)
+        left = float(np.sum(self.residuals.values(prediction) ** 2)) / max(freedom, 1)
+        excess = max(1.0, left)
+        whitened = self.whitened(values, prediction) / np.sqrt(excess)
         return Update(
-            self.method, self.names, self.first, values, covariance,
-            identifiability(self.whitened(values, prediction), self.names), converged, message,
+            self.method, self.names, self.first, values, excess * covariance,
+            identifiability(whitened, self.names), converged, message,
             self.predictor.calls, tuple(self.history), prediction,
-            chi2, count - len(self.names), self.residuals.widths,
+            chi2, freedom, self.residuals.widths, excess,
         )  # fmt: skip
