@@ -28,7 +28,7 @@ _FAR = 0.1
 #: Frequencies that are off by a factor of e to this are of other modes, or of a joint that is not.
 _ELSEWHERE = 0.4
 #: Least MAC of a pair whose frequencies agree; below it the shapes contradict the pair.
-_CONTRADICTED = 0.1
+_CONTRADICTED = 0.2
 #: Least number of sensors whose MAC says anything: at one all shapes are alike, at two half are.
 _SPEAKING = 3
 #: Least visibility (see `Modes.visibility`) of a mode that a test is taken to have seen; and of one
@@ -182,7 +182,7 @@ def partnered(
     """Which test modes have a partner in a model, mask (m,): a pair is one by its likeness alone.
 
     A MAC of `ALIKE` (0.5) or more makes a pair. So do, where the shapes do not contradict it by a
-    MAC below 0.1, frequencies that agree: within a factor of exp(0.4), 1.5, once a factor that all
+    MAC below 0.2, frequencies that agree: within a factor of exp(0.4), 1.5, once a factor that all
     modes have in common, as of a wrong modulus or unit, is left out. Where there are no shapes, or
     fewer than three sensors, frequencies alone say it.
 
