@@ -18,10 +18,11 @@ from fenics_joints.diagnosis.evidence.alike import one_of_alike
 from fenics_joints.diagnosis.evidence.all_at_once import all_at_once
 from fenics_joints.diagnosis.evidence.classes import classes, detectable, stand_ins
 from fenics_joints.diagnosis.evidence.fitted import Fit
+from fenics_joints.diagnosis.evidence.point_mass import point_mass
 from fenics_joints.diagnosis.evidence.row import RowPrediction
 from fenics_joints.diagnosis.evidence.screen import linear_evidence, near_listed
 from fenics_joints.diagnosis.evidence.simulated import with_simulated
-from fenics_joints.diagnosis.evidence.somewhere import changes
+from fenics_joints.diagnosis.evidence.somewhere import Somewhere, changes
 from fenics_joints.diagnosis.evidence.unlisted import after_held_out
 from fenics_joints.diagnosis.held_out import blinded, cross_validate, folds
 from fenics_joints.diagnosis.kept_fits import KeptFits
@@ -50,12 +51,15 @@ from fenics_joints.measurements import Gap, TestData
 from fenics_joints.parallel import on_root
 from fenics_joints.progress import Progress
 from fenics_joints.reduction.memory import give_back, hold_freed
+from fenics_joints.reduction.seen import places_all_over
 
 __all__ = ["diagnose"]
 
 #: A hypothesis this far (in ln) behind the best of a fold is not refitted, and at most so many are;
 #: beside them the best wrong ones.
 _HOPELESS, _WRONG, _FAIR = 6.0, 2, 6
+#: Places at which a point mass is looked for that nobody put into the model.
+_PLACES = 240
 
 
 def diagnose(
@@ -193,7 +197,7 @@ class _Run:
             shrinkage=shrink,
             sampled=self.sampled,
             at_once=at_once,
-            somewhere=changes(next(f for f in fits if f.hypothesis.unknown), self.evidence),
+            somewhere=self._somewhere(next(f for f in fits if f.hypothesis.unknown)),
             row_names=self.data.row_names,
             without_partner=self.model.without_partner,
             model={
@@ -329,6 +333,18 @@ class _Run:
             for c in data.conditions
         ]
         return self._gap(data, before), self._gap(data, after)
+
+    def _somewhere(self, unknown: Fit) -> Somewhere | None:
+        """Where an unknown cause would be, and what it weighs if it is one point mass."""
+        found, seen, full = changes(unknown, self.evidence), self.model.surrogate, self.model.full
+        if found is None or not full.is_meshed:
+            return found
+        points = np.unique(places_all_over(full, _PLACES).points, axis=0)
+        total = full.total_mass(self.baseline)
+        point = point_mass(
+            unknown, self.evidence, seen.nominal, seen.pairing, self.data.sensors, points, total
+        )
+        return replace(found, point=point, looked_for=self.given.diagnose.rare)
 
     def _nominal(self) -> np.ndarray:
         """ln f of the nominal model, (m,); nan of modes that have no partner in it."""
