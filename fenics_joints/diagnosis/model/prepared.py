@@ -35,9 +35,10 @@ from fenics_joints.diagnosis.model.subject import Subject, subject_of, with_plac
 from fenics_joints.diagnosis.where.patch_signatures import signatures
 from fenics_joints.diagnosis.where.patches import patches
 from fenics_joints.diagnosis.where.zone_sensitivity import given_way
+from fenics_joints.errors import InputError
 from fenics_joints.formatting import percent
 from fenics_joints.measurements.data import TestData
-from fenics_joints.measurements.gap import Pairing, partnered, skipped
+from fenics_joints.measurements.gap import ALIKE, CONTRADICTED, Pairing, partnered, skipped
 from fenics_joints.modal.modes import Modes, solve_modes
 from fenics_joints.progress import Progress
 from fenics_joints.reduction.forward import Forward
@@ -178,7 +179,7 @@ class Prepared(Subject):
         found, tried = nominal.copy(), iter([] if nominal.all() else self._partners_at())
         while not found.all() and (values := next(tried, None)) is not None:
             try:
-                found |= self._partnered(*self.forward.solve(values))
+                found |= self._partnered(*self.forward.solve(values), ALIKE)
             except (InputError, np.linalg.LinAlgError):
                 continue  # too few modes there, or beyond the laws' limits
         names = np.array(self.data.mode_names)
@@ -208,12 +209,16 @@ class Prepared(Subject):
         soft = given_way(self.baseline, interfaces(self.zones, self.baseline))
         return [soft, *self.samples(self.case.diagnose.samples)]
 
-    def _partnered(self, modes: Modes, pairing: Pairing) -> np.ndarray:
+    def _partnered(
+        self, modes: Modes, pairing: Pairing, least: float = CONTRADICTED
+    ) -> np.ndarray:
         """Which of the test's modes have a partner, mask (m,): at its shapes' condition, else at
-        any."""
+        any. See `partnered`."""
         test = self.data.as_it_is
         hz = test.frequencies_hz if test.shapes is None else test.frequencies_hz[[test.shape_row]]
-        found = [partnered(pairing, modes.frequencies_hz, row, test.shapes) for row in hz]
+        found = [
+            partnered(pairing, modes.frequencies_hz, row, test.shapes, least=least) for row in hz
+        ]
         there = np.isfinite(hz)
         silent = ~there.any(axis=0)
         return np.any(np.array(found) & (there | silent), axis=0)

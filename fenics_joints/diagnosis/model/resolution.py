@@ -104,7 +104,8 @@ def _changed(ours: np.ndarray, theirs: np.ndarray, measured: np.ndarray) -> np.n
     `MeshErrors.change`."""
     there = np.isfinite(measured)
     measured = np.where(there, measured, 0.0)
-    measured = measured / np.sqrt(np.sum(measured**2, axis=0) / there.sum(axis=0))
+    size = np.sqrt(np.sum(measured**2, axis=0) / np.maximum(there.sum(axis=0), 1))
+    measured = measured / np.maximum(size, _TINY)
     theirs, ours = (x / np.maximum(np.linalg.norm(x, axis=0), _TINY) for x in (theirs, ours))
     new = theirs - np.sum(theirs * ours, axis=0) * ours
     return new * np.sum(measured * theirs, axis=0) / np.maximum(
