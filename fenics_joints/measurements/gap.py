@@ -13,9 +13,9 @@ from fenics_joints.modal.modes import Modes
 from fenics_joints.structure.points import Sensors
 
 __all__ = [
-    "ALIKE", "CONTRADICTED", "FAINT", "VISIBLE", "Gap", "Pairing", "TooFewModes", "assigned", "check_sight",
-    "largest_difference", "likeness", "mac", "nearest", "pair_modes", "partnered", "rms",
-    "same_modes", "skipped", "with_untold",
+    "ALIKE", "CONTRADICTED", "FAINT", "VISIBLE", "Gap", "Pairing", "TooFewModes", "assigned",
+    "check_sight", "largest_difference", "likeness", "mac", "nearest", "pair_modes", "partnered",
+    "rms", "same_modes", "skipped", "with_untold",
 ]  # fmt: skip
 
 
@@ -25,6 +25,9 @@ ALIKE, _PLACE = 0.5, 0.2
 #: How much MAC a factor of e in frequency is worth, from that of the mode of the same place in the
 #: order: at few sensors a mode of thirty times the frequency may look the same.
 _FAR = 0.1
+#: And how much more each further factor of e beyond the first: at a few sensors some mode of ten
+#: times the frequency is like any shape.
+_BEYOND = 0.5
 #: Frequencies that are off by a factor of e to this are of other modes, or of a joint that is not.
 _ELSEWHERE = 0.4
 #: Least MAC of a pair whose frequencies agree; below it the shapes contradict the pair.
@@ -289,7 +292,8 @@ def likeness(match: np.ndarray, frequencies: np.ndarray, places: np.ndarray) -> 
         places: Those of the candidates that each test mode would be by order alone, (..., m).
     """
     log_f, at = (np.log(np.maximum(f, np.finfo(float).tiny)) for f in (frequencies, places))
-    return match - _FAR * np.abs(log_f[..., None, :] - at[..., :, None])
+    away = np.abs(log_f[..., None, :] - at[..., :, None])
+    return match - _FAR * away - _BEYOND * np.maximum(away - 1.0, 0.0)
 
 
 def assigned(match: np.ndarray, frequencies: np.ndarray, clear: np.ndarray) -> np.ndarray:

@@ -68,8 +68,10 @@ def _scattered(problem: Problem, start: np.ndarray) -> list[np.ndarray]:
     wide = np.where(np.isfinite(low), low, near[0]), np.where(np.isfinite(high), high, near[1])
     unit = qmc.Sobol(len(start), seed=_SEED).random(_LOOKED_AT)
     half = _LOOKED_AT // 2
-    places = [problem.inside(a + u * (b - a))
-              for (a, b), part in ((wide, unit[:half]), (near, unit[half:])) for u in part]  # fmt: skip
+    places = [
+        problem.inside(a + u * (b - a))
+        for (a, b), part in ((wide, unit[:half]), (near, unit[half:])) for u in part
+    ]  # fmt: skip
     costs = [float(np.sum(problem.residual(x) ** 2)) for x in places]
     chosen = [start]
     for i in np.argsort(costs, kind="stable"):

@@ -176,6 +176,8 @@ class Prepared(Subject):
             InputError: If these are most of the modes: then the test is of something else.
         """
         nominal = self._partnered(self.surrogate.nominal, self.surrogate.pairing)
+        # The small model, which is what predicts, may have more modes to choose from.
+        nominal &= self._partnered(*self.forward.solve(self.baseline))
         found, tried = nominal.copy(), iter([] if nominal.all() else self._partners_at())
         while not found.all() and (values := next(tried, None)) is not None:
             try:
