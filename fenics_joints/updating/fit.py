@@ -192,9 +192,9 @@ class _Fit(Identification):
         return bool(off > _FAR**2 * max(self.residuals.count - len(self.names), 1))
 
     def best_end(self, done: OptimizeResult, max_evaluations: int):
-        """The best end of fits of frequencies from one start or, where that ends far from the data,
-        from others too; and the other ends. The history is then the way to the best."""
-        if not self.is_far(done.x):
+        """The best end of fits of frequencies from one start or, where that converges far from the
+        data, from others too; and the other ends. The history is then the way to the best."""
+        if done.status <= 0 or not self.is_far(done.x):
             return done, []
         ends, ways = [done], [self.history]
         for x in other_starts(self.problem, self.start, done.x):

@@ -24,7 +24,7 @@ STARTS = [{"E": 200e9, "G": 0.4e9}, {"E": 200e9, "G": 0.1e9}]
 def stack():
     """Two steel beams, free, with a soft layer between."""
     box = mesh.create_box(
-        MPI.COMM_WORLD, [[0, 0, 0], [0.2, 0.04, 0.021]], [10, 2, 21], mesh.CellType.hexahedron,
+        MPI.COMM_WORLD, [[0, 0, 0], [0.2, 0.04, 0.021]], [6, 1, 21], mesh.CellType.hexahedron,
         ghost_mode=mesh.GhostMode.shared_facet,
     )  # fmt: skip
     index = box.topology.index_map(3)
