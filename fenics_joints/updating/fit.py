@@ -245,17 +245,32 @@ class _Fit(Identification):
         values, by_x = self.coordinates.at(0, x)
         prediction = self.problem.predict(0, x, moved)
         pull, noise = self._pull(x)[1], None
-        slope = np.concatenate([self.residuals.slopes(prediction) @ by_x, pull])
+        of_data = self.residuals.slopes(prediction) @ by_x
+        # What holds a parameter beside the data is no better or worse known by their misfit.
+        excess = self.excess(prediction, _taken(of_data, pull))
+        slope = np.concatenate([of_data / np.sqrt(excess), pull])
         if moved:
             noise = self.residuals.noise(prediction, self.predictor.moves)
             noise = block_diag(noise, np.eye(len(pull)))
         covariance = _covariance(slope, noise, by_x)
-        found = self.result(values, prediction, covariance, converged, message)
+        found = self.result(values, prediction, covariance, excess, converged, message)
         off = found.chi2 / max(found.degrees_of_freedom, 1)
         if off <= _MISFIT**2:
             return found
         words = f"where test and model differ by {number(np.sqrt(off), 2)} standard deviations"
         return replace(found, message=f"{message}, {words}")
+
+
+def _taken(of_data: np.ndarray, pull: np.ndarray) -> float:
+    """How many parameters the data determine, beside what holds them: the trace of the share that
+    the data have of the information (MacKay, Neural Comput. 4, 1992).
+
+    Args:
+        of_data: Derivatives of the data's residuals by the coordinates, (r, p).
+        pull: Those of the regularisation's, (k, p).
+    """
+    own = of_data.T @ of_data
+    return float(np.trace(np.linalg.pinv(own + pull.T @ pull, hermitian=True) @ own))
 
 
 def _covariance(slope: np.ndarray, noise: np.ndarray | None, by_x: np.ndarray) -> np.ndarray:

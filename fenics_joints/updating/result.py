@@ -55,7 +55,8 @@ class Update:
         start: Their values at the start, SI.
         values: Their values, SI.
         covariance: Of the values, (p, p): what the noise of the data does to them, to first order,
-            times ``excess``; frequencies, shapes and FRFs counted as independent of each other.
+            its variances times ``excess``; frequencies, shapes and FRFs counted as independent of
+            each other.
         identifiability: What the data alone determine, by logarithms (of ``log`` parameters).
         converged: Whether the iteration came to its end.
         message: Why it ended.
