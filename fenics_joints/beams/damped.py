@@ -28,7 +28,8 @@ class DampingFit:
     Attributes:
         names: Names of the parameters c.
         values: N m s.
-        sd: Their standard deviations, if the ratios' errors are independent.
+        sd: Their standard deviations, if the ratios' errors are independent: by the noise, times
+            the root of chi2 per degree of freedom where that is above 1.
         ratios: The model's damping ratios, shape (m,).
         measured: The measured ones, shape (m,).
     """

@@ -25,9 +25,6 @@ ALIKE, _PLACE = 0.5, 0.2
 #: How much MAC a factor of e in frequency is worth, from that of the mode of the same place in the
 #: order: at few sensors a mode of thirty times the frequency may look the same.
 _FAR = 0.1
-#: And how much more each further factor of e beyond the first: at a few sensors some mode of ten
-#: times the frequency is like any shape.
-_BEYOND = 0.5
 #: Frequencies that are off by a factor of e to this are of other modes, or of a joint that is not.
 _ELSEWHERE = 0.4
 #: Least MAC of a pair whose frequencies agree; below it the shapes contradict the pair.
@@ -292,8 +289,7 @@ def likeness(match: np.ndarray, frequencies: np.ndarray, places: np.ndarray) -> 
         places: Those of the candidates that each test mode would be by order alone, (..., m).
     """
     log_f, at = (np.log(np.maximum(f, np.finfo(float).tiny)) for f in (frequencies, places))
-    away = np.abs(log_f[..., None, :] - at[..., :, None])
-    return match - _FAR * away - _BEYOND * np.maximum(away - 1.0, 0.0)
+    return match - _FAR * np.abs(log_f[..., None, :] - at[..., :, None])
 
 
 def assigned(match: np.ndarray, frequencies: np.ndarray, clear: np.ndarray) -> np.ndarray:
