@@ -102,6 +102,8 @@ def point_mass(
     ends = np.interp([(1 - _INTERVAL) / 2, (1 + _INTERVAL) / 2], np.cumsum(by_size), sizes)
     place = near[int(np.argmax(logsumexp(score, axis=1)))]
     best = float(np.exp(np.sum(by_size * np.log(sizes))))
+    if ends[1] >= sizes[-2]:
+        return None  # half of the structure: whatever it is, it is no mass on it
     low, high = min(ends[0], best), max(ends[1], best)
     return PointMassFound(best, float(low), float(high), tuple(points[place].tolist()), log_odds)
 
