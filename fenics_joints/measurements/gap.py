@@ -31,8 +31,9 @@ _ELSEWHERE = 0.4
 CONTRADICTED = 0.2
 #: Least number of sensors whose MAC says anything: at one all shapes are alike, at two half are.
 _SPEAKING = 3
-#: MAC from which shapes alone make a pair, however far the frequencies are.
-_CLEARLY = 0.8
+#: MAC from which shapes make a pair though frequencies do not agree, and how far, in ln, these may
+#: then be.
+_CLEARLY, _FARTHEST = 0.8, 1.0
 #: Least visibility (see `Modes.visibility`) of a mode that a test is taken to have seen; and of one
 #: that it is taken to have seen where a measured shape is clearly like this one and no other.
 VISIBLE, FAINT = 0.3, 0.05
@@ -183,7 +184,8 @@ def partnered(
 ) -> np.ndarray:  # fmt: skip
     """Which test modes have a partner in a model, mask (m,): a pair is one by its likeness alone.
 
-    A MAC of 0.8 or more makes a pair. So do, where the shapes do not contradict it by a MAC below
+    A MAC of 0.8 or more makes a pair, up to a factor of e in frequency: beyond, some mode is like
+    any shape. So do, where the shapes do not contradict it by a MAC below
     ``least``, frequencies that agree: within a factor of exp(0.4), 1.5, once a factor that all
     modes have in common, as of a wrong modulus or unit, is left out. Where there are no shapes, or
     fewer than three sensors, frequencies alone say it.
@@ -203,7 +205,8 @@ def partnered(
     if pairing.mac is None or shapes is None:
         return agrees
     speaks = np.isfinite(shapes).sum(axis=0) >= _SPEAKING
-    alike, contradicted = pairing.mac >= _CLEARLY, pairing.mac < least
+    alike = (pairing.mac >= _CLEARLY) & ~(np.abs(slip - common) > _FARTHEST)
+    contradicted = pairing.mac < least
     return np.where(speaks, alike | agrees & ~contradicted, agrees)
 
 

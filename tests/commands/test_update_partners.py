@@ -122,14 +122,17 @@ WRONG = {
 }
 
 
-@pytest.mark.parametrize("what", [*WRONG, "the first times 10"])
+@pytest.mark.parametrize("what", WRONG)
 def test_a_fit_to_wrong_data_explains_nothing(what, virtual, tmp_path):
     """Its standard deviations are no smaller than what the misfit leaves; with shapes each."""
     hz, shapes = virtual
-    of_hz, of_shapes = WRONG.get(what, (lambda f, s: f * [10, 1, 1, 1, 1], None))
+    of_hz, of_shapes = WRONG[what]
     case = of_data(tmp_path, of_hz(hz, shapes), (of_shapes or (lambda s: s))(shapes))
     found = update_case(case, MPI.COMM_WORLD)
-    assert found.failure is not None and "explains nothing" in found.failure
+    if what == "columns rotated":  # one is left out, and the others end 15 % off
+        assert found.without_partner and not found.update.converged
+    else:
+        assert found.failure is not None and "explains nothing" in found.failure
     if what != "shapes identical":  # by frequencies alone it is right
         assert max(found.update.relative_sd) > 0.5
 
@@ -142,11 +145,11 @@ def test_right_data_are_explained(virtual, tmp_path):
     assert max(found.update.relative_sd) < 0.2
 
 
-def test_without_shapes_a_mode_far_off_is_left_out_and_the_others_keep_their_partners(
-    virtual, tmp_path
-):
-    hz, _ = virtual
-    found = update_case(of_data(tmp_path, hz * [10, 1, 1, 1, 1], None), MPI.COMM_WORLD)
+@pytest.mark.parametrize("shaped", [False, True])
+def test_a_mode_far_off_is_left_out_and_the_others_keep_their_partners(shaped, virtual, tmp_path):
+    hz, shapes = virtual
+    case = of_data(tmp_path, hz * [10, 1, 1, 1, 1], shapes if shaped else None)
+    found = update_case(case, MPI.COMM_WORLD)
     assert found.without_partner == ("mode 1",) and found.failure is None
     assert found.update.values == pytest.approx([TRUE[n] for n in found.update.names], rel=0.05)
     assert found.to_json()["modes_without_partner"] == ["mode 1"]

@@ -48,18 +48,19 @@ def without(case: Case, error: WithoutPartner) -> tuple[Case, str]:
     return case.without_modes(error.index), note
 
 
-def explains_nothing(modes: ModeTable | None, alone: np.ndarray) -> str | None:
+def explains_nothing(modes: ModeTable | None, alone: np.ndarray, spare: int) -> str | None:
     """Why a fit is no explanation of a test, in words; None if it may be one.
 
     Args:
         modes: Frequencies before and after.
         alone: Which modes have no partner before nor after, mask (m,).
+        spare: How many may be left out.
     """
     if modes is None:
         return None
-    if alone.sum() > len(alone) / 2:
+    if alone.sum() > spare:
         names = [name for name, is_alone in zip(modes.names, alone, strict=True) if is_alone]
-        return f"no mode of the model is like {', '.join(names)}, most of the test's"
+        return f"no mode of the model is like {', '.join(names)}, more than a third of the test's"
     errors = np.log(modes.after / modes.test)[modes.fitted]
     left = rms(errors) if np.isfinite(errors).any() else 0.0
     if left < _NOTHING:

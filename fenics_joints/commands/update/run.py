@@ -93,10 +93,12 @@ def update_case(case: Case, comm: MPI.Intracomm, progress: Progress | None = Non
         raise InputError(f"{case.path}: update is missing, expected a section [update]")
     # Matrices of this size are too small for a second BLAS thread to be worth waking.
     progress, notes, names = progress or Progress(silent=True), [], []
+    # Modes that may be left out, a third: of few that are left, some fit anything.
+    spare = 0 if case.measured is None else len(case.measured.mode_names) // 3
     with threadpool_limits(1):
         while True:
             try:
-                found = _Run(case, comm, progress, notes).report()
+                found = _Run(case, comm, progress, notes, spare).report()
                 return replace(found, without_partner=tuple(names))
             except TooFewModes as error:
                 there = case.measurements().mode_names
@@ -106,11 +108,15 @@ def update_case(case: Case, comm: MPI.Intracomm, progress: Progress | None = Non
             except WithoutPartner as error:
                 case, note = without(case, error)
                 notes.append(note)
+                spare -= len(error.names)
                 names += error.names
 
 
 class _Run:
-    def __init__(self, case: Case, comm, progress: Progress, notes: Sequence[str] = ()):
+    def __init__(
+        self, case: Case, comm, progress: Progress, notes: Sequence[str] = (), spare: int = 0
+    ):
+        self.spare = spare
         self.case, self.progress, self.section = case, progress, case.update
         self.data: UpdateData = update_data(case)
         progress.step("building the model")
@@ -178,7 +184,7 @@ class _Run:
             )  # fmt: skip
             facts |= {**self.model.facts(), "not_converged": lost}
         table = self._modes(first, modes, found)
-        failure = explains_nothing(table, alone)
+        failure = explains_nothing(table, alone, self.spare)
         if failure is not None:
             self.notes.append(
                 f"THIS FIT EXPLAINS NOTHING: {failure}; no value that it has found may be used"
@@ -206,7 +212,7 @@ class _Run:
         """Which of the test's modes have no partner, neither before the fit nor after, mask (m,).
 
         Raises:
-            WithoutPartner: If these are not most of them, and none is held out by name.
+            WithoutPartner: If these are a third of them at most, and none is held out by name.
         """
         if not len(self.data.target):
             return np.zeros(0, dtype=bool)
@@ -214,7 +220,7 @@ class _Run:
         alone = ~np.any([
             partnered(self._pair(m), m.frequencies_hz, hz, shapes) for m in (first, modes)
         ], axis=0)  # fmt: skip
-        if 0 < alone.sum() <= len(alone) / 2 and not alone[list(self.data.held_modes)].any():
+        if 0 < alone.sum() <= self.spare and not alone[list(self.data.held_modes)].any():
             index = np.flatnonzero(alone).tolist()
             raise WithoutPartner([self.data.mode_names[i] for i in index], index)
         return alone
