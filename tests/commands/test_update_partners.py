@@ -130,7 +130,7 @@ def test_a_fit_to_wrong_data_explains_nothing(what, virtual, tmp_path):
     case = of_data(tmp_path, of_hz(hz, shapes), (of_shapes or (lambda s: s))(shapes))
     found = update_case(case, MPI.COMM_WORLD)
     if what == "columns rotated":  # one is left out, and the others end 15 % off
-        assert found.without_partner and not found.update.converged
+        assert found.without_partner and found.update.excess > 100
     else:
         assert found.failure is not None and "explains nothing" in found.failure
     if what != "shapes identical":  # by frequencies alone it is right
