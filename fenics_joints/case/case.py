@@ -174,6 +174,12 @@ class Case(Section):
         case._measured = self.measurements().with_modes(kept)
         return case
 
+    def without_modes(self, out: Sequence[int]) -> Case:
+        """The case without some of the test's modes, by index; see `TestData.without_modes`."""
+        case = self.model_copy()
+        case._measured = self.measurements().without_modes(out)
+        return case
+
     def measurements(self) -> TestData:
         """The measured data.
 

@@ -18,10 +18,11 @@ from fenics_joints.diagnosis.evidence.alike import one_of_alike
 from fenics_joints.diagnosis.evidence.all_at_once import all_at_once
 from fenics_joints.diagnosis.evidence.classes import classes, detectable, stand_ins
 from fenics_joints.diagnosis.evidence.fitted import Fit
+from fenics_joints.diagnosis.evidence.point_mass import point_mass
 from fenics_joints.diagnosis.evidence.row import RowPrediction
 from fenics_joints.diagnosis.evidence.screen import linear_evidence, near_listed
 from fenics_joints.diagnosis.evidence.simulated import with_simulated
-from fenics_joints.diagnosis.evidence.somewhere import changes
+from fenics_joints.diagnosis.evidence.somewhere import Somewhere, changes
 from fenics_joints.diagnosis.evidence.unlisted import after_held_out
 from fenics_joints.diagnosis.held_out import blinded, cross_validate, folds
 from fenics_joints.diagnosis.kept_fits import KeptFits
@@ -41,6 +42,7 @@ from fenics_joints.diagnosis.verdict import (
     confirm,
     confirmed,
     decide,
+    with_strangers,
 )
 from fenics_joints.diagnosis.where.localise import cell_map, zone_shares
 from fenics_joints.errors import InputError
@@ -49,12 +51,15 @@ from fenics_joints.measurements import Gap, TestData
 from fenics_joints.parallel import on_root
 from fenics_joints.progress import Progress
 from fenics_joints.reduction.memory import give_back, hold_freed
+from fenics_joints.reduction.seen import places_all_over
 
 __all__ = ["diagnose"]
 
 #: A hypothesis this far (in ln) behind the best of a fold is not refitted, and at most so many are;
 #: beside them the best wrong ones.
 _HOPELESS, _WRONG, _FAIR = 6.0, 2, 6
+#: Places at which a point mass is looked for that nobody put into the model.
+_PLACES = 240
 
 
 def diagnose(
@@ -150,6 +155,7 @@ class _Run:
             effects = self._effects(fits, probability, grouped, seen)
             verdict, summary = decide(fits, probability, effects, leader, after, at_once)
         verdict, summary = confirm(verdict, summary, shrink)
+        verdict, summary = with_strangers(verdict, summary, self.model.without_partner)
         self.progress.step("localising the gap")
         shown = self.model.zones.shown
         plain = self.evidence.as_it_is
@@ -192,8 +198,9 @@ class _Run:
             shrinkage=shrink,
             sampled=self.sampled,
             at_once=at_once,
-            somewhere=changes(next(f for f in fits if f.hypothesis.unknown), self.evidence),
+            somewhere=self._somewhere(next(f for f in fits if f.hypothesis.unknown)),
             row_names=self.data.row_names,
+            without_partner=self.model.without_partner,
             model={
                 **self.model.surrogate.facts(),
                 "crossing_modes": self.model.surrogate.crossing_names(self.data.mode_names),
@@ -292,7 +299,7 @@ class _Run:
         return cross_validate(
             fair, self.search.log_prior([f.hypothesis for f in fair]), wrong, self.forward,
             self.evidence, self.baseline, masks, causes=causes, leans=self.search.leans,
-            comm=self.comm, progress=self.progress.advance,
+            not_nominal=self.model.not_nominal, comm=self.comm, progress=self.progress.advance,
         )  # fmt: skip
 
     def _short_list(self, fits: Sequence[Fit], masks, always: Sequence[Fit]) -> list[Fit]:
@@ -321,12 +328,29 @@ class _Run:
         if data is None:
             return None
         data = self.model.without_lost(data)
-        before = [self.forward(self.baseline)[0]] * len(data)
+        before = [self._nominal()] * len(data)
         after = [
             RowPrediction(leader.hypothesis, self.forward, leader.z, c, self.baseline).log_f
             for c in data.conditions
         ]
         return self._gap(data, before), self._gap(data, after)
+
+    def _somewhere(self, unknown: Fit) -> Somewhere | None:
+        """Where an unknown cause would be, and what it weighs if it is one point mass."""
+        found, seen, full = changes(unknown, self.evidence), self.model.surrogate, self.model.full
+        if found is None or not full.is_meshed:
+            return found
+        points = np.unique(places_all_over(full, _PLACES).points, axis=0)
+        total = full.total_mass(self.baseline)
+        point = point_mass(
+            unknown, self.evidence, seen.nominal, seen.pairing, self.data.sensors, points, total
+        )
+        return replace(found, point=point, looked_for=self.given.diagnose.rare)
+
+    def _nominal(self) -> np.ndarray:
+        """ln f of the nominal model, (m,); nan of modes that have no partner in it."""
+        found, out = self.forward(self.baseline)[0], self.model.not_nominal
+        return found if out is None else np.where(out, np.nan, found)
 
     def _cells(self):
         names = list(self.model.full.parameters)

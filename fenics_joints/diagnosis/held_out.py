@@ -200,6 +200,7 @@ def cross_validate(
     *,
     causes: Mapping[str, Callable[[Fit], bool]] | None = None,
     leans: Leans | None = None,
+    not_nominal: np.ndarray | None = None,
     comm: MPI.Intracomm = MPI.COMM_SELF,
     progress: Callable[[], None] | None = None,
 ) -> Shrinkage:
@@ -218,16 +219,20 @@ def cross_validate(
         causes: Whether a hypothesis holds a cause, by the cause's name: of each is said what it
             gains on the held-out data (`Shrinkage.gains`).
         leans: What shows fits the way, of this forward; made anew for None.
+        not_nominal: Modes that have no partner in the nominal model, mask (m,): held out like
+            others, but what no pair of the nominal model is off is not scored; None for none.
         comm: Communicator whose ranks share out the folds; the call is collective.
         progress: Called after each fold.
     """
     nominal = _nominal(forward, evidence, baseline)
+    if not_nominal is not None:
+        nominal = np.where(not_nominal[evidence.entries.mode], np.nan, nominal)
     candidates = [refreshed(c, forward, evidence, baseline) for c in candidates]
     causes, leans = causes or {}, leans or Leans(forward, evidence, baseline)
 
     def work(fold):
         name, mask = fold
-        scored = _scored(evidence, mask)
+        scored = _scored(evidence, mask) & np.isfinite(nominal)
         blind = blinded(evidence, mask)
         found = None
         if scored.any() and blind.used.any():

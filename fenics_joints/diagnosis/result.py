@@ -141,6 +141,8 @@ class Diagnosis:
             where that was not looked at.
         at_once: Probability of a misfit as large as all effects of the library at once leave; None
             where the best few explain the test.
+        without_partner: Names of the test's modes that are none of the model's, whatever effect it
+            has; they are left out of everything.
         row_names: Names of the conditions that are after a known change, ``""`` for the others;
             empty without such.
     """
@@ -175,6 +177,7 @@ class Diagnosis:
     somewhere: Somewhere | None = None
     row_names: tuple[str, ...] = ()
     at_once: float | None = None
+    without_partner: tuple[str, ...] = ()
 
     def _repr_html_(self) -> str:
         rows = [(e.name, e.region, probability(e.probability)) for e in self.effects[:8]]
@@ -235,6 +238,7 @@ class Diagnosis:
                 **({"after_change": self.row_names} if any(self.row_names) else {}),
             },
             "modes": self.before.mode_names,
+            "modes_without_partner": list(self.without_partner),
             "frequencies_hz": _frequencies(self.before, self.after),
             "model": {**self.model, "frequency_error": self.model_error},
         }

@@ -16,6 +16,7 @@ from fenics_joints.measurements.gap import Gap
 __all__ = [
     "CAUSE", "LIKELY", "MISFIT", "NAMED", "NO_GAP", "UNKNOWN", "class_probabilities", "confirm",
     "confirmed", "decide", "least_sure", "sure_classes", "unconfirmed", "unproved",
+    "with_strangers",
 ]  # fmt: skip
 
 #: Verdicts that name a cause: one that held-out data confirm, and one that they do not.
@@ -27,6 +28,8 @@ NO_GAP, UNKNOWN = "no gap", "none of these"
 _SURE = 0.8
 #: ln of the odds from which held-out data confirm one of several causes: 20 to 1.
 _CONFIRMED = float(np.log(20.0))
+#: Share of the held-out gap beyond noise that has to go, for a cause to be confirmed.
+_MOST_OF_IT = 0.5
 #: A best hypothesis that fits the data worse than this is no explanation.
 MISFIT = 0.01
 
@@ -82,10 +85,11 @@ def decide(
 
 def confirmed(s: Shrinkage) -> bool:
     """Whether held-out data confirm a cause: what is chosen and fitted without them predicts them
-    better than the nominal model, and better than the best wrong effect, each with 95 %; and of
-    several causes each makes them more probable, at 20 to 1."""
+    better than the nominal model, and better than the best wrong effect, each with 95 %; half of
+    the gap beyond noise or more goes; and of several causes each makes them more probable, at 20
+    to 1."""
     shrinks = bool(s.folds) and s.after < s.before and s.shrink_interval[0] > 0 and s.claimed
-    return shrinks and not unproved(s)
+    return shrinks and s.shrink >= _MOST_OF_IT and not unproved(s)
 
 
 def unproved(s: Shrinkage) -> list[str]:
@@ -109,6 +113,23 @@ def confirm(verdict: str, summary: str, s: Shrinkage) -> tuple[str, str]:
     return LIKELY, f"{summary} Held-out data do not confirm it: {unconfirmed(s)}."
 
 
+def with_strangers(verdict: str, summary: str, names: Sequence[str]) -> tuple[str, str]:
+    """A verdict on a test some of whose modes are none of the model's: that there is no gap cannot
+    be said of it; all others are said of the rest.
+
+    Args:
+        verdict: From `confirm`.
+        summary: Likewise.
+        names: The modes.
+    """
+    if not names:
+        return verdict, summary
+    rest = f"{', '.join(names)}: no mode of the model is like it, with or without any effect"
+    if verdict != "no gap":
+        return verdict, f"{summary} Left out is {rest}."
+    return "unknown", f"The nominal model explains all that was measured but {rest}."
+
+
 def unconfirmed(s: Shrinkage | None) -> str:
     """Why held-out data do not confirm a cause, in words."""
     if s is None or not s.folds or not np.isfinite(s.after):
@@ -124,6 +145,11 @@ def unconfirmed(s: Shrinkage | None) -> str:
         )
     if not s.claimed:
         return "the best wrong effect does nearly as well on them"
+    if s.shrink < _MOST_OF_IT:
+        return (
+            f"the gap on them goes from {percent(s.before)} to {percent(s.after)} where noise "
+            f"allows {percent(s.noise)}: less than half of what could go"
+        )
     weak = unproved(s)
     proved = [name for name in s.gains if name not in weak]
     but = f"bear out {' and '.join(proved)} but " if proved else ""

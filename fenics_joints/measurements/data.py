@@ -220,6 +220,19 @@ class TestData:
         }
         return replace(self, mode_names=tuple(self.mode_names[i] for i in kept), **cut)
 
+    def without_modes(self, out: Iterable[int]) -> TestData:
+        """All but some of the modes, by index: their shapes and values are gone, but without shapes
+        their places in the order stay, by which the others are paired."""
+        out = sorted(set(out))
+        if self.shapes is not None:
+            return self.with_modes(i for i in range(len(self.mode_names)) if i not in out)
+        gone = {}
+        for key in ("frequencies_hz", "damping"):
+            if getattr(self, key) is not None:
+                gone[key] = getattr(self, key).copy()
+                gone[key][:, out] = np.nan
+        return replace(self, **gone)
+
     @property
     def as_it_is(self) -> TestData:
         """The rows without a known change."""

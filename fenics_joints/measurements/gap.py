@@ -13,9 +13,9 @@ from fenics_joints.modal.modes import Modes
 from fenics_joints.structure.points import Sensors
 
 __all__ = [
-    "ALIKE", "FAINT", "VISIBLE", "Gap", "Pairing", "TooFewModes", "assigned", "check_sight",
-    "largest_difference", "likeness", "mac", "nearest", "pair_modes", "partnered", "rms",
-    "same_modes", "skipped", "with_untold",
+    "ALIKE", "CONTRADICTED", "FAINT", "VISIBLE", "Gap", "Pairing", "TooFewModes", "assigned",
+    "check_sight", "largest_difference", "likeness", "mac", "nearest", "pair_modes", "partnered",
+    "rms", "same_modes", "skipped", "with_untold",
 ]  # fmt: skip
 
 
@@ -28,13 +28,15 @@ _FAR = 0.1
 #: Frequencies that are off by a factor of e to this are of other modes, or of a joint that is not.
 _ELSEWHERE = 0.4
 #: Least MAC of a pair whose frequencies agree; below it the shapes contradict the pair.
-_CONTRADICTED = 0.1
+CONTRADICTED = 0.2
 #: Least number of sensors whose MAC says anything: at one all shapes are alike, at two half are.
 _SPEAKING = 3
+#: MAC from which shapes make a pair though frequencies do not agree, and how far, in ln, these may
+#: then be.
+_CLEARLY, _FARTHEST = 0.8, 1.0
 #: Least visibility (see `Modes.visibility`) of a mode that a test is taken to have seen; and of one
-#: that it is taken to have seen where a measured shape is like no other mode but like this one, and
-#: the MAC that this takes.
-VISIBLE, FAINT, _CLEARLY = 0.3, 0.05, 0.8
+#: that it is taken to have seen where a measured shape is clearly like this one and no other.
+VISIBLE, FAINT = 0.3, 0.05
 
 
 def mac(a: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -177,12 +179,14 @@ def pair_modes(
 
 
 def partnered(
-    pairing: Pairing, model_hz: np.ndarray, test_hz: np.ndarray, shapes: np.ndarray | None = None
-) -> np.ndarray:
+    pairing: Pairing, model_hz: np.ndarray, test_hz: np.ndarray, shapes: np.ndarray | None = None,
+    *, least: float = CONTRADICTED,
+) -> np.ndarray:  # fmt: skip
     """Which test modes have a partner in a model, mask (m,): a pair is one by its likeness alone.
 
-    A MAC of `ALIKE` (0.5) or more makes a pair. So do, where the shapes do not contradict it by a
-    MAC below 0.1, frequencies that agree: within a factor of exp(0.4), 1.5, once a factor that all
+    A MAC of 0.8 or more makes a pair, up to a factor of e in frequency: beyond, some mode is like
+    any shape. So do, where the shapes do not contradict it by a MAC below
+    ``least``, frequencies that agree: within a factor of exp(0.4), 1.5, once a factor that all
     modes have in common, as of a wrong modulus or unit, is left out. Where there are no shapes, or
     fewer than three sensors, frequencies alone say it.
 
@@ -192,6 +196,8 @@ def partnered(
         test_hz: Measured ones, Hz, (m,); nan where missing, which contradicts nothing.
         shapes: The measured shapes that were matched, (n_sensors, m); None where modes were paired
             by order, or by shapes of another model.
+        least: MAC below which shapes contradict a pair: more than 0.2 where the best of many models
+            is looked for, some of which are like any shape by chance.
     """
     slip = np.log(model_hz[pairing.index] / test_hz)
     common = np.nanmedian(slip) if np.isfinite(slip).any() else 0.0
@@ -199,7 +205,8 @@ def partnered(
     if pairing.mac is None or shapes is None:
         return agrees
     speaks = np.isfinite(shapes).sum(axis=0) >= _SPEAKING
-    alike, contradicted = pairing.mac >= ALIKE, pairing.mac < _CONTRADICTED
+    alike = (pairing.mac >= _CLEARLY) & ~(np.abs(slip - common) > _FARTHEST)
+    contradicted = pairing.mac < least
     return np.where(speaks, alike | agrees & ~contradicted, agrees)
 
 

@@ -54,7 +54,7 @@ def update_all(
             try:
                 last = found[row] = update(
                     model, parameters, target, {**start, **last.mapping()}, centre=start,
-                    regularisation=regularisation, n_modes=n_modes,
+                    regularisation=regularisation, n_modes=n_modes, elsewhere=False,
                 )  # fmt: skip
             except ConvergenceError:
                 pass  # the next starts from the last that did

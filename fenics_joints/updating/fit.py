@@ -7,8 +7,10 @@ works in the logarithms of the parameters. It first fits with the lines moved al
 resonances (`fenics_joints.updating.prediction`); from there the fit at the lines themselves starts.
 On frequencies alone it is the bounded, weighted least squares of Tian et al. 2021, eqs. 17 and 18.
 
-Where that does not converge, ends where a step could still be taken, or leaves residuals far above
-the noise, data without FRFs are fitted again in rounds (`fenics_joints.updating.rounds`).
+Where frequencies alone are fitted and residuals stay far above the noise, it is tried from other
+starts (`fenics_joints.updating.starts`). Where a fit does not converge, ends where a step could
+still be taken, or leaves residuals of shapes or damping far above the noise, data without FRFs are
+fitted again in rounds (`fenics_joints.updating.rounds`).
 
 The same in Machines 2022's way is `fenics_joints.updating.weighted`.
 """
@@ -20,6 +22,7 @@ from dataclasses import replace
 
 import numpy as np
 from scipy.linalg import block_diag
+from scipy.optimize import OptimizeResult
 
 from fenics_joints.errors import ConvergenceError, flag, mapping, member, real, whole
 from fenics_joints.formatting import number
@@ -31,6 +34,7 @@ from fenics_joints.updating.least_squares import Problem
 from fenics_joints.updating.residuals import raw_rows
 from fenics_joints.updating.result import Update
 from fenics_joints.updating.rounds import OUT_OF_EVALUATIONS, in_rounds, is_stuck
+from fenics_joints.updating.starts import AS_GOOD, exchanged, other_starts
 
 __all__ = ["MOVES", "update"]
 
@@ -56,6 +60,7 @@ def update(
     max_evaluations: int = 100,
     n_modes: int | None = None,
     strict: bool = True,
+    elsewhere: bool = True,
 ) -> Update:
     """Fit parameters to any mix of data. Collective for a full model.
 
@@ -76,16 +81,20 @@ def update(
         centre: Values about which it holds the parameters; the start by default.
         max_evaluations: Sets of values before giving up, in each of the fits.
         n_modes: Modes to compute; by default enough for the target.
-        strict: Whether an iteration that does not converge is an exception; else it is a result.
+        strict: Whether an iteration that does not converge, or ends that do not identify the
+            parameters, are an exception; else they are a result.
+        elsewhere: Whether frequencies that a fit leaves far off are tried from other starts.
 
     Raises:
         InputError: For a parameter, start or data that cannot be.
         ConvergenceError: If the iteration does not converge, or the model is not solved at the
-            start.
+            start; or if modes exchange places between ends that are about as good, neither of them
+            near the data: which of the test's modes is which is then open.
     """
     member("moves", moves, MOVES)
     whole("max_evaluations", max_evaluations)
     flag("strict", strict)
+    flag("elsewhere", elsewhere)
     if regularisation is not None:
         real("regularisation", regularisation, above=0.0)
     for name, value in mapping("centre", centre, "values by the parameters' names").items():
@@ -100,10 +109,16 @@ def update(
         fit.residuals.weaken(0.0)
     if moved:
         fit.residuals.inflate(problem.predict(0, x, True), fit.predictor.moves)
-    done = problem.solve(x, max_evaluations, moved=moved)
+    done, rivals = problem.solve(x, max_evaluations, moved=moved), []
+    if elsewhere and set(target.kinds) == {"frequencies"}:
+        done, rivals = fit.best_end(done, max_evaluations)
     x, converged, message = done.x, done.status > 0, _WORDS.get(done.status, done.message)
     if target.frfs is None and fit.needs_rounds(done):
         x, converged, message = fit.in_rounds(done.x, max_evaluations)
+    elif converged and (rival := fit.unidentified(done, rivals)):
+        if strict:
+            raise ConvergenceError(f"updating {', '.join(fit.names)}: {rival}")
+        converged, message = False, rival
     if strict and not converged:
         raise ConvergenceError(
             f"updating {', '.join(fit.names)} did not converge in {max_evaluations} "
@@ -116,6 +131,8 @@ def update(
 #: Root mean square of residuals, in standard deviations, above which the message speaks of them,
 #: and above which the data's standard deviations are widened.
 _MISFIT, _FAR = 2.0, 3.0
+#: Two ends are one if their coordinates, and their sums of squares, are as near as this.
+_SAME_END = 1e-2
 #: Standard deviation of a parameter that needs a prior and has none, at most: a factor of 10.
 _WEAK = np.log(10.0)
 #: The end of rounds, in words.
@@ -169,13 +186,49 @@ class _Fit(Identification):
         cost = 0.5 * sum(float(part @ part) for part in residuals)
         self.record(values, prediction, conditions, moved=moved, cost=cost)
 
+    def is_far(self, x: np.ndarray) -> bool:
+        """Whether residuals at coordinates are far above the noise."""
+        off = np.sum(self.residuals.values(self.problem.predict(0, x)) ** 2)
+        return bool(off > _FAR**2 * max(self.residuals.count - len(self.names), 1))
+
+    def best_end(self, done: OptimizeResult, max_evaluations: int):
+        """The best end of fits of frequencies from one start or, where that converges far from the
+        data, from others too; and the other ends. The history is then the way to the best."""
+        if done.status <= 0 or not self.is_far(done.x):
+            return done, []
+        ends, ways = [done], [self.history]
+        for x in other_starts(self.problem, self.start, done.x):
+            self.history = self.history[:1]
+            ends.append(self.problem.solve(x, max_evaluations))
+            ways.append(self.history)
+        # Of ends that are one, that of the given start.
+        least = min(end.cost for end in ends)
+        best = next(i for i, end in enumerate(ends) if end.cost <= (1 + _SAME_END) * least)
+        self.history, at = ways[best], ends[best].x
+        return ends[best], [end for end in ends if np.abs(end.x - at).max() > _SAME_END]
+
+    def unidentified(self, best: OptimizeResult, rivals: Sequence[OptimizeResult]) -> str:
+        """That modes exchange places between ends that are about as good, in words; or ""."""
+        rivals = [end for end in rivals if end.cost < AS_GOOD * best.cost]
+        if not rivals or not self.is_far(best.x):
+            return ""
+        names = [dict(zip(self.names, self.coordinates.values(end.x).tolist(), strict=True))
+                 for end in (best, *rivals)]  # fmt: skip
+        for other in names[1:]:
+            pairs = exchanged(self.predictor, names[0], other)
+            if pairs:
+                i, j = pairs[0]
+                at = ", ".join(f"{name} = {value:.4g}" for name, value in other.items())
+                return (
+                    f"not identified: modes {i + 1} and {j + 1} exchange places between these "
+                    f"values and {at}, which fit about as well; shapes or another start needed"
+                )
+        return ""
+
     def needs_rounds(self, done) -> bool:
         """Whether a fit has to be made again in rounds: see the module."""
-        found = self.problem.predict(0, done.x)
-        off = np.sum(self.residuals.values(found) ** 2)
-        freedom = self.residuals.count - len(self.names)
         many = {"shapes", "damping"} & set(self.target.kinds)
-        far = many and off > _FAR**2 * max(freedom, 1)
+        far = many and self.is_far(done.x)
         return bool(done.status <= 0 or far or is_stuck(self.problem, done.x))
 
     def in_rounds(self, x: np.ndarray, max_evaluations: int) -> tuple[np.ndarray, bool, str]:
@@ -192,17 +245,32 @@ class _Fit(Identification):
         values, by_x = self.coordinates.at(0, x)
         prediction = self.problem.predict(0, x, moved)
         pull, noise = self._pull(x)[1], None
-        slope = np.concatenate([self.residuals.slopes(prediction) @ by_x, pull])
+        of_data = self.residuals.slopes(prediction) @ by_x
+        # What holds a parameter beside the data is no better or worse known by their misfit.
+        excess = self.excess(prediction, _taken(of_data, pull))
+        slope = np.concatenate([of_data / np.sqrt(excess), pull])
         if moved:
             noise = self.residuals.noise(prediction, self.predictor.moves)
             noise = block_diag(noise, np.eye(len(pull)))
         covariance = _covariance(slope, noise, by_x)
-        found = self.result(values, prediction, covariance, converged, message)
+        found = self.result(values, prediction, covariance, excess, converged, message)
         off = found.chi2 / max(found.degrees_of_freedom, 1)
         if off <= _MISFIT**2:
             return found
         words = f"where test and model differ by {number(np.sqrt(off), 2)} standard deviations"
         return replace(found, message=f"{message}, {words}")
+
+
+def _taken(of_data: np.ndarray, pull: np.ndarray) -> float:
+    """How many parameters the data determine, beside what holds them: the trace of the share that
+    the data have of the information (MacKay, Neural Comput. 4, 1992).
+
+    Args:
+        of_data: Derivatives of the data's residuals by the coordinates, (r, p).
+        pull: Those of the regularisation's, (k, p).
+    """
+    own = of_data.T @ of_data
+    return float(np.trace(np.linalg.pinv(own + pull.T @ pull, hermitian=True) @ own))
 
 
 def _covariance(slope: np.ndarray, noise: np.ndarray | None, by_x: np.ndarray) -> np.ndarray:

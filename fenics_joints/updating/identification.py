@@ -79,19 +79,34 @@ class Identification:
         errors = relative_errors(self.target, prediction)
         self.history.append(Iteration(values, *errors, moved, cost, *conditions))
 
+    def excess(self, prediction: Prediction, taken: float) -> float:
+        """What the widths of the residuals do not account for of the misfit: chi2 per degree of
+        freedom, at least 1.
+
+        Args:
+            prediction: What the model says.
+            taken: Number of parameters that the data determine.
+        """
+        _, count = self.residuals.chi2(prediction)
+        return max(1.0, float(np.sum(self.residuals.values(prediction) ** 2)) / max(
+            count - taken, 1.0
+        ))  # fmt: skip
+
     def result(
         self,
         values: np.ndarray,
         prediction: Prediction,
         covariance: np.ndarray,
+        excess: float,
         converged: bool,
         message: str,
     ) -> Update:
         """What was found; see `Update`."""
         chi2, count = self.residuals.chi2(prediction)
+        whitened = self.whitened(values, prediction) / np.sqrt(excess)
         return Update(
             self.method, self.names, self.first, values, covariance,
-            identifiability(self.whitened(values, prediction), self.names), converged, message,
+            identifiability(whitened, self.names), converged, message,
             self.predictor.calls, tuple(self.history), prediction,
-            chi2, count - len(self.names), self.residuals.widths,
+            chi2, count - len(self.names), self.residuals.widths, excess,
         )  # fmt: skip

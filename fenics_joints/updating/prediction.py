@@ -199,6 +199,10 @@ class Predictor:
                     raise
                 self._more(spare)
 
+    def modes(self, values: Mapping[str, float]) -> tuple[Modes, Pairing]:
+        """The model's modes at values of the parameters, and which of them are the test's."""
+        return self._modes({**self.fixed, **values})
+
     def _reference(self) -> np.ndarray | None:
         """Shapes by which modes are paired."""
         return self.target.shapes if self._followed is None else self._followed

@@ -54,9 +54,9 @@ class Update:
         names: Names of the parameters.
         start: Their values at the start, SI.
         values: Their values, SI.
-        covariance: Of the values, (p, p): what the noise of the data does to them, to first order;
-            frequencies, shapes and FRFs counted as independent of each other, and the model as
-            right.
+        covariance: Of the values, (p, p): what the noise of the data does to them, to first order,
+            its variances times ``excess``; frequencies, shapes and FRFs counted as independent of
+            each other.
         identifiability: What the data alone determine, by logarithms (of ``log`` parameters).
         converged: Whether the iteration came to its end.
         message: Why it ended.
@@ -67,6 +67,9 @@ class Update:
         chi2: Sum of squared residuals in standard deviations, regularisation left out.
         degrees_of_freedom: What it is expected to be: independent data less parameters. Less where
             lines were moved throughout, since then one error of a frequency counts at many lines.
+        excess: chi2 per degree of freedom, 1 at least, that is left beyond ``widths``: a model that
+            misses the data by more than their noise is not known as well as the noise says (Birge,
+            Phys. Rev. 40, 1932). It counts in covariance and identifiability.
         widths: Factors by which the data's standard deviations were widened, where the model cannot
             come as near to the test as they say; they count in covariance and identifiability.
     """
@@ -85,6 +88,7 @@ class Update:
     chi2: float
     degrees_of_freedom: int
     widths: Widths = Widths()
+    excess: float = 1.0
 
     @property
     def sd(self) -> np.ndarray:
@@ -105,7 +109,7 @@ class Update:
         found = ", ".join(
             f"{name}={value:.4g}" for name, value in zip(self.names, self.values, strict=True)
         )
-        return f"Update({textwrap.shorten(found, 70, placeholder='...')}: {self.message[:30]})"
+        return f"Update({textwrap.shorten(found, 70, placeholder='...')}: {self.message})"
 
     def _repr_html_(self) -> str:
         rows = [

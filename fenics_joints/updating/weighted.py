@@ -199,7 +199,11 @@ class _Weighted(Identification):
             self.values, self.prediction, self.system = self._best[1]
         inverse, sd = self.system.inverse(), row_sd(self.target, self.prediction, self.how)
         scaled = np.hstack([inverse * sd, self._open()])
-        return self.result(self.values, self.prediction, scaled @ scaled.T, converged, message)
+        excess = self.excess(self.prediction, len(self.names))
+        covariance = excess * scaled @ scaled.T
+        return self.result(
+            self.values, self.prediction, covariance, excess, converged, message
+        )  # fmt: skip
 
 
 def noise_tolerances(target: Target) -> dict[str, float]:

@@ -315,7 +315,10 @@ def test_damping_is_identified_and_said_to_come_from_the_curvature():
     noisy = truth * (1 + 0.1 * np.random.default_rng(3).standard_normal(5))
     found = identify_damping(structure, ["c"], noisy, {"c": 5.0})
     assert abs(found.values[0] - 0.12) < 3 * found.sd[0]
-    assert found.sd[0] == pytest.approx(0.12 * 0.1 / np.sqrt(5), rel=0.3)
+    # As the noise says, but for what this draw of it leaves beyond that.
+    left = np.log(noisy / truth) / 0.1
+    widened = np.sqrt(max(1.0, np.sum((left - left.mean()) ** 2) / 4))
+    assert found.sd[0] == pytest.approx(widened * 0.12 * 0.1 / np.sqrt(5), rel=0.3)
     exact = identify_damping(structure, ["c"], truth)
     assert exact.values[0] == pytest.approx(0.12, rel=1e-6)
     table = slip_table(structure, {"c": 0.12}, n_modes=5)

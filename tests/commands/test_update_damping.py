@@ -89,7 +89,8 @@ def measured():
 
 @pytest.mark.parallel
 def test_ratios_alone_give_c(measured, shared_tmp_path):
-    """From four times as much; the standard deviation is that of `identify_damping`."""
+    """From four times as much; the standard deviation is that of `identify_damping`, that of the
+    noise times the root of what is left by degree of freedom."""
     text = beam_text('parameters = ["lap.c"]\nstart = { "lap.c" = 0.6 }\ndata = "damping"\n'
                      '[update.held]\nmodes = ["mode 6", "mode 7", "mode 8"]\n')  # fmt: skip
     case = put(shared_tmp_path, text, table(measured))
@@ -100,7 +101,10 @@ def test_ratios_alone_give_c(measured, shared_tmp_path):
     )
     # One takes logarithms, the other differences: alike to second order in the noise.
     assert c["value"] == pytest.approx(known.values[0], rel=2e-3)
-    assert c["sd"] == pytest.approx(NOISE / np.sqrt(5), rel=0.02)
+    assert c["sd"] == pytest.approx(known.sd[0] / known.values[0], rel=0.05)
+    left = np.log(known.ratios[:5] / measured[:5]) / NOISE
+    widened = np.sqrt(max(1.0, left @ left / 4))
+    assert c["sd"] == pytest.approx(widened * NOISE / np.sqrt(5), rel=0.05)
     assert c["value"] == pytest.approx(0.15, rel=3 * c["sd"])
     assert found.kinds == ("damping",) and found.update.degrees_of_freedom == 4
     for held, ratio in zip(found.held, measured[5:], strict=True):

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import json
+
+import numpy as np
 import pytest
 
 pytest.importorskip("dolfinx")
 
 from mpi4py import MPI
+from typer.testing import CliRunner
 
 from fenics_joints.case import build_structure, load_case
+from fenics_joints.cli import app
 from fenics_joints.commands.update.run import update_case
 from fenics_joints.measurements.gap import TooFewModes
 from fenics_joints.modal import solve_modes
@@ -46,8 +51,8 @@ n_modes = 8
 """
 
 
-def case_of(folder, hz, more=""):
-    (folder / "case.toml").write_text(CASE + more, encoding="utf-8")
+def case_of(folder, hz, more="", text=CASE):
+    (folder / "case.toml").write_text(text + more, encoding="utf-8")
     head = ",".join(f"mode {i + 1} [Hz]" for i in range(len(hz)))
     row = ",".join(f"{f:.6f}" for f in hz)
     (folder / "f.csv").write_text(f"{head}\n{row}\n", encoding="utf-8")
@@ -75,3 +80,85 @@ def test_a_held_mode_without_a_partner_is_refused(tmp_path):
     case = case_of(tmp_path, hz, '[update.held]\nmodes = ["mode 20"]\n')
     with pytest.raises(TooFewModes, match="expected at least 20"):
         update_case(case, MPI.COMM_WORLD)
+
+
+#: Finer beams, which thirteen sensors see, and what was measured of them.
+SENSORS = ", ".join(f'["{x:g} mm", "0 mm", "0 mm"]' for x in np.linspace(0, 570, 13))
+FINE = CASE.replace("elements = [2, 2]", "elements = [8, 6]").replace("n_modes = 8", "n_modes = 24")
+FINE = FINE[: FINE.index("points = ")] + f"points = [{SENSORS}]\n" + \
+    FINE[FINE.index("direction = ") :]  # fmt: skip
+SHAPED = 'noise = "0.5 %"\nshapes = "s.csv"\nshape_noise = "2 %"'
+TRUE = {"lap.k1": 1763.0, "lap.k2": 37400.0}
+
+
+@pytest.fixture(scope="module")
+def virtual(tmp_path_factory):
+    """Five modes of the true beams, with a noise of 0.2 %, Hz, and their shapes."""
+    case = case_of(tmp_path_factory.mktemp("virtual"), [200.0], text=FINE)
+    modes = solve_modes(build_structure(case, MPI.COMM_WORLD), TRUE, n_modes=24)
+    seen = np.flatnonzero(modes.visibility(case.sensors()) > 0.3)
+    seen = seen[seen >= modes.n_rigid][:5]
+    noise = 1 + 2e-3 * np.random.default_rng(0).standard_normal(5)
+    return modes.frequencies_hz[seen] * noise, modes.at(case.sensors())[:, seen]
+
+
+def of_data(folder, hz, shapes):
+    """A case of these data, with shapes or without."""
+    if shapes is None:
+        return case_of(folder, hz, text=FINE)
+    head = ",".join(f"mode {i + 1}" for i in range(shapes.shape[1]))
+    np.savetxt(folder / "s.csv", shapes, delimiter=",", header=head, comments="")
+    return case_of(folder, hz, text=FINE.replace('noise = "0.5 %"', SHAPED))
+
+
+#: What was done to five measured modes: frequencies and shapes.
+WRONG = {
+    "two frequencies exchanged": (lambda f, s: f[[1, 0, 2, 3, 4]], None),
+    "two modes identical": (lambda f, s: f[[0, 0, 2, 3, 4]], lambda s: s[:, [0, 0, 2, 3, 4]]),
+    "all halved": (lambda f, s: f / 2, None),
+    "rad/s called Hz": (lambda f, s: f * 2 * np.pi, None),
+    "columns rotated": (lambda f, s: f, lambda s: s[:, [1, 2, 3, 4, 0]]),
+    "shapes identical": (lambda f, s: f, lambda s: s[:, [0] * 5]),
+}
+
+
+@pytest.mark.parametrize("what", WRONG)
+def test_a_fit_to_wrong_data_explains_nothing(what, virtual, tmp_path):
+    """Its standard deviations are no smaller than what the misfit leaves; with shapes each."""
+    hz, shapes = virtual
+    of_hz, of_shapes = WRONG[what]
+    case = of_data(tmp_path, of_hz(hz, shapes), (of_shapes or (lambda s: s))(shapes))
+    found = update_case(case, MPI.COMM_WORLD)
+    if what == "columns rotated":  # one is left out, and the others end 15 % off
+        assert found.without_partner and found.update.excess > 100
+    else:
+        assert found.failure is not None and "explains nothing" in found.failure
+    if what != "shapes identical":  # by frequencies alone it is right
+        assert max(found.update.relative_sd) > 0.5
+
+
+def test_right_data_are_explained(virtual, tmp_path):
+    found = update_case(of_data(tmp_path, *virtual), MPI.COMM_WORLD)
+    off = found.update.values / [TRUE[name] for name in found.update.names] - 1
+    assert found.failure is None and found.without_partner == ()
+    assert np.all(np.abs(off) < 3 * found.update.relative_sd)
+    assert max(found.update.relative_sd) < 0.2
+
+
+@pytest.mark.parametrize("shaped", [False, True])
+def test_a_mode_far_off_is_left_out_and_the_others_keep_their_partners(shaped, virtual, tmp_path):
+    hz, shapes = virtual
+    case = of_data(tmp_path, hz * [10, 1, 1, 1, 1], shapes if shaped else None)
+    found = update_case(case, MPI.COMM_WORLD)
+    assert found.without_partner == ("mode 1",) and found.failure is None
+    assert found.update.values == pytest.approx([TRUE[n] for n in found.update.names], rel=0.05)
+    assert found.to_json()["modes_without_partner"] == ["mode 1"]
+
+
+def test_what_explains_nothing_is_written_and_ends_with_1(virtual, tmp_path):
+    hz, shapes = virtual
+    case = of_data(tmp_path, hz / 2, shapes)
+    file = tmp_path / "found.json"
+    run = CliRunner().invoke(app, ["update", str(case.path), "--json", str(file)])
+    assert run.exit_code == 1
+    assert json.loads(file.read_text(encoding="utf-8"))["fit"]["explains_nothing"]

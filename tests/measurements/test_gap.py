@@ -218,11 +218,12 @@ def test_a_pair_needs_likeness(strip):
         return partnered(pairing, modes.frequencies_hz, test_hz, shapes).tolist()
 
     rest = np.linalg.svd(modes.at(ACROSS))[0][:, -1]
-    for share, far, near in ((0.0, False, False), (0.3, False, True), (0.8, True, True)):
+    for share, far, near in ((0.0, False, False), (0.5, False, True), (0.9, True, True)):
         shapes = plain.shapes / np.linalg.norm(plain.shapes, axis=0)
         shapes[:, 3] = np.sqrt(share) * shapes[:, 3] + np.sqrt(1 - share) * rest
         assert of(shapes, hz) == [True, True, True, near]
-        assert of(shapes, hz * [1, 1, 1, 3]) == [True, True, True, far]
+        assert of(shapes, hz * [1, 1, 1, 2]) == [True, True, True, far]
+        assert of(shapes, hz * [1, 1, 1, 10]) == [True, True, True, False]
     ordered = pair_modes(modes, 4, ACROSS)
     for factors, expected in (
         ([10, 1, 1, 1], [False, True, True, True]),

@@ -25,6 +25,7 @@ from fenics_joints.commands.diagnose.view import diagnosis_view
 from fenics_joints.commands.diagnose.words import (
     changes_of,
     group_words,
+    point_mass_words,
     somewhere_words,
     zone_words,
 )
@@ -91,7 +92,7 @@ def diagnosis_html(
         map=None if d.cells is None else svg(_cell_picture(d.cells)),
         zones=[] if found is None else _zones(found),
         axes=[] if found is None else _axes(found, d.condition),
-        placed=_placed(d),
+        placed=_placed(d), point="" if d.somewhere is None else point_mass_words(d.somewhere),
         heat=heat_pair(d.before, d.after, ("Nominal model", "Leading hypothesis")),
         classes=classes,
         shown=_worth_showing(classes),

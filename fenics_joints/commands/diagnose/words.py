@@ -24,8 +24,8 @@ from fenics_joints.formatting import (
 
 __all__ = [
     "NAMED", "NARROWED", "VERDICTS", "chance_words", "changes_of", "from_to", "group_words",
-    "is_part", "joined", "p_value_words", "sentence", "share_words", "shortened",
-    "somewhere_words", "span", "times_words", "zone_words",
+    "is_part", "joined", "p_value_words", "point_mass_words", "sentence", "share_words",
+    "shortened", "somewhere_words", "span", "times_words", "zone_words",
 ]  # fmt: skip
 
 #: Verdicts as headings.
@@ -63,7 +63,23 @@ def somewhere_words(found: Somewhere | None) -> str:
     parts = _changes(first)
     if not parts:
         return ""
-    return f"{joined(parts)} in {zone_words(first.region)} about {point_mm(first.middle)} mm"
+    words = f"{joined(parts)} in {zone_words(first.region)} about {point_mm(first.middle)} mm"
+    point = point_mass_words(found)
+    return f"{words} ({point})" if point else words
+
+
+def point_mass_words(found: Somewhere) -> str:
+    """What an unknown cause weighs if it is one point mass; "" where it is none."""
+    first, p = found.patches[0], found.point
+    if p is None or not abs(first.mass) > _SURELY * first.mass_sd:
+        return ""
+    grams = [f"{number(1e3 * kg, 2)} g" for kg in (p.kg, p.low, p.high)]
+    words = (
+        f"as one point mass {grams[0]}, 90 % interval {grams[1]} to {grams[2]}, at about "
+        f"{point_mm(p.at)} mm"
+    )
+    hint = "" if found.looked_for else "; [diagnose] rare = true looks for what was put on"
+    return f"{words}{hint}"
 
 
 def _changes(patch: Patch) -> list[str]:

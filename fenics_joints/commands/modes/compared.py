@@ -8,11 +8,12 @@ import numpy as np
 
 from fenics_joints.case import Case
 from fenics_joints.errors import InputError
-from fenics_joints.measurements.gap import mac, pair_modes
+from fenics_joints.files import plain
+from fenics_joints.measurements.gap import mac, pair_modes, partnered, rms
 from fenics_joints.modal.modes import Modes
 from fenics_joints.structure.points import Sensors
 
-__all__ = ["Compared", "compared", "condition_words"]
+__all__ = ["Compared", "alone_words", "compared", "condition_words"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,6 +27,8 @@ class Compared:
         test_hz: Their frequencies, Hz, shape (m,); nan where not measured.
         model_hz: Those of the model's modes, Hz, shape (m,).
         index: Which modes of the model these are, shape (m,).
+        partnered: Which of the test's modes these are partners of, mask (m,); a mode that is like
+            none of the model's has a row, but no partner (`measurements.gap.partnered`).
         candidates: Modes of the model that the test could see, shape (k,).
         matrix: MAC of each measured shape with each candidate, shape (m, k); None without shapes.
         sensors: Where and in which direction shapes were measured, n of them; or None.
@@ -38,6 +41,7 @@ class Compared:
     test_hz: np.ndarray
     model_hz: np.ndarray
     index: np.ndarray
+    partnered: np.ndarray
     candidates: np.ndarray
     matrix: np.ndarray | None = None
     sensors: Sensors | None = None
@@ -45,17 +49,22 @@ class Compared:
     model_shapes: np.ndarray | None = None
 
     def __repr__(self) -> str:
-        return f"Compared({len(self.names)} pairs of modes, {100 * self.rms:.3g} %)"
+        return f"Compared({int(self.partnered.sum())} pairs of modes, {100 * self.rms:.3g} %)"
 
     @property
     def relative(self) -> np.ndarray:
-        """Model over test minus one, shape (m,); nan where not measured."""
-        return self.model_hz / self.test_hz - 1.0
+        """Model over test minus one, shape (m,); nan where not measured, or without a partner."""
+        return np.where(self.partnered, self.model_hz / self.test_hz - 1.0, np.nan)
 
     @property
     def rms(self) -> float:
-        """Root mean square of the relative errors."""
-        return float(np.sqrt(np.nanmean(self.relative**2)))
+        """Root mean square of the relative errors; nan without a pair."""
+        return rms(self.relative) if np.isfinite(self.relative).any() else float("nan")
+
+    @property
+    def alone(self) -> tuple[str, ...]:
+        """Names of the test's modes without a partner."""
+        return tuple(n for n, has in zip(self.names, self.partnered, strict=True) if not has)
 
     @property
     def mac(self) -> np.ndarray | None:
@@ -66,24 +75,27 @@ class Compared:
         return self.matrix[np.arange(len(columns)), columns]
 
     def to_json(self) -> dict[str, object]:
-        """Keys: condition, pairs (name, test_hz, mode from 1, model_hz, error_percent, mac), gap
-        (root mean square error, relative), and mac_matrix with its columns, modes from 1."""
+        """Keys: condition, pairs (name, test_hz, mode from 1, model_hz, error_percent, mac; null
+        without a partner), gap (root mean square error of the pairs, relative), without_partner
+        (names), and mac_matrix with its columns, modes from 1."""
         values = [None] * len(self.names) if self.mac is None else self.mac.tolist()
-        pairs = [
-            {
-                "name": name, "test_hz": float(test) if np.isfinite(test) else None,
-                "mode": int(i) + 1, "model_hz": float(model),
-                "error_percent": 100 * float(model / test - 1) if np.isfinite(test) else None,
-                "mac": value,
-            }
-            for name, test, i, model, value in zip(
-                self.names, self.test_hz, self.index, self.model_hz, values, strict=True
-            )
-        ]  # fmt: skip
+        pairs = []
+        for j, name in enumerate(self.names):
+            test, known = float(self.test_hz[j]), bool(np.isfinite(self.test_hz[j]))
+            pair = {"name": name, "test_hz": test if known else None}
+            pair |= dict.fromkeys(("mode", "model_hz", "error_percent", "mac"))
+            if self.partnered[j]:
+                pair |= {
+                    "mode": int(self.index[j]) + 1, "model_hz": float(self.model_hz[j]),
+                    "error_percent": 100 * float(self.relative[j]) if known else None,
+                    "mac": values[j],
+                }  # fmt: skip
+            pairs.append(pair)
         return {
             "condition": None if self.condition is None else list(self.condition),
             "pairs": pairs,
-            "gap": self.rms,
+            "gap": plain(self.rms),
+            "without_partner": list(self.alone),
             "mac_matrix": None if self.matrix is None else self.matrix.tolist(),
             "mac_modes": (self.candidates + 1).tolist(),
         }
@@ -105,6 +117,7 @@ def compared(case: Case, modes: Modes) -> Compared | str | None:
         pairing = pair_modes(modes, len(data.mode_names), data.sensors, reference=data.shapes)
     except InputError as error:
         return f"not compared with the test: {error}"
+    has = partnered(pairing, modes.frequencies_hz, data.frequencies_hz[row], data.shapes)
     has_condition = len(data) > 1 or bool(data.condition_unit)
     condition = (data.condition_name, float(data.conditions[row]), data.condition_unit)
     more = {}
@@ -116,7 +129,7 @@ def compared(case: Case, modes: Modes) -> Compared | str | None:
         }  # fmt: skip
     return Compared(
         condition if has_condition else None, tuple(data.mode_names), data.frequencies_hz[row],
-        modes.frequencies_hz[pairing.index], pairing.index, pairing.visible, **more,
+        modes.frequencies_hz[pairing.index], pairing.index, has, pairing.visible, **more,
     )  # fmt: skip
 
 
@@ -133,3 +146,13 @@ def condition_words(beside: Compared) -> str:
         return ""
     name, value, unit = beside.condition
     return f" at {name} {value:g} {unit}".rstrip()
+
+
+def alone_words(beside: Compared) -> str:
+    """That modes of the test have no partner, and why."""
+    why = "frequency" if beside.mac is None else "shape"
+    return (
+        f"{', '.join(beside.alone)}: no mode of the model has this {why}, so it is left out of the "
+        "error; is it one of something that is not in the model, or are the sensors' places and "
+        "directions wrong ([test.sees])?"
+    )

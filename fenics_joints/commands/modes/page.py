@@ -8,7 +8,7 @@ from types import MappingProxyType
 import numpy as np
 from markupsafe import Markup
 
-from fenics_joints.commands.modes.compared import condition_words
+from fenics_joints.commands.modes.compared import Compared, condition_words
 from fenics_joints.commands.modes.result import ModeList, ring_row
 from fenics_joints.commands.modes.view import measured_arrows, modes_view
 from fenics_joints.formatting import extents, hertz
@@ -65,7 +65,7 @@ def modes_page(result: ModeList, *, n_shapes: int | None = 6) -> str:
     """
     modes, visible = result.modes, result.visible
     elastic = np.arange(len(modes)) >= modes.n_rigid
-    partners = () if result.beside is None else result.beside.index.tolist()
+    partners = () if result.beside is None else [i for _, i in _partners(result.beside)]
     shown = elastic if visible is None or n_shapes is None else visible
     lowest = np.flatnonzero(shown).tolist()
     wanted = sorted(list(dict.fromkeys([*partners, *lowest]))[:n_shapes])
@@ -94,7 +94,7 @@ def _measured(result: ModeList, seen: np.ndarray | None, wanted) -> tuple[dict, 
     if seen is None or beside.sensors.points.shape[1] != 3:
         return {}, {}
     arrows, notes = {}, {}
-    for j, i in enumerate(beside.index.tolist()):
+    for j, i in _partners(beside):
         if i not in wanted:
             continue
         own, scaled = seen[:, i], beside.model_shapes[:, j]
@@ -115,7 +115,7 @@ def _pairs(result: ModeList, vertices: np.ndarray, wanted) -> dict[int, Markup]:
     if beside is None or beside.sensors is None or beside.sensors.points.shape[1] != 3:
         return {}
     found = {}
-    for j, i in enumerate(beside.index.tolist()):
+    for j, i in _partners(beside):
         if i in wanted:
             alt = f"Arrows of {beside.names[j]} of the test and of mode {i + 1} at the sensors."
             picture = sensor_shapes(
@@ -124,6 +124,11 @@ def _pairs(result: ModeList, vertices: np.ndarray, wanted) -> dict[int, Markup]:
             )  # fmt: skip
             found[i] = svg(picture)
     return found
+
+
+def _partners(beside: Compared) -> list[tuple[int, int]]:
+    """Numbers of the test's modes and of the model's that are their partners."""
+    return [(int(j), int(beside.index[j])) for j in np.flatnonzero(beside.partnered)]
 
 
 def _mean_direction(sensors, motion: np.ndarray) -> np.ndarray:

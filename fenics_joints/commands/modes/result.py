@@ -57,10 +57,14 @@ class ModeList:
 
     @property
     def visible(self) -> np.ndarray | None:
-        """Which modes the test could see, shape (n,); no rigid-body mode is one."""
+        """Which modes the test could see, shape (n,), its modes' partners among them; no rigid-body
+        mode is one."""
         if self.visibility is None:
             return None
-        return (self.visibility >= VISIBLE) & (np.arange(len(self.modes)) >= self.modes.n_rigid)
+        seen = (self.visibility >= VISIBLE) & (np.arange(len(self.modes)) >= self.modes.n_rigid)
+        if self.beside is not None:
+            seen[self.beside.index[self.beside.partnered]] = True
+        return seen
 
     def to_json(self) -> dict[str, object]:
         """What ``--json`` writes.

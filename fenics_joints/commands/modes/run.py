@@ -9,7 +9,7 @@ from mpi4py import MPI
 
 from fenics_joints.case import Case, build_preload, build_structure, test_notes
 from fenics_joints.case.notes import OF_MODEL
-from fenics_joints.commands.modes.compared import compared
+from fenics_joints.commands.modes.compared import alone_words, compared
 from fenics_joints.commands.modes.page import modes_page
 from fenics_joints.commands.modes.result import ModeList
 from fenics_joints.commands.modes.summary import show_modes
@@ -80,6 +80,8 @@ def run_modes(
     notes, beside = (*test_notes(case, model), *_unused(case, state)), compared(case, modes)
     if isinstance(beside, str):
         notes, beside = (*notes, beside), None
+    elif beside is not None and beside.alone:
+        notes = (*notes, alone_words(beside))
     written = ()
     if fields is not None:
         progress.step(f"writing {fields}")

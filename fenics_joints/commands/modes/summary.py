@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
 from rich.console import Console
 from rich.text import Text
 
@@ -50,18 +49,15 @@ def show_modes(console: Console, result: ModeList) -> None:
 def _show_pairs(console: Console, beside: Compared) -> None:
     """The test's modes with their partners."""
     at = condition_words(beside)
-    tell(console, f"test{at}: error {percent(beside.rms)} (root mean square)", "bold")
+    rms = f"error {percent(beside.rms)} (root mean square)" if beside.partnered.any() else "no pair"
+    tell(console, f"test{at}: {rms}", "bold")
     table = new_table("test", ">Hz", ">mode", ">model, Hz", ">error", ">MAC")
-    values = [None] * len(beside.names) if beside.mac is None else beside.mac
-    rows = zip(
-        beside.names, beside.test_hz, beside.index, beside.model_hz, beside.relative, values,
-        strict=True,
-    )  # fmt: skip
-    for name, test, i, model, error, value in [*rows][:_PAIRS]:
-        known = bool(np.isfinite(test))
+    for pair in beside.to_json()["pairs"][:_PAIRS]:
+        hz, error, value = pair["model_hz"], pair["error_percent"], pair["mac"]
         table.add_row(
-            Text(name), hertz(float(test)) if known else "–", str(i + 1), hertz(float(model)),
-            percent(float(error), 2, sign=True) if known else "–",
+            Text(pair["name"]), "–" if pair["test_hz"] is None else hertz(pair["test_hz"]),
+            "none" if hz is None else str(pair["mode"]), "–" if hz is None else hertz(hz),
+            "–" if error is None else percent(error / 100, 2, sign=True),
             "–" if value is None else f"{value:.3f}",
         )  # fmt: skip
     console.print(table)

@@ -45,6 +45,9 @@ def update_page(r: UpdateReport) -> str:
         ("Before", mac_cells(modes.mac_before)), ("After", mac_cells(modes.mac_after)),
     ]  # fmt: skip
     found, view, stills = r.update.identifiability, None, []
+    words = in_words(found) if r.failure is None else [
+        "This fit explains nothing of the test; no value that it has found may be used."
+    ]  # fmt: skip
     if r.shapes is not None and modes is not None:
         best = None if modes.mac_after is None else np.diag(modes.mac_after)
         view, stills = shapes_view(r.shapes, modes.names, best)
@@ -52,7 +55,7 @@ def update_page(r: UpdateReport) -> str:
         "update.html",
         view=view, stills=stills,
         r=r, u=r.update, method=METHODS[r.update.method], data=data_words(r),
-        at=at_words(r), words=in_words(found), verdict=verdict_words(r),
+        at=at_words(r), words=words, verdict=verdict_words(r),
         pull=start_words(found, r.pull),
         levels=None if functions is None else functions.summary(),
         decibel=decibel, accuracy=accuracy, functions=functions,

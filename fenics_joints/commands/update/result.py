@@ -271,6 +271,8 @@ class UpdateReport:
         pull: Standard deviation by which the fit held each parameter at its start, of its logarithm
             (or its value over its size there); None where nothing did.
         shapes: Shapes of the updated model, to be seen; None but on rank 0.
+        without_partner: Names of the test's modes that are none of the model's; left out.
+        failure: Why the fit explains nothing of the test, in words; None if it does.
     """
 
     title: str
@@ -287,9 +289,13 @@ class UpdateReport:
     published: dict | None = None
     pull: float | None = None
     shapes: UpdatedShapes | None = field(default=None, repr=False)
+    without_partner: tuple[str, ...] = ()
+    failure: str | None = None
 
     def __repr__(self) -> str:
-        return f"UpdateReport({self.title[:30]!r}, {', '.join(self.kinds)}: {self.update!r})"[:120]
+        failed = "" if self.failure is None else "explains nothing, "
+        kinds = ", ".join(self.kinds)
+        return f"UpdateReport({self.title[:30]!r}, {failed}{kinds}: {self.update!r})"
 
     @property
     def conditions(self) -> tuple[float, float]:
@@ -340,6 +346,7 @@ class UpdateReport:
             "errors_percent": None if modes is None else 100 * modes.error_after,
             "errors_before_percent": None if modes is None else 100 * modes.error_before,
             "modes": None if modes is None else modes.to_json(),
+            "modes_without_partner": self.without_partner,
             "functions_db": None if self.functions is None else self.functions.summary(),
             "held_modes": [h.to_json() for h in self.held],
             "condition_numbers": {"before": before, "after": after},
@@ -356,6 +363,7 @@ class UpdateReport:
                 "reason": None if u.converged else u.message,
                 "regularisation": self.pull,
                 "held_by_prior": [] if self.pull is None else found.undetermined,
+                "explains_nothing": self.failure, "excess": u.excess,
                 "widths": {
                     "frequencies": u.widths.frequencies, "shapes": u.widths.shapes,
                     "damping": u.widths.damping, "modes_left_out": u.widths.without,

@@ -17,7 +17,13 @@ from fenics_joints.commands.outcome import Outcome
 from fenics_joints.commands.update.conditions import FollowedModel, sweep_conditions
 from fenics_joints.commands.update.data import UpdateData, update_data
 from fenics_joints.commands.update.page import update_page
-from fenics_joints.commands.update.partners import more_or_fewer, other_partners
+from fenics_joints.commands.update.partners import (
+    WithoutPartner,
+    explains_nothing,
+    more_or_fewer,
+    other_partners,
+    without,
+)
 from fenics_joints.commands.update.result import (
     Compared,
     Functions,
@@ -33,7 +39,7 @@ from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.files import plain
 from fenics_joints.formatting import percent, quantity
 from fenics_joints.measurements import Pairing, Target, mac
-from fenics_joints.measurements.gap import TooFewModes
+from fenics_joints.measurements.gap import TooFewModes, partnered
 from fenics_joints.modal.modes import Modes
 from fenics_joints.progress import Progress
 from fenics_joints.reduction.adaptive import improve
@@ -70,7 +76,8 @@ def run_update(case: Case, comm: MPI.Intracomm, progress: Progress | None = None
     progress = progress or Progress(silent=True)
     if case.update is not None and case.update.cutoff is not None:
         return run_cutoff(case, comm, progress)
-    return Outcome.of(update_case(case, comm, progress), update_page, show_update)
+    found = update_case(case, comm, progress)
+    return Outcome.of(found, update_page, show_update, found.failure)
 
 
 def update_case(case: Case, comm: MPI.Intracomm, progress: Progress | None = None) -> UpdateReport:
@@ -85,18 +92,31 @@ def update_case(case: Case, comm: MPI.Intracomm, progress: Progress | None = Non
     if case.update is None or case.update.cutoff is not None:
         raise InputError(f"{case.path}: update is missing, expected a section [update]")
     # Matrices of this size are too small for a second BLAS thread to be worth waking.
-    progress, left_out = progress or Progress(silent=True), []
+    progress, notes, names = progress or Progress(silent=True), [], []
+    # Modes that may be left out, a third: of few that are left, some fit anything.
+    spare = 0 if case.measured is None else len(case.measured.mode_names) // 3
     with threadpool_limits(1):
         while True:
             try:
-                return _Run(case, comm, progress, left_out).report()
+                found = _Run(case, comm, progress, notes, spare).report()
+                return replace(found, without_partner=tuple(names))
             except TooFewModes as error:
+                there = case.measurements().mode_names
                 case, note = more_or_fewer(case, error)
-                left_out += [] if note is None else [note]
+                notes += [] if note is None else [note]
+                names += [n for n in there if n not in case.measurements().mode_names]
+            except WithoutPartner as error:
+                case, note = without(case, error)
+                notes.append(note)
+                spare -= len(error.names)
+                names += error.names
 
 
 class _Run:
-    def __init__(self, case: Case, comm, progress: Progress, notes: Sequence[str] = ()):
+    def __init__(
+        self, case: Case, comm, progress: Progress, notes: Sequence[str] = (), spare: int = 0
+    ):
+        self.spare = spare
         self.case, self.progress, self.section = case, progress, case.update
         self.data: UpdateData = update_data(case)
         progress.step("building the model")
@@ -150,6 +170,7 @@ class _Run:
         found, modes, error = self._checked()
         self.notes += bound_notes(self.parameters, found)
         first = self.model.modes(self.start)
+        alone = self._alone(first, modes)
         self.model.ratios(self.start, first)  # before the solver has solved anything else
         held = self._held(first)
         self.progress.step("comparing test and model, before and after")
@@ -162,13 +183,19 @@ class _Run:
                 {self._row(): found}, self.progress,
             )  # fmt: skip
             facts |= {**self.model.facts(), "not_converged": lost}
+        table = self._modes(first, modes, found)
+        failure = explains_nothing(table, alone, self.spare)
+        if failure is not None:
+            self.notes.append(
+                f"THIS FIT EXPLAINS NOTHING: {failure}; no value that it has found may be used"
+            )
         return UpdateReport(
             title=self.case.name,
             condition=self.data.condition,
             kinds=self.data.kinds,
             parameters=self._table(found),
             update=found,
-            modes=self._modes(first, modes, found),
+            modes=table,
             functions=functions,
             held=held + self._held_always(first, modes, found),
             model=facts,
@@ -177,7 +204,26 @@ class _Run:
             pull=None if found.method == "weighted" else self.section.regularisation,
             published=self._published(),
             shapes=updated_shapes(self.case, self.full, self.data.target, modes),
+            failure=None if failure is None else f"{self.case.path}: the fit explains nothing: "
+            f"{failure}",
         )
+
+    def _alone(self, first: Modes, modes: Modes) -> np.ndarray:
+        """Which of the test's modes have no partner, neither before the fit nor after, mask (m,).
+
+        Raises:
+            WithoutPartner: If these are a third of them at most, and none is held out by name.
+        """
+        if not len(self.data.target):
+            return np.zeros(0, dtype=bool)
+        hz, shapes = self._measured_hz(), self.case.measurements().shapes
+        alone = ~np.any([
+            partnered(self._pair(m), m.frequencies_hz, hz, shapes) for m in (first, modes)
+        ], axis=0)  # fmt: skip
+        if 0 < alone.sum() <= self.spare and not alone[list(self.data.held_modes)].any():
+            index = np.flatnonzero(alone).tolist()
+            raise WithoutPartner([self.data.mode_names[i] for i in index], index)
+        return alone
 
     def _checked(self) -> tuple[Update, Modes, ModelError]:
         """The fit, where the reduced model holds; else with a better one."""

@@ -37,6 +37,7 @@ def show_update(console: Console, r: UpdateReport) -> None:
     """Print the result on one screen."""
     at, found = at_words(r), r.update.identifiability
     end = "" if r.update.converged else ": NOT CONVERGED"
+    end = end if r.failure is None else ": EXPLAINS NOTHING"
     say(console, f"{r.title}: update{' at ' + at if at else ''} on {data_words(r)}{end}", "bold")
     gaps = ", ".join(f"{what} {before} -> {after}" for what, before, after in r.changes())
     gaps += f" in {r.update.evaluations} evaluations of the model; {r.update.message}"
@@ -51,7 +52,8 @@ def show_update(console: Console, r: UpdateReport) -> None:
         table.add_row(Text(p["name"]), start, value, accuracy(p["sd"]))
     console.print(table)
     _rest(console, len(r.parameters) - _PARAMETERS)
-    for words in (*in_words(found), start_words(found, r.pull)):
+    determined = in_words(found) if r.failure is None else []
+    for words in (*determined, start_words(found, r.pull)):
         if words:
             console.print(words, style="dim", markup=False, highlight=False)
     before, after = r.conditions

@@ -22,6 +22,7 @@ from scipy.special import logsumexp
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.fitted import Fit
 from fenics_joints.diagnosis.evidence.linear import evidence_about, least_square, whiten
+from fenics_joints.diagnosis.evidence.point_mass import PointMassFound
 from fenics_joints.diagnosis.evidence.scales import Scales
 
 __all__ = ["Patch", "Somewhere", "changes", "with_somewhere"]
@@ -69,10 +70,14 @@ class Somewhere:
     Attributes:
         probability: That the unknown cause is of this kind, if there is one.
         patches: Every patch, those first whose change is surest.
+        point: The one point mass that explains the test best; None where none does.
+        looked_for: Whether effects at any place, as something put on, were looked for too.
     """
 
     probability: float
     patches: tuple[Patch, ...]
+    point: PointMassFound | None = None
+    looked_for: bool = False
 
 
 class _Linear:

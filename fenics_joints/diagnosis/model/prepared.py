@@ -35,9 +35,10 @@ from fenics_joints.diagnosis.model.subject import Subject, subject_of, with_plac
 from fenics_joints.diagnosis.where.patch_signatures import signatures
 from fenics_joints.diagnosis.where.patches import patches
 from fenics_joints.diagnosis.where.zone_sensitivity import given_way
+from fenics_joints.errors import InputError
 from fenics_joints.formatting import percent
 from fenics_joints.measurements.data import TestData
-from fenics_joints.measurements.gap import Pairing, skipped
+from fenics_joints.measurements.gap import ALIKE, CONTRADICTED, Pairing, partnered, skipped
 from fenics_joints.modal.modes import Modes, solve_modes
 from fenics_joints.progress import Progress
 from fenics_joints.reduction.forward import Forward
@@ -55,6 +56,11 @@ __all__ = ["Prepared", "prepare"]
 _LACKING, _MOST_LACKING = 12.0, 1e-2
 #: What kept models were sampled at, so that one of another version is not taken for it.
 _SAMPLED = "every place where a joint can give way"
+#: Why a mode may be like none of the model's.
+_UNLIKE = (
+    "is it one of something that is not in the model, or are the sensors' places and directions "
+    "wrong ([test.sees])?"
+)
 #: Patches of each region in which an unknown cause may be.
 _PATCHES = 12
 
@@ -73,8 +79,12 @@ class Prepared(Subject):
         evidence: The test as the inference sees it.
         surrogate: The reduced model; None until `reduce`.
         unresolved: Modes of the test that are no modes of the same mesh one degree higher.
-        left_out: Mask of these, (m,), if they are left out; None if not, as they are most of the
-            test or there are none.
+        without_partner: Modes of the test that are none of the model's, nominal or with any effect
+            at any sampled place of its prior; left out.
+        left_out: Mask of both, (m,), unless the unresolved ones are most of the test, which then
+            stay; None without any.
+        not_nominal: Mask of the modes that have a partner with an effect alone, (m,): they are
+            data, but no part of what the nominal model is said to be off.
         notes: What is to be said of the data that are single numbers.
     """
 
@@ -87,7 +97,9 @@ class Prepared(Subject):
     evidence: Evidence
     surrogate: SeenModes | None = None
     unresolved: tuple[str, ...] = ()
+    without_partner: tuple[str, ...] = ()
     left_out: np.ndarray | None = None
+    not_nominal: np.ndarray | None = None
     notes: list[str] = field(default_factory=list)
     _yielding: tuple[Modes, Pairing] | None = None
 
@@ -115,11 +127,13 @@ class Prepared(Subject):
         )  # fmt: skip
 
     def nominal_log_f(self) -> np.ndarray:
-        """ln f of the nominal model at each of the test's rows, (n, m)."""
+        """ln f of the nominal model at each of the test's rows, (n, m); nan of modes that have no
+        partner in it."""
         bare = Hypothesis((), known=self.evidence.known)
         rows = range(len(self.evidence.conditions))
-        return np.array([self.forward(bare.values(np.zeros(0), 1.0, self.baseline, row))[0]
-                         for row in rows])  # fmt: skip
+        found = np.array([self.forward(bare.values(np.zeros(0), 1.0, self.baseline, row))[0]
+                          for row in rows])  # fmt: skip
+        return found if self.not_nominal is None else np.where(self.not_nominal, np.nan, found)
 
     def reduce(self, progress: Progress, keep: Path | None = None) -> None:
         """Make the reduced model, or read it from a folder if it is kept there; and measure the
@@ -137,6 +151,7 @@ class Prepared(Subject):
             still=self._unfit(),
             lacking=self._share,
         )  # fmt: skip
+        self._look_for_partners()
         if self.evidence.shapes is not None:
             self.evidence = replace(self.evidence, neighbours=self._neighbours())
         if self.case.diagnose.mesh_error:
@@ -149,6 +164,83 @@ class Prepared(Subject):
         self._take(measured_at_points(self, progress))
         give_back()
         self._share_joints()
+
+    def _look_for_partners(self) -> None:
+        """Leave out modes of the test that are none of the model's (`partnered`).
+
+        An effect may give a mode the partner that the nominal model lacks, as where a joint that is
+        taken for one hardly holds; so a mode is left out only if none does, and all hypotheses are
+        judged by the same data.
+
+        Raises:
+            InputError: If these are most of the modes: then the test is of something else.
+        """
+        nominal = self._partnered(self.surrogate.nominal, self.surrogate.pairing)
+        # The small model, which is what predicts, may have more modes to choose from.
+        nominal &= self._partnered(*self.forward.solve(self.baseline))
+        found, tried = nominal.copy(), iter([] if nominal.all() else self._partners_at())
+        while not found.all() and (values := next(tried, None)) is not None:
+            try:
+                found |= self._partnered(*self.forward.solve(values), ALIKE)
+            except (InputError, np.linalg.LinAlgError):
+                continue  # too few modes there, or beyond the laws' limits
+        names = np.array(self.data.mode_names)
+        if np.sum(~found) > len(found) / 2:
+            raise InputError(
+                f"{self.case.path}: test: {', '.join(names[~found])}: expected modes that the "
+                f"model has, nominal or with one of its effects; {_UNLIKE}"
+            )
+        if not found.all():
+            self.without_partner = tuple(names[~found].tolist())
+            self._leave_out(~found)
+            self.notes.append(
+                f"{self._with_hz(~found)}: left out, no mode of the model is like it, nominal or "
+                f"with any of the effects; {_UNLIKE}"
+            )
+        if (found & ~nominal).any():
+            self.not_nominal = found & ~nominal
+            self.notes.append(
+                f"{self._with_hz(self.not_nominal)}: no mode of the nominal model is like it, but "
+                "with some effect one is; it is fitted, and the gaps before the fit and on "
+                "held-out data are without it"
+            )
+
+    def _partners_at(self) -> list[dict[str, float]]:
+        """Values at which modes are looked for that the nominal model lacks: all joints giving way,
+        and every effect at places of its prior."""
+        soft = given_way(self.baseline, interfaces(self.zones, self.baseline))
+        return [soft, *self.samples(self.case.diagnose.samples)]
+
+    def _partnered(
+        self, modes: Modes, pairing: Pairing, least: float = CONTRADICTED
+    ) -> np.ndarray:
+        """Which of the test's modes have a partner, mask (m,): at its shapes' condition, else at
+        any. See `partnered`."""
+        test = self.data.as_it_is
+        hz = test.frequencies_hz if test.shapes is None else test.frequencies_hz[[test.shape_row]]
+        found = [
+            partnered(pairing, modes.frequencies_hz, row, test.shapes, least=least) for row in hz
+        ]
+        there = np.isfinite(hz)
+        silent = ~there.any(axis=0)
+        return np.any(np.array(found) & (there | silent), axis=0)
+
+    def _with_hz(self, which: np.ndarray) -> str:
+        """Names of modes, each with its frequency."""
+        with np.errstate(invalid="ignore"):
+            hz = np.exp(np.nanmean(self.evidence.log_f, axis=0))
+        return ", ".join(
+            f"{self.data.mode_names[i]} ({hz[i]:.4g} Hz)" if np.isfinite(hz[i])
+            else self.data.mode_names[i] for i in np.flatnonzero(which)
+        )  # fmt: skip
+
+    def _leave_out(self, lost: np.ndarray) -> None:
+        """Take modes, mask (m,), out of all data."""
+        self.left_out = lost if self.left_out is None else self.left_out | lost
+        self.data = self.without_lost(self.data)
+        self.evidence = self.evidence.without(np.broadcast_to(lost, self.evidence.shape))
+        if self.surrogate is not None and self.data.shapes is not None:
+            self.surrogate.untell(lost)
 
     def _take(self, measured: Sequence[Scalar]) -> None:
         """Single numbers as data."""
@@ -214,14 +306,12 @@ class Prepared(Subject):
     def on_mesh(self, errors: MeshErrors) -> None:
         """Take the mesh's errors off, and leave out modes that it does not resolve."""
         self.evidence, lost = self.evidence.on_mesh(*errors), np.isnan(errors.frequencies)
+        if self.left_out is not None:
+            lost &= ~self.left_out
         names = zip(self.data.mode_names, lost, strict=True)
         self.unresolved = tuple(name for name, gone in names if gone)
         if 0 < lost.sum() <= len(lost) / 2:
-            self.left_out = lost
-            self.data = self.without_lost(self.data)
-            self.evidence = self.evidence.without(np.broadcast_to(lost, self.evidence.shape))
-            if self.surrogate is not None and self.data.shapes is not None:
-                self.surrogate.untell(lost)
+            self._leave_out(lost)
 
     def without_lost(self, data: TestData) -> TestData:
         """A test without the frequencies of modes that are left out."""
@@ -244,7 +334,8 @@ class Prepared(Subject):
         if shift is None:
             return {}
         errors = zip(self.data.mode_names, np.expm1(shift).tolist(), strict=True)
-        return {name: error for name, error in errors if name not in self.unresolved}
+        out = {*self.unresolved, *self.without_partner}
+        return {name: error for name, error in errors if name not in out}
 
     def order_note(self) -> str:
         """That modes paired by order fit others better, as when a test lacks the lowest; or ""."""
@@ -268,7 +359,8 @@ class Prepared(Subject):
         asked, errors, notes = self.evidence.discrepancy, self.mesh_error(), []
         if self.unresolved:
             so = (
-                "left out (finer cells resolve more)" if self.left_out is not None else
+                "left out (finer cells resolve more)"
+                if len(self.unresolved) <= len(self.data.mode_names) / 2 else
                 "as they are most of the test they stay, but what they say is not to be trusted "
                 "without finer cells"
             )  # fmt: skip

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fenics_joints.errors import InputError
-from fenics_joints.measurements.gap import ALIKE, VISIBLE, mac, pair_modes
+from fenics_joints.measurements.gap import ALIKE, mac, pair_modes
 from fenics_joints.modal.modes import Modes, solve_modes
 from fenics_joints.progress import Progress
 from fenics_joints.reduction.kept import read_vectors, write_vectors
@@ -82,11 +82,8 @@ def mesh_errors(
 def _measured(small: SeenModes, better: Modes) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
     """What `MeshErrors` are made of."""
     modes, sensors = small.nominal, small.sensors
-    own = np.arange(modes.n_rigid, len(modes))
-    if sensors is not None:
-        own = own[modes.visibility(sensors)[own] > VISIBLE]
     # The highest of one may have no like among those of the other.
-    own = own[: len(better) - better.n_rigid]
+    own = small.pairing.visible[: len(better) - better.n_rigid]
     index, same = likes(modes, own, better, places_all_over(small.full, PLACES))
     errors = modes.frequencies_hz[own] / better.frequencies_hz[index] - 1.0
     like = dict(zip(own.tolist(), index.tolist(), strict=True))
@@ -107,7 +104,8 @@ def _changed(ours: np.ndarray, theirs: np.ndarray, measured: np.ndarray) -> np.n
     `MeshErrors.change`."""
     there = np.isfinite(measured)
     measured = np.where(there, measured, 0.0)
-    measured = measured / np.sqrt(np.sum(measured**2, axis=0) / there.sum(axis=0))
+    size = np.sqrt(np.sum(measured**2, axis=0) / np.maximum(there.sum(axis=0), 1))
+    measured = measured / np.maximum(size, _TINY)
     theirs, ours = (x / np.maximum(np.linalg.norm(x, axis=0), _TINY) for x in (theirs, ours))
     new = theirs - np.sum(theirs * ours, axis=0) * ours
     return new * np.sum(measured * theirs, axis=0) / np.maximum(

@@ -1,0 +1,115 @@
+"""Other starts for a fit that ends far from its data, and modes that exchange places between ends.
+
+Without shapes a test's modes are the model's in their order. Where two of them exchange places the
+sum of squares has a valley on either side, each with an end of its own, and a fit from one start
+finds that of its side, however wrong: it fits one mode to the frequency of the other.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.stats import qmc
+
+from fenics_joints.measurements.gap import mac, nearest
+from fenics_joints.modal.modes import Modes
+from fenics_joints.reduction.likes import PLACES
+from fenics_joints.reduction.seen import places_all_over
+from fenics_joints.updating.least_squares import Problem
+from fenics_joints.updating.prediction import Predictor
+
+__all__ = ["AS_GOOD", "exchanged", "other_starts"]
+
+#: Places that are looked at, half of them within the bounds and half near the start; how many of
+#: the best are started from, and from how many exchanges.
+_LOOKED_AT, _STARTED, _EXCHANGED = 16, 2, 3
+#: How far near is, in coordinates: a factor of 10. Starts are at least a factor of 2 from another.
+_NEAR, _APART = float(np.log(10.0)), float(np.log(2.0))
+_SEED = 1
+#: An end is about as good as another if its sum of squares is at most so many times that.
+AS_GOOD = 4.0
+
+
+def other_starts(problem: Problem, start: np.ndarray, end: np.ndarray) -> list[np.ndarray]:
+    """Coordinates to start fits to frequencies from: beyond exchanges of two neighbours, and the
+    best of some places within the bounds.
+
+    Args:
+        problem: The fit, solved once already.
+        start: Coordinates of its own start.
+        end: Where that has ended.
+    """
+    found = [*_beyond_exchanges(problem, end), *_scattered(problem, start)]
+    return [x for x in found if np.isfinite(problem.residual(problem.inside(x))).all()]
+
+
+def _beyond_exchanges(problem: Problem, x: np.ndarray) -> list[np.ndarray]:
+    """Where steps of Gauss and Newton lead if two neighbours were each other's, of those which the
+    test's frequencies would then fit better, the best first."""
+    (predictor,) = problem.predictors
+    target, r, J = predictor.target, problem.residual(x), problem.jacobian(x)
+    used = np.flatnonzero(np.isfinite(target.frequencies_hz))
+    log_f, sd = np.log(target.frequencies_hz[used]), target.log_sd[used]
+    order, found = np.argsort(log_f), []
+    for pair in zip(order[:-1], order[1:], strict=True):
+        here, there = list(pair), list(pair[::-1])
+        other = r.copy()
+        other[here] += (log_f[here] - log_f[there]) / sd[here]
+        step = np.linalg.lstsq(J, -other, rcond=1e-10)[0]
+        cost = float(np.sum((other + J @ step) ** 2))
+        if cost < AS_GOOD * (r @ r):
+            found.append((cost, x + step))
+    return [place for _, place in sorted(found, key=lambda pair: pair[0])[:_EXCHANGED]]
+
+
+def _scattered(problem: Problem, start: np.ndarray) -> list[np.ndarray]:
+    """The best of places within the bounds and near the start, apart from each other."""
+    low, high = problem.coordinates.bounds()
+    near = np.maximum(low, start - _NEAR), np.minimum(high, start + _NEAR)
+    wide = np.where(np.isfinite(low), low, near[0]), np.where(np.isfinite(high), high, near[1])
+    unit = qmc.Sobol(len(start), seed=_SEED).random(_LOOKED_AT)
+    half = _LOOKED_AT // 2
+    places = [
+        problem.inside(a + u * (b - a))
+        for (a, b), part in ((wide, unit[:half]), (near, unit[half:])) for u in part
+    ]  # fmt: skip
+    costs = [float(np.sum(problem.residual(x) ** 2)) for x in places]
+    chosen = [start]
+    for i in np.argsort(costs, kind="stable"):
+        if len(chosen) <= _STARTED and all(np.abs(places[i] - x).max() > _APART for x in chosen):
+            chosen.append(places[i])
+    return chosen[1:]
+
+
+def exchanged(
+    predictor: Predictor, one: dict[str, float], other: dict[str, float]
+) -> tuple[tuple[int, int], ...]:
+    """Pairs of a test's modes, from 0, that stand in another order at other values. Collective.
+
+    Args:
+        predictor: Gives the model's modes and which the test's are.
+        one: Values of the parameters.
+        other: Other ones.
+    """
+    (first, pairing), (second, theirs) = (predictor.modes(values) for values in (one, other))
+    index = pairing.index
+    elastic = np.arange(second.n_rigid, len(second))
+    match = _alike(first, index, second, elastic)
+    becomes = elastic[nearest(match, second.frequencies_hz[elastic], first.frequencies_hz[index])]
+    place = {int(mode): j for j, mode in enumerate(theirs.index)}
+    at = [place.get(int(mode)) for mode in becomes]
+    return tuple(
+        (i, j) for i in range(len(at)) for j in range(i + 1, len(at))
+        if at[i] is not None and at[j] is not None
+        and (index[i] < index[j]) != (theirs.index[at[i]] < theirs.index[at[j]])
+    )  # fmt: skip
+
+
+def _alike(first: Modes, index: np.ndarray, second: Modes, elastic: np.ndarray) -> np.ndarray:
+    """How alike some modes of a model are to those at other values, (m, n), from 0 to 1: by the
+    mass of a small model, by places all over a meshed one."""
+    model = first.model
+    if model.is_meshed:
+        places = places_all_over(model, PLACES)
+        return mac(first.at(places)[:, index], second.at(places)[:, elastic])
+    ours, theirs = first.shapes[:, index], second.shapes[:, elastic]
+    return (ours.T @ model.mass(first.given) @ theirs) ** 2

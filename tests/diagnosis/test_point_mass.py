@@ -1,0 +1,48 @@
+"""A mass that nobody put into the model: how many grams, and where."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+from virtual_plates import virtual_test, write_virtual_case
+
+from fenics_joints.case import load_case
+from fenics_joints.commands.diagnose.words import somewhere_words
+from fenics_joints.diagnosis.evidence.inference import fit
+from fenics_joints.diagnosis.evidence.point_mass import point_mass
+from fenics_joints.diagnosis.evidence.somewhere import changes
+from fenics_joints.diagnosis.model.prepared import prepare
+from fenics_joints.progress import Progress
+from fenics_joints.reduction.seen import places_all_over
+
+
+@pytest.mark.parametrize("grams", [58.0, 0.0])
+def test_grams_of_a_mass_that_was_put_on_a_plate(grams, tmp_path):
+    """On a virtual test with another mesh and noise, at (20, 40, 0) mm of 0.7 kg of plates: within
+    the interval that is stated, and a cell from there; nothing where nothing was put on."""
+    measured = virtual_test(mass=1e-3 * grams).noisy()
+    case = load_case(write_virtual_case(tmp_path, measured, shapes=True))
+    quiet = Progress(silent=True)
+    model = prepare(case, MPI.COMM_WORLD, quiet)
+    model.reduce(quiet)
+    model.place_unknown()
+    unknown = model.hypothesis((), name="none of these", unknown=True)
+    found = fit(unknown, model.forward, model.evidence, model.baseline)
+    seen = model.surrogate
+    point = point_mass(
+        found, model.evidence, seen.nominal, seen.pairing, model.data.sensors,
+        np.unique(places_all_over(model.full, 240).points, axis=0),
+        model.full.total_mass(model.baseline),
+    )  # fmt: skip
+    if not grams:
+        assert point is None
+        return
+    assert point.low < 1e-3 * grams < point.high < 1.4 * point.low
+    assert np.linalg.norm(np.subtract(point.at, (0.02, 0.04, 0.0))) < 0.02
+    placed = replace(changes(found, model.evidence), point=point)
+    said = somewhere_words(placed)
+    assert f"{1e3 * point.kg:.0f} g" in said and "rare = true" in said
+    assert "rare" not in somewhere_words(replace(placed, looked_for=True))
