@@ -138,11 +138,11 @@ class Periodic:
         stresses = self.balance.stresses(X, self.omegas[i])
         for points in self.model.interfaces:
             made = stresses[points.name]
-            rate = (points.rows @ X) @ G.T
+            strain = points.rows @ X
+            rate = strain @ G.T
             # Of a closed integral of stress by strain only equal harmonics are left.
             density = np.pi * np.einsum("pdk,pdk->p", made.coefficients[..., 1:], rate[..., 1:])
-            slip = made.strain[..., 1:] if points.normal else made.strain
-            reach = 0.5 * (slip.max(axis=1) - slip.min(axis=1))
+            reach = amplitude(strain[:, 1:] if points.normal else strain, "peak")
             found[points.name] = Loops(
                 made.strain, made.stress, np.linalg.norm(reach, axis=-1), density,
                 float(points.weights @ density),
