@@ -29,7 +29,7 @@ _BALANCED = 1e-6
 _DEPENDENT = 1e-10
 #: Shapes of a basis need no last digit, and a load without equilibrium is no failure: most of the
 #: time would go into the search for one.
-_SHAPES = {"snes_rtol": 1e-6, "snes_max_it": 15, "snes_linesearch_type": "cp"}
+_SHAPES = {"snes_rtol": 1e-6, "snes_max_it": 10, "snes_linesearch_type": "cp"}
 
 
 def static_state(
