@@ -435,7 +435,7 @@ int law_harmonic(int P, int E, int K, int T, int cycles, int order, const double
   r.ds = malloc(((size_t)n * M + D + STEPS * D + D * K) * columns * sizeof(four));
   int failed = !r.s || !r.moved || !r.ds;
   /* Where many elements share the stress, each end of a piece matters less. */
-  const double least = TURN / T * smaller(E, 64) / 64;
+  const double least = TURN / T * smaller(E, 64) / 1024;
   if (!failed) {
     r.p = r.s + n * M;
     r.fs = r.p + n * NP;

@@ -24,12 +24,16 @@ def finite_differences(problem, z, step=1e-7):
 
 @pytest.mark.parametrize("kind", ["forced", "response", "mode", "phase"])
 def test_jacobians_are_those_of_finite_differences(kind):
-    """All problems, with preload, friction under varying pressure, and sliders."""
+    """All problems, with preload, friction under varying pressure, and sliders.
+
+    The stress is integrated, not summed over samples: the derivative is the integral's, up to the
+    quadrature of a motion with jumps of its slope.
+    """
     from fenics_joints.harmonic.frf import ForcedResponse
     from fenics_joints.harmonic.loads import Loading
 
     model = block()
-    balance = Balance(model, 3, 32, static=np.array([-1.0, 0.05, 0.0]))
+    balance = Balance(model, 3, 128, static=np.array([-1.0, 0.05, 0.0]))
     rng = np.random.default_rng(1)
     X = balance.rest + 0.3 * rng.standard_normal((3, 7))
     row = model.row("forces", "x")
@@ -42,7 +46,7 @@ def test_jacobians_are_those_of_finite_differences(kind):
     }[kind]
     z = np.append(X.reshape(-1), ends)
     J = problem.evaluate(z)[1]
-    assert np.abs(J - finite_differences(problem, z)).max() < 1e-6 * np.abs(J).max()
+    assert np.abs(J - finite_differences(problem, z)).max() < 2e-5 * np.abs(J).max()
 
 
 def test_preload_is_in_equilibrium():

@@ -60,17 +60,18 @@ def test_peak_of_jenkins_is_that_of_time_integration():
 
 
 @pytest.mark.parametrize(
-    "law, normal",
+    "law, normal, samples",
     [
-        (Iwan(RichardAbbott(1.0, 0.05, 0.2, 1.5)), False),
-        (Iwan(Segalman(0.3, 1.0, -0.5, 0.2)), False),
-        (BoucWen(1.0, 0.1, 2.0, 1.0), False),
-        (Valanis(1.0, 0.1, 4.0), False),
-        (CoulombStick(5.0, 1.0, 0.2, 1.0), True),
+        (Iwan(RichardAbbott(1.0, 0.05, 0.2, 1.5)), False, None),
+        (Iwan(Segalman(0.3, 1.0, -0.5, 0.2)), False, None),
+        (BoucWen(1.0, 0.1, 2.0, 1.0), False, 512),  # whose own steps are of second order
+        (Valanis(1.0, 0.1, 4.0), False, 512),
+        (CoulombStick(5.0, 1.0, 0.2, 1.0), True, None),
     ],
     ids=["richard_abbott", "segalman", "bouc_wen", "valanis", "coulomb"],
 )
-def test_peak_does_not_depend_on_the_direction_of_the_sweep(law, normal):
+def test_peak_does_not_depend_on_the_direction_of_the_sweep(law, normal, samples):
+    """At a flat top the amplitude says more than the frequency."""
     if not normal:
         model = oscillator(law, 0.03)
     else:  # a mass that is pressed on a spring beside
@@ -80,7 +81,9 @@ def test_peak_does_not_depend_on_the_direction_of_the_sweep(law, normal):
             one, one, (joint,), 0.03 * one, {"push": one[0]}, {"mass": one[0]}
         )
     up, down = (
-        solve_harmonic(model, "push", 0.15, BAND, harmonics=5, direction=d).peak
+        solve_harmonic(
+            model, "push", 0.15, BAND, harmonics=5, samples=samples, direction=d
+        ).peak
         for d in ("up", "down")
     )
     assert up.frequency_hz == pytest.approx(down.frequency_hz, rel=1e-5)
@@ -95,8 +98,9 @@ def test_loop_of_jenkins_has_its_area_and_a_sticking_one_none():
         X = np.zeros((1, 11))
         X[0, 1:3] = a * np.cos(phase), a * np.sin(phase)
         made = balance.stresses(X)["joint"]
-        energy = np.pi * (made.coefficients[0, 0, 2] * X[0, 1] - made.coefficients[0, 0, 1] * X[0, 2])
-        assert abs(energy) == pytest.approx(4 * strength * (a - strength / k), rel=1e-8)
+        F = made.coefficients[0, 0]
+        energy = np.pi * (F[2] * X[0, 1] - F[1] * X[0, 2])
+        assert abs(energy) == pytest.approx(4 * strength * (a - strength / k), rel=1e-7)
     stuck = solve_harmonic(
         oscillator(ElasticFriction(k, 1e6), 0.03), "push", 0.15, at=[0.2, 0.22], harmonics=5
     )
