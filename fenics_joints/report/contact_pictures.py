@@ -258,7 +258,8 @@ def _patches(state: ContactState, centres) -> list[_Patch]:
         middle = weight @ c.points[pairs]
         own = middle[None] if gdim == 3 else np.zeros((1, gdim))
         if centres is not None:
-            own = centres[[i for i in range(len(centres)) if number[closest[i]] == number[pairs[0]]]]
+            through = [i for i, pair in enumerate(closest) if number[pair] == number[pairs[0]]]
+            own = centres[through]
             if not len(own):
                 own = centres[[np.argmin(np.linalg.norm(centres - middle, axis=1))]]
         title = state.name if len(groups) == 1 else f"{state.name}, patch {i + 1}"

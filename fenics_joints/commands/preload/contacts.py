@@ -104,12 +104,13 @@ def contact_rows(contacts: list[dict]) -> list[dict]:
     """Facts of each contact in words."""
     rows = []
     for c in contacts:
+        presses, whole = area_words(c["area_m2"]), area_words(c["whole_area_m2"])
         facts = [
             ("force between the faces", quantity(c["force_n"], "N")),
             ("peak pressure, mean over a facet", quantity(c["peak_pressure_pa"], "Pa")),
             ("peak pressure at a vertex", quantity(c["peak_nodal_pressure_pa"], "Pa")),
             ("mean pressure where it presses", quantity(c["mean_pressure_pa"], "Pa")),
-            ("area that presses", f"{area_words(c['area_m2'])} of {area_words(c['whole_area_m2'])}"),
+            ("area that presses", f"{presses} of {whole}"),
             ("area above 1 MPa", area_words(c["area_above_1_mpa_m2"])),
         ]
         for bolt, radius in c["radius_m"].items():

@@ -1,0 +1,42 @@
+"""Two plates with two screws whose faces slide without friction."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("dolfinx")
+
+from mpi4py import MPI
+
+from fenics_joints.case import load_case
+from fenics_joints.commands.preload.run import run_preload
+from fenics_joints.progress import Progress
+
+CASE = Path(__file__).parent / "data" / "preload"
+
+
+def test_faces_that_slide_leave_motions_and_six_elastic_modes():
+    """A plate glides on the other along two directions and turns; the table has no mode less."""
+    found = run_preload(load_case(CASE), MPI.COMM_SELF, Progress(silent=True))
+    facts, report = found.json(), found.result
+    assert facts["free_motions"] == 3
+    hz = facts["frequencies_hz"]
+    assert len(hz["stuck"]) == len(hz["preloaded"]) == 6
+    assert min(hz["stuck"] + hz["preloaded"]) > 100
+    (contact,) = facts["contacts"]
+    assert contact["force_n"] == pytest.approx(sum(facts["bolt_forces_n"].values()), rel=1e-6)
+    assert contact["area_above_1_mpa_m2"] <= contact["area_m2"] <= contact["whole_area_m2"]
+    area = 0.0
+    for bolt, (equal, least, most) in contact["equal_radius_m"].items():
+        assert least <= equal <= most and equal <= contact["radius_m"][bolt] * 1.02
+        area += np.pi * (equal**2 - 0.0045**2)
+    assert area == pytest.approx(contact["area_above_1_mpa_m2"], rel=0.15)
+    json.dumps(facts)
+    # Receding contact: twice the force, twice the pressure on the same area.
+    state, solver = report.result["joint"], report.result.solver
+    twice = solver.solve({name: 2 * f for name, f in facts["bolt_forces_n"].items()})["joint"]
+    assert np.array_equal(twice.status, state.status)
+    assert np.abs(twice.pressure - 2 * state.pressure).max() < 1e-6 * twice.pressure.max()
+    assert any("receding" in note for note in facts["notes"])
