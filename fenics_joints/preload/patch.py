@@ -78,9 +78,10 @@ def equal_radius(
     axis /= np.linalg.norm(axis)
     first = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
     first /= np.linalg.norm(first)
-    x, y = arm[above] @ first, arm[above] @ np.cross(axis, first)
-    hole = np.hypot(arm @ first, arm @ np.cross(axis, first)).min()
-    angles = np.sort(np.arctan2(y, x))
+    x, y = arm @ first, arm @ np.cross(axis, first)
+    away = np.hypot(x, y)
+    hole = away.min()
+    angles = np.sort(np.arctan2(y, x)[away > 1e-6 * away.max()])
     gap = np.diff(angles, append=angles[0] + 2 * np.pi).max()
     share = 1.0 if gap < 0.5 * np.pi else 1.0 - gap / (2 * np.pi)
     at, whole = above[interface.facets], interface.shares.sum(axis=1)
@@ -88,8 +89,6 @@ def equal_radius(
         contour_area(interface, pressure, limit)[0], whole[at.all(axis=1)].sum(),
         whole[at.any(axis=1)].sum(),
     )  # fmt: skip
-    if share <= 0:
-        return 0.0, 0.0, 0.0
     return tuple(float(np.sqrt(area / (np.pi * share) + hole**2)) for area in areas)
 
 

@@ -28,11 +28,8 @@ def test_faces_that_slide_leave_motions_and_six_elastic_modes():
     (contact,) = facts["contacts"]
     assert contact["force_n"] == pytest.approx(sum(facts["bolt_forces_n"].values()), rel=1e-6)
     assert contact["area_above_1_mpa_m2"] <= contact["area_m2"] <= contact["whole_area_m2"]
-    area = 0.0
     for bolt, (equal, least, most) in contact["equal_radius_m"].items():
         assert least <= equal <= most and equal <= contact["radius_m"][bolt] * 1.02
-        area += np.pi * (equal**2 - 0.0045**2)
-    assert area == pytest.approx(contact["area_above_1_mpa_m2"], rel=0.15)
     json.dumps(facts)
     # Receding contact: twice the force, twice the pressure on the same area.
     state, solver = report.result["joint"], report.result.solver
