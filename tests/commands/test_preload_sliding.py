@@ -37,3 +37,18 @@ def test_faces_that_slide_leave_motions_and_six_elastic_modes():
     assert np.array_equal(twice.status, state.status)
     assert np.abs(twice.pressure - 2 * state.pressure).max() < 1e-6 * twice.pressure.max()
     assert any("receding" in note for note in facts["notes"])
+
+
+def test_odd_friction_and_torque_are_noted(tmp_path):
+    """Friction of 1e9 holds what touches, as 0.15 does, and is named; so is a torque of 1e12."""
+    text, made = (CASE / "case.toml").read_text(), {}
+    (tmp_path / "two_w.step").write_bytes((CASE / "two_w.step").read_bytes())
+    for friction, torque in (("0.15", '"25 N m"'), ("1e9", "1e12")):
+        changed = text.replace("friction = 0\n", f"friction = {friction}\n")
+        changed = changed.replace('torque = "25 N m"', f"torque = {torque}")
+        (tmp_path / "case.toml").write_text(changed)
+        case = load_case(tmp_path)
+        made[friction] = run_preload(case, MPI.COMM_SELF, Progress(silent=True)).json()
+    hz = [made[key]["frequencies_hz"]["preloaded"] for key in made]
+    assert hz[0] == pytest.approx(hz[1], rel=1e-6)
+    assert len(made["1e9"]["notes"]) == len(made["0.15"]["notes"]) + 2

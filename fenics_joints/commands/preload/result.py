@@ -10,10 +10,13 @@ import numpy as np
 import fenics_joints
 from fenics_joints.case import Case
 from fenics_joints.commands.preload.contacts import bolt_forces
+from fenics_joints.formatting import number, quantity
 from fenics_joints.preload import PreloadResult
 
 __all__ = ["PreloadReport"]
 
+#: Friction, and pressure, Pa, beyond that of any metal: a hard steel's indentation has some 8 GPa.
+_ROUGH, _HARDEST = 2.0, 1e10
 #: Gap over a face's size that is none.
 _FLAT = 1e-9
 
@@ -46,8 +49,18 @@ class PreloadReport:
 
     @property
     def notes(self) -> list[str]:
-        """What to know of the frequencies, a sentence each."""
-        found = []
+        """What to know of the state and its frequencies, and what is unlikely, a sentence each."""
+        found = [
+            f"contact {c.name}: friction of {number(c.friction)} is unlikely, of dry metals it is "
+            "0.1 to 1"
+            for c in self.result.model.contacts
+            if c.friction > _ROUGH
+        ] + [
+            f"contact {c['name']}: a peak pressure of {quantity(c['peak_pressure_pa'], 'Pa')} is "
+            "more than metals bear: are the bolts' forces right?"
+            for c in self.contacts
+            if c["peak_pressure_pa"] > _HARDEST
+        ]
         if self.free_motions:
             found.append(
                 f"faces that slide or are open leave {self.free_motions} more "
