@@ -132,7 +132,8 @@ def loading_shapes(
             f"the static response to {last:g} times the load was not found; expected a joint that "
             "bears a small load", reason_of(statics.solver),
         )  # fmt: skip
-    first, reach = u.dot(whole) / last, _LOST * u.norm() / last
+    # So small a load may be within the residual's tolerance: then the least one says it.
+    first, reach = u.dot(whole) / last, (_LOST * u.norm() / last) or np.inf
     statics.keep()
     found, start, halvings = [], u.copy(), 0
     while pending:
@@ -142,6 +143,7 @@ def loading_shapes(
         statics.reach = reach * pending[0]
         statics.searches = () if found else SEARCHES
         failed = statics.solve() is None
+        first = first or u.dot(whole) / pending[0]
         if failed or u.dot(whole) / pending[0] > _COLLAPSED * first:
             if halvings >= (_HALVINGS if found else _SEARCHED):
                 break
