@@ -60,7 +60,8 @@ class Hysteretic(Section):
     ``equivalent`` stress of tension and shear together, of a layer. ``thickness`` is that of the
     layer whose strain the moduli belong to, if it is not the meshed one: a contact has none.
     ``amplitudes``, least and largest, of that strain, or of a contact's slip in m, are those that
-    the ``sliders`` are placed for; 0.1 and 2 times the strain at the knee without them.
+    the ``sliders`` are placed for; without them 0.1 and 2 times the strain at the knee, and if the
+    responses at the levels are elsewhere, where these are.
     """
 
     #: The law's curve, its arguments with their units, and which is its modulus at rest.

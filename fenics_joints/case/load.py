@@ -285,11 +285,14 @@ def _plan_test(case: Case, test: Test) -> TestData:
     names, (condition, unit) = test.planned.names(), test.planned.head()
     conditions = sorted(test.planned.conditions)
     values = np.ones((len(conditions), len(names)))
-    return TestData(
+    planned = TestData(
         conditions, values, names, condition, unit,
         damping=1e-3 * values if test.planned.damping else None,
         sensors=case.sensors(), **_noise(test, len(names)),
     )  # fmt: skip
+    # Of measured ratios a diagnosis wants to be told how good they are; of planned ones they are
+    # as good as is usual.
+    return replace(planned, damping_noise=planned.damping_sd) if test.planned.damping else planned
 
 
 def _read_shapes(file: Path, modes) -> np.ndarray:

@@ -2,8 +2,9 @@
 
 Periodic motion makes of M x'' + C x' + K x + sum w B^T sigma(B x) = f(t) one equation per degree of
 freedom and harmonic (Krack & Gross, Harmonic Balance for Nonlinear Vibration Problems, 2019). The
-stress is sampled over the cycle (alternating frequency-time, Cameron & Griffin 1989); laws with
-memory run through the cycle until their loop is closed.
+stress is computed over the cycle (alternating frequency-time, Cameron & Griffin 1989), from one
+instant at which a law changes its branch to the next; laws with memory run through the cycle until
+their loop is closed.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ from fenics_joints.joint_laws.kernel import HarmonicStress
 
 __all__ = ["Balance", "Equations", "default_samples"]
 
-#: Samples that find the reversals of hysteresis loops to some 1e-4 of the amplitude.
+#: Steps in which smooth hysteresis is integrated to some 1e-4.
 _SAMPLES_WITH_MEMORY = 128
 #: Most numbers of one product in the Jacobian's assembly.
 _BLOCK = 4_000_000
@@ -123,7 +124,8 @@ class Balance:
         self._shares = [_share(p, self._states.get(p.name), self.comm) for p in model.interfaces]
         self._whole = self._shares if self.comm.size == 1 else None
         self._rated = any(points.kernel.rated for points in model.interfaces)
-        self.kinked = any(points.kernel.n_switches for points in model.interfaces)
+        kernels = [points.kernel for points in model.interfaces]
+        self.kinked = any(kernel.n_switches and not kernel.m for kernel in kernels)
         G = self.fourier.derivative
         self._G, self._G2 = G, G @ G
         self._krons = None
@@ -234,19 +236,20 @@ class Balance:
                 _share(p, self._states.get(p.name), MPI.COMM_SELF) for p in self.model.interfaces
             ]
         shares = zip(self.model.interfaces, self._whole, strict=True)
-        return {points.name: self._harmonic(share, X, omega, False) for points, share in shares}
+        return {
+            points.name: self._harmonic(share, X, omega, False, sampled=True)
+            for points, share in shares
+        }
 
     def _harmonic(
-        self, share: _Share, X: np.ndarray, omega: float, jacobian: bool
+        self, share: _Share, X: np.ndarray, omega: float, jacobian: bool, sampled: bool = False
     ) -> HarmonicStress:
-        f, kernel = self.fourier, share.kernel
-        if not kernel.m and (kernel.n_switches or kernel.rated):
-            return memoryless_stress(
-                kernel, share.rows @ X, omega, f, share.values, jacobian=jacobian
-            )
-        return share.kernel.harmonic(
-            share.rows @ X, f.synthesis, f.analysis, share.values, share.state,
-            cycles=self.cycles, jacobian=jacobian,
+        f, kernel, strain = self.fourier, share.kernel, share.rows @ X
+        if not kernel.m:
+            return memoryless_stress(kernel, strain, omega, f, share.values, jacobian=jacobian)
+        return kernel.harmonic(
+            strain, f.periods * strain @ f.derivative.T, f.synthesis, share.values, share.state,
+            cycles=self.cycles, jacobian=jacobian, sampled=sampled,
         )  # fmt: skip
 
     def _sum(self, part: np.ndarray) -> np.ndarray:

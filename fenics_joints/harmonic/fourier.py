@@ -62,13 +62,6 @@ class Fourier:
         return basis(2 * np.pi * np.arange(self.samples) / self.samples, self.size)
 
     @cached_property
-    def analysis(self) -> np.ndarray:
-        """From samples to coefficients, (K, T)."""
-        matrix = 2 / self.samples * self.synthesis.T
-        matrix[0] /= 2
-        return np.ascontiguousarray(matrix)
-
-    @cached_property
     def derivative(self) -> np.ndarray:
         """Coefficients of du/d(wt) by those of u, (K, K)."""
         return derivative(self.size) / self.periods

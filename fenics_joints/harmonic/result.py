@@ -21,6 +21,10 @@ from fenics_joints.interfaces.model import InterfaceModel, check_interfaces
 __all__ = ["HarmonicResult", "Loops", "Peak", "Periodic", "check_sensor"]
 
 
+#: Energy of a cycle over the terms that it is the sum of, below which these cancel up to round-off.
+_NO_LOSS = 1e-8
+
+
 @dataclass(frozen=True)
 class Peak:
     """A local maximum of the response along the branch.
@@ -138,11 +142,13 @@ class Periodic:
         stresses = self.balance.stresses(X, self.omegas[i])
         for points in self.model.interfaces:
             made = stresses[points.name]
-            rate = (points.rows @ X) @ G.T
+            strain = points.rows @ X
+            rate = strain @ G.T
             # Of a closed integral of stress by strain only equal harmonics are left.
-            density = np.pi * np.einsum("pdk,pdk->p", made.coefficients[..., 1:], rate[..., 1:])
-            slip = made.strain[..., 1:] if points.normal else made.strain
-            reach = 0.5 * (slip.max(axis=1) - slip.min(axis=1))
+            terms = np.pi * made.coefficients[..., 1:] * rate[..., 1:]
+            density = terms.sum(axis=(1, 2))
+            density[np.abs(density) < _NO_LOSS * np.abs(terms).sum(axis=(1, 2))] = 0.0
+            reach = amplitude(strain[:, 1:] if points.normal else strain, "peak")
             found[points.name] = Loops(
                 made.strain, made.stress, np.linalg.norm(reach, axis=-1), density,
                 float(points.weights @ density),

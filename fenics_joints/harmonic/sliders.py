@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
@@ -79,16 +80,21 @@ def slider_ranges(result: HarmonicResult, index: int | None = None) -> tuple[Sli
     return tuple(found)
 
 
-def fitted_sliders(result: HarmonicResult, *others: HarmonicResult) -> InterfaceModel:
+def fitted_sliders(
+    result: HarmonicResult, *others: HarmonicResult, interfaces: Collection[str] | None = None
+) -> InterfaceModel:
     """The model with its sliders where the highest of some responses met their amplitudes.
 
     Args:
         result: Responses of the model.
         others: More of them, as at other forces.
+        interfaces: Names of those whose sliders may move; all by default.
     """
     met: dict[str, list[float]] = {}
     for one in (result, *others):
         for found in slider_ranges(one):
+            if interfaces is not None and found.interface not in interfaces:
+                continue
             met.setdefault(found.interface, []).extend(found.met)
     laws = {p.name: p.law for p in result.model.interfaces}
     changed = {}

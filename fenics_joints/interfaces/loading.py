@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -11,20 +11,25 @@ from petsc4py import PETSc
 from fenics_joints.errors import ConvergenceError, InputError, capable, real, reals, whole
 from fenics_joints.interfaces.model import InterfaceModel
 from fenics_joints.interfaces.sparse import FullModel
-from fenics_joints.interfaces.statics import Statics
+from fenics_joints.interfaces.statics import SEARCHES, Statics
 from fenics_joints.modal.options import given_options, reason_of
 
 __all__ = ["condense", "loading_shapes", "static_state"]
 
 #: Compliance over that at rest beyond which a joint is taken to have failed.
 _COLLAPSED = 3.0
-#: How often the step to a load that is too large is halved.
-_HALVINGS = 4
+#: How often the step to a load that is too large is halved, and until one is found.
+_HALVINGS, _SEARCHED = 4, 12
+#: Load, relative to the least, under which the compliance at rest is found, and displacement over
+#: that of this compliance at which a joint has failed, however the iteration goes on.
+_AT_REST, _LOST = 1e-3, 30.0
 #: A load of which this share at most pushes a free structure as a whole is balanced.
 _BALANCED = 1e-6
 #: Directions with less than this share of the largest energy are dependent.
 _DEPENDENT = 1e-10
-_SHAPES = {"snes_rtol": 1e-8, "snes_linesearch_type": "cp"}
+#: Shapes of a basis need no last digit, and a load without equilibrium is no failure: most of the
+#: time would go into the search for one.
+_SHAPES = {"snes_rtol": 1e-6, "snes_max_it": 10, "snes_linesearch_type": "cp"}
 
 
 def static_state(
@@ -89,6 +94,7 @@ def loading_shapes(
     factors: Sequence[float],
     *,
     petsc_options: Mapping[str, object] | None = None,
+    on_load: Callable[[float], object] = lambda factor: None,
 ) -> list[PETSc.Vec]:
     """Displacements as a load grows from rest. Collective for a full model.
 
@@ -102,44 +108,57 @@ def loading_shapes(
         load: Load, N.
         factors: Ascending factors of the load.
         petsc_options: Options of PETSc's SNES and KSP, without prefix.
+        on_load: Called with every factor before its load is applied.
 
     Returns:
-        A displacement for each factor up to the joint's strength, and a few more near it.
+        A displacement for each factor up to the joint's strength, and a few more near it; where
+        even the least is beyond it, for smaller ones.
 
     Raises:
         InputError: If the factors do not ascend from above zero.
-        ConvergenceError: If not even the first step converges, with PETSc's reason.
+        ConvergenceError: If not even a small load has an equilibrium, with PETSc's reason.
     """
     if np.any(np.diff([0.0, *factors]) <= 0):
         raise InputError(f"factors = {list(factors)}: expected ascending numbers > 0.")
     statics = Statics(model.motion(), {**_SHAPES, **given_options(petsc_options)})
     u, whole = statics.u, statics.motion.vector()
     whole.array[:] = load.array_r if isinstance(load, PETSc.Vec) else load
-    found, first, last, pending, halvings = [], None, 0.0, [float(f) for f in factors], 0
+    last, pending = _AT_REST * factors[0], [float(f) for f in factors]
+    on_load(last)
+    whole.copy(statics.load)
+    statics.load.scale(last)
+    if statics.solve() is None:
+        raise ConvergenceError(
+            f"the static response to {last:g} times the load was not found; expected a joint that "
+            "bears a small load", reason_of(statics.solver),
+        )  # fmt: skip
+    # So small a load may be within the residual's tolerance: then the least one says it.
+    first, reach = u.dot(whole) / last, (_LOST * u.norm() / last) or np.inf
+    statics.keep()
+    found, start, halvings = [], u.copy(), 0
     while pending:
+        on_load(pending[0])
         whole.copy(statics.load)
         statics.load.scale(pending[0])
+        statics.reach = reach * pending[0]
+        statics.searches = () if found else SEARCHES
         failed = statics.solve() is None
-        if failed and not found:
-            raise ConvergenceError(
-                f"the static response to {pending[0]:g} times the load was not found; expected a "
-                "smaller first step", reason_of(statics.solver),
-            )  # fmt: skip
-        compliance = u.dot(whole) / pending[0]
-        first = first or compliance
-        if failed or compliance > _COLLAPSED * first:
-            if halvings == _HALVINGS:
+        first = first or u.dot(whole) / pending[0]
+        if failed or u.dot(whole) / pending[0] > _COLLAPSED * first:
+            if halvings >= (_HALVINGS if found else _SEARCHED):
                 break
             # Nearer to the joint's strength its shapes change most.
             halvings += 1
             pending.insert(0, np.sqrt(last * pending[0]))
-            found[-1].copy(u)
+            start.copy(u)
             continue
+        if not found:
+            halvings = 0
         statics.keep()
         found.append(u.copy())
-        last = pending.pop(0)
+        start, last = found[-1], pending.pop(0)
     statics.destroy()
-    return found
+    return found or [start]
 
 
 def condense(

@@ -11,13 +11,13 @@ from fenics_joints.interfaces.motion import Motion
 from fenics_joints.modal.options import petsc_defaults
 from fenics_joints.structure.sparse import absolute
 
-__all__ = ["Statics"]
+__all__ = ["SEARCHES", "Statics"]
 
 _PREFIX = "fenics_joints_loading_"
 _DEFAULTS = {"snes_type": "newtonls", "snes_max_it": 40, "ksp_type": "preonly", "pc_type": "lu"}
 #: Line searches that are tried where another fails: round-off can mislead one that looks at the
 #: residual, and whole steps can go too far.
-_SEARCHES = "basic", "bt"
+SEARCHES = "basic", "bt"
 #: Residual over the load beyond which there is no hope; PETSc's own default.
 _DIVERGED = 1e4
 #: Last step over the displacement, and residual over the load, of a solution that stands still.
@@ -41,12 +41,14 @@ class Statics:
         load: Load of the next solution.
         states: The interfaces' states before it.
         scale: Least load, N, that residuals are measured by, for a load that passes zero.
+        reach: Norm of u beyond which there is no equilibrium of interest, and the search ends.
+        searches: Line searches that are tried where the first one fails.
     """
 
     def __init__(self, motion: Motion, options: Mapping[str, object]):
         self.motion, self.states = motion, motion.rest()
         self.u, self.load, self._still = motion.vector(), motion.vector(), motion.vector()
-        self.scale = 0.0
+        self.scale, self.reach, self.searches = 0.0, np.inf, SEARCHES
         self._matrix, self._terms = motion.matrix(), motion.vector()
         self._magnitudes = _magnitudes(motion, self.u, self.states)
         self._free = motion.free()
@@ -76,6 +78,8 @@ class Statics:
         reason, size = PETSc.SNES.ConvergedReason, norms[2]
         if not np.isfinite(size):
             return reason.DIVERGED_FNORM_NAN
+        if norms[0] > self.reach:
+            return reason.DIVERGED_DTOL
         (rtol, atol), load = snes.getTolerances()[:2], max(self.load.norm(), self.scale)
         if size <= max(atol, rtol * load, self.round_off(snes.getSolution())):
             return reason.CONVERGED_FNORM_RELATIVE
@@ -107,12 +111,14 @@ class Statics:
             found.
         """
         taken, before, found = self._free.balance(self.load), self.u.copy(), False
-        for search in dict.fromkeys((self._search, *_SEARCHES)):
+        for search in dict.fromkeys((self._search, *self.searches)):
             before.copy(self.u)
             with petsc_defaults(_PREFIX, {}, {"snes_linesearch_type": search}):
                 self.solver.setFromOptions()
             self.solver.solve(None, self.u)
             if found := self.solver.getConvergedReason() >= 0:
+                break
+            if self.u.norm() > self.reach:  # another search would follow it there
                 break
         before.destroy()
         self._free.take_off(self.u)

@@ -1,96 +1,6 @@
 /* Harmonics of stress of laws without memory, whose branches change within the cycle: Gauss's rule
- * between the phases at which a switch changes its sign. Phases go from 0 to 2 pi; Z are harmonics
- * of the input, (DI, K), Zd those of its derivative by the phase.
+ * between the phases at which a switch changes its sign.
  */
-#define NS1 (NS > 0 ? NS : 1)
-#define TURN 6.283185307179586477
-#define BISECTIONS 40
-#define NEWTONS 60
-
-/* 1, cos, sin, cos 2, sin 2, ... of a phase. */
-static void harmonics_at(double phase, int K, double *b)
-{
-  const double c = cos(phase), s = sin(phase);
-  double ck = c, sk = s;
-  b[0] = 1.0;
-  for (int k = 1; k < K; k += 2) {
-    b[k] = ck;
-    b[k + 1] = sk;
-    const double next = ck * c - sk * s;
-    sk = sk * c + ck * s;
-    ck = next;
-  }
-}
-
-static void combine(int K, const double *Z, const double *restrict b, double *e)
-{
-  for (int i = 0; i < DI; ++i) {
-    double sum = 0.0;
-    for (int k = 0; k < K; ++k) sum += Z[i * K + k] * b[k];
-    e[i] = sum;
-  }
-}
-
-/* What one switch of an element is looked at with. */
-typedef struct {
-  int K, number;
-  const double *Z, *Zd, *p;
-  double *b;
-} watched;
-
-static double along(const double *ge, const double *de)
-{
-  double sum = 0.0;
-  for (int i = 0; i < DI; ++i) sum += ge[i] * de[i];
-  return sum;
-}
-
-/* The switch at a phase, and its slope by it. */
-static double look(const watched *w, double phase, double *slope)
-{
-  double e[DI], de[DI], g[NS1], ge[NS1 * DI];
-  harmonics_at(phase, w->K, w->b);
-  combine(w->K, w->Z, w->b, e);
-  combine(w->K, w->Zd, w->b, de);
-  switches(e, w->p, g, ge);
-  *slope = along(ge + w->number * DI, de);
-  return g[w->number];
-}
-
-/* The phase between low and high at which the switch changes its sign, by Newton's method. */
-static double crossing(const watched *w, double low, double high)
-{
-  double slope, x = 0.5 * (low + high);
-  const int positive = look(w, low, &slope) >= 0;
-  for (int i = 0; i < NEWTONS; ++i) {
-    const double g = look(w, x, &slope);
-    if ((g >= 0) == positive) low = x;
-    else high = x;
-    double next = x - g / slope;
-    if (!(next > low && next < high)) next = 0.5 * (low + high);
-    const double moved = fabs(next - x);
-    x = next;
-    if (moved < 1e-14) break;
-  }
-  return x;
-}
-
-/* Both changes of a switch that turns between low and high, if it changes at all. */
-static int hidden(const watched *w, double low, double high, double *to)
-{
-  double slope, a = low, b = high;
-  const double sign = look(w, low, &slope) >= 0 ? 1.0 : -1.0;
-  for (int i = 0; i < BISECTIONS; ++i) {
-    const double middle = 0.5 * (a + b);
-    look(w, middle, &slope);
-    if (sign * slope < 0) a = middle;
-    else b = middle;
-  }
-  if (!(sign * look(w, a, &slope) < 0)) return 0;
-  to[0] = crossing(w, low, a);
-  to[1] = crossing(w, a, high);
-  return 2;
-}
 
 /* Changes of all switches of one element, from T samples of them and of their slopes. */
 static int element_events(watched *w, int T, const double *g, const double *slopes, double *to)
@@ -175,7 +85,7 @@ int law_events(int P, int E, int K, int T, int panels, int order, const double *
         double e[DI], de[DI], ge[NS1 * DI];
         combine(K, w.Z, synthesis + (size_t)t * K, e);
         combine(K, w.Zd, synthesis + (size_t)t * K, de);
-        switches(e, w.p, g + t * NS, ge);
+        switches(e, w.s, w.p, g + t * NS, ge);
         for (int n = 0; n < NS; ++n) slopes[t * NS + n] = along(ge + n * DI, de);
       }
       found += element_events(&w, T, g, slopes, ends + found);

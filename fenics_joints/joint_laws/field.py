@@ -33,6 +33,10 @@ from fenics_joints.joint_laws.point_values import PointValues
 
 __all__ = ["JointField", "integral", "tangents"]
 
+#: Sums over a joint's strains, and over its stresses, by which steps are told apart, and the
+#: difference, relative to the largest, up to which they are the same.
+_PROJECTIONS, _SAME = 4, 1e-5
+
 
 def tangents(normal, gdim: int) -> list:
     """Unit vectors in the plane of an interface: one in the plane, two in space.
@@ -84,7 +88,8 @@ class JointField:
         traction: UFL: tangential stress, Pa, (n_slip,).
         work: Work done on the joint so far, J: of the mean of the stress before and after a step.
         dissipated: Energy turned to heat so far, J. A law without ``stored`` and ``dissipated``
-            cannot tell it from what it stores: then it is ``work``, right after closed cycles.
+            cannot tell it from what it stores: then it is the work of the cycles closed so far,
+            those steps that have brought strain and stress back to where an earlier one left them.
     """
 
     def __init__(
@@ -314,6 +319,10 @@ class JointField:
             for key, e in self._energies.items()
         }
         heat = self._energies["work" if self._energies["heat"] is None else "heat"]
+        self._closed: list[tuple[np.ndarray, float, float]] = []
+        self._projections = np.random.default_rng(0).standard_normal(
+            (_PROJECTIONS, self._last.x.array.size)
+        )
         self._points = {
             "last": self._at(ufl.as_vector(self._present()), self._last.function_space),
             "heat": self._at(ufl.as_vector([heat]), self._heat.function_space),
@@ -337,21 +346,37 @@ class JointField:
         """
         work, heat, stored = self._sum("work"), self._sum("heat"), self.stored()
         self.work += work
-        if heat is None:
-            heat = work - (0.0 if stored is None else stored - self._before)
-        self.dissipated += heat
+        if heat is None and stored is not None:
+            heat = work - (stored - self._before)
+        self.dissipated += heat or 0.0
         self._before = stored or 0.0
         # All from the old memory, then all at once.
         new = {key: points() for key, points in self._points.items()}
         self.state.x.array[:] = new["state"] if self._m else 0.0
         self._last.x.array[:] = new["last"]
         self._heat.x.array[:] += new["heat"]
+        if heat is None:
+            self._close_cycle()
+
+    def _close_cycle(self) -> None:
+        """Add the work since the last step that left strain and stress as they are now."""
+        n = 2 * (1 + self.slip.ufl_shape[0])
+        own = self._last.function_space.dofmap.index_map.size_local * n
+        parts = self._projections[:, :own] * self._last.x.array[:own]
+        now = self._comm.allreduce(parts.reshape(_PROJECTIONS, -1, 2, n // 2).sum(axis=(1, 3)))
+        scale = np.max([np.abs(now), *(np.abs(at) for at, *_ in self._closed)], axis=(0, 1))
+        for at, work, dissipated in reversed(self._closed):
+            if np.all(np.abs(at - now) <= _SAME * scale):
+                self.dissipated = max(self.dissipated, dissipated + self.work - work)
+                break
+        self._closed.append((now, self.work, self.dissipated))
 
     def reset(self) -> None:
         """Forget everything: a joint that never moved."""
         for function in (self.state, self._last, self._heat):
             function.x.array[:] = 0.0
         self.work = self.dissipated = self._before = 0.0
+        self._closed = []
 
     # -- outputs -----------------------------------------------------------------------------------
 

@@ -36,15 +36,21 @@ int law_switch_count(void);
 int law_events(int P, int E, int K, int T, int panels, int order, const double *Z, const double *Zd,
                const double *synthesis, const double *p, const double *nodes,
                const double *weights, double *F, double *J);
-int law_harmonic(int P, int E, int K, int T, int cycles, const double *X, const double *synthesis,
-                 const double *analysis, const double *p, double *s, double *begun, double *e,
-                 double *f, double *F, double *J);
+int law_harmonic(int P, int E, int K, int T, int cycles, int order, const double *X,
+                 const double *Xd, const double *synthesis, const double *rules, const double *p,
+                 double *s, double *begun, double *F, double *J);
 """
 # Without traps both sides of a conditional may be computed, and so elements side by side.
 _FLAGS = ["-O3", "-fno-math-errno", "-fno-trapping-math"]
 #: Samples that a panel of Gauss's rule replaces, and nodes in it: at 8 H samples or more, what a
 #: Jacobian integrates, up to twice the highest harmonic, goes through 2 pi in a panel.
 _PANEL, _GAUSS = 4, np.polynomial.legendre.leggauss(8)
+#: Gauss's rules, from 0 to 1, of 1 to 6 nodes between two steps of a law with memory.
+_CYCLE_ORDER = 6
+_CYCLE_RULES = np.concatenate([
+    np.concatenate([0.5 * (nodes + 1), 0.5 * weights])
+    for nodes, weights in map(np.polynomial.legendre.leggauss, range(1, _CYCLE_ORDER + 1))
+])  # fmt: skip
 _CPU = Path("/proc/cpuinfo")
 _kernels: dict[str, LawKernel] = {}
 
@@ -56,8 +62,8 @@ class HarmonicStress:
     Attributes:
         coefficients: Harmonics of the last cycle's stress, (P, d, K).
         jacobian: Their derivative by those of the strain, (P, d, K, d, K); None if not asked for.
-        strain: Strain over the cycle, (P, T, d).
-        stress: Stress over the last cycle, (P, T, d).
+        strain: Strain at the samples of the cycle, (P, T, d); None if not asked for.
+        stress: Stress at those of the last cycle, (P, T, d), likewise.
         state: States at its end, (P, E, m).
         closure: Change of the states over the last cycle, relative to the largest of them: zero
             when the cycle is closed.
@@ -67,8 +73,8 @@ class HarmonicStress:
 
     coefficients: np.ndarray
     jacobian: np.ndarray | None
-    strain: np.ndarray
-    stress: np.ndarray
+    strain: np.ndarray | None
+    stress: np.ndarray | None
     state: np.ndarray
     closure: float
     by_omega: np.ndarray | None = None
@@ -92,8 +98,7 @@ class LawKernel:
         n_parameters: Number of parameters of an element.
         rated: Whether the law asks for the rate of strain; then ``strain`` is (strain, rate) side
             by side in all calls, and tangents are by both.
-        n_switches: Numbers of an element whose signs choose between branches of the law; 0 for a
-            law with memory, where it is not known when they change.
+        n_switches: Numbers of an element whose signs choose between branches of the law.
     """
 
     def __init__(self, law: JointLaw, n_slip: int, normal: bool, source: str | None = None):
@@ -231,42 +236,47 @@ class LawKernel:
         return F, J
 
     def harmonic(
-        self, coefficients, synthesis, analysis, values, state=None, *, cycles=2, jacobian=True
-    ) -> HarmonicStress:
-        """Harmonics of stress by those of strain, through the time domain, of a law without rate.
+        self, coefficients, changes, synthesis, values, state=None, *,
+        cycles=2, jacobian=True, sampled=False,
+    ) -> HarmonicStress:  # fmt: skip
+        """Harmonics of stress by those of strain, of a law with memory and without rate.
+
+        The states step from sample to sample and to each reversal of the strain, and Gauss's rule
+        integrates the stress between, in pieces that end where a switch changes its sign.
 
         Args:
             coefficients: Harmonics of strain, (P, d, K).
-            synthesis: From harmonics to samples of one period, (T, K).
-            analysis: From samples to harmonics, (K, T).
+            changes: Those of its derivative by the phase, alike.
+            synthesis: From harmonics to samples of one period, (T, K), between which the strain
+                turns once at most. The states take as many steps, and one at each reversal.
             values: Parameters, (P, E, n_parameters).
             state: States before the first cycle, (P, E, m); None for one that never moved.
-            cycles: How often the cycle is run through; the last one counts. A law without memory
-                needs one.
+            cycles: How often the cycle is run through; the last one counts.
             jacobian: Whether the derivative is wanted; it goes through all cycles.
+            sampled: Whether strain and stress at the samples are wanted.
 
         Raises:
-            InputError: For an array of the wrong shape.
+            InputError: For an array of the wrong shape, or a law without memory or with rate.
         """
         X, state, values = self._begin(coefficients, 3, state, values)
-        P, d, K = X.shape
-        if self.rated:
-            raise InputError("a law with the rate of strain needs its frequency too: use Balance.")
-        synthesis = np.ascontiguousarray(synthesis, dtype=float)
-        analysis = np.ascontiguousarray(analysis, dtype=float)
-        T = len(synthesis)
+        (P, d, K), T = X.shape, len(synthesis)
+        if self.rated or not self.m:
+            raise InputError("harmonic: expected a law with memory and without the rate of strain.")
+        changes, synthesis = (np.ascontiguousarray(a, dtype=float) for a in (changes, synthesis))
         self._expect(X, (P, self.d, K))
-        if synthesis.shape != (T, K) or analysis.shape != (K, T):
-            raise InputError(
-                f"synthesis and analysis have shapes {synthesis.shape}, {analysis.shape}: expected "
-                f"(samples, {K}) and ({K}, samples)."
-            )
+        self._expect(changes, X.shape)
+        if synthesis.shape != (T, K):
+            raise InputError(f"synthesis has shape {synthesis.shape}: expected (samples, {K}).")
         begun, F = np.empty_like(state), np.empty((P, d, K))
-        e, f = np.empty((P, T, d)), np.empty((P, T, d))
         J = np.empty((P, d, K, d, K)) if jacobian else None
-        sizes = P, values.shape[1], K, T, cycles if self.m else 1
-        self._run("law_harmonic", sizes, X, synthesis, analysis, values, state, begun, e, f, F, J)
-        return HarmonicStress(F, J, e, f, state, _closure(begun, state))
+        sizes = P, values.shape[1], K, T, cycles, _CYCLE_ORDER
+        arrays = X, changes, synthesis, _CYCLE_RULES, values, state, begun, F, J
+        self._run("law_harmonic", sizes, *arrays)
+        strain = stress = None
+        if sampled:
+            strain = np.ascontiguousarray((X @ synthesis.T).transpose(0, 2, 1))
+            stress, _ = self.history(strain, begun, values)
+        return HarmonicStress(F, J, strain, stress, state, _closure(begun, state))
 
     def _run(self, name: str, sizes: tuple[int, ...], *arrays: np.ndarray | None) -> None:
         """Call a function of the library; None is an array that is not asked for."""

@@ -311,6 +311,16 @@ class BoucWen(JointLaw):
         traction = ufl.as_vector([k * (a * slip[i] + (1.0 - a) * z[i]) for i in range(n)])
         return ufl.as_ufl(0.0), traction, ufl.as_vector([*slip, *(z[i] for i in range(n))])
 
+    def stored(self, normal, slip, state, p):
+        """Energy per volume or area that can be had back: of the spring, and of z beside it.
+
+        Of z as much as leaves its heat, (1 - a) k z (dx - dz), above zero for |gamma| <= beta
+        (Erlicher and Point, C. R. Mecanique 332, 2004).
+        """
+        _, z = _split(state, slip.ufl_shape[0])
+        k, a = p["stiffness"], p["ratio"]
+        return 0.5 * k * (a * ufl.dot(slip, slip) + (1.0 - a) * ufl.dot(z, z))
+
 
 class Valanis(JointLaw):
     """Valanis' endochronic law in its simplest form, isotropic: E_t x + (E_0 - E_t) z.

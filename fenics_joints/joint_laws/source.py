@@ -17,11 +17,17 @@ __all__ = ["law_source"]
 
 #: UFL's operators of two numbers whose difference chooses a branch.
 _COMPARISONS = ("LT", "GT", "LE", "GE", "MinValue", "MaxValue")
-#: Stands for ``events.c`` in laws with memory.
+#: Stand for ``events.c`` in laws with memory, and for ``cycles.c`` in laws without.
 _NO_EVENTS = """
 int law_events(int P, int E, int K, int T, int panels, int order, const double *Z, const double *Zd,
                const double *synthesis, const double *p, const double *nodes,
                const double *weights, double *F, double *J)
+{ return 1; }
+"""
+_NO_CYCLES = """
+int law_harmonic(int P, int E, int K, int T, int cycles, int order, const double *X,
+                 const double *Xd, const double *synthesis, const double *rules, const double *p,
+                 double *s, double *begun, double *F, double *J)
 { return 1; }
 """
 
@@ -49,7 +55,7 @@ def law_source(law: JointLaw, n_slip: int, normal: bool) -> str:
     values += [(f"sn[{i}]", scalar(new[i])) for i in range(m)]
     slopes = _slopes("fe", stress, e, inputs) + _slopes("fs", stress, s, m)
     slopes += _slopes("ne", new, e, inputs) + _slopes("ns", new, s, m)
-    found = [] if m else _switches(stress, e)
+    found = _switches([*stress, *new], e)
     changes = [(f"g[{i}]", scalar(g)) for i, g in enumerate(found)]
     changes += _slopes("ge", found, e, inputs)
     defines = {"D": d, "DI": inputs, "M": m, "M1": max(m, 1), "NP": len(p), "NS": len(found)}
@@ -61,10 +67,10 @@ def law_source(law: JointLaw, n_slip: int, normal: bool) -> str:
             f"static void element({arguments})\n{{{assignments(values, names)}\n}}",
             f"static void element_d({arguments}, double *fe, double *fs, double *ne, double *ns)",
             f"{{{assignments(values + slopes, names)}\n}}",
-            *([] if m else ["static void switches(const double *e, const double *p, double *g, "
-            "double *ge)", f"{{{assignments(changes, names)}\n}}"]),
-            *(_text(name) for name in (["kernel.c"] if m else ["kernel.c", "events.c"])),
-            *([_NO_EVENTS] if m else []),
+            "static void switches(const double *e, const double *s, const double *p, double *g, "
+            f"double *ge)\n{{{assignments(changes, names)}\n}}",
+            *(_text(name) for name in ("kernel.c", "phases.c", "cycles.c" if m else "events.c")),
+            _NO_EVENTS if m else _NO_CYCLES,
         ]
     )
 

@@ -6,7 +6,10 @@ import numpy as np
 
 from fenics_joints.preload.interface import Interface
 
-__all__ = ["contour_area", "cut_corners", "largest_radius", "mean_within", "radii"]
+__all__ = [
+    "contour_area", "cut_corners", "equal_radius", "largest_radius", "mean_within", "nearest_axis",
+    "radii",
+]  # fmt: skip
 
 
 def _edges(interface: Interface) -> np.ndarray:
@@ -43,6 +46,50 @@ def largest_radius(interface: Interface, pressure: np.ndarray, limit: float, cen
     t = ((limit - pressure[a]) / (pressure[b] - pressure[a]))[:, None]
     points = (1 - t) * interface.points[a] + t * interface.points[b]
     return max(best, float(radii(points, interface.normals, centre).max(initial=0.0)))
+
+
+def nearest_axis(points: np.ndarray, axes) -> np.ndarray:
+    """Number of the nearest of some axes at each point, (n,); a point on each as (k, gdim), m."""
+    return np.argmin([np.linalg.norm(points - axis, axis=1) for axis in axes], axis=0)
+
+
+def equal_radius(
+    interface: Interface, pressure: np.ndarray, limit: float, centre
+) -> tuple[float, float, float]:
+    """Radius, m, of the circle round a hole whose area is that where the pressure is at least
+    the limit, and the least and largest that the mesh leaves open; zeros if nowhere.
+
+    The hole, round the axis through ``centre``, ends at the nearest pair. Of an axis on a plane of
+    symmetry the circle is the part that the pairs go round it. The pressure is only known at the
+    vertices: the least area is of the facets that have the limit at all of them, the largest of
+    those that have it at one.
+
+    Args:
+        interface: The pairs, of a contact in space.
+        pressure: Pressure at the pairs, Pa, (n,).
+        limit: Limit, Pa, > 0.
+        centre: A point on the axis, m, (3,).
+    """
+    above = pressure >= limit
+    if not above.any():
+        return 0.0, 0.0, 0.0
+    arm = interface.points - np.asarray(centre, dtype=float)
+    axis = interface.normals.mean(axis=0)
+    axis /= np.linalg.norm(axis)
+    first = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
+    first /= np.linalg.norm(first)
+    x, y = arm @ first, arm @ np.cross(axis, first)
+    away = np.hypot(x, y)
+    hole = away.min()
+    angles = np.sort(np.arctan2(y, x)[away > 1e-6 * away.max()])
+    gap = np.diff(angles, append=angles[0] + 2 * np.pi).max()
+    share = 1.0 if gap < 0.5 * np.pi else 1.0 - gap / (2 * np.pi)
+    at, whole = above[interface.facets], interface.shares.sum(axis=1)
+    areas = (
+        contour_area(interface, pressure, limit)[0], whole[at.all(axis=1)].sum(),
+        whole[at.any(axis=1)].sum(),
+    )  # fmt: skip
+    return tuple(float(np.sqrt(area / (np.pi * share) + hole**2)) for area in areas)
 
 
 def contour_area(interface: Interface, pressure: np.ndarray, limit: float):

@@ -22,6 +22,9 @@ from fenics_joints.structure.grids import facet_mesh
 
 __all__ = ["ContactState", "PreloadResult"]
 
+#: Share of the largest pressure above which a contact presses.
+_PRESSES = 1e-9
+
 
 @dataclass(frozen=True, repr=False)
 class ContactState:
@@ -119,11 +122,13 @@ class ContactState:
 
     @property
     def area(self) -> float:
-        """Area of the closed pairs, m2."""
-        return float(self.interface.areas[self.closed].sum())
+        """Area, m2, in which the pressure, linear between vertices, is more than zero."""
+        return self.area_above(_PRESSES * float(self.pressure.max(initial=0.0)))
 
     def area_above(self, limit: float) -> float:
         """Area, m2, in which the pressure, linear between vertices, is at least ``limit``, Pa."""
+        if not self.pressure.any():
+            return 0.0
         return contour_area(self.interface, self.pressure, limit)[0]
 
     def radius(self, limit: float = 1e6, centre=None) -> float:

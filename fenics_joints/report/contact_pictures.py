@@ -22,7 +22,13 @@ from scipy.sparse.csgraph import connected_components
 
 from fenics_joints.errors import InputError
 from fenics_joints.preload import OPEN, SLIP, STICK, ContactState
-from fenics_joints.preload.patch import contour_area, cut_corners, largest_radius, radii
+from fenics_joints.preload.patch import (
+    contour_area,
+    cut_corners,
+    largest_radius,
+    nearest_axis,
+    radii,
+)
 from fenics_joints.report.style import CHOSEN, NOMINAL, PLACEBO, drawing, grid
 
 __all__ = ["pressure_map", "pressure_profile", "status_map"]
@@ -46,7 +52,7 @@ class _Patch:
     state: ContactState
     facets: np.ndarray  # its rows of the interface's facets
     pairs: np.ndarray  # its pairs
-    centre: np.ndarray
+    centres: np.ndarray  # a point on each axis that goes through it, (k, gdim)
     title: str
 
     @property
@@ -56,8 +62,20 @@ class _Patch:
         pressure[self.pairs] = self.state.pressure[self.pairs]
         return pressure
 
-    def radius(self, limit: float) -> float:
-        return largest_radius(self.state.interface, self.pressure, limit, self.centre)
+    def radii(self, limit: float) -> list[float]:
+        """Contact radius about each axis, of the pairs that are nearest to it."""
+        nearest = nearest_axis(self.state.interface.points, self.centres)
+        return [
+            largest_radius(
+                self.state.interface, np.where(nearest == i, self.pressure, 0.0), limit, centre
+            )
+            for i, centre in enumerate(self.centres)
+        ]
+
+    def distances(self) -> np.ndarray:
+        """Distance of each of its pairs from the nearest axis."""
+        points, normals = self.state.interface.points, self.state.interface.normals
+        return np.min([radii(points, normals, c)[self.pairs] for c in self.centres], axis=0)
 
     def area(self, limit: float) -> float:
         return contour_area(self.state.interface, self.pressure, limit)[0]
@@ -70,15 +88,15 @@ def pressure_map(state: ContactState, *, limit: float = 1e6, centres=None) -> Fi
     """Contact pressure over the interface in plan, with the contour and radius of a limit.
 
     Facets have the colour of their mean pressure, grey where they are open. The line is where the
-    pressure, linear between the vertices, is at the limit; the dashed circle is the contact radius
-    about the bolt's axis. Above each patch stand its force, the area within the line, and that
-    radius.
+    pressure, linear between the vertices, is at the limit; the dashed circles are the contact radii
+    about the bolts' axes, to the farthest place on the line. Above each patch stand its force, the
+    area within the line, and these radii.
 
     Args:
         state: A contact of a three-dimensional model, flat or nearly so.
         limit: Least pressure P_lim, Pa.
-        centres: Bolts' axes on the interface, m, (n, 3); a patch takes the nearest. By default
-            each patch's centroid.
+        centres: Bolts' axes on the interface, m, (n, 3); a patch takes those that are nearest to
+            it of all patches, or the nearest one. By default each patch's centroid.
 
     Raises:
         InputError: For a contact in the plane, or centres of another shape.
@@ -94,10 +112,11 @@ def pressure_map(state: ContactState, *, limit: float = 1e6, centres=None) -> Fi
             _facets(panel, plane, state.interface.facets[patch.facets], colours)
             lines = _contour(plane.points, patch, limit)
             panel.add_collection(LineCollection(lines, colors=_LINE, lw=1.5, capstyle="round"))
-            radius = patch.radius(limit)
-            if radius > 0:
-                _circle(panel, plane, patch, radius)
-            reach = f", r = {_MM * radius:.1f} mm" if radius > 0 else ""
+            found = [r for r in zip(patch.radii(limit), patch.centres, strict=True) if r[0] > 0]
+            for radius, centre in found:
+                _circle(panel, plane, centre, radius)
+            words = ", ".join(f"{_MM * radius:.1f}" for radius, _ in found)
+            reach = f", r = {words} mm" if words else ""
             panel.set_title(f"{patch.title}\n{_summary(patch, limit)}{reach}", loc="left")
         bar = figure.colorbar(
             ScalarMappable(norm, _PRESSURE), ax=[panel for panel, _ in panels], aspect=30, pad=0.02,
@@ -183,8 +202,7 @@ def pressure_profile(
 def _profile(panel, patch: _Patch, limit: float, along) -> None:
     state, p = patch.state, patch.state.pressure[patch.pairs] / 1e6
     points = state.interface.points[patch.pairs]
-    normals = state.interface.normals
-    at = _MM * (radii(points, normals, patch.centre) if along is None else points @ along)
+    at = _MM * (patch.distances() if along is None else points @ along)
     if points.shape[1] == 2:
         order = np.argsort(at)
         panel.plot(at[order], p[order], color=NOMINAL, lw=1.2, zorder=2)
@@ -196,7 +214,7 @@ def _profile(panel, patch: _Patch, limit: float, along) -> None:
             color=colour, label=name, zorder=3,
         )  # fmt: skip
     panel.axhline(limit / 1e6, color=_LINE, lw=1.0, zorder=1, label=_limit_name(limit))
-    radius = patch.radius(limit)
+    radius = max(patch.radii(limit))
     if along is None and radius > 0:
         panel.axvline(_MM * radius, color=_LINE, lw=1.1, ls=_DASHES, zorder=1)
         left = _MM * radius < at.min() + 0.7 * np.ptp(at)
@@ -224,6 +242,7 @@ def _patches(state: ContactState, centres) -> list[_Patch]:
         centres = np.atleast_2d(np.asarray(centres, dtype=float))
         if centres.shape[1:] != (gdim,) or not np.isfinite(centres).all():
             raise InputError(f"centres of shape {centres.shape}: expected (n, {gdim}), m.")
+        closest = [int(np.argmin(np.linalg.norm(c.points - axis, axis=1))) for axis in centres]
     n = len(c)
     ends = np.repeat(c.facets[:, :1], c.facets.shape[1], axis=1)
     links = scipy.sparse.coo_matrix(
@@ -236,12 +255,15 @@ def _patches(state: ContactState, centres) -> list[_Patch]:
     for i, pairs in enumerate(groups):
         facets = np.flatnonzero(number[c.facets[:, 0]] == number[pairs[0]])
         weight = c.areas[pairs] / c.areas[pairs].sum()
-        centre = weight @ c.points[pairs] if gdim == 3 else np.zeros(gdim)
+        middle = weight @ c.points[pairs]
+        own = middle[None] if gdim == 3 else np.zeros((1, gdim))
         if centres is not None:
-            middle = weight @ c.points[pairs]
-            centre = centres[np.argmin(np.linalg.norm(centres - middle, axis=1))]
+            through = [i for i, pair in enumerate(closest) if number[pair] == number[pairs[0]]]
+            own = centres[through]
+            if not len(own):
+                own = centres[[np.argmin(np.linalg.norm(centres - middle, axis=1))]]
         title = state.name if len(groups) == 1 else f"{state.name}, patch {i + 1}"
-        found.append(_Patch(state, facets, pairs, centre, title))
+        found.append(_Patch(state, facets, pairs, own, title))
     return found
 
 
@@ -372,8 +394,8 @@ def _contour(points: np.ndarray, patch: _Patch, limit: float) -> np.ndarray:
     return np.concatenate(ends)
 
 
-def _circle(panel, plane: _Plane, patch: _Patch, radius: float) -> None:
-    centre = plane.at(patch.centre[None])[0]
+def _circle(panel, plane: _Plane, axis: np.ndarray, radius: float) -> None:
+    centre = plane.at(axis[None])[0]
     panel.add_patch(Circle(centre, _MM * radius, fill=False, ec=_LINE, lw=1.1, ls=_DASHES))
     panel.plot(*centre, "+", color=_LINE, ms=6, mew=0.8)
 

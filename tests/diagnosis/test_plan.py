@@ -17,6 +17,7 @@ from typer.testing import CliRunner
 from fenics_joints.case import load_case
 from fenics_joints.cli import app
 from fenics_joints.diagnosis import Effect, Prior
+from fenics_joints.diagnosis.effects.damping import has_ratios
 from fenics_joints.diagnosis.effects.rig import MISSCALED
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.inference import fit
@@ -170,6 +171,18 @@ def test_planned_test_needs_no_data(tmp_path, planned):
     assert len(layout.mode_names) == 4 and layout.sensors is not None and not layout.by_level
     with pytest.raises(InputError, match=r"test\.frequencies is missing.*--plan"):
         case.measurements()
+
+
+def test_planned_damping_speaks_of_damping_without_more(tmp_path, planned):
+    """As the page on case files has it, ``damping = true`` is all that has to be said."""
+    for name in "ab":
+        (tmp_path / name).mkdir()
+    silent, spoken = (
+        load_case(planned(folder, ("conditions = [20, 5]", f"conditions = [20, 5]\n{more}")))
+        for folder, more in ((tmp_path / "a", ""), (tmp_path / "b", "damping = true"))
+    )
+    assert has_ratios(spoken.planned()) and not has_ratios(silent.planned())
+    assert spoken.planned().damping_noise == pytest.approx(0.1)
 
 
 @pytest.mark.parametrize(

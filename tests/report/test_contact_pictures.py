@@ -13,6 +13,7 @@ from mpi4py import MPI
 from fenics_joints.errors import InputError
 from fenics_joints.meshes import c_beams, stacked_blocks
 from fenics_joints.preload import OPEN, SLIP, STICK, Contact, ContactState, PreloadModel
+from fenics_joints.preload.patch import equal_radius, nearest_axis
 from fenics_joints.report.contact_pictures import pressure_map, pressure_profile, status_map
 from fenics_joints.report.style import to_svg
 from fenics_joints.structure import Structure, part
@@ -130,6 +131,28 @@ def test_patches_and_radii_of_two_pads():
     assert points[order] == pytest.approx(expected[np.lexsort(expected.T)], abs=1e-9)
     forces = [float(a.get_title(loc="left").split(": ")[1].split(" kN")[0]) for a in (left, right)]
     assert sum(forces) == pytest.approx(state.normal_force / 1e3, rel=5e-3)
+
+
+def test_two_axes_through_one_patch_have_a_circle_each():
+    """Cones of 1 MPa at 12 and 9 mm from two axes on one face, and circles of equal area."""
+    axes, reach = np.array([[0.015, 0.03, 0.0], [0.047, 0.03, 0.0]]), (0.012, 0.009)
+
+    def cones(x):
+        r = np.linalg.norm(x[:, None, :2] - axes[None, :, :2], axis=2)
+        return np.max(1e6 - 1e8 * (r - reach), axis=1)
+
+    x, z = np.linspace(0.0, 0.06, 61), np.linspace(0.0, 0.01, 2)
+    tagged = stacked_blocks(MPI.COMM_SELF, lower=(x, x, -z[::-1]), upper=z)
+    state = contact(tagged, ("lower", "upper"), cones)
+    circles = [p for p in pressure_map(state, centres=axes).axes[0].patches
+               if isinstance(p, Circle)]  # fmt: skip
+    nearest = nearest_axis(state.interface.points, axes)
+    for i, (circle, axis, radius) in enumerate(zip(circles, axes, reach, strict=True)):
+        assert circle.center == pytest.approx(1e3 * axis[:2])
+        assert circle.radius == pytest.approx(1e3 * radius, rel=0.03)
+        own = np.where(nearest == i, state.pressure, 0.0)
+        equal, least, most = equal_radius(state.interface, own, 1e6, axis)
+        assert equal == pytest.approx(radius, rel=0.02) and least < radius < most
 
 
 @pytest.mark.parametrize("axisymmetric", [True, False])

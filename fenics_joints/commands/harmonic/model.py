@@ -141,9 +141,9 @@ def _with_layers(case: Case, comm, progress: Progress):
     structure = build_structure(case, comm)
     h, places, laws = case.harmonic, _places(case), joint_laws(case, structure)
     modes = solve_modes(structure, n_modes=h.modes)
-    progress.step("how the joints give way under static load")
     full = full_layers(structure, laws, **places)
-    shapes = _loadings(case, full, modes)
+    progress.step("how the joints give way under static load", _LOADINGS)
+    shapes = _loadings(case, full, modes, progress)
     progress.step(f"reducing {structure.n_dofs} degrees of freedom")
     model = reduce_layers(
         structure, laws, n_modes=h.modes, interface_modes=h.interface_modes or 0, extra=shapes,
@@ -152,7 +152,7 @@ def _with_layers(case: Case, comm, progress: Progress):
     return model, structure.n_dofs, modes, full
 
 
-def _loadings(case: Case, full: FullModel, modes: Modes) -> list:
+def _loadings(case: Case, full: FullModel, modes: Modes, progress: Progress) -> list:
     """Static shapes up to what a linear joint would do at resonance at the highest level."""
     i = _mode_in_band(case, modes.frequencies_hz, modes.n_rigid)
     shape, eigenvalue = modes.shapes[i], float(modes.eigenvalues[i])
@@ -161,7 +161,12 @@ def _loadings(case: Case, full: FullModel, modes: Modes) -> list:
     load.scale(eigenvalue)
     pushed, seen = full.forces[FORCE].dot(shape), full.sensors[SENSOR].dot(shape)
     factors = _factors(case, i, eigenvalue, abs(pushed), abs(seen))
-    return loading_shapes(full, load, factors)
+
+    def on_load(factor: float) -> None:
+        done = int(factor in factors[1:])  # smaller loads between are tried where one fails
+        progress.advance(done, f"load {factor / factors[-1]:.2g} of the highest")
+
+    return loading_shapes(full, load, factors, on_load=on_load)
 
 
 def _factors(case: Case, i: int, eigenvalue: float, pushed: float, seen: float) -> np.ndarray:

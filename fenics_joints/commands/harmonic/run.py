@@ -11,7 +11,7 @@ from mpi4py import MPI
 from threadpoolctl import threadpool_limits
 
 from fenics_joints.case import Case
-from fenics_joints.case.harmonic import IdentifySection
+from fenics_joints.case.harmonic import Hysteretic, IdentifySection
 from fenics_joints.commands.harmonic.model import (
     FORCE,
     SENSOR,
@@ -30,6 +30,8 @@ from fenics_joints.harmonic import (
     HarmonicResult,
     Load,
     StaticBackbone,
+    fitted_sliders,
+    slider_ranges,
     solve_backbone,
     solve_harmonic,
     solve_static_backbone,
@@ -47,6 +49,8 @@ __all__ = ["run_harmonic"]
 #: The backbone reaches down to this share of the smallest response at resonance, and up to this
 #: multiple of the largest.
 _BELOW, _ABOVE = 0.1, 1.2
+#: How often sliders are moved to where the responses are: these change with them.
+_PLACED = 3
 #: Static steps of half a loop of a contact, whose pressure changes.
 _LOOP_STEPS = 24
 
@@ -88,13 +92,7 @@ def _solved(case: Case, built: HarmonicModel, comm, progress, branches) -> Harmo
         "harmonics": h.harmonics, "samples": h.samples, "sensor": SENSOR, "comm": comm,
         "progress": progress,
     }  # fmt: skip
-    responses = tuple(
-        solve_harmonic(
-            built.model, FORCE, level, h.band, power=level_power(case), more=_more(case, level),
-            **common, **_kept(branches, f"{level:g}N"),
-        )  # fmt: skip
-        for level in sorted(h.levels)
-    )
+    built, responses = _responses(case, built, branches, common)
     facts = tuple(_facts(r, h.response, curves) for r in responses)
     backbone = None
     if h.backbone:
@@ -115,6 +113,42 @@ def _solved(case: Case, built: HarmonicModel, comm, progress, branches) -> Harmo
         case, built, responses, facts, backbone, curves, seconds, comm.rank, identified,
         predictions, static, stability,
     )  # fmt: skip
+
+
+def _responses(
+    case: Case, built: HarmonicModel, branches: Path | None, common: dict
+) -> tuple[HarmonicModel, tuple[HarmonicResult, ...]]:
+    """The response at every level, and the model with the sliders that these have.
+
+    Where the case does not say which amplitudes the sliders of a law are for, they are moved to
+    those that the responses meet, as far as their dissipation is off there.
+    """
+    h, free = case.harmonic, _free_sliders(case)
+    trial = 0
+    while True:
+        name = f"N-sliders{trial}" if trial else "N"
+        responses = tuple(
+            solve_harmonic(
+                built.model, FORCE, level, h.band, power=level_power(case),
+                more=_more(case, level), **common, **_kept(branches, f"{level:g}{name}"),
+            )  # fmt: skip
+            for level in sorted(h.levels)
+        )
+        ranges = [found for response in responses for found in slider_ranges(response)]
+        if trial == _PLACED or not any(r.note and r.interface in free for r in ranges):
+            return built, responses
+        built = replace(built, model=fitted_sliders(*responses, interfaces=free))
+        trial += 1
+
+
+def _free_sliders(case: Case) -> set[str]:
+    """Laws whose sliders the case does not place; none of a law whose parameters it identifies."""
+    if case.harmonic.identify is not None:
+        return set()
+    return {
+        name for name, section in case.nonlinear.items()
+        if isinstance(section, Hysteretic) and section.amplitudes is None
+    }  # fmt: skip
 
 
 def _more(case: Case, level: float) -> list[Load]:

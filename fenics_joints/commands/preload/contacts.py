@@ -6,7 +6,7 @@ import numpy as np
 
 from fenics_joints.formatting import quantity
 from fenics_joints.preload import OPEN, SLIP, STICK, ContactState, PreloadResult
-from fenics_joints.preload.patch import largest_radius
+from fenics_joints.preload.patch import equal_radius, largest_radius, nearest_axis
 
 __all__ = [
     "area_words", "bolt_axes", "bolt_centres", "bolt_forces", "contact_facts", "contact_rows",
@@ -45,10 +45,13 @@ def contact_facts(state: ContactState, axes: dict[str, np.ndarray]) -> dict:
 
     Returns:
         Keys ``name``; ``force_n``; ``peak_pressure_pa``, the largest of the facets' means, and
-        ``peak_nodal_pressure_pa``; ``mean_pressure_pa``, over the closed area; ``area_m2``, closed,
-        ``area_above_1_mpa_m2`` and ``whole_area_m2``; ``radius_m`` by bolt, the farthest place
-        nearest to that bolt with 1 MPa or more; ``open``, ``slip``, ``stick``: numbers of pairs;
-        ``matching``, whether these are pairs of vertices.
+        ``peak_nodal_pressure_pa``; ``mean_pressure_pa``, over the area that presses; ``area_m2``,
+        where the pressure, linear between vertices, is more than zero, ``area_above_1_mpa_m2``, by
+        the same pressure, and ``whole_area_m2``; ``radius_m`` by bolt, the farthest place nearest
+        to that bolt with 1 MPa or more; ``equal_radius_m`` by bolt, of the circle round its hole
+        that has the area above 1 MPa, the least and the largest that the mesh leaves open, in
+        space; ``open``, ``slip``, ``stick``: numbers of pairs; ``matching``, whether these are
+        pairs of vertices.
     """
     force, area = state.normal_force, state.area
     return {
@@ -60,7 +63,7 @@ def contact_facts(state: ContactState, axes: dict[str, np.ndarray]) -> dict:
         "area_m2": area,
         "area_above_1_mpa_m2": state.area_above(LIMIT),
         "whole_area_m2": float(state.facet_area.sum()),
-        "radius_m": _radii(state, axes),
+        **_radii(state, axes),
         "matching": state.interface.coupling is None,
         **{
             word: int(np.sum(state.status == kind))
@@ -69,18 +72,17 @@ def contact_facts(state: ContactState, axes: dict[str, np.ndarray]) -> dict:
     }
 
 
-def _radii(state: ContactState, axes: dict[str, np.ndarray]) -> dict[str, float]:
-    """Contact radius at each bolt, of the pairs that are nearest to it."""
-    if not axes:
-        return {}
-    points = state.interface.points
-    distance = [np.linalg.norm(points - axis, axis=1) for axis in axes.values()]
-    nearest = np.argmin(distance, axis=0)
-    found = {}
+def _radii(state: ContactState, axes: dict[str, np.ndarray]) -> dict[str, dict]:
+    """Contact radii at each bolt, of the pairs that are nearest to it."""
+    farthest, equal = {}, {}
+    if axes:
+        nearest = nearest_axis(state.interface.points, axes.values())
     for i, (name, axis) in enumerate(axes.items()):
         own = np.where(nearest == i, state.pressure, 0.0)
-        found[name] = largest_radius(state.interface, own, LIMIT, axis)
-    return found
+        farthest[name] = largest_radius(state.interface, own, LIMIT, axis)
+        if len(axis) == 3:
+            equal[name] = equal_radius(state.interface, own, LIMIT, axis)
+    return {"radius_m": farthest, "equal_radius_m": equal}
 
 
 def area_words(square_metres: float) -> str:
@@ -102,18 +104,21 @@ def contact_rows(contacts: list[dict]) -> list[dict]:
     """Facts of each contact in words."""
     rows = []
     for c in contacts:
+        presses, whole = area_words(c["area_m2"]), area_words(c["whole_area_m2"])
         facts = [
             ("force between the faces", quantity(c["force_n"], "N")),
             ("peak pressure, mean over a facet", quantity(c["peak_pressure_pa"], "Pa")),
             ("peak pressure at a vertex", quantity(c["peak_nodal_pressure_pa"], "Pa")),
-            ("mean pressure over the closed area", quantity(c["mean_pressure_pa"], "Pa")),
-            ("closed area", f"{area_words(c['area_m2'])} of {area_words(c['whole_area_m2'])}"),
+            ("mean pressure where it presses", quantity(c["mean_pressure_pa"], "Pa")),
+            ("area that presses", f"{presses} of {whole}"),
             ("area above 1 MPa", area_words(c["area_above_1_mpa_m2"])),
         ]
-        facts += [
-            (f"contact radius (1 MPa) at {bolt}", quantity(radius, "m"))
-            for bolt, radius in c["radius_m"].items()
-        ]
+        for bolt, radius in c["radius_m"].items():
+            if bolt in c["equal_radius_m"]:
+                equal, least, most = (1e3 * r for r in c["equal_radius_m"][bolt])
+                words = f"{equal:.1f} mm ({least:.1f} to {most:.1f} by the mesh)"
+                facts.append((f"radius of the area above 1 MPa at {bolt}", words))
+            facts.append((f"farthest place with 1 MPa from {bolt}", quantity(radius, "m")))
         if not c["matching"]:
             facts.append(("meshes of the faces", "differ: mortar"))
         facts += [(f"{word} pairs", str(c[word])) for word in ("open", "slip", "stick")]

@@ -10,9 +10,15 @@ import numpy as np
 import fenics_joints
 from fenics_joints.case import Case
 from fenics_joints.commands.preload.contacts import bolt_forces
+from fenics_joints.formatting import number, quantity
 from fenics_joints.preload import PreloadResult
 
 __all__ = ["PreloadReport"]
+
+#: Friction, and pressure, Pa, beyond that of any metal: a hard steel's indentation has some 8 GPa.
+_ROUGH, _HARDEST = 2.0, 1e10
+#: Gap over a face's size that is none.
+_FLAT = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,6 +34,8 @@ class PreloadReport:
         preloaded_hz: Elastic frequencies with each pair as the preload leaves it, Hz, (n,).
         written: Files of fields.
         applied: A dict of facts for each obstacle, displacement and load, see `applied_facts`.
+        free_motions: Motions that nothing resists as the preload leaves the contacts, beside those
+            of the stuck structure.
     """
 
     case: Case
@@ -37,6 +45,38 @@ class PreloadReport:
     preloaded_hz: np.ndarray
     written: tuple[Path, ...] = ()
     applied: tuple[dict, ...] = ()
+    free_motions: int = 0
+
+    @property
+    def notes(self) -> list[str]:
+        """What to know of the state and its frequencies, and what is unlikely, a sentence each."""
+        found = [
+            f"contact {c.name}: friction of {number(c.friction)} is unlikely, of dry metals it is "
+            "0.1 to 1"
+            for c in self.result.model.contacts
+            if c.friction > _ROUGH
+        ] + [
+            f"contact {c['name']}: a peak pressure of {quantity(c['peak_pressure_pa'], 'Pa')} is "
+            "more than metals bear: are the bolts' forces right?"
+            for c in self.contacts
+            if c["peak_pressure_pa"] > _HARDEST
+        ]
+        if self.free_motions:
+            found.append(
+                f"faces that slide or are open leave {self.free_motions} more "
+                f"motion{'s' * (self.free_motions > 1)} that nothing resists: they are at 0 Hz, "
+                "and not in this table"
+            )
+        if _recedes(self.result):
+            found.append(
+                "the faces touch all over before the bolts pull, and only bolts press them: "
+                "pressures grow in proportion to the bolts' forces, the area that presses does not "
+                "depend on them (a receding contact), and so neither do these frequencies, as long "
+                "as all bolts have more or less by the same factor; faces with a gap or a crown, "
+                "other loads, and joints whose stiffness depends on the pressure do make a "
+                "difference"
+            )
+        return found
 
     def __repr__(self) -> str:
         words = f"{self.result.iterations} iterations, {len(self.contacts)} contacts"
@@ -47,8 +87,8 @@ class PreloadReport:
 
         Keys: ``version``, ``title``, ``dofs``, ``bolt_forces_n``, ``iterations``,
         ``complementarity``, ``contacts`` (each with the keys of `contact_facts`), ``applied``
-        (obstacles, displacements and loads, with the keys of `applied_facts`), and
-        ``frequencies_hz`` with ``stuck`` and ``preloaded``.
+        (obstacles, displacements and loads, with the keys of `applied_facts`),
+        ``frequencies_hz`` with ``stuck`` and ``preloaded``, ``free_motions`` and ``notes``.
         """
         return {
             "version": fenics_joints.__version__,
@@ -63,4 +103,21 @@ class PreloadReport:
                 "stuck": self.stuck_hz.tolist(),
                 "preloaded": self.preloaded_hz.tolist(),
             },
+            "free_motions": self.free_motions,
+            "notes": self.notes,
         }
+
+
+def _recedes(result: PreloadResult) -> bool:
+    """Whether nothing but bolts presses faces that have no gap: the state is proportional then.
+
+    Dundurs and Stippes, J. Appl. Mech. 37, 1970.
+    """
+    model = result.model
+    if model.moved or len(model.bolts) < len(result.forces):
+        return False
+    sizes = [np.ptp(i.points, axis=0).max() for i in model.interfaces]
+    return bool(model.bolts) and all(
+        np.abs(i.gap).max(initial=0.0) <= _FLAT * size
+        for i, size in zip(model.interfaces, sizes, strict=True)
+    )

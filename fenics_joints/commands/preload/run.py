@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
 from mpi4py import MPI
 
 from fenics_joints.case import Case, build_preload
@@ -14,7 +13,7 @@ from fenics_joints.commands.preload.contacts import bolt_axes, contact_facts
 from fenics_joints.commands.preload.page import preload_html
 from fenics_joints.commands.preload.result import PreloadReport
 from fenics_joints.commands.preload.summary import show_preload
-from fenics_joints.modal.modes import solve_modes
+from fenics_joints.modal.modes import Modes, solve_modes
 from fenics_joints.preload import (
     LinearJoint,
     PreloadSolver,
@@ -55,20 +54,30 @@ def run_preload(
     contacts = [contact_facts(state, axes) for state in result.contacts.values()]
     progress.step("modes with the contacts stuck, and as the preload leaves them")
     joint = LinearJoint(model, stuck_conditions(result))
-    stuck = solve_modes(joint, n_modes=6 + _ELASTIC + 1)
-    loose = solve_modes(
-        joint.change(status_conditions(result)), n_modes=6 + _ELASTIC + 1, solver=stuck.solver
-    )
+    stuck = _elastic_modes(joint)
+    loose = _elastic_modes(joint.change(status_conditions(result)), stuck)
     written = ()
     if fields is not None:
         progress.step(f"writing {fields}")
         written = tuple(write(result, fields))
+    hz = [modes.frequencies_hz[modes.n_rigid :] for modes in (stuck, loose)]
+    compared = min(_ELASTIC, *map(len, hz))
     found = PreloadReport(
-        case, result, contacts, _elastic(stuck), _elastic(loose), written,
-        tuple(applied_facts(result)),
+        case, result, contacts, *(f[:compared] for f in hz), written,
+        tuple(applied_facts(result)), max(loose.n_rigid - stuck.n_rigid, 0),
     )  # fmt: skip
     return Outcome.of(found, preload_html, show_preload)
 
 
-def _elastic(modes) -> np.ndarray:
-    return modes.frequencies_hz[modes.n_rigid : modes.n_rigid + _ELASTIC]
+def _elastic_modes(joint: LinearJoint, before: Modes | None = None) -> Modes:
+    """Modes up to the elastic ones that are compared, however many motions nothing resists.
+
+    Faces that slide or are open let bodies move against one another.
+    """
+    wanted = (6 if before is None else before.n_rigid) + _ELASTIC + 1
+    solver = None if before is None else before.solver
+    modes = solve_modes(joint, n_modes=wanted, solver=solver)
+    if len(modes) - modes.n_rigid < _ELASTIC and len(modes) == wanted:
+        wanted = modes.n_rigid + 6 * _ELASTIC
+        modes = solve_modes(joint, n_modes=wanted, solver=solver)
+    return modes

@@ -37,5 +37,7 @@ def show_preload(console: Console, p: PreloadReport) -> None:
     for i, (a, b) in enumerate(zip(p.stuck_hz, p.preloaded_hz, strict=True)):
         rows.add_row(str(i + 1), hertz(a), hertz(b), percent(b / a - 1, sign=True))
     console.print(rows)
+    for note in p.notes:
+        say(console, note)
     for path in p.written:
         say(console, f"wrote {path}")

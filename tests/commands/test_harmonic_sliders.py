@@ -1,0 +1,45 @@
+"""Sliders that go where the levels' responses are, and a joint that bears next to nothing."""
+
+import numpy as np
+import pytest
+
+pytest.importorskip("dolfinx")
+
+from harmonic_case import LAYER, write
+from mpi4py import MPI
+
+from fenics_joints.case import load_case
+from fenics_joints.commands.harmonic.model import harmonic_model
+from fenics_joints.commands.harmonic.run import run_harmonic
+from fenics_joints.harmonic import slider_ranges
+from fenics_joints.progress import Progress
+
+QUIET, SELF = Progress(silent=True), MPI.COMM_SELF
+LAW = LAYER.split("[nonlinear.lap]\n")[1].split("[harmonic]")[0]
+NO_TEST = ('measured = "frf.csv"\n', "")
+
+
+def test_segalmans_law_has_its_power_over_a_decade_of_force(tmp_path):
+    """Joint damping is as the amplitude to 1 + chi: Segalman, J. Appl. Mech. 72, 2005."""
+    law = 'law = "segalman"\nF_S = "500 kPa"\nchi = -0.5\nbeta = 0.2\nsliders = 12\n'
+    levels = ('levels = ["0.01 N", "10 N"]', 'levels = ["0.03 N", "0.3 N"]')
+    band = ('band = ["25 Hz", "31 Hz"]', 'band = ["28 Hz", "28.3 Hz"]')
+    small = (("harmonics = 3", "harmonics = 1"), ("samples = 64", "samples = 32"))
+    case = load_case(write(tmp_path, LAYER, (LAW, law), levels, band, *small, NO_TEST))
+    found = run_harmonic(case, SELF, QUIET).result
+    for response in found.responses:
+        (sliders,) = slider_ranges(response)
+        assert abs(sliders.error) < 0.05
+    assert not found.slider_notes
+    a = np.array([f.displacement for f in found.facts])
+    energy = np.array([f.joint_energy["lap"] for f in found.facts])
+    slopes = np.diff(np.log(energy / a**2)) / np.diff(np.log(a))
+    assert slopes == pytest.approx(0.5, abs=0.1)
+
+
+def test_a_joint_far_below_the_levels_has_a_basis(tmp_path):
+    """Perfectly plastic, at a hundred times its strength: the static loads begin below it."""
+    law = 'law = "bilinear"\nS_y = "50 Pa"\nE_p = 0\n'
+    case = load_case(write(tmp_path, LAYER, (LAW, law), NO_TEST))
+    built = harmonic_model(case, SELF, QUIET)
+    assert built.model.n_dofs > case.harmonic.modes
