@@ -127,8 +127,11 @@ def factor_to_si(text: str, unit: str) -> float:
         except Exception as error:  # pint, its tokenizer and Python's raise many kinds
             problem = problem or error
     shown = text if len(text) <= 40 else f"{text[:37]}..."
-    known = f"{_expected(unit)} (the unit {shown!r} measures something else or is unknown)"
-    raise InputError(known) from problem
+    if unit == "Hz":  # angles per second, and turns per minute, would pass for a frequency
+        reason = f"the unit {shown!r} is not one of cycles per second"
+    else:
+        reason = f"the unit {shown!r} measures something else or is unknown"
+    raise InputError(f"{_expected(unit)} ({reason})") from problem
 
 
 def _factor(text: str, unit: str) -> float:

@@ -50,7 +50,7 @@ _LETTERS = str.maketrans({
     "æ": "ae", "Æ": "Ae", "ø": "oe", "Ø": "Oe", "ł": "l", "Ł": "L",
 })  # fmt: skip
 #: How a STEP file begins: comments may stand before it.
-_STEP = re.compile(rb"(\xef\xbb\xbf)?(\s|/\*.*?\*/)*ISO-10303-21\s*;", re.DOTALL)
+_STEP = re.compile(rb"(\xef\xbb\xbf)?(?:\s|/\*(?:[^*]|\*(?!/))*\*/)*ISO-10303-21\s*;")
 #: How far from a face a point is asked for being in the solid.
 _PROBE = 1e-2
 

@@ -13,12 +13,16 @@ from fenics_joints.modal.modes import Modes
 from fenics_joints.structure.points import Sensors
 
 __all__ = [
-    "ALIKE", "CONTRADICTED", "FAINT", "VISIBLE", "Gap", "Pairing", "TooFewModes", "assigned",
+    "ALIKE", "CONTRADICTED", "FAINT", "UNLIKE", "VISIBLE", "Gap", "Pairing", "TooFewModes", "assigned",
     "check_sight", "largest_difference", "likeness", "mac", "nearest", "pair_modes", "partnered",
     "rms", "same_modes", "skipped", "with_untold",
 ]  # fmt: skip
 
 
+#: Why a measured mode may have no partner, for messages.
+UNLIKE = (
+    "does the model lack a component, or are the sensors' places and directions wrong ([test.sees])?"
+)
 #: MAC below which two shapes have so little in common that order tells more; and how much MAC a
 #: place in the order is worth then.
 ALIKE, _PLACE = 0.5, 0.2

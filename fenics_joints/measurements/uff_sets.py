@@ -109,8 +109,9 @@ def _blocks(path: Path, data: mmap.mmap) -> Iterator[tuple[int, int, int, int]]:
             body += len(heads[-1])
         stop = _MARK.search(data, body)
         if kind == 58 and number[2]:
-            sizes = [int(x) for x in line[31:43].split()] + [_bytes(heads)]
-            ends = [_BINARY_MARK.match(data, body + size) for size in sizes]
+            sizes = [int(x) for x in line[31:43].split() if x.isdigit()] + [_bytes(heads)]
+            left = len(data) - body
+            ends = [_BINARY_MARK.match(data, body + size) for size in sizes if 0 <= size <= left]
             stop = next((end for end in ends if end), _BINARY_MARK.search(data, body) or stop)
         if stop is None:
             raise InputError(

@@ -75,7 +75,7 @@ MISTAKES = [
     ("[joints.near]", "[joint.near]", ["joint = ", "mean 'joints'"]),
     ('"lap_plates"', '"lap_plate"', ["mesh.builder = 'lap_plate'", "'lap_plates'"]),
     ('builder = "lap_plates"', "", ["mesh = ", "either builder", "or file"]),
-    ('builder = "lap_plates"', 'file = "no.msh"', ["mesh.thickness", "unknown key"]),
+    ('builder = "lap_plates"', 'file = "no.msh"', ["mesh.element_size", "unknown key"]),
     ("n_thickness = 1", "n_thickness = 1.5", ["mesh.n_thickness = 1.5", "expected"]),
     ('G = "26.9 GPa"', "", ["parts.plates", "either G or nu"]),
     ('G = "26.9 GPa"', 'G = "20 GPa"', ["parts.plates", "nu = 0.725", "E < 3 G"]),

@@ -20,11 +20,15 @@ pytestmark = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="starts processe
 FAST = "-m fenics_joints database show"
 
 
+def _without_a_width() -> dict[str, str]:
+    return {k: v for k, v in os.environ.items() if k not in ("COLUMNS", "LINES")}
+
+
 def run(shell: str, *, cwd=None, **variables: str) -> tuple[int, bytes, str]:
     """Runs a line of a shell in which $P is Python; status, output, and errors as text."""
     done = subprocess.run(
         ["sh", "-c", f"P={shlex.quote(sys.executable)}; {shell}"], capture_output=True, cwd=cwd,
-        env={**os.environ, **variables}, timeout=120, check=False,
+        env={**_without_a_width(), **variables}, timeout=120, check=False,
     )  # fmt: skip
     error = done.stderr.decode(errors="replace")
     assert "Traceback" not in error and "please report" not in error, error
@@ -90,8 +94,8 @@ def test_folder_that_was_removed(tmp_path):
     assert (status, out) == (1, b"") and "folder" in error.splitlines()[-1]
 
 
-def test_without_a_home_or_a_folder_for_temporary_files(answer):
-    status, out, error = run(f"unset HOME; TMPDIR=/nowhere $P {FAST}")
+def test_without_a_home_or_a_folder_for_temporary_files(answer, tmp_path):
+    status, out, error = run(f"unset HOME; TMPDIR={tmp_path / 'nowhere'} $P {FAST}")
     assert (status, out.decode()) == (0, answer), error
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from fenics_joints.case import Case
 from fenics_joints.case.harmonic import HarmonicSection
-from fenics_joints.case.sections import ONE_BOLT
+from fenics_joints.case.sections import ONE_BOLT, MassSection
 from fenics_joints.case.test import Test
 from fenics_joints.errors import InputError
 from fenics_joints.measurements import MeasuredFRFs
@@ -43,6 +43,8 @@ class Place:
         point: m, shape (3,).
         direction: Unit vector; None for what has none.
         off: Distance from the mesh, m; nan where it was not measured.
+        spread: Whether it is put on the ring of a bolt whose hole it is in, see
+            `fenics_joints.case.build`.
     """
 
     kind: str
@@ -50,6 +52,7 @@ class Place:
     point: tuple[float, ...]
     direction: tuple[float, ...] | None = None
     off: float = math.nan
+    spread: bool = False
 
     def to_json(self) -> dict[str, object]:
         """Keys: kind, name, at_m, direction, off_mm."""
@@ -87,7 +90,8 @@ def _places(case: Case) -> Iterator[Place]:
         for name, section in table.items():
             way = getattr(section, "direction", None)
             for label, point in section.labelled(name):
-                yield Place(kind, label, tuple(point), way)
+                spread = isinstance(section, MassSection) and section.travel is None
+                yield Place(kind, label, tuple(point), way, spread=spread)
 
 
 def _responses(frfs: MeasuredFRFs, sensors: Sensors) -> Iterator[Place]:
@@ -132,7 +136,7 @@ def far_places(places: Sequence[Place], tagged: TaggedMesh) -> tuple[list[Place]
     points = np.array([place.point for place in places], dtype=float)
     found, errors = nearest(tagged.mesh, points), []
     off = np.where(found.distance > _ON, found.distance, 0.0)
-    heavy = np.flatnonzero([place.kind in ("mass", "attached") for place in places])
+    heavy = np.flatnonzero([place.spread for place in places])
     for i, around in zip(heavy, round_bolts(tagged, points[heavy]), strict=True):
         if around is not None:
             off[i] = 0.0  # it is put on the ring

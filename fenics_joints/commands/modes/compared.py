@@ -9,7 +9,7 @@ import numpy as np
 from fenics_joints.case import Case
 from fenics_joints.errors import InputError
 from fenics_joints.files import plain
-from fenics_joints.measurements.gap import mac, pair_modes, partnered, rms
+from fenics_joints.measurements.gap import UNLIKE, mac, pair_modes, partnered, rms
 from fenics_joints.modal.modes import Modes
 from fenics_joints.structure.points import Sensors
 
@@ -153,6 +153,5 @@ def alone_words(beside: Compared) -> str:
     why = "frequency" if beside.mac is None else "shape"
     return (
         f"{', '.join(beside.alone)}: no mode of the model has this {why}, so it is left out of the "
-        "error; is it one of something that is not in the model, or are the sensors' places and "
-        "directions wrong ([test.sees])?"
+        f"error; {UNLIKE}"
     )

@@ -10,7 +10,7 @@ from fenics_joints.case import Case
 from fenics_joints.commands.update.data import UpdateData
 from fenics_joints.commands.update.result import ModeTable
 from fenics_joints.formatting import percent
-from fenics_joints.measurements.gap import TooFewModes, rms, same_modes
+from fenics_joints.measurements.gap import UNLIKE, TooFewModes, rms, same_modes
 from fenics_joints.modal.modes import Modes
 from fenics_joints.reduction.combined import paired
 from fenics_joints.updating import Update
@@ -42,8 +42,7 @@ def without(case: Case, error: WithoutPartner) -> tuple[Case, str]:
     """The case without modes that have no partner, and what is to be said of it."""
     note = (
         f"{', '.join(error.names)}: left out, no mode of the model is like it, before the fit or "
-        "after; is it one of something that is not in the model, or are the sensors' places and "
-        "directions wrong ([test.sees])?"
+        f"after; {UNLIKE}"
     )
     return case.without_modes(error.index), note
 

@@ -38,7 +38,14 @@ from fenics_joints.diagnosis.where.zone_sensitivity import given_way
 from fenics_joints.errors import InputError
 from fenics_joints.formatting import percent
 from fenics_joints.measurements.data import TestData
-from fenics_joints.measurements.gap import ALIKE, CONTRADICTED, Pairing, partnered, skipped
+from fenics_joints.measurements.gap import (
+    ALIKE,
+    CONTRADICTED,
+    UNLIKE,
+    Pairing,
+    partnered,
+    skipped,
+)
 from fenics_joints.modal.modes import Modes, solve_modes
 from fenics_joints.progress import Progress
 from fenics_joints.reduction.forward import Forward
@@ -56,11 +63,6 @@ __all__ = ["Prepared", "prepare"]
 _LACKING, _MOST_LACKING = 12.0, 1e-2
 #: What kept models were sampled at, so that one of another version is not taken for it.
 _SAMPLED = "every place where a joint can give way"
-#: Why a mode may be like none of the model's.
-_UNLIKE = (
-    "is it one of something that is not in the model, or are the sensors' places and directions "
-    "wrong ([test.sees])?"
-)
 #: Patches of each region in which an unknown cause may be.
 _PATCHES = 12
 
@@ -151,7 +153,8 @@ class Prepared(Subject):
             still=self._unfit(),
             lacking=self._share,
         )  # fmt: skip
-        self._look_for_partners()
+        if self.case.measured is not None:  # frequencies of a planned test are placeholders
+            self._look_for_partners()
         if self.evidence.shapes is not None:
             self.evidence = replace(self.evidence, neighbours=self._neighbours())
         if self.case.diagnose.mesh_error:
@@ -188,14 +191,14 @@ class Prepared(Subject):
         if np.sum(~found) > len(found) / 2:
             raise InputError(
                 f"{self.case.path}: test: {', '.join(names[~found])}: expected modes that the "
-                f"model has, nominal or with one of its effects; {_UNLIKE}"
+                f"model has, nominal or with one of its effects; {UNLIKE}"
             )
         if not found.all():
             self.without_partner = tuple(names[~found].tolist())
             self._leave_out(~found)
             self.notes.append(
                 f"{self._with_hz(~found)}: left out, no mode of the model is like it, nominal or "
-                f"with any of the effects; {_UNLIKE}"
+                f"with any of the effects; {UNLIKE}"
             )
         if (found & ~nominal).any():
             self.not_nominal = found & ~nominal
@@ -227,8 +230,8 @@ class Prepared(Subject):
 
     def _with_hz(self, which: np.ndarray) -> str:
         """Names of modes, each with its frequency."""
-        with np.errstate(invalid="ignore"):
-            hz = np.exp(np.nanmean(self.evidence.log_f, axis=0))
+        log_f = np.ma.masked_invalid(self.evidence.log_f)
+        hz = np.exp(log_f.mean(axis=0).filled(np.nan))
         return ", ".join(
             f"{self.data.mode_names[i]} ({hz[i]:.4g} Hz)" if np.isfinite(hz[i])
             else self.data.mode_names[i] for i in np.flatnonzero(which)
