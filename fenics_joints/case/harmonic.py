@@ -61,7 +61,7 @@ class Hysteretic(Section):
     layer whose strain the moduli belong to, if it is not the meshed one: a contact has none.
     ``amplitudes``, least and largest, of that strain, or of a contact's slip in m, are those that
     the ``sliders`` are placed for; without them 0.1 and 2 times the strain at the knee, and if the
-    responses at the levels are elsewhere, where these are.
+    responses at the levels have other strains, those.
     """
 
     #: The law's curve, its arguments with their units, and which is its modulus at rest.

@@ -349,7 +349,7 @@ def test_what_is_right_is_not_doubted(tmp_path, shaped, write_case, name):
     found = checked(tmp_path)
     notes = [n for n in found.notes if "times" not in name or not any(odd in n for odd in ODD)]
     assert not found.errors and not notes, (found.errors, notes)
-    assert found.solved.startswith("held against ")
+    assert found.solved.startswith("compared with ")
 
 
 def test_a_large_model_is_solved_on_larger_elements(tmp_path, write_case):
