@@ -451,7 +451,7 @@ class Outline:
         return cls(centres, radii, curves, holes, pieces)
 
     def clearance(self, point: np.ndarray, hole: int) -> float:
-        """Distance of a point in the face's plane from the nearest edge, without those of a hole."""
+        """Distance of a point in the face's plane from the nearest edge, except those of a hole."""
         others = self.holes[self.holes != hole]
         apart = np.linalg.norm(self.centres[others] - point, axis=1)
         start, end = self.pieces[:, 0], self.pieces[:, 1]

@@ -67,8 +67,8 @@ def read_msh(
         scale: Length in metres of the file's unit, such as 1e-3 for millimetres.
         grown: Joint layers to grow where parts touch, see `fenics_joints.meshes.grow`; None: none,
             parts that share vertices are as one.
-        thickness: Thickness of a sheet, m, whose middle surface is a plane mesh with ``gdim=2``: the
-            result is a mesh of the solid, in space. None: the mesh is a section, in the plane.
+        thickness: Thickness of a sheet, m, whose middle surface is a plane mesh with ``gdim=2``:
+            the result is a mesh of the solid, in space. None: the mesh is a section, in the plane.
 
     Returns:
         The tagged mesh.

@@ -7,9 +7,10 @@ works in the logarithms of the parameters. It first fits with the lines moved al
 resonances (`fenics_joints.updating.prediction`); from there the fit at the lines themselves starts.
 On frequencies alone it is the bounded, weighted least squares of Tian et al. 2021, eqs. 17 and 18.
 
-Where a fit of frequencies alone leaves residuals far above the noise, other starts are tried (`fenics_joints.updating.starts`). Where a fit does not converge, ends where a step could
-still be taken, or leaves residuals of shapes or damping far above the noise, data without FRFs are
-fitted again in rounds (`fenics_joints.updating.rounds`).
+Where a fit of frequencies alone leaves residuals far above the noise, other starts are tried
+(`fenics_joints.updating.starts`). Where a fit does not converge, stops although a step could still
+be taken, or leaves residuals of shapes or damping far above the noise, data without FRFs are fitted
+again in rounds (`fenics_joints.updating.rounds`).
 
 The same in Machines 2022's way is `fenics_joints.updating.weighted`.
 """
