@@ -1,9 +1,9 @@
 """Modes of a structure from its measured frequency response functions.
 
 Poles are estimated by the least-squares complex frequency method (LSCF) of sdypy-EMA over rising
-orders of the model. Those that stay are where non-linear least squares on all functions starts,
-with residues of rank one, which takes away the bias that the method has under noise, and gives a
-covariance. Modes that the method lost, as close or repeated ones, are in what that fit leaves.
+orders of the model. From the stable poles starts a non-linear least-squares fit of all functions
+with residues of rank one, which removes the method's bias under noise and gives a covariance. Modes
+that the method missed, such as close or repeated ones, show in the residual of that fit.
 """
 
 from __future__ import annotations
@@ -76,8 +76,8 @@ class IdentifiedModes:
         complex_shapes: The same shapes as identified, turned to be as real as they can.
         phase_collinearity: 1 for a real mode, towards 0 for a complex one, shape (m,).
         mass_normalised: Whether the scale of the shapes is that of the modal mass.
-        scatter: Standard deviation of the stable poles' frequency over the orders, relative, and
-            that of their damping, relative, shape (m, 2); nan where none is stable.
+        scatter: Relative standard deviations, over the orders, of the stable poles' frequency and
+            damping, shape (m, 2); nan where no pole is stable.
         residual: Root mean square of measured minus fitted, relative to measured.
         poles: All poles of all orders.
         frfs: The functions, in the band; forces and responses may be exchanged.
