@@ -32,13 +32,13 @@ _NEAR = 0.1
 #: undone, and the misfit below which none is looked for.
 _LEFT, _FITS = 1 / 3, 0.1
 #: ln of the ratio from which a single mode is off.
-_ALONE = math.log(1.4)
+_OUTLIER = math.log(1.4)
 #: Factor by which no joint shifts the median frequency.
-_FAR = 2.5
+_LARGEST_SHIFT = 2.5
 #: Share of the strain energy in joints from which they may cause such a shift.
 _JOINTS = 0.5
 #: Relative distance of equal frequencies, and MAC of equal shapes.
-_ONE, _SAME = 1e-6, 0.99
+_EQUAL, _SAME = 1e-6, 0.99
 #: ln of a jump that no joint makes at one torque and undoes at the next.
 _JUMP = 0.1
 #: Number of modes below which they fit anywhere.
@@ -64,14 +64,14 @@ def mistakes_within(data: TestData) -> list[str]:
     Args:
         data: The test.
     """
-    return [*_copied(data), *_out_of_order(data), *_jumps(data), *_silent(data), *_alike(data)]
+    return [*_copied(data), *_out_of_order(data), *_jumps(data), *_silent(data), *_equal(data)]
 
 
 def _copied(data: TestData) -> list[str]:
     """Modes with the frequencies of another mode."""
     f = data.frequencies_hz
-    near = np.abs(f[:, :, None] / f[:, None] - 1) < _ONE  # nan is not near
-    apart = np.abs(f[:, :, None] / f[:, None] - 1) >= _ONE
+    near = np.abs(f[:, :, None] / f[:, None] - 1) < _EQUAL  # nan is not near
+    apart = np.abs(f[:, :, None] / f[:, None] - 1) >= _EQUAL
     pairs = np.argwhere(np.tril(near.any(axis=0) & ~apart.any(axis=0), -1))
     return [
         f"test.frequencies: {data.mode_names[i]!r} repeats the frequencies of "
@@ -87,7 +87,7 @@ def _out_of_order(data: TestData) -> list[str]:
     for condition, f in zip(data.conditions, data.frequencies_hz, strict=True):
         there = np.flatnonzero(np.isfinite(f))
         for i, j in itertools.pairwise(there):
-            if f[j] < (1 - _ONE) * f[i]:
+            if f[j] < (1 - _EQUAL) * f[i]:
                 where = f" at {data.condition_name} {condition:g}" if len(data) > 1 else ""
                 return [
                     f"test.frequencies: {data.mode_names[i]!r}, {f[i]:.6g} Hz, comes before "
@@ -122,14 +122,14 @@ def _silent(data: TestData) -> list[str]:
     ]
 
 
-def _alike(data: TestData) -> list[str]:
+def _equal(data: TestData) -> list[str]:
     """Measured shapes that are equal at enough sensors."""
     if data.shapes is None or len(data.shapes) < 3:
         return []
     f = data.frequencies_hz[data.shape_row]
     near = np.abs(f[:, None] / f - 1) < _NEAR  # few sensors may see distant modes alike
     match = _auto(data.shapes)
-    same = np.tril((match > 1 - _ONE) | ((match > _SAME) & near), -1)
+    same = np.tril((match > 1 - _EQUAL) | ((match > _SAME) & near), -1)
     return [
         f"test.shapes: {_listed(data, np.flatnonzero(same[:, j]))}: the same shape as "
         f"{data.mode_names[j]!r} (MAC {match[j, j + 1 :].max():.3g}); expected a different shape "
@@ -166,23 +166,23 @@ def mistakes_beside(
     if shaped:  # wrong order of the columns; or of the rows, if few shapes match
         place = np.argsort(np.argsort(f[kept]))
         ordered = at_sensors[:, visible[_aligned(f[kept], seen_hz)[1][place]]]
-        words = _turned(data, kept, ordered)
+        words = _shifted_columns(data, kept, ordered)
         if not words and 2 * len(told) < len(kept):
             words = _rows(data, kept, ordered)
     if not words and shaped and 2 * len(told) >= len(kept):
         partners = model_hz[pairing.index]
-        words = _exchanged(data, f, told, partners) or _off(
+        words = _exchanged(data, f, told, partners) or _wrong_factor(
             data, f, told, seen_hz, elastic, of_joints,
             lambda i, c: np.log(f[i] / c / partners[i]),
             lambda i: partners[[told[i]]] if pairing.mac[told[i]] > _CLEARLY else [],
         )  # fmt: skip
         words += _sensors(data, told, pairing.shapes)
     elif not words:
-        words = _off(
+        words = _wrong_factor(
             data, f, kept, seen_hz, elastic, of_joints, lambda i, c: _aligned(
                 f[i] / c, seen_hz if c == 1 else seen_hz[: len(i)]
             )[0],
-            lambda i: _free(np.delete(f[kept], i), seen_hz, i),
+            lambda i: _candidates(np.delete(f[kept], i), seen_hz, i),
         )  # fmt: skip
     if pairing is not None:
         words += _unpartnered(data, f, model_hz, pairing, words)
@@ -209,13 +209,13 @@ def _aligned(test_hz: np.ndarray, model_hz: np.ndarray) -> tuple[np.ndarray, np.
     return cost[np.arange(len(index)), index], index
 
 
-def _free(others_hz: np.ndarray, model_hz: np.ndarray, i: int) -> np.ndarray:
+def _candidates(others_hz: np.ndarray, model_hz: np.ndarray, i: int) -> np.ndarray:
     """Frequencies of the model, Hz, between the partners of a test's other modes, for its i-th."""
     index = [-1, *_aligned(others_hz, model_hz)[1], len(model_hz)]
     return model_hz[index[i] + 1 : index[i + 1]]
 
 
-def _off(
+def _wrong_factor(
     data: TestData, f: np.ndarray, kept: np.ndarray, seen_hz: np.ndarray, elastic: np.ndarray,
     of_joints, log_ratios, places,
 ) -> list[str]:
@@ -239,9 +239,9 @@ def _off(
     if whole < _FITS:
         return []
     ratio = np.median(np.sort(f[kept]) / seen_hz[:count])
-    best, what = min(_both_ways(), key=lambda slip: misfit(kept, slip[0]))
+    best, what = min(_slips(), key=lambda slip: misfit(kept, slip[0]))
     by_slip = count > 2 and misfit(kept, best) < _LEFT * whole
-    if (by_slip or abs(math.log(ratio)) > math.log(_FAR)) and of_joints(count) < _JOINTS:
+    if (by_slip or abs(math.log(ratio)) > math.log(_LARGEST_SHIFT)) and of_joints(count) < _JOINTS:
         by = f"all about {best:.3g} times the model's ({what}?)" if by_slip else \
             f"{ratio:.3g} times the model's (median), more than joints explain"  # fmt: skip
         return [
@@ -253,14 +253,14 @@ def _off(
     left = np.array([misfit(np.delete(kept, i)) for i in range(count)])
     i = int(np.argmin(left))
     own = math.sqrt(max(count * whole**2 - (count - 1) * left[i] ** 2, 0.0))
-    if own < _ALONE or left[i] > _LEFT * own or left[i] > 0.5 * np.sort(left)[1]:
+    if own < _OUTLIER or left[i] > _LEFT * own or left[i] > 0.5 * np.sort(left)[1]:
         return []
-    return _one_off(data, f, kept[i], places(i), elastic)
+    return _single_outlier(data, f, kept[i], places(i), elastic)
 
 
-def _one_off(data: TestData, f: np.ndarray, i: int, places, model_hz) -> list[str]:
+def _single_outlier(data: TestData, f: np.ndarray, i: int, places, model_hz) -> list[str]:
     """The only frequency without a partner, unless the model has an elastic mode near it."""
-    meant = [(place, what) for place in places for slip, what in _both_ways()
+    meant = [(place, what) for place in places for slip, what in _slips()
              if abs(f[i] / place / slip - 1) < _NEAR]  # fmt: skip
     expected = "expected modes of this structure only: leave it out"
     if meant:
@@ -275,7 +275,7 @@ def _one_off(data: TestData, f: np.ndarray, i: int, places, model_hz) -> list[st
     ]
 
 
-def _both_ways() -> list[tuple[float, str]]:
+def _slips() -> list[tuple[float, str]]:
     """Ratios of slips, up and down, with the cause of each."""
     return [(x, what) for slip, what in _SLIPS.items() for x in (slip, 1 / slip)]
 
@@ -296,12 +296,12 @@ def _exchanged(data: TestData, f: np.ndarray, told: np.ndarray, partners) -> lis
     ]
 
 
-def _turned(data: TestData, kept: np.ndarray, model: np.ndarray) -> list[str]:
+def _shifted_columns(data: TestData, kept: np.ndarray, model: np.ndarray) -> list[str]:
     """Columns of shapes that are shifted or reversed against those of the frequencies."""
     match, n = mac(data.shapes[:, kept], model), len(kept)
     tries = {f"{k} columns further left": np.roll(match, -k, axis=0) for k in range(1, n)}
     tries["in reverse order"] = match[::-1]
-    found = _better(np.mean(np.diag(match)), {w: np.mean(np.diag(x)) for w, x in tries.items()})
+    found = _fitting(np.mean(np.diag(match)), {w: np.mean(np.diag(x)) for w, x in tries.items()})
     return [
         f"test.shapes: its columns fit the frequencies better {words}; expected the columns of "
         "frequencies and shapes in the same order"
@@ -309,7 +309,7 @@ def _turned(data: TestData, kept: np.ndarray, model: np.ndarray) -> list[str]:
     ]  # fmt: skip
 
 
-def _better(before: float, after: dict[str, float]) -> list[str]:
+def _fitting(before: float, after: dict[str, float]) -> list[str]:
     """The change of the shapes, in words, that alone makes them fit, by MAC; or none."""
     words = max(after, key=after.get, default="")
     if not words or 1 - before < _POOR or 1 - after[words] > _LEFT * (1 - before):
@@ -374,7 +374,7 @@ def _rows(data: TestData, kept: np.ndarray, model: np.ndarray) -> list[str]:
     ]  # fmt: skip
     before = _agreement(shapes, model)
     for changed in tries:
-        for words in _better(before, {w: _agreement(x, model) for w, x in changed.items()}):
+        for words in _fitting(before, {w: _agreement(x, model) for w, x in changed.items()}):
             return [
                 f"test.shapes: its rows fit the model better {words}; expected a row for each "
                 "point of test.sees, in its order and direction"

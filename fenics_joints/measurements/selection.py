@@ -38,7 +38,7 @@ _DOUBLE = 3.0
 #: Half-widths about a pole within which each row is fitted with its own pole.
 _WIDE = 20.0
 #: Failed places after which the search stops, lines per place, and number of notes.
-_TRIES, _AROUND, _SAID = 5, 10, 4
+_TRIES, _AROUND, _MOST_NOTES = 5, 10, 4
 
 
 def select_modes(
@@ -277,14 +277,14 @@ def _with_notes(
     parts = np.split(np.arange(len(level)), np.flatnonzero(np.diff(level > least)) + 1)
     parts = [part for part in parts if level[part[0]] > least]
     parts.sort(key=lambda part: -level[part].max())
-    for part in parts[:_SAID]:
+    for part in parts[:_MOST_NOTES]:
         low, high = functions.f[part[[0, -1]]]
         notes.append(
             f"the residual at {low:.5g} to {high:.5g} Hz is {level[part].max():.3g} times the "
             "noise: a mode may be missing there, or the functions contradict each other"
         )
-    if len(parts) > _SAID:
-        notes.append(f"the residual exceeds the noise in {len(parts) - _SAID} more ranges")
+    if len(parts) > _MOST_NOTES:
+        notes.append(f"the residual exceeds the noise in {len(parts) - _MOST_NOTES} more ranges")
     return fit, notes
 
 

@@ -1,4 +1,4 @@
-"""Other starts for a fit that ends far from its data, and modes that exchange places between them.
+"""Other starts for a fit that ends far from its data, and modes exchanged between two minima.
 
 Without shapes, modes of test and model are paired by order. Where two modes exchange places, the
 sum of squares has a valley on either side, each with its own minimum. A fit from one start finds

@@ -30,7 +30,7 @@ _SIZES = ("element_size", "size", "file")
 #: Keys of a joint to which its stiffness is proportional.
 _STIFFNESSES = ("E", "G", "k_n", "k_t", "k1", "k2", "k_axial")
 #: Factor by which a mode may lie outside its band.
-_BESIDE = 1.5
+_MARGIN = 1.5
 #: Error of a frequency, by the mesh, from which a note is made.
 _COARSE = 0.05
 
@@ -100,7 +100,7 @@ def _of_bands(bands: dict[str, tuple[float, float]], hz: np.ndarray) -> list[str
     """A note for each frequency band without a mode; ``hz``: all elastic modes of the model."""
     notes = []
     for key, (low, high) in bands.items():
-        if not np.any((hz > low / _BESIDE) & (hz < _BESIDE * high)) and low < hz.max(initial=0.0):
+        if not np.any((hz > low / _MARGIN) & (hz < _MARGIN * high)) and low < hz.max(initial=0.0):
             near = min(hz.tolist(), key=lambda f: max(low / f, f / high))
             notes.append(
                 f"{key} = [{low:g}, {high:g}] Hz: the model has no mode there; expected a band "

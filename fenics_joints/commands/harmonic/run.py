@@ -50,7 +50,7 @@ __all__ = ["run_harmonic"]
 #: multiple of the largest.
 _BELOW, _ABOVE = 0.1, 1.2
 #: How often sliders are moved to the strains of the responses, which change with the sliders.
-_PLACED = 3
+_PLACEMENTS = 3
 #: Static steps of half a loop of a contact, whose pressure changes.
 _LOOP_STEPS = 24
 
@@ -135,7 +135,7 @@ def _responses(
             for level in sorted(h.levels)
         )
         ranges = [found for response in responses for found in slider_ranges(response)]
-        if trial == _PLACED or not any(r.note and r.interface in free for r in ranges):
+        if trial == _PLACEMENTS or not any(r.note and r.interface in free for r in ranges):
             return built, responses
         built = replace(built, model=fitted_sliders(*responses, interfaces=free))
         trial += 1

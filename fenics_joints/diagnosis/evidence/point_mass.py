@@ -30,7 +30,7 @@ __all__ = ["PointMassFound", "point_mass"]
 #: places, every fourth elsewhere; and ln of the odds from the best within which a place counts.
 _SHARES, _COARSE, _NEAR = np.geomspace(2e-3, 0.5, 49), 4, 8.0
 #: Probability of the interval, and ln of the odds against no mass from which it is reported.
-_INTERVAL, _TOLD = 0.9, 3.0
+_INTERVAL, _REPORTED = 0.9, 3.0
 
 
 @dataclass(frozen=True)
@@ -94,7 +94,7 @@ def point_mass(
     sizes, nothing = _SHARES * total, fits(0.0)
     coarse = np.array([[with_mass(phi, kg) for kg in sizes[::_COARSE]] for phi in moves])
     log_odds = float(logsumexp(coarse) - np.log(coarse.size) - nothing)
-    if not log_odds > _TOLD:
+    if not log_odds > _REPORTED:
         return None
     near = np.flatnonzero(coarse.max(axis=1) > coarse.max() - _NEAR)
     score = np.array([[with_mass(moves[i], kg) for kg in sizes] for i in near])
