@@ -35,7 +35,7 @@ _DEEPEST, _LARGEST = 50, 2**63
 #: Characters of the longest path that a message shows whole, and bytes of the longest name of a
 #: file: file systems take 255, and a file has a sibling with a longer name until it is whole.
 _LONGEST_SHOWN, _LONGEST_NAME = 300, 230
-#: In front of the SHA-256, in hexadecimal digits, of all that comes before, at a sealed file's end.
+#: Text before the SHA-256 of the content, in hexadecimal digits, at the end of a sealed file.
 _SEAL = b"\nSHA-256 "
 _DIGITS = 64
 #: Bytes of the largest file of measured data, and of the largest text that is read as a whole.
@@ -76,12 +76,12 @@ def is_file(path: str | Path) -> bool:
 
 
 def check_size(path: str | Path, most: int = _LARGEST_FILE) -> None:
-    """Raise InputError for a file of more bytes than are read."""
+    """Raise InputError for a file with more bytes than allowed."""
     size = os.path.getsize(path)
     if size > most:
         raise InputError(
             f"{shown_path(path)}: has {size / 1e6:,.0f} MB, expected at most {most / 1e6:,.0f} MB: "
-            "only what is needed"
+            "keep only the data that you need"
         )
 
 
@@ -258,8 +258,8 @@ def replaced(path: str | Path) -> Iterator[Path]:
 
 @contextmanager
 def sealed(path: str | Path) -> Iterator[Path]:
-    """As `replaced`, for a file that ends with a digest of its content and that others cannot
-    write to.
+    """Like `replaced`, for a file that ends with a digest of its content and that only its owner
+    can write to.
 
     HDF5 and zip archives may be followed by other bytes, so that their own readers open the file.
     """
@@ -273,14 +273,14 @@ def sealed(path: str | Path) -> Iterator[Path]:
 
 @contextmanager
 def unsealed(path: str | Path, own: bool = True) -> Iterator[BinaryIO]:
-    """A file of `sealed`, opened, if nothing has changed it since.
+    """Open a file of `sealed`, if it has not changed since.
 
     Args:
         path: The file.
-        own: Whether it has to be the user's own, which nobody else can write to.
+        own: Whether the file has to belong to the user, with nobody else able to write to it.
 
     Raises:
-        InputError: If it cannot be opened, is another user's, or its content is not that of the
+        InputError: If it cannot be opened, is another user's, or its content does not match the
             digest.
     """
     name = shown_path(path)
@@ -295,8 +295,8 @@ def unsealed(path: str | Path, own: bool = True) -> Iterator[BinaryIO]:
             length = status.st_size - len(_SEAL) - _DIGITS
             if length < 0 or _SEAL + _digest(file, length) != file.read():
                 raise InputError(
-                    f"{name}: is damaged, cut off, or no file that was kept: its checksum is not "
-                    "that of its content"
+                    f"{name}: is damaged, truncated, or not a kept file: its checksum does not "
+                    "match its content"
                 )
             file.seek(0)
             yield file
@@ -351,7 +351,7 @@ def write_text(path: str | Path, text: str) -> None:
         near = printable(text[max(lost.start() - 40, 0) : lost.start() + 40])
         raise InputError(
             f"{shown_path(path)}: cannot be written in UTF-8, since it names {near!r}; expected "
-            "names of files in UTF-8"
+            "file names in UTF-8"
         )
     if not _is_stream(path):
         with replaced(path.resolve()) as part:  # a link stays a link

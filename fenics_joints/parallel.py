@@ -21,7 +21,7 @@ __all__ = ["guarded", "on_root", "spread"]
 
 T, Task, Result = TypeVar("T"), TypeVar("Task"), TypeVar("Result")
 
-#: What libraries say where the machine, or a limit such as ulimit -v, gives no more memory.
+#: Libraries' messages if the machine, or a limit such as ulimit -v, gives no more memory.
 _NO_MEMORY = ("Cannot allocate memory", "failed to map segment", "Out of memory", "INFOG(1)=-13")
 #: How long a failed rank waits for the others to fail too, in seconds.
 _PATIENCE = 2.0
@@ -130,8 +130,8 @@ def _end(comm, stop: Stop) -> NoReturn:
     stop.leaving = True
     _say("stopped; no file is left half-written" if comm.rank == 0 else None)
     if comm.size > 1:
-        # Where all were asked, as by Ctrl-C, none needs MPI_Abort and the page that it prints.
-        # MPI's own end would wait for messages that are lost.
+        # If all ranks got the signal, as by Ctrl-C, none needs MPI_Abort and the page it prints.
+        # MPI_Finalize would wait for lost messages.
         if not _all_arrive(comm):
             comm.Abort(stop.exit_code)
         sys.stdout.flush()
@@ -145,7 +145,7 @@ def _message(error: Exception, rank: int, alone: bool) -> str:
         return f"error{where}: {error}"
     said = printable(str(error))
     if isinstance(error, MemoryError) or any(words in said for words in _NO_MEMORY):
-        return f"error{where}: there is no memory left for this process" + (said and f" ({said})")
+        return f"error{where}: no memory is left for this process" + (said and f" ({said})")
     if isinstance(error, OSError):  # a full disk, a closed stream, no right to read
         named = "standard output" if _is_stuck(sys.stdout) else "a file"
         if isinstance(error.filename, str | bytes):
@@ -158,7 +158,7 @@ def _message(error: Exception, rank: int, alone: bool) -> str:
 
 
 def _is_stuck(stream) -> bool:
-    """Whether what was printed cannot be written: a full disk, a closed stream."""
+    """Whether printed output cannot be written: a full disk, a closed stream."""
     try:
         stream.flush()
     except OSError:

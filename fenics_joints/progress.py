@@ -14,9 +14,9 @@ __all__ = ["LAUNCHED", "Progress", "is_terminal", "loudness", "reading", "set_lo
 LAUNCHED = ("OMPI_COMM_WORLD_RANK", "PMIX_RANK", "PMI_RANK")
 
 _loudness = "normal"
-#: Those that are open in this process, the innermost last.
+#: Open progress displays of this process, the innermost last.
 _contexts: list[Progress] = []
-#: Bytes of a file from which on it is said that it is read, and how far.
+#: Size of a file, bytes, from which its reading is shown as a step.
 _LARGE = 20_000_000
 
 
@@ -32,12 +32,12 @@ def set_loudness(value: str) -> None:
 
 
 def reading(name: str, size: int, total: int | None = None) -> Progress:
-    """Begin a step of the command that runs, if there is one, where a file is large.
+    """Begin a step of the running command, if there is one, for a large file.
 
     Args:
-        name: Of the file.
-        size: Its bytes.
-        total: How many calls of `Progress.advance` it takes, if known.
+        name: Name of the file.
+        size: Size of the file, bytes.
+        total: Number of calls of `Progress.advance` that follow, if known.
     """
     progress = _contexts[-1] if _contexts and size > _LARGE else Progress(silent=True)
     progress.step(f"reading {name}, {size / 1e6:.0f} MB", total)
@@ -134,7 +134,7 @@ class Progress:
             return
         now = time.monotonic()
         if now - self._said > self.interval:
-            # What is done again, as a fit that ended in another valley, was not counted before.
+            # Repeated work, such as a fit from another start, is not part of the total.
             of = f" of {self._total}" if self._total and self._done <= self._total else ""
             print(f"{self._text}: {self._done}{of}{note}", file=self._stream, flush=True)
             self._said = now

@@ -44,7 +44,7 @@ _PARAMETERS = {
     "c": "N*m*s", "alpha": "1/s", "beta": "s", "relaxation": "s",
 }  # fmt: skip
 _NUMBER = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*")
-#: What is written without a sign between two units, by what it means. Pint's Nm is a count of yarn.
+#: Units written without a sign between them, with their meaning. Pint's Nm is a count of yarn.
 _JOINED = tuple(
     (re.compile(rf"(?<![^\W\d]){first}{second}(?![^\W\d])"), r"\1*\2")
     for first, second in (
@@ -53,7 +53,7 @@ _JOINED = tuple(
         ("(lbf|lbs?|ozf?)", "(in|ft)"),
     )
 )
-#: Masses that stand for their weight where the mass makes no sense, as in a torque in ft lb.
+#: Masses that mean their weight where a mass makes no sense, as in a torque in ft lb.
 _WEIGHTS = tuple(
     (re.compile(rf"(?<![^\W\d]){mass}(?![^\W\d])"), force)
     for mass, force in (("(?:lbs?|pounds?)", "lbf"), ("(?:oz|ounces?)", "ozf"))
@@ -135,22 +135,22 @@ def factor_to_si(text: str, unit: str) -> float:
 
 
 def _factor(text: str, unit: str) -> float:
-    """How many of ``unit`` one of ``text`` is; raises exceptions of any kind if it is none."""
+    """Factor from the unit ``text`` to ``unit``; raises exceptions of any kind if there is none."""
     quantity = _registry().Quantity
     given, wanted = _parsed(text), _parsed(unit)
     if unit == "Hz":
-        # Angles have no dimension: rad/s and 1/s would pass and be wrong by 2 pi, rpm by 60.
+        # Angles are dimensionless: rad/s and 1/s would pass and be wrong by 2 pi, rpm by 60.
         left = (quantity(1.0, given) / quantity(1.0, wanted)).to_root_units().unit_items()
         if left or "hertz" not in str(given):
-            raise InputError("expected one of cycles per second")
+            raise InputError("expected cycles per second")
     return float(quantity(1.0, given).to(wanted).magnitude)
 
 
 def plain_number(text: str) -> float:
-    """A number as tables have it; Python's ``1_00`` is none.
+    """A number as in tables; Python's ``1_00`` is not one.
 
     Raises:
-        ValueError: If it is none.
+        ValueError: If the text is not a number.
     """
     if "_" in text:
         raise ValueError(text)

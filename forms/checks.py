@@ -41,6 +41,6 @@ def unit_vector(key: str, value, gdim: int):
         gdim: Number of components.
 
     Raises:
-        InputError: If numbers are no direction.
+        InputError: If the numbers are not a direction.
     """
     return value if isinstance(value, Expr) else ufl.as_vector(direction(key, value, (gdim,)))

@@ -26,7 +26,7 @@ __all__ = [
 ]  # fmt: skip
 
 P = ParamSpec("P")
-#: No mesh of more cells is made.
+#: Largest number of cells of a mesh.
 MOST_CELLS = 1e9
 #: Two bolts nearer than this, m, are one: no thread is thinner.
 ONE_BOLT = 1e-3
@@ -176,7 +176,7 @@ class Builder(Arguments):
         raise NotImplementedError
 
     def build(self, comm: MPI.Intracomm) -> TaggedMesh:
-        """The mesh. Collective; its lists are made on rank 0 alone.
+        """The mesh. Collective; its lists are made on rank 0 only.
 
         Raises:
             MeshError: It would have more than `MOST_CELLS` cells.

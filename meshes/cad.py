@@ -380,7 +380,7 @@ class _Assembly:
         )  # fmt: skip
 
     def _check_names(self, solids: Solids, n_bolts: int, n_contacts: int) -> None:
-        """Refuse solids with the names of the layers, before the mesh is made."""
+        """Refuse solids named like the layers, before the mesh is made."""
         joints = [f"joint_{n + 1}" for n in range(n_contacts)] if n_contacts > 1 else ["joint"]
         taken = {"rings": [f"ring_{n + 1}" for n in range(n_bolts)], "layer": joints}
         for name in taken.get(self.given.joint, ()):

@@ -67,7 +67,7 @@ class _Holes:
         return self._found[face]
 
     def near(self, face: int, place: np.ndarray) -> list[tuple[float, Hole]]:
-        """Holes of a face that are about a place, and how far their centres are from it."""
+        """Holes of a face around a place, and the distances of their centres from it."""
         found = self.of(face)
         if not found:
             return []
@@ -213,7 +213,7 @@ def given_bolts(
 
 
 def _contact_at(seen: _Holes, centre, radius: float, reach: float) -> Contact | None:
-    """The contact whose faces have most of the circle around a centre, and of these the nearest."""
+    """The contact whose faces hold most of the circle around a centre; among equals the nearest."""
     best, most = None, (0, 0.0)
     for contact in seen.contacts:
         off = float((centre - contact.point) @ contact.normal)

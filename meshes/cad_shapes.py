@@ -40,7 +40,7 @@ __all__ = [
 #: A solid by its label in the file, its number there from 1, or a point inside.
 Place = str | int | Sequence[float]
 _PARALLEL = 1e-6
-#: Faces that overlap by less touch: drawings are rounded, to micrometres or inches.
+#: Overlap, m, up to which faces touch: drawings are rounded, to micrometres or inches.
 OVERLAP = 0.02
 #: Share of a face below which a common area is round-off.
 _NO_AREA = 1e-6
@@ -49,7 +49,7 @@ _LETTERS = str.maketrans({
     "ä": "ae", "ö": "oe", "ü": "ue", "Ä": "Ae", "Ö": "Oe", "Ü": "Ue", "ß": "ss",
     "æ": "ae", "Æ": "Ae", "ø": "oe", "Ø": "Oe", "ł": "l", "Ł": "L",
 })  # fmt: skip
-#: How a STEP file begins: comments may stand before it.
+#: Begin of a STEP file: comments may come first.
 _STEP = re.compile(rb"(\xef\xbb\xbf)?(?:\s|/\*(?:[^*]|\*(?!/))*\*/)*ISO-10303-21\s*;")
 #: How far from a face a point is asked for being in the solid.
 _PROBE = 1e-2
@@ -79,7 +79,7 @@ class Contact:
         upper: Index of the second.
         normal: Unit normal from the first to the second, shape (3,).
         point: A point of the first's face, shape (3,).
-        gap: Distance of the second's face in the file; below 0 where they overlap.
+        gap: Distance between the faces in the file; below 0 where they overlap.
         faces: gmsh's numbers of the two faces.
         area: Area that they have in common.
     """
@@ -130,7 +130,7 @@ def import_solids(path: Path, model, names: Mapping[str, Place]) -> Solids:
 
 
 def _check_step(path: Path) -> None:
-    """Refuse what is no STEP file, and what gmsh cannot read or crashes on."""
+    """Refuse a file that is not STEP, or that gmsh cannot read or crashes on."""
     if not is_file(path):
         raise MeshError(f"{path}: no such file, expected a STEP file")
     with path.open("rb") as file:
@@ -151,7 +151,7 @@ def _check_step(path: Path) -> None:
 
 @lru_cache(maxsize=8)
 def _read_apart(path: Path, size: int, changed: int) -> None:
-    """Read a file in a process of its own, once for each state of the file."""
+    """Read a file in a separate process, once for each version of the file."""
     with TemporaryDirectory(prefix="fenics-joints-") as folder:
         run_apart(path, Path(folder), str(path), size)
 
@@ -240,7 +240,7 @@ def _free(name: str, used: set[str]) -> str:
 # -- faces -----------------------------------------------------------------------------------------
 
 
-#: Told what is being done, how many parts of it are done, and of how many.
+#: Progress callback: the task, its finished parts, and their total number.
 Told = Callable[[str, int, int], None]
 
 
@@ -263,15 +263,15 @@ def find_contacts(
 ) -> list[Contact]:
     """Pairs of flat faces that touch, or are apart by at most ``reach``; see `Contact`.
 
-    Faces that overlap by at most `OVERLAP` touch, too. Those that are apart do not touch where
-    another solid lies between them, as a sheet or a washer does.
+    Faces that overlap by at most `OVERLAP` touch, too. Faces with a gap do not touch if another
+    solid lies in the gap, such as a sheet or a washer.
 
     Args:
         model: gmsh's model.
         solids: The solids.
         reach: How far apart faces may be.
-        told: Told how far it is.
-        tidy: Whether to remove what was drawn meanwhile, which takes as long as the rest.
+        told: Progress callback.
+        tidy: Whether to remove temporary shapes, which takes as long as the rest.
     """
     flats = [(i, flat) for i, tag in enumerate(solids.tags) for flat in _flats(model, tag)]
     pairs = _facing(flats, reach)
@@ -294,7 +294,7 @@ def find_contacts(
 
 
 def _facing(flats: Sequence[tuple[int, _Flat]], reach: float) -> list[tuple[int, int, float]]:
-    """Faces of two solids that look at each other, within reach: their numbers, and the gap."""
+    """Facing faces of two solids, within reach: the faces' numbers, and the gap."""
     if not flats:
         return []
     solid = np.array([i for i, _ in flats])
@@ -313,7 +313,7 @@ def _facing(flats: Sequence[tuple[int, _Flat]], reach: float) -> list[tuple[int,
 
 
 def _kept_apart(model, item: tuple[Contact, list], found) -> bool:
-    """Whether a solid lies between two faces: it is nearer to one of them, where they meet."""
+    """Whether a solid lies between two faces: nearer to one than the other, where they meet."""
     contact, common = item
     if contact.gap <= TOUCH:
         return False
@@ -361,7 +361,7 @@ def nearest(
 
 
 def _common(model, a: _Flat, b: _Flat, gap: float) -> tuple[list[tuple[int, int]], float]:
-    """What two faces have in common when the second is moved onto the first, and its area."""
+    """Common part of two faces when the second is moved onto the first, and its area."""
     occ = model.occ
     first, second = occ.copy([(2, a.tag)]), occ.copy([(2, b.tag)])
     occ.translate(second, *(-gap * a.normal))
@@ -405,11 +405,11 @@ class Outline:
     """The edges of a flat face.
 
     Attributes:
-        centres: Of the circles on which edges lie, shape (n, 3).
-        radii: Theirs, shape (n,).
-        curves: gmsh's curves on each of them.
+        centres: Centres of the circles on which edges lie, shape (n, 3).
+        radii: Radii of the circles, shape (n,).
+        curves: gmsh's curves on each circle.
         holes: Numbers of the circles that are holes: whole, with edges outside them.
-        pieces: What is on no hole, as straight pieces, shape (n_pieces, 2, 3).
+        pieces: All edges but holes, as straight pieces, shape (n_pieces, 2, 3).
     """
 
     centres: np.ndarray
@@ -451,7 +451,7 @@ class Outline:
         return cls(centres, radii, curves, holes, pieces)
 
     def clearance(self, point: np.ndarray, hole: int) -> float:
-        """Distance of a point of the face's plane from the nearest edge but those of a hole."""
+        """Distance of a point in the face's plane from the nearest edge, except those of a hole."""
         others = self.holes[self.holes != hole]
         apart = np.linalg.norm(self.centres[others] - point, axis=1)
         start, end = self.pieces[:, 0], self.pieces[:, 1]

@@ -110,7 +110,7 @@ def survey_step(path: str | Path, told: Told = untold) -> StepSurvey:
 
     Args:
         path: The file.
-        told: Told how far it is.
+        told: Progress callback.
 
     Raises:
         MeshError: As `read_step` for a file that it cannot read; or solids overlap.

@@ -1,8 +1,8 @@
-"""gmsh in a process of its own, for files that others made.
+"""gmsh in a separate process, for files from others.
 
-Of STEP and .msh files with a few changed numbers up to a half make gmsh or OpenCASCADE crash, and
-with it the whole program, on all ranks. Here a crash, an endless loop or a demand for all memory
-ends only that process, and becomes a `MeshError`.
+Up to half of the STEP and .msh files with a few changed numbers make gmsh or OpenCASCADE crash, and
+with them the whole program, on all ranks. Here a crash, an endless loop or excessive memory ends
+only the separate process, and becomes a `MeshError`.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ from fenics_joints.files import shown_path
 
 __all__ = ["NO_GMSH", "run_apart"]
 
-#: What is missing without gmsh's Python module, for messages.
+#: Message if gmsh's Python module is missing.
 NO_GMSH = (
-    "reading it takes gmsh's Python module, expected python3-gmsh (Debian) "
+    "reading it needs gmsh's Python module, expected python3-gmsh (Debian) "
     "or python-gmsh (conda) to be installed"
 )
-#: Seconds that reading may take, and more for each byte; bytes of memory, and more for each byte.
+#: Most seconds of reading, and per byte of the file; most bytes of memory, and per byte.
 _SECONDS, _SECONDS_A_BYTE = 60.0, 1e-4
 _MEMORY, _MEMORY_A_BYTE = 4 << 30, 300
 _CHILD = Path(__file__).with_name("gmsh_child.py")
@@ -46,10 +46,10 @@ def run_apart(path: Path, folder: Path, file: str, size: int) -> None:
     name = shown_path(path)
     if find_spec("gmsh") is None:
         raise MeshError(f"{name}: {NO_GMSH}")
-    # Isolated: nothing is imported from the folder where the user happens to be.
+    # Isolated: nothing is imported from the user's working folder.
     where, most = [each for each in sys.path if each], _MEMORY + _MEMORY_A_BYTE * size
     command = [sys.executable, "-I", str(_CHILD), json.dumps(where), str(most), file]
-    # A process that an MPI started is not one of its ranks.
+    # Without MPI's variables, or the process would take itself for a rank.
     mine = {k: v for k, v in os.environ.items() if not k.startswith(("OMPI_", "PMI", "MPI"))}
     mine["HOME"] = str(folder)
     nowhere, limit = subprocess.DEVNULL, _SECONDS + _SECONDS_A_BYTE * size
@@ -66,7 +66,7 @@ def run_apart(path: Path, folder: Path, file: str, size: int) -> None:
         raise MeshError(f"{name}: gmsh cannot read it: {words or 'no reason is given'}")
     if done.returncode < 0:
         how = signal.Signals(-done.returncode).name
-        raise MeshError(f"{name}: gmsh crashes on it ({how}); expected a whole file")
+        raise MeshError(f"{name}: gmsh crashes on it ({how}); expected an undamaged file")
     if done.returncode:
         words = done.stderr.decode(errors="replace").strip().rpartition("\n")[2][:300]
         raise MeshError(f"{name}: gmsh cannot read it: {words}")

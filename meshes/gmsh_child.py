@@ -1,9 +1,8 @@
-"""Reads a file with gmsh, alone: run by its path, see `fenics_joints.meshes.gmsh_apart`.
+"""Reads a file with gmsh; a script that `fenics_joints.meshes.gmsh_apart` runs by its path.
 
-Here is neither MPI nor anything of `fenics_joints`. Arguments: where Python finds modules, as
-JSON; how many bytes of memory may be used; and the file. What is in ``mesh.msh`` is written to
-``mesh.npz``; of a STEP file it is only seen whether it can be read. If gmsh refuses the file, the
-reason is in ``error.txt``.
+It imports neither MPI nor `fenics_joints`. Arguments: Python's module path, as JSON; the limit of
+memory, bytes; and the file. The content of ``mesh.msh`` is written to ``mesh.npz``; a STEP file is
+only tested for being readable. If gmsh refuses the file, the reason is in ``error.txt``.
 """
 
 import contextlib

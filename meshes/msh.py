@@ -67,8 +67,8 @@ def read_msh(
         scale: Length in metres of the file's unit, such as 1e-3 for millimetres.
         grown: Joint layers to grow where parts touch, see `fenics_joints.meshes.grow`; None: none,
             parts that share vertices are as one.
-        thickness: Of the sheet, m, that a plane mesh is the middle of, with ``gdim=2``: the mesh is
-            then of that solid, in space; None: the mesh is a section, in the plane.
+        thickness: Thickness of a sheet, m, whose middle surface is a plane mesh with ``gdim=2``:
+            the result is a mesh of the solid, in space. None: the mesh is a section, in the plane.
 
     Returns:
         The tagged mesh.
@@ -145,7 +145,7 @@ def _points(file: MshFile, gdim: int, scale: float) -> dict[str, np.ndarray]:
     """Vertices, m, (n, 3), of the named groups of points and lines that are no faces."""
     found: dict[str, list[np.ndarray]] = {}
     for i, group in enumerate(file.groups):
-        # The rings' centres have the name of bolts.
+        # The rings' centres are named after the bolts.
         if group.dim < gdim - 1 and group.name and group.name != "bolts" and len(file.points[i]):
             found.setdefault(group.name, []).append(scale * file.points[i])
     return {name: np.vstack(x) for name, x in found.items()}
@@ -188,7 +188,7 @@ def _check_ungrouped(path: Path, file: MshFile, gdim: int, groups) -> None:
         counts[entity] = counts.get(entity, 0) + len(nodes)
     if not any(counts.values()):
         surface = gdim == 3 and any(len(nodes) for _, _, nodes in file.elements(2))
-        hint = ": it is of surfaces alone; a flat sheet is read with gdim = 2 and its thickness"
+        hint = ": it has only surfaces; read a flat sheet with gdim = 2 and its thickness"
         raise MeshError(
             f"{path}: the mesh has no cells of dimension {gdim}, expected some"
             f"{hint if surface else ''}"

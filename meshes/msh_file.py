@@ -1,9 +1,9 @@
-"""What a ``.msh`` file holds, read by gmsh as a mesh and as nothing else.
+"""The content of a ``.msh`` file, read by gmsh as a mesh and as nothing else.
 
-gmsh guesses what a file is by its name and its first line, runs whatever it does not know as a
-script of its own, which can start programs, and reads ``NAME.opt`` beside it. So a file's first
-lines are checked here, a copy with a name of ours is read in a private folder, and by a process of
-its own, see `fenics_joints.meshes.gmsh_apart`.
+gmsh guesses a file's format from its name and first line, runs unknown formats as gmsh scripts,
+which can start programs, and reads ``NAME.opt`` beside the file. So a file's first lines are
+checked here, and a copy named ``mesh.msh`` in a private folder is read by a separate process, see
+`fenics_joints.meshes.gmsh_apart`.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from fenics_joints.meshes.gmsh_apart import run_apart
 
 __all__ = ["MshFile", "MshGroup", "read_msh_file"]
 
-#: Of a file's head that is looked at, bytes.
+#: Size of a file's head that is checked, bytes.
 _HEAD = 65_536
 
 
@@ -47,7 +47,7 @@ class MshFile:
         blocks: Dimension, entity, gmsh's type of element, and the vertices, (n, n_vertices).
         kinds: Title and order of each type of element.
         tags: Numbers of the vertices, shape (n,).
-        x: Their coordinates in the file's unit, shape (n, 3).
+        x: Coordinates of the vertices in the file's unit, shape (n, 3).
         points: Coordinates of the vertices of groups of points and lines, by the group's index.
     """
 
@@ -61,7 +61,7 @@ class MshFile:
     def elements(
         self, dim: int, entity: int | None = None
     ) -> Iterator[tuple[int, int, np.ndarray]]:
-        """Entity, type and vertices of the blocks of a dimension."""
+        """Entity, type and vertices of all blocks of a dimension."""
         for of, number, kind, nodes in self.blocks:
             if of == dim and entity in (None, number):
                 yield number, kind, nodes
@@ -89,7 +89,7 @@ def read_msh_file(path: Path) -> MshFile:
 
 
 def _check_head(path: Path, head: bytes) -> None:
-    """Refuse what gmsh would not read as a mesh: it goes by the first line."""
+    """Refuse a file that gmsh, by its first line, would not read as a mesh."""
     name, lines = shown_path(path), head.split(b"\n")
     first = lines[0].rstrip()
     if first not in (b"$MeshFormat", b"$Comments"):
@@ -99,7 +99,7 @@ def _check_head(path: Path, head: bytes) -> None:
     if not re.fullmatch(rb"[1-4](\.\d+)?\s+[01]\s+[48]", line):
         raise MeshError(
             f"{name}: after $MeshFormat there is {line[:40]!r}, expected a version from 1 to 4.1, "
-            "0 or 1, and 8"
+            "then 0 or 1, then 8"
         )
 
 

@@ -1,4 +1,4 @@
-"""A flat surface mesh made a sheet of some thickness: one cell through it."""
+"""A sheet from a flat surface mesh: one cell through its thickness."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ def thickened(flat: MeshLists, thickness: float) -> MeshLists:
     """The solid over a plane mesh, half of its thickness on either side of z = 0.
 
     Quadrilaterals become hexahedra, triangles three tetrahedra each. Named edges become the walls
-    over them, and named points those on both sides.
+    over them, and named points become points on both sides.
 
     Args:
         flat: Triangles or quadrilaterals, vertices of shape (n, 2).
-        thickness: m.
+        thickness: Thickness of the sheet, m.
     """
     n, half = len(flat.x), 0.5 * thickness
     x = np.vstack([np.column_stack([flat.x, np.full(n, z)]) for z in (-half, half)])
@@ -26,7 +26,7 @@ def thickened(flat: MeshLists, thickness: float) -> MeshLists:
     if flat.cell == "triangle":
         cell, cells = "tetrahedron", prisms_to_tetrahedra(flat.cells, flat.cells + n, flat.cells)
         values = np.tile(flat.cell_values, 3)
-        # The cut of a side, see prisms_to_tetrahedra.
+        # Diagonal of a side, see prisms_to_tetrahedra.
         facets = np.vstack([np.column_stack(t) for t in ((a, b, b + n), (a, a + n, b + n))])
         facet_values = np.tile(flat.facet_values, 2)
         mirrored = np.linalg.det(x[cells[:, 1:]] - x[cells[:, :1]]) < 0

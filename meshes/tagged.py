@@ -47,8 +47,8 @@ class TaggedMesh:
         return f"TaggedMesh({shorten(parts, 60)}; {faces} named faces)"
 
     def digest(self) -> str:
-        """A text, 64 digits, of the coordinates, cells, tags, names and points, the same however
-        the mesh is shared out over ranks. Collective."""
+        """Digest of coordinates, cells, tags, names and points, 64 digits, which does not depend on
+        the distribution over ranks. Collective."""
         mesh, nodes = self.mesh, np.uint64(0)
         for column in np.asarray(mesh.geometry.x, dtype=float).T + 0.0:  # without -0.0
             nodes = mixed(nodes ^ np.ascontiguousarray(column).view(np.uint64))
@@ -111,7 +111,7 @@ def limits(tagged: TaggedMesh) -> tuple[np.ndarray, np.ndarray]:
 
 
 def mixed(x: np.ndarray) -> np.ndarray:
-    """A permutation of the 64-bit numbers in which near ones are far apart (SplitMix64: Steele,
+    """A permutation of the 64-bit numbers that sends close numbers far apart (SplitMix64: Steele,
     Lea and Flood, OOPSLA 2014)."""
     x = x + np.uint64(0x9E3779B97F4A7C15)
     x = (x ^ (x >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)

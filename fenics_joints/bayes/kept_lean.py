@@ -69,7 +69,7 @@ def write_lean(
 def read_lean(
     path: Path, name: str, sensors: Sensors | None
 ) -> tuple[Frequencies, ReducedCheck, float]:
-    """What `write_lean` wrote under this name.
+    """Read the model that `write_lean` wrote under this name.
 
     Args:
         path: The file.
@@ -77,7 +77,7 @@ def read_lean(
         sensors: What the test saw.
 
     Raises:
-        InputError: As `fenics_joints.reduction.files.read_model`.
+        InputError: See `fenics_joints.reduction.files.read_model`.
     """
     kept = read_model(path, _FORMAT, KeptLean, name)
     forward = Forward(kept.model, sensors, kept.n_test, kept.n_modes, kept.reference)

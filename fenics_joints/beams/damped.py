@@ -28,8 +28,8 @@ class DampingFit:
     Attributes:
         names: Names of the parameters c.
         values: N m s.
-        sd: Their standard deviations, if the ratios' errors are independent: by the noise, times
-            the root of chi2 per degree of freedom where that is above 1.
+        sd: Standard deviations, for independent errors of the ratios: from the noise, times the
+            root of chi2 per degree of freedom where it exceeds 1.
         ratios: The model's damping ratios, shape (m,).
         measured: The measured ones, shape (m,).
     """
@@ -98,7 +98,7 @@ def identify_damping(
     found = least_squares(residual, start, slope, bounds=(0, np.inf), x_scale=start)
     if found.status <= 0:
         raise ConvergenceError(f"identifying {', '.join(names)} did not converge", found.message)
-    # What the joints' damping cannot explain is noise to it.
+    # Damping that the joints cannot explain counts as noise.
     excess = max(1.0, 2 * float(found.cost) / max(len(found.fun) - len(names), 1))
     covariance = excess * np.linalg.pinv(found.jac.T @ found.jac)
     return DampingFit(

@@ -281,7 +281,7 @@ def _masses(name: str, section, tagged: TaggedMesh) -> list[PointMass]:
         return []
     moves = section.travel is not None
     axis = np.eye(3)[AXES.index(section.along) if moves else 0]
-    # What is on a bolt sits on the ring round its hole, which is empty.
+    # The hole of a bolt is empty: a mass on the bolt sits on the ring around the hole.
     rings = [] if moves else round_bolts(tagged, np.array(section.points, dtype=float))
     found = []
     for i, (label, point) in enumerate(section.labelled(name)):

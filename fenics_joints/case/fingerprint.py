@@ -23,8 +23,8 @@ def fingerprint(case: Case, full: Structure, sensors: Sensors | None, *more: obj
 
     Args:
         case: The case, of which the tables that make the model count.
-        full: The full model, of solids or beams; a mesh from a file is known by what is in it, not
-            by the file's name.
+        full: The full model, of solids or beams; a mesh from a file counts by its content, not by
+            the file's name.
         sensors: What the test saw.
         more: What else the kept model depends on, for JSON.
     """

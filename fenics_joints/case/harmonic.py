@@ -59,9 +59,9 @@ class Hysteretic(Section):
     ``stress`` is what yields: the shear of the interface (the paper's c55 and c66), or the
     ``equivalent`` stress of tension and shear together, of a layer. ``thickness`` is that of the
     layer whose strain the moduli belong to, if it is not the meshed one: a contact has none.
-    ``amplitudes``, least and largest, of that strain, or of a contact's slip in m, are those that
-    the ``sliders`` are placed for; without them 0.1 and 2 times the strain at the knee, and if the
-    responses at the levels are elsewhere, where these are.
+    The ``sliders`` are placed for the ``amplitudes``, least and largest, of that strain, or of a
+    contact's slip in m. By default these are 0.1 and 2 times the strain at the knee, or the strains
+    of the responses at the levels if these differ.
     """
 
     #: The law's curve, its arguments with their units, and which is its modulus at rest.

@@ -290,8 +290,7 @@ def _plan_test(case: Case, test: Test) -> TestData:
         damping=1e-3 * values if test.planned.damping else None,
         sensors=case.sensors(), **_noise(test, len(names)),
     )  # fmt: skip
-    # Of measured ratios a diagnosis wants to be told how good they are; of planned ones they are
-    # as good as is usual.
+    # A diagnosis asks for the noise of measured damping ratios; planned ones get the usual noise.
     return replace(planned, damping_noise=planned.damping_sd) if test.planned.damping else planned
 
 

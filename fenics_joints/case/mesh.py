@@ -203,8 +203,8 @@ class FileMesh(JoinedMesh):
     """``[mesh]`` from a gmsh file with named physical groups.
 
     Without ``joint`` and ``[mesh.bolts]`` it is as the file has it, layers included. With ``gdim =
-    2`` it is a section in plane strain, one metre deep; or with a ``thickness`` the sheet that the
-    plane mesh is the middle of, in space.
+    2`` it is a section in plane strain, one metre deep; with a ``thickness`` it is the middle
+    surface of a sheet, which is meshed in space.
     """
 
     scale: Size = 1.0
@@ -241,7 +241,7 @@ class FileMesh(JoinedMesh):
     @model_validator(mode="after")
     def _sheet(self) -> FileMesh:
         if self.thickness is not None and self.gdim != 2:
-            raise ValueError("thickness given: expected gdim = 2, as it is that of a plane mesh")
+            raise ValueError("thickness given: expected gdim = 2, as only a plane mesh has one")
         return self
 
     @model_validator(mode="after")

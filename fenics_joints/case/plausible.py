@@ -214,8 +214,8 @@ def _mesh(case: Case) -> Iterator[Found]:
 
 
 def _tolerances(case: Case) -> Iterator[Found]:
-    """Of parts; joints, and what is attached, may be known to a factor only. Some of a section's
-    values may be known exactly, but not all."""
+    """Tolerances of parts, and those of a section that are all zero: some of its values may be
+    known exactly, but not all. Joints and attached masses may be known to a factor only."""
     for table in ("parts", "joints", "masses", "springs", "attached"):
         for name, section in getattr(case, table).items():
             given = section.tolerance
@@ -228,8 +228,8 @@ def _tolerances(case: Case) -> Iterator[Found]:
 
 
 def _starts(case: Case) -> Iterator[Found]:
-    """Where an update begins, beside the nominal model: joints are known to some factor, parts
-    well."""
+    """Start values of an update with the range around the nominal model: wide for joints, narrow
+    for parts."""
     nominal = case.nominal(damping=True)
     for name, given in ({} if case.update is None else case.update.start).items():
         value, unit = nominal.get(name), parameter_unit(name)
@@ -237,13 +237,13 @@ def _starts(case: Case) -> Iterator[Found]:
             continue
         factor = 3.0 if name.partition(".")[0] in case.parts else 1e4
         low, high = sorted((value / factor, value * factor))
-        with suppress(InputError):  # said where it is checked
+        with suppress(InputError):  # the check of the case reports it
             words = "with this nominal model, starts are"
             yield f"update.start.{name}", to_si(given, unit), Usual(words, low, high, unit)
 
 
 def _too_few(case: Case) -> list[str]:
-    """A sentence where a test has less than what is to be found by it."""
+    """A sentence where a test has fewer data than the case has unknowns."""
     data, row = case.measured, case.row()
     if row is None or data.shapes is not None or case.frfs() or case.harmonic:
         return []
@@ -252,10 +252,10 @@ def _too_few(case: Case) -> list[str]:
     by_them = case.fitted_data() == ("frequencies",)
     if there.sum() > 1 and not (by_them and len(names) > there[row].sum()):
         return []
-    wanted = f"the {len(names)} update.parameters" if names else "what is to be found"
+    wanted = f"the {len(names)} update.parameters" if names else "the unknowns of the case"
     return [
-        f"test.frequencies: {there[row].sum()} measured for {wanted}; expected as many at least, "
-        "and two: any change of a model can explain one"
+        f"test.frequencies: {there[row].sum()} measured for {wanted}; expected at least as many, "
+        "and at least two: any change of the model can explain a single frequency"
     ]
 
 
@@ -321,7 +321,7 @@ def _damping(case: Case) -> Iterator[Found]:
 def _test(case: Case) -> Iterator[Found]:
     if case.test is None:
         return
-    # Of a table without noise the analyser's lines may say how good it is.
+    # Without a given noise, the analyser's line spacing may say how accurate the table is.
     exact = "noise" in case.test.model_fields_set and not any(case.test.resolution)
     for key, kind in (("noise", "noise"), ("resolution", "resolution")):
         for value in getattr(case.test, key):

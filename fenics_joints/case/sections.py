@@ -253,7 +253,7 @@ class PointsSection(Section):
 class MassSection(PointsSection):
     """``[masses.NAME]``: a total mass in equal shares at points.
 
-    The share of a point in the empty hole of a bolt's ring is spread over the ring. ``travel`` is
+    A point in an empty bolt hole passes its share to the ring around the hole. ``travel`` is
     where the first point may sit along ``along``; the others move with it. On beams
     (``builder = "offset_beams"``) each point may have a rotary ``inertia``.
     """

@@ -123,8 +123,8 @@ class FRFSection(Section):
         """``[test.frfs.identify]``: modes from the functions, in place of ``frequencies``.
 
         ``near`` is about where they are, one for each mode; by default what is stable.
-        ``exponential_window`` is the time in which that of the analyser falls to 1/e, if it had
-        one: the damping that it adds is taken away.
+        ``exponential_window`` is the time in which the analyser's exponential window, if it had
+        one, falls to 1/e: the damping that the window adds is subtracted.
         """
 
         near: list[quantity("Hz", 0, above=True)] | None = None

@@ -128,12 +128,11 @@ def check(
     large: LargeOption = False,
     debug: DebugOption = False,
 ) -> None:
-    """All that is wrong or unlikely in a case, at once and in seconds.
+    """All errors and unlikely values of a case, at once and in seconds.
 
-    Masses by part and in all, where sensors and bolts are, what the commands will take. The modes
-    of the nominal model are solved, on a coarser mesh if it is large, and what does not go with
-    them is said: units, exchanged modes, dead sensors. Fails if something is wrong; what is
-    unlikely is said.
+    Masses by part and in all, places of sensors and bolts, what each command takes. The nominal
+    model's modes are solved, on a coarser mesh if it is large, and compared with the test: wrong
+    units, exchanged modes, dead sensors are reported. Fails on errors; unlikely values are notes.
 
     JSON: errors and notes in sentences, masses (name, kind, kg, weighed_kg), mass_kg, places (kind,
     name, at_m, direction, off_mm), bolts, test and solved in words, size_m, dofs, costs (command,

@@ -69,8 +69,8 @@ def _text(fits: dict[str, object]) -> str:
 
 
 def _read(path: Path | None, own: bool) -> dict[str, object]:
-    """Kept fits by digest; none if the file is not there, is damaged, something else, or others
-    could have changed one that has to be this user's own."""
+    """Kept fits by digest; none if the file is missing, damaged or of another kind, or if it has to
+    be this user's own and others could have changed it."""
     if path is None or not path.is_file():
         return {}
     try:

@@ -228,7 +228,7 @@ class Kriging:
             return cls.from_json(content)
 
     def to_json(self) -> dict[str, object]:
-        """Everything that makes the model, for JSON, with a checksum."""
+        """The complete model for JSON, with a checksum."""
         content = {
             "format": _FORMAT, "version": _VERSION,
             "inputs": list(self.inputs), "output": self.output,
@@ -252,7 +252,7 @@ class Kriging:
                 if not known or not np.all(np.isfinite([*m.theta, m.weight])):
                     raise ValueError(f"{m} is no process")
             if content["checksum"] != _checksum(content):
-                raise ValueError("its checksum is not that of its content")
+                raise ValueError("its checksum does not match its content")
             return cls(content["inputs"], content["output"], x, y, members, content.get("facets"))
         except (KeyError, TypeError, ValueError, np.linalg.LinAlgError) as error:
             raise InputError(f"is incomplete or damaged ({error!r})") from error

@@ -28,7 +28,7 @@ _APPLICATION, _SCHEMA = 0x464A4442, 1  # "FJDB"
 _COLUMNS = NUMBERS + TEXTS
 #: Seconds to wait for another process's transaction.
 _PATIENCE = 60.0
-#: How a formula begins in a spreadsheet, or one that was written as text.
+#: First characters of a spreadsheet's formula, or of a formula written as text.
 _FORMULA = re.compile(r"'*\s*[=+\-@\uff1d\uff0b\uff0d\uff20]|'*[\t\r\n]")
 _TABLES = f"""
 CREATE TABLE joints (
@@ -193,7 +193,7 @@ class Store:
     # -- SQLite ------------------------------------------------------------------------------------
 
     def _prepare(self, create: bool) -> None:
-        # What a stranger's file defines calls no function but SQLite's own harmless ones.
+        # Definitions in a stranger's file may only call SQLite's harmless functions.
         self._connection.execute("PRAGMA trusted_schema = OFF")
         self._connection.execute("PRAGMA cell_size_check = ON")
         self._connection.execute("PRAGMA synchronous = FULL")
@@ -215,8 +215,8 @@ class Store:
         more = "SELECT name FROM sqlite_master WHERE type IN ('view', 'trigger')"
         for (name,) in self._connection.execute(more):
             raise InputError(
-                f"{self.path}: has the view or trigger {name!r}, expected tables alone, as a "
-                "database of joint parameters has them"
+                f"{self.path}: has the view or trigger {name!r}, expected tables only, as in "
+                "a database of joint parameters"
             )
         if self._pragma("user_version") != _SCHEMA:
             raise InputError(
@@ -302,7 +302,7 @@ def _insert(extra: str | None = None, or_what: str = "") -> str:
 
 
 def _quoted(text: str) -> str:
-    """Text as no formula: spreadsheets run what begins so (OWASP, CSV injection)."""
+    """Text that a spreadsheet does not run as a formula (OWASP, CSV injection)."""
     return f"'{text}" if _FORMULA.match(text) else text
 
 

@@ -58,7 +58,7 @@ __all__ = ["diagnose"]
 #: A hypothesis this far (in ln) behind the best of a fold is not refitted, and at most so many are;
 #: beside them the best wrong ones.
 _HOPELESS, _WRONG, _FAIR = 6.0, 2, 6
-#: Places at which a point mass is looked for that nobody put into the model.
+#: Number of places at which an unmodelled point mass is sought.
 _PLACES = 240
 
 
@@ -336,7 +336,7 @@ class _Run:
         return self._gap(data, before), self._gap(data, after)
 
     def _somewhere(self, unknown: Fit) -> Somewhere | None:
-        """Where an unknown cause would be, and what it weighs if it is one point mass."""
+        """Likely place of an unknown cause, and its mass if it is one point mass."""
         found, seen, full = changes(unknown, self.evidence), self.model.surrogate, self.model.full
         if found is None or not full.is_meshed:
             return found
@@ -348,7 +348,7 @@ class _Run:
         return replace(found, point=point, looked_for=self.given.diagnose.rare)
 
     def _nominal(self) -> np.ndarray:
-        """ln f of the nominal model, (m,); nan of modes that have no partner in it."""
+        """ln f of the nominal model, (m,); nan for modes without a partner in it."""
         found, out = self.forward(self.baseline)[0], self.model.not_nominal
         return found if out is None else np.where(out, np.nan, found)
 

@@ -219,8 +219,8 @@ def cross_validate(
         causes: Whether a hypothesis holds a cause, by the cause's name: of each is said what it
             gains on the held-out data (`Shrinkage.gains`).
         leans: What shows fits the way, of this forward; made anew for None.
-        not_nominal: Modes that have no partner in the nominal model, mask (m,): held out like
-            others, but what no pair of the nominal model is off is not scored; None for none.
+        not_nominal: Mask of the modes without a partner in the nominal model, (m,): held out like
+            others, but not scored; None for none.
         comm: Communicator whose ranks share out the folds; the call is collective.
         progress: Called after each fold.
     """

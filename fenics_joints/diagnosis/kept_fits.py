@@ -23,16 +23,16 @@ _WAY = 6
 class KeptFits:
     """Where each hypothesis' fit ended, one JSON line for each.
 
-    A line that a stopped run left unfinished, or whose checksum is wrong, is passed over, and the
-    last of a hypothesis counts. The file is named by a hash of the test, its errors and the nominal
-    model, so that fits to other data are never taken up.
+    Lines left unfinished by a stopped run, or with a wrong checksum, are skipped, and a hypothesis'
+    last line counts. The file is named by a hash of the test, its errors and the nominal model, so
+    that fits to other data are never used.
 
     Args:
         folder: Where the file stands; None to keep nothing.
         evidence: The test.
         baseline: Parameter values of the nominal model.
         writes: Whether this rank writes.
-        made: Digest of all that made the model.
+        made: Digest of everything that determines the model.
     """
 
     def __init__(

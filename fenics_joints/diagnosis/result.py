@@ -141,8 +141,8 @@ class Diagnosis:
             where that was not looked at.
         at_once: Probability of a misfit as large as all effects of the library at once leave; None
             where the best few explain the test.
-        without_partner: Names of the test's modes that are none of the model's, whatever effect it
-            has; they are left out of everything.
+        without_partner: Names of the test's modes that match none of the model's, with or without
+            an effect; they are left out of everything.
         row_names: Names of the conditions that are after a known change, ``""`` for the others;
             empty without such.
     """

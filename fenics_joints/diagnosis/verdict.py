@@ -28,7 +28,7 @@ NO_GAP, UNKNOWN = "no gap", "none of these"
 _SURE = 0.8
 #: ln of the odds from which held-out data confirm one of several causes: 20 to 1.
 _CONFIRMED = float(np.log(20.0))
-#: Share of the held-out gap beyond noise that has to go, for a cause to be confirmed.
+#: Share of the held-out gap beyond noise that a confirmed cause has to close.
 _MOST_OF_IT = 0.5
 #: A best hypothesis that fits the data worse than this is no explanation.
 MISFIT = 0.01
@@ -84,10 +84,10 @@ def decide(
 
 
 def confirmed(s: Shrinkage) -> bool:
-    """Whether held-out data confirm a cause: what is chosen and fitted without them predicts them
-    better than the nominal model, and better than the best wrong effect, each with 95 %; half of
-    the gap beyond noise or more goes; and of several causes each makes them more probable, at 20
-    to 1."""
+    """Whether held-out data confirm a cause: the explanation chosen and fitted without these data
+    predicts them better than the nominal model and than the best wrong effect, each with 95 %; it
+    closes at least half of the gap beyond noise; and each of several causes makes the data more
+    probable, at 20 to 1."""
     shrinks = bool(s.folds) and s.after < s.before and s.shrink_interval[0] > 0 and s.claimed
     return shrinks and s.shrink >= _MOST_OF_IT and not unproved(s)
 
@@ -114,20 +114,20 @@ def confirm(verdict: str, summary: str, s: Shrinkage) -> tuple[str, str]:
 
 
 def with_strangers(verdict: str, summary: str, names: Sequence[str]) -> tuple[str, str]:
-    """A verdict on a test some of whose modes are none of the model's: that there is no gap cannot
-    be said of it; all others are said of the rest.
+    """The verdict if some test modes match none of the model's: "no gap" becomes "unknown"; other
+    verdicts stay, for the remaining modes.
 
     Args:
         verdict: From `confirm`.
         summary: Likewise.
-        names: The modes.
+        names: Names of the modes without a match.
     """
     if not names:
         return verdict, summary
-    rest = f"{', '.join(names)}: no mode of the model is like it, with or without any effect"
+    rest = f"{', '.join(names)}: no mode of the model matches it, with or without an effect"
     if verdict != "no gap":
-        return verdict, f"{summary} Left out is {rest}."
-    return "unknown", f"The nominal model explains all that was measured but {rest}."
+        return verdict, f"{summary} Left out: {rest}."
+    return "unknown", f"The nominal model explains all that was measured except {rest}."
 
 
 def unconfirmed(s: Shrinkage | None) -> str:
@@ -148,7 +148,7 @@ def unconfirmed(s: Shrinkage | None) -> str:
     if s.shrink < _MOST_OF_IT:
         return (
             f"the gap on them goes from {percent(s.before)} to {percent(s.after)} where noise "
-            f"allows {percent(s.noise)}: less than half of what could go"
+            f"allows {percent(s.noise)}: less than half of the possible reduction"
         )
     weak = unproved(s)
     proved = [name for name in s.gains if name not in weak]

@@ -134,7 +134,7 @@ def solve_backbone_at(
     balance = Balance(model, **equations)
     problem = free_mode(balance, check_sensor(model, sensor), near)
     if initial is not None and not isinstance(initial, BackbonePoints):
-        raise wanted("initial", initial, "BackbonePoints of a near model, or None")
+        raise wanted("initial", initial, "BackbonePoints of a similar model, or None")
     warm = initial is not None and initial.z.shape == (len(a), balance.size + 3)
     found, iterations, last = np.empty((len(a), balance.size + 3)), np.zeros(len(a), int), None
     for i in np.argsort(a, kind="stable"):

@@ -24,7 +24,7 @@ from fenics_joints.joint_laws.kernel import HarmonicStress
 
 __all__ = ["Balance", "Equations", "default_samples"]
 
-#: Steps in which smooth hysteresis is integrated to some 1e-4.
+#: Number of steps that integrates smooth hysteresis to some 1e-4.
 _SAMPLES_WITH_MEMORY = 128
 #: Most numbers of one product in the Jacobian's assembly.
 _BLOCK = 4_000_000

@@ -21,7 +21,7 @@ from fenics_joints.interfaces.model import InterfaceModel, check_interfaces
 __all__ = ["HarmonicResult", "Loops", "Peak", "Periodic", "check_sensor"]
 
 
-#: Energy of a cycle over the terms that it is the sum of, below which these cancel up to round-off.
+#: Energy of a cycle, relative to its terms, below which the terms cancel up to round-off.
 _NO_LOSS = 1e-8
 
 

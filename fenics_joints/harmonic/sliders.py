@@ -88,7 +88,7 @@ def fitted_sliders(
     Args:
         result: Responses of the model.
         others: More of them, as at other forces.
-        interfaces: Names of those whose sliders may move; all by default.
+        interfaces: Names of the interfaces whose sliders may move; all by default.
     """
     met: dict[str, list[float]] = {}
     for one in (result, *others):

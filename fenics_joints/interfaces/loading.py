@@ -18,17 +18,17 @@ __all__ = ["condense", "loading_shapes", "static_state"]
 
 #: Compliance over that at rest beyond which a joint is taken to have failed.
 _COLLAPSED = 3.0
-#: How often the step to a load that is too large is halved, and until one is found.
+#: Most halvings of the step to a load that fails, and most of them while no load has succeeded.
 _HALVINGS, _SEARCHED = 4, 12
-#: Load, relative to the least, under which the compliance at rest is found, and displacement over
-#: that of this compliance at which a joint has failed, however the iteration goes on.
+#: Load, relative to the least, that gives the compliance at rest; and displacement, relative to
+#: that of this compliance, from which a joint counts as failed.
 _AT_REST, _LOST = 1e-3, 30.0
 #: A load of which this share at most pushes a free structure as a whole is balanced.
 _BALANCED = 1e-6
 #: Directions with less than this share of the largest energy are dependent.
 _DEPENDENT = 1e-10
-#: Shapes of a basis need no last digit, and a load without equilibrium is no failure: most of the
-#: time would go into the search for one.
+#: A basis needs no exact shapes, and a load may have no equilibrium: with tight tolerances most of
+#: the time would go into the search for one.
 _SHAPES = {"snes_rtol": 1e-6, "snes_max_it": 10, "snes_linesearch_type": "cp"}
 
 
@@ -111,8 +111,8 @@ def loading_shapes(
         on_load: Called with every factor before its load is applied.
 
     Returns:
-        A displacement for each factor up to the joint's strength, and a few more near it; where
-        even the least is beyond it, for smaller ones.
+        A displacement for each factor up to the joint's strength, and a few more near it; if even
+        the smallest factor exceeds the strength, for smaller factors.
 
     Raises:
         InputError: If the factors do not ascend from above zero.
@@ -129,10 +129,10 @@ def loading_shapes(
     statics.load.scale(last)
     if statics.solve() is None:
         raise ConvergenceError(
-            f"the static response to {last:g} times the load was not found; expected a joint that "
-            "bears a small load", reason_of(statics.solver),
+            f"no static equilibrium was found for {last:g} times the load; expected joints that "
+            "bear a small load", reason_of(statics.solver),
         )  # fmt: skip
-    # So small a load may be within the residual's tolerance: then the least one says it.
+    # So small a load may lie within the residual's tolerance: then the least factor gives both.
     first, reach = u.dot(whole) / last, (_LOST * u.norm() / last) or np.inf
     statics.keep()
     found, start, halvings = [], u.copy(), 0

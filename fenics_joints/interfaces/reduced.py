@@ -214,7 +214,7 @@ def read_interface_model(path: str | Path, *, own: bool = False) -> ReducedInter
 
     Args:
         path: The file.
-        own: Whether it has to be the user's own, which nobody else can write to.
+        own: Whether the file has to belong to the user, with nobody else able to write to it.
 
     Raises:
         InputError: As `fenics_joints.reduction.files.read_model`.

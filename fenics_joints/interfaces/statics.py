@@ -41,8 +41,8 @@ class Statics:
         load: Load of the next solution.
         states: The interfaces' states before it.
         scale: Least load, N, that residuals are measured by, for a load that passes zero.
-        reach: Norm of u beyond which there is no equilibrium of interest, and the search ends.
-        searches: Line searches that are tried where the first one fails.
+        reach: Norm of u beyond which the search for an equilibrium ends.
+        searches: Other line searches, if the first one fails.
     """
 
     def __init__(self, motion: Motion, options: Mapping[str, object]):
@@ -118,7 +118,7 @@ class Statics:
             self.solver.solve(None, self.u)
             if found := self.solver.getConvergedReason() >= 0:
                 break
-            if self.u.norm() > self.reach:  # another search would follow it there
+            if self.u.norm() > self.reach:  # another line search would end there too
                 break
         before.destroy()
         self._free.take_off(self.u)

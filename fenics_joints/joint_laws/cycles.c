@@ -1,22 +1,22 @@
-/* Harmonics of stress of laws with memory. A slider turns where its strain does, and starts to slide
- * somewhere between two samples: sampled stress has harmonics that are off by the square of the step,
- * and as rough as the samples pass over these instants. Here the states go from sample to sample, with
- * a step at each reversal of the strain between, and from every state Gauss's rule integrates the
- * stress up to the next, in pieces that end where a switch of an element changes its sign.
+/* Harmonics of stress for laws with memory. A slider reverses with its strain, and starts to slide
+ * between two samples. Harmonics of sampled stress therefore have an error of second order in the step,
+ * which jumps as samples pass these instants. Here the states step from sample to sample and to each
+ * reversal of the strain; between two states Gauss's rule integrates the stress, in pieces that end
+ * where a switch of an element changes its sign.
  *
- * Derivatives by the harmonics of strain: (numbers, D, B), each B fours of harmonics. They have what a
- * reversal moves by; what moves the ends of a piece changes nothing, as the stress has no jump there.
+ * Derivatives by the harmonics of strain: (numbers, D, B), each B fours of harmonics. They include the
+ * shift of the reversals. A shift of a piece's end changes nothing, as the stress has no jump there.
  */
-#define STEPS 8 /* whose derivatives are analysed at once */
-#define JUST 1e-3 /* share of an interval that counts as just after its start */
-#define SAME 1e-12 /* phases closer than that are one */
-#define NOTABLE 0.1 /* a strain's rate over that of the largest below which it has no reversals */
+#define STEPS 8 /* steps whose derivatives are analysed at once */
+#define JUST 1e-3 /* share of an interval to a point just after its start */
+#define SAME 1e-12 /* phases closer than this are equal */
+#define NOTABLE 0.1 /* rate of a strain, relative to the largest, below which its reversals do not count */
 
 /* Four harmonics side by side. */
 typedef double four __attribute__((vector_size(32), aligned(8), may_alias));
 
-/* An instant: a step of the states, or just an end of a piece. At a reversal of strain it moves with
- * that component's harmonics, at any other step `component` is -1.
+/* An instant: a step of the states, or only an end of a piece. A reversal of strain shifts with the
+ * harmonics of `component`; any other step has -1 there.
  */
 typedef struct {
   double at;
@@ -28,7 +28,7 @@ typedef struct {
   instant *of;
 } instants;
 
-/* Phases of a cycle in their order: states go on where `step`, elsewhere there is stress. */
+/* Phases of a cycle in order: the states advance at those with `step`, the others have a stress. */
 typedef struct {
   int n, room, stresses;
   instant *at;
@@ -56,7 +56,7 @@ add_states(int B, const double *fs, const four *restrict ds, four *restrict to)
       for (int q = 0; q < D * B; ++q) to[a * D * B + q] += fs[a * M + b] * ds[b * D * B + q];
 }
 
-/* Take an element's part out of `rest`. */
+/* Remove an element's part from `rest`. */
 static void release(int at, room *r)
 {
   double *held = r->fs + at * D * M;
@@ -97,7 +97,7 @@ static void stress_at(int E, const double *e, const four *g, double *f, four *df
         if (!memcmp(fs, held, sizeof fs)) continue;
         release(at, r);
       }
-      /* What an element adds that does not move is the same at the next phases. */
+      /* The part of an element that does not move is the same at the next phases. */
       const int moving = moves(l, s, now.sn);
       add_states(B, fs, ds, moving ? df : r->rest);
       if (moving) continue;
@@ -112,7 +112,7 @@ static void stress_at(int E, const double *e, const four *g, double *f, four *df
         df[(a * D + c) * B + k] += r->rest[(a * D + c) * B + k] + fe[a * D + c] * g[k];
 }
 
-/* States go to the strain e, and their derivatives d s/d X = ns d s/d X + ne d e/d X with them. */
+/* Advance the states to the strain e, with their derivatives d s/d X = ns d s/d X + ne d e/d X. */
 static void step_to(int E, const instant *step, const double *e, const double *rates, const four *g,
                     const four *shift, int jacobian, room *r)
 {
@@ -225,7 +225,7 @@ static int earlier(const void *a, const void *b)
   return (x > y) - (x < y);
 }
 
-/* In order; those that are no steps keep `least` from all others. */
+/* Sort; drop instants that are no steps and closer than `least` to another. */
 static void sort_instants(instants *all, double least)
 {
   int n = 0;
@@ -246,7 +246,7 @@ static double size(const double *X, int K)
   return sqrt(sum);
 }
 
-/* Where the rates of strain change their signs, sampled at T phases. */
+/* Find where the rates of strain change their signs, sampled at T phases. */
 static void reversals(const watched *w, int T, const double *synthesis, instants *to)
 {
   double before[D], now[D], largest = 0.0;
@@ -272,7 +272,7 @@ static void reversals(const watched *w, int T, const double *synthesis, instants
   }
 }
 
-/* The state of the watched element after one step from w->s to a phase; whether it has changed. */
+/* State of the watched element after one step from w->s to a phase; returns whether it changed. */
 static int arrive(const watched *w, double phase, double *sn)
 {
   double e[D], f[D];
@@ -282,7 +282,7 @@ static int arrive(const watched *w, double phase, double *sn)
   return memcmp(sn, w->s, M * sizeof(double)) != 0;
 }
 
-/* Slope of the watched switch at a phase, with the state of the way there. */
+/* Slope of the watched switch at a phase, with the state on the way there. */
 static double slope_on_the_way(const watched *w, double phase)
 {
   double sn[M], slope;
@@ -293,9 +293,9 @@ static double slope_on_the_way(const watched *w, double phase)
   return slope;
 }
 
-/* Ends of pieces of one element between low and high, where it starts from the state w->s. A slider
- * stops where the slope of its switch, which sliding keeps at zero, changes its sign: under a pressure
- * that varies that is no reversal of the strain.
+/* Ends of pieces of one element between low and high, from the state w->s at low. Sliding keeps a
+ * switch at zero; a slider stops where the slope of its switch changes its sign. Under varying
+ * pressure this is not a reversal of the strain.
  */
 static void between(watched *w, double low, double high, instants *to)
 {
@@ -308,14 +308,14 @@ static void between(watched *w, double low, double high, instants *to)
     else {
       const double sign = g >= 0 ? 1.0 : -1.0, step = high - just;
       const double down = sign * start, up = sign * end;
-      /* Where the tangents of both ends meet, what is convex between them is not below. */
+      /* A convex function is never below the point where the tangents of both ends meet. */
       if (down < 0 && up > 0 && sign * g + down * (sign * (after - g) - up * step) / (down - up) < 0
           && hidden(w, just, high, found)) {
         note(to, found[0], 0, -1);
         note(to, found[1], 0, -1);
       }
     }
-    if (D == 1 || !moves) continue; /* of one component the reversals are steps */
+    if (D == 1 || !moves) continue; /* with one component the reversals are steps */
     double a = just, b = high - JUST * (high - low);
     start = slope_on_the_way(w, a);
     if (start * slope_on_the_way(w, b) >= 0) continue;
@@ -346,7 +346,7 @@ static void element_instants(watched *w, int E, int cycles, const double *s, con
   }
 }
 
-/* Add a phase to a grid that has room for it. */
+/* Add a phase to a grid with room for it. */
 static void add_phase(const watched *w, instant now, double weight, int B, grid *to)
 {
   const int i = to->n++, K = w->K;
@@ -380,7 +380,7 @@ static void add_phase(const watched *w, instant now, double weight, int B, grid 
   }
 }
 
-/* The grid of a cycle; pieces of a length have Gauss's rules, from 0 to 1, of 1 to `order` nodes. */
+/* The grid of a cycle; each piece gets a Gauss rule of 1 to `order` nodes, by its length. */
 static int make_grid(const watched *w, const instants *ends, int stresses, int order,
                      const double *rules, int B, grid *to)
 {
@@ -415,7 +415,7 @@ static int make_grid(const watched *w, const instants *ends, int stresses, int o
   return 0;
 }
 
-/* Harmonics F (P, D, K) of the last cycle's stress by those of strain X (P, D, K), and their
+/* Harmonics F (P, D, K) of the last cycle's stress from harmonics of strain X (P, D, K), and their
  * derivative J (P, D, K, D, K), or none, of a law without rate. Xd are those of d strain / d phase,
  * synthesis (T, K) the T samples between which a rate of strain changes its sign once at most; rules
  * as in make_grid. begun (P, E, M) are the states at the start of the last cycle, s those at its end.

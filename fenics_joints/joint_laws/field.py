@@ -33,8 +33,8 @@ from fenics_joints.joint_laws.point_values import PointValues
 
 __all__ = ["JointField", "integral", "tangents"]
 
-#: Sums over a joint's strains, and over its stresses, by which steps are told apart, and the
-#: difference, relative to the largest, up to which they are the same.
+#: Number of weighted sums of strains, and of stresses, that identify a step, and the difference,
+#: relative to the largest, up to which two steps are the same.
 _PROJECTIONS, _SAME = 4, 1e-5
 
 
@@ -88,8 +88,8 @@ class JointField:
         traction: UFL: tangential stress, Pa, (n_slip,).
         work: Work done on the joint so far, J: of the mean of the stress before and after a step.
         dissipated: Energy turned to heat so far, J. A law without ``stored`` and ``dissipated``
-            cannot tell it from what it stores: then it is the work of the cycles closed so far,
-            those steps that have brought strain and stress back to where an earlier one left them.
+            cannot separate heat from stored energy: then this is the work of the closed cycles so
+            far, in which strain and stress came back to the values of an earlier step.
     """
 
     def __init__(
@@ -359,7 +359,7 @@ class JointField:
             self._close_cycle()
 
     def _close_cycle(self) -> None:
-        """Add the work since the last step that left strain and stress as they are now."""
+        """Add the work since the last step with the same strain and stress as now."""
         n = 2 * (1 + self.slip.ufl_shape[0])
         own = self._last.function_space.dofmap.index_map.size_local * n
         parts = self._projections[:, :own] * self._last.x.array[:own]

@@ -62,8 +62,8 @@ class HarmonicStress:
     Attributes:
         coefficients: Harmonics of the last cycle's stress, (P, d, K).
         jacobian: Their derivative by those of the strain, (P, d, K, d, K); None if not asked for.
-        strain: Strain at the samples of the cycle, (P, T, d); None if not asked for.
-        stress: Stress at those of the last cycle, (P, T, d), likewise.
+        strain: Strain at the samples of a cycle, (P, T, d); None if not asked for.
+        stress: Stress at the samples of the last cycle, (P, T, d), likewise.
         state: States at its end, (P, E, m).
         closure: Change of the states over the last cycle, relative to the largest of them: zero
             when the cycle is closed.
@@ -239,16 +239,16 @@ class LawKernel:
         self, coefficients, changes, synthesis, values, state=None, *,
         cycles=2, jacobian=True, sampled=False,
     ) -> HarmonicStress:  # fmt: skip
-        """Harmonics of stress by those of strain, of a law with memory and without rate.
+        """Harmonics of stress from harmonics of strain, for a law with memory and without rate.
 
         The states step from sample to sample and to each reversal of the strain, and Gauss's rule
         integrates the stress between, in pieces that end where a switch changes its sign.
 
         Args:
             coefficients: Harmonics of strain, (P, d, K).
-            changes: Those of its derivative by the phase, alike.
-            synthesis: From harmonics to samples of one period, (T, K), between which the strain
-                turns once at most. The states take as many steps, and one at each reversal.
+            changes: Harmonics of strain's derivative by the phase, (P, d, K).
+            synthesis: Matrix from harmonics to samples of one period, (T, K), between which the
+                strain reverses at most once. The states step at each sample and each reversal.
             values: Parameters, (P, E, n_parameters).
             state: States before the first cycle, (P, E, m); None for one that never moved.
             cycles: How often the cycle is run through; the last one counts.

@@ -312,10 +312,10 @@ class BoucWen(JointLaw):
         return ufl.as_ufl(0.0), traction, ufl.as_vector([*slip, *(z[i] for i in range(n))])
 
     def stored(self, normal, slip, state, p):
-        """Energy per volume or area that can be had back: of the spring, and of z beside it.
+        """Recoverable energy per volume or area: that of the spring and that of z.
 
-        Of z as much as leaves its heat, (1 - a) k z (dx - dz), above zero for |gamma| <= beta
-        (Erlicher and Point, C. R. Mecanique 332, 2004).
+        The energy of z is chosen so that the heat, (1 - a) k z (dx - dz), is not negative for
+        |gamma| <= beta (Erlicher and Point, C. R. Mecanique 332, 2004).
         """
         _, z = _split(state, slip.ufl_shape[0])
         k, a = p["stiffness"], p["ratio"]

@@ -30,7 +30,7 @@ static void combine(int K, const double *Z, const double *restrict b, double *e)
   }
 }
 
-/* What one switch of an element is looked at with; s is the element's state. */
+/* Data to evaluate one switch of an element; s is the element's state. */
 typedef struct {
   int K, number;
   const double *Z, *Zd, *s, *p;
@@ -44,7 +44,7 @@ static double along(const double *ge, const double *de)
   return sum;
 }
 
-/* The switch at a phase, and its slope by it. */
+/* The switch at a phase, and its derivative by the phase. */
 static double look(const watched *w, double phase, double *slope)
 {
   double e[DI], de[DI], g[NS1], ge[NS1 * DI];
@@ -74,7 +74,7 @@ static double crossing(const watched *w, double low, double high)
   return x;
 }
 
-/* Both changes of a switch that turns between low and high, if it changes at all. */
+/* Both sign changes of a switch that has an extremum between low and high, if there are any. */
 static int hidden(const watched *w, double low, double high, double *to)
 {
   double slope, a = low, b = high;

@@ -39,8 +39,8 @@ class QuasiStaticHistory:
         outputs: Values of the outputs by name, (n,).
         stored: Energy in the joints, J, (n,); nan where a law does not tell.
         work: Work done on the joints so far, J, (n,).
-        dissipated: Energy that they turned to heat so far, J, (n,), which never falls. Of a law
-            that does not tell its energies only the cycles closed so far, see `JointField`.
+        dissipated: Energy that they turned to heat so far, J, (n,), which never falls. For a law
+            without energies, the work of the closed cycles so far, see `JointField`.
         iterations: Newton iterations, (n,).
         residuals: Norms of the residual of each step, first to last.
     """

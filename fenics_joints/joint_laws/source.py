@@ -17,7 +17,7 @@ __all__ = ["law_source"]
 
 #: UFL's operators of two numbers whose difference chooses a branch.
 _COMPARISONS = ("LT", "GT", "LE", "GE", "MinValue", "MaxValue")
-#: Stand for ``events.c`` in laws with memory, and for ``cycles.c`` in laws without.
+#: Stubs in place of ``events.c`` for laws with memory, and of ``cycles.c`` for laws without.
 _NO_EVENTS = """
 int law_events(int P, int E, int K, int T, int panels, int order, const double *Z, const double *Zd,
                const double *synthesis, const double *p, const double *nodes,

@@ -7,8 +7,8 @@ compiled in a folder that nobody else knows, which takes its name when it is who
 that on local and on network file systems. Locks only spare two processes the same work; a file
 system without them costs time and nothing else.
 
-A form is a library that is loaded, and so runs. The cache has to be one that no other user can
-write to, or it is not used. The ``fenics-joints`` command takes no settings of DOLFINx, FFCx and
+A form is a library, and loading it runs its code. A cache that other users can write to is not
+used. The ``fenics-joints`` command takes no settings of DOLFINx, FFCx and
 setuptools from the working folder, which may be a stranger's, see `fenics_joints.machine.imports`.
 """
 

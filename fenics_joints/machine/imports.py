@@ -1,4 +1,4 @@
-"""Libraries that take settings from the working folder, which may be a stranger's.
+"""Keep libraries from reading settings in the working folder, which may be a stranger's.
 
 PETSc reads ``petscrc`` there, which can name a library to load, DOLFINx
 ``dolfinx_jit_options.json``, which can name any program as the compiler, UCX below MPI
@@ -23,7 +23,7 @@ _NAMES = ("mpi4py.MPI", "petsc4py.PETSc", "matplotlib", "arviz_base", "arviz.rcp
 
 
 class _Finder:
-    """Finds these modules as Python does, and lets them be made in an empty folder."""
+    """Finds these modules as Python does, and imports them in an empty working folder."""
 
     def find_spec(self, name: str, path, target=None) -> ModuleSpec | None:
         """The specification of one of these modules; None for any other."""

@@ -1,4 +1,4 @@
-"""Folders that nobody else can change, where what is loaded can run as code; or that are empty."""
+"""Folders that nobody else can change, for files that are loaded as code; and empty folders."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from pathlib import Path
 
 __all__ = ["cache_folder", "changed_by_others", "empty_folder", "private_folder"]
 
-#: Owner of whatever belongs to a user that a container does not know, root of the host among them.
+#: Owner, in a container, of files of users that it does not know, such as the host's root.
 _UNKNOWN = 65534
 
 
@@ -38,13 +38,13 @@ def empty_folder() -> Iterator[None]:
 
 @lru_cache
 def cache_folder(path: Path) -> Path:
-    """`private_folder`, or, with a warning, one for this process alone."""
+    """`private_folder`, or, with a warning, a folder for this process only."""
     try:
         return private_folder(path)
     except OSError as error:
         logging.getLogger(__name__).warning(
             "%s: compiled forms and laws cannot be kept there (%s); every run compiles them anew. "
-            "Set XDG_CACHE_HOME to a folder that you and nobody else can write to", path,
+            "Set XDG_CACHE_HOME to a folder that only you can write to", path,
             error.strerror or error,
         )  # fmt: skip
     folder = Path(tempfile.mkdtemp(prefix="fenics_joints_"))
@@ -53,18 +53,18 @@ def cache_folder(path: Path) -> Path:
 
 
 def private_folder(path: Path) -> Path:
-    """A folder into which nobody else can put a file, made with mode 0700 if it is not there.
+    """A folder into which nobody else can put a file, made with mode 0700 if it is missing.
 
-    The folders above it count too: who can write to one of them can put another in its place.
+    The folders above count too: whoever can write to one of them can replace the folder.
 
     Args:
         path: The folder.
 
     Returns:
-        Its path without links, to be used from here on: links can be turned elsewhere.
+        The folder's path without links, to be used from here on: links can be redirected.
 
     Raises:
-        OSError: If it cannot be made, or others could change it.
+        OSError: If the folder cannot be made, or others could change it.
     """
     _make(path)
     real = path.resolve()
@@ -76,20 +76,19 @@ def private_folder(path: Path) -> Path:
 
 
 def _make(path: Path) -> None:
-    """The folder and those above it, each for this user alone where it is not there."""
+    """Make the folder and missing folders above it, each for this user only."""
     if not path.is_dir():
         _make(path.parent)
         path.mkdir(mode=0o700, exist_ok=True)
 
 
 def changed_by_others(status: os.stat_result, above: bool = False) -> str:
-    """Why a file or folder could have been changed by another user than this one and root; empty
-    if it could not.
+    """Why another user, except root, could have changed a file or folder; empty if none could.
 
     Args:
-        status: Of the file.
-        above: Whether it is a folder above the one that counts: with the sticky bit, as /tmp has
-            it, others cannot rename what is in it.
+        status: Status of the file.
+        above: Whether it is a folder above the one that counts: in a folder with the sticky bit,
+            such as /tmp, others cannot rename this user's files.
     """
     known = (0, os.geteuid(), *([_UNKNOWN] if above else []))
     if status.st_uid not in known:

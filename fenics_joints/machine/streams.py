@@ -1,4 +1,4 @@
-"""Standard streams and variables of the environment, whatever the command was started with."""
+"""Usable standard streams and environment variables, however the command was started."""
 
 from __future__ import annotations
 
@@ -12,43 +12,43 @@ from contextlib import contextmanager, suppress
 
 __all__ = ["environment", "open_streams"]
 
-#: For terminals and files of another encoding than UTF-8, what has no plain form of its own.
+#: Plain forms of characters without one, for terminals and files that are not in UTF-8.
 _PLAIN = {
     "·": "*", "×": "x", "–": "-", "—": "-", "−": "-", "µ": "u", "μ": "u", "°": "deg", "∞": "inf",
     "→": "->", "≤": "<=", "≥": ">=", "±": "+-", "√": "sqrt", "Σ": "sum",
 }  # fmt: skip
-#: Columns of the narrowest terminal that a variable may ask for: tables need their numbers.
+#: Least columns that a variable may ask for: tables need room for their numbers.
 _NARROWEST = 20
 
 
 def environment() -> None:
-    """Set right what libraries stumble over; before they are imported.
+    """Correct environment variables on which libraries fail, before their import.
 
-    A terminal of no columns shows nothing, Open MPI does not start without a home, and PETSc not in
+    A terminal with zero columns shows nothing; Open MPI does not start without a home, nor PETSc in
     a folder that was removed.
 
     Raises:
-        SystemExit: With a sentence, in such a folder: files named from there would be elsewhere.
+        SystemExit: With a sentence, in a removed folder, where relative file names mean nothing.
     """
     try:
         os.getcwd()
     except OSError as error:
-        sys.exit(f"error: the current folder: {error.strerror}; change to one that is there")
+        sys.exit(f"error: the current folder: {error.strerror}; change to an existing folder")
     for name in ("COLUMNS", "LINES"):
         value = os.environ.get(name, "")
         if not value.isdecimal() or int(value) < _NARROWEST:
             os.environ.pop(name, None)
     if not os.environ.get("HOME"):
-        home = os.path.expanduser("~")  # by the list of users
+        home = os.path.expanduser("~")  # from the list of users
         os.environ["HOME"] = home if os.path.isdir(home) else tempfile.gettempdir()
 
 
 @contextmanager
 def open_streams() -> Iterator[None]:
-    """Streams that can be written to; what could not be written in the end is an error.
+    """Open standard streams; output that could not be written is an error at the end.
 
-    A closed one is opened, so that no file takes its number: standard input is empty, standard
-    error goes nowhere, and standard output fails once something is written. Characters that an
+    A closed stream is opened, so that no file takes its number: standard input is then empty,
+    standard error is dropped, and standard output fails at the first output. Characters that an
     encoding lacks are written in plain letters.
 
     Raises:
@@ -70,7 +70,7 @@ def open_streams() -> Iterator[None]:
         yield
     except BaseException as error:
         leaving = error
-    if isinstance(leaving, OSError):  # of help and versions; commands tell theirs themselves
+    if isinstance(leaving, OSError):  # of help and versions; commands report their own
         failed = leaving
     for stream in (sys.stdout, sys.stderr):
         try:
@@ -88,7 +88,7 @@ def open_streams() -> Iterator[None]:
 
 
 def _drop(stream) -> None:
-    """Send what is left in a stream nowhere: at its end Python would fail to write it again."""
+    """Drop a stream's pending output: at exit Python would fail to write it again."""
     with suppress(OSError, ValueError):
         os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
         stream.flush()

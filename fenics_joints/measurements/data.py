@@ -221,8 +221,8 @@ class TestData:
         return replace(self, mode_names=tuple(self.mode_names[i] for i in kept), **cut)
 
     def without_modes(self, out: Iterable[int]) -> TestData:
-        """All but some of the modes, by index: their shapes and values are gone, but without shapes
-        their places in the order stay, by which the others are paired."""
+        """The data without some modes, by index. Without shapes, modes are paired by order, so the
+        places of the removed modes stay, without values."""
         out = sorted(set(out))
         if self.shapes is not None:
             return self.with_modes(i for i in range(len(self.mode_names)) if i not in out)

@@ -39,7 +39,7 @@ def read_frfs(
         kind: ``receptance``, ``mobility`` or ``accelerance``, where a file does not say.
         units: Unit of the functions, such as ``g/N``; it goes before what the files say.
         length_unit: Unit of the nodes' coordinates, where a file does not say.
-        points: Coordinates of nodes, m; they go before those of the files, whose local axes stay.
+        points: Coordinates of nodes, m, which replace the files'; local axes stay the files'.
         directions: Directions of nodes, where a file does not say (direction code 0).
         keys: Names of MATLAB variables that are not the usual ones.
 

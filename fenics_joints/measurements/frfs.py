@@ -196,7 +196,7 @@ class MeasuredFRFs:
         return [pair for pair in self.same_dofs() if there[pair[:2]]]
 
     def same_dofs(self) -> list[tuple[int, int, int]]:
-        """The same of all pairs, whether they were measured or not."""
+        """The same for all pairs, measured or not."""
         points = np.vstack([self.response_points, self.reference_points])
         extent = float(np.ptp(points, axis=0).max()) or 1.0
         apart = np.linalg.norm(self.response_points[:, None] - self.reference_points, axis=2)

@@ -13,15 +13,16 @@ from fenics_joints.modal.modes import Modes
 from fenics_joints.structure.points import Sensors
 
 __all__ = [
-    "ALIKE", "CONTRADICTED", "FAINT", "UNLIKE", "VISIBLE", "Gap", "Pairing", "TooFewModes", "assigned",
-    "check_sight", "largest_difference", "likeness", "mac", "nearest", "pair_modes", "partnered",
-    "rms", "same_modes", "skipped", "with_untold",
+    "ALIKE", "CONTRADICTED", "FAINT", "UNLIKE", "VISIBLE", "Gap", "Pairing", "TooFewModes",
+    "assigned", "check_sight", "largest_difference", "likeness", "mac", "nearest", "pair_modes",
+    "partnered", "rms", "same_modes", "skipped", "with_untold",
 ]  # fmt: skip
 
 
 #: Why a measured mode may have no partner, for messages.
 UNLIKE = (
-    "does the model lack a component, or are the sensors' places and directions wrong ([test.sees])?"
+    "does the model lack a component, or are the sensors' places and directions wrong "
+    "([test.sees])?"
 )
 #: MAC below which two shapes have so little in common that order tells more; and how much MAC a
 #: place in the order is worth then.
@@ -31,15 +32,15 @@ ALIKE, _PLACE = 0.5, 0.2
 _FAR = 0.1
 #: Frequencies that are off by a factor of e to this are of other modes, or of a joint that is not.
 _ELSEWHERE = 0.4
-#: Least MAC of a pair whose frequencies agree; below it the shapes contradict the pair.
+#: MAC below which the shapes contradict a pair whose frequencies agree.
 CONTRADICTED = 0.2
-#: Least number of sensors whose MAC says anything: at one all shapes are alike, at two half are.
+#: Least number of sensors for MAC: at one sensor all shapes are alike, at two half of them.
 _SPEAKING = 3
-#: MAC from which shapes make a pair though frequencies do not agree, and how far, in ln, these may
-#: then be.
+#: MAC from which shapes make a pair although the frequencies disagree, and the largest |ln| of
+#: their ratio then.
 _CLEARLY, _FARTHEST = 0.8, 1.0
-#: Least visibility (see `Modes.visibility`) of a mode that a test is taken to have seen; and of one
-#: that it is taken to have seen where a measured shape is clearly like this one and no other.
+#: Visibility (see `Modes.visibility`) from which a test is taken to see a mode; and the lower one
+#: for a mode that a measured shape clearly matches, and no other mode.
 VISIBLE, FAINT = 0.3, 0.05
 
 
@@ -93,8 +94,8 @@ class Pairing:
 
     Attributes:
         index: Index of the model mode of each test mode, shape (n_test,).
-        visible: All model modes that the test could see, rigid-body modes left out; and fainter
-            ones that a measured shape is like.
+        visible: All model modes that the test could see, without rigid-body modes; and fainter
+            modes that a measured shape matches.
         shapes: The paired model shapes at the sensors, shape (n_sensors, n_test); None without.
         mac: MAC of each pair with what it was matched to; None when matched by order alone.
         crossing: Pairs of test modes that a MAC match puts in another order than the frequency.
@@ -137,10 +138,11 @@ def pair_modes(
     modes that move where and as they measure are candidates. With reference shapes (measured, or a
     near model's paired shapes) candidates are matched by MAC: modes that cross are followed, and of
     those that look alike at the sensors the one whose frequency is nearer to that of its place in
-    the order counts. Test modes that are like none are compared with modes that the sensors see
-    faintly, as one that moves mainly across them. Those that are like none of these either, as
-    where a joint has changed much, go by their order among what is left: the best of poor matches
-    may be a mode of several times the frequency. `partnered` says which pairs are any.
+    the order counts. Test modes without a match are compared with modes that the sensors see only
+    faintly, such as modes that move mainly across the sensors' directions. Test modes that still
+    have no match, as after a large change of a joint, are paired by order with the remaining modes:
+    the best of poor matches may have several times the frequency. `partnered` says which pairs are
+    real.
 
     Args:
         modes: The model's modes.
@@ -186,22 +188,22 @@ def partnered(
     pairing: Pairing, model_hz: np.ndarray, test_hz: np.ndarray, shapes: np.ndarray | None = None,
     *, least: float = CONTRADICTED,
 ) -> np.ndarray:  # fmt: skip
-    """Which test modes have a partner in a model, mask (m,): a pair is one by its likeness alone.
+    """Mask of the test modes that have a partner in a model, (m,), by similarity alone.
 
-    A MAC of 0.8 or more makes a pair, up to a factor of e in frequency: beyond, some mode is like
-    any shape. So do, where the shapes do not contradict it by a MAC below
-    ``least``, frequencies that agree: within a factor of exp(0.4), 1.5, once a factor that all
-    modes have in common, as of a wrong modulus or unit, is left out. Where there are no shapes, or
-    fewer than three sensors, frequencies alone say it.
+    A MAC of 0.8 or more makes a pair, up to a factor of e in frequency: further away some mode
+    resembles any shape. Frequencies that agree make a pair unless the shapes contradict it by a MAC
+    below ``least``. Frequencies agree within a factor of exp(0.4), 1.5, after removal of a factor
+    common to all modes, as from a wrong modulus or unit. Without shapes, or with fewer than three
+    sensors, frequencies alone decide.
 
     Args:
         pairing: From `pair_modes`.
         model_hz: Frequencies of all modes of the model, Hz.
-        test_hz: Measured ones, Hz, (m,); nan where missing, which contradicts nothing.
+        test_hz: Measured frequencies, Hz, (m,); nan where missing, which contradicts no pair.
         shapes: The measured shapes that were matched, (n_sensors, m); None where modes were paired
             by order, or by shapes of another model.
-        least: MAC below which shapes contradict a pair: more than 0.2 where the best of many models
-            is looked for, some of which are like any shape by chance.
+        least: MAC below which shapes contradict a pair: more than 0.2 in a search over many models,
+            some of which resemble any shape by chance.
     """
     slip = np.log(model_hz[pairing.index] / test_hz)
     common = np.nanmedian(slip) if np.isfinite(slip).any() else 0.0
@@ -306,8 +308,8 @@ def assigned(match: np.ndarray, frequencies: np.ndarray, clear: np.ndarray) -> n
         match: MAC of test modes with candidates, shape (m, n); a row of 0 for one that is not to be
             told: it gets what the others leave.
         frequencies: Of the candidates, ascending, (n,).
-        clear: Which of them the test sees clearly, mask (n,), at least m; others are taken by rows
-            alone that are like none of these.
+        clear: Mask of the modes that the test sees clearly, (n,), at least m; other modes are used
+            only for rows that match none of the clear modes.
     """
     told, seen = match.any(axis=1), np.flatnonzero(clear)
     if not told.all():
@@ -320,7 +322,7 @@ def assigned(match: np.ndarray, frequencies: np.ndarray, clear: np.ndarray) -> n
     faint = np.flatnonzero(~clear)
     rows = np.flatnonzero(unlike & (match[:, faint] >= _CLEARLY).any(axis=1))
     if len(rows):
-        # Ones that are not clearly alike are worth less than any that is.
+        # Every pair without a clear match costs more than any clear match.
         worth = np.where(match >= _CLEARLY, alike, alike - len(match))[np.ix_(rows, faint)]
         for i, j in zip(*linear_sum_assignment(-worth), strict=True):
             if match[rows[i], faint[j]] >= _CLEARLY:
@@ -345,13 +347,13 @@ def with_untold(columns: np.ndarray, told: np.ndarray, seen: np.ndarray) -> np.n
 def _by_order_where_unlike(
     match: np.ndarray, columns: np.ndarray, unlike: np.ndarray, seen: np.ndarray
 ) -> np.ndarray:
-    """Columns of an assignment, those of poor matches chosen anew by order and MAC together.
+    """The columns of an assignment, with poor matches chosen again by order and MAC together.
 
     Args:
         match: MAC, shape (m, n).
         columns: The assignment, (m,).
-        unlike: Its poor matches, mask (m,).
-        seen: Columns that are clearly seen, ascending; order counts among these.
+        unlike: Mask of the poor matches, (m,).
+        seen: Columns of clearly seen modes, ascending, among which the order counts.
     """
     if not unlike.any():
         return columns

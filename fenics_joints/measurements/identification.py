@@ -1,9 +1,9 @@
 """Modes of a structure from its measured frequency response functions.
 
 Poles are estimated by the least-squares complex frequency method (LSCF) of sdypy-EMA over rising
-orders of the model. Those that stay are where non-linear least squares on all functions starts,
-with residues of rank one, which takes away the bias that the method has under noise, and gives a
-covariance. Modes that the method lost, as close or repeated ones, are in what that fit leaves.
+orders of the model. From the stable poles starts a non-linear least-squares fit of all functions
+with residues of rank one, which removes the method's bias under noise and gives a covariance. Modes
+that the method missed, such as close or repeated ones, show in the residual of that fit.
 """
 
 from __future__ import annotations
@@ -76,12 +76,12 @@ class IdentifiedModes:
         complex_shapes: The same shapes as identified, turned to be as real as they can.
         phase_collinearity: 1 for a real mode, towards 0 for a complex one, shape (m,).
         mass_normalised: Whether the scale of the shapes is that of the modal mass.
-        scatter: Standard deviation of the stable poles' frequency over the orders, relative, and
-            that of their damping, relative, shape (m, 2); nan where none is stable.
+        scatter: Relative standard deviations, over the orders, of the stable poles' frequency and
+            damping, shape (m, 2); nan where no pole is stable.
         residual: Root mean square of measured minus fitted, relative to measured.
         poles: All poles of all orders.
         frfs: The functions, in the band; forces and responses may be exchanged.
-        notes: What is doubtful, in sentences.
+        notes: Doubts about the result, in sentences.
     """
 
     frequencies_hz: np.ndarray
@@ -165,7 +165,7 @@ def identify_modes(
 
     Where forces stood at more places than sensors, as with a roving hammer, the shapes are those at
     the forces, by reciprocity (H_ij = H_ji): ``frfs`` of the result has the two exchanged. A pair
-    of modes at one frequency is told apart by two references or more, never by one.
+    of modes at one frequency is separated by two references or more, never by one.
 
     Args:
         frfs: Measured functions; evenly spaced lines.
@@ -202,7 +202,7 @@ def identify_modes(
         k = int(np.argmin(values.any(axis=0)))
         raise InputError(
             f"the function of {data.response_names[rows[k]]} by "
-            f"{data.reference_names[columns[k]]} is zero in the band; expected a measured one"
+            f"{data.reference_names[columns[k]]} is zero in the band; expected measured values"
         )
     links = Links(data)
     functions = Functions(
@@ -339,7 +339,7 @@ def _nearest(at: np.ndarray, near: Sequence[float]) -> list[int]:
         if abs(at[i] - f) > 0.05 * f or i in found:
             there = ", ".join(f"{x:.5g}" for x in at)
             raise InputError(
-                f"near = {f:g} Hz: expected a stable pole of its own within 5 %; those of the "
+                f"near = {f:g} Hz: expected a stable pole of its own within 5 %; the poles of the "
                 f"functions are at {there} Hz"
             )
         found.append(i)
@@ -377,7 +377,7 @@ def _modes(data, links, fit: ModeFit, poles: Poles, chosen, notes, window) -> Id
     if (damping <= 0).any():
         r = int(np.argmin(damping))
         raise InputError(
-            f"exponential_window = {window:g} s: takes more damping away than was measured, "
+            f"exponential_window = {window:g} s: has more damping than was measured, "
             f"{100 * fit.damping[chosen][r]:.3g} % at {fit.frequencies_hz[chosen][r]:.5g} Hz; "
             "expected the time in which the window falls to 1/e"
         )
@@ -393,11 +393,11 @@ def _modes(data, links, fit: ModeFit, poles: Poles, chosen, notes, window) -> Id
 def _doubts(f: np.ndarray, sd: np.ndarray, collinearity: np.ndarray) -> list[str]:
     close = np.flatnonzero(np.diff(f) < 2 * np.hypot(sd[1:], sd[:-1]))
     return [
-        f"{f[i]:.6g} Hz: far from a real shape; two close modes may be in it"
+        f"{f[i]:.6g} Hz: the shape is far from real; it may mix two close modes"
         for i in np.flatnonzero(collinearity < _MIXED)
     ] + [
-        f"{f[i]:.6g} and {f[i + 1]:.6g} Hz: two modes as good as at one frequency; their shapes "
-        "may be any mix of the two"
+        f"{f[i]:.6g} and {f[i + 1]:.6g} Hz: two modes at nearly the same frequency; each shape "
+        "may be a mix of both"
         for i in close
     ]
 

@@ -44,7 +44,7 @@ KEYS = {
 }
 #: Numbers of one variable, far more than any test has: a packed file says so before it unpacks.
 _MOST = 200_000_000
-#: Kinds of variables that hold others, of any size.
+#: Kinds of variables that contain other variables, of any size.
 _HOLDERS = ("cell", "struct", "object", "function", "opaque", "sparse")
 
 

@@ -1,4 +1,4 @@
-"""Poles and residues of rank one that fit measured functions best, and how well these know them."""
+"""Least-squares fit of poles and rank-one residues to measured functions, with covariance."""
 
 from __future__ import annotations
 
@@ -11,25 +11,25 @@ __all__ = [
 ]  # fmt: skip
 
 _SWEEPS, _STEPS = 3, 30
-#: Lines over which the noise of a function is taken to be of one size.
+#: Number of lines over which a function's noise is taken as constant.
 _WINDOW = 9
-#: Numbers of one batch of rows, 80 MB.
+#: Numbers in a batch of rows, 80 MB.
 _BATCH = 10_000_000
-#: Least noise, relative to the root mean square of a function: far below that of any test.
+#: Least noise, relative to the root mean square of a function: far below any test's.
 _LEAST = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
 class Functions:
-    """Measured functions one by one, K of them.
+    """K measured functions.
 
     Attributes:
-        f: Hz, shape (n,).
-        values: Shape (n, K).
-        rows: Index of the response of each, shape (K,).
-        columns: Index of its reference, shape (K,).
+        f: Frequencies, Hz, shape (n,).
+        values: Values, shape (n, K).
+        rows: Index of each function's response, shape (K,).
+        columns: Index of each function's reference, shape (K,).
         power: 0 for receptances, 1 for mobilities, 2 for accelerances.
-        components: Of each reference, which others it shares sensors with, by a number, (n_refs,).
+        components: Number of each reference's group, whose members share sensors, (n_refs,).
         n_rows: Number of responses.
     """
 
@@ -42,7 +42,7 @@ class Functions:
     n_rows: int
 
     def of_row(self, row: int) -> Functions:
-        """Those of one response."""
+        """The functions of one response."""
         kept = self.rows == row
         return replace(self, values=self.values[:, kept], columns=self.columns[kept],
                        rows=np.zeros(kept.sum(), dtype=int), n_rows=1)  # fmt: skip
@@ -64,20 +64,21 @@ class Functions:
 class ModeFit:
     """Modes of functions (i w)^q (sum_r a_ir b_jr / (i w - p_r) + conj. + U_ij - L_ij / w^2).
 
-    The deviations of a mode are widened by what the fit leaves near it, and by how that is
-    correlated from line to line.
+    The standard deviations of a mode are widened by the fit's residual near the mode, and by the
+    residual's correlation from line to line.
 
     Attributes:
-        poles: rad/s, shape (m,).
+        poles: p, rad/s, shape (m,).
         responses: a, shape (n_responses, m).
         references: b, shape (n_references, m), of unit length among those that share sensors.
-        frequencies_sd: Hz, shape (m,).
-        damping_sd: Of the ratios, shape (m,).
+        frequencies_sd: Standard deviations of the frequencies, Hz, shape (m,).
+        damping_sd: Standard deviations of the damping ratios, shape (m,).
         rest: Measured minus fitted, shape (n, K).
-        residual: Its root mean square, relative to measured.
-        covariance: Of Re p, Im p, Re b, Im b, shape (2 m + 2 m n_references,) squared.
+        residual: Root mean square of ``rest``, relative to that of the measured values.
+        covariance: Covariance of Re p, Im p, Re b, Im b, shape (2 m + 2 m n_references,) squared.
         own: Covariance of Re a, Im a at given poles and references, (n_responses, 2 m, 2 m).
-        slopes: How Re a, Im a follow those, shape (n_responses, 2 m, 2 m + 2 m n_references).
+        slopes: Derivatives of Re a, Im a by Re p, Im p, Re b, Im b, shape (n_responses, 2 m,
+            2 m + 2 m n_references).
     """
 
     poles: np.ndarray
@@ -105,7 +106,7 @@ class ModeFit:
         return -self.poles.real / np.abs(self.poles)
 
     def draws(self, n: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
-        """Responses and references as they might be as well, (n, n_responses, m) and the like."""
+        """Random samples of responses, (n, n_responses, m), and of references alike."""
         rng, m = np.random.default_rng(seed), len(self.poles)
         parts = rng.normal(size=(n, len(self.covariance))) @ _root(self.covariance).T
         own = np.einsum("iab,nib->nia", _root(self.own),
@@ -142,19 +143,19 @@ def fit_modes(
 ) -> ModeFit:
     """Non-linear least squares on functions, started at poles nearby.
 
-    Residues are of rank one over responses and references. Responses and the residuals of modes
-    out of the band are linear in the functions and are projected out (variable projection; Golub
-    and Pereyra, SIAM J. Numer. Anal. 10, 1973). The weights are those of the misfit of each
-    function, and of the noise of all over frequency.
+    Residues are of rank one over responses and references. The functions are linear in the
+    responses and in the residuals of modes outside the band, which are projected out (variable
+    projection; Golub and Pereyra, SIAM J. Numer. Anal. 10, 1973). Weights follow from each
+    function's misfit and from the noise of all functions over frequency.
 
     Args:
         functions: The functions.
         poles: rad/s, shape (m,).
-        references: Where to start, shape (n_references, m); by default by the residues of each
+        references: Start values, shape (n_references, m); by default from the residues of each
             function.
-        fixed: Whether the references stay.
-        room: Standard deviation of the poles about those at the start, where these are known
-            before, rad/s, shape (m,).
+        fixed: Whether the references stay fixed.
+        room: Prior standard deviation of the poles around their start values, rad/s, shape (m,);
+            None: no prior.
     """
     poles = np.array(poles, dtype=complex)
     prior = None if room is None else (poles, 1 / room**2)
@@ -183,10 +184,10 @@ def fit_modes(
 
 
 def _noise(rest: np.ndarray, least: np.ndarray) -> np.ndarray:
-    """Size of the noise of each function at each line, the product of two parts, shape (n, K).
+    """Size of the noise of each function at each line, the product of two factors, shape (n, K).
 
-    That over lines is by second differences, which have little of what is smooth and was not
-    fitted; that of a function is by all of its misfit.
+    The factor over lines comes from second differences, which hardly contain smooth errors of the
+    fit; the factor of a function comes from its whole misfit.
     """
     of_function = np.hypot(np.sqrt((np.abs(rest) ** 2).mean(axis=0)), least)
     rough = np.zeros(len(rest))
@@ -198,7 +199,7 @@ def _noise(rest: np.ndarray, least: np.ndarray) -> np.ndarray:
 
 
 def _basis(functions: Functions, poles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Columns, (n, 4 m), complex, for Re and Im of residues and of slopes by poles; and (n, 4)."""
+    """Complex columns: (n, 4 m) for residues and derivatives by poles; (n, 4) for other modes."""
     s = 2j * np.pi * functions.f[:, None]
     factor = s**functions.power
     columns = []
@@ -210,7 +211,7 @@ def _basis(functions: Functions, poles: np.ndarray) -> tuple[np.ndarray, np.ndar
 
 
 def fitted(functions: Functions, fit: ModeFit) -> np.ndarray:
-    """What modes make of functions, without the rest out of the band, shape (n, K)."""
+    """The modes' part of the functions, without modes outside the band, shape (n, K)."""
     m = len(fit.poles)
     columns = _basis(functions, fit.poles)[0]
     residues = fit.responses[functions.rows] * fit.references[functions.columns]
@@ -222,7 +223,7 @@ def _stacked(values: np.ndarray) -> np.ndarray:
 
 
 def free_residues(functions: Functions, poles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """What is left, (n, K), and residues, (K, m), where these may be any."""
+    """Residual, (n, K), and residues, (K, m), of a fit with free residues."""
     columns, out = _basis(functions, poles)
     m = len(poles)
     basis = _stacked(np.hstack([columns[:, : 2 * m], out]))
@@ -236,7 +237,7 @@ def free_residues(functions: Functions, poles: np.ndarray) -> tuple[np.ndarray, 
 
 
 def rank_one(functions: Functions, residues: np.ndarray, weights=None) -> np.ndarray:
-    """References of residues, (K, m), by a chain of the strongest and then least squares."""
+    """References from residues, (K, m): from a chain of the strongest, then by least squares."""
     if functions.shape[1] == 1:
         return np.ones((1, residues.shape[1]), dtype=complex)
     there = functions.matrix(np.ones(len(residues)) if weights is None else weights)
@@ -254,7 +255,7 @@ def rank_one(functions: Functions, residues: np.ndarray, weights=None) -> np.nda
 
 
 def _chained(A: np.ndarray, there: np.ndarray) -> np.ndarray:
-    """References by the strongest entries that link each with one before (Prim's tree)."""
+    """References from the strongest entries that link each to an earlier one (Prim's tree)."""
     size = np.where(there, np.abs(A), -1.0)
     a, b = np.full(len(A), np.nan, dtype=complex), np.full(A.shape[1], np.nan, dtype=complex)
     while np.isnan(b).any():
@@ -299,8 +300,8 @@ def _times(columns: np.ndarray, c: np.ndarray) -> np.ndarray:
 class _State:
     """The best responses at given poles, references and noise.
 
-    All that varies at one line lies in the span of 4 m columns, those of residues and of slopes by
-    poles. Functions are projected on it once; the rows are then small problems.
+    All variations lie in the span of 4 m columns: residues and derivatives by poles. Functions are
+    projected on this span once; the rows are then small problems.
     """
 
     def __init__(self, functions: Functions, noise, poles, references, prior=None):
@@ -339,7 +340,7 @@ class _State:
         self.rest = (left[:n] + 1j * left[n:]) * over[:, None]
 
     def _batches(self):
-        """Some rows at a time: their numbers, functions, weighted columns and functions."""
+        """Batches of rows: their numbers, functions, weighted columns and weighted functions."""
         functions, m = self.functions, len(self.poles)
         n_rows, n_columns = functions.shape
         sigma = np.zeros((n_rows, n_columns))
@@ -356,8 +357,8 @@ class _State:
             yield rows, index, blocks.reshape(len(rows), width, 2 * m), z.reshape(len(rows), width)
 
     def normal(self):
-        """Gradient and information of poles and references, how responses follow these, their own
-        covariance, and the slopes of each function by the poles, in units of its noise.
+        """Gradient and information of poles and references, derivatives of the responses by these,
+        the responses' own covariance, and each function's derivatives by the poles over its noise.
         """
         m, n_columns = len(self.poles), self.functions.shape[1]
         count = 2 * m * (1 + n_columns)
@@ -402,7 +403,7 @@ class _State:
         return np.flatnonzero(np.concatenate([np.ones(2 * m), np.tile(np.repeat(shared, m), 2)]))
 
     def step(self, fixed: bool) -> tuple[np.ndarray, np.ndarray]:
-        """Change of the poles and of the references, towards less."""
+        """Step of the poles and references that reduces the misfit."""
         gradient, information, *_ = self.normal()
         m = len(self.poles)
         used = np.arange(2 * m) if fixed else self.unknowns()
@@ -418,7 +419,7 @@ class _State:
 
 
 def _inverse(information: np.ndarray, used: np.ndarray) -> np.ndarray:
-    """Inverse for some unknowns, without what nothing is known of; zero for the others."""
+    """Inverse for some unknowns, without undetermined directions; zero for the others."""
     part = information[np.ix_(used, used)]
     size = np.sqrt(np.diag(part))
     size[size == 0] = 1.0
@@ -451,11 +452,11 @@ def _result(state: _State) -> ModeFit:
 
 
 def _wider(state: _State, by_poles: np.ndarray) -> np.ndarray:
-    """How many times larger deviations of each mode are than the weights say, shape (m,).
+    """Factor on the standard deviations of each mode beyond the weights, shape (m,).
 
-    By what is left at the lines and functions that tell of its pole, in units of the weights (a
-    real or imaginary part has the variance 1/2 of them), as in the covariance of White
-    (Econometrica 48, 1980); and by the correlation c of that from line to line: sqrt((1 + c) /
+    It comes from the residual at the lines and functions that determine the mode's pole, in units
+    of the weights (real and imaginary parts have a variance of 1/2), as in the covariance of White
+    (Econometrica 48, 1980); and from the residual's correlation c from line to line: sqrt((1 + c) /
     (1 - c)), not below 1.
     """
     n, count = state.rest.shape
@@ -471,7 +472,7 @@ def _wider(state: _State, by_poles: np.ndarray) -> np.ndarray:
         total, squares = total + weight.sum(axis=0), squares + (weight**2).sum(axis=0)
         shared += next_[:, k] @ both
         alone += 0.5 * (left[1:, k] + left[:-1, k]) @ both
-    # The unknowns of a mode take their share of what is left at its lines.
+    # A mode's unknowns absorb their share of the residual at its lines.
     share = 2 * sum(state.functions.shape) * squares / (2 * total**2)
     c = np.clip(shared / np.where(alone > 0, alone, 1.0), 0.0, 1 - 2 / n)
     return np.sqrt(0.5 * power / total / np.maximum(1 - share, 0.2) * (1 + c) / (1 - c))

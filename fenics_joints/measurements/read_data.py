@@ -154,7 +154,7 @@ def _conditions(table: Table, name: str | None) -> tuple[np.ndarray, str]:
     conditions = table.column(name)
     unit = table.unit(name)
     if "torque" in name.lower() and unit not in ("", "%"):
-        table.column(name, "N*m")  # of others than torques any name may be a unit
+        table.column(name, "N*m")  # for other conditions any name may be a unit
     if np.isnan(conditions).any():
         row = int(np.argmax(np.isnan(conditions))) + 1
         raise InputError(f"{table.path}: {name} of data row {row} is empty, expected a number")

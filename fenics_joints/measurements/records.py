@@ -28,7 +28,7 @@ __all__ = [
 _REACTIVE = 0.15
 #: Most values of a matrix of functions, 4.8 GB: 500 responses, 6 references, 100,000 lines.
 _VALUES = 300_000_000
-#: Of axes that a node has but no file.
+#: Problem of a node whose axes no file defines.
 MISSING = "is not in the file"
 #: How many nodes a message names.
 _NAMED = 12
@@ -85,7 +85,7 @@ class Node:
         axes: Axes in which its directions are given, as rows, shape (3, 3).
         where: File and place in it, for messages.
         problem: What is wrong with it, of importance only if something was measured there.
-        turned: What is wrong with its axes, which coordinates from elsewhere do not mend.
+        turned: Problem of the node's axes, which other coordinates do not solve.
     """
 
     point: np.ndarray
@@ -176,7 +176,7 @@ def merge(
 
     Args:
         contents: What the files hold.
-        points: Coordinates of nodes, m; they go before those of the files, whose local axes stay.
+        points: Coordinates of nodes, m, which replace the files'; local axes stay the files'.
         directions: Directions of nodes for which a file does not say any.
         sources: The files.
 

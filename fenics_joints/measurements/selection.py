@@ -1,8 +1,8 @@
-"""Which modes are in measured functions: as many as the functions' noise lets be seen.
+"""Number of modes in measured functions: as many as stand out of the functions' noise.
 
-Modes are added where a fit leaves more than noise, as long as that pays for their unknowns by the
-Bayesian information criterion (Schwarz, Ann. Stat. 6, 1978), and what is left in the end is said.
-Noise is what jumps from line to line; a mode, or an error, is smooth.
+Modes are added where the residual exceeds the noise, as long as the Bayesian information criterion
+(Schwarz, Ann. Stat. 6, 1978) accepts their unknowns; what remains in the end is reported. Noise
+jumps from line to line; a mode, or an error, is smooth.
 """
 
 from __future__ import annotations
@@ -24,36 +24,36 @@ from fenics_joints.measurements.poles import (
 
 __all__ = ["select_modes"]
 
-#: Standard deviation of the damping, relative, above which a pole is noise.
+#: Relative standard deviation of the damping above which a pole is noise.
 _DOUBTFUL = 0.5
-#: Size of what is left, in those of the noise, above which it is looked at; and by how many of its
-#: own deviations it has to be above that of noise alone.
+#: Ratio of residual to noise from which the residual is looked at; and by how many of its standard
+#: deviations it has to exceed pure noise.
 _ABOVE, _SURE = 1.5, 5.0
-#: Damping of a mode to try, in those of the others, and their damping where there are none.
+#: Damping of a trial mode, relative to that of the others, and damping if there are no others.
 _DAMPING, _USUAL = (0.5, 1.0, 2.0), 0.01
-#: How far out of the band modes are still counted, as a part of it: their flanks are in it.
+#: How far outside the band, as a share of it, modes are still counted: their flanks are inside.
 _OUTSIDE = 0.25
 #: How far apart poles of one mode in different rows can be, in half-widths.
 _DOUBLE = 3.0
-#: Half-widths about a pole within which poles of each row's own are fitted.
+#: Half-widths about a pole within which each row is fitted with its own pole.
 _WIDE = 20.0
-#: Places that are tried in vain, the lines of one, and sentences about them.
-_TRIES, _AROUND, _SAID = 5, 10, 4
+#: Failed places after which the search stops, lines per place, and number of notes.
+_TRIES, _AROUND, _MOST_NOTES = 5, 10, 4
 
 
 def select_modes(
     functions: Functions, poles: np.ndarray, max_damping: float, names: Sequence[str]
 ) -> tuple[ModeFit | None, list[str]]:
-    """The modes that the functions tell of, from some to start with; and what is doubtful.
+    """The modes that the functions show, beginning with given ones; and what is doubtful.
 
     Args:
         functions: The functions.
         poles: rad/s, shape (m,); may be none.
-        max_damping: Ratio above which a pole is none of a mode.
-        names: Of the responses.
+        max_damping: Damping ratio above which a pole is no mode.
+        names: Names of the responses.
 
     Returns:
-        The fit, with modes a little out of the band, None if there is no mode; and sentences.
+        The fit, with modes a little outside the band, None if there is no mode; and notes.
     """
     fit = fit_modes(functions, poles) if len(poles) else None
     vain, tries = np.zeros(len(functions.f), dtype=bool), 0
@@ -81,9 +81,9 @@ def _rest(functions: Functions, fit: ModeFit | None) -> np.ndarray:
 
 
 def _certain(functions: Functions, fit: ModeFit, max_damping: float) -> ModeFit | None:
-    """A fit without poles that are none of modes, the worst first.
+    """The fit without poles that are no modes, the worst removed first.
 
-    One whose damping the functions do not know stays if it is worth its unknowns.
+    A pole with uncertain damping stays if it is worth its unknowns.
     """
     good = _is_mode(functions, fit, max_damping)
     doubt = fit.damping_sd / np.maximum(np.abs(fit.damping), 1e-300)
@@ -101,7 +101,7 @@ def _certain(functions: Functions, fit: ModeFit, max_damping: float) -> ModeFit 
 
 
 def _without_doubles(functions: Functions, fit: ModeFit, max_damping: float) -> ModeFit:
-    """A fit without poles beside others that are one mode with poles of each row's own."""
+    """The fit with one pole where several are one mode whose pole differs from row to row."""
     apart = np.abs(fit.poles[:, None] - fit.poles) + np.diag(np.full(len(fit.poles), np.inf))
     r = int(np.argmin(apart.min(axis=1) / np.abs(fit.poles.real)))
     if apart[r].min() > _DOUBLE * np.abs(fit.poles[r].real):
@@ -137,10 +137,10 @@ def _noise(rest: np.ndarray) -> np.ndarray:
 
 
 def _level(functions: Functions, rest: np.ndarray) -> tuple[np.ndarray, float]:
-    """Size of what is left, in those of the noise, shape (n,); and above which it is no noise.
+    """Residual over noise, shape (n,); and the level above which it is not noise.
 
-    Windows of an analyser correlate the noise of neighbouring lines: the level of most of the band
-    is that of noise.
+    An analyser's windows correlate the noise of neighbouring lines; the noise level is that of
+    most of the band.
     """
     ratio = (np.abs(rest) ** 2 / _floored(functions, _noise(rest)) ** 2).mean(axis=1)
     level = np.sqrt(smooth(ratio))
@@ -149,12 +149,12 @@ def _level(functions: Functions, rest: np.ndarray) -> tuple[np.ndarray, float]:
 
 
 def _floored(functions: Functions, noise: np.ndarray) -> np.ndarray:
-    """No test is better than 1e-5 of what it measures there."""
+    """The noise, at least 1e-5 of the measured values: no test is better."""
     return np.hypot(noise, 1e-5 * np.abs(functions.values))
 
 
 def _one_more(functions: Functions, fit: ModeFit | None, at: int) -> ModeFit:
-    """A fit with one more mode, about at a line, that takes most of what is left there."""
+    """The fit with one more mode near a line, which removes most of the residual there."""
     rest, f = _rest(functions, fit), functions.f
     damping = _USUAL if fit is None else float(np.median(fit.damping))
     near = np.unique(np.clip(at + np.arange(-6, 7, 2), 0, len(f) - 1))
@@ -177,9 +177,9 @@ def _one_more(functions: Functions, fit: ModeFit | None, at: int) -> ModeFit:
 
 
 def _better(functions: Functions, fit: ModeFit | None, more: ModeFit, max_damping: float) -> bool:
-    """Whether the last mode of some explains what is left without it.
+    """Whether the last mode explains the residual of a fit without it.
 
-    And does so better than poles of each row's own would, or scales of each function's own.
+    And explains it better than one pole per row, or one scale per function, would.
     """
     if not _is_mode(functions, more, max_damping)[-1]:
         return False
@@ -207,7 +207,7 @@ def _better(functions: Functions, fit: ModeFit | None, more: ModeFit, max_dampin
 
 
 def _scaled(functions: Functions, fit: ModeFit) -> tuple[np.ndarray, np.ndarray]:
-    """What is left where each function has a scale of its own, (n, K), and the scales, (K,)."""
+    """Residual with one scale per function, (n, K), and the scales, (K,)."""
     fitted = functions.values - fit.rest
     weight = 1 / _floored(functions, _noise(fit.rest)) ** 2
     above, below = ((weight * fitted.conj() * x).sum(axis=0) for x in (fit.rest, fitted))
@@ -218,7 +218,7 @@ def _scaled(functions: Functions, fit: ModeFit) -> tuple[np.ndarray, np.ndarray]
 def _pays(
     functions: Functions, fit: ModeFit | None, more: ModeFit
 ) -> tuple[bool, Callable[..., float], float]:
-    """Whether one more mode is worth its unknowns; misfit of what is left, and their price."""
+    """Whether one more mode is worth its unknowns; the residual's misfit, and their price."""
     rest, noise = _rest(functions, fit), _floored(functions, _noise(more.rest))
     level = np.sqrt(smooth((np.abs(more.rest) ** 2 / noise**2).mean(axis=1)))
     noise = noise * max(1.0, float(np.median(level)))
@@ -231,7 +231,7 @@ def _pays(
 
 
 def _part(functions: Functions, fit: ModeFit, lines: np.ndarray) -> tuple[Functions, ModeFit]:
-    """Some lines, and modes there; the others' parts are taken off, as they are fitted."""
+    """Some lines and the modes there; the fitted contributions of other modes are subtracted."""
     f = functions.f[lines]
     kept = (fit.frequencies_hz >= f[0]) & (fit.frequencies_hz <= f[-1])
     near = replace(fit, poles=fit.poles[kept], responses=fit.responses[:, kept],
@@ -241,9 +241,9 @@ def _part(functions: Functions, fit: ModeFit, lines: np.ndarray) -> tuple[Functi
 
 
 def _own_poles(functions: Functions, fit: ModeFit) -> tuple[np.ndarray, list[ModeFit]]:
-    """What is left where each row has poles of its own, (n, K), and the fits.
+    """Residual with one set of poles per row, (n, K), and the fits.
 
-    One that leaves its peak, or that a row knows little of, stays where it is for all.
+    A pole that leaves its peak, or is uncertain in a row, keeps its common value.
     """
     rest, fits = fit.rest.copy(), []
     for row in np.unique(functions.rows):
@@ -259,7 +259,7 @@ def _own_poles(functions: Functions, fit: ModeFit) -> tuple[np.ndarray, list[Mod
     return rest, fits
 
 
-# -- what is said ----------------------------------------------------------------------------------
+# -- notes -----------------------------------------------------------------------------------------
 
 
 def _with_notes(
@@ -277,19 +277,19 @@ def _with_notes(
     parts = np.split(np.arange(len(level)), np.flatnonzero(np.diff(level > least)) + 1)
     parts = [part for part in parts if level[part[0]] > least]
     parts.sort(key=lambda part: -level[part].max())
-    for part in parts[:_SAID]:
+    for part in parts[:_MOST_NOTES]:
         low, high = functions.f[part[[0, -1]]]
         notes.append(
-            f"what is left at {low:.5g} to {high:.5g} Hz is {level[part].max():.3g} times the "
-            "noise: a mode may be missing there, or the functions do not belong together"
+            f"the residual at {low:.5g} to {high:.5g} Hz is {level[part].max():.3g} times the "
+            "noise: a mode may be missing there, or the functions contradict each other"
         )
-    if len(parts) > _SAID:
-        notes.append(f"more than noise is left at {len(parts) - _SAID} other places, too")
+    if len(parts) > _MOST_NOTES:
+        notes.append(f"the residual exceeds the noise in {len(parts) - _MOST_NOTES} more ranges")
     return fit, notes
 
 
 def _explains(functions: Functions, before: np.ndarray, after: np.ndarray, unknowns: int) -> bool:
-    """Whether some unknowns are worth it and take most of what is left: or they are not why."""
+    """Whether more unknowns are worth it and remove most of the residual."""
     noise = _floored(functions, _noise(after))
     size, less = (2 * ((np.abs(one) / noise) ** 2).sum() for one in (before, after))
     return size - less > max(np.log(2 * after.size) * unknowns, 0.5 * (size - 2 * after.size))
@@ -304,8 +304,8 @@ def _other_scales(
     k = int(np.argmax(np.abs(scales - 1)))
     note = (
         f"{names[functions.rows[k]]}: its function by force {functions.columns[k] + 1} is "
-        f"{100 * np.abs(scales[k] - 1):.2g} % off what the others make of it: scales of sensors or "
-        "forces changed between functions"
+        f"{100 * np.abs(scales[k] - 1):.2g} % off the value that the other functions give: did the "
+        "scale of a sensor or force change between functions?"
     )
     for _ in range(2):
         functions = replace(functions, values=functions.values / scales)
@@ -317,7 +317,7 @@ def _other_scales(
 def _apart(
     functions: Functions, fit: ModeFit, names: Sequence[str]
 ) -> tuple[ModeFit, list[str]]:
-    """The fit with means of poles of each row's own, if these are better."""
+    """The fit with the mean of the rows' own poles, if separate poles fit better."""
     rest, fits = _own_poles(functions, fit)
     n_rows, m = functions.n_rows, len(fit.poles)
     if not _explains(functions, fit.rest, rest, 2 * m * (n_rows - 1)):
@@ -332,7 +332,8 @@ def _apart(
     low, high = (pick(np.where(known, f[:, r], np.nan)) for pick in (np.nanargmin, np.nanargmax))
     note = (
         f"{mean_f[r]:.5g} Hz: poles differ from sensor to sensor, {f[low, r]:.5g} Hz at "
-        f"{names[low]} and {f[high, r]:.5g} Hz at {names[high]}: the accelerometer's mass?"
+        f"{names[low]} and {f[high, r]:.5g} Hz at {names[high]}: does the accelerometer's mass "
+        "shift it?"
     )
     fit = replace(
         fit, poles=2 * np.pi * mean_f * (-mean_z + 1j * np.sqrt(1 - mean_z**2)), rest=rest,
@@ -345,10 +346,10 @@ def _apart(
 
 
 def _mean(values: np.ndarray, sd: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Mean over rows by the weights of their deviations, and how far a row that knows is from it.
+    """Weighted mean over rows, and the distance of the farthest well-known row from it.
 
-    Of sensors whose mass moves a mode none may have the structure's own: the mean is no better
-    than the farthest of them.
+    If the sensors' mass shifts a mode, no row may have the structure's own frequency: the mean is
+    no better than the farthest row.
     """
     weight = 1 / np.maximum(sd, 1e-300) ** 2
     mean = (weight * values).sum(axis=0) / weight.sum(axis=0)

@@ -1,4 +1,4 @@
-"""Shapes of modes from what they have at responses and references, and their scale."""
+"""Mode shapes and their scale from residues at responses and references."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from fenics_joints.measurements.frfs import MeasuredFRFs
 
 __all__ = ["Links"]
 
-#: Share of a shape's square below which a sensor stands still in a mode and links nothing.
+#: Share of a shape's square below which a sensor stands still in a mode and links no sets.
 _STILL = 1e-6
-#: How many names a message has.
+#: Most names in a message.
 _NAMED = 6
 
 
 class Links:
-    """What places the sensors of a test on one scale.
+    """Links that put all sensors of a test on one scale.
 
     Functions that share a sensor or a force, directly or by others, are one set, in which residues
     A_ij = a_i b_j say all ratios. By reciprocity a_i of one set and b_j of another (or the same, at
@@ -67,14 +67,14 @@ class Links:
                 for one in (self.root, *lost)
             ]
             raise InputError(
-                f"the functions are sets that have nothing in common: {'; '.join(texts)}; the "
-                "shapes of one set have no known scale or sign by those of another. Expected a "
-                "sensor, or a place of the force, that is in both, or functions of one set alone"
+                f"the functions form sets without a common sensor or force: {'; '.join(texts)}; "
+                "the scale and sign between their shapes are unknown. Expected a sensor, or a "
+                "place of the force, that is in both sets, or functions of one set only"
             )
 
     @property
     def scaled(self) -> bool:
-        """Whether driving points tell the modal mass."""
+        """Whether driving points give the modal mass."""
         return (self.root, -1) in {one for one, _, _ in self.chain}
 
     def shapes(
@@ -91,8 +91,8 @@ class Links:
             poles: rad/s, shape (m,).
 
         Returns:
-            The shapes, nan where nothing was measured or the mode stands still at all that links
-            it, (..., n_responses, m); and the factors, nan where nothing tells them, (..., m).
+            The shapes, (..., n_responses, m), nan where nothing was measured or the mode stands
+            still at every link; and the factors, (..., m), nan where they are unknown.
         """
         values = {(self.root, 1): np.ones(a.shape[:-2] + a.shape[-1:], dtype=complex)}
         for to, pair, start in self.chain[1:]:
@@ -102,7 +102,7 @@ class Links:
             at = (self.rows == one) & self.measured
             shape[..., at, :] = values[one, 1][..., None, :] * a[..., at, :]
         square = np.nansum(shape**2, axis=-2)
-        # The sum of squares of a shape turned by an angle is turned by twice that.
+        # Turning a shape by an angle turns its sum of squares by twice the angle.
         turn = np.exp(0.5j * np.angle(square))
         turn = turn * np.sqrt(np.nansum(np.abs(shape) ** 2, axis=-2))
         mass = values.get((self.root, -1), np.full(turn.shape, np.nan)) * turn**2
@@ -111,7 +111,7 @@ class Links:
         return shape / turn[..., None, :], factor
 
     def _product(self, a, b, poles, pair) -> np.ndarray:
-        """Product of the scales of two sets, by all places that link them."""
+        """Product of the scales of two sets, from all places that link them."""
         above, below = 0.0, 0.0
         for i, j, sign in self.pairs[pair]:
             above = above + sign * b[..., j, :] * a[..., i, :].conj()

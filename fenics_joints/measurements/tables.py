@@ -30,9 +30,8 @@ _NAMED = 10
 #: How many columns a message names.
 LISTED = 30
 _EXPECTED = "measured data in CSV or TOML"
-_NO_NUMBER = "expected a number, or nothing where none was measured"
-#: Every how many rows it is said how far a file is read, and characters of a line above which a
-#: file has none.
+_NO_NUMBER = "expected a number, or an empty cell where nothing was measured"
+#: Rows between reports of progress, and characters of a line above which a file has no lines.
 _STEP, _LONGEST = 1000, 50_000_000
 
 
@@ -164,7 +163,7 @@ class _Csv:
                     yield i, text
 
     def _look(self) -> None:
-        """Heads, and whether cells have points: all of the file has to be seen for that."""
+        """Heads, and whether cells have decimal points, which takes the whole file."""
         self.n_rows, self.comma, self.heads, self.pointed = -1, ",", [], False
         for i, text in self._lines():
             self.n_rows += 1
@@ -195,7 +194,7 @@ class _Csv:
     def read(self, problems: Problems) -> tuple[np.ndarray, tuple[str, ...]]:
         """Values, (n_rows, n_columns), and notes."""
         n, commas = len(self.heads), self.comma != "," and not self.pointed
-        # A cell takes a byte at least: rows of a table for which there are too few are wrong.
+        # A cell takes at least a byte: a table with fewer bytes than cells has wrong rows.
         values = np.full((self.n_rows if self.n_rows * n <= self.size else 0, n), np.nan)
         wrong, bad, either, row = _Some(), _Some(), _Some(), 0
         lines = self._lines()
@@ -232,7 +231,7 @@ class _Csv:
         return values, self._notes(either)
 
     def _notes(self, either: _Some) -> tuple[str, ...]:
-        """What has to be said of a comma before three digits, which may be one of thousands."""
+        """A note on a comma before three digits, which may separate thousands."""
         if not either:
             return ()
         cell = either.first[0]

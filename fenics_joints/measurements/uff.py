@@ -176,8 +176,8 @@ def _dof(where: str, data, side: str, word: str) -> Dof:
 def _scale(where: str, data, units, said: Said, notes: list[str]) -> tuple[str, float]:
     """Kind of a function and its factor to SI.
 
-    By the order of what is said: the user's units, the axes' labels, dataset 164. Many programs
-    write a dataset 164 of SI units whatever their data are in.
+    The user's units go first, then the axes' labels, then dataset 164: many programs write a
+    dataset 164 of SI units whatever the units of their data.
     """
     kind, factor = _file_kind(where, data, said), None
     if said.units is not None:
@@ -210,8 +210,8 @@ def _scale(where: str, data, units, said: Said, notes: list[str]) -> tuple[str, 
     if by_label is not None and length == force == 1 and by_label != 1:
         text = f"{_label(data, 'ordinate')!r} by {_label(data, 'orddenom') or 'force'!r}"
         notes.append(
-            f"functions are in {text}, as their labels say, though dataset 164 says SI units; "
-            "units says otherwise"
+            f"functions are read in {text}, as their labels say, though dataset 164 says SI units; "
+            "the key units overrides both"
         )
     elif None not in (by_label, by_set) and not np.isclose(by_label, by_set, rtol=1e-3):
         raise InputError(

@@ -50,8 +50,8 @@ def read_sets(
 ) -> list[Dataset]:
     """(place, content) of each dataset of these types.
 
-    Of a dataset 55 or 2414 the content is its ``lines``, and the values of a dataset 58 are read
-    here: pyuff does not read all that labs write.
+    The content of a dataset 55 or 2414 is its ``lines``; the values of a dataset 58 are read here,
+    since pyuff does not read all variants that labs write.
 
     Args:
         path: The file.
@@ -75,7 +75,7 @@ def read_sets(
             progress.advance(end - start)
             where = f"{path}: dataset {i + 1} (type {kind or 'unknown'})"
             if not kind:
-                expected = "expected its number after the line '    -1'"
+                expected = "expected the type's number after the line '    -1'"
                 found.add(InputError(f"{where}: has no type; {expected}"))
             elif kind in kinds and kind in _SHAPES:
                 lines = _text(data[body:end]).splitlines()
@@ -91,7 +91,7 @@ def read_sets(
 
 
 def _blocks(path: Path, data: mmap.mmap) -> Iterator[tuple[int, int, int, int]]:
-    """Type of each dataset, where it starts, where what comes after its head does, and its end.
+    """Type, start, end of the head, and end of each dataset.
 
     The head is the line with the number, and of a dataset 58 eleven records more. Binary data are
     skipped by the number of their bytes: after them the mark may stand without a new line.
@@ -116,7 +116,7 @@ def _blocks(path: Path, data: mmap.mmap) -> Iterator[tuple[int, int, int, int]]:
         if stop is None:
             raise InputError(
                 f"{path}: stops within a dataset ({len(data)} bytes); expected '    -1' at its end:"
-                " the file is truncated, or no universal file"
+                " the file is truncated, or not a universal file"
             )
         yield kind, start, body, stop.start()
         at = stop.end()
@@ -170,7 +170,7 @@ def _read_set(pyuff, kind: int, where: str, head: bytes, body: bytes) -> dict[st
             what = (
                 "its head cannot be read; expected the eleven records of dataset 58"
                 if kind == 58
-                else "cannot be read; expected the records of that dataset, numbers apart by blanks"
+                else "cannot be read; expected the records of that dataset, blanks between numbers"
             )
             raise InputError(f"{where}: {what}") from error
     return read if kind != 58 else read | _function_values(where, read, body)
@@ -221,7 +221,7 @@ def _function_values(where: str, head: dict[str, Any], body: bytes) -> dict[str,
 
 
 def _numbers(where: str, head: dict[str, Any], body: bytes) -> np.ndarray:
-    """Numbers of a text, also with D as exponent, none where it has three digits, or touching."""
+    """Numbers of a text: with D as exponent, without one before three digits, or touching."""
     text = body.decode("latin-1").replace("D", "E").replace("d", "e")
     if (last := text[-90:].split()[-1:]) and _NUMBER.sub("", last[0]) == last[0][-1]:
         text = text.rstrip()[: -len(last[0])]  # half a number, where a file was cut
@@ -295,14 +295,14 @@ class CoordinateSystem:
     problem: str = ""
 
     def directions(self, point: np.ndarray) -> tuple[np.ndarray, str]:
-        """Its directions at a place, as rows, or what is wrong with them.
+        """The system's directions at a place, as rows, and what is wrong with them, or "".
 
-        Of a cylindrical one they are outwards, around and along its z.
+        In a cylindrical system they are outwards, around and along its z.
         """
         if self.problem or self.kind == 0:
             return self.axes, self.problem
         if self.kind != 1:
-            return self.axes, "is spherical, of which the order of directions differs by program"
+            return self.axes, "is spherical, and programs differ in the order of its directions"
         x, y, _ = self.axes @ (point - self.origin)
         if self.on_axis(point):
             return self.axes, ""
@@ -310,7 +310,7 @@ class CoordinateSystem:
         return np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]]) @ self.axes, ""
 
     def on_axis(self, point: np.ndarray) -> bool:
-        """Whether a place is on the axis of a cylindrical one, where its x counts as outwards."""
+        """Whether a place is on the axis of a cylindrical system, where x counts as outwards."""
         x, y, z = self.axes @ (point - self.origin)
         return self.kind == 1 and np.hypot(x, y) <= 1e-9 * abs(z)
 
@@ -394,12 +394,12 @@ def add_nodes(contents: Contents, where: str, data, length: float | None, axes) 
     if on_axis:
         contents.notes.append(
             f"{where}: nodes {', '.join(on_axis[:12])} are on the axis of their cylindrical "
-            "system: their first direction is taken as its x"
+            "system: their first direction is taken as the system's x"
         )
 
 
 def _system(label: int, axes: Mapping[int, CoordinateSystem]) -> CoordinateSystem:
-    """A coordinate system; 0, and 1 unless it is defined, are the global one."""
+    """A coordinate system; 0, and 1 if it is not defined, are the global system."""
     if label in axes:
         return axes[label]
     return CoordinateSystem(problem="" if label in (0, 1) else MISSING)

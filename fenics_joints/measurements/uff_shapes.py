@@ -129,8 +129,8 @@ def _refuse_none(paths: Sequence[Path], sets: Sequence[Dataset], others: Sequenc
     kinds = sorted({data["type"] for _, data in sets})
     there = f"of use are datasets {', '.join(map(str, kinds))} only" if kinds else "none is of use"
     raise InputError(
-        f"{files}: no mode shape, {there}; expected datasets 55 or 2414. Of functions "
-        "(datasets 58) modes come with [test.frfs.identify]"
+        f"{files}: no mode shape, {there}; expected datasets 55 or 2414. From "
+        "functions (datasets 58), [test.frfs.identify] finds the modes"
     )
 
 
@@ -146,7 +146,7 @@ def _lines(data) -> list[list[str]]:
 
 
 def _shape(where: str, type_: int, lines: Sequence[str]) -> ShapeRecord | str:
-    """One mode of a dataset 55, or 2414 of data at nodes; or what it is instead, in words."""
+    """The mode in a dataset 55 or 2414 of data at nodes; or what else it holds, in words."""
     head, ids, real, start = (5, 6, 7, 8) if type_ == 55 else (8, 9, 11, 13)
     if len(lines) < start:
         raise InputError(f"{where}: has {len(lines)} records, expected {start} and the nodes'")

@@ -195,7 +195,7 @@ def solve_modes(
         real("tolerance", tolerance, above=0)
     model.values(given)
     if initial is not None and not isinstance(initial, Modes):
-        raise wanted("initial", initial, "Modes of a near model, or None")
+        raise wanted("initial", initial, "Modes of a similar model, or None")
     given = dict(given or {})
     settings = {"tol": tolerance} if tolerance is not None else {}
     settings["petsc_options"] = petsc_options

@@ -21,9 +21,9 @@ def given_options(petsc_options: object) -> dict[str, object]:
     """PETSc's options as a user gives them; none for None.
 
     Raises:
-        InputError: If they are no mapping from names to texts, numbers, truth values or None.
+        InputError: If they are not a mapping from names to texts, numbers, truth values or None.
     """
-    expected = "options of PETSc by their names, such as {'eps_type': 'krylovschur'}"
+    expected = "PETSc options by name, such as {'eps_type': 'krylovschur'}"
     found = mapping("petsc_options", petsc_options, expected)
     for name, value in found.items():
         key = f"petsc_options[{name!r}]"
@@ -35,14 +35,14 @@ def given_options(petsc_options: object) -> dict[str, object]:
 
 
 def say_unused(prefix: str, options: Mapping[str, object]) -> None:
-    """Warn of options that no solver has asked for, as PETSc does not know an error in a name."""
+    """Warn of options that no solver has read: PETSc does not notice a misspelt name."""
     library = ctypes.CDLL(PETSc.__file__)  # petsc4py has no call for it
     for name in options:
         used = ctypes.c_int(0)
         library.PetscOptionsUsed(None, f"{prefix}{name}".encode(), ctypes.byref(used))
         if not used.value:
             warnings.warn(
-                f"petsc_options: {name!r} was read by no solver; is its name right?", stacklevel=4
+                f"petsc_options: no solver read {name!r}; is its name right?", stacklevel=4
             )
 
 
@@ -75,7 +75,7 @@ def petsc_defaults(
         if error.ierr != _UNKNOWN_TYPE and "SetFromOptions" not in str(error):
             raise
         raise InputError(
-            f"petsc_options: PETSc does not take one of {shown(new)} ({last_line(error)})"
+            f"petsc_options: PETSc refuses one of {shown(new)} ({last_line(error)})"
         ) from error
     finally:
         for key in new:

@@ -49,20 +49,20 @@ def largest_radius(interface: Interface, pressure: np.ndarray, limit: float, cen
 
 
 def nearest_axis(points: np.ndarray, axes) -> np.ndarray:
-    """Number of the nearest of some axes at each point, (n,); a point on each as (k, gdim), m."""
+    """Number of the axis nearest to each point, (n,); axes by a point on each, (k, gdim), m."""
     return np.argmin([np.linalg.norm(points - axis, axis=1) for axis in axes], axis=0)
 
 
 def equal_radius(
     interface: Interface, pressure: np.ndarray, limit: float, centre
 ) -> tuple[float, float, float]:
-    """Radius, m, of the circle round a hole whose area is that where the pressure is at least
-    the limit, and the least and largest that the mesh leaves open; zeros if nowhere.
+    """Radius, m, of the circle around a hole with the area where the pressure is at least the
+    limit, and the least and largest radius within the mesh's resolution; zeros if there is none.
 
     The hole, round the axis through ``centre``, ends at the nearest pair. Of an axis on a plane of
     symmetry the circle is the part that the pairs go round it. The pressure is only known at the
-    vertices: the least area is of the facets that have the limit at all of them, the largest of
-    those that have it at one.
+    vertices: the least area has the facets with the limit at all vertices, the largest also those
+    with the limit at one vertex.
 
     Args:
         interface: The pairs, of a contact in space.

@@ -1,7 +1,7 @@
 """Reduced models as HDF5 files, which need no mesh to be read.
 
 A file holds plain arrays and text in groups that follow the objects' attributes, and a digest of
-them; nothing in it is run. A law of one's own is found by its class, whose module must have been
+them; nothing in it is run. A user's own law is found by its class, whose module must have been
 imported before reading; so must `fenics_joints.beams` for a model of beams. Higher rooms name what
 else a file may hold by `register`.
 """
@@ -76,7 +76,7 @@ def write_model(model, path: str | Path, what: str, made: str = "") -> None:
         model: Of a class that is known here.
         path: The file; one that exists is replaced.
         what: Name of the format.
-        made: Digest of all that made the model, which `read_model` may ask for.
+        made: Digest of everything that determines the model, which `read_model` may ask for.
 
     Raises:
         InputError: If it cannot be written, or a law has an attribute that no file can hold.
@@ -96,12 +96,12 @@ def read_model(path: str | Path, what: str, kind: type, made: str | None = None)
         path: The file.
         what: Name of the format.
         kind: Class of the model.
-        made: Digest of all that makes the model now: the file then is kept from an earlier run, and
-            has to be the user's own. None for a file that the user names.
+        made: Digest of everything that determines the model now, for a file kept from an earlier
+            run, which has to belong to the user. None for a file that the user names.
 
     Raises:
-        InputError: If there is no such file, it is of another kind, damaged, newer or older than
-            this version, made of something else, or one of its laws is not known.
+        InputError: If the file is missing, of another kind, damaged, of another version of the
+            format, made from another structure or case, or has an unknown law.
     """
     import h5py
 
@@ -121,7 +121,7 @@ def read_model(path: str | Path, what: str, kind: type, made: str | None = None)
                     "version of fenics_joints reads it."
                 )
             if made is not None and file.attrs["made"] != made:
-                raise InputError(f"{path}: was made of another structure or case")
+                raise InputError(f"{path}: was made from another structure or case")
             model = _decode(file, "model", set())
     except InputError as error:
         raise error if str(path) in str(error) else InputError(f"{path}: {error}") from error

@@ -35,10 +35,10 @@ class KeptModel:
 
     Args:
         full: The full structure.
-        file: The file of the matrices; its name counts among what made the model.
+        file: The file of the matrices; its name is part of the model's digest.
 
     Attributes:
-        reason: Why `read` gave nothing though there is a file; else empty.
+        reason: Why `read` gave nothing although the file exists; else empty.
     """
 
     def __init__(self, full: Structure, file: Path):
@@ -57,7 +57,7 @@ class KeptModel:
         # Two runs that kept their models at a time may have left one's matrices, another's basis.
         basis = read_vectors(self.full, self.file, stamp)
         if model is None or basis is None or len(basis) != model.n_dofs:
-            self.reason = self.reason or f"{self.file}: the files of its basis are not whole"
+            self.reason = self.reason or f"{self.file}: the files of its basis are incomplete"
             return None
         return model, basis
 
@@ -75,7 +75,7 @@ class KeptModel:
         write_vectors(self.full, self.file, basis, comm.bcast(on_root(comm, written)))
 
     def _stamp(self) -> str:
-        """The digest at the end of the file of matrices, by which its basis knows it."""
+        """The digest at the end of the file of matrices, which the files of its basis repeat."""
         with self.file.open("rb") as file:
             file.seek(-64, os.SEEK_END)
             return file.read().decode()

@@ -63,7 +63,7 @@ class _Patch:
         return pressure
 
     def radii(self, limit: float) -> list[float]:
-        """Contact radius about each axis, of the pairs that are nearest to it."""
+        """Contact radius about each axis, by the pairs nearest to the axis."""
         nearest = nearest_axis(self.state.interface.points, self.centres)
         return [
             largest_radius(
@@ -73,7 +73,7 @@ class _Patch:
         ]
 
     def distances(self) -> np.ndarray:
-        """Distance of each of its pairs from the nearest axis."""
+        """Distance of each pair of the patch from the nearest axis."""
         points, normals = self.state.interface.points, self.state.interface.normals
         return np.min([radii(points, normals, c)[self.pairs] for c in self.centres], axis=0)
 
@@ -95,8 +95,8 @@ def pressure_map(state: ContactState, *, limit: float = 1e6, centres=None) -> Fi
     Args:
         state: A contact of a three-dimensional model, flat or nearly so.
         limit: Least pressure P_lim, Pa.
-        centres: Bolts' axes on the interface, m, (n, 3); a patch takes those that are nearest to
-            it of all patches, or the nearest one. By default each patch's centroid.
+        centres: Bolts' axes on the interface, m, (n, 3); each belongs to the nearest patch, and a
+            patch without an axis takes the nearest. By default each patch's centroid.
 
     Raises:
         InputError: For a contact in the plane, or centres of another shape.

@@ -35,7 +35,7 @@ CHOSEN, NOMINAL, PLACEBO, NOISE = "#2b7bba", "#8d949e", "#d9822b", "#4d9a6a"
 SERIES = (_BLUE, "#e69f00", _GREEN, "#cc79a7", "#56b4e9", "#d55e00")
 
 _STYLE = {
-    "text.parse_math": False,  # names are text, whatever signs of dollars are in them
+    "text.parse_math": False,  # names are text, even with dollar signs
     "axes.prop_cycle": cycler(color=SERIES),
     "font.size": 9.5,
     "font.family": "sans-serif",

@@ -328,8 +328,8 @@ def _state_space(pencil: DampedPencil, given, n_modes: int, petsc_options) -> Co
     pep, prefix = SLEPc.PEP().create(structure.comm), "fenics_joints_complex_"
     pep.setOptionsPrefix(prefix)
     pep.setOperators([K, C, M])
-    # Krylov-Schur on the companion form. SLEPc's default, TOAR, calls modes converged that are 20
-    # times worse than the tolerance after many restarts, how many times depends on the processor.
+    # Krylov-Schur on the companion form. After many restarts SLEPc's default, TOAR, reports modes
+    # as converged that miss the tolerance by a factor of 20 or so, depending on the processor.
     pep.setType(SLEPc.PEP.Type.LINEAR)
     pep.setProblemType(SLEPc.PEP.ProblemType.GENERAL)
     pep.setScale(SLEPc.PEP.Scale.SCALAR)

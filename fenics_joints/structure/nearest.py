@@ -22,7 +22,7 @@ __all__ = [
 
 #: A point this near, m, or nearer than half a cell, is moved onto the surface.
 NEAR = 1e-3
-#: Nearer than this, m, a point is on the mesh but for round-off.
+#: Distance, m, below which a point is on the mesh, up to round-off.
 _ON = 1e-8
 #: How many points a message names.
 _NAMED = 12
@@ -89,16 +89,16 @@ def nearest(msh, points: np.ndarray) -> Nearest:
 
 
 def round_bolts(tagged: TaggedMesh, points: np.ndarray, n: int = 8) -> list[np.ndarray | None]:
-    """Places on the ring round the empty hole that a point is in, as of a bolt. Collective.
+    """Places on the ring around the empty bolt hole in which a point lies. Collective.
 
     Args:
         tagged: A mesh.
         points: m, shape (n_points, 3).
-        n: How many places.
+        n: Number of places.
 
     Returns:
-        For each point places halfway through its ring, m, shape (n, 3), their mean on the bolt's
-        axis; None for a point that is in the mesh or in no bolt's hole.
+        For each point the places, halfway through the ring, m, shape (n, 3), with their mean on
+        the bolt's axis; None for a point in the mesh or outside of all bolt holes.
     """
     found: list[np.ndarray | None] = [None] * len(points)
     names = ring_names(list(tagged.cell_names)) if tagged.mesh.geometry.dim == 3 else []

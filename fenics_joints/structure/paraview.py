@@ -95,7 +95,7 @@ def _files(path: Path) -> list[Path]:
 def _part(path: Path, need: int) -> Path:
     """A new folder beside the file, for so many bytes."""
     try:
-        # ADIOS2 ends the whole process where a disk becomes full.
+        # ADIOS2 ends the whole process if the disk becomes full.
         if (free := shutil.disk_usage(path.parent).free) < need:
             raise InputError(
                 f"{path}: cannot be written: {free / 1e6:.3g} MB are free on the disk, expected "

@@ -7,10 +7,10 @@ works in the logarithms of the parameters. It first fits with the lines moved al
 resonances (`fenics_joints.updating.prediction`); from there the fit at the lines themselves starts.
 On frequencies alone it is the bounded, weighted least squares of Tian et al. 2021, eqs. 17 and 18.
 
-Where frequencies alone are fitted and residuals stay far above the noise, it is tried from other
-starts (`fenics_joints.updating.starts`). Where a fit does not converge, ends where a step could
-still be taken, or leaves residuals of shapes or damping far above the noise, data without FRFs are
-fitted again in rounds (`fenics_joints.updating.rounds`).
+Where a fit of frequencies alone leaves residuals far above the noise, other starts are tried
+(`fenics_joints.updating.starts`). Where a fit does not converge, stops although a step could still
+be taken, or leaves residuals of shapes or damping far above the noise, data without FRFs are fitted
+again in rounds (`fenics_joints.updating.rounds`).
 
 The same in Machines 2022's way is `fenics_joints.updating.weighted`.
 """
@@ -81,15 +81,15 @@ def update(
         centre: Values about which it holds the parameters; the start by default.
         max_evaluations: Sets of values before giving up, in each of the fits.
         n_modes: Modes to compute; by default enough for the target.
-        strict: Whether an iteration that does not converge, or ends that do not identify the
-            parameters, are an exception; else they are a result.
-        elsewhere: Whether frequencies that a fit leaves far off are tried from other starts.
+        strict: Whether an iteration that does not converge, or rival minima that leave the
+            parameters unidentified, raise an exception; otherwise they are part of the result.
+        elsewhere: Whether a fit that leaves frequencies far off is tried from other starts.
 
     Raises:
         InputError: For a parameter, start or data that cannot be.
         ConvergenceError: If the iteration does not converge, or the model is not solved at the
-            start; or if modes exchange places between ends that are about as good, neither of them
-            near the data: which of the test's modes is which is then open.
+            start; or if modes exchange places between two minima of similar cost, both far from the
+            data: which of the test's modes is which is then open.
     """
     member("moves", moves, MOVES)
     whole("max_evaluations", max_evaluations)
@@ -131,7 +131,7 @@ def update(
 #: Root mean square of residuals, in standard deviations, above which the message speaks of them,
 #: and above which the data's standard deviations are widened.
 _MISFIT, _FAR = 2.0, 3.0
-#: Two ends are one if their coordinates, and their sums of squares, are as near as this.
+#: Difference of coordinates, and of sums of squares, below which two minima are the same.
 _SAME_END = 1e-2
 #: Standard deviation of a parameter that needs a prior and has none, at most: a factor of 10.
 _WEAK = np.log(10.0)
@@ -187,13 +187,13 @@ class _Fit(Identification):
         self.record(values, prediction, conditions, moved=moved, cost=cost)
 
     def is_far(self, x: np.ndarray) -> bool:
-        """Whether residuals at coordinates are far above the noise."""
+        """Whether the residuals at these coordinates are far above the noise."""
         off = np.sum(self.residuals.values(self.problem.predict(0, x)) ** 2)
         return bool(off > _FAR**2 * max(self.residuals.count - len(self.names), 1))
 
     def best_end(self, done: OptimizeResult, max_evaluations: int):
-        """The best end of fits of frequencies from one start or, where that converges far from the
-        data, from others too; and the other ends. The history is then the way to the best."""
+        """The best minimum of fits of frequencies from one start or, where this converges far from
+        the data, from others too; and the other minima. The history is the path to the best."""
         if done.status <= 0 or not self.is_far(done.x):
             return done, []
         ends, ways = [done], [self.history]
@@ -201,14 +201,14 @@ class _Fit(Identification):
             self.history = self.history[:1]
             ends.append(self.problem.solve(x, max_evaluations))
             ways.append(self.history)
-        # Of ends that are one, that of the given start.
+        # Among equal minima, the one of the given start.
         least = min(end.cost for end in ends)
         best = next(i for i, end in enumerate(ends) if end.cost <= (1 + _SAME_END) * least)
         self.history, at = ways[best], ends[best].x
         return ends[best], [end for end in ends if np.abs(end.x - at).max() > _SAME_END]
 
     def unidentified(self, best: OptimizeResult, rivals: Sequence[OptimizeResult]) -> str:
-        """That modes exchange places between ends that are about as good, in words; or ""."""
+        """A sentence if modes exchange places between minima of similar cost; or ""."""
         rivals = [end for end in rivals if end.cost < AS_GOOD * best.cost]
         if not rivals or not self.is_far(best.x):
             return ""
@@ -221,7 +221,7 @@ class _Fit(Identification):
                 at = ", ".join(f"{name} = {value:.4g}" for name, value in other.items())
                 return (
                     f"not identified: modes {i + 1} and {j + 1} exchange places between these "
-                    f"values and {at}, which fit about as well; shapes or another start needed"
+                    f"values and {at}, which fit about as well; expected shapes or another start"
                 )
         return ""
 
@@ -246,7 +246,7 @@ class _Fit(Identification):
         prediction = self.problem.predict(0, x, moved)
         pull, noise = self._pull(x)[1], None
         of_data = self.residuals.slopes(prediction) @ by_x
-        # What holds a parameter beside the data is no better or worse known by their misfit.
+        # The data's misfit does not change how well priors and bounds are known.
         excess = self.excess(prediction, _taken(of_data, pull))
         slope = np.concatenate([of_data / np.sqrt(excess), pull])
         if moved:
@@ -262,12 +262,12 @@ class _Fit(Identification):
 
 
 def _taken(of_data: np.ndarray, pull: np.ndarray) -> float:
-    """How many parameters the data determine, beside what holds them: the trace of the share that
-    the data have of the information (MacKay, Neural Comput. 4, 1992).
+    """Effective number of parameters that the data, not the regularisation, determine: the trace
+    of the data's share of the information (MacKay, Neural Comput. 4, 1992).
 
     Args:
         of_data: Derivatives of the data's residuals by the coordinates, (r, p).
-        pull: Those of the regularisation's, (k, p).
+        pull: Derivatives of the regularisation's residuals, (k, p).
     """
     own = of_data.T @ of_data
     return float(np.trace(np.linalg.pinv(own + pull.T @ pull, hermitian=True) @ own))

@@ -80,11 +80,10 @@ class Identification:
         self.history.append(Iteration(values, *errors, moved, cost, *conditions))
 
     def excess(self, prediction: Prediction, taken: float) -> float:
-        """What the widths of the residuals do not account for of the misfit: chi2 per degree of
-        freedom, at least 1.
+        """Misfit beyond the widths of the residuals: chi2 per degree of freedom, at least 1.
 
         Args:
-            prediction: What the model says.
+            prediction: The model's prediction.
             taken: Number of parameters that the data determine.
         """
         _, count = self.residuals.chi2(prediction)

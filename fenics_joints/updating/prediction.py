@@ -200,7 +200,7 @@ class Predictor:
                 self._more(spare)
 
     def modes(self, values: Mapping[str, float]) -> tuple[Modes, Pairing]:
-        """The model's modes at values of the parameters, and which of them are the test's."""
+        """The model's modes at values of the parameters, and their pairing with the test's."""
         return self._modes({**self.fixed, **values})
 
     def _reference(self) -> np.ndarray | None:

@@ -54,9 +54,9 @@ class Update:
         names: Names of the parameters.
         start: Their values at the start, SI.
         values: Their values, SI.
-        covariance: Of the values, (p, p): what the noise of the data does to them, to first order,
-            its variances times ``excess``; frequencies, shapes and FRFs counted as independent of
-            each other.
+        covariance: Covariance of the values, (p, p): the data's noise, its variances times
+            ``excess``, propagated to first order; frequencies, shapes and FRFs are taken as
+            independent of each other.
         identifiability: What the data alone determine, by logarithms (of ``log`` parameters).
         converged: Whether the iteration came to its end.
         message: Why it ended.
@@ -67,9 +67,9 @@ class Update:
         chi2: Sum of squared residuals in standard deviations, regularisation left out.
         degrees_of_freedom: What it is expected to be: independent data less parameters. Less where
             lines were moved throughout, since then one error of a frequency counts at many lines.
-        excess: chi2 per degree of freedom, 1 at least, that is left beyond ``widths``: a model that
-            misses the data by more than their noise is not known as well as the noise says (Birge,
-            Phys. Rev. 40, 1932). It counts in covariance and identifiability.
+        excess: chi2 per degree of freedom with ``widths``, at least 1: where a model misses the
+            data by more than their noise, its parameters are less certain than the noise says
+            (Birge, Phys. Rev. 40, 1932). Covariance and identifiability include it.
         widths: Factors by which the data's standard deviations were widened, where the model cannot
             come as near to the test as they say; they count in covariance and identifiability.
     """

@@ -1,8 +1,8 @@
-"""Other starts for a fit that ends far from its data, and modes that exchange places between ends.
+"""Other starts for a fit that ends far from its data, and modes exchanged between two minima.
 
-Without shapes a test's modes are the model's in their order. Where two of them exchange places the
-sum of squares has a valley on either side, each with an end of its own, and a fit from one start
-finds that of its side, however wrong: it fits one mode to the frequency of the other.
+Without shapes, modes of test and model are paired by order. Where two modes exchange places, the
+sum of squares has a valley on either side, each with its own minimum. A fit from one start finds
+the minimum on its side, however wrong: it fits one mode to the frequency of the other.
 """
 
 from __future__ import annotations
@@ -19,32 +19,32 @@ from fenics_joints.updating.prediction import Predictor
 
 __all__ = ["AS_GOOD", "exchanged", "other_starts"]
 
-#: Places that are looked at, half of them within the bounds and half near the start; how many of
-#: the best are started from, and from how many exchanges.
+#: Number of trial places, half of them within the bounds and half near the start; number of the
+#: best of these, and of exchanges, that become starts.
 _LOOKED_AT, _STARTED, _EXCHANGED = 16, 2, 3
-#: How far near is, in coordinates: a factor of 10. Starts are at least a factor of 2 from another.
+#: Range of the places near the start, in coordinates: a factor of 10; starts differ by 2 or more.
 _NEAR, _APART = float(np.log(10.0)), float(np.log(2.0))
 _SEED = 1
-#: An end is about as good as another if its sum of squares is at most so many times that.
+#: Ratio of sums of squares up to which two minima are about as good.
 AS_GOOD = 4.0
 
 
 def other_starts(problem: Problem, start: np.ndarray, end: np.ndarray) -> list[np.ndarray]:
-    """Coordinates to start fits to frequencies from: beyond exchanges of two neighbours, and the
-    best of some places within the bounds.
+    """Coordinates from which fits to frequencies start: beyond exchanges of neighbouring modes, and
+    the best of some places within the bounds.
 
     Args:
         problem: The fit, solved once already.
-        start: Coordinates of its own start.
-        end: Where that has ended.
+        start: Coordinates of the fit's own start.
+        end: Coordinates where the fit ended.
     """
     found = [*_beyond_exchanges(problem, end), *_scattered(problem, start)]
     return [x for x in found if np.isfinite(problem.residual(problem.inside(x))).all()]
 
 
 def _beyond_exchanges(problem: Problem, x: np.ndarray) -> list[np.ndarray]:
-    """Where steps of Gauss and Newton lead if two neighbours were each other's, of those which the
-    test's frequencies would then fit better, the best first."""
+    """Ends of Gauss-Newton steps with two neighbouring modes exchanged, if the test's frequencies
+    fit better there, the best first."""
     (predictor,) = problem.predictors
     target, r, J = predictor.target, problem.residual(x), problem.jacobian(x)
     used = np.flatnonzero(np.isfinite(target.frequencies_hz))
@@ -83,12 +83,12 @@ def _scattered(problem: Problem, start: np.ndarray) -> list[np.ndarray]:
 def exchanged(
     predictor: Predictor, one: dict[str, float], other: dict[str, float]
 ) -> tuple[tuple[int, int], ...]:
-    """Pairs of a test's modes, from 0, that stand in another order at other values. Collective.
+    """Pairs of test modes, from 0, whose order differs between two sets of values. Collective.
 
     Args:
-        predictor: Gives the model's modes and which the test's are.
+        predictor: Gives the model's modes and their pairing with the test's.
         one: Values of the parameters.
-        other: Other ones.
+        other: Other values.
     """
     (first, pairing), (second, theirs) = (predictor.modes(values) for values in (one, other))
     index = pairing.index
@@ -105,8 +105,8 @@ def exchanged(
 
 
 def _alike(first: Modes, index: np.ndarray, second: Modes, elastic: np.ndarray) -> np.ndarray:
-    """How alike some modes of a model are to those at other values, (m, n), from 0 to 1: by the
-    mass of a small model, by places all over a meshed one."""
+    """Similarity, 0 to 1, of a model's modes at two sets of values, (m, n): by the mass matrix of
+    a small model, by places all over a meshed one."""
     model = first.model
     if model.is_meshed:
         places = places_all_over(model, PLACES)

@@ -307,7 +307,7 @@ def test_a_basis_of_another_model_is_not_taken(tmp_path):
     own = file.with_suffix(".npz").read_bytes()
     file.with_suffix(".npz").write_bytes(basis)
     kept = KeptModel(model, file)
-    assert kept.read() is None and "not whole" in kept.reason
+    assert kept.read() is None and "incomplete" in kept.reason
     # Nor one that was damaged, nor matrices of a structure of which one node stood elsewhere.
     rng = np.random.default_rng(2)
     for bit in rng.integers(8 * len(own), size=20).tolist():

@@ -92,9 +92,9 @@ def _places(case: Case) -> list[str]:
         if not any(direction[::2]):
             return [*errors, said("test.sees.direction", list(direction), moves)]
         for axis, off in zip("yz", point[1:], strict=True):
-            if abs(off) > end:  # beams have lines for bodies, and their width is not looked at
+            if abs(off) > end:  # a beam is a line here; its width is not checked
                 where = f"test.sees: point {i + 1} at {axis} = {off:g} m is beside the beams"
-                return [*errors, f"{where}; expected it on them, at {axis} near 0"]
+                return [*errors, f"{where}; expected a point on a beam, {axis} near 0"]
         if not -_NEAR * end <= point[0] <= (1 + _NEAR) * end:
             where = f"test.sees: point {i + 1} at x = {point[0]:g} m is beside the beams"
             errors.append(f"{where}; expected x from 0 to {end:g} m")

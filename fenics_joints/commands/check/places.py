@@ -139,7 +139,7 @@ def far_places(places: Sequence[Place], tagged: TaggedMesh) -> tuple[list[Place]
     heavy = np.flatnonzero([place.spread for place in places])
     for i, around in zip(heavy, round_bolts(tagged, points[heavy]), strict=True):
         if around is not None:
-            off[i] = 0.0  # it is put on the ring
+            off[i] = 0.0  # the mass is put on the ring
     for kind in dict.fromkeys(place.kind for place in places):
         own = np.array([place.kind == kind for place in places])
         measured = kind in ("sensor", "force")

@@ -39,7 +39,7 @@ class Checked:
         estimate: What one modal solution takes; None where it is not known.
         costs: What the commands take.
         directions: Normal and across that the mesh gives to parts without any.
-        solved: Which modes test and bands were held against, in words, or why none.
+        solved: The modes that test and bands were compared with, in words, or why none.
     """
 
     path: Path

@@ -1,4 +1,4 @@
-"""The ``check`` command: all that is wrong or unlikely in a case at once, beside its own modes."""
+"""The ``check`` command: all errors and unlikely values of a case, compared with its modes."""
 
 from __future__ import annotations
 
@@ -104,7 +104,7 @@ def check_case(
         notes = [line.removeprefix("note: ") for line in lines if line.startswith("note: ")]
         errors = [line for line in lines if not line.startswith("note: ")]
         found = _more(found, [*same_bolts(case, []), *errors], notes)
-        # How large a file's mesh would be is known by nothing else.
+        # The size of a file's mesh is known only once it is read.
         return found if case.mesh.origin == "file" else _with_costs(found, comm)
     found = _meshed(found, examined, tagged)
     found = _beside(found, examined, tagged, comm, progress) if solve else found
@@ -112,7 +112,7 @@ def check_case(
 
 
 def _beside(found: Checked, examined: Examined, tagged, comm, progress) -> Checked:
-    """With what the model's modes say, where a model can be made."""
+    """The result with notes from the model's modes, where a model can be made."""
     if found.errors or not examined.whole or found.dofs is None:
         return found
     words, notes = beside_model(found.case, tagged, found.dofs, comm, progress)
@@ -196,8 +196,8 @@ def _meshed(found: Checked, examined: Examined, tagged: TaggedMesh) -> Checked:
     odd = [*doubtful(case, weights), *small, *_odd_size(size), *_odd_cells(case, size)]
     if case.mesh.origin == "file" and tagged.mesh.geometry.dim == 2:
         odd.append(
-            "mesh.gdim = 2: the mesh is a section in plane strain, 1 m deep, and masses are of one "
-            "metre; a sheet needs mesh.thickness"
+            "mesh.gdim = 2: the mesh is a section in plane strain, 1 m deep, and masses are per "
+            "metre of depth; for a sheet give mesh.thickness"
         )
     found = _more(found, [*far, *same_bolts(case, bolts)], odd)
     moved = found.moved()
@@ -226,13 +226,13 @@ def _odd_size(size: float) -> list[str]:
 
 
 def _odd_cells(case: Case, size: float) -> list[str]:
-    """A sentence for cells that are to be larger than the structure, m."""
+    """A sentence if the requested cell size exceeds the structure's size, m."""
     asked = getattr(case.mesh, "size", None)
     if asked is None or asked <= size:
         return []
     return [
-        f"mesh.size = {quantity(asked, 'm')} is more than the structure, {quantity(size, 'm')}: "
-        "its cells are as large as its shape lets them"
+        f"mesh.size = {quantity(asked, 'm')} is more than the structure's {quantity(size, 'm')}: "
+        "cells become as large as the geometry allows"
     ]
 
 

@@ -1,4 +1,4 @@
-"""The modes of a case's nominal model, for a second's work, and what is unlikely beside them."""
+"""Solve the nominal model's modes in seconds and compare the test and the bands with them."""
 
 from __future__ import annotations
 
@@ -21,24 +21,24 @@ from fenics_joints.structure import Structure
 
 __all__ = ["beside_model"]
 
-#: Degrees of freedom that are solved as they are: some two seconds; larger models are made half as
-#: large. And of a model one degree finer, which only a coarse mesh needs: one as large as this
-#: resolves more modes than a test has.
+#: Degrees of freedom up to which a model is solved as it is, in some two seconds; larger ones get
+#: larger elements, for half as many. And up to which a finer model is solved, to see whether the
+#: mesh is too coarse: a larger one resolves more modes than a test has.
 _MOST, _FINER = 20_000, 10_000
 #: Keys of a mesh that say how large its cells are.
 _SIZES = ("element_size", "size", "file")
 #: Keys of a joint to which its stiffness is proportional.
 _STIFFNESSES = ("E", "G", "k_n", "k_t", "k1", "k2", "k_axial")
-#: Factor by which a mode may be beside a band that is about it.
-_BESIDE = 1.5
-#: Error of a frequency by the mesh that is said.
+#: Factor by which a mode may lie outside its band.
+_MARGIN = 1.5
+#: Error of a frequency, by the mesh, from which a note is made.
 _COARSE = 0.05
 
 
 def beside_model(
     case: Case, tagged: TaggedMesh | None, dofs: int, comm: MPI.Intracomm, progress: Progress
 ) -> tuple[str, list[str]]:
-    """Solve the nominal model's modes and hold test and bands against them. Collective.
+    """Solve the nominal model's modes and compare test and bands with them. Collective.
 
     Args:
         case: The case, without errors.
@@ -48,8 +48,8 @@ def beside_model(
         progress: Told before the solution.
 
     Returns:
-        What was solved, and in what time, or why nothing was; empty if there is nothing to compare
-        with. And what is unlikely, in sentences.
+        What was solved, and in what time, or why nothing was; empty without a test and bands.
+        And what is unlikely, in sentences.
     """
     bands = {} if case.harmonic is None else {"harmonic.band": case.harmonic.band}
     if case.frfs() is not None and case.test.frfs.band is not None:
@@ -59,7 +59,7 @@ def beside_model(
     begin = time.perf_counter()
     try:
         if case.obstacles:
-            raise InputError("where obstacles touch is not known before the preload")
+            raise InputError("where obstacles touch is known only after the preload")
         case, tagged = _small_enough(case, tagged, dofs)
         progress.step("modes of the nominal model")
         if case.contacts:
@@ -68,7 +68,8 @@ def beside_model(
             model = build_structure(case, comm, tagged=tagged)
         if model.n_dofs > 2 * _MOST:
             raise InputError(
-                f"{model.n_dofs} degrees of freedom are too many for a check; modes does it"
+                f"{model.n_dofs} degrees of freedom are too many for a check; run "
+                "fenics-joints modes"
             )
         modes = solve_modes(model, n_modes=min(case.diagnose.n_modes, model.n_dofs))
         notes = _of_bands(bands, modes.frequencies_hz[modes.n_rigid :])
@@ -76,14 +77,14 @@ def beside_model(
             notes += [*_of_test(case, modes), *_of_mesh(case, comm, model, modes)]
     except JointsError as error:
         reason = str(error).removeprefix(f"{case.path}: ")
-        return f"not held against the model's modes: {reason}", []
+        return f"not compared with the model's modes: {reason}", []
     spent = number(comm.bcast(time.perf_counter() - begin), 2)
-    words = f"held against {len(modes)} modes of {model.n_dofs} degrees of freedom"
-    return f"{words} in {spent} s", notes
+    words = f"compared with {len(modes)} modes of a model of {model.n_dofs} degrees of freedom"
+    return f"{words}, solved in {spent} s", notes
 
 
 def _small_enough(case: Case, tagged, dofs: int) -> tuple[Case, TaggedMesh | None]:
-    """The case and its own mesh, or with that of its diagnosis, or larger elements, and none."""
+    """The case with its mesh; or with its diagnosis' mesh or larger elements, and None."""
     if tagged is None or dofs <= _MOST:
         return case, tagged
     coarse = case.diagnosed()
@@ -96,20 +97,20 @@ def _small_enough(case: Case, tagged, dofs: int) -> tuple[Case, TaggedMesh | Non
 
 
 def _of_bands(bands: dict[str, tuple[float, float]], hz: np.ndarray) -> list[str]:
-    """Bands of frequency without a mode of the model, all of whose elastic modes these are, Hz."""
+    """A note for each frequency band without a mode; ``hz``: all elastic modes of the model."""
     notes = []
     for key, (low, high) in bands.items():
-        if not np.any((hz > low / _BESIDE) & (hz < _BESIDE * high)) and low < hz.max(initial=0.0):
+        if not np.any((hz > low / _MARGIN) & (hz < _MARGIN * high)) and low < hz.max(initial=0.0):
             near = min(hz.tolist(), key=lambda f: max(low / f, f / high))
             notes.append(
                 f"{key} = [{low:g}, {high:g}] Hz: the model has no mode there; expected a band "
-                f"round one, the nearest of which is at {near:.4g} Hz"
+                f"around a mode, the nearest of which is at {near:.4g} Hz"
             )
     return notes
 
 
 def _of_test(case: Case, modes: Modes) -> list[str]:
-    """What is unlikely in the measured modes."""
+    """Notes on the measured modes, compared with the model's."""
     data, own = case.measured, case.row()
     row = data.shape_row if data.shapes is not None or own is None else own
     seen, shapes = np.arange(modes.n_rigid, len(modes)), None
@@ -126,14 +127,14 @@ def _of_test(case: Case, modes: Modes) -> list[str]:
     if pairing is None and np.nanmax(data.frequencies_hz[row]) < hz[-1]:
         notes.append(
             f"test.sees: its sensors see {len(seen)} of the model's {len(modes) - modes.n_rigid} "
-            f"elastic modes up to {hz[-1]:.4g} Hz; expected at least the {len(data.mode_names)} "
-            "that were measured: are their places and directions right?"
+            f"elastic modes up to {hz[-1]:.4g} Hz; expected at least {len(data.mode_names)}, as "
+            "many as were measured: are the sensors' places and directions right?"
         )
     return notes
 
 
 def _share_of_joints(case: Case, modes: Modes, index) -> float:
-    """Share of the strain energy of modes that is in joints, of the middle one; 0 of contacts."""
+    """Median share of the modes' strain energy that is in joints; 0 for contacts."""
     values, stiff = modes.model.values(modes.given), {
         f"{name}.{key}" for name in case.joints for key in _STIFFNESSES
     }  # fmt: skip
@@ -144,7 +145,7 @@ def _share_of_joints(case: Case, modes: Modes, index) -> float:
 
 
 def _of_mesh(case: Case, comm: MPI.Intracomm, model, modes: Modes) -> list[str]:
-    """What the mesh does to the modes in the range of the test, where it is coarse."""
+    """A note if the mesh is too coarse for the modes in the range of the test."""
     hz, mesh, finer, key = case.measured.frequencies_hz, case.mesh, None, "elements"
     if mesh.origin == "beams":
         mesh = mesh.model_copy(update={"elements": [2 * n for n in mesh.elements]})
@@ -162,8 +163,8 @@ def _of_mesh(case: Case, comm: MPI.Intracomm, model, modes: Modes) -> list[str]:
     if own[worst] / true[worst] < 1 + _COARSE:
         return []
     return [
-        f"mesh.{key}: the mesh alone makes the model's frequencies up to "
-        f"{percent(own[worst] / true[worst] - 1)} too high in the range of the test (at "
-        f"{own[worst]:.4g} Hz, {true[worst]:.4g} Hz on a finer one); expected less than "
-        f"{percent(_COARSE)}: smaller elements, or more of them"
+        f"mesh.{key}: the mesh is too coarse: it raises the model's frequencies by up to "
+        f"{percent(own[worst] / true[worst] - 1)} in the range of the test ("
+        f"{own[worst]:.4g} Hz, {true[worst]:.4g} Hz on a finer mesh); expected less than "
+        f"{percent(_COARSE)}: use smaller elements, or more of them"
     ]

@@ -20,7 +20,7 @@ __all__ = ["USUAL_KG", "Weight", "doubtful", "weights_of"]
 
 #: A mass that is off by more is said: castings and paint are within it, a wrong material is not.
 _OFF = 0.05
-#: Between these masses, kg, structures are that stand in a lab.
+#: Range of the masses of structures in a lab, kg.
 USUAL_KG = (1e-3, 1e4)
 #: Ratios of units, and of numbers that are easily mixed up, with what they mean.
 _RATIOS = {
@@ -29,7 +29,7 @@ _RATIOS = {
 }  # fmt: skip
 
 
-#: Tables of what is put on, by kind.
+#: Tables of attached masses, by kind.
 _TABLES = {"mass": "masses", "attached": "attached"}
 
 
@@ -96,7 +96,7 @@ def _volume(case: Case, body: Body | None, cells) -> float:
 
 
 def doubtful(case: Case, weights: tuple[Weight, ...]) -> list[str]:
-    """A sentence for each mass that is not what was weighed, and for one of no lab's structure."""
+    """A sentence for each mass that differs from its weighing or is unusual for a lab."""
     notes = [
         _said(f"parts.{w.name}", w.mass, w.weighed) for w in weights if w.weighed is not None
     ]
@@ -108,7 +108,7 @@ def doubtful(case: Case, weights: tuple[Weight, ...]) -> list[str]:
     of_parts = sum(w.mass for w in weights if w.kind == "part")
     notes += [
         f"{table}.{w.name} is {quantity(w.mass, 'kg')}, more than all parts together, "
-        f"{quantity(of_parts, 'kg')}; expected less: g read as kg?"
+        f"{quantity(of_parts, 'kg')}; expected less: grams given as kg?"
         for w in weights
         for table in [_TABLES.get(w.kind)] if table and 0 < of_parts < w.mass
     ]  # fmt: skip

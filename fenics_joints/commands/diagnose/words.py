@@ -69,7 +69,7 @@ def somewhere_words(found: Somewhere | None) -> str:
 
 
 def point_mass_words(found: Somewhere) -> str:
-    """What an unknown cause weighs if it is one point mass; "" where it is none."""
+    """Mass, interval and place of an unknown cause as one point mass; "" if it is none."""
     first, p = found.patches[0], found.point
     if p is None or not abs(first.mass) > _SURELY * first.mass_sd:
         return ""
@@ -78,7 +78,7 @@ def point_mass_words(found: Somewhere) -> str:
         f"as one point mass {grams[0]}, 90 % interval {grams[1]} to {grams[2]}, at about "
         f"{point_mm(p.at)} mm"
     )
-    hint = "" if found.looked_for else "; [diagnose] rare = true looks for what was put on"
+    hint = "" if found.looked_for else "; [diagnose] rare = true also looks for attached masses"
     return f"{words}{hint}"
 
 

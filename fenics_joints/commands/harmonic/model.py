@@ -142,7 +142,7 @@ def _with_layers(case: Case, comm, progress: Progress):
     h, places, laws = case.harmonic, _places(case), joint_laws(case, structure)
     modes = solve_modes(structure, n_modes=h.modes)
     full = full_layers(structure, laws, **places)
-    progress.step("how the joints give way under static load", _LOADINGS)
+    progress.step("static response of the joints", _LOADINGS)
     shapes = _loadings(case, full, modes, progress)
     progress.step(f"reducing {structure.n_dofs} degrees of freedom")
     model = reduce_layers(
@@ -163,7 +163,7 @@ def _loadings(case: Case, full: FullModel, modes: Modes, progress: Progress) -> 
     factors = _factors(case, i, eigenvalue, abs(pushed), abs(seen))
 
     def on_load(factor: float) -> None:
-        done = int(factor in factors[1:])  # smaller loads between are tried where one fails
+        done = int(factor in factors[1:])  # where a load fails, smaller ones in between are tried
         progress.advance(done, f"load {factor / factors[-1]:.2g} of the highest")
 
     return loading_shapes(full, load, factors, on_load=on_load)

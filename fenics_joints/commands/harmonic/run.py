@@ -49,8 +49,8 @@ __all__ = ["run_harmonic"]
 #: The backbone reaches down to this share of the smallest response at resonance, and up to this
 #: multiple of the largest.
 _BELOW, _ABOVE = 0.1, 1.2
-#: How often sliders are moved to where the responses are: these change with them.
-_PLACED = 3
+#: How often sliders are moved to the strains of the responses, which change with the sliders.
+_PLACEMENTS = 3
 #: Static steps of half a loop of a contact, whose pressure changes.
 _LOOP_STEPS = 24
 
@@ -118,10 +118,10 @@ def _solved(case: Case, built: HarmonicModel, comm, progress, branches) -> Harmo
 def _responses(
     case: Case, built: HarmonicModel, branches: Path | None, common: dict
 ) -> tuple[HarmonicModel, tuple[HarmonicResult, ...]]:
-    """The response at every level, and the model with the sliders that these have.
+    """The response at every level, and the model with the sliders placed for them.
 
-    Where the case does not say which amplitudes the sliders of a law are for, they are moved to
-    those that the responses meet, as far as their dissipation is off there.
+    Where the case gives no amplitudes for the sliders of a law, the sliders are moved to the
+    amplitudes of the responses, if their dissipation is wrong there.
     """
     h, free = case.harmonic, _free_sliders(case)
     trial = 0
@@ -135,14 +135,14 @@ def _responses(
             for level in sorted(h.levels)
         )
         ranges = [found for response in responses for found in slider_ranges(response)]
-        if trial == _PLACED or not any(r.note and r.interface in free for r in ranges):
+        if trial == _PLACEMENTS or not any(r.note and r.interface in free for r in ranges):
             return built, responses
         built = replace(built, model=fitted_sliders(*responses, interfaces=free))
         trial += 1
 
 
 def _free_sliders(case: Case) -> set[str]:
-    """Laws whose sliders the case does not place; none of a law whose parameters it identifies."""
+    """Laws whose sliders the case does not place; none if it identifies a law's parameters."""
     if case.harmonic.identify is not None:
         return set()
     return {

@@ -27,8 +27,8 @@ class Compared:
         test_hz: Their frequencies, Hz, shape (m,); nan where not measured.
         model_hz: Those of the model's modes, Hz, shape (m,).
         index: Which modes of the model these are, shape (m,).
-        partnered: Which of the test's modes these are partners of, mask (m,); a mode that is like
-            none of the model's has a row, but no partner (`measurements.gap.partnered`).
+        partnered: Mask of the test's modes that have a partner, (m,); a mode that matches none of
+            the model's has a row, but no partner (`measurements.gap.partnered`).
         candidates: Modes of the model that the test could see, shape (k,).
         matrix: MAC of each measured shape with each candidate, shape (m, k); None without shapes.
         sensors: Where and in which direction shapes were measured, n of them; or None.
@@ -149,9 +149,9 @@ def condition_words(beside: Compared) -> str:
 
 
 def alone_words(beside: Compared) -> str:
-    """That modes of the test have no partner, and why."""
+    """A note on test modes without a partner, with the reason."""
     why = "frequency" if beside.mac is None else "shape"
     return (
-        f"{', '.join(beside.alone)}: no mode of the model has this {why}, so it is left out of the "
-        f"error; {UNLIKE}"
+        f"{', '.join(beside.alone)}: left out of the error, since no mode of the model has this "
+        f"{why}; {UNLIKE}"
     )

@@ -127,7 +127,7 @@ def _pairs(result: ModeList, vertices: np.ndarray, wanted) -> dict[int, Markup]:
 
 
 def _partners(beside: Compared) -> list[tuple[int, int]]:
-    """Numbers of the test's modes and of the model's that are their partners."""
+    """Numbers of the test's modes and of their partners in the model."""
     return [(int(j), int(beside.index[j])) for j in np.flatnonzero(beside.partnered)]
 
 

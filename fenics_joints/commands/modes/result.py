@@ -57,8 +57,8 @@ class ModeList:
 
     @property
     def visible(self) -> np.ndarray | None:
-        """Which modes the test could see, shape (n,), its modes' partners among them; no rigid-body
-        mode is one."""
+        """Mask of the modes that the test could see, (n,), with all partners of its modes and
+        without rigid-body modes."""
         if self.visibility is None:
             return None
         seen = (self.visibility >= VISIBLE) & (np.arange(len(self.modes)) >= self.modes.n_rigid)

@@ -40,7 +40,7 @@ _LEAST = 1.2
 
 @dataclass(frozen=True)
 class _Bolt:
-    """A bolt's place, m, normal of the faces, radii of its hole and ring, and its thread."""
+    """A bolt: its place, m, the faces' normal, radii of hole and ring, and its thread."""
 
     parts: tuple[str, str]
     centre: np.ndarray

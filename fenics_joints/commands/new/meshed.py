@@ -40,7 +40,7 @@ __all__ = ["builder_sketch", "msh_sketches"]
 
 #: Names that layers of joints have.
 _JOINT = re.compile(r"joint|ring|layer|lap\b|zone|interface|contact|glue|fuge|naht|gasket", re.I)
-#: Units by how often meshes are in them, and a density to know them by, kg/m3.
+#: Units of meshes, the most frequent first, and a density to recognise them by, kg/m3.
 _UNITS, _STEEL = ("m", "mm", "inch", "cm"), 7850.0
 #: Numbers of lapped beams that a case must have, where a builder has no defaults.
 _BEAMS = (
@@ -95,10 +95,10 @@ def msh_sketches(
         if thickness is not None:
             lines.append(f"thickness = {toml(millimetres(thickness))}  # of the sheet")
         else:
-            lines.append('# thickness = "2 mm"  # ? of a sheet; without it a section, 1 m deep')
+            lines.append('# thickness = "2 mm"  # ? for a sheet; without it a section, 1 m deep')
             questions.append(
-                "The mesh is plane: it is taken for a section in plane strain, 1 m deep. A sheet "
-                "needs its thickness."
+                "The mesh is plane and is read as a section in plane strain, 1 m deep. For a sheet "
+                "give its thickness."
             )
     tagged = read_msh(path, MPI.COMM_SELF, gdim=gdim, scale=scale, thickness=thickness)
     found = _sketch(tagged, lines, material, ask, None)
@@ -110,13 +110,13 @@ def msh_sketches(
 
 
 def _thickness(path: Path, ask: Ask) -> float | None:
-    """That of a sheet, m, if a plane mesh is one."""
+    """Thickness of a plane mesh, m; None if it is a section and no sheet."""
     def known(answer: str) -> None:
         if answer != "none" and not to_si(answer, "m") > 0:
             raise ValueError(f"{answer!r}: expected a length above 0, such as 2 mm, or none")
 
     question = (
-        f"Thickness of the sheet in {path.name}, which is plane, such as 2 mm (none: it is a "
+        f"Thickness of the plane mesh in {path.name} if it is a sheet, such as 2 mm (none: a "
         "section in plane strain, 1 m deep)"
     )
     answer = ask(question, "none", known)
@@ -124,11 +124,11 @@ def _thickness(path: Path, ask: Ask) -> float | None:
 
 
 def _unit(size: float, volume: float | None, places: np.ndarray) -> str:
-    """The unit with which sensors span the mesh, or else with which it is of a usual size.
+    """The unit with which the sensors span the mesh, or else the mesh has a usual size.
 
     Args:
-        size: Its largest extent.
-        volume: Of the solids; None for a plane mesh.
+        size: The mesh's largest extent.
+        volume: Volume of the solids; None for a plane mesh.
         places: Sensors, m, shape (n, 3).
     """
     if len(places) > 2 and (span := float(np.ptp(places, axis=0).max())) > 0:

@@ -143,9 +143,9 @@ class Ring:
     Attributes:
         parts: The two parts.
         centre: Shape (3,).
-        normal: Of the faces, shape (3,).
-        radius: Of the hole.
-        depths: Of the holes in the two parts; None if they are not known.
+        normal: Normal of the faces, shape (3,).
+        radius: Radius of the hole.
+        depths: Depths of the holes in the two parts; None if unknown.
     """
 
     parts: tuple
@@ -156,9 +156,9 @@ class Ring:
 
 
 def stacked(rings: Sequence[Ring]) -> list[int]:
-    """The number, from 1, of the bolt of each ring: one bolt presses all that it passes through.
+    """The number, from 1, of each ring's bolt: a bolt presses all parts that it passes through.
 
-    Two rings are of one bolt if they have one axis and a part between them whose hole goes through.
+    Two rings share a bolt if they share an axis and the hole of the part between them goes through.
     """
     bolt = list(range(len(rings)))
     for j, b in enumerate(rings):
@@ -176,7 +176,7 @@ def stacked(rings: Sequence[Ring]) -> list[int]:
 
 
 def _passes(a: Ring, b: Ring, part, apart: float) -> bool:
-    """Whether the holes of two rings in a part are one, or meet; blind ones do not."""
+    """Whether two rings share one hole in a part, or their holes meet; blind holes do not."""
     if a.depths is None or b.depths is None:
         return True
     deep = sum(r.depths[r.parts.index(part)] for r in (a, b))
@@ -184,7 +184,7 @@ def _passes(a: Ring, b: Ring, part, apart: float) -> bool:
 
 
 def stacked_words(bolts: Sequence[int]) -> str:
-    """How many bolts there are, and how many pressed faces where a bolt has several."""
+    """The number of bolts, and of pressed faces where a bolt has several."""
     n, faces = max(bolts), sorted({bolts.count(bolt) for bolt in bolts})
     each = "" if faces == [1] else f" of {' or '.join(map(str, faces))} pressed faces each"
     return f"{n} bolt{'s' if n > 1 else ''}{each}"

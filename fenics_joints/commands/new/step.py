@@ -41,7 +41,7 @@ __all__ = ["step_sketches"]
 _VERTICES = 300
 #: Gaps between faces that a layer closes by itself, m.
 _GAP = 0.7e-3
-#: Names that the layers of joints have.
+#: Names of the joints' layers.
 _LAYERS = re.compile(r"ring_\d+|joint(_\d+)?")
 #: Edges of a circle: a ring's area is short by 10 %, twelve: by 5 %.
 _CIRCLE = 8
@@ -66,7 +66,7 @@ def step_sketches(survey: StepSurvey, file: str, material: str, ask: Ask) -> Ite
 
 
 def _own_name(name: str) -> str:
-    """The name of a solid that is none of the layers'."""
+    """A solid's name, changed where it is that of a joint's layer."""
     return f"part_{name}" if _LAYERS.fullmatch(name) else name
 
 

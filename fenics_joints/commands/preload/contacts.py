@@ -46,12 +46,12 @@ def contact_facts(state: ContactState, axes: dict[str, np.ndarray]) -> dict:
     Returns:
         Keys ``name``; ``force_n``; ``peak_pressure_pa``, the largest of the facets' means, and
         ``peak_nodal_pressure_pa``; ``mean_pressure_pa``, over the area that presses; ``area_m2``,
-        where the pressure, linear between vertices, is more than zero, ``area_above_1_mpa_m2``, by
-        the same pressure, and ``whole_area_m2``; ``radius_m`` by bolt, the farthest place nearest
-        to that bolt with 1 MPa or more; ``equal_radius_m`` by bolt, of the circle round its hole
-        that has the area above 1 MPa, the least and the largest that the mesh leaves open, in
-        space; ``open``, ``slip``, ``stick``: numbers of pairs; ``matching``, whether these are
-        pairs of vertices.
+        where the pressure, linear between vertices, is above zero, ``area_above_1_mpa_m2``, with
+        the same pressure, and ``whole_area_m2``; ``radius_m`` by bolt, to the farthest place with
+        1 MPa or more among those nearest to the bolt; ``equal_radius_m`` by bolt, in space only:
+        radius of the circle around the hole with the area above 1 MPa, and the least and largest
+        radius within the mesh's resolution; ``open``, ``slip``, ``stick``: numbers of pairs;
+        ``matching``, whether these are pairs of vertices.
     """
     force, area = state.normal_force, state.area
     return {
@@ -73,7 +73,7 @@ def contact_facts(state: ContactState, axes: dict[str, np.ndarray]) -> dict:
 
 
 def _radii(state: ContactState, axes: dict[str, np.ndarray]) -> dict[str, dict]:
-    """Contact radii at each bolt, of the pairs that are nearest to it."""
+    """Contact radii at each bolt, by the pairs nearest to the bolt."""
     farthest, equal = {}, {}
     if axes:
         nearest = nearest_axis(state.interface.points, axes.values())

@@ -15,9 +15,9 @@ from fenics_joints.preload import PreloadResult
 
 __all__ = ["PreloadReport"]
 
-#: Friction, and pressure, Pa, beyond that of any metal: a hard steel's indentation has some 8 GPa.
+#: Friction and pressure, Pa, beyond those of any metal: a hard steel's indentation has some 8 GPa.
 _ROUGH, _HARDEST = 2.0, 1e10
-#: Gap over a face's size that is none.
+#: Gap over a face's size that counts as zero.
 _FLAT = 1e-9
 
 
@@ -34,7 +34,7 @@ class PreloadReport:
         preloaded_hz: Elastic frequencies with each pair as the preload leaves it, Hz, (n,).
         written: Files of fields.
         applied: A dict of facts for each obstacle, displacement and load, see `applied_facts`.
-        free_motions: Motions that nothing resists as the preload leaves the contacts, beside those
+        free_motions: Number of motions that nothing resists in the preloaded state, beyond those
             of the stuck structure.
     """
 
@@ -49,9 +49,9 @@ class PreloadReport:
 
     @property
     def notes(self) -> list[str]:
-        """What to know of the state and its frequencies, and what is unlikely, a sentence each."""
+        """Remarks on the state and its frequencies, and unlikely values, a sentence each."""
         found = [
-            f"contact {c.name}: friction of {number(c.friction)} is unlikely, of dry metals it is "
+            f"contact {c.name}: friction of {number(c.friction)} is unlikely; dry metals have "
             "0.1 to 1"
             for c in self.result.model.contacts
             if c.friction > _ROUGH
@@ -63,18 +63,17 @@ class PreloadReport:
         ]
         if self.free_motions:
             found.append(
-                f"faces that slide or are open leave {self.free_motions} more "
-                f"motion{'s' * (self.free_motions > 1)} that nothing resists: they are at 0 Hz, "
-                "and not in this table"
+                f"sliding or open faces add {self.free_motions} "
+                f"motion{'s' * (self.free_motions > 1)} that nothing resists, at 0 Hz, which "
+                "this table leaves out"
             )
         if _recedes(self.result):
             found.append(
-                "the faces touch all over before the bolts pull, and only bolts press them: "
-                "pressures grow in proportion to the bolts' forces, the area that presses does not "
-                "depend on them (a receding contact), and so neither do these frequencies, as long "
-                "as all bolts have more or less by the same factor; faces with a gap or a crown, "
-                "other loads, and joints whose stiffness depends on the pressure do make a "
-                "difference"
+                "the faces touch everywhere before tightening, and only bolts press them (a "
+                "receding contact): if all bolt forces change by one factor, the pressures change "
+                "by it too, but the pressed area and these frequencies stay the same; they change "
+                "with faces that have a gap or a crown, with other loads, and with joints whose "
+                "stiffness depends on the pressure"
             )
         return found
 
@@ -109,7 +108,7 @@ class PreloadReport:
 
 
 def _recedes(result: PreloadResult) -> bool:
-    """Whether nothing but bolts presses faces that have no gap: the state is proportional then.
+    """Whether only bolts press, and the faces have no gap: the state is then proportional.
 
     Dundurs and Stippes, J. Appl. Mech. 37, 1970.
     """

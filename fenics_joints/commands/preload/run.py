@@ -70,7 +70,7 @@ def run_preload(
 
 
 def _elastic_modes(joint: LinearJoint, before: Modes | None = None) -> Modes:
-    """Modes up to the elastic ones that are compared, however many motions nothing resists.
+    """Modes up to the compared elastic ones, however many free motions come before them.
 
     Faces that slide or are open let bodies move against one another.
     """

@@ -46,7 +46,7 @@ def update_page(r: UpdateReport) -> str:
     ]  # fmt: skip
     found, view, stills = r.update.identifiability, None, []
     words = in_words(found) if r.failure is None else [
-        "This fit explains nothing of the test; no value that it has found may be used."
+        "This fit explains nothing of the test: do not use its values."
     ]  # fmt: skip
     if r.shapes is not None and modes is not None:
         best = None if modes.mac_after is None else np.diag(modes.mac_after)

@@ -1,4 +1,4 @@
-"""Modes of a test that no mode of the model is, or more than one: what an update says of them."""
+"""Test modes that match no mode of the model, or several: the notes of an update on them."""
 
 from __future__ import annotations
 
@@ -20,17 +20,17 @@ __all__ = ["WithoutPartner", "explains_nothing", "more_or_fewer", "other_partner
 #: How much further a model's modes are looked through, for a test's modes and beyond those a body
 #: has at rest, before the test's are left out: its own multiple, and a factor each time.
 _MOST, _FACTOR = 4, 2
-#: Root mean square of the errors of ln f that a fit leaves, from which it explains nothing: modes
-#: that are next to each other are often no further apart.
+#: Remaining root mean square error of ln f from which a fit explains nothing: neighbouring modes
+#: are often no further apart.
 _NOTHING = 0.2
 
 
 class WithoutPartner(Exception):
-    """Modes of a test have no partner in the model, neither at the start nor after the fit.
+    """Some test modes have no partner in the model, neither at the start nor after the fit.
 
     Attributes:
-        names: Their names.
-        index: Which they are, ascending.
+        names: Names of these modes.
+        index: Their indices, ascending.
     """
 
     def __init__(self, names: Sequence[str], index: Sequence[int]):
@@ -39,34 +39,34 @@ class WithoutPartner(Exception):
 
 
 def without(case: Case, error: WithoutPartner) -> tuple[Case, str]:
-    """The case without modes that have no partner, and what is to be said of it."""
+    """The case without the modes that have no partner, and a note on it."""
     note = (
-        f"{', '.join(error.names)}: left out, no mode of the model is like it, before the fit or "
+        f"{', '.join(error.names)}: left out: no mode of the model matches it, before the fit or "
         f"after; {UNLIKE}"
     )
     return case.without_modes(error.index), note
 
 
 def explains_nothing(modes: ModeTable | None, alone: np.ndarray, spare: int) -> str | None:
-    """Why a fit is no explanation of a test, in words; None if it may be one.
+    """Why a fit does not explain a test, in words; None if it may.
 
     Args:
         modes: Frequencies before and after.
-        alone: Which modes have no partner before nor after, mask (m,).
+        alone: Mask of the modes without a partner, before and after, (m,).
         spare: How many may be left out.
     """
     if modes is None:
         return None
     if alone.sum() > spare:
         names = [name for name, is_alone in zip(modes.names, alone, strict=True) if is_alone]
-        return f"no mode of the model is like {', '.join(names)}, more than a third of the test's"
+        return f"no mode of the model matches {', '.join(names)}, over a third of the test's modes"
     errors = np.log(modes.after / modes.test)[modes.fitted]
     left = rms(errors) if np.isfinite(errors).any() else 0.0
     if left < _NOTHING:
         return None
     return (
         f"the frequencies are still {percent(float(np.expm1(left)))} off after the fit (root mean "
-        "square), as far as one mode is from the next"
+        "square), as much as neighbouring modes differ"
     )
 
 

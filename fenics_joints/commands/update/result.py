@@ -271,7 +271,7 @@ class UpdateReport:
         pull: Standard deviation by which the fit held each parameter at its start, of its logarithm
             (or its value over its size there); None where nothing did.
         shapes: Shapes of the updated model, to be seen; None but on rank 0.
-        without_partner: Names of the test's modes that are none of the model's; left out.
+        without_partner: Names of the test's modes that match none of the model's; left out.
         failure: Why the fit explains nothing of the test, in words; None if it does.
     """
 

@@ -93,7 +93,7 @@ def update_case(case: Case, comm: MPI.Intracomm, progress: Progress | None = Non
         raise InputError(f"{case.path}: update is missing, expected a section [update]")
     # Matrices of this size are too small for a second BLAS thread to be worth waking.
     progress, notes, names = progress or Progress(silent=True), [], []
-    # Modes that may be left out, a third: of few that are left, some fit anything.
+    # A third of the modes may be left out: a fit to too few modes always succeeds.
     spare = 0 if case.measured is None else len(case.measured.mode_names) // 3
     with threadpool_limits(1):
         while True:
@@ -187,7 +187,7 @@ class _Run:
         failure = explains_nothing(table, alone, self.spare)
         if failure is not None:
             self.notes.append(
-                f"THIS FIT EXPLAINS NOTHING: {failure}; no value that it has found may be used"
+                f"THIS FIT EXPLAINS NOTHING: {failure}; do not use its values"
             )
         return UpdateReport(
             title=self.case.name,
@@ -209,10 +209,10 @@ class _Run:
         )
 
     def _alone(self, first: Modes, modes: Modes) -> np.ndarray:
-        """Which of the test's modes have no partner, neither before the fit nor after, mask (m,).
+        """Mask of the test's modes without a partner, both before the fit and after, (m,).
 
         Raises:
-            WithoutPartner: If these are a third of them at most, and none is held out by name.
+            WithoutPartner: If at most a third have none, and none of these is held out by name.
         """
         if not len(self.data.target):
             return np.zeros(0, dtype=bool)

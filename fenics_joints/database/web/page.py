@@ -85,7 +85,7 @@ class _Question:
 
 class Page:
     """Replies to requests, one at a time: neither matplotlib's fonts nor the database's connection
-    are for two threads at once. Keeps nothing of them.
+    allow two threads at once. Keeps nothing of the requests.
 
     Args:
         surfaces: Fitted.

@@ -3,9 +3,9 @@
 Only who knows the address with its secret, new at each start, gets an answer, and only on this
 machine. A web site that is open in the same browser cannot read it under another name (DNS
 rebinding: Host), nor ask in its own (Origin, Sec-Fetch-Site), nor frame it. A request is a short
-GET; all else is refused with a status and its standard words. Each is answered on its own, one
-after the other, unless its client has hung up meanwhile, and nothing is kept between them, so that
-no client can write to another's page. See the OWASP cheat sheets on cross-site request forgery and
+GET; all else is refused with a status and its standard text. Requests are answered one after the
+other, unless the client has hung up meanwhile, and nothing is kept between requests, so that no
+client can write to another's page. See the OWASP cheat sheets on cross-site request forgery and
 HTTP headers.
 """
 
@@ -38,10 +38,10 @@ _HOSTS = re.compile(r"(127\.0\.0\.1|localhost|\[::1\])(:\d{1,5})?", re.ASCII | r
 #: Bytes of a request up to its empty line; a browser sends about 1,000.
 _LONGEST_HEAD = 16384
 _MOST_FIELDS = 20
-#: Connections that are served at once, others wait for these; and those among them that have not
-#: sent their request yet, the oldest of which make room.
+#: Most connections at once, while others wait; and most of them without a request yet, the oldest
+#: of which are closed for new ones.
 _MOST_AT_ONCE, _MOST_IDLE = 128, 32
-#: Seconds after which one that waits for its turn looks whether its client is still there.
+#: Seconds between checks whether the client of a waiting request is still connected.
 _TO_LOOK = 0.1
 #: Seconds for a request to come, for a reply to leave, and for the client to hang up after it.
 _TO_COME, _TO_LEAVE, _TO_HANG_UP = 5.0, 10.0, 0.5
@@ -121,11 +121,11 @@ class PageServer(ThreadingMixIn, TCPServer):
         self.url = f"http://{HOST}:{self.server_address[1]}/{self._secret}/"
 
     def answer(self, path: str, fields: Mapping[str, str], client: socket.socket) -> Reply:
-        """The reply to a path below the secret one; raises `Refused`, or ConnectionError where the
-        client did not wait for its turn."""
+        """The reply to a path below the secret one; raises `Refused`, or ConnectionError if the
+        client hung up before its turn."""
         while not self._turn.acquire(timeout=_TO_LOOK):
             client.settimeout(0.0)
-            with suppress(BlockingIOError):  # it is there, and says nothing
+            with suppress(BlockingIOError):  # connected, and silent
                 if not client.recv(1, socket.MSG_PEEK):
                     raise ConnectionAbortedError
         try:
@@ -134,13 +134,13 @@ class PageServer(ThreadingMixIn, TCPServer):
             self._turn.release()
 
     def server_close(self) -> None:
-        """Hear nobody else, and wait for the answer under way, the last: the interpreter would
-        crash if it ended while one is drawn."""
+        """Accept no more requests and wait for the current answer: ending while a picture is drawn
+        would crash the interpreter."""
         super().server_close()
         self._turn.acquire(timeout=_TO_END)
 
     def listening(self, client: socket.socket, begins: bool) -> None:
-        """A client whose request is waited for, or has come; too many of these are cut off."""
+        """Register a client before and after its request; too many silent ones are cut off."""
         if not begins:
             self._idle.pop(client, None)
             return

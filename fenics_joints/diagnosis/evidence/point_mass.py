@@ -1,12 +1,12 @@
-"""An unknown cause as one point mass: how many grams, and where, by a scan over places and sizes.
+"""An unknown cause as one point mass: its size and place, by a scan over places and sizes.
 
-What a mass that nobody put into the model weighs is wanted even where effects with a place are not
-looked for. In the nominal model's modes, of n,
+The size of an unmodelled mass is of interest even if the diagnosis does not look for effects with a
+place. In the basis of the nominal model's n modes,
 
     (diag(lambda) - mu (I + m Phi^T Phi)) y = 0
 
-has its modes with a mass m where the n shapes move by Phi, (3, n), so that each place and size is a
-small eigenproblem, and whatever is uncertain in any case is linear.
+gives the modes with a mass m at a place where the n shapes have the displacements Phi, (3, n). So
+each place and size is a small eigenproblem; the nuisance parameters enter linearly.
 """
 
 from __future__ import annotations
@@ -26,11 +26,11 @@ from fenics_joints.structure.points import Sensors
 
 __all__ = ["PointMassFound", "point_mass"]
 
-#: Masses that are tried, as shares of the structure's, equally probable by their logarithm: all at
-#: the best places, every fourth at all; and how near, in ln, to the best those are.
+#: Trial masses as shares of the structure's, with equal probability in ln: all of them at the best
+#: places, every fourth elsewhere; and ln of the odds from the best within which a place counts.
 _SHARES, _COARSE, _NEAR = np.geomspace(2e-3, 0.5, 49), 4, 8.0
-#: Probability of the interval, and ln of the odds against no mass from which it is told.
-_INTERVAL, _TOLD = 0.9, 3.0
+#: Probability of the interval, and ln of the odds against no mass from which it is reported.
+_INTERVAL, _REPORTED = 0.9, 3.0
 
 
 @dataclass(frozen=True)
@@ -38,11 +38,11 @@ class PointMassFound:
     """One point mass that would explain a test.
 
     Attributes:
-        kg: Its most probable size, kg.
-        low: Lower end of its interval (90 %), over all places.
-        high: Upper end.
-        at: The most probable place, m.
-        log_odds: ln of its evidence over that of none, over all places and sizes.
+        kg: Most probable size, kg.
+        low: Lower end of the 90 % interval, over all places, kg.
+        high: Upper end, kg.
+        at: Most probable place, m.
+        log_odds: ln of the evidence for a mass over that for none, over all places and sizes.
     """
 
     kg: float
@@ -56,15 +56,15 @@ def point_mass(
     found: Fit, test: Evidence, modes: Modes, pairing: Pairing, sensors: Sensors | None,
     points: np.ndarray, total: float,
 ) -> PointMassFound | None:  # fmt: skip
-    """The point mass that explains a test best; None where none explains it better than nothing.
+    """The point mass that explains a test best; None if none explains it better than no mass.
 
     Args:
-        found: A fit of what is uncertain in any case alone.
+        found: A fit of the nuisance parameters only.
         test: The test.
         modes: The nominal model's modes.
-        pairing: Which of them the test saw.
+        pairing: Pairs of test and model modes.
         sensors: Where shapes were measured; None without.
-        points: Places that are tried, m, (n_points, gdim).
+        points: Trial places, m, (n_points, gdim).
         total: The structure's mass, kg.
     """
     test = test.at(found.scales)
@@ -78,7 +78,7 @@ def point_mass(
     free = ~found.hypothesis.at_limit(found.z)
 
     def fits(change: np.ndarray | float) -> float:
-        """ln of the density at the best of what is uncertain in any case, but for a constant."""
+        """ln of the density at the best nuisance parameters, up to a constant."""
         residual = whiten(lower, (found.predicted + change - test.data)[used])
         return -0.5 * least_square(residual, slope, found.z, free)[0]
 
@@ -94,7 +94,7 @@ def point_mass(
     sizes, nothing = _SHARES * total, fits(0.0)
     coarse = np.array([[with_mass(phi, kg) for kg in sizes[::_COARSE]] for phi in moves])
     log_odds = float(logsumexp(coarse) - np.log(coarse.size) - nothing)
-    if not log_odds > _TOLD:
+    if not log_odds > _REPORTED:
         return None
     near = np.flatnonzero(coarse.max(axis=1) > coarse.max() - _NEAR)
     score = np.array([[with_mass(moves[i], kg) for kg in sizes] for i in near])
@@ -103,7 +103,7 @@ def point_mass(
     place = near[int(np.argmax(logsumexp(score, axis=1)))]
     best = float(np.exp(np.sum(by_size * np.log(sizes))))
     if ends[1] >= sizes[-2]:
-        return None  # half of the structure: whatever it is, it is no mass on it
+        return None  # half of the structure's mass: no attached mass
     low, high = min(ends[0], best), max(ends[1], best)
     return PointMassFound(best, float(low), float(high), tuple(points[place].tolist()), log_odds)
 

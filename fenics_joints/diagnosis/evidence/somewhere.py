@@ -70,8 +70,8 @@ class Somewhere:
     Attributes:
         probability: That the unknown cause is of this kind, if there is one.
         patches: Every patch, those first whose change is surest.
-        point: The one point mass that explains the test best; None where none does.
-        looked_for: Whether effects at any place, as something put on, were looked for too.
+        point: The one point mass that explains the test best; None if none does.
+        looked_for: Whether the diagnosis also looked for effects at any place, such as a mass.
     """
 
     probability: float

@@ -81,12 +81,12 @@ class Prepared(Subject):
         evidence: The test as the inference sees it.
         surrogate: The reduced model; None until `reduce`.
         unresolved: Modes of the test that are no modes of the same mesh one degree higher.
-        without_partner: Modes of the test that are none of the model's, nominal or with any effect
-            at any sampled place of its prior; left out.
-        left_out: Mask of both, (m,), unless the unresolved ones are most of the test, which then
-            stay; None without any.
-        not_nominal: Mask of the modes that have a partner with an effect alone, (m,): they are
-            data, but no part of what the nominal model is said to be off.
+        without_partner: Modes of the test that match none of the model's, nominal or with any
+            effect at any sampled place of its prior; left out.
+        left_out: Mask of modes without a partner and unresolved modes, (m,); if most of the test is
+            unresolved, these modes stay. None without any.
+        not_nominal: Mask of the modes that have a partner only with an effect, (m,): they are
+            data, but do not count in the nominal model's gap.
         notes: What is to be said of the data that are single numbers.
     """
 
@@ -129,7 +129,7 @@ class Prepared(Subject):
         )  # fmt: skip
 
     def nominal_log_f(self) -> np.ndarray:
-        """ln f of the nominal model at each of the test's rows, (n, m); nan of modes that have no
+        """ln f of the nominal model at each row of the test, (n, m); nan for modes that have no
         partner in it."""
         bare = Hypothesis((), known=self.evidence.known)
         rows = range(len(self.evidence.conditions))
@@ -169,17 +169,17 @@ class Prepared(Subject):
         self._share_joints()
 
     def _look_for_partners(self) -> None:
-        """Leave out modes of the test that are none of the model's (`partnered`).
+        """Leave out modes of the test that match none of the model's (`partnered`).
 
-        An effect may give a mode the partner that the nominal model lacks, as where a joint that is
-        taken for one hardly holds; so a mode is left out only if none does, and all hypotheses are
-        judged by the same data.
+        An effect may give a mode the partner that the nominal model lacks, for example if a joint
+        is much weaker than in the nominal model. So a mode is left out only if no effect gives it
+        one, and all hypotheses are judged by the same data.
 
         Raises:
-            InputError: If these are most of the modes: then the test is of something else.
+            InputError: If most modes have no partner: then the test is of another structure.
         """
         nominal = self._partnered(self.surrogate.nominal, self.surrogate.pairing)
-        # The small model, which is what predicts, may have more modes to choose from.
+        # The reduced model, which predicts, may have more modes to choose from.
         nominal &= self._partnered(*self.forward.solve(self.baseline))
         found, tried = nominal.copy(), iter([] if nominal.all() else self._partners_at())
         while not found.all() and (values := next(tried, None)) is not None:
@@ -191,34 +191,34 @@ class Prepared(Subject):
         if np.sum(~found) > len(found) / 2:
             raise InputError(
                 f"{self.case.path}: test: {', '.join(names[~found])}: expected modes that the "
-                f"model has, nominal or with one of its effects; {UNLIKE}"
+                f"nominal model has, or the model with one of its effects; {UNLIKE}"
             )
         if not found.all():
             self.without_partner = tuple(names[~found].tolist())
             self._leave_out(~found)
             self.notes.append(
-                f"{self._with_hz(~found)}: left out, no mode of the model is like it, nominal or "
+                f"{self._with_hz(~found)}: left out: no mode of the model matches it, nominal or "
                 f"with any of the effects; {UNLIKE}"
             )
         if (found & ~nominal).any():
             self.not_nominal = found & ~nominal
             self.notes.append(
-                f"{self._with_hz(self.not_nominal)}: no mode of the nominal model is like it, but "
-                "with some effect one is; it is fitted, and the gaps before the fit and on "
-                "held-out data are without it"
+                f"{self._with_hz(self.not_nominal)}: matches a mode only if the model has one of "
+                "the effects; it is fitted, but does not count in the gaps before the fit and on "
+                "held-out data"
             )
 
     def _partners_at(self) -> list[dict[str, float]]:
-        """Values at which modes are looked for that the nominal model lacks: all joints giving way,
-        and every effect at places of its prior."""
+        """Parameter values at which partners are sought that the nominal model lacks: all joints
+        compliant, and samples of every effect's prior."""
         soft = given_way(self.baseline, interfaces(self.zones, self.baseline))
         return [soft, *self.samples(self.case.diagnose.samples)]
 
     def _partnered(
         self, modes: Modes, pairing: Pairing, least: float = CONTRADICTED
     ) -> np.ndarray:
-        """Which of the test's modes have a partner, mask (m,): at its shapes' condition, else at
-        any. See `partnered`."""
+        """Mask of the test's modes with a partner, (m,), at the condition of the shapes, or at any
+        condition without shapes. See `partnered`."""
         test = self.data.as_it_is
         hz = test.frequencies_hz if test.shapes is None else test.frequencies_hz[[test.shape_row]]
         found = [
@@ -238,7 +238,7 @@ class Prepared(Subject):
         )  # fmt: skip
 
     def _leave_out(self, lost: np.ndarray) -> None:
-        """Take modes, mask (m,), out of all data."""
+        """Remove modes, given by mask (m,), from all data."""
         self.left_out = lost if self.left_out is None else self.left_out | lost
         self.data = self.without_lost(self.data)
         self.evidence = self.evidence.without(np.broadcast_to(lost, self.evidence.shape))
