@@ -445,7 +445,8 @@ class Outline:
             i for i in np.flatnonzero(whole)
             if np.any(np.linalg.norm(starts[number != i] - centres[i], axis=1) > radii[i])
         ], dtype=int)  # fmt: skip
-        others = [x for x, of in zip(all_points, number, strict=True) if of not in set(holes)]
+        inner = set(holes.tolist())
+        others = [x for x, of in zip(all_points, number, strict=True) if of not in inner]
         pieces = [np.stack([x[:-1], x[1:]], axis=1) for x in others]
         pieces = np.vstack(pieces) if pieces else np.empty((0, 2, 3))
         return cls(centres, radii, curves, holes, pieces)

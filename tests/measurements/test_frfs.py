@@ -254,6 +254,8 @@ BROKEN_FILES = [
     (0, lambda b: b[:-4000].rstrip() + b" oops" + b[-4000:], "cannot be read; expected 600 AS"),
     (0, lambda b: b.replace(b"    58 ", b"    5x ", 1), "dataset 1 .* has no type"),
     (1, lambda b: b.replace(b"58b     1     2", b"58b     1     3", 1), r"format 3 \(IBM 370\)"),
+    (1, lambda b: b.replace(b"       600 ", b"9999999999 ", 1), "expected 9999999999"),
+    (1, lambda b: b.replace(b"        4800", b"abcdefghijkl", 1), "dataset 1"),
     (0, _with_nan, "is .*nan.*, expected a finite"),
     (0, _without_lines, "dataset 1 .* holds no line"),
     (0, lambda b: b"", "is empty"),

@@ -218,3 +218,11 @@ def test_no_drawing_ends_the_program(tmp_path):
         path.write_bytes(b"\n".join(bad))
         with contextlib.suppress(MeshError):
             survey_step(path)
+
+
+def test_many_comments_before_a_drawing_cost_no_time(tmp_path):
+    """Each more doubled the time that the head's pattern took."""
+    path = tmp_path / "comments.step"
+    path.write_bytes(b"/**/" * 1000 + b"x")
+    with pytest.raises(MeshError):
+        survey_step(path)
