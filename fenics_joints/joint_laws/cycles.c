@@ -272,38 +272,47 @@ static void reversals(const watched *w, int T, const double *synthesis, instants
   }
 }
 
-/* The state of the watched element after one step from w->s to a phase; whether it has changed. */
-static int arrive(const watched *w, double phase, double *sn)
+/* Slope of the watched switch at a phase, with the state of the way there. */
+static double slope_on_the_way(const watched *w, const double *e, const double *de)
 {
-  double e[D], f[D];
-  harmonics_at(phase, w->K, w->b);
-  combine(w->K, w->Z, w->b, e);
+  double f[D], sn[M], slope;
+  watched on = *w;
   element(e, w->s, w->p, f, sn);
-  return memcmp(sn, w->s, M * sizeof(double)) != 0;
+  on.s = sn;
+  look_at(&on, e, de, &slope);
+  return slope;
 }
 
-/* Slope of the watched switch at a phase, with the state of the way there. */
-static double slope_on_the_way(const watched *w, double phase)
+static double slope_at(const watched *w, double phase)
 {
-  double sn[M], slope;
-  watched on = *w;
-  arrive(w, phase, sn);
-  on.s = sn;
-  look(&on, phase, &slope);
-  return slope;
+  double e[D], de[D];
+  harmonics_at(phase, w->K, w->b);
+  combine(w->K, w->Z, w->b, e);
+  combine(w->K, w->Zd, w->b, de);
+  return slope_on_the_way(w, e, de);
+}
+
+/* Strain and its rate, (2, D), at a phase: the same for all elements. */
+static void strain_at(const watched *w, double phase, double *to)
+{
+  harmonics_at(phase, w->K, w->b);
+  combine(w->K, w->Z, w->b, to);
+  combine(w->K, w->Zd, w->b, to + D);
 }
 
 /* Ends of pieces of one element between low and high, where it starts from the state w->s. A slider
  * stops where the slope of its switch, which sliding keeps at zero, changes its sign: under a pressure
- * that varies that is no reversal of the strain.
+ * that varies that is no reversal of the strain. `at`, (3, 2, D), is strain and rate just after low,
+ * at high and just before it.
  */
-static void between(watched *w, double low, double high, instants *to)
+static void between(watched *w, double low, double high, const double *at, instants *to)
 {
-  double sn[M], start, end, found[2];
+  double f[D], sn[M], start, end, found[2];
   const double just = low + JUST * (high - low);
-  const int moves = arrive(w, just, sn);
+  element(at, w->s, w->p, f, sn);
+  const int moves = memcmp(sn, w->s, M * sizeof(double)) != 0;
   for (w->number = 0; w->number < NS; ++w->number) {
-    const double g = look(w, just, &start), after = look(w, high, &end);
+    const double g = look_at(w, at, at + D, &start), after = look_at(w, at + 2 * D, at + 3 * D, &end);
     if ((g >= 0) != (after >= 0)) note(to, crossing(w, just, high), 0, -1);
     else {
       const double sign = g >= 0 ? 1.0 : -1.0, step = high - just;
@@ -317,33 +326,46 @@ static void between(watched *w, double low, double high, instants *to)
     }
     if (D == 1 || !moves) continue; /* of one component the reversals are steps */
     double a = just, b = high - JUST * (high - low);
-    start = slope_on_the_way(w, a);
-    if (start * slope_on_the_way(w, b) >= 0) continue;
+    start = slope_on_the_way(w, at, at + D);
+    if (start * slope_on_the_way(w, at + 4 * D, at + 5 * D) >= 0) continue;
     for (int i = 0; i < BISECTIONS; ++i) {
       const double middle = 0.5 * (a + b);
-      if (slope_on_the_way(w, middle) * start > 0) a = middle;
+      if (slope_at(w, middle) * start > 0) a = middle;
       else b = middle;
     }
     note(to, a, 0, -1);
   }
 }
 
-/* Ends of pieces of all elements in the last of the cycles, from states s (E, M) before the first. */
-static void element_instants(watched *w, int E, int cycles, const double *s, const double *p,
-                             const instants *steps, instants *to)
+/* Ends of pieces of all elements in the last of the cycles, from states s (E, M) before the first.
+ * Nonzero: out of memory.
+ */
+static int element_instants(watched *w, int E, int cycles, const double *s, const double *p,
+                            const instants *steps, instants *to)
 {
+  double *at = malloc((size_t)steps->n * 6 * D * sizeof(double));
+  if (!at) return 1;
+  for (int i = 0; i < steps->n; ++i) {
+    const double high = steps->of[i].at, low = i ? steps->of[i - 1].at : high;
+    strain_at(w, low + JUST * (high - low), at + i * 6 * D);
+    strain_at(w, high, at + i * 6 * D + 2 * D);
+    strain_at(w, high - JUST * (high - low), at + i * 6 * D + 4 * D);
+  }
   for (int j = 0; j < E; ++j) {
-    double now[M], sn[M];
+    double now[M], sn[M], f[D];
     memcpy(now, s + (size_t)j * M, sizeof now);
     w->s = now;
     w->p = p + (size_t)j * NP;
     for (int cycle = 0; cycle < cycles; ++cycle)
       for (int i = 0; i < steps->n; ++i) {
-        if (i && cycle == cycles - 1) between(w, steps->of[i - 1].at, steps->of[i].at, to);
-        arrive(w, steps->of[i].at, sn);
+        if (i && cycle == cycles - 1)
+          between(w, steps->of[i - 1].at, steps->of[i].at, at + i * 6 * D, to);
+        element(at + i * 6 * D + 2 * D, now, w->p, f, sn);
         memcpy(now, sn, sizeof now);
       }
   }
+  free(at);
+  return 0;
 }
 
 /* Add a phase to a grid that has room for it. */
@@ -455,8 +477,7 @@ int law_harmonic(int P, int E, int K, int T, int cycles, int order, const double
     if ((failed = make_grid(&w, &ends, 0, order, rules, B, grids))) break;
     instants all = {0};
     for (int t = 0; t < ends.n; ++t) note(&all, ends.of[t].at, 1, ends.of[t].component);
-    element_instants(&w, E, cycles, s + at * M, p + at * NP, &ends, &all);
-    failed = all.failed;
+    failed = element_instants(&w, E, cycles, s + at * M, p + at * NP, &ends, &all) || all.failed;
     if (!failed) {
       sort_instants(&all, least);
       failed = make_grid(&w, &all, 1, order, rules, B, grids + 1);

@@ -44,16 +44,23 @@ static double along(const double *ge, const double *de)
   return sum;
 }
 
-/* The switch at a phase, and its slope by it. */
-static double look(const watched *w, double phase, double *slope)
+/* The switch at an input and its derivative by the phase, and its slope by it. */
+static double look_at(const watched *w, const double *e, const double *de, double *slope)
 {
-  double e[DI], de[DI], g[NS1], ge[NS1 * DI];
-  harmonics_at(phase, w->K, w->b);
-  combine(w->K, w->Z, w->b, e);
-  combine(w->K, w->Zd, w->b, de);
+  double g[NS1], ge[NS1 * DI];
   switches(e, w->s, w->p, g, ge);
   *slope = along(ge + w->number * DI, de);
   return g[w->number];
+}
+
+/* The switch at a phase, and its slope by it. */
+static double look(const watched *w, double phase, double *slope)
+{
+  double e[DI], de[DI];
+  harmonics_at(phase, w->K, w->b);
+  combine(w->K, w->Z, w->b, e);
+  combine(w->K, w->Zd, w->b, de);
+  return look_at(w, e, de, slope);
 }
 
 /* The phase between low and high at which the switch changes its sign, by Newton's method. */
