@@ -9,6 +9,7 @@
  */
 #define STEPS 8 /* whose derivatives are analysed at once */
 #define JUST 1e-3 /* share of an interval that counts as just after its start */
+#define HALVINGS 16 /* of an interval where a slider may stop: the stress feels its square */
 #define SAME 1e-12 /* phases closer than that are one */
 #define NOTABLE 0.1 /* a strain's rate over that of the largest below which it has no reversals */
 
@@ -309,26 +310,26 @@ static void between(watched *w, double low, double high, const double *at, insta
 {
   double f[D], sn[M], start, end, found[2];
   const double just = low + JUST * (high - low);
-  element(at, w->s, w->p, f, sn);
-  const int moves = memcmp(sn, w->s, M * sizeof(double)) != 0;
+  int moves = 0;
+  watched moved = *w;
+  moved.s = sn;
+  if (D > 1) { /* of one component the reversals are steps */
+    element(at, w->s, w->p, f, sn);
+    moves = memcmp(sn, w->s, M * sizeof(double)) != 0;
+  }
   for (w->number = 0; w->number < NS; ++w->number) {
     const double g = look_at(w, at, at + D, &start), after = look_at(w, at + 2 * D, at + 3 * D, &end);
-    if ((g >= 0) != (after >= 0)) note(to, crossing(w, just, high), 0, -1);
+    if ((g >= 0) != (after >= 0)) note(to, crossing(w, just, high, g), 0, -1);
     else {
-      const double sign = g >= 0 ? 1.0 : -1.0, step = high - just;
-      const double down = sign * start, up = sign * end;
-      /* Where the tangents of both ends meet, what is convex between them is not below. */
-      if (down < 0 && up > 0 && sign * g + down * (sign * (after - g) - up * step) / (down - up) < 0
-          && hidden(w, just, high, found)) {
-        note(to, found[0], 0, -1);
-        note(to, found[1], 0, -1);
-      }
+      const int n = hidden(w, just, high, g, start, after, end, found);
+      for (int i = 0; i < n; ++i) note(to, found[i], 0, -1);
     }
-    if (D == 1 || !moves) continue; /* of one component the reversals are steps */
+    if (!moves) continue;
     double a = just, b = high - JUST * (high - low);
-    start = slope_on_the_way(w, at, at + D);
+    moved.number = w->number;
+    look_at(&moved, at, at + D, &start);
     if (start * slope_on_the_way(w, at + 4 * D, at + 5 * D) >= 0) continue;
-    for (int i = 0; i < BISECTIONS; ++i) {
+    for (int i = 0; i < HALVINGS; ++i) {
       const double middle = 0.5 * (a + b);
       if (slope_at(w, middle) * start > 0) a = middle;
       else b = middle;
@@ -337,11 +338,10 @@ static void between(watched *w, double low, double high, const double *at, insta
   }
 }
 
-/* Ends of pieces of all elements in the last of the cycles, from states s (E, M) before the first.
- * Nonzero: out of memory.
+/* Ends of pieces of all elements in the last of the cycles; r->s goes through them. Nonzero: out of memory.
  */
-static int element_instants(watched *w, int E, int cycles, const double *s, const double *p,
-                            const instants *steps, instants *to)
+static int element_instants(watched *w, int E, int cycles, const double *p, const instants *steps,
+                            room *r, instants *to)
 {
   double *at = malloc((size_t)steps->n * 6 * D * sizeof(double));
   if (!at) return 1;
@@ -351,19 +351,22 @@ static int element_instants(watched *w, int E, int cycles, const double *s, cons
     strain_at(w, high, at + i * 6 * D + 2 * D);
     strain_at(w, high - JUST * (high - low), at + i * 6 * D + 4 * D);
   }
-  for (int j = 0; j < E; ++j) {
-    double now[M], sn[M], f[D];
-    memcpy(now, s + (size_t)j * M, sizeof now);
-    w->s = now;
-    w->p = p + (size_t)j * NP;
-    for (int cycle = 0; cycle < cycles; ++cycle)
-      for (int i = 0; i < steps->n; ++i) {
-        if (i && cycle == cycles - 1)
-          between(w, steps->of[i - 1].at, steps->of[i].at, at + i * 6 * D, to);
-        element(at + i * 6 * D + 2 * D, now, w->p, f, sn);
-        memcpy(now, sn, sizeof now);
+  for (int cycle = 0; cycle < cycles; ++cycle)
+    for (int i = 0; i < steps->n; ++i) {
+      const double *e = at + i * 6 * D;
+      for (int j = 0; i && cycle == cycles - 1 && j < E; ++j) {
+        double now[M];
+        for (int m = 0; m < M; ++m) now[m] = r->s[(j / W * M + m) * W + j % W];
+        w->s = now;
+        w->p = p + (size_t)j * NP;
+        between(w, steps->of[i - 1].at, steps->of[i].at, e, to);
       }
-  }
+      for (int j = 0; j < r->groups; ++j) {
+        double f[D * W], sn[M * W];
+        elements(e + 2 * D, r->s + j * W * M, r->p + j * W * NP, f, sn);
+        memcpy(r->s + j * W * M, sn, sizeof sn);
+      }
+    }
   free(at);
   return 0;
 }
@@ -477,7 +480,9 @@ int law_harmonic(int P, int E, int K, int T, int cycles, int order, const double
     if ((failed = make_grid(&w, &ends, 0, order, rules, B, grids))) break;
     instants all = {0};
     for (int t = 0; t < ends.n; ++t) note(&all, ends.of[t].at, 1, ends.of[t].component);
-    failed = element_instants(&w, E, cycles, s + at * M, p + at * NP, &ends, &all) || all.failed;
+    group(E, M, s + at * M, r.s);
+    group(E, NP, p + at * NP, r.p);
+    failed = element_instants(&w, E, cycles, p + at * NP, &ends, &r, &all) || all.failed;
     if (!failed) {
       sort_instants(&all, least);
       failed = make_grid(&w, &all, 1, order, rules, B, grids + 1);
@@ -485,7 +490,6 @@ int law_harmonic(int P, int E, int K, int T, int cycles, int order, const double
     free(all.of);
     if (failed) break;
     group(E, M, s + at * M, r.s);
-    group(E, NP, p + at * NP, r.p);
     run_point(E, K, cycles, grids, F + (size_t)i * D * K,
               J ? J + (size_t)i * D * K * D * K : NULL, begun + at * M, &r);
     ungroup(E, M, r.s, s + at * M);
