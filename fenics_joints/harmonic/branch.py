@@ -79,17 +79,22 @@ def load_branch(path: str | Path, name: str = "") -> Branch | None:
     """A branch from its file; None if there is no such file.
 
     Raises:
-        InputError: If the file is not one of a branch of that name.
+        InputError: If the file is not one of a branch of that name: a branch may be hours of work,
+            so it is not replaced unasked.
     """
     path = Path(path)
     if not path.exists():
         return None
-    stored = read_arrays(path)
+    anew = "made by another version or damaged: delete it to compute the branch anew"
+    try:
+        stored = read_arrays(path)
+    except InputError as error:
+        raise InputError(f"{error}; {anew}") from error
     try:
         found = str(stored.pop("name"))
         branch = Branch(**{key: value[()] for key, value in stored.items()})
     except (KeyError, TypeError) as error:
-        raise InputError(f"{path}: not a branch written by this package ({error}).") from error
+        raise InputError(f"{path}: holds no branch ({error}); {anew}") from error
     if found != name:
         raise InputError(
             f"{path}: holds a branch of {found!r}, expected {name!r}; delete it or choose another "

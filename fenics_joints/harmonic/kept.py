@@ -16,6 +16,7 @@ from mpi4py import MPI
 from fenics_joints.errors import InputError
 from fenics_joints.interfaces.reduced import ReducedInterfaceModel, read_interface_model
 from fenics_joints.modal.modes import solve_modes
+from fenics_joints.progress import Progress
 
 __all__ = ["MODEL_FILE", "kept_model"]
 
@@ -28,24 +29,37 @@ _MODES = 6
 
 
 def kept_model(
-    model: ReducedInterfaceModel, folder: Path, band: tuple[float, float], comm: MPI.Intracomm
+    model: ReducedInterfaceModel,
+    folder: Path,
+    band: tuple[float, float],
+    comm: MPI.Intracomm,
+    progress: Progress | None = None,
 ) -> ReducedInterfaceModel:
-    """The model of a folder of branches if it is there, else this one, kept there. Collective.
+    """The model of a folder of branches if it can be read, else this one, kept there. Collective.
 
     Args:
         model: The model as it is made now.
         folder: The folder, which exists.
         band: Frequencies, Hz, at which the two are compared.
         comm: Communicator.
+        progress: Told why a model that is there cannot be read: it was written by another version,
+            is damaged, or others can write to it.
 
     Raises:
-        InputError: If the folder's model is another one, or cannot be read or written.
+        InputError: If the folder's model is another one, or none can be written.
     """
-    path = folder / MODEL_FILE
-    if not comm.bcast(path.exists() if comm.rank == 0 else None):
+    path, kept, reason = folder / MODEL_FILE, None, ""
+    if comm.bcast(path.exists() if comm.rank == 0 else None):
+        try:
+            kept = read_interface_model(path, own=True)
+        except InputError as error:
+            reason = str(error)
+    if not comm.allreduce(kept is not None, op=MPI.LAND):
+        reason = next((said for said in comm.allgather(reason) if said), "")
+        if reason and progress is not None:
+            progress.step(f"{reason}; making the model anew")
         model.write(path)
         return model
-    kept = read_interface_model(path, own=True)
     if not _same(kept, model, band):
         raise InputError(
             f"{path}: holds another model than the case describes; expected the one that the "

@@ -1,22 +1,23 @@
-/* Harmonics of stress for laws with memory. A slider reverses with its strain, and starts to slide
- * between two samples. Harmonics of sampled stress therefore have an error of second order in the step,
- * which jumps as samples pass these instants. Here the states step from sample to sample and to each
- * reversal of the strain; between two states Gauss's rule integrates the stress, in pieces that end
- * where a switch of an element changes its sign.
+/* Harmonics of stress of laws with memory. A slider turns where its strain does, and starts to slide
+ * somewhere between two samples: sampled stress has harmonics that are off by the square of the step,
+ * and as rough as the samples pass over these instants. Here the states go from sample to sample, with
+ * a step at each reversal of the strain between, and from every state Gauss's rule integrates the
+ * stress up to the next, in pieces that end where a switch of an element changes its sign.
  *
- * Derivatives by the harmonics of strain: (numbers, D, B), each B fours of harmonics. They include the
- * shift of the reversals. A shift of a piece's end changes nothing, as the stress has no jump there.
+ * Derivatives by the harmonics of strain: (numbers, D, B), each B fours of harmonics. They have what a
+ * reversal moves by; what moves the ends of a piece changes nothing, as the stress has no jump there.
  */
-#define STEPS 8 /* steps whose derivatives are analysed at once */
-#define JUST 1e-3 /* share of an interval to a point just after its start */
-#define SAME 1e-12 /* phases closer than this are equal */
-#define NOTABLE 0.1 /* rate of a strain, relative to the largest, below which its reversals do not count */
+#define STEPS 8 /* whose derivatives are analysed at once */
+#define JUST 1e-3 /* share of an interval that counts as just after its start */
+#define HALVINGS 16 /* of an interval where a slider may stop: the stress feels its square */
+#define SAME 1e-12 /* phases closer than that are one */
+#define NOTABLE 0.1 /* a strain's rate over that of the largest below which it has no reversals */
 
 /* Four harmonics side by side. */
 typedef double four __attribute__((vector_size(32), aligned(8), may_alias));
 
-/* An instant: a step of the states, or only an end of a piece. A reversal of strain shifts with the
- * harmonics of `component`; any other step has -1 there.
+/* An instant: a step of the states, or just an end of a piece. At a reversal of strain it moves with
+ * that component's harmonics, at any other step `component` is -1.
  */
 typedef struct {
   double at;
@@ -28,7 +29,7 @@ typedef struct {
   instant *of;
 } instants;
 
-/* Phases of a cycle in order: the states advance at those with `step`, the others have a stress. */
+/* Phases of a cycle in their order: states go on where `step`, elsewhere there is stress. */
 typedef struct {
   int n, room, stresses;
   instant *at;
@@ -56,7 +57,7 @@ add_states(int B, const double *fs, const four *restrict ds, four *restrict to)
       for (int q = 0; q < D * B; ++q) to[a * D * B + q] += fs[a * M + b] * ds[b * D * B + q];
 }
 
-/* Remove an element's part from `rest`. */
+/* Take an element's part out of `rest`. */
 static void release(int at, room *r)
 {
   double *held = r->fs + at * D * M;
@@ -97,7 +98,7 @@ static void stress_at(int E, const double *e, const four *g, double *f, four *df
         if (!memcmp(fs, held, sizeof fs)) continue;
         release(at, r);
       }
-      /* The part of an element that does not move is the same at the next phases. */
+      /* What an element adds that does not move is the same at the next phases. */
       const int moving = moves(l, s, now.sn);
       add_states(B, fs, ds, moving ? df : r->rest);
       if (moving) continue;
@@ -112,7 +113,7 @@ static void stress_at(int E, const double *e, const four *g, double *f, four *df
         df[(a * D + c) * B + k] += r->rest[(a * D + c) * B + k] + fe[a * D + c] * g[k];
 }
 
-/* Advance the states to the strain e, with their derivatives d s/d X = ns d s/d X + ne d e/d X. */
+/* States go to the strain e, and their derivatives d s/d X = ns d s/d X + ne d e/d X with them. */
 static void step_to(int E, const instant *step, const double *e, const double *rates, const four *g,
                     const four *shift, int jacobian, room *r)
 {
@@ -225,7 +226,7 @@ static int earlier(const void *a, const void *b)
   return (x > y) - (x < y);
 }
 
-/* Sort; drop instants that are no steps and closer than `least` to another. */
+/* In order; those that are no steps keep `least` from all others. */
 static void sort_instants(instants *all, double least)
 {
   int n = 0;
@@ -246,7 +247,7 @@ static double size(const double *X, int K)
   return sqrt(sum);
 }
 
-/* Find where the rates of strain change their signs, sampled at T phases. */
+/* Where the rates of strain change their signs, sampled at T phases. */
 static void reversals(const watched *w, int T, const double *synthesis, instants *to)
 {
   double before[D], now[D], largest = 0.0;
@@ -272,81 +273,105 @@ static void reversals(const watched *w, int T, const double *synthesis, instants
   }
 }
 
-/* State of the watched element after one step from w->s to a phase; returns whether it changed. */
-static int arrive(const watched *w, double phase, double *sn)
+/* Slope of the watched switch at a phase, with the state of the way there. */
+static double slope_on_the_way(const watched *w, const double *e, const double *de)
 {
-  double e[D], f[D];
-  harmonics_at(phase, w->K, w->b);
-  combine(w->K, w->Z, w->b, e);
-  element(e, w->s, w->p, f, sn);
-  return memcmp(sn, w->s, M * sizeof(double)) != 0;
-}
-
-/* Slope of the watched switch at a phase, with the state on the way there. */
-static double slope_on_the_way(const watched *w, double phase)
-{
-  double sn[M], slope;
+  double f[D], sn[M], slope;
   watched on = *w;
-  arrive(w, phase, sn);
+  element(e, w->s, w->p, f, sn);
   on.s = sn;
-  look(&on, phase, &slope);
+  look_at(&on, e, de, &slope);
   return slope;
 }
 
-/* Ends of pieces of one element between low and high, from the state w->s at low. Sliding keeps a
- * switch at zero; a slider stops where the slope of its switch changes its sign. Under varying
- * pressure this is not a reversal of the strain.
- */
-static void between(watched *w, double low, double high, instants *to)
+static double slope_at(const watched *w, double phase)
 {
-  double sn[M], start, end, found[2];
+  double e[D], de[D];
+  harmonics_at(phase, w->K, w->b);
+  combine(w->K, w->Z, w->b, e);
+  combine(w->K, w->Zd, w->b, de);
+  return slope_on_the_way(w, e, de);
+}
+
+/* Strain and its rate, (2, D), at a phase: the same for all elements. */
+static void strain_at(const watched *w, double phase, double *to)
+{
+  harmonics_at(phase, w->K, w->b);
+  combine(w->K, w->Z, w->b, to);
+  combine(w->K, w->Zd, w->b, to + D);
+}
+
+/* Ends of pieces of one element between low and high, where it starts from the state w->s. A slider
+ * stops where the slope of its switch, which sliding keeps at zero, changes its sign: under a pressure
+ * that varies that is no reversal of the strain. `at`, (3, 2, D), is strain and rate just after low,
+ * at high and just before it.
+ */
+static void between(watched *w, double low, double high, const double *at, instants *to)
+{
+  double f[D], sn[M], start, end, found[2];
   const double just = low + JUST * (high - low);
-  const int moves = arrive(w, just, sn);
+  int moves = 0;
+  watched moved = *w;
+  moved.s = sn;
+  if (D > 1) { /* of one component the reversals are steps */
+    element(at, w->s, w->p, f, sn);
+    moves = memcmp(sn, w->s, M * sizeof(double)) != 0;
+  }
   for (w->number = 0; w->number < NS; ++w->number) {
-    const double g = look(w, just, &start), after = look(w, high, &end);
-    if ((g >= 0) != (after >= 0)) note(to, crossing(w, just, high), 0, -1);
+    const double g = look_at(w, at, at + D, &start), after = look_at(w, at + 2 * D, at + 3 * D, &end);
+    if ((g >= 0) != (after >= 0)) note(to, crossing(w, just, high, g), 0, -1);
     else {
-      const double sign = g >= 0 ? 1.0 : -1.0, step = high - just;
-      const double down = sign * start, up = sign * end;
-      /* A convex function is never below the point where the tangents of both ends meet. */
-      if (down < 0 && up > 0 && sign * g + down * (sign * (after - g) - up * step) / (down - up) < 0
-          && hidden(w, just, high, found)) {
-        note(to, found[0], 0, -1);
-        note(to, found[1], 0, -1);
-      }
+      const int n = hidden(w, just, high, g, start, after, end, found);
+      for (int i = 0; i < n; ++i) note(to, found[i], 0, -1);
     }
-    if (D == 1 || !moves) continue; /* with one component the reversals are steps */
+    if (!moves) continue;
     double a = just, b = high - JUST * (high - low);
-    start = slope_on_the_way(w, a);
-    if (start * slope_on_the_way(w, b) >= 0) continue;
-    for (int i = 0; i < BISECTIONS; ++i) {
+    moved.number = w->number;
+    look_at(&moved, at, at + D, &start);
+    if (start * slope_on_the_way(w, at + 4 * D, at + 5 * D) >= 0) continue;
+    for (int i = 0; i < HALVINGS; ++i) {
       const double middle = 0.5 * (a + b);
-      if (slope_on_the_way(w, middle) * start > 0) a = middle;
+      if (slope_at(w, middle) * start > 0) a = middle;
       else b = middle;
     }
     note(to, a, 0, -1);
   }
 }
 
-/* Ends of pieces of all elements in the last of the cycles, from states s (E, M) before the first. */
-static void element_instants(watched *w, int E, int cycles, const double *s, const double *p,
-                             const instants *steps, instants *to)
+/* Ends of pieces of all elements in the last of the cycles; r->s goes through them. Nonzero: out of memory.
+ */
+static int element_instants(watched *w, int E, int cycles, const double *p, const instants *steps,
+                            room *r, instants *to)
 {
-  for (int j = 0; j < E; ++j) {
-    double now[M], sn[M];
-    memcpy(now, s + (size_t)j * M, sizeof now);
-    w->s = now;
-    w->p = p + (size_t)j * NP;
-    for (int cycle = 0; cycle < cycles; ++cycle)
-      for (int i = 0; i < steps->n; ++i) {
-        if (i && cycle == cycles - 1) between(w, steps->of[i - 1].at, steps->of[i].at, to);
-        arrive(w, steps->of[i].at, sn);
-        memcpy(now, sn, sizeof now);
-      }
+  double *at = malloc((size_t)steps->n * 6 * D * sizeof(double));
+  if (!at) return 1;
+  for (int i = 0; i < steps->n; ++i) {
+    const double high = steps->of[i].at, low = i ? steps->of[i - 1].at : high;
+    strain_at(w, low + JUST * (high - low), at + i * 6 * D);
+    strain_at(w, high, at + i * 6 * D + 2 * D);
+    strain_at(w, high - JUST * (high - low), at + i * 6 * D + 4 * D);
   }
+  for (int cycle = 0; cycle < cycles; ++cycle)
+    for (int i = 0; i < steps->n; ++i) {
+      const double *e = at + i * 6 * D;
+      for (int j = 0; i && cycle == cycles - 1 && j < E; ++j) {
+        double now[M];
+        for (int m = 0; m < M; ++m) now[m] = r->s[(j / W * M + m) * W + j % W];
+        w->s = now;
+        w->p = p + (size_t)j * NP;
+        between(w, steps->of[i - 1].at, steps->of[i].at, e, to);
+      }
+      for (int j = 0; j < r->groups; ++j) {
+        double f[D * W], sn[M * W];
+        elements(e + 2 * D, r->s + j * W * M, r->p + j * W * NP, f, sn);
+        memcpy(r->s + j * W * M, sn, sizeof sn);
+      }
+    }
+  free(at);
+  return 0;
 }
 
-/* Add a phase to a grid with room for it. */
+/* Add a phase to a grid that has room for it. */
 static void add_phase(const watched *w, instant now, double weight, int B, grid *to)
 {
   const int i = to->n++, K = w->K;
@@ -380,7 +405,7 @@ static void add_phase(const watched *w, instant now, double weight, int B, grid 
   }
 }
 
-/* The grid of a cycle; each piece gets a Gauss rule of 1 to `order` nodes, by its length. */
+/* The grid of a cycle; pieces of a length have Gauss's rules, from 0 to 1, of 1 to `order` nodes. */
 static int make_grid(const watched *w, const instants *ends, int stresses, int order,
                      const double *rules, int B, grid *to)
 {
@@ -415,7 +440,7 @@ static int make_grid(const watched *w, const instants *ends, int stresses, int o
   return 0;
 }
 
-/* Harmonics F (P, D, K) of the last cycle's stress from harmonics of strain X (P, D, K), and their
+/* Harmonics F (P, D, K) of the last cycle's stress by those of strain X (P, D, K), and their
  * derivative J (P, D, K, D, K), or none, of a law without rate. Xd are those of d strain / d phase,
  * synthesis (T, K) the T samples between which a rate of strain changes its sign once at most; rules
  * as in make_grid. begun (P, E, M) are the states at the start of the last cycle, s those at its end.
@@ -455,8 +480,9 @@ int law_harmonic(int P, int E, int K, int T, int cycles, int order, const double
     if ((failed = make_grid(&w, &ends, 0, order, rules, B, grids))) break;
     instants all = {0};
     for (int t = 0; t < ends.n; ++t) note(&all, ends.of[t].at, 1, ends.of[t].component);
-    element_instants(&w, E, cycles, s + at * M, p + at * NP, &ends, &all);
-    failed = all.failed;
+    group(E, M, s + at * M, r.s);
+    group(E, NP, p + at * NP, r.p);
+    failed = element_instants(&w, E, cycles, p + at * NP, &ends, &r, &all) || all.failed;
     if (!failed) {
       sort_instants(&all, least);
       failed = make_grid(&w, &all, 1, order, rules, B, grids + 1);
@@ -464,7 +490,6 @@ int law_harmonic(int P, int E, int K, int T, int cycles, int order, const double
     free(all.of);
     if (failed) break;
     group(E, M, s + at * M, r.s);
-    group(E, NP, p + at * NP, r.p);
     run_point(E, K, cycles, grids, F + (size_t)i * D * K,
               J ? J + (size_t)i * D * K * D * K : NULL, begun + at * M, &r);
     ungroup(E, M, r.s, s + at * M);

@@ -12,16 +12,12 @@ static int element_events(watched *w, int T, const double *g, const double *slop
       const int at = t * NS + w->number, after = (t + 1) % T * NS + w->number;
       const double low = t * step, high = low + step;
       if ((g[at] >= 0) != (g[after] >= 0)) {
-        to[found++] = crossing(w, low, high);
+        to[found++] = crossing(w, low, high, g[at]);
         continue;
       }
       const double sign = g[at] >= 0 ? 1.0 : -1.0;
-      const double start = sign * g[at], end = sign * g[after];
-      const double down = sign * slopes[at], up = sign * slopes[after];
-      if (!(down < 0 && up > 0)) continue;
-      /* Where the tangents of both ends meet, what is convex between them is not below. */
-      if (start + down * (end - up * step - start) / (down - up) < 0)
-        found += hidden(w, low, high, to + found);
+      if (may_dip(step, sign * g[at], sign * slopes[at], sign * g[after], sign * slopes[after]))
+        found += hidden(w, low, high, g[at], slopes[at], g[after], slopes[after], to + found);
     }
   return found;
 }

@@ -33,8 +33,8 @@ from fenics_joints.joint_laws.point_values import PointValues
 
 __all__ = ["JointField", "integral", "tangents"]
 
-#: Number of weighted sums of strains, and of stresses, that identify a step, and the difference,
-#: relative to the largest, up to which two steps are the same.
+#: Sums over a joint's strains, and over its stresses, by which steps are told apart, and the
+#: difference, relative to the largest, up to which they are the same.
 _PROJECTIONS, _SAME = 4, 1e-5
 
 
@@ -88,8 +88,8 @@ class JointField:
         traction: UFL: tangential stress, Pa, (n_slip,).
         work: Work done on the joint so far, J: of the mean of the stress before and after a step.
         dissipated: Energy turned to heat so far, J. A law without ``stored`` and ``dissipated``
-            cannot separate heat from stored energy: then this is the work of the closed cycles so
-            far, in which strain and stress came back to the values of an earlier step.
+            cannot tell it from what it stores: then it is the work of the cycles closed so far,
+            those steps that have brought strain and stress back to where an earlier one left them.
     """
 
     def __init__(
@@ -319,10 +319,11 @@ class JointField:
             for key, e in self._energies.items()
         }
         heat = self._energies["work" if self._energies["heat"] is None else "heat"]
-        self._closed: list[tuple[np.ndarray, float, float]] = []
-        self._projections = np.random.default_rng(0).standard_normal(
-            (_PROJECTIONS, self._last.x.array.size)
-        )
+        self._forget_steps()
+        if self._energies["heat"] is None and self._energies["stored"] is None:
+            self._projections = np.random.default_rng(0).standard_normal(
+                (_PROJECTIONS, self._last.x.array.size)
+            )
         self._points = {
             "last": self._at(ufl.as_vector(self._present()), self._last.function_space),
             "heat": self._at(ufl.as_vector([heat]), self._heat.function_space),
@@ -359,24 +360,36 @@ class JointField:
             self._close_cycle()
 
     def _close_cycle(self) -> None:
-        """Add the work since the last step with the same strain and stress as now."""
-        n = 2 * (1 + self.slip.ufl_shape[0])
-        own = self._last.function_space.dofmap.index_map.size_local * n
-        parts = self._projections[:, :own] * self._last.x.array[:own]
+        """Add the work since the last step that left strain and stress as they are now."""
+        last, n = self._last, 2 * (1 + self.slip.ufl_shape[0])
+        own = last.function_space.dofmap.index_map.size_local * n
+        parts = self._projections[:, :own] * last.x.array[:own]
         now = self._comm.allreduce(parts.reshape(_PROJECTIONS, -1, 2, n // 2).sum(axis=(1, 3)))
-        scale = np.max([np.abs(now), *(np.abs(at) for at, *_ in self._closed)], axis=(0, 1))
-        for at, work, dissipated in reversed(self._closed):
-            if np.all(np.abs(at - now) <= _SAME * scale):
-                self.dissipated = max(self.dissipated, dissipated + self.work - work)
-                break
-        self._closed.append((now, self.work, self.dissipated))
+        self._scale = np.maximum(self._scale, np.abs(now).max(axis=0))
+        count = self._steps
+        same = np.all(np.abs(self._reached[:count] - now) <= _SAME * self._scale, axis=(1, 2))
+        if same.any():
+            work, dissipated = self._sums[np.flatnonzero(same)[-1]]
+            self.dissipated = max(self.dissipated, dissipated + self.work - work)
+        if count == len(self._reached):  # room for as many again
+            self._reached, self._sums = (
+                np.concatenate([a, np.empty((count + 64, *a.shape[1:]))])
+                for a in (self._reached, self._sums)
+            )
+        self._reached[count], self._sums[count] = now, (self.work, self.dissipated)
+        self._steps += 1
+
+    def _forget_steps(self) -> None:
+        """No steps yet whose strain and stress may come back."""
+        self._reached, self._sums = np.empty((0, _PROJECTIONS, 2)), np.empty((0, 2))
+        self._scale, self._steps = np.zeros(2), 0
 
     def reset(self) -> None:
         """Forget everything: a joint that never moved."""
         for function in (self.state, self._last, self._heat):
             function.x.array[:] = 0.0
         self.work = self.dissipated = self._before = 0.0
-        self._closed = []
+        self._forget_steps()
 
     # -- outputs -----------------------------------------------------------------------------------
 

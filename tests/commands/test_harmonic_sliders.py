@@ -12,11 +12,23 @@ from fenics_joints.case import load_case
 from fenics_joints.commands.harmonic.model import harmonic_model
 from fenics_joints.commands.harmonic.run import run_harmonic
 from fenics_joints.harmonic import slider_ranges
+from fenics_joints.harmonic.kept import MODEL_FILE, kept_model
 from fenics_joints.progress import Progress
 
 QUIET, SELF = Progress(silent=True), MPI.COMM_SELF
 LAW = LAYER.split("[nonlinear.lap]\n")[1].split("[harmonic]")[0]
 NO_TEST = ('measured = "frf.csv"\n', "")
+
+
+class Told(Progress):
+    """Keeps the steps that it is told."""
+
+    def __init__(self):
+        super().__init__(silent=True)
+        self.steps = []
+
+    def step(self, text, total=None):
+        self.steps.append(text)
 
 
 def test_segalmans_law_has_its_power_over_a_decade_of_force(tmp_path):
@@ -26,7 +38,9 @@ def test_segalmans_law_has_its_power_over_a_decade_of_force(tmp_path):
     band = ('band = ["25 Hz", "31 Hz"]', 'band = ["28 Hz", "28.3 Hz"]')
     small = (("harmonics = 3", "harmonics = 1"), ("samples = 64", "samples = 32"))
     case = load_case(write(tmp_path, LAYER, (LAW, law), levels, band, *small, NO_TEST))
-    found = run_harmonic(case, SELF, QUIET).result
+    told = Told()
+    found = run_harmonic(case, SELF, told).result
+    assert 1 <= sum("sliders of lap" in step for step in told.steps) <= 3
     for response in found.responses:
         (sliders,) = slider_ranges(response)
         assert abs(sliders.error) < 0.05
@@ -43,3 +57,16 @@ def test_a_joint_far_below_the_levels_has_a_basis(tmp_path):
     case = load_case(write(tmp_path, LAYER, (LAW, law), NO_TEST))
     built = harmonic_model(case, SELF, QUIET)
     assert built.model.n_dofs > case.harmonic.modes
+
+
+def test_a_kept_model_that_cannot_be_read_is_made_anew(tmp_path):
+    """It is told why; then it is there."""
+    case, told = load_case(write(tmp_path, LAYER, NO_TEST)), Told()
+    made = harmonic_model(case, SELF, QUIET).model
+    given = tmp_path, case.harmonic.band, SELF, told
+    assert kept_model(made, *given) is made and not told.steps
+    file = tmp_path / MODEL_FILE
+    whole = file.read_bytes()
+    file.write_bytes(whole[:-100])
+    assert kept_model(made, *given) is made and len(told.steps) == 1 and str(file) in told.steps[0]
+    assert kept_model(made, *given) is not made and len(told.steps) == 1

@@ -12,6 +12,7 @@ from mpi4py import MPI
 
 from fenics_joints.case import load_case
 from fenics_joints.commands.preload.run import run_preload
+from fenics_joints.errors import InputError
 from fenics_joints.progress import Progress
 
 CASE = Path(__file__).parent / "data" / "preload"
@@ -40,10 +41,12 @@ def test_faces_that_slide_leave_motions_and_six_elastic_modes():
 
 
 def test_odd_friction_and_torque_are_noted(tmp_path):
-    """Friction of 1e9 holds what touches, as 0.15 does, and is named; so is a torque of 1e12."""
+    """Friction of 20 holds what touches, as 0.15 does, and is named; so is a torque of 1e12; friction
+    of 1e9 is none.
+    """
     text, made = (CASE / "case.toml").read_text(), {}
     (tmp_path / "two_w.step").write_bytes((CASE / "two_w.step").read_bytes())
-    for friction, torque in (("0.15", '"25 N m"'), ("1e9", "1e12")):
+    for friction, torque in (("0.15", '"25 N m"'), ("20", "1e12")):
         changed = text.replace("friction = 0\n", f"friction = {friction}\n")
         changed = changed.replace('torque = "25 N m"', f"torque = {torque}")
         (tmp_path / "case.toml").write_text(changed)
@@ -51,4 +54,7 @@ def test_odd_friction_and_torque_are_noted(tmp_path):
         made[friction] = run_preload(case, MPI.COMM_SELF, Progress(silent=True)).json()
     hz = [made[key]["frequencies_hz"]["preloaded"] for key in made]
     assert hz[0] == pytest.approx(hz[1], rel=1e-6)
-    assert len(made["1e9"]["notes"]) == len(made["0.15"]["notes"]) + 2
+    assert len(made["20"]["notes"]) == len(made["0.15"]["notes"]) + 2
+    (tmp_path / "case.toml").write_text(text.replace("friction = 0\n", "friction = 1e9\n"))
+    with pytest.raises(InputError, match="friction"):
+        run_preload(load_case(tmp_path), MPI.COMM_SELF, Progress(silent=True))

@@ -49,8 +49,8 @@ __all__ = ["run_harmonic"]
 #: The backbone reaches down to this share of the smallest response at resonance, and up to this
 #: multiple of the largest.
 _BELOW, _ABOVE = 0.1, 1.2
-#: How often sliders are moved to the strains of the responses, which change with the sliders.
-_PLACEMENTS = 3
+#: How often sliders are moved to where the responses are: these change with them.
+_PLACED = 3
 #: Static steps of half a loop of a contact, whose pressure changes.
 _LOOP_STEPS = 24
 
@@ -75,7 +75,7 @@ def run_harmonic(
     built = harmonic_model(case, comm, progress)
     if branches is not None:
         band = case.harmonic.band
-        built = replace(built, model=kept_model(built.model, branches, band, comm))
+        built = replace(built, model=kept_model(built.model, branches, band, comm, progress))
     # The matrices are small: threads only get in each other's way.
     with threadpool_limits(1):
         found = _solved(case, built, comm, progress, branches)
@@ -118,31 +118,41 @@ def _solved(case: Case, built: HarmonicModel, comm, progress, branches) -> Harmo
 def _responses(
     case: Case, built: HarmonicModel, branches: Path | None, common: dict
 ) -> tuple[HarmonicModel, tuple[HarmonicResult, ...]]:
-    """The response at every level, and the model with the sliders placed for them.
+    """The response at every level, and the model with the sliders that these have.
 
-    Where the case gives no amplitudes for the sliders of a law, the sliders are moved to the
-    amplitudes of the responses, if their dissipation is wrong there.
+    Where the case does not say which amplitudes the sliders of a law are for, they are moved first
+    to those that the responses at the highest and the lowest level meet, as far as their
+    dissipation is off there.
     """
-    h, free = case.harmonic, _free_sliders(case)
-    trial = 0
-    while True:
-        name = f"N-sliders{trial}" if trial else "N"
-        responses = tuple(
-            solve_harmonic(
-                built.model, FORCE, level, h.band, power=level_power(case),
-                more=_more(case, level), **common, **_kept(branches, f"{level:g}{name}"),
-            )  # fmt: skip
-            for level in sorted(h.levels)
+    h, free, levels = case.harmonic, _free_sliders(case), sorted(case.harmonic.levels)
+    solved: dict[float, HarmonicResult] = {}
+
+    def response(level: float, name: str) -> HarmonicResult:
+        return solve_harmonic(
+            built.model, FORCE, level, h.band, power=level_power(case), more=_more(case, level),
+            **common, **_kept(branches, f"{level:g}{name}"),
+        )  # fmt: skip
+
+    trial, name = 0, "N"
+    while free and trial < _PLACED:
+        solved = {level: response(level, name) for level in dict.fromkeys([levels[-1], levels[0]])}
+        off = {
+            found.interface for one in solved.values() for found in slider_ranges(one) if found.note
+        }  # fmt: skip
+        if not off & free:
+            break
+        trial, name = trial + 1, f"N-sliders{trial + 1}"
+        common["progress"].step(
+            f"the sliders of {', '.join(sorted(off & free))} are not where the responses are: moving "
+            f"them, and solving again ({trial} of at most {_PLACED} times)"
         )
-        ranges = [found for response in responses for found in slider_ranges(response)]
-        if trial == _PLACEMENTS or not any(r.note and r.interface in free for r in ranges):
-            return built, responses
-        built = replace(built, model=fitted_sliders(*responses, interfaces=free))
-        trial += 1
+        built = replace(built, model=fitted_sliders(*solved.values(), interfaces=free))
+        solved = {}
+    return built, tuple(solved.get(level) or response(level, name) for level in levels)
 
 
 def _free_sliders(case: Case) -> set[str]:
-    """Laws whose sliders the case does not place; none if it identifies a law's parameters."""
+    """Laws whose sliders the case does not place; none of a law whose parameters it identifies."""
     if case.harmonic.identify is not None:
         return set()
     return {
