@@ -7,6 +7,7 @@ import json
 import os
 import re
 import sys
+import tempfile
 import zipfile
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
@@ -25,9 +26,9 @@ else:
     import tomli as tomllib
 
 __all__ = [
-    "check_outputs", "check_size", "check_writable", "is_file", "json_text", "path_of", "paths_of",
-    "plain", "read_arrays", "read_text", "read_toml", "sealed", "shown_path", "unsealed",
-    "writable_folder", "write_arrays", "write_text",
+    "check_outputs", "check_size", "check_writable", "is_file", "json_text", "open_own", "path_of",
+    "paths_of", "plain", "read_arrays", "read_text", "read_toml", "sealed", "shown_path",
+    "unsealed", "writable_folder", "write_arrays", "write_text",
 ]  # fmt: skip
 
 #: How deep tables and arrays of TOML may be nested, and its whole numbers (64 bits, as it says).
@@ -238,37 +239,60 @@ def check_outputs(outputs: Mapping[str, Path | None], inputs: Iterable[str | Pat
 
 
 @contextmanager
-def replaced(path: str | Path) -> Iterator[Path]:
+def replaced(path: str | Path, own: bool = False) -> Iterator[Path]:
     """A temporary sibling to write to, which takes the file's place at the end, or is not there.
+
+    Args:
+        path: The file.
+        own: Whether nobody else may write to it, whatever the user's mask.
 
     Raises:
         InputError: If it cannot be written; what was there before is still there.
     """
-    path = Path(path)
-    part = path.with_name(f".{path.name}.{os.getpid()}.part")
+    path, part = Path(path), None
     try:
+        handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".part")
+        os.close(handle)
+        part = Path(name)
         yield part
+        mask = os.umask(0o077)
+        os.umask(mask)
+        with suppress(OSError):  # a file system without modes
+            os.chmod(part, (0o644 if own else 0o666) & ~mask)
         os.replace(part, path)
     except OSError as error:
         reason = error.strerror or error
         raise InputError(f"{path}: cannot be written ({reason})") from error
     finally:
-        part.unlink(missing_ok=True)
+        if part is not None:
+            part.unlink(missing_ok=True)
 
 
 @contextmanager
 def sealed(path: str | Path) -> Iterator[Path]:
-    """Like `replaced`, for a file that ends with a digest of its content and that only its owner
-    can write to.
+    """As `replaced`, of the user's own, for a file that ends with a digest of its content.
 
     HDF5 and zip archives may be followed by other bytes, so that their own readers open the file.
     """
-    with replaced(path) as part:
+    with replaced(path, own=True) as part:
         yield part
-        with suppress(OSError):  # a file system without modes
-            os.chmod(part, part.stat().st_mode & 0o755)
         with part.open("r+b") as file:
             file.write(_SEAL + _digest(file, part.stat().st_size))
+
+
+def open_own(path: str | Path) -> BinaryIO:
+    """A kept file, opened, if it is the user's own, which nobody else can write to.
+
+    Raises:
+        InputError: If it is not.
+        OSError: If it cannot be opened.
+    """
+    file = open(path, "rb")
+    reason = changed_by_others(os.fstat(file.fileno()))  # whatever has its name by now
+    if reason:
+        file.close()
+        raise InputError(f"{shown_path(path)}: {reason}; expected a file of your own")
+    return file
 
 
 @contextmanager
@@ -287,12 +311,8 @@ def unsealed(path: str | Path, own: bool = True) -> Iterator[BinaryIO]:
     if not is_file(path):
         raise InputError(f"{name}: there is no such file")
     try:
-        with open(path, "rb") as file:
-            status = os.fstat(file.fileno())  # of what was opened, whatever has its name by now
-            reason = changed_by_others(status) if own else ""
-            if reason:
-                raise InputError(f"{name}: {reason}; expected a file of your own")
-            length = status.st_size - len(_SEAL) - _DIGITS
+        with open_own(path) if own else open(path, "rb") as file:
+            length = os.fstat(file.fileno()).st_size - len(_SEAL) - _DIGITS
             if length < 0 or _SEAL + _digest(file, length) != file.read():
                 raise InputError(
                     f"{name}: is damaged, truncated, or not a kept file: its checksum does not "
@@ -340,8 +360,13 @@ def read_arrays(path: str | Path) -> dict[str, np.ndarray]:
             raise InputError(f"{shown_path(path)}: holds no arrays ({error})") from error
 
 
-def write_text(path: str | Path, text: str) -> None:
+def write_text(path: str | Path, text: str, own: bool = False) -> None:
     """Write a file through a temporary sibling, so that no reader ever sees a part of it.
+
+    Args:
+        path: The file.
+        text: Its content.
+        own: See `replaced`.
 
     Raises:
         InputError: If it cannot be written; what was there before is still there.
@@ -354,7 +379,7 @@ def write_text(path: str | Path, text: str) -> None:
             "file names in UTF-8"
         )
     if not _is_stream(path):
-        with replaced(path.resolve()) as part:  # a link stays a link
+        with replaced(path.resolve(), own) as part:  # a link stays a link
             with part.open("w", encoding="utf-8") as stream:
                 stream.write(text)
                 stream.flush()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import sys
 import time
@@ -23,6 +24,12 @@ T, Task, Result = TypeVar("T"), TypeVar("Task"), TypeVar("Result")
 
 #: Libraries' messages if the machine, or a limit such as ulimit -v, gives no more memory.
 _NO_MEMORY = ("Cannot allocate memory", "failed to map segment", "Out of memory", "INFOG(1)=-13")
+#: Errors that concern a file, though they may not name it: what is wrong is no fault of ours.
+_OF_FILES = tuple(
+    getattr(errno, name) for name in (
+        "ENOSPC", "EDQUOT", "EFBIG", "EIO", "EROFS", "EACCES", "EPIPE", "EBADF"
+    )
+)  # fmt: skip
 #: How long a failed rank waits for the others to fail too, in seconds.
 _PATIENCE = 2.0
 
@@ -145,14 +152,15 @@ def _message(error: Exception, rank: int, alone: bool) -> str:
         return f"error{where}: {error}"
     said = printable(str(error))
     if isinstance(error, MemoryError) or any(words in said for words in _NO_MEMORY):
-        return f"error{where}: no memory is left for this process" + (said and f" ({said})")
-    if isinstance(error, OSError):  # a full disk, a closed stream, no right to read
+        return f"error{where}: there is no memory left for this process" + (said and f" ({said})")
+    file = getattr(error, "filename", None) if isinstance(error, OSError) else None
+    if isinstance(file, str | bytes):
+        return f"error{where}: {printable(os.fsdecode(file))}: {error.strerror or said}"
+    if isinstance(error, OSError) and error.errno in _OF_FILES:  # a full disk, a closed stream
         named = "standard output" if _is_stuck(sys.stdout) else "a file"
-        if isinstance(error.filename, str | bytes):
-            named = printable(os.fsdecode(error.filename))
         return f"error{where}: {named}: {error.strerror or said}"
     return (
-        f"error{where}: unexpected {type(error).__name__}: {error}\n"
+        f"error{where}: unexpected {type(error).__name__}: {said}\n"
         "Run again with --debug to see where, and please report it."
     )
 

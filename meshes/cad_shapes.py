@@ -5,14 +5,15 @@ All lengths here are in millimetres, OpenCASCADE's own unit whatever the file's.
 
 from __future__ import annotations
 
+import hashlib
 import os
 import re
+import shutil
 import sys
 import unicodedata
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import lru_cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -105,6 +106,8 @@ class Hole:
 def import_solids(path: Path, model, names: Mapping[str, Place]) -> Solids:
     """Read a STEP file into gmsh's current model, and name its solids.
 
+    A copy is read, twice: what the user's file is by then may be another.
+
     Args:
         path: The file.
         model: gmsh's model; its option ``Geometry.OCCTargetUnit`` is ``MM``.
@@ -114,13 +117,22 @@ def import_solids(path: Path, model, names: Mapping[str, Place]) -> Solids:
         MeshError: The file is missing, is no STEP file, or has less than two solids; or a name
             fits no solid, or two.
     """
-    _check_step(path)
-    try:
-        with _unheard():
-            found = model.occ.importShapes(str(path), format="step")
-        model.occ.synchronize()
-    except Exception as error:
-        raise MeshError(f"{path}: gmsh cannot read it: {error}") from error
+    if not is_file(path):
+        raise MeshError(f"{path}: no such file, expected a STEP file")
+    with TemporaryDirectory(prefix="fenics-joints-") as folder:
+        copy = Path(folder) / "solids.step"
+        try:
+            shutil.copyfile(path, copy)
+        except OSError as error:
+            raise MeshError(f"{path}: cannot be read ({error.strerror})") from error
+        _check_step(path, copy)
+        try:
+            with _unheard():
+                found = model.occ.importShapes(str(copy), format="step")
+            model.occ.synchronize()
+        except Exception as error:
+            words = str(error).replace(str(copy), path.name)
+            raise MeshError(f"{path}: gmsh cannot read it: {words}") from error
     tags = [tag for dim, tag in found if dim == 3]
     labels = [_label(model.getEntityName(3, tag)) for tag in tags]
     if len(tags) < 2:
@@ -129,31 +141,30 @@ def import_solids(path: Path, model, names: Mapping[str, Place]) -> Solids:
     return Solids(path, _named(path, model, tags, labels, names), tags)
 
 
-def _check_step(path: Path) -> None:
-    """Refuse a file that is not STEP, or that gmsh cannot read or crashes on."""
-    if not is_file(path):
-        raise MeshError(f"{path}: no such file, expected a STEP file")
-    with path.open("rb") as file:
+#: SHA-256 of files that gmsh could read in a process of its own.
+_readable: set[bytes] = set()
+
+
+def _check_step(path: Path, copy: Path) -> None:
+    """Refuse what is no STEP file, and what gmsh cannot read or crashes on."""
+    with copy.open("rb") as file:
         start = file.read(4096)
         size = file.seek(0, os.SEEK_END)
         file.seek(max(0, size - 4096))
         whole = b"END-ISO-10303-21" in file.read()
+    digest = hashlib.sha256(copy.read_bytes()).digest()
     if not _STEP.match(start):
         raise MeshError(f"{path}: not a STEP file, expected it to begin with ISO-10303-21;")
+    if digest in _readable:
+        return
     try:
-        _read_apart(path.resolve(), size, path.stat().st_mtime_ns)
+        run_apart(path, copy.parent, copy.name, size)
     except MeshError as error:
         if whole:
             raise
         expected = "it is truncated, expected END-ISO-10303-21; at its end"
         raise MeshError(f"{path}: gmsh cannot read it: {expected}") from error
-
-
-@lru_cache(maxsize=8)
-def _read_apart(path: Path, size: int, changed: int) -> None:
-    """Read a file in a separate process, once for each version of the file."""
-    with TemporaryDirectory(prefix="fenics-joints-") as folder:
-        run_apart(path, Path(folder), str(path), size)
+    _readable.add(digest)
 
 
 @contextmanager

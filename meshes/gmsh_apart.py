@@ -1,8 +1,12 @@
 """gmsh in a separate process, for files from others.
 
-Up to half of the STEP and .msh files with a few changed numbers make gmsh or OpenCASCADE crash, and
-with them the whole program, on all ranks. Here a crash, an endless loop or excessive memory ends
-only the separate process, and becomes a `MeshError`.
+Of STEP and .msh files with a few changed numbers up to a half make gmsh or OpenCASCADE crash, and
+with it the whole program, on all ranks. Here a crash, an endless loop or a demand for all memory
+ends only that process, and becomes a `MeshError`.
+
+What is in a ``.msh`` file comes from that process. Shapes of a STEP file cannot be handed over: one
+that could be read here, with areas and boxes of its faces, is read again in the program, which then
+cuts and meshes the shapes. What goes wrong there alone ends the program.
 """
 
 from __future__ import annotations
@@ -37,7 +41,7 @@ def run_apart(path: Path, folder: Path, file: str, size: int) -> None:
     Args:
         path: The user's file, for messages.
         folder: A private folder, where it runs and writes.
-        file: What it reads: ``"mesh.msh"`` in the folder, or the absolute path of a STEP file.
+        file: What it reads, in the folder: ``"mesh.msh"``, or a STEP file of another name.
         size: Bytes of the file.
 
     Raises:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import logging
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -16,8 +17,7 @@ import numpy as np
 from fenics_joints.database.kriging import FORMAT, Kriging
 from fenics_joints.database.store import Store
 from fenics_joints.errors import InputError
-from fenics_joints.files import json_text, write_text
-from fenics_joints.machine.private import changed_by_others
+from fenics_joints.files import json_text, open_own, write_text
 
 __all__ = ["fitted", "fits_text"]
 
@@ -53,7 +53,7 @@ def fitted(
     if kept_here:
         others = [item for item in kept.items() if item[0] != key][1 - _MOST :]
         try:
-            write_text(store.fits, _text({**dict(others), key: kriging.to_json()}))
+            write_text(store.fits, _text({**dict(others), key: kriging.to_json()}), own=True)
         except (InputError, ValueError):
             pass  # nobody asked for the file
     return kriging
@@ -69,14 +69,16 @@ def _text(fits: dict[str, object]) -> str:
 
 
 def _read(path: Path | None, own: bool) -> dict[str, object]:
-    """Kept fits by digest; none if the file is missing, damaged or of another kind, or if it has to
-    be this user's own and others could have changed it."""
+    """Kept fits by digest; none if the file is not there, is damaged, something else, or, with a
+    word, others could have changed one that has to be this user's own."""
     if path is None or not path.is_file():
         return {}
     try:
-        if own and changed_by_others(path.stat()):
-            return {}
-        content = json.loads(path.read_text(encoding="utf-8"))
+        with open_own(path) if own else path.open("rb") as file:
+            content = json.load(file)
+    except InputError as error:
+        logging.getLogger(__name__).warning("%s; fitting anew", error)
+        return {}
     except (OSError, ValueError, RecursionError):
         return {}
     if not isinstance(content, dict) or content.get("format") != _FORMAT:

@@ -106,6 +106,8 @@ def diagnose(
         )
         made = "" if folder is None else model.fingerprint()
         kept = KeptFits(folder, model.evidence, model.baseline, comm.rank == 0, made)
+        if kept.reason:
+            progress.step(f"{kept.reason}; fits are made anew, and not kept")
         run = _Run(case, model, progress, Search(model, progress, kept), started)
         found = run.answer()
     give_back()

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
+import os
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 
 import numpy as np
 
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.errors import InputError
-from fenics_joints.machine.private import changed_by_others
+from fenics_joints.files import open_own
 
 __all__ = ["KeptFits"]
 
@@ -32,14 +33,17 @@ class KeptFits:
         evidence: The test.
         baseline: Parameter values of the nominal model.
         writes: Whether this rank writes.
-        made: Digest of everything that determines the model.
+        made: Digest of all that made the model.
+
+    Attributes:
+        reason: Why nothing is taken from the file, nor kept in it, though it is there; else empty.
     """
 
     def __init__(
         self, folder: Path | None, evidence: Evidence, baseline: Mapping[str, float], writes: bool,
         made: str = "",
     ):  # fmt: skip
-        self._path, self._writes = None, writes
+        self._path, self._writes, self.reason = None, writes, ""
         self._known: dict[str, np.ndarray] = {}
         if folder is None:
             return
@@ -48,8 +52,15 @@ class KeptFits:
         words = json.dumps([_WAY, dict(baseline), evidence.conditions.tolist(), made])
         name = hashlib.sha256(data + errors + words.encode()).hexdigest()[:16]
         self._path = Path(folder) / f"fits-{name}.jsonl"
-        if self._path.is_file() and not changed_by_others(self._path.stat()):
-            self._known = dict(_lines(self._path))
+        if not os.path.lexists(self._path):
+            return
+        try:
+            if self._path.is_symlink() or not self._path.is_file():
+                raise InputError(f"{self._path}: is a link or a folder; expected a file")
+            with open_own(self._path) as file:
+                self._known = dict(_lines(file))
+        except (InputError, OSError) as error:
+            self.reason = str(error)
 
     def start(self, label: str, size: int) -> list[np.ndarray]:
         """Where a fit ended before, in a list; empty if it was not done."""
@@ -62,15 +73,20 @@ class KeptFits:
             label: z for label, z in fits.items() if not np.array_equal(self._known.get(label), z)
         }
         self._known |= new
-        if self._path is None or not self._writes or not new:
+        if self._path is None or not self._writes or self.reason or not new:
             return
         lines = [_line(label, list(map(float, z))) for label, z in new.items()]
         try:
-            with self._path.open("a", encoding="utf-8") as file:
+            with open(self._path, "a", encoding="utf-8", opener=_opened) as file:
                 # The first newline ends a line that a stopped run left unfinished.
                 file.write("\n" + "\n".join(lines) + "\n")
         except OSError as error:
             raise InputError(f"{self._path}: cannot be written ({error})") from error
+
+
+def _opened(path: str, flags: int) -> int:
+    """Nobody else may write to it, whatever the mask, nor put a link to another file there."""
+    return os.open(path, flags | os.O_NOFOLLOW, 0o644)
 
 
 def _line(label: str, z: list[float]) -> str:
@@ -78,8 +94,9 @@ def _line(label: str, z: list[float]) -> str:
     return json.dumps({"label": label, "z": z, "checksum": told})
 
 
-def _lines(path: Path):
-    for line in path.read_text(encoding="utf-8", errors="replace").splitlines():
+def _lines(file: Iterable[bytes]) -> Iterator[tuple[str, np.ndarray]]:
+    for line in file:
+        line = line.decode(errors="replace").rstrip("\n")
         try:
             item = json.loads(line)
             if _line(item["label"], item["z"]) != line:

@@ -15,10 +15,13 @@ from contextlib import contextmanager, suppress
 from functools import lru_cache
 from pathlib import Path
 
-__all__ = ["cache_folder", "changed_by_others", "empty_folder", "private_folder"]
+__all__ = [
+    "cache_folder", "changed_by_others", "empty_folder", "folder_of_process", "private_folder",
+]  # fmt: skip
 
-#: Owner, in a container, of files of users that it does not know, such as the host's root.
-_UNKNOWN = 65534
+#: Owner, in a container that knows some users only, of what belongs to all others, root of the host
+#: among them; and the number in a list of all users.
+_UNKNOWN, _ALL = 65534, "4294967295"
 
 
 @contextmanager
@@ -38,15 +41,27 @@ def empty_folder() -> Iterator[None]:
 
 @lru_cache
 def cache_folder(path: Path) -> Path:
-    """`private_folder`, or, with a warning, a folder for this process only."""
+    """`private_folder`; else, with a word, one of this user among the machine's temporary files, as
+    where a group can write to all of a project's folders; else one for this process alone."""
+    log = logging.getLogger(__name__)
     try:
         return private_folder(path)
     except OSError as error:
-        logging.getLogger(__name__).warning(
-            "%s: compiled forms and laws cannot be kept there (%s); every run compiles them anew. "
-            "Set XDG_CACHE_HOME to a folder that only you can write to", path,
-            error.strerror or error,
-        )  # fmt: skip
+        reason = error.strerror or error
+    with suppress(OSError):
+        own = Path(tempfile.gettempdir()) / f"fenics_joints_{os.geteuid()}" / path.name
+        folder = private_folder(own)
+        log.info("%s: is not used (%s); compiled forms and laws are in %s", path, reason, folder)
+        return folder
+    log.warning(
+        "%s: compiled forms and laws cannot be kept there (%s); every run compiles them anew. "
+        "Set XDG_CACHE_HOME to a folder that you and nobody else can write to", path, reason,
+    )  # fmt: skip
+    return folder_of_process()
+
+
+def folder_of_process() -> Path:
+    """A new folder for this process alone, removed at its end."""
     folder = Path(tempfile.mkdtemp(prefix="fenics_joints_"))
     atexit.register(shutil.rmtree, folder, ignore_errors=True)
     return folder
@@ -90,7 +105,7 @@ def changed_by_others(status: os.stat_result, above: bool = False) -> str:
         above: Whether it is a folder above the one that counts: in a folder with the sticky bit,
             such as /tmp, others cannot rename this user's files.
     """
-    known = (0, os.geteuid(), *([_UNKNOWN] if above else []))
+    known = (0, os.geteuid(), *([_UNKNOWN] if above and _in_container() else []))
     if status.st_uid not in known:
         return f"belongs to another user (number {status.st_uid})"
     mode = status.st_mode
@@ -99,6 +114,15 @@ def changed_by_others(status: os.stat_result, above: bool = False) -> str:
     if mode & stat.S_IWOTH or (mode & stat.S_IWGRP and not _of_one(status.st_gid)):
         return f"can be written to by other users (mode {stat.S_IMODE(mode):04o})"
     return ""
+
+
+@lru_cache
+def _in_container() -> bool:
+    """Whether this is a user namespace that knows some users only, as bubblewrap makes one."""
+    try:
+        return _ALL not in Path("/proc/self/uid_map").read_text(encoding="ascii")
+    except OSError:
+        return False
 
 
 def _of_one(gid: int) -> bool:

@@ -5,10 +5,11 @@ from __future__ import annotations
 import codecs
 import os
 import sys
-import tempfile
 import unicodedata
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+
+from fenics_joints.machine.private import folder_of_process
 
 __all__ = ["environment", "open_streams"]
 
@@ -39,8 +40,9 @@ def environment() -> None:
         if not value.isdecimal() or int(value) < _NARROWEST:
             os.environ.pop(name, None)
     if not os.environ.get("HOME"):
-        home = os.path.expanduser("~")  # from the list of users
-        os.environ["HOME"] = home if os.path.isdir(home) else tempfile.gettempdir()
+        home = os.path.expanduser("~")  # by the list of users
+        # Libraries load what a file in the home says, as PETSc does: nobody else may put one there.
+        os.environ["HOME"] = home if os.path.isdir(home) else str(folder_of_process())
 
 
 @contextmanager

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import dataclasses
+import grp
 import json
+import os
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -79,6 +82,23 @@ def test_what_is_no_fit_of_these_rows_is_made_anew(path, fits, damage):
     file.write_text(damage(whole))
     assert value(path) == first and len(fits) == 2
     assert file.read_text() == whole
+
+
+def test_fits_are_taken_whatever_the_mask_unless_others_could_write_them(
+    path, fits, monkeypatch, caplog
+):
+    """As where all users have one primary group."""
+    shared = SimpleNamespace(gr_name="users", gr_mem=[])
+    monkeypatch.setattr(grp, "getgrgid", lambda gid: shared)
+    before = os.umask(0o002)
+    try:
+        first = value(path)
+    finally:
+        os.umask(before)
+    assert (value(path), len(fits)) == (first, 1)
+    path.with_name("own.db.fits.json").chmod(0o664)
+    assert (value(path), len(fits)) == (first, 2) and "own.db.fits.json" in caplog.text
+    assert (value(path), len(fits)) == (first, 2)  # it was written anew
 
 
 def test_where_nothing_can_be_kept_there_is_an_answer_all_the_same(path, fits):

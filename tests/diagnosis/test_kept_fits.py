@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import grp
 import json
+import os
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -51,6 +54,30 @@ def test_what_is_written_after_a_cut_off_line_counts(tmp_path):
     kept.add({"c": np.zeros(2), "d": np.zeros(2)})
     again = KeptFits(tmp_path, TEST, BASELINE, writes=False)
     assert again.start("a", 2) and again.start("d", 2) and again.start("c", 2)
+
+
+def test_fits_are_taken_whatever_the_mask_unless_others_could_write_them(tmp_path, monkeypatch):
+    """As where all users have one primary group."""
+    shared = SimpleNamespace(gr_name="users", gr_mem=[])
+    monkeypatch.setattr(grp, "getgrgid", lambda gid: shared)
+    before = os.umask(0o002)
+    try:
+        KeptFits(tmp_path, TEST, BASELINE, writes=True).add({"a": np.ones(2)})
+    finally:
+        os.umask(before)
+    kept = KeptFits(tmp_path, TEST, BASELINE, writes=True)
+    assert len(kept.start("a", 2)) == 1 and kept.reason == ""
+    (file,) = tmp_path.iterdir()
+    other, size = tmp_path / "other", file.stat().st_size
+    for change in (
+        lambda: file.chmod(0o664),
+        lambda: file.rename(other).chmod(0o644) or file.symlink_to(other),  # even to one's own
+    ):
+        change()
+        refused = KeptFits(tmp_path, TEST, BASELINE, writes=True)
+        refused.add({"b": np.ones(2)})
+        assert refused.start("a", 2) == [] and str(file) in refused.reason
+        assert file.stat().st_size == size
 
 
 @pytest.mark.parametrize(

@@ -2,10 +2,19 @@
 
 from __future__ import annotations
 
+import os
+
 import pytest
 
 from fenics_joints.errors import InputError
-from fenics_joints.files import check_writable, read_text, read_toml
+from fenics_joints.files import (
+    check_writable,
+    read_text,
+    read_toml,
+    unsealed,
+    write_arrays,
+    write_text,
+)
 
 
 @pytest.mark.parametrize(
@@ -59,3 +68,27 @@ def test_messages_hold_nothing_that_a_terminal_obeys():
     assert str(InputError("title \x1b[2J\x9b\r\u202e: expected\n  text")) == (
         "title \\x1b[2J\\x9b\\r\\u202e: expected\n  text"
     )
+
+
+@pytest.mark.parametrize("mask", [0o000, 0o002, 0o022, 0o077])
+def test_files_have_the_modes_of_the_mask_and_kept_ones_are_nobody_elses(tmp_path, mask):
+    before = os.umask(mask)
+    try:
+        write_text(tmp_path / "text", "")
+        write_text(tmp_path / "own", "", own=True)
+        write_arrays(tmp_path / "kept.npz")
+    finally:
+        os.umask(before)
+    modes = {p.name: p.stat().st_mode & 0o777 for p in tmp_path.iterdir()}
+    own = 0o644 & ~mask
+    assert modes == {"text": 0o666 & ~mask, "own": own, "kept.npz": own}
+    with unsealed(tmp_path / "kept.npz") as file:
+        assert file.read(2) == b"PK"
+
+
+def test_no_file_is_written_through_a_link_beside_it(tmp_path):
+    """Whoever can write to the folder may guess names of temporary files."""
+    (tmp_path / "other").write_text("other")
+    (tmp_path / f".text.{os.getpid()}.part").symlink_to("other")
+    write_text(tmp_path / "text", "new")
+    assert (tmp_path / "other").read_text() == "other" and not (tmp_path / "text").is_symlink()

@@ -6,19 +6,26 @@ import logging
 import os
 import subprocess
 import sys
+import tempfile
+from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from mpi4py import MPI
 
-from fenics_joints.machine.private import cache_folder, private_folder
+from fenics_joints.machine.private import cache_folder, changed_by_others, private_folder
 
 serial = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="starts processes of its own")
 
 
 @serial
 @pytest.mark.parametrize("how", ["written by all", "by another user", "above", "linked"])
-def test_code_is_loaded_from_ones_own_folder_only(tmp_path, how, caplog):
+def test_code_is_loaded_from_ones_own_folder_only(tmp_path, how, caplog, monkeypatch):
     """What others could write to is not used, nor where they could put another in its place."""
+    temporary = tmp_path / "tmp"
+    temporary.mkdir()
+    temporary.chmod(0o1777)
+    monkeypatch.setattr(tempfile, "tempdir", str(temporary))
     above = tmp_path / "above"
     folder = above / "cache"
     assert private_folder(folder) == folder and folder.stat().st_mode & 0o777 == 0o700
@@ -37,12 +44,27 @@ def test_code_is_loaded_from_ones_own_folder_only(tmp_path, how, caplog):
     with pytest.raises(PermissionError):
         private_folder(folder)
     with caplog.at_level(logging.WARNING):
+        lasting = cache_folder(folder)
+        assert lasting == private_folder(temporary / f"fenics_joints_{os.geteuid()}" / folder.name)
+        cache_folder.cache_clear()
+        assert (cache_folder(folder), caplog.text) == (lasting, "")  # the next run's, too
+        cache_folder.cache_clear()
+        lasting.parent.chmod(0o777)  # as if another user had been there first
         fresh = cache_folder(folder)
-    assert fresh.stat().st_mode & 0o777 == 0o700 and fresh != folder.resolve()
-    assert str(folder) in caplog.text
+    assert fresh.stat().st_mode & 0o777 == 0o700
+    assert fresh not in (folder.resolve(), lasting) and str(folder) in caplog.text
     if how == "above":
         above.chmod(0o1777)  # as /tmp is: what is in it stays its owner's
         assert private_folder(folder) == folder
+
+
+def test_an_unknown_owner_is_trusted_in_a_container_only():
+    """Elsewhere the number may be somebody's, as of "nobody"."""
+    status = SimpleNamespace(st_uid=65534, st_gid=65534, st_mode=0o40755)
+    users = Path("/proc/self/uid_map")
+    contained = users.exists() and int(users.read_text().split()[2]) < 2**32 - 1
+    assert bool(changed_by_others(status, above=True)) is not contained
+    assert changed_by_others(status)
 
 
 @serial

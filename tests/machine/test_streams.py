@@ -99,6 +99,44 @@ def test_without_a_home_or_a_folder_for_temporary_files(answer, tmp_path):
     assert (status, out.decode()) == (0, answer), error
 
 
+def test_without_a_home_none_is_taken_where_others_can_put_files(tmp_path):
+    """PETSc would take options from .petscrc there, which can load a library."""
+    code = """
+import os, pwd
+from fenics_joints.machine.streams import environment
+pwd.getpwuid = lambda uid: (_ for _ in ()).throw(KeyError(uid))  # a user without an entry
+environment()
+print(os.environ["HOME"], oct(os.stat(os.environ["HOME"]).st_mode)[-3:])
+"""
+    status, out, error = run(
+        f"unset HOME; $P -c {shlex.quote(code)}", cwd=tmp_path, TMPDIR=str(tmp_path)
+    )
+    home, mode = out.decode().split()
+    assert (status, mode) == (0, "700") and os.path.dirname(home) == str(tmp_path), error
+    assert not os.path.exists(home)  # removed at the end
+
+
+@pytest.mark.parametrize(
+    ("error", "reported"),
+    [
+        ("ConnectionRefusedError(111, 'refused')", True),
+        ("OSError('\\x1b[2J')", True),
+        ("OSError(errno.ENOSPC, 'full')", False),
+        ("PermissionError(errno.EACCES, 'no right', 'name')", False),
+        ("FileNotFoundError(errno.ENOENT, 'none', 'name')", False),
+    ],
+)
+def test_only_errors_of_files_are_called_so(error, reported):
+    """Others are to be reported."""
+    code = "import errno\nfrom fenics_joints.parallel import guarded\n"
+    code += f"with guarded(): raise {error}"
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, timeout=120, check=False
+    )
+    assert done.returncode == 1 and "\x1b" not in done.stderr
+    assert ("please report" in done.stderr) is reported, done.stderr
+
+
 def test_names_that_are_no_utf8(tmp_path):
     """As an old disk has them: cases are read, and results written; a case cannot name them."""
     make = "$P -m fenics_joints new \"$B\" --beams --yes"

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+from types import SimpleNamespace
+
 import pytest
 from mpi4py import MPI
 from step_files import FLANGE_BOLTS, flanges
 
 from fenics_joints.errors import MeshError
-from fenics_joints.meshes import read_step
+from fenics_joints.meshes import cad_shapes, read_step
 from fenics_joints.meshes.step_writer import write_step
 
 MM, MM2, MM3 = 1e-3, 1e-6, 1e-9
@@ -130,3 +133,23 @@ def test_no_step_file(tmp_path):
     (tmp_path / "a.step").write_text("ISO-10303-21;\nHEADER;", encoding="utf-8")
     with pytest.raises(MeshError, match="a.step: gmsh cannot read it|it has no solid"):
         read_step(tmp_path / "a.step", MPI.COMM_SELF, element_size=1.0, r_wai=1.0)
+
+
+def test_what_was_looked_at_is_what_is_read(tmp_path, monkeypatch):
+    """Another file takes the place of a file that gmsh could read in a process of its own."""
+    path, read = tmp_path / "parts.step", []
+    path.write_text(good := "ISO-10303-21;\nEND-ISO-10303-21;\n")
+
+    def look(user_file, folder, file, size):
+        read.append((folder / file).read_text())
+        user_file.write_text("ISO-10303-21; crashes")
+
+    def load(file, format):
+        read.append(Path(file).read_text())
+        return []
+
+    monkeypatch.setattr(cad_shapes, "run_apart", look)
+    occ = SimpleNamespace(importShapes=load, synchronize=lambda: None)
+    with pytest.raises(MeshError, match="no solid"):
+        cad_shapes.import_solids(path, SimpleNamespace(occ=occ), {})
+    assert read == [good, good]

@@ -70,9 +70,12 @@ class Machine:
         (self.bin / name).write_text(script)
         (self.bin / name).chmod(0o755)
 
-    def start(self, *command: str, **environment: str) -> subprocess.Popen[str]:
+    def start(
+        self, *command: str, cwd: Path | None = None, **environment: str
+    ) -> subprocess.Popen[str]:
         return subprocess.Popen(
             [self.checkout / "with-fenicsx", *command],
+            cwd=cwd,
             env={
                 "PATH": str(self.bin),
                 "HOME": str(self.checkout.parent),
@@ -87,8 +90,10 @@ class Machine:
             start_new_session=True,
         )
 
-    def run(self, *command: str, stdin: str = "", **environment: str) -> tuple[int, str, str]:
-        process = self.start(*command, **environment)
+    def run(
+        self, *command: str, stdin: str = "", cwd: Path | None = None, **environment: str
+    ) -> tuple[int, str, str]:
+        process = self.start(*command, cwd=cwd, **environment)
         out, err = process.communicate(stdin, timeout=60)
         return process.returncode, out, err
 
@@ -297,6 +302,51 @@ def test_fit_active_environment_is_named_and_explicit_suite_skips_it(machine: Ma
     fake_fenicsx(machine, "0.10.0", "float64")
     assert machine.run("--where")[1].startswith(f"active: {machine.bin}/python3 (DOLFINx 0.10.0)")
     assert "private root: " in machine.run("--where", FENICSX_SUITE="sid")[1]
+
+
+def test_no_python_of_the_working_folder_is_run(machine: Machine) -> None:
+    """Neither where it looks for FEniCSx, nor while it makes a virtual environment (from nothing,
+    so that pip fails in the end)."""
+    fake_fenicsx(machine, "0.10.0", "float64")
+    folder, ran = machine.checkout.parent / "strangers", machine.checkout.parent / "ran"
+    for name in ("importlib", "linecache", "os", "re", "setuptools", "site", "venv", "pip"):
+        (folder / name).mkdir(parents=True)
+        planted = f"open({str(ran)!r}, 'a').write({name!r})\nraise SystemExit(0)\n"
+        (folder / name / "__init__.py").write_text(planted)
+        (folder / name / "__main__.py").write_text(planted)
+    where = machine.run("--where", cwd=folder)
+    assert "(DOLFINx 0.10.0)" in where[1] and not ran.exists()
+    nothing = {"PIP_INDEX_URL": "file:///nowhere", "PIP_RETRIES": "0"}
+    status, _, err = machine.run("true", cwd=folder, **nothing)
+    assert (status, ran.exists()) == (1, False) and "installing this checkout" in err
+
+
+def test_only_own_folders_are_removed_for_a_killed_build(machine: Machine) -> None:
+    """The folder in /var/tmp may be gone, and its name another user's."""
+    left, other = machine.cache / "roots" / ".new.x", machine.checkout.parent / "other"
+    for folder in (left, other):
+        folder.mkdir(parents=True)
+    (left / "work").symlink_to(other)
+    try:
+        os.chown(other, 12345, 12345)
+    except PermissionError:
+        pytest.skip("only the superuser can make a folder that is another user's")
+    assert machine.run("true")[0] == 0
+    assert (other.is_dir(), left.exists()) == (True, False)
+
+
+def test_a_group_is_ones_own_by_its_name(machine: Machine) -> None:
+    machine.cache.mkdir(parents=True)
+    machine.cache.chmod(0o775)
+    for user, group, safe in [
+        ("ann", "ann:x:0:", True), ("ann", "ann:x:0:ann", True), ("ann", "ann:x:0:ann,bob", False),
+        ("ann", "staff:x:0:", False), ("root", "root:x:0:", True), ("ann", "", False),
+    ]:  # fmt: skip
+        machine.install("id", f'#!/bin/sh\ncase "$*" in *n*) echo {user} ;; *) echo 0 ;; esac\n')
+        machine.install("getent", f"#!/bin/sh\necho '{group}'\n")
+        assert is_refused(machine) is not safe, (user, group)
+        shutil.rmtree(machine.cache / "roots", ignore_errors=True)
+        machine.record.write_text("")
 
 
 def test_clean_removes_roots_and_environments(machine: Machine) -> None:
