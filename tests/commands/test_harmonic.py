@@ -57,7 +57,7 @@ beta = 1
 [harmonic]
 force = { point = ["85 mm", "0 mm", "6.35 mm"], direction = [0, 0, 1] }
 sensor = { point = ["700 mm", "0 mm", "6.35 mm"], direction = [0, 0, 1] }
-levels = ["0.0001 N", "2 N"]
+levels = ["1e-7 N", "2 N"]
 band = ["78 Hz", "84 Hz"]
 damping = "0.2 %"
 harmonics = 3
