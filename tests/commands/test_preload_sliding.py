@@ -41,8 +41,8 @@ def test_faces_that_slide_leave_motions_and_six_elastic_modes():
 
 
 def test_odd_friction_and_torque_are_noted(tmp_path):
-    """Friction of 20 holds what touches, as 0.15 does, and is named; so is a torque of 1e12; friction
-    of 1e9 is none.
+    """Friction of 20 holds what touches, as 0.15 does, and is named, as a torque of 1e12; 1e9 is
+    none.
     """
     text, made = (CASE / "case.toml").read_text(), {}
     (tmp_path / "two_w.step").write_bytes((CASE / "two_w.step").read_bytes())

@@ -143,8 +143,8 @@ def _responses(
             break
         trial, name = trial + 1, f"N-sliders{trial + 1}"
         common["progress"].step(
-            f"the sliders of {', '.join(sorted(off & free))} are not where the responses are: moving "
-            f"them, and solving again ({trial} of at most {_PLACED} times)"
+            f"the sliders of {', '.join(sorted(off & free))} are not where the responses are: "
+            f"moving them and solving again ({trial} of at most {_PLACED} times)"
         )
         built = replace(built, model=fitted_sliders(*solved.values(), interfaces=free))
         solved = {}
