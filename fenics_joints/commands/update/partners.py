@@ -70,7 +70,6 @@ def explains_nothing(modes: ModeTable | None, alone: np.ndarray, spare: int) -> 
     )
 
 
-
 def more_or_fewer(case: Case, error: TooFewModes) -> tuple[Case, str | None]:
     """The case with more modes of the model; or else without modes that have no partner.
 
