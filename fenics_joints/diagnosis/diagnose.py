@@ -25,12 +25,10 @@ from fenics_joints.diagnosis.evidence.simulated import with_simulated
 from fenics_joints.diagnosis.evidence.somewhere import Somewhere, changes
 from fenics_joints.diagnosis.evidence.unlisted import after_held_out
 from fenics_joints.diagnosis.held_out import blinded, cross_validate, folds
-from fenics_joints.diagnosis.kept_fits import KeptFits
 from fenics_joints.diagnosis.location import locate_gap
 from fenics_joints.diagnosis.model.prepared import Prepared, prepare
 from fenics_joints.diagnosis.result import Diagnosis, EffectResult, HypothesisResult
 from fenics_joints.diagnosis.rivals import is_wrong, several_causes
-from fenics_joints.diagnosis.sampling import sample
 from fenics_joints.diagnosis.search import Search
 from fenics_joints.diagnosis.separation import separations
 from fenics_joints.diagnosis.shrinkage import Shrinkage
@@ -104,11 +102,7 @@ def diagnose(
         model.effects = one_of_alike(
             model.effects, model.forward, model.evidence, model.baseline, comm
         )
-        made = "" if folder is None else model.fingerprint()
-        kept = KeptFits(folder, model.evidence, model.baseline, comm.rank == 0, made)
-        if kept.reason:
-            progress.step(f"{kept.reason}; fits are made anew, and not kept")
-        run = _Run(case, model, progress, Search(model, progress, kept), started)
+        run = _Run(case, model, progress, Search(model, progress), started)
         found = run.answer()
     give_back()
     return found
@@ -130,9 +124,8 @@ class _Run:
         return self.model.forward
 
     def answer(self) -> Diagnosis:
-        found = sample(self.search, self.search.run(), self.given.diagnose.nested)
-        self.sampled, self.laplace = found.sampled, found.laplace
-        return self._report(found.fits)
+        self.sampled, self.laplace = {}, {}
+        return self._report(self.search.run())
 
     # -- the answer --------------------------------------------------------------------------
 
@@ -299,9 +292,9 @@ class _Run:
         fair = self._short_list(fits, masks, always)
         self.progress.step("holding data out, choosing and fitting anew", len(masks))
         return cross_validate(
-            fair, self.search.log_prior([f.hypothesis for f in fair]), wrong, self.forward,
-            self.evidence, self.baseline, masks, causes=causes, leans=self.search.leans,
-            not_nominal=self.model.not_nominal, comm=self.comm, progress=self.progress.advance,
+            fair, self.search.log_prior([f.hypothesis for f in fair]), wrong, self.search.library,
+            masks, causes=causes, not_nominal=self.model.not_nominal, comm=self.comm,
+            progress=self.progress.advance,
         )  # fmt: skip
 
     def _short_list(self, fits: Sequence[Fit], masks, always: Sequence[Fit]) -> list[Fit]:

@@ -1,0 +1,584 @@
+"""The library of a diagnosis: what the model predicts all over the priors of its effects.
+
+What is solved for depends on the model and its effects, not on the data: a mask that holds some of
+them out, another scale of errors or a further effect beside asks for little more than algebra.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fenics_joints.diagnosis.effects.effect import Effect
+from fenics_joints.diagnosis.evidence.cells import Cells, Posterior, prior_cells, total, weigh
+from fenics_joints.diagnosis.evidence.evidence import Evidence
+from fenics_joints.diagnosis.evidence.fitted import Fit
+from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
+from fenics_joints.diagnosis.evidence.linear import least_square, whiten
+from fenics_joints.diagnosis.evidence.many import ManyPredictions
+from fenics_joints.diagnosis.evidence.prediction import predict
+from fenics_joints.diagnosis.evidence.scales import Scales
+from fenics_joints.diagnosis.evidence.somewhere import with_somewhere
+from fenics_joints.errors import InputError
+from fenics_joints.reduction.batch import pod
+from fenics_joints.reduction.forward import SPARE
+from fenics_joints.reduction.lean import LeanForward, batched
+from fenics_joints.reduction.seen_at import seen_modes_at
+
+__all__ = ["Found", "Library"]
+
+#: Step of differences, in standard deviations of the prior.
+_STEP = 1e-4
+#: Cells that are made exact at a time and at most, of one hypothesis; nats by which the rest has to
+#: be behind.
+_AT_A_TIME, _MOST, _BEHIND = 4, 16, 2.0
+#: Nats below what an unknown cause has at which no more cells of a hypothesis are looked at.
+_HOPELESS = 50.0
+#: Gauss-Newton steps of a cell at most; shares of a step that are tried; the gain, in nats, that is
+#: worth one; how far a cell's point may be from its mean, in its own standard deviations.
+_STEPS, _SHARES, _GAIN, _FAR = 8, (1.0, 0.4, 0.15), 0.02, 4.0
+#: Cells with less than this share of a hypothesis' evidence are not split; change of ln Z at which
+#: no more are; rounds at most.
+_COUNTS, _MOVED, _ROUNDS = 0.02, 0.1, 6
+#: Nats that a cell may be behind the best to count at all scales of errors.
+_NEAR = 12.0
+#: Cells of a hypothesis that a further effect is put beside, and sums of cells made exact for each.
+_PARENTS = 6
+#: Share of a hypothesis' evidence from which a cell is corrected, and steps of that at most.
+_LITTLE, _CORRECTIONS = 1e-3, 4
+#: Screened at a time.
+_CHUNK = 512
+#: Size of a reduced model from which a smaller basis pays; cells of each effect that it is made
+#: from; weight of modes that the test did not see; and singular value, relative to the first, below
+#: which a vector is left out.
+_LARGE, _SAMPLES, _SAMPLES_OF_PLACES, _OTHERS, _SHARE = 80, 3, 24, 0.1, 3e-3
+
+
+@dataclass(frozen=True)
+class States:
+    """What the model predicts at the cells of one effect's prior, all else at its median.
+
+    Attributes:
+        mean: Means of the cells, (n, d).
+        width: Their standard deviations, (n, d).
+        log_share: ln of their shares, (n,).
+        data: Predictions, (n, N).
+        slopes: Derivatives by the effect's own parameters, (n, N, d).
+        others: Derivatives by all parameters of the hypothesis at its medians, (N, p).
+    """
+
+    mean: np.ndarray
+    width: np.ndarray
+    log_share: np.ndarray
+    data: np.ndarray
+    slopes: np.ndarray
+    others: np.ndarray
+
+
+@dataclass(frozen=True)
+class Found:
+    """What a test says of a hypothesis.
+
+    Attributes:
+        fit: The fit.
+        cells: Cells that count, exact; their shares of the prior include those of the rest.
+        log_evidence: ln of each one's evidence, at the most probable scales, (n,).
+        peak: The most probable point, as one cell that is the whole prior.
+    """
+
+    fit: Fit
+    cells: Cells
+    log_evidence: np.ndarray
+    peak: Cells
+
+
+class Library:
+    """Predictions all over the priors of effects, and the evidence from them.
+
+    Args:
+        forward: The reduced model's.
+        evidence: The whole test.
+        baseline: Parameter values of the nominal model.
+        make: Makes a hypothesis of effects.
+    """
+
+    def __init__(
+        self, forward, evidence: Evidence, baseline: dict[str, float], make,
+        effects: Sequence[Effect] = (),
+    ):  # fmt: skip
+        self.forward, self.evidence, self.baseline = batched(forward), evidence, baseline
+        self.make, self.floor = make, -np.inf
+        if effects and self.forward.batches and self.forward.model.n_dofs > _LARGE:
+            self.forward = self._truncated(effects)
+        self._states: dict[str, States] = {}
+        self.calls = 0
+
+    def _truncated(self, effects: Sequence[Effect]) -> LeanForward:
+        """A forward on the vectors that hold the test's modes all over the priors of effects."""
+        wanted = []
+        for effect in effects:
+            h = self.make((effect,))
+            mean, _, _ = prior_cells(effect.priors)
+            most = min(_SAMPLES_OF_PLACES if any(p.even for p in effect.priors) else _SAMPLES,
+                       len(mean))  # fmt: skip
+            index = np.linspace(0, len(mean) - 1, most).round().astype(int)
+            for i in index:
+                row = len(wanted) % len(self.evidence.conditions)
+                condition = self.evidence.conditions[row]
+                look = h.looks[len(wanted) % len(h.looks)]
+                wanted.append(h.values(h.at(mean[i]), condition, self.baseline, row, look))
+        shapes, weights = [], []
+        for part in (wanted[i : i + _CHUNK] for i in range(0, len(wanted), _CHUNK)):
+            for seen in seen_modes_at(self.forward, part):
+                if len(seen.index):
+                    most = int(seen.index.max()) + 1 + SPARE
+                    there = np.isin(np.arange(seen.shapes.shape[1]), seen.index)
+                    shapes.append(seen.shapes[:, :most])
+                    weights.append(np.where(there, 1.0, _OTHERS)[:most])
+        model = self.forward.model
+        vectors, sizes = pod(model, np.hstack(shapes), np.concatenate(weights))
+        return LeanForward(self.forward, model.on(vectors[:, sizes > _SHARE * sizes[0]]))
+
+    # -- predictions ---------------------------------------------------------------------------
+
+    def predict(
+        self, h: Hypothesis, z: np.ndarray, by: Sequence[int] = ()
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Everything in `Evidence.data` at points (b, p): (b, N), and its derivatives by some of z,
+        (b, N, q); nan where the model has no such modes."""
+        by, self.calls = list(by), self.calls + len(z)
+        if not self.forward.batches:
+            return self._one_by_one(h, z, by)
+        many = ManyPredictions(h, self.forward, self.evidence, self.baseline, held_out=True)
+        data, slopes = many(z, by)
+        own = set(range(*h.own.indices(len(h.priors))))
+        if self._differs(h) and own & set(by):
+            slopes = slopes.copy()
+            for i, j in enumerate(by):
+                if j in own:
+                    step = np.where(z[:, j] < 0, _STEP, -_STEP)
+                    moved = z.copy()
+                    moved[:, j] += step
+                    change = (many(moved)[0] - data) / step[:, None]
+                    slopes[:, :, i] = change
+        return data, slopes
+
+    def _differs(self, h: Hypothesis) -> bool:
+        """Whether derivatives by the effects' own parameters are differences: of what acts on the
+        sensors, and of damping by what slips."""
+        slips = h.damped and any(e.by_level and e.loss for e in h.effects)
+        return slips or any(e.sensing is not None and e.priors for e in h.effects)
+
+    def _one_by_one(self, h, z, by):
+        N = len(self.evidence.data)
+        data, slopes = np.full((len(z), N), np.nan), np.full((len(z), N, len(by)), np.nan)
+        for i, point in enumerate(z):
+            try:
+                data[i], every = predict(h, self.forward, self.evidence, point, self.baseline)
+                slopes[i] = every[:, by]
+            except (InputError, np.linalg.LinAlgError):
+                continue
+        return data, slopes
+
+    def states(self, effect: Effect) -> States:
+        """Those of an effect, remembered."""
+        if effect.key not in self._states:
+            h = self.make((effect,))
+            own = list(range(*h.own.indices(len(h.priors))))
+            mean, width, share = prior_cells(effect.priors)
+            z = np.zeros((len(mean), len(h.priors)))
+            z[:, own] = mean
+            data, slopes = self.predict(h, z, own)
+            others = self.predict(h, np.zeros((1, len(h.priors))), range(len(h.priors)))[1][0]
+            self._states[effect.key] = States(mean, width, share, data, slopes, others)
+        return self._states[effect.key]
+
+    def remember(self, effect: Effect, states: States) -> None:
+        """Take states that another rank solved for.
+
+        Args:
+            effect: The effect.
+            states: Its states.
+        """
+        self._states[effect.key] = states
+
+    def with_forward(self, forward) -> Library:
+        """The same for a better model; states stay, for they only say where to look.
+
+        Args:
+            forward: The better model's.
+        """
+        found = Library(forward, self.evidence, self.baseline, self.make)
+        found._states = self._states
+        return found
+
+    def corrected(self, found: Found, test: Evidence) -> Found:
+        """What a test says of a hypothesis by this model, where another, on fewer vectors or before
+        it was made better, says nearly the same: that one's derivatives serve.
+
+        Args:
+            found: By the other model.
+            test: The test.
+        """
+        h, share = found.fit.hypothesis, found.log_evidence - total(found.log_evidence)
+        counts = share > np.log(_LITTLE)
+        cells = self._corrected(h, found.cells[counts].joined(found.peak), found, test)
+        own = cells[np.arange(len(cells) - 1)].joined(found.cells[~counts])
+        return self.summary(h, own, test, cells[[-1]])
+
+    def _corrected(self, h: Hypothesis, cells: Cells, found: Found, test: Evidence) -> Cells:
+        lower, used = test.at(found.fit.scales).lower(h.unknown), test.fitted
+        low, high = h.limits.T
+        for _ in range(_CORRECTIONS):
+            cells = replace(cells, data=self.predict(h, cells.at)[0])
+            post = weigh(cells, test.data, used, lower, h.limits)
+            step = np.clip(post.z, low + 1e-6, high - 1e-6) - cells.at
+            change = (cells.slopes[:, used] @ step[:, :, None])[:, :, 0]
+            step[np.sum(whiten(lower, change.T) ** 2, axis=0) < 2 * _GAIN] = 0.0
+            step[~np.isfinite(post.log_evidence)] = 0.0
+            if not step.any():
+                return cells
+            cells = replace(cells, at=cells.at + step)
+        return replace(cells, data=self.predict(h, cells.at)[0])
+
+    def _cells(self, h: Hypothesis, states: States, index) -> Cells:
+        """Some of an effect's cells, all but the effect linear about the medians."""
+        n, p = len(index), len(h.priors)
+        mean, width = np.zeros((n, p)), np.ones((n, p))
+        mean[:, h.own], width[:, h.own] = states.mean[index], states.width[index]
+        slopes = np.tile(np.nan_to_num(states.others), (n, 1, 1))
+        slopes[:, :, h.own] = states.slopes[index]
+        return Cells(
+            mean, width, states.log_share[index], mean.copy(), states.data[index], slopes
+        )
+
+    # -- evidence ------------------------------------------------------------------------------
+
+    def single(self, h: Hypothesis, test: Evidence) -> Found:
+        """What a test says of a hypothesis of one effect, or none.
+
+        Args:
+            h: The hypothesis.
+            test: The test, or a part of it.
+        """
+        if not h.effects:
+            p = len(h.priors)
+            z = np.zeros((1, p))
+            data, slopes = self.predict(h, z, range(p))
+            cells = Cells(z, np.ones((1, p)), np.zeros(1), z.copy(), data, slopes)
+            return self._refined(h, lambda index: cells[index], np.zeros(1), test)
+        (effect,) = h.effects
+        states = self.states(effect)
+        lower = test.lower(h.unknown)
+        n = len(states.mean)
+        screened = np.concatenate([
+            weigh(
+                self._cells(h, states, index), test.data, test.fitted, lower, h.limits
+            ).log_evidence
+            for index in np.array_split(np.arange(n), -(-n // _CHUNK))
+        ])  # fmt: skip
+        return self._refined(h, lambda index: self._cells(h, states, index), screened, test)
+
+    def beside(
+        self, h: Hypothesis, parent: Found, test: Evidence
+    ) -> tuple[Cells, np.ndarray]:
+        """Cells of a hypothesis' last effect beside those of a parent, predictions added, and ln of
+        the evidence of each.
+
+        Args:
+            h: The hypothesis.
+            parent: Without the last effect.
+            test: The test.
+        """
+        effect, old = h.effects[-1], parent.fit.hypothesis
+        states, alone = self.states(effect), self.make((effect,))
+        nominal = self.nominal
+        share = parent.log_evidence - total(parent.log_evidence)
+        top = np.argsort(-share, kind="stable")[:_PARENTS]
+        top = top[share[top] > share[top[0]] - 5.0]
+        n, m, p = len(top), len(states.mean), len(h.priors)
+        i, j = np.repeat(top, m), np.tile(np.arange(m), n)
+        mean, width, at = np.zeros((n * m, p)), np.ones((n * m, p)), np.zeros((n * m, p))
+        slopes = np.zeros((n * m, len(self.evidence.data), p))
+        last = h.own_of[effect.key]
+        for name, place in _places(alone).items():
+            if name in _places(h):
+                slopes[:, :, _places(h)[name]] = states.others[:, place]
+        for name, place in _places(old).items():
+            to = _places(h)[name]
+            mean[:, to] = parent.cells.mean[i][:, place]
+            width[:, to] = parent.cells.width[i][:, place]
+            at[:, to] = parent.cells.at[i][:, place]
+            slopes[:, :, to] = parent.cells.slopes[i][:, :, place]
+        mean[:, last] = at[:, last] = states.mean[j]
+        width[:, last] = states.width[j]
+        slopes[:, :, last] = states.slopes[j]
+        data = parent.cells.data[i] + states.data[j] - nominal
+        log_share = parent.cells.log_share[i] + states.log_share[j]
+        cells = Cells(mean, width, log_share, at, data, slopes)
+        lower = test.at(parent.fit.scales).lower(h.unknown)
+        found = weigh(cells, test.data, test.fitted, lower, h.limits)
+        return cells, found.log_evidence
+
+    def promised(
+        self, parent: Found, effects: Sequence[Effect], test: Evidence
+    ) -> dict[str, float]:
+        """ln of the evidence of a parent with each of some effects besides, by its key.
+
+        Predictions are added, and all of the parent's parameters are linear about its best cell:
+        algebra alone, by which the few sets are chosen that are solved for.
+
+        Args:
+            parent: What is known of the parent.
+            effects: The effects.
+            test: The test.
+        """
+        best = int(np.argmax(parent.log_evidence))
+        cell, used = parent.cells[[best]], test.fitted
+        lower = test.at(parent.fit.scales).lower()
+        slopes = cell.slopes[0][used] * cell.width[0]
+        about = cell.data[0] + cell.slopes[0] @ (cell.mean[0] - cell.at[0])
+        wide = np.linalg.cholesky(lower @ lower.T + slopes @ slopes.T)
+        spread = total(parent.log_evidence) - parent.log_evidence[best] + cell.log_share[0]
+        found = {}
+        for effect in effects:
+            states = self.states(effect)
+            data = about + states.data - self.nominal
+            zero = np.zeros_like(states.mean)
+            alone = Cells(zero, states.width, states.log_share, zero, data, states.slopes)
+            free = np.tile([-np.inf, np.inf], (states.mean.shape[1], 1))
+            values = weigh(alone, test.data, used, wide, free).log_evidence
+            found[effect.key] = total(values) + spread + parent.fit.widening
+        return found
+
+    @property
+    def nominal(self) -> np.ndarray:
+        """What the nominal model predicts, (N,)."""
+        if "" not in self._states:
+            h = self.make(())
+            self._states[""] = self.predict(h, np.zeros((1, len(h.priors))))[0][0]
+        return self._states[""]
+
+    def together(self, h: Hypothesis, parent: Found, test: Evidence) -> Found:
+        """What a test says of a hypothesis of several effects.
+
+        Args:
+            h: The hypothesis.
+            parent: What it says of that without the last effect.
+            test: The test, or a part of it.
+        """
+        cells, screened = self.beside(h, parent, test)
+        return self._refined(h, lambda index: cells[index], screened, test)
+
+    def of(self, h: Hypothesis, test: Evidence) -> Found:
+        """What a part of a test says of a hypothesis, from the library alone: nothing that all of
+        it said has a hand in this.
+
+        Args:
+            h: The hypothesis.
+            test: The part.
+        """
+        if len(h.effects) < 2:
+            return self.single(h, test)
+        return self.together(h, self.of(self.make(h.effects[:-1]), test), test)
+
+    def _refined(self, h: Hypothesis, make, screened: np.ndarray, test: Evidence) -> Found:
+        order = np.argsort(-screened, kind="stable")
+        order = order[np.isfinite(screened[order])]
+        if not len(order):
+            order = np.arange(1)
+        done, cells = 0, None
+        while True:
+            index = order[done : done + _AT_A_TIME]
+            own = self.settled(h, make(index), test)
+            cells = own if cells is None else cells.joined(own)
+            done += len(index)
+            exact = self._weighed(h, cells, test)[0]
+            rest = screened[order[done:]]
+            hopeless = exact.max() < self.floor - _HOPELESS
+            if not len(rest) or done >= _MOST or hopeless or rest[0] < exact.max() - _BEHIND:
+                break
+        if len(rest):
+            # The rest counts for as much as the screen has it, against those that are exact.
+            more = np.logaddexp(0.0, total(rest) - total(screened[order[:done]]))
+            cells = replace(cells, log_share=cells.log_share + more)
+        return self.summary(h, cells, test)
+
+    def settled(self, h: Hypothesis, cells: Cells, test: Evidence) -> Cells:
+        """Cells linear about their own posterior means, by Gauss-Newton steps.
+
+        Args:
+            h: The hypothesis.
+            cells: The cells.
+            test: The test.
+        """
+        lower = test.lower(h.unknown)
+        own = h.own
+        low, high = h.limits.T
+        exact = np.zeros(len(cells), dtype=bool)
+        active = np.ones(len(cells), dtype=bool)
+        used, data = test.fitted, test.data
+        wide = np.where(cells.width > 0, cells.width, 1.0)
+
+        def costs(points, predicted, index):
+            found = np.full(len(points), np.inf)
+            good = np.isfinite(predicted[:, used]).all(1)
+            if good.any():
+                white = whiten(lower, (predicted[good][:, used] - data[used]).T)
+                away = ((points - cells.mean[index]) / wide[index])[good]
+                found[good] = np.sum(white**2, axis=0) + np.sum(away**2, axis=1)
+            return found
+
+        now = costs(cells.at, cells.data, np.arange(len(cells)))
+        for _ in range(_STEPS):
+            i = np.flatnonzero(active)
+            if not len(i):
+                break
+            part = cells[i]
+            post = weigh(part, data, used, lower, h.limits)
+            target = post.z.copy()
+            far = _FAR * part.width[:, own]
+            away = np.clip(target[:, own] - part.mean[:, own], -far, far)
+            target[:, own] = part.mean[:, own] + away
+            target = np.clip(target, low + 1e-6, high - 1e-6)
+            small = (now[i] - post.square < 2 * _GAIN) & exact[i]
+            active[i[small]] = False
+            i, part, target = i[~small], part[~small], target[~small]
+            if not len(i):
+                break
+            at, better = part.at.copy(), np.zeros(len(i), dtype=bool)
+            for share in _SHARES:
+                left = np.flatnonzero(~better)
+                if not len(left):
+                    break
+                points = part.at[left] + share * (target - part.at)[left]
+                good = costs(points, self.predict(h, points)[0], i[left]) < now[i[left]] - 1e-9
+                at[left[good]], better[left[good]] = points[good], True
+            ask = better | ~exact[i]
+            active[i[~ask]] = False
+            i, at = i[ask], at[ask]
+            if not len(i):
+                break
+            new, slopes = self.predict(h, at, range(at.shape[1]))
+            for name, value in (("at", at), ("data", new), ("slopes", slopes)):
+                array = getattr(cells, name).copy()
+                array[i] = value
+                cells = replace(cells, **{name: array})
+            now[i] = costs(at, new, i)
+            stuck = exact[i] & ~better[ask]
+            exact[i] = True
+            active[i[stuck]] = False
+        return cells
+
+    def _weighed(
+        self, h: Hypothesis, cells: Cells, test: Evidence
+    ) -> tuple[np.ndarray, float, Scales | None, dict]:
+        """ln of each cell's evidence over all scales, (n,), that of all, the most probable scales,
+        and what is known of all at each."""
+        def at(scales) -> Posterior:
+            lower = test.at(scales).lower(h.unknown)
+            return weigh(cells, test.data, test.fitted, lower, h.limits)
+
+        if test.scales is None:
+            post = at(None)
+            return post.log_evidence, total(post.log_evidence), None, {None: post}
+        tried = test.scales.tried()
+        posts = {scales: at(scales) for scales, _ in tried}
+        each = np.array([posts[scales].log_evidence + weight for scales, weight in tried])
+        sums = [total(row) for row in each]
+        best = tried[int(np.argmax(sums))][0]
+        return np.logaddexp.reduce(each, axis=0), total(np.array(sums)), best, posts
+
+    def _peak(self, h: Hypothesis, cells: Cells, test: Evidence) -> Cells:
+        """The most probable point, as one cell that is the whole prior."""
+        used = test.fitted
+        residual = (cells.data - test.data)[:, used]
+        square = np.full(len(cells), np.inf)
+        good = np.isfinite(residual).all(1)
+        white = whiten(test.lower(h.unknown), residual[good].T)
+        square[good] = np.sum(white**2, axis=0) + np.sum(cells.at[good] ** 2, axis=1)
+        best = cells[[int(np.argmin(square))]]
+        whole = replace(best, mean=np.zeros_like(best.mean), width=np.ones_like(best.width))
+        return self.settled(h, whole, test)
+
+    def summary(
+        self, h: Hypothesis, cells: Cells, test: Evidence, peak: Cells | None = None
+    ) -> Found:
+        """A hypothesis' fit from its cells.
+
+        Args:
+            h: The hypothesis.
+            cells: Cells that count.
+            test: The test.
+            peak: The most probable point; sought for None.
+        """
+        each, log_z, scales, posts = self._weighed(h, cells, test)
+        post = posts[scales]
+        if not np.isfinite(log_z):
+            raise InputError(f"{h.label}: the evidence is not finite; check the data.")
+        weight = np.exp(post.log_evidence - total(post.log_evidence))
+        mean = weight @ post.z
+        away = post.z - mean
+        covariance = np.einsum("n,npq->pq", weight, post.covariance)
+        covariance += np.einsum("n,np,nq->pq", weight, away, away)
+        used = test.fitted
+        lower = test.at(scales).lower(h.unknown)
+        peak = self._peak(h, cells, test.at(scales)) if peak is None else peak
+        z, predicted, slopes = peak.at[0], peak.data[0], peak.slopes[0]
+        residual = whiten(lower, (predicted - test.data)[used])
+        at_bound = tuple(
+            f"{effect.name}: {prior.name}"
+            for (effect, prior), near in zip(h.priors, h.at_limit(z), strict=True) if near
+        )
+        stated = None
+        if scales is not None and not test.drifts:
+            wide = scales.stated
+            lower = test.at(wide).lower(h.unknown)
+            both = whiten(lower, np.column_stack([(predicted - test.data)[used], slopes[used]]))
+            free = ~h.at_limit(z)
+            stated = least_square(both[:, 0], both[:, 1:], z, free)[0] + wide.squares
+        found = Fit(
+            h, z, covariance, predicted, self.evidence.shape, slopes, log_z,
+            float(residual @ residual), int(used.sum()), at_bound, scales,
+            log_z - total(post.log_evidence), stated,
+        )  # fmt: skip
+        if h.unknown:
+            found = with_somewhere(found, test)
+        return Found(found, cells, post.log_evidence, peak)
+
+    def split(self, found: Found, test: Evidence) -> Found:
+        """The same with cells that count split until the evidence no longer moves.
+
+        Args:
+            found: What is known.
+            test: The test.
+        """
+        h = found.fit.hypothesis
+        own = np.arange(*h.own.indices(len(h.priors)))
+        if not len(own):
+            return found
+        for _ in range(_ROUNDS):
+            share = found.log_evidence - total(found.log_evidence)
+            counts = np.flatnonzero(share > np.log(_COUNTS))
+            lower = test.at(found.fit.scales).lower(h.unknown)
+            post = weigh(found.cells[counts], test.data, test.fitted, lower, h.limits)
+            sd = np.sqrt(np.diagonal(post.covariance, axis1=1, axis2=2))[:, own]
+            # What the data say is bent across the cell, of the parameter that they leave widest.
+            along = own[np.argmax(sd, axis=1)]
+            if np.max(sd) < 0.02:
+                return found
+            new = self.settled(h, found.cells[counts].split(along), test)
+            rest = np.delete(np.arange(len(found.cells)), counts)
+            before = found.fit.log_evidence
+            found = self.summary(h, found.cells[rest].joined(new), test)
+            if abs(found.fit.log_evidence - before) < _MOVED:
+                break
+        return found
+
+
+def _places(h: Hypothesis) -> dict[str, slice]:
+    """Where groups of parameters stand in z, by name: tolerances, each effect, shared ones."""
+    found = {"tolerances": slice(0, h.own.start), **h.own_of}
+    return found | {name: place for name, place in h.places.items() if place.stop > place.start}
