@@ -100,7 +100,7 @@ def preload(
     JSON: bolt_forces_n, iterations, contacts (force_n, peak_pressure_pa, mean_pressure_pa,
     area_m2, area_above_1_mpa_m2, radius_m and equal_radius_m by bolt, open, slip, stick), applied
     (obstacles, displacements and loads: name, kind, displacement_m, force_n), frequencies_hz
-    (stuck, preloaded), free_motions, notes.
+    (stuck, preloaded, stuck_become), free_motions, notes.
     """
 
     outputs = {"--json": json, "--report": report, **_field_files(vtx)}
