@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import resource
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -31,6 +32,10 @@ if TYPE_CHECKING:
     from fenics_joints.case import Case
 
 __all__ = ["app", "main"]
+
+#: Bytes of address space that importing the libraries takes; with less some wait for it for ever,
+#: or end by a fault.
+_LIBRARIES = 640 * 2**20
 
 app = new_app(
     "",
@@ -100,7 +105,7 @@ def preload(
     JSON: bolt_forces_n, iterations, contacts (force_n, peak_pressure_pa, mean_pressure_pa,
     area_m2, area_above_1_mpa_m2, radius_m and equal_radius_m by bolt, open, slip, stick), applied
     (obstacles, displacements and loads: name, kind, displacement_m, force_n), frequencies_hz
-    (stuck, preloaded), free_motions, notes.
+    (stuck, preloaded, stuck_become), free_motions, notes.
     """
 
     outputs = {"--json": json, "--report": report, **_field_files(vtx)}
@@ -229,7 +234,14 @@ def _options(
         typer.Option("-V", "--version", callback=_version, is_eager=True, help="Show the version."),
     ] = False,
 ) -> None:
-    pass
+    allowed, _ = resource.getrlimit(resource.RLIMIT_AS)
+    if -1 < allowed < _LIBRARIES and not {"-h", "--help"} & set(sys.argv):
+        typer.echo(
+            f"error: this process may have {allowed / 2**20:.0f} MiB of memory (ulimit -v); "
+            f"expected {_LIBRARIES / 2**20:.0f} MiB or more, which the libraries alone take",
+            err=True,
+        )
+        raise typer.Exit(1)
 
 
 def main() -> None:

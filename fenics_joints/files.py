@@ -9,7 +9,7 @@ import re
 import sys
 import tempfile
 import zipfile
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import BinaryIO
@@ -26,9 +26,9 @@ else:
     import tomli as tomllib
 
 __all__ = [
-    "check_outputs", "check_size", "check_writable", "is_file", "json_text", "open_own", "path_of",
-    "paths_of", "plain", "read_arrays", "read_text", "read_toml", "sealed", "shown_path",
-    "unsealed", "writable_folder", "write_arrays", "write_text",
+    "check_outputs", "check_size", "check_writable", "is_file", "json_digest", "json_text",
+    "open_own", "path_of", "paths_of", "plain", "read_arrays", "read_text", "read_toml", "sealed",
+    "shown_path", "unsealed", "writable_folder", "write_arrays", "write_text",
 ]  # fmt: skip
 
 #: How deep tables and arrays of TOML may be nested, and its whole numbers (64 bits, as it says).
@@ -331,6 +331,17 @@ def _digest(file: BinaryIO, length: int) -> bytes:
         digest.update(block)
         length -= len(block)
     return digest.hexdigest().encode()
+
+
+def json_digest(content: object, default: Callable[[object], object] | None = None) -> str:
+    """SHA-256 of what is written as JSON, in hexadecimal digits, whatever the order of its keys.
+
+    Args:
+        content: What is written.
+        default: See `json.dumps`.
+    """
+    text = json.dumps(content, sort_keys=True, default=default)
+    return hashlib.sha256(text.encode()).hexdigest()
 
 
 def write_arrays(path: str | Path, **arrays: np.ndarray) -> None:

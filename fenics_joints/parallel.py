@@ -129,6 +129,8 @@ def guarded(debug: bool = False) -> Iterator[None]:
             _say(_message(error, comm.rank, alone) if comm.rank == 0 or alone else None)
             if alone:
                 comm.Abort(1)
+            if _no_memory(error):  # the interpreter's and MPI's own ends would fail too, at length
+                _leave(1)
             sys.exit(1)
         comm.Free()
 
@@ -141,9 +143,15 @@ def _end(comm, stop: Stop) -> NoReturn:
         # MPI_Finalize would wait for lost messages.
         if not _all_arrive(comm):
             comm.Abort(stop.exit_code)
-        sys.stdout.flush()
-        os._exit(stop.exit_code)
+        _leave(stop.exit_code)
     sys.exit(stop.exit_code)
+
+
+def _leave(exit_code: int) -> NoReturn:
+    """End here, without what the interpreter and MPI do at their ends."""
+    with suppress(OSError, MemoryError):
+        sys.stdout.flush()
+    os._exit(exit_code)
 
 
 def _message(error: Exception, rank: int, alone: bool) -> str:
@@ -151,7 +159,7 @@ def _message(error: Exception, rank: int, alone: bool) -> str:
     if isinstance(error, JointsError):
         return f"error{where}: {error}"
     said = printable(str(error))
-    if isinstance(error, MemoryError) or any(words in said for words in _NO_MEMORY):
+    if _no_memory(error):
         return f"error{where}: there is no memory left for this process" + (said and f" ({said})")
     file = getattr(error, "filename", None) if isinstance(error, OSError) else None
     if isinstance(file, str | bytes):
@@ -163,6 +171,16 @@ def _message(error: Exception, rank: int, alone: bool) -> str:
         f"error{where}: unexpected {type(error).__name__}: {said}\n"
         "Run again with --debug to see where, and please report it."
     )
+
+
+def _no_memory(error: BaseException | None) -> bool:
+    """Whether memory ran out: an import that fails for it may raise something else from that."""
+    while error is not None:
+        said = str(error)
+        if isinstance(error, MemoryError) or any(words in said for words in _NO_MEMORY):
+            return True
+        error = error.__cause__ or error.__context__
+    return False
 
 
 def _is_stuck(stream) -> bool:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from textwrap import shorten
 
 import dolfinx.mesh
@@ -46,9 +47,10 @@ class TaggedMesh:
         parts, faces = ", ".join(self.cell_names), len(self.facet_names)
         return f"TaggedMesh({shorten(parts, 60)}; {faces} named faces)"
 
+    @cached_property
     def digest(self) -> str:
         """Digest of coordinates, cells, tags, names and points, 64 digits, which does not depend on
-        the distribution over ranks. Collective."""
+        the distribution over ranks. Collective, and made once."""
         mesh, nodes = self.mesh, np.uint64(0)
         for column in np.asarray(mesh.geometry.x, dtype=float).T + 0.0:  # without -0.0
             nodes = mixed(nodes ^ np.ascontiguousarray(column).view(np.uint64))

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
-
 import dolfinx
 
 from fenics_joints import __version__
 from fenics_joints.case.case import Case
+from fenics_joints.files import json_digest
 from fenics_joints.structure import Sensors, Structure
 
 __all__ = ["fingerprint"]
@@ -33,8 +31,7 @@ def fingerprint(case: Case, full: Structure, sensors: Sensors | None, *more: obj
     seen = [] if sensors is None else [sensors.points.tolist(), sensors.directions.tolist()]
     content = [
         __version__, dolfinx.__version__, said, seen, full.n_dofs,
-        full.tagged.digest() if full.is_meshed else "", case.diagnose.n_modes,
+        full.tagged.digest if full.is_meshed else "", case.diagnose.n_modes,
         case.diagnose.samples, more,
     ]  # fmt: skip
-    text = json.dumps(content, sort_keys=True, default=str)
-    return hashlib.sha256(text.encode()).hexdigest()[:16]
+    return json_digest(content, default=str)[:16]

@@ -6,7 +6,6 @@ be deleted. A folder that cannot be written to has none.
 
 from __future__ import annotations
 
-import hashlib
 import json
 import logging
 from collections.abc import Sequence
@@ -17,7 +16,7 @@ import numpy as np
 from fenics_joints.database.kriging import FORMAT, Kriging
 from fenics_joints.database.store import Store
 from fenics_joints.errors import InputError
-from fenics_joints.files import json_text, open_own, write_text
+from fenics_joints.files import json_digest, json_text, open_own, write_text
 
 __all__ = ["fitted", "fits_text"]
 
@@ -90,4 +89,4 @@ def _read(path: Path | None, own: bool) -> dict[str, object]:
 def _digest(x: np.ndarray, y: np.ndarray, inputs: Sequence[str], output: str) -> str:
     """Of the rows with all their digits, and of how they are fitted."""
     content = [*FORMAT, list(inputs), output, np.asarray(x).tolist(), np.asarray(y).tolist()]
-    return hashlib.sha256(json.dumps(content).encode()).hexdigest()
+    return json_digest(content)

@@ -10,7 +10,6 @@ predictions of the sample points likeliest (Yao, Vehtari, Simpson, Gelman, Bayes
 
 from __future__ import annotations
 
-import hashlib
 import itertools
 import json
 import math
@@ -25,7 +24,7 @@ from fenics_joints.database.hull import Hull
 from fenics_joints.database.joints import UNITS
 from fenics_joints.database.process import JITTER, Process
 from fenics_joints.errors import InputError, located
-from fenics_joints.files import json_text, write_text
+from fenics_joints.files import json_digest, json_text, write_text
 from fenics_joints.formatting import interval, quantity
 
 __all__ = ["FORMAT", "Interpolation", "Kriging", "LeaveOneOut"]
@@ -93,8 +92,7 @@ class _Member:
 
 
 def _checksum(content: Mapping) -> str:
-    told = {key: value for key, value in content.items() if key != "checksum"}
-    return hashlib.sha256(json.dumps(told, sort_keys=True).encode()).hexdigest()
+    return json_digest({key: value for key, value in content.items() if key != "checksum"})
 
 
 class Kriging:

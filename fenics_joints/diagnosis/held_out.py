@@ -121,7 +121,7 @@ def forecast(
         refits: Hypotheses fitted without the held-out data.
         weights: Their probabilities.
         chosen: The one whose prediction will be scored.
-        nominal: ln f of the nominal model at the scored entries, shape (k,).
+        nominal: ln f of the nominal model at the scored entries, shape (k,); nan where it has none.
         blind: The test without the held-out values, from `blinded`.
         scored: Which entries will be scored, shape (N,); k of them.
         noise: E_noise of the fold.
@@ -135,7 +135,8 @@ def forecast(
             parts.append(draws(refit, blind, scored, own, rng))
     drawn = np.concatenate(parts)
     after = _rms_rows(np.expm1(chosen.predicted[scored] - drawn))
-    before = _rms_rows(np.expm1(nominal - drawn))
+    there = np.isfinite(nominal)
+    before = _rms_rows(np.expm1(nominal - drawn)[:, there]) if there.any() else np.nan
     gained = shrink(before, after, noise)
     low, high = np.quantile(drawn, _ends(), axis=0)
     shares = {f.hypothesis.label: float(w) for f, w in zip(refits, weights, strict=True)}
@@ -160,8 +161,8 @@ def _noise_variance(chosen: Fit, evidence: Evidence, scored: np.ndarray) -> np.n
 
 @dataclass(frozen=True)
 class _Errors:
-    """Squares of a fold's scored entries, (4, k): of relative errors of the nominal model, of the
-    choice and of the placebo, and of the noise."""
+    """Squares of a fold's scored entries, (4, k): of relative errors of the nominal model, nan
+    where it has no such mode, of the choice and of the placebo, and of the noise."""
 
     squares: np.ndarray
 
@@ -169,19 +170,27 @@ class _Errors:
     def n(self) -> int:
         return self.squares.shape[1]
 
+    @property
+    def sums(self) -> np.ndarray:
+        """Sums over the entries, and numbers of those that have one, (2, 4)."""
+        return np.array([np.nansum(self.squares, axis=1), np.isfinite(self.squares).sum(axis=1)])
+
     def resampled(self, rng, count: int) -> np.ndarray:
-        """Sums over entries drawn with replacement, (count, 4)."""
-        return self.squares[:, rng.integers(self.n, size=(count, self.n))].sum(axis=2).T
+        """Likewise over entries drawn with replacement, (2, count, 4)."""
+        drawn = self.squares[:, rng.integers(self.n, size=(count, self.n))]
+        return np.array([np.nansum(drawn, axis=2).T, np.isfinite(drawn).sum(axis=2).T])
 
 
-def _sizes(sums: np.ndarray, n) -> tuple[np.ndarray, ...]:
-    """E of the nominal model, the choice, the placebo and noise, from (..., 4) and (...)."""
-    return tuple(np.moveaxis(np.sqrt(sums / np.asarray(n)[..., None]), -1, 0))
+def _sizes(sums: np.ndarray) -> tuple[np.ndarray, ...]:
+    """E of the nominal model, the choice, the placebo and noise, from (2, ..., 4): that of the
+    nominal model over the modes that it has, nan if it has none."""
+    mean = np.divide(sums[0], sums[1], out=np.full(sums[0].shape, np.nan), where=sums[1] > 0)
+    return tuple(np.moveaxis(np.sqrt(mean), -1, 0))
 
 
-def _shrinks(sums: np.ndarray, n) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _shrinks(sums: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """S*, the placebo's, and the excess."""
-    before, after, placebo, noise = _sizes(sums, n)
+    before, after, placebo, noise = _sizes(sums)
     own, wrong = shrink(before, after, noise), shrink(before, placebo, noise)
     return own, wrong, own - wrong
 
@@ -211,7 +220,7 @@ def cross_validate(
         causes: Whether a hypothesis holds a cause, by the cause's name: of each is said what it
             gains on the held-out data (`Shrinkage.gains`).
         not_nominal: Mask of the modes without a partner in the nominal model, (m,): held out like
-            others, but not scored; None for none.
+            others, but without a part in its error; None for none.
         comm: Communicator whose ranks share out the folds; the call is collective.
         progress: Called after each fold.
     """
@@ -223,7 +232,7 @@ def cross_validate(
 
     def work(fold):
         name, mask = fold
-        scored = _scored(evidence, mask) & np.isfinite(nominal)
+        scored = _scored(evidence, mask)
         blind = blinded(evidence, mask)
         found = None
         if scored.any() and blind.used.any():
@@ -300,8 +309,8 @@ def _open(name, closed, nominal, evidence, scored) -> tuple[Fold, _Errors]:
     errors = _Errors(
         np.array([np.expm1(p[scored] - data) ** 2 for p in predictions] + [variance])
     )
-    before, after, placebo, noise = map(float, _sizes(errors.squares.sum(axis=1), errors.n))
-    own, placebo_own, _ = map(float, _shrinks(errors.squares.sum(axis=1), errors.n))
+    before, after, placebo, noise = map(float, _sizes(errors.sums))
+    own, placebo_own, _ = map(float, _shrinks(errors.sums))
     resampled = errors.resampled(np.random.default_rng(_SEED), _DRAWS)
     fold = Fold(
         name=name,
@@ -313,7 +322,7 @@ def _open(name, closed, nominal, evidence, scored) -> tuple[Fold, _Errors]:
         placebo=placebo,
         noise=noise,
         shrink=own,
-        shrink_interval=_interval(_shrinks(resampled, errors.n)[0]),
+        shrink_interval=_interval(_shrinks(resampled)[0]),
         placebo_shrink=placebo_own,
         predicted_after=stated.after,
         predicted_shrink=stated.shrink,
@@ -328,10 +337,10 @@ def _open(name, closed, nominal, evidence, scored) -> tuple[Fold, _Errors]:
 
 def _pooled(opened: list[Fold], errors: list[_Errors], gains: list[dict], m) -> Shrinkage:
     """Folds of ``m`` different frequencies in all, each of which several folds may hold out."""
-    total, n = sum(e.squares.sum(axis=1) for e in errors), sum(e.n for e in errors)
-    before, after, placebo, noise = map(float, _sizes(total, n))
-    own, wrong, excess = map(float, _shrinks(total, n))
-    own_90, wrong_90, excess_90 = map(_interval, _shrinks(*_resampled(errors)))
+    total, n = sum(e.sums for e in errors), sum(e.n for e in errors)
+    before, after, placebo, noise = map(float, _sizes(total))
+    own, wrong, excess = map(float, _shrinks(total))
+    own_90, wrong_90, excess_90 = map(_interval, _shrinks(_resampled(errors)))
     sized = [f for f in opened if f.shrink_covered is not None]
     entries = sum(f.entries_covered * f.n for f in opened) / sum(f.n for f in opened)
     return Shrinkage(
@@ -346,16 +355,15 @@ def _pooled(opened: list[Fold], errors: list[_Errors], gains: list[dict], m) -> 
     )  # fmt: skip
 
 
-def _resampled(errors: Sequence[_Errors]) -> tuple[np.ndarray, np.ndarray]:
-    """Folds drawn with replacement, and entries within each: sums, (draws, 4), and counts."""
+def _resampled(errors: Sequence[_Errors]) -> np.ndarray:
+    """Folds drawn with replacement, and entries within each: sums and counts, (2, draws, 4)."""
     rng = np.random.default_rng(_SEED)
-    sums, counts = np.zeros((_DRAWS, 4)), np.zeros(_DRAWS)
+    sums = np.zeros((2, _DRAWS, 4))
     for chosen in rng.integers(len(errors), size=(len(errors), _DRAWS)):
         for i, error in enumerate(errors):
             rows = np.flatnonzero(chosen == i)
-            sums[rows] += error.resampled(rng, len(rows))
-            counts[rows] += error.n
-    return sums, counts
+            sums[:, rows] += error.resampled(rng, len(rows))
+    return sums
 
 
 def _rms_rows(a: np.ndarray) -> np.ndarray:

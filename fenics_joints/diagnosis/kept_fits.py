@@ -12,7 +12,7 @@ import numpy as np
 
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.errors import InputError
-from fenics_joints.files import open_own
+from fenics_joints.files import json_digest, open_own
 
 __all__ = ["KeptFits"]
 
@@ -90,8 +90,7 @@ def _opened(path: str, flags: int) -> int:
 
 
 def _line(label: str, z: list[float]) -> str:
-    told = hashlib.sha256(json.dumps([label, z]).encode()).hexdigest()[:16]
-    return json.dumps({"label": label, "z": z, "checksum": told})
+    return json.dumps({"label": label, "z": z, "checksum": json_digest([label, z])[:16]})
 
 
 def _lines(file: Iterable[bytes]) -> Iterator[tuple[str, np.ndarray]]:

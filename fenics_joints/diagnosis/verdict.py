@@ -136,6 +136,8 @@ def unconfirmed(s: Shrinkage | None) -> str:
         return "nothing could be held out"
     if s.after >= s.before:
         return f"the gap on them grows from {percent(s.before)} to {percent(s.after)}"
+    if not np.isfinite(s.before):
+        return "the nominal model has none of these modes, so that no gap closes"
     if not np.isfinite(s.shrink):
         return "the nominal model is already as good on them as noise allows"
     if s.shrink_interval[0] <= 0:

@@ -43,7 +43,7 @@ class KeptModel:
 
     def __init__(self, full: Structure, file: Path):
         self.full, self.file, self.reason = full, file, ""
-        self._made = f"{file.name} {full.tagged.digest()}"
+        self._made = f"{file.name} {full.tagged.digest}"
 
     def read(self) -> tuple[ArrayModel, list[PETSc.Vec]] | None:
         """The model without what is a test's own, and its basis; None if they are not to be had."""

@@ -25,6 +25,7 @@ from fenics_joints.preload import OPEN, SLIP, STICK, ContactState
 from fenics_joints.preload.patch import (
     contour_area,
     cut_corners,
+    equal_radius,
     largest_radius,
     nearest_axis,
     radii,
@@ -62,13 +63,11 @@ class _Patch:
         pressure[self.pairs] = self.state.pressure[self.pairs]
         return pressure
 
-    def radii(self, limit: float) -> list[float]:
-        """Contact radius about each axis, by the pairs nearest to the axis."""
+    def radii(self, limit: float, radius=largest_radius) -> list:
+        """Contact radius about each axis, or another, by the pairs nearest to the axis."""
         nearest = nearest_axis(self.state.interface.points, self.centres)
         return [
-            largest_radius(
-                self.state.interface, np.where(nearest == i, self.pressure, 0.0), limit, centre
-            )
+            radius(self.state.interface, np.where(nearest == i, self.pressure, 0.0), limit, centre)
             for i, centre in enumerate(self.centres)
         ]
 
@@ -88,9 +87,9 @@ def pressure_map(state: ContactState, *, limit: float = 1e6, centres=None) -> Fi
     """Contact pressure over the interface in plan, with the contour and radius of a limit.
 
     Facets have the colour of their mean pressure, grey where they are open. The line is where the
-    pressure, linear between the vertices, is at the limit; the dashed circles are the contact radii
-    about the bolts' axes, to the farthest place on the line. Above each patch stand its force, the
-    area within the line, and these radii.
+    pressure, linear between the vertices, is at the limit; the dashed circles about the bolts' axes
+    have, around the hole, the area within the line. Above each patch stand its force, this area,
+    and the circles' radii.
 
     Args:
         state: A contact of a three-dimensional model, flat or nearly so.
@@ -112,10 +111,11 @@ def pressure_map(state: ContactState, *, limit: float = 1e6, centres=None) -> Fi
             _facets(panel, plane, state.interface.facets[patch.facets], colours)
             lines = _contour(plane.points, patch, limit)
             panel.add_collection(LineCollection(lines, colors=_LINE, lw=1.5, capstyle="round"))
-            found = [r for r in zip(patch.radii(limit), patch.centres, strict=True) if r[0] > 0]
-            for radius, centre in found:
-                _circle(panel, plane, centre, radius)
-            words = ", ".join(f"{_MM * radius:.1f}" for radius, _ in found)
+            found = [r for r, _, _ in patch.radii(limit, equal_radius)]
+            for radius, centre in zip(found, patch.centres, strict=True):
+                if radius > 0:
+                    _circle(panel, plane, centre, radius)
+            words = ", ".join(f"{_MM * radius:.1f}" for radius in found if radius > 0)
             reach = f", r = {words} mm" if words else ""
             panel.set_title(f"{patch.title}\n{_summary(patch, limit)}{reach}", loc="left")
         bar = figure.colorbar(
@@ -126,7 +126,7 @@ def pressure_map(state: ContactState, *, limit: float = 1e6, centres=None) -> Fi
         bar.outline.set_visible(False)
         handles = [
             Line2D([], [], color=_LINE, lw=1.5, label=_limit_name(limit)),
-            Line2D([], [], color=_LINE, ls=_DASHES, lw=1.1, label="contact radius"),
+            Line2D([], [], color=_LINE, ls=_DASHES, lw=1.1, label="circle of equal area"),
             Patch(fc=_APART, label="open"),
         ]
         figure.legend(handles=handles, loc="outside upper left", ncols=3)

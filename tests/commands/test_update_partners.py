@@ -118,6 +118,8 @@ WRONG = {
     "all halved": (lambda f, s: f / 2, None),
     "rad/s called Hz": (lambda f, s: f * 2 * np.pi, None),
     "columns rotated": (lambda f, s: f, lambda s: s[:, [1, 2, 3, 4, 0]]),
+    "columns rotated back": (lambda f, s: f, lambda s: s[:, [4, 0, 1, 2, 3]]),
+    "sensors rotated": (lambda f, s: f, lambda s: np.roll(s, 1, axis=0)),
     "shapes identical": (lambda f, s: f, lambda s: s[:, [0] * 5]),
 }
 
@@ -129,10 +131,7 @@ def test_a_fit_to_wrong_data_explains_nothing(what, virtual, tmp_path):
     of_hz, of_shapes = WRONG[what]
     case = of_data(tmp_path, of_hz(hz, shapes), (of_shapes or (lambda s: s))(shapes))
     found = update_case(case, MPI.COMM_WORLD)
-    if what == "columns rotated":  # one is left out, and the others end 15 % off
-        assert found.without_partner and found.update.excess > 100
-    else:
-        assert found.failure is not None and "explains nothing" in found.failure
+    assert found.failure is not None
     if what != "shapes identical":  # by frequencies alone it is right
         assert max(found.update.relative_sd) > 0.5
 

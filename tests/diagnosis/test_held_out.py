@@ -129,6 +129,27 @@ def test_a_wrong_effect_that_is_the_right_one_but_for_round_off_claims_nothing()
     assert not found.claimed and not confirmed(found)
 
 
+def test_modes_that_the_nominal_model_lacks_are_held_out_too():
+    """Its error is that of the others alone; all else is scored on all modes, as if it had them."""
+    evidence = draw(np.random.default_rng(5), [0.9, 0.0, 0.0])
+    fits, masks = candidates(evidence), folds(TORQUES, MODES, ("torque", "N·m"))
+    lacks = np.array([True, False, True, True, True])
+    found, whole = (
+        cross_validate(
+            fits, np.zeros(4), lambda f: f.hypothesis.label == "effect 1", FORWARD, evidence,
+            FORWARD.baseline, masks, causes={"it": lambda f: f.hypothesis.label == "effect 0"},
+            not_nominal=mask,
+        ) for mask in (lacks, None)
+    )  # fmt: skip
+    own = np.expm1(5.0 - evidence.log_f[:, 1])
+    assert found.before == pytest.approx(np.sqrt(np.mean(own**2)))
+    for name in ("after", "placebo", "noise", "coverage", "entries_coverage", "gains"):
+        assert getattr(found, name) == getattr(whole, name), name
+    assert [np.isfinite(f.before) for f in found.folds] == [bool((m & ~lacks).any())
+                                                           for _, m in masks]  # fmt: skip
+    assert found.claimed and confirmed(found)
+
+
 def test_modes_without_levels_are_held_out_by_mode_alone():
     """Conditions are held out of the modes that were measured at several."""
     measured = np.array([[False, True, True], [True, False, False], [True, False, False]])

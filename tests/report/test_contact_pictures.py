@@ -153,6 +153,7 @@ def test_two_axes_through_one_patch_have_a_circle_each():
         own = np.where(nearest == i, state.pressure, 0.0)
         equal, least, most = equal_radius(state.interface, own, 1e6, axis)
         assert equal == pytest.approx(radius, rel=0.02) and least < radius < most
+        assert circle.radius == pytest.approx(1e3 * equal)
 
 
 @pytest.mark.parametrize("axisymmetric", [True, False])

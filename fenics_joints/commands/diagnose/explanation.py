@@ -114,7 +114,12 @@ def explain(d: Diagnosis) -> Explanation:
 
 
 def _start(d: Diagnosis) -> str:
-    off = f"is {percent(d.before.rms)} off the measured frequencies (root mean square{_mesh(d)})"
+    measured = np.isfinite(d.before.test_hz)
+    has = int((measured & np.isfinite(d.before.model_hz)).any(axis=0).sum())
+    of, m = "the measured frequencies", int(measured.any(axis=0).sum())
+    if has < m:
+        of = f"the {has} of {m} measured frequencies that it has modes for"
+    off = f"is {percent(d.before.rms)} off {of} (root mean square{_mesh(d)})"
     return f"The nominal model{_JOINTS[d.joints]} {off}; that is the gap."
 
 
@@ -316,6 +321,8 @@ def _how_far(d: Diagnosis) -> str:
     lead = leading(d)
     if np.isfinite(s.shrink) and lead is not None and lead.label == NO_GAP:
         return f"{words}: {_shrunk(s)}, by what is within tolerance alone{_folds(s)}."
+    if not np.isfinite(s.before):
+        return f"{words}; the nominal model has none of these modes{_folds(s)}."
     if not np.isfinite(s.shrink):
         return f"{words}; the nominal model is already as good as noise allows."
     words += f": {_shrunk(s)}"

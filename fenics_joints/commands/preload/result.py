@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +10,7 @@ import numpy as np
 import fenics_joints
 from fenics_joints.case import Case
 from fenics_joints.commands.preload.contacts import bolt_forces
+from fenics_joints.files import plain
 from fenics_joints.formatting import number, quantity
 from fenics_joints.preload import PreloadResult
 
@@ -36,6 +37,8 @@ class PreloadReport:
         applied: A dict of facts for each obstacle, displacement and load, see `applied_facts`.
         free_motions: Number of motions that nothing resists in the preloaded state, beyond those
             of the stuck structure.
+        become_hz: Frequencies of the preloaded modes that have the stuck ones' shapes, Hz, (n,);
+            nan where none has.
     """
 
     case: Case
@@ -46,6 +49,15 @@ class PreloadReport:
     written: tuple[Path, ...] = ()
     applied: tuple[dict, ...] = ()
     free_motions: int = 0
+    become_hz: np.ndarray = field(default_factory=lambda: np.zeros(0))
+
+    @property
+    def rows(self) -> list[tuple[float, float]]:
+        """Frequencies, Hz, stuck and preloaded, of the same shapes; then those of the preloaded
+        modes whose shapes no stuck mode has, beside nan."""
+        other = self.preloaded_hz[~np.isin(self.preloaded_hz, self.become_hz)]
+        pairs = zip(self.stuck_hz, self.become_hz, strict=True)
+        return [*pairs, *((np.nan, hz) for hz in other)]
 
     @property
     def notes(self) -> list[str]:
@@ -61,6 +73,11 @@ class PreloadReport:
             for c in self.contacts
             if c["peak_pressure_pa"] > _HARDEST
         ]
+        if not np.isfinite(self.become_hz).all():
+            found.append(
+                "a mode without a frequency beside it has no mode of its shape in the other state: "
+                "what slides or opens mixes them anew"
+            )
         if self.free_motions:
             found.append(
                 f"sliding or open faces add {self.free_motions} "
@@ -87,7 +104,8 @@ class PreloadReport:
         Keys: ``version``, ``title``, ``dofs``, ``bolt_forces_n``, ``iterations``,
         ``complementarity``, ``contacts`` (each with the keys of `contact_facts`), ``applied``
         (obstacles, displacements and loads, with the keys of `applied_facts`),
-        ``frequencies_hz`` with ``stuck`` and ``preloaded``, ``free_motions`` and ``notes``.
+        ``frequencies_hz`` with ``stuck``, ``preloaded`` and ``stuck_become`` (of the preloaded
+        modes of the stuck shapes; null where there is none), ``free_motions`` and ``notes``.
         """
         return {
             "version": fenics_joints.__version__,
@@ -101,6 +119,7 @@ class PreloadReport:
             "frequencies_hz": {
                 "stuck": self.stuck_hz.tolist(),
                 "preloaded": self.preloaded_hz.tolist(),
+                "stuck_become": plain(self.become_hz),
             },
             "free_motions": self.free_motions,
             "notes": self.notes,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 from mpi4py import MPI
 
 from fenics_joints.case import Case, build_preload
@@ -28,6 +29,8 @@ __all__ = ["run_preload"]
 
 #: Elastic modes whose frequencies are compared.
 _ELASTIC = 6
+#: Relative difference of the frequencies of a symmetric structure's pair, whose shapes may turn.
+_EQUAL = 1e-3
 
 
 def run_preload(
@@ -65,8 +68,25 @@ def run_preload(
     found = PreloadReport(
         case, result, contacts, *(f[:compared] for f in hz), written,
         tuple(applied_facts(result)), max(loose.n_rigid - stuck.n_rigid, 0),
+        _become(joint, stuck, loose)[:compared],
     )  # fmt: skip
     return Outcome.of(found, preload_html, show_preload)
+
+
+def _become(joint: LinearJoint, stuck: Modes, loose: Modes) -> np.ndarray:
+    """Frequencies, Hz, (n,), of what the stuck elastic modes become in the preloaded state: of the
+    mode, or the modes as good as equal, with more than half of the kinetic energy of the stuck
+    shape; nan where none has."""
+    mass, hz = joint.free_matrices()[1], loose.frequencies_hz[loose.n_rigid :]
+    moved = [mass * shape for shape in loose.shapes[loose.n_rigid :]]
+    found = np.full(len(stuck) - stuck.n_rigid, np.nan)
+    for i, shape in enumerate(stuck.shapes[stuck.n_rigid :]):
+        # Shapes have unit modal mass, so that these are shares, 1 in sum over all modes.
+        shares = np.array([shape.dot(other) ** 2 for other in moved])
+        near = hz[np.argmax(shares)]
+        if shares[np.abs(hz / near - 1) < _EQUAL].sum() > 0.5:
+            found[i] = near
+    return found
 
 
 def _elastic_modes(joint: LinearJoint, before: Modes | None = None) -> Modes:

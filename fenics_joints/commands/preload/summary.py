@@ -34,8 +34,9 @@ def show_preload(console: Console, p: PreloadReport) -> None:
         console.print(rows)
         console.print()
     rows = new_table(">elastic mode", ">stuck, Hz", ">preloaded, Hz", ">change")
-    for i, (a, b) in enumerate(zip(p.stuck_hz, p.preloaded_hz, strict=True)):
-        rows.add_row(str(i + 1), hertz(a), hertz(b), percent(b / a - 1, sign=True))
+    for i, (a, b) in enumerate(p.rows):
+        name = str(i + 1) if i < len(p.stuck_hz) else ""
+        rows.add_row(name, hertz(a), hertz(b), percent(b / a - 1, sign=True))
     console.print(rows)
     for note in p.notes:
         say(console, note)

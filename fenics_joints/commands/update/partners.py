@@ -47,13 +47,17 @@ def without(case: Case, error: WithoutPartner) -> tuple[Case, str]:
     return case.without_modes(error.index), note
 
 
-def explains_nothing(modes: ModeTable | None, alone: np.ndarray, spare: int) -> str | None:
+def explains_nothing(
+    modes: ModeTable | None, alone: np.ndarray, spare: int, in_order: np.ndarray, excess: float
+) -> str | None:
     """Why a fit does not explain a test, in words; None if it may.
 
     Args:
         modes: Frequencies before and after.
         alone: Mask of the modes without a partner, before and after, (m,).
         spare: How many may be left out.
+        in_order: Frequencies of the modes that the test sees before the fit, ascending, Hz, (m,).
+        excess: Of the `Update`: a fit that ends within the data's noise explains them.
     """
     if modes is None:
         return None
@@ -62,11 +66,32 @@ def explains_nothing(modes: ModeTable | None, alone: np.ndarray, spare: int) -> 
         return f"no mode of the model matches {', '.join(names)}, over a third of the test's modes"
     errors = np.log(modes.after / modes.test)[modes.fitted]
     left = rms(errors) if np.isfinite(errors).any() else 0.0
-    if left < _NOTHING:
+    if left >= _NOTHING:
+        return (
+            f"the frequencies are still {percent(float(np.expm1(left)))} off after the fit (root "
+            "mean square), as much as neighbouring modes differ"
+        )
+    if excess == 1 or modes.mac_after is None:
+        return None
+    return _shapes_of_others(modes, in_order)
+
+
+def _shapes_of_others(modes: ModeTable, in_order: np.ndarray) -> str | None:
+    """Whether shapes name pairs that the frequencies contradict, in words; None if not.
+
+    A fit to such pairs gives up the shapes that it was paired by, each of them, and still ends
+    further from the frequencies than the model before it with its modes in order.
+    """
+    fitted = modes.fitted & np.isfinite(modes.test)
+    lost = (np.diag(modes.mac_after) < np.diag(modes.mac_before))[fitted]
+    after = rms(modes.error_after[fitted]) if fitted.any() else 0.0
+    before = rms(in_order[fitted] / np.sort(modes.test[fitted]) - 1) if fitted.any() else 0.0
+    if not lost.all() or after <= before:
         return None
     return (
-        f"the frequencies are still {percent(float(np.expm1(left)))} off after the fit (root mean "
-        "square), as much as neighbouring modes differ"
+        f"it ends {percent(after)} from the frequencies (root mean square), each shape is less "
+        f"like its mode than before, and the model before the fit, in order of frequency, is "
+        f"{percent(before)} off: are the shapes those of other modes?"
     )
 
 

@@ -38,7 +38,7 @@ from fenics_joints.commands.update.view import updated_shapes
 from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.files import plain
 from fenics_joints.formatting import percent, quantity
-from fenics_joints.measurements import Pairing, Target, mac
+from fenics_joints.measurements import Pairing, Target, mac, pair_modes
 from fenics_joints.measurements.gap import TooFewModes, partnered
 from fenics_joints.modal.modes import Modes
 from fenics_joints.progress import Progress
@@ -184,7 +184,7 @@ class _Run:
             )  # fmt: skip
             facts |= {**self.model.facts(), "not_converged": lost}
         table = self._modes(first, modes, found)
-        failure = explains_nothing(table, alone, self.spare)
+        failure = explains_nothing(table, alone, self.spare, self._in_order(first), found.excess)
         if failure is not None:
             self.notes.append(
                 f"THIS FIT EXPLAINS NOTHING: {failure}; do not use its values"
@@ -341,6 +341,12 @@ class _Run:
 
     def _pair(self, modes: Modes) -> Pairing:
         return paired(modes, self.data.target)
+
+    def _in_order(self, modes: Modes) -> np.ndarray:
+        """Frequencies of the lowest modes that the test sees, Hz, one for each of its own."""
+        target = self.data.target
+        seen = pair_modes(modes, len(target), target.shape_sensors).index
+        return modes.frequencies_hz[seen]
 
     def _measured_hz(self) -> np.ndarray:
         """Measured frequencies, also those held out."""

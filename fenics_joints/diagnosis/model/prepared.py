@@ -86,7 +86,7 @@ class Prepared(Subject):
         left_out: Mask of modes without a partner and unresolved modes, (m,); if most of the test is
             unresolved, these modes stay. None without any.
         not_nominal: Mask of the modes that have a partner only with an effect, (m,): they are
-            data, but do not count in the nominal model's gap.
+            data, but have no part in the nominal model's gap.
         notes: What is to be said of the data that are single numbers.
     """
 
@@ -204,8 +204,7 @@ class Prepared(Subject):
             self.not_nominal = found & ~nominal
             self.notes.append(
                 f"{self._with_hz(self.not_nominal)}: matches a mode only if the model has one of "
-                "the effects; it is fitted, but does not count in the gaps before the fit and on "
-                "held-out data"
+                "the effects; it is fitted and held out, but has no part in the nominal model's gap"
             )
 
     def _partners_at(self) -> list[dict[str, float]]:

@@ -145,7 +145,7 @@ def _solved(finer: Structure, values, n_modes: int, keep) -> Modes:
     if keep is None:
         return solve_modes(finer, values, n_modes=n_modes)
     file, more = keep(), {}
-    made = f"{file.name} {finer.tagged.digest()}"  # the name tells the case apart
+    made = f"{file.name} {finer.tagged.digest}"  # the name tells the case apart
     shapes = read_vectors(finer, file, made, more)
     squares = more.get("eigenvalues")
     if shapes is not None and squares is not None and len(squares) == len(shapes) == n_modes:
