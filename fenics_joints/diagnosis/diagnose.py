@@ -77,8 +77,8 @@ def diagnose(
         progress: Told what is being done.
         extra: Effects of the user's own, beside the library's.
         data: The test, if not the case's.
-        keep: Folder in which the reduced model and finished fits are kept, so that a run that was
-            stopped goes on, and another test of the same model costs less; None to keep nothing.
+        keep: Folder in which the reduced model is kept, so that another test of the same model
+            costs less; None to keep nothing.
 
     Raises:
         InputError: If the case has no test, or its model too few modes; if the folder cannot be
@@ -124,7 +124,6 @@ class _Run:
         return self.model.forward
 
     def answer(self) -> Diagnosis:
-        self.sampled, self.laplace = {}, {}
         return self._report(self.search.run())
 
     # -- the answer --------------------------------------------------------------------------
@@ -191,7 +190,6 @@ class _Run:
                 n_patches=self.given.diagnose.patches,
             ),
             shrinkage=shrink,
-            sampled=self.sampled,
             at_once=at_once,
             somewhere=self._somewhere(next(f for f in fits if f.hypothesis.unknown)),
             row_names=self.data.row_names,
@@ -229,7 +227,6 @@ class _Run:
                 f.p_value,
                 f.hypothesis.table(f.z, f.covariance),
                 f.at_bound,
-                self.laplace.get(f.hypothesis.label_of_keys, f.log_evidence),
             )
             for f, p in zip(fits, probability, strict=True)
         ]

@@ -23,11 +23,11 @@ from fenics_joints.diagnosis.evidence.scales import Scales
 from fenics_joints.diagnosis.evidence.somewhere import with_somewhere
 from fenics_joints.errors import InputError
 from fenics_joints.reduction.batch import pod
-from fenics_joints.reduction.forward import SPARE
+from fenics_joints.reduction.forward import SPARE, Forward
 from fenics_joints.reduction.lean import LeanForward, batched
 from fenics_joints.reduction.seen_at import seen_modes_at
 
-__all__ = ["Found", "Library"]
+__all__ = ["Found", "Library", "fit"]
 
 #: Step of differences, in standard deviations of the prior.
 _STEP = 1e-4
@@ -576,6 +576,25 @@ class Library:
             if abs(found.fit.log_evidence - before) < _MOVED:
                 break
         return found
+
+
+def fit(
+    hypothesis: Hypothesis, forward: Forward, evidence: Evidence, baseline: dict[str, float]
+) -> Fit:
+    """Most probable parameters of a hypothesis, and its evidence.
+
+    Args:
+        hypothesis: The hypothesis.
+        forward: Predicts frequencies.
+        evidence: The test.
+        baseline: Parameter values of the nominal model.
+    """
+
+    def make(effects: Sequence[Effect]) -> Hypothesis:
+        return replace(hypothesis, effects=tuple(effects), name="", unknown=False)
+
+    library = Library(forward, evidence, baseline, make)
+    return library.split(library.of(hypothesis, evidence), evidence).fit
 
 
 def _places(h: Hypothesis) -> dict[str, slice]:

@@ -61,7 +61,7 @@ def _moved_at(found: Fit, evidence: Evidence) -> Fit | None:
         found, z=z, covariance=np.linalg.inv(hessian),
         predicted=found.predicted + found.jacobian @ step,
         log_evidence=log_evidence(left @ left + z @ z, hessian, lower),
-        misfit=float(left @ left), n_data=len(left), at_bound=(), ends=(), scales=evidence.scales,
+        misfit=float(left @ left), n_data=len(left), at_bound=(), scales=evidence.scales,
     )  # fmt: skip
 
 
