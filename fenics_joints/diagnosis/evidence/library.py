@@ -108,9 +108,11 @@ class Library:
         self, forward, evidence: Evidence, baseline: dict[str, float], make,
         effects: Sequence[Effect] = (),
     ):  # fmt: skip
-        self.forward, self.evidence, self.baseline = batched(forward), evidence, baseline
-        self.make, self.floor = make, -np.inf
-        if effects and self.forward.batches and self.forward.model.n_dofs > _LARGE:
+        self.evidence, self.baseline, self.make, self.floor = evidence, baseline, make, -np.inf
+        self.forward = batched(forward) if isinstance(forward, Forward) else forward
+        #: Whether it solves for many points at a time.
+        self.batches = getattr(self.forward, "batches", False)
+        if effects and self.batches and self.forward.model.n_dofs > _LARGE:
             self.forward = self._truncated(effects)
         self._states: dict[str, States] = {}
         self.calls = 0
@@ -149,7 +151,7 @@ class Library:
         """Everything in `Evidence.data` at points (b, p): (b, N), and its derivatives by some of z,
         (b, N, q); nan where the model has no such modes."""
         by, self.calls = list(by), self.calls + len(z)
-        if not self.forward.batches:
+        if not self.batches:
             return self._one_by_one(h, z, by)
         many = ManyPredictions(h, self.forward, self.evidence, self.baseline, held_out=True)
         data, slopes = many(z, by)
@@ -518,15 +520,20 @@ class Library:
         post = posts[scales]
         if not np.isfinite(log_z):
             raise InputError(f"{h.label}: the evidence is not finite; check the data.")
-        weight = np.exp(post.log_evidence - total(post.log_evidence))
-        mean = weight @ post.z
-        away = post.z - mean
-        covariance = np.einsum("n,npq->pq", weight, post.covariance)
-        covariance += np.einsum("n,np,nq->pq", weight, away, away)
         used = test.fitted
         lower = test.at(scales).lower(h.unknown)
         peak = self._peak(h, cells, test.at(scales)) if peak is None else peak
+        # Of a linear model the whole prior as one cell is exact, which a sum of cells nearly is.
+        whole = self._weighed(h, peak, test)[1]
+        straight = abs(whole - log_z) < _MOVED
+        log_z = whole if straight else log_z
         z, predicted, slopes = peak.at[0], peak.data[0], peak.slopes[0]
+        if straight:
+            post = weigh(peak, test.data, used, lower, h.limits)
+        weight = np.exp(post.log_evidence - total(post.log_evidence))
+        away = post.z - weight @ post.z
+        covariance = np.einsum("n,npq->pq", weight, post.covariance)
+        covariance += np.einsum("n,np,nq->pq", weight, away, away)
         residual = whiten(lower, (predicted - test.data)[used])
         at_bound = tuple(
             f"{effect.name}: {prior.name}"
@@ -546,7 +553,7 @@ class Library:
         )  # fmt: skip
         if h.unknown:
             found = with_somewhere(found, test)
-        return Found(found, cells, post.log_evidence, peak)
+        return Found(found, cells, posts[scales].log_evidence, peak)
 
     def split(self, found: Found, test: Evidence) -> Found:
         """The same with cells that count split until the evidence no longer moves.
