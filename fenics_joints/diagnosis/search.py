@@ -319,9 +319,10 @@ def _pack(found: Found) -> tuple:
     """Without its hypothesis, which holds functions."""
     own = found.fit
     fit = {f.name: getattr(own, f.name) for f in fields(own) if f.name != "hypothesis"}
-    return fit, found.cells, found.log_evidence, found.peak
+    return fit, None if found.cells is found.peak else found.cells, found.log_evidence, found.peak
 
 
 def _unpack(task, packed: tuple) -> Found:
-    fit, *rest = packed
-    return Found(Fit(hypothesis=task[0], **fit), *rest)
+    fit, cells, log_evidence, peak = packed
+    found = Fit(hypothesis=task[0], **fit)
+    return Found(found, peak if cells is None else cells, log_evidence, peak)

@@ -225,6 +225,9 @@ class Library:
             test: The test.
         """
         h, share = found.fit.hypothesis, found.log_evidence - total(found.log_evidence)
+        if found.cells is found.peak:
+            peak = self._corrected(h, found.peak, found, test)
+            return self.summary(h, peak, test, peak)
         counts = share > np.log(_LITTLE)
         cells = self._corrected(h, found.cells[counts].joined(found.peak), found, test)
         own = cells[np.arange(len(cells) - 1)].joined(found.cells[~counts])
@@ -391,6 +394,10 @@ class Library:
         order = order[np.isfinite(screened[order])]
         if not len(order):
             order = np.arange(1)
+        whole = self._whole(h, make(order[:1]), test)
+        alone = weigh(whole, test.data, test.fitted, test.lower(h.unknown), h.limits)
+        if abs(alone.log_evidence[0] - total(screened)) < _MOVED:
+            return self.summary(h, whole, test, whole)
         done, cells = 0, None
         while True:
             index = order[done : done + _AT_A_TIME]
@@ -501,8 +508,12 @@ class Library:
         good = np.isfinite(residual).all(1)
         white = whiten(test.lower(h.unknown), residual[good].T)
         square[good] = np.sum(white**2, axis=0) + np.sum(cells.at[good] ** 2, axis=1)
-        best = cells[[int(np.argmin(square))]]
-        whole = replace(best, mean=np.zeros_like(best.mean), width=np.ones_like(best.width))
+        return self._whole(h, cells[[int(np.argmin(square))]], test)
+
+    def _whole(self, h: Hypothesis, cell: Cells, test: Evidence) -> Cells:
+        """The whole prior as one cell, linear about its most probable point."""
+        mean, width = np.zeros_like(cell.mean), np.ones_like(cell.width)
+        whole = replace(cell, mean=mean, width=width, log_share=np.zeros(1))
         return self.settled(h, whole, test)
 
     def summary(
@@ -553,7 +564,9 @@ class Library:
         )  # fmt: skip
         if h.unknown:
             found = with_somewhere(found, test)
-        return Found(found, cells, posts[scales].log_evidence, peak)
+        if straight:
+            return Found(found, peak, post.log_evidence, peak)
+        return Found(found, cells, post.log_evidence, peak)
 
     def split(self, found: Found, test: Evidence) -> Found:
         """The same with cells that count split until the evidence no longer moves.
@@ -564,7 +577,7 @@ class Library:
         """
         h = found.fit.hypothesis
         own = np.arange(*h.own.indices(len(h.priors)))
-        if not len(own):
+        if found.cells is found.peak or not len(own):
             return found
         for _ in range(_ROUNDS):
             share = found.log_evidence - total(found.log_evidence)
