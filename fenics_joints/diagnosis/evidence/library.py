@@ -502,7 +502,8 @@ class Library:
         white = whiten(test.lower(h.unknown), residual[good].T)
         square[good] = np.sum(white**2, axis=0) + np.sum(cells.at[good] ** 2, axis=1)
         best = cells[[int(np.argmin(square))]]
-        whole = replace(best, mean=np.zeros_like(best.mean), width=np.ones_like(best.width))
+        mean, width = np.zeros_like(best.mean), np.ones_like(best.width)
+        whole = replace(best, mean=mean, width=width, log_share=np.zeros(1))
         return self.settled(h, whole, test)
 
     def summary(
