@@ -318,7 +318,8 @@ class Library:
         width[:, last] = states.width[j]
         slopes[:, :, last] = states.slopes[j]
         data = parent.cells.data[i] + states.data[j] - nominal
-        log_share = parent.cells.log_share[i] + states.log_share[j]
+        # Parents that are left out count as those do that are not.
+        log_share = parent.cells.log_share[i] + states.log_share[j] - total(share[top])
         cells = Cells(mean, width, log_share, at, data, slopes)
         lower = test.at(parent.fit.scales).lower(h.unknown)
         found = weigh(cells, test.data, test.fitted, lower, h.limits)
