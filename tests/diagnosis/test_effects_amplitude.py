@@ -28,7 +28,7 @@ from fenics_joints.diagnosis.effects.amplitude import (
 )
 from fenics_joints.diagnosis.effects.effect import relative_error
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
-from fenics_joints.diagnosis.evidence.inference import fit
+from fenics_joints.diagnosis.evidence import fit
 from fenics_joints.diagnosis.evidence.of_test import evidence_of
 from fenics_joints.diagnosis.evidence.scales import BETWEEN, correlation
 from fenics_joints.diagnosis.zones.zone import Zone

@@ -13,7 +13,7 @@ from mpi4py import MPI
 from fenics_joints.diagnosis import Effect, Prior
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
-from fenics_joints.diagnosis.evidence.inference import fit
+from fenics_joints.diagnosis.evidence import fit
 from fenics_joints.diagnosis.evidence.screen import near_best, near_listed, quick_evidence
 from fenics_joints.diagnosis.evidence.unlisted import look_alike
 from fenics_joints.diagnosis.exchange import fit_exchanged

@@ -14,7 +14,7 @@ from fenics_joints.commands.diagnose.page import diagnosis_html
 from fenics_joints.commands.diagnose.words import zone_words
 from fenics_joints.diagnosis import diagnose
 from fenics_joints.diagnosis.effects.bolts import LOW_PRELOAD
-from fenics_joints.diagnosis.evidence.inference import fit
+from fenics_joints.diagnosis.evidence import fit
 from fenics_joints.diagnosis.evidence.sampled import nested_evidence
 from fenics_joints.diagnosis.location import locate_gap
 from fenics_joints.diagnosis.model.prepared import prepare

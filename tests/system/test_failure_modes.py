@@ -49,7 +49,7 @@ from fenics_joints.diagnosis.effects.rig import (
 from fenics_joints.diagnosis.evidence.classes import classes, stand_ins
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
-from fenics_joints.diagnosis.evidence.inference import fit
+from fenics_joints.diagnosis.evidence import fit
 from fenics_joints.diagnosis.evidence.of_test import evidence_of
 from fenics_joints.diagnosis.held_out import cross_validate, folds
 from fenics_joints.diagnosis.kept_fits import KeptFits
