@@ -27,8 +27,8 @@ from fenics_joints.diagnosis.effects.amplitude import (
     amplitude_effects,
 )
 from fenics_joints.diagnosis.effects.effect import relative_error
-from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence import fit
+from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.of_test import evidence_of
 from fenics_joints.diagnosis.evidence.scales import BETWEEN, correlation
 from fenics_joints.diagnosis.zones.zone import Zone
@@ -76,10 +76,8 @@ def fitted(hertz, ratios=None, levels=LEVELS, *, noise=1.0) -> dict:
             (effect,) if effect else (), (free,), conditions=tuple(levels), modes=("bending",),
             damped=ratios is not None,
         )  # fmt: skip
-        starts = [np.zeros(len(hypothesis.priors))]
-        starts += [hypothesis.at(z) for z in (-1.0, 1.0) if effect]
         found[effect.name if effect else NONE] = fit(
-            hypothesis, Series(), evidence, {"lap.G": Series.joint, "lap.E": 1.0}, starts=starts
+            hypothesis, Series(), evidence, {"lap.G": Series.joint, "lap.E": 1.0}
         )
     return found
 

@@ -11,9 +11,9 @@ import scipy.linalg
 
 from fenics_joints.beams import Beam, BeamStructure, GenericJoint, LumpedMass
 from fenics_joints.diagnosis import Effect, Prior
+from fenics_joints.diagnosis.evidence import fit
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
-from fenics_joints.diagnosis.evidence import fit
 from fenics_joints.diagnosis.evidence.leans import Leans, changed
 from fenics_joints.diagnosis.evidence.marginal import Marginal
 from fenics_joints.diagnosis.evidence.prediction import predict
