@@ -388,17 +388,29 @@ class Library:
         return self.together(h, self.of(self.make(h.effects[:-1]), test), test)
 
     def _refined(self, h: Hypothesis, make, screened: np.ndarray, test: Evidence) -> Found:
+        screened = screened.copy()
         order = np.argsort(-screened, kind="stable")
         order = order[np.isfinite(screened[order])]
         if not len(order):
             order = np.arange(1)
-        done, cells = 0, None
+        done, cells, best = 0, None, None
+
+        def about(index: np.ndarray) -> tuple[Cells, np.ndarray]:
+            own = make(index)
+            return (own, screened[index]) if best is None else self._about(h, own, best, test)
+
         while True:
             index = order[done : done + _AT_A_TIME]
-            own = self.settled(h, make(index), test)
+            own = self.settled(h, about(index)[0], test)
             cells = own if cells is None else cells.joined(own)
-            done += len(index)
             exact = self._weighed(h, cells, test)[0]
+            leads = int(np.argmax(exact)) >= done
+            done += len(index)
+            if leads and done < len(order):
+                best, left = cells[[int(np.argmax(exact))]], order[done:]
+                chunks = np.array_split(left, -(-len(left) // _CHUNK))
+                screened[left] = np.concatenate([about(chunk)[1] for chunk in chunks])
+                order[done:] = left[np.argsort(-screened[left], kind="stable")]
             rest = screened[order[done:]]
             hopeless = exact.max() < self.floor - _HOPELESS
             if not len(rest) or done >= _MOST or hopeless or rest[0] < exact.max() - _BEHIND:
@@ -408,6 +420,18 @@ class Library:
             more = np.logaddexp(0.0, total(rest) - total(screened[order[:done]]))
             cells = replace(cells, log_share=cells.log_share + more)
         return self.summary(h, cells, test)
+
+    def _about(
+        self, h: Hypothesis, cells: Cells, best: Cells, test: Evidence
+    ) -> tuple[Cells, np.ndarray]:
+        """Cells, linear about the best one's point where that finds them more probable than their
+        own, and ln of the evidence of each: what is bent within a cell leads it astray."""
+        n = len(cells)
+        there = {f: np.repeat(getattr(best, f), n, axis=0) for f in ("at", "data", "slopes")}
+        both = cells.joined(replace(cells, **there))
+        found = weigh(both, test.data, test.fitted, test.lower(h.unknown), h.limits)
+        index = np.arange(n) + n * (found.log_evidence[n:] > found.log_evidence[:n])
+        return both[index], found.log_evidence[index]
 
     def settled(self, h: Hypothesis, cells: Cells, test: Evidence) -> Cells:
         """Cells linear about their own posterior means, by Gauss-Newton steps.
