@@ -270,7 +270,7 @@ class Library:
             z = np.zeros((1, p))
             data, slopes = self.predict(h, z, range(p))
             cells = Cells(z, np.ones((1, p)), np.zeros(1), z.copy(), data, slopes)
-            return self._refined(h, lambda index: cells[index], np.zeros(1), test)
+            return self._refined(h, lambda index: cells[index], np.zeros(1), test, test)
         (effect,) = h.effects
         states = self.states(effect)
         lower = test.lower(h.unknown)
@@ -281,7 +281,7 @@ class Library:
             ).log_evidence
             for index in np.array_split(np.arange(n), -(-n // _CHUNK))
         ])  # fmt: skip
-        return self._refined(h, lambda index: self._cells(h, states, index), screened, test)
+        return self._refined(h, lambda index: self._cells(h, states, index), screened, test, test)
 
     def beside(
         self, h: Hypothesis, parent: Found, test: Evidence
@@ -373,7 +373,8 @@ class Library:
             test: The test, or a part of it.
         """
         cells, screened = self.beside(h, parent, test)
-        return self._refined(h, lambda index: cells[index], screened, test)
+        at = test.at(parent.fit.scales)
+        return self._refined(h, lambda index: cells[index], screened, test, at)
 
     def of(self, h: Hypothesis, test: Evidence) -> Found:
         """What a part of a test says of a hypothesis, from the library alone: nothing that all of
@@ -387,7 +388,9 @@ class Library:
             return self.single(h, test)
         return self.together(h, self.of(self.make(h.effects[:-1]), test), test)
 
-    def _refined(self, h: Hypothesis, make, screened: np.ndarray, test: Evidence) -> Found:
+    def _refined(
+        self, h: Hypothesis, make, screened: np.ndarray, test: Evidence, at: Evidence
+    ) -> Found:
         screened = screened.copy()
         order = np.argsort(-screened, kind="stable")
         order = order[np.isfinite(screened[order])]
@@ -397,7 +400,7 @@ class Library:
 
         def about(index: np.ndarray) -> tuple[Cells, np.ndarray]:
             own = make(index)
-            return (own, screened[index]) if best is None else self._about(h, own, best, test)
+            return (own, screened[index]) if best is None else self._about(h, own, best, at)
 
         while True:
             index = order[done : done + _AT_A_TIME]
@@ -408,8 +411,8 @@ class Library:
             done += len(index)
             if leads and done < len(order):
                 best, left = cells[[int(np.argmax(exact))]], order[done:]
-                chunks = np.array_split(left, -(-len(left) // _CHUNK))
-                screened[left] = np.concatenate([about(chunk)[1] for chunk in chunks])
+                for chunk in np.array_split(order, -(-len(order) // _CHUNK)):
+                    screened[chunk] = about(chunk)[1]
                 order[done:] = left[np.argsort(-screened[left], kind="stable")]
             rest = screened[order[done:]]
             hopeless = exact.max() < self.floor - _HOPELESS
@@ -425,12 +428,16 @@ class Library:
         self, h: Hypothesis, cells: Cells, best: Cells, test: Evidence
     ) -> tuple[Cells, np.ndarray]:
         """Cells, linear about the best one's point where that finds them more probable than their
-        own, and ln of the evidence of each: what is bent within a cell leads it astray."""
+        own, and ln of the evidence of each: what is bent within a cell leads it astray. Not where a
+        parameter that acts in steps has another value."""
         n = len(cells)
         there = {f: np.repeat(getattr(best, f), n, axis=0) for f in ("at", "data", "slopes")}
         both = cells.joined(replace(cells, **there))
         found = weigh(both, test.data, test.fitted, test.lower(h.unknown), h.limits)
-        index = np.arange(n) + n * (found.log_evidence[n:] > found.log_evidence[:n])
+        stepped = [j for j, (_, prior) in enumerate(h.priors) if prior.scan]
+        same = np.all(cells.mean[:, stepped] == best.mean[:, stepped], axis=1)
+        better = same & (found.log_evidence[n:] > found.log_evidence[:n])
+        index = np.arange(n) + n * better
         return both[index], found.log_evidence[index]
 
     def settled(self, h: Hypothesis, cells: Cells, test: Evidence) -> Cells:
