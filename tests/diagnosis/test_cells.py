@@ -64,11 +64,11 @@ def test_cells_together_are_the_prior(priors):
     """Their shares sum to one, their mixture has its mean and covariance."""
     mean, width, log_share = prior_cells(priors)
     share = np.exp(log_share)
-    assert share.sum() == pytest.approx(1.0)
+    assert share.sum() == pytest.approx(1.0, abs=1e-5)
     middle = share @ mean
     assert middle == pytest.approx(np.zeros(len(priors)), abs=0.1)
     second = np.einsum("n,np,nq->pq", share, mean, mean) + np.diag(share @ width**2)
-    assert second == pytest.approx(np.eye(len(priors)), abs=0.12)
+    assert second == pytest.approx(np.eye(len(priors)), abs=0.2)
 
 
 def test_evidence_is_the_closed_form_when_linear():
@@ -86,7 +86,8 @@ def test_evidence_is_the_closed_form_when_linear():
     mean = (5.0 + np.tile(forward.matrix @ [0.0, 0.3, -0.2], 3))[used]
     covariance = evidence.covariance() + J @ J.T
     exact = multivariate_normal(mean, covariance).logpdf(log_f.ravel()[used])
-    assert found.log_evidence == pytest.approx(exact, abs=1e-6)
+    # A prior ends at five standard deviations.
+    assert found.log_evidence == pytest.approx(exact, abs=1e-5)
     gain = J.T @ np.linalg.solve(covariance, log_f.ravel()[used] - mean)
     own = found.z[found.hypothesis.own]
     assert own == pytest.approx(gain[:2], abs=1e-5)
@@ -115,7 +116,8 @@ def test_one_parameter_is_enough(narrow):
 
 @pytest.mark.parametrize("limit", [np.inf, 0.5])
 def test_two_modes_and_a_bend_against_a_grid(limit):
-    """p0^2 is what the data see: two bent modes on both sides, and no limit of a prior."""
+    """p0^2 is what the data see: two bent modes on both sides, or limits of a prior that no
+    prediction reaches the data within: there what is bent has a residual that it acts on."""
     forward = Curved([[0.0, 0.05], [0.0, 0.0]], bend=[0.05, 0.04])
     span = (-limit, limit)
     effects = (shift(0, 1.0, span=span), shift(1, 1.0))
@@ -127,10 +129,26 @@ def test_two_modes_and_a_bend_against_a_grid(limit):
     density = multivariate_normal(evidence.data, evidence.covariance()).pdf(predicted)
     density *= norm.pdf(X) * norm.pdf(Y) / (2 * norm.cdf(min(limit, 5)) - 1)
     exact = np.log(trapezoid(trapezoid(density, y), x))
-    assert found.log_evidence == pytest.approx(exact, abs=0.1)
+    assert found.log_evidence == pytest.approx(exact, abs=0.1 if limit > 5 else 0.25)
     if limit > 5:
         moment = np.log(trapezoid(trapezoid(density * X**2, y), x)) - exact
         assert found.covariance[0, 0] == pytest.approx(np.exp(moment), rel=0.15)
+
+
+@pytest.mark.parametrize("size", [0.0, 0.4, 2.0])
+def test_limits_of_a_prior_cut_off_what_is_beyond(size):
+    """Linear between limits: inside, at one and far beyond one, as many of a grid."""
+    forward = Curved([[0.05], [0.04]])
+    effect = shift(0, 1.0, span=(-0.5, 0.5))
+    evidence = evidence_of(5.0 + size * forward.matrix.T, sd=0.004, discrepancy=0.002)
+    x = np.linspace(-0.5, 0.5, 2001)
+    density = multivariate_normal(evidence.data, evidence.covariance())
+    values = density.logpdf(5.0 + np.outer(x, forward.matrix[:, 0])) + norm.logpdf(x)
+    exact = np.log(trapezoid(np.exp(values - values.max()), x)) + values.max()
+    exact -= np.log(norm.cdf(0.5) - norm.cdf(-0.5))
+    found = fit(Hypothesis((effect,)), forward, evidence, forward.baseline)
+    assert found.log_evidence == pytest.approx(exact, abs=0.01)
+    assert abs(found.z[0]) <= 0.5 and (found.at_bound != ()) is (size > 1)
 
 
 def test_evidence_agrees_with_another_sampler():

@@ -214,10 +214,7 @@ def test_what_compensates_is_seen_on_held_out_data(soft, of_soft):
     def shrunk(fits, wrong):
         known = [f for f in fits if not f.hypothesis.unknown]
         odds = of_soft.search.log_prior([f.hypothesis for f in known])
-        model = prepared(soft)
-        return cross_validate(
-            known[:8], odds[:8], wrong, model.forward, model.evidence, BASELINE, masks
-        )
+        return cross_validate(known[:8], odds[:8], wrong, of_soft.search.library, masks)
 
     def wrong(f):
         return bool(f.hypothesis.effects) and f.hypothesis.effects[0].name != "joint compliance"

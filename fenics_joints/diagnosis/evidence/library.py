@@ -130,7 +130,8 @@ class Library:
                 row = len(wanted) % len(self.evidence.conditions)
                 condition = self.evidence.conditions[row]
                 look = h.looks[len(wanted) % len(h.looks)]
-                wanted.append(h.values(h.at(mean[i]), condition, self.baseline, row, look))
+                z = h.at(mean[i]).clip(*h.limits.T)
+                wanted.append(h.values(z, condition, self.baseline, row, look))
         shapes, weights = [], []
         for part in (wanted[i : i + _CHUNK] for i in range(0, len(wanted), _CHUNK)):
             for seen in seen_modes_at(self.forward, part):
@@ -192,6 +193,7 @@ class Library:
             mean, width, share = prior_cells(effect.priors)
             z = np.zeros((len(mean), len(h.priors)))
             z[:, own] = mean
+            z = z.clip(*h.limits.T)
             data, slopes = self.predict(h, z, own)
             others = self.predict(h, np.zeros((1, len(h.priors))), range(len(h.priors)))[1][0]
             self._states[effect.key] = States(mean, width, share, data, slopes, others)
@@ -252,9 +254,8 @@ class Library:
         mean[:, h.own], width[:, h.own] = states.mean[index], states.width[index]
         slopes = np.tile(np.nan_to_num(states.others), (n, 1, 1))
         slopes[:, :, h.own] = states.slopes[index]
-        return Cells(
-            mean, width, states.log_share[index], mean.copy(), states.data[index], slopes
-        )
+        at = mean.clip(*h.limits.T)
+        return Cells(mean, width, states.log_share[index], at, states.data[index], slopes)
 
     # -- evidence ------------------------------------------------------------------------------
 
@@ -314,7 +315,8 @@ class Library:
             width[:, to] = parent.cells.width[i][:, place]
             at[:, to] = parent.cells.at[i][:, place]
             slopes[:, :, to] = parent.cells.slopes[i][:, :, place]
-        mean[:, last] = at[:, last] = states.mean[j]
+        mean[:, last] = states.mean[j]
+        at[:, last] = states.mean[j].clip(*h.limits[last].T)
         width[:, last] = states.width[j]
         slopes[:, :, last] = states.slopes[j]
         data = parent.cells.data[i] + states.data[j] - nominal
@@ -350,7 +352,9 @@ class Library:
             states = self.states(effect)
             data = about + states.data - self.nominal
             zero = np.zeros_like(states.mean)
-            alone = Cells(zero, states.width, states.log_share, zero, data, states.slopes)
+            limits = np.array([prior.limits() for prior in effect.priors]).reshape(-1, 2)
+            at = states.mean.clip(*limits.T) - states.mean
+            alone = Cells(zero, states.width, states.log_share, at, data, states.slopes)
             free = np.tile([-np.inf, np.inf], (states.mean.shape[1], 1))
             values = weigh(alone, test.data, used, wide, free).log_evidence
             found[effect.key] = total(values) + spread + parent.fit.widening
