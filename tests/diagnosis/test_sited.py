@@ -23,10 +23,8 @@ from virtual_strip import (
 )
 
 from fenics_joints.case import load_case
-from fenics_joints.diagnosis.kept_fits import KeptFits
 from fenics_joints.diagnosis.model.prepared import prepare
 from fenics_joints.diagnosis.model.subject import subject_of, with_places
-from fenics_joints.diagnosis.nearer import nearer
 from fenics_joints.diagnosis.search import Search
 from fenics_joints.diagnosis.zones.sites import as_mass, attached_about, cells_of, lost_about
 from fenics_joints.errors import InputError
@@ -57,7 +55,7 @@ def ranked(folder, data, listed=LISTED, **more):
     path = write_strip(folder, *data, f"effects = [{effects}]", **more)
     model = prepare(load_case(path), MPI.COMM_SELF, QUIET)
     model.reduce(QUIET)
-    search = Search(model, QUIET, KeptFits(None, model.evidence, model.baseline, False))
+    search = Search(model, QUIET)
     fits = search.run()
     order, probability = search.ranked(fits)
     return model, [fits[i] for i in order], probability
@@ -190,7 +188,7 @@ def test_a_loss_is_looked_for_from_nearer(tmp_path):
     path = write_strip(tmp_path, *data, asked, cells=(40, 6, 1))
     model = prepare(load_case(path), MPI.COMM_SELF, QUIET)
     model.reduce(QUIET)
-    search = Search(model, QUIET, KeptFits(None, model.evidence, model.baseline, False))
+    search = Search(model, QUIET)
     fits = search.fit_all([model.hypothesis((), name="no gap"), model.hypothesis(model.effects)])
     _, found = nearer(search, fits)
     assert search.scores([found]) > search.scores(fits[1:]) + 10
@@ -205,7 +203,7 @@ def test_where_something_hangs_is_looked_for_from_nearer(tmp_path):
     path = write_strip(tmp_path, *data, 'effects = ["attached resonator"]')
     model = prepare(load_case(path), MPI.COMM_SELF, QUIET)
     model.reduce(QUIET)
-    search = Search(model, QUIET, KeptFits(None, model.evidence, model.baseline, False))
+    search = Search(model, QUIET)
     away = np.linalg.norm(model.sites.points - at, axis=1).min()
     fits = search.fit_all([model.hypothesis((), name="no gap"), model.hypothesis(model.effects)])
     before, odds = fits[1].log_evidence, search.log_prior([fits[1].hypothesis])

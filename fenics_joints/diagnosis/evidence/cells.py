@@ -23,7 +23,7 @@ from itertools import product
 
 import numpy as np
 from scipy.linalg import solve_triangular
-from scipy.special import logsumexp, ndtr
+from scipy.special import log_ndtr, logsumexp, ndtr
 from scipy.stats import norm, qmc
 
 from fenics_joints.diagnosis.effects.effect import Prior
@@ -109,7 +109,8 @@ def weigh(
 ) -> Posterior:
     """What data say of cells in which predictions are linear.
 
-    A parameter whose posterior mean would lie beyond a limit of its prior is held at the limit.
+    A parameter whose posterior mean would lie beyond a limit of its prior is held at the limit; of
+    a cell that reaches beyond one only the part within counts, against all of the prior within.
 
     Args:
         cells: The cells.
@@ -138,6 +139,7 @@ def weigh(
     residual, slope = white[:, 0], white[:, 1:]
     hessian = slope @ slope.transpose(0, 2, 1) + np.eye(p)
     u = -np.linalg.solve(hessian, np.einsum("npk,nk->np", slope, residual)[:, :, None])[:, :, 0]
+    covariance = np.linalg.inv(hessian)
     width = np.where(own.width > 0, own.width, 1.0)
     low, high = (limits.T[:, None] - own.mean) / width
     held = ((u < low) | (u > high)) & (own.width > 0)
@@ -145,13 +147,16 @@ def weigh(
         u = _held(residual, slope, np.clip(u, low, high), held)
     left = residual + np.einsum("npk,np->nk", slope, u)
     square = np.sum(left**2, axis=1) + np.sum(u**2, axis=1)
+    pull = np.where(held, np.einsum("npk,nk->np", slope, left) + u, 0.0)
+    inside = _inside(u, pull, np.diagonal(covariance, axis1=1, axis2=2), low, high, own.width > 0)
     constant = np.sum(np.log(np.diag(lower))) + 0.5 * k * np.log(2 * np.pi)
     found.log_evidence[good] = (
         own.log_share - 0.5 * square - 0.5 * np.linalg.slogdet(hessian)[1] - constant
+        + inside - np.sum(np.log(np.diff(ndtr(limits), axis=1)))
     )
     found.z[good] = own.mean + own.width * u
     scale = own.width
-    found.covariance[good] = np.linalg.inv(hessian) * (scale[:, :, None] * scale[:, None, :])
+    found.covariance[good] = covariance * (scale[:, :, None] * scale[:, None, :])
     found.square[good] = square
     return found
 
@@ -166,11 +171,35 @@ def _held(residual, slope, u, held) -> np.ndarray:
     return np.where(held, u, -step[:, :, 0])
 
 
+def _inside(u, pull, variance, low, high, free) -> np.ndarray:
+    """ln of the share of each posterior within the limits, (n,), over its density at u, relative to
+    that at its mean, each parameter on its own.
+
+    Args:
+        u: Where each is, (n, p), at a limit where it is held.
+        pull: Slopes of what is least there, (n, p); 0 where it is not held.
+        variance: Variances of the posterior without limits, (n, p).
+        low: The least u, (n, p).
+        high: The largest u, (n, p).
+        free: What is not fixed, (n, p).
+    """
+    found, sd = np.zeros(u.shape), np.sqrt(variance)
+    near = free & (np.minimum(u - low, high - u) < _FARTHEST * sd)
+    sd, away = sd[near], pull[near] * sd[near]
+    below, above = (low - u)[near] / sd + away, (high - u)[near] / sd + away
+    # On the side where both are small.
+    flip = below > 0
+    below, above = np.where(flip, -above, below), np.where(flip, -below, above)
+    more, less = log_ndtr(above), log_ndtr(below)
+    found[near] = more + np.log1p(-np.exp(np.minimum(less - more, -1e-12))) + 0.5 * away**2
+    return found.sum(axis=1)
+
+
 def prior_cells(priors: Sequence[Prior]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Means, (n, d), standard deviations, (n, d), and ln shares, (n,), of cells of a prior.
 
     Smooth parameters have cells at a Sobol sequence; those that act in steps or in many places at
-    each of these.
+    each of these. Some are beyond the limits, where only the part within counts (`weigh`).
 
     Args:
         priors: The parameters'.
@@ -179,7 +208,7 @@ def prior_cells(priors: Sequence[Prior]) -> tuple[np.ndarray, np.ndarray, np.nda
     smooth = [j for j, prior in enumerate(priors) if not prior.scan]
     d = len(smooth)
     count = _BESIDE.get(d, _MORE_BESIDE) if stepped else _COUNTS.get(d, _MORE)
-    z, width = _smooth_cells([priors[j] for j in smooth], count)
+    z, width, own = _smooth_cells([priors[j] for j in smooth], count)
     axes = [_steps(priors[j]) for j in stepped]
     places = list(product(*(range(len(axis[0])) for axis in axes)))
     n = len(z) * len(places)
@@ -190,21 +219,26 @@ def prior_cells(priors: Sequence[Prior]) -> tuple[np.ndarray, np.ndarray, np.nda
         index = np.repeat([place[i] for place in places], len(z))
         mean[:, stepped[i]], widths[:, stepped[i]] = at[index], wide[index]
         share += log_share[index]
-    return mean, widths, share - np.log(len(z))
+    return mean, widths, share + np.tile(own, len(places))
 
 
-def _smooth_cells(priors: Sequence[Prior], count: int) -> tuple[np.ndarray, float]:
+def _smooth_cells(priors: Sequence[Prior], count: int) -> tuple[np.ndarray, float, np.ndarray]:
+    """Means, (n, d), standard deviation, and ln shares, (n,); some beyond the limits, so that up to
+    these they are the prior."""
     d = len(priors)
     if d == 0:
-        return np.zeros((1, 0)), 0.0
-    limits = np.array([prior.limits() for prior in priors])
-    low, high = norm.cdf(limits.T)
+        return np.zeros((1, 0)), 0.0, np.zeros(1)
+    limits = np.array([prior.limits() for prior in priors]).T
     unit = (np.arange(count) + 0.5)[:, None] / count
     if d > 1:
         unit = qmc.Sobol(d, seed=3).random_base2(int(np.ceil(np.log2(count))))[:count]
     width = min(0.9, 1.3 * count ** (-1.0 / (d + 1)))
-    z = np.clip(norm.ppf(low + unit * (high - low)), *limits.T)
-    return z * np.sqrt(1 - width**2), width
+    narrower = np.sqrt(1 - width**2)
+    low, high = ndtr((limits + 2 * width * np.array([[-1], [1]])) / narrower)
+    z = norm.ppf(low + unit * (high - low)) * narrower
+    inside = np.prod(np.diff(ndtr((limits[:, None] - z) / width), axis=0)[0], axis=1)
+    own = np.sum(np.log(np.diff(ndtr(limits), axis=0)))
+    return z, width, np.full(count, own - np.log(inside.sum()))
 
 
 def _steps(prior: Prior) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -217,7 +251,10 @@ def _steps(prior: Prior) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     edges = np.concatenate([[low], middle, [high]])
     share = np.diff(ndtr(edges))
     wide = np.diff(np.concatenate([[z[0]], middle, [z[-1]]])) / np.sqrt(12)
-    return z, wide, np.log(np.maximum(share, 1e-12) / max(share.sum(), 1e-12))
+    limits = np.array(prior.limits())
+    inside = np.diff(ndtr((limits[:, None] - z) / wide), axis=0)[0]
+    share = np.maximum(share, 1e-12) / max(share.sum(), 1e-12) / np.maximum(inside, 0.1)
+    return z, wide, np.log(share * np.diff(ndtr(limits)))
 
 
 def total(log_evidence: np.ndarray) -> float:

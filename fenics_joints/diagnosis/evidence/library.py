@@ -130,7 +130,8 @@ class Library:
                 row = len(wanted) % len(self.evidence.conditions)
                 condition = self.evidence.conditions[row]
                 look = h.looks[len(wanted) % len(h.looks)]
-                wanted.append(h.values(h.at(mean[i]), condition, self.baseline, row, look))
+                z = h.at(mean[i]).clip(*h.limits.T)
+                wanted.append(h.values(z, condition, self.baseline, row, look))
         shapes, weights = [], []
         for part in (wanted[i : i + _CHUNK] for i in range(0, len(wanted), _CHUNK)):
             for seen in seen_modes_at(self.forward, part):
@@ -192,6 +193,7 @@ class Library:
             mean, width, share = prior_cells(effect.priors)
             z = np.zeros((len(mean), len(h.priors)))
             z[:, own] = mean
+            z = z.clip(*h.limits.T)
             data, slopes = self.predict(h, z, own)
             others = self.predict(h, np.zeros((1, len(h.priors))), range(len(h.priors)))[1][0]
             self._states[effect.key] = States(mean, width, share, data, slopes, others)
@@ -255,9 +257,8 @@ class Library:
         mean[:, h.own], width[:, h.own] = states.mean[index], states.width[index]
         slopes = np.tile(np.nan_to_num(states.others), (n, 1, 1))
         slopes[:, :, h.own] = states.slopes[index]
-        return Cells(
-            mean, width, states.log_share[index], mean.copy(), states.data[index], slopes
-        )
+        at = mean.clip(*h.limits.T)
+        return Cells(mean, width, states.log_share[index], at, states.data[index], slopes)
 
     # -- evidence ------------------------------------------------------------------------------
 
@@ -273,7 +274,7 @@ class Library:
             z = np.zeros((1, p))
             data, slopes = self.predict(h, z, range(p))
             cells = Cells(z, np.ones((1, p)), np.zeros(1), z.copy(), data, slopes)
-            return self._refined(h, lambda index: cells[index], np.zeros(1), test)
+            return self._refined(h, lambda index: cells[index], np.zeros(1), test, test)
         (effect,) = h.effects
         states = self.states(effect)
         lower = test.lower(h.unknown)
@@ -284,7 +285,7 @@ class Library:
             ).log_evidence
             for index in np.array_split(np.arange(n), -(-n // _CHUNK))
         ])  # fmt: skip
-        return self._refined(h, lambda index: self._cells(h, states, index), screened, test)
+        return self._refined(h, lambda index: self._cells(h, states, index), screened, test, test)
 
     def beside(
         self, h: Hypothesis, parent: Found, test: Evidence
@@ -317,11 +318,13 @@ class Library:
             width[:, to] = parent.cells.width[i][:, place]
             at[:, to] = parent.cells.at[i][:, place]
             slopes[:, :, to] = parent.cells.slopes[i][:, :, place]
-        mean[:, last] = at[:, last] = states.mean[j]
+        mean[:, last] = states.mean[j]
+        at[:, last] = states.mean[j].clip(*h.limits[last].T)
         width[:, last] = states.width[j]
         slopes[:, :, last] = states.slopes[j]
         data = parent.cells.data[i] + states.data[j] - nominal
-        log_share = parent.cells.log_share[i] + states.log_share[j]
+        # Parents that are left out count as those do that are not.
+        log_share = parent.cells.log_share[i] + states.log_share[j] - total(share[top])
         cells = Cells(mean, width, log_share, at, data, slopes)
         lower = test.at(parent.fit.scales).lower(h.unknown)
         found = weigh(cells, test.data, test.fitted, lower, h.limits)
@@ -352,7 +355,9 @@ class Library:
             states = self.states(effect)
             data = about + states.data - self.nominal
             zero = np.zeros_like(states.mean)
-            alone = Cells(zero, states.width, states.log_share, zero, data, states.slopes)
+            limits = np.array([prior.limits() for prior in effect.priors]).reshape(-1, 2)
+            at = states.mean.clip(*limits.T) - states.mean
+            alone = Cells(zero, states.width, states.log_share, at, data, states.slopes)
             free = np.tile([-np.inf, np.inf], (states.mean.shape[1], 1))
             values = weigh(alone, test.data, used, wide, free).log_evidence
             found[effect.key] = total(values) + spread + parent.fit.widening
@@ -375,7 +380,8 @@ class Library:
             test: The test, or a part of it.
         """
         cells, screened = self.beside(h, parent, test)
-        return self._refined(h, lambda index: cells[index], screened, test)
+        at = test.at(parent.fit.scales)
+        return self._refined(h, lambda index: cells[index], screened, test, at)
 
     def of(self, h: Hypothesis, test: Evidence) -> Found:
         """What a part of a test says of a hypothesis, from the library alone: nothing that all of
@@ -389,22 +395,36 @@ class Library:
             return self.single(h, test)
         return self.together(h, self.of(self.make(h.effects[:-1]), test), test)
 
-    def _refined(self, h: Hypothesis, make, screened: np.ndarray, test: Evidence) -> Found:
+    def _refined(
+        self, h: Hypothesis, make, screened: np.ndarray, test: Evidence, at: Evidence
+    ) -> Found:
+        screened = screened.copy()
         order = np.argsort(-screened, kind="stable")
         order = order[np.isfinite(screened[order])]
         if not len(order):
             order = np.arange(1)
-        whole = self._whole(h, make(order[:1]), test)
-        alone = weigh(whole, test.data, test.fitted, test.lower(h.unknown), h.limits)
+        whole = self._whole(h, make(order[:1]), at)
+        alone = weigh(whole, test.data, test.fitted, at.lower(h.unknown), h.limits)
         if abs(alone.log_evidence[0] - total(screened)) < _MOVED:
             return self.summary(h, whole, test, whole)
-        done, cells = 0, None
+        done, cells, best = 0, None, None
+
+        def about(index: np.ndarray) -> tuple[Cells, np.ndarray]:
+            own = make(index)
+            return (own, screened[index]) if best is None else self._about(h, own, best, at)
+
         while True:
             index = order[done : done + _AT_A_TIME]
-            own = self.settled(h, make(index), test)
+            own = self.settled(h, about(index)[0], test)
             cells = own if cells is None else cells.joined(own)
-            done += len(index)
             exact = self._weighed(h, cells, test)[0]
+            leads = int(np.argmax(exact)) >= done
+            done += len(index)
+            if leads and done < len(order):
+                best, left = cells[[int(np.argmax(exact))]], order[done:]
+                for chunk in np.array_split(order, -(-len(order) // _CHUNK)):
+                    screened[chunk] = about(chunk)[1]
+                order[done:] = left[np.argsort(-screened[left], kind="stable")]
             rest = screened[order[done:]]
             hopeless = exact.max() < self.floor - _HOPELESS
             if not len(rest) or done >= _MOST or hopeless or rest[0] < exact.max() - _BEHIND:
@@ -414,6 +434,22 @@ class Library:
             more = np.logaddexp(0.0, total(rest) - total(screened[order[:done]]))
             cells = replace(cells, log_share=cells.log_share + more)
         return self.summary(h, cells, test)
+
+    def _about(
+        self, h: Hypothesis, cells: Cells, best: Cells, test: Evidence
+    ) -> tuple[Cells, np.ndarray]:
+        """Cells, linear about the best one's point where that finds them more probable than their
+        own, and ln of the evidence of each: what is bent within a cell leads it astray. Not where a
+        parameter that acts in steps has another value."""
+        n = len(cells)
+        there = {f: np.repeat(getattr(best, f), n, axis=0) for f in ("at", "data", "slopes")}
+        both = cells.joined(replace(cells, **there))
+        found = weigh(both, test.data, test.fitted, test.lower(h.unknown), h.limits)
+        stepped = [j for j, (_, prior) in enumerate(h.priors) if prior.scan]
+        same = np.all(cells.mean[:, stepped] == best.mean[:, stepped], axis=1)
+        better = same & (found.log_evidence[n:] > found.log_evidence[:n])
+        index = np.arange(n) + n * better
+        return both[index], found.log_evidence[index]
 
     def settled(self, h: Hypothesis, cells: Cells, test: Evidence) -> Cells:
         """Cells linear about their own posterior means, by Gauss-Newton steps.
