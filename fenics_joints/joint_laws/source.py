@@ -17,7 +17,7 @@ __all__ = ["law_source"]
 
 #: UFL's operators of two numbers whose difference chooses a branch.
 _COMPARISONS = ("LT", "GT", "LE", "GE", "MinValue", "MaxValue")
-#: Else the compiler inlines it only where few call it, and vectorises elements side by side nowhere.
+#: Inlined everywhere: else elements side by side are not vectorised where there are many callers.
 _INLINE = "static inline __attribute__((always_inline)) void"
 #: Stubs in place of ``events.c`` for laws with memory, and of ``cycles.c`` for laws without.
 _NO_EVENTS = """
