@@ -1,6 +1,6 @@
 """Harmonic balance: beside time integration, and its growth with the model's size.
 
-    ./with-fenicsx env OMP_NUM_THREADS=1 python3 benchmarks/harmonic.py [transient|growth|evaluations]
+    ./with-fenicsx env OMP_NUM_THREADS=1 python3 benchmarks/harmonic.py [PART ...]
 
 All by default, on one core. Beside other codes: harmonic_peers.py.
 
