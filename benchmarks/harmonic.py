@@ -1,8 +1,8 @@
 """Harmonic balance: beside time integration, and its growth with the model's size.
 
-    ./with-fenicsx env OMP_NUM_THREADS=1 python3 benchmarks/harmonic.py [transient] [growth]
+    ./with-fenicsx env OMP_NUM_THREADS=1 python3 benchmarks/harmonic.py [PART ...]
 
-Both by default, on one core. Beside other codes: harmonic_peers.py.
+All by default, on one core. Beside other codes: harmonic_peers.py.
 
 transient: the lap beam of the demo with the law of its paper, about its first resonance: a branch
 by harmonic balance, and at some of its frequencies the same reduced model by PETSc's generalised
@@ -10,6 +10,8 @@ alpha, each from the steady motion at the frequency before, as in a stepped sine
 the tolerance of steadiness are the cheapest with which all are within 0.5 % of the peak of a finer
 time integration.
 growth: time per point of the branch against interface points, harmonics and sliders.
+evaluations: a law's harmonics over a cycle, integrated exactly, as in one direction of slip, beside
+the sum over 128 samples, as in two.
 """
 
 from __future__ import annotations
@@ -26,6 +28,7 @@ from mpi4py import MPI
 
 from fenics_joints.case import build_structure, load_case
 from fenics_joints.harmonic import Balance, HarmonicResult, Settings, solve_harmonic
+from fenics_joints.harmonic.fourier import Fourier
 from fenics_joints.interfaces import (
     InterfaceModel,
     full_layers,
@@ -33,7 +36,8 @@ from fenics_joints.interfaces import (
     reduce_layers,
     with_modal_damping,
 )
-from fenics_joints.joint_laws import IwanLayer, RichardAbbott
+from fenics_joints.joint_laws import CoulombStick, ElasticFriction, Iwan, IwanLayer, RichardAbbott
+from fenics_joints.joint_laws.kernel import LawKernel
 from fenics_joints.modal import solve_modes
 from fenics_joints.transient import solve_transient, steady_harmonics
 
@@ -243,8 +247,45 @@ def growth(args) -> dict:
     return {"rows": found, "exponents": exponents}
 
 
+# -- evaluations -----------------------------------------------------------------------------------
+
+
+def evaluations(args) -> dict:
+    """Processor time per point, s, of harmonics and of them with their Jacobian."""
+    curve, found = RichardAbbott(1.0, 0.05, 0.2, 1.5), {}
+    laws = {
+        "Jenkins": ElasticFriction(1.0, 0.2), "12 sliders": Iwan(curve, 12),
+        "24 sliders": Iwan(curve, 24), "Coulomb": CoulombStick(5.0, 1.0, 0.2, 1.0),
+    }  # fmt: skip
+    P, K = 240, 2 * args.harmonics + 1
+    for name, law in laws.items():
+        for n_slip in (1, 2):
+            kernel, d = LawKernel.of(law, n_slip, law.coupled), n_slip + law.coupled
+            fourier = Fourier(args.harmonics, 128)
+            X = np.random.default_rng(0).standard_normal((P, d, K)) * 0.06
+            X[:, :, 1:3] *= 10
+            given = X, X @ fourier.derivative.T, fourier.synthesis, law.values(P)
+            row = found[f"{name}, {n_slip}"] = {}
+            for jacobian in (False, True):
+                times = {False: [], True: []}
+                for _ in range(7):
+                    for exact in {False, kernel.exact}:
+                        options = {"exact": exact, "jacobian": jacobian}
+                        _, _, spent = timed(lambda o=options: kernel.harmonic(*given, **o))  # noqa: B023
+                        times[exact].append(spent / P)
+                what = "jacobian" if jacobian else "residual"
+                row[what], row[f"{what}_sampled"] = min(times[kernel.exact]), min(times[False])
+            print(f"  {name}, slip in {n_slip}: " + ", ".join(
+                f"{what} {1e6 * row[what]:.1f} us, {row[what] / row[f'{what}_sampled']:.2f} times "
+                "the sum over samples" for what in ("residual", "jacobian")
+            ), flush=True)  # fmt: skip
+    return found
+
+
 def main() -> None:
-    parts = {"transient": beside_time_integration, "growth": growth}
+    parts = {
+        "transient": beside_time_integration, "growth": growth, "evaluations": evaluations,
+    }  # fmt: skip
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("parts", nargs="*", choices=[*parts, []], help="all by default")
     parser.add_argument("--harmonics", type=int, default=5)

@@ -176,7 +176,12 @@ class Case(Section):
 
     def without_modes(self, out: Sequence[int]) -> Case:
         """The case without some of the test's modes, by index; see `TestData.without_modes`."""
-        case = self.model_copy()
+        changed, update = {}, self.update
+        if update is not None and update.published is not None:
+            hz = [f for i, f in enumerate(update.published.frequencies) if i not in set(out)]
+            published = update.published.model_copy(update={"frequencies": hz})
+            changed["update"] = update.model_copy(update={"published": published})
+        case = self.model_copy(update=changed)
         case._measured = self.measurements().without_modes(out)
         return case
 

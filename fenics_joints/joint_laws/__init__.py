@@ -43,6 +43,10 @@ and ``dissipated(normal, slip, old, new, p)`` of the step. A backbone of one's o
 `Backbone` with ``value``, ``slope`` and ``reference``. Parameters may be arrays over parallel
 elements, so that two sliders are ``WornSlider(stiffness=[1e9, 2e9], ...)``.
 
+Where one step along a way of slip without reversal gives what many give, as of a slider whose
+strength stays, set ``exact_steps = True``: in one direction of slip harmonic balance integrates the
+stress exactly then, instead of summing samples.
+
 To compile fast, work with components (``slip[i]``) rather than with vectors: UFL shares the former.
 """
 

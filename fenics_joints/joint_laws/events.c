@@ -2,6 +2,37 @@
  * between the phases at which a switch changes its sign.
  */
 
+/* Whether what is convex and above zero at the ends, with these slopes, may not be so between them:
+ * where the tangents meet.
+ */
+static int may_dip(double step, double g, double slope, double after, double slope_after)
+{
+  return slope < 0 && slope_after > 0
+         && g + slope * (after - g - slope_after * step) / (slope - slope_after) < 0;
+}
+
+/* Both changes of a switch that turns between low and high, where it is before and after with these
+ * slopes, if it changes at all.
+ */
+static int hidden(const watched *w, double low, double high, double before, double slope,
+                  double after, double slope_after, double *to)
+{
+  const double sign = before >= 0 ? 1.0 : -1.0;
+  double a = low, b = high, ga = before, gb = after, sa = slope, sb = slope_after;
+  for (int i = 0; i < BISECTIONS && may_dip(b - a, sign * ga, sign * sa, sign * gb, sign * sb); ++i) {
+    double turn;
+    const double middle = 0.5 * (a + b), g = look(w, middle, &turn);
+    if (!(sign * g >= 0)) {
+      to[0] = crossing(w, a, middle, ga, g);
+      to[1] = crossing(w, middle, b, g, gb);
+      return 2;
+    }
+    if (sign * turn < 0) a = middle, ga = g, sa = turn;
+    else b = middle, gb = g, sb = turn;
+  }
+  return 0;
+}
+
 /* Changes of all switches of one element, from T samples of them and of their slopes. */
 static int element_events(watched *w, int T, const double *g, const double *slopes, double *to)
 {
@@ -12,7 +43,7 @@ static int element_events(watched *w, int T, const double *g, const double *slop
       const int at = t * NS + w->number, after = (t + 1) % T * NS + w->number;
       const double low = t * step, high = low + step;
       if ((g[at] >= 0) != (g[after] >= 0)) {
-        to[found++] = crossing(w, low, high, g[at]);
+        to[found++] = crossing(w, low, high, g[at], g[after]);
         continue;
       }
       const double sign = g[at] >= 0 ? 1.0 : -1.0;

@@ -36,9 +36,9 @@ int law_switch_count(void);
 int law_events(int P, int E, int K, int T, int panels, int order, const double *Z, const double *Zd,
                const double *synthesis, const double *p, const double *nodes,
                const double *weights, double *F, double *J);
-int law_harmonic(int P, int E, int K, int T, int cycles, int order, const double *X,
-                 const double *Xd, const double *synthesis, const double *rules, const double *p,
-                 double *s, double *begun, double *F, double *J);
+int law_harmonic(int P, int E, int K, int T, int cycles, int exact, int order,
+                 const double *X, const double *Xd, const double *synthesis, const double *rules,
+                 const double *p, double *s, double *begun, double *F, double *J);
 """
 # Without traps both sides of a conditional may be computed, and so elements side by side.
 _FLAGS = ["-O3", "-fno-math-errno", "-fno-trapping-math"]
@@ -103,6 +103,7 @@ class LawKernel:
 
     def __init__(self, law: JointLaw, n_slip: int, normal: bool, source: str | None = None):
         self.d, self.m = n_slip + normal, law.state_size(n_slip)
+        self.exact = n_slip == 1 and law.exact_steps
         self.n_parameters = len(law.parameters)
         self.rated = is_rated(law)
         self.inputs = self.d * (1 + self.rated)
@@ -237,23 +238,27 @@ class LawKernel:
 
     def harmonic(
         self, coefficients, changes, synthesis, values, state=None, *,
-        cycles=2, jacobian=True, sampled=False,
+        cycles=2, jacobian=True, sampled=False, exact=None,
     ) -> HarmonicStress:  # fmt: skip
         """Harmonics of stress from harmonics of strain, for a law with memory and without rate.
 
-        The states step from sample to sample and to each reversal of the strain, and Gauss's rule
-        integrates the stress between, in pieces that end where a switch changes its sign.
+        In one direction of slip the stress is integrated exactly: the states step to each reversal
+        of the strain, and from sample to sample unless the law has `JointLaw.exact_steps`, and
+        Gauss's rule integrates the stress between, in pieces that end where a switch changes its
+        sign. In two directions, where sliders turn without such an instant, samples are summed.
 
         Args:
             coefficients: Harmonics of strain, (P, d, K).
             changes: Harmonics of strain's derivative by the phase, (P, d, K).
             synthesis: Matrix from harmonics to samples of one period, (T, K), between which the
-                strain reverses at most once. The states step at each sample and each reversal.
+                strain reverses at most once.
             values: Parameters, (P, E, n_parameters).
             state: States before the first cycle, (P, E, m); None for one that never moved.
             cycles: How often the cycle is run through; the last one counts.
             jacobian: Whether the derivative is wanted; it goes through all cycles.
             sampled: Whether strain and stress at the samples are wanted.
+            exact: Whether the stress is integrated, not summed over the samples; None for what
+                suits the directions of slip.
 
         Raises:
             InputError: For an array of the wrong shape, or a law without memory or with rate.
@@ -267,9 +272,10 @@ class LawKernel:
         self._expect(changes, X.shape)
         if synthesis.shape != (T, K):
             raise InputError(f"synthesis has shape {synthesis.shape}: expected (samples, {K}).")
+        exact = self.exact if exact is None else exact
         begun, F = np.empty_like(state), np.empty((P, d, K))
         J = np.empty((P, d, K, d, K)) if jacobian else None
-        sizes = P, values.shape[1], K, T, cycles, _CYCLE_ORDER
+        sizes = P, values.shape[1], K, T, cycles, exact, _CYCLE_ORDER
         arrays = X, changes, synthesis, _CYCLE_RULES, values, state, begun, F, J
         self._run("law_harmonic", sizes, *arrays)
         strain = stress = None

@@ -93,6 +93,9 @@ class JointLaw(ABC):
     name: str = ""
     #: Whether the law takes the normal strain and returns a normal stress.
     coupled: bool = False
+    #: Whether, in one direction, one step along a way without reversal gives what many steps along
+    #: it give, as of a slider; harmonic balance takes fewer then.
+    exact_steps: bool = False
 
     def __init__(self, **parameters: ArrayLike):
         self.parameters: dict[str, np.ndarray] = {}

@@ -37,6 +37,7 @@ class IwanLayer(Iwan):
     """
 
     name = "iwan_layer"
+    exact_steps = False  # it slides in normal strain and shear together
     coupled = True
     _own = ("G",)
 

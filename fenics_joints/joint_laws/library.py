@@ -53,6 +53,7 @@ class Iwan(JointLaw):
     """
 
     name = "iwan"
+    exact_steps = True
 
     def __init__(
         self,
@@ -145,6 +146,7 @@ class ElasticFriction(JointLaw):
     """
 
     name = "elastic_friction"
+    exact_steps = True
 
     def __init__(self, stiffness: ArrayLike, strength: ArrayLike):
         super().__init__(stiffness=stiffness, strength=strength)
@@ -185,6 +187,7 @@ class CoulombStick(JointLaw):
     """
 
     name = "coulomb"
+    exact_steps = True
     coupled = True
 
     def __init__(
@@ -238,6 +241,7 @@ class DilatantCoulomb(CoulombStick):
     """
 
     name = "dilatant_coulomb"
+    exact_steps = False
 
     def state_size(self, n_slip: int) -> int:
         return n_slip + 1
@@ -334,6 +338,7 @@ class Valanis(JointLaw):
     """
 
     name = "valanis"
+    exact_steps = True
 
     def __init__(self, E_0: ArrayLike, E_t: ArrayLike, rate: ArrayLike):
         super().__init__(E_0=E_0, E_t=E_t, rate=rate)

@@ -25,9 +25,12 @@ static void harmonics_at(double phase, int K, double *b)
 static void combine(int K, const double *Z, const double *restrict b, double *e)
 {
   for (int i = 0; i < DI; ++i) {
-    double sum = 0.0;
-    for (int k = 0; k < K; ++k) sum += Z[i * K + k] * b[k];
-    e[i] = sum;
+    double sums[4] = {0.0}; /* that need not wait for each other */
+    int k = 0;
+    for (; k + 4 <= K; k += 4)
+      for (int l = 0; l < 4; ++l) sums[l] += Z[i * K + k + l] * b[k + l];
+    for (; k < K; ++k) sums[k % 4] += Z[i * K + k] * b[k];
+    e[i] = (sums[0] + sums[1]) + (sums[2] + sums[3]);
   }
 }
 
@@ -64,12 +67,12 @@ static double look(const watched *w, double phase, double *slope)
   return look_at(w, e, de, slope);
 }
 
-/* The phase between low and high at which the switch, before at low, changes its sign, by Newton's
- * method.
+/* The phase between low and high, where the switch is before and after, at which it changes its sign,
+ * by Newton's method.
  */
-static double crossing(const watched *w, double low, double high, double before)
+static double crossing(const watched *w, double low, double high, double before, double after)
 {
-  double slope, x = 0.5 * (low + high);
+  double slope, x = low + (high - low) * before / (before - after);
   const int positive = before >= 0;
   for (int i = 0; i < NEWTONS; ++i) {
     if (!(x > low && x < high)) x = 0.5 * (low + high);
@@ -81,35 +84,4 @@ static double crossing(const watched *w, double low, double high, double before)
     if (fabs(moved) < NEAR && x > low - NEAR && x < high + NEAR) break;
   }
   return fmin(fmax(x, low), high);
-}
-
-/* Whether what is convex and above zero at the ends, with these slopes, may not be so between them:
- * where the tangents meet.
- */
-static int may_dip(double step, double g, double slope, double after, double slope_after)
-{
-  return slope < 0 && slope_after > 0
-         && g + slope * (after - g - slope_after * step) / (slope - slope_after) < 0;
-}
-
-/* Both changes of a switch that turns between low and high, where it is before and after with these
- * slopes, if it changes at all.
- */
-static int hidden(const watched *w, double low, double high, double before, double slope,
-                  double after, double slope_after, double *to)
-{
-  const double sign = before >= 0 ? 1.0 : -1.0;
-  double a = low, b = high, ga = before, gb = after, sa = slope, sb = slope_after;
-  for (int i = 0; i < BISECTIONS && may_dip(b - a, sign * ga, sign * sa, sign * gb, sign * sb); ++i) {
-    double turn;
-    const double middle = 0.5 * (a + b), g = look(w, middle, &turn);
-    if (!(sign * g >= 0)) {
-      to[0] = crossing(w, a, middle, ga);
-      to[1] = crossing(w, middle, b, g);
-      return 2;
-    }
-    if (sign * turn < 0) a = middle, ga = g, sa = turn;
-    else b = middle, gb = g, sb = turn;
-  }
-  return 0;
 }

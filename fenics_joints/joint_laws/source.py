@@ -17,6 +17,8 @@ __all__ = ["law_source"]
 
 #: UFL's operators of two numbers whose difference chooses a branch.
 _COMPARISONS = ("LT", "GT", "LE", "GE", "MinValue", "MaxValue")
+#: Inlined everywhere: else elements side by side are not vectorised where there are many callers.
+_INLINE = "static inline __attribute__((always_inline)) void"
 #: Stubs in place of ``events.c`` for laws with memory, and of ``cycles.c`` for laws without.
 _NO_EVENTS = """
 int law_events(int P, int E, int K, int T, int panels, int order, const double *Z, const double *Zd,
@@ -25,9 +27,9 @@ int law_events(int P, int E, int K, int T, int panels, int order, const double *
 { return 1; }
 """
 _NO_CYCLES = """
-int law_harmonic(int P, int E, int K, int T, int cycles, int order, const double *X,
-                 const double *Xd, const double *synthesis, const double *rules, const double *p,
-                 double *s, double *begun, double *F, double *J)
+int law_harmonic(int P, int E, int K, int T, int cycles, int exact, int order,
+                 const double *X, const double *Xd, const double *synthesis, const double *rules,
+                 const double *p, double *s, double *begun, double *F, double *J)
 { return 1; }
 """
 
@@ -58,17 +60,20 @@ def law_source(law: JointLaw, n_slip: int, normal: bool) -> str:
     found = _switches([*stress, *new], e)
     changes = [(f"g[{i}]", scalar(g)) for i, g in enumerate(found)]
     changes += _slopes("ge", found, e, inputs)
+    free = [str(int(all(_slope(g, x) == 0 for x in s))) for g in found]
     defines = {"D": d, "DI": inputs, "M": m, "M1": max(m, 1), "NP": len(p), "NS": len(found)}
     arguments = "const double *e, const double *s, const double *p, double *f, double *sn"
     return "\n".join(
         [
             "#include <math.h>\n#include <stdlib.h>\n#include <string.h>",
             *(f"#define {key} {value}" for key, value in defines.items()),
-            f"static void element({arguments})\n{{{assignments(values, names)}\n}}",
-            f"static void element_d({arguments}, double *fe, double *fs, double *ne, double *ns)",
+            f"{_INLINE} element({arguments})\n{{{assignments(values, names)}\n}}",
+            f"{_INLINE} element_d({arguments}, double *fe, double *fs, double *ne, double *ns)",
             f"{{{assignments(values + slopes, names)}\n}}",
-            "static void switches(const double *e, const double *s, const double *p, double *g, "
+            f"{_INLINE} switches("
+            "const double *e, const double *s, const double *p, double *g, "
             f"double *ge)\n{{{assignments(changes, names)}\n}}",
+            f"static const int FREE[] = {{{', '.join(free) or 0}}}; /* whether of no state */",
             *(_text(name) for name in ("kernel.c", "phases.c", "cycles.c" if m else "events.c")),
             _NO_EVENTS if m else _NO_CYCLES,
         ]

@@ -118,9 +118,18 @@ class Problem:
             moved: Whether FRF lines are moved with the resonances.
             accuracy: Relative change of the sum of squares, and of the coordinates, at the end.
             still: That of the coordinates, where it is another.
+
+        Raises:
+            ConvergenceError: If the model cannot be solved at the start.
         """
+        start = self.inside(x)
+        if not np.isfinite(self.residual(start, moved)).all():
+            raise ConvergenceError(
+                "the model lacks what was measured where a fit starts: are the shapes and the "
+                "frequencies of the same modes?"
+            )
         return least_squares(
-            self.residual, self.inside(x), self.slope, bounds=self.coordinates.bounds(),
+            self.residual, start, self.slope, bounds=self.coordinates.bounds(),
             args=(moved,), x_scale=1.0, ftol=accuracy, xtol=still or accuracy, gtol=1e-8,
             max_nfev=max_evaluations,
         )  # fmt: skip

@@ -316,3 +316,12 @@ def test_demo_is_a_good_case():
     case = load_case(Path(__file__).parents[2] / "demos" / "lap_plates")
     assert case.measurements().frequencies_hz.shape == (11, 4)
     assert case.validation().conditions == [28]
+
+
+def test_published_frequencies_go_with_the_modes_that_are_left_out():
+    case = load_case(Path(__file__).parents[2] / "demos" / "dumbbell")
+    hz = case.update.published.frequencies
+    fewer = case.without_modes([1, 4])
+    assert fewer.update.published.frequencies == [hz[i] for i in (0, 2, 3, 5)]
+    assert len(fewer.measurements().mode_names) == len(hz) - 2
+    assert case.update.published.frequencies == hz

@@ -35,16 +35,12 @@ def finite_differences(problem, z, step=1e-7):
 
 @pytest.mark.parametrize("kind", ["forced", "response", "mode", "phase"])
 def test_jacobians_are_those_of_finite_differences(kind):
-    """All problems, with preload, friction under varying pressure, and sliders.
-
-    The stress is integrated, not summed over samples: the derivative is the integral's, up to the
-    quadrature of a motion with jumps of its slope.
-    """
+    """All problems, with preload, friction under varying pressure, and sliders."""
     from fenics_joints.harmonic.frf import ForcedResponse
     from fenics_joints.harmonic.loads import Loading
 
     model = block()
-    balance = Balance(model, 3, 128, static=np.array([-1.0, 0.05, 0.0]))
+    balance = Balance(model, 3, 32, static=np.array([-1.0, 0.05, 0.0]))
     rng = np.random.default_rng(1)
     X = balance.rest + 0.3 * rng.standard_normal((3, 7))
     row = model.row("forces", "x")
@@ -57,7 +53,39 @@ def test_jacobians_are_those_of_finite_differences(kind):
     }[kind]
     z = np.append(X.reshape(-1), ends)
     J = problem.evaluate(z)[1]
-    assert np.abs(J - finite_differences(problem, z)).max() < 2e-5 * np.abs(J).max()
+    assert np.abs(J - finite_differences(problem, z)).max() < 1e-6 * np.abs(J).max()
+
+
+@pytest.mark.parametrize("law", [ElasticFriction(1.0, 0.2), Iwan(Segalman(0.3, 1.0, -0.5, 0.2))])
+def test_jacobian_of_one_direction_of_slip_is_that_of_finite_differences(law):
+    """Its reversals and switches move with the motion."""
+    balance = Balance(oscillator(law, 0.03), 3, 32)
+    X = 0.4 * np.random.default_rng(0).standard_normal((1, 7))
+    J, h = balance.interface_force(X)[1], 1e-6 * np.eye(7)[:, None]
+    ends = [[balance.interface_force(X + s * dX)[0][0] for dX in h] for s in (1, -1)]
+    assert np.abs(J - (np.array(ends[0]) - ends[1]).T / 2e-6).max() < 1e-6 * np.abs(J).max()
+
+
+def test_contact_that_opens_is_integrated_exactly_in_one_direction_of_slip():
+    """Beside sums over many samples, whose error falls with their number."""
+    rows = np.eye(2)[None]
+    friction = InterfacePoints(
+        "joint", CoulombStick(3.0, 2.0, 0.3, 0.5), rows, np.ones(1), normal=True
+    )
+    model = InterfaceModel(np.eye(2), np.eye(2), (friction,), 0.03 * np.eye(2), {}, {})
+    X = np.zeros((2, 7))
+    X[0, [1, 4]], X[1, [1, 2]] = (0.2, 0.1), (0.1, 0.4)
+
+    def harmonics(samples, exact):
+        f = Balance(model, 3, samples).fourier
+        values, kernel = friction.law.values(1), friction.kernel
+        slopes = X[None] @ f.derivative.T
+        return kernel.harmonic(X[None], slopes, f.synthesis, values, exact=exact).coefficients
+
+    summed = harmonics(1 << 15, False)
+    scale = np.abs(summed).max()
+    assert np.abs(harmonics(128, True) - summed).max() < 2e-5 * scale
+    assert np.abs(harmonics(128, False) - summed).max() > 1e-4 * scale  # that it can fail
 
 
 def test_preload_is_in_equilibrium():
