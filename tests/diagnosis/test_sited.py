@@ -180,42 +180,16 @@ def test_what_hangs_on_a_spring_has_motions_of_its_own(tmp_path):
     assert felt["put_on.mass"] == kg and felt["hung.mass"] == model.baseline["hung.mass"]
 
 
-@pytest.mark.slow
-def test_a_loss_is_looked_for_from_nearer(tmp_path):
-    """Half as long as the patches of the structure, and beside the middle of one."""
-    data = measured(strip(soft=(0.139, 0.161, 0.4)))
-    asked = 'effects = ["local loss of stiffness"]'
-    path = write_strip(tmp_path, *data, asked, cells=(40, 6, 1))
-    model = prepare(load_case(path), MPI.COMM_SELF, QUIET)
-    model.reduce(QUIET)
-    search = Search(model, QUIET)
-    fits = search.fit_all([model.hypothesis((), name="no gap"), model.hypothesis(model.effects)])
-    _, found = nearer(search, fits)
-    assert search.scores([found]) > search.scores(fits[1:]) + 10
-    assert found.hypothesis.effects == model.effects
-
-
-def test_where_something_hangs_is_looked_for_from_nearer(tmp_path):
-    """Between the first places, and with matrices that have it where the places are then; a place
-    that is one of few of the structure has as much less of the odds."""
+def test_what_hangs_between_the_places_is_named_with_the_next_of_them(tmp_path):
+    """And the matrices there are those of a plate with it."""
     kg, own_hz, at = 0.02, 380.0, (0.2, 0.02, 0.0)
     data = with_resonator(kg, own_hz, at)
-    path = write_strip(tmp_path, *data, 'effects = ["attached resonator"]')
-    model = prepare(load_case(path), MPI.COMM_SELF, QUIET)
-    model.reduce(QUIET)
-    search = Search(model, QUIET)
-    away = np.linalg.norm(model.sites.points - at, axis=1).min()
-    fits = search.fit_all([model.hypothesis((), name="no gap"), model.hypothesis(model.effects)])
-    before, odds = fits[1].log_evidence, search.log_prior([fits[1].hypothesis])
-    _, found = nearer(search, fits)
-    assert found.log_evidence > before + 10
-    rows = leading([found], [1.0])[2]
-    assert rows["mass"]["value"] == pytest.approx(kg, rel=0.2)
-    assert rows["frequency"]["value"] == pytest.approx(own_hz, rel=0.1)
+    model, fits, probability = ranked(tmp_path, data, ("attached resonator",))
+    label, p, rows = leading(fits, probability)
+    assert label == "attached resonator" and p > 0.5
     place = [float(c) for c in rows["place"]["at"].split(")")[0][1:].split(",")]
-    assert 1e-3 * np.linalg.norm(np.subtract(place, 1e3 * np.array(at))) < 0.4 * away
-    assert search.log_prior([found.hypothesis]) < odds - np.log(3)
-    assert found.hypothesis.effects == model.effects
+    away = np.linalg.norm(model.sites.points - at, axis=1).min()
+    assert 1e-3 * np.linalg.norm(np.subtract(place, 1e3 * np.array(at))) < 1.5 * away
     effect, values = model.effects[0], dict(model.baseline)
     i = int(np.argmin(np.linalg.norm(model.sites.points - at, axis=1)))
     effect.apply(values, {"mass": kg, "frequency": own_hz, "place": float(i)}, 0.0)
