@@ -238,17 +238,23 @@ class Library:
     def _corrected(self, h: Hypothesis, cells: Cells, found: Found, test: Evidence) -> Cells:
         lower, used = test.at(found.fit.scales).lower(h.unknown), test.fitted
         low, high = h.limits.T
+        cells = replace(cells, data=self.predict(h, cells.at)[0])
         for _ in range(_CORRECTIONS):
-            cells = replace(cells, data=self.predict(h, cells.at)[0])
             post = weigh(cells, test.data, used, lower, h.limits)
             step = np.clip(post.z, low + 1e-6, high - 1e-6) - cells.at
             change = (cells.slopes[:, used] @ step[:, :, None])[:, :, 0]
-            step[np.sum(whiten(lower, change.T) ** 2, axis=0) < 2 * _GAIN] = 0.0
-            step[~np.isfinite(post.log_evidence)] = 0.0
-            if not step.any():
-                return cells
-            cells = replace(cells, at=cells.at + step)
-        return replace(cells, data=self.predict(h, cells.at)[0])
+            moves = np.sum(whiten(lower, change.T) ** 2, axis=0) >= 2 * _GAIN
+            moves &= np.isfinite(post.log_evidence)
+            if not moves.any():
+                break
+            at = cells.at + np.where(moves[:, None], step, 0.0)
+            moved = replace(cells, at=at, data=self.predict(h, at)[0])
+            # Where modes cross, derivatives of the other model may be those of another mode.
+            better = _costs(moved, test, lower) < _costs(cells, test, lower)
+            if not better.any():
+                break
+            cells = cells.joined(moved)[np.arange(len(cells)) + len(cells) * better]
+        return cells
 
     def _cells(self, h: Hypothesis, states: States, index) -> Cells:
         """Some of an effect's cells, all but the effect linear about the medians."""
@@ -465,16 +471,9 @@ class Library:
         exact = np.zeros(len(cells), dtype=bool)
         active = np.ones(len(cells), dtype=bool)
         used, data = test.fitted, test.data
-        wide = np.where(cells.width > 0, cells.width, 1.0)
 
         def costs(points, predicted, index):
-            found = np.full(len(points), np.inf)
-            good = np.isfinite(predicted[:, used]).all(1)
-            if good.any():
-                white = whiten(lower, (predicted[good][:, used] - data[used]).T)
-                away = ((points - cells.mean[index]) / wide[index])[good]
-                found[good] = np.sum(white**2, axis=0) + np.sum(away**2, axis=1)
-            return found
+            return _costs(replace(cells[index], at=points, data=predicted), test, lower)
 
         now = costs(cells.at, cells.data, np.arange(len(cells)))
         for _ in range(_STEPS):
@@ -538,12 +537,10 @@ class Library:
 
     def _peak(self, h: Hypothesis, cells: Cells, test: Evidence) -> Cells:
         """The most probable point, as one cell that is the whole prior."""
-        used = test.fitted
-        residual = (cells.data - test.data)[:, used]
-        square = np.full(len(cells), np.inf)
-        good = np.isfinite(residual).all(1)
-        white = whiten(test.lower(h.unknown), residual[good].T)
-        square[good] = np.sum(white**2, axis=0) + np.sum(cells.at[good] ** 2, axis=1)
+        alone = replace(
+            cells, mean=np.zeros_like(cells.mean), width=np.ones_like(cells.width)
+        )
+        square = _costs(alone, test, test.lower(h.unknown))
         return self._whole(h, cells[[int(np.argmin(square))]], test)
 
     def _whole(self, h: Hypothesis, cell: Cells, test: Evidence) -> Cells:
@@ -632,6 +629,18 @@ class Library:
             if abs(found.fit.log_evidence - before) < _MOVED:
                 break
         return found
+
+
+def _costs(cells: Cells, test: Evidence, lower: np.ndarray) -> np.ndarray:
+    """Squared whitened residuals and distances from the cells' means at their points, (n,)."""
+    used, found = test.fitted, np.full(len(cells), np.inf)
+    residual = (cells.data - test.data)[:, used]
+    good = np.isfinite(residual).all(1)
+    if good.any():
+        white = whiten(lower, residual[good].T)
+        away = (cells.at - cells.mean) / np.where(cells.width > 0, cells.width, 1.0)
+        found[good] = np.sum(white**2, axis=0) + np.sum(away[good] ** 2, axis=1)
+    return found
 
 
 def fit(
