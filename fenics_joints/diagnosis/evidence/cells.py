@@ -147,7 +147,9 @@ def weigh(
         u = _held(residual, slope, np.clip(u, low, high), held)
     left = residual + np.einsum("npk,np->nk", slope, u)
     square = np.sum(left**2, axis=1) + np.sum(u**2, axis=1)
-    pull = np.where(held, np.einsum("npk,nk->np", slope, left) + u, 0.0)
+    pull = np.einsum("npk,nk->np", slope, left) + u
+    # With others held, one may be pulled back from its limit, which a product of shares overstates.
+    pull = np.where(held & np.where(u >= high, pull < 0, pull > 0), pull, 0.0)
     inside = _inside(u, pull, np.diagonal(covariance, axis1=1, axis2=2), low, high, own.width > 0)
     constant = np.sum(np.log(np.diag(lower))) + 0.5 * k * np.log(2 * np.pi)
     found.log_evidence[good] = (
