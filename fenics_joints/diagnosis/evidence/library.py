@@ -436,8 +436,11 @@ class Library:
             if not len(rest) or done >= _MOST or hopeless or rest[0] < exact.max() - _BEHIND:
                 break
         if len(rest):
-            # The rest counts for as much as the screen has it, against those that are exact.
-            more = np.logaddexp(0.0, total(rest) - total(screened[order[:done]]))
+            # The rest counts for as much as the screen has it, which is taken to be as far off as
+            # of the last ones that are exact.
+            last = np.arange(max(done - 2 * _AT_A_TIME, 0), done)
+            off = total(exact[last]) - total(screened[order[last]])
+            more = np.logaddexp(0.0, total(rest) + off - total(exact))
             cells = replace(cells, log_share=cells.log_share + more)
         return self.summary(h, cells, test)
 
