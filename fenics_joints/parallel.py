@@ -175,7 +175,9 @@ def _message(error: Exception, rank: int, alone: bool) -> str:
 
 def _no_memory(error: BaseException | None) -> bool:
     """Whether memory ran out: an import that fails for it may raise something else from that."""
-    while error is not None:
+    met: list[BaseException] = []
+    while error is not None and error not in met:  # an error raised again may be its own cause
+        met.append(error)
         said = str(error)
         if isinstance(error, MemoryError) or any(words in said for words in _NO_MEMORY):
             return True

@@ -462,6 +462,7 @@ static void add_instant(const watched *w, instant now, int B, grid *to)
   const double *b = now.known;
   if (!b) harmonics_at(now.at, K, w->b), b = w->b;
   combine(K, w->Z, b, to->e + (size_t)i * D);
+  memset(rates, 0, D * sizeof(double)); /* at samples they count zero times, which NaN survives */
   if (!now.weight) combine(K, w->Zd, b, rates);
   four *g = to->g + (size_t)i * B, *shift = to->shift + (size_t)i * D * B;
   memset(g, 0, B * sizeof(four));

@@ -66,6 +66,17 @@ def test_jacobian_of_one_direction_of_slip_is_that_of_finite_differences(law):
     assert np.abs(J - (np.array(ends[0]) - ends[1]).T / 2e-6).max() < 1e-6 * np.abs(J).max()
 
 
+def test_what_memory_held_before_has_no_hand_in_derivatives():
+    """In two directions of slip, after room full of what is no number was given back."""
+    balance = Balance(block(), 3, 128, static=np.array([-1.0, 0.05, 0.0]))
+    X = balance.rest + 0.3 * np.random.default_rng(1).standard_normal((3, 7))
+    before = balance.interface_force(X)[1]
+    for size in range(256, 16384, 16):
+        held = [np.full(size, np.nan) for _ in range(4)]
+        del held
+    assert np.array_equal(balance.interface_force(X)[1], before)
+
+
 def test_contact_that_opens_is_integrated_exactly_in_one_direction_of_slip():
     """Beside sums over many samples, whose error falls with their number."""
     rows = np.eye(2)[None]

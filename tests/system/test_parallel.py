@@ -6,7 +6,7 @@ import pytest
 from mpi4py import MPI
 
 from fenics_joints.errors import ConvergenceError, InputError
-from fenics_joints.parallel import spread
+from fenics_joints.parallel import guarded, spread
 
 pytestmark = pytest.mark.parallel
 
@@ -53,3 +53,12 @@ def test_of_several_failures_all_ranks_raise_the_same():
     with pytest.raises(InputError) as caught:
         spread(comm, range(4), work)
     assert comm.allgather(str(caught.value)) == ["task 0"] * comm.size
+
+
+def test_errors_that_cause_each_other_end_the_command():
+    """As one that a search raises again after others."""
+    first, second = InputError("first"), InputError("second")
+    first.__cause__, second.__cause__ = second, first
+    with pytest.raises(SystemExit) as end, guarded():
+        raise first
+    assert end.value.code == 1
