@@ -293,6 +293,9 @@ def of_json(command: str, content: dict, least: float = LEAST) -> list[list]:
     """Those of a command's JSON; their labels are their places."""
     if command == "diagnose":
         content = _diagnosis(content, least)
+    if command == "harmonic":  # those of rigid motions are round-off
+        hz = content["frequencies_at_rest_hz"]
+        content = content | {"frequencies_at_rest_hz": [f for f in hz if f > 1e-3 * max(hz)]}
     places = [(re.compile(pattern), why) for pattern, why in PLACES[command]]
     flat = dict(_flat(content))
     found = []
