@@ -74,6 +74,8 @@ PAGES = {
     "forms": "uncoupled_layer", "preload": "solve_preload(", "slip": "solve_quasi_static(",
     "functions": "shape_gradients(", "beams": "BeamStructure(",
 }  # fmt: skip
+#: Pages that print derivatives of shapes, whose sign is the solver's choice.
+SIGN_FREE = ("docs/functions.md",)
 #: By command: which places of its JSON are frozen, and why each may move; the first that fits.
 PLACES = {
     "modes": [
@@ -264,7 +266,7 @@ def numbers(entry: Entry, said, least: float = LEAST) -> list[list]:
     """``[label, value, may move by, why]`` of each number that it printed or wrote."""
     if entry.kind in PLACES:
         return of_json(entry.kind, said, least)
-    return printed(said, entry.kind)
+    return printed(said.replace("-", "") if entry.name in SIGN_FREE else said, entry.kind)
 
 
 def printed(text: str, why: str) -> list[list]:
@@ -293,6 +295,9 @@ def of_json(command: str, content: dict, least: float = LEAST) -> list[list]:
     """Those of a command's JSON; their labels are their places."""
     if command == "diagnose":
         content = _diagnosis(content, least)
+    if command == "harmonic":  # those of rigid motions are round-off
+        hz = content["frequencies_at_rest_hz"]
+        content = content | {"frequencies_at_rest_hz": [f for f in hz if f > 1e-3 * max(hz)]}
     places = [(re.compile(pattern), why) for pattern, why in PLACES[command]]
     flat = dict(_flat(content))
     found = []

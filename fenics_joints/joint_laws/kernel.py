@@ -242,10 +242,11 @@ class LawKernel:
     ) -> HarmonicStress:  # fmt: skip
         """Harmonics of stress from harmonics of strain, for a law with memory and without rate.
 
-        In one direction of slip the stress is integrated exactly: the states step to each reversal
-        of the strain, and from sample to sample unless the law has `JointLaw.exact_steps`, and
-        Gauss's rule integrates the stress between, in pieces that end where a switch changes its
-        sign. In two directions, where sliders turn without such an instant, samples are summed.
+        In one direction of slip the stress of a law with `JointLaw.exact_steps` is integrated
+        exactly: the states step to each reversal of the strain, under a varying pressure also from
+        sample to sample, and Gauss's rule integrates the stress in between, in pieces that end
+        where a switch changes its sign. The stress of other laws, and in two directions, where
+        sliders turn without such an instant, is summed over the samples.
 
         Args:
             coefficients: Harmonics of strain, (P, d, K).
@@ -257,8 +258,8 @@ class LawKernel:
             cycles: How often the cycle is run through; the last one counts.
             jacobian: Whether the derivative is wanted; it goes through all cycles.
             sampled: Whether strain and stress at the samples are wanted.
-            exact: Whether the stress is integrated, not summed over the samples; None for what
-                suits the directions of slip.
+            exact: Whether the stress is integrated, not summed over the samples; by default as
+                above.
 
         Raises:
             InputError: For an array of the wrong shape, or a law without memory or with rate.

@@ -123,13 +123,16 @@ class Problem:
             ConvergenceError: If the model cannot be solved at the start.
         """
         start = self.inside(x)
-        if not np.isfinite(self.residual(start, moved)).all():
+        try:
+            return least_squares(
+                self.residual, start, self.slope, bounds=self.coordinates.bounds(),
+                args=(moved,), x_scale=1.0, ftol=accuracy, xtol=still or accuracy, gtol=1e-8,
+                max_nfev=max_evaluations,
+            )  # fmt: skip
+        except ValueError as error:
+            if np.isfinite(self.residual(start, moved)).all():
+                raise
             raise ConvergenceError(
                 "the model lacks what was measured where a fit starts: are the shapes and the "
                 "frequencies of the same modes?"
-            )
-        return least_squares(
-            self.residual, start, self.slope, bounds=self.coordinates.bounds(),
-            args=(moved,), x_scale=1.0, ftol=accuracy, xtol=still or accuracy, gtol=1e-8,
-            max_nfev=max_evaluations,
-        )  # fmt: skip
+            ) from error
