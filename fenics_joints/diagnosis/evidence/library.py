@@ -22,6 +22,7 @@ from fenics_joints.diagnosis.evidence.prediction import predict
 from fenics_joints.diagnosis.evidence.scales import Scales
 from fenics_joints.diagnosis.evidence.somewhere import with_somewhere
 from fenics_joints.errors import InputError
+from fenics_joints.modal.modes import solve_modes
 from fenics_joints.reduction.batch import pod
 from fenics_joints.reduction.forward import SPARE, Forward
 from fenics_joints.reduction.lean import LeanForward, batched
@@ -54,6 +55,8 @@ _CHUNK = 512
 #: from; weight of modes that the test did not see; and singular value, relative to the first, below
 #: which a vector is left out.
 _LARGE, _SAMPLES, _SAMPLES_OF_PLACES, _OTHERS, _SHARE = 80, 3, 24, 0.1, 3e-3
+#: Singular value, relative to the first, of what rigid motions hold already.
+_SAME = 1e-6
 
 
 @dataclass(frozen=True)
@@ -142,7 +145,15 @@ class Library:
                     weights.append(np.where(there, 1.0, _OTHERS)[:most])
         model = self.forward.model
         vectors, sizes = pod(model, np.hstack(shapes), np.concatenate(weights))
-        return LeanForward(self.forward, model.on(vectors[:, sizes > _SHARE * sizes[0]]))
+        vectors = vectors[:, sizes > _SHARE * sizes[0]]
+        # Rigid motions as they are: nearly rigid ones are far too stiff.
+        modes = solve_modes(model, self.baseline, n_modes=self.forward.n_modes)
+        rigid, mass = modes.shapes[:, : modes.n_rigid], model.mass()
+        vectors = vectors - rigid @ (rigid.T @ mass @ vectors)
+        upper = np.linalg.cholesky(mass).T
+        left, sizes, _ = np.linalg.svd(upper @ vectors, full_matrices=False)
+        vectors = np.linalg.solve(upper, left[:, sizes > _SAME * sizes[0]])
+        return LeanForward(self.forward, model.on(np.hstack([rigid, vectors])))
 
     # -- predictions ---------------------------------------------------------------------------
 
@@ -440,7 +451,8 @@ class Library:
             # of the last ones that are exact.
             last = np.arange(max(done - 2 * _AT_A_TIME, 0), done)
             off = total(exact[last]) - total(screened[order[last]])
-            more = np.logaddexp(0.0, total(rest) + off - total(exact))
+            rest = np.minimum(rest + off, exact.max())
+            more = np.logaddexp(0.0, total(rest) - total(exact))
             cells = replace(cells, log_share=cells.log_share + more)
         return self.summary(h, cells, test)
 
