@@ -16,7 +16,7 @@ from fenics_joints.diagnosis.evidence.entries import FREQUENCY
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.fitted import Fit
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
-from fenics_joints.diagnosis.evidence.library import Library
+from fenics_joints.diagnosis.evidence.library import Found, Library
 from fenics_joints.diagnosis.evidence.moved import moved
 from fenics_joints.diagnosis.evidence.prediction import predict
 from fenics_joints.diagnosis.predictive import draws, gain, held
@@ -236,7 +236,8 @@ def cross_validate(
         blind = blinded(evidence, mask)
         found = None
         if scored.any() and blind.used.any():
-            refits = [_refit(c, blind, library) for c in candidates]
+            known: dict[str, Found] = {}
+            refits = [_refit(c, blind, library, known) for c in candidates]
             closed = _close(refits, log_prior, is_wrong, nominal, blind, scored)
             gains = _gains(causes, refits, log_prior, blind, evidence, mask)
             found = (*_open(name, closed, nominal, evidence, scored), gains)
@@ -262,9 +263,9 @@ def _gains(causes, refits, log_prior, blind, evidence, mask) -> dict[str, float]
     }
 
 
-def _refit(candidate: Fit, blind: Evidence, library: Library) -> Fit:
+def _refit(candidate: Fit, blind: Evidence, library: Library, known: dict[str, Found]) -> Fit:
     near = moved(candidate, blind)
-    return library.of(candidate.hypothesis, blind).fit if near is None else near
+    return library.of(candidate.hypothesis, blind, known).fit if near is None else near
 
 
 def _nominal(forward, evidence: Evidence, baseline) -> np.ndarray:

@@ -38,6 +38,9 @@ _AGAIN, _SPLIT = 25.0, 8.0
 #: Hypotheses that others are put beside, sets that are solved for, and nats that these may promise
 #: to be behind the best.
 _PARENTS, _SETS, _MARGIN = 12, 24, 8.0
+#: Effects that are weighed first, and how much farther from the data than the best of them, as a
+#: factor on ln of the evidence and in nats, others may look and still be weighed.
+_FIRST, _FAR_OFF, _AT_LEAST = 4, 3.0, 50.0
 #: The best parts of which several at once are solved for.
 _PARTS = 4
 
@@ -77,7 +80,7 @@ class Search:
         self.progress.step("weighing one effect at a time", len(alone) + 2)
         found = self._all([(h, None) for h in plain])
         self.library.floor = max(f.fit.log_evidence for f in found)
-        found += self._all([(self._hypothesis((e,)), None) for e in alone])
+        found += self._singles([self._hypothesis((e,)) for e in alone], found[0])
         found = self._checked(found, _LEADING_SINGLES, quickly=True)
         level = found[2:]
         waiting = [effect for effect in model.effects if effect.holds]
@@ -127,6 +130,24 @@ class Search:
             return library.single(h, test) if parent is None else library.together(h, parent, test)
 
         return spread(self.model.comm, tasks, work, _pack, _unpack)
+
+    def _singles(self, hypotheses: Sequence[Hypothesis], nothing: Found) -> list[Found]:
+        """What the test says of each effect: of those that are far behind, by algebra alone.
+        Collective."""
+        comm, library, test = self.model.comm, self.library, self.model.evidence
+        if not library.batches:
+            return self._all([(h, None) for h in hypotheses])
+        looks = np.array(spread(comm, hypotheses, lambda h: library.promises(h, test)))
+        order = np.argsort(-looks - self.log_prior(hypotheses), kind="stable")
+        first = order[:_FIRST]
+        found = dict(zip(first, self._all([(hypotheses[i], None) for i in first]), strict=True))
+        best = max(f.fit.log_evidence for f in (nothing, *found.values()))
+        # What no prediction could exceed.
+        most = max(-0.5 * np.linalg.slogdet(2 * np.pi * test.covariance())[1], best)
+        least = most - _FAR_OFF * (most - best) - _AT_LEAST
+        near = [i for i in order[_FIRST:] if looks[i] > least]
+        found |= dict(zip(near, self._all([(hypotheses[i], None) for i in near]), strict=True))
+        return [found.get(i) or library.glance(h, test) for i, h in enumerate(hypotheses)]
 
     def _near(self, found: Sequence[Found]) -> list[Found]:
         """By their probability, the best first."""

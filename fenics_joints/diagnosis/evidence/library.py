@@ -55,6 +55,8 @@ _CHUNK = 512
 #: from; weight of modes that the test did not see; and singular value, relative to the first, below
 #: which a vector is left out.
 _LARGE, _SAMPLES, _SAMPLES_OF_PLACES, _OTHERS, _SHARE = 80, 3, 24, 0.1, 3e-3
+#: Points of a hypothesis that are remembered.
+_REMEMBERED = 64
 #: Singular value, relative to the first, of what rigid motions hold already.
 _SAME = 1e-6
 
@@ -118,6 +120,8 @@ class Library:
         if effects and self.batches and self.forward.model.n_dofs > _LARGE:
             self.forward = self._truncated(effects)
         self._states: dict[str, States] = {}
+        #: Points, predictions and derivatives of each hypothesis.
+        self._solved: dict[str, tuple[np.ndarray, ...]] = {}
         self.calls = 0
 
     def _truncated(self, effects: Sequence[Effect]) -> LeanForward:
@@ -286,23 +290,49 @@ class Library:
             h: The hypothesis.
             test: The test, or a part of it.
         """
+        make, screened = self._screen(h, test)
+        return self._refined(h, make, screened, test, test)
+
+    def promises(self, h: Hypothesis, test: Evidence) -> float:
+        """ln of the evidence of a hypothesis of one effect, by algebra alone.
+
+        Args:
+            h: The hypothesis.
+            test: The test.
+        """
+        return total(self._screen(h, test)[1])
+
+    def glance(self, h: Hypothesis, test: Evidence) -> Found:
+        """What a test says of a hypothesis of one effect that is far from it, by algebra alone.
+
+        Args:
+            h: The hypothesis.
+            test: The test.
+        """
+        make, screened = self._screen(h, test)
+        best = make(np.array([int(np.argmax(screened))]))
+        share = best.log_share + total(screened) - np.max(screened)
+        return self.summary(h, replace(best, log_share=share), test, _as_whole(best))
+
+    def _screen(self, h: Hypothesis, test: Evidence):
+        """Makes some of a hypothesis' cells; and ln of the evidence of each, (n,)."""
         if not h.effects:
             p = len(h.priors)
             z = np.zeros((1, p))
             data, slopes = self.predict(h, z, range(p))
             cells = Cells(z, np.ones((1, p)), np.zeros(1), z.copy(), data, slopes)
-            return self._refined(h, lambda index: cells[index], np.zeros(1), test, test)
-        (effect,) = h.effects
-        states = self.states(effect)
-        lower = test.lower(h.unknown)
+            return (lambda index: cells[index]), np.zeros(1)
+        states, lower = self.states(h.effects[0]), test.lower(h.unknown)
+
+        def make(index) -> Cells:
+            return self._cells(h, states, index)
+
         n = len(states.mean)
-        screened = np.concatenate([
-            weigh(
-                self._cells(h, states, index), test.data, test.fitted, lower, h.limits
-            ).log_evidence
+        screened = [
+            weigh(make(index), test.data, test.fitted, lower, h.limits).log_evidence
             for index in np.array_split(np.arange(n), -(-n // _CHUNK))
-        ])  # fmt: skip
-        return self._refined(h, lambda index: self._cells(h, states, index), screened, test, test)
+        ]
+        return make, np.concatenate(screened)
 
     def beside(
         self, h: Hypothesis, parent: Found, test: Evidence
@@ -400,17 +430,23 @@ class Library:
         at = test.at(parent.fit.scales)
         return self._refined(h, lambda index: cells[index], screened, test, at)
 
-    def of(self, h: Hypothesis, test: Evidence) -> Found:
+    def of(self, h: Hypothesis, test: Evidence, known: dict[str, Found] | None = None) -> Found:
         """What a part of a test says of a hypothesis, from the library alone: nothing that all of
         it said has a hand in this.
 
         Args:
             h: The hypothesis.
             test: The part.
+            known: What it says of others, by their keys; grows.
         """
-        if len(h.effects) < 2:
-            return self.single(h, test)
-        return self.together(h, self.of(self.make(h.effects[:-1]), test), test)
+        known = {} if known is None else known
+        key = h.label_of_keys
+        if key not in known and len(h.effects) < 2:
+            known[key] = self.single(h, test)
+        elif key not in known:
+            parent = self.of(self.make(h.effects[:-1]), test, known)
+            known[key] = self.together(h, parent, test)
+        return known[key]
 
     def _refined(
         self, h: Hypothesis, make, screened: np.ndarray, test: Evidence, at: Evidence
@@ -475,61 +511,80 @@ class Library:
     def settled(self, h: Hypothesis, cells: Cells, test: Evidence) -> Cells:
         """Cells linear about their own posterior means, by Gauss-Newton steps.
 
+        Each starts from a point that the hypothesis was solved at before, if that is better than
+        its own: other data or a finer cell then ask for few solutions.
+
         Args:
             h: The hypothesis.
             cells: The cells.
             test: The test.
         """
-        lower = test.lower(h.unknown)
-        own = h.own
+        lower, own = test.lower(h.unknown), h.own
         low, high = h.limits.T
+        arrays = {name: getattr(cells, name).copy() for name in ("at", "data", "slopes")}
+        cells = replace(cells, **arrays)
         exact = np.zeros(len(cells), dtype=bool)
+        now = self._recalled(h, cells, test, lower, exact)
         active = np.ones(len(cells), dtype=bool)
-        used, data = test.fitted, test.data
-
-        def costs(points, predicted, index):
-            return _costs(replace(cells[index], at=points, data=predicted), test, lower)
-
-        now = costs(cells.at, cells.data, np.arange(len(cells)))
         for _ in range(_STEPS):
             i = np.flatnonzero(active)
             if not len(i):
                 break
             part = cells[i]
-            post = weigh(part, data, used, lower, h.limits)
-            target = post.z.copy()
+            post = weigh(part, test.data, test.fitted, lower, h.limits)
+            small = (now[i] - post.square < 2 * _GAIN) & exact[i]
+            active[i[small]] = False
+            i, part, target = i[~small], part[~small], post.z[~small]
+            if not len(i):
+                break
             far = _FAR * part.width[:, own]
             away = np.clip(target[:, own] - part.mean[:, own], -far, far)
             target[:, own] = part.mean[:, own] + away
-            target = np.clip(target, low + 1e-6, high - 1e-6)
-            small = (now[i] - post.square < 2 * _GAIN) & exact[i]
-            active[i[small]] = False
-            i, part, target = i[~small], part[~small], target[~small]
-            if not len(i):
-                break
-            at, better = part.at.copy(), np.zeros(len(i), dtype=bool)
-            for share in _SHARES:
-                left = np.flatnonzero(~better)
-                if not len(left):
-                    break
-                points = part.at[left] + share * (target - part.at)[left]
-                good = costs(points, self.predict(h, points)[0], i[left]) < now[i[left]] - 1e-9
-                at[left[good]], better[left[good]] = points[good], True
-            ask = better | ~exact[i]
-            active[i[~ask]] = False
-            i, at = i[ask], at[ask]
-            if not len(i):
-                break
-            new, slopes = self.predict(h, at, range(at.shape[1]))
-            for name, value in (("at", at), ("data", new), ("slopes", slopes)):
-                array = getattr(cells, name).copy()
-                array[i] = value
-                cells = replace(cells, **{name: array})
-            now[i] = costs(at, new, i)
-            stuck = exact[i] & ~better[ask]
-            exact[i] = True
-            active[i[stuck]] = False
+            step = np.clip(target, low + 1e-6, high - 1e-6) - part.at
+            better, new = np.zeros(len(i), dtype=bool), ~exact[i]
+            # At last its own point, unless it is known what the model says there.
+            for share in (*_SHARES, 0.0):
+                k = np.flatnonzero(~better if share else ~better & new)
+                if not len(k):
+                    continue
+                at = part.at[k] + share * step[k]
+                data, slopes = self._solve(h, at)
+                costs = _costs(replace(part[k], at=at, data=data), test, lower)
+                good = costs < now[i[k]] - 1e-9 if share else np.ones(len(k), dtype=bool)
+                better[k[good]], j = share > 0, i[k[good]]
+                now[j] = costs[good]
+                for name, value in (("at", at), ("data", data), ("slopes", slopes)):
+                    arrays[name][j] = value[good]
+            exact[i], active[i[~better & ~new]] = True, False
         return cells
+
+    def _solve(self, h: Hypothesis, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Predictions and all derivatives, remembered."""
+        data, slopes = self.predict(h, at, range(at.shape[1]))
+        good = np.isfinite(data).all(1)
+        new = at[good], data[good], slopes[good]
+        old = self._solved.get(h.label_of_keys)
+        if old is not None:
+            new = [np.concatenate(pair)[-_REMEMBERED:] for pair in zip(old, new, strict=True)]
+        self._solved[h.label_of_keys] = new
+        return data, slopes
+
+    def _recalled(self, h, cells: Cells, test: Evidence, lower, exact) -> np.ndarray:
+        """What cells cost, (n,), after those that gain by it took remembered points."""
+        now = _costs(cells, test, lower)
+        if h.label_of_keys not in self._solved:
+            return now
+        at, data, slopes = self._solved[h.label_of_keys]
+        white = whiten(lower, (data - test.data)[:, test.fitted].T)
+        width = np.where(cells.width > 0, cells.width, 1.0)
+        away = (at - cells.mean[:, None]) / width[:, None]
+        costs = np.sum(white**2, axis=0) + np.sum(away**2, axis=2)
+        best = np.argmin(costs, axis=1)
+        least = costs[np.arange(len(cells)), best]
+        i = np.flatnonzero(least < now)
+        cells.at[i], cells.data[i], cells.slopes[i] = at[best[i]], data[best[i]], slopes[best[i]]
+        exact[i] = True
+        return np.minimum(least, now)
 
     def _weighed(
         self, h: Hypothesis, cells: Cells, test: Evidence
@@ -560,9 +615,7 @@ class Library:
 
     def _whole(self, h: Hypothesis, cell: Cells, test: Evidence) -> Cells:
         """The whole prior as one cell, linear about its most probable point."""
-        mean, width = np.zeros_like(cell.mean), np.ones_like(cell.width)
-        whole = replace(cell, mean=mean, width=width, log_share=np.zeros(1))
-        return self.settled(h, whole, test)
+        return self.settled(h, _as_whole(cell), test)
 
     def summary(
         self, h: Hypothesis, cells: Cells, test: Evidence, peak: Cells | None = None
@@ -644,6 +697,12 @@ class Library:
             if abs(found.fit.log_evidence - before) < _MOVED:
                 break
         return found
+
+
+def _as_whole(cell: Cells) -> Cells:
+    """A cell that is the whole prior, linear about the same point."""
+    mean, width = np.zeros_like(cell.mean), np.ones_like(cell.width)
+    return replace(cell, mean=mean, width=width, log_share=np.zeros(1))
 
 
 def _costs(cells: Cells, test: Evidence, lower: np.ndarray) -> np.ndarray:
