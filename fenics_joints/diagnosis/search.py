@@ -63,7 +63,7 @@ class Search:
             self.met.same((effect,))
         given = model.forward, model.evidence, model.baseline, self._hypothesis
         #: On few vectors, and the same by the reduced model itself.
-        self.library, self.exact = Library(*given, model.effects), Library(*given)
+        self.library, self.exact = Library(*given, lean=True), Library(*given)
 
     def _hypothesis(self, effects: Sequence[Effect]) -> Hypothesis:
         return self.model.hypothesis(tuple(effects))

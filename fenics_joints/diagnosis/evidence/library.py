@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -51,14 +52,18 @@ _PARENTS = 6
 _LITTLE, _CORRECTIONS = 1e-3, 4
 #: Screened at a time.
 _CHUNK = 512
-#: Size of a reduced model from which a smaller basis pays; cells of each effect that it is made
-#: from; weight of modes that the test did not see; and singular value, relative to the first, below
-#: which a vector is left out.
-_LARGE, _SAMPLES, _SAMPLES_OF_PLACES, _OTHERS, _SHARE = 80, 3, 24, 0.1, 3e-3
+#: Size of a reduced model from which a smaller basis pays, and number of bases that are kept.
+_LARGE, _BASES = 80, 48
+#: What a basis is made of: modes at so many points of the prior of an effect of one or two
+#: parameters, of more, and of places; how far out of the means of its cells; how far out of
+#: tolerances; the weight of modes that the test did not see.
+_SAMPLES, _MORE_SAMPLES, _SAMPLES_OF_PLACES = {1: 6, 2: 8}, 12, 24
+_BEYOND, _WITHIN, _OTHERS = 1.6, 1.5, 0.1
+#: Singular value, relative to the first, below which a vector is left out; share of a mode that is
+#: not rigid below which it is.
+_SHARE, _SAME = 1e-3, 1e-3
 #: Points of a hypothesis that are remembered.
 _REMEMBERED = 64
-#: Singular value, relative to the first, of what rigid motions hold already.
-_SAME = 1e-6
 
 
 @dataclass(frozen=True)
@@ -107,57 +112,91 @@ class Library:
         evidence: The whole test.
         baseline: Parameter values of the nominal model.
         make: Makes a hypothesis of effects.
+        lean: Whether every hypothesis is predicted on a basis of its own, of some 40 vectors.
     """
 
     def __init__(
         self, forward, evidence: Evidence, baseline: dict[str, float], make,
-        effects: Sequence[Effect] = (),
+        lean: bool = False,
     ):  # fmt: skip
         self.evidence, self.baseline, self.make, self.floor = evidence, baseline, make, -np.inf
         self.forward = batched(forward) if isinstance(forward, Forward) else forward
         #: Whether it solves for many points at a time.
         self.batches = getattr(self.forward, "batches", False)
-        if effects and self.batches and self.forward.model.n_dofs > _LARGE:
-            self.forward = self._truncated(effects)
+        #: Whether every hypothesis has a basis of its own.
+        self.lean = lean and self.batches and self.forward.model.n_dofs > _LARGE
+        self._bases: dict[tuple[str, ...], LeanForward] = {}
+        self._samples: dict[str, tuple[np.ndarray, np.ndarray]] = {}
         self._states: dict[str, States] = {}
         #: Points, predictions and derivatives of each hypothesis.
         self._solved: dict[str, tuple[np.ndarray, ...]] = {}
         self.calls = 0
 
-    def _truncated(self, effects: Sequence[Effect]) -> LeanForward:
-        """A forward on the vectors that hold the test's modes all over the priors of effects."""
-        wanted = []
-        for effect in effects:
-            h = self.make((effect,))
-            mean, _, _ = prior_cells(effect.priors)
-            most = min(_SAMPLES_OF_PLACES if any(p.even for p in effect.priors) else _SAMPLES,
-                       len(mean))  # fmt: skip
-            index = np.linspace(0, len(mean) - 1, most).round().astype(int)
-            for i in index:
-                row = len(wanted) % len(self.evidence.conditions)
-                condition = self.evidence.conditions[row]
-                look = h.looks[len(wanted) % len(h.looks)]
-                z = h.at(mean[i]).clip(*h.limits.T)
-                wanted.append(h.values(z, condition, self.baseline, row, look))
+    # -- bases -----------------------------------------------------------------------------------
+
+    def _forward_of(self, h: Hypothesis) -> Forward:
+        """A forward on the vectors that hold the test's modes all over a hypothesis' prior."""
+        if not self.lean:
+            return self.forward
+        acting = [effect for effect in h.effects if effect.apply is not None]
+        key = tuple(sorted(effect.key for effect in acting))
+        if key not in self._bases:
+            parts = [self._sampled(None), *map(self._sampled, acting)]
+            shapes, weights = (np.concatenate(part, axis=-1) for part in zip(*parts, strict=True))
+            model = self.forward.model
+            vectors, sizes = pod(model, shapes, weights)
+            vectors = np.hstack([self._rigid, vectors[:, sizes > _SHARE * sizes[0]]])
+            own = LeanForward(self.forward, model.on(vectors))
+            own.model.pencil.settle(own.model.values(self.baseline))
+            while len(self._bases) >= _BASES:
+                del self._bases[next(iter(self._bases))]
+            self._bases[key] = own
+        return self._bases[key]
+
+    @cached_property
+    def _rigid(self) -> np.ndarray:
+        """Rigid motions as they are: nearly rigid ones are far too stiff."""
+        modes = solve_modes(self.forward.model, self.baseline, n_modes=self.forward.n_modes)
+        return modes.shapes[:, : modes.n_rigid]
+
+    def _sampled(self, effect: Effect | None) -> tuple[np.ndarray, np.ndarray]:
+        """The test's modes and those between all over an effect's prior, (n_dofs, n), and their
+        weights, (n,); of the nominal model within its tolerances for None."""
+        key = "" if effect is None else effect.key
+        if key not in self._samples:
+            h = self.make(() if effect is None else (effect,))
+            p = len(h.priors)
+            z = np.vstack([np.zeros(p), _WITHIN * np.eye(p), -_WITHIN * np.eye(p)])
+            if effect is not None:
+                mean, _, _ = prior_cells(effect.priors)
+                most = _SAMPLES_OF_PLACES if any(q.scan for q in effect.priors) else (
+                    _SAMPLES.get(len(effect.priors), _MORE_SAMPLES))
+                index = np.linspace(0, len(mean) - 1, min(most, len(mean))).round().astype(int)
+                z = np.array([h.at(own) for own in _BEYOND * mean[index]])
+            self._samples[key] = self._modes_at(h, z.clip(*h.limits.T))
+        return self._samples[key]
+
+    def _modes_at(self, h: Hypothesis, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        conditions = self.evidence.conditions
+        rows = np.arange(len(conditions) if h.varies else 1)
+        if not any(h.known):
+            rows = np.unique(rows[[0, len(rows) // 2, -1]])
+        wanted = [h.values(point, conditions[row], self.baseline, row) for point in z
+                  for row in rows]  # fmt: skip
         shapes, weights = [], []
-        for part in (wanted[i : i + _CHUNK] for i in range(0, len(wanted), _CHUNK)):
-            for seen in seen_modes_at(self.forward, part):
-                if len(seen.index):
-                    most = int(seen.index.max()) + 1 + SPARE
-                    there = np.isin(np.arange(seen.shapes.shape[1]), seen.index)
-                    shapes.append(seen.shapes[:, :most])
-                    weights.append(np.where(there, 1.0, _OTHERS)[:most])
+        for seen in seen_modes_at(self.forward, wanted):
+            if len(seen.index):
+                most = int(seen.index.max()) + 1 + SPARE
+                there = np.isin(np.arange(seen.shapes.shape[1]), seen.index)
+                shapes.append(seen.shapes[:, :most])
+                weights.append(np.where(there, 1.0, _OTHERS)[:most])
         model = self.forward.model
-        vectors, sizes = pod(model, np.hstack(shapes), np.concatenate(weights))
-        vectors = vectors[:, sizes > _SHARE * sizes[0]]
-        # Rigid motions as they are: nearly rigid ones are far too stiff.
-        modes = solve_modes(model, self.baseline, n_modes=self.forward.n_modes)
-        rigid, mass = modes.shapes[:, : modes.n_rigid], model.mass()
-        vectors = vectors - rigid @ (rigid.T @ mass @ vectors)
-        upper = np.linalg.cholesky(mass).T
-        left, sizes, _ = np.linalg.svd(upper @ vectors, full_matrices=False)
-        vectors = np.linalg.solve(upper, left[:, sizes > _SAME * sizes[0]])
-        return LeanForward(self.forward, model.on(np.hstack([rigid, vectors])))
+        if not shapes:
+            return np.zeros((model.n_dofs, 0)), np.zeros(0)
+        x, weight = np.hstack(shapes), np.concatenate(weights)
+        left = x - self._rigid @ (self._rigid.T @ (model.mass() @ x))
+        elastic = np.linalg.norm(left, axis=0) > _SAME * np.linalg.norm(x, axis=0)
+        return left[:, elastic], weight[elastic]
 
     # -- predictions ---------------------------------------------------------------------------
 
@@ -169,7 +208,7 @@ class Library:
         by, self.calls = list(by), self.calls + len(z)
         if not self.batches:
             return self._one_by_one(h, z, by)
-        many = ManyPredictions(h, self.forward, self.evidence, self.baseline, held_out=True)
+        many = ManyPredictions(h, self._forward_of(h), self.evidence, self.baseline, held_out=True)
         data, slopes = many(z, by)
         own = set(range(*h.own.indices(len(h.priors))))
         if self._differs(h) and own & set(by):
