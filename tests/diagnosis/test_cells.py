@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from scipy.integrate import trapezoid
+from scipy.special import logsumexp
 from scipy.stats import multivariate_normal, norm
 
 from fenics_joints.diagnosis import Effect, Prior
@@ -49,6 +50,17 @@ def shift(index, spread=1.0, median=0.0, span=(-np.inf, np.inf)):
 def evidence_of(log_f, sd=0.01, discrepancy=0.01):
     log_f = np.asarray(log_f)
     return Evidence(TORQUES[: len(log_f)], log_f, np.full(log_f.shape, sd), discrepancy)
+
+
+@pytest.mark.parametrize("count", [1, 2, 3])
+def test_cells_are_the_prior_far_out_too(count):
+    """What asks for an unexpectedly large change pays what the prior says, not what its cells'
+    ends do."""
+    mean, width, log_share = prior_cells([Prior(str(i), 0.0, 1.0, log=False) for i in range(count)])
+    for distance in (0.0, 1.5, 3.0, 4.0):
+        point = distance * np.eye(count)[0]
+        density = logsumexp(log_share + norm.logpdf(point, mean, width).sum(axis=1))
+        assert density == pytest.approx(norm.logpdf(point).sum(), abs=0.1 if distance < 4 else 0.5)
 
 
 @pytest.mark.parametrize(

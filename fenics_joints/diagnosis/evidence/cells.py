@@ -30,10 +30,16 @@ from fenics_joints.diagnosis.effects.effect import Prior
 
 __all__ = ["Cells", "Posterior", "prior_cells", "weigh"]
 
-#: Number of cells over one and two smooth parameters, and over more; beside one that acts in steps
-#: or in many places.
-_COUNTS, _MORE = {0: 1, 1: 20, 2: 48}, 96
-_BESIDE, _MORE_BESIDE = {0: 1, 1: 4, 2: 8}, 12
+#: How far apart cells are over one, two and three smooth parameters, in standard deviations of the
+#: prior; the most that their own are of this, and of the prior; ln of the share of the first below
+#: which they are left out; and how far out they reach.
+_SPACING = {0: 1.0, 1: 0.5, 2: 0.9, 3: 1.05}
+_OF_SPACING, _WIDEST, _LEAST, _ENDS = 0.8, 0.7, 11.0, 5.0
+#: Cells within the limits of a prior at least.
+_WITHIN = 4
+#: How far apart they are beside one that acts in steps or in many places, and log2 of the number
+#: over more of them, and of the number over more without such a one.
+_BESIDE, _MORE_BESIDE, _MORE = {0: 1.0, 1: 1.15}, 4, 7
 #: Standard deviations of the prior beyond which a parameter that acts in steps is not looked for.
 _FARTHEST = 4.0
 #: A normal density as the sum of three: share of the middle one, distance of the outer ones, and
@@ -200,17 +206,17 @@ def _inside(u, pull, variance, low, high, free) -> np.ndarray:
 def prior_cells(priors: Sequence[Prior]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Means, (n, d), standard deviations, (n, d), and ln shares, (n,), of cells of a prior.
 
-    Smooth parameters have cells at a Sobol sequence; those that act in steps or in many places at
-    each of these. Some are beyond the limits, where only the part within counts (`weigh`).
+    Smooth parameters have cells on a lattice, or at a Sobol sequence if they are many; those that
+    act in steps or in many places at each of these. Some are beyond the limits, where only the part
+    within counts (`weigh`).
 
     Args:
         priors: The parameters'.
     """
     stepped = [j for j, prior in enumerate(priors) if prior.scan]
     smooth = [j for j, prior in enumerate(priors) if not prior.scan]
-    d = len(smooth)
-    count = _BESIDE.get(d, _MORE_BESIDE) if stepped else _COUNTS.get(d, _MORE)
-    z, width, own = _smooth_cells([priors[j] for j in smooth], count)
+    known, more = (_BESIDE, _MORE_BESIDE) if stepped else (_SPACING, _MORE)
+    z, width, own = _smooth_cells([priors[j] for j in smooth], known.get(len(smooth)), more)
     axes = [_steps(priors[j]) for j in stepped]
     places = list(product(*(range(len(axis[0])) for axis in axes)))
     n = len(z) * len(places)
@@ -224,23 +230,39 @@ def prior_cells(priors: Sequence[Prior]) -> tuple[np.ndarray, np.ndarray, np.nda
     return mean, widths, share + np.tile(own, len(places))
 
 
-def _smooth_cells(priors: Sequence[Prior], count: int) -> tuple[np.ndarray, float, np.ndarray]:
-    """Means, (n, d), standard deviation, and ln shares, (n,); some beyond the limits, so that up to
-    these they are the prior."""
+def _smooth_cells(
+    priors: Sequence[Prior], apart: float | None, more: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Means, (n, d), standard deviations, (d,), and ln shares, (n,); some beyond the limits, so that up to
+    these they are the prior.
+
+    On a lattice, normal densities of variance h^2 whose shares are one of variance 1 - h^2 add up
+    to the prior, tails and all, but for exp(-2 (pi h / s)^2 (1 - h^2)) if they are s apart
+    (Poisson's sum); at a Sobol sequence only about where that has points.
+    """
     d = len(priors)
     if d == 0:
-        return np.zeros((1, 0)), 0.0, np.zeros(1)
+        return np.zeros((1, 0)), np.zeros(0), np.zeros(1)
     limits = np.array([prior.limits() for prior in priors]).T
-    unit = (np.arange(count) + 0.5)[:, None] / count
-    if d > 1:
-        unit = qmc.Sobol(d, seed=3).random_base2(int(np.ceil(np.log2(count))))[:count]
-    width = min(0.9, 1.3 * count ** (-1.0 / (d + 1)))
-    narrower = np.sqrt(1 - width**2)
-    low, high = ndtr((limits + 2 * width * np.array([[-1], [1]])) / narrower)
-    z = norm.ppf(low + unit * (high - low)) * narrower
+    spacing = np.full(d, np.inf if apart is None else apart)
+    spacing = np.minimum(spacing, np.diff(limits, axis=0)[0] / _WITHIN)
+    width = np.minimum(_OF_SPACING * spacing, _WIDEST)
+    low, high = np.clip(limits, -_ENDS, _ENDS) + 2 * width * np.array([[-1], [1]])
+    sd = np.sqrt(1 - width**2)
+    if apart is None:
+        unit = qmc.Sobol(d, seed=3).random_base2(more)
+        low, high = ndtr(np.array([low, high]) / sd)
+        z = norm.ppf(low + unit * (high - low)) * sd
+        share = np.zeros(len(z))
+    else:
+        axes = [s * np.arange(np.ceil(a / s), b / s)
+                for a, b, s in zip(low, high, spacing, strict=True)]  # fmt: skip
+        z = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, d)
+        share = -0.5 * np.sum((z / sd) ** 2, axis=1)
+        z, share = (part[share > share.max() - _LEAST] for part in (z, share))
     inside = np.prod(np.diff(ndtr((limits[:, None] - z) / width), axis=0)[0], axis=1)
     own = np.sum(np.log(np.diff(ndtr(limits), axis=0)))
-    return z, width, np.full(count, own - np.log(inside.sum()))
+    return z, width, share + own - np.log(np.sum(np.exp(share) * inside))
 
 
 def _steps(prior: Prior) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

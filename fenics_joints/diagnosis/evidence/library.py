@@ -44,6 +44,8 @@ _STEPS, _SHARES, _GAIN, _FAR = 8, (1.0, 0.4, 0.15), 0.02, 4.0
 #: Cells with less than this share of a hypothesis' evidence are not split; change of ln Z at which
 #: no more are; rounds at most.
 _COUNTS, _MOVED, _ROUNDS = 0.02, 0.1, 6
+#: Nats within which cells of the prior and all of it as one cell agree if the model is linear.
+_LINEAR = 0.02
 #: Nats that a cell may be behind the best to count at all scales of errors.
 _NEAR = 12.0
 #: Cells of a hypothesis that a further effect is put beside, and sums of cells made exact for each.
@@ -62,8 +64,8 @@ _BEYOND, _WITHIN, _OTHERS = 1.6, 1.5, 0.1
 #: Singular value, relative to the first, below which a vector is left out; share of a mode that is
 #: not rigid below which it is.
 _SHARE, _SAME = 1e-3, 1e-3
-#: Points of a hypothesis that are remembered.
-_REMEMBERED = 64
+#: Points of a hypothesis that are remembered; widths of a cell within which they are its own.
+_REMEMBERED, _SAME_CELL = 64, 2.0
 
 
 @dataclass(frozen=True)
@@ -382,7 +384,7 @@ class Library:
         Args:
             h: The hypothesis.
             parent: Without the last effect.
-            test: The test.
+            test: The test, at the scales by which it is weighed.
         """
         effect, old = h.effects[-1], parent.fit.hypothesis
         states, alone = self.states(effect), self.make((effect,))
@@ -412,8 +414,7 @@ class Library:
         # Parents that are left out count as those do that are not.
         log_share = parent.cells.log_share[i] + states.log_share[j] - total(share[top])
         cells = Cells(mean, width, log_share, at, data, slopes)
-        lower = test.at(parent.fit.scales).lower(h.unknown)
-        found = weigh(cells, test.data, test.fitted, lower, h.limits)
+        found = weigh(cells, test.data, test.fitted, test.lower(h.unknown), h.limits)
         return cells, found.log_evidence
 
     def promised(
@@ -465,9 +466,15 @@ class Library:
             parent: What it says of that without the last effect.
             test: The test, or a part of it.
         """
-        cells, screened = self.beside(h, parent, test)
-        at = test.at(parent.fit.scales)
-        return self._refined(h, lambda index: cells[index], screened, test, at)
+        scales = None
+        while True:
+            at = test.at(parent.fit.scales if scales is None else scales)
+            cells, screened = self.beside(h, parent, at)
+            found = self._refined(h, cells.__getitem__, screened, test, at)
+            # With both at work the data may call for much smaller errors.
+            if scales is not None or found.fit.scales == at.scales:
+                return found
+            scales = found.fit.scales
 
     def of(self, h: Hypothesis, test: Evidence, known: dict[str, Found] | None = None) -> Found:
         """What a part of a test says of a hypothesis, from the library alone: nothing that all of
@@ -497,7 +504,7 @@ class Library:
             order = np.arange(1)
         whole = self._whole(h, make(order[:1]), at)
         alone = weigh(whole, test.data, test.fitted, at.lower(h.unknown), h.limits)
-        if abs(alone.log_evidence[0] - total(screened)) < _MOVED:
+        if abs(alone.log_evidence[0] - total(screened)) < _LINEAR:
             return self.summary(h, whole, test, whole)
         done, cells, best = 0, None, None
 
@@ -507,7 +514,7 @@ class Library:
 
         while True:
             index = order[done : done + _AT_A_TIME]
-            own = self.settled(h, about(index)[0], test)
+            own = self.settled(h, about(index)[0], at)
             cells = own if cells is None else cells.joined(own)
             exact = self._weighed(h, cells, test)[0]
             leads = int(np.argmax(exact)) >= done
@@ -618,6 +625,8 @@ class Library:
         width = np.where(cells.width > 0, cells.width, 1.0)
         away = (at - cells.mean[:, None]) / width[:, None]
         costs = np.sum(white**2, axis=0) + np.sum(away**2, axis=2)
+        # Or all would end where the first one did.
+        costs[np.max(np.abs(away[:, :, h.own]), axis=2, initial=0.0) > _SAME_CELL] = np.inf
         best = np.argmin(costs, axis=1)
         least = costs[np.arange(len(cells)), best]
         i = np.flatnonzero(least < now)
