@@ -20,11 +20,10 @@ from fenics_joints.diagnosis.evidence.classes import classes, detectable, stand_
 from fenics_joints.diagnosis.evidence.fitted import Fit
 from fenics_joints.diagnosis.evidence.point_mass import point_mass
 from fenics_joints.diagnosis.evidence.row import RowPrediction
-from fenics_joints.diagnosis.evidence.screen import linear_evidence, near_listed
 from fenics_joints.diagnosis.evidence.simulated import with_simulated
 from fenics_joints.diagnosis.evidence.somewhere import Somewhere, changes
 from fenics_joints.diagnosis.evidence.unlisted import after_held_out
-from fenics_joints.diagnosis.held_out import blinded, cross_validate, folds
+from fenics_joints.diagnosis.held_out import cross_validate, folds
 from fenics_joints.diagnosis.location import locate_gap
 from fenics_joints.diagnosis.model.prepared import Prepared, prepare
 from fenics_joints.diagnosis.result import Diagnosis, EffectResult, HypothesisResult
@@ -53,9 +52,8 @@ from fenics_joints.reduction.seen import places_all_over
 
 __all__ = ["diagnose"]
 
-#: A hypothesis this far (in ln) behind the best of a fold is not refitted, and at most so many are;
-#: beside them the best wrong ones.
-_HOPELESS, _WRONG, _FAIR = 6.0, 2, 6
+#: Number of the best wrong hypotheses that stand against the cause in every fold.
+_WRONG = 2
 #: Number of places at which an unmodelled point mass is sought.
 _PLACES = 240
 
@@ -286,29 +284,12 @@ class _Run:
         without = [next((f for f in fits if _lists(f) and not holds(f)), None)
                    for holds in causes.values()]  # fmt: skip
         always = [f for f in fits if wrong(f)][:_WRONG] + [f for f in without if f is not None]
-        fair = self._short_list(fits, masks, always)
         self.progress.step("holding data out, choosing and fitting anew", len(masks))
         return cross_validate(
-            fair, self.search.log_prior([f.hypothesis for f in fair]), wrong, self.search.library,
-            masks, causes=causes, not_nominal=self.model.not_nominal, comm=self.comm,
-            progress=self.progress.advance,
+            fits, self.search.log_prior([f.hypothesis for f in fits]), wrong, self.search.library,
+            masks, causes=causes, always=always, not_nominal=self.model.not_nominal,
+            comm=self.comm, progress=self.progress.advance,
         )  # fmt: skip
-
-    def _short_list(self, fits: Sequence[Fit], masks, always: Sequence[Fit]) -> list[Fit]:
-        """What is fitted anew in the folds: the best of each, by the data that are left to it.
-
-        What all data had a say in is which sets of effects were fitted at all.
-        """
-        chosen = {id(f) for f in always}
-        prior = self.search.log_prior([f.hypothesis for f in fits])
-        unknown = np.array([f.hypothesis.unknown for f in fits])
-        for _, mask in masks:
-            blind = blinded(self.evidence, mask)
-            if blind.used.any():
-                scores = prior + np.array([linear_evidence(f, blind) for f in fits])
-                near = near_listed(scores, unknown, _HOPELESS, _FAIR)
-                chosen |= {id(fits[i]) for i in near}
-        return [f for f in fits if id(f) in chosen] or list(fits[:1])
 
     def _gap(self, data: TestData, log_f: Sequence[np.ndarray]) -> Gap:
         """Of a test against ln f of the model at its conditions, its mesh's error taken off."""

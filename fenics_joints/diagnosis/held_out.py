@@ -19,6 +19,7 @@ from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.library import Found, Library
 from fenics_joints.diagnosis.evidence.moved import moved
 from fenics_joints.diagnosis.evidence.prediction import predict
+from fenics_joints.diagnosis.evidence.screen import linear_evidence, near_listed
 from fenics_joints.diagnosis.predictive import draws, gain, held
 from fenics_joints.diagnosis.shrinkage import Fold, Forecast, Interval, Shrinkage, shrink
 from fenics_joints.parallel import spread
@@ -31,6 +32,9 @@ _PROBABILITY = 0.9
 _SHOWS = 0.005
 _DRAWS = 2000
 _SEED = 1
+#: A hypothesis this far (in ln) behind the best of a fold is not fitted anew without it, at most
+#: so many are.
+_HOPELESS, _FAIR = 6.0, 6
 #: With this many modes or more the highest third of them is held out together.
 _BAND = 4
 
@@ -203,6 +207,7 @@ def cross_validate(
     masks: Sequence[tuple[str, np.ndarray]],
     *,
     causes: Mapping[str, Callable[[Fit], bool]] | None = None,
+    always: Sequence[Fit] | None = None,
     not_nominal: np.ndarray | None = None,
     comm: MPI.Intracomm = MPI.COMM_SELF,
     progress: Callable[[], None] | None = None,
@@ -219,6 +224,7 @@ def cross_validate(
         masks: From `folds`.
         causes: Whether a hypothesis holds a cause, by the cause's name: of each is said what it
             gains on the held-out data (`Shrinkage.gains`).
+        always: Those that are fitted anew in every fold, beside the best of each; all for None.
         not_nominal: Mask of the modes without a partner in the nominal model, (m,): held out like
             others, but without a part in its error; None for none.
         comm: Communicator whose ranks share out the folds; the call is collective.
@@ -237,9 +243,11 @@ def cross_validate(
         found = None
         if scored.any() and blind.used.any():
             known: dict[str, Found] = {}
-            refits = [_refit(c, blind, library, known) for c in candidates]
-            closed = _close(refits, log_prior, is_wrong, nominal, blind, scored)
-            gains = _gains(causes, refits, log_prior, blind, evidence, mask)
+            near = _near(candidates, log_prior, blind, always)
+            refits = [_refit(candidates[i], blind, library, known) for i in near]
+            prior = np.asarray(log_prior)[near]
+            closed = _close(refits, prior, is_wrong, nominal, blind, scored)
+            gains = _gains(causes, refits, prior, blind, evidence, mask)
             found = (*_open(name, closed, nominal, evidence, scored), gains)
         if progress:
             progress()
@@ -249,6 +257,20 @@ def cross_validate(
     if not opened:
         return Shrinkage()
     return _pooled(*map(list, zip(*opened, strict=True)), int(evidence.used.sum()))
+
+
+def _near(candidates: Sequence[Fit], log_prior, blind: Evidence, always) -> np.ndarray:
+    """Which are fitted anew without a fold: the best by the data that are left, and ``always``.
+
+    What all data had a say in is which sets of effects were solved for at all.
+    """
+    if always is None:
+        return np.arange(len(candidates))
+    scores = np.asarray(log_prior) + [linear_evidence(c, blind) for c in candidates]
+    unknown = np.array([c.hypothesis.unknown for c in candidates])
+    near = set(near_listed(scores, unknown, _HOPELESS, _FAIR).tolist())
+    kept = {id(c) for c in always}
+    return np.array([i for i, c in enumerate(candidates) if i in near or id(c) in kept])
 
 
 def _gains(causes, refits, log_prior, blind, evidence, mask) -> dict[str, float]:

@@ -183,9 +183,13 @@ class Search:
         best = np.max(self.scores([f.fit for f in known if not f.fit.hypothesis.unknown]))
         options = list(sets.values())
         scores = np.array([score for score, _, _ in options])
-        chosen = [i for i in near_best(scores, np.inf, _SETS) if scores[i] > best - _MARGIN]
-        self.progress.step(f"weighing {size} effects at a time", len(chosen))
-        return self._all([options[i][1:] for i in chosen])
+        order, found = near_best(scores, np.inf, _SETS), []
+        self.progress.step(f"weighing {size} effects at a time", len(order))
+        while len(order) and scores[order[0]] > best - _MARGIN:
+            some, order = order[:_FIRST], order[_FIRST:]
+            found += self._all([options[i][1:] for i in some if scores[i] > best - _MARGIN])
+            best = max(best, *self.scores([f.fit for f in found]))
+        return found
 
     def _is_another(self, effects: tuple[Effect, ...]) -> bool:
         """Whether a set is another one in other words."""

@@ -233,8 +233,8 @@ def prior_cells(priors: Sequence[Prior]) -> tuple[np.ndarray, np.ndarray, np.nda
 def _smooth_cells(
     priors: Sequence[Prior], apart: float | None, more: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Means, (n, d), standard deviations, (d,), and ln shares, (n,); some beyond the limits, so that up to
-    these they are the prior.
+    """Means, (n, d), standard deviations, (d,), and ln shares, (n,), of cells that are the prior up
+    to its limits; some are beyond these.
 
     On a lattice, normal densities of variance h^2 whose shares are one of variance 1 - h^2 add up
     to the prior, tails and all, but for exp(-2 (pi h / s)^2 (1 - h^2)) if they are s apart

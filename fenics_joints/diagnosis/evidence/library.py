@@ -44,8 +44,10 @@ _STEPS, _SHARES, _GAIN, _FAR = 8, (1.0, 0.4, 0.15), 0.02, 4.0
 #: Cells with less than this share of a hypothesis' evidence are not split; change of ln Z at which
 #: no more are; rounds at most.
 _COUNTS, _MOVED, _ROUNDS = 0.02, 0.1, 6
-#: Nats within which cells of the prior and all of it as one cell agree if the model is linear.
-_LINEAR = 0.02
+#: The most that a model which is linear about one point may err in the cost one posterior standard
+#: deviation away; how much more probable than about that point a cell has to be about its own, and
+#: how near to all of them, in nats, to be looked at.
+_BENT, _MORE, _UNTOLD = 0.3, 0.5, 3.0
 #: Nats that a cell may be behind the best to count at all scales of errors.
 _NEAR = 12.0
 #: Cells of a hypothesis that a further effect is put beside, and sums of cells made exact for each.
@@ -472,7 +474,7 @@ class Library:
             cells, screened = self.beside(h, parent, at)
             found = self._refined(h, cells.__getitem__, screened, test, at)
             # With both at work the data may call for much smaller errors.
-            if scales is not None or found.fit.scales == at.scales:
+            if scales is not None or not test.drifts or found.fit.scales == at.scales:
                 return found
             scales = found.fit.scales
 
@@ -503,14 +505,17 @@ class Library:
         if not len(order):
             order = np.arange(1)
         whole = self._whole(h, make(order[:1]), at)
-        alone = weigh(whole, test.data, test.fitted, at.lower(h.unknown), h.limits)
-        if abs(alone.log_evidence[0] - total(screened)) < _LINEAR:
-            return self.summary(h, whole, test, whole)
+        if not self._is_bent(h, whole, at):
+            # Is there anything that the model linear about this point does not know of?
+            alone = weigh(whole, test.data, test.fitted, at.lower(h.unknown), h.limits)
+            near = order[screened[order] > alone.log_evidence[0] - _UNTOLD]
+            if not np.any(self._about(h, make(near), whole, at)[2] > _MORE):
+                return self.summary(h, whole, test, whole)
         done, cells, best = 0, None, None
 
         def about(index: np.ndarray) -> tuple[Cells, np.ndarray]:
             own = make(index)
-            return (own, screened[index]) if best is None else self._about(h, own, best, at)
+            return (own, screened[index]) if best is None else self._about(h, own, best, at)[:2]
 
         while True:
             index = order[done : done + _AT_A_TIME]
@@ -538,21 +543,41 @@ class Library:
             cells = replace(cells, log_share=cells.log_share + more)
         return self.summary(h, cells, test)
 
+    def _is_bent(self, h: Hypothesis, whole: Cells, test: Evidence) -> bool:
+        """Whether the model is not linear one posterior standard deviation away along each of the
+        effects' parameters."""
+        lower = test.lower(h.unknown)
+        post = weigh(whole, test.data, test.fitted, lower, h.limits)
+        own = np.arange(*h.own.indices(len(h.priors)))
+        if not len(own):
+            return False
+        along = (post.covariance[0][:, own] / np.sqrt(np.diagonal(post.covariance[0])[own])).T
+        at = (post.z[0] + np.concatenate([along, -along])).clip(*h.limits.T)
+        linear = whole.data[0] + (at - whole.at[0]) @ whole.slopes[0].T
+        there = whole[np.zeros(len(at), dtype=int)]
+        costs = [
+            _costs(replace(there, at=at, data=data), test, lower)
+            for data in (linear, self.predict(h, at)[0])
+        ]
+        return not np.max(np.abs(costs[1] - costs[0])) < _BENT
+
     def _about(
         self, h: Hypothesis, cells: Cells, best: Cells, test: Evidence
-    ) -> tuple[Cells, np.ndarray]:
+    ) -> tuple[Cells, np.ndarray, np.ndarray]:
         """Cells, linear about the best one's point where that finds them more probable than their
-        own, and ln of the evidence of each: what is bent within a cell leads it astray. Not where a
-        parameter that acts in steps has another value."""
+        own, ln of the evidence of each, and how much more it is about their own: what is bent
+        within a cell leads it astray. Not where a parameter that acts in steps has another value,
+        which the best one's point says nothing of."""
         n = len(cells)
         there = {f: np.repeat(getattr(best, f), n, axis=0) for f in ("at", "data", "slopes")}
         both = cells.joined(replace(cells, **there))
         found = weigh(both, test.data, test.fitted, test.lower(h.unknown), h.limits)
         stepped = [j for j, (_, prior) in enumerate(h.priors) if prior.scan]
         same = np.all(cells.mean[:, stepped] == best.mean[:, stepped], axis=1)
-        better = same & (found.log_evidence[n:] > found.log_evidence[:n])
-        index = np.arange(n) + n * better
-        return both[index], found.log_evidence[index]
+        own, there = np.split(found.log_evidence, 2)
+        there = np.where(same, there, -np.inf)
+        index = np.arange(n) + n * (there > own)
+        return both[index], found.log_evidence[index], own - there
 
     def settled(self, h: Hypothesis, cells: Cells, test: Evidence) -> Cells:
         """Cells linear about their own posterior means, by Gauss-Newton steps.
