@@ -237,7 +237,9 @@ class Search:
             return values
 
         def again() -> None:
-            self.exact = self.exact.with_forward(self.model.forward)
+            self.exact, self.library = (
+                old.with_forward(self.model.forward) for old in (self.exact, self.library)
+            )
             found[:] = self._by_the_model(found)
 
         errors = improve(

@@ -381,7 +381,8 @@ def test_doubts_are_told_and_only_where_there_are_any():
     doubts = " ".join(explain(d).doubts)
     for words in (
         "p = 0.020", "limit of their range: k_n", "the best wrong effect does nearly as well",
-        "80 % remains on held-out data", "Only 50 % of the parts held out ended as well", "up to 0.400 %",
+        "80 % remains on held-out data", "Only 50 % of the parts held out ended as well",
+        "up to 0.400 %",
     ):  # fmt: skip
         assert words in doubts
     (far,) = explain(diagnosis(shrinkage=shrinkage(coverage=1.0))).doubts

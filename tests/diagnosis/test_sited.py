@@ -26,11 +26,10 @@ from fenics_joints.case import load_case
 from fenics_joints.diagnosis.model.prepared import prepare
 from fenics_joints.diagnosis.model.subject import subject_of, with_places
 from fenics_joints.diagnosis.search import Search
-from fenics_joints.diagnosis.zones.sites import as_mass, attached_about, cells_of, lost_about
+from fenics_joints.diagnosis.zones.sites import as_mass
 from fenics_joints.errors import InputError
 from fenics_joints.modal import solve_modes
 from fenics_joints.progress import Progress
-from fenics_joints.structure.changes import LocalLoss, PlacedPoint
 
 QUIET = Progress(silent=True)
 LISTED = (
@@ -220,21 +219,3 @@ def test_places_are_the_same_on_two_ranks(shared_tmp_path):
         a, b = (solve_modes(s.full, values, n_modes=9).frequencies_hz[7:]
                 for s in (alone, together))  # fmt: skip
         assert b == pytest.approx(a, rel=1e-6)
-    # So are places that are nearer, where the same values are of another structure.
-    both = ((attached_about, PlacedPoint, [3, 4], given[1]), (lost_about, LocalLoss, [7], given[0]))
-    for about, kinds, own, values in both:
-        before = solve_modes(alone.full, values, n_modes=9).frequencies_hz[7:]
-        found = [
-            about(cells_of(s.case, s.full), s.sites,
-                  [c for c in s.full.changes if isinstance(c, kinds)], own)
-            for s in (alone, together)
-        ]  # fmt: skip
-        (one, _, share), (other, _, _) = found
-        assert other.points == pytest.approx(one.points) and 0 < share < 1
-        assert other.patches == pytest.approx(one.patches)
-        for s, (_, changes, _) in zip((alone, together), found, strict=True):
-            s.full.exchange(changes)
-        a, b = (solve_modes(s.full, values, n_modes=9).frequencies_hz[7:]
-                for s in (alone, together))  # fmt: skip
-        assert b == pytest.approx(a, rel=1e-6)
-        assert np.abs(a / before - 1).max() > 1e-3

@@ -48,8 +48,6 @@ _COUNTS, _MOVED, _ROUNDS = 0.02, 0.1, 6
 #: deviation away; how much more probable than about that point a cell has to be about its own, and
 #: how near to all of them, in nats, to be looked at.
 _BENT, _MORE, _UNTOLD = 0.3, 0.5, 3.0
-#: Nats that a cell may be behind the best to count at all scales of errors.
-_NEAR = 12.0
 #: Cells of a hypothesis that a further effect is put beside, and sums of cells made exact for each.
 _PARENTS = 6
 #: Share of a hypothesis' evidence from which a cell is corrected, and steps of that at most.
@@ -272,8 +270,8 @@ class Library:
         Args:
             forward: The better model's.
         """
-        found = Library(forward, self.evidence, self.baseline, self.make)
-        found._states = self._states
+        found = Library(forward, self.evidence, self.baseline, self.make, self.lean)
+        found._states, found.floor = self._states, self.floor
         return found
 
     def corrected(self, found: Found, test: Evidence) -> Found:
