@@ -43,7 +43,7 @@ _HOPELESS = 50.0
 _STEPS, _SHARES, _GAIN, _FAR = 8, (1.0, 0.4, 0.15), 0.02, 4.0
 #: Cells with less than this share of a hypothesis' evidence are not split; change of ln Z at which
 #: no more are; rounds at most.
-_COUNTS, _MOVED, _ROUNDS = 0.02, 0.1, 6
+_COUNTS, _MOVED, _ROUNDS = 0.05, 0.1, 6
 #: The most that a model which is linear about one point may err in the cost one posterior standard
 #: deviation away; how much more probable than about that point a cell has to be about its own, and
 #: how near to all of them, in nats, to be looked at.
@@ -288,8 +288,12 @@ class Library:
             return self.summary(h, peak, test, peak)
         counts = share > np.log(_LITTLE)
         cells = self._corrected(h, found.cells[counts].joined(found.peak), found, test)
+        # The peak of the other model may be none by this one.
+        lower = test.at(found.fit.scales).lower(h.unknown)
+        best = int(np.argmin(_costs(_as_whole(cells), test, lower)))
+        peak = self._corrected(h, _as_whole(cells[[best]]), found, test)
         own = cells[np.arange(len(cells) - 1)].joined(found.cells[~counts])
-        return self.summary(h, own, test, cells[[-1]])
+        return self.summary(h, own, test, peak)
 
     def _corrected(self, h: Hypothesis, cells: Cells, found: Found, test: Evidence) -> Cells:
         lower, used = test.at(found.fit.scales).lower(h.unknown), test.fitted
@@ -678,10 +682,7 @@ class Library:
 
     def _peak(self, h: Hypothesis, cells: Cells, test: Evidence) -> Cells:
         """The most probable point, as one cell that is the whole prior."""
-        alone = replace(
-            cells, mean=np.zeros_like(cells.mean), width=np.ones_like(cells.width)
-        )
-        square = _costs(alone, test, test.lower(h.unknown))
+        square = _costs(_as_whole(cells), test, test.lower(h.unknown))
         return self._whole(h, cells[[int(np.argmin(square))]], test)
 
     def _whole(self, h: Hypothesis, cell: Cells, test: Evidence) -> Cells:
@@ -770,10 +771,10 @@ class Library:
         return found
 
 
-def _as_whole(cell: Cells) -> Cells:
-    """A cell that is the whole prior, linear about the same point."""
-    mean, width = np.zeros_like(cell.mean), np.ones_like(cell.width)
-    return replace(cell, mean=mean, width=width, log_share=np.zeros(1))
+def _as_whole(cells: Cells) -> Cells:
+    """The whole prior instead of each cell, linear about the same point."""
+    mean, width = np.zeros_like(cells.mean), np.ones_like(cells.width)
+    return replace(cells, mean=mean, width=width, log_share=np.zeros(len(cells)))
 
 
 def _costs(cells: Cells, test: Evidence, lower: np.ndarray) -> np.ndarray:
