@@ -34,7 +34,7 @@ _DRAWS = 2000
 _SEED = 1
 #: A hypothesis this far (in ln) behind the best of a fold is not fitted anew without it, at most
 #: so many are.
-_HOPELESS, _FAIR = 6.0, 6
+_HOPELESS, _FAIR = 6.0, 4
 #: With this many modes or more the highest third of them is held out together.
 _BAND = 4
 

@@ -34,7 +34,7 @@ _ANY, _UNKNOWN = 1.5, 0.2
 _LEADING_SINGLES, _LEADING, _REDUCED, _ROUNDS = 4, 2, 0.1, 4
 #: Nats behind the best within which hypotheses are made exact: weighed again with a better model,
 #: and their cells split.
-_AGAIN, _SPLIT = 25.0, 5.0
+_AGAIN, _SPLIT = 10.0, 5.0
 #: Hypotheses that others are put beside, sets that are solved for, and nats that these may promise
 #: to be behind the best.
 _PARENTS, _SETS, _MARGIN = 12, 24, 8.0

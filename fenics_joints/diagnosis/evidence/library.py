@@ -548,20 +548,33 @@ class Library:
     def _is_bent(self, h: Hypothesis, whole: Cells, test: Evidence) -> bool:
         """Whether the model is not linear one posterior standard deviation away along each of the
         effects' parameters."""
-        lower = test.lower(h.unknown)
-        post = weigh(whole, test.data, test.fitted, lower, h.limits)
         own = np.arange(*h.own.indices(len(h.priors)))
         if not len(own):
             return False
-        along = (post.covariance[0][:, own] / np.sqrt(np.diagonal(post.covariance[0])[own])).T
-        at = (post.z[0] + np.concatenate([along, -along])).clip(*h.limits.T)
-        linear = whole.data[0] + (at - whole.at[0]) @ whole.slopes[0].T
-        there = whole[np.zeros(len(at), dtype=int)]
+        post = weigh(whole, test.data, test.fitted, test.lower(h.unknown), h.limits)
+        each = whole[np.zeros(len(own), dtype=int)]
+        covariance = np.repeat(post.covariance, len(own), axis=0)
+        z = np.repeat(post.z, len(own), axis=0)
+        return bool(self._bent(h, each, replace(post, z=z, covariance=covariance), own, test).any())
+
+    def _bent(
+        self, h: Hypothesis, cells: Cells, post: Posterior, along: np.ndarray, test: Evidence
+    ) -> np.ndarray:
+        """In which cells the model is not linear one posterior standard deviation away along one of
+        the parameters, (n,)."""
+        n, lower = len(cells), test.lower(h.unknown)
+        columns = np.take_along_axis(post.covariance, along[:, None, None], axis=2)[:, :, 0]
+        step = columns / np.sqrt(np.take_along_axis(columns, along[:, None], axis=1))
+        at = np.concatenate([post.z + step, post.z - step]).clip(*h.limits.T)
+        both = cells[np.tile(np.arange(n), 2)]
+        linear = both.data + ((at - both.at)[:, None] @ both.slopes.transpose(0, 2, 1))[:, 0]
         costs = [
-            _costs(replace(there, at=at, data=data), test, lower)
+            _costs(replace(both, at=at, data=data), test, lower)
             for data in (linear, self.predict(h, at)[0])
         ]
-        return not np.max(np.abs(costs[1] - costs[0])) < _BENT
+        with np.errstate(invalid="ignore"):
+            off = np.abs(costs[1] - costs[0])
+        return np.any(~(off < _BENT).reshape(2, n), axis=0)
 
     def _about(
         self, h: Hypothesis, cells: Cells, best: Cells, test: Evidence
@@ -755,14 +768,17 @@ class Library:
         for _ in range(_ROUNDS):
             share = found.log_evidence - total(found.log_evidence)
             counts = np.flatnonzero(share > np.log(_COUNTS))
-            lower = test.at(found.fit.scales).lower(h.unknown)
-            post = weigh(found.cells[counts], test.data, test.fitted, lower, h.limits)
+            at = test.at(found.fit.scales)
+            lead = found.cells[counts]
+            post = weigh(lead, test.data, test.fitted, at.lower(h.unknown), h.limits)
             sd = np.sqrt(np.diagonal(post.covariance, axis1=1, axis2=2))[:, own]
             # What the data say is bent across the cell, of the parameter that they leave widest.
             along = own[np.argmax(sd, axis=1)]
-            if np.max(sd) < 0.02:
+            bent = self._bent(h, lead, post, along, at)
+            if not bent.any():
                 return found
-            new = self.settled(h, found.cells[counts].split(along), test)
+            counts = counts[bent]
+            new = self.settled(h, found.cells[counts].split(along[bent]), test)
             rest = np.delete(np.arange(len(found.cells)), counts)
             before = found.fit.log_evidence
             found = self.summary(h, found.cells[rest].joined(new), test)
