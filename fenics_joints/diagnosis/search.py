@@ -33,8 +33,8 @@ _ANY, _UNKNOWN = 1.5, 0.2
 #: often it is looked at.
 _LEADING_SINGLES, _LEADING, _REDUCED, _ROUNDS = 4, 2, 0.1, 4
 #: Nats behind the best within which hypotheses are made exact: weighed again with a better model,
-#: and their cells split.
-_AGAIN, _SPLIT = 10.0, 5.0
+#: and their cells split, of so many at most.
+_AGAIN, _SPLIT, _SPLITS = 10.0, 5.0, 3
 #: Hypotheses that others are put beside, sets that are solved for, and nats that these may promise
 #: to be behind the best.
 _PARENTS, _SETS, _MARGIN = 12, 24, 8.0
@@ -202,6 +202,7 @@ class Search:
         listed = [i for i, f in enumerate(found) if not f.fit.hypothesis.unknown]
         top = max(scores[i] for i in listed)
         near = [i for i in listed if scores[i] > top - _SPLIT]
+        near = sorted(near, key=lambda i: -scores[i])[:_SPLITS]
         self.progress.step("weighing what leads more finely", len(near))
         test = self.model.evidence
 
