@@ -767,7 +767,7 @@ class Library:
             return found
         for _ in range(_ROUNDS):
             share = found.log_evidence - total(found.log_evidence)
-            counts = np.flatnonzero(share > np.log(_COUNTS))
+            counts = np.flatnonzero(share >= min(np.log(_COUNTS), share.max()))
             at = test.at(found.fit.scales)
             lead = found.cells[counts]
             post = weigh(lead, test.data, test.fitted, at.lower(h.unknown), h.limits)
