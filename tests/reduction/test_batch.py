@@ -264,7 +264,7 @@ def test_evidence_on_few_vectors_once_corrected_is_that_of_all(effect, kind):
     hypothesis = make((effect,))
     few, whole = (Library(forward, evidence, BASELINE, make, lean=lean) for lean in (True, False))
     found = whole.corrected(few.split(few.of(hypothesis, evidence), evidence), evidence).fit
-    (basis,) = few._bases.values()
+    (basis,) = few.bases.values()
     assert basis.model.n_dofs < 60 < whole.forward.model.n_dofs
     alone = fit(hypothesis, forward, evidence, BASELINE)
     assert found.log_evidence == pytest.approx(alone.log_evidence, abs=0.05)

@@ -127,7 +127,8 @@ class Library:
         self.batches = getattr(self.forward, "batches", False)
         #: Whether every hypothesis has a basis of its own.
         self.lean = lean and self.batches and self.forward.model.n_dofs > _LARGE
-        self._bases: dict[tuple[str, ...], LeanForward] = {}
+        #: Forwards by the keys of the effects that they are good for.
+        self.bases: dict[tuple[str, ...], LeanForward] = {}
         self._samples: dict[str, tuple[np.ndarray, np.ndarray]] = {}
         self._states: dict[str, States] = {}
         #: Points, predictions and derivatives of each hypothesis.
@@ -142,7 +143,7 @@ class Library:
             return self.forward
         acting = [effect for effect in h.effects if effect.apply is not None]
         key = tuple(sorted(effect.key for effect in acting))
-        if key not in self._bases:
+        if key not in self.bases:
             parts = [self._sampled(None), *map(self._sampled, acting)]
             shapes, weights = (np.concatenate(part, axis=-1) for part in zip(*parts, strict=True))
             model = self.forward.model
@@ -150,10 +151,10 @@ class Library:
             vectors = np.hstack([self._rigid, vectors[:, sizes > _SHARE * sizes[0]]])
             own = LeanForward(self.forward, model.on(vectors))
             own.model.pencil.settle(own.model.values(self.baseline))
-            while len(self._bases) >= _BASES:
-                del self._bases[next(iter(self._bases))]
-            self._bases[key] = own
-        return self._bases[key]
+            while len(self.bases) >= _BASES:
+                del self.bases[next(iter(self.bases))]
+            self.bases[key] = own
+        return self.bases[key]
 
     @cached_property
     def _rigid(self) -> np.ndarray:
