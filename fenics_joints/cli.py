@@ -173,7 +173,7 @@ def diagnose(
         Path | None,
         typer.Option(
             "--keep", metavar="FOLDER", parser=named_path,
-            help="Keep the reduced model and finished fits there, and go on from what is there.",
+            help="Keep the reduced model there, and take it from there for the next test.",
         ),
     ] = None,
     json: JsonOption = None,

@@ -38,11 +38,11 @@ CHOSEN = {
         random_fields/fields::* updating/rounds::* updating/cutoff::* bayes/distributions::*
         bayes/samplers::conjugate* bayes/samplers::proposals* bayes/likelihood::*
         measurements/amplitude::* measurements/gap::*by_hand measurements/identification::*
-        diagnosis/inference::*evidence_is* diagnosis/inference::p_value*
-        diagnosis/inference::compliances* diagnosis/inference::more_torques*
-        diagnosis/inference::folds* diagnosis/inference::detectable*
-        diagnosis/inference::classes* diagnosis/inference::two_causes*
-        diagnosis/sampled::* diagnosis/evidence::* diagnosis/scales::*
+        diagnosis/library::*evidence_is* diagnosis/library::p_value*
+        diagnosis/library::compliances* diagnosis/library::more_torques*
+        diagnosis/library::folds* diagnosis/library::detectable*
+        diagnosis/library::classes* diagnosis/library::two_causes*
+        diagnosis/cells::* diagnosis/evidence::* diagnosis/scales::*
         diagnosis/zone_tests::* diagnosis/somewhere::its_evidence* diagnosis/bonded::*
         diagnosis/antiresonances::a_beam* diagnosis/functions::of_a_free_bar*
         diagnosis/static_stiffness::a_cantilever* diagnosis/weighed::* diagnosis/effects_joint::*
@@ -59,7 +59,7 @@ CHOSEN = {
     """,
     "another code or library": """
         modal/eigensolver::* modal/iterative::* harmonic/events::*stop_with_a_gap*
-        database/process::* diagnosis/sampled::*another_sampler* system/nonlinear_checks*::*
+        database/process::* diagnosis/cells::*another_sampler* system/nonlinear_checks*::*
         system/blind_calculix::calculix* system/blind_calculix::the_world* joint_laws/*equation*
         database/kriging::*conditional* structure/model::*dense* interfaces/full::*
         harmonic/bifurcations::* harmonic/switching::* system/blind_world::*
@@ -85,7 +85,7 @@ CHOSEN = {
     FAILING: """
         system/failure_modes::* system/bad_files::* system/fuzz::* system/kills::*
         system/parallel::* system/too_much::* system/blind::* machine/signals::*
-        diagnosis/kept_fits::* database/store::* database/sweep::* database/web/server::*
+        database/store::* database/sweep::* database/web/server::*
         reduction/files::* preload/solve::divergence measurements/tables::*
         measurements/measured_shapes::* measurements/frfs::* system/universal_shapes::*
         bayes/calibration::* bayes/hierarchical::intervals* bayes/conflict::prior_that*

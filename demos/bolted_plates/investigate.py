@@ -3,7 +3,7 @@ analysis as model.
 
 Each hypothesis frees one or more facts, with the priors below, written down before any fit (but
 "k over height", added after the first look). Parameters and evidence come from
-`diagnosis.evidence.inference`: rows of the test are the forces, columns the thicknesses, data
+`diagnosis.evidence`: rows of the test are the forces, columns the thicknesses, data
 ln R, or ln R and ln P. P is the mean within the printed radius, so that a wrong radius does not
 count twice.
 
@@ -47,9 +47,7 @@ from rich.table import Table as RichTable
 from scipy.special import logsumexp
 
 from fenics_joints.diagnosis import Effect, Prior
-from fenics_joints.diagnosis.evidence.evidence import Evidence
-from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
-from fenics_joints.diagnosis.evidence.inference import Fit, fit
+from fenics_joints.diagnosis.evidence import Evidence, Fit, Hypothesis, fit
 
 P_LIM = 1e6
 STEPS = np.array([0.62, 1.053, 0.911, 1.053, 1.053, 0.527, 1.34]) * 1e-3
@@ -123,7 +121,7 @@ FACTS = {
 
 @dataclass(frozen=True)
 class Model:
-    """What `diagnosis.evidence.inference` asks of a model: the names of its parameters."""
+    """What `diagnosis.evidence` asks of a model: the names of its parameters."""
 
     parameters: tuple[str, ...]
 
@@ -316,22 +314,15 @@ class Weighed:
 def weigh(candidate: Candidate, tables, both: bool) -> Weighed:
     """Fit at every scale of discrepancy, sum the evidence, and hold out each row and column."""
     h, forward = candidate.hypothesis(), candidate.forward(tables, both)
-    d = len(h.priors)
-    first = [np.zeros(d)]
-    rng = np.random.default_rng(1)
-    first += [rng.uniform(-1.5, 1.5, d) for _ in range(3 * (d > 0))]
-    fits, starts = [], first
-    for scale in SCALES[::-1]:
-        fits.append(fit(h, forward, evidence(scale, both), NOMINAL, starts=starts))
-        starts = [fits[-1].z, *first[:2]]
+    fits = [fit(h, forward, evidence(scale, both), NOMINAL) for scale in SCALES[::-1]]
     logs = np.array([f.log_evidence for f in fits])
     best, scale = fits[int(logs.argmax())], float(SCALES[::-1][logs.argmax()])
-    plain = fit(h, forward, evidence(PLAIN, both), NOMINAL, starts=[best.z])
+    plain = fit(h, forward, evidence(PLAIN, both), NOMINAL)
     return Weighed(candidate, best, scale, float(logsumexp(logs) - np.log(len(logs))),
-                   plain.p_value, held_out(h, forward, scale, best, both))  # fmt: skip
+                   plain.p_value, held_out(h, forward, scale, both))  # fmt: skip
 
 
-def held_out(h, forward, scale: float, best: Fit, both: bool) -> dict[str, float]:
+def held_out(h, forward, scale: float, both: bool) -> dict[str, float]:
     """Root mean square relative error of radii that took no part, by thickness and by force."""
     whole, errors = evidence(scale, both), {}
     for name, n, axis in (("thickness", 7, 1), ("force", 5, 0)):
@@ -339,7 +330,7 @@ def held_out(h, forward, scale: float, best: Fit, both: bool) -> dict[str, float
         for i in range(n):
             mask = np.zeros((5, 14 if both else 7), dtype=bool)
             mask[(slice(None), slice(i, None, 7)) if axis else i] = True
-            part = fit(h, forward, whole.without(mask), NOMINAL, starts=[best.z])
+            part = fit(h, forward, whole.without(mask), NOMINAL)
             off = (part.log_f - whole.log_f)[:, :7][mask[:, :7]]
             squares.append(off**2)
         errors[name] = float(np.sqrt(np.mean(np.concatenate(squares))))

@@ -20,17 +20,14 @@ from fenics_joints.diagnosis.evidence.classes import classes, detectable, stand_
 from fenics_joints.diagnosis.evidence.fitted import Fit
 from fenics_joints.diagnosis.evidence.point_mass import point_mass
 from fenics_joints.diagnosis.evidence.row import RowPrediction
-from fenics_joints.diagnosis.evidence.screen import linear_evidence, near_listed
 from fenics_joints.diagnosis.evidence.simulated import with_simulated
 from fenics_joints.diagnosis.evidence.somewhere import Somewhere, changes
 from fenics_joints.diagnosis.evidence.unlisted import after_held_out
-from fenics_joints.diagnosis.held_out import blinded, cross_validate, folds
-from fenics_joints.diagnosis.kept_fits import KeptFits
+from fenics_joints.diagnosis.held_out import cross_validate, folds
 from fenics_joints.diagnosis.location import locate_gap
 from fenics_joints.diagnosis.model.prepared import Prepared, prepare
 from fenics_joints.diagnosis.result import Diagnosis, EffectResult, HypothesisResult
 from fenics_joints.diagnosis.rivals import is_wrong, several_causes
-from fenics_joints.diagnosis.sampling import sample
 from fenics_joints.diagnosis.search import Search
 from fenics_joints.diagnosis.separation import separations
 from fenics_joints.diagnosis.shrinkage import Shrinkage
@@ -55,9 +52,8 @@ from fenics_joints.reduction.seen import places_all_over
 
 __all__ = ["diagnose"]
 
-#: A hypothesis this far (in ln) behind the best of a fold is not refitted, and at most so many are;
-#: beside them the best wrong ones.
-_HOPELESS, _WRONG, _FAIR = 6.0, 2, 6
+#: Number of the best wrong hypotheses that stand against the cause in every fold.
+_WRONG = 2
 #: Number of places at which an unmodelled point mass is sought.
 _PLACES = 240
 
@@ -79,8 +75,8 @@ def diagnose(
         progress: Told what is being done.
         extra: Effects of the user's own, beside the library's.
         data: The test, if not the case's.
-        keep: Folder in which the reduced model and finished fits are kept, so that a run that was
-            stopped goes on, and another test of the same model costs less; None to keep nothing.
+        keep: Folder in which the reduced model is kept, so that another test of the same model
+            costs less; None to keep nothing.
 
     Raises:
         InputError: If the case has no test, or its model too few modes; if the folder cannot be
@@ -104,11 +100,7 @@ def diagnose(
         model.effects = one_of_alike(
             model.effects, model.forward, model.evidence, model.baseline, comm
         )
-        made = "" if folder is None else model.fingerprint()
-        kept = KeptFits(folder, model.evidence, model.baseline, comm.rank == 0, made)
-        if kept.reason:
-            progress.step(f"{kept.reason}; fits are made anew, and not kept")
-        run = _Run(case, model, progress, Search(model, progress, kept), started)
+        run = _Run(case, model, progress, Search(model, progress), started)
         found = run.answer()
     give_back()
     return found
@@ -130,9 +122,7 @@ class _Run:
         return self.model.forward
 
     def answer(self) -> Diagnosis:
-        found = sample(self.search, self.search.run(), self.given.diagnose.nested)
-        self.sampled, self.laplace = found.sampled, found.laplace
-        return self._report(found.fits)
+        return self._report(self.search.run())
 
     # -- the answer --------------------------------------------------------------------------
 
@@ -198,7 +188,6 @@ class _Run:
                 n_patches=self.given.diagnose.patches,
             ),
             shrinkage=shrink,
-            sampled=self.sampled,
             at_once=at_once,
             somewhere=self._somewhere(next(f for f in fits if f.hypothesis.unknown)),
             row_names=self.data.row_names,
@@ -236,7 +225,6 @@ class _Run:
                 f.p_value,
                 f.hypothesis.table(f.z, f.covariance),
                 f.at_bound,
-                self.laplace.get(f.hypothesis.label_of_keys, f.log_evidence),
             )
             for f, p in zip(fits, probability, strict=True)
         ]
@@ -296,29 +284,12 @@ class _Run:
         without = [next((f for f in fits if _lists(f) and not holds(f)), None)
                    for holds in causes.values()]  # fmt: skip
         always = [f for f in fits if wrong(f)][:_WRONG] + [f for f in without if f is not None]
-        fair = self._short_list(fits, masks, always)
         self.progress.step("holding data out, choosing and fitting anew", len(masks))
         return cross_validate(
-            fair, self.search.log_prior([f.hypothesis for f in fair]), wrong, self.forward,
-            self.evidence, self.baseline, masks, causes=causes, leans=self.search.leans,
-            not_nominal=self.model.not_nominal, comm=self.comm, progress=self.progress.advance,
+            fits, self.search.log_prior([f.hypothesis for f in fits]), wrong, self.search.library,
+            masks, causes=causes, always=always, not_nominal=self.model.not_nominal,
+            comm=self.comm, progress=self.progress.advance,
         )  # fmt: skip
-
-    def _short_list(self, fits: Sequence[Fit], masks, always: Sequence[Fit]) -> list[Fit]:
-        """What is fitted anew in the folds: the best of each, by the data that are left to it.
-
-        What all data had a say in is which sets of effects were fitted at all.
-        """
-        chosen = {id(f) for f in always}
-        prior = self.search.log_prior([f.hypothesis for f in fits])
-        unknown = np.array([f.hypothesis.unknown for f in fits])
-        for _, mask in masks:
-            blind = blinded(self.evidence, mask)
-            if blind.used.any():
-                scores = prior + np.array([linear_evidence(f, blind) for f in fits])
-                near = near_listed(scores, unknown, _HOPELESS, _FAIR)
-                chosen |= {id(fits[i]) for i in near}
-        return [f for f in fits if id(f) in chosen] or list(fits[:1])
 
     def _gap(self, data: TestData, log_f: Sequence[np.ndarray]) -> Gap:
         """Of a test against ln f of the model at its conditions, its mesh's error taken off."""

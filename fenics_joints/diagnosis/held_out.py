@@ -16,24 +16,25 @@ from fenics_joints.diagnosis.evidence.entries import FREQUENCY
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.fitted import Fit
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
-from fenics_joints.diagnosis.evidence.inference import fit, moved, refreshed
-from fenics_joints.diagnosis.evidence.leans import Leans
+from fenics_joints.diagnosis.evidence.library import Found, Library
+from fenics_joints.diagnosis.evidence.moved import moved
 from fenics_joints.diagnosis.evidence.prediction import predict
+from fenics_joints.diagnosis.evidence.screen import linear_evidence, near_listed
 from fenics_joints.diagnosis.predictive import draws, gain, held
 from fenics_joints.diagnosis.shrinkage import Fold, Forecast, Interval, Shrinkage, shrink
 from fenics_joints.parallel import spread
-from fenics_joints.reduction.forward import Forward
 
 __all__ = ["blinded", "cross_validate", "folds", "forecast"]
 
-#: Far below what a held-out error is known to.
-_TOLERANCE = 1e-3
 #: Probability of the intervals: a lower end above zero is a difference from zero with 95 %.
 _PROBABILITY = 0.9
 #: Excess over the best wrong effect that is more than nothing: a point, rounded.
 _SHOWS = 0.005
 _DRAWS = 2000
 _SEED = 1
+#: A hypothesis this far (in ln) behind the best of a fold is not fitted anew without it, at most
+#: so many are.
+_HOPELESS, _FAIR = 6.0, 4
 #: With this many modes or more the highest third of them is held out together.
 _BAND = 4
 
@@ -202,13 +203,11 @@ def cross_validate(
     candidates: Sequence[Fit],
     log_prior: Sequence[float],
     is_wrong: Callable[[Fit], bool],
-    forward: Forward,
-    evidence: Evidence,
-    baseline: dict[str, float],
+    library: Library,
     masks: Sequence[tuple[str, np.ndarray]],
     *,
     causes: Mapping[str, Callable[[Fit], bool]] | None = None,
-    leans: Leans | None = None,
+    always: Sequence[Fit] | None = None,
     not_nominal: np.ndarray | None = None,
     comm: MPI.Intracomm = MPI.COMM_SELF,
     progress: Callable[[], None] | None = None,
@@ -221,23 +220,21 @@ def cross_validate(
             stated intervals by its weight.
         log_prior: ln of their prior probabilities.
         is_wrong: Whether a hypothesis counts as placebo.
-        forward: Predicts frequencies.
-        evidence: The test.
-        baseline: Parameter values of the nominal model.
+        library: The library, of the whole test.
         masks: From `folds`.
         causes: Whether a hypothesis holds a cause, by the cause's name: of each is said what it
             gains on the held-out data (`Shrinkage.gains`).
-        leans: What shows fits the way, of this forward; made anew for None.
+        always: Those that are fitted anew in every fold, beside the best of each; all for None.
         not_nominal: Mask of the modes without a partner in the nominal model, (m,): held out like
             others, but without a part in its error; None for none.
         comm: Communicator whose ranks share out the folds; the call is collective.
         progress: Called after each fold.
     """
-    nominal = _nominal(forward, evidence, baseline)
+    evidence = library.evidence
+    nominal = _nominal(library.forward, evidence, library.baseline)
     if not_nominal is not None:
         nominal = np.where(not_nominal[evidence.entries.mode], np.nan, nominal)
-    candidates = [refreshed(c, forward, evidence, baseline) for c in candidates]
-    causes, leans = causes or {}, leans or Leans(forward, evidence, baseline)
+    causes = causes or {}
 
     def work(fold):
         name, mask = fold
@@ -245,9 +242,12 @@ def cross_validate(
         blind = blinded(evidence, mask)
         found = None
         if scored.any() and blind.used.any():
-            refits = [_refit(c, blind, baseline, leans) for c in candidates]
-            closed = _close(refits, log_prior, is_wrong, nominal, blind, scored)
-            gains = _gains(causes, refits, log_prior, blind, evidence, mask)
+            known: dict[str, Found] = {}
+            near = _near(candidates, log_prior, blind, always)
+            refits = [_refit(candidates[i], blind, library, known) for i in near]
+            prior = np.asarray(log_prior)[near]
+            closed = _close(refits, prior, is_wrong, nominal, blind, scored)
+            gains = _gains(causes, refits, prior, blind, evidence, mask)
             found = (*_open(name, closed, nominal, evidence, scored), gains)
         if progress:
             progress()
@@ -257,6 +257,20 @@ def cross_validate(
     if not opened:
         return Shrinkage()
     return _pooled(*map(list, zip(*opened, strict=True)), int(evidence.used.sum()))
+
+
+def _near(candidates: Sequence[Fit], log_prior, blind: Evidence, always) -> np.ndarray:
+    """Which are fitted anew without a fold: the best by the data that are left, and ``always``.
+
+    What all data had a say in is which sets of effects were solved for at all.
+    """
+    if always is None:
+        return np.arange(len(candidates))
+    scores = np.asarray(log_prior) + [linear_evidence(c, blind) for c in candidates]
+    unknown = np.array([c.hypothesis.unknown for c in candidates])
+    near = set(near_listed(scores, unknown, _HOPELESS, _FAIR).tolist())
+    kept = {id(c) for c in always}
+    return np.array([i for i, c in enumerate(candidates) if i in near or id(c) in kept])
 
 
 def _gains(causes, refits, log_prior, blind, evidence, mask) -> dict[str, float]:
@@ -271,14 +285,9 @@ def _gains(causes, refits, log_prior, blind, evidence, mask) -> dict[str, float]
     }
 
 
-def _refit(candidate: Fit, blind, baseline, leans: Leans) -> Fit:
-    if (near := moved(candidate, blind)) is not None:
-        return near
-    forward, guide = leans.for_fit(candidate.hypothesis, several=True)
-    return fit(
-        candidate.hypothesis, forward, blind, baseline, starts=[candidate.z], tolerance=_TOLERANCE,
-        known=candidate, guide=guide, scanned=leans.scanned,
-    )  # fmt: skip
+def _refit(candidate: Fit, blind: Evidence, library: Library, known: dict[str, Found]) -> Fit:
+    near = moved(candidate, blind)
+    return library.of(candidate.hypothesis, blind, known).fit if near is None else near
 
 
 def _nominal(forward, evidence: Evidence, baseline) -> np.ndarray:

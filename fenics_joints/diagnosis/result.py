@@ -8,7 +8,6 @@ from textwrap import shorten
 import numpy as np
 
 from fenics_joints.diagnosis.effects.effect import Silent
-from fenics_joints.diagnosis.evidence.sampled import Sampled
 from fenics_joints.diagnosis.evidence.scales import (
     BETWEEN,
     ERRORS,
@@ -26,8 +25,6 @@ from fenics_joints.measurements.gap import Gap
 
 __all__ = ["Diagnosis", "EffectResult", "HypothesisResult", "Separation"]
 
-#: What the JSON file has of a sampled evidence.
-_OF_SAMPLED = ("log_evidence", "error", "calls", "way", "n_eff")
 
 
 @dataclass(frozen=True)
@@ -61,8 +58,7 @@ class HypothesisResult:
         label: Names of the effects, ``no gap`` or ``none of these``.
         effects: Keys of the effects.
         probability: Posterior probability; all hypotheses sum to 1.
-        log_evidence: ln of the marginal likelihood, by sampling where it was done.
-        laplace: The same by Laplace's approximation.
+        log_evidence: ln of the marginal likelihood.
         gap: Root mean square relative error after the fit.
         p_value: Probability of a misfit this large if it were right; small means it is not.
         parameters: Rows with effect, name, value, low, high, unit, nuisance, prior_sigmas.
@@ -77,7 +73,6 @@ class HypothesisResult:
     p_value: float
     parameters: list[dict] = field(default_factory=list)
     at_bound: tuple[str, ...] = ()
-    laplace: float = np.nan
 
     def __repr__(self) -> str:
         label = shorten(self.label, 60)
@@ -131,7 +126,6 @@ class Diagnosis:
         by_level: Whether the condition is a level of force or amplitude.
         location: Tests of regions and patches, and along modes, frequencies and conditions.
         shrinkage: How far the gap shrinks on held-out data, with what was stated before.
-        sampled: Evidence by sampling of the leading hypotheses, by label of their effects.
         joints: What the comparison starts from: joints ``bonded``, as one with the parts, or
             ``given``, as the case has them; empty if the model has none.
         scales: What the leading hypothesis has of the standard deviations that the data infer.
@@ -173,7 +167,6 @@ class Diagnosis:
     scales: Scales | None = None
     location: Location | None = None
     shrinkage: Shrinkage | None = None
-    sampled: dict[str, Sampled] = field(default_factory=dict)
     somewhere: Somewhere | None = None
     row_names: tuple[str, ...] = ()
     at_once: float | None = None
@@ -245,10 +238,6 @@ class Diagnosis:
         for key in ("location", "shrinkage"):
             if getattr(self, key) is not None:
                 out[key] = getattr(self, key).to_json()
-        out["sampled"] = {
-            label: {key: getattr(n, key) for key in _OF_SAMPLED}
-            for label, n in self.sampled.items()
-        }
         if self.at_once is not None:
             out["at_once"] = self.at_once
         if self.somewhere is not None:

@@ -1,10 +1,9 @@
-"""Fits every effect, every pair that could matter, and more together; and weighs them."""
+"""Weighs every effect, every pair that could matter, and more together."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import fields
-from functools import partial
 
 import numpy as np
 from scipy.special import logsumexp
@@ -13,17 +12,10 @@ from fenics_joints.diagnosis.effects.effect import Effect
 from fenics_joints.diagnosis.evidence.equal import Known
 from fenics_joints.diagnosis.evidence.fitted import Fit
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
-from fenics_joints.diagnosis.evidence.inference import fit, settled
-from fenics_joints.diagnosis.evidence.leans import Leans
-from fenics_joints.diagnosis.evidence.screen import near_listed, quick_evidence
+from fenics_joints.diagnosis.evidence.library import Found, Library
+from fenics_joints.diagnosis.evidence.screen import near_best
 from fenics_joints.diagnosis.evidence.unlisted import look_alike
-from fenics_joints.diagnosis.kept_fits import KeptFits
 from fenics_joints.diagnosis.model.prepared import Prepared
-from fenics_joints.diagnosis.nearer import nearer
-from fenics_joints.diagnosis.several import fit_several
-from fenics_joints.diagnosis.starts import starts_of
-from fenics_joints.diagnosis.survey import survey
-from fenics_joints.diagnosis.together import fit_together
 from fenics_joints.diagnosis.verdict import MISFIT, NO_GAP, UNKNOWN
 from fenics_joints.diagnosis.zones.sites import as_mass
 from fenics_joints.parallel import spread
@@ -36,165 +28,248 @@ __all__ = ["Search"]
 #: beside which some come (`Effect.beside`), so that a larger library makes nothing less likely;
 #: two at once have the product of their odds. And those of an unknown cause.
 _ANY, _UNKNOWN = 1.5, 0.2
-#: What an effect that is not there may cost a hypothesis, in ln, at most.
-_OCCAM = 10.0
-#: Nats by which "no gap" has to be better by a better model for effects that it left behind to be
-#: fitted anew from there, or another fit worse for it to be fitted from the start as well.
-_RAISED = 1.0
-#: Relative change of the sum of squares at which a fit ends.
-_TOLERANCE = 1e-4
 #: Leading hypotheses that are checked on the full model, of one effect and in the end; the error
 #: of a reduced frequency, relative to the discrepancy, above which the basis is enriched; and how
 #: often it is looked at.
 _LEADING_SINGLES, _LEADING, _REDUCED, _ROUNDS = 4, 2, 0.1, 4
-#: Hypotheses this far (in ln) behind the best are not fitted again with a better model.
-_AGAIN = 25.0
+#: Nats behind the best within which hypotheses are made exact: weighed again with a better model,
+#: and their cells split, of so many at most.
+_AGAIN, _SPLIT, _SPLITS = 10.0, 5.0, 3
+#: Hypotheses that others are put beside, sets that are solved for, and nats that these may promise
+#: to be behind the best.
+_PARENTS, _SETS, _MARGIN = 12, 24, 8.0
+#: Effects that are weighed first, and how much farther from the data than the best of them, as a
+#: factor on ln of the evidence and in nats, others may look and still be weighed.
+_FIRST, _FAR_OFF, _AT_LEAST = 4, 3.0, 50.0
+#: The best parts of which several at once are solved for.
+_PARTS = 4
 
 
 class Search:
-    """The hypotheses of a diagnosis and their fits.
+    """The hypotheses of a diagnosis and what the test says of them.
 
     Args:
         model: What is diagnosed, reduced.
         progress: Told what is being done.
-        kept: Fits of an earlier run.
     """
 
-    def __init__(self, model: Prepared, progress: Progress, kept: KeptFits):
-        self.model, self.progress, self.kept = model, progress, kept
+    def __init__(self, model: Prepared, progress: Progress):
+        self.model, self.progress = model, progress
         common = [effect.weight for effect in model.effects if not effect.beside]
         total = sum(common or [effect.weight for effect in model.effects])
         self._odds = {e.key: np.log(_ANY * e.weight / total) for e in model.effects}
         self.met = Known(model.baseline, model.evidence.conditions)
         for effect in model.effects:
             self.met.same((effect,))
-        self._leans: Leans | None = None
+        given = model.forward, model.evidence, model.baseline, self._hypothesis
+        #: On few vectors, and the same by the reduced model itself.
+        self.library, self.exact = Library(*given, lean=True), Library(*given)
+
+    def _hypothesis(self, effects: Sequence[Effect]) -> Hypothesis:
+        return self.model.hypothesis(tuple(effects))
 
     def run(self) -> list[Fit]:
         """Nothing, the unknown, each effect, and what is promising of several. Collective."""
         model = self.model
-        singles = [model.hypothesis((effect,)) for effect in model.effects if not effect.holds]
         plain = [
             model.hypothesis((), name=NO_GAP), model.hypothesis((), name=UNKNOWN, unknown=True),
         ]  # fmt: skip
-        self.progress.step("fitting one effect at a time", len(singles) + 2)
-        fits = self.fit_all(plain)
-        new = [h for h in singles if not self._kept(h)]
-        ways = starts_of(self, new, fits[0], self.lowers())
-        known = dict(zip((h.label_of_keys for h in new), ways, strict=True))
-        fits += self.above(
-            singles, [known.get(h.label_of_keys, ()) for h in singles], [fits[0]] * len(singles)
-        )
-        fits = nearer(self, survey(self, fits))
-        fits = self.checked(fits, _LEADING_SINGLES, quickly=True)
-        several = fit_several(self, fits[2:])
-        fits = fits + several
-        if any(f is g for f in several for g in self._leading(fits, _LEADING_SINGLES)):
-            fits = self.checked(fits, _LEADING_SINGLES, quickly=True)
-        level = fits[2:]
-        fitted = {f.hypothesis.effects[0].key for f in level}
-        model.effects = tuple(e for e in model.effects if e.key in fitted)
+        alone = [effect for effect in model.effects if not effect.holds]
+        self.progress.step("solving for each effect all over its prior", len(alone))
+        self._solve(alone)
+        self.progress.step("weighing one effect at a time", len(alone) + 2)
+        found = self._all([(h, None) for h in plain])
+        self.library.floor = max(f.fit.log_evidence for f in found)
+        found += self._singles([self._hypothesis((e,)) for e in alone], found[0])
+        found = self._checked(found, _LEADING_SINGLES, quickly=True)
+        level = found[2:]
+        waiting = [effect for effect in model.effects if effect.holds]
+        while waiting:
+            parts = frozenset().union(*(e.holds for e in waiting))
+            parents = self._near([f for f in level if f.fit.hypothesis.effects[0].key in parts])
+            parents = parents[:_PARTS]
+            keys = {f.fit.hypothesis.effects[0].key for f in parents}
+            own = [e for e in waiting if e.holds & keys]
+            if not own:
+                break
+            waiting = [e for e in waiting if e not in own]
+            self.progress.step("weighing several of a kind at once", len(own))
+            self._solve(own)
+            level = self._all([(self._hypothesis((e,)), None) for e in own])
+            found += level
+        singles = found[2:]
+        model.effects = tuple(e for e in model.effects if e.key in
+                              {f.fit.hypothesis.effects[0].key for f in singles})  # fmt: skip
+        level = singles
         for size in range(2, model.case.diagnose.max_effects + 1):
-            level = fit_together(self, level, fits, size)
-            fits = fits + level
-        return self.checked(fits, _LEADING)
+            level = self._together(level, singles, found, size)
+            found += level
+        found = self._checked(found, _LEADING)
+        return [f.fit for f in self._split(found)]
 
-    @property
-    def leans(self) -> Leans:
-        """What shows fits the way; of the reduced model as it is."""
-        model = self.model
-        if self._leans is None or not self._leans.are_of(model.forward):
-            self._leans = Leans(model.forward, model.evidence, model.baseline, self._leans)
-        return self._leans
+    # -- evidence ------------------------------------------------------------------------------
 
-    def looked(
-        self,
-        hypotheses: Sequence[Hypothesis],
-        starts: Sequence[np.ndarray],
-        lowers: Sequence[np.ndarray],
-    ) -> list[tuple[float, np.ndarray]]:
-        """A quick look at each, see `quick_evidence`. Collective.
+    def _solve(self, effects: Sequence[Effect]) -> None:
+        """States of effects, on all ranks. Collective."""
+        library = self.library
 
-        Args:
-            hypotheses: The hypotheses.
-            starts: A point z for each.
-            lowers: Cholesky factors of covariances that the evidence may have; the best counts.
-        """
-        model = self.model
+        def work(effect):
+            self.progress.advance()
+            return library.states(effect)
 
-        def look(task):
-            forward = self.leans.known(task[0]) or model.forward
-            return quick_evidence(*task, forward, model.evidence, model.baseline, lowers)
+        for effect, states in zip(effects, spread(self.model.comm, effects, work), strict=True):
+            library.remember(effect, states)
 
-        return spread(model.comm, list(zip(hypotheses, starts, strict=True)), look)
+    def _all(self, tasks: Sequence[tuple[Hypothesis, Found | None]]) -> list[Found]:
+        """What the test says of hypotheses, each beside a parent. Collective."""
+        library, test = self.library, self.model.evidence
+
+        def work(task):
+            self.progress.advance()
+            h, parent = task
+            return library.single(h, test) if parent is None else library.together(h, parent, test)
+
+        return spread(self.model.comm, tasks, work, _pack, _unpack)
+
+    def _singles(self, hypotheses: Sequence[Hypothesis], nothing: Found) -> list[Found]:
+        """What the test says of each effect: of those that are far behind, by algebra alone.
+        Collective."""
+        comm, library, test = self.model.comm, self.library, self.model.evidence
+        if not library.batches:
+            return self._all([(h, None) for h in hypotheses])
+        looks = np.array(spread(comm, hypotheses, lambda h: library.promises(h, test)))
+        order = np.argsort(-looks - self.log_prior(hypotheses), kind="stable")
+        first = order[:_FIRST]
+        found = dict(zip(first, self._all([(hypotheses[i], None) for i in first]), strict=True))
+        best = max(f.fit.log_evidence for f in (nothing, *found.values()))
+        # What no prediction could exceed.
+        most = max(-0.5 * np.linalg.slogdet(2 * np.pi * test.covariance())[1], best)
+        least = most - _FAR_OFF * (most - best) - _AT_LEAST
+        near = [i for i in order[_FIRST:] if looks[i] > least]
+        found |= dict(zip(near, self._all([(hypotheses[i], None) for i in near]), strict=True))
+        return [found.get(i) or library.glance(h, test) for i, h in enumerate(hypotheses)]
+
+    def _near(self, found: Sequence[Found]) -> list[Found]:
+        """By their probability, the best first."""
+        scores = self.scores([f.fit for f in found])
+        return [found[i] for i in np.argsort(-scores, kind="stable")]
+
+    def _together(
+        self, level: Sequence[Found], singles: Sequence[Found], known: Sequence[Found], size: int
+    ) -> list[Found]:
+        """Sets of effects that are promising. Collective."""
+        library, test = self.library, self.model.evidence
+        parents = self._near(level)[:_PARENTS if size == 2 else 3]
+        effects = [f.fit.hypothesis.effects[0] for f in singles]
+        self.progress.step(f"a look at {size} effects at a time", len(parents))
+
+        def work(parent):
+            self.progress.advance()
+            return library.promised(parent, effects, test)
+
+        sets: dict[frozenset[str], tuple[float, Hypothesis, Found]] = {}
+        for parent, looks in zip(parents, spread(self.model.comm, parents, work), strict=True):
+            for effect in effects:
+                own = (*parent.fit.hypothesis.effects, effect)
+                keys = frozenset(e.key for e in own)
+                if not _compatible(own) or self._is_another(own):
+                    continue
+                h = self._hypothesis(own)
+                score = looks[effect.key] + float(self.log_prior([h])[0])
+                if keys not in sets or score > sets[keys][0]:
+                    sets[keys] = score, h, parent
+        if not sets:
+            return []
+        best = np.max(self.scores([f.fit for f in known if not f.fit.hypothesis.unknown]))
+        options = list(sets.values())
+        scores = np.array([score for score, _, _ in options])
+        order, found = near_best(scores, np.inf, _SETS), []
+        self.progress.step(f"weighing {size} effects at a time", len(order))
+        while len(order) and scores[order[0]] > best - _MARGIN:
+            some, order = order[:_FIRST], order[_FIRST:]
+            found += self._all([options[i][1:] for i in some if scores[i] > best - _MARGIN])
+            best = max(best, *self.scores([f.fit for f in found]))
+        return found
+
+    def _is_another(self, effects: tuple[Effect, ...]) -> bool:
+        """Whether a set is another one in other words."""
+        same = self.met.same(effects)
+        return same is not None and {e.key for e in same} != {e.key for e in effects}
+
+    def _split(self, found: list[Found]) -> list[Found]:
+        """What leads with cells split until the evidence no longer moves. Collective."""
+        scores = self.scores([f.fit for f in found])
+        listed = [i for i, f in enumerate(found) if not f.fit.hypothesis.unknown]
+        top = max(scores[i] for i in listed)
+        near = [i for i in listed if scores[i] > top - _SPLIT]
+        near = sorted(near, key=lambda i: -scores[i])[:_SPLITS]
+        self.progress.step("weighing what leads more finely", len(near))
+        test = self.model.evidence
+
+        def work(task):
+            self.progress.advance()
+            return self.exact.corrected(self.library.split(task, test), test)
+
+        better = spread(
+            self.model.comm, [found[i] for i in near], work, _pack,
+            lambda task, packed: _unpack((task.fit.hypothesis, None), packed),
+        )  # fmt: skip
+        for i, f in zip(near, better, strict=True):
+            found[i] = f
+        return found
 
     # -- the reduced model's error ---------------------------------------------------------------
 
-    def checked(self, fits: list[Fit], count: int, quickly: bool = False) -> list[Fit]:
-        """Check leading fits on the full model; enrich the basis and fit again where needed.
-
-        Anew, since a better model may put what leads elsewhere, until it holds or `_ROUNDS` are
-        over; `model_error` is what is left.
-        """
-        surrogate, fits = self.model.surrogate, list(fits)
+    def _checked(self, found: list[Found], count: int, quickly: bool = False) -> list[Found]:
+        """Check leading hypotheses on the full model; enrich the basis and weigh again where
+        needed, until it holds or `_ROUNDS` are over; `model_error` is what is left."""
+        surrogate, found = self.model.surrogate, list(found)
         limit = max(_REDUCED * self.model.evidence.discrepancy, 1e-4)
+
+        found = self._by_the_model(found)
 
         def leading() -> list[dict[str, float]]:
             self.progress.step(surrogate.checking)
-            return self._leading_values(fits, count)
+            values: list[dict[str, float]] = []
+            for f in self._near([f for f in found if not f.fit.hypothesis.unknown]):
+                at = self.lowest(f.fit)
+                if at not in values and len(values) < count:
+                    values.append(at)
+            return values
+
+        def again() -> None:
+            self.exact, self.library = (
+                old.with_forward(self.model.forward) for old in (self.exact, self.library)
+            )
+            found[:] = self._by_the_model(found)
 
         errors = improve(
-            surrogate.quick if quickly else surrogate, leading, limit, _ROUNDS,
-            after=lambda: self._fit_again(fits),
+            surrogate.quick if quickly else surrogate, leading, limit, _ROUNDS, after=again
         )
         self.model_error = float(errors.max(initial=0.0))
-        return fits
+        return found
 
-    def _fit_again(self, fits: list[Fit]) -> None:
-        """Fit what leads with the better model, in place."""
-        unknown = np.array([f.hypothesis.unknown for f in fits])
-        near = list(near_listed(self.scores(fits), unknown, _AGAIN, len(fits)))
-        near += [i for i, f in enumerate(fits) if f.hypothesis.name and i not in near]
-        same = spread(
-            self.model.comm, near, lambda i: self._settled(fits[i]), lambda f: f and _pack(f),
-            lambda i, packed: packed and _unpack((fits[i].hypothesis,), packed),
+    def _by_the_model(self, found: Sequence[Found]) -> list[Found]:
+        """What is near the best weighed by the reduced model itself. Collective."""
+        scores, found = self.scores([f.fit for f in found]), list(found)
+        near = [i for i, f in enumerate(found)
+                if scores[i] > scores.max() - _AGAIN or f.fit.hypothesis.name]  # fmt: skip
+        listed = [i for i, f in enumerate(found) if not f.fit.hypothesis.unknown]
+        near += [i for i in listed if i not in near and
+                 scores[i] > max(scores[j] for j in listed) - _AGAIN]  # fmt: skip
+        self.progress.step("weighing by the reduced model", len(near))
+        test, exact = self.model.evidence, self.exact
+
+        def work(f: Found) -> Found:
+            self.progress.advance()
+            return exact.corrected(f, test)
+
+        better = spread(
+            self.model.comm, [found[i] for i in near], work, _pack,
+            lambda task, packed: _unpack((task.fit.hypothesis, None), packed),
         )  # fmt: skip
-        lost = [i for i, f in zip(near, same, strict=True) if f is None]
-        self.progress.step("fitting again with the better model", len(lost))
-        before = _no_gap(fits)
-        anew = dict(zip(lost, self._from_ends([fits[i] for i in lost]), strict=True))
-        for i, f in zip(near, same, strict=True):
-            fits[i] = anew.get(i, f)
-        # The model before may have had no such modes: nothing is what each effect alone holds.
-        none = _no_gap(fits)
-        raised = none.log_evidence > before.log_evidence + _RAISED
-        alone = [i for i, f in enumerate(fits) if len(f.hypothesis.effects) == 1]
-        self._lift(fits, {i: none for i in alone if raised or i in lost})
-
-    def _from_ends(self, fits: Sequence[Fit]) -> list[Fit]:
-        """Fits by the better model from where those by the old one ended; from the start as well
-        where they fell: where the old model was far off, the way on from its end may be shut."""
-        hypotheses = [f.hypothesis for f in fits]
-        anew = self.fit_all(hypotheses, [[f.z] for f in fits], again=True, places=False)
-        shut = [i for i, f in enumerate(fits)
-                if anew[i].log_evidence < f.log_evidence - _RAISED]  # fmt: skip
-        starts = [[np.zeros(len(fits[i].z))] for i in shut]
-        others = self.fit_all([hypotheses[i] for i in shut], starts, again=True)
-        for i, f in zip(shut, others, strict=True):
-            anew[i] = max(anew[i], f, key=lambda fit: fit.log_evidence)
-        return anew
-
-    def _settled(self, found: Fit) -> Fit | None:
-        model = self.model
-        return settled(found, model.forward, model.evidence, model.baseline, _TOLERANCE)
-
-    def _leading_values(self, fits: Sequence[Fit], count: int) -> list[dict[str, float]]:
-        """Parameters of the leading fits at the lowest condition, where joints are softest."""
-        found: list[dict[str, float]] = []
-        for f in self._leading(fits, len(fits)):
-            values = self.lowest(f)
-            if values not in found and len(found) < count:
-                found.append(values)
+        for i, f in zip(near, better, strict=True):
+            found[i] = f
         return found
 
     def lowest(self, f: Fit) -> dict[str, float]:
@@ -204,122 +279,10 @@ class Search:
             f: The fit.
         """
         lowest = self.model.evidence.conditions[0]
-        found = f.hypothesis.values(f.z, lowest, self.model.baseline, 0)
-        return as_mass(found, self.model.baseline)
-
-    def _leading(self, fits: Sequence[Fit], count: int) -> list[Fit]:
-        """The most probable but for the unknown."""
-        order, _ = self.ranked(fits)
-        return [fits[i] for i in order if not fits[i].hypothesis.unknown][:count]
-
-    # -- fits ----------------------------------------------------------------------------------
-
-    def fit_all(
-        self, hypotheses: Sequence[Hypothesis], starts: Sequence | None = None, again: bool = False,
-        places: bool = True,
-    ) -> list[Fit]:  # fmt: skip
-        """Fit hypotheses, each from its starts, or from where an earlier run ended. Collective.
-
-        Args:
-            hypotheses: The hypotheses.
-            starts: Points z for each; the prior's median by default.
-            again: Whether the starts are better than what is kept.
-            places: See `fit`.
-        """
-        starts = [()] * len(hypotheses) if starts is None else starts
-        done: list[Fit] = []
-        chunk = 8 * self.model.comm.size
-        for first in range(0, len(hypotheses), chunk):
-            tasks = list(zip(hypotheses, starts, strict=True))[first : first + chunk]
-            if not again:
-                tasks = [(h, self._kept(h) or start) for h, start in tasks]
-            work = partial(self._fit_task, places=places)
-            found = spread(self.model.comm, tasks, work, _pack, _unpack)
-            self.kept.add({f.hypothesis.label_of_keys: f.z for f in found})
-            done += found
-            if self.model.comm.size > 1:
-                self.progress.advance(len(found))
-        return done
-
-    def above(
-        self, hypotheses: Sequence[Hypothesis], starts: Sequence, parents: Sequence[Fit]
-    ) -> list[Fit]:
-        """Fits of hypotheses that hold others: no worse than these but for an effect more, or the
-        search has ended in another valley, and starts anew from where the other's ended.
-
-        Args:
-            hypotheses: The hypotheses.
-            starts: Points z for each.
-            parents: Fits of each without its last effect.
-        """
-        fits = self.fit_all(hypotheses, starts)
-        self._lift(fits, dict(enumerate(parents)))
-        return fits
-
-    def _lift(self, fits: list[Fit], parents: Mapping[int, Fit]) -> None:
-        """Fit those anew, in place, that are worse than what they hold: the search has ended in
-        another valley.
-
-        Args:
-            fits: Fits.
-            parents: Of some of them, by index, those of each without its last effect.
-        """
-        below = [
-            i for i, parent in parents.items()
-            if fits[i].log_evidence < parent.log_evidence - _OCCAM
-        ]  # fmt: skip
-        ways = [[self.start(fits[i].hypothesis.effects, parents[i])] for i in below]
-        again = [fits[i].hypothesis for i in below]
-        anew = self.fit_all(again, ways, again=True, places=False)
-        for i, f in zip(below, anew, strict=True):
-            fits[i] = max(f, fits[i], key=lambda fit: fit.log_evidence)
-
-    def _kept(self, hypothesis: Hypothesis) -> list[np.ndarray]:
-        return self.kept.start(hypothesis.label_of_keys, len(hypothesis.priors))
-
-    def _fit_task(self, task, places: bool = True) -> Fit:
-        hypothesis, starts = task
-        model, alone = self.model, self.model.comm.size == 1
-        forward, guide = self.leans.for_fit(hypothesis)
-        return fit(
-            hypothesis, forward, model.evidence, model.baseline, starts=starts,
-            tolerance=_TOLERANCE, guide=guide, scanned=self.leans.scanned, places=places,
-            progress=self.progress.advance if alone else None,
-        )  # fmt: skip
-
-    def lowers(self, known: Sequence[Fit] = ()) -> list[np.ndarray]:
-        """Factors of the test's covariance: with scales as expected, and as the best of some fits
-        has them, which may have taken for drift what another effect explains.
-
-        Args:
-            known: The fits.
-        """
-        evidence, found = self.model.evidence, [self.model.evidence]
-        if len(known) and evidence.scales is not None:
-            found.append(evidence.at(known[int(np.argmax(self.scores(known)))].scales))
-        return [each.lower() for each in found]
-
-    def start(self, effects: Sequence[Effect], parent: Fit) -> np.ndarray:
-        """The parent's parameters, with a zero for each of the effect that is added."""
-        own = parent.hypothesis.places
-        first = min(place.start for place in own.values())
-        tail = [
-            parent.z[own[name]] if len(parent.hypothesis.shared[name]) else np.zeros(len(group))
-            for name, group in self.model.hypothesis(effects).shared.items()
-        ]
-        return np.concatenate([parent.z[:first], np.zeros(len(effects[-1].priors)), *tail])
+        values = f.hypothesis.values(f.z, lowest, self.model.baseline, 0)
+        return as_mass(values, self.model.baseline)
 
     # -- weights -------------------------------------------------------------------------------
-
-    def narrow(self, effects: Sequence[Effect], share: float) -> None:
-        """Let effects be of a share of the places that they were of, and have that of their odds.
-
-        Args:
-            effects: The effects.
-            share: The share.
-        """
-        for effect in effects:
-            self._odds[effect.key] += np.log(share)
 
     def log_prior(self, hypotheses: Sequence[Hypothesis]) -> np.ndarray:
         """ln of each hypothesis' prior odds against none."""
@@ -371,15 +334,23 @@ class Search:
         return order, found[order]
 
 
-def _no_gap(fits: Sequence[Fit]) -> Fit:
-    return next(f for f in fits if f.hypothesis.name == NO_GAP)
+def _compatible(effects: Sequence[Effect]) -> bool:
+    """Whether effects can be at work together, none in place of another."""
+    families = [e.family or e.key for e in effects]
+    keys = [e.key for e in effects]
+    if len(set(families)) < len(families) or len(set(keys)) < len(keys):
+        return False
+    return not any(a.never_with & {b.name for b in effects if b is not a} for a in effects)
 
 
-def _pack(found: Fit) -> dict:
-    """A fit without its hypothesis, which holds functions."""
-    return {f.name: getattr(found, f.name) for f in fields(found) if f.name != "hypothesis"}
+def _pack(found: Found) -> tuple:
+    """Without its hypothesis, which holds functions."""
+    own = found.fit
+    fit = {f.name: getattr(own, f.name) for f in fields(own) if f.name != "hypothesis"}
+    return fit, None if found.cells is found.peak else found.cells, found.log_evidence, found.peak
 
 
-def _unpack(task, packed: dict) -> Fit:
-    return Fit(hypothesis=task[0], **packed)
-
+def _unpack(task, packed: tuple) -> Found:
+    fit, cells, log_evidence, peak = packed
+    found = Fit(hypothesis=task[0], **fit)
+    return Found(found, peak if cells is None else cells, log_evidence, peak)

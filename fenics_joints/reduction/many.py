@@ -136,16 +136,6 @@ class ManyModes:
         columns = np.moveaxis(self.x, 1, 0).reshape(n, b * m)
         return tuple(found.reshape(b, m, -1) for found in self.model.pencil.squares(columns))
 
-    @cached_property
-    def _products(self) -> tuple[np.ndarray, np.ndarray]:
-        """y^T A x of every mode y, test mode x and matrix, each (b, n_terms, n m)."""
-        turned, b = np.swapaxes(self.vectors, 1, 2), len(self.x)
-        return tuple(
-            np.stack([(turned @ (A @ self.x)).reshape(b, -1) for A in whole], axis=1)
-            if len(whole) else np.zeros((b, 0, turned.shape[1] * self.x.shape[2]))
-            for whole in self.model.pencil.terms
-        )
-
     def slopes(self, along: Change) -> np.ndarray:
         """Derivatives of `log_f` along directions, (b, m, p)."""
         stiff, heavy = self._squares
@@ -170,13 +160,36 @@ class ManyModes:
             self._shares[name] = np.maximum(2 * slopes[:, :, 0], 0.0)
         return self._shares[name]
 
+    def _forced(self, along: Change) -> tuple[np.ndarray, np.ndarray]:
+        """y^T dK x and y^T dM x of every mode y and test mode x, each (b, p, n, m), remembered."""
+        if along not in self._known:
+            turned = np.swapaxes(self.vectors, 1, 2)[:, None]
+            self._known[along] = tuple(
+                turned @ self._changed(whole, change)
+                for whole, change in zip(
+                    self.model.pencil.terms, (along.theta, along.rho), strict=True
+                )
+            )
+        return self._known[along]
+
+    def _changed(self, whole: np.ndarray, change: np.ndarray) -> np.ndarray:
+        """The sum of matrices times their scalars' derivatives, times x, (b, p, n, m)."""
+        b, n, m = self.x.shape
+        found = np.zeros((b, change.shape[2], n, m))
+        there = np.any(change != 0, axis=0)
+        for term in np.flatnonzero(there.any(axis=1)):
+            own = there[term]
+            found[:, own] += change[:, term, own, None, None] * (whole[term] @ self.x)[:, None]
+        return found
+
+    @cached_property
+    def _known(self) -> dict[Change, tuple[np.ndarray, np.ndarray]]:
+        return {}
+
     def shape_slope(self, along: Change, k: int) -> np.ndarray:
         """Derivative of `x` along direction k, (b, n, m), by expansion in all modes, which have to
         be there (Fox and Kapoor, AIAA J. 6, 1968)."""
-        b, n, m = self.x.shape
-        stiff, heavy = self._products
-        by_K = (along.theta[:, None, :, k] @ stiff).reshape(b, n, m)
-        by_M = (along.rho[:, None, :, k] @ heavy).reshape(b, n, m)
+        by_K, by_M = (part[:, k] for part in self._forced(along))
         for w, at in along.moved.get(k, ()):
             by_M = by_M + w[:, None, None] * (
                 np.swapaxes(at @ self.vectors, 1, 2) @ (at @ self.x)

@@ -19,8 +19,8 @@ from fenics_joints.cli import app
 from fenics_joints.diagnosis import Effect, Prior
 from fenics_joints.diagnosis.effects.damping import has_ratios
 from fenics_joints.diagnosis.effects.rig import MISSCALED
+from fenics_joints.diagnosis.evidence import fit
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
-from fenics_joints.diagnosis.evidence.inference import fit
 from fenics_joints.diagnosis.evidence.of_test import evidence_of
 from fenics_joints.diagnosis.model.prepared import prepare
 from fenics_joints.diagnosis.plan.added import measurement

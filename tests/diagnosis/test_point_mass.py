@@ -11,7 +11,7 @@ from virtual_plates import virtual_test, write_virtual_case
 
 from fenics_joints.case import load_case
 from fenics_joints.commands.diagnose.words import somewhere_words
-from fenics_joints.diagnosis.evidence.inference import fit
+from fenics_joints.diagnosis.evidence import fit
 from fenics_joints.diagnosis.evidence.point_mass import point_mass
 from fenics_joints.diagnosis.evidence.somewhere import changes
 from fenics_joints.diagnosis.model.prepared import prepare

@@ -9,15 +9,15 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from mpi4py import MPI
+from scipy.special import logsumexp
+from scipy.stats import multivariate_normal, norm
 
 from fenics_joints.diagnosis import Effect, Prior
+from fenics_joints.diagnosis.evidence import fit
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
-from fenics_joints.diagnosis.evidence.inference import fit
-from fenics_joints.diagnosis.evidence.screen import near_best, near_listed, quick_evidence
+from fenics_joints.diagnosis.evidence.screen import near_best, near_listed
 from fenics_joints.diagnosis.evidence.unlisted import look_alike
-from fenics_joints.diagnosis.exchange import fit_exchanged
-from fenics_joints.diagnosis.kept_fits import KeptFits
 from fenics_joints.diagnosis.search import Search
 from fenics_joints.progress import Progress
 
@@ -92,7 +92,7 @@ def problem(bend, truth, seed=3, most=2, families=None):
 
 
 def searched(model):
-    search = Search(model, Progress(silent=True), KeptFits(None, model.evidence, {}, False))
+    search = Search(model, Progress(silent=True))
     fits = search.run()
     return search, fits, search.probabilities(fits)
 
@@ -101,19 +101,6 @@ def keys(found):
     if found.hypothesis.unknown:
         return frozenset({"unknown"})
     return frozenset(e.name for e in found.hypothesis.effects)
-
-
-def test_a_quick_look_is_the_evidence_when_linear():
-    model = problem(0.0, {2: 1.0, 7: -1.2})
-    lower = np.linalg.cholesky(model.evidence.covariance())
-    for chosen in ((2,), (2, 7), (1, 9)):
-        hypothesis = model.hypothesis([model.effects[i] for i in chosen])
-        start = np.random.default_rng(1).standard_normal(len(hypothesis.priors))
-        args = model.forward, model.evidence, model.baseline
-        value, z = quick_evidence(hypothesis, start, *args, [lower])
-        whole = fit(hypothesis, *args)
-        assert value == pytest.approx(whole.log_evidence, abs=1e-6)
-        assert z == pytest.approx(whole.z, abs=1e-5)
 
 
 @pytest.mark.parametrize("bend", [0.0, 0.8])
@@ -161,28 +148,6 @@ def test_what_is_a_part_is_found_where_an_unknown_cause_leads():
     assert best.log_evidence < unknown.log_evidence - 20
 
 
-def test_a_look_alike_takes_the_place_of_what_leads():
-    """Effect 3 does nearly what 2 does: it is fitted beside 7 once 2 and 7 lead, as if chosen."""
-    model = problem(1.0, {2: 1.0, 7: -1.2})
-    model.forward.matrix[:, 3] = model.forward.matrix[:, 2] + 1e-3
-    search = Search(model, Progress(silent=True), KeptFits(None, model.evidence, {}, False))
-    singles = search.fit_all([model.hypothesis((e,)) for e in model.effects])
-    level = search.fit_all([model.hypothesis([model.effects[i] for i in (7, 2)])])
-    allowed = {
-        frozenset(e.key for e in pair): pair
-        for pair in combinations(model.effects, 2) if model.effects[4] not in pair
-    }  # fmt: skip
-    lowers = [np.linalg.cholesky(model.evidence.covariance())]
-    found = {keys(f): f for f in fit_exchanged(search, level, singles, allowed, lowers)}
-    pair = frozenset({"effect 3", "effect 7"})
-    assert pair in found and keys(level[0]) not in found
-    assert all("effect 4" not in names for names in found)
-    hypothesis = model.hypothesis([model.effects[i] for i in (3, 7)])
-    args = model.forward, model.evidence, model.baseline
-    own = fit(hypothesis, *args)
-    assert found[pair].log_evidence == pytest.approx(own.log_evidence, abs=0.01)
-
-
 def test_effects_of_a_family_are_never_together():
     families = {4: "joint", 11: "joint"}
     model = problem(0.0, {4: 1.4, 11: -1.1}, families=families)
@@ -196,7 +161,7 @@ def test_leading_ones_are_checked_on_the_full_model():
     _, fits, probability = searched(model)
     best = fits[int(np.argmax(probability))]
     values = best.hypothesis.values(best.z, TORQUES[0], model.baseline, 0)
-    assert any(values == point for point in model.checked)
+    assert any(values == pytest.approx(point, abs=0.01) for point in model.checked)
 
 
 def test_what_is_left_for_a_look_alike():
@@ -229,9 +194,6 @@ def test_what_is_far_behind_an_unknown_cause_stands_in_the_order_of_its_evidence
     assert [far[i].log_evidence for i in order[1:]] == sorted(
         (f.log_evidence for f in far if not f.hypothesis.unknown), reverse=True
     )
-    best = search.lowest(far[order[1]])
-    search.checked(far, 1)
-    assert best in search.model.checked
 
 
 def test_three_together():
@@ -248,34 +210,12 @@ def test_three_together():
 def test_odds_of_all_effects_together_do_not_depend_on_their_number():
     """Ten places of one cause are no ten causes."""
     model = problem(0.0, {})
-    search = Search(model, Progress(silent=True), KeptFits(None, model.evidence, {}, False))
+    search = Search(model, Progress(silent=True))
     singles = [model.hypothesis((e,)) for e in model.effects]
     total = np.exp(search.log_prior(singles)).sum()
     model.effects = model.effects[:3]
-    search = Search(model, Progress(silent=True), KeptFits(None, model.evidence, {}, False))
+    search = Search(model, Progress(silent=True))
     assert np.exp(search.log_prior(singles[:3])).sum() == pytest.approx(total)
-
-
-def test_what_the_reduced_model_is_astray_on_is_looked_at_though_it_seems_hopeless():
-    """A hundred times too stiff in one effect, of which there is no sample: none of the leaders."""
-    model = problem(0.0, {3: 1.4})
-    right = model.forward.matrix.copy()
-    model.forward.matrix[:, 3] *= 0.01
-
-    def extend(points):
-        model.forward.matrix[:] = right
-
-    def errors(points):
-        off = model.forward.matrix[0, 3] != right[0, 3]
-        return np.array([0.1 * (off and point["p3"] != 0) for point in points])
-
-    model.surrogate.n_samples, model.surrogate.errors, model.surrogate.extend = 1, errors, extend
-    model.rare = set
-    _, fits, probability = searched(model)
-    assert keys(fits[int(np.argmax(probability))]) != {"effect 3"}
-    model.rare = lambda: {"effect 2", "effect 3"}
-    _, fits, probability = searched(model)
-    assert keys(fits[int(np.argmax(probability))]) == {"effect 3"}
 
 
 def test_near_best_by_hand():
@@ -311,7 +251,7 @@ def test_the_best_explanations_are_near_though_an_unknown_cause_is_far_ahead():
 
 
 def test_an_effect_is_not_lost_in_the_wrong_valley():
-    """Downhill from nothing leads away from a large effect; a try on both sides finds it."""
+    """Downhill from nothing leads away from a large effect; and the evidence is that of a grid."""
     model = problem(0.0, {})
     model.forward = Spiral(model.forward.matrix, 0.0)
     model.effects = model.effects[:1]
@@ -319,9 +259,17 @@ def test_an_effect_is_not_lost_in_the_wrong_valley():
     model.effects[0].apply(values, {"d": 1.5}, 20.0)
     log_f = np.tile(model.forward(values)[0], (len(TORQUES), 1))
     model.evidence = Evidence(TORQUES, log_f, np.full(log_f.shape, 0.002), 0.002)
-    alone = model.hypothesis(model.effects)
-    lost = fit(alone, model.forward, model.evidence, model.baseline)
+    alone = fit(model.hypothesis(model.effects), model.forward, model.evidence, model.baseline)
     _, fits, _ = searched(model)
     best = max(fits, key=lambda f: f.log_evidence)
-    assert lost.z[1] < 0 and best.z[1] == pytest.approx(1.5, abs=0.02)
-    assert best.log_evidence > lost.log_evidence + 20
+    for found in (alone, best):
+        assert found.z[1] == pytest.approx(1.5, abs=0.02)
+    d = np.linspace(-5, 5, 20001)
+    rows = np.array([model.forward({**model.baseline, "p0": at})[0] for at in d])
+    # The stock's factor is linear: it widens the covariance.
+    stock = 0.3 * np.tile(model.forward.matrix[:, COUNT], len(TORQUES))
+    covariance = model.evidence.covariance() + np.outer(stock, stock)
+    density = multivariate_normal(model.evidence.data, covariance)
+    exact = logsumexp(density.logpdf(np.tile(rows, len(TORQUES))) + norm.logpdf(d), b=d[1] - d[0])
+    assert alone.log_evidence == pytest.approx(exact, abs=0.1)
+    assert best.log_evidence == pytest.approx(exact, abs=0.1)

@@ -23,16 +23,13 @@ from virtual_strip import (
 )
 
 from fenics_joints.case import load_case
-from fenics_joints.diagnosis.kept_fits import KeptFits
 from fenics_joints.diagnosis.model.prepared import prepare
 from fenics_joints.diagnosis.model.subject import subject_of, with_places
-from fenics_joints.diagnosis.nearer import nearer
 from fenics_joints.diagnosis.search import Search
-from fenics_joints.diagnosis.zones.sites import as_mass, attached_about, cells_of, lost_about
+from fenics_joints.diagnosis.zones.sites import as_mass
 from fenics_joints.errors import InputError
 from fenics_joints.modal import solve_modes
 from fenics_joints.progress import Progress
-from fenics_joints.structure.changes import LocalLoss, PlacedPoint
 
 QUIET = Progress(silent=True)
 LISTED = (
@@ -57,7 +54,7 @@ def ranked(folder, data, listed=LISTED, **more):
     path = write_strip(folder, *data, f"effects = [{effects}]", **more)
     model = prepare(load_case(path), MPI.COMM_SELF, QUIET)
     model.reduce(QUIET)
-    search = Search(model, QUIET, KeptFits(None, model.evidence, model.baseline, False))
+    search = Search(model, QUIET)
     fits = search.run()
     order, probability = search.ranked(fits)
     return model, [fits[i] for i in order], probability
@@ -182,42 +179,16 @@ def test_what_hangs_on_a_spring_has_motions_of_its_own(tmp_path):
     assert felt["put_on.mass"] == kg and felt["hung.mass"] == model.baseline["hung.mass"]
 
 
-@pytest.mark.slow
-def test_a_loss_is_looked_for_from_nearer(tmp_path):
-    """Half as long as the patches of the structure, and beside the middle of one."""
-    data = measured(strip(soft=(0.139, 0.161, 0.4)))
-    asked = 'effects = ["local loss of stiffness"]'
-    path = write_strip(tmp_path, *data, asked, cells=(40, 6, 1))
-    model = prepare(load_case(path), MPI.COMM_SELF, QUIET)
-    model.reduce(QUIET)
-    search = Search(model, QUIET, KeptFits(None, model.evidence, model.baseline, False))
-    fits = search.fit_all([model.hypothesis((), name="no gap"), model.hypothesis(model.effects)])
-    _, found = nearer(search, fits)
-    assert search.scores([found]) > search.scores(fits[1:]) + 10
-    assert found.hypothesis.effects == model.effects
-
-
-def test_where_something_hangs_is_looked_for_from_nearer(tmp_path):
-    """Between the first places, and with matrices that have it where the places are then; a place
-    that is one of few of the structure has as much less of the odds."""
+def test_what_hangs_between_the_places_is_named_with_the_next_of_them(tmp_path):
+    """And the matrices there are those of a plate with it."""
     kg, own_hz, at = 0.02, 380.0, (0.2, 0.02, 0.0)
     data = with_resonator(kg, own_hz, at)
-    path = write_strip(tmp_path, *data, 'effects = ["attached resonator"]')
-    model = prepare(load_case(path), MPI.COMM_SELF, QUIET)
-    model.reduce(QUIET)
-    search = Search(model, QUIET, KeptFits(None, model.evidence, model.baseline, False))
-    away = np.linalg.norm(model.sites.points - at, axis=1).min()
-    fits = search.fit_all([model.hypothesis((), name="no gap"), model.hypothesis(model.effects)])
-    before, odds = fits[1].log_evidence, search.log_prior([fits[1].hypothesis])
-    _, found = nearer(search, fits)
-    assert found.log_evidence > before + 10
-    rows = leading([found], [1.0])[2]
-    assert rows["mass"]["value"] == pytest.approx(kg, rel=0.2)
-    assert rows["frequency"]["value"] == pytest.approx(own_hz, rel=0.1)
+    model, fits, probability = ranked(tmp_path, data, ("attached resonator",))
+    label, p, rows = leading(fits, probability)
+    assert label == "attached resonator" and p > 0.5
     place = [float(c) for c in rows["place"]["at"].split(")")[0][1:].split(",")]
-    assert 1e-3 * np.linalg.norm(np.subtract(place, 1e3 * np.array(at))) < 0.4 * away
-    assert search.log_prior([found.hypothesis]) < odds - np.log(3)
-    assert found.hypothesis.effects == model.effects
+    away = np.linalg.norm(model.sites.points - at, axis=1).min()
+    assert 1e-3 * np.linalg.norm(np.subtract(place, 1e3 * np.array(at))) < 1.5 * away
     effect, values = model.effects[0], dict(model.baseline)
     i = int(np.argmin(np.linalg.norm(model.sites.points - at, axis=1)))
     effect.apply(values, {"mass": kg, "frequency": own_hz, "place": float(i)}, 0.0)
@@ -248,21 +219,3 @@ def test_places_are_the_same_on_two_ranks(shared_tmp_path):
         a, b = (solve_modes(s.full, values, n_modes=9).frequencies_hz[7:]
                 for s in (alone, together))  # fmt: skip
         assert b == pytest.approx(a, rel=1e-6)
-    # So are places that are nearer, where the same values are of another structure.
-    both = ((attached_about, PlacedPoint, [3, 4], given[1]), (lost_about, LocalLoss, [7], given[0]))
-    for about, kinds, own, values in both:
-        before = solve_modes(alone.full, values, n_modes=9).frequencies_hz[7:]
-        found = [
-            about(cells_of(s.case, s.full), s.sites,
-                  [c for c in s.full.changes if isinstance(c, kinds)], own)
-            for s in (alone, together)
-        ]  # fmt: skip
-        (one, _, share), (other, _, _) = found
-        assert other.points == pytest.approx(one.points) and 0 < share < 1
-        assert other.patches == pytest.approx(one.patches)
-        for s, (_, changes, _) in zip((alone, together), found, strict=True):
-            s.full.exchange(changes)
-        a, b = (solve_modes(s.full, values, n_modes=9).frequencies_hz[7:]
-                for s in (alone, together))  # fmt: skip
-        assert b == pytest.approx(a, rel=1e-6)
-        assert np.abs(a / before - 1).max() > 1e-3

@@ -11,19 +11,17 @@ import scipy.linalg
 
 from fenics_joints.beams import Beam, BeamStructure, GenericJoint, LumpedMass
 from fenics_joints.diagnosis import Effect, Prior
+from fenics_joints.diagnosis.evidence import fit
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
-from fenics_joints.diagnosis.evidence.inference import fit
-from fenics_joints.diagnosis.evidence.leans import Leans, changed
-from fenics_joints.diagnosis.evidence.marginal import Marginal
+from fenics_joints.diagnosis.evidence.library import Library
+from fenics_joints.diagnosis.evidence.many import ManyPredictions
 from fenics_joints.diagnosis.evidence.prediction import predict
-from fenics_joints.diagnosis.evidence.sampled import nested_evidence
 from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.modal import solve_modes
 from fenics_joints.reduction import ArrayModel, Forward, LeanForward, freeze, narrow
 from fenics_joints.reduction.affine import AffinePencil
 from fenics_joints.reduction.compact import merged
-from fenics_joints.reduction.leanest import frequency_error
 from fenics_joints.reduction.many import change
 from fenics_joints.reduction.terms import MassTerm, RegionTerm, SpringTerm
 from fenics_joints.structure import Parameter, Sensors, Spring
@@ -209,10 +207,6 @@ def test_evidence_by_the_lean_model_is_that_of_the_whole_one():
     truth = hypothesis.values(np.array([0.4, 0.8, -0.6]), 1.0, BASELINE)
     log_f = forward(truth)[0][None] + 0.002 * np.array([1.0, -1.0, 0.5, -0.3])
     evidence = Evidence(np.ones(1), log_f, np.full((1, 4), 0.003), 0.003)
-    found = fit(hypothesis, forward, evidence, BASELINE)
-    lean = nested_evidence(found, forward, evidence, BASELINE)
-    assert 0 < lean.model_error < 0.1 * np.hypot(0.003, 0.003)
-
     class Whole(Forward):
         """The same frequencies, of a model that cannot be made leaner."""
 
@@ -223,48 +217,60 @@ def test_evidence_by_the_lean_model_is_that_of_the_whole_one():
         def __call__(self, values):
             return forward(values)
 
-    whole = nested_evidence(found, Whole(), evidence, BASELINE, n_live=80, seed=5, slopes="exact")
-    assert whole.model_error == 0.0
-    error = np.hypot(lean.error, whole.error)
-    assert abs(lean.log_evidence - whole.log_evidence) < 4 * error < 0.5
-    assert lean.mean == pytest.approx(whole.mean, abs=0.3 * whole.sd.max())
+    lean, whole = (fit(hypothesis, f, evidence, BASELINE) for f in (forward, Whole()))
+    assert lean.log_evidence == pytest.approx(whole.log_evidence, abs=0.02)
+    assert lean.z == pytest.approx(whole.z, abs=0.02)
 
 
-def test_a_fit_that_a_lean_model_guides_ends_where_the_whole_one_does():
-    """A fraction of its size, and what is said of the end is the whole model's."""
+def dissipates() -> Effect:
+    return Effect("loss", "", (Prior("eta", 0.01, 0.5),), None,
+                  loss=lambda theta, condition, hz: {"right.G": theta["eta"]})  # fmt: skip
+
+
+def misscaled() -> Effect:
+    return Effect(
+        "mis-scaled", "", (Prior("gain", 1.0, 0.5),), None,
+        sensing=lambda sensing, theta: sensing.gains.__setitem__(40, theta["gain"]),
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("effect", "kind"),
+    [
+        (stiffer("right.G", 0.5), ""), (stiffer("right.G", 0.5), "shapes"),
+        (misscaled(), "shapes"), (dissipates(), "damping"),
+    ],
+    ids=["frequencies", "shapes", "sensor", "loss"],
+)  # fmt: skip
+def test_evidence_on_few_vectors_once_corrected_is_that_of_all(effect, kind):
+    """A fraction of the model's size; and what is said of the best point is the whole model's."""
     model, sensors = chain(120)
     forward = forward_of(model, sensors)
-    hypothesis = Hypothesis((stiffer("right.G", 0.5),), (stiffer("rho", 0.01),))
-    truth = hypothesis.values(np.array([0.7, -0.6]), 1.0, BASELINE)
-    log_f = forward(truth)[0][None] + 0.002 * np.array([1.0, -1.0, 0.5, -0.3])
-    evidence = Evidence(np.ones(1), log_f, np.full((1, 4), 0.003), 0.003)
-    guide = Leans(forward, evidence, BASELINE).of(hypothesis)
-    assert guide.model.n_dofs < 60 and set(guide.model.parameters) == {"right.G", "rho"}
-    alone, guided = (fit(hypothesis, forward, evidence, BASELINE, guide=g) for g in (None, guide))
-    assert guided.log_evidence == pytest.approx(alone.log_evidence, abs=0.02)
-    assert guided.z == pytest.approx(alone.z, abs=0.05)
-    # What is said of the end is the whole model's.
-    said, _ = predict(hypothesis, forward, evidence, guided.z, BASELINE)
-    assert guided.predicted == pytest.approx(said, abs=1e-12)
+    more = {}
+    if kind == "shapes":
+        shapes = forward.reference / np.sqrt(np.mean(forward.reference**2, axis=0))
+        shapes = shapes + 0.02 * np.random.default_rng(2).standard_normal(shapes.shape)
+        shapes[40] *= 0.4
+        more = {"shapes": shapes, "near": np.eye(len(shapes))}
+    if kind == "damping":
+        more = {"log_damping": np.log([[0.004, 0.006, 0.005, 0.004]])}
+    log_f = forward(BASELINE)[0][None] + 0.002 * np.array([1.0, -1.0, 0.5, -0.3])
+    evidence = Evidence(np.ones(1), log_f, np.full((1, 4), 0.003), 0.003, **more)
 
+    def make(effects):
+        return Hypothesis(tuple(effects), (stiffer("rho", 0.01),), modes=tuple("abcd"),
+                          damped=kind == "damping")  # fmt: skip
 
-def test_a_lean_model_outlives_an_extension_only_where_it_is_as_good():
-    """That of a model whose link could not part does not; of an equal model it does."""
-    model, sensors = chain(120)
-    forward = forward_of(model, sensors)
-    poor = forward_of(model.on(solve_modes(model, {"k": 2e12}, n_modes=90).shapes), sensors)
-    poor.reference = forward.reference
-    hypothesis = Hypothesis((stiffer("k", 1.0),), (stiffer("rho", 0.01),))
-    log_f = forward(BASELINE)[0][None]
-    evidence = Evidence(np.ones(1), log_f, np.full((1, 4), 0.003), 0.003)
-    before, now = Leans(poor, evidence, BASELINE), Leans(forward, evidence, BASELINE)
-    old, new = (leans.of(hypothesis) for leans in (before, now))
-    values = [{**BASELINE, "k": k} for k in (4e7, 1e9)]
-    exact = np.array([forward(each)[0] for each in values])
-    assert frequency_error(old, values, exact) > 3 * now.limit
-    assert Leans(forward, evidence, BASELINE, now).of(hypothesis) is new
-    extended = Leans(forward, evidence, BASELINE, before).of(hypothesis)
-    assert frequency_error(extended, values, exact) <= now.limit
+    hypothesis = make((effect,))
+    few, whole = (Library(forward, evidence, BASELINE, make, lean=lean) for lean in (True, False))
+    found = whole.corrected(few.split(few.of(hypothesis, evidence), evidence), evidence).fit
+    (basis,) = few.bases.values()
+    assert basis.model.n_dofs < 60 < whole.forward.model.n_dofs
+    alone = fit(hypothesis, forward, evidence, BASELINE)
+    assert found.log_evidence == pytest.approx(alone.log_evidence, abs=0.05)
+    assert found.z == pytest.approx(alone.z, abs=0.05)
+    said, _ = predict(hypothesis, forward, evidence, found.z, BASELINE)
+    assert found.predicted == pytest.approx(said, abs=1e-6)
 
 
 def test_many_values_at_a_time_leave_untold_what_one_does():
@@ -277,85 +283,6 @@ def test_many_values_at_a_time_leave_untold_what_one_does():
     together = LeanForward(forward, model).many(table)
     alone = [forward.solve(v)[1].index.tolist() for v in values]
     assert together.index.tolist() == alone == 9 * [[1, 2, 4, 3]] and together.good.all()
-
-
-def test_a_lean_model_guides_fits_of_shapes_and_of_sensors_errors():
-    """As the whole one, also where what is wrong is a sensor and the model is as it was."""
-    model, sensors = chain(120)
-    forward = forward_of(model, sensors)
-    rng = np.random.default_rng(2)
-    true = forward.reference / np.sqrt(np.mean(forward.reference**2, axis=0))
-    shapes = true + 0.02 * rng.standard_normal(true.shape)
-    shapes[40] *= 0.4
-    low = Effect(
-        "mis-scaled", "", (Prior("gain", 1.0, 0.5),), None,
-        sensing=lambda sensing, theta: sensing.gains.__setitem__(40, theta["gain"]),
-    )  # fmt: skip
-    log_f = forward(BASELINE)[0][None] + 0.002 * np.array([1.0, -1.0, 0.5, -0.3])
-    evidence = Evidence(
-        np.ones(1), log_f, np.full((1, 4), 0.003), 0.003, shapes=shapes, near=np.eye(len(shapes)),
-    )  # fmt: skip
-    leans = Leans(forward, evidence, BASELINE)
-    for effect in (stiffer("right.G", 0.5), low):
-        hypothesis = Hypothesis((effect,), (stiffer("rho", 0.01),))
-        guide = leans.of(hypothesis)
-        assert guide.model.n_dofs < 60
-        alone, guided = (
-            fit(hypothesis, forward, evidence, BASELINE, guide=g) for g in (None, guide)
-        )
-        assert guided.log_evidence == pytest.approx(alone.log_evidence, abs=0.02)
-        assert guided.z == pytest.approx(alone.z, abs=0.05)
-    assert guided.z[-1] == pytest.approx(np.log(0.4) / 0.5, abs=0.2)
-
-
-def test_a_fit_in_few_terms_is_the_fit():
-    """Of two effects, for which no lean model is made; to round-off."""
-    model, sensors = chain(120)
-    forward = forward_of(model, sensors)
-    hypothesis = Hypothesis(
-        (stiffer("right.G", 0.5), stiffer("k", 0.5)), (stiffer("rho", 0.01), stiffer("tip", 0.1))
-    )
-    truth = hypothesis.values(np.array([0.7, -0.6, 0.2, 0.3]), 1.0, BASELINE)
-    evidence = Evidence(np.ones(1), forward(truth)[0][None], np.full((1, 4), 0.003), 0.003)
-    leans = Leans(forward, evidence, BASELINE)
-    few = leans.whole_of(hypothesis)
-    assert leans.of(hypothesis) is None and "left.G" not in few.model.parameters
-    assert len(few.model.pencil.terms[0]) < len(model.pencil.terms[0])
-    one, other = (fit(hypothesis, f, evidence, BASELINE) for f in (forward, few))
-    assert other.z == pytest.approx(one.z, abs=1e-6)
-    assert other.log_evidence == pytest.approx(one.log_evidence, abs=1e-8)
-    assert other.jacobian == pytest.approx(one.jacobian, abs=1e-8)
-
-
-def test_what_gives_way_only_at_the_end_of_a_prior_is_no_constant():
-    """A tip that is lost beyond four standard deviations, or at the second condition alone."""
-    def lost(values, theta, condition):
-        values["tip"] *= 0.5 if theta["size"] > np.exp(4.0) or condition > 1.5 else 1.0
-
-    for conditions, spread in (((1.0,), 1.0), ((1.0, 2.0), 0.1)):
-        h = Hypothesis((Effect("lost", "", (Prior("size", 1.0, spread),), lost),),
-                       conditions=conditions)  # fmt: skip
-        n = len(conditions)
-        evidence = Evidence(np.array(conditions), np.zeros((n, 4)), np.full((n, 4), 0.003), 0.003)
-        assert changed(h, BASELINE, evidence, BASELINE) == ["tip"]
-
-
-def test_a_lean_model_knows_what_an_effect_that_only_dissipates_dissipates_in():
-    """It changes no stiffness, and asks for the share of the energy in one all the same."""
-    model, sensors = chain(120)
-    forward = forward_of(model, sensors)
-    loss = Effect("loss", "", (Prior("eta", 0.01, 0.5),), None,
-                  loss=lambda theta, condition, hz: {"right.G": theta["eta"]})  # fmt: skip
-    hypothesis = Hypothesis((loss,), (stiffer("rho", 0.01),), modes=tuple("abcd"), damped=True)
-    evidence = Evidence(
-        np.ones(1), forward(BASELINE)[0][None], np.full((1, 4), 0.003), 0.003,
-        log_damping=np.log([[0.004, 0.006, 0.005, 0.004]]),
-    )  # fmt: skip
-    guide = Leans(forward, evidence, BASELINE).of(hypothesis)
-    assert "right.G" in guide.model.parameters
-    alone, guided = (fit(hypothesis, forward, evidence, BASELINE, guide=g) for g in (None, guide))
-    assert guided.log_evidence == pytest.approx(alone.log_evidence, abs=0.02)
-    assert guided.z == pytest.approx(alone.z, abs=0.05)
 
 
 def test_all_kinds_of_data_are_as_predicted_one_by_one():
@@ -375,9 +302,9 @@ def test_all_kinds_of_data_are_as_predicted_one_by_one():
     )  # fmt: skip
     d = len(hypothesis.priors)
     z = list(0.5 * np.random.default_rng(4).standard_normal((3, d)))
-    problem = Marginal(fit(hypothesis, forward, evidence, BASELINE), evidence, BASELINE)
-    problem.use(LeanForward(forward, model.on(np.eye(N))), "exact", np.zeros((1, 2)))
-    for got, point in zip(problem.predictions(z), z, strict=True):
+    lean = LeanForward(forward, model.on(np.eye(N)))
+    many = ManyPredictions(hypothesis, lean, evidence, BASELINE, held_out=True)
+    for got, point in zip(many(np.array(z))[0], z, strict=True):
         expected, _ = predict(hypothesis, forward, evidence, point, BASELINE)
         assert len(expected) == 8 + 8 + 4 * N
         assert got == pytest.approx(expected, abs=1e-6)

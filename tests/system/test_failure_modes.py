@@ -46,13 +46,12 @@ from fenics_joints.diagnosis.effects.rig import (
     misscaled_sensor,
     swapped_modes,
 )
+from fenics_joints.diagnosis.evidence import fit
 from fenics_joints.diagnosis.evidence.classes import classes, stand_ins
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
-from fenics_joints.diagnosis.evidence.inference import fit
 from fenics_joints.diagnosis.evidence.of_test import evidence_of
 from fenics_joints.diagnosis.held_out import cross_validate, folds
-from fenics_joints.diagnosis.kept_fits import KeptFits
 from fenics_joints.diagnosis.search import Search
 from fenics_joints.diagnosis.verdict import NO_GAP, UNKNOWN, decide
 from fenics_joints.diagnosis.zones.zone import Zone
@@ -126,7 +125,7 @@ def diagnosed(data, library=LIBRARY, shapes=False) -> Answer:
     """Searched and judged as a case is."""
     model = prepared(data, library, shapes)
     evidence = model.evidence
-    search = Search(model, Progress(silent=True), KeptFits(None, evidence, BASELINE, False))
+    search = Search(model, Progress(silent=True))
     fits = search.run()
     p = search.probabilities(fits)
     order = np.argsort(-p)
@@ -215,10 +214,7 @@ def test_what_compensates_is_seen_on_held_out_data(soft, of_soft):
     def shrunk(fits, wrong):
         known = [f for f in fits if not f.hypothesis.unknown]
         odds = of_soft.search.log_prior([f.hypothesis for f in known])
-        model = prepared(soft)
-        return cross_validate(
-            known[:8], odds[:8], wrong, model.forward, model.evidence, BASELINE, masks
-        )
+        return cross_validate(known[:8], odds[:8], wrong, of_soft.search.library, masks)
 
     def wrong(f):
         return bool(f.hypothesis.effects) and f.hypothesis.effects[0].name != "joint compliance"

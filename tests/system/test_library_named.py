@@ -8,7 +8,6 @@ from mpi4py import MPI
 from virtual_lap import beyond, loose, virtual_lap, write_virtual_lap
 
 from fenics_joints.case import load_case
-from fenics_joints.diagnosis.kept_fits import KeptFits
 from fenics_joints.diagnosis.model.prepared import prepare
 from fenics_joints.diagnosis.search import Search
 from fenics_joints.progress import Progress
@@ -36,7 +35,7 @@ def searched(tmp_path_factory):
         silent = Progress(silent=True)
         model = prepare(load_case(folder), MPI.COMM_SELF, silent)
         model.reduce(silent, models)
-        search = Search(model, silent, KeptFits(None, model.evidence, model.baseline, False))
+        search = Search(model, silent)
         fits = search.run()
         order = np.argsort(-search.probabilities(fits))
         known = [fits[i] for i in order if not fits[i].hypothesis.unknown]

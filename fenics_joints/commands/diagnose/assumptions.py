@@ -35,7 +35,6 @@ def assumptions(case: Case, data: TestData) -> list[tuple[str, str]]:
         ("effects that may be at work together", f"up to {given.max_effects}"),
         ("effects that were considered", "all that the case has" if given.effects is None
          else ", ".join(given.effects)),
-        ("evidence of what leads", "sampled" if given.nested else "by Laplace alone"),
         *_tolerances(case),
     ]  # fmt: skip
 

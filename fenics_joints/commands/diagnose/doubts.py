@@ -82,8 +82,6 @@ def doubts(d: Diagnosis) -> list[str]:
             f"The reduced model's error, up to {percent(d.model_error, 3)}, is not small against "
             f"the noise, {percent(d.noise, 3)}."
         )
-    if any(not np.isfinite(n.log_evidence) or n.error > 0.5 for n in d.sampled.values()):
-        words.append("Sampling left an error of more than 0.5 in some ln evidence.")
     return words
 
 

@@ -18,7 +18,6 @@ from fenics_joints.commands.diagnose.reading import (
     leading,
     named,
     probability_of,
-    sampled,
     with_place,
 )
 from fenics_joints.commands.diagnose.view import diagnosis_view
@@ -100,7 +99,6 @@ def diagnosis_html(
         hypotheses=d.hypotheses[:_MOST_HYPOTHESES],
         rest=d.hypotheses[_MOST_HYPOTHESES:],
         best=max((h.log_evidence for h in d.hypotheses), default=0.0),
-        sampled=[(h, sampled(d, h)) for h in d.hypotheses if sampled(d, h) is not None],
         separations=[(s, confusion(s.distance)) for s in d.separations],
         shrunk=shrunk,
         forecasts=None if shrunk is None else svg(forecasts(shrunk)),

@@ -17,7 +17,6 @@ from fenics_joints.commands.diagnose.words import (
 )
 from fenics_joints.diagnosis import Diagnosis, EffectResult, HypothesisResult, Silent
 from fenics_joints.diagnosis.effects.rig import MISPLACED, MISSCALED, MISSED, SWAPPED
-from fenics_joints.diagnosis.evidence.sampled import Sampled
 from fenics_joints.diagnosis.location import Location
 from fenics_joints.diagnosis.verdict import NAMED, NO_GAP, UNKNOWN, least_sure
 from fenics_joints.diagnosis.where.zone_tests import Attribution
@@ -26,8 +25,7 @@ from fenics_joints.formatting import probability, spaced
 __all__ = [
     "LEVEL", "SHARE", "EffectClass", "along", "best_without", "by_effect", "by_reason", "causes",
     "effect_classes", "effect_key", "heading_of", "in_test", "in_words", "is_loud", "leading",
-    "members_in_words", "mesh_error", "named", "probability_of", "sampled", "sure_causes",
-    "with_place",
+    "members_in_words", "mesh_error", "named", "probability_of", "sure_causes", "with_place",
 ]  # fmt: skip
 
 #: Adjusted p below which a test says more than chance.
@@ -97,11 +95,6 @@ def by_reason(silent: Iterable[Silent]) -> list[tuple[str, list[str]]]:
     for s in silent:
         names.setdefault(s.reason, []).append(s.effect)
     return list(names.items())
-
-
-def sampled(d: Diagnosis, hypothesis: HypothesisResult) -> Sampled | None:
-    """What sampling found of a hypothesis; None where it has Laplace's evidence."""
-    return d.sampled.get(" + ".join(hypothesis.effects) or hypothesis.label)
 
 
 def named(hypothesis: HypothesisResult) -> str:

@@ -31,7 +31,7 @@ def run_diagnose(
         case: The case.
         comm: Communicator.
         progress: Told what is being done.
-        keep: Folder of the reduced model and finished fits, which the next run goes on from.
+        keep: Folder of the reduced model, which the next run takes.
 
     Raises:
         JointsError: If the case, the mesh or a solution fails.

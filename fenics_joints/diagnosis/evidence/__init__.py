@@ -3,7 +3,7 @@
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.fitted import Fit
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
-from fenics_joints.diagnosis.evidence.inference import fit
+from fenics_joints.diagnosis.evidence.library import fit
 from fenics_joints.diagnosis.evidence.of_test import evidence_of
 
 __all__ = ["Evidence", "Fit", "Hypothesis", "evidence_of", "fit"]

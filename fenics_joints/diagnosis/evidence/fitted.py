@@ -38,8 +38,6 @@ class Fit:
         simulated: Share of tests like this one, made by causes of the library, of which the best
             explanation leaves as much as this leaves of the real one
             (`fenics_joints.diagnosis.evidence.simulated`); None where none were made.
-        ends: Other points at which the search ended, from other starts, nearly as probable, each
-            (d,).
     """
 
     hypothesis: Hypothesis
@@ -57,7 +55,6 @@ class Fit:
     stated: float | None = None
     placed: float | None = None
     simulated: float | None = None
-    ends: tuple[np.ndarray, ...] = ()
 
     def __repr__(self) -> str:
         label = self.hypothesis.label

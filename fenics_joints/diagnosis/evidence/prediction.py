@@ -14,9 +14,7 @@ from fenics_joints.diagnosis.evidence.scalars import scalars
 from fenics_joints.reduction.forward import Forward
 from fenics_joints.reduction.lean import batched
 
-__all__ = [
-    "frequencies_and_damping", "in_turn", "joined", "predict", "predicted", "predicted_alone",
-]  # fmt: skip
+__all__ = ["in_turn", "joined", "predict", "predicted"]
 
 
 def predict(
@@ -71,16 +69,6 @@ def predicted(
     return joined(rows, [*shapes, single], evidence.shape[1])
 
 
-def predicted_alone(
-    hypothesis: Hypothesis, forward: Forward, evidence: Evidence, z: np.ndarray, baseline
-) -> np.ndarray | None:
-    """`predicted`; None at several conditions, whose modes are followed from one to the next: a
-    search that goes on from there would solve for them again."""
-    if len(evidence.conditions) > 1 or not isinstance(forward, Forward):
-        return None
-    return predicted(hypothesis, forward, evidence, z, baseline)
-
-
 def _together(hypothesis, forward, evidence, z, baseline, slopes: bool = True):
     """`predict` with all conditions solved for at once; None where that cannot be done."""
     if not isinstance(forward, Forward):
@@ -116,14 +104,6 @@ def in_turn(
         condition = evidence.conditions[row]
         found[row] = RowPrediction(hypothesis, forward, z, condition, baseline, row, steady, near)
         yield row, found[row]
-
-
-def frequencies_and_damping(
-    hypothesis: Hypothesis, forward: Forward, evidence: Evidence, z: np.ndarray, baseline
-) -> np.ndarray:
-    """The same without shapes and derivatives, shape (2 n m,) or, without damping, (n m,)."""
-    rows = {row: p.data for row, p in in_turn(hypothesis, forward, evidence, z, baseline)}
-    return joined(rows, [], evidence.shape[1])
 
 
 def joined(

@@ -74,21 +74,6 @@ class PartCells:
         size = float(np.ptp(vertices, axis=0).max())
         return vertices[np.unique(np.round(vertices / size, 7), axis=0, return_index=True)[1]]
 
-    def points_about(self, points: np.ndarray, own: Sequence[int]) -> np.ndarray:
-        """As many points at most as there are, all over that part of the structure which is nearest
-        to some of them, these among them, m, (k, 3).
-
-        Args:
-            points: Some points, m, (P, 3).
-            own: Which of them.
-        """
-        vertices, own = self._vertices, list(own)
-        nearest = np.argmin([np.linalg.norm(vertices - x, axis=1) for x in points], axis=0)
-        near = vertices[np.isin(nearest, own)]
-        more = _far_apart(near, points[own], len(points) - len(own))
-        chosen = np.vstack([points[own], more])
-        return self.comm.bcast(chosen[_tour(chosen)])
-
     def points(self, sensors: Sensors | None) -> np.ndarray:
         """Vertices of the parts' cells near the sensors, and far from these and each other."""
         vertices = self._vertices
@@ -127,21 +112,6 @@ class PartCells:
             ))  # fmt: skip
             first += count
         return losses, middle
-
-    def split(
-        self, cells: Sequence[np.ndarray], count: int
-    ) -> tuple[list[np.ndarray], np.ndarray]:
-        """Some of this rank's cells of a part in so many patches at most, and all ranks' middles of
-        these, along a tour."""
-        own = np.concatenate(cells)
-        gathered, found = self.comm.gather((self.middles[own], self.volume[own])), None
-        if gathered is not None:
-            middles, volume = (np.concatenate(each) for each in zip(*gathered, strict=True))
-            one = np.zeros(len(middles), dtype=int)
-            number, _, _, middle, _ = partition(middles, volume, one, [""], ["all"], count)
-            found = _by_part(number, middle, [""] * len(middle), [len(m) for m, _ in gathered])
-        number, middle, _ = self.comm.bcast(found)
-        return [own[number[self.comm.rank] == i] for i in range(len(middle))], middle
 
     # -- plates --------------------------------------------------------------------------------
 

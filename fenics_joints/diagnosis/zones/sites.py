@@ -7,7 +7,7 @@ the nominal one (`fenics_joints.structure.changes`).
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,19 +19,16 @@ from fenics_joints.structure import Sensors, Structure
 from fenics_joints.structure.changes import (
     STIFFNESSES,
     Change,
-    LocalLoss,
     PlacedPoint,
     PlacedResonator,
 )
 
 __all__ = [
-    "HUNG", "ON", "Sites", "as_mass", "attached_about", "cells_of", "lost_about", "sites_of",
+    "HUNG", "ON", "Sites", "as_mass", "sites_of",
 ]  # fmt: skip
 
 #: Prefixes of the parameters, besides those of `part_cells`.
 ON, HUNG = "put_on", "hung"
-#: Patches about a place that are looked at from nearer.
-_AROUND = 4
 #: Mass of what hangs on a spring where nothing does, over the structure's.
 _IDLE = 1e-6
 
@@ -76,7 +73,7 @@ def sites_of(
     """
     if full.gdim != 3 or full.axisymmetric:
         return Sites.none(), [], {}
-    cells = cells_of(case, full)
+    cells = PartCells(directed_parts(case, full.tagged), full)
     found, changes, values = Sites.none(), [], {}
     if ON in wanted:
         points = full.comm.bcast(cells.points(sensors))
@@ -101,65 +98,6 @@ def sites_of(
         values |= {plate.parameter: 0.0 for plate in (*bowed, *tapered)}
         found = replace(found, bowed=bowed, tapered=tapered)
     return found, changes, values
-
-
-def cells_of(case: Case, full: Structure) -> PartCells:
-    """The cells of a case's parts.
-
-    Args:
-        case: The case.
-        full: Its nominal model.
-    """
-    return PartCells(directed_parts(case, full.tagged), full)
-
-
-def attached_about(
-    cells: PartCells, sites: Sites, changes: Sequence[Change], own: Sequence[int]
-) -> tuple[Sites, list[Change], float] | None:
-    """Points where something may be attached about some of them, and no others: the places, what
-    takes the place of changes there, and the share of the first points that they stand for. None
-    where there are no more. Collective.
-
-    Args:
-        cells: Of the parts.
-        sites: The places.
-        changes: What may change of the structure at these points.
-        own: Which of the points.
-    """
-    points = cells.points_about(sites.points, own)
-    if len(points) <= len(own):
-        return None
-    where = {f"{what} {i}": tuple(x) for what in (ON, HUNG) for i, x in enumerate(points.tolist())}
-    moved = [replace(c, point=where[c.name]) for c in changes if c.name in where]
-    return replace(sites, points=points), moved, len(own) / len(sites.points)
-
-
-def lost_about(
-    cells: PartCells, sites: Sites, changes: Sequence[LocalLoss], own: Sequence[int]
-) -> tuple[Sites, list[Change], float] | None:
-    """Patches about some of those that may have lost stiffness, smaller ones in the place of all of
-    their part: see `attached_about`. Collective.
-
-    Args:
-        cells: See `attached_about`.
-        sites: Likewise.
-        changes: Likewise, of the patches.
-        own: Which of the patches.
-    """
-    loss = next(c for c in changes if own[0] < c.properties["first"] + c.properties["count"])
-    first, count = (int(loss.properties[key]) for key in ("first", "count"))
-    place = slice(first, first + count)
-    middles = sites.patches[place]
-    at = middles[[i - first for i in own if i < first + count]].mean(axis=0)
-    near = np.argsort(np.linalg.norm(middles - at, axis=1), kind="stable")[:_AROUND]
-    patches, found = cells.split([loss.cells[i] for i in near], count)
-    if len(patches) <= len(near):
-        return None
-    rest = count - len(patches)  # of these nothing is there
-    all_ = sites.patches.copy()
-    all_[place] = np.vstack([found, *[found[-1:]] * rest])
-    smaller = replace(loss, cells=[*patches, *[patches[0][:0]] * rest])
-    return replace(sites, patches=all_), [smaller], len(near) / count
 
 
 def _hung(full: Structure, points: np.ndarray) -> tuple[list[Change], dict[str, float]]:

@@ -1,0 +1,288 @@
+"""Evidence of a hypothesis as a sum over Gaussian cells of its prior.
+
+The prior of the parameters z is cut into Gaussian cells, of which each has a share c_w, a mean m_w
+and standard deviations h_w, so that together they are the prior; tolerances and whatever else is
+uncertain in any case are one cell wide. Within a cell the prediction is linear about a point z_w,
+
+    g(z) = g_w + J_w (z - z_w),
+
+so that its evidence, its posterior mean and its covariance are in closed form:
+
+    p(y | hypothesis) = sum over w of  c_w N(y; g_w + J_w (m_w - z_w), S + J_w h_w^2 J_w^T).
+
+The point z_w is moved to the cell's own posterior mean by Gauss-Newton steps, and cells that lead
+are split until the evidence no longer moves. No cell's result depends on another's, so there is no
+valley to be caught in: what is far from every cell would be, and cells are all over the prior.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+from itertools import product
+
+import numpy as np
+from scipy.linalg import solve_triangular
+from scipy.special import log_ndtr, logsumexp, ndtr
+from scipy.stats import norm, qmc
+
+from fenics_joints.diagnosis.effects.effect import Prior
+
+__all__ = ["Cells", "Posterior", "prior_cells", "weigh"]
+
+#: How far apart cells are over one, two and three smooth parameters, in standard deviations of the
+#: prior; the most that their own are of this, and of the prior; ln of the share of the first below
+#: which they are left out; and how far out they reach.
+_SPACING = {0: 1.0, 1: 0.5, 2: 0.9, 3: 1.05}
+_OF_SPACING, _WIDEST, _LEAST, _ENDS = 0.8, 0.7, 11.0, 5.0
+#: Cells within the limits of a prior at least.
+_WITHIN = 4
+#: How far apart they are beside one that acts in steps or in many places, and log2 of the number
+#: over more of them, and of the number over more without such a one.
+_BESIDE, _MORE_BESIDE, _MORE = {0: 1.0, 1: 1.15}, 4, 7
+#: Standard deviations of the prior beyond which a parameter that acts in steps is not looked for.
+_FARTHEST = 4.0
+#: A normal density as the sum of three: share of the middle one, distance of the outer ones, and
+#: standard deviation of each (DeMars, Bishop and Jah, J. Guid. Control Dyn. 36, 2013, Table 1).
+_MIDDLE, _APART, _WIDTH = 0.5495507502, 1.0575154614, 0.6715662886
+
+
+@dataclass(frozen=True)
+class Cells:
+    """Cells of a prior, each with what the model predicts about one point of it.
+
+    Attributes:
+        mean: Prior means of z, (n, p).
+        width: Prior standard deviations, (n, p); 0 for what is fixed.
+        log_share: ln of the share of the prior, (n,).
+        at: Points about which the prediction is linear, (n, p).
+        data: Predictions there, (n, N); nan where the model has no such modes.
+        slopes: Their derivatives by z, (n, N, p).
+    """
+
+    mean: np.ndarray
+    width: np.ndarray
+    log_share: np.ndarray
+    at: np.ndarray
+    data: np.ndarray
+    slopes: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.mean)
+
+    def __getitem__(self, index) -> Cells:
+        return Cells(*(getattr(self, f.name)[index] for f in fields(self)))
+
+    def joined(self, *others: Cells) -> Cells:
+        """These and others."""
+        all_ = (self, *others)
+        return Cells(*(np.concatenate([getattr(c, f.name) for c in all_]) for f in fields(self)))
+
+    def split(self, along: np.ndarray) -> Cells:
+        """Each cell in three along one of its parameters, (n,); linear about the same points."""
+        rows = np.arange(len(self))
+        step, width = np.zeros_like(self.mean), self.width.copy()
+        step[rows, along] = _APART * self.width[rows, along]
+        width[rows, along] *= _WIDTH
+        outer = 0.5 * (1 - _MIDDLE)
+        parts = [
+            replace(self, mean=self.mean + side * step, width=width,
+                    log_share=self.log_share + np.log(outer if side else _MIDDLE))
+            for side in (-1, 0, 1)
+        ]  # fmt: skip
+        return parts[0].joined(*parts[1:])
+
+
+@dataclass(frozen=True)
+class Posterior:
+    """What data say of cells.
+
+    Attributes:
+        log_evidence: ln of each cell's evidence times its share, (n,); -inf where it cannot be.
+        z: Posterior means of z, (n, p).
+        covariance: Posterior covariances, (n, p, p).
+        square: Squared whitened residual and distance from the prior at these means, (n,).
+    """
+
+    log_evidence: np.ndarray
+    z: np.ndarray
+    covariance: np.ndarray
+    square: np.ndarray
+
+
+def weigh(
+    cells: Cells, data: np.ndarray, used: np.ndarray, lower: np.ndarray, limits: np.ndarray
+) -> Posterior:
+    """What data say of cells in which predictions are linear.
+
+    A parameter whose posterior mean would lie beyond a limit of its prior is held at the limit; of
+    a cell that reaches beyond one only the part within counts, against all of the prior within.
+
+    Args:
+        cells: The cells.
+        data: The data, (N,).
+        used: Mask of those that count, (N,); k of them.
+        lower: Cholesky factor of their covariance, (k, k).
+        limits: Least and largest z, (p, 2).
+    """
+    n, p = cells.mean.shape
+    good = np.isfinite(cells.data[:, used]).all(1) & np.isfinite(cells.slopes[:, used]).all((1, 2))
+    found = Posterior(
+        np.full(n, -np.inf), cells.at.copy(), np.tile(np.eye(p), (n, 1, 1)), np.full(n, np.inf)
+    )
+    if not good.any():
+        return found
+    own = cells[good]
+    away = own.mean - own.at
+    columns = np.concatenate([
+        (own.data - data)[:, used, None] + own.slopes[:, used] @ away[:, :, None],
+        own.slopes[:, used] * own.width[:, None, :],
+    ], axis=2)  # fmt: skip
+    k, count = int(used.sum()), len(own)
+    flat = columns.transpose(1, 0, 2).reshape(k, -1)
+    white = solve_triangular(lower, flat, lower=True, check_finite=False)
+    white = np.ascontiguousarray(white.reshape(k, count, p + 1).transpose(1, 2, 0))
+    residual, slope = white[:, 0], white[:, 1:]
+    hessian = slope @ slope.transpose(0, 2, 1) + np.eye(p)
+    u = -np.linalg.solve(hessian, np.einsum("npk,nk->np", slope, residual)[:, :, None])[:, :, 0]
+    covariance = np.linalg.inv(hessian)
+    width = np.where(own.width > 0, own.width, 1.0)
+    low, high = (limits.T[:, None] - own.mean) / width
+    held = ((u < low) | (u > high)) & (own.width > 0)
+    if held.any():
+        u = _held(residual, slope, np.clip(u, low, high), held)
+    left = residual + np.einsum("npk,np->nk", slope, u)
+    square = np.sum(left**2, axis=1) + np.sum(u**2, axis=1)
+    pull = np.einsum("npk,nk->np", slope, left) + u
+    # With others held, one may be pulled back from its limit, which a product of shares overstates.
+    pull = np.where(held & np.where(u >= high, pull < 0, pull > 0), pull, 0.0)
+    inside = _inside(u, pull, np.diagonal(covariance, axis1=1, axis2=2), low, high, own.width > 0)
+    constant = np.sum(np.log(np.diag(lower))) + 0.5 * k * np.log(2 * np.pi)
+    found.log_evidence[good] = (
+        own.log_share - 0.5 * square - 0.5 * np.linalg.slogdet(hessian)[1] - constant
+        + inside - np.sum(np.log(np.diff(ndtr(limits), axis=1)))
+    )
+    found.z[good] = own.mean + own.width * u
+    scale = own.width
+    found.covariance[good] = covariance * (scale[:, :, None] * scale[:, None, :])
+    found.square[good] = square
+    return found
+
+
+def _held(residual, slope, u, held) -> np.ndarray:
+    """Least squares in u, (n, p), with some of them held where they are."""
+    fixed = np.where(held, u, 0.0)
+    residual = residual + np.einsum("npk,np->nk", slope, fixed)
+    free = np.where(held[:, :, None], 0.0, slope)
+    hessian = free @ free.transpose(0, 2, 1) + np.eye(u.shape[1])
+    step = np.linalg.solve(hessian, np.einsum("npk,nk->np", free, residual)[:, :, None])
+    return np.where(held, u, -step[:, :, 0])
+
+
+def _inside(u, pull, variance, low, high, free) -> np.ndarray:
+    """ln of the share of each posterior within the limits, (n,), over its density at u, relative to
+    that at its mean, each parameter on its own.
+
+    Args:
+        u: Where each is, (n, p), at a limit where it is held.
+        pull: Slopes of what is least there, (n, p); 0 where it is not held.
+        variance: Variances of the posterior without limits, (n, p).
+        low: The least u, (n, p).
+        high: The largest u, (n, p).
+        free: What is not fixed, (n, p).
+    """
+    found, sd = np.zeros(u.shape), np.sqrt(variance)
+    near = free & (np.minimum(u - low, high - u) < _FARTHEST * sd)
+    sd, away = sd[near], pull[near] * sd[near]
+    below, above = (low - u)[near] / sd + away, (high - u)[near] / sd + away
+    # On the side where both are small.
+    flip = below > 0
+    below, above = np.where(flip, -above, below), np.where(flip, -below, above)
+    more, less = log_ndtr(above), log_ndtr(below)
+    found[near] = more + np.log1p(-np.exp(np.minimum(less - more, -1e-12))) + 0.5 * away**2
+    return found.sum(axis=1)
+
+
+def prior_cells(priors: Sequence[Prior]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Means, (n, d), standard deviations, (n, d), and ln shares, (n,), of cells of a prior.
+
+    Smooth parameters have cells on a lattice, or at a Sobol sequence if they are many; those that
+    act in steps or in many places at each of these. Some are beyond the limits, where only the part
+    within counts (`weigh`).
+
+    Args:
+        priors: The parameters'.
+    """
+    stepped = [j for j, prior in enumerate(priors) if prior.scan]
+    smooth = [j for j, prior in enumerate(priors) if not prior.scan]
+    known, more = (_BESIDE, _MORE_BESIDE) if stepped else (_SPACING, _MORE)
+    z, width, own = _smooth_cells([priors[j] for j in smooth], known.get(len(smooth)), more)
+    axes = [_steps(priors[j]) for j in stepped]
+    places = list(product(*(range(len(axis[0])) for axis in axes)))
+    n = len(z) * len(places)
+    mean, widths, share = np.zeros((n, len(priors))), np.zeros((n, len(priors))), np.zeros(n)
+    mean[:, smooth] = np.tile(z, (len(places), 1))
+    widths[:, smooth] = width
+    for i, (at, wide, log_share) in enumerate(axes):
+        index = np.repeat([place[i] for place in places], len(z))
+        mean[:, stepped[i]], widths[:, stepped[i]] = at[index], wide[index]
+        share += log_share[index]
+    return mean, widths, share + np.tile(own, len(places))
+
+
+def _smooth_cells(
+    priors: Sequence[Prior], apart: float | None, more: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Means, (n, d), standard deviations, (d,), and ln shares, (n,), of cells that are the prior up
+    to its limits; some are beyond these.
+
+    On a lattice, normal densities of variance h^2 whose shares are one of variance 1 - h^2 add up
+    to the prior, tails and all, but for exp(-2 (pi h / s)^2 (1 - h^2)) if they are s apart
+    (Poisson's sum); at a Sobol sequence only about where that has points.
+    """
+    d = len(priors)
+    if d == 0:
+        return np.zeros((1, 0)), np.zeros(0), np.zeros(1)
+    limits = np.array([prior.limits() for prior in priors]).T
+    spacing = np.full(d, np.inf if apart is None else apart)
+    spacing = np.minimum(spacing, np.diff(limits, axis=0)[0] / _WITHIN)
+    width = np.minimum(_OF_SPACING * spacing, _WIDEST)
+    low, high = np.clip(limits, -_ENDS, _ENDS) + 2 * width * np.array([[-1], [1]])
+    sd = np.sqrt(1 - width**2)
+    if apart is None:
+        unit = qmc.Sobol(d, seed=3).random_base2(more)
+        low, high = ndtr(np.array([low, high]) / sd)
+        z = norm.ppf(low + unit * (high - low)) * sd
+        share = np.zeros(len(z))
+    else:
+        axes = [s * np.arange(np.ceil(a / s), b / s)
+                for a, b, s in zip(low, high, spacing, strict=True)]  # fmt: skip
+        z = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, d)
+        share = -0.5 * np.sum((z / sd) ** 2, axis=1)
+        z, share = (part[share > share.max() - _LEAST] for part in (z, share))
+    inside = np.prod(np.diff(ndtr((limits[:, None] - z) / width), axis=0)[0], axis=1)
+    own = np.sum(np.log(np.diff(ndtr(limits), axis=0)))
+    return z, width, share + own - np.log(np.sum(np.exp(share) * inside))
+
+
+def _steps(prior: Prior) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Values of z of a parameter that acts in steps, each with a width and ln of its share."""
+    low, high = prior.limits(_FARTHEST)
+    z = np.linspace(low, high, prior.scan)
+    if prior.even or prior.also:
+        z = np.unique(prior.tried())
+    middle = 0.5 * (z[1:] + z[:-1])
+    edges = np.concatenate([[low], middle, [high]])
+    share = np.diff(ndtr(edges))
+    wide = np.diff(np.concatenate([[z[0]], middle, [z[-1]]])) / np.sqrt(12)
+    limits = np.array(prior.limits())
+    inside = np.diff(ndtr((limits[:, None] - z) / wide), axis=0)[0]
+    share = np.maximum(share, 1e-12) / max(share.sum(), 1e-12) / np.maximum(inside, 0.1)
+    return z, wide, np.log(share * np.diff(ndtr(limits)))
+
+
+def total(log_evidence: np.ndarray) -> float:
+    """ln of a sum; -inf of nothing."""
+    if not len(log_evidence) or not np.isfinite(log_evidence).any():
+        return -np.inf
+    return float(logsumexp(log_evidence))

@@ -1,0 +1,831 @@
+"""The library of a diagnosis: what the model predicts all over the priors of its effects.
+
+What is solved for depends on the model and its effects, not on the data: a mask that holds some of
+them out, another scale of errors or a further effect beside asks for little more than algebra.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from fenics_joints.diagnosis.effects.effect import Effect
+from fenics_joints.diagnosis.evidence.cells import Cells, Posterior, prior_cells, total, weigh
+from fenics_joints.diagnosis.evidence.evidence import Evidence
+from fenics_joints.diagnosis.evidence.fitted import Fit
+from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
+from fenics_joints.diagnosis.evidence.linear import least_square, whiten
+from fenics_joints.diagnosis.evidence.many import ManyPredictions
+from fenics_joints.diagnosis.evidence.prediction import predict
+from fenics_joints.diagnosis.evidence.scales import Scales
+from fenics_joints.diagnosis.evidence.somewhere import with_somewhere
+from fenics_joints.errors import InputError
+from fenics_joints.modal.modes import solve_modes
+from fenics_joints.reduction.batch import pod
+from fenics_joints.reduction.forward import SPARE, Forward
+from fenics_joints.reduction.lean import LeanForward, batched
+from fenics_joints.reduction.seen_at import seen_modes_at
+
+__all__ = ["Found", "Library", "fit"]
+
+#: Step of differences, in standard deviations of the prior.
+_STEP = 1e-4
+#: Cells that are made exact at a time and at most, of one hypothesis; nats by which the rest has to
+#: be behind.
+_AT_A_TIME, _MOST, _BEHIND = 4, 16, 2.0
+#: Nats below what an unknown cause has at which no more cells of a hypothesis are looked at.
+_HOPELESS = 50.0
+#: Gauss-Newton steps of a cell at most; shares of a step that are tried; the gain, in nats, that is
+#: worth one; how far a cell's point may be from its mean, in its own standard deviations.
+_STEPS, _SHARES, _GAIN, _FAR = 8, (1.0, 0.4, 0.15), 0.02, 4.0
+#: Cells with less than this share of a hypothesis' evidence are not split; change of ln Z at which
+#: no more are; rounds at most.
+_COUNTS, _MOVED, _ROUNDS = 0.05, 0.1, 6
+#: The most that a model which is linear about one point may err in the cost one posterior standard
+#: deviation away; how much more probable than about that point a cell has to be about its own, and
+#: how near to all of them, in nats, to be looked at.
+_BENT, _MORE, _UNTOLD = 0.3, 0.5, 3.0
+#: Cells of a hypothesis that a further effect is put beside, and sums of cells made exact for each.
+_PARENTS = 6
+#: Share of a hypothesis' evidence from which a cell is corrected, and steps of that at most.
+_LITTLE, _CORRECTIONS = 1e-3, 4
+#: Screened at a time.
+_CHUNK = 512
+#: Size of a reduced model from which a smaller basis pays, and number of bases that are kept.
+_LARGE, _BASES = 80, 48
+#: What a basis is made of: modes at so many points of the prior of an effect of one or two
+#: parameters, of more, and of places; how far out of the means of its cells; how far out of
+#: tolerances; the weight of modes that the test did not see.
+_SAMPLES, _MORE_SAMPLES, _SAMPLES_OF_PLACES = {1: 6, 2: 8}, 12, 24
+_BEYOND, _WITHIN, _OTHERS = 1.6, 1.5, 0.1
+#: Singular value, relative to the first, below which a vector is left out; share of a mode that is
+#: not rigid below which it is.
+_SHARE, _SAME = 1e-3, 1e-3
+#: Points of a hypothesis that are remembered; widths of a cell within which they are its own.
+_REMEMBERED, _SAME_CELL = 64, 2.0
+
+
+@dataclass(frozen=True)
+class States:
+    """What the model predicts at the cells of one effect's prior, all else at its median.
+
+    Attributes:
+        mean: Means of the cells, (n, d).
+        width: Their standard deviations, (n, d).
+        log_share: ln of their shares, (n,).
+        data: Predictions, (n, N).
+        slopes: Derivatives by the effect's own parameters, (n, N, d).
+        others: Derivatives by all parameters of the hypothesis at its medians, (N, p).
+    """
+
+    mean: np.ndarray
+    width: np.ndarray
+    log_share: np.ndarray
+    data: np.ndarray
+    slopes: np.ndarray
+    others: np.ndarray
+
+
+@dataclass(frozen=True)
+class Found:
+    """What a test says of a hypothesis.
+
+    Attributes:
+        fit: The fit.
+        cells: Cells that count, exact; their shares of the prior include those of the rest.
+        log_evidence: ln of each one's evidence, at the most probable scales, (n,).
+        peak: The most probable point, as one cell that is the whole prior.
+    """
+
+    fit: Fit
+    cells: Cells
+    log_evidence: np.ndarray
+    peak: Cells
+
+
+class Library:
+    """Predictions all over the priors of effects, and the evidence from them.
+
+    Args:
+        forward: The reduced model's.
+        evidence: The whole test.
+        baseline: Parameter values of the nominal model.
+        make: Makes a hypothesis of effects.
+        lean: Whether every hypothesis is predicted on a basis of its own, of some 40 vectors.
+    """
+
+    def __init__(
+        self, forward, evidence: Evidence, baseline: dict[str, float], make,
+        lean: bool = False,
+    ):  # fmt: skip
+        self.evidence, self.baseline, self.make, self.floor = evidence, baseline, make, -np.inf
+        self.forward = batched(forward) if isinstance(forward, Forward) else forward
+        #: Whether it solves for many points at a time.
+        self.batches = getattr(self.forward, "batches", False)
+        #: Whether every hypothesis has a basis of its own.
+        self.lean = lean and self.batches and self.forward.model.n_dofs > _LARGE
+        #: Forwards by the keys of the effects that they are good for.
+        self.bases: dict[tuple[str, ...], LeanForward] = {}
+        self._samples: dict[str, tuple[np.ndarray, np.ndarray]] = {}
+        self._states: dict[str, States] = {}
+        #: Points, predictions and derivatives of each hypothesis.
+        self._solved: dict[str, tuple[np.ndarray, ...]] = {}
+        self.calls = 0
+
+    # -- bases -----------------------------------------------------------------------------------
+
+    def _forward_of(self, h: Hypothesis) -> Forward:
+        """A forward on the vectors that hold the test's modes all over a hypothesis' prior."""
+        if not self.lean:
+            return self.forward
+        acting = [effect for effect in h.effects if effect.apply is not None]
+        key = tuple(sorted(effect.key for effect in acting))
+        if key not in self.bases:
+            parts = [self._sampled(None), *map(self._sampled, acting)]
+            shapes, weights = (np.concatenate(part, axis=-1) for part in zip(*parts, strict=True))
+            model = self.forward.model
+            vectors, sizes = pod(model, shapes, weights)
+            vectors = np.hstack([self._rigid, vectors[:, sizes > _SHARE * sizes[0]]])
+            own = LeanForward(self.forward, model.on(vectors))
+            own.model.pencil.settle(own.model.values(self.baseline))
+            while len(self.bases) >= _BASES:
+                del self.bases[next(iter(self.bases))]
+            self.bases[key] = own
+        return self.bases[key]
+
+    @cached_property
+    def _rigid(self) -> np.ndarray:
+        """Rigid motions as they are: nearly rigid ones are far too stiff."""
+        modes = solve_modes(self.forward.model, self.baseline, n_modes=self.forward.n_modes)
+        return modes.shapes[:, : modes.n_rigid]
+
+    def _sampled(self, effect: Effect | None) -> tuple[np.ndarray, np.ndarray]:
+        """The test's modes and those between all over an effect's prior, (n_dofs, n), and their
+        weights, (n,); of the nominal model within its tolerances for None."""
+        key = "" if effect is None else effect.key
+        if key not in self._samples:
+            h = self.make(() if effect is None else (effect,))
+            p = len(h.priors)
+            z = np.vstack([np.zeros(p), _WITHIN * np.eye(p), -_WITHIN * np.eye(p)])
+            if effect is not None:
+                mean, _, _ = prior_cells(effect.priors)
+                most = _SAMPLES_OF_PLACES if any(q.scan for q in effect.priors) else (
+                    _SAMPLES.get(len(effect.priors), _MORE_SAMPLES))
+                index = np.linspace(0, len(mean) - 1, min(most, len(mean))).round().astype(int)
+                z = np.array([h.at(own) for own in _BEYOND * mean[index]])
+            self._samples[key] = self._modes_at(h, z.clip(*h.limits.T))
+        return self._samples[key]
+
+    def _modes_at(self, h: Hypothesis, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        conditions = self.evidence.conditions
+        rows = np.arange(len(conditions) if h.varies else 1)
+        if not any(h.known):
+            rows = np.unique(rows[[0, len(rows) // 2, -1]])
+        wanted = [h.values(point, conditions[row], self.baseline, row) for point in z
+                  for row in rows]  # fmt: skip
+        shapes, weights = [], []
+        for seen in seen_modes_at(self.forward, wanted):
+            if len(seen.index):
+                most = int(seen.index.max()) + 1 + SPARE
+                there = np.isin(np.arange(seen.shapes.shape[1]), seen.index)
+                shapes.append(seen.shapes[:, :most])
+                weights.append(np.where(there, 1.0, _OTHERS)[:most])
+        model = self.forward.model
+        if not shapes:
+            return np.zeros((model.n_dofs, 0)), np.zeros(0)
+        x, weight = np.hstack(shapes), np.concatenate(weights)
+        left = x - self._rigid @ (self._rigid.T @ (model.mass() @ x))
+        elastic = np.linalg.norm(left, axis=0) > _SAME * np.linalg.norm(x, axis=0)
+        return left[:, elastic], weight[elastic]
+
+    # -- predictions ---------------------------------------------------------------------------
+
+    def predict(
+        self, h: Hypothesis, z: np.ndarray, by: Sequence[int] = ()
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Everything in `Evidence.data` at points (b, p): (b, N), and its derivatives by some of z,
+        (b, N, q); nan where the model has no such modes."""
+        by, self.calls = list(by), self.calls + len(z)
+        if not self.batches:
+            return self._one_by_one(h, z, by)
+        many = ManyPredictions(h, self._forward_of(h), self.evidence, self.baseline, held_out=True)
+        data, slopes = many(z, by)
+        own = set(range(*h.own.indices(len(h.priors))))
+        if self._differs(h) and own & set(by):
+            slopes = slopes.copy()
+            for i, j in enumerate(by):
+                if j in own:
+                    step = np.where(z[:, j] < 0, _STEP, -_STEP)
+                    moved = z.copy()
+                    moved[:, j] += step
+                    change = (many(moved)[0] - data) / step[:, None]
+                    slopes[:, :, i] = change
+        return data, slopes
+
+    def _differs(self, h: Hypothesis) -> bool:
+        """Whether derivatives by the effects' own parameters are differences: of what acts on the
+        sensors, and of damping by what slips."""
+        slips = h.damped and any(e.by_level and e.loss for e in h.effects)
+        return slips or any(e.sensing is not None and e.priors for e in h.effects)
+
+    def _one_by_one(self, h, z, by):
+        N = len(self.evidence.data)
+        data, slopes = np.full((len(z), N), np.nan), np.full((len(z), N, len(by)), np.nan)
+        for i, point in enumerate(z):
+            try:
+                data[i], every = predict(h, self.forward, self.evidence, point, self.baseline)
+                slopes[i] = every[:, by]
+            except (InputError, np.linalg.LinAlgError):
+                continue
+        return data, slopes
+
+    def states(self, effect: Effect) -> States:
+        """Those of an effect, remembered."""
+        if effect.key not in self._states:
+            h = self.make((effect,))
+            own = list(range(*h.own.indices(len(h.priors))))
+            mean, width, share = prior_cells(effect.priors)
+            z = np.zeros((len(mean), len(h.priors)))
+            z[:, own] = mean
+            z = z.clip(*h.limits.T)
+            data, slopes = self.predict(h, z, own)
+            others = self.predict(h, np.zeros((1, len(h.priors))), range(len(h.priors)))[1][0]
+            self._states[effect.key] = States(mean, width, share, data, slopes, others)
+        return self._states[effect.key]
+
+    def remember(self, effect: Effect, states: States) -> None:
+        """Take states that another rank solved for.
+
+        Args:
+            effect: The effect.
+            states: Its states.
+        """
+        self._states[effect.key] = states
+
+    def with_forward(self, forward) -> Library:
+        """The same for a better model; states stay, for they only say where to look.
+
+        Args:
+            forward: The better model's.
+        """
+        found = Library(forward, self.evidence, self.baseline, self.make, self.lean)
+        found._states, found.floor = self._states, self.floor
+        return found
+
+    def corrected(self, found: Found, test: Evidence) -> Found:
+        """What a test says of a hypothesis by this model, where another, on fewer vectors or before
+        it was made better, says nearly the same: that one's derivatives serve.
+
+        Args:
+            found: By the other model.
+            test: The test.
+        """
+        h, share = found.fit.hypothesis, found.log_evidence - total(found.log_evidence)
+        if found.cells is found.peak:
+            peak = self._corrected(h, found.peak, found, test)
+            return self.summary(h, peak, test, peak)
+        counts = share > np.log(_LITTLE)
+        cells = self._corrected(h, found.cells[counts].joined(found.peak), found, test)
+        # The peak of the other model may be none by this one.
+        lower = test.at(found.fit.scales).lower(h.unknown)
+        best = int(np.argmin(_costs(_as_whole(cells), test, lower)))
+        peak = self._corrected(h, _as_whole(cells[[best]]), found, test)
+        own = cells[np.arange(len(cells) - 1)].joined(found.cells[~counts])
+        return self.summary(h, own, test, peak)
+
+    def _corrected(self, h: Hypothesis, cells: Cells, found: Found, test: Evidence) -> Cells:
+        lower, used = test.at(found.fit.scales).lower(h.unknown), test.fitted
+        low, high = h.limits.T
+        cells = replace(cells, data=self.predict(h, cells.at)[0])
+        for _ in range(_CORRECTIONS):
+            post = weigh(cells, test.data, used, lower, h.limits)
+            step = np.clip(post.z, low + 1e-6, high - 1e-6) - cells.at
+            change = (cells.slopes[:, used] @ step[:, :, None])[:, :, 0]
+            moves = np.sum(whiten(lower, change.T) ** 2, axis=0) >= 2 * _GAIN
+            moves &= np.isfinite(post.log_evidence)
+            if not moves.any():
+                break
+            at = cells.at + np.where(moves[:, None], step, 0.0)
+            moved = replace(cells, at=at, data=self.predict(h, at)[0])
+            # Where modes cross, derivatives of the other model may be those of another mode.
+            better = _costs(moved, test, lower) < _costs(cells, test, lower)
+            if not better.any():
+                break
+            cells = cells.joined(moved)[np.arange(len(cells)) + len(cells) * better]
+        return cells
+
+    def _cells(self, h: Hypothesis, states: States, index) -> Cells:
+        """Some of an effect's cells, all but the effect linear about the medians."""
+        n, p = len(index), len(h.priors)
+        mean, width = np.zeros((n, p)), np.ones((n, p))
+        mean[:, h.own], width[:, h.own] = states.mean[index], states.width[index]
+        slopes = np.tile(np.nan_to_num(states.others), (n, 1, 1))
+        slopes[:, :, h.own] = states.slopes[index]
+        at = mean.clip(*h.limits.T)
+        return Cells(mean, width, states.log_share[index], at, states.data[index], slopes)
+
+    # -- evidence ------------------------------------------------------------------------------
+
+    def single(self, h: Hypothesis, test: Evidence) -> Found:
+        """What a test says of a hypothesis of one effect, or none.
+
+        Args:
+            h: The hypothesis.
+            test: The test, or a part of it.
+        """
+        make, screened = self._screen(h, test)
+        return self._refined(h, make, screened, test, test)
+
+    def promises(self, h: Hypothesis, test: Evidence) -> float:
+        """ln of the evidence of a hypothesis of one effect, by algebra alone.
+
+        Args:
+            h: The hypothesis.
+            test: The test.
+        """
+        return total(self._screen(h, test)[1])
+
+    def glance(self, h: Hypothesis, test: Evidence) -> Found:
+        """What a test says of a hypothesis of one effect that is far from it, by algebra alone.
+
+        Args:
+            h: The hypothesis.
+            test: The test.
+        """
+        make, screened = self._screen(h, test)
+        best = make(np.array([int(np.argmax(screened))]))
+        share = best.log_share + total(screened) - np.max(screened)
+        return self.summary(h, replace(best, log_share=share), test, _as_whole(best))
+
+    def _screen(self, h: Hypothesis, test: Evidence):
+        """Makes some of a hypothesis' cells; and ln of the evidence of each, (n,)."""
+        if not h.effects:
+            p = len(h.priors)
+            z = np.zeros((1, p))
+            data, slopes = self.predict(h, z, range(p))
+            cells = Cells(z, np.ones((1, p)), np.zeros(1), z.copy(), data, slopes)
+            return (lambda index: cells[index]), np.zeros(1)
+        states, lower = self.states(h.effects[0]), test.lower(h.unknown)
+
+        def make(index) -> Cells:
+            return self._cells(h, states, index)
+
+        n = len(states.mean)
+        screened = [
+            weigh(make(index), test.data, test.fitted, lower, h.limits).log_evidence
+            for index in np.array_split(np.arange(n), -(-n // _CHUNK))
+        ]
+        return make, np.concatenate(screened)
+
+    def beside(
+        self, h: Hypothesis, parent: Found, test: Evidence
+    ) -> tuple[Cells, np.ndarray]:
+        """Cells of a hypothesis' last effect beside those of a parent, predictions added, and ln of
+        the evidence of each.
+
+        Args:
+            h: The hypothesis.
+            parent: Without the last effect.
+            test: The test, at the scales by which it is weighed.
+        """
+        effect, old = h.effects[-1], parent.fit.hypothesis
+        states, alone = self.states(effect), self.make((effect,))
+        nominal = self.nominal
+        share = parent.log_evidence - total(parent.log_evidence)
+        top = np.argsort(-share, kind="stable")[:_PARENTS]
+        top = top[share[top] > share[top[0]] - 5.0]
+        n, m, p = len(top), len(states.mean), len(h.priors)
+        i, j = np.repeat(top, m), np.tile(np.arange(m), n)
+        mean, width, at = np.zeros((n * m, p)), np.ones((n * m, p)), np.zeros((n * m, p))
+        slopes = np.zeros((n * m, len(self.evidence.data), p))
+        last = h.own_of[effect.key]
+        for name, place in _places(alone).items():
+            if name in _places(h):
+                slopes[:, :, _places(h)[name]] = states.others[:, place]
+        for name, place in _places(old).items():
+            to = _places(h)[name]
+            mean[:, to] = parent.cells.mean[i][:, place]
+            width[:, to] = parent.cells.width[i][:, place]
+            at[:, to] = parent.cells.at[i][:, place]
+            slopes[:, :, to] = parent.cells.slopes[i][:, :, place]
+        mean[:, last] = states.mean[j]
+        at[:, last] = states.mean[j].clip(*h.limits[last].T)
+        width[:, last] = states.width[j]
+        slopes[:, :, last] = states.slopes[j]
+        data = parent.cells.data[i] + states.data[j] - nominal
+        # Parents that are left out count as those do that are not.
+        log_share = parent.cells.log_share[i] + states.log_share[j] - total(share[top])
+        cells = Cells(mean, width, log_share, at, data, slopes)
+        found = weigh(cells, test.data, test.fitted, test.lower(h.unknown), h.limits)
+        return cells, found.log_evidence
+
+    def promised(
+        self, parent: Found, effects: Sequence[Effect], test: Evidence
+    ) -> dict[str, float]:
+        """ln of the evidence of a parent with each of some effects besides, by its key.
+
+        Predictions are added, and all of the parent's parameters are linear about its best cell:
+        algebra alone, by which the few sets are chosen that are solved for.
+
+        Args:
+            parent: What is known of the parent.
+            effects: The effects.
+            test: The test.
+        """
+        best = int(np.argmax(parent.log_evidence))
+        cell, used = parent.cells[[best]], test.fitted
+        lower = test.at(parent.fit.scales).lower()
+        slopes = cell.slopes[0][used] * cell.width[0]
+        about = cell.data[0] + cell.slopes[0] @ (cell.mean[0] - cell.at[0])
+        wide = np.linalg.cholesky(lower @ lower.T + slopes @ slopes.T)
+        spread = total(parent.log_evidence) - parent.log_evidence[best] + cell.log_share[0]
+        found = {}
+        for effect in effects:
+            states = self.states(effect)
+            data = about + states.data - self.nominal
+            zero = np.zeros_like(states.mean)
+            limits = np.array([prior.limits() for prior in effect.priors]).reshape(-1, 2)
+            at = states.mean.clip(*limits.T) - states.mean
+            alone = Cells(zero, states.width, states.log_share, at, data, states.slopes)
+            free = np.tile([-np.inf, np.inf], (states.mean.shape[1], 1))
+            values = weigh(alone, test.data, used, wide, free).log_evidence
+            found[effect.key] = total(values) + spread + parent.fit.widening
+        return found
+
+    @property
+    def nominal(self) -> np.ndarray:
+        """What the nominal model predicts, (N,)."""
+        if "" not in self._states:
+            h = self.make(())
+            self._states[""] = self.predict(h, np.zeros((1, len(h.priors))))[0][0]
+        return self._states[""]
+
+    def together(self, h: Hypothesis, parent: Found, test: Evidence) -> Found:
+        """What a test says of a hypothesis of several effects.
+
+        Args:
+            h: The hypothesis.
+            parent: What it says of that without the last effect.
+            test: The test, or a part of it.
+        """
+        scales = None
+        while True:
+            at = test.at(parent.fit.scales if scales is None else scales)
+            cells, screened = self.beside(h, parent, at)
+            found = self._refined(h, cells.__getitem__, screened, test, at)
+            # With both at work the data may call for much smaller errors.
+            if scales is not None or not test.drifts or found.fit.scales == at.scales:
+                return found
+            scales = found.fit.scales
+
+    def of(self, h: Hypothesis, test: Evidence, known: dict[str, Found] | None = None) -> Found:
+        """What a part of a test says of a hypothesis, from the library alone: nothing that all of
+        it said has a hand in this.
+
+        Args:
+            h: The hypothesis.
+            test: The part.
+            known: What it says of others, by their keys; grows.
+        """
+        known = {} if known is None else known
+        key = h.label_of_keys
+        if key not in known and len(h.effects) < 2:
+            known[key] = self.single(h, test)
+        elif key not in known:
+            parent = self.of(self.make(h.effects[:-1]), test, known)
+            known[key] = self.together(h, parent, test)
+        return known[key]
+
+    def _refined(
+        self, h: Hypothesis, make, screened: np.ndarray, test: Evidence, at: Evidence
+    ) -> Found:
+        screened = screened.copy()
+        order = np.argsort(-screened, kind="stable")
+        order = order[np.isfinite(screened[order])]
+        if not len(order):
+            order = np.arange(1)
+        whole = self._whole(h, make(order[:1]), at)
+        if not self._is_bent(h, whole, at):
+            # Is there anything that the model linear about this point does not know of?
+            alone = weigh(whole, test.data, test.fitted, at.lower(h.unknown), h.limits)
+            near = order[screened[order] > alone.log_evidence[0] - _UNTOLD]
+            if not np.any(self._about(h, make(near), whole, at)[2] > _MORE):
+                return self.summary(h, whole, test, whole)
+        done, cells, best = 0, None, None
+
+        def about(index: np.ndarray) -> tuple[Cells, np.ndarray]:
+            own = make(index)
+            return (own, screened[index]) if best is None else self._about(h, own, best, at)[:2]
+
+        while True:
+            index = order[done : done + _AT_A_TIME]
+            own = self.settled(h, about(index)[0], at)
+            cells = own if cells is None else cells.joined(own)
+            exact = self._weighed(h, cells, test)[0]
+            leads = int(np.argmax(exact)) >= done
+            done += len(index)
+            if leads and done < len(order):
+                best, left = cells[[int(np.argmax(exact))]], order[done:]
+                for chunk in np.array_split(order, -(-len(order) // _CHUNK)):
+                    screened[chunk] = about(chunk)[1]
+                order[done:] = left[np.argsort(-screened[left], kind="stable")]
+            rest = screened[order[done:]]
+            hopeless = exact.max() < self.floor - _HOPELESS
+            if not len(rest) or done >= _MOST or hopeless or rest[0] < exact.max() - _BEHIND:
+                break
+        if len(rest):
+            # The rest counts for as much as the screen has it, which is taken to be as far off as
+            # of the last ones that are exact.
+            last = np.arange(max(done - 2 * _AT_A_TIME, 0), done)
+            off = total(exact[last]) - total(screened[order[last]])
+            rest = np.minimum(rest + off, exact.max())
+            more = np.logaddexp(0.0, total(rest) - total(exact))
+            cells = replace(cells, log_share=cells.log_share + more)
+        return self.summary(h, cells, test)
+
+    def _is_bent(self, h: Hypothesis, whole: Cells, test: Evidence) -> bool:
+        """Whether the model is not linear one posterior standard deviation away along each of the
+        effects' parameters."""
+        own = np.arange(*h.own.indices(len(h.priors)))
+        if not len(own):
+            return False
+        post = weigh(whole, test.data, test.fitted, test.lower(h.unknown), h.limits)
+        each = whole[np.zeros(len(own), dtype=int)]
+        covariance = np.repeat(post.covariance, len(own), axis=0)
+        z = np.repeat(post.z, len(own), axis=0)
+        return bool(self._bent(h, each, replace(post, z=z, covariance=covariance), own, test).any())
+
+    def _bent(
+        self, h: Hypothesis, cells: Cells, post: Posterior, along: np.ndarray, test: Evidence
+    ) -> np.ndarray:
+        """In which cells the model is not linear one posterior standard deviation away along one of
+        the parameters, (n,)."""
+        n, lower = len(cells), test.lower(h.unknown)
+        columns = np.take_along_axis(post.covariance, along[:, None, None], axis=2)[:, :, 0]
+        step = columns / np.sqrt(np.take_along_axis(columns, along[:, None], axis=1))
+        at = np.concatenate([post.z + step, post.z - step]).clip(*h.limits.T)
+        both = cells[np.tile(np.arange(n), 2)]
+        linear = both.data + ((at - both.at)[:, None] @ both.slopes.transpose(0, 2, 1))[:, 0]
+        costs = [
+            _costs(replace(both, at=at, data=data), test, lower)
+            for data in (linear, self.predict(h, at)[0])
+        ]
+        with np.errstate(invalid="ignore"):
+            off = np.abs(costs[1] - costs[0])
+        return np.any(~(off < _BENT).reshape(2, n), axis=0)
+
+    def _about(
+        self, h: Hypothesis, cells: Cells, best: Cells, test: Evidence
+    ) -> tuple[Cells, np.ndarray, np.ndarray]:
+        """Cells, linear about the best one's point where that finds them more probable than their
+        own, ln of the evidence of each, and how much more it is about their own: what is bent
+        within a cell leads it astray. Not where a parameter that acts in steps has another value,
+        which the best one's point says nothing of."""
+        n = len(cells)
+        there = {f: np.repeat(getattr(best, f), n, axis=0) for f in ("at", "data", "slopes")}
+        both = cells.joined(replace(cells, **there))
+        found = weigh(both, test.data, test.fitted, test.lower(h.unknown), h.limits)
+        stepped = [j for j, (_, prior) in enumerate(h.priors) if prior.scan]
+        same = np.all(cells.mean[:, stepped] == best.mean[:, stepped], axis=1)
+        own, there = np.split(found.log_evidence, 2)
+        there = np.where(same, there, -np.inf)
+        index = np.arange(n) + n * (there > own)
+        return both[index], found.log_evidence[index], own - there
+
+    def settled(self, h: Hypothesis, cells: Cells, test: Evidence) -> Cells:
+        """Cells linear about their own posterior means, by Gauss-Newton steps.
+
+        Each starts from a point that the hypothesis was solved at before, if that is better than
+        its own: other data or a finer cell then ask for few solutions.
+
+        Args:
+            h: The hypothesis.
+            cells: The cells.
+            test: The test.
+        """
+        lower, own = test.lower(h.unknown), h.own
+        low, high = h.limits.T
+        arrays = {name: getattr(cells, name).copy() for name in ("at", "data", "slopes")}
+        cells = replace(cells, **arrays)
+        exact = np.zeros(len(cells), dtype=bool)
+        now = self._recalled(h, cells, test, lower, exact)
+        active = np.ones(len(cells), dtype=bool)
+        for _ in range(_STEPS):
+            i = np.flatnonzero(active)
+            if not len(i):
+                break
+            part = cells[i]
+            post = weigh(part, test.data, test.fitted, lower, h.limits)
+            small = (now[i] - post.square < 2 * _GAIN) & exact[i]
+            active[i[small]] = False
+            i, part, target = i[~small], part[~small], post.z[~small]
+            if not len(i):
+                break
+            far = _FAR * part.width[:, own]
+            away = np.clip(target[:, own] - part.mean[:, own], -far, far)
+            target[:, own] = part.mean[:, own] + away
+            step = np.clip(target, low + 1e-6, high - 1e-6) - part.at
+            better, new = np.zeros(len(i), dtype=bool), ~exact[i]
+            # At last its own point, unless it is known what the model says there.
+            for share in (*_SHARES, 0.0):
+                k = np.flatnonzero(~better if share else ~better & new)
+                if not len(k):
+                    continue
+                at = part.at[k] + share * step[k]
+                data, slopes = self._solve(h, at)
+                costs = _costs(replace(part[k], at=at, data=data), test, lower)
+                good = costs < now[i[k]] - 1e-9 if share else np.ones(len(k), dtype=bool)
+                better[k[good]], j = share > 0, i[k[good]]
+                now[j] = costs[good]
+                for name, value in (("at", at), ("data", data), ("slopes", slopes)):
+                    arrays[name][j] = value[good]
+            exact[i], active[i[~better & ~new]] = True, False
+        return cells
+
+    def _solve(self, h: Hypothesis, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Predictions and all derivatives, remembered."""
+        data, slopes = self.predict(h, at, range(at.shape[1]))
+        good = np.isfinite(data).all(1)
+        new = at[good], data[good], slopes[good]
+        old = self._solved.get(h.label_of_keys)
+        if old is not None:
+            new = [np.concatenate(pair)[-_REMEMBERED:] for pair in zip(old, new, strict=True)]
+        self._solved[h.label_of_keys] = new
+        return data, slopes
+
+    def _recalled(self, h, cells: Cells, test: Evidence, lower, exact) -> np.ndarray:
+        """What cells cost, (n,), after those that gain by it took remembered points."""
+        now = _costs(cells, test, lower)
+        if h.label_of_keys not in self._solved:
+            return now
+        at, data, slopes = self._solved[h.label_of_keys]
+        white = whiten(lower, (data - test.data)[:, test.fitted].T)
+        width = np.where(cells.width > 0, cells.width, 1.0)
+        away = (at - cells.mean[:, None]) / width[:, None]
+        costs = np.sum(white**2, axis=0) + np.sum(away**2, axis=2)
+        # Or all would end where the first one did.
+        costs[np.max(np.abs(away[:, :, h.own]), axis=2, initial=0.0) > _SAME_CELL] = np.inf
+        best = np.argmin(costs, axis=1)
+        least = costs[np.arange(len(cells)), best]
+        i = np.flatnonzero(least < now)
+        cells.at[i], cells.data[i], cells.slopes[i] = at[best[i]], data[best[i]], slopes[best[i]]
+        exact[i] = True
+        return np.minimum(least, now)
+
+    def _weighed(
+        self, h: Hypothesis, cells: Cells, test: Evidence
+    ) -> tuple[np.ndarray, float, Scales | None, dict]:
+        """ln of each cell's evidence over all scales, (n,), that of all, the most probable scales,
+        and what is known of all at each."""
+        def at(scales) -> Posterior:
+            lower = test.at(scales).lower(h.unknown)
+            return weigh(cells, test.data, test.fitted, lower, h.limits)
+
+        if test.scales is None:
+            post = at(None)
+            return post.log_evidence, total(post.log_evidence), None, {None: post}
+        tried = test.scales.tried()
+        posts = {scales: at(scales) for scales, _ in tried}
+        each = np.array([posts[scales].log_evidence + weight for scales, weight in tried])
+        sums = [total(row) for row in each]
+        best = tried[int(np.argmax(sums))][0]
+        return np.logaddexp.reduce(each, axis=0), total(np.array(sums)), best, posts
+
+    def _peak(self, h: Hypothesis, cells: Cells, test: Evidence) -> Cells:
+        """The most probable point, as one cell that is the whole prior."""
+        square = _costs(_as_whole(cells), test, test.lower(h.unknown))
+        return self._whole(h, cells[[int(np.argmin(square))]], test)
+
+    def _whole(self, h: Hypothesis, cell: Cells, test: Evidence) -> Cells:
+        """The whole prior as one cell, linear about its most probable point."""
+        return self.settled(h, _as_whole(cell), test)
+
+    def summary(
+        self, h: Hypothesis, cells: Cells, test: Evidence, peak: Cells | None = None
+    ) -> Found:
+        """A hypothesis' fit from its cells.
+
+        Args:
+            h: The hypothesis.
+            cells: Cells that count.
+            test: The test.
+            peak: The most probable point; sought for None.
+        """
+        each, log_z, scales, posts = self._weighed(h, cells, test)
+        post = posts[scales]
+        if not np.isfinite(log_z):
+            raise InputError(f"{h.label}: the evidence is not finite; check the data.")
+        used = test.fitted
+        lower = test.at(scales).lower(h.unknown)
+        peak = self._peak(h, cells, test.at(scales)) if peak is None else peak
+        # Of a linear model the whole prior as one cell is exact, which a sum of cells nearly is.
+        whole = self._weighed(h, peak, test)[1]
+        straight = abs(whole - log_z) < _MOVED
+        log_z = whole if straight else log_z
+        z, predicted, slopes = peak.at[0], peak.data[0], peak.slopes[0]
+        if straight:
+            post = weigh(peak, test.data, used, lower, h.limits)
+        weight = np.exp(post.log_evidence - total(post.log_evidence))
+        away = post.z - weight @ post.z
+        covariance = np.einsum("n,npq->pq", weight, post.covariance)
+        covariance += np.einsum("n,np,nq->pq", weight, away, away)
+        residual = whiten(lower, (predicted - test.data)[used])
+        at_bound = tuple(
+            f"{effect.name}: {prior.name}"
+            for (effect, prior), near in zip(h.priors, h.at_limit(z), strict=True) if near
+        )
+        stated = None
+        if scales is not None and not test.drifts:
+            wide = scales.stated
+            lower = test.at(wide).lower(h.unknown)
+            both = whiten(lower, np.column_stack([(predicted - test.data)[used], slopes[used]]))
+            free = ~h.at_limit(z)
+            stated = least_square(both[:, 0], both[:, 1:], z, free)[0] + wide.squares
+        found = Fit(
+            h, z, covariance, predicted, self.evidence.shape, slopes, log_z,
+            float(residual @ residual), int(used.sum()), at_bound, scales,
+            log_z - total(post.log_evidence), stated,
+        )  # fmt: skip
+        if h.unknown:
+            found = with_somewhere(found, test)
+        if straight:
+            return Found(found, peak, post.log_evidence, peak)
+        return Found(found, cells, post.log_evidence, peak)
+
+    def split(self, found: Found, test: Evidence) -> Found:
+        """The same with cells that count split until the evidence no longer moves.
+
+        Args:
+            found: What is known.
+            test: The test.
+        """
+        h = found.fit.hypothesis
+        own = np.arange(*h.own.indices(len(h.priors)))
+        if found.cells is found.peak or not len(own):
+            return found
+        for _ in range(_ROUNDS):
+            share = found.log_evidence - total(found.log_evidence)
+            counts = np.flatnonzero(share >= min(np.log(_COUNTS), share.max()))
+            at = test.at(found.fit.scales)
+            lead = found.cells[counts]
+            post = weigh(lead, test.data, test.fitted, at.lower(h.unknown), h.limits)
+            sd = np.sqrt(np.diagonal(post.covariance, axis1=1, axis2=2))[:, own]
+            # What the data say is bent across the cell, of the parameter that they leave widest.
+            along = own[np.argmax(sd, axis=1)]
+            bent = self._bent(h, lead, post, along, at)
+            if not bent.any():
+                return found
+            counts = counts[bent]
+            new = self.settled(h, found.cells[counts].split(along[bent]), test)
+            rest = np.delete(np.arange(len(found.cells)), counts)
+            before = found.fit.log_evidence
+            found = self.summary(h, found.cells[rest].joined(new), test)
+            if abs(found.fit.log_evidence - before) < _MOVED:
+                break
+        return found
+
+
+def _as_whole(cells: Cells) -> Cells:
+    """The whole prior instead of each cell, linear about the same point."""
+    mean, width = np.zeros_like(cells.mean), np.ones_like(cells.width)
+    return replace(cells, mean=mean, width=width, log_share=np.zeros(len(cells)))
+
+
+def _costs(cells: Cells, test: Evidence, lower: np.ndarray) -> np.ndarray:
+    """Squared whitened residuals and distances from the cells' means at their points, (n,)."""
+    used, found = test.fitted, np.full(len(cells), np.inf)
+    residual = (cells.data - test.data)[:, used]
+    good = np.isfinite(residual).all(1)
+    if good.any():
+        white = whiten(lower, residual[good].T)
+        away = (cells.at - cells.mean) / np.where(cells.width > 0, cells.width, 1.0)
+        found[good] = np.sum(white**2, axis=0) + np.sum(away[good] ** 2, axis=1)
+    return found
+
+
+def fit(
+    hypothesis: Hypothesis, forward: Forward, evidence: Evidence, baseline: dict[str, float]
+) -> Fit:
+    """Most probable parameters of a hypothesis, and its evidence.
+
+    Args:
+        hypothesis: The hypothesis.
+        forward: Predicts frequencies.
+        evidence: The test.
+        baseline: Parameter values of the nominal model.
+    """
+
+    def make(effects: Sequence[Effect]) -> Hypothesis:
+        return replace(hypothesis, effects=tuple(effects), name="", unknown=False)
+
+    library = Library(forward, evidence, baseline, make)
+    return library.split(library.of(hypothesis, evidence), evidence).fit
+
+
+def _places(h: Hypothesis) -> dict[str, slice]:
+    """Where groups of parameters stand in z, by name: tolerances, each effect, shared ones."""
+    found = {"tolerances": slice(0, h.own.start), **h.own_of}
+    return found | {name: place for name, place in h.places.items() if place.stop > place.start}
