@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import fields
 
 import numpy as np
@@ -205,18 +205,25 @@ class Search:
         near = sorted(near, key=lambda i: -scores[i])[:_SPLITS]
         self.progress.step("weighing what leads more finely", len(near))
         test = self.model.evidence
+        return self._again(
+            found, near, lambda f: self.exact.corrected(self.library.split(f, test), test)
+        )
 
-        def work(task):
+    def _again(
+        self, found: Sequence[Found], near: Sequence[int], work: Callable[[Found], Found]
+    ) -> list[Found]:
+        """The same with some of them weighed again. Collective."""
+
+        def one(f: Found) -> Found:
             self.progress.advance()
-            return self.exact.corrected(self.library.split(task, test), test)
+            return work(f)
 
         better = spread(
-            self.model.comm, [found[i] for i in near], work, _pack,
-            lambda task, packed: _unpack((task.fit.hypothesis, None), packed),
+            self.model.comm, [found[i] for i in near], one, _pack,
+            lambda f, packed: _unpack((f.fit.hypothesis, None), packed),
         )  # fmt: skip
-        for i, f in zip(near, better, strict=True):
-            found[i] = f
-        return found
+        new = dict(zip(near, better, strict=True))
+        return [new.get(i, f) for i, f in enumerate(found)]
 
     # -- the reduced model's error ---------------------------------------------------------------
 
@@ -251,26 +258,15 @@ class Search:
 
     def _by_the_model(self, found: Sequence[Found]) -> list[Found]:
         """What is near the best weighed by the reduced model itself. Collective."""
-        scores, found = self.scores([f.fit for f in found]), list(found)
+        scores = self.scores([f.fit for f in found])
         near = [i for i, f in enumerate(found)
                 if scores[i] > scores.max() - _AGAIN or f.fit.hypothesis.name]  # fmt: skip
         listed = [i for i, f in enumerate(found) if not f.fit.hypothesis.unknown]
         near += [i for i in listed if i not in near and
                  scores[i] > max(scores[j] for j in listed) - _AGAIN]  # fmt: skip
         self.progress.step("weighing by the reduced model", len(near))
-        test, exact = self.model.evidence, self.exact
-
-        def work(f: Found) -> Found:
-            self.progress.advance()
-            return exact.corrected(f, test)
-
-        better = spread(
-            self.model.comm, [found[i] for i in near], work, _pack,
-            lambda task, packed: _unpack((task.fit.hypothesis, None), packed),
-        )  # fmt: skip
-        for i, f in zip(near, better, strict=True):
-            found[i] = f
-        return found
+        test = self.model.evidence
+        return self._again(found, near, lambda f: self.exact.corrected(f, test))
 
     def lowest(self, f: Fit) -> dict[str, float]:
         """The model's parameter values of a fit at the lowest condition, where joints are softest.

@@ -48,7 +48,7 @@ _COUNTS, _MOVED, _ROUNDS = 0.05, 0.1, 6
 #: deviation away; how much more probable than about that point a cell has to be about its own, and
 #: how near to all of them, in nats, to be looked at.
 _BENT, _MORE, _UNTOLD = 0.3, 0.5, 3.0
-#: Cells of a hypothesis that a further effect is put beside, and sums of cells made exact for each.
+#: Cells of a hypothesis that a further effect is put beside.
 _PARENTS = 6
 #: Share of a hypothesis' evidence from which a cell is corrected, and steps of that at most.
 _LITTLE, _CORRECTIONS = 1e-3, 4
@@ -133,7 +133,6 @@ class Library:
         self._states: dict[str, States] = {}
         #: Points, predictions and derivatives of each hypothesis.
         self._solved: dict[str, tuple[np.ndarray, ...]] = {}
-        self.calls = 0
 
     # -- bases -----------------------------------------------------------------------------------
 
@@ -208,7 +207,7 @@ class Library:
     ) -> tuple[np.ndarray, np.ndarray]:
         """Everything in `Evidence.data` at points (b, p): (b, N), and its derivatives by some of z,
         (b, N, q); nan where the model has no such modes."""
-        by, self.calls = list(by), self.calls + len(z)
+        by = list(by)
         if not self.batches:
             return self._one_by_one(h, z, by)
         many = ManyPredictions(h, self._forward_of(h), self.evidence, self.baseline, held_out=True)
