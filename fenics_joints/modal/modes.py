@@ -212,20 +212,21 @@ def solve_modes(
 
 
 def refine_modes(
-    model: Model, given: Mapping[str, float], solver: EigenSolver, start: np.ndarray
+    model: Model, given: Mapping[str, float], solver: EigenSolver | None, start: np.ndarray
 ) -> Modes:
     """Modes of a structure near a subspace, see `EigenSolver.refine`. Collective.
 
     Args:
         model: A structure.
         given: Values of parameters that differ from their nominal value.
-        solver: One from a solution of the structure, whose ordering is kept.
+        solver: One from a solution of the structure, whose ordering is kept; a new one for None.
         start: This rank's rows of the subspace, (n_local, k), such as modes of a reduced model.
 
     Raises:
         ConvergenceError: If the matrices cannot be factorised.
     """
     K, M = model.stiffness(given), model.mass(given)
+    solver = solver or EigenSolver(start.shape[1], shift=_shift(model, given, None))
     result = solver.refine(K, M, start)
     K.destroy(), M.destroy()
     return _modes(model, dict(given), solver, result)

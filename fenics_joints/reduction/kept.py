@@ -5,9 +5,10 @@ What a test brings by itself is not in them: its sensors, and the points where s
 
 from __future__ import annotations
 
+import hashlib
 import os
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,6 +18,8 @@ from petsc4py import PETSc
 
 from fenics_joints.errors import InputError
 from fenics_joints.files import read_arrays, write_arrays
+from fenics_joints.modal.eigensolver import EigenSolver
+from fenics_joints.modal.modes import Modes, solve_modes
 from fenics_joints.parallel import on_root
 from fenics_joints.reduction.arrays import ArrayModel
 from fenics_joints.reduction.files import ARRAYS, read_model, write_model
@@ -26,7 +29,7 @@ from fenics_joints.structure.changes import PlacedPoint
 from fenics_joints.structure.node_keys import node_keys
 from fenics_joints.structure.sparse import vectors_like
 
-__all__ = ["KeptModel", "read_vectors", "write_vectors"]
+__all__ = ["KeptModel", "kept_modes", "read_vectors", "write_vectors"]
 
 
 class KeptModel:
@@ -96,6 +99,46 @@ class KeptModel:
         regions = [known[each.name] if each.name in known else on.change(each) for each in own]
         pencil = replace(model.pencil, parameters=full.parameters, regions=regions)
         return ArrayModel(pencil, model.scale_hz, *on.sensors(sensors))
+
+
+def kept_modes(
+    full: Structure,
+    values: Mapping[str, float],
+    n_modes: int,
+    file: Path | None = None,
+    solver: EigenSolver | None = None,
+) -> Modes:
+    """Modes of a structure, read from a file if they are there, else solved for and written to it.
+    Collective.
+
+    Args:
+        full: The structure.
+        values: Values of parameters that differ from their nominal value.
+        n_modes: Number of modes.
+        file: The file; its name is part of the digest. None to solve and to keep nothing.
+        solver: See `solve_modes`.
+
+    Returns:
+        The modes; those that were read have no solver and no residuals.
+
+    Raises:
+        ConvergenceError: See `solve_modes`.
+    """
+    if file is None:
+        return solve_modes(full, values, n_modes=n_modes, solver=solver)
+    at = hashlib.sha256(repr(sorted(values.items())).encode()).hexdigest()
+    made, more = f"{file.name} {full.tagged.digest} {at}", {}
+    shapes = read_vectors(full, file, made, more)
+    squares, rigid = more.get("eigenvalues"), more.get("n_rigid")
+    counted = squares is not None and rigid is not None
+    if shapes is not None and counted and len(squares) == len(shapes) == n_modes:
+        return Modes(full, dict(values), squares, shapes, int(rigid))
+    found = solve_modes(full, values, n_modes=n_modes, solver=solver)
+    write_vectors(
+        full, file, found.shapes, made,
+        eigenvalues=found.eigenvalues, n_rigid=np.array(found.n_rigid),
+    )  # fmt: skip
+    return found
 
 
 def write_vectors(

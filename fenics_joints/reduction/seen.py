@@ -59,12 +59,22 @@ class SeenModes:
         shapes: np.ndarray | None = None,
     ):
         self.full, self.sensors, self.n_test, self.n_modes = full, sensors, n_test, n_modes
-        self.nominal = solve_modes(full, start, n_modes=n_modes)
+        self._solver = None
+        self.nominal = self.modes("nominal", start)
         self.pairing = pair_modes(self.nominal, n_test, sensors, reference=shapes)
         self.reference = self.pairing.shapes if shapes is None else shapes
         self.crossings: set[tuple[int, int]] = set(self.pairing.crossing)
         self._solver = self.nominal.solver
         self._solved: dict[tuple, Modes] = {}
+
+    def modes(self, name: str, values: Mapping[str, float]) -> Modes:
+        """Modes of the full model that every test of it asks for. Collective.
+
+        Args:
+            name: What they are called where they are kept.
+            values: Parameter values.
+        """
+        return solve_modes(self.full, values, n_modes=self.n_modes, solver=self._solver)
 
     @property
     def model(self) -> ArrayModel:

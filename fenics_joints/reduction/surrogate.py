@@ -17,7 +17,7 @@ from fenics_joints.reduction.arrays import ArrayModel
 from fenics_joints.reduction.compact import trimmed
 from fenics_joints.reduction.condensed import condensed
 from fenics_joints.reduction.forward import SPARE
-from fenics_joints.reduction.kept import KeptModel
+from fenics_joints.reduction.kept import KeptModel, kept_modes
 from fenics_joints.reduction.memory import give_back
 from fenics_joints.reduction.motions import MovingModel, with_motions
 from fenics_joints.reduction.projection import Projection
@@ -75,8 +75,8 @@ class Surrogate(SeenModes):
         self.progress, self.lacking = progress or Progress(silent=True), lacking
         self.n_samples = len(self.samples)
         self.progress.step("reduced model: sampling the parameters", self.n_samples)
-        super().__init__(full, start, **given)
         self.kept = None if keep is None else KeptModel(full, keep())
+        super().__init__(full, start, **given)
         self._basis: list[PETSc.Vec] = []
         self._refined: dict[tuple, Modes] = {}
         self._start, self._still = dict(start), still
@@ -84,6 +84,12 @@ class Surrogate(SeenModes):
         if self.kept:
             self._condense()
         self.forward = self._forward(self._with_motions())
+
+    def modes(self, name: str, values: Mapping[str, float]) -> Modes:
+        """See `SeenModes.modes`; those of a model that is kept have a file."""
+        file = self.kept and self.kept.file
+        beside = file and file.with_name(f"{name}-{file.stem.removeprefix('model-')}.npz")
+        return kept_modes(self.full, values, self.n_modes, beside, self._solver)
 
     def _with_motions(self) -> ArrayModel:
         """`_trimmed`, with what moves by itself."""
@@ -168,7 +174,8 @@ class Surrogate(SeenModes):
             rows = np.array([vector.array_r for vector in self._basis]).T
             some = int(pairing.index.max()) + 1 + SPARE
             start = rows @ modes.shapes[: rows.shape[1], :some]
-            self._refined[key] = refine_modes(self.full, values, self._solver, start)
+            found = refine_modes(self.full, values, self._solver, start)
+            self._solver, self._refined[key] = self._solver or found.solver, found
         return self._refined[key]
 
     def extend(self, points: Points) -> None:

@@ -46,7 +46,7 @@ from fenics_joints.measurements.gap import (
     partnered,
     skipped,
 )
-from fenics_joints.modal.modes import Modes, solve_modes
+from fenics_joints.modal.modes import Modes
 from fenics_joints.progress import Progress
 from fenics_joints.reduction.forward import Forward
 from fenics_joints.reduction.memory import give_back
@@ -269,9 +269,7 @@ class Prepared(Subject):
         if self._yielding is None:
             seen = self.surrogate
             values = given_way(self.baseline, interfaces(self.zones, self.baseline))
-            modes = solve_modes(
-                self.full, values, n_modes=seen.n_modes, solver=seen.nominal.solver
-            )
+            modes = seen.modes("yielding", values)
             self._yielding = modes, seen.forward.paired(modes)
         return self._yielding
 

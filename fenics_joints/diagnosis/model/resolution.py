@@ -11,12 +11,11 @@ import numpy as np
 
 from fenics_joints.errors import InputError
 from fenics_joints.measurements.gap import ALIKE, mac, pair_modes
-from fenics_joints.modal.modes import Modes, solve_modes
+from fenics_joints.modal.modes import Modes
 from fenics_joints.progress import Progress
-from fenics_joints.reduction.kept import read_vectors, write_vectors
+from fenics_joints.reduction.kept import kept_modes
 from fenics_joints.reduction.likes import PLACES, TURNED, likes
 from fenics_joints.reduction.seen import SeenModes, places_all_over
-from fenics_joints.structure import Structure
 
 __all__ = ["MOST", "MeshErrors", "mesh_errors"]
 
@@ -73,7 +72,7 @@ def mesh_errors(
     if finer is None or finer.n_dofs > MOST:
         return None
     progress.step("measuring the mesh's own error, one degree higher")
-    better = _solved(finer, values, small.n_modes, keep)
+    better = kept_modes(finer, values, small.n_modes, keep and keep())
     # The same body has as many rigid motions, whatever round-off makes of their frequencies.
     better = replace(better, n_rigid=small.nominal.n_rigid)
     return MeshErrors(*small.full.comm.bcast(_measured(small, better)))
@@ -138,18 +137,3 @@ def _told_otherwise(small: SeenModes, better: Modes, like: Mapping[int, int]) ->
             unlike = finer.mac[i] >= ALIKE and (unlike or own.mac[i] < ALIKE)
         other[i] = unlike
     return other
-
-
-def _solved(finer: Structure, values, n_modes: int, keep) -> Modes:
-    """Modes of the finer model, from the file or into it."""
-    if keep is None:
-        return solve_modes(finer, values, n_modes=n_modes)
-    file, more = keep(), {}
-    made = f"{file.name} {finer.tagged.digest}"  # the name tells the case apart
-    shapes = read_vectors(finer, file, made, more)
-    squares = more.get("eigenvalues")
-    if shapes is not None and squares is not None and len(squares) == len(shapes) == n_modes:
-        return Modes(finer, dict(values), squares, shapes, 0)
-    found = solve_modes(finer, values, n_modes=n_modes)
-    write_vectors(finer, file, found.shapes, made, eigenvalues=found.eigenvalues)
-    return found
