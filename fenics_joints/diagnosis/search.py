@@ -238,9 +238,11 @@ class Search:
         def leading() -> list[dict[str, float]]:
             self.progress.step(surrogate.checking)
             values: list[dict[str, float]] = []
-            for f in self._near([f for f in found if not f.fit.hypothesis.unknown]):
+            listed = self._near([f for f in found if not f.fit.hypothesis.unknown])
+            scores = self.scores([f.fit for f in listed])
+            for f, score in zip(listed, scores, strict=True):
                 at = self.lowest(f.fit)
-                if at not in values and len(values) < count:
+                if at not in values and len(values) < count and score > scores[0] - _AGAIN:
                     values.append(at)
             return values
 
