@@ -316,8 +316,12 @@ def _close(
     known = np.array([not f.hypothesis.unknown for f in refits])
     wrong = np.array([is_wrong(f) for f in refits]) & known
     chosen = refits[int(np.argmax(np.where(known, score, -np.inf)))]
-    placebo = refits[int(np.argmax(np.where(wrong, score, -np.inf)))] if wrong.any() else None
     noise = _noise_variance(chosen, blind, scored)
+    # What predicts the same is no rival: these data cannot tell the two apart.
+    for i in np.flatnonzero(wrong):
+        change = np.expm1((refits[i].predicted - chosen.predicted)[scored])
+        wrong[i] = np.mean(change**2) > np.mean(noise)
+    placebo = refits[int(np.argmax(np.where(wrong, score, -np.inf)))] if wrong.any() else None
     stated = forecast(
         refits, weights, chosen, nominal[scored], blind, scored, float(np.sqrt(np.mean(noise)))
     )

@@ -64,6 +64,9 @@ _BEYOND, _WITHIN, _OTHERS = 1.6, 1.5, 0.1
 #: Singular value, relative to the first, below which a vector is left out; share of a mode that is
 #: not rigid below which it is.
 _SHARE, _SAME = 1e-3, 1e-3
+#: Points at which it is looked how well torques are interpolated, and how well they have to be, in
+#: standard deviations of noise.
+_LOOKS, _AS_GOOD = 8, 0.1
 #: Points of a hypothesis that are remembered; widths of a cell within which they are its own.
 _REMEMBERED, _SAME_CELL = 64, 2.0
 
@@ -130,6 +133,7 @@ class Library:
         #: Forwards by the keys of the effects that they are good for.
         self.bases: dict[tuple[str, ...], LeanForward] = {}
         self._samples: dict[str, tuple[np.ndarray, np.ndarray]] = {}
+        self._smooth: dict[str, bool] = {}
         self._states: dict[str, States] = {}
         #: Points, predictions and derivatives of each hypothesis.
         self._solved: dict[str, tuple[np.ndarray, ...]] = {}
@@ -210,7 +214,7 @@ class Library:
         by = list(by)
         if not self.batches:
             return self._one_by_one(h, z, by)
-        many = ManyPredictions(h, self._forward_of(h), self.evidence, self.baseline, held_out=True)
+        many = self._many(h, between=self.lean and all(map(self._is_smooth, h.effects)))
         data, slopes = many(z, by)
         own = set(range(*h.own.indices(len(h.priors))))
         if self._differs(h) and own & set(by):
@@ -223,6 +227,26 @@ class Library:
                     change = (many(moved)[0] - data) / step[:, None]
                     slopes[:, :, i] = change
         return data, slopes
+
+    def _many(self, h: Hypothesis, between: bool) -> ManyPredictions:
+        forward = self._forward_of(h)
+        return ManyPredictions(h, forward, self.evidence, self.baseline, True, between)
+
+    def _is_smooth(self, effect: Effect) -> bool:
+        """Whether interpolation between a few torques tells what an effect does at all, remembered;
+        not where contact opens from one torque to the next."""
+        if effect.key not in self._smooth:
+            h = self.make((effect,))
+            mean, _, _ = prior_cells(effect.priors)
+            index = np.linspace(0, len(mean) - 1, min(_LOOKS, len(mean))).round().astype(int)
+            z = np.array([h.at(own) for own in mean[index]]).clip(*h.limits.T)
+            few = self._many(h, between=True)
+            good = True
+            if few.between:
+                off = np.abs(few(z)[0] - self._many(h, between=False)(z)[0])
+                good = bool(np.nanmax(off / self.evidence.noise_sd(), initial=0.0) < _AS_GOOD)
+            self._smooth[effect.key] = good
+        return self._smooth[effect.key]
 
     def _differs(self, h: Hypothesis) -> bool:
         """Whether derivatives by the effects' own parameters are differences: of what acts on the
@@ -271,7 +295,7 @@ class Library:
             forward: The better model's.
         """
         found = Library(forward, self.evidence, self.baseline, self.make, self.lean)
-        found._states, found.floor = self._states, self.floor
+        found._states, found._smooth, found.floor = self._states, self._smooth, self.floor
         return found
 
     def corrected(self, found: Found, test: Evidence) -> Found:

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.polynomial import chebyshev
 
 from fenics_joints.diagnosis.effects.sensing import Sensing
 from fenics_joints.diagnosis.evidence.evidence import Evidence
@@ -29,6 +30,9 @@ __all__ = ["ManyPredictions"]
 _STEP, _SAME = 1e-5, 1e-8
 #: Entries of the matrices that are solved for together, which should stay near the processor.
 _ROOM = 4_000_000
+#: Torques that others are interpolated between, and how far beyond the test's they reach, in
+#: standard deviations of the tightening's scatter.
+_TORQUES, _SCATTERED = 5, 2.0
 
 
 class _Apart(Exception):
@@ -45,14 +49,17 @@ class ManyPredictions:
         baseline: Parameter values of the nominal model.
         held_out: Whether damping that is not in the test is asked for too: of a mode whose damping
             was not measured it says otherwise what it is at rest.
+        between: Whether many torques are interpolated between few, where that can be.
     """
 
     def __init__(
         self, hypothesis: Hypothesis, forward: LeanForward, evidence: Evidence,
-        baseline: dict[str, float], held_out: bool = False,
+        baseline: dict[str, float], held_out: bool = False, between: bool = False,
     ):  # fmt: skip
         self.hypothesis, self.forward, self.evidence = hypothesis, forward, evidence
         self.baseline, self._held_out = baseline, held_out
+        #: Whether they are.
+        self.between = between and self._is_alike
         self._singly, self._apart = False, False
         self._filled: dict[tuple[float, int], np.ndarray] = {}
 
@@ -87,7 +94,65 @@ class ManyPredictions:
         parts = (self(part, by) for part in np.array_split(z, count))
         return tuple(map(np.concatenate, zip(*parts, strict=True)))
 
+    @property
+    def _is_alike(self) -> bool:
+        """Whether all that tells one row from another is the torque, and there are many."""
+        h, test = self.hypothesis, self.evidence
+        followed = test.shapes is not None or test.turns[-1][1] is not None
+        effects = (*h.nuisances, *h.effects)
+        others = any(h.known) or any(e.by_level or e.drifts for e in effects)
+        several = h.varies and len(test.conditions) > _TORQUES + 1 and np.all(test.conditions > 0)
+        return several and not followed and not others
+
+    def _interpolated(self, z, by) -> tuple[np.ndarray, np.ndarray]:
+        """Predictions at all torques from those at a few, (b, N), and derivatives, (b, N, p):
+        polynomials in the torque's logarithm through Chebyshev's points."""
+        h, test, (n, m) = self.hypothesis, self.evidence, self.evidence.shape
+        log_t = np.log(test.conditions)
+        far = _SCATTERED * (h.scatter if h.tightenings else 0.0)
+        low, high = log_t.min() - far, log_t.max() + far
+        unit = -np.cos(np.pi * (np.arange(_TORQUES) + 0.5) / _TORQUES)
+        nodes = 0.5 * (low + high) + 0.5 * (high - low) * unit
+        few = np.full((_TORQUES, m), np.nan)
+        part = ManyPredictions(
+            replace(h, scatter=0.0, conditions=tuple(np.exp(nodes).tolist())), self.forward,
+            replace(
+                test, conditions=np.exp(nodes), log_f=few, log_sd=np.ones_like(few), used=None,
+                log_damping=None if test.log_damping is None else few, scalars=(),
+            ), self.baseline, held_out=True,
+        )  # fmt: skip
+        place = h.places["tightenings"]
+        tightened = np.arange(place.start, place.stop)
+        kept = np.delete(np.arange(z.shape[1]), tightened)
+        others = [j for j in by if j not in tightened]
+        data, slopes = part(z[:, kept], [int(np.searchsorted(kept, j)) for j in others])
+        b, kinds = len(z), data.shape[1] // (_TORQUES * m)
+        data = data.reshape(b, kinds, _TORQUES, m)
+        slopes = slopes.reshape(b, kinds, _TORQUES, m, len(others))
+        felt = np.broadcast_to(log_t, (b, n)).copy()
+        if h.tightenings:
+            felt += h.scatter * z[:, tightened]
+        x = (2 * felt - low - high) / (high - low)
+        fit = np.linalg.inv(chebyshev.chebvander(unit, _TORQUES - 1))
+        weight = chebyshev.chebvander(x, _TORQUES - 1) @ fit
+        found = np.einsum("bnk,bckm->bcnm", weight, data)
+        every = np.zeros((*found.shape, len(by)))
+        at = [by.index(j) for j in others]
+        every[..., at] = np.einsum("bnk,bckmp->bcnmp", weight, slopes)
+        if h.tightenings:
+            derivative = chebyshev.chebder(np.eye(_TORQUES), scl=2 / (high - low))
+            change = chebyshev.chebvander(x, _TORQUES - 2) @ derivative @ fit
+            change = h.scatter * np.einsum("bnk,bckm->bcnm", change, data)
+            for i, j in enumerate(by):
+                if j in tightened:
+                    row = j - place.start
+                    every[:, :, row, :, i] = change[:, :, row]
+        blocks = [(found.reshape(b, -1), every.reshape(b, kinds * n * m, len(by))), *self._scalars(z, by)]
+        return tuple(np.concatenate(part, axis=1) for part in zip(*blocks, strict=True))
+
     def _together(self, z, by) -> tuple[np.ndarray, np.ndarray]:
+        if self.between:
+            return self._interpolated(z, by)
         evidence, found, shapes, seen = self.evidence, {}, [], {}
         for rows in self._groups(len(z)):
             with_shapes = evidence.shapes is not None and rows[0] == self._shape_row
