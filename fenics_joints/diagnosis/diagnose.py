@@ -39,6 +39,7 @@ from fenics_joints.diagnosis.verdict import (
     confirm,
     confirmed,
     decide,
+    doubtful,
     with_strangers,
 )
 from fenics_joints.diagnosis.where.localise import cell_map, zone_shares
@@ -145,7 +146,9 @@ class _Run:
         if verdict in NAMED:
             fits, probability = _held_out(fits, probability, leader, confirmed(shrink))
             effects = self._effects(fits, probability, grouped, seen)
-            verdict, summary = decide(fits, probability, effects, leader, after, at_once)
+            verdict, summary = decide(
+                fits, probability, effects, leader, after, at_once, doubtful(effects, shrink)
+            )
         verdict, summary = confirm(verdict, summary, shrink)
         verdict, summary = with_strangers(verdict, summary, self.model.without_partner)
         self.progress.step("localising the gap")

@@ -320,7 +320,7 @@ def _close(
     # What predicts the same is no rival: these data cannot tell the two apart.
     for i in np.flatnonzero(wrong):
         change = np.expm1((refits[i].predicted - chosen.predicted)[scored])
-        wrong[i] = np.mean(change**2) > np.mean(noise)
+        wrong[i] = refits[i] is chosen or np.mean(change**2) > np.mean(noise)
     placebo = refits[int(np.argmax(np.where(wrong, score, -np.inf)))] if wrong.any() else None
     stated = forecast(
         refits, weights, chosen, nominal[scored], blind, scored, float(np.sqrt(np.mean(noise)))

@@ -10,7 +10,7 @@ import numpy as np
 from fenics_joints.diagnosis.effects.effect import Effect
 from fenics_joints.diagnosis.evidence.fitted import Fit
 from fenics_joints.diagnosis.result import EffectResult
-from fenics_joints.diagnosis.verdict import class_probabilities, sure_classes
+from fenics_joints.diagnosis.verdict import class_probabilities, label_of, sure_classes
 
 __all__ = ["is_wrong", "several_causes"]
 
@@ -85,6 +85,5 @@ def several_causes(
     for name in sure_classes(rated, float(other)):
         members = [e for e in effects if e.class_name == name]
         kind = frozenset().union(*(alike[k] for k, of in grouped.items() if of == name))
-        label = members[0].name + (" (or its like)" if len(members) > 1 else "")
-        found[label] = lambda f, kind=kind: any(e.key in kind for e in f.hypothesis.effects)
+        found[label_of(members)] = lambda f, kind=kind: any(e.key in kind for e in f.hypothesis.effects)
     return found if len(found) > 1 else {}

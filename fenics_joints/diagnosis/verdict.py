@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 import numpy as np
 
@@ -15,8 +15,8 @@ from fenics_joints.measurements.gap import Gap
 
 __all__ = [
     "CAUSE", "LIKELY", "MISFIT", "NAMED", "NO_GAP", "UNKNOWN", "class_probabilities", "confirm",
-    "confirmed", "decide", "least_sure", "sure_classes", "unconfirmed", "unproved",
-    "with_strangers",
+    "confirmed", "decide", "doubtful", "label_of", "least_sure", "sure_classes", "unconfirmed",
+    "unproved", "with_strangers",
 ]  # fmt: skip
 
 #: Verdicts that name a cause: one that held-out data confirm, and one that they do not.
@@ -41,6 +41,7 @@ def decide(
     leader: Fit,
     after: Gap,
     at_once: float | None = None,
+    doubtful: Collection[str] = (),
 ) -> tuple[str, str]:
     """The verdict and a sentence or two that say it.
 
@@ -58,6 +59,7 @@ def decide(
         after: Its gap.
         at_once: Probability of a misfit as large as all effects at once leave
             (`fenics_joints.diagnosis.evidence.all_at_once`); None where it was not looked at.
+        doubtful: Classes that held-out data do not bear out, beside others that they do.
     """
     by_label = {}
     for f, p in zip(fits, probability, strict=True):
@@ -72,9 +74,9 @@ def decide(
     if other > 0.5 or leader.p_value < MISFIT:
         return "unknown", _no_effect(leader, after, at_once)
     classes = class_probabilities(fits, probability, effects)
-    if sure := sure_classes(classes, other):
+    if sure := [name for name in sure_classes(classes, other) if name not in doubtful]:
         said = "; and ".join(f"{_sentence(name)} ({shown(classes[name])})" for name in sure)
-        maybe = [n for n, p in classes.items() if 0.2 * listed <= p < _SURE * listed]
+        maybe = [n for n, p in classes.items() if p >= 0.2 * listed and n not in sure]
         tail = f" Perhaps also: {'; '.join(maybe)}." if maybe else ""
         return CAUSE, f"The gap comes from {said}.{tail}"
     rated = {**classes, NO_GAP: by_label.get(NO_GAP, 0.0), UNKNOWN: other}
@@ -86,10 +88,11 @@ def decide(
 def confirmed(s: Shrinkage) -> bool:
     """Whether held-out data confirm a cause: the explanation chosen and fitted without these data
     predicts them better than the nominal model and than the best wrong effect, each with 95 %; it
-    closes at least half of the gap beyond noise; and each of several causes makes the data more
-    probable, at 20 to 1."""
+    closes at least half of the gap beyond noise; and one of several causes at least makes the data
+    more probable, at 20 to 1 (`unproved` are those that do not)."""
     shrinks = bool(s.folds) and s.after < s.before and s.shrink_interval[0] > 0 and s.claimed
-    return shrinks and s.shrink >= _MOST_OF_IT and not unproved(s)
+    proves = not s.gains or len(unproved(s)) < len(s.gains)
+    return shrinks and s.shrink >= _MOST_OF_IT and proves
 
 
 def unproved(s: Shrinkage) -> list[str]:
@@ -152,10 +155,31 @@ def unconfirmed(s: Shrinkage | None) -> str:
             f"the gap on them goes from {percent(s.before)} to {percent(s.after)} where noise "
             f"allows {percent(s.noise)}: less than half of the possible reduction"
         )
-    weak = unproved(s)
-    proved = [name for name in s.gains if name not in weak]
-    but = f"bear out {' and '.join(proved)} but " if proved else ""
-    return f"they {but}are not surely more probable with {' and '.join(weak)} than without"
+    return f"they are not surely more probable with {' or '.join(unproved(s))} than without"
+
+
+def doubtful(effects: Sequence[EffectResult], s: Shrinkage | None) -> list[str]:
+    """Classes that held-out data do not bear out, beside others that they do.
+
+    Args:
+        effects: All effects, the most probable first.
+        s: How far the gap shrinks on held-out data.
+    """
+    if s is None or not confirmed(s):
+        return []
+    of: dict[str, list[EffectResult]] = {}
+    for effect in effects:
+        of.setdefault(effect.class_name, []).append(effect)
+    return [name for name, members in of.items() if label_of(members) in unproved(s)]
+
+
+def label_of(members: Sequence[EffectResult]) -> str:
+    """How a class is called in `Shrinkage.gains`.
+
+    Args:
+        members: Its effects, the most probable first.
+    """
+    return members[0].name + (" (or its like)" if len(members) > 1 else "")
 
 
 def sure_classes(classes: dict[str, float], unknown: float) -> list[str]:

@@ -18,7 +18,7 @@ from fenics_joints.commands.diagnose.words import (
 from fenics_joints.diagnosis import Diagnosis, EffectResult, HypothesisResult, Silent
 from fenics_joints.diagnosis.effects.rig import MISPLACED, MISSCALED, MISSED, SWAPPED
 from fenics_joints.diagnosis.location import Location
-from fenics_joints.diagnosis.verdict import NAMED, NO_GAP, UNKNOWN, least_sure
+from fenics_joints.diagnosis.verdict import NAMED, NO_GAP, UNKNOWN, doubtful, least_sure
 from fenics_joints.diagnosis.where.zone_tests import Attribution
 from fenics_joints.formatting import probability, spaced
 
@@ -155,8 +155,10 @@ def causes(d: Diagnosis) -> list[EffectClass]:
 
 def sure_causes(d: Diagnosis) -> list[EffectClass]:
     """The classes that the verdict calls causes."""
-    least = least_sure(probability_of(d, UNKNOWN))
-    return [c for c in causes(d) if c.probability >= least] if d.verdict in NAMED else []
+    if d.verdict not in NAMED:
+        return []
+    least, weak = least_sure(probability_of(d, UNKNOWN)), doubtful(d.effects, d.shrinkage)
+    return [c for c in causes(d) if c.probability >= least and c.name not in weak]
 
 
 def best_without(d: Diagnosis, sure: Sequence[EffectClass]) -> HypothesisResult | None:
