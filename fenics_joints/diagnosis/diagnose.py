@@ -18,8 +18,8 @@ from fenics_joints.diagnosis.evidence.alike import one_of_alike
 from fenics_joints.diagnosis.evidence.all_at_once import all_at_once
 from fenics_joints.diagnosis.evidence.classes import classes, detectable, stand_ins
 from fenics_joints.diagnosis.evidence.fitted import Fit
+from fenics_joints.diagnosis.evidence.many import at_conditions
 from fenics_joints.diagnosis.evidence.point_mass import point_mass
-from fenics_joints.diagnosis.evidence.row import RowPrediction
 from fenics_joints.diagnosis.evidence.simulated import with_simulated
 from fenics_joints.diagnosis.evidence.somewhere import Somewhere, changes
 from fenics_joints.diagnosis.evidence.unlisted import after_held_out
@@ -305,10 +305,10 @@ class _Run:
             return None
         data = self.model.without_lost(data)
         before = [self._nominal()] * len(data)
-        after = [
-            RowPrediction(leader.hypothesis, self.forward, leader.z, c, self.baseline).log_f
-            for c in data.conditions
-        ]
+        after = at_conditions(
+            leader.hypothesis, self.forward, leader.z, data.conditions, self.baseline,
+            self.evidence.shape[1],
+        )[0]  # fmt: skip
         return self._gap(data, before), self._gap(data, after)
 
     def _somewhere(self, unknown: Fit) -> Somewhere | None:

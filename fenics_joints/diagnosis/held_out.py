@@ -17,8 +17,8 @@ from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.fitted import Fit
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.library import Found, Library
+from fenics_joints.diagnosis.evidence.many import ManyPredictions
 from fenics_joints.diagnosis.evidence.moved import moved
-from fenics_joints.diagnosis.evidence.prediction import predict
 from fenics_joints.diagnosis.evidence.screen import linear_evidence, near_listed
 from fenics_joints.diagnosis.predictive import draws, gain, held
 from fenics_joints.diagnosis.shrinkage import Fold, Forecast, Interval, Shrinkage, shrink
@@ -296,7 +296,7 @@ def _nominal(forward, evidence: Evidence, baseline) -> np.ndarray:
     is_f = evidence.entries.kind == FREQUENCY
     plain = replace(evidence, log_damping=None, shapes=None, scalars=())
     bare = Hypothesis((), known=evidence.known)
-    predicted[is_f] = predict(bare, forward, plain, np.zeros(0), baseline)[0]
+    predicted[is_f] = ManyPredictions(bare, forward, plain, baseline).at(np.zeros(0))[0]
     return predicted
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from fenics_joints.diagnosis.effects.joint import interfaces
 from fenics_joints.diagnosis.effects.library import by_preload
-from fenics_joints.diagnosis.evidence.prediction import predict
+from fenics_joints.diagnosis.evidence.many import ManyPredictions
 from fenics_joints.diagnosis.model.prepared import Prepared
 from fenics_joints.diagnosis.where.constitutive import ConstitutiveError, constitutive_error
 from fenics_joints.diagnosis.where.patches import PatchMap, patch_tests, patches
@@ -70,7 +70,7 @@ def locate_gap(model: Prepared, *, n_patches: int = 12) -> Location:
     """
     evidence, baseline, forward = model.evidence, model.baseline, model.forward
     none = model.hypothesis(())
-    predicted, nuisance = predict(none, forward, evidence, np.zeros(len(none.priors)), baseline)
+    predicted, nuisance = ManyPredictions(none, forward, evidence, baseline).at(none.at(0.0))
     residual = evidence.data - predicted
     torque = by_preload(model.data)
 

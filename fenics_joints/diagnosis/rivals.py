@@ -85,5 +85,7 @@ def several_causes(
     for name in sure_classes(rated, float(other)):
         members = [e for e in effects if e.class_name == name]
         kind = frozenset().union(*(alike[k] for k, of in grouped.items() if of == name))
-        found[label_of(members)] = lambda f, kind=kind: any(e.key in kind for e in f.hypothesis.effects)
+        found[label_of(members)] = lambda f, kind=kind: any(
+            e.key in kind for e in f.hypothesis.effects
+        )
     return found if len(found) > 1 else {}

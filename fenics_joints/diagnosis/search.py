@@ -135,8 +135,6 @@ class Search:
         """What the test says of each effect: of those that are far behind, by algebra alone.
         Collective."""
         comm, library, test = self.model.comm, self.library, self.model.evidence
-        if not library.batches:
-            return self._all([(h, None) for h in hypotheses])
         looks = np.array(spread(comm, hypotheses, lambda h: library.promises(h, test)))
         order = np.argsort(-looks - self.log_prior(hypotheses), kind="stable")
         first = order[:_FIRST]

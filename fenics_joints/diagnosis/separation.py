@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fenics_joints.diagnosis.evidence.fitted import Fit
-from fenics_joints.diagnosis.evidence.row import RowPrediction
+from fenics_joints.diagnosis.evidence.many import at_conditions
 from fenics_joints.diagnosis.model.prepared import Prepared
 from fenics_joints.diagnosis.plan.added import (
     ADDED_MASS,
@@ -240,7 +240,9 @@ def _conditions(a: Fit, b: Fit, forward, baseline, condition, conditions, sd) ->
             # Followed from the nearest tested condition: modes change places beyond it.
             follow = forward.of(forward.model)
             follow.track(f.hypothesis.values(f.z, float(near), baseline))
-            log_f.append(RowPrediction(f.hypothesis, follow, f.z, float(value), baseline).log_f)
+            log_f.append(
+                at_conditions(f.hypothesis, follow, f.z, [value], baseline, f.shape[1])[0, 0]
+            )
         name = f"the same modes at {word} {condition[0]} ({value:g} {condition[1]})"
         found.append(_candidate(name, log_f[0] - log_f[1], sd))
     return found
@@ -255,10 +257,9 @@ def _damping(a: Fit, b: Fit, forward, baseline, condition) -> list[Candidate]:
     for f in (a, b):
         hypothesis = replace(f.hypothesis, damped=True)
         z = np.concatenate([f.z, np.zeros(len(hypothesis.dampings))])
-        rows = [
-            RowPrediction(hypothesis, forward, z, c, baseline).data[f.shape[1] :]
-            for c in hypothesis.conditions
-        ]
-        grown.append(np.array(rows) - np.mean(rows, axis=0))
+        _, ratios = at_conditions(
+            hypothesis, forward, z, hypothesis.conditions, baseline, f.shape[1]
+        )
+        grown.append(ratios - np.mean(ratios, axis=0))
     name = f"the damping ratios of the same modes, at the same values of the {condition[0]}"
     return [_candidate(name, (grown[0] - grown[1]).ravel(), DAMPING_NOISE)]

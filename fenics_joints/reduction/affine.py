@@ -291,22 +291,6 @@ class AffinePencil:
         stiff = self._stiffness.squares(packed) @ self.scalar_slopes(values)[0]
         return stiff - lam[:, None] * self._mass_gradients(packed, shapes, values)
 
-    def gradients_along(self, shapes: np.ndarray, eigenvalues, values, along) -> np.ndarray:
-        """`gradients` along directions in the parameters, (k, p): less work where they are few.
-
-        Args:
-            shapes: See `gradients`.
-            eigenvalues: Likewise.
-            values: Likewise.
-            along: The directions, (n_parameters, p).
-        """
-        packed, lam = self._stiffness.pack(shapes), np.asarray(eigenvalues, dtype=float)
-        by_theta, by_rho = (by @ along for by in self.scalar_slopes(values))
-        heavy = self._inertia.quadratic(packed, by_rho)
-        for p, A, B in self._moved(values):
-            heavy += 2 * np.sum((A @ shapes) * (B @ shapes), axis=0)[:, None] * along[p]
-        return self._stiffness.quadratic(packed, by_theta) - lam[:, None] * heavy
-
     def squares(self, shapes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """x^T A x of every column, (n, k), and every matrix in K and in M, each (k, n_terms)."""
         packed = self._stiffness.pack(shapes)
@@ -318,22 +302,17 @@ class AffinePencil:
             total[:, p] += 2 * np.sum((A @ shapes) * (B @ shapes), axis=0)
         return total
 
-    def products(
-        self, shapes: np.ndarray, values, along: np.ndarray | None = None
-    ) -> tuple[np.ndarray, np.ndarray]:
+    def products(self, shapes: np.ndarray, values) -> tuple[np.ndarray, np.ndarray]:
         """Derivatives of K x and of M x by every parameter, each (n, k, n_parameters).
 
         Args:
             shapes: Vectors x as columns, (n, k).
             values: All parameters' values.
-            along: Directions, (n_parameters, p): derivatives along these instead, (n, k, p).
         """
-        along = np.eye(len(self.parameters)) if along is None else along
-        by_theta, by_rho = (by @ along for by in self.scalar_slopes(values))
+        by_theta, by_rho = self.scalar_slopes(values)
         stiff, heavy = self._stiffness.times(shapes, by_theta), self._inertia.times(shapes, by_rho)
         for p, A, B in self._moved(values):
-            moved = A.T @ (B @ shapes) + B.T @ (A @ shapes)
-            heavy += moved[:, :, None] * along[p]
+            heavy[:, :, p] += A.T @ (B @ shapes) + B.T @ (A @ shapes)
         return stiff, heavy
 
     def slopes(

@@ -104,12 +104,6 @@ class ArrayModel:
         """
         return self.pencil.gradients(shapes, eigenvalues, self.values_of_slopes(given))
 
-    def gradients_along(self, shapes: np.ndarray, eigenvalues, given, along) -> np.ndarray:
-        """`pencil_gradients` along directions in the parameters, (n_parameters, p): (k, p)."""
-        return self.pencil.gradients_along(
-            shapes, eigenvalues, self.values_of_slopes(given), along
-        )
-
     def pencil_products(self, shapes: np.ndarray, eigenvalues, given=None) -> np.ndarray:
         """(dK/dp - lambda dM/dp) x for every parameter, shape (k, n_parameters, n_dofs)."""
         stiff, heavy = self.pencil.products(shapes, self.values_of_slopes(given))
@@ -124,33 +118,6 @@ class ArrayModel:
             found = dense_modes(K, M, SHIFT_SHARE * self.scale_hz, len(K))
             last = self.__dict__["_last_modes"] = K, found
         return last[1]
-
-    def shape_slopes(
-        self, index, given=None, along: np.ndarray | None = None
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Mass-normalised shapes of some modes and their derivatives by every parameter.
-
-        By expansion in all modes of the reduced model, which is exact on its basis (Fox and Kapoor,
-        AIAA J. 6, 1968). Derivatives of modes of nearly equal frequency are large, and mean little.
-
-        Args:
-            index: Which modes, by ascending eigenvalue.
-            given: Values of parameters that differ from their nominal value.
-            along: Directions in the parameters, (n_parameters, p): derivatives along these instead.
-
-        Returns:
-            Shapes, (n_dofs, k); derivatives, (n_dofs, k, n_parameters) or (n_dofs, k, p).
-        """
-        eigenvalues, vectors = self.all_modes(given)
-        x, lam = vectors[:, index], eigenvalues[index]
-        stiff, heavy = self.pencil.products(x, self.values_of_slopes(given), along)
-        own = np.sum(x[:, :, None] * heavy, axis=0)
-        n, k, p = heavy.shape
-        turned = vectors.T @ (stiff - lam[:, None] * heavy).reshape(n, k * p)
-        gap = lam[None, :] - eigenvalues[:, None]
-        gap[index, np.arange(k)] = np.inf
-        change = vectors @ (turned.reshape(n, k, p) / gap[:, :, None]).reshape(n, k * p)
-        return x, change.reshape(n, k, p) - 0.5 * x[:, :, None] * own[None]
 
     def region_stiffness(self, name: str, given: Mapping[str, float] | None = None) -> np.ndarray:
         """What a layer's own damping multiplies, shape (n_dofs, n_dofs).

@@ -12,7 +12,6 @@ from fenics_joints.measurements.gap import (
     VISIBLE,
     Pairing,
     check_sight,
-    nearest,
     pair_modes,
 )
 from fenics_joints.modal import Modes, frequency_sensitivity, solve_modes
@@ -28,15 +27,13 @@ _SEARCHED = 4
 _STRAIGHT, _STEEP = 1e-3, 0.1
 #: Parameter sets whose frequencies are remembered.
 _MOST = 4000
-#: Solutions that are kept whole, for whoever asks for shapes next.
-_WHOLE = 16
 #: Modes beyond those that the test saw, so that none is missed when modes change places.
 SPARE = 3
 
 
 class Slopes:
     """Derivatives of ln f by all parameters, (m, n_parameters), which are formed when they are
-    asked for; along directions, by ``slopes @ directions``, with what these change alone.
+    asked for.
 
     Args:
         modes: Modes of a model of plain arrays.
@@ -46,18 +43,6 @@ class Slopes:
     def __init__(self, modes: Modes, index: np.ndarray):
         self._model, self._given = modes.model, dict(modes.given)
         self._x, self._lam = modes.shapes[:, index], modes.eigenvalues[index]
-
-    def __matmul__(self, along: np.ndarray) -> np.ndarray:
-        if np.ndim(along) != 2:
-            return self._whole @ along
-        return self.along(slice(None), along)
-
-    def along(self, rows, along: np.ndarray) -> np.ndarray:
-        """Those of some of the modes along directions, (n_parameters, p)."""
-        if "_whole" in self.__dict__:
-            return self._whole[rows] @ along
-        x, lam = self._x[:, rows], self._lam[rows]
-        return self._model.gradients_along(x, lam, self._given, along) / (2 * lam)[:, None]
 
     @cached_property
     def _whole(self) -> np.ndarray:
@@ -120,9 +105,7 @@ class Forward:
         self.model, self.sensors, self.n_test, self.n_modes = model, sensors, n_test, n_modes
         self.reference, self.threshold = reference, threshold
         self.further: Forward | None = None
-        self._last: tuple | None = None
         self._cache: dict[tuple, tuple] = {}
-        self._whole: dict[tuple, tuple] = {}
         self.calls = 0
 
     def __call__(self, values: Mapping[str, float]) -> tuple[np.ndarray, np.ndarray]:
@@ -132,45 +115,10 @@ class Forward:
             if len(self._cache) > _MOST:
                 self._cache.clear()
             modes, pairing = self.solve(values)
-            self._last = key, pairing
-            self._whole[key] = modes, pairing
-            if len(self._whole) > _WHOLE:
-                del self._whole[next(iter(self._whole))]
             log_f = np.log(modes.frequencies_hz[pairing.index])
             self._cache[key] = log_f, self._slopes(modes, pairing.index)
             self.calls += 1
         return self._cache[key]
-
-    @property
-    def follows(self) -> bool:
-        """Whether its model is one by which modes can be followed."""
-        return isinstance(self.model, ArrayModel)
-
-    def follow(
-        self, values: Mapping[str, float], shapes: np.ndarray, log_f: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """The same of the modes that others have become, and their own shapes.
-
-        Needs an `ArrayModel`.
-
-        Args:
-            values: Parameter values.
-            shapes: The others' on its basis, (n_dofs, m).
-            log_f: ln of their frequencies, (m,).
-
-        Raises:
-            InputError: If the model has too few modes.
-        """
-        count = min(self.n_modes, self.model.n_dofs)
-        modes = solve_modes(self.model, values, n_modes=count)
-        if count - modes.n_rigid < self.n_test:
-            raise InputError(f"the model has {count - modes.n_rigid} modes: expected {self.n_test}")
-        f = modes.frequencies_hz[modes.n_rigid :]
-        alike = (shapes.T @ self.mass @ modes.shapes[:, modes.n_rigid :]) ** 2
-        index = modes.n_rigid + nearest(alike, f, np.exp(log_f))
-        self.calls += 1
-        found = np.log(modes.frequencies_hz[index])
-        return found, self._slopes(modes, index), modes.shapes[:, index]
 
     @property
     def mass(self) -> np.ndarray:
@@ -181,23 +129,17 @@ class Forward:
         return last[1]
 
     def _slopes(self, modes: Modes, index: np.ndarray) -> np.ndarray | Slopes:
-        if hasattr(self.model, "gradients_along"):
-            return Slopes(modes, index)
-        return frequency_sensitivity(modes, index)
+        lazy = isinstance(self.model, ArrayModel)
+        return Slopes(modes, index) if lazy else frequency_sensitivity(modes, index)
 
-    def prepare(self, wanted: Sequence[Mapping[str, float]], slopes: bool) -> np.ndarray:
-        """ln f at all these values, shape (len(wanted), m); calls find them ready until `release`.
+    def log_f_at(self, wanted: Sequence[Mapping[str, float]]) -> np.ndarray:
+        """ln f at all these values, shape (len(wanted), m); nan where the model has too few modes
+        that the test could see, and beyond the laws' limits.
 
         Args:
             wanted: Parameter values.
-            slopes: Whether calls need derivatives by the values; they may be nan otherwise. ln f
-                is nan where the model has too few modes that the test could see, and beyond the
-                laws' limits.
         """
         return np.array([self._or_nan(values) for values in wanted])
-
-    def release(self) -> None:
-        """Forget what was prepared."""
 
     def _or_nan(self, values) -> np.ndarray:
         try:
@@ -240,40 +182,6 @@ class Forward:
         """Which of the model's modes the test's are."""
         return self.solve(values)[1]
 
-    def shapes(
-        self, values: Mapping[str, float], along: np.ndarray | None = None
-    ) -> tuple[np.ndarray, ...]:
-        """Shapes of the test's modes at the sensors, and their derivatives.
-
-        Needs an `ArrayModel` with sensors.
-
-        Args:
-            values: Parameter values.
-            along: Directions in the parameters, (n_parameters, p): derivatives along these, which
-                is less work where they are few; by every parameter for None.
-
-        Returns:
-            Shapes, (n_s, m); the same per metre that the sensors sit further along each of their
-            ways, (n_ways, n_s, m); and the derivatives of both, (..., n_parameters) or (..., p).
-        """
-        key = tuple(values[name] for name in self.model.parameters)
-        last = self._last
-        pairing = last[1] if last and last[0] == key else self.solve(values)[1]
-        x, dx = self.model.shape_slopes(pairing.index, values, along)
-        rows = self.model.sensor_rows, self.model.shift_rows
-        return *(r @ x for r in rows), *(np.tensordot(r, dx, axes=1) for r in rows)
-
-    def vectors(self, values: Mapping[str, float]) -> np.ndarray:
-        """Shapes of the test's modes on the basis of an `ArrayModel`, (n_dofs, m)."""
-        key = tuple(values[name] for name in self.model.parameters)
-        modes, pairing = self._whole.get(key) or self.solve(values)
-        return modes.shapes[:, pairing.index]
-
-    def seen_shapes(self, values: Mapping[str, float]) -> tuple[np.ndarray, np.ndarray]:
-        """The first two of `shapes`, but for their scale, without the work of derivatives."""
-        x = self.vectors(values)
-        return self.model.sensor_rows @ x, self.model.shift_rows @ x
-
     def track(self, values: Mapping[str, float]) -> None:
         """Match modes to those at these values from now on."""
         if self.sensors is not None:
@@ -283,8 +191,6 @@ class Forward:
     def forget(self) -> None:
         """Drop what was computed, after the model has changed."""
         self._cache.clear()
-        self._whole.clear()
-        self._last = None
 
 
 def line_of(points: np.ndarray) -> np.ndarray:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from operator import itemgetter
 
 import numpy as np
 import scipy.linalg
@@ -27,7 +26,7 @@ from fenics_joints.measurements.gap import (
 from fenics_joints.modal.modes import NOTHING, Modes, inverted_modes, upright
 from fenics_joints.reduction.arrays import ArrayModel
 from fenics_joints.reduction.forward import SPARE, Forward
-from fenics_joints.reduction.many import ManyModes
+from fenics_joints.reduction.many import Change, ManyModes, ManyValues, change
 
 __all__ = ["Followed", "LeanForward", "batched"]
 
@@ -75,89 +74,28 @@ class LeanForward(Forward):
         unit = _of_unit_mass(model) if turned else None
         model = model if unit is None else unit
         self._unit = unit is not None
+        self._asked = forward._asked if isinstance(forward, LeanForward) else forward
         super().__init__(
             model, forward.sensors, forward.n_test, n_modes, forward.reference, forward.threshold
         )
         if forward.further is not None:
             self.further = LeanForward(forward.further, model, turned)
-        self._ready: dict[tuple, tuple] = {}
-        self._ready_shapes: dict[tuple, np.ndarray] = {}
-        names = list(model.parameters)
-        self._pick = itemgetter(*names) if len(names) > 1 else lambda v: (v[names[0]],)
-
-    def __call__(self, values: Mapping[str, float]) -> tuple[np.ndarray, np.ndarray]:
-        """See `Forward`; from `prepare` where that knows the values."""
-        ready = self._ready.get(self._key(values))
-        return super().__call__(values) if ready is None else ready
 
     def solve(self, values: Mapping[str, float]) -> tuple[Modes, Pairing]:
         """See `Forward`."""
         return super().solve(self._own(values))
 
-    def follow(self, values: Mapping[str, float], shapes: np.ndarray, log_f: np.ndarray):
-        """See `Forward`."""
-        return super().follow(self._own(values), shapes, log_f)
-
-    def vectors(self, values: Mapping[str, float]) -> np.ndarray:
-        """See `Forward`; from `prepare` where that knows the values."""
-        x = self._ready_shapes.get(self._key(values))
-        return super().vectors(values) if x is None else x
-
-    def shapes(
-        self, values: Mapping[str, float], along: np.ndarray | None = None
-    ) -> tuple[np.ndarray, ...]:
-        """See `Forward`."""
-        return super().shapes(self._own(values), along)
-
     def _own(self, values) -> dict[str, float]:
         """Without parameters that the model does not have, which a solution would refuse."""
         return {name: values[name] for name in self.model.parameters}
 
-    def _key(self, values) -> tuple:
-        return self._pick(values)
-
-    def prepare(self, wanted: Sequence[Mapping[str, float]], slopes: bool) -> np.ndarray:
+    def log_f_at(self, wanted: Sequence[Mapping[str, float]]) -> np.ndarray:
         """See `Forward`; solved together."""
+        table = {name: np.array([v[name] for v in wanted]) for name in self.model.parameters}
         try:
-            return self._together(wanted, slopes)
+            return self.many(table, every=False).log_f
         except (InputError, np.linalg.LinAlgError):
-            self.release()  # one of them is beyond a law's limit, such as a specimen's: one by one
-            return super().prepare(wanted, slopes)
-
-    def _together(self, wanted, slopes: bool) -> np.ndarray:
-        keys = [self._key(values) for values in wanted]
-        unique = dict(zip(keys, wanted, strict=True))
-        self.release()
-        table = np.array(list(unique))
-        values = dict(zip(self.model.parameters, table.T, strict=True))
-        eigenvalues, vectors = self._modes(values, self.n_modes)
-        index, good = self._paired(values, eigenvalues, vectors)
-        lam = np.where(good[:, None], np.take_along_axis(eigenvalues, index, axis=1), np.nan)
-        with np.errstate(invalid="ignore"):
-            log_f = 0.5 * np.log(lam) - np.log(2 * np.pi)
-        blank = np.full((index.shape[1], table.shape[1]), np.nan)
-        for i, key in enumerate(unique):
-            by_values = blank
-            if not good[i]:
-                self._ready[key] = self._searched(unique[key], (log_f[i], blank))
-                continue
-            x = self._ready_shapes[key] = vectors[i][:, index[i]]
-            if slopes:
-                gradients = self.model.pencil_gradients(x, lam[i], unique[key])
-                by_values = gradients / (2 * lam[i][:, None])
-            self._ready[key] = log_f[i], by_values
-        return np.array([self._ready[key][0] for key in keys])
-
-    def release(self) -> None:
-        """See `Forward`."""
-        self._ready, self._ready_shapes = {}, {}
-
-    def _searched(self, values, nothing) -> tuple[np.ndarray, np.ndarray]:
-        """One by one, among more modes; ``nothing`` if the test's are not there either."""
-        try:
-            return super().__call__(values)
-        except InputError:
-            return nothing
+            return super().log_f_at(wanted)  # one of them is beyond a law's limit, as a specimen's
 
     def many(
         self,
@@ -187,8 +125,12 @@ class LeanForward(Forward):
             if followed is not None:
                 return self.many(values, followed=followed)
             eigenvalues, vectors = self._further(values, eigenvalues, vectors, index, good, most)
-        self.calls += len(good)
+        self._asked.calls += len(good)
         return ManyModes(self.model, values, eigenvalues, vectors, index, good)
+
+    def change(self, low: ManyValues, high: ManyValues, width: float, count: int = 1) -> Change:
+        """What `many` has to know of changes of the values; see `reduction.many.change`."""
+        return change(self.model, self._own(low), self._own(high), width, count)
 
     def _further(self, values, eigenvalues, vectors, index, good, most: int):
         """More modes, up to ``most``, where the test's are not among the lowest; of the other
@@ -352,9 +294,9 @@ def batched(forward: Forward) -> Forward:
     The forward itself where its model is not one of plain arrays. Kept with it as long as it has
     this model and follows these modes.
     """
-    model = forward.model
-    if forward.batches or type(model) is not ArrayModel:
+    if forward.batches or type(forward.model) is not ArrayModel:
         return forward
+    model = forward.model
     key = model, forward.reference, forward.further
     last = forward.__dict__.get("_batched")
     if last is None or any(a is not b for a, b in zip(last[0], key, strict=True)):

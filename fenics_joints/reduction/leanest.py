@@ -57,8 +57,7 @@ def lean_forward(
 
 def frequency_error(lean: LeanForward, checks, exact: np.ndarray) -> float:
     """Largest error of ln f at parameter values; infinite if the lean model lacks a mode."""
-    found = lean.prepare(checks, slopes=False)
-    lean.release()
+    found = lean.log_f_at(checks)
     return float(np.max(np.abs(found - exact))) if np.isfinite(found).all() else np.inf
 
 
@@ -68,10 +67,7 @@ def _log_f(forward: Forward, wanted: Sequence[Mapping[str, float]]) -> np.ndarra
     Raises:
         InputError: If the model lacks a mode there.
     """
-    many = batched(forward)
-    if many.batches:
-        found = many.prepare(wanted, slopes=False)
-        many.release()
-        if np.isfinite(found).all():
-            return found
+    found = batched(forward).log_f_at(wanted)
+    if np.isfinite(found).all():
+        return found
     return np.array([forward(values)[0] for values in wanted])

@@ -12,9 +12,9 @@ __all__ = ["Stack"]
 
 #: Matrices whose products with vectors are held at a time.
 _READ = 32
-#: Sums that are formed one after the other from a near one; how many times larger a factor may have
-#: been there; and rows between two that are wanted which are read along with them.
-_FEW, _MAGNITUDES, _GAP = 12, 1e6, 4
+#: Sums that are formed one after the other from a near one; and how many times larger a factor may
+#: have been there.
+_FEW, _MAGNITUDES = 12, 1e6
 
 
 class Stack:
@@ -80,22 +80,6 @@ class Stack:
         """Know a sum, from which others are formed: it must not be what happened to be asked for
         first, or round-off would hang on that."""
         self.about = factors.copy(), factors @ self._upper
-
-    def quadratic(self, packed: np.ndarray, factors: np.ndarray) -> np.ndarray:
-        """x^T A x of every packed vector, A being each of some sums, (k, p): of the matrices that
-        are in any of them alone.
-
-        Args:
-            packed: From `pack`.
-            factors: Of each matrix in each sum, (n_terms, p).
-        """
-        used = np.flatnonzero(factors.any(axis=1))
-        found = np.zeros((len(packed), factors.shape[1]))
-        for run in np.split(used, np.flatnonzero(np.diff(used) > _GAP) + 1):
-            if len(run):
-                rows = slice(run[0], run[-1] + 1)  # a view: rows that are picked would be copied
-                found += (packed @ self._upper[rows].T) @ factors[rows]
-        return found
 
     def sums(self, factors: np.ndarray, rows) -> Iterator[np.ndarray]:
         """`sum` of every column of the factors, one after the other."""

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from by_hand import ByHand, model_of
 
 from fenics_joints.diagnosis.zones.zone import Zone
 
@@ -29,8 +30,9 @@ from fenics_joints.diagnosis.effects.amplitude import (
     micro_slip,
     relative_drop,
 )
+from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
-from fenics_joints.diagnosis.evidence.row import RowPrediction
+from fenics_joints.diagnosis.evidence.many import ManyPredictions, at_conditions
 from fenics_joints.forms import lame_parameters
 from fenics_joints.measurements import pair_modes
 from fenics_joints.meshes import lap_plates
@@ -338,11 +340,11 @@ def test_loss_factor_is_that_of_the_loop(amplitude):
 def test_damping_slopes_are_those_of_the_prediction():
     """In a model of two springs in series, for which the share's slope is exact."""
 
-    class Series:
+    class Series(ByHand):
         """lambda = 1 / (1 / 3 + 1 / G)."""
 
         def __init__(self):
-            self.model = type("Model", (), {"parameters": {"lap.G": None}})
+            self.model = model_of(["lap.G"])
 
         def __call__(self, values):
             g = values["lap.G"]
@@ -355,12 +357,16 @@ def test_damping_slopes_are_those_of_the_prediction():
     z = np.array([0.7, 0.4, -0.3, 0.6, -0.5, 0.5, 0.2, -0.6])
     assert len(hypothesis.priors) == len(z)
 
+    flat = np.zeros((1, 2))
+    evidence = Evidence(np.array([2.0]), flat, flat + 0.01, 0.01, log_damping=flat)
+    many = ManyPredictions(hypothesis, Series(), evidence, base)
+
     def predict(z):
-        return RowPrediction(hypothesis, Series(), z, 2.0, base).data
+        return at_conditions(hypothesis, Series(), z, [2.0], base, 2).ravel()
 
     h = 1e-6
     numeric = [(predict(z + s) - predict(z - s)) / (2 * h) for s in h * np.eye(len(z))]
-    slopes = RowPrediction(hypothesis, Series(), z, 2.0, base).slopes
+    _, slopes = many.at(z)
     assert slopes == pytest.approx(np.array(numeric).T, rel=1e-5, abs=1e-8)
     # And the damping itself: at rest, plus half of loss factor times share.
     drop, chi, loss, faster, rise = (p.value(x) for p, x in zip(effect.priors, z, strict=False))

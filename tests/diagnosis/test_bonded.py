@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from by_hand import ByHand, model_of
 from scipy.stats import multivariate_normal
 
 from fenics_joints.diagnosis.evidence.evidence import Evidence
@@ -16,17 +17,16 @@ ACROSS, ALONG = np.array([[3.0, 1.0, 0.2], [0.1, 2.0, 0.4]]) * 1e10
 BONDED, EXPECTED = 1e16, 1e12
 
 
-class Softened:
+class Softened(ByHand):
     """ln f that falls in proportion to the joints' compliance."""
 
     def __init__(self):
-        self.parameters = ("a.E", "a.G", "b.E", "b.G")
-        self.baseline = dict.fromkeys(self.parameters, BONDED)
-        self.model = self
+        self.model = model_of(("a.E", "a.G", "b.E", "b.G"))
+        self.baseline = dict.fromkeys(self.model.parameters, BONDED)
 
     def __call__(self, values):
         way = np.array([ACROSS, ALONG, ACROSS, ALONG])
-        k = np.array([values[name] for name in self.parameters])
+        k = np.array([values[name] for name in self.model.parameters])
         return 5.0 - (1 / k - 1 / BONDED) @ way, (way / k[:, None] ** 2).T
 
 

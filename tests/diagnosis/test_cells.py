@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
+from by_hand import ByHand, model_of
 from scipy.integrate import trapezoid
 from scipy.special import logsumexp
 from scipy.stats import multivariate_normal, norm
@@ -15,21 +14,19 @@ from fenics_joints.diagnosis.evidence import fit
 from fenics_joints.diagnosis.evidence.cells import prior_cells
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
-from fenics_joints.diagnosis.evidence.prediction import predict
-from fenics_joints.reduction import Forward
+from fenics_joints.diagnosis.evidence.many import ManyPredictions
 
 TORQUES = np.array([5.0, 10.0, 30.0])
 
 
-class Curved(Forward):
+class Curved(ByHand):
     """ln f = 5 + A p + bend p0^2, for a banana; linear without the bend."""
 
     def __init__(self, matrix, bend=None):
         self.matrix = np.asarray(matrix, dtype=float)
         self.bend = np.zeros(len(self.matrix)) if bend is None else np.asarray(bend)
         names = [f"p{i}" for i in range(self.matrix.shape[1])]
-        model = SimpleNamespace(parameters=dict.fromkeys(names), n_dofs=9)
-        super().__init__(model, None, n_test=len(self.matrix), n_modes=9)
+        self.model = model_of(names)
         self.baseline = dict.fromkeys(names, 0.0)
 
     def __call__(self, values):
@@ -169,9 +166,10 @@ def test_evidence_agrees_with_another_sampler():
     evidence = evidence_of([[5.02, 5.03]] * 3, sd=0.004, discrepancy=0.003)
     hypothesis = Hypothesis((shift(0), shift(1)), (shift(2, 0.3),))
     found = fit(hypothesis, forward, evidence, forward.baseline)
+    many = ManyPredictions(hypothesis, forward, evidence, forward.baseline)
     density = multivariate_normal(evidence.data, evidence.covariance())
     sampler = dynesty.NestedSampler(
-        lambda z: density.logpdf(predict(hypothesis, forward, evidence, z, forward.baseline)[0]),
+        lambda z: density.logpdf(many.at(z, slopes=False)[0]),
         norm.ppf, 3, nlive=300, rstate=np.random.default_rng(1),
     )  # fmt: skip
     sampler.run_nested(print_progress=False, dlogz=0.05)

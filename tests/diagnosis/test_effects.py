@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import inspect
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from by_hand import ByHand, model_of
 
 pytest.importorskip("dolfinx")
 
@@ -19,17 +19,16 @@ from fenics_joints.diagnosis.effects.rig import misplaced_sensor, misscaled_sens
 from fenics_joints.diagnosis.effects.sensing import Sensing
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
-from fenics_joints.diagnosis.evidence.prediction import predict
+from fenics_joints.diagnosis.evidence.many import ManyPredictions
 from fenics_joints.diagnosis.zones.zone import Zone
 
 MODES = ("a", "b", "c")
 
 
-class Springs:
+class Springs(ByHand):
     """f^2 of a series of the parts' spring and the joint's: shares of the energy by hand."""
 
-    sensors = None
-    model = SimpleNamespace(parameters=dict.fromkeys(["lap.E", "lap.G"]))
+    model = model_of(["lap.E", "lap.G"])
 
     def __call__(self, values):
         shares = self.shares(values)
@@ -53,7 +52,7 @@ def test_damping_is_the_share_of_the_energy_at_the_frequency(kind):
     baseline = {"lap.E": 1e11, "lap.G": 4e10}
     z = np.zeros(len(hypothesis.priors))
     z[0] = 0.5
-    predicted, _ = predict(hypothesis, Springs(), evidence, z, baseline)
+    predicted, _ = ManyPredictions(hypothesis, Springs(), evidence, baseline).at(z)
     eta = 0.02 * 4**0.5
     by_hz = np.array([0.5, 1.0, 2.0]) if kind == "viscous" else np.ones(3)
     expected = 0.003 + 0.5 * eta * by_hz * np.array([0.2, 0.1, 0.3])
@@ -89,9 +88,8 @@ def test_causes_in_the_test_change_how_it_reads():
     hypothesis = Hypothesis((swapped_modes(1, MODES),), modes=MODES)
     flat = np.zeros((1, 3))
     evidence = Evidence(np.ones(1), flat, flat + 0.01, 0.01)
-    got, slopes = predict(
-        hypothesis, Springs(), evidence, np.zeros(0), {"lap.E": 1.0, "lap.G": 1.0}
-    )
+    baseline = {"lap.E": 1.0, "lap.G": 1.0}
+    got, slopes = ManyPredictions(hypothesis, Springs(), evidence, baseline).at(np.zeros(0))
     assert np.exp(got) == pytest.approx([100.0, 400.0, 200.0]) and slopes.shape == (3, 0)
 
 
@@ -104,9 +102,8 @@ def test_ten_lines_in_the_documentation_make_an_effect():
     exec(code, space)
     effect = space["delaminated"]
 
-    class Lid:
-        sensors = None
-        model = SimpleNamespace(parameters={"lid.E": None})
+    class Lid(ByHand):
+        model = model_of(["lid.E"])
 
         def __call__(self, values):
             E = values["lid.E"]
@@ -115,7 +112,7 @@ def test_ten_lines_in_the_documentation_make_an_effect():
     flat = np.zeros((1, 2))
     evidence = Evidence(np.ones(1), flat, flat + 0.01, 0.01)
     hypothesis = Hypothesis((effect,), modes=("a", "b"))
-    got, slopes = predict(hypothesis, Lid(), evidence, np.ones(1), {"lid.E": 7e10})
+    got, slopes = ManyPredictions(hypothesis, Lid(), evidence, {"lid.E": 7e10}).at(np.ones(1))
     lost = 0.1 * np.exp(0.7)
     assert got == pytest.approx(0.5 * np.log(7e10 * (1 - lost)))
     assert slopes == pytest.approx(np.full((2, 1), -0.5 * 0.7 * lost / (1 - lost)), rel=1e-6)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from by_hand import ByHand, model_of
 from scipy.integrate import solve_ivp
 
 pytest.importorskip("dolfinx")
@@ -45,13 +46,13 @@ NONE = "nothing"
 # -- on two springs in series ----------------------------------------------------------------------
 
 
-class Series:
+class Series(ByHand):
     """A spring of the rest, 9, in series with the joint's, 81: a tenth of the energy is in it."""
 
     rest, joint = 9.0, 81.0
 
     def __init__(self):
-        self.model = type("Model", (), {"parameters": {"lap.G": None}})
+        self.model = model_of(["lap.G"])
 
     def __call__(self, values):
         g = values["lap.G"]

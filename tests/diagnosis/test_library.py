@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
+from by_hand import ByHand, model_of
 from linear_forward import Linear, shift
 from scipy.stats import kstest, multivariate_normal, norm
 
@@ -123,8 +122,8 @@ def test_slopes_hold_through_torque_and_tightening():
     """Derivatives of all predictions by z against differences of the predictions."""
     effect = gives_way("c", "joint", [Zone("joint", thickness=5e-4)], reference=30.0)
 
-    class Layer:
-        model = SimpleNamespace(parameters=dict.fromkeys(["joint.E", "joint.G"]))
+    class Layer(ByHand):
+        model = model_of(["joint.E", "joint.G"])
 
         def __call__(self, values):
             E, G = values["joint.E"], values["joint.G"]

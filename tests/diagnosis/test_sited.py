@@ -158,7 +158,7 @@ def test_what_hangs_on_a_spring_has_motions_of_its_own(tmp_path):
     effect.apply(values, {"mass": kg, "frequency": own_hz, "place": float(place)}, 0.0)
     found, _ = model.forward(values)
     assert np.exp(found) == pytest.approx(hz, rel=2e-3)
-    seen, _ = model.forward.seen_shapes(values)
+    seen = model.forward.pairing(values).shapes
     same = np.sum(seen * shapes, axis=0) ** 2
     same /= np.sum(seen**2, axis=0) * np.sum(shapes**2, axis=0)
     assert np.all(same > 0.99)

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
+from by_hand import Function
 from scipy.stats import binom, kstest, ncx2
 
 from fenics_joints.diagnosis.effects.joint import interfaces
@@ -228,10 +227,9 @@ def test_zone_sensitivities_are_changes_of_the_prediction():
             slope.append((up - down) / (2e-6 * values[n]))
         return log_f(values), np.array(slope).T
 
-    forward.model, forward.sensors = SimpleNamespace(parameters=dict.fromkeys(names)), None
     evidence = Evidence(TORQUES, np.tile(log_f(baseline), (4, 1)), np.full((4, 2), 0.003), 0.005)
     zones = zone_sensitivities(
-        forward, evidence, baseline, ["bar", "layer"],
+        Function(forward, names), evidence, baseline, ["bar", "layer"],
         interfaces=interfaces([Zone("layer", thickness=h)], baseline), by_torque=True,
     )  # fmt: skip
     assert zones["bar"].shape == (8, 2) and zones["layer"].shape == (8, 4)
@@ -262,10 +260,9 @@ def test_zones_of_joints_share_what_the_joints_do_together():
             slope[:, j] = (up - down) / (2e-6 * values[n])
         return log_f(values), slope
 
-    forward.model, forward.sensors = SimpleNamespace(parameters=dict.fromkeys(names)), None
     evidence = Evidence(np.ones(1), log_f(baseline)[None], np.full((1, 2), 0.003), 0.005)
     zones = zone_sensitivities(
-        forward, evidence, baseline, ["one", "two"],
+        Function(forward, names), evidence, baseline, ["one", "two"],
         interfaces=interfaces([Zone(name, thickness=h) for name in ("one", "two")], baseline),
     )  # fmt: skip
     soft = 1 / (1 / 1e11 + 1 / (1e12 * h))

@@ -117,7 +117,7 @@ def measured(*, places=PLACES, gains=(), seed=1, **truth) -> TestData:
                 soft += 1 / (truth["loose"] * LAYER)
             values[f"{bolt}.G"] = 1 / (1 / G + soft)
         rows.append(forward(values)[0])
-    shapes = forward.shapes(values)[0]
+    shapes = forward.pairing(values).shapes
     for i, gain in gains:
         shapes[i] *= gain
     rng = np.random.default_rng(seed)

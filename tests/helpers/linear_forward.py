@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
-
 import numpy as np
+from by_hand import ByHand, model_of
 from scipy.stats import multivariate_normal
 
 from fenics_joints.diagnosis import Effect, Prior
@@ -12,13 +11,13 @@ from fenics_joints.diagnosis.evidence.fitted import Fit
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 
 
-class Linear:
+class Linear(ByHand):
     """ln f = f0 + A p for parameters p0, p1, ...: every answer has a closed form."""
 
     def __init__(self, matrix):
         self.matrix = np.asarray(matrix, dtype=float)
         names = [f"p{i}" for i in range(self.matrix.shape[1])]
-        self.model = SimpleNamespace(parameters=dict.fromkeys(names))
+        self.model = model_of(names)
         self.baseline = dict.fromkeys(names, 0.0)
 
     def __call__(self, values):

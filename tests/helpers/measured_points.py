@@ -9,8 +9,6 @@ import pytest
 import scipy.sparse
 
 from fenics_joints.diagnosis.evidence.many import ManyPredictions
-from fenics_joints.diagnosis.evidence.prediction import predict
-from fenics_joints.reduction.lean import batched
 from fenics_joints.structure import Sensors
 
 E, RHO, NOISE = 69e9, 2750.0, 1e-3
@@ -90,21 +88,14 @@ def sparse(A) -> scipy.sparse.csc_matrix:
 
 
 def check_derivatives(model, hypothesis, own: np.ndarray, j: int, floor: float = 1e-9) -> None:
-    """Of some entries of what is predicted: by differences along a parameter; and one by one as of
-    many points together, by all of them."""
+    """Of some entries of what is predicted: by differences along a parameter; and of one point as
+    of many together, by all of them."""
     z = 0.3 * np.random.default_rng(1).standard_normal((3, len(hypothesis.priors)))
-    given = hypothesis, model.forward, model.evidence
-
-    def at(point):
-        return predict(*given, point, model.baseline)
-
-    found, by_z = zip(*map(at, z), strict=True)
+    many = ManyPredictions(hypothesis, model.forward, model.evidence, model.baseline)
+    found, by_z = zip(*map(many.at, z), strict=True)
     step = 1e-3 * np.eye(len(z[0]))[j]
-    differences = (at(z[0] + step)[0] - at(z[0] - step)[0])[own] / 2e-3
+    differences = (many.at(z[0] + step)[0] - many.at(z[0] - step)[0])[own] / 2e-3
     assert by_z[0][own, j] == pytest.approx(differences, rel=1e-4, abs=floor)
-    many = ManyPredictions(
-        hypothesis, batched(model.forward), model.evidence, model.baseline, held_out=True
-    )
     together, along = many(z, range(len(z[0])))
     assert together[:, own] == pytest.approx(np.array(found)[:, own], rel=1e-9, abs=floor)
     assert along[:, own] == pytest.approx(np.array(by_z)[:, own], abs=floor)

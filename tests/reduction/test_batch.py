@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from itertools import product
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import scipy.linalg
+from by_hand import Function
+from one_by_one import one_by_one
 
 from fenics_joints.beams import Beam, BeamStructure, GenericJoint, LumpedMass
 from fenics_joints.diagnosis import Effect, Prior
@@ -16,7 +17,6 @@ from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.library import Library
 from fenics_joints.diagnosis.evidence.many import ManyPredictions
-from fenics_joints.diagnosis.evidence.prediction import predict
 from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.modal import solve_modes
 from fenics_joints.reduction import ArrayModel, Forward, LeanForward, freeze, narrow
@@ -166,7 +166,7 @@ def test_many_solutions_at_a_time_are_the_single_ones():
     rotation = np.linalg.qr(np.random.default_rng(2).standard_normal((N, N)))[0]
     lean = LeanForward(forward, model.on(rotation))
     values = some_values(7)
-    together = lean.prepare(values, slopes=True)
+    together = lean.log_f_at(values)
     for got, value in zip(together, values, strict=True):
         log_f, by_values = forward(value)
         assert got == pytest.approx(log_f, abs=1e-9)
@@ -207,17 +207,8 @@ def test_evidence_by_the_lean_model_is_that_of_the_whole_one():
     truth = hypothesis.values(np.array([0.4, 0.8, -0.6]), 1.0, BASELINE)
     log_f = forward(truth)[0][None] + 0.002 * np.array([1.0, -1.0, 0.5, -0.3])
     evidence = Evidence(np.ones(1), log_f, np.full((1, 4), 0.003), 0.003)
-    class Whole(Forward):
-        """The same frequencies, of a model that cannot be made leaner."""
-
-        def __init__(self):
-            of = SimpleNamespace(parameters=model.parameters, n_dofs=model.n_dofs)
-            super().__init__(of, forward.sensors, forward.n_test, forward.n_modes)
-
-        def __call__(self, values):
-            return forward(values)
-
-    lean, whole = (fit(hypothesis, f, evidence, BASELINE) for f in (forward, Whole()))
+    one_by_one = Function(forward, model.parameters)
+    lean, whole = (fit(hypothesis, f, evidence, BASELINE) for f in (forward, one_by_one))
     assert lean.log_evidence == pytest.approx(whole.log_evidence, abs=0.02)
     assert lean.z == pytest.approx(whole.z, abs=0.02)
 
@@ -269,7 +260,7 @@ def test_evidence_on_few_vectors_once_corrected_is_that_of_all(effect, kind):
     alone = fit(hypothesis, forward, evidence, BASELINE)
     assert found.log_evidence == pytest.approx(alone.log_evidence, abs=0.05)
     assert found.z == pytest.approx(alone.z, abs=0.05)
-    said, _ = predict(hypothesis, forward, evidence, found.z, BASELINE)
+    said, _ = ManyPredictions(hypothesis, forward, evidence, BASELINE).at(found.z)
     assert found.predicted == pytest.approx(said, abs=1e-6)
 
 
@@ -303,9 +294,9 @@ def test_all_kinds_of_data_are_as_predicted_one_by_one():
     d = len(hypothesis.priors)
     z = list(0.5 * np.random.default_rng(4).standard_normal((3, d)))
     lean = LeanForward(forward, model.on(np.eye(N)))
-    many = ManyPredictions(hypothesis, lean, evidence, BASELINE, held_out=True)
+    many = ManyPredictions(hypothesis, lean, evidence, BASELINE)
     for got, point in zip(many(np.array(z))[0], z, strict=True):
-        expected, _ = predict(hypothesis, forward, evidence, point, BASELINE)
+        expected = one_by_one(hypothesis, forward, evidence, point, BASELINE)
         assert len(expected) == 8 + 8 + 4 * N
         assert got == pytest.approx(expected, abs=1e-6)
 
@@ -318,12 +309,11 @@ def test_constant_mass_is_taken_out():
     lean = LeanForward(forward, stiff)
     assert lean.model.mass() == pytest.approx(np.eye(N), abs=1e-12)
     values = [{name: v[name] for name in stiff.parameters} for v in some_values(5)]
-    found = lean.prepare(values, slopes=True)
+    found = lean.log_f_at(values)
     for got, value in zip(found, values, strict=True):
         K, M = (model.stiffness({**BASELINE, **value}), model.mass(BASELINE))
         exact = np.sqrt(scipy.linalg.eigh(K, M, eigvals_only=True)[1:5]) / (2 * np.pi)
         assert np.exp(np.sort(got)) == pytest.approx(exact, rel=1e-8)
         assert lean(value)[1] == pytest.approx(forward(value)[1], rel=1e-6, abs=1e-14)
     # Values of parameters that it does not have are left aside.
-    lean.release()
     assert lean({**BASELINE, **values[0]})[0] == pytest.approx(found[0], abs=1e-9)

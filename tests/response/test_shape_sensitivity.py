@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import scipy.linalg
 from mpi4py import MPI
+from shape_slopes import shape_slopes
 
 from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.measurements import mac
@@ -92,7 +93,7 @@ def test_single_modes_of_the_full_and_of_the_reduced_model(sensors):
     )
     size = np.abs(own).max(axis=(0, 1))
     assert np.all(np.abs(same - own).max(axis=(0, 1)) < 1e-8 * size)
-    shapes, slopes = arrays.shape_slopes(WANTED)
+    shapes, slopes = shape_slopes(arrays, WANTED)
     rows = arrays.loads(sensors).T
     sign = np.sign(np.sum((rows @ shapes) * solve_modes(small, n_modes=12).at(sensors)[:, WANTED],
                           axis=0))  # fmt: skip

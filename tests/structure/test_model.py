@@ -10,7 +10,7 @@ import scipy.linalg
 from mpi4py import MPI
 
 from fenics_joints.beams import Beam, BeamStructure, GenericJoint, LumpedMass
-from fenics_joints.diagnosis.plan.added import Loaded
+from fenics_joints.diagnosis.plan.added import loaded
 from fenics_joints.errors import InputError
 from fenics_joints.meshes import c_beams, lap_plates
 from fenics_joints.modal import frequency_sensitivity, solve_modes
@@ -91,7 +91,7 @@ KINDS = {
     "mounted, reduced": lambda: reduce(mounted(), [{}], 20, travel={"tip": (0.0, 0.02)}),
     "mounted, free terms": lambda: FreeTerms(mounted(), ["layer.G", *MOUNT], {}),
     "contact": contact,
-    "loaded": lambda: Loaded(beams(), beams().displacement_rows(POINTS[:1])[0], 0.01),
+    "loaded": lambda: loaded(beams().arrays(), beams().displacement_rows(POINTS[:1])[0], 0.01),
 }
 WITH_LAYERS = ("solid", "beams", "reduced", "arrays")
 WITH_PICTURES = ("solid", "beams", "contact")

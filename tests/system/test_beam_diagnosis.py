@@ -28,7 +28,6 @@ from fenics_joints.errors import InputError
 from fenics_joints.modal import solve_modes
 from fenics_joints.progress import Progress
 from fenics_joints.reduction import Forward, LeanForward
-from fenics_joints.reduction.lean import batched
 from fenics_joints.structure import Sensors
 
 STEEL = {"E": 208e9, "nu": 0.3, "rho": 7860.0}
@@ -210,14 +209,14 @@ def test_evidence_of_a_missed_mode_is_that_of_a_sampler(tmp_path):
     lean = LeanForward(model.forward, model.forward.model)
     assert lean.threshold == model.forward.threshold != Forward(lean.model, None, 1, 1).threshold
     for a, b in ((lean, model.forward), (lean.further, model.forward.further)):
-        prepared = a.prepare([model.baseline], slopes=False)[0]
+        prepared = a.log_f_at([model.baseline])[0]
         np.testing.assert_allclose(prepared, b(model.baseline)[0], rtol=1e-9)
 
 
 def drawn(model, found, count=4000) -> tuple[float, float]:
     """ln Z by importance sampling of all parameters, about a fit and wider, and its error."""
     h, evidence = found.hypothesis, model.evidence
-    many = ManyPredictions(h, batched(model.forward), evidence, model.baseline, held_out=True)
+    many = ManyPredictions(h, model.forward, evidence, model.baseline)
     used, (low, high) = evidence.fitted, h.limits.T
 
     def likelihood(y):

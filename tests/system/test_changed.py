@@ -13,9 +13,8 @@ from virtual_strip import NOISE, measured, strip, write_strip
 from fenics_joints.case import load_case
 from fenics_joints.diagnosis import diagnose
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
+from fenics_joints.diagnosis.evidence.many import ManyPredictions
 from fenics_joints.diagnosis.evidence.of_test import evidence_of
-from fenics_joints.diagnosis.evidence.prediction import predict
-from fenics_joints.diagnosis.evidence.row import RowPrediction
 from fenics_joints.diagnosis.held_out import folds
 from fenics_joints.diagnosis.model.prepared import prepare
 from fenics_joints.errors import InputError
@@ -79,15 +78,14 @@ def test_what_is_known_is_known_at_its_row_alone(tmp_path):
     assert {k: v for k, v in loaded.items() if k != "weight.mass"} == {
         k: v for k, v in bare.items() if k != "weight.mass"
     }
-    together, slopes = predict(hypothesis, forward, evidence, z, model.baseline)
-    rows = [RowPrediction(hypothesis, forward, z, 1.0, model.baseline, row) for row in (0, 1)]
-    m = evidence.shape[1]
-    assert together[: 2 * m] == pytest.approx(np.concatenate([r.log_f for r in rows]), rel=1e-9)
-    assert np.all(rows[1].log_f < rows[0].log_f)
+    many, m = ManyPredictions(hypothesis, forward, evidence, model.baseline), evidence.shape[1]
+    together, slopes = many.at(z)
+    rows = [forward(values)[0] for values in (bare, loaded)]
+    assert together[: 2 * m] == pytest.approx(np.concatenate(rows), rel=1e-9)
+    assert np.all(rows[1] < rows[0])
     step = 1e-4 * np.eye(len(z))
     for j, s in enumerate(step):
-        up, down = (predict(hypothesis, forward, evidence, z + d, model.baseline)[0][: 2 * m]
-                    for d in (s, -s))  # fmt: skip
+        up, down = (many.at(z + d)[0][: 2 * m] for d in (s, -s))
         assert slopes[: 2 * m, j] == pytest.approx((up - down) / 2e-4, rel=1e-4, abs=1e-7)
     # The nominal model at each row, too; and what does not ask of the change is not told of it.
     nominal = model.nominal_log_f()

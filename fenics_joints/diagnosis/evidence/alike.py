@@ -19,9 +19,7 @@ from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.linear import whiten
 from fenics_joints.diagnosis.evidence.many import ManyPredictions
-from fenics_joints.diagnosis.evidence.prediction import predict
 from fenics_joints.reduction import Forward
-from fenics_joints.reduction.lean import batched
 
 __all__ = ["one_of_alike"]
 
@@ -97,7 +95,7 @@ class _Look:
     """Compares effects by whitened predictions over their priors, all else at its median."""
 
     def __init__(self, forward: Forward, evidence: Evidence, baseline: dict[str, float]):
-        self._given = batched(forward), evidence, baseline
+        self._given = forward, evidence, baseline
         self._lower = evidence.lower()
         self._known: dict[tuple[str, bool], np.ndarray] = {}
 
@@ -127,11 +125,7 @@ class _Look:
         limits = np.array([prior.limits() for prior in effect.priors]).reshape(d, 2)
         steps = np.vstack([size * np.eye(d) for size in _SIZES]) if far else np.zeros((1, d))
         z = np.array([hypothesis.at(point) for point in np.clip(steps, *limits.T)])
-        if forward.batches:
-            predicted = ManyPredictions(hypothesis, forward, evidence, baseline)(z)[0]
-        else:
-            predicted = np.array([predict(hypothesis, forward, evidence, each, baseline)[0]
-                                  for each in z])  # fmt: skip
+        predicted, _ = ManyPredictions(hypothesis, forward, evidence, baseline)(z)
         return whiten(self._lower, (predicted[:, evidence.fitted]).T).T
 
 

@@ -20,7 +20,7 @@ from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.fitted import Fit
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.linear import whiten
-from fenics_joints.diagnosis.evidence.prediction import predicted
+from fenics_joints.diagnosis.evidence.many import ManyPredictions
 from fenics_joints.reduction.forward import Forward
 
 __all__ = [
@@ -88,13 +88,12 @@ def detectable(
                       driven=evidence.driven, known=evidence.known)  # fmt: skip
     with_it = replace(bare, effects=(effect,))
     lower = evidence.lower()
-    without = predicted(bare, forward, evidence, bare.at(0.0), baseline)
-    changes = (
-        predicted(with_it, forward, evidence, with_it.at(size), baseline) - without
-        for size in (0.0, 1.0)
+    without, small, large = (
+        ManyPredictions(h, forward, evidence, baseline).at(h.at(size), slopes=False)[0]
+        for h, size in ((bare, 0.0), (with_it, 0.0), (with_it, 1.0))
     )
-    seen = (np.linalg.norm(whiten(lower, change[evidence.fitted])) for change in changes)
-    return bool(max(seen) >= 2 * APART)
+    changes = (change[evidence.fitted] for change in (small - without, large - without))
+    return bool(max(np.linalg.norm(whiten(lower, change)) for change in changes) >= 2 * APART)
 
 
 def stand_ins(

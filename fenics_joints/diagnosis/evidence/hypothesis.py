@@ -256,19 +256,6 @@ class Hypothesis:
             for e in (*self.nuisances, *self.effects)
         )
 
-    @cached_property
-    def steady(self) -> list[bool]:
-        """Whether each parameter's effect is the same at all conditions."""
-
-        def changes(e: Effect) -> bool:
-            return any(self.known) or e.depends_on_condition or e.by_level or e.drifts
-
-        # Beside one that changes with the condition, which may have a hand in the same values at
-        # some conditions only, no other effect is steady.
-        moving = any(changes(e) for e in self.effects)
-        own = [not (changes(e) or (moving and e in self.effects)) for e, _ in self._own]
-        return own + [False] * (len(self.priors) - len(own))
-
     def loses(self, j: int) -> bool:
         """Whether what is dissipated may depend on parameter ``j`` of z."""
         if j < len(self._own):

@@ -19,7 +19,6 @@ from fenics_joints.diagnosis.evidence.fitted import Fit
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.linear import least_square, whiten
 from fenics_joints.diagnosis.evidence.many import ManyPredictions
-from fenics_joints.diagnosis.evidence.prediction import predict
 from fenics_joints.diagnosis.evidence.scales import Scales
 from fenics_joints.diagnosis.evidence.somewhere import with_somewhere
 from fenics_joints.errors import InputError
@@ -125,11 +124,9 @@ class Library:
         lean: bool = False,
     ):  # fmt: skip
         self.evidence, self.baseline, self.make, self.floor = evidence, baseline, make, -np.inf
-        self.forward = batched(forward) if isinstance(forward, Forward) else forward
-        #: Whether it solves for many points at a time.
-        self.batches = getattr(self.forward, "batches", False)
+        self.forward = batched(forward)
         #: Whether every hypothesis has a basis of its own.
-        self.lean = lean and self.batches and self.forward.model.n_dofs > _LARGE
+        self.lean = lean and self.forward.model.n_dofs > _LARGE
         #: Forwards by the keys of the effects that they are good for.
         self.bases: dict[tuple[str, ...], LeanForward] = {}
         self._samples: dict[str, tuple[np.ndarray, np.ndarray]] = {}
@@ -212,8 +209,6 @@ class Library:
         """Everything in `Evidence.data` at points (b, p): (b, N), and its derivatives by some of z,
         (b, N, q); nan where the model has no such modes."""
         by = list(by)
-        if not self.batches:
-            return self._one_by_one(h, z, by)
         many = self._many(h, between=self.lean and all(map(self._is_smooth, h.effects)))
         data, slopes = many(z, by)
         own = set(range(*h.own.indices(len(h.priors))))
@@ -230,7 +225,7 @@ class Library:
 
     def _many(self, h: Hypothesis, between: bool) -> ManyPredictions:
         forward = self._forward_of(h)
-        return ManyPredictions(h, forward, self.evidence, self.baseline, True, between)
+        return ManyPredictions(h, forward, self.evidence, self.baseline, between)
 
     def _is_smooth(self, effect: Effect) -> bool:
         """Whether interpolation between a few torques tells what an effect does at all, remembered;
@@ -253,17 +248,6 @@ class Library:
         sensors, and of damping by what slips."""
         slips = h.damped and any(e.by_level and e.loss for e in h.effects)
         return slips or any(e.sensing is not None and e.priors for e in h.effects)
-
-    def _one_by_one(self, h, z, by):
-        N = len(self.evidence.data)
-        data, slopes = np.full((len(z), N), np.nan), np.full((len(z), N, len(by)), np.nan)
-        for i, point in enumerate(z):
-            try:
-                data[i], every = predict(h, self.forward, self.evidence, point, self.baseline)
-                slopes[i] = every[:, by]
-            except (InputError, np.linalg.LinAlgError):
-                continue
-        return data, slopes
 
     def states(self, effect: Effect) -> States:
         """Those of an effect, remembered."""

@@ -1,8 +1,8 @@
-"""What a hypothesis predicts of a test at many values of its parameters together.
+"""What a hypothesis predicts of a test, at many values of its parameters together.
 
-As `fenics_joints.diagnosis.evidence.prediction`, for a model that solves for many at a time
-(`fenics_joints.reduction.LeanForward`): thousands of predictions of all modes a second. The
-conditions of a test are solved for together too, so that it serves a single point as well.
+Frequencies, damping, shapes and single numbers, and their derivatives. All points, and all
+conditions of the test, are solved for together (`fenics_joints.reduction.LeanForward`): thousands
+of predictions of all modes a second. A single point is a batch of one.
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.look import Look
 from fenics_joints.diagnosis.evidence.scalars import scalars_at
 from fenics_joints.errors import InputError
-from fenics_joints.reduction import LeanForward
-from fenics_joints.reduction.lean import Followed
-from fenics_joints.reduction.many import Change, change
+from fenics_joints.reduction.forward import Forward
+from fenics_joints.reduction.lean import Followed, batched
+from fenics_joints.reduction.many import Change
 
-__all__ = ["ManyPredictions"]
+__all__ = ["ManyPredictions", "at_conditions"]
 
 #: Step of differences, in standard deviations of the prior, and relative difference that is
 #: round-off.
@@ -42,22 +42,27 @@ class _Apart(Exception):
 class ManyPredictions:
     """Predictions of one hypothesis.
 
+    The damping ratio of a mode is that at rest plus half the loss factor of each lossy stiffness
+    times its share of the mode's strain energy, and that share is d ln lambda / d ln stiffness
+    = 2 d ln f / d ln stiffness (the modal strain energy method; Ungar and Kerwin, J. Acoust. Soc.
+    Am. 34, 1962). A shape's own scale is not known: it is chosen to leave the least residual, and
+    with it the derivative loses its part along the shape.
+
     Args:
         hypothesis: The hypothesis.
-        forward: Predicts.
+        forward: Predicts frequencies and shapes: of an `ArrayModel`, or with ``many`` and
+            ``change`` as `LeanForward` has them.
         evidence: The test.
         baseline: Parameter values of the nominal model.
-        held_out: Whether damping that is not in the test is asked for too: of a mode whose damping
-            was not measured it says otherwise what it is at rest.
         between: Whether many torques are interpolated between few, where that can be.
     """
 
     def __init__(
-        self, hypothesis: Hypothesis, forward: LeanForward, evidence: Evidence,
-        baseline: dict[str, float], held_out: bool = False, between: bool = False,
+        self, hypothesis: Hypothesis, forward: Forward, evidence: Evidence,
+        baseline: dict[str, float], between: bool = False,
     ):  # fmt: skip
-        self.hypothesis, self.forward, self.evidence = hypothesis, forward, evidence
-        self.baseline, self._held_out = baseline, held_out
+        self.hypothesis, self.forward, self.evidence = hypothesis, batched(forward), evidence
+        self.baseline = baseline
         #: Whether they are.
         self.between = between and self._is_alike
         self._singly, self._apart = False, False
@@ -66,28 +71,53 @@ class ManyPredictions:
     def __call__(
         self, z: np.ndarray, by: Sequence[int] = ()
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Everything in `Evidence.data`, (b, N), and its derivatives by some of z, (b, N, p).
+        """Everything in `Evidence.data`, held out or not, (b, N), and its derivatives by some of z,
+        (b, N, p).
 
         Args:
             z: Parameters in prior standard deviations, (b, d); nan stands where the model lacks a
                 mode that the test saw, and beyond the laws' limits.
             by: Which of them derivatives are wanted by.
         """
-        self._filled.clear()
         most = max(_ROOM // self.forward.model.n_dofs**2, 1)
         if len(z) > most:
             return self._parted(z, by, -(-len(z) // most))
         try:
-            return self._together(np.asarray(z, dtype=float), list(by))
-        except _Apart:
-            self._apart = True
-            return self(z, by)
+            return self._solved(z, by)
         except (InputError, np.linalg.LinAlgError):
             # One of them is beyond a law's limit, such as a specimen's.
             if len(z) == 1:
                 n = len(self.evidence.data)
                 return np.full((1, n), np.nan), np.full((1, n, len(by)), np.nan)
             return self._parted(z, by, 2)
+
+    def at(self, z: np.ndarray, slopes: bool = True) -> tuple[np.ndarray, np.ndarray]:
+        """The same at one point, (N,), and its derivatives by all of z, (N, d).
+
+        Args:
+            z: Parameters in prior standard deviations, (d,).
+            slopes: Whether derivatives are wanted; they are (N, 0) otherwise.
+
+        Raises:
+            InputError: If the model lacks a mode that the test saw, or an antiresonance, or the
+                point is beyond a law's limit.
+        """
+        data, along = self._solved([z], range(len(z)) if slopes else ())
+        if not np.all(np.isfinite(data)):
+            raise InputError(
+                f"{self.hypothesis.label or 'nominal model'}: it lacks a mode that the test has, "
+                "or an antiresonance, at these values of its parameters."
+            )
+        return data[0], along[0]
+
+    def _solved(self, z, by) -> tuple[np.ndarray, np.ndarray]:
+        self._filled.clear()
+        z, by = np.asarray(z, dtype=float), list(by)
+        try:
+            return self._together(z, by)
+        except _Apart:
+            self._apart = True
+            return self._together(z, by)
 
     def _parted(self, z, by, count: int) -> tuple[np.ndarray, np.ndarray]:
         """The same, part by part."""
@@ -119,7 +149,7 @@ class ManyPredictions:
             replace(
                 test, conditions=np.exp(nodes), log_f=few, log_sd=np.ones_like(few), used=None,
                 log_damping=None if test.log_damping is None else few, scalars=(),
-            ), self.baseline, held_out=True,
+            ), self.baseline,
         )  # fmt: skip
         place = h.places["tightenings"]
         tightened = np.arange(place.start, place.stop)
@@ -245,13 +275,8 @@ class ManyPredictions:
         """Along each direction, in which some parameters are moved together: all at once."""
         moved = (np.concatenate(part) for part in zip(*(_moved(z, of) for of in directions),
                                                       strict=True))  # fmt: skip
-        low, high = (
-            self._own(self._values(each, np.tile(rows, len(directions)), mode)) for each in moved
-        )
-        return change(self.forward.model, low, high, 2 * _STEP, len(directions))
-
-    def _own(self, values) -> dict[str, np.ndarray]:
-        return {name: values[name] for name in self.forward.model.parameters}
+        low, high = (self._values(each, np.tile(rows, len(directions)), mode) for each in moved)
+        return self.forward.change(low, high, 2 * _STEP, len(directions))
 
     def _values(self, z, rows=None, mode=None, checked: bool = False) -> dict[str, np.ndarray]:
         """The model's parameter values, each (b,): by effects that can be put in at many values
@@ -293,7 +318,8 @@ class ManyPredictions:
     # -- frequencies and damping -----------------------------------------------------------------
 
     def _rows(self, z, rows, looks: Sequence[Look], by) -> tuple[np.ndarray, np.ndarray]:
-        """`RowPrediction.data` and its slopes, (b, m) or (b, 2 m)."""
+        """ln f, and behind it ln damping if the hypothesis predicts it, (b, m) or (b, 2 m), and
+        their slopes."""
         order, further = self._order(z), None
         if order is not None and np.max(order) >= self.evidence.shape[1]:
             # With a mode that the test missed, the model has one more.
@@ -306,12 +332,7 @@ class ManyPredictions:
         slope = _of_each(looks, lambda look: look.slopes(by))
         blocks = [(log_f, slope)]
         if self.hypothesis.damped:
-            # Where damping was not measured few ask what the effects dissipate.
-            measured = np.isfinite(self.evidence.log_damping[np.unique(rows)])
-            there = np.flatnonzero(measured.any(axis=0))
-            all_ = order is not None or self._held_out
-            modes = range(log_f.shape[1]) if all_ else there
-            blocks.append(self._damping(z, rows, looks, log_f, by, modes))
+            blocks.append(self._damping(z, rows, looks, log_f, by))
         if order is not None:
             blocks = [(data[:, order], slope[:, order]) for data, slope in blocks]
         return tuple(np.concatenate(part, axis=1) for part in zip(*blocks, strict=True))
@@ -323,17 +344,15 @@ class ManyPredictions:
         count = 0 if self.forward.sensors is None else len(self.forward.sensors)
         return h.sensing(z[0], self.evidence.shape[1], count).order
 
-    def _damping(self, z, rows, looks, log_f, by, modes) -> tuple[np.ndarray, np.ndarray]:
-        """ln of the damping ratios, (b, m), and their slopes; see `RowPrediction`. What the
-        effects dissipate counts in some modes only."""
+    def _damping(self, z, rows, looks, log_f, by) -> tuple[np.ndarray, np.ndarray]:
+        """ln of the damping ratios, (b, m), and their slopes."""
         h = self.hypothesis
         start = h.places["dampings"].start
         at_rest = np.stack(
             [p.value(z[:, start + i]) for i, p in enumerate(h.dampings)], axis=1
         )
         lost, slope = np.zeros_like(at_rest), np.zeros((*at_rest.shape, len(by)))
-        for i in modes:
-            look = looks[i]
+        for i, look in enumerate(looks):
             losses = self._losses(z, rows, log_f[:, i], look.mode)
             shares = {key: self._share(look, i, key) for key in losses}
             lost[:, i] = sum((0.5 * eta * shares[key] for key, eta in losses.items()), 0.0)
@@ -367,8 +386,12 @@ class ManyPredictions:
         return look.modes.share(key)[:, i] if key else np.ones(len(look.modes.index))
 
     def _loss_slope(self, z, rows, log_f, look, losses, shares, j) -> np.ndarray:
-        """Derivative of mode i's lost part by parameter ``j``, (b,); see
-        `RowPrediction._damping_slopes`."""
+        """Derivative of mode i's lost part by parameter ``j``, (b,).
+
+        That of a share g by the stiffness itself is taken as for two springs in series,
+        dg / d ln stiffness = -g (1 - g), the joint and the rest: only the search's way and the
+        width of the posterior rest on it.
+        """
         found, h = np.zeros(len(z)), self.hypothesis
         if j not in look.columns:
             return found
@@ -388,18 +411,18 @@ class ManyPredictions:
     # -- shapes and single numbers ---------------------------------------------------------------
 
     def _shapes(self, z, look: Look, by) -> tuple[np.ndarray, np.ndarray]:
-        """`RowPrediction.shapes` flat, (b, n_s m), and slopes by what is no effect in the test."""
+        """Shapes at the sensors, each scaled to the measured one, flat, (b, n_s m), and slopes."""
         model, measured, modes = self.forward.model, self.evidence.shapes, look.modes
-        gains, shifts = self._read(z)
+        h, sensing = self.hypothesis, self._read(z)
 
-        def read(shapes):
+        def read(shapes, gains, shifts):
             at = model.sensor_rows @ shapes
             if shifts is not None:
                 along = model.shift_rows @ shapes[:, None]
                 at = at + np.einsum("bws,bwsm->bsm", shifts[:, : along.shape[1]], along)
             return at if gains is None else gains[:, :, None] * at
 
-        found = read(modes.x)
+        found = read(modes.x, *sensing)
         there = np.isfinite(measured)
         y, seen = np.where(there, measured, 0.0), np.where(there, found, 0.0)
         square = np.maximum(np.sum(seen**2, axis=1), 1e-300)
@@ -408,7 +431,10 @@ class ManyPredictions:
         for k, j in enumerate(by):
             if j not in look.columns:
                 continue
-            d = read(modes.shape_slope(look.along, look.columns[j]))
+            d = read(modes.shape_slope(look.along, look.columns[j]), *sensing)
+            if h.priors[j][0].sensing is not None:  # the structure unmoved
+                low, high = (read(modes.x, *self._read(each)) for each in _moved(z, [j]))
+                d = d + (high - low) / (2 * _STEP)
             dx = np.where(there, d, 0.0)
             change = np.sum(y * dx, axis=1) - 2 * scale * np.sum(seen * dx, axis=1)
             slope[..., k] = scale[:, None] * d + found * (change / square)[:, None]
@@ -462,3 +488,37 @@ def _alike(many, one, count: int) -> bool:
             if not abs(many[name][i] - value) <= _SAME * abs(value):
                 return False
     return True
+
+
+def at_conditions(
+    hypothesis: Hypothesis,
+    forward: Forward,
+    z: np.ndarray,
+    conditions: Sequence[float],
+    baseline: dict[str, float],
+    n_modes: int,
+) -> np.ndarray:
+    """What a hypothesis predicts at conditions that were not measured, of a structure that is as it
+    is and without the scatter of a tightening.
+
+    Args:
+        hypothesis: The hypothesis.
+        forward: See `ManyPredictions`.
+        z: Parameters in prior standard deviations, (d,).
+        conditions: Torques or levels, (n,).
+        baseline: Parameter values of the nominal model.
+        n_modes: Number of the test's modes, m.
+
+    Returns:
+        ln f, and behind it ln of the damping ratios if the hypothesis predicts them: (1, n, m) or
+        (2, n, m).
+
+    Raises:
+        InputError: See `ManyPredictions.at`.
+    """
+    known = np.delete(z, np.r_[hypothesis.places["tightenings"]])
+    bare = replace(hypothesis, scatter=0.0, known=(), as_row=())
+    flat = np.zeros((len(conditions), n_modes))
+    blank = Evidence(np.asarray(conditions, dtype=float), flat, flat + 1.0, 1.0)
+    data, _ = ManyPredictions(bare, forward, blank, baseline).at(known, slopes=False)
+    return data.reshape(-1, *flat.shape)

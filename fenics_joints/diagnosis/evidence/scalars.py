@@ -7,13 +7,11 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from fenics_joints.errors import InputError
-
 if TYPE_CHECKING:
     from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
     from fenics_joints.diagnosis.evidence.signatures import Signatures
 
-__all__ = ["Scalar", "Values", "reach", "scalars", "scalars_at"]
+__all__ = ["Scalar", "Values", "reach", "scalars_at"]
 
 Values = Mapping[str, np.ndarray]
 
@@ -68,44 +66,6 @@ def reach(measured: Sequence[Scalar], hypothesis: Hypothesis) -> list[int]:
     ]  # fmt: skip
 
 
-def scalars(
-    measured: Sequence[Scalar],
-    hypothesis: Hypothesis,
-    z: np.ndarray,
-    conditions: np.ndarray,
-    baseline: dict[str, float],
-    *,
-    slopes: bool = True,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Their logarithms as a hypothesis predicts them, (k,), and the derivatives by z, (k, d).
-
-    Args:
-        measured: The numbers.
-        hypothesis: The hypothesis.
-        z: Parameters in prior standard deviations, (d,).
-        conditions: The test's.
-        baseline: Parameter values of the nominal model.
-        slopes: Whether derivatives are wanted; they are zero otherwise.
-
-    Raises:
-        InputError: If the model has one not, as an antiresonance.
-    """
-
-    def at(points: np.ndarray, row: int | None) -> Values:
-        each = [hypothesis.values(p, conditions[row or 0], baseline, row) for p in points]
-        return {name: np.array([values[name] for values in each]) for name in each[0]}
-
-    by = range(len(z)) if slopes else ()
-    found, along = scalars_at(measured, hypothesis, np.asarray(z, dtype=float)[None], by, at)
-    if not np.all(np.isfinite(found)):
-        lacking = measured[int(np.argmin(np.isfinite(found[0])))]
-        raise InputError(
-            f"{lacking.name}: the model lacks the antiresonance, or a mode that it is made of, at "
-            "these values."
-        )
-    return found[0], along[0] if slopes else np.zeros((len(measured), len(z)))
-
-
 def scalars_at(
     measured: Sequence[Scalar],
     hypothesis: Hypothesis,
@@ -113,7 +73,8 @@ def scalars_at(
     by: Sequence[int],
     at: Callable[[np.ndarray, int | None], Values],
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The same at many points, (b, k), and derivatives by some of z, (b, k, len(by)).
+    """Their logarithms as a hypothesis predicts them at many points, (b, k), and derivatives by
+    some of z, (b, k, len(by)); nan where the model has one not, as an antiresonance.
 
     Args:
         measured: The numbers.

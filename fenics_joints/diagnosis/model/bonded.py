@@ -16,7 +16,7 @@ import numpy as np
 from fenics_joints.diagnosis.effects.effect import Effect
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
-from fenics_joints.diagnosis.evidence.prediction import predict
+from fenics_joints.diagnosis.evidence.many import ManyPredictions
 from fenics_joints.diagnosis.where.zone_sensitivity import giving_way
 from fenics_joints.reduction.forward import Forward
 
@@ -82,8 +82,8 @@ def _change(effect: Effect, forward, evidence: Evidence, baseline) -> np.ndarray
         middle = 0.5 * (low + high)
         moved = np.sqrt(np.mean((log_f(middle) - before) ** 2))
         low, high = (low, middle) if moved > size else (middle, high)
-    soft, stiff = (predict(hypothesis, forward, evidence, z(at), baseline)[0]
-                   for at in (low, _RANGE[0]))  # fmt: skip
+    both = np.array([z(low), z(_RANGE[0])])
+    soft, stiff = ManyPredictions(hypothesis, forward, evidence, baseline)(both)[0]
     (n, m), change = evidence.shape, soft - stiff
     own = np.concatenate([change[row * m : (row + 1) * m], _shapes(change, evidence, n * m)])
     # What never gets so far is as stiff as it gets soft, or moves nothing that is measured.

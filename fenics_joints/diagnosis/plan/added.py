@@ -12,15 +12,17 @@ from fenics_joints.diagnosis.effects.effect import Effect
 from fenics_joints.diagnosis.evidence.classes import APART
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
-from fenics_joints.diagnosis.evidence.prediction import predict
-from fenics_joints.diagnosis.evidence.row import RowPrediction
+from fenics_joints.diagnosis.evidence.many import ManyPredictions
 from fenics_joints.diagnosis.plan.groups import groups
 from fenics_joints.diagnosis.plan.study import Measurement, Signature, Study
-from fenics_joints.structure.model import Model
+from fenics_joints.reduction import ArrayModel, Forward
+from fenics_joints.reduction.lean import batched
+from fenics_joints.reduction.many import Change, ManyModes, ManyValues
+from fenics_joints.reduction.terms import MassTerm
 
 __all__ = [
-    "ADDED_MASS", "DAMPING_NOISE", "MORE_MODES", "Addition", "Altered", "Candidate", "Joined",
-    "Loaded", "measurement", "missed_modes", "next_modes", "rank", "shifted", "widened",
+    "ADDED_MASS", "DAMPING_NOISE", "MORE_MODES", "Addition", "Candidate", "Joined", "altered",
+    "loaded", "measurement", "missed_modes", "next_modes", "rank", "shifted", "widened",
 ]  # fmt: skip
 
 #: Added mass, as a share of the structure's.
@@ -54,82 +56,88 @@ def missed_modes(n: int, kinds: str) -> str:
 
 
 class Joined:
-    """The modes of two forwards of one structure beside each other; shapes of the first's only.
+    """The modes of two forwards of one structure beside each other; shapes of the first's only, and
+    each told by itself at every condition.
 
     Args:
         first: Forward of the test's modes.
         second: Forward of further modes.
     """
 
-    def __init__(self, first, second):
-        self._first, self._second = first, second
-        self.model, self.sensors = first.model, first.sensors
+    #: See `Forward`.
+    batches, further = True, None
 
-    def __call__(self, values: Mapping[str, float]) -> tuple[np.ndarray, np.ndarray]:
-        """See `Forward.__call__`."""
-        pairs = zip(self._first(values), self._second(values), strict=True)
-        return tuple(np.concatenate(pair) for pair in pairs)
+    def __init__(self, first: Forward, second: Forward):
+        self._parts = batched(first), batched(second)
+        self.model, self.sensors = self._parts[0].model, first.sensors
 
-    def shapes(
-        self, values: Mapping[str, float], along: np.ndarray | None = None
-    ) -> tuple[np.ndarray, ...]:
-        """See `Forward.shapes`; zero for the further modes."""
-        more = len(self._second(values)[0])
-        found = []
-        for i, part in enumerate(self._first.shapes(values, along)):
-            widths = [(0, 0)] * part.ndim
-            widths[1 + i % 2] = 0, more  # behind the sensors, and their ways in every other part
-            found.append(np.pad(part, widths))
-        return tuple(found)
+    def many(self, values: ManyValues, every: bool = True, followed=None) -> _JoinedModes:
+        """See `LeanForward.many`."""
+        return _JoinedModes(*(part.many(values, every) for part in self._parts))
+
+    def change(self, *given) -> tuple[Change, ...]:
+        """See `LeanForward.change`."""
+        return tuple(part.change(*given) for part in self._parts)
 
 
-class Altered:
-    """A structure with some parameters changed on purpose by a known factor.
+@dataclass(frozen=True, eq=False)
+class _JoinedModes:
+    """See `ManyModes`; changes are those of each."""
+
+    first: ManyModes
+    second: ManyModes
+
+    def __getattr__(self, name: str) -> np.ndarray:
+        """What each mode has of its own: its index, ln f."""
+        return np.concatenate([getattr(part, name) for part in (self.first, self.second)], axis=1)
+
+    @property
+    def good(self) -> np.ndarray:
+        return self.first.good & self.second.good
+
+    @property
+    def x(self) -> np.ndarray:
+        return self._padded(self.first.x)
+
+    def _padded(self, shapes: np.ndarray) -> np.ndarray:
+        return np.pad(shapes, [(0, 0), (0, 0), (0, self.second.index.shape[1])])
+
+    def slopes(self, along: tuple[Change, ...]) -> np.ndarray:
+        parts = zip((self.first, self.second), along, strict=True)
+        return np.concatenate([modes.slopes(own) for modes, own in parts], axis=1)
+
+    def share(self, name: str) -> np.ndarray:
+        return np.concatenate([self.first.share(name), self.second.share(name)], axis=1)
+
+    def shape_slope(self, along: tuple[Change, ...], k: int) -> np.ndarray:
+        return self._padded(self.first.shape_slope(along[0], k))
+
+
+def loaded(model: ArrayModel, rows: np.ndarray, mass: float) -> ArrayModel:
+    """A model with a known mass put on.
 
     Args:
-        forward: The forward of the structure as it is.
-        factors: Factor on each changed parameter; 0 takes it away.
-    """
-
-    def __init__(self, forward, factors: Mapping[str, float]):
-        self._forward, self._factors = forward, factors
-        self.model, self.sensors = forward.model, forward.sensors
-        self._columns = np.array([factors.get(name, 1.0) for name in self.model.parameters])
-
-    def __call__(self, values: Mapping[str, float]) -> tuple[np.ndarray, np.ndarray]:
-        """See `Forward.__call__`."""
-        changed = {name: value * self._factors.get(name, 1.0) for name, value in values.items()}
-        log_f, slopes = self._forward(changed)
-        return log_f, slopes * self._columns
-
-
-class Loaded:
-    """A reduced model with a known mass put on; takes the calls that a `Forward` makes.
-
-    Args:
-        model: The reduced model.
+        model: The model, of plain arrays.
         rows: Displacement of its basis at the mass, shape (gdim, n_dofs).
         mass: Mass, kg.
     """
+    term = MassTerm("added mass", mass, 0.0, 1.0, np.zeros(1), rows[None])
+    masses = [*model.pencil.masses, term]
+    return replace(model, pencil=replace(model.pencil, masses=masses))
 
-    #: See `fenics_joints.structure.model.Model`.
-    is_dense, is_meshed = True, False
 
-    def __init__(self, model: Model, rows: np.ndarray, mass: float):
-        self._model, self._extra, self._mass = model, mass * rows.T @ rows, mass
-        self.parameters, self.values, self.n_dofs = model.parameters, model.values, model.n_dofs
-        self.stiffness, self.observe = model.stiffness, model.observe
-        self.pencil_gradients, self.dilation_frequency = (
-            model.pencil_gradients, model.dilation_frequency,
-        )  # fmt: skip
+def altered(name: str, factor: float) -> Effect:
+    """A parameter changed on purpose.
 
-    def mass(self, given: Mapping[str, float] | None = None) -> np.ndarray:
-        """M(p) with the mass on, shape (n_dofs, n_dofs)."""
-        return self._model.mass(given) + self._extra
+    Args:
+        name: The parameter's.
+        factor: Factor on its value; 0 takes away what it is of.
+    """
 
-    def total_mass(self, given: Mapping[str, float] | None = None) -> float:
-        """Mass, kg, all together."""
-        return self._model.total_mass(given) + self._mass
+    def apply(values, theta, condition):
+        values[name] = factor * values[name]
+
+    return Effect(f"{name} altered", "", (), apply)
 
 
 # -- tests -----------------------------------------------------------------------------------------
@@ -159,13 +167,15 @@ def measurement(
     used = evidence.fitted
 
     def predicted(hypothesis, z, baseline):
-        values, slopes = predict(hypothesis, forward, evidence, z, baseline)
+        values, slopes = ManyPredictions(hypothesis, forward, evidence, baseline).at(z)
         return values[used], slopes[used]
 
     return Measurement(bare, predicted, evidence.covariance())
 
 
-def shifted(test: Measurement, evidence: Evidence, forward, other, row: int) -> Measurement:
+def shifted(
+    test: Measurement, evidence: Evidence, forward, other, row: int, effects: Sequence[Effect] = ()
+) -> Measurement:
     """A test and, at one of its conditions, the shifts of its frequencies by a known change.
 
     The discrepancy cancels in a shift of the same mode, between measurements without a new
@@ -177,23 +187,26 @@ def shifted(test: Measurement, evidence: Evidence, forward, other, row: int) -> 
         forward: Frequencies of the structure as it is.
         other: Those of the changed one.
         row: Which condition.
+        effects: Without parameters: what else is changed.
     """
     there = np.flatnonzero(evidence.used[row])
     noise = evidence.log_sd[row, there]
-    condition = float(evidence.conditions[row])
+    at_row = row * evidence.shape[1] + there
+    plain = replace(evidence, log_damping=None, shapes=None, scalars=())
 
     def predicted(hypothesis, z, baseline):
         values, slopes = test.predict(hypothesis, z, baseline)
         kept = np.ones(len(z), dtype=bool)
         kept[hypothesis.places["dampings"]] = False
         undamped = replace(hypothesis, damped=False)
+        changed = replace(undamped, effects=(*hypothesis.effects, *effects))
         before, after = (
-            RowPrediction(undamped, f, z[kept], condition, baseline, row) for f in (forward, other)
+            ManyPredictions(h, f, plain, baseline).at(z[kept])
+            for h, f in ((undamped, forward), (changed, other))
         )
         more = np.zeros((len(there), len(z)))
-        more[:, kept] = (after.slopes - before.slopes)[there]
-        shifts = (after.log_f - before.log_f)[there]
-        return np.append(values, shifts), np.vstack([slopes, more])
+        more[:, kept] = (after[1] - before[1])[at_row]
+        return np.append(values, (after[0] - before[0])[at_row]), np.vstack([slopes, more])
 
     n = len(test.covariance)
     covariance = np.diag(np.append(np.zeros(n), 2 * noise**2))

@@ -24,10 +24,10 @@ from fenics_joints.diagnosis.plan.added import (
     ADDED_MASS,
     DAMPING_NOISE,
     MORE_MODES,
-    Altered,
     Candidate,
     Joined,
-    Loaded,
+    altered,
+    loaded,
     measurement,
     missed_modes,
     next_modes,
@@ -117,8 +117,9 @@ class Candidates:
             index = elastic[which & free & clear][:MORE_MODES]
             if len(index):
                 forward = Forward(
-                    reduced, everywhere, len(index), len(modes), reference=shapes[:, index]
-                )
+                    _seen(reduced, everywhere), everywhere, len(index), len(modes),
+                    reference=shapes[:, index],
+                )  # fmt: skip
                 found.append((words, name, forward))
         return found
 
@@ -132,7 +133,7 @@ class Candidates:
         """The test's modes from it."""
         forward, model = self.model.forward, self._wide
         n_modes = min(self.model.surrogate.n_modes, model.n_dofs)
-        return forward.of(model, n_modes)
+        return forward.of(_seen(model, forward.sensors), n_modes)
 
     def _points_of_sizes(self) -> list[Mapping[str, float]]:
         """The nominal values and those of every effect at its expected size: what to span."""
@@ -255,9 +256,9 @@ class Candidates:
 
     # -- changes of the structure ------------------------------------------------------------
 
-    def _shifted(self, name: str, other) -> Candidate:
+    def _shifted(self, name: str, other: Forward, *effects: Effect) -> Candidate:
         row = len(self.evidence.conditions) // 2
-        test = shifted(self.test, self.evidence, self._wide_forward, other, row)
+        test = shifted(self.test, self.evidence, self._wide_forward, other, row, effects)
         return Candidate(name, test)
 
     def _mass(self) -> list[Candidate]:
@@ -271,11 +272,11 @@ class Candidates:
         if best is None:
             return []
         forward = self._wide_forward
-        loaded = forward.of(Loaded(forward.model, rows[best], mass))
+        other = forward.of(loaded(forward.model, rows[best], mass))
         at = point_mm(places[best])
         grams = f"{1e3 * mass:.0f} g" if mass < 1 else f"{mass:.2f} kg"
         name = f"the shifts by a known mass of {grams} ({ADDED_MASS:.0%}) put on at {at} mm"
-        return [self._shifted(name, loaded)]
+        return [self._shifted(name, other)]
 
     def _best_place(self, rows: np.ndarray) -> int | None:
         """By the first-order shift -m phi^2 / 2 of ln f for mass-normalised phi."""
@@ -317,9 +318,15 @@ class Candidates:
             factor = 0.0 if key == "mass" else _SOFTER
             what = "without the" if key == "mass" else f"with a {1 / _SOFTER:.0f} times softer"
             words = f"the shifts of the frequencies {what} {spaced(name)}"
-            found.append(self._shifted(words, Altered(forward, {f"{name}.{key}": factor})))
+            found.append(self._shifted(words, forward, altered(f"{name}.{key}", factor)))
         for name in case.springs:
             softer = f"{1 / _SOFTER:.0f} times softer {spaced(name)}"
             words = f"the shifts of the frequencies with a {softer}"
-            found.append(self._shifted(words, Altered(forward, {f"{name}.stiffness": _SOFTER})))
+            found.append(self._shifted(words, forward, altered(f"{name}.stiffness", _SOFTER)))
         return found
+
+
+def _seen(model: ArrayModel, sensors: Sensors | None) -> ArrayModel:
+    """A model as plain arrays, with what sensors read of it. Collective."""
+    rows = None if sensors is None else model.observe(np.eye(model.n_dofs), sensors)
+    return ArrayModel(model.pencil, model.scale_hz, rows, hung=model.hung)

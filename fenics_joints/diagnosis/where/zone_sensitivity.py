@@ -10,7 +10,7 @@ from fenics_joints.diagnosis.effects.effect import Effect, Prior, in_series, rel
 from fenics_joints.diagnosis.effects.rig import support_compliance
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
-from fenics_joints.diagnosis.evidence.prediction import predict
+from fenics_joints.diagnosis.evidence.many import ManyPredictions
 from fenics_joints.reduction.forward import Forward
 
 __all__ = [
@@ -102,11 +102,11 @@ def trend(evidence: Evidence) -> np.ndarray:
 
 
 def _predict(effects: Sequence[Effect], forward, evidence: Evidence, baseline, z: float = 0.0):
-    """RowPrediction and derivatives, every parameter of the effects ``z`` from its median."""
+    """Prediction and derivatives, every parameter of the effects ``z`` from its median."""
     modes = tuple(f"mode {j + 1}" for j in range(evidence.log_f.shape[1]))
     damped = evidence.log_damping is not None
     hypothesis = Hypothesis(tuple(effects), modes=modes, damped=damped, driven=evidence.driven)
-    return predict(hypothesis, forward, evidence, hypothesis.at(z), baseline)
+    return ManyPredictions(hypothesis, forward, evidence, baseline).at(hypothesis.at(z))
 
 
 def _relative(regions, baseline, interfaces) -> list[tuple[str, Effect]]:

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from one_by_one import one_by_one
 
 from fenics_joints.diagnosis import Effect, Prior
 from fenics_joints.diagnosis.effects.amplitude import micro_slip
@@ -16,9 +16,8 @@ from fenics_joints.diagnosis.evidence.entries import FREQUENCY, SHAPE
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.many import ManyPredictions
-from fenics_joints.diagnosis.evidence.prediction import predict, predicted
-from fenics_joints.diagnosis.evidence.row import RowPrediction
 from fenics_joints.diagnosis.zones.zone import Zone
+from fenics_joints.errors import InputError
 from fenics_joints.reduction import ArrayModel, Forward, LeanForward
 from fenics_joints.reduction.affine import AffinePencil
 from fenics_joints.reduction.terms import RegionTerm, SpringTerm
@@ -54,22 +53,7 @@ def forward():
     ])  # fmt: skip
     points = np.column_stack([SENSORS, np.zeros(5), np.zeros(5)]).astype(float)
     model = ArrayModel(pencil, 100.0, rows, shifts)
-    return Forward(model, Sensors(points, [0.0, 0.0, 1.0]), 3, 6)
-
-
-class OneByOne(Forward):
-    """The same of a model that is of no kind that solves for many values at a time."""
-
-    def __init__(self, forward):
-        of = SimpleNamespace(parameters=forward.model.parameters, n_dofs=N)
-        super().__init__(of, forward.sensors, forward.n_test, forward.n_modes, forward.reference)
-        self.shapes, self.answer = forward.shapes, forward
-        self.vectors, self.follow = forward.vectors, forward.follow
-
-    follows = True
-
-    def __call__(self, values):
-        return self.answer(values)
+    return Forward(model, Sensors(points, [0.0, 0.0, 1.0]), 3, 12)
 
 
 def stiffer(depends: bool) -> Effect:
@@ -91,7 +75,7 @@ def lighter() -> Effect:
 
 def evidence_for(forward, damped: bool) -> Evidence:
     rng = np.random.default_rng(5)
-    shapes = forward.shapes(BASELINE)[0] + 0.1 * rng.standard_normal((5, 3))
+    shapes = forward.pairing(BASELINE).shapes + 0.1 * rng.standard_normal((5, 3))
     shapes[3, 1] = np.nan
     f = np.tile(forward(BASELINE)[0], (2, 1))
     return Evidence(
@@ -124,9 +108,9 @@ def test_derivatives_are_differences(forward, kind, damped):
     z = 0.6 * rng.standard_normal(len(hypothesis.priors))
 
     def at(z):
-        return predict(hypothesis, forward, evidence, z, BASELINE)[0]
+        return one_by_one(hypothesis, forward, evidence, z, BASELINE)
 
-    got, slopes = predict(hypothesis, forward, evidence, z, BASELINE)
+    got, slopes = ManyPredictions(hypothesis, forward, evidence, BASELINE).at(z)
     assert got.shape == evidence.data.shape and slopes.shape == (len(got), len(z))
     there = np.isfinite(evidence.data)
     step = 1e-4
@@ -145,8 +129,9 @@ def test_drift_of_the_temperature_is_seen_where_nothing_depends_on_the_torque(fo
     evidence = evidence_for(forward, damped=False)
     z = np.array([0.3, -0.5, 0.8])
     step = np.array([0.0, 0.0, 1e-4])
-    up, down = (predict(hypothesis, forward, evidence, z + s, BASELINE)[0] for s in (step, -step))
-    slope = predict(hypothesis, forward, evidence, z, BASELINE)[1][:, 2]
+    many = ManyPredictions(hypothesis, forward, evidence, BASELINE)
+    up, down = (many.at(z + s)[0] for s in (step, -step))
+    slope = many.at(z)[1][:, 2]
     assert np.abs(slope[:3]).max() == 0.0
     found, exact = slope[3:6], (up - down)[3:6] / 2e-4
     # One mode hardly feels the ground: there is nothing but round-off in its difference.
@@ -159,8 +144,7 @@ def test_swapped_modes_swap_frequencies_and_damping_and_leave_shapes(forward):
     bare = Hypothesis((stiffer(False),), modes=MODES, damped=True)
     swapped = Hypothesis((stiffer(False), swapped_modes(0, MODES)), modes=MODES, damped=True)
     z = z[: len(bare.priors)]
-    a, _ = predict(bare, forward, evidence, z, BASELINE)
-    b, _ = predict(swapped, forward, evidence, z, BASELINE)
+    a, b = (ManyPredictions(h, forward, evidence, BASELINE).at(z)[0] for h in (bare, swapped))
     shapes = evidence.entries.kind == SHAPE
     assert b[shapes] == pytest.approx(a[shapes], rel=1e-8, abs=1e-12)
     order = [1, 0, 2]
@@ -173,29 +157,26 @@ def test_scale_and_sign_of_a_shape_are_free(forward):
     evidence = evidence_for(forward, damped=False)
     bare = Hypothesis((), modes=MODES)
     there = np.isfinite(evidence.shapes)
-    true = np.where(there, forward.shapes(BASELINE)[0] * [-3.0, 0.01, 7.0], np.nan)
+    true = np.where(there, forward.pairing(BASELINE).shapes * [-3.0, 0.01, 7.0], np.nan)
     measured = Evidence(
         evidence.conditions, evidence.log_f, evidence.log_sd, 0.01, shapes=true, shape_row=1
     )
-    got, _ = predict(bare, forward, measured, np.zeros(0), BASELINE)
+    got, _ = ManyPredictions(bare, forward, measured, BASELINE).at(np.zeros(0))
     kept = (measured.entries.kind == SHAPE) & np.isfinite(measured.data)
     assert got[kept] == pytest.approx(measured.data[kept], rel=1e-9)
 
 
 @pytest.mark.parametrize("kind", ["structure", "both", "swapped and gain"])
-@pytest.mark.parametrize("together", [False, True], ids=["", "together"])
-def test_shapes_alone_are_those_with_derivatives(forward, kind, together):
-    """Also from solutions for many values at a time."""
-    hypothesis = Hypothesis((stiffer(False), *EFFECTS[kind]), (lighter(),), modes=MODES)
-    measured = evidence_for(forward, damped=False).shapes
+def test_shapes_alone_are_those_with_derivatives(forward, kind):
+    """From the lowest modes as from all, which derivatives are made of."""
+    hypothesis = Hypothesis((stiffer(True), *EFFECTS[kind]), (lighter(),), modes=MODES)
+    evidence = evidence_for(forward, damped=False)
     z = np.linspace(-0.4, 0.5, len(hypothesis.priors))
-    exact, _ = RowPrediction(hypothesis, forward, z, 20.0, BASELINE).shapes(measured)
-    if together:
-        forward = LeanForward(forward, forward.model)
-        wanted = [hypothesis.values(s * z, 20.0, BASELINE, None, None) for s in (0.5, 1.0)]
-        forward.prepare(wanted, slopes=False)
-    found = RowPrediction(hypothesis, forward, z, 20.0, BASELINE).read_shapes(measured)
-    assert found == pytest.approx(exact, rel=1e-8, abs=1e-10)
+    many = ManyPredictions(hypothesis, forward, evidence, BASELINE)
+    found, none = many.at(z, slopes=False)
+    assert none.shape == (len(found), 0)
+    for exact in (many.at(z)[0], one_by_one(hypothesis, forward, evidence, z, BASELINE)):
+        assert found == pytest.approx(exact, rel=1e-8, abs=1e-10)
 
 
 def joint_loss() -> Effect:
@@ -210,31 +191,26 @@ def joint_loss() -> Effect:
 @pytest.mark.parametrize("damped", [False, True], ids=["", "damped"])
 @pytest.mark.parametrize("kind", list(EFFECTS))
 def test_many_at_once_are_as_one_by_one(forward, kind, damped):
-    """Predictions, and derivatives by what is no effect in the test; and of a single point, all
-    conditions at once, by all."""
+    """On another basis too; and a point alone is as among others, with its derivatives."""
     effects = (stiffer(depends=True), *EFFECTS[kind], *([joint_loss()] if damped else []))
     hypothesis = Hypothesis(
         effects, (lighter(),), scatter=0.2, conditions=TORQUES, modes=MODES, damped=damped
     )
     evidence = evidence_for(forward, damped)
     z = 0.5 * np.random.default_rng(7).standard_normal((4, len(hypothesis.priors)))
-    lean = LeanForward(forward, forward.model)
-    by = [j for j, (effect, _) in enumerate(hypothesis.priors) if effect.sensing is None]
-    got, slopes = ManyPredictions(hypothesis, lean, evidence, BASELINE)(z, by)
-    there = np.isfinite(evidence.data)
+    rotation = np.linalg.qr(np.random.default_rng(9).standard_normal((N, N)))[0]
+    lean = LeanForward(forward, forward.model.on(rotation))
+    many = ManyPredictions(hypothesis, lean, evidence, BASELINE)
+    got, slopes = many(z, range(z.shape[1]))
     for i, point in enumerate(z):
-        one, slope = predict(hypothesis, OneByOne(forward), evidence, point, BASELINE)
-        assert got[i, there] == pytest.approx(one[there], rel=1e-6, abs=1e-8)
-        assert slopes[i, there] == pytest.approx(slope[there][:, by], rel=1e-4, abs=1e-6)
-        at_once, by_all = predict(hypothesis, forward, evidence, point, BASELINE)
-        assert at_once == pytest.approx(one, rel=1e-6, abs=1e-8)
-        assert by_all == pytest.approx(slope, rel=1e-4, abs=1e-6)
-        alone = predicted(hypothesis, forward, evidence, point, BASELINE)
+        one = one_by_one(hypothesis, forward, evidence, point, BASELINE)
+        assert got[i] == pytest.approx(one, rel=1e-6, abs=1e-8)
+        alone, by_all = many.at(point)
         assert alone == pytest.approx(one, rel=1e-6, abs=1e-8)
+        assert by_all == pytest.approx(slopes[i], rel=1e-4, abs=1e-6)
 
 
-@pytest.mark.parametrize("at_once", [False, True], ids=["one by one", "at once"])
-def test_modes_that_change_places_along_the_torque_are_followed(at_once):
+def test_modes_that_change_places_along_the_torque_are_followed():
     """Two masses on springs of their own, which the one sensor cannot tell apart."""
     law, unit = LAYER_LAWS["uncoupled"], np.eye(2)
     stiffness = np.zeros((4, 2, 2))
@@ -255,11 +231,7 @@ def test_modes_that_change_places_along_the_torque_are_followed(at_once):
         np.array(TORQUES), exact, np.full((2, 2), 0.01), 0.01,
         shapes=np.ones((1, 2)), shape_row=1, near=np.eye(1),
     )  # fmt: skip
-    if at_once:
-        lean = LeanForward(one, model)
-        found = ManyPredictions(hypothesis, lean, evidence, BASELINE)(z[None])[0][0]
-    else:
-        found, _ = predict(hypothesis, OneByOne(one), evidence, z, BASELINE)
+    found, _ = ManyPredictions(hypothesis, one, evidence, BASELINE).at(z)
     assert exact[0, 1] < exact[0, 0] < exact[1, 1]
     assert found[:4] == pytest.approx(exact.ravel(), rel=1e-9)
 
@@ -275,12 +247,15 @@ def test_an_effect_that_takes_one_condition_at_a_time(forward):
         (own,), (lighter(),), scatter=0.1, conditions=TORQUES, modes=MODES
     )
     evidence, z = evidence_for(forward, damped=False), np.array([0.2, 0.7, 0.1, -0.2])
-    one, slope = predict(hypothesis, OneByOne(forward), evidence, z, BASELINE)
-    got, slopes = predict(hypothesis, forward, evidence, z, BASELINE)
+    one, up, down = (
+        one_by_one(hypothesis, forward, evidence, z + s, BASELINE)
+        for s in np.outer([0.0, 1e-4, -1e-4], np.eye(4)[0])
+    )
+    many = ManyPredictions(hypothesis, forward, evidence, BASELINE)
+    got, slopes = many.at(z)
     assert got == pytest.approx(one, rel=1e-6) and np.ptp(got[[0, 3]]) > 0.1
-    assert slopes == pytest.approx(slope, rel=1e-4, abs=1e-6)
-    lean = LeanForward(forward, forward.model)
-    both, _ = ManyPredictions(hypothesis, lean, evidence, BASELINE)(np.array([z, 0 * z]))
+    assert slopes[:, 0] == pytest.approx((up - down) / 2e-4, rel=1e-4, abs=1e-6)
+    both, _ = many(np.array([z, 0 * z]))
     assert both[0] == pytest.approx(one, rel=1e-6)
 
 
@@ -292,13 +267,16 @@ def test_an_effect_that_takes_no_arrays_is_put_in_one_by_one(forward):
 
     own = Effect("own", "", (Prior("factor", 1.0, 0.5),), apply)
     hypothesis = Hypothesis((own,), (lighter(),), conditions=TORQUES, modes=MODES)
-    evidence, lean = evidence_for(forward, damped=False), LeanForward(forward, forward.model)
+    evidence = evidence_for(forward, damped=False)
     z = np.array([[0.2, 0.3], [0.1, -2.0], [0.4, -0.4]])
-    got, _ = ManyPredictions(hypothesis, lean, evidence, BASELINE)(z)
+    many = ManyPredictions(hypothesis, forward, evidence, BASELINE)
+    got, _ = many(z)
     there = np.isfinite(evidence.data)
     assert np.isfinite(got[:, there]).all(axis=1).tolist() == [True, False, True]
-    one = predict(hypothesis, forward, evidence, z[2], BASELINE)[0]
+    one = one_by_one(hypothesis, forward, evidence, z[2], BASELINE)
     assert got[2, there] == pytest.approx(one[there], rel=1e-6)
+    with pytest.raises(InputError, match="G"):
+        many.at(z[1])
 
 
 @pytest.mark.parametrize("driven", [(1,), (1, 2)], ids=["one", "two"])
@@ -315,10 +293,11 @@ def test_modes_of_one_level_have_no_amplitude_of_their_own(forward, driven):
     )  # fmt: skip
     assert [p.name for p in hypothesis.amplitudes] == ["three over two"][: len(driven) - 1]
     z = 0.4 * np.random.default_rng(8).standard_normal((2, len(hypothesis.priors)))
-    got, slopes = predict(hypothesis, forward, evidence, z[0], BASELINE)
+    many = ManyPredictions(hypothesis, forward, evidence, BASELINE)
+    got, slopes = many.at(z[0])
     there, step = np.isfinite(evidence.data), 1e-4
     moved = [
-        [predict(hypothesis, forward, evidence, z[0] + x, BASELINE)[0] for x in (s, -s)]
+        [one_by_one(hypothesis, forward, evidence, z[0] + x, BASELINE) for x in (s, -s)]
         for s in step * np.eye(len(z[0]))
     ]
     numeric = np.array([(high - low) / (2 * step) for high, low in moved]).T
@@ -328,7 +307,6 @@ def test_modes_of_one_level_have_no_amplitude_of_their_own(forward, driven):
     if len(driven) == 2:
         at = hypothesis.places["amplitudes"].start
         assert np.unique(entries.mode[slopes[:, at] != 0]).tolist() == [2]
-    lean = LeanForward(forward, forward.model)
-    together = ManyPredictions(hypothesis, lean, evidence, BASELINE)(z, range(len(z[0])))
+    together = many(z, range(len(z[0])))
     assert together[0][0, there] == pytest.approx(got[there], rel=1e-6, abs=1e-8)
     assert together[1][0, there] == pytest.approx(slopes[there], rel=1e-4, abs=1e-6)
