@@ -310,3 +310,27 @@ def test_modes_of_one_level_have_no_amplitude_of_their_own(forward, driven):
     together = many(z, range(len(z[0])))
     assert together[0][0, there] == pytest.approx(got[there], rel=1e-6, abs=1e-8)
     assert together[1][0, there] == pytest.approx(slopes[there], rel=1e-4, abs=1e-6)
+
+
+@pytest.mark.parametrize("damped", [False, True], ids=["", "damped"])
+def test_many_torques_lie_between_few(forward, damped):
+    """Each torque solved for by itself says the same of all of them, and so do derivatives."""
+    torques = tuple(np.linspace(2.0, 22.0, 11).tolist())
+    f = np.tile(forward(BASELINE)[0], (11, 1))
+    evidence = Evidence(
+        np.array(torques), f, np.full((11, 3), 0.01), 0.01,
+        log_damping=np.full((11, 3), np.log(0.01)) if damped else None,
+    )  # fmt: skip
+    hypothesis = Hypothesis(
+        (stiffer(depends=True),), (lighter(),), scatter=0.2, conditions=torques, modes=MODES,
+        damped=damped,
+    )  # fmt: skip
+    z = 0.6 * np.random.default_rng(6).standard_normal((4, len(hypothesis.priors)))
+    few, each = (
+        ManyPredictions(hypothesis, forward, evidence, BASELINE, between=between)
+        for between in (True, False)
+    )
+    assert few.between and not each.between
+    for ours, theirs in zip(few(z, range(z.shape[1])), each(z, range(z.shape[1])), strict=True):
+        assert np.abs(theirs).max() > 1e-2
+        np.testing.assert_allclose(ours, theirs, atol=2e-4)

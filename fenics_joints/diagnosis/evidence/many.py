@@ -177,7 +177,8 @@ class ManyPredictions:
                 if j in tightened:
                     row = j - place.start
                     every[:, :, row, :, i] = change[:, :, row]
-        blocks = [(found.reshape(b, -1), every.reshape(b, kinds * n * m, len(by))), *self._scalars(z, by)]
+        rows = found.reshape(b, -1), every.reshape(b, kinds * n * m, len(by))
+        blocks = [rows, *self._scalars(z, by)]
         return tuple(np.concatenate(part, axis=1) for part in zip(*blocks, strict=True))
 
     def _together(self, z, by) -> tuple[np.ndarray, np.ndarray]:
