@@ -212,24 +212,37 @@ def solve_modes(
 
 
 def refine_modes(
-    model: Model, given: Mapping[str, float], solver: EigenSolver | None, start: np.ndarray
+    model: Model, given: Mapping[str, float], solver: EigenSolver, start: np.ndarray
 ) -> Modes:
     """Modes of a structure near a subspace, see `EigenSolver.refine`. Collective.
 
     Args:
         model: A structure.
         given: Values of parameters that differ from their nominal value.
-        solver: One from a solution of the structure, whose ordering is kept; a new one for None.
+        solver: One of the structure, whose ordering is kept.
         start: This rank's rows of the subspace, (n_local, k), such as modes of a reduced model.
 
     Raises:
         ConvergenceError: If the matrices cannot be factorised.
     """
     K, M = model.stiffness(given), model.mass(given)
-    solver = solver or EigenSolver(start.shape[1], shift=_shift(model, given, None))
     result = solver.refine(K, M, start)
     K.destroy(), M.destroy()
     return _modes(model, dict(given), solver, result)
+
+
+def eigen_solver(
+    model: Model, given: Mapping[str, float], n_modes: int, tolerance: float
+) -> EigenSolver:
+    """The solver that `solve_modes` makes for a model at parameter values.
+
+    Args:
+        model: A structure.
+        given: Values of parameters that differ from their nominal value.
+        n_modes: Number of modes.
+        tolerance: See `solve_modes`.
+    """
+    return EigenSolver(n_modes, shift=_shift(model, given, None), tol=tolerance)
 
 
 def check_model(model: object) -> None:

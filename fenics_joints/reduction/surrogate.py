@@ -10,7 +10,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from fenics_joints.measurements.gap import TooFewModes, largest_difference
-from fenics_joints.modal.modes import Modes, refine_modes, solve_modes
+from fenics_joints.modal.modes import Modes, eigen_solver, refine_modes, solve_modes
 from fenics_joints.progress import Progress
 from fenics_joints.reduction.adaptive import Points, SmallModel
 from fenics_joints.reduction.arrays import ArrayModel
@@ -80,9 +80,10 @@ class Surrogate(SeenModes):
         self._basis: list[PETSc.Vec] = []
         self._refined: dict[tuple, Modes] = {}
         self._start, self._still = dict(start), still
+        # Whether the model is kept or not, so that both give the same numbers.
+        self._solver = eigen_solver(full, self.samples[0], self.n_modes, SNAPSHOT)
         self._whole = self._kept() if self.kept else self._reduce()
-        if self.kept:
-            self._condense()
+        self._condense()
         self.forward = self._forward(self._with_motions())
 
     def modes(self, name: str, values: Mapping[str, float]) -> Modes:
@@ -125,10 +126,6 @@ class Surrogate(SeenModes):
 
     def _of_test(self, modes: Modes) -> np.ndarray:
         return np.concatenate([np.arange(modes.n_rigid), self._seen(modes)])
-
-    def _in_basis(self, modes: Modes) -> np.ndarray:
-        """Modes that are held: of a model that is kept all, since other tests see others."""
-        return self._of_test(modes) if self.kept is None else np.arange(len(modes))
 
     def errors(self, points: Points) -> np.ndarray:
         """Largest relative frequency error against the full model at each point, (n,).
@@ -174,8 +171,7 @@ class Surrogate(SeenModes):
             rows = np.array([vector.array_r for vector in self._basis]).T
             some = int(pairing.index.max()) + 1 + SPARE
             start = rows @ modes.shapes[: rows.shape[1], :some]
-            found = refine_modes(self.full, values, self._solver, start)
-            self._solver, self._refined[key] = self._solver or found.solver, found
+            self._refined[key] = refine_modes(self.full, values, self._solver, start)
         return self._refined[key]
 
     def extend(self, points: Points) -> None:
@@ -240,16 +236,12 @@ class Surrogate(SeenModes):
 
     def _reduce(self) -> ArrayModel:
         """The reduced model on the modes at the samples."""
-        sampled, solver = SampledBasis(self.lacking), None
+        sampled = SampledBasis(self.lacking)
         for values in self.samples:
-            modes = solve_modes(
-                self.full, values, n_modes=self.n_modes, solver=solver, tolerance=SNAPSHOT
-            )
-            solver = modes.solver
-            sampled.add(modes, self._in_basis(modes), just_solved=True)
+            modes = solve_modes(self.full, values, n_modes=self.n_modes, solver=self._solver)
+            # All of them, kept or not, so that both give the same numbers; other tests see others.
+            sampled.add(modes, np.arange(len(modes)), just_solved=True)
             self.progress.advance()
-        if solver is not None:
-            self._solver = solver  # as accurate as a check needs
         return self._on(sampled)
 
     def _on(self, sampled: SampledBasis, known: ArrayModel | None = None) -> ArrayModel:
