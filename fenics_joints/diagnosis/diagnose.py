@@ -5,9 +5,8 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from functools import singledispatch
 from pathlib import Path
-from typing import Any
+from typing import Any, overload
 
 import numpy as np
 from mpi4py import MPI
@@ -63,10 +62,11 @@ _WRONG = 2
 _PLACES = 240
 
 
-@singledispatch
+@overload
 def diagnose(
     structure: Structure,
     test: TestData,
+    /,
     progress: Progress | None = None,
     *,
     effects: Sequence[Effect | str] | None = None,
@@ -78,17 +78,33 @@ def diagnose(
     attached: Mapping[str, Mapping] | None = None,
     title: str = "structure",
     **options: Any,
-) -> Diagnosis:
+) -> Diagnosis: ...
+
+
+@overload
+def diagnose(
+    case: Case,
+    comm: MPI.Intracomm,
+    /,
+    progress: Progress | None = None,
+    *,
+    extra: Sequence[Effect] = (),
+    data: TestData | None = None,
+    keep: Path | None = None,
+) -> Diagnosis: ...
+
+
+def diagnose(model, of, /, progress=None, **keywords):
     """Where a nominal model is wrong, which effect causes it, how far the gap shrinks. Collective.
 
-    ``diagnose(structure, test)`` takes a model and its test from a script. The diagnosis builds
-    its own model of what the structure is made of, by default with the joints bonded, with
-    parameters ``NAME.KEY``: E, nu, rho, thickness and width (actual over meshed) of parts, E and G
-    of joints (across and along their plane), mass and stiffness of what stands at points, k_n and
-    k_t of held facets. The names are the structure's own: of regions, of elastic supports, of held
-    facets, and of masses and springs, whose parameter without ``.mass`` or ``.stiffness`` names
-    them where they have one. Of a part whose ``stretch`` is no parameter and whose ``normal`` is
-    the default the thickness is where the mesh is thinnest.
+    ``diagnose(structure, test, progress=None, effects=None, ...)`` takes a model and its test from
+    a script. The diagnosis builds its own model of what the structure is made of, by default with
+    the joints bonded, with parameters ``NAME.KEY``: E, nu, rho, thickness and width (actual over
+    meshed) of parts, E and G of joints (across and along their plane), mass and stiffness of what
+    stands at points, k_n and k_t of held facets. The names are the structure's own: of regions,
+    elastic supports and held facets, and of masses and springs, which their parameter names where
+    they have one, without ``.mass`` or ``.stiffness``. Of a part whose ``stretch`` is no parameter
+    and whose ``normal`` is the default the thickness is where the mesh is thinnest.
 
     ``diagnose(case, comm, progress, extra=(), data=None, keep=None)`` takes a
     `fenics_joints.case.Case` and a communicator, with the case's test unless ``data`` is given.
@@ -120,6 +136,20 @@ def diagnose(
             few modes, or the folder cannot be written to. Of a case: if it has no test.
         ConvergenceError: If modes do not converge.
     """
+    diagnosed = _diagnose_case if isinstance(model, Case) else _diagnose_structure
+    return diagnosed(model, of, progress, **keywords)
+
+
+def _diagnose_structure(
+    structure: Structure,
+    test: TestData,
+    progress: Progress | None,
+    *,
+    effects: Sequence[Effect | str] | None = None,
+    extra: Sequence[Effect] = (),
+    keep: Path | None = None,
+    **more: Any,
+) -> Diagnosis:
     chosen = None
     if effects is not None:
         given = items("effects", effects, (Effect, str), "an Effect, the name of one")
@@ -127,18 +157,14 @@ def diagnose(
         chosen = [each for each in given if isinstance(each, str)]
         if not given:
             raise InputError("effects = []: expected one at least, or None for all that apply.")
-    case = case_of(
-        structure, test, effects=chosen, bolts=bolts, bolted=bolted, tolerances=tolerances,
-        attached=attached, title=title, options=options,
-    )  # fmt: skip
+    case = case_of(structure, test, effects=chosen, **more)
     return _diagnose_case(case, structure.comm, progress, extra=extra, data=test, keep=keep)
 
 
-@diagnose.register
 def _diagnose_case(
     case: Case,
     comm: MPI.Intracomm,
-    progress: Progress | None = None,
+    progress: Progress | None,
     *,
     extra: Sequence[Effect] = (),
     data: TestData | None = None,

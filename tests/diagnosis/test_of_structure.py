@@ -100,7 +100,8 @@ def film(values, theta, torque):
 
 def test_effects_are_all_that_is_weighed(monkeypatch):
     """An effect of one's own alone, and its parameter as it was put in; in a table."""
-    own = Effect("film", "lap", (Prior("k", 1e12, 3.0, "Pa/m"),), film)
+    k = Prior("k", 1e12, 3.0, "Pa/m")
+    own = Effect("film", "lap", (k,), film, depends_on_condition=True)
     nominal = plates(MPI.COMM_SELF, unbolted=True)
     found = diagnose(nominal, measured(k_t=3e11), effects=[own], **OPTIONS)
     assert any("no bolts of near, away are known" in note for note in found.model["notes"])

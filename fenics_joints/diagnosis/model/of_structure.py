@@ -86,8 +86,8 @@ def case_of(
     bolted: Iterable[str] = (),
     tolerances: Mapping[str, float] | None = None,
     attached: Mapping[str, Mapping] | None = None,
-    title: str = "",
-    options: Mapping[str, Any] | None = None,
+    title: str = "structure",
+    **options: Any,
 ) -> Case:
     """The case that says of a structure and its test what they say.
 
@@ -113,7 +113,6 @@ def case_of(
     if structure.axisymmetric or structure.changes:
         what = "axisymmetric" if structure.axisymmetric else "with changes"
         raise InputError(f"structure: is {what}; expected a solid, or a section in plane strain.")
-    options = dict(options or {})
     for key in options:
         if key not in _DIAGNOSE + _TEST:
             raise InputError(f"{key}: unknown option{did_you_mean(key, _DIAGNOSE + _TEST)}")
