@@ -141,6 +141,18 @@ def test_page_effect(run_script, tmp_path):
     assert min(shown) >= 1 and max(shown) <= 90 and 80 <= sum(shown) <= 104
 
 
+def test_page_model(run_script, tmp_path):
+    """Its film, made soft along its plane on a mesh from DOLFINx, is what the diagnosis names."""
+    (page,) = [p for p in DOCS if p.stem == "own-model"]
+    (script,), (shown,) = blocks("python", page), blocks("text", page)
+    path = tmp_path / "page_model.py"
+    path.write_text(script, encoding="utf-8")
+    printed = run_script(path)
+    assert re.sub(r"[\d.]|\s", "", printed) == re.sub(r"[\d.]|\s", "", shown)
+    assert numbers(printed) == pytest.approx(numbers(shown), abs=0.02)
+    assert "joint tangential compliance" in printed.splitlines()[0]
+
+
 def test_page_frf(run_script, tmp_path):
     """Its slope of two shapes by the layer's thickness is that of remeshed layers."""
     (script,) = [b for b in blocks("python") if "shape_gradients(" in b]

@@ -14,7 +14,7 @@ SECTIONS = {
     "Do": (
         "case", "own-mesh", "own-data", "levels", "amplitude", "updating", "posterior",
         "functions", "slip", "preload", "beams", "database", "forms", "own-law", "own-effect",
-        "cluster",
+        "own-model", "cluster",
     ),
     "Look up": ("commands", "case-file", "api/index", "theory", "limits", "security"),
     "Judge": ("blind", "nonlinear_checks", "benchmarks", "speed", "peers"),

@@ -47,7 +47,8 @@ def parameters(
         for name, section in case.supports.items():
             if section.holds_all:
                 for key in ("k_n", "k_t"):
-                    values[f"{name}.{key}"] = RIGID_SUPPORT
+                    # Of a structure from a script it may have a stiffness.
+                    values[f"{name}.{key}"] = getattr(section, key, None) or RIGID_SUPPORT
                     bounds[f"{name}.{key}"] = _SUPPORT
     if damping and case.damping is not None:
         for name, value in case.damping.nominal().items():

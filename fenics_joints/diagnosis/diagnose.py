@@ -1,14 +1,16 @@
-"""The diagnosis from a case to its answer: where, which, how far."""
+"""The diagnosis from a case, or a structure and its test, to its answer."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any, overload
 
 import numpy as np
 from mpi4py import MPI
+from numpy.typing import ArrayLike
 from threadpoolctl import threadpool_limits
 
 from fenics_joints.case import Case, test_notes
@@ -25,6 +27,7 @@ from fenics_joints.diagnosis.evidence.somewhere import Somewhere, changes
 from fenics_joints.diagnosis.evidence.unlisted import after_held_out
 from fenics_joints.diagnosis.held_out import cross_validate, folds
 from fenics_joints.diagnosis.location import locate_gap
+from fenics_joints.diagnosis.model.of_structure import case_of
 from fenics_joints.diagnosis.model.prepared import Prepared, prepare
 from fenics_joints.diagnosis.result import Diagnosis, EffectResult, HypothesisResult
 from fenics_joints.diagnosis.rivals import is_wrong, several_causes
@@ -43,13 +46,14 @@ from fenics_joints.diagnosis.verdict import (
     with_strangers,
 )
 from fenics_joints.diagnosis.where.localise import cell_map, zone_shares
-from fenics_joints.errors import InputError
+from fenics_joints.errors import InputError, items
 from fenics_joints.files import writable_folder
 from fenics_joints.measurements import Gap, TestData
 from fenics_joints.parallel import on_root
 from fenics_joints.progress import Progress
 from fenics_joints.reduction.memory import give_back, hold_freed
 from fenics_joints.reduction.seen import places_all_over
+from fenics_joints.structure import Structure
 
 __all__ = ["diagnose"]
 
@@ -59,31 +63,114 @@ _WRONG = 2
 _PLACES = 240
 
 
+@overload
+def diagnose(
+    structure: Structure,
+    test: TestData,
+    /,
+    progress: Progress | None = None,
+    *,
+    effects: Sequence[Effect | str] | None = None,
+    extra: Sequence[Effect] = (),
+    keep: Path | None = None,
+    bolts: Mapping[str, ArrayLike] | None = None,
+    bolted: Sequence[str] = (),
+    tolerances: Mapping[str, float] | None = None,
+    attached: Mapping[str, Mapping] | None = None,
+    title: str = "structure",
+    **options: Any,
+) -> Diagnosis: ...
+
+
+@overload
 def diagnose(
     case: Case,
     comm: MPI.Intracomm,
+    /,
     progress: Progress | None = None,
     *,
     extra: Sequence[Effect] = (),
     data: TestData | None = None,
     keep: Path | None = None,
-) -> Diagnosis:
-    """Where the model of a case is wrong, which effect causes it, how far the gap shrinks.
+) -> Diagnosis: ...
+
+
+def diagnose(model, of, /, progress=None, **keywords):
+    """Where a nominal model is wrong, which effect causes it, how far the gap shrinks. Collective.
+
+    ``diagnose(structure, test, progress=None, effects=None, ...)`` takes a model and its test from
+    a script. The diagnosis builds its own model of what the structure is made of, by default with
+    the joints bonded, with parameters ``NAME.KEY``: E, nu, rho, thickness and width (actual over
+    meshed) of parts, E and G of joints (across and along their plane), mass and stiffness of what
+    stands at points, k_n and k_t of held facets. The names are the structure's own: of regions,
+    elastic supports and held facets, and of masses and springs, which their parameter names where
+    they have one, without ``.mass`` or ``.stiffness``. Of a part whose ``stretch`` is no parameter
+    and whose ``normal`` is the default the thickness is where the mesh is thinnest.
+
+    ``diagnose(case, comm, progress, extra=(), data=None, keep=None)`` takes a
+    `fenics_joints.case.Case` and a communicator, with the case's test unless ``data`` is given.
 
     Args:
-        case: The case.
-        comm: Communicator; the call is collective and gives the same answer on all ranks.
+        structure: The nominal model, on a mesh in space or in plane strain.
+        test: What was measured, (n, m) frequencies at n conditions, such as torques.
         progress: Told what is being done.
-        extra: Effects of the user's own, beside the library's.
-        data: The test, if not the case's.
+        effects: All that is weighed: names choose effects of the library, effects are your own.
+            None for all of the library that apply to this structure and test.
+        extra: Effects of your own, beside these.
         keep: Folder in which the reduced model is kept, so that another test of the same model
             costs less; None to keep nothing.
+        bolts: Points on the axes of the bolts through a joint, m, (n, 3), by the joint's name; by
+            default the mesh's points ``bolts``. Without any the joint is one zone, and the notes
+            say that no loose bolt is looked for.
+        bolted: Names of the joints that lie under bolts, where others lie away from them.
+        tolerances: Relative standard deviations of what is known, by parameter, such as
+            ``{"plate.E": 0.01}``; of others those of handbooks.
+        attached: What is there and not in the nominal model, such as sensors, by name: the keys
+            of ``[attached.NAME]`` in a case file.
+        title: For people.
+        options: Keys of ``[diagnose]`` in a case file with its defaults: n_modes, discrepancy,
+            shape_discrepancy, preload_scatter, max_effects, samples, joints, patches, mesh_error,
+            rare. And of ``[test]``: mass, mass_noise, stiffness, antiresonances.
 
     Raises:
-        InputError: If the case has no test, or its model too few modes; if the folder cannot be
-            written to.
+        InputError: If something of the structure or an option is not usable, or the model has too
+            few modes, or the folder cannot be written to. Of a case: if it has no test.
         ConvergenceError: If modes do not converge.
     """
+    diagnosed = _diagnose_case if isinstance(model, Case) else _diagnose_structure
+    return diagnosed(model, of, progress, **keywords)
+
+
+def _diagnose_structure(
+    structure: Structure,
+    test: TestData,
+    progress: Progress | None,
+    *,
+    effects: Sequence[Effect | str] | None = None,
+    extra: Sequence[Effect] = (),
+    keep: Path | None = None,
+    **more: Any,
+) -> Diagnosis:
+    chosen = None
+    if effects is not None:
+        given = items("effects", effects, (Effect, str), "an Effect, the name of one")
+        extra = (*(each for each in given if isinstance(each, Effect)), *extra)
+        chosen = [each for each in given if isinstance(each, str)]
+        if not given:
+            raise InputError("effects = []: expected one at least, or None for all that apply.")
+    case = case_of(structure, test, effects=chosen, **more)
+    return _diagnose_case(case, structure.comm, progress, extra=extra, data=test, keep=keep)
+
+
+def _diagnose_case(
+    case: Case,
+    comm: MPI.Intracomm,
+    progress: Progress | None,
+    *,
+    extra: Sequence[Effect] = (),
+    data: TestData | None = None,
+    keep: Path | None = None,
+) -> Diagnosis:
     progress = progress or Progress(silent=True)
     started = time.perf_counter()
     hold_freed()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass, field
 from textwrap import shorten
+from typing import Any
 
 import numpy as np
 
@@ -19,6 +20,7 @@ from fenics_joints.diagnosis.evidence.somewhere import Somewhere
 from fenics_joints.diagnosis.location import Location
 from fenics_joints.diagnosis.shrinkage import Shrinkage
 from fenics_joints.diagnosis.where.localise import CellMap, ZoneShare
+from fenics_joints.errors import member
 from fenics_joints.files import plain
 from fenics_joints.formatting import LEAST, LIMITS, MOST, bounded, html_table, percent, probability
 from fenics_joints.measurements.gap import Gap
@@ -206,6 +208,34 @@ class Diagnosis:
     def _scales_of(self, kind: Kind) -> tuple[float, ...] | None:
         there = self.scales is not None and self.scales.kind == kind
         return self.scales.values if there else None
+
+    def table(self, of: str = "effects") -> Any:
+        """The effects, or the fitted parameters of every hypothesis, as a table.
+
+        Args:
+            of: ``effects``: rows with name, region, probability (0 to 1, of all hypotheses with
+                the effect), class (effects that this test cannot tell apart), detectable and odds
+                (before the test), the most probable first. ``parameters``: rows with hypothesis,
+                its probability, and effect, name, value, low, high (a standard deviation either
+                way), unit, nuisance and prior_sigmas, the most probable hypothesis first.
+
+        Returns:
+            A ``pandas.DataFrame`` where pandas is installed, else a list of dictionaries, one for
+            each row.
+
+        Raises:
+            InputError: If ``of`` is something else.
+        """
+        member("of", of, ("effects", "parameters"))
+        rows = [_effect(e) for e in self.effects] if of == "effects" else [
+            {"hypothesis": h.label, "probability": bounded(h.probability), **row}
+            for h in self.hypotheses for row in h.parameters
+        ]  # fmt: skip
+        try:
+            from pandas import DataFrame
+        except ImportError:
+            return rows
+        return DataFrame(rows)
 
     def to_json(self) -> dict:
         """The documented keys of ``diagnose --json``."""

@@ -15,8 +15,9 @@ the test::
         delaminate, describe="Layers of the lid have come apart.",
     )
 
-It goes in with ``diagnose(case, comm, extra=[delaminated])``. The parameters of a model are listed
-by `fenics_joints.case.parameters.parameters`, and a prior is log-normal unless it says otherwise.
+It goes in with ``diagnose(case, comm, extra=[delaminated])``, or ``diagnose(structure, test,
+extra=[delaminated])``. The parameters of a case's model are listed by
+`fenics_joints.case.parameters.parameters`, and a prior is log-normal unless it says otherwise.
 """
 
 from __future__ import annotations

@@ -6,8 +6,37 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from fenics_joints.diagnosis.effects.effect import Effect
+from fenics_joints.errors import InputError
 
-__all__ = ["for_zones"]
+__all__ = ["check_parameters", "for_zones"]
+
+
+def check_parameters(
+    effect: Effect, baseline: Mapping[str, float], condition: float,
+    zones: Mapping[str, tuple[str, ...]],
+) -> None:
+    """Refuse an effect that speaks of parameters which it, or the model, does not have.
+
+    Args:
+        effect: The effect.
+        baseline: Parameter values of the nominal model.
+        condition: One of the test's.
+        zones: Names of each joint's zones.
+
+    Raises:
+        InputError: With the name, and those there are.
+    """
+    try:
+        effect.touches(baseline, 1.0, condition)
+    except KeyError as error:
+        joint = {zone: name for name, own in zones.items() for zone in own}
+        split = (name.rpartition(".") for name in baseline)
+        known = dict.fromkeys(f"{joint.get(owner, owner)}.{key}" for owner, _, key in split)
+        raise InputError(
+            f"effect {effect.key}: {error.args[0]!r} is neither a parameter of its own "
+            f"({', '.join(p.name for p in effect.priors)}) nor of the model: expected one of "
+            f"{', '.join(known)}"
+        ) from error
 
 
 def for_zones(effect: Effect, zones: Mapping[str, tuple[str, ...]]) -> Effect:

@@ -18,7 +18,7 @@ from fenics_joints.diagnosis.effects.effect import Effect, Silent
 from fenics_joints.diagnosis.effects.joint import interfaces
 from fenics_joints.diagnosis.effects.library import by_preload, case_effects, case_nuisances
 from fenics_joints.diagnosis.effects.samples import is_rare, sample_ranges, sample_values
-from fenics_joints.diagnosis.effects.user import for_zones
+from fenics_joints.diagnosis.effects.user import check_parameters, for_zones
 from fenics_joints.diagnosis.evidence.entries import FUNCTION
 from fenics_joints.diagnosis.evidence.equal import distinct
 from fenics_joints.diagnosis.evidence.evidence import Evidence
@@ -482,6 +482,13 @@ def prepare(
     own = data.as_it_is
     effects, silent = case_effects(case, own, zones, subject.dimensions, subject.sites, mass)
     extra = [for_zones(effect, zones.by("joint")) for effect in extra]
+    for name in {name for row in data.known for name in row} - subject.baseline.keys():
+        raise InputError(
+            f"{case.path}: test.known: {name!r}: expected one of the model's parameters: "
+            f"{', '.join(subject.baseline)}"
+        )
+    for effect in extra:
+        check_parameters(effect, subject.baseline, float(own.conditions[-1]), zones.by("joint"))
     effects = distinct((*effects, *extra), subject.baseline, own.conditions)
     return Prepared(
         **vars(subject), comm=comm, data=data, effects=effects, silent=silent,
