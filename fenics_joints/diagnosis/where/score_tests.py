@@ -1,4 +1,4 @@
-"""Where the gap lies: tests of zones against chance, and what of the misfit lies along each axis.
+"""Where the gap lies: one score test of each place, and what of the misfit lies along each axis.
 
 The residual of the nominal model is r = data - prediction. If nothing but noise, the error that
 any model has, and nuisances within their tolerance are at work, then r ~ N(0, C) with
@@ -8,76 +8,115 @@ as their prior lets them move and no further: an infinitely wide prior would be 
 projector of Basseville and Nikiforov (CDC 2005), which would give a tolerance of one per cent the
 same freedom as an unknown modulus.
 
-A zone's statistic t = r~^T S~ (S~^T S~)^-1 S~^T r~ is chi-square with rank(S~) degrees of freedom
-under any turning of its columns. The minmax statistic (Doehler, Mevel and Zhang, Annu. Rev. Control
-42, 2016, 244) is the same with the other zones projected out of the zone's columns, flatly: it
-stays chi-square whatever the others do.
+Let x be changes at one place, a region, a zone of a joint or a patch of cells, in units of their
+expected size, and S the derivatives of the data by them. The score is the derivative of the log
+evidence of the nominal hypothesis, U = S~^T r~, and F = S~^T S~ is its variance (Fisher's
+information). Rao's statistic t = U^T F^-1 U is chi-square with rank(S~) degrees of freedom without
+a change, under any turning of the columns (Rao, Proc. Camb. Phil. Soc. 44, 1948, 50). With the
+prior x ~ N(0, I) the place's log evidence, above that of no change anywhere, is
+
+    1/2 U^T (I + F)^-1 U - 1/2 ln det(I + F),
+
+with the mean (I + F)^-1 U of x and the covariance (I + F)^-1. Places are compared by it, so that
+one which needs changes far beyond what is expected does not come first by its fit alone.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy.linalg
 from scipy.stats import chi2
 
-from fenics_joints.diagnosis.evidence.entries import KINDS
+from fenics_joints.diagnosis.evidence.entries import FREQUENCY, KINDS
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.linear import whiten
-from fenics_joints.diagnosis.where.spans import outside, visible_part
 from fenics_joints.errors import InputError
 
-__all__ = ["Attribution", "ZoneTest", "attribution", "holm", "whitened", "zone_tests"]
+__all__ = [
+    "Attribution", "LEVEL", "Place", "ScoreTest", "ZoneShare", "attribution", "holm",
+    "score_tests", "shares", "whitened",
+]  # fmt: skip
 
+#: Family-wise p below which a place explains more than chance.
+LEVEL = 0.05
 #: Whitened length, in standard deviations of the data, that a change of the expected size must have
 #: for it to be tested at all: less costs a degree of freedom and can gain nothing.
 _VISIBLE = 0.1
-#: Cosine of the angle to the other zones' span from which on a zone is not told from them.
-_ALIKE = 0.98
 
 
-@dataclass(frozen=True)
-class ZoneTest:
-    """Whether the test speaks of a change in a zone.
+@dataclass(frozen=True, repr=False)
+class Place:
+    """What changes at one place do.
 
     Attributes:
-        zone: Name of the zone.
-        dof: Degrees of freedom of ``statistic``; 0 for a zone that the test does not see.
-        statistic: Part of the squared whitened residual that a change in this zone alone could
-            explain.
-        p: Probability of as much by chance.
-        p_adjusted: The same by Holm's step-down procedure for the number of zones tested.
-        share: ``statistic`` as a share of the whole squared whitened residual, 0 to 1.
-        rest_p: Probability that chance leaves as much unexplained as a change in this zone alone
-            does; small where it cannot be the only one.
-        visibility: Length, in standard deviations of the data, of the largest response to a
-            change of its parameters by the expected size (the sensitivities' columns).
-        change: The change that explains most, in columns of the sensitivities, (k,); none in a
-            direction that is not seen.
-        minmax: The statistic with the other zones projected out, all but ``alike``.
-        minmax_dof: Its degrees of freedom.
-        minmax_p: Its p.
-        minmax_p_adjusted: The same by Holm.
-        separable: Whether some change in this zone could not be made by the others.
-        alike: Zones that it cannot be told from where it is not; a pair each alone, else jointly.
+        zone: Its name.
+        region: Name of the region that it is, or is in.
+        kind: ``part``, ``joint``, or empty for masses, springs and supports.
+        columns: Change of the data by a change of the expected size of each parameter, (N, k).
     """
 
     zone: str
+    region: str
+    kind: str
+    columns: np.ndarray
+
+
+@dataclass(frozen=True)
+class ScoreTest:
+    """Whether the test speaks of a change at one place.
+
+    Attributes:
+        zone: Name of the place.
+        region: Name of the region that it is, or is in.
+        kind: ``part``, ``joint``, or empty for masses, springs and supports.
+        dof: Degrees of freedom of ``statistic``; 0 for a place that the test does not see.
+        statistic: Part of the squared whitened residual that a change here alone could explain.
+        p: Probability of as much by chance.
+        p_adjusted: The same by Holm's step-down procedure for the number of places tested.
+        share: ``statistic`` as a share of the whole squared whitened residual, 0 to 1.
+        rest_p: Probability that chance leaves as much unexplained as a change here alone does;
+            small where it cannot be the only one.
+        log_evidence: ln of the evidence of a change of the expected size here, above that of none.
+        change: Most probable change by parameter, in units of its expected size, (k,).
+        change_sd: Its standard deviation, (k,).
+        log_f: What the change does to ln f on the mean over the data; below zero where the place
+            is softer or heavier than in the model.
+    """
+
+    zone: str
+    region: str
+    kind: str
     dof: int
     statistic: float
     p: float
     p_adjusted: float
     share: float
     rest_p: float
-    visibility: float
+    log_evidence: float
     change: tuple[float, ...]
-    minmax: float
-    minmax_dof: int
-    minmax_p: float
-    minmax_p_adjusted: float
-    separable: bool
-    alike: tuple[str, ...] = ()
+    change_sd: tuple[float, ...]
+    log_f: float
+
+    @property
+    def significant(self) -> bool:
+        """Whether it explains more than chance, all places considered."""
+        return self.p_adjusted < LEVEL
+
+    @property
+    def sufficient(self) -> bool:
+        """Whether it does, and leaves no more unexplained than chance would."""
+        return self.significant and self.rest_p >= LEVEL
+
+
+@dataclass(frozen=True)
+class ZoneShare:
+    """Share of the misfit that a region explains; all regions and the rest sum to 1."""
+
+    region: str
+    share: float
 
 
 @dataclass(frozen=True)
@@ -141,104 +180,110 @@ def holm(p: Sequence[float]) -> np.ndarray:
     return adjusted
 
 
-# -- zones -----------------------------------------------------------------------------------
+# -- places ----------------------------------------------------------------------------------
 
 
-def zone_tests(
+def score_tests(
     residual: np.ndarray,
-    sensitivities: Mapping[str, np.ndarray],
+    places: Sequence[Place],
     nuisance: np.ndarray | None,
     evidence: Evidence,
     *,
     visible: float = _VISIBLE,
-) -> list[ZoneTest]:
-    """Test every zone for a change, alone and with the others free.
+) -> list[ScoreTest]:
+    """Test every place for a change there alone.
 
     Args:
         residual: Data minus the nominal model's prediction, (N,); entries that are not fitted are
             not looked at.
-        sensitivities: For each zone the change of the prediction by a change of the expected size
-            of each of its parameters, (N, k).
+        places: What changes at each do.
         nuisance: Derivatives by the nuisances in prior standard deviations, (N, p), or None.
         evidence: The test.
-        visible: Visibility below which a combination of a zone's parameters is not tested, nor a
-            zone that has no other.
+        visible: Length below which a combination of a place's parameters is not tested, nor a
+            place that has no other.
 
     Returns:
-        A test for each zone, in the order of ``sensitivities``.
+        A test for each place, in their order.
 
     Raises:
         InputError: If shapes do not agree.
     """
-    if not sensitivities:
-        return []
-    r, *columns = whitened(evidence, nuisance, residual, *sensitivities.values())
-    zones = dict(zip(sensitivities, columns, strict=True))
-    parts = {zone: visible_part(S, visible) for zone, S in zones.items()}
-    bases = {zone: U for zone, (U, _, _) in parts.items() if U.shape[1]}
-    alone = {zone: _score(r, Q) for zone, Q in bases.items()}
-    apart = {zone: _others_out(r, zone, bases) for zone in bases}
-    adjusted = dict(zip(bases, holm([p for _, _, p in alone.values()]), strict=True))
-    stepped = dict(zip(bases, holm([p for _, _, p, _ in apart.values()]), strict=True))
-    found = []
-    for zone in zones:
-        U, lengths, turn = parts[zone]
-        change = turn.T @ (U.T @ r / lengths)
-        t, dof, p = alone.get(zone, (0.0, 0, 1.0))
-        least, least_dof, least_p, alike = apart.get(zone, (0.0, 0, 1.0, ()))
-        found.append(
-            ZoneTest(
-                zone, dof, t, p,
-                p_adjusted=float(adjusted.get(zone, 1.0)),
-                share=float(t / max(r @ r, 1e-300)),
-                rest_p=float(chi2.sf(max(r @ r - t, 0.0), len(r) - dof)) if len(r) > dof else 1.0,
-                visibility=float(np.linalg.norm(zones[zone], 2)) if zones[zone].size else 0.0,
-                change=tuple(float(c) for c in change),
-                minmax=least, minmax_dof=least_dof, minmax_p=least_p,
-                minmax_p_adjusted=float(stepped.get(zone, 1.0)),
-                separable=zone in bases and not alike,
-                alike=alike,
+    r, *columns = whitened(evidence, nuisance, residual, *(place.columns for place in places))
+    total, tests = float(r @ r), []
+    of_f = np.asarray(evidence.entries.kind) == FREQUENCY
+    for place, S in zip(places, columns, strict=True):
+        Q = _visible_span(S, visible)
+        t, dof = float(np.sum((Q.T @ r) ** 2)), Q.shape[1]
+        gain, mean, sd = _local_evidence(r, S)
+        tests.append(
+            ScoreTest(
+                place.zone, place.region, place.kind, dof, t,
+                p=float(chi2.sf(t, dof)) if dof else 1.0,
+                p_adjusted=1.0,
+                share=t / max(total, 1e-300),
+                rest_p=float(chi2.sf(max(total - t, 0.0), len(r) - dof)) if len(r) > dof else 1.0,
+                log_evidence=gain,
+                change=tuple(mean.tolist()),
+                change_sd=tuple(sd.tolist()),
+                log_f=float(np.mean((place.columns @ mean)[of_f])),
             )
         )  # fmt: skip
-    return found
+    seen = [i for i, test in enumerate(tests) if test.dof]
+    for i, p in zip(seen, holm([tests[i].p for i in seen]), strict=True):
+        tests[i] = replace(tests[i], p_adjusted=float(p))
+    return tests
 
 
-def _score(r: np.ndarray, Q: np.ndarray) -> tuple[float, int, float]:
-    """Statistic, degrees of freedom and p on an orthonormal basis."""
-    t, dof = float(np.sum((Q.T @ r) ** 2)), Q.shape[1]
-    return t, dof, float(chi2.sf(t, dof)) if dof else 1.0
+def shares(
+    residual: np.ndarray,
+    places: Sequence[Place],
+    nuisance: np.ndarray | None,
+    evidence: Evidence,
+) -> list[ZoneShare]:
+    """Split the misfit among places: the one of most evidence takes what it explains, then the
+    next of what is left, as long as the evidence grows.
 
+    Args:
+        residual: See `score_tests`.
+        places: The places, mostly whole regions.
+        nuisance: See `score_tests`.
+        evidence: The test.
 
-def _others_out(r, zone: str, bases: Mapping[str, np.ndarray]):
-    """Minmax statistic, degrees of freedom, p, and the zones that could not be projected out.
-
-    Where the others span (nearly) all that the zone can do, the fewest of them that do so, found
-    one by one, stay in: the statistic then speaks of the zone and these together.
+    Returns:
+        Places by share, those that explain nothing more too, and ``unexplained`` last.
     """
-    Q, alike = bases[zone], []
-    while True:
-        others = [name for name in bases if name != zone and name not in alike]
-        left, sines = outside(Q, [bases[name] for name in others])
-        kept = left[:, sines > np.sqrt(1 - _ALIKE**2)]
-        if kept.shape[1] or not others:
-            return *_score(r, kept), tuple(alike)
-        alike += _mimics(Q, {name: bases[name] for name in others})
-
-
-def _mimics(Q: np.ndarray, others: Mapping[str, np.ndarray]) -> list[str]:
-    """Fewest zones, chosen greedily, whose span holds that of Q up to the limit of likeness."""
-    chosen: list[str] = []
-    while len(chosen) < len(others):
-        rest = [name for name in others if name not in chosen]
-        left = {
-            name: outside(Q, [others[c] for c in (*chosen, name)])[1] for name in rest
-        }
-        # Rounded, so that the first of those that are alike by symmetry is chosen on any machine.
-        best = min(rest, key=lambda name: round(float(np.sum(left[name] ** 2)), 5))
-        chosen.append(best)
-        if np.all(left[best] <= np.sqrt(1 - _ALIKE**2)):
+    r, *columns = whitened(evidence, nuisance, residual, *(place.columns for place in places))
+    left = {place.zone: S for place, S in zip(places, columns, strict=True)}
+    total, found = max(float(r @ r), 1e-300), dict.fromkeys(left, 0.0)
+    while left:
+        best = max(left, key=lambda zone: _local_evidence(r, left[zone])[0])
+        if _local_evidence(r, left[best])[0] <= 0:
             break
-    return chosen
+        Q = _visible_span(left.pop(best), _VISIBLE)
+        found[best] = float(np.sum((Q.T @ r) ** 2)) / total
+        r = r - Q @ (Q.T @ r)
+        left = {zone: S - Q @ (Q.T @ S) for zone, S in left.items()}
+    rows = sorted(found.items(), key=lambda item: -item[1])
+    return [*(ZoneShare(*row) for row in rows), ZoneShare("unexplained", float(r @ r) / total)]
+
+
+def _visible_span(S: np.ndarray, least: float) -> np.ndarray:
+    """Orthonormal directions of the data in which the test sees changes, (N, r); two parameters
+    that do nearly the same are one, since their difference is not seen."""
+    if not S.size:
+        return np.zeros((len(S), 0))
+    # LAPACK's gesdd does not always converge where columns are the same but for round-off.
+    U, s, _ = scipy.linalg.svd(S, full_matrices=False, lapack_driver="gesvd")
+    return U[:, s > max(least, 1e-9 * s[0], 1e-300)]
+
+
+def _local_evidence(r: np.ndarray, S: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
+    """ln of the evidence of a change above that of none, and its mean and standard deviation."""
+    score, precision = S.T @ r, np.eye(S.shape[1]) + S.T @ S
+    covariance = np.linalg.inv(precision)
+    mean = covariance @ score
+    gain = 0.5 * (score @ mean - np.linalg.slogdet(precision)[1])
+    return float(gain), mean, np.sqrt(np.diag(covariance))
 
 
 # -- along the axes of the test --------------------------------------------------------------
