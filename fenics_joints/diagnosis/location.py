@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 
 import numpy as np
@@ -11,6 +11,7 @@ from fenics_joints.diagnosis.effects.joint import interfaces
 from fenics_joints.diagnosis.effects.library import by_preload
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.prediction import predict
+from fenics_joints.diagnosis.evidence.signatures import LENGTHS
 from fenics_joints.diagnosis.model.at_points import by_patches
 from fenics_joints.diagnosis.model.prepared import Prepared
 from fenics_joints.diagnosis.where.patch_signatures import signatures
@@ -29,6 +30,9 @@ from fenics_joints.diagnosis.where.zone_sensitivity import given_way, zone_sensi
 
 __all__ = ["AXES", "Location", "locate_gap"]
 
+#: Over how much of the structure's size a change about a patch falls: of those of an unknown cause,
+#: the largest of which is a whole region.
+_LENGTHS = LENGTHS[:2]
 #: Axes along which the misfit is attributed; by condition only where there are several.
 AXES = ("mode", "band", "condition", "kind")
 
@@ -37,12 +41,14 @@ AXES = ("mode", "band", "condition", "kind")
 class Location:
     """Where the nominal model fails, tested against noise and tolerances.
 
-    All regions, zones and patches are one family of score tests.
+    All regions, zones and patches are one family of score tests. Regions are as probable as each
+    other before the test, and each whole as much as all its zones, or all its patches.
 
     Attributes:
         regions: A test for each part, mass, spring, support and whole joint.
         zones: A test for each zone of joints that have several.
-        patches: The map: tests of patches of the cells, and these; None if not asked for.
+        patches: The map: tests of changes about patches of the cells, each over the length that is
+            most probable, and the cells; None if not asked for.
         shares: Share of the misfit by region, see `shares`.
         attribution: What each mode, band, condition and kind of data adds to the misfit.
         misfit: Squared whitened residual of the nominal model.
@@ -62,18 +68,10 @@ class Location:
 
     @property
     def ranked(self) -> tuple[ScoreTest, ...]:
-        """Places that explain more than chance, the most probable first.
-
-        Before the test regions are as probable as each other, and one whole as much as all of its
-        zones, or all of its patches.
-        """
-        families = self.regions, self.zones, () if self.patches is None else self.patches.tests
-        odds = []
-        for tests in families:
-            names = [test.region for test in tests]
-            odds += [(t.log_evidence - np.log(names.count(t.region)), t) for t in tests]
-        telling = [(lead, t) for lead, t in odds if t.significant and lead > 0]
-        return tuple(t for _, t in sorted(telling, key=lambda pair: -pair[0]))
+        """Places that explain more than chance, the most probable first."""
+        patches = () if self.patches is None else self.patches.tests
+        telling = [t for t in (*self.regions, *self.zones, *patches) if t.significant]
+        return tuple(sorted((t for t in telling if t.log_odds > 0), key=lambda t: -t.log_odds))
 
     def middle(self, test: ScoreTest) -> tuple[float, ...] | None:
         """Centre of a patch, m; None of a place that is none."""
@@ -144,28 +142,34 @@ def _regions(model: Prepared) -> tuple[dict[str, list[str]], dict[str, list[str]
 
 def _places(model: Prepared, groups: Mapping[str, list[str]]) -> Iterator[Place]:
     """Regions or zones, by the change of everything measured that the reduced model predicts."""
-    soft = interfaces(model.zones, model.baseline)
+    soft, shown = interfaces(model.zones, model.baseline), model.zones.shown
     columns = zone_sensitivities(
         model.forward, model.evidence, model.baseline, groups, interfaces=soft,
         by_torque=by_preload(model.data),
     )  # fmt: skip
-    for zone, by_parameter in columns.items():
-        names = groups[zone]
-        kind = "joint" if names[0] in soft else ""
-        if not kind and {f"{names[0]}.E", f"{names[0]}.rho"} <= model.baseline.keys():
+    regions = [shown.get(zone, zone) for zone in columns]
+    for region, (zone, by_parameter) in zip(regions, columns.items(), strict=True):
+        first = groups[zone][0]
+        kind = "joint" if first in soft else ""
+        if not kind and {f"{first}.E", f"{first}.rho"} <= model.baseline.keys():
             kind = "part"
-        yield Place(zone, model.zones.shown.get(zone, zone), kind, by_parameter)
+        yield Place(zone, region, kind, by_parameter, 1 / regions.count(region))
 
 
 def _patches(model: Prepared, split: Patches) -> Iterator[Place]:
-    """Patches of cells, by the same signatures as those of an unknown cause."""
+    """Changes about patches of cells that fall with the distance over each of the lengths, one
+    length after the other, by the same signatures as those of an unknown cause."""
     evidence = _with_signatures(model, split)
-    columns = np.stack(evidence.signatures.columns(evidence), axis=-1)
-    joints = evidence.signatures.of_joint
-    for p, (name, region) in enumerate(zip(split.names, split.region, strict=True)):
-        own = columns[:, p]
-        own = own[:, np.any(own != 0, axis=0)] if joints[p] else own[:, :2]
-        yield Place(name, region, "joint" if joints[p] else "part", own)
+    signs, columns = evidence.signatures, evidence.signatures.columns(evidence)
+    regions = [model.zones.shown.get(region, region) for region in split.region]
+    for length in _LENGTHS:
+        alike = signs.alike(length)
+        about = np.stack([column @ alike for column in columns], axis=-1)
+        for p, (name, region) in enumerate(zip(split.names, regions, strict=True)):
+            of_joint, own = signs.of_joint[p], about[:, p]
+            own = own[:, np.any(own != 0, axis=0)] if of_joint else own[:, :2]
+            odds = 1 / (len(_LENGTHS) * regions.count(region))
+            yield Place(name, region, "joint" if of_joint else "part", own, odds)
 
 
 def _with_signatures(model: Prepared, split: Patches) -> Evidence:
@@ -183,11 +187,13 @@ def _with_signatures(model: Prepared, split: Patches) -> Evidence:
     return replace(evidence, signatures=found, scalars=scalars)
 
 
-def _map(model: Prepared, split: Patches, tests: Iterable[ScoreTest]) -> PatchMap:
-    """The tests of patches with the cells to draw them on. Collective."""
-    cells = model.cells
+def _map(model: Prepared, split: Patches, tests: Sequence[ScoreTest]) -> PatchMap:
+    """The test of each patch over its most probable length, with the cells to draw them on.
+    Collective."""
+    cells, n = model.cells, len(split)
+    best = [max(tests[p::n], key=lambda test: test.log_evidence) for p in range(n)]
     drawn = cells.gather(cells.corners, split.number) or (None, None)
     return PatchMap(
-        tuple(tests), split.middle, split.volume, cells.bolts, LEVEL, *drawn,
+        tuple(best), split.middle, split.volume, cells.bolts, LEVEL, *drawn,
         side_view=cells.side_view,
     )  # fmt: skip

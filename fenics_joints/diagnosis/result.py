@@ -115,7 +115,7 @@ class Diagnosis:
         placebo_after: The same for the best wrong effect.
         placebo: Its label.
         validation: Gap before and after on data that were never fitted; None if there are none.
-        where: Share of the misfit by region, largest first, ``unexplained`` last.
+        where: Share of the misfit by region, most probable first, ``unexplained`` last.
         effects: Effects, most probable first; ``no gap`` and ``none of these`` among them.
         hypotheses: Hypotheses, most probable first.
         separations: How to split classes that this test leaves together.

@@ -49,7 +49,7 @@ from fenics_joints.formatting import error_percent, percent, probability
 
 __all__ = ["Explanation", "explain"]
 
-#: Difference of log evidence up to which another region may be the one as well.
+#: Difference of log odds up to which another region may be the one as well.
 _AS_PROBABLE = 3.0
 #: Probability of a look-alike that is not worth a word; error of the mesh that is.
 _REMOTE, _SEEN = 0.01, 5e-4
@@ -160,12 +160,12 @@ def _most_probable(found: Location | None) -> str:
         f"the gap lies most probably in {place_words(found, first)}; a change there alone explains "
         f"{share_words(first.share)} of the {_MISFIT}, by chance {chance_words(first.p_adjusted)}"
     )
-    best = first.log_evidence - _AS_PROBABLE
-    regions = {t.region: None for t in ranked if t.log_evidence > best and t.region != first.region}
+    least = first.log_odds - _AS_PROBABLE
+    regions = {t.region: None for t in ranked if t.log_odds > least and t.region != first.region}
     if regions:
         names = shortened([f'"{zone_words(name)}"' for name in regions], "or")
         return f"{words}; {names} cannot be ruled out"
-    return words if first.sufficient else f"{words}, so that it is not all"
+    return words
 
 
 def _which(d: Diagnosis) -> str:

@@ -117,6 +117,11 @@ def _in_which_part(d: Diagnosis) -> str:
     if inside:
         others = shortened([place_words(found, t) for t in inside])
         words.append(f"Within {spaced(first.region)} also more than chance: {others}.")
+    if not first.sufficient:
+        words.append(
+            "It is not all, or it is large: the tests are of the first order and say where, not "
+            "how much."
+        )
     if found.patches is not None:
         n, several = int(found.patches.significant.sum()), int(found.patches.sufficient.sum())
         words.append(

@@ -46,8 +46,9 @@ NARROWED = {
 }
 #: Members of a list that are worth a word.
 NAMED = 3
-#: Standard deviations from which on a change is sure.
-_SURELY = 2.0
+#: Probability from which an unknown cause has a place; and standard deviations from which a change
+#: there is one.
+_HAS_PLACE, _SURELY = 0.5, 2.0
 
 
 def is_part(d: Diagnosis) -> bool:
@@ -80,7 +81,7 @@ def change_words(test: ScoreTest) -> list[str]:
 def point_mass_words(found: Somewhere) -> str:
     """Mass, interval and place of an unknown cause as one point mass; "" if it is none."""
     p = found.point
-    if p is None:
+    if p is None or found.probability < _HAS_PLACE:
         return ""
     grams = [f"{number(1e3 * kg, 2)} g" for kg in (p.kg, p.low, p.high)]
     words = (

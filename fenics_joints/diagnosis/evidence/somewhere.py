@@ -23,13 +23,13 @@ from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.fitted import Fit
 from fenics_joints.diagnosis.evidence.linear import evidence_about, whiten
 from fenics_joints.diagnosis.evidence.point_mass import PointMassFound
+from fenics_joints.diagnosis.evidence.signatures import LENGTHS
 
 __all__ = ["Somewhere", "with_somewhere"]
 
-#: Standard deviations of ln E and ln rho of a patch, relative to those that signatures are of, and
-#: over how much of the structure's size changes are alike; each with its prior probability.
+#: Standard deviations of ln E and ln rho of a patch, relative to those that signatures are of, each
+#: with its prior probability.
 _SIZES = ((1 / 3, 0.25), (1.0, 0.5), (3.0, 0.25))
-_LENGTHS = ((0.05, 1 / 3), (0.2, 1 / 3), (1.0, 1 / 3))
 #: Whether stiffness changes, and mass: either, or both.
 _KINDS = (((1.0, 0.0), 1 / 3), ((0.0, 1.0), 1 / 3), ((1.0, 1.0), 1 / 3))
 #: Prior probability that an unknown cause is one of this kind, and none that may do anything.
@@ -89,8 +89,8 @@ class _Linear:
 
 
 def _priors() -> Iterator[tuple[tuple, float]]:
-    for (kind, a), (size, b), (length, c) in product(_KINDS, _SIZES, _LENGTHS):
-        yield (kind, size, length), float(np.log(a * b * c))
+    for (kind, a), (size, b), length in product(_KINDS, _SIZES, LENGTHS):
+        yield (kind, size, length), float(np.log(a * b / len(LENGTHS)))
 
 
 def _scores(found: Fit, test: Evidence) -> list[float]:

@@ -56,12 +56,14 @@ class Place:
         region: Name of the region that it is, or is in.
         kind: ``part``, ``joint``, or empty for masses, springs and supports.
         columns: Change of the data by a change of the expected size of each parameter, (N, k).
+        odds: Its prior odds: 1 of a region, which its zones or patches share.
     """
 
     zone: str
     region: str
     kind: str
     columns: np.ndarray
+    odds: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -72,10 +74,11 @@ class ScoreTest:
         zone: Name of the place.
         region: Name of the region that it is, or is in.
         kind: ``part``, ``joint``, or empty for masses, springs and supports.
+        odds: Prior odds, those of a whole region being 1.
         dof: Degrees of freedom of ``statistic``; 0 for a place that the test does not see.
         statistic: Part of the squared whitened residual that a change here alone could explain.
         p: Probability of as much by chance.
-        p_adjusted: The same by Holm's step-down procedure for the number of places tested.
+        p_adjusted: The same by Holm's step-down procedure for all places tested, by their odds.
         share: ``statistic`` as a share of the whole squared whitened residual, 0 to 1.
         rest_p: Probability that chance leaves as much unexplained as a change here alone does;
             small where it cannot be the only one.
@@ -89,6 +92,7 @@ class ScoreTest:
     zone: str
     region: str
     kind: str
+    odds: float
     dof: int
     statistic: float
     p: float
@@ -99,6 +103,11 @@ class ScoreTest:
     change: tuple[float, ...]
     change_sd: tuple[float, ...]
     log_f: float
+
+    @property
+    def log_odds(self) -> float:
+        """ln of the odds of a change here over those of none, in units of a region's prior odds."""
+        return self.log_evidence + float(np.log(self.odds))
 
     @property
     def significant(self) -> bool:
@@ -167,16 +176,19 @@ def _covariance(evidence: Evidence, nuisance: np.ndarray | None) -> np.ndarray:
     return covariance
 
 
-def holm(p: Sequence[float]) -> np.ndarray:
+def holm(p: Sequence[float], weight: Sequence[float] | None = None) -> np.ndarray:
     """P-values adjusted for their number so that any false alarm keeps its level.
 
-    Step-down: the i-th smallest (from 0) times n - i, made non-decreasing and at most 1 (Holm,
-    Scand. J. Statist. 6, 1979); it holds under any dependence.
+    Step-down: in ascending order of p over its weight, that times the sum of the weights from
+    there on, made non-decreasing and at most 1 (Holm, Scand. J. Statist. 6, 1979); it holds under
+    any dependence, with any weights that are fixed before the data.
     """
     p = np.asarray(p, dtype=float)
-    order = np.argsort(p, kind="stable")
+    weight = np.ones(len(p)) if weight is None else np.asarray(weight, dtype=float)
+    order = np.argsort(p / weight, kind="stable")
+    left = np.cumsum(weight[order][::-1])[::-1]
     adjusted = np.empty(len(p))
-    adjusted[order] = np.minimum(np.maximum.accumulate(p[order] * np.arange(len(p), 0, -1)), 1.0)
+    adjusted[order] = np.minimum(np.maximum.accumulate((p / weight)[order] * left), 1.0)
     return adjusted
 
 
@@ -217,7 +229,7 @@ def score_tests(
         gain, mean, sd = _local_evidence(r, S)
         tests.append(
             ScoreTest(
-                place.zone, place.region, place.kind, dof, t,
+                place.zone, place.region, place.kind, place.odds, dof, t,
                 p=float(chi2.sf(t, dof)) if dof else 1.0,
                 p_adjusted=1.0,
                 share=t / max(total, 1e-300),
@@ -229,8 +241,9 @@ def score_tests(
             )
         )  # fmt: skip
     seen = [i for i, test in enumerate(tests) if test.dof]
-    for i, p in zip(seen, holm([tests[i].p for i in seen]), strict=True):
-        tests[i] = replace(tests[i], p_adjusted=float(p))
+    p, odds = ([getattr(tests[i], key) for i in seen] for key in ("p", "odds"))
+    for i, adjusted in zip(seen, holm(p, odds), strict=True):
+        tests[i] = replace(tests[i], p_adjusted=float(adjusted))
     return tests
 
 
@@ -250,21 +263,21 @@ def shares(
         evidence: The test.
 
     Returns:
-        Places by share, those that explain nothing more too, and ``unexplained`` last.
+        Places in that order, those that explain nothing more too, and ``unexplained`` last.
     """
     r, *columns = whitened(evidence, nuisance, residual, *(place.columns for place in places))
     left = {place.zone: S for place, S in zip(places, columns, strict=True)}
-    total, found = max(float(r @ r), 1e-300), dict.fromkeys(left, 0.0)
+    total, found = max(float(r @ r), 1e-300), []
     while left:
         best = max(left, key=lambda zone: _local_evidence(r, left[zone])[0])
         if _local_evidence(r, left[best])[0] <= 0:
             break
         Q = _visible_span(left.pop(best), _VISIBLE)
-        found[best] = float(np.sum((Q.T @ r) ** 2)) / total
+        found.append(ZoneShare(best, float(np.sum((Q.T @ r) ** 2)) / total))
         r = r - Q @ (Q.T @ r)
         left = {zone: S - Q @ (Q.T @ S) for zone, S in left.items()}
-    rows = sorted(found.items(), key=lambda item: -item[1])
-    return [*(ZoneShare(*row) for row in rows), ZoneShare("unexplained", float(r @ r) / total)]
+    found += [ZoneShare(zone, 0.0) for zone in left]
+    return [*found, ZoneShare("unexplained", float(r @ r) / total)]
 
 
 def _visible_span(S: np.ndarray, least: float) -> np.ndarray:
