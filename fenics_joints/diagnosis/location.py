@@ -27,12 +27,15 @@ from fenics_joints.diagnosis.where.score_tests import (
     shares,
 )
 from fenics_joints.diagnosis.where.zone_sensitivity import given_way, zone_sensitivities
+from fenics_joints.diagnosis.zones.sites import HUNG, ON
 
 __all__ = ["AXES", "Location", "locate_gap"]
 
 #: Over how much of the structure's size a change about a patch falls: of those of an unknown cause,
 #: the largest of which is a whole region.
 _LENGTHS = LENGTHS[:2]
+#: Expected mass of a cable and the like, as a share of the structure's.
+_ADDED = 0.01
 #: Axes along which the misfit is attributed; by condition only where there are several.
 AXES = ("mode", "band", "condition", "kind")
 
@@ -111,7 +114,8 @@ def locate_gap(model: Prepared, *, n_patches: int = 12) -> Location:
     if n_patches:
         split = patches(model.cells, n_patches, model.zones.shown)
         found = list(_patches(model, split))
-    tests = score_tests(residual, [*regions, *finer, *found], nuisance, evidence)
+    places = [*regions, *finer, *found]
+    tests = score_tests(residual, places, nuisance, evidence)
     ends = len(regions), len(regions) + len(finer)
     names, several = list(model.data.mode_names), len(evidence.conditions) > 1
     parts = [
@@ -122,19 +126,20 @@ def locate_gap(model: Prepared, *, n_patches: int = 12) -> Location:
     return Location(
         tuple(tests[: ends[0]]), tuple(tests[ends[0] : ends[1]]),
         None if split is None else _map(model, split, tests[ends[1] :]),
-        tuple(shares(residual, regions, nuisance, evidence)), tuple(parts),
+        tuple(shares(residual, places, nuisance, evidence)), tuple(parts),
         sum(part.chi2 for part in by_mode), sum(part.expected for part in by_mode),
     )  # fmt: skip
 
 
 def _regions(model: Prepared) -> tuple[dict[str, list[str]], dict[str, list[str]]]:
-    """Components of the model by region, joints whole, without what the test itself changed; and
-    the zones of joints that have several."""
+    """Components of the model by region, joints whole, without what the test itself changed and
+    what only rare effects use; and the zones of joints that have several."""
     shown = model.zones.shown
     changed = () if model.case.test is None else model.case.test.changed
+    aside = {*changed, ON, HUNG}
     whole: dict[str, list[str]] = {}
     for name in dict.fromkeys(name.rpartition(".")[0] for name in model.baseline):
-        if name not in changed:
+        if name not in aside:
             whole.setdefault(shown.get(name, name), []).append(name)
     several = [names for names in whole.values() if len(names) > 1]
     return whole, {name: [name] for names in several for name in names}
@@ -143,9 +148,12 @@ def _regions(model: Prepared) -> tuple[dict[str, list[str]], dict[str, list[str]
 def _places(model: Prepared, groups: Mapping[str, list[str]]) -> Iterator[Place]:
     """Regions or zones, by the change of everything measured that the reduced model predicts."""
     soft, shown = interfaces(model.zones, model.baseline), model.zones.shown
+    expected = _ADDED * model.full.total_mass(model.baseline)
+    without = [name for name in model.case.attached if model.baseline.get(f"{name}.mass") == 0.0]
+    added = dict.fromkeys(without, expected)
     columns = zone_sensitivities(
         model.forward, model.evidence, model.baseline, groups, interfaces=soft,
-        by_torque=by_preload(model.data),
+        by_torque=by_preload(model.data), added=added,
     )  # fmt: skip
     regions = [shown.get(zone, zone) for zone in columns]
     for region, (zone, by_parameter) in zip(regions, columns.items(), strict=True):

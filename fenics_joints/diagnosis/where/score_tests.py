@@ -253,30 +253,31 @@ def shares(
     nuisance: np.ndarray | None,
     evidence: Evidence,
 ) -> list[ZoneShare]:
-    """Split the misfit among places: the one of most evidence takes what it explains, then the
-    next of what is left, as long as the evidence grows.
+    """Split the misfit among regions: that of the most probable place takes what a change there
+    explains, then the next of what is left, as long as the evidence grows.
 
     Args:
         residual: See `score_tests`.
-        places: The places, mostly whole regions.
+        places: The places.
         nuisance: See `score_tests`.
         evidence: The test.
 
     Returns:
-        Places in that order, those that explain nothing more too, and ``unexplained`` last.
+        Regions in that order, those that explain nothing more too, and ``unexplained`` last.
     """
     r, *columns = whitened(evidence, nuisance, residual, *(place.columns for place in places))
-    left = {place.zone: S for place, S in zip(places, columns, strict=True)}
+    left = list(zip(places, columns, strict=True))
     total, found = max(float(r @ r), 1e-300), []
     while left:
-        best = max(left, key=lambda zone: _local_evidence(r, left[zone])[0])
-        if _local_evidence(r, left[best])[0] <= 0:
+        odds = [_local_evidence(r, S)[0] + np.log(place.odds) for place, S in left]
+        if max(odds) <= 0:
             break
-        Q = _visible_span(left.pop(best), _VISIBLE)
-        found.append(ZoneShare(best, float(np.sum((Q.T @ r) ** 2)) / total))
+        best, S = left[int(np.argmax(odds))]
+        Q = _visible_span(S, _VISIBLE)
+        found.append(ZoneShare(best.region, float(np.sum((Q.T @ r) ** 2)) / total))
         r = r - Q @ (Q.T @ r)
-        left = {zone: S - Q @ (Q.T @ S) for zone, S in left.items()}
-    found += [ZoneShare(zone, 0.0) for zone in left]
+        left = [(p, S - Q @ (Q.T @ S)) for p, S in left if p.region != best.region]
+    found += [ZoneShare(name, 0.0) for name in dict.fromkeys(p.region for p, _ in left)]
     return [*found, ZoneShare("unexplained", float(r @ r) / total)]
 
 
