@@ -43,7 +43,7 @@ CHOSEN = {
         diagnosis/library::folds* diagnosis/library::detectable*
         diagnosis/library::classes* diagnosis/library::two_causes*
         diagnosis/cells::* diagnosis/evidence::* diagnosis/scales::*
-        diagnosis/zone_tests::* diagnosis/somewhere::its_evidence* diagnosis/bonded::*
+        diagnosis/score_tests::* diagnosis/somewhere::its_evidence* diagnosis/bonded::*
         diagnosis/antiresonances::a_beam* diagnosis/functions::of_a_free_bar*
         diagnosis/static_stiffness::a_cantilever* diagnosis/weighed::* diagnosis/effects_joint::*
         meshes/*::*measures* meshes/*::*polygons* meshes/rings::* meshes/cad::* meshes/check::*
@@ -71,11 +71,11 @@ CHOSEN = {
         database/analysis::* diagnosis/location::* diagnosis/effects_amplitude::*
         updating/fit::* case/beams::update* case/beams::functions*
         meshes/lap_beam::*papers_layer* case/cad::radius* harmonic/tracking::an_isola*
-        diagnosis/zone_tests::holm* demos/demos::*
+        diagnosis/score_tests::holm* demos/demos::*
     """,
     "a diagnosis with a known cause": """
         diagnosis/diagnose::* diagnosis/amplitude::* diagnosis/contacts::* diagnosis/sited::*
-        diagnosis/location::* diagnosis/constitutive::* diagnosis/patches::*softened*
+        diagnosis/location::* diagnosis/patches::*softened*
         diagnosis/held_out::*intervals* diagnosis/held_out::the_right* diagnosis/held_out::forecast*
         diagnosis/plan::*confus* diagnosis/search::the_true_pair* diagnosis/search::odds*
         diagnosis/search::an_effect* diagnosis/search::near_best* diagnosis/simulated::*

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -10,35 +10,12 @@ from fenics_joints.beams.boxes import BeamCells
 from fenics_joints.beams.element import joint_matrices, mass_matrices, stiffness_matrices
 from fenics_joints.beams.laws import BEAM_MASSES
 from fenics_joints.beams.structure import BeamStructure
-from fenics_joints.modal.modes import Modes
 from fenics_joints.structure.values import number
 
-__all__ = ["JOINT_KEYS", "cell_energies", "log_slopes"]
+__all__ = ["JOINT_KEYS", "cell_energies"]
 
 #: Stiffness that joint elements have of their own.
 JOINT_KEYS = ("k1", "k2", "k_axial")
-
-def log_slopes(
-    structure: BeamStructure, cells: BeamCells, modes: Modes, index: Sequence[int]
-) -> dict[str, np.ndarray]:
-    """Derivatives of ln f by the logarithm of a property of each cell alone.
-
-    Args:
-        structure: The beams.
-        cells: Their cells.
-        modes: Modes.
-        index: Which of them.
-
-    Returns:
-        By E, rho, k1, k2 and k_axial, (n_cells, m): nought where a cell has no such property. In a
-        lap E is that of the axial stiffness alone, unless that is given as k_axial.
-    """
-    lam = modes.eigenvalues[index]
-    found = cell_energies(structure, cells, modes.shapes[:, index], modes.given)
-    return {
-        key: -values / 2 if key == "rho" else values / (2 * lam) for key, values in found.items()
-    }
-
 
 def cell_energies(
     structure: BeamStructure,

@@ -355,8 +355,8 @@ class Diagnose(Section):
     ``zones`` is the number of zones of equal pressure that a contact is split into, and ``mesh``
     what its mesh has otherwise than ``[mesh]``, such as larger elements: a diagnosis solves many
     models. ``patches`` is the number of patches of each region in which the gap is looked for; 0
-    for neither these nor the error in the constitutive relation, which cost solutions of the full
-    model. ``nested`` has no effect: earlier versions sampled evidence, and their cases stay valid.
+    for none of these, which cost solutions of the full model, and no map. ``nested`` has no effect:
+    earlier versions sampled evidence, and their cases stay valid.
     ``mesh_error`` says whether the mesh's own error of each frequency is measured, by one solution
     with elements of one degree more; it is taken off, and a part of it stays as uncertain: what is
     common to all modes beside ``discrepancy``, what is each one's own where that is larger.

@@ -14,7 +14,6 @@ from numpy.typing import ArrayLike
 from threadpoolctl import threadpool_limits
 
 from fenics_joints.case import Case, test_notes
-from fenics_joints.case.dimensions import unfit
 from fenics_joints.diagnosis.effects.effect import Effect
 from fenics_joints.diagnosis.evidence.alike import one_of_alike
 from fenics_joints.diagnosis.evidence.all_at_once import all_at_once
@@ -23,7 +22,7 @@ from fenics_joints.diagnosis.evidence.fitted import Fit
 from fenics_joints.diagnosis.evidence.many import at_conditions
 from fenics_joints.diagnosis.evidence.point_mass import point_mass
 from fenics_joints.diagnosis.evidence.simulated import with_simulated
-from fenics_joints.diagnosis.evidence.somewhere import Somewhere, changes
+from fenics_joints.diagnosis.evidence.somewhere import Somewhere
 from fenics_joints.diagnosis.evidence.unlisted import after_held_out
 from fenics_joints.diagnosis.held_out import cross_validate, folds
 from fenics_joints.diagnosis.location import locate_gap
@@ -45,7 +44,6 @@ from fenics_joints.diagnosis.verdict import (
     doubtful,
     with_strangers,
 )
-from fenics_joints.diagnosis.where.localise import cell_map, zone_shares
 from fenics_joints.errors import InputError, items
 from fenics_joints.files import writable_folder
 from fenics_joints.measurements import Gap, TestData
@@ -239,14 +237,8 @@ class _Run:
         verdict, summary = confirm(verdict, summary, shrink)
         verdict, summary = with_strangers(verdict, summary, self.model.without_partner)
         self.progress.step("localising the gap")
-        shown = self.model.zones.shown
-        plain = self.evidence.as_it_is
-        changed = () if self.case.test is None else self.case.test.changed
-        where = [
-            share for share in zone_shares(leader, self.forward, plain, self.baseline, shown)
-            if share.region not in changed
-        ]  # fmt: skip
-        cells = self._cells()
+        plain = replace(self.model, evidence=self.evidence.as_it_is, data=self.data.as_it_is)
+        location = locate_gap(plain, n_patches=self.given.diagnose.patches)
         self.progress.step("looking for measurements that would split what this test cannot")
         split, unsplit = separations(self.model, fits, grouped, leader)
         return Diagnosis(
@@ -262,21 +254,17 @@ class _Run:
             placebo_after=shrink.placebo,
             placebo=next((f.hypothesis.label for f in fits if wrong(f)), ""),
             validation=self._validation(leader),
-            where=where,
+            where=list(location.shares),
             effects=effects,
             hypotheses=self._hypotheses(fits, probability),
             separations=split,
-            cells=cells,
             model_error=self.search.model_error,
             silent=self.model.silent,
             by_level=self.data.by_level,
             joints=self.given.diagnose.joints if len(self.model.zones) else "",
             damping=self._damping(leader),
             scales=leader.scales,
-            location=locate_gap(
-                replace(self.model, evidence=plain, data=self.data.as_it_is),
-                n_patches=self.given.diagnose.patches,
-            ),
+            location=location,
             shrinkage=shrink,
             at_once=at_once,
             somewhere=self._somewhere(next(f for f in fits if f.hypothesis.unknown)),
@@ -399,36 +387,22 @@ class _Run:
         return self._gap(data, before), self._gap(data, after)
 
     def _somewhere(self, unknown: Fit) -> Somewhere | None:
-        """Likely place of an unknown cause, and its mass if it is one point mass."""
-        found, seen, full = changes(unknown, self.evidence), self.model.surrogate, self.model.full
-        if found is None or not full.is_meshed:
-            return found
-        points = np.unique(places_all_over(full, _PLACES).points, axis=0)
-        total = full.total_mass(self.baseline)
-        point = point_mass(
-            unknown, self.evidence, seen.nominal, seen.pairing, self.data.sensors, points, total
-        )
-        return replace(found, point=point, looked_for=self.given.diagnose.rare)
+        """Whether an unknown cause has a place, and its mass if it is one point mass."""
+        seen, full, point = self.model.surrogate, self.model.full, None
+        if unknown.placed is None:
+            return None
+        if full.is_meshed:
+            points = np.unique(places_all_over(full, _PLACES).points, axis=0)
+            point = point_mass(
+                unknown, self.evidence, seen.nominal, seen.pairing, self.data.sensors, points,
+                full.total_mass(self.baseline),
+            )  # fmt: skip
+        return Somewhere(float(unknown.placed), point, self.given.diagnose.rare)
 
     def _nominal(self) -> np.ndarray:
         """ln f of the nominal model, (m,); nan for modes without a partner in it."""
         found, out = self.forward(self.baseline)[0], self.model.not_nominal
         return found if out is None else np.where(out, np.nan, found)
-
-    def _cells(self):
-        names = list(self.model.full.parameters)
-        _, slope = self.forward(self.baseline)
-        columns = [
-            slope[:, names.index(f"{part}.{key}")] * self.baseline[f"{part}.{key}"]
-            for part in self.case.parts
-            for key in ("E", "rho", "thickness")
-            if unfit(self.model.dimensions, [f"{part}.{key}"]) is None
-        ]
-        surrogate = self.model.surrogate
-        return cell_map(
-            self.model.cells, surrogate.nominal, surrogate.pairing, self.evidence.as_it_is,
-            np.array(columns).T, self.model.zones.shown,
-        )  # fmt: skip
 
 
 def _held_out(

@@ -2,21 +2,40 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
 from fenics_joints.diagnosis.effects.joint import interfaces
 from fenics_joints.diagnosis.effects.library import by_preload
+from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.many import ManyPredictions
+from fenics_joints.diagnosis.evidence.signatures import LENGTHS
+from fenics_joints.diagnosis.model.at_points import by_patches
 from fenics_joints.diagnosis.model.prepared import Prepared
-from fenics_joints.diagnosis.where.constitutive import ConstitutiveError, constitutive_error
-from fenics_joints.diagnosis.where.patches import PatchMap, patch_tests, patches
-from fenics_joints.diagnosis.where.zone_sensitivity import zone_sensitivities
-from fenics_joints.diagnosis.where.zone_tests import Attribution, ZoneTest, attribution, zone_tests
+from fenics_joints.diagnosis.where.patch_signatures import signatures
+from fenics_joints.diagnosis.where.patches import Patches, PatchMap, patches
+from fenics_joints.diagnosis.where.score_tests import (
+    LEVEL,
+    Attribution,
+    Place,
+    ScoreTest,
+    ZoneShare,
+    attribution,
+    score_tests,
+    shares,
+)
+from fenics_joints.diagnosis.where.zone_sensitivity import given_way, zone_sensitivities
+from fenics_joints.diagnosis.zones.sites import HUNG, ON
 
 __all__ = ["AXES", "Location", "locate_gap"]
 
+#: Over how much of the structure's size a change about a patch falls: of those of an unknown cause,
+#: the largest of which is a whole region.
+_LENGTHS = LENGTHS[:2]
+#: Expected mass of a cable and the like, as a share of the structure's.
+_ADDED = 0.01
 #: Axes along which the misfit is attributed; by condition only where there are several.
 AXES = ("mode", "band", "condition", "kind")
 
@@ -25,38 +44,56 @@ AXES = ("mode", "band", "condition", "kind")
 class Location:
     """Where the nominal model fails, tested against noise and tolerances.
 
+    All regions, zones and patches are one family of score tests. Regions are as probable as each
+    other before the test, and each whole as much as all its zones, or all its patches.
+
     Attributes:
         regions: A test for each part, mass, spring, support and whole joint.
-        zones: A test for each zone of the joints beside the same parts; empty where no joint has
-            several zones.
+        zones: A test for each zone of joints that have several.
+        patches: The map: tests of changes about patches of the cells, each over the length that is
+            most probable, and the cells; None if not asked for.
+        shares: Share of the misfit by region, see `shares`.
         attribution: What each mode, band, condition and kind of data adds to the misfit.
-        patches: Tests of patches of the mesh and the cells to draw them on; None if not asked for.
-        constitutive: Error in the constitutive relation; None without measured shapes.
         misfit: Squared whitened residual of the nominal model.
         n_data: Number of fitted data: its expected value.
     """
 
-    regions: tuple[ZoneTest, ...]
-    zones: tuple[ZoneTest, ...]
-    attribution: tuple[Attribution, ...]
+    regions: tuple[ScoreTest, ...]
+    zones: tuple[ScoreTest, ...]
     patches: PatchMap | None
-    constitutive: ConstitutiveError | None
+    shares: tuple[ZoneShare, ...]
+    attribution: tuple[Attribution, ...]
     misfit: float
     n_data: int
 
     def __repr__(self) -> str:
         return f"Location({len(self.regions)} regions, misfit {self.misfit:.1f} of {self.n_data})"
 
+    @property
+    def ranked(self) -> tuple[ScoreTest, ...]:
+        """Places that explain more than chance, the most probable first."""
+        patches = () if self.patches is None else self.patches.tests
+        telling = [t for t in (*self.regions, *self.zones, *patches) if t.significant]
+        return tuple(sorted((t for t in telling if t.log_odds > 0), key=lambda t: -t.log_odds))
+
+    def middle(self, test: ScoreTest) -> tuple[float, ...] | None:
+        """Centre of a patch, m; None of a place that is none."""
+        if self.patches is None or test not in self.patches.tests:
+            return None
+        return tuple(self.patches.middle[self.patches.tests.index(test)].tolist())
+
     def to_json(self) -> dict:
         """Plain numbers, texts and lists."""
+        first = self.ranked[0] if self.ranked else None
         return {
             "misfit": self.misfit,
             "n_data": self.n_data,
+            "level": LEVEL,
+            "most_probable": None if first is None else first.zone,
             "regions": [asdict(test) for test in self.regions],
             "zones": [asdict(test) for test in self.zones],
             "attribution": [asdict(part) for part in self.attribution],
             "patches": None if self.patches is None else self.patches.to_json(),
-            "constitutive": None if self.constitutive is None else self.constitutive.to_json(),
         }
 
 
@@ -65,62 +102,106 @@ def locate_gap(model: Prepared, *, n_patches: int = 12) -> Location:
 
     Args:
         model: The case with its reduced model.
-        n_patches: Patches of each region of the mesh; 0 for none of them, and no error in the
-            constitutive relation.
+        n_patches: Patches of each region of the mesh; 0 for no map.
     """
     evidence, baseline, forward = model.evidence, model.baseline, model.forward
     none = model.hypothesis(())
     predicted, nuisance = ManyPredictions(none, forward, evidence, baseline).at(none.at(0.0))
     residual = evidence.data - predicted
-    torque = by_preload(model.data)
-
-    def tests(groups: dict[str, list[str]]) -> tuple[ZoneTest, ...]:
-        sensitivities = zone_sensitivities(
-            forward, evidence, baseline, groups, interfaces=interfaces(model.zones, model.baseline),
-            by_torque=torque,
-        )  # fmt: skip
-        return tuple(zone_tests(residual, sensitivities, nuisance, evidence))
-
-    whole, split = _groups(model)
-    names = list(model.data.mode_names)
-    several = len(evidence.conditions) > 1
+    whole, zones = _regions(model)
+    regions, finer = list(_places(model, whole)), list(_places(model, zones))
+    split, found = None, []
+    if n_patches:
+        split = patches(model.cells, n_patches, model.zones.shown)
+        found = list(_patches(model, split))
+    places = [*regions, *finer, *found]
+    tests = score_tests(residual, places, nuisance, evidence)
+    ends = len(regions), len(regions) + len(finer)
+    names, several = list(model.data.mode_names), len(evidence.conditions) > 1
     parts = [
         part for by in AXES if by != "condition" or several
         for part in attribution(residual, evidence, by, nuisance=nuisance, names=names)
     ]  # fmt: skip
     by_mode = [part for part in parts if part.by == "mode"]
-    nominal, pairing = model.surrogate.nominal, model.surrogate.pairing
-    mapped = patch_tests(
-        model.cells, nominal, pairing, evidence, residual, nuisance, n_patches,
-        soft=model.yielding(), by_torque=torque, merged=model.zones.shown,
-    ) if n_patches else None  # fmt: skip
     return Location(
-        tests(whole), tests(split) if len(split) > len(whole) else (), tuple(parts), mapped,
-        _constitutive(model, n_patches), sum(part.chi2 for part in by_mode),
-        sum(part.expected for part in by_mode),
+        tuple(tests[: ends[0]]), tuple(tests[ends[0] : ends[1]]),
+        None if split is None else _map(model, split, tests[ends[1] :]),
+        tuple(shares(residual, places, nuisance, evidence)), tuple(parts),
+        sum(part.chi2 for part in by_mode), sum(part.expected for part in by_mode),
     )  # fmt: skip
 
 
-def _groups(model: Prepared) -> tuple[dict[str, list[str]], dict[str, list[str]]]:
-    """The model's components by name, joints whole; and the same by zones."""
+def _regions(model: Prepared) -> tuple[dict[str, list[str]], dict[str, list[str]]]:
+    """Components of the model by region, joints whole, without what the test itself changed and
+    what only rare effects use; and the zones of joints that have several."""
     shown = model.zones.shown
-    components = dict.fromkeys(name.rpartition(".")[0] for name in model.baseline)
+    changed = () if model.case.test is None else model.case.test.changed
+    aside = {*changed, ON, HUNG}
     whole: dict[str, list[str]] = {}
-    for name in components:
-        whole.setdefault(shown.get(name, name), []).append(name)
-    return whole, {name: [name] for name in components}
+    for name in dict.fromkeys(name.rpartition(".")[0] for name in model.baseline):
+        if name not in aside:
+            whole.setdefault(shown.get(name, name), []).append(name)
+    several = [names for names in whole.values() if len(names) > 1]
+    return whole, {name: [name] for names in several for name in names}
 
 
-def _constitutive(model: Prepared, n_patches: int) -> ConstitutiveError | None:
-    data, row, shapes = model.data, model.evidence.shape_row, model.evidence.shapes
-    if shapes is None or data.sensors is None or not n_patches:
-        return None
-    there = np.isfinite(data.frequencies_hz[row])
-    if not there.any():
-        return None
-    hz = np.exp(model.evidence.log_f[row][there])
-    return constitutive_error(
-        model.cells, model.baseline, shapes[:, there], hz, data.sensors,
-        split=patches(model.cells, n_patches, model.zones.shown),
-        noise=data.shape_noise,
+def _places(model: Prepared, groups: Mapping[str, list[str]]) -> Iterator[Place]:
+    """Regions or zones, by the change of everything measured that the reduced model predicts."""
+    soft, shown = interfaces(model.zones, model.baseline), model.zones.shown
+    expected = _ADDED * model.full.total_mass(model.baseline)
+    without = [name for name in model.case.attached if model.baseline.get(f"{name}.mass") == 0.0]
+    added = dict.fromkeys(without, expected)
+    columns = zone_sensitivities(
+        model.forward, model.evidence, model.baseline, groups, interfaces=soft,
+        by_torque=by_preload(model.data), added=added,
+    )  # fmt: skip
+    regions = [shown.get(zone, zone) for zone in columns]
+    for region, (zone, by_parameter) in zip(regions, columns.items(), strict=True):
+        first = groups[zone][0]
+        kind = "joint" if first in soft else ""
+        if not kind and {f"{first}.E", f"{first}.rho"} <= model.baseline.keys():
+            kind = "part"
+        yield Place(zone, region, kind, by_parameter, 1 / regions.count(region))
+
+
+def _patches(model: Prepared, split: Patches) -> Iterator[Place]:
+    """Changes about patches of cells that fall with the distance over each of the lengths, one
+    length after the other, by the same signatures as those of an unknown cause."""
+    evidence = _with_signatures(model, split)
+    signs, columns = evidence.signatures, evidence.signatures.columns(evidence)
+    regions = [model.zones.shown.get(region, region) for region in split.region]
+    for length in _LENGTHS:
+        alike = signs.alike(length)
+        about = np.stack([column @ alike for column in columns], axis=-1)
+        for p, (name, region) in enumerate(zip(split.names, regions, strict=True)):
+            of_joint, own = signs.of_joint[p], about[:, p]
+            own = own[:, np.any(own != 0, axis=0)] if of_joint else own[:, :2]
+            odds = 1 / (len(_LENGTHS) * regions.count(region))
+            yield Place(name, region, "joint" if of_joint else "part", own, odds)
+
+
+def _with_signatures(model: Prepared, split: Patches) -> Evidence:
+    """The test with signatures of these patches, which it may have already. Collective."""
+    evidence, there = model.evidence, model.evidence.signatures
+    if there is not None and there.names == split.names:
+        return evidence
+    seen = model.surrogate
+    soft = given_way(model.baseline, interfaces(model.zones, model.baseline))
+    found = signatures(
+        model.cells, seen.nominal, seen.pairing, evidence, split, model.data.sensors,
+        model.yielding(),
+    )  # fmt: skip
+    scalars = by_patches(evidence.scalars, model.cells, split, model.baseline, soft)
+    return replace(evidence, signatures=found, scalars=scalars)
+
+
+def _map(model: Prepared, split: Patches, tests: Sequence[ScoreTest]) -> PatchMap:
+    """The test of each patch over its most probable length, with the cells to draw them on.
+    Collective."""
+    cells, n = model.cells, len(split)
+    best = [max(tests[p::n], key=lambda test: test.log_evidence) for p in range(n)]
+    drawn = cells.gather(cells.corners, split.number) or (None, None)
+    return PatchMap(
+        tuple(best), split.middle, split.volume, cells.bolts, LEVEL, *drawn,
+        side_view=cells.side_view,
     )  # fmt: skip

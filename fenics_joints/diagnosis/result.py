@@ -19,7 +19,7 @@ from fenics_joints.diagnosis.evidence.scales import (
 from fenics_joints.diagnosis.evidence.somewhere import Somewhere
 from fenics_joints.diagnosis.location import Location
 from fenics_joints.diagnosis.shrinkage import Shrinkage
-from fenics_joints.diagnosis.where.localise import CellMap, ZoneShare
+from fenics_joints.diagnosis.where.score_tests import ZoneShare
 from fenics_joints.errors import member
 from fenics_joints.files import plain
 from fenics_joints.formatting import LEAST, LIMITS, MOST, bounded, html_table, percent, probability
@@ -117,24 +117,24 @@ class Diagnosis:
         placebo_after: The same for the best wrong effect.
         placebo: Its label.
         validation: Gap before and after on data that were never fitted; None if there are none.
-        where: Share by region, largest first, ``unexplained`` last.
+        where: Share of the misfit by region, most probable first, ``unexplained`` last.
         effects: Effects, most probable first; ``no gap`` and ``none of these`` among them.
         hypotheses: Hypotheses, most probable first.
         separations: How to split classes that this test leaves together.
-        cells: Map over the structure, on rank 0.
         model_error: Largest relative frequency error of the reduced model against the full one.
         model: Facts on the model: dofs, basis, samples, seconds.
         silent: Effects that were left out, with the reason.
         by_level: Whether the condition is a level of force or amplitude.
-        location: Tests of regions and patches, and along modes, frequencies and conditions.
+        location: Score tests of regions, zones and patches, and the misfit along modes, frequencies
+            and conditions.
         shrinkage: How far the gap shrinks on held-out data, with what was stated before.
         joints: What the comparison starts from: joints ``bonded``, as one with the parts, or
             ``given``, as the case has them; empty if the model has none.
         scales: What the leading hypothesis has of the standard deviations that the data infer.
         damping: Measured and, by the leading hypothesis, predicted damping ratios, each of shape
             (n, m); None if damping was not used.
-        somewhere: Where an unknown cause would be, if it is a change of stiffness or mass; None
-            where that was not looked at.
+        somewhere: Whether an unknown cause is a change of stiffness or mass somewhere; None where
+            that was not looked at.
         at_once: Probability of a misfit as large as all effects of the library at once leave; None
             where the best few explain the test.
         without_partner: Names of the test's modes that match none of the model's, with or without
@@ -159,7 +159,6 @@ class Diagnosis:
     effects: list[EffectResult]
     hypotheses: list[HypothesisResult]
     separations: list[Separation]
-    cells: CellMap | None
     model_error: float
     model: dict
     silent: tuple[Silent, ...] = ()

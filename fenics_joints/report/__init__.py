@@ -10,12 +10,11 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from fenics_joints.report.contact_pictures import pressure_map, pressure_profile, status_map
-    from fenics_joints.report.mesh_pictures import cell_map, mode_shape
+    from fenics_joints.report.mesh_pictures import mode_shape
     from fenics_joints.report.patch_pictures import patch_map
     from fenics_joints.report.stabilisation import write_stabilisation
 
 __all__ = [
-    "cell_map",
     "mode_shape",
     "patch_map",
     "pressure_map",
@@ -26,7 +25,7 @@ __all__ = [
 
 _FILES = {
     "contact_pictures": ("pressure_map", "pressure_profile", "status_map"),
-    "mesh_pictures": ("cell_map", "mode_shape"),
+    "mesh_pictures": ("mode_shape",),
     "patch_pictures": ("patch_map",),
     "stabilisation": ("write_stabilisation",),
 }

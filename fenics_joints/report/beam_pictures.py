@@ -1,4 +1,4 @@
-"""Pictures of lapped beams from the side: what their elements and patches say."""
+"""The map of where the gap lies, of lapped beams from the side."""
 
 from __future__ import annotations
 
@@ -6,25 +6,21 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.collections import PolyCollection
-from matplotlib.colors import Normalize, to_rgba
 from matplotlib.patches import Rectangle
 
-from fenics_joints.report.mesh_pictures import cell_bar, cells_alt, diverging
 from fenics_joints.report.patch_pictures import (
     OUTLINES,
-    UNSEEN,
+    colours_of,
     patch_bar,
     patch_legend,
     patches_alt,
-    rising,
 )
 from fenics_joints.report.style import drawing, to_svg
 
 if TYPE_CHECKING:
-    from fenics_joints.diagnosis.where.localise import CellMap
     from fenics_joints.diagnosis.where.patches import PatchMap
 
-__all__ = ["beam_cells", "beam_patches"]
+__all__ = ["beam_patches"]
 
 #: Rows of the picture, from below: beams under the interface, joint elements, beams above. Where
 #: each starts, and the height of the highest there.
@@ -74,9 +70,8 @@ def beam_patches(cells: PatchMap, name: str = "patches") -> str:
         name: Unique in the page.
     """
     boxes = _boxes(np.asarray(cells.vertices, dtype=float))
-    norm = Normalize(0.0, max(float(cells.share.max(initial=0.0)), 1e-9))
-    colours = rising(norm(cells.share[cells.patch]))
-    colours[~cells.seen[cells.patch]] = to_rgba(UNSEEN)
+    norm, by_patch = colours_of(cells)
+    colours = by_patch[cells.patch]
     bolts = 1e3 * cells.bolts[:, 0]
     with drawing(*_SIZE) as figure:
         axes = figure.subplots()
@@ -90,7 +85,7 @@ def beam_patches(cells: PatchMap, name: str = "patches") -> str:
                 Rectangle((x0, y0), x1 - x0, y1 - y0, fill=False, zorder=3 + rank, **line)
             )
             if x1 - x0 > _ROOM * np.ptp(boxes[:, :, 0]) or y0 == _JOINT[0]:
-                dark = norm(cells.share[p]) > 0.6
+                dark = cells.share[p] > 0.6 * norm.vmax
                 axes.text(
                     (x0 + x1) / 2, (y0 + y1) / 2, test.zone.rpartition(" ")[2],
                     ha="center", va="center", fontsize=6.5, zorder=7,
@@ -104,16 +99,3 @@ def beam_patches(cells: PatchMap, name: str = "patches") -> str:
         patch_bar(figure, axes, norm)
         patch_legend(figure, cells, bolt={"ls": (0, (4, 3))})
         return to_svg(figure, name, patches_alt(cells))
-
-
-def beam_cells(cells: CellMap, name: str = "cells") -> str:
-    """Beams and laps apart, elements coloured by density; see `mesh_pictures.cell_map`."""
-    boxes = _boxes(np.asarray(cells.vertices, dtype=float))
-    norm = Normalize(-1, 1)
-    with drawing(_SIZE[0], _SIZE[1] - 0.2) as figure:
-        axes = figure.subplots()
-        colours = diverging(norm(cells.density))
-        axes.add_collection(PolyCollection(boxes, facecolors=colours, edgecolors="#9aa0a8", lw=0.3))
-        _frame(axes, boxes)
-        cell_bar(figure, axes, norm)
-        return to_svg(figure, name, cells_alt(cells))

@@ -1,4 +1,4 @@
-"""Pictures of a mesh's patches, coloured by what a change in each would explain."""
+"""The map of where the gap lies: patches coloured by what a change in each would explain."""
 
 from __future__ import annotations
 
@@ -8,25 +8,21 @@ from typing import TYPE_CHECKING
 import numpy as np
 from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection, PolyCollection
-from matplotlib.colors import LinearSegmentedColormap, Normalize, to_rgba
+from matplotlib.colors import Normalize, to_rgba
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from fenics_joints.errors import InputError
 from fenics_joints.report import geometry
+from fenics_joints.report.mesh_pictures import diverging
 from fenics_joints.report.style import drawing, to_svg
 
 if TYPE_CHECKING:
     from fenics_joints.diagnosis.where.patches import PatchMap
 
 __all__ = [
-    "OUTLINES", "UNSEEN", "patch_bar", "patch_legend", "patch_map", "patches_alt", "rising",
+    "OUTLINES", "UNSEEN", "colours_of", "patch_bar", "patch_legend", "patch_map", "patches_alt",
 ]  # fmt: skip
-
-#: Near white to dark red, ever darker: it reads in grey as well.
-rising = LinearSegmentedColormap.from_list(
-    "rising", ["#f4f2ee", "#f6c79b", "#dd6b4a", "#7d1128"]
-)
 
 #: Colour of a patch that the test does not see, off the scale of those that it sees.
 UNSEEN = "#b9c6d6"
@@ -59,12 +55,12 @@ def patch_map(cells: PatchMap, name: str = "patches") -> str:
     levels = geometry.levels_of(x[:, :, 2], pieces)[::-1]
     width = np.ptp(x[:, :, 1])
     gap = 0.0 if len(levels) == 1 else 1.25 * width * np.tan(geometry.TILT) / np.cos(geometry.TURN)
-    norm = Normalize(0.0, max(float(cells.share.max(initial=0.0)), 1e-9))
+    norm, colours = colours_of(cells)
     with drawing(7.6, 1.0) as figure:
         axes = figure.subplots()
         for k, members in enumerate(levels):
             shifted = x[members] + np.array([0.0, 0.0, k * gap])
-            _patch_level(axes, shifted, cells, members, norm)
+            _patch_level(axes, shifted, cells, members, colours)
         _bolt_marks(axes, turned(1e3 * cells.bolts), [x[m][:, :, 2] for m in levels], gap)
         axes.autoscale_view()
         axes.set_aspect("equal")
@@ -96,7 +92,7 @@ def _upright(x: np.ndarray):
     return x @ turn.T, lambda points: np.asarray(points) @ turn.T
 
 
-def _patch_level(axes, x: np.ndarray, cells: PatchMap, members: np.ndarray, norm) -> None:
+def _patch_level(axes, x: np.ndarray, cells: PatchMap, members: np.ndarray, colour_of) -> None:
     """One level: its faces towards the viewer, far ones first, and the patches' outlines."""
     faces = geometry.face_corners(x)
     corners, ids = x[:, faces], geometry.vertex_ids(x)[:, faces]
@@ -109,8 +105,7 @@ def _patch_level(axes, x: np.ndarray, cells: PatchMap, members: np.ndarray, norm
     _, behind = geometry.oblique(middle[outer][:, None])
     shown = np.flatnonzero(depth >= behind - 1e-9 * np.ptp(x))
     shown = shown[np.argsort(depth[shown])]
-    colours = rising(norm(cells.share[patch[outer][shown]]))
-    colours[~cells.seen[patch[outer][shown]]] = to_rgba(UNSEEN)
+    colours = colour_of[patch[outer][shown]]
     axes.add_collection(
         PolyCollection(flat[shown], facecolors=colours, edgecolors=colours, lw=0.3, rasterized=True)
     )
@@ -133,13 +128,25 @@ def _bolt_marks(axes, bolts: np.ndarray, heights: list[np.ndarray], gap: float) 
         axes.plot(u, v, "+", ms=5.5, mec="#14181d", mew=1.0, zorder=7)
 
 
+def colours_of(cells: PatchMap) -> tuple[Normalize, np.ndarray]:
+    """The scale of the signed shares, and the colour of each patch, (P, 4)."""
+    most = max(float(cells.share.max(initial=0.0)), 1e-9)
+    norm = Normalize(-most, most)
+    colours = diverging(norm(cells.signed_share))
+    colours[~cells.seen] = to_rgba(UNSEEN)
+    return norm, colours
+
+
 def patch_bar(figure, axes, norm: Normalize) -> None:
     """What colours of patches mean."""
     bar = figure.colorbar(
-        ScalarMappable(norm, rising), ax=axes, location="bottom", aspect=45, shrink=0.8,
-        format=lambda value, _: f"{100 * value:.3g} %",
+        ScalarMappable(norm, diverging), ax=axes, location="bottom", aspect=45, shrink=0.8,
+        format=lambda value, _: f"{100 * abs(value):.3g} %",
     )  # fmt: skip
-    bar.set_label("share of the misfit that a change in this patch alone would explain")
+    bar.set_label(
+        "share of the misfit that a change here alone explains\n"
+        "blue: stiffer or lighter than in the model   |   red: softer or heavier"
+    )
     bar.outline.set_visible(False)
 
 
@@ -168,10 +175,13 @@ def patch_legend(figure, cells: PatchMap, bolt: Mapping = _BOLT) -> None:
 def patches_alt(cells: PatchMap) -> str:
     """A map of patches in words."""
     best = sorted(cells.tests, key=lambda t: -t.share)[:3]
-    words = "; ".join(f"{t.zone} {100 * t.share:.0f} %" for t in best)
+    ways = ["stiffer or lighter" if t.log_f > 0 else "softer or heavier" for t in best]
+    words = "; ".join(
+        f"{t.zone} {100 * t.share:.0f} % ({way})" for t, way in zip(best, ways, strict=True)
+    )
     return (
         f"Structure taken apart, in {len(cells.tests)} patches coloured by the share of the misfit "
-        f"that a change there alone would explain. Largest: {words}. "
+        f"that a change there alone explains. Largest: {words}. "
         f"More than chance: {int(cells.significant.sum())}; could be the only one: "
         f"{', '.join(np.array([t.zone for t in cells.tests])[cells.sufficient]) or 'none'}."
     )

@@ -6,7 +6,6 @@ import io
 
 import numpy as np
 import pytest
-from cell_map import cells
 from html_page import Page, check_page
 from rich.console import Console
 
@@ -18,7 +17,7 @@ from fenics_joints.commands.diagnose.words import VERDICTS
 from fenics_joints.diagnosis import Diagnosis, EffectResult, HypothesisResult
 from fenics_joints.diagnosis.result import Separation
 from fenics_joints.diagnosis.shrinkage import Fold, Shrinkage
-from fenics_joints.diagnosis.where.localise import ZoneShare
+from fenics_joints.diagnosis.where.score_tests import ZoneShare
 from fenics_joints.measurements import Gap
 
 MODES = ("bending 1", "bending <2>")
@@ -72,7 +71,7 @@ def diagnosis(**changes) -> Diagnosis:
             HypothesisResult("none of these", (), 1e-5, 30.0, 0.004, 0.9),
         ],
         separations=[Separation("compliance", ("normal", "tangential"), "an axial mode", 2.3263)],
-        cells=cells(), model_error=3.1e-5, model={"dofs": 21345, "seconds": 41.3},
+        model_error=3.1e-5, model={"dofs": 21345, "seconds": 41.3},
     )  # fmt: skip
     return Diagnosis(**{**values, **changes})
 
@@ -135,7 +134,7 @@ def test_titles_and_names_are_escaped():
 
 @pytest.mark.parametrize("verdict", list(VERDICTS))
 def test_every_verdict_without_validation_and_map(verdict):
-    d = diagnosis(verdict=verdict, validation=None, cells=None, shrinkage=None, separations=[])
+    d = diagnosis(verdict=verdict, validation=None, shrinkage=None, separations=[])
     page = Page(diagnosis_html(d))
     said = [f"{name}. {sentence}" for name, sentence in explain(d).sentences]
     assert page.texts["verdict"].split() == " ".join([VERDICTS[verdict], *said]).split()

@@ -21,27 +21,28 @@ from fenics_joints.commands.diagnose.reading import heading_of
 from fenics_joints.commands.diagnose.summary import show_diagnosis
 from fenics_joints.commands.diagnose.words import zone_words
 from fenics_joints.diagnosis import Diagnosis, EffectResult, HypothesisResult, Silent
-from fenics_joints.diagnosis.evidence.somewhere import Patch, Somewhere
+from fenics_joints.diagnosis.evidence.point_mass import PointMassFound
+from fenics_joints.diagnosis.evidence.somewhere import Somewhere
 from fenics_joints.diagnosis.location import Location
 from fenics_joints.diagnosis.result import Separation
 from fenics_joints.diagnosis.shrinkage import Fold, Shrinkage
 from fenics_joints.diagnosis.verdict import confirm
-from fenics_joints.diagnosis.where.localise import ZoneShare
 from fenics_joints.diagnosis.where.patches import PatchMap
-from fenics_joints.diagnosis.where.zone_tests import Attribution, ZoneTest
+from fenics_joints.diagnosis.where.score_tests import Attribution, ScoreTest, ZoneShare
 from fenics_joints.measurements import Gap
 
 TORQUES, MODES = np.array([5.0, 20.0]), ("bending 1", "bending 2", "bending 3")
 TEST = np.array([[400.0, 900.0, 2000.0], [410.0, 910.0, 2050.0]])
 
 
-def zone(name: str, share: float, p: float, rest: float, **changes) -> ZoneTest:
+def zone(name: str, share: float, p: float, rest: float, **changes) -> ScoreTest:
     values = dict(
-        zone=name, dof=2, statistic=200 * share, p=p / 3, p_adjusted=p, share=share, rest_p=rest,
-        visibility=4.0, change=(1.0, 0.0), minmax=9.0, minmax_dof=2, minmax_p=0.2,
-        minmax_p_adjusted=0.6, separable=True,
+        zone=name, region="the_lap" if "lap" in name else name.split()[0],
+        kind="joint" if "lap" in name else "part", odds=1.0, dof=2, statistic=200 * share, p=p / 3,
+        p_adjusted=p, share=share, rest_p=rest, log_evidence=100 * share, change=(-2.1, 0.1),
+        change_sd=(0.2, 0.3), log_f=-0.05,
     )  # fmt: skip
-    return ZoneTest(**{**values, **changes})
+    return ScoreTest(**{**values, **changes})
 
 
 def location(**changes) -> Location:
@@ -49,10 +50,10 @@ def location(**changes) -> Location:
     corner = np.array([[i, j, k] for k in (0, 1) for j in (0, 1) for i in (0, 1)], dtype=float)
     vertices = np.stack([corner + [i, 0, 0] for i in range(4)]) * [0.05, 0.05, 0.01]
     values = dict(
-        regions=(zone("plates", 0.31, 0.2, 1e-9), zone("the_lap", 0.94, 1e-12, 0.4, minmax=60.0,
-                 minmax_p=1e-9, minmax_p_adjusted=2e-9), zone("ropes", 0, 1, 0, dof=0)),
-        zones=(zone("plates", 0.31, 0.2, 1e-9), zone("the_lap_b1_r2", 0.6, 1e-7, 0.01),
-               zone("the_lap_b2_r1", 0.9, 1e-11, 0.3, alike=("the_lap_b1_r1",))),
+        regions=(zone("plates", 0.31, 0.2, 1e-9), zone("the_lap", 0.94, 1e-12, 0.4),
+                 zone("ropes", 0, 1, 0, dof=0)),
+        zones=(zone("the_lap_b1_r2", 0.6, 1e-7, 0.01), zone("the_lap_b2_r1", 0.9, 1e-11, 0.3)),
+        shares=(ZoneShare("the_lap", 0.94), ZoneShare("unexplained", 0.06)),
         attribution=(
             Attribution("mode", "bending 1", 4.0, 4, 0.41),
             Attribution("mode", "bending 2", 150.0, 4, 1e-30),
@@ -64,10 +65,10 @@ def location(**changes) -> Location:
         ),
         patches=PatchMap(
             (zone("plates 1", 0.2, 0.5, 1e-9), zone("the_lap 1", 0.9, 1e-9, 0.3)),
-            ("plates", "the_lap"), np.array([[0.05, 0.02, 0.0], [0.15, 0.025, 0.01]]),
+            np.array([[0.05, 0.02, 0.0], [0.15, 0.025, 0.01]]),
             np.ones(2), np.zeros((0, 3)), vertices=vertices, patch=np.array([0, 0, 1, 1]),
         ),
-        constitutive=None, misfit=200.0, n_data=12,
+        misfit=200.0, n_data=12,
     )  # fmt: skip
     return Location(**{**values, **changes})
 
@@ -136,7 +137,7 @@ def diagnosis(**changes) -> Diagnosis:
         ],
         hypotheses=hypotheses,
         separations=[Separation(family, ("a", "b"), "an axial mode", 3.4)],
-        cells=None, model_error=1e-5, model={"dofs": 12345},
+        model_error=1e-5, model={"dofs": 12345},
         silent=(Silent("micro-slip in the joint", "the test is by torque"),),
         location=location(), shrinkage=shrinkage(),
     )  # fmt: skip
@@ -150,9 +151,9 @@ def point(d: Diagnosis, question: str) -> str:
 def test_three_sentences_of_a_cause():
     words = explain(diagnosis())
     assert words.where == (
-        "The misfit (the gap weighed by noise) is in the frequencies, not in the shapes; a change "
-        'in "the lap" alone would explain 94 % of the misfit, by chance less than once in a '
-        "thousand; of the gap in frequency the leading explanation puts 88 % in \"the lap\"."
+        'The gap lies most probably in "the lap", softer than in the model; a change there alone '
+        "explains 94 % of the misfit (the gap weighed by noise), by chance less than once in a "
+        "thousand."
     )
     # 0.66 over 0.033, the best hypothesis without either of the class.
     assert words.which == (
@@ -168,19 +169,23 @@ def test_three_sentences_of_a_cause():
     )
 
 
-def test_where_says_what_else_would_do_and_what_would_not():
-    both = (zone("plates", 0.9, 1e-3, 0.2), zone("the_lap", 0.94, 1e-12, 0.4))
-    assert (
-        'but so would one in "plates" (90 %)'
-        in explain(diagnosis(location=location(regions=both))).where
-    )
-    neither = (zone("plates", 0.4, 1e-3, 1e-5), zone("the_lap", 0.5, 1e-12, 1e-4))
-    alone = explain(diagnosis(location=location(regions=neither))).where
-    assert 'alone explains it; one in "the lap" comes nearest, with 50 % of the misfit' in alone
+def test_where_is_one_place_with_its_change_and_what_may_as_well_be_it():
+    both = (zone("plates", 0.93, 1e-3, 0.2), zone("the_lap", 0.94, 1e-12, 0.4))
+    words = explain(diagnosis(location=location(regions=both))).where
+    assert words.endswith('less than once in a thousand; "plates" cannot be ruled out.')
+    found = location()
+    patches = replace(found.patches, tests=(zone("plates 1", 0.97, 1e-9, 0.01),))
+    d = diagnosis(location=replace(found, patches=patches))
+    assert '"plates", -27 % of stiffness near (50, 20, 0) mm; a change there' in explain(d).where
+    assert "not how much" in point(d, "In which part?")
+    heavier = replace(patches.tests[0], change=(0.1, 6.0))
+    d = diagnosis(location=replace(found, patches=replace(patches, tests=(heavier,))))
+    assert "+82 % of mass near" in explain(d).where
     silent = (zone("plates", 0.4, 0.3, 0.5), zone("the_lap", 0.5, 0.06, 0.5))
-    nothing = explain(diagnosis(location=location(regions=silent))).where
-    assert "no region of the model explains more than chance" in nothing
-    assert explain(diagnosis(location=None)).where.startswith("Of the gap in frequency")
+    nothing = location(regions=silent, zones=(), patches=None)
+    for found in (nothing, None):
+        words = explain(diagnosis(location=found)).where
+        assert words.startswith("The test does not say where")
 
 
 def test_a_cause_in_the_test_is_not_put_into_the_structure():
@@ -191,7 +196,7 @@ def test_a_cause_in_the_test_is_not_put_into_the_structure():
         hypotheses=[HypothesisResult("sensor mis-scaled", (key,), 0.97, 3.0, 0.01, 0.3)],
     )
     words = explain(d)
-    assert words.where.startswith("In the test, not in the structure: sensor 3; ")
+    assert words.where.startswith("In the test, not in the structure: sensor 3.")
     assert words.which.startswith("Sensor mis-scaled (sensor 3), > 90 %")
     assert "echo" in point(d, "In which part?")
 
@@ -261,29 +266,14 @@ def test_other_verdicts_have_sentences_of_their_own():
     assert "79 to 93 %), by what is within tolerance alone; " in words.how_far
 
 
-def test_an_unknown_cause_with_a_place_says_where():
-    """In words, in the page and in the JSON; nothing where no patch surely changes."""
+def test_an_unknown_cause_may_have_a_place_or_be_a_point_mass():
     h = diagnosis().hypotheses
     unknown = [replace(h[4], probability=0.98), replace(h[0], probability=0.01, p_value=1e-8)]
-    filled = Patch("plate_1 11", "plate_1", (0.225, 0.013, -0.017), False, 0.0, 0.01, 0.67, 0.03)
-    loose = Patch("the_lap 2", "the_lap", (0.1, 0.0, 0.0), True, -12.0, 2.0, 0.0, 0.1)
-
-    def of(*patches, probability=0.97):
-        found = Somewhere(probability, patches)
-        return diagnosis(verdict="unknown", hypotheses=unknown, somewhere=found)
-
-    most = "+95 % (+90 % to +101 %) of mass in plate 1 about (225, 13, -17) mm"
-    assert explain(of(filled, loose)).which.endswith(f"it would most surely be {most}.")
-    asked = "What if it is something else?"
-    assert point(of(filled), asked).endswith(f"is 97 % of that; then most surely there is {most}.")
-    assert "be less stiffness in the lap about (100, 0, 0) mm." in explain(of(loose)).which
-    for quiet in (of(replace(filled, mass=0.05)), of(filled, probability=0.3)):
-        assert "most surely" not in explain(quiet).which
-        assert asked not in explain(quiet).points and 'id="somewhere"' not in diagnosis_html(quiet)
-    page = diagnosis_html(of(filled, loose))
-    assert 'id="somewhere"' in page and "+95 % (+90 % to +101 %)" in page
-    first = of(filled).to_json()["somewhere"]["patches"][0]
-    assert (first["region"], first["mass"], first["mass_sd"]) == ("plate_1", 0.67, 0.03)
+    mass = PointMassFound(0.058, 0.05, 0.065, (0.02, 0.04, 0.0), 12.0)
+    d = diagnosis(verdict="unknown", hypotheses=unknown, somewhere=Somewhere(0.97, mass))
+    said = point(d, "What if it is something else?")
+    assert "somewhere is 97 % of that; as one point mass 58 g" in said
+    assert d.to_json()["somewhere"]["point"]["kg"] == 0.058
 
 
 def test_a_class_of_many_is_a_doubt():
@@ -397,13 +387,12 @@ def test_points_hold_the_numbers_behind_the_sentences():
     assert "Of 3 modes these misfit by more than chance: bending 2 and bending 3." in data
     assert "All 2 values of the torque misfit by more than chance, most of them 5 N·m." in data
     part = point(d, "In which part?")
-    assert "asks for a change in the lap." in part
-    assert "the lap, bolt 2, ring 1 explains most, which this test does not tell from" in part
-    assert "1 explain more than chance and 1 could each be the only one" in part
-    assert "(150, 25, 10) mm in the lap" in part
+    assert '"the lap, bolt 2, ring 1", softer than in the model' in part
+    assert "1 explain more than chance, and 1 could each be the only one" in part
+    assert '"the lap", softer than in the model near (150, 25, 10) mm' in part
     without = diagnosis(location=location(patches=None))
     assert "patches" not in point(without, "In which part?")
-    assert "of the misfit in frequency" not in diagnosis_html(without)
+    assert "The colour is the share of the misfit" not in diagnosis_html(without)
     assert "k_n = 660 GPa/m (510 to 860 GPa/m)" in point(d, "What was fitted?")
     told = point(d, "What can these data not tell?")
     assert "an axial mode (up to 3.4 standard deviations)" in told

@@ -60,7 +60,8 @@ def test_one_effect_is_named(
     assert result.heldout_after < held * result.heldout_before
     assert result.heldout_after < over_placebo * result.placebo_after < result.heldout_before
     where = {zone.region: zone.share for zone in result.where}
-    assert sum(where[region] for region in regions) > 0.6
+    assert result.where[0].region in regions
+    assert sum(where[region] for region in regions) > 0.5
     assert sum(where.values()) == pytest.approx(1.0)
     assert result.model_error < 1e-3
 

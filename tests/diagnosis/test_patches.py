@@ -12,7 +12,9 @@ from mpi4py import MPI
 
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.where.cells import MeshCells
-from fenics_joints.diagnosis.where.patches import PatchMap, patch_columns, patch_tests, patches
+from fenics_joints.diagnosis.where.patch_signatures import signatures
+from fenics_joints.diagnosis.where.patches import Patches, PatchMap, patches
+from fenics_joints.diagnosis.where.score_tests import Place, ScoreTest, score_tests
 from fenics_joints.errors import InputError
 from fenics_joints.measurements import pair_modes
 from fenics_joints.meshes import lap_plates
@@ -85,6 +87,23 @@ def soft(nominal):
     return modes, pair_modes(modes, MODES)
 
 
+def columns_of(cells, modes, pairing, split: Patches, soft) -> np.ndarray:
+    """Change of ln f by the expected change in each patch, (P, m, 2)."""
+    test = SimpleNamespace(shapes=None)
+    return signatures(cells, modes, pairing, test, split, None, soft).log_f.swapaxes(0, 1)
+
+
+def map_of(cells, modes, pairing, evidence, residual, nuisance, n, soft) -> PatchMap:
+    """The map by frequencies alone."""
+    split = patches(cells, n)
+    columns = columns_of(cells, modes, pairing, split, soft)
+    places = [Place(name, region, "joint" if region == "joint" else "part", own)
+              for name, region, own in zip(split.names, split.region, columns, strict=True)]
+    tests = score_tests(residual, places, nuisance, evidence)
+    drawn = cells.gather(cells.corners, split.number) or (None, None)
+    return PatchMap(tuple(tests), split.middle, split.volume, cells.bolts, 0.05, *drawn)
+
+
 def test_patches_sensitivities_add_up_to_the_parameters(nominal, soft):
     """All patches of a region softened together are its parameter: the sum of adjoints is the
     derivative of ln f by ln E and ln rho; a joint's, where it gives way, is what a hundredth more
@@ -92,18 +111,16 @@ def test_patches_sensitivities_add_up_to_the_parameters(nominal, soft):
     structure, modes, pairing = nominal
     cells = MeshCells(structure)
     split = patches(cells, 6)
-    columns = patch_columns(cells, modes, pairing, split, soft)
+    columns = columns_of(cells, modes, pairing, split, soft)
     slope = frequency_sensitivity(modes, pairing.index)
     names = list(structure.parameters)
     own = np.array(split.region) == "plates"
     total = columns[own].sum(axis=0)
     assert total[:, 0] == pytest.approx(0.15 * E * slope[:, names.index("E")], rel=1e-8)
     assert total[:, 1] == pytest.approx(0.10 * RHO * slope[:, names.index("rho")], rel=1e-8)
-    more = solve_modes(structure, GIVEN_WAY | {"kG": 5e8 / 1.01}, n_modes=6 + MODES)
+    more = solve_modes(structure, {k: v / 1.01 for k, v in GIVEN_WAY.items()}, n_modes=6 + MODES)
     change = np.log(more.frequencies_hz[6:] / soft[0].frequencies_hz[6:]) / np.log(1.01)
-    assert columns[~own].sum(axis=0)[:, 1] == pytest.approx(change, rel=0.02, abs=1e-7)
-    with pytest.raises(InputError, match="giving way"):
-        patch_columns(cells, modes, pairing, split)
+    assert columns[~own].sum(axis=0)[:, 0] == pytest.approx(change, rel=0.02, abs=1e-7)
 
 
 def test_the_softened_end_is_found(nominal, soft):
@@ -116,14 +133,14 @@ def test_the_softened_end_is_found(nominal, soft):
     residual = log_f[0] - np.log(modes.frequencies_hz[6:])
     stiffness = frequency_sensitivity(modes, pairing.index) * [E, RHO, 0, 0]
     cells = MeshCells(structure)
-    found = patch_tests(
-        cells, modes, pairing, evidence, residual, 0.01 * stiffness[:, :2], 10, soft=soft
+    found = map_of(
+        cells, modes, pairing, evidence, residual, 0.01 * stiffness[:, :2], 10, soft
     )
     best = int(np.argmax(found.share))
     assert found.significant[best] and found.share[best] > 0.9
     assert found.region[best] == "plates" and found.middle[best][0] < 0.06
-    assert found.tests[best].change[0] < 0
-    quiet = patch_tests(cells, modes, pairing, evidence, 0 * residual + 1e-5, None, soft=soft)
+    assert found.tests[best].change[0] < 0 < found.signed_share[best]
+    quiet = map_of(cells, modes, pairing, evidence, 0 * residual + 1e-5, None, 12, soft)
     assert not quiet.significant.any()
     assert found.to_json()["patches"][best]["zone"] == found.tests[best].zone
     if MPI.COMM_WORLD.rank == 0:
@@ -148,15 +165,20 @@ def test_patches_go_to_pyvista_cell_by_cell(monkeypatch):
         monkeypatch.setitem(sys.modules, "pyvista", SimpleNamespace(UnstructuredGrid=Grid))
     corner = np.array([[i, j, k] for k in (0, 1) for j in (0, 1) for i in (0, 1)], dtype=float)
     vertices = np.stack([corner + [i, 0, 0] for i in range(3)])
-    tests = [SimpleNamespace(share=s, p_adjusted=p, rest_p=0.5, dof=dof)
-             for s, p, dof in ((0.1, 0.5, 2), (0.8, 1e-9, 2), (0.0, 1.0, 0))]  # fmt: skip
-    found = PatchMap(tuple(tests), ("a", "b", "c"), np.zeros((3, 3)), np.ones(3),
-                     np.zeros((0, 3)), vertices=vertices, patch=np.array([1, 0, 2]))  # fmt: skip
+    tests = [
+        ScoreTest("", name, "part", 1.0, dof, 0.0, p, p, share, 0.5, 0.0, (), (), log_f)
+        for name, dof, p, share, log_f in (
+            ("a", 2, 0.5, 0.1, 0.01), ("b", 2, 1e-9, 0.8, -0.01), ("c", 0, 1.0, 0.0, 0.0)
+        )
+    ]  # fmt: skip
+    found = PatchMap(tuple(tests), np.zeros((3, 3)), np.ones(3), np.zeros((0, 3)),
+                     vertices=vertices, patch=np.array([1, 0, 2]))  # fmt: skip
     grid = found.to_pyvista()
     assert grid.n_cells == 3 and len(grid.points) == 16 and np.ptp(grid.points[:, 0]) == 3
     shown = {name: np.asarray(values).tolist() for name, values in grid.cell_data.items()}
     assert shown["patch"] == [1, 0, 2] and shown["share"] == [0.8, 0.1, 0.0]
+    assert shown["signed_share"] == [0.8, -0.1, 0.0] and found.region == ("a", "b", "c")
     assert shown["significant"] == shown["sufficient"] == [True, False, False]
     assert shown["seen"] == [True, True, False]
     with pytest.raises(InputError, match="rank 0"):
-        PatchMap((), (), np.zeros((0, 3)), np.ones(0), np.zeros((0, 3))).to_pyvista()
+        PatchMap((), np.zeros((0, 3)), np.ones(0), np.zeros((0, 3))).to_pyvista()

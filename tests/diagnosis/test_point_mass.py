@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from mpi4py import MPI
 from virtual_plates import virtual_test, write_virtual_case
 
 from fenics_joints.case import load_case
-from fenics_joints.commands.diagnose.words import somewhere_words
+from fenics_joints.commands.diagnose.words import point_mass_words
 from fenics_joints.diagnosis.evidence import fit
 from fenics_joints.diagnosis.evidence.point_mass import point_mass
-from fenics_joints.diagnosis.evidence.somewhere import changes
+from fenics_joints.diagnosis.evidence.somewhere import Somewhere
 from fenics_joints.diagnosis.model.prepared import prepare
 from fenics_joints.progress import Progress
 from fenics_joints.reduction.seen import places_all_over
@@ -42,7 +40,6 @@ def test_grams_of_a_mass_that_was_put_on_a_plate(grams, tmp_path):
         return
     assert point.low < 1e-3 * grams < point.high < 1.4 * point.low
     assert np.linalg.norm(np.subtract(point.at, (0.02, 0.04, 0.0))) < 0.02
-    placed = replace(changes(found, model.evidence), point=point)
-    said = somewhere_words(placed)
+    said = point_mass_words(Somewhere(1.0, point))
     assert f"{1e3 * point.kg:.0f} g" in said and "rare = true" in said
-    assert "rare" not in somewhere_words(replace(placed, looked_for=True))
+    assert "rare" not in point_mass_words(Somewhere(1.0, point, looked_for=True))

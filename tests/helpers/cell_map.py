@@ -1,13 +1,13 @@
-"""Cells of three layers with what each explains, for the tests of pages and pictures."""
+"""Cells of three layers, for the tests of pages and pictures."""
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 
-from fenics_joints.diagnosis.where.localise import CellMap
 
-
-def cells() -> CellMap:
+def cells() -> SimpleNamespace:
     """Two plates with a layer between them, one cell each in height."""
     x, y = (a.ravel() for a in np.meshgrid(np.arange(4), np.arange(3), indexing="ij"))
     corner = np.array([[i, j, k] for k in (0, 1) for j in (0, 1) for i in (0, 1)], dtype=float)
@@ -17,5 +17,4 @@ def cells() -> CellMap:
         block[..., 2] = np.where(corner[None, :, 2] > 0, high, low)
         blocks.append(block)
     region = np.repeat([0, 1, 0], len(x))
-    density = np.concatenate([np.full(len(x), -0.2), np.linspace(0.4, 1, len(x)), 0.0 * x])
-    return CellMap(1e-3 * np.concatenate(blocks), region, ("plates", "layer"), density)
+    return SimpleNamespace(vertices=1e-3 * np.concatenate(blocks), region=region)

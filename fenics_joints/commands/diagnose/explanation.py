@@ -14,15 +14,11 @@ import numpy as np
 from fenics_joints.commands.diagnose.doubts import doubts
 from fenics_joints.commands.diagnose.questions import questions
 from fenics_joints.commands.diagnose.reading import (
-    LEVEL,
-    SHARE,
     EffectClass,
-    along,
     best_without,
     causes,
     effect_classes,
     in_test,
-    is_loud,
     leading,
     members_in_words,
     mesh_error,
@@ -37,22 +33,24 @@ from fenics_joints.commands.diagnose.words import (
     is_part,
     joined,
     p_value_words,
+    place_words,
     sentence,
     share_words,
     shortened,
-    somewhere_words,
     span,
     times_words,
+    zone_words,
 )
 from fenics_joints.diagnosis.location import Location
 from fenics_joints.diagnosis.result import Diagnosis
 from fenics_joints.diagnosis.shrinkage import Shrinkage
 from fenics_joints.diagnosis.verdict import CAUSE, LIKELY, MISFIT, NO_GAP, UNKNOWN
-from fenics_joints.diagnosis.where.zone_tests import ZoneTest
-from fenics_joints.formatting import error_percent, percent, probability, spaced
+from fenics_joints.formatting import error_percent, percent, probability
 
 __all__ = ["Explanation", "explain"]
 
+#: Difference of log odds up to which another region may be the one as well.
+_AS_PROBABLE = 3.0
 #: Probability of a look-alike that is not worth a word; error of the mesh that is.
 _REMOTE, _SEEN = 0.01, 5e-4
 _COUNT = {2: "two", 3: "three"}
@@ -145,82 +143,29 @@ def _where(d: Diagnosis) -> str:
             "Nowhere beyond chance: noise, tolerances and the error of any model would make a "
             f"misfit of {found.n_data}, and there is one of {found.misfit:.0f}."
         )
-    if found is None:
-        return sentence(_by_shares(d) or "no region explains a tenth of the gap")
-    kinds = _kinds(found)
-    words = [in_test(d), kinds, _by_tests(found)]
-    if not kinds or "frequencies" in kinds.partition(", not")[0]:
-        words.append(_by_shares(d))
-    said = "; ".join(w for w in words if w)
-    return sentence(said.replace("misfit", _MISFIT, 1))
+    inside = in_test(d)
+    if inside and not inside.startswith("in part"):
+        return sentence(inside)
+    words = _most_probable(found)
+    return sentence(f"{inside}; {words}" if inside else words)
 
 
-def _kinds(found: Location) -> str:
-    """Which kinds of data the misfit is in, if it is not in all of them."""
-    parts = along(found, "kind")
-    loud = [a.label for a in parts if is_loud(a, parts)]
-    quiet = [a.label for a in parts if not is_loud(a, parts)]
-    if not loud or not quiet:
-        return ""
-    return f"the misfit is in the {joined(loud)}, not in the {joined(quiet, 'or')}"
-
-
-def _by_tests(found: Location) -> str:
-    tests = sorted((t for t in found.regions if t.dof), key=lambda t: -t.share)
-    telling = [t for t in tests if t.p_adjusted < LEVEL]
-    if not telling:
-        return "no region of the model explains more than chance"
-    alone = [t for t in telling if t.rest_p >= LEVEL]
-    if not alone:
-        first = telling[0]
-        return (
-            f"no change of one region alone explains it; one in {_quoted(first.zone)} comes "
-            f"nearest, with {share_words(first.share)} of the misfit{_in_frequencies(found)}"
-            f"{_like(first)}"
-        )
-    first, others = alone[0], alone[1:]
+def _most_probable(found: Location | None) -> str:
+    """The place that the score tests put first, and those that may as well be it."""
+    ranked = () if found is None else found.ranked
+    if found is None or not ranked:
+        return "the test does not say where: no place explains more of the misfit than chance"
+    first = ranked[0]
     words = (
-        f"a change in {_quoted(first.zone)} alone would explain {share_words(first.share)} of the "
-        f"misfit, by chance {chance_words(first.p_adjusted)}"
+        f"the gap lies most probably in {place_words(found, first)}; a change there alone explains "
+        f"{share_words(first.share)} of the {_MISFIT}, by chance {chance_words(first.p_adjusted)}"
     )
-    if others:
-        names = [f"{_quoted(t.zone)} ({share_words(t.share)})" for t in others]
-        words += f", but so would one in {shortened(names, 'or')}"
+    least = first.log_odds - _AS_PROBABLE
+    regions = {t.region: None for t in ranked if t.log_odds > least and t.region != first.region}
+    if regions:
+        names = shortened([f'"{zone_words(name)}"' for name in regions], "or")
+        return f"{words}; {names} cannot be ruled out"
     return words
-
-
-def _like(test: ZoneTest) -> str:
-    """Regions that a test does not tell from the one that comes nearest."""
-    names = shortened([_quoted(zone) for zone in test.alike], "or")
-    return f", which this test does not tell from {names}" if names else ""
-
-
-def _quoted(zone: str) -> str:
-    """The case's own name of a region, in a sentence."""
-    return f'"{spaced(zone)}"'
-
-
-def _in_frequencies(found: Location) -> str:
-    """How much of the misfit is in the frequencies, where there is other data."""
-    kinds = along(found, "kind")
-    own = sum(a.chi2 for a in kinds if a.label == "frequencies")
-    if len(kinds) < 2 or not own:
-        return ""
-    return f", of which {share_words(own / sum(a.chi2 for a in kinds))} is in the frequencies"
-
-
-def _by_shares(d: Diagnosis) -> str:
-    """What the leading explanation makes of the gap in frequency, region by region."""
-    shares = [z for z in d.where if z.region != "unexplained" and z.share >= SHARE]
-    if not shares:
-        return ""
-    items = [f"{_part(z.share)} in {_quoted(z.region)}" for z in shares]
-    return f"of the gap in frequency the leading explanation puts {shortened(items)}"
-
-
-def _part(share: float) -> str:
-    """A share of the gap; of one that others widen a region may have more than all."""
-    return "all and more" if share > 1.005 else share_words(share)
 
 
 def _which(d: Diagnosis) -> str:
@@ -266,9 +211,7 @@ def _unknown(d: Diagnosis) -> str:
             "effect does, and so is likely a part of the cause"
         )
     p = probability(probability_of(d, UNKNOWN))
-    words += f"; that something else is at work{' too' if is_part(d) else ''} has {p}"
-    placed = somewhere_words(d.somewhere)
-    return f"{words}; it would most surely be {placed}" if placed else words
+    return f"{words}; that something else is at work{' too' if is_part(d) else ''} has {p}"
 
 
 def _at_once(d: Diagnosis) -> str:

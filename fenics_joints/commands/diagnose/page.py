@@ -9,7 +9,6 @@ import numpy as np
 from fenics_joints.commands.diagnose.explanation import explain
 from fenics_joints.commands.diagnose.pictures import forecasts, gap_bars, level_panels
 from fenics_joints.commands.diagnose.reading import (
-    SHARE,
     EffectClass,
     by_effect,
     by_reason,
@@ -17,27 +16,23 @@ from fenics_joints.commands.diagnose.reading import (
     heading_of,
     leading,
     named,
-    probability_of,
     with_place,
 )
 from fenics_joints.commands.diagnose.view import diagnosis_view
 from fenics_joints.commands.diagnose.words import (
-    changes_of,
+    change_words,
     group_words,
-    point_mass_words,
-    somewhere_words,
+    joined,
     zone_words,
 )
 from fenics_joints.diagnosis.evidence.classes import confusion
 from fenics_joints.diagnosis.location import Location
 from fenics_joints.diagnosis.result import Diagnosis
-from fenics_joints.diagnosis.verdict import UNKNOWN
-from fenics_joints.diagnosis.where.localise import CellMap
 from fenics_joints.diagnosis.where.patches import PatchMap
-from fenics_joints.diagnosis.where.zone_tests import ZoneTest
-from fenics_joints.formatting import LIMITS, condition_value, point_mm
-from fenics_joints.report import cell_map, patch_map
-from fenics_joints.report.beam_pictures import beam_cells, beam_patches
+from fenics_joints.diagnosis.where.score_tests import ScoreTest
+from fenics_joints.formatting import LIMITS, condition_value
+from fenics_joints.report import patch_map
+from fenics_joints.report.beam_pictures import beam_patches
 from fenics_joints.report.html import facts, heat_pair, render, svg
 from fenics_joints.report.panels import frequency_panels
 
@@ -53,8 +48,6 @@ _SAID = ("notes", "order")
 _MOST_HYPOTHESES = 8
 #: Classes of effects below this are folded away, but for so many.
 _PROBABLE, _FEWEST_CLASSES = 1e-3, 5
-#: Patches in which an unknown cause would be that get a row.
-_MOST_PATCHES = 8
 #: A nuisance further from its expected value than this, in its standard deviations, is marked.
 _FAR = 2.0
 
@@ -87,11 +80,9 @@ def diagnosis_html(
         lead=leading(d),
         bars=svg(_gap_picture(d)),
         patches=svg(_patch_picture(found.patches)) if _has_map(found) else None,
-        view=diagnosis_view(found.patches if _has_map(found) else None, d.cells),
-        map=None if d.cells is None else svg(_cell_picture(d.cells)),
+        view=diagnosis_view(found.patches if _has_map(found) else None),
         zones=[] if found is None else _zones(found),
         axes=[] if found is None else _axes(found, d.condition),
-        placed=_placed(d), point="" if d.somewhere is None else point_mass_words(d.somewhere),
         heat=heat_pair(d.before, d.after, ("Nominal model", "Leading hypothesis")),
         classes=classes,
         shown=_worth_showing(classes),
@@ -123,34 +114,22 @@ def _patch_picture(cells: PatchMap) -> str:
     return draw(cells)
 
 
-def _cell_picture(cells: CellMap) -> str:
-    draw = beam_cells if cells.side_view else cell_map
-    return draw(cells)
-
-
 def _has_map(found: Location | None) -> bool:
     patches = None if found is None else found.patches
     return patches is not None and patches.vertices is not None
 
 
-def _placed(d: Diagnosis) -> list[tuple[str, str, str, str]]:
-    """Patches where an unknown cause would be, where there may be one that has a place: name,
-    place, changes of stiffness and of mass."""
-    if d.somewhere is None or not somewhere_words(d.somewhere):
-        return []
-    if probability_of(d, UNKNOWN) < SHARE:
-        return []
-    return [
-        (zone_words(p.name), point_mm(p.middle), *changes_of(p))
-        for p in d.somewhere.patches[:_MOST_PATCHES]
-    ]
-
-
-def _zones(found: Location) -> list[tuple[str, list[tuple[str, ZoneTest]]]]:
-    """Tables of zone tests, the most telling first: their captions and rows."""
+def _zones(found: Location) -> list[tuple[str, list[tuple[str, str, ScoreTest]]]]:
+    """Tables of score tests, the most probable first: their captions and rows."""
     tables = [("Regions of the model", found.regions), ("Joints zone by zone", found.zones)]
     return [
-        (caption, [(zone_words(t.zone), t) for t in sorted(tests, key=lambda t: -t.share)])
+        (
+            caption,
+            [
+                (zone_words(t.zone), joined(change_words(t)), t)
+                for t in sorted(tests, key=lambda t: -t.log_evidence)
+            ],
+        )
         for caption, tests in tables if tests
     ]  # fmt: skip
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from fenics_joints.commands.diagnose.reading import (
-    LEVEL,
     SHARE,
     EffectClass,
     along,
@@ -26,23 +25,20 @@ from fenics_joints.commands.diagnose.words import (
     group_words,
     joined,
     p_value_words,
+    place_words,
+    point_mass_words,
     sentence,
     share_words,
     shortened,
-    somewhere_words,
-    zone_words,
 )
 from fenics_joints.diagnosis.evidence.classes import APART
-from fenics_joints.diagnosis.location import Location
 from fenics_joints.diagnosis.result import Diagnosis
 from fenics_joints.diagnosis.verdict import NO_GAP, UNKNOWN
-from fenics_joints.diagnosis.where.zone_tests import ZoneTest
 from fenics_joints.formatting import (
     condition_value,
     error_percent,
     interval,
     percent,
-    point_mm,
     probability,
     quantity,
     spaced,
@@ -52,8 +48,6 @@ __all__ = ["questions"]
 
 #: Differences of ln evidence beyond this say no more: models of this kind are not that exact.
 _FAR_LOWER = 10.0
-#: Shares of the misfit that are apart by less are one.
-_AS_MUCH = 0.005
 
 
 def questions(d: Diagnosis) -> dict[str, str]:
@@ -114,55 +108,27 @@ def _in_which_part(d: Diagnosis) -> str:
     found = d.location
     if found is None or d.verdict == NO_GAP:
         return ""
-    needed = [
-        t for t in found.regions if t.minmax_dof and t.separable and t.minmax_p_adjusted < LEVEL
-    ]
-    words = []
     if in_test(d):
-        words.append("What a region seems to ask for may be the echo of what is wrong in the test.")
-    elif needed:
-        names = joined([spaced(t.zone) for t in needed])
-        words.append(f"Whatever the other regions do, the test asks for a change in {names}.")
-    else:
-        words.append("No region is needed whatever the others do.")
-    words.append(_finer(found))
-    return " ".join(w for w in words if w)
-
-
-def _finer(found: Location) -> str:
-    """The zone of a joint and the patch of the mesh that explain most."""
-    whole = {t.zone for t in found.regions}
-    zones = [t for t in found.zones if t.zone not in whole and t.p_adjusted < LEVEL]
-    words = []
-    if zones:
-        # Bolts that mirror each other explain as much, but for round-off: the first of those.
-        most = max(t.share for t in zones)
-        best = next(t for t in zones if t.share > most - _AS_MUCH)
-        alike = f", {_alike(best, [t.zone for t in found.zones])}" if best.alike else ""
-        words.append(f"Of the joints' zones {zone_words(best.zone)} explains most{alike}.")
-    patches = found.patches
-    if patches is None:
-        return " ".join(words)
-    of = "the beams" if patches.side_view else "the mesh"
-    n, several = int(patches.significant.sum()), int(patches.sufficient.sum())
-    if n:
-        best = int(np.argmax(np.where(patches.significant, patches.share, -1.0)))
-        at = point_mm(patches.middle[best])
+        return "What a region seems to ask for may be the echo of what is wrong in the test."
+    if not found.ranked:
+        return ""
+    first, words = found.ranked[0], []
+    inside = [t for t in found.ranked if t.region == first.region and t is not first]
+    if inside:
+        others = shortened([place_words(found, t) for t in inside])
+        words.append(f"Within {spaced(first.region)} also more than chance: {others}.")
+    if not first.sufficient:
         words.append(
-            f"Of {len(patches.tests)} patches of {of} {n} explain more than chance and "
-            f"{several} could each be the only one; most does the one at {at} mm in "
-            f"{zone_words(patches.region[best])}."
+            "It is not all, or it is large: the tests are of the first order and say where, not "
+            "how much."
         )
-    else:
-        words.append(f"None of {len(patches.tests)} patches of {of} explains more than chance.")
+    if found.patches is not None:
+        n, several = int(found.patches.significant.sum()), int(found.patches.sufficient.sum())
+        words.append(
+            f"Of {len(found.patches.tests)} patches of the map {n} explain more than chance, and "
+            f"{several} could each be the only one."
+        )
     return " ".join(words)
-
-
-def _alike(test: ZoneTest, order: list[str]) -> str:
-    place = {zone: i for i, zone in enumerate(order)}
-    names = [zone_words(z) for z in sorted(test.alike, key=lambda z: place.get(z, len(place)))]
-    more = [f"{len(names) - NAMED} more"] if len(names) > NAMED else []
-    return f"which this test does not tell from {'; '.join([*names[:NAMED], *more])}"
 
 
 def _fitted(d: Diagnosis) -> str:
@@ -236,13 +202,14 @@ def _not_told(d: Diagnosis) -> str:
 
 
 def _something_else(d: Diagnosis) -> str:
-    p, words = probability_of(d, UNKNOWN), somewhere_words(d.somewhere)
-    if p < SHARE or not words or d.somewhere is None:
+    p = probability_of(d, UNKNOWN)
+    if p < SHARE or d.somewhere is None:
         return ""
+    point = point_mass_words(d.somewhere)
     return (
         f"A cause that is not in the library has {probability(p)}. That it is a change of "
-        f"stiffness or mass somewhere is {share_words(d.somewhere.probability)} of that; then most "
-        f"surely there is {words}."
+        f"stiffness or mass somewhere is {share_words(d.somewhere.probability)} of that"
+        f"{f'; {point}' if point else ''}."
     )
 
 

@@ -19,17 +19,15 @@ from fenics_joints.diagnosis import Diagnosis, EffectResult, HypothesisResult, S
 from fenics_joints.diagnosis.effects.rig import MISPLACED, MISSCALED, MISSED, SWAPPED
 from fenics_joints.diagnosis.location import Location
 from fenics_joints.diagnosis.verdict import NAMED, NO_GAP, UNKNOWN, doubtful, least_sure
-from fenics_joints.diagnosis.where.zone_tests import Attribution
+from fenics_joints.diagnosis.where.score_tests import LEVEL, Attribution
 from fenics_joints.formatting import probability, spaced
 
 __all__ = [
-    "LEVEL", "SHARE", "EffectClass", "along", "best_without", "by_effect", "by_reason", "causes",
+    "SHARE", "EffectClass", "along", "best_without", "by_effect", "by_reason", "causes",
     "effect_classes", "effect_key", "heading_of", "in_test", "in_words", "is_loud", "leading",
     "members_in_words", "mesh_error", "named", "probability_of", "sure_causes", "with_place",
 ]  # fmt: skip
 
-#: Adjusted p below which a test says more than chance.
-LEVEL = 0.05
 #: Share of the gap that is worth a word.
 SHARE = 0.1
 #: Effects in a class from which on its name is no find.

@@ -79,8 +79,6 @@ def _where(console: Console, d: Diagnosis) -> None:
     for zone in d.where[:_REGIONS]:
         table.add_row(Text(spaced(zone.region)), percent(zone.share, 1), _bar(zone.share))
     console.print(table)
-    if any(zone.share > 1.005 for zone in d.where[:_REGIONS]):
-        tell(console, "more than 100 %, since others widen the gap by as much", "dim")
     console.print()
 
 

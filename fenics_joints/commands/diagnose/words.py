@@ -7,10 +7,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from fenics_joints.diagnosis.evidence.somewhere import Patch, Somewhere
+from fenics_joints.diagnosis.evidence.somewhere import Somewhere
+from fenics_joints.diagnosis.location import Location
 from fenics_joints.diagnosis.result import Diagnosis
 from fenics_joints.diagnosis.verdict import confirmed
-from fenics_joints.diagnosis.where.zone_tests import Attribution
+from fenics_joints.diagnosis.where.score_tests import Attribution, ScoreTest
+from fenics_joints.diagnosis.where.zone_sensitivity import EXPECTED
 from fenics_joints.formatting import (
     LEAST,
     MOST,
@@ -23,9 +25,9 @@ from fenics_joints.formatting import (
 )
 
 __all__ = [
-    "NAMED", "NARROWED", "VERDICTS", "chance_words", "changes_of", "from_to", "group_words",
-    "is_part", "joined", "p_value_words", "point_mass_words", "sentence", "share_words",
-    "shortened", "somewhere_words", "span", "times_words", "zone_words",
+    "NAMED", "NARROWED", "VERDICTS", "chance_words", "change_words", "from_to", "group_words",
+    "is_part", "joined", "p_value_words", "place_words", "point_mass_words", "sentence",
+    "share_words", "shortened", "span", "times_words", "zone_words",
 ]  # fmt: skip
 
 #: Verdicts as headings.
@@ -55,23 +57,31 @@ def is_part(d: Diagnosis) -> bool:
     return d.verdict == "unknown" and d.shrinkage is not None and confirmed(d.shrinkage)
 
 
-def somewhere_words(found: Somewhere | None) -> str:
-    """Where an unknown cause would be, and what it would change there; "" where nowhere is sure."""
-    if found is None or found.probability < _HAS_PLACE:
-        return ""
-    first = found.patches[0]
-    parts = _changes(first)
-    if not parts:
-        return ""
-    words = f"{joined(parts)} in {zone_words(first.region)} about {point_mm(first.middle)} mm"
-    point = point_mass_words(found)
-    return f"{words} ({point})" if point else words
+def place_words(found: Location, test: ScoreTest) -> str:
+    """What most probably changes at a place, and where that is."""
+    middle = found.middle(test)
+    name = f'"{zone_words(test.region if middle is not None else test.zone)}"'
+    words = joined(change_words(test))
+    if middle is not None:
+        return f"{name}, {words} near {point_mm(middle)} mm"
+    return f"{name}, {words}"
+
+
+def change_words(test: ScoreTest) -> list[str]:
+    """What surely changes at a place, and by how much; of what is no part, which way."""
+    if test.kind != "part":
+        way = "softer" if test.kind == "joint" else "softer or heavier"
+        return [f"{'stiffer' if test.log_f > 0 else way} than in the model"]
+    rows = zip(("stiffness", "mass"), test.change, test.change_sd, ("E", "rho"), strict=False)
+    changes = [(abs(mean) / sd, name, EXPECTED[key] * mean) for name, mean, sd, key in rows]
+    sure = [row for row in changes if row[0] > _SURELY] or [max(changes)]
+    return [f"{percent(np.expm1(mean), 0, sign=True)} of {name}" for _, name, mean in sure]
 
 
 def point_mass_words(found: Somewhere) -> str:
     """Mass, interval and place of an unknown cause as one point mass; "" if it is none."""
-    first, p = found.patches[0], found.point
-    if p is None or not abs(first.mass) > _SURELY * first.mass_sd:
+    p = found.point
+    if p is None or found.probability < _HAS_PLACE:
         return ""
     grams = [f"{number(1e3 * kg, 2)} g" for kg in (p.kg, p.low, p.high)]
     words = (
@@ -80,29 +90,6 @@ def point_mass_words(found: Somewhere) -> str:
     )
     hint = "" if found.looked_for else "; [diagnose] rare = true also looks for attached masses"
     return f"{words}{hint}"
-
-
-def _changes(patch: Patch) -> list[str]:
-    """What surely changes in a patch, and by how much."""
-    means = (patch.stiffness, patch.stiffness_sd), (patch.mass, patch.mass_sd)
-    names = ("stiffness", "mass")
-    rows = zip(names, means, changes_of(patch), strict=True)
-    sure = [(name, words) for name, (mean, sd), words in rows if abs(mean) > _SURELY * sd]
-    if patch.of_joint:
-        return [f"{words} {name}" for name, words in sure]
-    return [f"{words} of {name}" for name, words in sure]
-
-
-def changes_of(patch: Patch) -> tuple[str, str]:
-    """Changes of stiffness and of mass in a patch, with 68 % intervals; of a joint which way."""
-    if patch.of_joint:
-        return ("less" if patch.stiffness < 0 else "more"), "–"
-    return _within(patch.stiffness, patch.stiffness_sd), _within(patch.mass, patch.mass_sd)
-
-
-def _within(mean: float, sd: float) -> str:
-    at, *ends = (percent(np.expm1(mean + way * sd), 0, sign=True) for way in (0, -1, 1))
-    return f"{at} ({' to '.join(ends)})"
 
 
 def joined(words: Sequence[str], last: str = "and") -> str:

@@ -9,7 +9,10 @@ import numpy as np
 
 from fenics_joints.diagnosis.evidence.covariance import Stated
 
-__all__ = ["Signatures"]
+__all__ = ["LENGTHS", "Signatures"]
+
+#: Over how much of the structure's size changes of patches are alike, equally probable.
+LENGTHS = (0.05, 0.2, 1.0)
 
 #: Exponent of an interface's stiffness in the torque; variance that keeps a correlation definite.
 _EXPONENT, _JITTER = 0.5, 1e-6
@@ -51,13 +54,17 @@ class Signatures:
         region = np.array(self.region)
         return np.where(region[:, None] == region[None, :], away, np.inf)
 
-    def root(self, length: float) -> np.ndarray:
-        """Factor of the correlation of the patches' changes, (P, P).
+    def alike(self, length: float) -> np.ndarray:
+        """Correlation of the patches' changes, (P, P).
 
         Args:
             length: Over how much of the structure's size they are alike.
         """
-        alike = np.exp(-0.5 * (self._apart / length) ** 2)
+        return np.exp(-0.5 * (self._apart / length) ** 2)
+
+    def root(self, length: float) -> np.ndarray:
+        """Factor of the correlation, (P, P); see `alike`."""
+        alike = self.alike(length)
         return np.linalg.cholesky(alike + _JITTER * np.eye(len(alike)))
 
     def columns(self, test: Stated) -> list[np.ndarray]:

@@ -1,1 +1,1 @@
-"""Where the gap lies: tests of zones and patches, the error in the constitutive relation, maps."""
+"""Where the gap lies: one score test of regions, zones of joints and patches, and its map."""

@@ -9,12 +9,11 @@ import numpy as np
 from mpi4py import MPI
 
 from fenics_joints._compat import geometry_dofmap
-from fenics_joints.beams.cells import JOINT_KEYS, cell_energies, log_slopes
+from fenics_joints.beams.cells import JOINT_KEYS, cell_energies
 from fenics_joints.beams.structure import BeamStructure
-from fenics_joints.diagnosis.where.two_fields import DenseFields, SparseFields, TwoFields
 from fenics_joints.diagnosis.zones.places import bolt_points
 from fenics_joints.modal.modes import Modes
-from fenics_joints.structure import Sensors, Structure
+from fenics_joints.structure import Structure
 from fenics_joints.structure.cell_forces import CellForces
 
 __all__ = ["BeamElements", "Cells", "MeshCells"]
@@ -29,7 +28,6 @@ class Cells(ABC):
         replicated: Whether every rank owns all of them, as of beams.
         side_view: Whether they are to be seen from the side.
         stiffness: Properties that together are a cell's whole stiffness.
-        joint_keys: Those of a joint that its zones give way by.
         regions: Names of the regions.
         joints: Names of those that are joints.
         region: Region of each cell, (n_owned,).
@@ -45,7 +43,6 @@ class Cells(ABC):
     replicated: bool
     side_view: bool
     stiffness: tuple[str, ...]
-    joint_keys: tuple[str, ...]
     regions: tuple[str, ...]
     joints: Collection[str]
     region: np.ndarray
@@ -54,18 +51,6 @@ class Cells(ABC):
     corners: np.ndarray
     volume: np.ndarray
     bolts: np.ndarray
-
-    @abstractmethod
-    def slopes(self, modes: Modes, index: Sequence[int]) -> dict[str, np.ndarray]:
-        """Derivatives of ln f by the logarithm of each property of each cell alone. Collective.
-
-        Args:
-            modes: Modes.
-            index: Which of them, m.
-
-        Returns:
-            Shape (n_owned, m) by property; nought where a cell has no such property.
-        """
 
     @abstractmethod
     def crossed(
@@ -87,16 +72,10 @@ class Cells(ABC):
         """x^T K x and omega^2 x^T M x of each cell, each (n_owned,). Collective.
 
         Args:
-            x: A motion as `two_fields` finds it.
+            x: A motion: a vector laid out like the rows of K; of beams an array.
             omega: Circular frequency, rad/s.
             given: Values of parameters that differ from their nominal value.
         """
-
-    @abstractmethod
-    def two_fields(
-        self, given: Mapping[str, float] | None, sensors: Sensors, gamma: float
-    ) -> TwoFields:
-        """The system of `where.constitutive`. Collective."""
 
     def sums(self, number: np.ndarray, by_cell: np.ndarray, n: int) -> np.ndarray:
         """Sums of values by cell over numbered sets of them, (n,) or (n, m). Collective.
@@ -133,7 +112,7 @@ class MeshCells(Cells):
     """Cells of a mesh, each owned by one rank."""
 
     replicated, side_view = False, False
-    stiffness = joint_keys = ("E", "G")
+    stiffness = ("E", "G")
 
     def __init__(self, structure: Structure):
         self.structure, self.comm = structure, structure.comm
@@ -150,15 +129,6 @@ class MeshCells(Cells):
                 cells = cells[cells < owned]
                 self.region[cells], self.group[cells] = number, len(self.groups)
                 self.groups.append(region.name)
-
-    def slopes(self, modes: Modes, index: Sequence[int]) -> dict[str, np.ndarray]:
-        found = {key: np.zeros((len(self.volume), len(index))) for key in ("E", "G", "rho")}
-        for j, i in enumerate(index):
-            lam = modes.eigenvalues[i]
-            gradient = self.structure.cell_gradient(modes.vector(int(i)), lam, modes.given)
-            for key, table in found.items():
-                table[:, j] = self._by_log(gradient, key) / (2 * lam)
-        return found
 
     def _by_log(self, gradient: np.ndarray, key: str) -> np.ndarray:
         """Derivative by a property's logarithm, (n_owned,), from `Structure.cell_gradient`."""
@@ -186,9 +156,6 @@ class MeshCells(Cells):
         stiff = sum(self._by_log(gradient, key) for key in self.stiffness)
         return stiff, -self._by_log(gradient, "rho")
 
-    def two_fields(self, given, sensors: Sensors, gamma: float) -> SparseFields:
-        return SparseFields(self.structure, given, sensors, gamma)
-
 
 class BeamElements(Cells):
     """Elements of beams and of their laps as boxes, all of them on every rank.
@@ -202,7 +169,7 @@ class BeamElements(Cells):
     """
 
     replicated, side_view = True, True
-    stiffness, joint_keys = ("E", *JOINT_KEYS), ("k1", "k2")
+    stiffness = ("E", *JOINT_KEYS)
 
     def __init__(
         self, structure: BeamStructure, comm: MPI.Intracomm, owner: Sequence[str],
@@ -225,9 +192,6 @@ class BeamElements(Cells):
         self.group = np.array([groups.index(pair) for pair in pairs])
         self.groups = [label for label, _ in groups]
 
-    def slopes(self, modes: Modes, index: Sequence[int]) -> dict[str, np.ndarray]:
-        return log_slopes(self.structure, self.structure.cells, modes, index)
-
     def crossed(self, modes: Modes, index: Sequence[int]):
         for i in index:
             x = modes.shapes[:, [int(i)]]
@@ -245,6 +209,3 @@ class BeamElements(Cells):
         found = cell_energies(self.structure, self.structure.cells, x[:, None], given)
         stiff = sum(found[key] for key in self.stiffness)
         return stiff[:, 0], omega**2 * found["rho"][:, 0]
-
-    def two_fields(self, given, sensors: Sensors, gamma: float) -> DenseFields:
-        return DenseFields(self.structure, given, sensors, gamma)

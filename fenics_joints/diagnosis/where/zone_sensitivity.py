@@ -34,6 +34,7 @@ def zone_sensitivities(
     *,
     interfaces: Mapping[str, Mapping[str, float]],
     by_torque: bool = False,
+    added: Mapping[str, float] | None = None,
 ) -> dict[str, np.ndarray]:
     """Change of the data by a change of the expected size of each parameter of each zone.
 
@@ -62,6 +63,7 @@ def zone_sensitivities(
         interfaces: For each joint the stiffness of an interface of the expected stiffness, by the
             parameter that it is in series with (`effects.joint.interfaces`); others are no joints.
         by_torque: Whether the conditions are torques, by which joints may stiffen.
+        added: Expected mass, kg, of components that have none in the nominal model, as of a cable.
 
     Returns:
         Arrays (N, k) by zone; a zone without parameters is left out.
@@ -74,9 +76,9 @@ def zone_sensitivities(
     for (zone, _), column in zip(relative, slopes.T, strict=False):
         columns.setdefault(zone, []).append(column)
     for zone, members in regions.items():
-        for effect in _supports(members, baseline):
-            soft, _ = _predict((effect,), forward, evidence, baseline)
-            columns.setdefault(zone, []).append(soft - nominal)
+        for effect in (*_supports(members, baseline), *_added(zone, members, added or {})):
+            changed, _ = _predict((effect,), forward, evidence, baseline)
+            columns.setdefault(zone, []).append(changed - nominal)
     for zone, change in _parts_of_joints(regions, interfaces, forward, evidence, baseline, nominal):
         columns.setdefault(zone, []).append(change)
         if by_torque and len(evidence.conditions) > 1:
@@ -171,3 +173,15 @@ def _supports(members: Sequence[str], baseline) -> list[Effect]:
     """The elastic supports of a zone giving way, both ways at once."""
     held = [name for name in members if f"{name}.k_n" in baseline]
     return [support_compliance(held)] if held else []
+
+
+def _added(zone: str, members: Sequence[str], added: Mapping[str, float]) -> list[Effect]:
+    """The expected mass of those of a zone that have none."""
+    expected = {f"{name}.mass": added[name] for name in members if name in added}
+
+    def apply(values, theta, condition):
+        for name, mass in expected.items():
+            values[name] += theta["share"] * mass
+
+    prior = Prior("share", 1.0, 1.0, "", False, (0.0, np.inf))
+    return [Effect(f"mass of {zone}", zone, (prior,), apply)] if expected else []
