@@ -91,7 +91,9 @@ KINDS = {
     "mounted, reduced": lambda: reduce(mounted(), [{}], 20, travel={"tip": (0.0, 0.02)}),
     "mounted, free terms": lambda: FreeTerms(mounted(), ["layer.G", *MOUNT], {}),
     "contact": contact,
-    "loaded": lambda: loaded(beams().arrays(), beams().displacement_rows(POINTS[:1])[0], 0.01),
+    "loaded": lambda: loaded(
+        beams().arrays(sensors("loaded", None)), beams().displacement_rows(POINTS[:1])[0], 0.01
+    ),
 }
 WITH_LAYERS = ("solid", "beams", "reduced", "arrays")
 WITH_PICTURES = ("solid", "beams", "contact")
