@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from markupsafe import Markup
+from matplotlib.colors import LinearSegmentedColormap
 from scipy.spatial import cKDTree
 
 from fenics_joints.commands.harmonic.model import SENSOR
@@ -16,11 +17,15 @@ from fenics_joints.preload.bodies import body_numbers
 from fenics_joints.report import geometry
 from fenics_joints.report.html import svg
 from fenics_joints.report.mesh_pictures import diverging, mode_shape
-from fenics_joints.report.patch_pictures import rising
 from fenics_joints.report.surface import Surface, surface
 from fenics_joints.report.view import Colours, Look, scene
 
 __all__ = ["PeakShapes", "peak_shapes", "response_view"]
+
+#: Near white to dark red, ever darker: it reads in grey as well.
+_RISING = LinearSegmentedColormap.from_list(
+    "rising", ["#f4f2ee", "#f6c79b", "#dd6b4a", "#7d1128"]
+)
 
 #: Points of a layer that a vertex has its colour from, and how far from a contact's points, as a
 #: share of the structure, a vertex is still theirs.
@@ -161,7 +166,7 @@ def _slipped(
         high = quantity(most, unit) if unit else f"{most:.3g}"
         label = f"{words} in the {'layers' if layered else 'contacts'}"
         found.append(Look(
-            f"{words} at {top}", Colours(rising, "0", high, label, "elsewhere"), motion=motion,
+            f"{words} at {top}", Colours(_RISING, "0", high, label, "elsewhere"), motion=motion,
             values=np.clip(at / most, 0.0, 1.0), shown=(0.0, most, unit),
             note=f"At the peak of {top}; half of peak to peak over a cycle."
             if unit in ("", "m") else f"At the peak of {top}.",
