@@ -44,7 +44,7 @@ from fenics_joints.commands.diagnose.words import (
 from fenics_joints.diagnosis.location import Location
 from fenics_joints.diagnosis.result import Diagnosis
 from fenics_joints.diagnosis.shrinkage import Shrinkage
-from fenics_joints.diagnosis.verdict import CAUSE, LIKELY, MISFIT, NO_GAP, UNKNOWN
+from fenics_joints.diagnosis.verdict import CAUSE, LIKELY, MISFIT, NO_GAP, UNKNOWN, doubtful
 from fenics_joints.formatting import error_percent, percent, probability
 
 __all__ = ["Explanation", "explain"]
@@ -230,8 +230,13 @@ def _cause(d: Diagnosis) -> str:
         return _undecided(d)
     words = "; and ".join(f"{members_in_words(c)}, {probability(c.probability)}" for c in sure)
     several = f"{_COUNT.get(len(sure), len(sure))} causes: " if len(sure) > 1 else ""
+    weak = doubtful(d.effects, d.shrinkage)
+    perhaps = "".join(
+        f"; perhaps also {members_in_words(c)}, {probability(c.probability)}, which held-out data "
+        "do not bear out" for c in causes(d) if c.name in weak and d.verdict == CAUSE
+    )
     rival = _rival(d, sure)
-    return several + words + _look_alike(d) + (f"; {rival}" if rival else "")
+    return several + words + perhaps + _look_alike(d) + (f"; {rival}" if rival else "")
 
 
 def _rival(d: Diagnosis, sure: Sequence[EffectClass]) -> str:
