@@ -73,7 +73,8 @@ class Joined:
 
     def many(self, values: ManyValues, every: bool = True, followed=None) -> _JoinedModes:
         """See `LeanForward.many`."""
-        return _JoinedModes(*(part.many(values, every) for part in self._parts))
+        first, second = self._parts  # whose derivatives of shapes nobody asks for
+        return _JoinedModes(first.many(values, every), second.many(values, every=False))
 
     def change(self, *given) -> tuple[Change, ...]:
         """See `LeanForward.change`."""
