@@ -88,9 +88,13 @@ class _JoinedModes:
     first: ManyModes
     second: ManyModes
 
-    def __getattr__(self, name: str) -> np.ndarray:
-        """What each mode has of its own: its index, ln f."""
-        return np.concatenate([getattr(part, name) for part in (self.first, self.second)], axis=1)
+    @property
+    def index(self) -> np.ndarray:
+        return np.concatenate([self.first.index, self.second.index], axis=1)
+
+    @property
+    def log_f(self) -> np.ndarray:
+        return np.concatenate([self.first.log_f, self.second.log_f], axis=1)
 
     @property
     def good(self) -> np.ndarray:
