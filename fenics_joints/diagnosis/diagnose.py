@@ -317,13 +317,13 @@ class _Run:
 
     def _detectable(self, leader: Fit) -> dict[str, bool]:
         """Whether this test could see each effect at its expected size, by key."""
-        model = self.model
-        return {
-            effect.key: detectable(
-                effect, self.forward, self.evidence, self._beneath(effect, leader), model.nuisances
-            )
-            for effect in model.effects
-        }
+        model, found = self.model, {}
+        for by_level in (False, True):
+            own = [effect for effect in model.effects if effect.by_level == by_level]
+            if own:
+                beneath = self._beneath(own[0], leader)
+                found |= detectable(own, self.forward, self.evidence, beneath, model.nuisances)
+        return found
 
     def _effects(self, fits, probability, grouped, seen) -> list[EffectResult]:
         found, places = [], []

@@ -288,7 +288,7 @@ def _solve_dense(model, given, K, M, n_modes) -> Modes:
             f"n_modes = {n_modes}: expected at most {len(K)}, the size of the reduced model."
         )
     shift_hz = model.dilation_frequency(given) * SHIFT_SHARE
-    every = getattr(model, "all_modes", None)  # of one that keeps them for its shapes' derivatives
+    every = getattr(model, "all_modes", None)  # of one that keeps them for who asks for more
     values, vectors = dense_modes(K, M, shift_hz, n_modes) if every is None else every(given)
     values, vectors = values[:n_modes], vectors[:, :n_modes]
     return Modes(model, given, values, vectors, count_rigid(values, shift_hz))

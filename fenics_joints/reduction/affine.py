@@ -291,10 +291,13 @@ class AffinePencil:
         stiff = self._stiffness.squares(packed) @ self.scalar_slopes(values)[0]
         return stiff - lam[:, None] * self._mass_gradients(packed, shapes, values)
 
-    def squares(self, shapes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """x^T A x of every column, (n, k), and every matrix in K and in M, each (k, n_terms)."""
+    def squares(
+        self, shapes: np.ndarray, stiff: np.ndarray | None = None, heavy: np.ndarray | None = None
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """x^T A x of every column, (n, k), and every matrix in K and in M, each (k, n_terms); which
+        of them are wanted, (n_terms,) bool, see `Stack.squares`."""
         packed = self._stiffness.pack(shapes)
-        return self._stiffness.squares(packed), self._inertia.squares(packed)
+        return self._stiffness.squares(packed, stiff), self._inertia.squares(packed, heavy)
 
     def _mass_gradients(self, packed, shapes, values) -> np.ndarray:
         total = self._inertia.squares(packed) @ self.scalar_slopes(values)[1]

@@ -111,7 +111,7 @@ class ArrayModel:
 
     def all_modes(self, given: Mapping[str, float] | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Eigenvalues, (n_dofs,), and M-normalised vectors of all modes; kept for the next call,
-        since frequencies and shapes are asked for one after the other."""
+        which may ask for more of them."""
         K, M = self._matrices(given)
         last = self.__dict__.get("_last_modes")
         if last is None or last[0] is not K:

@@ -80,7 +80,7 @@ def change(
     moved = {}
     for k in range(count if pencil.travellers else 0):
         below, above = (
-            {name: np.split(values[name], count)[k] for name in pencil.travellers}
+            {name: np.reshape(values[name], (count, -1))[k] for name in pencil.travellers}
             for values in (low, high)
         )
         if any(np.any(below[name] != above[name]) for name in below):
@@ -129,16 +129,13 @@ class ManyModes:
         with np.errstate(invalid="ignore"):
             return 0.5 * np.log(self.lam) - np.log(2 * np.pi)
 
-    @cached_property
-    def _squares(self) -> tuple[np.ndarray, np.ndarray]:
-        """x^T A x of every matrix in K and in M, each (b, m, n_terms)."""
-        b, n, m = self.x.shape
-        columns = np.moveaxis(self.x, 1, 0).reshape(n, b * m)
-        return tuple(found.reshape(b, m, -1) for found in self.model.pencil.squares(columns))
-
     def slopes(self, along: Change) -> np.ndarray:
         """Derivatives of `log_f` along directions, (b, m, p)."""
-        stiff, heavy = self._squares
+        b, n, m = self.x.shape
+        columns = np.moveaxis(self.x, 1, 0).reshape(n, b * m)
+        wanted = (np.any(change != 0, axis=(0, 2)) for change in (along.theta, along.rho))
+        squares = self.model.pencil.squares(columns, *wanted)
+        stiff, heavy = (found.reshape(b, m, -1) for found in squares)
         by_M, lam = heavy @ along.rho, self.lam[:, :, None]
         for k, parts in along.moved.items():
             for w, at in parts:

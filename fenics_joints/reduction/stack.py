@@ -12,9 +12,9 @@ __all__ = ["Stack"]
 
 #: Matrices whose products with vectors are held at a time.
 _READ = 32
-#: Sums that are formed one after the other from a near one; and how many times larger a factor may
-#: have been there.
-_FEW, _MAGNITUDES = 12, 1e6
+#: Sums that are formed one after the other from a near one; how many times larger a factor may have
+#: been there; and rows between two that are wanted which are read along with them.
+_FEW, _MAGNITUDES, _GAP = 12, 1e6, 4
 
 
 class Stack:
@@ -98,9 +98,20 @@ class Stack:
         packed *= self._twice[:, None]
         return packed.T
 
-    def squares(self, packed: np.ndarray) -> np.ndarray:
-        """x^T A x of every packed vector and every matrix, (k, n_terms)."""
-        return packed @ self._upper.T
+    def squares(self, packed: np.ndarray, wanted: np.ndarray | None = None) -> np.ndarray:
+        """x^T A x of every packed vector and every matrix, (k, n_terms).
+
+        Args:
+            packed: From `pack`.
+            wanted: Which matrices, (n_terms,), bool; of others it is 0, or not. None for all.
+        """
+        if wanted is None:
+            return packed @ self._upper.T
+        found, used = np.zeros((len(packed), len(self.whole))), np.flatnonzero(wanted)
+        for run in np.split(used, np.flatnonzero(np.diff(used) > _GAP) + 1) if len(used) else ():
+            rows = slice(run[0], run[-1] + 1)  # a view: rows that are picked would be copied
+            found[:, rows] = packed @ self._upper[rows].T
+        return found
 
     def times(self, shapes: np.ndarray, factors: np.ndarray) -> np.ndarray:
         """A x of every column, A being each of some sums of factors times matrices, (n, k, p).

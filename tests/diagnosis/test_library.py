@@ -269,7 +269,8 @@ def test_detectable_only_when_the_change_outgrows_the_noise():
     evidence = evidence_of(np.full((1, 3), 5.0), 0.01, 0.0, np.array([10.0]))
     for size, seen in ((1.9 * APART, False), (2.1 * APART, True)):
         effect = shift(0, size * 0.01)
-        assert detectable(effect, forward, evidence, forward.baseline, ()) is seen
+        found = detectable([effect], forward, evidence, forward.baseline, ())
+        assert found == {effect.key: seen}
 
 
 def test_folds_hold_out_every_entry_once_by_mode_and_once_by_torque():

@@ -63,37 +63,41 @@ def _one_way(a: Fit, b: Fit, evidence: Evidence) -> float:
 
 
 def detectable(
-    effect: Effect,
+    effects: Sequence[Effect],
     forward: Forward,
     evidence: Evidence,
     baseline: dict[str, float],
     nuisances: Sequence[Effect],
-) -> bool:
-    """Whether the test could see the effect at its expected size on a model without it.
+) -> dict[str, bool]:
+    """Whether the test could see each effect at its expected size on a model without it, by key.
 
     The expected size is the prior's median or one standard deviation above it, whichever shows
     more; its change of the frequencies, and of damping where that is used, is to be twice `APART`
     standard deviations long.
 
     Args:
-        effect: The effect.
+        effects: The effects.
         forward: Predicts frequencies.
         evidence: The test.
-        baseline: Parameter values of the model that the effect is put into.
+        baseline: Parameter values of the model that each effect is put into.
         nuisances: What is free in any case.
     """
     modes = tuple(f"mode {j + 1}" for j in range(evidence.log_f.shape[1]))
     damped = evidence.log_damping is not None
     bare = Hypothesis((), tuple(nuisances), modes=modes, damped=damped,
                       driven=evidence.driven, known=evidence.known)  # fmt: skip
-    with_it = replace(bare, effects=(effect,))
-    lower = evidence.lower()
-    without, small, large = (
-        ManyPredictions(h, forward, evidence, baseline).at(h.at(size), slopes=False)[0]
-        for h, size in ((bare, 0.0), (with_it, 0.0), (with_it, 1.0))
-    )
-    changes = (change[evidence.fitted] for change in (small - without, large - without))
-    return bool(max(np.linalg.norm(whiten(lower, change)) for change in changes) >= 2 * APART)
+
+    def predicted(h: Hypothesis, size: float) -> np.ndarray:
+        many = ManyPredictions(h, forward, evidence, baseline)
+        return many.at(h.at(size), slopes=False)[0][evidence.fitted]
+
+    found, lower, without = {}, evidence.lower(), predicted(bare, 0.0)
+    for effect in effects:
+        with_it = replace(bare, effects=(effect,))
+        changes = (predicted(with_it, size) - without for size in (0.0, 1.0))
+        most = max(np.linalg.norm(whiten(lower, change)) for change in changes)
+        found[effect.key] = bool(most >= 2 * APART)
+    return found
 
 
 def stand_ins(

@@ -73,7 +73,8 @@ class Joined:
 
     def many(self, values: ManyValues, every: bool = True, followed=None) -> _JoinedModes:
         """See `LeanForward.many`."""
-        return _JoinedModes(*(part.many(values, every) for part in self._parts))
+        first, second = self._parts  # whose derivatives of shapes nobody asks for
+        return _JoinedModes(first.many(values, every), second.many(values, every=False))
 
     def change(self, *given) -> tuple[Change, ...]:
         """See `LeanForward.change`."""
@@ -87,9 +88,13 @@ class _JoinedModes:
     first: ManyModes
     second: ManyModes
 
-    def __getattr__(self, name: str) -> np.ndarray:
-        """What each mode has of its own: its index, ln f."""
-        return np.concatenate([getattr(part, name) for part in (self.first, self.second)], axis=1)
+    @property
+    def index(self) -> np.ndarray:
+        return np.concatenate([self.first.index, self.second.index], axis=1)
+
+    @property
+    def log_f(self) -> np.ndarray:
+        return np.concatenate([self.first.log_f, self.second.log_f], axis=1)
 
     @property
     def good(self) -> np.ndarray:
