@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 
 import numpy as np
 
 from fenics_joints.diagnosis.effects.joint import interfaces
 from fenics_joints.diagnosis.effects.library import by_preload
-from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.many import ManyPredictions
 from fenics_joints.diagnosis.evidence.signatures import LENGTHS
-from fenics_joints.diagnosis.model.at_points import by_patches
 from fenics_joints.diagnosis.model.prepared import Prepared
-from fenics_joints.diagnosis.where.patch_signatures import signatures
 from fenics_joints.diagnosis.where.patches import Patches, PatchMap, patches
 from fenics_joints.diagnosis.where.score_tests import (
     LEVEL,
@@ -26,7 +23,7 @@ from fenics_joints.diagnosis.where.score_tests import (
     score_tests,
     shares,
 )
-from fenics_joints.diagnosis.where.zone_sensitivity import given_way, zone_sensitivities
+from fenics_joints.diagnosis.where.zone_sensitivity import zone_sensitivities
 from fenics_joints.diagnosis.zones.sites import HUNG, ON
 
 __all__ = ["AXES", "Location", "locate_gap"]
@@ -167,7 +164,9 @@ def _places(model: Prepared, groups: Mapping[str, list[str]]) -> Iterator[Place]
 def _patches(model: Prepared, split: Patches) -> Iterator[Place]:
     """Changes about patches of cells that fall with the distance over each of the lengths, one
     length after the other, by the same signatures as those of an unknown cause."""
-    evidence = _with_signatures(model, split)
+    evidence, there = model.evidence, model.evidence.signatures
+    if there is None or there.names != split.names:
+        evidence = model.with_signatures(split)
     signs, columns = evidence.signatures, evidence.signatures.columns(evidence)
     regions = [model.zones.shown.get(region, region) for region in split.region]
     for length in _LENGTHS:
@@ -178,21 +177,6 @@ def _patches(model: Prepared, split: Patches) -> Iterator[Place]:
             own = own[:, np.any(own != 0, axis=0)] if of_joint else own[:, :2]
             odds = 1 / (len(_LENGTHS) * regions.count(region))
             yield Place(name, region, "joint" if of_joint else "part", own, odds)
-
-
-def _with_signatures(model: Prepared, split: Patches) -> Evidence:
-    """The test with signatures of these patches, which it may have already. Collective."""
-    evidence, there = model.evidence, model.evidence.signatures
-    if there is not None and there.names == split.names:
-        return evidence
-    seen = model.surrogate
-    soft = given_way(model.baseline, interfaces(model.zones, model.baseline))
-    found = signatures(
-        model.cells, seen.nominal, seen.pairing, evidence, split, model.data.sensors,
-        model.yielding(),
-    )  # fmt: skip
-    scalars = by_patches(evidence.scalars, model.cells, split, model.baseline, soft)
-    return replace(evidence, signatures=found, scalars=scalars)
 
 
 def _map(model: Prepared, split: Patches, tests: Sequence[ScoreTest]) -> PatchMap:

@@ -175,9 +175,8 @@ def patch_legend(figure, cells: PatchMap, bolt: Mapping = _BOLT) -> None:
 def patches_alt(cells: PatchMap) -> str:
     """A map of patches in words."""
     best = sorted(cells.tests, key=lambda t: -t.share)[:3]
-    ways = ["stiffer or lighter" if t.log_f > 0 else "softer or heavier" for t in best]
     words = "; ".join(
-        f"{t.zone} {100 * t.share:.0f} % ({way})" for t, way in zip(best, ways, strict=True)
+        f"{t.zone} {100 * t.share:.0f} % ({t.way})" for t in best
     )
     return (
         f"Structure taken apart, in {len(cells.tests)} patches coloured by the share of the misfit "

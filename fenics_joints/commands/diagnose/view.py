@@ -57,5 +57,4 @@ def _said(patches: PatchMap, i: int) -> str:
     if patches.significant[i]:
         chance = "more than chance"
         chance += ", and could be the only one" if patches.sufficient[i] else ""
-    way = "stiffer or lighter" if test.log_f > 0 else "softer or heavier"
-    return f"{name}: {way}, {percent(test.share, 0)} of the misfit, {chance}"
+    return f"{name}: {test.way}, {percent(test.share, 0)} of the misfit, {chance}"

@@ -231,13 +231,12 @@ class Library:
         """Whether interpolation between a few torques tells what an effect does at all, remembered;
         not where contact opens from one torque to the next."""
         if effect.key not in self._smooth:
-            h = self.make((effect,))
-            mean, _, _ = prior_cells(effect.priors)
-            index = np.linspace(0, len(mean) - 1, min(_LOOKS, len(mean))).round().astype(int)
-            z = np.array([h.at(own) for own in mean[index]]).clip(*h.limits.T)
+            h, good = self.make((effect,)), True
             few = self._many(h, between=True)
-            good = True
             if few.between:
+                mean, _, _ = prior_cells(effect.priors)
+                index = np.linspace(0, len(mean) - 1, min(_LOOKS, len(mean))).round().astype(int)
+                z = np.array([h.at(own) for own in mean[index]]).clip(*h.limits.T)
                 off = np.abs(few(z)[0] - self._many(h, between=False)(z)[0])
                 good = bool(np.nanmax(off / self.evidence.noise_sd(), initial=0.0) < _AS_GOOD)
             self._smooth[effect.key] = good

@@ -143,14 +143,7 @@ class ManyPredictions:
         low, high = log_t.min() - far, log_t.max() + far
         unit = -np.cos(np.pi * (np.arange(_TORQUES) + 0.5) / _TORQUES)
         nodes = 0.5 * (low + high) + 0.5 * (high - low) * unit
-        few = np.full((_TORQUES, m), np.nan)
-        part = ManyPredictions(
-            replace(h, scatter=0.0, conditions=tuple(np.exp(nodes).tolist())), self.forward,
-            replace(
-                test, conditions=np.exp(nodes), log_f=few, log_sd=np.ones_like(few), used=None,
-                log_damping=None if test.log_damping is None else few, scalars=(),
-            ), self.baseline,
-        )  # fmt: skip
+        part = _at(h, self.forward, np.exp(nodes), self.baseline, m)
         place = h.places["tightenings"]
         tightened = np.arange(place.start, place.stop)
         kept = np.delete(np.arange(z.shape[1]), tightened)
@@ -518,8 +511,13 @@ def at_conditions(
         InputError: See `ManyPredictions.at`.
     """
     known = np.delete(z, np.r_[hypothesis.places["tightenings"]])
+    data, _ = _at(hypothesis, forward, conditions, baseline, n_modes).at(known, slopes=False)
+    return data.reshape(-1, len(conditions), n_modes)
+
+
+def _at(hypothesis, forward, conditions, baseline, n_modes: int) -> ManyPredictions:
+    """See `at_conditions`; of parameters without the tightenings'."""
     bare = replace(hypothesis, scatter=0.0, known=(), as_row=())
     flat = np.zeros((len(conditions), n_modes))
     blank = Evidence(np.asarray(conditions, dtype=float), flat, flat + 1.0, 1.0)
-    data, _ = ManyPredictions(bare, forward, blank, baseline).at(known, slopes=False)
-    return data.reshape(-1, *flat.shape)
+    return ManyPredictions(bare, forward, blank, baseline)

@@ -33,7 +33,7 @@ from fenics_joints.diagnosis.model.bonded import joint_errors
 from fenics_joints.diagnosis.model.resolution import MeshErrors, mesh_errors
 from fenics_joints.diagnosis.model.subject import Subject, subject_of, with_places
 from fenics_joints.diagnosis.where.patch_signatures import signatures
-from fenics_joints.diagnosis.where.patches import patches
+from fenics_joints.diagnosis.where.patches import Patches, patches
 from fenics_joints.diagnosis.where.zone_sensitivity import given_way
 from fenics_joints.errors import InputError
 from fenics_joints.formatting import percent
@@ -275,14 +275,19 @@ class Prepared(Subject):
 
     def place_unknown(self) -> None:
         """Let an unknown cause have a place. Collective; after `reduce`."""
-        seen, split = self.surrogate, patches(self.cells, _PATCHES, self.zones.shown)
+        self.evidence = self.with_signatures(patches(self.cells, _PATCHES, self.zones.shown))
+
+    def with_signatures(self, split: Patches) -> Evidence:
+        """The test with what a change in each of some patches would do. Collective; after
+        `reduce`."""
+        seen = self.surrogate
         found = signatures(
             self.cells, seen.nominal, seen.pairing, self.evidence, split, self.data.sensors,
             self.yielding(),
         )  # fmt: skip
         soft = given_way(self.baseline, interfaces(self.zones, self.baseline))
         scalars = by_patches(self.evidence.scalars, self.cells, split, self.baseline, soft)
-        self.evidence = replace(self.evidence, signatures=found, scalars=scalars)
+        return replace(self.evidence, signatures=found, scalars=scalars)
 
     def _unfit(self) -> list[str]:
         """Thicknesses and widths that the model cannot represent, which no effect changes."""

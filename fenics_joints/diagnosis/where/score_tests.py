@@ -110,6 +110,11 @@ class ScoreTest:
         return self.log_evidence + float(np.log(self.odds))
 
     @property
+    def way(self) -> str:
+        """Which way it differs from the model, in words."""
+        return "stiffer or lighter" if self.log_f > 0 else "softer or heavier"
+
+    @property
     def significant(self) -> bool:
         """Whether it explains more than chance, all places considered."""
         return self.p_adjusted < LEVEL
