@@ -47,7 +47,14 @@ from rich.table import Table as RichTable
 from scipy.special import logsumexp
 
 from fenics_joints.diagnosis import Effect, Prior
-from fenics_joints.diagnosis.evidence import Evidence, Fit, Hypothesis, fit
+from fenics_joints.diagnosis.evidence import (
+    Evidence,
+    Fit,
+    Hypothesis,
+    PointwiseForward,
+    fit,
+    model_of,
+)
 
 P_LIM = 1e6
 STEPS = np.array([0.62, 1.053, 0.911, 1.053, 1.053, 0.527, 1.34]) * 1e-3
@@ -119,19 +126,12 @@ FACTS = {
 }  # fmt: skip
 
 
-@dataclass(frozen=True)
-class Model:
-    """What `diagnosis.evidence` asks of a model: the names of its parameters."""
-
-    parameters: tuple[str, ...]
-
-
-class Forward:
+class Forward(PointwiseForward):
     """Row of ln R, and ln P, at the seven thicknesses, with slopes by central differences."""
 
     def __init__(self, table, free: tuple[str, ...], both: bool):
         self.table, self.both = table, both
-        self.model = Model(free)
+        self.model = model_of(free)
 
     def __call__(self, values: dict[str, float]) -> tuple[np.ndarray, np.ndarray]:
         step, slopes = 1e-4, []

@@ -13,8 +13,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from by_hand import ByHand, model_of
 
+from fenics_joints.diagnosis.evidence.pointwise import PointwiseForward, model_of
 from fenics_joints.diagnosis.zones.zone import Zone
 
 pytest.importorskip("dolfinx")
@@ -340,7 +340,7 @@ def test_loss_factor_is_that_of_the_loop(amplitude):
 def test_damping_slopes_are_those_of_the_prediction():
     """In a model of two springs in series, for which the share's slope is exact."""
 
-    class Series(ByHand):
+    class Series(PointwiseForward):
         """lambda = 1 / (1 / 3 + 1 / G)."""
 
         def __init__(self):

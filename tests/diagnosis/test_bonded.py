@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from by_hand import ByHand, model_of
 from scipy.stats import multivariate_normal
 
 from fenics_joints.diagnosis.evidence.evidence import Evidence
+from fenics_joints.diagnosis.evidence.pointwise import PointwiseForward, model_of
 from fenics_joints.diagnosis.model.bonded import joint_errors
 
 #: What compliance across and along two joints takes off ln f of three modes, in m / Pa.
@@ -17,7 +17,7 @@ ACROSS, ALONG = np.array([[3.0, 1.0, 0.2], [0.1, 2.0, 0.4]]) * 1e10
 BONDED, EXPECTED = 1e16, 1e12
 
 
-class Softened(ByHand):
+class Softened(PointwiseForward):
     """ln f that falls in proportion to the joints' compliance."""
 
     def __init__(self):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from by_hand import ByHand, model_of
 from scipy.integrate import trapezoid
 from scipy.special import logsumexp
 from scipy.stats import multivariate_normal, norm
@@ -15,11 +14,12 @@ from fenics_joints.diagnosis.evidence.cells import prior_cells
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.many import ManyPredictions
+from fenics_joints.diagnosis.evidence.pointwise import PointwiseForward, model_of
 
 TORQUES = np.array([5.0, 10.0, 30.0])
 
 
-class Curved(ByHand):
+class Curved(PointwiseForward):
     """ln f = 5 + A p + bend p0^2, for a banana; linear without the bend."""
 
     def __init__(self, matrix, bend=None):

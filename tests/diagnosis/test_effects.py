@@ -6,7 +6,8 @@ import inspect
 
 import numpy as np
 import pytest
-from by_hand import ByHand, model_of
+
+from fenics_joints.diagnosis.evidence.pointwise import PointwiseForward, model_of
 
 pytest.importorskip("dolfinx")
 
@@ -25,7 +26,7 @@ from fenics_joints.diagnosis.zones.zone import Zone
 MODES = ("a", "b", "c")
 
 
-class Springs(ByHand):
+class Springs(PointwiseForward):
     """f^2 of a series of the parts' spring and the joint's: shares of the energy by hand."""
 
     model = model_of(["lap.E", "lap.G"])
@@ -102,7 +103,7 @@ def test_ten_lines_in_the_documentation_make_an_effect():
     exec(code, space)
     effect = space["delaminated"]
 
-    class Lid(ByHand):
+    class Lid(PointwiseForward):
         model = model_of(["lid.E"])
 
         def __call__(self, values):

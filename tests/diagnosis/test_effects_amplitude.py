@@ -9,8 +9,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from by_hand import ByHand, model_of
 from scipy.integrate import solve_ivp
+
+from fenics_joints.diagnosis.evidence.pointwise import PointwiseForward, model_of
 
 pytest.importorskip("dolfinx")
 
@@ -46,7 +47,7 @@ NONE = "nothing"
 # -- on two springs in series ----------------------------------------------------------------------
 
 
-class Series(ByHand):
+class Series(PointwiseForward):
     """A spring of the rest, 9, in series with the joint's, 81: a tenth of the energy is in it."""
 
     rest, joint = 9.0, 81.0

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from by_hand import ByHand, model_of
 from linear_forward import Linear, shift
 from scipy.stats import kstest, multivariate_normal, norm
 
@@ -14,6 +13,7 @@ from fenics_joints.diagnosis.evidence import fit
 from fenics_joints.diagnosis.evidence.classes import APART, classes, detectable, distance, stand_ins
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
+from fenics_joints.diagnosis.evidence.pointwise import PointwiseForward, model_of
 from fenics_joints.diagnosis.held_out import folds
 from fenics_joints.diagnosis.zones.zone import Zone
 
@@ -122,7 +122,7 @@ def test_slopes_hold_through_torque_and_tightening():
     """Derivatives of all predictions by z against differences of the predictions."""
     effect = gives_way("c", "joint", [Zone("joint", thickness=5e-4)], reference=30.0)
 
-    class Layer(ByHand):
+    class Layer(PointwiseForward):
         model = model_of(["joint.E", "joint.G"])
 
         def __call__(self, values):

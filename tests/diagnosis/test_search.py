@@ -8,7 +8,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from by_hand import ByHand, model_of
 from mpi4py import MPI
 from scipy.special import logsumexp
 from scipy.stats import multivariate_normal, norm
@@ -17,6 +16,7 @@ from fenics_joints.diagnosis import Effect, Prior
 from fenics_joints.diagnosis.evidence import fit
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
+from fenics_joints.diagnosis.evidence.pointwise import PointwiseForward, model_of
 from fenics_joints.diagnosis.evidence.screen import near_best, near_listed
 from fenics_joints.diagnosis.evidence.unlisted import look_alike
 from fenics_joints.diagnosis.search import Search
@@ -26,7 +26,7 @@ TORQUES = np.array([5.0, 10.0, 20.0])
 COUNT, M = 20, 8
 
 
-class Bent(ByHand):
+class Bent(PointwiseForward):
     """ln f = 5 + A tanh(b p) / b: linear in p for b = 0, and saturating."""
 
     def __init__(self, matrix, bend):

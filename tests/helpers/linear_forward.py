@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import numpy as np
-from by_hand import ByHand, model_of
 from scipy.stats import multivariate_normal
 
 from fenics_joints.diagnosis import Effect, Prior
 from fenics_joints.diagnosis.evidence.fitted import Fit
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
+from fenics_joints.diagnosis.evidence.pointwise import PointwiseForward, model_of
 
 
-class Linear(ByHand):
+class Linear(PointwiseForward):
     """ln f = f0 + A p for parameters p0, p1, ...: every answer has a closed form."""
 
     def __init__(self, matrix):

@@ -5,5 +5,8 @@ from fenics_joints.diagnosis.evidence.fitted import Fit
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.library import fit
 from fenics_joints.diagnosis.evidence.of_test import evidence_of
+from fenics_joints.diagnosis.evidence.pointwise import PointwiseForward, model_of
 
-__all__ = ["Evidence", "Fit", "Hypothesis", "evidence_of", "fit"]
+__all__ = [
+    "Evidence", "Fit", "Hypothesis", "PointwiseForward", "evidence_of", "fit", "model_of",
+]  # fmt: skip

@@ -819,7 +819,7 @@ def fit(
 
     Args:
         hypothesis: The hypothesis.
-        forward: Predicts frequencies.
+        forward: Predicts frequencies: a reduced model's, or a `PointwiseForward` of one's own.
         evidence: The test.
         baseline: Parameter values of the nominal model.
     """

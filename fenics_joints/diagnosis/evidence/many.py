@@ -479,7 +479,8 @@ def _alike(many, one, count: int) -> bool:
     """Whether values of a few of so many points are what they are one by one."""
     for i in {0, count // 2, count - 1}:
         for name, value in one(i).items():
-            if not abs(many[name][i] - value) <= _SAME * abs(value):
+            other, none = many[name][i], value != value  # nan: nothing has this value
+            if not (abs(other - value) <= _SAME * abs(value) or (none and other != other)):
                 return False
     return True
 
