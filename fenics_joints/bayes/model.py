@@ -9,7 +9,7 @@ import numpy as np
 
 from fenics_joints.bayes.priors import Prior
 from fenics_joints.errors import ConvergenceError, InputError
-from fenics_joints.reduction.batch import freeze
+from fenics_joints.reduction.compact import freeze
 from fenics_joints.reduction.forward import Forward
 from fenics_joints.reduction.lean import LeanForward
 from fenics_joints.reduction.leanest import lean_forward

@@ -81,7 +81,6 @@ class Search:
         found = self._all([(h, None) for h in plain])
         self.library.floor = max(f.fit.log_evidence for f in found)
         found += self._singles([self._hypothesis((e,)) for e in alone], found[0])
-        found = self._checked(found, _LEADING_SINGLES, quickly=True)
         level = found[2:]
         waiting = [effect for effect in model.effects if effect.holds]
         while waiting:
@@ -97,6 +96,7 @@ class Search:
             self._solve(own)
             level = self._all([(self._hypothesis((e,)), None) for e in own])
             found += level
+        found = self._checked(found, _LEADING_SINGLES, quickly=True)
         singles = found[2:]
         model.effects = tuple(e for e in model.effects if e.key in
                               {f.fit.hypothesis.effects[0].key for f in singles})  # fmt: skip

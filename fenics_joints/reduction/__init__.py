@@ -1,7 +1,8 @@
 """Reduced models: parametric, plain arrays, checked, narrow enough to sample; and their files."""
 
 from fenics_joints.reduction.arrays import ArrayModel
-from fenics_joints.reduction.batch import Narrow, freeze, narrow
+from fenics_joints.reduction.batch import Narrow, narrow
+from fenics_joints.reduction.compact import freeze
 from fenics_joints.reduction.files import read_array_model, write_array_model
 from fenics_joints.reduction.forward import Forward
 from fenics_joints.reduction.frf_basis import checked_frf_model, frf_basis, frf_error

@@ -1,15 +1,14 @@
-"""Smaller models for a few parameters: frozen, and narrowed.
+"""Smaller models for a few parameters.
 
 A reduced model serves all hypotheses and all priors, so that its basis is several times as large
-as one of them needs, and most of its parameters stand still. `freeze` sums up once what those
-make; `narrow` projects on the modes that the free ones can make in their ranges, and says how far
-its frequencies are off.
+as one of them needs. `narrow` projects on the modes that some parameters can make in their ranges,
+and says how far its frequencies are off.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.stats import qmc
@@ -17,7 +16,6 @@ from scipy.stats import qmc
 from fenics_joints.errors import (
     ConvergenceError,
     InputError,
-    items,
     mapping,
     real,
     reals,
@@ -26,68 +24,16 @@ from fenics_joints.errors import (
 )
 from fenics_joints.modal.modes import Modes, solve_modes
 from fenics_joints.reduction.adaptive import Points, improve
-from fenics_joints.reduction.affine import AffinePencil
 from fenics_joints.reduction.arrays import ArrayModel
-from fenics_joints.structure.values import number
+from fenics_joints.reduction.compact import freeze
 
-__all__ = ["Narrow", "freeze", "narrow", "pod"]
+__all__ = ["Narrow", "narrow", "pod"]
 
 #: Sampled points for the basis, and rounds of checks that may add to it.
 _SAMPLES, _ROUNDS = 16, 4
 #: Directions whose share of a mode is below this times the root of the tolerance are left out: the
 #: error of a frequency is of the order of the square. Each further round takes a tenth of it.
 _SHARE = 0.1
-
-
-def freeze(
-    model: ArrayModel, free: Sequence[str], given: Mapping[str, float] | None = None
-) -> ArrayModel:
-    """The same model with fewer parameters.
-
-    Args:
-        model: A model of plain arrays.
-        free: Names of the parameters that it keeps.
-        given: Values of parameters that differ from their nominal value; they become the nominal
-            values of those that it keeps.
-
-    Raises:
-        InputError: If a name is unknown, or no part, joint or support depends on ``free``.
-    """
-    if not isinstance(model, ArrayModel):
-        raise wanted("model", model, "an ArrayModel")
-    values, free = model.values(given), list(items("free", free, str, "names of parameters"))
-    unknown = [name for name in free if name not in values]
-    if unknown or not free or len(set(free)) < len(free):
-        raise InputError(f"free = {free}: expected some of: {', '.join(values)}.")
-
-    def put(item, keys):
-        """A spring or mass with numbers in place of the frozen names."""
-        named = {key: getattr(item, key) for key in keys}
-        frozen = {k: number(v, values) for k, v in named.items() if v not in free}
-        return replace(item, **frozen)
-
-    pencil, regions, rest = model.pencil, [], []
-    for region in model.regions:
-        q = {k: v if v in free else number(v, values) for k, v in region.properties.items()}
-        kept = any(isinstance(v, str) for v in q.values())
-        (regions if kept else rest).append(replace(region, properties=q))
-    if not regions:
-        raise InputError(f"free = {free}: expected the parameter of a part, joint or support.")
-    springs = [put(s, ("stiffness",)) for s in pencil.springs]
-    masses = [put(m, ("mass", "travel")) for m in pencil.masses]
-    moving = [m for m in masses if isinstance(m.mass, str) or isinstance(m.travel, str)]
-    held = [m for m in masses if not any(m is other for other in moving)]
-    zero = np.zeros((model.n_dofs, model.n_dofs))
-    still = AffinePencil({}, rest, [s for s in springs if not isinstance(s.stiffness, str)], held,
-                         pencil.fixed or (zero, zero), pencil.fixed_mass)  # fmt: skip
-    parameters = {name: replace(model.parameters[name], value=values[name]) for name in free}
-    return replace(
-        model,
-        pencil=AffinePencil(
-            parameters, regions, [s for s in springs if isinstance(s.stiffness, str)], moving,
-            still.matrices({}), float(still.total_mass({})),
-        ),
-    )  # fmt: skip
 
 
 @dataclass(frozen=True)

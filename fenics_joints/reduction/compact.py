@@ -13,6 +13,7 @@ from functools import partial
 
 import numpy as np
 
+from fenics_joints.errors import InputError, items, wanted
 from fenics_joints.reduction.affine import AffinePencil
 from fenics_joints.reduction.arrays import ArrayModel
 from fenics_joints.reduction.terms import MassTerm, RegionTerm
@@ -20,15 +21,15 @@ from fenics_joints.structure.changes import CHANGES
 from fenics_joints.structure.laws import Law
 from fenics_joints.structure.values import number
 
-__all__ = ["merged", "trimmed"]
+__all__ = ["freeze", "trimmed"]
 
 #: Values at which scalars are compared: what is in proportion at all of them, to round-off, is so
 #: everywhere, for they are rational functions and the values are any. How far they are apart.
 _SAMPLES, _ROUND_OFF, _APART = 6, 1e-11, 0.15
 
 
-def merged(
-    model: ArrayModel, free: Collection[str], given: Mapping[str, float] | None = None
+def freeze(
+    model: ArrayModel, free: Sequence[str], given: Mapping[str, float] | None = None
 ) -> ArrayModel:
     """The same model with fewer parameters, in fewer terms.
 
@@ -37,8 +38,15 @@ def merged(
         free: Names of the parameters that it keeps, one at least.
         given: Values of parameters that differ from their nominal value; those that stand still
             have them, and they are the nominal ones of the others.
+
+    Raises:
+        InputError: If a name is unknown.
     """
-    values, free = model.values(given), frozenset(free)
+    if not isinstance(model, ArrayModel):
+        raise wanted("model", model, "an ArrayModel")
+    values, free = model.values(given), list(items("free", free, str, "names of parameters"))
+    if not free or len(set(free)) < len(free) or not set(free) <= set(values):
+        raise InputError(f"free = {free}: expected some of: {', '.join(values)}.")
     pencil, n = model.pencil, model.n_dofs
     K, M = (np.array(A) for A in pencil.fixed or (np.zeros((n, n)), np.zeros((n, n))))
     mass, regions = pencil.fixed_mass, []
@@ -62,9 +70,7 @@ def merged(
         M, mass = M + share * at.T @ at, mass + share
     names = dict.fromkeys(m.mass for m in still if m.mass in free)
     together = [_together([m for m in still if m.mass == name], values) for name in names]
-    parameters = {
-        name: replace(p, value=values[name]) for name, p in model.parameters.items() if name in free
-    }
+    parameters = {name: replace(model.parameters[name], value=values[name]) for name in free}
     return replace(
         model, pencil=AffinePencil(parameters, regions, springs, [*together, *moving], (K, M), mass)
     )

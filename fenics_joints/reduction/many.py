@@ -74,7 +74,7 @@ def change(
     """
     pencil = model.pencil
     theta, rho = (
-        np.moveaxis(part.reshape(len(part), count, -1) / width, 2, 0)
+        np.moveaxis(part.reshape(len(part), count, part.shape[1] // count) / width, 2, 0)
         for part in pencil.change(low, high)
     )
     moved = {}

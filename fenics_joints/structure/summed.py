@@ -43,21 +43,16 @@ class LawMatrices:
     def __init__(self, assembly: Assembly, index: int):
         self.assembly, self.index = assembly, index
         self.law: Law = assembly.regions[index].law
-        self._rows: dict[tuple[int, int], int] = {}
-        self._entries = [np.empty((0, 0)), np.empty((0, 0))]
+        self._entries: dict[tuple[int, int], np.ndarray] = {}
         self._pattern: tuple[np.ndarray, np.ndarray] | None = None
         self._places: np.ndarray | None = None
 
-    def entries(self, which: int, samples: Sequence[int]) -> tuple[np.ndarray, list[int]]:
-        """Entries of this rank's rows of the stiffness (0) or mass (1), (n, n_entries), and at
-        which of these rows samples are. Collective."""
-        new = [sample for sample in samples if (which, sample) not in self._rows]
-        if new:
-            made = np.array([self._assembled(which, sample) for sample in new])
-            before = self._entries[which]
-            self._rows |= {(which, sample): len(before) + i for i, sample in enumerate(new)}
-            self._entries[which] = np.vstack([before, made]) if len(before) else made
-        return self._entries[which], [self._rows[which, sample] for sample in samples]
+    def entries(self, which: int, sample: int) -> np.ndarray:
+        """Entries of this rank's rows of the stiffness (0) or mass (1) at a sample, (n_entries,).
+        Collective."""
+        if (which, sample) not in self._entries:
+            self._entries[which, sample] = self._assembled(which, sample)
+        return self._entries[which, sample]
 
     def _assembled(self, which: int, sample: int) -> np.ndarray:
         self.assembly.field.fill(self.index, self.law.samples[sample])
@@ -68,19 +63,16 @@ class LawMatrices:
 
     def matrix(self, which: int, sample: int) -> PETSc.Mat:
         """One of these as a matrix, the caller's to destroy. Collective."""
-        entries, (row,) = self.entries(which, [sample])
+        entries = self.entries(which, sample)
         own, bs = self.assembly.V.dofmap.index_map, self.assembly.V.dofmap.index_map_bs
         sizes = own.size_local * bs, own.size_global * bs
         return PETSc.Mat().createAIJ(
-            (sizes, sizes), csr=(*self._pattern, entries[row]), comm=self.assembly.comm
+            (sizes, sizes), csr=(*self._pattern, entries), comm=self.assembly.comm
         )
 
     def sum(self, which: int, shares: np.ndarray) -> np.ndarray:
         """Entries of the sum of the samples by their shares, (n_entries,). Collective."""
-        entries, rows = self.entries(which, np.flatnonzero(shares).tolist())
-        every = np.zeros(len(entries))
-        every[rows] = shares[np.flatnonzero(shares)]
-        return every @ entries
+        return sum(shares[i] * self.entries(which, int(i)) for i in np.flatnonzero(shares))
 
     def places(self, keys: np.ndarray) -> np.ndarray:
         """Where the entries are among those of a larger pattern, of these `_keys`."""
@@ -91,7 +83,7 @@ class LawMatrices:
 
     def missing(self, which: int, shares: np.ndarray) -> int:
         """How many samples of a sum with these shares have not been assembled."""
-        return sum((which, int(i)) not in self._rows for i in np.flatnonzero(shares))
+        return sum((which, int(i)) not in self._entries for i in np.flatnonzero(shares))
 
     def shares(self, which: int, q: Mapping[str, float]) -> np.ndarray:
         """Shares of the samples in the matrix at given properties."""

@@ -24,6 +24,7 @@ from fenics_joints.diagnosis.evidence.somewhere import with_somewhere
 from fenics_joints.errors import InputError
 from fenics_joints.modal.modes import solve_modes
 from fenics_joints.reduction.batch import pod
+from fenics_joints.reduction.compact import freeze
 from fenics_joints.reduction.forward import SPARE, Forward
 from fenics_joints.reduction.lean import LeanForward, batched
 from fenics_joints.reduction.seen_at import seen_modes_at
@@ -131,6 +132,7 @@ class Library:
         self.bases: dict[tuple[str, ...], LeanForward] = {}
         self._samples: dict[str, tuple[np.ndarray, np.ndarray]] = {}
         self._smooth: dict[str, bool] = {}
+        self._changes: dict[str, set[str]] = {}
         self._states: dict[str, States] = {}
         #: Points, predictions and derivatives of each hypothesis.
         self._solved: dict[str, tuple[np.ndarray, ...]] = {}
@@ -141,7 +143,7 @@ class Library:
         """A forward on the vectors that hold the test's modes all over a hypothesis' prior."""
         if not self.lean:
             return self.forward
-        acting = [effect for effect in h.effects if effect.apply is not None]
+        acting = [e for e in h.effects if e.apply is not None or e.loss is not None]
         key = tuple(sorted(effect.key for effect in acting))
         if key not in self.bases:
             parts = [self._sampled(None), *map(self._sampled, acting)]
@@ -149,12 +151,34 @@ class Library:
             model = self.forward.model
             vectors, sizes = pod(model, shapes, weights)
             vectors = np.hstack([self._rigid, vectors[:, sizes > _SHARE * sizes[0]]])
+            free = sorted(set(model.parameters) & set().union(*map(self._moved, [None, *acting])))
+            model = freeze(model, free, self.baseline) if free else model
             own = LeanForward(self.forward, model.on(vectors))
-            own.model.pencil.settle(own.model.values(self.baseline))
+            own.model.pencil.settle(own.model.values())
             while len(self.bases) >= _BASES:
                 del self.bases[next(iter(self.bases))]
             self.bases[key] = own
         return self.bases[key]
+
+    def _moved(self, effect: Effect | None) -> set[str]:
+        """The model's parameters that an effect and the tolerances change anywhere in their priors,
+        or that their losses are shares of."""
+        key = "" if effect is None else effect.key
+        if key not in self._changes:
+            h = self.make(() if effect is None else (effect,))
+            mean = np.zeros((1, 0)) if effect is None else prior_cells(effect.priors)[0]
+            found = {name for known in h.known for name in known}
+            for sign in (-1.0, 1.0):
+                for own in mean:
+                    z = np.full(len(h.priors), sign)
+                    z[h.own] = own
+                    z = z.clip(*h.limits.T)
+                    for row, condition in enumerate(self.evidence.conditions):
+                        values = h.values(z, condition, self.baseline, row)
+                        found |= {k for k, v in values.items() if v != self.baseline[k]}
+                    found |= set(h.losses(z, self.evidence.conditions[0], 1.0))
+            self._changes[key] = found
+        return self._changes[key]
 
     @cached_property
     def _rigid(self) -> np.ndarray:
@@ -279,6 +303,7 @@ class Library:
         """
         found = Library(forward, self.evidence, self.baseline, self.make, self.lean)
         found._states, found._smooth, found.floor = self._states, self._smooth, self.floor
+        found._changes = self._changes
         return found
 
     def corrected(self, found: Found, test: Evidence) -> Found:

@@ -7,7 +7,7 @@ of predictions of all modes a second. A single point is a batch of one.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -244,7 +244,7 @@ class ManyPredictions:
     def _look(self, z, rows, mode, by, every: bool, followed=None) -> Look:
         """The model at points, (b, d), each at its own row, (b,)."""
         h, directions, columns, felt = self.hypothesis, [], {}, {}
-        values = self._values(z, rows, mode, checked=True)
+        values = self._values(z, rows, mode, True, self.forward.model.parameters)
         modes = self.forward.many(values, every, followed)
         place = h.places["tightenings"]
         tightened = list(range(place.start, place.stop))
@@ -269,12 +269,15 @@ class ManyPredictions:
         """Along each direction, in which some parameters are moved together: all at once."""
         moved = (np.concatenate(part) for part in zip(*(_moved(z, of) for of in directions),
                                                       strict=True))  # fmt: skip
-        low, high = (self._values(each, np.tile(rows, len(directions)), mode) for each in moved)
+        rows, own = np.tile(rows, len(directions)), self.forward.model.parameters
+        low, high = (self._values(each, rows, mode, wanted=own) for each in moved)
         return self.forward.change(low, high, 2 * _STEP, len(directions))
 
-    def _values(self, z, rows=None, mode=None, checked: bool = False) -> dict[str, np.ndarray]:
-        """The model's parameter values, each (b,): by effects that can be put in at many values
-        together, as all of the library can, or else one by one."""
+    def _values(
+        self, z, rows=None, mode=None, checked: bool = False, wanted: Collection[str] = ()
+    ) -> dict[str, np.ndarray]:
+        """The model's parameter values, each (b,), all or those wanted: by effects that can be put
+        in at many values together, as all of the library can, or else one by one."""
         h, conditions = self.hypothesis, self.evidence.conditions
         several = rows is not None and np.any(rows != rows[0])
 
@@ -288,7 +291,7 @@ class ManyPredictions:
                 found = h.values(
                     z.T, conditions[0 if row is None else row], self.baseline, row, mode
                 )
-                many = {k: self._each(v, len(z)) for k, v in found.items()}
+                many = {k: self._each(found[k], len(z)) for k in wanted or found}
                 if not checked or _alike(many, one, len(z)):
                     return many
             except (TypeError, ValueError):
@@ -297,7 +300,7 @@ class ManyPredictions:
                 raise _Apart
             self._singly = True
         each = [one(i) for i in range(len(z))]
-        return {name: np.array([values[name] for values in each]) for name in each[0]}
+        return {name: np.array([values[name] for values in each]) for name in wanted or each[0]}
 
     def _each(self, value, count: int) -> np.ndarray:
         """A value of each of so many points. A single number is filled in once: what is the same
@@ -478,8 +481,10 @@ def _moved(z, of: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
 def _alike(many, one, count: int) -> bool:
     """Whether values of a few of so many points are what they are one by one."""
     for i in {0, count // 2, count - 1}:
-        for name, value in one(i).items():
-            other, none = many[name][i], value != value  # nan: nothing has this value
+        values = one(i)
+        for name, own in many.items():
+            other, value = own[i], values[name]
+            none = value != value  # nan: nothing has this value
             if not (abs(other - value) <= _SAME * abs(value) or (none and other != other)):
                 return False
     return True
