@@ -32,9 +32,9 @@ _ANY, _UNKNOWN = 1.5, 0.2
 #: of a reduced frequency, relative to the discrepancy, above which the basis is enriched; and how
 #: often it is looked at.
 _LEADING_SINGLES, _LEADING, _REDUCED, _ROUNDS = 4, 2, 0.1, 4
-#: Nats behind the best within which hypotheses are made exact: weighed again with a better model,
-#: and their cells split, of so many at most.
-_AGAIN, _SPLIT, _SPLITS = 10.0, 5.0, 3
+#: Nats behind the best within which hypotheses are weighed again: with a better model, and by
+#: sampling, of so many at most.
+_AGAIN, _SAMPLED, _SAMPLES = 10.0, 5.0, 8
 #: Hypotheses that others are put beside, sets that are solved for, and nats that these may promise
 #: to be behind the best.
 _PARENTS, _SETS, _MARGIN = 12, 24, 8.0
@@ -61,9 +61,9 @@ class Search:
         self.met = Known(model.baseline, model.evidence.conditions)
         for effect in model.effects:
             self.met.same((effect,))
-        given = model.forward, model.evidence, model.baseline, self._hypothesis
-        #: On few vectors, and the same by the reduced model itself.
-        self.library, self.exact = Library(*given, lean=True), Library(*given)
+        self.library = Library(
+            model.forward, model.evidence, model.baseline, self._hypothesis, lean=True
+        )
 
     def _hypothesis(self, effects: Sequence[Effect]) -> Hypothesis:
         return self.model.hypothesis(tuple(effects))
@@ -105,7 +105,7 @@ class Search:
             level = self._together(level, singles, found, size)
             found += level
         found = self._checked(found, _LEADING)
-        return [f.fit for f in self._split(found)]
+        return [f.fit for f in self._sampled(found)]
 
     # -- evidence ------------------------------------------------------------------------------
 
@@ -194,18 +194,15 @@ class Search:
         same = self.met.same(effects)
         return same is not None and {e.key for e in same} != {e.key for e in effects}
 
-    def _split(self, found: list[Found]) -> list[Found]:
-        """What leads with cells split until the evidence no longer moves. Collective."""
+    def _sampled(self, found: list[Found]) -> list[Found]:
+        """What leads with its evidence by sampling. Collective."""
         scores = self.scores([f.fit for f in found])
         listed = [i for i, f in enumerate(found) if not f.fit.hypothesis.unknown]
         top = max(scores[i] for i in listed)
-        near = [i for i in listed if scores[i] > top - _SPLIT]
-        near = sorted(near, key=lambda i: -scores[i])[:_SPLITS]
-        self.progress.step("weighing what leads more finely", len(near))
-        test = self.model.evidence
-        return self._again(
-            found, near, lambda f: self.exact.corrected(self.library.split(f, test), test)
-        )
+        near = [i for i in listed if scores[i] > top - _SAMPLED]
+        near = sorted(near, key=lambda i: -scores[i])[:_SAMPLES]
+        self.progress.step("weighing what leads by sampling", len(near))
+        return self._again(found, near, lambda f: self.library.sampled(f, self.model.evidence))
 
     def _again(
         self, found: Sequence[Found], near: Sequence[int], work: Callable[[Found], Found]
@@ -231,8 +228,6 @@ class Search:
         surrogate, found = self.model.surrogate, list(found)
         limit = max(_REDUCED * self.model.evidence.discrepancy, 1e-4)
 
-        found = self._by_the_model(found)
-
         def leading() -> list[dict[str, float]]:
             self.progress.step(surrogate.checking)
             values: list[dict[str, float]] = []
@@ -245,10 +240,8 @@ class Search:
             return values
 
         def again() -> None:
-            self.exact, self.library = (
-                old.with_forward(self.model.forward) for old in (self.exact, self.library)
-            )
-            found[:] = self._by_the_model(found)
+            self.library = self.library.with_forward(self.model.forward)
+            found[:] = self._renewed(found)
 
         errors = improve(
             surrogate.quick if quickly else surrogate, leading, limit, _ROUNDS, after=again
@@ -256,17 +249,16 @@ class Search:
         self.model_error = float(errors.max(initial=0.0))
         return found
 
-    def _by_the_model(self, found: Sequence[Found]) -> list[Found]:
-        """What is near the best weighed by the reduced model itself. Collective."""
+    def _renewed(self, found: Sequence[Found]) -> list[Found]:
+        """What is near the best weighed again, by the better model. Collective."""
         scores = self.scores([f.fit for f in found])
         near = [i for i, f in enumerate(found)
                 if scores[i] > scores.max() - _AGAIN or f.fit.hypothesis.name]  # fmt: skip
         listed = [i for i, f in enumerate(found) if not f.fit.hypothesis.unknown]
         near += [i for i in listed if i not in near and
                  scores[i] > max(scores[j] for j in listed) - _AGAIN]  # fmt: skip
-        self.progress.step("weighing by the reduced model", len(near))
-        test = self.model.evidence
-        return self._again(found, near, lambda f: self.exact.corrected(f, test))
+        self.progress.step("weighing by the better model", len(near))
+        return self._again(found, near, lambda f: self.library.renewed(f, self.model.evidence))
 
     def lowest(self, f: Fit) -> dict[str, float]:
         """The model's parameter values of a fit at the lowest condition, where joints are softest.

@@ -15,6 +15,7 @@ from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.many import ManyPredictions
 from fenics_joints.diagnosis.evidence.pointwise import PointwiseForward, model_of
+from fenics_joints.diagnosis.evidence.sampled import sampled_evidence
 
 TORQUES = np.array([5.0, 10.0, 30.0])
 
@@ -174,3 +175,23 @@ def test_evidence_agrees_with_another_sampler():
     )  # fmt: skip
     sampler.run_nested(print_progress=False, dlogz=0.05)
     assert found.log_evidence == pytest.approx(sampler.results.logz[-1], abs=0.2)
+
+
+def test_sampled_evidence_of_a_banana():
+    """From one Gaussian that fits it badly, against a grid."""
+    x, y = np.linspace(-6, 6, 1201), np.linspace(-20, 20, 2001)
+
+    def log_density(x, y):
+        return norm.logpdf(x) + norm.logpdf(y - x**2, scale=0.5)
+
+    grid = np.exp(log_density(x[:, None], y[None] + 0.3))
+    exact = np.log(trapezoid(trapezoid(grid, y), x))
+    found = [
+        sampled_evidence(
+            np.array([[0.0, 0.5]]), np.diag([0.8, 1.5])[None], np.ones(1),
+            lambda z, _: log_density(*(z + [0.0, 0.3]).T), seed,
+        )
+        for seed in range(20)
+    ]  # fmt: skip
+    assert np.mean(found) == pytest.approx(exact, abs=0.08)
+    assert np.std(found) < 0.2

@@ -10,15 +10,15 @@ so that its evidence, its posterior mean and its covariance are in closed form:
 
     p(y | hypothesis) = sum over w of  c_w N(y; g_w + J_w (m_w - z_w), S + J_w h_w^2 J_w^T).
 
-The point z_w is moved to the cell's own posterior mean by Gauss-Newton steps, and cells that lead
-are split until the evidence no longer moves. No cell's result depends on another's, so there is no
-valley to be caught in: what is far from every cell would be, and cells are all over the prior.
+The point z_w is moved to the cell's own posterior mean by Gauss-Newton steps. No cell's result
+depends on another's, so there is no valley to be caught in: what is far from every cell would be,
+and cells are all over the prior.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from itertools import product
 
 import numpy as np
@@ -42,9 +42,6 @@ _WITHIN = 4
 _BESIDE, _MORE_BESIDE, _MORE = {0: 1.0, 1: 1.15}, 4, 7
 #: Standard deviations of the prior beyond which a parameter that acts in steps is not looked for.
 _FARTHEST = 4.0
-#: A normal density as the sum of three: share of the middle one, distance of the outer ones, and
-#: standard deviation of each (DeMars, Bishop and Jah, J. Guid. Control Dyn. 36, 2013, Table 1).
-_MIDDLE, _APART, _WIDTH = 0.5495507502, 1.0575154614, 0.6715662886
 
 
 @dataclass(frozen=True)
@@ -77,20 +74,6 @@ class Cells:
         """These and others."""
         all_ = (self, *others)
         return Cells(*(np.concatenate([getattr(c, f.name) for c in all_]) for f in fields(self)))
-
-    def split(self, along: np.ndarray) -> Cells:
-        """Each cell in three along one of its parameters, (n,); linear about the same points."""
-        rows = np.arange(len(self))
-        step, width = np.zeros_like(self.mean), self.width.copy()
-        step[rows, along] = _APART * self.width[rows, along]
-        width[rows, along] *= _WIDTH
-        outer = 0.5 * (1 - _MIDDLE)
-        parts = [
-            replace(self, mean=self.mean + side * step, width=width,
-                    log_share=self.log_share + np.log(outer if side else _MIDDLE))
-            for side in (-1, 0, 1)
-        ]  # fmt: skip
-        return parts[0].joined(*parts[1:])
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from scipy.stats import norm
 
 from fenics_joints.diagnosis.effects.effect import Effect
 from fenics_joints.diagnosis.evidence.cells import Cells, Posterior, prior_cells, total, weigh
@@ -19,6 +20,7 @@ from fenics_joints.diagnosis.evidence.fitted import Fit
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.linear import least_square, whiten
 from fenics_joints.diagnosis.evidence.many import ManyPredictions
+from fenics_joints.diagnosis.evidence.sampled import sampled_evidence
 from fenics_joints.diagnosis.evidence.scales import Scales
 from fenics_joints.diagnosis.evidence.somewhere import with_somewhere
 from fenics_joints.errors import InputError
@@ -35,23 +37,20 @@ __all__ = ["Found", "Library", "fit"]
 _STEP = 1e-4
 #: Cells that are made exact at a time and at most, of one hypothesis; nats by which the rest has to
 #: be behind.
-_AT_A_TIME, _MOST, _BEHIND = 4, 16, 2.0
+_AT_A_TIME, _MOST, _BEHIND = 4, 8, 2.0
 #: Nats below what an unknown cause has at which no more cells of a hypothesis are looked at.
 _HOPELESS = 50.0
 #: Gauss-Newton steps of a cell at most; shares of a step that are tried; the gain, in nats, that is
 #: worth one; how far a cell's point may be from its mean, in its own standard deviations.
 _STEPS, _SHARES, _GAIN, _FAR = 8, (1.0, 0.4, 0.15), 0.02, 4.0
-#: Cells with less than this share of a hypothesis' evidence are not split; change of ln Z at which
-#: no more are; rounds at most.
-_COUNTS, _MOVED, _ROUNDS = 0.05, 0.1, 6
+#: Difference of ln Z of one cell and of many at which one is enough.
+_MOVED = 0.1
 #: The most that a model which is linear about one point may err in the cost one posterior standard
 #: deviation away; how much more probable than about that point a cell has to be about its own, and
 #: how near to all of them, in nats, to be looked at.
 _BENT, _MORE, _UNTOLD = 0.3, 0.5, 3.0
 #: Cells of a hypothesis that a further effect is put beside.
 _PARENTS = 6
-#: Share of a hypothesis' evidence from which a cell is corrected, and steps of that at most.
-_LITTLE, _CORRECTIONS = 1e-3, 4
 #: Screened at a time.
 _CHUNK = 512
 #: Size of a reduced model from which a smaller basis pays, and number of bases that are kept.
@@ -233,7 +232,7 @@ class Library:
         """Everything in `Evidence.data` at points (b, p): (b, N), and its derivatives by some of z,
         (b, N, q); nan where the model has no such modes."""
         by = list(by)
-        many = self._many(h, between=self.lean and all(map(self._is_smooth, h.effects)))
+        many = self._many(h, between=all(map(self._is_smooth, h.effects)))
         data, slopes = many(z, by)
         own = set(range(*h.own.indices(len(h.priors))))
         if self._differs(h) and own & set(by):
@@ -306,47 +305,24 @@ class Library:
         found._changes = self._changes
         return found
 
-    def corrected(self, found: Found, test: Evidence) -> Found:
-        """What a test says of a hypothesis by this model, where another, on fewer vectors or before
-        it was made better, says nearly the same: that one's derivatives serve.
+    def renewed(self, found: Found, test: Evidence) -> Found:
+        """What a test says of a hypothesis by this model, after another that is nearly the same.
 
         Args:
             found: By the other model.
             test: The test.
         """
-        h, share = found.fit.hypothesis, found.log_evidence - total(found.log_evidence)
-        if found.cells is found.peak:
-            peak = self._corrected(h, found.peak, found, test)
-            return self.summary(h, peak, test, peak)
-        counts = share > np.log(_LITTLE)
-        cells = self._corrected(h, found.cells[counts].joined(found.peak), found, test)
-        # The peak of the other model may be none by this one.
-        lower = test.at(found.fit.scales).lower(h.unknown)
-        best = int(np.argmin(_costs(_as_whole(cells), test, lower)))
-        peak = self._corrected(h, _as_whole(cells[[best]]), found, test)
-        own = cells[np.arange(len(cells) - 1)].joined(found.cells[~counts])
-        return self.summary(h, own, test, peak)
+        h, at = found.fit.hypothesis, test.at(found.fit.scales)
 
-    def _corrected(self, h: Hypothesis, cells: Cells, found: Found, test: Evidence) -> Cells:
-        lower, used = test.at(found.fit.scales).lower(h.unknown), test.fitted
-        low, high = h.limits.T
-        cells = replace(cells, data=self.predict(h, cells.at)[0])
-        for _ in range(_CORRECTIONS):
-            post = weigh(cells, test.data, used, lower, h.limits)
-            step = np.clip(post.z, low + 1e-6, high - 1e-6) - cells.at
-            change = (cells.slopes[:, used] @ step[:, :, None])[:, :, 0]
-            moves = np.sum(whiten(lower, change.T) ** 2, axis=0) >= 2 * _GAIN
-            moves &= np.isfinite(post.log_evidence)
-            if not moves.any():
-                break
-            at = cells.at + np.where(moves[:, None], step, 0.0)
-            moved = replace(cells, at=at, data=self.predict(h, at)[0])
-            # Where modes cross, derivatives of the other model may be those of another mode.
-            better = _costs(moved, test, lower) < _costs(cells, test, lower)
-            if not better.any():
-                break
-            cells = cells.joined(moved)[np.arange(len(cells)) + len(cells) * better]
-        return cells
+        def own(cells: Cells) -> Cells:
+            data, slopes = self._solve(h, cells.at)
+            return self.settled(h, replace(cells, data=data, slopes=slopes), at)
+
+        if found.cells is found.peak:
+            peak = own(found.peak)
+            return self.summary(h, peak, test, peak)
+        # The peak of the other model may be none by this one.
+        return self.summary(h, own(found.cells), test)
 
     def _cells(self, h: Hypothesis, states: States, index) -> Cells:
         """Some of an effect's cells, all but the effect linear about the medians."""
@@ -578,35 +554,23 @@ class Library:
         return self.summary(h, cells, test)
 
     def _is_bent(self, h: Hypothesis, whole: Cells, test: Evidence) -> bool:
-        """Whether the model is not linear one posterior standard deviation away along each of the
+        """Whether the model is not linear one posterior standard deviation away along one of the
         effects' parameters."""
-        own = np.arange(*h.own.indices(len(h.priors)))
+        own, lower = np.arange(*h.own.indices(len(h.priors))), test.lower(h.unknown)
         if not len(own):
             return False
-        post = weigh(whole, test.data, test.fitted, test.lower(h.unknown), h.limits)
-        each = whole[np.zeros(len(own), dtype=int)]
-        covariance = np.repeat(post.covariance, len(own), axis=0)
-        z = np.repeat(post.z, len(own), axis=0)
-        return bool(self._bent(h, each, replace(post, z=z, covariance=covariance), own, test).any())
-
-    def _bent(
-        self, h: Hypothesis, cells: Cells, post: Posterior, along: np.ndarray, test: Evidence
-    ) -> np.ndarray:
-        """In which cells the model is not linear one posterior standard deviation away along one of
-        the parameters, (n,)."""
-        n, lower = len(cells), test.lower(h.unknown)
-        columns = np.take_along_axis(post.covariance, along[:, None, None], axis=2)[:, :, 0]
-        step = columns / np.sqrt(np.take_along_axis(columns, along[:, None], axis=1))
+        post = weigh(whole, test.data, test.fitted, lower, h.limits)
+        columns = post.covariance[0][own]
+        step = columns / np.sqrt(columns[np.arange(len(own)), own])[:, None]
         at = np.concatenate([post.z + step, post.z - step]).clip(*h.limits.T)
-        both = cells[np.tile(np.arange(n), 2)]
+        both = whole[np.zeros(len(at), dtype=int)]
         linear = both.data + ((at - both.at)[:, None] @ both.slopes.transpose(0, 2, 1))[:, 0]
         costs = [
             _costs(replace(both, at=at, data=data), test, lower)
             for data in (linear, self.predict(h, at)[0])
         ]
         with np.errstate(invalid="ignore"):
-            off = np.abs(costs[1] - costs[0])
-        return np.any(~(off < _BENT).reshape(2, n), axis=0)
+            return not np.all(np.abs(costs[1] - costs[0]) < _BENT)
 
     def _about(
         self, h: Hypothesis, cells: Cells, best: Cells, test: Evidence
@@ -786,37 +750,49 @@ class Library:
             return Found(found, peak, post.log_evidence, peak)
         return Found(found, cells, post.log_evidence, peak)
 
-    def split(self, found: Found, test: Evidence) -> Found:
-        """The same with cells that count split until the evidence no longer moves.
+    def sampled(self, found: Found, test: Evidence) -> Found:
+        """The same with its evidence by importance sampling of the effects' own parameters from the
+        posteriors of its cells; all others are integrated in closed form at each draw.
 
         Args:
             found: What is known.
             test: The test.
         """
-        h = found.fit.hypothesis
-        own = np.arange(*h.own.indices(len(h.priors)))
-        if found.cells is found.peak or not len(own):
+        h, fit, used = found.fit.hypothesis, found.fit, test.fitted
+        own, (low, high) = np.arange(*h.own.indices(len(h.priors))), h.limits.T
+        stepped = any(prior.scan for _, prior in h.priors)  # cells that are left out are far away
+        if stepped or not self._is_bent(h, found.peak, test.at(fit.scales)):
             return found
-        for _ in range(_ROUNDS):
-            share = found.log_evidence - total(found.log_evidence)
-            counts = np.flatnonzero(share >= min(np.log(_COUNTS), share.max()))
-            at = test.at(found.fit.scales)
-            lead = found.cells[counts]
-            post = weigh(lead, test.data, test.fitted, at.lower(h.unknown), h.limits)
-            sd = np.sqrt(np.diagonal(post.covariance, axis1=1, axis2=2))[:, own]
-            # What the data say is bent across the cell, of the parameter that they leave widest.
-            along = own[np.argmax(sd, axis=1)]
-            bent = self._bent(h, lead, post, along, at)
-            if not bent.any():
-                return found
-            counts = counts[bent]
-            new = self.settled(h, found.cells[counts].split(along[bent]), test)
-            rest = np.delete(np.arange(len(found.cells)), counts)
-            before = found.fit.log_evidence
-            found = self.summary(h, found.cells[rest].joined(new), test)
-            if abs(found.fit.log_evidence - before) < _MOVED:
-                break
-        return found
+        lower = test.at(fit.scales).lower(h.unknown)
+        post = weigh(found.cells, test.data, used, lower, h.limits)
+        inner = post.covariance[:, own[:, None], own]
+        # What the others are on average once these are known.
+        follow = np.linalg.solve(inner, post.covariance[:, own]).transpose(0, 2, 1)
+        width = np.ones(len(low))
+        width[own] = 0.0
+
+        def log_density(drawn: np.ndarray, which: np.ndarray) -> np.ndarray:
+            found = np.full(len(drawn), -np.inf)
+            away = drawn - post.z[which][:, own]
+            z = post.z[which] + np.einsum("npd,nd->np", follow[which], away)
+            inside = np.all((drawn > low[own]) & (drawn < high[own]), axis=1)
+            at = z[inside].clip(*h.limits.T)
+            data, slopes = self.predict(h, at, range(len(low)))
+            mean = np.where(width > 0, 0.0, at)
+            cells = Cells(mean, np.tile(width, (len(at), 1)), np.zeros(len(at)), at, data, slopes)
+            found[inside] = weigh(cells, test.data, used, lower, h.limits).log_evidence
+            return found + np.sum(norm.logpdf(drawn), axis=1)
+
+        before = total(post.log_evidence)
+        if not np.isfinite(before):
+            return found
+        share = np.exp(post.log_evidence - before)
+        value = sampled_evidence(post.z[:, own], inner, share, log_density)
+        if value is None:
+            return found
+        more = value - before
+        fit = replace(fit, log_evidence=fit.log_evidence + more, widening=fit.widening + more)
+        return replace(found, fit=fit)
 
 
 def _as_whole(cells: Cells) -> Cells:
@@ -853,7 +829,7 @@ def fit(
         return replace(hypothesis, effects=tuple(effects), name="", unknown=False)
 
     library = Library(forward, evidence, baseline, make)
-    return library.split(library.of(hypothesis, evidence), evidence).fit
+    return library.sampled(library.of(hypothesis, evidence), evidence).fit
 
 
 def _places(h: Hypothesis) -> dict[str, slice]:

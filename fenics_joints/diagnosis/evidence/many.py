@@ -32,7 +32,7 @@ _STEP, _SAME = 1e-5, 1e-8
 _ROOM = 4_000_000
 #: Torques that others are interpolated between, and how far beyond the test's they reach, in
 #: standard deviations of the tightening's scatter.
-_TORQUES, _SCATTERED = 5, 2.0
+_TORQUES, _SCATTERED = 4, 2.0
 
 
 class _Apart(Exception):
