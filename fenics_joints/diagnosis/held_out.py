@@ -20,14 +20,13 @@ from fenics_joints.diagnosis.evidence.library import Found, Library
 from fenics_joints.diagnosis.evidence.many import ManyPredictions
 from fenics_joints.diagnosis.evidence.moved import moved
 from fenics_joints.diagnosis.evidence.screen import linear_evidence, near_listed
+from fenics_joints.diagnosis.levels import INTERVAL
 from fenics_joints.diagnosis.predictive import draws, gain, held
 from fenics_joints.diagnosis.shrinkage import Fold, Forecast, Interval, Shrinkage, shrink
 from fenics_joints.parallel import spread
 
 __all__ = ["blinded", "cross_validate", "folds", "forecast"]
 
-#: Probability of the intervals: a lower end above zero is a difference from zero with 95 %.
-_PROBABILITY = 0.9
 #: Excess over the best wrong effect that is more than nothing: a point, rounded.
 _SHOWS = 0.005
 _DRAWS = 2000
@@ -37,11 +36,13 @@ _SEED = 1
 _HOPELESS, _FAIR = 6.0, 4
 #: With this many modes or more the highest third of them is held out together.
 _BAND = 4
+#: Blocks in which conditions are held out, at most.
+_BLOCKS = 3
 
 
 def folds(
-    conditions: np.ndarray, mode_names: Sequence[str], condition: tuple[str, str], blocks: int = 3,
-    measured: np.ndarray | None = None, names: Sequence[str] = (),
+    conditions: np.ndarray, mode_names: Sequence[str], condition: tuple[str, str],
+    blocks: int = _BLOCKS, measured: np.ndarray | None = None, names: Sequence[str] = (),
 ) -> list[tuple[str, np.ndarray]]:
     """Masks (n, m) of what to hold out: each mode in turn, the highest third of the modes together
     if there are four or more, and the conditions in blocks.
@@ -398,7 +399,7 @@ def _rms_rows(a: np.ndarray) -> np.ndarray:
 
 
 def _ends() -> Interval:
-    return (1 - _PROBABILITY) / 2, (1 + _PROBABILITY) / 2
+    return (1 - INTERVAL) / 2, (1 + INTERVAL) / 2
 
 
 def _interval(values) -> Interval:

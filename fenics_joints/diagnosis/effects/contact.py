@@ -79,7 +79,7 @@ def lost_beyond(zones: Sequence[Zone], reference: float | None = None) -> Effect
     words, priors = "The faces hold together only near the bolts.", [radius]
     if reference is not None:
         # The scan takes all other parameters for linear, which a cut-off is not.
-        priors = [replace(radius, scan=0), Prior("cutoff", *_CUTOFF, "", True, (1e-4, 0.9))]
+        priors = [replace(radius, scan=0), Prior("cutoff", *_CUTOFF, "", True, (0.0, 0.9))]
         words = "The faces hold together only near the bolts, further out at higher torque."
     return Effect(
         "contact lost at low pressure", "joint", tuple(priors), apply, words,

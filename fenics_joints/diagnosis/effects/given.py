@@ -17,7 +17,7 @@ STIFFER = "joint stiffer than given"
 STIFFER_AT = "joint stiffer than given at one place"
 #: Actual over given stiffness. What is given comes from a like joint, a table or a handful of
 #: decades in which measured interfaces lie: five times, within a factor of 5 either way.
-_FACTOR = Prior("factor", 5.0, np.log(5.0), "", True, (1.0, 1e5))
+_FACTOR = Prior("factor", 5.0, np.log(5.0), "", True, (1.0, np.inf))
 
 
 def stiffer_joint(

@@ -12,7 +12,8 @@ from fenics_joints.diagnosis.effects.effect import Effect, Prior, Silent, relati
 from fenics_joints.measurements.data import TestData
 
 __all__ = [
-    "CAUSES", "DIMENSIONS", "SHEAR", "part_effects", "part_error", "shear_error", "temperature",
+    "CAUSES", "DIMENSIONS", "NU", "SHEAR", "part_effects", "part_error", "shear_error",
+    "temperature",
 ]  # fmt: skip
 
 #: Spread of a part's property as a cause, far beyond its tolerance: a wrong material or gauge.
@@ -23,15 +24,15 @@ _WORDS = {"E": "modulus", "rho": "density", "thickness": "thickness", "width": "
 #: tables give more than a digit, is 0.25 to 0.4, which is some 6 % of G.
 SHEAR = 0.06
 #: Poisson's ratio at most, of what is nearly incompressible: a model of it locks beyond.
-_NU = 0.49
+NU = 0.49
 #: Relative change of Young's modulus with the temperature, 1/K. Handbooks of metals have some
 #: -3e-4 for steels (Ledbetter and Reed, J. Phys. Chem. Ref. Data 2, 1973) and -5e-4 for aluminium
 #: alloys; the difference is far below what is known of the temperature itself.
 _BY_KELVIN = -4e-4
 #: Temperature of a test against that of the material's data, and its drift in a test, K: as a
 #: cause, hence a cold hall, the sun or a chamber rather than a laboratory.
-_OFFSET = Prior("offset", 0.0, 30.0, "K", False, (-100.0, 300.0))
-_DRIFT = Prior("drift", 0.0, 10.0, "K", False, (-100.0, 100.0))
+_OFFSET = Prior("offset", 0.0, 30.0, "K", False, (-100.0, np.inf))
+_DRIFT = Prior("drift", 0.0, 10.0, "K", False)
 
 
 def part_error(key: str, parts: Sequence[str], weight: float = 1.0, whole: bool = False) -> Effect:
@@ -63,7 +64,7 @@ def shear_error(
         whole: Likewise.
     """
 
-    most, least = max(_NU, 0.5 * (nu + 0.5)), 0.0 if nu > 0 else 0.5 * (nu - 1)
+    most, least = max(NU, 0.5 * (nu + 0.5)), 0.0 if nu > 0 else 0.5 * (nu - 1)
 
     def apply(values, theta, condition):
         for part in parts:

@@ -31,15 +31,15 @@ from fenics_joints.diagnosis.effects.effect import Prior
 __all__ = ["Cells", "Posterior", "prior_cells", "weigh"]
 
 #: How far apart cells are over one, two and three smooth parameters, in standard deviations of the
-#: prior; the most that their own are of this, and of the prior; ln of the share of the first below
-#: which they are left out; and how far out they reach.
-_SPACING = {0: 1.0, 1: 0.5, 2: 0.9, 3: 1.05}
-_OF_SPACING, _WIDEST, _LEAST, _ENDS = 0.8, 0.7, 11.0, 5.0
+#: prior; the most that their own are of this, and of the prior; and ln of the share of the first
+#: below which they are left out.
+_SPACING = {1: 0.5, 2: 0.9, 3: 1.05}
+_OF_SPACING, _WIDEST, _LEAST = 0.8, 0.7, 11.0
 #: Cells within the limits of a prior at least.
 _WITHIN = 4
 #: How far apart they are beside one that acts in steps or in many places, and log2 of the number
 #: over more of them, and of the number over more without such a one.
-_BESIDE, _MORE_BESIDE, _MORE = {0: 1.0, 1: 1.15}, 4, 7
+_BESIDE, _MORE_BESIDE, _MORE = {1: 1.15}, 4, 7
 #: Standard deviations of the prior beyond which a parameter that acts in steps is not looked for.
 _FARTHEST = 4.0
 #: A normal density as the sum of three: share of the middle one, distance of the outer ones, and
@@ -247,7 +247,7 @@ def _smooth_cells(
     spacing = np.full(d, np.inf if apart is None else apart)
     spacing = np.minimum(spacing, np.diff(limits, axis=0)[0] / _WITHIN)
     width = np.minimum(_OF_SPACING * spacing, _WIDEST)
-    low, high = np.clip(limits, -_ENDS, _ENDS) + 2 * width * np.array([[-1], [1]])
+    low, high = limits + 2 * width * np.array([[-1], [1]])
     sd = np.sqrt(1 - width**2)
     if apart is None:
         unit = qmc.Sobol(d, seed=3).random_base2(more)

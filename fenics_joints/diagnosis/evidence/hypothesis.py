@@ -23,7 +23,7 @@ _DAMPING = Effect("damping at rest", "", (), None)
 #: than in another.
 _MOTION = (1.0, np.log(5.0), "", True, (0.02, 50.0))
 #: Damping of bolted metal structures, away from slip: 0.3 %, within a factor of 4 either way.
-_AT_REST = (0.003, np.log(4.0), "", True, (1e-6, 0.5))
+_AT_REST = (0.003, np.log(4.0), "", True, (0.0, 0.5))
 #: Distance from a limit, in prior standard deviations, within which a parameter is at it.
 _AT_LIMIT = 1e-3
 

@@ -23,7 +23,7 @@ _DAMPING_SCATTER = 0.3
 def evidence_of(
     data: TestData,
     discrepancy: float,
-    shape_error: float = 0.05,
+    shape_error: float = Evidence.shape_error,
     scalars: tuple[Scalar, ...] = (),
     mesh_error: np.ndarray | None = None,
 ) -> Evidence:

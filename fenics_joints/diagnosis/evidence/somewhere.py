@@ -31,7 +31,7 @@ __all__ = ["Somewhere", "with_somewhere"]
 #: with its prior probability.
 _SIZES = ((1 / 3, 0.25), (1.0, 0.5), (3.0, 0.25))
 #: Whether stiffness changes, and mass: either, or both.
-_KINDS = (((1.0, 0.0), 1 / 3), ((0.0, 1.0), 1 / 3), ((1.0, 1.0), 1 / 3))
+_KINDS = ((1.0, 0.0), (0.0, 1.0), (1.0, 1.0))
 #: Prior probability that an unknown cause is one of this kind, and none that may do anything.
 _PLACED = 0.5
 
@@ -89,8 +89,8 @@ class _Linear:
 
 
 def _priors() -> Iterator[tuple[tuple, float]]:
-    for (kind, a), (size, b), length in product(_KINDS, _SIZES, LENGTHS):
-        yield (kind, size, length), float(np.log(a * b / len(LENGTHS)))
+    for kind, (size, b), length in product(_KINDS, _SIZES, LENGTHS):
+        yield (kind, size, length), float(np.log(b / (len(_KINDS) * len(LENGTHS))))
 
 
 def _scores(found: Fit, test: Evidence) -> list[float]:

@@ -17,6 +17,7 @@ from fenics_joints.diagnosis.effects.rig import MISSED
 from fenics_joints.diagnosis.evidence.classes import APART
 from fenics_joints.diagnosis.evidence.entries import KINDS
 from fenics_joints.diagnosis.evidence.of_test import evidence_of
+from fenics_joints.diagnosis.levels import NEGLIGIBLE
 from fenics_joints.diagnosis.model.prepared import Prepared, prepare
 from fenics_joints.diagnosis.plan.added import measurement, rank, table
 from fenics_joints.diagnosis.plan.candidates import Candidates
@@ -31,8 +32,6 @@ from fenics_joints.progress import Progress
 __all__ = ["plan"]
 
 _LETTERS = "ABCDEFGHIJKLMNOPQRSTUVWXYZ"
-#: Share of the largest below which a change is left out of a combination's words.
-_COUNTS = 0.1
 #: Parameters of an effect that are named in words.
 _NAMED = 4
 
@@ -193,7 +192,8 @@ def _letter(i: int) -> str:
 
 def _in_words(signatures: Sequence[Signature], factors: np.ndarray) -> str:
     """A combination of changes that cancel, without what hardly counts."""
-    order = [i for i in np.argsort(-np.abs(factors), kind="stable") if abs(factors[i]) >= _COUNTS]
+    size = np.abs(factors)
+    order = [i for i in np.argsort(-size, kind="stable") if size[i] >= NEGLIGIBLE]
     first = signatures[order[0]]
     words = f"{spaced(first.effect.key)} ({size_in_words(first)})"
     for i in order[1:]:

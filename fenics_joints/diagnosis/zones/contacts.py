@@ -32,9 +32,11 @@ __all__ = ["contact_zones"]
 _THIN = 0.1
 #: Pressure, relative to the largest, below which a facet is open.
 _OPEN = 1e-9
+#: Zones by pressure, at most.
+_ZONES = 12
 
 
-def contact_zones(case: Case, comm: MPI.Intracomm, n_zones: int = 12) -> Zones:
+def contact_zones(case: Case, comm: MPI.Intracomm, n_zones: int = _ZONES) -> Zones:
     """Solve a case's preload and make the zones. Collective.
 
     Args:

@@ -15,7 +15,7 @@ from fenics_joints.diagnosis.zones.partition import partition
 from fenics_joints.structure import Sensors, Structure
 from fenics_joints.structure.changes import LocalLoss, ShapeChange
 
-__all__ = ["BOW", "LOSS", "TAPER", "PartCells", "Plate"]
+__all__ = ["BOW", "LOSS", "MOST_BOW", "MOST_TAPER", "TAPER", "PartCells", "Plate"]
 
 #: Prefixes of parameters.
 LOSS, BOW, TAPER = "local_loss", "bow", "taper"
@@ -25,7 +25,9 @@ _POINTS, _PATCHES = 12, 40
 _SLENDER, _FULL = 5.0, 0.93
 #: Half the difference of the ends' thicknesses over their mean up to which the stiffness is looked
 #: at, and the degree of the polynomial through it: 1e-6 off at most.
-_MOST_TAPER, _DEGREE = 0.2, 6
+MOST_TAPER, _DEGREE = 0.2, 6
+#: Height of a bow over its length up to which the stiffness is looked at.
+MOST_BOW = 0.02
 
 
 @dataclass(frozen=True)
@@ -160,7 +162,7 @@ class PartCells:
             for part in self.case.parts:
                 changes.append(ShapeChange(
                     f"{name} {part}", part, tuple(ways[0][0]), tuple(ways[0][i]), bend,
-                    np.array([ones, 0 * ones]), 0.02 * L, self._nominal(part, name, 2, False),
+                    np.array([ones, 0 * ones]), MOST_BOW * L, self._nominal(part, name, 2, False),
                 ))  # fmt: skip
         return tuple(plates), changes
 
@@ -188,7 +190,7 @@ class PartCells:
             bend = -2 * middle[i] / L, 2 / L, 0.0
             changes += [ShapeChange(
                 f"{parameter} {other}", other, tuple(ways[0]), tuple(ways[i]), bend, across,
-                _MOST_TAPER,
+                MOST_TAPER,
                 self._nominal(other, parameter, _DEGREE if other == part else 2, other == part),
             ) for other in self.case.parts]  # fmt: skip
         return tuple(plates), changes
