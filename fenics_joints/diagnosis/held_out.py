@@ -27,16 +27,19 @@ from fenics_joints.parallel import spread
 
 __all__ = ["blinded", "cross_validate", "folds", "forecast"]
 
-#: Excess over the best wrong effect that is more than nothing: a point, rounded.
+#: Excess over the best wrong effect that is more than nothing: a point, rounded. [decision:
+#: rounding of what is printed]
 _SHOWS = 0.005
+#: Draws of a forecast and of a bootstrap. [numerical: chosen]
 _DRAWS = 2000
+#: Seed of the random numbers. [numerical: any]
 _SEED = 1
 #: A hypothesis this far (in ln) behind the best of a fold is not fitted anew without it, at most
-#: so many are.
+#: so many are. [numerical: chosen for time]
 _HOPELESS, _FAIR = 6.0, 4
-#: With this many modes or more the highest third of them is held out together.
+#: With this many modes or more the highest third of them is held out together. [decision: chosen]
 _BAND = 4
-#: Blocks in which conditions are held out, at most.
+#: Blocks in which conditions are held out, at most. [decision: chosen]
 _BLOCKS = 3
 
 

@@ -30,7 +30,7 @@ from fenics_joints.diagnosis.zones.sites import HUNG, ON
 __all__ = ["AXES", "Location", "locate_gap"]
 
 #: Over how much of the structure's size a change about a patch falls: of those of an unknown cause,
-#: the largest of which is a whole region.
+#: the largest of which is a whole region. [decision: those of an unknown cause]
 _LENGTHS = LENGTHS[:-1]
 #: Axes along which the misfit is attributed; by condition only where there are several.
 AXES = ("mode", "band", "condition", "kind")

@@ -26,10 +26,12 @@ NAMED = (CAUSE, LIKELY)
 
 NO_GAP, UNKNOWN = "no gap", "none of these"
 #: Probability that a class must have, of what is left for the library, to be called a cause.
+#: [decision: chosen]
 _SURE = 0.8
-#: Share of the held-out gap beyond noise that a confirmed cause has to close.
+#: Share of the held-out gap beyond noise that a confirmed cause has to close. [decision: chosen:
+#: half]
 _MOST_OF_IT = 0.5
-#: A best hypothesis that fits the data worse than this is no explanation.
+#: A best hypothesis that fits the data worse than this is no explanation. [decision: convention]
 MISFIT = 0.01
 
 

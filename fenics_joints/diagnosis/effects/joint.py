@@ -21,18 +21,20 @@ __all__ = [
 ]  # fmt: skip
 
 #: Exponent of K = alpha P^beta (Tian et al. 2021, eqs. 22 and 23), P proportional to the torque.
+#: [prior: Tian et al. 2021, eqs. 22 and 23; spread chosen]
 EXPONENT = (0.5, 0.3, "", False, (0.0, 1.5))
 #: Factor on the stiffness of a layer where the contact is lost: too soft to carry anything.
+#: [numerical: chosen]
 LOST = 1e-9
 #: Radius to which a bolt presses, over that of its innermost ring: bodies spread its force in a
 #: cone of 30 to 45 degrees (Shigley, Mechanical Engineering Design), from a head about as wide as
-#: one body is thick; within a factor of 1.5 either way.
+#: one body is thick; within a factor of 1.5 either way. [prior: Shigley; spread chosen]
 _REACH = (2.0, np.log(1.5))
 #: Its limits over the least and the largest distance of a zone, as the innermost must be pressed,
 #: and beyond the last one all is the same; and the least radius of the innermost ring over that of
-#: the last one, as one cell on the axis says nothing of the reach.
+#: the last one, as one cell on the axis says nothing of the reach. [prior: chosen]
 _LEAST, _MOST, _INNER = 1.05, 3.0, 0.2
-#: Spread of the logarithm of a factor on the axial stiffness of a lap.
+#: Spread of the logarithm of a factor on the axial stiffness of a lap. [prior: chosen]
 AXIAL = float(np.log(3.0))
 
 
@@ -65,19 +67,23 @@ class InterfacePrior:
 
 
 #: Stiffness per area of clamped machined metal faces: 1e11 to 1e13 in the literature, far less
-#: where the faces hardly touch; hence a factor of 30 either way.
+#: where the faces hardly touch; hence a factor of 30 either way. [prior: measured interfaces,
+#: literature]
 _CLAMPED = (1e12, np.log(30.0), "Pa/m", True, (1e7, 1e16))
 #: Of faces that rest on each other: a hundredth of clamped ones, within a factor of 10 either way.
+#: [prior: chosen]
 _RESTING = Prior("k", 1e10, np.log(10.0), "Pa/m", True, (1e6, 1e13))
-#: In series with a lap as one piece: as stiff as it, the same spread as of clamped faces.
+#: In series with a lap as one piece: as stiff as it, the same spread as of clamped faces. [prior:
+#: as of clamped faces]
 _IN_LAP = (1.0, np.log(30.0), "", True, (1e-5, 1e6))
 #: What is left of a lap around a loose bolt: a tenth of its stiffness, within a factor of 3.
+#: [prior: chosen]
 _LEFT = Prior("left", 0.1, np.log(3.0), "", True, (0.0, 1.0))
 #: Where the lap's own stiffness was given, identified elsewhere or taken from a like joint, a
-#: factor on it, within a factor of 3.
+#: factor on it, within a factor of 3. [prior: chosen]
 _GIVEN = (1.0, np.log(3.0), "", True)
 #: Prior odds of a law by pressure along the plane alone against one that is the same everywhere:
-#: what no data tell apart has the plainer name.
+#: what no data tell apart has the plainer name. [prior: chosen]
 _LESS_PLAIN = 0.5
 
 _LAYER = InterfacePrior(

@@ -67,8 +67,11 @@ from fenics_joints.reduction.forward import ways_of
 __all__ = ["by_preload", "case_effects", "case_nuisances"]
 
 #: Tolerances where the case gives none: handbook values, rolled plate. Of a width and of Poisson's
-#: ratio only what the case says: it is milled, and bending does not see them.
+#: ratio only what the case says: it is milled, and bending does not see them. [prior: handbooks]
 _TOLERANCE = {"E": 0.015, "nu": 0.0, "rho": 0.01, "thickness": 0.005, "width": 0.0}
+#: Relative spread of what is attached, at least; limit of a factor on Poisson's ratio, at least.
+#: [numerical: chosen]
+_EXACT, _MORE = 1e-3, 1.01
 _NO_RATIOS = "the test has no damping ratios of known accuracy ([test] damping, damping_noise)"
 _NOT_OF_LAPS = {
     "joint compliance that falls with the pressure": (
@@ -101,7 +104,7 @@ def case_nuisances(
                 words = f"{key} of {name}, within tolerance"
                 least, most = FACTOR
                 if key == "nu":
-                    most = max(NU / case.parts[name].nominal()["nu"], 1.01)
+                    most = max(NU / case.parts[name].nominal()["nu"], _MORE)
                 found.append(
                     relative_error(words, name, [f"{name}.{key}"], spread, "", span=(least, most))
                 )
@@ -366,7 +369,7 @@ def _attachment(case: Case, name: str) -> Effect:
     value = section.nominal()[key]
     spread = case.tolerances().get(f"{name}.{key}", MASS if is_mass else SPRING)
     unit = "kg" if is_mass else "N/m"
-    priors = [Prior(key, value, max(spread, 1e-3), unit)]
+    priors = [Prior(key, value, max(spread, _EXACT), unit)]
     if is_mass and section.shift() is not None:
         priors.append(travel(section.shift()))
     label = spaced(name)

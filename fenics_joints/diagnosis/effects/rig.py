@@ -20,19 +20,20 @@ MISSCALED, MISPLACED = "sensor mis-scaled", "sensor misplaced"
 SWAPPED, MISSED = "mode mis-pairing", "mode missed by the test"
 #: Stiffness of a clamped face per area, Pa/m: that of an interface (1e11 to 1e13), less what the
 #: ground gives way; hence a factor of 30 either way. "Clamped" ends have been seen to be off by
-#: more than 10 % in frequency (Ritto et al.).
+#: more than 10 % in frequency (Ritto et al.). [prior: as of clamped faces; Ritto et al.]
 _SUPPORT = (1e12, np.log(30.0), "Pa/m", True, (1e6, 1e17))
 #: Spread of a known mass or spring as a cause: a part forgotten on a scale, or a suspension whose
-#: data sheet holds for another load.
+#: data sheet holds for another load. [prior: chosen]
 MASS, SPRING = 0.3, 1.0
+#: The same with its name and limits. [prior: chosen]
 _MISJUDGED = {
     "mass": ("mass error", MASS, FACTOR), "stiffness": ("spring error", SPRING, (1e-2, 1e2)),
 }  # fmt: skip
 #: Gain of a sensor whose setting or mounting is wrong, about 1: calibrations hold to 1 to 3 %, so
-#: this is a blunder's.
+#: this is a blunder's. [prior: chosen]
 _GAIN = Prior("gain", 1.0, 0.3)
 #: Place of a sensor that is wrong, relative to the length of the line of sensors: what is measured
-#: with a tape is off by less, what is read off another line of a table by more.
+#: with a tape is off by less, what is read off another line of a table by more. [prior: chosen]
 _SHIFT = 0.03
 
 

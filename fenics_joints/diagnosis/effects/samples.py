@@ -18,11 +18,13 @@ from fenics_joints.diagnosis.zones.sites import as_mass
 
 __all__ = ["is_rare", "sample_ranges", "sample_values"]
 
-#: How far from the median of its prior, in standard deviations, a parameter is put.
+#: How far from the median of its prior, in standard deviations, a parameter is put. [numerical:
+#: chosen]
 _WIDE = 1.5
-#: Poisson's ratio, at least and at most.
+#: Poisson's ratio, at least and at most. [numerical: chosen]
 _NU = (-0.9, 0.47)
 #: Stiffness of supports, Pa/m: of soft mounts, and from which on they are as good as rigid.
+#: [numerical: chosen]
 _SUPPORT = (1e9, 1e16)
 
 

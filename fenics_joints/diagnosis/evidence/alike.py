@@ -25,10 +25,10 @@ from fenics_joints.reduction import Forward
 __all__ = ["one_of_alike"]
 
 #: How far from their medians, one by one, parameters are compared besides, in standard deviations:
-#: what no test sees at its expected size is not yet the same where it is large.
+#: what no test sees at its expected size is not yet the same where it is large. [decision: chosen]
 _SIZES = (-3.0, -1.0, 1.0, 3.0)
 #: Effects of a kind that are compared at most; of more, as of every three of a dozen bolts, few are
-#: ever fitted.
+#: ever fitted. [numerical: chosen for time]
 _MOST = 150
 
 

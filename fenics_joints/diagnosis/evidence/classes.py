@@ -28,9 +28,10 @@ __all__ = [
     "APART", "classes", "confusion", "detectable", "distance", "labels", "stand_ins",
 ]  # fmt: skip
 
-#: 1 % confusion.
+#: 1 % confusion. [decision: convention: Phi(-2.33) = 1 %]
 APART = 2.33
-#: ln of the Bayes factor up to which the data leave two hypotheses undecided.
+#: ln of the Bayes factor up to which the data leave two hypotheses undecided. [decision:
+#: convention: decisive, Jeffreys 1961]
 UNDECIDED = np.log(100.0)
 
 

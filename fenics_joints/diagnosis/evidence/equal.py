@@ -18,8 +18,10 @@ from fenics_joints.diagnosis.levels import ROUND_OFF
 
 __all__ = ["Known", "distinct", "equal"]
 
-#: Frequencies at which losses are compared, Hz.
+#: Frequencies at which losses are compared, Hz. [numerical: chosen]
 _HZ = (30.0, 700.0)
+#: Step of derivatives that pair parameters, and points at random that check the pairs. [numerical:
+#: chosen]
 _STEP, _PROBES = 1e-3, 3
 
 

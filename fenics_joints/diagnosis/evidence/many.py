@@ -27,9 +27,11 @@ from fenics_joints.reduction.many import Change
 __all__ = ["ManyPredictions", "at_conditions"]
 
 #: Entries of the matrices that are solved for together, which should stay near the processor.
+#: [numerical: chosen for memory]
 _ROOM = 4_000_000
 #: Torques that others are interpolated between, and how far beyond the test's they reach, in
-#: standard deviations of the tightening's scatter.
+#: standard deviations of the tightening's scatter. [numerical: chosen; checked by `_LOOKS` of
+#: `library`]
 _TORQUES, _SCATTERED = 5, 2.0
 
 

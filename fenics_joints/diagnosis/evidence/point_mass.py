@@ -29,6 +29,7 @@ __all__ = ["PointMassFound", "point_mass"]
 
 #: Trial masses as shares of the structure's, with equal probability in ln: all of them at the best
 #: places, every fourth elsewhere; and ln of the odds from the best within which a place counts.
+#: [numerical: chosen]
 _SHARES, _COARSE, _NEAR = np.geomspace(2e-3, 0.5, 49), 4, 8.0
 
 

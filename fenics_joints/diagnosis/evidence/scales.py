@@ -30,7 +30,7 @@ __all__ = [
 ]  # fmt: skip
 
 #: Change of the logarithm of the level over which the error between levels forgets itself, and of
-#: any condition over which a model's error does.
+#: any condition over which a model's error does. [decision: chosen: a factor of 2]
 MEMORY = 0.7
 
 
@@ -55,16 +55,20 @@ class Kind:
 
 #: Of ln f and of ln damping between levels: guessed medians, within a factor of 3 either way.
 #: Frequencies of steel fall by 0.01 % per kelvin, of bolted joints that settle by some 0.1 %;
-#: damping ratios of one joint repeat to some 5 or 10 %.
+#: damping ratios of one joint repeat to some 5 or 10 %. [decision: chosen]
 BETWEEN = Kind(
     (5e-4, 0.05), float(np.log(3.0)), 2 * (tuple(np.arange(-2.0, 3.25, 0.5).tolist()),)
 )
 #: Of what is stated of frequencies and of shapes: within a factor of 1.6, and no more. With 0.4 an
-#: opened pair of causes had the wrong one of them (benchmarks/blind/README.md).
+#: opened pair of causes had the wrong one of them (benchmarks/blind/README.md). [decision:
+#: benchmarks/blind, opened tests]
 _SPREAD = 0.5
+#: Those that are tried of what is stated. [decision: benchmarks/blind, opened tests]
 _OF_STATED = tuple((np.log([1.0, 0.8, 0.63]) / _SPREAD).tolist())
+#: The kind of these. [decision: benchmarks/blind, opened tests]
 ERRORS = Kind((1.0, 1.0), _SPREAD, (_OF_STATED, _OF_STATED))
 #: Of frequencies, of measured functions (2.5 times as much with one sixth of the prior), of shapes.
+#: [decision: chosen]
 WITH_FUNCTIONS = Kind(
     (1.0, 1.0, 1.0), _SPREAD, (_OF_STATED, (0.0, float(np.log(2.5) / _SPREAD)), _OF_STATED)
 )

@@ -12,10 +12,11 @@ from fenics_joints.diagnosis.evidence.covariance import Stated
 
 __all__ = ["LENGTHS", "Signatures"]
 
-#: Over how much of the structure's size changes of patches are alike, equally probable.
+#: Over how much of the structure's size changes of patches are alike, equally probable. [decision:
+#: chosen]
 LENGTHS = (0.05, 0.2, 1.0)
 
-#: Variance that keeps a correlation definite.
+#: Variance that keeps a correlation definite. [numerical: chosen]
 _JITTER = 1e-6
 
 

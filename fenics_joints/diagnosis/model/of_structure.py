@@ -36,8 +36,9 @@ _DIAGNOSE = [key for key in Diagnose.model_fields
 _TEST = ["mass", "mass_noise", "stiffness", "antiresonances"]
 #: What a part calls the properties of its law, and a joint; others have their own names.
 _CALLED = {"stretch": "thickness"}
+#: Normal of a part that nobody gave. [numerical: default of a case]
 _UPWARDS = (0.0, 0.0, 1.0)
-#: Cosine from which a direction is along an axis.
+#: Cosine from which a direction is along an axis. [numerical: chosen]
 _ALONG = 0.999
 
 

@@ -60,6 +60,7 @@ __all__ = ["Prepared", "prepare"]
 #: the discrepancy, and at most. Half of it bounds the error in frequency there: 3 % of a
 #: discrepancy of 0.5 %, where small effects count, 15 % of one of 2.5 %. In the median over the
 #: effects of the blind check's T the error is 0.06 % at a share of 0.5 %, of its box 0.01 % at 1 %.
+#: [numerical: measured on T and box of benchmarks/blind]
 _LACKING, _MOST_LACKING = 12.0, 1e-2
 #: What kept models were sampled at, so that one of another version is not taken for it.
 _SAMPLED = "every place where a joint can give way"

@@ -21,7 +21,7 @@ from fenics_joints.structure import Sensors, Structure
 
 __all__ = ["most_yielding", "row_of", "static_stiffness"]
 
-#: Points of a round at which the reduced model is looked at.
+#: Points of a round at which the reduced model is looked at. [numerical: chosen]
 _FRESH = 6
 
 

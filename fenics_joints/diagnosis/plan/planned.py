@@ -32,7 +32,7 @@ from fenics_joints.progress import Progress
 __all__ = ["plan"]
 
 _LETTERS = "ABCDEFGHIJKLMNOPQRSTUVWXYZ"
-#: Parameters of an effect that are named in words.
+#: Parameters of an effect that are named in words. [numerical: length of a sentence]
 _NAMED = 4
 
 

@@ -17,7 +17,7 @@ from fenics_joints.formatting import bounded
 
 __all__ = ["Plan", "PlannedClass", "PlannedEffect"]
 
-#: Names that a sentence holds at most.
+#: Names that a sentence holds at most. [numerical: length of a sentence]
 _LISTED = 6
 
 

@@ -15,7 +15,7 @@ from fenics_joints.structure.grids import cell_grid, pyvista
 
 __all__ = ["PATCHES", "PatchMap", "Patches", "patches"]
 
-#: Patches of each region.
+#: Patches of each region. [decision: chosen]
 PATCHES = 12
 
 

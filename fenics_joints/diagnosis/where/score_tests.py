@@ -41,7 +41,7 @@ __all__ = [
     "score_tests", "shares", "whitened",
 ]  # fmt: skip
 
-#: Family-wise p below which a place explains more than chance.
+#: Family-wise p below which a place explains more than chance. [decision: convention]
 LEVEL = 0.05
 
 

@@ -24,7 +24,8 @@ __all__ = [
 EXPECTED = {
     "E": CAUSES["E"], "rho": CAUSES["rho"], "mass": MASS, "stiffness": SPRING, "axial": AXIAL,
 }  # fmt: skip
-#: Gauss points along the way from bonded to giving way.
+#: Gauss points along the way from bonded to giving way. [numerical: chosen; what it misses is
+#: shared out]
 _NODES = 8
 
 

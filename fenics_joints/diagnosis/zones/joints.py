@@ -28,11 +28,12 @@ from fenics_joints.meshes import TaggedMesh
 
 __all__ = ["joint_zones"]
 
-#: Rings of the joint with the largest area per bolt.
+#: Rings of the joint with the largest area per bolt. [decision: chosen]
 _RINGS = 4
-#: Cells that a ring has at a bolt on average, at least.
+#: Cells that a ring has at a bolt on average, at least. [numerical: chosen]
 _CELLS = 2
 #: Zones of a joint at most, as long as it has two rings: of many bolts each needs fewer.
+#: [numerical: chosen for time]
 _MOST = 64
 
 

@@ -22,7 +22,7 @@ from fenics_joints.errors import InputError
 
 __all__ = ["lap_as_one", "lap_zones"]
 
-#: Zones of a lap at most.
+#: Zones of a lap at most. [decision: chosen]
 _ZONES = 5
 
 

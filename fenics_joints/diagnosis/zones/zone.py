@@ -21,7 +21,8 @@ __all__ = [
     "GIVEN_LAP", "LAP", "LAYER", "SAME", "Grading", "ZoneInterface", "Zone", "Zones", "check_names",
 ]  # fmt: skip
 
-#: Distances closer than this, relative to the largest, are equal by symmetry.
+#: Distances closer than this, relative to the largest, are equal by symmetry. [numerical:
+#: round-off]
 SAME = 1e-6
 
 
