@@ -21,11 +21,14 @@ KINDS = {
 TABLE = "| in | name | value | what it is | source |\n|---|---|---|---|---|"
 HEAD = """# Numbers that a diagnosis rests on
 
-Every number of `fenics_joints/diagnosis/` that somebody chose, with what it is and where it comes
-from: {counts}. *Chosen* is no source: nobody measured whether another value is better. Not here are
-round-off, numbers of formulas, the odds of one of several places (one over their number), 0.5 where
-it means more probable than not, and what a case file gives ([case files](case.md)). A prior is
-`Prior(name, median, spread, unit, log, span)`, or these in brackets without the name.
+Every number of `fenics_joints/diagnosis/` that somebody chose, what it is and where it comes from:
+{counts}.
+
+*Chosen* is no source: nobody measured whether another value is better. *Chosen for time* or memory
+costs answers where it is too tight. Not here are round-off, numbers of formulas, the odds of one of
+several places (one over their number), 0.5 where it means more probable than not, and what a case
+file gives ([case files](case.md)). A prior is `Prior(name, median, spread, unit, log, span)`, or
+these in brackets without the name; no parameter is looked for beyond `WIDEST` standard deviations.
 
 Made by `python3 docs/site_pages/thresholds.py` from the comments in the code;
 `tests/diagnosis/test_thresholds.py` says if it is out of date.

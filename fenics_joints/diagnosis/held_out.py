@@ -20,9 +20,9 @@ from fenics_joints.diagnosis.evidence.library import Found, Library
 from fenics_joints.diagnosis.evidence.many import ManyPredictions
 from fenics_joints.diagnosis.evidence.moved import moved
 from fenics_joints.diagnosis.evidence.screen import linear_evidence, near_listed
-from fenics_joints.diagnosis.levels import INTERVAL
 from fenics_joints.diagnosis.predictive import draws, gain, held
 from fenics_joints.diagnosis.shrinkage import Fold, Forecast, Interval, Shrinkage, shrink
+from fenics_joints.diagnosis.thresholds import INTERVAL
 from fenics_joints.parallel import spread
 
 __all__ = ["blinded", "cross_validate", "folds", "forecast"]

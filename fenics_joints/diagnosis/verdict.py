@@ -7,9 +7,9 @@ from collections.abc import Collection, Sequence
 import numpy as np
 
 from fenics_joints.diagnosis.evidence.fitted import Fit
-from fenics_joints.diagnosis.levels import STRONG
 from fenics_joints.diagnosis.result import EffectResult
 from fenics_joints.diagnosis.shrinkage import Shrinkage
+from fenics_joints.diagnosis.thresholds import STRONG
 from fenics_joints.formatting import p_value, percent
 from fenics_joints.formatting import probability as shown
 from fenics_joints.measurements.gap import Gap

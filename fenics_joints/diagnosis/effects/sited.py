@@ -14,7 +14,7 @@ import numpy as np
 from fenics_joints.case import Case
 from fenics_joints.diagnosis.effects.effect import RARE, Effect, Prior, Silent, somewhere
 from fenics_joints.diagnosis.effects.part import DIMENSIONS
-from fenics_joints.diagnosis.levels import NEGLIGIBLE
+from fenics_joints.diagnosis.thresholds import NEGLIGIBLE
 from fenics_joints.diagnosis.zones.part_cells import (
     BOW,
     LOSS,

@@ -19,7 +19,7 @@ from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.linear import whiten
 from fenics_joints.diagnosis.evidence.many import ManyPredictions
-from fenics_joints.diagnosis.levels import NEGLIGIBLE
+from fenics_joints.diagnosis.thresholds import NEGLIGIBLE
 from fenics_joints.reduction import Forward
 
 __all__ = ["one_of_alike"]

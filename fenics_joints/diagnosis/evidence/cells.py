@@ -31,8 +31,7 @@ from fenics_joints.diagnosis.effects.effect import Prior
 __all__ = ["Cells", "Posterior", "prior_cells", "weigh"]
 
 #: How far apart cells are over one, two and three smooth parameters, in standard deviations of the
-#: prior; the most that their own are of this, and of the prior; and ln of the share of the first
-#: below which they are left out. [numerical: error of the lattice by Poisson's sum, see
+#: prior. [numerical: error of the lattice by Poisson's sum, see
 #: `_smooth_cells`]
 _SPACING = {1: 0.5, 2: 0.9, 3: 1.05}
 #: The most that widths are of the spacing, and of the prior; ln of the share of the first below

@@ -21,7 +21,7 @@ from fenics_joints.diagnosis.evidence.fitted import Fit
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.linear import whiten
 from fenics_joints.diagnosis.evidence.many import ManyPredictions
-from fenics_joints.diagnosis.levels import STRONG
+from fenics_joints.diagnosis.thresholds import STRONG
 from fenics_joints.reduction.forward import Forward
 
 __all__ = [

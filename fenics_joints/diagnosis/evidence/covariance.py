@@ -14,8 +14,7 @@ from fenics_joints.diagnosis.evidence.turning import Neighbours, turned
 __all__ = ["UNKNOWN", "Covariance"]
 
 #: What an unknown cause may do to each mode on its own: a shift (10 %), a trend with the logarithm
-#: of the condition (5 % per factor e), and a bend of it (2 %); how much more to its damping; and
-#: what it does to a shape, relative to its root mean square. [decision: chosen]
+#: of the condition (5 % per factor e), and a bend of it (2 %). [decision: chosen]
 UNKNOWN, _TREND, _BEND = 0.10, 0.05, 0.02
 #: How much more an unknown cause may do to damping than to a frequency. [decision: chosen]
 _UNKNOWN_DAMPING = 10.0
@@ -26,7 +25,8 @@ _UNKNOWN_SHAPE = 0.2
 _OF_CHANGE = 0.0025
 #: Share of the variance of a model's error in a shape that is each sensor's own. [decision: chosen]
 _LOCAL = 0.5
-#: It reaches a tenth as far: sensors at one place share it. [decision: chosen]
+#: Power of the correlation of that, which so reaches a tenth as far: sensors at one place share it.
+#: [decision: chosen]
 _NARROW = 100
 
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from fenics_joints.diagnosis.effects.effect import Effect
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
-from fenics_joints.diagnosis.levels import ROUND_OFF
+from fenics_joints.diagnosis.thresholds import ROUND_OFF
 
 __all__ = ["Known", "distinct", "equal"]
 

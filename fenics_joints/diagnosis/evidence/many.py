@@ -18,7 +18,7 @@ from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.look import Look
 from fenics_joints.diagnosis.evidence.scalars import scalars_at
-from fenics_joints.diagnosis.levels import ROUND_OFF, STEP
+from fenics_joints.diagnosis.thresholds import ROUND_OFF, STEP
 from fenics_joints.errors import InputError
 from fenics_joints.reduction.forward import Forward
 from fenics_joints.reduction.lean import Followed, batched

@@ -20,7 +20,7 @@ from scipy.special import logsumexp
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.fitted import Fit
 from fenics_joints.diagnosis.evidence.linear import least_square, whiten
-from fenics_joints.diagnosis.levels import INTERVAL, STRONG
+from fenics_joints.diagnosis.thresholds import INTERVAL, STRONG
 from fenics_joints.measurements.gap import Pairing
 from fenics_joints.modal.modes import Modes
 from fenics_joints.structure.points import Sensors

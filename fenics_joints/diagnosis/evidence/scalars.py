@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from fenics_joints.diagnosis.levels import STEP
+from fenics_joints.diagnosis.thresholds import STEP
 
 if TYPE_CHECKING:
     from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis

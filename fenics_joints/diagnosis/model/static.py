@@ -11,8 +11,8 @@ from fenics_joints.case import Case
 from fenics_joints.case.test import StaticTest
 from fenics_joints.diagnosis.evidence.evidence import BEYOND, UNSURE
 from fenics_joints.diagnosis.evidence.stiffness import StaticStiffness
-from fenics_joints.diagnosis.levels import NEGLIGIBLE
 from fenics_joints.diagnosis.model.resolution import MOST
+from fenics_joints.diagnosis.thresholds import NEGLIGIBLE
 from fenics_joints.errors import InputError
 from fenics_joints.measurements.data import TestData
 from fenics_joints.reduction.adaptive import Points

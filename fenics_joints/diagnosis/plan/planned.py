@@ -17,7 +17,6 @@ from fenics_joints.diagnosis.effects.rig import MISSED
 from fenics_joints.diagnosis.evidence.classes import APART
 from fenics_joints.diagnosis.evidence.entries import KINDS
 from fenics_joints.diagnosis.evidence.of_test import evidence_of
-from fenics_joints.diagnosis.levels import NEGLIGIBLE
 from fenics_joints.diagnosis.model.prepared import Prepared, prepare
 from fenics_joints.diagnosis.plan.added import measurement, rank, table
 from fenics_joints.diagnosis.plan.candidates import Candidates
@@ -25,6 +24,7 @@ from fenics_joints.diagnosis.plan.groups import combination, groups
 from fenics_joints.diagnosis.plan.result import Plan, PlannedClass, PlannedEffect
 from fenics_joints.diagnosis.plan.sensors import few_sensors
 from fenics_joints.diagnosis.plan.study import Signature, Study
+from fenics_joints.diagnosis.thresholds import NEGLIGIBLE
 from fenics_joints.formatting import number, quantity, spaced
 from fenics_joints.measurements.data import TestData
 from fenics_joints.progress import Progress

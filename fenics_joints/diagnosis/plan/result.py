@@ -10,8 +10,8 @@ import numpy as np
 import fenics_joints
 from fenics_joints.diagnosis.effects.effect import Silent
 from fenics_joints.diagnosis.evidence.classes import APART, confusion
-from fenics_joints.diagnosis.levels import NEGLIGIBLE
 from fenics_joints.diagnosis.plan.added import Addition
+from fenics_joints.diagnosis.thresholds import NEGLIGIBLE
 from fenics_joints.files import plain
 from fenics_joints.formatting import bounded
 

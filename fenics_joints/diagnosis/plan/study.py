@@ -28,8 +28,8 @@ if TYPE_CHECKING:
 
 __all__ = ["Measurement", "Signature", "Study", "own_at"]
 
-#: Sizes of an effect, in prior standard deviations: those it is judged at, and those that a search
-#: for the nearest prediction starts from. [decision: one standard deviation either way]
+#: Sizes of an effect that it is judged at, in prior standard deviations. [decision: one standard
+#: deviation either way]
 SIZES = (-1.0, 0.0, 1.0)
 #: Sizes that a search for the nearest prediction starts from. [numerical: chosen]
 _STARTS = (-2.0, -1.0, 0.0, 1.0, 2.0)

@@ -33,7 +33,7 @@ from scipy.stats import chi2
 from fenics_joints.diagnosis.evidence.entries import FREQUENCY, KINDS
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.linear import whiten
-from fenics_joints.diagnosis.levels import NEGLIGIBLE
+from fenics_joints.diagnosis.thresholds import NEGLIGIBLE
 from fenics_joints.errors import InputError
 
 __all__ = [
