@@ -16,7 +16,7 @@ SECTIONS = {
         "functions", "slip", "preload", "beams", "database", "forms", "own-law", "own-effect",
         "own-model", "cluster",
     ),
-    "Look up": ("commands", "case-file", "api/index", "theory", "limits", "security"),
+    "Look up": ("commands", "case-file", "api/index", "theory", "thresholds", "limits", "security"),
     "Judge": ("blind", "nonlinear_checks", "benchmarks", "speed", "peers"),
     "Project": ("contributing", "changelog"),
 }  # fmt: skip

@@ -55,9 +55,10 @@ from fenics_joints.structure import Structure
 
 __all__ = ["diagnose"]
 
-#: Number of the best wrong hypotheses that stand against the cause in every fold.
+#: Number of the best wrong hypotheses that stand against the cause in every fold. [decision:
+#: chosen]
 _WRONG = 2
-#: Number of places at which an unmodelled point mass is sought.
+#: Number of places at which an unmodelled point mass is sought. [numerical: chosen]
 _PLACES = 240
 
 

@@ -22,26 +22,30 @@ from fenics_joints.diagnosis.evidence.moved import moved
 from fenics_joints.diagnosis.evidence.screen import linear_evidence, near_listed
 from fenics_joints.diagnosis.predictive import draws, gain, held
 from fenics_joints.diagnosis.shrinkage import Fold, Forecast, Interval, Shrinkage, shrink
+from fenics_joints.diagnosis.thresholds import INTERVAL
 from fenics_joints.parallel import spread
 
 __all__ = ["blinded", "cross_validate", "folds", "forecast"]
 
-#: Probability of the intervals: a lower end above zero is a difference from zero with 95 %.
-_PROBABILITY = 0.9
-#: Excess over the best wrong effect that is more than nothing: a point, rounded.
+#: Excess over the best wrong effect that is more than nothing: a point, rounded. [decision:
+#: rounding of what is printed]
 _SHOWS = 0.005
+#: Draws of a forecast and of a bootstrap. [numerical: chosen]
 _DRAWS = 2000
+#: Seed of the random numbers. [numerical: any]
 _SEED = 1
 #: A hypothesis this far (in ln) behind the best of a fold is not fitted anew without it, at most
-#: so many are.
+#: so many are. [numerical: chosen for time]
 _HOPELESS, _FAIR = 6.0, 4
-#: With this many modes or more the highest third of them is held out together.
+#: With this many modes or more the highest third of them is held out together. [decision: chosen]
 _BAND = 4
+#: Blocks in which conditions are held out, at most. [decision: chosen]
+_BLOCKS = 3
 
 
 def folds(
-    conditions: np.ndarray, mode_names: Sequence[str], condition: tuple[str, str], blocks: int = 3,
-    measured: np.ndarray | None = None, names: Sequence[str] = (),
+    conditions: np.ndarray, mode_names: Sequence[str], condition: tuple[str, str],
+    blocks: int = _BLOCKS, measured: np.ndarray | None = None, names: Sequence[str] = (),
 ) -> list[tuple[str, np.ndarray]]:
     """Masks (n, m) of what to hold out: each mode in turn, the highest third of the modes together
     if there are four or more, and the conditions in blocks.
@@ -398,7 +402,7 @@ def _rms_rows(a: np.ndarray) -> np.ndarray:
 
 
 def _ends() -> Interval:
-    return (1 - _PROBABILITY) / 2, (1 + _PROBABILITY) / 2
+    return (1 - INTERVAL) / 2, (1 + INTERVAL) / 2
 
 
 def _interval(values) -> Interval:

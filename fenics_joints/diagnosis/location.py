@@ -9,10 +9,11 @@ import numpy as np
 
 from fenics_joints.diagnosis.effects.joint import interfaces
 from fenics_joints.diagnosis.effects.library import by_preload
+from fenics_joints.diagnosis.effects.sited import CABLE_MASS
 from fenics_joints.diagnosis.evidence.many import ManyPredictions
 from fenics_joints.diagnosis.evidence.signatures import LENGTHS
 from fenics_joints.diagnosis.model.prepared import Prepared
-from fenics_joints.diagnosis.where.patches import Patches, PatchMap, patches
+from fenics_joints.diagnosis.where.patches import PATCHES, Patches, PatchMap, patches
 from fenics_joints.diagnosis.where.score_tests import (
     LEVEL,
     Attribution,
@@ -29,10 +30,8 @@ from fenics_joints.diagnosis.zones.sites import HUNG, ON
 __all__ = ["AXES", "Location", "locate_gap"]
 
 #: Over how much of the structure's size a change about a patch falls: of those of an unknown cause,
-#: the largest of which is a whole region.
-_LENGTHS = LENGTHS[:2]
-#: Expected mass of a cable and the like, as a share of the structure's.
-_ADDED = 0.01
+#: the largest of which is a whole region. [decision: those of an unknown cause]
+_LENGTHS = LENGTHS[:-1]
 #: Axes along which the misfit is attributed; by condition only where there are several.
 AXES = ("mode", "band", "condition", "kind")
 
@@ -94,7 +93,7 @@ class Location:
         }
 
 
-def locate_gap(model: Prepared, *, n_patches: int = 12) -> Location:
+def locate_gap(model: Prepared, *, n_patches: int = PATCHES) -> Location:
     """Test where the nominal model of a case fails. Collective; after `Prepared.reduce`.
 
     Args:
@@ -145,7 +144,7 @@ def _regions(model: Prepared) -> tuple[dict[str, list[str]], dict[str, list[str]
 def _places(model: Prepared, groups: Mapping[str, list[str]]) -> Iterator[Place]:
     """Regions or zones, by the change of everything measured that the reduced model predicts."""
     soft, shown = interfaces(model.zones, model.baseline), model.zones.shown
-    expected = _ADDED * model.full.total_mass(model.baseline)
+    expected = CABLE_MASS[0] * model.full.total_mass(model.baseline)
     without = [name for name in model.case.attached if model.baseline.get(f"{name}.mass") == 0.0]
     added = dict.fromkeys(without, expected)
     columns = zone_sensitivities(

@@ -14,9 +14,9 @@ from fenics_joints.diagnosis.evidence.fitted import Fit
 
 __all__ = ["draws", "gain", "held", "predictive", "share_of_stated"]
 
-#: Modes that what is stated of a model's error is worth.
+#: Modes that what is stated of a model's error is worth. [decision: chosen]
 _KNOWN = 1.0
-#: Times what is stated that a model's error may be at most.
+#: Times what is stated that a model's error may be at most. [decision: chosen]
 _MOST = 2.0
 
 

@@ -26,22 +26,23 @@ __all__ = ["Search"]
 
 #: Prior odds, against none, that some one effect is at work, shared out by the effects' weights,
 #: beside which some come (`Effect.beside`), so that a larger library makes nothing less likely;
-#: two at once have the product of their odds. And those of an unknown cause.
+#: two at once have the product of their odds. And those of an unknown cause. [decision: chosen]
 _ANY, _UNKNOWN = 1.5, 0.2
 #: Leading hypotheses that are checked on the full model, of one effect and in the end; the error
 #: of a reduced frequency, relative to the discrepancy, above which the basis is enriched; and how
-#: often it is looked at.
+#: often it is looked at. [numerical: chosen for time; error as `NEGLIGIBLE`]
 _LEADING_SINGLES, _LEADING, _REDUCED, _ROUNDS = 4, 2, 0.1, 4
 #: Nats behind the best within which hypotheses are weighed again: with a better model, and by
-#: sampling, of so many at most.
+#: sampling, of so many at most. [numerical: e^-10 and e^-5 are little; eight for time]
 _AGAIN, _SAMPLED, _SAMPLES = 10.0, 5.0, 8
 #: Hypotheses that others are put beside, sets that are solved for, and nats that these may promise
-#: to be behind the best.
+#: to be behind the best. [numerical: chosen for time]
 _PARENTS, _SETS, _MARGIN = 12, 24, 8.0
 #: Effects that are weighed first, and how much farther from the data than the best of them, as a
-#: factor on ln of the evidence and in nats, others may look and still be weighed.
+#: factor on ln of the evidence and in nats, others may look and still be weighed. [numerical:
+#: chosen for time]
 _FIRST, _FAR_OFF, _AT_LEAST = 4, 3.0, 50.0
-#: The best parts of which several at once are solved for.
+#: The best parts of which several at once are solved for. [numerical: chosen for time]
 _PARTS = 4
 
 

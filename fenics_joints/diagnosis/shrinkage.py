@@ -17,6 +17,7 @@ from fenics_joints.formatting import bounded
 __all__ = ["Fold", "Forecast", "Interval", "Shrinkage", "shrink"]
 
 #: S* is not told apart beyond these: all of what could go is gone; as much again has come.
+#: [decision: symmetry]
 _LEAST, _MOST = -1.0, 1.0
 
 Interval = tuple[float, float]

@@ -9,6 +9,7 @@ import numpy as np
 from fenics_joints.diagnosis.evidence.fitted import Fit
 from fenics_joints.diagnosis.result import EffectResult
 from fenics_joints.diagnosis.shrinkage import Shrinkage
+from fenics_joints.diagnosis.thresholds import STRONG
 from fenics_joints.formatting import p_value, percent
 from fenics_joints.formatting import probability as shown
 from fenics_joints.measurements.gap import Gap
@@ -25,12 +26,12 @@ NAMED = (CAUSE, LIKELY)
 
 NO_GAP, UNKNOWN = "no gap", "none of these"
 #: Probability that a class must have, of what is left for the library, to be called a cause.
+#: [decision: chosen]
 _SURE = 0.8
-#: ln of the odds from which held-out data confirm one of several causes: 20 to 1.
-_CONFIRMED = float(np.log(20.0))
-#: Share of the held-out gap beyond noise that a confirmed cause has to close.
+#: Share of the held-out gap beyond noise that a confirmed cause has to close. [decision: chosen:
+#: half]
 _MOST_OF_IT = 0.5
-#: A best hypothesis that fits the data worse than this is no explanation.
+#: A best hypothesis that fits the data worse than this is no explanation. [decision: convention]
 MISFIT = 0.01
 
 
@@ -76,7 +77,7 @@ def decide(
     classes = class_probabilities(fits, probability, effects)
     if sure := [name for name in sure_classes(classes, other) if name not in doubtful]:
         said = "; and ".join(f"{_sentence(name)} ({shown(classes[name])})" for name in sure)
-        maybe = [n for n, p in classes.items() if p >= 0.2 * listed and n not in sure]
+        maybe = [n for n, p in classes.items() if p >= (1 - _SURE) * listed and n not in sure]
         tail = f" Perhaps also: {'; '.join(maybe)}." if maybe else ""
         return CAUSE, f"The gap comes from {said}.{tail}"
     rated = {**classes, NO_GAP: by_label.get(NO_GAP, 0.0), UNKNOWN: other}
@@ -97,7 +98,7 @@ def confirmed(s: Shrinkage) -> bool:
 
 def unproved(s: Shrinkage) -> list[str]:
     """The causes that held-out data do not make surely more probable."""
-    return [name for name, gain in s.gains.items() if not gain > _CONFIRMED]
+    return [name for name, gain in s.gains.items() if not gain > np.log(STRONG)]
 
 
 def confirm(verdict: str, summary: str, s: Shrinkage) -> tuple[str, str]:

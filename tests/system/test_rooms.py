@@ -33,7 +33,7 @@ ORDER = (
     ("cli",),
 )
 #: Folders in the diagnosis likewise; its own files stand on top.
-IN_THE_DIAGNOSIS = ("zones", "effects", "evidence", "where", "model", "plan")
+IN_THE_DIAGNOSIS = ("thresholds", "zones", "effects", "evidence", "where", "model", "plan")
 FLOOR = {room: floor for floor, rooms in enumerate(ORDER) for room in rooms}
 HALL = {
     "__init__", "__main__", "_compat", "cli", "errors", "files", "formatting", "parallel",

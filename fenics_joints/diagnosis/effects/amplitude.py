@@ -7,11 +7,12 @@ amplitude, or a force as long as the damping does not change much.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from fenics_joints.diagnosis.effects.damping import has_damping
-from fenics_joints.diagnosis.effects.effect import DESCRIPTION, Effect, Prior, Silent
+from fenics_joints.diagnosis.effects.effect import RARE, Effect, Prior, Silent
 from fenics_joints.diagnosis.zones.zone import Zone
 from fenics_joints.measurements.data import TestData
 
@@ -27,31 +28,38 @@ STIFFENING = "stiffening with the level"
 NAMES = (MICRO_SLIP, SOFTENING, STIFFENING, GROWING)
 
 _FAMILY = "stiffness by the level"
-#: Drop of the stiffness at the highest level: a tenth, within a factor of 4 either way.
-_DROP = Prior("drop", 0.1, np.log(4.0), span=(1e-5, 20.0))
+#: Drop of the stiffness at the highest level: a tenth, within a factor of 4 either way. [prior:
+#: chosen]
+_DROP = Prior("drop", 0.1, np.log(4.0), span=(0.0, 20.0))
 #: Segalman's chi of bolted joints: dissipation grows with the force to the power chi + 3, which was
-#: measured as 2.2 to 2.9 (Segalman 2005; Smallwood, Gregory and Coleman 2000).
+#: measured as 2.2 to 2.9 (Segalman 2005; Smallwood, Gregory and Coleman 2000). [prior: Segalman
+#: 2005; Smallwood, Gregory and Coleman 2000]
 _CHI = Prior("chi", -0.4, 0.25, log=False, span=(-0.98, 0.0))
 #: Exponent of an elastic drop: 1 where a gap opens, 2 for large deflections; less where rough faces
-#: part.
-_POWER = Prior("power", 1.0, 0.6, log=False, span=(0.1, 4.0))
+#: part. [prior: 1 and 2 by mechanics, spread chosen]
+_POWER = Prior("power", 1.0, 0.6, log=False, span=(0.1, np.inf))
 #: Dissipation over that of an Iwan joint of the same drop, within a factor of 3 either way, and by
 #: what power of the level it grows faster: Masing's rule holds for sliders in parallel, and a
 #: measured joint slaps, rubs and is pressed otherwise at each amplitude; a force level, too, tells
-#: its motion only roughly.
+#: its motion only roughly. [prior: Masing; spread chosen]
 _LOSS = Prior("loss", 1.0, np.log(3.0), span=(0.02, 50.0))
+#: Power of the level by which that grows faster. [prior: chosen]
 _FASTER = Prior("faster", 0.0, 0.5, log=False, span=(-2.0, 2.0))
 #: Rise of the joint's stiffness at the highest level, by the square of the level, as by symmetry
-#: any elastic stiffening begins: by itself as large as a drop, beside slip a tenth of that.
-_RISE = Prior("rise", 0.1, np.log(4.0), span=(1e-6, 10.0))
-_RISE_BESIDE = Prior("rise", 0.01, np.log(4.0), span=(1e-6, 10.0))
+#: any elastic stiffening begins: by itself as large as a drop, beside slip a tenth of that. [prior:
+#: square by symmetry, size chosen]
+_RISE = Prior("rise", 0.1, np.log(4.0), span=(0.0, 10.0))
+#: The same beside slip. [prior: chosen]
+_RISE_BESIDE = replace(_RISE, median=0.01)
 #: Loss factor of all of the structure at the highest level, within a factor of 4 either way. Of
 #: air it grows with the velocity, and of material with a power of the stress up to about 1. Most of
 #: what a built-up structure dissipates is its joints' (Ungar, J. Sound Vib. 26, 1973): of a damping
-#: ratio of 0.3 % in all some 0.05 % is left, a loss factor of 0.001.
-_GROWN = Prior("eta", 0.001, np.log(4.0), span=(1e-7, 1.0))
+#: ratio of 0.3 % in all some 0.05 % is left, a loss factor of 0.001. [prior: Ungar 1973; spread
+#: chosen]
+_GROWN = Prior("eta", 0.001, np.log(4.0), span=(0.0, 1.0))
+#: Power of the level with which that grows. [prior: chosen]
 _GROWTH = Prior("power", 1.0, 0.5, log=False, span=(0.05, 3.0))
-#: What is left of a stiffness at least.
+#: What is left of a stiffness at least. [numerical: chosen]
 _LEFT = 0.05
 
 
@@ -176,7 +184,7 @@ def growing_damping(reference: float) -> Effect:
     words = "Damping grows with the level and the stiffness stays: air, material, the suspension."
     return Effect(
         GROWING, "", (_GROWN, _GROWTH), apply, words, True, by_level=True, loss=loss,
-        weight=DESCRIPTION,
+        weight=RARE,
     )  # fmt: skip
 
 

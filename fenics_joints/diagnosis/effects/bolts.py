@@ -17,14 +17,15 @@ __all__ = ["LOW_PRELOAD", "loose_bolt", "loose_together", "low_preload"]
 
 LOW_PRELOAD = "preload lower than nominal"
 #: Actual over nominal preload: half, within a factor of 2. A torque wrench alone scatters by 25 %
-#: (VDI 2230), settling and a forgotten pass of tightening take more.
+#: (VDI 2230), settling and a forgotten pass of tightening take more. [prior: VDI 2230; median
+#: chosen]
 _PRELOAD = Prior("preload", 0.5, np.log(2.0), "", True, (0.02, 2.0))
 
 
-#: Several bolts that are loose at once, at most, and what they are called.
+#: Several bolts that are loose at once, at most, and what they are called. [prior: chosen]
 _TOGETHER = {2: "two loose bolts", 3: "three loose bolts"}
 #: Prior odds of so many at once against one: what loosens one, a joint that was forgotten or
-#: vibrates, often loosens its neighbour.
+#: vibrates, often loosens its neighbour. [prior: chosen]
 _ODDS = {2: 0.5, 3: 0.25}
 
 

@@ -16,15 +16,19 @@ __all__ = ["SMALLER", "lost_beyond", "lost_contact", "smaller_contact"]
 SMALLER = "contact area smaller than modelled"
 _FAMILY = PRIORS[LAYER.name].family
 #: Factor on a layer's stiffness at which it is about halfway to `LOST`, as a thin layer that stiff
-#: gives way like the bodies do.
+#: gives way like the bodies do. [numerical: chosen]
 _HALFWAY = 1e-3
+#: Cut-offs at which the evidence is integrated. [numerical: chosen]
 _SCAN = 60
 _POWER = np.log2(np.log(LOST) / np.log(_HALFWAY))
-#: Share of the reach squared that stays in contact at any torque, or the bodies part.
+#: Least width of a ring over the largest radius, as its cells are no points. [numerical: chosen]
+_RING = 0.1
+#: Share of the reach squared that stays in contact at any torque, or the bodies part. [numerical:
+#: chosen]
 _LAST_CONTACT = 0.05
 #: Cut-off relative to the largest pressure: a tenth, within a factor of 3 either way (one standard
 #: deviation). Rough faces carry shear from the first contact on, so it may be far lower; that it
-#: be near the peak would leave hardly any contact.
+#: be near the peak would leave hardly any contact. [prior: chosen]
 _CUTOFF = (0.1, np.log(3.0))
 
 
@@ -79,7 +83,7 @@ def lost_beyond(zones: Sequence[Zone], reference: float | None = None) -> Effect
     words, priors = "The faces hold together only near the bolts.", [radius]
     if reference is not None:
         # The scan takes all other parameters for linear, which a cut-off is not.
-        priors = [replace(radius, scan=0), Prior("cutoff", *_CUTOFF, "", True, (1e-4, 0.9))]
+        priors = [replace(radius, scan=0), Prior("cutoff", *_CUTOFF, "", True, (0.0, 0.9))]
         words = "The faces hold together only near the bolts, further out at higher torque."
     return Effect(
         "contact lost at low pressure", "joint", tuple(priors), apply, words,
@@ -109,8 +113,7 @@ def _beyond(zones: Sequence[Zone]) -> tuple[Callable[[dict[str, float], float], 
     """What takes the contact beyond a distance from the bolts, m, and that distance's prior."""
     low, high = distances(zones)
     middle = 0.5 * (low + high)
-    # Of a ring one cell wide too, as its cells are no points.
-    width = np.maximum(high - low, 0.1 * np.max(high))
+    width = np.maximum(high - low, _RING * np.max(high))
 
     def lose(values, radius):
         for zone, m, w in zip(zones, middle, width, strict=True):

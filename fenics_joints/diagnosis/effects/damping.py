@@ -23,11 +23,12 @@ SUPPORTS = "damping of the supports"
 _FAMILY = "joint damping"
 #: Loss factor of a joint's interface at small motion: 0.02, within a factor of 4 either way. With a
 #: tenth of the strain energy in the joint that is a damping ratio of 0.1 %, and bolted structures
-#: of metal have 0.05 to 0.5 %, most of it from their joints.
-_LOSS = (0.02, np.log(4.0), "", True, (1e-5, 2.0))
+#: of metal have 0.05 to 0.5 %, most of it from their joints. [prior: damping ratios of bolted
+#: metal; spread chosen]
+_LOSS = (0.02, np.log(4.0), "", True, (0.0, 2.0))
 #: Of what holds a structure: clamped metal has 0.01, wood, foam and rubber 0.05 to 0.3 (Beards,
 #: Structural Vibration, 1996), and a foot that radiates into the ground as much; within a factor of
-#: 4 either way.
+#: 4 either way. [prior: Beards 1996]
 _HELD = Prior("eta", 0.05, np.log(4.0), "", True, (1e-4, 2.0))
 
 

@@ -32,14 +32,18 @@ from fenics_joints.diagnosis.effects.sensing import Sensing
 from fenics_joints.errors import flag, real, text, whole
 
 __all__ = [
-    "DESCRIPTION", "RARE", "Effect", "Prior", "Silent", "in_series", "relative_error", "somewhere",
+    "FACTOR", "RARE", "Effect", "Prior", "Silent", "in_series", "relative_error", "somewhere",
 ]  # fmt: skip
 
-#: Prior odds of a law that describes what is seen without a physical reason for it.
-DESCRIPTION = 0.25
-#: Prior odds of what few structures have, against what any has, such as a modulus that is not quite
-#: the data sheet's.
+#: Prior odds of what few structures have, and of a law that describes what is seen without a
+#: physical reason for it, against what any has, such as a modulus that is not quite the data
+#: sheet's. [prior: chosen]
 RARE = 0.25
+#: Standard deviations of its prior beyond which no parameter is looked for. [numerical: 6e-7 of a
+#: normal prior are beyond]
+WIDEST = 5.0
+#: Limits of a factor on a property. [prior: chosen]
+FACTOR = (0.3, 3.0)
 
 
 @dataclass(frozen=True)
@@ -101,7 +105,7 @@ class Prior:
         also = [z for z in map(self.standard, self.also) if low <= z <= high]
         return np.array([*ndtri((np.arange(self.scan) + 0.5) / max(self.scan, 1)), *also])
 
-    def limits(self, widest: float = 5.0) -> tuple[float, float]:
+    def limits(self, widest: float = WIDEST) -> tuple[float, float]:
         """Limits of z."""
         low, high = (self.standard(v) for v in self.span)
         return max(low, -widest), min(high, widest)
@@ -219,7 +223,7 @@ def relative_error(
     spread: float,
     describe: str,
     *,
-    span: tuple[float, float] = (0.3, 3.0),
+    span: tuple[float, float] = FACTOR,
     weight: float = 1.0,
 ) -> Effect:
     """Parameters off by a common factor, log-normal about 1.

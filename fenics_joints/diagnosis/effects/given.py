@@ -16,8 +16,9 @@ STIFFER = "joint stiffer than given"
 #: Of a part of it.
 STIFFER_AT = "joint stiffer than given at one place"
 #: Actual over given stiffness. What is given comes from a like joint, a table or a handful of
-#: decades in which measured interfaces lie: five times, within a factor of 5 either way.
-_FACTOR = Prior("factor", 5.0, np.log(5.0), "", True, (1.0, 1e5))
+#: decades in which measured interfaces lie: five times, within a factor of 5 either way. [prior:
+#: chosen]
+_FACTOR = Prior("factor", 5.0, np.log(5.0), "", True, (1.0, np.inf))
 
 
 def stiffer_joint(

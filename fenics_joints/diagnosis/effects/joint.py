@@ -12,22 +12,30 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fenics_joints.diagnosis.effects.effect import DESCRIPTION, Effect, Prior
+from fenics_joints.diagnosis.effects.effect import RARE, Effect, Prior
 from fenics_joints.diagnosis.zones.zone import GIVEN_LAP, LAP, LAYER, Zone, ZoneInterface
 
 __all__ = [
-    "EXPONENT", "LOST", "PRIORS", "InterfacePrior", "bell_pressure", "distances", "gives_way",
-    "graded", "interfaces", "pressed_by_bolts", "pressed_compliance", "reach",
+    "AXIAL", "EXPONENT", "LOST", "PRIORS", "InterfacePrior", "bell_pressure", "distances",
+    "gives_way", "graded", "interfaces", "pressed_by_bolts", "pressed_compliance", "reach",
 ]  # fmt: skip
 
 #: Exponent of K = alpha P^beta (Tian et al. 2021, eqs. 22 and 23), P proportional to the torque.
+#: [prior: Tian et al. 2021, eqs. 22 and 23; spread chosen]
 EXPONENT = (0.5, 0.3, "", False, (0.0, 1.5))
 #: Factor on the stiffness of a layer where the contact is lost: too soft to carry anything.
+#: [numerical: chosen]
 LOST = 1e-9
 #: Radius to which a bolt presses, over that of its innermost ring: bodies spread its force in a
 #: cone of 30 to 45 degrees (Shigley, Mechanical Engineering Design), from a head about as wide as
-#: one body is thick; within a factor of 1.5 either way.
+#: one body is thick; within a factor of 1.5 either way. [prior: Shigley; spread chosen]
 _REACH = (2.0, np.log(1.5))
+#: Its limits over the least and the largest distance of a zone, as the innermost must be pressed,
+#: and beyond the last one all is the same; and the least radius of the innermost ring over that of
+#: the last one, as one cell on the axis says nothing of the reach. [prior: chosen]
+_LEAST, _MOST, _INNER = 1.05, 3.0, 0.2
+#: Spread of the logarithm of a factor on the axial stiffness of a lap. [prior: chosen]
+AXIAL = float(np.log(3.0))
 
 
 @dataclass(frozen=True)
@@ -47,7 +55,7 @@ class InterfacePrior:
             and the end of a sentence on it.
     """
 
-    known: tuple[float, float, str, bool, tuple[float, float]]
+    known: tuple
     names: tuple[str, str]
     exponents: tuple[str, str]
     family: str
@@ -58,10 +66,28 @@ class InterfacePrior:
     loose: tuple[ZoneInterface, Prior, str]
 
 
+#: Stiffness per area of clamped machined metal faces: 1e11 to 1e13 in the literature, far less
+#: where the faces hardly touch; hence a factor of 30 either way. [prior: measured interfaces,
+#: literature]
+_CLAMPED = (1e12, np.log(30.0), "Pa/m", True, (1e7, 1e16))
+#: Of faces that rest on each other: a hundredth of clamped ones, within a factor of 10 either way.
+#: [prior: chosen]
+_RESTING = Prior("k", 1e10, np.log(10.0), "Pa/m", True, (1e6, 1e13))
+#: In series with a lap as one piece: as stiff as it, the same spread as of clamped faces. [prior:
+#: as of clamped faces]
+_IN_LAP = (1.0, np.log(30.0), "", True, (1e-5, 1e6))
+#: What is left of a lap around a loose bolt: a tenth of its stiffness, within a factor of 3.
+#: [prior: chosen]
+_LEFT = Prior("left", 0.1, np.log(3.0), "", True, (0.0, 1.0))
+#: Where the lap's own stiffness was given, identified elsewhere or taken from a like joint, a
+#: factor on it, within a factor of 3. [prior: chosen]
+_GIVEN = (1.0, np.log(3.0), "", True)
+#: Prior odds of a law by pressure along the plane alone against one that is the same everywhere:
+#: what no data tell apart has the plainer name. [prior: chosen]
+_LESS_PLAIN = 0.5
+
 _LAYER = InterfacePrior(
-    # Per area of clamped machined metal faces: 1e11 to 1e13 in the literature, far less where the
-    # faces hardly touch; hence a factor of 30 either way.
-    known=(1e12, np.log(30.0), "Pa/m", True, (1e7, 1e16)),
+    known=_CLAMPED,
     names=("k_{kind}", "{group}.k_{kind}"),
     exponents=("beta_{kind}", "beta"),
     family="joint compliance",
@@ -78,16 +104,14 @@ _LAYER = InterfacePrior(
     at_one=(
         "compliance at one {kind}", "The interface gives way at {place}, more than elsewhere."
     ),
-    # Faces that rest on each other: a hundredth of clamped ones, within a factor of 10 either way.
     loose=(
-        LAYER, Prior("k", 1e10, np.log(10.0), "Pa/m", True, (1e6, 1e13)),
+        LAYER, _RESTING,
         ": the faces around {them} only rest on each other. All bolts equally loose are the "
         "joint's compliance as a whole.",
     ),
 )
 _LAP = InterfacePrior(
-    # In series with a lap as one piece: as stiff as it, the same spread as of clamped faces.
-    known=(1.0, np.log(30.0), "", True, (1e-5, 1e6)),
+    known=_IN_LAP,
     names=("{kind}", "{group}, {kind}"),
     exponents=("beta of {kind}", "beta of {kind}"),
     family="lap stiffness",
@@ -110,19 +134,17 @@ _LAP = InterfacePrior(
         "joint stiffness at one {kind}",
         "{place} alone is softer or stiffer than the model says.",
     ),
-    # A tenth of the lap's own stiffness, within a factor of 3.
     loose=(
-        GIVEN_LAP, Prior("left", 0.1, np.log(3.0), "", True, (1e-4, 1.0)),
+        GIVEN_LAP, _LEFT,
         ", and the lap softer around {them}. All bolts equally loose are the joint's stiffness "
         "as a whole.",
     ),
 )
-#: By kind of zones. Where the lap's own stiffness was given, identified elsewhere or taken from a
-#: like joint, the interface's is a factor on it.
+#: By kind of zones.
 PRIORS = {
     LAYER.name: _LAYER,
     LAP.name: _LAP,
-    GIVEN_LAP.name: replace(_LAP, known=(1.0, np.log(3.0), "", True, (1e-3, 1e3))),
+    GIVEN_LAP.name: replace(_LAP, known=_GIVEN),
 }
 
 
@@ -216,7 +238,7 @@ def graded(
     """
     law, what = PRIORS[next(iter(groups.values()))[0].interface.name], " and ".join(kinds)
     name, words = (text.format(what=what, how=how) for text in law.graded)
-    return gives_way(name, "joint", groups, kinds, reference, words, weight=DESCRIPTION)
+    return gives_way(name, "joint", groups, kinds, reference, words, weight=RARE)
 
 
 # -- by pressure -----------------------------------------------------------------------------------
@@ -306,9 +328,9 @@ def reach(low: np.ndarray, high: np.ndarray, scan: int = 0) -> Prior:
     """
     median, spread = _REACH
     # A ring of one cell stands on the axis itself: a distance of nought says nothing of its reach.
-    inner = max(float(np.min(high)), 0.2 * float(np.max(high)))
+    inner = max(float(np.min(high)), _INNER * float(np.max(high)))
     # The innermost zone must be pressed, or nothing holds; beyond the last one all is the same.
-    span = (1.05 * float(np.min(low)), 3.0 * float(np.max(high)))
+    span = (_LEAST * float(np.min(low)), _MOST * float(np.max(high)))
     return Prior("radius", median * inner, spread, "m", True, span, scan)
 
 
@@ -335,8 +357,7 @@ def pressed_by_bolts(
 
     name, words, weight = "joint compliance", "The interface gives way", 1.0
     if tuple(LAYER.keys) != kinds:
-        # Beside the law that is the same everywhere: what no data tell apart has the plainer name.
-        (name, words), weight = _LAYER.alone[kinds], 0.5
+        (name, words), weight = _LAYER.alone[kinds], _LESS_PLAIN
     words = f"{words.rstrip('.')}, the more the further from the bolts that press it."
     return Effect(
         f"{name} that falls with the pressure", "joint",

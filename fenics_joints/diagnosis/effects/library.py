@@ -28,20 +28,23 @@ from fenics_joints.diagnosis.effects.damping import (
     support_damping,
     viscous_damping,
 )
-from fenics_joints.diagnosis.effects.effect import Effect, Prior, Silent, relative_error
+from fenics_joints.diagnosis.effects.effect import FACTOR, Effect, Prior, Silent, relative_error
 from fenics_joints.diagnosis.effects.given import STIFFER, STIFFER_AT, stiffer_joint
 from fenics_joints.diagnosis.effects.joint import (
+    AXIAL,
     PRIORS,
     gives_way,
     graded,
     pressed_by_bolts,
     pressed_compliance,
 )
-from fenics_joints.diagnosis.effects.part import part_effects
+from fenics_joints.diagnosis.effects.part import NU, part_effects
 from fenics_joints.diagnosis.effects.rig import (
+    MASS,
     MISPLACED,
     MISSCALED,
     MISSED,
+    SPRING,
     attached,
     misjudged,
     misplaced_sensor,
@@ -64,14 +67,11 @@ from fenics_joints.reduction.forward import ways_of
 __all__ = ["by_preload", "case_effects", "case_nuisances"]
 
 #: Tolerances where the case gives none: handbook values, rolled plate. Of a width and of Poisson's
-#: ratio only what the case says: it is milled, and bending does not see them.
+#: ratio only what the case says: it is milled, and bending does not see them. [prior: handbooks]
 _TOLERANCE = {"E": 0.015, "nu": 0.0, "rho": 0.01, "thickness": 0.005, "width": 0.0}
-#: Poisson's ratio at most, however far a tolerance goes.
-_NU = 0.49
-#: Relative spread of an attached mass or spring without a tolerance.
-_ATTACHED = {"mass": 0.3, "stiffness": 1.0}
-#: Spread of the logarithm of a factor on the axial stiffness of a lap.
-_AXIAL = np.log(3.0)
+#: Relative spread of what is attached, at least; limit of a factor on Poisson's ratio, at least.
+#: [numerical: chosen]
+_EXACT, _MORE = 1e-3, 1.01
 _NO_RATIOS = "the test has no damping ratios of known accuracy ([test] damping, damping_noise)"
 _NOT_OF_LAPS = {
     "joint compliance that falls with the pressure": (
@@ -102,9 +102,11 @@ def case_nuisances(
             spread = given.get(f"{name}.{key}", usual)
             if spread > 0 and unfit(dimensions, [f"{name}.{key}"]) is None:
                 words = f"{key} of {name}, within tolerance"
-                most = 3.0 if key != "nu" else max(_NU / case.parts[name].nominal()["nu"], 1.01)
+                least, most = FACTOR
+                if key == "nu":
+                    most = max(NU / case.parts[name].nominal()["nu"], _MORE)
                 found.append(
-                    relative_error(words, name, [f"{name}.{key}"], spread, "", span=(0.3, most))
+                    relative_error(words, name, [f"{name}.{key}"], spread, "", span=(least, most))
                 )
     known = [(*item, "mass") for item in case.masses.items()]
     for name, section, key in [*known, *((*item, "stiffness") for item in case.springs.items())]:
@@ -258,8 +260,8 @@ def _along_laps(zones: Zones) -> list[Effect]:
     words = "Along the beams the lap is softer or stiffer than the two beams side by side."
     return [
         relative_error(
-            "joint axial stiffness", place, [f"{lap}.axial" for lap in laps], _AXIAL, words,
-            span=(1e-3, 1e3), weight=1.0 if place == where else 1 / len(along),
+            "joint axial stiffness", place, [f"{lap}.axial" for lap in laps], AXIAL, words,
+            span=(0.0, np.inf), weight=1.0 if place == where else 1 / len(along),
         )
         for place, laps in places.items()
     ]  # fmt: skip
@@ -365,9 +367,9 @@ def _attachment(case: Case, name: str) -> Effect:
     is_mass = isinstance(section, AttachedMass)
     key = "mass" if is_mass else "stiffness"
     value = section.nominal()[key]
-    spread = case.tolerances().get(f"{name}.{key}", _ATTACHED[key])
+    spread = case.tolerances().get(f"{name}.{key}", MASS if is_mass else SPRING)
     unit = "kg" if is_mass else "N/m"
-    priors = [Prior(key, value, max(spread, 1e-3), unit, True, (1e-3 * value, 1e3 * value))]
+    priors = [Prior(key, value, max(spread, _EXACT), unit)]
     if is_mass and section.shift() is not None:
         priors.append(travel(section.shift()))
     label = spaced(name)

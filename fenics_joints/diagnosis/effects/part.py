@@ -12,26 +12,32 @@ from fenics_joints.diagnosis.effects.effect import Effect, Prior, Silent, relati
 from fenics_joints.measurements.data import TestData
 
 __all__ = [
-    "CAUSES", "DIMENSIONS", "SHEAR", "part_effects", "part_error", "shear_error", "temperature",
+    "CAUSES", "DIMENSIONS", "NU", "SHEAR", "part_effects", "part_error", "shear_error",
+    "temperature",
 ]  # fmt: skip
 
 #: Spread of a part's property as a cause, far beyond its tolerance: a wrong material or gauge.
+#: [prior: chosen]
 CAUSES = {"E": 0.15, "rho": 0.10, "thickness": 0.10, "width": 0.10}
 DIMENSIONS = ("thickness", "width")
 _WORDS = {"E": "modulus", "rho": "density", "thickness": "thickness", "width": "width"}
 #: The same of a shear modulus at the same Young's modulus: Poisson's ratio of a metal, of which few
-#: tables give more than a digit, is 0.25 to 0.4, which is some 6 % of G.
+#: tables give more than a digit, is 0.25 to 0.4, which is some 6 % of G. [prior: handbooks of
+#: metals: Poisson's ratios]
 SHEAR = 0.06
 #: Poisson's ratio at most, of what is nearly incompressible: a model of it locks beyond.
-_NU = 0.49
+#: [numerical: chosen]
+NU = 0.49
 #: Relative change of Young's modulus with the temperature, 1/K. Handbooks of metals have some
 #: -3e-4 for steels (Ledbetter and Reed, J. Phys. Chem. Ref. Data 2, 1973) and -5e-4 for aluminium
-#: alloys; the difference is far below what is known of the temperature itself.
+#: alloys; the difference is far below what is known of the temperature itself. [prior: Ledbetter
+#: and Reed 1973]
 _BY_KELVIN = -4e-4
 #: Temperature of a test against that of the material's data, and its drift in a test, K: as a
-#: cause, hence a cold hall, the sun or a chamber rather than a laboratory.
-_OFFSET = Prior("offset", 0.0, 30.0, "K", False, (-100.0, 300.0))
-_DRIFT = Prior("drift", 0.0, 10.0, "K", False, (-100.0, 100.0))
+#: cause, hence a cold hall, the sun or a chamber rather than a laboratory. [prior: chosen]
+_OFFSET = Prior("offset", 0.0, 30.0, "K", False, (-100.0, np.inf))
+#: Drift of it in a test, K. [prior: chosen]
+_DRIFT = Prior("drift", 0.0, 10.0, "K", False)
 
 
 def part_error(key: str, parts: Sequence[str], weight: float = 1.0, whole: bool = False) -> Effect:
@@ -63,7 +69,7 @@ def shear_error(
         whole: Likewise.
     """
 
-    most, least = max(_NU, 0.5 * (nu + 0.5)), 0.0 if nu > 0 else 0.5 * (nu - 1)
+    most, least = max(NU, 0.5 * (nu + 0.5)), 0.0 if nu > 0 else 0.5 * (nu - 1)
 
     def apply(values, theta, condition):
         for part in parts:

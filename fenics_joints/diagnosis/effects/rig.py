@@ -6,32 +6,34 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from fenics_joints.diagnosis.effects.effect import Effect, Prior, in_series, relative_error
+from fenics_joints.diagnosis.effects.effect import FACTOR, Effect, Prior, in_series, relative_error
 from fenics_joints.formatting import spaced
 from fenics_joints.reduction.bends import monomials
 
 __all__ = [
-    "MISPLACED", "MISSCALED", "MISSED", "SWAPPED", "attached", "misjudged", "misplaced_sensor",
-    "misscaled_sensor", "missed_mode", "support_compliance", "swapped_modes", "travel",
+    "MASS", "MISPLACED", "MISSCALED", "MISSED", "SPRING", "SWAPPED", "attached", "misjudged",
+    "misplaced_sensor", "misscaled_sensor", "missed_mode", "support_compliance", "swapped_modes",
+    "travel",
 ]  # fmt: skip
 
 MISSCALED, MISPLACED = "sensor mis-scaled", "sensor misplaced"
 SWAPPED, MISSED = "mode mis-pairing", "mode missed by the test"
 #: Stiffness of a clamped face per area, Pa/m: that of an interface (1e11 to 1e13), less what the
 #: ground gives way; hence a factor of 30 either way. "Clamped" ends have been seen to be off by
-#: more than 10 % in frequency (Ritto et al.).
+#: more than 10 % in frequency (Ritto et al.). [prior: as of clamped faces; Ritto et al.]
 _SUPPORT = (1e12, np.log(30.0), "Pa/m", True, (1e6, 1e17))
 #: Spread of a known mass or spring as a cause: a part forgotten on a scale, or a suspension whose
-#: data sheet holds for another load.
+#: data sheet holds for another load. [prior: chosen]
 MASS, SPRING = 0.3, 1.0
+#: The same with its name and limits. [prior: chosen]
 _MISJUDGED = {
-    "mass": ("mass error", MASS, (0.3, 3.0)), "stiffness": ("spring error", SPRING, (1e-2, 1e2)),
+    "mass": ("mass error", MASS, FACTOR), "stiffness": ("spring error", SPRING, (1e-2, 1e2)),
 }  # fmt: skip
 #: Gain of a sensor whose setting or mounting is wrong, about 1: calibrations hold to 1 to 3 %, so
-#: this is a blunder's.
-_GAIN = Prior("gain", 1.0, 0.3, span=(0.05, 20.0))
+#: this is a blunder's. [prior: chosen]
+_GAIN = Prior("gain", 1.0, 0.3)
 #: Place of a sensor that is wrong, relative to the length of the line of sensors: what is measured
-#: with a tape is off by less, what is read off another line of a table by more.
+#: with a tape is off by less, what is read off another line of a table by more. [prior: chosen]
 _SHIFT = 0.03
 
 
@@ -137,7 +139,7 @@ def misplaced_sensor(i: int, length: float, weight: float, ways: int = 1) -> Eff
         sensing.shifts[2:, i] = monomials(a, b)
 
     sd = _SHIFT * length
-    priors = tuple(Prior(name, 0.0, sd, "m", False, (-5 * sd, 5 * sd)) for name in names)
+    priors = tuple(Prior(name, 0.0, sd, "m", False) for name in names)
     where = "along the line of sensors" if ways == 1 else "on its face"
     words = f"Sensor {i + 1} sits elsewhere {where} than the case says."
     return Effect(

@@ -18,9 +18,13 @@ from fenics_joints.diagnosis.zones.sites import as_mass
 
 __all__ = ["is_rare", "sample_ranges", "sample_values"]
 
-#: How far from the median of its prior, in standard deviations, a parameter is put.
+#: How far from the median of its prior, in standard deviations, a parameter is put. [numerical:
+#: chosen]
 _WIDE = 1.5
+#: Poisson's ratio, at least and at most. [numerical: chosen]
+_NU = (-0.9, 0.47)
 #: Stiffness of supports, Pa/m: of soft mounts, and from which on they are as good as rigid.
+#: [numerical: chosen]
 _SUPPORT = (1e9, 1e16)
 
 
@@ -34,7 +38,7 @@ def sample_ranges(case: Case) -> dict[str, tuple[float, float, bool]]:
             ranges[f"{name}.{key}"] = _about(values[f"{name}.{key}"], spread)
         nu = values[f"{name}.nu"]
         low, high = ((1 + nu) * np.exp(2 * sign * SHEAR) - 1 for sign in (-1, 1))
-        ranges[f"{name}.nu"] = max(low, -0.9), min(high, max(nu, 0.47)), False
+        ranges[f"{name}.nu"] = max(low, _NU[0]), min(high, max(nu, _NU[1])), False
     for name, section in case.masses.items():
         ranges[f"{name}.mass"] = _about(section.mass, MASS)
         if section.shift() is not None:

@@ -14,12 +14,21 @@ import numpy as np
 from fenics_joints.case import Case
 from fenics_joints.diagnosis.effects.effect import RARE, Effect, Prior, Silent, somewhere
 from fenics_joints.diagnosis.effects.part import DIMENSIONS
-from fenics_joints.diagnosis.zones.part_cells import BOW, LOSS, TAPER, Plate
+from fenics_joints.diagnosis.thresholds import NEGLIGIBLE
+from fenics_joints.diagnosis.zones.part_cells import (
+    BOW,
+    LOSS,
+    MOST_BOW,
+    MOST_TAPER,
+    TAPER,
+    Plate,
+)
 from fenics_joints.diagnosis.zones.sites import HUNG, ON, Sites
 from fenics_joints.measurements.data import TestData
 
 __all__ = [
-    "BOWED", "CABLE", "LOCAL_LOSS", "RESONATOR", "TAPERED", "looked_for", "sited_effects", "wanted",
+    "BOWED", "CABLE", "CABLE_MASS", "LOCAL_LOSS", "RESONATOR", "TAPERED", "looked_for",
+    "sited_effects", "wanted",
 ]  # fmt: skip
 
 LOCAL_LOSS = "local loss of stiffness"
@@ -33,31 +42,33 @@ _ASKS = {LOCAL_LOSS: LOSS, CABLE: ON, RESONATOR: ON, BOWED: BOW, TAPERED: TAPER}
 #: Share of the stiffness of a patch that is gone: a cut half way through a beam is as soft as 2 to
 #: 3 heights of it more, and at a tenth of the height hardly anything (Ostachowicz and Krawczuk, J.
 #: Sound Vib. 150, 1991); of a patch some heights long that is a third, within a factor of 2.5.
-_DEPTH = Prior("depth", 0.3, np.log(2.5), "", True, (1e-3, 0.95))
+#: [prior: Ostachowicz and Krawczuk 1991]
+_DEPTH = Prior("depth", 0.3, np.log(2.5), "", True, (0.0, 0.95))
 #: How many patches about its place it takes, of some 24 of the whole: one to four more often than
 #: not. Data tell a deep loss of one from a shallow one of several only where shapes are good.
+#: [prior: chosen]
 _SIZE = Prior("size", 2.0, np.log(2.0), "", True, (1.0, 12.0))
 #: Mass of a cable, harness, antenna or sensor over the structure's: 1 %, within a factor of 3. An
 #: accelerometer and its lead weigh 5 to 30 g; harnesses of spacecraft come to 10 % and more
-#: (Babuska et al., J. Spacecraft Rockets 47, 2010).
-_MASS = (0.01, np.log(3.0), (1e-5, 0.5))
+#: (Babuska et al., J. Spacecraft Rockets 47, 2010). [prior: data sheets; Babuska et al. 2010]
+CABLE_MASS = (0.01, np.log(3.0), (0.0, 0.5))
 #: Stiffness to the ground, N/m: a taut lead has some 1e2, a steel stinger of 2 mm bends with 1e3 to
 #: 1e4 and pushes with 1e6: within a factor of 30 either way, along each axis
-#: by itself: a stinger pushes along itself alone.
+#: by itself: a stinger pushes along itself alone. [prior: beam theory; spread chosen]
 _GROUND = Prior("stiffness", 1e4, np.log(30.0), "N/m", True, (1.0, 1e8))
 #: Its own frequency, over the middle of the test's band: as often above it as below, within a
-#: factor of 3.
+#: factor of 3. [prior: chosen]
 _OWN = (np.log(3.0), 30.0)
 #: Frequencies of its own at which a fit looks whether to start there; and over those of the test's
 #: modes, as of one whose own motions the test sees: what bears it gives way, so that they are below
-#: by a tenth at most.
+#: by a tenth at most. [numerical: chosen]
 _FREQUENCIES, _ABOVE = 12, (1.02, 1.07)
 #: Height of a bow over its length: sheet and plate may be 0.2 to 0.5 % off flat (EN 485-4 and EN
-#: 10029), within a factor of 3 either way.
-_HEIGHT = (0.002, np.log(3.0), (1e-5, 0.02))
+#: 10029), within a factor of 3 either way. [prior: EN 485-4, EN 10029]
+_HEIGHT = (0.002, np.log(3.0), (1e-5, MOST_BOW))
 #: Half the difference of the ends' thicknesses over their mean: as a cause far beyond the tolerance
-#: of 1 % or less of rolled plate; milled or ground by hand.
-_TAPER = Prior("taper", 0.0, 0.05, "", False, (-0.2, 0.2))
+#: of 1 % or less of rolled plate; milled or ground by hand. [prior: chosen]
+_TAPER = Prior("taper", 0.0, 0.05, "", False, (-MOST_TAPER, MOST_TAPER))
 #: Directions of a bow in words.
 _LONG = {"along": "along its length", "across": "across its width"}
 #: Effects that act through what `_as_meshed` takes for the mesh's, and each other.
@@ -127,7 +138,7 @@ def _named(points: np.ndarray, sensors) -> tuple[str, ...]:
             nearest = int(np.argmin(away))
             others = np.delete(points, np.flatnonzero((points == x).all(axis=1)), axis=0)
             apart = np.min(np.linalg.norm(others - x, axis=1)) if len(others) else np.inf
-            if away[nearest] < 0.1 * apart:
+            if away[nearest] < NEGLIGIBLE * apart:
                 words = f"{words}, sensor {nearest + 1}"
         names.append(words)
     return tuple(names)
@@ -218,7 +229,7 @@ def resonator(places: Sequence[str], total_mass: float, measured_hz: np.ndarray)
 
 
 def _mass(total: float) -> Prior:
-    median, spread, (low, high) = _MASS
+    median, spread, (low, high) = CABLE_MASS
     return Prior("mass", median * total, spread, "kg", True, (low * total, high * total))
 
 

@@ -19,18 +19,16 @@ from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.linear import whiten
 from fenics_joints.diagnosis.evidence.many import ManyPredictions
+from fenics_joints.diagnosis.thresholds import NEGLIGIBLE
 from fenics_joints.reduction import Forward
 
 __all__ = ["one_of_alike"]
 
-#: Half the whitened distance, in standard deviations, up to which predictions are the same: one is
-#: then taken for the other with 46 % probability, and 50 % is chance.
-_SAME = 0.1
 #: How far from their medians, one by one, parameters are compared besides, in standard deviations:
-#: what no test sees at its expected size is not yet the same where it is large.
+#: what no test sees at its expected size is not yet the same where it is large. [decision: chosen]
 _SIZES = (-3.0, -1.0, 1.0, 3.0)
 #: Effects of a kind that are compared at most; of more, as of every three of a dozen bolts, few are
-#: ever fitted.
+#: ever fitted. [numerical: chosen for time]
 _MOST = 150
 
 
@@ -103,7 +101,8 @@ class _Look:
         """Whether two are the same; most differ at their medians already."""
         for far in (False, True):
             apart = np.linalg.norm(self._at(effect, far) - self._at(other, far), axis=1) / 2
-            if not np.all(apart <= _SAME):
+            # One is then taken for the other with 46 % probability, and 50 % is chance.
+            if not np.all(apart <= NEGLIGIBLE):
                 return False
         return True
 

@@ -9,6 +9,7 @@ from typing import ClassVar
 import numpy as np
 
 from fenics_joints.diagnosis.evidence.at_point import AtPoint, Energies
+from fenics_joints.diagnosis.evidence.covariance import UNKNOWN
 from fenics_joints.diagnosis.evidence.entries import ANTIRESONANCE
 from fenics_joints.diagnosis.evidence.scalars import Values
 from fenics_joints.reduction.grounded import Antiresonances
@@ -26,7 +27,7 @@ class Antiresonance(AtPoint):
 
     zeros: Antiresonances
     kind: ClassVar[int] = ANTIRESONANCE
-    unknown: ClassVar[float] = 0.1
+    unknown: ClassVar[float] = UNKNOWN
 
     def log_value(self, values: Mapping[str, float | np.ndarray]) -> np.ndarray:
         """ln of the model's, Hz, without its mesh's error, (b,) of values (b,); nan where the model

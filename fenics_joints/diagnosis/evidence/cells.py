@@ -31,17 +31,22 @@ from fenics_joints.diagnosis.effects.effect import Prior
 __all__ = ["Cells", "Posterior", "prior_cells", "weigh"]
 
 #: How far apart cells are over one, two and three smooth parameters, in standard deviations of the
-#: prior; the most that their own are of this, and of the prior; ln of the share of the first below
-#: which they are left out; and how far out they reach.
-_SPACING = {0: 1.0, 1: 0.5, 2: 0.9, 3: 1.05}
-_OF_SPACING, _WIDEST, _LEAST, _ENDS = 0.8, 0.7, 11.0, 5.0
-#: Cells within the limits of a prior at least.
+#: prior. [numerical: error of the lattice by Poisson's sum, see
+#: `_smooth_cells`]
+_SPACING = {1: 0.5, 2: 0.9, 3: 1.05}
+#: The most that widths are of the spacing, and of the prior; ln of the share of the first below
+#: which cells are left out. [numerical: the same]
+_OF_SPACING, _WIDEST, _LEAST = 0.8, 0.7, 11.0
+#: Cells within the limits of a prior at least. [numerical: chosen]
 _WITHIN = 4
 #: How far apart they are beside one that acts in steps or in many places, and log2 of the number
-#: over more of them, and of the number over more without such a one.
-_BESIDE, _MORE_BESIDE, _MORE = {0: 1.0, 1: 1.15}, 4, 7
+#: over more of them, and of the number over more without such a one. [numerical: chosen for time]
+_BESIDE, _MORE_BESIDE, _MORE = {1: 1.15}, 4, 7
 #: Standard deviations of the prior beyond which a parameter that acts in steps is not looked for.
+#: [numerical: chosen]
 _FARTHEST = 4.0
+#: Share of such a cell within the limits, at least. [numerical: chosen]
+_INSIDE = 0.1
 
 
 @dataclass(frozen=True)
@@ -230,7 +235,7 @@ def _smooth_cells(
     spacing = np.full(d, np.inf if apart is None else apart)
     spacing = np.minimum(spacing, np.diff(limits, axis=0)[0] / _WITHIN)
     width = np.minimum(_OF_SPACING * spacing, _WIDEST)
-    low, high = np.clip(limits, -_ENDS, _ENDS) + 2 * width * np.array([[-1], [1]])
+    low, high = limits + 2 * width * np.array([[-1], [1]])
     sd = np.sqrt(1 - width**2)
     if apart is None:
         unit = qmc.Sobol(d, seed=3).random_base2(more)
@@ -260,7 +265,7 @@ def _steps(prior: Prior) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     wide = np.diff(np.concatenate([[z[0]], middle, [z[-1]]])) / np.sqrt(12)
     limits = np.array(prior.limits())
     inside = np.diff(ndtr((limits[:, None] - z) / wide), axis=0)[0]
-    share = np.maximum(share, 1e-12) / max(share.sum(), 1e-12) / np.maximum(inside, 0.1)
+    share = np.maximum(share, 1e-12) / max(share.sum(), 1e-12) / np.maximum(inside, _INSIDE)
     return z, wide, np.log(share * np.diff(ndtr(limits)))
 
 

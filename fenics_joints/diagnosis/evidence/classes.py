@@ -21,18 +21,18 @@ from fenics_joints.diagnosis.evidence.fitted import Fit
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.linear import whiten
 from fenics_joints.diagnosis.evidence.many import ManyPredictions
+from fenics_joints.diagnosis.thresholds import STRONG
 from fenics_joints.reduction.forward import Forward
 
 __all__ = [
     "APART", "classes", "confusion", "detectable", "distance", "labels", "stand_ins",
 ]  # fmt: skip
 
-#: 1 % confusion.
+#: 1 % confusion. [decision: convention: Phi(-2.33) = 1 %]
 APART = 2.33
-#: ln of the Bayes factor up to which the data leave two hypotheses undecided.
+#: ln of the Bayes factor up to which the data leave two hypotheses undecided. [decision:
+#: convention: decisive, Jeffreys 1961]
 UNDECIDED = np.log(100.0)
-#: How many times less probable than the likeliest of its class an effect is left out of it.
-_DECIDED = 20.0
 
 
 def confusion(distance: float) -> float:
@@ -172,7 +172,7 @@ def classes(
     found = {}
     for members in set(alike.values()):
         best = max(at_work[key] for key in members)
-        likely = {key for key in members if at_work[key] * _DECIDED >= best}
+        likely = {key for key in members if at_work[key] * STRONG >= best}
         # In alphabetical order: by probability, round-off would have a say in the name.
         one = " or ".join(sorted({names[key] for key in likely}))
         found |= {key: one if key in likely else names[key] for key in members}

@@ -8,25 +8,25 @@ from typing import Protocol
 import numpy as np
 
 from fenics_joints.diagnosis.evidence.entries import DAMPING, FREQUENCY, SHAPE, Entries
-from fenics_joints.diagnosis.evidence.scales import WITH_FUNCTIONS, Scales, correlation
+from fenics_joints.diagnosis.evidence.scales import MEMORY, WITH_FUNCTIONS, Scales, correlation
 from fenics_joints.diagnosis.evidence.turning import Neighbours, turned
 
-__all__ = ["Covariance"]
+__all__ = ["UNKNOWN", "Covariance"]
 
 #: What an unknown cause may do to each mode on its own: a shift (10 %), a trend with the logarithm
-#: of the condition (5 % per factor e), and a bend of it (2 %); how much more to its damping; and
-#: what it does to a shape, relative to its root mean square.
-_UNKNOWN = (0.10, 0.05, 0.02)
+#: of the condition (5 % per factor e), and a bend of it (2 %). [decision: chosen]
+UNKNOWN, _TREND, _BEND = 0.10, 0.05, 0.02
+#: How much more an unknown cause may do to damping than to a frequency. [decision: chosen]
 _UNKNOWN_DAMPING = 10.0
+#: What it does to a shape, relative to its root mean square. [decision: chosen]
 _UNKNOWN_SHAPE = 0.2
 #: Share of the variance of a model's error that is a row's own after a known change: all else is
-#: the same before and after, and cancels in what the change shifts.
+#: the same before and after, and cancels in what the change shifts. [decision: chosen]
 _OF_CHANGE = 0.0025
-#: Change of the logarithm of the condition over which a model's error forgets itself.
-_MEMORY = 0.7
-#: Share of the variance of a model's error in a shape that is each sensor's own.
+#: Share of the variance of a model's error in a shape that is each sensor's own. [decision: chosen]
 _LOCAL = 0.5
-#: It reaches a tenth as far: sensors at one place share it.
+#: Power of the correlation of that, which so reaches a tenth as far: sensors at one place share it.
+#: [decision: chosen]
 _NARROW = 100
 
 
@@ -253,10 +253,9 @@ def _log(conditions: np.ndarray) -> np.ndarray:
 def _slow(conditions: np.ndarray, changing: float) -> np.ndarray:
     """Correlation of a model's error between conditions, (n, n)."""
     x = _log(conditions)
-    return (1 - changing) + changing * np.exp(-0.5 * ((x[:, None] - x[None, :]) / _MEMORY) ** 2)
+    return (1 - changing) + changing * np.exp(-0.5 * ((x[:, None] - x[None, :]) / MEMORY) ** 2)
 
 
 def _wide(conditions: np.ndarray) -> np.ndarray:
-    shift, trend, bend = _UNKNOWN
     x = _log(conditions)
-    return shift**2 + trend**2 * np.outer(x, x) + bend**2 * np.outer(x**2, x**2)
+    return UNKNOWN**2 + _TREND**2 * np.outer(x, x) + _BEND**2 * np.outer(x**2, x**2)

@@ -14,11 +14,14 @@ import numpy as np
 
 from fenics_joints.diagnosis.effects.effect import Effect
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
+from fenics_joints.diagnosis.thresholds import ROUND_OFF
 
 __all__ = ["Known", "distinct", "equal"]
 
-#: Frequencies at which losses are compared, Hz, and relative difference that is round-off.
-_HZ, _SAME = (30.0, 700.0), 1e-7
+#: Frequencies at which losses are compared, Hz. [numerical: chosen]
+_HZ = (30.0, 700.0)
+#: Step of derivatives that pair parameters, and points at random that check the pairs. [numerical:
+#: chosen]
 _STEP, _PROBES = 1e-3, 3
 
 
@@ -155,4 +158,4 @@ def _close(a: dict, b: dict) -> bool:
     """Whether two sets of values differ by round-off only."""
     if a.keys() != b.keys():
         return False
-    return all(abs(a[k] - b[k]) <= _SAME * max(abs(a[k]), abs(b[k])) for k in a)
+    return all(abs(a[k] - b[k]) <= ROUND_OFF * max(abs(a[k]), abs(b[k])) for k in a)

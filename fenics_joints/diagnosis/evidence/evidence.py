@@ -15,19 +15,29 @@ from fenics_joints.diagnosis.evidence.scales import BETWEEN, Scales
 from fenics_joints.diagnosis.evidence.signatures import Signatures
 from fenics_joints.diagnosis.evidence.turning import Neighbours
 
-__all__ = ["BEYOND", "UNSURE", "Evidence"]
+__all__ = ["BEYOND", "DAMPING_NOISE", "SHAPE_ERROR", "UNSURE", "Evidence"]
 
 #: Of a mesh's error as one degree more finds it: what is left beyond that degree, expected, and its
 #: standard deviations, common to all modes and of each one's own. At an edge with the exponent
 #: lambda the error in energy falls with the degree p as p^(-4 lambda) (Babuska and Suri, SIAM J.
 #: Numer. Anal. 24, 1987): from degree 2 to 3, a share of 0.25 of what was found is left for
 #: lambda = 1, 0.8 for 1/2, and next to nothing without edges. And where joints give way there is
-#: between 0.4 and 1.1 times the error of the nominal model (docs/diagnosis.md).
+#: between 0.4 and 1.1 times the error of the nominal model (docs/diagnosis.md). [decision: Babuska
+#: and Suri 1987; three structures, docs/diagnosis.md]
 BEYOND, _COMMON, _OWN = 0.3, 0.3, 0.2
 #: The share that stays uncertain in all.
 UNSURE = float(np.hypot(_COMMON, _OWN))
 #: Change of a shape by the mesh, relative to it, up to which it is taken off: beyond, modes turn.
+#: [decision: chosen]
 _LITTLE = 0.3
+
+#: Share of the variance of a model's error that changes with the condition. [decision: chosen]
+_CHANGING = 0.5
+#: Error of any model in a shape, and noise of a measured one, where a case states none.
+#: [decision: defaults of `diagnose.shape_discrepancy` and `test.shape_noise`]
+SHAPE_ERROR = 0.05
+#: Relative standard deviation of a damping ratio in a usual test. [decision: chosen]
+DAMPING_NOISE = 0.1
 
 
 @dataclass(frozen=True, repr=False)
@@ -92,15 +102,15 @@ class Evidence:
     log_sd: np.ndarray
     discrepancy: float
     used: np.ndarray = field(default=None)
-    changing: float = 0.5
+    changing: float = _CHANGING
     scales: Scales | None = None
     log_damping: np.ndarray | None = None
-    damping_sd: float = 0.1
+    damping_sd: float = DAMPING_NOISE
     damping_scatter: float = 0.0
     shapes: np.ndarray | None = None
     shape_row: int = 0
-    shape_sd: float = 0.05
-    shape_error: float = 0.05
+    shape_sd: float = SHAPE_ERROR
+    shape_error: float = SHAPE_ERROR
     near: np.ndarray | None = None
     along: np.ndarray | None = None
     scalars: tuple[Scalar, ...] = ()

@@ -20,11 +20,13 @@ _TIGHTENING = Effect("preload scatter", "bolts", (), None)
 _AMPLITUDE = Effect("motion of the joint at equal level", "", (), None)
 _DAMPING = Effect("damping at rest", "", (), None)
 #: The same force or response at a sensor moves the joint about five times more or less in one mode
-#: than in another.
+#: than in another. [prior: chosen]
 _MOTION = (1.0, np.log(5.0), "", True, (0.02, 50.0))
 #: Damping of bolted metal structures, away from slip: 0.3 %, within a factor of 4 either way.
-_AT_REST = (0.003, np.log(4.0), "", True, (1e-6, 0.5))
+#: [prior: bolted metal structures; spread chosen]
+_AT_REST = (0.003, np.log(4.0), "", True, (0.0, 0.5))
 #: Distance from a limit, in prior standard deviations, within which a parameter is at it.
+#: [numerical: chosen]
 _AT_LIMIT = 1e-3
 
 

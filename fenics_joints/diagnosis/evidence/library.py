@@ -33,40 +33,46 @@ from fenics_joints.reduction.seen_at import seen_modes_at
 
 __all__ = ["Found", "Library", "fit"]
 
-#: Step of differences, in standard deviations of the prior.
+#: Step of differences, in standard deviations of the prior. [numerical: chosen]
 _STEP = 1e-4
 #: Cells that are made exact at a time and at most, of one hypothesis; nats by which the rest has to
-#: be behind.
+#: be behind. [numerical: chosen for time]
 _AT_A_TIME, _MOST, _BEHIND = 4, 8, 2.0
 #: Nats below what an unknown cause has at which no more cells of a hypothesis are looked at.
+#: [numerical: e^-50 is nothing]
 _HOPELESS = 50.0
 #: Gauss-Newton steps of a cell at most; shares of a step that are tried; the gain, in nats, that is
 #: worth one; how far a cell's point may be from its mean, in its own standard deviations.
+#: [numerical: chosen]
 _STEPS, _SHARES, _GAIN, _FAR = 8, (1.0, 0.4, 0.15), 0.02, 4.0
-#: Difference of ln Z of one cell and of many at which one is enough.
+#: Difference of ln Z of one cell and of many at which one is enough. [numerical: chosen]
 _MOVED = 0.1
 #: The most that a model which is linear about one point may err in the cost one posterior standard
 #: deviation away; how much more probable than about that point a cell has to be about its own, and
-#: how near to all of them, in nats, to be looked at.
+#: how near to all of them, in nats, to be looked at. [numerical: chosen]
 _BENT, _MORE, _UNTOLD = 0.3, 0.5, 3.0
-#: Cells of a hypothesis that a further effect is put beside.
+#: Cells of a hypothesis that a further effect is put beside. [numerical: chosen for time]
 _PARENTS = 6
-#: Screened at a time.
+#: Screened at a time. [numerical: chosen for memory]
 _CHUNK = 512
 #: Size of a reduced model from which a smaller basis pays, and number of bases that are kept.
+#: [numerical: chosen for time]
 _LARGE, _BASES = 80, 48
 #: What a basis is made of: modes at so many points of the prior of an effect of one or two
 #: parameters, of more, and of places; how far out of the means of its cells; how far out of
-#: tolerances; the weight of modes that the test did not see.
+#: tolerances; the weight of modes that the test did not see. [numerical: chosen]
 _SAMPLES, _MORE_SAMPLES, _SAMPLES_OF_PLACES = {1: 6, 2: 8}, 12, 24
+#: How far out of the means of its cells, and out of tolerances, in standard deviations; the weight
+#: of modes that the test did not see. [numerical: chosen]
 _BEYOND, _WITHIN, _OTHERS = 1.6, 1.5, 0.1
 #: Singular value, relative to the first, below which a vector is left out; share of a mode that is
-#: not rigid below which it is.
+#: not rigid below which it is. [numerical: chosen]
 _SHARE, _SAME = 1e-3, 1e-3
 #: Points at which it is looked how well torques are interpolated, and how well they have to be, in
-#: standard deviations of noise.
+#: standard deviations of noise. [numerical: chosen]
 _LOOKS, _AS_GOOD = 8, 0.1
 #: Points of a hypothesis that are remembered; widths of a cell within which they are its own.
+#: [numerical: chosen for memory]
 _REMEMBERED, _SAME_CELL = 64, 2.0
 
 

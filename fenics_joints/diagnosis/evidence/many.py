@@ -18,6 +18,7 @@ from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.look import Look
 from fenics_joints.diagnosis.evidence.scalars import scalars_at
+from fenics_joints.diagnosis.thresholds import ROUND_OFF, STEP
 from fenics_joints.errors import InputError
 from fenics_joints.reduction.forward import Forward
 from fenics_joints.reduction.lean import Followed, batched
@@ -25,13 +26,12 @@ from fenics_joints.reduction.many import Change
 
 __all__ = ["ManyPredictions", "at_conditions"]
 
-#: Step of differences, in standard deviations of the prior, and relative difference that is
-#: round-off.
-_STEP, _SAME = 1e-5, 1e-8
 #: Entries of the matrices that are solved for together, which should stay near the processor.
+#: [numerical: chosen for memory]
 _ROOM = 4_000_000
 #: Torques that others are interpolated between, and how far beyond the test's they reach, in
-#: standard deviations of the tightening's scatter.
+#: standard deviations of the tightening's scatter. [numerical: chosen; checked by `_LOOKS` of
+#: `library`]
 _TORQUES, _SCATTERED = 4, 2.0
 
 
@@ -271,7 +271,7 @@ class ManyPredictions:
                                                       strict=True))  # fmt: skip
         rows, own = np.tile(rows, len(directions)), self.forward.model.parameters
         low, high = (self._values(each, rows, mode, wanted=own) for each in moved)
-        return self.forward.change(low, high, 2 * _STEP, len(directions))
+        return self.forward.change(low, high, 2 * STEP, len(directions))
 
     def _values(
         self, z, rows=None, mode=None, checked: bool = False, wanted: Collection[str] = ()
@@ -396,12 +396,12 @@ class ManyPredictions:
         if h.loses(j):
             low, high = (self._losses(each, rows, log_f, look.mode) for each in moved)
             for key, share in shares.items():
-                found = found + 0.5 * (high[key] - low[key]) / (2 * _STEP) * share
+                found = found + 0.5 * (high[key] - low[key]) / (2 * STEP) * share
         low, high = (self._values(each, rows, look.mode) for each in moved)
         rest = 1 - sum(share for key, share in shares.items() if key)
         for key, share in shares.items():
             if key:
-                log_stiffness = np.log(high[key] / low[key]) / (2 * _STEP)
+                log_stiffness = np.log(high[key] / low[key]) / (2 * STEP)
                 found = found - 0.5 * losses[key] * share * rest * log_stiffness
         return found
 
@@ -431,7 +431,7 @@ class ManyPredictions:
             d = read(modes.shape_slope(look.along, look.columns[j]), *sensing)
             if h.priors[j][0].sensing is not None:  # the structure unmoved
                 low, high = (read(modes.x, *self._read(each)) for each in _moved(z, [j]))
-                d = d + (high - low) / (2 * _STEP)
+                d = d + (high - low) / (2 * STEP)
             dx = np.where(there, d, 0.0)
             change = np.sum(y * dx, axis=1) - 2 * scale * np.sum(seen * dx, axis=1)
             slope[..., k] = scale[:, None] * d + found * (change / square)[:, None]
@@ -474,7 +474,7 @@ def _of_each(looks: Sequence[Look], what) -> np.ndarray:
 
 def _moved(z, of: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
     """Points a step below and above in some of their parameters."""
-    step = np.where(np.isin(np.arange(z.shape[1]), of), _STEP, 0.0)
+    step = np.where(np.isin(np.arange(z.shape[1]), of), STEP, 0.0)
     return z - step, z + step
 
 
@@ -485,7 +485,7 @@ def _alike(many, one, count: int) -> bool:
         for name, own in many.items():
             other, value = own[i], values[name]
             none = value != value  # nan: nothing has this value
-            if not (abs(other - value) <= _SAME * abs(value) or (none and other != other)):
+            if not (abs(other - value) <= ROUND_OFF * abs(value) or (none and other != other)):
                 return False
     return True
 

@@ -19,6 +19,7 @@ __all__ = ["moved"]
 
 #: Gain, in nats, and step, in prior standard deviations, up to which a fit to a part of the data is
 #: linear about that to all of them: what is bent in between is a small part of that gain.
+#: [numerical: chosen]
 _NEAR, _STRIDE = 0.3, 0.5
 
 

@@ -5,25 +5,27 @@ from __future__ import annotations
 import numpy as np
 
 from fenics_joints.diagnosis.effects.damping import has_ratios
-from fenics_joints.diagnosis.evidence.evidence import Evidence
+from fenics_joints.diagnosis.evidence.evidence import SHAPE_ERROR, Evidence
 from fenics_joints.diagnosis.evidence.scalars import Scalar
 from fenics_joints.diagnosis.evidence.scales import BETWEEN, ERRORS
 from fenics_joints.measurements.data import TestData
 
 __all__ = ["evidence_of"]
 
-#: Standard deviation of ln f of a test that states neither noise nor resolution.
+#: Standard deviation of ln f of a test that states neither noise nor resolution. [decision: chosen]
 _UNSTATED = 1e-3
 #: Distance between sensors, as a share of the largest, over which its error in a shape does.
+#: [decision: chosen]
 _REACH = 0.3
 #: Scatter of ln damping that no model explains: a joint dissipates otherwise after each tightening.
+#: [decision: chosen]
 _DAMPING_SCATTER = 0.3
 
 
 def evidence_of(
     data: TestData,
     discrepancy: float,
-    shape_error: float = 0.05,
+    shape_error: float = SHAPE_ERROR,
     scalars: tuple[Scalar, ...] = (),
     mesh_error: np.ndarray | None = None,
 ) -> Evidence:

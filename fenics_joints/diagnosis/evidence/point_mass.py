@@ -20,6 +20,7 @@ from scipy.special import logsumexp
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.fitted import Fit
 from fenics_joints.diagnosis.evidence.linear import least_square, whiten
+from fenics_joints.diagnosis.thresholds import INTERVAL, STRONG
 from fenics_joints.measurements.gap import Pairing
 from fenics_joints.modal.modes import Modes
 from fenics_joints.structure.points import Sensors
@@ -28,9 +29,8 @@ __all__ = ["PointMassFound", "point_mass"]
 
 #: Trial masses as shares of the structure's, with equal probability in ln: all of them at the best
 #: places, every fourth elsewhere; and ln of the odds from the best within which a place counts.
+#: [numerical: chosen]
 _SHARES, _COARSE, _NEAR = np.geomspace(2e-3, 0.5, 49), 4, 8.0
-#: Probability of the interval, and ln of the odds against no mass from which it is reported.
-_INTERVAL, _REPORTED = 0.9, 3.0
 
 
 @dataclass(frozen=True)
@@ -94,12 +94,12 @@ def point_mass(
     sizes, nothing = _SHARES * total, fits(0.0)
     coarse = np.array([[with_mass(phi, kg) for kg in sizes[::_COARSE]] for phi in moves])
     log_odds = float(logsumexp(coarse) - np.log(coarse.size) - nothing)
-    if not log_odds > _REPORTED:
+    if not log_odds > np.log(STRONG):
         return None
     near = np.flatnonzero(coarse.max(axis=1) > coarse.max() - _NEAR)
     score = np.array([[with_mass(moves[i], kg) for kg in sizes] for i in near])
     by_size = np.exp(logsumexp(score, axis=0) - logsumexp(score))
-    ends = np.interp([(1 - _INTERVAL) / 2, (1 + _INTERVAL) / 2], np.cumsum(by_size), sizes)
+    ends = np.interp([(1 - INTERVAL) / 2, (1 + INTERVAL) / 2], np.cumsum(by_size), sizes)
     place = near[int(np.argmax(logsumexp(score, axis=1)))]
     best = float(np.exp(np.sum(by_size * np.log(sizes))))
     if ends[1] >= sizes[-2]:

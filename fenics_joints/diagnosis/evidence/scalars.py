@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
+from fenics_joints.diagnosis.thresholds import STEP
+
 if TYPE_CHECKING:
     from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
     from fenics_joints.diagnosis.evidence.signatures import Signatures
@@ -14,8 +16,6 @@ if TYPE_CHECKING:
 __all__ = ["Scalar", "Values", "reach", "scalars_at"]
 
 Values = Mapping[str, np.ndarray]
-
-_STEP = 1e-5
 
 
 class Scalar(Protocol):
@@ -88,7 +88,7 @@ def scalars_at(
     matter = set(reach(measured, hypothesis))
     own = [k for k, j in enumerate(by) if j in matter] if measured else []
     steps = np.zeros((len(own), 1, z.shape[1]))
-    steps[range(len(own)), 0, [by[k] for k in own]] = _STEP
+    steps[range(len(own)), 0, [by[k] for k in own]] = STEP
     low, high = (
         (z + side * steps).reshape(len(own) * len(z), z.shape[1]) for side in (-1, 1)
     )
@@ -99,5 +99,5 @@ def scalars_at(
             if scalar.row == row:
                 found[:, i] = scalar.log_value(values)
                 if own:
-                    slope[:, i, own] = scalar.log_slopes(values, *ends, 2 * _STEP)
+                    slope[:, i, own] = scalar.log_slopes(values, *ends, 2 * STEP)
     return found, slope

@@ -7,15 +7,17 @@ from functools import cached_property
 
 import numpy as np
 
+from fenics_joints.diagnosis.effects.joint import EXPONENT
 from fenics_joints.diagnosis.evidence.covariance import Stated
 
 __all__ = ["LENGTHS", "Signatures"]
 
-#: Over how much of the structure's size changes of patches are alike, equally probable.
+#: Over how much of the structure's size changes of patches are alike, equally probable. [decision:
+#: chosen]
 LENGTHS = (0.05, 0.2, 1.0)
 
-#: Exponent of an interface's stiffness in the torque; variance that keeps a correlation definite.
-_EXPONENT, _JITTER = 0.5, 1e-6
+#: Variance that keeps a correlation definite. [numerical: chosen]
+_JITTER = 1e-6
 
 
 @dataclass(frozen=True, repr=False)
@@ -81,5 +83,5 @@ class Signatures:
         if not self.of_joint.any() or len(conditions) < 2 or test.drifts or min(conditions) <= 0:
             return [stiff, mass]
         x = np.log(conditions)
-        tightened = _EXPONENT * (x - x.mean())[e.row, None] * stiff * self.of_joint
+        tightened = EXPONENT[0] * (x - x.mean())[e.row, None] * stiff * self.of_joint
         return [stiff, mass, tightened]

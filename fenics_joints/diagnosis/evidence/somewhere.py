@@ -28,11 +28,12 @@ from fenics_joints.diagnosis.evidence.signatures import LENGTHS
 __all__ = ["Somewhere", "with_somewhere"]
 
 #: Standard deviations of ln E and ln rho of a patch, relative to those that signatures are of, each
-#: with its prior probability.
+#: with its prior probability. [decision: chosen]
 _SIZES = ((1 / 3, 0.25), (1.0, 0.5), (3.0, 0.25))
-#: Whether stiffness changes, and mass: either, or both.
-_KINDS = (((1.0, 0.0), 1 / 3), ((0.0, 1.0), 1 / 3), ((1.0, 1.0), 1 / 3))
+#: Whether stiffness changes, and mass: either, or both. [decision: all there are]
+_KINDS = ((1.0, 0.0), (0.0, 1.0), (1.0, 1.0))
 #: Prior probability that an unknown cause is one of this kind, and none that may do anything.
+#: [decision: indifference]
 _PLACED = 0.5
 
 
@@ -89,8 +90,8 @@ class _Linear:
 
 
 def _priors() -> Iterator[tuple[tuple, float]]:
-    for (kind, a), (size, b), length in product(_KINDS, _SIZES, LENGTHS):
-        yield (kind, size, length), float(np.log(a * b / len(LENGTHS)))
+    for kind, (size, b), length in product(_KINDS, _SIZES, LENGTHS):
+        yield (kind, size, length), float(np.log(b / (len(_KINDS) * len(LENGTHS))))
 
 
 def _scores(found: Fit, test: Evidence) -> list[float]:

@@ -9,6 +9,7 @@ from typing import ClassVar
 import numpy as np
 
 from fenics_joints.diagnosis.evidence.at_point import AtPoint, Energies
+from fenics_joints.diagnosis.evidence.covariance import UNKNOWN
 from fenics_joints.diagnosis.evidence.entries import STIFFNESS
 from fenics_joints.diagnosis.evidence.scalars import Values
 from fenics_joints.reduction.static import StaticModel
@@ -26,7 +27,7 @@ class StaticStiffness(AtPoint):
 
     model: StaticModel
     kind: ClassVar[int] = STIFFNESS
-    unknown: ClassVar[float] = 0.2
+    unknown: ClassVar[float] = 2 * UNKNOWN  # as the square of a frequency
 
     def log_value(self, values: Mapping[str, float | np.ndarray]) -> float | np.ndarray:
         """ln of the model's, N/m, without its mesh's error; (b,) of values (b,)."""

@@ -10,7 +10,7 @@ import numpy as np
 __all__ = ["Neighbours", "turned"]
 
 #: Share of the variance of a turn of two modes that is not tied: a third has a hand in what one has
-#: of the other.
+#: of the other. [decision: chosen]
 _FREE = 0.1
 
 

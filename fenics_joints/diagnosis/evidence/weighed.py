@@ -9,6 +9,7 @@ from typing import ClassVar
 import numpy as np
 
 from fenics_joints.case import Case
+from fenics_joints.diagnosis.evidence.covariance import UNKNOWN
 from fenics_joints.diagnosis.evidence.entries import MASS
 from fenics_joints.diagnosis.evidence.scalars import Values
 from fenics_joints.diagnosis.evidence.signatures import Signatures
@@ -44,7 +45,7 @@ class Weighed:
     fixed: float = 0.0
     kind: ClassVar[int] = MASS
     row: ClassVar[int | None] = None
-    unknown: ClassVar[float] = 0.1
+    unknown: ClassVar[float] = UNKNOWN
     common: ClassVar[Mapping] = {}
 
     @property

@@ -22,7 +22,7 @@ from fenics_joints.structure import Sensors, Structure
 __all__ = ["antiresonances", "paired_zeros"]
 
 #: How far an antiresonance may be, in ln f, from the model's after what the test's frequencies say
-#: of all modes thereabouts; beyond, it is another's.
+#: of all modes thereabouts; beyond, it is another's. [decision: chosen]
 _NEAR = 0.15
 
 

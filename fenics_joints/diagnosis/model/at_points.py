@@ -26,7 +26,7 @@ __all__ = ["by_patches", "measured_at_points", "stiffness_at"]
 
 #: `fenics_joints.diagnosis.model.prepared.Prepared`, which asks for these.
 Prepared = Any
-#: Places all over the structure by which modes with a point held are told.
+#: Places all over the structure by which modes with a point held are told. [numerical: chosen]
 _PLACES = 40
 
 

@@ -17,11 +17,17 @@ __all__ = ["Errors"]
 #: `fenics_joints.diagnosis.model.prepared.Prepared`.
 Prepared = Any
 #: How far a line may be off by the model's errors, and by where resonances are and how they are
-#: damped alone, relative to it: beyond, what it says is not linear in these any more.
+#: damped alone, relative to it: beyond, what it says is not linear in these any more. [decision:
+#: chosen]
 _MOST, _NEAR = 0.3, 0.1
 #: Error of what modes beyond those at hand add, mostly what bends about the point, of itself.
+#: [decision: chosen]
 _BEYOND = 0.2
-#: What an unknown cause may do to a shape, in errors of any model of it.
+#: Eigenvalue, over that of the lowest mode of the test, below which a mode is a rigid motion.
+#: [numerical: chosen]
+_RIGID = 1e-4
+#: What an unknown cause may do to a shape, in errors of any model of it. [decision: as of shapes:
+#: 0.2 over the usual 0.05]
 _UNKNOWN = 4.0
 
 
@@ -51,7 +57,7 @@ class Errors:
         self._n_modes = min(model.case.diagnose.n_modes, basis.model.n_dofs)
         self.modes: ManyModes = self._receptances(Lines(*np.zeros((3, 0)))).modes(self._baseline)
         self._lam, self._index = self.modes.eigenvalues[0], self.modes.index[0]
-        self._n_rigid = int(np.sum(self._lam < 1e-4 * self._lam[self._index].min()))
+        self._n_rigid = int(np.sum(self._lam < _RIGID * self._lam[self._index].min()))
         self._moves = basis.rows @ self.modes.vectors[0]
         everywhere = basis.model.sensor_rows @ self.modes.vectors[0]
         # Of a motion's length, three directions to each place.

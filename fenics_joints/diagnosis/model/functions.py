@@ -25,17 +25,22 @@ __all__ = ["measured_functions", "planned_function"]
 
 #: `fenics_joints.diagnosis.model.prepared.Prepared`, whose test these are of.
 Prepared = Any
-#: Functions and lines that are taken, at most; the fewest of a function.
+#: Functions and lines that are taken, at most; the fewest of a function. [numerical: chosen for
+#: time]
 _FUNCTIONS, _LINES, _FEW = 6, 48, 4
-#: Lines of a planned function, and where they begin, in lowest resonances.
+#: Lines of a planned function, and where they begin, in lowest resonances. [numerical: chosen]
 _GRID, _LOWEST = 800, 0.3
 #: See `PointBasis`: lines are off by 0.2 % in the median, 1 % near valleys (test plates).
+#: [numerical: measured on the test plates]
 _BASIS = 1e-4
 #: Lines over which what a function is off is taken in the median: single ones may be hum.
+#: [numerical: chosen]
 _BESIDE = 5
 #: How far a function may be off before it is another's: a unit, a scale or a sign is wrong.
+#: [decision: chosen]
 _OFF = 3.0
 #: Damping ratio of a mode of which it was not measured, which it is within a factor of e.
+#: [decision: chosen]
 _DAMPING, _UNSURE = 0.01, 1.0
 
 

@@ -36,7 +36,10 @@ _DIAGNOSE = [key for key in Diagnose.model_fields
 _TEST = ["mass", "mass_noise", "stiffness", "antiresonances"]
 #: What a part calls the properties of its law, and a joint; others have their own names.
 _CALLED = {"stretch": "thickness"}
+#: Normal of a part that nobody gave. [numerical: default of a case]
 _UPWARDS = (0.0, 0.0, 1.0)
+#: Cosine from which a direction is along an axis. [numerical: chosen]
+_ALONG = 0.999
 
 
 class _Mesh(MeshSection):
@@ -284,7 +287,7 @@ def _travel(structure: Structure, name: str, mass: PointMass) -> dict[str, Any]:
     """Where a mass may sit that moves with a parameter."""
     parameter, way = structure.parameters[name], np.asarray(mass.direction)
     ends = np.array([parameter.lower, parameter.upper])
-    if parameter.value or np.count_nonzero(way > 0.999) != 1 or not np.isfinite(ends).all():
+    if parameter.value or np.count_nonzero(way > _ALONG) != 1 or not np.isfinite(ends).all():
         raise InputError(
             f"structure: {mass.name}.travel: expected a parameter of value 0 with bounds, and a "
             "direction along an axis"

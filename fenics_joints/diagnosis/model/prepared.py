@@ -33,7 +33,7 @@ from fenics_joints.diagnosis.model.bonded import joint_errors
 from fenics_joints.diagnosis.model.resolution import MeshErrors, mesh_errors
 from fenics_joints.diagnosis.model.subject import Subject, subject_of, with_places
 from fenics_joints.diagnosis.where.patch_signatures import signatures
-from fenics_joints.diagnosis.where.patches import Patches, patches
+from fenics_joints.diagnosis.where.patches import PATCHES, Patches, patches
 from fenics_joints.diagnosis.where.zone_sensitivity import given_way
 from fenics_joints.errors import InputError
 from fenics_joints.formatting import percent
@@ -60,11 +60,10 @@ __all__ = ["Prepared", "prepare"]
 #: the discrepancy, and at most. Half of it bounds the error in frequency there: 3 % of a
 #: discrepancy of 0.5 %, where small effects count, 15 % of one of 2.5 %. In the median over the
 #: effects of the blind check's T the error is 0.06 % at a share of 0.5 %, of its box 0.01 % at 1 %.
+#: [numerical: measured on T and box of benchmarks/blind]
 _LACKING, _MOST_LACKING = 12.0, 1e-2
 #: What kept models were sampled at, so that one of another version is not taken for it.
 _SAMPLED = "every place where a joint can give way"
-#: Patches of each region in which an unknown cause may be.
-_PATCHES = 12
 
 
 @dataclass(repr=False, kw_only=True)
@@ -275,7 +274,7 @@ class Prepared(Subject):
 
     def place_unknown(self) -> None:
         """Let an unknown cause have a place. Collective; after `reduce`."""
-        self.evidence = self.with_signatures(patches(self.cells, _PATCHES, self.zones.shown))
+        self.evidence = self.with_signatures(patches(self.cells, PATCHES, self.zones.shown))
 
     def with_signatures(self, split: Patches) -> Evidence:
         """The test with what a change in each of some patches would do. Collective; after

@@ -12,6 +12,7 @@ from fenics_joints.case.test import StaticTest
 from fenics_joints.diagnosis.evidence.evidence import BEYOND, UNSURE
 from fenics_joints.diagnosis.evidence.stiffness import StaticStiffness
 from fenics_joints.diagnosis.model.resolution import MOST
+from fenics_joints.diagnosis.thresholds import NEGLIGIBLE
 from fenics_joints.errors import InputError
 from fenics_joints.measurements.data import TestData
 from fenics_joints.reduction.adaptive import Points
@@ -20,9 +21,8 @@ from fenics_joints.structure import Sensors, Structure
 
 __all__ = ["most_yielding", "row_of", "static_stiffness"]
 
-#: Share of a measurement's standard deviation that the reduced model may err; points of a round
-#: that are looked at.
-_SHARE, _FRESH = 0.1, 6
+#: Points of a round at which the reduced model is looked at. [numerical: chosen]
+_FRESH = 6
 
 
 def static_stiffness(
@@ -72,7 +72,8 @@ def static_stiffness(
     if full.is_dense:
         model, mesh = StaticModel(full.arrays(at)), np.zeros(len(sections))
     else:
-        model, mesh = _reduced(case, full, at, baseline, samples, more, travel, _SHARE * sd.min())
+        tolerance = NEGLIGIBLE * sd.min()
+        model, mesh = _reduced(case, full, at, baseline, samples, more, travel, tolerance)
     sd = np.hypot(sd, UNSURE * mesh)
     return tuple(
         StaticStiffness(

@@ -21,15 +21,13 @@ from fenics_joints.reduction.many import Change, ManyModes, ManyValues
 from fenics_joints.reduction.terms import MassTerm
 
 __all__ = [
-    "ADDED_MASS", "DAMPING_NOISE", "MORE_MODES", "Addition", "Candidate", "Joined", "altered",
+    "ADDED_MASS", "MORE_MODES", "Addition", "Candidate", "Joined", "altered",
     "loaded", "measurement", "missed_modes", "next_modes", "rank", "shifted", "widened",
 ]  # fmt: skip
 
-#: Added mass, as a share of the structure's.
+#: Added mass, as a share of the structure's. [decision: chosen]
 ADDED_MASS = 0.05
-#: Relative standard deviation of a damping ratio in a usual test.
-DAMPING_NOISE = 0.1
-#: Further modes of each kind that a longer test would see.
+#: Further modes of each kind that a longer test would see. [decision: chosen]
 MORE_MODES = 3
 
 

@@ -13,7 +13,7 @@ from fenics_joints.diagnosis.effects.effect import Effect
 from fenics_joints.diagnosis.effects.library import case_effects
 from fenics_joints.diagnosis.evidence.classes import APART
 from fenics_joints.diagnosis.evidence.entries import FUNCTION, STIFFNESS
-from fenics_joints.diagnosis.evidence.evidence import Evidence
+from fenics_joints.diagnosis.evidence.evidence import DAMPING_NOISE, Evidence
 from fenics_joints.diagnosis.evidence.of_test import evidence_of
 from fenics_joints.diagnosis.evidence.weighed import WHOLE, on_a_scale
 from fenics_joints.diagnosis.model.at_points import stiffness_at
@@ -22,7 +22,6 @@ from fenics_joints.diagnosis.model.prepared import Prepared
 from fenics_joints.diagnosis.model.static import most_yielding
 from fenics_joints.diagnosis.plan.added import (
     ADDED_MASS,
-    DAMPING_NOISE,
     MORE_MODES,
     Candidate,
     Joined,
@@ -45,11 +44,11 @@ from fenics_joints.structure.points import Sensors
 
 __all__ = ["Candidates"]
 
-#: Points, spread over the structure, at which modes are told from each other.
+#: Points, spread over the structure, at which modes are told from each other. [numerical: chosen]
 _POINTS = 24
-#: A suspension that a test could have instead: this much softer.
+#: A suspension that a test could have instead: this much softer. [decision: chosen]
 _SOFTER = 0.1
-#: Pairs that decide where a mass is put.
+#: Pairs that decide where a mass is put. [numerical: chosen for time]
 _PAIRS = 12
 
 

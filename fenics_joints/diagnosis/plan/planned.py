@@ -24,6 +24,7 @@ from fenics_joints.diagnosis.plan.groups import combination, groups
 from fenics_joints.diagnosis.plan.result import Plan, PlannedClass, PlannedEffect
 from fenics_joints.diagnosis.plan.sensors import few_sensors
 from fenics_joints.diagnosis.plan.study import Signature, Study
+from fenics_joints.diagnosis.thresholds import NEGLIGIBLE
 from fenics_joints.formatting import number, quantity, spaced
 from fenics_joints.measurements.data import TestData
 from fenics_joints.progress import Progress
@@ -31,9 +32,7 @@ from fenics_joints.progress import Progress
 __all__ = ["plan"]
 
 _LETTERS = "ABCDEFGHIJKLMNOPQRSTUVWXYZ"
-#: Share of the largest below which a change is left out of a combination's words.
-_COUNTS = 0.1
-#: Parameters of an effect that are named in words.
+#: Parameters of an effect that are named in words. [numerical: length of a sentence]
 _NAMED = 4
 
 
@@ -193,7 +192,8 @@ def _letter(i: int) -> str:
 
 def _in_words(signatures: Sequence[Signature], factors: np.ndarray) -> str:
     """A combination of changes that cancel, without what hardly counts."""
-    order = [i for i in np.argsort(-np.abs(factors), kind="stable") if abs(factors[i]) >= _COUNTS]
+    size = np.abs(factors)
+    order = [i for i in np.argsort(-size, kind="stable") if size[i] >= NEGLIGIBLE]
     first = signatures[order[0]]
     words = f"{spaced(first.effect.key)} ({size_in_words(first)})"
     for i in order[1:]:

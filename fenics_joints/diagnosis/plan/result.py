@@ -11,15 +11,14 @@ import fenics_joints
 from fenics_joints.diagnosis.effects.effect import Silent
 from fenics_joints.diagnosis.evidence.classes import APART, confusion
 from fenics_joints.diagnosis.plan.added import Addition
+from fenics_joints.diagnosis.thresholds import NEGLIGIBLE
 from fenics_joints.files import plain
 from fenics_joints.formatting import bounded
 
 __all__ = ["Plan", "PlannedClass", "PlannedEffect"]
 
-#: Names that a sentence holds at most.
+#: Names that a sentence holds at most. [numerical: length of a sentence]
 _LISTED = 6
-#: Gain of D that no measurement is worth being made for.
-_LITTLE = 0.1
 
 
 @dataclass(frozen=True)
@@ -182,7 +181,7 @@ class Plan:
         if not (self.classes or self.unseen):
             return "Nothing more need be measured for that."
         best = self.additions[0] if self.additions else None
-        if best is None or best.largest < _LITTLE:
+        if best is None or best.largest < NEGLIGIBLE:
             return "None of the further measurements that were looked at would help."
         seen = sum(e.seen for e in self.effects)
         if best.classes > self.n_apart:

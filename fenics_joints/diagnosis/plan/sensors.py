@@ -12,7 +12,7 @@ from fenics_joints.diagnosis.plan.study import Measurement, Signature, Study, ow
 
 __all__ = ["few_sensors"]
 
-#: Of one kind of a sensor's faults so many stay.
+#: Of one kind of a sensor's faults so many stay. [numerical: chosen for time]
 _KEPT = 4
 
 

@@ -28,13 +28,16 @@ if TYPE_CHECKING:
 
 __all__ = ["Measurement", "Signature", "Study", "own_at"]
 
-#: Sizes of an effect, in prior standard deviations: those it is judged at, and those that a search
-#: for the nearest prediction starts from.
+#: Sizes of an effect that it is judged at, in prior standard deviations. [decision: one standard
+#: deviation either way]
 SIZES = (-1.0, 0.0, 1.0)
+#: Sizes that a search for the nearest prediction starts from. [numerical: chosen]
 _STARTS = (-2.0, -1.0, 0.0, 1.0, 2.0)
-#: Of the starts the search goes on from this many, for so many steps at most.
+#: Of the starts the search goes on from this many, for so many steps at most. [numerical: chosen
+#: for time]
 _BEST, _STEPS = 2, 12
 #: Relative fall of the cost below which the search ends; and where D is this far above `APART`.
+#: [numerical: chosen for time]
 _DONE, _DONE_FAR, _FAR = 3e-3, 0.3, 3.0
 
 Predict = Callable[[Hypothesis, np.ndarray, Mapping[str, float]], tuple[np.ndarray, np.ndarray]]

@@ -16,7 +16,7 @@ from fenics_joints.structure import Sensors
 __all__ = ["signatures"]
 
 #: How near two eigenvalues may be, relative to them, before what turns their shapes into one
-#: another is bounded: a change of the expected size turns them all the way.
+#: another is bounded: a change of the expected size turns them all the way. [decision: chosen]
 _CLOSE = 0.03
 
 

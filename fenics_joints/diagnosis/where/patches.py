@@ -13,7 +13,10 @@ from fenics_joints.diagnosis.zones.partition import partition
 from fenics_joints.errors import InputError
 from fenics_joints.structure.grids import cell_grid, pyvista
 
-__all__ = ["PatchMap", "Patches", "patches"]
+__all__ = ["PATCHES", "PatchMap", "Patches", "patches"]
+
+#: Patches of each region. [decision: chosen]
+PATCHES = 12
 
 
 @dataclass(frozen=True, repr=False)
@@ -127,7 +130,7 @@ class PatchMap:
         }
 
 
-def patches(cells: Cells, n: int = 12, merged: Mapping[str, str] | None = None) -> Patches:
+def patches(cells: Cells, n: int = PATCHES, merged: Mapping[str, str] | None = None) -> Patches:
     """Split every region of a structure into ``n`` compact patches. Collective.
 
     Groups of a region (two plates of one material) are split each by itself, into numbers in

@@ -33,6 +33,7 @@ from scipy.stats import chi2
 from fenics_joints.diagnosis.evidence.entries import FREQUENCY, KINDS
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.linear import whiten
+from fenics_joints.diagnosis.thresholds import NEGLIGIBLE
 from fenics_joints.errors import InputError
 
 __all__ = [
@@ -40,11 +41,8 @@ __all__ = [
     "score_tests", "shares", "whitened",
 ]  # fmt: skip
 
-#: Family-wise p below which a place explains more than chance.
+#: Family-wise p below which a place explains more than chance. [decision: convention]
 LEVEL = 0.05
-#: Whitened length, in standard deviations of the data, that a change of the expected size must have
-#: for it to be tested at all: less costs a degree of freedom and can gain nothing.
-_VISIBLE = 0.1
 
 
 @dataclass(frozen=True, repr=False)
@@ -206,7 +204,7 @@ def score_tests(
     nuisance: np.ndarray | None,
     evidence: Evidence,
     *,
-    visible: float = _VISIBLE,
+    visible: float = NEGLIGIBLE,
 ) -> list[ScoreTest]:
     """Test every place for a change there alone.
 
@@ -278,7 +276,7 @@ def shares(
         if max(odds) <= 0:
             break
         best, S = left[int(np.argmax(odds))]
-        Q = _visible_span(S, _VISIBLE)
+        Q = _visible_span(S, NEGLIGIBLE)
         found.append(ZoneShare(best.region, float(np.sum((Q.T @ r) ** 2)) / total))
         r = r - Q @ (Q.T @ r)
         left = [(p, S - Q @ (Q.T @ S)) for p, S in left if p.region != best.region]

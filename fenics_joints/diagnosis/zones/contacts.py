@@ -28,13 +28,15 @@ from fenics_joints.preload import PreloadModel, solve_preload
 __all__ = ["contact_zones"]
 
 #: Thickness of the layer, relative to the shortest edge of the interface: thin enough that one as
-#: stiff as the bodies is as good as none.
+#: stiff as the bodies is as good as none. [numerical: chosen]
 _THIN = 0.1
-#: Pressure, relative to the largest, below which a facet is open.
+#: Pressure, relative to the largest, below which a facet is open. [numerical: chosen]
 _OPEN = 1e-9
+#: Zones by pressure, at most. [decision: chosen]
+_ZONES = 12
 
 
-def contact_zones(case: Case, comm: MPI.Intracomm, n_zones: int = 12) -> Zones:
+def contact_zones(case: Case, comm: MPI.Intracomm, n_zones: int = _ZONES) -> Zones:
     """Solve a case's preload and make the zones. Collective.
 
     Args:

@@ -22,17 +22,18 @@ from fenics_joints.case import Case
 from fenics_joints.case.build import measured_joints
 from fenics_joints.case.sections import Joint
 from fenics_joints.diagnosis.zones.places import LayerZone, bolt_points, placed
-from fenics_joints.diagnosis.zones.zone import Zones, check_names
+from fenics_joints.diagnosis.zones.zone import SAME, Zones, check_names
 from fenics_joints.errors import InputError
 from fenics_joints.meshes import TaggedMesh
 
 __all__ = ["joint_zones"]
 
-#: Distances closer than this, relative to the largest, are equal by symmetry.
-_SAME = 1e-6
-#: Cells that a ring has at a bolt on average, at least.
+#: Rings of the joint with the largest area per bolt. [decision: chosen]
+_RINGS = 4
+#: Cells that a ring has at a bolt on average, at least. [numerical: chosen]
 _CELLS = 2
 #: Zones of a joint at most, as long as it has two rings: of many bolts each needs fewer.
+#: [numerical: chosen for time]
 _MOST = 64
 
 
@@ -55,7 +56,7 @@ class _Layer:
         off = np.maximum(self.low - point, point - self.high)
         # Along the normal a layer is thin, and a bolt's point may lie on a face beside it.
         thin = float(normal @ room)
-        good = (off <= 1e-6 * room.max()) | (normal > 0.5)
+        good = (off <= SAME * room.max()) | (normal > 0.5)
         return bool(good.all() and (not along or np.all((off <= thin) | (normal <= 0.5))))
 
     def distances(self, middles: np.ndarray, bolts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -67,7 +68,7 @@ class _Layer:
         return np.linalg.norm(off - along[..., None] * normal, axis=2), np.abs(along)
 
 
-def joint_zones(case: Case, tagged: TaggedMesh, rings: int = 4) -> Zones:
+def joint_zones(case: Case, tagged: TaggedMesh, rings: int = _RINGS) -> Zones:
     """Split the joints of a case by nearest bolt and by distance to it. Collective.
 
     Bolts are those of ``[joints.NAME] bolts``, else the mesh builder's that pass through the joint;
@@ -250,13 +251,13 @@ def _nearest(layer: _Layer, bolts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     distances, along = layer.distances(layer.middles, bolts)
     least = distances.min(axis=1)
     size = np.linalg.norm(layer.high - layer.low)
-    near = distances <= least[:, None] + _SAME * size
+    near = distances <= least[:, None] + SAME * size
     along = np.where(near, along, np.inf)
-    near = along <= along.min(axis=1)[:, None] + _SAME * size
+    near = along <= along.min(axis=1)[:, None] + SAME * size
     nearest, tied = near.argmax(axis=1), near.sum(axis=1) > 1
     area = np.bincount(nearest[~tied], layer.areas[~tied], minlength=len(bolts)).astype(float)
     # By place, since their order depends on the number of ranks; the offset keeps off grid lines.
-    cell = np.floor((layer.middles - layer.low) / (_SAME * size) + 0.318)
+    cell = np.floor((layer.middles - layer.low) / (SAME * size) + 0.318)
     for i in np.lexsort(cell.T):
         if tied[i]:
             share = np.where(near[i], np.round(area / layer.areas.sum(), 9), np.inf)
@@ -269,7 +270,7 @@ def _radii(distance: np.ndarray, area: np.ndarray, count: int) -> np.ndarray:
     """Radii between the rings, m: equal shares of the area, equal distances staying together."""
     order = np.argsort(distance, kind="stable")
     d, a = distance[order], area[order]
-    level = np.concatenate([[0], np.cumsum(np.diff(d) > _SAME * d[-1])])
+    level = np.concatenate([[0], np.cumsum(np.diff(d) > SAME * d[-1])])
     weight = np.bincount(level, a)
     share = (np.cumsum(weight) - 0.5 * weight) / weight.sum()
     bins = np.minimum((count * share).astype(int), count - 1)

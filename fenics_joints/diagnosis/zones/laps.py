@@ -9,15 +9,21 @@ import numpy as np
 
 from fenics_joints.case import Case
 from fenics_joints.case.build_beams import ZonedLap, lap_axial, lap_name
-from fenics_joints.diagnosis.zones.zone import GIVEN_LAP, LAP, Grading, Zone, Zones, check_names
+from fenics_joints.diagnosis.zones.zone import (
+    GIVEN_LAP,
+    LAP,
+    SAME,
+    Grading,
+    Zone,
+    Zones,
+    check_names,
+)
 from fenics_joints.errors import InputError
 
 __all__ = ["lap_as_one", "lap_zones"]
 
-#: Zones of a lap at most.
+#: Zones of a lap at most. [decision: chosen]
 _ZONES = 5
-#: Distances from the bolt closer than this, relative to the laps, are equal by symmetry.
-_SAME = 1e-3
 
 
 def lap_zones(case: Case) -> Zones:
@@ -78,7 +84,7 @@ def _gradings(zones: Collection[Zone], size: float, origin: str) -> Iterator[Gra
     """By the distance from the bolts, those equally far on either side together; and each alone."""
     groups: list[tuple[float, list[str]]] = []
     for zone in sorted(zones, key=lambda zone: zone.distance[0]):
-        if not groups or zone.distance[0] > groups[-1][0] + _SAME * max(size, 1e-12):
+        if not groups or zone.distance[0] > groups[-1][0] + SAME * max(size, 1e-12):
             groups.append((zone.distance[0], []))
         groups[-1][1].append(zone.name)
     symmetric = {f"at {1e3 * d:.4g} mm": tuple(names) for d, names in groups}

@@ -15,17 +15,21 @@ from fenics_joints.diagnosis.zones.partition import partition
 from fenics_joints.structure import Sensors, Structure
 from fenics_joints.structure.changes import LocalLoss, ShapeChange
 
-__all__ = ["BOW", "LOSS", "TAPER", "PartCells", "Plate"]
+__all__ = ["BOW", "LOSS", "MOST_BOW", "MOST_TAPER", "TAPER", "PartCells", "Plate"]
 
 #: Prefixes of parameters.
 LOSS, BOW, TAPER = "local_loss", "bow", "taper"
-#: Points at most, and patches: the reduced model has a matrix for each.
+#: Points at most, and patches: the reduced model has a matrix for each. [numerical: chosen for
+#: memory]
 _POINTS, _PATCHES = 12, 40
-#: A plate is so many times as long as thick, and its cells fill its box.
+#: A plate is so many times as long as thick, and its cells fill its box. [numerical: chosen]
 _SLENDER, _FULL = 5.0, 0.93
 #: Half the difference of the ends' thicknesses over their mean up to which the stiffness is looked
-#: at, and the degree of the polynomial through it: 1e-6 off at most.
-_MOST_TAPER, _DEGREE = 0.2, 6
+#: at, and the degree of the polynomial through it: 1e-6 off at most. [numerical: measured: 1e-6
+#: off]
+MOST_TAPER, _DEGREE = 0.2, 6
+#: Height of a bow over its length up to which the stiffness is looked at. [numerical: chosen]
+MOST_BOW = 0.02
 
 
 @dataclass(frozen=True)
@@ -160,7 +164,7 @@ class PartCells:
             for part in self.case.parts:
                 changes.append(ShapeChange(
                     f"{name} {part}", part, tuple(ways[0][0]), tuple(ways[0][i]), bend,
-                    np.array([ones, 0 * ones]), 0.02 * L, self._nominal(part, name, 2, False),
+                    np.array([ones, 0 * ones]), MOST_BOW * L, self._nominal(part, name, 2, False),
                 ))  # fmt: skip
         return tuple(plates), changes
 
@@ -188,7 +192,7 @@ class PartCells:
             bend = -2 * middle[i] / L, 2 / L, 0.0
             changes += [ShapeChange(
                 f"{parameter} {other}", other, tuple(ways[0]), tuple(ways[i]), bend, across,
-                _MOST_TAPER,
+                MOST_TAPER,
                 self._nominal(other, parameter, _DEGREE if other == part else 2, other == part),
             ) for other in self.case.parts]  # fmt: skip
         return tuple(plates), changes

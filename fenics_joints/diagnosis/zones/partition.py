@@ -6,10 +6,10 @@ import numpy as np
 
 __all__ = ["partition"]
 
-#: Sweeps of Lloyd's algorithm; the patches need to be compact, not optimal.
+#: Sweeps of Lloyd's algorithm; the patches need to be compact, not optimal. [numerical: chosen]
 _SWEEPS = 8
 #: Coordinates are rounded to this share of the structure's size: ties by symmetry are then broken
-#: by order, and the same way on any number of ranks.
+#: by order, and the same way on any number of ranks. [numerical: round-off]
 _GRAIN = 1e-7
 
 

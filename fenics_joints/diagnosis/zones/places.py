@@ -17,9 +17,10 @@ __all__ = ["LayerZone", "bolt_points", "placed"]
 #: Points of a builder that are axes of bolts.
 _BOLT_POINTS = ("bolts", "bolt")
 
-#: Groups of rings at most, as each has stiffnesses of its own.
+#: Groups of rings at most, as each has stiffnesses of its own. [decision: chosen]
 _GROUPS = 4
 #: Bolts closer than this, relative to the largest distance of a zone from its bolt, are one.
+#: [numerical: chosen]
 _SAME = 1e-3
 
 

@@ -29,7 +29,7 @@ __all__ = [
 
 #: Prefixes of the parameters, besides those of `part_cells`.
 ON, HUNG = "put_on", "hung"
-#: Mass of what hangs on a spring where nothing does, over the structure's.
+#: Mass of what hangs on a spring where nothing does, over the structure's. [numerical: chosen]
 _IDLE = 1e-6
 
 
