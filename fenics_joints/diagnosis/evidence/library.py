@@ -67,7 +67,7 @@ _SAMPLES, _MORE_SAMPLES, _SAMPLES_OF_PLACES = {1: 6, 2: 8}, 12, 24
 _BEYOND, _WITHIN, _OTHERS = 1.6, 1.5, 0.1
 #: Singular value, relative to the first, below which a vector is left out; share of a mode that is
 #: not rigid below which it is. [numerical: chosen]
-_SHARE, _SAME = 1e-3, 1e-3
+_SHARE, _SAME = 3e-3, 1e-3
 #: Points at which it is looked how well torques are interpolated, and how well they have to be, in
 #: standard deviations of noise. [numerical: chosen]
 _LOOKS, _AS_GOOD = 8, 0.1
