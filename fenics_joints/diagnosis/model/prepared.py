@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -19,6 +19,7 @@ from fenics_joints.diagnosis.effects.joint import interfaces
 from fenics_joints.diagnosis.effects.library import by_preload, case_effects, case_nuisances
 from fenics_joints.diagnosis.effects.samples import is_rare, sample_ranges, sample_values
 from fenics_joints.diagnosis.effects.user import check_parameters, for_zones
+from fenics_joints.diagnosis.evidence.cells import prior_cells
 from fenics_joints.diagnosis.evidence.entries import FUNCTION
 from fenics_joints.diagnosis.evidence.equal import distinct
 from fenics_joints.diagnosis.evidence.evidence import Evidence
@@ -64,6 +65,8 @@ __all__ = ["Prepared", "prepare"]
 _LACKING, _MOST_LACKING = 12.0, 1e-2
 #: What kept models were sampled at, so that one of another version is not taken for it.
 _SAMPLED = "every place where a joint can give way"
+#: Values of each effect's parameters at which partners are sought. [numerical: chosen for time]
+_TRIED = 48
 
 
 @dataclass(repr=False, kw_only=True)
@@ -180,7 +183,7 @@ class Prepared(Subject):
         nominal = self._partnered(self.surrogate.nominal, self.surrogate.pairing)
         # The reduced model, which predicts, may have more modes to choose from.
         nominal &= self._partnered(*self.forward.solve(self.baseline))
-        found, tried = nominal.copy(), iter([] if nominal.all() else self._partners_at())
+        found, tried = nominal.copy(), self._partners_at()
         while not found.all() and (values := next(tried, None)) is not None:
             try:
                 found |= self._partnered(*self.forward.solve(values), ALIKE)
@@ -206,11 +209,17 @@ class Prepared(Subject):
                 "the effects; it is fitted and held out, but has no part in the nominal model's gap"
             )
 
-    def _partners_at(self) -> list[dict[str, float]]:
+    def _partners_at(self) -> Iterator[dict[str, float]]:
         """Parameter values at which partners are sought that the nominal model lacks: all joints
-        compliant, and samples of every effect's prior."""
-        soft = given_way(self.baseline, interfaces(self.zones, self.baseline))
-        return [soft, *self.samples(self.case.diagnose.samples)]
+        compliant, and every effect all over its prior, such as at all its places."""
+        yield given_way(self.baseline, interfaces(self.zones, self.baseline))
+        for effect in self.effects:
+            if effect.apply is not None and not effect.holds:
+                h, (mean, _, _) = self.hypothesis((effect,)), prior_cells(effect.priors)
+                index = np.linspace(0, len(mean) - 1, min(_TRIED, len(mean))).round().astype(int)
+                for own in mean[index]:
+                    z = h.at(own).clip(*h.limits.T)
+                    yield h.values(z, self.data.conditions[0], self.baseline, 0)
 
     def _partnered(
         self, modes: Modes, pairing: Pairing, least: float = CONTRADICTED
