@@ -65,7 +65,7 @@ __all__ = ["Prepared", "prepare"]
 _LACKING, _MOST_LACKING = 12.0, 1e-2
 #: What kept models were sampled at, so that one of another version is not taken for it.
 _SAMPLED = "every place where a joint can give way"
-#: Values of each effect's parameters at which partners are sought. [numerical: chosen for time]
+#: Places of each effect at which partners are sought. [numerical: chosen for time]
 _TRIED = 48
 
 
@@ -211,11 +211,12 @@ class Prepared(Subject):
 
     def _partners_at(self) -> Iterator[dict[str, float]]:
         """Parameter values at which partners are sought that the nominal model lacks: all joints
-        compliant, and every effect all over its prior, such as at all its places."""
+        compliant, samples of every effect's prior, and those of many places at all of them."""
         yield given_way(self.baseline, interfaces(self.zones, self.baseline))
+        yield from self.samples(self.case.diagnose.samples)
         for effect in self.effects:
-            if effect.apply is not None and not effect.holds:
-                h, (mean, _, _) = self.hypothesis((effect,)), prior_cells(effect.priors)
+            if any(prior.even for prior in effect.priors):
+                h, mean = self.hypothesis((effect,)), prior_cells(effect.priors)[0]
                 index = np.linspace(0, len(mean) - 1, min(_TRIED, len(mean))).round().astype(int)
                 for own in mean[index]:
                     z = h.at(own).clip(*h.limits.T)
