@@ -21,7 +21,7 @@ from fenics_joints.structure.changes import CHANGES
 from fenics_joints.structure.laws import Law
 from fenics_joints.structure.values import number
 
-__all__ = ["freeze", "trimmed"]
+__all__ = ["freeze", "of_few", "trimmed"]
 
 #: Values at which scalars are compared: what is in proportion at all of them, to round-off, is so
 #: everywhere, for they are rational functions and the values are any. How far they are apart.
@@ -134,7 +134,7 @@ def _split(region: RegionTerm, free, values):
         return None, stiff, heavy, weight
     sums = [np.tensordot(shares, region.stiffness[rows], axes=1) for rows, shares in groups]
     own = replace(
-        region, law=_of_few(law, [rows[0] for rows, _ in groups]), inertia=inertia, volume=volume,
+        region, law=of_few(law, [rows[0] for rows, _ in groups]), inertia=inertia, volume=volume,
         stiffness=np.reshape(sums, (len(sums), *inertia.shape)),
         properties=properties,
     )  # fmt: skip
@@ -157,8 +157,8 @@ def _groups(theta: np.ndarray, rows: Sequence[int]) -> list[tuple[list[int], lis
     return found
 
 
-def _of_few(law: Law, rows: Sequence[int]) -> Law:
-    """The law with some of its scalars."""
+def of_few(law: Law, rows: Sequence[int]) -> Law:
+    """The law with some of its scalars, by index."""
     name = f"{law.name} {list(rows)}"  # by which a pencil remembers them
     return replace(law, name=name, stiffness_terms=partial(_some, law, list(rows)))
 

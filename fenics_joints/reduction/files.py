@@ -20,6 +20,7 @@ from fenics_joints.files import check_writable, is_file, path_of, sealed, shown_
 from fenics_joints.joint_laws import Backbone, JointLaw, LawKernel
 from fenics_joints.reduction.affine import AffinePencil
 from fenics_joints.reduction.arrays import ArrayModel
+from fenics_joints.reduction.compact import of_few
 from fenics_joints.reduction.terms import MassTerm, RegionTerm, SpringTerm
 from fenics_joints.structure.changes import CHANGES
 from fenics_joints.structure.components import Parameter
@@ -229,6 +230,13 @@ def _own(parent, name: str, read: set):
 
 
 def _linear_law(name: str) -> Law:
+    whole, _, rows = name.rpartition(" [")
+    if whole:  # with some of its scalars alone
+        law = _linear_law(whole)
+        rows = [int(row) for row in rows.rstrip("]").split(", ") if row]
+        if not all(0 <= row < len(law.samples) for row in rows):
+            raise InputError(f"{name}: expected indices of {len(law.samples)} scalars.")
+        return of_few(law, rows)
     if name not in _LAWS:
         raise InputError(f"{name} is not known here; expected its module to be imported before.")
     return _LAWS[name]

@@ -139,8 +139,8 @@ class Library:
         #: Forwards by the keys of the effects that they are good for.
         self.bases: dict[tuple[str, ...], LeanForward] = {}
         self._samples: dict[str, tuple[np.ndarray, np.ndarray]] = {}
-        #: Modes that a basis was found to lack, by its key.
-        self._own: dict[tuple[str, ...], list[tuple[np.ndarray, np.ndarray]]] = {}
+        #: Modes that the basis of a hypothesis was found to lack.
+        self._own: dict[str, list[tuple[np.ndarray, np.ndarray]]] = {}
         self._smooth: dict[str, bool] = {}
         self._changes: dict[str, set[str]] = {}
         self._states: dict[str, States] = {}
@@ -153,9 +153,13 @@ class Library:
         """A forward on the vectors that hold the test's modes all over a hypothesis' prior."""
         if not self.lean:
             return self.forward
-        acting, key = _acting(h), _key(h)
+        acting = [e for e in h.effects if e.apply is not None or e.loss is not None]
+        key = tuple(sorted(effect.key for effect in acting))
+        if h.label_of_keys in self._own:  # of this one alone, so that no order of work tells
+            key = (h.label_of_keys,)
         if key not in self.bases:
-            parts = [self._sampled(None), *map(self._sampled, acting), *self._own.get(key, ())]
+            parts = [self._sampled(None), *map(self._sampled, acting)]
+            parts += self._own.get(h.label_of_keys, ())
             shapes, weights = (np.concatenate(part, axis=-1) for part in zip(*parts, strict=True))
             model = self.forward.model
             vectors, sizes = pod(model, shapes, weights)
@@ -532,9 +536,9 @@ class Library:
             off = _costs(right, test, lower) - _costs(found.peak, test, lower)
             if not np.abs(off[0]) > _OFF:  # nan: neither has such modes
                 break
-            self._own.setdefault(_key(h), []).append(self._modes_at(h, found.peak.at))
+            self._own.setdefault(h.label_of_keys, []).append(self._modes_at(h, found.peak.at))
             self._solved.pop(h.label_of_keys, None)
-            self.bases.pop(_key(h), None)
+            self.bases.pop((h.label_of_keys,), None)
         return found
 
     def _refined(
@@ -829,16 +833,6 @@ class Library:
         more = value - before
         fit = replace(fit, log_evidence=fit.log_evidence + more, widening=fit.widening + more)
         return replace(found, fit=fit)
-
-
-def _acting(h: Hypothesis) -> list[Effect]:
-    """The effects that act on the model."""
-    return [e for e in h.effects if e.apply is not None or e.loss is not None]
-
-
-def _key(h: Hypothesis) -> tuple[str, ...]:
-    """By which a basis is kept."""
-    return tuple(sorted(effect.key for effect in _acting(h)))
 
 
 def _as_whole(cells: Cells) -> Cells:
