@@ -66,8 +66,8 @@ _SAMPLES, _MORE_SAMPLES, _SAMPLES_OF_PLACES = {1: 6, 2: 8}, 12, 24
 #: of modes that the test did not see. [numerical: chosen]
 _BEYOND, _WITHIN, _OTHERS = 1.6, 1.5, 0.1
 #: How often a basis is looked at where its hypothesis leads, and how much the squared misfit there
-#: may be off. [numerical: chosen; 0.1 nats of ln Z]
-_LOOKED, _OFF = 3, 0.2
+#: may be off. [numerical: chosen; 0.25 nats of ln Z]
+_LOOKED, _OFF = 3, 0.5
 #: Singular value, relative to the first, below which a vector is left out; share of a mode that is
 #: not rigid below which it is. [numerical: chosen]
 _SHARE, _SAME = 1e-3, 1e-3
@@ -530,7 +530,8 @@ class Library:
             found = weighed()
             if not self.lean or found.fit.log_evidence < self.floor - _HOPELESS:
                 break
-            whole = ManyPredictions(h, self.forward, self.evidence, self.baseline)
+            between = all(map(self._is_smooth, h.effects))
+            whole = ManyPredictions(h, self.forward, self.evidence, self.baseline, between)
             right = replace(found.peak, data=whole(found.peak.at)[0])
             lower = test.at(found.fit.scales).lower(h.unknown)
             off = _costs(right, test, lower) - _costs(found.peak, test, lower)
