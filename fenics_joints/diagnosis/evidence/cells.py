@@ -28,7 +28,7 @@ from scipy.stats import norm, qmc
 
 from fenics_joints.diagnosis.effects.effect import Prior
 
-__all__ = ["Cells", "Posterior", "prior_cells", "weigh"]
+__all__ = ["Cells", "Posterior", "prior_cells", "prior_points", "weigh"]
 
 #: How far apart cells are over one, two and three smooth parameters, in standard deviations of the
 #: prior. [numerical: error of the lattice by Poisson's sum, see
@@ -216,6 +216,17 @@ def prior_cells(priors: Sequence[Prior]) -> tuple[np.ndarray, np.ndarray, np.nda
         mean[:, stepped[i]], widths[:, stepped[i]] = at[index], wide[index]
         share += log_share[index]
     return mean, widths, share + np.tile(own, len(places))
+
+
+def prior_points(priors: Sequence[Prior], most: int) -> np.ndarray:
+    """Means of some of a prior's cells, from all over it, (n, d).
+
+    Args:
+        priors: The parameters'.
+        most: How many at most.
+    """
+    mean = prior_cells(priors)[0]
+    return mean[np.linspace(0, len(mean) - 1, min(most, len(mean))).round().astype(int)]
 
 
 def _smooth_cells(

@@ -14,7 +14,14 @@ import numpy as np
 from scipy.stats import norm
 
 from fenics_joints.diagnosis.effects.effect import Effect
-from fenics_joints.diagnosis.evidence.cells import Cells, Posterior, prior_cells, total, weigh
+from fenics_joints.diagnosis.evidence.cells import (
+    Cells,
+    Posterior,
+    prior_cells,
+    prior_points,
+    total,
+    weigh,
+)
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.fitted import Fit
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
@@ -59,8 +66,7 @@ _CHUNK = 512
 #: [numerical: chosen for time]
 _LARGE, _BASES = 80, 48
 #: What a basis is made of: modes at so many points of the prior of an effect of one or two
-#: parameters, of more, and of places; how far out of the means of its cells; how far out of
-#: tolerances; the weight of modes that the test did not see. [numerical: chosen]
+#: parameters, of more, and of places. [numerical: chosen]
 _SAMPLES, _MORE_SAMPLES, _SAMPLES_OF_PLACES = {1: 6, 2: 8}, 12, 24
 #: How far out of the means of its cells, and out of tolerances, in standard deviations; the weight
 #: of modes that the test did not see. [numerical: chosen]
@@ -180,17 +186,16 @@ class Library:
         if key not in self._changes:
             h = self.make(() if effect is None else (effect,))
             mean = np.zeros((1, 0)) if effect is None else prior_cells(effect.priors)[0]
+            z = np.repeat([[-1.0], [1.0]], len(mean), axis=0) * np.ones(len(h.priors))
+            z[:, h.own] = np.tile(mean, (2, 1))
+            z = z.clip(*h.limits.T)
+            many = ManyPredictions(h, self.forward, self.evidence, self.baseline)
             found = {name for known in h.known for name in known}
-            for sign in (-1.0, 1.0):
-                for own in mean:
-                    z = np.full(len(h.priors), sign)
-                    z[h.own] = own
-                    z = z.clip(*h.limits.T)
-                    for row, condition in enumerate(self.evidence.conditions):
-                        values = h.values(z, condition, self.baseline, row)
-                        found |= {k for k, v in values.items() if v != self.baseline[k]}
-                    found |= set(h.losses(z, self.evidence.conditions[0], 1.0))
-            self._changes[key] = found
+            for row in range(len(self.evidence.conditions)):
+                values = many.values(z, row)
+                found |= {k for k, v in values.items() if np.any(v != self.baseline[k])}
+            losses = (h.losses(point, self.evidence.conditions[0], 1.0) for point in z)
+            self._changes[key] = found.union(*losses)
         return self._changes[key]
 
     @cached_property
@@ -208,11 +213,9 @@ class Library:
             p = len(h.priors)
             z = np.vstack([np.zeros(p), _WITHIN * np.eye(p), -_WITHIN * np.eye(p)])
             if effect is not None:
-                mean, _, _ = prior_cells(effect.priors)
                 most = _SAMPLES_OF_PLACES if any(q.scan for q in effect.priors) else (
                     _SAMPLES.get(len(effect.priors), _MORE_SAMPLES))
-                index = np.linspace(0, len(mean) - 1, min(most, len(mean))).round().astype(int)
-                z = np.array([h.at(own) for own in _BEYOND * mean[index]])
+                z = np.array([h.at(own) for own in _BEYOND * prior_points(effect.priors, most)])
             self._samples[key] = self._modes_at(h, z.clip(*h.limits.T))
         return self._samples[key]
 
@@ -246,7 +249,7 @@ class Library:
         """Everything in `Evidence.data` at points (b, p): (b, N), and its derivatives by some of z,
         (b, N, q); nan where the model has no such modes."""
         by = list(by)
-        many = self._many(h, between=all(map(self._is_smooth, h.effects)))
+        many = self._many(h)
         data, slopes = many(z, by)
         own = set(range(*h.own.indices(len(h.priors))))
         if self._differs(h) and own & set(by):
@@ -260,8 +263,12 @@ class Library:
                     slopes[:, :, i] = change
         return data, slopes
 
-    def _many(self, h: Hypothesis, between: bool) -> ManyPredictions:
-        forward = self._forward_of(h)
+    def _many(
+        self, h: Hypothesis, between: bool | None = None, forward: Forward | None = None
+    ) -> ManyPredictions:
+        """Predictions by default on its own basis, and between torques where all effects let it."""
+        between = all(map(self._is_smooth, h.effects)) if between is None else between
+        forward = self._forward_of(h) if forward is None else forward
         return ManyPredictions(h, forward, self.evidence, self.baseline, between)
 
     def _is_smooth(self, effect: Effect) -> bool:
@@ -271,9 +278,8 @@ class Library:
             h, good = self.make((effect,)), True
             few = self._many(h, between=True)
             if few.between:
-                mean, _, _ = prior_cells(effect.priors)
-                index = np.linspace(0, len(mean) - 1, min(_LOOKS, len(mean))).round().astype(int)
-                z = np.array([h.at(own) for own in mean[index]]).clip(*h.limits.T)
+                z = np.array([h.at(own) for own in prior_points(effect.priors, _LOOKS)])
+                z = z.clip(*h.limits.T)
                 off = np.abs(few(z)[0] - self._many(h, between=False)(z)[0])
                 good = bool(np.nanmax(off / self.evidence.noise_sd(), initial=0.0) < _AS_GOOD)
             self._smooth[effect.key] = good
@@ -526,12 +532,12 @@ class Library:
     def _held(self, h: Hypothesis, test: Evidence, weighed: Callable[[], Found]) -> Found:
         """What a test says of a hypothesis on a basis that holds its most probable point: modes
         that it lacks there are taken in, and it is weighed again."""
-        for _ in range(_LOOKED):
+        for left in reversed(range(_LOOKED)):
             found = weighed()
-            if not self.lean or found.fit.log_evidence < self.floor - _HOPELESS:
+            hopeless = found.fit.log_evidence < self.floor - _HOPELESS
+            if not left or not self.lean or hopeless:
                 break
-            between = all(map(self._is_smooth, h.effects))
-            whole = ManyPredictions(h, self.forward, self.evidence, self.baseline, between)
+            whole = self._many(h, forward=self.forward)
             right = replace(found.peak, data=whole(found.peak.at)[0])
             lower = test.at(found.fit.scales).lower(h.unknown)
             off = _costs(right, test, lower) - _costs(found.peak, test, lower)
@@ -813,7 +819,7 @@ class Library:
         width[own] = 0.0
 
         def log_density(drawn: np.ndarray, which: np.ndarray) -> np.ndarray:
-            found = np.full(len(drawn), -np.inf)
+            log_p = np.full(len(drawn), -np.inf)
             away = drawn - post.z[which][:, own]
             z = post.z[which] + np.einsum("npd,nd->np", follow[which], away)
             inside = np.all((drawn > low[own]) & (drawn < high[own]), axis=1)
@@ -821,8 +827,8 @@ class Library:
             data, slopes = self.predict(h, at, range(len(low)))
             mean = np.where(width > 0, 0.0, at)
             cells = Cells(mean, np.tile(width, (len(at), 1)), np.zeros(len(at)), at, data, slopes)
-            found[inside] = weigh(cells, test.data, used, lower, h.limits).log_evidence
-            return found + np.sum(norm.logpdf(drawn), axis=1)
+            log_p[inside] = weigh(cells, test.data, used, lower, h.limits).log_evidence
+            return log_p + np.sum(norm.logpdf(drawn), axis=1)
 
         before = total(post.log_evidence)
         if not np.isfinite(before):

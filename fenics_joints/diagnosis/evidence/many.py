@@ -110,6 +110,10 @@ class ManyPredictions:
             )
         return data[0], along[0]
 
+    def values(self, z: np.ndarray, row: int) -> dict[str, np.ndarray]:
+        """The model's parameter values at points (b, d) and one condition, each (b,)."""
+        return self._values(z, np.full(len(z), row), checked=True)
+
     def _solved(self, z, by) -> tuple[np.ndarray, np.ndarray]:
         self._filled.clear()
         z, by = np.asarray(z, dtype=float), list(by)

@@ -19,7 +19,7 @@ from fenics_joints.diagnosis.effects.joint import interfaces
 from fenics_joints.diagnosis.effects.library import by_preload, case_effects, case_nuisances
 from fenics_joints.diagnosis.effects.samples import is_rare, sample_ranges, sample_values
 from fenics_joints.diagnosis.effects.user import check_parameters, for_zones
-from fenics_joints.diagnosis.evidence.cells import prior_cells
+from fenics_joints.diagnosis.evidence.cells import prior_points
 from fenics_joints.diagnosis.evidence.entries import FUNCTION
 from fenics_joints.diagnosis.evidence.equal import distinct
 from fenics_joints.diagnosis.evidence.evidence import Evidence
@@ -216,9 +216,8 @@ class Prepared(Subject):
         yield from self.samples(self.case.diagnose.samples)
         for effect in self.effects:
             if any(prior.even for prior in effect.priors):
-                h, mean = self.hypothesis((effect,)), prior_cells(effect.priors)[0]
-                index = np.linspace(0, len(mean) - 1, min(_TRIED, len(mean))).round().astype(int)
-                for own in mean[index]:
+                h = self.hypothesis((effect,))
+                for own in prior_points(effect.priors, _TRIED):
                     z = h.at(own).clip(*h.limits.T)
                     yield h.values(z, self.data.conditions[0], self.baseline, 0)
 
