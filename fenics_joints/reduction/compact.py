@@ -109,6 +109,9 @@ def _split(region: RegionTerm, free, values):
     still."""
     law, q = region.law, region.values(values)
     named = {key: name for key, name in region.properties.items() if name in free}
+    properties = {k: v if v in free else q.get(k, v) for k, v in region.properties.items()}
+    if named and law in CHANGES:  # nought at most values of a place, and not at all
+        return replace(region, properties=properties), 0.0, 0.0, 0.0
     chance = np.random.default_rng(1)
     factors = {
         name: 1 + _APART * chance.random(_SAMPLES) for name in dict.fromkeys(named.values())
@@ -133,7 +136,7 @@ def _split(region: RegionTerm, free, values):
     own = replace(
         region, law=_of_few(law, [rows[0] for rows, _ in groups]), inertia=inertia, volume=volume,
         stiffness=np.reshape(sums, (len(sums), *inertia.shape)),
-        properties={k: v if v in free else q[k] for k, v in region.properties.items()},
+        properties=properties,
     )  # fmt: skip
     return own, stiff, heavy, weight
 
