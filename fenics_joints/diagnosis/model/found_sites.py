@@ -23,6 +23,8 @@ __all__ = ["found_sites"]
 
 #: Places that are looked at, and the nominal model's modes in which.
 _PLACES, _MODES = 240, 30
+#: Which of the next places is beside one, not through a plate's thickness.
+_NEXT = 4
 #: Masses over the structure's, and springs over what bears all of it at the test's lowest mode;
 #: frequencies of masses on springs, over the middle of the test's modes.
 _SHARES, _OWN = np.geomspace(2e-3, 0.2, 5), (0.7, 1.0, 1.4)
@@ -64,7 +66,7 @@ def found_sites(model) -> Sites:
 
     points = np.unique(places_all_over(full, _PLACES).points, axis=0)
     away = np.linalg.norm(points[:, None] - points, axis=2)
-    apart = float(np.median(np.sort(away, axis=1)[:, 1]))
+    apart = float(np.median(np.sort(away, axis=1)[:, _NEXT]))
     scores = np.array([[kind(phi, _SHARES) for kind in kinds] for phi in moves(points)])
     chosen: list[int] = []
     for i in np.argsort(-scores.max(axis=(1, 2)), kind="stable"):
@@ -78,7 +80,7 @@ def found_sites(model) -> Sites:
         near = model.sites.vertices[np.argsort(away, kind="stable")[:_VERTICES]]
         motion = moves(near)
         while step > _FINEST * apart:
-            tried, found = at + step * _STEPS, []
+            tried, found = (at + step * _STEPS).clip(near.min(axis=0), near.max(axis=0)), []
             for x in tried:
                 which, weights = about_point(near, x)
                 phi = np.tensordot(weights[0], motion[which], 1)
