@@ -254,7 +254,8 @@ class Search:
             )
             found[:] = self._by_the_model(found)
 
-        if any(e.family == ON for f in near() for e in f.hypothesis.effects) and surrogate.bend():
+        better = [f for f in near() if f.log_evidence > found[0].fit.log_evidence]
+        if any(e.family == ON for f in better for e in f.hypothesis.effects) and surrogate.bend():
             again()
         errors = improve(
             surrogate.quick if quickly else surrogate, leading, limit, _ROUNDS, after=again
