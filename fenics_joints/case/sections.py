@@ -360,8 +360,8 @@ class Diagnose(Section):
     ``mesh_error`` says whether the mesh's own error of each frequency is measured, by one solution
     with elements of one degree more; it is taken off, and a part of it stays as uncertain: what is
     common to all modes beside ``discrepancy``, what is each one's own where that is larger.
-    ``rare`` says whether causes that few structures have are looked for too, such as a local loss
-    of stiffness or a resonator somewhere; those that ``effects`` names are in any case.
+    ``rare`` says whether causes that few structures have are looked for too, such as plates that
+    are not flat; those that ``effects`` names are in any case.
     ``frfs`` says whether measured functions (``[test.frfs]``) are data beside the modes.
     ``joints`` says what the nominal model has where the joints are: ``bonded`` parts, so that
     nothing of the joints is assumed; or the stiffness ``given`` by ``[joints]``, of which a

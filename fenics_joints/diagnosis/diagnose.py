@@ -184,6 +184,7 @@ def _diagnose_case(
             on_root(comm, lambda: writable_folder(folder, "--keep"))
         model.reduce(progress, folder)
         model.place_unknown()
+        model.find_sites()
         model.effects = one_of_alike(
             model.effects, model.forward, model.evidence, model.baseline, comm
         )
@@ -398,7 +399,7 @@ class _Run:
                 unknown, self.evidence, seen.nominal, seen.pairing, self.data.sensors, points,
                 full.total_mass(self.baseline),
             )  # fmt: skip
-        return Somewhere(float(unknown.placed), point, self.given.diagnose.rare)
+        return Somewhere(float(unknown.placed), point)
 
     def _nominal(self) -> np.ndarray:
         """ln f of the nominal model, (m,); nan for modes without a partner in it."""

@@ -17,7 +17,7 @@ from fenics_joints.diagnosis.evidence.screen import near_best
 from fenics_joints.diagnosis.evidence.unlisted import look_alike
 from fenics_joints.diagnosis.model.prepared import Prepared
 from fenics_joints.diagnosis.verdict import MISFIT, NO_GAP, UNKNOWN
-from fenics_joints.diagnosis.zones.sites import as_mass
+from fenics_joints.diagnosis.zones.sites import ON, without_attached
 from fenics_joints.parallel import spread
 from fenics_joints.progress import Progress
 from fenics_joints.reduction.adaptive import improve
@@ -229,14 +229,18 @@ class Search:
         surrogate, found = self.model.surrogate, list(found)
         limit = max(_REDUCED * self.model.evidence.discrepancy, 1e-4)
 
+        def near() -> list[Fit]:
+            listed = [f.fit for f in self._near([f for f in found if not f.fit.hypothesis.unknown])]
+            scores = self.scores(listed)
+            return [fit for fit, score in zip(listed, scores, strict=True)
+                    if score > scores[0] - _AGAIN]  # fmt: skip
+
         def leading() -> list[dict[str, float]]:
             self.progress.step(surrogate.checking)
             values: list[dict[str, float]] = []
-            listed = self._near([f for f in found if not f.fit.hypothesis.unknown])
-            scores = self.scores([f.fit for f in listed])
-            for f, score in zip(listed, scores, strict=True):
-                at = self.lowest(f.fit)
-                if at not in values and len(values) < count and score > scores[0] - _AGAIN:
+            for fit in near():
+                at = self.lowest(fit)
+                if at not in values and len(values) < count:
                     values.append(at)
             return values
 
@@ -244,6 +248,9 @@ class Search:
             self.library = self.library.with_forward(self.model.forward)
             found[:] = self._renewed(found)
 
+        better = [f for f in near() if f.log_evidence > found[0].fit.log_evidence]
+        if any(e.family == ON for f in better for e in f.hypothesis.effects) and surrogate.bend():
+            again()
         errors = improve(
             surrogate.quick if quickly else surrogate, leading, limit, _ROUNDS, after=again
         )
@@ -269,7 +276,7 @@ class Search:
         """
         lowest = self.model.evidence.conditions[0]
         values = f.hypothesis.values(f.z, lowest, self.model.baseline, 0)
-        return as_mass(values, self.model.baseline)
+        return without_attached(values, self.model.baseline)
 
     # -- weights -------------------------------------------------------------------------------
 

@@ -19,7 +19,7 @@ from fenics_joints.diagnosis.plan.added import (
     next_modes,
 )
 from fenics_joints.diagnosis.result import Separation
-from fenics_joints.diagnosis.zones.sites import as_mass
+from fenics_joints.diagnosis.zones.sites import without_attached
 from fenics_joints.errors import InputError, JointsError
 from fenics_joints.formatting import point_mm
 from fenics_joints.measurements.gap import VISIBLE
@@ -73,7 +73,7 @@ def best_measurement(
     first, second = (
         solve_modes(
             surrogate.full,
-            as_mass(f.hypothesis.values(f.z, at, baseline, row), baseline),
+            without_attached(f.hypothesis.values(f.z, at, baseline, row), baseline),
             n_modes=surrogate.n_modes,
             solver=surrogate.nominal.solver,
         )

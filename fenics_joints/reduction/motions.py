@@ -9,6 +9,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from fenics_joints.reduction.arrays import ArrayModel
+from fenics_joints.reduction.projection import Projection
 from fenics_joints.reduction.reduced import ReducedStructure
 from fenics_joints.reduction.terms import RegionTerm
 from fenics_joints.structure import Sensors, Structure
@@ -57,18 +58,14 @@ def with_motions(model: ArrayModel, full: Structure, basis: Sequence[PETSc.Vec])
     n, gdim = model.n_dofs, full.gdim
     wider = _wider(model, gdim)
     unit = 1.0 / np.sqrt(hung[0].values(full.values())["stiffness"])
-    points = np.repeat([c.point[:gdim] for c in hung], gdim, axis=0)
-    at = full.observe(list(basis), Sensors(points, np.tile(np.eye(gdim), (len(hung), 1))))
-    own = np.zeros((n + gdim, n + gdim))
-    own[n:, n:] = unit**2 * np.eye(gdim)
-    stretch = [np.hstack([r, -unit * np.eye(gdim)]) for r in at.reshape(len(hung), gdim, n)]
-    terms = []
-    for change, here, beyond in zip(hung, stretch, [*stretch[1:], 0.0 * stretch[0]], strict=True):
-        both = here.T @ beyond
-        stiff = np.array([here.T @ here, both + both.T])
-        terms.append(
-            RegionTerm(change.name, change.law, change.properties, stiff, own, change.volume)
-        )
+    terms, on = [], Projection(full, basis)
+    for c in hung:
+        still = [-unit * np.eye(gdim), *[np.zeros((gdim, gdim))] * gdim]
+        a, b = (np.hstack([on.moves(c)[way], still[way]]) for way in c.pair)
+        stiff = a.T @ b if c.pair[0] == c.pair[1] else a.T @ b + b.T @ a
+        own = np.zeros((n + gdim, n + gdim))
+        own[n:, n:] = unit**2 * c.volume * np.eye(gdim)
+        terms.append(RegionTerm(c.name, c.law, c.properties, stiff[None], own, c.volume))
     pencil = replace(wider.pencil, regions=[*wider.regions, *terms])
     name = hung[0].properties["mass"]
     return replace(wider, pencil=pencil, hung=(name, unit * np.eye(gdim, n + gdim, n)))

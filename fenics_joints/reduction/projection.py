@@ -34,6 +34,7 @@ class Projection:
     def __init__(self, structure: Structure, basis: Sequence[PETSc.Vec], n_known: int = 0):
         self.full, self.basis = structure, basis
         self._dense = dense_columns(basis)
+        self._moves: dict[bytes, np.ndarray] = {}
         self._new = dense_columns(basis[n_known:]) if n_known else self._dense
 
     @property
@@ -58,6 +59,13 @@ class Projection:
             np.repeat(points[:, :gdim], gdim, axis=0), np.tile(np.eye(gdim), (len(points), 1))
         )
         return self.full.observe(self.basis, sensors).reshape(len(points), gdim, len(self.basis))
+
+    def moves(self, change: PlacedPoint | PlacedResonator) -> np.ndarray:
+        """Motion of what is attached, and its slopes along x, y and z, (4, gdim, n)."""
+        key = change.points.tobytes()
+        if key not in self._moves:
+            self._moves[key] = np.tensordot(change.weights, self.points(change.points), 1)
+        return self._moves[key]
 
     def sensors(self, sensors: Sensors | None) -> tuple[np.ndarray | None, np.ndarray | None]:
         """What sensors read of the basis, (n_s, n), and the same per metre that they sit further
@@ -109,9 +117,10 @@ class Projection:
     def change(self, change: Change, known: RegionTerm | None = None) -> RegionTerm:
         """What else changes of the structure, as a region of its own law."""
         if isinstance(change, PlacedPoint):
-            row = self.points(change.point)[0]
-            new = row[:, -self._new.getSize()[1] :]
-            own = row[:, :, None] * new[:, None, :]
+            a, b = self.moves(change)[list(change.pair)]
+            own = a[:, :, None] * b[:, None, :]
+            own = own if change.pair[0] == change.pair[1] else own + own.transpose(0, 2, 1)
+            own = own[:, :, -self._new.getSize()[1] :]
             return _term(change.name, change.law, change.properties, own, own.sum(axis=0),
                          change.volume, known)  # fmt: skip
         stiff, heavy = [], None

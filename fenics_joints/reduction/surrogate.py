@@ -26,7 +26,7 @@ from fenics_joints.reduction.sampled import SampledBasis
 from fenics_joints.reduction.seen import SeenModes, places_all_over
 from fenics_joints.reduction.snapshots import SNAPSHOT, orthonormal
 from fenics_joints.structure import Sensors, Structure
-from fenics_joints.structure.changes import Change, PlacedResonator
+from fenics_joints.structure.changes import Change, PlacedPoint, PlacedResonator
 from fenics_joints.structure.sparse import vectors_like
 
 __all__ = ["LACKING", "Surrogate"]
@@ -79,6 +79,7 @@ class Surrogate(SeenModes):
         super().__init__(full, start, **given)
         self._basis: list[PETSc.Vec] = []
         self._refined: dict[tuple, Modes] = {}
+        self._unbent: list[Change] = []
         self._start, self._still = dict(start), still
         # Whether the model is kept or not, so that both give the same numbers.
         self._solver = eigen_solver(full, self.samples[0], self.n_modes, SNAPSHOT)
@@ -183,6 +184,11 @@ class Surrogate(SeenModes):
         self.forward.forget()
         give_back()
 
+    def moves(self, points: np.ndarray) -> np.ndarray:
+        """Displacement of the model's basis at points, (n_points, gdim, n_dofs). Collective."""
+        found = Projection(self.full, self._basis).points(points)
+        return np.pad(found, [(0, 0), (0, 0), (0, self.model.n_dofs - found.shape[2])])
+
     def exchange(self, changes: Sequence[Change]) -> None:
         """Put changes of the structure in the place of others, see `Structure.exchange`; of the
         model nothing else changes. Collective."""
@@ -192,10 +198,36 @@ class Surrogate(SeenModes):
         terms = {c.name: on.change(c) for c in on.changes if c.name in new}
         regions = [terms.get(region.name, region) for region in self._whole.regions]
         self._whole = replace(self._whole, pencil=replace(self._whole.pencil, regions=regions))
+        self._unbent = list(changes)
         # The same values are of another structure from here.
         self._solved.clear(), self._refined.clear()
         self.forward.model = self._with_motions()
         self.forward.forget()
+
+    def bend(self) -> bool:
+        """Take in how the structure bends under forces where something is put on, which its modes
+        alone do not know; whether that was not known yet. Collective."""
+        loads = [load for load in map(self._load, self._unbent) if load is not None]
+        self._unbent = []
+        if not loads:
+            return False
+        K, M = self.full.stiffness(self._start), self.full.mass(self._start)
+        self._solver.factorise(K, M)
+        K.destroy(), M.destroy()
+        bent = vectors_like(self._basis[0], self._solver.inverse(np.hstack(loads)).T)
+        self._whole = self._on(SampledBasis(self.lacking, [*self._basis, *bent]), self._whole)
+        self.forward.model = self._with_motions()
+        self.forward.forget()
+        return True
+
+    def _load(self, change: Change) -> np.ndarray | None:
+        """Loads of one newton in each direction by what is attached, (n_local, gdim)."""
+        if not isinstance(change, PlacedPoint) or change.pair != (0, 0):
+            return None
+        gdim, count = self.full.gdim, len(change.points)
+        sides = np.tile(np.eye(gdim), (count, 1))
+        loads = self.full.loads(Sensors(np.repeat(change.points, gdim, axis=0), sides))
+        return np.einsum("p,npg->ng", change.weights[0], loads.reshape(-1, count, gdim))
 
     def _with(self, points: Points) -> ArrayModel:
         """The reduced model with modes of the full one at points."""

@@ -166,6 +166,16 @@ class Assembly:
                 bcs.append(fem.dirichletbc(fem.Function(W), dofs, self.V.sub(i)))
         return bcs
 
+    def exchange(self, changes: Iterable[Change]) -> None:
+        """Put changes in the place of those of the same names, which take the same parameters.
+
+        Args:
+            changes: As a `PlacedPoint` elsewhere.
+        """
+        new = {change.name: change for change in changes}
+        self.changes = tuple(new.get(c.name, c) for c in self.changes)
+        self._made_of["changes"] = self.changes
+
     # -- forms -------------------------------------------------------------------------------
 
     def _measure(self, kind: str, data, tags) -> ufl.Measure:

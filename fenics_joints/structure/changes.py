@@ -26,12 +26,14 @@ from fenics_joints.structure.sparse import MatrixForm, RowForm
 from fenics_joints.structure.values import number, slopes
 
 __all__ = [
-    "CHANGES", "STIFFNESSES", "Change", "LocalLoss", "PlacedPoint", "PlacedResonator",
+    "CHANGES", "OFFSETS", "STIFFNESSES", "Change", "LocalLoss", "PlacedPoint", "PlacedResonator",
     "ShapeChange", "add_changes", "change_slopes", "forms_of", "hat",
 ]  # fmt: skip
 
 #: Of a `PlacedPoint`, along x, y and z.
 STIFFNESSES = ("stiffness_x", "stiffness_y", "stiffness_z")
+#: Distances from a point, m.
+OFFSETS = ("x", "y", "z")
 
 Value = float | str
 #: `fenics_joints.structure.assembly.Assembly`, which holds changes.
@@ -61,16 +63,21 @@ def _count(q) -> int:
     return int(np.max(np.real(q["count"])))
 
 
+def _here(q) -> np.ndarray:
+    """Powers of the distances from one of the points; nought at others."""
+    here = 1.0 * (np.abs(np.real(q["place"]) - q["at"]) < 0.5)
+    for way in OFFSETS:
+        here = here * q[way] ** q[f"{way}_power"]
+    return here
+
+
 def _placed(q) -> np.ndarray:
-    here = hat(q["place"] - q["at"])
+    here = _here(q)
     return np.array([q[key] * here for key in STIFFNESSES])
 
 
 def _hung(q) -> np.ndarray:
-    """By this place alone, and by this and the next: what bears the spring between two places moves
-    by the mean of both, so that a rotation of the body does not stretch it."""
-    here, beyond = hat(q["place"] - q["at"]), hat(q["place"] - q["at"] - 1)
-    return np.array([q["stiffness"] * here * share for share in (here, beyond)])
+    return np.array([q["stiffness"] * _here(q)])
 
 
 def _powers(q) -> np.ndarray:
@@ -86,13 +93,13 @@ _LOSS = _law(
     "local loss", ("depth", "place", "size", "E", "nominal", "first", "count"), _lost,
     lambda q: 0.0 * q["depth"],
 )  # fmt: skip
+_PLACE = ("place", "at", *OFFSETS, *(f"{way}_power" for way in OFFSETS), "idle")
 _POINT = _law(
-    "placed point", ("mass", *STIFFNESSES, "place", "at"), _placed,
-    lambda q: q["mass"] * hat(q["place"] - q["at"]),
+    "placed point", ("mass", *STIFFNESSES, *_PLACE), _placed, lambda q: q["mass"] * _here(q),
 )  # fmt: skip
 _RESONATOR = _law(
-    "placed resonator", ("mass", "stiffness", "place", "at", "idle"), _hung,
-    lambda q: q["mass"] * hat(q["place"] - q["at"]),
+    "placed resonator", ("mass", "stiffness", *_PLACE), _hung,
+    lambda q: q["mass"] * _here(q),
 )  # fmt: skip
 _SHAPE = _law(
     "shape", ("amount", "E", "nominal", "rho", "nominal_rho", "count"), _powers,
@@ -140,57 +147,70 @@ class LocalLoss(_Scalars):
 
 
 @dataclass(frozen=True, eq=False)
-class PlacedPoint(_Scalars):
-    """A mass and a spring to the ground at one of several points of a solid: its share at this one.
+class _Attached(_Scalars):
+    """Something attached near one of several points of a solid, where it feels a mean motion and
+    its slopes: of the squares of these, what one product of two distances multiplies.
+
+    Reduced models alone have it (`fenics_joints.reduction.Projection.change`); the full one, whose
+    displacement at a point depends on the mesh, refuses what is not idle.
 
     Attributes:
         name: Name in messages.
-        point: Where, m, (3,).
-        properties: ``mass``, kg; ``stiffness_x``, ``stiffness_y``, ``stiffness_z``, N/m;
-            ``place``, and ``at`` which this one is.
+        points: Points about it, m, (P, 3).
+        weights: Its motion, and what that changes by per metre along x, y and z, from those of the
+            points, (4, P).
+        pair: Which two of 1, x, y and z the product is of.
+        properties: See the law's.
     """
 
     name: str
-    point: tuple[float, ...]
+    points: np.ndarray
+    weights: np.ndarray
+    pair: tuple[int, int]
     properties: Mapping[str, Value]
 
-    law, volume, has_mass = _POINT, 1.0, True
+    has_mass = True
 
-
-@dataclass(frozen=True, eq=False)
-class PlacedResonator(_Scalars):
-    """A mass on a spring, the same in all directions, at one of several points of a solid: its
-    share at this one.
-
-    Its motion is a displacement of its own, which reduced models have beside those of their basis
-    (`fenics_joints.reduction.motions`). The full model has none: there it is idle, and refused when
-    it is not.
-
-    Attributes:
-        name: Name in messages.
-        point: Where, m, (3,).
-        properties: ``mass``, kg; ``stiffness``, N/m; ``place``, and ``at`` which this one is;
-            ``idle``, the mass at which it is as good as not there.
-    """
-
-    name: str
-    point: tuple[float, ...]
-    properties: Mapping[str, Value]
-
-    law, volume, has_mass = _RESONATOR, 1.0, True
+    @property
+    def volume(self) -> float:
+        """Its share of the mass."""
+        return float(self.pair == (0, 0))
 
     def check_idle(self, values: Mapping[str, float]) -> None:
-        """Refuse one that moves.
+        """Refuse one that acts.
 
         Raises:
-            InputError: If it has more than its idle mass.
+            InputError: If it has more than its idle mass, or a spring to the ground.
         """
         q = self.values(values)
-        if q["mass"] > q["idle"] * (1 + 1e-9):
+        springs = any(q.get(key) for key in STIFFNESSES)
+        if q["mass"] > q["idle"] * (1 + 1e-9) or springs:
             raise InputError(
-                f"{self.name}: mass {q['mass']:g} kg: the full model has no motion of its own for "
-                "what hangs on a spring; expected a reduced model"
+                f"{self.name}: mass {q['mass']:g} kg: the full model has nothing attached; "
+                "expected a reduced model"
             )
+
+
+class PlacedPoint(_Attached):
+    """A mass and a spring to the ground.
+
+    Its properties are ``mass``, kg; ``stiffness_x``, ``stiffness_y``, ``stiffness_z``, N/m; near
+    which point, ``place``, and ``at`` which this one is; the distances from it ``x``, ``y`` and
+    ``z``, m, and their powers here, such as ``x_power``; and ``idle``, the mass at which it is as
+    good as not there.
+    """
+
+    law = _POINT
+
+
+class PlacedResonator(_Attached):
+    """A mass on a spring, the same in all directions: its motion is a displacement of its own,
+    which reduced models have beside those of their basis (`fenics_joints.reduction.motions`).
+
+    Its properties are ``mass`` and ``stiffness``, and otherwise those of a `PlacedPoint`.
+    """
+
+    law = _RESONATOR
 
 
 @dataclass(frozen=True, eq=False)
@@ -309,15 +329,12 @@ Change = LocalLoss | PlacedPoint | PlacedResonator | ShapeChange
 def add_changes(model: Assembly, A: PETSc.Mat, which: int, values: Mapping[str, float]) -> None:
     """Put changes into a stiffness (0) or a mass (1), in place. Collective."""
     for change in model.changes:
-        if isinstance(change, PlacedResonator):
+        if isinstance(change, _Attached):
             change.check_idle(values)
             continue
         q = change.values(values)
         terms = [change.law.inertia_term(q)] if which else change.law.stiffness_terms(q)
         if not np.any(terms) or (which and not change.has_mass):
-            continue
-        if isinstance(change, PlacedPoint):
-            model.add_point(A, change.point, np.diag(np.broadcast_to(terms, 3).astype(float)))
             continue
         for term, part in zip(terms, forms_of(model, change, which, terms), strict=True):
             if part is not None:
@@ -332,7 +349,7 @@ def change_slopes(
     """As `Structure.slopes`, by what changes take. Collective."""
     position = {name: i for i, name in enumerate(model.parameters)}
     for change in model.changes:
-        if isinstance(change, PlacedResonator):
+        if isinstance(change, _Attached):
             continue
         q = change.values(values)
         names = [(key, name) for key, name in change.properties.items() if isinstance(name, str)]
@@ -358,12 +375,7 @@ def forms_of(
 ) -> Iterator[MatrixForm | RowForm | None]:
     """What each scalar of a change multiplies in K (0) or M (1); None where it is not wanted.
     Collective."""
-    if isinstance(change, PlacedPoint):
-        place = np.atleast_2d(np.asarray(change.point, dtype=float))[:, : model.gdim]
-        at = model.point_loads(model.rows(np.repeat(place, model.gdim, axis=0)))
-        for own in (at,) if which else np.split(at, model.gdim, axis=1):
-            yield RowForm(own, own, 1.0, model.comm)
-    elif isinstance(change, LocalLoss):
+    if isinstance(change, LocalLoss):
         for cells, asked in zip(change.cells, np.broadcast_to(wanted, len(change.cells)),
                                 strict=True):  # fmt: skip
             yield MatrixForm(change.matrix(model, cells), True) if asked else None

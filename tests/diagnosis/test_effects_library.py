@@ -58,8 +58,9 @@ def test_each_effect_changes_what_it_should_and_no_more(case, zones):
     found, silent = library(case, zones, data, joints="given", rare=True)
     assert {s.effect for s in silent} == {
         "micro-slip in the joint", "gapping without slip", "damping that grows without softening",
-        "stiffening with the level", "local loss of stiffness", "cable or stinger",
-        "attached resonator", "plate not flat", "thickness not even",
+        "stiffening with the level", "local loss of stiffness", "local gain of stiffness",
+        "added mass", "cable or stinger", "attached resonator", "plate not flat",
+        "thickness not even",
     }  # fmt: skip
     baseline = bonded_values(case)
     E, G = ({f"{zone}.{key}" for zone in case.joints} for key in "EG")

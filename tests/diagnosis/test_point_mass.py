@@ -8,7 +8,7 @@ from mpi4py import MPI
 from virtual_plates import virtual_test, write_virtual_case
 
 from fenics_joints.case import load_case
-from fenics_joints.commands.diagnose.words import point_mass_words
+from fenics_joints.commands.diagnose.words import attached_words, point_mass_words
 from fenics_joints.diagnosis.evidence import fit
 from fenics_joints.diagnosis.evidence.point_mass import point_mass
 from fenics_joints.diagnosis.evidence.somewhere import Somewhere
@@ -40,6 +40,10 @@ def test_grams_of_a_mass_that_was_put_on_a_plate(grams, tmp_path):
         return
     assert point.low < 1e-3 * grams < point.high < 1.4 * point.low
     assert np.linalg.norm(np.subtract(point.at, (0.02, 0.04, 0.0))) < 0.02
-    said = point_mass_words(Somewhere(1.0, point))
-    assert f"{1e3 * point.kg:.0f} g" in said and "rare = true" in said
-    assert "rare" not in point_mass_words(Somewhere(1.0, point, looked_for=True))
+    assert f"{1e3 * point.kg:.0f} g" in point_mass_words(Somewhere(1.0, point))
+
+
+def test_what_is_attached_is_said_in_grams_with_its_place():
+    rows = [{"name": "mass", "value": 0.0583}, {"name": "place", "at": "(380, 20, 0) mm"}]
+    assert attached_words(rows) == "about 58 g near (380, 20, 0) mm"
+    assert attached_words(rows[1:]) == "near (380, 20, 0) mm" and not attached_words(rows[:1])

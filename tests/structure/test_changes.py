@@ -12,18 +12,19 @@ pytest.importorskip("dolfinx")
 from dolfinx import mesh
 from mpi4py import MPI
 
+from fenics_joints.diagnosis.zones.sites import ON, Sites, placed
+from fenics_joints.errors import InputError
 from fenics_joints.meshes import TaggedMesh
 from fenics_joints.modal import solve_modes
 from fenics_joints.reduction import reduce
 from fenics_joints.structure import Parameter, PointMass, Spring, Structure, part
-from fenics_joints.structure.changes import LocalLoss, PlacedPoint, ShapeChange
+from fenics_joints.structure.changes import LocalLoss, ShapeChange
 
 SIZE, CELLS = (0.4, 0.06, 0.006), (10, 2, 1)
 E, NU, RHO = 70e9, 0.33, 2700.0
 CHANGED = {
-    "loss.depth": 0.0, "loss.place": 0.0, "loss.size": 1.0, "on.mass": 0.0, "on.x": 0.0,
-    "on.y": 0.0, "on.z": 0.0, "on.place": 0.0, "bow": 0.0, "taper": 0.0,
-}  # fmt: skip
+    "loss.depth": 0.0, "loss.place": 0.0, "loss.size": 1.0, "bow": 0.0, "taper": 0.0,
+}
 
 
 def plate(moved=lambda x: x, regions=None, cells=None, **more):
@@ -51,10 +52,6 @@ def changing():
     loss = LocalLoss("loss", "plate", stations, scaled | {
         "depth": "loss.depth", "place": "loss.place", "size": "loss.size", "first": 0,
         "count": 3})  # fmt: skip
-    points = [PlacedPoint(f"on {i}", (x, 0.0, 0.0), {
-        "mass": "on.mass", "place": "on.place", "at": i,
-        **{f"stiffness_{along}": f"on.{along}" for along in "xyz"}})
-        for i, x in enumerate((0.0, 0.2))]  # fmt: skip
     ones, L, t = np.ones(len(middles)), SIZE[0], SIZE[2]
     fixed = {"rho": RHO, "nominal_rho": RHO}
     bow = ShapeChange("bow", "plate", (0, 0, 1), (1, 0, 0), (0.0, 4 / L, -4 / L**2),
@@ -64,7 +61,7 @@ def changing():
                         np.array([-t / 2 * ones, ones]), 0.2,
                         scaled | {"rho": "rho", "nominal_rho": RHO, "amount": "taper", "count": 6})
     more = [Parameter(k, v, log=False) for k, v in CHANGED.items()]
-    return model.with_changes([loss, *points, bow, taper], more)
+    return model.with_changes([loss, bow, taper], more)
 
 
 def elastic(model, given=None, n=6):
@@ -88,24 +85,15 @@ def softened(given):
     return plate(cells=number, regions=regions)[0]
 
 
-def weighed(x, kg, k, ways=((1, 0, 0), (0, 1, 0), (0, 0, 1))):
-    springs = [Spring(f"s{i}", k, (x, 0.0, 0.0), tuple(row)) for i, row in enumerate(ways)]
-    return plate(masses=[PointMass("m", kg, (x, 0.0, 0.0))], springs=springs)[0]
+def weighed(point, kg, k):
+    springs = [Spring(f"s{i}", k, point, tuple(row)) for i, row in enumerate(np.eye(3))]
+    return plate(masses=[PointMass("m", kg, point)], springs=springs)[0]
 
 
 #: That of sums of matrices against integrals, in the lowest mode of thin cells.
 ROUND_OFF = 1e-7
 CASES = {
     "loss": ({"loss.depth": 0.6, "loss.place": 1.0}, lambda: softened((1.0, 0.4)), ROUND_OFF),
-    "mass": ({"on.mass": 0.05, "on.place": 0.0}, lambda: weighed(0.0, 0.05, 0.0), ROUND_OFF),
-    "spring": (
-        {"on.x": 1e5, "on.y": 1e5, "on.z": 1e5, "on.mass": 0.01, "on.place": 1.0},
-        lambda: weighed(0.2, 0.01, 1e5), ROUND_OFF,
-    ),
-    "stinger": (
-        {"on.z": 1e5, "on.mass": 0.01, "on.place": 1.0},
-        lambda: weighed(0.2, 0.01, 1e5, [(0, 0, 1)]), ROUND_OFF,
-    ),
     # Hexahedra with straight edges on a parabola, against its tangents.
     "bow": ({"bow": 0.004}, lambda: plate(bowed)[0], 2e-4),
     "taper": ({"taper": 0.2}, lambda: plate(tapered)[0], 1e-6),
@@ -127,8 +115,7 @@ def test_the_reduced_model_has_them_too(changing):
     for given in samples:
         assert elastic(small, given) == pytest.approx(elastic(changing, given), rel=1e-5)
     # Changes of the shape are not put in with others: they know nothing of each other.
-    both = {"loss.depth": 0.3, "loss.place": 0.6, "loss.size": 1.2, "on.mass": 0.02,
-            "on.y": 2e4, "on.z": 3e4, "on.place": 0.3}  # fmt: skip
+    both = {"loss.depth": 0.3, "loss.place": 0.6, "loss.size": 1.2}
     for model, given in product((small, changing), (both, {"taper": 0.1}, {"bow": 0.002})):
         modes, n = solve_modes(model, given, n_modes=10), 8
         lam = (2 * np.pi * modes.frequencies_hz[n]) ** 2
@@ -142,3 +129,35 @@ def test_the_reduced_model_has_them_too(changing):
             )  # fmt: skip
             position = list(model.parameters).index(name)
             assert slope[position] == pytest.approx((high - low) / (2 * step), rel=2e-3), name
+
+
+def test_what_is_attached_acts_near_its_point_in_reduced_models_alone():
+    """As a mass and springs there do; with slopes that are those of differences."""
+    model, _ = plate()
+    sites = Sites(np.array([[0.2, 0.03, 0.0], [0.36, 0.03, 0.0]]), np.zeros((0, 3)),
+                  vertices=model.mesh.geometry.x, idle=1e-6)  # fmt: skip
+    changes = [change for change in placed(sites) if change.name.startswith(ON)]
+    own = {name for c in changes for name in c.properties.values() if isinstance(name, str)}
+    changing = model.with_changes(changes, [Parameter(name, 0.0, log=False) for name in own])
+    small = reduce(changing, [{}], 40).arrays()
+    before = elastic(small)
+    here = {"place": 0.0, "mass": 0.02, "x": 0.006, "y": -0.003}
+    springs = {"place": 1.0, **dict.fromkeys(("stiffness_x", "stiffness_y", "stiffness_z"), 2e3)}
+    for given, point in ((here, (0.206, 0.027, 0.0)), (springs, (0.36, 0.03, 0.0))):
+        real = elastic(weighed(point, given.get("mass", 0.0), given.get("stiffness_z", 0.0)))
+        given = {f"{ON}.{key}": value for key, value in given.items()}
+        found, shift = elastic(small, given), np.abs(real - before)
+        assert found == pytest.approx(real, abs=0.06 * shift.max())
+    given = {f"{ON}.{key}": value for key, value in here.items()}
+    modes, n = solve_modes(small, given, n_modes=10), 8
+    lam = (2 * np.pi * modes.frequencies_hz[n]) ** 2
+    slope = small.pencil_gradients(modes.shapes[:, [n]], [lam], given)[0]
+    for name in (f"{ON}.mass", f"{ON}.x", f"{ON}.y"):
+        step = 1e-3 * given[name]
+        low, high = ((2 * np.pi * solve_modes(small, given | {name: given[name] + s},
+                                              n_modes=10).frequencies_hz[n]) ** 2
+                     for s in (-step, step))  # fmt: skip
+        expected = slope[list(changing.parameters).index(name)]
+        assert (high - low) / (2 * step) == pytest.approx(expected, rel=1e-4)
+    with pytest.raises(InputError, match="expected a reduced model"):
+        changing.mass(given)

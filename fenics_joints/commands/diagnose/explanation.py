@@ -16,6 +16,7 @@ from fenics_joints.commands.diagnose.questions import questions
 from fenics_joints.commands.diagnose.reading import (
     EffectClass,
     best_without,
+    by_effect,
     causes,
     effect_classes,
     in_test,
@@ -28,6 +29,7 @@ from fenics_joints.commands.diagnose.reading import (
 )
 from fenics_joints.commands.diagnose.words import (
     NAMED,
+    attached_words,
     chance_words,
     from_to,
     is_part,
@@ -235,7 +237,9 @@ def _cause(d: Diagnosis) -> str:
         f"; perhaps also {members_in_words(c)}, {probability(c.probability)}, which held-out data "
         "do not bear out" for c in causes(d) if c.name in weak and d.verdict == CAUSE
     )
-    rival = _rival(d, sure)
+    rival, lead = _rival(d, sure), leading(d)
+    found = [] if lead is None else [attached_words(rows) for _, rows in by_effect(lead.parameters)]
+    words += "".join(f", {where}" for where in found if where)
     return several + words + perhaps + _look_alike(d) + (f"; {rival}" if rival else "")
 
 

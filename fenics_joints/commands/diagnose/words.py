@@ -25,8 +25,9 @@ from fenics_joints.formatting import (
 )
 
 __all__ = [
-    "NAMED", "NARROWED", "VERDICTS", "chance_words", "change_words", "from_to", "group_words",
-    "is_part", "joined", "p_value_words", "place_words", "point_mass_words", "sentence",
+    "NAMED", "NARROWED", "VERDICTS", "attached_words", "chance_words", "change_words", "from_to",
+    "group_words", "is_part", "joined", "p_value_words", "place_words", "point_mass_words",
+    "sentence",
     "share_words", "shortened", "span", "times_words", "zone_words",
 ]  # fmt: skip
 
@@ -84,12 +85,18 @@ def point_mass_words(found: Somewhere) -> str:
     if p is None or found.probability < _HAS_PLACE:
         return ""
     grams = [f"{number(1e3 * kg, 2)} g" for kg in (p.kg, p.low, p.high)]
-    words = (
+    return (
         f"as one point mass {grams[0]}, 90 % interval {grams[1]} to {grams[2]}, at about "
         f"{point_mm(p.at)} mm"
     )
-    hint = "" if found.looked_for else "; [diagnose] rare = true also looks for attached masses"
-    return f"{words}{hint}"
+
+
+def attached_words(parameters: Sequence[dict]) -> str:
+    """How heavy something is and where, by an effect's parameters; "" if it has no place."""
+    at = next((p["at"] for p in parameters if p.get("at")), "")
+    kg = next((p["value"] for p in parameters if p["name"] == "mass"), None)
+    grams = "" if kg is None else f"about {number(1e3 * kg, 2)} g "
+    return f"{grams}near {at}" if at else ""
 
 
 def joined(words: Sequence[str], last: str = "and") -> str:

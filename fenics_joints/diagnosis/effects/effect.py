@@ -150,7 +150,7 @@ class Effect:
         holds: Keys of effects that are a part of it, such as each bolt of several that are loose:
             it is looked at only beside the best of these; empty for one that stands alone.
         never_with: Names of effects that the model cannot have together with it.
-        places: What its ``place`` may be, in words; empty for one without.
+        where: ``(theta) -> words``: where it is; None for one without a ``place``.
         beside: Whether its prior odds come beside those of the others, as of a cause that was an
             unknown one before the library had it, and make none of them less likely.
     """
@@ -169,7 +169,7 @@ class Effect:
     drifts: bool = False
     holds: frozenset[str] = frozenset()
     never_with: frozenset[str] = frozenset()
-    places: tuple[str, ...] = ()
+    where: Callable[[Mapping[str, float]], str] | None = None
     beside: bool = False
 
     def __repr__(self) -> str:
@@ -179,12 +179,6 @@ class Effect:
     def key(self) -> str:
         """Unique name."""
         return f"{self.name} ({self.region})" if self.region else self.name
-
-    def place(self, theta: Mapping[str, float]) -> str:
-        """Where it is, in words: the nearest of `places`; empty for one without."""
-        if not self.places:
-            return ""
-        return self.places[int(np.clip(round(theta["place"]), 0, len(self.places) - 1))]
 
     def touches(
         self, baseline: Mapping[str, float], z: float, condition: float

@@ -14,7 +14,7 @@ from fenics_joints.diagnosis.effects.effect import Effect
 from fenics_joints.diagnosis.effects.part import CAUSES, SHEAR
 from fenics_joints.diagnosis.effects.rig import MASS, SPRING
 from fenics_joints.diagnosis.zones.nominal import bonded_values
-from fenics_joints.diagnosis.zones.sites import as_mass
+from fenics_joints.diagnosis.zones.sites import without_attached
 
 __all__ = ["is_rare", "sample_ranges", "sample_values"]
 
@@ -99,8 +99,8 @@ def sample_values(
         for effect in sorted(turn, key=lambda e: e.by_level):
             theta = {p.name: p.value(float(np.clip(next(z), *p.limits()))) for p in effect.priors}
             effect.apply(values, theta, float(conditions[i % len(conditions)]))
-        found.append(as_mass(values, baseline))
-    return found
+        found.append(without_attached(values, baseline))
+    return [values for values in found if values != baseline]
 
 
 def is_rare(effect: Effect, baseline: Mapping[str, float], known: Iterable[str]) -> bool:

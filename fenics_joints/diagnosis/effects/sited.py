@@ -1,12 +1,12 @@
 """Effects at a place that is a parameter, and of the shape of plates.
 
 What they change stands in `fenics_joints.diagnosis.zones.sites`: nothing of it is in the nominal
-model. They are rarer than a property that is off by a little, and have the odds of that.
+model. Most are rarer than a property that is off by a little, and have the odds of that.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -14,7 +14,6 @@ import numpy as np
 from fenics_joints.case import Case
 from fenics_joints.diagnosis.effects.effect import RARE, Effect, Prior, Silent, somewhere
 from fenics_joints.diagnosis.effects.part import DIMENSIONS
-from fenics_joints.diagnosis.thresholds import NEGLIGIBLE
 from fenics_joints.diagnosis.zones.part_cells import (
     BOW,
     LOSS,
@@ -25,19 +24,26 @@ from fenics_joints.diagnosis.zones.part_cells import (
 )
 from fenics_joints.diagnosis.zones.sites import HUNG, ON, Sites
 from fenics_joints.measurements.data import TestData
+from fenics_joints.structure.changes import OFFSETS
 
 __all__ = [
-    "BOWED", "CABLE", "CABLE_MASS", "LOCAL_LOSS", "RESONATOR", "TAPERED", "looked_for",
-    "sited_effects", "wanted",
+    "ADDED", "BOWED", "CABLE", "CABLE_MASS", "LOCAL_GAIN", "LOCAL_LOSS", "RESONATOR", "TAPERED",
+    "looked_for", "sited_effects", "wanted",
 ]  # fmt: skip
 
-LOCAL_LOSS = "local loss of stiffness"
+ADDED = "added mass"
+LOCAL_LOSS, LOCAL_GAIN = "local loss of stiffness", "local gain of stiffness"
 CABLE = "cable or stinger"
 RESONATOR = "attached resonator"
 BOWED = "plate not flat"
 TAPERED = "thickness not even"
 #: What each asks of the sites.
-_ASKS = {LOCAL_LOSS: LOSS, CABLE: ON, RESONATOR: ON, BOWED: BOW, TAPERED: TAPER}
+_ASKS = {
+    ADDED: ON, CABLE: ON, RESONATOR: ON, LOCAL_LOSS: LOSS, LOCAL_GAIN: LOSS, BOWED: BOW,
+    TAPERED: TAPER,
+}  # fmt: skip
+
+_PLACED = (ADDED, CABLE, RESONATOR, LOCAL_LOSS, LOCAL_GAIN)
 
 #: Share of the stiffness of a patch that is gone: a cut half way through a beam is as soft as 2 to
 #: 3 heights of it more, and at a tenth of the height hardly anything (Ostachowicz and Krawczuk, J.
@@ -48,6 +54,16 @@ _DEPTH = Prior("depth", 0.3, np.log(2.5), "", True, (0.0, 0.95))
 #: not. Data tell a deep loss of one from a shallow one of several only where shapes are good.
 #: [prior: chosen]
 _SIZE = Prior("size", 2.0, np.log(2.0), "", True, (1.0, 12.0))
+#: Of a rib, a weld or a hard spot: as much again is gained as a loss takes, up to many times over.
+#: [prior: chosen]
+_GAIN = Prior("gain", 0.5, np.log(2.5), "", True, (1e-3, 20.0))
+#: Their amount, its sign, and what they are in words. [prior: definition]
+_LOCAL = {
+    LOCAL_LOSS: (_DEPTH, 1.0, "A part has lost stiffness in one place: a crack, a cut."),
+    LOCAL_GAIN: (_GAIN, -1.0, "A part is stiffer in one place: a rib, a weld, a hard spot."),
+}  # fmt: skip
+#: How far from the middle of its site something is, over how far the site reaches. [prior: chosen]
+_OFFSET = 0.4
 #: Mass of a cable, harness, antenna or sensor over the structure's: 1 %, within a factor of 3. An
 #: accelerometer and its lead weigh 5 to 30 g; harnesses of spacecraft come to 10 % and more
 #: (Babuska et al., J. Spacecraft Rockets 47, 2010). [prior: data sheets; Babuska et al. 2010]
@@ -75,7 +91,7 @@ _LONG = {"along": "along its length", "across": "across its width"}
 _SHAPES = frozenset(
     f"{word} error{of}" for word in (*DIMENSIONS, "shear modulus")
     for of in ("", " of all parts", " of several parts")
-) | {LOCAL_LOSS, BOWED, TAPERED}  # fmt: skip
+) | {LOCAL_LOSS, LOCAL_GAIN, BOWED, TAPERED}  # fmt: skip
 
 
 def wanted(case: Case) -> set[str]:
@@ -84,9 +100,10 @@ def wanted(case: Case) -> set[str]:
 
 
 def looked_for(case: Case, name: str) -> bool:
-    """Whether a case asks for an effect that few structures have, by its name or for all such."""
+    """Whether a case asks for an effect: by default for those at a place, and others that few
+    structures have if it says so."""
     asked = case.diagnose.effects
-    return case.diagnose.rare if asked is None else name in asked
+    return name in _PLACED or case.diagnose.rare if asked is None else name in asked
 
 
 def sited_effects(
@@ -102,19 +119,18 @@ def sited_effects(
     """
     found = []
     if len(sites.patches) > 1:
-        found.append(local_loss(sites.patches, case))
+        found += [local_change(name, sites.patches, case) for name in (LOCAL_LOSS, LOCAL_GAIN)]
     if len(sites.points) > 1:
-        places = _named(sites.points, data.sensors)
         hz = [np.exp(np.mean(np.log(f[np.isfinite(f)])))
               for f in data.frequencies_hz.T if np.isfinite(f).any()]  # fmt: skip
-        found += [cable(places, total_mass), resonator(places, total_mass, np.array(hz))]
+        found += [added_mass(sites, total_mass), cable(sites, total_mass),
+                  resonator(sites, total_mass, np.array(hz))]  # fmt: skip
     weight = RARE / max(len(sites.bowed), 1)
     found += [bowed(plate, case, weight) for plate in sites.bowed]
     weight = RARE / max(len(sites.tapered), 1)
     found += [tapered(plate, case, weight) for plate in sites.tapered]
     reasons = {
-        LOCAL_LOSS: "the model has no cells of parts",
-        CABLE: "the model has no cells of parts", RESONATOR: "the model has no cells of parts",
+        **dict.fromkeys(_PLACED, "the model has no cells of parts"),
         BOWED: "it is of structures that are one flat plate, of elements of degree 2, and of tests "
         "with sensors",
         TAPERED: "it is of even plates that nothing joins on an edge, of elements of degree 2, and "
@@ -128,104 +144,135 @@ def sited_effects(
     )
 
 
-def _named(points: np.ndarray, sensors) -> tuple[str, ...]:
-    """Points in words, those of sensors by their number."""
-    names = []
-    for x in points:
-        words = _at(x)
-        if sensors is not None:
-            away = np.linalg.norm(sensors.points - x[: sensors.points.shape[1]], axis=1)
-            nearest = int(np.argmin(away))
-            others = np.delete(points, np.flatnonzero((points == x).all(axis=1)), axis=0)
-            apart = np.min(np.linalg.norm(others - x, axis=1)) if len(others) else np.inf
-            if away[nearest] < NEGLIGIBLE * apart:
-                words = f"{words}, sensor {nearest + 1}"
-        names.append(words)
-    return tuple(names)
-
-
 def _at(x: np.ndarray) -> str:
     """A place in millimetres."""
     return f"({', '.join(f'{1e3 * c + 0.0:.0f}' for c in x)}) mm"
 
 
-def local_loss(patches: np.ndarray, case: Case) -> Effect:
-    """A share of the stiffness of one patch of the parts is gone: a crack, a cut, a bad weld.
+def local_change(name: str, patches: np.ndarray, case: Case) -> Effect:
+    """A patch of the parts has lost a share of its stiffness, such as by a crack, a cut or a bad
+    weld, or has more of it, such as by a rib, a weld or a hard spot.
 
-    Between two patches each has lost its share. The mass stays. Of several patches they are those
-    next to each other along the parts.
+    Between two patches each has its share. The mass stays. Of several patches they are those next
+    to each other along the parts.
 
     Args:
+        name: `LOCAL_LOSS` or `LOCAL_GAIN`.
         patches: Their middles, m, (Q, 3), neighbours next to each other.
         case: The case.
     """
+    depth, sign, words = _LOCAL[name]
 
     def apply(values, theta, condition):
         _as_meshed(values, case)
-        for key in ("depth", "place", "size"):
+        values[f"{LOSS}.depth"] = sign * theta[depth.name]
+        for key in ("place", "size"):
             values[f"{LOSS}.{key}"] = theta[key]
 
+    def where(theta) -> str:
+        return _at(patches[_nearest(theta, count)])
+
     count = len(patches)
-    words = "A part has lost stiffness in one place: a crack, a cut, a bad weld."
     return Effect(
-        LOCAL_LOSS, "", (_DEPTH, _SIZE, somewhere("place", count, count)), apply, words,
-        weight=RARE, beside=True, never_with=_SHAPES, places=tuple(_at(x) for x in patches),
+        name, "", (depth, _SIZE, somewhere("place", count, count)), apply, words, family=LOSS,
+        weight=RARE, beside=True, never_with=_SHAPES, where=where,
     )  # fmt: skip
 
 
-def cable(places: Sequence[str], total_mass: float) -> Effect:
-    """A mass and a spring to the ground at one point: a lead, a hose, a shaker's stinger.
+def _nearest(theta: Mapping[str, float], count: int) -> int:
+    return int(np.clip(round(theta["place"]), 0, count - 1))
+
+
+def _attached(
+    name: str, prefix: str, sites: Sites, priors: Sequence[Prior], apply, words: str, weight: float
+) -> Effect:
+    """Something attached at a place about one of the sites.
 
     Args:
-        places: The points in words, neighbours next to each other.
+        name: Name of the effect.
+        prefix: Of its parameters.
+        sites: The sites.
+        priors: Its parameters, besides where it is.
+        apply: ``(values, theta) -> None``: puts in all but where it is.
+        words: Sentence for the report.
+        weight: Prior odds, of any place.
+    """
+    count, far = len(sites.points), sites.reach
+    offsets = (Prior(way, 0.0, _OFFSET * far, "m", False, (-far, far)) for way in OFFSETS)
+
+    def put(values, theta, condition):
+        apply(values, theta)
+        for key in ("place", *OFFSETS):
+            values[f"{prefix}.{key}"] = theta[key]
+
+    def where(theta) -> str:
+        return _at(sites.points[_nearest(theta, count)] + [theta[way] for way in OFFSETS])
+
+    return Effect(
+        name, "", (*priors, somewhere("place", count, count), *offsets), put, words, family=ON,
+        weight=weight * sites.share, beside=True, where=where,
+    )  # fmt: skip
+
+
+def added_mass(sites: Sites, total_mass: float) -> Effect:
+    """A mass that nobody modelled: a sensor, a bracket, a part forgotten.
+
+    Args:
+        sites: Where it may be.
         total_mass: The structure's, kg.
     """
 
-    def apply(values, theta, condition):
-        values[f"{ON}.mass"], values[f"{ON}.place"] = theta["mass"], theta["place"]
-        for along in "xyz":
+    def apply(values, theta):
+        values[f"{ON}.mass"] = theta["mass"]
+
+    words = "A mass is attached that the model does not have."
+    return _attached(ADDED, ON, sites, (_mass(total_mass),), apply, words, 1.0)
+
+
+def cable(sites: Sites, total_mass: float) -> Effect:
+    """A mass and a spring to the ground at one point: a lead, a hose, a shaker's stinger.
+
+    Args:
+        sites: Where it may be.
+        total_mass: The structure's, kg.
+    """
+
+    def apply(values, theta):
+        values[f"{ON}.mass"] = theta["mass"]
+        for along in OFFSETS:
             values[f"{ON}.stiffness_{along}"] = theta[f"stiffness along {along}"]
 
-    count = len(places)
-    springs = (replace(_GROUND, name=f"stiffness along {along}") for along in "xyz")
-    priors = (_mass(total_mass), *springs, somewhere("place", count, count))
+    springs = (replace(_GROUND, name=f"stiffness along {along}") for along in OFFSETS)
     words = "A cable, a hose or a stinger holds the structure at one point and weighs on it."
-    return Effect(
-        CABLE, "", priors, apply, words, family=ON, weight=RARE, beside=True, places=tuple(places)
-    )
+    return _attached(CABLE, ON, sites, (_mass(total_mass), *springs), apply, words, RARE)
 
 
-def resonator(places: Sequence[str], total_mass: float, measured_hz: np.ndarray) -> Effect:
+def resonator(sites: Sites, total_mass: float, measured_hz: np.ndarray) -> Effect:
     """A mass on a spring at one point: a harness between clamps, an antenna, a loose lid.
 
     Modes below its own frequency fall, those above it rise, and its own motions, one in each
     direction, are further modes, which the test may have seen.
 
     Args:
-        places: See `cable`.
+        sites: Where it may be.
         total_mass: The structure's, kg.
         measured_hz: About the frequencies of the test's modes, Hz, (m,), of those that are known.
     """
     middle = float(np.exp(np.mean(np.log(measured_hz))))
 
-    def apply(values, theta, condition):
-        values[f"{HUNG}.mass"], values[f"{HUNG}.place"] = theta["mass"], theta["place"]
+    def apply(values, theta):
+        values[f"{HUNG}.mass"] = theta["mass"]
         values[f"{HUNG}.stiffness"] = theta["mass"] * (2 * np.pi * theta["frequency"]) ** 2
 
     spread, far = _OWN
     span = middle / far, middle * far
     also = tuple(np.outer(_ABOVE, measured_hz).ravel().tolist())
     own = Prior("frequency", middle, spread, "Hz", True, span, _FREQUENCIES, also=also)
-    count = len(places)
-    priors = (_mass(total_mass), own, somewhere("place", count, count))
     words = (
         "Something on a spring is attached at one point: modes below its own frequency fall as by "
         "a mass, modes above it rise."
     )
-    return Effect(
-        RESONATOR, "", priors, apply, words, family=ON, weight=RARE, beside=True,
-        places=tuple(places),
-    )  # fmt: skip
+    return _attached(RESONATOR, HUNG, sites, (_mass(total_mass), own), apply, words, RARE)
 
 
 def _mass(total: float) -> Prior:

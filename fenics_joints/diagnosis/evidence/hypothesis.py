@@ -10,6 +10,7 @@ import numpy as np
 
 from fenics_joints.diagnosis.effects.effect import Effect, Prior
 from fenics_joints.diagnosis.effects.sensing import Sensing
+from fenics_joints.structure.changes import OFFSETS
 
 __all__ = ["Hypothesis"]
 
@@ -308,10 +309,16 @@ class Hypothesis:
             condition = condition * self.amplitudes[own].value(z[at])
         return condition
 
+    def _where(self, effect: Effect, z: np.ndarray) -> str:
+        own = zip(effect.priors, z[self.own_of[effect.key]], strict=True)
+        return effect.where({prior.name: float(prior.value(at)) for prior, at in own})
+
     def table(self, z: np.ndarray, covariance: np.ndarray) -> list[dict]:
         """The fitted parameters for people, with one-sigma intervals."""
         rows = []
         for i, (effect, prior) in enumerate(self.priors):
+            if effect.where and prior.name in OFFSETS:
+                continue  # said with its place
             sd = float(np.sqrt(covariance[i, i]))
             low, high = prior.value(z[i] - sd), prior.value(z[i] + sd)
             rows.append(
@@ -324,7 +331,7 @@ class Hypothesis:
                     "unit": prior.unit,
                     "nuisance": effect in self.nuisances or i >= len(self._own),
                     "prior_sigmas": float(z[i]),
-                    **({"at": effect.place({prior.name: prior.value(z[i])})} if prior.even else {}),
+                    **({"at": self._where(effect, z)} if prior.even and effect.where else {}),
                 }
             )
         return rows

@@ -14,18 +14,17 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.linalg
 from scipy.special import logsumexp
 
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.fitted import Fit
-from fenics_joints.diagnosis.evidence.linear import least_square, whiten
+from fenics_joints.diagnosis.evidence.linear import whiten
 from fenics_joints.diagnosis.thresholds import INTERVAL, STRONG
 from fenics_joints.measurements.gap import Pairing
 from fenics_joints.modal.modes import Modes
 from fenics_joints.structure.points import Sensors
 
-__all__ = ["PointMassFound", "point_mass"]
+__all__ = ["PointMassFound", "PointScan", "point_mass"]
 
 #: Trial masses as shares of the structure's, with equal probability in ln: all of them at the best
 #: places, every fourth elsewhere; and ln of the odds from the best within which a place counts.
@@ -67,37 +66,18 @@ def point_mass(
         points: Trial places, m, (n_points, gdim).
         total: The structure's mass, kg.
     """
-    test = test.at(found.scales)
-    lower, used = test.lower(), test.fitted
-    slope = whiten(lower, found.jacobian[used])
     gdim, count = points.shape[1], len(modes)
     ways = Sensors(np.repeat(points, gdim, axis=0), np.tile(np.eye(gdim), (len(points), 1)))
     moves = modes.at(ways).reshape(len(points), gdim, count)
     seen = None if test.shapes is None else modes.at(sensors)
-    lam = np.maximum(modes.eigenvalues, 0.0)
-    free = ~found.hypothesis.at_limit(found.z)
-
-    def fits(change: np.ndarray | float) -> float:
-        """ln of the density at the best nuisance parameters, up to a constant."""
-        residual = whiten(lower, (found.predicted + change - test.data)[used])
-        return -0.5 * least_square(residual, slope, found.z, free)[0]
-
-    def with_mass(phi: np.ndarray, kg: float) -> float:
-        mu, y = scipy.linalg.eigh(np.diag(lam), np.eye(count) + kg * phi.T @ phi)
-        which = np.argmax(np.abs(y[pairing.index]), axis=1)
-        log_f = 0.5 * np.log(np.maximum(mu[which], 1e-300) / lam[pairing.index])
-        shapes = None
-        if seen is not None:
-            shapes = _turned(test.shapes, seen, pairing.index, y[:, which])[..., None]
-        return fits(test.entries.filled(log_f[:, None], shapes)[:, 0])
-
-    sizes, nothing = _SHARES * total, fits(0.0)
-    coarse = np.array([[with_mass(phi, kg) for kg in sizes[::_COARSE]] for phi in moves])
+    scan = PointScan(found, test.at(found.scales), modes.eigenvalues, pairing.index, seen)
+    sizes, nothing = _SHARES * total, scan.nothing
+    coarse = np.array([scan.attached(phi, sizes[::_COARSE]) for phi in moves])
     log_odds = float(logsumexp(coarse) - np.log(coarse.size) - nothing)
     if not log_odds > np.log(STRONG):
         return None
     near = np.flatnonzero(coarse.max(axis=1) > coarse.max() - _NEAR)
-    score = np.array([[with_mass(moves[i], kg) for kg in sizes] for i in near])
+    score = np.array([scan.attached(moves[i], sizes) for i in near])
     by_size = np.exp(logsumexp(score, axis=0) - logsumexp(score))
     ends = np.interp([(1 - INTERVAL) / 2, (1 + INTERVAL) / 2], np.cumsum(by_size), sizes)
     place = near[int(np.argmax(logsumexp(score, axis=1)))]
@@ -108,12 +88,78 @@ def point_mass(
     return PointMassFound(best, float(low), float(high), tuple(points[place].tolist()), log_odds)
 
 
+class PointScan:
+    """How well a test is explained by what is attached at a point, in the modes of a model.
+
+    Args:
+        found: A prediction without it, its slopes by what is uncertain, and at which z: a `Fit`.
+        test: The test, at its scales.
+        eigenvalues: Of the model's modes, (n,).
+        index: Which of them the test's are, (m,).
+        seen: Their displacements at the sensors, (n_s, n); None without shapes.
+    """
+
+    def __init__(self, found, test: Evidence, eigenvalues, index, seen: np.ndarray | None):
+        self.test, self.index, self.seen = test, index, seen
+        self.lam, self.lower, self.used = np.maximum(eigenvalues, 0.0), test.lower(), test.fitted
+        self.residual = whiten(self.lower, (found.predicted - test.data)[self.used])
+        self.free = ~found.hypothesis.at_limit(found.z)
+        self.z, self.slope = found.z, whiten(self.lower, found.jacobian[self.used])[:, self.free]
+        hessian = self.slope.T @ self.slope + np.eye(self.free.sum())
+        self.half = np.linalg.cholesky(np.linalg.inv(hessian))
+        self.nothing = float(self._fits(np.zeros((len(test.data), 1)))[0])
+
+    def _fits(self, changes: np.ndarray) -> np.ndarray:
+        """ln of the density at the best nuisance parameters, up to a constant, of changes of the
+        data, (N, b)."""
+        residual = self.residual[:, None] + whiten(self.lower, changes[self.used])
+        gain = self.half.T @ (self.slope.T @ residual + self.z[self.free][:, None])
+        square = np.sum(residual**2, axis=0) + self.z @ self.z - np.sum(gain**2, axis=0)
+        return -0.5 * square
+
+    def attached(self, phi: np.ndarray, kg=0.0, k=0.0, hz: float | None = None) -> np.ndarray:
+        """ln of the density with something attached, up to a constant, (b,).
+
+        Args:
+            phi: What the modes move the point, (gdim, n).
+            kg: Masses, (b,).
+            k: Springs to the ground in each direction, (b, gdim).
+            hz: Frequency of the masses on springs of their own; None: they are rigidly attached.
+        """
+        n, gdim = len(self.lam), len(phi)
+        kg, k = np.atleast_1d(kg), np.atleast_2d(k)
+        b = max(len(kg), len(k))
+        kg, k = np.broadcast_to(kg, b), np.broadcast_to(k, (b, gdim))
+        if hz is None:
+            M = np.eye(n) + kg[:, None, None] * (phi.T @ phi)
+            K = np.diag(self.lam) + (phi.T * k[:, None]) @ phi
+            back = np.linalg.inv(np.linalg.cholesky(M))
+            mu, y = np.linalg.eigh(back @ K @ back.transpose(0, 2, 1))
+            y = back.transpose(0, 2, 1) @ y
+        else:
+            square, K = (2 * np.pi * hz) ** 2, np.zeros((len(kg), n + gdim, n + gdim))
+            K[:, :n, :n] = np.diag(self.lam) + square * kg[:, None, None] * (phi.T @ phi)
+            K[:, n:, :n] = -square * np.sqrt(kg)[:, None, None] * phi
+            K[:, n:, n:] = square * np.eye(gdim)
+            mu, y = np.linalg.eigh(K)
+            y = y[:, :n]
+        which = np.argmax(np.abs(y[:, self.index]), axis=2)
+        found = np.take_along_axis(mu, which, axis=1)
+        log_f = 0.5 * np.log(np.maximum(found, 1e-300) / self.lam[self.index])
+        shapes = None
+        if self.seen is not None:
+            own = np.take_along_axis(y, which[:, None], axis=2)
+            shapes = _turned(self.test.shapes, self.seen, self.index, own).transpose(1, 2, 0)
+        return self._fits(self.test.entries.filled(log_f.T, shapes))
+
+
 def _turned(measured, seen: np.ndarray, index: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Changes of shapes at the sensors, (n_s, m), as the measured ones are scaled."""
+    """Changes of shapes at the sensors, (b, n_s, m), as the measured ones are scaled."""
     there = np.isfinite(measured)
     t = np.where(there, measured, 0.0)
     scaled = []
     for x in (seen[:, index], seen @ y):
         x = np.where(there, x, 0.0)
-        scaled.append(x * np.sum(x * t, axis=0) / np.maximum(np.sum(x**2, axis=0), 1e-300))
+        size = np.maximum(np.sum(x**2, axis=-2, keepdims=True), 1e-300)
+        scaled.append(x * np.sum(x * t, axis=-2, keepdims=True) / size)
     return scaled[1] - scaled[0]

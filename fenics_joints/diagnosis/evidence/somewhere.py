@@ -44,12 +44,10 @@ class Somewhere:
     Attributes:
         probability: That the unknown cause is of this kind, if there is one.
         point: The one point mass that explains the test best; None if none does.
-        looked_for: Whether the diagnosis also looked for effects at any place, such as a mass.
     """
 
     probability: float
     point: PointMassFound | None = None
-    looked_for: bool = False
 
 
 class _Linear:

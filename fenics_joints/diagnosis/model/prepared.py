@@ -18,6 +18,7 @@ from fenics_joints.diagnosis.effects.effect import Effect, Silent
 from fenics_joints.diagnosis.effects.joint import interfaces
 from fenics_joints.diagnosis.effects.library import by_preload, case_effects, case_nuisances
 from fenics_joints.diagnosis.effects.samples import is_rare, sample_ranges, sample_values
+from fenics_joints.diagnosis.effects.sited import sited_effects
 from fenics_joints.diagnosis.effects.user import check_parameters, for_zones
 from fenics_joints.diagnosis.evidence.cells import prior_points
 from fenics_joints.diagnosis.evidence.entries import FUNCTION
@@ -31,11 +32,13 @@ from fenics_joints.diagnosis.evidence.turning import Neighbours
 from fenics_joints.diagnosis.evidence.weighed import case_weighed
 from fenics_joints.diagnosis.model.at_points import by_patches, measured_at_points
 from fenics_joints.diagnosis.model.bonded import joint_errors
+from fenics_joints.diagnosis.model.found_sites import found_sites
 from fenics_joints.diagnosis.model.resolution import MeshErrors, mesh_errors
 from fenics_joints.diagnosis.model.subject import Subject, subject_of, with_places
 from fenics_joints.diagnosis.where.patch_signatures import signatures
 from fenics_joints.diagnosis.where.patches import PATCHES, Patches, patches
 from fenics_joints.diagnosis.where.zone_sensitivity import given_way
+from fenics_joints.diagnosis.zones.sites import placed
 from fenics_joints.errors import InputError
 from fenics_joints.formatting import percent
 from fenics_joints.measurements.data import TestData
@@ -284,6 +287,17 @@ class Prepared(Subject):
     def place_unknown(self) -> None:
         """Let an unknown cause have a place. Collective; after `reduce`."""
         self.evidence = self.with_signatures(patches(self.cells, PATCHES, self.zones.shown))
+
+    def find_sites(self) -> None:
+        """Put the sites of what may be attached where the test speaks for it. Collective; after
+        `reduce`."""
+        if not len(self.sites.points):
+            return
+        sites = found_sites(self)
+        self.surrogate.exchange(placed(sites))
+        self.sites, mass = sites, self.full.total_mass(self.baseline)
+        new = {e.key: e for e in sited_effects(self.case, self.data.as_it_is, sites, mass)[0]}
+        self.effects = tuple(new.get(e.key, e) for e in self.effects)
 
     def with_signatures(self, split: Patches) -> Evidence:
         """The test with what a change in each of some patches would do. Collective; after

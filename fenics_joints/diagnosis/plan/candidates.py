@@ -35,7 +35,7 @@ from fenics_joints.diagnosis.plan.added import (
     widened,
 )
 from fenics_joints.diagnosis.plan.study import Measurement, Study
-from fenics_joints.diagnosis.zones.sites import as_mass
+from fenics_joints.diagnosis.zones.sites import without_attached
 from fenics_joints.formatting import condition_value, point_mm, spaced
 from fenics_joints.measurements.gap import VISIBLE
 from fenics_joints.modal.modes import solve_modes
@@ -140,7 +140,7 @@ class Candidates:
         points = [dict(self.model.baseline)]
         for signature in self.study.expected:
             values = self._values(signature.effect, signature.own, row)
-            values = as_mass(values, self.model.baseline)
+            values = without_attached(values, self.model.baseline)
             if values not in points:
                 points.append(values)
         return points

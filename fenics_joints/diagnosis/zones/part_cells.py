@@ -19,9 +19,8 @@ __all__ = ["BOW", "LOSS", "MOST_BOW", "MOST_TAPER", "TAPER", "PartCells", "Plate
 
 #: Prefixes of parameters.
 LOSS, BOW, TAPER = "local_loss", "bow", "taper"
-#: Points at most, and patches: the reduced model has a matrix for each. [numerical: chosen for
-#: memory]
-_POINTS, _PATCHES = 12, 40
+#: Patches at most: the reduced model has a matrix for each. [numerical: chosen for memory]
+_PATCHES = 40
 #: A plate is so many times as long as thick, and its cells fill its box. [numerical: chosen]
 _SLENDER, _FULL = 5.0, 0.93
 #: Half the difference of the ends' thicknesses over their mean up to which the stiffness is looked
@@ -71,23 +70,22 @@ class PartCells:
     # -- points --------------------------------------------------------------------------------
 
     @cached_property
-    def _vertices(self) -> np.ndarray:
+    def vertices(self) -> np.ndarray:
         """Of the parts' cells, on all ranks, (n, 3)."""
         own = np.concatenate([self._own(name) for name in self.names])
         vertices = np.vstack(self.comm.allgather(self.corners[own].reshape(-1, 3)))
         size = float(np.ptp(vertices, axis=0).max())
         return vertices[np.unique(np.round(vertices / size, 7), axis=0, return_index=True)[1]]
 
-    def points(self, sensors: Sensors | None) -> np.ndarray:
+    def points(self, sensors: Sensors | None, count: int) -> np.ndarray:
         """Vertices of the parts' cells near the sensors, and far from these and each other."""
-        vertices = self._vertices
+        vertices = self.vertices
         at = vertices[:0] if sensors is None else np.unique(np.pad(
             sensors.points, [(0, 0), (0, 3 - sensors.points.shape[1])]), axis=0)  # fmt: skip
         near = [int(np.argmin(np.linalg.norm(vertices - x, axis=1))) for x in at]
         near = vertices[np.unique(np.array(near, dtype=int))]
-        chosen = _far_apart(near, near[:0], _POINTS)
-        chosen = np.vstack([chosen, _far_apart(vertices, chosen, _POINTS - len(chosen))])
-        return chosen[_tour(chosen)]
+        chosen = _far_apart(near, near[:0], count)
+        return np.vstack([chosen, _far_apart(vertices, chosen, count - len(chosen))])
 
     # -- patches -------------------------------------------------------------------------------
 

@@ -8,7 +8,8 @@ the nominal one (`fenics_joints.structure.changes`).
 from __future__ import annotations
 
 from collections.abc import Collection
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from itertools import combinations_with_replacement, product
 
 import numpy as np
 
@@ -17,20 +18,34 @@ from fenics_joints.case.dimensions import Dimensions, directed_parts
 from fenics_joints.diagnosis.zones.part_cells import BOW, LOSS, TAPER, PartCells, Plate
 from fenics_joints.structure import Sensors, Structure
 from fenics_joints.structure.changes import (
+    OFFSETS,
     STIFFNESSES,
     Change,
     PlacedPoint,
     PlacedResonator,
 )
 
-__all__ = [
-    "HUNG", "ON", "Sites", "as_mass", "sites_of",
-]  # fmt: skip
+__all__ = ["COUNT", "HUNG", "ON", "Sites", "about_point", "placed", "sites_of", "without_attached"]
 
 #: Prefixes of the parameters, besides those of `part_cells`.
 ON, HUNG = "put_on", "hung"
 #: Mass of what hangs on a spring where nothing does, over the structure's. [numerical: chosen]
 _IDLE = 1e-6
+#: Sites where something may be attached. [numerical: time]
+COUNT = 3
+#: Vertices about a point, and how far they reach that count, over the distance of the farthest.
+#: [numerical: chosen]
+_VERTICES, _NEAR = 24, 0.7
+#: Powers of the distances from it, by degree. [numerical: definition]
+_POWERS = np.array(sorted(
+    (p for p in product(range(3), repeat=3) if sum(p) < 3),
+    key=lambda p: (sum(p), [-k for k in p]),
+))  # fmt: skip
+#: What of a parabola the vertices do not tell apart. [numerical: chosen]
+_ALIKE = 1e-3
+#: Products of a displacement and its slopes. [numerical: definition]
+_PAIRS = tuple(combinations_with_replacement(range(4), 2))
+_WHERE = ("place", *OFFSETS)
 
 
 @dataclass(frozen=True)
@@ -38,14 +53,22 @@ class Sites:
     """Places, in an order in which neighbours are near each other.
 
     Attributes:
-        points: Where something may be attached, m, (P, 3).
+        points: Near which something may be attached, m, (P, 3).
+        reach: How far from these, m.
+        idle: Mass of what hangs on a spring where nothing does, kg.
+        vertices: Of the parts' cells, m, (V, 3).
         patches: Middles of patches of parts, m, (Q, 3).
+        share: Probability that something attached is about one of the sites, if it is anywhere.
         tapered: Plates whose thickness may change along their length.
         bowed: The structure as a plate that may be bowed, by direction.
     """
 
     points: np.ndarray
     patches: np.ndarray
+    reach: float = 0.0
+    idle: float = 0.0
+    vertices: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
+    share: float = 1.0
     tapered: tuple[Plate, ...] = ()
     bowed: tuple[Plate, ...] = ()
 
@@ -76,14 +99,15 @@ def sites_of(
     cells = PartCells(directed_parts(case, full.tagged), full)
     found, changes, values = Sites.none(), [], {}
     if ON in wanted:
-        points = full.comm.bcast(cells.points(sensors))
-        own = {key: f"{ON}.{key}" for key in ("mass", *STIFFNESSES, "place")}
-        changes += [PlacedPoint(f"{ON} {i}", tuple(x), own | {"at": float(i)})
-                    for i, x in enumerate(points.tolist())]  # fmt: skip
-        values |= dict.fromkeys(own.values(), 0.0)
-        more, idle = _hung(full, points)
-        changes, values = [*changes, *more], values | idle
-        found = replace(found, points=points)
+        mass, points = _IDLE * full.total_mass(), full.comm.bcast(cells.points(sensors, COUNT))
+        about = cells.vertices[about_point(cells.vertices, points[0])[0]]
+        reach = float(np.linalg.norm(about - points[0], axis=1).max())
+        found = replace(found, points=points, reach=reach, vertices=cells.vertices, idle=mass)
+        changes += placed(found)
+        values |= dict.fromkeys((f"{ON}.{key}" for key in ("mass", *STIFFNESSES, *_WHERE)), 0.0)
+        stiffness = mass * (2 * np.pi * full.dilation_frequency()) ** 2
+        values |= {f"{HUNG}.mass": mass, f"{HUNG}.stiffness": stiffness}
+        values |= dict.fromkeys((f"{HUNG}.{key}" for key in _WHERE), 0.0)
     if LOSS in wanted:
         losses, middles = cells.losses()
         changes += losses
@@ -100,25 +124,48 @@ def sites_of(
     return found, changes, values
 
 
-def _hung(full: Structure, points: np.ndarray) -> tuple[list[Change], dict[str, float]]:
-    """What may hang on a spring at these points, and the parameters' nominal values, at which it
-    is as light as nothing and too fast to take part."""
-    mass = _IDLE * full.total_mass()
-    own = {key: f"{HUNG}.{key}" for key in ("mass", "stiffness", "place")}
-    changes = [PlacedResonator(f"{HUNG} {i}", tuple(x), own | {"at": float(i), "idle": mass})
-               for i, x in enumerate(points.tolist())]  # fmt: skip
-    stiffness = mass * (2 * np.pi * full.dilation_frequency()) ** 2
-    return changes, dict(zip(own.values(), (mass, stiffness, 0.0), strict=True))
+def placed(sites: Sites) -> list[Change]:
+    """What may be attached near the sites' points.
+
+    Args:
+        sites: The sites.
+    """
+    kinds = (
+        (ON, PlacedPoint, ("mass", *STIFFNESSES)), (HUNG, PlacedResonator, ("mass", "stiffness")),
+    )  # fmt: skip
+    changes = []
+    for i, point in enumerate(sites.points):
+        near, weights = about_point(sites.vertices, point)
+        for name, kind, keys in kinds:
+            own = {key: f"{name}.{key}" for key in (*keys, *_WHERE)}
+            own |= {"at": float(i), "idle": sites.idle}
+            for pair in _PAIRS:
+                powers = {f"{w}_power": pair.count(1 + k) for k, w in enumerate(OFFSETS)}
+                label = f"{name} {i} {pair[0]}{pair[1]}"
+                changes.append(kind(label, sites.vertices[near], weights, pair, own | powers))
+    return changes
 
 
-def as_mass(values: dict[str, float], baseline: dict[str, float]) -> dict[str, float]:
-    """Values for the full model, which has no motion of what hangs on a spring: there it is the
-    mass that a mode far below its own frequency feels."""
-    if values.get(f"{HUNG}.mass") == baseline.get(f"{HUNG}.mass"):
-        return values
-    own = {name for name in baseline if name.startswith(f"{HUNG}.")}
-    idle = {name: baseline[name] for name in own}
-    felt = {f"{ON}.{key}": values[f"{HUNG}.{key}"] for key in ("mass", "place")}
-    return {**values, **felt, **idle}
+def about_point(vertices: np.ndarray, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Which vertices are about a point, (P,), and a displacement at the point and its slopes along
+    x, y and z from those at these, (4, P): of the parabola through them, which is smooth where a
+    force at one point would bend the mesh.
+
+    Args:
+        vertices: All vertices, m, (V, 3).
+        point: The point, m, (3,).
+    """
+    away = np.linalg.norm(vertices - point, axis=1)
+    near = np.argsort(np.round(away / away.max(), 6), kind="stable")[:_VERTICES]
+    x, far = vertices[near], float(away[near[-1]])
+    terms = np.prod(((x - point) / far)[:, None] ** _POWERS, axis=2)
+    # What is near counts more.
+    count = np.exp(-0.5 * (away[near] / (_NEAR * far)) ** 2)
+    weights = np.linalg.pinv(count[:, None] * terms, rcond=_ALIKE) * count
+    return near, weights[:4] / np.array([[1.0], [far], [far], [far]])
 
 
+def without_attached(values: dict[str, float], baseline: dict[str, float]) -> dict[str, float]:
+    """Values for the full model, which has nothing attached."""
+    own = tuple(f"{name}." for name in (ON, HUNG))
+    return {k: baseline[k] if k.startswith(own) else v for k, v in values.items()}
