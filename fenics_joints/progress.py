@@ -6,6 +6,7 @@ import os
 import resource
 import sys
 import time
+from collections.abc import Sequence
 from typing import TextIO
 
 __all__ = ["LAUNCHED", "Progress", "is_terminal", "loudness", "reading", "set_loudness"]
@@ -104,6 +105,13 @@ class Progress:
             print(f"all: {time.monotonic() - self._entered:.1f} s, {_peak()}", file=self._stream)
         self._open = False
 
+    def outline(self, stages: Sequence[str]) -> None:
+        """Say at the start what is to come, in order."""
+        if self._open:
+            show = print if self._live is None else self._live.console.print
+            more = {"file": self._stream} if self._live is None else {"markup": False}
+            show("to do: " + "; ".join(stages), **more)
+
     def step(self, text: str, total: int | None = None) -> None:
         """Begin the next step.
 
@@ -135,7 +143,10 @@ class Progress:
         now = time.monotonic()
         if now - self._said > self.interval:
             # Repeated work, such as a fit from another start, is not part of the total.
-            of = f" of {self._total}" if self._total and self._done <= self._total else ""
+            of = ""
+            if self._total and self._done <= self._total:
+                left = (now - self._begun) * (self._total - self._done) / self._done
+                of = f" of {self._total}, about {left:.0f} s left"
             print(f"{self._text}: {self._done}{of}{note}", file=self._stream, flush=True)
             self._said = now
 
@@ -162,7 +173,13 @@ def _peak() -> str:
 
 def _live(stream: TextIO):
     from rich.console import Console
-    from rich.progress import BarColumn, SpinnerColumn, TextColumn, TimeElapsedColumn
+    from rich.progress import (
+        BarColumn,
+        SpinnerColumn,
+        TextColumn,
+        TimeElapsedColumn,
+        TimeRemainingColumn,
+    )
     from rich.progress import Progress as RichProgress
 
     return RichProgress(
@@ -170,5 +187,6 @@ def _live(stream: TextIO):
         TextColumn("{task.description}", markup=False),
         BarColumn(bar_width=24),
         TimeElapsedColumn(),
+        TimeRemainingColumn(),
         console=Console(file=stream),
     )

@@ -94,6 +94,15 @@ def diagnose(
 ) -> Diagnosis: ...
 
 
+#: What a diagnosis does, in order.
+_STAGES = (
+    "reduce the model, or read it from --keep: most of the time of a first run",
+    "weigh effects, one at a time and together",
+    "choose and fit again with data held out",
+    "locate the gap, and look for measurements that would tell more",
+)
+
+
 def diagnose(model, of, /, progress=None, **keywords):
     """Where a nominal model is wrong, which effect causes it, how far the gap shrinks. Collective.
 
@@ -172,6 +181,7 @@ def _diagnose_case(
 ) -> Diagnosis:
     progress = progress or Progress(silent=True)
     started = time.perf_counter()
+    progress.outline(_STAGES)
     hold_freed()
     # Matrices of this size are too small for a second BLAS thread to be worth waking; a second
     # MPI rank is.

@@ -14,6 +14,7 @@ from mpi4py import MPI
 from rich.console import Console
 from rich.text import Text
 
+from fenics_joints.progress import Progress
 from fenics_joints.report.terminal import new_table, say
 
 if MPI.COMM_WORLD.size > 1:
@@ -99,3 +100,17 @@ def test_no_escape_codes_under_mpirun():
     command = ["mpirun", "-n", "1", sys.executable, "-c", SCRIPT]
     run = subprocess.run(command, capture_output=True, text=True, env=environment(), check=True)
     assert run.stdout.splitlines() == ["a step ...", "words", "100"]
+
+
+def test_a_step_says_what_is_left_of_it(monkeypatch):
+    clock, stream = [0.0], io.StringIO()
+    monkeypatch.setattr("fenics_joints.progress.time.monotonic", lambda: clock[0])
+    with Progress(stream=stream) as progress:
+        progress.outline(["read", "solve"])
+        progress.step("solving", 5)
+        for clock[0] in (11.0, 22.0):
+            progress.advance()
+    assert stream.getvalue().splitlines() == [
+        "to do: read; solve", "solving ...", "solving: 1 of 5, about 44 s left",
+        "solving: 2 of 5, about 33 s left",
+    ]  # fmt: skip
