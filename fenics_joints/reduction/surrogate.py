@@ -15,14 +15,13 @@ from fenics_joints.progress import Progress
 from fenics_joints.reduction.adaptive import Points, SmallModel
 from fenics_joints.reduction.arrays import ArrayModel
 from fenics_joints.reduction.compact import trimmed
-from fenics_joints.reduction.condensed import condensed
 from fenics_joints.reduction.forward import SPARE
 from fenics_joints.reduction.kept import KeptModel, kept_modes
 from fenics_joints.reduction.memory import give_back
 from fenics_joints.reduction.motions import MovingModel, with_motions
 from fenics_joints.reduction.projection import Projection
 from fenics_joints.reduction.reduced import ReducedStructure, reduce
-from fenics_joints.reduction.sampled import SampledBasis
+from fenics_joints.reduction.sampled import SampledBasis, condensed
 from fenics_joints.reduction.seen import SeenModes, places_all_over
 from fenics_joints.reduction.snapshots import SNAPSHOT, orthonormal
 from fenics_joints.structure import Sensors, Structure
