@@ -61,8 +61,9 @@ class SampledBasis:
         given, shift, blocks = modes.given, modes.solver.shift, (None, None)
         if self.known is not None:
             blocks = self.known.stiffness(given), self.known.mass(given)
-        if just_solved and self.known is None:
-            gram = project(modes.solver.shifted, Z)
+        if just_solved:
+            known = None if self.known is None else blocks[0] - shift * blocks[1]
+            gram = project(modes.solver.shifted, Z, known)
         else:
             K, M = modes.model.stiffness(given), modes.model.mass(given)
             gram = project(K, Z, blocks[0]) - shift * project(M, Z, blocks[1])

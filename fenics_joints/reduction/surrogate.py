@@ -40,6 +40,9 @@ _DEPENDENT = 1e-13
 class Surrogate(SeenModes):
     """A parametric reduced model of what a test sees, with its error under control. Collective.
 
+    Its basis holds the modes at the first sample, and what it lacks of those at the others, which
+    are refined from the model's own (a weak greedy algorithm).
+
     Args:
         full: The full structure.
         start: See `SeenModes`.
@@ -167,11 +170,14 @@ class Surrogate(SeenModes):
             return self._solved[key]
         if key not in self._refined:
             modes, pairing = self.forward.solve(values)
-            rows = np.array([vector.array_r for vector in self._basis]).T
             some = int(pairing.index.max()) + 1 + SPARE
-            start = rows @ modes.shapes[: rows.shape[1], :some]
-            self._refined[key] = refine_modes(self.full, values, self._solver, start)
+            self._refined[key] = self._near(values, modes.shapes[:, :some])
         return self._refined[key]
+
+    def _near(self, values: Mapping[str, float], shapes: np.ndarray) -> Modes:
+        """Modes of the full model near shapes of the small one, (n_dofs, k)."""
+        rows = np.array([vector.array_r for vector in self._basis]).T
+        return refine_modes(self.full, values, self._solver, rows @ shapes[: rows.shape[1]])
 
     def extend(self, points: Points) -> None:
         """Take modes of the full model into the basis, solved for or refined where these are
@@ -235,13 +241,21 @@ class Surrogate(SeenModes):
 
     def _reduce(self) -> ArrayModel:
         """The reduced model on the modes at the samples."""
-        sampled = SampledBasis(self.lacking)
-        for values in self.samples:
-            modes = solve_modes(self.full, values, n_modes=self.n_modes, solver=self._solver)
-            # All of them, kept or not, so that both give the same numbers; other tests see others.
-            sampled.add(modes, np.arange(len(modes)), just_solved=True)
-            self.progress.advance()
-        return self._on(sampled)
+        whole, taken, n = None, 0, self.n_modes
+        while taken < len(self.samples):
+            sampled = SampledBasis(self.lacking, self._basis, whole)
+            group = self.samples[taken : 4 * taken + 1]
+            for values in group:
+                if whole is None:
+                    modes = solve_modes(self.full, values, n_modes=n, solver=self._solver)
+                else:
+                    own = solve_modes(whole, values, n_modes=min(2 * n, whole.n_dofs))
+                    modes = self._near(values, own.shapes)
+                # All, kept or not, so that both give the same numbers; other tests see others.
+                sampled.add(modes, range(n), just_solved=True)
+                self.progress.advance()
+            whole, taken = self._on(sampled, whole), taken + len(group)
+        return whole
 
     def _on(self, sampled: SampledBasis, known: ArrayModel | None = None) -> ArrayModel:
         """The reduced model on a basis, made orthonormal; of the first of its vectors it may be
