@@ -64,7 +64,9 @@ __all__ = ["Prepared", "prepare"]
 #: [numerical: measured on T and box of benchmarks/blind]
 _LACKING, _MOST_LACKING = 12.0, 1e-2
 #: What kept models were sampled at, so that one of another version is not taken for it.
-_SAMPLED = "every place where a joint can give way"
+_SAMPLED = "every place where a joint can give way, and all rigid"
+#: Stiffness of a joint as good as rigid, over its nominal one. [numerical: chosen]
+_RIGID = 100.0
 #: Places of each effect at which partners are sought. [numerical: chosen for time]
 _TRIED = 48
 
@@ -410,9 +412,8 @@ class Prepared(Subject):
 
     def samples(self, count: int) -> list[dict[str, float]]:
         """The baseline, some parameters at the ends of their ranges, a Sobol sequence of those that
-        are no joint's, and every effect at places of its prior."""
-        ranges = self._ranges()
-        samples = [self.baseline]
+        are no joint's, every effect at places of its prior, and rigid joints."""
+        ranges, samples = self._ranges(), [self.baseline]
         for name in ranges:
             if name.endswith(".thickness"):
                 # A section turns by its thickness times the slope of the plate: modes of one
@@ -428,7 +429,9 @@ class Prepared(Subject):
         samples += [self._sample(ranges, place) for place in places]
         conditions = self.evidence.conditions
         samples += sample_values(self.effects, self.baseline, conditions, count, 2, ranges)
-        return samples + self._cutoffs()
+        joints = [f"{z.name}.{key}" for z in self.zones for key in z.interface.keys.values()]
+        rigid = self.baseline | {name: _RIGID * self.baseline[name] for name in joints}
+        return [*samples, *self._cutoffs(), *([rigid] if joints else [])]
 
     def to_span(self) -> tuple[list[dict[str, float]], dict[str, tuple[float, float]] | None]:
         """Samples and ranges of moving masses of one more reduced model; none of beams, which need
