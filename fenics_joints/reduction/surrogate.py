@@ -40,8 +40,8 @@ _DEPENDENT = 1e-13
 class Surrogate(SeenModes):
     """A parametric reduced model of what a test sees, with its error under control. Collective.
 
-    Its basis holds the modes at the first sample, and what it lacks of those at the others, which
-    are refined from the model's own (a weak greedy algorithm).
+    Its basis holds the modes at the first few samples, and what it lacks of those at the others,
+    which are refined from the model's own (a weak greedy algorithm).
 
     Args:
         full: The full structure.
@@ -244,7 +244,7 @@ class Surrogate(SeenModes):
         whole, taken, n = None, 0, self.n_modes
         while taken < len(self.samples):
             sampled = SampledBasis(self.lacking, self._basis, whole)
-            group = self.samples[taken : 4 * taken + 1]
+            group = self.samples[taken : 4 * taken + 5]
             for values in group:
                 if whole is None:
                     modes = solve_modes(self.full, values, n_modes=n, solver=self._solver)

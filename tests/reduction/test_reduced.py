@@ -243,16 +243,16 @@ def test_what_is_new_in_a_basis_is_projected_alone():
 
 @pytest.mark.parallel
 def test_refined_modes_make_as_good_a_model_as_solved_ones(monkeypatch):
-    """One solution beside the nominal one, and a joint over three decades."""
+    """Five solutions beside the nominal one, and a joint over three decades."""
     world, solved, solve = build(MPI.COMM_WORLD), [], EigenSolver.solve
     monkeypatch.setattr(EigenSolver, "solve", lambda *a, **k: solved.append(a) or solve(*a, **k))
     start = {name: p.value for name, p in world.parameters.items()}
-    points = [start, *samples(8, seed=3)]
+    points = [start, *samples(12, seed=3)]
     model = Surrogate(
         world, start, samples=lambda: points, sensors=None, n_test=5, travel=lambda: TRAVEL,
         n_modes=N_MODES, lacking=1e-3,
     )  # fmt: skip
-    assert len(solved) == 2
+    assert len(solved) == 6
     best = sampled(world, points, 1e-3)
     for there in (points, samples(4, seed=11)):
         exact = [errors(best, [(v, model.solve(v))])[:5].max() for v in there]

@@ -411,9 +411,12 @@ class Prepared(Subject):
         }
 
     def samples(self, count: int) -> list[dict[str, float]]:
-        """The baseline, some parameters at the ends of their ranges, a Sobol sequence of those that
-        are no joint's, every effect at places of its prior, and rigid joints."""
+        """The baseline, with rigid joints, some parameters at the ends of their ranges, a Sobol
+        sequence of those that are no joint's, and every effect at places of its prior."""
         ranges, samples = self._ranges(), [self.baseline]
+        joints = [f"{z.name}.{key}" for z in self.zones for key in z.interface.keys.values()]
+        if joints:
+            samples.append(self.baseline | {name: _RIGID * self.baseline[name] for name in joints})
         for name in ranges:
             if name.endswith(".thickness"):
                 # A section turns by its thickness times the slope of the plate: modes of one
@@ -429,9 +432,7 @@ class Prepared(Subject):
         samples += [self._sample(ranges, place) for place in places]
         conditions = self.evidence.conditions
         samples += sample_values(self.effects, self.baseline, conditions, count, 2, ranges)
-        joints = [f"{z.name}.{key}" for z in self.zones for key in z.interface.keys.values()]
-        rigid = self.baseline | {name: _RIGID * self.baseline[name] for name in joints}
-        return [*samples, *self._cutoffs(), *([rigid] if joints else [])]
+        return samples + self._cutoffs()
 
     def to_span(self) -> tuple[list[dict[str, float]], dict[str, tuple[float, float]] | None]:
         """Samples and ranges of moving masses of one more reduced model; none of beams, which need
