@@ -121,10 +121,12 @@ def refined(op: Operator, image: np.ndarray, start: np.ndarray) -> tuple[np.ndar
         start: X, likewise.
     """
     MX = op.mass(start)
-    W = op.solve(MX)
-    both, by_A, by_M = np.hstack([start, W]), np.hstack([image, MX]), np.hstack([MX, op.mass(W)])
+    # Not A^-1 M X itself, which is nearly X, but how it differs: round-off stays small beside it.
+    R = MX - image * (np.diag(op.dot(start, MX)) / np.diag(op.dot(start, image)))
+    W = op.solve(R)
+    both, by_A, by_M = np.hstack([start, W]), np.hstack([image, R]), np.hstack([MX, op.mass(W)])
     stiff, heavy = op.dot(both, by_A), op.dot(both, by_M)
-    size = np.sqrt(np.diag(stiff))
+    size = np.sqrt(np.maximum(np.diag(stiff), np.finfo(float).tiny))
     stiff, heavy = (0.5 * (a + a.T) / np.outer(size, size) for a in (stiff, heavy))
     energy, Q = np.linalg.eigh(stiff)
     kept = energy > _DEPENDENT * energy[-1]

@@ -187,9 +187,7 @@ def reduce(
     *,
     travel: Mapping[str, tuple[float, float]] | None = None,
     tolerance: float = 1e-8,
-    keep: Callable[[Modes], np.ndarray] | None = None,
     more: Callable[[Modes], np.ndarray] | None = None,
-    progress: Callable[[], None] | None = None,
 ) -> ReducedStructure:
     """Reduced model on the modes of the structure at samples of its parameters.
 
@@ -201,11 +199,8 @@ def reduce(
         tolerance: Directions with less than this share of the largest energy are left out. Of a
             structure on elastic supports 1e-10 is better: a share of 1e-8 moves frequencies on
             nearly rigid ones by some 1e-5.
-        keep: Which modes of a sample enter the basis, as indices; all by default. Leaving out
-            those that a test cannot see makes the reduced model several times faster.
         more: This rank's rows of further vectors for the basis, (n_local, k), by a sample's modes,
             whose solver has the factorisation there; none by default.
-        progress: Called after each sample.
 
     Raises:
         InputError: Without samples.
@@ -214,7 +209,5 @@ def reduce(
     for given in samples:
         modes = solve_modes(structure, given, n_modes=n_modes, solver=solver, tolerance=SNAPSHOT)
         solver = modes.solver
-        snapshots.add(modes, keep and keep(modes), more and more(modes))
-        if progress:
-            progress()
+        snapshots.add(modes, more=more and more(modes))
     return ReducedStructure(structure, snapshots.basis(tolerance), travel)

@@ -15,14 +15,13 @@ from fenics_joints.progress import Progress
 from fenics_joints.reduction.adaptive import Points, SmallModel
 from fenics_joints.reduction.arrays import ArrayModel
 from fenics_joints.reduction.compact import trimmed
-from fenics_joints.reduction.condensed import condensed
 from fenics_joints.reduction.forward import SPARE
 from fenics_joints.reduction.kept import KeptModel, kept_modes
 from fenics_joints.reduction.memory import give_back
 from fenics_joints.reduction.motions import MovingModel, with_motions
 from fenics_joints.reduction.projection import Projection
 from fenics_joints.reduction.reduced import ReducedStructure, reduce
-from fenics_joints.reduction.sampled import SampledBasis
+from fenics_joints.reduction.sampled import SampledBasis, condensed
 from fenics_joints.reduction.seen import SeenModes, places_all_over
 from fenics_joints.reduction.snapshots import SNAPSHOT, orthonormal
 from fenics_joints.structure import Sensors, Structure
@@ -40,6 +39,9 @@ _DEPENDENT = 1e-13
 
 class Surrogate(SeenModes):
     """A parametric reduced model of what a test sees, with its error under control. Collective.
+
+    Its basis holds the modes at the first few samples, and what it lacks of those at the others,
+    which are refined from the model's own (a weak greedy algorithm).
 
     Args:
         full: The full structure.
@@ -169,11 +171,14 @@ class Surrogate(SeenModes):
             return self._solved[key]
         if key not in self._refined:
             modes, pairing = self.forward.solve(values)
-            rows = np.array([vector.array_r for vector in self._basis]).T
             some = int(pairing.index.max()) + 1 + SPARE
-            start = rows @ modes.shapes[: rows.shape[1], :some]
-            self._refined[key] = refine_modes(self.full, values, self._solver, start)
+            self._refined[key] = self._near(values, modes.shapes[:, :some])
         return self._refined[key]
+
+    def _near(self, values: Mapping[str, float], shapes: np.ndarray) -> Modes:
+        """Modes of the full model near shapes of the small one, (n_dofs, k)."""
+        rows = np.array([vector.array_r for vector in self._basis]).T
+        return refine_modes(self.full, values, self._solver, rows @ shapes[: rows.shape[1]])
 
     def extend(self, points: Points) -> None:
         """Take modes of the full model into the basis, solved for or refined where these are
@@ -268,13 +273,21 @@ class Surrogate(SeenModes):
 
     def _reduce(self) -> ArrayModel:
         """The reduced model on the modes at the samples."""
-        sampled = SampledBasis(self.lacking)
-        for values in self.samples:
-            modes = solve_modes(self.full, values, n_modes=self.n_modes, solver=self._solver)
-            # All of them, kept or not, so that both give the same numbers; other tests see others.
-            sampled.add(modes, np.arange(len(modes)), just_solved=True)
-            self.progress.advance()
-        return self._on(sampled)
+        whole, taken, n = None, 0, self.n_modes
+        while taken < len(self.samples):
+            sampled = SampledBasis(self.lacking, self._basis, whole)
+            group = self.samples[taken : 4 * taken + 5]
+            for values in group:
+                if whole is None:
+                    modes = solve_modes(self.full, values, n_modes=n, solver=self._solver)
+                else:
+                    own = solve_modes(whole, values, n_modes=min(2 * n, whole.n_dofs))
+                    modes = self._near(values, own.shapes)
+                # All, kept or not, so that both give the same numbers; other tests see others.
+                sampled.add(modes, range(n), just_solved=True)
+                self.progress.advance()
+            whole, taken = self._on(sampled, whole), taken + len(group)
+        return whole
 
     def _on(self, sampled: SampledBasis, known: ArrayModel | None = None) -> ArrayModel:
         """The reduced model on a basis, made orthonormal; of the first of its vectors it may be

@@ -10,7 +10,7 @@ from scipy.stats import qmc
 from fenics_joints.errors import InputError
 from fenics_joints.measurements.gap import TooFewModes
 from fenics_joints.meshes import lap_plates
-from fenics_joints.modal import frequency_sensitivity, solve_modes
+from fenics_joints.modal import EigenSolver, frequency_sensitivity, solve_modes
 from fenics_joints.reduction import ReducedStructure, read_array_model, reduce
 from fenics_joints.reduction.compact import trimmed
 from fenics_joints.reduction.forward import Slopes, ways_of
@@ -239,6 +239,24 @@ def test_what_is_new_in_a_basis_is_projected_alone():
     energy = K + np.trace(K) / np.trace(M) * M
     apart = energy[:n, n:] / np.sqrt(np.outer(np.diag(energy)[:n], np.diag(energy)[n:]))
     assert np.abs(apart).max() < 0.02
+
+
+@pytest.mark.parallel
+def test_refined_modes_make_as_good_a_model_as_solved_ones(monkeypatch):
+    """Five solutions beside the nominal one, and a joint over three decades."""
+    world, solved, solve = build(MPI.COMM_WORLD), [], EigenSolver.solve
+    monkeypatch.setattr(EigenSolver, "solve", lambda *a, **k: solved.append(a) or solve(*a, **k))
+    start = {name: p.value for name, p in world.parameters.items()}
+    points = [start, *samples(12, seed=3)]
+    model = Surrogate(
+        world, start, samples=lambda: points, sensors=None, n_test=5, travel=lambda: TRAVEL,
+        n_modes=N_MODES, lacking=1e-3,
+    )  # fmt: skip
+    assert len(solved) == 6
+    best = sampled(world, points, 1e-3)
+    for there in (points, samples(4, seed=11)):
+        exact = [errors(best, [(v, model.solve(v))])[:5].max() for v in there]
+        assert model.errors(there).max() < 1.2 * max(exact) + 1e-4
 
 
 @pytest.mark.parallel

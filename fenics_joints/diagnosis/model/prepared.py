@@ -67,7 +67,9 @@ __all__ = ["Prepared", "prepare"]
 #: [numerical: measured on T and box of benchmarks/blind]
 _LACKING, _MOST_LACKING = 12.0, 1e-2
 #: What kept models were sampled at, so that one of another version is not taken for it.
-_SAMPLED = "every place where a joint can give way"
+_SAMPLED = "every place where a joint can give way, and all rigid"
+#: Stiffness of a joint as good as rigid, over its nominal one. [numerical: chosen]
+_RIGID = 100.0
 #: Places of each effect at which partners are sought. [numerical: chosen for time]
 _TRIED = 48
 
@@ -422,10 +424,12 @@ class Prepared(Subject):
         }
 
     def samples(self, count: int) -> list[dict[str, float]]:
-        """The baseline, some parameters at the ends of their ranges, a Sobol sequence of those that
-        are no joint's, and every effect at places of its prior."""
-        ranges = self._ranges()
-        samples = [self.baseline]
+        """The baseline, with rigid joints, some parameters at the ends of their ranges, a Sobol
+        sequence of those that are no joint's, and every effect at places of its prior."""
+        ranges, samples = self._ranges(), [self.baseline]
+        joints = [f"{z.name}.{key}" for z in self.zones for key in z.interface.keys.values()]
+        if joints:
+            samples.append(self.baseline | {name: _RIGID * self.baseline[name] for name in joints})
         for name in ranges:
             if name.endswith(".thickness"):
                 # A section turns by its thickness times the slope of the plate: modes of one
