@@ -150,6 +150,23 @@ def calibrate(
 
 
 @app.command()
+def ablate(
+    folders: Annotated[list[Path], typer.Argument(help="Opened checks, unpacked.")],
+    out: Annotated[Path, typer.Option(metavar="FILE", help="Results, which go on where they are.")],
+    keep: Annotated[Path, typer.Option(metavar="FOLDER", help="Of the models that are kept.")],
+    cases: Annotated[int, typer.Option(min=1, help="How many of each geometry.")] = 8,
+    geometry: Annotated[str, typer.Option(help="Which, with commas.")] = "t_tubes,flanged_pipe",
+) -> None:
+    """What each mechanism of the diagnosis is worth, on opened cases, as Markdown."""
+    from benchmarks.blind.ablation import ablate as run
+    from benchmarks.blind.ablation import table
+
+    typer.echo(
+        table(run(folders, keep, out, cases=cases, geometries=geometry.split(","), say=_say))
+    )
+
+
+@app.command()
 def small(
     cases: Annotated[int, typer.Option(min=1, help="How many.")] = 3,
     world: World = "first",

@@ -18,6 +18,8 @@ __all__ = ["ALSO", "cause_of", "opened", "outcomes", "same_cause", "same_region"
 #: Further names of the library that are right, beside the world's own list of them; patterns.
 ALSO: dict[str, tuple[str, ...]] = {
     "graded": ("joint compliance graded from zone to zone",),
+    # Where it hangs says what it is.
+    "harness": ("added mass",),
     # Two names for what happens at a bolt that does not press.
     "loose_bolt": ("compliance at one bolt", "compliance at one joint"),
     # In the library's words: as one under the bolts and barely touching elsewhere; or touching near
