@@ -206,12 +206,15 @@ def partnered(
             some of which resemble any shape by chance.
     """
     slip = np.log(model_hz[pairing.index] / test_hz)
-    common = np.nanmedian(slip) if np.isfinite(slip).any() else 0.0
+    alike = None if pairing.mac is None or shapes is None else pairing.mac >= _CLEARLY
+    # Of modes without a partner the slip says nothing.
+    own = slip if alike is None or not np.isfinite(slip[alike]).any() else slip[alike]
+    common = np.nanmedian(own) if np.isfinite(own).any() else 0.0
     agrees = ~(np.abs(slip - common) > _ELSEWHERE)
-    if pairing.mac is None or shapes is None:
+    if alike is None:
         return agrees
     speaks = np.isfinite(shapes).sum(axis=0) >= _SPEAKING
-    alike = (pairing.mac >= _CLEARLY) & ~(np.abs(slip - common) > _FARTHEST)
+    alike &= ~(np.abs(slip - common) > _FARTHEST)
     contradicted = pairing.mac < least
     return np.where(speaks, alike | agrees & ~contradicted, agrees)
 

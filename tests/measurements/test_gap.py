@@ -224,6 +224,9 @@ def test_a_pair_needs_likeness(strip):
         assert of(shapes, hz) == [True, True, True, near]
         assert of(shapes, hz * [1, 1, 1, 2]) == [True, True, True, far]
         assert of(shapes, hz * [1, 1, 1, 10]) == [True, True, True, False]
+    # What most have in common says nothing where these are like none.
+    shapes[:, 1:] = rest[:, None]
+    assert of(shapes, hz * [1, 4, 4, 4]) == [True, False, False, False]
     ordered = pair_modes(modes, 4, ACROSS)
     for factors, expected in (
         ([10, 1, 1, 1], [False, True, True, True]),

@@ -20,7 +20,7 @@ from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.fitted import Fit
 from fenics_joints.diagnosis.evidence.linear import whiten
 from fenics_joints.diagnosis.thresholds import INTERVAL, STRONG
-from fenics_joints.measurements.gap import Pairing
+from fenics_joints.measurements.gap import ALIKE, Pairing
 from fenics_joints.modal.modes import Modes
 from fenics_joints.structure.points import Sensors
 
@@ -31,6 +31,8 @@ __all__ = ["PointMassFound", "PointScan", "point_mass"]
 #: [numerical: chosen]
 _SHARES, _COARSE, _NEAR = np.geomspace(2e-3, 0.5, 49), 4, 8.0
 
+#: Eigenvalue, over the largest, below which a mode is rigid. [numerical: round-off]
+_ELASTIC = 1e-9
 
 @dataclass(frozen=True)
 class PointMassFound:
@@ -70,7 +72,7 @@ def point_mass(
     ways = Sensors(np.repeat(points, gdim, axis=0), np.tile(np.eye(gdim), (len(points), 1)))
     moves = modes.at(ways).reshape(len(points), gdim, count)
     seen = None if test.shapes is None else modes.at(sensors)
-    scan = PointScan(found, test.at(found.scales), modes.eigenvalues, pairing.index, seen)
+    scan = PointScan(found, test.at(found.scales), modes.eigenvalues, pairing, seen)
     sizes, nothing = _SHARES * total, scan.nothing
     coarse = np.array([scan.attached(phi, sizes[::_COARSE]) for phi in moves])
     log_odds = float(logsumexp(coarse) - np.log(coarse.size) - nothing)
@@ -95,12 +97,17 @@ class PointScan:
         found: A prediction without it, its slopes by what is uncertain, and at which z: a `Fit`.
         test: The test, at its scales.
         eigenvalues: Of the model's modes, (n,).
-        index: Which of them the test's are, (m,).
+        pairing: Which of them the test's are. The test's modes that are unlike theirs are sought
+            among all that have something attached, by their shapes.
         seen: Their displacements at the sensors, (n_s, n); None without shapes.
     """
 
-    def __init__(self, found, test: Evidence, eigenvalues, index, seen: np.ndarray | None):
-        self.test, self.index, self.seen = test, index, seen
+    def __init__(
+        self, found, test: Evidence, eigenvalues, pairing: Pairing, seen: np.ndarray | None
+    ):  # fmt: skip
+        self.test, self.index, self.seen = test, pairing.index, seen
+        known = seen is not None and pairing.mac is not None
+        self.lost = np.flatnonzero(pairing.mac < ALIKE) if known else np.zeros(0, dtype=int)
         self.lam, self.lower, self.used = np.maximum(eigenvalues, 0.0), test.lower(), test.fitted
         self.residual = whiten(self.lower, (found.predicted - test.data)[self.used])
         self.free = ~found.hypothesis.at_limit(found.z)
@@ -144,6 +151,8 @@ class PointScan:
             mu, y = np.linalg.eigh(K)
             y = y[:, :n]
         which = np.argmax(np.abs(y[:, self.index]), axis=2)
+        if len(self.lost):
+            which[:, self.lost] = self._likest(mu, y)
         found = np.take_along_axis(mu, which, axis=1)
         log_f = 0.5 * np.log(np.maximum(found, 1e-300) / self.lam[self.index])
         shapes = None
@@ -151,6 +160,16 @@ class PointScan:
             own = np.take_along_axis(y, which[:, None], axis=2)
             shapes = _turned(self.test.shapes, self.seen, self.index, own).transpose(1, 2, 0)
         return self._fits(self.test.entries.filled(log_f.T, shapes))
+
+    def _likest(self, mu: np.ndarray, y: np.ndarray) -> np.ndarray:
+        """Which modes look to the sensors most like those that are unlike any without it."""
+        measured = self.test.shapes[:, self.lost]
+        there = np.isfinite(measured)
+        t, x = np.where(there, measured, 0.0), self.seen @ y
+        both = (x.transpose(0, 2, 1) @ t) ** 2
+        size = (x**2).transpose(0, 2, 1) @ there
+        elastic = (mu > _ELASTIC * self.lam.max())[:, :, None]
+        return np.argmax(np.where(elastic, both / np.maximum(size, 1e-300), 0.0), axis=1)
 
 
 def _turned(measured, seen: np.ndarray, index: np.ndarray, y: np.ndarray) -> np.ndarray:

@@ -53,7 +53,7 @@ def found_sites(model) -> Sites:
     modes = solve_modes(forward.model, model.baseline, n_modes=min(_MODES, forward.model.n_dofs))
     seen = None if test.shapes is None else forward.model.sensor_rows @ modes.shapes
     plain = SimpleNamespace(hypothesis=h, predicted=predicted, jacobian=slopes, z=z)
-    scan = PointScan(plain, test, modes.eigenvalues, forward.paired(modes).index, seen)
+    scan = PointScan(plain, test, modes.eigenvalues, forward.paired(modes), seen)
     total, log_f = full.total_mass(model.baseline), np.ma.masked_invalid(test.log_f)
     bears = total * (2 * np.pi * np.exp(log_f.min())) ** 2
     kinds = [lambda phi, s: scan.attached(phi, s * total)]
