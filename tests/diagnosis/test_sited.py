@@ -98,7 +98,7 @@ TRUTHS = {
     ),
     "a harness in the band": (
         lambda: with_resonator(0.008, 380.0, (0.08, 0.0, 0.0), own_share=0.98), SIZE[2],
-        "attached resonator", {"mass": (0.008, 1.2), "frequency": (380.0, 1.05)},
+        "attached resonator", {"mass": (0.008, 1.5), "frequency": (380.0, 1.05)},
     ),
     "a bow": (
         lambda: measured(strip(bowed, thick=0.002)), 0.002, "plate not flat",
