@@ -146,7 +146,7 @@ class Progress:
             of = ""
             if self._total and self._done <= self._total:
                 left = (now - self._begun) * (self._total - self._done) / self._done
-                of = f" of {self._total}, about {left:.0f} s left"
+                of = f" of {self._total}" + (f", about {left:.0f} s left" if left >= 1 else "")
             print(f"{self._text}: {self._done}{of}{note}", file=self._stream, flush=True)
             self._said = now
 
