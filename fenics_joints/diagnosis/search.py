@@ -153,6 +153,13 @@ class Search:
         scores = self.scores([f.fit for f in found])
         return [found[i] for i in np.argsort(-scores, kind="stable")]
 
+    def _leading(self, found: Sequence[Found], nats: float) -> list[int]:
+        """Which are that near the best of what the library has, the best first."""
+        scores = self.scores([f.fit for f in found])
+        listed = [i for i, f in enumerate(found) if not f.fit.hypothesis.unknown]
+        listed.sort(key=lambda i: -scores[i])
+        return [i for i in listed if scores[i] > scores[listed[0]] - nats]
+
     def _together(
         self, level: Sequence[Found], singles: Sequence[Found], known: Sequence[Found], size: int
     ) -> list[Found]:
@@ -197,11 +204,7 @@ class Search:
 
     def _sampled(self, found: list[Found]) -> list[Found]:
         """What leads with its evidence by sampling. Collective."""
-        scores = self.scores([f.fit for f in found])
-        listed = [i for i, f in enumerate(found) if not f.fit.hypothesis.unknown]
-        top = max(scores[i] for i in listed)
-        near = [i for i in listed if scores[i] > top - _SAMPLED]
-        near = sorted(near, key=lambda i: -scores[i])[:_SAMPLES]
+        near = self._leading(found, _SAMPLED)[:_SAMPLES]
         self.progress.step("weighing what leads by sampling", len(near))
         return self._again(found, near, lambda f: self.library.sampled(f, self.model.evidence))
 
@@ -230,10 +233,7 @@ class Search:
         limit = max(_REDUCED * self.model.evidence.discrepancy, 1e-4)
 
         def near() -> list[Fit]:
-            listed = [f.fit for f in self._near([f for f in found if not f.fit.hypothesis.unknown])]
-            scores = self.scores(listed)
-            return [fit for fit, score in zip(listed, scores, strict=True)
-                    if score > scores[0] - _AGAIN]  # fmt: skip
+            return [found[i].fit for i in self._leading(found, _AGAIN)]
 
         def leading() -> list[dict[str, float]]:
             self.progress.step(surrogate.checking)
@@ -259,12 +259,9 @@ class Search:
 
     def _renewed(self, found: Sequence[Found]) -> list[Found]:
         """What is near the best weighed again, by the better model. Collective."""
-        scores = self.scores([f.fit for f in found])
-        near = [i for i, f in enumerate(found)
-                if scores[i] > scores.max() - _AGAIN or f.fit.hypothesis.name]  # fmt: skip
-        listed = [i for i, f in enumerate(found) if not f.fit.hypothesis.unknown]
-        near += [i for i in listed if i not in near and
-                 scores[i] > max(scores[j] for j in listed) - _AGAIN]  # fmt: skip
+        leading = self._leading(found, _AGAIN)
+        named = [i for i, f in enumerate(found) if f.fit.hypothesis.name]
+        near = sorted({*leading, *named})
         self.progress.step("weighing by the better model", len(near))
         return self._again(found, near, lambda f: self.library.renewed(f, self.model.evidence))
 
