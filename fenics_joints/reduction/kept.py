@@ -24,12 +24,13 @@ from fenics_joints.parallel import on_root
 from fenics_joints.reduction.arrays import ArrayModel
 from fenics_joints.reduction.files import ARRAYS, read_model, write_model
 from fenics_joints.reduction.projection import Projection
+from fenics_joints.reduction.terms import RegionTerm
 from fenics_joints.structure import Sensors, Structure
 from fenics_joints.structure.changes import PlacedPoint
 from fenics_joints.structure.node_keys import node_keys
 from fenics_joints.structure.sparse import vectors_like
 
-__all__ = ["KeptModel", "kept_modes", "read_vectors", "write_vectors"]
+__all__ = ["KeptModel", "for_test", "kept_modes", "read_vectors", "write_vectors"]
 
 
 class KeptModel:
@@ -66,8 +67,7 @@ class KeptModel:
 
     def write(self, model: ArrayModel, basis: Sequence[PETSc.Vec]) -> None:
         """Keep a model and its basis."""
-        own = {change.name for change in self.full.changes if isinstance(change, PlacedPoint)}
-        regions = [region for region in model.regions if region.name not in own]
+        regions = list(_lasting(self.full, model).values())
         lasting = ArrayModel(replace(model.pencil, regions=regions), model.scale_hz)
 
         def written() -> str:
@@ -83,22 +83,30 @@ class KeptModel:
             file.seek(-64, os.SEEK_END)
             return file.read().decode()
 
-    def for_test(
-        self, model: ArrayModel, basis: Sequence[PETSc.Vec], sensors: Sensors | None
-    ) -> ArrayModel:
-        """A model that was read, with the test's sensors and points.
 
-        Args:
-            model: From `read`.
-            basis: Likewise.
-            sensors: What the test saw.
-        """
-        on, known = Projection(self.full, basis), {r.name: r for r in model.regions}
-        full = self.full
-        own = [*full.regions, *full.elastic_supports, *on.changes]
-        regions = [known[each.name] if each.name in known else on.change(each) for each in own]
-        pencil = replace(model.pencil, parameters=full.parameters, regions=regions)
-        return ArrayModel(pencil, model.scale_hz, *on.sensors(sensors))
+def for_test(
+    full: Structure, model: ArrayModel, basis: Sequence[PETSc.Vec], sensors: Sensors | None
+) -> ArrayModel:
+    """A model with a test's sensors and points, to the last bit the same whether it was just made
+    or read. Collective.
+
+    Args:
+        full: The full structure.
+        model: Its reduced model.
+        basis: Of the model.
+        sensors: What the test saw.
+    """
+    on, known = Projection(full, basis), _lasting(full, model)
+    own = [*full.regions, *full.elastic_supports, *on.changes]
+    regions = [known[each.name] if each.name in known else on.change(each) for each in own]
+    pencil = replace(model.pencil, parameters=full.parameters, regions=regions)
+    return ArrayModel(pencil, model.scale_hz, *on.sensors(sensors))
+
+
+def _lasting(full: Structure, model: ArrayModel) -> dict[str, RegionTerm]:
+    """The regions that are no test's own, by name."""
+    own = {change.name for change in full.changes if isinstance(change, PlacedPoint)}
+    return {region.name: region for region in model.regions if region.name not in own}
 
 
 def kept_modes(

@@ -16,7 +16,7 @@ from fenics_joints.reduction.adaptive import Points, SmallModel
 from fenics_joints.reduction.arrays import ArrayModel
 from fenics_joints.reduction.compact import trimmed
 from fenics_joints.reduction.forward import SPARE
-from fenics_joints.reduction.kept import KeptModel, kept_modes
+from fenics_joints.reduction.kept import KeptModel, for_test, kept_modes
 from fenics_joints.reduction.memory import give_back
 from fenics_joints.reduction.motions import MovingModel, with_motions
 from fenics_joints.reduction.projection import Projection
@@ -85,7 +85,8 @@ class Surrogate(SeenModes):
         self._start, self._still = dict(start), still
         # Whether the model is kept or not, so that both give the same numbers.
         self._solver = eigen_solver(full, self.samples[0], self.n_modes, SNAPSHOT)
-        self._whole = self._kept() if self.kept else self._reduce()
+        found = self._kept() if self.kept else self._reduce()
+        self._whole = for_test(full, found, self._basis, self.sensors)
         self._condense()
         self.forward = self._forward(self._with_motions())
 
@@ -114,7 +115,7 @@ class Surrogate(SeenModes):
             self.kept.write(model, self._basis)
             return model
         model, self._basis = found
-        return self.kept.for_test(model, self._basis, self.sensors)
+        return model
 
     def _condense(self) -> None:
         """Take what the test's modes need of a model that serves others too."""
