@@ -60,6 +60,13 @@ __all__ = ["diagnose"]
 _WRONG = 2
 #: Number of places at which an unmodelled point mass is sought. [numerical: chosen]
 _PLACES = 240
+#: What a diagnosis does, in order.
+_STAGES = (
+    "reduce the model, or read it from --keep: most of the time of a first run",
+    "weigh effects, one at a time and together",
+    "choose and fit again with data held out",
+    "locate the gap, and look for measurements that would tell more",
+)
 
 
 @overload
@@ -92,15 +99,6 @@ def diagnose(
     data: TestData | None = None,
     keep: Path | None = None,
 ) -> Diagnosis: ...
-
-
-#: What a diagnosis does, in order.
-_STAGES = (
-    "reduce the model, or read it from --keep: most of the time of a first run",
-    "weigh effects, one at a time and together",
-    "choose and fit again with data held out",
-    "locate the gap, and look for measurements that would tell more",
-)
 
 
 def diagnose(model, of, /, progress=None, **keywords):
