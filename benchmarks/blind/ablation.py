@@ -66,7 +66,7 @@ def ablate(
     """Scores and seconds of cases without each mechanism, also written as they come.
 
     Args:
-        folders: Checks, with their data and, beside them or in ``checks``, their keys.
+        folders: Checks, unpacked; their keys are in ``checks``.
         keep: Folder of kept models.
         out: File of the results, JSON; what it holds already is not made again.
         cases: How many of each geometry, drawn at random but always the same.
@@ -115,8 +115,7 @@ def _one(place: Path, truth: dict, keep: Path, left_out: str) -> dict:
     nats = record.log_score("class")
     if truth["kind"] == "pair":
         shares = record.forecast.marginals("class")
-        best = sorted(shares, key=lambda label: -shares[label])[:2]
-        right = sum(any(b in each for b in best) for each in record.accepted("class")) / 2
+        right = statistics.mean(record.among_two("class"))
         nats = -statistics.mean(
             math.log(max([shares.get(label, 0.0) for label in each] + [1e-4]))
             for each in record.accepted("class")

@@ -121,6 +121,12 @@ class Record:
         """-ln of the probability given to the truth."""
         return -math.log(max(self.right_share(level), _FLOOR))
 
+    def among_two(self, level: str) -> list[bool]:
+        """For each thing that is true whether it is among the two likeliest to be at work."""
+        found = self.forecast.marginals(level)
+        first = set(sorted(found, key=lambda k: -found[k])[:2])
+        return [bool(right & first) for right in self.counted(level, region=False)]
+
     def statement(self, level: str) -> tuple[float, bool] | None:
         """The boldest thing said, "this is at work": its probability and whether it is so."""
         found = self.forecast.marginals(level)
@@ -298,11 +304,7 @@ def _pairs(records: Sequence[Record]) -> dict:
     """Both effects, or one at least, among the two that are likeliest at work."""
     out = {"n": len(records)}
     for level in ("cause", "class"):
-        hits = []
-        for r in records:
-            found = r.forecast.marginals(level)
-            first = sorted(found, key=lambda k: -found[k])[:2]
-            hits.append([bool(right & set(first)) for right in r.counted(level, region=False)])
+        hits = [r.among_two(level) for r in records]
         both = [all(h) and (level == "class" or len(h) == 2) for h in hits]
         out[f"both_{level}"] = Rate.of(both).to_json()
         out[f"one_{level}"] = Rate.of(any(h) for h in hits).to_json()
