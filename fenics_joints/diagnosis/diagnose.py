@@ -19,7 +19,7 @@ from fenics_joints.diagnosis.evidence.alike import one_of_alike
 from fenics_joints.diagnosis.evidence.all_at_once import all_at_once
 from fenics_joints.diagnosis.evidence.classes import classes, detectable, stand_ins
 from fenics_joints.diagnosis.evidence.fitted import Fit
-from fenics_joints.diagnosis.evidence.many import at_conditions
+from fenics_joints.diagnosis.evidence.many import ManyPredictions, at_conditions
 from fenics_joints.diagnosis.evidence.point_mass import point_mass
 from fenics_joints.diagnosis.evidence.simulated import with_simulated
 from fenics_joints.diagnosis.evidence.somewhere import Somewhere
@@ -327,12 +327,21 @@ class _Run:
 
     def _detectable(self, leader: Fit) -> dict[str, bool]:
         """Whether this test could see each effect at its expected size, by key."""
-        model, found = self.model, {}
-        for by_level in (False, True):
-            own = [effect for effect in model.effects if effect.by_level == by_level]
-            if own:
-                beneath = self._beneath(own[0], leader)
-                found |= detectable(own, self.forward, self.evidence, beneath, model.nuisances)
+        model, library = self.model, self.search.library
+        found = detectable(
+            [e for e in model.effects if not e.by_level], library.expected, library.nominal,
+            self.evidence,
+        )  # fmt: skip
+        slipping = [e for e in model.effects if e.by_level]
+        if slipping:
+            beneath = self._beneath(slipping[0], leader)
+
+            def expected(effect: Effect | None, size: float) -> np.ndarray:
+                h = model.hypothesis(() if effect is None else (effect,))
+                many = ManyPredictions(h, self.forward, self.evidence, beneath)
+                return many.at(h.at(size), slopes=False)[0]
+
+            found |= detectable(slipping, expected, expected(None, 0.0), self.evidence)
         return found
 
     def _effects(self, fits, probability, grouped, seen) -> list[EffectResult]:

@@ -203,8 +203,11 @@ class Search:
         return same is not None and {e.key for e in same} != {e.key for e in effects}
 
     def _sampled(self, found: list[Found]) -> list[Found]:
-        """What leads with its evidence by sampling. Collective."""
+        """What leads with its evidence by sampling, if it has a rival. Collective."""
         near = self._leading(found, _SAMPLED)[:_SAMPLES]
+        scores = self.scores([f.fit for f in found])
+        if np.sum(scores > scores[near[0]] - _SAMPLED) < 2:
+            return found
         self.progress.step("weighing what leads by sampling", len(near))
         return self._again(found, near, lambda f: self.library.sampled(f, self.model.evidence))
 

@@ -13,6 +13,7 @@ from fenics_joints.diagnosis.evidence import fit
 from fenics_joints.diagnosis.evidence.classes import APART, classes, detectable, distance, stand_ins
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
+from fenics_joints.diagnosis.evidence.library import Library
 from fenics_joints.diagnosis.evidence.pointwise import PointwiseForward, model_of
 from fenics_joints.diagnosis.held_out import folds
 from fenics_joints.diagnosis.zones.zone import Zone
@@ -269,7 +270,8 @@ def test_detectable_only_when_the_change_outgrows_the_noise():
     evidence = evidence_of(np.full((1, 3), 5.0), 0.01, 0.0, np.array([10.0]))
     for size, seen in ((1.9 * APART, False), (2.1 * APART, True)):
         effect = shift(0, size * 0.01)
-        found = detectable([effect], forward, evidence, forward.baseline, ())
+        library = Library(forward, evidence, forward.baseline, Hypothesis)
+        found = detectable([effect], library.expected, library.nominal, evidence)
         assert found == {effect.key: seen}
 
 

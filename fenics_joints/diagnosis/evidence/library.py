@@ -305,6 +305,18 @@ class Library:
             self._states[effect.key] = States(mean, width, share, data, slopes, others)
         return self._states[effect.key]
 
+    def expected(self, effect: Effect, size: float) -> np.ndarray:
+        """Predictions with an effect at a size, (N,), linear about the nearest of its cells.
+
+        Args:
+            effect: The effect.
+            size: Of all its parameters, in standard deviations of their priors.
+        """
+        states, stepped = self.states(effect), [prior.scan for prior in effect.priors]
+        away = size - states.mean
+        i = int(np.argmin(np.sum(away**2, axis=1)))
+        return states.data[i] + states.slopes[i] @ np.where(stepped, 0.0, away[i])
+
     def remember(self, effect: Effect, states: States) -> None:
         """Take states that another rank solved for.
 
@@ -335,14 +347,17 @@ class Library:
         h, at = found.fit.hypothesis, test.at(found.fit.scales)
 
         def own(cells: Cells) -> Cells:
-            data, slopes = self._solve(h, cells.at)
-            return self.settled(h, replace(cells, data=data, slopes=slopes), at)
+            # How predictions change with the parameters is the same but for little of a little.
+            data = self.predict(h, cells.at)[0]
+            self._remember(h, cells.at, data, cells.slopes)
+            return self.settled(h, replace(cells, data=data), at)
 
         def weighed() -> Found:
             if found.cells is found.peak:
                 peak = own(found.peak)
                 return self.summary(h, peak, test, peak)
             # The peak of the other model may be none by this one.
+            own(found.peak)
             return self.summary(h, own(found.cells), test)
 
         return self._held(h, test, weighed)
@@ -690,13 +705,16 @@ class Library:
     def _solve(self, h: Hypothesis, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Predictions and all derivatives, remembered."""
         data, slopes = self.predict(h, at, range(at.shape[1]))
+        self._remember(h, at, data, slopes)
+        return data, slopes
+
+    def _remember(self, h: Hypothesis, at, data, slopes) -> None:
         good = np.isfinite(data).all(1)
         new = at[good], data[good], slopes[good]
         old = self._solved.get(h.label_of_keys)
         if old is not None:
             new = [np.concatenate(pair)[-_REMEMBERED:] for pair in zip(old, new, strict=True)]
         self._solved[h.label_of_keys] = new
-        return data, slopes
 
     def _recalled(self, h, cells: Cells, test: Evidence, lower, exact) -> np.ndarray:
         """What cells cost, (n,), after those that gain by it took remembered points."""
@@ -712,7 +730,7 @@ class Library:
         costs[np.max(np.abs(away[:, :, h.own]), axis=2, initial=0.0) > _SAME_CELL] = np.inf
         best = np.argmin(costs, axis=1)
         least = costs[np.arange(len(cells)), best]
-        i = np.flatnonzero(least < now)
+        i = np.flatnonzero((least <= now) & np.isfinite(least))
         cells.at[i], cells.data[i], cells.slopes[i] = at[best[i]], data[best[i]], slopes[best[i]]
         exact[i] = True
         return np.minimum(least, now)
@@ -817,6 +835,7 @@ class Library:
         follow = np.linalg.solve(inner, post.covariance[:, own]).transpose(0, 2, 1)
         width = np.ones(len(low))
         width[own] = 0.0
+        others = np.flatnonzero(width)
 
         def log_density(drawn: np.ndarray, which: np.ndarray) -> np.ndarray:
             log_p = np.full(len(drawn), -np.inf)
@@ -824,7 +843,9 @@ class Library:
             z = post.z[which] + np.einsum("npd,nd->np", follow[which], away)
             inside = np.all((drawn > low[own]) & (drawn < high[own]), axis=1)
             at = z[inside].clip(*h.limits.T)
-            data, slopes = self.predict(h, at, range(len(low)))
+            data, by_others = self.predict(h, at, others)
+            slopes = np.zeros((*data.shape, len(low)))
+            slopes[:, :, others] = by_others
             mean = np.where(width > 0, 0.0, at)
             cells = Cells(mean, np.tile(width, (len(at), 1)), np.zeros(len(at)), at, data, slopes)
             log_p[inside] = weigh(cells, test.data, used, lower, h.limits).log_evidence
