@@ -41,7 +41,7 @@ _OF_SPACING, _WIDEST, _LEAST = 0.8, 0.7, 11.0
 _WITHIN = 4
 #: How far apart they are beside one that acts in steps or in many places, and log2 of the number
 #: over more of them, and of the number over more without such a one. [numerical: chosen for time]
-_BESIDE, _MORE_BESIDE, _MORE = {1: 1.15}, 3, 7
+_BESIDE, _MORE_BESIDE, _MORE = {1: 1.15}, 4, 7
 #: Standard deviations of the prior beyond which a parameter that acts in steps is not looked for.
 #: [numerical: chosen]
 _FARTHEST = 4.0
