@@ -53,6 +53,8 @@ _OPTIONS = {
     # Slack in MUMPS's work space, per cent: its own 5 is too little on several ranks.
     "st_mat_mumps_icntl_14": "30",
 }
+#: Steps of inverse iteration by which modes are refined.
+_STEPS = 2
 
 
 @dataclass(frozen=True, repr=False)
@@ -177,12 +179,10 @@ class EigenSolver:
         shapes = vectors_like(K.createVecRight(), X.T)
         return EigenResult(values, shapes, residuals, stats, _round_off(K, X))
 
-    def refine(
-        self, K: PETSc.Mat, M: PETSc.Mat, start: np.ndarray, steps: int = 2
-    ) -> EigenResult:
-        """Eigenpairs near a subspace, by steps of inverse iteration and Rayleigh-Ritz on both.
+    def refine(self, K: PETSc.Mat, M: PETSc.Mat, start: np.ndarray) -> EigenResult:
+        """Eigenpairs near a subspace, by two steps of inverse iteration and Rayleigh-Ritz on both.
 
-        Each is a block of solves, of which `solve` takes six or seven. By Rayleigh's principle no
+        Two blocks of solves instead of the six or seven of `solve`. By Rayleigh's principle no
         eigenvalue comes out too low, and what it is too high is a small part of what it is in the
         subspace itself: there by the square of the angle, and a step shrinks the angle. A mode
         that is not near the subspace is not found.
@@ -191,7 +191,6 @@ class EigenSolver:
             K: See `solve`.
             M: See `solve`.
             start: This rank's rows of the subspace, linearly independent, (n_local, k).
-            steps: How many.
 
         Returns:
             k eigenpairs; their residuals are not known.
@@ -207,7 +206,7 @@ class EigenSolver:
             A, ksp, _ = self._factorised(K, M)
             operator, X = Operator(ksp, M), start
             try:
-                for _ in range(steps):
+                for _ in range(_STEPS):
                     theta, X = refined(operator, product(A, X), X)
             finally:
                 operator.destroy()

@@ -212,9 +212,8 @@ def solve_modes(
 
 
 def refine_modes(
-    model: Model, given: Mapping[str, float], solver: EigenSolver, start: np.ndarray,
-    steps: int = 2,
-) -> Modes:  # fmt: skip
+    model: Model, given: Mapping[str, float], solver: EigenSolver, start: np.ndarray
+) -> Modes:
     """Modes of a structure near a subspace, see `EigenSolver.refine`. Collective.
 
     Args:
@@ -222,13 +221,12 @@ def refine_modes(
         given: Values of parameters that differ from their nominal value.
         solver: One of the structure, whose ordering is kept.
         start: This rank's rows of the subspace, (n_local, k), such as modes of a reduced model.
-        steps: Of inverse iteration.
 
     Raises:
         ConvergenceError: If the matrices cannot be factorised.
     """
     K, M = model.stiffness(given), model.mass(given)
-    result = solver.refine(K, M, start, steps)
+    result = solver.refine(K, M, start)
     K.destroy(), M.destroy()
     return _modes(model, dict(given), solver, result)
 

@@ -179,12 +179,10 @@ class Surrogate(SeenModes):
             self._refined[key] = self._near(values, modes.shapes[:, :some])
         return self._refined[key]
 
-    def _near(self, values: Mapping[str, float], shapes: np.ndarray, steps: int = 2) -> Modes:
+    def _near(self, values: Mapping[str, float], shapes: np.ndarray) -> Modes:
         """Modes of the full model near shapes of the small one, (n_dofs, k)."""
         rows = np.array([vector.array_r for vector in self._basis]).T
-        return refine_modes(
-            self.full, values, self._solver, rows @ shapes[: rows.shape[1]], steps
-        )
+        return refine_modes(self.full, values, self._solver, rows @ shapes[: rows.shape[1]])
 
     def extend(self, points: Points) -> None:
         """Take modes of the full model into the basis, solved for or refined where these are
@@ -288,8 +286,7 @@ class Surrogate(SeenModes):
                     modes = solve_modes(self.full, values, n_modes=n, solver=self._solver)
                 else:
                     own = solve_modes(whole, values, n_modes=min(2 * n, whole.n_dofs))
-                    # A second step would change the basis's error by a hundredth.
-                    modes = self._near(values, own.shapes, steps=1)
+                    modes = self._near(values, own.shapes)
                 # All, kept or not, so that both give the same numbers; other tests see others.
                 sampled.add(modes, range(n), just_solved=True)
                 self.progress.advance()
