@@ -347,7 +347,7 @@ class Library:
         h, at = found.fit.hypothesis, test.at(found.fit.scales)
 
         def own(cells: Cells) -> Cells:
-            # How predictions change with the parameters is the same but for little of a little.
+            # The other model's slopes will do: evidence feels their error to second order.
             data = self.predict(h, cells.at)[0]
             self._remember(h, cells.at, data, cells.slopes)
             return self.settled(h, replace(cells, data=data), at)
