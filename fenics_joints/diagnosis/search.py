@@ -95,7 +95,7 @@ class Search:
             waiting = [e for e in waiting if e not in own]
             self.progress.step("weighing several of a kind at once", len(own))
             self._solve(own)
-            level = self._all([(self._hypothesis((e,)), None) for e in own])
+            level = self._singles([self._hypothesis((e,)) for e in own], found[0])
             found += level
         found = self._checked(found, _LEADING_SINGLES, quickly=True)
         singles = found[2:]
