@@ -33,9 +33,9 @@ __all__ = ["LACKING", "Surrogate"]
 #: Share of a mode's energy at a sample that the basis may lack: 1e-4 of its frequency, well below
 #: what tests can see.
 LACKING = 2e-4
-#: The same of what one test needs of a basis that serves all: what leads is checked on the full
-#: model, and the basis extended where it errs.
-_OF_TEST = 1e-3
+#: The same for the part of the basis that one test needs: the leading hypotheses are checked on the
+#: full model, and the basis is extended where it errs.
+_LACKING_FOR_TEST = 1e-3
 #: Share of the largest energy below which a combination of the basis's vectors is round-off.
 _DEPENDENT = 1e-13
 
@@ -125,7 +125,8 @@ class Surrogate(SeenModes):
         model = self._trimmed()
         model.pencil.settle(model.values(self._start))
         forward = self._forward(model)
-        turn = condensed(forward, self.samples, self._of_test, max(self.lacking, _OF_TEST))
+        lacking = max(self.lacking, _LACKING_FOR_TEST)
+        turn = condensed(forward, self.samples, self._of_test, lacking)
         if turn.shape[1] < self._whole.n_dofs:
             rows = np.array([vector.array_r for vector in self._basis])
             self._basis = vectors_like(self._basis[0], turn.T @ rows)

@@ -273,6 +273,10 @@ def test_detectable_only_when_the_change_outgrows_the_noise():
         library = Library(forward, evidence, forward.baseline, Hypothesis)
         found = detectable([effect], library.expected, library.nominal, evidence)
         assert found == {effect.key: seen}
+    # A mode that the model loses only one standard deviation further shows as well.
+    nominal = library.nominal
+    lost = detectable([effect], lambda _, z: np.where(z > 0, np.nan, nominal), nominal, evidence)
+    assert lost == {effect.key: True}
 
 
 def test_folds_hold_out_every_entry_once_by_mode_and_once_by_torque():

@@ -77,9 +77,9 @@ def detectable(
     lower, used = evidence.lower(), evidence.fitted
     found = {}
     for effect in effects:
-        changes = (whiten(lower, (expected(effect, z) - without)[used]) for z in (0.0, 1.0))
+        changes = [whiten(lower, (expected(effect, z) - without)[used]) for z in (0.0, 1.0)]
         # nan: the model then lacks a mode that the test saw, which shows.
-        found[effect.key] = not max(map(np.linalg.norm, changes)) < 2 * APART
+        found[effect.key] = not all(np.linalg.norm(change) < 2 * APART for change in changes)
     return found
 
 

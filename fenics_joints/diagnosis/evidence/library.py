@@ -356,7 +356,7 @@ class Library:
             if found.cells is found.peak:
                 peak = own(found.peak)
                 return self.summary(h, peak, test, peak)
-            # The peak of the other model may be none by this one.
+            # The peak of the other model may be none by this one; it is remembered as a start.
             own(found.peak)
             return self.summary(h, own(found.cells), test)
 
