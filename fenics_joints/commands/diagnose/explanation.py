@@ -1,4 +1,4 @@
-"""A diagnosis in words: three sentences, what stands behind them, and what to doubt.
+"""A diagnosis in words: the answer, what stands behind them, and what to doubt.
 
 Every number is one of the `Diagnosis`; nothing is computed here but ratios of them.
 """
@@ -6,7 +6,7 @@ Every number is one of the `Diagnosis`; nothing is computed here but ratios of t
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from textwrap import shorten
 
 import numpy as np
@@ -14,12 +14,15 @@ import numpy as np
 from fenics_joints.commands.diagnose.doubts import doubts
 from fenics_joints.commands.diagnose.questions import questions
 from fenics_joints.commands.diagnose.reading import (
+    SHARE,
     EffectClass,
     best_without,
     by_effect,
     causes,
     effect_classes,
+    effect_key,
     in_test,
+    in_words,
     leading,
     members_in_words,
     mesh_error,
@@ -39,13 +42,13 @@ from fenics_joints.commands.diagnose.words import (
     sentence,
     share_words,
     shortened,
-    span,
     times_words,
+    value_words,
     zone_words,
 )
+from fenics_joints.diagnosis.evidence.classes import APART
 from fenics_joints.diagnosis.location import Location
 from fenics_joints.diagnosis.result import Diagnosis
-from fenics_joints.diagnosis.shrinkage import Shrinkage
 from fenics_joints.diagnosis.verdict import CAUSE, LIKELY, MISFIT, NO_GAP, UNKNOWN, doubtful
 from fenics_joints.formatting import error_percent, percent, probability
 
@@ -53,12 +56,12 @@ __all__ = ["Explanation", "explain"]
 
 #: Difference of log odds up to which another region may be the one as well.
 _AS_PROBABLE = 3.0
-#: Probability of a look-alike that is not worth a word; error of the mesh that is.
+#: Probability of a cause outside the library that is not worth a word; error of the mesh that is.
 _REMOTE, _SEEN = 0.01, 5e-4
 _COUNT = {2: "two", 3: "three"}
-#: Words of the diagnosis with what they mean, where they first stand.
+#: Parameters of a cause that stand in its sentence.
+_SIZES = 2
 _HELD = "On data held out while the cause was chosen and fitted,"
-_WRONG = "the best wrong effect, one that is not the cause but had the same chance"
 _MISFIT = "misfit (the gap weighed by noise)"
 
 
@@ -67,49 +70,45 @@ class Explanation:
     """A diagnosis in words.
 
     Attributes:
-        start: What is compared with the test.
-        where: Where the model is wrong, one sentence.
-        which: Which effect causes it, and what rivals it.
+        which: Which effect causes the gap, with its place and size.
         how_far: How far the gap shrinks on data that were held out.
+        apart: What cannot be told apart, and the measurement that would; "" if that is nothing.
+        where: Where the model is wrong, if no cause is named; "" otherwise, since the cause says.
+        start: What is compared with the test.
         points: The same in more words: questions, and their answers.
         doubts: What speaks against taking the answer at its word.
     """
 
-    start: str
-    where: str
     which: str
     how_far: str
+    apart: str
+    where: str
+    start: str
     points: dict[str, str]
     doubts: tuple[str, ...]
 
     def __repr__(self) -> str:
         more = f"{len(self.points)} points, {len(self.doubts)} doubts"
-        return f"Explanation({shorten(self.where, 60)!r}, {more})"
+        return f"Explanation({shorten(self.which, 60)!r}, {more})"
 
     @property
     def sentences(self) -> tuple[tuple[str, str], ...]:
-        """What is compared, and the three sentences, with their headings."""
-        return (
-            ("Start", self.start), ("Where", self.where), ("Which", self.which),
-            ("How far", self.how_far),
+        """The sentences that there are, with their headings, the answer first."""
+        found = (
+            ("Cause", self.which), ("How far", self.how_far), ("Not told apart", self.apart),
+            ("Where", self.where), ("Compared", self.start),
         )  # fmt: skip
+        return tuple((heading, sentence) for heading, sentence in found if sentence)
 
     def to_json(self) -> dict:
         """Texts only."""
-        return {
-            "start": self.start,
-            "where": self.where,
-            "which": self.which,
-            "how_far": self.how_far,
-            "points": self.points,
-            "doubts": list(self.doubts),
-        }
+        return {**asdict(self), "doubts": list(self.doubts)}
 
 
 def explain(d: Diagnosis) -> Explanation:
     """Put a diagnosis into words."""
     return Explanation(
-        _start(d), _where(d), _which(d), _how_far(d), questions(d), tuple(doubts(d))
+        _which(d), _how_far(d), _apart(d), _where(d), _start(d), questions(d), tuple(doubts(d))
     )  # fmt: skip
 
 
@@ -137,6 +136,7 @@ _JOINTS = {
 
 
 def _where(d: Diagnosis) -> str:
+    """Where the model is wrong, unless the cause that is named says so itself."""
     found = d.location
     if d.verdict == NO_GAP:
         if found is None:
@@ -145,11 +145,9 @@ def _where(d: Diagnosis) -> str:
             "Nowhere beyond chance: noise, tolerances and the error of any model would make a "
             f"misfit of {found.n_data}, and there is one of {found.misfit:.0f}."
         )
-    inside = in_test(d)
-    if inside and not inside.startswith("in part"):
-        return sentence(inside)
-    words = _most_probable(found)
-    return sentence(f"{inside}; {words}" if inside else words)
+    if sure_causes(d):
+        return sentence(inside) if (inside := in_test(d)) else ""
+    return sentence(_most_probable(found))
 
 
 def _most_probable(found: Location | None) -> str:
@@ -175,12 +173,12 @@ def _which(d: Diagnosis) -> str:
     return sentence(say.get(d.verdict, _undecided)(d))
 
 
-def _look_alike(d: Diagnosis) -> str:
+def _outside(d: Diagnosis) -> str:
     """What is left for causes outside the library, where that is not the answer itself."""
     p = probability_of(d, UNKNOWN)
     if p < _REMOTE:
         return ""
-    return f"; {probability(p)} is left for a cause that was not considered"
+    return f"; {probability(p)} is left for a cause outside the library"
 
 
 def _no_cause(d: Diagnosis) -> str:
@@ -188,12 +186,12 @@ def _no_cause(d: Diagnosis) -> str:
     words = f"none is needed: the nominal model within its tolerances has {probability(p)}"
     found = causes(d)
     if not found:
-        return words + _look_alike(d)
+        return words + _outside(d)
     most = (
         f"the most probable cause, {members_in_words(found[0])}, "
         f"{probability(found[0].probability)}"
     )
-    return f"{words}, {most}{_look_alike(d)}"
+    return f"{words}, {most}{_outside(d)}"
 
 
 def _unknown(d: Diagnosis) -> str:
@@ -230,26 +228,50 @@ def _cause(d: Diagnosis) -> str:
     sure = sure_causes(d)
     if not sure:
         return _undecided(d)
-    words = "; and ".join(f"{members_in_words(c)}, {probability(c.probability)}" for c in sure)
     several = f"{_COUNT.get(len(sure), len(sure))} causes: " if len(sure) > 1 else ""
+    words = "; and ".join(f"{_with_size(d, c)}, {probability(c.probability)}" for c in sure)
     weak = doubtful(d.effects, d.shrinkage)
     perhaps = "".join(
         f"; perhaps also {members_in_words(c)}, {probability(c.probability)}, which held-out data "
         "do not bear out" for c in causes(d) if c.name in weak and d.verdict == CAUSE
     )
-    rival, lead = _rival(d, sure), leading(d)
-    found = [] if lead is None else [attached_words(rows) for _, rows in by_effect(lead.parameters)]
-    words += "".join(f", {where}" for where in found if where)
-    return several + words + perhaps + _look_alike(d) + (f"; {rival}" if rival else "")
+    return several + words + perhaps + _outside(d)
 
 
-def _rival(d: Diagnosis, sure: Sequence[EffectClass]) -> str:
-    """The best hypothesis that lacks one of the causes."""
+def _with_size(d: Diagnosis, group: EffectClass) -> str:
+    """A cause with its size, and where it is unless its name says so."""
+    lead, keys = leading(d), {effect_key(e) for e in group.effects}
+    own = [] if lead is None else [rows for key, rows in by_effect(lead.parameters) if key in keys]
+    found = [attached_words(rows) or _sizes(rows) for rows in own]
+    return ": ".join([members_in_words(group), *(words for words in found if words)])
+
+
+def _sizes(rows: Sequence[dict]) -> str:
+    """The first parameters of an effect."""
+    known = [(p["name"], *value_words(p)) for p in rows if not p.get("at")][:_SIZES]
+    return ", ".join(
+        f"{name} {value} ({span})" if span else f"{name} {value}" for name, value, span in known
+    )
+
+
+def _apart(d: Diagnosis) -> str:
+    """What else it can be, and the one measurement that would tell."""
+    sure, words = sure_causes(d), ""
     lead, other = leading(d), best_without(d, sure)
-    if lead is None or other is None:
-        return ""
-    ratio = lead.probability / max(other.probability, 1e-300)
-    return f"the closest rival, {named(other)}, is {times_words(ratio)} less probable"
+    if sure and lead is not None and other is not None:
+        ratio = lead.probability / max(other.probability, 1e-300)
+        words = f"the closest rival, {named(other)}, is {times_words(ratio)} less probable"
+    classes = {c.name: c for c in causes(d) if len(c.effects) > 1 and c.probability >= SHARE}
+    split = next((s for s in d.separations if s.class_name in classes), None)
+    if split is not None:
+        names = shortened([in_words(e) for e in classes[split.class_name].effects], "and")
+        enough = "" if split.distance >= APART else ", which is not enough alone"
+        tell = (
+            f"{names} would be told apart best by {split.measurement} (up to "
+            f"{split.distance:.1f} standard deviations{enough})"
+        )
+        words = f"{tell}; {words}" if words else tell
+    return sentence(words) if words else ""
 
 
 def _undecided(d: Diagnosis) -> str:
@@ -265,39 +287,24 @@ def _how_far(d: Diagnosis) -> str:
             fitted = from_to(d.before.rms, d.after.rms)
             return f"Nothing could be held out; fitted, the gap goes {fitted}."
         return f"{_HELD} the gap goes {from_to(d.heldout_before, d.heldout_after)}."
-    words = f"{_HELD} the gap goes {from_to(s.before, s.after)}"
+    best = f"the best wrong effect leaves {error_percent(s.placebo)}"
     if s.after >= s.before:
-        best = f" (to {error_percent(s.placebo)} with {_WRONG})" if np.isfinite(s.placebo) else ""
-        words = f"{_HELD} the gap grows {from_to(s.before, s.after)}{best}"
-        return f"{words}: what is chosen without them does not predict them{_folds(s)}."
-    lead = leading(d)
-    if np.isfinite(s.shrink) and lead is not None and lead.label == NO_GAP:
-        return f"{words}: {_shrunk(s)}, by what is within tolerance alone{_folds(s)}."
+        words = f"{_HELD} the gap grows {from_to(s.before, s.after)}"
+        wrong = f"; {best}" if np.isfinite(s.placebo) else ""
+        return f"{words}: what is chosen without them does not predict them{wrong}."
+    words = f"{_HELD} the gap goes {from_to(s.before, s.after)}"
     if not np.isfinite(s.before):
-        return f"{words}; the nominal model has none of these modes{_folds(s)}."
+        return f"{words}; the nominal model has none of these modes."
     if not np.isfinite(s.shrink):
         return f"{words}; the nominal model is already as good as noise allows."
-    words += f": {_shrunk(s)}"
-    gain = 100 * s.excess
-    if s.claimed:
-        points = "point" if f"{gain:.0f}" == "1" else "points"
-        words += f", {gain:.0f} {points} more than with {_WRONG} ({_points(s)})"
-    elif np.isfinite(gain):
-        words += f", which is not surely more than with {_WRONG} ({_points(s)} points)"
-    return f"{words}{_folds(s)}."
-
-
-def _folds(s: Shrinkage) -> str:
-    held, better = sum(f.held for f in s.folds), sum(f.better for f in s.folds)
-    words = f"; {held} of {len(s.folds)} parts held out ended in the interval stated before"
-    return f"{words}{f' or better ({better} better)' if better else ''}"
-
-
-def _shrunk(s: Shrinkage) -> str:
-    share = f"{100 * s.shrink:.0f} %"
-    return f"{share} of the gap beyond noise is gone (90 % interval: {span(s.shrink_interval)})"
-
-
-def _points(s: Shrinkage) -> str:
-    low, high = s.excess_interval
-    return f"90 %: {100 * low:.0f} to {100 * high:.0f}"
+    low, high = (f"{100 * share:.0f}" for share in s.shrink_interval)
+    words += (
+        f": {100 * s.shrink:.0f} % of the gap beyond noise is gone (90 % interval: {low} to "
+        f"{high} %)"
+    )
+    lead = leading(d)
+    if lead is not None and lead.label == NO_GAP:
+        return f"{words}, by what is within tolerance alone."
+    if not np.isfinite(s.placebo):
+        return f"{words}."
+    return f"{words}; {best}{'' if s.claimed else ', which is not surely worse'}."

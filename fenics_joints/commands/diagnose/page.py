@@ -23,6 +23,7 @@ from fenics_joints.commands.diagnose.words import (
     change_words,
     group_words,
     joined,
+    value_words,
     zone_words,
 )
 from fenics_joints.diagnosis.evidence.classes import confusion
@@ -40,7 +41,7 @@ __all__ = ["diagnosis_html"]
 
 _FILTERS = {
     "named": named, "with_place": with_place, "zone_words": zone_words, "by_effect": by_effect,
-    "by_reason": by_reason,
+    "by_reason": by_reason, "value_words": value_words,
 }  # fmt: skip
 #: What is known of the model and stands elsewhere in the page.
 _SAID = ("notes", "order")

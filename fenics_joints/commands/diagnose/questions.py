@@ -30,6 +30,7 @@ from fenics_joints.commands.diagnose.words import (
     sentence,
     share_words,
     shortened,
+    value_words,
 )
 from fenics_joints.diagnosis.evidence.classes import APART
 from fenics_joints.diagnosis.result import Diagnosis
@@ -37,10 +38,8 @@ from fenics_joints.diagnosis.verdict import NO_GAP, UNKNOWN
 from fenics_joints.formatting import (
     condition_value,
     error_percent,
-    interval,
     percent,
     probability,
-    quantity,
     spaced,
 )
 
@@ -136,9 +135,9 @@ def _fitted(d: Diagnosis) -> str:
     if lead is None or not by_effect(lead.parameters):
         return ""
     items = [
-        f"{p['name']} = {quantity(p['value'], p['unit'])} "
-        f"({interval(p['low'], p['high'], p['unit'])})"
+        f"{p['name']} = {value} ({span})" if span else f"{p['name']}: {value}"
         for _, rows in by_effect(lead.parameters) for p in rows
+        for value, span in [value_words(p)]
     ]  # fmt: skip
     more = f" and {len(items) - 2 * NAMED} more" if len(items) > 2 * NAMED else ""
     return (

@@ -19,15 +19,14 @@ from fenics_joints.commands.diagnose.reading import (
     leading,
     sure_causes,
 )
+from fenics_joints.commands.diagnose.words import value_words
 from fenics_joints.diagnosis.result import Diagnosis
 from fenics_joints.formatting import (
     bounded,
     condition_value,
     error_percent,
-    interval,
     percent,
     probability,
-    quantity,
     spaced,
 )
 from fenics_joints.report.terminal import more, new_table, tell
@@ -124,11 +123,9 @@ def _lead(console: Console, d: Diagnosis) -> None:
     left = _PARAMETERS
     for effect, rows in by_effect(lead.parameters):
         for i, p in enumerate(rows[: max(left, 0)]):
-            # A place is said in words, and has no interval.
-            at = p.get("at")
-            span = Text("" if at else interval(p["low"], p["high"], p["unit"]), no_wrap=True)
-            value = at or quantity(p["value"], p["unit"])
-            table.add_row(Text(p["name"]), value, span, Text("" if i else spaced(effect)))
+            value, span = value_words(p)
+            of = Text("" if i else spaced(effect))
+            table.add_row(Text(p["name"]), value, Text(span, no_wrap=True), of)
         left -= len(rows)
     more(table, -left)
     if table.rows:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -18,9 +18,11 @@ from fenics_joints.formatting import (
     MOST,
     condition_value,
     error_percent,
+    interval,
     number,
     percent,
     point_mm,
+    quantity,
     spaced,
 )
 
@@ -28,7 +30,7 @@ __all__ = [
     "NAMED", "NARROWED", "VERDICTS", "attached_words", "chance_words", "change_words", "from_to",
     "group_words", "is_part", "joined", "p_value_words", "place_words", "point_mass_words",
     "sentence",
-    "share_words", "shortened", "span", "times_words", "zone_words",
+    "share_words", "shortened", "times_words", "value_words", "zone_words",
 ]  # fmt: skip
 
 #: Verdicts as headings.
@@ -99,6 +101,16 @@ def attached_words(parameters: Sequence[dict]) -> str:
     return f"{grams}near {at}" if at else ""
 
 
+def value_words(p: Mapping) -> tuple[str, str]:
+    """A fitted parameter's value and its interval; a place is said in words and has none, and of
+    what the test does not identify neither is said."""
+    if p.get("at"):
+        return p["at"], ""
+    if not p.get("identified", True):
+        return "not identified", ""
+    return quantity(p["value"], p["unit"]), interval(p["low"], p["high"], p["unit"])
+
+
 def joined(words: Sequence[str], last: str = "and") -> str:
     """A list in words: ``a, b and c``."""
     words = list(words)
@@ -130,11 +142,6 @@ def times_words(ratio: float) -> str:
 def share_words(x: float) -> str:
     """A share in whole per cent."""
     return percent(x, 0)
-
-
-def span(pair: tuple[float, float]) -> str:
-    """An interval of S*, in per cent of what could go."""
-    return f"{100 * pair[0]:.0f} to {100 * pair[1]:.0f} %"
 
 
 def sentence(text: str) -> str:

@@ -29,6 +29,9 @@ _AT_REST = (0.003, np.log(4.0), "", True, (0.0, 0.5))
 #: Distance from a limit, in prior standard deviations, within which a parameter is at it.
 #: [numerical: chosen]
 _AT_LIMIT = 1e-3
+#: Standard deviation after the test, relative to that before, below which a parameter is
+#: identified. [decision: chosen: twice as certain]
+_IDENTIFIED = 0.5
 
 
 @dataclass(frozen=True, repr=False)
@@ -314,7 +317,8 @@ class Hypothesis:
         return effect.where({prior.name: float(prior.value(at)) for prior, at in own})
 
     def table(self, z: np.ndarray, covariance: np.ndarray) -> list[dict]:
-        """The fitted parameters for people, with one-sigma intervals."""
+        """The fitted parameters for people, with one-sigma intervals, and whether they are
+        identified: whether the test makes them twice as certain as they were at least."""
         rows = []
         for i, (effect, prior) in enumerate(self.priors):
             if effect.where and prior.name in OFFSETS:
@@ -331,6 +335,7 @@ class Hypothesis:
                     "unit": prior.unit,
                     "nuisance": effect in self.nuisances or i >= len(self._own),
                     "prior_sigmas": float(z[i]),
+                    "identified": sd < _IDENTIFIED,
                     **({"at": self._where(effect, z)} if prior.even and effect.where else {}),
                 }
             )
