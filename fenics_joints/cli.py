@@ -183,7 +183,7 @@ def diagnose(
 ) -> None:
     """Where the model is wrong, which effect causes it, and how far the gap shrinks.
 
-    JSON: in_words (where, which, how_far), gap (before, after, heldout_before, heldout_after,
+    JSON: in_words (which, how_far, apart, where), gap (before, after, heldout_before, heldout_after,
     placebo_after; relative RMS), where (region, share), effects (name, region, probability,
     class), verdict, location, shrinkage, frequencies_hz before and after.
 

@@ -80,7 +80,7 @@ CHOSEN = {
         diagnosis/plan::*confus* diagnosis/search::the_true_pair* diagnosis/search::odds*
         diagnosis/search::an_effect* diagnosis/search::near_best* diagnosis/simulated::*
         diagnosis/all_at_once::* diagnosis/equal::* diagnosis/alike::* diagnosis/resolution::*
-        diagnosis/somewhere::it_says* diagnosis/unlisted::weights* system/beam_diagnosis::*
+        diagnosis/somewhere::it_says* diagnosis/misattribution::* system/beam_diagnosis::*
     """,
     FAILING: """
         system/failure_modes::* system/bad_files::* system/fuzz::* system/kills::*

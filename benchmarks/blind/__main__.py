@@ -138,18 +138,6 @@ def _scored(folder: Path, oracle: bool) -> dict:
 
 
 @app.command()
-def calibrate(
-    folders: Annotated[list[Path], typer.Argument(help="Checks whose answers are open.")],
-) -> None:
-    """Weights for what looks like a listed effect and is none, from opened cases."""
-    from benchmarks.blind.calibrate import named_right, read_samples, report
-
-    typer.echo(report(read_samples(folders)))
-    for verdict, (right, n) in named_right(folders).items():
-        typer.echo(f"verdict {verdict}: right in {right} of {n}")
-
-
-@app.command()
 def ablate(
     folders: Annotated[list[Path], typer.Argument(help="Opened checks, unpacked.")],
     out: Annotated[Path, typer.Option(metavar="FILE", help="Results, which go on where they are.")],

@@ -53,7 +53,7 @@ MECHANISMS: dict[str, dict[str, object]] = {
     "unknown cause as a random field": {f"{_LIBRARY}.with_somewhere": lambda found, test: found},
     "misfit by simulated tests": {f"{_DIAGNOSIS}.diagnose.with_simulated":
                                   lambda fits, *a: fits},
-    "look-alikes": {f"{_DIAGNOSIS}.search.look_alike": lambda p: 0.0},
+    "simulated tests of causes outside the library": {f"{_SEARCH}._simulate": lambda *a: None},
     "measured error of the mesh": {"fenics_joints.diagnosis.model.prepared.mesh_errors":
                                    lambda *a, **k: None},
 }  # fmt: skip

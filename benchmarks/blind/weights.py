@@ -1,9 +1,9 @@
-"""Probabilities of hypotheses as a diagnosis counted with them; it writes only those it shows.
+"""Probabilities of hypotheses as a diagnosis counted with them.
 
-Shown ones stay between 1 and 90 %. With a hundred hypotheses the least of them add up to one more:
-as weights they would make "no gap" out of 0.6 to 0.3, and "some sensor is misplaced" likely. The
-JSON has what they were made of: evidence, odds and p-values
-(`fenics_joints.diagnosis.search.Search.probabilities`). Recomputed so, they are those that are
+Versions up to November 2026 wrote only those that they showed, between 1 and 90 %. With a hundred
+hypotheses the least of them add up to one more: as weights they would make "no gap" out of 0.6 to
+0.3, and "some sensor is misplaced" likely. Their JSON has what they were made of: evidence, odds
+and p-values. Recomputed so, they are those that are
 shown in between to 4 % of themselves at most, 1 % in the median of 213 diagnoses. What "none of
 these" keeps once held-out data have spoken follows from no evidence, and is taken as shown.
 """
@@ -38,6 +38,8 @@ def weights_of(diagnosis: Mapping) -> np.ndarray:
         diagnosis: The JSON of a diagnosis; some early ones wrote weights, which are taken.
     """
     rows = diagnosis["hypotheses"]
+    if "outside" in diagnosis:  # the JSON has them as they are
+        return np.array([row["probability"] for row in rows], dtype=float)
     for key in ("weight", "probability"):
         if all(key in row and (key == "weight" or "log_evidence" not in row) for row in rows):
             return np.array([row[key] for row in rows], dtype=float)

@@ -362,6 +362,8 @@ class Diagnose(Section):
     common to all modes beside ``discrepancy``, what is each one's own where that is larger.
     ``rare`` says whether causes that few structures have are looked for too, such as plates that
     are not flat; those that ``effects`` names are in any case.
+    ``outside`` is the probability, before the test, that what causes a gap is nothing of the
+    library.
     ``frfs`` says whether measured functions (``[test.frfs]``) are data beside the modes.
     ``joints`` says what the nominal model has where the joints are: ``bonded`` parts, so that
     nothing of the joints is assumed; or the stiffness ``given`` by ``[joints]``, of which a
@@ -382,6 +384,7 @@ class Diagnose(Section):
     patches: Annotated[int, Field(ge=0, le=200, strict=True)] = 12
     mesh_error: Annotated[bool, Field(strict=True)] = True
     rare: Annotated[bool, Field(strict=True)] = False
+    outside: Annotated[float, Field(ge=0.001, le=0.9, strict=True)] = 0.25
     frfs: Annotated[bool, Field(strict=True)] = True
 
 

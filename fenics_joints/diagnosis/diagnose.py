@@ -23,7 +23,6 @@ from fenics_joints.diagnosis.evidence.many import ManyPredictions, at_conditions
 from fenics_joints.diagnosis.evidence.point_mass import point_mass
 from fenics_joints.diagnosis.evidence.simulated import with_simulated
 from fenics_joints.diagnosis.evidence.somewhere import Somewhere
-from fenics_joints.diagnosis.evidence.unlisted import after_held_out
 from fenics_joints.diagnosis.held_out import cross_validate, folds
 from fenics_joints.diagnosis.location import locate_gap
 from fenics_joints.diagnosis.model.of_structure import case_of
@@ -33,13 +32,12 @@ from fenics_joints.diagnosis.rivals import is_wrong, several_causes
 from fenics_joints.diagnosis.search import Search
 from fenics_joints.diagnosis.separation import separations
 from fenics_joints.diagnosis.shrinkage import Shrinkage
+from fenics_joints.diagnosis.thresholds import MISFIT
 from fenics_joints.diagnosis.verdict import (
-    MISFIT,
     NAMED,
     NO_GAP,
     UNKNOWN,
     confirm,
-    confirmed,
     decide,
     doubtful,
     with_strangers,
@@ -136,7 +134,7 @@ def diagnose(model, of, /, progress=None, **keywords):
         title: For people.
         options: Keys of ``[diagnose]`` in a case file with its defaults: n_modes, discrepancy,
             shape_discrepancy, preload_scatter, max_effects, samples, joints, patches, mesh_error,
-            rare. And of ``[test]``: mass, mass_noise, stiffness, antiresonances.
+            rare, outside. And of ``[test]``: mass, mass_noise, stiffness, antiresonances.
 
     Raises:
         InputError: If something of the structure or an option is not usable, or the model has too
@@ -239,8 +237,6 @@ class _Run:
             causes = several_causes(fits, probability, effects, grouped, alike)
         shrink = self._shrink(fits, wrong, causes)
         if verdict in NAMED:
-            fits, probability = _held_out(fits, probability, leader, confirmed(shrink))
-            effects = self._effects(fits, probability, grouped, seen)
             verdict, summary = decide(
                 fits, probability, effects, leader, after, at_once, doubtful(effects, shrink)
             )
@@ -277,6 +273,7 @@ class _Run:
             location=location,
             shrinkage=shrink,
             at_once=at_once,
+            misattribution=self.search.misattribution,
             somewhere=self._somewhere(next(f for f in fits if f.hypothesis.unknown)),
             row_names=self.data.row_names,
             without_partner=self.model.without_partner,
@@ -422,17 +419,6 @@ class _Run:
         """ln f of the nominal model, (m,); nan for modes without a partner in it."""
         found, out = self.forward(self.baseline)[0], self.model.not_nominal
         return found if out is None else np.where(out, np.nan, found)
-
-
-def _held_out(
-    fits: Sequence[Fit], probability: np.ndarray, leader: Fit, confirms: bool
-) -> tuple[list[Fit], np.ndarray]:
-    """Hypotheses and their probabilities, the most probable first, once held-out data spoke of the
-    cause that is named."""
-    unknown = np.array([f.hypothesis.unknown for f in fits])
-    found = after_held_out(probability, unknown, leader.p_value, confirms)
-    order = np.argsort(-found, kind="stable")
-    return [fits[i] for i in order], found[order]
 
 
 def _described(effect: Effect, best: Fit) -> str:

@@ -8,7 +8,9 @@ from typing import Any
 
 import numpy as np
 
+import fenics_joints
 from fenics_joints.diagnosis.effects.effect import Silent
+from fenics_joints.diagnosis.evidence.misattribution import Misattribution
 from fenics_joints.diagnosis.evidence.scales import (
     BETWEEN,
     ERRORS,
@@ -22,7 +24,7 @@ from fenics_joints.diagnosis.shrinkage import Shrinkage
 from fenics_joints.diagnosis.where.score_tests import ZoneShare
 from fenics_joints.errors import member
 from fenics_joints.files import plain
-from fenics_joints.formatting import LEAST, LIMITS, MOST, bounded, html_table, percent, probability
+from fenics_joints.formatting import html_table, percent, probability
 from fenics_joints.measurements.gap import Gap
 
 __all__ = ["Diagnosis", "EffectResult", "HypothesisResult", "Separation"]
@@ -135,6 +137,8 @@ class Diagnosis:
             (n, m); None if damping was not used.
         somewhere: Whether an unknown cause is a change of stiffness or mass somewhere; None where
             that was not looked at.
+        misattribution: How often, in simulated tests, a cause outside the library is taken for one
+            of it; None where that was not looked at.
         at_once: Probability of a misfit as large as all effects of the library at once leave; None
             where the best few explain the test.
         without_partner: Names of the test's modes that match none of the model's, with or without
@@ -169,6 +173,7 @@ class Diagnosis:
     location: Location | None = None
     shrinkage: Shrinkage | None = None
     somewhere: Somewhere | None = None
+    misattribution: Misattribution | None = None
     row_names: tuple[str, ...] = ()
     at_once: float | None = None
     without_partner: tuple[str, ...] = ()
@@ -227,7 +232,7 @@ class Diagnosis:
         """
         member("of", of, ("effects", "parameters"))
         rows = [_effect(e) for e in self.effects] if of == "effects" else [
-            {"hypothesis": h.label, "probability": bounded(h.probability), **row}
+            {"hypothesis": h.label, "probability": h.probability, **row}
             for h in self.hypotheses for row in h.parameters
         ]  # fmt: skip
         try:
@@ -236,20 +241,34 @@ class Diagnosis:
             return rows
         return DataFrame(rows)
 
+    def _classes(self) -> list[dict]:
+        """Effects that the test cannot tell apart, and those that it can, as lists."""
+        members: dict[str, list[str]] = {}
+        for e in self.effects:
+            key = f"{e.name} ({e.region})" if e.region else e.name
+            members.setdefault(e.class_name, []).append(key)
+        rows = [
+            {"name": name, "effects": keys, "probability": sum(
+                h.probability for h in self.hypotheses if set(keys) & {*h.effects, h.label})}
+            for name, keys in members.items()
+        ]  # fmt: skip
+        return sorted(rows, key=lambda row: -row["probability"])
+
     def to_json(self) -> dict:
         """The documented keys of ``diagnose --json``."""
         held_out = ("heldout_before", "heldout_after", "placebo_after", "placebo", "noise")
         of_gap = {key: getattr(self, key) for key in held_out}
         out = {
+            "version": fenics_joints.__version__,
             "title": self.title,
             "verdict": self.verdict,
             "summary": self.summary,
             "start": {"joints": self.joints, "gap": self.before.rms},
             "gap": {"before": self.before.rms, "after": self.after.rms, **of_gap},
             "where": [asdict(share) for share in self.where],
-            "probabilities": {"least": LEAST, "most": MOST, "why": LIMITS},
+            "classes": self._classes(),
             "effects": [_effect(e) for e in self.effects],
-            "hypotheses": [_hypothesis(h) for h in self.hypotheses],
+            "hypotheses": [asdict(h) for h in self.hypotheses],
             "silent": [asdict(s) for s in self.silent],
             "separations": [_renamed(s, "class_name") for s in self.separations],
             "folds": [fold.to_json() for fold in self.shrinkage.folds] if self.shrinkage else [],
@@ -269,6 +288,8 @@ class Diagnosis:
                 out[key] = getattr(self, key).to_json()
         if self.at_once is not None:
             out["at_once"] = self.at_once
+        if self.misattribution is not None:
+            out["outside"] = asdict(self.misattribution)
         if self.somewhere is not None:
             out["somewhere"] = asdict(self.somewhere)
         if self.damping is not None:
@@ -291,12 +312,7 @@ class Diagnosis:
 
 
 def _effect(e: EffectResult) -> dict:
-    row = _renamed(e, "class_name", "describe")
-    return {**row, "probability": bounded(e.probability)}
-
-
-def _hypothesis(h: HypothesisResult) -> dict:
-    return {**asdict(h), "probability": bounded(h.probability)}
+    return _renamed(e, "class_name", "describe")
 
 
 def _renamed(result: EffectResult | Separation, name: str, *without: str) -> dict:

@@ -13,12 +13,13 @@ from fenics_joints.diagnosis.evidence.equal import Known
 from fenics_joints.diagnosis.evidence.fitted import Fit
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.library import Found, Library
+from fenics_joints.diagnosis.evidence.misattribution import Misattribution, simulate
 from fenics_joints.diagnosis.evidence.screen import near_best
-from fenics_joints.diagnosis.evidence.unlisted import look_alike
 from fenics_joints.diagnosis.model.prepared import Prepared
-from fenics_joints.diagnosis.verdict import MISFIT, NO_GAP, UNKNOWN
+from fenics_joints.diagnosis.thresholds import MISFIT
+from fenics_joints.diagnosis.verdict import NO_GAP, UNKNOWN
 from fenics_joints.diagnosis.zones.sites import ON, without_attached
-from fenics_joints.parallel import spread
+from fenics_joints.parallel import on_root, spread
 from fenics_joints.progress import Progress
 from fenics_joints.reduction.adaptive import improve
 
@@ -26,8 +27,8 @@ __all__ = ["Search"]
 
 #: Prior odds, against none, that some one effect is at work, shared out by the effects' weights,
 #: beside which some come (`Effect.beside`), so that a larger library makes nothing less likely;
-#: two at once have the product of their odds. And those of an unknown cause. [decision: chosen]
-_ANY, _UNKNOWN = 1.5, 0.2
+#: two at once have the product of their odds. [decision: chosen]
+_ANY = 1.5
 #: Leading hypotheses that are checked on the full model, of one effect and in the end; the error
 #: of a reduced frequency, relative to the discrepancy, above which the basis is enriched; and how
 #: often it is looked at. [numerical: chosen for time; error as `NEGLIGIBLE`]
@@ -59,6 +60,11 @@ class Search:
         common = [effect.weight for effect in model.effects if not effect.beside]
         total = sum(common or [effect.weight for effect in model.effects])
         self._odds = {e.key: np.log(_ANY * e.weight / total) for e in model.effects}
+        prior = model.case.diagnose.outside
+        #: ln of the prior odds of a cause outside the library against none.
+        self.log_unknown = float(np.log(_ANY * prior / (1 - prior)))
+        #: How often such a cause is taken for one of the library; None before `run`.
+        self.misattribution: Misattribution | None = None
         self.met = Known(model.baseline, model.evidence.conditions)
         for effect in model.effects:
             self.met.same((effect,))
@@ -82,6 +88,7 @@ class Search:
         found = self._all([(h, None) for h in plain])
         self.library.floor = max(f.fit.log_evidence for f in found)
         found += self._singles([self._hypothesis((e,)) for e in alone], found[0])
+        self.misattribution = self._simulate(alone)
         level = found[2:]
         waiting = [effect for effect in model.effects if effect.holds]
         while waiting:
@@ -107,6 +114,21 @@ class Search:
             found += level
         found = self._checked(found, _LEADING)
         return [f.fit for f in self._sampled(found)]
+
+    def _simulate(self, alone: Sequence[Effect]) -> Misattribution:
+        """How often a cause outside the library is taken for one of it. Collective."""
+        self.progress.step("simulating tests whose cause is not in the library")
+        model, test = self.model, self.model.evidence
+        if model.not_nominal is not None:
+            # What these are taken for changes from effect to effect.
+            test = test.without(np.broadcast_to(model.not_nominal, test.shape))
+
+        def found() -> Misattribution:
+            return simulate(
+                self.library, alone, self._odds, model.case.diagnose.outside, self.log_unknown, test
+            )
+
+        return model.comm.bcast(on_root(model.comm, found))
 
     # -- evidence ------------------------------------------------------------------------------
 
@@ -284,7 +306,7 @@ class Search:
         """ln of each hypothesis' prior odds against none."""
         return np.array(
             [
-                np.log(_UNKNOWN) if h.unknown else sum(self._odds[e.key] for e in h.effects)
+                self.log_unknown if h.unknown else sum(self._odds[e.key] for e in h.effects)
                 for h in hypotheses
             ]
         )
@@ -299,8 +321,8 @@ class Search:
         """Posterior probability of each of the fitted hypotheses.
 
         Those that fail their own check count together for no more than an unknown cause: the best
-        of wrong explanations is none. And what explains the test may be a look-alike
-        (`fenics_joints.diagnosis.evidence.unlisted`).
+        of wrong explanations is none. And what explains the test may be taken for a cause that is
+        outside the library (`fenics_joints.diagnosis.evidence.misattribution`).
         """
         score = self.scores(fits)
         unknown = max((s for s, f in zip(score, fits, strict=True) if f.hypothesis.unknown),
@@ -312,10 +334,13 @@ class Search:
             over = max(float(logsumexp(score[failed])) - unknown, 0.0)
             score = np.where(failed, score - over, score)
         found = np.exp(score - logsumexp(score))
-        if known.all():
+        named = known & np.array([bool(f.hypothesis.effects) for f in fits])
+        if known.all() or not named.any() or self.misattribution is None:
             return found
-        leader = fits[int(np.argmax(np.where(known, score, -np.inf)))]
-        found *= 1 - look_alike(leader.p_value)
+        leader = fits[int(np.argmax(np.where(named, score, -np.inf)))]
+        nothing = next(f for f in fits if f.hypothesis.name == NO_GAP)
+        gap = leader.log_evidence - nothing.log_evidence
+        found[named] *= 1 - self.misattribution.outside(gap, leader.p_value)
         found[~known] += (1 - found.sum()) / np.sum(~known)
         return found
 

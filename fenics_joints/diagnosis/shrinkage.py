@@ -12,7 +12,6 @@ from dataclasses import asdict, dataclass, field
 import numpy as np
 
 from fenics_joints.files import plain
-from fenics_joints.formatting import bounded
 
 __all__ = ["Fold", "Forecast", "Interval", "Shrinkage", "shrink"]
 
@@ -95,8 +94,8 @@ class Fold:
         return self.covered or self.better
 
     def to_json(self) -> dict:
-        """Its attributes, the shares no nearer to 0 or 1 than experience allows."""
-        return {**asdict(self), "weights": {k: bounded(w) for k, w in self.weights.items()}}
+        """Its attributes."""
+        return asdict(self)
 
 
 @dataclass(frozen=True, repr=False)

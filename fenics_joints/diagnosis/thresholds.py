@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-__all__ = ["INTERVAL", "NEGLIGIBLE", "ROUND_OFF", "STEP", "STRONG"]
+__all__ = ["INTERVAL", "MISFIT", "NEGLIGIBLE", "ROUND_OFF", "STEP", "STRONG"]
 
 #: Probability of every interval: a lower end above zero is a difference from zero with 95 %.
 #: [decision: convention]
 INTERVAL = 0.9
+#: p-value below which a hypothesis fits the data so badly that it explains nothing. [decision:
+#: convention]
+MISFIT = 0.01
 #: Odds at which evidence is strong: held-out data then confirm one of several causes, a point mass
 #: is reported, and a member of a class that is so much less probable than the best leaves it.
 #: [decision: convention: strong, Kass and Raftery 1995]

@@ -9,13 +9,13 @@ import numpy as np
 from fenics_joints.diagnosis.evidence.fitted import Fit
 from fenics_joints.diagnosis.result import EffectResult
 from fenics_joints.diagnosis.shrinkage import Shrinkage
-from fenics_joints.diagnosis.thresholds import STRONG
+from fenics_joints.diagnosis.thresholds import MISFIT, STRONG
 from fenics_joints.formatting import p_value, percent
 from fenics_joints.formatting import probability as shown
 from fenics_joints.measurements.gap import Gap
 
 __all__ = [
-    "CAUSE", "LIKELY", "MISFIT", "NAMED", "NO_GAP", "UNKNOWN", "class_probabilities", "confirm",
+    "CAUSE", "LIKELY", "NAMED", "NO_GAP", "UNKNOWN", "class_probabilities", "confirm",
     "confirmed", "decide", "doubtful", "label_of", "least_sure", "sure_classes", "unconfirmed",
     "unproved", "with_strangers",
 ]  # fmt: skip
@@ -31,8 +31,6 @@ _SURE = 0.8
 #: Share of the held-out gap beyond noise that a confirmed cause has to close. [decision: chosen:
 #: half]
 _MOST_OF_IT = 0.5
-#: A best hypothesis that fits the data worse than this is no explanation. [decision: convention]
-MISFIT = 0.01
 
 
 def decide(

@@ -18,7 +18,6 @@ from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.pointwise import PointwiseForward, model_of
 from fenics_joints.diagnosis.evidence.screen import near_best, near_listed
-from fenics_joints.diagnosis.evidence.unlisted import look_alike
 from fenics_joints.diagnosis.search import Search
 from fenics_joints.progress import Progress
 
@@ -84,8 +83,8 @@ def problem(bend, truth, seed=3, most=2, families=None):
     return SimpleNamespace(
         comm=MPI.COMM_SELF, effects=tuple(effects), evidence=evidence, baseline=forward.baseline,
         forward=forward, checked=checked,
-        surrogate=surrogate,
-        case=SimpleNamespace(diagnose=SimpleNamespace(max_effects=most)),
+        surrogate=surrogate, not_nominal=None,
+        case=SimpleNamespace(diagnose=SimpleNamespace(max_effects=most, outside=0.25)),
         hypothesis=lambda chosen, **kwargs: Hypothesis(tuple(chosen), known, **kwargs),
     )  # fmt: skip
 
@@ -163,8 +162,8 @@ def test_leading_ones_are_checked_on_the_full_model():
     assert any(values == pytest.approx(point, abs=0.01) for point in model.checked)
 
 
-def test_what_is_left_for_a_look_alike():
-    """By the misfit of the leader alone, and in the same share from all that is listed."""
+def test_what_is_left_for_a_cause_outside_the_library():
+    """By the leader alone, and in the same share from all that is listed."""
     model = problem(0.0, {4: 1.4, 11: -1.1})
     search, fits, probability = searched(model)
     unknown = next(i for i, f in enumerate(fits) if f.hypothesis.unknown)
@@ -173,7 +172,9 @@ def test_what_is_left_for_a_look_alike():
     score += search.log_prior([f.hypothesis for f in fits])
     leader = fits[max(listed, key=lambda i: score[i])]
     assert probability.sum() == pytest.approx(1.0)
-    assert probability[unknown] == pytest.approx(look_alike(leader.p_value), abs=1e-6)
+    gap = leader.log_evidence - next(f for f in fits if f.hypothesis.name == "no gap").log_evidence
+    left = search.misattribution.outside(gap, leader.p_value)
+    assert 0 < left < 0.25 and probability[unknown] == pytest.approx(left, abs=1e-6)
     fine = [i for i in listed if fits[i].p_value > 0.01]
     weights = np.exp(score[fine] - score[fine].max())
     assert probability[fine] / probability[fine].max() == pytest.approx(weights, abs=1e-9)

@@ -49,7 +49,8 @@ from fenics_joints.commands.diagnose.words import (
 from fenics_joints.diagnosis.evidence.classes import APART
 from fenics_joints.diagnosis.location import Location
 from fenics_joints.diagnosis.result import Diagnosis
-from fenics_joints.diagnosis.verdict import CAUSE, LIKELY, MISFIT, NO_GAP, UNKNOWN, doubtful
+from fenics_joints.diagnosis.thresholds import MISFIT
+from fenics_joints.diagnosis.verdict import CAUSE, LIKELY, NO_GAP, UNKNOWN, doubtful
 from fenics_joints.formatting import error_percent, percent, probability
 
 __all__ = ["Explanation", "explain"]
@@ -95,7 +96,7 @@ class Explanation:
     def sentences(self) -> tuple[tuple[str, str], ...]:
         """The sentences that there are, with their headings, the answer first."""
         found = (
-            ("Cause", self.which), ("How far", self.how_far), ("Not told apart", self.apart),
+            ("Cause", self.which), ("How far", self.how_far), ("Rivals", self.apart),
             ("Where", self.where), ("Compared", self.start),
         )  # fmt: skip
         return tuple((heading, sentence) for heading, sentence in found if sentence)
@@ -229,7 +230,7 @@ def _cause(d: Diagnosis) -> str:
     if not sure:
         return _undecided(d)
     several = f"{_COUNT.get(len(sure), len(sure))} causes: " if len(sure) > 1 else ""
-    words = "; and ".join(f"{_with_size(d, c)}, {probability(c.probability)}" for c in sure)
+    words = "; and ".join(_with_size(d, c) for c in sure)
     weak = doubtful(d.effects, d.shrinkage)
     perhaps = "".join(
         f"; perhaps also {members_in_words(c)}, {probability(c.probability)}, which held-out data "
@@ -239,11 +240,12 @@ def _cause(d: Diagnosis) -> str:
 
 
 def _with_size(d: Diagnosis, group: EffectClass) -> str:
-    """A cause with its size, and where it is unless its name says so."""
+    """A cause with its probability, its size, and where it is unless its name says so."""
     lead, keys = leading(d), {effect_key(e) for e in group.effects}
     own = [] if lead is None else [rows for key, rows in by_effect(lead.parameters) if key in keys]
     found = [attached_words(rows) or _sizes(rows) for rows in own]
-    return ": ".join([members_in_words(group), *(words for words in found if words)])
+    head = f"{members_in_words(group)}, {probability(group.probability)}"
+    return ": ".join([head, *(words for words in found if words)])
 
 
 def _sizes(rows: Sequence[dict]) -> str:

@@ -16,6 +16,7 @@ from fenics_joints.commands.diagnose.reading import (
     is_loud,
     leading,
     named,
+    priors_in_words,
     probability_of,
     sure_causes,
 )
@@ -182,7 +183,7 @@ def _not_told(d: Diagnosis) -> str:
     for group in causes(d):
         if len(group.effects) > 1 and group.probability >= SHARE:
             names = shortened([in_words(e) for e in group.effects], "or")
-            words.append(f"Which it is of {names}.{_split(d, group)}")
+            words.append(f"Which it is of {names}. {priors_in_words(group)}{_split(d, group)}")
     unseen = [e for c in causes(d) for e in c.effects if not e.detectable]
     if unseen:
         names = shortened([in_words(e) for e in unseen])
@@ -201,15 +202,21 @@ def _not_told(d: Diagnosis) -> str:
 
 
 def _something_else(d: Diagnosis) -> str:
-    p = probability_of(d, UNKNOWN)
-    if p < SHARE or d.somewhere is None:
-        return ""
-    point = point_mass_words(d.somewhere)
-    return (
-        f"A cause that is not in the library has {probability(p)}. That it is a change of "
-        f"stiffness or mass somewhere is {share_words(d.somewhere.probability)} of that"
-        f"{f'; {point}' if point else ''}."
-    )
+    p, simulated = probability_of(d, UNKNOWN), d.misattribution
+    words = [f"A cause outside the library has {probability(p)}."]
+    if simulated is not None:
+        words.append(
+            f"Before the test it had {share_words(simulated.prior)}. In {simulated.tests} "
+            "simulated tests of this structure with these sensors the cause was taken out of the "
+            f"library: {share_words(simulated.rate)} of them were taken for other effects of it."
+        )
+    if p >= SHARE and d.somewhere is not None:
+        point = point_mass_words(d.somewhere)
+        words.append(
+            "If there is one, it is a change of stiffness or mass in one place with "
+            f"{probability(d.somewhere.probability)}{f': {point}' if point else ''}."
+        )
+    return " ".join(words)
 
 
 def _split(d: Diagnosis, group: EffectClass) -> str:

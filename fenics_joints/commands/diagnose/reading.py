@@ -25,7 +25,8 @@ from fenics_joints.formatting import probability, spaced
 __all__ = [
     "SHARE", "EffectClass", "along", "best_without", "by_effect", "by_reason", "causes",
     "effect_classes", "effect_key", "heading_of", "in_test", "in_words", "is_loud", "leading",
-    "members_in_words", "mesh_error", "named", "probability_of", "sure_causes", "with_place",
+    "members_in_words", "mesh_error", "named", "priors_in_words", "probability_of", "sure_causes",
+    "with_place",
 ]  # fmt: skip
 
 #: Share of the gap that is worth a word.
@@ -168,19 +169,20 @@ def best_without(d: Diagnosis, sure: Sequence[EffectClass]) -> HypothesisResult 
 
 
 def members_in_words(group: EffectClass) -> str:
-    """A class in words, its members with their share of the prior if there are several: between
-    them the data do not decide, and tenths of a nat are no reason to put one first."""
-    if len(group.effects) == 1:
-        return in_words(group.effects[0])
+    """A class in words, the most probable member first."""
+    items = [in_words(e) for e in group.effects]
+    if len(items) == 1:
+        return items[0]
+    return f"{shortened(items, 'or')}, which this test cannot tell apart"
+
+
+def priors_in_words(group: EffectClass) -> str:
+    """What the members of a class had before the test, of what the class had."""
     total = sum(e.odds for e in group.effects)
-    ends = "which this test cannot tell apart"
-    order = sorted(group.effects, key=lambda e: (-e.odds, -e.probability))
-    items = [in_words(e) for e in order]
-    if len({e.odds for e in order}) == 1:
-        return f"{shortened(items, 'or')}, {ends} (equally likely before the test)"
-    items = [f"{words} ({probability(e.odds / total)} before the test)"
-             for words, e in zip(items, order, strict=True)]  # fmt: skip
-    return f"{shortened(items, 'or')}, {ends}"
+    if total <= 0 or len({e.odds for e in group.effects}) == 1:
+        return "Before the test they were equally likely."
+    items = [f"{in_words(e)} {probability(e.odds / total)}" for e in group.effects]
+    return f"Before the test: {shortened(items)}."
 
 
 def probability_of(d: Diagnosis, label: str) -> float:

@@ -64,7 +64,7 @@ _PARENTS = 6
 _CHUNK = 512
 #: Size of a reduced model from which a smaller basis pays, and number of bases that are kept.
 #: [numerical: chosen for time]
-_LARGE, _BASES = 80, 48
+_LARGE, _BASES = 80, 128
 #: What a basis is made of: modes at so many points of the prior of an effect of one or two
 #: parameters, of more, and of places. [numerical: chosen]
 _SAMPLES, _MORE_SAMPLES, _SAMPLES_OF_PLACES = {1: 6, 2: 8}, 12, 24
@@ -150,6 +150,7 @@ class Library:
         self._smooth: dict[str, bool] = {}
         self._changes: dict[str, set[str]] = {}
         self._states: dict[str, States] = {}
+        self._nothing: tuple[np.ndarray, np.ndarray] | None = None
         #: Points, predictions and derivatives of each hypothesis.
         self._solved: dict[str, tuple[np.ndarray, ...]] = {}
 
@@ -334,7 +335,7 @@ class Library:
         """
         found = Library(forward, self.evidence, self.baseline, self.make, self.lean)
         found._states, found._smooth, found.floor = self._states, self._smooth, self.floor
-        found._changes = self._changes
+        found._changes, found._nothing = self._changes, self._nothing
         return found
 
     def renewed(self, found: Found, test: Evidence) -> Found:
@@ -503,10 +504,18 @@ class Library:
     @property
     def nominal(self) -> np.ndarray:
         """What the nominal model predicts, (N,)."""
-        if "" not in self._states:
+        return self.nothing[0]
+
+    @property
+    def nothing(self) -> tuple[np.ndarray, np.ndarray]:
+        """What the nominal model predicts, (N,), and its derivatives by what is uncertain in any
+        case, (N, p)."""
+        if self._nothing is None:
             h = self.make(())
-            self._states[""] = self.predict(h, np.zeros((1, len(h.priors))))[0][0]
-        return self._states[""]
+            p = len(h.priors)
+            data, slopes = self.predict(h, np.zeros((1, p)), range(p))
+            self._nothing = data[0], slopes[0]
+        return self._nothing
 
     def together(self, h: Hypothesis, parent: Found, test: Evidence) -> Found:
         """What a test says of a hypothesis of several effects.

@@ -5,12 +5,25 @@ from __future__ import annotations
 import numpy as np
 from scipy.linalg import solve_triangular
 
-__all__ = ["evidence_about", "least_square", "log_evidence", "whiten"]
+__all__ = ["evidence_about", "least_square", "log_evidence", "marginal", "whiten"]
 
 
 def whiten(lower: np.ndarray, array: np.ndarray) -> np.ndarray:
     """Rows, (k,) or (k, n), in standard deviations; ``lower`` factors their covariance."""
     return solve_triangular(lower, array, lower=True, check_finite=False)
+
+
+def marginal(residual: np.ndarray, slope: np.ndarray) -> np.ndarray:
+    """ln of the marginal likelihood but for the data's constant, of residuals (k, t), whitened,
+    with parameters z ~ N(0, I) about 0: (t,).
+
+    Args:
+        residual: At z = 0.
+        slope: Derivatives by z, whitened, (k, p).
+    """
+    hessian, pull = slope.T @ slope + np.eye(slope.shape[1]), slope.T @ residual
+    gain = np.sum(pull * np.linalg.solve(hessian, pull), axis=0)
+    return 0.5 * (gain - np.sum(residual**2, axis=0) - np.linalg.slogdet(hessian)[1])
 
 
 def log_evidence(square: float, hessian: np.ndarray, lower: np.ndarray) -> float:

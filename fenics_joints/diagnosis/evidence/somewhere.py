@@ -11,7 +11,7 @@ them all.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 
@@ -21,11 +21,11 @@ from scipy.special import logsumexp
 
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.fitted import Fit
-from fenics_joints.diagnosis.evidence.linear import evidence_about, whiten
+from fenics_joints.diagnosis.evidence.linear import marginal, whiten
 from fenics_joints.diagnosis.evidence.point_mass import PointMassFound
 from fenics_joints.diagnosis.evidence.signatures import LENGTHS
 
-__all__ = ["Somewhere", "with_somewhere"]
+__all__ = ["Somewhere", "unknown_evidence", "with_somewhere"]
 
 #: Standard deviations of ln E and ln rho of a patch, relative to those that signatures are of, each
 #: with its prior probability. [decision: chosen]
@@ -51,55 +51,46 @@ class Somewhere:
 
 
 class _Linear:
-    """A fit's residual with what is linear in its parameters and in the patches' changes.
+    """Residuals with what is linear in a fit's parameters and in the patches' changes.
 
     Args:
-        found: The fit, of no effect.
-        test: The test, with the scales that count.
+        residual: Predictions less data where all parameters but those at a limit are 0, of t tests,
+            (k, t).
+        slope: Derivatives by the parameters that are not at a limit, (k, p).
+        test: Has the metric.
         columns: What the patches' changes do to its entries, from `Signatures.columns`, which no
             scales change.
     """
 
-    def __init__(self, found: Fit, test: Evidence, columns: Sequence[np.ndarray]):
-        lower, used = test.lower(), test.fitted
-        self.lower, self.z, signatures = lower, found.z, test.signatures
-        self.free = ~found.hypothesis.at_limit(found.z)
-        columns = [column[used] for column in columns]
-        self.n_kinds, self.signatures = len(columns), signatures
-        residual = (found.predicted - test.data)[used]
-        white = whiten(lower, np.column_stack([residual, found.jacobian[used], *columns]))
-        self.residual, self.slope = white[:, 0], white[:, 1:]
+    def __init__(
+        self, residual: np.ndarray, slope: np.ndarray, test: Evidence,
+        columns: Sequence[np.ndarray],
+    ):  # fmt: skip
+        lower, t, own = test.lower(), residual.shape[1], slope.shape[1]
+        columns = [column[test.fitted] for column in columns]
+        white = whiten(lower, np.column_stack([residual, slope, *columns]))
+        self.residual, self.slope, self.patches = np.split(white, [t, t + own], axis=1)
+        self.n_kinds, self.signatures = len(columns), test.signatures
+        self.constant = np.sum(np.log(np.diag(lower))) + 0.5 * len(lower) * np.log(2 * np.pi)
 
-    def root(self, kind: tuple[float, float], size: float, length: float) -> np.ndarray:
-        """From standard normal numbers to changes of the patches, (K P, K P)."""
+    def log_evidence(self, kind: tuple[float, float], size: float, length: float) -> np.ndarray:
+        """ln of the evidence of each test, (t,), for a prior of the changes."""
         root = size * self.signatures.root(length)
-        return block_diag(*(on * root for on in (*kind, kind[0])[: self.n_kinds]))
-
-    def log_evidence(self, *prior) -> float:
-        """ln of the evidence; see `root`."""
-        slope, z = self._with(self.root(*prior))
-        free = np.concatenate([self.free, np.ones(len(z) - len(self.free), dtype=bool)])
-        return evidence_about(self.residual, slope, z, self.lower, free)
-
-    def _with(self, root: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        own = len(self.z)
-        slope = np.hstack([self.slope[:, :own], self.slope[:, own:] @ root])
-        return slope, np.concatenate([self.z, np.zeros(root.shape[1])])
+        root = block_diag(*(on * root for on in (*kind, kind[0])[: self.n_kinds]))
+        slope = np.hstack([self.slope, self.patches @ root])
+        return marginal(self.residual, slope) - self.constant
 
 
-def _priors() -> Iterator[tuple[tuple, float]]:
-    for kind, (size, b), length in product(_KINDS, _SIZES, LENGTHS):
-        yield (kind, size, length), float(np.log(b / (len(_KINDS) * len(LENGTHS))))
-
-
-def _scores(found: Fit, test: Evidence) -> list[float]:
-    """ln of the evidence times the prior, for scales of the test and priors of the changes."""
-    tried = [(None, 0.0)] if test.scales is None else test.scales.tried()
+def _placed(residual: np.ndarray, slope: np.ndarray, test: Evidence, tried) -> np.ndarray:
+    """ln of the evidence of each test, (t,), if the unknown cause is somewhere; see `_Linear`, and
+    `Scales.tried` for the scales that are tried."""
     scores, columns = [], test.signatures.columns(test)
     for scales, weight in tried:
-        linear = _Linear(found, test.at(scales), columns)
-        scores += [weight + more + linear.log_evidence(*prior) for prior, more in _priors()]
-    return scores
+        linear = _Linear(residual, slope, test.at(scales), columns)
+        for kind, (size, b), length in product(_KINDS, _SIZES, LENGTHS):
+            more = np.log(b / (len(_KINDS) * len(LENGTHS)))
+            scores.append(weight + more + linear.log_evidence(kind, size, length))
+    return logsumexp(scores, axis=0)
 
 
 def with_somewhere(found: Fit, test: Evidence) -> Fit:
@@ -112,6 +103,33 @@ def with_somewhere(found: Fit, test: Evidence) -> Fit:
     """
     if test.signatures is None:
         return found
-    placed = float(logsumexp(_scores(found, test))) + np.log(_PLACED)
+    used, free = test.fitted, ~found.hypothesis.at_limit(found.z)
+    slope, residual = found.jacobian[used], (found.predicted - test.data)[used]
+    residual = residual - slope[:, free] @ found.z[free]
+    tried = [(None, 0.0)] if test.scales is None else test.scales.tried()
+    placed = float(_placed(residual[:, None], slope[:, free], test, tried)[0]) + np.log(_PLACED)
+    placed -= 0.5 * float(found.z[~free] @ found.z[~free])
     both = float(np.logaddexp(found.log_evidence + np.log(1 - _PLACED), placed))
     return replace(found, log_evidence=both, placed=float(np.exp(placed - both)))
+
+
+def unknown_evidence(
+    predicted: np.ndarray, slope: np.ndarray, data: np.ndarray, test: Evidence
+) -> np.ndarray:
+    """ln of the evidence of an unknown cause for other data of a test's entries, (t,).
+
+    Args:
+        predicted: By the nominal model, (k,).
+        slope: Derivatives by what is uncertain in any case, (k, p).
+        data: The data, (t, k).
+        test: The test, whose scales are taken.
+    """
+    lower = test.lower(unknown=True)
+    white = whiten(lower, np.column_stack([predicted[:, None] - data.T, slope]))
+    residual, wide = white[:, : len(data)], white[:, len(data) :]
+    anything = marginal(residual, wide) - np.sum(np.log(np.diag(lower)))
+    anything -= 0.5 * len(lower) * np.log(2 * np.pi)
+    if test.signatures is None:
+        return anything
+    placed = _placed(predicted[:, None] - data.T, slope, test, [(None, 0.0)])
+    return np.logaddexp(anything + np.log(1 - _PLACED), placed + np.log(_PLACED))

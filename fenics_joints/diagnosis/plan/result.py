@@ -13,7 +13,6 @@ from fenics_joints.diagnosis.evidence.classes import APART, confusion
 from fenics_joints.diagnosis.plan.added import Addition
 from fenics_joints.diagnosis.thresholds import NEGLIGIBLE
 from fenics_joints.files import plain
-from fenics_joints.formatting import bounded
 
 __all__ = ["Plan", "PlannedClass", "PlannedEffect"]
 
@@ -223,7 +222,7 @@ class Plan:
             "distance": {key: dict(zip(others, row, strict=True)) for key, row in rows},
             "confusion": {
                 key: {
-                    other: bounded(confusion(d))
+                    other: confusion(d)
                     for other, d in zip(others, row, strict=True) if other != key
                 }
                 for key, row in rows

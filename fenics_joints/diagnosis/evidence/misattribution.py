@@ -1,0 +1,341 @@
+"""How often a cause outside the library is taken for effects of the library, by simulated tests.
+
+A hole can look like a softer part, a cable like an added mass: then an effect of the library fits,
+and no evidence tells. How often that happens depends on the structure, the sensors, the noise and
+what the model errs by. So tests of the same layout are simulated, each with one effect of the
+library for its cause, parameters by their priors, errors as stated. That effect is then taken out
+of the library, and with it all others that act on the same part, joint or attachment. Counted is
+how often one that acts elsewhere, or two of them, is named in its place. Small gaps are explained
+by many effects and large ones by few, so that it is counted by the size of the gap (a logistic
+function of its logarithm).
+
+Those named in its place fit worse than right causes do, whose p-values are even. The density of
+theirs is taken to be a p^(a-1), with a from the simulated tests (Sellke, Bayarri and Berger, The
+American Statistician 55, 2001).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from scipy.special import expit, logit, logsumexp
+from scipy.stats import chi2
+from sklearn.linear_model import LogisticRegression
+
+from fenics_joints.diagnosis.effects.effect import Effect
+from fenics_joints.diagnosis.evidence.evidence import Evidence
+from fenics_joints.diagnosis.evidence.library import Library
+from fenics_joints.diagnosis.evidence.linear import marginal, whiten
+from fenics_joints.diagnosis.evidence.somewhere import unknown_evidence
+from fenics_joints.diagnosis.thresholds import MISFIT
+
+__all__ = ["Misattribution", "simulate"]
+
+#: Simulated tests; effects of each that are solved for, and Gauss-Newton steps of these; tests in
+#: which pairs are tried, of those that no effect explains alone. [numerical: the rate to 0.05]
+_TESTS, _RIVALS, _STEPS, _PAIRS = 100, 3, 2, 30
+#: The least exponent, for p-values of a few tests may all be small; the least gap, in nats.
+#: [numerical: chosen]
+_LEAST, _LEAST_GAP = 0.1, 1.0
+
+
+@dataclass(frozen=True)
+class Misattribution:
+    """What simulated tests say of causes outside the library.
+
+    Attributes:
+        rate: Share of the simulated tests whose cause, taken out of the library, is taken for
+            other effects.
+        intercept: Of the log odds of that, at a gap of 1 nat.
+        slope: Of these by ln of the gap, in nats of ln evidence.
+        largest: ln of the largest gap of a simulated test.
+        exponent: That of the density of p-values of what is named, 0 to 1.
+        tests: Number of simulated tests that were looked at.
+        prior: Probability of a cause outside the library, before the test.
+    """
+
+    rate: float
+    intercept: float
+    slope: float
+    largest: float
+    exponent: float
+    tests: int
+    prior: float
+
+    @classmethod
+    def of(
+        cls, gap: np.ndarray, p_value: np.ndarray, weight: np.ndarray, prior: float
+    ) -> Misattribution:
+        """From simulated tests whose cause was taken out of the library.
+
+        Args:
+            gap: ln of the evidence of their causes over that of the nominal model, (n,).
+            p_value: Of the effects that are named, (n,); 0 where none is.
+            weight: How many tests each stands for, (n,).
+            prior: Probability of a cause outside the library, before the test.
+        """
+        named, x = p_value > 0, np.log(np.maximum(gap, _LEAST_GAP))
+        rate = (weight[named].sum() + 0.5) / (weight.sum() + 1)
+        intercept, slope = float(logit(rate)), 0.0
+        if 0 < named.sum() < len(named):
+            by_gap = LogisticRegression().fit(x[:, None], named, sample_weight=weight)
+            intercept, slope = float(by_gap.intercept_[0]), float(by_gap.coef_[0, 0])
+        exponent = (named.sum() + 1) / (1 - np.log(p_value[named]).sum())
+        return cls(
+            float(rate), intercept, slope, float(x.max(initial=0.0)),
+            float(np.clip(exponent, _LEAST, 1.0)), len(x), prior,
+        )  # fmt: skip
+
+    def rate_at(self, gap: float) -> float:
+        """Probability that a cause outside the library is taken for effects of it.
+
+        Args:
+            gap: ln of the evidence of these over that of the nominal model.
+        """
+        x = min(np.log(max(gap, _LEAST_GAP)), self.largest)
+        return float(expit(self.intercept + self.slope * x))
+
+    def outside(self, gap: float, p_value: float) -> float:
+        """Probability that the cause is outside the library although effects of it are named.
+
+        Args:
+            gap: See `rate_at`.
+            p_value: Of what is named, see `Fit.p_value`.
+        """
+        p = min(max(p_value, 1e-300), 1.0)
+        density = np.log(self.exponent) + (self.exponent - 1) * np.log(p)
+        return float(expit(logit(self.prior) + np.log(self.rate_at(gap)) + density))
+
+
+class _Common(NamedTuple):
+    """What cells of an effect are put beside: a prediction that is linear in parameters.
+
+    Attributes:
+        residual: Prediction less data of t tests, whitened, (k, t).
+        slope: Derivatives by the parameters, whitened and by their prior widths, (k, p).
+    """
+
+    residual: np.ndarray
+    slope: np.ndarray
+
+
+class _Point(NamedTuple):
+    """The most probable point of an effect's cell.
+
+    Attributes:
+        log_evidence: ln of the cell's evidence times `prior`, but for the data's constant.
+        square: Squared whitened residual and distance from the prior.
+        prior: ln of the cell's share of the prior times the effect's odds.
+        effect: Which of the effects.
+        common: The effect there, for others to be put beside.
+    """
+
+    log_evidence: float = -np.inf
+    square: float = np.inf
+    prior: float = -np.inf
+    effect: int = -1
+    common: _Common | None = None
+
+
+class _Cells:
+    """Cells of an effect's prior, whitened, with all parameters but its own linear.
+
+    Attributes:
+        effect: The effect.
+        others: Derivatives by all parameters but its own, whitened, (k, p).
+        away: Predictions at the means of the cells less the nominal model's, whitened, (n, k).
+        own: Derivatives by its own parameters in standard deviations of the cells, (n, k, d).
+        log_share: ln of the shares of the cells; -inf where the model lacks modes, (n,).
+    """
+
+    def __init__(self, effect: Effect, library: Library, test: Evidence):
+        states, used, lower = library.states(effect), test.fitted, test.lower()
+        self.hypothesis = library.make((effect,))
+        free = np.ones(len(self.hypothesis.priors), dtype=bool)
+        free[self.hypothesis.own] = False
+        self.mean = states.mean
+        self.width = np.broadcast_to(states.width, states.mean.shape)
+        own = states.slopes[:, used] * self.width[:, None]
+        n, k, d = own.shape
+        away = states.data[:, used] - library.nominal[used]
+        others = states.others[used][:, free]
+        there = np.isfinite(away).all(1) & np.isfinite(own).all((1, 2))
+        flat = np.column_stack([others, away.T, own.transpose(1, 0, 2).reshape(k, n * d)])
+        white = whiten(lower, np.nan_to_num(flat))
+        self.others, away, own = np.split(white, [others.shape[1], others.shape[1] + n], axis=1)
+        self.effect, self.away = effect, away.T
+        self.own = own.reshape(k, n, d).transpose(1, 0, 2)
+        self.log_share = np.where(there, states.log_share, -np.inf)
+
+    def beside(self, common: _Common) -> tuple[np.ndarray, np.ndarray]:
+        """ln of the evidence of each cell beside something, but for the data's constant, and its
+        least |r|^2 + |u|^2, for each test: (n, t) each."""
+        hessian = common.slope.T @ common.slope + np.eye(common.slope.shape[1])
+        down = whiten(np.linalg.cholesky(hessian), common.slope.T)
+        low, low_away, low_own = down @ common.residual, self.away @ down.T, down @ self.own
+        pull = self.own.transpose(0, 2, 1) @ (common.residual + self.away[:, :, None])
+        pull -= low_own.transpose(0, 2, 1) @ (low + low_away[:, :, None])
+        inner = self.own.transpose(0, 2, 1) @ self.own - low_own.transpose(0, 2, 1) @ low_own
+        inner += np.eye(self.own.shape[2])
+        square = np.sum(common.residual**2, axis=0) - np.sum(low**2, axis=0)
+        square = square + 2 * (self.away @ common.residual - low_away @ low)
+        square += (np.sum(self.away**2, axis=1) - np.sum(low_away**2, axis=1))[:, None]
+        square -= np.sum(pull * np.linalg.solve(inner, pull), axis=1)
+        constant = self.log_share - 0.5 * np.linalg.slogdet(inner)[1]
+        constant -= 0.5 * np.linalg.slogdet(hessian)[1]
+        return constant[:, None] - 0.5 * square, square
+
+    def settled(
+        self, library: Library, test: Evidence, cell: np.ndarray, residual: np.ndarray,
+        data: np.ndarray, effect: int, log_odds: float,
+    ) -> list[_Point]:
+        """Most probable points of some cells, each for a test of its own, by Gauss-Newton steps.
+
+        Args:
+            library: Predicts.
+            test: Has the metric.
+            cell: Which cells, (n,).
+            residual: Of the nominal model, whitened, (k, n).
+            data: The tests' data, (n, k).
+            effect: Which of the effects it is.
+            log_odds: ln of its prior odds.
+        """
+        prior = self.log_share[cell] + log_odds
+        h, lower, used = self.hypothesis, test.lower(), test.fitted
+        n, k, p = len(cell), len(lower), len(h.priors)
+        mean, width = np.zeros((n, p)), np.ones((n, p))
+        mean[:, h.own], width[:, h.own] = self.mean[cell], self.width[cell]
+        free = np.ones(p, dtype=bool)
+        free[h.own] = False
+        r, slope = residual.T + self.away[cell], np.zeros((n, k, p))
+        slope[:, :, free], slope[:, :, h.own] = self.others, self.own[cell]
+        u, best = np.zeros((n, p)), [_Point()] * n
+        for _ in range(_STEPS):
+            turned = slope.transpose(0, 2, 1)
+            pull = (turned @ r[:, :, None])[:, :, 0] + u
+            step = np.linalg.solve(turned @ slope + np.eye(p), pull[:, :, None])[:, :, 0]
+            z = (mean + width * (u - step)).clip(*h.limits.T)
+            u = (z - mean) / np.where(width > 0, width, 1.0)
+            found, slopes = library.predict(h, z, range(p))
+            r = whiten(lower, (found[:, used] - data).T).T
+            flat = slopes[:, used].transpose(1, 0, 2).reshape(k, n * p)
+            slope = whiten(lower, flat).reshape(k, n, p).transpose(1, 0, 2) * width[:, None]
+            for i in np.flatnonzero(np.isfinite(r).all(1) & np.isfinite(slope).all((1, 2))):
+                log_det = np.linalg.slogdet(slope[i].T @ slope[i] + np.eye(p))[1]
+                value = prior[i] - 0.5 * (r[i] @ r[i] + u[i] @ u[i] + log_det)
+                if value > best[i].log_evidence:
+                    common = _Common((r[i] - slope[i] @ u[i])[:, None], slope[i])
+                    square = float(r[i] @ r[i] + z[i] @ z[i])
+                    best[i] = _Point(value, square, prior[i], effect, common)
+            r, slope = np.nan_to_num(r), np.nan_to_num(slope)
+        return best
+
+
+def simulate(
+    library: Library, effects: Sequence[Effect], log_odds: Mapping[str, float], prior: float,
+    log_unknown: float, test: Evidence,
+) -> Misattribution:
+    """How often a cause outside the library is taken for effects of the library.
+
+    Args:
+        library: Has the states of the effects.
+        effects: All that are weighed.
+        log_odds: ln of their prior odds against none, by key.
+        prior: Probability of a cause outside the library, before the test.
+        log_unknown: ln of the prior odds of an unknown cause against none.
+        test: The test.
+    """
+    last = float(test.conditions[-1])
+    changed = {
+        e.key: {name.partition(".")[0] for name in e.touches(library.baseline, 1.0, last)}
+        for e in effects
+    }
+    acting = [e for e in effects if changed[e.key]]
+    data, cause = _tests(acting, log_odds, library, test)
+    lower, used, count = test.lower(), test.fitted, len(data)
+    nominal, slope = library.nothing
+    white = whiten(lower, np.column_stack([nominal[used, None] - data.T, slope[used]]))
+    residual, k = white[:, :count], len(lower)
+    unknown = log_unknown + unknown_evidence(nominal[used], slope[used], data, test)
+    unknown += np.sum(np.log(np.diag(lower))) + 0.5 * k * np.log(2 * np.pi)
+    rival = np.maximum(marginal(residual, white[:, count:]), unknown)
+
+    cells = [_Cells(e, library, test) for e in effects]
+    odds = np.array([log_odds[e.key] for e in effects])
+    score, leading = np.full((len(effects), count), -np.inf), np.zeros((len(effects), count), int)
+    for i, each in enumerate(cells):
+        value = each.beside(_Common(residual, each.others))[0]
+        score[i], leading[i] = odds[i] + logsumexp(value, axis=0), np.argmax(value, axis=0)
+    gap = logsumexp(score, axis=0) - marginal(residual, white[:, count:])
+    visible = gap > 0
+    others = np.array([
+        [e.name != c.name and not changed[e.key] & changed[c.key] for c in cause] for e in effects
+    ]).reshape(score.shape)  # fmt: skip
+    others &= visible
+    near = np.argsort(np.where(others, -score, np.inf), axis=0, kind="stable")[:_RIVALS]
+    points: list[list[_Point]] = [[] for _ in range(count)]
+    for i in np.unique(near):
+        tests = np.flatnonzero(np.any(near == i, axis=0) & others[i])
+        if len(tests):
+            found = cells[i].settled(
+                library, test, leading[i, tests], residual[:, tests], data[tests], i, odds[i]
+            )
+            for t, point in zip(tests, found, strict=True):
+                points[t].append(point)
+
+    def misfit_if_named(log_evidence, square, t) -> float:
+        """p-value of an explanation, if it is more probable than the nominal model and than an
+        unknown cause and leaves no more than errors do; else 0."""
+        p = float(chi2.sf(square, k))
+        return p if p >= MISFIT and log_evidence > rival[t] else 0.0
+
+    def by_two(t) -> float:
+        """The same of the best two effects."""
+        found = (-np.inf, np.inf)
+        for first in points[t]:
+            for j in np.flatnonzero(others[:, t]) if first.common is not None else ():
+                if not _exclude(effects[first.effect], effects[j]):
+                    value, square = cells[j].beside(first.common)
+                    i = int(np.argmax(value))
+                    found = max(found, (first.prior + odds[j] + value[i, 0], square[i, 0]))
+        return misfit_if_named(*found, t)
+
+    p = np.full(count, np.nan)
+    for t in np.flatnonzero(visible):
+        best = max(points[t], default=_Point(), key=lambda point: point.log_evidence)
+        p[t] = misfit_if_named(best.log_evidence, best.square, t)
+    left = np.flatnonzero(p == 0)
+    looked = np.random.default_rng(0).permutation(left)[:_PAIRS]
+    p[np.setdiff1d(left, looked)] = np.nan
+    weight = np.ones(count)
+    for t in looked:
+        p[t], weight[t] = by_two(t), len(left) / len(looked)
+    known = np.isfinite(p)
+    return Misattribution.of(gap[known], p[known], weight[known], prior)
+
+
+def _exclude(a: Effect, b: Effect) -> bool:
+    """Whether two effects never act together."""
+    return a.key == b.key or bool(a.family and a.family == b.family)
+
+
+def _tests(
+    acting: Sequence[Effect], log_odds: Mapping[str, float], library: Library, test: Evidence
+) -> tuple[np.ndarray, list[Effect]]:
+    """Simulated data of the entries that are fitted, (t, k), and the cause of each."""
+    rng, used, lower = np.random.default_rng(0), test.fitted, test.lower()
+    share = np.exp([log_odds[e.key] for e in acting])
+    counts = rng.multinomial(_TESTS, share / share.sum()) if acting else []
+    data, cause = [np.zeros((0, len(lower)))], []
+    for effect, n in zip(acting, counts, strict=True):
+        if n:
+            h = library.make((effect,))
+            z = rng.standard_normal((n, len(h.priors))).clip(*h.limits.T)
+            found = library.predict(h, z)[0][:, used]
+            data.append(found[np.isfinite(found).all(1)])
+            cause += [effect] * len(data[-1])
+    found = np.concatenate(data)
+    return found + (lower @ rng.standard_normal(found.T.shape)).T, cause

@@ -1,0 +1,68 @@
+"""How often a cause outside the library is taken for one of it: on models where that is known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+pytest.importorskip("dolfinx")
+
+from fenics_joints.diagnosis.evidence.evidence import Evidence
+from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
+from fenics_joints.diagnosis.evidence.library import Library
+from fenics_joints.diagnosis.evidence.misattribution import Misattribution, simulate
+from tests.helpers.linear_forward import Linear, shift
+
+SD, MODES = 0.002, 8
+
+
+def rate(matrix) -> float:
+    forward = Linear(matrix)
+    log_f = np.full((1, MODES), 5.0)
+    evidence = Evidence(np.array([10.0]), log_f, np.full(log_f.shape, SD), SD)
+    library = Library(forward, evidence, forward.baseline, lambda chosen: Hypothesis(tuple(chosen)))
+    effects = [shift(i) for i in range(matrix.shape[1])]
+    odds = dict.fromkeys([e.key for e in effects], np.log(0.5))
+    return simulate(library, effects, odds, 0.25, np.log(0.5), evidence).rate
+
+
+def test_of_three_effects_two_that_do_the_same_are_taken_for_each_other():
+    apart = 0.05 * np.eye(MODES)[:, :3]
+    assert rate(apart) < 0.1
+    twins = apart.copy()
+    twins[:, 1] = twins[:, 0]
+    # The third has no twin; a third of the causes each, so that of 100 it is 23 to 43.
+    assert rate(twins) == pytest.approx(2 / 3, abs=0.12)
+    # Each of three in a plane is what the two others make together.
+    plane = apart.copy()
+    plane[:, 2] = 0.5 * (apart[:, 0] + apart[:, 1])
+    assert rate(plane) > 0.6
+
+
+def test_what_simulated_tests_say_is_found_again():
+    """A rate that falls with the gap, and p-values of a known density."""
+    rng = np.random.default_rng(4)
+    gap = np.exp(rng.uniform(0, 8, 4000))
+    named = rng.uniform(size=4000) < 1 / (1 + np.exp(-1.0 + 0.5 * np.log(gap)))
+    p = np.where(named, rng.uniform(size=4000) ** (1 / 0.6), 0.0)
+    found = Misattribution.of(gap, p, np.ones(4000), 0.25)
+    assert found.rate == pytest.approx(named.mean(), abs=0.002)
+    assert found.rate_at(1.0) == pytest.approx(1 / (1 + np.exp(-1.0)), abs=0.04)
+    assert found.rate_at(np.exp(6.0)) == pytest.approx(1 / (1 + np.exp(2.0)), abs=0.03)
+    # Beyond what was simulated nothing is extrapolated.
+    assert found.rate_at(1e9) == found.rate_at(gap.max())
+    assert found.exponent == pytest.approx(0.6, abs=0.03)
+
+
+def test_the_rate_and_the_misfit_count_by_bayes_rule():
+    known = Misattribution(0.2, float(np.log(0.2 / 0.8)), 0.0, 9.0, 1.0, 50, 0.25)
+    assert known.outside(10.0, 0.7) == pytest.approx(0.25 * 0.2 / (0.25 * 0.2 + 0.75))
+    worse = Misattribution(0.2, float(np.log(0.2 / 0.8)), 0.0, 9.0, 0.5, 50, 0.25)
+    density = 0.5 * 0.04**-0.5
+    assert worse.outside(10.0, 0.04) == pytest.approx(0.05 * density / (0.05 * density + 0.75))
+    assert worse.outside(10.0, 0.0) > 0.99
+
+
+def test_without_any_test_to_be_seen_half_are_taken_for_others():
+    nothing = Misattribution.of(np.zeros(0), np.zeros(0), np.zeros(0), 0.25)
+    assert nothing.rate_at(5.0) == 0.5 and nothing.exponent == 1.0
