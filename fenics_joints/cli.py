@@ -183,9 +183,10 @@ def diagnose(
 ) -> None:
     """Where the model is wrong, which effect causes it, and how far the gap shrinks.
 
-    JSON: in_words (which, how_far, apart, where), gap (before, after, heldout_before, heldout_after,
-    placebo_after; relative RMS), where (region, share), effects (name, region, probability,
-    class), verdict, location, shrinkage, frequencies_hz before and after.
+    JSON: in_words (which, how_far, apart, where), gap (before, after, heldout_before,
+    heldout_after, placebo_after; relative RMS), where (region, share), effects (name, region,
+    probability, class), classes, outside, verdict, location, shrinkage, frequencies_hz before and
+    after; its schema is docs/diagnosis.schema.json.
 
     With --plan instead: apart (number of causes and groups of them told apart), effects (key,
     class, seen, size, distance from no gap and its range over the sizes), distance and confusion

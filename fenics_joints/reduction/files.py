@@ -33,7 +33,7 @@ __all__ = [
 
 #: Name of the format of linear models.
 ARRAYS = "fenics_joints reduced model"
-_VERSION = 2
+_VERSION = 3
 _LAWS = LINEAR_LAWS | {law.name: law for law in CHANGES}
 _CLASSES = {
     c.__name__: c
@@ -144,7 +144,10 @@ def _encode(parent, name: str, value) -> None:
     if isinstance(value, np.generic):
         value = value.item()
     if isinstance(value, np.ndarray):
-        parent.create_dataset(name, data=value)
+        whole = not _is_symmetric(value)
+        item = parent.create_dataset(name, data=value if whole else _upper(value))
+        if not whole:
+            item.attrs["symmetric"] = value.shape[-1]
     elif value is None or isinstance(value, bool | int | float | str):
         parent.attrs[name] = json.dumps(value)
     elif isinstance(value, Law):
@@ -156,6 +159,28 @@ def _encode(parent, name: str, value) -> None:
     else:
         kind, content = _content(value)
         _encode_group(parent, name, kind, list(content), content.values())
+
+
+def _is_symmetric(value: np.ndarray) -> bool:
+    """Whether an array is of symmetric matrices, to the last bit."""
+    if value.ndim < 2 or value.shape[-1] != value.shape[-2] or value.shape[-1] < 2:
+        return False
+    return np.array_equal(value, value.swapaxes(-1, -2))
+
+
+def _upper(value: np.ndarray) -> np.ndarray:
+    """The upper halves of symmetric matrices, (..., n (n + 1) / 2)."""
+    return value[(..., *np.triu_indices(value.shape[-1]))]
+
+
+def _whole(upper: np.ndarray, n: int) -> np.ndarray:
+    """Symmetric matrices from their upper halves."""
+    if upper.ndim < 1 or upper.shape[-1] != n * (n + 1) // 2:
+        raise ValueError(f"{upper.shape}: no upper halves of {n} by {n} matrices")
+    rows, columns = np.triu_indices(n)
+    found = np.empty((*upper.shape[:-1], n, n), upper.dtype)
+    found[..., rows, columns] = found[..., columns, rows] = upper
+    return found
 
 
 def _encode_group(parent, name: str, kind: str, keys, values) -> None:
@@ -198,7 +223,8 @@ def _decode(parent, name: str, read: set):
         return _linear_law(value["linear law"]) if isinstance(value, dict) else value
     item = _own(parent, name, read)
     if "kind" not in item.attrs:
-        return item[()]
+        n = item.attrs.get("symmetric")
+        return item[()] if n is None else _whole(item[()], int(n))
     kind, keys = item.attrs["kind"], json.loads(item.attrs["keys"])
     if kind == "sequence":
         return tuple(_decode(item, str(i), read) for i in range(keys))

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import io
+import json
 import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -25,10 +27,12 @@ from fenics_joints.diagnosis.evidence.point_mass import PointMassFound
 from fenics_joints.diagnosis.evidence.somewhere import Somewhere
 from fenics_joints.diagnosis.location import Location
 from fenics_joints.diagnosis.result import Separation
+from fenics_joints.diagnosis.schema import DiagnosisJson, json_schema
 from fenics_joints.diagnosis.shrinkage import Fold, Shrinkage
 from fenics_joints.diagnosis.verdict import confirm
 from fenics_joints.diagnosis.where.patches import PatchMap
 from fenics_joints.diagnosis.where.score_tests import Attribution, ScoreTest, ZoneShare
+from fenics_joints.files import json_text
 from fenics_joints.measurements import Gap
 
 TORQUES, MODES = np.array([5.0, 20.0]), ("bending 1", "bending 2", "bending 3")
@@ -538,3 +542,15 @@ def test_a_rival_of_more_evidence_is_not_said_to_be_negatively_lower():
     ahead = [replace(h[0], probability=0.9), replace(h[2], log_evidence=43.0)]
     why = point(diagnosis(hypotheses=ahead), "Why this and not another?")
     assert why.endswith("its ln evidence is 1.0 higher, but it was less likely before the test.")
+
+
+def test_the_json_keeps_to_its_schema():
+    """Which is the one in docs; keys that nobody documented may come and go."""
+    text = json_text({**diagnosis().to_json(), "in_words": explain(diagnosis()).to_json()})
+    found = DiagnosisJson.model_validate_json(text)
+    assert found.classes[0].probability == pytest.approx(0.96)
+    assert len(found.classes[0].effects) == 2 and found.effects[0].class_ == found.classes[0].name
+    with pytest.raises(ValueError, match="verdict"):
+        DiagnosisJson.model_validate_json(text.replace('"verdict": "cause"', '"verdict": "sure"'))
+    path = Path(__file__).parents[2] / "docs" / "diagnosis.schema.json"
+    assert json.loads(path.read_text(encoding="utf-8")) == json_schema()
