@@ -175,7 +175,7 @@ def _upper(value: np.ndarray) -> np.ndarray:
 
 def _whole(upper: np.ndarray, n: int) -> np.ndarray:
     """Symmetric matrices from their upper halves."""
-    if upper.ndim < 1 or upper.shape[-1] != n * (n + 1) // 2:
+    if upper.ndim < 1 or n < 1 or upper.shape[-1] != n * (n + 1) // 2:
         raise ValueError(f"{upper.shape}: no upper halves of {n} by {n} matrices")
     rows, columns = np.triu_indices(n)
     found = np.empty((*upper.shape[:-1], n, n), upper.dtype)
