@@ -20,6 +20,11 @@ ALSO: dict[str, tuple[str, ...]] = {
     "graded": ("joint compliance graded from zone to zone",),
     # Where it hangs says what it is.
     "harness": ("added mass",),
+    # Causes that had no name before the library looked for local changes anywhere.
+    "hard_spot": ("local gain of stiffness",),
+    "holes": ("local loss of stiffness",),
+    # A soft layer in a joint is a compliant joint.
+    "gasket": ("joint*compliance*",),
     # Two names for what happens at a bolt that does not press.
     "loose_bolt": ("compliance at one bolt", "compliance at one joint"),
     # In the library's words: as one under the bolts and barely touching elsewhere; or touching near

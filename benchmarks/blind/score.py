@@ -68,7 +68,9 @@ class Record:
         if self.kind == "none":
             return [{NONE}]
         if self.kind == "unknown":
-            return [{UNKNOWN}]
+            # Some the library has in other words; where they are it says as well as it can.
+            named = [self.forecast.accepted(e, level, region=False) for e in self.effects]
+            return [{UNKNOWN}.union(*named)]
         return [self.forecast.accepted(e, level, region=region) for e in self.effects]
 
     def counted(self, level: str, *, region: bool = True) -> list[set[str]]:
@@ -323,7 +325,8 @@ def _false_alarms(records: Sequence[Record]) -> dict:
 
 
 def _unknowns(records: Sequence[Record]) -> dict:
-    """Causes outside the library caught: by the verdict, and at 5 % false of its probability."""
+    """Causes outside the library caught: by the verdict, and at 5 % false of its probability; and
+    those that the library has in other words and that are named so."""
     inside = [r for r in records if r.kind in ("none", "single")]
     outside = [r for r in records if r.kind == "unknown"]
     by_verdict = {
@@ -335,6 +338,9 @@ def _unknowns(records: Sequence[Record]) -> dict:
     return {
         "n": len(outside),
         "by_verdict": by_verdict,
+        "in_other_words": Rate.of(
+            r.forecast.verdict in NAMED and r.rank("class") == 1 for r in outside
+        ).to_json(),
         "threshold": threshold,
         "caught": Rate.of(chance[r.name] > threshold for r in outside).to_json(),
         "false": Rate.of(chance[r.name] > threshold for r in inside).to_json(),

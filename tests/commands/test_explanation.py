@@ -201,9 +201,10 @@ def test_where_is_one_place_with_its_change_and_what_may_as_well_be_it():
     d = undecided(location=replace(found, patches=patches))
     assert '"plates", -27 % of stiffness near (50, 20, 0) mm; a change there' in explain(d).where
     assert "not how much" in point(d, "In which part?")
-    heavier = replace(patches.tests[0], change=(0.1, 6.0))
-    d = undecided(location=replace(found, patches=replace(patches, tests=(heavier,))))
-    assert "+82 % of mass near" in explain(d).where
+    for change, said in ((6.0, "+82 % of mass near"), (60.0, "much more mass near")):
+        heavier = replace(patches.tests[0], change=(0.1, change))
+        d = undecided(location=replace(found, patches=replace(patches, tests=(heavier,))))
+        assert said in explain(d).where
     silent = (zone("plates", 0.4, 0.3, 0.5), zone("the_lap", 0.5, 0.06, 0.5))
     nothing = location(regions=silent, zones=(), patches=None)
     for found in (nothing, None):
@@ -300,6 +301,7 @@ def test_an_unknown_cause_may_have_a_place_or_be_a_point_mass():
     said = point(d, "What if it is something else?")
     assert "stiffness or mass in one place with 97 %: as one point mass 58 g" in said
     assert d.to_json()["somewhere"]["point"]["kg"] == 0.058
+    assert "; as one point mass 58 g" in explain(d).where
 
 
 def test_a_class_of_many_is_a_doubt():

@@ -482,5 +482,8 @@ def test_names_of_the_world_are_matched():
     assert matching.same_region(region, "left and lid") and "joint 3" in region
     assert not matching.same_region(region, "base and left")
     assert matching.same_cause("modulus", "modulus error")
+    assert matching.same_cause("gasket", "joint compliance that falls with the pressure")
+    assert matching.same_cause("hard_spot", "local gain of stiffness")
+    assert not matching.same_cause("lining", "added mass")
     assert not matching.same_cause("modulus", "modulus error of all parts")
     assert matching.cause_of("clamp compliance") == "clamp"

@@ -39,6 +39,7 @@ from fenics_joints.commands.diagnose.words import (
     joined,
     p_value_words,
     place_words,
+    point_mass_words,
     sentence,
     share_words,
     shortened,
@@ -148,7 +149,8 @@ def _where(d: Diagnosis) -> str:
         )
     if sure_causes(d):
         return sentence(inside) if (inside := in_test(d)) else ""
-    return sentence(_most_probable(found))
+    point = "" if d.somewhere is None else point_mass_words(d.somewhere)
+    return sentence(_most_probable(found) + (f"; {point}" if point else ""))
 
 
 def _most_probable(found: Location | None) -> str:

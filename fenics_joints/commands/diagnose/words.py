@@ -78,7 +78,14 @@ def change_words(test: ScoreTest) -> list[str]:
     rows = zip(("stiffness", "mass"), test.change, test.change_sd, ("E", "rho"), strict=False)
     changes = [(abs(mean) / sd, name, EXPECTED[key] * mean) for name, mean, sd, key in rows]
     sure = [row for row in changes if row[0] > _SURELY] or [max(changes)]
-    return [f"{percent(np.expm1(mean), 0, sign=True)} of {name}" for _, name, mean in sure]
+    return [_amount(name, mean) for _, name, mean in sure]
+
+
+def _amount(name: str, change: float) -> str:
+    """A change of a logarithm; beyond a factor of two first order says no number."""
+    if abs(change) > np.log(2.0):
+        return f"much {'more' if change > 0 else 'less'} {name}"
+    return f"{percent(np.expm1(change), 0, sign=True)} of {name}"
 
 
 def point_mass_words(found: Somewhere) -> str:
