@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
 __all__ = ["DiagnosisJson", "json_schema"]
-
-Share = Annotated[float, Field(ge=0, le=1)]
 
 
 class _Keys(BaseModel):
@@ -29,7 +27,9 @@ class _Gap(_Keys):
 class _Effect(_Keys):
     name: str = Field(description="What it is; 'no gap' and 'none of these' among them.")
     region: str = Field(description="Where it acts; empty if the name says so.")
-    probability: Share = Field(description="That it is at work, over all hypotheses with it.")
+    probability: float = Field(
+        ge=0, le=1, description="That it is at work, over all hypotheses with it."
+    )
     class_: str = Field(alias="class", description="Name of its class.")
     detectable: bool = Field(description="Whether the test sees it at its expected size.")
 
@@ -39,7 +39,7 @@ class _Class(_Keys):
 
     name: str
     effects: list[str] = Field(description="Keys of its members, 'name (region)'.")
-    probability: Share = Field(description="That one of them at least is at work.")
+    probability: float = Field(ge=0, le=1, description="That one of them at least is at work.")
 
 
 class _Hypothesis(_Keys):
@@ -47,9 +47,9 @@ class _Hypothesis(_Keys):
 
     label: str
     effects: list[str]
-    probability: Share
+    probability: float = Field(ge=0, le=1)
     log_evidence: float
-    p_value: Share
+    p_value: float = Field(ge=0, le=1)
     parameters: list[dict[str, Any]] = Field(
         description="Rows with effect, name, value, low, high (68 %), unit, identified, nuisance."
     )
@@ -58,8 +58,10 @@ class _Hypothesis(_Keys):
 class _Outside(_Keys):
     """Causes outside the library, in simulated tests of the same structure and sensors."""
 
-    prior: Share = Field(description="Their probability before the test.")
-    rate: Share = Field(description="How often they are taken for effects of the library.")
+    prior: float = Field(ge=0, le=1, description="Their probability before the test.")
+    rate: float = Field(
+        ge=0, le=1, description="How often they are taken for effects of the library."
+    )
     tests: int
 
 

@@ -93,6 +93,11 @@ class Fold:
         """Whether it ended as well as stated, or better."""
         return self.covered or self.better
 
+    @property
+    def won(self) -> bool:
+        """Whether the cause predicted it better than the nominal model and the best wrong one."""
+        return bool(self.after < np.fmin(self.before, self.placebo))
+
     def to_json(self) -> dict:
         """Its attributes."""
         return asdict(self)

@@ -2,18 +2,28 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 pytest.importorskip("dolfinx")
 
+from fenics_joints.diagnosis.diagnose import _unconfirmed
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.library import Library
 from fenics_joints.diagnosis.evidence.misattribution import Misattribution, simulate
+from fenics_joints.diagnosis.shrinkage import Fold, Shrinkage
 from tests.helpers.linear_forward import Linear, shift
 
 SD, MODES = 0.002, 8
+
+
+def fold(name: str, before: float, after: float, placebo: float) -> Fold:
+    nothing = dict.fromkeys([f.name for f in fields(Fold)], 0.0)
+    return Fold(**{**nothing, "name": name, "before": before, "after": after, "placebo": placebo})
 
 
 def rate(matrix) -> float:
@@ -66,3 +76,22 @@ def test_the_rate_and_the_misfit_count_by_bayes_rule():
 def test_without_any_test_to_be_seen_half_are_taken_for_others():
     nothing = Misattribution.of(np.zeros(0), np.zeros(0), np.zeros(0), 0.25)
     assert nothing.rate_at(5.0) == 0.5 and nothing.exponent == 1.0
+
+
+def test_an_unconfirmed_cause_has_the_share_of_parts_that_it_predicts_best():
+    """Of five parts held out it predicts one best: by the rule of succession 2 of 7."""
+    fits = [
+        SimpleNamespace(hypothesis=SimpleNamespace(effects=[SimpleNamespace(key=k) for k in keys]))
+        for keys in (("a",), ("a", "b"), (), ("b",))
+    ]
+    best = [(0.1, 0.02, 0.05), (0.1, 0.03, 0.02), (0.1, 0.2, np.nan), (np.nan, 0.1, 0.1),
+            (0.01, 0.02, 0.03)]  # fmt: skip
+    folds = [fold("part", before=b, after=a, placebo=p) for b, a, p in best]
+    found, p = _unconfirmed(fits, np.array([0.6, 0.3, 0.08, 0.02]), {"a"}, Shrinkage(folds=folds))
+    assert [tuple(e.key for e in f.hypothesis.effects) for f in found] == [
+        (), ("a",), ("b",), ("a", "b"),
+    ]  # fmt: skip
+    assert p == pytest.approx(np.array([0.8 * 5 / 7, 0.6 / 0.9 * 2 / 7, 0.2 * 5 / 7, 2 / 21]))
+    # Less than that stays as it is.
+    _, p = _unconfirmed(fits, np.array([0.1, 0.1, 0.5, 0.3]), {"a"}, Shrinkage(folds=folds))
+    assert sorted(p) == pytest.approx([0.1, 0.1, 0.3, 0.5])
