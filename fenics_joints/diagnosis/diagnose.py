@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, overload
@@ -37,9 +37,9 @@ from fenics_joints.diagnosis.verdict import (
     NAMED,
     NO_GAP,
     UNKNOWN,
+    after_held_out,
     class_probabilities,
     confirm,
-    confirmed,
     decide,
     doubtful,
     sure_classes,
@@ -239,12 +239,11 @@ class _Run:
         if verdict in NAMED:
             causes = several_causes(fits, probability, effects, grouped, alike)
         shrink = self._shrink(fits, wrong, causes)
-        if verdict in NAMED and not confirmed(shrink):
+        if verdict in NAMED:
             other = float(probability[[f.hypothesis.unknown for f in fits]].sum())
             sure = sure_classes(class_probabilities(fits, probability, effects), other)
             keys = {key for key, name in grouped.items() if name in sure}
-            fits, probability = _unconfirmed(fits, probability, keys, shrink)
-        if verdict in NAMED:
+            fits, probability = after_held_out(fits, probability, keys, shrink)
             effects = self._effects(fits, probability, grouped, seen)
             verdict, summary = decide(
                 fits, probability, effects, leader, after, at_once, doubtful(effects, shrink)
@@ -428,21 +427,6 @@ class _Run:
         """ln f of the nominal model, (m,); nan for modes without a partner in it."""
         found, out = self.forward(self.baseline)[0], self.model.not_nominal
         return found if out is None else np.where(out, np.nan, found)
-
-
-def _unconfirmed(
-    fits: Sequence[Fit], probability: np.ndarray, keys: Collection[str], s: Shrinkage
-) -> tuple[list[Fit], np.ndarray]:
-    """Hypotheses and their probabilities, the most probable first, where held-out data do not
-    confirm what is named, by its keys: it has no more than the share of the parts held out that it
-    predicted best, by the rule of succession; what it loses goes to all others alike."""
-    named = np.array([any(e.key in keys for e in f.hypothesis.effects) for f in fits])
-    won = sum(fold.won for fold in s.folds)
-    most, now = (won + 1) / (len(s.folds) + 2), float(probability[named].sum())
-    if now > most:
-        probability = probability * np.where(named, most / now, (1 - most) / max(1 - now, 1e-12))
-    order = np.argsort(-probability, kind="stable")
-    return [fits[i] for i in order], probability[order]
 
 
 def _described(effect: Effect, best: Fit) -> str:

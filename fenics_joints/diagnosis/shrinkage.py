@@ -18,6 +18,9 @@ __all__ = ["Fold", "Forecast", "Interval", "Shrinkage", "shrink"]
 #: S* is not told apart beyond these: all of what could go is gone; as much again has come.
 #: [decision: symmetry]
 _LEAST, _MOST = -1.0, 1.0
+#: Error of the nominal model, relative to noise, below which a cause cannot show. [decision:
+#: chosen]
+_VISIBLE = 2.0
 
 Interval = tuple[float, float]
 
@@ -97,6 +100,12 @@ class Fold:
     def won(self) -> bool:
         """Whether the cause predicted it better than the nominal model and the best wrong one."""
         return bool(self.after < np.fmin(self.before, self.placebo))
+
+    @property
+    def tells(self) -> bool:
+        """Whether the nominal model errs in it by more than noise does, so that a cause can show;
+        true if the nominal model has none of its modes."""
+        return not self.before < _VISIBLE * self.noise
 
     def to_json(self) -> dict:
         """Its attributes."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 
 import numpy as np
+from scipy.special import betaincc, betaln
 
 from fenics_joints.diagnosis.evidence.fitted import Fit
 from fenics_joints.diagnosis.result import EffectResult
@@ -15,9 +16,9 @@ from fenics_joints.formatting import probability as shown
 from fenics_joints.measurements.gap import Gap
 
 __all__ = [
-    "CAUSE", "LIKELY", "NAMED", "NO_GAP", "UNKNOWN", "class_probabilities", "confirm",
-    "confirmed", "decide", "doubtful", "label_of", "least_sure", "sure_classes", "unconfirmed",
-    "unproved", "with_strangers",
+    "CAUSE", "LIKELY", "NAMED", "NO_GAP", "UNKNOWN", "after_held_out", "class_probabilities",
+    "confirm", "confirmed", "decide", "doubtful", "held_out_factor", "label_of", "least_sure",
+    "sure_classes", "unconfirmed", "unproved", "with_strangers",
 ]  # fmt: skip
 
 #: Verdicts that name a cause: one that held-out data confirm, and one that they do not.
@@ -92,6 +93,42 @@ def confirmed(s: Shrinkage) -> bool:
     shrinks = bool(s.folds) and s.after < s.before and s.shrink_interval[0] > 0 and s.claimed
     proves = not s.gains or len(unproved(s)) < len(s.gains)
     return shrinks and s.shrink >= _MOST_OF_IT and proves
+
+
+def after_held_out(
+    fits: Sequence[Fit], probability: np.ndarray, keys: Collection[str], s: Shrinkage
+) -> tuple[list[Fit], np.ndarray]:
+    """Hypotheses and their probabilities, the most probable first, with what parts held out say of
+    what is named.
+
+    Args:
+        fits: Hypotheses.
+        probability: Their probabilities, (n,).
+        keys: Of the effects that are named.
+        s: How far the gap shrinks on held-out data.
+    """
+    named = np.array([any(e.key in keys for e in f.hypothesis.effects) for f in fits])
+    won = [fold.won for fold in s.folds if fold.tells]
+    weight = np.where(named, held_out_factor(sum(won), len(won)), 1.0) * probability
+    probability = weight / weight.sum()
+    order = np.argsort(-probability, kind="stable")
+    return [fits[i] for i in order], probability[order]
+
+
+def held_out_factor(won: int, parts: int) -> float:
+    """Bayes factor for a named cause from how many parts held out it predicts best, 1 at most, for
+    parts overlap.
+
+    A right cause wins more often than it loses, with any probability from a half to one equally
+    likely; a wrong one wins every other time.
+
+    Args:
+        won: Number of parts that it predicts better than the nominal model and its best rival.
+        parts: Number of parts.
+    """
+    lost = parts - won
+    log_right = betaln(won + 1, lost + 1) + np.log(betaincc(won + 1, lost + 1, 0.5))
+    return float(min(np.exp(log_right + (parts + 1) * np.log(2.0)), 1.0))
 
 
 def unproved(s: Shrinkage) -> list[str]:

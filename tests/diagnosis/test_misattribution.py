@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
+from dataclasses import fields, replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -10,12 +10,12 @@ import pytest
 
 pytest.importorskip("dolfinx")
 
-from fenics_joints.diagnosis.diagnose import _unconfirmed
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.library import Library
 from fenics_joints.diagnosis.evidence.misattribution import Misattribution, simulate
 from fenics_joints.diagnosis.shrinkage import Fold, Shrinkage
+from fenics_joints.diagnosis.verdict import after_held_out, held_out_factor
 from tests.helpers.linear_forward import Linear, shift
 
 SD, MODES = 0.002, 8
@@ -78,8 +78,16 @@ def test_without_any_test_to_be_seen_half_are_taken_for_others():
     assert nothing.rate_at(5.0) == 0.5 and nothing.exponent == 1.0
 
 
-def test_an_unconfirmed_cause_has_the_share_of_parts_that_it_predicts_best():
-    """Of five parts held out it predicts one best: by the rule of succession 2 of 7."""
+@pytest.mark.parametrize(("won", "parts"), [(0, 0), (1, 2), (0, 9), (3, 9), (8, 8)])
+def test_parts_held_out_count_by_bayes_rule(won, parts):
+    """By summing over how often a right cause wins; more than even is no reason to be surer."""
+    often = (np.arange(100_000) + 0.5) / 200_000 + 0.5
+    right = np.mean(often**won * (1 - often) ** (parts - won))
+    factor = min(right / 0.5**parts, 1.0)
+    assert held_out_factor(won, parts) == pytest.approx(factor, rel=1e-6)
+
+
+def test_a_cause_that_predicts_no_part_held_out_best_is_less_probable():
     fits = [
         SimpleNamespace(hypothesis=SimpleNamespace(effects=[SimpleNamespace(key=k) for k in keys]))
         for keys in (("a",), ("a", "b"), (), ("b",))
@@ -87,11 +95,16 @@ def test_an_unconfirmed_cause_has_the_share_of_parts_that_it_predicts_best():
     best = [(0.1, 0.02, 0.05), (0.1, 0.03, 0.02), (0.1, 0.2, np.nan), (np.nan, 0.1, 0.1),
             (0.01, 0.02, 0.03)]  # fmt: skip
     folds = [fold("part", before=b, after=a, placebo=p) for b, a, p in best]
-    found, p = _unconfirmed(fits, np.array([0.6, 0.3, 0.08, 0.02]), {"a"}, Shrinkage(folds=folds))
-    assert [tuple(e.key for e in f.hypothesis.effects) for f in found] == [
-        (), ("a",), ("b",), ("a", "b"),
-    ]  # fmt: skip
-    assert p == pytest.approx(np.array([0.8 * 5 / 7, 0.6 / 0.9 * 2 / 7, 0.2 * 5 / 7, 2 / 21]))
-    # Less than that stays as it is.
-    _, p = _unconfirmed(fits, np.array([0.1, 0.1, 0.5, 0.3]), {"a"}, Shrinkage(folds=folds))
-    assert sorted(p) == pytest.approx([0.1, 0.1, 0.3, 0.5])
+    raw = np.array([0.6, 0.3, 0.08, 0.02])
+    found, p = after_held_out(fits, raw, {"a"}, Shrinkage(folds=folds))
+    odds = held_out_factor(1, 5) * 0.9 / 0.1
+    assert p.sum() == pytest.approx(1.0)
+    named = [q for f, q in zip(found, p, strict=True)
+             if any(e.key == "a" for e in f.hypothesis.effects)]  # fmt: skip
+    assert sum(named) == pytest.approx(odds / (1 + odds))
+    assert named[0] == pytest.approx(2 * named[1])
+    # Parts in which the nominal model errs no more than noise say nothing.
+    quiet = [replace(part, noise=0.2) for part in folds if np.isfinite(part.before)]
+    assert sorted(after_held_out(fits, raw, {"a"}, Shrinkage(folds=quiet))[1]) == pytest.approx(
+        sorted(raw)
+    )

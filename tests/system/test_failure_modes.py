@@ -113,8 +113,8 @@ def prepared(data: TestData | Evidence, library=LIBRARY, shapes=False):
     return SimpleNamespace(
         comm=MPI.COMM_SELF, effects=tuple(library), evidence=evidence, baseline=BASELINE,
         forward=forward_of(MODEL, reference),
-        surrogate=surrogate,
-        case=SimpleNamespace(diagnose=SimpleNamespace(max_effects=1)),
+        surrogate=surrogate, not_nominal=None,
+        case=SimpleNamespace(diagnose=SimpleNamespace(max_effects=1, outside=0.25)),
         hypothesis=lambda effects, **kwargs: Hypothesis(
             tuple(effects), NUISANCES, conditions=conditions, modes=MODES, **kwargs
         ),
