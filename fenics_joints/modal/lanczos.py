@@ -7,6 +7,7 @@ import time
 import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
+from scipy.linalg import eigh
 
 from fenics_joints.errors import ConvergenceError
 from fenics_joints.modal.options import reason_of
@@ -86,7 +87,7 @@ def lanczos(op: Operator, start, n: int, tol: float, largest: int, max_restarts:
         W = op.solve(MW)
         T[:k, last] = _project(op, V[:, :k], MV[:, :k], W)
         T[last, :k] = T[:k, last].conj().T
-        theta, Y = np.linalg.eigh(T[:k, :k])
+        theta, Y = _eigh(T[:k, :k])
         theta, Y = theta[::-1], Y[:, ::-1]
         W, MW, R = _orthonormalise(op, W, op.mass(W), theta[0], V[:, :k], MV[:, :k])
         residuals = np.linalg.norm(R @ Y[last], axis=0)
@@ -112,6 +113,18 @@ def lanczos(op: Operator, start, n: int, tol: float, largest: int, max_restarts:
             k = keep
 
 
+def _eigh(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Eigenvalues and vectors of a symmetric matrix.
+
+    The divide and conquer of LAPACK ends without a result for a few matrices on some processors;
+    the QR algorithm is slower and does not.
+    """
+    try:
+        return np.linalg.eigh(matrix)
+    except np.linalg.LinAlgError:
+        return eigh(matrix, driver="ev")
+
+
 def refined(op: Operator, image: np.ndarray, start: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Rayleigh-Ritz for ``A^-1 M`` on a block X and A^-1 M X; (theta, vectors), largest first.
 
@@ -128,10 +141,10 @@ def refined(op: Operator, image: np.ndarray, start: np.ndarray) -> tuple[np.ndar
     stiff, heavy = op.dot(both, by_A), op.dot(both, by_M)
     size = np.sqrt(np.maximum(np.diag(stiff), np.finfo(float).tiny))
     stiff, heavy = (0.5 * (a + a.T) / np.outer(size, size) for a in (stiff, heavy))
-    energy, Q = np.linalg.eigh(stiff)
+    energy, Q = _eigh(stiff)
     kept = energy > _DEPENDENT * energy[-1]
     Q = Q[:, kept] / np.sqrt(energy[kept])
-    theta, Y = np.linalg.eigh(Q.T @ heavy @ Q)
+    theta, Y = _eigh(Q.T @ heavy @ Q)
     count = min(start.shape[1], len(theta))
     theta, Y = theta[::-1][:count], Y[:, ::-1][:, :count]
     _check_spread(theta)
@@ -163,7 +176,7 @@ def _orthonormalise(op: Operator, W, MW, scale: float, V=None, MV=None):
         floor = max(1e-14 * scale, np.finfo(float).tiny)
         live = norms > floor
         d = np.where(live, norms, 1.0)
-        s, Q = np.linalg.eigh((gram / np.outer(d, d))[np.ix_(live, live)])
+        s, Q = _eigh((gram / np.outer(d, d))[np.ix_(live, live)])
         good = s > 1e-13 * max(s.max(initial=0.0), 1e-300)
         s, Q = s[good], Q[:, good]
         back = np.zeros((W.shape[1], s.size), dtype=W.dtype)

@@ -12,6 +12,7 @@ from petsc4py import PETSc
 
 from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.modal import EigenSolver, count_below, solve_pencil
+from fenics_joints.modal.lanczos import refined
 
 comm = MPI.COMM_WORLD
 
@@ -185,3 +186,27 @@ def test_bad_input_is_named():
             solve_pencil(A, B, **arguments)
     with pytest.raises(InputError, match="expected square and alike"):
         solve_pencil(A, to_petsc(sp.eye(12)), 2)
+
+
+def test_eigenvalues_without_divide_and_conquer(monkeypatch):
+    """Where LAPACK's divide and conquer gives up another algorithm has the same modes."""
+    K = np.diag(np.arange(1.0, 41.0)) + 0.1 * np.ones((40, 40))
+
+    class Dense:
+        def mass(self, X):
+            return X.copy()
+
+        def dot(self, X, Y):
+            return X.T @ Y
+
+        def solve(self, X):
+            return np.linalg.solve(K, X)
+
+    start = np.eye(40)[:, :4] + 0.01 * np.ones((40, 4))
+    known = refined(Dense(), K @ start, start)[0]
+
+    def gives_up(matrix):
+        raise np.linalg.LinAlgError("Eigenvalues did not converge")
+
+    monkeypatch.setattr(np.linalg, "eigh", gives_up)
+    assert refined(Dense(), K @ start, start)[0] == pytest.approx(known, rel=1e-12)
