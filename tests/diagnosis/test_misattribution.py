@@ -108,3 +108,12 @@ def test_a_cause_that_predicts_no_part_held_out_best_is_less_probable():
     assert sorted(after_held_out(fits, raw, {"a"}, Shrinkage(folds=quiet))[1]) == pytest.approx(
         sorted(raw)
     )
+
+
+def test_effects_that_change_nothing_have_no_simulated_tests():
+    forward = Linear(np.zeros((MODES, 1)))
+    evidence = Evidence(np.array([10.0]), np.full((1, MODES), 5.0), np.full((1, MODES), SD), SD)
+    silent = replace(shift(0), apply=None)
+    library = Library(forward, evidence, forward.baseline, lambda chosen: Hypothesis(tuple(chosen)))
+    found = simulate(library, [silent], {silent.key: 0.0}, 0.25, 0.0, evidence)
+    assert found.tests == 0 and found.rate == 0.5

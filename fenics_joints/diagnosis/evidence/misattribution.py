@@ -4,14 +4,14 @@ A hole can look like a softer part, a cable like an added mass: then an effect o
 and no evidence tells. How often that happens depends on the structure, the sensors, the noise and
 what the model errs by. So tests of the same layout are simulated, each with one effect of the
 library for its cause, parameters by their priors, errors as stated. That effect is then taken out
-of the library, and with it all others that act on the same part, joint or attachment. Counted is
-how often one that acts elsewhere, or two of them, is named in its place. Small gaps are explained
-by many effects and large ones by few, so that it is counted by the size of the gap (a logistic
-function of its logarithm).
+of the library, and with it all others of its name or on the same part, joint or attachment. Counted
+is how often one that acts elsewhere, or two of them, is named in its place. Small gaps are
+explained by many effects and large ones by few, so that it is counted by the size of the gap (a
+logistic function of its logarithm).
 
-Those named in its place fit worse than right causes do, whose p-values are even. The density of
-theirs is taken to be a p^(a-1), with a from the simulated tests (Sellke, Bayarri and Berger, The
-American Statistician 55, 2001).
+Those named in its place fit worse than right causes do, whose p-values are uniformly distributed.
+The density of theirs is taken to be a p^(a-1), with a from the simulated tests (Sellke, Bayarri and
+Berger, The American Statistician 55, 2001).
 """
 
 from __future__ import annotations
@@ -72,7 +72,7 @@ class Misattribution:
         """From simulated tests whose cause was taken out of the library.
 
         Args:
-            gap: ln of the evidence of their causes over that of the nominal model, (n,).
+            gap: ln of the evidence of the best effect over that of the nominal model, (n,).
             p_value: Of the effects that are named, (n,); 0 where none is.
             weight: How many tests each stands for, (n,).
             prior: Probability of a cause outside the library, before the test.
@@ -269,11 +269,13 @@ def simulate(
     for i, each in enumerate(cells):
         value = each.beside(_Common(residual, each.others))[0]
         score[i], leading[i] = odds[i] + logsumexp(value, axis=0), np.argmax(value, axis=0)
-    gap = logsumexp(score, axis=0) - marginal(residual, white[:, count:])
-    visible = gap > 0
+    none = marginal(residual, white[:, count:])
+    # As of a leader of a test, whose evidence is that of one hypothesis and without its odds.
+    gap = np.max(score - odds[:, None], axis=0, initial=-np.inf) - none
+    visible = logsumexp(score, axis=0) > none
     others = np.array([
         [e.name != c.name and not changed[e.key] & changed[c.key] for c in cause] for e in effects
-    ]).reshape(score.shape)  # fmt: skip
+    ], dtype=bool).reshape(score.shape)  # fmt: skip
     others &= visible
     near = np.argsort(np.where(others, -score, np.inf), axis=0, kind="stable")[:_RIVALS]
     points: list[list[_Point]] = [[] for _ in range(count)]
