@@ -53,6 +53,11 @@ class EffectResult:
     describe: str = ""
     odds: float = 0.0
 
+    @property
+    def key(self) -> str:
+        """Unique name, as hypotheses have it: ``name (region)``."""
+        return f"{self.name} ({self.region})" if self.region else self.name
+
 
 @dataclass(frozen=True, repr=False)
 class HypothesisResult:
@@ -241,18 +246,23 @@ class Diagnosis:
             return rows
         return DataFrame(rows)
 
-    def _classes(self) -> list[dict]:
-        """Effects that the test cannot tell apart, and those that it can, as lists."""
-        members: dict[str, list[str]] = {}
-        for e in self.effects:
-            key = f"{e.name} ({e.region})" if e.region else e.name
-            members.setdefault(e.class_name, []).append(key)
-        rows = [
-            {"name": name, "effects": keys, "probability": sum(
-                h.probability for h in self.hypotheses if set(keys) & {*h.effects, h.label})}
-            for name, keys in members.items()
-        ]  # fmt: skip
-        return sorted(rows, key=lambda row: -row["probability"])
+    @property
+    def classes(self) -> list[tuple[str, float, tuple[EffectResult, ...]]]:
+        """Name, probability and effects of each class, the most probable first.
+
+        The probability of a class is that of all hypotheses that hold one of its effects: since two
+        of them may be in one hypothesis, it is not the sum over the effects.
+        """
+        members: dict[str, list[EffectResult]] = {}
+        for effect in self.effects:
+            members.setdefault(effect.class_name, []).append(effect)
+        rows = []
+        for name, effects in members.items():
+            keys = {e.key for e in effects}
+            p = sum(h.probability for h in self.hypotheses if keys & {*h.effects, h.label})
+            p = min(max([p, *(e.probability for e in effects)]), 1.0)
+            rows.append((name, p, tuple(effects)))
+        return sorted(rows, key=lambda row: -row[1])
 
     def to_json(self) -> dict:
         """The documented keys of ``diagnose --json``."""
@@ -266,12 +276,15 @@ class Diagnosis:
             "start": {"joints": self.joints, "gap": self.before.rms},
             "gap": {"before": self.before.rms, "after": self.after.rms, **of_gap},
             "where": [asdict(share) for share in self.where],
-            "classes": self._classes(),
+            "classes": [
+                {"name": name, "effects": [e.key for e in effects], "probability": p}
+                for name, p, effects in self.classes
+            ],
             "effects": [_effect(e) for e in self.effects],
             "hypotheses": [asdict(h) for h in self.hypotheses],
             "silent": [asdict(s) for s in self.silent],
             "separations": [_renamed(s, "class_name") for s in self.separations],
-            "folds": [fold.to_json() for fold in self.shrinkage.folds] if self.shrinkage else [],
+            "folds": [asdict(fold) for fold in self.shrinkage.folds] if self.shrinkage else [],
             "conditions": {
                 "name": self.condition[0],
                 "unit": self.condition[1],

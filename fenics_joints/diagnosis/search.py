@@ -119,7 +119,6 @@ class Search:
         """How often a cause outside the library is taken for one of it. Collective."""
         self.progress.step("simulating tests whose cause is not in the library")
         model, test = self.model, self.model.evidence
-        _ = self.library.nothing  # by the same model on all ranks
         if model.not_nominal is not None:
             # What these are taken for changes from effect to effect.
             test = test.without(np.broadcast_to(model.not_nominal, test.shape))

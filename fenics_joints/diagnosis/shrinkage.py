@@ -107,10 +107,6 @@ class Fold:
         true if the nominal model has none of its modes."""
         return not self.before < _VISIBLE * self.noise
 
-    def to_json(self) -> dict:
-        """Its attributes."""
-        return asdict(self)
-
 
 @dataclass(frozen=True, repr=False)
 class Shrinkage:
@@ -166,7 +162,7 @@ class Shrinkage:
 
     def to_json(self) -> dict:
         """All of it for `json.dumps`; what is not a number is None."""
-        return plain({**asdict(self), "folds": [fold.to_json() for fold in self.folds]})
+        return plain(asdict(self))
 
 
 def shrink(before, after, noise):

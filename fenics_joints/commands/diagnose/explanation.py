@@ -20,7 +20,6 @@ from fenics_joints.commands.diagnose.reading import (
     by_effect,
     causes,
     effect_classes,
-    effect_key,
     in_test,
     in_words,
     leading,
@@ -243,7 +242,7 @@ def _cause(d: Diagnosis) -> str:
 
 def _with_size(d: Diagnosis, group: EffectClass) -> str:
     """A cause with its probability, its size, and where it is unless its name says so."""
-    lead, keys = leading(d), {effect_key(e) for e in group.effects}
+    lead, keys = leading(d), {e.key for e in group.effects}
     own = [] if lead is None else [rows for key, rows in by_effect(lead.parameters) if key in keys]
     found = [attached_words(rows) or _sizes(rows) for rows in own]
     head = f"{members_in_words(group)}, {probability(group.probability)}"

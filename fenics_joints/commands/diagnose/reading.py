@@ -24,7 +24,7 @@ from fenics_joints.formatting import probability, spaced
 
 __all__ = [
     "SHARE", "EffectClass", "along", "best_without", "by_effect", "by_reason", "causes",
-    "effect_classes", "effect_key", "heading_of", "in_test", "in_words", "is_loud", "leading",
+    "effect_classes", "heading_of", "in_test", "in_words", "is_loud", "leading",
     "members_in_words", "mesh_error", "named", "priors_in_words", "probability_of", "sure_causes",
     "with_place",
 ]  # fmt: skip
@@ -60,25 +60,11 @@ def leading(d: Diagnosis) -> HypothesisResult | None:
 
 
 def effect_classes(d: Diagnosis) -> list[EffectClass]:
-    """Effects by class, most probable class first.
-
-    The probability of a class is that of all hypotheses that hold one of its effects: since two of
-    them may be in one hypothesis, it is not the sum over the effects.
-    """
-    members: dict[str, list[EffectResult]] = {}
-    for effect in d.effects:
-        members.setdefault(effect.class_name, []).append(effect)
-    rows = []
-    for name, effects in members.items():
-        keys = {effect_key(e) for e in effects}
-        p = sum(h.probability for h in d.hypotheses if keys & {*h.effects, h.label})
-        p = min(max([p, *(e.probability for e in effects)]), 1.0)
-        rows.append((name, p, tuple(effects)))
-    rows.sort(key=lambda row: -row[1])
+    """Effects by class, most probable class first, with letters for those of several."""
     letters = iter("ABCDEFGHIJKLMNOPQRSTUVWXYZ")
     return [
         EffectClass(name, next(letters, "*") if len(effects) > 1 else "", p, effects)
-        for name, p, effects in rows
+        for name, p, effects in d.classes
     ]
 
 
@@ -114,12 +100,7 @@ def with_place(key: str) -> str:
 
 def in_words(effect: EffectResult) -> str:
     """An effect with its place, where its name does not say that already."""
-    return with_place(effect_key(effect))
-
-
-def effect_key(effect: EffectResult) -> str:
-    """An effect's key, as hypotheses name it: ``name (region)``."""
-    return f"{effect.name} ({effect.region})" if effect.region else effect.name
+    return with_place(effect.key)
 
 
 def along(found: Location, by: str) -> list[Attribution]:
@@ -162,7 +143,7 @@ def sure_causes(d: Diagnosis) -> list[EffectClass]:
 
 def best_without(d: Diagnosis, sure: Sequence[EffectClass]) -> HypothesisResult | None:
     """The best hypothesis that lacks one of some causes."""
-    keys = [{effect_key(e) for e in c.effects} for c in sure]
+    keys = [{e.key for e in c.effects} for c in sure]
     listed = [h for h in d.hypotheses if h.label != UNKNOWN]
     lacking = [h for h in listed if any(not k & set(h.effects) for k in keys)]
     return max(lacking, key=lambda h: h.log_evidence, default=None)

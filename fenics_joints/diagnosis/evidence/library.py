@@ -335,7 +335,8 @@ class Library:
         """
         found = Library(forward, self.evidence, self.baseline, self.make, self.lean)
         found._states, found._smooth, found.floor = self._states, self._smooth, self.floor
-        found._changes, found._nothing = self._changes, self._nothing
+        # Made now where it was not yet, so that all ranks have it of the same model.
+        found._changes, found._nothing = self._changes, self.nothing
         return found
 
     def renewed(self, found: Found, test: Evidence) -> Found:

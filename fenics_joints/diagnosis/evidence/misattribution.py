@@ -144,8 +144,9 @@ class _Cells:
     """Cells of an effect's prior, whitened, with all parameters but its own linear.
 
     Attributes:
-        effect: The effect.
-        others: Derivatives by all parameters but its own, whitened, (k, p).
+        hypothesis: That of the effect.
+        free: Which of its parameters are not the effect's own.
+        nuisances: Derivatives by these, whitened, (k, p).
         away: Predictions at the means of the cells less the nominal model's, whitened, (n, k).
         own: Derivatives by its own parameters in standard deviations of the cells, (n, k, d).
         log_share: ln of the shares of the cells; -inf where the model lacks modes, (n,).
@@ -154,19 +155,20 @@ class _Cells:
     def __init__(self, effect: Effect, library: Library, test: Evidence):
         states, used, lower = library.states(effect), test.fitted, test.lower()
         self.hypothesis = library.make((effect,))
-        free = np.ones(len(self.hypothesis.priors), dtype=bool)
-        free[self.hypothesis.own] = False
+        self.free = np.ones(len(self.hypothesis.priors), dtype=bool)
+        self.free[self.hypothesis.own] = False
         self.mean = states.mean
         self.width = np.broadcast_to(states.width, states.mean.shape)
         own = states.slopes[:, used] * self.width[:, None]
         n, k, d = own.shape
         away = states.data[:, used] - library.nominal[used]
-        others = states.others[used][:, free]
+        nuisances = states.others[used][:, self.free]
         there = np.isfinite(away).all(1) & np.isfinite(own).all((1, 2))
-        flat = np.column_stack([others, away.T, own.transpose(1, 0, 2).reshape(k, n * d)])
+        flat = np.column_stack([nuisances, away.T, own.transpose(1, 0, 2).reshape(k, n * d)])
         white = whiten(lower, np.nan_to_num(flat))
-        self.others, away, own = np.split(white, [others.shape[1], others.shape[1] + n], axis=1)
-        self.effect, self.away = effect, away.T
+        first = nuisances.shape[1]
+        self.nuisances, away, own = np.split(white, [first, first + n], axis=1)
+        self.away = away.T
         self.own = own.reshape(k, n, d).transpose(1, 0, 2)
         self.log_share = np.where(there, states.log_share, -np.inf)
 
@@ -208,10 +210,8 @@ class _Cells:
         n, k, p = len(cell), len(lower), len(h.priors)
         mean, width = np.zeros((n, p)), np.ones((n, p))
         mean[:, h.own], width[:, h.own] = self.mean[cell], self.width[cell]
-        free = np.ones(p, dtype=bool)
-        free[h.own] = False
         r, slope = residual.T + self.away[cell], np.zeros((n, k, p))
-        slope[:, :, free], slope[:, :, h.own] = self.others, self.own[cell]
+        slope[:, :, self.free], slope[:, :, h.own] = self.nuisances, self.own[cell]
         u, best = np.zeros((n, p)), [_Point()] * n
         for _ in range(_STEPS):
             turned = slope.transpose(0, 2, 1)
@@ -267,7 +267,7 @@ def simulate(
     odds = np.array([log_odds[e.key] for e in effects])
     score, leading = np.full((len(effects), count), -np.inf), np.zeros((len(effects), count), int)
     for i, each in enumerate(cells):
-        value = each.beside(_Common(residual, each.others))[0]
+        value = each.beside(_Common(residual, each.nuisances))[0]
         score[i], leading[i] = odds[i] + logsumexp(value, axis=0), np.argmax(value, axis=0)
     none = marginal(residual, white[:, count:])
     # As of a leader of a test, whose evidence is that of one hypothesis and without its odds.
