@@ -54,8 +54,8 @@ def test_what_simulated_tests_say_is_found_again():
     rng = np.random.default_rng(4)
     gap = np.exp(rng.uniform(0, 8, 4000))
     named = rng.uniform(size=4000) < 1 / (1 + np.exp(-1.0 + 0.5 * np.log(gap)))
-    p = np.where(named, rng.uniform(size=4000) ** (1 / 0.6), 0.0)
-    found = Misattribution.of(gap, p, np.ones(4000), 0.25)
+    log_p = np.where(named, np.log(rng.uniform(size=4000)) / 0.6, 0.0)
+    found = Misattribution.of(gap, named, log_p, 1.0 - named, 0.25)
     assert found.rate == pytest.approx(named.mean(), abs=0.002)
     assert found.rate_at(1.0) == pytest.approx(1 / (1 + np.exp(-1.0)), abs=0.04)
     assert found.rate_at(np.exp(6.0)) == pytest.approx(1 / (1 + np.exp(2.0)), abs=0.03)
@@ -74,7 +74,7 @@ def test_the_rate_and_the_misfit_count_by_bayes_rule():
 
 
 def test_without_any_test_to_be_seen_half_are_taken_for_others():
-    nothing = Misattribution.of(np.zeros(0), np.zeros(0), np.zeros(0), 0.25)
+    nothing = Misattribution.of(*np.zeros((4, 0)), 0.25)
     assert nothing.rate_at(5.0) == 0.5 and nothing.exponent == 1.0
 
 

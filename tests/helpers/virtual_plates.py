@@ -170,3 +170,13 @@ def write_virtual_case(folder: Path, measured: Measured, *lines: str, shapes: bo
 def _table(path: Path, head: Sequence[str], rows: np.ndarray) -> None:
     lines = [",".join(head), *(",".join(f"{x:.10g}" for x in row) for row in rows)]
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def assert_same_evidence(found, expected):
+    """ln of the evidence, to what the reduced model is good to: what is far behind the best is far
+    from the states that it holds."""
+    logs, others = ({h.label: h.log_evidence for h in d.hypotheses} for d in (found, expected))
+    assert logs.keys() == others.keys()
+    best = max(others.values())
+    for label, value in others.items():
+        assert abs(logs[label] - value) < 0.02 + 0.03 * (best - value), label

@@ -5,9 +5,10 @@ and no evidence tells. How often that happens depends on the structure, the sens
 what the model errs by. So tests of the same layout are simulated, each with one effect of the
 library for its cause, parameters by their priors, errors as stated. That effect is then taken out
 of the library, and with it all others of its name or on the same part, joint or attachment. Counted
-is how often one that acts elsewhere, or two of them, is named in its place. Small gaps are
-explained by many effects and large ones by few, so that it is counted by the size of the gap (a
-logistic function of its logarithm).
+is how often one that acts elsewhere, or two of them, is named in its place: the sum of their
+probabilities, beside the nominal model and an unknown cause. Small gaps are explained by many
+effects and large ones by few, so that it is counted by the size of the gap (a logistic function of
+its logarithm).
 
 Those named in its place fit worse than right causes do, whose p-values are uniformly distributed.
 The density of theirs is taken to be a p^(a-1), with a from the simulated tests (Sellke, Bayarri and
@@ -34,12 +35,14 @@ from fenics_joints.diagnosis.thresholds import MISFIT
 
 __all__ = ["Misattribution", "simulate"]
 
-#: Simulated tests; effects of each that are solved for, and Gauss-Newton steps of these; tests in
-#: which pairs are tried, of those that no effect explains alone. [numerical: the rate to 0.05]
-_TESTS, _RIVALS, _STEPS, _PAIRS = 100, 3, 2, 30
+#: Simulated tests; effects of each that are solved for, and Gauss-Newton steps of these.
+#: [numerical: the rate to 0.05]
+_TESTS, _RIVALS, _STEPS = 100, 3, 2
 #: The least exponent, for p-values of a few tests may all be small; the least gap, in nats.
 #: [numerical: chosen]
 _LEAST, _LEAST_GAP = 0.1, 1.0
+#: What share of a test that is seen does not count. [numerical: the rate to 1e-3]
+_NOT_SEEN = 1e-3
 
 
 @dataclass(frozen=True)
@@ -67,23 +70,27 @@ class Misattribution:
 
     @classmethod
     def of(
-        cls, gap: np.ndarray, p_value: np.ndarray, weight: np.ndarray, prior: float
+        cls, gap: np.ndarray, named: np.ndarray, log_p: np.ndarray, other: np.ndarray, prior: float
     ) -> Misattribution:
         """From simulated tests whose cause was taken out of the library.
 
         Args:
             gap: ln of the evidence of the best effect over that of the nominal model, (n,).
-            p_value: Of the effects that are named, (n,); 0 where none is.
-            weight: How many tests each stands for, (n,).
+            named: How often effects are named in its place: a number of tests, (n,).
+            log_p: ln of the p-value of these, times that number, (n,).
+            other: How often none is, (n,).
             prior: Probability of a cause outside the library, before the test.
         """
-        named, x = p_value > 0, np.log(np.maximum(gap, _LEAST_GAP))
-        rate = (weight[named].sum() + 0.5) / (weight.sum() + 1)
+        x = np.log(np.maximum(gap, _LEAST_GAP))
+        rate = (named.sum() + 0.5) / (named.sum() + other.sum() + 1)
         intercept, slope = float(logit(rate)), 0.0
-        if 0 < named.sum() < len(named):
-            by_gap = LogisticRegression().fit(x[:, None], named, sample_weight=weight)
+        if named.sum() > 0 and other.sum() > 0:
+            label = np.repeat([1, 0], len(x))
+            by_gap = LogisticRegression(tol=1e-8).fit(
+                np.tile(x, 2)[:, None], label, sample_weight=np.concatenate([named, other])
+            )
             intercept, slope = float(by_gap.intercept_[0]), float(by_gap.coef_[0, 0])
-        exponent = (named.sum() + 1) / (1 - np.log(p_value[named]).sum())
+        exponent = (named.sum() + 1) / (1 - log_p.sum())
         return cls(
             float(rate), intercept, slope, float(x.max(initial=0.0)),
             float(np.clip(exponent, _LEAST, 1.0)), len(x), prior,
@@ -140,6 +147,48 @@ class _Point(NamedTuple):
     common: _Common | None = None
 
 
+class _Stack:
+    """Cells of effects that have equally many parameters.
+
+    Attributes:
+        effect: Which effect a cell is of, (n,).
+        away: See `_Cells`, (n, k).
+        own: See `_Cells`, (n, k, d).
+        log_share: See `_Cells`, (n,).
+    """
+
+    def __init__(self, cells: Sequence[_Cells], which: Sequence[int]):
+        self.effect = np.repeat(which, [len(cells[i].away) for i in which])
+        self.away = np.concatenate([cells[i].away for i in which])
+        self.own = np.concatenate([cells[i].own for i in which])
+        self.log_share = np.concatenate([cells[i].log_share for i in which])
+        turned = self.own.transpose(0, 2, 1)
+        self._inner = turned @ self.own + np.eye(self.own.shape[2])
+        self._pull = turned @ self.away[:, :, None]
+        self._square = np.sum(self.away**2, axis=1)
+        n, k, d = self.own.shape
+        self._flat = self.own.transpose(1, 0, 2).reshape(k, n * d)
+
+    def beside(self, common: _Common) -> tuple[np.ndarray, np.ndarray]:
+        """ln of the evidence of each cell beside something, but for the data's constant, and its
+        least |r|^2 + |u|^2, for each test: (n, t) each."""
+        n, _, d = self.own.shape
+        hessian = common.slope.T @ common.slope + np.eye(common.slope.shape[1])
+        down = whiten(np.linalg.cholesky(hessian), common.slope.T)
+        low, low_away = down @ common.residual, self.away @ down.T
+        low_own = (down @ self._flat).reshape(len(down), n, d).transpose(1, 2, 0)
+        pull = (self._flat.T @ common.residual).reshape(n, d, low.shape[1]) + self._pull
+        pull -= low_own @ (low + low_away[:, :, None])
+        inner = self._inner - low_own @ low_own.transpose(0, 2, 1)
+        square = np.sum(common.residual**2, axis=0) - np.sum(low**2, axis=0)
+        square = square + 2 * (self.away @ common.residual - low_away @ low)
+        square += (self._square - np.sum(low_away**2, axis=1))[:, None]
+        square -= np.sum(pull * np.linalg.solve(inner, pull), axis=1)
+        constant = self.log_share - 0.5 * np.linalg.slogdet(inner)[1]
+        constant -= 0.5 * np.linalg.slogdet(hessian)[1]
+        return constant[:, None] - 0.5 * square, square
+
+
 class _Cells:
     """Cells of an effect's prior, whitened, with all parameters but its own linear.
 
@@ -171,24 +220,6 @@ class _Cells:
         self.away = away.T
         self.own = own.reshape(k, n, d).transpose(1, 0, 2)
         self.log_share = np.where(there, states.log_share, -np.inf)
-
-    def beside(self, common: _Common) -> tuple[np.ndarray, np.ndarray]:
-        """ln of the evidence of each cell beside something, but for the data's constant, and its
-        least |r|^2 + |u|^2, for each test: (n, t) each."""
-        hessian = common.slope.T @ common.slope + np.eye(common.slope.shape[1])
-        down = whiten(np.linalg.cholesky(hessian), common.slope.T)
-        low, low_away, low_own = down @ common.residual, self.away @ down.T, down @ self.own
-        pull = self.own.transpose(0, 2, 1) @ (common.residual + self.away[:, :, None])
-        pull -= low_own.transpose(0, 2, 1) @ (low + low_away[:, :, None])
-        inner = self.own.transpose(0, 2, 1) @ self.own - low_own.transpose(0, 2, 1) @ low_own
-        inner += np.eye(self.own.shape[2])
-        square = np.sum(common.residual**2, axis=0) - np.sum(low**2, axis=0)
-        square = square + 2 * (self.away @ common.residual - low_away @ low)
-        square += (np.sum(self.away**2, axis=1) - np.sum(low_away**2, axis=1))[:, None]
-        square -= np.sum(pull * np.linalg.solve(inner, pull), axis=1)
-        constant = self.log_share - 0.5 * np.linalg.slogdet(inner)[1]
-        constant -= 0.5 * np.linalg.slogdet(hessian)[1]
-        return constant[:, None] - 0.5 * square, square
 
     def settled(
         self, library: Library, test: Evidence, cell: np.ndarray, residual: np.ndarray,
@@ -248,11 +279,7 @@ def simulate(
         log_unknown: ln of the prior odds of an unknown cause against none.
         test: The test.
     """
-    last = float(test.conditions[-1])
-    changed = {
-        e.key: {name.partition(".")[0] for name in e.touches(library.baseline, 1.0, last)}
-        for e in effects
-    }
+    changed = {e.key: _changed(e, library, test) for e in effects}
     acting = [e for e in effects if changed[e.key]]
     data, cause = _tests(acting, log_odds, library, test)
     lower, used, count = test.lower(), test.fitted, len(data)
@@ -261,22 +288,23 @@ def simulate(
     residual, k = white[:, :count], len(lower)
     unknown = log_unknown + unknown_evidence(nominal[used], slope[used], data, test)
     unknown += np.sum(np.log(np.diag(lower))) + 0.5 * k * np.log(2 * np.pi)
-    rival = np.maximum(marginal(residual, white[:, count:]), unknown)
+    none = marginal(residual, white[:, count:])
+    rest = np.logaddexp(none, unknown)
 
     cells = [_Cells(e, library, test) for e in effects]
     odds = np.array([log_odds[e.key] for e in effects])
     score, leading = np.full((len(effects), count), -np.inf), np.zeros((len(effects), count), int)
     for i, each in enumerate(cells):
-        value = each.beside(_Common(residual, each.nuisances))[0]
+        value = _Stack(cells, [i]).beside(_Common(residual, each.nuisances))[0]
         score[i], leading[i] = odds[i] + logsumexp(value, axis=0), np.argmax(value, axis=0)
-    none = marginal(residual, white[:, count:])
     # As of a leader of a test, whose evidence is that of one hypothesis and without its odds.
     gap = np.max(score - odds[:, None], axis=0, initial=-np.inf) - none
-    visible = logsumexp(score, axis=0) > none
+    visible = expit(logsumexp(score, axis=0) - none) if cells else np.zeros(count)
     others = np.array([
         [e.name != c.name and not changed[e.key] & changed[c.key] for c in cause] for e in effects
     ], dtype=bool).reshape(score.shape)  # fmt: skip
-    others &= visible
+    seen = visible > _NOT_SEEN
+    others &= seen
     near = np.argsort(np.where(others, -score, np.inf), axis=0, kind="stable")[:_RIVALS]
     points: list[list[_Point]] = [[] for _ in range(count)]
     for i in np.unique(near):
@@ -288,37 +316,38 @@ def simulate(
             for t, point in zip(tests, found, strict=True):
                 points[t].append(point)
 
-    def misfit_if_named(log_evidence, square, t) -> float:
-        """p-value of an explanation, if it is more probable than the nominal model and than an
-        unknown cause and leaves no more than errors do; else 0."""
-        p = float(chi2.sf(square, k))
-        return p if p >= MISFIT and log_evidence > rival[t] else 0.0
+    size = np.array([each.own.shape[2] for each in cells])
+    stacks = [_Stack(cells, np.flatnonzero(size == d)) for d in np.unique(size)]
+    together = ~np.array([[_exclude(a, b) for b in effects] for a in effects])
 
-    def by_two(t) -> float:
-        """The same of the best two effects."""
-        found = (-np.inf, np.inf)
+    def explanations(t) -> np.ndarray:
+        """ln of the evidence times odds of each effect and of each two, the first solved for and
+        the second by algebra, and their least |r|^2 + |u|^2: (2, n)."""
+        found = [np.array([[p.log_evidence, p.square] for p in points[t]]).reshape(-1, 2).T]
         for first in points[t]:
-            for j in np.flatnonzero(others[:, t]) if first.common is not None else ():
-                if not _exclude(effects[first.effect], effects[j]):
-                    value, square = cells[j].beside(first.common)
-                    i = int(np.argmax(value))
-                    found = max(found, (first.prior + odds[j] + value[i, 0], square[i, 0]))
-        return misfit_if_named(*found, t)
+            allowed = others[:, t] & together[first.effect]
+            for stack in stacks if first.common is not None else ():
+                value, square = (x[:, 0] for x in stack.beside(first.common))
+                value += first.prior + odds[stack.effect]
+                found.append(np.array([value, square])[:, allowed[stack.effect]])
+        return np.concatenate(found, axis=1)
 
-    p = np.full(count, np.nan)
-    for t in np.flatnonzero(visible):
-        best = max(points[t], default=_Point(), key=lambda point: point.log_evidence)
-        p[t] = misfit_if_named(best.log_evidence, best.square, t)
-    left = np.flatnonzero(p == 0)
-    # In an order that no other test's result changes.
-    turn = np.random.default_rng(0).permutation(count)
-    looked = turn[np.isin(turn, left)][:_PAIRS]
-    p[np.setdiff1d(left, looked)] = np.nan
-    weight = np.ones(count)
-    for t in looked:
-        p[t], weight[t] = by_two(t), len(left) / len(looked)
-    known = np.isfinite(p)
-    return Misattribution.of(gap[known], p[known], weight[known], prior)
+    # Probabilities and not counts, so that no digit of a solver moves the rate by a whole test.
+    named, log_p = np.zeros(count), np.zeros(count)
+    for t in np.flatnonzero(seen):
+        log_evidence, square = explanations(t)
+        p = np.maximum(chi2.sf(square, k), 1e-300)
+        share = np.exp(log_evidence - np.logaddexp(logsumexp(log_evidence), rest[t]))
+        share *= visible[t] * p / (p + MISFIT)
+        named[t], log_p[t] = share.sum(), share @ np.log(p)
+    return Misattribution.of(gap[seen], named[seen], log_p[seen], (visible - named)[seen], prior)
+
+
+def _changed(effect: Effect, library: Library, test: Evidence) -> set[str]:
+    """Parts, joints and attachments that an effect acts on, whichever way and in any condition."""
+    ends = [float(test.conditions[i]) for i in (0, -1)]
+    names = [effect.touches(library.baseline, z, c) for z in (-1.0, 1.0) for c in ends]
+    return {name.partition(".")[0] for name in frozenset().union(*names)}
 
 
 def _exclude(a: Effect, b: Effect) -> bool:
