@@ -1,6 +1,7 @@
 """How far the nominal models are from the world in its state without effects or noise.
 
-Run with ``python benchmarks/blind/discrepancy.py [GEOMETRY ...]``. This is what
+Run with ``python benchmarks/blind/discrepancy.py [GEOMETRY ...]``; ``GEOMETRY:careful`` is the
+model of a careful user. This is what
 ``[diagnose] discrepancy`` of the nominal cases must honestly cover: by the finer model, where the
 diagnosis takes the mesh's own error off.
 """
@@ -26,17 +27,19 @@ from fenics_joints.reduction.seen import SeenModes
 __all__ = ["compare"]
 
 
-def compare(geometry: str) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+def compare(name: str) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Frequencies, Hz, of the nominal model, of it with one degree more, and of the world, (m,)
     each, and the error of the shapes.
 
     The finer one's is nan where it has not the mode; the error of the shapes is relative to unit
     root mean square, (n_s, m).
     """
+    geometry, _, careful = name.partition(":")
     world = worlds.world_of(geometry)
     truth = world.clean(world.nominal_spec(geometry))
+    more = (True,) if careful else ()
     with tempfile.TemporaryDirectory() as folder:
-        world.write_nominal(geometry, truth, Path(folder))
+        world.write_nominal(geometry, truth, Path(folder), *more)
         case = load_case(folder).diagnosed()
         subject = subject_of(case, MPI.COMM_SELF, Progress(silent=True))
         n, count = truth.frequencies.shape[1], case.diagnose.n_modes
@@ -46,7 +49,7 @@ def compare(geometry: str) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarr
     modes, pairing = seen.nominal, seen.pairing
     shapes = pairing.shapes / np.sqrt(np.mean(pairing.shapes**2, axis=0))
     shapes = shapes * np.sign(np.sum(shapes * truth.shapes, axis=0))
-    print(f"{geometry}: {seen.full.n_dofs} unknowns, {modes.model.total_mass(modes.given):.4f} kg")
+    print(f"{name}: {seen.full.n_dofs} unknowns, {modes.model.total_mass(modes.given):.4f} kg")
     own = modes.frequencies_hz[pairing.index]
     return own, own / (1 + errors.frequencies), truth.frequencies[-1], shapes - truth.shapes
 

@@ -186,8 +186,9 @@ def _publish(folder: Path, key: bytes, state: dict) -> dict:
 def _worker() -> None:
     """Make the case that standard input asks for."""
     asked = json.load(sys.stdin)
-    geometry, kind, effects, seed = asked["item"]
-    truth = worlds.world_of(geometry).generate(geometry, kind, effects, seed, Path(asked["folder"]))
+    geometry, kind, effects, seed, *flags = asked["item"]
+    world, folder = worlds.world_of(geometry), Path(asked["folder"])
+    truth = world.generate(geometry, kind, effects, seed, folder, *flags)
     print("\n" + _MARK + seal.canonical(truth).decode(), flush=True)
 
 

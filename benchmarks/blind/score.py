@@ -343,6 +343,10 @@ def _unknowns(records: Sequence[Record]) -> dict:
         ).to_json(),
         "threshold": threshold,
         "caught": Rate.of(chance[r.name] > threshold for r in outside).to_json(),
+        "caught_apart": Rate.of(
+            chance[r.name] > threshold for r in outside
+            if r.separability is not None and r.separability >= APART
+        ).to_json(),
         "false": Rate.of(chance[r.name] > threshold for r in inside).to_json(),
     }
 

@@ -10,7 +10,7 @@ from scipy.stats import multivariate_normal, norm
 
 from fenics_joints.diagnosis import Effect, Prior
 from fenics_joints.diagnosis.evidence import fit
-from fenics_joints.diagnosis.evidence.cells import prior_cells
+from fenics_joints.diagnosis.evidence.cells import Cells, prior_cells, weigh
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.many import ManyPredictions
@@ -48,6 +48,17 @@ def shift(index, spread=1.0, median=0.0, span=(-np.inf, np.inf)):
 def evidence_of(log_f, sd=0.01, discrepancy=0.01):
     log_f = np.asarray(log_f)
     return Evidence(TORQUES[: len(log_f)], log_f, np.full(log_f.shape, sd), discrepancy)
+
+
+def test_a_cell_too_steep_for_round_off_is_left_out():
+    """Two parallel slopes of 1e9 standard deviations have no Hessian that can be solved for."""
+    data, used = np.zeros(3), np.ones(3, dtype=bool)
+    slopes = np.array([np.eye(3)[:, :2], 1e9 * np.ones((3, 2))])
+    zero, both = np.zeros((2, 2)), np.tile([-np.inf, np.inf], (2, 1))
+    cells = Cells(zero, np.ones((2, 2)), np.log([0.5, 0.5]), zero, np.zeros((2, 3)), slopes)
+    found = weigh(cells, data, used, np.eye(3), both).log_evidence
+    by_hand = multivariate_normal.logpdf(data, cov=np.eye(3) + slopes[0] @ slopes[0].T)
+    assert found[0] == pytest.approx(by_hand + np.log(0.5)) and found[1] == -np.inf
 
 
 @pytest.mark.parametrize("count", [1, 2, 3])

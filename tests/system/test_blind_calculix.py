@@ -16,8 +16,9 @@ from mpi4py import MPI
 from benchmarks.blind import calculix, forecast, matching, world, worlds
 from benchmarks.blind.calculix import program
 from benchmarks.blind.calculix.build import BONDED, Build, Joint
+from benchmarks.blind.calculix.cases import NEW, generate
 from benchmarks.blind.calculix.deck import Observed, pressures, stiffness, write_deck
-from benchmarks.blind.calculix.effects import UNKNOWN_OF
+from benchmarks.blind.calculix.effects import MASS, UNKNOWN_OF
 from benchmarks.blind.calculix.meshing import mesh_of, unfolded
 from benchmarks.blind.calculix.rigs import RIGS
 from benchmarks.blind.calculix.ritz import with_attached
@@ -50,18 +51,21 @@ def test_without_calculix_it_says_so(monkeypatch, tmp_path):
 
 
 def test_plan_of_three_hundred():
-    """Kinds as they should be, each geometry alike, and every cause of every geometry."""
+    """Kinds as they should be, half of the new geometry, and every cause of every geometry."""
     cases = calculix.plan(300, 1, True)
-    assert Counter(kind for _, kind, _, _ in cases) == {
+    assert Counter(case[1] for case in cases) == {
         "none": 60, "single": 126, "pair": 54, "unknown": 60
     }  # fmt: skip
     for geometry in calculix.GEOMETRIES:
         own = [case for case in cases if case[0] == geometry]
-        assert len(own) == 100
+        assert len(own) == (150 if geometry == NEW else 50)
         single = {case[2][0] for case in own if case[1] == "single"}
         unknown = {case[2][0] for case in own if case[1] == "unknown"}
         assert single == set(calculix.EFFECTS[geometry])
         assert unknown == set(UNKNOWN_OF[geometry]) and len(unknown) >= 6
+    careful = {case[0] for case in cases if case[4]}
+    assert careful == {NEW} and abs(sum(case[4] for case in cases) - 75) < 3
+    assert sum(case[5] for case in cases) == pytest.approx(300 / 8, abs=12)
     # No geometry, unknown cause or seed's plan is shared with the first world.
     assert set(calculix.GEOMETRIES).isdisjoint(world.GEOMETRIES)
     assert set(calculix.UNKNOWN).isdisjoint(world.UNKNOWN)
@@ -184,3 +188,24 @@ def test_calculix_agrees_with_our_own_model(tmp_path):
     modes = solve_modes(subject.full.finer(), subject.baseline, n_modes=14)
     ours = modes.frequencies_hz[modes.frequencies_hz > 50][:8]
     assert ours == pytest.approx(np.array(drawn_hz("t_tubes"))[:8], rel=0.015)
+
+
+@pytest.mark.slow
+@needs_calculix
+def test_functions_have_the_resonances_and_the_mass(tmp_path):
+    """A careful user's case with functions is read, and these are the structure's."""
+    truth = generate("bracket", "none", [], 3, tmp_path, careful=True, functions=True)
+    case = load_case(tmp_path)
+    assert case.mesh.size == pytest.approx(0.016) and case.diagnose.discrepancy == 0.01
+    frfs, hz = case.frfs(), truth["frequencies"][-1]
+    assert frfs.values.shape[1:] == (len(truth["spec"]["sensors"]), 2)
+    peaks = np.abs(frfs.values).max(axis=(1, 2))
+    for f in hz[:3]:
+        near = np.abs(frfs.frequencies_hz / f - 1) < 0.03
+        assert peaks[near].max() > 3 * np.median(peaks)
+    # Far below the first resonance a free structure is its rigid body.
+    spec = calculix.Spec(**truth["spec"])
+    low = calculix.specimen._functions(spec, calculix.specimen.build_of(spec), np.array([5.0]), 1.0)
+    place = [spec.sensors.index(s) for s in spec.forces]
+    for j, i in enumerate(place):
+        assert -1 / ((2 * np.pi * 5.0) ** 2 * low[0, i, j].real) < MASS["bracket"]

@@ -29,6 +29,15 @@ _MODES = (4, 12)
 #: Numbers of sensors, and whether they are all over or wherever. Few layouts, since a reduced model
 #: serves all tests with the same sensors.
 _LAYOUTS = ((8, True), (14, True), (24, True), (40, True), (12, False))
+#: The geometry of half of the cases, which nothing was developed on; and the share of cases with
+#: measured functions.
+NEW, _FUNCTIONS = "bracket", 0.125
+#: Noise and scales of measured functions, and damping ratios.
+_LINE_NOISE, _CALIBRATION, _DAMPING = 0.02, 0.02, (0.002, 0.01)
+#: How a careful user meshes, and what he states then; measured by `discrepancy.py`.
+CAREFUL = {
+    "bracket": {"size": '"16 mm"', "ring_size": '"8 mm"', "circle": "16", "discrepancy": '"1 %"'},
+}  # fmt: skip
 _KINDS = {"none": 0.20, "single": 0.42, "pair": 0.18, "unknown": 0.20}
 #: Causes that only shapes show.
 _OF_SHAPES = ("sensor_place", "sensor_gain", "mis_pairing")
@@ -41,7 +50,8 @@ _NOMINAL = Path(__file__).resolve().parent.parent / "nominal" / "calculix"
 
 
 def generate(
-    geometry: str, kind: str, effects: list[str] | None, seed: int, folder: str | Path
+    geometry: str, kind: str, effects: list[str] | None, seed: int, folder: str | Path,
+    careful: bool = False, functions: bool = False,
 ) -> dict[str, Any]:
     """Make a case: write its nominal model and noisy data into a folder, and return the truth.
 
@@ -51,6 +61,8 @@ def generate(
         effects: Our names of the effects; None to draw them.
         seed: The same arguments make the same case.
         folder: Where to; made if need be.
+        careful: Whether the nominal model is a careful user's.
+        functions: Whether functions are measured too.
 
     Returns:
         Keys as `Truth` of the first world; ``sensors`` are places in the pool.
@@ -62,6 +74,9 @@ def generate(
     rng = np.random.default_rng([seed, 11])
     names = _names(rng, geometry, kind, effects)
     spec = _specimen(rng, geometry, names)
+    spec.careful = careful
+    if functions:
+        _measure_functions(rng, spec)
     noise = [_log(rng, *_NOISE), _log(rng, *_SHAPE_NOISE)]
     shown = clean(spec)
     _write(Path(folder), rng, spec, noise, shown)
@@ -109,6 +124,12 @@ def _specimen(rng, geometry: str, names: list[str]) -> Spec:
         _of_test(rng, geometry, effect, sensors)
     n_modes = int(rng.integers(_MODES[0], _MODES[1] + 1))
     return Spec(geometry, torques, n_modes, sensors, shapes, effects, nuisance, scatter)
+
+
+def _measure_functions(rng, spec: Spec) -> None:
+    """Two of the sensors are hit, and all answer."""
+    spec.forces = sorted(int(i) for i in rng.choice(spec.sensors, size=2, replace=False))
+    spec.damping = np.exp(rng.uniform(*np.log(_DAMPING), size=20)).tolist()
 
 
 def _layout(geometry: str, count: int, all_over: bool) -> list[int]:
@@ -184,7 +205,11 @@ def _write(folder: Path, rng, spec: Spec, noise, shown: Answer) -> None:
         _table(folder / "shapes.csv", "sensor", modes, "", sensors, shapes, ".6g")
         lines += ['shapes = "shapes.csv"', f'shape_noise = "{100 * noise[1]:.3g} %"', "",
                   *_sees(spec)]  # fmt: skip
-    (folder / "case.toml").write_text(nominal_case(spec.geometry, lines), encoding="utf-8")
+    if spec.forces:
+        lines += ["", *_write_functions(folder, rng, spec, shown)]
+    model = CAREFUL[spec.geometry] if spec.careful else {}
+    text = nominal_case(spec.geometry, lines, **model)
+    (folder / "case.toml").write_text(text, encoding="utf-8")
     copy_drawing(spec.geometry, folder)
 
 
@@ -192,7 +217,7 @@ def nominal_case(geometry: str, test: list[str], **mesh: str) -> str:
     """The nominal case with a test; the mesh may be given other sizes."""
     text = (_NOMINAL / f"{geometry}.toml").read_text(encoding="utf-8")
     for key, value in mesh.items():
-        text = re.sub(rf'^{key} = ".*"$', f'{key} = "{value}"', text, flags=re.MULTILINE)
+        text = re.sub(rf"^{key} = .*$", f"{key} = {value}", text, flags=re.MULTILINE)
     return text.replace("${NAMES}", "Some values").replace("${TEST}", "\n".join(test))
 
 
@@ -201,19 +226,51 @@ def copy_drawing(geometry: str, folder: Path) -> None:
     shutil.copy(_NOMINAL / f"{geometry}.step", folder)
 
 
-def write_nominal(geometry: str, shown: Answer, folder: Path) -> None:
+def write_nominal(geometry: str, shown: Answer, folder: Path, careful: bool = False) -> None:
     """A folder with the nominal model and clean data of the structure as drawn."""
-    _write(folder, np.random.default_rng(0), nominal_spec(geometry), (1e-9, 1e-9), shown)
+    spec = nominal_spec(geometry)
+    spec.careful = careful
+    _write(folder, np.random.default_rng(0), spec, (1e-9, 1e-9), shown)
 
 
-def _sees(spec: Spec) -> list[str]:
+def _write_functions(folder: Path, rng, spec: Spec, shown: Answer) -> list[str]:
+    """A table of the functions, and what a case says of them."""
+    _, n, m = shape = shown.functions.shape
+    scale = np.exp(_CALIBRATION * rng.standard_normal(n))[:, None]
+    scale = scale * np.exp(_CALIBRATION * rng.standard_normal(m))
+    noise = rng.standard_normal(shape) + 1j * rng.standard_normal(shape)
+    values = shown.functions * scale * (1 + _LINE_NOISE / np.sqrt(2) * noise)
+    at = [spec.sensors.index(force) + 1 for force in spec.forces]
+    heads, columns = ["frequency [Hz]"], [shown.lines]
+    for i in range(n):
+        for j in range(m):
+            heads += [f"{i + 1}/{at[j]} {part} [m/N]" for part in ("re", "im")]
+            columns += [values[:, i, j].real, values[:, i, j].imag]
+    rows = np.column_stack(columns)
+    lines = [",".join(heads), *(",".join(f"{v:.9g}" for v in row) for row in rows)]
+    (folder / "functions.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    places, ways = _of_sensors(spec)
+    return [
+        "[test.frfs]", 'files = ["functions.csv"]', f'noise = "{100 * _LINE_NOISE:g} %"',
+        f'calibration = "{100 * _CALIBRATION:g} %"',
+        "points = { " + ", ".join(f"{i + 1} = [{p}]" for i, p in enumerate(places)) + " }",
+        "directions = { " + ", ".join(f"{i + 1} = [{w}]" for i, w in enumerate(ways)) + " }",
+    ]  # fmt: skip
+
+
+def _of_sensors(spec: Spec) -> tuple[list[str], list[str]]:
+    """Places and directions of the sensors, as a case writes them."""
     pool = pool_of(spec.geometry)
     x = mesh_of(spec.geometry).x[pool.observed.nodes[pool.sensors[spec.sensors]]].copy()
     if spec.geometry == "flanged_pipe":  # the middle of the wall, which chords of the circle have
         x[:, :2] *= 0.037 / np.hypot(*x[:, :2].T)[:, None]
     n = pool.normals[spec.sensors]
     places = [", ".join(f'"{1e3 * v:.5g} mm"' for v in row) for row in x]
-    ways = [", ".join(f"{v + 0:.5g}" for v in np.round(row, 5)) for row in n]
+    return places, [", ".join(f"{v + 0:.5g}" for v in np.round(row, 5)) for row in n]
+
+
+def _sees(spec: Spec) -> list[str]:
+    places, ways = _of_sensors(spec)
     return [
         "[test.sees]", "points = [", *(f"  [{row}]," for row in places), "]",
         "directions = [", *(f"  [{row}]," for row in ways), "]",
@@ -242,8 +299,9 @@ def nominal_spec(geometry: str, n_modes: int = 10, sensors: int = 30) -> Spec:
 # -- many cases ------------------------------------------------------------------------------------
 
 
-def plan(n: int, seed: int, final: bool) -> list[tuple[str, str, list[str], int]]:
-    """Arguments of `generate` for n cases, balanced over kinds, geometries and effects.
+def plan(n: int, seed: int, final: bool) -> list[tuple[str, str, list[str], int, bool, bool]]:
+    """Arguments of `generate` but the folder for n cases, balanced over kinds, geometries and
+    effects: half of them of the new geometry, half of these with a careful nominal model.
 
     Args:
         n: Number of cases.
@@ -251,15 +309,19 @@ def plan(n: int, seed: int, final: bool) -> list[tuple[str, str, list[str], int]
         final: Of no consequence here: nothing is kept back.
     """
     rng = np.random.default_rng([seed, 13])
+    others = [g for g in GEOMETRIES if g != NEW]
     counts = {kind: int(round(share * n)) for kind, share in _KINDS.items()}
     counts["single"] += n - sum(counts.values())
-    cases, start = [], int(rng.integers(len(GEOMETRIES)))
+    cases, start = [], int(rng.integers(2 * len(others)))
     for kind, count in counts.items():
         decks: dict[str, list[str]] = {g: [] for g in GEOMETRIES}
         for i in range(count):
-            geometry = GEOMETRIES[(start + i) % len(GEOMETRIES)]
+            half, odd = divmod(start + i, 2)
+            geometry = NEW if odd else others[half % len(others)]
             effects = _dealt(rng, decks, geometry, kind)
-            cases.append((geometry, kind, effects, int(rng.integers(2**31))))
+            careful = geometry in CAREFUL and bool(half % 2)
+            functions = bool(rng.random() < _FUNCTIONS)
+            cases.append((geometry, kind, effects, int(rng.integers(2**31)), careful, functions))
     return [cases[i] for i in rng.permutation(len(cases))]
 
 

@@ -51,16 +51,20 @@ UNKNOWN = (
 _SOFT, _LOOSE = (3e11, 1.5e13), (1e8, 1e11)
 #: Where the harness may hang, as the nominal case says it too.
 HARNESS = {
-    "t_tubes": (0.0, 0.02, 0.3), "flanged_pipe": (0.0, 0.04, 0.1), "screw_box": (0.06, 0.03, 0.081)
+    "t_tubes": (0.0, 0.02, 0.3), "flanged_pipe": (0.0, 0.04, 0.1),
+    "screw_box": (0.06, 0.03, 0.081), "bracket": (-0.05, 0.02, 0.15),
 }  # fmt: skip
 #: kg of the whole.
-MASS = {"t_tubes": 2.76, "flanged_pipe": 4.96, "screw_box": 2.9}
+MASS = {"t_tubes": 2.76, "flanged_pipe": 4.96, "screw_box": 2.9, "bracket": 6.2}
 
 
 def _unknown(rig: Rig) -> tuple[str, ...]:
     """Plates are not oval, tubes have no face to be hot in the middle of."""
-    plates = rig.name == "screw_box"
-    never = {"oval", "leaning", "partly_filled"} if plates else {"residual_stress"}
+    never = {"residual_stress"}
+    if rig.name == "screw_box":
+        never = {"oval", "leaning", "partly_filled"}
+    elif not any(body.hollow for body in rig.bodies):
+        never |= {"oval", "partly_filled"}
     return tuple(name for name in UNKNOWN if name not in never)
 
 

@@ -1,4 +1,4 @@
-"""The three structures of the second world, as drawn: solids, bolts, torques, materials."""
+"""The structures of the second world, as drawn: solids, bolts, torques, materials."""
 
 from __future__ import annotations
 
@@ -177,7 +177,27 @@ _BOX = Rig(
     thread="M5", pad=0.0075, head_mass=0.004, torques=(1.5, 3.0, 5.0), size=0.014, fine=0.0045,
 )  # fmt: skip
 
-RIGS = {rig.name: rig for rig in (_T, _PIPE, _BOX)}
+# -- a bracket with a rib on a plate ---------------------------------------------------------------
+
+
+def _angle(occ) -> int:
+    foot = _box(occ, (-0.050, -0.055, 0.0), (0.075, 0.055, 0.010))
+    wall = _box(occ, (-0.050, -0.055, 0.010), (-0.036, 0.055, 0.210))
+    rib = _box(occ, (-0.036, -0.006, 0.010), (0.010, 0.006, 0.130))
+    return _one(occ, foot, more=[wall, rib])
+
+
+_BRACKET = Rig(
+    "bracket",
+    (
+        Body("plate", _plate((-0.14, -0.09, -0.012), (0.16, 0.08, 0.0)), 205e9, 0.29, 7850.0),
+        Body("bracket", _angle, axis=2),
+    ),
+    (Interface((0, 1), 2, tuple((x, y, 0.0) for x in (-0.018, 0.055) for y in (-0.035, 0.035))),),
+    thread="M8", pad=0.0115, head_mass=0.016, torques=(6.0, 12.0, 20.0), size=0.012, fine=0.0045,
+)  # fmt: skip
+
+RIGS = {rig.name: rig for rig in (_T, _PIPE, _BOX, _BRACKET)}
 
 
 def draw_bodies(occ, rig: Rig) -> list[int]:

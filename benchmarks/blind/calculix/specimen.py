@@ -27,6 +27,8 @@ _POOL, _SPREAD = 90, 70
 RIGID = 6
 #: Modes beyond those that are measured, among which they are looked for.
 _MORE = 5
+#: Modes that functions are summed over, and their lines.
+_SUMMED, _LINES = 70, 300
 
 
 @dataclass
@@ -42,6 +44,9 @@ class Spec:
         effects: ``{"name", "region", "params"}`` each.
         nuisance: Factors within tolerance: E, rho, thickness by body, heads.
         scatter: True over nominal tightening of each row.
+        careful: Whether the nominal model is meshed as a careful user does, and states less error.
+        forces: Places in the pool where functions were measured, with all sensors; none without.
+        damping: Of each mode, for the functions.
     """
 
     geometry: str
@@ -52,6 +57,9 @@ class Spec:
     effects: list[dict[str, Any]] = field(default_factory=list)
     nuisance: dict[str, Any] = field(default_factory=dict)
     scatter: list[float] = field(default_factory=list)
+    careful: bool = False
+    forces: list[int] = field(default_factory=list)
+    damping: list[float] = field(default_factory=list)
 
 
 @dataclass(frozen=True)
@@ -61,10 +69,15 @@ class Answer:
     Attributes:
         frequencies: Hz, (n, m).
         shapes: At the sensors, of unit root mean square, (n_s, m); none where not measured.
+        lines: Hz, of the functions, (l,).
+        functions: m/N, of all sensors and forces at the last row, (l, n_s, n_f); none where not
+            measured.
     """
 
     frequencies: np.ndarray
     shapes: np.ndarray
+    lines: np.ndarray
+    functions: np.ndarray
 
 
 # -- nodes that are looked at ----------------------------------------------------------------------
@@ -196,7 +209,30 @@ def clean(spec: Spec | dict[str, Any]) -> Answer:
         before = u[order]
         rows.append(hz[order])
     shapes = _at_sensors(spec, first)
-    return Answer(_swapped(spec, np.array(rows[::-1])), shapes)
+    hz = np.array(rows[::-1])
+    lines, functions = np.zeros(0), np.zeros((0, 0, 0))
+    if spec.forces:
+        build = deepcopy(whole)
+        _drift(spec, build, len(spec.torques) - 1)
+        lines = np.linspace(0.3 * hz[-1].min(), 1.02 * hz[-1].max(), _LINES)
+        functions = _functions(spec, build, lines, scatter[-1] * spec.torques[-1] / top)
+    return Answer(_swapped(spec, hz), shapes, lines, functions)
+
+
+def _functions(spec: Spec, build: Build, lines: np.ndarray, tightening: float) -> np.ndarray:
+    """Receptances from modes, rigid ones too, m/N, (l, n_s, n_f)."""
+    rig = RIGS[spec.geometry]
+    pool = pool_of(spec.geometry)
+    deck = write_deck(rig, mesh_of(rig.name), build, pool.observed, _SUMMED, tightening)
+    hz, u = run_modes(deck, len(pool.observed.nodes))
+    own = np.where(np.arange(len(hz)) < RIGID, 0.0, 2 * np.pi * hz)
+    zeta = np.resize(spec.damping, len(hz))
+    w = 2 * np.pi * lines[:, None]
+    modal = 1 / (own**2 - w**2 + 2j * zeta * own * w)
+    forces = np.einsum("msk,sk->sm", u[:, pool.sensors[spec.forces]], pool.normals[spec.forces])
+    moved, gains = _faults(spec)
+    read = _read(spec, u, moved) * gains[:, None]
+    return np.einsum("lm,sm,fm->lsf", modal, read, forces)
 
 
 def _drift(spec: Spec, build: Build, row: int) -> None:
@@ -223,15 +259,21 @@ def _read(spec: Spec, u: np.ndarray, moved: dict[int, int] | None = None) -> np.
     return np.einsum("msk,sk->sm", u[:, pool.sensors[at]], pool.normals[spec.sensors])
 
 
-def _at_sensors(spec: Spec, u: np.ndarray) -> np.ndarray:
-    if not spec.shapes:
-        return np.zeros((0, len(u)))
+def _faults(spec: Spec) -> tuple[dict[int, int], np.ndarray]:
+    """Places of the pool that sensors read in place of their own, and factors on all, (n_s,)."""
     moved, gains = {}, np.ones(len(spec.sensors))
     for effect in spec.effects:
         if effect["name"] == "sensor_place":
             moved[effect["params"]["sensor"]] = effect["params"]["reads"]
         elif effect["name"] == "sensor_gain":
             gains[spec.sensors.index(effect["params"]["sensor"])] = effect["params"]["factor"]
+    return moved, gains
+
+
+def _at_sensors(spec: Spec, u: np.ndarray) -> np.ndarray:
+    if not spec.shapes:
+        return np.zeros((0, len(u)))
+    moved, gains = _faults(spec)
     shapes = _read(spec, u, moved) * gains[:, None]
     return shapes / np.sqrt(np.mean(shapes**2, axis=0))
 

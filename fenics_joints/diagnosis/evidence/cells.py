@@ -28,7 +28,7 @@ from scipy.stats import norm, qmc
 
 from fenics_joints.diagnosis.effects.effect import Prior
 
-__all__ = ["Cells", "Posterior", "prior_cells", "prior_points", "weigh"]
+__all__ = ["STEEPEST", "Cells", "Posterior", "prior_cells", "prior_points", "weigh"]
 
 #: How far apart cells are over one, two and three smooth parameters, in standard deviations of the
 #: prior. [numerical: error of the lattice by Poisson's sum, see
@@ -47,6 +47,9 @@ _BESIDE, _MORE_BESIDE, _MORE = {1: 1.15}, 4, 7
 _FARTHEST = 4.0
 #: Share of such a cell within the limits, at least. [numerical: chosen]
 _INSIDE = 0.1
+#: A slope from which on a cell says nothing, in standard deviations of the data by one of the cell:
+#: of the prior's 1 beside its square round-off leaves a hundredth. [numerical: 1e-2 / 1e-16]
+STEEPEST = 1e7
 
 
 @dataclass(frozen=True)
@@ -130,6 +133,12 @@ def weigh(
     flat = columns.transpose(1, 0, 2).reshape(k, -1)
     white = solve_triangular(lower, flat, lower=True, check_finite=False)
     white = np.ascontiguousarray(white.reshape(k, count, p + 1).transpose(1, 2, 0))
+    sane = np.all(np.abs(white[:, 1:]) < STEEPEST, axis=(1, 2))
+    if not sane.all():
+        good[good] = sane
+        own, white = own[sane], white[sane]
+        if not sane.any():
+            return found
     residual, slope = white[:, 0], white[:, 1:]
     hessian = slope @ slope.transpose(0, 2, 1) + np.eye(p)
     u = -np.linalg.solve(hessian, np.einsum("npk,nk->np", slope, residual)[:, :, None])[:, :, 0]

@@ -27,6 +27,7 @@ from scipy.stats import chi2
 from sklearn.linear_model import LogisticRegression
 
 from fenics_joints.diagnosis.effects.effect import Effect
+from fenics_joints.diagnosis.evidence.cells import STEEPEST
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.library import Library
 from fenics_joints.diagnosis.evidence.linear import marginal, whiten
@@ -163,7 +164,7 @@ class _Stack:
         self.own = np.concatenate([cells[i].own for i in which])
         self.log_share = np.concatenate([cells[i].log_share for i in which])
         turned = self.own.transpose(0, 2, 1)
-        self._inner = turned @ self.own + np.eye(self.own.shape[2])
+        self._inner = turned @ self.own
         self._pull = turned @ self.away[:, :, None]
         self._square = np.sum(self.away**2, axis=1)
         n, k, d = self.own.shape
@@ -179,7 +180,8 @@ class _Stack:
         low_own = (down @ self._flat).reshape(len(down), n, d).transpose(1, 2, 0)
         pull = (self._flat.T @ common.residual).reshape(n, d, low.shape[1]) + self._pull
         pull -= low_own @ (low + low_away[:, :, None])
-        inner = self._inner - low_own @ low_own.transpose(0, 2, 1)
+        # One is added last: what the difference of large numbers loses is below it.
+        inner = self._inner - low_own @ low_own.transpose(0, 2, 1) + np.eye(d)
         square = np.sum(common.residual**2, axis=0) - np.sum(low**2, axis=0)
         square = square + 2 * (self.away @ common.residual - low_away @ low)
         square += (self._square - np.sum(low_away**2, axis=1))[:, None]
@@ -219,6 +221,8 @@ class _Cells:
         self.nuisances, away, own = np.split(white, [first, first + n], axis=1)
         self.away = away.T
         self.own = own.reshape(k, n, d).transpose(1, 0, 2)
+        there &= np.all(np.abs(self.own) < STEEPEST, axis=(1, 2))
+        self.own = np.where(there[:, None, None], self.own, 0.0)
         self.log_share = np.where(there, states.log_share, -np.inf)
 
     def settled(
