@@ -9,6 +9,8 @@ from scipy.stats import binom, kstest, multivariate_normal, ncx2
 
 from fenics_joints.diagnosis.effects.joint import interfaces
 from fenics_joints.diagnosis.evidence.evidence import Evidence
+from fenics_joints.diagnosis.thresholds import STEP
+from fenics_joints.diagnosis.where import zone_sensitivity
 from fenics_joints.diagnosis.where.score_tests import (
     Place,
     attribution,
@@ -275,3 +277,13 @@ def test_zones_of_joints_share_what_the_joints_do_together():
     assert zones["two"][0, 0] == pytest.approx(3 * zones["one"][0, 0], rel=1e-4)
     assert zones["two"][1, 0] == pytest.approx(0.0, abs=1e-9)
     assert zones["one"][:, 1] == pytest.approx(np.zeros(2), abs=1e-9)
+
+
+def test_a_thin_layer_keeps_a_positive_stiffness_on_either_side_of_a_node():
+    """Differences are taken across each point of the quadrature, where a film of 6 um is bonded."""
+    nodes, _ = np.polynomial.legendre.leggauss(zone_sensitivity._NODES)
+    effect = zone_sensitivity.giving_way("film", ["film"], {"film": {"E": 1e7}}, "E")
+    for z in 0.5 + 0.5 * nodes - STEP:
+        values = {"film.E": 1e16}
+        effect.apply(values, {"root": z}, 1.0)
+        assert 0 < values["film.E"] < 1e16

@@ -36,7 +36,7 @@ NEW, _FUNCTIONS = "bracket", 0.125
 _LINE_NOISE, _CALIBRATION, _DAMPING = 0.02, 0.02, (0.002, 0.01)
 #: How a careful user meshes, and what he states then; measured by `discrepancy.py`.
 CAREFUL = {
-    "bracket": {"size": '"16 mm"', "ring_size": '"8 mm"', "circle": "16", "discrepancy": '"1 %"'},
+    "bracket": {"size": '"16 mm"', "ring_size": '"8 mm"', "discrepancy": '"1 %"'},
 }  # fmt: skip
 _KINDS = {"none": 0.20, "single": 0.42, "pair": 0.18, "unknown": 0.20}
 #: Causes that only shapes show.

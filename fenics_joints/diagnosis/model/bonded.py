@@ -73,7 +73,7 @@ def _change(effect: Effect, forward, evidence: Evidence, baseline) -> np.ndarray
     hypothesis = Hypothesis((effect,), conditions=tuple(map(float, evidence.conditions)))
 
     def z(log_share: float) -> np.ndarray:
-        return np.exp([log_share])
+        return np.exp([log_share / 3])
 
     def log_f(log_share: float) -> np.ndarray:
         return forward(hypothesis.values(z(log_share), evidence.conditions[row], baseline, row))[0]

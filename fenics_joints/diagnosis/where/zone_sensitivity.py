@@ -141,9 +141,8 @@ def _parts_of_joints(regions, interfaces, forward, evidence, baseline, nominal):
         effects = [giving_way(zone, joints, interfaces, key) for zone, joints in zones.items()]
         parts = np.zeros((len(nominal), len(effects)))
         for node, weight in zip(0.5 + 0.5 * nodes, 0.5 * weights, strict=True):
-            # Most happens early: a little compliance is much beside that of a bonded layer.
-            _, slopes = _predict(effects, forward, evidence, baseline, node**3)
-            parts += weight * 3 * node**2 * slopes[:, : len(effects)]
+            _, slopes = _predict(effects, forward, evidence, baseline, node)
+            parts += weight * slopes[:, : len(effects)]
         end, _ = _predict(effects, forward, evidence, baseline, 1.0)
         # What the quadrature misses goes to the zones in proportion to their parts.
         share = np.abs(parts) / np.maximum(np.abs(parts).sum(axis=1, keepdims=True), 1e-300)
@@ -154,7 +153,9 @@ def _parts_of_joints(regions, interfaces, forward, evidence, baseline, nominal):
 def giving_way(
     zone: str, joints: Sequence[str], interfaces: Mapping[str, Mapping[str, float]], key: str
 ) -> Effect:
-    """Joints with a share of the expected interface's compliance in series.
+    """Joints with a share of the expected interface's compliance in series, by its cube root.
+
+    Most happens early: a little compliance is much beside that of a bonded layer.
 
     Args:
         zone: What they are together.
@@ -166,9 +167,9 @@ def giving_way(
     def apply(values, theta, condition):
         for joint in joints:
             name = f"{joint}.{key}"
-            values[name] = 1 / (1 / values[name] + theta["share"] / interfaces[joint][key])
+            values[name] = 1 / (1 / values[name] + theta["root"] ** 3 / interfaces[joint][key])
 
-    prior = Prior("share", 0.0, 1.0, "", False, (0.0, 1.0))
+    prior = Prior("root", 0.0, 1.0, "", False, (0.0, 1.0))
     return Effect(f"{key} of {zone} giving way", zone, (prior,), apply)
 
 
