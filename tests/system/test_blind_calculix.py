@@ -22,7 +22,7 @@ from benchmarks.blind.calculix.effects import MASS, UNKNOWN_OF
 from benchmarks.blind.calculix.meshing import mesh_of, unfolded
 from benchmarks.blind.calculix.rigs import RIGS
 from benchmarks.blind.calculix.ritz import with_attached
-from benchmarks.blind.calculix.specimen import RIGID, drawn_hz, follow
+from benchmarks.blind.calculix.specimen import RIGID, build_of, drawn_hz, follow, receptances
 from fenics_joints.case import load_case
 from fenics_joints.diagnosis.model.subject import subject_of
 from fenics_joints.modal import solve_modes
@@ -205,7 +205,7 @@ def test_functions_have_the_resonances_and_the_mass(tmp_path):
         assert peaks[near].max() > 3 * np.median(peaks)
     # Far below the first resonance a free structure is its rigid body.
     spec = calculix.Spec(**truth["spec"])
-    low = calculix.specimen._functions(spec, calculix.specimen.build_of(spec), np.array([5.0]), 1.0)
+    low = receptances(spec, build_of(spec), np.array([5.0]), 1.0)
     place = [spec.sensors.index(s) for s in spec.forces]
     for j, i in enumerate(place):
         assert -1 / ((2 * np.pi * 5.0) ** 2 * low[0, i, j].real) < MASS["bracket"]

@@ -17,8 +17,8 @@ from .program import run_modes
 from .rigs import RIGS, Rig
 
 __all__ = [
-    "TOLERANCE", "Answer", "Spec", "build_of", "clean", "drawn_hz", "follow", "pool_of", "seen",
-    "solve",
+    "TOLERANCE", "Answer", "Spec", "build_of", "clean", "drawn_hz", "follow", "pool_of",
+    "receptances", "seen", "solve",
 ]  # fmt: skip
 
 #: Standard deviations of ln, of each body.
@@ -215,11 +215,11 @@ def clean(spec: Spec | dict[str, Any]) -> Answer:
         build = deepcopy(whole)
         _drift(spec, build, len(spec.torques) - 1)
         lines = np.linspace(0.3 * hz[-1].min(), 1.02 * hz[-1].max(), _LINES)
-        functions = _functions(spec, build, lines, scatter[-1] * spec.torques[-1] / top)
+        functions = receptances(spec, build, lines, scatter[-1] * spec.torques[-1] / top)
     return Answer(_swapped(spec, hz), shapes, lines, functions)
 
 
-def _functions(spec: Spec, build: Build, lines: np.ndarray, tightening: float) -> np.ndarray:
+def receptances(spec: Spec, build: Build, lines: np.ndarray, tightening: float) -> np.ndarray:
     """Receptances from modes, rigid ones too, m/N, (l, n_s, n_f)."""
     rig = RIGS[spec.geometry]
     pool = pool_of(spec.geometry)
