@@ -49,6 +49,11 @@ def test_of_three_effects_two_that_do_the_same_are_taken_for_each_other():
     assert rate(plane) > 0.6
 
 
+def test_where_nothing_else_can_act_none_is_named():
+    """Of a library with one effect."""
+    assert rate(0.05 * np.eye(MODES)[:, :1]) < 0.1
+
+
 def test_what_simulated_tests_say_is_found_again():
     """A rate that falls with the gap, and p-values of a known density."""
     rng = np.random.default_rng(4)

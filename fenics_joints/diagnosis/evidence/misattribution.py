@@ -322,7 +322,7 @@ def simulate(
 
     size = np.array([each.own.shape[2] for each in cells])
     stacks = [_Stack(cells, np.flatnonzero(size == d)) for d in np.unique(size)]
-    together = ~np.array([[_exclude(a, b) for b in effects] for a in effects])
+    together = np.array([[not _exclude(a, b) for b in effects] for a in effects], dtype=bool)
 
     def explanations(t) -> np.ndarray:
         """ln of the evidence times odds of each effect and of each two, the first solved for and
@@ -338,7 +338,7 @@ def simulate(
 
     # Probabilities and not counts, so that no digit of a solver moves the rate by a whole test.
     named, log_p = np.zeros(count), np.zeros(count)
-    for t in np.flatnonzero(seen):
+    for t in np.flatnonzero(np.any(others, axis=0)):
         log_evidence, square = explanations(t)
         p = np.maximum(chi2.sf(square, k), 1e-300)
         share = np.exp(log_evidence - np.logaddexp(logsumexp(log_evidence), rest[t]))
