@@ -45,7 +45,7 @@ def page(scores: Mapping, sealed: Mapping) -> str:
     figures = {name: Markup(text) if text else None for name, text in drawn.items()}
     return environment.get_template("page.html").render(
         s=scores, sealed=sealed, summary=scores["summary"], figures=figures,
-        targets=targets(scores["summary"]), groups=_groups(scores),
+        targets=targets(scores["summary"], sealed.get("world", "first")), groups=_groups(scores),
     )  # fmt: skip
 
 

@@ -67,10 +67,20 @@ class Location:
 
     @property
     def ranked(self) -> tuple[ScoreTest, ...]:
-        """Places that explain more than chance, the most probable first."""
+        """Places that explain more than chance, the most probable first.
+
+        Mirror images differ by round-off only: those within a tenth of a nat stand as the model
+        lists them.
+        """
         patches = () if self.patches is None else self.patches.tests
-        telling = [t for t in (*self.regions, *self.zones, *patches) if t.significant]
-        return tuple(sorted((t for t in telling if t.log_odds > 0), key=lambda t: -t.log_odds))
+        places = (*self.regions, *self.zones, *patches)
+        telling = [(i, t) for i, t in enumerate(places) if t.significant and t.log_odds > 0]
+        telling.sort(key=lambda it: -it[1].log_odds)
+        first, groups = np.inf, []
+        for i, test in telling:
+            first = test.log_odds if first - test.log_odds > 0.1 else first
+            groups.append((-first, i, test))
+        return tuple(test for _, _, test in sorted(groups, key=lambda g: g[:2]))
 
     def middle(self, test: ScoreTest) -> tuple[float, ...] | None:
         """Centre of a patch, m; None of a place that is none."""
