@@ -190,8 +190,9 @@ def diagnose(
 
     With --plan instead: apart (number of causes and groups of them told apart), effects (key,
     class, seen, size, distance from no gap and its range over the sizes), distance and confusion
-    (by the effect at work and what it is taken for), classes (members, collinearity, combination,
-    left), additions (measurement, apart, seen, mean_gain, largest_gain, pair), the best first.
+    (mean probabilities in simulated tests), by the effect at work and what it is taken for,
+    classes (members, collinearity, combination, left), additions (measurement, apart, seen,
+    mean_gain, largest_gain, pair), the best first.
     """
     name = "run_plan" if plan else "run_diagnose"
     outputs = {"--json": json, "--report": report}

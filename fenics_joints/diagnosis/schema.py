@@ -62,6 +62,10 @@ class _Outside(_Keys):
     rate: float = Field(
         ge=0, le=1, description="How often they are taken for effects of the library."
     )
+    right: float = Field(
+        ge=0, le=1,
+        description="Share of answers given as 80 % that are right, with the cause in the library.",
+    )  # fmt: skip
     tests: int
 
 

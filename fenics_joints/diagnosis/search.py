@@ -13,7 +13,7 @@ from fenics_joints.diagnosis.evidence.equal import Known
 from fenics_joints.diagnosis.evidence.fitted import Fit
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.library import Found, Library
-from fenics_joints.diagnosis.evidence.misattribution import Misattribution, simulate
+from fenics_joints.diagnosis.evidence.misattribution import Misattribution, confusion, simulate
 from fenics_joints.diagnosis.evidence.screen import near_best
 from fenics_joints.diagnosis.model.prepared import Prepared
 from fenics_joints.diagnosis.thresholds import MISFIT
@@ -129,6 +129,18 @@ class Search:
             )
 
         return model.comm.bcast(on_root(model.comm, found))
+
+    def confusion(self, effects: Sequence[Effect]) -> np.ndarray:
+        """What each of some effects is taken for, by simulated tests, (n, n + 2): the last columns
+        are "no gap" and an unknown cause. Collective."""
+        self.progress.step("simulating tests of each cause", len(effects))
+        self._solve(effects)
+
+        def found() -> np.ndarray:
+            test = self.model.evidence
+            return confusion(self.library, effects, self._odds, self.log_unknown, test)
+
+        return self.model.comm.bcast(on_root(self.model.comm, found))
 
     # -- evidence ------------------------------------------------------------------------------
 

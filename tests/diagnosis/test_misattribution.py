@@ -13,7 +13,12 @@ pytest.importorskip("dolfinx")
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.library import Library
-from fenics_joints.diagnosis.evidence.misattribution import Misattribution, simulate
+from fenics_joints.diagnosis.evidence.misattribution import (
+    Misattribution,
+    confusion,
+    share_right,
+    simulate,
+)
 from fenics_joints.diagnosis.shrinkage import Fold, Shrinkage
 from fenics_joints.diagnosis.verdict import after_held_out, held_out_factor
 from tests.helpers.linear_forward import Linear, shift
@@ -26,13 +31,18 @@ def fold(name: str, before: float, after: float, placebo: float) -> Fold:
     return Fold(**{**nothing, "name": name, "before": before, "after": after, "placebo": placebo})
 
 
-def rate(matrix) -> float:
+def weighed(matrix):
+    """Library, effects, ln of their odds, and a test of a linear model."""
     forward = Linear(matrix)
     log_f = np.full((1, MODES), 5.0)
     evidence = Evidence(np.array([10.0]), log_f, np.full(log_f.shape, SD), SD)
     library = Library(forward, evidence, forward.baseline, lambda chosen: Hypothesis(tuple(chosen)))
     effects = [shift(i) for i in range(matrix.shape[1])]
-    odds = dict.fromkeys([e.key for e in effects], np.log(0.5))
+    return library, effects, dict.fromkeys([e.key for e in effects], np.log(0.5)), evidence
+
+
+def rate(matrix) -> float:
+    library, effects, odds, evidence = weighed(matrix)
     return simulate(library, effects, odds, 0.25, np.log(0.5), evidence).rate
 
 
@@ -52,6 +62,29 @@ def test_of_three_effects_two_that_do_the_same_are_taken_for_each_other():
 def test_where_nothing_else_can_act_none_is_named():
     """Of a library with one effect."""
     assert rate(0.05 * np.eye(MODES)[:, :1]) < 0.1
+
+
+def test_what_causes_are_taken_for():
+    """Three apart are named, but for what is too small; twins are named by turns."""
+    matrix = 0.5 * np.eye(MODES)[:, :3]
+    library, effects, odds, evidence = weighed(matrix)
+    shares = confusion(library, effects, odds, np.log(1e-6), evidence)
+    assert shares.sum(axis=1) == pytest.approx(np.ones(3))
+    assert np.all(np.diag(shares) > 0.95)
+    matrix[:, 1] = matrix[:, 0]
+    library, effects, odds, evidence = weighed(matrix)
+    shares = confusion(library, effects, odds, np.log(1e-6), evidence)
+    assert shares[:2, :2] == pytest.approx(np.full((2, 2), 0.5), abs=0.02)
+    assert shares[2, 2] > 0.95
+
+
+@pytest.mark.parametrize("factor, expected", [(1.0, 0.8), (2.0, 2 / 3)])
+def test_how_many_answers_of_80_percent_are_right(factor, expected):
+    """Of exact log odds 80 %; of log odds twice too large the square root of the odds."""
+    rng = np.random.default_rng(3)
+    score = 2.0 * rng.standard_normal((2, 20000))
+    cause = (rng.uniform(size=20000) < 1 / (1 + np.exp(score[0] - score[1]))).astype(int)
+    assert share_right(factor * score, cause) == pytest.approx(expected, abs=0.01)
 
 
 def test_what_simulated_tests_say_is_found_again():

@@ -230,6 +230,12 @@ def test_plan_of_the_lap_plates(tmp_path, planned, capfd, keeps_rules):
     assert content["apart"] == 2 and all(e["seen"] for e in content["effects"])
     assert content["classes"][0]["collinearity"] > 20
     assert content["distance"]["modulus error (plates)"]["joint tangential compliance (joint)"] > 3
+    # Those of a class are taken for each other, and the joint for itself.
+    for key, shares in content["confusion"].items():
+        assert sum(shares.values()) == pytest.approx(1.0)
+        among = MATERIAL if key in MATERIAL else {key}
+        assert sum(shares[k] for k in (*among, "no gap")) > 0.9
+        assert sum(shares[k] for k in among) > 0.5
     gained = {a["measurement"]: a for a in content["additions"]}
     best = content["additions"][0]
     assert "sensors miss" in best["measurement"] and best["apart"] == 3

@@ -34,6 +34,7 @@ from fenics_joints.commands.diagnose.words import (
     value_words,
 )
 from fenics_joints.diagnosis.evidence.classes import APART
+from fenics_joints.diagnosis.evidence.misattribution import SAID
 from fenics_joints.diagnosis.result import Diagnosis
 from fenics_joints.diagnosis.verdict import NO_GAP, UNKNOWN
 from fenics_joints.formatting import (
@@ -208,7 +209,9 @@ def _something_else(d: Diagnosis) -> str:
         words.append(
             f"Before the test it had {share_words(simulated.prior)}. In {simulated.tests} "
             "simulated tests of this structure with these sensors the cause was taken out of the "
-            f"library: {share_words(simulated.rate)} of them were taken for other effects of it."
+            f"library: {share_words(simulated.rate)} of them were taken for other effects of it. "
+            f"With the cause in it, answers given as {share_words(SAID)} were right in "
+            f"{share_words(simulated.right)}."
         )
     if p >= SHARE and d.somewhere is not None:
         point = point_mass_words(d.somewhere)

@@ -7,8 +7,9 @@ from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.patches import Rectangle
 
 from fenics_joints.commands.diagnose.reading import by_reason
-from fenics_joints.diagnosis.evidence.classes import APART, confusion
+from fenics_joints.diagnosis.evidence.classes import APART
 from fenics_joints.diagnosis.plan.result import Plan, PlannedEffect
+from fenics_joints.diagnosis.verdict import NO_GAP, UNKNOWN
 from fenics_joints.formatting import quantity, spaced
 from fenics_joints.report.html import facts, ink_on, render, svg
 from fenics_joints.report.style import CHOSEN, PLACEBO, drawing, to_svg
@@ -42,13 +43,15 @@ def size_words(e: PlannedEffect) -> str:
     return ", ".join(f"{name} = {quantity(value, e.units[name])}" for name, value in e.size.items())
 
 
-def likeliest(p: Plan, i: int) -> tuple[str, float, float]:
-    """What an effect would most easily be taken for, D from it, and the chance."""
-    row = p.distances[i].copy()
-    row[i] = np.inf
-    j = int(np.argmin(row))
-    name = p.effects[j].key if j < len(p.effects) else "no gap"
-    return name, float(row[j]), confusion(float(row[j]))
+def likeliest(p: Plan, i: int) -> tuple[float, str, float] | None:
+    """How often an effect is named where it is the cause, what else it is taken for most often,
+    and how often; None if no test of it was simulated."""
+    row = p.taken_for[i]
+    if np.isnan(row).any():
+        return None
+    names = [*(e.key for e in p.effects), NO_GAP, UNKNOWN]
+    j = max((j for j in range(len(row)) if j != i), key=row.__getitem__)
+    return float(row[i]), names[j], float(row[j])
 
 
 def matrix_picture(p: Plan) -> str:

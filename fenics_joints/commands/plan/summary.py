@@ -25,13 +25,17 @@ def show_plan(console: Console, p: Plan) -> None:
         tell(console, sentence)
     console.print()
     places = {e.key: f"{i + 1}" for i, e in enumerate(p.effects)}
-    table = new_table(">", "effect", "", ">D: no gap", ">nearest", ">is", ">taken for it")
+    table = new_table(">", "effect", "", ">D: no gap", ">named", ">or taken for", ">share")
     for i, e in enumerate(p.effects[:_EFFECTS]):
-        name, d, chance = likeliest(p, i)
+        found = likeliest(p, i)
+        shares = ["–"] * 3
+        if found is not None:
+            named, other, share = found
+            shares = [probability(named), places.get(other, other), probability(share)]
         table.add_row(
             places[e.key], Text(spaced(e.key)),
-            e.letter or ("" if e.seen else "unseen"), f"{e.distance:.1f}", f"{d:.1f}",
-            places.get(name, name), probability(chance), style=None if e.seen else "dim",
+            e.letter or ("" if e.seen else "unseen"), f"{e.distance:.1f}", *shares,
+            style=None if e.seen else "dim",
         )  # fmt: skip
     if len(p.effects) > _EFFECTS:
         table.add_row("", f"and {len(p.effects) - _EFFECTS} more", style="dim")
@@ -45,7 +49,12 @@ def show_plan(console: Console, p: Plan) -> None:
     for reason, names in by_reason(p.silent):
         tell(console, f"this test says nothing of {', '.join(names)}: {reason}", "dim")
     values = ", ".join(condition_value(x, p.condition[1]) for x in p.conditions)
-    say(console, f"D above {APART} is less than 1 % confusion", "dim")
+    tell(
+        console,
+        f"D above {APART} is less than 1 % confusion; named, and taken for the number or outcome: "
+        "mean probabilities in simulated tests of that cause, of any size that is probable",
+        "dim",
+    )
     text = f"{', '.join(p.measured)} of {len(p.mode_names)} modes at {p.condition[0]} {values}"
     say(console, text, "dim")
     text = f"noise {percent(p.noise)}, discrepancy {percent(p.discrepancy)}"

@@ -1,4 +1,4 @@
-"""How often a cause outside the library is taken for effects of the library, by simulated tests.
+"""What causes are taken for, by simulated tests: for others of the library, or for each other.
 
 A hole can look like a softer part, a cable like an added mass: then an effect of the library fits,
 and no evidence tells. How often that happens depends on the structure, the sensors, the noise and
@@ -13,6 +13,9 @@ its logarithm).
 Those named in its place fit worse than right causes do, whose p-values are uniformly distributed.
 The density of theirs is taken to be a p^(a-1), with a from the simulated tests (Sellke, Bayarri and
 Berger, The American Statistician 55, 2001).
+
+With every effect in the library, the same tests tell what each cause is taken for, and how often
+an answer is right that is given as 80 %.
 """
 
 from __future__ import annotations
@@ -22,7 +25,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import expit, logit, logsumexp
+from scipy.special import expit, logit, logsumexp, softmax
 from scipy.stats import chi2
 from sklearn.linear_model import LogisticRegression
 
@@ -34,7 +37,7 @@ from fenics_joints.diagnosis.evidence.linear import marginal, whiten
 from fenics_joints.diagnosis.evidence.somewhere import unknown_evidence
 from fenics_joints.diagnosis.thresholds import MISFIT
 
-__all__ = ["Misattribution", "simulate"]
+__all__ = ["Misattribution", "SAID", "confusion", "share_right", "simulate"]
 
 #: Simulated tests; effects of each that are solved for, and Gauss-Newton steps of these.
 #: [numerical: the rate to 0.05]
@@ -44,6 +47,10 @@ _TESTS, _RIVALS, _STEPS = 100, 3, 2
 _LEAST, _LEAST_GAP = 0.1, 1.0
 #: What share of a test that is seen does not count. [numerical: the rate to 1e-3]
 _NOT_SEEN = 1e-3
+#: Simulated tests of each cause for a table of what is taken for what. [numerical: a share to 0.08]
+_EACH = 40
+#: Probability of an answer whose share of right ones is told. [decision: convention]
+SAID = 0.8
 
 
 @dataclass(frozen=True)
@@ -59,6 +66,7 @@ class Misattribution:
         exponent: That of the density of p-values of what is named, 0 to 1.
         tests: Number of simulated tests that were looked at.
         prior: Probability of a cause outside the library, before the test.
+        right: Share of the answers given as `SAID` that were right, with the cause in the library.
     """
 
     rate: float
@@ -68,10 +76,12 @@ class Misattribution:
     exponent: float
     tests: int
     prior: float
+    right: float = SAID
 
     @classmethod
     def of(
-        cls, gap: np.ndarray, named: np.ndarray, log_p: np.ndarray, other: np.ndarray, prior: float
+        cls, gap: np.ndarray, named: np.ndarray, log_p: np.ndarray, other: np.ndarray,
+        prior: float, right: float = SAID,
     ) -> Misattribution:
         """From simulated tests whose cause was taken out of the library.
 
@@ -81,6 +91,7 @@ class Misattribution:
             log_p: ln of the p-value of these, times that number, (n,).
             other: How often none is, (n,).
             prior: Probability of a cause outside the library, before the test.
+            right: See the attribute.
         """
         x = np.log(np.maximum(gap, _LEAST_GAP))
         rate = (named.sum() + 0.5) / (named.sum() + other.sum() + 1)
@@ -94,7 +105,7 @@ class Misattribution:
         exponent = (named.sum() + 1) / (1 - log_p.sum())
         return cls(
             float(rate), intercept, slope, float(x.max(initial=0.0)),
-            float(np.clip(exponent, _LEAST, 1.0)), len(x), prior,
+            float(np.clip(exponent, _LEAST, 1.0)), len(x), prior, right,
         )  # fmt: skip
 
     def rate_at(self, gap: float) -> float:
@@ -284,23 +295,16 @@ def simulate(
         test: The test.
     """
     changed = {e.key: _changed(e, library, test) for e in effects}
-    acting = [e for e in effects if changed[e.key]]
-    data, cause = _tests(acting, log_odds, library, test)
-    lower, used, count = test.lower(), test.fitted, len(data)
-    nominal, slope = library.nothing
-    white = whiten(lower, np.column_stack([nominal[used, None] - data.T, slope[used]]))
-    residual, k = white[:, :count], len(lower)
-    unknown = log_unknown + unknown_evidence(nominal[used], slope[used], data, test)
-    unknown += np.sum(np.log(np.diag(lower))) + 0.5 * k * np.log(2 * np.pi)
-    none = marginal(residual, white[:, count:])
-    rest = np.logaddexp(none, unknown)
-
-    cells = [_Cells(e, library, test) for e in effects]
+    acting = [i for i, e in enumerate(effects) if changed[e.key]]
     odds = np.array([log_odds[e.key] for e in effects])
-    score, leading = np.full((len(effects), count), -np.inf), np.zeros((len(effects), count), int)
-    for i, each in enumerate(cells):
-        value = _Stack(cells, [i]).beside(_Common(residual, each.nuisances))[0]
-        score[i], leading[i] = odds[i] + logsumexp(value, axis=0), np.argmax(value, axis=0)
+    rng = np.random.default_rng(0)
+    counts = rng.multinomial(_TESTS, softmax(odds[acting])) if acting else []
+    data, drawn = _tests([effects[i] for i in acting], counts, library, test, rng)
+    cause, count = [effects[acting[i]] for i in drawn], len(data)
+    cells = [_Cells(e, library, test) for e in effects]
+    weighed = _weighed(library, cells, odds, log_unknown, data, test)
+    residual, score, leading, none, unknown = weighed
+    rest, k = np.logaddexp(none, unknown), len(residual)
     # As of a leader of a test, whose evidence is that of one hypothesis and without its odds.
     gap = np.max(score - odds[:, None], axis=0, initial=-np.inf) - none
     visible = expit(logsumexp(score, axis=0) - none) if cells else np.zeros(count)
@@ -344,7 +348,91 @@ def simulate(
         share = np.exp(log_evidence - np.logaddexp(logsumexp(log_evidence), rest[t]))
         share *= visible[t] * p / (p + MISFIT)
         named[t], log_p[t] = share.sum(), share @ np.log(p)
-    return Misattribution.of(gap[seen], named[seen], log_p[seen], (visible - named)[seen], prior)
+    right = share_right(score[np.ix_(acting, seen)], drawn[seen])
+    return Misattribution.of(
+        gap[seen], named[seen], log_p[seen], (visible - named)[seen], prior, right
+    )
+
+
+def confusion(
+    library: Library, effects: Sequence[Effect], log_odds: Mapping[str, float],
+    log_unknown: float, test: Evidence,
+) -> np.ndarray:
+    """What each effect is taken for, if it is the cause: mean probabilities, (n, n + 2).
+
+    Args:
+        library: Has the states of the effects.
+        effects: All that are weighed, n of them.
+        log_odds: ln of their prior odds against none, by key.
+        log_unknown: ln of the prior odds of an unknown cause against none.
+        test: The test's layout and errors.
+
+    Returns:
+        A row for the effect at work; the last two columns are "no gap" and an unknown cause. nan
+        where the model lacks modes at all simulated sizes.
+    """
+    counts, rng = [_EACH] * len(effects), np.random.default_rng(0)
+    data, cause = _tests(effects, counts, library, test, rng)
+    cells = [_Cells(e, library, test) for e in effects]
+    odds = np.array([log_odds[e.key] for e in effects])
+    _, score, _, none, unknown = _weighed(library, cells, odds, log_unknown, data, test)
+    p = softmax(np.vstack([score, none, unknown]), axis=0)
+    return np.array([
+        p[:, cause == i].mean(axis=1) if np.any(cause == i) else np.full(len(p), np.nan)
+        for i in range(len(effects))
+    ]).reshape(len(effects), len(effects) + 2)  # fmt: skip
+
+
+class _Weighed(NamedTuple):
+    """Evidence of what may explain simulated tests.
+
+    Attributes:
+        residual: Nominal model less data, whitened, (k, t).
+        score: ln of the evidence of each effect times its odds, (n, t).
+        leading: Which of its cells has most of that, (n, t).
+        none: ln of the evidence of the nominal model, (t,).
+        unknown: The same of an unknown cause, times its odds, (t,).
+    """
+
+    residual: np.ndarray
+    score: np.ndarray
+    leading: np.ndarray
+    none: np.ndarray
+    unknown: np.ndarray
+
+
+def _weighed(
+    library: Library, cells: Sequence[_Cells], odds: np.ndarray, log_unknown: float,
+    data: np.ndarray, test: Evidence,
+) -> _Weighed:
+    """ln of evidence but for the constant that all have in common."""
+    lower, used, count = test.lower(), test.fitted, len(data)
+    nominal, slope = library.nothing
+    white = whiten(lower, np.column_stack([nominal[used, None] - data.T, slope[used]]))
+    residual, k = white[:, :count], len(lower)
+    unknown = log_unknown + unknown_evidence(nominal[used], slope[used], data, test)
+    unknown += np.sum(np.log(np.diag(lower))) + 0.5 * k * np.log(2 * np.pi)
+    score, leading = np.full((len(cells), count), -np.inf), np.zeros((len(cells), count), int)
+    for i, each in enumerate(cells):
+        value = _Stack(cells, [i]).beside(_Common(residual, each.nuisances))[0]
+        score[i], leading[i] = odds[i] + logsumexp(value, axis=0), np.argmax(value, axis=0)
+    return _Weighed(residual, score, leading, marginal(residual, white[:, count:]), unknown)
+
+
+def share_right(score: np.ndarray, cause: np.ndarray) -> float:
+    """Share of the answers given as `SAID` that are right, from all probabilities of the effects
+    in all tests; a logistic function of their log odds.
+
+    Args:
+        score: ln of the evidence times the odds of each effect, (n, t).
+        cause: Which of them is at work, (t,).
+    """
+    if len(score) < 2 or not len(cause):
+        return SAID
+    said = logit(softmax(score, axis=0).clip(1e-6, 1 - 1e-6))
+    label = np.arange(len(score))[:, None] == cause
+    found = LogisticRegression(tol=1e-8).fit(said.reshape(-1, 1), label.ravel())
+    return float(found.predict_proba([[logit(SAID)]])[0, 1])
 
 
 def _changed(effect: Effect, library: Library, test: Evidence) -> set[str]:
@@ -360,19 +448,19 @@ def _exclude(a: Effect, b: Effect) -> bool:
 
 
 def _tests(
-    acting: Sequence[Effect], log_odds: Mapping[str, float], library: Library, test: Evidence
-) -> tuple[np.ndarray, list[Effect]]:
-    """Simulated data of the entries that are fitted, (t, k), and the cause of each."""
-    rng, used, lower = np.random.default_rng(0), test.fitted, test.lower()
-    share = np.exp([log_odds[e.key] for e in acting])
-    counts = rng.multinomial(_TESTS, share / share.sum()) if acting else []
-    data, cause = [np.zeros((0, len(lower)))], []
-    for effect, n in zip(acting, counts, strict=True):
+    effects: Sequence[Effect], counts: Sequence[int], library: Library, test: Evidence,
+    rng: np.random.Generator,
+) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+    """Simulated data of the entries that are fitted, (t, k), and which effect made each, (t,)."""
+    used, lower = test.fitted, test.lower()
+    data, cause = [np.zeros((0, len(lower)))], [np.zeros(0, dtype=int)]
+    for i, n in enumerate(counts):
         if n:
-            h = library.make((effect,))
+            h = library.make((effects[i],))
             z = rng.standard_normal((n, len(h.priors))).clip(*h.limits.T)
             found = library.predict(h, z)[0][:, used]
             data.append(found[np.isfinite(found).all(1)])
-            cause += [effect] * len(data[-1])
+            cause.append(np.full(len(data[-1]), i))
     found = np.concatenate(data)
-    return found + (lower @ rng.standard_normal(found.T.shape)).T, cause
+    noise = (lower @ rng.standard_normal(found.T.shape)).T
+    return found + noise, np.concatenate(cause)

@@ -16,6 +16,7 @@ from fenics_joints.diagnosis.effects.effect import Effect, Silent
 from fenics_joints.diagnosis.effects.rig import MISSED
 from fenics_joints.diagnosis.evidence.classes import APART
 from fenics_joints.diagnosis.evidence.entries import KINDS
+from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.of_test import evidence_of
 from fenics_joints.diagnosis.model.prepared import Prepared, prepare
 from fenics_joints.diagnosis.plan.added import measurement, rank, table
@@ -24,6 +25,7 @@ from fenics_joints.diagnosis.plan.groups import combination, groups
 from fenics_joints.diagnosis.plan.result import Plan, PlannedClass, PlannedEffect
 from fenics_joints.diagnosis.plan.sensors import few_sensors
 from fenics_joints.diagnosis.plan.study import Signature, Study
+from fenics_joints.diagnosis.search import Search
 from fenics_joints.diagnosis.thresholds import NEGLIGIBLE
 from fenics_joints.formatting import number, quantity, spaced
 from fenics_joints.measurements.data import TestData
@@ -81,6 +83,7 @@ def plan(
             beneath=_beneath(model), progress=progress.advance, comm=comm,
         )  # fmt: skip
         order, classes = _ordered(study)
+        taken_for = _taken_for(model, evidence, progress)
         additions = []
         if classes or any(s.d / 2 < APART for s in study.expected):
             progress.step("looking for measurements that would help")
@@ -104,6 +107,7 @@ def plan(
         discrepancy=evidence.discrepancy,
         effects=[_effect(study, i, letters.get(i, "")) for i in order],
         distances=table(study)[picked],
+        taken_for=taken_for[np.ix_(order, [*order, len(order), len(order) + 1])],
         classes=[c for c, _ in classes],
         additions=[replace(a, distances=a.distances[picked]) for a in additions],
         silent=model.silent,
@@ -118,6 +122,19 @@ def _without_missed_modes(model: Prepared) -> None:
         model.effects = tuple(e for e in model.effects if e.name != MISSED)
         reason = "a plan takes the test to find the modes that the model has"
         model.silent = (*model.silent, Silent(MISSED, reason))
+
+
+def _taken_for(model: Prepared, evidence: Evidence, progress: Progress) -> np.ndarray:
+    """What each effect is taken for, see `Plan.taken_for`, in the order of the model's effects."""
+    model.evidence = evidence
+    # What changes with the level does so in a joint that gives way: never alone.
+    alone = [i for i, e in enumerate(model.effects) if not e.by_level]
+    n = len(model.effects)
+    found = np.zeros((n, n + 2))
+    found[[i for i in range(n) if i not in alone]] = np.nan
+    single = Search(model, progress).confusion([model.effects[i] for i in alone])
+    found[np.ix_(alone, [*alone, n, n + 1])] = single
+    return found
 
 
 def _nominal(model: Prepared, case: Case) -> TestData:

@@ -9,9 +9,10 @@ import numpy as np
 
 import fenics_joints
 from fenics_joints.diagnosis.effects.effect import Silent
-from fenics_joints.diagnosis.evidence.classes import APART, confusion
+from fenics_joints.diagnosis.evidence.classes import APART
 from fenics_joints.diagnosis.plan.added import Addition
 from fenics_joints.diagnosis.thresholds import NEGLIGIBLE
+from fenics_joints.diagnosis.verdict import NO_GAP, UNKNOWN
 from fenics_joints.files import plain
 
 __all__ = ["Plan", "PlannedClass", "PlannedEffect"]
@@ -90,6 +91,9 @@ class Plan:
         effects: The effects, members of a class together, those not seen last.
         distances: D of the row's effect from what the column's can make, (n, n + 1); the last
             column is "no gap".
+        taken_for: Mean probability that each effect of the column gets in tests that are simulated
+            with the row's at work, of any size that is probable, (n, n + 2); the last columns are
+            "no gap" and a cause outside the library. nan where none could be simulated.
         classes: Classes of several effects.
         additions: What further measurements would add, the most telling first.
         silent: Effects that such a test says nothing about.
@@ -106,6 +110,7 @@ class Plan:
     discrepancy: float
     effects: list[PlannedEffect]
     distances: np.ndarray
+    taken_for: np.ndarray
     classes: list[PlannedClass]
     additions: list[Addition]
     silent: tuple[Silent, ...]
@@ -196,7 +201,8 @@ class Plan:
     def to_json(self) -> dict:
         """The documented keys of ``diagnose --plan --json``."""
         keys = [e.key for e in self.effects]
-        others = [*keys, "no gap"]
+        others = [*keys, NO_GAP]
+        outcomes = [*others, UNKNOWN]
         rows = list(zip(keys, self.distances.tolist(), strict=True))
         return plain({
             "version": fenics_joints.__version__,
@@ -221,11 +227,8 @@ class Plan:
             ],
             "distance": {key: dict(zip(others, row, strict=True)) for key, row in rows},
             "confusion": {
-                key: {
-                    other: confusion(d)
-                    for other, d in zip(others, row, strict=True) if other != key
-                }
-                for key, row in rows
+                key: None if np.isnan(row).any() else dict(zip(outcomes, row, strict=True))
+                for key, row in zip(keys, self.taken_for.tolist(), strict=True)
             },
             "classes": [
                 _row(c, "members", "collinearity", "combination", "left") | {"class": c.letter}
