@@ -375,8 +375,8 @@ class _Run:
 
     def _touched(self) -> dict[str, frozenset[str]]:
         """The model's parameters that each effect acts on, by its key."""
-        last = float(self.evidence.conditions[-1])
-        return {e.key: e.touches(self.baseline, 1.0, last) for e in self.model.effects}
+        conditions = self.evidence.conditions
+        return {e.key: e.touches(self.baseline, conditions) for e in self.model.effects}
 
     def _shrink(self, fits: Sequence[Fit], wrong: Callable[[Fit], bool], causes) -> Shrinkage:
         masks = folds(

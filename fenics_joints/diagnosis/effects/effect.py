@@ -22,8 +22,9 @@ extra=[delaminated])``. The parameters of a case's model are listed by
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 from scipy.special import ndtr, ndtri
@@ -181,15 +182,19 @@ class Effect:
         return f"{self.name} ({self.region})" if self.region else self.name
 
     def touches(
-        self, baseline: Mapping[str, float], z: float, condition: float
+        self, baseline: Mapping[str, float], conditions: Iterable[float]
     ) -> frozenset[str]:
-        """Names of the model's parameters that it changes, its own ``z`` from their medians."""
+        """Names of the model's parameters that it changes in some condition, its own parameters one
+        standard deviation from their medians either way."""
         if self.apply is None:
             return frozenset()
-        values = dict(baseline)
-        theta = {p.name: p.value(float(np.clip(z, *p.limits()))) for p in self.priors}
-        self.apply(values, theta, condition)
-        return frozenset(name for name, value in values.items() if value != baseline[name])
+        names: set[str] = set()
+        for z, condition in product((-1.0, 1.0), conditions):
+            values = dict(baseline)
+            theta = {p.name: p.value(float(np.clip(z, *p.limits()))) for p in self.priors}
+            self.apply(values, theta, float(condition))
+            names |= {name for name, value in values.items() if value != baseline[name]}
+        return frozenset(names)
 
 
 @dataclass(frozen=True)

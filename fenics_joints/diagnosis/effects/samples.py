@@ -111,7 +111,7 @@ def is_rare(effect: Effect, baseline: Mapping[str, float], known: Iterable[str])
         baseline: Values of the nominal model.
         known: Parameters that are sampled otherwise.
     """
-    return any(effect.touches(baseline, z, 1.0) - set(known) for z in (1.0, -1.0))
+    return bool(effect.touches(baseline, (1.0,)) - set(known))
 
 
 def _kinds_first(effects: Sequence[Effect]) -> list[Effect]:
@@ -128,8 +128,7 @@ def _left_out(
     effects: Sequence[Effect], turns: Sequence[tuple[Effect, ...]], baseline: Mapping[str, float]
 ) -> list[Effect]:
     """One effect for each set of parameters that none of those in turn changes."""
-    touched = {e.key: e.touches(baseline, 1.0, 1.0) | e.touches(baseline, -1.0, 1.0)
-               for e in effects}  # fmt: skip
+    touched = {e.key: e.touches(baseline, (1.0,)) for e in effects}
     met = {touched[e.key] for turn in turns for e in turn}
     left = {touched[e.key]: e for e in effects if touched[e.key] not in met}
     return list(left.values())

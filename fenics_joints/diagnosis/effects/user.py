@@ -27,7 +27,7 @@ def check_parameters(
         InputError: With the name, and those there are.
     """
     try:
-        effect.touches(baseline, 1.0, condition)
+        effect.touches(baseline, (condition,))
     except KeyError as error:
         joint = {zone: name for name, own in zones.items() for zone in own}
         split = (name.rpartition(".") for name in baseline)

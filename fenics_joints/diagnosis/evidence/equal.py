@@ -60,8 +60,7 @@ class Known:
 
     def _touches(self, effect: Effect) -> frozenset[str]:
         if effect.key not in self._touched:
-            last = self._conditions[-1]
-            self._touched[effect.key] = effect.touches(self._baseline, 1.0, last)
+            self._touched[effect.key] = effect.touches(self._baseline, self._conditions)
         return self._touched[effect.key]
 
 

@@ -436,10 +436,9 @@ def share_right(score: np.ndarray, cause: np.ndarray) -> float:
 
 
 def _changed(effect: Effect, library: Library, test: Evidence) -> set[str]:
-    """Parts, joints and attachments that an effect acts on, whichever way and in any condition."""
-    ends = [float(test.conditions[i]) for i in (0, -1)]
-    names = [effect.touches(library.baseline, z, c) for z in (-1.0, 1.0) for c in ends]
-    return {name.partition(".")[0] for name in frozenset().union(*names)}
+    """Parts, joints and attachments that an effect acts on."""
+    names = effect.touches(library.baseline, test.conditions)
+    return {name.partition(".")[0] for name in names}
 
 
 def _exclude(a: Effect, b: Effect) -> bool:
