@@ -62,10 +62,10 @@ class _Outside(_Keys):
     rate: float = Field(
         ge=0, le=1, description="How often they are taken for effects of the library."
     )
-    right: float = Field(
-        ge=0, le=1,
-        description="Share of answers given as 80 % that are right, with the cause in the library.",
-    )  # fmt: skip
+    answers: int = Field(
+        description="Answers given as 70 to 90 % in tests with the cause in the library."
+    )
+    right: int = Field(description="How many of these were right.")
     tests: int
 
 

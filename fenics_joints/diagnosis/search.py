@@ -9,11 +9,12 @@ import numpy as np
 from scipy.special import logsumexp
 
 from fenics_joints.diagnosis.effects.effect import Effect
+from fenics_joints.diagnosis.effects.odds import log_odds, log_odds_outside
 from fenics_joints.diagnosis.evidence.equal import Known
 from fenics_joints.diagnosis.evidence.fitted import Fit
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.library import Found, Library
-from fenics_joints.diagnosis.evidence.misattribution import Misattribution, confusion, simulate
+from fenics_joints.diagnosis.evidence.misattribution import Misattribution, simulate
 from fenics_joints.diagnosis.evidence.screen import near_best
 from fenics_joints.diagnosis.model.prepared import Prepared
 from fenics_joints.diagnosis.thresholds import MISFIT
@@ -25,10 +26,6 @@ from fenics_joints.reduction.adaptive import improve
 
 __all__ = ["Search"]
 
-#: Prior odds, against none, that some one effect is at work, shared out by the effects' weights,
-#: beside which some come (`Effect.beside`), so that a larger library makes nothing less likely;
-#: two at once have the product of their odds. [decision: chosen]
-_ANY = 1.5
 #: Leading hypotheses that are checked on the full model, of one effect and in the end; the error
 #: of a reduced frequency, relative to the discrepancy, above which the basis is enriched; and how
 #: often it is looked at. [numerical: chosen for time; error as `NEGLIGIBLE`]
@@ -57,12 +54,9 @@ class Search:
 
     def __init__(self, model: Prepared, progress: Progress):
         self.model, self.progress = model, progress
-        common = [effect.weight for effect in model.effects if not effect.beside]
-        total = sum(common or [effect.weight for effect in model.effects])
-        self._odds = {e.key: np.log(_ANY * e.weight / total) for e in model.effects}
-        prior = model.case.diagnose.outside
+        self._odds = log_odds(model.effects)
         #: ln of the prior odds of a cause outside the library against none.
-        self.log_unknown = float(np.log(_ANY * prior / (1 - prior)))
+        self.log_unknown = log_odds_outside(model.case.diagnose.outside)
         #: How often such a cause is taken for one of the library; None before `run`.
         self.misattribution: Misattribution | None = None
         self.met = Known(model.baseline, model.evidence.conditions)
@@ -129,18 +123,6 @@ class Search:
             )
 
         return model.comm.bcast(on_root(model.comm, found))
-
-    def confusion(self, effects: Sequence[Effect]) -> np.ndarray:
-        """What each of some effects is taken for, by simulated tests, (n, n + 2): the last columns
-        are "no gap" and an unknown cause. Collective."""
-        self.progress.step("simulating tests of each cause", len(effects))
-        self._solve(effects)
-
-        def found() -> np.ndarray:
-            test = self.model.evidence
-            return confusion(self.library, effects, self._odds, self.log_unknown, test)
-
-        return self.model.comm.bcast(on_root(self.model.comm, found))
 
     # -- evidence ------------------------------------------------------------------------------
 

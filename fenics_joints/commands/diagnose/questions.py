@@ -209,10 +209,14 @@ def _something_else(d: Diagnosis) -> str:
         words.append(
             f"Before the test it had {share_words(simulated.prior)}. In {simulated.tests} "
             "simulated tests of this structure with these sensors the cause was taken out of the "
-            f"library: {share_words(simulated.rate)} of them were taken for other effects of it. "
-            f"With the cause in it, answers given as {share_words(SAID)} were right in "
-            f"{share_words(simulated.right)}."
+            f"library: {share_words(simulated.rate)} of them were taken for other effects of it."
         )
+        if simulated.answers:
+            low, high = (round(100 * x) for x in SAID)
+            words.append(
+                f"With the cause in it, {simulated.right} of {simulated.answers} answers given as "
+                f"{low} to {high} % were right."
+            )
     if p >= SHARE and d.somewhere is not None:
         point = point_mass_words(d.somewhere)
         words.append(

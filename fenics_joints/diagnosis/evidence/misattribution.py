@@ -14,14 +14,14 @@ Those named in its place fit worse than right causes do, whose p-values are unif
 The density of theirs is taken to be a p^(a-1), with a from the simulated tests (Sellke, Bayarri and
 Berger, The American Statistician 55, 2001).
 
-With every effect in the library, the same tests tell what each cause is taken for, and how often
-an answer is right that is given as 80 %.
+With every effect in the library, such tests tell what each cause is taken for, and how often an
+answer is right that is given as 70 to 90 %.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -37,7 +37,7 @@ from fenics_joints.diagnosis.evidence.linear import marginal, whiten
 from fenics_joints.diagnosis.evidence.somewhere import unknown_evidence
 from fenics_joints.diagnosis.thresholds import MISFIT
 
-__all__ = ["Misattribution", "SAID", "confusion", "share_right", "simulate"]
+__all__ = ["Misattribution", "SAID", "answers", "confusion", "simulate"]
 
 #: Simulated tests; effects of each that are solved for, and Gauss-Newton steps of these.
 #: [numerical: the rate to 0.05]
@@ -47,10 +47,11 @@ _TESTS, _RIVALS, _STEPS = 100, 3, 2
 _LEAST, _LEAST_GAP = 0.1, 1.0
 #: What share of a test that is seen does not count. [numerical: the rate to 1e-3]
 _NOT_SEEN = 1e-3
-#: Simulated tests of each cause for a table of what is taken for what. [numerical: a share to 0.08]
-_EACH = 40
-#: Probability of an answer whose share of right ones is told. [decision: convention]
-SAID = 0.8
+#: Simulated tests of each cause for a table of what is taken for what; of all for a count of right
+#: answers. [numerical: a share to 0.08]
+_EACH, _COUNTED = 40, 300
+#: Probabilities of the answers that are counted. [decision: convention: about 80 %]
+SAID = (0.7, 0.9)
 
 
 @dataclass(frozen=True)
@@ -66,7 +67,8 @@ class Misattribution:
         exponent: That of the density of p-values of what is named, 0 to 1.
         tests: Number of simulated tests that were looked at.
         prior: Probability of a cause outside the library, before the test.
-        right: Share of the answers given as `SAID` that were right, with the cause in the library.
+        answers: Number of answers given as `SAID`, with the cause in the library.
+        right: How many of these were right.
     """
 
     rate: float
@@ -76,12 +78,12 @@ class Misattribution:
     exponent: float
     tests: int
     prior: float
-    right: float = SAID
+    answers: int = 0
+    right: int = 0
 
     @classmethod
     def of(
-        cls, gap: np.ndarray, named: np.ndarray, log_p: np.ndarray, other: np.ndarray,
-        prior: float, right: float = SAID,
+        cls, gap: np.ndarray, named: np.ndarray, log_p: np.ndarray, other: np.ndarray, prior: float
     ) -> Misattribution:
         """From simulated tests whose cause was taken out of the library.
 
@@ -91,7 +93,6 @@ class Misattribution:
             log_p: ln of the p-value of these, times that number, (n,).
             other: How often none is, (n,).
             prior: Probability of a cause outside the library, before the test.
-            right: See the attribute.
         """
         x = np.log(np.maximum(gap, _LEAST_GAP))
         rate = (named.sum() + 0.5) / (named.sum() + other.sum() + 1)
@@ -105,7 +106,7 @@ class Misattribution:
         exponent = (named.sum() + 1) / (1 - log_p.sum())
         return cls(
             float(rate), intercept, slope, float(x.max(initial=0.0)),
-            float(np.clip(exponent, _LEAST, 1.0)), len(x), prior, right,
+            float(np.clip(exponent, _LEAST, 1.0)), len(x), prior,
         )  # fmt: skip
 
     def rate_at(self, gap: float) -> float:
@@ -348,10 +349,13 @@ def simulate(
         share = np.exp(log_evidence - np.logaddexp(logsumexp(log_evidence), rest[t]))
         share *= visible[t] * p / (p + MISFIT)
         named[t], log_p[t] = share.sum(), share @ np.log(p)
-    right = share_right(score[np.ix_(acting, seen)], drawn[seen])
-    return Misattribution.of(
-        gap[seen], named[seen], log_p[seen], (visible - named)[seen], prior, right
-    )
+    found = Misattribution.of(gap[seen], named[seen], log_p[seen], (visible - named)[seen], prior)
+    counts = rng.multinomial(_COUNTED, softmax(odds[acting])) if acting else []
+    data, drawn = _tests([effects[i] for i in acting], counts, library, test, rng)
+    own = [cells[i] for i in acting]
+    score = _weighed(library, own, odds[acting], log_unknown, data, test).score
+    count, right = answers(score, drawn)
+    return replace(found, answers=count, right=right)
 
 
 def confusion(
@@ -419,20 +423,18 @@ def _weighed(
     return _Weighed(residual, score, leading, marginal(residual, white[:, count:]), unknown)
 
 
-def share_right(score: np.ndarray, cause: np.ndarray) -> float:
-    """Share of the answers given as `SAID` that are right, from all probabilities of the effects
-    in all tests; a logistic function of their log odds.
+def answers(score: np.ndarray, cause: np.ndarray) -> tuple[int, int]:
+    """How many effects are given `SAID` of probability in tests, and how often it is the cause.
 
     Args:
         score: ln of the evidence times the odds of each effect, (n, t).
         cause: Which of them is at work, (t,).
     """
-    if len(score) < 2 or not len(cause):
-        return SAID
-    said = logit(softmax(score, axis=0).clip(1e-6, 1 - 1e-6))
-    label = np.arange(len(score))[:, None] == cause
-    found = LogisticRegression(tol=1e-8).fit(said.reshape(-1, 1), label.ravel())
-    return float(found.predict_proba([[logit(SAID)]])[0, 1])
+    if not score.size:
+        return 0, 0
+    p, (low, high) = softmax(score, axis=0), SAID
+    effect, test = np.nonzero((p >= low) & (p <= high))
+    return len(effect), int(np.sum(cause[test] == effect))
 
 
 def _changed(effect: Effect, library: Library, test: Evidence) -> set[str]:

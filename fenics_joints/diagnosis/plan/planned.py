@@ -13,10 +13,13 @@ from threadpoolctl import threadpool_limits
 
 from fenics_joints.case import Case
 from fenics_joints.diagnosis.effects.effect import Effect, Silent
+from fenics_joints.diagnosis.effects.odds import log_odds, log_odds_outside
 from fenics_joints.diagnosis.effects.rig import MISSED
 from fenics_joints.diagnosis.evidence.classes import APART
 from fenics_joints.diagnosis.evidence.entries import KINDS
 from fenics_joints.diagnosis.evidence.evidence import Evidence
+from fenics_joints.diagnosis.evidence.library import Library
+from fenics_joints.diagnosis.evidence.misattribution import confusion
 from fenics_joints.diagnosis.evidence.of_test import evidence_of
 from fenics_joints.diagnosis.model.prepared import Prepared, prepare
 from fenics_joints.diagnosis.plan.added import measurement, rank, table
@@ -25,10 +28,10 @@ from fenics_joints.diagnosis.plan.groups import combination, groups
 from fenics_joints.diagnosis.plan.result import Plan, PlannedClass, PlannedEffect
 from fenics_joints.diagnosis.plan.sensors import few_sensors
 from fenics_joints.diagnosis.plan.study import Signature, Study
-from fenics_joints.diagnosis.search import Search
 from fenics_joints.diagnosis.thresholds import NEGLIGIBLE
 from fenics_joints.formatting import number, quantity, spaced
 from fenics_joints.measurements.data import TestData
+from fenics_joints.parallel import on_root, spread
 from fenics_joints.progress import Progress
 
 __all__ = ["plan"]
@@ -126,15 +129,29 @@ def _without_missed_modes(model: Prepared) -> None:
 
 def _taken_for(model: Prepared, evidence: Evidence, progress: Progress) -> np.ndarray:
     """What each effect is taken for, see `Plan.taken_for`, in the order of the model's effects."""
-    model.evidence = evidence
     # What changes with the level does so in a joint that gives way: never alone.
     alone = [i for i, e in enumerate(model.effects) if not e.by_level]
-    n = len(model.effects)
-    found = np.zeros((n, n + 2))
-    found[[i for i in range(n) if i not in alone]] = np.nan
-    single = Search(model, progress).confusion([model.effects[i] for i in alone])
-    found[np.ix_(alone, [*alone, n, n + 1])] = single
-    return found
+    effects, n = [model.effects[i] for i in alone], len(model.effects)
+    progress.step("simulating tests of each cause", len(effects))
+    library = Library(
+        model.forward, evidence, model.baseline, lambda some: model.hypothesis(tuple(some)),
+        lean=True,
+    )  # fmt: skip
+
+    def states(effect):
+        progress.advance()
+        return library.states(effect)
+
+    for effect, known in zip(effects, spread(model.comm, effects, states), strict=True):
+        library.remember(effect, known)
+    outside = log_odds_outside(model.case.diagnose.outside)
+    found = on_root(
+        model.comm, lambda: confusion(library, effects, log_odds(effects), outside, evidence)
+    )
+    shares = np.zeros((n, n + 2))
+    shares[[i for i in range(n) if i not in alone]] = np.nan
+    shares[np.ix_(alone, [*alone, n, n + 1])] = model.comm.bcast(found)
+    return shares
 
 
 def _nominal(model: Prepared, case: Case) -> TestData:

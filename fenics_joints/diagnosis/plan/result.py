@@ -12,7 +12,6 @@ from fenics_joints.diagnosis.effects.effect import Silent
 from fenics_joints.diagnosis.evidence.classes import APART
 from fenics_joints.diagnosis.plan.added import Addition
 from fenics_joints.diagnosis.thresholds import NEGLIGIBLE
-from fenics_joints.diagnosis.verdict import NO_GAP, UNKNOWN
 from fenics_joints.files import plain
 
 __all__ = ["Plan", "PlannedClass", "PlannedEffect"]
@@ -201,8 +200,8 @@ class Plan:
     def to_json(self) -> dict:
         """The documented keys of ``diagnose --plan --json``."""
         keys = [e.key for e in self.effects]
-        others = [*keys, NO_GAP]
-        outcomes = [*others, UNKNOWN]
+        others = [*keys, "no gap"]
+        outcomes = [*others, "none of these"]
         rows = list(zip(keys, self.distances.tolist(), strict=True))
         return plain({
             "version": fenics_joints.__version__,
