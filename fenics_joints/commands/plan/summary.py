@@ -51,8 +51,8 @@ def show_plan(console: Console, p: Plan) -> None:
     values = ", ".join(condition_value(x, p.condition[1]) for x in p.conditions)
     tell(
         console,
-        f"D above {APART} is less than 1 % confusion; named, and taken for the number or outcome: "
-        "mean probabilities in simulated tests of that cause, of any size that is probable",
+        f"D above {APART} is less than 1 % confusion. Named, or taken for another (by its number): "
+        "mean probabilities in simulated tests of that cause, of any probable size",
         "dim",
     )
     text = f"{', '.join(p.measured)} of {len(p.mode_names)} modes at {p.condition[0]} {values}"
