@@ -77,7 +77,7 @@ class Search:
         ]  # fmt: skip
         alone = [effect for effect in model.effects if not effect.holds]
         self.progress.step("solving for each effect all over its prior", len(alone))
-        self._solve(alone)
+        self.library.solve(alone, model.comm, self.progress.advance)
         self.progress.step("weighing one effect at a time", len(alone) + 2)
         found = self._all([(h, None) for h in plain])
         self.library.floor = max(f.fit.log_evidence for f in found)
@@ -95,7 +95,7 @@ class Search:
                 break
             waiting = [e for e in waiting if e not in own]
             self.progress.step("weighing several of a kind at once", len(own))
-            self._solve(own)
+            self.library.solve(own, model.comm, self.progress.advance)
             level = self._singles([self._hypothesis((e,)) for e in own], found[0])
             found += level
         found = self._checked(found, _LEADING_SINGLES, quickly=True)
@@ -125,17 +125,6 @@ class Search:
         return model.comm.bcast(on_root(model.comm, found))
 
     # -- evidence ------------------------------------------------------------------------------
-
-    def _solve(self, effects: Sequence[Effect]) -> None:
-        """States of effects, on all ranks. Collective."""
-        library = self.library
-
-        def work(effect):
-            self.progress.advance()
-            return library.states(effect)
-
-        for effect, states in zip(effects, spread(self.model.comm, effects, work), strict=True):
-            library.remember(effect, states)
 
     def _all(self, tasks: Sequence[tuple[Hypothesis, Found | None]]) -> list[Found]:
         """What the test says of hypotheses, each beside a parent. Collective."""

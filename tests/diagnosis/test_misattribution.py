@@ -16,7 +16,7 @@ from fenics_joints.diagnosis.evidence.library import Library
 from fenics_joints.diagnosis.evidence.misattribution import (
     Misattribution,
     answers,
-    confusion,
+    confusion_matrix,
     simulate,
 )
 from fenics_joints.diagnosis.shrinkage import Fold, Shrinkage
@@ -68,12 +68,12 @@ def test_what_causes_are_taken_for():
     """Three apart are named, but for what is too small; twins are named by turns."""
     matrix = 0.5 * np.eye(MODES)[:, :3]
     library, effects, odds, evidence = weighed(matrix)
-    shares = confusion(library, effects, odds, np.log(1e-6), evidence)
+    shares = confusion_matrix(library, effects, odds, np.log(1e-6), evidence)
     assert shares.sum(axis=1) == pytest.approx(np.ones(3))
     assert np.all(np.diag(shares) > 0.95)
     matrix[:, 1] = matrix[:, 0]
     library, effects, odds, evidence = weighed(matrix)
-    shares = confusion(library, effects, odds, np.log(1e-6), evidence)
+    shares = confusion_matrix(library, effects, odds, np.log(1e-6), evidence)
     assert shares[:2, :2] == pytest.approx(np.full((2, 2), 0.5), abs=0.02)
     assert shares[2, 2] > 0.95
 

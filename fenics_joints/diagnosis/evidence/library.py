@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from mpi4py import MPI
 from scipy.stats import norm
 
 from fenics_joints.diagnosis.effects.effect import Effect
@@ -32,6 +33,7 @@ from fenics_joints.diagnosis.evidence.scales import Scales
 from fenics_joints.diagnosis.evidence.somewhere import with_somewhere
 from fenics_joints.errors import InputError
 from fenics_joints.modal.modes import solve_modes
+from fenics_joints.parallel import spread
 from fenics_joints.reduction.batch import pod
 from fenics_joints.reduction.compact import freeze
 from fenics_joints.reduction.forward import SPARE, Forward
@@ -318,14 +320,23 @@ class Library:
         i = int(np.argmin(np.sum(away**2, axis=1)))
         return states.data[i] + states.slopes[i] @ np.where(stepped, 0.0, away[i])
 
-    def remember(self, effect: Effect, states: States) -> None:
-        """Take states that another rank solved for.
+    def solve(
+        self, effects: Sequence[Effect], comm: MPI.Intracomm, advance: Callable[[], None]
+    ) -> None:
+        """States of effects, on all ranks. Collective.
 
         Args:
-            effect: The effect.
-            states: Its states.
+            effects: The effects, shared out among the ranks.
+            comm: Communicator.
+            advance: Called once for each of a rank's effects.
         """
-        self._states[effect.key] = states
+
+        def work(effect: Effect) -> States:
+            advance()
+            return self.states(effect)
+
+        for effect, states in zip(effects, spread(comm, effects, work), strict=True):
+            self._states[effect.key] = states
 
     def with_forward(self, forward) -> Library:
         """The same for a better model; states stay, for they only say where to look.

@@ -37,7 +37,7 @@ from fenics_joints.diagnosis.evidence.linear import marginal, whiten
 from fenics_joints.diagnosis.evidence.somewhere import unknown_evidence
 from fenics_joints.diagnosis.thresholds import MISFIT
 
-__all__ = ["Misattribution", "SAID", "answers", "confusion", "simulate"]
+__all__ = ["Misattribution", "SAID", "answers", "confusion_matrix", "simulate"]
 
 #: Simulated tests; effects of each that are solved for, and Gauss-Newton steps of these.
 #: [numerical: the rate to 0.05]
@@ -358,7 +358,7 @@ def simulate(
     return replace(found, answers=count, right=right)
 
 
-def confusion(
+def confusion_matrix(
     library: Library, effects: Sequence[Effect], log_odds: Mapping[str, float],
     log_unknown: float, test: Evidence,
 ) -> np.ndarray:

@@ -19,7 +19,7 @@ from fenics_joints.diagnosis.evidence.classes import APART
 from fenics_joints.diagnosis.evidence.entries import KINDS
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.library import Library
-from fenics_joints.diagnosis.evidence.misattribution import confusion
+from fenics_joints.diagnosis.evidence.misattribution import confusion_matrix
 from fenics_joints.diagnosis.evidence.of_test import evidence_of
 from fenics_joints.diagnosis.model.prepared import Prepared, prepare
 from fenics_joints.diagnosis.plan.added import measurement, rank, table
@@ -31,7 +31,7 @@ from fenics_joints.diagnosis.plan.study import Signature, Study
 from fenics_joints.diagnosis.thresholds import NEGLIGIBLE
 from fenics_joints.formatting import number, quantity, spaced
 from fenics_joints.measurements.data import TestData
-from fenics_joints.parallel import on_root, spread
+from fenics_joints.parallel import on_root
 from fenics_joints.progress import Progress
 
 __all__ = ["plan"]
@@ -137,16 +137,10 @@ def _taken_for(model: Prepared, evidence: Evidence, progress: Progress) -> np.nd
         model.forward, evidence, model.baseline, lambda some: model.hypothesis(tuple(some)),
         lean=True,
     )  # fmt: skip
-
-    def states(effect):
-        progress.advance()
-        return library.states(effect)
-
-    for effect, known in zip(effects, spread(model.comm, effects, states), strict=True):
-        library.remember(effect, known)
+    library.solve(effects, model.comm, progress.advance)
     outside = log_odds_outside(model.case.diagnose.outside)
     found = on_root(
-        model.comm, lambda: confusion(library, effects, log_odds(effects), outside, evidence)
+        model.comm, lambda: confusion_matrix(library, effects, log_odds(effects), outside, evidence)
     )
     shares = np.zeros((n, n + 2))
     shares[[i for i in range(n) if i not in alone]] = np.nan
