@@ -34,8 +34,9 @@ def measure(element_size: float, runs: int) -> None:
     def timed(full) -> float:
         moved = {
             name: p.value * (1 + 0.02 * rng.standard_normal())
-            for name, p in full.parameters.items() if p.value and not name.endswith(".nu")
-        }  # fmt: skip
+            for name, p in full.parameters.items()
+            if p.value and not name.endswith(".nu")
+        }
         full.comm.barrier()
         begin = time.perf_counter()
         K, M = full.stiffness(moved), full.mass(moved)

@@ -26,13 +26,7 @@ import scipy.linalg
 from mpi4py import MPI
 from threadpoolctl import threadpool_limits
 
-from fenics_joints.bayes import (
-    FittedLikelihood,
-    GaussianLikelihood,
-    Posterior,
-    Settings,
-    sample,
-)
+from fenics_joints.bayes import FittedLikelihood, GaussianLikelihood, Posterior, Settings, sample
 from fenics_joints.case import Case, build_structure, load_case
 from fenics_joints.case.bayes import bayes_data, specimens
 from fenics_joints.commands.bayes.model import CaseModel, case_model
@@ -64,11 +58,16 @@ def described(model: CaseModel, wall: float) -> dict:
     """Size and error of the model that is sampled."""
     check = model.check
     return {
-        "dofs": model.n_dofs, "basis": model.n_basis, "prepared_s": wall,
-        "error": check.error, "median_error": check.median, "estimated_error": model.bound,
-        "points": check.n_points, "points_without_modes": check.n_missing,
+        "dofs": model.n_dofs,
+        "basis": model.n_basis,
+        "prepared_s": wall,
+        "error": check.error,
+        "median_error": check.median,
+        "estimated_error": model.bound,
+        "points": check.n_points,
+        "points_without_modes": check.n_missing,
         "error_allowed": LARGEST_ERROR,
-    }  # fmt: skip
+    }
 
 
 def show(title: str, found: dict) -> None:
@@ -98,11 +97,13 @@ def beams(args) -> dict:
         chains, wall, own = clock(lambda s=settings: sample(posterior, s, COMM))
         worst = chains.convergence.values()
         found[kind] = {
-            "seconds": wall, "share_of_limit": wall / LIMIT_S, "processor_s": own,
+            "seconds": wall,
+            "share_of_limit": wall / LIMIT_S,
+            "processor_s": own,
             "samples": args.samples * args.chains,
             "least_ess": min(min(c["ess_bulk"], c["ess_tail"]) for c in worst),
             "rhat": max(c["rhat"] for c in worst),
-        }  # fmt: skip
+        }
         each = own * COMM.size / (args.samples * args.chains)
         found[kind]["peer_ratio"] = peer(case, model, len(names)) / each
     found["ranks"], found["limit_s"] = COMM.size, LIMIT_S
@@ -137,10 +138,9 @@ def plates(args) -> dict:
         model.prior,
         model.frequencies,
         GaussianLikelihood.from_row(
-            data.mode_names, data.frequencies_hz[row], data.log_sd()[row],
-            case.diagnose.discrepancy,
+            data.mode_names, data.frequencies_hz[row], data.log_sd()[row], case.diagnose.discrepancy
         ),
-    )  # fmt: skip
+    )
     found |= pairs(case, model, posterior, args)
     found["least_ratio"] = LEAST_RATIO
     show(f"lap plates, elements of {1e3 * args.element_size:g} mm", found)
@@ -164,9 +164,12 @@ def pairs(case: Case, model: CaseModel, posterior: Posterior, args) -> dict:
         each.append(chains_s / asked)
         ratios.append(own / each[-1])
     return {
-        "full_solution_s": statistics.median(solve), "sample_s": statistics.median(each),
-        "ratio": statistics.median(ratios), "worst_ratio": min(ratios), "chains": args.chains,
-    }  # fmt: skip
+        "full_solution_s": statistics.median(solve),
+        "sample_s": statistics.median(each),
+        "ratio": statistics.median(ratios),
+        "worst_ratio": min(ratios),
+        "chains": args.chains,
+    }
 
 
 def main() -> None:

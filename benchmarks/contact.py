@@ -151,10 +151,22 @@ def write_decks(mesh, folder: Path) -> None:
     parts = _common(tagged, x, elements, loads)
     for kind, (method, behaviour) in KINDS.items():
         deck = folder / f"{_stem(kind)}.inp"
-        deck.write_text("".join([parts[0], *_contact(elements, pairs, method, behaviour),
-                                 parts[1], "*CONTACT FILE\nCDIS,CSTR\n*END STEP\n"]))  # fmt: skip
-    tie = (f"*EQUATION\n2\n{b + 1},{i},1,{a + 1},{i},-1\n" for a, b in pairs for i in (1, 2, 3)
-           if not _on_wall(x[a], i))  # fmt: skip
+        deck.write_text(
+            "".join(
+                [
+                    parts[0],
+                    *_contact(elements, pairs, method, behaviour),
+                    parts[1],
+                    "*CONTACT FILE\nCDIS,CSTR\n*END STEP\n",
+                ]
+            )
+        )
+    tie = (
+        f"*EQUATION\n2\n{b + 1},{i},1,{a + 1},{i},-1\n"
+        for a, b in pairs
+        for i in (1, 2, 3)
+        if not _on_wall(x[a], i)
+    )
     (folder / "bonded.inp").write_text("".join([parts[0], *tie, parts[1], "*END STEP\n"]))
 
 
@@ -305,9 +317,16 @@ def run_beside(arguments, scratch: Path) -> dict:
         runs.append(run)
         for who, row in run.items():
             if "wall" in row:
-                print(f"run {number + 1}: {who:20s}{row['wall']:8.1f} s wall{row['cpu']:8.1f} s cpu"
-                      + (f"   pressures {100 * row['difference']:.2f} % off, {row['iterations']} "
-                         "iterations" if "difference" in row else ""), flush=True)  # fmt: skip
+                print(
+                    f"run {number + 1}: {who:20s}{row['wall']:8.1f} s wall{row['cpu']:8.1f} s cpu"
+                    + (
+                        f"   pressures {100 * row['difference']:.2f} % off, {row['iterations']} "
+                        "iterations"
+                        if "difference" in row
+                        else ""
+                    ),
+                    flush=True,
+                )
     return summarise(runs, kinds, bonded)
 
 
@@ -346,17 +365,22 @@ def summarise(runs, kinds, bonded) -> dict:
 
 def show(report: dict) -> None:
     detail = report["detail"]
-    print(f"\n{detail['dofs']:,} DOFs, {detail['pairs']:,} pairs; ours ({report['ours']}): "
-          f"{detail['iterations']} iterations, {detail['factorisations']} factorisations, "
-          f"{detail['megabytes']:.0f} MB, complementarity {detail['complementarity']:.1e}")
+    print(
+        f"\n{detail['dofs']:,} DOFs, {detail['pairs']:,} pairs; ours ({report['ours']}): "
+        f"{detail['iterations']} iterations, {detail['factorisations']} factorisations, "
+        f"{detail['megabytes']:.0f} MB, complementarity {detail['complementarity']:.1e}"
+    )
     print("stages of ours, s: " + ", ".join(f"{k} {v:.2f}" for k, v in detail["seconds"].items()))
     if report["bonded_difference"] is not None:
-        print(f"glued plates, largest difference of displacements: "
-              f"{report['bonded_difference']:.1e}")  # fmt: skip
+        print(
+            f"glued plates, largest difference of displacements: {report['bonded_difference']:.1e}"
+        )
     if "ccx" in report:
-        print(f"whole process, median of {len(report['runs'])}: {report['times_faster_wall']:.2f} "
-              f"times faster than ccx, {report['ccx']} (processor time: "
-              f"{report['times_faster_cpu']:.2f} times less)")  # fmt: skip
+        print(
+            f"whole process, median of {len(report['runs'])}: {report['times_faster_wall']:.2f} "
+            f"times faster than ccx, {report['ccx']} (processor time: "
+            f"{report['times_faster_cpu']:.2f} times less)"
+        )
     elif report["bonded_difference"] is not None:
         print(f"none of ccx's kinds of contact came within {100 * LIMIT:g} % of our pressures")
     else:
@@ -377,12 +401,18 @@ def run_sizes(arguments, scratch: Path) -> dict:
         row = timed(command, scratch, environment)
         if mesh not in SIZES:
             continue  # compiled the forms
-        row |= {k: v for k, v in json.loads(out.read_text()).items()
-                if k not in ("points", "areas", "pressure")}  # fmt: skip
+        row |= {
+            k: v
+            for k, v in json.loads(out.read_text()).items()
+            if k not in ("points", "areas", "pressure")
+        }
         rows.append(row)
-        print(f"{row['dofs']:9,}{row['pairs']:8,}{row['iterations']:12d}"
-              f"{row['factorisations']:16d}{row['solutions']:11d}{row['wall']:10.1f}"
-              f"{row['cpu']:10.1f}{row['megabytes']:9.0f}", flush=True)  # fmt: skip
+        print(
+            f"{row['dofs']:9,}{row['pairs']:8,}{row['iterations']:12d}"
+            f"{row['factorisations']:16d}{row['solutions']:11d}{row['wall']:10.1f}"
+            f"{row['cpu']:10.1f}{row['megabytes']:9.0f}",
+            flush=True,
+        )
     return {"sizes": rows}
 
 
@@ -411,8 +441,9 @@ def main() -> None:
     parser.add_argument("--runs", type=int, default=3, help="alternating runs")
     parser.add_argument("--sizes", action="store_true", help="growth over four meshes instead")
     help_mesh = "radial size, m, and cells around the circle"
-    parser.add_argument("--mesh", type=float, nargs=2, default=SIZES[1], metavar=("SIZE", "N"),
-                        help=help_mesh)  # fmt: skip
+    parser.add_argument(
+        "--mesh", type=float, nargs=2, default=SIZES[1], metavar=("SIZE", "N"), help=help_mesh
+    )
     parser.add_argument("--kinds", nargs="*", choices=KINDS, help="CalculiX's kinds of contact")
     parser.add_argument("--ccx", help="path of CalculiX")
     parser.add_argument("--launcher", help="command that enters FEniCSx; '' for none")

@@ -27,8 +27,12 @@ CASE = Path(__file__).parent.parent / "demos" / "lap_plates"
 def measure(element_size: float, runs: int, n_modes: int) -> None:
     case = load_case(CASE)
     mesh = case.mesh.model_copy(update={"element_size": element_size})
-    full = build_structure(load_case(CASE).model_copy(update={"mesh": mesh}), MPI.COMM_WORLD,
-                           law="uncoupled", attached=True)  # fmt: skip
+    full = build_structure(
+        load_case(CASE).model_copy(update={"mesh": mesh}),
+        MPI.COMM_WORLD,
+        law="uncoupled",
+        attached=True,
+    )
     given = bonded_values(case) | {"bolts_and_nuts.mass": 0.16, "accelerometer.mass": 0.02}
     modes = solve_modes(full, given, n_modes=n_modes)
     elastic = np.arange(modes.n_rigid, n_modes)

@@ -99,9 +99,9 @@ def with_points(model: InterfaceModel, n: int) -> InterfaceModel:
     chosen = np.floor(np.arange(n) * len(points) / n).astype(int)
     weights = points.weights[chosen]
     weights = weights * points.weights.sum() / weights.sum()
-    return replace(model, interfaces=(
-        replace(points, rows=points.rows[chosen], weights=weights, points=None),
-    ))  # fmt: skip
+    return replace(
+        model, interfaces=(replace(points, rows=points.rows[chosen], weights=weights, points=None),)
+    )
 
 
 def branch(model: InterfaceModel, harmonics: int = 5, max_step: float = 0.15) -> HarmonicResult:
@@ -118,10 +118,13 @@ def per_point(model: InterfaceModel, harmonics: int = 5) -> dict:
     found, wall, processor = timed(lambda: branch(model, harmonics))
     n = len(found)
     return {
-        "points_of_branch": n, "wall_s": wall / n, "processor_s": processor / n,
-        "newton_steps": int(found.iterations.sum()), "jacobians": int(found.jacobians.sum()),
+        "points_of_branch": n,
+        "wall_s": wall / n,
+        "processor_s": processor / n,
+        "newton_steps": int(found.iterations.sum()),
+        "jacobians": int(found.jacobians.sum()),
         "result": found,
-    }  # fmt: skip
+    }
 
 
 # -- time integration ------------------------------------------------------------------------------
@@ -136,18 +139,28 @@ def motion_at(found: HarmonicResult, i: int) -> tuple:
     return u, X[:, 2::2] @ (h * omega), states
 
 
-def stepped(model: InterfaceModel, frequency: float, initial, steps: int, tolerance: float,
-            max_periods: int = 2000):  # fmt: skip
+def stepped(
+    model: InterfaceModel,
+    frequency: float,
+    initial,
+    steps: int,
+    tolerance: float,
+    max_periods: int = 2000,
+):
     """The steady first harmonic at the sensor, and how many periods it took."""
     omega, last, now, count = 2 * np.pi * frequency, None, None, 0
     while last is None or np.abs(now - last).max() > tolerance * np.abs(now).max():
         if count >= max_periods:
             raise SystemExit(f"{frequency:g} Hz is not steady after {count} periods")
         run = solve_transient(
-            model, step=1 / frequency / steps, n_steps=10 * steps, initial=initial,
-            loads={"force": lambda t: FORCE * np.cos(omega * t)}, sensors=["tip"],
+            model,
+            step=1 / frequency / steps,
+            n_steps=10 * steps,
+            initial=initial,
+            loads={"force": lambda t: FORCE * np.cos(omega * t)},
+            sensors=["tip"],
             petsc_options=OPTIONS,
-        )  # fmt: skip
+        )
         initial, count, last = run.final, count + 10, now
         now = steady_harmonics(run.times, run.displacements["tip"], frequency)
     return now[1] - 1j * now[2], count
@@ -165,16 +178,21 @@ def beside_time_integration(args) -> dict:
     height = found.amplitude("tip")
     half = np.flatnonzero(height > 0.5 * peak)
     chosen = sorted({half[0], top, half[-1], *([1] if args.frequencies > 3 else [])})
-    print(f"{n} interface points, {args.sliders} sliders, {model.n_dofs} degrees of freedom, "
-          f"{args.harmonics} harmonics, {len(found)} points of the branch, peak "
-          f"{1e3 * peak:.3f} mm at {found.peak.frequency_hz:.3f} Hz")  # fmt: skip
+    print(
+        f"{n} interface points, {args.sliders} sliders, {model.n_dofs} degrees of freedom, "
+        f"{args.harmonics} harmonics, {len(found)} points of the branch, peak "
+        f"{1e3 * peak:.3f} mm at {found.peak.frequency_hz:.3f} Hz"
+    )
     starts = {i: motion_at(found, i - 1) for i in chosen}
     finest = {}
     for i in chosen:
         finest[i] = stepped(model, found.frequencies_hz[i], motion_at(found, i), *FINER)[0]
         off = abs(abs(by_balance[i]) - abs(finest[i])) / peak
-        print(f"  {found.frequencies_hz[i]:7.3f} Hz: harmonic balance is {100 * off:.3f} % of the "
-              f"peak off {FINER[0]} steps per period", flush=True)  # fmt: skip
+        print(
+            f"  {found.frequencies_hz[i]:7.3f} Hz: harmonic balance is {100 * off:.3f} % of the "
+            f"peak off {FINER[0]} steps per period",
+            flush=True,
+        )
     rows = []
     for steps, tolerance in LADDER:
         rows = []
@@ -184,12 +202,21 @@ def beside_time_integration(args) -> dict:
                 lambda i=i, f=f: stepped(model, f, starts[i], steps, tolerance)  # noqa: B023
             )
             error = abs(abs(value) - abs(finest[i])) / peak
-            rows.append({
-                "hz": f, "periods": periods, "wall_s": wall, "processor_s": processor,
-                "off": error, "balance_off": abs(abs(by_balance[i]) - abs(finest[i])) / peak,
-            })  # fmt: skip
-            print(f"  {steps} steps, tolerance {tolerance:g}, {f:7.3f} Hz: {periods} periods, "
-                  f"{wall:.1f} s, {100 * error:.3f} % off", flush=True)  # fmt: skip
+            rows.append(
+                {
+                    "hz": f,
+                    "periods": periods,
+                    "wall_s": wall,
+                    "processor_s": processor,
+                    "off": error,
+                    "balance_off": abs(abs(by_balance[i]) - abs(finest[i])) / peak,
+                }
+            )
+            print(
+                f"  {steps} steps, tolerance {tolerance:g}, {f:7.3f} Hz: {periods} periods, "
+                f"{wall:.1f} s, {100 * error:.3f} % off",
+                flush=True,
+            )
             if error > ACCURACY:
                 break
         if len(rows) == len(chosen) and max(row["off"] for row in rows) <= ACCURACY:
@@ -200,14 +227,22 @@ def beside_time_integration(args) -> dict:
         key: float(np.mean([row[key] for row in rows])) / balance[key]
         for key in ("wall_s", "processor_s")
     }
-    print(f"time integration, {steps} steps per period: {np.mean([r['wall_s'] for r in rows]):.2f} "
-          f"s per frequency; harmonic balance {balance['wall_s']:.3f} s; ratio "
-          f"{ratios['wall_s']:.0f} (processor time {ratios['processor_s']:.0f})")  # fmt: skip
+    print(
+        f"time integration, {steps} steps per period: {np.mean([r['wall_s'] for r in rows]):.2f} "
+        f"s per frequency; harmonic balance {balance['wall_s']:.3f} s; ratio "
+        f"{ratios['wall_s']:.0f} (processor time {ratios['processor_s']:.0f})"
+    )
     return {
-        "interface_points": n, "sliders": args.sliders, "dofs": model.n_dofs, "peak_m": peak,
-        "harmonic_balance": balance, "time_integration": rows, "steps_per_period": steps,
-        "tolerance": tolerance, "ratio": ratios,
-    }  # fmt: skip
+        "interface_points": n,
+        "sliders": args.sliders,
+        "dofs": model.n_dofs,
+        "peak_m": peak,
+        "harmonic_balance": balance,
+        "time_integration": rows,
+        "steps_per_period": steps,
+        "tolerance": tolerance,
+        "ratio": ratios,
+    }
 
 
 # -- growth ----------------------------------------------------------------------------------------
@@ -228,9 +263,12 @@ def growth(args) -> dict:
         row = per_point(model, harmonics)
         row.pop("result")
         found.setdefault(what, []).append({"size": size} | row)
-        print(f"  {size:4d} {what:10s} {1e3 * row['processor_s']:8.1f} ms per point, "
-              f"{row['points_of_branch']} points, {row['newton_steps']} Newton steps, "
-              f"{row['jacobians']} Jacobians", flush=True)  # fmt: skip
+        print(
+            f"  {size:4d} {what:10s} {1e3 * row['processor_s']:8.1f} ms per point, "
+            f"{row['points_of_branch']} points, {row['newton_steps']} Newton steps, "
+            f"{row['jacobians']} Jacobians",
+            flush=True,
+        )
 
     for n in args.points:
         run("points", n, with_points(base, n))
@@ -254,9 +292,11 @@ def evaluations(args) -> dict:
     """Processor time per point, s, of harmonics and of them with their Jacobian."""
     curve, found = RichardAbbott(1.0, 0.05, 0.2, 1.5), {}
     laws = {
-        "Jenkins": ElasticFriction(1.0, 0.2), "12 sliders": Iwan(curve, 12),
-        "24 sliders": Iwan(curve, 24), "Coulomb": CoulombStick(5.0, 1.0, 0.2, 1.0),
-    }  # fmt: skip
+        "Jenkins": ElasticFriction(1.0, 0.2),
+        "12 sliders": Iwan(curve, 12),
+        "24 sliders": Iwan(curve, 24),
+        "Coulomb": CoulombStick(5.0, 1.0, 0.2, 1.0),
+    }
     P, K = 240, 2 * args.harmonics + 1
     for name, law in laws.items():
         for n_slip in (1, 2):
@@ -275,30 +315,39 @@ def evaluations(args) -> dict:
                         times[exact].append(spent / P)
                 what = "jacobian" if jacobian else "residual"
                 row[what], row[f"{what}_sampled"] = min(times[kernel.exact]), min(times[False])
-            print(f"  {name}, slip in {n_slip}: " + ", ".join(
-                f"{what} {1e6 * row[what]:.1f} us, {row[what] / row[f'{what}_sampled']:.2f} times "
-                "the sum over samples" for what in ("residual", "jacobian")
-            ), flush=True)  # fmt: skip
+            print(
+                f"  {name}, slip in {n_slip}: "
+                + ", ".join(
+                    f"{what} {1e6 * row[what]:.1f} us, {row[what] / row[f'{what}_sampled']:.2f} "
+                    "times the sum over samples"
+                    for what in ("residual", "jacobian")
+                ),
+                flush=True,
+            )
     return found
 
 
 def main() -> None:
-    parts = {
-        "transient": beside_time_integration, "growth": growth, "evaluations": evaluations,
-    }  # fmt: skip
+    parts = {"transient": beside_time_integration, "growth": growth, "evaluations": evaluations}
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("parts", nargs="*", choices=[*parts, []], help="all by default")
     parser.add_argument("--harmonics", type=int, default=5)
     parser.add_argument("--sliders", type=int, default=12)
-    parser.add_argument("--frequencies", type=int, default=3, choices=(3, 4),
-                        help="at which time is integrated")  # fmt: skip
+    parser.add_argument(
+        "--frequencies", type=int, default=3, choices=(3, 4), help="at which time is integrated"
+    )
     counts = {"type": int, "nargs": "+"}
     parser.add_argument("--points", default=[60, 120, 240, 480, 960], **counts)
     parser.add_argument("--slider-counts", default=[4, 8, 16, 32], **counts)
     parser.add_argument("--harmonic-counts", default=[1, 3, 5, 9], **counts)
-    parser.add_argument("--coarse", action="store_const", dest="mesh", default=None,
-                        const={"n_length": 8, "n_lap": 5, "n_width": 3},
-                        help="a small mesh, to try this out")  # fmt: skip
+    parser.add_argument(
+        "--coarse",
+        action="store_const",
+        dest="mesh",
+        default=None,
+        const={"n_length": 8, "n_lap": 5, "n_width": 3},
+        help="a small mesh, to try this out",
+    )
     parser.add_argument("--json", type=Path, metavar="FILE")
     args = parser.parse_args()
     found = {name: parts[name](args) for name in args.parts or parts}

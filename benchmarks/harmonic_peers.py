@@ -52,8 +52,7 @@ def chain(kind: str, n: int, every: int, H: int, copies: int = 1) -> dict:
     if kind == "cubic":
         own = {"cubic": 0.01 * each / slack**2, "band": (0.8, 1.3)}
     common = {"kind": kind, "K": K, "M": np.eye(n), "C": 0.02 * np.eye(n), "push": 0.025 * n}
-    return {**own, **common, "at": list(range(0, n, every)) * copies, "H": H,
-            "T": 128}  # fmt: skip
+    return {**own, **common, "at": list(range(0, n, every)) * copies, "H": H, "T": 128}
 
 
 # -- ours ------------------------------------------------------------------------------------------
@@ -100,20 +99,32 @@ def by_pyharm(c: dict, step: float):
         for number, i in enumerate(c["at"])
     }
     connectors["push"] = {
-        "type": "CosinusForcing", "connect": [("chain", [n - 1]), ("GROUND", [None])],
-        "dirs": [0], "amp": c["push"],
-    }  # fmt: skip
+        "type": "CosinusForcing",
+        "connect": [("chain", [n - 1]), ("GROUND", [None])],
+        "dirs": [0],
+        "amp": c["push"],
+    }
     matrices = {"matrix": {key: c[key].copy() for key in "MCK"}, "ndofs": 1}
     low, high = c["band"]
     study = {
-        "study": "frf", "puls_inf": low, "puls_sup": high, "ds0": step, "ds_max": step,
-        "ds_min": 1e-6, "solver": "NewtonRaphson", "verbose": False,
+        "study": "frf",
+        "puls_inf": low,
+        "puls_sup": high,
+        "ds0": step,
+        "ds_max": step,
+        "ds_min": 1e-6,
+        "solver": "NewtonRaphson",
+        "verbose": False,
         "solver_options": {"tol_residual": 1e-6, "tol_delta_x": 1e-6},
-    }  # fmt: skip
-    task = Maestro({
-        "system": {"type": "Base", "nh": c["H"], "nti": c["T"]},
-        "substructures": {"chain": matrices}, "connectors": connectors, "analysis": {"frf": study},
-    })  # fmt: skip
+    }
+    task = Maestro(
+        {
+            "system": {"type": "Base", "nh": c["H"], "nti": c["T"]},
+            "substructures": {"chain": matrices},
+            "connectors": connectors,
+            "analysis": {"frf": study},
+        }
+    )
     _, wall, processor = timed(task.operate)
     x = np.array([s.x for s in task.nls["frf"].SolList if s.flag_accepted])
     dofs = task.system.expl_dofs
@@ -165,9 +176,15 @@ def by_tmdsimpy(c: dict, step: float):
     scale = hutils.harmonic_wise_conditioning(np.append(start, low), n, h, delta=1e-3 * c["push"])
     scale[-1] = high
     options = {
-        "DynamicCtoP": True, "MaxSteps": 4000, "dsmax": step, "dsmin": 1e-6, "verbose": 10**9,
-        "xtol": 1e-6, "TargetNfev": 4, "corrector": "Ortho",
-    }  # fmt: skip
+        "DynamicCtoP": True,
+        "MaxSteps": 4000,
+        "dsmax": step,
+        "dsmin": 1e-6,
+        "verbose": 10**9,
+        "xtol": 1e-6,
+        "TargetNfev": 4,
+        "corrector": "Ortho",
+    }
     follow = Continuation(solver, ds0=step, CtoP=scale, RPtoC=1 / np.abs(D).max(), config=options)
     first = np.append(start, low)
     X, wall, processor = timed(lambda: follow.continuation(residual, first, low, high))
@@ -205,8 +222,15 @@ def beside(c: dict, peers: dict[str, Callable], steps: dict[str, float]) -> list
         same = ours(c, omega=omega).amplitude("end")
         off = float(np.abs(same - height).max() / height.max())
         fair = len(omega)
-        rows.append({"code": name, "points": fair, "wall_s": wall, "processor_s": processor,
-                     "largest_difference": off})  # fmt: skip
+        rows.append(
+            {
+                "code": name,
+                "points": fair,
+                "wall_s": wall,
+                "processor_s": processor,
+                "largest_difference": off,
+            }
+        )
     longest = min((0.2, 0.1, 0.07, 0.05, 0.03, 0.02), key=lambda s: abs(len(ours(c, s)) - fair))
     found, wall, processor = timed(lambda: ours(c, longest))
     rows.insert(0, {"code": "ours", "points": len(found), "wall_s": wall, "processor_s": processor})
@@ -234,13 +258,18 @@ def main() -> None:
     for kind in args.kinds:
         c = chain(kind, args.masses, 2, args.harmonics, args.copies)
         found[kind] = beside(c, peers, steps)
-        print(f"{args.masses} masses, {len(c['at'])} {kind} elements, {c['H']} harmonics, "
-              f"{c['T']} samples")  # fmt: skip
+        print(
+            f"{args.masses} masses, {len(c['at'])} {kind} elements, {c['H']} harmonics, "
+            f"{c['T']} samples"
+        )
         for row in found[kind]:
             off = row.get("largest_difference")
             far = "" if off is None else f", {100 * off:.1e} % of the peak from ours"
-            print(f"  {row['code']:9s}{row['points']:5d} points {row['wall_s']:8.2f} s, per point "
-                  f"{row['ratio_per_point']:6.1f} times ours{far}", flush=True)  # fmt: skip
+            print(
+                f"  {row['code']:9s}{row['points']:5d} points {row['wall_s']:8.2f} s, per point "
+                f"{row['ratio_per_point']:6.1f} times ours{far}",
+                flush=True,
+            )
     if target:
         target.write_text(json.dumps(found, indent=2) + "\n", encoding="utf-8")
 

@@ -114,10 +114,12 @@ def compare(rows) -> list[dict]:
         pairs = zip(row["frequencies_hz"], twin[0]["frequencies_hz"], strict=True)
         found.append(
             {key: row[key] for key in ("dofs", "ranks")}
-            | {key: row[key] / twin[0][key]
-               for key in ("process_gib", "solution_gib", "seconds", "cpu_seconds")}
+            | {
+                key: row[key] / twin[0][key]
+                for key in ("process_gib", "solution_gib", "seconds", "cpu_seconds")
+            }
             | {"largest_difference": max(abs(a / b - 1) for a, b in list(pairs)[RIGID:])}
-        )  # fmt: skip
+        )
     return found
 
 

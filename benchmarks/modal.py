@@ -36,9 +36,7 @@ def make_mesh(comm, counts):
     from fenics_joints.meshes import lap_plates
 
     n_length, n_width, n_thickness = counts
-    return lap_plates(
-        comm, n_length=n_length, n_width=n_width, n_thickness=n_thickness, zone=0.0
-    )
+    return lap_plates(comm, n_length=n_length, n_width=n_width, n_thickness=n_thickness, zone=0.0)
 
 
 def solve_ours(counts, n_modes: int, with_floor: bool, output: Path) -> None:

@@ -44,10 +44,14 @@ def cost(n: int, law, push: float) -> dict:
     result, branch = timed(solve)
     found, stability = timed(lambda: find_bifurcations(result))
     return {
-        "masses": n, "law": law.name, "responses": len(result), "branch_s": branch,
-        "stability_s": stability, "ratio": stability / branch,
+        "masses": n,
+        "law": law.name,
+        "responses": len(result),
+        "branch_s": branch,
+        "stability_s": stability,
+        "ratio": stability / branch,
         "bifurcations": [b.kind for b in found.bifurcations],
-    }  # fmt: skip
+    }
 
 
 def main() -> None:

@@ -75,9 +75,10 @@ def places(h0: float) -> tuple[Sensors, Sensors, Sensors]:
 def random_values(u: np.ndarray) -> dict[str, float]:
     """A point of the starts' range from three numbers between 0 and 1."""
     return {
-        "E": TRUE["E"] * 100 ** (u[0] - 0.5), "nu": 0.05 + 0.4 * u[1],
+        "E": TRUE["E"] * 100 ** (u[0] - 0.5),
+        "nu": 0.05 + 0.4 * u[1],
         "h": TRUE["h"] * 25 ** (u[2] - 0.5),
-    }  # fmt: skip
+    }
 
 
 class World:
@@ -108,12 +109,18 @@ class World:
         """The model on a basis from eight points of the starts' range."""
         excitation, sensors, corners = self.places
         samples = [random_values(u) for u in qmc.Sobol(3, seed=1).random(8)]
-        common = {"frequencies_hz": LINES, "excitation": excitation, "sensors": sensors,
-                  "damping": DAMPING}  # fmt: skip
+        common = {
+            "frequencies_hz": LINES,
+            "excitation": excitation,
+            "sensors": sensors,
+            "damping": DAMPING,
+        }
         model = frf_basis(self.full, samples, n_modes=24, tolerance=1e-8, **common)
         error = frf_error(model, self.full, [TRUE], lines=None, **common)
-        print(f"{self.full.n_dofs} DOFs, {model.n_dofs} reduced; FRF error at the true values: "
-              f"median {np.median(error.relative):.1e}, largest {error.worst:.1e}")  # fmt: skip
+        print(
+            f"{self.full.n_dofs} DOFs, {model.n_dofs} reduced; FRF error at the true values: "
+            f"median {np.median(error.relative):.1e}, largest {error.worst:.1e}"
+        )
         return model.arrays(excitation, sensors, corners)
 
 
@@ -132,9 +139,15 @@ def methods(world: World) -> dict[str, Callable]:
 
     def paper(data, rows="parts", limit=None):
         return lambda start: update_weighted(
-            model, JOINT, data, start, damping=DAMPING, complex_rows=rows, step_limit=limit,
+            model,
+            JOINT,
+            data,
+            start,
+            damping=DAMPING,
+            complex_rows=rows,
+            step_limit=limit,
             strict=False,
-        )  # fmt: skip
+        )
 
     return {
         "log, lines moved first": log(both),
@@ -180,8 +193,10 @@ def basin(world: World, args) -> dict:
         row = [ends[key] for key in ("found", "elsewhere", "diverged", "stalled")]
         print(f"{name:45s} {row[0]:5d} {row[1]:9d} {row[2]:8d} {row[3]:7d} {median:11g} {first}")
         result[name] = dict(ends) | {
-            "median_evaluations": median, "seconds": seconds, "from_table_6": first,
-        }  # fmt: skip
+            "median_evaluations": median,
+            "seconds": seconds,
+            "from_table_6": first,
+        }
     return result
 
 
@@ -210,10 +225,12 @@ def noise(world: World, args) -> dict:
     result = {}
 
     def fit(name, target_of, **more):
-        result[name] = calibration([
-            update(world.reduced, JOINT, target_of(t), START, damping=DAMPING, **more)
-            for t in data
-        ])  # fmt: skip
+        result[name] = calibration(
+            [
+                update(world.reduced, JOINT, target_of(t), START, damping=DAMPING, **more)
+                for t in data
+            ]
+        )
 
     fit("log, lines moved first", lambda t: t)
     fit("log, lines always moved", lambda t: t, moves="always")
@@ -223,15 +240,29 @@ def noise(world: World, args) -> dict:
         # Eq. 14 with tolerances of five standard deviations, from Table 6's start.
         fits = [
             update_weighted(
-                world.reduced, JOINT, target, START, damping=DAMPING, complex_rows=rows,
-                step_limit=0.3, eps_1=5 * F_SD, eps_2=5 * H_SD, strict=False,
+                world.reduced,
+                JOINT,
+                target,
+                START,
+                damping=DAMPING,
+                complex_rows=rows,
+                step_limit=0.3,
+                eps_1=5 * F_SD,
+                eps_2=5 * H_SD,
+                strict=False,
             )
             for target in data
-        ]  # fmt: skip
+        ]
         there = update_weighted(
-            world.reduced, JOINT, world.target(), TRUE, damping=DAMPING, complex_rows=rows,
-            max_iterations=0, strict=False,
-        )  # fmt: skip
+            world.reduced,
+            JOINT,
+            world.target(),
+            TRUE,
+            damping=DAMPING,
+            complex_rows=rows,
+            max_iterations=0,
+            strict=False,
+        )
         done = [f for f in fits if f.converged]
         result[name] = calibration(done) if done else {"draws": 0}
         result[name]["at_the_true_values"] = there.relative_sd.tolist()
@@ -261,9 +292,12 @@ def cost(_, args) -> dict:
     modes = solve_modes(model, TRUE, n_modes=16)
     H = np.ones((len(LINES), len(sensors), len(excitation)), dtype=complex)
     target = Target(
-        modes.frequencies_hz[6:12], F_SD, modes.at(corners)[:, 6:12], corners,
+        modes.frequencies_hz[6:12],
+        F_SD,
+        modes.at(corners)[:, 6:12],
+        corners,
         frfs=FRFTarget(LINES, H, sensors, excitation),
-    )  # fmt: skip
+    )
     predict = Predictor(model, target, list(TRUE), damping=DAMPING)
     solver = None
     ratios: dict[bool, list] = {False: [], True: []}
@@ -283,14 +317,19 @@ def cost(_, args) -> dict:
             for moved, own in zip((False, True), times[1:], strict=True):
                 ratios[moved].append(own / times[0])
     result = {
-        "dofs": model.n_dofs, "modes": predict.n_modes, "lines": len(LINES),
+        "dofs": model.n_dofs,
+        "modes": predict.n_modes,
+        "lines": len(LINES),
         "modal_solution_s": statistics.median(solve),
-        "ratio": statistics.median(ratios[False]), "ratio_moved": statistics.median(ratios[True]),
-    }  # fmt: skip
-    print(f"\n{model.n_dofs} DOFs, {predict.n_modes} modes: {result['modal_solution_s']:.2f} s; an "
-          f"iteration with sensitivities of 6 of them and {len(LINES)} x {len(sensors)} FRF values "
-          f"by 3 parameters: {result['ratio']:.2f} times that, {result['ratio_moved']:.2f} with "
-          "lines moved (medians of pairs; asked: 3)")  # fmt: skip
+        "ratio": statistics.median(ratios[False]),
+        "ratio_moved": statistics.median(ratios[True]),
+    }
+    print(
+        f"\n{model.n_dofs} DOFs, {predict.n_modes} modes: {result['modal_solution_s']:.2f} s; an "
+        f"iteration with sensitivities of 6 of them and {len(LINES)} x {len(sensors)} FRF values "
+        f"by 3 parameters: {result['ratio']:.2f} times that, {result['ratio_moved']:.2f} with "
+        "lines moved (medians of pairs; asked: 3)"
+    )
     return result
 
 

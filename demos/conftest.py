@@ -33,9 +33,13 @@ def run_script() -> Callable[..., str]:
         mpirun = [] if ranks == 1 else ["mpirun", "-n", str(ranks)]
         done = subprocess.run(
             [*mpirun, sys.executable, str(script), *arguments],
-            cwd=REPOSITORY, env=environment, stdin=subprocess.DEVNULL, capture_output=True,
-            text=True, timeout=seconds,
-        )  # fmt: skip
+            cwd=REPOSITORY,
+            env=environment,
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            text=True,
+            timeout=seconds,
+        )
         if done.returncode:
             pytest.fail(f"{script.name} on {ranks} ranks:\n{done.stdout}\n{done.stderr}")
         return done.stdout

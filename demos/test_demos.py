@@ -144,9 +144,7 @@ def test_page_effect(run_script, tmp_path):
     path.write_text(script, encoding="utf-8")
     edit(path, ('"demos/lap_plates"', repr(str(tmp_path / "case"))))
     printed = dict(line.split(": ") for line in run_script(path).splitlines())
-    assert set(printed) == {
-        "sealant film", "joint normal compliance", "none of these", "no gap",
-    }  # fmt: skip
+    assert set(printed) == {"sealant film", "joint normal compliance", "none of these", "no gap"}
     # What is surer than 99 % is shown as that, what is less than 1 % as that.
     shown = [numbers(text)[0] for text in printed.values()]
     assert min(shown) >= 1 and max(shown) <= 99 and 97 <= sum(shown) <= 104

@@ -45,10 +45,28 @@ if not (_HERE / "forms").is_dir() and (_HERE.parent / "forms" / "thin_layer.py")
     __path__.append(str(_HERE.parent))
 
 _ROOMS = (
-    "forms", "meshes", "structure", "modal", "joint_laws", "preload", "response", "measurements",
-    "reduction", "beams", "interfaces", "harmonic", "transient", "random_fields", "updating",
-    "bayes", "database", "case", "diagnosis", "report", "commands",
-)  # fmt: skip
+    "forms",
+    "meshes",
+    "structure",
+    "modal",
+    "joint_laws",
+    "preload",
+    "response",
+    "measurements",
+    "reduction",
+    "beams",
+    "interfaces",
+    "harmonic",
+    "transient",
+    "random_fields",
+    "updating",
+    "bayes",
+    "database",
+    "case",
+    "diagnosis",
+    "report",
+    "commands",
+)
 
 __all__ = ["__version__"]
 

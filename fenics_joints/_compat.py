@@ -12,15 +12,6 @@ from mpi4py import MPI
 
 from fenics_joints.machine import form_cache
 
-__all__ = [
-    "coordinate_map",
-    "create_mesh",
-    "distribute_facet_tags",
-    "entity_nodes",
-    "facet_nodes",
-    "geometry_dofmap",
-]
-
 form_cache.install()
 
 

@@ -31,7 +31,6 @@ from fenics_joints.progress import LAUNCHED, loudness
 if TYPE_CHECKING:
     from fenics_joints.case import Case
 
-__all__ = ["app", "main"]
 
 #: Bytes of address space that importing the libraries takes; with less some wait for it for ever,
 #: or end by a fault.
@@ -40,7 +39,7 @@ _LIBRARIES = 640 * 2**20
 app = new_app(
     "",
     "Where a model of a bolted structure and its vibration test disagree, why, and how far the gap "
-    "shrinks."
+    "shrinks.",
 )
 for _first in (new, check, schema):
     app.command()(_first)
@@ -56,18 +55,24 @@ def modes(
     ] = None,
     contacts: Annotated[
         str,
-        typer.Option(help="What contacts are: stuck, or as the preload leaves them.",
-                     metavar="stuck|preload"),
+        typer.Option(
+            help="What contacts are: stuck, or as the preload leaves them.", metavar="stuck|preload"
+        ),
     ] = "stuck",
     iterative: Annotated[
         bool,
-        typer.Option("--iterative", help="Multigrid instead of a factorisation: slower, in a "
-                     "fraction of the memory; not for contacts."),
+        typer.Option(
+            "--iterative",
+            help="Multigrid instead of a factorisation: slower, in a "
+            "fraction of the memory; not for contacts.",
+        ),
     ] = False,
     draw_all: Annotated[
         bool,
-        typer.Option("--all-shapes", help="Draw all modes on the page, also those that the test "
-                     "does not see."),
+        typer.Option(
+            "--all-shapes",
+            help="Draw all modes on the page, also those that the test does not see.",
+        ),
     ] = False,
     json: JsonOption = None,
     report: ReportOption = None,
@@ -85,8 +90,13 @@ def modes(
     """
 
     method = "iterative" if iterative else "direct"
-    options = {"n_modes": n, "state": contacts, "method": method, "draw_all": draw_all,
-               "fields": vtx}  # fmt: skip
+    options = {
+        "n_modes": n,
+        "state": contacts,
+        "method": method,
+        "draw_all": draw_all,
+        "fields": vtx,
+    }
     outputs = {"--json": json, "--report": report, **_field_files(vtx)}
     _command("run_modes", options, case, outputs, large, debug)
 
@@ -116,13 +126,14 @@ def preload(
 def update(
     case: CaseArgument,
     bayes: Annotated[
-        bool,
-        typer.Option("--bayes", help="The posterior of the parameters, by [update.bayes]."),
+        bool, typer.Option("--bayes", help="The posterior of the parameters, by [update.bayes].")
     ] = False,
     keep: Annotated[
         Path | None,
         typer.Option(
-            "--keep", metavar="FILE.nc", parser=named_path,
+            "--keep",
+            metavar="FILE.nc",
+            parser=named_path,
             help="With --bayes: keep the chains there (NetCDF), and go on from what is there.",
         ),
     ] = None,
@@ -172,7 +183,9 @@ def diagnose(
     keep: Annotated[
         Path | None,
         typer.Option(
-            "--keep", metavar="FOLDER", parser=named_path,
+            "--keep",
+            metavar="FOLDER",
+            parser=named_path,
             help="Keep the reduced model there, and take it from there for the next test.",
         ),
     ] = None,
@@ -208,7 +221,9 @@ def harmonic(
     branches: Annotated[
         Path | None,
         typer.Option(
-            "--branches", metavar="FOLDER", parser=named_path,
+            "--branches",
+            metavar="FOLDER",
+            parser=named_path,
             help="Keep every branch there as it grows, and go on from what is there.",
         ),
     ] = None,
@@ -339,8 +354,7 @@ def _check_size(comm, case: Case, name: str, options: dict, large: bool) -> None
     meshed = case.diagnosed() if name in ("run_diagnose", "run_plan") else case
     method = options.get("method", "direct")
     on_root(
-        comm,
-        lambda: check_size(meshed, method=method, ranks=comm.size, hosts=hosts, large=large),
+        comm, lambda: check_size(meshed, method=method, ranks=comm.size, hosts=hosts, large=large)
     )
 
 

@@ -17,13 +17,6 @@ from numpy.typing import ArrayLike
 
 from fenics_joints.formatting import printable
 
-__all__ = [
-    "MOST", "MOST_OF", "ConvergenceError", "InputError", "JointsError", "MeshError", "Problems",
-    "capable",
-    "direction", "flag", "items", "located", "mapping", "measured", "member", "real", "reals",
-    "shown", "text", "wanted", "whole",
-]  # fmt: skip
-
 #: No quantity of mechanics in SI units is larger; the products of two that are overflow.
 MOST = 1e100
 #: No count is larger: it would not fit the index of an array.

@@ -25,11 +25,6 @@ if sys.version_info >= (3, 11):
 else:
     import tomli as tomllib
 
-__all__ = [
-    "check_outputs", "check_size", "check_writable", "is_file", "json_digest", "json_text",
-    "open_own", "path_of", "paths_of", "plain", "read_arrays", "read_text", "read_toml", "sealed",
-    "shown_path", "unsealed", "writable_folder", "write_arrays", "write_text",
-]  # fmt: skip
 
 #: How deep tables and arrays of TOML may be nested, and its whole numbers (64 bits, as it says).
 _DEEPEST, _LARGEST = 50, 2**63
@@ -365,9 +360,14 @@ def read_arrays(path: str | Path) -> dict[str, np.ndarray]:
             with np.load(file, allow_pickle=False) as stored:
                 return {name: stored[name] for name in stored.files}
         except (
-            KeyError, ValueError, TypeError, EOFError, MemoryError, NotImplementedError,
+            KeyError,
+            ValueError,
+            TypeError,
+            EOFError,
+            MemoryError,
+            NotImplementedError,
             zipfile.BadZipFile,
-        ) as error:  # fmt: skip
+        ) as error:
             raise InputError(f"{shown_path(path)}: holds no arrays ({error})") from error
 
 

@@ -7,12 +7,6 @@ import math
 import re
 from collections.abc import Sequence
 
-__all__ = [
-    "LEAST", "LIMITS", "MISSING", "MOST", "bounded", "condition_value", "control_character",
-    "error_percent", "extents", "hertz", "html_table", "interval", "number", "p_value", "percent",
-    "point_mm", "prefixed", "printable", "probability", "quantity", "spaced", "spread",
-]  # fmt: skip
-
 #: Probabilities are shown between these, and why.
 LEAST, MOST = 0.01, 0.99
 LIMITS = (

@@ -18,7 +18,6 @@ from fenics_joints.machine.signals import Stop, Terminated, stoppable
 if TYPE_CHECKING:
     from mpi4py import MPI
 
-__all__ = ["guarded", "on_root", "spread"]
 
 T, Task, Result = TypeVar("T"), TypeVar("Task"), TypeVar("Result")
 
@@ -26,10 +25,9 @@ T, Task, Result = TypeVar("T"), TypeVar("Task"), TypeVar("Result")
 _NO_MEMORY = ("Cannot allocate memory", "failed to map segment", "Out of memory", "INFOG(1)=-13")
 #: Errors that concern a file, though they may not name it: what is wrong is no fault of ours.
 _OF_FILES = tuple(
-    getattr(errno, name) for name in (
-        "ENOSPC", "EDQUOT", "EFBIG", "EIO", "EROFS", "EACCES", "EPIPE", "EBADF"
-    )
-)  # fmt: skip
+    getattr(errno, name)
+    for name in ("ENOSPC", "EDQUOT", "EFBIG", "EIO", "EROFS", "EACCES", "EPIPE", "EBADF")
+)
 #: How long a failed rank waits for the others to fail too, in seconds.
 _PATIENCE = 2.0
 

@@ -9,8 +9,6 @@ import time
 from collections.abc import Sequence
 from typing import TextIO
 
-__all__ = ["LAUNCHED", "Progress", "is_terminal", "loudness", "reading", "set_loudness"]
-
 #: Where launchers say the rank, before MPI itself is started.
 LAUNCHED = ("OMPI_COMM_WORLD_RANK", "PMIX_RANK", "PMI_RANK")
 

@@ -8,8 +8,6 @@ from functools import lru_cache
 
 from fenics_joints.errors import InputError
 
-__all__ = ["factor_to_si", "parameter_unit", "plain_number", "sizes", "to_si"]
-
 #: What a unit measures and how one would write it, for messages.
 _KINDS = {
     "": ("a ratio", "0.5 %"),
@@ -30,19 +28,48 @@ _KINDS = {
 #: Largest and, of what must be above zero, smallest quantities, SI: far beyond any structure, and
 #: near where the sixteen digits of the solvers end. Of other units as the last.
 _MOST = {
-    "m": 1e6, "kg": 1e12, "Pa": 1e20, "kg/m3": 1e9, "N/m": 1e20, "Pa/m": 1e25, "N": 1e15,
-    "N*m": 1e18, "Hz": 1e12, "s": 1e12, None: 1e30,
-}  # fmt: skip
+    "m": 1e6,
+    "kg": 1e12,
+    "Pa": 1e20,
+    "kg/m3": 1e9,
+    "N/m": 1e20,
+    "Pa/m": 1e25,
+    "N": 1e15,
+    "N*m": 1e18,
+    "Hz": 1e12,
+    "s": 1e12,
+    None: 1e30,
+}
 _LEAST = {
-    "m": 1e-9, "kg": 1e-12, "Pa": 1e-6, "kg/m3": 1e-6, "N/m": 1e-12, "Pa/m": 1e-6, "N": 1e-12,
-    "Hz": 1e-9, None: 1e-30,
-}  # fmt: skip
+    "m": 1e-9,
+    "kg": 1e-12,
+    "Pa": 1e-6,
+    "kg/m3": 1e-6,
+    "N/m": 1e-12,
+    "Pa/m": 1e-6,
+    "N": 1e-12,
+    "Hz": 1e-9,
+    None: 1e-30,
+}
 #: SI units of a model's parameters, by the last part of their name; the others are ratios.
 _PARAMETERS = {
-    "E": "Pa", "G": "Pa", "rho": "kg/m3", "mass": "kg", "stiffness": "N/m", "travel": "m",
-    "k_n": "Pa/m", "k_t": "Pa/m", "h": "m", "k1": "N*m", "k2": "N*m", "k_axial": "N/m",
-    "c": "N*m*s", "alpha": "1/s", "beta": "s", "relaxation": "s",
-}  # fmt: skip
+    "E": "Pa",
+    "G": "Pa",
+    "rho": "kg/m3",
+    "mass": "kg",
+    "stiffness": "N/m",
+    "travel": "m",
+    "k_n": "Pa/m",
+    "k_t": "Pa/m",
+    "h": "m",
+    "k1": "N*m",
+    "k2": "N*m",
+    "k_axial": "N/m",
+    "c": "N*m*s",
+    "alpha": "1/s",
+    "beta": "s",
+    "relaxation": "s",
+}
 _NUMBER = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*")
 #: Units written without a sign between them, with their meaning. Pint's Nm is a count of yarn.
 _JOINED = tuple(

@@ -18,13 +18,6 @@ from fenics_joints.forms.checks import check
 from fenics_joints.forms.elasticity import isotropic_stress, lame_parameters, mass
 from fenics_joints.forms.kinematics import strain, stretched_gradient
 
-__all__ = [
-    "axisymmetric_elasticity",
-    "axisymmetric_mass",
-    "axisymmetric_strain",
-    "circumference",
-]
-
 
 def circumference(radius):
     """Weight 2 pi r, m, of an integral over the half section."""
@@ -43,11 +36,7 @@ def axisymmetric_strain(u, radius, normal=None, stretch=None):
     """
     plane = strain(stretched_gradient(u, normal, stretch))
     return ufl.as_matrix(
-        [
-            [plane[0, 0], plane[0, 1], 0],
-            [plane[1, 0], plane[1, 1], 0],
-            [0, 0, u[0] / radius],
-        ]
+        [[plane[0, 0], plane[0, 1], 0], [plane[1, 0], plane[1, 1], 0], [0, 0, u[0] / radius]]
     )
 
 

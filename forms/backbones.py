@@ -12,16 +12,6 @@ from ufl.core.expr import Expr
 
 from fenics_joints.forms.checks import check
 
-__all__ = [
-    "bilinear",
-    "bilinear_slope",
-    "richard_abbott",
-    "richard_abbott_slope",
-    "segalman",
-    "segalman_limits",
-    "segalman_slope",
-]
-
 
 def richard_abbott(strain, E_e, E_p, S_y, n):
     """Stress, Pa, of Richard and Abbott's curve (Iranzad and Ahmadian 2012, eq. 4).

@@ -8,8 +8,6 @@ from ufl.core.expr import Expr
 
 from fenics_joints.errors import direction, real, reals
 
-__all__ = ["check", "unit_vector"]
-
 
 def check(key: str, value, unit: str = "", **bounds: float) -> None:
     """Refuse numbers that are not finite or out of range, and what is neither a number nor UFL.

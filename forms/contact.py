@@ -20,15 +20,6 @@ import ufl
 
 from fenics_joints.forms.checks import check, unit_vector
 
-__all__ = [
-    "augmented_pressure",
-    "contact_gap",
-    "contact_interface",
-    "contact_slip",
-    "coulomb_traction",
-    "penalty_pressure",
-]
-
 
 def contact_gap(jump, normal, initial_gap=0.0):
     """Gap, m: the one without displacement plus the jump along the normal.

@@ -20,16 +20,6 @@ from fenics_joints.errors import InputError
 from fenics_joints.forms.checks import check
 from fenics_joints.forms.kinematics import strain, stretched_gradient
 
-__all__ = [
-    "attached_mass",
-    "elasticity",
-    "isotropic_stress",
-    "lame_from_moduli",
-    "lame_parameters",
-    "mass",
-    "plane_stress",
-]
-
 
 def lame_parameters(E, nu):
     """Lamé parameters (lambda, mu), Pa, from Young's modulus ``E`` (Pa) and Poisson's ratio.

@@ -17,20 +17,6 @@ import ufl
 from fenics_joints.errors import whole
 from fenics_joints.forms.checks import check
 
-__all__ = [
-    "bouc_wen",
-    "coulomb_matrix",
-    "coulomb_stick",
-    "dilatant_coulomb",
-    "parallel",
-    "slider",
-    "slider_dissipation",
-    "slider_energy",
-    "valanis",
-    "vector_length",
-]
-
-
 # Vectors are worked on as lists of components: UFL then keeps what they share, where its own vector
 # algebra, with new indices for every product, would copy it, and derivatives grow without bound.
 

@@ -6,8 +6,6 @@ import ufl
 
 from fenics_joints.forms.checks import check, unit_vector
 
-__all__ = ["spring_interface", "spring_traction"]
-
 
 def spring_traction(jump, normal, k_n, k_t):
     """Traction, Pa, that a displacement jump, m, meets (Tian et al. 2021, eq. 1).

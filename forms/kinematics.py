@@ -13,8 +13,6 @@ import ufl
 from fenics_joints.errors import InputError
 from fenics_joints.forms.checks import check, unit_vector
 
-__all__ = ["layer_strain", "strain", "stretched_gradient"]
-
 
 def stretched_gradient(u, normal=None, stretch=None, across=None, width=None):
     """Displacement gradient in the geometry stretched along one or two directions.

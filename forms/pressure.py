@@ -9,8 +9,6 @@ import ufl
 from fenics_joints.errors import InputError
 from fenics_joints.forms.checks import check
 
-__all__ = ["contact_radius", "graded_modulus", "peak_pressure", "pressure_cone", "radius"]
-
 
 def radius(x, centre, normal):
     """Distance, m, of the point ``x`` from the bolt's axis through ``centre`` along ``normal``."""

@@ -6,8 +6,6 @@ import math
 
 from fenics_joints.forms.checks import check
 
-__all__ = ["combined_roughness", "rough_contact_stiffness"]
-
 #: u_0 / h_rms of randomly rough elastic faces, whose separation falls with the logarithm of the
 #: pressure: 0.4 to 0.5 (B. N. J. Persson, Phys. Rev. Lett. 99 (2007) 125502; S. Akarapu, T. Sharp,
 #: M. O. Robbins, Phys. Rev. Lett. 106 (2011) 204301, molecular dynamics and continuum).

@@ -34,8 +34,6 @@ from fenics_joints.forms.checks import check
 from fenics_joints.forms.elasticity import isotropic_stress, lame_from_moduli
 from fenics_joints.forms.kinematics import layer_strain, strain, stretched_gradient
 
-__all__ = ["constrained_layer", "isotropic_layer", "uncoupled_layer", "uncoupled_layer_stress"]
-
 
 def uncoupled_layer_stress(eps_n, gamma_t, E_n, G_t):
     """Normal and tangential stress, Pa, of the uncoupled layer (Tian et al. 2021, eq. 5).

@@ -35,16 +35,6 @@ from fenics_joints.forms.checks import check
 from fenics_joints.forms.elasticity import elasticity, mass
 from fenics_joints.forms.pressure import pressure_cone
 
-__all__ = [
-    "average_density",
-    "layer_position",
-    "ring_pressure",
-    "transition_layer",
-    "transition_mass",
-    "transition_modulus",
-    "transition_poisson",
-]
-
 
 def _stretch(thickness, meshed):
     """Actual over meshed thickness; None for the layer as it is meshed."""

@@ -18,13 +18,6 @@ from fenics_joints.errors import MOST, MOST_OF, MeshError
 from fenics_joints.meshes.tagged import MeshLists, TaggedMesh, distribute
 from fenics_joints.parallel import on_root
 
-__all__ = [
-    "MOST_CELLS",
-    "Arguments", "Builder", "Count", "Demand", "Gap", "Places", "Size", "Solid", "described",
-    "holds", "is_count", "is_finite", "is_positive", "lengths", "made_by", "requirement",
-    "two_counts",
-]  # fmt: skip
-
 P = ParamSpec("P")
 #: Largest number of cells of a mesh.
 MOST_CELLS = 1e9
@@ -104,8 +97,7 @@ Size = Annotated[
     Demand(lambda v: 1e-12 <= v <= 1e9, "a length from 1e-12 to 1e9 m"),
 ]
 Gap = Annotated[
-    float,
-    Demand(lambda v: is_finite(v) and v >= 0, "0 m or a thickness above it", "m"),
+    float, Demand(lambda v: is_finite(v) and v >= 0, "0 m or a thickness above it", "m")
 ]
 Place = Annotated[float, Demand(is_finite, "a coordinate in metres", "m")]
 Count = Annotated[int, Demand(is_count, "a whole number of at least 1")]

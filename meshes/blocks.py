@@ -15,8 +15,6 @@ from fenics_joints.meshes.skin import add_faces, exterior_facets
 from fenics_joints.meshes.tagged import MeshLists, TaggedMesh, distribute
 from fenics_joints.parallel import on_root
 
-__all__ = ["stacked_blocks"]
-
 CELL_NAMES = {"lower": 1, "upper": 2}
 CELLS = {2: ("quadrilateral", "triangle"), 3: ("hexahedron", "tetrahedron")}
 _TOLERANCE = 1e-9  # of two lines taken for one, relative to the blocks

@@ -31,20 +31,20 @@ from fenics_joints.meshes.separate import separate
 from fenics_joints.meshes.skin import add_faces, exterior_facets
 from fenics_joints.meshes.tagged import MeshLists
 
-__all__ = [
-    "RoundPlates", "RoundPlatesSection", "bolted_plates", "bolted_plates_section",
-]  # fmt: skip
-
 CELL_NAMES = {
-    "plate_1": 1, "plate_2": 2, "washer_1": 3, "washer_2": 4, "bolt_lower": 5, "bolt_upper": 6,
-}  # fmt: skip
+    "plate_1": 1,
+    "plate_2": 2,
+    "washer_1": 3,
+    "washer_2": 4,
+    "bolt_lower": 5,
+    "bolt_upper": 6,
+}
 PARTS = ("plates", "washers", "bolt")
 _TOLERANCE = 1e-9  # of a vertex on a plane or circle, relative to the plates' radius
 
 Parts = Annotated[str, Demand(PARTS.__contains__, f"one of {', '.join(PARTS)}")]
 Pair = Annotated[
-    tuple[Size, Size],
-    Demand(lambda v: lengths(v, 2), "two lengths above 0 m, of plate 1 and 2"),
+    tuple[Size, Size], Demand(lambda v: lengths(v, 2), "two lengths above 0 m, of plate 1 and 2")
 ]
 Ratio = Annotated[float, Demand(lambda v: is_positive(v) and v > 1, "a ratio above 1")]
 Touching = Literal["contact", "bonded"]

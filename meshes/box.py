@@ -15,16 +15,11 @@ from fenics_joints.meshes.plane import tensor_grid
 from fenics_joints.meshes.tagged import MeshLists, TaggedMesh, distribute
 from fenics_joints.parallel import on_root
 
-__all__ = ["box"]
-
 FACES = {"x_min": 1, "x_max": 2, "y_min": 3, "y_max": 4, "z_min": 5, "z_max": 6}
 
 
 def box(
-    comm: MPI.Intracomm,
-    lengths: Sequence[float],
-    counts: Sequence[int],
-    cell: str = "hexahedron",
+    comm: MPI.Intracomm, lengths: Sequence[float], counts: Sequence[int], cell: str = "hexahedron"
 ) -> TaggedMesh:
     """Mesh of the box from the origin to ``lengths``.
 

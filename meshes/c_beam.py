@@ -24,8 +24,6 @@ from fenics_joints.meshes.plane import Plan, count_intervals, graded_lines, grid
 from fenics_joints.meshes.skin import add_faces, exterior_facets
 from fenics_joints.meshes.tagged import MeshLists
 
-__all__ = ["CBeams", "c_beams"]
-
 _GROWTH = math.log(1.3)  # of the elements from the pads to the slender middle, per element
 _TOLERANCE = 1e-9  # of a vertex on a plane or circle, relative to the length
 
@@ -106,10 +104,13 @@ class CBeams(Builder):
     def check(self) -> None:
         """Refuse arguments that do not fit each other, with MeshError."""
         rooms = [
-            ("thickness", "pad_thickness", 1.0), ("pad_length", "length", 0.5),
-            ("zone", "width", 1.0), ("zone", "pad_length", 1.0),
-            ("hole_diameter", "washer_diameter", 1.0), ("washer_diameter", "zone", 0.9),
-        ]  # fmt: skip
+            ("thickness", "pad_thickness", 1.0),
+            ("pad_length", "length", 0.5),
+            ("zone", "width", 1.0),
+            ("zone", "pad_length", 1.0),
+            ("hole_diameter", "washer_diameter", 1.0),
+            ("washer_diameter", "zone", 0.9),
+        ]
         for name, other, share in rooms:
             value, room = getattr(self, name), share * getattr(self, other)
             factor = "" if share == 1 else f"{share:g} * "

@@ -39,8 +39,6 @@ from fenics_joints.meshes.gmsh_model import gmsh_model
 from fenics_joints.meshes.tagged import MeshLists, TaggedMesh, distribute
 from fenics_joints.parallel import on_root
 
-__all__ = ["StepAssembly", "read_step"]
-
 P = ParamSpec("P")
 #: Widest gap, m, that counts as touching where no thickness of a layer is given.
 _REACH = 0.7e-3
@@ -49,12 +47,21 @@ _REACH = 0.7e-3
 #: straight-sided cells.
 _MM = 1e3
 _OPTIONS = {
-    "Geometry.OCCTargetUnit": "MM", "Mesh.ElementOrder": 1, "Mesh.MeshSizeMax": 1e22,
-    "Mesh.MeshSizeMin": 0, "Mesh.MeshSizeFromCurvature": 0, "Mesh.MeshSizeFromPoints": 0,
-    "Mesh.MeshSizeExtendFromBoundary": 1, "Mesh.MeshSizeFactor": 1, "Mesh.Algorithm": 6,
-    "Mesh.Algorithm3D": 1, "Mesh.Optimize": 1, "Mesh.RecombineAll": 0,
-    "Mesh.SubdivisionAlgorithm": 0, "Mesh.SaveAll": 0,
-}  # fmt: skip
+    "Geometry.OCCTargetUnit": "MM",
+    "Mesh.ElementOrder": 1,
+    "Mesh.MeshSizeMax": 1e22,
+    "Mesh.MeshSizeMin": 0,
+    "Mesh.MeshSizeFromCurvature": 0,
+    "Mesh.MeshSizeFromPoints": 0,
+    "Mesh.MeshSizeExtendFromBoundary": 1,
+    "Mesh.MeshSizeFactor": 1,
+    "Mesh.Algorithm": 6,
+    "Mesh.Algorithm3D": 1,
+    "Mesh.Optimize": 1,
+    "Mesh.RecombineAll": 0,
+    "Mesh.SubdivisionAlgorithm": 0,
+    "Mesh.SaveAll": 0,
+}
 
 
 def _is_range(hole) -> bool:
@@ -114,6 +121,7 @@ class StepAssembly(Arguments):
             parts do not hang together, gmsh fails, or cells are flat; the message names the solid,
             the bolt, or the argument.
     """
+
     function: ClassVar[str] = "read_step"
 
     element_size: Size
@@ -121,9 +129,12 @@ class StepAssembly(Arguments):
     r_wai: float | Sequence[float] | None = None
     r_nei: Size | None = None
     bolts: Sequence[Sequence[float]] | None = None
-    hole: Annotated[
-        tuple[float, float], Demand(_is_range, "the least and the largest diameter, in metres")
-    ] | None = None
+    hole: (
+        Annotated[
+            tuple[float, float], Demand(_is_range, "the least and the largest diameter, in metres")
+        ]
+        | None
+    ) = None
     layer: Size | None = None
     n_layer: Annotated[int, Demand(_is_few, "a whole number from 1 to 1,000")] = 1
     parts: Mapping[str, Place] | None = None
@@ -253,10 +264,13 @@ class _Assembly:
         of = [contacts[i.contact] if i.ring is None else bolts[i.ring].contact for i in filled]
         thin = open_thin(opened, glued.solid, filled, of)
         lists = self._named(solids, glued, opened, body, moves, shifts, bolts)
-        return replace(lists, notes=(
-            f"no part was moved for a layer: the layers are {1e3 * thin:.3g} um thick, half of "
-            "that taken from each part, or as thick as the gap in the file",
-        ))  # fmt: skip
+        return replace(
+            lists,
+            notes=(
+                f"no part was moved for a layer: the layers are {1e3 * thin:.3g} um thick, half of "
+                "that taken from each part, or as thick as the gap in the file",
+            ),
+        )
 
     def _pairs(self, solids: Solids, key: str, pairs) -> list[tuple[int, int]]:
         found = []
@@ -302,9 +316,14 @@ class _Assembly:
             bolts = hole_bolts(model, solids, contacts, r_wai=r_wai[0], r_nei=r_nei, hole=hole)
         else:
             bolts = given_bolts(
-                model, solids, contacts, _in_mm(self.given.bolts), r_wai=r_wai, r_nei=r_nei,
+                model,
+                solids,
+                contacts,
+                _in_mm(self.given.bolts),
+                r_wai=r_wai,
+                r_nei=r_nei,
                 reach=self.layer,
-            )  # fmt: skip
+            )
         check_rings(bolts, solids)
         return bolts
 
@@ -339,9 +358,7 @@ class _Assembly:
             "(bonded = pairs of parts that are welded)"
         )
 
-    def _named(
-        self, solids, glued: Glued, opened: Opened, body, moves, shifts, bolts
-    ) -> MeshLists:
+    def _named(self, solids, glued: Glued, opened: Opened, body, moves, shifts, bolts) -> MeshLists:
         names = list(solids.names)
         cells, values = [opened.cells], [glued.solid + 1]
         facets: dict[str, list[np.ndarray]] = {}
@@ -368,16 +385,30 @@ class _Assembly:
         all_facets = np.vstack(found) if found else np.empty((0, 3), np.int64)
         points = {}
         if bolts:
-            points["bolts"] = 1 / _MM * np.array([
-                b.centre + shifts[b.contact.lower] + moves[body[b.contact.lower]]
-                + (b.contact.gap if self.stays else self.layer) / 2 * b.contact.normal
-                for b in bolts
-            ])  # fmt: skip
+            points["bolts"] = (
+                1
+                / _MM
+                * np.array(
+                    [
+                        b.centre
+                        + shifts[b.contact.lower]
+                        + moves[body[b.contact.lower]]
+                        + (b.contact.gap if self.stays else self.layer) / 2 * b.contact.normal
+                        for b in bolts
+                    ]
+                )
+            )
         return MeshLists(
-            "tetrahedron", opened.x / _MM, opened.turned(np.vstack(cells)), np.concatenate(values),
-            all_facets, tags, {name: i for i, name in enumerate(names, start=1)},
-            {name: i for i, name in enumerate(facets, start=1)}, points,
-        )  # fmt: skip
+            "tetrahedron",
+            opened.x / _MM,
+            opened.turned(np.vstack(cells)),
+            np.concatenate(values),
+            all_facets,
+            tags,
+            {name: i for i, name in enumerate(names, start=1)},
+            {name: i for i, name in enumerate(facets, start=1)},
+            points,
+        )
 
     def _check_names(self, solids: Solids, n_bolts: int, n_contacts: int) -> None:
         """Refuse solids named like the layers, before the mesh is made."""

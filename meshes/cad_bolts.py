@@ -21,8 +21,6 @@ from fenics_joints.meshes.cad_shapes import (
     holes,
 )
 
-__all__ = ["BoltPlace", "check_rings", "given_bolts", "hole_bolts"]
-
 #: Axes of two holes may be apart by this share of the smaller one's radius.
 _COAXIAL = 0.1
 #: Holes that differ by less than this share of their radius are one size.
@@ -140,10 +138,7 @@ def hole_bolts(
             f"{solids.path}: no bolt: expected holes of {low:g} to {high:g} mm with "
             f"one axis in two faces that touch; the holes in such faces are: {seen.listing()}"
         )
-    order = sorted(
-        found,
-        key=lambda b: (b.contact.lower, b.contact.upper, *np.round(b.centre, 3)),
-    )
+    order = sorted(found, key=lambda b: (b.contact.lower, b.contact.upper, *np.round(b.centre, 3)))
     _check_inner(order, solids)
     return order
 

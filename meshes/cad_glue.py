@@ -17,8 +17,6 @@ from fenics_joints.meshes.cad_bolts import BoltPlace
 from fenics_joints.meshes.cad_kinds import is_flat, surface_points
 from fenics_joints.meshes.cad_shapes import TOUCH, Contact, Solids
 
-__all__ = ["Glued", "Interface", "Sizes", "glue"]
-
 #: A mesh of more cells than this is refused before it is made.
 _MOST = 2e7
 #: How much smaller than its two circles say a ring's face may be.
@@ -108,8 +106,10 @@ def glue(
     pieces, discs = _fragments(model, solids, shifts, bolts)
     sharing = _sharing(model, pieces)
     planes = [(c.normal, c.point + shifts[c.lower]) for c in contacts]
-    rings = [_ring(model, solids, sharing, *item) for item in zip(
-        range(1, len(bolts) + 1), bolts, discs, strict=True)]  # fmt: skip
+    rings = [
+        _ring(model, solids, sharing, *item)
+        for item in zip(range(1, len(bolts) + 1), bolts, discs, strict=True)
+    ]
     ring_of = {face: i for i, found in enumerate(rings) for face in found}
     named = {
         name: _face(model, solids, pieces, sharing, shifts, name, points)
@@ -169,8 +169,12 @@ def _check_whole(model, solids: Solids, pieces, bolts: Sequence[BoltPlace], disc
     for name, tags in zip(solids.names, pieces, strict=True):
         if len(tags) == 1:
             continue
-        cut = {i for i, parts in enumerate(discs) for face in set().union(*parts)
-               if len(set(model.getAdjacencies(2, face)[0].tolist()) & set(tags)) == 2}  # fmt: skip
+        cut = {
+            i
+            for i, parts in enumerate(discs)
+            for face in set().union(*parts)
+            if len(set(model.getAdjacencies(2, face)[0].tolist()) & set(tags)) == 2
+        }
         where = "; ".join(bolts[i].said(i + 1, solids) for i in sorted(cut)) or "a ring"
         raise MeshError(
             f"{solids.path}: {name!r} passes through the middle of {where}; expected an empty "
@@ -289,9 +293,12 @@ def _set_sizes(model, ring_of, sizes: Sizes) -> None:
     model.mesh.field.setNumber(distance, "Sampling", 40)
     reach = 2 * max(sizes.element - sizes.ring, sizes.ring)
     for key, value in {
-        "InField": distance, "SizeMin": sizes.ring, "SizeMax": sizes.element,
-        "DistMin": 0.5 * sizes.ring, "DistMax": reach,
-    }.items():  # fmt: skip
+        "InField": distance,
+        "SizeMin": sizes.ring,
+        "SizeMax": sizes.element,
+        "DistMin": 0.5 * sizes.ring,
+        "DistMax": reach,
+    }.items():
         model.mesh.field.setNumber(threshold, key, value)
     model.mesh.field.setAsBackgroundMesh(threshold)
 
@@ -306,17 +313,20 @@ def _extract(model, pieces, sharing, contacts, planes, ring_of, named) -> Glued:
     x = x.reshape(-1, 3)[order[np.searchsorted(tags, nodes, sorter=order)]]
     interfaces = [
         Interface(
-            pair, np.searchsorted(nodes, _elements(model, 2, face)),
-            _contact_of(model, contacts, planes, face, pair), ring_of.get(face),
+            pair,
+            np.searchsorted(nodes, _elements(model, 2, face)),
+            _contact_of(model, contacts, planes, face, pair),
+            ring_of.get(face),
         )
         for face, pair in sharing.items()
-    ]  # fmt: skip
+    ]
     faces = {}
     for name, found in named.items():
         triangles = [np.searchsorted(nodes, _elements(model, 2, face)) for face in found]
         faces[name] = (
-            np.repeat(list(found.values()), [len(t) for t in triangles]), np.vstack(triangles)
-        )  # fmt: skip
+            np.repeat(list(found.values()), [len(t) for t in triangles]),
+            np.vstack(triangles),
+        )
     volumes = np.array([model.occ.getMass(3, volume) for volume in pieces])
     cells = np.searchsorted(nodes, cells)
     return Glued(x, cells, solid, interfaces, faces, volumes)

@@ -8,8 +8,6 @@ from __future__ import annotations
 
 import numpy as np
 
-__all__ = ["TOUCH", "circle_of", "is_flat", "surface_points"]
-
 #: Distances below this are those of round-off in CAD.
 TOUCH = 1e-3
 _SPLINES = ("BSpline surface", "Bezier surface", "BSpline", "Bezier")

@@ -12,8 +12,6 @@ import numpy as np
 from fenics_joints.meshes.cad_glue import Glued, Interface
 from fenics_joints.meshes.cad_shapes import Contact
 
-__all__ = ["OF_EDGE", "Opened", "open_thin", "prisms_to_tetrahedra", "thin_layer"]
-
 #: Thickness of a layer that moves nothing as a share of the smallest extent of the parts, and its
 #: most as a share of the shortest edge of a cell, so that none is turned inside out.
 _THIN, OF_EDGE = 1e-4, 0.1

@@ -12,8 +12,6 @@ import numpy as np
 from fenics_joints.errors import MeshError
 from fenics_joints.meshes.cad_shapes import TOUCH, Contact, Solids
 
-__all__ = ["bodies", "closing", "opening"]
-
 
 def bodies(solids: Solids, bonded: Sequence[tuple[int, int]]) -> np.ndarray:
     """Body of each solid, shape (n_solids,): bonded solids are one."""

@@ -24,20 +24,6 @@ from fenics_joints.files import is_file
 from fenics_joints.meshes.cad_kinds import TOUCH, circle_of, is_flat
 from fenics_joints.meshes.gmsh_apart import run_apart
 
-__all__ = [
-    "Contact",
-    "Hole",
-    "Outline",
-    "Place",
-    "Solids",
-    "Told",
-    "find_contacts",
-    "holes",
-    "import_solids",
-    "nearest",
-    "untold",
-]
-
 #: A solid by its label in the file, its number there from 1, or a point inside.
 Place = str | int | Sequence[float]
 _PARALLEL = 1e-6
@@ -46,10 +32,23 @@ OVERLAP = 0.02
 #: Share of a face below which a common area is round-off.
 _NO_AREA = 1e-6
 #: Letters that are more than a plain one with an accent.
-_LETTERS = str.maketrans({
-    "ä": "ae", "ö": "oe", "ü": "ue", "Ä": "Ae", "Ö": "Oe", "Ü": "Ue", "ß": "ss",
-    "æ": "ae", "Æ": "Ae", "ø": "oe", "Ø": "Oe", "ł": "l", "Ł": "L",
-})  # fmt: skip
+_LETTERS = str.maketrans(
+    {
+        "ä": "ae",
+        "ö": "oe",
+        "ü": "ue",
+        "Ä": "Ae",
+        "Ö": "Oe",
+        "Ü": "Ue",
+        "ß": "ss",
+        "æ": "ae",
+        "Æ": "Ae",
+        "ø": "oe",
+        "Ø": "Oe",
+        "ł": "l",
+        "Ł": "L",
+    }
+)
 #: Begin of a STEP file: comments may come first.
 _STEP = re.compile(rb"(\xef\xbb\xbf)?(?:\s|/\*(?:[^*]|\*(?!/))*\*/)*ISO-10303-21\s*;")
 #: How far from a face a point is asked for being in the solid.
@@ -362,9 +361,10 @@ def nearest(
             return f"; {a!r} and {b!r} overlap by {volume:.6g} mm3"
     wanted = {frozenset(pair) for pair in pairs}
     apart = [
-        (c.gap, names[c.lower], names[c.upper]) for c in find_contacts(model, solids, np.inf)
+        (c.gap, names[c.lower], names[c.upper])
+        for c in find_contacts(model, solids, np.inf)
         if frozenset((names[c.lower], names[c.upper])) in wanted and c.gap > reach
-    ]  # fmt: skip
+    ]
     if not apart:
         return ""
     gap, a, b = min(apart)
@@ -452,10 +452,14 @@ class Outline:
         number, starts = np.array(number), np.array(starts)
         centres, radii = circles[:, :3], circles[:, 3]
         whole = np.abs(np.array(lengths) / (2 * np.pi * radii) - 1) < 1e-3
-        holes = np.array([
-            i for i in np.flatnonzero(whole)
-            if np.any(np.linalg.norm(starts[number != i] - centres[i], axis=1) > radii[i])
-        ], dtype=int)  # fmt: skip
+        holes = np.array(
+            [
+                i
+                for i in np.flatnonzero(whole)
+                if np.any(np.linalg.norm(starts[number != i] - centres[i], axis=1) > radii[i])
+            ],
+            dtype=int,
+        )
         inner = set(holes.tolist())
         others = [x for x, of in zip(all_points, number, strict=True) if of not in inner]
         pieces = [np.stack([x[:-1], x[1:]], axis=1) for x in others]

@@ -23,8 +23,6 @@ from fenics_joints.meshes.cad_shapes import (
 )
 from fenics_joints.meshes.gmsh_model import gmsh_model
 
-__all__ = ["Solid", "StepSurvey", "ThroughHole", "Touch", "survey_step"]
-
 _MM = 1e3
 #: How far faces that belong together may be apart, mm: a gasket, paint, a drawing's gap.
 _REACH = 1.0

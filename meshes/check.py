@@ -14,18 +14,22 @@ from fenics_joints import _compat
 from fenics_joints.errors import MeshError
 from fenics_joints.meshes.tagged import TaggedMesh
 
-__all__ = ["MeshQuality", "check_mesh", "count_bodies", "scaled_jacobian"]
-
 # Corners at which each shape is measured, and per corner the ends of its edges; DOLFINx's order.
 _CORNERS = {
     "triangle": [(0, 1, 2), (1, 2, 0), (2, 0, 1)],
     "tetrahedron": [(0, 1, 2, 3), (1, 2, 0, 3), (2, 0, 1, 3), (3, 1, 0, 2)],
     "quadrilateral": [(0, 1, 2), (1, 3, 0), (3, 2, 1), (2, 0, 3)],
     "hexahedron": [
-        (0, 1, 2, 4), (1, 3, 0, 5), (3, 2, 1, 7), (2, 0, 3, 6),
-        (4, 6, 5, 0), (5, 4, 7, 1), (7, 5, 6, 3), (6, 7, 4, 2),
+        (0, 1, 2, 4),
+        (1, 3, 0, 5),
+        (3, 2, 1, 7),
+        (2, 0, 3, 6),
+        (4, 6, 5, 0),
+        (5, 4, 7, 1),
+        (7, 5, 6, 3),
+        (6, 7, 4, 2),
     ],
-}  # fmt: skip
+}
 
 # Cells of thickness 1e-5 of their length still pass; round-off of a flat one lies far below.
 _FLAT = 1e-7

@@ -14,8 +14,6 @@ from fenics_joints.meshes.skin import row_numbers
 from fenics_joints.meshes.tagged import TaggedMesh
 from fenics_joints.parallel import on_root
 
-__all__ = ["ContactMatch", "check_contact"]
-
 _PART = "part the bodies first, with fenics_joints.meshes.separate or in the mesh generator"
 
 

@@ -21,8 +21,6 @@ from fenics_joints.meshes.extrude import Extrusion
 from fenics_joints.meshes.plane import Plan, count_intervals, grid_lines, ring_in_square
 from fenics_joints.meshes.tagged import MeshLists
 
-__all__ = ["Dumbbell", "dumbbell"]
-
 FACET_NAMES = {"end_1": 1, "end_2": 2, "joint_lower": 3, "joint_upper": 4}
 BODIES = ("head_1", "neck_1", "neck_2", "head_2")
 

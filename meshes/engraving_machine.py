@@ -25,16 +25,13 @@ from fenics_joints.meshes.extrude import Extrusion
 from fenics_joints.meshes.plane import Plan, count_intervals, grid_lines, ring_in_square
 from fenics_joints.meshes.tagged import MeshLists
 
-__all__ = ["EngravingMachine", "engraving_machine"]
-
 FACET_NAMES = {"bottom": 1, "top": 2, "joint_lower": 3, "joint_upper": 4}
 BODIES = ("bed", "column")
 #: Part of a ring's square that its polygon may reach, so that cells around it keep some width.
 _ROOM = 0.98
 
 Two = Annotated[
-    tuple[Size, Size],
-    Demand(lambda v: lengths(v, 2), "2 lengths above 0 m, along -y and z"),
+    tuple[Size, Size], Demand(lambda v: lengths(v, 2), "2 lengths above 0 m, along -y and z")
 ]
 Three = Annotated[
     tuple[Size, Size, Size],
@@ -116,18 +113,22 @@ class _Frame(Builder):
         """Centres (x, y) of the bolts, anticlockwise from the corner of least x and y."""
         (nx, ny), pitch = self.bolts, self.side + self.wall
         i, j = np.arange(nx), np.arange(ny)
-        places = np.vstack([
-            np.column_stack([i[:-1], 0 * i[:-1]]), np.column_stack([0 * j[:-1] + nx - 1, j[:-1]]),
-            np.column_stack([i[:0:-1], 0 * i[:0:-1] + ny - 1]),
-            np.column_stack([0 * j[:0:-1], j[:0:-1]]),
-        ])  # fmt: skip
+        places = np.vstack(
+            [
+                np.column_stack([i[:-1], 0 * i[:-1]]),
+                np.column_stack([0 * j[:-1] + nx - 1, j[:-1]]),
+                np.column_stack([i[:0:-1], 0 * i[:0:-1] + ny - 1]),
+                np.column_stack([0 * j[:0:-1], j[:0:-1]]),
+            ]
+        )
         return (places - (np.array(self.bolts) - 1) / 2) * pitch
 
     def gaps(self, axis: int) -> list[tuple[float, float]]:
         """Where a wall, rib or gusset can pass between rows of bolts."""
         start, pitch = self.side - float(self.half_flange[axis]), self.side + self.wall
-        return [(start + i * pitch, start + i * pitch + self.wall)
-                for i in range(self.bolts[axis] - 1)]  # fmt: skip
+        return [
+            (start + i * pitch, start + i * pitch + self.wall) for i in range(self.bolts[axis] - 1)
+        ]
 
     def bed_boxes(self) -> list[tuple[float, ...]]:
         """The bed as boxes (x0, x1, y0, y1, z0, z1) that may overlap."""
@@ -274,13 +275,17 @@ class EngravingMachine(_Frame):
         rows[np.ix_(_inside(z, (z[0], self.layer + self.flange)), np.flatnonzero(ring < 0))] = 0
         column = Extrusion(plan.points, plan.quads, z, rows, self.cell)
         for level, cells, name in (
-            (0, rows[0] > 0, "bottom"), (len(z) - 1, rows[-1] > 0, "top"),
-            (first, ring > 0, "joint_lower"), (first + self.n_layer, ring > 0, "joint_upper"),
-        ):  # fmt: skip
+            (0, rows[0] > 0, "bottom"),
+            (len(z) - 1, rows[-1] > 0, "top"),
+            (first, ring > 0, "joint_lower"),
+            (first + self.n_layer, ring > 0, "joint_upper"),
+        ):
             column.tag_level(level, cells, FACET_NAMES[name])
         head = 0.0, -self.half_box[1] - self.arm[0], z[-1] - self.arm[1] / 2
-        named = {"bolts": np.column_stack([bolts, np.full(len(bolts), self.layer / 2)]),
-                 "head": np.array([head])}  # fmt: skip
+        named = {
+            "bolts": np.column_stack([bolts, np.full(len(bolts), self.layer / 2)]),
+            "head": np.array([head]),
+        }
         cell_names = {name: i for i, name in enumerate(self.groups()[0], start=1)}
         return MeshLists(self.cell, *column.lists(), cell_names, dict(FACET_NAMES), named)
 

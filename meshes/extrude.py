@@ -8,8 +8,6 @@ import numpy as np
 
 from fenics_joints.meshes.plane import cut_quads
 
-__all__ = ["Extrusion"]
-
 
 @dataclass
 class Extrusion:

@@ -22,8 +22,6 @@ from pathlib import Path
 from fenics_joints.errors import MeshError
 from fenics_joints.files import shown_path
 
-__all__ = ["NO_GMSH", "run_apart"]
-
 #: Message if gmsh's Python module is missing.
 NO_GMSH = (
     "reading it needs gmsh's Python module, expected python3-gmsh (Debian) "
@@ -59,9 +57,15 @@ def run_apart(path: Path, folder: Path, file: str, size: int) -> None:
     nowhere, limit = subprocess.DEVNULL, _SECONDS + _SECONDS_A_BYTE * size
     try:
         done = subprocess.run(
-            command, cwd=folder, env=mine, timeout=limit, check=False,
-            stdin=nowhere, stdout=nowhere, stderr=subprocess.PIPE,
-        )  # fmt: skip
+            command,
+            cwd=folder,
+            env=mine,
+            timeout=limit,
+            check=False,
+            stdin=nowhere,
+            stdout=nowhere,
+            stderr=subprocess.PIPE,
+        )
     except subprocess.TimeoutExpired:
         raise MeshError(f"{name}: gmsh was still reading it after {limit:.0f} s") from None
     refused = folder / "error.txt"

@@ -57,10 +57,14 @@ def _limit(most: int) -> None:
 
 def _content(model, np) -> dict:
     groups = [
-        [dim, tag, model.getPhysicalName(dim, tag),
-         [int(e) for e in model.getEntitiesForPhysicalGroup(dim, tag)]]
+        [
+            dim,
+            tag,
+            model.getPhysicalName(dim, tag),
+            [int(e) for e in model.getEntitiesForPhysicalGroup(dim, tag)],
+        ]
         for dim, tag in model.getPhysicalGroups()
-    ]  # fmt: skip
+    ]
     blocks, kinds, arrays = [], {}, {}
     for dim, entity in model.getEntities():
         for kind, _, nodes in zip(*model.mesh.getElements(dim, entity), strict=True):
@@ -70,8 +74,9 @@ def _content(model, np) -> dict:
             kinds[int(kind)] = [title, order, corners]
     points = {
         str(i): model.mesh.getNodesForPhysicalGroup(dim, tag)[1]
-        for i, (dim, tag, _, _) in enumerate(groups) if dim < 2
-    }  # fmt: skip
+        for i, (dim, tag, _, _) in enumerate(groups)
+        if dim < 2
+    }
     arrays |= {f"points{i}": x for i, x in points.items()}
     tags, x, _ = model.mesh.getNodes()
     head = json.dumps({"groups": groups, "blocks": blocks, "kinds": kinds}).encode()

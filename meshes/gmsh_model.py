@@ -9,8 +9,6 @@ from pathlib import Path
 from fenics_joints.errors import MeshError
 from fenics_joints.meshes.gmsh_apart import NO_GMSH
 
-__all__ = ["gmsh_model"]
-
 
 @contextmanager
 def gmsh_model(path: str | Path, options: Mapping[str, float | str] | None = None) -> Iterator:

@@ -29,8 +29,6 @@ from fenics_joints.meshes.touching import (
     touches,
 )
 
-__all__ = ["Grown", "RingPlaces", "grow"]
-
 #: Most thickness of a layer as a share of the smallest extent of the parts.
 _MOST = 5e-2
 
@@ -246,8 +244,9 @@ def _seen(x: np.ndarray, found: list[Touch], rings: RingPlaces):
     holes = [(t, h) for t in found for h in round_holes(x, t)]
     bolts = [
         (t, h.centre, rings.r_nei, rings.r_wai[0], h.radius)
-        for t, h in holes if low * 0.98 <= 2 * h.radius <= high * 1.02
-    ]  # fmt: skip
+        for t, h in holes
+        if low * 0.98 <= 2 * h.radius <= high * 1.02
+    ]
     if not bolts:
         there = "; ".join(
             f"{2e3 * h.radius:.4g} mm at ({', '.join(f'{1e3 * c:.5g}' for c in h.centre)}) mm"
@@ -335,10 +334,11 @@ def _cells(cell: str, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
 def _turned(lists: MeshLists, cells: np.ndarray) -> np.ndarray:
     """The same cells, all with a positive volume."""
     flips = {
-        "tetrahedron": ((1, 2, 3), [0, 1, 3, 2]), "triangle": ((1, 2), [0, 2, 1]),
+        "tetrahedron": ((1, 2, 3), [0, 1, 3, 2]),
+        "triangle": ((1, 2), [0, 2, 1]),
         "quadrilateral": ((1, 2), [1, 0, 3, 2]),
         "hexahedron": ((1, 2, 4), [1, 0, 3, 2, 5, 4, 7, 6]),
-    }  # fmt: skip
+    }
     ends, flip = flips[lists.cell]
     x = lists.x[cells]
     inside_out = np.linalg.det(x[:, list(ends)] - x[:, :1]) < 0

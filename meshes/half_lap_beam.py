@@ -22,8 +22,6 @@ from fenics_joints.meshes.plane import (
 from fenics_joints.meshes.skin import add_faces, exterior_facets
 from fenics_joints.meshes.tagged import MeshLists
 
-__all__ = ["HalfLapBeam", "HalfLapBeamSection", "half_lap_beam", "half_lap_beam_section"]
-
 _TOLERANCE = 1e-9  # of a vertex on a plane, relative to the length
 _MOST_BOLTS = 1000  # each has faces of its own
 _ZONE = 1.25  # side of an O-grid's square over the washer's diameter
@@ -122,8 +120,9 @@ class _HalfLap(Builder):
         tongue = np.where(x < end, CELL_NAMES["beam_1"], 0)
         yield lower + 0.0, np.array([tongue] * n + [thick] * n)
         if half > 0:
-            yield np.array([-half, half]), np.array(
-                [np.where((x > start) & (x < end), CELL_NAMES["joint"], 0)]
+            yield (
+                np.array([-half, half]),
+                np.array([np.where((x > start) & (x < end), CELL_NAMES["joint"], 0)]),
             )
         thick = np.where(x > end + self.gap, CELL_NAMES["beam_2"], 0)
         tongue = np.where(x > start, CELL_NAMES["beam_2"], 0)

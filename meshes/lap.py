@@ -8,8 +8,6 @@ from fenics_joints.meshes.separate import separate
 from fenics_joints.meshes.skin import add_faces, facets_between
 from fenics_joints.meshes.tagged import MeshLists
 
-__all__ = ["CELL_NAMES", "lapped", "lapped_groups"]
-
 CELL_NAMES = {"beam_1": 1, "beam_2": 2, "joint": 3, "root": 4}
 
 

@@ -14,8 +14,6 @@ from fenics_joints.meshes.plane import count_intervals, flat_lists, grid_lines, 
 from fenics_joints.meshes.skin import add_faces, exterior_facets
 from fenics_joints.meshes.tagged import MeshLists
 
-__all__ = ["LapBeam", "LapBeamSection", "lap_beam", "lap_beam_section"]
-
 _TOLERANCE = 1e-9  # of a vertex on a plane, relative to the length
 
 

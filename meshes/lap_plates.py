@@ -12,13 +12,18 @@ from fenics_joints.meshes.extrude import Extrusion
 from fenics_joints.meshes.plane import Plan, count_intervals, grid_lines, o_grid
 from fenics_joints.meshes.tagged import MeshLists
 
-__all__ = ["LapPlates", "lap_plates"]
-
 CELL_NAMES = {"plate_1": 1, "plate_2": 2, "joint_near": 3, "joint_away": 4}
 FACET_NAMES = {
-    "end_1": 1, "end_2": 2, "bottom": 3, "top": 4,
-    "joint_lower": 5, "joint_upper": 6, "interface": 7, "holes": 8, "washers": 9,
-}  # fmt: skip
+    "end_1": 1,
+    "end_2": 2,
+    "bottom": 3,
+    "top": 4,
+    "joint_lower": 5,
+    "joint_upper": 6,
+    "interface": 7,
+    "holes": 8,
+    "washers": 9,
+}
 BOLTS = ((0.14, 0.02), (0.14, 0.06), (0.18, 0.02), (0.18, 0.06))
 
 

@@ -20,8 +20,6 @@ from fenics_joints.meshes.sheet import thickened
 from fenics_joints.meshes.tagged import MeshLists, TaggedMesh, distribute
 from fenics_joints.parallel import on_root
 
-__all__ = ["read_lists", "read_msh"]
-
 # gmsh's type of element -> our name, and its vertices in DOLFINx's order.
 _CELLS = {
     2: ("triangle", [0, 1, 2]),
@@ -29,11 +27,7 @@ _CELLS = {
     4: ("tetrahedron", [0, 1, 2, 3]),
     5: ("hexahedron", [0, 1, 3, 2, 4, 5, 7, 6]),
 }
-_FACETS = {
-    1: ("interval", [0, 1]),
-    2: ("triangle", [0, 1, 2]),
-    3: ("quadrilateral", [0, 1, 3, 2]),
-}
+_FACETS = {1: ("interval", [0, 1]), 2: ("triangle", [0, 1, 2]), 3: ("quadrilateral", [0, 1, 3, 2])}
 _KINDS = {1: "curve", 2: "surface", 3: "volume"}
 
 
@@ -134,11 +128,16 @@ def read_lists(path: Path, gdim: int, scale: float) -> MeshLists:
     if not np.isin(facets, nodes).all():
         raise MeshError(f"{path}: a face has vertices that no cell has, expected facets of cells")
     return MeshLists(
-        cell, x[:, :gdim], np.searchsorted(nodes, cells), cell_values,
-        np.searchsorted(nodes, facets), facet_values,
-        _names(cell_groups, cell_values), _names(facet_groups, facet_values),
+        cell,
+        x[:, :gdim],
+        np.searchsorted(nodes, cells),
+        cell_values,
+        np.searchsorted(nodes, facets),
+        facet_values,
+        _names(cell_groups, cell_values),
+        _names(facet_groups, facet_values),
         _points(file, gdim, scale),
-    )  # fmt: skip
+    )
 
 
 def _points(file: MshFile, gdim: int, scale: float) -> dict[str, np.ndarray]:

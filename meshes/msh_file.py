@@ -22,8 +22,6 @@ from fenics_joints.errors import MeshError
 from fenics_joints.files import is_file, shown_path
 from fenics_joints.meshes.gmsh_apart import run_apart
 
-__all__ = ["MshFile", "MshGroup", "read_msh_file"]
-
 #: Size of a file's head that is checked, bytes.
 _HEAD = 65_536
 

@@ -11,11 +11,6 @@ from fenics_joints.errors import items, real, reals
 from fenics_joints.meshes.arguments import requirement
 from fenics_joints.meshes.tagged import MeshLists
 
-__all__ = [
-    "Plan", "count_intervals", "cut_quads", "disc_grid", "flat_lists", "graded_lines",
-    "grid_cells", "grid_lines", "o_grid", "ring_in_square", "tensor_grid",
-]  # fmt: skip
-
 # Quadrilaterals (v00, v10, v01, v11) cut along v00-v11 or v10-v01; all halves turn anticlockwise.
 _CUTS = np.array([[[0, 1, 3], [0, 3, 2]], [[0, 1, 2], [1, 3, 2]]])
 
@@ -207,11 +202,7 @@ class Plan:
 
 
 def o_grid(
-    points: np.ndarray,
-    square: np.ndarray,
-    centre: np.ndarray,
-    radii: Sequence[float],
-    size: float,
+    points: np.ndarray, square: np.ndarray, centre: np.ndarray, radii: Sequence[float], size: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Quadrilaterals between a round hole and the square around it.
 
@@ -317,11 +308,7 @@ def _loop_around(square: np.ndarray) -> np.ndarray:
 
 
 def ring_in_square(
-    points: np.ndarray,
-    square: np.ndarray,
-    centre: np.ndarray,
-    radii: Sequence[float],
-    size: float,
+    points: np.ndarray, square: np.ndarray, centre: np.ndarray, radii: Sequence[float], size: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """A ring between polygons around the centre of a square, all of which is filled.
 

@@ -14,17 +14,6 @@ from fenics_joints._compat import facet_nodes, geometry_dofmap
 from fenics_joints.errors import MeshError
 from fenics_joints.meshes.tagged import TaggedMesh
 
-__all__ = [
-    "Ring",
-    "check_normal",
-    "layer_normal",
-    "layer_thickness",
-    "measure_layer",
-    "measure_ring",
-    "ring_centres",
-    "ring_names",
-]
-
 #: Cosine by which the direction of a flat face may miss its normal, and a wall a right angle.
 _FLAT = 1e-3
 #: Share of a layer's faces towards parts that may be walls.
@@ -68,9 +57,7 @@ def ring_names(names: Sequence[str]) -> list[str]:
     return sorted(numbers, key=numbers.get)
 
 
-def measure_ring(
-    tagged: TaggedMesh, name: str, normal: Sequence[float] | None = None
-) -> Ring:
+def measure_ring(tagged: TaggedMesh, name: str, normal: Sequence[float] | None = None) -> Ring:
     """Measure a ring by its faces towards other parts. Collective.
 
     Args:
@@ -118,9 +105,16 @@ def measure_ring(
         for side in (False, True)
     }
     return Ring(
-        name, centre, n, high - low, r_nei if r_nei < 0.98 * r_wai else 0.0, r_wai,
-        float(weights.sum() / 2), here[False], here[True],
-    )  # fmt: skip
+        name,
+        centre,
+        n,
+        high - low,
+        r_nei if r_nei < 0.98 * r_wai else 0.0,
+        r_wai,
+        float(weights.sum() / 2),
+        here[False],
+        here[True],
+    )
 
 
 def layer_thickness(tagged: TaggedMesh, cells: Sequence[str], normal: Sequence[float]) -> float:
@@ -167,9 +161,11 @@ def measure_layer(
     """
     found = [_skin(tagged, name) for name in cells]
     sides = [
-        (area, cells_of) for _, areas, parts, _ in found
-        for area, cells_of in zip(areas, parts, strict=True) if cells_of not in cells
-    ]  # fmt: skip
+        (area, cells_of)
+        for _, areas, parts, _ in found
+        for area, cells_of in zip(areas, parts, strict=True)
+        if cells_of not in cells
+    ]
     names = ", ".join(cells)
     if not sides:
         raise MeshError(f"{names}: it touches no other part, expected one on each side")

@@ -11,8 +11,6 @@ from fenics_joints.errors import MeshError
 from fenics_joints.meshes.skin import FACETS, add_faces, row_numbers
 from fenics_joints.meshes.tagged import MeshLists
 
-__all__ = ["separate"]
-
 
 def separate(
     lists: MeshLists,
@@ -53,16 +51,21 @@ def separate(
     }
     for (a, b), (rows, _) in zip(faces, sides.values(), strict=True):
         if len(rows) == 0:
-            raise MeshError(f"separate: faces has ({a!r}, {b!r}), expected parts that touch: they "
-                            "have no facet in common")  # fmt: skip
+            raise MeshError(
+                f"separate: faces has ({a!r}, {b!r}), expected parts that touch: they "
+                "have no facet in common"
+            )
     renamed = np.concatenate([np.empty(0, np.int64)] + [rows[0] for rows in sides.values()])
     keep = ~np.isin(seam.tagged_number, seam.number[renamed])
     owner = seam.body_of_tagged(body)[keep]
     facets = np.searchsorted(pairs, lists.facets[keep] * n_bodies + owner[:, None])
     parted = replace(
-        lists, x=lists.x[pairs // n_bodies], cells=cells, facets=facets,
+        lists,
+        x=lists.x[pairs // n_bodies],
+        cells=cells,
+        facets=facets,
         facet_values=lists.facet_values[keep],
-    )  # fmt: skip
+    )
     corners = FACETS[lists.cell]
     new = {}
     for names, rows in sides.items():

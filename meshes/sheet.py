@@ -7,8 +7,6 @@ import numpy as np
 from fenics_joints.meshes.cad_layer import prisms_to_tetrahedra
 from fenics_joints.meshes.tagged import MeshLists
 
-__all__ = ["thickened"]
-
 
 def thickened(flat: MeshLists, thickness: float) -> MeshLists:
     """The solid over a plane mesh, half of its thickness on either side of z = 0.

@@ -9,8 +9,6 @@ import numpy as np
 
 from fenics_joints.meshes.tagged import MeshLists
 
-__all__ = ["FACETS", "add_faces", "exterior_facets", "facets_between", "row_numbers"]
-
 # Corners of a cell's facets, each facet's in DOLFINx's order.
 FACETS = {
     "triangle": np.array([[1, 2], [0, 2], [0, 1]]),

@@ -11,8 +11,6 @@ from scipy.spatial import ConvexHull, QhullError
 from fenics_joints._compat import geometry_dofmap
 from fenics_joints.meshes.tagged import TaggedMesh
 
-__all__ = ["BoxAround", "box_around"]
-
 #: An extent that is at most this share of the next is that of a plate or of a beam.
 _CLEARLY = 2 / 3
 #: A direction this near to an axis is the axis.

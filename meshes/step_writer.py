@@ -6,8 +6,6 @@ import re
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-__all__ = ["write_step"]
-
 
 def write_step(path: Path, draw: Callable, labels: Sequence[str] = ()) -> Path:
     """Write what a function draws. gmsh is initialised and finalised, so no model may be open.
@@ -30,8 +28,9 @@ def write_step(path: Path, draw: Callable, labels: Sequence[str] = ()) -> Path:
     gmsh.finalize()
     text = path.read_text(encoding="utf-8")
     for number, label in enumerate(labels, start=1):
-        (old,) = {name for name in re.findall(r"PRODUCT\('([^']*)'", text)
-                  if name.endswith(f".{number}")}  # fmt: skip
+        (old,) = {
+            name for name in re.findall(r"PRODUCT\('([^']*)'", text) if name.endswith(f".{number}")
+        }
         text = text.replace(f"'{old}'", f"'{label}'")
     path.write_text(text, encoding="utf-8")
     return path

@@ -15,7 +15,6 @@ from mpi4py import MPI
 from fenics_joints import _compat
 from fenics_joints.errors import MeshError
 
-__all__ = ["MeshLists", "TaggedMesh", "distribute", "extent", "limits", "mixed"]
 
 @dataclass(frozen=True)
 class TaggedMesh:
@@ -58,9 +57,11 @@ class TaggedMesh:
         for tags, names in ((self.cell_tags, self.cell_names), (self.facet_tags, self.facet_names)):
             own = tags.indices < mesh.topology.index_map(tags.dim).size_local
             entities, cells = tags.indices[own], tags.dim == mesh.topology.dim
-            at = _compat.geometry_dofmap(mesh)[entities] if cells else (
-                _compat.entity_nodes(mesh, tags.dim, entities)
-            )  # fmt: skip
+            at = (
+                _compat.geometry_dofmap(mesh)[entities]
+                if cells
+                else (_compat.entity_nodes(mesh, tags.dim, entities))
+            )
             sums = nodes[at].sum(axis=1, dtype=np.uint64)
             found = mixed(sums ^ mixed(tags.values[own].astype(np.uint64)))
             told.update(np.sort(np.concatenate(mesh.comm.allgather(found))).tobytes())
@@ -193,10 +194,13 @@ def distribute(comm: MPI.Intracomm, lists: MeshLists | None) -> TaggedMesh:
     mesh = _compat.create_mesh(comm, cells, x, cell)
     cell_values = comm.bcast(cell_values)
     return TaggedMesh(
-        mesh, _cell_tags(mesh, cell_values),
+        mesh,
+        _cell_tags(mesh, cell_values),
         _compat.distribute_facet_tags(mesh, facets, facet_values),
-        cell_names, facet_names, *more,
-    )  # fmt: skip
+        cell_names,
+        facet_names,
+        *more,
+    )
 
 
 def _used(names: dict[str, int], values: np.ndarray) -> dict[str, int]:

@@ -13,10 +13,6 @@ from scipy.spatial import cKDTree
 from fenics_joints.meshes.skin import FACETS, row_numbers
 from fenics_joints.meshes.tagged import MeshLists
 
-__all__ = [
-    "RoundHole", "Touch", "glued", "round_holes", "said_pairs", "shortest_edge", "touches",
-]  # fmt: skip
-
 #: Vertices of two parts nearer than this share of the shortest edge are one.
 _ONE = 1e-3
 #: Cosine of the angle between neighbouring facets of one contact: 31 degrees, a circle of twelve.
@@ -100,9 +96,7 @@ def glued(lists: MeshLists) -> MeshLists:
     place = np.empty_like(order)
     place[order] = np.arange(len(order))
     new = place[number.ravel()]
-    return replace(
-        lists, x=lists.x[first[order]], cells=new[lists.cells], facets=new[lists.facets]
-    )
+    return replace(lists, x=lists.x[first[order]], cells=new[lists.cells], facets=new[lists.facets])
 
 
 def touches(lists: MeshLists, bonded: Iterable[tuple[str, str]] = ()) -> list[Touch]:

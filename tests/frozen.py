@@ -66,14 +66,21 @@ SURE = 0.15
 
 #: Of printed numbers: by default those of a fit.
 PRINTED = {
-    "demo_bayes": "sampling", "demo_random_field": "sampling", "demo_bolted_beams": "sampling",
-    "demo_cad_bracket": "mesh", "demo_diagnosis": "deviation", "demo_lap_plates": "deviation",
-}  # fmt: skip
+    "demo_bayes": "sampling",
+    "demo_random_field": "sampling",
+    "demo_bolted_beams": "sampling",
+    "demo_cad_bracket": "mesh",
+    "demo_diagnosis": "deviation",
+    "demo_lap_plates": "deviation",
+}
 #: Scripts of the pages: a page, and what only one of its blocks has.
 PAGES = {
-    "forms": "uncoupled_layer", "preload": "solve_preload(", "slip": "solve_quasi_static(",
-    "functions": "shape_gradients(", "beams": "BeamStructure(",
-}  # fmt: skip
+    "forms": "uncoupled_layer",
+    "preload": "solve_preload(",
+    "slip": "solve_quasi_static(",
+    "functions": "shape_gradients(",
+    "beams": "BeamStructure(",
+}
 #: Pages that print derivatives of shapes, whose sign is the solver's choice.
 SIGN_FREE = ("docs/functions.md",)
 #: By command: which places of its JSON are frozen, and why each may move; the first that fits.
@@ -108,14 +115,17 @@ PLACES = {
         (r"probability\..*", "probability"),
         (r"identified\..*\.(value|low|high)", "interval"),
     ],
-}  # fmt: skip
+}
 #: Where a list's members have their name.
 NAMES = ("name", "label", "effect", "level_n", "level", "method", "scheme")
 #: What CI compares.
 QUICK = (
-    "README.md", "docs/forms.md", "demo_bolted_plates",
-    "modes demos/dumbbell", "update demos/dumbbell",
-)  # fmt: skip
+    "README.md",
+    "docs/forms.md",
+    "demo_bolted_plates",
+    "modes demos/dumbbell",
+    "update demos/dumbbell",
+)
 #: How many of the blind cases CI compares: the fastest in which a cause was seen.
 QUICK_CASES = 2
 
@@ -154,10 +164,14 @@ def entries(table: dict) -> list[Entry]:
     quick = [case["id"] for case in by_time if case["said"] == "cause"][:QUICK_CASES]
     for case in cases:
         place = Entry(
-            f"blind {case['id']}, {case['geometry']}, {case['kind']}", _command("diagnose"),
-            "diagnose", _blind(case), case["seconds"], case["id"] in quick,
+            f"blind {case['id']}, {case['geometry']}, {case['kind']}",
+            _command("diagnose"),
+            "diagnose",
+            _blind(case),
+            case["seconds"],
+            case["id"] in quick,
             case["geometry"],
-        )  # fmt: skip
+        )
         found.append(place)
     kept = table["entries"]
     for i, e in enumerate(found):
@@ -248,9 +262,14 @@ def compute(entry: Entry, seconds: float) -> dict:
         arguments += entry.make(folder) if entry.make else []
         try:
             done = subprocess.run(
-                [sys.executable, *arguments], cwd=ROOT, stdin=subprocess.DEVNULL, timeout=seconds,
-                capture_output=True, text=True, env={**os.environ, **_MPI, "OMP_NUM_THREADS": "1"},
-            )  # fmt: skip
+                [sys.executable, *arguments],
+                cwd=ROOT,
+                stdin=subprocess.DEVNULL,
+                timeout=seconds,
+                capture_output=True,
+                text=True,
+                env={**os.environ, **_MPI, "OMP_NUM_THREADS": "1"},
+            )
         except subprocess.TimeoutExpired:
             return {"error": f"stopped after {seconds:.0f} s"}
         spent = round(time.monotonic() - started, 1)
@@ -361,9 +380,10 @@ def _flat(content: object, place: str = "") -> Iterator[tuple[str, object]]:
     elif isinstance(content, list):
         heads = [
             next((str(value[n]) for n in NAMES if n in value), None)
-            if isinstance(value, dict) else None
+            if isinstance(value, dict)
+            else None
             for value in content
-        ]  # fmt: skip
+        ]
         for i, (value, head) in enumerate(zip(content, heads, strict=True)):
             alone = head is not None and heads.count(head) == 1
             name = f".{head.replace('.', '_')}" if alone else f"[{i}]"
@@ -475,9 +495,14 @@ def choose() -> list[dict]:
             answers = seal.answers_of(Path(scratch) / check, (CHECKS / f"{check}.key").read_bytes())
         for name, answer in sorted(answers.items()):
             if name in seconds:
-                case = {"check": check, "id": name, "geometry": answer["geometry"],
-                        "kind": answer["kind"], "seconds": round(seconds[name]),
-                        "said": said[name]}  # fmt: skip
+                case = {
+                    "check": check,
+                    "id": name,
+                    "geometry": answer["geometry"],
+                    "kind": answer["kind"],
+                    "seconds": round(seconds[name]),
+                    "said": said[name],
+                }
                 cells.setdefault((answer["geometry"], answer["kind"]), []).append(case)
     draw, chosen = random.Random(44), []
     for geometry, counts in SHARES.items():
@@ -601,8 +626,12 @@ def main() -> int:
         elif asked.make:
             by = "name" if entry.kind in PLACES else "order"
             rows, spent = numbers(entry, found["said"], SURE), found["seconds"]
-            kept[entry.name] = {"seconds": spent, "sources": _work().name, "by": by,
-                                "numbers": rows}  # fmt: skip
+            kept[entry.name] = {
+                "seconds": spent,
+                "sources": _work().name,
+                "by": by,
+                "numbers": rows,
+            }
             write(table)
             print(f"{entry.name}: {len(rows)} numbers in {spent} s", flush=True)
         elif entry.name not in kept:

@@ -56,9 +56,17 @@ def generate(
     folder.mkdir(parents=True, exist_ok=True)
     secret = seal.make_key(_key_path(folder, key), folder)
     listed = make_cases(
-        folder, secret, cases, seed, final=final, jobs=jobs, world=world, only=only, so_far=so_far,
+        folder,
+        secret,
+        cases,
+        seed,
+        final=final,
+        jobs=jobs,
+        world=world,
+        only=only,
+        so_far=so_far,
         say=_say,
-    )  # fmt: skip
+    )
     _say(f"{len(listed['cases'])} cases sealed; publish {folder / seal.SEALED}")
 
 

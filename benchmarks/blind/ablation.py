@@ -27,8 +27,6 @@ from fenics_joints.diagnosis import diagnose
 from fenics_joints.errors import JointsError
 from fenics_joints.files import json_text, write_text
 
-__all__ = ["MECHANISMS", "ablate", "table"]
-
 _DIAGNOSIS = "fenics_joints.diagnosis"
 _LIBRARY = f"{_DIAGNOSIS}.evidence.library"
 _SEARCH = f"{_DIAGNOSIS}.search.Search"
@@ -42,8 +40,9 @@ def _as_found(search, found, *more, **options):
 #: What is put in the place of what, by what is left out.
 MECHANISMS: dict[str, dict[str, object]] = {
     "nothing": {},
-    "attached and local effects": {f"{_DIAGNOSIS}.effects.library.sited_effects":
-                                   lambda *a, **k: ([], [])},
+    "attached and local effects": {
+        f"{_DIAGNOSIS}.effects.library.sited_effects": lambda *a, **k: ([], [])
+    },
     "pairs of effects": {f"{_SEARCH}._together": lambda *a: []},
     "leaders weighed by sampling": {f"{_SEARCH}._sampled": _as_found},
     "leaders held to the full model": {f"{_SEARCH}._checked": _as_found},
@@ -51,18 +50,24 @@ MECHANISMS: dict[str, dict[str, object]] = {
     "a basis for each effect": {f"{_LIBRARY}._LARGE": math.inf},
     "interpolation between torques": {f"{_LIBRARY}.Library._is_smooth": lambda *a: False},
     "unknown cause as a random field": {f"{_LIBRARY}.with_somewhere": lambda found, test: found},
-    "misfit by simulated tests": {f"{_DIAGNOSIS}.diagnose.with_simulated":
-                                  lambda fits, *a: fits},
+    "misfit by simulated tests": {f"{_DIAGNOSIS}.diagnose.with_simulated": lambda fits, *a: fits},
     "simulated tests of causes outside the library": {f"{_SEARCH}._simulate": lambda *a: None},
-    "measured error of the mesh": {"fenics_joints.diagnosis.model.prepared.mesh_errors":
-                                   lambda *a, **k: None},
-}  # fmt: skip
+    "measured error of the mesh": {
+        "fenics_joints.diagnosis.model.prepared.mesh_errors": lambda *a, **k: None
+    },
+}
 
 
 def ablate(
-    folders: Sequence[Path], keep: Path, out: Path, *, cases: int, geometries: Sequence[str],
-    mechanisms: Sequence[str] = tuple(MECHANISMS), say: Callable[[str], None] = print,
-) -> dict:  # fmt: skip
+    folders: Sequence[Path],
+    keep: Path,
+    out: Path,
+    *,
+    cases: int,
+    geometries: Sequence[str],
+    mechanisms: Sequence[str] = tuple(MECHANISMS),
+    say: Callable[[str], None] = print,
+) -> dict:
     """Scores and seconds of cases without each mechanism, also written as they come.
 
     Args:
@@ -78,8 +83,10 @@ def ablate(
     listed = []
     for folder in folders:
         key = (Path(__file__).with_name("checks") / f"{folder.name}.key").read_bytes().strip()
-        listed += [(folder / "cases" / name, opened(answer))
-                   for name, answer in seal.answers_of(folder, key).items()]  # fmt: skip
+        listed += [
+            (folder / "cases" / name, opened(answer))
+            for name, answer in seal.answers_of(folder, key).items()
+        ]
     listed.sort(key=lambda one: one[0].name)
     random.Random(1).shuffle(listed)
     own = [[one for one in listed if one[1]["geometry"] == name][:cases] for name in geometries]
@@ -87,8 +94,12 @@ def ablate(
         for left_out in mechanisms:
             key = f"{place.name}, without {left_out}"
             if key not in rows:
-                rows[key] = {"geometry": truth["geometry"], "kind": truth["kind"],
-                             "without": left_out, **_one(place, truth, keep, left_out)}  # fmt: skip
+                rows[key] = {
+                    "geometry": truth["geometry"],
+                    "kind": truth["kind"],
+                    "without": left_out,
+                    **_one(place, truth, keep, left_out),
+                }
                 write_text(out, json_text(rows))
                 say(f"{key}: {rows[key]}")
     return rows
@@ -131,7 +142,9 @@ def table(rows: dict) -> str:
         groups.setdefault((row["without"], row["geometry"]), []).append(row)
     nats = {key: statistics.mean(row["nats"] for row in own) for key, own in groups.items()}
     for (name, geometry), own in groups.items():
-        lines.append(f"| {name} | {geometry} | {len(own)} | {sum(r['score'] for r in own):g} | "
-                     f"{nats[name, geometry] - nats['nothing', geometry]:.2f} | "
-                     f"{statistics.median(r['seconds'] for r in own):.0f} |")  # fmt: skip
+        lines.append(
+            f"| {name} | {geometry} | {len(own)} | {sum(r['score'] for r in own):g} | "
+            f"{nats[name, geometry] - nats['nothing', geometry]:.2f} | "
+            f"{statistics.median(r['seconds'] for r in own):.0f} |"
+        )
     return "\n".join(lines)

@@ -18,8 +18,6 @@ from fenics_joints.diagnosis.evidence.turning import Neighbours
 from fenics_joints.diagnosis.model.bonded import SHARE
 from fenics_joints.measurements.data import TestData
 
-__all__ = ["Errors"]
-
 
 @dataclass(frozen=True, kw_only=True)
 class Errors:
@@ -58,12 +56,17 @@ class Errors:
         sizes = [SHARE * self.discrepancy / np.sqrt(np.mean(log_f**2)) for log_f, _ in joints]
         joint_f, joint_shapes = (
             np.stack([size * each[part] for size, each in zip(sizes, joints, strict=True)], -1)
-            if joints else None for part in (0, 1)
-        )  # fmt: skip
+            if joints
+            else None
+            for part in (0, 1)
+        )
         evidence = replace(
-            evidence, scales=None, neighbours=neighbours if shaped else None, joint_f=joint_f,
+            evidence,
+            scales=None,
+            neighbours=neighbours if shaped else None,
+            joint_f=joint_f,
             joint_shapes=joint_shapes if shaped else None,
-        )  # fmt: skip
+        )
         return evidence.full_covariance()
 
     def _on_mesh(self, evidence: Evidence) -> Evidence:

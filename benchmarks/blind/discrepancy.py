@@ -24,8 +24,6 @@ from fenics_joints.diagnosis.model.subject import subject_of
 from fenics_joints.progress import Progress
 from fenics_joints.reduction.seen import SeenModes
 
-__all__ = ["compare"]
-
 
 def compare(name: str) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Frequencies, Hz, of the nominal model, of it with one degree more, and of the world, (m,)
@@ -43,8 +41,9 @@ def compare(name: str) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         case = load_case(folder).diagnosed()
         subject = subject_of(case, MPI.COMM_SELF, Progress(silent=True))
         n, count = truth.frequencies.shape[1], case.diagnose.n_modes
-        seen = SeenModes(subject.full, subject.baseline, sensors=case.sensors(), n_test=n,
-                         n_modes=count)  # as a diagnosis starts from it  # fmt: skip
+        seen = SeenModes(
+            subject.full, subject.baseline, sensors=case.sensors(), n_test=n, n_modes=count
+        )  # as a diagnosis starts from it
         errors = mesh_errors(seen, subject.baseline, Progress(silent=True))
     modes, pairing = seen.nominal, seen.pairing
     shapes = pairing.shapes / np.sqrt(np.mean(pairing.shapes**2, axis=0))
@@ -62,8 +61,11 @@ def main(names: list[str]) -> None:
         for word, hz in (("nominal", model), ("finer", finer)):
             change = 100 * (hz / truth - 1)
             print(f"  {word:10s}", *(f"{f:9.2f}" for f in hz))
-            print(f"  {word:7s}, %", *(f"{c:9.2f}" for c in change),
-                  f"  rms {np.sqrt(np.nanmean(change**2)):.2f}")  # fmt: skip
+            print(
+                f"  {word:7s}, %",
+                *(f"{c:9.2f}" for c in change),
+                f"  rms {np.sqrt(np.nanmean(change**2)):.2f}",
+            )
         print("  shapes, % ", *(f"{100 * e:9.2f}" for e in np.sqrt(np.mean(error**2, axis=0))))
 
 

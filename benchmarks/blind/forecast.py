@@ -13,8 +13,6 @@ from functools import cached_property
 from benchmarks.blind.matching import same_cause, same_region
 from benchmarks.blind.weights import weights_of
 
-__all__ = ["LEVELS", "NONE", "UNKNOWN", "Forecast"]
-
 NONE, UNKNOWN = "no gap", "none of these"
 LEVELS = ("effect", "cause", "class")
 #: Members of a class, and its share of the prior odds, up to which it is an answer.

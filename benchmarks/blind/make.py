@@ -20,8 +20,6 @@ from benchmarks.blind import seal, worlds
 from benchmarks.blind.seal import SealError
 from fenics_joints.files import json_text, write_text
 
-__all__ = ["make_cases"]
-
 #: What was made so far, encrypted: the seed, what each id is to hold, answers with their salts.
 _MAKING = "making.sealed"
 _MARK = "truth of the case: "
@@ -92,8 +90,14 @@ def _state(
 ) -> dict:
     """What an earlier call left, else a new plan under random ids."""
     own = worlds.folder_of(world)
-    asked = {"n": n, "seed": seed, "final": final, "world": seal.source_digest(own), "of": world,
-             "only": only}  # fmt: skip
+    asked = {
+        "n": n,
+        "seed": seed,
+        "final": final,
+        "world": seal.source_digest(own),
+        "of": world,
+        "only": only,
+    }
     if (folder / _MAKING).exists():
         state = seal.decrypt((folder / _MAKING).read_text(encoding="ascii"), key)
         if state["asked"] != asked:
@@ -124,9 +128,13 @@ def _make(item: list, folder: Path) -> dict:
     asked = json.dumps({"item": item, "folder": str(folder)}, default=seal.plain)
     try:
         done = subprocess.run(
-            [sys.executable, "-m", "benchmarks.blind.make"], input=asked, cwd=seal.ROOT,
-            capture_output=True, text=True, timeout=_SECONDS,
-        )  # fmt: skip
+            [sys.executable, "-m", "benchmarks.blind.make"],
+            input=asked,
+            cwd=seal.ROOT,
+            capture_output=True,
+            text=True,
+            timeout=_SECONDS,
+        )
     except subprocess.TimeoutExpired as error:
         shutil.rmtree(folder)
         raise SealError(f"stopped after {_SECONDS} s") from error

@@ -13,8 +13,6 @@ from functools import cache
 
 from benchmarks.blind import worlds
 
-__all__ = ["ALSO", "cause_of", "opened", "outcomes", "same_cause", "same_region"]
-
 #: Further names of the library that are right, beside the world's own list of them; patterns.
 ALSO: dict[str, tuple[str, ...]] = {
     "graded": ("joint compliance graded from zone to zone",),
@@ -29,9 +27,7 @@ ALSO: dict[str, tuple[str, ...]] = {
     "loose_bolt": ("compliance at one bolt", "compliance at one joint"),
     # In the library's words: as one under the bolts and barely touching elsewhere; or touching near
     # them only, at any torque.
-    "lost_contact": (
-        "compliance away from the bolts only", "contact area smaller than modelled",
-    ),
+    "lost_contact": ("compliance away from the bolts only", "contact area smaller than modelled"),
 }
 
 #: Places up to which an answer that holds for any of them says where.

@@ -12,8 +12,6 @@ from benchmarks.blind.score import APART
 from benchmarks.blind.seal import SealError
 from fenics_joints.formatting import percent
 
-__all__ = ["misses", "told"]
-
 _HEAD = ("case", "true", "the test", "gap", "D", "said", "probability of the truth")
 #: Hypotheses that are shown of what was said.
 _SHOWN = 2

@@ -14,8 +14,6 @@ import numpy as np
 from scipy.linalg import solve_triangular
 from scipy.special import log_ndtr, logsumexp
 
-__all__ = ["Curve", "Whitened", "posterior", "separability"]
-
 _LEAST = 1e-9  # length of a side, below which it is a point
 
 

@@ -18,8 +18,6 @@ from fenics_joints.report import html as report
 from fenics_joints.report import style as pictures
 from fenics_joints.report.style import CHOSEN, NOISE, NOMINAL, PLACEBO
 
-__all__ = ["page"]
-
 _TEMPLATES = (Path(__file__).parent, Path(report.__file__).parent / "templates")
 
 
@@ -31,9 +29,12 @@ def page(scores: Mapping, sealed: Mapping) -> str:
         sealed: The published list.
     """
     environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(_TEMPLATES), autoescape=True, trim_blocks=True,
-        lstrip_blocks=True, undefined=jinja2.StrictUndefined,
-    )  # fmt: skip
+        loader=jinja2.FileSystemLoader(_TEMPLATES),
+        autoescape=True,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        undefined=jinja2.StrictUndefined,
+    )
     environment.globals.update(version=fenics_joints.__version__, apart=APART)
     environment.filters.update(rate=_rate, number=_number, span=_span)
     drawn = {
@@ -44,9 +45,13 @@ def page(scores: Mapping, sealed: Mapping) -> str:
     }
     figures = {name: Markup(text) if text else None for name, text in drawn.items()}
     return environment.get_template("page.html").render(
-        s=scores, sealed=sealed, summary=scores["summary"], figures=figures,
-        targets=targets(scores["summary"], sealed.get("world", "first")), groups=_groups(scores),
-    )  # fmt: skip
+        s=scores,
+        sealed=sealed,
+        summary=scores["summary"],
+        figures=figures,
+        targets=targets(scores["summary"], sealed.get("world", "first")),
+        groups=_groups(scores),
+    )
 
 
 def _groups(scores: Mapping) -> list[tuple[str, Mapping]]:
@@ -96,10 +101,13 @@ def _calibration(found: Mapping) -> str | None:
             errors = np.abs(limits.T - share)
             axes.errorbar(stated, share, errors, fmt="o", color=CHOSEN, markersize=4.5, linewidth=1)
             axes.set(
-                xlim=(-0.03, 1.03), ylim=(-0.03, 1.03), aspect="equal",
-                xlabel="stated probability", ylabel="share that came true",
+                xlim=(-0.03, 1.03),
+                ylim=(-0.03, 1.03),
+                aspect="equal",
+                xlabel="stated probability",
+                ylabel="share that came true",
                 title=f"by {level}: error {c['ece']:.3f} ({c['low']:.3f} to {c['high']:.3f})",
-            )  # fmt: skip
+            )
         alt = "Share of the boldest statements that came true against their stated probability."
         return pictures.to_svg(figure, "calibration", alt)
 
@@ -126,8 +134,14 @@ def _separability(rows: list[Mapping]) -> str | None:
                     at, y, errors, fmt=mark, color=colour, markersize=4.5, linewidth=1, label=name
                 )
         fine = np.geomspace(max(x.min() / 2, 0.05), x.max() * 2, 100)
-        axes.plot(fine, norm.cdf(fine), color=NOMINAL, linewidth=1, linestyle="--",
-                  label="against one rival at D")  # fmt: skip
+        axes.plot(
+            fine,
+            norm.cdf(fine),
+            color=NOMINAL,
+            linewidth=1,
+            linestyle="--",
+            label="against one rival at D",
+        )
         axes.axvline(APART, color=NOMINAL, linewidth=0.8)
         axes.set(
             xscale="log",

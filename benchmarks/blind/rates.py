@@ -7,15 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import beta
 
-__all__ = [
-    "Calibration",
-    "Rate",
-    "calibration",
-    "clopper_pearson",
-    "grouped_rate",
-    "median_interval",
-]
-
 _RESAMPLES = 2000
 
 
@@ -88,9 +79,12 @@ class Calibration:
             for s, f, n, k in zip(self.stated, self.found, self.count, self.right, strict=True)
         ]
         return {
-            "bins": bins, "ece": self.error, "low": self.low, "high": self.high,
+            "bins": bins,
+            "ece": self.error,
+            "low": self.low,
+            "high": self.high,
             "by_chance": self.by_chance,
-        }  # fmt: skip
+        }
 
 
 def calibration(stated, came_true, bins: int = 10, seed: int = 0) -> Calibration | None:
@@ -144,8 +138,11 @@ def median_interval(values, level: float = 0.95, seed: int = 0) -> dict:
     drawn = random.choice(values, size=(_RESAMPLES, len(values)))
     low, high = np.quantile(np.median(drawn, axis=1), [(1 - level) / 2, (1 + level) / 2])
     return {
-        "n": len(values), "median": float(np.median(values)), "low": float(low), "high": float(high)
-    }  # fmt: skip
+        "n": len(values),
+        "median": float(np.median(values)),
+        "low": float(low),
+        "high": float(high),
+    }
 
 
 def grouped_rate(groups, seed: int = 0) -> dict:

@@ -21,8 +21,6 @@ from benchmarks.blind import seal
 from benchmarks.blind.oracle import Curve, Whitened, posterior, separability
 from benchmarks.blind.score import NONE
 
-__all__ = ["Reckoning", "Signatures"]
-
 _CACHE = Path(__file__).resolve().parent / "cache" / "oracle"
 #: Places between the computed sizes, and between the values of a second parameter.
 _ALONG, _ACROSS = 24, 9
@@ -95,9 +93,14 @@ class Signatures:
         from benchmarks.blind.world import Spec
 
         spec = Spec(
-            self.geometry, "level", list(effects), dict(nuisance or {}),
-            damping=[2.5e-3] * self.m, shapes_row=0, levels=[1.0],
-        )  # fmt: skip
+            self.geometry,
+            "level",
+            list(effects),
+            dict(nuisance or {}),
+            damping=[2.5e-3] * self.m,
+            shapes_row=0,
+            levels=[1.0],
+        )
         log_f, _, shapes = _clean(spec)
         if effects or nuisance:
             shapes = shapes * np.sign(np.sum(shapes * self.shapes, axis=0))
@@ -137,12 +140,19 @@ class Signatures:
             self.say(f"oracle: {sheet.name} of {self.geometry}, {sheet.region}")
             states = [
                 [
-                    self.state([{"name": sheet.name, "region": sheet.region,
-                                 "params": sheet.params(float(u), float(v))}])
+                    self.state(
+                        [
+                            {
+                                "name": sheet.name,
+                                "region": sheet.region,
+                                "params": sheet.params(float(u), float(v)),
+                            }
+                        ]
+                    )
                     for v in sheet.vs
                 ]
                 for u in sheet.us
-            ]  # fmt: skip
+            ]
             found.append((sheet, np.array(states)))
         return found
 
@@ -183,43 +193,90 @@ def sheets_of(geometry: str) -> list[_Sheet]:
         return {"k_n": np.exp(u + v), "k_t": np.exp(u), "beta": 0.5}
 
     sheets = [
-        _Sheet("tangential", "joint", wide, one, lambda u, v: {"k": np.exp(u), "beta": 0.5},
-               tuple(soft), half),
-        _Sheet("normal_and_tangential", "joint", wide, np.log([0.5, 1.4, 4.0]), soft_both,
-               tuple(soft), half),
-        _Sheet("graded", "joint", np.linspace(graded[0] + least, graded[1], 8),
-               np.array([0.4, 0.7, 1.0]), lambda u, v: {"k": np.exp(u), "beta": v},
-               tuple(graded), lambda v: v),
-        _Sheet("lost_contact", "joint", np.linspace(lost[0], lost[1] - least, 10), one,
-               lambda u, v: {"share": np.exp(u)}, tuple(lost), lambda v: -1.0),
-    ]  # fmt: skip
+        _Sheet(
+            "tangential",
+            "joint",
+            wide,
+            one,
+            lambda u, v: {"k": np.exp(u), "beta": 0.5},
+            tuple(soft),
+            half,
+        ),
+        _Sheet(
+            "normal_and_tangential",
+            "joint",
+            wide,
+            np.log([0.5, 1.4, 4.0]),
+            soft_both,
+            tuple(soft),
+            half,
+        ),
+        _Sheet(
+            "graded",
+            "joint",
+            np.linspace(graded[0] + least, graded[1], 8),
+            np.array([0.4, 0.7, 1.0]),
+            lambda u, v: {"k": np.exp(u), "beta": v},
+            tuple(graded),
+            lambda v: v,
+        ),
+        _Sheet(
+            "lost_contact",
+            "joint",
+            np.linspace(lost[0], lost[1] - least, 10),
+            one,
+            lambda u, v: {"share": np.exp(u)},
+            tuple(lost),
+            lambda v: -1.0,
+        ),
+    ]
     if len(rig.bolts) > 1:
         places = {bolt.x: f"bolt {bolt.label}" for bolt in reversed(rig.bolts)}
         span = np.log(np.array([0.1, 6.0]) * _SOFT[geometry][0])
         sheets += [
-            _Sheet("loose_bolt", label, np.linspace(*span, 5), one,
-                   lambda u, v: {"k": np.exp(u)}, tuple(span))
+            _Sheet(
+                "loose_bolt",
+                label,
+                np.linspace(*span, 5),
+                one,
+                lambda u, v: {"k": np.exp(u)},
+                tuple(span),
+            )
             for label in places.values()
-        ]  # fmt: skip
-    ranges = {"modulus": (0.04, 0.3), "density": (0.03, 0.2), "thickness": (0.015, 0.15),
-              "width": (0.05, 0.35)}  # fmt: skip
+        ]
+    ranges = {
+        "modulus": (0.04, 0.3),
+        "density": (0.03, 0.2),
+        "thickness": (0.015, 0.15),
+        "width": (0.05, 0.35),
+    }
     for name, (low, high) in ranges.items():
         for part in world.regions(geometry, name):
             for sign in (-1, 1):
                 us = np.log([low, np.sqrt(low * high), high])
                 sheets.append(
-                    _Sheet(name, part, us, one,
-                           lambda u, v, s=sign: {"factor": np.exp(s * np.exp(u))},
-                           (us[0], us[-1]))
-                )  # fmt: skip
+                    _Sheet(
+                        name,
+                        part,
+                        us,
+                        one,
+                        lambda u, v, s=sign: {"factor": np.exp(s * np.exp(u))},
+                        (us[0], us[-1]),
+                    )
+                )
     where = {"lap_plates": (0.22, 0.31), "c_beam": (0.31, 0.45), "lap_beam": (0.25, 0.395)}
     most = {"lap_plates": (4e-3, 0.06), "c_beam": (0.015, 0.15), "lap_beam": (2e-3, 0.02)}
     span = np.log(most[geometry])
     sheets.append(
-        _Sheet("accelerometer", "end accelerometer", np.linspace(*span, 3),
-               np.linspace(*where[geometry], 5), lambda u, v: {"kg": np.exp(u), "x": v},
-               tuple(span))
-    )  # fmt: skip
+        _Sheet(
+            "accelerometer",
+            "end accelerometer",
+            np.linspace(*span, 3),
+            np.linspace(*where[geometry], 5),
+            lambda u, v: {"kg": np.exp(u), "x": v},
+            tuple(span),
+        )
+    )
     single = {
         "washers": ("kg", (0.02 * total, 0.15 * total), 3),
         "suspension": ("N/m", (5e3 * total, 6e5 * total), 5),
@@ -229,9 +286,15 @@ def sheets_of(geometry: str) -> list[_Sheet]:
         if name in world.EFFECTS[geometry]:
             span = np.log(limits)
             sheets.append(
-                _Sheet(name, name, np.linspace(*span, count), one,
-                       lambda u, v, k=key: {k: np.exp(u)}, tuple(span))
-            )  # fmt: skip
+                _Sheet(
+                    name,
+                    name,
+                    np.linspace(*span, count),
+                    one,
+                    lambda u, v, k=key: {k: np.exp(u)},
+                    tuple(span),
+                )
+            )
     return sheets
 
 
@@ -286,9 +349,10 @@ class _Test:
         """The metric: noise, tolerances, the scales of shapes, and damping at rest."""
         f, s, d = self.answer["noise"]
         sd = self.joined(
-            np.full((self.n, self.m), f), np.full((self.n_s, self.m), s),
+            np.full((self.n, self.m), f),
+            np.full((self.n_s, self.m), s),
             np.full((self.n, self.m), d),
-        )  # fmt: skip
+        )
         columns = [self.constant(self.of.base + c) - self.none for c in self.of.nuisances.T]
         zero = np.zeros((self.n, self.m))
         for j in range(self.m):
@@ -362,9 +426,14 @@ class _Test:
             for sign in (-1, 1):
                 rows = [
                     (gains, [shapes[i] * np.exp(sign * g) for g in np.geomspace(0.1, 0.7, 6)]),
-                    (shifts, [shapes[i] + sign * d * self.of.slopes[i]
-                              for d in np.geomspace(6e-3, 2.4e-2, 4)]),
-                ]  # fmt: skip
+                    (
+                        shifts,
+                        [
+                            shapes[i] + sign * d * self.of.slopes[i]
+                            for d in np.geomspace(6e-3, 2.4e-2, 4)
+                        ],
+                    ),
+                ]
                 for curves, readings in rows:
                     points = []
                     for reading in readings:
@@ -422,8 +491,16 @@ class _Test:
         from benchmarks.blind.world import Spec
 
         row = 0 if self.level else -1
-        spec = Spec(self.of.geometry, self.answer["test"], list(effects), {}, [], list(damping),
-                    row, list(levels))  # fmt: skip
+        spec = Spec(
+            self.of.geometry,
+            self.answer["test"],
+            list(effects),
+            {},
+            [],
+            list(damping),
+            row,
+            list(levels),
+        )
         log_f, log_damping, shapes = _clean(spec)
         return self.joined(log_f, self._scaled(shapes), log_damping)
 

@@ -16,8 +16,6 @@ from benchmarks.blind import seal
 from benchmarks.blind.seal import SealError
 from fenics_joints.files import json_text, write_text
 
-__all__ = ["diagnose_cases"]
-
 
 def diagnose_cases(
     folder: Path,
@@ -91,9 +89,13 @@ def _diagnose(folder: Path, case: dict, seconds: float) -> dict:
         command += ["--keep", str(models.resolve())]
         try:
             done = subprocess.run(
-                [*command, "--json", str(out)], cwd=scratch, capture_output=True, text=True,
-                timeout=seconds, env=os.environ | {"OMP_NUM_THREADS": "1"},
-            )  # fmt: skip
+                [*command, "--json", str(out)],
+                cwd=scratch,
+                capture_output=True,
+                text=True,
+                timeout=seconds,
+                env=os.environ | {"OMP_NUM_THREADS": "1"},
+            )
             error = done.stderr[-4000:] if done.returncode or not out.exists() else None
         except subprocess.TimeoutExpired:
             error = f"stopped after {seconds:g} s"

@@ -21,8 +21,6 @@ from benchmarks.blind.rates import Rate, calibration, grouped_rate, median_inter
 from benchmarks.blind.seal import SealError
 from fenics_joints.diagnosis.verdict import NAMED
 
-__all__ = ["APART", "Record", "read_records", "score"]
-
 #: Separability above which an effect is one the test can tell from every other: 1 % confusion.
 APART = 2.33
 #: Least probability that the logarithmic score counts with, lest one case decide it.
@@ -216,21 +214,20 @@ def summary(records: Sequence[Record]) -> dict:
         "n": len(records),
         "single": _singles(single),
         "single_apart": _singles(apart),
-        "oracle": {
-            "single": _oracle_right(single),
-            "single_apart": _oracle_right(apart),
-        },
+        "oracle": {"single": _oracle_right(single), "single_apart": _oracle_right(apart)},
         "pair": _pairs([r for r in records if r.kind == "pair"]),
         "none": _false_alarms([r for r in records if r.kind == "none"]),
         "unknown": _unknowns(records),
         "brier": {level: _mean(r.brier(level) for r in one) for level in LEVELS[1:]},
         "log_score": {level: _mean(r.log_score(level) for r in one) for level in LEVELS[1:]},
-        "uniform": {"brier": _mean(1 - 1 / r.n_causes for r in one),
-                    "log_score": _mean(math.log(r.n_causes) for r in one)},
+        "uniform": {
+            "brier": _mean(1 - 1 / r.n_causes for r in one),
+            "log_score": _mean(math.log(r.n_causes) for r in one),
+        },
         "calibration": {level: _calibration(records, level) for level in LEVELS[1:]},
         "sets": _sets(one),
         "shrinkage": _shrinkage(records),
-    }  # fmt: skip
+    }
 
 
 def _drop(records: Sequence[Record]) -> dict | None:
@@ -283,9 +280,7 @@ def _answer_sizes(records: Sequence[Record]) -> dict:
         shares = r.forecast.shares("class")
         if shares:
             sizes.append(r.forecast.members(max(shares, key=lambda k: shares[k])))
-    return {
-        "mean": _mean(sizes), "median": _median(sizes), "largest": max(sizes, default=None)
-    }  # fmt: skip
+    return {"mean": _mean(sizes), "median": _median(sizes), "largest": max(sizes, default=None)}
 
 
 def _oracle_right(records: Sequence[Record]) -> dict:
@@ -344,7 +339,8 @@ def _unknowns(records: Sequence[Record]) -> dict:
         "threshold": threshold,
         "caught": Rate.of(chance[r.name] > threshold for r in outside).to_json(),
         "caught_apart": Rate.of(
-            chance[r.name] > threshold for r in outside
+            chance[r.name] > threshold
+            for r in outside
             if r.separability is not None and r.separability >= APART
         ).to_json(),
         "false": Rate.of(chance[r.name] > threshold for r in inside).to_json(),
@@ -387,9 +383,12 @@ def shrinkage_of(diagnosis: Mapping) -> dict | None:
     """
     gap = diagnosis["gap"]
     given = diagnosis.get("shrinkage") or {
-        "before": gap["heldout_before"], "after": gap["heldout_after"],
-        "placebo": gap["placebo_after"], "noise": gap["noise"], "folds": [],
-    }  # fmt: skip
+        "before": gap["heldout_before"],
+        "after": gap["heldout_after"],
+        "placebo": gap["placebo_after"],
+        "noise": gap["noise"],
+        "folds": [],
+    }
     before, noise = given["before"], given["noise"]
     if before is None or noise is None or before < _VISIBLE * noise:
         return None
@@ -405,9 +404,10 @@ def _shrinkage(records: Sequence[Record]) -> dict:
     rows = [
         s
         for r in records
-        if r.kind in ("single", "pair") and r.forecast.diagnosis is not None
+        if r.kind in ("single", "pair")
+        and r.forecast.diagnosis is not None
         and (s := shrinkage_of(r.forecast.diagnosis)) is not None
-    ]  # fmt: skip
+    ]
     return {
         "n": len(rows),
         "s": median_interval(row["s"] for row in rows),
@@ -435,9 +435,10 @@ def confusion(records: Sequence[Record]) -> dict:
     rows = [*names, NONE, UNKNOWN]
     columns = [*rows, *(["failed"] if any(said == "failed" for _, said in counts) else [])]
     return {
-        "true": rows, "said": columns,
+        "true": rows,
+        "said": columns,
         "counts": [[counts[true, said] for said in columns] for true in rows],
-    }  # fmt: skip
+    }
 
 
 def _by_separability(records: Sequence[Record]) -> list[dict]:
@@ -446,9 +447,10 @@ def _by_separability(records: Sequence[Record]) -> list[dict]:
     rows = []
     for low, high in zip(edges, edges[1:], strict=False):
         inside = [
-            r for r in records
+            r
+            for r in records
             if r.kind == "single" and r.separability is not None and low <= r.separability < high
-        ]  # fmt: skip
+        ]
         if inside:
             rows.append(
                 {

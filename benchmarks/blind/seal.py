@@ -20,12 +20,6 @@ import numpy as np
 from fenics_joints.errors import JointsError
 from fenics_joints.files import json_text, write_text
 
-__all__ = [
-    "SealError", "answers_of", "canonical", "commit", "decrypt", "digest", "encrypt", "file_digest",
-    "files_digest", "make_key", "new_ids", "plain", "promise", "read_json", "read_key",
-    "source_digest", "unseal",
-]  # fmt: skip
-
 ROOT = Path(__file__).resolve().parents[2]
 SEALED, ANSWERS, UNSEALED = "sealed.json", "answers.sealed", "answers.json"
 #: Sources that the diagnosis consists of, frozen with the seal of a final check.
@@ -34,10 +28,20 @@ DIAGNOSIS = ("fenics_joints", "forms", "meshes")
 RULES = tuple(
     f"benchmarks/blind/{name}.py"
     for name in (
-        "forecast", "matching", "oracle", "rates", "reckoning", "score", "targets", "worlds",
-        "signatures", "calculix/effects", "calculix/sheets", "world/effects",
+        "forecast",
+        "matching",
+        "oracle",
+        "rates",
+        "reckoning",
+        "score",
+        "targets",
+        "worlds",
+        "signatures",
+        "calculix/effects",
+        "calculix/sheets",
+        "world/effects",
     )
-)  # fmt: skip
+)
 _SALT = 32  # bytes
 
 
@@ -55,9 +59,13 @@ def canonical(answer: Mapping) -> bytes:
         ValueError: If a number is nan or infinite.
     """
     return json.dumps(
-        answer, sort_keys=True, separators=(",", ":"), ensure_ascii=True, allow_nan=False,
+        answer,
+        sort_keys=True,
+        separators=(",", ":"),
+        ensure_ascii=True,
+        allow_nan=False,
         default=plain,
-    ).encode()  # fmt: skip
+    ).encode()
 
 
 def plain(value):

@@ -29,8 +29,6 @@ from fenics_joints.files import read_toml
 from fenics_joints.measurements.data import TestData
 from fenics_joints.structure import Sensors
 
-__all__ = ["Reckoning"]
-
 _ALONG = 16
 #: Sheets of all joints giving way.
 _GIVING_WAY = ("soft_joint", "sliding_joint")
@@ -97,9 +95,7 @@ class _Test:
     def _read(self, u: np.ndarray) -> np.ndarray:
         """Along the sensors, (n_s, m), of shapes (m, n, 3)."""
         pool = self.of.states.pool
-        return np.einsum(
-            "msk,sk->sm", u[:, pool.sensors[self.sensors]], pool.normals[self.sensors]
-        )
+        return np.einsum("msk,sk->sm", u[:, pool.sensors[self.sensors]], pool.normals[self.sensors])
 
     @cached_property
     def like(self) -> np.ndarray:
@@ -132,9 +128,7 @@ class _Test:
     def white(self) -> Whitened:
         """Noise, the model's error, tolerances, and the scales of shapes."""
         hz, u = self.of.states.base
-        columns = [
-            self.constant((np.log(hz) + f, u + s)) - self.none for f, s in self.of.nuisances
-        ]
+        columns = [self.constant((np.log(hz) + f, u + s)) - self.none for f, s in self.of.nuisances]
         for j in range(self.m if self.shaped else 0):
             scale = np.zeros_like(self.like)
             scale[:, j] = self.like[:, j]
@@ -147,12 +141,14 @@ class _Test:
         pool, noise = self.of.states.pool, self.answer["noise"]
         x = mesh_of(self.of.rig.name).x[pool.observed.nodes[pool.sensors[self.sensors]]]
         return TestData(
-            self.answer["spec"]["torques"], self.answer["frequencies"],
-            [f"mode {j + 1}" for j in range(self.m)], noise=noise[0],
+            self.answer["spec"]["torques"],
+            self.answer["frequencies"],
+            [f"mode {j + 1}" for j in range(self.m)],
+            noise=noise[0],
             sensors=Sensors(x, pool.normals[self.sensors]),
             shapes=self.scaled(np.array(self.answer["shapes"])) if self.shaped else None,
             shape_noise=noise[1],
-        )  # fmt: skip
+        )
 
     def _neighbours(self) -> Neighbours:
         hz, u = self.of.states.base
@@ -200,9 +196,7 @@ class _Test:
         for row in range(self.n):
             change = np.zeros((self.n, self.m))
             change[row] = turn[row][self.modes]
-            columns.append(
-                np.concatenate([change.ravel(), np.zeros(self.none.size - change.size)])
-            )
+            columns.append(np.concatenate([change.ravel(), np.zeros(self.none.size - change.size)]))
         return np.array(columns).T
 
     def _sensors(self) -> dict[str, list[Curve]]:
@@ -342,6 +336,7 @@ class Reckoning:
         found = read_json(self.folder / "diagnoses" / f"{name}.json").get("diagnosis") or {}
         mesh = found.get("model", {}).get("mesh_error", {})
         return Errors(
-            discrepancy=discrepancy, of_shapes=of_shapes,
+            discrepancy=discrepancy,
+            of_shapes=of_shapes,
             mesh={int(mode.removeprefix("mode ")): error for mode, error in mesh.items()},
-        )  # fmt: skip
+        )

@@ -7,8 +7,6 @@ from dataclasses import dataclass
 
 from benchmarks.blind.score import APART
 
-__all__ = ["Target", "targets"]
-
 
 @dataclass(frozen=True)
 class Target:
@@ -48,10 +46,15 @@ class Target:
     def to_json(self) -> dict:
         """Keys what, asked, at_least, value, low, high, n, outcome."""
         return {
-            "what": self.what, "asked": self.asked, "at_least": self.at_least,
-            "value": self.value, "low": self.low, "high": self.high, "n": self.n,
+            "what": self.what,
+            "asked": self.asked,
+            "at_least": self.at_least,
+            "value": self.value,
+            "low": self.low,
+            "high": self.high,
+            "n": self.n,
             "outcome": self.outcome,
-        }  # fmt: skip
+        }
 
 
 def targets(summary: Mapping, world: str = "first") -> list[Target]:
@@ -87,13 +90,14 @@ def _fifth(summary: Mapping) -> list[Target]:
         _rate(f"single effects with {said}: cause by its own name", 0.75, apart["top1_cause"]),
         _rate(f"unknown causes with {said} caught, at 5 % false", 0.70, unknown["caught_apart"]),
         _rate("no effect: any verdict but “no gap”", 0.03, summary["none"]["alarm"], False),
-        _above_chance("calibration error above a perfect forecaster's", 0.03,
-                      summary["calibration"]["class"]),
+        _above_chance(
+            "calibration error above a perfect forecaster's", 0.03, summary["calibration"]["class"]
+        ),
         _median("S* on held-out data, median", 0.80, shrink["s"]),
         _rate("S* above the placebo's", 0.90, shrink["above_placebo"]),
         _rate("stated 90 % intervals that held, at least", 0.87, held),
         _rate("stated 90 % intervals that held, at most", 0.93, held, False),
-    ]  # fmt: skip
+    ]
 
 
 def _rate(what: str, asked: float, rate: Mapping, at_least: bool = True) -> Target:

@@ -15,8 +15,6 @@ from collections.abc import Mapping
 import numpy as np
 from scipy.special import expit, logsumexp
 
-__all__ = ["weights_of"]
-
 _UNKNOWN = "none of these"
 #: Prior odds of any effect and of an unknown cause; p-value below which a hypothesis fails; weights
 #: of what looks like a listed effect, and nats beyond which a misfit says no more.
@@ -26,9 +24,13 @@ _ALIKE, _MOST = (-2.08, 0.36), 10.0
 _LEAST, _SHOWN = 0.0101, 0.8999
 #: Effects whose odds come beside those of the others.
 _BESIDE = (
-    "local loss of stiffness", "cable or stinger", "attached resonator", "plate not flat",
-    "thickness not even", "damping of the supports",
-)  # fmt: skip
+    "local loss of stiffness",
+    "cable or stinger",
+    "attached resonator",
+    "plate not flat",
+    "thickness not even",
+    "damping of the supports",
+)
 
 
 def weights_of(diagnosis: Mapping) -> np.ndarray:
@@ -50,10 +52,9 @@ def weights_of(diagnosis: Mapping) -> np.ndarray:
     total = sum(o for key, o in odds.items() if not key.startswith(_BESIDE))
     unknown = np.array([row["label"] == _UNKNOWN for row in rows])
     prior = [
-        np.log(_OTHER) if other
-        else sum(np.log(_ANY * odds[key] / total) for key in row["effects"])
+        np.log(_OTHER) if other else sum(np.log(_ANY * odds[key] / total) for key in row["effects"])
         for row, other in zip(rows, unknown, strict=True)
-    ]  # fmt: skip
+    ]
     score = np.array([row["log_evidence"] for row in rows]) + prior
     p = np.array([row["p_value"] for row in rows])
     if (failed := ~unknown & (p < _MISFIT)).any():

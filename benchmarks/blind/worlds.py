@@ -10,8 +10,6 @@ from types import ModuleType
 
 from benchmarks.blind.seal import SealError
 
-__all__ = ["WORLDS", "folder_of", "geometries", "library", "world_named", "world_of"]
-
 #: Names on the command line, and the packages' beside this file.
 WORLDS = {"first": "world", "calculix": "calculix"}
 

@@ -64,9 +64,11 @@ case = load_case(here)
 model = case_model(case, comm)
 prior, frequencies = model.prior, model.frequencies
 modes = tuple(f"mode {i}" for i in range(1, 6))
-say(f"model: {model.n_basis} of {model.n_dofs} degrees of freedom, frequencies within "
+say(
+    f"model: {model.n_basis} of {model.n_dofs} degrees of freedom, frequencies within "
     f"{100 * model.check.error:.0e} % at {model.check.n_points} points of the prior",
-    *(f"prior: {line}" for line in prior.describe()))  # fmt: skip
+    *(f"prior: {line}" for line in prior.describe()),
+)
 # -
 
 # ## Specimens from a stated truth
@@ -126,10 +128,13 @@ means, sds = (
     for moment in ("mean", "std")
 )
 apart = np.ptp(means, axis=0) / sds.mean(axis=0)
-say("", f"means of the samplers differ by {apart[0]:.3f} and {apart[1]:.3f} standard deviations, "
+say(
+    "",
+    f"means of the samplers differ by {apart[0]:.3f} and {apart[1]:.3f} standard deviations, "
     f"these by {100 * np.ptp(sds[:, 0]) / sds[0, 0]:.1f} and "
     f"{100 * np.ptp(sds[:, 1]) / sds[0, 1]:.1f} %",
-    f"correlation of k1 and k2: {runs['metropolis'].correlation()[0, 1]:.2f}")  # fmt: skip
+    f"correlation of k1 and k2: {runs['metropolis'].correlation()[0, 1]:.2f}",
+)
 assert np.all(apart < 0.15)
 # -
 
@@ -145,8 +150,10 @@ rows = {row["name"]: row for row in hierarchy.chains.require_converged().table()
 show("hierarchical", list(rows.values()))
 stated = dict(zip(rows, [*median, *scatter, 0.0, noise], strict=True))
 z = {name: (rows[name]["mean"] - value) / rows[name]["sd"] for name, value in stated.items()}
-say("from the truth, in standard deviations: "
-    + ", ".join(f"{name} {value:+.1f}" for name, value in z.items()))  # fmt: skip
+say(
+    "from the truth, in standard deviations: "
+    + ", ".join(f"{name} {value:+.1f}" for name, value in z.items())
+)
 assert max(abs(value) for value in z.values()) < 3
 # -
 
@@ -165,8 +172,10 @@ checks = {
 for name, check in checks.items():
     say("", name, *check.words())
     first, last = check.correlation_low[0, 4], check.correlation_high[0, 4]
-    say(f"correlation of modes 1 and 5: {check.correlation_median[0, 4]:.2f} "
-        f"({first:.2f} to {last:.2f}); measured {check.correlation[0, 4]:.2f}")  # fmt: skip
+    say(
+        f"correlation of modes 1 and 5: {check.correlation_median[0, 4]:.2f} "
+        f"({first:.2f} to {last:.2f}); measured {check.correlation[0, 4]:.2f}"
+    )
 assert checks["independent frequencies"].p_sd < 0.025 < checks["hierarchical"].p_sd
 # -
 
@@ -197,14 +206,17 @@ for together in (0.0, 0.8):
     for seed in range(SETS):
         own = simulate(closed_form, replace(truth, covariance=covariance), 25, seed=seed)
         fits = FittedLikelihood.from_specimens(modes, own, ["normal"], accept_misfit=True)
-        chains = sample(Posterior(prior, closed_form, fits), Settings(samples=4000, burn_in=1000),
-                        comm)  # fmt: skip
+        chains = sample(
+            Posterior(prior, closed_form, fits), Settings(samples=4000, burn_in=1000), comm
+        )
         others.append(check_predictive(modes, own, replicate(chains, closed_form, 25)))
     measured, new = np.mean([check.mean_correlation for check in others], axis=0)
     under = sum(check.p_correlation < 0.025 for check in others)
     ratio = np.mean([check.sd_median / check.sd for check in others])
-    say(f"k1 and k2 correlate by {together}: measured {measured:.2f}, new specimens {new:.2f}, "
-        f"under-stated in {under} of {SETS}; new specimens scatter {ratio:.2f} times as much")
+    say(
+        f"k1 and k2 correlate by {together}: measured {measured:.2f}, new specimens {new:.2f}, "
+        f"under-stated in {under} of {SETS}; new specimens scatter {ratio:.2f} times as much"
+    )
     assert new < measured and ratio < 0.6
 # -
 
@@ -223,9 +235,7 @@ def calibration_set() -> tuple[np.ndarray, dict[str, np.ndarray]]:
     rng = np.random.default_rng(12)
     mu = rng.normal(0, SD, (N, 2))
     aux = stats.invgamma(0.5, scale=1 / SCATTER**2).rvs((N, 2), random_state=rng)
-    sigma = np.array(
-        [stats.invwishart(3, 4 * np.diag(1 / a)).rvs(random_state=rng) for a in aux]
-    )
+    sigma = np.array([stats.invwishart(3, 4 * np.diag(1 / a)).rvs(random_state=rng) for a in aux])
     tau, b = np.abs(NOISE * rng.standard_cauchy(N)), rng.normal(0, OFFSET, (N, 5))
     x = mu[:, None] + np.einsum(
         "npq,nsq->nsp", np.linalg.cholesky(sigma), rng.standard_normal((N, S, 2))
@@ -234,24 +244,46 @@ def calibration_set() -> tuple[np.ndarray, dict[str, np.ndarray]]:
     sd = np.sqrt(np.diagonal(sigma, axis1=1, axis2=2))
     rho = sigma[:, 0, 1] / sd.prod(axis=1)
     return log_f, {
-        "k1": mu[:, 0], "k2": mu[:, 1], "scatter k1": sd[:, 0], "scatter k2": sd[:, 1],
-        "correlation": rho, "noise": tau, "offset mode 5": b[:, 4],
-    }  # fmt: skip
+        "k1": mu[:, 0],
+        "k2": mu[:, 1],
+        "scatter k1": sd[:, 0],
+        "scatter k2": sd[:, 1],
+        "correlation": rho,
+        "noise": tau,
+        "offset mode 5": b[:, 4],
+    }
 
 
 log_f, truths = calibration_set()
 zero, spread = np.zeros(2), np.full(2, SD)
 level = Level(
-    lambda mu: -0.5 * np.sum(mu**2, axis=1) / SD**2, flexible, zero, slope, np.zeros(5), zero,
-    spread, SCATTER, NOISE, False, OFFSET, curvature(flexible, zero),
-)  # fmt: skip
+    lambda mu: -0.5 * np.sum(mu**2, axis=1) / SD**2,
+    flexible,
+    zero,
+    slope,
+    np.zeros(5),
+    zero,
+    spread,
+    SCATTER,
+    NOISE,
+    False,
+    OFFSET,
+    curvature(flexible, zero),
+)
 mine = range(comm.rank, N, comm.size)
 walk = Gibbs(level, log_f[list(mine)], [generator(4, c) for c in mine])
 walk.advance(200)
 points = walk.advance(800)[0]
 sd1, sd2 = np.sqrt(points[:, :, 2]), np.sqrt(points[:, :, 4])
-draws = [points[:, :, 0], points[:, :, 1], sd1, sd2, points[:, :, 3] / (sd1 * sd2),
-         points[:, :, 5], points[:, :, 10]]  # fmt: skip
+draws = [
+    points[:, :, 0],
+    points[:, :, 1],
+    sd1,
+    sd2,
+    points[:, :, 3] / (sd1 * sd2),
+    points[:, :, 5],
+    points[:, :, 10],
+]
 say("", f"{N} sets of {S} specimens" + f"{'50 %':>18s}{'90 %':>8s}   ranks, from low to high")
 evenness = []
 for (name, values), chain in zip(truths.items(), draws, strict=True):
@@ -259,8 +291,10 @@ for (name, values), chain in zip(truths.items(), draws, strict=True):
     found = calibrate(np.concatenate(comm.allgather(own)), 39)
     evenness.append(found.p_value)
     counts = " ".join(f"{c:2d}" for c in found.counts)
-    say(f"{name:28s}{100 * found.covered_half:10.0f}{100 * found.covered:8.0f}   {counts}"
-        f"   p = {found.p_value:.2f}")  # fmt: skip
+    say(
+        f"{name:28s}{100 * found.covered_half:10.0f}{100 * found.covered:8.0f}   {counts}"
+        f"   p = {found.p_value:.2f}"
+    )
 # Of seven tests the least p-value is below 0.002 once in seventy times.
 assert min(evenness) > 0.002
 # -
@@ -278,9 +312,11 @@ if comm.rank == 0 and len(sys.argv) > 1:
     rng = np.random.default_rng(0)
     made = np.exp(rng.multivariate_normal(np.log(median), truth.covariance, 800))
     for values, colour, label in (
-        (made, "0.75", "specimens, as simulated"), (new, "C0", "new specimens, hierarchical"),
-        (some, "C1", "independent frequencies"), (mean, "C3", "mean of the specimens"),
-    ):  # fmt: skip
+        (made, "0.75", "specimens, as simulated"),
+        (new, "C0", "new specimens, hierarchical"),
+        (some, "C1", "independent frequencies"),
+        (mean, "C3", "mean of the specimens"),
+    ):
         left.plot(values[:, 0], values[:, 1] / 1e3, ".", color=colour, ms=3, alpha=0.5, label=label)
     left.set(xlabel="k1, N m", ylabel="k2, kN m")
     left.plot(*median / [1, 1e3], "k+", ms=12, label="truth: median")

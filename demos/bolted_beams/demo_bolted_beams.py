@@ -118,13 +118,15 @@ graded = build_structure(zones, comm)
 names = [f"{zone}.{key}" for key in ("k1", "k2") for zone in cells]
 
 
-
 def fitted(model, parameters: list[str]) -> Update:
     """A model's parameters fitted to all eight frequencies."""
     return update(
-        model.arrays(sensors), [model.parameters[name] for name in parameters],
-        Target(measured, 1e-3, shape_sensors=sensors), model.values(), regularisation=2.3,
-    )  # fmt: skip
+        model.arrays(sensors),
+        [model.parameters[name] for name in parameters],
+        Target(measured, 1e-3, shape_sensors=sensors),
+        model.values(),
+        regularisation=2.3,
+    )
 
 
 def errors_of(found: Update) -> np.ndarray:
@@ -195,11 +197,16 @@ lines = np.linspace(50, 2500, 1226)
 tip, hammer = (Sensors([[x, 0.0, 0.0]], [0.0, 0.0, 1.0]) for x in (0.0, 0.01))
 curves = {
     torque: solve_frf(
-        beams, {"lap.k1": k1, "lap.k2": k2, "lap.c": C[torque]}, frequencies_hz=lines, sensors=tip,
-        excitation=hammer, damping=beams.joint_damping(), kind="accelerance",
+        beams,
+        {"lap.k1": k1, "lap.k2": k2, "lap.c": C[torque]},
+        frequencies_hz=lines,
+        sensors=tip,
+        excitation=hammer,
+        damping=beams.joint_damping(),
+        kind="accelerance",
     ).values[:, 0, 0]
     for torque, (k1, k2) in TABLE_2.items()
-}  # fmt: skip
+}
 for torque, curve in curves.items():
     near = (lines > 1200) & (lines < 1500)
     peak, hz = np.max(np.abs(curve[near])), lines[near][np.argmax(np.abs(curve[near]))]
@@ -230,8 +237,12 @@ if comm.rank == 0 and len(sys.argv) > 1:
     left.set(xlabel="x, mm", yticks=-np.arange(5), yticklabels=[f"mode {i + 1}" for i in range(5)])
     places = np.arange(8)
     right.bar(places - 0.2, errors, 0.4, label="k1, k2 from modes 1 to 5")
-    right.bar(places + 0.2, 100 * (split.prediction.frequencies_hz / measured - 1), 0.4,
-              label="three zones, all modes")  # fmt: skip
+    right.bar(
+        places + 0.2,
+        100 * (split.prediction.frequencies_hz / measured - 1),
+        0.4,
+        label="three zones, all modes",
+    )
     right.axvline(4.5, color="0.6", ls=":")
     right.set(xlabel="mode", ylabel="error, %", xticks=places, xticklabels=places + 1)
     right.legend()

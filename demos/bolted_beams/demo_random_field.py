@@ -68,8 +68,10 @@ mean = {name: beams.values()[name] for key in names for name in names[key]}
 ranges = {name: (k / 1.3, 1.3 * k) for name, k in mean.items()}
 small = narrow(beams.arrays(sensors), ranges, 14, tolerance=2e-5)
 forward = Forward(small.model, sensors, 8, 14)
-say(f"small model: {small.model.n_dofs} vectors for {len(mean)} stiffnesses, error of a frequency "
-    f"{small.error:.0e} at {small.n_checked} points")  # fmt: skip
+say(
+    f"small model: {small.model.n_dofs} vectors for {len(mean)} stiffnesses, error of a frequency "
+    f"{small.error:.0e} at {small.n_checked} points"
+)
 # -
 
 # ## The fields
@@ -150,13 +152,19 @@ if comm.rank == 0 and len(sys.argv) > 1:
     for i, name in enumerate(LENGTHS):
         left.plot(modes, 100 * linear[name].sd / nominal, color=f"C{i}", label=name)
         left.plot(modes, 100 * drawn[name].sd / nominal, "o", ms=4, color=f"C{i}")
-    left.set(xlabel="mode", ylabel="scatter of the frequency, %", ylim=(0, 0.45),
-             title="lines: sensitivities; dots: samples")  # fmt: skip
+    left.set(
+        xlabel="mode",
+        ylabel="scatter of the frequency, %",
+        ylim=(0, 0.45),
+        title="lines: sensitivities; dots: samples",
+    )
     left.legend(fontsize="small", loc="upper right", ncols=2)
     for axes, name in zip(squares, ("one variable", "2 mm"), strict=True):
-        image = axes.imshow(drawn[name].correlation, vmin=0, vmax=1, cmap="viridis",
-                            extent=(0.5, 8.5, 8.5, 0.5))  # fmt: skip
-        axes.set(title=f"correlation: {name}", xlabel="mode", ylabel="mode",
-                 xticks=modes, yticks=modes)  # fmt: skip
+        image = axes.imshow(
+            drawn[name].correlation, vmin=0, vmax=1, cmap="viridis", extent=(0.5, 8.5, 8.5, 0.5)
+        )
+        axes.set(
+            title=f"correlation: {name}", xlabel="mode", ylabel="mode", xticks=modes, yticks=modes
+        )
     below.colorbar(image, ax=squares, shrink=0.8)
     figure.savefig(sys.argv[1], dpi=110)

@@ -41,7 +41,7 @@ from responses import (
     curves,
     load,
     solution,
-)  # fmt: skip
+)
 from rich.console import Console
 from rich.table import Table as RichTable
 from scipy.special import logsumexp
@@ -80,10 +80,23 @@ FORCES, THICKNESSES, RADIUS, PRESSURE = paper()
 AREA = np.pi * (RADIUS**2 - HOLE**2)
 
 NOMINAL = {
-    "force": 1.0, "force factor": 1.0, "P_lim factor": 1.0, "reading": 1.0, "thickness": 1.0,
-    "loaded": 12e-3, "penalty": PENALTY[-1], "rim": RIM[-1], "ratio": 1.0, "second": np.nan,
-    "washer": 12e-3, "washer_t": 2.5e-3, "crown": 1.0, "cell": 1e-3, "nu": 0.3, "power": 0.0,
-}  # fmt: skip
+    "force": 1.0,
+    "force factor": 1.0,
+    "P_lim factor": 1.0,
+    "reading": 1.0,
+    "thickness": 1.0,
+    "loaded": 12e-3,
+    "penalty": PENALTY[-1],
+    "rim": RIM[-1],
+    "ratio": 1.0,
+    "second": np.nan,
+    "washer": 12e-3,
+    "washer_t": 2.5e-3,
+    "crown": 1.0,
+    "cell": 1e-3,
+    "nu": 0.3,
+    "power": 0.0,
+}
 
 
 def _set(values, theta, condition) -> None:
@@ -104,17 +117,27 @@ FACTS = {
     for e in (
         effect("loaded radius", Prior("loaded", 12e-3, 0.4, "m", True, (LOADED[0], LOADED[-1]))),
         effect("thickness factor", Prior("thickness", 1.0, np.log(2), "", True, (0.5, 2.5))),
-        effect("soft contact", Prior("penalty", 1e13, np.log(10), "Pa/m", True,
-                                     (PENALTY[0], PENALTY[-1]))),
+        effect(
+            "soft contact",
+            Prior("penalty", 1e13, np.log(10), "Pa/m", True, (PENALTY[0], PENALTY[-1])),
+        ),
         # As programs set it: k = factor x E / height of the elements, here so many per thickness.
-        Effect("soft contact, k over height", "", (Prior("penalty", 1e13, np.log(10), "Pa/m",
-               True, (PENALTY[0], PENALTY[-1])),), _by_height),  # fmt: skip
+        Effect(
+            "soft contact, k over height",
+            "",
+            (Prior("penalty", 1e13, np.log(10), "Pa/m", True, (PENALTY[0], PENALTY[-1])),),
+            _by_height,
+        ),
         effect("finite plates", Prior("rim", 75e-3, 0.5, "m", True, (RIM[0], RIM[-1]))),
-        effect("second plate scaled", Prior("ratio", 1.0, np.log(2), "", True,
-                                            (RATIO[0], RATIO[-1]))),
+        effect(
+            "second plate scaled", Prior("ratio", 1.0, np.log(2), "", True, (RATIO[0], RATIO[-1]))
+        ),
         effect("second plate fixed", Prior("second", 20e-3, np.log(2), "m", True, (8e-3, 50e-3))),
-        effect("washer as a body", Prior("washer", 15e-3, 0.4, "m", True, (12e-3, 40e-3)),
-               Prior("washer_t", 3e-3, np.log(2), "m", True, (1.25e-3, 20e-3))),
+        effect(
+            "washer as a body",
+            Prior("washer", 15e-3, 0.4, "m", True, (12e-3, 40e-3)),
+            Prior("washer_t", 3e-3, np.log(2), "m", True, (1.25e-3, 20e-3)),
+        ),
         # exp(-2) to exp(2) of the axis -2 to 2: see _crown
         effect("crowned plates", Prior("crown", 1.0, 1.0, "", True, (np.exp(-3.9), np.exp(3.9)))),
         effect("coarse mesh", Prior("cell", 2e-3, np.log(2), "m", True, (0.5e-3, 8e-3))),
@@ -123,7 +146,7 @@ FACTS = {
         effect("force in effect", Prior("force factor", 1.0, 0.5, "", True, (0.33, 3.0))),
         effect("reading off by part of a cell", Prior("reading", 1.0, 1.0, "", True, (0.05, 20))),
     )
-}  # fmt: skip
+}
 
 
 class Forward(PointwiseForward):
@@ -193,10 +216,12 @@ def direct(w: Weighed) -> dict[str, float]:
             (radius,), (share,) = curves(*profile, np.array([P_LIM * v["P_lim factor"] / loaded]))
             inside = force_within(*profile, RADIUS[i, j]) * loaded
             found = (
-                radius, share * loaded / np.pi / (radius**2 - HOLE**2), inside / AREA[i, j],
+                radius,
+                share * loaded / np.pi / (radius**2 - HOLE**2),
+                inside / AREA[i, j],
                 inside / np.pi / RADIUS[i, j] ** 2,
                 loaded * np.interp(np.linspace(HOLE, RADIUS[i, j], 400), *profile).mean(),
-            )  # fmt: skip
+            )
             for name, value in zip(errors, found, strict=True):
                 printed = RADIUS if name == "radius" else PRESSURE
                 errors[name].append(np.log(value / printed[i, j]))
@@ -234,18 +259,25 @@ class Candidate:
 
 
 _NEEDS = {
-    "loaded radius": "loaded", "soft contact": "penalty", "soft contact, k over height": "penalty",
+    "loaded radius": "loaded",
+    "soft contact": "penalty",
+    "soft contact, k over height": "penalty",
     "finite plates": "rim",
-    "second plate scaled": "ratio", "second plate fixed": "ratio", "washer as a body": "washer",
-    "crowned plates": "crown", "coarse mesh": "cell", "Poisson's ratio": "nu",
-}  # fmt: skip
+    "second plate scaled": "ratio",
+    "second plate fixed": "ratio",
+    "washer as a body": "washer",
+    "crowned plates": "crown",
+    "coarse mesh": "cell",
+    "Poisson's ratio": "nu",
+}
 
 
 #: Pairs that stand for each other; and facts that are looked at alone.
 _ALONE = (
-    {"second plate scaled", "second plate fixed"}, {"P_lim in effect", "force in effect"},
+    {"second plate scaled", "second plate fixed"},
+    {"P_lim in effect", "force in effect"},
     {"soft contact", "soft contact, k over height"},
-)  # fmt: skip
+)
 _MINOR = {"coarse mesh", "Poisson's ratio", "reading off by part of a cell"}
 
 
@@ -318,8 +350,14 @@ def weigh(candidate: Candidate, tables, both: bool) -> Weighed:
     logs = np.array([f.log_evidence for f in fits])
     best, scale = fits[int(logs.argmax())], float(SCALES[::-1][logs.argmax()])
     plain = fit(h, forward, evidence(PLAIN, both), NOMINAL)
-    return Weighed(candidate, best, scale, float(logsumexp(logs) - np.log(len(logs))),
-                   plain.p_value, held_out(h, forward, scale, both))  # fmt: skip
+    return Weighed(
+        candidate,
+        best,
+        scale,
+        float(logsumexp(logs) - np.log(len(logs))),
+        plain.p_value,
+        held_out(h, forward, scale, both),
+    )
 
 
 def held_out(h, forward, scale: float, both: bool) -> dict[str, float]:
@@ -345,11 +383,15 @@ def show(title: str, weighed: list[Weighed], n: int) -> None:
     for w in weighed[:n]:
         radius, pressure = (f"{100 * e:.1f}" for e in w.rms)
         table.add_row(
-            w.candidate.name, fitted(w), radius, pressure, f"{100 * w.scale:.1f}",
+            w.candidate.name,
+            fitted(w),
+            radius,
+            pressure,
+            f"{100 * w.scale:.1f}",
             f"{w.log_evidence - top:+.1f}",
             f"{100 * w.held_out['thickness']:.1f}, {100 * w.held_out['force']:.1f}",
             f"{w.p_plain:.1g}",
-        )  # fmt: skip
+        )
     Console(width=150).print(table)
 
 
@@ -379,11 +421,18 @@ def main() -> None:
             errors = ", ".join(f"{n} {100 * e:.1f} %" for n, e in direct(w).items())
             print(f"solved at its parameters, {w.candidate.name}: {errors}", flush=True)
         result[title] = [
-            {"facts": w.candidate.name, "fitted": fitted(w), "rms": w.rms, "scale": w.scale,
-             "log_evidence": w.log_evidence, "held_out": w.held_out, "p": w.p_plain,
-             "log_f": w.best.log_f.tolist()}
+            {
+                "facts": w.candidate.name,
+                "fitted": fitted(w),
+                "rms": w.rms,
+                "scale": w.scale,
+                "log_evidence": w.log_evidence,
+                "held_out": w.held_out,
+                "p": w.p_plain,
+                "log_f": w.best.log_f.tolist(),
+            }
             for w in weighed
-        ]  # fmt: skip
+        ]
         # Pressures cost more: single facts, and what the radii leave possible.
         chosen = [
             w.candidate for i, w in enumerate(weighed) if i < 20 or len(w.candidate.facts) < 2

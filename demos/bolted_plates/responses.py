@@ -69,8 +69,11 @@ def solution(family: str, p: dict[str, float]):
     if "loaded" in p:
         given["loaded_diameter"] = 2 * p["loaded"]
     if family == "gasket":
-        given |= {"model": "washers", "washer_diameter": 2 * p["washer"],
-                  "washer_thickness": p["washer_t"]}  # fmt: skip
+        given |= {
+            "model": "washers",
+            "washer_diameter": 2 * p["washer"],
+            "washer_thickness": p["washer_t"],
+        }
     elif "," in family and family.split(",")[0] in ("washers", "bolt"):
         given["model"] = family.split(",")[0]
         given["washer_friction"] = 0.2 if "friction" in family else 0.0
@@ -177,7 +180,7 @@ def load(file: Path) -> dict[str, Table]:
     data = np.load(file)
     return {
         family: Table(axes, *data[family]) for family, axes in FAMILIES.items() if family in data
-    }  # fmt: skip
+    }
 
 
 if __name__ == "__main__":

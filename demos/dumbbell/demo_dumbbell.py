@@ -94,11 +94,7 @@ say("", *in_words(three.update.identifiability))
 assert "joint.h" in three.update.identifiability.undetermined
 
 theirs, before = 100 * (printed / measured - 1), 100 * three.modes.error_after
-say(
-    "",
-    row("the paper's errors, fitted, %", theirs),
-    row("ours, joint fitted, %", before),
-)
+say("", row("the paper's errors, fitted, %", theirs), row("ours, joint fitted, %", before))
 
 # (The paper counts test minus model: its 5.39 % is our -5.39 %.) No uniform layer does much
 # better: the test says that bending about X is 6.5 % stiffer relative to bending about Y than

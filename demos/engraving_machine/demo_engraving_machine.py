@@ -216,7 +216,15 @@ if len(sys.argv) > 1:
         from drawing import Story, draw
 
         story = Story(
-            corners, part, motions, hz, np.column_stack([x, y]), by_E, exact, foretold,
-            (factors, over_E), (thickness, over_h),
-        )  # fmt: skip
+            corners,
+            part,
+            motions,
+            hz,
+            np.column_stack([x, y]),
+            by_E,
+            exact,
+            foretold,
+            (factors, over_E),
+            (thickness, over_h),
+        )
         draw(story, sys.argv[1], f"{case.title}: {model.n_dofs} unknowns")

@@ -131,10 +131,22 @@ def _bolt_maps(figure, story: Story) -> None:
         axes.scatter(x, y, s=620, c=value, cmap="OrRd", norm=norm, edgecolors="#4a4f57")
         for k in range(len(x)):
             dark = norm(value[k]) > 0.6
-            axes.text(x[k], y[k], k + 1, ha="center", va="center", fontsize=9,
-                      color="white" if dark else "black")  # fmt: skip
-        axes.set(title=f"mode {i + 1}", aspect="equal", xlabel="x, mm", xlim=(-380, 380),
-                 ylim=(-380, 380))  # fmt: skip
+            axes.text(
+                x[k],
+                y[k],
+                k + 1,
+                ha="center",
+                va="center",
+                fontsize=9,
+                color="white" if dark else "black",
+            )
+        axes.set(
+            title=f"mode {i + 1}",
+            aspect="equal",
+            xlabel="x, mm",
+            xlim=(-380, 380),
+            ylim=(-380, 380),
+        )
     panels[0].set_ylabel("y, mm (the bed goes on to -y)")
     bar = figure.colorbar(ScalarMappable(norm, "OrRd"), ax=panels, aspect=20)
     bar.set_label("d ln f / d ln E, 1e-3")
@@ -158,5 +170,9 @@ def _curves(figure, story: Story) -> None:
     for i in range(len(story.hz)):
         loose.bar(places + 1 + 0.16 * (i - 2), -100 * story.exact[:, i], 0.16, color=f"C{i}")
         loose.plot(places + 1 + 0.16 * (i - 2), -100 * story.foretold[:, i], "k_", ms=4)
-    loose.set(xlabel="the loose bolt", ylabel="fall of the frequency, %", xticks=places + 1,
-              title="one loose bolt (dashes: foretold by the slopes)")  # fmt: skip
+    loose.set(
+        xlabel="the loose bolt",
+        ylabel="fall of the frequency, %",
+        xticks=places + 1,
+        title="one loose bolt (dashes: foretold by the slopes)",
+    )

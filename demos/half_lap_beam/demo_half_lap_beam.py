@@ -97,11 +97,7 @@ slipping = coarse("slipping.toml")
 built = harmonic_model(slipping, comm, Progress(silent=True))
 modes = solve_modes(built.model, n_modes=built.mode + 1)
 phi = float(built.model.row("sensors", "sensor") @ modes.vector(built.mode))
-say(
-    "",
-    row("measured phi^2, 1/kg", participation, 3),
-    f"model's phi^2 {phi**2:.3f} 1/kg",
-)
+say("", row("measured phi^2, 1/kg", participation, 3), f"model's phi^2 {phi**2:.3f} 1/kg")
 assert abs(phi**2 / participation.mean() - 1) < 0.15
 
 # Now the lap slips: its shear follows Richard and Abbott's curve, without hardening, with Masing's
@@ -109,9 +105,13 @@ assert abs(phi**2 / participation.mean() - 1) < 0.15
 
 w = 2 * np.pi * built.frequencies_hz[built.mode]
 backbone = solve_backbone(
-    built.model, (0.8 * level[0] / w**2, 1.1 * level[-1] / w**2), harmonics=3, sensor="sensor",
-    near=float(built.frequencies_hz[built.mode]), comm=comm,
-)  # fmt: skip
+    built.model,
+    (0.8 * level[0] / w**2, 1.1 * level[-1] / w**2),
+    harmonics=3,
+    sensor="sensor",
+    near=float(built.frequencies_hz[built.mode]),
+    comm=comm,
+)
 reached = backbone.amplitude("sensor", "acceleration")
 damping = np.interp(level, reached, backbone.damping_ratios)
 softer = np.interp(level, reached, backbone.frequencies_hz)

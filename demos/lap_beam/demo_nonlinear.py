@@ -39,7 +39,7 @@ from stage_two import (
     say,
     tell,
     tell_errors,
-)  # fmt: skip
+)
 
 from fenics_joints.harmonic import predict
 from fenics_joints.measurements import read_curves

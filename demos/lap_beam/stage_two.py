@@ -89,8 +89,10 @@ def linear_stage(structure: Structure, frequencies_hz: np.ndarray, bending=(0, 2
         lambda x: np.log(solved(x)[0] / frequencies_hz) / noise,
         np.log([PAPER["E"], PAPER["G"]]),
         lambda x: solved(x)[1] / noise[:, None],
-        x_scale=[1.0, 1.0], xtol=1e-6, bounds=(np.log(1e6), np.log(1e11)),
-    )  # fmt: skip
+        x_scale=[1.0, 1.0],
+        xtol=1e-6,
+        bounds=(np.log(1e6), np.log(1e11)),
+    )
     return np.exp(found.x), solved(found.x)[0]
 
 
@@ -102,16 +104,24 @@ def layer_law(E, G, E_p, S_y, n, *, shear: bool = False, sliders: int = SLIDERS)
 
 
 def nonlinear_model(
-    structure: Structure, law, E: float, G: float, shaker: float, damping: float,
+    structure: Structure,
+    law,
+    E: float,
+    G: float,
+    shaker: float,
+    damping: float,
     interface_modes: int = 24,
-) -> InterfaceModel:  # fmt: skip
+) -> InterfaceModel:
     """The reduced model with the layer's law."""
     model = reduce_layers(
-        structure, {"lap": law}, n_modes=8, interface_modes=interface_modes,
+        structure,
+        {"lap": law},
+        n_modes=8,
+        interface_modes=interface_modes,
         given={"E": E * T / H, "G": G * T / H},
         forces={"shaker": ((shaker, 0.0, -6e-3), (0, 0, 1))},
         sensors={"tip": (TIP, (0, 0, 1))},
-    )  # fmt: skip
+    )
     return with_modal_damping(model, damping)
 
 
@@ -126,12 +136,17 @@ def summary(model: InterfaceModel, levels, band) -> list[dict]:
         X = response.coefficients[i]
         # Energy of the first harmonic's motion at its largest speed.
         kinetic = 0.5 * omega**2 * sum(X[:, k] @ model.M @ X[:, k] for k in (1, 2))
-        rows.append({
-            "level": level, "frequency_hz": response.peak.frequency_hz,
-            "tip_m": response.peak.amplitude,
-            "damping": float(response.force_work()[i] / (4 * np.pi * kinetic)),
-            "joint_share": float(response.dissipation([i])["lap"][0] / response.force_work()[i]),
-        })  # fmt: skip
+        rows.append(
+            {
+                "level": level,
+                "frequency_hz": response.peak.frequency_hz,
+                "tip_m": response.peak.amplitude,
+                "damping": float(response.force_work()[i] / (4 * np.pi * kinetic)),
+                "joint_share": float(
+                    response.dissipation([i])["lap"][0] / response.force_work()[i]
+                ),
+            }
+        )
     return rows
 
 
@@ -144,9 +159,15 @@ def identified(model, curves, start, method: str, loops=()):
     """Parameters from the highest level alone, and what they predict of all levels."""
     level = max(curves.levels)
     found = identify(
-        model.with_parameters, curves, level, start,
-        method=method, points=POINTS, loops=loops, **options(),
-    )  # fmt: skip
+        model.with_parameters,
+        curves,
+        level,
+        start,
+        method=method,
+        points=POINTS,
+        loops=loops,
+        **options(),
+    )
     return found, predict(found.model, curves, points=POINTS, **options())
 
 
@@ -174,9 +195,10 @@ def tell(words: str, found, predictions) -> None:
 def tell_errors(predictions) -> None:
     """Errors by level."""
     for p in predictions:
-        say(f"  {p.level:g} N: mean error {100 * p.mean_error:.1f} %, peak "
+        say(
+            f"  {p.level:g} N: mean error {100 * p.mean_error:.1f} %, peak "
             f"{100 * p.amplitude_error:+.1f} %, its frequency {100 * p.frequency_error:+.3f} %"
-            )  # fmt: skip
+        )
 
 
 def paper_parameters() -> None:
@@ -188,10 +210,11 @@ def paper_parameters() -> None:
             structure, layer_law(**PAPER, shear=shear), PAPER["E"], PAPER["G"], 0.1, 0.003, 40
         )
         for row in summary(model, (0.05, 1.5, 3.0, 6.0), (24.0, 28.0)):
-            say(f"  {'shear alone' if shear else 'equivalent stress'} {row['level']:g} N: "
+            say(
+                f"  {'shear alone' if shear else 'equivalent stress'} {row['level']:g} N: "
                 f"{row['frequency_hz']:.3f} Hz, tip {1e3 * row['tip_m']:.2f} mm, damping "
                 f"{100 * row['damping']:.3f} %, of it the joint {100 * row['joint_share']:.0f} %"
-                )  # fmt: skip
+            )
 
 
 def main() -> None:
@@ -205,8 +228,10 @@ def main() -> None:
         say(f"test, {p:g} N: largest {a.max():.3f} m/s2 at {f[a.argmax()]:.3f} Hz")
     structure = beams(bolt_and_accelerometer(5.7e-3, 10e-3))
     (E, G), frequencies = linear_stage(structure, test.frequencies_hz)
-    say(f"linear stage: k_n {E / H / 1e9:.3g}, k_t {G / H / 1e9:.3g} GPa/m; {frequencies} Hz, "
-        f"errors {100 * (frequencies / test.frequencies_hz - 1)} %")  # fmt: skip
+    say(
+        f"linear stage: k_n {E / H / 1e9:.3g}, k_t {G / H / 1e9:.3g} GPa/m; {frequencies} Hz, "
+        f"errors {100 * (frequencies / test.frequencies_hz - 1)} %"
+    )
     for shear in (False, True):
         modulus = G if shear else E
         start = {"lap.E_p": 0.02 * modulus, "lap.S_y": 6e4}
@@ -223,11 +248,17 @@ def main() -> None:
             tell("direct", *identified(model, curves, start, "direct"))
             say(f"  {time.time() - began:.0f} s")
         n = identify(
-            best.model.with_parameters, None, None, {"lap.n": 2.5},
-            loops=loops, **options() | {"harmonics": 5},
-        )  # fmt: skip
-        say(f"n from the loop alone: {n.values['lap.n']:.3g} (+-{100 * n.sd['lap.n']:.0f} %), "
-            f"rms error {100 * n.objective:.1f} %")  # fmt: skip
+            best.model.with_parameters,
+            None,
+            None,
+            {"lap.n": 2.5},
+            loops=loops,
+            **options() | {"harmonics": 5},
+        )
+        say(
+            f"n from the loop alone: {n.values['lap.n']:.3g} (+-{100 * n.sd['lap.n']:.0f} %), "
+            f"rms error {100 * n.objective:.1f} %"
+        )
         tell(
             "with n, curve and loop",
             *identified(model, curves, {**best.values, "lap.n": 2.5}, "gradient", loops),

@@ -69,17 +69,22 @@ def truth() -> tuple[InterfaceModel, np.ndarray]:
     """
     law = CoulombStick(**CONTACT)
     model = reduce_contacts(
-        LinearJoint(beams()), {"lap": law}, n_modes=8, interface_modes=40,
+        LinearJoint(beams()),
+        {"lap": law},
+        n_modes=8,
+        interface_modes=40,
         forces={"shaker": ((SHAKER, 0.0, -6e-3), (0, 0, 1))},
         sensors={"tip": (TIP, (0, 0, 1))},
-    )  # fmt: skip
+    )
     (lap,), tight = model.interfaces, PRELOAD
     for _ in range(8):
         x, _ = static_state(model, tight * model.forces["bolt"])
         pressure = CONTACT["normal_stiffness"] * np.maximum(-lap.rows[:, 0] @ x, 0.0)
         tight *= PRELOAD / float(pressure @ lap.weights)
-    print(f"{model.n_dofs} unknowns, {len(lap)} pairs, {np.mean(pressure > 0):.0%} closed, "
-          f"largest pressure {pressure.max() / 1e3:.0f} kPa")  # fmt: skip
+    print(
+        f"{model.n_dofs} unknowns, {len(lap)} pairs, {np.mean(pressure > 0):.0%} closed, "
+        f"largest pressure {pressure.max() / 1e3:.0f} kPa"
+    )
     return replace(model, C=with_modal_damping(at_rest(model), ZETA).C), (
         tight * model.forces["bolt"]
     )
@@ -116,10 +121,13 @@ class Shaker:
         """The motion over whole periods from the present one."""
         omega = 2 * np.pi * frequency
         made = solve_transient(
-            self.model, step=1 / frequency / STEPS, n_steps=periods * STEPS,
+            self.model,
+            step=1 / frequency / STEPS,
+            n_steps=periods * STEPS,
             loads={"shaker": lambda t: level * np.cos(omega * t), "static": lambda t: 1.0},
-            sensors=["tip"], initial=self.now,
-        )  # fmt: skip
+            sensors=["tip"],
+            initial=self.now,
+        )
         self.now = made.final
         return made
 
@@ -157,8 +165,11 @@ def main() -> None:
         for frequency in first * (1 + ZETA * SWEEP):
             now, start = shaker.amplitude(level, frequency)
             found.append((frequency, now * (2 * np.pi * frequency) ** 2))
-            print(f"{level:g} N {frequency:.4f} Hz {found[-1][1]:.4f} m/s2, {now / start - 1:+.2%} "
-                  f"from the start, {time.time() - began:.0f} s", flush=True)  # fmt: skip
+            print(
+                f"{level:g} N {frequency:.4f} Hz {found[-1][1]:.4f} m/s2, {now / start - 1:+.2%} "
+                f"from the start, {time.time() - began:.0f} s",
+                flush=True,
+            )
         rows += [(level, f, a * (1 + NOISE * rng.standard_normal())) for f, a in found]
         if level == LEVELS[-1]:
             loops = loop(shaker, level, max(found, key=lambda pair: pair[1])[0], rng)

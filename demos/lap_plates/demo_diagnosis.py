@@ -108,10 +108,13 @@ say(
 
 show(
     lambda: frequency_panels(
-        found.before, found.after, found.condition,
-        labels=("plates as one", "with the cause"), validation=found.validation,
+        found.before,
+        found.after,
+        found.condition,
+        labels=("plates as one", "with the cause"),
+        validation=found.validation,
     )
-)  # fmt: skip
+)
 
 # ## Where
 #

@@ -16,10 +16,16 @@ from site_pages.pages import places, relinked
 #: Of the processor, for a demo that is run while the site is built; and at most so many times as
 #: long on a busy machine. Those in LONG take more, and keep their picture.
 SECONDS, BUSY = 60, 5
-LONG = frozenset({
-    "demo_bayes", "demo_c_beam", "demo_diagnosis", "demo_dumbbell", "demo_engraving_machine",
-    "demo_lap_plates",
-})  # fmt: skip
+LONG = frozenset(
+    {
+        "demo_bayes",
+        "demo_c_beam",
+        "demo_diagnosis",
+        "demo_dumbbell",
+        "demo_engraving_machine",
+        "demo_lap_plates",
+    }
+)
 HEAD = """# Gallery
 
 Each demo is a structure with its own page, and one or more scripts that read as a story: run as

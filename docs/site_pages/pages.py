@@ -12,19 +12,36 @@ from pathlib import Path
 SECTIONS = {
     "Learn": ("tutorial", "install", "diagnosis", "notebooks", "gallery/index"),
     "Do": (
-        "case", "own-mesh", "own-data", "levels", "amplitude", "updating", "posterior",
-        "functions", "slip", "preload", "beams", "database", "forms", "own-law", "own-effect",
-        "own-model", "cluster",
+        "case",
+        "own-mesh",
+        "own-data",
+        "levels",
+        "amplitude",
+        "updating",
+        "posterior",
+        "functions",
+        "slip",
+        "preload",
+        "beams",
+        "database",
+        "forms",
+        "own-law",
+        "own-effect",
+        "own-model",
+        "cluster",
     ),
     "Look up": ("commands", "case-file", "api/index", "theory", "thresholds", "limits", "security"),
     "Judge": ("blind", "nonlinear_checks", "benchmarks", "speed", "peers"),
     "Project": ("contributing", "changelog"),
-}  # fmt: skip
+}
 #: Pages that stand elsewhere in the repository.
 ELSEWHERE = {
-    "README.md": "index", "CONTRIBUTING.md": "contributing", "CHANGELOG.md": "changelog",
-    "benchmarks/README.md": "benchmarks", "benchmarks/blind/README.md": "blind",
-}  # fmt: skip
+    "README.md": "index",
+    "CONTRIBUTING.md": "contributing",
+    "CHANGELOG.md": "changelog",
+    "benchmarks/README.md": "benchmarks",
+    "benchmarks/blind/README.md": "blind",
+}
 LINK = re.compile(r"(?<!`)\]\((?!https?:|mailto:|#)([^)\s#]+)(#[^)\s]*)?\)")
 
 
@@ -79,9 +96,7 @@ def relinked(text: str, original: str, sites: Mapping[str, str], source: Path) -
         return f"]({os.path.relpath(place, os.path.dirname(here) or '.')}{match[2] or ''})"
 
     blocks = re.split(r"(^```.*?^```$)", text, flags=re.DOTALL | re.MULTILINE)
-    return "".join(
-        part if part.startswith("```") else LINK.sub(turned, part) for part in blocks
-    )
+    return "".join(part if part.startswith("```") else LINK.sub(turned, part) for part in blocks)
 
 
 def _notebook(path: str) -> str | None:

@@ -60,12 +60,11 @@ def _tables(path: str, schema: dict, kinds: dict) -> list[tuple[str, str]]:
 
 def _table(path: str, kind: dict) -> str:
     properties = kind.get("properties", {})
-    which = [
-        f'{key} = "{value["const"]}"' for key, value in properties.items() if "const" in value
-    ]
+    which = [f'{key} = "{value["const"]}"' for key, value in properties.items() if "const" in value]
     words, keys, defaults = _of_a_builder(properties) or (
-        *_attributes(kind.get("description", "")), {},
-    )  # fmt: skip
+        *_attributes(kind.get("description", "")),
+        {},
+    )
     title = f"`[{path}]`" + (f" with `{', '.join(which)}`" if which else "")
     rows = "".join(
         f"| `{key}` | {_kind(value)} | {defaults.get(key) or _default(key, value, kind)} |"
@@ -118,9 +117,13 @@ def _kind(schema: dict) -> str:
     if schema.get("description"):
         return schema["description"]
     names = {
-        "string": "text", "number": "number", "integer": "whole number", "null": "nothing",
-        "boolean": "`true` or `false`", "object": "table",
-    }  # fmt: skip
+        "string": "text",
+        "number": "number",
+        "integer": "whole number",
+        "null": "nothing",
+        "boolean": "`true` or `false`",
+        "object": "table",
+    }
     kind = schema.get("type", "")
     if kind == "array":
         if "prefixItems" in schema:

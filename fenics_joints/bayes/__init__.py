@@ -12,7 +12,20 @@ from fenics_joints.bayes.priors import Prior
 from fenics_joints.bayes.samplers import Settings, sample
 
 __all__ = [
-    "Chains", "FittedLikelihood", "GaussianLikelihood", "Gibbs", "Level", "Posterior", "Prior",
-    "Settings", "Specimens", "calibrate", "check_predictive", "check_prior", "rank", "replicate",
-    "sample", "sample_hierarchy",
-]  # fmt: skip
+    "Chains",
+    "FittedLikelihood",
+    "GaussianLikelihood",
+    "Gibbs",
+    "Level",
+    "Posterior",
+    "Prior",
+    "Settings",
+    "Specimens",
+    "calibrate",
+    "check_predictive",
+    "check_prior",
+    "rank",
+    "replicate",
+    "sample",
+    "sample_hierarchy",
+]

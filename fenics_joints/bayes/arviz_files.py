@@ -14,8 +14,6 @@ import numpy as np
 from fenics_joints.errors import InputError
 from fenics_joints.files import sealed, unsealed
 
-__all__ = ["arviz", "convergence", "data_tree", "draw", "read_chains", "write_chains"]
-
 _GROUPS = ("posterior", "sample_stats")
 
 

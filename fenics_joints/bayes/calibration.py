@@ -13,8 +13,6 @@ from scipy import stats
 
 from fenics_joints.errors import InputError, real, reals, wanted, whole
 
-__all__ = ["Calibration", "calibrate", "rank"]
-
 
 @dataclass(frozen=True, eq=False)
 class Calibration:

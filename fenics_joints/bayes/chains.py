@@ -11,8 +11,6 @@ import numpy as np
 from fenics_joints.bayes.arviz_files import convergence
 from fenics_joints.errors import ConvergenceError
 
-__all__ = ["LEAST_ESS", "MOST_RHAT", "Chains"]
-
 #: Vehtari, Gelman, Simpson, Carpenter and Buerkner, Bayesian Anal. 16, 2021.
 MOST_RHAT, LEAST_ESS = 1.01, 400.0
 
@@ -114,11 +112,15 @@ class Chains:
             low, median, high = np.quantile(flat, [0.05, 0.5, 0.95])
             rows.append(
                 {
-                    "name": name, "mean": float(flat.mean()), "sd": float(flat.std(ddof=1)),
-                    "median": float(median), "low": float(low), "high": float(high),
+                    "name": name,
+                    "mean": float(flat.mean()),
+                    "sd": float(flat.std(ddof=1)),
+                    "median": float(median),
+                    "low": float(low),
+                    "high": float(high),
                     **self.convergence[name],
                 }
-            )  # fmt: skip
+            )
         return rows
 
     def correlation(self) -> np.ndarray:

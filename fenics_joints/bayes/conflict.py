@@ -11,8 +11,6 @@ from scipy.stats import norm
 from fenics_joints.bayes.priors import Prior
 from fenics_joints.errors import InputError
 
-__all__ = ["check_prior"]
-
 #: How far into its tails a prior is searched and where its edge begins; how far off a frequency may
 #: be there; all in standard deviations. Draws that the search starts from.
 _TAIL, _EDGE, _FAR, _DRAWS = 4.0, 3.5, 6.0, 64
@@ -60,9 +58,12 @@ def check_prior(
     best = draws[np.argmin(np.sum(residuals(draws) ** 2, axis=1))]
     shares = [d.cdf(v) for d, v in zip(prior.densities, best, strict=True)]
     z = least_squares(
-        lambda z: residuals(allowed(z)[None])[0], np.clip(norm.ppf(shares), -_EDGE, _EDGE),
-        bounds=(-_TAIL, _TAIL), diff_step=1e-4, max_nfev=60,
-    ).x  # fmt: skip
+        lambda z: residuals(allowed(z)[None])[0],
+        np.clip(norm.ppf(shares), -_EDGE, _EDGE),
+        bounds=(-_TAIL, _TAIL),
+        diff_step=1e-4,
+        max_nfev=60,
+    ).x
     off = residuals(allowed(z)[None])[0]
     if np.abs(off).max() <= _FAR:
         return []
@@ -71,8 +72,9 @@ def check_prior(
         f"{name} no nearer to its measured frequency than "
         f"{100 * abs(np.expm1(miss * s)):.2g} %, {abs(miss):.0f} standard deviations of noise, "
         "scatter and discrepancy"
-        for name, miss, s in zip(names, off, sd[there], strict=True) if abs(miss) > _FAR
-    ]  # fmt: skip
+        for name, miss, s in zip(names, off, sd[there], strict=True)
+        if abs(miss) > _FAR
+    ]
     edge = [name for name, score in zip(prior.names, z, strict=True) if abs(score) > _EDGE]
     if edge:
         raise InputError(

@@ -10,8 +10,6 @@ from collections.abc import Callable
 import numpy as np
 from scipy.special import betaln, gammaln, log_ndtr, xlog1py, xlogy
 
-__all__ = ["log_pdf"]
-
 
 def _norm(z):
     return -0.5 * z**2 - 0.5 * np.log(2 * np.pi)
@@ -47,9 +45,11 @@ _CLOSED: dict[str, tuple[Callable, Callable]] = {
     ),
     "gumbel_r": (lambda z: -z - np.exp(-z), lambda: (-np.inf, np.inf)),
     "gumbel_l": (lambda z: z - np.exp(z), lambda: (-np.inf, np.inf)),
-    "logistic": (lambda z: -np.abs(z) - 2 * np.log1p(np.exp(-np.abs(z))),
-                 lambda: (-np.inf, np.inf)),
-}  # fmt: skip
+    "logistic": (
+        lambda z: -np.abs(z) - 2 * np.log1p(np.exp(-np.abs(z))),
+        lambda: (-np.inf, np.inf),
+    ),
+}
 _CLOSED["reciprocal"] = _CLOSED["loguniform"]
 
 

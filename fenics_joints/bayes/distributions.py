@@ -17,8 +17,6 @@ from scipy import stats
 
 from fenics_joints.errors import InputError
 
-__all__ = ["FAMILIES", "FEWEST", "Fitted", "checked_frequencies", "choose", "fit"]
-
 #: Samples of the distribution that give its p-value, and many more where that is small.
 _TRIALS, _MORE, _LOOK = 199, 1999, 0.02
 #: A p-value below the first warns, below the second the distribution is refused.
@@ -61,9 +59,11 @@ def _beta(x):
 
 #: Families with two numbers that scipy fits as they are.
 _SCIPY = {
-    "normal": stats.norm, "gumbel": stats.gumbel_r, "gumbel_min": stats.gumbel_l,
+    "normal": stats.norm,
+    "gumbel": stats.gumbel_r,
+    "gumbel_min": stats.gumbel_l,
     "logistic": stats.logistic,
-}  # fmt: skip
+}
 
 
 def _as_it_is(family: str) -> Callable:
@@ -157,9 +157,7 @@ def choose(
     families = list(FAMILIES) if families is None else list(families)
     for family in families:
         if family not in FAMILIES:
-            raise InputError(
-                f"distribution {family!r}: expected some of: {', '.join(FAMILIES)}."
-            )
+            raise InputError(f"distribution {family!r}: expected some of: {', '.join(FAMILIES)}.")
     x = checked_frequencies(name, frequencies_hz)
     found = fit(x, families)
     if not found:

@@ -19,8 +19,6 @@ import numpy as np
 from fenics_joints.bayes.straight import Straight
 from fenics_joints.bayes.walks import Walk
 
-__all__ = ["Gibbs", "Level"]
-
 _NU = 2.0
 #: Standard deviations of the linearisation's proposals; share of steps about the last point.
 _WIDER, _WALKS = 1.2, 0.3
@@ -260,9 +258,7 @@ class Gibbs(Walk):
         gain = density(x, mu, g, b) - density(self.x, self.mu, self.g, self.b)
         gain += proposal(-step - middle(mu, b)) - proposal(step - there) + volume.sum(axis=1)
         taken = (np.log(self._even()) < gain) & good.all(axis=1)
-        self.mu, self.b = (
-            np.where(taken[:, None], a, o) for a, o in ((mu, self.mu), (b, self.b))
-        )
+        self.mu, self.b = (np.where(taken[:, None], a, o) for a, o in ((mu, self.mu), (b, self.b)))
         self.x, self.g = (
             np.where(taken[:, None, None], a, o) for a, o in ((x, self.x), (g, self.g))
         )

@@ -31,8 +31,6 @@ from fenics_joints.bayes.straight import curvature
 from fenics_joints.bayes.walks import generator
 from fenics_joints.errors import InputError, flag, real
 
-__all__ = ["Hierarchy", "Specimens", "sample_hierarchy"]
-
 _FEWEST = 5
 
 
@@ -166,16 +164,26 @@ def sample_hierarchy(
     Raises:
         InputError: If the model cannot be brought near the data, or the file is of another task.
     """
+
     def g(x):
         return model(prior.values(x))
 
     draws = prior.sample(64 * prior.size, np.random.default_rng([settings.seed, 4]))
     centre = _nearest(specimens, prior, g, draws)
     level = Level(
-        prior.log_density, g, centre, _slope(g, centre), g(centre[None])[0], draws.mean(axis=0),
-        draws.std(axis=0), specimens.scatter, specimens.noise, specimens.noise_known,
-        specimens.discrepancy, curvature(g, centre) if specimens.discrepancy else None,
-    )  # fmt: skip
+        prior.log_density,
+        g,
+        centre,
+        _slope(g, centre),
+        g(centre[None])[0],
+        draws.mean(axis=0),
+        draws.std(axis=0),
+        specimens.scatter,
+        specimens.noise,
+        specimens.noise_known,
+        specimens.discrepancy,
+        curvature(g, centre) if specimens.discrepancy else None,
+    )
     data = np.log(specimens.frequencies_hz)
     names = _names(prior.names, specimens)
 
@@ -188,14 +196,23 @@ def sample_hierarchy(
         return flat.reshape(*points.shape[:2], -1)
 
     marks = {
-        "prior": np.append(draws[:4], prior.log_density(draws[:4])), "model": g(draws[:4]),
-        "data": np.append(data, [specimens.noise, specimens.noise_known, specimens.scatter,
-                                 specimens.discrepancy]),
-    }  # fmt: skip
+        "prior": np.append(draws[:4], prior.log_density(draws[:4])),
+        "model": g(draws[:4]),
+        "data": np.append(
+            data, [specimens.noise, specimens.noise_known, specimens.scatter, specimens.discrepancy]
+        ),
+    }
     task = Task(
-        names, walk, values, marks, Gibbs.label, 1, settings.samples, settings.burn_in,
+        names,
+        walk,
+        values,
+        marks,
+        Gibbs.label,
+        1,
+        settings.samples,
+        settings.burn_in,
         len(data) * (2 if specimens.discrepancy else 1),
-    )  # fmt: skip
+    )
     return Hierarchy(grow(task, settings, comm, keep=keep, told=told), prior, specimens)
 
 

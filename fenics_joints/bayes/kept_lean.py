@@ -12,8 +12,6 @@ from fenics_joints.reduction import ArrayModel, Forward, LeanForward
 from fenics_joints.reduction.files import read_model, register, write_model
 from fenics_joints.structure.points import Sensors
 
-__all__ = ["read_lean", "write_lean"]
-
 _FORMAT = "fenics_joints sampled model"
 
 
@@ -60,9 +58,14 @@ def write_lean(
     """
     forward = frequencies.forward
     kept = KeptLean(
-        forward.model, forward.n_test, forward.n_modes, forward.reference,
-        frequencies.error, check, bound,
-    )  # fmt: skip
+        forward.model,
+        forward.n_test,
+        forward.n_modes,
+        forward.reference,
+        frequencies.error,
+        check,
+        bound,
+    )
     write_model(kept, path, _FORMAT, name)
 
 

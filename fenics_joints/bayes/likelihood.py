@@ -11,8 +11,6 @@ from fenics_joints.bayes.densities import log_pdf
 from fenics_joints.bayes.distributions import FAMILIES, Fitted, choose
 from fenics_joints.errors import InputError
 
-__all__ = ["FittedLikelihood", "GaussianLikelihood", "checked_specimens"]
-
 
 @dataclass(frozen=True, eq=False)
 class FittedLikelihood:
@@ -74,8 +72,10 @@ class FittedLikelihood:
 
     def numbers(self) -> np.ndarray:
         """What the likelihood is made of, to be known again by."""
-        found = [(d.frozen.mean(), d.frozen.std(), list(FAMILIES).index(d.family), d.n)
-                 for d in self.fitted]  # fmt: skip
+        found = [
+            (d.frozen.mean(), d.frozen.std(), list(FAMILIES).index(d.family), d.n)
+            for d in self.fitted
+        ]
         return np.array(found).ravel()
 
     def describe(self) -> list[str]:
@@ -138,8 +138,13 @@ class GaussianLikelihood:
             ) from error
         constant = np.sum(np.log(np.diag(lower))) + 0.5 * len(lower) * np.log(2 * np.pi)
         whiten = np.linalg.inv(lower)
-        arrays = {"log_f": log_f, "covariance": covariance, "_used": used, "_whiten": whiten,
-                  "_constant": constant}  # fmt: skip
+        arrays = {
+            "log_f": log_f,
+            "covariance": covariance,
+            "_used": used,
+            "_whiten": whiten,
+            "_constant": constant,
+        }
         for key, value in arrays.items():
             object.__setattr__(self, key, value)
 
@@ -148,9 +153,12 @@ class GaussianLikelihood:
 
     @classmethod
     def from_row(
-        cls, mode_names: Sequence[str], frequencies_hz: np.ndarray, log_sd: np.ndarray,
+        cls,
+        mode_names: Sequence[str],
+        frequencies_hz: np.ndarray,
+        log_sd: np.ndarray,
         discrepancy: float = 0.0,
-    ) -> GaussianLikelihood:  # fmt: skip
+    ) -> GaussianLikelihood:
         """One set of frequencies with its noise.
 
         Args:
@@ -165,9 +173,14 @@ class GaussianLikelihood:
 
     @classmethod
     def from_specimens(
-        cls, mode_names: Sequence[str], frequencies_hz: np.ndarray, *, of: str = "mean",
-        discrepancy: float = 0.0, n_parameters: int = 0,
-    ) -> GaussianLikelihood:  # fmt: skip
+        cls,
+        mode_names: Sequence[str],
+        frequencies_hz: np.ndarray,
+        *,
+        of: str = "mean",
+        discrepancy: float = 0.0,
+        n_parameters: int = 0,
+    ) -> GaussianLikelihood:
         """Mean over specimens, and their covariance.
 
         Args:

@@ -15,8 +15,6 @@ from fenics_joints.reduction.lean import LeanForward
 from fenics_joints.reduction.leanest import lean_forward
 from fenics_joints.reduction.seen_at import modes_at
 
-__all__ = ["Frequencies", "ReducedCheck", "check_reduced", "narrow_frequencies"]
-
 #: Draws of the prior whose modes make the small model, those that check it, rounds of both, and
 #: the sizes that are tried.
 _DRAWS, _CHECKS, _ROUNDS = 64, 50, 3
@@ -100,9 +98,7 @@ def narrow_frequencies(
     """
     names, start = prior.names, forward.model.values(given)
     frozen = freeze(forward.model, names, start)
-    middle = Forward(
-        frozen, forward.sensors, forward.n_test, forward.n_modes, forward.reference
-    )
+    middle = Forward(frozen, forward.sensors, forward.n_test, forward.n_modes, forward.reference)
     rng, snapshots, error = np.random.default_rng([seed, 6]), [], np.inf
 
     def drawn(n: int) -> list[dict[str, float]]:
@@ -116,9 +112,15 @@ def narrow_frequencies(
         checks = [values for values in drawn(_CHECKS) if _has_modes(middle, values)]
         every = np.hstack(snapshots)
         lean, error = lean_forward(
-            middle, frozen, wanted[0], every, np.ones(every.shape[1]), checks, tolerance,
+            middle,
+            frozen,
+            wanted[0],
+            every,
+            np.ones(every.shape[1]),
+            checks,
+            tolerance,
             sizes=_SIZES,
-        )  # fmt: skip
+        )
         if error <= tolerance:
             break
         wanted = checks
@@ -192,6 +194,9 @@ def check_reduced(
         raise InputError("prior: the model has the test's modes at none of its points.")
     worst = off[there].max(axis=1)
     return ReducedCheck(
-        float(worst.max()), float(np.median(worst)), int(there.sum()), int((~there).sum()),
+        float(worst.max()),
+        float(np.median(worst)),
+        int(there.sum()),
+        int((~there).sum()),
         np.where(there, off.max(axis=1), 0.0),
-    )  # fmt: skip
+    )

@@ -11,8 +11,6 @@ from scipy.special import logsumexp
 from fenics_joints.bayes.priors import Prior
 from fenics_joints.errors import InputError
 
-__all__ = ["Posterior", "Starts"]
-
 _DRAWS = 256
 #: Effective number of draws, per chain, that starting points are taken from.
 _SPREAD = 4
@@ -105,8 +103,9 @@ def _tempered(log_l: np.ndarray, n_effective: float) -> np.ndarray:
     finite = np.where(np.isfinite(log_l), log_l - log_l.max(), -np.inf)
 
     def weights(power: float) -> np.ndarray:
-        logs = np.where(np.isfinite(finite), power * np.where(np.isfinite(finite), finite, 0.0),
-                        -np.inf)  # fmt: skip
+        logs = np.where(
+            np.isfinite(finite), power * np.where(np.isfinite(finite), finite, 0.0), -np.inf
+        )
         return np.exp(logs - logsumexp(logs))
 
     low, high = 0.0, 1.0

@@ -10,8 +10,6 @@ import numpy as np
 from fenics_joints.bayes.chains import Chains
 from fenics_joints.errors import InputError
 
-__all__ = ["FEWEST", "PredictiveCheck", "check_predictive", "outside", "replicate"]
-
 _DOUBT = 0.025
 #: Specimens without gaps of which scatter and correlation are checked.
 FEWEST = 5
@@ -90,9 +88,12 @@ def _share(more: np.ndarray) -> float:
 
 
 def replicate(
-    chains: Chains, model: Callable[[np.ndarray], np.ndarray], n_specimens: int,
-    n_sets: int = 200, seed: int = 0,
-) -> np.ndarray:  # fmt: skip
+    chains: Chains,
+    model: Callable[[np.ndarray], np.ndarray],
+    n_specimens: int,
+    n_sets: int = 200,
+    seed: int = 0,
+) -> np.ndarray:
     """ln f of new sets of specimens, (n_sets, n_specimens, m), each a draw of the posterior.
 
     That is how the paper takes its posterior: as the distribution of the specimens' parameters.
@@ -113,9 +114,11 @@ def replicate(
 
 
 def outside(
-    mode_names: Sequence[str], measured_hz: np.ndarray, predicted_hz: np.ndarray,
+    mode_names: Sequence[str],
+    measured_hz: np.ndarray,
+    predicted_hz: np.ndarray,
     log_sd: np.ndarray | float = 0.0,
-) -> list[str]:  # fmt: skip
+) -> list[str]:
     """Modes whose measured frequency is not among what is predicted, a line each.
 
     Args:
@@ -169,6 +172,11 @@ def check_predictive(
     p_correlation = _share(np.mean(every[:, pairs[0], pairs[1]], axis=1) >= np.mean(own[pairs]))
     levels = [0.05, 0.5, 0.95]
     return PredictiveCheck(
-        tuple(mode_names), own_sd, *np.quantile(sds, levels, axis=0), own,
-        *np.quantile(every, levels, axis=0), p_sd, p_correlation,
-    )  # fmt: skip
+        tuple(mode_names),
+        own_sd,
+        *np.quantile(sds, levels, axis=0),
+        own,
+        *np.quantile(every, levels, axis=0),
+        p_sd,
+        p_correlation,
+    )

@@ -16,8 +16,6 @@ from fenics_joints.formatting import interval
 from fenics_joints.structure.components import Parameter
 from fenics_joints.updating.coordinates import LogScale
 
-__all__ = ["KINDS", "Prior", "density", "default_density"]
-
 #: What each kind of density needs, in this order. ``log_sd`` has no unit, the rest the parameter's.
 KINDS: dict[str, tuple[str, ...]] = {
     "normal": ("mean", "sd"),
@@ -30,9 +28,12 @@ KINDS: dict[str, tuple[str, ...]] = {
 _SPREADS = ("sd", "log_sd")
 #: What people call scipy's densities.
 _CALLED = {
-    "norm": "normal", "lognorm": "lognormal", "truncnorm": "truncated normal",
-    "loguniform": "log-uniform", "reciprocal": "log-uniform",
-}  # fmt: skip
+    "norm": "normal",
+    "lognorm": "lognormal",
+    "truncnorm": "truncated normal",
+    "loguniform": "log-uniform",
+    "reciprocal": "log-uniform",
+}
 
 
 def density(name: str, kind: str, numbers: Mapping[str, float]):

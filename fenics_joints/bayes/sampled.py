@@ -14,8 +14,6 @@ from fenics_joints.progress import Progress
 from fenics_joints.reduction.adaptive import Points, improve
 from fenics_joints.reduction.tested import tested_models
 
-__all__ = ["SampledModel"]
-
 #: Points that are rare in the prior are the worst, and thousands of samples will find them: the
 #: first ones are so much further out than draws.
 _WIDER = 1.5
@@ -76,9 +74,14 @@ class SampledModel:
             self._sample()
         # Other points each time: those that were put right say nothing of the rest.
         seeds = count(_SEED)
-        improve(self, lambda: self._by_name(self.prior.sample(
-            _CHECKED, np.random.default_rng(next(seeds))
-        )), self.tolerance, _CHECKS, most=_WORST, least=_OFF)  # fmt: skip
+        improve(
+            self,
+            lambda: self._by_name(self.prior.sample(_CHECKED, np.random.default_rng(next(seeds)))),
+            self.tolerance,
+            _CHECKS,
+            most=_WORST,
+            least=_OFF,
+        )
         found = self.frequencies, self.check
         return *found, max(self.bound + self.frequencies.error, self.check.error)
 

@@ -17,13 +17,13 @@ from fenics_joints.bayes.walks import Ensembles, Independence, RandomWalk, gener
 from fenics_joints.errors import InputError, member, whole
 from fenics_joints.parallel import on_root
 
-__all__ = ["SAMPLERS", "Settings", "Task", "grow", "sample"]
-
 #: Largest difference of ln f of one model, reduced once more.
 _ALIKE = 1e-4
 _OTHER = {
-    "prior": "another prior", "model": "another model", "data": "other data, noise or discrepancy",
-}  # fmt: skip
+    "prior": "another prior",
+    "model": "another model",
+    "data": "other data, noise or discrepancy",
+}
 SAMPLERS = ("metropolis", "prior_metropolis", "emcee")
 #: Steps between two places where the file may be written, and the time, s, after which it is.
 CHUNK, EVERY = 250, 5.0
@@ -115,9 +115,15 @@ def sample(
 
     label = {"metropolis": RandomWalk, "emcee": Ensembles, "prior_metropolis": Independence}
     task = Task(
-        posterior.names, walk, values, _marks(posterior), label[settings.sampler].label, w, n_steps,
+        posterior.names,
+        walk,
+        values,
+        _marks(posterior),
+        label[settings.sampler].label,
+        w,
+        n_steps,
         burn_in,
-    )  # fmt: skip
+    )
     return grow(task, settings, comm, keep=keep, told=told)
 
 
@@ -220,10 +226,14 @@ def _joined(task: Task, parts, steps: int) -> Chains:
     shares = np.array([part[2] for part in parts])
     values = np.concatenate([part[0] for part in parts], axis=1)
     return Chains(
-        task.names, values, np.concatenate([part[1] for part in parts], axis=1),
-        lengths @ shares / lengths.sum(), task.label, len(values) * steps * task.cost,
+        task.names,
+        values,
+        np.concatenate([part[1] for part in parts], axis=1),
+        lengths @ shares / lengths.sum(),
+        task.label,
+        len(values) * steps * task.cost,
         {"steps": steps, "burn_in": task.burn_in, "walkers": task.walkers},
-    )  # fmt: skip
+    )
 
 
 # -- the file --------------------------------------------------------------------------------------
@@ -245,18 +255,22 @@ def _write(path: Path, found: Chains | None, task: Task, settings, steps: int, s
         key: [float(v) if np.isfinite(v) else None for v in np.ravel(mark)]
         for key, mark in task.marks.items()
     }
-    resume = {"names": list(task.names), "settings": asdict(settings), "steps": steps,
-              "burn_in": task.burn_in, "states": states, "marks": marks,
-              "acceptance": None if found is None else found.acceptance.tolist()}  # fmt: skip
+    resume = {
+        "names": list(task.names),
+        "settings": asdict(settings),
+        "steps": steps,
+        "burn_in": task.burn_in,
+        "states": states,
+        "marks": marks,
+        "acceptance": None if found is None else found.acceptance.tolist(),
+    }
     draws = {} if found is None else found.by_name()
     write_chains(path, draws, {} if found is None else {"lp": found.log_density}, resume)
 
 
 def _kept(comm, path: Path, task: Task, settings: Settings) -> _Kept | None:
     """What the file holds; None if it is not there. Collective."""
-    found = comm.bcast(
-        on_root(comm, lambda: read_chains(path) if path.exists() else None)
-    )
+    found = comm.bcast(on_root(comm, lambda: read_chains(path) if path.exists() else None))
     if found is None:
         return None
     draws, statistics, resume = found

@@ -14,8 +14,6 @@ from scipy import stats
 
 from fenics_joints.errors import InputError
 
-__all__ = ["FIGURE_7", "Truth", "anchored", "simulate"]
-
 #: Jalali et al. 2019, Figure 7: by torque, N m, the mode (from 1) and its distribution over
 #: specimens, Hz.
 FIGURE_7 = {

@@ -15,8 +15,6 @@ from collections.abc import Callable
 
 import numpy as np
 
-__all__ = ["Straight", "curvature"]
-
 _STEP, _NEWTON, _CLOSE = 1e-3, 5, 1e-10
 
 
@@ -50,9 +48,7 @@ class Straight:
 
     def slope(self, x: np.ndarray) -> np.ndarray:
         """Derivative of u, (..., p, p)."""
-        return np.eye(len(self.centre)) + np.einsum(
-            "pij,...j->...pi", self.bend, x - self.centre
-        )
+        return np.eye(len(self.centre)) + np.einsum("pij,...j->...pi", self.bend, x - self.centre)
 
     def moved(self, x: np.ndarray, step: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Where a step of u leads.

@@ -11,8 +11,6 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-__all__ = ["Ensembles", "Independence", "RandomWalk", "Walk", "generator"]
-
 #: Acceptance that the scale of the steps is led to, in a few dimensions (Roberts and Rosenthal,
 #: Stat. Sci. 16, 2001).
 _ACCEPT = 0.3
@@ -214,9 +212,7 @@ class Ensembles:
         self.samplers, self.now = [], []
         for i, (start, rng) in enumerate(zip(points, rngs, strict=True)):
             moves = [(emcee.moves.DEMove(), 0.8), (emcee.moves.DESnookerMove(), 0.2)]
-            sampler = emcee.EnsembleSampler(
-                *start.shape, log_density, vectorize=True, moves=moves
-            )
+            sampler = emcee.EnsembleSampler(*start.shape, log_density, vectorize=True, moves=moves)
             if states is None:
                 random = np.random.RandomState(rng.integers(2**32)).get_state()
                 state = emcee.State(start, random_state=random)
@@ -233,12 +229,16 @@ class Ensembles:
         """See `RandomWalk.states`."""
         return [
             {
-                "x": state.coords.tolist(), "lp": np.asarray(state.log_prob).tolist(),
-                "rng": [state.random_state[0], state.random_state[1].tolist(),
-                        *state.random_state[2:]],
+                "x": state.coords.tolist(),
+                "lp": np.asarray(state.log_prob).tolist(),
+                "rng": [
+                    state.random_state[0],
+                    state.random_state[1].tolist(),
+                    *state.random_state[2:],
+                ],
             }
             for state in self.now
-        ]  # fmt: skip
+        ]
 
     def advance(self, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """See `RandomWalk.advance`; the walkers of all ensembles, one after the other."""

@@ -21,8 +21,6 @@ from fenics_joints.reduction.terms import MassTerm, RegionTerm, SpringTerm
 from fenics_joints.structure.components import Spring
 from fenics_joints.structure.laws import ELASTIC_SUPPORT
 
-__all__ = ["Assembly"]
-
 #: Stations per element of the path of a mass that may move: rotation has kinks at the nodes, and
 #: with fewer of them rotary inertia between two nodes moves frequencies by 1e-4.
 _STATIONS = 8
@@ -69,10 +67,13 @@ class Assembly:
         usual = 0.5 if i % 2 == 0 else -0.5
         offset = usual if beam.offset is None else beam.offset
         numbers = {
-            "height": beam.height, "breadth": beam.breadth, "length": stretch.length,
-            "shear": beam.shear, "offset": offset,
+            "height": beam.height,
+            "breadth": beam.breadth,
+            "length": stretch.length,
+            "shear": beam.shear,
+            "offset": offset,
             "mass_offset": offset if self.offset_mass else 0.0,
-        }  # fmt: skip
+        }
         q = {key: numbers.get(key, getattr(beam, key, None)) for key in SECTION}
         law, more = (BEAM, {}) if joint is None else (LAPPED, {"axial": joint.axial})
         own = RegionTerm(name, law, q | more, stiff, heavy[0], stretch.n * stretch.length)
@@ -126,9 +127,9 @@ class Assembly:
         usual = 0.5 if i % 2 == 0 else -0.5
         arm = beam.height * (usual if beam.offset is None else beam.offset)
         middle = u - arm * turn
-        stiff = np.array([
-            np.outer(middle, middle) + beam.height**2 / 12 * np.outer(turn, turn), np.outer(w, w)
-        ])  # fmt: skip
+        stiff = np.array(
+            [np.outer(middle, middle) + beam.height**2 / 12 * np.outer(turn, turn), np.outer(w, w)]
+        )
         n = 3 * len(self.layout.x)
         whole, at = np.zeros((2, n, n)), slice(n - 3, n) if clamp.last else slice(0, 3)
         whole[:, at, at] = beam.breadth * beam.height * stiff

@@ -10,8 +10,6 @@ import numpy as np
 from fenics_joints.beams.components import Beam
 from fenics_joints.beams.layout import Layout
 
-__all__ = ["BeamCells", "beam_cells"]
-
 #: Height of the box of a joint element, over that of its beams: the interface itself has none.
 _INTERFACE = 0.05
 
@@ -54,8 +52,9 @@ def beam_cells(layout: Layout, beams: Sequence[Beam]) -> BeamCells:
                     rows.append((-1, lap, e, volume))
                     continue
                 for i, b in zip(stretch.beams, there, strict=True):
-                    boxes.append((ends, b.breadth, (0.0, b.height) if i % 2 == 0 else
-                                  (-b.height, 0.0)))  # fmt: skip
+                    boxes.append(
+                        (ends, b.breadth, (0.0, b.height) if i % 2 == 0 else (-b.height, 0.0))
+                    )
                     rows.append((i, lap, e, b.breadth * b.height * stretch.length))
     beam, lap, element, volume = map(np.array, zip(*rows, strict=True))
     return BeamCells(np.array([_box(*box) for box in boxes]), beam, lap, element, volume)

@@ -12,10 +12,9 @@ from fenics_joints.beams.laws import BEAM_MASSES
 from fenics_joints.beams.structure import BeamStructure
 from fenics_joints.structure.values import number
 
-__all__ = ["JOINT_KEYS", "cell_energies"]
-
 #: Stiffness that joint elements have of their own.
 JOINT_KEYS = ("k1", "k2", "k_axial")
+
 
 def cell_energies(
     structure: BeamStructure,

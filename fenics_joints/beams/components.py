@@ -10,8 +10,6 @@ import numpy as np
 
 from fenics_joints.errors import InputError, flag, items, real, reals, text, whole
 
-__all__ = ["Beam", "Clamp", "GenericJoint", "Held", "LumpedMass"]
-
 Value = float | str
 
 

@@ -18,8 +18,6 @@ from fenics_joints.modal.modes import Modes, solve_modes
 from fenics_joints.response.complex_modes import ComplexModes, solve_complex_modes
 from fenics_joints.structure.values import number
 
-__all__ = ["DampingFit", "SlipTable", "identify_damping", "slip_table"]
-
 
 @dataclass(frozen=True)
 class DampingFit:
@@ -81,9 +79,12 @@ def identify_damping(
     def solve(x) -> ComplexModes:
         values = {**(given or {}), **dict(zip(names, x.tolist(), strict=True))}
         return solve_complex_modes(
-            structure, values, damping=structure.joint_damping(), gradients=True,
+            structure,
+            values,
+            damping=structure.joint_damping(),
+            gradients=True,
             n_modes=undamped.n_rigid + len(ratios),
-        )  # fmt: skip
+        )
 
     def residual(x):
         return (solve(x).damping_ratios - ratios)[used] / sd

@@ -35,15 +35,6 @@ from __future__ import annotations
 
 import numpy as np
 
-__all__ = [
-    "bending_number",
-    "joint_damping_matrix",
-    "joint_matrices",
-    "mass_matrices",
-    "shape_functions",
-    "stiffness_matrices",
-]
-
 #: A to F of the appendix (A2 to A7) as polynomials in phi, lowest power first: what multiplies 1,
 #: and what multiplies (r / L)^2; C, D by L and E, F by L^2 besides.
 _INERTIA = {
@@ -89,10 +80,17 @@ def stiffness_matrices(length: float) -> np.ndarray:
         length: Length L of the element, m.
     """
     extension, bending, sway = _rows(length)
-    return np.array([
-        np.outer(extension, extension), -_between(extension, bending),
-        np.outer(bending, bending), 3 * np.outer(sway, sway),
-    ]) / length  # fmt: skip
+    return (
+        np.array(
+            [
+                np.outer(extension, extension),
+                -_between(extension, bending),
+                np.outer(bending, bending),
+                3 * np.outer(sway, sway),
+            ]
+        )
+        / length
+    )
 
 
 def joint_matrices(length: float) -> np.ndarray:
@@ -134,8 +132,11 @@ def _across(numbers, L: float) -> np.ndarray:
     c, d, e, f = L * c, L * d, L**2 * e, L**2 * f
     matrix = np.zeros((6, 6))
     matrix[np.ix_([1, 2, 4, 5], [1, 2, 4, 5])] = [
-        [a, c, b, -d], [c, e, d, -f], [b, d, a, -c], [-d, -f, -c, e],
-    ]  # fmt: skip
+        [a, c, b, -d],
+        [c, e, d, -f],
+        [b, d, a, -c],
+        [-d, -f, -c, e],
+    ]
     return matrix
 
 
@@ -154,23 +155,37 @@ def shape_functions(t: float, length: float, phi: float) -> tuple[np.ndarray, ..
     at, slope = np.zeros((3, 6)), np.zeros((3, 6))
     at[0, [0, 3]], slope[0, [0, 3]] = (1 - t, t), (-1 / L, 1 / L)
     columns = [1, 2, 4, 5]
-    at[1, columns] = g * np.array([
-        1 + phi * (1 - t) - 3 * t**2 + 2 * t**3,
-        L * (t - 2 * t**2 + t**3 + phi / 2 * (t - t**2)),
-        phi * t + 3 * t**2 - 2 * t**3,
-        L * (t**3 - t**2 + phi / 2 * (t**2 - t)),
-    ])  # fmt: skip
-    slope[1, columns] = g / L * np.array([
-        -phi - 6 * t + 6 * t**2,
-        L * (1 - 4 * t + 3 * t**2 + phi / 2 * (1 - 2 * t)),
-        phi + 6 * t - 6 * t**2,
-        L * (3 * t**2 - 2 * t + phi / 2 * (2 * t - 1)),
-    ])  # fmt: skip
-    at[2, columns] = g * np.array([
-        6 * (t**2 - t) / L, 1 - 4 * t + 3 * t**2 + phi * (1 - t),
-        6 * (t - t**2) / L, 3 * t**2 - 2 * t + phi * t,
-    ])  # fmt: skip
-    slope[2, columns] = g / L * np.array([
-        6 * (2 * t - 1) / L, 6 * t - 4 - phi, 6 * (1 - 2 * t) / L, 6 * t - 2 + phi,
-    ])  # fmt: skip
+    at[1, columns] = g * np.array(
+        [
+            1 + phi * (1 - t) - 3 * t**2 + 2 * t**3,
+            L * (t - 2 * t**2 + t**3 + phi / 2 * (t - t**2)),
+            phi * t + 3 * t**2 - 2 * t**3,
+            L * (t**3 - t**2 + phi / 2 * (t**2 - t)),
+        ]
+    )
+    slope[1, columns] = (
+        g
+        / L
+        * np.array(
+            [
+                -phi - 6 * t + 6 * t**2,
+                L * (1 - 4 * t + 3 * t**2 + phi / 2 * (1 - 2 * t)),
+                phi + 6 * t - 6 * t**2,
+                L * (3 * t**2 - 2 * t + phi / 2 * (2 * t - 1)),
+            ]
+        )
+    )
+    at[2, columns] = g * np.array(
+        [
+            6 * (t**2 - t) / L,
+            1 - 4 * t + 3 * t**2 + phi * (1 - t),
+            6 * (t - t**2) / L,
+            3 * t**2 - 2 * t + phi * t,
+        ]
+    )
+    slope[2, columns] = (
+        g
+        / L
+        * np.array([6 * (2 * t - 1) / L, 6 * t - 4 - phi, 6 * (1 - 2 * t) / L, 6 * t - 2 + phi])
+    )
     return at, slope

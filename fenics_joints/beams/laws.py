@@ -16,19 +16,31 @@ from fenics_joints.errors import InputError
 from fenics_joints.reduction.files import register
 from fenics_joints.structure.laws import Law
 
-__all__ = ["AXIAL", "BEAM", "BEAM_MASSES", "LAPPED", "SECTION", "SLAP", "SLIP"]
-
 #: Properties of a beam's region: E, Pa; nu; rho, kg/m3; stretch and width, actual over nominal
 #: height and breadth; height, breadth and length of the element, m; shear coefficient; offset of
 #: the neutral axis over the height, in the stiffness and in the mass.
 SECTION = (
-    "E", "nu", "rho", "stretch", "width", "height", "breadth", "length", "shear", "offset",
+    "E",
+    "nu",
+    "rho",
+    "stretch",
+    "width",
+    "height",
+    "breadth",
+    "length",
+    "shear",
+    "offset",
     "mass_offset",
-)  # fmt: skip
+)
 _POSITIVE = {
-    "E": "Pa", "stretch": "", "width": "", "height": "m", "breadth": "m", "length": "m",
+    "E": "Pa",
+    "stretch": "",
+    "width": "",
+    "height": "m",
+    "breadth": "m",
+    "length": "m",
     "shear": "",
-}  # fmt: skip
+}
 
 
 def _positive(where: str, key: str, value, unit: str) -> None:
@@ -121,9 +133,12 @@ def _joint_law(name: str, key: str, unit: str) -> Law:
 BEAM = _law("offset beam", SECTION, _beam_stiffness, _check_section, _beam_mass(0))
 #: A beam in a lap: the joint elements have its stiffness, all but the axial one.
 LAPPED = _law(
-    "lapped beam", (*SECTION, "axial"), lambda q: q["axial"] * _beam_stiffness(q)[:1],
-    _check_lapped, _beam_mass(0),
-)  # fmt: skip
+    "lapped beam",
+    (*SECTION, "axial"),
+    lambda q: q["axial"] * _beam_stiffness(q)[:1],
+    _check_lapped,
+    _beam_mass(0),
+)
 #: The further terms of a beam's mass.
 BEAM_MASSES = tuple(
     _law(f"beam mass {i}", SECTION, _no_stiffness, _check_section, _beam_mass(i))
@@ -133,8 +148,11 @@ BEAM_MASSES = tuple(
 SLAP = _joint_law("slap", "k1", "N m")
 SLIP = _joint_law("slip", "k2", "N m")
 AXIAL = _law(
-    "axial", ("k_axial", "axial"), lambda q: np.array([q["k_axial"] * q["axial"]]), _check_axial,
+    "axial",
+    ("k_axial", "axial"),
+    lambda q: np.array([q["k_axial"] * q["axial"]]),
+    _check_axial,
     lambda q: 0.0 * q["k_axial"],
-)  # fmt: skip
+)
 
 register(BEAM, LAPPED, *BEAM_MASSES, SLAP, SLIP, AXIAL)

@@ -11,8 +11,6 @@ from fenics_joints.beams.components import Beam, GenericJoint, Held
 from fenics_joints.beams.element import bending_number, shape_functions
 from fenics_joints.errors import InputError
 
-__all__ = ["Layout", "Stretch", "lay_out"]
-
 #: Elements in all, at most: the matrices are dense, and there are many.
 _MOST = 400
 #: Two places are the same if they are nearer than this share of the whole length.

@@ -20,8 +20,6 @@ from fenics_joints.structure.laws import ELASTIC_SUPPORT
 from fenics_joints.structure.rows import PlaceRows
 from fenics_joints.structure.values import by_name, number
 
-__all__ = ["BeamStructure"]
-
 
 class BeamStructure(ArrayModel):
     """Beams in a row, each lapped with the next: above, below, above, ... the line of the nodes.
@@ -81,9 +79,11 @@ class BeamStructure(ArrayModel):
         regions += [assembly.clamp(clamp) for clamp in clamps]
         dampers = {f"{label}.c": matrix for label, _, matrix in self.slips}
         pencil = AffinePencil(
-            known, regions, [assembly.spring(s) for s in springs],
+            known,
+            regions,
+            [assembly.spring(s) for s in springs],
             [assembly.mass(m) for m in masses],
-        )  # fmt: skip
+        )
         scale_hz = _dilation_frequency(pencil, self.layout)
         super().__init__(pencil, scale_hz, dampers=dampers)
 

@@ -17,8 +17,6 @@ from fenics_joints.reduction.seen import SeenModes
 from fenics_joints.reduction.tested import SmallModels, tested_models
 from fenics_joints.structure import Damping, Parameter, Sensors
 
-__all__ = ["ExactModes", "ExactTarget"]
-
 #: How much less visible a mode may become than the least visible one of the test's.
 _CLEAR = 10.0
 

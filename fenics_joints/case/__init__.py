@@ -11,7 +11,19 @@ from fenics_joints.case.plausible import plausibility
 from fenics_joints.case.size import Estimate, check_size, estimate
 
 __all__ = [
-    "Case", "Estimate", "Examined", "build_mesh", "build_preload", "build_structure", "check_size",
-    "estimate", "examine_case", "load_case", "model_damping", "parameters", "plausibility",
-    "test_notes", "told",
-]  # fmt: skip
+    "Case",
+    "Estimate",
+    "Examined",
+    "build_mesh",
+    "build_preload",
+    "build_structure",
+    "check_size",
+    "estimate",
+    "examine_case",
+    "load_case",
+    "model_damping",
+    "parameters",
+    "plausibility",
+    "test_notes",
+    "told",
+]

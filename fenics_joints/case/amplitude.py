@@ -6,17 +6,7 @@ from typing import Annotated
 
 from pydantic import BeforeValidator, Field
 
-from fenics_joints.case.values import (
-    Files,
-    Positive,
-    Section,
-    Spacing,
-    ascending,
-    in_files,
-    listed,
-)
-
-__all__ = ["AmplitudeSection", "Modes"]
+from fenics_joints.case.values import Files, Positive, Section, Spacing, ascending, in_files, listed
 
 
 class AmplitudeSection(Section):

@@ -29,11 +29,6 @@ from fenics_joints.preload import (
     Traction,
 )
 
-__all__ = [
-    "APPLIED", "CylinderObstacle", "DisplacementSection", "LoadSection", "ObstacleSection",
-    "PlaneObstacle", "SphereObstacle",
-]  # fmt: skip
-
 #: The tables of a case whose sections act on faces.
 APPLIED = ("obstacles", "displacements", "loads")
 
@@ -51,12 +46,10 @@ def _other_than_zero(value: float) -> float:
 
 
 _Lengths = Annotated[list[Length], Field(min_length=2, max_length=3)]
-_Force = Annotated[
-    list[quantity("N")], Field(min_length=2, max_length=3), AfterValidator(nonzero)
-]  # fmt: skip
+_Force = Annotated[list[quantity("N")], Field(min_length=2, max_length=3), AfterValidator(nonzero)]
 _Way = Annotated[
     list[quantity("m", word="free")], Field(min_length=2, max_length=3), AfterValidator(_one_given)
-]  # fmt: skip
+]
 
 
 def _components(key: str, vector: Sequence | None, gdim: int) -> tuple | None:
@@ -113,10 +106,14 @@ class _ObstacleSection(Section):
         """
         key = f"obstacles.{name}"
         return Obstacle(
-            name, self.facets, self.shape(key, gdim), friction=self.friction, gap=self.gap,
+            name,
+            self.facets,
+            self.shape(key, gdim),
+            friction=self.friction,
+            gap=self.gap,
             travel=_components(f"{key}.travel", self.travel, gdim),
             force=_components(f"{key}.force", self.force, gdim),
-        )  # fmt: skip
+        )
 
 
 class PlaneObstacle(_ObstacleSection):

@@ -12,8 +12,6 @@ from fenics_joints.errors import InputError, located
 from fenics_joints.measurements import TestData, read_table
 from fenics_joints.units import parameter_unit, to_si
 
-__all__ = ["bayes_data", "prior_numbers", "specimens"]
-
 _WITHOUT_UNIT = ("log_sd",)
 
 

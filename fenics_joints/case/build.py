@@ -33,9 +33,6 @@ from fenics_joints.structure.components import (
 from fenics_joints.structure.nearest import round_bolts
 from fenics_joints.structure.structure import Structure
 
-__all__ = ["build_mesh", "build_preload", "build_structure", "measured_joints"]
-
-
 #: Ratio of thicknesses that no choice of a mesh explains, but a wrong unit (1000) does.
 _FAR = 300.0
 
@@ -98,18 +95,22 @@ def build_structure(
     """
     if case.mesh.origin == "beams":
         return build_beams(
-            case, attached=attached, width=width, elastic_supports=elastic_supports,
-            damping=damping,
-        )  # fmt: skip
+            case, attached=attached, width=width, elastic_supports=elastic_supports, damping=damping
+        )
     refuse_applied(case, "a model without contact", ("contacts", *APPLIED))
     return _solid(case, comm, law, attached, tagged, width, elastic_supports, damping)
 
 
 def _solid(
-    case: Case, comm: MPI.Intracomm, law: str | None = None, attached: bool = False,
-    tagged: TaggedMesh | None = None, width: bool = False, elastic_supports: bool = False,
+    case: Case,
+    comm: MPI.Intracomm,
+    law: str | None = None,
+    attached: bool = False,
+    tagged: TaggedMesh | None = None,
+    width: bool = False,
+    elastic_supports: bool = False,
     damping: bool = False,
-) -> Structure:  # fmt: skip
+) -> Structure:
     """The structure of solid parts of a case, without what acts on its faces. Collective."""
     tagged = build_mesh(case, comm) if tagged is None else tagged
     pointed = {**case.masses, **case.springs, **(case.attached if attached else {})}
@@ -251,9 +252,13 @@ def _cells(section: Joint, tagged: TaggedMesh) -> tuple[str, ...]:
 
 def _springs(name: str, section: Joint, tagged: TaggedMesh, grown: bool) -> Region:
     return interface(
-        name, tuple(section.cells), k_n=f"{name}.k_n", k_t=f"{name}.k_t", meshed=section.meshed,
+        name,
+        tuple(section.cells),
+        k_n=f"{name}.k_n",
+        k_t=f"{name}.k_t",
+        meshed=section.meshed,
         normal=section.normal,
-    )  # fmt: skip
+    )
 
 
 def _transition(name: str, section: Joint, tagged: TaggedMesh, grown: bool) -> Region:
@@ -271,9 +276,15 @@ def _transition(name: str, section: Joint, tagged: TaggedMesh, grown: bool) -> R
             )
     rho = 0.0 if section.rho is None else f"{name}.rho"
     return transition(
-        name, cells, E=f"{name}.E", nu=f"{name}.nu", h=f"{name}.h", meshed=meshed, rho=rho,
+        name,
+        cells,
+        E=f"{name}.E",
+        nu=f"{name}.nu",
+        h=f"{name}.h",
+        meshed=meshed,
+        rho=rho,
         normal=section.normal,
-    )  # fmt: skip
+    )
 
 
 def _masses(name: str, section, tagged: TaggedMesh) -> list[PointMass]:

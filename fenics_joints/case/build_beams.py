@@ -13,8 +13,6 @@ from fenics_joints.case.sections import MassSection, SpringSection
 from fenics_joints.errors import InputError, located
 from fenics_joints.structure.components import Parameter, Spring
 
-__all__ = ["ZonedLap", "build_beams", "lap_axial", "lap_name", "springs_of"]
-
 #: Bounds of the actual over the nominal axial stiffness of a lap.
 _AXIAL = (1e-3, 1e3)
 
@@ -150,12 +148,15 @@ def lap_axial(case: Case, joints: Sequence[str]) -> float | None:
 def _zoned(case: Case, laps: Sequence[ZonedLap]) -> list[GenericJoint]:
     return [
         GenericJoint(
-            lap.name, length, len(lap.zones),
+            lap.name,
+            length,
+            len(lap.zones),
             **{key: [f"{zone}.{key}" for zone in lap.zones] for key in ("k1", "k2", "c")},
-            k_axial=lap.k_axial, axial=f"{lap.along}.axial",
+            k_axial=lap.k_axial,
+            axial=f"{lap.along}.axial",
         )
         for lap, length in zip(laps, case.mesh.of("laps"), strict=True)
-    ]  # fmt: skip
+    ]
 
 
 def _clamps(case: Case) -> list[Clamp]:

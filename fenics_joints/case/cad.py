@@ -30,8 +30,6 @@ from fenics_joints.preload.threads import thread
 from fenics_joints.preload.torque import nut_factor_force
 from fenics_joints.units import to_si
 
-__all__ = ["STEP_SUFFIXES", "BoltsSection", "JoinedMesh", "MeshFile", "StepMesh"]
-
 STEP_SUFFIXES = (".step", ".stp", ".p21")
 #: Least and largest hole of a thread as shares of its diameter: tapped, and coarse (ISO 273).
 _HOLES = (0.8, 1.25)
@@ -152,19 +150,23 @@ class BoltsSection(Section):
             hole = tuple(share * thread(self.thread).diameter for share in _HOLES)
         radii, _ = self.extent()
         return {
-            "r_wai": radii[0] if len(radii) == 1 else radii, "r_nei": self.r_nei,
-            "bolts": self.at, "hole": hole,
-        }  # fmt: skip
+            "r_wai": radii[0] if len(radii) == 1 else radii,
+            "r_nei": self.r_nei,
+            "bolts": self.at,
+            "hole": hole,
+        }
 
     def radius(self) -> float:
         """Contact radius of the thread and the torque, m, from the package's database."""
         try:
             with seed_database() as store:
                 answer = query(
-                    Surfaces.fit(store, outputs=["radius"]), bolt=self.thread,
-                    thickness=self.thickness, torque=self.torque,
+                    Surfaces.fit(store, outputs=["radius"]),
+                    bolt=self.thread,
+                    thickness=self.thickness,
+                    torque=self.torque,
                     torque_to_force=TorqueToForce(self.nut_factor),
-                )  # fmt: skip
+                )
         except InputError as error:
             raise InputError(f"mesh.bolts: {error}; expected r_wai, or spread = 'cone'") from error
         return answer.radius.value

@@ -11,12 +11,7 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import Field, PrivateAttr, model_validator
 
-from fenics_joints.case.applied import (
-    APPLIED,
-    DisplacementSection,
-    LoadSection,
-    ObstacleSection,
-)
+from fenics_joints.case.applied import APPLIED, DisplacementSection, LoadSection, ObstacleSection
 from fenics_joints.case.damping import DampingSection
 from fenics_joints.case.harmonic import HarmonicSection, NonlinearSection
 from fenics_joints.case.mesh import Mesh
@@ -47,8 +42,6 @@ from fenics_joints.measurements import (
 from fenics_joints.measurements.amplitude import by_mode, test_by_level, with_modes_at_rest
 from fenics_joints.structure.points import Sensors
 from fenics_joints.units import parameter_unit, to_si
-
-__all__ = ["Case"]
 
 
 class Case(Section):
@@ -152,10 +145,15 @@ class Case(Section):
         """The case with the mesh that a diagnosis takes, and with what was put on for tests after
         a change; of such a case, itself."""
         case = self
-        put_on = {} if self.test is None else {
-            name: AttachedMass(kind="mass", mass=section.mass, points=section.points)
-            for name, section in self.test.changed.items() if section.mass is not None
-        }  # fmt: skip
+        put_on = (
+            {}
+            if self.test is None
+            else {
+                name: AttachedMass(kind="mass", mass=section.mass, points=section.points)
+                for name, section in self.test.changed.items()
+                if section.mass is not None
+            }
+        )
         if not put_on.keys() <= self.attached.keys():
             case = case.model_copy(update={"attached": self.attached | put_on})
         if case._coarse is not None:

@@ -13,10 +13,6 @@ from fenics_joints.joint_laws import CoulombStick, ElasticFriction, Gap, JointLa
 if TYPE_CHECKING:
     from fenics_joints.preload import ContactState
 
-__all__ = [
-    "ContactSection", "CoulombSection", "ElasticFrictionSection", "GapSection",
-    "UnilateralSection",
-]  # fmt: skip
 
 PerLength = quantity("Pa/m", 0, above=True)
 Length = quantity("m", 0)
@@ -55,9 +51,7 @@ class CoulombSection(ContactSection):
     and a ``gap``.
     """
 
-    units: ClassVar = {
-        "normal_stiffness": "Pa/m", "tangential_stiffness": "Pa/m", "friction": "",
-    }  # fmt: skip
+    units: ClassVar = {"normal_stiffness": "Pa/m", "tangential_stiffness": "Pa/m", "friction": ""}
     presses: ClassVar = True
 
     law: Literal["coulomb"]

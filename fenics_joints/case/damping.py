@@ -9,8 +9,6 @@ from pydantic import BeforeValidator, Field, model_validator
 from fenics_joints.case.values import Positive, Section, Share, listed, quantity
 from fenics_joints.structure.damping import Damping
 
-__all__ = ["DampingSection"]
-
 Ratio = quantity("", 0, 1)
 Rate = quantity("1/s", 0)
 Time = quantity("s", 0)

@@ -14,10 +14,6 @@ from fenics_joints.meshes.slender import BoxAround, box_around
 from fenics_joints.structure.stretching import Stretching
 from fenics_joints.structure.structure import Structure
 
-__all__ = [
-    "Dimensions", "directed_parts", "long_normals", "measured_directions", "refuse_unfit", "unfit",
-]  # fmt: skip
-
 #: What of a part is a dimension, relative to the mesh's.
 _DIMENSIONS = ("thickness", "width")
 #: Sine of the angle between directions that are one.
@@ -87,8 +83,9 @@ def measured_directions(case: Case, tagged: TaggedMesh) -> dict[str, tuple[tuple
     directed = directed_parts(case, tagged).parts
     return {
         name: (directed[name].normal, directed[name].across)
-        for name, part in case.parts.items() if directed[name] is not part
-    }  # fmt: skip
+        for name, part in case.parts.items()
+        if directed[name] is not part
+    }
 
 
 def long_normals(case: Case, tagged: TaggedMesh) -> list[str]:
@@ -123,17 +120,16 @@ class Dimensions:
         names: Of the parameters in question.
     """
 
-    def __init__(
-        self, case: Case, structure: Structure, called: Mapping[str, str] | None = None
-    ):
+    def __init__(self, case: Case, structure: Structure, called: Mapping[str, str] | None = None):
         self._called = called or {}
         self.names = {f"{part}.{key}" for part in case.parts for key in _DIMENSIONS}
         self._stretching = Stretching(structure)
         tagged = structure.tagged
         self._blocks = {
-            name for name, part in case.parts.items()
+            name
+            for name, part in case.parts.items()
             if _is_guessed(case, part, tagged) and _directions(tagged, part) is None
-        }  # fmt: skip
+        }
 
     def reason(self, names: Sequence[str]) -> str | None:
         """Why parameters of thickness or width cannot change by one factor; None if they can.

@@ -15,8 +15,6 @@ from fenics_joints.case.messages import describe
 from fenics_joints.errors import InputError
 from fenics_joints.files import is_file, shown_path
 
-__all__ = ["Examined", "examine_case"]
-
 #: Stands for a mesh that cannot be read, or for parts of which none can.
 _NO_MESH = {"file": "no mesh.msh"}
 _NO_PARTS = {"none": {"cells": "none", "E": 1e11, "nu": 0.3, "rho": 1e3}}

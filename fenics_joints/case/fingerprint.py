@@ -9,11 +9,17 @@ from fenics_joints.case.case import Case
 from fenics_joints.files import json_digest
 from fenics_joints.structure import Sensors, Structure
 
-__all__ = ["fingerprint"]
-
 _TABLES = (
-    "mesh", "parts", "joints", "contacts", "bolts", "masses", "springs", "supports", "attached",
-)  # fmt: skip
+    "mesh",
+    "parts",
+    "joints",
+    "contacts",
+    "bolts",
+    "masses",
+    "springs",
+    "supports",
+    "attached",
+)
 
 
 def fingerprint(case: Case, full: Structure, sensors: Sensors | None, *more: object) -> str:
@@ -30,8 +36,14 @@ def fingerprint(case: Case, full: Structure, sensors: Sensors | None, *more: obj
     said["mesh"].pop("file", None)
     seen = [] if sensors is None else [sensors.points.tolist(), sensors.directions.tolist()]
     content = [
-        __version__, dolfinx.__version__, said, seen, full.n_dofs,
-        full.tagged.digest if full.is_meshed else "", case.diagnose.n_modes,
-        case.diagnose.samples, more,
-    ]  # fmt: skip
+        __version__,
+        dolfinx.__version__,
+        said,
+        seen,
+        full.n_dofs,
+        full.tagged.digest if full.is_meshed else "",
+        case.diagnose.n_modes,
+        case.diagnose.samples,
+        more,
+    ]
     return json_digest(content, default=str)[:16]

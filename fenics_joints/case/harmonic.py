@@ -41,11 +41,6 @@ from fenics_joints.joint_laws import (
 )
 from fenics_joints.units import to_si
 
-__all__ = [
-    "BaseSection", "HarmonicSection", "IdentifySection", "LoadSection", "NonlinearSection",
-    "Place", "identifiable",
-]  # fmt: skip
-
 Force = quantity("N", 0, above=True)
 Frequency = quantity("Hz", 0, above=True)
 Shape = quantity("", -0.99, 10)
@@ -143,9 +138,15 @@ class BilinearSection(Hysteretic):
 
 
 NonlinearSection = chosen(
-    "law", RichardAbbottSection, SegalmanSection, BilinearSection, CoulombSection,
-    UnilateralSection, ElasticFrictionSection, GapSection,
-)  # fmt: skip
+    "law",
+    RichardAbbottSection,
+    SegalmanSection,
+    BilinearSection,
+    CoulombSection,
+    UnilateralSection,
+    ElasticFrictionSection,
+    GapSection,
+)
 
 
 class Place(Section):
@@ -299,9 +300,7 @@ class HarmonicSection(Section):
             )
         level = None if self.identify is None else self.identify.level
         if level is not None and level not in self.levels:
-            raise ValueError(
-                f"identify.level = {level:g} N: expected one of the levels"
-            )
+            raise ValueError(f"identify.level = {level:g} N: expected one of the levels")
         return self
 
 

@@ -36,8 +36,6 @@ from fenics_joints.measurements import (
 )
 from fenics_joints.measurements.amplitude import test_by_level
 
-__all__ = ["finish_case", "load_case", "read_case", "read_files", "read_part"]
-
 
 def load_case(path: str | Path) -> Case:
     """Read and check a case and its measured data. Needs no MPI.
@@ -75,9 +73,12 @@ def finish_case(case: Case, path: Path, raw: dict) -> list[str]:
     errors += [*check_names(case), *check_mesh(case), *check_applied(case), *read_files(case)]
     errors += check_update(case) if case.update else []
     return errors + [
-        *check_bayes(case), *check_beams(case), *check_combined(case), *check_harmonic(case),
+        *check_bayes(case),
+        *check_beams(case),
+        *check_combined(case),
+        *check_harmonic(case),
         *_read_curves(case),
-    ]  # fmt: skip
+    ]
 
 
 def read_part(case: Case, path: Path, has_mesh: bool) -> list[str]:
@@ -149,10 +150,14 @@ def _read_frfs(case: Case) -> list[str]:
         return []
     try:
         frfs = read_frfs(
-            [case.file(file) for file in section.files], kind=section.kind, units=section.units,
-            length_unit=section.length_unit, points=section.points, directions=section.directions,
+            [case.file(file) for file in section.files],
+            kind=section.kind,
+            units=section.units,
+            length_unit=section.length_unit,
+            points=section.points,
+            directions=section.directions,
             keys=section.keys,
-        )  # fmt: skip
+        )
         case._frfs = frfs.band(*section.band) if section.band else frfs
         if section.identify is not None:
             case._measured = _identified(case, section)
@@ -170,9 +175,12 @@ def _identified(case: Case, section: FRFSection) -> TestData:
 
     test, identify = case.test, section.identify
     found = identify_modes(
-        case._frfs, near=identify.near, order=identify.order, max_damping=identify.max_damping,
+        case._frfs,
+        near=identify.near,
+        order=identify.order,
+        max_damping=identify.max_damping,
         exponential_window=identify.exponential_window,
-    )  # fmt: skip
+    )
     noise = _per_mode("noise", test.noise, len(found.frequencies_hz))
     data = found.test_data(
         test.modes, 1.0 if section.at is None else section.at, test.condition or "row", noise=noise
@@ -251,10 +259,14 @@ def _read_amplitude(case: Case, name: str) -> MeasuredBackbone:
     noise = section.noise or (test.noise[0] if len(test.noise) == 1 else None) or None
     with located(f"test.amplitude.{name}"):
         found = read_amplitude(
-            [case.file(file) for file in section.files], levels=section.levels,
-            band=section.band, sensor=section.sensor, units=section.units, noise=noise,
+            [case.file(file) for file in section.files],
+            levels=section.levels,
+            band=section.band,
+            sensor=section.sensor,
+            units=section.units,
+            noise=noise,
             damping_noise=section.damping_noise or test.damping_noise,
-        )  # fmt: skip
+        )
         if found.kind != "backbone":
             return found
         # A plain table was read off the analyser's lines; the others say their own scatter.
@@ -276,8 +288,9 @@ def _noise(test: Test, n: int) -> dict[str, object]:
     return {
         "resolution_hz": _per_mode("resolution", test.resolution, n),
         "noise": _per_mode("noise", test.noise, n),
-        "damping_noise": test.damping_noise, "shape_noise": test.shape_noise,
-    }  # fmt: skip
+        "damping_noise": test.damping_noise,
+        "shape_noise": test.shape_noise,
+    }
 
 
 def _plan_test(case: Case, test: Test) -> TestData:
@@ -286,10 +299,15 @@ def _plan_test(case: Case, test: Test) -> TestData:
     conditions = sorted(test.planned.conditions)
     values = np.ones((len(conditions), len(names)))
     planned = TestData(
-        conditions, values, names, condition, unit,
+        conditions,
+        values,
+        names,
+        condition,
+        unit,
         damping=1e-3 * values if test.planned.damping else None,
-        sensors=case.sensors(), **_noise(test, len(names)),
-    )  # fmt: skip
+        sensors=case.sensors(),
+        **_noise(test, len(names)),
+    )
     # A diagnosis asks for the noise of measured damping ratios; planned ones get the usual noise.
     return replace(planned, damping_noise=planned.damping_sd) if test.planned.damping else planned
 

@@ -7,8 +7,6 @@ import resource
 from collections.abc import Iterator
 from pathlib import Path
 
-__all__ = ["available_bytes"]
-
 
 def available_bytes(root: str | Path = "/") -> float:
     """Memory that could be had without swapping: the least of the machine's and all limits'.

@@ -14,7 +14,7 @@ import numpy as np
 from mpi4py import MPI
 from pydantic import BeforeValidator, Field, create_model, model_validator
 
-from fenics_joints.case.cad import STEP_SUFFIXES, JoinedMesh, MeshFile, StepMesh
+from fenics_joints.case.cad import STEP_SUFFIXES, JoinedMesh, StepMesh
 from fenics_joints.case.mesh_section import MeshSection
 from fenics_joints.case.values import (
     Count,
@@ -40,11 +40,6 @@ from fenics_joints.meshes import (
 from fenics_joints.meshes.arguments import Builder, Demand
 from fenics_joints.meshes.grow import Grown, RingPlaces
 from fenics_joints.parallel import on_root
-
-__all__ = [
-    "BUILDERS", "BuilderMesh", "FileMesh", "JoinedMesh", "Mesh", "MeshFile", "OffsetBeamsMesh",
-    "StepMesh",
-]  # fmt: skip
 
 
 class BuilderMesh(MeshSection):
@@ -90,11 +85,13 @@ def section_of(builder: type[Builder]) -> type[SolidMesh]:
     kinds = typing.get_type_hints(builder, include_extras=True)
     arguments = {f.name: (_written(kinds[f.name]) | None, None) for f in fields(builder)}
     section = create_model(
-        f"{builder.__name__}Mesh", __module__=__name__,
+        f"{builder.__name__}Mesh",
+        __module__=__name__,
         __doc__=f"``builder = {builder.function!r}``: arguments of `{builder.__name__}`.",
         __base__=LappedMesh if "bonded" in arguments else SolidMesh,
-        builder=(Literal[builder.function], ...), **arguments,
-    )  # fmt: skip
+        builder=(Literal[builder.function], ...),
+        **arguments,
+    )
     section.made_by = builder
     globals()[section.__name__] = section  # by its name a case is sent from rank to rank
     return section
@@ -215,9 +212,13 @@ class FileMesh(JoinedMesh):
         """See `MeshSection.build`."""
         grown = comm.bcast(on_root(comm, self._grown))
         return read_msh(
-            folder / self.file, comm, gdim=self.gdim, scale=self.scale, grown=grown,
+            folder / self.file,
+            comm,
+            gdim=self.gdim,
+            scale=self.scale,
+            grown=grown,
             thickness=self.thickness,
-        )  # fmt: skip
+        )
 
     @property
     def grows(self) -> bool:
@@ -233,9 +234,11 @@ class FileMesh(JoinedMesh):
         if self.bolts is not None:
             given = self.bolts.arguments()
             rings = RingPlaces(
-                np.atleast_1d(given["r_wai"]).tolist(), given["r_nei"] or 0.0,
-                None if given["bolts"] is None else np.array(given["bolts"]), given["hole"],
-            )  # fmt: skip
+                np.atleast_1d(given["r_wai"]).tolist(),
+                given["r_nei"] or 0.0,
+                None if given["bolts"] is None else np.array(given["bolts"]),
+                given["hole"],
+            )
         return Grown(joint, self.layer, rings, self.bonded or (), self.between)
 
     @model_validator(mode="after")
@@ -255,10 +258,13 @@ class FileMesh(JoinedMesh):
 
 
 #: Classes of the builders, by name.
-BUILDERS = named_by("builder", (
-    *map(section_of, (LapPlates, CBeams, LapBeam, HalfLapBeam, Dumbbell, EngravingMachine)),
-    OffsetBeamsMesh,
-))  # fmt: skip
+BUILDERS = named_by(
+    "builder",
+    (
+        *map(section_of, (LapPlates, CBeams, LapBeam, HalfLapBeam, Dumbbell, EngravingMachine)),
+        OffsetBeamsMesh,
+    ),
+)
 
 
 def _kind(data: Any) -> type[Section] | None:
@@ -271,6 +277,9 @@ def _kind(data: Any) -> type[Section] | None:
 
 
 Mesh = either(
-    _kind, (*BUILDERS.values(), FileMesh, StepMesh),
-    key="builder", known=" ".join(BUILDERS), instead="file = 'NAME.msh' or 'NAME.step'",
-)  # fmt: skip
+    _kind,
+    (*BUILDERS.values(), FileMesh, StepMesh),
+    key="builder",
+    known=" ".join(BUILDERS),
+    instead="file = 'NAME.msh' or 'NAME.step'",
+)

@@ -10,8 +10,6 @@ from mpi4py import MPI
 from fenics_joints.case.values import Section
 from fenics_joints.meshes import TaggedMesh
 
-__all__ = ["MeshSection"]
-
 
 class MeshSection(Section):
     """``[mesh]``."""

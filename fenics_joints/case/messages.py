@@ -11,8 +11,6 @@ from typing import Annotated, Any
 
 from fenics_joints.errors import InputError
 
-__all__ = ["case_error", "describe", "did_you_mean", "indexed", "refused", "said", "unknown"]
-
 
 def case_error(path: Path, errors: list[str]) -> InputError:
     """One exception for all errors of a file."""
@@ -66,8 +64,11 @@ def _no_kind(name: str, value: Any, key: str, known: list[str], instead: str) ->
         mean = f"; did you mean {near[0]!r}?" if near else ""
         return said(f"{name}.{key}", given, f"expected {names}{mean}")
     expected = f"{key} = {names}"
-    return said(name, value, f"expected either {expected}, or {instead}" if instead else
-                f"expected {expected}")  # fmt: skip
+    return said(
+        name,
+        value,
+        f"expected either {expected}, or {instead}" if instead else f"expected {expected}",
+    )
 
 
 def _plain(message: str) -> str:

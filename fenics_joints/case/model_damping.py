@@ -5,8 +5,6 @@ from __future__ import annotations
 from fenics_joints.case.case import Case
 from fenics_joints.structure import Damped, Damping
 
-__all__ = ["model_damping"]
-
 
 def model_damping(case: Case, structure: Damped) -> Damping:
     """The damping of a case, its values as parameters; none where it has none.

@@ -7,8 +7,6 @@ import numpy as np
 from fenics_joints.case.case import Case
 from fenics_joints.structure import Structure
 
-__all__ = ["OF_MODEL", "test_notes", "told"]
-
 #: Begins what is said of the model, not of the test.
 OF_MODEL = "model: "
 

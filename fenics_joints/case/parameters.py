@@ -7,9 +7,6 @@ from fenics_joints.case.sections import Joint, MassSection, Part
 from fenics_joints.structure.components import Parameter
 from fenics_joints.units import parameter_unit
 
-__all__ = ["RIGID_SUPPORT", "parameters"]
-
-
 #: Far wider than any metal joint, from a rattling contact to a weld of the thinnest layer.
 _JOINT_MODULUS = (1e2, 1e14)
 #: The same per area, Pa/m: from faces that hardly touch to a micrometre of metal.

@@ -22,8 +22,6 @@ from fenics_joints.formatting import quantity
 from fenics_joints.preload.threads import thread
 from fenics_joints.units import factor_to_si, parameter_unit, to_si
 
-__all__ = ["USUAL", "Usual", "plausibility"]
-
 
 @dataclass(frozen=True)
 class Usual:
@@ -115,34 +113,54 @@ USUAL = {
     # Small displacements: a grip that moves farther than a few per cent of a structure bends it.
     "travel": Usual("in a preload faces and obstacles are moved by", -1e-2, 1e-2, "m"),
     "per length": Usual("contacts have", 1e6, 1e17, "Pa/m"),
-}  # fmt: skip
+}
 
 #: Kinds of a section's numbers, by table and key.
 _SECTIONS = {
     "parts": {"E": "E", "G": "G", "rho": "rho", "nu": "nu"},
     "joints": {
-        "E": "layer", "G": "layer", "rho": "rho", "nu": "nu", "h": "h", "meshed": "h",
-        "k_n": "per length", "k_t": "per length", "pressure": "contact pressure",
+        "E": "layer",
+        "G": "layer",
+        "rho": "rho",
+        "nu": "nu",
+        "h": "h",
+        "meshed": "h",
+        "k_n": "per length",
+        "k_t": "per length",
+        "pressure": "contact pressure",
         "roughness": "roughness",
-        "k1": "turning", "k2": "turning", "k_axial": "axial", "c": "damper",
+        "k1": "turning",
+        "k2": "turning",
+        "k_axial": "axial",
+        "c": "damper",
     },
     "bolts": {
-        "friction": "friction", "nut_factor": "nut factor", "diameter": "diameter", "E": "E",
-        "rho": "rho", "nu": "nu",
+        "friction": "friction",
+        "nut_factor": "nut factor",
+        "diameter": "diameter",
+        "E": "E",
+        "rho": "rho",
+        "nu": "nu",
     },
     "contacts": {"friction": "friction", "gap": "gap"},
     "obstacles": {"friction": "friction", "gap": "gap", "radius": "length"},
     "loads": {"pressure": "contact pressure"},
-    "masses": {"mass": "mass"}, "springs": {"stiffness": "stiffness"},
+    "masses": {"mass": "mass"},
+    "springs": {"stiffness": "stiffness"},
     "attached": {"mass": "mass", "stiffness": "stiffness"},
-}  # fmt: skip
+}
 #: Units that are forgotten, by the SI unit that is then read.
 _FORGOTTEN = {
-    "Pa": (("GPa", 1e9), ("MPa", 1e6)), "kg/m3": (("g/cm3", 1e3), ("t/mm3", 1e12)),
-    "m": (("mm", 1e-3), ("um", 1e-6)), "kg": (("g", 1e-3),), "N": (("kN", 1e3),),
-    "N/m": (("N/mm", 1e3), ("kN/m", 1e3)), "Hz": (("kHz", 1e3),), "": (("%", 1e-2),),
+    "Pa": (("GPa", 1e9), ("MPa", 1e6)),
+    "kg/m3": (("g/cm3", 1e3), ("t/mm3", 1e12)),
+    "m": (("mm", 1e-3), ("um", 1e-6)),
+    "kg": (("g", 1e-3),),
+    "N": (("kN", 1e3),),
+    "N/m": (("N/mm", 1e3), ("kN/m", 1e3)),
+    "Hz": (("kHz", 1e3),),
+    "": (("%", 1e-2),),
     "N*m": (("kN m", 1e3), ("N mm", 1e-3)),
-}  # fmt: skip
+}
 
 Found = tuple[str, float, Usual]
 
@@ -284,9 +302,11 @@ def _bolts(case: Case) -> Iterator[Found]:
 
 def _applied(case: Case) -> Iterator[Found]:
     """Components of what faces and obstacles are moved and pushed by, those that are not zero."""
-    tables = ((case.displacements, "displacements", {"value": "travel"}),
-              (case.obstacles, "obstacles", {"travel": "travel", "force": "face force"}),
-              (case.loads, "loads", {"force": "face force"}))  # fmt: skip
+    tables = (
+        (case.displacements, "displacements", {"value": "travel"}),
+        (case.obstacles, "obstacles", {"travel": "travel", "force": "face force"}),
+        (case.loads, "loads", {"force": "face force"}),
+    )
     for table, name, kinds in tables:
         for own, section in table.items():
             for key, kind in kinds.items():
@@ -309,8 +329,12 @@ def _by_stress(what: str, factor: float, unit: str) -> Usual:
 
 
 def _damping(case: Case) -> Iterator[Found]:
-    kinds = {"loss_factor": "loss factor", "alpha": "alpha", "beta": "beta",
-             "relaxation": "relaxation"}  # fmt: skip
+    kinds = {
+        "loss_factor": "loss factor",
+        "alpha": "alpha",
+        "beta": "beta",
+        "relaxation": "relaxation",
+    }
     for name, value in (case.damping.nominal() if case.damping is not None else {}).items():
         yield name, value, USUAL[kinds.get(name.rpartition(".")[2], "damping ratio")]
     if case.harmonic is not None:

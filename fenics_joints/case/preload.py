@@ -23,11 +23,6 @@ from fenics_joints.preload import BeamBolt, PretensionSection, WasherForce
 from fenics_joints.preload.threads import thread
 from fenics_joints.preload.torque import motosh_force, nut_factor_force
 
-__all__ = [
-    "BeamBoltSection", "Bolt", "ContactSection", "PretensionBoltSection", "WasherBoltSection",
-    "known_thread",
-]  # fmt: skip
-
 _Force = quantity("N", 0, above=True)
 _Torque = quantity("N*m", 0, above=True)
 
@@ -111,9 +106,16 @@ class BeamBoltSection(_BoltSection):
         """The bolt under its force."""
         shank = thread(self.thread).diameter if self.diameter is None else self.diameter
         return BeamBolt(
-            name, self.lower, self.upper, self.preload(), shank, self.E, self.nu, self.rho,
+            name,
+            self.lower,
+            self.upper,
+            self.preload(),
+            shank,
+            self.E,
+            self.nu,
+            self.rho,
             self.head_mass,
-        )  # fmt: skip
+        )
 
 
 class PretensionBoltSection(_BoltSection):

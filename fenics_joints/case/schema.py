@@ -9,8 +9,6 @@ from pydantic.json_schema import GenerateJsonSchema
 from fenics_joints.case.case import Case
 from fenics_joints.case.values import in_files, listed
 
-__all__ = ["case_schema"]
-
 
 def case_schema() -> dict[str, object]:
     """The schema of what people write: quantities as numbers in SI units, or texts with a unit."""

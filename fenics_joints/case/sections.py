@@ -35,26 +35,25 @@ from fenics_joints.case.values import (
     ascending,
     chosen,
     optional,
-)  # fmt: skip
+)
 from fenics_joints.units import to_si
 
-__all__ = [
-    "Attached", "AttachedMass", "AttachedSpring", "Diagnose", "Joint", "MassSection", "Part",
-    "SpringSection", "SupportSection", "with_average_densities",
-]  # fmt: skip
-
-
 PartTolerance = optional(
-    "PartTolerance", "How well a part is known: relative standard deviations.",
+    "PartTolerance",
+    "How well a part is known: relative standard deviations.",
     **dict.fromkeys(("E", "nu", "rho", "thickness", "width"), Share),
-)  # fmt: skip
+)
 
 
 PartBounds = optional(
-    "PartBounds", "Bounds of a part's parameters; thickness and width as actual over nominal.",
-    E=ascending(Modulus), nu=ascending(Poisson), rho=ascending(Density),
-    thickness=ascending(Positive), width=ascending(Positive),
-)  # fmt: skip
+    "PartBounds",
+    "Bounds of a part's parameters; thickness and width as actual over nominal.",
+    E=ascending(Modulus),
+    nu=ascending(Poisson),
+    rho=ascending(Density),
+    thickness=ascending(Positive),
+    width=ascending(Positive),
+)
 
 
 class Part(Section):
@@ -111,21 +110,30 @@ class Part(Section):
 
 
 JointTolerance = optional(
-    "JointTolerance", "How well a joint is known: relative standard deviations.",
-    **dict.fromkeys((
-        "E", "G", "nu", "h", "rho", "thickness", "k_n", "k_t", "k1", "k2", "k_axial", "c",
-    ), Share),
-)  # fmt: skip
+    "JointTolerance",
+    "How well a joint is known: relative standard deviations.",
+    **dict.fromkeys(
+        ("E", "G", "nu", "h", "rho", "thickness", "k_n", "k_t", "k1", "k2", "k_axial", "c"), Share
+    ),
+)
 
 
 JointBounds = optional(
-    "JointBounds", "Bounds of a joint's parameters.",
-    E=ascending(Modulus), G=ascending(Modulus), nu=ascending(Poisson),
-    h=ascending(Size), rho=ascending(Density), thickness=ascending(Positive),
-    k_n=ascending(PerArea), k_t=ascending(PerArea),
-    k1=ascending(Turning), k2=ascending(Turning), k_axial=ascending(Stiffness),
+    "JointBounds",
+    "Bounds of a joint's parameters.",
+    E=ascending(Modulus),
+    G=ascending(Modulus),
+    nu=ascending(Poisson),
+    h=ascending(Size),
+    rho=ascending(Density),
+    thickness=ascending(Positive),
+    k_n=ascending(PerArea),
+    k_t=ascending(PerArea),
+    k1=ascending(Turning),
+    k2=ascending(Turning),
+    k_axial=ascending(Stiffness),
     c=ascending(Damper),
-)  # fmt: skip
+)
 
 
 #: Two bolts nearer than this, m, are one: no thread is thinner.

@@ -11,8 +11,6 @@ from fenics_joints.case.test import ShapesSection, Test
 from fenics_joints.errors import InputError, located
 from fenics_joints.measurements import MeasuredShapes, TestData, read_shapes
 
-__all__ = ["modes_of", "read_universal", "shapes_of"]
-
 
 def read_universal(folder: Path, section: ShapesSection) -> MeasuredShapes:
     """The modes in the files of ``[test.shapes]``; raises InputError for what is wrong in them."""
@@ -42,11 +40,14 @@ def modes_of(found: MeasuredShapes, names: Sequence[str] | None, test: Test) -> 
             "as named in modes"
         )
     return TestData(
-        [1.0 if test.shapes_at is None else test.shapes_at], found.frequencies_hz[None],
-        tuple(names), test.condition or "row",
+        [1.0 if test.shapes_at is None else test.shapes_at],
+        found.frequencies_hz[None],
+        tuple(names),
+        test.condition or "row",
         damping=None if np.isnan(found.damping).all() else found.damping[None],
-        sensors=found.sensors, shapes=found.shapes,
-    )  # fmt: skip
+        sensors=found.sensors,
+        shapes=found.shapes,
+    )
 
 
 def shapes_of(found: MeasuredShapes, data: TestData) -> np.ndarray:

@@ -17,8 +17,6 @@ from fenics_joints.case.mesh import OffsetBeamsMesh, SolidMesh
 from fenics_joints.errors import InputError
 from fenics_joints.formatting import number
 
-__all__ = ["BEGIN", "Estimate", "check_size", "estimate", "estimate_of"]
-
 #: Seconds of a command's time that are no solution: Python, the mesh, compiled forms.
 BEGIN = 5.0
 

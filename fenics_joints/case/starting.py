@@ -9,8 +9,6 @@ from fenics_joints.case.case import Case
 from fenics_joints.case.sections import Joint
 from fenics_joints.forms import combined_roughness, rough_contact_stiffness
 
-__all__ = ["start_joints"]
-
 #: Ra of faces of which nothing is said, m. Assumed: grade N7 of ISO 1302, common for faces that are
 #: milled, turned or ground; drawings have half or twice as much just as often.
 _RA = 1.6e-6

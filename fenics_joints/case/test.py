@@ -34,11 +34,6 @@ from fenics_joints.measurements.data import same_conditions
 from fenics_joints.measurements.files import UFF_SUFFIXES
 from fenics_joints.measurements.tables import column_head
 
-__all__ = [
-    "AntiresonanceTest", "ChangedTest", "FRFSection", "PlannedTest", "ShapesSection", "StaticTest",
-    "Test", "ValidationTest",
-]  # fmt: skip
-
 
 class LineOfSensors(Section):
     """``[test.sees]`` with sensors along an axis."""
@@ -344,13 +339,16 @@ class Test(Section):
             if self.frequencies is None and needs and getattr(self, key) is not None:
                 raise ValueError(f"{key}: expected frequencies too")
         if self.has_universal_shapes and self.sees is not None:
-            raise ValueError("sees: expected it only without shapes in a universal file, whose "
-                             "nodes are the sensors")  # fmt: skip
+            raise ValueError(
+                "sees: expected it only without shapes in a universal file, whose "
+                "nodes are the sensors"
+            )
         if self.is_by_amplitude and (self.condition is not None or self.modes is not None):
             key = "condition" if self.condition is not None else "modes"
-            raise ValueError(f"{key}: expected it only with frequencies; of amplitude the level is "
-                             "the condition, and the names of the modes are those of its sections"
-                             )  # fmt: skip
+            raise ValueError(
+                f"{key}: expected it only with frequencies; of amplitude the level is "
+                "the condition, and the names of the modes are those of its sections"
+            )
         if self.changed and self.frequencies is None and not self.has_universal_shapes:
             raise ValueError("changed: expected frequencies too")
         if self.planned is not None and self.planned.shapes and self.sees is None:

@@ -21,8 +21,6 @@ from fenics_joints.case.values import (
 )
 from fenics_joints.units import to_si
 
-__all__ = ["Bayes", "CutoffUpdate", "HeldSection", "PriorSection", "UpdateSection"]
-
 
 class Published(Section):
     """``[update.published]``: somebody's values and frequencies, to show beside one's own."""
@@ -154,8 +152,9 @@ class Bayes(Section):
         unused = [key for key in _WITHOUT_EFFECT[self.kind] if key in self.model_fields_set]
         return [
             f"update.bayes.{key} = {getattr(self, key)!r} has no effect with the {self.kind} "
-            "likelihood" for key in unused
-        ]  # fmt: skip
+            "likelihood"
+            for key in unused
+        ]
 
 
 class UpdateSection(Section):

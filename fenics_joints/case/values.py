@@ -22,22 +22,17 @@ from pydantic import (
 from fenics_joints.errors import InputError, real
 from fenics_joints.units import sizes, to_si
 
-__all__ = [
-    "AXES", "Count", "Damper", "Density", "Direction", "File", "FileName", "Files", "Gap",
-    "Inertia", "Length", "Mass", "ModeCount", "Modulus", "Names", "Number", "PerArea", "Point",
-    "Poisson", "Positive", "Section", "Share", "Size", "Spacing", "Stiffness", "Turning", "Written",
-    "ascending", "chosen", "either", "in_files", "listed", "named", "named_by", "nonzero",
-    "optional", "quantity",
-]  # fmt: skip
-
 _NAME = r"[A-Za-z][A-Za-z0-9_-]*"
 AXES = ("x", "y", "z")
 
 
 def quantity(
-    unit: str, least: float = -math.inf, most: float = math.inf, above: bool = False,
+    unit: str,
+    least: float = -math.inf,
+    most: float = math.inf,
+    above: bool = False,
     word: str | None = None,
-):  # fmt: skip
+):
     """The type of a float in SI ``unit`` from text; within limits, or above the lower one.
 
     With a ``word`` that may stand in its place, for None.

@@ -10,8 +10,16 @@ from importlib import import_module
 from fenics_joints.commands.outcome import Outcome
 
 _COMMANDS = (
-    "bayes", "check", "cutoff", "diagnose", "harmonic", "modes", "plan", "preload", "update",
-)  # fmt: skip
+    "bayes",
+    "check",
+    "cutoff",
+    "diagnose",
+    "harmonic",
+    "modes",
+    "plan",
+    "preload",
+    "update",
+)
 _RUNS = {f"run_{command}": f"{__name__}.{command}.run" for command in _COMMANDS}
 
 __all__ = ["Outcome", *_RUNS]

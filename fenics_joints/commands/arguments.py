@@ -9,11 +9,6 @@ import typer
 
 from fenics_joints.progress import loudness
 
-__all__ = [
-    "CaseArgument", "DebugOption", "JsonOption", "LargeOption", "ReportOption", "VtxOption",
-    "named_path", "tell",
-]  # fmt: skip
-
 
 def named_path(text: str | Path) -> Path:
     """The path that an argument names.
@@ -49,7 +44,9 @@ ReportOption = Annotated[
 VtxOption = Annotated[
     Path | None,
     typer.Option(
-        "--vtx", metavar="FILE", parser=named_path,
+        "--vtx",
+        metavar="FILE",
+        parser=named_path,
         help="Write fields (of modes, all elastic shapes) for ParaView: .bp, or .xdmf.",
     ),
 ]

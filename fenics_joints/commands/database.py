@@ -13,12 +13,10 @@ import typer
 from fenics_joints.commands.arguments import named_path, tell
 from fenics_joints.commands.line import new_app
 
-__all__ = ["app"]
-
 app = new_app(
     "database",
     "Contact radius, pressure and interface parameters of bolted joints by bolt, force, thickness "
-    "and roughness."
+    "and roughness.",
 )
 
 _SHIPPED = "The database; by default the published tables that come with the package."
@@ -136,17 +134,23 @@ def add(
             )
         row = None
         if bolt is not None:
-            row = _row(bolt, {
-                "force": _si("--force", force, "N", "50 kN"),
-                "torque": _si("--torque", torque, "N·m", "120 N·m"),
-                "thickness": _si("--thickness", thickness, "m", "25 mm"),
-                "roughness": _si("--roughness", roughness, "m", "1.6 µm"),
-                "radius": _si("--radius", radius, "m", "43 mm"),
-                "pressure": _si("--pressure", pressure, "Pa", "6 MPa"),
-                "E": _si("--E", E, "Pa", "6.1 GPa"), "nu": nu,
-                "h": _si("--h", h, "m", "0.7 mm"),
-                "model": model, "author": author, "source": source,
-            })  # fmt: skip
+            row = _row(
+                bolt,
+                {
+                    "force": _si("--force", force, "N", "50 kN"),
+                    "torque": _si("--torque", torque, "N·m", "120 N·m"),
+                    "thickness": _si("--thickness", thickness, "m", "25 mm"),
+                    "roughness": _si("--roughness", roughness, "m", "1.6 µm"),
+                    "radius": _si("--radius", radius, "m", "43 mm"),
+                    "pressure": _si("--pressure", pressure, "Pa", "6 MPa"),
+                    "E": _si("--E", E, "Pa", "6.1 GPa"),
+                    "nu": nu,
+                    "h": _si("--h", h, "m", "0.7 mm"),
+                    "model": model,
+                    "author": author,
+                    "source": source,
+                },
+            )
         with Store(db, create=True) as store:
             n = store.import_csv(csv) if row is None else store.add([row])
             tell(f"added {n} rows to {db}, which has {len(store.joints())} now")
@@ -199,16 +203,25 @@ def sweep(
             [None] if roughness is None else _list("--roughness", roughness, "m", "1.6 µm")
         )
         samples = grid(
-            bolt, _list("--force", force, "N", "12.5, 25 kN"),
-            _list("--thickness", thickness, "m", "10, 20 mm"), roughnesses,
-        )  # fmt: skip
+            bolt,
+            _list("--force", force, "N", "12.5, 25 kN"),
+            _list("--thickness", thickness, "m", "10, 20 mm"),
+            roughnesses,
+        )
         analyse, settings = _analysis(analysis), _settings(setting or [])
         on_root(comm, lambda: Store(db, create=True).close())
         with Store(db) as store, Progress(silent=comm.rank != 0) as progress:
             result = run_sweep(
-                samples, analyse, store, comm, progress,
-                model=analysis, settings=settings, author=author, retry=retry,
-            )  # fmt: skip
+                samples,
+                analyse,
+                store,
+                comm,
+                progress,
+                model=analysis,
+                settings=settings,
+                author=author,
+                retry=retry,
+            )
         on_root(comm, lambda: _show_sweep(result, db))
 
 
@@ -385,9 +398,7 @@ def _show_sweep(result, db: Path) -> None:
     from fenics_joints.errors import JointsError
     from fenics_joints.formatting import quantity
 
-    tell(
-        f"{result.computed} samples analysed, {result.finished_before} were there before: {db}"
-    )
+    tell(f"{result.computed} samples analysed, {result.finished_before} were there before: {db}")
     if result.failed:
         lines = [
             f"{s.bolt}, {quantity(s.force, 'N')}, {quantity(s.thickness, 'm')}: {message}"

@@ -11,17 +11,19 @@ from typer.core import TyperCommand, TyperGroup, TyperOption
 
 from fenics_joints.progress import set_loudness
 
-__all__ = ["EXAMPLES", "new_app"]
-
 #: What the help of each command shows, by the words that call it.
 EXAMPLES = {
     "": ("modes demos/dumbbell", "diagnose demos/lap_plates --report page.html"),
-    "add": ("database add --db own.db --csv rows.csv",
-            "database add --db own.db --bolt M12 --force '50 kN' --radius '43 mm'"),
+    "add": (
+        "database add --db own.db --csv rows.csv",
+        "database add --db own.db --bolt M12 --force '50 kN' --radius '43 mm'",
+    ),
     "check": ("check demos/lap_plates --report check.html",),
     "database": ("database query --bolt M12 --torque '120 N·m' --thickness '25 mm'",),
-    "diagnose": ("diagnose demos/lap_plates --report diagnosis.html",
-                 "diagnose demos/lap_plates --plan"),
+    "diagnose": (
+        "diagnose demos/lap_plates --report diagnosis.html",
+        "diagnose demos/lap_plates --plan",
+    ),
     "harmonic": ("harmonic demos/lap_beam/nonlinear.toml --report responses.html",),
     "modes": ("modes demos/dumbbell --vtx modes.bp", "modes my_case -n 30 --report modes.html"),
     "new": ("new my_case --step assembly.step --frequencies frequencies.csv",),
@@ -30,10 +32,12 @@ EXAMPLES = {
     "schema": ("schema > case.schema.json",),
     "show": ("database show --leave-one-out", "database show --db own.db --csv rows.csv"),
     "sweep": ("database sweep --db own.db --bolt M12 --force '25, 50 kN' --thickness '20 mm'",),
-    "update": ("update demos/lap_plates --report update.html",
-               "update my_case --bayes --keep chains.nc"),
+    "update": (
+        "update demos/lap_plates --report update.html",
+        "update my_case --bayes --keep chains.nc",
+    ),
     "web": ("database web --db own.db",),
-}  # fmt: skip
+}
 
 
 def new_app(name: str, help: str) -> typer.Typer:
@@ -47,9 +51,14 @@ def new_app(name: str, help: str) -> typer.Typer:
     """
     names = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
     return _App(
-        cls=_Group, no_args_is_help=True, pretty_exceptions_enable=False, rich_markup_mode=None,
-        help=help, epilog=_examples(name), context_settings=names,
-    )  # fmt: skip
+        cls=_Group,
+        no_args_is_help=True,
+        pretty_exceptions_enable=False,
+        rich_markup_mode=None,
+        help=help,
+        epilog=_examples(name),
+        context_settings=names,
+    )
 
 
 class _App(typer.Typer):
@@ -75,9 +84,11 @@ class _Command(_Plain, TyperCommand):
 
     def __init__(self, name, *, params=None, epilog=None, **settings):
         super().__init__(
-            name, params=[*(params or ()), *_how_much()], epilog=epilog or _examples(name),
+            name,
+            params=[*(params or ()), *_how_much()],
+            epilog=epilog or _examples(name),
             **settings,
-        )  # fmt: skip
+        )
 
 
 class _Group(_Plain, TyperGroup):
@@ -110,12 +121,19 @@ def _how_much() -> list[TyperOption]:
     """The options ``-q`` and ``-v``, which set the loudness and are no argument of the command."""
     settings = {"is_flag": True, "default": False, "expose_value": False}
     return [
-        TyperOption(param_decls=["-q", "--quiet"], callback=_sets("quiet"),
-                    help="Say nothing but errors; results go to files.", **settings),
-        TyperOption(param_decls=["-v", "--verbose"], callback=_sets("verbose"),
-                    help="Say the seconds of every step, each part of it, and the memory used.",
-                    **settings),
-    ]  # fmt: skip
+        TyperOption(
+            param_decls=["-q", "--quiet"],
+            callback=_sets("quiet"),
+            help="Say nothing but errors; results go to files.",
+            **settings,
+        ),
+        TyperOption(
+            param_decls=["-v", "--verbose"],
+            callback=_sets("verbose"),
+            help="Say the seconds of every step, each part of it, and the memory used.",
+            **settings,
+        ),
+    ]
 
 
 def _sets(loudness: str) -> Callable:

@@ -8,8 +8,6 @@ from typing import Generic, TypeVar
 
 from rich.console import Console
 
-__all__ = ["Outcome"]
-
 Result = TypeVar("Result")
 
 
@@ -34,11 +32,17 @@ class Outcome(Generic[Result]):
 
     @classmethod
     def of(
-        cls, result: Result, page: Callable[[Result], str],
-        summary: Callable[[Console, Result], None], failure: str | None = None,
-    ) -> Outcome[Result]:  # fmt: skip
+        cls,
+        result: Result,
+        page: Callable[[Result], str],
+        summary: Callable[[Console, Result], None],
+        failure: str | None = None,
+    ) -> Outcome[Result]:
         """With the result's own JSON, and a page and a summary that are made of the result."""
         return cls(
-            result, result.to_json, lambda: page(result), lambda console: summary(console, result),
+            result,
+            result.to_json,
+            lambda: page(result),
+            lambda console: summary(console, result),
             failure,
-        )  # fmt: skip
+        )

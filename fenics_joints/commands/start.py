@@ -21,8 +21,6 @@ from fenics_joints.commands.arguments import (
 if TYPE_CHECKING:
     from fenics_joints.commands.outcome import Outcome
 
-__all__ = ["check", "new", "schema", "show"]
-
 
 def _file(option: str, words: str):
     """The type of an option that names a file that is read."""
@@ -54,15 +52,20 @@ def new(
     ] = None,
     amplitude: Annotated[
         list[Path] | None,
-        _file("--amplitude", "A mode over its amplitude (levels, sweeps, ring-downs); several "
-              "times."),
+        _file(
+            "--amplitude", "A mode over its amplitude (levels, sweeps, ring-downs); several times."
+        ),
     ] = None,
     material: Annotated[
-        str, typer.Option(metavar="NAME", help="Of parts whose label names none: steel, aluminium, "
-                          "cast-iron, ductile-iron, stainless, titanium or brass.")
+        str,
+        typer.Option(
+            metavar="NAME",
+            help="Of parts whose label names none: steel, aluminium, "
+            "cast-iron, ductile-iron, stainless, titanium or brass.",
+        ),
     ] = "steel",
     yes: Annotated[
-        bool, typer.Option("--yes", help="Ask nothing: guesses stand in the case with a \"?\".")
+        bool, typer.Option("--yes", help='Ask nothing: guesses stand in the case with a "?".')
     ] = False,
     debug: DebugOption = False,
 ) -> None:
@@ -88,7 +91,7 @@ def new(
         source = Source(step, msh, "offset_beams" if beams else builder)
         tests = TestFiles(
             frequencies, shapes, tuple(frfs or ()), tuple(uff or ()), tuple(amplitude or ())
-        )  # fmt: skip
+        )
         ask = _prompt if not yes and comm.size == 1 and sys.stdin.isatty() else _silent
 
         def write() -> None:

@@ -24,9 +24,21 @@ if TYPE_CHECKING:
 _ANALYSIS = ("BoltedPlates", "bolted_plates_radius", "solve_bolted_plates")
 
 __all__ = [
-    "Answer", "BoltedPlates", "Joint", "Kriging", "Sample", "Store", "Surfaces", "TorqueToForce",
-    "bolted_plates_radius", "grid", "query", "seed_database", "solve_bolted_plates", "sweep",
-]  # fmt: skip
+    "Answer",
+    "BoltedPlates",
+    "Joint",
+    "Kriging",
+    "Sample",
+    "Store",
+    "Surfaces",
+    "TorqueToForce",
+    "bolted_plates_radius",
+    "grid",
+    "query",
+    "seed_database",
+    "solve_bolted_plates",
+    "sweep",
+]
 
 
 def __getattr__(name: str):

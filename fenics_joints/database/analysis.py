@@ -15,8 +15,6 @@ from fenics_joints.database.sweep import Sample
 from fenics_joints.errors import InputError, member, real, whole
 from fenics_joints.preload.threads import Thread, thread
 
-__all__ = ["BoltedPlates", "bolted_plates_radius", "solve_bolted_plates"]
-
 MODELS = ("plates", "washers", "bolt")
 #: Most cells near the joint of one analysis.
 _CELLS = 1e6
@@ -70,8 +68,13 @@ class BoltedPlates:
             self._number(name, least=0.0)
         for name in ("plate_radius", "upper_thickness", "E", "size", "P_lim"):
             self._number(name, above=0.0)
-        for name in ("loaded_diameter", "washer_diameter", "washer_thickness", "hole_diameter",
-                     "penalty"):  # fmt: skip
+        for name in (
+            "loaded_diameter",
+            "washer_diameter",
+            "washer_thickness",
+            "hole_diameter",
+            "penalty",
+        ):
             if getattr(self, name) is not None:
                 self._number(name, above=0.0)
         if not -1 < real("nu", self.nu) < 0.5:
@@ -112,14 +115,19 @@ class BoltedPlates:
                 f"{thickness:g} m, which are {_CELLS:g} cells then"
             )
         return {
-            "parts": self.model, "thickness": pair, "radius": self.plate_radius,
+            "parts": self.model,
+            "thickness": pair,
+            "radius": self.plate_radius,
             "hole_diameter": self.hole_diameter or bolt.hole_diameter,
             "washer_diameter": washer,
             "washer_thickness": self.washer_thickness or bolt.washer_thickness,
-            "washer_hole": bolt.washer_inner_diameter, "head_diameter": loaded,
-            "head_height": bolt.head_height, "bolt_diameter": bolt.diameter,
-            "size": self.size, "fine_radius": fine,
-        }  # fmt: skip
+            "washer_hole": bolt.washer_inner_diameter,
+            "head_diameter": loaded,
+            "head_height": bolt.head_height,
+            "bolt_diameter": bolt.diameter,
+            "size": self.size,
+            "fine_radius": fine,
+        }
 
 
 def bolted_plates_radius(sample: Sample, **settings) -> dict[str, float]:
@@ -159,9 +167,15 @@ def bolted_plates_radius(sample: Sample, **settings) -> dict[str, float]:
 
 
 def solve_bolted_plates(
-    bolt: str, thickness: float, force: float, settings: BoltedPlates | None = None, *, comm=None,
-    gap=0.0, tagged=None,
-):  # fmt: skip
+    bolt: str,
+    thickness: float,
+    force: float,
+    settings: BoltedPlates | None = None,
+    *,
+    comm=None,
+    gap=0.0,
+    tagged=None,
+):
     """Preload two plates; the contact between them is called ``plates``.
 
     Args:
@@ -201,14 +215,15 @@ def solve_bolted_plates(
 def _contacts(s: BoltedPlates, gap) -> list:
     from fenics_joints.preload import Contact
 
-    contacts = [Contact("plates", "interface_lower", "interface_upper", friction=s.friction,
-                        gap=gap)]  # fmt: skip
+    contacts = [
+        Contact("plates", "interface_lower", "interface_upper", friction=s.friction, gap=gap)
+    ]
     names = {"plates": (), "washers": ("seat",), "bolt": ("seat", "head")}[s.model]
     contacts += [
-        Contact(f"{name}_{i}", f"{name}_{i}_lower", f"{name}_{i}_upper",
-                friction=s.washer_friction)
-        for name in names for i in (1, 2)
-    ]  # fmt: skip
+        Contact(f"{name}_{i}", f"{name}_{i}_lower", f"{name}_{i}_upper", friction=s.washer_friction)
+        for name in names
+        for i in (1, 2)
+    ]
     return contacts
 
 

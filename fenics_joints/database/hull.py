@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-__all__ = ["Hull"]
-
 #: Relative to the points' range, so that the outermost points themselves are inside.
 _TOLERANCE = 1e-7
 

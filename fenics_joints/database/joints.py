@@ -9,8 +9,6 @@ from dataclasses import dataclass, fields
 from fenics_joints.errors import InputError, real
 from fenics_joints.formatting import control_character
 
-__all__ = ["CONDITIONS", "NUMBERS", "TEXTS", "UNITS", "Joint", "settings_text"]
-
 #: Diameters of its bolt that no contact radius is beyond: the pressure cone of plates a hundred
 #: bolts thick ends there, and those of the papers are below five.
 _WIDEST = 100.0
@@ -20,9 +18,17 @@ RESULTS = ("radius", "pressure", "E", "nu", "h")
 NUMBERS = CONDITIONS + RESULTS
 TEXTS = ("bolt", "author", "model", "settings", "version", "date", "source")
 UNITS = {
-    "diameter": "m", "force": "N", "torque": "N·m", "thickness": "m", "roughness": "m",
-    "radius": "m", "pressure": "Pa", "E": "Pa", "nu": "", "h": "m",
-}  # fmt: skip
+    "diameter": "m",
+    "force": "N",
+    "torque": "N·m",
+    "thickness": "m",
+    "roughness": "m",
+    "radius": "m",
+    "pressure": "Pa",
+    "E": "Pa",
+    "nu": "",
+    "h": "m",
+}
 
 
 @dataclass(frozen=True)

@@ -18,8 +18,6 @@ from fenics_joints.database.store import Store
 from fenics_joints.errors import InputError
 from fenics_joints.files import json_digest, json_text, open_own, write_text
 
-__all__ = ["fitted", "fits_text"]
-
 _FORMAT = "fenics-joints fits"
 #: Of one file; those of other models, or of rows that are no more, make room.
 _MOST = 8

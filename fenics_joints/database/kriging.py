@@ -27,8 +27,6 @@ from fenics_joints.errors import InputError, located
 from fenics_joints.files import json_digest, json_text, write_text
 from fenics_joints.formatting import interval, quantity
 
-__all__ = ["FORMAT", "Interpolation", "Kriging", "LeaveOneOut"]
-
 #: What a saved fit says it is: raise the number when others are to be fitted anew.
 FORMAT = _FORMAT, _VERSION = "fenics-joints kriging", 2
 _KERNELS = ("gaussian", "matern 5/2")
@@ -118,13 +116,7 @@ class Kriging:
 
     @classmethod
     def fit(
-        cls,
-        x: np.ndarray,
-        y: np.ndarray,
-        *,
-        inputs: Sequence[str],
-        output: str,
-        restarts: int = 2,
+        cls, x: np.ndarray, y: np.ndarray, *, inputs: Sequence[str], output: str, restarts: int = 2
     ) -> Kriging:
         """Fit all candidate processes and weigh them by stacking.
 
@@ -187,9 +179,12 @@ class Kriging:
         with np.errstate(over="ignore"):  # far outside the data: as uncertain as infinity
             value = np.exp(mean)
             return Interpolation(
-                value, value * np.sqrt(np.expm1(variance)),
-                np.exp(mean - 1.96 * sd), np.exp(mean + 1.96 * sd), inside,
-            )  # fmt: skip
+                value,
+                value * np.sqrt(np.expm1(variance)),
+                np.exp(mean - 1.96 * sd),
+                np.exp(mean + 1.96 * sd),
+                inside,
+            )
 
     def leave_one_out(self) -> LeaveOneOut:
         """Predict every sample point from the others, hyperparameters and weights kept."""
@@ -228,11 +223,15 @@ class Kriging:
     def to_json(self) -> dict[str, object]:
         """The complete model for JSON, with a checksum."""
         content = {
-            "format": _FORMAT, "version": _VERSION,
-            "inputs": list(self.inputs), "output": self.output,
-            "x": self.x.tolist(), "y": self.y.tolist(),
-            "members": [vars(m) for m in self.members], "facets": self._hull.facets.tolist(),
-        }  # fmt: skip
+            "format": _FORMAT,
+            "version": _VERSION,
+            "inputs": list(self.inputs),
+            "output": self.output,
+            "x": self.x.tolist(),
+            "y": self.y.tolist(),
+            "members": [vars(m) for m in self.members],
+            "facets": self._hull.facets.tolist(),
+        }
         return {**content, "checksum": _checksum(content)}
 
     @classmethod
@@ -324,9 +323,12 @@ def _fitted(kernel, trend, z, log_y, restarts):
     from sklearn.gaussian_process import GaussianProcessRegressor
 
     process = GaussianProcessRegressor(
-        _kernel(kernel, trend, z.shape[1]), alpha=JITTER, n_restarts_optimizer=restarts,
-        normalize_y=True, random_state=0,
-    )  # fmt: skip
+        _kernel(kernel, trend, z.shape[1]),
+        alpha=JITTER,
+        n_restarts_optimizer=restarts,
+        normalize_y=True,
+        random_state=0,
+    )
     with warnings.catch_warnings():
         # A length at its bound is an input that does not matter, not a failure.
         warnings.simplefilter("ignore", ConvergenceWarning)

@@ -11,8 +11,6 @@ from collections.abc import Sequence
 
 import numpy as np
 
-__all__ = ["JITTER", "Process"]
-
 #: Added to the variance of every sample, so that its matrix has a Cholesky factor.
 JITTER = 1e-10
 

@@ -23,8 +23,6 @@ from fenics_joints.files import plain
 from fenics_joints.formatting import quantity
 from fenics_joints.preload import Thread, motosh_force, nut_factor_force, thread
 
-__all__ = ["Answer", "Estimate", "Surfaces", "TorqueToForce", "query"]
-
 #: Conditions closer than this are the same.
 _SAME = 0.01
 #: A condition of which nothing is known counts as if it differed by a factor of 2.
@@ -124,14 +122,21 @@ class Answer:
 
     def json(self) -> dict[str, object]:
         """For the JSON file; null for what is infinite, far outside the data."""
-        return plain({
-            "version": __version__, "bolt": self.thread.name, "diameter_m": self.thread.diameter,
-            "force_N": self.force, "force_from": self.force_from, "thickness_m": self.thickness,
-            "radius_m": None if self.radius is None else vars(self.radius),
-            "pressure_Pa": None if self.pressure is None else vars(self.pressure),
-            "identified": None if self.identified is None else self.identified.to_dict(),
-            "identified_note": self.identified_note, "notes": list(self.notes),
-        })  # fmt: skip
+        return plain(
+            {
+                "version": __version__,
+                "bolt": self.thread.name,
+                "diameter_m": self.thread.diameter,
+                "force_N": self.force,
+                "force_from": self.force_from,
+                "thickness_m": self.thickness,
+                "radius_m": None if self.radius is None else vars(self.radius),
+                "pressure_Pa": None if self.pressure is None else vars(self.pressure),
+                "identified": None if self.identified is None else self.identified.to_dict(),
+                "identified_note": self.identified_note,
+                "notes": list(self.notes),
+            }
+        )
 
 
 @dataclass
@@ -159,10 +164,7 @@ class Surfaces:
 
     @classmethod
     def fit(
-        cls,
-        store: Store,
-        model: str | None = None,
-        outputs: Sequence[str] = ("radius", "pressure"),
+        cls, store: Store, model: str | None = None, outputs: Sequence[str] = ("radius", "pressure")
     ) -> Surfaces:
         """Fit the rows of one model, or take the fit that is kept beside them.
 
@@ -175,9 +177,10 @@ class Surfaces:
             InputError: If it is needed or unknown, or rows are too few.
         """
         rows = [
-            j for j in store.joints()
+            j
+            for j in store.joints()
             if (j.radius or j.pressure) and None not in (j.force, j.thickness)
-        ]  # fmt: skip
+        ]
         models = list(dict.fromkeys(j.model for j in rows))
         if model is None and len(models) > 1:
             said = "; ".join(f"{m or 'without a name'}" for m in models)
@@ -244,8 +247,11 @@ def query(
     if (torque is None) == (force is None):
         raise InputError("expected a torque or a force, one of the two")
     for name, value in (
-        ("torque", torque), ("force", force), ("thickness", thickness), ("roughness", roughness)
-    ):  # fmt: skip
+        ("torque", torque),
+        ("force", force),
+        ("thickness", thickness),
+        ("roughness", roughness),
+    ):
         if value is not None and not (math.isfinite(value) and value > 0):
             raise InputError(f"{name} = {value:g}: expected a number above 0")
     words = "given" if torque is None else how.in_words(torque, t)
@@ -262,9 +268,16 @@ def query(
         notes.insert(0, "extrapolated: outside the data, where the uncertainty itself is uncertain")
         notes += _one_value_only(surfaces, point)
     return Answer(
-        t, force, words, thickness, estimates.get("radius"), estimates.get("pressure"), row, note,
+        t,
+        force,
+        words,
+        thickness,
+        estimates.get("radius"),
+        estimates.get("pressure"),
+        row,
+        note,
         tuple(notes),
-    )  # fmt: skip
+    )
 
 
 def _one_value_only(surfaces: Surfaces, point: dict) -> list[str]:

@@ -22,8 +22,6 @@ from fenics_joints.errors import InputError, located
 from fenics_joints.files import check_writable, is_file, write_text
 from fenics_joints.units import factor_to_si, plain_number
 
-__all__ = ["Store", "seed_database"]
-
 _APPLICATION, _SCHEMA = 0x464A4442, 1  # "FJDB"
 _COLUMNS = NUMBERS + TEXTS
 #: Seconds to wait for another process's transaction.
@@ -70,9 +68,12 @@ class Store:
         )
         try:
             self._connection = sqlite3.connect(
-                uri, uri=not memory, timeout=_PATIENCE, isolation_level=None,
+                uri,
+                uri=not memory,
+                timeout=_PATIENCE,
+                isolation_level=None,
                 check_same_thread=False,
-            )  # fmt: skip
+            )
         except sqlite3.Error as error:
             raise InputError(f"{path}: cannot be opened ({error})") from error
         try:

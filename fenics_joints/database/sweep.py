@@ -17,8 +17,6 @@ from fenics_joints.database.store import Store
 from fenics_joints.errors import InputError, real, text
 from fenics_joints.progress import Progress
 
-__all__ = ["Sample", "Sweep", "grid", "sweep", "user_name"]
-
 #: Most samples of one sweep: a second each is a day and more.
 _SAMPLES = 100_000
 
@@ -129,9 +127,12 @@ def sweep(
         raise InputError("a database in memory cannot be filled by several ranks; expected a file")
     settings = dict(settings or {})
     common = {
-        "model": model, "settings": settings_text(settings), "author": author or user_name(),
-        "version": f"fenics-joints {__version__}", "source": source,
-    }  # fmt: skip
+        "model": model,
+        "settings": settings_text(settings),
+        "author": author or user_name(),
+        "version": f"fenics-joints {__version__}",
+        "source": source,
+    }
     # A result of any value makes a whole row, whose task is known before the analysis.
     tasks = {Joint(**asdict(s), **common, radius=1.0).task: s for s in samples}
     finished = store.finished(tasks) if comm.rank == 0 else None

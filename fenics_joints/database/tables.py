@@ -11,14 +11,19 @@ from fenics_joints.database.joints import NUMBERS, Joint
 from fenics_joints.database.query import Answer, Estimate, Surfaces
 from fenics_joints.formatting import MISSING, interval, number, percent, prefixed, quantity
 
-__all__ = ["in_words", "leave_one_out_json", "show_answer", "show_leave_one_out", "show_rows"]
-
 #: Factor and unit in which a column is read best.
 _SHOWN = {
-    "diameter": (1e3, "mm"), "force": (1e-3, "kN"), "torque": (1.0, "N·m"),
-    "thickness": (1e3, "mm"), "roughness": (1e6, "µm"), "radius": (1e3, "mm"),
-    "pressure": (1e-6, "MPa"), "E": (1e-9, "GPa"), "nu": (1.0, ""), "h": (1e3, "mm"),
-}  # fmt: skip
+    "diameter": (1e3, "mm"),
+    "force": (1e-3, "kN"),
+    "torque": (1.0, "N·m"),
+    "thickness": (1e3, "mm"),
+    "roughness": (1e6, "µm"),
+    "radius": (1e3, "mm"),
+    "pressure": (1e-6, "MPa"),
+    "E": (1e-9, "GPa"),
+    "nu": (1.0, ""),
+    "h": (1e3, "mm"),
+}
 
 
 def in_words(estimate: Estimate | None, unit: str) -> str:
@@ -69,9 +74,13 @@ def show_leave_one_out(console: Console, surfaces: Surfaces) -> None:
     for output, kriging in surfaces.kriging.items():
         left = kriging.leave_one_out()
         table = _table(
-            *map(_head, kriging.inputs), _head(output), "predicted", "error", "standardised",
+            *map(_head, kriging.inputs),
+            _head(output),
+            "predicted",
+            "error",
+            "standardised",
             title=f"{output}: each row predicted from the others",
-        )  # fmt: skip
+        )
         for x, y, value, error, z in zip(
             kriging.x, kriging.y, left.value, left.error, left.standardised, strict=True
         ):
@@ -82,8 +91,10 @@ def show_leave_one_out(console: Console, surfaces: Surfaces) -> None:
         console.print(
             f"mean absolute error {percent(np.abs(left.error).mean())}, spread of the standardised "
             f"errors {left.standardised.std():.2f} (1 if the uncertainty is right)\n"
-            f"{kriging.in_words()}\n", highlight=False, markup=False,
-        )  # fmt: skip
+            f"{kriging.in_words()}\n",
+            highlight=False,
+            markup=False,
+        )
 
 
 def leave_one_out_json(surfaces: Surfaces) -> dict[str, object]:

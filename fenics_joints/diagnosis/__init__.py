@@ -6,6 +6,14 @@ from fenics_joints.diagnosis.result import Diagnosis, EffectResult, HypothesisRe
 from fenics_joints.measurements import TestData
 
 __all__ = [
-    "Diagnosis", "Effect", "EffectResult", "HypothesisResult", "Prior", "Silent", "TestData",
-    "diagnose", "in_series", "relative_error",
-]  # fmt: skip
+    "Diagnosis",
+    "Effect",
+    "EffectResult",
+    "HypothesisResult",
+    "Prior",
+    "Silent",
+    "TestData",
+    "diagnose",
+    "in_series",
+    "relative_error",
+]

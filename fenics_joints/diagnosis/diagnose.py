@@ -54,8 +54,6 @@ from fenics_joints.reduction.memory import give_back, hold_freed
 from fenics_joints.reduction.seen import places_all_over
 from fenics_joints.structure import Structure
 
-__all__ = ["diagnose"]
-
 #: Number of the best wrong hypotheses that stand against the cause in every fold. [decision:
 #: chosen]
 _WRONG = 2
@@ -290,10 +288,17 @@ class _Run:
                 "crossing_modes": self.model.surrogate.crossing_names(self.data.mode_names),
                 "mesh_error": self.model.mesh_error(),
                 "order": self.model.order_note(),
-                "notes": list(dict.fromkeys([
-                    *test_notes(self.case, self.model.full), *self.data.notes,
-                    *self.model.mesh_notes(), *self.model.notes, *unsplit,
-                ])),
+                "notes": list(
+                    dict.fromkeys(
+                        [
+                            *test_notes(self.case, self.model.full),
+                            *self.data.notes,
+                            *self.model.mesh_notes(),
+                            *self.model.notes,
+                            *unsplit,
+                        ]
+                    )
+                ),
                 "seconds": time.perf_counter() - self.started,
             },
         )
@@ -334,9 +339,11 @@ class _Run:
         """Whether this test could see each effect at its expected size, by key."""
         model, library = self.model, self.search.library
         found = detectable(
-            [e for e in model.effects if not e.by_level], library.expected, library.nominal,
+            [e for e in model.effects if not e.by_level],
+            library.expected,
+            library.nominal,
             self.evidence,
-        )  # fmt: skip
+        )
         slipping = [e for e in model.effects if e.by_level]
         if slipping:
             beneath = self._beneath(slipping[0], leader)
@@ -357,8 +364,13 @@ class _Run:
             places.append(inside.index(True))
             found.append(
                 EffectResult(
-                    effect.name, effect.region, total, grouped[effect.key], seen[effect.key],
-                    _described(effect, fits[inside.index(True)]), effect.weight,
+                    effect.name,
+                    effect.region,
+                    total,
+                    grouped[effect.key],
+                    seen[effect.key],
+                    _described(effect, fits[inside.index(True)]),
+                    effect.weight,
                 )
             )
         for label, words in (
@@ -380,18 +392,29 @@ class _Run:
 
     def _shrink(self, fits: Sequence[Fit], wrong: Callable[[Fit], bool], causes) -> Shrinkage:
         masks = folds(
-            self.data.conditions, self.data.mode_names, self.model.condition,
-            measured=np.isfinite(self.data.frequencies_hz), names=self.data.row_names,
+            self.data.conditions,
+            self.data.mode_names,
+            self.model.condition,
+            measured=np.isfinite(self.data.frequencies_hz),
+            names=self.data.row_names,
         )
-        without = [next((f for f in fits if _lists(f) and not holds(f)), None)
-                   for holds in causes.values()]  # fmt: skip
+        without = [
+            next((f for f in fits if _lists(f) and not holds(f)), None) for holds in causes.values()
+        ]
         always = [f for f in fits if wrong(f)][:_WRONG] + [f for f in without if f is not None]
         self.progress.step("holding data out, choosing and fitting anew", len(masks))
         return cross_validate(
-            fits, self.search.log_prior([f.hypothesis for f in fits]), wrong, self.search.library,
-            masks, causes=causes, always=always, not_nominal=self.model.not_nominal,
-            comm=self.comm, progress=self.progress.advance,
-        )  # fmt: skip
+            fits,
+            self.search.log_prior([f.hypothesis for f in fits]),
+            wrong,
+            self.search.library,
+            masks,
+            causes=causes,
+            always=always,
+            not_nominal=self.model.not_nominal,
+            comm=self.comm,
+            progress=self.progress.advance,
+        )
 
     def _gap(self, data: TestData, log_f: Sequence[np.ndarray]) -> Gap:
         """Of a test against ln f of the model at its conditions, its mesh's error taken off."""
@@ -405,9 +428,13 @@ class _Run:
         data = self.model.without_lost(data)
         before = [self._nominal()] * len(data)
         after = at_conditions(
-            leader.hypothesis, self.forward, leader.z, data.conditions, self.baseline,
+            leader.hypothesis,
+            self.forward,
+            leader.z,
+            data.conditions,
+            self.baseline,
             self.evidence.shape[1],
-        )[0]  # fmt: skip
+        )[0]
         return self._gap(data, before), self._gap(data, after)
 
     def _somewhere(self, unknown: Fit) -> Somewhere | None:
@@ -418,9 +445,14 @@ class _Run:
         if full.is_meshed:
             points = np.unique(places_all_over(full, _PLACES).points, axis=0)
             point = point_mass(
-                unknown, self.evidence, seen.nominal, seen.pairing, self.data.sensors, points,
+                unknown,
+                self.evidence,
+                seen.nominal,
+                seen.pairing,
+                self.data.sensors,
+                points,
                 full.total_mass(self.baseline),
-            )  # fmt: skip
+            )
         return Somewhere(float(unknown.placed), point)
 
     def _nominal(self) -> np.ndarray:
@@ -431,8 +463,11 @@ class _Run:
 
 def _described(effect: Effect, best: Fit) -> str:
     """What an effect is, and where the best explanation with it has it."""
-    found = [row["at"] for row in best.hypothesis.table(best.z, best.covariance)
-             if row["effect"] == effect.key and row.get("at")]  # fmt: skip
+    found = [
+        row["at"]
+        for row in best.hypothesis.table(best.z, best.covariance)
+        if row["effect"] == effect.key and row.get("at")
+    ]
     return f"{effect.describe} Most probably at {found[0]}." if found else effect.describe
 
 

@@ -25,8 +25,6 @@ from fenics_joints.diagnosis.shrinkage import Fold, Forecast, Interval, Shrinkag
 from fenics_joints.diagnosis.thresholds import INTERVAL
 from fenics_joints.parallel import spread
 
-__all__ = ["blinded", "cross_validate", "folds", "forecast"]
-
 #: Excess over the best wrong effect that is more than nothing: a point, rounded. [decision:
 #: rounding of what is printed]
 _SHOWS = 0.005
@@ -44,8 +42,12 @@ _BLOCKS = 3
 
 
 def folds(
-    conditions: np.ndarray, mode_names: Sequence[str], condition: tuple[str, str],
-    blocks: int = _BLOCKS, measured: np.ndarray | None = None, names: Sequence[str] = (),
+    conditions: np.ndarray,
+    mode_names: Sequence[str],
+    condition: tuple[str, str],
+    blocks: int = _BLOCKS,
+    measured: np.ndarray | None = None,
+    names: Sequence[str] = (),
 ) -> list[tuple[str, np.ndarray]]:
     """Masks (n, m) of what to hold out: each mode in turn, the highest third of the modes together
     if there are four or more, and the conditions in blocks.
@@ -337,9 +339,7 @@ def _open(name, closed, nominal, evidence, scored) -> tuple[Fold, _Errors]:
     chosen, rival, variance, stated = closed
     data = evidence.data[scored]
     predictions = (nominal, chosen.predicted, nominal if rival is None else rival.predicted)
-    errors = _Errors(
-        np.array([np.expm1(p[scored] - data) ** 2 for p in predictions] + [variance])
-    )
+    errors = _Errors(np.array([np.expm1(p[scored] - data) ** 2 for p in predictions] + [variance]))
     before, after, placebo, noise = map(float, _sizes(errors.sums))
     own, placebo_own, _ = map(float, _shrinks(errors.sums))
     resampled = errors.resampled(np.random.default_rng(_SEED), _DRAWS)
@@ -375,7 +375,16 @@ def _pooled(opened: list[Fold], errors: list[_Errors], gains: list[dict], m) -> 
     sized = [f for f in opened if f.shrink_covered is not None]
     entries = sum(f.entries_covered * f.n for f in opened) / sum(f.n for f in opened)
     return Shrinkage(
-        before, after, placebo, noise, own, own_90, wrong, wrong_90, excess, excess_90,
+        before,
+        after,
+        placebo,
+        noise,
+        own,
+        own_90,
+        wrong,
+        wrong_90,
+        excess,
+        excess_90,
         claimed=bool(excess_90[0] > _SHOWS),
         coverage=float(np.mean([f.held for f in opened])),
         better=float(np.mean([f.better for f in opened])),
@@ -383,7 +392,7 @@ def _pooled(opened: list[Fold], errors: list[_Errors], gains: list[dict], m) -> 
         entries_coverage=float(entries),
         folds=opened,
         gains={name: m / n * float(np.nansum([each[name] for each in gains])) for name in gains[0]},
-    )  # fmt: skip
+    )
 
 
 def _resampled(errors: Sequence[_Errors]) -> np.ndarray:

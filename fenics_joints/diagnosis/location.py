@@ -27,8 +27,6 @@ from fenics_joints.diagnosis.where.score_tests import (
 from fenics_joints.diagnosis.where.zone_sensitivity import zone_sensitivities
 from fenics_joints.diagnosis.zones.sites import HUNG, ON
 
-__all__ = ["AXES", "Location", "locate_gap"]
-
 #: Over how much of the structure's size a change about a patch falls: of those of an unknown cause,
 #: the largest of which is a whole region. [decision: those of an unknown cause]
 _LENGTHS = LENGTHS[:-1]
@@ -128,16 +126,21 @@ def locate_gap(model: Prepared, *, n_patches: int = PATCHES) -> Location:
     ends = len(regions), len(regions) + len(finer)
     names, several = list(model.data.mode_names), len(evidence.conditions) > 1
     parts = [
-        part for by in AXES if by != "condition" or several
+        part
+        for by in AXES
+        if by != "condition" or several
         for part in attribution(residual, evidence, by, nuisance=nuisance, names=names)
-    ]  # fmt: skip
+    ]
     by_mode = [part for part in parts if part.by == "mode"]
     return Location(
-        tuple(tests[: ends[0]]), tuple(tests[ends[0] : ends[1]]),
+        tuple(tests[: ends[0]]),
+        tuple(tests[ends[0] : ends[1]]),
         None if split is None else _map(model, split, tests[ends[1] :]),
-        tuple(shares(residual, places, nuisance, evidence)), tuple(parts),
-        sum(part.chi2 for part in by_mode), sum(part.expected for part in by_mode),
-    )  # fmt: skip
+        tuple(shares(residual, places, nuisance, evidence)),
+        tuple(parts),
+        sum(part.chi2 for part in by_mode),
+        sum(part.expected for part in by_mode),
+    )
 
 
 def _regions(model: Prepared) -> tuple[dict[str, list[str]], dict[str, list[str]]]:
@@ -161,9 +164,14 @@ def _places(model: Prepared, groups: Mapping[str, list[str]]) -> Iterator[Place]
     without = [name for name in model.case.attached if model.baseline.get(f"{name}.mass") == 0.0]
     added = dict.fromkeys(without, expected)
     columns = zone_sensitivities(
-        model.forward, model.evidence, model.baseline, groups, interfaces=soft,
-        by_torque=by_preload(model.data), added=added,
-    )  # fmt: skip
+        model.forward,
+        model.evidence,
+        model.baseline,
+        groups,
+        interfaces=soft,
+        by_torque=by_preload(model.data),
+        added=added,
+    )
     regions = [shown.get(zone, zone) for zone in columns]
     for region, (zone, by_parameter) in zip(regions, columns.items(), strict=True):
         first = groups[zone][0]
@@ -198,6 +206,11 @@ def _map(model: Prepared, split: Patches, tests: Sequence[ScoreTest]) -> PatchMa
     best = [max(tests[p::n], key=lambda test: test.log_evidence) for p in range(n)]
     drawn = cells.gather(cells.corners, split.number) or (None, None)
     return PatchMap(
-        tuple(best), split.middle, split.volume, cells.bolts, LEVEL, *drawn,
+        tuple(best),
+        split.middle,
+        split.volume,
+        cells.bolts,
+        LEVEL,
+        *drawn,
         side_view=cells.side_view,
-    )  # fmt: skip
+    )

@@ -12,8 +12,6 @@ from fenics_joints.diagnosis.evidence.entries import DAMPING, FREQUENCY
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.fitted import Fit
 
-__all__ = ["draws", "gain", "held", "predictive", "share_of_stated"]
-
 #: Modes that what is stated of a model's error is worth. [decision: chosen]
 _KNOWN = 1.0
 #: Times what is stated that a model's error may be at most. [decision: chosen]
@@ -155,9 +153,7 @@ def gain(
     logs = np.full(len(refits), -np.inf)
     for i in np.flatnonzero(known):
         mean, covariance = predictive(refits[i], blind, scored, mended=False)
-        logs[i] = multivariate_normal.logpdf(
-            data[scored], mean, covariance, allow_singular=True
-        )
+        logs[i] = multivariate_normal.logpdf(data[scored], mean, covariance, allow_singular=True)
     sides = []
     for side in (known & holds, known & ~holds):
         weight = score[side] - logsumexp(score[side])

@@ -11,13 +11,7 @@ import numpy as np
 import fenics_joints
 from fenics_joints.diagnosis.effects.effect import Silent
 from fenics_joints.diagnosis.evidence.misattribution import Misattribution
-from fenics_joints.diagnosis.evidence.scales import (
-    BETWEEN,
-    ERRORS,
-    WITH_FUNCTIONS,
-    Kind,
-    Scales,
-)
+from fenics_joints.diagnosis.evidence.scales import BETWEEN, ERRORS, WITH_FUNCTIONS, Kind, Scales
 from fenics_joints.diagnosis.evidence.somewhere import Somewhere
 from fenics_joints.diagnosis.location import Location
 from fenics_joints.diagnosis.shrinkage import Shrinkage
@@ -26,9 +20,6 @@ from fenics_joints.errors import member
 from fenics_joints.files import plain
 from fenics_joints.formatting import html_table, percent, probability
 from fenics_joints.measurements.gap import Gap
-
-__all__ = ["Diagnosis", "EffectResult", "HypothesisResult", "Separation"]
-
 
 
 @dataclass(frozen=True)
@@ -236,10 +227,15 @@ class Diagnosis:
             InputError: If ``of`` is something else.
         """
         member("of", of, ("effects", "parameters"))
-        rows = [_effect(e) for e in self.effects] if of == "effects" else [
-            {"hypothesis": h.label, "probability": h.probability, **row}
-            for h in self.hypotheses for row in h.parameters
-        ]  # fmt: skip
+        rows = (
+            [_effect(e) for e in self.effects]
+            if of == "effects"
+            else [
+                {"hypothesis": h.label, "probability": h.probability, **row}
+                for h in self.hypotheses
+                for row in h.parameters
+            ]
+        )
         try:
             from pandas import DataFrame
         except ImportError:
@@ -332,8 +328,9 @@ def _renamed(result: EffectResult | Separation, name: str, *without: str) -> dic
     """Its attributes, what JSON calls a class by that, and some left out."""
     return {
         "class" if key == name else key: value
-        for key, value in asdict(result).items() if key not in without
-    }  # fmt: skip
+        for key, value in asdict(result).items()
+        if key not in without
+    }
 
 
 def _frequencies(before: Gap, after: Gap) -> dict[str, np.ndarray]:

@@ -12,8 +12,6 @@ from fenics_joints.diagnosis.evidence.fitted import Fit
 from fenics_joints.diagnosis.result import EffectResult
 from fenics_joints.diagnosis.verdict import class_probabilities, label_of, sure_classes
 
-__all__ = ["is_wrong", "several_causes"]
-
 
 def is_wrong(
     fits: Sequence[Fit],

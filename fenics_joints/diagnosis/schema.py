@@ -6,8 +6,6 @@ from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-__all__ = ["DiagnosisJson", "json_schema"]
-
 
 class _Keys(BaseModel):
     model_config = ConfigDict(extra="allow")

@@ -24,8 +24,6 @@ from fenics_joints.parallel import on_root, spread
 from fenics_joints.progress import Progress
 from fenics_joints.reduction.adaptive import improve
 
-__all__ = ["Search"]
-
 #: Leading hypotheses that are checked on the full model, of one effect and in the end; the error
 #: of a reduced frequency, relative to the discrepancy, above which the basis is enriched; and how
 #: often it is looked at. [numerical: chosen for time; error as `NEGLIGIBLE`]
@@ -73,8 +71,9 @@ class Search:
         """Nothing, the unknown, each effect, and what is promising of several. Collective."""
         model = self.model
         plain = [
-            model.hypothesis((), name=NO_GAP), model.hypothesis((), name=UNKNOWN, unknown=True),
-        ]  # fmt: skip
+            model.hypothesis((), name=NO_GAP),
+            model.hypothesis((), name=UNKNOWN, unknown=True),
+        ]
         alone = [effect for effect in model.effects if not effect.holds]
         self.progress.step("solving for each effect all over its prior", len(alone))
         self.library.solve(alone, model.comm, self.progress.advance)
@@ -100,8 +99,9 @@ class Search:
             found += level
         found = self._checked(found, _LEADING_SINGLES, quickly=True)
         singles = found[2:]
-        model.effects = tuple(e for e in model.effects if e.key in
-                              {f.fit.hypothesis.effects[0].key for f in singles})  # fmt: skip
+        model.effects = tuple(
+            e for e in model.effects if e.key in {f.fit.hypothesis.effects[0].key for f in singles}
+        )
         level = singles
         for size in range(2, model.case.diagnose.max_effects + 1):
             level = self._together(level, singles, found, size)
@@ -170,7 +170,7 @@ class Search:
     ) -> list[Found]:
         """Sets of effects that are promising. Collective."""
         library, test = self.library, self.model.evidence
-        parents = self._near(level)[:_PARENTS if size == 2 else 3]
+        parents = self._near(level)[: _PARENTS if size == 2 else 3]
         effects = [f.fit.hypothesis.effects[0] for f in singles]
         self.progress.step(f"a look at {size} effects at a time", len(parents))
 
@@ -226,9 +226,12 @@ class Search:
             return work(f)
 
         better = spread(
-            self.model.comm, [found[i] for i in near], one, _pack,
+            self.model.comm,
+            [found[i] for i in near],
+            one,
+            _pack,
             lambda f, packed: _unpack((f.fit.hypothesis, None), packed),
-        )  # fmt: skip
+        )
         new = dict(zip(near, better, strict=True))
         return [new.get(i, f) for i, f in enumerate(found)]
 
@@ -308,8 +311,9 @@ class Search:
         outside the library (`fenics_joints.diagnosis.evidence.misattribution`).
         """
         score = self.scores(fits)
-        unknown = max((s for s, f in zip(score, fits, strict=True) if f.hypothesis.unknown),
-                      default=np.inf)  # fmt: skip
+        unknown = max(
+            (s for s, f in zip(score, fits, strict=True) if f.hypothesis.unknown), default=np.inf
+        )
         known = np.array([not f.hypothesis.unknown for f in fits])
         failed = known & np.array([f.p_value < MISFIT for f in fits])
         if failed.any():

@@ -12,12 +12,7 @@ from fenics_joints.diagnosis.evidence.evidence import DAMPING_NOISE
 from fenics_joints.diagnosis.evidence.fitted import Fit
 from fenics_joints.diagnosis.evidence.many import at_conditions
 from fenics_joints.diagnosis.model.prepared import Prepared
-from fenics_joints.diagnosis.plan.added import (
-    ADDED_MASS,
-    MORE_MODES,
-    missed_modes,
-    next_modes,
-)
+from fenics_joints.diagnosis.plan.added import ADDED_MASS, MORE_MODES, missed_modes, next_modes
 from fenics_joints.diagnosis.result import Separation
 from fenics_joints.diagnosis.zones.sites import without_attached
 from fenics_joints.errors import InputError, JointsError
@@ -26,10 +21,6 @@ from fenics_joints.measurements.gap import VISIBLE
 from fenics_joints.modal.modes import Modes, solve_modes
 from fenics_joints.reduction.likes import PLACES, likes
 from fenics_joints.reduction.surrogate import Surrogate
-
-__all__ = [
-    "Pairs", "added_mass", "best_measurement", "further_modes", "same_in_both", "separations",
-]  # fmt: skip
 
 #: Expected separation D of two hypotheses, and the measurement.
 Candidate = tuple[float, str]
@@ -114,10 +105,16 @@ def separations(
             continue
         try:
             separation = best_measurement(
-                name, list(members.values()), leader, rival, model.surrogate, model.baseline,
-                model.condition, float(np.max(model.data.noise)) or 1e-3,
+                name,
+                list(members.values()),
+                leader,
+                rival,
+                model.surrogate,
+                model.baseline,
+                model.condition,
+                float(np.max(model.data.noise)) or 1e-3,
                 model.evidence.discrepancy,
-            )  # fmt: skip
+            )
         except JointsError as error:
             failed.append(
                 f"No measurement is offered that would split class {name} "
@@ -192,8 +189,9 @@ def further_modes(a: Modes, b: Modes, pairs: Pairs, sd: float, unseen: str) -> l
     """
     found = []
     for which, words in (
-        (pairs.seen, next_modes), (pairs.unseen, lambda n: missed_modes(n, unseen)),
-    ):  # fmt: skip
+        (pairs.seen, next_modes),
+        (pairs.unseen, lambda n: missed_modes(n, unseen)),
+    ):
         mine, theirs = which[:MORE_MODES].T
         if len(mine):
             change = np.log(a.frequencies_hz[mine] / b.frequencies_hz[theirs])

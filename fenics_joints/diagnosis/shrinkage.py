@@ -13,8 +13,6 @@ import numpy as np
 
 from fenics_joints.files import plain
 
-__all__ = ["Fold", "Forecast", "Interval", "Shrinkage", "shrink"]
-
 #: S* is not told apart beyond these: all of what could go is gone; as much again has come.
 #: [decision: symmetry]
 _LEAST, _MOST = -1.0, 1.0

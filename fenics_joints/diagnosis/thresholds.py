@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-__all__ = ["INTERVAL", "MISFIT", "NEGLIGIBLE", "ROUND_OFF", "STEP", "STRONG"]
-
 #: Probability of every interval: a lower end above zero is a difference from zero with 95 %.
 #: [decision: convention]
 INTERVAL = 0.9

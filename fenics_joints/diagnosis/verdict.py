@@ -15,12 +15,6 @@ from fenics_joints.formatting import p_value, percent
 from fenics_joints.formatting import probability as shown
 from fenics_joints.measurements.gap import Gap
 
-__all__ = [
-    "CAUSE", "LIKELY", "NAMED", "NO_GAP", "UNKNOWN", "after_held_out", "class_probabilities",
-    "confirm", "confirmed", "decide", "doubtful", "held_out_factor", "label_of", "least_sure",
-    "sure_classes", "unconfirmed", "unproved", "with_strangers",
-]  # fmt: skip
-
 #: Verdicts that name a cause: one that held-out data confirm, and one that they do not.
 CAUSE, LIKELY = "cause", "likely"
 NAMED = (CAUSE, LIKELY)

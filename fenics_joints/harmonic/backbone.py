@@ -28,7 +28,6 @@ from fenics_joints.progress import Progress
 if TYPE_CHECKING:
     from typing_extensions import Unpack
 
-__all__ = ["Backbone", "FreeMode", "free_mode", "solve_backbone"]
 
 _LN10 = float(np.log(10.0))
 #: Eigenvalues below this share of trace(K) / trace(M) are rigid-body motion.
@@ -64,10 +63,13 @@ class Backbone(Periodic):
     def _repr_html_(self) -> str:
         shown = np.unique(np.linspace(0, len(self.modal_amplitudes) - 1, 8).round().astype(int))
         rows = [
-            (number(self.modal_amplitudes[i]), hertz(self.frequencies_hz[i]),
-             percent(self.damping_ratios[i], 3))
+            (
+                number(self.modal_amplitudes[i]),
+                hertz(self.frequencies_hz[i]),
+                percent(self.damping_ratios[i], 3),
+            )
             for i in shown
-        ]  # fmt: skip
+        ]
         head = ("modal amplitude, m kg^1/2", "Hz", "damping ratio")
         return html_table(f"Backbone, {self.method}: {self.end}", head, rows)
 
@@ -133,11 +135,16 @@ def solve_backbone(
         words = "phase resonance", sensor, force, *amplitudes, near
     step = f"{problem.method} of the mode near {problem.omega / (2 * np.pi):.4g} Hz"
     branch = follow(
-        problem, np.append(problem.start(), np.log10(low)), (np.log10(low), np.log10(high)),
-        settings=settings, name=fingerprint(balance, *words), checkpoint=checkpoint,
-        resume=resume, on_point=telling(progress, step, lambda z: f"{10 ** z[-1]:.3g} m"),
+        problem,
+        np.append(problem.start(), np.log10(low)),
+        (np.log10(low), np.log10(high)),
+        settings=settings,
+        name=fingerprint(balance, *words),
+        checkpoint=checkpoint,
+        resume=resume,
+        on_point=telling(progress, step, lambda z: f"{10 ** z[-1]:.3g} m"),
         writes=balance.comm.rank == 0,
-    )  # fmt: skip
+    )
     return _backbone(problem, branch, sensor, force, (np.log10(low), np.log10(high)))
 
 

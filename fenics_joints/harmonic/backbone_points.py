@@ -20,8 +20,6 @@ from fenics_joints.harmonic.corrector import NotFound, Settings, check_settings,
 from fenics_joints.harmonic.result import check_sensor
 from fenics_joints.interfaces.model import InterfaceModel
 
-__all__ = ["BackbonePoints", "solve_backbone_at"]
-
 #: How often the way from one amplitude to the next is halved where it is too far.
 _HALVINGS = 6
 #: Relative step of the differences of the residual by a parameter.
@@ -58,9 +56,7 @@ class BackbonePoints:
         return self.z[:, -2]
 
     def by_parameters(
-        self,
-        change: Callable[[Mapping[str, float]], InterfaceModel],
-        values: Mapping[str, float],
+        self, change: Callable[[Mapping[str, float]], InterfaceModel], values: Mapping[str, float]
     ) -> tuple[np.ndarray, np.ndarray]:
         """Derivatives of frequencies, Hz, and damping ratios by parameters, each (N, parameters).
 
@@ -81,11 +77,13 @@ class BackbonePoints:
         ]
         for i, z in enumerate(self.z):
             J = self.problem.evaluate(z)[1][:, :-1]
-            right = np.column_stack([
-                (up.evaluate(z, jacobian=False)[0] - down.evaluate(z, jacobian=False)[0])
-                / (2 * _STEP * v)
-                for (up, down), v in zip(pairs, values.values(), strict=True)
-            ])  # fmt: skip
+            right = np.column_stack(
+                [
+                    (up.evaluate(z, jacobian=False)[0] - down.evaluate(z, jacobian=False)[0])
+                    / (2 * _STEP * v)
+                    for (up, down), v in zip(pairs, values.values(), strict=True)
+                ]
+            )
             try:
                 turned[i] = -scipy.linalg.solve(J, right)[-2:].T
             except scipy.linalg.LinAlgError as error:

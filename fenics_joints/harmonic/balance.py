@@ -22,8 +22,6 @@ from fenics_joints.interfaces import InterfaceModel, InterfacePoints, static_sta
 from fenics_joints.interfaces.model import check_interfaces
 from fenics_joints.joint_laws.kernel import HarmonicStress
 
-__all__ = ["Balance", "Equations", "default_samples"]
-
 #: Number of steps that integrates smooth hysteresis to some 1e-4.
 _SAMPLES_WITH_MEMORY = 128
 #: Most numbers of one product in the Jacobian's assembly.
@@ -143,9 +141,14 @@ class Balance:
     def with_model(self, model: InterfaceModel) -> Balance:
         """The same balance of another model of the same size."""
         return Balance(
-            model, self.fourier.harmonics, self.fourier.samples, static=self.static,
-            cycles=self.cycles, periods=self.fourier.periods, comm=self.comm,
-        )  # fmt: skip
+            model,
+            self.fourier.harmonics,
+            self.fourier.samples,
+            static=self.static,
+            cycles=self.cycles,
+            periods=self.fourier.periods,
+            comm=self.comm,
+        )
 
     def load(self, force: np.ndarray) -> np.ndarray:
         """Coefficients (n, K) of a load ``force`` (n,) times cos(w t)."""
@@ -248,9 +251,15 @@ class Balance:
         if not kernel.m:
             return memoryless_stress(kernel, strain, omega, f, share.values, jacobian=jacobian)
         return kernel.harmonic(
-            strain, f.periods * strain @ f.derivative.T, f.synthesis, share.values, share.state,
-            cycles=self.cycles, jacobian=jacobian, sampled=sampled,
-        )  # fmt: skip
+            strain,
+            f.periods * strain @ f.derivative.T,
+            f.synthesis,
+            share.values,
+            share.state,
+            cycles=self.cycles,
+            jacobian=jacobian,
+            sampled=sampled,
+        )
 
     def _sum(self, part: np.ndarray) -> np.ndarray:
         if self.comm.size == 1:

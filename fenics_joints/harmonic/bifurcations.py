@@ -18,12 +18,8 @@ from fenics_joints.harmonic.monodromy import LARGEST, floquet_multipliers
 from fenics_joints.harmonic.result import HarmonicResult
 from fenics_joints.harmonic.stability import hill_multipliers
 
-__all__ = ["Bifurcation", "Stability", "find_bifurcations"]
-
 #: Kinds of bifurcations.
-FOLD, BRANCH_POINT, DOUBLING, TORUS = (
-    "fold", "branch point", "period doubling", "Neimark-Sacker"
-)  # fmt: skip
+FOLD, BRANCH_POINT, DOUBLING, TORUS = ("fold", "branch point", "period doubling", "Neimark-Sacker")
 #: Imaginary part over size below which a multiplier is real.
 _REAL = 1e-3
 
@@ -166,9 +162,9 @@ class _Search:
         """How many multipliers are outside: real above 1, real below -1, complex."""
         values = values[np.abs(values) > self.edge]
         real = np.abs(values.imag) <= _REAL * np.abs(values)
-        return np.array([
-            np.sum(real & (values.real > 0)), np.sum(real & (values.real < 0)), np.sum(~real)
-        ])  # fmt: skip
+        return np.array(
+            [np.sum(real & (values.real > 0)), np.sum(real & (values.real < 0)), np.sum(~real)]
+        )
 
     def side(self, z: np.ndarray, tangent: np.ndarray) -> float:
         """Sign of the determinant of Jacobian and tangent."""
@@ -207,9 +203,14 @@ class _Search:
         X = z[:-1].reshape(self.balance.shape)
         size = amplitude(row @ X, periods=self.balance.fourier.periods)
         return Bifurcation(
-            kind, int(i), float(z[-1] / (2 * np.pi)), X, float(size),
-            _crossing(values, kind), counts,
-        )  # fmt: skip
+            kind,
+            int(i),
+            float(z[-1] / (2 * np.pi)),
+            X,
+            float(size),
+            _crossing(values, kind),
+            counts,
+        )
 
     def _determinant(self, z: np.ndarray, tangent: np.ndarray) -> float:
         """The smallest singular value of Jacobian and tangent, with the determinant's sign."""

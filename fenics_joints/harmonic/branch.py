@@ -10,8 +10,6 @@ import numpy as np
 from fenics_joints.errors import InputError
 from fenics_joints.files import read_arrays, write_arrays
 
-__all__ = ["Branch", "load_branch", "save_branch"]
-
 
 @dataclass(frozen=True, repr=False)
 class Branch:

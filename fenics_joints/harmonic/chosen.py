@@ -15,7 +15,6 @@ from fenics_joints.interfaces.model import InterfaceModel
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-__all__ = ["neglected_harmonics", "solve_to_tolerance"]
 
 #: Responses of a branch that are looked at, beside its peak.
 _LOOKED_AT = 12
@@ -41,9 +40,14 @@ def neglected_harmonics(
     most = 2 * f.harmonics + 1 if up_to is None else whole("up_to", up_to, f.harmonics + 1)
     samples = max(f.samples, 1 << (4 * (2 * most * f.periods + 1) - 1).bit_length())
     wider = Balance(
-        balance.model, most, samples, static=balance.static, cycles=balance.cycles,
-        periods=f.periods, comm=balance.comm,
-    )  # fmt: skip
+        balance.model,
+        most,
+        samples,
+        static=balance.static,
+        cycles=balance.cycles,
+        periods=f.periods,
+        comm=balance.comm,
+    )
     indices = range(len(result)) if indices is None else indices
     return np.array([_added(wider, result, i) for i in indices])
 

@@ -33,8 +33,6 @@ from fenics_joints.progress import Progress
 if TYPE_CHECKING:
     from typing_extensions import Unpack
 
-__all__ = ["ConstantResponse", "solve_constant_response"]
-
 
 def solve_constant_response(
     model: InterfaceModel,
@@ -77,17 +75,28 @@ def solve_constant_response(
     settings, width = check_settings(settings), 2 * np.pi * (band[1] - band[0])
     problem = ConstantResponse(balance, *rows, amplitude, KINDS[kind], width)
     branch = follow_band(
-        problem, lambda omega: problem.start(omega, settings), band, direction,
-        words=("response", force, sensor, amplitude, kind), settings=settings,
-        checkpoint=checkpoint, resume=resume,
+        problem,
+        lambda omega: problem.start(omega, settings),
+        band,
+        direction,
+        words=("response", force, sensor, amplitude, kind),
+        settings=settings,
+        checkpoint=checkpoint,
+        resume=resume,
         on_point=telling(progress, f"force for {kind} {amplitude:g} at {sensor}"),
-    )  # fmt: skip
+    )
     branch = with_extremes(problem, branch, _softer, settings)
     z, tangents = (np.delete(a, -2, axis=1) for a in (branch.z, branch.tangents))
     return responses(
-        balance, z, branch.iterations, branch.jacobians, np.abs(branch.z[:, -2]),
-        tangents=tangents, force=force, sensor=sensor,
-    )  # fmt: skip
+        balance,
+        z,
+        branch.iterations,
+        branch.jacobians,
+        np.abs(branch.z[:, -2]),
+        tangents=tangents,
+        force=force,
+        sensor=sensor,
+    )
 
 
 def _softer(z: np.ndarray, tangent: np.ndarray) -> float:

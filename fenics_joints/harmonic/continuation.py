@@ -19,16 +19,7 @@ from scipy.optimize import brentq
 from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.files import check_writable
 from fenics_joints.harmonic.branch import Branch, load_branch, save_branch
-from fenics_joints.harmonic.corrector import (
-    NotFound,
-    Point,
-    Problem,
-    Settings,
-    correct,
-    keeps,
-)
-
-__all__ = ["follow", "locate", "orientation"]
+from fenics_joints.harmonic.corrector import NotFound, Point, Problem, Settings, correct, keeps
 
 #: A predictor further off than this share of the step asks for smaller steps.
 _FAR = 0.3

@@ -10,8 +10,6 @@ import scipy.linalg
 
 from fenics_joints.errors import ConvergenceError, InputError, flag, real, wanted, whole
 
-__all__ = ["NotFound", "Point", "Problem", "Settings", "correct", "keeps"]
-
 _HALVINGS = 6
 #: A Jacobian is kept once a step is below this size, and while each is this much below the last;
 #: with a kept one, convergence asks for a step that much below the tolerance.

@@ -15,13 +15,16 @@ import numpy as np
 from fenics_joints.harmonic.fourier import Fourier
 from fenics_joints.joint_laws.kernel import HarmonicStress, LawKernel
 
-__all__ = ["memoryless_stress"]
-
 
 def memoryless_stress(
-    kernel: LawKernel, X: np.ndarray, omega: float, fourier: Fourier, values: np.ndarray, *,
+    kernel: LawKernel,
+    X: np.ndarray,
+    omega: float,
+    fourier: Fourier,
+    values: np.ndarray,
+    *,
     jacobian: bool = True,
-) -> HarmonicStress:  # fmt: skip
+) -> HarmonicStress:
     """Harmonics of stress by those of strain, of a law without memory.
 
     Args:

@@ -14,8 +14,6 @@ from fenics_joints.harmonic.balance import Balance
 from fenics_joints.harmonic.fourier import moving_size
 from fenics_joints.harmonic.loads import Loading
 
-__all__ = ["Condition", "Extreme", "FoldCondition", "PhaseCondition"]
-
 #: Step of the differences of Jacobians, relative to the motion.
 _STEP = 1e-5
 #: Share of the interfaces' force below which a harmonic of it is round-off.
@@ -25,9 +23,7 @@ _NONE = 1e-10
 class Condition(Protocol):
     """A number of a response that vanishes at those looked for."""
 
-    def value(
-        self, X: np.ndarray, omega: float, J: np.ndarray
-    ) -> tuple[float, np.ndarray, float]:
+    def value(self, X: np.ndarray, omega: float, J: np.ndarray) -> tuple[float, np.ndarray, float]:
         """The number and its derivatives by X, (n K,), and by omega; J: the residual's by X."""
 
     def at(self, X: np.ndarray, omega: float, J: np.ndarray) -> None:
@@ -45,9 +41,8 @@ class Extreme:
     """
 
     def __init__(
-        self, balance: Balance, loading: Loading, condition: Condition,
-        widths: tuple[float, float],
-    ):  # fmt: skip
+        self, balance: Balance, loading: Loading, condition: Condition, widths: tuple[float, float]
+    ):
         self.balance, self.loading, self.condition = balance, loading, condition
         self.widths, self.kinked = widths, balance.kinked
 
@@ -112,9 +107,7 @@ class FoldCondition:
         left = scipy.linalg.lu_solve(factors, last, trans=1)
         return float(right[N]), left[:N], right[:N]
 
-    def value(
-        self, X: np.ndarray, omega: float, J: np.ndarray
-    ) -> tuple[float, np.ndarray, float]:
+    def value(self, X: np.ndarray, omega: float, J: np.ndarray) -> tuple[float, np.ndarray, float]:
         """See `Condition`."""
         if self._border is None:
             self.at(X, omega, J)
@@ -147,9 +140,7 @@ class PhaseCondition:
     def at(self, X: np.ndarray, omega: float, J: np.ndarray) -> None:
         """See `Condition`: nothing depends on it."""
 
-    def value(
-        self, X: np.ndarray, omega: float, J: np.ndarray
-    ) -> tuple[float, np.ndarray, float]:
+    def value(self, X: np.ndarray, omega: float, J: np.ndarray) -> tuple[float, np.ndarray, float]:
         """See `Condition`."""
         balance, own = self.balance, slice(self.first, self.first + 2)
         n, K = balance.shape

@@ -13,8 +13,6 @@ import numpy as np
 
 from fenics_joints.errors import InputError, whole
 
-__all__ = ["KINDS", "MEASURES", "Fourier", "amplitude", "amplitude_gradient", "moving_size"]
-
 #: Time derivatives by name.
 KINDS = {"displacement": 0, "velocity": 1, "acceleration": 2}
 #: What is called amplitude: that of the first harmonic, or half of peak to peak.

@@ -25,7 +25,6 @@ from fenics_joints.progress import Progress
 if TYPE_CHECKING:
     from typing_extensions import Unpack
 
-__all__ = ["ForcedResponse", "solve_harmonic"]
 
 _HALVINGS = 7
 
@@ -104,24 +103,39 @@ def solve_harmonic(
     band = check_band(band, direction)
     problem = ForcedResponse(balance, loading, 2 * np.pi * (band[1] - band[0]))
     branch = follow_band(
-        problem, lambda omega: first_response(problem, omega, settings), band, direction,
-        words=("force", force, amplitude, *more, power), settings=settings, checkpoint=checkpoint,
-        resume=resume, on_point=tell,
-    )  # fmt: skip
+        problem,
+        lambda omega: first_response(problem, omega, settings),
+        band,
+        direction,
+        words=("force", force, amplitude, *more, power),
+        settings=settings,
+        checkpoint=checkpoint,
+        resume=resume,
+        on_point=tell,
+    )
     branch = with_maxima(problem, branch, model.row("sensors", sensor), measure, settings)
     return responses(
-        balance, branch.z, branch.iterations, branch.jacobians, amplitude,
-        tangents=branch.tangents, **named,
-    )  # fmt: skip
+        balance,
+        branch.z,
+        branch.iterations,
+        branch.jacobians,
+        amplitude,
+        tangents=branch.tangents,
+        **named,
+    )
 
 
 def responses(balance: Balance, z, iterations, jacobians, amplitude, **named) -> HarmonicResult:
     """The result of points z, coefficients first and omega last, under a force, N, or one each."""
     return HarmonicResult(
-        balance=balance, frequencies_hz=z[:, -1] / (2 * np.pi),
-        coefficients=z[:, :-1].reshape(-1, *balance.shape), iterations=iterations,
-        jacobians=jacobians, force_amplitudes=np.full(len(z), amplitude, dtype=float), **named,
-    )  # fmt: skip
+        balance=balance,
+        frequencies_hz=z[:, -1] / (2 * np.pi),
+        coefficients=z[:, :-1].reshape(-1, *balance.shape),
+        iterations=iterations,
+        jacobians=jacobians,
+        force_amplitudes=np.full(len(z), amplitude, dtype=float),
+        **named,
+    )
 
 
 def check_band(band, direction: str) -> tuple[float, float]:
@@ -159,11 +173,15 @@ def follow_band(
     watch = BoundWatch(problem.balance.shape, options.pop("on_point"))
     try:
         return follow(
-            problem, start(low if direction == "up" else high), (low, high),
+            problem,
+            start(low if direction == "up" else high),
+            (low, high),
             direction=1 if direction == "up" else -1,
             name=fingerprint(problem.balance, *words, *band, direction),
-            writes=problem.balance.comm.rank == 0, on_point=watch, **options,
-        )  # fmt: skip
+            writes=problem.balance.comm.rank == 0,
+            on_point=watch,
+            **options,
+        )
     except ConvergenceError as error:
         raise unbounded(error, problem.balance.shape) from error
 

@@ -29,8 +29,6 @@ from fenics_joints.measurements.amplitude.backbone import MeasuredBackbone
 from fenics_joints.measurements.curves import MeasuredCurves
 from fenics_joints.modal.sensitivity import Identifiability, identifiability
 
-__all__ = ["IdentificationResult", "identify"]
-
 #: Bounds of a parameter by default: its start over and times this.
 _RANGE = 1e3
 #: First steps of the search by gradient on a mode over its amplitude, of ln of the parameters.
@@ -121,9 +119,21 @@ class IdentificationResult:
     def to_dict(self) -> dict:
         """Everything that people read, for JSON."""
         keys = (
-            "method", "level", "start", "values", "objective", "start_objective", "evaluations",
-            "solutions", "iterations", "gradients", "failures", "noise", "at_bound", "message",
-        )  # fmt: skip
+            "method",
+            "level",
+            "start",
+            "values",
+            "objective",
+            "start_objective",
+            "evaluations",
+            "solutions",
+            "iterations",
+            "gradients",
+            "failures",
+            "noise",
+            "at_bound",
+            "message",
+        )
         return {key: getattr(self, key) for key in keys} | {
             "frequency_hz": self.frequencies_hz.tolist(),
             "history": [float(v) if np.isfinite(v) else None for v in self.history],
@@ -139,14 +149,15 @@ class IdentificationResult:
         """The measured and the computed mode."""
         measured, points = self.mode.measured, self.responses[-1]
         return {
-            "kind": measured.kind, "displacement_m": self.mode.displacements.tolist(),
+            "kind": measured.kind,
+            "displacement_m": self.mode.displacements.tolist(),
             "measured_hz": measured.frequencies_hz.tolist(),
             "measured_damping": [z if np.isfinite(z) else None for z in measured.damping.tolist()],
             "computed_hz": points.frequencies_hz.tolist(),
             "computed_damping": points.damping_ratios.tolist(),
             "error_widths": list(self.mode.widths),
             "at_rest": {k: {"value": o.value, "sd": o.sd} for k, o in self.offsets.items()},
-        }  # fmt: skip
+        }
 
     def write_json(self, path: str | Path) -> None:
         """Write `to_dict` to a file.
@@ -255,13 +266,18 @@ def _direct(fit: CurveFit, x, low, high, tolerance, most):
     # A first step away from the nearer bound.
     steps = np.where(high - x > _SIMPLEX, _SIMPLEX, -np.minimum(_SIMPLEX, x - low))
     options = {
-        "initial_simplex": np.vstack([x, x + np.diag(steps)]), "xatol": tolerance,
-        "fatol": tolerance * max(fit.history[0], 1e-300), "maxfev": most - 1,
-    }  # fmt: skip
+        "initial_simplex": np.vstack([x, x + np.diag(steps)]),
+        "xatol": tolerance,
+        "fatol": tolerance * max(fit.history[0], 1e-300),
+        "maxfev": most - 1,
+    }
     found = minimize(
-        objective, x, method="Nelder-Mead", bounds=list(zip(low, high, strict=True)),
+        objective,
+        x,
+        method="Nelder-Mead",
+        bounds=list(zip(low, high, strict=True)),
         options=options,
-    )  # fmt: skip
+    )
     return found.x, str(found.message)
 
 
@@ -276,10 +292,16 @@ def _gradient(fit: CurveFit, x, low, high, tolerance, most):
         return np.full(size, np.inf) if r is None else r
 
     found = least_squares(
-        residual, np.zeros_like(x), lambda change: fit.jacobian(start + change),
-        bounds=(low - start, high - start), x_scale=stride, xtol=tolerance, ftol=tolerance,
-        gtol=1e-12, max_nfev=most,
-    )  # fmt: skip
+        residual,
+        np.zeros_like(x),
+        lambda change: fit.jacobian(start + change),
+        bounds=(low - start, high - start),
+        x_scale=stride,
+        xtol=tolerance,
+        ftol=tolerance,
+        gtol=1e-12,
+        max_nfev=most,
+    )
     return start + found.x, str(found.message)
 
 
@@ -295,15 +317,28 @@ def _finished(fit, method, start, first, x, bounds, noise, message) -> Identific
         method=method,
         level=fit.data[0].level,
         frequencies_hz=np.empty(0) if curve is None else curve.frequencies,
-        start=dict(start), values=values, objective=fit.objective(r), start_objective=first,
-        history=np.array(fit.history), trials=np.array(fit.trials),
-        evaluations=fit.evaluations, solutions=fit.solutions, iterations=fit.iterations,
-        gradients=fit.gradients, failures=fit.failures,
-        residuals=r, jacobian=J, noise=spread, known=identifiability(J / spread, fit.names),
-        at_bound=tuple(n for n, m in zip(fit.names, met, strict=True) if m), message=message,
-        model=fit.change(values), responses=tuple(fit.results), mode=mode,
+        start=dict(start),
+        values=values,
+        objective=fit.objective(r),
+        start_objective=first,
+        history=np.array(fit.history),
+        trials=np.array(fit.trials),
+        evaluations=fit.evaluations,
+        solutions=fit.solutions,
+        iterations=fit.iterations,
+        gradients=fit.gradients,
+        failures=fit.failures,
+        residuals=r,
+        jacobian=J,
+        noise=spread,
+        known=identifiability(J / spread, fit.names),
+        at_bound=tuple(n for n, m in zip(fit.names, met, strict=True) if m),
+        message=message,
+        model=fit.change(values),
+        responses=tuple(fit.results),
+        mode=mode,
         offsets={} if mode is None else mode.offsets(fit.results[-1]),
-    )  # fmt: skip
+    )
 
 
 def _checked_start(parameters: Mapping[str, float]) -> dict[str, float]:

@@ -9,19 +9,11 @@ from fenics_joints.errors import ConvergenceError, InputError, real
 from fenics_joints.harmonic.branch import Branch
 from fenics_joints.harmonic.continuation import follow
 from fenics_joints.harmonic.corrector import Settings, check_settings, correct
-from fenics_joints.harmonic.frf import (
-    ForcedResponse,
-    check_band,
-    responses,
-    telling,
-    with_maxima,
-)
+from fenics_joints.harmonic.frf import ForcedResponse, check_band, responses, telling, with_maxima
 from fenics_joints.harmonic.loads import Load, Loading
 from fenics_joints.harmonic.result import HarmonicResult
 from fenics_joints.harmonic.tracking import Folds
 from fenics_joints.progress import Progress
-
-__all__ = ["solve_isola"]
 
 #: How far beyond the folds' frequencies a closed branch may reach, as shares of them.
 _REACH = 0.5, 2.0
@@ -81,10 +73,18 @@ def solve_isola(
     row = folds.model.row("sensors", folds.sensor)
     branch = with_maxima(problem, branch, row, folds.measure, settings)
     return responses(
-        folds.balance, branch.z, branch.iterations, branch.jacobians, force,
-        tangents=branch.tangents, force=folds.force, sensor=folds.sensor, measure=folds.measure,
-        more=folds.more, power=folds.power,
-    )  # fmt: skip
+        folds.balance,
+        branch.z,
+        branch.iterations,
+        branch.jacobians,
+        force,
+        tangents=branch.tangents,
+        force=folds.force,
+        sensor=folds.sensor,
+        measure=folds.measure,
+        more=folds.more,
+        power=folds.power,
+    )
 
 
 def _starts(folds: Folds, force: float) -> list[np.ndarray]:

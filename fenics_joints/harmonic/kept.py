@@ -18,8 +18,6 @@ from fenics_joints.interfaces.reduced import ReducedInterfaceModel, read_interfa
 from fenics_joints.modal.modes import solve_modes
 from fenics_joints.progress import Progress
 
-__all__ = ["MODEL_FILE", "kept_model"]
-
 MODEL_FILE = "model.h5"
 #: Relative to the largest value: what a case says, to the last digits but those that a contact's
 #: preload was solved with; and how well two reductions agree, whose bases also hold directions that

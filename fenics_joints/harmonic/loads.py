@@ -10,8 +10,6 @@ import numpy as np
 from fenics_joints.errors import InputError, real, text, whole
 from fenics_joints.harmonic.balance import Balance
 
-__all__ = ["Load", "Loading", "load_work"]
-
 
 @dataclass(frozen=True)
 class Load:

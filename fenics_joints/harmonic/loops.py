@@ -11,8 +11,6 @@ from fenics_joints.errors import InputError, member
 from fenics_joints.harmonic.fourier import basis
 from fenics_joints.measurements.curves import UNITS, si_columns
 
-__all__ = ["MeasuredLoop", "read_loops"]
-
 #: Largest distance of the force's samples from a sine, relative to its amplitude.
 _NO_SINE = 0.1
 

@@ -14,8 +14,6 @@ from fenics_joints.harmonic.balance import Balance
 from fenics_joints.interfaces.model import InterfaceModel
 from fenics_joints.measurements.amplitude.backbone import MeasuredBackbone
 
-__all__ = ["ModeData", "Offset", "as_motion"]
-
 #: The model's frequency at rest is off by this, relative; its damping at rest, of the lowest
 #: damping measured: one standard deviation.
 _AT_REST, _AT_REST_DAMPING = 0.01, 1.0
@@ -85,9 +83,13 @@ class ModeData:
     def solve(self, model: InterfaceModel, force: str, options, warm) -> BackbonePoints:
         """The model's mode at the measured amplitudes."""
         return solve_backbone_at(
-            model, self.displacements, sensor=self.sensor,
-            near=float(self.measured.frequencies_hz[0]), initial=warm, **options,
-        )  # fmt: skip
+            model,
+            self.displacements,
+            sensor=self.sensor,
+            near=float(self.measured.frequencies_hz[0]),
+            initial=warm,
+            **options,
+        )
 
     def apart(self, found: BackbonePoints) -> tuple[np.ndarray, np.ndarray]:
         """ln of the model's frequency over the measured one, and its damping less the measured."""
@@ -108,10 +110,12 @@ class ModeData:
         return self.noise * self._whitened(ln_f, damping[self._damped])
 
     def _whitened(self, ln_f: np.ndarray, damping: np.ndarray) -> np.ndarray:
-        return np.concatenate([
-            scipy.linalg.solve_triangular(factor, part, lower=True) if len(part) else part
-            for factor, part in zip(self._factors(), (ln_f, damping), strict=True)
-        ])  # fmt: skip
+        return np.concatenate(
+            [
+                scipy.linalg.solve_triangular(factor, part, lower=True) if len(part) else part
+                for factor, part in zip(self._factors(), (ln_f, damping), strict=True)
+            ]
+        )
 
     def objective(self, residual: np.ndarray) -> float:
         """The sum of the residuals' sizes: one standard deviation counts ``noise``."""
@@ -137,8 +141,9 @@ class ModeData:
         priors = (self.rest, self.rest_damping)
         m, d = self.measured, self._damped
         deviations = (
-            self.widths[0] * m.frequencies_sd / m.frequencies_hz, self.widths[1] * m.damping_sd[d],
-        )  # fmt: skip
+            self.widths[0] * m.frequencies_sd / m.frequencies_hz,
+            self.widths[1] * m.damping_sd[d],
+        )
         made = {}
         for name, prior, sd, r in zip(names, priors, deviations, self.apart(found), strict=True):
             if prior > 0 and len(r):
@@ -148,9 +153,12 @@ class ModeData:
 
     @staticmethod
     def of(
-        backbone: MeasuredBackbone, sensor: str, noise: float, rest: float | None = None,
+        backbone: MeasuredBackbone,
+        sensor: str,
+        noise: float,
+        rest: float | None = None,
         rest_damping: float | None = None,
-    ) -> ModeData:  # fmt: skip
+    ) -> ModeData:
         """Data with the usual errors at rest where none are given.
 
         Raises:
@@ -182,9 +190,7 @@ def as_motion(
             "the backbone is by level of force: expected damping at each level too, which says the "
             "response"
         )
-    shape = free_mode(
-        Balance(model, harmonics=1), sensor, float(backbone.frequencies_hz[0])
-    ).shape  # fmt: skip
+    shape = free_mode(Balance(model, harmonics=1), sensor, float(backbone.frequencies_hz[0])).shape
     share = abs(float(model.row("forces", force) @ shape)) / float(shape @ model.M @ shape)
     if not share > 0:
         raise InputError("the force does not drive the mode; expected another place.")

@@ -20,8 +20,6 @@ from fenics_joints.harmonic.balance import Balance
 from fenics_joints.harmonic.fourier import basis
 from fenics_joints.interfaces.model import InterfacePoints
 
-__all__ = ["LARGEST", "floquet_multipliers"]
-
 #: Steps of a period, without memory more: their stiffness may jump within a step.
 _STEPS, _MEMORYLESS = 512, 1024
 #: Most disturbances whose map is made whole; of more, the largest multipliers alone are found.
@@ -139,9 +137,9 @@ class _Slopes:
         found = np.zeros((slopes.shape[1], self.moves.sum(), self.moves.sum()))
         for i, j in np.ndindex(slopes.shape[3:]):
             both = self.moves[..., i] & self.moves[..., j]
-            found[:, place[..., i][both], place[..., j][both]] = (
-                slopes[..., i, j].transpose(1, 0, 2)[:, both]
-            )
+            found[:, place[..., i][both], place[..., j][both]] = slopes[..., i, j].transpose(
+                1, 0, 2
+            )[:, both]
         return found
 
     def after(self, t: int, e: np.ndarray, s: np.ndarray) -> np.ndarray:
@@ -239,7 +237,7 @@ class _Period:
         right = np.concatenate(
             [base - self.K + 2 / h * rated, none + 4 / h * self.M + rated, none - one, -memory],
             axis=2,
-        )  # fmt: skip
+        )
         u = np.linalg.solve(base + self.K + stiff + 2 / h * rated, right)
         v = 2 / h * u
         v[..., :n] -= 2 / h * one
@@ -279,9 +277,14 @@ def _spread(moves: np.ndarray, picked: np.ndarray) -> np.ndarray:
 
 
 def _slopes(
-    points: InterfacePoints, Q, X: np.ndarray, omega: float, G: np.ndarray, steps: int,
+    points: InterfacePoints,
+    Q,
+    X: np.ndarray,
+    omega: float,
+    G: np.ndarray,
+    steps: int,
     state: np.ndarray,
-) -> _Slopes:  # fmt: skip
+) -> _Slopes:
     """The derivatives of an interface's steps along a response, its loops closed."""
     kernel, values = points.kernel, points.law.values(len(points))
     Z = points.rows @ X
@@ -295,6 +298,4 @@ def _slopes(
     moves = ~still if kernel.m else np.zeros((*values.shape[:2], 0), dtype=bool)
     rows = np.einsum("pdn,nk->pdk", points.rows, Q)
     load = (rows * points.weights[:, None, None]).reshape(-1, Q.shape[1]).T.copy()
-    return _Slopes(
-        rows, load, kernel, by_strain, by_state, new_by_strain, new_by_state, moves
-    )  # fmt: skip
+    return _Slopes(rows, load, kernel, by_strain, by_state, new_by_strain, new_by_state, moves)

@@ -13,8 +13,6 @@ from fenics_joints.harmonic.result import HarmonicResult
 from fenics_joints.interfaces.model import InterfaceModel
 from fenics_joints.measurements.curves import MeasuredCurves
 
-__all__ = ["CurvePrediction", "near_peak", "peak_of", "predict"]
-
 
 def near_peak(amplitudes: np.ndarray, points: int) -> np.ndarray:
     """Indices of the ``points`` largest of a curve's amplitudes, ascending."""
@@ -97,12 +95,17 @@ class CurvePrediction:
         """Everything that people read, for JSON."""
         measured, computed = self.peaks
         return {
-            "level": self.level, "frequency_hz": self.frequencies_hz.tolist(),
-            "measured": self.measured.tolist(), "computed": self.computed.tolist(),
-            "objective": self.objective, "mean_error": self.mean_error,
-            "measured_peak": list(measured), "computed_peak": list(computed),
-            "frequency_error": self.frequency_error, "amplitude_error": self.amplitude_error,
-        }  # fmt: skip
+            "level": self.level,
+            "frequency_hz": self.frequencies_hz.tolist(),
+            "measured": self.measured.tolist(),
+            "computed": self.computed.tolist(),
+            "objective": self.objective,
+            "mean_error": self.mean_error,
+            "measured_peak": list(measured),
+            "computed_peak": list(computed),
+            "frequency_error": self.frequency_error,
+            "amplitude_error": self.amplitude_error,
+        }
 
 
 def predict(

@@ -17,8 +17,6 @@ from fenics_joints.harmonic.result import HarmonicResult
 from fenics_joints.harmonic.sensitivity import ResponseGradient
 from fenics_joints.interfaces.model import InterfaceModel
 
-__all__ = ["Change", "Curve", "CurveFit", "checked_data"]
-
 #: Relative change of a width that asks for another search.
 _SAME_WIDTH = 0.1
 #: The model for values of its parameters.

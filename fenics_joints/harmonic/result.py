@@ -18,9 +18,6 @@ from fenics_joints.harmonic.loads import Load, load_work
 from fenics_joints.harmonic.sensitivity import ResponseGradient, response_gradient
 from fenics_joints.interfaces.model import InterfaceModel, check_interfaces
 
-__all__ = ["HarmonicResult", "Loops", "Peak", "Periodic", "check_sensor"]
-
-
 #: Energy of a cycle, relative to its terms, below which the terms cancel up to round-off.
 _NO_LOSS = 1e-8
 
@@ -150,9 +147,12 @@ class Periodic:
             density[np.abs(density) < _NO_LOSS * np.abs(terms).sum(axis=(1, 2))] = 0.0
             reach = amplitude(strain[:, 1:] if points.normal else strain, "peak")
             found[points.name] = Loops(
-                made.strain, made.stress, np.linalg.norm(reach, axis=-1), density,
+                made.strain,
+                made.stress,
+                np.linalg.norm(reach, axis=-1),
+                density,
                 float(points.weights @ density),
-            )  # fmt: skip
+            )
         return found
 
     def dissipation(self, indices: Sequence[int] | None = None) -> dict[str, np.ndarray]:

@@ -17,8 +17,6 @@ from fenics_joints.harmonic.balance import Balance
 from fenics_joints.harmonic.fourier import amplitude_gradient, differentiated
 from fenics_joints.interfaces.model import InterfaceModel
 
-__all__ = ["ResponseGradient", "response_gradient"]
-
 
 @dataclass(frozen=True, repr=False)
 class ResponseGradient:
@@ -110,8 +108,9 @@ def response_gradient(
         except scipy.linalg.LinAlgError as error:
             raise ConvergenceError(
                 f"the response at {omega / (2 * np.pi):.6g} Hz has no derivatives: it is at a "
-                "turning point", str(error),
-            ) from error  # fmt: skip
+                "turning point",
+                str(error),
+            ) from error
     return found
 
 

@@ -12,8 +12,6 @@ from fenics_joints.harmonic.result import HarmonicResult
 from fenics_joints.interfaces.model import InterfaceModel
 from fenics_joints.joint_laws import Iwan
 
-__all__ = ["SliderRange", "fitted_sliders", "slider_ranges"]
-
 #: Error of the dissipation above which sliders are said to be in the wrong place.
 _OFF = 0.05
 #: Share of the dissipation of points below, and above, the amplitudes that count as met.

@@ -9,8 +9,6 @@ from fenics_joints.errors import InputError
 from fenics_joints.harmonic.balance import Balance
 from fenics_joints.harmonic.result import HarmonicResult
 
-__all__ = ["floquet_exponents", "hill_multipliers", "stable"]
-
 
 def floquet_exponents(balance: Balance, X: np.ndarray, omega: float) -> np.ndarray:
     """Floquet exponents, 1/s, complex, (2 n,), of a periodic solution.

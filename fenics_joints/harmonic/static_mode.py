@@ -23,8 +23,6 @@ from fenics_joints.interfaces.motion import Motion
 from fenics_joints.interfaces.statics import Statics
 from fenics_joints.modal.options import given_options, reason_of
 
-__all__ = ["StaticBackbone", "solve_static_backbone"]
-
 #: Decades below the lowest amplitude at which the load begins.
 _BEFORE = 1.0
 #: How often a step is halved that finds no equilibrium, or in which the joint gives way.
@@ -220,8 +218,9 @@ def _load(path: _Path, row, alpha: float, amplitudes, ratio: float, loop_steps: 
         if not found and not points:
             raise ConvergenceError(
                 f"the static response to the load of {alpha:g} was not found; expected lower "
-                "amplitudes", reason_of(path.statics.solver),
-            )  # fmt: skip
+                "amplitudes",
+                reason_of(path.statics.solver),
+            )
         q = path.q() if found else np.inf
         # Where the joint gives way the motion grows faster than the load, or is anything.
         if points and not points[-1][1] < q < points[-1][1] * ratio**2:
@@ -287,9 +286,15 @@ def _backbone(points, omega2: float, sensor: str, end: str, low: float) -> Stati
     omega = np.sqrt(alpha / q)
     taken = energy + np.pi * omega * drag
     return StaticBackbone(
-        frequencies_hz=omega / (2 * np.pi), damping_ratios=taken / (2 * np.pi * alpha * q),
-        modal_amplitudes=q, loads=alpha, energies=energy, sensor=sensor, amplitudes=size, end=end,
-    )  # fmt: skip
+        frequencies_hz=omega / (2 * np.pi),
+        damping_ratios=taken / (2 * np.pi * alpha * q),
+        modal_amplitudes=q,
+        loads=alpha,
+        energies=energy,
+        sensor=sensor,
+        amplitudes=size,
+        end=end,
+    )
 
 
 def _masing(alpha: np.ndarray, q: np.ndarray, omega2: float) -> np.ndarray:

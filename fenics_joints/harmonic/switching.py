@@ -21,18 +21,10 @@ from fenics_joints.harmonic.bifurcations import BRANCH_POINT, DOUBLING, Bifurcat
 from fenics_joints.harmonic.branch import Branch
 from fenics_joints.harmonic.continuation import follow, orientation
 from fenics_joints.harmonic.corrector import NotFound, Point, Settings, check_settings, correct
-from fenics_joints.harmonic.frf import (
-    ForcedResponse,
-    check_band,
-    responses,
-    telling,
-    with_maxima,
-)
+from fenics_joints.harmonic.frf import ForcedResponse, check_band, responses, telling, with_maxima
 from fenics_joints.harmonic.loads import Load, Loading
 from fenics_joints.harmonic.result import HarmonicResult
 from fenics_joints.progress import Progress
-
-__all__ = ["switch_branch"]
 
 #: How far along the null vector the first point is sought, in scaled unknowns.
 _OFF = (0.02, 0.005, 0.1, 1e-3)
@@ -85,10 +77,18 @@ def switch_branch(
     row = result.model.row("sensors", result.sensor)
     branch = with_maxima(problem, branch, row, result.measure, settings)
     return responses(
-        balance, branch.z, branch.iterations, branch.jacobians, force, tangents=branch.tangents,
-        force=result.force, sensor=result.sensor, measure=result.measure, more=result.more,
+        balance,
+        branch.z,
+        branch.iterations,
+        branch.jacobians,
+        force,
+        tangents=branch.tangents,
+        force=result.force,
+        sensor=result.sensor,
+        measure=result.measure,
+        more=result.more,
         power=result.power,
-    )  # fmt: skip
+    )
 
 
 def _longer(balance: Balance, at: Bifurcation) -> tuple[Balance, np.ndarray]:
@@ -97,9 +97,14 @@ def _longer(balance: Balance, at: Bifurcation) -> tuple[Balance, np.ndarray]:
         return balance, at.coefficients
     f = balance.fourier
     longer = Balance(
-        balance.model, f.harmonics, 2 * f.samples, static=balance.static, cycles=balance.cycles,
-        periods=2 * f.periods, comm=balance.comm,
-    )  # fmt: skip
+        balance.model,
+        f.harmonics,
+        2 * f.samples,
+        static=balance.static,
+        cycles=balance.cycles,
+        periods=2 * f.periods,
+        comm=balance.comm,
+    )
     X, h = np.zeros(longer.shape), np.arange(1, f.size // 2 + 1)
     X[:, 0] = at.coefficients[:, 0]
     X[:, 4 * h - 1], X[:, 4 * h] = at.coefficients[:, 2 * h - 1], at.coefficients[:, 2 * h]
@@ -133,9 +138,13 @@ class _Meeting(ConvergenceError):
 
 
 def _followed(
-    problem: ForcedResponse, first: Point, across: np.ndarray, bounds, settings: Settings,
+    problem: ForcedResponse,
+    first: Point,
+    across: np.ndarray,
+    bounds,
+    settings: Settings,
     tell: Callable[[np.ndarray], object],
-) -> Branch:  # fmt: skip
+) -> Branch:
     """The branch from its first point to a bound, or to where it meets another branch.
 
     There the determinant of Jacobian and tangent changes its sign.
@@ -157,8 +166,6 @@ def _followed(
     direction = 1 if tangent[-1] > 0 else -1
     steps = replace(settings, step=max(settings.min_step, 0.5 * settings.step))
     try:
-        return follow(
-            problem, first.z, bounds, settings=steps, direction=direction, on_point=met
-        )
+        return follow(problem, first.z, bounds, settings=steps, direction=direction, on_point=met)
     except _Meeting as error:
         return replace(error.branch.first(len(error.branch) - 1), complete=True)

@@ -18,8 +18,6 @@ from fenics_joints.harmonic.loads import Load, Loading
 from fenics_joints.harmonic.result import HarmonicResult
 from fenics_joints.progress import Progress
 
-__all__ = ["FoldTurn", "Folds", "track_folds", "track_resonance"]
-
 CUSP, ISOLA, MERGER = "cusp", "isola", "merger"
 #: Second-smallest singular value over the largest below which there are two null vectors.
 _TWO = 1e-3
@@ -243,9 +241,16 @@ def _responses(kind, problem: Extreme, result: HarmonicResult, branch: Branch, *
     """The result of a curve's points."""
     balance, z = problem.balance, branch.z
     return kind(
-        balance=balance, frequencies_hz=z[:, -2] / (2 * np.pi),
-        coefficients=z[:, :-2].reshape(-1, *balance.shape), iterations=branch.iterations,
-        jacobians=branch.jacobians, sensor=result.sensor, measure=result.measure,
-        force=result.force, force_amplitudes=z[:, -1] * _level(result), more=result.more,
-        power=result.power, **more,
-    )  # fmt: skip
+        balance=balance,
+        frequencies_hz=z[:, -2] / (2 * np.pi),
+        coefficients=z[:, :-2].reshape(-1, *balance.shape),
+        iterations=branch.iterations,
+        jacobians=branch.jacobians,
+        sensor=result.sensor,
+        measure=result.measure,
+        force=result.force,
+        force_amplitudes=z[:, -1] * _level(result),
+        more=result.more,
+        power=result.power,
+        **more,
+    )

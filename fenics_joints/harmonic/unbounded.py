@@ -10,8 +10,6 @@ from fenics_joints.errors import ConvergenceError
 from fenics_joints.harmonic.branch import Branch
 from fenics_joints.harmonic.fourier import moving_size
 
-__all__ = ["BoundWatch", "unbounded"]
-
 #: Growth of the motion over the branch's least that no damping of a structure allows, and that at
 #: which a branch that stopped was on its way there.
 _MOST, _MUCH = 1e9, 1e4

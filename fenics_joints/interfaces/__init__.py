@@ -16,7 +16,18 @@ from fenics_joints.interfaces.reduced import ReducedInterfaceModel, read_interfa
 from fenics_joints.interfaces.sparse import FullModel, SparsePoints
 
 __all__ = [
-    "FullModel", "InterfaceModel", "InterfacePoints", "ReducedInterfaceModel", "SparsePoints",
-    "condense", "full_layers", "loading_shapes", "read_interface_model", "reduce_contacts",
-    "reduce_layers", "static_state", "with_modal_damping", "with_rayleigh_damping",
-]  # fmt: skip
+    "FullModel",
+    "InterfaceModel",
+    "InterfacePoints",
+    "ReducedInterfaceModel",
+    "SparsePoints",
+    "condense",
+    "full_layers",
+    "loading_shapes",
+    "read_interface_model",
+    "reduce_contacts",
+    "reduce_layers",
+    "static_state",
+    "with_modal_damping",
+    "with_rayleigh_damping",
+]

@@ -15,8 +15,6 @@ from fenics_joints.reduction.reduced import ReducedStructure
 from fenics_joints.structure.sparse import vectors_like
 from fenics_joints.structure.structure import Structure
 
-__all__ = ["assemble", "as_columns", "as_vectors", "check_uniform"]
-
 #: Places by name, and this rank's rows of their loads, (n_local, m).
 Placed = tuple[Mapping[str, np.ndarray | None], np.ndarray]
 
@@ -47,12 +45,18 @@ def assemble(
     rows = [comm.allreduce(basis.T @ loads).T for _, loads in (forces, sensors)]
     identity = np.eye(basis.shape[1])  # until `at` puts in what the pencil is
     model = ReducedInterfaceModel(
-        identity, identity, tuple(interfaces),
+        identity,
+        identity,
+        tuple(interfaces),
         forces=dict(zip(forces[0], rows[0], strict=True)),
         sensors=dict(zip(sensors[0], rows[1], strict=True)),
-        pencil=pencil, layers=layers, given=dict(given or {}), scale_hz=source.scale_hz,
-        places=sensors[0], source=source,
-    )  # fmt: skip
+        pencil=pencil,
+        layers=layers,
+        given=dict(given or {}),
+        scale_hz=source.scale_hz,
+        places=sensors[0],
+        source=source,
+    )
     return model.at({})
 
 

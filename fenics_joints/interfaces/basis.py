@@ -20,10 +20,6 @@ from fenics_joints.errors import InputError
 from fenics_joints.modal.eigensolver import EigenSolver
 from fenics_joints.structure.sparse import product
 
-__all__ = [
-    "Basis", "Strains", "characteristic", "energy_share", "fixed_interface", "free_interface",
-]  # fmt: skip
-
 #: Columns that are solved for at once: memory against the factor's traffic.
 _CHUNK = 64
 #: Share of its stiffness that the interface keeps in modes of sliding; the next one where points

@@ -36,8 +36,6 @@ from fenics_joints.reduction.reduced import ReducedStructure
 from fenics_joints.structure.loads import Places, place_loads
 from fenics_joints.structure.sparse import product
 
-__all__ = ["reduce_contacts"]
-
 #: The shift of static solutions and modes, as `modal.modes` takes it: its frequency as a
 #: share of the dilation frequency.
 _SHIFT_SHARE = 0.002

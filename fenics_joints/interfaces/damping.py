@@ -10,8 +10,6 @@ import numpy as np
 from fenics_joints.errors import InputError, capable, real, reals, wanted
 from fenics_joints.interfaces.model import InterfaceModel
 
-__all__ = ["with_modal_damping", "with_rayleigh_damping"]
-
 
 def with_modal_damping(
     model: InterfaceModel, ratios: float | Sequence[float], rest: float = 0.0

@@ -19,8 +19,6 @@ from fenics_joints.structure.loads import Places, place_loads
 from fenics_joints.structure.sparse import absolute, product
 from fenics_joints.structure.structure import Structure
 
-__all__ = ["full_layers"]
-
 #: Share of a layer's shear stiffness that stays beside its law.
 _LEFT = 1e-6
 _SUBSET = PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN
@@ -132,6 +130,11 @@ def _points(name: str, law: JointLaw, found: LayerPoints, stretch: float) -> Spa
         index = PETSc.IS().createGeneral(kept[kept % gdim > 0], comm=rows.comm)
         rows = rows.createSubMatrix(index)
     return SparsePoints(
-        name, law, rows, found.weights[mine] * stretch, law.coupled, found.points[mine],
+        name,
+        law,
+        rows,
+        found.weights[mine] * stretch,
+        law.coupled,
+        found.points[mine],
         n_components=gdim - (not law.coupled),
-    )  # fmt: skip
+    )

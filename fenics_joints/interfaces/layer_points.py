@@ -19,13 +19,8 @@ from fenics_joints.errors import InputError
 from fenics_joints.preload.interface import frames
 from fenics_joints.structure.structure import Structure
 
-__all__ = ["LayerPoints", "layer_points"]
-
 #: Lines of a box cell in reference coordinates, and the cell of a section across one of them.
-_SECTIONS = {
-    "quadrilateral": basix.CellType.interval,
-    "hexahedron": basix.CellType.quadrilateral,
-}
+_SECTIONS = {"quadrilateral": basix.CellType.interval, "hexahedron": basix.CellType.quadrilateral}
 #: A cell's line and the normal are along each other if their cosine is this or more.
 _ALONG = 0.9
 
@@ -93,8 +88,10 @@ def layer_points(structure: Structure, number: int, degree: int | None = None) -
         place.append(tables[0]), weight.append(tables[1] * w), gradient.append(tables[2])
         blocks = structure.V.dofmap.list[cells[at]]
         nodes.append(np.repeat(blocks[:, None], len(w), axis=1))
-    flat = [np.concatenate([a.reshape(-1, *a.shape[2:]) for a in part])
-            for part in (place, weight, gradient, nodes)]  # fmt: skip
+    flat = [
+        np.concatenate([a.reshape(-1, *a.shape[2:]) for a in part])
+        for part in (place, weight, gradient, nodes)
+    ]
     return _collect(structure, region.name, frames(normal[None])[0], *flat)
 
 
@@ -199,6 +196,6 @@ def _sparse(structure: Structure, rows: np.ndarray, nodes: np.ndarray) -> PETSc.
             values.ravel(),
         ),
         comm=structure.comm,
-    )  # fmt: skip
+    )
     matrix.assemble()
     return matrix

@@ -31,8 +31,6 @@ from fenics_joints.structure.loads import Places, place_loads
 from fenics_joints.structure.sparse import product
 from fenics_joints.structure.structure import Structure
 
-__all__ = ["layer_numbers", "layer_stretch", "linear_moduli", "reduce_layers"]
-
 #: Layers whose normal and shear stress are apart.
 _SEPARATE = ("uncoupled", "constrained", "springs")
 
@@ -82,15 +80,22 @@ def reduce_layers(
     """
     strains = _LayerStrains(structure, laws, given, points_degree)
     forces, sensors = (
-        place_loads(structure, "forces", forces), place_loads(structure, "sensors", sensors)
-    )  # fmt: skip
+        place_loads(structure, "forces", forces),
+        place_loads(structure, "sensors", sensors),
+    )
     choose = energy_share(interface_modes or None, tolerance, n_modes, strains.size)
     modes = solve_modes(structure, given, n_modes=n_modes)
     M, K = structure.mass(given), structure.stiffness(given)
     columns = free_interface(
-        K, M, modes.solver, as_columns(modes.shapes), np.hstack([forces[1], sensors[1]]), strains,
-        None if interface_modes == 0 else choose, as_columns(extra) if len(extra) else None,
-    ).columns  # fmt: skip
+        K,
+        M,
+        modes.solver,
+        as_columns(modes.shapes),
+        np.hstack([forces[1], sensors[1]]),
+        strains,
+        None if interface_modes == 0 else choose,
+        as_columns(extra) if len(extra) else None,
+    ).columns
     reduced = ReducedStructure(structure, as_vectors(K, columns))
     terms = {layer.name: layer.term(columns) for layer in strains.layers}
     pencil = _without_stress(reduced.pencil, laws, terms)
@@ -124,9 +129,7 @@ def layer_numbers(structure: Structure, laws: Mapping[str, JointLaw]) -> dict[st
     return {name: names[name] for name in laws}
 
 
-def linear_moduli(
-    structure: Structure, number: int, q: Mapping[str, float]
-) -> tuple[float, float]:
+def linear_moduli(structure: Structure, number: int, q: Mapping[str, float]) -> tuple[float, float]:
     """Moduli, Pa, of a linear layer's normal and shear strain, unstretched.
 
     Args:
@@ -227,9 +230,13 @@ class _Layer:
     def interface(self, term: LayerTerm) -> InterfacePoints:
         """Its points in that basis."""
         return InterfacePoints(
-            self.name, self.law, term.rows(self.stretch), term.volumes * self.stretch,
-            self.law.coupled, self.found.points,
-        )  # fmt: skip
+            self.name,
+            self.law,
+            term.rows(self.stretch),
+            term.volumes * self.stretch,
+            self.law.coupled,
+            self.found.points,
+        )
 
 
 class _LayerStrains:

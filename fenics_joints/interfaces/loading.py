@@ -14,8 +14,6 @@ from fenics_joints.interfaces.sparse import FullModel
 from fenics_joints.interfaces.statics import SEARCHES, Statics
 from fenics_joints.modal.options import given_options, reason_of
 
-__all__ = ["condense", "loading_shapes", "static_state"]
-
 #: Compliance over that at rest beyond which a joint is taken to have failed.
 _COLLAPSED = 3.0
 #: Most halvings of the step to a load that fails, and most of them while no load has succeeded.
@@ -130,8 +128,9 @@ def loading_shapes(
     if statics.solve() is None:
         raise ConvergenceError(
             f"no static equilibrium was found for {last:g} times the load; expected joints that "
-            "bear a small load", reason_of(statics.solver),
-        )  # fmt: skip
+            "bear a small load",
+            reason_of(statics.solver),
+        )
     # So small a load may lie within the residual's tolerance: then the least factor gives both.
     first, reach = u.dot(whole) / last, (_LOST * u.norm() / last) or np.inf
     statics.keep()
@@ -186,10 +185,13 @@ def condense(
     Z = (Z / norms) @ (vectors[:, keep] / np.sqrt(values[keep]))
     interfaces = tuple(replace(p, rows=p.rows @ Z) for p in model.interfaces)
     return InterfaceModel(
-        M=_projected(model.M, Z), K=_projected(model.K, Z), C=_projected(model.C, Z),
-        interfaces=interfaces, forces={n: Z.T @ f for n, f in model.forces.items()},
+        M=_projected(model.M, Z),
+        K=_projected(model.K, Z),
+        C=_projected(model.C, Z),
+        interfaces=interfaces,
+        forces={n: Z.T @ f for n, f in model.forces.items()},
         sensors={n: Z.T @ f for n, f in model.sensors.items()},
-    )  # fmt: skip
+    )
 
 
 def _projected(A: np.ndarray, Z: np.ndarray) -> np.ndarray:

@@ -14,23 +14,10 @@ import scipy.linalg
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from fenics_joints.errors import (
-    InputError,
-    capable,
-    flag,
-    items,
-    mapping,
-    reals,
-    text,
-    wanted,
-)
+from fenics_joints.errors import InputError, capable, flag, items, mapping, reals, text, wanted
 from fenics_joints.interfaces.motion import LawPoints, Motion, named, named_points
 from fenics_joints.interfaces.rigid import FreeMotions, no_motions, strainless
 from fenics_joints.joint_laws.law import JointLaw
-
-__all__ = [
-    "DenseMotion", "InterfaceModel", "InterfacePoints", "check_interfaces", "inverted_modes",
-]  # fmt: skip
 
 
 def check_interfaces(model: object) -> None:
@@ -41,6 +28,7 @@ def check_interfaces(model: object) -> None:
     """
     calls = ("M", "K", "C", "row", "interfaces", "n_dofs")
     capable("model", model, calls, "an InterfaceModel, such as reduce_layers makes")
+
 
 #: Eigenvalues below this share of trace(K) / trace(M) are rigid-body motion.
 _RIGID = 1e-8

@@ -19,8 +19,6 @@ from fenics_joints.errors import InputError
 from fenics_joints.interfaces.rigid import FreeMotions
 from fenics_joints.joint_laws import JointLaw, LawKernel
 
-__all__ = ["LawPoints", "Motion", "named", "named_points"]
-
 
 @dataclass(frozen=True, repr=False)
 class LawPoints:

@@ -19,8 +19,6 @@ from fenics_joints.reduction.files import read_model, register, write_model
 from fenics_joints.reduction.reduced import ReducedStructure
 from fenics_joints.structure import Parameter, Sensors
 
-__all__ = ["LayerTerm", "ReducedInterfaceModel", "read_interface_model"]
-
 _FORMAT = "fenics_joints interface model"
 
 

@@ -14,8 +14,6 @@ import scipy.linalg
 from mpi4py import MPI
 from petsc4py import PETSc
 
-__all__ = ["FreeMotions", "no_motions", "strainless", "unresisted"]
-
 #: Energy, over that of the same terms without their signs, below which round-off is all there is.
 _ROUND_OFF = 100 * float(np.finfo(float).eps)
 #: Strain of a motion, over the largest of any, below which it is none.

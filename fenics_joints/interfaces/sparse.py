@@ -15,8 +15,6 @@ from fenics_joints.interfaces.rigid import FreeMotions, no_motions
 from fenics_joints.modal.eigensolver import EigenSolver
 from fenics_joints.modal.options import reason_of
 
-__all__ = ["FullModel", "SparseMotion", "SparsePoints", "point_blocks"]
-
 #: Modes that are asked of the eigensolver.
 _MODES = 12
 _SUBSET = PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN

@@ -11,8 +11,6 @@ from fenics_joints.interfaces.motion import Motion
 from fenics_joints.modal.options import petsc_defaults
 from fenics_joints.structure.sparse import absolute
 
-__all__ = ["SEARCHES", "Statics"]
-
 _PREFIX = "fenics_joints_loading_"
 _DEFAULTS = {"snes_type": "newtonls", "snes_max_it": 40, "ksp_type": "preonly", "pc_type": "lu"}
 #: Line searches that are tried where another fails: round-off can mislead one that looks at the

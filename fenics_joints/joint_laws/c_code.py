@@ -16,24 +16,42 @@ from ufl.classes import Condition, Conj, Constant, Indexed, Real, ScalarValue, V
 
 from fenics_joints.errors import InputError
 
-__all__ = ["assignments", "scalar"]
-
 #: C of UFL's operators, by the name of their class.
 _OPERATORS = {
-    "Sum": "{0} + {1}", "Product": "{0} * {1}", "Division": "{0} / {1}",
-    "Power": "pow({0}, {1})", "Abs": "fabs({0})", "Sign": "({0} > 0.0) - ({0} < 0.0)",
+    "Sum": "{0} + {1}",
+    "Product": "{0} * {1}",
+    "Division": "{0} / {1}",
+    "Power": "pow({0}, {1})",
+    "Abs": "fabs({0})",
+    "Sign": "({0} > 0.0) - ({0} < 0.0)",
     "Atan2": "atan2({0}, {1})",
     # Not fmin and fmax, which are calls because of what they do with nan.
-    "MinValue": "{0} < {1} ? {0} : {1}", "MaxValue": "{0} > {1} ? {0} : {1}",
-    "Conditional": "{0} ? {1} : {2}", "NotCondition": "!{0}",
-    "AndCondition": "{0} && {1}", "OrCondition": "{0} || {1}",
-    "LT": "{0} < {1}", "GT": "{0} > {1}", "LE": "{0} <= {1}", "GE": "{0} >= {1}",
-    "EQ": "{0} == {1}", "NE": "{0} != {1}",
-    "Sqrt": "sqrt({0})", "Exp": "exp({0})", "Ln": "log({0})", "Erf": "erf({0})",
-    "Cos": "cos({0})", "Sin": "sin({0})", "Tan": "tan({0})",
-    "Cosh": "cosh({0})", "Sinh": "sinh({0})", "Tanh": "tanh({0})",
-    "Acos": "acos({0})", "Asin": "asin({0})", "Atan": "atan({0})",
-}  # fmt: skip
+    "MinValue": "{0} < {1} ? {0} : {1}",
+    "MaxValue": "{0} > {1} ? {0} : {1}",
+    "Conditional": "{0} ? {1} : {2}",
+    "NotCondition": "!{0}",
+    "AndCondition": "{0} && {1}",
+    "OrCondition": "{0} || {1}",
+    "LT": "{0} < {1}",
+    "GT": "{0} > {1}",
+    "LE": "{0} <= {1}",
+    "GE": "{0} >= {1}",
+    "EQ": "{0} == {1}",
+    "NE": "{0} != {1}",
+    "Sqrt": "sqrt({0})",
+    "Exp": "exp({0})",
+    "Ln": "log({0})",
+    "Erf": "erf({0})",
+    "Cos": "cos({0})",
+    "Sin": "sin({0})",
+    "Tan": "tan({0})",
+    "Cosh": "cosh({0})",
+    "Sinh": "sinh({0})",
+    "Tanh": "tanh({0})",
+    "Acos": "acos({0})",
+    "Asin": "asin({0})",
+    "Atan": "atan({0})",
+}
 
 
 def scalar(expression) -> object:

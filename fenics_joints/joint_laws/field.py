@@ -31,8 +31,6 @@ from fenics_joints.forms.kinematics import layer_strain, stretched_gradient
 from fenics_joints.joint_laws.law import JointLaw, check_names, is_rated
 from fenics_joints.joint_laws.point_values import PointValues
 
-__all__ = ["JointField", "integral", "tangents"]
-
 #: Sums over a joint's strains, and over its stresses, by which steps are told apart, and the
 #: difference, relative to the largest, up to which they are the same.
 _PROJECTIONS, _SAME = 4, 1e-5
@@ -217,9 +215,13 @@ class JointField:
 
         def space(size):
             element = basix.ufl.element(
-                "Lagrange", cell, degree, basix.LagrangeVariant.gll_warped, shape=(size,),
+                "Lagrange",
+                cell,
+                degree,
+                basix.LagrangeVariant.gll_warped,
+                shape=(size,),
                 discontinuous=True,
-            )  # fmt: skip
+            )
             return fem.functionspace(mesh, element)
 
         rule = {"quadrature_rule": "vertex", "quadrature_degree": 1}
@@ -399,8 +401,11 @@ class JointField:
         Args:
             expression: UFL scalar or vector at the joint, such as ``joint.slip``.
         """
-        parts = [expression[i] for i in range(expression.ufl_shape[0])] if expression.ufl_shape \
-            else [expression]  # fmt: skip
+        parts = (
+            [expression[i] for i in range(expression.ufl_shape[0])]
+            if expression.ufl_shape
+            else [expression]
+        )
         space = self._heat.function_space
         element = space.ufl_element()
         made = basix.ufl.blocked_element(_scalar(element), shape=(len(parts),))
@@ -424,8 +429,11 @@ def integral(comm: MPI.Intracomm, form: fem.Form) -> float:
 
 def _scalar(element):
     """The element of one component."""
-    return element.sub_elements[0] if element.block_size > 1 or element.reference_value_shape \
-        else element  # fmt: skip
+    return (
+        element.sub_elements[0]
+        if element.block_size > 1 or element.reference_value_shape
+        else element
+    )
 
 
 def _normal(normal, mesh):

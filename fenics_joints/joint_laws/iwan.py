@@ -34,15 +34,6 @@ from fenics_joints.forms.backbones import (
 )
 from fenics_joints.joint_laws.law import check_names
 
-__all__ = [
-    "Backbone",
-    "Bilinear",
-    "RichardAbbott",
-    "Segalman",
-    "iwan_sliders",
-    "slider_edges",
-]
-
 #: Most sliders: each is a part of the law's state at every point of an interface.
 MOST_SLIDERS = 1000
 _FAR = 1e8  # of the reference strain: where a backbone has become its asymptote
@@ -143,9 +134,10 @@ class RichardAbbott(Backbone):
 
     def __post_init__(self):
         _check(
-            self, "0 <= E_p < E_e, S_y > 0 and n > 0",
+            self,
+            "0 <= E_p < E_e, S_y > 0 and n > 0",
             lambda: 0 <= self.E_p < self.E_e and self.S_y > 0 and self.n > 0,
-        )  # fmt: skip
+        )
 
     def value(self, strain):
         strain = np.asarray(strain, dtype=float)
@@ -186,9 +178,10 @@ class Segalman(Backbone):
 
     def __post_init__(self):
         _check(
-            self, "F_S > 0, K_T > 0, chi > -1 and beta >= 0",
+            self,
+            "F_S > 0, K_T > 0, chi > -1 and beta >= 0",
             lambda: self.F_S > 0 and self.K_T > 0 and self.chi > -1 and self.beta >= 0,
-        )  # fmt: skip
+        )
 
     @property
     def _values(self):
@@ -244,9 +237,8 @@ class Bilinear(Backbone):
 
     def __post_init__(self):
         _check(
-            self, "0 <= E_p < E_e and S_y > 0",
-            lambda: 0 <= self.E_p < self.E_e and self.S_y > 0,
-        )  # fmt: skip
+            self, "0 <= E_p < E_e and S_y > 0", lambda: 0 <= self.E_p < self.E_e and self.S_y > 0
+        )
 
     def value(self, strain):
         return bilinear(np.asarray(strain, dtype=float), self.E_e, self.E_p, self.S_y)

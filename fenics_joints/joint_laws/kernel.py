@@ -24,8 +24,6 @@ from fenics_joints.joint_laws.source import law_source
 from fenics_joints.machine.imports import without_local_settings
 from fenics_joints.machine.private import cache_folder
 
-__all__ = ["HarmonicStress", "LawKernel"]
-
 _DECLARATIONS = """
 int law_step(int P, int E, const double *e, const double *s, const double *p, double *f,
              double *sn, double *tangent);
@@ -47,10 +45,12 @@ _FLAGS = ["-O3", "-fno-math-errno", "-fno-trapping-math"]
 _PANEL, _GAUSS = 4, np.polynomial.legendre.leggauss(8)
 #: Gauss's rules, from 0 to 1, of 1 to 6 nodes between two steps of a law with memory.
 _CYCLE_ORDER = 6
-_CYCLE_RULES = np.concatenate([
-    np.concatenate([0.5 * (nodes + 1), 0.5 * weights])
-    for nodes, weights in map(np.polynomial.legendre.leggauss, range(1, _CYCLE_ORDER + 1))
-])  # fmt: skip
+_CYCLE_RULES = np.concatenate(
+    [
+        np.concatenate([0.5 * (nodes + 1), 0.5 * weights])
+        for nodes, weights in map(np.polynomial.legendre.leggauss, range(1, _CYCLE_ORDER + 1))
+    ]
+)
 _CPU = Path("/proc/cpuinfo")
 _kernels: dict[str, LawKernel] = {}
 
@@ -237,9 +237,18 @@ class LawKernel:
         return F, J
 
     def harmonic(
-        self, coefficients, changes, synthesis, values, state=None, *,
-        cycles=2, jacobian=True, sampled=False, exact=None,
-    ) -> HarmonicStress:  # fmt: skip
+        self,
+        coefficients,
+        changes,
+        synthesis,
+        values,
+        state=None,
+        *,
+        cycles=2,
+        jacobian=True,
+        sampled=False,
+        exact=None,
+    ) -> HarmonicStress:
         """Harmonics of stress from harmonics of strain, for a law with memory and without rate.
 
         In one direction of slip the stress of a law with `JointLaw.exact_steps` is integrated

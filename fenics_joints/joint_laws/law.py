@@ -16,8 +16,6 @@ from numpy.typing import ArrayLike
 
 from fenics_joints.errors import InputError, reals
 
-__all__ = ["JointLaw", "check_names", "is_rated", "not_negative", "positive"]
-
 
 def check_names(what: str, given: Iterable[str], known: Iterable[str]) -> None:
     """Refuse parameters that something does not have.

@@ -8,8 +8,6 @@ from fenics_joints.errors import real
 from fenics_joints.joint_laws.iwan import Backbone
 from fenics_joints.joint_laws.library import Iwan
 
-__all__ = ["IwanLayer"]
-
 
 class IwanLayer(Iwan):
     """Parallel sliders in the space of normal stress and shear, with von Mises' equivalent stress.

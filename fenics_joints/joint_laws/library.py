@@ -21,8 +21,6 @@ from fenics_joints.forms.hysteresis import (
 from fenics_joints.joint_laws.iwan import Backbone, check_backbone, iwan_sliders, slider_edges
 from fenics_joints.joint_laws.law import JointLaw, not_negative, positive
 
-__all__ = ["BoucWen", "CoulombStick", "DilatantCoulomb", "ElasticFriction", "Iwan", "Valanis"]
-
 
 def _split(state, n: int):
     """A state as its first ``n`` numbers and the rest, two vectors."""
@@ -78,9 +76,12 @@ class Iwan(JointLaw):
         spring = np.zeros(len(stiffness))
         spring[0] = backbone.final_slope
         JointLaw.__init__(
-            self, stiffness=stiffness / self.thickness, strength=strength,
-            spring=spring / self.thickness, **self._more(),
-        )  # fmt: skip
+            self,
+            stiffness=stiffness / self.thickness,
+            strength=strength,
+            spring=spring / self.thickness,
+            **self._more(),
+        )
 
     #: Numbers that it has beside its backbone's.
     _own: ClassVar[tuple[str, ...]] = ()
@@ -213,9 +214,14 @@ class CoulombStick(JointLaw):
 
     def element(self, normal, slip, state, p):
         sigma, traction, state = coulomb_stick(
-            normal, slip, state, p["normal_stiffness"], p["tangential_stiffness"], p["friction"],
+            normal,
+            slip,
+            state,
+            p["normal_stiffness"],
+            p["tangential_stiffness"],
+            p["friction"],
             p["pressure"],
-        )  # fmt: skip
+        )
         return sigma + ufl.max_value(p["pressure"], 0.0), traction, state
 
     def stored(self, normal, slip, state, p, opened=0):
@@ -250,9 +256,15 @@ class DilatantCoulomb(CoulombStick):
         n = slip.ufl_shape[0]
         position, _ = _split(state, n)
         sigma, traction, position, opened = dilatant_coulomb(
-            normal, slip, position, state[n], p["normal_stiffness"], p["tangential_stiffness"],
-            p["friction"], p["pressure"],
-        )  # fmt: skip
+            normal,
+            slip,
+            position,
+            state[n],
+            p["normal_stiffness"],
+            p["tangential_stiffness"],
+            p["friction"],
+            p["pressure"],
+        )
         new = ufl.as_vector([*(position[i] for i in range(n)), opened])
         return sigma + ufl.max_value(p["pressure"], 0.0), traction, new
 

@@ -9,8 +9,6 @@ from fenics_joints.errors import InputError
 from fenics_joints.forms.hysteresis import vector_length
 from fenics_joints.joint_laws.law import JointLaw, not_negative, positive
 
-__all__ = ["CubicSpring", "FluidFilm", "Gap", "RateDamping", "UnilateralSpring"]
-
 
 class UnilateralSpring(JointLaw):
     """Stop of a spring without memory, met beyond a gap: k max(x - gap, 0), along one line.

@@ -7,8 +7,6 @@ import ufl
 from dolfinx import fem, la
 from mpi4py import MPI
 
-__all__ = ["PointValues"]
-
 
 class PointValues:
     """Values of an expression at the nodes of a space that are the quadrature points of a measure.

@@ -15,8 +15,6 @@ from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.joint_laws.field import JointField, integral
 from fenics_joints.modal.options import given_options, petsc_defaults, reason_of
 
-__all__ = ["QuasiStatic", "QuasiStaticHistory", "solve_quasi_static"]
-
 _OPTIONS = {
     "snes_type": "newtonls",
     "snes_linesearch_type": "bt",

@@ -13,8 +13,6 @@ from fenics_joints.errors import InputError
 from fenics_joints.joint_laws.c_code import assignments, scalar
 from fenics_joints.joint_laws.law import JointLaw, is_rated
 
-__all__ = ["law_source"]
-
 #: UFL's operators of two numbers whose difference chooses a branch.
 _COMPARISONS = ("LT", "GT", "LE", "GE", "MinValue", "MaxValue")
 #: Inlined everywhere: else elements side by side are not vectorised where there are many callers.

@@ -34,8 +34,6 @@ import ffcx.naming
 from fenics_joints.machine.imports import without_local_settings
 from fenics_joints.machine.private import cache_folder
 
-__all__ = ["install"]
-
 #: Name of the folder beside DOLFINx's own files, which users' settings of DOLFINx move.
 _FOLDER = "fenics_joints"
 #: Folders that nobody finished are removed at this age, s: no form takes a day to compile.
@@ -66,7 +64,7 @@ def install() -> None:
                 with without_local_settings():
                     return compiled(
                         ufl_object, form_compiler_options, {**options, "cache_dir": folder}
-                    )  # fmt: skip
+                    )
             finally:  # FFCx leaves the log to itself when a compiler fails
                 logging.getLogger().handlers = handlers
 
@@ -129,8 +127,10 @@ def _made_for_us(key: str, cache: Path, at: Callable[[Path], tuple], reason: Exc
         # Not as a Python warning: setuptools, which compiles, sends these to a log without readers.
         logging.getLogger(__name__).warning(
             "%s: compiled forms cannot be kept there (%s); every run compiles them anew. Set "
-            "XDG_CACHE_HOME to a folder that can be written to", cache, line[0],
-        )  # fmt: skip
+            "XDG_CACHE_HOME to a folder that can be written to",
+            cache,
+            line[0],
+        )
     _own[key] = folder
     return result
 

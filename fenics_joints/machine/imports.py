@@ -17,8 +17,6 @@ from importlib.machinery import ModuleSpec, PathFinder
 
 from fenics_joints.machine.private import empty_folder
 
-__all__ = ["guard", "without_local_settings"]
-
 _NAMES = ("mpi4py.MPI", "petsc4py.PETSc", "matplotlib", "arviz_base", "arviz.rcparams")
 
 

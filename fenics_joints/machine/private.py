@@ -15,10 +15,6 @@ from contextlib import contextmanager, suppress
 from functools import lru_cache
 from pathlib import Path
 
-__all__ = [
-    "cache_folder", "changed_by_others", "empty_folder", "folder_of_process", "private_folder",
-]  # fmt: skip
-
 #: Owner, in a container that knows some users only, of what belongs to all others, root of the host
 #: among them; and the number in a list of all users.
 _UNKNOWN, _ALL = 65534, "4294967295"
@@ -55,8 +51,10 @@ def cache_folder(path: Path) -> Path:
         return folder
     log.warning(
         "%s: compiled forms and laws cannot be kept there (%s); every run compiles them anew. "
-        "Set XDG_CACHE_HOME to a folder that you and nobody else can write to", path, reason,
-    )  # fmt: skip
+        "Set XDG_CACHE_HOME to a folder that you and nobody else can write to",
+        path,
+        reason,
+    )
     return folder_of_process()
 
 

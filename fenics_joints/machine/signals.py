@@ -7,8 +7,6 @@ import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-__all__ = ["Stop", "Terminated", "stoppable"]
-
 #: Those that end a command: Ctrl-C, what mpirun and batch systems send, a terminal that is closed.
 _ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 

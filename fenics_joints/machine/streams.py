@@ -11,13 +11,24 @@ from contextlib import contextmanager, suppress
 
 from fenics_joints.machine.private import folder_of_process
 
-__all__ = ["environment", "open_streams"]
-
 #: Plain forms of characters without one, for terminals and files that are not in UTF-8.
 _PLAIN = {
-    "·": "*", "×": "x", "–": "-", "—": "-", "−": "-", "µ": "u", "μ": "u", "°": "deg", "∞": "inf",
-    "→": "->", "≤": "<=", "≥": ">=", "±": "+-", "√": "sqrt", "Σ": "sum",
-}  # fmt: skip
+    "·": "*",
+    "×": "x",
+    "–": "-",
+    "—": "-",
+    "−": "-",
+    "µ": "u",
+    "μ": "u",
+    "°": "deg",
+    "∞": "inf",
+    "→": "->",
+    "≤": "<=",
+    "≥": ">=",
+    "±": "+-",
+    "√": "sqrt",
+    "Σ": "sum",
+}
 #: Least columns that a variable may ask for: tables need room for their numbers.
 _NARROWEST = 20
 

@@ -13,8 +13,24 @@ from fenics_joints.measurements.tables import read_table
 from fenics_joints.measurements.target import FRFTarget, Target
 
 __all__ = [
-    "FRFTarget", "Gap", "IdentifiedModes", "MeasuredBackbone", "MeasuredCurves", "MeasuredFRFs",
-    "MeasuredShapes", "Pairing", "Target", "TestData", "identify_modes", "mac", "made_real",
-    "pair_modes", "read_amplitude", "read_curves", "read_frfs", "read_shapes", "read_table",
+    "FRFTarget",
+    "Gap",
+    "IdentifiedModes",
+    "MeasuredBackbone",
+    "MeasuredCurves",
+    "MeasuredFRFs",
+    "MeasuredShapes",
+    "Pairing",
+    "Target",
+    "TestData",
+    "identify_modes",
+    "mac",
+    "made_real",
+    "pair_modes",
+    "read_amplitude",
+    "read_curves",
+    "read_frfs",
+    "read_shapes",
+    "read_table",
     "read_test_data",
-]  # fmt: skip
+]

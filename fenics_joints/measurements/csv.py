@@ -31,8 +31,6 @@ from fenics_joints.measurements.records import (
 from fenics_joints.measurements.tables import Table, read_table
 from fenics_joints.response.units import a_kind, frf_unit, length_factor
 
-__all__ = ["read_csv"]
-
 _DOF = r"([^\s:/]+)(?::([+-]?)([xyz]))?"
 _HEAD = re.compile(rf"({_DOF}/{_DOF})\s+(re|im|abs|phase|coherence)")
 _EXAMPLE = "'12:+z/5:-x re [m/s2/N]', with re, im, abs, phase or coherence"

@@ -11,8 +11,6 @@ import numpy as np
 from fenics_joints.errors import InputError, member, reals, wanted
 from fenics_joints.measurements.tables import read_table
 
-__all__ = ["UNITS", "MeasuredCurves", "read_curves", "si_columns"]
-
 #: SI unit of each kind of response.
 UNITS = {"displacement": "m", "velocity": "m/s", "acceleration": "m/s2"}
 

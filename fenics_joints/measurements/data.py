@@ -13,8 +13,6 @@ from fenics_joints.errors import InputError, items, measured, real, reals, wante
 from fenics_joints.structure.points import Sensors
 from fenics_joints.units import factor_to_si
 
-__all__ = ["TestData", "same_conditions"]
-
 #: Units of a level of excitation or response, and words of a condition that is a preload whatever
 #: its unit. Pint's g is a gram.
 _LEVELS, _GRAVITY = ("N", "m", "m/s", "m/s2"), ("g", "gn", "g_n")
@@ -242,7 +240,10 @@ class TestData:
         return plain._rows([i for i, known in enumerate(self.known) if not known])
 
     def again(
-        self, name: str, frequencies_hz: np.ndarray, known: Mapping[str, float],
+        self,
+        name: str,
+        frequencies_hz: np.ndarray,
+        known: Mapping[str, float],
         condition: float | None = None,
     ) -> TestData:
         """The same with one more row, measured after a known change of the structure.
@@ -264,11 +265,13 @@ class TestData:
         at = self.as_it_is.row(condition)
         before = self.known or ({},) * len(self)
         return replace(
-            self, conditions=np.append(self.conditions, self.conditions[at]),
+            self,
+            conditions=np.append(self.conditions, self.conditions[at]),
             frequencies_hz=np.vstack([self.frequencies_hz, frequencies_hz]),
             shapes_at=float(self.conditions[self.shape_row]) if self.shapes is not None else None,
-            known=(*before, dict(known)), row_names=(*(self.row_names or ("",) * len(self)), name),
-        )  # fmt: skip
+            known=(*before, dict(known)),
+            row_names=(*(self.row_names or ("",) * len(self)), name),
+        )
 
     def _rows(self, rows: Sequence[int]) -> TestData:
         rows = np.asarray(rows, dtype=int)

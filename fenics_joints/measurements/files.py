@@ -10,8 +10,6 @@ from fenics_joints.files import is_file, paths_of, shown_path
 from fenics_joints.measurements.frfs import MeasuredFRFs
 from fenics_joints.measurements.records import Contents, Said, merge
 
-__all__ = ["UFF_SUFFIXES", "read_frfs", "reader_of"]
-
 #: How names of universal files end.
 UFF_SUFFIXES = (".uff", ".unv", ".uf", ".ufb", ".58", ".bunv")
 

@@ -14,8 +14,6 @@ from fenics_joints.errors import InputError, items, measured
 from fenics_joints.response.units import KINDS, MOTION, checked_kind
 from fenics_joints.structure.points import Sensors
 
-__all__ = ["Coherence", "MeasuredFRFs", "Reciprocity"]
-
 #: How far two points may be apart, relative to the extent of all, to be one.
 _SAME_POINT = 1e-6
 #: Relative standard deviation of functions of which nothing is said; and the least by coherence:
@@ -167,11 +165,14 @@ class MeasuredFRFs:
     def __str__(self) -> str:
         """What there is and how good it is, in a few lines."""
         f, shape = self.frequencies_hz, self.measured.shape
-        return "\n".join([
-            f"{int(self.measured.sum())} functions, {self.kind} in {self.unit}: {shape[0]} "
-            f"responses, {shape[1]} references, {f[0]:g} to {f[-1]:g} Hz in {len(f)} lines",
-            *map(str, (self.reciprocity(), self.coherence_report())), *self.notes,
-        ])  # fmt: skip
+        return "\n".join(
+            [
+                f"{int(self.measured.sum())} functions, {self.kind} in {self.unit}: {shape[0]} "
+                f"responses, {shape[1]} references, {f[0]:g} to {f[-1]:g} Hz in {len(f)} lines",
+                *map(str, (self.reciprocity(), self.coherence_report())),
+                *self.notes,
+            ]
+        )
 
     @property
     def unit(self) -> str:

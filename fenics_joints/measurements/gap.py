@@ -12,13 +12,6 @@ from fenics_joints.errors import InputError, capable, measured, real, wanted, wh
 from fenics_joints.modal.modes import Modes
 from fenics_joints.structure.points import Sensors
 
-__all__ = [
-    "ALIKE", "CONTRADICTED", "FAINT", "UNLIKE", "VISIBLE", "Gap", "Pairing", "TooFewModes",
-    "assigned", "check_sight", "largest_difference", "likeness", "mac", "nearest", "pair_modes",
-    "partnered", "rms", "same_modes", "skipped", "with_untold",
-]  # fmt: skip
-
-
 #: Why a measured mode may have no partner, for messages.
 UNLIKE = (
     "does the model lack a component, or are the sensors' places and directions wrong "
@@ -176,18 +169,23 @@ def pair_modes(
     columns = assigned(match, modes.frequencies_hz[candidates], clear)
     told = match.any(axis=1)
     crossing = tuple(
-        (i, i + 1) for i in range(n_test - 1)
+        (i, i + 1)
+        for i in range(n_test - 1)
         if columns[i] > columns[i + 1] and told[i] and told[i + 1]
-    )  # fmt: skip
+    )
     agreement, clear[columns] = match[np.arange(n_test), columns], True
     index = candidates[columns]
     return Pairing(index, candidates[clear], shapes[:, columns], agreement, crossing)
 
 
 def partnered(
-    pairing: Pairing, model_hz: np.ndarray, test_hz: np.ndarray, shapes: np.ndarray | None = None,
-    *, least: float = CONTRADICTED,
-) -> np.ndarray:  # fmt: skip
+    pairing: Pairing,
+    model_hz: np.ndarray,
+    test_hz: np.ndarray,
+    shapes: np.ndarray | None = None,
+    *,
+    least: float = CONTRADICTED,
+) -> np.ndarray:
     """Mask of the test modes that have a partner in a model, (m,), by similarity alone.
 
     A MAC of 0.8 or more makes a pair, up to a factor of e in frequency: further away some mode

@@ -22,8 +22,6 @@ from fenics_joints.measurements.selection import select_modes
 from fenics_joints.measurements.shapes import Links
 from fenics_joints.response.units import KINDS
 
-__all__ = ["IdentifiedModes", "Poles", "identify_modes"]
-
 #: Part of the band that is put before it when it is moved to begin near 0 Hz.
 _MARGIN = 0.1
 #: Relative changes of frequency and damping from order to order within which a pole is stable.
@@ -107,10 +105,14 @@ class IdentifiedModes:
         rows = [
             f"  {f:10.3f} Hz +- {sf:.2g} Hz   {100 * z:7.3f} % +- {100 * sz:.2g} %   {c:.3f}"
             for f, sf, z, sz, c in zip(
-                self.frequencies_hz, self.frequencies_sd, self.damping, self.damping_sd,
-                self.phase_collinearity, strict=True,
+                self.frequencies_hz,
+                self.frequencies_sd,
+                self.damping,
+                self.damping_sd,
+                self.phase_collinearity,
+                strict=True,
             )
-        ]  # fmt: skip
+        ]
         head = f"{len(rows)} modes, residual {100 * self.residual:.2g} %"
         return "\n".join(
             [head, "   frequency, damping ratio, phase collinearity", *rows, *self.notes]
@@ -143,13 +145,19 @@ class IdentifiedModes:
             raise InputError(f"names = {list(names)}: expected {m}, one for each mode")
         rms = np.sqrt(np.nanmean(self.shapes**2, axis=0))
         return TestData(
-            [condition], self.frequencies_hz[None], names, condition_name, condition_unit,
+            [condition],
+            self.frequencies_hz[None],
+            names,
+            condition_name,
+            condition_unit,
             damping=self.damping[None],
             noise=np.hypot(self.frequencies_sd / self.frequencies_hz, noise),
-            sensors=self.frfs.sensors(), shapes=self.shapes,
+            sensors=self.frfs.sensors(),
+            shapes=self.shapes,
             damping_noise=float(np.sqrt(np.mean((self.damping_sd / self.damping) ** 2))),
-            shape_noise=float(np.sqrt(np.nanmean((self.shapes_sd / rms) ** 2))), notes=self.notes,
-        )  # fmt: skip
+            shape_noise=float(np.sqrt(np.nanmean((self.shapes_sd / rms) ** 2))),
+            notes=self.notes,
+        )
 
 
 def identify_modes(
@@ -206,9 +214,14 @@ def identify_modes(
         )
     links = Links(data)
     functions = Functions(
-        data.frequencies_hz, values, rows, columns, KINDS[data.kind], links.columns,
+        data.frequencies_hz,
+        values,
+        rows,
+        columns,
+        KINDS[data.kind],
+        links.columns,
         data.values.shape[1],
-    )  # fmt: skip
+    )
     poles = _diagram(_lscf(data, values.T, order), data, max_damping)
     groups = _groups(poles, order)
     start = np.array([_pole(*_median(poles, group)) for group in groups])
@@ -259,9 +272,13 @@ def _lscf(data: MeasuredFRFs, measured: np.ndarray, order: int) -> list[np.ndarr
     moved[:, before:-1] = measured / np.linalg.norm(measured, axis=1, keepdims=True)
     grid = step * np.arange(moved.shape[1])
     model = _ema().Model(
-        moved, grid, lower=grid[before], upper=grid[-1], pol_order_high=int(order),
+        moved,
+        grid,
+        lower=grid[before],
+        upper=grid[-1],
+        pol_order_high=int(order),
         frf_form=data.kind,
-    )  # fmt: skip
+    )
     model.get_poles(method="lscf", show_progress=False)
     offset = 2j * np.pi * (f[0] - grid[before])
     return [np.asarray(p)[np.imag(p) > 0] + offset for p in model.all_poles]
@@ -384,10 +401,21 @@ def _modes(data, links, fit: ModeFit, poles: Poles, chosen, notes, window) -> Id
     collinearity = ((xx - yy) ** 2 + 4 * xy**2) / (xx + yy) ** 2
     notes = [*notes, *_doubts(fit.frequencies_hz[chosen], fit.frequencies_sd[chosen], collinearity)]
     return IdentifiedModes(
-        fit.frequencies_hz[chosen], damping, fit.frequencies_sd[chosen], fit.damping_sd[chosen],
-        scale * shapes.real, spread, scale * shapes, collinearity,
-        normalised, _scatter(poles, fit, chosen), fit.residual, poles, data, tuple(notes),
-    )  # fmt: skip
+        fit.frequencies_hz[chosen],
+        damping,
+        fit.frequencies_sd[chosen],
+        fit.damping_sd[chosen],
+        scale * shapes.real,
+        spread,
+        scale * shapes,
+        collinearity,
+        normalised,
+        _scatter(poles, fit, chosen),
+        fit.residual,
+        poles,
+        data,
+        tuple(notes),
+    )
 
 
 def _doubts(f: np.ndarray, sd: np.ndarray, collinearity: np.ndarray) -> list[str]:

@@ -7,8 +7,6 @@ from scipy.signal import find_peaks
 
 from fenics_joints.errors import InputError
 
-__all__ = ["choose_lines", "near_peaks"]
-
 #: Share of the lines that is spread evenly over ln f, so that no part of the band is left out.
 _EVEN = 0.3
 #: A resonance stands out by this in the sum of |H|^2: 6 dB.

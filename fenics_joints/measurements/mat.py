@@ -23,8 +23,6 @@ from fenics_joints.measurements.records import (
 from fenics_joints.progress import reading
 from fenics_joints.response.units import MOTION, frf_unit, length_factor
 
-__all__ = ["KEYS", "read_mat"]
-
 #: Variables of a file. Points and directions have a row of three for each response or reference; a
 #: single direction stands for all. Nodes are labels, by the points if not there. Coherence, nodes,
 #: kind, units and length_unit (m) need not be there.

@@ -14,8 +14,6 @@ from fenics_joints.measurements.records import Said
 from fenics_joints.measurements.uff_shapes import ShapeContents, ShapeRecord, read_uff_shapes
 from fenics_joints.structure.points import Sensors
 
-__all__ = ["MeasuredShapes", "in_order", "made_real", "read_shapes"]
-
 #: How many nodes or modes a sentence names.
 _NAMED = 12
 #: Below this MAC of a real shape with the complex one it stands for, the mode is doubtful.
@@ -141,9 +139,16 @@ def read_shapes(
     damping = _damping(records, notes)
     notes += _complexity(records, collinearity, mac)
     return MeasuredShapes(
-        np.array([record.frequency_hz for record in records]), damping, shapes, sensors,
-        collinearity, mac, _points_of_lines(contents), tuple(notes), tuple(map(str, paths)),
-    )  # fmt: skip
+        np.array([record.frequency_hz for record in records]),
+        damping,
+        shapes,
+        sensors,
+        collinearity,
+        mac,
+        _points_of_lines(contents),
+        tuple(notes),
+        tuple(map(str, paths)),
+    )
 
 
 def made_real(shapes: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -215,8 +220,11 @@ def _check_places(contents: ShapeContents, records, nodes: Sequence[str]) -> Non
             f"{records[0].where}: {_nodes(missing)} of the {len(nodes)} that move: no coordinates; "
             f"{there} them. Expected a dataset 15 or 2411 with all nodes, in this file or another"
         )
-    bad = [f"node {node} from {known[node].where}: {known[node].problem}" for node in nodes
-           if known[node].problem]  # fmt: skip
+    bad = [
+        f"node {node} from {known[node].where}: {known[node].problem}"
+        for node in nodes
+        if known[node].problem
+    ]
     if bad:
         more = f"\n  and {len(bad) - _NAMED} more" if len(bad) > _NAMED else ""
         raise InputError("\n  ".join(bad[:_NAMED]) + more)

@@ -17,15 +17,17 @@ from fenics_joints.measurements.data import TestData
 from fenics_joints.measurements.gap import ALIKE, Pairing, mac, partnered
 from fenics_joints.measurements.measured_shapes import in_order
 
-__all__ = ["mistakes_beside", "mistakes_within"]
-
 #: Frequency ratios from common slips, with the cause of each.
 _SLIPS = {
-    2 * math.pi: "rad/s and Hz", 1000.0: "Hz and kHz, m and mm", 10.0: "the decimal point",
-    2.0: "a factor of two", 60.0: "per minute and Hz", 100.0: "the decimal point",
+    2 * math.pi: "rad/s and Hz",
+    1000.0: "Hz and kHz, m and mm",
+    10.0: "the decimal point",
+    2.0: "a factor of two",
+    60.0: "per minute and Hz",
+    100.0: "the decimal point",
     math.sqrt(1000.0): "a modulus or a density a thousand times off",
     math.sqrt(10.0): "a modulus or a density ten times off",
-}  # fmt: skip
+}
 #: How close a ratio is to a slip's; the joints may be off as well.
 _NEAR = 0.1
 #: Share of the misfit (root mean square of ln f, test to model) that may remain when a mistake is
@@ -134,13 +136,18 @@ def _equal(data: TestData) -> list[str]:
         f"test.shapes: {_listed(data, np.flatnonzero(same[:, j]))}: the same shape as "
         f"{data.mode_names[j]!r} (MAC {match[j, j + 1 :].max():.3g}); expected a different shape "
         "for each mode"
-        for j in range(len(same)) if same[:, j].any() and not same[j].any()
-    ]  # fmt: skip
+        for j in range(len(same))
+        if same[:, j].any() and not same[j].any()
+    ]
 
 
 def mistakes_beside(
-    data: TestData, row: int, model_hz: np.ndarray, visible: np.ndarray,
-    at_sensors: np.ndarray | None = None, pairing: Pairing | None = None,
+    data: TestData,
+    row: int,
+    model_hz: np.ndarray,
+    visible: np.ndarray,
+    at_sensors: np.ndarray | None = None,
+    pairing: Pairing | None = None,
     of_joints: Callable[[int], float] = lambda count: 0.0,
 ) -> list[str]:
     """Likely mistakes in a test, compared with a model's modes, in sentences.
@@ -155,7 +162,7 @@ def mistakes_beside(
         of_joints: Function of n: median share of the strain energy that the joints have in the
             lowest n visible modes. It is d ln w^2 / d ln k: if it is high, joints alone may scale
             all frequencies.
-    """  # fmt: skip
+    """
     f, seen_hz = data.frequencies_hz[row], model_hz[visible]
     kept, words = np.flatnonzero(np.isfinite(f)), []
     if not len(kept) or len(kept) > len(visible):
@@ -172,18 +179,27 @@ def mistakes_beside(
     if not words and shaped and 2 * len(told) >= len(kept):
         partners = model_hz[pairing.index]
         words = _exchanged(data, f, told, partners) or _wrong_factor(
-            data, f, told, seen_hz, elastic, of_joints,
+            data,
+            f,
+            told,
+            seen_hz,
+            elastic,
+            of_joints,
             lambda i, c: np.log(f[i] / c / partners[i]),
             lambda i: partners[[told[i]]] if pairing.mac[told[i]] > _CLEARLY else [],
-        )  # fmt: skip
+        )
         words += _sensors(data, told, pairing.shapes)
     elif not words:
         words = _wrong_factor(
-            data, f, kept, seen_hz, elastic, of_joints, lambda i, c: _aligned(
-                f[i] / c, seen_hz if c == 1 else seen_hz[: len(i)]
-            )[0],
+            data,
+            f,
+            kept,
+            seen_hz,
+            elastic,
+            of_joints,
+            lambda i, c: _aligned(f[i] / c, seen_hz if c == 1 else seen_hz[: len(i)])[0],
             lambda i: _candidates(np.delete(f[kept], i), seen_hz, i),
-        )  # fmt: skip
+        )
     if pairing is not None:
         words += _unpartnered(data, f, model_hz, pairing, words)
     return words if at_sensors is None else words + _few_sensors(data, at_sensors[:, visible])
@@ -192,13 +208,18 @@ def mistakes_beside(
 def _unpartnered(data: TestData, f: np.ndarray, model_hz, pairing: Pairing, words) -> list[str]:
     """Test modes that match no mode of the model and are not named in a note yet."""
     alone = [
-        i for i in np.flatnonzero(~partnered(pairing, model_hz, f, data.shapes))
+        i
+        for i in np.flatnonzero(~partnered(pairing, model_hz, f, data.shapes))
         if not any(repr(data.mode_names[i]) in line for line in words)
-    ]  # fmt: skip
-    return [
-        f"test.frequencies: modes without a partner in the model: {_listed(data, alone)}; "
-        "expected a model mode of similar shape or frequency for each"
-    ] if alone else []  # fmt: skip
+    ]
+    return (
+        [
+            f"test.frequencies: modes without a partner in the model: {_listed(data, alone)}; "
+            "expected a model mode of similar shape or frequency for each"
+        ]
+        if alone
+        else []
+    )
 
 
 def _aligned(test_hz: np.ndarray, model_hz: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -216,8 +237,14 @@ def _candidates(others_hz: np.ndarray, model_hz: np.ndarray, i: int) -> np.ndarr
 
 
 def _wrong_factor(
-    data: TestData, f: np.ndarray, kept: np.ndarray, seen_hz: np.ndarray, elastic: np.ndarray,
-    of_joints, log_ratios, places,
+    data: TestData,
+    f: np.ndarray,
+    kept: np.ndarray,
+    seen_hz: np.ndarray,
+    elastic: np.ndarray,
+    of_joints,
+    log_ratios,
+    places,
 ) -> list[str]:
     """All frequencies off by the factor of a slip, or beyond any joint's effect; or one alone off.
 
@@ -230,7 +257,7 @@ def _wrong_factor(
         of_joints: See `mistakes_beside`.
         log_ratios: Function of index and factor: ln of f / factor / frequency of the partner.
         places: Function of i: frequencies that the i-th compared mode could have, Hz.
-    """  # fmt: skip
+    """
 
     def misfit(index: np.ndarray, factor: float = 1.0) -> float:
         return float(np.sqrt(np.mean(log_ratios(index, factor) ** 2)))
@@ -242,8 +269,11 @@ def _wrong_factor(
     best, what = min(_slips(), key=lambda slip: misfit(kept, slip[0]))
     by_slip = count > 2 and misfit(kept, best) < _LEFT * whole
     if (by_slip or abs(math.log(ratio)) > math.log(_LARGEST_SHIFT)) and of_joints(count) < _JOINTS:
-        by = f"all about {best:.3g} times the model's ({what}?)" if by_slip else \
-            f"{ratio:.3g} times the model's (median), more than joints explain"  # fmt: skip
+        by = (
+            f"all about {best:.3g} times the model's ({what}?)"
+            if by_slip
+            else f"{ratio:.3g} times the model's (median), more than joints explain"
+        )
         return [
             f"test.frequencies: the {count} measured are {by}; expected about 1: check the unit "
             "of the table, and E, rho, masses and lengths of the model"
@@ -260,8 +290,12 @@ def _wrong_factor(
 
 def _single_outlier(data: TestData, f: np.ndarray, i: int, places, model_hz) -> list[str]:
     """The only frequency without a partner, unless the model has an elastic mode near it."""
-    meant = [(place, what) for place in places for slip, what in _slips()
-             if abs(f[i] / place / slip - 1) < _NEAR]  # fmt: skip
+    meant = [
+        (place, what)
+        for place in places
+        for slip, what in _slips()
+        if abs(f[i] / place / slip - 1) < _NEAR
+    ]
     expected = "expected modes of this structure only: leave it out"
     if meant:
         expected = "is it {:.4g} Hz ({})?".format(*meant[0])
@@ -285,8 +319,10 @@ def _exchanged(data: TestData, f: np.ndarray, told: np.ndarray, partners) -> lis
     log_f, log_g = np.log(f[told]), np.log(partners[told])
     there = np.sort(log_f)[np.argsort(np.argsort(log_g))]
     moves = there != log_f
-    misfit, left = (np.sqrt(np.mean((x[moves] - log_g[moves]) ** 2)) if moves.any() else 0.0
-                    for x in (log_f, there))  # fmt: skip
+    misfit, left = (
+        np.sqrt(np.mean((x[moves] - log_g[moves]) ** 2)) if moves.any() else 0.0
+        for x in (log_f, there)
+    )
     moved = told[moves]
     if misfit < _FITS or left > _LEFT * misfit:
         return []
@@ -305,8 +341,9 @@ def _shifted_columns(data: TestData, kept: np.ndarray, model: np.ndarray) -> lis
     return [
         f"test.shapes: its columns fit the frequencies better {words}; expected the columns of "
         "frequencies and shapes in the same order"
-        for words in found if n > 2
-    ]  # fmt: skip
+        for words in found
+        if n > 2
+    ]
 
 
 def _fitting(before: float, after: dict[str, float]) -> list[str]:
@@ -359,19 +396,28 @@ def _rows(data: TestData, kept: np.ndarray, model: np.ndarray) -> list[str]:
         return []
     one = np.eye(n, dtype=bool)[..., None]
     tries = [
-        {f"{step} rows further {way}": np.roll(shapes, step * sign, axis=0)
-         for step in range(1, n // 2 + 1) for way, sign in (("down", 1), ("up", -1))},
+        {
+            f"{step} rows further {way}": np.roll(shapes, step * sign, axis=0)
+            for step in range(1, n // 2 + 1)
+            for way, sign in (("down", 1), ("up", -1))
+        },
         {"in reverse order": shapes[::-1]},
-        {f"with {_sensor(data, s)} reversed": np.where(one[s], -shapes, shapes)
-         for s in range(n)},
-        {f"with all sensors along {np.round(way, 3).tolist()} reversed":
-         np.where(np.all(data.sensors.directions == way, axis=1)[:, None], -shapes, shapes)
-         for way in np.unique(data.sensors.directions, axis=0)},
-        {f"with {_sensor(data, s)} and {_sensor(data, t)} exchanged":
-         np.where(one[s], shapes[t], np.where(one[t], shapes[s], shapes))
-         for s, t in itertools.combinations(range(n), 2) if n <= _PAIRS},
+        {f"with {_sensor(data, s)} reversed": np.where(one[s], -shapes, shapes) for s in range(n)},
+        {
+            f"with all sensors along {np.round(way, 3).tolist()} reversed": np.where(
+                np.all(data.sensors.directions == way, axis=1)[:, None], -shapes, shapes
+            )
+            for way in np.unique(data.sensors.directions, axis=0)
+        },
+        {
+            f"with {_sensor(data, s)} and {_sensor(data, t)} exchanged": np.where(
+                one[s], shapes[t], np.where(one[t], shapes[s], shapes)
+            )
+            for s, t in itertools.combinations(range(n), 2)
+            if n <= _PAIRS
+        },
         {f"without {_sensor(data, s)}": np.where(one[s], np.nan, shapes) for s in range(n)},
-    ]  # fmt: skip
+    ]
     before = _agreement(shapes, model)
     for changed in tries:
         for words in _fitting(before, {w: _agreement(x, model) for w, x in changed.items()}):

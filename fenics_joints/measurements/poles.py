@@ -6,10 +6,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-__all__ = [
-    "Functions", "ModeFit", "fit_modes", "fitted", "free_residues", "rank_one", "smooth",
-]  # fmt: skip
-
 _SWEEPS, _STEPS = 3, 30
 #: Number of lines over which a function's noise is taken as constant.
 _WINDOW = 9
@@ -44,8 +40,13 @@ class Functions:
     def of_row(self, row: int) -> Functions:
         """The functions of one response."""
         kept = self.rows == row
-        return replace(self, values=self.values[:, kept], columns=self.columns[kept],
-                       rows=np.zeros(kept.sum(), dtype=int), n_rows=1)  # fmt: skip
+        return replace(
+            self,
+            values=self.values[:, kept],
+            columns=self.columns[kept],
+            rows=np.zeros(kept.sum(), dtype=int),
+            n_rows=1,
+        )
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -53,8 +54,7 @@ class Functions:
         return self.n_rows, len(self.components)
 
     def matrix(self, values: np.ndarray) -> np.ndarray:
-        """Values of each function, (..., K), as a matrix of responses and references; 0 for none.
-        """
+        """Each function, (..., K), as a matrix of responses and references; 0 for none."""
         found = np.zeros((*values.shape[:-1], *self.shape), dtype=values.dtype)
         found[..., self.rows, self.columns] = values
         return found
@@ -109,8 +109,9 @@ class ModeFit:
         """Random samples of responses, (n, n_responses, m), and of references alike."""
         rng, m = np.random.default_rng(seed), len(self.poles)
         parts = rng.normal(size=(n, len(self.covariance))) @ _root(self.covariance).T
-        own = np.einsum("iab,nib->nia", _root(self.own),
-                        rng.normal(size=(n, *self.slopes.shape[:2])))  # fmt: skip
+        own = np.einsum(
+            "iab,nib->nia", _root(self.own), rng.normal(size=(n, *self.slopes.shape[:2]))
+        )
         moved = own + np.einsum("iap,np->nia", self.slopes, parts)
         b = parts[:, 2 * m :].reshape(n, 2, *self.references.shape)
         return (
@@ -443,12 +444,17 @@ def _result(state: _State) -> ModeFit:
     slope_z = np.stack([-(poles.imag**2), poles.real * poles.imag]) / length**3
     total = np.linalg.norm(functions.values)
     return ModeFit(
-        poles, state.responses, state.references,
+        poles,
+        state.responses,
+        state.references,
         np.sqrt([slope_f[:, r] @ pairs[r] @ slope_f[:, r] for r in range(m)]),
         np.sqrt([slope_z[:, r] @ pairs[r] @ slope_z[:, r] for r in range(m)]),
-        state.rest, float(np.linalg.norm(state.rest) / total), covariance,
-        own * np.outer(np.tile(wider, 2), np.tile(wider, 2)), follow,
-    )  # fmt: skip
+        state.rest,
+        float(np.linalg.norm(state.rest) / total),
+        covariance,
+        own * np.outer(np.tile(wider, 2), np.tile(wider, 2)),
+        follow,
+    )
 
 
 def _wider(state: _State, by_poles: np.ndarray) -> np.ndarray:

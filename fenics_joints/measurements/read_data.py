@@ -12,8 +12,6 @@ from fenics_joints.measurements.data import TestData, same_conditions
 from fenics_joints.measurements.tables import LISTED, Table, read_table
 from fenics_joints.structure.points import Sensors
 
-__all__ = ["read_test_data"]
-
 #: More columns of frequencies and conditions than any test has: such a table is of something else.
 _MODES, _CONDITIONS = 1000, 10_000
 #: Wrong cells that a message names.
@@ -58,16 +56,16 @@ def read_test_data(
     ]
     left = [name for name in measured if name not in set(modes)]
     if left:
-        problems.add(InputError(
-            f"{table.path}: has columns {', '.join(map(repr, left[:LISTED]))}, which are no "
-            f"modes; expected {len(modes)} columns of frequencies: {', '.join(modes[:LISTED])}"
-        ))  # fmt: skip
+        problems.add(
+            InputError(
+                f"{table.path}: has columns {', '.join(map(repr, left[:LISTED]))}, which are no "
+                f"modes; expected {len(modes)} columns of frequencies: {', '.join(modes[:LISTED])}"
+            )
+        )
     if not problems:
         f = np.column_stack(columns)
         problems.tried(lambda: _check_values(table, modes, f > 0, "a frequency above 0 Hz"))
-        problems.tried(
-            lambda: _check_measured(table, condition, conditions, modes, np.isfinite(f))
-        )
+        problems.tried(lambda: _check_measured(table, condition, conditions, modes, np.isfinite(f)))
     ratios = None
     if beside:
         ratios = problems.tried(lambda: _damping_beside(table, beside, modes, damping))
@@ -77,20 +75,29 @@ def read_test_data(
     files.check()
     order = np.argsort(conditions)
     return TestData(
-        conditions[order], f[order], tuple(modes), condition or "row", unit,
-        None if ratios is None else ratios[order], resolution_hz, noise, sensors,
+        conditions[order],
+        f[order],
+        tuple(modes),
+        condition or "row",
+        unit,
+        None if ratios is None else ratios[order],
+        resolution_hz,
+        noise,
+        sensors,
         notes=tuple(table.notes),
-    )  # fmt: skip
+    )
 
 
 def _beside(table: Table, condition: str | None) -> list[str]:
     """Columns of damping ratios beside those of frequencies."""
     names = [name for name in table.names if name != condition]
     return [
-        name for name in names
-        if name.lower().endswith("damping") and table.unit(name) in ("", "%")
+        name
+        for name in names
+        if name.lower().endswith("damping")
+        and table.unit(name) in ("", "%")
         and (name.lower() == "damping" or name[: -len("damping")].strip() in names)
-    ]  # fmt: skip
+    ]
 
 
 def _damping_beside(table: Table, columns: Sequence[str], modes, damping) -> np.ndarray:
@@ -171,15 +178,19 @@ def _check_measured(table: Table, condition, conditions, modes, there: np.ndarra
     problems = Problems(table.path)
     for i in np.flatnonzero(~there.any(axis=1)):
         where = f" ({condition} = {conditions[i]:g})" if condition is not None else ""
-        problems.add(InputError(
-            f"{table.path}: data row {i + 1}{where} has no frequency, expected one or more, or no "
-            "such row"
-        ))  # fmt: skip
+        problems.add(
+            InputError(
+                f"{table.path}: data row {i + 1}{where} has no frequency, expected one or more, or "
+                "no such row"
+            )
+        )
     for j in np.flatnonzero(~there.any(axis=0)):
-        problems.add(InputError(
-            f"{table.path}: column {modes[j]!r} has no frequency, expected one or more, or no such "
-            "column"
-        ))  # fmt: skip
+        problems.add(
+            InputError(
+                f"{table.path}: column {modes[j]!r} has no frequency, expected one or more, or no "
+                "such column"
+            )
+        )
     problems.check()
 
 
@@ -187,8 +198,9 @@ def _check_values(table: Table, modes, good: np.ndarray, expected: str) -> None:
     columns = np.column_stack([table.column(name) for name in modes])
     bad = np.argwhere(~good & ~np.isnan(columns))
     if len(bad):
-        items = [f"data row {i + 1}, column {modes[j]!r} = {columns[i, j]:g}"
-                 for i, j in bad[:_CELLS]]  # fmt: skip
+        items = [
+            f"data row {i + 1}, column {modes[j]!r} = {columns[i, j]:g}" for i, j in bad[:_CELLS]
+        ]
         more = f" and {len(bad) - _CELLS} more" if len(bad) > _CELLS else ""
         raise InputError(f"{table.path}: {'; '.join(items)}{more}, expected {expected}")
 

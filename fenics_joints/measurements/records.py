@@ -12,18 +12,6 @@ from fenics_joints.errors import InputError, located
 from fenics_joints.measurements.frfs import MeasuredFRFs
 from fenics_joints.response.units import a_kind, checked_kind, frf_unit, length_factor
 
-__all__ = [
-    "CoherenceRecord",
-    "Contents",
-    "Dof",
-    "FRFRecord",
-    "Node",
-    "Said",
-    "as_dof",
-    "merge",
-    "node_label",
-]
-
 #: Share of a driving point's mobility below which its real part is not looked at.
 _REACTIVE = 0.15
 #: Most values of a matrix of functions, 4.8 GB: 500 responses, 6 references, 100,000 lines.
@@ -217,12 +205,17 @@ def merge(
     for gamma in contents.coherences:
         _put_coherence(coherence, gamma, first, places, rows, columns)
     data = MeasuredFRFs(
-        grid, values, first.kind,
-        *places.arrays(rows), *places.arrays(columns),
-        tuple(places.names[key] for key in rows), tuple(places.names[key] for key in columns),
-        None if np.isnan(coherence).all() else coherence, tuple(sources),
+        grid,
+        values,
+        first.kind,
+        *places.arrays(rows),
+        *places.arrays(columns),
+        tuple(places.names[key] for key in rows),
+        tuple(places.names[key] for key in columns),
+        None if np.isnan(coherence).all() else coherence,
+        tuple(sources),
         (*contents.notes, *places.notes),
-    )  # fmt: skip
+    )
     where = {key: record.where for key, (record, _) in cells.items()}
     doubts = _check_power(data, where, list(rows), list(columns))
     return replace(data, notes=(*data.notes, *doubts)) if doubts else data

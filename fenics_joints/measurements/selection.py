@@ -22,8 +22,6 @@ from fenics_joints.measurements.poles import (
     smooth,
 )
 
-__all__ = ["select_modes"]
-
 #: Relative standard deviation of the damping above which a pole is noise.
 _DOUBTFUL = 0.5
 #: Ratio of residual to noise from which the residual is looked at; and by how many of its standard
@@ -171,9 +169,7 @@ def _one_more(functions: Functions, fit: ModeFit | None, at: int) -> ModeFit:
     reference = rank_one(functions, residues)
     if fit is None:
         return fit_modes(functions, np.array([pole]), reference)
-    return fit_modes(
-        functions, np.append(fit.poles, pole), np.hstack([fit.references, reference])
-    )
+    return fit_modes(functions, np.append(fit.poles, pole), np.hstack([fit.references, reference]))
 
 
 def _better(functions: Functions, fit: ModeFit | None, more: ModeFit, max_damping: float) -> bool:
@@ -234,8 +230,13 @@ def _part(functions: Functions, fit: ModeFit, lines: np.ndarray) -> tuple[Functi
     """Some lines and the modes there; the fitted contributions of other modes are subtracted."""
     f = functions.f[lines]
     kept = (fit.frequencies_hz >= f[0]) & (fit.frequencies_hz <= f[-1])
-    near = replace(fit, poles=fit.poles[kept], responses=fit.responses[:, kept],
-                   references=fit.references[:, kept], rest=fit.rest[lines])  # fmt: skip
+    near = replace(
+        fit,
+        poles=fit.poles[kept],
+        responses=fit.responses[:, kept],
+        references=fit.references[:, kept],
+        rest=fit.rest[lines],
+    )
     part = replace(functions, f=f, values=functions.values[lines])
     return replace(part, values=near.rest + fitted(part, near)), near
 
@@ -314,9 +315,7 @@ def _other_scales(
     return fit, [note]
 
 
-def _apart(
-    functions: Functions, fit: ModeFit, names: Sequence[str]
-) -> tuple[ModeFit, list[str]]:
+def _apart(functions: Functions, fit: ModeFit, names: Sequence[str]) -> tuple[ModeFit, list[str]]:
     """The fit with the mean of the rows' own poles, if separate poles fit better."""
     rest, fits = _own_poles(functions, fit)
     n_rows, m = functions.n_rows, len(fit.poles)
@@ -336,12 +335,14 @@ def _apart(
         "shift it?"
     )
     fit = replace(
-        fit, poles=2 * np.pi * mean_f * (-mean_z + 1j * np.sqrt(1 - mean_z**2)), rest=rest,
+        fit,
+        poles=2 * np.pi * mean_f * (-mean_z + 1j * np.sqrt(1 - mean_z**2)),
+        rest=rest,
         responses=np.vstack([one.responses for one in fits]),
         frequencies_sd=np.hypot(fit.frequencies_sd, scatter_f),
         damping_sd=np.hypot(fit.damping_sd, scatter_z),
         residual=float(np.linalg.norm(rest) / np.linalg.norm(functions.values)),
-    )  # fmt: skip
+    )
     return fit, [note]
 
 

@@ -9,8 +9,6 @@ from scipy.sparse.csgraph import connected_components
 from fenics_joints.errors import InputError
 from fenics_joints.measurements.frfs import MeasuredFRFs
 
-__all__ = ["Links"]
-
 #: Share of a shape's square below which a sensor stands still in a mode and links no sets.
 _STILL = 1e-6
 #: Most names in a message.

@@ -20,8 +20,6 @@ from fenics_joints.formatting import control_character
 from fenics_joints.progress import reading
 from fenics_joints.units import factor_to_si, plain_number
 
-__all__ = ["LISTED", "Table", "column_head", "read_table"]
-
 _COMMA = re.compile(r"^([+-]?\d+),(\d+(?:[eE][+-]?\d+)?)$")
 #: A number that a comma of thousands may have, too.
 _THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2},\d{3}")
@@ -120,10 +118,12 @@ def read_table(path: str | Path) -> Table:
     split = [column_head(head) for head in heads]
     names = tuple(name for name, _ in split)
     for hidden in (head for head in heads if control_character(head)):
-        problems.add(InputError(
-            f"{path}: the head {hidden[:40]!r} has the control character "
-            f"{control_character(hidden)}; expected text that can be printed"
-        ))  # fmt: skip
+        problems.add(
+            InputError(
+                f"{path}: the head {hidden[:40]!r} has the control character "
+                f"{control_character(hidden)}; expected text that can be printed"
+            )
+        )
     for name, count in Counter(names).items():
         if not name or count > 1:
             what = f"column name {name!r}, expected a name for each, used once"
@@ -222,8 +222,9 @@ class _Csv:
             except ValueError:
                 good = False
             if not good:
-                values[row - 1] = [_number(cell, i, h, bad)
-                                   for cell, h in zip(cells, self.heads, strict=True)]  # fmt: skip
+                values[row - 1] = [
+                    _number(cell, i, h, bad) for cell, h in zip(cells, self.heads, strict=True)
+                ]
         if wrong:
             problems.add(InputError(f"{self.path}: {wrong}, expected {n} as in the head"))
         if bad:
@@ -287,8 +288,10 @@ def _toml_columns(path: Path, problems: Problems) -> tuple[list[str], np.ndarray
         shown = ", ".join(f"{head}: {n}" for head, n in list(lengths.items())[:_NAMED])
         raise InputError(f"{path}: the arrays have lengths {shown}, expected one and the same")
     bad = _Some()
-    values = [[_number(cell, i, head, bad) for i, cell in enumerate(column, 1)]
-              for head, column in columns.items()]  # fmt: skip
+    values = [
+        [_number(cell, i, head, bad) for i, cell in enumerate(column, 1)]
+        for head, column in columns.items()
+    ]
     if bad:
         problems.add(InputError(f"{path}: {bad}: {_NO_NUMBER}"))
     return list(columns), np.array(values).T

@@ -15,7 +15,6 @@ from fenics_joints.structure.points import Sensors
 if TYPE_CHECKING:
     from fenics_joints.measurements.frfs import MeasuredFRFs
 
-__all__ = ["DATA", "FRFTarget", "Target"]
 
 #: The kinds of data, in the order of their residuals.
 DATA = ("frequencies", "shapes", "damping", "frfs")
@@ -131,9 +130,13 @@ class FRFTarget:
             there = there[np.unique([np.abs(f[there] - w).argmin() for w in wanted])]
         excitation = Sensors(measured.reference_points, measured.reference_directions)
         return cls(
-            f[there], measured.values[there], measured.sensors(), excitation, measured.kind,
+            f[there],
+            measured.values[there],
+            measured.sensors(),
+            excitation,
+            measured.kind,
             sd[there],
-        )  # fmt: skip
+        )
 
     @property
     def used(self) -> np.ndarray:
@@ -202,8 +205,10 @@ class Target:
     def _check_shapes(self, m: int) -> None:
         shapes = np.asarray(self.shapes)
         if np.iscomplexobj(shapes):
-            raise InputError("shapes are complex: expected real ones, such as their real parts "
-                             "after a turn that makes the imaginary ones least")  # fmt: skip
+            raise InputError(
+                "shapes are complex: expected real ones, such as their real parts "
+                "after a turn that makes the imaginary ones least"
+            )
         shapes = shapes.astype(float)
         if self.shape_sensors is None:
             raise InputError("shape_sensors is missing: expected it with shapes")

@@ -15,13 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from fenics_joints.errors import InputError, Problems, located
-from fenics_joints.measurements.records import (
-    CoherenceRecord,
-    Contents,
-    Dof,
-    FRFRecord,
-    Said,
-)
+from fenics_joints.measurements.records import CoherenceRecord, Contents, Dof, FRFRecord, Said
 from fenics_joints.measurements.uff_sets import (
     FORMS,
     GEOMETRY,
@@ -34,23 +28,40 @@ from fenics_joints.measurements.uff_sets import (
 from fenics_joints.response.units import MOTION, a_kind, frf_unit, ratio_unit
 from fenics_joints.units import factor_to_si
 
-__all__ = ["read_uff"]
-
 #: Function types of dataset 58 that files of FRFs often hold too.
 _TYPES = {
-    0: "unknown", 1: "time response", 2: "auto spectrum", 3: "cross spectrum",
-    4: "frequency response function", 5: "transmissibility", 6: "coherence",
-    7: "auto correlation", 8: "cross correlation", 9: "power spectral density",
-    12: "spectrum", 26: "multiple coherence",
-}  # fmt: skip
+    0: "unknown",
+    1: "time response",
+    2: "auto spectrum",
+    3: "cross spectrum",
+    4: "frequency response function",
+    5: "transmissibility",
+    6: "coherence",
+    7: "auto correlation",
+    8: "cross correlation",
+    9: "power spectral density",
+    12: "spectrum",
+    26: "multiple coherence",
+}
 _FRF, _COHERENCE, _MULTIPLE = 4, 6, 26
 
 #: Specific data types of dataset 58.
 _DATA = {
-    0: "unknown", 1: "general", 2: "stress", 3: "strain", 8: "displacement", 9: "reaction force",
-    11: "velocity", 12: "acceleration", 13: "excitation force", 15: "pressure", 17: "time",
-    18: "frequency", 19: "rpm", 20: "order",
-}  # fmt: skip
+    0: "unknown",
+    1: "general",
+    2: "stress",
+    3: "strain",
+    8: "displacement",
+    9: "reaction force",
+    11: "velocity",
+    12: "acceleration",
+    13: "excitation force",
+    15: "pressure",
+    17: "time",
+    18: "frequency",
+    19: "rpm",
+    20: "order",
+}
 _MOTIONS = {8: "receptance", 11: "mobility", 12: "accelerance"}
 _UNSAID, _FORCE, _FREQUENCY = (0, 1), 13, 18
 #: What data of the response alone would need.
@@ -89,9 +100,7 @@ def read_uff(path: Path, said: Said) -> Contents:
             )
             contents.functions.append(one)
         elif data["func_type"] in (_COHERENCE, _MULTIPLE):
-            contents.coherences.append(
-                problems.tried(lambda w=where, d=data: _coherence(w, d))
-            )
+            contents.coherences.append(problems.tried(lambda w=where, d=data: _coherence(w, d)))
         else:
             other[word(_TYPES, data["func_type"])] += 1
     problems.check()
@@ -126,9 +135,13 @@ def _function(where: str, data, units, said: Said, notes: list[str]) -> FRFRecor
         )
     kind, factor = _scale(where, data, units, said, notes)
     return FRFRecord(
-        _dof(where, data, "rsp", "response"), _dof(where, data, "ref", "reference"),
-        x, factor * np.asarray(data["data"]), kind, where,
-    )  # fmt: skip
+        _dof(where, data, "rsp", "response"),
+        _dof(where, data, "ref", "reference"),
+        x,
+        factor * np.asarray(data["data"]),
+        kind,
+        where,
+    )
 
 
 def _coherence(where: str, data) -> CoherenceRecord:
@@ -136,8 +149,10 @@ def _coherence(where: str, data) -> CoherenceRecord:
     return CoherenceRecord(
         _dof(where, data, "rsp", "response"),
         None if multiple else _dof(where, data, "ref", "reference"),
-        _abscissa(where, data), np.real(data["data"]), where,
-    )  # fmt: skip
+        _abscissa(where, data),
+        np.real(data["data"]),
+        where,
+    )
 
 
 def _abscissa(where: str, data) -> np.ndarray:

@@ -23,8 +23,6 @@ from fenics_joints.measurements.records import MISSING, Contents, Node, Said
 from fenics_joints.progress import reading
 from fenics_joints.response.units import length_factor
 
-__all__ = ["GEOMETRY", "Dataset", "add_nodes", "axes_of", "read_sets", "units_of", "word"]
-
 #: Place in a file, and content, of a dataset.
 Dataset = tuple[str, dict[str, Any]]
 #: Datasets of nodes, axes and units.
@@ -39,8 +37,7 @@ _MARK = re.compile(rb"^[ \t]{0,5}-1[ \t]*(?:\r?\n|\Z)", re.MULTILINE)
 _BINARY_MARK = re.compile(rb"[\r\n]{0,2} {4}-1[ \t]*(?:\r?\n|\Z)")
 _D = re.compile(r"(\d\.?)[Dd]([+-]?\d)")
 _NUMBER = re.compile(
-    r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[Ee][+-]?\d+|[+-]\d{3}(?![\d.]))?|[+-]?(?:nan|inf)",
-    re.IGNORECASE,
+    r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[Ee][+-]?\d+|[+-]\d{3}(?![\d.]))?|[+-]?(?:nan|inf)", re.IGNORECASE
 )
 _BARE = re.compile(r"(\d\.?)([+-]\d{3})$")
 
@@ -81,8 +78,11 @@ def read_sets(
                 lines = _text(data[body:end]).splitlines()
                 sets.append((where, {"type": kind, "lines": lines}))
             elif kind in kinds:
-                read = found.tried(lambda k=kind, at=where, s=start, b=body, e=end: _read_set(
-                    pyuff, k, at, data[s:b], data[b:e]))  # fmt: skip
+                read = found.tried(
+                    lambda k=kind, at=where, s=start, b=body, e=end: _read_set(
+                        pyuff, k, at, data[s:b], data[b:e]
+                    )
+                )
                 if read is not None:
                     sets.append((where, read))
     if problems is None:
@@ -237,9 +237,7 @@ def _numbers(where: str, head: dict[str, Any], body: bytes) -> np.ndarray:
             f"1 even) as in its record 7, not {rest.split()[0]!r}: the data are damaged or "
             "truncated, or the record is wrong"
         )
-    return np.array(
-        [float(_BARE.sub(r"\1E\2", one)) for one in _NUMBER.findall(text)], dtype=float
-    )
+    return np.array([float(_BARE.sub(r"\1E\2", one)) for one in _NUMBER.findall(text)], dtype=float)
 
 
 def word(words: Mapping[int, str], code: int) -> str:
@@ -321,12 +319,14 @@ def axes_of(sets: Sequence[Dataset]) -> dict[int, CoordinateSystem]:
     for where, data in sets:
         if data["type"] == 2420:
             others = [0] * len(data["CS_types"])
-            systems = zip(data["CS_sys_labels"], data["CS_types"], others, data["CS_matrices"],
-                          strict=True)  # fmt: skip
+            systems = zip(
+                data["CS_sys_labels"], data["CS_types"], others, data["CS_matrices"], strict=True
+            )
         elif data["type"] == 18:
             matrices = [*map(_frame, data["ref_o"], data["x_point"], data["xz_point"])]
-            systems = zip(data["cs_num"], data["cs_type"], data["ref_cs_num"], matrices,
-                          strict=True)  # fmt: skip
+            systems = zip(
+                data["cs_num"], data["cs_type"], data["ref_cs_num"], matrices, strict=True
+            )
         else:
             continue
         for label, kind, other, matrix in systems:
@@ -342,9 +342,10 @@ def axes_of(sets: Sequence[Dataset]) -> dict[int, CoordinateSystem]:
                     "origin and three axes at right angles"
                 )
             found[int(label)] = (
-                CoordinateSystem(problem=problem) if problem
+                CoordinateSystem(problem=problem)
+                if problem
                 else CoordinateSystem(int(kind), matrix[:3], matrix[3])
-            )  # fmt: skip
+            )
     return found
 
 

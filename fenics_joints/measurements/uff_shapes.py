@@ -28,21 +28,34 @@ from fenics_joints.measurements.uff_sets import (
     word,
 )
 
-__all__ = ["ShapeContents", "ShapeRecord", "read_uff_shapes"]
-
 _ANALYSES = {
-    0: "unknown", 1: "static", 2: "normal mode", 3: "complex eigenvalue", 4: "transient",
-    5: "frequency response", 6: "buckling", 7: "complex eigenvalue",
-}  # fmt: skip
+    0: "unknown",
+    1: "static",
+    2: "normal mode",
+    3: "complex eigenvalue",
+    4: "transient",
+    5: "frequency response",
+    6: "buckling",
+    7: "complex eigenvalue",
+}
 _NORMAL, _COMPLEX = 2, (3, 7)
 _CHARACTER = {
-    0: "unknown", 1: "scalar", 2: "translations", 3: "translations and rotations",
-    4: "symmetric tensor", 5: "tensor",
-}  # fmt: skip
+    0: "unknown",
+    1: "scalar",
+    2: "translations",
+    3: "translations and rotations",
+    4: "symmetric tensor",
+    5: "tensor",
+}
 _DATA = {
-    0: "unknown", 1: "general", 2: "stress", 3: "strain", 8: "displacement", 11: "velocity",
+    0: "unknown",
+    1: "general",
+    2: "stress",
+    3: "strain",
+    8: "displacement",
+    11: "velocity",
     12: "acceleration",
-}  # fmt: skip
+}
 _MOTIONS = (0, 1, 8, 11, 12)
 _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[EeDd][+-]?\d+)?|nan|[+-]?inf", re.IGNORECASE)
 
@@ -93,11 +106,13 @@ def read_uff_shapes(paths: Sequence[Path], said: Said) -> ShapeContents:
     """
     problems = Problems(paths[0] if len(paths) == 1 else "")
     sets = [
-        one for path in paths
+        one
+        for path in paths
         for one in problems.tried(
             lambda path=path: read_sets(path, (55, 82, 2414, *GEOMETRY), problems)
-        ) or ()
-    ]  # fmt: skip
+        )
+        or ()
+    ]
     found, others = ShapeContents(), []
     length, _ = problems.tried(lambda: units_of(sets, said)) or (1.0, 1.0)
     axes = problems.tried(lambda: axes_of(sets)) or {}
@@ -182,9 +197,14 @@ def _shape(where: str, type_: int, lines: Sequence[str]) -> ShapeRecord | str:
         for node, row in table.items()
     }
     return ShapeRecord(
-        where, number[0], frequency, damping, {node: v[:3] for node, v in values.items()},
-        is_complex, any(v[3:].any() for v in values.values()),
-    )  # fmt: skip
+        where,
+        number[0],
+        frequency,
+        damping,
+        {node: v[:3] for node, v in values.items()},
+        is_complex,
+        any(v[3:].any() for v in values.values()),
+    )
 
 
 def _pole(where: str, analysis: int, real: Sequence[float]) -> tuple[float, float]:

@@ -3,11 +3,7 @@
 from fenics_joints.modal.eigensolver import EigenResult, EigenSolver, count_below, solve_pencil
 from fenics_joints.modal.iterative import IterativeEigenSolver
 from fenics_joints.modal.modes import Modes, solve_modes
-from fenics_joints.modal.sensitivity import (
-    Identifiability,
-    frequency_sensitivity,
-    identifiability,
-)
+from fenics_joints.modal.sensitivity import Identifiability, frequency_sensitivity, identifiability
 from fenics_joints.modal.shape_files import write_shapes
 
 __all__ = [

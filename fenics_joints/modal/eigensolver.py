@@ -35,14 +35,6 @@ from fenics_joints.modal.options import (
 )
 from fenics_joints.structure.sparse import dense_block, product, vectors_like
 
-__all__ = [
-    "DEFAULT_SHIFT",
-    "EigenResult",
-    "EigenSolver",
-    "count_below",
-    "solve_pencil",
-]
-
 #: Default shift in rad^2/s^2: 50 Hz below zero, for metal parts with modes from 10 Hz to 20 kHz.
 DEFAULT_SHIFT = -((2.0 * np.pi * 50.0) ** 2)
 

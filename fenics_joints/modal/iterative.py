@@ -24,8 +24,6 @@ from fenics_joints.modal.options import given_options
 from fenics_joints.structure.sparse import product, vectors_like, without_zeros
 from fenics_joints.structure.structure import Structure
 
-__all__ = ["IterativeEigenSolver"]
-
 #: A rigid motion's forces, relative to the diagonal of K: round-off is 1e-13, a spring of 1 N/m on
 #: a steel part 1e-9.
 _NO_FORCE = 1e-11
@@ -130,8 +128,9 @@ class IterativeEigenSolver:
             "basis": 3 * width,
             "memory_gib": (
                 12 * (entries + self._multigrid.entries) + 8 * structure.n_dofs * 10 * width
-            ) / 2**30,
-        }  # fmt: skip
+            )
+            / 2**30,
+        }
         shapes = vectors_like(self._A.createVecRight(), X.T)
         return EigenResult(values, shapes, residuals, stats)
 

@@ -13,8 +13,6 @@ from fenics_joints.errors import ConvergenceError
 from fenics_joints.modal.options import reason_of
 from fenics_joints.structure.sparse import dense_block, without_zeros
 
-__all__ = ["Operator", "lanczos", "refined"]
-
 #: Share of the largest energy below which a combination of a block and its image is round-off.
 _DEPENDENT = 1e-12
 

@@ -17,11 +17,6 @@ from fenics_joints.modal.iterative import IterativeEigenSolver
 from fenics_joints.structure import Model, Sensors
 from fenics_joints.structure.grids import cell_grid, pyvista
 
-__all__ = [
-    "NOTHING", "SHIFT_SHARE", "Modes", "check_model", "count_rigid", "dense_modes",
-    "inverted_modes", "refine_modes", "rigid_below", "solve_modes", "upright",
-]  # fmt: skip
-
 #: The shift's frequency as a share of the structure's dilation frequency: far enough below zero
 #: for a safe factorisation of a free body, near enough for fast convergence.
 SHIFT_SHARE = 0.002
@@ -277,9 +272,15 @@ def _modes(model, given, solver, result) -> Modes:
     shift_hz = np.sqrt(-solver.shift) / (2 * np.pi)
     n_rigid = count_rigid(result.values, shift_hz, result.round_off)
     return Modes(
-        model, given, result.values, result.shapes, n_rigid, result.residuals, solver,
+        model,
+        given,
+        result.values,
+        result.shapes,
+        n_rigid,
+        result.residuals,
+        solver,
         result.statistics,
-    )  # fmt: skip
+    )
 
 
 def _solve_dense(model, given, K, M, n_modes) -> Modes:

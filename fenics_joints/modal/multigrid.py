@@ -24,8 +24,6 @@ from fenics_joints.modal.options import given_options, petsc_defaults
 from fenics_joints.structure.sparse import vectors_like, without_zeros
 from fenics_joints.structure.structure import Structure
 
-__all__ = ["Multigrid", "rigid_motions", "to_upper_half"]
-
 _GAMG = {
     # Aggregates must not reach across a soft layer, nor skip a distance.
     "pc_gamg_threshold": "0.02",
@@ -151,9 +149,7 @@ def rigid_motions(structure: Structure) -> np.ndarray:
     R, u = np.empty((len(held), len(motions))), fem.Function(structure.V)
     for column, (shift, turn) in enumerate(motions):
         u.interpolate(
-            lambda x, shift=shift, turn=turn: (
-                shift[:, None] + turn @ (x[:gdim] - centre[:, None])
-            )
+            lambda x, shift=shift, turn=turn: shift[:, None] + turn @ (x[:gdim] - centre[:, None])
         )
         R[:, column] = np.where(held, 0.0, u.x.array[: len(held)])
     return R

@@ -12,10 +12,6 @@ from petsc4py import PETSc
 
 from fenics_joints.errors import InputError, mapping, shown, wanted
 
-__all__ = [
-    "give_room", "given_options", "last_line", "petsc_defaults", "reason_of", "say_unused",
-]  # fmt: skip
-
 
 def given_options(petsc_options: object) -> dict[str, object]:
     """PETSc's options as a user gives them; none for None.

@@ -10,8 +10,6 @@ import numpy as np
 from fenics_joints.errors import capable, items, real, reals, wanted
 from fenics_joints.modal.modes import Modes
 
-__all__ = ["Identifiability", "frequency_sensitivity", "identifiability"]
-
 
 def frequency_sensitivity(modes: Modes, index: Sequence[int]) -> np.ndarray:
     """Derivative of ln f by every parameter: d ln f / dp = (d lambda / dp) / (2 lambda).

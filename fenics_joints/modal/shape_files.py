@@ -11,8 +11,6 @@ from fenics_joints.errors import InputError
 from fenics_joints.modal.modes import Modes
 from fenics_joints.structure.paraview import write_fields
 
-__all__ = ["check_meshed", "write_shapes"]
-
 
 def write_shapes(modes: Modes, path: str | Path) -> list[Path]:
     """Write all elastic modes: VTX for ``.bp``, XDMF with HDF5 for ``.xdmf``. Collective.
@@ -59,6 +57,5 @@ def check_meshed(model: object, path: str | Path) -> None:
     """
     if not hasattr(model, "displacement"):
         raise InputError(
-            f"{path}: a {type(model).__name__} has no mesh for ParaView; expected a model of "
-            "solids"
+            f"{path}: a {type(model).__name__} has no mesh for ParaView; expected a model of solids"
         )

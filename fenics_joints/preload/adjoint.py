@@ -29,8 +29,6 @@ from fenics_joints.preload.patch import contour_area
 from fenics_joints.preload.result import PreloadResult
 from fenics_joints.structure.sparse import product
 
-__all__ = ["Gradient", "PreloadAdjoint"]
-
 #: Residual, relative to the right-hand side, above which the tangent counts as singular.
 _ACCURACY = 1e-8
 

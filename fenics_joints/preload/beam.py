@@ -17,8 +17,6 @@ from scipy.linalg import cho_factor, cho_solve
 
 from fenics_joints.errors import InputError
 
-__all__ = ["beam_matrices", "condense", "end_dofs"]
-
 # Pivots of the scaled inner block below this are round-off: that block is singular.
 _SINGULAR = 1e-13
 

@@ -11,8 +11,6 @@ from scipy.sparse.csgraph import connected_components
 
 from fenics_joints._compat import geometry_dofmap
 
-__all__ = ["at_blocks", "body_numbers", "node_positions", "rigid_motions"]
-
 
 def body_numbers(V: fem.FunctionSpace) -> tuple[np.ndarray, int]:
     """Number of the body of each local block of ``V``, ghosts included, and of bodies. Collective.

@@ -20,12 +20,7 @@ from fenics_joints.errors import (
     text,
     wanted,
     whole,
-)  # fmt: skip
-
-__all__ = [
-    "BeamBolt", "Contact", "Displacement", "Obstacle", "Pressure", "PretensionSection", "Traction",
-    "WasherForce",
-]  # fmt: skip
+)
 
 Gap = float | Callable[[np.ndarray], np.ndarray]
 
@@ -98,8 +93,11 @@ class Obstacle:
         text("obstacle.name", self.name)
         text(f"{self.name}.facets", self.facets)
         if not callable(self.shape):
-            raise wanted(f"{self.name}.shape", self.shape, "a Plane, a Sphere, a Cylinder or a "
-                         "function of positions")  # fmt: skip
+            raise wanted(
+                f"{self.name}.shape",
+                self.shape,
+                "a Plane, a Sphere, a Cylinder or a function of positions",
+            )
         _check_touch(self)
         if self.travel is not None:
             reals(f"{self.name}.travel", self.travel, (None,), "m")
@@ -285,8 +283,11 @@ class Displacement:
         text("displacement.name", self.name)
         text(f"{self.name}.facets", self.facets)
         what = f"{self.name}.value"
-        given = [v for v in items(what, self.value, (float, int, type(None)), "numbers, m, or None")
-                 if v is not None]  # fmt: skip
+        given = [
+            v
+            for v in items(what, self.value, (float, int, type(None)), "numbers, m, or None")
+            if v is not None
+        ]
         if len(self.value) not in (2, 3) or not given:
             raise wanted(what, self.value, "2 or 3 components, m, not all of them None")
         reals(what, given, (None,), "m")

@@ -18,8 +18,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-__all__ = ["OPEN", "SLIP", "STICK", "Pairs", "Penalty"]
-
 OPEN, SLIP, STICK = 0, 1, 2
 
 #: Factor of c in the equation of friction; 0.01 to 0.1 takes the fewest iterations.

@@ -9,8 +9,6 @@ from fenics_joints.preload.conditions import Pairs
 from fenics_joints.preload.newton import NewtonMatrix
 from fenics_joints.preload.system import PreloadSystem
 
-__all__ = ["Equations"]
-
 #: Round-off of a residual, relative to the products of which it is the sum.
 _ROUND_OFF = 10 * np.finfo(float).eps
 #: Relative to the loads; never is a larger residual taken for round-off.

@@ -13,8 +13,6 @@ from fenics_joints.errors import MeshError
 from fenics_joints.meshes import TaggedMesh
 from fenics_joints.structure.structure import Structure
 
-__all__ = ["Face", "edge_middle", "read_face"]
-
 
 @dataclass(frozen=True, repr=False)
 class Face:
@@ -125,9 +123,10 @@ def _facet_layout(V):
     facets = []
     for vertices in topology[tdim - 1]:
         edges = [
-            e for e, ends in enumerate(topology[1])
+            e
+            for e, ends in enumerate(topology[1])
             if set(ends) <= set(vertices) and at_edge[e] is not None
-        ]  # fmt: skip
+        ]
         facets.append((list(vertices), edges, [list(topology[1][e]) for e in edges]))
     return facets, (at_vertex, at_edge)
 

@@ -25,8 +25,6 @@ from fenics_joints.preload.conditions import OPEN, SLIP, STICK
 from fenics_joints.preload.result import ContactState, PreloadResult
 from fenics_joints.structure.paraview import write_fields
 
-__all__ = ["facet_status", "nodal_fields", "write"]
-
 #: Status away from the contacts.
 NO_CONTACT = -1.0
 #: Name in XDMF, and corners in VTK's order, of facets by their number of vertices.
@@ -153,9 +151,12 @@ def _contact_grid(state: ContactState) -> ElementTree.Element:
     kind, order = _FACETS[c.facets.shape[1]]
     grid = ElementTree.Element("Grid", Name=state.name, GridType="Uniform")
     topology = ElementTree.SubElement(
-        grid, "Topology", TopologyType=kind, NumberOfElements=str(len(c.facets)),
+        grid,
+        "Topology",
+        TopologyType=kind,
+        NumberOfElements=str(len(c.facets)),
         NodesPerElement=str(len(order)),
-    )  # fmt: skip
+    )
     _item(topology, c.facets[:, list(order)], "Int")
     _item(ElementTree.SubElement(grid, "Geometry", GeometryType="XYZ"), _in_space(c.points))
     for name, values in _contact_values(state).items():
@@ -179,8 +180,12 @@ def _in_space(vectors: np.ndarray) -> np.ndarray:
 
 def _item(parent: ElementTree.Element, values: np.ndarray, kind: str = "Float") -> None:
     item = ElementTree.SubElement(
-        parent, "DataItem", Dimensions=" ".join(map(str, values.shape)), NumberType=kind,
-        Precision="8", Format="XML",
-    )  # fmt: skip
+        parent,
+        "DataItem",
+        Dimensions=" ".join(map(str, values.shape)),
+        NumberType=kind,
+        Precision="8",
+        Format="XML",
+    )
     rows = np.atleast_2d(values) if values.ndim == 1 else values
     item.text = "\n" + "\n".join(" ".join(map(repr, row)) for row in rows.tolist()) + "\n"

@@ -18,8 +18,6 @@ from fenics_joints.preload.interface import Interface
 from fenics_joints.preload.model import PreloadModel
 from fenics_joints.structure.sparse import product
 
-__all__ = ["Hold", "dots", "find_hold"]
-
 #: A motion whose energy is below this share of its DOFs' own stiffness meets no resistance.
 _FREE = 1e-11
 #: A load whose resultant is below this share of its sum of magnitudes is balanced.
@@ -114,8 +112,10 @@ def _candidates(model: PreloadModel):
     local_motions = rigid_motions(x[: _own(V)] - centre, model.axisymmetric)
     # Groups on both sides of each contact, and of each spider: asked of all ranks once.
     own = body[: _own(V)]
-    sides = [[group_of[at_blocks(V, own, nodes)] for nodes in (c.upper, c.masters)]
-             for c in model.jumps.contacts]  # fmt: skip
+    sides = [
+        [group_of[at_blocks(V, own, nodes)] for nodes in (c.upper, c.masters)]
+        for c in model.jumps.contacts
+    ]
     legs = [group_of[at_blocks(V, own, s.nodes[:1])[0]] for s in model.jumps.spiders]
     motions = []
     for number in range(len(names)):
@@ -136,8 +136,11 @@ def _candidates(model: PreloadModel):
 def _pushed(model: PreloadModel) -> list[tuple]:
     """Number and interface of obstacles that a force pushes."""
     interfaces = {c.name: c for c in model.jumps.contacts}
-    return [(i, interfaces[m.name]) for i, m in enumerate(model.moved)
-            if isinstance(m, Obstacle) and m.force is not None]  # fmt: skip
+    return [
+        (i, interfaces[m.name])
+        for i, m in enumerate(model.moved)
+        if isinstance(m, Obstacle) and m.force is not None
+    ]
 
 
 def _alone(model: PreloadModel, i: int, c: Interface, along: np.ndarray) -> np.ndarray:
@@ -178,14 +181,13 @@ def _in_x(model, u, moves, turns, k, centre) -> np.ndarray:
     array = np.zeros(jumps.n_local)
     array[: u.size] = u.ravel()
     for c, (upper, lower) in zip(jumps.contacts, moves, strict=True):
-        jump = c.jumps_of(
-            lambda x: rigid_motions(x - centre, model.axisymmetric)[k], upper, lower
-        )
+        jump = c.jumps_of(lambda x: rigid_motions(x - centre, model.axisymmetric)[k], upper, lower)
         turned = np.einsum("nki,ni->nk", c.frames, jump)
         jumps.put(array, jumps.numbers(c), turned)
         jumps.put(array, jumps.bubbles(c), 0.0)
-    following = [nodes for c in jumps.bonded if c.coupling is None
-                 for nodes in (c.upper, c.upper_midsides)]  # fmt: skip
+    following = [
+        nodes for c in jumps.bonded if c.coupling is None for nodes in (c.upper, c.upper_midsides)
+    ]
     following += [section.upper for section in jumps.sections]
     following += [c.coupling.midsides for c in (*jumps.contacts, *jumps.bonded) if c.coupling]
     for c in jumps.bonded:
@@ -222,9 +224,11 @@ def _whole_first(free: np.ndarray, whole: np.ndarray, scale: np.ndarray):
     size = np.sqrt(np.einsum("ij,ik,kj->j", whole, scale, whole))
     off = np.sqrt(np.maximum(np.einsum("ij,ik,kj->j", left, scale, left), 0)) / size
     kept = whole[:, off < 1e-4]
-    rest = free - kept @ np.linalg.lstsq(
-        kept.T @ scale @ kept, kept.T @ scale @ free, rcond=None
-    )[0] if kept.size else free  # fmt: skip
+    rest = (
+        free - kept @ np.linalg.lstsq(kept.T @ scale @ kept, kept.T @ scale @ free, rcond=None)[0]
+        if kept.size
+        else free
+    )
     gram = rest.T @ scale @ rest
     values, vectors = np.linalg.eigh(0.5 * (gram + gram.T))
     rest = rest @ vectors[:, np.argsort(-values)[: free.shape[1] - kept.shape[1]]]

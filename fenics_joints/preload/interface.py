@@ -18,10 +18,6 @@ from fenics_joints.errors import MeshError
 from fenics_joints.preload.faces import Face
 from fenics_joints.preload.mortar import Coupling, Mortar, couple
 
-__all__ = [
-    "Interface", "couple_faces", "face_obstacle", "frames", "matching", "pair_faces",
-]  # fmt: skip
-
 #: Pairs of vertices may be apart by this share of the shortest edge.
 _TOLERANCE = 1e-3
 #: A face's vertex normals may be this far from opposed, as a cosine.
@@ -152,17 +148,34 @@ def pair_faces(
     given = np.asarray(gap(points) if callable(gap) else gap, dtype=float)
     edges, low_mid, up_mid = _pair_edges(name, pairs, lower, upper)
     return Interface(
-        name, lower.nodes[pairs[:, 0]], upper.nodes[pairs[:, 1]], points, frames(normals), areas,
-        meshed + np.broadcast_to(given, n), facets, shares, edges, low_mid, up_mid,
+        name,
+        lower.nodes[pairs[:, 0]],
+        upper.nodes[pairs[:, 1]],
+        points,
+        frames(normals),
+        areas,
+        meshed + np.broadcast_to(given, n),
+        facets,
+        shares,
+        edges,
+        low_mid,
+        up_mid,
         upper.where[rows],
-    )  # fmt: skip
+    )
 
 
 def couple_faces(
-    name: str, lower: Face, upper: Face, *, bubble: float, gap: float | Callable = 0.0,
-    tolerance: float | None = None, weight: Callable | None = None, held: Callable | None = None,
+    name: str,
+    lower: Face,
+    upper: Face,
+    *,
+    bubble: float,
+    gap: float | Callable = 0.0,
+    tolerance: float | None = None,
+    weight: Callable | None = None,
+    held: Callable | None = None,
     bonded: bool = False,
-) -> Interface:  # fmt: skip
+) -> Interface:
     """Couple two faces whose vertices do not match, see `fenics_joints.preload.mortar`.
 
     The upper face carries the pressure. It should be the smaller one: its facets that stick out by
@@ -198,9 +211,13 @@ def couple_faces(
 
 
 def face_obstacle(
-    name: str, face: Face, shape: Callable, *, gap: float | Callable = 0.0,
+    name: str,
+    face: Face,
+    shape: Callable,
+    *,
+    gap: float | Callable = 0.0,
     weight: Callable | None = None,
-) -> Interface:  # fmt: skip
+) -> Interface:
     """Vertices of a face and the nearest points of an obstacle that does not give way.
 
     Args:
@@ -219,15 +236,18 @@ def face_obstacle(
     looks = np.einsum("ij,ij->i", mean, normals) < _OPPOSED
     facets = np.flatnonzero(looks[face.facets].all(axis=1))
     if not len(facets):
-        raise MeshError(f"{name}: no facet of the face looks at the obstacle; expected a face with "
-                        "the obstacle outside the body.")  # fmt: skip
+        raise MeshError(
+            f"{name}: no facet of the face looks at the obstacle; expected a face with "
+            "the obstacle outside the body."
+        )
     rows, corners = np.unique(face.facets[facets], return_inverse=True)
     corners = corners.reshape(len(facets), -1)
     shares = _hat_integrals(face.points[rows], corners, weight)
     edges = np.flatnonzero(np.isin(face.edges, rows).all(axis=1)) if len(face.edges) else []
     mortar = Mortar(rows, facets, corners, shares, np.empty(0, int), None)
-    found = _one_sided(name, face, mortar, np.empty(0, np.int64), frames(normals[rows]),
-                       distance[rows], gap, None)  # fmt: skip
+    found = _one_sided(
+        name, face, mortar, np.empty(0, np.int64), frames(normals[rows]), distance[rows], gap, None
+    )
     ends = np.searchsorted(rows, face.edges[edges]).reshape(-1, 2)
     return replace(found, edges=ends, upper_midsides=face.midsides[edges])
 
@@ -240,10 +260,21 @@ def _one_sided(name, upper: Face, mortar: Mortar, lower, turned, meshed, gap, co
     given = np.asarray(gap(points) if callable(gap) else gap, dtype=float)
     none = np.empty(0, np.int64)
     return Interface(
-        name, lower, upper.nodes[mortar.rows], points, turned, areas,
-        meshed + np.broadcast_to(given, len(points)), mortar.corners, mortar.shares,
-        np.empty((0, 2), np.int64), none, none, upper.where[mortar.facets], coupling,
-    )  # fmt: skip
+        name,
+        lower,
+        upper.nodes[mortar.rows],
+        points,
+        turned,
+        areas,
+        meshed + np.broadcast_to(given, len(points)),
+        mortar.corners,
+        mortar.shares,
+        np.empty((0, 2), np.int64),
+        none,
+        none,
+        upper.where[mortar.facets],
+        coupling,
+    )
 
 
 def _check_apart(name: str, lower: Face, upper: Face) -> None:

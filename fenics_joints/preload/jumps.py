@@ -27,8 +27,6 @@ from petsc4py import PETSc
 from fenics_joints.errors import InputError, MeshError
 from fenics_joints.preload.interface import Interface
 
-__all__ = ["Jumps", "Moved", "Section", "Spider"]
-
 
 @dataclass(frozen=True)
 class Spider:
@@ -197,8 +195,10 @@ class Jumps:
         if c.coupling is not None:
             return self._coupled_rows(c, free)
         if len(c.lower):
-            rows = [(slave, self.entries(c.lower), 1.0),
-                    (middle, self.entries(c.lower_midsides), 1.0)]  # fmt: skip
+            rows = [
+                (slave, self.entries(c.lower), 1.0),
+                (middle, self.entries(c.lower_midsides), 1.0),
+            ]
         else:
             i = [m.name for m in self.moved].index(c.name)
             shift, along = self.shift(i)[None, None, :], self.frame(i).T
@@ -221,7 +221,7 @@ class Jumps:
         half = scipy.sparse.coo_matrix(
             (np.full(ends.size, 0.5), (np.repeat(np.arange(len(ends)), 2), ends.ravel())),
             shape=(len(ends), n),
-        ).tocsr()  # fmt: skip
+        ).tocsr()
         bound, rows = ~coupling.free, [(slave, slave, coupling.free.astype(float))]
         nodes = self.entries(coupling.nodes)
         for factor, columns in ((coupling.weights, nodes), (-coupling.bubbles, middle)):
@@ -278,8 +278,9 @@ class Jumps:
 
     def _product(self) -> PETSc.Mat:
         """T as the product of one factor for each constraint, those referred to applied last."""
-        groups = _ordered([(name, set(s.tolist()), set(m.tolist()), rows)
-                           for name, s, m, rows in self._sets()])  # fmt: skip
+        groups = _ordered(
+            [(name, set(s.tolist()), set(m.tolist()), rows) for name, s, m, rows in self._sets()]
+        )
         T = self._factor(groups[0] if groups else [], whole=False)
         for group in groups[1:]:
             factor = self._factor(group, whole=True)
@@ -378,8 +379,10 @@ def _ordered(sets: list) -> list[list]:
         sorter.prepare()
     except CycleError as error:
         names = ", ".join(dict.fromkeys(sets[i][0] for i in error.args[1]))
-        raise MeshError(f"{names}: each governs vertices that another refers to; expected no "
-                        "circle. Swap lower and upper of one of them.") from None  # fmt: skip
+        raise MeshError(
+            f"{names}: each governs vertices that another refers to; expected no "
+            "circle. Swap lower and upper of one of them."
+        ) from None
     groups = []
     while sorter.is_active():
         ready = sorter.get_ready()

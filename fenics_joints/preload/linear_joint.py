@@ -22,15 +22,6 @@ from fenics_joints.preload.model import PreloadModel
 from fenics_joints.preload.result import ContactState, PreloadResult
 from fenics_joints.structure.points import Sensors
 
-__all__ = [
-    "LinearJoint",
-    "cutoff_conditions",
-    "pair_conditions",
-    "pressure_stiffness",
-    "status_conditions",
-    "stuck_conditions",
-]
-
 #: A facet's pressure below this share of the largest is numerical zero.
 _ZERO = 1e-9
 
@@ -81,9 +72,7 @@ def pair_conditions(interface: Interface, facets: np.ndarray) -> np.ndarray:
 
 
 def pressure_stiffness(
-    state: ContactState,
-    normal: tuple[float, float],
-    tangential: tuple[float, float],
+    state: ContactState, normal: tuple[float, float], tangential: tuple[float, float]
 ) -> np.ndarray:
     """Springs at every pair from its pressure, K = alpha P^beta (Tian et al. 2021, eqs. 22-25).
 
@@ -136,8 +125,9 @@ class LinearJoint:
         self.rings = self.structure.rings
         self.springs = self._checked("springs", springs, 2)
         given = self._checked("conditions", conditions, 1)
-        self.conditions = {c.name: given.get(c.name, np.full(len(c), STICK))
-                           for c in self.jumps.contacts}  # fmt: skip
+        self.conditions = {
+            c.name: given.get(c.name, np.full(len(c), STICK)) for c in self.jumps.contacts
+        }
         for name in self.springs:
             self.conditions[name] = np.full(len(self.springs[name]), OPEN)
         self._cache: dict[tuple, tuple[PETSc.Mat, PETSc.Mat]] = {}
@@ -148,8 +138,9 @@ class LinearJoint:
         for name, array in (given or {}).items():
             array = np.asarray(array)
             if name not in sizes:
-                raise InputError(f"{what}: there is no contact {name!r}; expected: "
-                                 f"{', '.join(sizes)}.")  # fmt: skip
+                raise InputError(
+                    f"{what}: there is no contact {name!r}; expected: {', '.join(sizes)}."
+                )
             shape = (sizes[name],) if ndim == 1 else (sizes[name], 2)
             if array.shape != shape:
                 raise InputError(f"{what}[{name!r}] has shape {array.shape}: expected {shape}.")

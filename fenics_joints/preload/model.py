@@ -34,8 +34,6 @@ from fenics_joints.preload.obstacles import checked_shape
 from fenics_joints.preload.surfaces import Surfaces
 from fenics_joints.structure.structure import Structure
 
-__all__ = ["PreloadModel"]
-
 Bolt = WasherForce | PretensionSection | BeamBolt
 _BOLTS = (WasherForce, PretensionSection, BeamBolt)
 Load = Traction | Pressure | Displacement
@@ -94,8 +92,10 @@ class PreloadModel:
         self.cuts = [b for b in self.bolts if isinstance(b, PretensionSection)]
         spiders = [self._spider(b, side) for b in self.beams for side in ("lower", "upper")]
         sections = [self._section(b) for b in self.cuts]
-        self.moved = [*(s for s in self.loads if isinstance(s, Displacement)),
-                      *(c for c in self.contacts if isinstance(c, Obstacle))]  # fmt: skip
+        self.moved = [
+            *(s for s in self.loads if isinstance(s, Displacement)),
+            *(c for c in self.contacts if isinstance(c, Obstacle)),
+        ]
         moved = [self._move(m) for m in self.moved]
         self.jumps = Jumps(self.V, self.interfaces, bonded, sections, spiders, moved)
         self._held, self._following = self._supports()
@@ -160,8 +160,14 @@ class PreloadModel:
         shared |= {"tolerance": contact.tolerance, "held": self._held_directions}
         if matching(lower, upper, contact.tolerance):
             return pair_faces(contact.name, lower, upper, **shared)
-        return couple_faces(contact.name, lower, upper, bubble=edge_middle(self.structure),
-                            bonded=contact.bonded, **shared)  # fmt: skip
+        return couple_faces(
+            contact.name,
+            lower,
+            upper,
+            bubble=edge_middle(self.structure),
+            bonded=contact.bonded,
+            **shared,
+        )
 
     def _move(self, moved: Displacement | Obstacle) -> Moved:
         if isinstance(moved, Obstacle):
@@ -380,9 +386,14 @@ class PreloadModel:
     def _beam(self, bolt: BeamBolt, axial: bool):
         """Stiffness and mass, (12, 12), of a bolt condensed to its two reference points."""
         K, M = beam_matrices(
-            *self.ends(bolt), diameter=bolt.diameter, E=bolt.E, nu=bolt.nu, rho=bolt.rho,
-            n_elements=bolt.n_elements, axial=axial,
-        )  # fmt: skip
+            *self.ends(bolt),
+            diameter=bolt.diameter,
+            E=bolt.E,
+            nu=bolt.nu,
+            rho=bolt.rho,
+            n_elements=bolt.n_elements,
+            axial=axial,
+        )
         K, M = condense(K, M, end_dofs(bolt.n_elements))
         heads = np.zeros(12)
         heads[[0, 1, 2, 6, 7, 8]] = bolt.head_mass

@@ -21,8 +21,6 @@ import scipy.sparse
 
 from fenics_joints.preload.overlap import Overlap, edge_bubbles, facet_edges, hats, overlap
 
-__all__ = ["Coupling", "Mortar", "couple"]
-
 #: Upper facets of which a smaller share is covered are not in contact.
 _COVERED = 0.5
 
@@ -92,8 +90,14 @@ def couple(lower, upper, bubble: float, reach: float | None = None, weight=None)
     """
     found = overlap(upper, lower, reach)
     if weight is not None:
-        found = Overlap(found.upper, found.lower, found.weight * weight(found.points),
-                        found.at_upper, found.at_lower, found.points)  # fmt: skip
+        found = Overlap(
+            found.upper,
+            found.lower,
+            found.weight * weight(found.points),
+            found.at_upper,
+            found.at_lower,
+            found.points,
+        )
     shares, duals, kept = _duals(found, upper, weight)
     if not kept.any():
         return None
@@ -154,9 +158,10 @@ def _coupling(found, duals, areas, rows, facets, lower, upper, bubble):
     bumps = bubble * edge_bubbles(found.at_upper, upper.facets.shape[1])
     shape = (len(rows), len(used))
     bubbles = (
-        _sparse(at, dual, place[own[found.upper]], bumps, shape) if len(used)
+        _sparse(at, dual, place[own[found.upper]], bumps, shape)
+        if len(used)
         else scipy.sparse.csr_matrix(shape)
-    )  # fmt: skip
+    )
     points = np.vstack([lower.points, lower.points[lower.edges].mean(axis=1)])
     facing = np.unique(lower.facets[found.lower])
     apart = np.linalg.norm
@@ -165,8 +170,9 @@ def _coupling(found, duals, areas, rows, facets, lower, upper, bubble):
     nearest = facing[[np.argmin(apart(lower.points[facing] - p, axis=1)) for p in x]]
     ends = number[upper.edges[used]].reshape(-1, 2)
     free = np.zeros(x.shape, dtype=bool)
-    return Coupling(nodes, points, weights, ends, upper.midsides[used], bubbles, facing, opposite,
-                    free), nearest  # fmt: skip
+    return Coupling(
+        nodes, points, weights, ends, upper.midsides[used], bubbles, facing, opposite, free
+    ), nearest
 
 
 def _edge_table(face) -> np.ndarray:

@@ -23,8 +23,6 @@ from petsc4py import PETSc
 
 from fenics_joints.modal.options import petsc_defaults
 
-__all__ = ["NewtonMatrix", "NewtonPreconditioner", "set_blocks"]
-
 #: Pairs that may have changed since P was factorised: about one Krylov iteration each. At most this
 #: share of n^(2/3), in which the ratio of a factorisation to a solution grows (nested dissection in
 #: 3-D), and this many, as GMRES keeps a vector for each.

@@ -13,8 +13,6 @@ import numpy as np
 
 from fenics_joints.errors import InputError, direction, flag, real, reals
 
-__all__ = ["Cylinder", "Plane", "Sphere", "checked_shape"]
-
 
 @dataclass(frozen=True)
 class Plane:

@@ -12,8 +12,6 @@ import basix
 import numpy as np
 from scipy.spatial import cKDTree
 
-__all__ = ["Overlap", "edge_bubbles", "facet_edges", "hats", "overlap"]
-
 #: Facets that look the same way, or across one another, are not in contact; as a cosine.
 _OPPOSED = -0.5
 #: Corners of facets in order around them; DOLFINx numbers quadrilaterals by rows.

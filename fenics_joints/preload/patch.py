@@ -6,11 +6,6 @@ import numpy as np
 
 from fenics_joints.preload.interface import Interface
 
-__all__ = [
-    "contour_area", "cut_corners", "equal_radius", "largest_radius", "mean_within", "nearest_axis",
-    "radii",
-]  # fmt: skip
-
 
 def _edges(interface: Interface) -> np.ndarray:
     """Pairs at the ends of the facets' edges, (n, 2)."""
@@ -86,9 +81,10 @@ def equal_radius(
     share = 1.0 if gap < 0.5 * np.pi else 1.0 - gap / (2 * np.pi)
     at, whole = above[interface.facets], interface.shares.sum(axis=1)
     areas = (
-        contour_area(interface, pressure, limit)[0], whole[at.all(axis=1)].sum(),
+        contour_area(interface, pressure, limit)[0],
+        whole[at.all(axis=1)].sum(),
         whole[at.any(axis=1)].sum(),
-    )  # fmt: skip
+    )
     return tuple(float(np.sqrt(area / (np.pi * share) + hole**2)) for area in areas)
 
 

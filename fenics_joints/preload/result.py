@@ -20,8 +20,6 @@ from fenics_joints.preload.patch import contour_area, largest_radius, mean_withi
 from fenics_joints.preload.system import PreloadSystem
 from fenics_joints.structure.grids import facet_mesh
 
-__all__ = ["ContactState", "PreloadResult"]
-
 #: Share of the largest pressure above which a contact presses.
 _PRESSES = 1e-9
 
@@ -64,9 +62,11 @@ class ContactState:
         """
         at_pairs = {"pressure": self.pressure, "gap": self.gap, "status": self.status}
         return facet_mesh(
-            self.interface.points, self.interface.facets, at_pairs,
+            self.interface.points,
+            self.interface.facets,
+            at_pairs,
             {"facet_pressure": self.facet_pressure},
-        )  # fmt: skip
+        )
 
     @property
     def pressure(self) -> np.ndarray:
@@ -186,10 +186,15 @@ class PreloadResult:
 
     def _repr_html_(self) -> str:
         rows = [
-            (name, quantity(c.normal_force, "N"), quantity(float(c.pressure.max(initial=0)), "Pa"),
-             f"{c.area * 1e6:.0f} mm²", f"{int(c.closed.sum())} of {len(c.status)}")
+            (
+                name,
+                quantity(c.normal_force, "N"),
+                quantity(float(c.pressure.max(initial=0)), "Pa"),
+                f"{c.area * 1e6:.0f} mm²",
+                f"{int(c.closed.sum())} of {len(c.status)}",
+            )
             for name, c in self.contacts.items()
-        ]  # fmt: skip
+        ]
         head = ("contact", "force", "peak pressure", "closed area", "closed pairs")
         return html_table(f"Preload after {self.iterations} iterations", head, rows)
 
@@ -203,9 +208,14 @@ class PreloadResult:
             numbers = jumps.numbers(c)
             jump, kind = jumps.gather(self.x, numbers), jumps.gather(status, numbers[:, 0])
             states[c.name] = ContactState(
-                c.name, c, jumps.gather(self.reactions, numbers), jump[:, 0] + c.gap, jump[:, 1:],
-                kind.astype(int), self.model.axisymmetric,
-            )  # fmt: skip
+                c.name,
+                c,
+                jumps.gather(self.reactions, numbers),
+                jump[:, 0] + c.gap,
+                jump[:, 1:],
+                kind.astype(int),
+                self.model.axisymmetric,
+            )
         status.destroy()
         return states
 

@@ -15,8 +15,6 @@ from fenics_joints.preload.model import PreloadModel
 from fenics_joints.preload.result import PreloadResult
 from fenics_joints.preload.system import FACTOR_OPTIONS, PreloadSystem
 
-__all__ = ["METHODS", "PreloadSolver", "solve_preload"]
-
 METHODS = ("semismooth", "vi", "penalty")
 
 #: Relative to the loads; the last Newton step is exact, so it lands at round-off.
@@ -145,8 +143,9 @@ class PreloadSolver(PreloadSystem):
         if driven is not None:  # x is what is left beside it
             load.axpy(1.0, self.K * driven)
             x.axpy(1.0, driven)
-        return PreloadResult(self, pairs, self.model.force_values(forces), x, load, work.iterations,
-                             balance)  # fmt: skip
+        return PreloadResult(
+            self, pairs, self.model.force_values(forces), x, load, work.iterations, balance
+        )
 
     # -- SNES --------------------------------------------------------------------------------
 
@@ -159,8 +158,11 @@ class PreloadSolver(PreloadSystem):
         options = dict(_OPTIONS)
         if self.method == "vi":
             # PETSc's tolerance of 1e-8 m is more than the openings under a small force.
-            options |= {"snes_type": "vinewtonrsls", "pc_type": "cholesky",
-                        "snes_vi_zero_tolerance": 0.0}  # fmt: skip
+            options |= {
+                "snes_type": "vinewtonrsls",
+                "pc_type": "cholesky",
+                "snes_vi_zero_tolerance": 0.0,
+            }
             snes.setJacobian(work.stiffness, self.held)
             snes.setVariableBounds(*work.bounds(x))
             work.close(x)
@@ -181,8 +183,9 @@ class PreloadSolver(PreloadSystem):
             try:
                 snes.solve(None, x)
             except PETSc.Error as error:
-                raise ConvergenceError(f"the preload contact was not solved. {_HELP}",
-                                       last_line(error)) from error  # fmt: skip
+                raise ConvergenceError(
+                    f"the preload contact was not solved. {_HELP}", last_line(error)
+                ) from error
         if self.solver is not None:
             self.solver.destroy()
         self.solver = snes

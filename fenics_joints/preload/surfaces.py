@@ -14,8 +14,6 @@ from petsc4py import PETSc
 from fenics_joints.errors import InputError
 from fenics_joints.structure.structure import Structure
 
-__all__ = ["Surfaces"]
-
 
 class Surfaces:
     """Faces of a structure by name, on a half section with the weight 2 pi r.
@@ -29,9 +27,11 @@ class Surfaces:
 
     def _ds(self, name: str):
         return ufl.Measure(
-            "ds", domain=self.V.mesh, subdomain_data=self.tagged.facet_tags,
+            "ds",
+            domain=self.V.mesh,
+            subdomain_data=self.tagged.facet_tags,
             metadata={"quadrature_degree": 4},
-        )(self.tagged.facet_tag(name))  # fmt: skip
+        )(self.tagged.facet_tag(name))
 
     def _weight(self):
         """Weight of the surface measure, as UFL."""

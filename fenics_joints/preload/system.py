@@ -16,8 +16,6 @@ from fenics_joints.preload.jumps import Jumps
 from fenics_joints.preload.model import PreloadModel
 from fenics_joints.preload.newton import NewtonPreconditioner, set_blocks
 
-__all__ = ["FACTOR_OPTIONS", "PreloadSystem"]
-
 #: Of every factorisation.
 FACTOR_OPTIONS = {
     "ksp_type": "preonly",

@@ -16,8 +16,6 @@ from importlib import resources
 
 from fenics_joints.errors import InputError
 
-__all__ = ["Thread", "thread", "thread_names"]
-
 _INCH = 25.4e-3
 
 

@@ -20,11 +20,6 @@ import math
 from fenics_joints.errors import InputError, real
 from fenics_joints.preload.threads import Thread, thread
 
-__all__ = [
-    "bearing_radius", "friction_from", "motosh_force", "motosh_torque", "nut_factor_force",
-    "nut_factor_torque", "thread_radius",
-]  # fmt: skip
-
 
 def thread_radius(thread_: str | Thread) -> float:
     """Effective radius r_t of the thread's friction: half the pitch diameter, m (ISO 16047)."""

@@ -18,16 +18,6 @@ import numpy as np
 
 from fenics_joints.errors import InputError, items, member, real, reals, text, wanted, whole
 
-__all__ = [
-    "KINDS",
-    "FieldMap",
-    "KarhunenLoeve",
-    "RandomField",
-    "covariance",
-    "karhunen_loeve",
-    "one_variable",
-]
-
 #: Correlation at a distance d, of the correlation length.
 KINDS: dict[str, Callable[[np.ndarray], np.ndarray]] = {
     "exponential": lambda d: np.exp(-d),
@@ -154,8 +144,10 @@ class RandomField:
     distribution: str = "normal"
 
     def __post_init__(self):
-        names = (self.names,) if isinstance(self.names, str) else items(
-            "names of a random field", self.names, str, "names of parameters"
+        names = (
+            (self.names,)
+            if isinstance(self.names, str)
+            else items("names of a random field", self.names, str, "names of parameters")
         )
         if not names or len(set(names)) != len(names):
             raise InputError(

@@ -10,8 +10,6 @@ import numpy as np
 from fenics_joints.errors import InputError
 from fenics_joints.random_fields.fields import FieldMap, RandomField
 
-__all__ = ["Moments", "propagate_samples", "propagate_sensitivities"]
-
 #: Step of xi for second derivatives; gradients are exact.
 _STEP = 1e-3
 

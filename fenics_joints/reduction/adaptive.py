@@ -11,8 +11,6 @@ from typing import Protocol
 
 import numpy as np
 
-__all__ = ["Points", "SmallModel", "improve"]
-
 #: Parameter values.
 Points = Sequence[Mapping[str, float]]
 

@@ -19,8 +19,6 @@ from fenics_joints.reduction.terms import AtLaw, MassTerm, RegionTerm, SpringTer
 from fenics_joints.structure.components import Parameter
 from fenics_joints.structure.values import number, parameter_values
 
-__all__ = ["AffinePencil"]
-
 #: Sets of a law's values that are remembered.
 _MOST = 20000
 #: Sets of values at which derivatives are remembered.
@@ -70,8 +68,12 @@ class AffinePencil:
     @cached_property
     def n(self) -> int:
         """Size of the basis."""
-        sized = [*(r.inertia for r in self.regions), *(self.fixed or ()),
-                 *(s.row for s in self.springs), *(m.rows for m in self.masses)]  # fmt: skip
+        sized = [
+            *(r.inertia for r in self.regions),
+            *(self.fixed or ()),
+            *(s.row for s in self.springs),
+            *(m.rows for m in self.masses),
+        ]
         return sized[0].shape[-1]
 
     @cached_property
@@ -340,8 +342,9 @@ class AffinePencil:
         groups += [("M", None, slice(None), by_rho, self._inertia)]
         for kind, name, rows, by, stack in groups:
             changed = np.flatnonzero(by[rows].any(axis=0))
-            for p, matrix in zip(changed.tolist(), stack.sums(by[rows][:, changed], rows),
-                                 strict=True):  # fmt: skip
+            for p, matrix in zip(
+                changed.tolist(), stack.sums(by[rows][:, changed], rows), strict=True
+            ):
                 yield p, kind, name, matrix
         for p, A, B in self._moved(values):
             yield p, "M", None, A.T @ B + B.T @ A

@@ -15,8 +15,6 @@ from fenics_joints.reduction.terms import RegionTerm
 from fenics_joints.structure import Damping, Parameter, Sensors
 from fenics_joints.structure.rows import PlaceRows
 
-__all__ = ["ArrayModel"]
-
 
 @dataclass(eq=False, repr=False)
 class ArrayModel:

@@ -13,21 +13,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import qmc
 
-from fenics_joints.errors import (
-    ConvergenceError,
-    InputError,
-    mapping,
-    real,
-    reals,
-    wanted,
-    whole,
-)
+from fenics_joints.errors import ConvergenceError, InputError, mapping, real, reals, wanted, whole
 from fenics_joints.modal.modes import Modes, solve_modes
 from fenics_joints.reduction.adaptive import Points, improve
 from fenics_joints.reduction.arrays import ArrayModel
 from fenics_joints.reduction.compact import freeze
-
-__all__ = ["Narrow", "narrow", "pod"]
 
 #: Sampled points for the basis, and rounds of checks that may add to it.
 _SAMPLES, _ROUNDS = 16, 4
@@ -162,5 +152,3 @@ def pod(
     energetic *= (1.0 if weights is None else weights) / np.linalg.norm(energetic, axis=0)
     left, sizes, _ = np.linalg.svd(energetic, full_matrices=False)
     return np.linalg.solve(upper, left), sizes
-
-

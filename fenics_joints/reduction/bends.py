@@ -14,8 +14,6 @@ from petsc4py import PETSc
 
 from fenics_joints.structure import Sensors, Structure
 
-__all__ = ["N_BENDS", "bends", "monomials"]
-
 #: How far nodes count, over the largest distance of two sensors: a third further than a sensor may
 #: sit elsewhere (`fenics_joints.diagnosis.effects.rig.misplaced_sensor`), so that there are some.
 _REACH = 0.2
@@ -42,8 +40,12 @@ def monomials(a, b) -> np.ndarray:
 
 
 def bends(
-    structure: Structure, basis: Sequence[PETSc.Vec], sensors: Sensors, ways: np.ndarray,
-    rows: np.ndarray, slopes: np.ndarray,
+    structure: Structure,
+    basis: Sequence[PETSc.Vec],
+    sensors: Sensors,
+    ways: np.ndarray,
+    rows: np.ndarray,
+    slopes: np.ndarray,
 ) -> np.ndarray:
     """Second and third derivatives as factors of `monomials`, 1/m2 and 1/m3, (7, n_sensors, n).
     Collective.

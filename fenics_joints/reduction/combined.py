@@ -20,8 +20,6 @@ from fenics_joints.reduction.reduced import ReducedStructure
 from fenics_joints.response.damping_ratios import damping_ratios
 from fenics_joints.structure import Damping, Parameter, Structure
 
-__all__ = ["CombinedModel", "ModelError", "allowed", "error_limits", "paired"]
-
 #: Samples for each parameter, beside the start, and their range about it, a factor either way.
 _SAMPLES, _RANGE = 2, 30.0
 
@@ -54,9 +52,7 @@ class ModelError:
 
     def share(self, limits: ModelError) -> float:
         """The largest of the errors as a share of its limit."""
-        return max(
-            (getattr(self, f.name) or 0.0) / getattr(limits, f.name) for f in fields(self)
-        )
+        return max((getattr(self, f.name) or 0.0) / getattr(limits, f.name) for f in fields(self))
 
 
 class CombinedModel:
@@ -196,10 +192,15 @@ class CombinedModel:
         if target.frfs is None:
             return ModelError(frequencies, None, off)
         found = frf_error(
-            self.arrays, self.full, [values], frequencies_hz=target.frfs.frequencies_hz,
-            excitation=target.frfs.excitation, sensors=target.frfs.sensors, damping=self.damping,
+            self.arrays,
+            self.full,
+            [values],
+            frequencies_hz=target.frfs.frequencies_hz,
+            excitation=target.frfs.excitation,
+            sensors=target.frfs.sensors,
+            damping=self.damping,
             lines=_CHECKED,
-        )  # fmt: skip
+        )
         return ModelError(frequencies, found.worst, off)
 
 
@@ -237,8 +238,10 @@ def sample_values(
     count = _SAMPLES * len(parameters) if count is None else count
     samples = [dict(start)]
     for row in qmc.Sobol(len(parameters), seed=1).random_base2(7) if parameters else ():
-        point = {p.name: _between(p, start[p.name], span, share)
-                 for p, share in zip(parameters, row, strict=True)}  # fmt: skip
+        point = {
+            p.name: _between(p, start[p.name], span, share)
+            for p, share in zip(parameters, row, strict=True)
+        }
         values = {**start, **point}
         if allowed(full, values):
             samples.append(values)
@@ -259,9 +262,7 @@ def allowed(full: Structure, values: Mapping[str, float]) -> bool:
     return True
 
 
-def _between(
-    parameter: Parameter, start: float, span: tuple[float, float], share: float
-) -> float:
+def _between(parameter: Parameter, start: float, span: tuple[float, float], share: float) -> float:
     """A value within a factor of the start and the bounds, by logarithm if that is its scale."""
     if not parameter.log and np.isfinite([parameter.lower, parameter.upper]).all():
         return float(parameter.lower + share * (parameter.upper - parameter.lower))

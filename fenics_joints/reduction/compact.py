@@ -21,8 +21,6 @@ from fenics_joints.structure.changes import CHANGES
 from fenics_joints.structure.laws import Law
 from fenics_joints.structure.values import number
 
-__all__ = ["freeze", "of_few", "trimmed"]
-
 #: Values at which scalars are compared: what is in proportion at all of them, to round-off, is so
 #: everywhere, for they are rational functions and the values are any. How far they are apart.
 _SAMPLES, _ROUND_OFF, _APART = 6, 1e-11, 0.15
@@ -61,8 +59,9 @@ def freeze(
             K += k * np.outer(spring.row, spring.row)
     moving = [
         replace(m, mass=m.mass if m.mass in free else number(m.mass, values))
-        for m in pencil.masses if m.travel in free
-    ]  # fmt: skip
+        for m in pencil.masses
+        if m.travel in free
+    ]
     still = [m for m in pencil.masses if m.travel not in free]
     for point in (m for m in still if m.mass not in free):
         at = point(number(point.travel, values))[0]
@@ -76,9 +75,7 @@ def freeze(
     )
 
 
-def trimmed(
-    model: ArrayModel, still: Collection[str], given: Mapping[str, float]
-) -> ArrayModel:
+def trimmed(model: ArrayModel, still: Collection[str], given: Mapping[str, float]) -> ArrayModel:
     """The same model, with the same parameters, in which some stand still: what of a part or joint
     they alone set apart is one term.
 
@@ -99,9 +96,7 @@ def trimmed(
         kept, stiff, heavy, weight = _split(region, free, values)
         K, M, mass = K + stiff, M + heavy, mass + weight
         regions += [] if kept is None else [kept]
-    return replace(
-        model, pencil=replace(pencil, regions=regions, fixed=(K, M), fixed_mass=mass)
-    )
+    return replace(model, pencil=replace(pencil, regions=regions, fixed=(K, M), fixed_mass=mass))
 
 
 def _split(region: RegionTerm, free, values):
@@ -113,9 +108,7 @@ def _split(region: RegionTerm, free, values):
     if named and law in CHANGES:  # nought at most values of a place, and not at all
         return replace(region, properties=properties), 0.0, 0.0, 0.0
     chance = np.random.default_rng(1)
-    factors = {
-        name: 1 + _APART * chance.random(_SAMPLES) for name in dict.fromkeys(named.values())
-    }
+    factors = {name: 1 + _APART * chance.random(_SAMPLES) for name in dict.fromkeys(named.values())}
     # Of what is nought all multiples are: it is compared at others.
     many = {k: np.full(_SAMPLES, v) for k, v in q.items()}
     many |= {k: (q[k] or 1.0) * factors[name] for k, name in named.items()}
@@ -134,10 +127,13 @@ def _split(region: RegionTerm, free, values):
         return None, stiff, heavy, weight
     sums = [np.tensordot(shares, region.stiffness[rows], axes=1) for rows, shares in groups]
     own = replace(
-        region, law=of_few(law, [rows[0] for rows, _ in groups]), inertia=inertia, volume=volume,
+        region,
+        law=of_few(law, [rows[0] for rows, _ in groups]),
+        inertia=inertia,
+        volume=volume,
         stiffness=np.reshape(sums, (len(sums), *inertia.shape)),
         properties=properties,
-    )  # fmt: skip
+    )
     return own, stiff, heavy, weight
 
 

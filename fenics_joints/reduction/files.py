@@ -27,10 +27,6 @@ from fenics_joints.structure.components import Parameter
 from fenics_joints.structure.laws import LINEAR_LAWS, Law
 from fenics_joints.structure.rows import PlaceRows
 
-__all__ = [
-    "ARRAYS", "read_array_model", "read_model", "register", "write_array_model", "write_model",
-]  # fmt: skip
-
 #: Name of the format of linear models.
 ARRAYS = "fenics_joints reduced model"
 _VERSION = 3
@@ -127,9 +123,15 @@ def read_model(path: str | Path, what: str, kind: type, made: str | None = None)
     except InputError as error:
         raise error if str(path) in str(error) else InputError(f"{path}: {error}") from error
     except (
-        OSError, KeyError, ValueError, TypeError, AttributeError, RuntimeError, MemoryError,
+        OSError,
+        KeyError,
+        ValueError,
+        TypeError,
+        AttributeError,
+        RuntimeError,
+        MemoryError,
         ArithmeticError,
-    ) as error:  # fmt: skip  # a link in a circle is a RecursionError
+    ) as error:
         raise InputError(f"{path}: holds no such model ({error})") from error
     if not isinstance(model, kind):
         raise InputError(f"{path}: holds {type(model).__name__}; expected a reduced model.")

@@ -8,17 +8,10 @@ from functools import cached_property
 import numpy as np
 
 from fenics_joints.errors import InputError, capable, measured, whole
-from fenics_joints.measurements.gap import (
-    VISIBLE,
-    Pairing,
-    check_sight,
-    pair_modes,
-)
+from fenics_joints.measurements.gap import VISIBLE, Pairing, check_sight, pair_modes
 from fenics_joints.modal import Modes, frequency_sensitivity, solve_modes
 from fenics_joints.reduction.arrays import ArrayModel
 from fenics_joints.structure.points import Sensors
-
-__all__ = ["SPARE", "Forward", "Slopes", "line_of", "ways_of"]
 
 #: Modes looked through for the test's, at most, as a multiple of the usual number.
 _SEARCHED = 4
@@ -165,8 +158,8 @@ class Forward:
     def paired(self, modes: Modes) -> Pairing:
         """Which modes of such a model the test's are."""
         return pair_modes(
-            modes, self.n_test, self.sensors, reference=self.reference, threshold=self.threshold,
-        )  # fmt: skip
+            modes, self.n_test, self.sensors, reference=self.reference, threshold=self.threshold
+        )
 
     def of(self, model, n_modes: int | None = None) -> Forward:
         """The same of another model of the structure.

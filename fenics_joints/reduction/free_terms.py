@@ -24,8 +24,6 @@ from fenics_joints.structure.laws import ELASTIC_SUPPORT
 from fenics_joints.structure.sparse import product, without_zeros
 from fenics_joints.structure.values import number
 
-__all__ = ["FreeTerms"]
-
 _SUBSET = PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN
 
 
@@ -64,9 +62,8 @@ class FreeTerms:
             i for i, r in enumerate(structure.regions) if self._vary(r.properties.values())
         ]
         self._supports = [
-            i for i, s in enumerate(structure.elastic_supports)
-            if self._vary(s.properties.values())
-        ]  # fmt: skip
+            i for i, s in enumerate(structure.elastic_supports) if self._vary(s.properties.values())
+        ]
         self._springs = [s for s in structure.springs if self._vary((s.stiffness,))]
         self._masses = [m for m in structure.masses if self._vary((m.mass, m.travel))]
         for mass in self._masses:
@@ -106,10 +103,11 @@ class FreeTerms:
         springs = dict.fromkeys(s.stiffness for s in self._springs)
         masses = dict.fromkeys(m.mass for m in self._masses)
         return AffinePencil(
-            self.parameters, regions,
+            self.parameters,
+            regions,
             [SpringTerm(name, name, 1.0, none.ravel()) for name in springs],
             [MassTerm(name, name, 0.0, 1.0, np.zeros(1), none[None]) for name in masses],
-        )  # fmt: skip
+        )
 
     def _stiff_terms(self) -> tuple[list[PETSc.Mat], np.ndarray]:
         """Matrices at the laws' samples and at units, and how much of each the scalars take."""
@@ -219,9 +217,11 @@ class FreeTerms:
         ]
         still = [replace(m, travel=number(m.travel, self.given)) for m in self._masses]
         moving = AffinePencil(
-            self.parameters, regions, [on.spring(s) for s in self._springs],
+            self.parameters,
+            regions,
+            [on.spring(s) for s in self._springs],
             [on.mass(m) for m in still],
-        )  # fmt: skip
+        )
         rest = self.total_mass() - float(moving.total_mass(moving.values()))
         fixed = on.matrix(self._K), on.matrix(self._M)
         pencil = replace(moving, fixed=fixed, fixed_mass=rest)

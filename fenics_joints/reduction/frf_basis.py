@@ -24,8 +24,6 @@ from fenics_joints.response.modal_basis import check_lines, modal_pencil
 from fenics_joints.response.pencil import DampedPencil
 from fenics_joints.structure import Damping, Sensors, Structure
 
-__all__ = ["CheckedFRFModel", "FRFError", "checked_frf_model", "frf_basis", "frf_error"]
-
 Values = Mapping[str, float]
 
 
@@ -211,9 +209,11 @@ def frf_error(
     if not len(at):
         raise InputError("at: expected at least one set of parameter values.")
     asked = {
-        "frequencies_hz": _some(check_lines(frequencies_hz), lines), "excitation": excitation,
-        "sensors": sensors, "damping": damping,
-    }  # fmt: skip
+        "frequencies_hz": _some(check_lines(frequencies_hz), lines),
+        "excitation": excitation,
+        "sensors": sensors,
+        "damping": damping,
+    }
     return _error(reduced, at, [_exact(structure, given, asked) for given in at], asked)
 
 
@@ -266,9 +266,11 @@ def checked_frf_model(
     sampler = _sampler(structure, n_modes, frequencies_hz, excitation, sensors, damping)
     used, exact = list(samples), []
     asked = {
-        "frequencies_hz": _some(sampler.lines, lines), "excitation": excitation,
-        "sensors": sensors, "damping": damping,
-    }  # fmt: skip
+        "frequencies_hz": _some(sampler.lines, lines),
+        "excitation": excitation,
+        "sensors": sensors,
+        "damping": damping,
+    }
     for given in used:
         sampler.add(given, sampler.modes(given))
         done()
@@ -296,9 +298,14 @@ def checked_frf_model(
         )
     fresh = None if own.all() else float(found.by_point[~own].max())
     return CheckedFRFModel(
-        reduced, reduced.arrays(excitation, sensors), found, tuple(points), tuple(used),
-        tuple(history), fresh,
-    )  # fmt: skip
+        reduced,
+        reduced.arrays(excitation, sensors),
+        found,
+        tuple(points),
+        tuple(used),
+        tuple(history),
+        fresh,
+    )
 
 
 def _some(lines: np.ndarray, count: int | None) -> np.ndarray:

@@ -24,8 +24,6 @@ from fenics_joints.reduction.seen import SeenModes
 from fenics_joints.reduction.snapshots import SNAPSHOT, Snapshots
 from fenics_joints.structure.structure import Structure
 
-__all__ = ["GreedyModel"]
-
 #: Share of the largest energy below which a direction is left out of the basis.
 _BASIS = 1e-9
 #: Points whose residuals are formed together; deformations whose stiffness ratio is looked at.
@@ -95,9 +93,9 @@ class GreedyModel(SeenModes):
 
         nan where the reduced model lacks a mode that the test saw.
         """
-        return np.concatenate([
-            self._errors(points[i : i + _CHUNK]) for i in range(0, len(points), _CHUNK)
-        ])  # fmt: skip
+        return np.concatenate(
+            [self._errors(points[i : i + _CHUNK]) for i in range(0, len(points), _CHUNK)]
+        )
 
     def _errors(self, points) -> np.ndarray:
         columns, eigenvalues, where = [], [], []

@@ -24,8 +24,6 @@ from fenics_joints.reduction.reduced import reduce
 from fenics_joints.structure import Sensors
 from fenics_joints.structure.sparse import combination
 
-__all__ = ["Antiresonances", "PointBasis"]
-
 #: See `PointBasis`: for antiresonances, which are where little is left of large sums.
 _BASIS = 1e-10
 #: How far, in ln f, an antiresonance is from the nearest resonance at least: where both fall
@@ -52,9 +50,15 @@ class PointBasis:
     """
 
     def __init__(
-        self, full, at: Sensors, everywhere: Sensors, samples: Points, n_modes: int,
-        travel: Mapping | None = None, tolerance: float = _BASIS,
-    ):  # fmt: skip
+        self,
+        full,
+        at: Sensors,
+        everywhere: Sensors,
+        samples: Points,
+        n_modes: int,
+        travel: Mapping | None = None,
+        tolerance: float = _BASIS,
+    ):
         self.everywhere = everywhere
         self._basis: list[PETSc.Vec] | None = None
         if full.is_dense:
@@ -62,9 +66,13 @@ class PointBasis:
             return
         loads = full.loads(at)
         reduced = reduce(
-            full, samples, n_modes, travel=travel, tolerance=tolerance,
+            full,
+            samples,
+            n_modes,
+            travel=travel,
+            tolerance=tolerance,
             more=lambda modes: _beyond(modes, loads, at),
-        )  # fmt: skip
+        )
         self._basis = reduced.basis
         self.model = reduced.arrays(sensors=everywhere)
         self.rows = full.observe(self._basis, at)
@@ -95,9 +103,7 @@ class Antiresonances:
         n_modes: Modes that are looked through.
     """
 
-    def __init__(
-        self, basis: PointBasis, index: int, baseline: Mapping[str, float], n_modes: int
-    ):
+    def __init__(self, basis: PointBasis, index: int, baseline: Mapping[str, float], n_modes: int):
         self.basis = basis
         # Vectors that do not move the point.
         self._held = scipy.linalg.null_space(basis.rows[index][None])

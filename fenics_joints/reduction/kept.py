@@ -30,8 +30,6 @@ from fenics_joints.structure.changes import PlacedPoint
 from fenics_joints.structure.node_keys import node_keys
 from fenics_joints.structure.sparse import vectors_like
 
-__all__ = ["KeptModel", "for_test", "kept_modes", "read_vectors", "write_vectors"]
-
 
 class KeptModel:
     """The files of a reduced model: its matrices, and beside them its basis, each rank's part of
@@ -143,9 +141,13 @@ def kept_modes(
         return Modes(full, dict(values), squares, shapes, int(rigid))
     found = solve_modes(full, values, n_modes=n_modes, solver=solver)
     write_vectors(
-        full, file, found.shapes, made,
-        eigenvalues=found.eigenvalues, n_rigid=np.array(found.n_rigid),
-    )  # fmt: skip
+        full,
+        file,
+        found.shapes,
+        made,
+        eigenvalues=found.eigenvalues,
+        n_rigid=np.array(found.n_rigid),
+    )
     return found
 
 
@@ -166,9 +168,10 @@ def write_vectors(
     keys, mine = node_keys(full.V), _of_rank(full, file)
     write_arrays(mine, rows=rows, keys=keys, stamp=np.array(stamp), **more)
     written = set(full.comm.allgather(mine.name))
-    on_root(full.comm, lambda: [
-        path.unlink(missing_ok=True) for path in _parts(file) if path.name not in written
-    ])  # fmt: skip
+    on_root(
+        full.comm,
+        lambda: [path.unlink(missing_ok=True) for path in _parts(file) if path.name not in written],
+    )
 
 
 def read_vectors(

@@ -28,8 +28,6 @@ from fenics_joints.reduction.arrays import ArrayModel
 from fenics_joints.reduction.forward import SPARE, Forward
 from fenics_joints.reduction.many import Change, ManyModes, ManyValues, change
 
-__all__ = ["Followed", "LeanForward", "batched"]
-
 #: As in `fenics_joints.modal.modes`: the shift below zero, and what counts as rigid.
 _SHIFT_SHARE, _RIGID_SHARE = 0.002, 0.01
 #: Round-off of a rigid mode's eigenvalue is to be below its limit by this much, at the nominal
@@ -98,10 +96,7 @@ class LeanForward(Forward):
             return super().log_f_at(wanted)  # one of them is beyond a law's limit, as a specimen's
 
     def many(
-        self,
-        values: Mapping[str, np.ndarray],
-        every: bool = True,
-        followed: Followed | None = None,
+        self, values: Mapping[str, np.ndarray], every: bool = True, followed: Followed | None = None
     ) -> ManyModes:
         """The test's modes at many parameter values together, and what their changes need.
 

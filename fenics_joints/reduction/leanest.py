@@ -11,8 +11,6 @@ from fenics_joints.reduction.batch import pod
 from fenics_joints.reduction.forward import Forward
 from fenics_joints.reduction.lean import LeanForward, batched
 
-__all__ = ["frequency_error", "lean_forward"]
-
 
 def lean_forward(
     forward: Forward,

@@ -10,8 +10,6 @@ from fenics_joints.measurements.gap import same_modes
 from fenics_joints.modal.modes import Modes
 from fenics_joints.structure.points import Sensors
 
-__all__ = ["PLACES", "TURNED", "Likes", "likes"]
-
 #: At how many places shapes are compared.
 PLACES = 60
 #: MAC below which two modes are not the same one.

@@ -15,8 +15,6 @@ import numpy as np
 
 from fenics_joints.reduction.arrays import ArrayModel
 
-__all__ = ["Change", "ManyModes", "ManyValues", "change", "own_arrays", "own_values"]
-
 #: Step of a difference by the logarithm of a stiffness.
 _STEP = 1e-6
 
@@ -188,9 +186,7 @@ class ManyModes:
         be there (Fox and Kapoor, AIAA J. 6, 1968)."""
         by_K, by_M = (part[:, k] for part in self._forced(along))
         for w, at in along.moved.get(k, ()):
-            by_M = by_M + w[:, None, None] * (
-                np.swapaxes(at @ self.vectors, 1, 2) @ (at @ self.x)
-            )
+            by_M = by_M + w[:, None, None] * (np.swapaxes(at @ self.vectors, 1, 2) @ (at @ self.x))
         gap = self.lam[:, None, :] - self.eigenvalues[:, :, None]
         own = self.index[:, None, :]
         with np.errstate(divide="ignore", invalid="ignore"):

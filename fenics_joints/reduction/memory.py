@@ -6,8 +6,6 @@ import ctypes
 import gc
 from contextlib import suppress
 
-__all__ = ["give_back", "hold_freed"]
-
 #: ``M_TRIM_THRESHOLD`` and ``M_MMAP_THRESHOLD`` of glibc's ``mallopt``; bytes up to which arrays
 #: share the heap, and how much of that may lie idle at its end.
 _TRIM, _MMAP = -1, -3

@@ -15,8 +15,6 @@ from fenics_joints.reduction.terms import RegionTerm
 from fenics_joints.structure import Sensors, Structure
 from fenics_joints.structure.changes import PlacedResonator
 
-__all__ = ["MovingModel", "with_motions"]
-
 
 class MovingModel(ArrayModel):
     """A reduced model with motions of what hangs on it, that any sensors may look at.

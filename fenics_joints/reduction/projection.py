@@ -16,8 +16,6 @@ from fenics_joints.structure import PointMass, Region, Sensors, Spring, Structur
 from fenics_joints.structure.changes import Change, PlacedPoint, PlacedResonator, forms_of
 from fenics_joints.structure.laws import ELASTIC_SUPPORT
 
-__all__ = ["Projection"]
-
 _TRAVEL_SAMPLES = 41
 
 
@@ -39,8 +37,7 @@ class Projection:
 
     @property
     def changes(self) -> list[Change]:
-        """The structure's, without what has motions of its own (`fenics_joints.reduction.motions`).
-        """
+        """Those of the structure without own motions (`fenics_joints.reduction.motions`)."""
         return [c for c in self.full.changes if not isinstance(c, PlacedResonator)]
 
     def matrix(self, A: PETSc.Mat) -> np.ndarray:
@@ -121,8 +118,15 @@ class Projection:
             own = a[:, :, None] * b[:, None, :]
             own = own if change.pair[0] == change.pair[1] else own + own.transpose(0, 2, 1)
             own = own[:, :, -self._new.getSize()[1] :]
-            return _term(change.name, change.law, change.properties, own, own.sum(axis=0),
-                         change.volume, known)  # fmt: skip
+            return _term(
+                change.name,
+                change.law,
+                change.properties,
+                own,
+                own.sum(axis=0),
+                change.volume,
+                known,
+            )
         stiff, heavy = [], None
         for which in range(1 + change.has_mass):
             for form in forms_of(self.full, change, which, True):
@@ -133,8 +137,9 @@ class Projection:
                 else:
                     stiff.append(projected)
         heavy = 0.0 * stiff[0] if heavy is None else heavy
-        return _term(change.name, change.law, change.properties, np.array(stiff), heavy,
-                     change.volume, known)  # fmt: skip
+        return _term(
+            change.name, change.law, change.properties, np.array(stiff), heavy, change.volume, known
+        )
 
     def spring(self, spring: Spring) -> SpringTerm:
         """A grounding spring."""

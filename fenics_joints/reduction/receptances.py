@@ -23,8 +23,6 @@ from fenics_joints.reduction.grounded import PointBasis
 from fenics_joints.reduction.lean import batched
 from fenics_joints.reduction.many import Change, ManyModes, ManyValues, change, own_arrays
 
-__all__ = ["About", "Lines", "Poles", "Receptances"]
-
 #: How near a line may be to a resonance, in the square of the frequency and relative to that,
 #: before what a patch does there is bounded.
 _CLOSE = 0.03
@@ -173,12 +171,16 @@ class Receptances:
         parts = one * other * inverse
         value, least = parts.sum(axis=1), _VALLEY * np.abs(parts).sum(axis=1)
         value = np.where(value < 0, -1.0, 1.0) * np.maximum(np.abs(value), least)
-        shapes = [(self.basis.in_full(modes.vectors[0][:, k]), float(np.sqrt(lam[k])))
-                  for k in index]  # fmt: skip
+        shapes = [
+            (self.basis.in_full(modes.vectors[0][:, k]), float(np.sqrt(lam[k]))) for k in index
+        ]
         return About(
-            omega, value, (parts * inverse)[:, index], shapes,
+            omega,
+            value,
+            (parts * inverse)[:, index],
+            shapes,
             (modes.vectors[0] @ (one * inverse).T, modes.vectors[0] @ (other * inverse).T),
-        )  # fmt: skip
+        )
 
     def _at(self, modes: ManyModes) -> np.ndarray:
         moves = self.basis.rows @ modes.vectors
@@ -196,9 +198,11 @@ class Receptances:
             high: Likewise.
             width: Likewise.
         """
-        return self._once("slopes", (values, low, high), lambda own, below, above: self._slopes(
-            self.modes(own), below, above, width
-        ))  # fmt: skip
+        return self._once(
+            "slopes",
+            (values, low, high),
+            lambda own, below, above: self._slopes(self.modes(own), below, above, width),
+        )
 
     def _slopes(self, modes: ManyModes, low, high, width: float) -> np.ndarray:
         count = len(next(iter(low.values()))) // len(modes.index)

@@ -24,8 +24,6 @@ from fenics_joints.reduction.terms import RegionTerm
 from fenics_joints.structure import Region, Sensors, Structure
 from fenics_joints.structure.rows import PlaceRows
 
-__all__ = ["ReducedStructure", "reduce"]
-
 
 class ReducedStructure(ArrayModel):
     """A structure on a fixed basis; an `ArrayModel`, but that graded joints need the mesh.
@@ -63,10 +61,12 @@ class ReducedStructure(ArrayModel):
         ]
         regions += [on.change(c, terms.get(c.name)) for c in on.changes]
         pencil = AffinePencil(
-            structure.parameters, regions, [on.spring(s) for s in structure.springs],
+            structure.parameters,
+            regions,
+            [on.spring(s) for s in structure.springs],
             [on.mass(m, (travel or {}).get(m.name)) for m in structure.masses],
             (np.zeros((n, n)), np.zeros((n, n))) if self._graded else None,
-        )  # fmt: skip
+        )
         super().__init__(pencil, structure.dilation_frequency())
         self.resolved = structure.resolved
         self._sensor_rows: dict[tuple, np.ndarray] = {}

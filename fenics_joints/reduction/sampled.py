@@ -22,8 +22,6 @@ from fenics_joints.reduction.forward import Forward
 from fenics_joints.reduction.snapshots import dense_columns, project
 from fenics_joints.structure.sparse import vectors_like
 
-__all__ = ["SampledBasis", "condensed"]
-
 #: Share of the largest energy below which a combination of the vectors is round-off.
 _NOISE = 1e-12
 

@@ -14,8 +14,6 @@ from fenics_joints.reduction.arrays import ArrayModel
 from fenics_joints.reduction.forward import SPARE, Forward
 from fenics_joints.structure.points import Sensors
 
-__all__ = ["SeenModes", "places_all_over"]
-
 
 class SeenModes:
     """What every `fenics_joints.reduction.adaptive.SmallModel` of a test's modes has.
@@ -95,9 +93,12 @@ class SeenModes:
         key = tuple(values.items())
         if key not in self._solved:
             found = solve_modes(
-                self.full, values, n_modes=self.n_modes, solver=self._solver,
+                self.full,
+                values,
+                n_modes=self.n_modes,
+                solver=self._solver,
                 tolerance=self.tolerance,
-            )  # fmt: skip
+            )
             self._solver, self._solved[key] = found.solver, found
         return self._solved[key]
 

@@ -12,8 +12,6 @@ from fenics_joints.modal.modes import solve_modes
 from fenics_joints.reduction.forward import Forward
 from fenics_joints.reduction.lean import batched
 
-__all__ = ["SeenAt", "modes_at", "seen_modes_at"]
-
 
 class SeenAt(NamedTuple):
     """Modes of a model at parameter values, and which of them are the test's.

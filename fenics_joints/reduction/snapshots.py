@@ -15,10 +15,6 @@ from fenics_joints.modal.modes import Modes
 from fenics_joints.structure.sparse import vectors_like
 from fenics_joints.structure.structure import Structure
 
-__all__ = [
-    "SNAPSHOT", "Snapshots", "bordered", "cross", "dense_columns", "orthonormal", "project",
-]  # fmt: skip
-
 #: Tolerance of modes that span a basis; their own error matters by its square.
 SNAPSHOT = 1e-4
 #: Share of the largest energy below which a direction among the rigid-body modes is none.

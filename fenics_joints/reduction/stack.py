@@ -8,8 +8,6 @@ from functools import cached_property
 import numpy as np
 from scipy.linalg.blas import daxpy
 
-__all__ = ["Stack"]
-
 #: Matrices whose products with vectors are held at a time.
 _READ = 32
 #: Sums that are formed one after the other from a near one; how many times larger a factor may have

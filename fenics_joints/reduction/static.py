@@ -22,8 +22,6 @@ from fenics_joints.reduction.snapshots import orthonormal
 from fenics_joints.structure import Sensors, Structure
 from fenics_joints.structure.sparse import combination, vectors_like
 
-__all__ = ["StaticModel", "StaticSolver"]
-
 #: Share of the largest energy below which a combination of the responses is round-off.
 _DEPENDENT = 1e-12
 
@@ -75,8 +73,13 @@ class StaticModel:
 
     @classmethod
     def made(
-        cls, solver: StaticSolver, samples: Points, travel: Mapping | None = None,
-        tolerance: float = 1e-3, fresh: Callable[[int], Points] | None = None, rounds: int = 4,
+        cls,
+        solver: StaticSolver,
+        samples: Points,
+        travel: Mapping | None = None,
+        tolerance: float = 1e-3,
+        fresh: Callable[[int], Points] | None = None,
+        rounds: int = 4,
     ) -> StaticModel:
         """From responses at samples, and at fresh points where those do not do. Collective.
 

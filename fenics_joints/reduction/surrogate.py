@@ -28,8 +28,6 @@ from fenics_joints.structure import Sensors, Structure
 from fenics_joints.structure.changes import Change, PlacedPoint, PlacedResonator
 from fenics_joints.structure.sparse import vectors_like
 
-__all__ = ["LACKING", "Surrogate"]
-
 #: Share of a mode's energy at a sample that the basis may lack: 1e-4 of its frequency, well below
 #: what tests can see.
 LACKING = 2e-4
@@ -251,9 +249,11 @@ class Surrogate(SeenModes):
     def facts(self) -> dict[str, object]:
         """Its size and use."""
         return {
-            "dofs": self.full.n_dofs, "basis": self.model.n_dofs, "samples": self.n_samples,
+            "dofs": self.full.n_dofs,
+            "basis": self.model.n_dofs,
+            "samples": self.n_samples,
             "reduced_solutions": self.forward.calls,
-        }  # fmt: skip
+        }
 
     def wide(self, points: Points) -> ReducedStructure | MovingModel:
         """A reduced model with all modes, whether the test sees them or not. Collective.
@@ -265,9 +265,7 @@ class Surrogate(SeenModes):
         hung = any(isinstance(change, PlacedResonator) for change in self.full.changes)
         return MovingModel(found) if hung else found
 
-    def point_rows(
-        self, model: ReducedStructure | MovingModel, points: np.ndarray
-    ) -> np.ndarray:
+    def point_rows(self, model: ReducedStructure | MovingModel, points: np.ndarray) -> np.ndarray:
         """Displacement of a model's basis at points, shape (n_points, gdim, n_dofs)."""
         moving = isinstance(model, MovingModel)
         return model.points(points) if moving else model.projection.points(points)

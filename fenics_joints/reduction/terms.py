@@ -12,8 +12,6 @@ from scipy.interpolate import CubicSpline
 from fenics_joints.structure.laws import Law
 from fenics_joints.structure.values import number, slopes
 
-__all__ = ["AtLaw", "MassTerm", "RegionTerm", "SpringTerm", "Values"]
-
 #: A parameter's values: a number, or one for each of many sets of values, (b,).
 Values = Mapping[str, float | np.ndarray]
 

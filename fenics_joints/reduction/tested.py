@@ -11,8 +11,6 @@ from fenics_joints.reduction.greedy import GreedyModel
 from fenics_joints.reduction.seen import SeenModes
 from fenics_joints.reduction.surrogate import Surrogate
 
-__all__ = ["SmallModels", "tested_models"]
-
 
 @dataclass(frozen=True)
 class SmallModels:

@@ -20,7 +20,6 @@ from fenics_joints.report.style import drawing, to_svg
 if TYPE_CHECKING:
     from fenics_joints.diagnosis.where.patches import PatchMap
 
-__all__ = ["beam_patches"]
 
 #: Rows of the picture, from below: beams under the interface, joint elements, beams above. Where
 #: each starts, and the height of the highest there.
@@ -56,8 +55,9 @@ def _frame(axes, boxes: np.ndarray) -> None:
     axes.tick_params(length=2)
     rows = [(_ABOVE, "above")] + [(_JOINT, "lap")] + [(_BELOW, "below")]
     there = [np.any(np.isclose(boxes[:, :, 1], low + high)) for (low, high), _ in rows]
-    shown = [(low + high / 2, name) for ((low, high), name), on in zip(rows, there, strict=True)
-             if on]  # fmt: skip
+    shown = [
+        (low + high / 2, name) for ((low, high), name), on in zip(rows, there, strict=True) if on
+    ]
     axes.set_yticks([y for y, _ in shown], [name for _, name in shown])
     axes.tick_params(axis="y", length=0)
 
@@ -87,10 +87,15 @@ def beam_patches(cells: PatchMap, name: str = "patches") -> str:
             if x1 - x0 > _ROOM * np.ptp(boxes[:, :, 0]) or y0 == _JOINT[0]:
                 dark = cells.share[p] > 0.6 * norm.vmax
                 axes.text(
-                    (x0 + x1) / 2, (y0 + y1) / 2, test.zone.rpartition(" ")[2],
-                    ha="center", va="center", fontsize=6.5, zorder=7,
+                    (x0 + x1) / 2,
+                    (y0 + y1) / 2,
+                    test.zone.rpartition(" ")[2],
+                    ha="center",
+                    va="center",
+                    fontsize=6.5,
+                    zorder=7,
                     color="#ffffff" if dark else _NAMES,
-                )  # fmt: skip
+                )
         _frame(axes, boxes)
         gaps = [(_BELOW[1], _JOINT[0]), (sum(_JOINT), _ABOVE[0])]
         for x in bolts:

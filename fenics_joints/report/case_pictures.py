@@ -15,16 +15,18 @@ from matplotlib.patheffects import withStroke
 from fenics_joints.report import geometry
 from fenics_joints.report.style import INK, PAPER, drawing, to_svg
 
-__all__ = ["structure_picture"]
-
 #: Marker, colour and words of each kind of place.
 _MARKS = {
-    "sensor": ("o", "#1f4e9c", "sensor"), "force": ("v", "#b3261e", "force"),
-    "mass": ("s", "#4a4f57", "mass"), "spring": ("d", "#3f7d4e", "spring"),
-    "attached": ("s", "#b8860b", "attached"), "bolt": ("+", "#14181d", "bolt"),
-    "obstacle": ("^", "#7b3f9d", "obstacle"), "displacement": (">", "#00798c", "displacement"),
+    "sensor": ("o", "#1f4e9c", "sensor"),
+    "force": ("v", "#b3261e", "force"),
+    "mass": ("s", "#4a4f57", "mass"),
+    "spring": ("d", "#3f7d4e", "spring"),
+    "attached": ("s", "#b8860b", "attached"),
+    "bolt": ("+", "#14181d", "bolt"),
+    "obstacle": ("^", "#7b3f9d", "obstacle"),
+    "displacement": (">", "#00798c", "displacement"),
     "load": ("P", "#d2601a", "load"),
-}  # fmt: skip
+}
 _PALE = colormaps["Pastel1"]
 #: Length of an arrow relative to the structure, most names in a legend, most that are numbered.
 _ARROW, _NAMED, _NUMBERED = 0.07, 12, 40
@@ -39,8 +41,12 @@ class Placed(Protocol):
 
 
 def structure_picture(
-    vertices: np.ndarray, group: np.ndarray, names: Sequence[str],
-    places: Mapping[str, Sequence[Placed]], *, below: bool = False,
+    vertices: np.ndarray,
+    group: np.ndarray,
+    names: Sequence[str],
+    places: Mapping[str, Sequence[Placed]],
+    *,
+    below: bool = False,
 ) -> str:
     """The parts of a structure in an oblique view, with sensors, forces, masses and bolts.
 
@@ -52,7 +58,7 @@ def structure_picture(
         names: Names of the parts.
         places: What stands where, by its kind, a key of the legend.
         below: Whether it is seen from below and behind instead.
-    """  # fmt: skip
+    """
     turned = np.array([1.0, -1.0, -1.0]) if below else np.ones(3)
     number = np.broadcast_to(group[:, None, None], vertices.shape).astype(float)
     faces, own = geometry.outer_faces(np.asarray(vertices, dtype=float) * turned, number)
@@ -63,9 +69,10 @@ def structure_picture(
     with drawing(7.6, 3.9) as figure:
         axes = figure.subplots()
         axes.add_collection(
-            PolyCollection(flat[order], facecolors=colours, edgecolors="#7a808a", lw=0.2,
-                           rasterized=True)
-        )  # fmt: skip
+            PolyCollection(
+                flat[order], facecolors=colours, edgecolors="#7a808a", lw=0.2, rasterized=True
+            )
+        )
         for kind, found in places.items():
             _draw(axes, kind, found, turned, size)
         axes.autoscale_view()
@@ -89,16 +96,31 @@ def _draw(axes, kind: str, found: Sequence[Placed], turned: np.ndarray, size: fl
         at = np.array([i for i, _ in ways])
         units = np.array([way / np.linalg.norm(way) for _, way in ways])
         along = _flat(points[at] + _ARROW * size * units) - start[at]
-        axes.quiver(*start[at].T, *along.T, color=colour, angles="xy", scale_units="xy", scale=1,
-                    width=0.0025, headwidth=4, zorder=5)  # fmt: skip
+        axes.quiver(
+            *start[at].T,
+            *along.T,
+            color=colour,
+            angles="xy",
+            scale_units="xy",
+            scale=1,
+            width=0.0025,
+            headwidth=4,
+            zorder=5,
+        )
         axes.plot(*(start[at] + along).T, ".", ms=0)
     if kind in ("sensor", "bolt") and len(found) <= _NUMBERED:
         halo = [withStroke(linewidth=2.2, foreground=PAPER)]
         for place, (x, y) in zip(found, start, strict=True):
             axes.annotate(
-                place.name.removeprefix(f"{kind} "), (x, y), (3, 3), textcoords="offset points",
-                fontsize=6.5, color=INK, zorder=6, path_effects=halo,
-            )  # fmt: skip
+                place.name.removeprefix(f"{kind} "),
+                (x, y),
+                (3, 3),
+                textcoords="offset points",
+                fontsize=6.5,
+                color=INK,
+                zorder=6,
+                path_effects=halo,
+            )
 
 
 def _legend(figure, names: Sequence[str], kinds: Sequence[str]) -> None:

@@ -32,8 +32,6 @@ from fenics_joints.preload.patch import (
 )
 from fenics_joints.report.style import CHOSEN, NOMINAL, PLACEBO, drawing, grid
 
-__all__ = ["pressure_map", "pressure_profile", "status_map"]
-
 #: Of lines over facets, which are pixels and keep their colours on a dark page.
 _LINE, _MUTED, _APART = "#cf3f16", "#8d949e", "#eceef1"
 _PRESSURE = colormaps["YlGnBu"]
@@ -119,9 +117,12 @@ def pressure_map(state: ContactState, *, limit: float = 1e6, centres=None) -> Fi
             reach = f", r = {words} mm" if words else ""
             panel.set_title(f"{patch.title}\n{_summary(patch, limit)}{reach}", loc="left")
         bar = figure.colorbar(
-            ScalarMappable(norm, _PRESSURE), ax=[panel for panel, _ in panels], aspect=30, pad=0.02,
+            ScalarMappable(norm, _PRESSURE),
+            ax=[panel for panel, _ in panels],
+            aspect=30,
+            pad=0.02,
             shrink=0.9,
-        )  # fmt: skip
+        )
         bar.set_label("pressure, MPa")
         bar.outline.set_visible(False)
         handles = [
@@ -210,19 +211,30 @@ def _profile(panel, patch: _Patch, limit: float, along) -> None:
         # All names are in the legend of the first panel, whatever it has.
         mask = state.status[patch.pairs] == kind
         panel.plot(
-            at[mask], p[mask], "o", ms=3.4, mec=_MUTED if kind == OPEN else colour, mew=0.5,
-            color=colour, label=name, zorder=3,
-        )  # fmt: skip
+            at[mask],
+            p[mask],
+            "o",
+            ms=3.4,
+            mec=_MUTED if kind == OPEN else colour,
+            mew=0.5,
+            color=colour,
+            label=name,
+            zorder=3,
+        )
     panel.axhline(limit / 1e6, color=_LINE, lw=1.0, zorder=1, label=_limit_name(limit))
     radius = max(patch.radii(limit))
     if along is None and radius > 0:
         panel.axvline(_MM * radius, color=_LINE, lw=1.1, ls=_DASHES, zorder=1)
         left = _MM * radius < at.min() + 0.7 * np.ptp(at)
         panel.annotate(
-            f"contact radius {_MM * radius:.1f} mm", (_MM * radius, 0.97), (5 if left else -5, 0),
-            xycoords=("data", "axes fraction"), textcoords="offset points", va="top",
+            f"contact radius {_MM * radius:.1f} mm",
+            (_MM * radius, 0.97),
+            (5 if left else -5, 0),
+            xycoords=("data", "axes fraction"),
+            textcoords="offset points",
+            va="top",
             ha="left" if left else "right",
-        )  # fmt: skip
+        )
     panel.set_title(f"{patch.title}: {_summary(patch, limit)}", loc="left")
     panel.set_ylabel("pressure, MPa")
     top = max(p.max(), limit / 1e6)
@@ -353,9 +365,7 @@ def _plan(state: ContactState, centres):
         panels = grid(figure, len(patches), columns)
         for panel, x in zip(panels, boxes, strict=True):
             (left, low), (right, high) = x.min(axis=0) - margin, x.max(axis=0) + margin
-            panel.set(
-                xlim=(left, right), ylim=(low, high), aspect="equal", xlabel=plane.names[0]
-            )
+            panel.set(xlim=(left, right), ylim=(low, high), aspect="equal", xlabel=plane.names[0])
             panel.spines[:].set_visible(False)
             panel.tick_params(length=2)
         for panel in panels[::columns]:
@@ -398,4 +408,3 @@ def _circle(panel, plane: _Plane, axis: np.ndarray, radius: float) -> None:
     centre = plane.at(axis[None])[0]
     panel.add_patch(Circle(centre, _MM * radius, fill=False, ec=_LINE, lw=1.1, ls=_DASHES))
     panel.plot(*centre, "+", color=_LINE, ms=6, mew=0.8)
-

@@ -8,19 +8,20 @@ from scipy.sparse.csgraph import connected_components
 
 from fenics_joints.errors import InputError
 
-__all__ = [
-    "TILT", "TURN", "bounding", "face_corners", "flat_ids", "flat_polygons", "levels_of",
-    "oblique", "outer_faces", "outline", "pieces_of", "stacked", "upright", "vertex_ids",
-]  # fmt: skip
-
 #: Corners of each face in DOLFINx's (tensor-product) order.
 _FACES = {
-    "hexahedron": [(0, 1, 3, 2), (4, 5, 7, 6), (0, 1, 5, 4), (2, 3, 7, 6), (0, 2, 6, 4),
-                   (1, 3, 7, 5)],
+    "hexahedron": [
+        (0, 1, 3, 2),
+        (4, 5, 7, 6),
+        (0, 1, 5, 4),
+        (2, 3, 7, 6),
+        (0, 2, 6, 4),
+        (1, 3, 7, 5),
+    ],
     "tetrahedron": [(0, 1, 2), (0, 1, 3), (0, 2, 3), (1, 2, 3)],
     "quadrilateral": [(0, 1, 3, 2)],
     "triangle": [(0, 1, 2)],
-}  # fmt: skip
+}
 #: How far the oblique view is turned to the right, and seen from above.
 TURN, TILT = np.radians(-28.0), np.radians(28.0)
 #: More levels than this are no exploded view any more.

@@ -21,11 +21,6 @@ from fenics_joints.formatting import spaced
 from fenics_joints.measurements.gap import Gap
 from fenics_joints.report.mesh_pictures import diverging
 
-__all__ = [
-    "HeatCell", "facts", "heat_map", "heat_pair", "ink_on", "mac_cells", "noted", "render", "svg",
-]  # fmt: skip
-
-
 #: What draws a view, in this order.
 _SCRIPTS = ("viewer_shapes.js", "viewer.js")
 
@@ -40,7 +35,8 @@ def _environment(filters: Mapping[str, Callable]) -> jinja2.Environment:
     )
     env.globals["version"] = fenics_joints.__version__
     env.globals["script"], env.globals["policy"] = _script()
-    env.filters.update({name: getattr(formatting, name) for name in formatting.__all__}, **filters)
+    public = (name for name in vars(formatting) if not name.startswith("_"))
+    env.filters.update({name: getattr(formatting, name) for name in public}, **filters)
     return env
 
 
@@ -183,5 +179,3 @@ def _fact(key: str, value) -> str:
         return f"{value:.1f}"
     whole = float(value).is_integer()
     return f"{int(value):,}".replace(",", "\N{NO-BREAK SPACE}") if whole else f"{value:.4g}"
-
-

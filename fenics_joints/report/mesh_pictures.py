@@ -12,8 +12,6 @@ from matplotlib.colors import Normalize
 from fenics_joints.report import geometry
 from fenics_joints.report.style import drawing, to_svg
 
-__all__ = ["diverging", "mode_shape"]
-
 #: Red to blue through near white, which all kinds of colour vision tell apart.
 diverging = colormaps["RdBu_r"]
 

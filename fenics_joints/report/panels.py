@@ -14,8 +14,6 @@ from fenics_joints.report.style import CHOSEN, INK, NOMINAL, drawing, grid, to_s
 if TYPE_CHECKING:
     from fenics_joints.measurements.gap import Gap
 
-__all__ = ["frequency_panels", "parameter_panels"]
-
 
 def frequency_panels(
     before: Gap | None,
@@ -43,6 +41,7 @@ def frequency_panels(
             beside the lines.
         name: Unique in the page.
     """
+
     def draw(panel, i: int) -> None:
         _frequency_panel(panel, i, before, after, labels, log_sd, held_out, changed)
         if validation is not None:
@@ -96,8 +95,9 @@ def _frequency_panel(axes, i, before, after, labels, log_sd, held_out, changed) 
         if gap is None:
             continue
         for rows, line, marker in (
-            (own, dashes, mark if len(own) == 1 else ""), (after_change, "", mark)
-        ):  # fmt: skip
+            (own, dashes, mark if len(own) == 1 else ""),
+            (after_change, "", mark),
+        ):
             x, model = after.conditions[rows], gap.model_hz[rows, i]
             axes.plot(x, model, color=colour, ls=line, lw=1.8, marker=marker, label=label)
 
@@ -108,24 +108,44 @@ def _measured_points(axes, i, gap, log_sd, rows, mark: str, face: str, label: st
     measured = gap.test_hz[rows, i]
     sd = None if log_sd is None else 2 * np.asarray(log_sd)[rows, i] * measured
     axes.errorbar(
-        gap.conditions[rows], measured, sd, fmt=mark, ms=4.2, color=INK, mfc=face,
-        elinewidth=0.9, capsize=2, zorder=4,
+        gap.conditions[rows],
+        measured,
+        sd,
+        fmt=mark,
+        ms=4.2,
+        color=INK,
+        mfc=face,
+        elinewidth=0.9,
+        capsize=2,
+        zorder=4,
         label=label + ("" if sd is None else " (± 2 s.d.)"),
-    )  # fmt: skip
+    )
 
 
 def _validation_points(axes, i, validation, labels) -> None:
     old, new = validation
     axes.plot(
-        new.conditions, new.test_hz[:, i], "o", ms=6.5, mfc="none", color=INK, zorder=4,
+        new.conditions,
+        new.test_hz[:, i],
+        "o",
+        ms=6.5,
+        mfc="none",
+        color=INK,
+        zorder=4,
         label="measured, never fitted",
-    )  # fmt: skip
+    )
     for gap, colour, label in ((old, NOMINAL, labels[0]), (new, CHOSEN, labels[1])):
         if gap is not None:
             axes.plot(
-                gap.conditions, gap.model_hz[:, i], "x", ms=6.5, mew=2, color=colour, zorder=3,
+                gap.conditions,
+                gap.model_hz[:, i],
+                "x",
+                ms=6.5,
+                mew=2,
+                color=colour,
+                zorder=3,
                 label=f"{label}, predicted",
-            )  # fmt: skip
+            )
 
 
 def _legend_of(panels) -> tuple[list, list[str]]:
@@ -153,9 +173,13 @@ def parameter_panels(rows: Sequence[dict], condition: tuple[str, str]) -> str:
     names = ", ".join(row["name"] for row in rows)
     alt = f"{names} against {condition[0]}, identified at each and the curve through them."
     return _grid(
-        len(rows), 2.2, lambda panel, i: _parameter_panel(panel, rows[i]), condition, "parameters",
+        len(rows),
+        2.2,
+        lambda panel, i: _parameter_panel(panel, rows[i]),
+        condition,
+        "parameters",
         alt,
-    )  # fmt: skip
+    )
 
 
 def _log_steps(values: np.ndarray) -> tuple[float, ...]:
@@ -174,9 +198,17 @@ def _parameter_panel(axes, row) -> None:
     for mask, face, label in shown:
         if mask.any():
             axes.errorbar(
-                x[mask], value[mask], bars[:, mask], fmt="o", ms=4.5, color=CHOSEN, mfc=face,
-                elinewidth=0.9, capsize=2, label=f"{label} (± 2 s.d.)",
-            )  # fmt: skip
+                x[mask],
+                value[mask],
+                bars[:, mask],
+                fmt="o",
+                ms=4.5,
+                color=CHOSEN,
+                mfc=face,
+                elinewidth=0.9,
+                capsize=2,
+                label=f"{label} (± 2 s.d.)",
+            )
     shown = value
     if row.get("curve") is not None:
         fine, curve = row["curve"]

@@ -20,17 +20,15 @@ from fenics_joints.report.style import drawing, to_svg
 if TYPE_CHECKING:
     from fenics_joints.diagnosis.where.patches import PatchMap
 
-__all__ = [
-    "OUTLINES", "UNSEEN", "colours_of", "patch_bar", "patch_legend", "patch_map", "patches_alt",
-]  # fmt: skip
 
 #: Colour of a patch that the test does not see, off the scale of those that it sees.
 UNSEEN = "#b9c6d6"
 #: Outlines of a patch: of no note, more than chance, and that alone enough.
 OUTLINES = (
-    {"colors": "#9aa0a8", "lw": 0.5}, {"colors": "#14181d", "lw": 0.9},
+    {"colors": "#9aa0a8", "lw": 0.5},
+    {"colors": "#14181d", "lw": 0.9},
     {"colors": "#14181d", "lw": 2.6},
-)  # fmt: skip
+)
 #: Mark of a bolt: a broken line with a ring.
 _BOLT = {"marker": "o", "mfc": "#ffffff", "mec": "#14181d", "ls": (0, (4, 3))}
 
@@ -140,9 +138,13 @@ def colours_of(cells: PatchMap) -> tuple[Normalize, np.ndarray]:
 def patch_bar(figure, axes, norm: Normalize) -> None:
     """What colours of patches mean."""
     bar = figure.colorbar(
-        ScalarMappable(norm, diverging), ax=axes, location="bottom", aspect=45, shrink=0.8,
+        ScalarMappable(norm, diverging),
+        ax=axes,
+        location="bottom",
+        aspect=45,
+        shrink=0.8,
         format=lambda value, _: f"{100 * abs(value):.3g} %",
-    )  # fmt: skip
+    )
     bar.set_label(
         "share of the misfit that a change here alone explains\n"
         "blue: stiffer or lighter than in the model   |   red: softer or heavier"
@@ -175,9 +177,7 @@ def patch_legend(figure, cells: PatchMap, bolt: Mapping = _BOLT) -> None:
 def patches_alt(cells: PatchMap) -> str:
     """A map of patches in words."""
     best = sorted(cells.tests, key=lambda t: -t.share)[:3]
-    words = "; ".join(
-        f"{t.zone} {100 * t.share:.0f} % ({t.way})" for t in best
-    )
+    words = "; ".join(f"{t.zone} {100 * t.share:.0f} % ({t.way})" for t in best)
     return (
         f"Structure taken apart, in {len(cells.tests)} patches coloured by the share of the misfit "
         f"that a change there alone explains. Largest: {words}. "

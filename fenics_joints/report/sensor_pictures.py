@@ -10,15 +10,18 @@ from matplotlib.collections import PolyCollection
 from fenics_joints.report import geometry
 from fenics_joints.report.style import drawing, to_svg
 
-__all__ = ["sensor_shapes"]
-
 _TEST, _MODEL = "#1f4e9c", "#d1661f"
 #: Length of the longest arrow relative to the size of the structure.
 _LONG = 0.18
 
 
 def sensor_shapes(
-    vertices: np.ndarray, sensors, test: np.ndarray, model: np.ndarray, name: str, alt: str,
+    vertices: np.ndarray,
+    sensors,
+    test: np.ndarray,
+    model: np.ndarray,
+    name: str,
+    alt: str,
     lines: Sequence[np.ndarray] = (),
 ) -> str:
     """Arrows of a measured shape and of its partner at the sensors, over the model's outline.
@@ -31,7 +34,7 @@ def sensor_shapes(
         name: Unique in the page.
         alt: What it shows, in words.
         lines: Points, m, of lines that the test draws, each (k, 3).
-    """  # fmt: skip
+    """
     vertices = np.asarray(vertices, dtype=float)
     faces, _ = geometry.outer_faces(vertices, np.zeros_like(vertices))
     flat, depth = geometry.oblique(faces)
@@ -42,19 +45,28 @@ def sensor_shapes(
         axes = figure.subplots()
         axes.add_collection(
             PolyCollection(
-                flat[np.argsort(depth)], facecolors="#eef0f3", edgecolors="#d3d7dd", lw=0.2,
+                flat[np.argsort(depth)],
+                facecolors="#eef0f3",
+                edgecolors="#d3d7dd",
+                lw=0.2,
                 rasterized=True,
             )
-        )  # fmt: skip
+        )
         for line in lines:
             axes.plot(*_flat(line).T, "-", lw=0.5, color="#8a9099")
         for values, colour, width in ((model, _MODEL, 0.011), (test, _TEST, 0.005)):
             arrows = _LONG * size / largest * values[:, None] * sensors.directions
             along = _flat(sensors.points + np.nan_to_num(arrows)) - start
             axes.quiver(
-                *start.T, *along.T, color=colour, angles="xy", scale_units="xy", scale=1,
-                width=width, headwidth=3,
-            )  # fmt: skip
+                *start.T,
+                *along.T,
+                color=colour,
+                angles="xy",
+                scale_units="xy",
+                scale=1,
+                width=width,
+                headwidth=3,
+            )
             # Arrows do not count for the limits of the axes, points do.
             axes.plot(*(start + along).T, ".", ms=0)
         axes.autoscale_view()

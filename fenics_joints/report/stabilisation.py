@@ -18,7 +18,6 @@ if TYPE_CHECKING:
 
     from fenics_joints.measurements.identification import IdentifiedModes
 
-__all__ = ["write_stabilisation"]
 
 #: Room that a label needs, as a part of the band.
 _CROWDED = 0.018
@@ -72,10 +71,13 @@ def _draw(figure: Figure, modes: IdentifiedModes) -> None:
     level.spines["right"].set_visible(True)
     kinds = [
         (~poles.stable_frequency, "unstable", dict(marker=".", color="#c4c9cf", s=8)),
-        (poles.stable_frequency & ~poles.stable, "stable frequency", dict(
-            marker="o", facecolors="none", edgecolors=PLACEBO, linewidths=0.8, s=16)),
+        (
+            poles.stable_frequency & ~poles.stable,
+            "stable frequency",
+            dict(marker="o", facecolors="none", edgecolors=PLACEBO, linewidths=0.8, s=16),
+        ),
         (poles.stable, "stable frequency and damping", dict(marker="+", color=CHOSEN, s=26)),
-    ]  # fmt: skip
+    ]
     for chosen, label, look in kinds:
         axes.scatter(
             poles.frequencies_hz[chosen], poles.order[chosen], label=label, zorder=3, **look
@@ -84,9 +86,16 @@ def _draw(figure: Figure, modes: IdentifiedModes) -> None:
     for i, (f, down) in enumerate(zip(modes.frequencies_hz, levels, strict=True)):
         axes.axvline(f, color=NOISE, lw=1.0, zorder=2, label="mode" if i == 0 else None)
         axes.annotate(
-            f"{f:.6g}", (f, 1.0), (2, -2 - 40 * down), xycoords=("data", "axes fraction"),
-            rotation=90, textcoords="offset points", va="top", color=NOISE, fontsize=8,
-        )  # fmt: skip
+            f"{f:.6g}",
+            (f, 1.0),
+            (2, -2 - 40 * down),
+            xycoords=("data", "axes fraction"),
+            rotation=90,
+            textcoords="offset points",
+            va="top",
+            color=NOISE,
+            fontsize=8,
+        )
     axes.set_zorder(level.get_zorder() + 1)  # points above the curve
     axes.set_xlim(*frfs.frequencies_hz[[0, -1]])
     axes.set_ylim(0, poles.order.max(initial=1) + 1)

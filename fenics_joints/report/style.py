@@ -19,16 +19,17 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogFormatter
 
-__all__ = [
-    "CHOSEN", "INK", "NOISE", "NOMINAL", "PAPER", "PLACEBO", "SERIES", "drawing", "grid", "style",
-    "to_svg",
-]  # fmt: skip
-
 #: Colours that the page replaces by its own, and those that suit light and dark pages alike.
 INK, _MUTED, _LINE, PAPER = "#1b2027", "#5b6470", "#d3d8de", "#fdfdfc"
 _BLUE, _GREEN = "#0072b2", "#009e73"
-_PAGE = {INK: "--ink", _MUTED: "--muted", _LINE: "--line", PAPER: "--paper", _BLUE: "--blue",
-         _GREEN: "--green"}  # fmt: skip
+_PAGE = {
+    INK: "--ink",
+    _MUTED: "--muted",
+    _LINE: "--line",
+    PAPER: "--paper",
+    _BLUE: "--blue",
+    _GREEN: "--green",
+}
 CHOSEN, NOMINAL, PLACEBO, NOISE = "#2b7bba", "#8d949e", "#d9822b", "#4d9a6a"
 
 #: Colours one after the other that all kinds of colour vision tell apart (Okabe and Ito 2008).

@@ -9,8 +9,6 @@ import numpy as np
 
 from fenics_joints.report import geometry
 
-__all__ = ["Surface", "coarsened", "surface"]
-
 #: Motions that differ by less than this share of the largest are those of one vertex.
 _ALIKE = 1e-3
 
@@ -41,9 +39,11 @@ class Surface:
 
 
 def surface(
-    vertices: np.ndarray, group: np.ndarray | None = None, level: np.ndarray | None = None,
+    vertices: np.ndarray,
+    group: np.ndarray | None = None,
+    level: np.ndarray | None = None,
     motions: Sequence[np.ndarray] = (),
-) -> Surface:  # fmt: skip
+) -> Surface:
     """The outside of cells; each level of its own has one.
 
     Cells that touch share their vertices where they are of one group and level and move alike.

@@ -12,8 +12,6 @@ from rich.text import Text
 
 from fenics_joints.progress import is_terminal, loudness
 
-__all__ = ["more", "new_console", "new_table", "say", "tell"]
-
 #: Columns of what is written into a file.
 _COLUMNS = 100
 #: Columns between those of a table, and the fewest that a name is wrapped into.
@@ -30,9 +28,10 @@ def new_console() -> Console:
     plain = not terminal or bool(os.environ.get("NO_COLOR"))
     return Console(
         width=None if terminal or "COLUMNS" in os.environ else _COLUMNS,
-        color_system=None if plain else "auto", force_terminal=None if terminal else False,
+        color_system=None if plain else "auto",
+        force_terminal=None if terminal else False,
         quiet=loudness() == "quiet",
-    )  # fmt: skip
+    )
 
 
 def new_table(*headings: str) -> Table:
@@ -45,9 +44,11 @@ def new_table(*headings: str) -> Table:
     for heading in headings:
         right = heading.startswith(">")
         table.add_column(
-            heading.lstrip(">"), justify="right" if right else "left", overflow="fold",
+            heading.lstrip(">"),
+            justify="right" if right else "left",
+            overflow="fold",
             no_wrap=right or not heading,
-        )  # fmt: skip
+        )
     return table
 
 

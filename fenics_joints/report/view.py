@@ -17,8 +17,6 @@ from matplotlib.colors import Colormap, to_hex
 
 from fenics_joints.report.surface import Surface, coarsened
 
-__all__ = ["Arrows", "Colours", "Look", "scene"]
-
 #: Bytes of one view in a page, at most, and the most faces that are drawn.
 _BYTES, _FACES = 900_000, 60_000
 #: Below any value: a vertex that has none.
@@ -97,9 +95,13 @@ class Look:
 
 
 def scene(
-    surface: Surface, looks: Callable[[Surface], Sequence[Look]], name: str, *,
-    turn: np.ndarray | None = None, apart: bool = False,
-) -> Markup:  # fmt: skip
+    surface: Surface,
+    looks: Callable[[Surface], Sequence[Look]],
+    name: str,
+    *,
+    turn: np.ndarray | None = None,
+    apart: bool = False,
+) -> Markup:
     """A view as the JSON that the page's script draws.
 
     Args:
@@ -125,8 +127,7 @@ def scene(
         "points": _shorts((drawn.points - middle) / half),
         "faces": _whole(drawn.faces, len(drawn.points)),
         "levels": _whole(drawn.level, 2) if drawn.level.any() else None,
-        "groups": _whole(drawn.group, 2)
-        if any(look.texts for look in shown) else None,
+        "groups": _whole(drawn.group, 2) if any(look.texts for look in shown) else None,
         "turn": (np.eye(3) if turn is None else turn).ravel().tolist(),
         "apart": apart and bool(drawn.level.any()),
         "coarse": [] if drawn is surface else [len(drawn.faces), surface.whole],
@@ -166,12 +167,14 @@ def _look(look: Look, middle: np.ndarray, half: float) -> dict:
         found["shown"] = list(look.shown)
     found["arrows"] = [
         {
-            "name": a.name, "colour": a.colour, "ball": a.ball,
+            "name": a.name,
+            "colour": a.colour,
+            "ball": a.ball,
             "points": np.round((a.points - middle) / half, 4).ravel().tolist(),
             "vectors": np.round(a.vectors / size, 4).ravel().tolist(),
         }
         for a in look.arrows
-    ]  # fmt: skip
+    ]
     return found
 
 

@@ -23,8 +23,6 @@ from fenics_joints.response.pencil import DampedPencil
 from fenics_joints.structure.points import Sensors
 from fenics_joints.structure.sparse import product
 
-__all__ = ["FullComplement", "ReducedComplement", "complement"]
-
 #: Steps of conjugate gradients, and the residual in the norm of energy at which they end.
 _STEPS, _ACCURACY = 300, 1e-10
 

@@ -28,8 +28,6 @@ from fenics_joints.response.reduced import reduced_pencil
 from fenics_joints.structure import Damped, Damping, Sensors
 from fenics_joints.structure.sparse import product
 
-__all__ = ["ComplexModes", "solve_complex_modes"]
-
 _OPTIONS = {
     "st_type": "sinvert",
     "st_ksp_type": "preonly",
@@ -165,7 +163,13 @@ def solve_complex_modes(
     finally:
         pencil.destroy()
     return ComplexModes(
-        structure, dict(given or {}), s, modal.basis @ y, residuals, slopes, modes.solver.solver,
+        structure,
+        dict(given or {}),
+        s,
+        modal.basis @ y,
+        residuals,
+        slopes,
+        modes.solver.solver,
         _shares(modal, y),
     )
 
@@ -228,8 +232,15 @@ def _uncoupled(modal: ModalPencil) -> tuple[np.ndarray, np.ndarray]:
     stiff, heavy = modal.stiff[elastic], modal.heavy[elastic]
     massive = heavy > 0
     stiff, heavy = stiff[massive], heavy[massive]
-    half = 0.5 * (damping.stiffness_slope() * stiff + damping.mass_slope(0.0) * heavy
-                  + modal.modal_damping[elastic][massive]) / heavy  # fmt: skip
+    half = (
+        0.5
+        * (
+            damping.stiffness_slope() * stiff
+            + damping.mass_slope(0.0) * heavy
+            + modal.modal_damping[elastic][massive]
+        )
+        / heavy
+    )
     root = np.sqrt(half**2 - damping.stiffness_factor(0.0) * stiff / heavy + 0j)
     root = np.where(root.imag < 0, -root, root)
     return root - half, np.eye(len(massive), dtype=complex)[:, massive]
@@ -286,9 +297,7 @@ def _improved(pencil: DampedPencil, modal: ModalPencil, tolerance: float):
 def _residuals(pencil: DampedPencil, modal: ModalPencil, s, y) -> tuple[np.ndarray, np.ndarray]:
     """Relative residuals, (n,), and this rank's rows of A^-1 Z x over |x|, (n_local, n)."""
     shapes, inverse = modal.basis @ y, modal.modes.solver.inverse
-    off = np.column_stack([
-        pencil.apply(x, shapes[:, i : i + 1])[:, 0] for i, x in enumerate(s)
-    ])  # fmt: skip
+    off = np.column_stack([pencil.apply(x, shapes[:, i : i + 1])[:, 0] for i, x in enumerate(s)])
     if modal.named.is_modal:
         heavy = product(pencil.M, modal.basis)
         off += heavy @ (modal.modal_damping[:, None] * s * y)

@@ -11,8 +11,6 @@ from fenics_joints.modal.modes import Modes
 from fenics_joints.response.complex_modes import solve_complex_modes
 from fenics_joints.structure import Damped, Damping
 
-__all__ = ["damping_ratios"]
-
 
 def damping_ratios(
     model: Damped,

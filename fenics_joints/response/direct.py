@@ -24,8 +24,6 @@ from fenics_joints.modal.options import give_room, given_options, last_line, pet
 from fenics_joints.response.pencil import DampedPencil
 from fenics_joints.structure.sparse import dense_block
 
-__all__ = ["DynamicStiffness"]
-
 _OPTIONS = {
     "ksp_type": "preonly",
     "pc_type": "cholesky",

@@ -27,8 +27,6 @@ from fenics_joints.response.units import KINDS, MOTION, checked_kind
 from fenics_joints.structure import Damped, Damping, Sensors
 from fenics_joints.structure.sparse import product
 
-__all__ = ["FRF", "solve_frf"]
-
 
 @dataclass(frozen=True, repr=False)
 class FRF:
@@ -171,20 +169,32 @@ def solve_frf(
                 found, extra = _direct(pencil, lines, loads, reads, gradients, petsc_options)
             else:
                 modal = modal_pencil(
-                    pencil, np.hstack([loads, reads]), lines, modes=modes, n_modes=n_modes,
+                    pencil,
+                    np.hstack([loads, reads]),
+                    lines,
+                    modes=modes,
+                    n_modes=n_modes,
                     gradients=gradients,
-                )  # fmt: skip
+                )
                 found = modal.response(lines, modal.project(loads), modal.project(reads), gradients)
                 extra = {"modal": modal, "solver": modal.modes.solver.solver}
                 if check:
-                    extra |= _errors(pencil, modal, lines, found.values, loads, reads, check,
-                                     petsc_options)  # fmt: skip
+                    extra |= _errors(
+                        pencil, modal, lines, found.values, loads, reads, check, petsc_options
+                    )
         finally:
             pencil.destroy()
     frf = FRF(
-        lines, found.values, "receptance", sensors, excitation, method, dict(given or {}),
-        found.gradients, **extra,
-    )  # fmt: skip
+        lines,
+        found.values,
+        "receptance",
+        sensors,
+        excitation,
+        method,
+        dict(given or {}),
+        found.gradients,
+        **extra,
+    )
     return frf.to(kind) if power else frf
 
 

@@ -25,11 +25,6 @@ from fenics_joints.response.pencil import DampedPencil, Term, linear
 from fenics_joints.structure.damping import Damping
 from fenics_joints.structure.sparse import product
 
-__all__ = [
-    "ModalPencil", "Response", "check_lines", "check_modes", "extended", "modal_pencil",
-    "with_terms",
-]  # fmt: skip
-
 #: Modes must reach this multiple of the highest line.
 _REACH = 1.5
 #: Residual vectors that modes and others leave less than this share of their energy are none.
@@ -255,10 +250,12 @@ class ModalPencil:
         )
         for p in {t.parameter for t in self.terms}:
             dK, dM = (
-                sum((t.form for t in self.terms if t.parameter == p and t.kind == kind),
-                    np.zeros((n, n)))
+                sum(
+                    (t.form for t in self.terms if t.parameter == p and t.kind == kind),
+                    np.zeros((n, n)),
+                )
                 for kind in "KM"
-            )  # fmt: skip
+            )
             yield Term(p, "D", linear, dM * f + divided * (dK - dM * lam))
 
 
@@ -334,9 +331,17 @@ def _on_basis(pencil: DampedPencil, modes: Modes, rest: np.ndarray) -> ModalPenc
         for name, A in pencil.parts.items()
     }
     return ModalPencil(
-        modes, basis, stiff, heavy, parts, None, pencil.damping, pencil.named,
-        tuple(pencil.structure.parameters), pencil.comm,
-    )  # fmt: skip
+        modes,
+        basis,
+        stiff,
+        heavy,
+        parts,
+        None,
+        pencil.damping,
+        pencil.named,
+        tuple(pencil.structure.parameters),
+        pencil.comm,
+    )
 
 
 def _modes_for(pencil: DampedPencil, lines, n_modes: int | None) -> Modes:

@@ -18,8 +18,6 @@ from fenics_joints.errors import InputError, wanted
 from fenics_joints.structure import Damped, Damping
 from fenics_joints.structure.sparse import MatrixForm, product
 
-__all__ = ["DampedPencil", "Term", "check_damped", "imaginary", "linear"]
-
 _SUBSET = PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN
 
 
@@ -71,9 +69,7 @@ class DampedPencil:
         self.damping = self.named.at(self.values)
         self.K, self.M = structure.stiffness(given), structure.mass(given)
         self.comm = MPI.COMM_SELF if structure.is_dense else structure.comm
-        self.parts = {
-            name: structure.region_stiffness(name, given) for name in self.named.layers
-        }
+        self.parts = {name: structure.region_stiffness(name, given) for name in self.named.layers}
 
     def destroy(self) -> None:
         """Free the matrices. Collective."""

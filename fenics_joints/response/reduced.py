@@ -18,8 +18,6 @@ from fenics_joints.response.modal_basis import ModalPencil
 from fenics_joints.response.pencil import DampedPencil
 from fenics_joints.structure import Damped, Damping
 
-__all__ = ["reduced_pencil"]
-
 #: Vectors with less than this share of the largest mass over energy have none.
 _MASSLESS = 1e-15
 
@@ -57,9 +55,17 @@ def reduced_pencil(
         terms = [replace(term, form=_on(basis, term.form)) for term in pencil.terms()]
     parts = {name: _on(basis, A) for name, A in pencil.parts.items()}
     return ModalPencil(
-        modes, basis, stiff, heavy, parts, terms, pencil.damping, pencil.named,
-        tuple(model.parameters), pencil.comm,
-    )  # fmt: skip
+        modes,
+        basis,
+        stiff,
+        heavy,
+        parts,
+        terms,
+        pencil.damping,
+        pencil.named,
+        tuple(model.parameters),
+        pencil.comm,
+    )
 
 
 def _modes(K: np.ndarray, M: np.ndarray, shift_hz: float) -> tuple[np.ndarray, ...]:

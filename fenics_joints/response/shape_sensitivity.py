@@ -32,11 +32,6 @@ from fenics_joints.response.complement import complement
 from fenics_joints.structure.points import Sensors
 from fenics_joints.structure.values import parameter_values
 
-__all__ = [
-    "CLOSE", "SplitModes", "clusters", "mac_gradients", "shape_gradients", "span_gradients",
-    "split_modes",
-]  # fmt: skip
-
 #: Relative distance of eigenvalues below which modes are taken together.
 CLOSE = 1e-3
 #: Columns that are solved at once.
@@ -148,9 +143,9 @@ def _changes(
 def _solve(work, rights, mode, lam, own) -> np.ndarray:
     """`solve` of columns that belong to these wanted modes, some at a time."""
     parts = [slice(i, i + _COLUMNS) for i in range(0, rights.shape[1], _COLUMNS)]
-    return np.hstack([
-        work.solve(rights[:, some], lam[mode[some]], own[:, mode[some]]) for some in parts
-    ])  # fmt: skip
+    return np.hstack(
+        [work.solve(rights[:, some], lam[mode[some]], own[:, mode[some]]) for some in parts]
+    )
 
 
 def _membership(modes: Modes, index: np.ndarray, close: float) -> np.ndarray:

@@ -7,8 +7,6 @@ import re
 from fenics_joints.errors import InputError
 from fenics_joints.units import factor_to_si
 
-__all__ = ["KINDS", "MOTION", "a_kind", "checked_kind", "frf_unit", "length_factor", "ratio_unit"]
-
 _TABLE = (("receptance", "m"), ("mobility", "m/s"), ("accelerance", "m/s2"))
 
 #: Kind, and how often the displacement was derived by time: the power of i w by which the function

@@ -28,11 +28,7 @@ from fenics_joints.structure.changes import (
     ShapeChange,
     add_changes,
 )
-from fenics_joints.structure.checked import (
-    axisymmetric_regions,
-    check_components,
-    region_cells,
-)
+from fenics_joints.structure.checked import axisymmetric_regions, check_components, region_cells
 from fenics_joints.structure.components import (
     ElasticSupport,
     Parameter,
@@ -47,8 +43,6 @@ from fenics_joints.structure.points import PointRows, locate
 from fenics_joints.structure.properties import PropertyField
 from fenics_joints.structure.summed import SummedMatrices
 from fenics_joints.structure.values import by_name, number, parameter_values
-
-__all__ = ["Assembly"]
 
 _SERENDIPITY_CELLS = ("quadrilateral", "hexahedron")
 
@@ -114,23 +108,31 @@ class Assembly:
         kinds = LocalLoss, PlacedPoint, PlacedResonator, ShapeChange
         self.changes = items("changes", changes, kinds, "changes")
         self._made_of = {
-            "regions": self.regions, "masses": self.masses, "springs": self.springs,
-            "supports": supports, "changes": self.changes, "axisymmetric": axisymmetric,
-        }  # fmt: skip
+            "regions": self.regions,
+            "masses": self.masses,
+            "springs": self.springs,
+            "supports": supports,
+            "changes": self.changes,
+            "axisymmetric": axisymmetric,
+        }
         self.supports = tuple(s for s in supports if isinstance(s, Support))
         self.elastic_supports = tuple(s for s in supports if isinstance(s, ElasticSupport))
         check_components(
-            (*self.regions, *self.elastic_supports, *self.changes), self.masses, self.springs,
+            (*self.regions, *self.elastic_supports, *self.changes),
+            self.masses,
+            self.springs,
             self.parameters,
-        )  # fmt: skip
+        )
         self.axisymmetric, self.weight = axisymmetric, 1.0
         if axisymmetric:
             self.regions = axisymmetric_regions(tagged, self.regions)
             self.weight = circumference(ufl.SpatialCoordinate(self.mesh)[0])
         self.degree = degree = whole("degree", degree, 1, 3)
         exact = 2 * degree + bool(axisymmetric)
-        self.quadrature_degree = exact if quadrature_degree is None else whole(
-            "quadrature_degree", quadrature_degree, 0, 30
+        self.quadrature_degree = (
+            exact
+            if quadrature_degree is None
+            else whole("quadrature_degree", quadrature_degree, 0, 30)
         )
         self._make_spaces(degree)
         self.field = PropertyField(self.mesh, region_cells(tagged, self.regions), self.parameters)
@@ -151,9 +153,7 @@ class Assembly:
         self.element_of = family, cell, degree
         self.element = basix.ufl.element(*self.element_of)
         gdim = self.mesh.geometry.dim
-        self.V = fem.functionspace(
-            self.mesh, basix.ufl.element(*self.element_of, shape=(gdim,))
-        )
+        self.V = fem.functionspace(self.mesh, basix.ufl.element(*self.element_of, shape=(gdim,)))
 
     def _dirichlet(self) -> list:
         bcs, gdim = [], self.mesh.geometry.dim
@@ -211,8 +211,9 @@ class Assembly:
         ways = {"normal": region.normal, "across": region.across}
         ways = {
             key: ufl.as_vector([float(c) for c in way[: self.gdim]])
-            for key, way in ways.items() if way is not None
-        }  # fmt: skip
+            for key, way in ways.items()
+            if way is not None
+        }
         return law.stiffness(u, v, q, ways.pop("normal"), dx, **ways)
 
     def compiled(self, key, make: Callable[[], ufl.Form]) -> fem.Form:
@@ -263,9 +264,7 @@ class Assembly:
         """
         return tuple(self.region_matrix(number, which, q) for which in (0, 1))
 
-    def region_matrix(
-        self, number: int, which: int, q: Mapping[str, float] | None
-    ) -> PETSc.Mat:
+    def region_matrix(self, number: int, which: int, q: Mapping[str, float] | None) -> PETSc.Mat:
         """One of `region_matrices`: stiffness (0) or mass (1)."""
         if q is not None:
             self.field.fill(number, q)
@@ -408,9 +407,7 @@ class Assembly:
         points = np.atleast_2d(np.asarray(points, dtype=float))[:, : self.mesh.geometry.dim]
         key, snap = points.tobytes(), what != "point"
         if key not in self._rows:
-            self._rows[key] = locate(
-                self.V, self.element, points, what, names=names, snap=snap
-            )
+            self._rows[key] = locate(self.V, self.element, points, what, names=names, snap=snap)
         return self._rows[key]
 
     def add_point(self, A: PETSc.Mat, point, block: np.ndarray) -> None:

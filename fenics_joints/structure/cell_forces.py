@@ -12,8 +12,6 @@ from petsc4py import PETSc
 
 from fenics_joints.structure.structure import Structure
 
-__all__ = ["CellForces"]
-
 
 class CellForces:
     """Forces of each cell by itself, at its own copy of the nodes that it shares with others.

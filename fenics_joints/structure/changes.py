@@ -25,11 +25,6 @@ from fenics_joints.structure.laws import Law
 from fenics_joints.structure.sparse import MatrixForm, RowForm
 from fenics_joints.structure.values import number, slopes
 
-__all__ = [
-    "CHANGES", "OFFSETS", "STIFFNESSES", "Change", "LocalLoss", "PlacedPoint", "PlacedResonator",
-    "ShapeChange", "add_changes", "change_slopes", "forms_of", "hat",
-]  # fmt: skip
-
 #: Of a `PlacedPoint`, along x, y and z.
 STIFFNESSES = ("stiffness_x", "stiffness_y", "stiffness_z")
 #: Distances from a point, m.
@@ -90,21 +85,24 @@ def _law(name: str, properties: tuple[str, ...], terms, inertia) -> Law:
 
 
 _LOSS = _law(
-    "local loss", ("depth", "place", "size", "E", "nominal", "first", "count"), _lost,
+    "local loss",
+    ("depth", "place", "size", "E", "nominal", "first", "count"),
+    _lost,
     lambda q: 0.0 * q["depth"],
-)  # fmt: skip
+)
 _PLACE = ("place", "at", *OFFSETS, *(f"{way}_power" for way in OFFSETS), "idle")
 _POINT = _law(
-    "placed point", ("mass", *STIFFNESSES, *_PLACE), _placed, lambda q: q["mass"] * _here(q),
-)  # fmt: skip
+    "placed point", ("mass", *STIFFNESSES, *_PLACE), _placed, lambda q: q["mass"] * _here(q)
+)
 _RESONATOR = _law(
-    "placed resonator", ("mass", "stiffness", *_PLACE), _hung,
-    lambda q: q["mass"] * _here(q),
-)  # fmt: skip
+    "placed resonator", ("mass", "stiffness", *_PLACE), _hung, lambda q: q["mass"] * _here(q)
+)
 _SHAPE = _law(
-    "shape", ("amount", "E", "nominal", "rho", "nominal_rho", "count"), _powers,
+    "shape",
+    ("amount", "E", "nominal", "rho", "nominal_rho", "count"),
+    _powers,
     lambda q: q["amount"] * q["rho"] / q["nominal_rho"],
-)  # fmt: skip
+)
 #: Their laws, for files.
 CHANGES = (_LOSS, _POINT, _RESONATOR, _SHAPE)
 
@@ -376,8 +374,9 @@ def forms_of(
     """What each scalar of a change multiplies in K (0) or M (1); None where it is not wanted.
     Collective."""
     if isinstance(change, LocalLoss):
-        for cells, asked in zip(change.cells, np.broadcast_to(wanted, len(change.cells)),
-                                strict=True):  # fmt: skip
+        for cells, asked in zip(
+            change.cells, np.broadcast_to(wanted, len(change.cells)), strict=True
+        ):
             yield MatrixForm(change.matrix(model, cells), True) if asked else None
     elif which:
         yield MatrixForm(change.inertia(model), True)

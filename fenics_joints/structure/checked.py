@@ -13,8 +13,6 @@ from fenics_joints.meshes.tagged import TaggedMesh, limits
 from fenics_joints.structure.components import Parameter, PointMass, Region, Spring
 from fenics_joints.structure.laws import AXISYMMETRIC_SOLID, WIDE_SOLID
 
-__all__ = ["MOST_POINTS", "axisymmetric_regions", "check_components", "region_cells"]
-
 #: Most point masses, and most springs: each is a search for its cell and a block in K or M.
 MOST_POINTS = 10_000
 
@@ -73,9 +71,7 @@ def axisymmetric_regions(tagged: TaggedMesh, regions: Sequence[Region]) -> tuple
     """
     low, high = limits(tagged)
     if tagged.mesh.geometry.dim != 2 or low[0] < -1e-9 * np.max(high - low):
-        raise MeshError(
-            "axisymmetric: expected a mesh in the plane with r = x[0] >= 0 everywhere."
-        )
+        raise MeshError("axisymmetric: expected a mesh in the plane with r = x[0] >= 0 everywhere.")
     for region in regions:
         if region.is_joint:
             raise InputError(
@@ -94,9 +90,7 @@ def axisymmetric_regions(tagged: TaggedMesh, regions: Sequence[Region]) -> tuple
     return tuple(replace(r, law=AXISYMMETRIC_SOLID) for r in regions)
 
 
-def region_cells(
-    tagged: TaggedMesh, regions: Sequence[Region]
-) -> list[tuple[Region, np.ndarray]]:
+def region_cells(tagged: TaggedMesh, regions: Sequence[Region]) -> list[tuple[Region, np.ndarray]]:
     """Local cells, ghosts included, of each region. Collective.
 
     Raises:

@@ -35,19 +35,6 @@ from fenics_joints.structure.laws import (
     Law,
 )
 
-__all__ = [
-    "ElasticSupport",
-    "Parameter",
-    "PointMass",
-    "Region",
-    "Spring",
-    "Support",
-    "interface",
-    "joint",
-    "part",
-    "transition",
-]
-
 Value = float | str
 Property = float | str | Callable
 

@@ -25,8 +25,6 @@ import numpy as np
 from fenics_joints.errors import InputError, items, real, text, wanted
 from fenics_joints.structure.values import number
 
-__all__ = ["Damping"]
-
 Value = float | str
 
 

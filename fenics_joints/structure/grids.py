@@ -8,13 +8,14 @@ import numpy as np
 
 from fenics_joints.errors import InputError
 
-__all__ = ["cell_arrays", "cell_grid", "facet_mesh", "pyvista"]
-
 #: VTK's number of a cell's kind, and its corners in VTK's order, by their number and dimension.
 _KINDS = {
-    (2, 1): (3, (0, 1)), (3, 2): (5, (0, 1, 2)), (4, 2): (9, (0, 1, 3, 2)),
-    (4, 3): (10, (0, 1, 2, 3)), (8, 3): (12, (0, 1, 3, 2, 4, 5, 7, 6)),
-}  # fmt: skip
+    (2, 1): (3, (0, 1)),
+    (3, 2): (5, (0, 1, 2)),
+    (4, 2): (9, (0, 1, 3, 2)),
+    (4, 3): (10, (0, 1, 2, 3)),
+    (8, 3): (12, (0, 1, 3, 2, 4, 5, 7, 6)),
+}
 #: Corners nearer than this share of the whole, which carry the same values, are one point.
 _SAME = 1e-7
 
@@ -53,8 +54,10 @@ def cell_arrays(
     """
     n, k = corners.shape[:2]
     if (k, tdim) not in _KINDS:
-        raise InputError(f"cells with {k} corners in {tdim} dimensions: expected simplices, "
-                         "quadrilaterals or hexahedra.")  # fmt: skip
+        raise InputError(
+            f"cells with {k} corners in {tdim} dimensions: expected simplices, "
+            "quadrilaterals or hexahedra."
+        )
     kind, order = _KINDS[k, tdim]
     flat = {"": corners.reshape(n * k, 3)}
     flat |= {name: np.asarray(v, dtype=float).reshape(n * k, -1) for name, v in values.items()}
@@ -68,9 +71,11 @@ def cell_arrays(
 
 
 def cell_grid(
-    corners: np.ndarray, tdim: int, points: Mapping[str, np.ndarray] | None = None,
+    corners: np.ndarray,
+    tdim: int,
+    points: Mapping[str, np.ndarray] | None = None,
     cells: Mapping[str, np.ndarray] | None = None,
-):  # fmt: skip
+):
     """Cells as a ``pyvista.UnstructuredGrid``, in metres.
 
     Args:
@@ -93,9 +98,11 @@ def cell_grid(
 
 
 def facet_mesh(
-    points: np.ndarray, facets: np.ndarray, at_points: Mapping[str, np.ndarray],
+    points: np.ndarray,
+    facets: np.ndarray,
+    at_points: Mapping[str, np.ndarray],
     at_facets: Mapping[str, np.ndarray],
-):  # fmt: skip
+):
     """Facets as a ``pyvista.PolyData``.
 
     Args:

@@ -12,8 +12,6 @@ from fenics_joints.errors import MeshError
 from fenics_joints.meshes import TaggedMesh
 from fenics_joints.structure.components import Support
 
-__all__ = ["held_entities", "held_nodes"]
-
 #: Vertices as near to a point as the nearest one, up to this share of the mesh's extent, are at it:
 #: bodies that touch without sharing vertices have one each.
 _SAME = 1e-9
@@ -43,8 +41,10 @@ def held_entities(tagged: TaggedMesh, support: Support) -> list[tuple[int, np.nd
 
 def held_nodes(tagged: TaggedMesh, support: Support) -> np.ndarray:
     """This rank's geometry nodes at what the support holds. Collective."""
-    found = [entity_nodes(tagged.mesh, dim, entities).ravel()
-             for dim, entities in held_entities(tagged, support)]  # fmt: skip
+    found = [
+        entity_nodes(tagged.mesh, dim, entities).ravel()
+        for dim, entities in held_entities(tagged, support)
+    ]
     return np.unique(np.concatenate(found)).astype(np.int32)
 
 

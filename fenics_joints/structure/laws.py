@@ -16,18 +16,6 @@ import ufl
 from fenics_joints import forms
 from fenics_joints.errors import InputError
 
-__all__ = [
-    "AXISYMMETRIC_SOLID",
-    "ELASTIC_SUPPORT",
-    "LAYER_LAWS",
-    "LINEAR_LAWS",
-    "SOLID",
-    "SPRINGS",
-    "TRANSITION",
-    "WIDE_SOLID",
-    "Law",
-]
-
 Properties = Mapping[str, object]
 
 
@@ -254,9 +242,7 @@ SPRINGS = Law(
 )
 
 # Stretched along its axis a body of revolution has the same scalars as any solid.
-AXISYMMETRIC_SOLID = replace(
-    SOLID, stiffness=_axisymmetric_stiffness, inertia=_axisymmetric_mass
-)
+AXISYMMETRIC_SOLID = replace(SOLID, stiffness=_axisymmetric_stiffness, inertia=_axisymmetric_mass)
 
 _LAYER_PROPERTIES = ("E", "G", "rho", "stretch")
 

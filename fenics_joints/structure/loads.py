@@ -15,8 +15,6 @@ from fenics_joints.structure.points import Sensors
 from fenics_joints.structure.structure import Structure
 from fenics_joints.structure.values import number
 
-__all__ = ["Places", "base_load", "place_loads"]
-
 #: Position, m, and direction of each place, by name; a force without a position (None) is that of a
 #: base that accelerates along the direction.
 Places = Mapping[str, tuple[Sequence[float] | None, Sequence[float]]]

@@ -20,7 +20,6 @@ if TYPE_CHECKING:
 
     from fenics_joints.meshes import Ring
 
-__all__ = ["Damped", "Model", "Pictured"]
 
 Values = Mapping[str, float] | None
 

@@ -16,10 +16,6 @@ from fenics_joints.errors import InputError, MeshError
 from fenics_joints.meshes import TaggedMesh
 from fenics_joints.meshes.rings import measure_ring, ring_names
 
-__all__ = [
-    "NEAR", "Nearest", "all_min", "far_points", "nearest", "round_bolts", "too_close_together",
-]  # fmt: skip
-
 #: A point this near, m, or nearer than half a cell, is moved onto the surface.
 NEAR = 1e-3
 #: Distance, m, below which a point is on the mesh, up to round-off.
@@ -69,8 +65,9 @@ def nearest(msh, points: np.ndarray) -> Nearest:
     owned = np.arange(msh.topology.index_map(tdim).size_local, dtype=np.int32)
     cells = np.full(n, -1, dtype=np.int32)
     if len(owned) and n:
-        trees = geometry.bb_tree(msh, tdim, entities=owned), geometry.create_midpoint_tree(
-            msh, tdim, owned
+        trees = (
+            geometry.bb_tree(msh, tdim, entities=owned),
+            geometry.create_midpoint_tree(msh, tdim, owned),
         )
         cells = geometry.compute_closest_entity(*trees, msh, points)
     places, reach, distance = points.copy(), np.zeros(n), np.full(n, np.inf)
@@ -82,9 +79,10 @@ def nearest(msh, points: np.ndarray) -> Nearest:
     least = all_min(comm, distance)
     owner = all_min(comm, np.where(distance <= least, comm.rank, comm.size))
     mine = owner == comm.rank
-    places, reach = (comm.allreduce(np.where(there, a, 0.0)) for a, there in (
-        (places, mine[:, None]), (reach, mine)
-    ))  # fmt: skip
+    places, reach = (
+        comm.allreduce(np.where(there, a, 0.0))
+        for a, there in ((places, mine[:, None]), (reach, mine))
+    )
     return Nearest(owner, np.where(mine, cells, -1), places, least, reach)
 
 

@@ -11,8 +11,6 @@ from mpi4py import MPI
 from fenics_joints._compat import geometry_dofmap
 from fenics_joints.meshes.tagged import mixed
 
-__all__ = ["node_keys"]
-
 #: Degree up to which the nodes of a cell are numbered as its corners are, in the mesh's input.
 _ORDERED = 2
 #: Digits of a place, relative to the body.

@@ -15,8 +15,6 @@ from fenics_joints.errors import InputError
 from fenics_joints.files import check_writable, write_text
 from fenics_joints.parallel import on_root
 
-__all__ = ["ENDINGS", "check_fields_path", "share_grid", "write_fields"]
-
 #: What ADIOS2 puts into a folder that is one of its files.
 _BP_INDEX = "md.idx"
 
@@ -39,9 +37,10 @@ def check_fields_path(comm: MPI.Intracomm, path: str | Path, beside: Sequence[Pa
 
 
 def write_fields(
-    fields: Sequence[fem.Function], path: str | Path,
+    fields: Sequence[fem.Function],
+    path: str | Path,
     beside: Mapping[Path, Callable[[], str]] | None = None,
-) -> list[Path]:  # fmt: skip
+) -> list[Path]:
     """Write functions on one mesh by their names. Collective.
 
     Files are written under another name and moved into place when they are whole; those of a failed

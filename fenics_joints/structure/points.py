@@ -20,8 +20,6 @@ from fenics_joints._compat import coordinate_map, geometry_dofmap
 from fenics_joints.errors import InputError, items, reals
 from fenics_joints.structure.nearest import all_min, far_points, nearest, too_close_together
 
-__all__ = ["PointRows", "Sensors", "locate", "observe"]
-
 
 @dataclass(frozen=True, init=False, repr=False)
 class Sensors:
@@ -111,7 +109,12 @@ def _owned_candidates(msh, points: np.ndarray) -> np.ndarray:
 
 
 def locate(
-    V: fem.FunctionSpace, element, points, what: str = "point", *, names: Sequence[str] = (),
+    V: fem.FunctionSpace,
+    element,
+    points,
+    what: str = "point",
+    *,
+    names: Sequence[str] = (),
     snap: bool = False,
 ) -> PointRows:
     """Rows that evaluate ``V`` at points. Collective.
@@ -130,7 +133,7 @@ def locate(
 
     Raises:
         InputError: If points are outside the mesh, all of them in one message; on every rank.
-    """  # fmt: skip
+    """
     msh = V.mesh
     gdim = msh.geometry.dim
     points = np.atleast_2d(np.asarray(points, dtype=float))

@@ -19,8 +19,6 @@ from mpi4py import MPI
 from fenics_joints.errors import InputError
 from fenics_joints.structure.components import Parameter, Region
 
-__all__ = ["PropertyField"]
-
 
 class PropertyField:
     """Property slots of every cell.
@@ -39,9 +37,7 @@ class PropertyField:
         self.mesh, self.regions, self.parameters = mesh, list(regions), parameters
         self.slots = max(len(region.law.properties) for region, _ in self.regions)
         cell = mesh.topology.cell_name()
-        self.space = fem.functionspace(
-            mesh, basix.ufl.element("DG", cell, 0, shape=(self.slots,))
-        )
+        self.space = fem.functionspace(mesh, basix.ufl.element("DG", cell, 0, shape=(self.slots,)))
         self.q = fem.Function(self.space)
         # A slot that a law leaves out must not hold zero: 1/stretch is taken of it elsewhere.
         self.q.x.array[:] = 1.0

@@ -9,8 +9,6 @@ import numpy as np
 from fenics_joints.errors import InputError
 from fenics_joints.structure.points import Sensors
 
-__all__ = ["PlaceRows"]
-
 #: Points nearer than this share of the extent of all are one.
 _SAME = 1e-9
 

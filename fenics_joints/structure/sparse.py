@@ -7,11 +7,6 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 from petsc4py import PETSc
 
-__all__ = [
-    "MatrixForm", "RowForm", "absolute", "combination", "dense_block", "product", "vectors_like",
-    "without_zeros",
-]  # fmt: skip
-
 #: Parts of a matrix whose rows are copied one after the other.
 _CHUNKS = 8
 

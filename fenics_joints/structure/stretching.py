@@ -27,8 +27,6 @@ from fenics_joints.structure.laws import LAYER_LAWS, SPRINGS
 from fenics_joints.structure.structure import Structure
 from fenics_joints.structure.values import number
 
-__all__ = ["Stretching"]
-
 #: Stretch at which motions are counted, and the singular value that counts as none: a misfit is
 #: of the order of the first, and of round-off where there is none.
 _TRIED, _NONE = 1.2, 1e-4
@@ -205,9 +203,10 @@ def _gathered(structure: Structure):
     size = float(np.ptp(x, axis=0).max())
     x = (x - x.mean(axis=0)) / size
     bodies = [
-        body for alike in _alike(structure)
+        body
+        for alike in _alike(structure)
         for body in _connected(region[np.isin(region, alike)], cells[np.isin(region, alike)])
-    ]  # fmt: skip
+    ]
     supports = [
         (ways, np.unique(np.concatenate([f[4][i][1] for f in found])))
         for i, (ways, _) in enumerate(held)
@@ -221,8 +220,7 @@ def _gathered(structure: Structure):
 
 
 def _alike(structure: Structure) -> list[list[int]]:
-    """Regions that move alike without strain: those of parts stretched alike, and zones of joints.
-    """
+    """Regions that move alike without strain: parts stretched alike, and zones of joints."""
     values, found = structure.values(), {}
     for i, region in enumerate(structure.regions):
         stretch = region.properties.get("stretch", 1.0)

@@ -28,8 +28,6 @@ from fenics_joints.structure.points import PointRows, Sensors, observe
 from fenics_joints.structure.sparse import MatrixForm, RowForm
 from fenics_joints.structure.values import number, slopes
 
-__all__ = ["Structure"]
-
 _SUBSET = PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN
 
 
@@ -120,10 +118,12 @@ class Structure(Assembly):
         """
         values, X = self.values(given), np.column_stack([x.array_r for x in shapes])
         lam = np.asarray(eigenvalues, dtype=float)
-        gradient = np.array([
-            self.field.contract(self.cell_gradient(x, each, given), values)
-            for x, each in zip(shapes, lam.tolist(), strict=True)
-        ])  # fmt: skip
+        gradient = np.array(
+            [
+                self.field.contract(self.cell_gradient(x, each, given), values)
+                for x, each in zip(shapes, lam.tolist(), strict=True)
+            ]
+        )
         for p, kind, _, form in self._point_slopes(values):
             energies = self.comm.allreduce(np.sum(X * (form @ X), axis=0))
             gradient[:, p] += energies if kind == "K" else -lam * energies
@@ -203,9 +203,10 @@ class Structure(Assembly):
         """Whether a parameter changes a region's stiffness and its mass, by its law's scalars."""
         region, q = self.regions[i], self.field.means(i)
         keys = [
-            key for key in region.law.properties
+            key
+            for key in region.law.properties
             if region.properties[key] == parameter or callable(region.properties[key])
-        ]  # fmt: skip
+        ]
         terms = region.law.stiffness_terms, region.law.inertia_term
         return tuple(any(np.any(slopes(t, q, key)) for key in keys) for t in terms)
 

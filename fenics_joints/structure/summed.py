@@ -18,8 +18,6 @@ from petsc4py import PETSc
 from fenics_joints.structure.laws import Law
 from fenics_joints.structure.values import number
 
-__all__ = ["LawMatrices", "SummedMatrices"]
-
 #: Share of a sample in a sum, relative to the largest, that is round-off.
 _ROUND_OFF = 1e-13
 #: Degrees of freedom above which nothing is kept: there a solution takes long in any case, and the
@@ -126,9 +124,7 @@ class SummedMatrices:
         """
         if self.assembly.n_dofs > _MOST or not self._uniform:
             return None
-        own = [
-            (laws, laws.shares(which, self._properties(laws, values))) for laws in self._uniform
-        ]
+        own = [(laws, laws.shares(which, self._properties(laws, values))) for laws in self._uniform]
         missing = max(laws.missing(which, s) for laws, s in own)
         self._asked[which] += 1
         if missing >= self._asked[which] or self._like is None:

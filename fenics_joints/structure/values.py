@@ -9,8 +9,6 @@ import numpy as np
 from fenics_joints.errors import MOST, InputError, mapping, real
 from fenics_joints.structure.components import Parameter
 
-__all__ = ["by_name", "number", "parameter_values", "slopes"]
-
 _COMPLEX_STEP = 1e-30
 
 

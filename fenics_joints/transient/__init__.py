@@ -9,6 +9,10 @@ from fenics_joints.transient.transient import (
 )
 
 __all__ = [
-    "RingDown", "TransientResult", "ring_down", "solve_transient", "steady_harmonics",
+    "RingDown",
+    "TransientResult",
+    "ring_down",
+    "solve_transient",
+    "steady_harmonics",
     "stepped_sine",
-]  # fmt: skip
+]

@@ -9,8 +9,6 @@ from scipy.interpolate import CubicSpline
 
 from fenics_joints.errors import InputError, reals
 
-__all__ = ["RingDown", "ring_down"]
-
 
 @dataclass(frozen=True, repr=False)
 class RingDown:

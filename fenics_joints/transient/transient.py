@@ -17,8 +17,6 @@ from fenics_joints.interfaces.motion import Motion
 from fenics_joints.modal.options import given_options, last_line, petsc_defaults, reason_of
 from fenics_joints.transient.ring_down import RingDown, ring_down
 
-__all__ = ["TransientResult", "solve_transient", "steady_harmonics", "stepped_sine"]
-
 _PREFIX = "fenics_joints_transient_"
 _DEFAULTS = {
     "ts_type": "alpha2",
@@ -110,9 +108,15 @@ class _Record:
         work, damped, *joints = np.cumsum(self.works, axis=0).T
         names = [p.name for p in self.motion.interfaces]
         return TransientResult(
-            np.array(self.times), *kinds, work, damped, dict(zip(names, joints, strict=True)),
-            np.array(self.energy), final, iterations,
-        )  # fmt: skip
+            np.array(self.times),
+            *kinds,
+            work,
+            damped,
+            dict(zip(names, joints, strict=True)),
+            np.array(self.energy),
+            final,
+            iterations,
+        )
 
 
 def solve_transient(
@@ -360,10 +364,14 @@ def stepped_sine(
                     "expected more damping, or give more max_periods"
                 )
             run = solve_transient(
-                model, step=1 / frequency / steps_per_period, n_steps=10 * steps_per_period,
+                model,
+                step=1 / frequency / steps_per_period,
+                n_steps=10 * steps_per_period,
                 loads={force: lambda t, w=2 * np.pi * frequency: amplitude * np.cos(w * t)},
-                sensors=[sensor], initial=initial, petsc_options=petsc_options,
-            )  # fmt: skip
+                sensors=[sensor],
+                initial=initial,
+                petsc_options=petsc_options,
+            )
             initial, count, last = run.final, count + 10, now
             now = steady_harmonics(run.times, run.displacements[sensor], frequency, harmonics)
         found.append(now)

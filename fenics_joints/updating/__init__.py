@@ -10,6 +10,18 @@ from fenics_joints.updating.result import Iteration, Update
 from fenics_joints.updating.weighted import update_weighted
 
 __all__ = [
-    "Curves", "CutoffMinimum", "CutoffModel", "CutoffSweep", "Iteration", "Prediction", "Predictor",
-    "Update", "fit_curves", "minimise", "sweep", "update", "update_all", "update_weighted",
-]  # fmt: skip
+    "Curves",
+    "CutoffMinimum",
+    "CutoffModel",
+    "CutoffSweep",
+    "Iteration",
+    "Prediction",
+    "Predictor",
+    "Update",
+    "fit_curves",
+    "minimise",
+    "sweep",
+    "update",
+    "update_all",
+    "update_weighted",
+]

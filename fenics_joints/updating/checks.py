@@ -11,8 +11,6 @@ from fenics_joints.reduction.combined import ModelError
 from fenics_joints.structure.components import Parameter
 from fenics_joints.updating.result import Update
 
-__all__ = ["bound_notes", "fit_notes", "is_at", "too_far"]
-
 #: A value as near to a bound has been stopped there: relative to it where the scale is
 #: logarithmic, else to the room between the bounds.
 _AT_BOUND = 2e-3
@@ -20,9 +18,10 @@ _AT_BOUND = 2e-3
 _WIDENED = 1.05
 #: Words for each kind of a reduced model's errors, and their decimals in per cent.
 _ERRORS = {
-    "frequencies": ("frequencies by", 3), "frfs": ("functions by up to", 2),
+    "frequencies": ("frequencies by", 3),
+    "frfs": ("functions by up to", 2),
     "damping": ("damping ratios by up to", 2),
-}  # fmt: skip
+}
 
 
 def too_far(error: ModelError, limits: ModelError) -> list[str]:
@@ -40,12 +39,15 @@ def fit_notes(found: Update, mode_names: Sequence[str]) -> list[str]:
     if not found.converged:
         notes.append(f"the fit has {found.message}; the values are the best that were found")
     factors = {
-        "frequencies": [widths.frequencies], "shapes": widths.shapes, "ratios": [widths.damping]
+        "frequencies": [widths.frequencies],
+        "shapes": widths.shapes,
+        "ratios": [widths.damping],
     }
     wide = [
-        f"{kind} {_times(min(some), max(some))}" for kind, some in factors.items()
+        f"{kind} {_times(min(some), max(some))}"
+        for kind, some in factors.items()
         if max(some, default=1.0) >= _WIDENED
-    ]  # fmt: skip
+    ]
     if wide:
         notes.append(
             "the model does not come as near to the test as the data's standard deviations say: "
@@ -54,8 +56,9 @@ def fit_notes(found: Update, mode_names: Sequence[str]) -> list[str]:
     left = [mode_names[i] for i in widths.without]
     if left:
         names = " and ".join([", ".join(left[:-1]), left[-1]] if len(left) > 1 else left)
-        do, whose = ("changes its partner", "it") if len(left) == 1 else \
-            ("change their partners", "them")  # fmt: skip
+        do, whose = (
+            ("changes its partner", "it") if len(left) == 1 else ("change their partners", "them")
+        )
         notes.append(
             f"{names} {do} among the model's modes near the answer, so that no value was fitted to "
             f"{whose}; a sharper shape of {whose} would tell which is which"
@@ -83,8 +86,9 @@ def bound_notes(parameters: Sequence[Parameter], found: Update) -> list[str]:
         notes += [
             f"{p.name} ended at its bound, {quantity(bound, p.unit)}: the data want it beyond, and "
             "its standard deviation says nothing"
-            for bound in (p.lower, p.upper) if is_at(p, value, bound)
-        ]  # fmt: skip
+            for bound in (p.lower, p.upper)
+            if is_at(p, value, bound)
+        ]
     return notes
 
 

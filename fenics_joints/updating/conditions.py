@@ -11,8 +11,6 @@ from fenics_joints.structure.components import Parameter
 from fenics_joints.updating.fit import update
 from fenics_joints.updating.result import Update
 
-__all__ = ["update_all"]
-
 
 def update_all(
     model,
@@ -53,9 +51,15 @@ def update_all(
                 target = replace(target, shapes=last.prediction.shapes)
             try:
                 last = found[row] = update(
-                    model, parameters, target, {**start, **last.mapping()}, centre=start,
-                    regularisation=regularisation, n_modes=n_modes, elsewhere=False,
-                )  # fmt: skip
+                    model,
+                    parameters,
+                    target,
+                    {**start, **last.mapping()},
+                    centre=start,
+                    regularisation=regularisation,
+                    n_modes=n_modes,
+                    elsewhere=False,
+                )
             except ConvergenceError:
                 pass  # the next starts from the last that did
             done()

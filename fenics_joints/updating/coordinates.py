@@ -14,8 +14,6 @@ from scipy.special import expit, logit
 from fenics_joints.errors import InputError, real
 from fenics_joints.structure.components import Parameter
 
-__all__ = ["Coordinates", "LogScale"]
-
 #: Largest logit of a bounded E.
 _WIDEST = 12.0
 

@@ -20,8 +20,6 @@ from fenics_joints.updating.least_squares import Problem
 from fenics_joints.updating.prediction import Predictor
 from fenics_joints.updating.result import Update
 
-__all__ = ["Curves", "fit_curves"]
-
 
 def _power(a, b, ratio):
     """ln of p = e^a ratio^b, and its derivatives by a and b."""
@@ -124,9 +122,9 @@ def fit_curves(
         problem = Problem(predictors, coefficients, coefficients.pull)
         result = problem.solve(coefficients.guess(found), 60)
         a, b = np.split(result.x, 2)
-        fitted.append(Curves(
-            names, form, coefficients.reference, a, b, 2 * result.cost, coefficients.scale
-        ))  # fmt: skip
+        fitted.append(
+            Curves(names, form, coefficients.reference, a, b, 2 * result.cost, coefficients.scale)
+        )
     return min(fitted, key=lambda c: c.cost)
 
 

@@ -27,9 +27,6 @@ from fenics_joints.modal import EigenSolver, Modes, solve_modes
 from fenics_joints.preload import LinearJoint, PreloadResult, cutoff_conditions, pair_conditions
 from fenics_joints.structure.sparse import product, without_zeros
 
-__all__ = ["SPARE", "Anchor", "CutoffModel", "CutoffSweep", "assign", "elastic",
-           "elastic_shapes", "misfit", "sweep"]  # fmt: skip
-
 #: Pressures nearer than this, relative to the largest, are one step (symmetric facets).
 _SAME = 1e-6
 #: Jump entries that may differ between two anchors.

@@ -19,8 +19,6 @@ from fenics_joints.updating.cutoff import (
     misfit,
 )
 
-__all__ = ["CutoffMinimum", "minimise"]
-
 
 @dataclass(eq=False, repr=False)
 class CutoffMinimum:

@@ -22,14 +22,6 @@ import numpy as np
 
 from fenics_joints.errors import InputError
 
-__all__ = [
-    "COMPLEX",
-    "WeightedEquations",
-    "condition_number",
-    "real_rows",
-    "weighted_equations",
-]
-
 #: How the rows of complex FRFs are made real.
 COMPLEX = ("parts", "magnitude")
 
@@ -98,16 +90,18 @@ def weighted_equations(
             f"column {int(np.argmin(by_column))} of A is zero: expected parameters that change "
             "some frequency or FRF"
         )
-    w = np.concatenate([
-        np.broadcast_to(np.asarray(w_f, dtype=float), n_frequencies),
-        np.broadcast_to(np.asarray(w_H, dtype=float), len(A) - n_frequencies),
-    ])  # fmt: skip
+    w = np.concatenate(
+        [
+            np.broadcast_to(np.asarray(w_f, dtype=float), n_frequencies),
+            np.broadcast_to(np.asarray(w_H, dtype=float), len(A) - n_frequencies),
+        ]
+    )
     left = np.divide(w, by_row, out=np.zeros(len(A)), where=by_row > 0)
     columns = 1 / by_column
     matrix = left[:, None] * A * columns
     return WeightedEquations(
         matrix, left * b, left, columns, condition_number(A), condition_number(matrix)
-    )  # fmt: skip
+    )
 
 
 def condition_number(A: np.ndarray) -> float:

@@ -36,8 +36,6 @@ from fenics_joints.updating.result import Update
 from fenics_joints.updating.rounds import OUT_OF_EVALUATIONS, in_rounds, is_stuck
 from fenics_joints.updating.starts import AS_GOOD, exchanged, other_starts
 
-__all__ = ["MOVES", "update"]
-
 #: When FRF lines are moved along with the resonances: for the first of two fits, or throughout.
 MOVES = ("first", "always", "never")
 #: Accuracy, in coordinates, at which the fit with moved lines may end.
@@ -212,8 +210,10 @@ class _Fit(Identification):
         rivals = [end for end in rivals if end.cost < AS_GOOD * best.cost]
         if not rivals or not self.is_far(best.x):
             return ""
-        names = [dict(zip(self.names, self.coordinates.values(end.x).tolist(), strict=True))
-                 for end in (best, *rivals)]  # fmt: skip
+        names = [
+            dict(zip(self.names, self.coordinates.values(end.x).tolist(), strict=True))
+            for end in (best, *rivals)
+        ]
         for other in names[1:]:
             pairs = exchanged(self.predictor, names[0], other)
             if pairs:

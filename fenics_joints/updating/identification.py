@@ -15,8 +15,6 @@ from fenics_joints.updating.prediction import Prediction, Predictor
 from fenics_joints.updating.residuals import Residuals, relative_errors
 from fenics_joints.updating.result import Iteration, Update
 
-__all__ = ["Identification"]
-
 
 class Identification:
     """Predictions, residuals and coordinates of one target, and the way gone so far.
@@ -87,9 +85,9 @@ class Identification:
             taken: Number of parameters that the data determine.
         """
         _, count = self.residuals.chi2(prediction)
-        return max(1.0, float(np.sum(self.residuals.values(prediction) ** 2)) / max(
-            count - taken, 1.0
-        ))  # fmt: skip
+        return max(
+            1.0, float(np.sum(self.residuals.values(prediction) ** 2)) / max(count - taken, 1.0)
+        )
 
     def result(
         self,
@@ -104,8 +102,19 @@ class Identification:
         chi2, count = self.residuals.chi2(prediction)
         whitened = self.whitened(values, prediction) / np.sqrt(excess)
         return Update(
-            self.method, self.names, self.first, values, covariance,
-            identifiability(whitened, self.names), converged, message,
-            self.predictor.calls, tuple(self.history), prediction,
-            chi2, count - len(self.names), self.residuals.widths, excess,
-        )  # fmt: skip
+            self.method,
+            self.names,
+            self.first,
+            values,
+            covariance,
+            identifiability(whitened, self.names),
+            converged,
+            message,
+            self.predictor.calls,
+            tuple(self.history),
+            prediction,
+            chi2,
+            count - len(self.names),
+            self.residuals.widths,
+            excess,
+        )

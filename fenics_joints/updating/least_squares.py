@@ -12,8 +12,6 @@ from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.updating.prediction import Prediction, Predictor
 from fenics_joints.updating.residuals import Residuals
 
-__all__ = ["Curved", "Problem", "Prior"]
-
 #: What the data leave open is held by: residuals at coordinates, and their derivatives.
 Prior = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 
@@ -107,9 +105,14 @@ class Problem:
         return np.clip(x, low + margin, high - margin)
 
     def solve(
-        self, x: np.ndarray, max_evaluations: int, *, moved: bool = False, accuracy: float = 1e-8,
+        self,
+        x: np.ndarray,
+        max_evaluations: int,
+        *,
+        moved: bool = False,
+        accuracy: float = 1e-8,
         still: float | None = None,
-    ) -> OptimizeResult:  # fmt: skip
+    ) -> OptimizeResult:
         """Least squares from coordinates ``x``, by a trust region with bounds.
 
         Args:
@@ -125,10 +128,17 @@ class Problem:
         start = self.inside(x)
         try:
             return least_squares(
-                self.residual, start, self.slope, bounds=self.coordinates.bounds(),
-                args=(moved,), x_scale=1.0, ftol=accuracy, xtol=still or accuracy, gtol=1e-8,
+                self.residual,
+                start,
+                self.slope,
+                bounds=self.coordinates.bounds(),
+                args=(moved,),
+                x_scale=1.0,
+                ftol=accuracy,
+                xtol=still or accuracy,
+                gtol=1e-8,
                 max_nfev=max_evaluations,
-            )  # fmt: skip
+            )
         except ValueError as error:
             if np.isfinite(self.residual(start, moved)).all():
                 raise

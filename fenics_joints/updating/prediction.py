@@ -28,8 +28,6 @@ from fenics_joints.response.damping_ratios import damping_ratios
 from fenics_joints.response.units import KINDS
 from fenics_joints.structure.damping import Damping
 
-__all__ = ["Prediction", "Predictor"]
-
 #: Modes beyond those of the test, so that none is missed when modes change places.
 _SPARE = 4
 #: Modes of a full model reach this multiple of the highest FRF line.
@@ -259,13 +257,21 @@ class Predictor:
         """H, dH/dp at fixed lines and, if asked for, dH / d ln f."""
         frfs = self.target.frfs
         common = {
-            "excitation": frfs.excitation, "sensors": frfs.sensors, "damping": self.damping,
+            "excitation": frfs.excitation,
+            "sensors": frfs.sensors,
+            "damping": self.damping,
             "kind": frfs.kind,
-        }  # fmt: skip
+        }
         found = solve_frf(
-            self.model, given, frequencies_hz=lines, gradients=True, method="modal", modes=modes,
-            check=0, **common,
-        )  # fmt: skip
+            self.model,
+            given,
+            frequencies_hz=lines,
+            gradients=True,
+            method="modal",
+            modes=modes,
+            check=0,
+            **common,
+        )
         slopes = found.gradients[..., self.columns]
         if not by_line:
             return found.values, slopes, None

@@ -10,8 +10,6 @@ from fenics_joints.measurements.target import Target
 from fenics_joints.updating.equations import real_rows
 from fenics_joints.updating.prediction import Prediction
 
-__all__ = ["Residuals", "Widths", "raw_rows", "relative_errors", "row_sd"]
-
 #: Frequencies are widened to this relative standard deviation, no further: what any such model
 #: misses. They are few, and a model that need not meet them would leave them to a prior.
 _MODEL = 0.01
@@ -134,9 +132,11 @@ class Residuals:
             usual = float(np.median(self.target.log_sd[self.f_used]))
             widths[0] = min(widths[0], max(1.0, _MODEL / usual))
         return Widths(
-            widths[0] if first else 1.0, tuple(widths[first:last]),
-            widths[last] if self.zeta_used.any() else 1.0, self.widths.without,
-        )  # fmt: skip
+            widths[0] if first else 1.0,
+            tuple(widths[first:last]),
+            widths[last] if self.zeta_used.any() else 1.0,
+            self.widths.without,
+        )
 
     def volume(self) -> float:
         """What the logarithm of a density loses by the widths, and by modes that are left out."""

@@ -12,8 +12,6 @@ from fenics_joints.modal.sensitivity import Identifiability
 from fenics_joints.updating.prediction import Prediction
 from fenics_joints.updating.residuals import Widths
 
-__all__ = ["Iteration", "Update"]
-
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Iteration:

@@ -22,8 +22,6 @@ import numpy as np
 from fenics_joints.updating.least_squares import Problem
 from fenics_joints.updating.residuals import Widths
 
-__all__ = ["OUT_OF_EVALUATIONS", "End", "in_rounds", "is_stuck"]
-
 #: Why no answer was found, in words.
 OUT_OF_EVALUATIONS = "out of evaluations"
 PARTNERS = "too many modes change their partners near the answer"
@@ -85,9 +83,10 @@ def in_rounds(problem: Problem, starts: list[np.ndarray], max_evaluations: int) 
     best = min(ends, key=lambda end: end.misfit)
     # By a mode whose partner is open an end that has not settled gains nothing that is known.
     settled = [
-        end for end in ends
+        end
+        for end in ends
         if end.settled and end.misfit - residuals.lost(end.widths) < best.misfit + _SAME
-    ]  # fmt: skip
+    ]
     if settled:
         best = min(settled, key=lambda end: end.misfit)
     residuals.widths = best.widths

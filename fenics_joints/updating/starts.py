@@ -17,8 +17,6 @@ from fenics_joints.reduction.seen import places_all_over
 from fenics_joints.updating.least_squares import Problem
 from fenics_joints.updating.prediction import Predictor
 
-__all__ = ["AS_GOOD", "exchanged", "other_starts"]
-
 #: Number of trial places, half of them within the bounds and half near the start; number of the
 #: best of these, and of exchanges, that become starts.
 _LOOKED_AT, _STARTED, _EXCHANGED = 16, 2, 3
@@ -70,8 +68,9 @@ def _scattered(problem: Problem, start: np.ndarray) -> list[np.ndarray]:
     half = _LOOKED_AT // 2
     places = [
         problem.inside(a + u * (b - a))
-        for (a, b), part in ((wide, unit[:half]), (near, unit[half:])) for u in part
-    ]  # fmt: skip
+        for (a, b), part in ((wide, unit[:half]), (near, unit[half:]))
+        for u in part
+    ]
     costs = [float(np.sum(problem.residual(x) ** 2)) for x in places]
     chosen = [start]
     for i in np.argsort(costs, kind="stable"):
@@ -98,10 +97,13 @@ def exchanged(
     place = {int(mode): j for j, mode in enumerate(theirs.index)}
     at = [place.get(int(mode)) for mode in becomes]
     return tuple(
-        (i, j) for i in range(len(at)) for j in range(i + 1, len(at))
-        if at[i] is not None and at[j] is not None
+        (i, j)
+        for i in range(len(at))
+        for j in range(i + 1, len(at))
+        if at[i] is not None
+        and at[j] is not None
         and (index[i] < index[j]) != (theirs.index[at[i]] < theirs.index[at[j]])
-    )  # fmt: skip
+    )
 
 
 def _alike(first: Modes, index: np.ndarray, second: Modes, elastic: np.ndarray) -> np.ndarray:

@@ -27,8 +27,6 @@ from fenics_joints.updating.identification import Identification
 from fenics_joints.updating.residuals import raw_rows, row_sd
 from fenics_joints.updating.result import Update
 
-__all__ = ["noise_tolerances", "update_weighted"]
-
 #: Relative steps below which an iteration stands still.
 _STILL = 1e-9
 #: Tolerances in standard deviations, where the noise is above their usual values.
@@ -201,9 +199,7 @@ class _Weighted(Identification):
         scaled = np.hstack([inverse * sd, self._open()])
         excess = self.excess(self.prediction, len(self.names))
         covariance = excess * scaled @ scaled.T
-        return self.result(
-            self.values, self.prediction, covariance, excess, converged, message
-        )  # fmt: skip
+        return self.result(self.values, self.prediction, covariance, excess, converged, message)
 
 
 def noise_tolerances(target: Target) -> dict[str, float]:

@@ -15,10 +15,18 @@ pytest.importorskip("arviz")
 
 def test_densities_in_closed_form():
     shapes = {
-        "norm": (), "lognorm": (0.3,), "uniform": (), "loguniform": (0.5, 3.0), "gamma": (4.0,),
-        "truncnorm": (-1.0, 2.0), "weibull_min": (8.0,), "beta": (2.0, 3.0), "gumbel_r": (),
-        "gumbel_l": (), "logistic": (),
-    }  # fmt: skip
+        "norm": (),
+        "lognorm": (0.3,),
+        "uniform": (),
+        "loguniform": (0.5, 3.0),
+        "gamma": (4.0,),
+        "truncnorm": (-1.0, 2.0),
+        "weibull_min": (8.0,),
+        "beta": (2.0, 3.0),
+        "gumbel_r": (),
+        "gumbel_l": (),
+        "logistic": (),
+    }
     for name, args in shapes.items():
         frozen = getattr(stats, name)(*args, 1.5, 2.0)
         x = np.append(frozen.rvs(40, random_state=1), [-30.0, 0.0, 1.5, 300.0])
@@ -49,7 +57,9 @@ def test_what_does_not_fit_is_refused():
     accepted = choose("first", two_kinds, ["normal"], accept_misfit=True)
     assert accepted.doubtful and "fits badly" in accepted.words("first")
     for bad, words in (
-        ([1.0, 2.0], "at least 5"), ([1.0, -2, 3, 4, 5], "positive"), ([5.0] * 9, "some scatter"),
-    ):  # fmt: skip
+        ([1.0, 2.0], "at least 5"),
+        ([1.0, -2, 3, 4, 5], "positive"),
+        ([5.0] * 9, "some scatter"),
+    ):
         with pytest.raises(InputError, match=words):
             choose("first", np.array(bad))

@@ -68,8 +68,14 @@ def hierarchy(specimens):
 
 def test_scatter_and_mean_are_recovered(hierarchy):
     rows = {row["name"]: row for row in hierarchy.chains.require_converged().table()}
-    truth = {"a": 1.02, "b": 0.97, "scatter a": 0.03, "scatter b": 0.04, "noise": 2e-4,
-             "correlation a, b": 0.0}  # fmt: skip
+    truth = {
+        "a": 1.02,
+        "b": 0.97,
+        "scatter a": 0.03,
+        "scatter b": 0.04,
+        "noise": 2e-4,
+        "correlation a, b": 0.0,
+    }
     for name, value in truth.items():
         assert abs(rows[name]["mean"] - value) < 3.3 * rows[name]["sd"], name
     # The mean of n specimens is known to their scatter over the root of n, and no better.
@@ -102,9 +108,7 @@ def test_intervals_of_the_two_levels_hold_the_truth():
 
     mu = rng.normal(0, sd, (n, 2))
     aux = stats.invgamma(0.5, scale=1 / scatter**2).rvs((n, 2), random_state=rng)
-    sigma = np.array(
-        [stats.invwishart(3, 4 * np.diag(1 / a)).rvs(random_state=rng) for a in aux]
-    )
+    sigma = np.array([stats.invwishart(3, 4 * np.diag(1 / a)).rvs(random_state=rng) for a in aux])
     tau = np.abs(stats.cauchy(0, noise).rvs(n, random_state=rng))
     b = rng.normal(0, off, (n, 3))
     x = mu[:, None] + np.einsum(
@@ -113,10 +117,19 @@ def test_intervals_of_the_two_levels_hold_the_truth():
     data = g(x.reshape(-1, 2)).reshape(n, S, 3) + b[:, None]
     data += tau[:, None, None] * rng.standard_normal(data.shape)
     level = Level(
-        lambda m: -0.5 * np.sum(m**2, axis=1) / sd**2, g, np.zeros(2), slope, np.zeros(3),
-        np.zeros(2), np.full(2, sd), scatter, noise, False, off,
+        lambda m: -0.5 * np.sum(m**2, axis=1) / sd**2,
+        g,
+        np.zeros(2),
+        slope,
+        np.zeros(3),
+        np.zeros(2),
+        np.full(2, sd),
+        scatter,
+        noise,
+        False,
+        off,
         curvature(g, np.zeros(2)),
-    )  # fmt: skip
+    )
     walk = Gibbs(level, data, [generator(1, c) for c in range(n)])
     walk.advance(150)
     points, _, _ = walk.advance(500)

@@ -7,12 +7,7 @@ import pytest
 from linear_posterior import MODES, linear, prior
 from scipy import stats
 
-from fenics_joints.bayes import (
-    FittedLikelihood,
-    Posterior,
-    Settings,
-    sample,
-)
+from fenics_joints.bayes import FittedLikelihood, Posterior, Settings, sample
 
 pytest.importorskip("arviz")
 
@@ -33,8 +28,7 @@ def test_fitted_likelihood_against_a_grid():
     values = np.exp(grid)
     # The density by scipy alone.
     logs = sum(
-        d.frozen.logpdf(f)
-        for d, f in zip(likelihood.fitted, np.exp(model(values)).T, strict=True)
+        d.frozen.logpdf(f) for d, f in zip(likelihood.fitted, np.exp(model(values)).T, strict=True)
     )
     logs += stats.norm(0, 0.3).logpdf(grid).sum(axis=1)
     weights = np.exp(logs - logs.max())

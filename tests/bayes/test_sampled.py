@@ -57,8 +57,14 @@ def test_sums_are_what_is_assembled(case):
     """Frequencies at other values of moduli, a density, a mass and a spring, and their total mass;
     and the same projected on modes, which at the place they were found are themselves."""
     full = build_structure(case, MPI.COMM_WORLD, attached=True)
-    values = {"near.G": 3e8, "away.E": 1.1e6, "plates.rho": 2900.0, "plates.E": 7.2e10,
-              "accelerometer.mass": 0.03, "rope.stiffness": 5e5}  # fmt: skip
+    values = {
+        "near.G": 3e8,
+        "away.E": 1.1e6,
+        "plates.rho": 2900.0,
+        "plates.E": 7.2e10,
+        "accelerometer.mass": 0.03,
+        "rope.stiffness": 5e5,
+    }
     start = {name: p.value for name, p in full.parameters.items()} | {"rope.stiffness": 1e3}
     terms = FreeTerms(full, list(values), start)
     fresh = build_structure(case, MPI.COMM_WORLD, attached=True)  # which has no sums

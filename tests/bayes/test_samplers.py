@@ -7,14 +7,7 @@ import pytest
 from linear_posterior import MODES, SLOPE, NoLaws, gaussian, linear, prior
 from mpi4py import MPI
 
-from fenics_joints.bayes import (
-    GaussianLikelihood,
-    Posterior,
-    Prior,
-    Settings,
-    sample,
-    samplers,
-)
+from fenics_joints.bayes import GaussianLikelihood, Posterior, Prior, Settings, sample, samplers
 from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.updating.coordinates import LogScale
 
@@ -58,10 +51,13 @@ def test_chains_that_did_not_converge_are_not_used():
         found.draws()
     # Two maxima that chains cannot leave.
     apart = found.__class__(
-        ("a",), np.repeat([[[0.0]], [[5.0]]], 2000, axis=1)
+        ("a",),
+        np.repeat([[[0.0]], [[5.0]]], 2000, axis=1)
         + np.random.default_rng(0).standard_normal((2, 2000, 1)),
-        np.zeros((2, 2000)), np.ones(2), "by hand",
-    )  # fmt: skip
+        np.zeros((2, 2000)),
+        np.ones(2),
+        "by hand",
+    )
     assert "the chains disagree" in apart.problems[0]
 
 

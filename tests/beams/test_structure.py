@@ -256,9 +256,18 @@ def test_against_a_solid_of_the_same_lap():
     """Two steel beams bonded over the lap, in 3-D, against a joint of the double section."""
     lap, length, n = 0.05, 0.26, 5
     mesh = lap_beam(
-        MPI.COMM_WORLD, length=length, width=BREADTH, thickness=HEIGHT, lap=lap, washer=0,
-        bonded=True, n_length=10, n_lap=6, n_width=2, n_thickness=1,
-    )  # fmt: skip
+        MPI.COMM_WORLD,
+        length=length,
+        width=BREADTH,
+        thickness=HEIGHT,
+        lap=lap,
+        washer=0,
+        bonded=True,
+        n_length=10,
+        n_lap=6,
+        n_width=2,
+        n_thickness=1,
+    )
     x = np.linspace(0, 2 * length - lap, 15)
     z = np.where(x < length - lap, -HEIGHT / 2, np.where(x > length, HEIGHT / 2, 0.0))
     sensors = Sensors(np.column_stack([x, 0 * x, z]), [0.0, 0, 1])

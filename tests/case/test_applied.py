@@ -53,7 +53,7 @@ MISTAKES = [
     ('radius = "50 mm"', 'radius = "-50 mm"', ["obstacles.ball.radius = '-50 mm'", "above 0 m"]),
     ("friction = 0.2", "friction = -0.2", ["obstacles.ball.friction = -0.2", "at least 0"]),
     ('"0.1 mm"]\n[dis', '"0.1 N"]\n[dis', ["obstacles.ball.travel[2] = '0.1 N'", "a length"]),
-    ('travel = [0, 0, "0.1 mm"]', 'travel = [0, 0, 1]\nforce = [0, 0, 1]', ["both are given"]),
+    ('travel = [0, 0, "0.1 mm"]', "travel = [0, 0, 1]\nforce = [0, 0, 1]", ["both are given"]),
     ('travel = [0, 0, "0.1 mm"]', "force = [0, 0, 0]", ["obstacles.ball.force", "not zero"]),
     ('["free", "free", "-0.1 mm"]', '["free", "free"]', ["displacements.grip.value", "not 'free'"]),
     ('["free", "free", "-0.1 mm"]', '["fre", 0, 0]', ["value[0] = 'fre'", "a length", "'free'"]),
@@ -167,8 +167,13 @@ def test_bar_between_floor_and_grip(folder, keeps_rules):
     keeps_rules(outcome.page())
     supports = '[supports.{0}]\nfacets = "{1}"\ndirections = {2}\n'
     held = elastic(block(folder, *(supports.format(n, n, ["z"]) for n in ("bottom", "top"))))
-    stuck = elastic(block(folder, supports.format("bottom", "bottom", ["x", "y", "z"]),
-                          supports.format("top", "top", ["z"])))  # fmt: skip
+    stuck = elastic(
+        block(
+            folder,
+            supports.format("bottom", "bottom", ["x", "y", "z"]),
+            supports.format("top", "top", ["z"]),
+        )
+    )
     case = block(folder, FLOOR, GRIP)
     assert elastic(case, state="preload") == pytest.approx(held[: 10 - 3], rel=1e-6)
     assert elastic(case) == pytest.approx(stuck[: len(elastic(case))], rel=1e-6)
@@ -177,8 +182,10 @@ def test_bar_between_floor_and_grip(folder, keeps_rules):
 def test_loads_on_faces(folder):
     """A pressure is its force on the face; a floor that is pushed goes as far as it gives."""
     load = '[loads.{}]\nfacets = "top"\n{}\n'
-    halves = (load.format("piston", f"pressure = {0.5 * FORCE / AREA}"),
-              load.format("weight", f"force = [0, 0, {-0.5 * FORCE}]"))  # fmt: skip
+    halves = (
+        load.format("piston", f"pressure = {0.5 * FORCE / AREA}"),
+        load.format("weight", f"force = [0, 0, {-0.5 * FORCE}]"),
+    )
     found = run_preload(block(folder, FLOOR, *halves), SELF, QUIET)
     floor, piston, weight = found.json()["applied"]
     assert piston["force_n"] == pytest.approx(weight["force_n"], abs=1e-9 * FORCE)

@@ -89,15 +89,21 @@ def test_functions_identify_the_damping_too(shared_tmp_path):
     rows = beams.loads(Sensors([[x, 0, 0.0106 * (x < 0.4)] for x in places.values()], up)).T
     lines, noise = np.arange(100.0, 1000.0, 4.0), np.random.default_rng(4)
     omega = 2 * np.pi * lines
-    H = np.array([-w * w * rows @ np.linalg.solve(K + 1j * w * C - w * w * M, rows[0])
-                  for w in omega])  # fmt: skip
+    H = np.array(
+        [-w * w * rows @ np.linalg.solve(K + 1j * w * C - w * w * M, rows[0]) for w in omega]
+    )
     H = H * (1 + 0.01 / np.sqrt(2) * (noise.standard_normal((*H.shape, 2)) @ [1, 1j]))
     if comm.rank == 0:
         head = ["frequency [Hz]"]
         head += [f"{n}:+z/1:+z {part} [m/s2/N]" for n in places for part in ("re", "im")]
         columns = [lines, *(part for h in H.T for part in (h.real, h.imag))]
-        np.savetxt(tmp_path / "frf.csv", np.transpose(columns), delimiter=",",
-                   header=",".join(head), comments="")  # fmt: skip
+        np.savetxt(
+            tmp_path / "frf.csv",
+            np.transpose(columns),
+            delimiter=",",
+            header=",".join(head),
+            comments="",
+        )
         nodes = [f"{n},{x},0,{0.0106 * (x < 0.4)}\n" for n, x in places.items()]
         text = "node,x [m],y [m],z [m]\n" + "".join(nodes)
         (tmp_path / "nodes.csv").write_text(text, encoding="utf-8")
@@ -126,8 +132,13 @@ def test_functions_identify_the_damping_too(shared_tmp_path):
     lossy = load_case(tmp_path)
     damping = model_damping(lossy, build_structure(lossy, MPI.COMM_WORLD, damping=True))
     assert list(damping.hysteretic) == [
-        "lap.slap", "lap.slip", "beam_1", "lap.beam_1", "lap.beam_2", "beam_2"
-    ]  # fmt: skip
+        "lap.slap",
+        "lap.slip",
+        "beam_1",
+        "lap.beam_1",
+        "lap.beam_2",
+        "beam_2",
+    ]
     assert damping.viscous == {"lap.c": "lap.c"}
 
 

@@ -63,8 +63,9 @@ def test_meaning(tmp_path, write_case):
     assert data.sensors.points[-1] == pytest.approx([0.31, 0.04, 0.0165])
     held = case.update.hold_out
     assert [*data.select(held).conditions, *data.without(held).conditions] == [
-        *held, *(t for t in range(2, 24, 2) if t not in held),
-    ]  # fmt: skip
+        *held,
+        *(t for t in range(2, 24, 2) if t not in held),
+    ]
     assert case.validation().frequencies_hz[0, 1] == 1012.46
 
 
@@ -296,8 +297,9 @@ def test_mesh_from_a_file(tmp_path):
     (tmp_path / "case.toml").write_text(text)
     hinged = build_structure(load_case(tmp_path), MPI.COMM_SELF)
     assert np.linalg.norm(np.ptp(hinged.tagged.points["edge"], axis=0)) in (
-        pytest.approx(0.01), pytest.approx(0.02)
-    )  # fmt: skip
+        pytest.approx(0.01),
+        pytest.approx(0.02),
+    )
     assert solve_modes(hinged, n_modes=2).n_rigid == 1
     point = '[supports.tip]\npoints = [["{0} mm", "0 mm", "0 mm"], ["{0} mm", "20 mm", "10 mm"]]\n'
     far = 0 if hinged.tagged.points["edge"][0, 0] > 0.05 else 100

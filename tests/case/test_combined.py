@@ -92,16 +92,21 @@ def test_what_there_is(tmp_path):
     every = load_case(write(tmp_path, ('data = ["frequencies", "frfs"]\n', "")))
     assert every.fitted_data() == ("frequencies", "frfs")
     frfs = '[test.frfs]\nfiles = ["frf.csv", "nodes.csv"]\nnoise = "2 %"\n'
-    rest = '''data = ["frequencies", "frfs"]
+    rest = """data = ["frequencies", "frfs"]
 lines = 3
 [update.held]
 modes = ["two"]
 bands = [["450 Hz", "1 kHz"]]
-'''
-    plain = load_case(write(
-        tmp_path, (frfs, ""), (rest, ""), (', "joint.loss_factor"]', "]"),
-        ('start = { "joint.loss_factor" = "3 %" }\n', ""),
-    ))  # fmt: skip
+"""
+    plain = load_case(
+        write(
+            tmp_path,
+            (frfs, ""),
+            (rest, ""),
+            (', "joint.loss_factor"]', "]"),
+            ('start = { "joint.loss_factor" = "3 %" }\n', ""),
+        )
+    )
     assert not plain.combined()
 
 
@@ -126,12 +131,21 @@ MISTAKES = [
     ("[parts.bodies]", "[parts.damping]", ["parts.damping", "expected another"]),
     ('\nnoise = "2 %"', '\nnoise = "2 %"\naverages = 8', ["either noise or averages"]),
     ('\nnoise = "2 %"', "\naverages = 1", ["test.frfs.averages = 1"]),
-    ('\nfiles = ["frf.csv", "nodes.csv"]', '\nfiles = ["frf.csv", "nodes.csv"]\nat = 10',
-     ["test.frfs.at = 10", "20 N·m"]),
-    ('data = ["frequencies", "frfs"]', 'data = ["frequencies"]',
-     ["update.parameters[2] = 'joint.loss_factor'", "update.lines", "update.held.bands"]),
-    ('data = ["frequencies", "frfs"]', 'data = ["shapes", "frfs"]',
-     ["update.data[0] = 'shapes'", "update.held.modes"]),
+    (
+        '\nfiles = ["frf.csv", "nodes.csv"]',
+        '\nfiles = ["frf.csv", "nodes.csv"]\nat = 10',
+        ["test.frfs.at = 10", "20 N·m"],
+    ),
+    (
+        'data = ["frequencies", "frfs"]',
+        'data = ["frequencies"]',
+        ["update.parameters[2] = 'joint.loss_factor'", "update.lines", "update.held.bands"],
+    ),
+    (
+        'data = ["frequencies", "frfs"]',
+        'data = ["shapes", "frfs"]',
+        ["update.data[0] = 'shapes'", "update.held.modes"],
+    ),
     ('data = ["frequencies", "frfs"]', 'data = ["frequencies", "frf"]', ["'frfs'"]),
     ('"joint.E", "joint.h"', '"joint.E", "joint.E"', ["update.parameters[1]", "once"]),
     ("lines = 3", "lines = 0", ["update.lines", "from 1 on"]),
@@ -147,7 +161,7 @@ MISTAKES = [
     ('bands = [["450 Hz", "1 kHz"]]', 'bands = [["50 Hz", "1 kHz"]]', ["some lines left"]),
     ('bands = [["450 Hz", "1 kHz"]]', 'bands = [["1 kHz", "2 kHz"]]', ["measured lines in them"]),
     ("[damping]\nrayleigh", "[test.nothing]\nrayleigh", ["test.nothing"]),
-]  # fmt: skip
+]
 
 
 @pytest.mark.parametrize(("old", "new", "said"), MISTAKES)

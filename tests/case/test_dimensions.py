@@ -84,9 +84,11 @@ def test_a_dimension_is_offered_where_the_model_still_moves_freely(shared_tmp_pa
         free = solve_modes(model, {name: 1.2}, n_modes=8).n_rigid == 6
         assert free == offered[name], (name, reason)
     assert offered == {
-        "flat.thickness": True, "flat.width": False,
-        "upright.thickness": False, "upright.width": True,
-    }  # fmt: skip
+        "flat.thickness": True,
+        "flat.width": False,
+        "upright.thickness": False,
+        "upright.width": True,
+    }
     assert "edge" in dimensions.reason(["upright.thickness"])
     with pytest.raises(InputError, match=r"update.parameters: upright.thickness: joined \(edge\)"):
         refuse_unfit(case, model, ["flat.thickness", "upright.thickness", "flat.E"])

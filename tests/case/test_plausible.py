@@ -28,21 +28,33 @@ thread = "M10"
 """
 #: Text of the case, what takes its place, and what is said.
 UNUSUAL = [
-    ('E = "69 GPa"\nG = "26.9 GPa"', "E = 69\nnu = 0.3",
-     "parts.plates.E = 69 Pa is unusual: solid materials have 100 MPa to 1.20 TPa; was '69 GPa'"),
-    ('rho = "2750 kg/m3"', "rho = 2.75",
-     "parts.plates.rho = 2.75 kg/m3 is unusual: solid materials have 100 kg/m³ to 23000 kg/m³; "
-     "was '2.75 g/cm3'"),
+    (
+        'E = "69 GPa"\nG = "26.9 GPa"',
+        "E = 69\nnu = 0.3",
+        "parts.plates.E = 69 Pa is unusual: solid materials have 100 MPa to 1.20 TPa; was '69 GPa'",
+    ),
+    (
+        'rho = "2750 kg/m3"',
+        "rho = 2.75",
+        "parts.plates.rho = 2.75 kg/m3 is unusual: solid materials have 100 kg/m³ to 23000 kg/m³; "
+        "was '2.75 g/cm3'",
+    ),
     ('thickness = "8 mm"', "thickness = 800", "mesh.thickness = 800 m is unusual: dimensions"),
-    ('E = "0.933 MPa"\nG = "0.446 MPa"', 'E = 933\nG = "0.446 MPa"',
-     "joints.away.E = 933 Pa is unusual: layers of joints have 10.0 kPa to"),
+    (
+        'E = "0.933 MPa"\nG = "0.446 MPa"',
+        'E = 933\nG = "0.446 MPa"',
+        "joints.away.E = 933 Pa is unusual: layers of joints have 10.0 kPa to",
+    ),
     ('mass = "20 g"', "mass = 2e5", "attached.accelerometer.mass = 200000 kg is unusual"),
     ('stiffness = "1 kN/m"', "stiffness = 0.1", "attached.rope.stiffness = 0.1 N/m is unusual"),
     ('E = "1.5 %", rho', "E = 1.5, rho", "parts.plates.tolerance.E = 1.5 is unusual"),
     ('noise = "0.3 %"', "noise = 0.3", "test.noise = 0.3 is unusual: relative scatter"),
-    ("[test]", "[damping]\nmodal = 0.5\n\n[test]",
-     "damping.ratio = 0.5 is unusual: damping ratios"),
-]  # fmt: skip
+    (
+        "[test]",
+        "[damping]\nmodal = 0.5\n\n[test]",
+        "damping.ratio = 0.5 is unusual: damping ratios",
+    ),
+]
 
 
 @pytest.mark.parametrize(("old", "new", "said"), UNUSUAL)
@@ -96,14 +108,22 @@ REFUSED = [
     ("direction = [0, 1, 0]", "direction = [1e300, 0, 0]", "attached.rope.direction.0. = 1e.300: "),
     ("direction = [0, 1, 0]", "direction = [true, 0, 1]", "attached.rope.direction.0. = True: "),
     ("direction = [0, 1, 0]", "direction = [1e-300, 0, 0]", "not zero"),
-    ('thickness = "8 mm"', 'thickness = "8 mm"\nbolts = [[0.14, 0.02], [0.14, 0.0200001]]',
-     "mesh: lap_plates: bolts is .*each bolt once, 1 mm or more"),
-    ('E = "863 MPa"', 'E = "863 MPa"\nbolted = true\nbolts = [[0.1, 0, 0], [0.1, 1e-7, 0]]',
-     "bolts.1. = .* is there already: expected each bolt once"),
-    *[('{ "near.E" = "3 GPa" }', f'{{ "near.E" = {value} }}', f"update.start.near.E = {said}: ")
-      for value, said in (("-1", "-1.0"), ("0", "0.0"), ("true", "True"), ("1e300", "1e.300"))],
+    (
+        'thickness = "8 mm"',
+        'thickness = "8 mm"\nbolts = [[0.14, 0.02], [0.14, 0.0200001]]',
+        "mesh: lap_plates: bolts is .*each bolt once, 1 mm or more",
+    ),
+    (
+        'E = "863 MPa"',
+        'E = "863 MPa"\nbolted = true\nbolts = [[0.1, 0, 0], [0.1, 1e-7, 0]]',
+        "bolts.1. = .* is there already: expected each bolt once",
+    ),
+    *[
+        ('{ "near.E" = "3 GPa" }', f'{{ "near.E" = {value} }}', f"update.start.near.E = {said}: ")
+        for value, said in (("-1", "-1.0"), ("0", "0.0"), ("true", "True"), ("1e300", "1e.300"))
+    ],
     ("hold_out = [4,", "hold_out = [true,", "update.hold_out.0. = True: expected a finite number"),
-]  # fmt: skip
+]
 
 
 @pytest.mark.parametrize(("old", "new", "said"), REFUSED)

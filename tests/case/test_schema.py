@@ -18,9 +18,14 @@ else:
 ROOT = Path(__file__).resolve().parents[2]
 FILES = [*sorted((ROOT / "demos").rglob("*.toml")), ROOT / "tests" / "lap_case.toml"]
 KINDS = {
-    "string": str, "number": (int, float), "integer": int, "boolean": bool, "array": list,
-    "object": dict, "null": type(None),
-}  # fmt: skip
+    "string": str,
+    "number": (int, float),
+    "integer": int,
+    "boolean": bool,
+    "array": list,
+    "object": dict,
+    "null": type(None),
+}
 
 
 def fits(value, schema, root) -> bool:
@@ -61,7 +66,9 @@ def test_mistakes_do_not():
     schema = case_schema()
     good = tomllib.loads(FILES[-1].read_text(encoding="utf-8"))
     for table, key, value in (
-        ("plates", "young", "69 GPa"), ("plates", "cells", 3), ("plates", "E", ["69 GPa"]),
+        ("plates", "young", "69 GPa"),
+        ("plates", "cells", 3),
+        ("plates", "E", ["69 GPa"]),
     ):
         bad = copy.deepcopy(good)
         bad["parts"][table][key] = value

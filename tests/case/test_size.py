@@ -111,15 +111,35 @@ def test_too_large_a_model_is_refused_at_once(tmp_path, write_case, monkeypatch,
     ("files", "expected"),
     [
         ({}, 8e9),
-        ({"self/cgroup": "0::/job/step\n", "memory.max": "max", "job/memory.max": "max",
-          "job/step/memory.max": "3000000000", "job/step/memory.current": "1500000000",
-          "job/step/memory.stat": "anon 5\ninactive_file 500000000\n"}, 2e9),
-        ({"self/cgroup": "0::/../../other\n", "memory.max": "4000000000",
-          "memory.current": "1000000000"}, 3e9),
-        ({"self/cgroup": "3:cpu,memory:/slurm\n", "memory/slurm/memory.limit_in_bytes": "5000",
-          "memory/slurm/memory.usage_in_bytes": "6000"}, 0.0),
+        (
+            {
+                "self/cgroup": "0::/job/step\n",
+                "memory.max": "max",
+                "job/memory.max": "max",
+                "job/step/memory.max": "3000000000",
+                "job/step/memory.current": "1500000000",
+                "job/step/memory.stat": "anon 5\ninactive_file 500000000\n",
+            },
+            2e9,
+        ),
+        (
+            {
+                "self/cgroup": "0::/../../other\n",
+                "memory.max": "4000000000",
+                "memory.current": "1000000000",
+            },
+            3e9,
+        ),
+        (
+            {
+                "self/cgroup": "3:cpu,memory:/slurm\n",
+                "memory/slurm/memory.limit_in_bytes": "5000",
+                "memory/slurm/memory.usage_in_bytes": "6000",
+            },
+            0.0,
+        ),
     ],
-)  # fmt: skip
+)
 def test_memory_is_the_least_of_all_limits(tmp_path, files, expected):
     """Containers and batch systems give less than the machine has."""
     proc, groups = tmp_path / "proc", tmp_path / "sys/fs/cgroup"

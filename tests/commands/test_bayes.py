@@ -64,8 +64,10 @@ def test_command(tmp_path_factory, keeps_rules):
     """The paper's likelihood; chains in a file; JSON, page and summary."""
     comm = MPI.COMM_WORLD
     folder = comm.bcast(tmp_path_factory.mktemp("bayes") if comm.rank == 0 else None)
-    changes = {SPECIMENS: SPECIMENS + '\nlikelihood = "fitted"\nsamples = 2000\n'
-               'distributions = ["normal", "weibull"]'}  # fmt: skip
+    changes = {
+        SPECIMENS: SPECIMENS + '\nlikelihood = "fitted"\nsamples = 2000\n'
+        'distributions = ["normal", "weibull"]'
+    }
     path = comm.bcast(written(folder, changes) if comm.rank == 0 else None)
     found = run_bayes(load_case(path), comm, Progress(silent=True), keep=folder / "chains.nc")
     content = json.loads(json_text(found.json()))
@@ -99,8 +101,10 @@ def test_without_specimens_and_held_modes(tmp_path):
     assert [row["held"] for row in rows] == [False] * 5 + [True] * 3
     said = [line.split(", held out: predicted ") for line in found.doubts if "held out" in line]
     assert [(mode, words.split(" the")[0].split(" % ")[1]) for mode, words in said] == [
-        ("mode 6", "below"), ("mode 7", "above"), ("mode 8", "below")
-    ]  # fmt: skip
+        ("mode 6", "below"),
+        ("mode 7", "above"),
+        ("mode 8", "below"),
+    ]
     assert any("update.bayes.noise = 0.0002 has no effect" in line for line in found.doubts)
     # The held modes move with k1 and k2 as the beams themselves say.
     beams, sensors = build_structure(case, MPI.COMM_SELF), case.sensors()

@@ -148,9 +148,10 @@ def test_sensors_of_another_unit(tmp_path, write_case):
     """Numbers of inches read as mm lie within the structure, but see a corner of it."""
     places = '"0.4 mm", "2.4 mm", "4.3 mm", "8.3 mm", "12.2 mm"'
     write_case(
-        tmp_path, ('"10 mm", "60 mm", "110 mm", "210 mm", "310 mm"', places),
+        tmp_path,
+        ('"10 mm", "60 mm", "110 mm", "210 mm", "310 mm"', places),
         ('z = ["8 mm", "8 mm", "8 mm", "16.5 mm", "16.5 mm"]', 'z = "8 mm"'),
-    )  # fmt: skip
+    )
     found = checked(tmp_path)
     assert found.errors == () and "span 11.8 mm of a structure of 320 mm" in found.notes[0]
 
@@ -209,9 +210,14 @@ def test_parts_of_a_test_that_do_not_go_together(tmp_path, write_case):
     assert error.startswith("test.amplitude: the mode 'first' by amplitude, 80.25 Hz, is within")
 
 
-@pytest.mark.parametrize("text, words", [
-    ("", "mesh is missing"), ("[mesh", "cannot be read as TOML"), ("x = 1\n", "x = 1: unknown key"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "text, words",
+    [
+        ("", "mesh is missing"),
+        ("[mesh", "cannot be read as TOML"),
+        ("x = 1\n", "x = 1: unknown key"),
+    ],
+)
 def test_hopeless_files(tmp_path, text, words):
     """Empty, truncated and foreign files are one clear list, and still a page."""
     (tmp_path / "case.toml").write_text(text, encoding="utf-8")
@@ -225,8 +231,10 @@ def test_what_can_be_read_is(tmp_path, write_case):
     write_case(tmp_path, ('E = "69 GPa"', 'E = "stiff"'), ('G = "342 MPa"', ""))
     (tmp_path / "frequencies.csv").unlink()
     found = examine_case(tmp_path)
-    assert [line.partition(" ")[0] for line in found.errors[:2]] == ["parts.plates.E",
-                                                                    "joints.near:"]  # fmt: skip
+    assert [line.partition(" ")[0] for line in found.errors[:2]] == [
+        "parts.plates.E",
+        "joints.near:",
+    ]
     assert "frequencies.csv" in found.errors[2] and not found.whole and found.has_mesh
 
 

@@ -164,116 +164,172 @@ WRONG = {
     "an eigenvalue's square": ("beams", table(lambda x: (2 * np.pi * x) ** 2), "times the model's"),
     "one mode": ("beams", both(table(columns([0])), PLAIN), "test.frequencies"),
     "two modes for three parameters": (
-        "beams", both(table(columns([0, 1])), PLAIN, text('"lap.k2"\\]', '"lap.k2", "beams.E"]')),
-        "update.parameters"
+        "beams",
+        both(table(columns([0, 1])), PLAIN, text('"lap.k2"\\]', '"lap.k2", "beams.E"]')),
+        "update.parameters",
     ),
     "a jump at one torque": ("plates", table(setting((3, 2), 1900.0)), "torque 8"),
     "a jump in the last mode": ("plates", table(setting((5, 3), 4100.0)), "'bending 4'"),
     "a blank mode": ("beams", table(setting((0, 0), np.nan)), "mode 1"),
     "a rigid motion": ("plates", table(lambda x: setting((slice(None), 0), 3.2)(x)), "'bending 1'"),
     "a mode of another structure": (
-        "beams", table(lambda x: setting((0, 2), 600.0)(x)), "'mode 3'"
+        "beams",
+        table(lambda x: setting((0, 2), 600.0)(x)),
+        "'mode 3'",
     ),
     "a decimal point": ("beams", table(times(0.1, 4)), "'mode 5'"),
     "in a row alone": ("plates", table(setting((3, 1), 98.7)), "torque 8"),
     # -- the sensors
     "one sensor": ("beams", ONE_SENSOR, "test.sees"),
     "sensors that see nothing": (
-        "plates", text(r"^direction = \[0, 0, 1\]", "direction = [0, 1, 0]"), "test.sees"
+        "plates",
+        text(r"^direction = \[0, 0, 1\]", "direction = [0, 1, 0]"),
+        "test.sees",
     ),
     "sensors in mm": ("beams", text(r'"([\d]+) mm",', r'"\1 m",'), "test.sees"),
     "sensors 5 m away": ("plates", text(r'y = "40 mm"', 'y = "5 m"'), "sensor 1"),
-    "sensors 5 m beside beams": ("beams", text(r'^along = "x"', 'along = "x"\nat = { y = "5 m" }'),
-                                 "test.sees"),  # fmt: skip
+    "sensors 5 m beside beams": (
+        "beams",
+        text(r'^along = "x"', 'along = "x"\nat = { y = "5 m" }'),
+        "test.sees",
+    ),
     "a sensor twice": ("beams", text(r'"40 mm", "80 mm"', '"40 mm", "40 mm"'), "sensor 2"),
     "direction of zero": ("beams", text(r"^direction = .*", "direction = [0, 0, 0]"), "direction"),
     "a direction of beams across": (
-        "beams", text(r"^direction = .*", "direction = [0, 1, 0]"), "direction"
+        "beams",
+        text(r"^direction = .*", "direction = [0, 1, 0]"),
+        "direction",
     ),
     # -- the table of shapes
     "a dead sensor": ("shaped", table(setting(4, 0.0), SHAPES), "sensor 5"),
     "a nearly dead sensor": (
-        "shaped", table(setting(4, lambda x: 1e-5 * x[4]), SHAPES), "sensor 5"
+        "shaped",
+        table(setting(4, lambda x: 1e-5 * x[4]), SHAPES),
+        "sensor 5",
     ),
     "a flipped sensor": ("shaped", table(setting(4, lambda x: -x[4]), SHAPES), "sensor 5"),
     "two flipped sensors": (
-        "shaped", table(setting([4, 11], lambda x: -x[[4, 11]]), SHAPES), "sensor 12"
+        "shaped",
+        table(setting([4, 11], lambda x: -x[[4, 11]]), SHAPES),
+        "sensor 12",
     ),
     "sensors exchanged": (
-        "shaped", table(rows([0, 1, 2, 3, 9, 5, 6, 7, 8, 4, *range(10, N)]), SHAPES), "sensor 10"
+        "shaped",
+        table(rows([0, 1, 2, 3, 9, 5, 6, 7, 8, 4, *range(10, N)]), SHAPES),
+        "sensor 10",
     ),
     "rows rotated": ("shaped", table(rows([*range(1, N), 0]), SHAPES), "test.sees"),
     "rows reversed": ("shaped", table(rows(range(N - 1, -1, -1)), SHAPES), "test.sees"),
     "identical shapes": ("shaped", table(lambda x: x[:, :1] + 0 * x, SHAPES), "'mode 8'"),
     "two identical shapes": (
-        "shaped", table(columns([0, 1, 2, 2, 4, 5, 6, 7]), SHAPES), "'mode 4'"
+        "shaped",
+        table(columns([0, 1, 2, 2, 4, 5, 6, 7]), SHAPES),
+        "'mode 4'",
     ),
     "columns rotated": ("shaped", table(columns(ROTATED), SHAPES), "7 columns"),
     "two columns exchanged": ("shaped", table(columns(SWAP), SHAPES), "'mode 2'"),
     "a mode twice with its shape": (
-        "shaped", both(table(setting((0, 2), lambda x: 1.001 * x[0, 1])),
-                       table(setting((slice(None), 2), lambda x: x[:, 1]), SHAPES)), "'mode 3'"
+        "shaped",
+        both(
+            table(setting((0, 2), lambda x: 1.001 * x[0, 1])),
+            table(setting((slice(None), 2), lambda x: x[:, 1]), SHAPES),
+        ),
+        "'mode 3'",
     ),
     "columns reversed": ("shaped", table(columns(range(7, -1, -1)), SHAPES), "reverse"),
     "a sensor's gain of ten": (
-        "shaped", table(setting(4, lambda x: 10 * x[4]), SHAPES), "sensor 5"
+        "shaped",
+        table(setting(4, lambda x: 10 * x[4]), SHAPES),
+        "sensor 5",
     ),
     "a sensor in mV": ("shaped", table(setting(4, lambda x: 1e-3 * x[4]), SHAPES), "sensor 5"),
     "all halved with joints softer": (
-        "shaped", both(table(times(0.5)), text(r"^k2 = .*", "k2 = 1e4")), "0.5 times"
+        "shaped",
+        both(table(times(0.5)), text(r"^k2 = .*", "k2 = 1e4")),
+        "0.5 times",
     ),
     "one doubled with its shape": ("shaped", table(times(2, 5)), "'mode 6'"),
     "no shape": ("shaped", table(setting((slice(None), 3), np.nan), SHAPES), "shapes"),
     # -- how good it is
     "noise of 1e-6": ("beams", text(r'noise = "0.1 %"', "noise = 1e-6"), "test.noise"),
     "noise of 0": ("beams", text(r'noise = "0.1 %"', 'noise = "0 %"'), "test.noise"),
-    "tolerances of 0": ("beams", text(r"^tolerance = .*", "tolerance = { E = 0, rho = 0 }"),
-                        "parts.beams.tolerance.E"),  # fmt: skip
+    "tolerances of 0": (
+        "beams",
+        text(r"^tolerance = .*", "tolerance = { E = 0, rho = 0 }"),
+        "parts.beams.tolerance.E",
+    ),
     "a tolerance in per cent": (
-        "beams", text(r'E = "1.5 %"', "E = 1.5"), "parts.beams.tolerance.E"
+        "beams",
+        text(r'E = "1.5 %"', "E = 1.5"),
+        "parts.beams.tolerance.E",
     ),
-    "damping in per cent": (
-        "plates", replaced("damping.csv", " [%]", ""), "damping.csv"
-    ),
+    "damping in per cent": ("plates", replaced("damping.csv", " [%]", ""), "damping.csv"),
     "damping of a third": (
-        "plates", both(replaced("damping.csv", " [%]", ""), table(times(0.1), "damping.csv")),
-        "test.damping"
+        "plates",
+        both(replaced("damping.csv", " [%]", ""), table(times(0.1), "damping.csv")),
+        "test.damping",
     ),
     "torque in N mm": (
-        "plates", both(*(replaced(file, "N·m", "N·mm") for file in
-                         (TABLE, "damping.csv", "frequencies_28Nm.csv"))), "test.torque"
+        "plates",
+        both(
+            *(
+                replaced(file, "N·m", "N·mm")
+                for file in (TABLE, "damping.csv", "frequencies_28Nm.csv")
+            )
+        ),
+        "test.torque",
     ),
     # -- the model
     "beams 10.6 m thick": ("beams", text(r'"10.6 mm"', '"10.6 m"'), "mesh.thickness"),
-    "beams 21 mm long": ("beams", text(r'\["360 mm", "260 mm"\]', '["3.6 mm", "260 mm"]'),
-                         "mesh.lengths"),  # fmt: skip
-    "lengths in m": ("beams", text(r'\["360 mm", "260 mm"\]', '["360 m", "260 m"]'),
-                     "mesh.lengths"),  # fmt: skip
+    "beams 21 mm long": (
+        "beams",
+        text(r'\["360 mm", "260 mm"\]', '["3.6 mm", "260 mm"]'),
+        "mesh.lengths",
+    ),
+    "lengths in m": (
+        "beams",
+        text(r'\["360 mm", "260 mm"\]', '["360 m", "260 m"]'),
+        "mesh.lengths",
+    ),
     "E in MPa": ("beams", text(r'"208 GPa"', '"208 MPa"'), "parts.beams"),
-    "E in MPa on plates": ("plates", text(r'"69 GPa"\nG = "26.9 GPa"', '"69 MPa"\nG = "26.9 MPa"'),
-                           "parts.plates.E"),  # fmt: skip
+    "E in MPa on plates": (
+        "plates",
+        text(r'"69 GPa"\nG = "26.9 GPa"', '"69 MPa"\nG = "26.9 MPa"'),
+        "parts.plates.E",
+    ),
     "density of 7.85": ("beams", text(r'"7860 kg/m3"', "7.86"), "parts.beams.rho"),
     "density of 785": ("beams", text(r'"7860 kg/m3"', "78"), "parts.beams.rho"),
     "nu of 0.5": ("beams", text(r"^nu = 0.3 .*", "nu = 0.5"), "parts.beams.nu"),
     "nu of 30": ("beams", text(r"^nu = 0.3 .*", "nu = 30"), "parts.beams.nu"),
     "a bolt of 3 kg": ("beams", text(r'mass = "12 g"', 'mass = "3 kg"'), "masses.bolt"),
     "a bolt of 12 kg": ("beams", text(r'mass = "12 g"', "mass = 12"), "masses.bolt"),
-    "one element a beam": ("beams", text(r"elements = \[30, 20\]", "elements = 1"),
-                           "mesh.elements"),  # fmt: skip
+    "one element a beam": (
+        "beams",
+        text(r"elements = \[30, 20\]", "elements = 1"),
+        "mesh.elements",
+    ),
     "plates meshed by 80 mm": (
-        "plates", text(r'element_size = "20 mm"', 'element_size = "80 mm"'), "mesh.element_size"
+        "plates",
+        text(r'element_size = "20 mm"', 'element_size = "80 mm"'),
+        "mesh.element_size",
     ),
     # -- what to do with it
     "starts off by 1e9": (
-        "beams", text(r'"1000 N m", "lap.k2" = "20000 N m"', '1e12, "lap.k2" = 2e13'),
-        "update.start.lap.k1"
+        "beams",
+        text(r'"1000 N m", "lap.k2" = "20000 N m"', '1e12, "lap.k2" = 2e13'),
+        "update.start.lap.k1",
     ),
-    "a start in N mm": ("beams", text(r'"lap.k2" = "20000 N m"', '"lap.k2" = 2e9'),
-                        "update.start.lap.k2"),  # fmt: skip
+    "a start in N mm": (
+        "beams",
+        text(r'"lap.k2" = "20000 N m"', '"lap.k2" = 2e9'),
+        "update.start.lap.k2",
+    ),
     "a band without a mode": (
-        "nonlinear", text(r'band = .*', 'band = ["50 Hz", "65 Hz"]'), "harmonic.band"
+        "nonlinear",
+        text(r"band = .*", 'band = ["50 Hz", "65 Hz"]'),
+        "harmonic.band",
     ),
-}  # fmt: skip
+}
 
 
 def prepared(kind: str, folder: Path, shaped: Path, write_case) -> None:
@@ -305,35 +361,48 @@ RIGHT = {
     "shapes of any sign": ("shaped", [table(lambda x: x * np.tile([1, -1], 4), SHAPES)]),
     "a blank cell": ("shaped", [table(setting((4, 2), np.nan), SHAPES)]),
     "modes in descending order with shapes": (
-        "shaped", [table(columns(range(7, -1, -1))), table(columns(range(7, -1, -1)), SHAPES)]
+        "shaped",
+        [table(columns(range(7, -1, -1))), table(columns(range(7, -1, -1)), SHAPES)],
     ),
     "a sensor that is not there": ("shaped", [table(setting(4, np.nan), SHAPES)]),
     "five sensors with shapes and a softer joint": (
-        "shaped", [table(rows([0, 4, 7, 11, 14]), SHAPES), text(r"^k2 = .*", "k2 = 1e4"),
-                   text(r"^positions = \[(.|\n)*?\]",
-                        'positions = ["0 mm", "160 mm", "280 mm", "440 mm", "570 mm"]')]
+        "shaped",
+        [
+            table(rows([0, 4, 7, 11, 14]), SHAPES),
+            text(r"^k2 = .*", "k2 = 1e4"),
+            text(
+                r"^positions = \[(.|\n)*?\]",
+                'positions = ["0 mm", "160 mm", "280 mm", "440 mm", "570 mm"]',
+            ),
+        ],
     ),
-    "three sensors": ("beams", [text(r"^positions = \[(.|\n)*?\]",
-                                     'positions = ["10 mm", "200 mm", "500 mm"]')]),  # fmt: skip
+    "three sensors": (
+        "beams",
+        [text(r"^positions = \[(.|\n)*?\]", 'positions = ["10 mm", "200 mm", "500 mm"]')],
+    ),
     "a mode left out": ("beams", [table(columns([0, 1, 2, 4, 5, 6, 7])), PLAIN]),
     "noise by lines alone": ("plates", [text(r"^noise = .*", "noise = 0")]),
-}  # fmt: skip
+}
 for factor in (0.001, 0.01, 0.1, 0.3, 3, 10, 100):  # the gap is 20 to 300 %, and the joint's
     RIGHT[f"joints of beams times {factor}"] = (
-        "beams", [text(r"^k1 = .*", f"k1 = {1763.2 * factor}"),
-                  text(r"^k2 = .*", f"k2 = {37402 * factor}")]
-    )  # fmt: skip
-    RIGHT[f"joints of beams with shapes times {factor}"] = ("shaped", RIGHT[
-        f"joints of beams times {factor}"
-    ][1])
+        "beams",
+        [text(r"^k1 = .*", f"k1 = {1763.2 * factor}"), text(r"^k2 = .*", f"k2 = {37402 * factor}")],
+    )
+    RIGHT[f"joints of beams with shapes times {factor}"] = (
+        "shaped",
+        RIGHT[f"joints of beams times {factor}"][1],
+    )
     RIGHT[f"joints of plates times {factor}"] = (
-        "plates", [text(r'^E = "863 MPa"\nG = .*', f"E = {863e6 * factor}\nG = {342e6 * factor}"),
-                   text(r'^E = "0.933 MPa"\nG = .*',
-                        f"E = {0.933e6 * factor}\nG = {0.446e6 * factor}"),
-                   text(r"^bounds = .*", "")]
-    )  # fmt: skip
+        "plates",
+        [
+            text(r'^E = "863 MPa"\nG = .*', f"E = {863e6 * factor}\nG = {342e6 * factor}"),
+            text(r'^E = "0.933 MPa"\nG = .*', f"E = {0.933e6 * factor}\nG = {0.446e6 * factor}"),
+            text(r"^bounds = .*", ""),
+        ],
+    )
 RIGHT["a dumbbell that is all joint"] = (
-    "dumbbell", [text(r'^E = "1513 MPa"', 'E = "50 MPa"'), text(r"^bounds = .*", "")]
+    "dumbbell",
+    [text(r'^E = "1513 MPa"', 'E = "50 MPa"'), text(r"^bounds = .*", "")],
 )
 #: Sections that these alone are about, where a value is odd but the joint's.
 ODD = ("joints.away.", "without a partner")
@@ -401,10 +470,13 @@ KNOWN = {"lap_beam/identified.toml": 2, "half_lap_beam/drawn.toml": 1}
 SLOW = {"c_beam", "cad_bracket", "lap_plates", "barc", "dumbbell", "jim_beam"}  # seconds each
 
 
-@pytest.mark.parametrize("path", [
-    pytest.param(path, id=str(path), marks=[pytest.mark.slow] * (path.parts[0] in SLOW))
-    for path in DEMO_CASES
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "path",
+    [
+        pytest.param(path, id=str(path), marks=[pytest.mark.slow] * (path.parts[0] in SLOW))
+        for path in DEMO_CASES
+    ],
+)
 def test_demos_are_not_doubted(path):
     found = checked(DEMOS / path)
     assert not found.errors

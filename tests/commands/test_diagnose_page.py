@@ -31,16 +31,37 @@ def gap(factor: float) -> Gap:
 
 def fitted(name, value, low, high, unit, nuisance=False, z=0.4) -> dict:
     return {
-        "effect": "joint", "name": name, "value": value, "low": low, "high": high, "unit": unit,
-        "nuisance": nuisance, "prior_sigmas": z,
-    }  # fmt: skip
+        "effect": "joint",
+        "name": name,
+        "value": value,
+        "low": low,
+        "high": high,
+        "unit": unit,
+        "nuisance": nuisance,
+        "prior_sigmas": z,
+    }
 
 
 def shrinkage() -> Shrinkage:
     fold = Fold(
-        "torque 2", 2, "normal compliance", "modulus", 0.31, 0.019, 0.104, 0.008, 0.96,
-        (0.9, 0.99), 0.68, (0.012, 0.031), (0.93, 0.99), True, True, 1.0, {},
-    )  # fmt: skip
+        "torque 2",
+        2,
+        "normal compliance",
+        "modulus",
+        0.31,
+        0.019,
+        0.104,
+        0.008,
+        0.96,
+        (0.9, 0.99),
+        0.68,
+        (0.012, 0.031),
+        (0.93, 0.99),
+        True,
+        True,
+        1.0,
+        {},
+    )
     return Shrinkage(before=0.1981, after=0.0142, placebo=0.0731, noise=0.0083, folds=[fold])
 
 
@@ -52,27 +73,59 @@ def diagnosis(**changes) -> Diagnosis:
     first = EffectResult("normal compliance", "joint", 0.61, "compliance", True)
     second = EffectResult("tangential compliance", "joint", 0.35, "compliance", True)
     values = dict(
-        title="Plates <b>& bolts</b>", verdict="cause", summary="The joint gives way.",
-        condition=("torque", "N·m"), before=gap(1.2), after=gap(1.01), noise=0.0083,
-        heldout_before=0.1981, heldout_after=0.0142, placebo_after=0.0731, placebo="modulus",
+        title="Plates <b>& bolts</b>",
+        verdict="cause",
+        summary="The joint gives way.",
+        condition=("torque", "N·m"),
+        before=gap(1.2),
+        after=gap(1.01),
+        noise=0.0083,
+        heldout_before=0.1981,
+        heldout_after=0.0142,
+        placebo_after=0.0731,
+        placebo="modulus",
         shrinkage=shrinkage(),
         validation=(gap(1.19), gap(0.98)),
-        where=[ZoneShare("joint", 0.943), ZoneShare("plates", 0.032),
-               ZoneShare("unexplained", 0.025)],
+        where=[
+            ZoneShare("joint", 0.943),
+            ZoneShare("plates", 0.032),
+            ZoneShare("unexplained", 0.025),
+        ],
         effects=[first, second, EffectResult("none of these", "", 1e-5, "none of these", True)],
         hypotheses=[
-            HypothesisResult("normal compliance", ("normal compliance (joint)",), 0.6, 41.25,
-                             0.0101, 0.41, compliance),
-            HypothesisResult("tangential compliance", ("tangential compliance (joint)",), 0.34,
-                             40.68, 0.0123, 0.2, [], ("k_t",)),
-            HypothesisResult("normal compliance + tangential compliance",
-                             ("normal compliance (joint)", "tangential compliance (joint)"), 0.01,
-                             37.05, 0.01, 0.4),
+            HypothesisResult(
+                "normal compliance",
+                ("normal compliance (joint)",),
+                0.6,
+                41.25,
+                0.0101,
+                0.41,
+                compliance,
+            ),
+            HypothesisResult(
+                "tangential compliance",
+                ("tangential compliance (joint)",),
+                0.34,
+                40.68,
+                0.0123,
+                0.2,
+                [],
+                ("k_t",),
+            ),
+            HypothesisResult(
+                "normal compliance + tangential compliance",
+                ("normal compliance (joint)", "tangential compliance (joint)"),
+                0.01,
+                37.05,
+                0.01,
+                0.4,
+            ),
             HypothesisResult("none of these", (), 1e-5, 30.0, 0.004, 0.9),
         ],
         separations=[Separation("compliance", ("normal", "tangential"), "an axial mode", 2.3263)],
-        model_error=3.1e-5, model={"dofs": 21345, "seconds": 41.3},
-    )  # fmt: skip
+        model_error=3.1e-5,
+        model={"dofs": 21345, "seconds": 41.3},
+    )
     return Diagnosis(**{**values, **changes})
 
 
@@ -147,10 +200,15 @@ def test_every_verdict_without_validation_and_map(verdict):
 def large_diagnosis() -> Diagnosis:
     """More of everything than a screen holds, with long names."""
     effects = [
-        EffectResult(f"an effect with quite a long name, number {i} [b]", "joint", 0.1,
-                     f"class {i // 2}", True)
+        EffectResult(
+            f"an effect with quite a long name, number {i} [b]",
+            "joint",
+            0.1,
+            f"class {i // 2}",
+            True,
+        )
         for i in range(14)
-    ]  # fmt: skip
+    ]
     splits = [
         Separation(f"class {i}", ("a", "b"), "a measurement that takes " + 8 * "many words ", 1.5)
         for i in range(5)
@@ -159,9 +217,12 @@ def large_diagnosis() -> Diagnosis:
     lead = HypothesisResult("lead", ("x",), 0.9, 1.0, 0.01, 0.4, parameters, ("away.k_0",) * 9)
     where = [ZoneShare(f"region_{i}", 0.1) for i in range(10)]
     return diagnosis(
-        summary="A long verdict. " * 18, effects=effects, separations=splits, hypotheses=[lead],
+        summary="A long verdict. " * 18,
+        effects=effects,
+        separations=splits,
+        hypotheses=[lead],
         where=where,
-    )  # fmt: skip
+    )
 
 
 def test_tables_are_short_and_no_line_is_too_wide():

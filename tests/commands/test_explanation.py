@@ -41,11 +41,21 @@ TEST = np.array([[400.0, 900.0, 2000.0], [410.0, 910.0, 2050.0]])
 
 def zone(name: str, share: float, p: float, rest: float, **changes) -> ScoreTest:
     values = dict(
-        zone=name, region="the_lap" if "lap" in name else name.split()[0],
-        kind="joint" if "lap" in name else "part", odds=1.0, dof=2, statistic=200 * share, p=p / 3,
-        p_adjusted=p, share=share, rest_p=rest, log_evidence=100 * share, change=(-2.1, 0.1),
-        change_sd=(0.2, 0.3), log_f=-0.05,
-    )  # fmt: skip
+        zone=name,
+        region="the_lap" if "lap" in name else name.split()[0],
+        kind="joint" if "lap" in name else "part",
+        odds=1.0,
+        dof=2,
+        statistic=200 * share,
+        p=p / 3,
+        p_adjusted=p,
+        share=share,
+        rest_p=rest,
+        log_evidence=100 * share,
+        change=(-2.1, 0.1),
+        change_sd=(0.2, 0.3),
+        log_f=-0.05,
+    )
     return ScoreTest(**{**values, **changes})
 
 
@@ -54,8 +64,11 @@ def location(**changes) -> Location:
     corner = np.array([[i, j, k] for k in (0, 1) for j in (0, 1) for i in (0, 1)], dtype=float)
     vertices = np.stack([corner + [i, 0, 0] for i in range(4)]) * [0.05, 0.05, 0.01]
     values = dict(
-        regions=(zone("plates", 0.31, 0.2, 1e-9), zone("the_lap", 0.94, 1e-12, 0.4),
-                 zone("ropes", 0, 1, 0, dof=0)),
+        regions=(
+            zone("plates", 0.31, 0.2, 1e-9),
+            zone("the_lap", 0.94, 1e-12, 0.4),
+            zone("ropes", 0, 1, 0, dof=0),
+        ),
         zones=(zone("the_lap_b1_r2", 0.6, 1e-7, 0.01), zone("the_lap_b2_r1", 0.9, 1e-11, 0.3)),
         shares=(ZoneShare("the_lap", 0.94), ZoneShare("unexplained", 0.06)),
         attribution=(
@@ -70,21 +83,37 @@ def location(**changes) -> Location:
         patches=PatchMap(
             (zone("plates 1", 0.2, 0.5, 1e-9), zone("the_lap 1", 0.9, 1e-9, 0.3)),
             np.array([[0.05, 0.02, 0.0], [0.15, 0.025, 0.01]]),
-            np.ones(2), np.zeros((0, 3)), vertices=vertices, patch=np.array([0, 0, 1, 1]),
+            np.ones(2),
+            np.zeros((0, 3)),
+            vertices=vertices,
+            patch=np.array([0, 0, 1, 1]),
         ),
-        misfit=200.0, n_data=12,
-    )  # fmt: skip
+        misfit=200.0,
+        n_data=12,
+    )
     return Location(**{**values, **changes})
 
 
 def fold(name: str, **changes) -> Fold:
     values = dict(
-        name=name, n=2, chosen="joint normal compliance", placebo_chosen="modulus error",
-        before=0.2, after=0.02, placebo=0.12, noise=0.005, shrink=0.92,
-        shrink_interval=(0.85, 0.97), placebo_shrink=0.41, predicted_after=(0.01, 0.03),
-        predicted_shrink=(0.8, 1.0), covered=True, shrink_covered=True, entries_covered=1.0,
+        name=name,
+        n=2,
+        chosen="joint normal compliance",
+        placebo_chosen="modulus error",
+        before=0.2,
+        after=0.02,
+        placebo=0.12,
+        noise=0.005,
+        shrink=0.92,
+        shrink_interval=(0.85, 0.97),
+        placebo_shrink=0.41,
+        predicted_after=(0.01, 0.03),
+        predicted_shrink=(0.8, 1.0),
+        covered=True,
+        shrink_covered=True,
+        entries_covered=1.0,
         weights={},
-    )  # fmt: skip
+    )
     return Fold(**{**values, **changes})
 
 
@@ -95,19 +124,36 @@ def shrinkage(**changes) -> Shrinkage:
         fold("torque 5 N·m"),
     ]
     values = dict(
-        before=0.2, after=0.033, placebo=0.12, noise=0.005, shrink=0.856,
-        shrink_interval=(0.79, 0.93), placebo_shrink=0.41, placebo_interval=(0.3, 0.5),
-        excess=0.446, excess_interval=(0.31, 0.58), claimed=True, coverage=2 / 3,
-        shrink_coverage=1.0, entries_coverage=5 / 6, folds=folds,
-    )  # fmt: skip
+        before=0.2,
+        after=0.033,
+        placebo=0.12,
+        noise=0.005,
+        shrink=0.856,
+        shrink_interval=(0.79, 0.93),
+        placebo_shrink=0.41,
+        placebo_interval=(0.3, 0.5),
+        excess=0.446,
+        excess_interval=(0.31, 0.58),
+        claimed=True,
+        coverage=2 / 3,
+        shrink_coverage=1.0,
+        entries_coverage=5 / 6,
+        folds=folds,
+    )
     return Shrinkage(**{**values, **changes})
 
 
 def parameter(effect, name, value, low, high, unit="", nuisance=False, z=0.3) -> dict:
     return {
-        "effect": effect, "name": name, "value": value, "low": low, "high": high, "unit": unit,
-        "nuisance": nuisance, "prior_sigmas": z,
-    }  # fmt: skip
+        "effect": effect,
+        "name": name,
+        "value": value,
+        "low": low,
+        "high": high,
+        "unit": unit,
+        "nuisance": nuisance,
+        "prior_sigmas": z,
+    }
 
 
 def diagnosis(**changes) -> Diagnosis:
@@ -115,22 +161,41 @@ def diagnosis(**changes) -> Diagnosis:
     normal, along = "joint normal compliance (joint)", "joint tangential compliance (joint)"
     family = "joint normal compliance or joint tangential compliance"
     hypotheses = [
-        HypothesisResult("joint normal compliance", (normal,), 0.66, 42.0, 0.011, 0.4, [
-            parameter(normal, "k_n", 6.6e11, 5.1e11, 8.6e11, "Pa/m"),
-            parameter("rho of plates (plates)", "factor", 1.02, 1.01, 1.03, "", True, 2.4),
-        ]),
+        HypothesisResult(
+            "joint normal compliance",
+            (normal,),
+            0.66,
+            42.0,
+            0.011,
+            0.4,
+            [
+                parameter(normal, "k_n", 6.6e11, 5.1e11, 8.6e11, "Pa/m"),
+                parameter("rho of plates (plates)", "factor", 1.02, 1.01, 1.03, "", True, 2.4),
+            ],
+        ),
         HypothesisResult("joint tangential compliance", (along,), 0.30, 41.2, 0.012, 0.3),
         HypothesisResult("modulus error", ("modulus error (plate_1)",), 0.033, 39.0, 0.031, 0.02),
         HypothesisResult("no gap", (), 0.001, 35.5, 0.2, 1e-9),
         HypothesisResult("none of these", (), 0.006, 37.3, 0.004, 0.9),
-    ]  # fmt: skip
+    ]
     values = dict(
-        title="Plates", verdict="cause", summary="", condition=("torque", "N·m"),
-        before=Gap(TORQUES, MODES, TEST, 1.2 * TEST), after=Gap(TORQUES, MODES, TEST, 1.011 * TEST),
-        noise=0.005, heldout_before=0.2, heldout_after=0.033, placebo_after=0.12,
-        placebo="modulus error", validation=None,
-        where=[ZoneShare("the_lap", 0.88), ZoneShare("plates", 0.07),
-               ZoneShare("unexplained", 0.05)],
+        title="Plates",
+        verdict="cause",
+        summary="",
+        condition=("torque", "N·m"),
+        before=Gap(TORQUES, MODES, TEST, 1.2 * TEST),
+        after=Gap(TORQUES, MODES, TEST, 1.011 * TEST),
+        noise=0.005,
+        heldout_before=0.2,
+        heldout_after=0.033,
+        placebo_after=0.12,
+        placebo="modulus error",
+        validation=None,
+        where=[
+            ZoneShare("the_lap", 0.88),
+            ZoneShare("plates", 0.07),
+            ZoneShare("unexplained", 0.05),
+        ],
         effects=[
             EffectResult("joint normal compliance", "joint", 0.66, family, True),
             EffectResult("joint tangential compliance", "joint", 0.30, family, True),
@@ -141,10 +206,12 @@ def diagnosis(**changes) -> Diagnosis:
         ],
         hypotheses=hypotheses,
         separations=[Separation(family, ("a", "b"), "an axial mode", 3.4)],
-        model_error=1e-5, model={"dofs": 12345},
+        model_error=1e-5,
+        model={"dofs": 12345},
         silent=(Silent("micro-slip in the joint", "the test is by torque"),),
-        location=location(), shrinkage=shrinkage(),
-    )  # fmt: skip
+        location=location(),
+        shrinkage=shrinkage(),
+    )
     return Diagnosis(**{**values, **changes})
 
 
@@ -175,15 +242,19 @@ def test_sentences_of_a_cause():
     )
     # Where it is, the cause says; a score test beside it may say something else.
     assert words.where == "" and [h for h, _ in words.sentences] == [
-        "Cause", "How far", "Rivals", "Compared",
-    ]  # fmt: skip
+        "Cause",
+        "How far",
+        "Rivals",
+        "Compared",
+    ]
 
 
 def test_what_the_test_does_not_identify_has_no_value():
     plain = diagnosis()
     rows = [{**plain.hypotheses[0].parameters[0], "identified": False}]
-    d = replace(plain, hypotheses=[replace(plain.hypotheses[0], parameters=rows),
-                                    *plain.hypotheses[1:]])  # fmt: skip
+    d = replace(
+        plain, hypotheses=[replace(plain.hypotheses[0], parameters=rows), *plain.hypotheses[1:]]
+    )
     assert "96 %: k_n not identified." in explain(d).which and "660" not in explain(d).which
     console = Console(width=100, record=True, file=io.StringIO())
     show_diagnosis(console, d)
@@ -309,8 +380,10 @@ def test_a_class_of_many_is_a_doubt():
     plain = diagnosis()
     name = plain.effects[0].class_name
     assert not [w for w in explain(plain).doubts if "cannot tell apart" in w]
-    more = [replace(plain.effects[0], name=f"effect {i}", class_name=name, probability=0.001)
-            for i in range(10)]  # fmt: skip
+    more = [
+        replace(plain.effects[0], name=f"effect {i}", class_name=name, probability=0.001)
+        for i in range(10)
+    ]
     said = explain(replace(plain, effects=[*plain.effects, *more])).doubts
     count = sum(e.class_name == name for e in plain.effects) + 10
     assert [w for w in said if f"and its like there are {count} that this test cannot tell" in w]
@@ -357,8 +430,10 @@ def test_a_wrong_effect_that_predicts_nothing_has_no_number():
 def test_rows_of_one_name_say_which():
     """Two sensors misplaced stood as one name twice."""
     plain = diagnosis()
-    two = [EffectResult("sensor misplaced", f"sensor {i}", p, "family", True)
-           for i, p in ((3, 0.25), (9, 0.15))]  # fmt: skip
+    two = [
+        EffectResult("sensor misplaced", f"sensor {i}", p, "family", True)
+        for i, p in ((3, 0.25), (9, 0.15))
+    ]
     console = Console(file=io.StringIO(), width=100)
     show_diagnosis(console, replace(plain, effects=[*two, *plain.effects[2:]]))
     text = console.file.getvalue().partition("which effect")[2]
@@ -398,10 +473,13 @@ def test_doubts_are_told_and_only_where_there_are_any():
     d = diagnosis(hypotheses=bad, shrinkage=low, model_error=0.004)
     doubts = " ".join(explain(d).doubts)
     for words in (
-        "p = 0.020", "limit of their range: k_n", "the best wrong effect does nearly as well",
-        "80 % remains on held-out data", "Only 50 % of the parts held out ended as well",
+        "p = 0.020",
+        "limit of their range: k_n",
+        "the best wrong effect does nearly as well",
+        "80 % remains on held-out data",
+        "Only 50 % of the parts held out ended as well",
         "up to 0.400 %",
-    ):  # fmt: skip
+    ):
         assert words in doubts
     (far,) = explain(diagnosis(shrinkage=shrinkage(coverage=1.0))).doubts
     assert far == "Far from what was expected in any case: rho of plates (plates) (+2.4 s.d.)."
@@ -467,16 +545,21 @@ def test_assumptions_are_those_of_the_case(write_case, tmp_path):
 def test_nothing_is_cut_at_any_width():
     """Every sentence and every doubt stands whole on the terminal, however many there are."""
     key = "joint normal compliance (joint)"
-    far = [parameter(f"rho of part {i} (part {i})", "factor", 1, 1, 1, "", True, 3.0 + i)
-           for i in range(9)]  # fmt: skip
+    far = [
+        parameter(f"rho of part {i} (part {i})", "factor", 1, 1, 1, "", True, 3.0 + i)
+        for i in range(9)
+    ]
     lead = HypothesisResult("joint normal compliance", (key,), 0.66, 42.0, 0.011, 0.02, far, ("k",))
     low = shrinkage(shrink=0.2, coverage=0.5, claimed=False)
     long = " ".join(30 * ["many words"])
     splits = [Separation(diagnosis().effects[0].class_name, ("a", "b"), long, 3.4)]
     d = diagnosis(
-        verdict="likely", hypotheses=[lead, *diagnosis().hypotheses[1:]], shrinkage=low,
-        model_error=0.004, separations=splits,
-    )  # fmt: skip
+        verdict="likely",
+        hypotheses=[lead, *diagnosis().hypotheses[1:]],
+        shrinkage=low,
+        model_error=0.004,
+        separations=splits,
+    )
     words = explain(d)
     assert len(words.doubts) == 7 and "rho of part 8 (part 8) (+11.0 s.d.)" in words.doubts[3]
     for width in (60, 80, 100):
@@ -505,10 +588,11 @@ def test_a_cause_that_held_out_data_speak_against_is_likely_at_most():
     grows = dict(before=0.0253, after=0.0274, shrink=-0.1, shrink_interval=(-0.4, 0.2))
     chance = dict(shrink_interval=(-0.1, 0.9))
     for changes, why in (
-        (grows, "the gap on them grows from 2.53 % to 2.74 %"), (chance, "may be chance"),
+        (grows, "the gap on them grows from 2.53 % to 2.74 %"),
+        (chance, "may be chance"),
         ({"claimed": False}, "the best wrong effect does nearly as well"),
         ({"folds": []}, "nothing could be held out"),
-    ):  # fmt: skip
+    ):
         verdict, summary = confirm("cause", "It is the joint.", s := shrinkage(**changes))
         assert verdict == "likely" and why in summary
         d = diagnosis(verdict=verdict, shrinkage=s, joints="given")

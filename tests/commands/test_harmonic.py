@@ -70,9 +70,7 @@ BONDED = (
     ('F_S = "20 kPa"', 'F_S = "20 GPa"'),
 )
 #: The same joint by its stiffness per area.
-SPRINGS = (
-    ('E = "2 MPa"\nG = "10 MPa"', 'law = "springs"\nk_n = "20 GPa/m"\nk_t = "100 GPa/m"'),
-)
+SPRINGS = (('E = "2 MPa"\nG = "10 MPa"', 'law = "springs"\nk_n = "20 GPa/m"\nk_t = "100 GPa/m"'),)
 HUNG = (
     "[harmonic]",
     """[springs.cords]
@@ -91,7 +89,7 @@ def view_of(page: str) -> dict:
 @pytest.mark.smoke
 @pytest.mark.parallel
 def test_small_forces_give_the_linear_resonance_and_large_ones_soften_and_damp(shared_tmp_path):
-    static = 'samples = 64', 'samples = 64\nquasi_static = "full"'
+    static = "samples = 64", 'samples = 64\nquasi_static = "full"'
     case = load_case(write(shared_tmp_path, LAYER, static))
     outcome = run_harmonic(case, MPI.COMM_WORLD, QUIET)
     report = outcome.result
@@ -190,9 +188,10 @@ def test_a_free_beam_resonates_as_its_linear_modes_say_and_slips(tmp_path, chang
 
 FORCE_LINE = 'force = { point = ["100 mm", "0 mm", "-6 mm"], direction = [0, 0, 1] }\n'
 SMALL = (
-    ('measured = "frf.csv"\n', "backbone = false\n"), ('["0.01 N", "10 N"]', '["0.001 N"]'),
+    ('measured = "frf.csv"\n', "backbone = false\n"),
+    ('["0.01 N", "10 N"]', '["0.001 N"]'),
     ("harmonics = 3", "harmonics = 1"),
-)  # fmt: skip
+)
 
 
 @serial
@@ -215,8 +214,12 @@ def test_a_base_that_shakes_is_the_inertia_of_the_mode(tmp_path):
     assert fact.displacement == pytest.approx(expected, rel=2e-3)
     assert outcome.json()["level_unit"] == "m/s2" and "base acceleration" in outcome.page()
     moved = 1e-3 / (2 * np.pi * fact.frequency_hz) ** 2
-    edits = (*edits[:2], (SMALL[1][0], f'["{1e9 * moved:.9g} nm"]'), SMALL[2],
-             (base[0], base[1].replace("}", ', motion = "displacement" }')))  # fmt: skip
+    edits = (
+        *edits[:2],
+        (SMALL[1][0], f'["{1e9 * moved:.9g} nm"]'),
+        SMALL[2],
+        (base[0], base[1].replace("}", ', motion = "displacement" }')),
+    )
     (by_way,) = run_harmonic(load_case(write(tmp_path, LAYER, *edits)), SELF, QUIET).result.facts
     assert by_way.displacement == pytest.approx(fact.displacement, rel=1e-3)
 
@@ -300,8 +303,10 @@ def test_contact_with_friction_under_preload(tmp_path, keeps_rules):
     seen = np.interp(0.41, x[line, 0], moved[line, 2])
     assert abs(seen) == pytest.approx(large.displacement, rel=2e-3)
     view = view_of(page)
-    values, spot = (np.frombuffer(base64.b64decode(text), "<i2") for text in
-                    (view["looks"][2]["values"], view["points"]))  # fmt: skip
+    values, spot = (
+        np.frombuffer(base64.b64decode(text), "<i2")
+        for text in (view["looks"][2]["values"], view["points"])
+    )
     x = view["middle_mm"] + view["unit_mm"] * spot.reshape(-1, 3) / 32767
     lap = (x[:, 0] > 185 - 1e-2) & (x[:, 0] < 235 + 1e-2) & (np.abs(x[:, 2]) < 1e-2)
     assert np.array_equal(values >= 0, lap) and values.max() == 32767
@@ -321,7 +326,7 @@ def test_contact_with_friction_under_preload(tmp_path, keeps_rules):
         ('measured = "frf.csv"', 'measured = "frs.csv"', "harmonic.measured: .*no such file"),
         ('stress = "equivalent"', 'stress = "peel"', "nonlinear.lap.stress"),
         (FORCE_LINE, "", "either force = {...} or .harmonic.base."),
-        ("harmonics = 3", 'harmonics = 3\nbase = { direction = [0, 0, 1] }', "levels of a base"),
+        ("harmonics = 3", "harmonics = 3\nbase = { direction = [0, 0, 1] }", "levels of a base"),
         (
             'measured = "frf.csv"',
             'measured = "frf.csv"\n[harmonic.identify]\nlevel = "10 N"\nparameters = "lap.S_z"',

@@ -33,19 +33,24 @@ def test_a_backbone_identifies_the_law_and_the_answer_says_what_it_cannot(tmp_pa
         built.model, (1e-4, 5e-3), force="force", near=28, sensor="sensor", harmonics=3, samples=64
     )
     at, rng = np.linspace(0, len(truth) - 1, 8).astype(int), np.random.default_rng(3)
-    rows = np.column_stack([
-        truth.amplitude("sensor", "acceleration")[at] / 9.80665,
-        truth.frequencies_hz[at] * (1 + 2e-4 * rng.normal(size=8)),
-        100 * truth.damping_ratios[at] * (1 + 0.01 * rng.normal(size=8)),
-    ])  # fmt: skip
+    rows = np.column_stack(
+        [
+            truth.amplitude("sensor", "acceleration")[at] / 9.80665,
+            truth.frequencies_hz[at] * (1 + 2e-4 * rng.normal(size=8)),
+            100 * truth.damping_ratios[at] * (1 + 0.01 * rng.normal(size=8)),
+        ]
+    )
     lines = ["level [g],frequency [Hz],damping [%]", *(",".join(map(str, r)) for r in rows)]
     (tmp_path / "data.csv").write_text("\n".join(lines), encoding="utf-8")
     write(
-        tmp_path, bare + '[harmonic.identify]\nparameters = ["lap.S_y"]\n[test]\namplitude = '
+        tmp_path,
+        bare + '[harmonic.identify]\nparameters = ["lap.S_y"]\n[test]\namplitude = '
         '{ "bending 1" = { files = "data.csv", noise = "0.02 %", damping_noise = "1 %" } }\n',
-        ('S_y = "200 kPa"', 'S_y = "400 kPa"'), ('damping = "1 %"', 'damping = "0.8 %"'),
-        ('E = "207 GPa"', 'E = "208 GPa"'), ('levels = ["0.01 N", "10 N"]', 'levels = ["0.1 N"]'),
-    )  # fmt: skip
+        ('S_y = "200 kPa"', 'S_y = "400 kPa"'),
+        ('damping = "1 %"', 'damping = "0.8 %"'),
+        ('E = "207 GPa"', 'E = "208 GPa"'),
+        ('levels = ["0.01 N", "10 N"]', 'levels = ["0.1 N"]'),
+    )
     found = tmp_path / "found.json"
     page = tmp_path / "page.html"
     run = CliRunner().invoke(

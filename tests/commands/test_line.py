@@ -84,8 +84,9 @@ def test_quiet_says_errors_only_and_verbose_how_long_steps_take(tmp_path, write_
     write_case(tmp_path)
     try:
         out = tmp_path / "modes.json"
-        assert CliRunner().invoke(app, ["modes", str(tmp_path), "-q", "--json", str(out)]).output \
-            == ""  # fmt: skip
+        assert (
+            CliRunner().invoke(app, ["modes", str(tmp_path), "-q", "--json", str(out)]).output == ""
+        )
         assert out.exists() and capfd.readouterr() == ("", "")
         ran = CliRunner().invoke(app, ["modes", str(tmp_path / "none"), "-q"])
         assert ran.exit_code == 1 and "no such file" in capfd.readouterr().err

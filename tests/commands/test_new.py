@@ -63,8 +63,9 @@ def test_step_of_three_parts_and_six_bolts(tmp_path):
     found, case = written(tmp_path / "case", Source(step=step))
     assert found.checked.errors == () and found.checked.notes == ()
     assert found.copied == () and case.mesh.file == "../three.step"
-    at = sorted(tuple(np.round(1e3 * np.array(point[:2])).astype(int)) for point in
-                case.mesh.bolts.at)  # fmt: skip
+    at = sorted(
+        tuple(np.round(1e3 * np.array(point[:2])).astype(int)) for point in case.mesh.bolts.at
+    )
     assert at == sorted(LEFT + RIGHT)
     text = (tmp_path / "case" / "case.toml").read_text(encoding="utf-8")
     assert text.count("9 mm, M8?") == 3 and text.count("8.5 and 11 mm, M10?") == 3
@@ -91,9 +92,9 @@ def test_step_of_a_demo(tmp_path):
     assert np.allclose([ring.r_nei for ring in own.rings()], case.mesh.bolts.inner())
 
 
-@pytest.mark.parametrize("draw, bolts, normal", [
-    (bracket, 2, (0.540, -0.326, 0.776)), (spigot, 3, (0, 0, 1)),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "draw, bolts, normal", [(bracket, 2, (0.540, -0.326, 0.776)), (spigot, 3, (0, 0, 1))]
+)
 def test_steps_that_are_turned_or_centred(tmp_path, draw, bolts, normal):
     """Bolts of other directions; the hole of a spigot is no bolt's."""
     step = write_step(tmp_path / "drawn.step", draw)
@@ -162,8 +163,9 @@ def test_shapes_of_a_builder(tmp_path):
     written(tmp_path / "plain", Source(builder="dumbbell"))
     model = build_structure(load_case(tmp_path / "plain"), MPI.COMM_SELF)
     modes = solve_modes(model, n_modes=10)
-    points = np.array([[x, y, z] for x in (-0.12, 0.12) for y in (-0.09, 0.09)
-                       for z in (-0.13, 0.13)])  # fmt: skip
+    points = np.array(
+        [[x, y, z] for x in (-0.12, 0.12) for y in (-0.09, 0.09) for z in (-0.13, 0.13)]
+    )
     ways = np.eye(3)
     shapes = np.array([modes.at(Sensors(points, way))[:, 6:10] for way in ways])
     nodes = {i + 1: 1e3 * point for i, point in enumerate(points)}
@@ -203,6 +205,7 @@ def test_frequencies(tmp_path):
 
 def test_answers(tmp_path):
     """What the user says goes before what was guessed."""
+
     def ask(question, answer, check):
         said = {"Material": "titanium", "Unit": "cm"}.get(question.split()[0], answer)
         check(said)

@@ -54,9 +54,10 @@ def lab_files(name, folder):
     return TestFiles()
 
 
-@pytest.mark.parametrize("name, joints, bolts, least_mac", [
-    ("cad_bracket", 1, 4, None), ("barc", 4, 0, 0.7), ("jim_beam", 2, 0, 0.95),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "name, joints, bolts, least_mac",
+    [("cad_bracket", 1, 4, None), ("barc", 4, 0, 0.7), ("jim_beam", 2, 0, 0.95)],
+)
 def test_a_drawing_of_the_demos(tmp_path, name, joints, bolts, least_mac):
     """Joints and bolts are found, nothing is wrong; six modes of a free body, then the test's."""
     (step,) = (DEMOS / name).glob("*.step")

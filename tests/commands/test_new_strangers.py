@@ -47,9 +47,10 @@ def edited(folder, *edits) -> list[str]:
     return check_case(folder, MPI.COMM_SELF, Progress(silent=True))
 
 
-@pytest.mark.parametrize("name, bolts, faces, joints", [
-    ("washers", 2, 3, 5), ("sheet_between_plates", 4, 3, 3), ("overlap_0001", 2, 1, 1),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "name, bolts, faces, joints",
+    [("washers", 2, 3, 5), ("sheet_between_plates", 4, 3, 3), ("overlap_0001", 2, 1, 1)],
+)
 def test_stacks(tmp_path, name, bolts, faces, joints):
     """Each bolt once, a ring on each pair of faces; and joint = "layer" on the same."""
     found, case = written(tmp_path / "case", Source(step=DATA / f"{name}.step"))
@@ -75,14 +76,22 @@ def test_stacks(tmp_path, name, bolts, faces, joints):
 def test_bolts_on_one_axis():
     """One bolt through three plates; two in blind holes from both sides of a block."""
     z, at = np.array([0.0, 0.0, 1.0]), np.zeros(3)
-    through = [Ring((0, 1), at, z, 0.004, (0.01, 0.02)),
-               Ring((1, 2), at + 0.02 * z, z, 0.004, (0.02, 0.01))]  # fmt: skip
-    blind = [Ring((0, 1), at, z, 0.004, (0.01, 0.008)),
-             Ring((1, 2), at + 0.02 * z, -z, 0.004, (0.008, 0.01))]  # fmt: skip
+    through = [
+        Ring((0, 1), at, z, 0.004, (0.01, 0.02)),
+        Ring((1, 2), at + 0.02 * z, z, 0.004, (0.02, 0.01)),
+    ]
+    blind = [
+        Ring((0, 1), at, z, 0.004, (0.01, 0.008)),
+        Ring((1, 2), at + 0.02 * z, -z, 0.004, (0.008, 0.01)),
+    ]
     beside = [Ring((0, 1), at, z, 0.004), Ring((1, 2), at + 0.02 * z + [0.01, 0, 0], z, 0.004)]
     far = [Ring((0, 1), at, z, 0.004), Ring((2, 3), at + 0.5 * z, z, 0.004)]
-    assert [stacked(rings) for rings in (through, blind, beside, far)] == \
-        [[1, 1], [1, 2], [1, 2], [1, 2]]  # fmt: skip
+    assert [stacked(rings) for rings in (through, blind, beside, far)] == [
+        [1, 1],
+        [1, 2],
+        [1, 2],
+        [1, 2],
+    ]
 
 
 def test_a_mesh_in_inches(tmp_path):

@@ -46,6 +46,7 @@ def test_a_unit_by_the_size_of_the_structure(tmp_path, unit):
 
 def test_a_unit_that_the_file_says(tmp_path):
     """It stands, whatever the size; and nothing is asked."""
+
     def ask(question, answer, check):
         assert "Unit" not in question
         return answer
@@ -117,14 +118,30 @@ def test_functions_without_levels_are_a_question(tmp_path):
     pyuff, hz = pytest.importorskip("pyuff"), np.linspace(75, 85, 41)
     w, own = 2 * np.pi * hz, 2 * np.pi * 80
     function = -(w**2) / (own**2 - w**2 + 2j * 0.01 * own * w)
-    pyuff.UFF(str(tmp_path / "held.uff")).write_sets([
-        pyuff.prepare_58(
-            binary=0, func_type=4, rsp_node=1, rsp_dir=3, ref_node=2, ref_dir=3, data=function,
-            x=hz, id1="f", rsp_ent_name="NONE", ref_ent_name="NONE", abscissa_spacing=1,
-            ordinate_spec_data_type=12, ordinate_axis_units_lab="m/s2",
-            orddenom_spec_data_type=13, orddenom_axis_units_lab="N",
-        ) for _ in range(2)
-    ], "overwrite")  # fmt: skip
+    pyuff.UFF(str(tmp_path / "held.uff")).write_sets(
+        [
+            pyuff.prepare_58(
+                binary=0,
+                func_type=4,
+                rsp_node=1,
+                rsp_dir=3,
+                ref_node=2,
+                ref_dir=3,
+                data=function,
+                x=hz,
+                id1="f",
+                rsp_ent_name="NONE",
+                ref_ent_name="NONE",
+                abscissa_spacing=1,
+                ordinate_spec_data_type=12,
+                ordinate_axis_units_lab="m/s2",
+                orddenom_spec_data_type=13,
+                orddenom_axis_units_lab="N",
+            )
+            for _ in range(2)
+        ],
+        "overwrite",
+    )
     (tmp_path / "hz.csv").write_text("a [Hz]\n80.1\n", encoding="utf-8")
     held = (tmp_path / "held.uff",)
     beside = sketch(TestFiles(frequencies=tmp_path / "hz.csv", amplitude=held))

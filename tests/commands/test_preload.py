@@ -58,7 +58,8 @@ def write_beams() -> Callable[..., Path]:
 
 MISTAKES = [
     (
-        '"c_beams"', '"c_beam"',
+        '"c_beams"',
+        '"c_beam"',
         ["mesh.builder = 'c_beam'", "'lap_plates', 'c_beams', 'lap_beam', ", "mean"],
     ),
     ('pad_length = "49.7', 'pad_lenght = "49.7', ["mesh.pad_lenght", "mean 'pad_length'"]),
@@ -112,9 +113,11 @@ def test_builder_knows_its_groups(kind):
 def by_hand(comm) -> PreloadModel:
     """The coarse case without its file."""
     mass = dict(
-        middle_a=((0.254, 0, 0.0127), 0.02), middle_b=((0.254, 0, -0.0127), 0.02),
-        left=((0.102, 0, 0.0127), 0.02), right=((0.406, 0, -0.0127), 0.02),
-    )  # fmt: skip
+        middle_a=((0.254, 0, 0.0127), 0.02),
+        middle_b=((0.254, 0, -0.0127), 0.02),
+        left=((0.102, 0, 0.0127), 0.02),
+        right=((0.406, 0, -0.0127), 0.02),
+    )
     structure = Structure(
         c_beams(comm, **SMALL, n_thickness=(2, 1)),
         [part("beams", ("beam_1", "beam_2"), E=194e9, nu=0.29, rho=8000.0)],
@@ -122,10 +125,19 @@ def by_hand(comm) -> PreloadModel:
         degree=1,
     )
     bolts = [
-        BeamBolt(f"b{i}", f"washer_{i}_lower", f"washer_{i}_upper", 28e3, 7.94e-3,
-                 E=194e9, nu=0.29, rho=8000.0, head_mass=8e-3)
+        BeamBolt(
+            f"b{i}",
+            f"washer_{i}_lower",
+            f"washer_{i}_upper",
+            28e3,
+            7.94e-3,
+            E=194e9,
+            nu=0.29,
+            rho=8000.0,
+            head_mass=8e-3,
+        )
         for i in (1, 2)
-    ]  # fmt: skip
+    ]
     contact = Contact("pads", "interface_lower", "interface_upper", friction=0.3)
     return PreloadModel(structure, [contact], bolts)
 

@@ -72,10 +72,13 @@ noise = "1 %"
 def test_files(shared_module_path) -> Path:
     """Files of a test of dumbbells with a thinner layer, in a mesh of its own thickness."""
     tagged = dumbbell(MPI.COMM_WORLD, layer=H, element_size=0.06)
-    model = Structure(tagged, [
-        part("bodies", BODIES, E=130e9, nu=0.27, rho=7850.0),
-        transition("joint", "joint", E=E, nu=NU, h=H, meshed=H),
-    ])  # fmt: skip
+    model = Structure(
+        tagged,
+        [
+            part("bodies", BODIES, E=130e9, nu=0.27, rho=7850.0),
+            transition("joint", "joint", E=E, nu=NU, h=H, meshed=H),
+        ],
+    )
     rng = np.random.default_rng(3)
     points = np.array(POINTS)
     points[points[:, 2] > 0, 2] -= 20e-3 - H
@@ -87,10 +90,13 @@ def test_files(shared_module_path) -> Path:
     f = modes.frequencies_hz[6:] * np.exp(NOISE * rng.standard_normal(6))
     some, force = Sensors(sensors.points[[0, 2, 9, 11]], AXES[[0, 2, 9, 11]]), [0, 2]
     H_ij = solve_frf(
-        model, frequencies_hz=LINES, sensors=some, kind="accelerance",
+        model,
+        frequencies_hz=LINES,
+        sensors=some,
+        kind="accelerance",
         excitation=Sensors(sensors.points[force], AXES[force]),
         damping=Damping(structural=0.004, hysteretic={"joint": LOSS}),
-    ).values  # fmt: skip
+    ).values
     noise = rng.standard_normal((2, *H_ij.shape))
     H_ij = H_ij * (1 + FUNCTION_NOISE * (noise[0] + 1j * noise[1]))
     if MPI.COMM_WORLD.rank == 0:
@@ -109,9 +115,7 @@ def _write(folder: Path, f, shapes, H_ij) -> None:
     flat = H_ij.reshape(len(LINES), -1)
     table = np.stack([flat.real, flat.imag], axis=2).reshape(len(LINES), -1)
     rows = [",".join(["frequency [Hz]", *heads])]
-    rows += [
-        ",".join(f"{v:.8g}" for v in (hz, *row)) for hz, row in zip(LINES, table, strict=True)
-    ]
+    rows += [",".join(f"{v:.8g}" for v in (hz, *row)) for hz, row in zip(LINES, table, strict=True)]
     (folder / "frf.csv").write_text("\n".join(rows), encoding="utf-8")
     rows = ["node,x [m],y [m],z [m]"]
     rows += [f"{i + 1},{x},{y},{z}" for i, (x, y, z) in enumerate(POINTS)]

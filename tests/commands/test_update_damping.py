@@ -42,10 +42,13 @@ def beam_text(update: str, *, c: str = 'c = "0.15 N m s"', damping: str = "dampi
     text = BEAMS.read_text(encoding="utf-8")
     text = text[: text.index("[update]")]
     for old, new in (
-        ('"frequencies.csv"', f"'{BEAMS.parent / 'frequencies.csv'}'\ndamping = \"{damping}\"\n"
-         f'damping_noise = "{100 * NOISE} %"'),
+        (
+            '"frequencies.csv"',
+            f"'{BEAMS.parent / 'frequencies.csv'}'\ndamping = \"{damping}\"\n"
+            f'damping_noise = "{100 * NOISE} %"',
+        ),
         ('c = "0.15 N m s"', c),
-    ):  # fmt: skip
+    ):
         assert text.count(old) == 1, old
         text = text.replace(old, new)
     return text + "[update]\nat = 23\n" + update
@@ -82,8 +85,9 @@ def measured():
     case = load_case(BEAMS)
     mesh = case.mesh.model_copy(update={"elements": [45, 30]})
     beams = build_structure(case.model_copy(update={"mesh": mesh}), MPI.COMM_WORLD)
-    ratios = state_ratios(*(getattr(beams, m)(TRUTH) for m in ("stiffness", "mass",
-                                                               "damping_matrix")))[:8]  # fmt: skip
+    ratios = state_ratios(
+        *(getattr(beams, m)(TRUTH) for m in ("stiffness", "mass", "damping_matrix"))
+    )[:8]
     return ratios * np.exp(NOISE * np.random.default_rng(2).standard_normal(8))
 
 
@@ -91,8 +95,10 @@ def measured():
 def test_ratios_alone_give_c(measured, shared_tmp_path):
     """From four times as much; the standard deviation is that of `identify_damping`, that of the
     noise times the root of what is left by degree of freedom."""
-    text = beam_text('parameters = ["lap.c"]\nstart = { "lap.c" = 0.6 }\ndata = "damping"\n'
-                     '[update.held]\nmodes = ["mode 6", "mode 7", "mode 8"]\n')  # fmt: skip
+    text = beam_text(
+        'parameters = ["lap.c"]\nstart = { "lap.c" = 0.6 }\ndata = "damping"\n'
+        '[update.held]\nmodes = ["mode 6", "mode 7", "mode 8"]\n'
+    )
     case = put(shared_tmp_path, text, table(measured))
     found = update_case(case, MPI.COMM_WORLD)
     (c,) = found.parameters
@@ -172,14 +178,21 @@ def test_modes_keep_their_ratios_where_damping_changes_their_order():
     the other, (1 + eta^2)^(1/4) w, and its ratio is sin(arctan(eta) / 2)."""
     unit = np.eye(2)
     springs = [
-        RegionTerm(name, ELASTIC_SUPPORT, {"k_n": k, "k_t": 0.0},
-                   np.array([np.outer(row, row), 0 * unit]), 0 * unit, 0.0)
+        RegionTerm(
+            name,
+            ELASTIC_SUPPORT,
+            {"k_n": k, "k_t": 0.0},
+            np.array([np.outer(row, row), 0 * unit]),
+            0 * unit,
+            0.0,
+        )
         for name, k, row in (("lossy", 1e6, unit[0]), ("other", 1.2e6, unit[1]))
-    ]  # fmt: skip
+    ]
     model = ArrayModel(AffinePencil({}, springs, fixed=(0 * unit, unit)), 1.0)
     modes = solve_modes(model, n_modes=2)
     ratios, _ = damping_ratios(model, None, Damping(hysteretic={"lossy": 1.0}), modes, [0, 1])
     assert ratios == pytest.approx([np.sin(np.pi / 8), 0.0], abs=1e-12)
+
 
 SOLID = (
     """
@@ -216,10 +229,12 @@ def test_loss_factor_of_a_layer_of_a_solid(shared_tmp_path):
     tagged = dumbbell(MPI.COMM_WORLD, layer=20e-3, element_size=0.06)
     model = Structure(
         tagged,
-        [part("bodies", BODIES, E=130e9, nu=0.27, rho=7850.0),
-         transition("joint", "joint", E="E", nu=0.27, h=20e-3, meshed=20e-3)],
+        [
+            part("bodies", BODIES, E=130e9, nu=0.27, rho=7850.0),
+            transition("joint", "joint", E="E", nu=0.27, h=20e-3, meshed=20e-3),
+        ],
         [Parameter("E", E, "Pa", 1e8, 1e12)],
-    )  # fmt: skip
+    )
     h = 0.02
     low, f, high = (
         solve_modes(model, {"E": E * x}, n_modes=12, tolerance=1e-11).frequencies_hz[6:]
@@ -251,14 +266,22 @@ MISTAKES = [
     ('parameters = ["lap.c"]\ndata = "damping"', {"c": ""}, None, "damping is missing.* a lap of"),
     ('parameters = ["lap.c"]\ndata = "frequencies"', {}, None, "depend on damping.*'damping'"),
     ('parameters = ["lap.c"]', {}, table(np.full(5, np.nan)), "do not depend on damping"),
-    ('parameters = ["lap.c"]\ndata = "damping"', {}, table(np.full(5, np.nan)),
-     r"update.data\[0\] = 'damping': there are none.*test.damping"),
+    (
+        'parameters = ["lap.c"]\ndata = "damping"',
+        {},
+        table(np.full(5, np.nan)),
+        r"update.data\[0\] = 'damping': there are none.*test.damping",
+    ),
     ('parameters = ["lap.c"]', {}, table([1e-3, 0.0]), "test.damping: mode 2 = 0 at torque = 23"),
     ('parameters = ["lap.c"]', {"damping": "dumping.csv"}, None, r"toml: test.damping = 'dump"),
     ('parameters = ["lap.c"]\nmethod = "weighted"', {}, None, "no damping in update.data"),
-    ('parameters = ["lap.c"]\ndata = "damping"\nheld = { modes = ["mode 1", "mode 2"] }', {},
-     table([1e-3, 1e-3]), "expected some modes left"),
-]  # fmt: skip
+    (
+        'parameters = ["lap.c"]\ndata = "damping"\nheld = { modes = ["mode 1", "mode 2"] }',
+        {},
+        table([1e-3, 1e-3]),
+        "expected some modes left",
+    ),
+]
 
 
 @pytest.mark.parametrize(("update", "case", "ratios", "words"), MISTAKES)

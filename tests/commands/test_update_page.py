@@ -28,30 +28,55 @@ TEST = np.array([[375.04, 962.47], [412.56, np.nan], [424.80, 1012.51]])
 def report(**changes) -> UpdateReport:
     """An update at 2 N m, at all torques, and as a curve."""
     fits = [
-        {"condition": t, "parameters": {"near.E": 1e8 * t**0.5}, "sd": {"near.E": 0.08},
-         "frequencies_hz": [400.0, 1000.0], "errors_percent": [0.5, None if i == 1 else -0.25],
-         "held_out": i == 1}
+        {
+            "condition": t,
+            "parameters": {"near.E": 1e8 * t**0.5},
+            "sd": {"near.E": 0.08},
+            "frequencies_hz": [400.0, 1000.0],
+            "errors_percent": [0.5, None if i == 1 else -0.25],
+            "held_out": i == 1,
+        }
         for i, t in enumerate(TORQUES)
-    ]  # fmt: skip
+    ]
     curves = [{"name": "near.E", "form": "a (T/T0)^b", "T0": 4.0, "a": 2e8, "b": 0.5}]
     on_curves = Gap(TORQUES, MODES, TEST, 1.005 * np.nan_to_num(TEST, nan=990.0))
     found = Identifiability(("near.E",), 1.0, 1.0, np.array([0.1]), np.ones(1), ())
     errors = np.full(2, 0.02), (np.nan, np.nan)
     update = Update(
-        "log", ("near.E",), np.array([3e9]), np.array([8.63e8]),
-        np.array([[(0.081 * 8.63e8) ** 2]]), found, True, "converged", 7,
+        "log",
+        ("near.E",),
+        np.array([3e9]),
+        np.array([8.63e8]),
+        np.array([[(0.081 * 8.63e8) ** 2]]),
+        found,
+        True,
+        "converged",
+        7,
         tuple(Iteration(np.array([E]), *errors, False, 1.0, 1.0, 1.0) for E in (3e9, 8.63e8)),
-        Prediction(1.02 * TEST[0], np.ones((2, 1))), 3.0, 1,
-    )  # fmt: skip
+        Prediction(1.02 * TEST[0], np.ones((2, 1))),
+        3.0,
+        1,
+    )
     values = dict(
-        title="Plates", condition=("torque", 2.0, "N·m"), kinds=("frequencies",), update=update,
+        title="Plates",
+        condition=("torque", 2.0, "N·m"),
+        kinds=("frequencies",),
+        update=update,
         parameters=[{"name": "near.E", "value": 8.63e8, "unit": "Pa", "sd": 0.081, "start": 3e9}],
         modes=ModeTable(TEST[0], 1.1 * TEST[0], 1.02 * TEST[0], np.ones(2, dtype=bool), MODES),
-        functions=None, held=[], pull=2.3, model={"dofs": 21345},
-        published={"source": "paper", "parameters": {"near.E": 8.7e8}, "model_hz": [380.0, 970.0],
-                   "frequencies_hz": [375.0, None], "errors_percent": [1.3333, None]},
+        functions=None,
+        held=[],
+        pull=2.3,
+        model={"dofs": 21345},
+        published={
+            "source": "paper",
+            "parameters": {"near.E": 8.7e8},
+            "model_hz": [380.0, 970.0],
+            "frequencies_hz": [375.0, None],
+            "errors_percent": [1.3333, None],
+        },
         sweep=Sweep(fits, curves, on_curves, None, np.full((3, 2), 0.01)),
-    )  # fmt: skip
+    )
     return UpdateReport(**{**values, **changes})
 
 

@@ -85,8 +85,9 @@ def test_a_held_mode_without_a_partner_is_refused(tmp_path):
 #: Finer beams, which thirteen sensors see, and what was measured of them.
 SENSORS = ", ".join(f'["{x:g} mm", "0 mm", "0 mm"]' for x in np.linspace(0, 570, 13))
 FINE = CASE.replace("elements = [2, 2]", "elements = [8, 6]").replace("n_modes = 8", "n_modes = 24")
-FINE = FINE[: FINE.index("points = ")] + f"points = [{SENSORS}]\n" + \
-    FINE[FINE.index("direction = ") :]  # fmt: skip
+FINE = (
+    FINE[: FINE.index("points = ")] + f"points = [{SENSORS}]\n" + FINE[FINE.index("direction = ") :]
+)
 SHAPED = 'noise = "0.5 %"\nshapes = "s.csv"\nshape_noise = "2 %"'
 TRUE = {"lap.k1": 1763.0, "lap.k2": 37400.0}
 

@@ -39,8 +39,11 @@ def test_section_agrees_with_solid(model):
     round_ = solve_bolted_plates("M12", 0.01, FORCE, settings, tagged=solid)["plates"]
     assert flat.normal_force == pytest.approx(FORCE, rel=1e-6)
     assert round_.normal_force == pytest.approx(FORCE / 4, rel=1e-6)
-    for measure in (lambda c: c.radius(1e6), lambda c: c.mean_pressure(1e6),
-                    lambda c: c.pressure.max()):  # fmt: skip
+    for measure in (
+        lambda c: c.radius(1e6),
+        lambda c: c.mean_pressure(1e6),
+        lambda c: c.pressure.max(),
+    ):
         assert measure(round_) == pytest.approx(measure(flat), rel=0.02)
 
 

@@ -35,8 +35,9 @@ def fits(monkeypatch) -> list[str]:
 def path(tmp_path):
     """A small database of one line of forces."""
     with Store(tmp_path / "own.db", create=True) as store:
-        store.add(dataclasses.replace(ROW, force=1e4 * i, radius=0.03 + 2e-3 * i)
-                  for i in range(1, 7))  # fmt: skip
+        store.add(
+            dataclasses.replace(ROW, force=1e4 * i, radius=0.03 + 2e-3 * i) for i in range(1, 7)
+        )
     return tmp_path / "own.db"
 
 

@@ -27,9 +27,7 @@ def test_mean_deviation_and_covariance_are_those_of_scikit_learn(kernel, trend, 
     same += kernels.WhiteKernel(1e-3)
     other = GaussianProcessRegressor(same, alpha=JITTER, optimizer=None, normalize_y=True).fit(z, y)
     own = Process(kernel, trend, same.theta, z, y)
-    np.testing.assert_allclose(
-        own.predict(asked), other.predict(asked, return_std=True), rtol=1e-9
-    )
+    np.testing.assert_allclose(own.predict(asked), other.predict(asked, return_std=True), rtol=1e-9)
     np.testing.assert_allclose(own.covariance, same(z), rtol=1e-12)
 
 

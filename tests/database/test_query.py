@@ -37,8 +37,13 @@ def test_torque_bolt_and_plates_to_radius_pressure_and_the_identified_interface(
 
 @serial
 def test_another_way_to_force_and_other_conditions_are_said(seed_surfaces):
-    motosh = query(seed_surfaces, bolt="M12", torque=60.0, thickness=0.02,
-                   torque_to_force=TorqueToForce(friction=0.12))  # fmt: skip
+    motosh = query(
+        seed_surfaces,
+        bolt="M12",
+        torque=60.0,
+        thickness=0.02,
+        torque_to_force=TorqueToForce(friction=0.12),
+    )
     assert motosh.force == pytest.approx(motosh_force(60.0, "M12", 0.12, 0.12))
     assert "Motosh" in motosh.force_from and "0.12" in motosh.force_from
     assert "force, thickness differ" in motosh.identified_note
@@ -69,8 +74,9 @@ def test_rows_of_two_models_are_never_mixed():
     store = seed_database()
     store.add(
         Joint(diameter=0.012, force=f, thickness=b, radius=0.02, model="other")
-        for f in (1e4, 2e4, 3e4) for b in (0.01, 0.02)
-    )  # fmt: skip
+        for f in (1e4, 2e4, 3e4)
+        for b in (0.01, 0.02)
+    )
     with pytest.raises(InputError, match="several models, expected one: contact .*; other"):
         Surfaces.fit(store)
     assert len(Surfaces.fit(store, "other").rows) == 6
@@ -79,8 +85,10 @@ def test_rows_of_two_models_are_never_mixed():
 def _run(*arguments: object) -> subprocess.CompletedProcess:
     return subprocess.run(
         [sys.executable, "-m", "fenics_joints", "database", *map(str, arguments)],
-        capture_output=True, text=True, timeout=120,
-    )  # fmt: skip
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
 
 
 @serial
@@ -88,11 +96,37 @@ def test_command_adds_and_answers(tmp_path):
     database, out = tmp_path / "own.db", tmp_path / "answer.json"
     seed_database().export_csv(tmp_path / "rows.csv")
     assert _run("add", "--db", database, "--csv", tmp_path / "rows.csv").returncode == 0
-    added = _run("add", "--db", database, "--bolt", "M12", "--torque", "96 N·m", "--thickness",
-                 "25 mm", "--E", "5 GPa", "--nu", 0.25, "--h", "0.7 mm")  # fmt: skip
+    added = _run(
+        "add",
+        "--db",
+        database,
+        "--bolt",
+        "M12",
+        "--torque",
+        "96 N·m",
+        "--thickness",
+        "25 mm",
+        "--E",
+        "5 GPa",
+        "--nu",
+        0.25,
+        "--h",
+        "0.7 mm",
+    )
     assert added.returncode == 0 and "has 38 now" in added.stdout
-    asked = _run("query", "--db", database, "--torque", "96 N·m", "--bolt", "M12", "--thickness",
-                 "25 mm", "--json", out)  # fmt: skip
+    asked = _run(
+        "query",
+        "--db",
+        database,
+        "--torque",
+        "96 N·m",
+        "--bolt",
+        "M12",
+        "--thickness",
+        "25 mm",
+        "--json",
+        out,
+    )
     assert asked.returncode == 0, asked.stderr
     answer = json.loads(out.read_text())
     assert answer["force_N"] == pytest.approx(40e3) and answer["identified"]["E"] == 5e9

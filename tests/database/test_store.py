@@ -24,13 +24,17 @@ def _awkward() -> list[Joint]:
     texts = ['say "no", or;', "two\nlines, two\r\nends", " Ünïcode µ ", None]
     return [
         Joint(
-            diameter=float(rng.uniform(1e-3, 1e-1)), force=float(10 ** rng.uniform(-9, 9)),
-            thickness=None if i % 3 else 0.1 + 0.2, radius=float(np.nextafter(0.4, 1)),
-            nu=-0.25 if i % 2 else None, author=texts[i % 4], source=texts[(i + 1) % 4],
+            diameter=float(rng.uniform(1e-3, 1e-1)),
+            force=float(10 ** rng.uniform(-9, 9)),
+            thickness=None if i % 3 else 0.1 + 0.2,
+            radius=float(np.nextafter(0.4, 1)),
+            nu=-0.25 if i % 2 else None,
+            author=texts[i % 4],
+            source=texts[(i + 1) % 4],
             settings=settings_text({"P_lim": 1e6, "mesh": [1, "fine"]}),
         )
         for i in range(12)
-    ]  # fmt: skip
+    ]
 
 
 @serial
@@ -166,9 +170,20 @@ def test_a_new_database_takes_no_other_place(tmp_path):
 def test_text_is_no_formula_in_a_spreadsheet_and_comes_back(tmp_path):
     """What Excel and LibreOffice would run (OWASP, CSV injection), and what only looks like it."""
     texts = [
-        '=cmd|"/C calc"!A0', "@SUM(1+9)*cmd", "-2+3", "+1", "\t=1", " =1", "'=1", "''=1",
-        "\uff1d1", "'", "'s-Hertogenbosch", "a=b", "",
-    ]  # fmt: skip
+        '=cmd|"/C calc"!A0',
+        "@SUM(1+9)*cmd",
+        "-2+3",
+        "+1",
+        "\t=1",
+        " =1",
+        "'=1",
+        "''=1",
+        "\uff1d1",
+        "'",
+        "'s-Hertogenbosch",
+        "a=b",
+        "",
+    ]
     rows = [Joint(diameter=0.012, radius=0.04, nu=-0.25, author=t or None) for t in texts]
     with Store(":memory:") as a, Store(":memory:") as b:
         a.add(rows)
@@ -182,10 +197,13 @@ def test_text_is_no_formula_in_a_spreadsheet_and_comes_back(tmp_path):
 
 
 @serial
-@pytest.mark.parametrize("what", [
-    "CREATE TRIGGER t AFTER INSERT ON joints BEGIN DELETE FROM joints; END",
-    "CREATE VIEW v AS SELECT * FROM joints",
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "what",
+    [
+        "CREATE TRIGGER t AFTER INSERT ON joints BEGIN DELETE FROM joints; END",
+        "CREATE VIEW v AS SELECT * FROM joints",
+    ],
+)
 def test_a_database_has_tables_alone(tmp_path, what):
     path = tmp_path / "a.db"
     Store(path, create=True).close()

@@ -65,8 +65,15 @@ def test_ranks_share_a_sweep_and_a_failed_sample_stops_no_other(shared_tmp_path)
         again = sweep(SAMPLES, analyse, store, comm, model="law", settings={"factor": 1.5})
         assert (again.computed, again.finished_before) == (0, 12)
         assert again.failed == first.failed and not any(comm.allgather(calls))
-        sweep(SAMPLES, lambda s, **_: {"radius": 0.03}, store, comm, model="law",
-              settings={"factor": 1.5}, retry=True)  # fmt: skip
+        sweep(
+            SAMPLES,
+            lambda s, **_: {"radius": 0.03},
+            store,
+            comm,
+            model="law",
+            settings={"factor": 1.5},
+            retry=True,
+        )
         assert len(store.joints()) == 16
 
 
@@ -88,10 +95,24 @@ def test_a_killed_sweep_goes_on_and_loses_or_repeats_nothing_finished(tmp_path):
     (tmp_path / "slow_analysis.py").write_text(_SLOW)
     database = tmp_path / "joints.db"
     command = [
-        sys.executable, "-m", "fenics_joints", "database", "sweep", "--db", str(database),
-        "--bolt", "M12", "--force", "10, 20, 30, 40 kN", "--thickness", "10, 20, 30 mm",
-        "--analysis", "slow_analysis:analyse", "--set", f"folder={tmp_path}",
-    ]  # fmt: skip
+        sys.executable,
+        "-m",
+        "fenics_joints",
+        "database",
+        "sweep",
+        "--db",
+        str(database),
+        "--bolt",
+        "M12",
+        "--force",
+        "10, 20, 30, 40 kN",
+        "--thickness",
+        "10, 20, 30 mm",
+        "--analysis",
+        "slow_analysis:analyse",
+        "--set",
+        f"folder={tmp_path}",
+    ]
     if shutil.which("mpirun"):
         command = ["mpirun", "-n", "2", *command]
     environment = {
@@ -107,9 +128,12 @@ def test_a_killed_sweep_goes_on_and_loses_or_repeats_nothing_finished(tmp_path):
 
     def start():
         return subprocess.Popen(
-            command, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE,
+            command,
+            env=environment,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.PIPE,
             start_new_session=True,
-        )  # fmt: skip
+        )
 
     run = start()
     end = time.monotonic() + 60

@@ -50,14 +50,14 @@ def test_mirror_images_are_one(nearly):
     """Also with a round-off between them; what holds them holds the one."""
     forward = symmetric_chain()
     baseline = {**BASELINE, "right": nearly * BASELINE["right"], "inner": 1e-3}
-    evidence = Evidence(
-        np.ones(1), forward(baseline)[0][None], np.full((1, 4), 1e-3), 0.01
-    )
+    evidence = Evidence(np.ones(1), forward(baseline)[0][None], np.full((1, 4), 1e-3), 0.01)
     effects = [
-        loose("left"), loose("right"), loose("inner"),
+        loose("left"),
+        loose("right"),
+        loose("inner"),
         loose("left", "inner", holds=("left", "inner")),
         loose("right", "inner", holds=("right", "inner")),
-    ]  # fmt: skip
+    ]
     found = {e.key: e for e in one_of_alike(effects, forward, evidence, baseline, MPI.COMM_SELF)}
     both = "two loose (left, inner / right, inner)"
     assert list(found) == ["loose (left / right)", "loose (inner)", both]

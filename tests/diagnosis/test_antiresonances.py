@@ -87,10 +87,10 @@ def measured(tmp_path_factory):
     signs, poles = np.sign([h(f) for f in hz]), modes.frequencies_hz
     # A change of sign is a zero where no resonance is.
     found = [
-        scipy.optimize.brentq(h, a, b) for a, b, s, t in zip(hz, hz[1:], signs, signs[1:],
-                                                             strict=False)
+        scipy.optimize.brentq(h, a, b)
+        for a, b, s, t in zip(hz, hz[1:], signs, signs[1:], strict=False)
         if s != t and not np.any((poles > a) & (poles < b))
-    ]  # fmt: skip
+    ]
     return modes.frequencies_hz[seen], np.array(found[:2])
 
 
@@ -160,9 +160,10 @@ def test_a_beam_driven_at_its_end_has_those_of_a_pinned_one():
     length, width, height, rho = 0.5, 0.02, 0.005, 7800.0
     body = part("bar", "body", E="E", nu=0.0, rho=rho, stretch="s")
     full = Structure(
-        box(MPI.COMM_WORLD, (length, width, height), (24, 1, 1)), [body],
+        box(MPI.COMM_WORLD, (length, width, height), (24, 1, 1)),
+        [body],
         [Parameter("E", 2e11), Parameter("s", 1.0)],
-    )  # fmt: skip
+    )
     end = Sensors([0.0, width / 2, height / 2], [0, 0, 1])
     samples = [{"E": 2e11, "s": s} for s in (1.0, 0.8, 1.25)]
     basis = PointBasis(full, end, places_all_over(full, 40), samples, 24)

@@ -182,8 +182,11 @@ def test_evidence_agrees_with_another_sampler():
     density = multivariate_normal(evidence.data, evidence.covariance())
     sampler = dynesty.NestedSampler(
         lambda z: density.logpdf(many.at(z, slopes=False)[0]),
-        norm.ppf, 3, nlive=300, rstate=np.random.default_rng(1),
-    )  # fmt: skip
+        norm.ppf,
+        3,
+        nlive=300,
+        rstate=np.random.default_rng(1),
+    )
     sampler.run_nested(print_progress=False, dlogz=0.05)
     assert found.log_evidence == pytest.approx(sampler.results.logz[-1], abs=0.2)
 
@@ -199,10 +202,13 @@ def test_sampled_evidence_of_a_banana():
     exact = np.log(trapezoid(trapezoid(grid, y), x))
     found = [
         sampled_evidence(
-            np.array([[0.0, 0.5]]), np.diag([0.8, 1.5])[None], np.ones(1),
-            lambda z, _: log_density(*(z + [0.0, 0.3]).T), seed,
+            np.array([[0.0, 0.5]]),
+            np.diag([0.8, 1.5])[None],
+            np.ones(1),
+            lambda z, _: log_density(*(z + [0.0, 0.3]).T),
+            seed,
         )
         for seed in range(20)
-    ]  # fmt: skip
+    ]
     assert np.mean(found) == pytest.approx(exact, abs=0.08)
     assert np.std(found) < 0.2

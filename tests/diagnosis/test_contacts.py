@@ -28,9 +28,12 @@ def on_mesh(degree: int, size: float, middle: float, **diagnose):
     """The demo's case on another mesh."""
     case = load_case(DEMO).diagnosed()
     change = {
-        "degree": degree, "element_size": size, "radial_size": size / 2, "middle_size": middle,
+        "degree": degree,
+        "element_size": size,
+        "radial_size": size / 2,
+        "middle_size": middle,
         "n_thickness": (1, 1),
-    }  # fmt: skip
+    }
     return case.model_copy(
         update={
             "mesh": case.mesh.model_copy(update=change),
@@ -104,4 +107,3 @@ def test_virtual(cause):
     # The wrong parts are told apart, and held-out modes are predicted better than by any of them.
     assert lead.effects[0].endswith("(joint)")
     assert found.heldout_after < 0.5 * found.placebo_after
-

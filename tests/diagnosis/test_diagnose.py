@@ -5,13 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from mpi4py import MPI
-from virtual_plates import (
-    TORQUES,
-    Measured,
-    assert_same_evidence,
-    virtual_test,
-    write_virtual_case,
-)
+from virtual_plates import TORQUES, Measured, assert_same_evidence, virtual_test, write_virtual_case
 
 from fenics_joints.case import load_case
 from fenics_joints.commands.diagnose.reading import effect_classes
@@ -54,9 +48,7 @@ def diagnosed(tmp_path_factory):
         ({"mass": 0.02}, "0.5 %", "accelerometer mass", {"accelerometer"}, 0.6, 0.9),
     ],
 )
-def test_one_effect_is_named(
-    diagnosed, truth, discrepancy, cause, regions, held, over_placebo
-):
+def test_one_effect_is_named(diagnosed, truth, discrepancy, cause, regions, held, over_placebo):
     result = diagnosed(virtual_test(**truth), discrepancy)
     assert result.verdict == "cause", result.summary
     assert result.effects[0].name == cause
@@ -94,8 +86,10 @@ def test_wrong_thickness_is_not_missed(diagnosed):
     assert fitted["thickness error"].gap < 0.01
     thickness = next(e for e in result.effects if e.name == "thickness error")
     assert set(thickness.class_name.split(" or ")) == {
-        "modulus error", "density error", "thickness error"
-    }  # fmt: skip
+        "modulus error",
+        "density error",
+        "thickness error",
+    }
     assert result.verdict == "cause" and result.effects[0].class_name == thickness.class_name
 
 

@@ -66,19 +66,27 @@ class Series(PointwiseForward):
 def fitted(hertz, ratios=None, levels=LEVELS, *, noise=1.0) -> dict:
     """Each cause, with the joint's stiffness free, fitted to a backbone."""
     data = TestData(
-        levels, np.reshape(hertz, (-1, 1)), ("bending",), "level", "m/s2", noise=noise * NOISE,
+        levels,
+        np.reshape(hertz, (-1, 1)),
+        ("bending",),
+        "level",
+        "m/s2",
+        noise=noise * NOISE,
         damping=None if ratios is None else np.reshape(ratios, (-1, 1)),
         damping_noise=noise * DAMPING_NOISE,
-    )  # fmt: skip
+    )
     evidence = evidence_of(data, 0.01)
     effects, _ = amplitude_effects(data, [Zone("lap")])
     free = relative_error("compliance", "lap", ["lap.G"], 1.0, "")
     found = {}
     for effect in (None, *effects):
         hypothesis = Hypothesis(
-            (effect,) if effect else (), (free,), conditions=tuple(levels), modes=("bending",),
+            (effect,) if effect else (),
+            (free,),
+            conditions=tuple(levels),
+            modes=("bending",),
             damped=ratios is not None,
-        )  # fmt: skip
+        )
         found[effect.name if effect else NONE] = fit(
             hypothesis, Series(), evidence, {"lap.G": Series.joint, "lap.E": 1.0}
         )
@@ -194,8 +202,13 @@ def test_sliders_integrated_in_time_are_micro_slip():
     found = fitted(80.3 * f * noise[0], ratios * noise[1], levels)
     p = odds(found)
     assert p[MICRO_SLIP] > 0.9, p
-    rows = {r["name"]: r for r in found[MICRO_SLIP].hypothesis.table(
-        found[MICRO_SLIP].z, found[MICRO_SLIP].covariance) if "micro" in r["effect"]}  # fmt: skip
+    rows = {
+        r["name"]: r
+        for r in found[MICRO_SLIP].hypothesis.table(
+            found[MICRO_SLIP].z, found[MICRO_SLIP].covariance
+        )
+        if "micro" in r["effect"]
+    }
     assert rows["loss"]["low"] / 1.5 < 1 < 1.5 * rows["loss"]["high"]
 
 

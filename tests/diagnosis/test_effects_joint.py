@@ -11,18 +11,14 @@ from effect_rig import LAYER, theta_of
 
 from fenics_joints.diagnosis.effects.bolts import loose_bolt, low_preload
 from fenics_joints.diagnosis.effects.contact import lost_beyond
-from fenics_joints.diagnosis.effects.joint import (
-    bell_pressure,
-    gives_way,
-    graded,
-    pressed_by_bolts,
-)
+from fenics_joints.diagnosis.effects.joint import bell_pressure, gives_way, graded, pressed_by_bolts
 from fenics_joints.diagnosis.zones.zone import Zone
 
 DISTANCE = np.array([[2e-3, 8e-3], [9e-3, 14e-3], [15e-3, 21e-3]])
 RINGS = [Zone(f"r{i + 1}", thickness=LAYER, distance=tuple(d)) for i, d in enumerate(DISTANCE)]
-STIFF = {key: value for zone in RINGS
-         for key, value in zip(zone.parameters(), (2e11, 8e10), strict=True)}  # fmt: skip
+STIFF = {
+    key: value for zone in RINGS for key, value in zip(zone.parameters(), (2e11, 8e10), strict=True)
+}
 
 
 def put(effect, condition=20.0, **theta):
@@ -87,8 +83,12 @@ def test_pressed_interface_is_softer_further_out_and_lost_beyond():
 def test_contact_is_lost_ring_by_ring_from_outside():
     effect = lost_beyond(RINGS)
     assert put(effect, radius=0.1) == STIFF
-    left = np.array([[put(effect, radius=r)[f"{z.name}.E"] / 2e11 for z in RINGS]
-                     for r in np.linspace(30e-3, 0.0, 200)])  # fmt: skip
+    left = np.array(
+        [
+            [put(effect, radius=r)[f"{z.name}.E"] / 2e11 for z in RINGS]
+            for r in np.linspace(30e-3, 0.0, 200)
+        ]
+    )
     assert np.all(np.diff(left, axis=0) <= 0) and np.all(np.diff(left, axis=1) <= 0)
     assert left[-1, 1:] == pytest.approx([1e-9, 1e-9])
     (prior,) = effect.priors

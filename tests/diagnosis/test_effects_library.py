@@ -30,10 +30,17 @@ def measured(conditions=TORQUES, name="torque", unit="N·m", shapes=False, dampi
     sensors = Sensors(np.array([[x, 0.04, 0.0] for x in (0.0, 0.1, 0.3)]), [0, 0, 1])
     there = np.array([[1.0, 1.0, 1.0], [0.5, -1.0, 0.2], [-1.0, 1.0, 0.1]])
     return TestData(
-        conditions, hz, MODES, name, unit, sensors=sensors, noise=0.01,
+        conditions,
+        hz,
+        MODES,
+        name,
+        unit,
+        sensors=sensors,
+        noise=0.01,
         shapes=there if shapes else None,
-        damping=np.full(shape, 2e-3) if damping else None, damping_noise=0.1 if damping else None,
-    )  # fmt: skip
+        damping=np.full(shape, 2e-3) if damping else None,
+        damping_noise=0.1 if damping else None,
+    )
 
 
 @pytest.fixture(scope="module")
@@ -57,11 +64,18 @@ def test_each_effect_changes_what_it_should_and_no_more(case, zones):
     data = measured(shapes=True, damping=True)
     found, silent = library(case, zones, data, joints="given", rare=True)
     assert {s.effect for s in silent} == {
-        "micro-slip in the joint", "gapping without slip", "damping that grows without softening",
-        "stiffening with the level", "local loss of stiffness", "local gain of stiffness",
-        "added mass", "cable or stinger", "attached resonator", "plate not flat",
+        "micro-slip in the joint",
+        "gapping without slip",
+        "damping that grows without softening",
+        "stiffening with the level",
+        "local loss of stiffness",
+        "local gain of stiffness",
+        "added mass",
+        "cable or stinger",
+        "attached resonator",
+        "plate not flat",
         "thickness not even",
-    }  # fmt: skip
+    }
     baseline = bonded_values(case)
     E, G = ({f"{zone}.{key}" for zone in case.joints} for key in "EG")
     bolt, third = ({k for k in E | G if f"_b{i}_" in k} for i in (2, 3))
@@ -120,8 +134,9 @@ def test_each_effect_changes_what_it_should_and_no_more(case, zones):
     # Nothing in the library but what was looked at here, or its like at another place.
     seen = map(by_key.get, [*expected, lost.key, less.key])
     assert {e.name for e in found} == {e.name for e in seen} | {
-        "density error of all parts", "thickness error of all parts"
-    }  # fmt: skip
+        "density error of all parts",
+        "thickness error of all parts",
+    }
     for effect in found:
         idle = touched(effect, baseline) == set() and effect not in (lost, less)
         assert (effect.apply is None) == idle
@@ -150,9 +165,12 @@ def test_what_a_test_cannot_speak_of_is_said(case, zones):
     found, silent = library(case, zones, measured())
     reasons = {s.effect: s.reason for s in silent}
     assert set(reasons) >= {
-        "preload lower than nominal", "joint hysteretic damping", "joint viscous damping",
-        "sensor mis-scaled", "sensor misplaced",
-    }  # fmt: skip
+        "preload lower than nominal",
+        "joint hysteretic damping",
+        "joint viscous damping",
+        "sensor mis-scaled",
+        "sensor misplaced",
+    }
     assert not set(reasons) & {effect.name for effect in found}
     assert 'joints = "given"' in reasons["preload lower than nominal"]
     assert "no mode shapes" in reasons["sensor misplaced"]
@@ -227,8 +245,13 @@ def test_library_and_model_have_the_same_parameters(zones):
     clamp = {"left_end": {"facets": sorted(zones.tagged.facet_names)[0]}}
     case = zones.case.model_copy(update={"supports": whole({"supports": clamp}).supports})
     model = build_structure(
-        case, MPI.COMM_SELF, law="uncoupled", attached=True, width=True,
-        elastic_supports=True, tagged=zones.tagged,
-    )  # fmt: skip
+        case,
+        MPI.COMM_SELF,
+        law="uncoupled",
+        attached=True,
+        width=True,
+        elastic_supports=True,
+        tagged=zones.tagged,
+    )
     assert set(model.parameters) == set(bonded_values(case))
     assert "left_end.k_n" in model.parameters

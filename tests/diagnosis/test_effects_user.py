@@ -8,13 +8,19 @@ from fenics_joints.diagnosis import Effect
 from fenics_joints.diagnosis.effects.user import for_zones
 
 ZONES = {
-    "near": ("near_b1_r1", "near_b2_r1"), "away": ("away_r1", "away_r2", "away_r3"),
+    "near": ("near_b1_r1", "near_b2_r1"),
+    "away": ("away_r1", "away_r2", "away_r3"),
     "clamp": ("clamp",),
-}  # fmt: skip
+}
 VALUES = {
-    "near_b1_r1.E": 2.0, "near_b2_r1.E": 4.0, "away_r1.E": 8.0, "away_r2.E": 16.0,
-    "away_r3.E": 32.0, "clamp.E": 64.0, "plates.E": 128.0,
-}  # fmt: skip
+    "near_b1_r1.E": 2.0,
+    "near_b2_r1.E": 4.0,
+    "away_r1.E": 8.0,
+    "away_r2.E": 16.0,
+    "away_r3.E": 32.0,
+    "clamp.E": 64.0,
+    "plates.E": 128.0,
+}
 
 
 def applied(apply) -> dict[str, float]:

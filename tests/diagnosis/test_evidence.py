@@ -20,11 +20,19 @@ SENSORS = Sensors(np.array([[x, 0.0, 0.0] for x in (0.0, 0.1, 0.4)]), [0.0, 0.0,
 
 def measured(**changes) -> TestData:
     given = dict(
-        conditions=TORQUES, frequencies_hz=[[100.0, 200.0], [110.0, 230.0]], mode_names=("a", "b"),
-        condition_name="torque", condition_unit="N·m", noise=0.002,
-        damping=[[2e-3, 3e-3], [1e-3, 2e-3]], damping_noise=0.2, sensors=SENSORS,
-        shapes=[[1.0, -2.0], [0.5, np.nan], [-1.0, 4.0]], shape_noise=0.04, shapes_at=5.0,
-    )  # fmt: skip
+        conditions=TORQUES,
+        frequencies_hz=[[100.0, 200.0], [110.0, 230.0]],
+        mode_names=("a", "b"),
+        condition_name="torque",
+        condition_unit="N·m",
+        noise=0.002,
+        damping=[[2e-3, 3e-3], [1e-3, 2e-3]],
+        damping_noise=0.2,
+        sensors=SENSORS,
+        shapes=[[1.0, -2.0], [0.5, np.nan], [-1.0, 4.0]],
+        shape_noise=0.04,
+        shapes_at=5.0,
+    )
     return TestData(**(given | changes))
 
 
@@ -68,9 +76,11 @@ def test_what_is_missing_or_held_out_is_not_fitted():
     e = evidence.entries
     lost = {(e.kind[i], e.row[i], e.mode[i], e.sensor[i]) for i in np.flatnonzero(~evidence.fitted)}
     assert lost == {
-        (FREQUENCY, 0, 1, -1), (DAMPING, 0, 1, -1), (DAMPING, 1, 0, -1),
+        (FREQUENCY, 0, 1, -1),
+        (DAMPING, 0, 1, -1),
+        (DAMPING, 1, 0, -1),
         *((SHAPE, 0, 1, i) for i in range(3)),
-    }  # fmt: skip
+    }
     held = np.zeros((2, 2), dtype=bool)
     held[:, 0] = True
     without = evidence.without(held)
@@ -106,17 +116,30 @@ def test_repeated_data_do_not_sharpen_what_is_known(kind):
     if kind == "frequencies":
         slope = np.ones(2)
         many = replace(
-            single, conditions=np.full(100, 10.0), log_f=np.repeat(f, 100, 0),
-            log_sd=np.full((100, 2), 0.003), used=None,
-        )  # fmt: skip
+            single,
+            conditions=np.full(100, 10.0),
+            log_f=np.repeat(f, 100, 0),
+            log_sd=np.full((100, 2), 0.003),
+            used=None,
+        )
         best = replace(single, log_sd=np.full((1, 2), 1e-9))
         assert information(many, np.tile(slope, 100)) < information(best, slope)
         # And a whole sweep, run twice.
         sweep = np.geomspace(5.0, 20.0, 4)
-        once = replace(single, conditions=sweep, log_f=np.repeat(f, 4, 0),
-                       log_sd=np.full((4, 2), 0.003), used=None)  # fmt: skip
-        twice = replace(once, conditions=np.tile(sweep, 2), log_f=np.repeat(f, 8, 0),
-                        log_sd=np.full((8, 2), 0.003), used=None)  # fmt: skip
+        once = replace(
+            single,
+            conditions=sweep,
+            log_f=np.repeat(f, 4, 0),
+            log_sd=np.full((4, 2), 0.003),
+            used=None,
+        )
+        twice = replace(
+            once,
+            conditions=np.tile(sweep, 2),
+            log_f=np.repeat(f, 8, 0),
+            log_sd=np.full((8, 2), 0.003),
+            used=None,
+        )
         gained = information(twice, np.ones(16)) / information(once, np.ones(8))
         assert 1.0 <= gained < 1.1
         return
@@ -146,9 +169,14 @@ def test_close_modes_may_turn_into_one_another_as_far_as_the_models_error_turns_
     def squares(hz, turned):
         """Mahalanobis' square of a pair of shapes, beside the other shapes' error and noise."""
         data = measured(
-            conditions=[5.0], frequencies_hz=[hz], damping=None, damping_noise=None, shapes=shapes,
-            shape_noise=0.01, sensors=Sensors(points, [0.0, 0.0, 1.0]),
-        )  # fmt: skip
+            conditions=[5.0],
+            frequencies_hz=[hz],
+            damping=None,
+            damping_noise=None,
+            shapes=shapes,
+            shape_noise=0.01,
+            sensors=Sensors(points, [0.0, 0.0, 1.0]),
+        )
         evidence = evidence_of(data, 0.01)
         is_shape = evidence.entries.kind == SHAPE
         C = evidence.full_covariance()[np.ix_(is_shape, is_shape)]
@@ -181,9 +209,14 @@ def test_a_shape_may_turn_into_a_mode_that_the_test_lacks():
     turn = modes.copy()
     turn[:, 1] = np.cos(angle) * modes[:, 1] + np.sin(angle) * modes[:, 2]
     data = measured(
-        conditions=[5.0], frequencies_hz=[hz[:2]], damping=None, damping_noise=None,
-        shapes=turn[:, :2], shape_noise=0.01, sensors=Sensors(points, [0.0, 0.0, 1.0]),
-    )  # fmt: skip
+        conditions=[5.0],
+        frequencies_hz=[hz[:2]],
+        damping=None,
+        damping_noise=None,
+        shapes=turn[:, :2],
+        shape_noise=0.01,
+        sensors=Sensors(points, [0.0, 0.0, 1.0]),
+    )
     alone = evidence_of(data, 0.01)
     beside = replace(alone, neighbours=Neighbours(np.log(hz), modes, np.arange(2)))
 

@@ -166,9 +166,10 @@ def test_of_a_free_bar_with_the_resonances_of_a_test():
     length, width, height, rho = 0.5, 0.02, 0.005, 7800.0
     body = part("bar", "body", E="E", nu=0.0, rho=rho, stretch="s")
     full = Structure(
-        box(MPI.COMM_WORLD, (length, width, height), (24, 1, 1)), [body],
+        box(MPI.COMM_WORLD, (length, width, height), (24, 1, 1)),
+        [body],
         [Parameter("E", 2e11), Parameter("s", 1.0)],
-    )  # fmt: skip
+    )
     end = Sensors([0.0, width / 2, height / 2], [0, 0, 1])
     samples = [{"E": 2e11, "s": s} for s in (1.0, 0.8, 1.25)]
     basis = PointBasis(full, end, places_all_over(full, 40), samples, 24, tolerance=1e-6)

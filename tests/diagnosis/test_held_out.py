@@ -55,8 +55,10 @@ def draw(rng, truth, shape=(4, 5)):
 def candidates(evidence):
     effects = [shift(i) for i in range(3)]
     chosen = [(), *[(e,) for e in effects]]
-    return [fit(Hypothesis(c, name="" if c else "none"), FORWARD, evidence, FORWARD.baseline)
-            for c in chosen]  # fmt: skip
+    return [
+        fit(Hypothesis(c, name="" if c else "none"), FORWARD, evidence, FORWARD.baseline)
+        for c in chosen
+    ]
 
 
 def library(evidence):
@@ -66,9 +68,12 @@ def library(evidence):
 def validate(evidence, wrong, masks=None):
     fits = candidates(evidence)
     return cross_validate(
-        fits, np.zeros(len(fits)), wrong, library(evidence),
+        fits,
+        np.zeros(len(fits)),
+        wrong,
+        library(evidence),
         folds(TORQUES, MODES, ("torque", "N·m")) if masks is None else masks,
-    )  # fmt: skip
+    )
 
 
 def test_stated_intervals_hold_as_often_as_they_say():
@@ -105,15 +110,25 @@ def test_the_right_effect_shrinks_what_a_wrong_one_cannot():
     assert found.shrink > 0.9 and found.placebo_shrink < 0.3
     assert found.claimed and found.excess_interval[0] > 0.5
     assert found.noise == pytest.approx(SD)
-    assert found.before == pytest.approx(np.sqrt(np.mean(np.expm1(
-        5.0 - np.concatenate([evidence.log_f[m] for _, m in folds(TORQUES, MODES, ("", ""))])) ** 2
-    )))  # fmt: skip
+    assert found.before == pytest.approx(
+        np.sqrt(
+            np.mean(
+                np.expm1(
+                    5.0
+                    - np.concatenate(
+                        [evidence.log_f[m] for _, m in folds(TORQUES, MODES, ("", ""))]
+                    )
+                )
+                ** 2
+            )
+        )
+    )
     assert json.loads(json.dumps(found.to_json()))["folds"][0]["n"] == 4
 
     # Where nothing but a wrong effect can be chosen nothing is claimed.
     others = [f for f in candidates(evidence) if wrong(f)]
     masks = folds(TORQUES, MODES, ("torque", "N·m"))
-    lost = cross_validate(others, [0.0, 0.0], lambda f: True, library(evidence), masks)  # fmt: skip
+    lost = cross_validate(others, [0.0, 0.0], lambda f: True, library(evidence), masks)
     assert lost.shrink < 0.3 and lost.excess == 0.0 and not lost.claimed
 
 
@@ -127,9 +142,12 @@ def test_a_wrong_effect_that_predicts_the_same_is_no_rival():
     twin = Effect("twin", "", (Prior("d", 0.0, 1.0, log=False),), apply)
     fits = [*candidates(evidence), fit(Hypothesis((twin,)), FORWARD, evidence, FORWARD.baseline)]
     found = cross_validate(
-        fits, [0.0, 0.0, 0.0, 0.0, -1.0], lambda f: f.hypothesis.effects == (twin,),
-        library(evidence), folds(TORQUES, MODES, ("torque", "N·m")),
-    )  # fmt: skip
+        fits,
+        [0.0, 0.0, 0.0, 0.0, -1.0],
+        lambda f: f.hypothesis.effects == (twin,),
+        library(evidence),
+        folds(TORQUES, MODES, ("torque", "N·m")),
+    )
     assert not any(f.placebo_chosen for f in found.folds)
     assert found.placebo == found.before and found.claimed and confirmed(found)
 
@@ -141,17 +159,23 @@ def test_modes_that_the_nominal_model_lacks_are_held_out_too():
     lacks = np.array([True, False, True, True, True])
     found, whole = (
         cross_validate(
-            fits, np.zeros(4), lambda f: f.hypothesis.label == "effect 1",
-            library(evidence), masks, causes={"it": lambda f: f.hypothesis.label == "effect 0"},
+            fits,
+            np.zeros(4),
+            lambda f: f.hypothesis.label == "effect 1",
+            library(evidence),
+            masks,
+            causes={"it": lambda f: f.hypothesis.label == "effect 0"},
             not_nominal=mask,
-        ) for mask in (lacks, None)
-    )  # fmt: skip
+        )
+        for mask in (lacks, None)
+    )
     own = np.expm1(5.0 - evidence.log_f[:, 1])
     assert found.before == pytest.approx(np.sqrt(np.mean(own**2)))
     for name in ("after", "placebo", "noise", "coverage", "entries_coverage", "gains"):
         assert getattr(found, name) == getattr(whole, name), name
-    assert [np.isfinite(f.before) for f in found.folds] == [bool((m & ~lacks).any())
-                                                           for _, m in masks]  # fmt: skip
+    assert [np.isfinite(f.before) for f in found.folds] == [
+        bool((m & ~lacks).any()) for _, m in masks
+    ]
     assert found.claimed and confirmed(found)
 
 
@@ -229,8 +253,9 @@ def test_intervals_hold_though_less_than_is_stated_is_wrong(stated):
         for _ in range(300):
             error = rng.standard_normal((2, 1, 12))
             log_f = 5.0 + DISCREPANCY * error[0] + 0.1 * SD * error[1]
-            evidence = Evidence(np.ones(1), log_f, 0.1 * blank, stated * DISCREPANCY,
-                                used=np.arange(12)[None] < m)  # fmt: skip
+            evidence = Evidence(
+                np.ones(1), log_f, 0.1 * blank, stated * DISCREPANCY, used=np.arange(12)[None] < m
+            )
             mask = np.arange(12)[None] == 0
             blind = blinded(evidence, mask)
             refit = fit(Hypothesis((), name="none"), one, blind, one.baseline)
@@ -265,9 +290,16 @@ def test_all_that_is_stated_is_there_where_it_is(between):
 def test_names_of_folds():
     names = [name for name, _ in folds(TORQUES, MODES, ("torque", "N·m"))]
     assert names == [
-        "mode a", "mode b", "mode c", "mode d", "mode e", "top band, d to e",
-        "torque 5 to 10 N·m", "torque 20 N·m", "torque 40 N·m",
-    ]  # fmt: skip
+        "mode a",
+        "mode b",
+        "mode c",
+        "mode d",
+        "mode e",
+        "top band, d to e",
+        "torque 5 to 10 N·m",
+        "torque 20 N·m",
+        "torque 40 N·m",
+    ]
     assert not any(name.startswith("top") for name, _ in folds(TORQUES, MODES[:3], ("", "")))
 
 
@@ -277,19 +309,31 @@ def test_each_of_several_causes_has_to_make_held_out_data_more_probable():
     Of 30 such tests one bears out the third, as often as odds of 20 to 1 may.
     """
     evidence = draw(np.random.default_rng(0), np.array([1.0, 0.8, 0.0]))
-    chosen = [(), *([(shift(i),) for i in range(3)]), (shift(0), shift(1)),
-              (shift(0), shift(2)), (shift(1), shift(2)), tuple(map(shift, range(3)))]  # fmt: skip
-    fits = [fit(Hypothesis(c, name="" if c else "none"), FORWARD, evidence, FORWARD.baseline)
-            for c in chosen]  # fmt: skip
+    chosen = [
+        (),
+        *([(shift(i),) for i in range(3)]),
+        (shift(0), shift(1)),
+        (shift(0), shift(2)),
+        (shift(1), shift(2)),
+        tuple(map(shift, range(3))),
+    ]
+    fits = [
+        fit(Hypothesis(c, name="" if c else "none"), FORWARD, evidence, FORWARD.baseline)
+        for c in chosen
+    ]
 
     def holds(name):
         return lambda f: any(e.name == name for e in f.hypothesis.effects)
 
     causes = {f"effect {i}": holds(f"effect {i}") for i in range(3)}
     found = cross_validate(
-        fits, np.zeros(len(fits)), lambda f: not holds("effect 0")(f), library(evidence),
-        folds(TORQUES, MODES, ("torque", "N·m")), causes=causes,
-    )  # fmt: skip
+        fits,
+        np.zeros(len(fits)),
+        lambda f: not holds("effect 0")(f),
+        library(evidence),
+        folds(TORQUES, MODES, ("torque", "N·m")),
+        causes=causes,
+    )
     assert found.gains["effect 0"] > 20 and found.gains["effect 1"] > 20
     assert found.gains["effect 2"] < 1
     assert unproved(found) == ["effect 2"] and confirmed(found)

@@ -44,13 +44,14 @@ def forward():
     inertia = np.diag(1 + 0.5 * np.cos(np.arange(N)))
     parameters = {name: Parameter(name, BASELINE[name]) for name in NAMES}
     pencil = AffinePencil(
-        parameters, [RegionTerm("a", law, properties, stiffness, inertia, 1.0)],
+        parameters,
+        [RegionTerm("a", law, properties, stiffness, inertia, 1.0)],
         [SpringTerm("ground", "ground.E", 1.0, np.eye(N)[3])],
-    )  # fmt: skip
+    )
     rows = np.eye(N)[list(SENSORS)]
-    shifts = np.stack([
-        (np.roll(np.eye(N), way, axis=1) - np.eye(N))[list(SENSORS)] for way in (1, -3)
-    ])  # fmt: skip
+    shifts = np.stack(
+        [(np.roll(np.eye(N), way, axis=1) - np.eye(N))[list(SENSORS)] for way in (1, -3)]
+    )
     points = np.column_stack([SENSORS, np.zeros(5), np.zeros(5)]).astype(float)
     model = ArrayModel(pencil, 100.0, rows, shifts)
     return Forward(model, Sensors(points, [0.0, 0.0, 1.0]), 3, 12)
@@ -79,10 +80,15 @@ def evidence_for(forward, damped: bool) -> Evidence:
     shapes[3, 1] = np.nan
     f = np.tile(forward(BASELINE)[0], (2, 1))
     return Evidence(
-        np.array(TORQUES), f, np.full((2, 3), 0.01), 0.01,
+        np.array(TORQUES),
+        f,
+        np.full((2, 3), 0.01),
+        0.01,
         log_damping=np.full((2, 3), np.log(0.01)) if damped else None,
-        shapes=shapes, shape_row=1, near=np.eye(5),
-    )  # fmt: skip
+        shapes=shapes,
+        shape_row=1,
+        near=np.eye(5),
+    )
 
 
 EFFECTS = {
@@ -100,9 +106,13 @@ EFFECTS = {
 @pytest.mark.parametrize("kind", list(EFFECTS))
 def test_derivatives_are_differences(forward, kind, damped):
     hypothesis = Hypothesis(
-        (stiffer(depends=True), *EFFECTS[kind]), (lighter(),), scatter=0.2, conditions=TORQUES,
-        modes=MODES, damped=damped,
-    )  # fmt: skip
+        (stiffer(depends=True), *EFFECTS[kind]),
+        (lighter(),),
+        scatter=0.2,
+        conditions=TORQUES,
+        modes=MODES,
+        damped=damped,
+    )
     evidence = evidence_for(forward, damped)
     rng = np.random.default_rng(6)
     z = 0.6 * rng.standard_normal(len(hypothesis.priors))
@@ -228,9 +238,14 @@ def test_modes_that_change_places_along_the_torque_are_followed():
     G = 3e6 * np.exp(0.9)
     exact = 0.5 * np.log(np.array([[4e6, G * 0.25**0.5], [4e6, G]]) / 1.2) - np.log(2 * np.pi)
     evidence = Evidence(
-        np.array(TORQUES), exact, np.full((2, 2), 0.01), 0.01,
-        shapes=np.ones((1, 2)), shape_row=1, near=np.eye(1),
-    )  # fmt: skip
+        np.array(TORQUES),
+        exact,
+        np.full((2, 2), 0.01),
+        0.01,
+        shapes=np.ones((1, 2)),
+        shape_row=1,
+        near=np.eye(1),
+    )
     found, _ = ManyPredictions(hypothesis, one, evidence, BASELINE).at(z)
     assert exact[0, 1] < exact[0, 0] < exact[1, 1]
     assert found[:4] == pytest.approx(exact.ravel(), rel=1e-9)
@@ -243,9 +258,7 @@ def test_an_effect_that_takes_one_condition_at_a_time(forward):
         values["a.G"] *= theta["factor"] if torque > 10.0 else 1.0
 
     own = Effect("own", "", (Prior("factor", 1.0, 0.5),), apply, depends_on_condition=True)
-    hypothesis = Hypothesis(
-        (own,), (lighter(),), scatter=0.1, conditions=TORQUES, modes=MODES
-    )
+    hypothesis = Hypothesis((own,), (lighter(),), scatter=0.1, conditions=TORQUES, modes=MODES)
     evidence, z = evidence_for(forward, damped=False), np.array([0.2, 0.7, 0.1, -0.2])
     one, up, down = (
         one_by_one(hypothesis, forward, evidence, z + s, BASELINE)
@@ -288,9 +301,13 @@ def test_modes_of_one_level_have_no_amplitude_of_their_own(forward, driven):
     evidence = replace(measured, log_f=log_f, log_damping=log_f - 4, used=None)
     assert evidence.driven == driven
     hypothesis = Hypothesis(
-        (micro_slip([Zone("a")], 20.0),), (lighter(),), conditions=TORQUES, modes=MODES,
-        damped=True, driven=evidence.driven,
-    )  # fmt: skip
+        (micro_slip([Zone("a")], 20.0),),
+        (lighter(),),
+        conditions=TORQUES,
+        modes=MODES,
+        damped=True,
+        driven=evidence.driven,
+    )
     assert [p.name for p in hypothesis.amplitudes] == ["three over two"][: len(driven) - 1]
     z = 0.4 * np.random.default_rng(8).standard_normal((2, len(hypothesis.priors)))
     many = ManyPredictions(hypothesis, forward, evidence, BASELINE)
@@ -318,13 +335,20 @@ def test_many_torques_lie_between_few(forward, damped):
     torques = tuple(np.linspace(2.0, 22.0, 11).tolist())
     f = np.tile(forward(BASELINE)[0], (11, 1))
     evidence = Evidence(
-        np.array(torques), f, np.full((11, 3), 0.01), 0.01,
+        np.array(torques),
+        f,
+        np.full((11, 3), 0.01),
+        0.01,
         log_damping=np.full((11, 3), np.log(0.01)) if damped else None,
-    )  # fmt: skip
+    )
     hypothesis = Hypothesis(
-        (stiffer(depends=True),), (lighter(),), scatter=0.2, conditions=torques, modes=MODES,
+        (stiffer(depends=True),),
+        (lighter(),),
+        scatter=0.2,
+        conditions=torques,
+        modes=MODES,
         damped=damped,
-    )  # fmt: skip
+    )
     z = 0.6 * np.random.default_rng(6).standard_normal((4, len(hypothesis.priors)))
     few, each = (
         ManyPredictions(hypothesis, forward, evidence, BASELINE, between=between)

@@ -131,15 +131,21 @@ def test_a_cause_that_predicts_no_part_held_out_best_is_less_probable():
         SimpleNamespace(hypothesis=SimpleNamespace(effects=[SimpleNamespace(key=k) for k in keys]))
         for keys in (("a",), ("a", "b"), (), ("b",))
     ]
-    best = [(0.1, 0.02, 0.05), (0.1, 0.03, 0.02), (0.1, 0.2, np.nan), (np.nan, 0.1, 0.1),
-            (0.01, 0.02, 0.03)]  # fmt: skip
+    best = [
+        (0.1, 0.02, 0.05),
+        (0.1, 0.03, 0.02),
+        (0.1, 0.2, np.nan),
+        (np.nan, 0.1, 0.1),
+        (0.01, 0.02, 0.03),
+    ]
     folds = [fold("part", before=b, after=a, placebo=p) for b, a, p in best]
     raw = np.array([0.6, 0.3, 0.08, 0.02])
     found, p = after_held_out(fits, raw, {"a"}, Shrinkage(folds=folds))
     odds = held_out_factor(1, 5) * 0.9 / 0.1
     assert p.sum() == pytest.approx(1.0)
-    named = [q for f, q in zip(found, p, strict=True)
-             if any(e.key == "a" for e in f.hypothesis.effects)]  # fmt: skip
+    named = [
+        q for f, q in zip(found, p, strict=True) if any(e.key == "a" for e in f.hypothesis.effects)
+    ]
     assert sum(named) == pytest.approx(odds / (1 + odds))
     assert named[0] == pytest.approx(2 * named[1])
     # Parts in which the nominal model errs no more than noise say nothing.

@@ -45,14 +45,19 @@ NAMES = ["accelerometer mass", "joint tangential compliance", "modulus error"]
 OPTIONS = {"n_modes": 18, "samples": 8, "max_effects": 1, "patches": 0, "mesh_error": False}
 ATTACHED = {
     "accelerometer": {
-        "kind": "mass", "points": [[0.01, 0.04, 0.0]], "mass": 0.02, "tolerance": 0.1,
+        "kind": "mass",
+        "points": [[0.01, 0.04, 0.0]],
+        "mass": 0.02,
+        "tolerance": 0.1,
         "travel": [0.005, 0.195],
     },
     "suspension": {
-        "kind": "spring", "points": [[0.02, 0.0, 4e-3], [0.3, 0.0, 12.5e-3]],
-        "direction": [0, 1, 0], "stiffness": "1 kN/m",
+        "kind": "spring",
+        "points": [[0.02, 0.0, 4e-3], [0.3, 0.0, 12.5e-3]],
+        "direction": [0, 1, 0],
+        "stiffness": "1 kN/m",
     },
-}  # fmt: skip
+}
 ALONG = np.array([0.01, 0.06, 0.11, 0.16, 0.21, 0.26, 0.31])
 
 
@@ -61,8 +66,9 @@ def plates(comm, *, regions=None, **more) -> Structure:
     if regions is None:
         regions = [
             part("plates", CELLS, E="modulus", nu=NU, rho=RHO, stretch="t"),
-            joint("near", "joint_near", E=1e9, G=0.4e9), joint("away", "joint_away", E="k", G=4e8),
-        ]  # fmt: skip
+            joint("near", "joint_near", E=1e9, G=0.4e9),
+            joint("away", "joint_away", E="k", G=4e8),
+        ]
     parameters = [Parameter("modulus", E), Parameter("t", 1.0), Parameter("k", 1e9)]
     tagged = lap_plates(comm, element_size=0.02, n_thickness=1)
     tagged = replace(tagged, points={}) if more.pop("unbolted", False) else tagged
@@ -71,8 +77,9 @@ def plates(comm, *, regions=None, **more) -> Structure:
 
 def measured(**truth) -> TestData:
     found = virtual_test(**truth).noisy()
-    sensors = Sensors(np.array([ALONG, 0 * ALONG + 0.04, np.where(ALONG < 0.12, 8e-3, 16.5e-3)]).T,
-                      [0, 0, 1])  # fmt: skip
+    sensors = Sensors(
+        np.array([ALONG, 0 * ALONG + 0.04, np.where(ALONG < 0.12, 8e-3, 16.5e-3)]).T, [0, 0, 1]
+    )
     names = [f"bending {i + 1}" for i in range(4)]
     return TestData(
         TORQUES, found.frequencies_hz, names, "torque", "N·m", noise=NOISE, sensors=sensors
@@ -133,9 +140,13 @@ def test_effects_are_all_that_is_weighed(monkeypatch):
     monkeypatch.setattr(builtins, "__import__", without)
     rows = found.table()
     assert rows[0] == {
-        "name": "film", "region": "lap", "probability": found.effects[0].probability,
-        "class": "film", "detectable": True, "odds": 1.0,
-    }  # fmt: skip
+        "name": "film",
+        "region": "lap",
+        "probability": found.effects[0].probability,
+        "class": "film",
+        "detectable": True,
+        "odds": 1.0,
+    }
     with pytest.raises(InputError, match="effects, parameters"):
         found.table("causes")
 
@@ -144,14 +155,16 @@ def all_kinds(comm) -> Structure:
     """Something of everything that a structure may be made of, but for what is refused."""
     axis, top = (0.0, 0.6, 0.8), 16.5e-3
     return plates(
-        comm, unbolted=True,
+        comm,
+        unbolted=True,
         regions=[
             part("plates", CELLS, E=E, nu=NU, rho=RHO),
             joint("near", "joint_near", E=8.6e8, G="G", law="isotropic", rho=1e3),
             interface("away", "joint_away", k_n=2e12, k_t=1e12, meshed=0.5e-3),
         ],
         parameters=[
-            Parameter("G", 3.4e8), Parameter("bolts.mass", 0.2),
+            Parameter("G", 3.4e8),
+            Parameter("bolts.mass", 0.2),
             Parameter("at", 0.0, "m", -0.01, 0.1, log=False),
         ],
         masses=[
@@ -162,9 +175,11 @@ def all_kinds(comm) -> Structure:
             PointMass("moved", 0.04, (0.3, 0.04, top), (-1.0, 0.0, 0.0), 0.05),
         ],
         springs=[Spring("a", 2e5, (0.02, 0.0, 4e-3), axis), Spring("b", 1e6, (0.2, 0.0, 4e-3))],
-        supports=[ElasticSupport("clamp", "end_1", 1e12, 5e11),
-                  Support(points=[(0.32, 0.0, top)], directions=(2,))],
-    )  # fmt: skip
+        supports=[
+            ElasticSupport("clamp", "end_1", 1e12, 5e11),
+            Support(points=[(0.32, 0.0, top)], directions=(2,)),
+        ],
+    )
 
 
 def test_a_structure_comes_back_as_it_was():
@@ -212,8 +227,10 @@ def test_what_is_not_usable_is_refused():
         (lambda: diagnose(of(near, graded), test), "away.E is a function of position"),
         (lambda: diagnose(of(near, thick), test), "away.thickness = 2"),
         (lambda: diagnose(of(near, spaced), test), "'far off' is not usable"),
-        (lambda: diagnose(good, test.again("heavier", np.full(4, 100.0), {"m": 1.0})),
-         "test.known: 'm'"),
-    ]:  # fmt: skip
+        (
+            lambda: diagnose(good, test.again("heavier", np.full(4, 100.0), {"m": 1.0})),
+            "test.known: 'm'",
+        ),
+    ]:
         with pytest.raises(InputError, match=match):
             what()

@@ -47,8 +47,11 @@ def lap(comm, softened: float = 1.0) -> Structure:
     plates = part("plates", ("plate_1", "plate_2"), E=modulus, nu=NU, rho="rho")
     layer = joint("joint", ("joint_near", "joint_away"), E="kE", G="kG")
     parameters = [
-        Parameter("E", E), Parameter("rho", RHO), Parameter("kE", 90e9), Parameter("kG", 25e9),
-    ]  # fmt: skip
+        Parameter("E", E),
+        Parameter("rho", RHO),
+        Parameter("kE", 90e9),
+        Parameter("kG", 25e9),
+    ]
     mass = PointMass("mass", 0.2, (0.31, 0.04, 0.0165))
     return Structure(tagged, [plates, layer], parameters, masses=[mass])
 
@@ -97,8 +100,10 @@ def map_of(cells, modes, pairing, evidence, residual, nuisance, n, soft) -> Patc
     """The map by frequencies alone."""
     split = patches(cells, n)
     columns = columns_of(cells, modes, pairing, split, soft)
-    places = [Place(name, region, "joint" if region == "joint" else "part", own)
-              for name, region, own in zip(split.names, split.region, columns, strict=True)]
+    places = [
+        Place(name, region, "joint" if region == "joint" else "part", own)
+        for name, region, own in zip(split.names, split.region, columns, strict=True)
+    ]
     tests = score_tests(residual, places, nuisance, evidence)
     drawn = cells.gather(cells.corners, split.number) or (None, None)
     return PatchMap(tuple(tests), split.middle, split.volume, cells.bolts, 0.05, *drawn)
@@ -133,9 +138,7 @@ def test_the_softened_end_is_found(nominal, soft):
     residual = log_f[0] - np.log(modes.frequencies_hz[6:])
     stiffness = frequency_sensitivity(modes, pairing.index) * [E, RHO, 0, 0]
     cells = MeshCells(structure)
-    found = map_of(
-        cells, modes, pairing, evidence, residual, 0.01 * stiffness[:, :2], 10, soft
-    )
+    found = map_of(cells, modes, pairing, evidence, residual, 0.01 * stiffness[:, :2], 10, soft)
     best = int(np.argmax(found.share))
     assert found.significant[best] and found.share[best] > 0.9
     assert found.region[best] == "plates" and found.middle[best][0] < 0.06
@@ -168,11 +171,19 @@ def test_patches_go_to_pyvista_cell_by_cell(monkeypatch):
     tests = [
         ScoreTest("", name, "part", 1.0, dof, 0.0, p, p, share, 0.5, 0.0, (), (), log_f)
         for name, dof, p, share, log_f in (
-            ("a", 2, 0.5, 0.1, 0.01), ("b", 2, 1e-9, 0.8, -0.01), ("c", 0, 1.0, 0.0, 0.0)
+            ("a", 2, 0.5, 0.1, 0.01),
+            ("b", 2, 1e-9, 0.8, -0.01),
+            ("c", 0, 1.0, 0.0, 0.0),
         )
-    ]  # fmt: skip
-    found = PatchMap(tuple(tests), np.zeros((3, 3)), np.ones(3), np.zeros((0, 3)),
-                     vertices=vertices, patch=np.array([1, 0, 2]))  # fmt: skip
+    ]
+    found = PatchMap(
+        tuple(tests),
+        np.zeros((3, 3)),
+        np.ones(3),
+        np.zeros((0, 3)),
+        vertices=vertices,
+        patch=np.array([1, 0, 2]),
+    )
     grid = found.to_pyvista()
     assert grid.n_cells == 3 and len(grid.points) == 16 and np.ptp(grid.points[:, 0]) == 3
     shown = {name: np.asarray(values).tolist() for name, values in grid.cell_data.items()}

@@ -154,9 +154,13 @@ def planned(write_case):
 
     def write(folder, *edits):
         write_case(
-            folder, (MEASURED, ""), (VALIDATION, ""), ("[test.sees]", PLANNED),
-            (UPDATE, 'parameters = ["near.E"]\n'), *edits,
-        )  # fmt: skip
+            folder,
+            (MEASURED, ""),
+            (VALIDATION, ""),
+            ("[test.sees]", PLANNED),
+            (UPDATE, 'parameters = ["near.E"]\n'),
+            *edits,
+        )
         for table in folder.glob("*.csv"):
             table.unlink()
         return folder
@@ -276,10 +280,7 @@ def test_virtual_tests_are_confused_as_often_as_planned(tmp_path, planned):
         z[-1] = study.expected[0].own[0]
         data = test.predict(truth, z, model.baseline)[0] + lower @ rng.standard_normal(8)
         seen = replace(evidence, log_f=data.reshape(2, 4))
-        fits = [
-            fit(test.hypothesis(e), model.forward, seen, model.baseline)
-            for e in study.effects
-        ]  # fmt: skip
+        fits = [fit(test.hypothesis(e), model.forward, seen, model.baseline) for e in study.effects]
         taken[int(np.argmin([f.misfit + f.z @ f.z for f in fits]))] += 1
     p = norm.cdf(-study.distances[0, 1])
     assert 0.02 < p < 0.45
@@ -290,9 +291,7 @@ def test_of_many_sensors_four_are_looked_at():
     """The best seen, the least, and two between; other effects and few sensors stay as they are."""
     lengths = np.array([3.0, 9.0, 1.0, 7.0, 4.0, 8.0, 2.0])
     test, baseline = toy(np.diag(lengths))
-    sensors = [
-        replace(shift(i, 0.05), name=MISSCALED, region=f"sensor {i + 1}") for i in range(7)
-    ]
+    sensors = [replace(shift(i, 0.05), name=MISSCALED, region=f"sensor {i + 1}") for i in range(7)]
     other = shift(3, 0.05)
     kept, silent = few_sensors(test, [*sensors, other], baseline)
     assert [e.region for e in kept] == ["sensor 1", "sensor 2", "sensor 3", "sensor 4", ""]

@@ -31,10 +31,14 @@ def test_grams_of_a_mass_that_was_put_on_a_plate(grams, tmp_path):
     found = fit(unknown, model.forward, model.evidence, model.baseline)
     seen = model.surrogate
     point = point_mass(
-        found, model.evidence, seen.nominal, seen.pairing, model.data.sensors,
+        found,
+        model.evidence,
+        seen.nominal,
+        seen.pairing,
+        model.data.sensors,
         np.unique(places_all_over(model.full, 240).points, axis=0),
         model.full.total_mass(model.baseline),
-    )  # fmt: skip
+    )
     if not grams:
         assert point is None
         return

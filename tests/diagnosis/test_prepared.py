@@ -66,7 +66,12 @@ def test_half_of_the_held_out_gap_beyond_noise_confirms(shrink, expected):
     """Better than chance and than the best wrong effect alone do not."""
     before, noise = 0.3739, 0.001
     found = Shrinkage(
-        before=before, after=before - shrink * (before - noise), noise=noise, shrink=shrink,
-        shrink_interval=(0.12, 0.85), claimed=True, folds=[None],
-    )  # fmt: skip
+        before=before,
+        after=before - shrink * (before - noise),
+        noise=noise,
+        shrink=shrink,
+        shrink_interval=(0.12, 0.85),
+        claimed=True,
+        folds=[None],
+    )
     assert confirmed(found) == expected

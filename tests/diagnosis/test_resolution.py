@@ -126,8 +126,9 @@ def test_the_mesh_error_is_taken_off_and_a_part_of_it_stays():
 
 def test_the_larger_of_mesh_error_and_discrepancy_counts():
     log_f = np.log([[100.0, 200.0, 300.0]])
-    test = Evidence(np.array([1.0]), log_f, np.zeros((1, 3)), 0.01,
-                    mesh_error=np.array([0.002, 0.03, 0.01]))  # fmt: skip
+    test = Evidence(
+        np.array([1.0]), log_f, np.zeros((1, 3)), 0.01, mesh_error=np.array([0.002, 0.03, 0.01])
+    )
     assert np.sqrt(np.diag(test.covariance())) == pytest.approx([0.01, 0.03, 0.01])
 
 

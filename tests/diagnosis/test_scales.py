@@ -26,9 +26,7 @@ def setting(true: float):
     forward = Linear(rng.standard_normal((4, 2)) * 0.05)
     own = true * rng.standard_normal(4) + NOISE * rng.standard_normal((3, 4))
     log_f = 5.0 + forward.matrix @ [0.8, -0.5] + own
-    evidence = Evidence(
-        TORQUES, log_f, np.full((3, 4), NOISE), STATED, scales=ERRORS.expected(1)
-    )
+    evidence = Evidence(TORQUES, log_f, np.full((3, 4), NOISE), STATED, scales=ERRORS.expected(1))
     return forward, evidence, Hypothesis((shift(0), shift(1)))
 
 
@@ -89,9 +87,15 @@ def test_scales_are_of_what_is_stated_and_not_of_how_close_modes_turn():
     scales = Scales(ERRORS, (0.8, 0.63))
     for hertz, alike in (([100.0, 200.0, 400.0], True), ([100.0, 101.0, 400.0], False)):
         given = Evidence(
-            TORQUES, np.log(np.tile(hertz, (3, 1))), np.full((3, 3), NOISE), STATED, shapes=shapes,
-            shape_error=0.08, near=np.eye(6), scales=scales,
-        )  # fmt: skip
+            TORQUES,
+            np.log(np.tile(hertz, (3, 1))),
+            np.full((3, 3), NOISE),
+            STATED,
+            shapes=shapes,
+            shape_error=0.08,
+            near=np.eye(6),
+            scales=scales,
+        )
         less = replace(given, scales=None, discrepancy=0.8 * STATED, shape_error=0.63 * 0.08)
         same = given.full_covariance() - less.full_covariance()
         assert np.allclose(same[:9, :9], 0.0, atol=1e-18)

@@ -10,13 +10,7 @@ from scipy.stats import binom, kstest, multivariate_normal, ncx2
 from fenics_joints.diagnosis.effects.joint import interfaces
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.thresholds import STEP
-from fenics_joints.diagnosis.where.score_tests import (
-    Place,
-    attribution,
-    holm,
-    score_tests,
-    shares,
-)
+from fenics_joints.diagnosis.where.score_tests import Place, attribution, holm, score_tests, shares
 from fenics_joints.diagnosis.where.zone_sensitivity import giving_way, zone_sensitivities
 from fenics_joints.diagnosis.zones.zone import Zone
 from fenics_joints.errors import InputError
@@ -128,9 +122,11 @@ def test_turned_and_doubled_columns_change_nothing():
     first = zone_tests(r, zones, nuisance, evidence)
     turn, _ = np.linalg.qr(rng.standard_normal((3, 3)))
     same = {
-        "a": 1e3 * zones["a"], "b": zones["b"] @ [[3.0, 1.0], [0.0, 1.0]], "d": zones["d"],
+        "a": 1e3 * zones["a"],
+        "b": zones["b"] @ [[3.0, 1.0], [0.0, 1.0]],
+        "d": zones["d"],
         "c": np.hstack([zones["c"] @ turn, zones["c"] @ [[1.0], [2.0], [0.5]]]),
-    }  # fmt: skip
+    }
     other = {t.zone: t for t in zone_tests(r, same, nuisance, evidence)}
     for t in first:
         assert other[t.zone].dof == t.dof
@@ -176,9 +172,12 @@ def test_attribution_is_an_exact_split(by):
     shapes = rng.standard_normal((6, N_MODES))
     shapes[2, 1] = np.nan
     evidence = evidence_of(
-        log_f, log_damping=np.log(np.full(log_f.shape, 0.003)), damping_scatter=0.2,
-        shapes=shapes, near=0.5 * np.eye(6) + 0.5,
-    )  # fmt: skip
+        log_f,
+        log_damping=np.log(np.full(log_f.shape, 0.003)),
+        damping_scatter=0.2,
+        shapes=shapes,
+        near=0.5 * np.eye(6) + 0.5,
+    )
     nuisance = 0.02 * rng.standard_normal((evidence.data.size, 3))
     r = 0.02 * rng.standard_normal(evidence.data.size)
     parts = attribution(r, evidence, by, nuisance=nuisance)
@@ -188,9 +187,11 @@ def test_attribution_is_an_exact_split(by):
     assert sum(part.expected for part in parts) == used.sum()
     e = evidence.entries
     first = {
-        "mode": e.mode < 2, "condition": e.row < 2, "kind": e.kind < 2,
+        "mode": e.mode < 2,
+        "condition": e.row < 2,
+        "kind": e.kind < 2,
         "band": np.exp(np.nanmean(log_f, axis=0))[e.mode] < 400.0,
-    }[by]  # fmt: skip
+    }[by]
     keep = first[used]
     alone = r[used][keep] @ np.linalg.solve(C[np.ix_(keep, keep)], r[used][keep])
     assert sum(part.chi2 for part in parts[:2]) == pytest.approx(alone)
@@ -234,9 +235,13 @@ def test_zone_sensitivities_are_changes_of_the_prediction():
 
     evidence = Evidence(TORQUES, np.tile(log_f(baseline), (4, 1)), np.full((4, 2), 0.003), 0.005)
     zones = zone_sensitivities(
-        Function(forward, names), evidence, baseline, ["bar", "layer"],
-        interfaces=interfaces([Zone("layer", thickness=h)], baseline), by_torque=True,
-    )  # fmt: skip
+        Function(forward, names),
+        evidence,
+        baseline,
+        ["bar", "layer"],
+        interfaces=interfaces([Zone("layer", thickness=h)], baseline),
+        by_torque=True,
+    )
     assert zones["bar"].shape == (8, 2) and zones["layer"].shape == (8, 4)
     share = (0.1 / 70e9) / (0.1 / 70e9 + h / 1e11)
     assert zones["bar"][0] == pytest.approx([0.15 * 0.5 * share, -0.05], rel=1e-5)
@@ -267,9 +272,12 @@ def test_zones_of_joints_share_what_the_joints_do_together():
 
     evidence = Evidence(np.ones(1), log_f(baseline)[None], np.full((1, 2), 0.003), 0.005)
     zones = zone_sensitivities(
-        Function(forward, names), evidence, baseline, ["one", "two"],
+        Function(forward, names),
+        evidence,
+        baseline,
+        ["one", "two"],
         interfaces=interfaces([Zone(name, thickness=h) for name in ("one", "two")], baseline),
-    )  # fmt: skip
+    )
     soft = 1 / (1 / 1e11 + 1 / (1e12 * h))
     both = log_f(baseline | {"one.E": soft, "two.E": soft}) - log_f(baseline)
     assert zones["one"][:, 0] + zones["two"][:, 0] == pytest.approx(both, rel=1e-9)

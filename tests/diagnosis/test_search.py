@@ -50,9 +50,13 @@ def effect(i, family=""):
         values[f"p{i}"] += theta["d"] * (torque / 20.0) ** (0.1 * (i % 4))
 
     return Effect(
-        f"effect {i}", "", (Prior("d", 0.0, 1.0, log=False),), apply, family=family,
+        f"effect {i}",
+        "",
+        (Prior("d", 0.0, 1.0, log=False),),
+        apply,
+        family=family,
         depends_on_condition=True,
-    )  # fmt: skip
+    )
 
 
 def problem(bend, truth, seed=3, most=2, families=None):
@@ -81,12 +85,17 @@ def problem(bend, truth, seed=3, most=2, families=None):
     surrogate = SimpleNamespace(errors=errors, checking="checking", n_samples=0)
     surrogate.quick = surrogate
     return SimpleNamespace(
-        comm=MPI.COMM_SELF, effects=tuple(effects), evidence=evidence, baseline=forward.baseline,
-        forward=forward, checked=checked,
-        surrogate=surrogate, not_nominal=None,
+        comm=MPI.COMM_SELF,
+        effects=tuple(effects),
+        evidence=evidence,
+        baseline=forward.baseline,
+        forward=forward,
+        checked=checked,
+        surrogate=surrogate,
+        not_nominal=None,
         case=SimpleNamespace(diagnose=SimpleNamespace(max_effects=most, outside=0.25)),
         hypothesis=lambda chosen, **kwargs: Hypothesis(tuple(chosen), known, **kwargs),
-    )  # fmt: skip
+    )
 
 
 def searched(model):

@@ -36,9 +36,10 @@ def test_a_mode_that_one_model_alone_shows_to_the_sensors_puts_none_beside_anoth
     seen = [m.visibility(sensors)[11] > 0.3 for m in (a, b)]
     assert seen == [False, True]
     surrogate = SimpleNamespace(
-        sensors=sensors, forward=Forward(a.model, sensors, n_test, 20),
+        sensors=sensors,
+        forward=Forward(a.model, sensors, n_test, 20),
         everywhere=lambda count: places_all_over(a.model, count),
-    )  # fmt: skip
+    )
     pairs = same_in_both(a, b, surrogate)
     assert pairs.tested.tolist() == [[i, i] for i in (6, 7, 8, 9, 10, 12, 13)]
     ((distance, words),) = added_mass(a, b, pairs, sensors, 1e-3)

@@ -35,9 +35,16 @@ from fenics_joints.progress import Progress
 
 QUIET = Progress(silent=True)
 LISTED = (
-    "modulus error", "density error", "local loss of stiffness", "local gain of stiffness",
-    "added mass", "cable or stinger", "attached resonator", "plate not flat", "thickness not even",
-)  # fmt: skip
+    "modulus error",
+    "density error",
+    "local loss of stiffness",
+    "local gain of stiffness",
+    "added mass",
+    "cable or stinger",
+    "attached resonator",
+    "plate not flat",
+    "thickness not even",
+)
 
 
 def bowed(x):
@@ -73,44 +80,68 @@ def leading(fits, probability):
 #: What is put in, thickness, what it is called, and what its parameters are, each within a factor.
 TRUTHS = {
     "a soft band": (
-        lambda: measured(strip(soft=(0.119, 0.161, 0.5))), SIZE[2], "local loss of stiffness",
+        lambda: measured(strip(soft=(0.119, 0.161, 0.5))),
+        SIZE[2],
+        "local loss of stiffness",
         {"depth": (0.5, 1.5), "size": (4.0, 1.5)},
     ),
     "a mass": (
-        lambda: held_by(0.010, 0.0, (0.22, 0.045, 0.0)), SIZE[2], "added mass",
+        lambda: held_by(0.010, 0.0, (0.22, 0.045, 0.0)),
+        SIZE[2],
+        "added mass",
         {"mass": (0.010, 1.1)},
     ),
     "a hard spot": (
-        lambda: measured(strip(soft=(0.119, 0.161, 2.5))), SIZE[2], "local gain of stiffness",
+        lambda: measured(strip(soft=(0.119, 0.161, 2.5))),
+        SIZE[2],
+        "local gain of stiffness",
         {"gain": (1.5, 2.0)},
     ),
     "a lead": (
-        lambda: held_by(0.010, 1e4, (0.32, 0.06, 0.0)), SIZE[2], "cable or stinger",
+        lambda: held_by(0.010, 1e4, (0.32, 0.06, 0.0)),
+        SIZE[2],
+        "cable or stinger",
         {"mass": (0.010, 1.3)},
     ),
     "a stinger": (
-        lambda: held_by(0.005, 1e5, (0.32, 0.06, 0.0), [(0, 0, 1)]), SIZE[2], "cable or stinger",
+        lambda: held_by(0.005, 1e5, (0.32, 0.06, 0.0), [(0, 0, 1)]),
+        SIZE[2],
+        "cable or stinger",
         {"mass": (0.005, 1.3), "stiffness along z": (1e5, 1.3)},
     ),
     "a harness": (
-        lambda: with_resonator(0.008, 370.0, (0.08, 0.0, 0.0)), SIZE[2], "attached resonator",
+        lambda: with_resonator(0.008, 370.0, (0.08, 0.0, 0.0)),
+        SIZE[2],
+        "attached resonator",
         {"mass": (0.008, 2.0), "frequency": (370.0, 1.3)},
     ),
     "a harness in the band": (
-        lambda: with_resonator(0.008, 380.0, (0.08, 0.0, 0.0), own_share=0.98), SIZE[2],
-        "attached resonator", {"mass": (0.008, 1.5), "frequency": (380.0, 1.05)},
+        lambda: with_resonator(0.008, 380.0, (0.08, 0.0, 0.0), own_share=0.98),
+        SIZE[2],
+        "attached resonator",
+        {"mass": (0.008, 1.5), "frequency": (380.0, 1.05)},
     ),
     "a bow": (
-        lambda: measured(strip(bowed, thick=0.002)), 0.002, "plate not flat",
+        lambda: measured(strip(bowed, thick=0.002)),
+        0.002,
+        "plate not flat",
         {"height": (0.6e-3, 1.3)},
     ),
     "a wedge": (
-        lambda: measured(strip(tapered)), SIZE[2], "thickness not even", {"taper": (0.1, 1.2)}
+        lambda: measured(strip(tapered)),
+        SIZE[2],
+        "thickness not even",
+        {"taper": (0.1, 1.2)},
     ),
-}  # fmt: skip
-PLACES = {"a soft band": (140, 30, 3), "a hard spot": (140, 30, 3), "a mass": (220, 45, 0),
-          "a lead": (320, 60, 0), "a harness": (80, 0, 0),
-          "a harness in the band": (80, 0, 0)}  # fmt: skip
+}
+PLACES = {
+    "a soft band": (140, 30, 3),
+    "a hard spot": (140, 30, 3),
+    "a mass": (220, 45, 0),
+    "a lead": (320, 60, 0),
+    "a harness": (80, 0, 0),
+    "a harness in the band": (80, 0, 0),
+}
 
 
 @pytest.mark.slow
@@ -136,8 +167,11 @@ def test_what_is_not_there_is_not_named(tmp_path):
     """And a model of one part without joints can be diagnosed."""
     _, fits, probability = ranked(tmp_path, measured(strip()))
     assert fits[0].hypothesis.label == "no gap"
-    named = [p for f, p in zip(fits, probability, strict=True)
-             if {e.name for e in f.hypothesis.effects} & set(LISTED[2:])]  # fmt: skip
+    named = [
+        p
+        for f, p in zip(fits, probability, strict=True)
+        if {e.name for e in f.hypothesis.effects} & set(LISTED[2:])
+    ]
     assert sum(named) < 0.15
 
 
@@ -219,9 +253,11 @@ def test_places_are_the_same_on_two_ranks(shared_tmp_path):
     given = [
         {"local_loss.depth": 0.5, "local_loss.place": 7.3, "local_loss.size": 2.0},
         {"local_loss.depth": -0.5, "local_loss.place": 7.3, "local_loss.size": 2.0},
-        {"taper.block": 0.1}, {"bow.across": 1e-3},
-    ]  # fmt: skip
+        {"taper.block": 0.1},
+        {"bow.across": 1e-3},
+    ]
     for values in given:
-        a, b = (solve_modes(s.full, values, n_modes=9).frequencies_hz[7:]
-                for s in (alone, together))  # fmt: skip
+        a, b = (
+            solve_modes(s.full, values, n_modes=9).frequencies_hz[7:] for s in (alone, together)
+        )
         assert b == pytest.approx(a, rel=1e-6)

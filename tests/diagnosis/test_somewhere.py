@@ -35,9 +35,14 @@ def of(comm, hz, shapes, n=1):
     pairing = pair_modes(modes, MODES, sensors(), reference=shapes)
     scaled = shapes / np.sqrt(np.mean(shapes**2, axis=0))
     test = Evidence(
-        np.array([1.0]), np.log(hz)[None, :], np.full((1, MODES), 5e-4), 0.002, shapes=scaled,
-        shape_sd=0.01, shape_error=0.02,
-    )  # fmt: skip
+        np.array([1.0]),
+        np.log(hz)[None, :],
+        np.full((1, MODES), 5e-4),
+        0.002,
+        shapes=scaled,
+        shape_sd=0.01,
+        shape_error=0.02,
+    )
     cells = MeshCells(model)
     split = patches(cells, n)
     found = signatures(cells, modes, pairing, test, split, sensors())
@@ -53,9 +58,16 @@ def nominal_fit(test: Evidence, comm) -> Fit:
     wide = multivariate_normal.logpdf(residual, cov=test.covariance(unknown=True))
     nothing = Hypothesis((), name="none of these", unknown=True)
     return Fit(
-        nothing, np.zeros(0), np.zeros((0, 0)), predicted, test.shape,
-        np.zeros((len(predicted), 0)), float(wide), 0.0, len(predicted),
-    )  # fmt: skip
+        nothing,
+        np.zeros(0),
+        np.zeros((0, 0)),
+        predicted,
+        test.shape,
+        np.zeros((len(predicted), 0)),
+        float(wide),
+        0.0,
+        len(predicted),
+    )
 
 
 @pytest.mark.parallel

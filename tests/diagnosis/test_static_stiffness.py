@@ -212,9 +212,11 @@ def test_a_cantilever_bends_as_by_hand():
     length, width, height = 0.3, 0.02, 0.01
     body = part("bar", "body", E="E", nu=0.0, rho=7800.0, stretch="s")
     full = Structure(
-        box(MPI.COMM_WORLD, (length, width, height), (12, 1, 1)), [body],
-        [Parameter("E", 2e11), Parameter("s", 1.0)], supports=[Support("x_min")],
-    )  # fmt: skip
+        box(MPI.COMM_WORLD, (length, width, height), (12, 1, 1)),
+        [body],
+        [Parameter("E", 2e11), Parameter("s", 1.0)],
+        supports=[Support("x_min")],
+    )
     tip = Sensors([length, width / 2, height / 2], [0, 0, 1])
     solver = StaticSolver(full, tip)
     samples = [{"E": 2e11, "s": s} for s in (0.8, 1.0, 1.25)]

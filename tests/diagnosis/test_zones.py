@@ -17,8 +17,13 @@ from fenics_joints.forms import lame_from_moduli
 
 
 def test_given_joints_are_those_of_the_case():
-    data = {**RIG, "joints": {"near": RIG["joints"]["near"], "away": {
-        "cells": "joint_away", "law": "isotropic", "E": 1e9, "G": 4e8}}}  # fmt: skip
+    data = {
+        **RIG,
+        "joints": {
+            "near": RIG["joints"]["near"],
+            "away": {"cells": "joint_away", "law": "isotropic", "E": 1e9, "G": 4e8},
+        },
+    }
     case = Case.model_validate(data | {"diagnose": {"joints": "given"}})
     values = bonded_values(case)
     assert (values["near.E"], values["near.G"]) == (1e9, 4e8)
@@ -53,8 +58,9 @@ def test_bolts_of_stacked_layers_are_one_and_those_of_other_joints_are_not():
     assert apart.away == ("left_b1_r2", "right_b1_r2")
     (grading,) = apart.gradings
     assert grading.groups == {
-        "ring 1": ("left_b1_r1", "right_b1_r1"), "ring 2": ("left_b1_r2", "right_b1_r2")
-    }  # fmt: skip
+        "ring 1": ("left_b1_r1", "right_b1_r1"),
+        "ring 2": ("left_b1_r2", "right_b1_r2"),
+    }
 
 
 def test_screws_in_line_in_one_joint_are_two():
@@ -62,18 +68,22 @@ def test_screws_in_line_in_one_joint_are_two():
     rows = [
         LayerZone(f"{joint}_b{bolt}_r1", joint, 1.0, bolt, 1, (0.0, 5e-3), (0.1, 0, z), True, face)
         for joint, bolt, z, face in (
-            ("all", 1, 0.0, "base and wall"), ("all", 2, 0.07, "wall and lid"),
-            ("foot", 1, 0.0, ""), ("top", 1, 0.2, ""),
+            ("all", 1, 0.0, "base and wall"),
+            ("all", 2, 0.07, "wall and lid"),
+            ("foot", 1, 0.0, ""),
+            ("top", 1, 0.2, ""),
         )
-    ]  # fmt: skip
+    ]
     own = {row.name: SimpleNamespace(bolted=False, normal=(0.0, 0.0, 1.0)) for row in rows}
     found = placed(SimpleNamespace(joints=own), rows)
     assert found.by("bolt") == {
-        "bolt 1": ("all_b1_r1", "foot_b1_r1"), "bolt 2": ("all_b2_r1",),
+        "bolt 1": ("all_b1_r1", "foot_b1_r1"),
+        "bolt 2": ("all_b2_r1",),
         "top bolt 1": ("top_b1_r1",),
-    }  # fmt: skip
+    }
     # Faces of one joint are places of their own, but for what a bolt holds together.
     assert found.places["joint"] == {
-        "base and wall, foot": ("all_b1_r1", "foot_b1_r1"), "wall and lid": ("all_b2_r1",),
+        "base and wall, foot": ("all_b1_r1", "foot_b1_r1"),
+        "wall and lid": ("all_b2_r1",),
         "top": ("top_b1_r1",),
-    }  # fmt: skip
+    }

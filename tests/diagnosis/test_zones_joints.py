@@ -110,13 +110,16 @@ def test_screws_in_line_hold_their_own_ends_of_a_wall(shared_tmp_path):
     parts = {"base": 4, "wall": 28, "lid": 52}
     data = {
         "mesh": {
-            "file": str(path), "size": 0.02, "ring_size": 6e-3, "circle": 8,
+            "file": str(path),
+            "size": 0.02,
+            "ring_size": 6e-3,
+            "circle": 8,
             "parts": {name: [0.04, 0.01, z * 1e-3] for name, z in parts.items()},
             "bolts": {"at": points, "r_nei": 3e-3, "r_wai": 7e-3},
         },
         "parts": {name: {"cells": [name], **STEEL} for name in parts},
         "joints": {"all": {"cells": "ring_*", "law": "springs", "k_n": 1e14, "k_t": 1e14}},
-    }  # fmt: skip
+    }
     found = zones(data, MPI.COMM_WORLD, all={})
     assert list(found.by("bolt")) == [f"bolt {i}" for i in range(1, 7)]
     for i, (*_, z) in enumerate(points, start=1):

@@ -104,10 +104,7 @@ class Interface:
 
     def __init__(self):
         self.mesh = mesh.create_box(
-            MPI.COMM_SELF,
-            [[0.0, 0.0, 0.0], [1.0, 1.0, 2.0]],
-            [1, 1, 2],
-            mesh.CellType.hexahedron,
+            MPI.COMM_SELF, [[0.0, 0.0, 0.0], [1.0, 1.0, 2.0]], [1, 1, 2], mesh.CellType.hexahedron
         )
         c, s = np.cos(0.7), np.sin(0.7)
         R = np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]]) @ np.array(
@@ -174,12 +171,7 @@ def test_tangent_is_that_of_the_residual(opening, slip):
         # Sticking and pressed all over, it is the linear spring interface.
         u_trial = ufl.TrialFunction(interface.V)
         spring = forms.spring_interface(
-            u_trial("-") - u_trial("+"),
-            interface.jump_v,
-            interface.normal,
-            K_N,
-            K_T,
-            interface.dS,
+            u_trial("-") - u_trial("+"), interface.jump_v, interface.normal, K_N, K_T, interface.dS
         )
         B = assemble_matrix(fem.form(spring))
         B.assemble()

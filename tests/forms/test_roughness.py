@@ -13,9 +13,9 @@ def test_a_bolt_s_stiffness_knows_no_radius():
     for reach in (8e-3, 20e-3):
         r = np.linspace(hole, reach, 20_001)
         middle = 0.5 * (r[1:] + r[:-1])
-        pressure = np.array([
-            float(pressure_cone(x, force, hole, reach, open_hole=True)) for x in middle
-        ])  # fmt: skip
+        pressure = np.array(
+            [float(pressure_cone(x, force, hole, reach, open_hole=True)) for x in middle]
+        )
         k_n, k_t = rough_contact_stiffness(pressure, h_rms, 0.3)
         area = np.pi * np.diff(r**2)
         assert (k_n * area).sum() == pytest.approx(force / (0.5 * h_rms), rel=1e-6)

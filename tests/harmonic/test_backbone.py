@@ -9,11 +9,7 @@ from oscillators import BAND, CUBIC, DAMPING, PUSH, duffing, jenkins, oscillator
 from scipy.optimize import brentq
 from scipy.special import ellipk
 
-from fenics_joints.harmonic import (
-    solve_backbone,
-    solve_constant_response,
-    solve_harmonic,
-)
+from fenics_joints.harmonic import solve_backbone, solve_constant_response, solve_harmonic
 from fenics_joints.interfaces import InterfaceModel
 from fenics_joints.joint_laws import Iwan, JointLaw, Segalman
 

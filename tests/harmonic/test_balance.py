@@ -212,13 +212,9 @@ def test_peak_does_not_depend_on_the_direction_of_the_sweep(law, normal, samples
     else:  # a mass that is pressed on a spring beside
         one, rows = np.ones((1, 1)), np.array([[[0.0], [1.0]]])
         joint = InterfacePoints("joint", law, rows, np.ones(1), normal=True)
-        model = InterfaceModel(
-            one, one, (joint,), 0.03 * one, {"push": one[0]}, {"mass": one[0]}
-        )
+        model = InterfaceModel(one, one, (joint,), 0.03 * one, {"push": one[0]}, {"mass": one[0]})
     up, down = (
-        solve_harmonic(
-            model, "push", 0.15, RANGE, harmonics=5, samples=samples, direction=d
-        ).peak
+        solve_harmonic(model, "push", 0.15, RANGE, harmonics=5, samples=samples, direction=d).peak
         for d in ("up", "down")
     )
     assert up.frequency_hz == pytest.approx(down.frequency_hz, rel=1e-5)

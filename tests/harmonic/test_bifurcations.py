@@ -130,9 +130,13 @@ def test_symmetry_breaks_where_shooting_says():
     for b in found:
         omega = TURN * b.frequency_hz
         values = shot_multipliers(
-            model, lambda u: u**3, omega, start_of(b.coefficients, omega),
-            lambda u: np.diag(3 * u**2), 2.0,
-        )  # fmt: skip
+            model,
+            lambda u: u**3,
+            omega,
+            start_of(b.coefficients, omega),
+            lambda u: np.diag(3 * u**2),
+            2.0,
+        )
         assert np.abs(values - 1).min() < 2e-3
 
 
@@ -145,9 +149,13 @@ def test_a_period_doubles_where_shooting_says():
     assert found.kind == "period doubling"
     omega = TURN * found.frequency_hz
     values = shot_multipliers(
-        escape(), lambda u: -(u**2), omega, start_of(found.coefficients, omega),
-        lambda u: np.diag(-2 * u), 0.06,
-    )  # fmt: skip
+        escape(),
+        lambda u: -(u**2),
+        omega,
+        start_of(found.coefficients, omega),
+        lambda u: np.diag(-2 * u),
+        0.06,
+    )
     assert np.abs(values + 1).min() < 2e-3
 
 
@@ -161,9 +169,12 @@ def test_a_torus_is_born_where_shooting_says():
     for b in found:
         omega = TURN * b.frequency_hz
         values = shot_multipliers(
-            model, lambda u: sum(k * (r @ u) ** 3 * r for r, k in joints), omega,
+            model,
+            lambda u: sum(k * (r @ u) ** 3 * r for r, k in joints),
+            omega,
             start_of(b.coefficients, omega),
-            lambda u: sum(3 * k * (r @ u) ** 2 * np.outer(r, r) for r, k in joints), 0.12,
-        )  # fmt: skip
+            lambda u: sum(3 * k * (r @ u) ** 2 * np.outer(r, r) for r, k in joints),
+            0.12,
+        )
         pair = values[np.argmax(np.abs(values.imag) * (np.abs(values) > 0.9))]
         assert abs(pair) == pytest.approx(1, abs=2e-3) and abs(pair.imag) > 0.1

@@ -177,9 +177,8 @@ def test_response_is_that_of_time_integration():
     model, frequency = oscillator(BOTH, 0.02), 1 / (2 * np.pi)
     result = solve_harmonic(model, "push", 1.0, at=[frequency], harmonics=9)
     run = solve_transient(
-        model, step=2 * np.pi / 400, n_steps=400 * 12,
-        loads={"push": lambda t: np.cos(t)},
-    )  # fmt: skip
+        model, step=2 * np.pi / 400, n_steps=400 * 12, loads={"push": lambda t: np.cos(t)}
+    )
     steady = steady_harmonics(run.times, run.displacements["mass"], frequency, 3)
     found = result.sensor_coefficients("mass")[0]
     assert np.abs(found[:7] - steady).max() < 1e-3 * np.abs(steady).max()

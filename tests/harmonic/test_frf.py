@@ -24,11 +24,7 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq, fsolve, minimize_scalar
 
 from fenics_joints.errors import ConvergenceError
-from fenics_joints.harmonic import (
-    solve_constant_response,
-    solve_harmonic,
-    stable,
-)
+from fenics_joints.harmonic import solve_constant_response, solve_harmonic, stable
 from fenics_joints.interfaces import static_state
 from fenics_joints.transient import solve_transient, steady_harmonics
 
@@ -109,9 +105,16 @@ def jenkins_amplitude(omega, periods=25):
     extremes = [0.0, 0.0]
     while t < end:
         run = solve_ivp(
-            rate, (t, end), y, method="DOP853", rtol=1e-10, atol=1e-11, args=(mode,),
-            events=event(mode), dense_output=True,
-        )  # fmt: skip
+            rate,
+            (t, end),
+            y,
+            method="DOP853",
+            rtol=1e-10,
+            atol=1e-11,
+            args=(mode,),
+            events=event(mode),
+            dense_output=True,
+        )
         late = np.linspace(max(t, end - 2 * np.pi / omega), run.t[-1], 2000)
         if run.t[-1] > end - 2 * np.pi / omega:
             x = run.sol(late)[0]
@@ -218,10 +221,12 @@ def steady(model, frequency, periods=60, steps=300):
         return 1.0
 
     run = solve_transient(
-        model, step=1 / frequency / steps, n_steps=periods * steps,
+        model,
+        step=1 / frequency / steps,
+        n_steps=periods * steps,
         loads={"x": push, "static": rest},
         initial=(u, np.zeros(3), None),
-    )  # fmt: skip
+    )
     return {
         key: steady_harmonics(run.times, run.displacements[key], frequency, 3)
         for key in model.sensors

@@ -35,9 +35,7 @@ def chain(sliders: int = 20, **changes) -> InterfaceModel:
     rows = np.array([[s * across, 0.3 * across] for s in np.linspace(0.2, 1.5, 10)])
     joint = InterfacePoints("lap", law, rows, np.full(10, 0.15), normal=True)
     end = np.eye(3)[2]
-    return InterfaceModel(
-        np.eye(3), K, (joint,), 0.01 * np.eye(3), {"push": end}, {"end": end}
-    )  # fmt: skip
+    return InterfaceModel(np.eye(3), K, (joint,), 0.01 * np.eye(3), {"push": end}, {"end": end})
 
 
 #: The identified model by its parameters.
@@ -181,8 +179,10 @@ def test_loops_are_read_from_a_table(loop, shared_tmp_path):
     if MPI.COMM_WORLD.rank == 0:
         lines = ["# a comment", "frequency [Hz],time [ms],force [N],response [m/s2]"]
         columns = loop.times * 1e3, loop.forces, loop.responses
-        lines += [f"{loop.frequency_hz!r},{t!r},{f!r},{a!r}"
-                  for t, f, a in zip(*(c.tolist() for c in columns), strict=True)]  # fmt: skip
+        lines += [
+            f"{loop.frequency_hz!r},{t!r},{f!r},{a!r}"
+            for t, f, a in zip(*(c.tolist() for c in columns), strict=True)
+        ]
         path.write_text("\n".join(lines), encoding="utf-8")
     MPI.COMM_WORLD.barrier()
     (read,) = read_loops(path, "acceleration")

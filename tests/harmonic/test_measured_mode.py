@@ -34,7 +34,7 @@ def chain(sliders: int = 20, K: float = 1.0, C: float = 0.01) -> InterfaceModel:
     end = np.eye(3)[2]
     return InterfaceModel(
         np.eye(3), stiffness, (joint,), C * np.eye(3), {"push": end}, {"end": end}
-    )  # fmt: skip
+    )
 
 
 #: The identified model: softer at rest than the truth by 0.3 %, and damped by half.
@@ -52,9 +52,13 @@ def measured() -> MeasuredBackbone:
     rng = np.random.default_rng(4)
     sd = DEVIATION["frequency"] * f, DEVIATION["damping"] * zeta
     return MeasuredBackbone(
-        "acceleration", made.amplitude("end", "acceleration")[at], f + sd[0] * rng.normal(size=9),
-        sd[0], zeta + sd[1] * rng.normal(size=9), sd[1],
-    )  # fmt: skip
+        "acceleration",
+        made.amplitude("end", "acceleration")[at],
+        f + sd[0] * rng.normal(size=9),
+        sd[0],
+        zeta + sd[1] * rng.normal(size=9),
+        sd[1],
+    )
 
 
 def check(found, most: float = 2.5) -> None:
@@ -85,9 +89,7 @@ def test_points_are_those_of_the_branch_and_derivatives_those_of_differences(mea
     for key in ("frequencies_hz", "damping_ratios"):
         on_branch = np.interp(np.log(at), np.log(reached[order]), getattr(branch, key)[order])
         assert getattr(points, key) == pytest.approx(on_branch, rel=1e-2)
-    warm = solve_backbone_at(
-        model, at, near=0.076, sensor="end", harmonics=3, initial=points
-    )  # fmt: skip
+    warm = solve_backbone_at(model, at, near=0.076, sensor="end", harmonics=3, initial=points)
     assert warm.frequencies_hz == pytest.approx(points.frequencies_hz, rel=1e-8)
     data = ModeData.of(measured, "end", 0.01)
     fit = CurveFit(model.with_parameters, TRUTH, [data], "push", {"harmonics": 3})
@@ -110,9 +112,12 @@ def test_from_curves_at_constant_force_to_the_law():
         sweeps.append(Sweep(level, f, h, np.full(41, level)))
     backbone = from_constant_force(sweeps, "acceleration")
     free = solve_backbone_at(
-        chain(33), backbone.amplitudes / (2 * np.pi * backbone.frequencies_hz) ** 2, near=0.076,
-        sensor="end", harmonics=5,
-    )  # fmt: skip
+        chain(33),
+        backbone.amplitudes / (2 * np.pi * backbone.frequencies_hz) ** 2,
+        near=0.076,
+        sensor="end",
+        harmonics=5,
+    )
     scores = [
         (backbone.frequencies_hz - free.frequencies_hz) / backbone.frequencies_sd,
         (backbone.damping - free.damping_ratios) / backbone.damping_sd,
@@ -123,10 +128,13 @@ def test_from_curves_at_constant_force_to_the_law():
 
 def test_what_a_backbone_cannot_tell_is_said(measured):
     """Amplitudes that hardly slip say nothing of the slope when all has slipped."""
-    low = replace(measured, **{
-        key: getattr(measured, key)[:3]
-        for key in ("amplitudes", "frequencies_hz", "frequencies_sd", "damping", "damping_sd")
-    })  # fmt: skip
+    low = replace(
+        measured,
+        **{
+            key: getattr(measured, key)[:3]
+            for key in ("amplitudes", "frequencies_hz", "frequencies_sd", "damping", "damping_sd")
+        },
+    )
     start = {"lap.E_p": 0.1, "lap.S_y": 0.5}
     found = identify(MODEL.with_parameters, None, None, start, backbone=low, **PLACES)
     assert "lap.E_p" in found.undetermined

@@ -48,9 +48,16 @@ def test_derivatives_go_through_the_preload():
     def solve(v, initial=None):
         exact = Settings(tolerance=1e-9)
         return solve_harmonic(
-            change(v), "x", 0.3, at=at, static=load, settings=exact, harmonics=3, samples=64,
+            change(v),
+            "x",
+            0.3,
+            at=at,
+            static=load,
+            settings=exact,
+            harmonics=3,
+            samples=64,
             initial=initial,
-        )  # fmt: skip
+        )
 
     found = solve(values)
     gradient = found.by_parameters(change, values).amplitude("x")

@@ -111,8 +111,10 @@ def test_an_internal_resonance_follows_what_the_first_mode_stiffens():
     """Three times the frequency is the second mode's, 3.3 rad/s and what the cube's mean adds."""
     first, second, zeta, k3 = 1.0, 3.3, 1e-3, 1.0
     modes = np.array([[1.0, 1.0], [1.0, -1.0]]) / np.sqrt(2)
-    K, C = (modes @ np.diag(d) @ modes.T for d in (
-        (first**2, second**2), (2 * zeta * first, 2 * zeta * second)))  # fmt: skip
+    K, C = (
+        modes @ np.diag(d) @ modes.T
+        for d in ((first**2, second**2), (2 * zeta * first, 2 * zeta * second))
+    )
     spring = InterfacePoints("spring", CubicSpring(0.0, k3), np.array([[[1.0, 0.0]]]), np.ones(1))
     places = {"push": np.ones(2)}, {"mass": np.array([1.0, 0.0])}
     model = InterfaceModel(np.eye(2), K, (spring,), C, *places)

@@ -82,9 +82,11 @@ class Rods:
             parameters, regions, (), [MassTerm("tip", "tip.mass", 0.0, 1.0, np.zeros(1), tip)]
         )
         return ArrayModel(
-            pencil, 2500.0, np.array([self.row(*p) for p in places]),
+            pencil,
+            2500.0,
+            np.array([self.row(*p) for p in places]),
             np.array([[self.slope(*p) for p in places]]),
-        )  # fmt: skip
+        )
 
 
 def sensors(places=PLACES) -> Sensors:
@@ -125,6 +127,13 @@ def measured(*, places=PLACES, gains=(), seed=1, **truth) -> TestData:
     size = np.sqrt(np.mean(shapes**2, axis=0))
     shapes = shapes + SHAPE_NOISE * size * rng.standard_normal(shapes.shape)
     return TestData(
-        TORQUES, np.exp(log_f), MODES, "torque", "N·m", noise=NOISE, sensors=sensors(),
-        shapes=shapes, shape_noise=SHAPE_NOISE,
-    )  # fmt: skip
+        TORQUES,
+        np.exp(log_f),
+        MODES,
+        "torque",
+        "N·m",
+        noise=NOISE,
+        sensors=sensors(),
+        shapes=shapes,
+        shape_noise=SHAPE_NOISE,
+    )

@@ -10,15 +10,16 @@ from pathlib import Path
 
 import pytest
 
-__all__ = ["Browser", "CHROMIUM"]
-
 _NAMES = ("chromium-headless-shell", "chromium", "chromium-browser", "google-chrome", "chrome")
 CHROMIUM = next((path for name in _NAMES if (path := shutil.which(name))), None)
 #: Seconds until a step counts as hung.
 _PATIENCE = 60
 #: Rules of axe-core that do not hold for a page that is a report, or that it judges by pixels.
-_RULES = {"runOnly": ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "best-practice"],
-          "resultTypes": ["violations"], "rules": {"region": {"enabled": False}}}  # fmt: skip
+_RULES = {
+    "runOnly": ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "best-practice"],
+    "resultTypes": ["violations"],
+    "rules": {"region": {"enabled": False}},
+}
 
 
 class Browser:
@@ -55,8 +56,13 @@ class Browser:
 
     def show(self, page: Path | str, *, width: int = 1280, dark: bool = False) -> None:
         """Load a page from a file, as by a double click, or from an address."""
-        self._send("Emulation.setDeviceMetricsOverride", width=width, height=900,
-                   deviceScaleFactor=1, mobile=width < 600)  # fmt: skip
+        self._send(
+            "Emulation.setDeviceMetricsOverride",
+            width=width,
+            height=900,
+            deviceScaleFactor=1,
+            mobile=width < 600,
+        )
         scheme = {"name": "prefers-color-scheme", "value": "dark" if dark else "light"}
         self._send("Emulation.setEmulatedMedia", features=[scheme])
         address = page.resolve().as_uri() if isinstance(page, Path) else page
@@ -125,8 +131,13 @@ class Browser:
                 found = self.rules(*(("color-contrast",) if dark else ()))
                 assert not found, "\n".join(found)
         # A4 less 10 mm on either side: what does not fit there is lost.
-        self._send("Emulation.setDeviceMetricsOverride", width=718, height=1047,
-                   deviceScaleFactor=1, mobile=False)  # fmt: skip
+        self._send(
+            "Emulation.setDeviceMetricsOverride",
+            width=718,
+            height=1047,
+            deviceScaleFactor=1,
+            mobile=False,
+        )
         self._send("Emulation.setEmulatedMedia", media="print")
         cut = self.js(
             "[...document.querySelectorAll('table')].filter(t => t.getBoundingClientRect().right "

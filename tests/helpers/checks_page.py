@@ -9,8 +9,6 @@ from pathlib import Path
 
 import pytest
 
-__all__ = ["Case", "hold", "rows", "show"]
-
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "nonlinear_checks.md"
 
 
@@ -27,8 +25,11 @@ class Case:
 
 def rows() -> dict[str, list[str]]:
     """Cells of the page's table by case."""
-    lines = [line.strip("| ").split(" | ") for line in PAGE.read_text("utf-8").splitlines()
-             if line.startswith("| ")]  # fmt: skip
+    lines = [
+        line.strip("| ").split(" | ")
+        for line in PAGE.read_text("utf-8").splitlines()
+        if line.startswith("| ")
+    ]
     return {cells[0].strip(): [c.strip() for c in cells] for cells in lines if len(cells) == 4}
 
 

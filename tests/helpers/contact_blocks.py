@@ -51,8 +51,9 @@ def _unlike(lower, upper, cell: str, warp) -> MeshLists:
     if warp is not None:
         warp(x)
     names = {"bottom": 1, "interface_lower": 2, "interface_upper": 3, "top": 4}
-    return MeshLists(cell, x, cells, values, np.vstack(facets), tags, {"lower": 1, "upper": 2},
-                     names)  # fmt: skip
+    return MeshLists(
+        cell, x, cells, values, np.vstack(facets), tags, {"lower": 1, "upper": 2}, names
+    )
 
 
 def _block(counts, cell: str, base: float):
@@ -65,8 +66,10 @@ def _block(counts, cell: str, base: float):
     msh = make(MPI.COMM_SELF, [low, high], counts, kind)
     x, fdim = msh.geometry.x[:, :gdim], gdim - 1
     msh.topology.create_connectivity(fdim, gdim)
-    sides = [mesh.locate_entities_boundary(msh, fdim, lambda p, h=h: np.isclose(p[gdim - 1], h))
-             for h in (base, base + 1)]  # fmt: skip
+    sides = [
+        mesh.locate_entities_boundary(msh, fdim, lambda p, h=h: np.isclose(p[gdim - 1], h))
+        for h in (base, base + 1)
+    ]
     facets = [mesh.entities_to_geometry(msh, fdim, side) for side in sides]
     cells = np.arange(msh.topology.index_map(gdim).size_local, dtype=np.int32)
     return x, mesh.entities_to_geometry(msh, gdim, cells), *facets

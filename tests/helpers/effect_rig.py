@@ -23,13 +23,15 @@ RIG = {
     "masses": {"nut": {"points": [[0.01, 0.04, 0.0]], "mass": 0.01}},
     "springs": {
         "cord": {
-            "points": [[0.01, 0.04, 0.0]], "direction": [0, 0, 1], "stiffness": 1e3,
+            "points": [[0.01, 0.04, 0.0]],
+            "direction": [0, 0, 1],
+            "stiffness": 1e3,
             "tolerance": 0.2,
-        },
+        }
     },
     "attached": {"cell": {"kind": "mass", "points": [[0.01, 0.04, 0.0]], "mass": 0.02}},
     "supports": {"left_end": {"facets": "end"}},
-}  # fmt: skip
+}
 
 
 LAYER, TORQUES = 5e-4, np.array([5.0, 10.0, 20.0])

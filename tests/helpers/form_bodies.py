@@ -111,9 +111,7 @@ def cells_between(msh, low, high):
     """Local cells whose vertices all have their last coordinate in [low, high]."""
     last, tol = msh.geometry.dim - 1, 1e-10
     return mesh.locate_entities(
-        msh,
-        msh.topology.dim,
-        lambda x: (x[last] > low - tol) & (x[last] < high + tol),
+        msh, msh.topology.dim, lambda x: (x[last] > low - tol) & (x[last] < high + tol)
     )
 
 

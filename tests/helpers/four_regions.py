@@ -12,8 +12,6 @@ from fenics_joints.meshes import box
 from fenics_joints.modal import solve_modes
 from fenics_joints.structure import Sensors, Structure, part
 
-__all__ = ["LENGTH", "MODES", "NAMES", "beam", "measured", "sensors"]
-
 NAMES = ("a", "b", "c", "d")
 LENGTH = 0.4
 MODES = 4
@@ -26,14 +24,20 @@ def beam(comm, wrong: str = "", factor: float = 0.7, density: float = 1.0) -> St
     x = mesh.geometry.x[geometry_dofmap(mesh)[tags.indices]].mean(axis=1)[:, 0]
     values = (1 + np.floor(x / LENGTH * len(NAMES))).astype(np.int32)
     tagged = replace(
-        tagged, cell_tags=dolfinx.mesh.meshtags(mesh, tags.dim, tags.indices, values),
+        tagged,
+        cell_tags=dolfinx.mesh.meshtags(mesh, tags.dim, tags.indices, values),
         cell_names={name: k + 1 for k, name in enumerate(NAMES)},
-    )  # fmt: skip
+    )
     regions = [
-        part(name, name, E=70e9 * (factor if name == wrong else 1.0), nu=0.3,
-             rho=2700.0 * (density if name == wrong else 1.0))
+        part(
+            name,
+            name,
+            E=70e9 * (factor if name == wrong else 1.0),
+            nu=0.3,
+            rho=2700.0 * (density if name == wrong else 1.0),
+        )
         for name in NAMES
-    ]  # fmt: skip
+    ]
     return Structure(tagged, regions)
 
 

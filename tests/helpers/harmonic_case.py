@@ -6,8 +6,6 @@ from pathlib import Path
 
 from mpi4py import MPI
 
-__all__ = ["CONTACT", "LAYER", "write"]
-
 LAYER = """
 title = "Small lap beam"
 [mesh]

@@ -7,8 +7,6 @@ import hashlib
 import re
 from html.parser import HTMLParser
 
-__all__ = ["Page", "check_page"]
-
 POLICY = "Content-Security-Policy"
 VOID = {"meta", "link", "br", "img", "hr", "input"}
 

@@ -10,15 +10,7 @@ from fenics_joints.joint_laws import JointLaw
 from fenics_joints.meshes import lap_plates, stacked_blocks
 from fenics_joints.preload import Contact, PreloadModel
 from fenics_joints.preload.linear_joint import LinearJoint
-from fenics_joints.structure import (
-    Parameter,
-    PointMass,
-    Spring,
-    Structure,
-    Support,
-    joint,
-    part,
-)
+from fenics_joints.structure import Parameter, PointMass, Spring, Structure, Support, joint, part
 
 E, G = 1e9, 3e8
 N = 14
@@ -51,13 +43,18 @@ def plates(comm=MPI.COMM_WORLD, law="uncoupled", cell="hexahedron", held=False, 
     return Structure(
         lap_plates(comm, element_size=0.04, n_thickness=1, cell=cell),
         [parts, layer],
-        [Parameter("E", 7e10), Parameter("layer.E", 8e8), Parameter("layer.G", G),
-         Parameter("s", 1.0), Parameter("m", 0.02)],
+        [
+            Parameter("E", 7e10),
+            Parameter("layer.E", 8e8),
+            Parameter("layer.G", G),
+            Parameter("s", 1.0),
+            Parameter("m", 0.02),
+        ],
         masses=[PointMass("tip", "m", (0.01, 0.03, 0.0))],
         springs=[Spring("cord", 1e4, (0.02, 0.0, 0.004), (0.0, 1.0, 0.0))],
         supports=[Support("end_1")] if held else [],
         degree=degree,
-    )  # fmt: skip
+    )
 
 
 def relative(found, exact, n_rigid=0):

@@ -42,6 +42,13 @@ def linear_fit(causes: tuple[int, ...], slope: np.ndarray, log_f: np.ndarray, sd
     left, m = (log_f - slope @ z) / sd, len(log_f)
     density = multivariate_normal(cov=sd**2 * np.eye(m) + slope @ slope.T).logpdf(log_f)
     return Fit(
-        Hypothesis(tuple(shift(i) for i in causes)), z, np.linalg.inv(precision), slope @ z,
-        (1, m), slope, float(density), float(left @ left), m,
-    )  # fmt: skip
+        Hypothesis(tuple(shift(i) for i in causes)),
+        z,
+        np.linalg.inv(precision),
+        slope @ z,
+        (1, m),
+        slope,
+        float(density),
+        float(left @ left),
+        m,
+    )

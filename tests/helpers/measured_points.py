@@ -14,9 +14,12 @@ from fenics_joints.structure import Sensors
 E, RHO, NOISE = 69e9, 2750.0, 1e-3
 #: Sensors along the middle of both plates from end to end, and a test by them.
 ALONG = Sensors(
-    [[x, 0.04, 0.0 if x == 0.01 else 0.008 if x < 0.12 else 0.0165]
-     for x in (0.01, 0.06, 0.11, 0.16, 0.21, 0.26, 0.31)], [0, 0, 1],
-)  # fmt: skip
+    [
+        [x, 0.04, 0.0 if x == 0.01 else 0.008 if x < 0.12 else 0.0165]
+        for x in (0.01, 0.06, 0.11, 0.16, 0.21, 0.26, 0.31)
+    ],
+    [0, 0, 1],
+)
 TEST = """
 [test]
 frequencies = "frequencies.csv"
@@ -64,9 +67,14 @@ effects = [{effects}]
 def plates(*effects: str, n_modes: int, tolerance: float, size=20, E=E, rho=RHO) -> str:
     """A case without a test."""
     return _PLATES.format(
-        size=size, E=E, G=E / 2.566, rho=rho, tolerance=tolerance, n_modes=n_modes,
+        size=size,
+        E=E,
+        G=E / 2.566,
+        rho=rho,
+        tolerance=tolerance,
+        n_modes=n_modes,
         effects=", ".join(f'"{name}"' for name in effects),
-    )  # fmt: skip
+    )
 
 
 def write_frequencies(folder: Path, hz: np.ndarray) -> None:

@@ -34,12 +34,22 @@ def function(i: int, j: int, **changes) -> dict:
     nodes = list(NODES)
     sign = -1 if i == 0 else 1
     data = dict(
-        type=58, binary=0, func_type=4, rsp_node=nodes[i], rsp_dir=sign * AXES[nodes[i]],
-        ref_node=nodes[j], ref_dir=AXES[nodes[j]], abscissa_spacing=1, abscissa_spec_data_type=18,
-        ordinate_spec_data_type=12, orddenom_spec_data_type=13,
-        x=FREQUENCIES, data=sign * accelerance()[:, i, j] / 9.80665,
-        ordinate_axis_units_lab="g", orddenom_axis_units_lab="N",
-    )  # fmt: skip
+        type=58,
+        binary=0,
+        func_type=4,
+        rsp_node=nodes[i],
+        rsp_dir=sign * AXES[nodes[i]],
+        ref_node=nodes[j],
+        ref_dir=AXES[nodes[j]],
+        abscissa_spacing=1,
+        abscissa_spec_data_type=18,
+        ordinate_spec_data_type=12,
+        orddenom_spec_data_type=13,
+        x=FREQUENCIES,
+        data=sign * accelerance()[:, i, j] / 9.80665,
+        ordinate_axis_units_lab="g",
+        orddenom_axis_units_lab="N",
+    )
     return data | changes
 
 
@@ -47,8 +57,9 @@ def coherence(i: int, j: int, **changes) -> dict:
     """Dataset 58 of its coherence: 0.95, and 0.5 at the first quarter of the lines."""
     gamma = np.where(np.arange(len(FREQUENCIES)) < len(FREQUENCIES) // 4, 0.5, 0.95)
     data = function(i, j, func_type=6, data=gamma) | {
-        "ordinate_axis_units_lab": "NONE", "orddenom_axis_units_lab": "NONE",
-    }  # fmt: skip
+        "ordinate_axis_units_lab": "NONE",
+        "orddenom_axis_units_lab": "NONE",
+    }
     return data | changes
 
 
@@ -57,18 +68,30 @@ def geometry(kind: int = 2411, **changes) -> list[dict]:
     xyz = np.array(list(NODES.values()))
     n = len(xyz)
     nodes = dict(
-        type=kind, node_nums=list(NODES), def_cs=[0] * n, disp_cs=[0] * n, color=[1] * n,
-        x=xyz[:, 0], y=xyz[:, 1], z=xyz[:, 2],
-    )  # fmt: skip
+        type=kind,
+        node_nums=list(NODES),
+        def_cs=[0] * n,
+        disp_cs=[0] * n,
+        color=[1] * n,
+        x=xyz[:, 0],
+        y=xyz[:, 1],
+        z=xyz[:, 2],
+    )
     return [units(), nodes | changes]
 
 
 def units(length: float = 1000.0) -> dict:
     """Dataset 164: mm and mN by default, by which g/N of the labels are not meant."""
     return dict(
-        type=164, units_code=9, units_description="said here", temp_mode=1, length=length,
-        force=1.0, temp=1.0, temp_offset=0.0,
-    )  # fmt: skip
+        type=164,
+        units_code=9,
+        units_description="said here",
+        temp_mode=1,
+        length=length,
+        force=1.0,
+        temp=1.0,
+        temp_offset=0.0,
+    )
 
 
 def write_uff(path, *sets: dict):

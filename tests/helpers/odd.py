@@ -10,33 +10,85 @@ from hypothesis import strategies as st
 
 from fenics_joints.errors import JointsError
 
-__all__ = ["COUNTS", "mutated", "odd_number", "odd_text", "odd_toml", "odd_value", "tried"]
-
 #: What was tried, by area and outcome.
 COUNTS: Counter[tuple[str, str]] = Counter()
 
 odd_number = st.one_of(
-    st.sampled_from([0, -1, 1, 1e300, -1e300, 1e-300, math.nan, math.inf, -math.inf, 2.5, True,
-                     10**30, -0.0, 3]),
-    st.floats(), st.integers(),
-)  # fmt: skip
+    st.sampled_from(
+        [0, -1, 1, 1e300, -1e300, 1e-300, math.nan, math.inf, -math.inf, 2.5, True, 10**30, -0.0, 3]
+    ),
+    st.floats(),
+    st.integers(),
+)
 odd_text = st.one_of(
-    st.sampled_from(["", " ", "nan", "inf", "1e999", "8 mm", "69 GPa", "1,234", "0x10", "-5 N", "%",
-                     "\x1b[31m", "9**9**9", "a" * 300, "../..", "null", "1 m**9**9", "٣ mm"]),
+    st.sampled_from(
+        [
+            "",
+            " ",
+            "nan",
+            "inf",
+            "1e999",
+            "8 mm",
+            "69 GPa",
+            "1,234",
+            "0x10",
+            "-5 N",
+            "%",
+            "\x1b[31m",
+            "9**9**9",
+            "a" * 300,
+            "../..",
+            "null",
+            "1 m**9**9",
+            "٣ mm",
+        ]
+    ),
     st.text(max_size=40),
-)  # fmt: skip
+)
 odd_value = st.one_of(
-    st.none(), odd_number, odd_text, st.lists(odd_number, max_size=4), st.just({}), st.just(object),
-    st.lists(st.lists(st.floats(), min_size=3, max_size=3), max_size=3), st.just(1j), st.binary(),
+    st.none(),
+    odd_number,
+    odd_text,
+    st.lists(odd_number, max_size=4),
+    st.just({}),
+    st.just(object),
+    st.lists(st.lists(st.floats(), min_size=3, max_size=3), max_size=3),
+    st.just(1j),
+    st.binary(),
 )
 #: Texts that stand in a TOML file in the place of a value.
 odd_toml = st.one_of(
-    st.sampled_from(["-1", "0", "nan", "inf", "1e300", "true", '""', '"x"', "[]", "{}", "[[1]]",
-                     '"-3 mm"', '"1e300 m"', '"8"', '"8 kg"', "1979-05-27", '"\\u0000"', "0.5", "2",
-                     '["a", "a"]', '"1 m**9**9"', "[1e300, 0, 0]", "[nan, 1, 0]"]),
-    st.floats().map(lambda x: repr(x)), st.integers(-100, 10**20).map(str),
+    st.sampled_from(
+        [
+            "-1",
+            "0",
+            "nan",
+            "inf",
+            "1e300",
+            "true",
+            '""',
+            '"x"',
+            "[]",
+            "{}",
+            "[[1]]",
+            '"-3 mm"',
+            '"1e300 m"',
+            '"8"',
+            '"8 kg"',
+            "1979-05-27",
+            '"\\u0000"',
+            "0.5",
+            "2",
+            '["a", "a"]',
+            '"1 m**9**9"',
+            "[1e300, 0, 0]",
+            "[nan, 1, 0]",
+        ]
+    ),
+    st.floats().map(lambda x: repr(x)),
+    st.integers(-100, 10**20).map(str),
     st.text("abc .[]{}\"'\\=\n#1e", max_size=12),
-)  # fmt: skip
+)
 
 
 def tried(area: str, act: Callable[[], object]) -> object:

@@ -21,8 +21,24 @@ WORD = (None, "", "other", 1, True, [])
 NAMED_FROM_0 = tuple(v for v in FROM_0 if v != "text")
 NAMED_ABOVE_0 = (*NAMED_FROM_0, 0.0)
 RATIO = tuple(v for v in NO_NUMBER if v != "text") + (0.5, -1.0, 1.0)
-VECTOR = (None, "x", "text", nan, True, 1.0, [], {}, [0, 0, 0], [nan, 0, 1], [1e300, 0, 0],
-          [None, 0, 1], ["a", "b", "c"], [1.0], [1, 0, 0, 0], [[1, 0, 0]])  # fmt: skip
+VECTOR = (
+    None,
+    "x",
+    "text",
+    nan,
+    True,
+    1.0,
+    [],
+    {},
+    [0, 0, 0],
+    [nan, 0, 1],
+    [1e300, 0, 0],
+    [None, 0, 1],
+    ["a", "b", "c"],
+    [1.0],
+    [1, 0, 0, 0],
+    [[1, 0, 0]],
+)
 POINT = tuple(v for v in VECTOR if v != [0, 0, 0])
 MODEL = (None, "model", 1.0, [], {}, Structure)
 START = (5, "x", [1], (1, 2), {"a": 1}, object())

@@ -9,8 +9,10 @@ def one_by_one(hypothesis, forward, evidence, z, baseline) -> np.ndarray:
     """Everything in `Evidence.data` but single numbers, (N,), by single solutions."""
     m, names = evidence.shape[1], list(forward.model.parameters)
     sensing = hypothesis.sensing(z, m, len(forward.sensors))
-    at_rest = [p.value(x) for p, x in zip(hypothesis.dampings, z[hypothesis.places["dampings"]],
-                                          strict=True)]  # fmt: skip
+    at_rest = [
+        p.value(x)
+        for p, x in zip(hypothesis.dampings, z[hypothesis.places["dampings"]], strict=True)
+    ]
     log_f, log_damping = np.zeros((2, len(evidence.conditions), m))
     for row, condition in enumerate(evidence.conditions):
         for i, look in enumerate(hypothesis.look_of(m)):
@@ -32,8 +34,10 @@ def one_by_one(hypothesis, forward, evidence, z, baseline) -> np.ndarray:
         values = hypothesis.values(z, evidence.conditions[row], baseline, row)
         modes, pairing = forward.solve({name: values[name] for name in names})
         x, model = modes.shapes[:, pairing.index], forward.model
-        moved = sum(s[:, None] * (rows @ x) for s, rows in zip(sensing.shifts, model.shift_rows,
-                                                               strict=False))  # fmt: skip
+        moved = sum(
+            s[:, None] * (rows @ x)
+            for s, rows in zip(sensing.shifts, model.shift_rows, strict=False)
+        )
         read = sensing.gains[:, None] * (model.sensor_rows @ x + moved)
         there = np.isfinite(evidence.shapes)
         scale = [

@@ -83,6 +83,10 @@ def block(pressure=0.0, n_points=5, seed=0):
     K = np.array([[1.0, 0.1, 0.0], [0.1, 1.0, 0.2], [0.0, 0.2, 1.5]])
     axes = np.eye(3)
     return InterfaceModel(
-        np.diag([1.0, 1.2, 0.8]), K, joints, 0.03 * K, {"x": axes[1], "z": axes[0]},
+        np.diag([1.0, 1.2, 0.8]),
+        K,
+        joints,
+        0.03 * K,
+        {"x": axes[1], "z": axes[0]},
         {"x": axes[1], "y": axes[2], "z": axes[0]},
-    )  # fmt: skip
+    )

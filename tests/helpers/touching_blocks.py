@@ -60,9 +60,10 @@ def write_bar(path: Path, cell: str = "hexahedron", shared: bool = True, turn: f
     for _, volume in gmsh.model.getEntities(3):
         mesh.setTransfiniteVolume(volume)
     sides = [
-        face for _, face in gmsh.model.getEntities(2)
+        face
+        for _, face in gmsh.model.getEntities(2)
         if np.ptp(np.array(gmsh.model.getBoundingBox(2, face)).reshape(2, 3)[:, 0]) > 1
-    ]  # fmt: skip
+    ]
     for number, name in enumerate(("one", "two"), start=1):
         gmsh.model.addPhysicalGroup(3, [number], number, name)
     gmsh.model.addPhysicalGroup(2, sides, 3, "sides")

@@ -42,10 +42,16 @@ def nodes_15(nodes: Mapping[int, Sequence[float]]) -> str:
 
 
 def mode_55(
-    number: int, hz: float, shape: Mapping[int, Sequence[float]], *, ratio: float = 0.0,
-    turns: bool = False, kind: int = 8, analysis: int = 2,
+    number: int,
+    hz: float,
+    shape: Mapping[int, Sequence[float]],
+    *,
+    ratio: float = 0.0,
+    turns: bool = False,
+    kind: int = 8,
+    analysis: int = 2,
 ) -> str:
-    """A normal mode by node, with rotations of 0.5 if it ``turns``."""  # fmt: skip
+    """A normal mode by node, with rotations of 0.5 if it ``turns``."""
     records = [*["NONE"] * 5, ints(1, analysis, 2 + turns, kind, 2, 6 if turns else 3)]
     records += [ints(2, 4, 0, number), reals(hz, 0, ratio, 0)]
     for label, values in shape.items():

@@ -154,8 +154,11 @@ def write_virtual_lap(
         test: What else ``[test]`` says.
     """
     names = [f"mode {i + 1}" for i in range(COUNT)]
-    _table(folder / "frequencies.csv", ["torque [N·m]", *(f"{n} [Hz]" for n in names)],
-           np.column_stack([TORQUES, hz]))  # fmt: skip
+    _table(
+        folder / "frequencies.csv",
+        ["torque [N·m]", *(f"{n} [Hz]" for n in names)],
+        np.column_stack([TORQUES, hz]),
+    )
     _table(folder / "shapes.csv", names, shapes)
     points = _sensors(0.5e-3).points.tolist()
     text = _CASE.format(points=points, diagnose=diagnose, test=test)

@@ -108,11 +108,7 @@ class Measured:
 
 @functools.cache
 def virtual_test(
-    *,
-    k_t: float = np.inf,
-    modulus: float = 1.0,
-    thickness: float = 1.0,
-    mass: float = 0.0,
+    *, k_t: float = np.inf, modulus: float = 1.0, thickness: float = 1.0, mass: float = 0.0
 ) -> Measured:
     """Four bending modes at all torques, without noise.
 

@@ -16,14 +16,7 @@ from mpi4py import MPI
 
 from fenics_joints.meshes import TaggedMesh
 from fenics_joints.modal import solve_modes
-from fenics_joints.structure import (
-    ElasticSupport,
-    PointMass,
-    Sensors,
-    Spring,
-    Structure,
-    part,
-)
+from fenics_joints.structure import ElasticSupport, PointMass, Sensors, Spring, Structure, part
 from fenics_joints.structure.sparse import MatrixForm
 
 SIZE = (0.4, 0.06, 0.006)
@@ -108,8 +101,7 @@ def measured(model: Structure) -> tuple[np.ndarray, np.ndarray]:
 
 
 def held_by(kg: float, k: float, point, ways=ALL_WAYS) -> tuple[np.ndarray, np.ndarray]:
-    """The same of the plate with a mass, and springs to the ground, by default in all directions.
-    """
+    """The plate with a mass, and springs to the ground, by default in all directions."""
     springs = [Spring(f"s{i}", k, point, tuple(way)) for i, way in enumerate(ways)]
     hz, shapes = measured(strip(masses=[PointMass("m", kg, point)], springs=springs))
     # A plate on a spring bounces on it, which the test knows from bending.
@@ -150,9 +142,10 @@ def on_springs(k: float, eta: float) -> tuple[np.ndarray, np.ndarray, np.ndarray
     cells = mesh.meshtags(msh, 3, every, np.zeros(len(every), dtype=np.int32))
     tagged = TaggedMesh(msh, cells, tags, {"c0": 0}, {"left": 1})
     model = Structure(
-        tagged, [part("c0", ("c0",), E=E, nu=NU, rho=RHO)],
+        tagged,
+        [part("c0", ("c0",), E=E, nu=NU, rho=RHO)],
         supports=[ElasticSupport("end", "left", k, k)],
-    )  # fmt: skip
+    )
     modes = solve_modes(model, n_modes=40)
     X = np.column_stack([x.array_r for x in modes.shapes])
     lossy = X.T @ (MatrixForm(model.region_stiffness("end"), True) @ X)
@@ -167,9 +160,15 @@ def on_springs(k: float, eta: float) -> tuple[np.ndarray, np.ndarray, np.ndarray
 
 
 def write_strip(
-    folder: Path, hz, shapes, *lines: str, seed: int = 3, thick=SIZE[2], ratios=None,
+    folder: Path,
+    hz,
+    shapes,
+    *lines: str,
+    seed: int = 3,
+    thick=SIZE[2],
+    ratios=None,
     cells=(16, 3, 1),
-) -> Path:  # fmt: skip
+) -> Path:
     """Put the nominal case and these data, with noise, into a folder, and return it; with damping
     ratios it is clamped."""
     write_block(folder / "strip.msh", [1e3 * L for L in (*SIZE[:2], thick)], cells)

@@ -10,11 +10,7 @@ from fenics_joints.harmonic import solve_harmonic
 from fenics_joints.interfaces import loading_shapes, reduce_contacts, with_modal_damping
 from fenics_joints.joint_laws import CoulombStick
 from fenics_joints.modal import solve_modes
-from fenics_joints.preload import (
-    OPEN,
-    SLIP,
-    WasherForce,
-)
+from fenics_joints.preload import OPEN, SLIP, WasherForce
 from fenics_joints.preload.linear_joint import LinearJoint
 
 

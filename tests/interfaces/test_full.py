@@ -58,9 +58,12 @@ class Beam:
     def reduced(self, n_modes: int = 6, n_shapes: int = 12, **options) -> InterfaceModel:
         shapes = self.shapes(n_shapes) if n_shapes else []
         model = reduce_layers(
-            self.structure, {"lap": law()}, n_modes=n_modes, extra=shapes,
+            self.structure,
+            {"lap": law()},
+            n_modes=n_modes,
+            extra=shapes,
             **({"interface_modes": 0} | PLACES | options),
-        )  # fmt: skip
+        )
         return InterfaceModel(
             model.M, model.K, model.interfaces, self.rate * model.M, model.forces, model.sensors
         )
@@ -162,10 +165,17 @@ def test_full_model_in_time_is_the_reduced_one_in_harmonics(beam, reduced):
     assert abs(balance) < 0.87 * abs(linear_response(reduced, f1))
     assert abs(balance - linear_response(reduced, peak.frequency_hz)) > 0.1 * abs(balance)
     c, _ = stepped_sine(
-        beam.full, "push", FORCE, [peak.frequency_hz], sensor="tip", steps_per_period=100,
-        tolerance=2e-3, initial=start(beam, 1.02 * balance, peak.frequency_hz), harmonics=3,
+        beam.full,
+        "push",
+        FORCE,
+        [peak.frequency_hz],
+        sensor="tip",
+        steps_per_period=100,
+        tolerance=2e-3,
+        initial=start(beam, 1.02 * balance, peak.frequency_hz),
+        harmonics=3,
         petsc_options=OPTIONS,
-    )  # fmt: skip
+    )
     time = c[0, 1] - 1j * c[0, 2]
     assert abs(time) == pytest.approx(abs(balance), rel=3e-3)
     # The integrator's period is longer by (omega step)^2 / 12 of it: 0.01 rad of phase.
@@ -179,9 +189,15 @@ def test_full_and_reduced_models_agree_over_the_resonance(beam, reduced):
         found = solve_harmonic(reduced, "push", FORCE, at=[hertz], harmonics=15, samples=512)
         exact = found.sensor_coefficients("tip")[0]
         c, _ = stepped_sine(
-            beam.full, "push", FORCE, [hertz], sensor="tip", steps_per_period=300,
-            tolerance=5e-4, petsc_options=OPTIONS,
-        )  # fmt: skip
+            beam.full,
+            "push",
+            FORCE,
+            [hertz],
+            sensor="tip",
+            steps_per_period=300,
+            tolerance=5e-4,
+            petsc_options=OPTIONS,
+        )
         size = np.hypot(*exact[1:3])
         assert np.abs(c[0, 1:3] - exact[1:3]).max() < 5e-3 * size
         assert np.abs(c[0, 5:7] - exact[5:7]).max() < 5e-4 * size
@@ -192,11 +208,15 @@ def test_full_model_moves_alike_on_any_number_of_ranks(beam):
     value, hertz = 0.012 - 0.005j, 29.4
     alone, together = (
         solve_transient(
-            b.full, step=1 / hertz / 50, n_steps=60, initial=start(b, value, hertz),
-            loads={"push": lambda t: FORCE * np.cos(2 * np.pi * hertz * t)}, petsc_options=OPTIONS,
+            b.full,
+            step=1 / hertz / 50,
+            n_steps=60,
+            initial=start(b, value, hertz),
+            loads={"push": lambda t: FORCE * np.cos(2 * np.pi * hertz * t)},
+            petsc_options=OPTIONS,
         )
         for b in (beam, make_beam(MPI.COMM_WORLD))
-    )  # fmt: skip
+    )
     for key, name in (("displacements", "tip"), ("joint_work", "lap")):
         exact, found = (getattr(run, key)[name] for run in (alone, together))
         assert found == pytest.approx(exact, abs=1e-5 * np.abs(exact).max())
@@ -255,9 +275,12 @@ def test_time_integration_converges_to_harmonic_balance(beam, reduced):
     runs = []
     for steps in (50, 100):
         run = solve_transient(
-            reduced, step=1 / hertz / steps, n_steps=45 * steps, sensors=["tip"],
+            reduced,
+            step=1 / hertz / steps,
+            n_steps=45 * steps,
+            sensors=["tip"],
             loads={"push": lambda t: FORCE * np.cos(2 * np.pi * hertz * t)},
-        )  # fmt: skip
+        )
         c = steady_harmonics(run.times, run.displacements["tip"], hertz)
         runs.append(c[1] - 1j * c[2])
     coarse, fine = errors(runs, exact)

@@ -7,12 +7,7 @@ from oscillators import BAND, CUBIC, DAMPING, FORCE, Cubic, duffing
 
 from fenics_joints.errors import InputError
 from fenics_joints.harmonic import solve_backbone, solve_harmonic
-from fenics_joints.interfaces import (
-    InterfaceModel,
-    InterfacePoints,
-    full_layers,
-    loading_shapes,
-)
+from fenics_joints.interfaces import InterfaceModel, InterfacePoints, full_layers, loading_shapes
 from fenics_joints.joint_laws import Iwan, Segalman
 from fenics_joints.meshes import half_lap_beam_section
 from fenics_joints.modal import solve_modes
@@ -29,9 +24,13 @@ def pair(law=None) -> InterfaceModel:
     interface = InterfacePoints("joint", law or Cubic(k=CUBIC), along[None], np.ones(1))
     first = np.array([1.0, 0.0])
     return InterfaceModel(
-        MASS * np.eye(2), between, (interface,), DAMPING * between, {"push": first},
+        MASS * np.eye(2),
+        between,
+        (interface,),
+        DAMPING * between,
+        {"push": first},
         {"stretch": along[0], "first": first},
-    )  # fmt: skip
+    )
 
 
 def test_two_free_masses_move_against_each_other_as_one_held_mass():
@@ -63,9 +62,7 @@ def test_a_free_mode_is_the_held_ones_backbone():
     ends = 0.1, 2.0
     free = solve_backbone(pair(), ends, sensor="stretch", near=0.16)
     held = solve_backbone(duffing(), ends)
-    expected = np.interp(
-        free.amplitude("stretch"), held.amplitude("mass"), held.frequencies_hz
-    )  # fmt: skip
+    expected = np.interp(free.amplitude("stretch"), held.amplitude("mass"), held.frequencies_hz)
     assert free.frequencies_hz == pytest.approx(expected, rel=1e-3)
 
 
@@ -84,9 +81,7 @@ E, G, LAYER = 2.1e6, 10.3e6, 1e-4
 
 
 def beam(springs=()) -> Structure:
-    mesh = half_lap_beam_section(
-        MPI.COMM_WORLD, layer=LAYER, washer=0.0, n_length=4, n_lap=6
-    )  # fmt: skip
+    mesh = half_lap_beam_section(MPI.COMM_WORLD, layer=LAYER, washer=0.0, n_length=4, n_lap=6)
     regions = [
         part("beams", ("beam_1", "beam_2"), E=194e9, nu=0.3, rho=7733.0, normal=(0.0, 1.0)),
         joint("lap", "joint", E=E, G=G, normal=(0.0, 1.0)),
@@ -96,9 +91,7 @@ def beam(springs=()) -> Structure:
 
 def full(structure: Structure):
     law = Iwan(Segalman(2e4, G, -0.5, 1.0), 8)
-    return full_layers(
-        structure, {"lap": law}, forces={"push": ((0.085, 6.35e-3), (0.0, 1.0))}
-    )  # fmt: skip
+    return full_layers(structure, {"lap": law}, forces={"push": ((0.085, 6.35e-3), (0.0, 1.0))})
 
 
 @pytest.mark.parallel

@@ -28,9 +28,11 @@ from fenics_joints.joint_laws import (
 
 SEED = RichardAbbott(E_e=168.13e6, E_p=1.01e5, S_y=5.7426e5, n=2.5)
 CURVES = [
-    SEED, Segalman(F_S=100.0, K_T=1e6, chi=-0.5, beta=0.3), Bilinear(1e6, 10.0, 1e4),
+    SEED,
+    Segalman(F_S=100.0, K_T=1e6, chi=-0.5, beta=0.3),
+    Bilinear(1e6, 10.0, 1e4),
     Segalman(F_S=2.0, K_T=10.0, chi=0.7, beta=0.1),
-]  # fmt: skip
+]
 
 
 def history(law, strain, normal=False, state=None):

@@ -55,9 +55,12 @@ class Blocks:
         n = [*[2, 1][: self.gdim - 1], height]
         make = mesh.create_rectangle if self.gdim == 2 else mesh.create_box
         self.msh = msh = make(
-            MPI.COMM_WORLD, [[0.0] * self.gdim, top], n, CELLS[cell],
+            MPI.COMM_WORLD,
+            [[0.0] * self.gdim, top],
+            n,
+            CELLS[cell],
             ghost_mode=mesh.GhostMode.shared_facet,
-        )  # fmt: skip
+        )
         self.volume = 2 * SIZE * (SIZE if self.gdim == 3 else 1.0) * (SIZE if layer else 1.0)
         element = "Lagrange" if layer else "DG"
         shape = (self.gdim,)
@@ -202,11 +205,15 @@ def test_newton_converges_quadratically_under_loads(name):
         blocks.load.value[:2] = load
 
     found = solve_quasi_static(
-        blocks.F - ufl.dot(blocks.load, blocks.v) * blocks.ds(2), blocks.u, loads, apply,
-        bcs=clamped(blocks), joints=[blocks.joint],
+        blocks.F - ufl.dot(blocks.load, blocks.v) * blocks.ds(2),
+        blocks.u,
+        loads,
+        apply,
+        bcs=clamped(blocks),
+        joints=[blocks.joint],
         outputs={"0": blocks.mean(blocks.joint.slip[0])},
         petsc_options={"snes_rtol": 1e-9},
-    )  # fmt: skip
+    )
     orders = [order(r) for r in found.residuals if np.sum(r > 1e-10 * r[0]) >= 3]
     assert orders and max(orders) > 1.8
     assert found.iterations.max() <= 12
@@ -231,9 +238,13 @@ def test_more_than_the_joint_can_carry():
     residual = blocks.F - ufl.dot(blocks.load, blocks.v) * blocks.ds(2)
     with pytest.raises(ConvergenceError, match="load step 1") as told:
         solve_quasi_static(
-            residual, blocks.u, [0.5 * CURVE.S_y, 1.2 * CURVE.S_y], apply, bcs=clamped(blocks),
+            residual,
+            blocks.u,
+            [0.5 * CURVE.S_y, 1.2 * CURVE.S_y],
+            apply,
+            bcs=clamped(blocks),
             joints=[blocks.joint],
-        )  # fmt: skip
+        )
     assert "DIVERGED" in str(told.value)
     slip = np.abs(blocks.u.x.array).max()
     assert blocks.msh.comm.allreduce(slip, op=MPI.MAX) < CURVE.reference * SIZE
@@ -258,9 +269,13 @@ def test_stretched_layer_with_a_parameter_that_varies():
     """Half as thick as meshed; pressure, and so friction, grows along the layer."""
     k_n, k_s, mu, p0 = 5e8, 2e8, 0.3, 4e5
     blocks = Blocks(
-        "quad", CoulombStick(k_n, k_s, mu, p0), True, degree=4, stretch=0.5,
+        "quad",
+        CoulombStick(k_n, k_s, mu, p0),
+        True,
+        degree=4,
+        stretch=0.5,
         values=lambda msh: {"pressure": p0 * ufl.SpatialCoordinate(msh)[0] / SIZE},
-    )  # fmt: skip
+    )
     steps = SIZE * np.array([[1e-4, 0.0], [2e-3, 0.0], [1e-3, 0.0]])
     found = blocks.move(steps)
     x, w = np.polynomial.legendre.leggauss(3)

@@ -36,10 +36,13 @@ print(dolfinx.fem.assemble_scalar(volume))
 
 def start(cache: Path, seed: int = 0, **variables: str) -> subprocess.Popen:
     return subprocess.Popen(
-        [sys.executable, "-c", SCRIPT.format(seed=seed)], text=True, start_new_session=True,
+        [sys.executable, "-c", SCRIPT.format(seed=seed)],
+        text=True,
+        start_new_session=True,
         env={**os.environ, "XDG_CACHE_HOME": str(cache), **variables},
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-    )  # fmt: skip
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+    )
 
 
 def answer(process: subprocess.Popen) -> float:

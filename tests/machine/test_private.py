@@ -99,9 +99,12 @@ print("settings:", not made, matplotlib.rcParams["figure.dpi"] == 7,
       any("petscrc" in name for name in PETSc.Options().getAll()), os.getcwd())
 """
     done = subprocess.run(
-        [sys.executable, "-c", code], cwd=tmp_path, text=True, capture_output=True,
+        [sys.executable, "-c", code],
+        cwd=tmp_path,
+        text=True,
+        capture_output=True,
         env={**os.environ, "XDG_CACHE_HOME": str(tmp_path / "cache")},
-    )  # fmt: skip
+    )
     assert done.returncode == 0, done.stderr
     found = done.stdout.partition("settings: ")[2].splitlines()[0].split()
     assert found == [*[str(not command)] * 3, str(tmp_path)]

@@ -92,8 +92,10 @@ def test_output_into_a_closed_pipe():
     os.close(read)
     process = subprocess.run(
         [sys.executable, "-m", "fenics_joints", "database", "show"],
-        stdout=write, stderr=subprocess.PIPE, text=True,
-    )  # fmt: skip
+        stdout=write,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
     os.close(write)
     assert "Traceback" not in process.stderr and "PETSC" not in process.stderr, process.stderr
     assert process.returncode in (0, 1, 141)

@@ -27,9 +27,13 @@ def _without_a_width() -> dict[str, str]:
 def run(shell: str, *, cwd=None, **variables: str) -> tuple[int, bytes, str]:
     """Runs a line of a shell in which $P is Python; status, output, and errors as text."""
     done = subprocess.run(
-        ["sh", "-c", f"P={shlex.quote(sys.executable)}; {shell}"], capture_output=True, cwd=cwd,
-        env={**_without_a_width(), **variables}, timeout=120, check=False,
-    )  # fmt: skip
+        ["sh", "-c", f"P={shlex.quote(sys.executable)}; {shell}"],
+        capture_output=True,
+        cwd=cwd,
+        env={**_without_a_width(), **variables},
+        timeout=120,
+        check=False,
+    )
     error = done.stderr.decode(errors="replace")
     assert "Traceback" not in error and "please report" not in error, error
     return done.returncode, done.stdout, error
@@ -68,10 +72,16 @@ def test_width_that_no_terminal_has_is_left_out(answer, columns):
 @pytest.mark.parametrize(
     ("shell", "status"),
     [
-        ("<&-", 0), ("2>&-", 0), (">&-", 1), ("<&- >&- 2>&-", 1), (">/dev/full", 1),
-        ("2>/dev/full", 0), (">&- --csv rows.csv -q", 0), ("--csv /dev/full", 1),
+        ("<&-", 0),
+        ("2>&-", 0),
+        (">&-", 1),
+        ("<&- >&- 2>&-", 1),
+        (">/dev/full", 1),
+        ("2>/dev/full", 0),
+        (">&- --csv rows.csv -q", 0),
+        ("--csv /dev/full", 1),
     ],
-)  # fmt: skip
+)
 def test_closed_and_full_streams(answer, tmp_path, shell, status):
     """What could not be written is said; a file never takes the number of a closed stream."""
     found, out, error = run(f"$P {FAST} {shell}", cwd=tmp_path)
@@ -139,10 +149,11 @@ def test_only_errors_of_files_are_called_so(error, reported):
 
 def test_names_that_are_no_utf8(tmp_path):
     """As an old disk has them: cases are read, and results written; a case cannot name them."""
-    make = "$P -m fenics_joints new \"$B\" --beams --yes"
+    make = '$P -m fenics_joints new "$B" --beams --yes'
     name = "B=$(printf 'a\\377b')"
-    status, _, error = run(f"{name}; {make}; $P -m fenics_joints check \"$B\" --json \"$B.json\"",
-                           cwd=tmp_path)  # fmt: skip
+    status, _, error = run(
+        f'{name}; {make}; $P -m fenics_joints check "$B" --json "$B.json"', cwd=tmp_path
+    )
     assert status == 0, error
     (made,) = tmp_path.glob("*.json")
     assert b"\xff" in os.fsencode(made) and json.loads(made.read_bytes())["dofs"] > 0
@@ -170,9 +181,12 @@ with guarded():
 @pytest.mark.skipif(shutil.which("mpirun") is None, reason="needs mpirun")
 def test_ctrl_c_on_two_ranks_needs_no_abort():
     process = subprocess.Popen(
-        ["mpirun", "-n", "2", sys.executable, "-c", STOPPED], text=True, start_new_session=True,
-        stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
-    )  # fmt: skip
+        ["mpirun", "-n", "2", sys.executable, "-c", STOPPED],
+        text=True,
+        start_new_session=True,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+    )
     assert [process.stdout.readline() for _ in range(2)] == ["inside\n"] * 2
     time.sleep(0.5)
     process.send_signal(signal.SIGINT)

@@ -53,10 +53,12 @@ def off(found: MeasuredBackbone) -> np.ndarray:
     w = 2 * np.pi * found.frequencies_hz
     times = {"displacement": 0, "acceleration": 2}[found.response]
     f, zeta = JOINT.backbone(found.amplitudes / w**times)
-    return np.array([
-        (found.frequencies_hz - f) / found.frequencies_sd,
-        (found.damping - zeta) / found.damping_sd,
-    ])  # fmt: skip
+    return np.array(
+        [
+            (found.frequencies_hz - f) / found.frequencies_sd,
+            (found.damping - zeta) / found.damping_sd,
+        ]
+    )
 
 
 def check(errors: list[np.ndarray], most: float = 2.0) -> None:
@@ -98,8 +100,11 @@ def test_ring_down_of_two_sensors_and_two_modes(decay, tmp_path):
         for share, way in ((1.0, 1.0), (-1.5, 0.7))
     )
     hammer = np.where(times < 2e-3, 100.0, 0.0)
-    path = write(tmp_path, "hit.csv", table(
-        "time [ms],a1 [m/s2],a2 [g],hammer [N]", 1e3 * times, a, b / 9.80665, hammer))  # fmt: skip
+    path = write(
+        tmp_path,
+        "hit.csv",
+        table("time [ms],a1 [m/s2],a2 [g],hammer [N]", 1e3 * times, a, b / 9.80665, hammer),
+    )
     found = read_amplitude(path, sensor="a1", band=(70, 90))
     assert found.response == "acceleration"
     check([off(found)])
@@ -118,9 +123,14 @@ def test_constant_force_gives_the_closed_form_whatever_it_folds(tmp_path):
             h = -((2 * np.pi * f) ** 2) * JOINT.held(level, f)
             h = h * (1 + 0.005 * (rng.normal(size=len(f)) + 1j * rng.normal(size=len(f))))
             columns.append((np.full(len(f), level), f, level * np.abs(h), -np.angle(h, deg=True)))
-        path = write(tmp_path, "sweeps.csv", table(
-            "level [N],frequency [Hz],amplitude [m/s2],phase [deg]",
-            *np.concatenate(columns, axis=1)))  # fmt: skip
+        path = write(
+            tmp_path,
+            "sweeps.csv",
+            table(
+                "level [N],frequency [Hz],amplitude [m/s2],phase [deg]",
+                *np.concatenate(columns, axis=1),
+            ),
+        )
         found = read_amplitude(path)
         assert found.kind == "constant force" and found.response == "acceleration"
         assert len(found) >= 6
@@ -159,10 +169,23 @@ def test_universal_files_of_functions_and_of_decays(decay, tmp_path):
         own, zeta = JOINT.backbone(level / w**2)
         own = 2 * np.pi * own
         h = -(w**2) / (own**2 - w**2 + 2j * zeta * own * w)
-        sets.append(pyuff.prepare_58(
-            func_type=4, x=f, data=h, num_pts=len(f), abscissa_spacing=1, ord_data_type=6,
-            abscissa_min=f[0], abscissa_inc=f[1] - f[0], ordinate_spec_data_type=12,
-            orddenom_spec_data_type=13, abscissa_spec_data_type=18, id1="h", **common))  # fmt: skip
+        sets.append(
+            pyuff.prepare_58(
+                func_type=4,
+                x=f,
+                data=h,
+                num_pts=len(f),
+                abscissa_spacing=1,
+                ord_data_type=6,
+                abscissa_min=f[0],
+                abscissa_inc=f[1] - f[0],
+                ordinate_spec_data_type=12,
+                orddenom_spec_data_type=13,
+                abscissa_spec_data_type=18,
+                id1="h",
+                **common,
+            )
+        )
     pyuff.UFF(str(tmp_path / "held.uff")).write_sets(sets, "overwrite")
     given = {"levels": ["2 m/s2", "30 m/s2"], "units": "m/s2/N"}
     found = read_amplitude(tmp_path / "held.uff", **given)
@@ -175,10 +198,21 @@ def test_universal_files_of_functions_and_of_decays(decay, tmp_path):
         read_amplitude(tmp_path / "held.uff")
     times, signal = decay
     one = pyuff.prepare_58(
-        func_type=1, x=times, data=signal / 9.80665, num_pts=len(times), abscissa_spacing=1,
-        ord_data_type=4, abscissa_min=0.0, abscissa_inc=times[1], ordinate_spec_data_type=12,
-        orddenom_spec_data_type=0, abscissa_spec_data_type=17, ordinate_axis_units_lab="g",
-        id1="t", **common)  # fmt: skip
+        func_type=1,
+        x=times,
+        data=signal / 9.80665,
+        num_pts=len(times),
+        abscissa_spacing=1,
+        ord_data_type=4,
+        abscissa_min=0.0,
+        abscissa_inc=times[1],
+        ordinate_spec_data_type=12,
+        orddenom_spec_data_type=0,
+        abscissa_spec_data_type=17,
+        ordinate_axis_units_lab="g",
+        id1="t",
+        **common,
+    )
     pyuff.UFF(str(tmp_path / "decay.uff")).write_sets([one, one], "overwrite")
     twice = read_amplitude(tmp_path / "decay.uff")  # two hits
     alone = from_ring_down(times, signal, "acceleration")
@@ -268,8 +302,12 @@ def test_what_is_wrong_in_a_record_is_said(decay, tmp_path):
         from_ring_down(times, noise, "acceleration", band=(70, 90))
     with pytest.raises(InputError, match="decay is .* s long; expected more than"):
         from_ring_down(times[:200], signal[:200], "acceleration", band=(70, 90))
-    ends = table("level [m/s2],frequency [Hz],force [N]", np.full(9, 5.0),
-                 np.linspace(70, 79, 9), np.linspace(9, 1, 9))  # fmt: skip
+    ends = table(
+        "level [m/s2],frequency [Hz],force [N]",
+        np.full(9, 5.0),
+        np.linspace(70, 79, 9),
+        np.linspace(9, 1, 9),
+    )
     with pytest.raises(InputError, match="level 5 m/s2: .*largest at the end of the sweep, 79 Hz"):
         read_amplitude(write(tmp_path, "end.csv", ends))
     with pytest.raises(InputError, match="no such file, expected amplitude data"):

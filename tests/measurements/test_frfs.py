@@ -64,10 +64,16 @@ def test_uff_of_two_files_in_any_order(tmp_path, binary, spacing):
 
 def test_mat(tmp_path):
     content = dict(
-        f=F, H=1e3 * H, units="mm/s2/N", length_unit="mm", response_points=1e3 * POINTS,
-        response_directions=np.eye(3)[[2, 1, 2]], reference_points=1e3 * POINTS,
-        reference_directions=np.eye(3)[[2, 1, 2]], coherence=np.full(H.shape, 0.9),
-    )  # fmt: skip
+        f=F,
+        H=1e3 * H,
+        units="mm/s2/N",
+        length_unit="mm",
+        response_points=1e3 * POINTS,
+        response_directions=np.eye(3)[[2, 1, 2]],
+        reference_points=1e3 * POINTS,
+        reference_directions=np.eye(3)[[2, 1, 2]],
+        coherence=np.full(H.shape, 0.9),
+    )
     path, keys = tmp_path / "a.mat", {"frequency": "f", "frf": "H"}
     scipy.io.savemat(path, content)
     read = read_frfs(path, keys=keys)
@@ -113,9 +119,10 @@ def _csv(path, heads, columns):
 def test_csv(tmp_path):
     names = ["1:+z", "2:y", "7:+z"]
     nodes = _csv(
-        tmp_path / "nodes.csv", ["node", "x [mm]", "y [mm]", "z [mm]"],
+        tmp_path / "nodes.csv",
+        ["node", "x [mm]", "y [mm]", "z [mm]"],
         [list(world.NODES), *(1e3 * POINTS.T)],
-    )  # fmt: skip
+    )
     heads, columns = ["frequency [kHz]"], [F / 1e3]
     for i, j in PAIRS[:5]:
         heads += [f"{names[i]}/{names[j]} re [m/s²/N]", f"{names[i]}/{names[j]} im [m/s²/N]"]
@@ -165,9 +172,14 @@ def test_power_at_driving_points(tmp_path):
     """A kind that is wrong by one derivative; and a band of springs whose phase is a little off."""
     path = tmp_path / "a.mat"
     whole = dict(
-        frequency=F, response_points=POINTS[:1], response_directions=[0, 0, 1],
-        reference_points=POINTS[:1], reference_directions=[0, 0, 1], units="m/s2/N", frf=H[:, 0, 0],
-    )  # fmt: skip
+        frequency=F,
+        response_points=POINTS[:1],
+        response_directions=[0, 0, 1],
+        reference_points=POINTS[:1],
+        reference_directions=[0, 0, 1],
+        units="m/s2/N",
+        frf=H[:, 0, 0],
+    )
     scipy.io.savemat(path, whole)
     assert not read_frfs(path).notes
     scipy.io.savemat(path, whole | {"units": "m/s/N"})
@@ -194,18 +206,32 @@ def test_what_a_file_does_not_say_can_be_said(tmp_path):
     # Rows are the axes: what is along its own z is along x of all.
     axes = np.array([[0, 1, 0], [0, 0, 1], [1, 0, 0], [0, 0, 0]], dtype=float)
     system = dict(
-        type=2420, Part_UID=1, Part_Name="p", CS_sys_labels=[5], CS_types=[0], CS_colors=[8],
-        CS_names=["CS5"], CS_matrices=[axes],
-    )  # fmt: skip
+        type=2420,
+        Part_UID=1,
+        Part_Name="p",
+        CS_sys_labels=[5],
+        CS_types=[0],
+        CS_colors=[8],
+        CS_names=["CS5"],
+        CS_matrices=[axes],
+    )
     nodes = world.geometry(disp_cs=[5, 0, 0])
     nodes[0] = world.units(1.0)  # so y is 10 m
     files = _uff(tmp_path, [world.function(0, 0)], "b.uff", [*nodes, system])
     read = read_frfs(files)
     assert read.response_names == ("1:+x",) and read.response_points[0, 1] == 10.0
     older = dict(
-        type=18, cs_num=[5], cs_type=[0], ref_cs_num=[0], color=[8], method=[1], cs_name=["CS5"],
-        ref_o=[[1.0, 2.0, 3.0]], x_point=[[1.0, 4.0, 3.0]], xz_point=[[2.0, 9.0, 3.0]],
-    )  # fmt: skip
+        type=18,
+        cs_num=[5],
+        cs_type=[0],
+        ref_cs_num=[0],
+        color=[8],
+        method=[1],
+        cs_name=["CS5"],
+        ref_o=[[1.0, 2.0, 3.0]],
+        x_point=[[1.0, 4.0, 3.0]],
+        xz_point=[[2.0, 9.0, 3.0]],
+    )
     local = [world.units(1.0), world.geometry(15, disp_cs=[5, 0, 0], def_cs=[5, 0, 0])[1]]
     read = read_frfs(_uff(tmp_path, [world.function(0, 0)], "d.uff", [*local, older]))
     assert read.response_names == ("1:+x",)
@@ -246,7 +272,7 @@ BROKEN_FUNCTIONS = [
     (dict(data=np.conj(world.function(1, 1)["data"])), "or the conjugate"),
     (dict(data=np.full(len(F), 0.97 + 0j)), "is real at all lines, as a spectrum or a coherence"),
     (dict(data=np.zeros(len(F), dtype=complex)), "is zero; expected"),
-]  # fmt: skip
+]
 BROKEN_FILES = [
     (1, lambda b: b[: len(b) // 3], "stops within a dataset .*truncated"),
     (1, lambda b: b[:-4000] + b"    -1\n", r"dataset 2 \(type 58\): holds 350 values, expected"),
@@ -259,7 +285,7 @@ BROKEN_FILES = [
     (0, _with_nan, "is .*nan.*, expected a finite"),
     (0, _without_lines, "dataset 1 .* holds no line"),
     (0, lambda b: b"", "is empty"),
-]  # fmt: skip
+]
 
 
 def test_broken_functions(tmp_path):

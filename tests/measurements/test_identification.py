@@ -28,9 +28,14 @@ def _frfs(references, noise=0.0, seed=0, frequencies=world.FREQUENCIES, kind="ac
     if len(references) > 1:
         H[:, 2, 0] = np.nan
     measured = MeasuredFRFs(
-        frequencies, H, "accelerance", POINTS, DIRECTIONS,
-        POINTS[references], DIRECTIONS[references],
-    )  # fmt: skip
+        frequencies,
+        H,
+        "accelerance",
+        POINTS,
+        DIRECTIONS,
+        POINTS[references],
+        DIRECTIONS[references],
+    )
     return measured.converted(kind)
 
 
@@ -51,9 +56,16 @@ def test_roving_hammer():
     f_true, phi = world.modes()
     H = world.accelerance()[:, 2:, :]
     roving = MeasuredFRFs(
-        world.FREQUENCIES, H, "accelerance", POINTS[2:], DIRECTIONS[2:], POINTS, DIRECTIONS,
-        reference_names=("1:+z", "2:+y", "7:+z"), coherence=np.full(H.shape, 0.9),
-    )  # fmt: skip
+        world.FREQUENCIES,
+        H,
+        "accelerance",
+        POINTS[2:],
+        DIRECTIONS[2:],
+        POINTS,
+        DIRECTIONS,
+        reference_names=("1:+z", "2:+y", "7:+z"),
+        coherence=np.full(H.shape, 0.9),
+    )
     found = identify_modes(roving)
     assert found.mass_normalised and found.frfs.response_names == roving.reference_names
     turned = phi * np.sign((phi * found.shapes).sum(axis=0))
@@ -92,12 +104,14 @@ def test_stated_deviations():
         found = identify_modes(_frfs([0, 2], 0.08, seed), order=12, near=f_true + 1)
         turned = phi * np.sign((phi * found.shapes).sum(axis=0))
         errors.append(
-            np.vstack([
-                (found.frequencies_hz - f_true) / found.frequencies_sd,
-                (found.damping - world.ZETA) / found.damping_sd,
-                (found.shapes - turned) / found.shapes_sd,
-            ])
-        )  # fmt: skip
+            np.vstack(
+                [
+                    (found.frequencies_hz - f_true) / found.frequencies_sd,
+                    (found.damping - world.ZETA) / found.damping_sd,
+                    (found.shapes - turned) / found.shapes_sd,
+                ]
+            )
+        )
     rms = np.sqrt(np.mean(np.array(errors) ** 2, axis=0))
     assert (rms[:2] > 0.6).all() and (rms[:2] < 1.5).all()
     assert (rms[2:] > 0.6).all() and (rms[2:] < 1.5).all()
@@ -152,9 +166,7 @@ def _six(references, noise=0.0, seed=0, fn=CLOSE, shift=(0,) * 6, decay=0.0, wit
     H += noise * (rng.normal(size=H.shape) + 1j * rng.normal(size=H.shape))
     for rows, column in without:
         H[:, rows, column] = np.nan
-    return MeasuredFRFs(
-        f, H, "accelerance", PLACES, UP, PLACES[references], UP[references],
-    )  # fmt: skip
+    return MeasuredFRFs(f, H, "accelerance", PLACES, UP, PLACES[references], UP[references])
 
 
 def _against(found, true=SIX):
@@ -167,11 +179,15 @@ def test_close_modes_and_their_deviations():
     for seed in range(10):
         found = identify_modes(_six([0, 2], 0.02, seed))
         assert len(found.damping) == 4 and not found.notes
-        errors.append(np.vstack([
-            (found.frequencies_hz - CLOSE) / found.frequencies_sd,
-            (found.damping - SIX_ZETA) / found.damping_sd,
-            (found.shapes - _against(found)) / found.shapes_sd,
-        ]))  # fmt: skip
+        errors.append(
+            np.vstack(
+                [
+                    (found.frequencies_hz - CLOSE) / found.frequencies_sd,
+                    (found.damping - SIX_ZETA) / found.damping_sd,
+                    (found.shapes - _against(found)) / found.shapes_sd,
+                ]
+            )
+        )
     errors = np.array(errors)
     assert 0.8 < (np.abs(errors) < 1.645).mean() < 0.96  # 90 % are right
     assert 0.7 < np.sqrt(np.mean(errors**2)) < 1.4
@@ -241,12 +257,16 @@ def test_exponential_window():
 
 
 IDENTIFIED = [
-    ('frequencies = "frequencies.csv"\n', ""), ('damping = "damping.csv"\n', ""),
-    ('condition = "torque"\n', ""), ('resolution = ["12.5 Hz", "12.5 Hz", "0 Hz", "0 Hz"]\n', ""),
+    ('frequencies = "frequencies.csv"\n', ""),
+    ('damping = "damping.csv"\n', ""),
+    ('condition = "torque"\n', ""),
+    ('resolution = ["12.5 Hz", "12.5 Hz", "0 Hz", "0 Hz"]\n', ""),
     ('[test.validation]\nfrequencies = "frequencies_28Nm.csv"\n', ""),
-    ("at = 20\n", ""), ('["near.E", "near.G", "away.E", "away.G"]', '["near.E"]'),
-    ('"near.E" = "3 GPa"', '"near.E" = "300 MPa"'), ("hold_out = [4, 8, 12]\n", ""),
-]  # fmt: skip
+    ("at = 20\n", ""),
+    ('["near.E", "near.G", "away.E", "away.G"]', '["near.E"]'),
+    ('"near.E" = "3 GPa"', '"near.E" = "300 MPa"'),
+    ("hold_out = [4, 8, 12]\n", ""),
+]
 SEES = """[test.sees]
 along = "x"
 positions = ["10 mm", "60 mm", "110 mm", "210 mm", "310 mm"]
@@ -265,11 +285,18 @@ def _measured_plates(case, path):
     H = np.einsum("ir,nr,r->ni", phi, s**2 / (s**2 + 0.01 * w * s + w**2), phi[0])
     rng = np.random.default_rng(1)
     H += 0.01 * np.abs(H).mean() * (rng.normal(size=H.shape) + 1j * rng.normal(size=H.shape))
-    scipy.io.savemat(path, dict(
-        frequency=lines, frf=H, response_points=1e3 * sensors.points, length_unit="mm",
-        response_directions=sensors.directions, reference_points=1e3 * sensors.points[:1],
-        reference_directions=sensors.directions[:1],
-    ))  # fmt: skip
+    scipy.io.savemat(
+        path,
+        dict(
+            frequency=lines,
+            frf=H,
+            response_points=1e3 * sensors.points,
+            length_unit="mm",
+            response_directions=sensors.directions,
+            reference_points=1e3 * sensors.points[:1],
+            reference_directions=sensors.directions[:1],
+        ),
+    )
     seen = (modes.visibility(sensors) > 0.1) & (f > 150) & (f < 3600)
     return f[seen], phi[:, seen]
 

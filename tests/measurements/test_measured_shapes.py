@@ -7,16 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from uff_files import (
-    block,
-    complex_mode_55,
-    ints,
-    mode_55,
-    nodes_15,
-    nodes_2411,
-    reals,
-    units_164,
-)
+from uff_files import block, complex_mode_55, ints, mode_55, nodes_15, nodes_2411, reals, units_164
 
 from fenics_joints.errors import InputError
 from fenics_joints.measurements import mac, made_real, read_frfs, read_shapes
@@ -167,7 +158,7 @@ BROKEN = [
         ["grows in time", "rad/s"],
     ),
     ((units_164(1.0), PLAIN[1], UNITS, GOOD[2]), ["factor of length is 1000, expected 1"]),
-]  # fmt: skip
+]
 
 
 @pytest.mark.parametrize(("blocks", "words"), BROKEN, ids=[w[0][:30] for _, w in BROKEN])
@@ -189,8 +180,9 @@ def test_pairs_by_order_and_frequency(tmp_path):
 
 def function(kind, denominator):
     dofs = f"{kind:5d}{1:10d}{0:5d}{0:10d} {'NONE':10}{7:10d}{3:4d} {'NONE':10}{3:10d}{3:4d}"
-    axes = [f"{data:10d}{0:5d}{0:5d}{0:5d} {'NONE':20} {'NONE':20}"
-            for data in (18, 12, denominator, 0)]  # fmt: skip
+    axes = [
+        f"{data:10d}{0:5d}{0:5d}{0:5d} {'NONE':20} {'NONE':20}" for data in (18, 12, denominator, 0)
+    ]
     head = [*["NONE"] * 5, dofs, ints(5, 3, 1) + reals(10.0, 1.0, 0.0), *axes]
     return block(58, *head, reals(1, 2, 3, 4, 5, 6))
 

@@ -132,9 +132,15 @@ def _cylindrical(kind=1):
     nodes[0] = world.units(1.0)
     matrix = np.vstack([np.eye(3), np.zeros(3)])
     system = dict(
-        type=2420, Part_UID=1, Part_Name="p", CS_sys_labels=[7], CS_types=[kind], CS_colors=[8],
-        CS_names=["CS7"], CS_matrices=[matrix],
-    )  # fmt: skip
+        type=2420,
+        Part_UID=1,
+        Part_Name="p",
+        CS_sys_labels=[7],
+        CS_types=[kind],
+        CS_colors=[8],
+        CS_names=["CS7"],
+        CS_matrices=[matrix],
+    )
     return [*nodes, system]
 
 
@@ -167,10 +173,18 @@ def _as_2414(text: str) -> str:
             zero = f"{0.0:13.5E}"
             real = [0.0, float(f), 0.0, 1.0, float(viscous), float(hysteretic)]
             lines = [
-                "  2414", "         1", "mode", "         1", *lines[1:6], lines[6],
-                "         0" * 5 + f"{mode:>10}" + "         0" * 2, "         0" * 2,
-                "".join(f"{x:13.5E}" for x in real), 6 * zero, *lines[9:],
-            ]  # fmt: skip
+                "  2414",
+                "         1",
+                "mode",
+                "         1",
+                *lines[1:6],
+                lines[6],
+                "         0" * 5 + f"{mode:>10}" + "         0" * 2,
+                "         0" * 2,
+                "".join(f"{x:13.5E}" for x in real),
+                6 * zero,
+                *lines[9:],
+            ]
             part = "\n".join(lines) + "\n"
         sets.append(part)
     return "    -1\n".join(sets)

@@ -8,11 +8,18 @@ import pytest
 import fenics_joints.meshes as meshes
 
 BUILDERS = [
-    meshes.CBeams, meshes.Dumbbell, meshes.EngravingMachine, meshes.HalfLapBeam,
-    meshes.HalfLapBeamSection, meshes.LapBeam,
-    meshes.LapBeamSection, meshes.LapPlates, meshes.RoundPlates, meshes.RoundPlatesSection,
+    meshes.CBeams,
+    meshes.Dumbbell,
+    meshes.EngravingMachine,
+    meshes.HalfLapBeam,
+    meshes.HalfLapBeamSection,
+    meshes.LapBeam,
+    meshes.LapBeamSection,
+    meshes.LapPlates,
+    meshes.RoundPlates,
+    meshes.RoundPlatesSection,
     meshes.StepAssembly,
-]  # fmt: skip
+]
 
 
 @pytest.mark.parametrize("builder", BUILDERS)

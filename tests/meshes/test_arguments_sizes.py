@@ -9,9 +9,7 @@ from fenics_joints import meshes
 from fenics_joints.errors import MeshError
 
 
-@pytest.mark.parametrize("builder", [
-    "c_beams", "dumbbell", "engraving_machine", "lap_plates",
-])  # fmt: skip
+@pytest.mark.parametrize("builder", ["c_beams", "dumbbell", "engraving_machine", "lap_plates"])
 def test_a_nanometre_is_refused(builder):
     make = getattr(meshes, builder)
     with pytest.raises(MeshError, match="element_size|cells"):

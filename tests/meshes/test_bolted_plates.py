@@ -38,10 +38,13 @@ def expected_plates(given, circle, disc):
 
 
 PAIRS = {
-    "interface": ("plate_1", "plate_2"), "seat_1": ("washer_1", "plate_1"),
-    "seat_2": ("plate_2", "washer_2"), "head_1": ("bolt_lower", "washer_1"),
-    "head_2": ("washer_2", "bolt_upper"), "section": ("bolt_lower", "bolt_upper"),
-}  # fmt: skip
+    "interface": ("plate_1", "plate_2"),
+    "seat_1": ("washer_1", "plate_1"),
+    "seat_2": ("plate_2", "washer_2"),
+    "head_1": ("bolt_lower", "washer_1"),
+    "head_2": ("washer_2", "bolt_upper"),
+    "section": ("bolt_lower", "bolt_upper"),
+}
 
 
 def assert_plates(tagged, given):

@@ -10,8 +10,11 @@ from fenics_joints.meshes import c_beams, check_mesh
 
 COMM = MPI.COMM_WORLD
 SMALL_BEAMS = {
-    "element_size": 6e-3, "radial_size": 3e-3, "middle_size": 25e-3, "n_thickness": (2, 1),
-}  # fmt: skip
+    "element_size": 6e-3,
+    "radial_size": 3e-3,
+    "middle_size": 25e-3,
+    "n_thickness": (2, 1),
+}
 
 
 @pytest.mark.parallel
@@ -30,8 +33,11 @@ def test_c_beams_measures(layer, bonded):
     assert parts(tagged) == pytest.approx(expected | ({"joint": pads * layer} if layer else {}))
     found = faces(tagged)
     wall = n * 8.43e-3 * np.sin(np.pi / n) * 2 * (25.4e-3 + layer)
-    rings = {f"washer_{i}_{side}": polygon(17.46e-3) - hole for i in (1, 2)
-             for side in ("lower", "upper")}  # fmt: skip
+    rings = {
+        f"washer_{i}_{side}": polygon(17.46e-3) - hole
+        for i in (1, 2)
+        for side in ("lower", "upper")
+    }
     inside = ("joint_lower", "joint_upper") if layer else ("interface",)
     between = (
         dict.fromkeys(inside, 0.0)

@@ -52,9 +52,16 @@ def test_flanges_hold_together_by_rings(shared_tmp_path):
     parts = {"bed": "Bed casting", "column": (0.06, 0.03, 0.03)}
     faces = {"ground": (0.01, 0.01, 0), "sides": [(0, 0.03, 0.01), (0.02, 0.03, 0.03)]}
     tagged = read_step(
-        path, COMM, element_size=25 * MM, r_wai=11 * MM, layer=0.5 * MM, parts=parts, faces=faces,
-        ring_size=5 * MM, circle=CIRCLE,
-    )  # fmt: skip
+        path,
+        COMM,
+        element_size=25 * MM,
+        r_wai=11 * MM,
+        layer=0.5 * MM,
+        parts=parts,
+        faces=faces,
+        ring_size=5 * MM,
+        circle=CIRCLE,
+    )
     rings = [f"ring_{i}" for i in (1, 2, 3, 4)]
     assert list(tagged.cell_names) == ["bed", "column", *rings]
     assert check_mesh(tagged).bodies == 1
@@ -69,7 +76,9 @@ def test_flanges_hold_together_by_rings(shared_tmp_path):
         assert np.allclose([ring.centre, tagged.points["bolts"][i]], centre, atol=1e-9)
         assert np.allclose([ring.thickness, ring.r_nei, ring.r_wai], [5e-4, 6e-3, 11e-3], rtol=1e-6)
         assert np.allclose(ring.normal, [0, 0, 1]) and (ring.lower, ring.upper) == (
-            ("bed",), ("column",))  # fmt: skip
+            ("bed",),
+            ("column",),
+        )
         # Not all circles have so many corners, some more: the inner one lacks more, or less.
         assert ring.area / MM2 == pytest.approx(annulus, rel=1 - POLYGON)
         assert found[name] == pytest.approx(ring.area * 0.5 * MM, rel=1e-9)
@@ -105,7 +114,8 @@ def test_unit_of_the_file(tmp_path):
     assert gmsh.model.getCurrent() == "mine"
     gmsh.model.occ.importShapes(str(path))
     assert np.diff(np.reshape(gmsh.model.occ.getBoundingBox(3, 1), (2, 3)), axis=0)[0] == (
-        pytest.approx([100, 60, 20], rel=1e-4))  # fmt: skip
+        pytest.approx([100, 60, 20], rel=1e-4)
+    )
     gmsh.finalize()
 
 
@@ -115,13 +125,25 @@ def test_modes_of_the_dumbbell(shared_tmp_path):
     path = drawn(shared_tmp_path, dumbbell_halves)
     centres, layer = [(-0.035, 0.0), (0.035, 0.0)], 0.657 * MM
     cad = read_step(
-        path, COMM, element_size=60 * MM, ring_size=8 * MM, r_wai=20 * MM, layer=layer,
-        circle=CIRCLE, parts={"lower": 1, "upper": 2},
-    )  # fmt: skip
+        path,
+        COMM,
+        element_size=60 * MM,
+        ring_size=8 * MM,
+        r_wai=20 * MM,
+        layer=layer,
+        circle=CIRCLE,
+        parts={"lower": 1, "upper": 2},
+    )
     hexahedra = dumbbell(
-        COMM, head=(0.16, 0.12, 0.03), neck=(0.12, 0.063, 0.02), rings=centres, r_wai=20 * MM,
-        r_nei=8.75 * MM, holes=True, element_size=0.025,
-    )  # fmt: skip
+        COMM,
+        head=(0.16, 0.12, 0.03),
+        neck=(0.12, 0.063, 0.02),
+        rings=centres,
+        r_wai=20 * MM,
+        r_nei=8.75 * MM,
+        holes=True,
+        element_size=0.025,
+    )
     body, rings = {"E": 1.3e11, "nu": 0.27, "rho": 7850.0}, ("ring_1", "ring_2")
     frequencies = []
     for tagged in (cad, hexahedra):
@@ -137,9 +159,17 @@ def test_turned_bracket(tmp_path):
     """Contacts of any direction: normal, centres and the wider hole as they were drawn."""
     path = write_step(tmp_path / "b.step", bracket)
     tagged = read_step(
-        path, MPI.COMM_SELF, element_size=30 * MM, r_wai=11 * MM, r_nei=6 * MM, circle=8,
-        ring_size=5 * MM, layer=0.7 * MM, n_layer=2, bolts=[turned(75, 50, 12), turned(45, 45, 12)],
-    )  # fmt: skip
+        path,
+        MPI.COMM_SELF,
+        element_size=30 * MM,
+        r_wai=11 * MM,
+        r_nei=6 * MM,
+        circle=8,
+        ring_size=5 * MM,
+        layer=0.7 * MM,
+        n_layer=2,
+        bolts=[turned(75, 50, 12), turned(45, 45, 12)],
+    )
     normal = turned(0, 0, 1000)
     for i, place in enumerate(((75, 50, 12), (45, 45, 12)), start=1):
         ring = measure_ring(tagged, f"ring_{i}")
@@ -195,10 +225,16 @@ def test_bolts_given_by_place_where_parts_touch_on_one_plane(tmp_path):
     """Each ring is between the base and the wall that stands there."""
     path = write_step(tmp_path / "trough.step", trough)
     tagged = read_step(
-        path, MPI.COMM_SELF, element_size=30 * MM, ring_size=12 * MM, circle=6, r_wai=7 * MM,
-        r_nei=2 * MM, bolts=[[0.04, 0.008, 0.008], [0.04, 0.052, 0.008]],
+        path,
+        MPI.COMM_SELF,
+        element_size=30 * MM,
+        ring_size=12 * MM,
+        circle=6,
+        r_wai=7 * MM,
+        r_nei=2 * MM,
+        bolts=[[0.04, 0.008, 0.008], [0.04, 0.052, 0.008]],
         parts={"base": 1, "front": 2, "back": 3},
-    )  # fmt: skip
+    )
     assert [measure_ring(tagged, f"ring_{i}").upper for i in (1, 2)] == [("front",), ("back",)]
 
 
@@ -228,8 +264,11 @@ def test_pile_of_parts(tmp_path):
     lifted, there = [20.35, 20.35, 41.05, 41.05], [20, 20, 40, 40]
     bc = [("b", "c")]
     for layer, bonded, heights in (
-        (0.7 * MM, [], lifted), (0.7 * MM, bc, lifted[:2]), (None, [], there), (None, bc, there[:2])
-    ):  # fmt: skip
+        (0.7 * MM, [], lifted),
+        (0.7 * MM, bc, lifted[:2]),
+        (None, [], there),
+        (None, bc, there[:2]),
+    ):
         tagged = read_step(
             path, MPI.COMM_SELF, element_size=30 * MM, bonded=bonded, layer=layer, **given
         )

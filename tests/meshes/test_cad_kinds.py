@@ -42,7 +42,11 @@ def test_a_mirrored_drawing_is_the_drawing(tmp_path):
         assert np.allclose(hole.diameters, 9e-3, atol=1e-6)
         assert np.allclose(hole.depths, (10e-3, 15e-3), atol=1e-6) and hole.room > 9e-3
     mesh = read_step(
-        tmp_path / "mirrored.step", MPI.COMM_SELF, element_size=0.03, r_wai=9e-3, circle=8,
+        tmp_path / "mirrored.step",
+        MPI.COMM_SELF,
+        element_size=0.03,
+        r_wai=9e-3,
+        circle=8,
         ring_size=9e-3,
-    )  # fmt: skip
+    )
     assert {"ring_1", "ring_2"} <= set(mesh.cell_names)

@@ -63,12 +63,14 @@ def four_sheets(occ):
 STACKS = {
     "sheet between plates": (sandwich, "abc", {("a", "b", 0), ("b", "c", 0)}),
     "rings between plates": (
-        spacers, "abrs", {("a", "r", 0), ("a", "s", 0), ("b", "r", 0), ("b", "s", 0)},
+        spacers,
+        "abrs",
+        {("a", "r", 0), ("a", "s", 0), ("b", "r", 0), ("b", "s", 0)},
     ),
     "foil under a half": (shim, "abc", {("a", "b", 0), ("b", "c", 0)}),
     "frame round a block": (in_a_frame, "abc", {("a", "b", 300), ("a", "c", 0)}),
     "four thin sheets": (four_sheets, "abcd", {("a", "b", 0), ("b", "c", 0), ("c", "d", 0)}),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("name", STACKS)
@@ -78,9 +80,10 @@ def test_what_lies_between_keeps_faces_apart(tmp_path, name):
     assert touching(survey) == expected
 
 
-@pytest.mark.parametrize("apart, touches", [
-    (-0.05, False), (-0.015, True), (-0.001, True), (0.0, True), (0.3, True), (1.2, False),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "apart, touches",
+    [(-0.05, False), (-0.015, True), (-0.001, True), (0.0, True), (0.3, True), (1.2, False)],
+)
 def test_small_overlaps_touch(tmp_path, apart, touches):
     def draw(occ):
         occ.addBox(0, 0, 0, 100, 50, 10)
@@ -126,6 +129,7 @@ def test_rings_of_a_pack_of_thin_sheets(tmp_path):
     given = {"r_wai": 0.01, "element_size": 0.02, "circle": 8}
     tagged = read_step(path, MPI.COMM_SELF, bolts=at, **given)
     assert np.allclose(tagged.points["bolts"], at, atol=1e-6)
-    between = [(ring.lower, ring.upper) for ring in
-               (measure_ring(tagged, f"ring_{n}") for n in (1, 2, 3))]  # fmt: skip
+    between = [
+        (ring.lower, ring.upper) for ring in (measure_ring(tagged, f"ring_{n}") for n in (1, 2, 3))
+    ]
     assert len({frozenset(lower + upper) for lower, upper in between}) == 3

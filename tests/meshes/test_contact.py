@@ -27,8 +27,11 @@ COMM = MPI.COMM_WORLD
 X, Y = graded_lines([0, 0.5, 1], [0.1, 0.3, 0.1]), np.array([0, 0.2, 0.5, 0.6])
 LOW, HIGH = np.array([-0.5, -0.2, 0]), np.array([0, 0.1, 0.3])
 SMALL_BEAMS = {
-    "element_size": 6e-3, "radial_size": 3e-3, "middle_size": 25e-3, "n_thickness": (2, 1),
-}  # fmt: skip
+    "element_size": 6e-3,
+    "radial_size": 3e-3,
+    "middle_size": 25e-3,
+    "n_thickness": (2, 1),
+}
 
 
 @pytest.mark.parallel
@@ -76,9 +79,14 @@ def two_blocks(change):
         (x0, c0, v0, f0, t0), (x1, c1, v1, f1, t1) = sides
         names = {"lower": 1, "upper": 2}, {"low": 1, "high": 2}
         return MeshLists(
-            "tetrahedron", np.vstack([x0, x1]), np.vstack([c0, c1 + len(x0)]),
-            np.append(v0, v1), np.vstack([f0, f1 + len(x0)]), np.append(t0, t1), *names,
-        )  # fmt: skip
+            "tetrahedron",
+            np.vstack([x0, x1]),
+            np.vstack([c0, c1 + len(x0)]),
+            np.append(v0, v1),
+            np.vstack([f0, f1 + len(x0)]),
+            np.append(t0, t1),
+            *names,
+        )
 
     return distribute(COMM, on_root(COMM, build))
 
@@ -115,14 +123,19 @@ def cracked(x, cells, values, facets, tags):
 
 n_vertices = len(X) * len(Y)
 BAD_PAIRS = {
-    "moved": (moved, f"face 'low' has 1 of {n_vertices} vertices without a partner on 'high'; the "
-                     f"farthest off is at ({X[2]:.6g}, 0.2, 0) m, its nearest neighbour 0.01 m"),
+    "moved": (
+        moved,
+        f"face 'low' has 1 of {n_vertices} vertices without a partner on 'high'; the "
+        f"farthest off is at ({X[2]:.6g}, 0.2, 0) m, its nearest neighbour 0.01 m",
+    ),
     "apart": (tilted, f"face 'low' has {n_vertices} of {n_vertices} vertices without a partner"),
     "overlap": (flipped, "the bodies overlap; check the faces' names"),
-    "diagonals": (mirrored, f"have matching vertices, but {4 * (len(X) - 1) * (len(Y) - 1)} facets "
-                            "without a partner"),
+    "diagonals": (
+        mirrored,
+        f"have matching vertices, but {4 * (len(X) - 1) * (len(Y) - 1)} facets without a partner",
+    ),
     "cracked": (cracked, "has vertices that coincide, so it is cracked"),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parallel

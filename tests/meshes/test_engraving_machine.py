@@ -19,10 +19,20 @@ COMM = MPI.COMM_WORLD
 IRON = {"E": 1.5e11, "nu": 0.23, "rho": 7250.0}
 #: Eight bolts on a small frame.
 SMALL = {
-    "bed": (0.5, 0.8, 0.2), "column": 0.7, "arm": (0.25, 0.2), "wall": 0.022, "flange": 0.025,
-    "gusset": 0.08, "ribs": 1, "bolts": (3, 3), "layer": 0.72e-3, "r_nei": 0.00675,
-    "r_wai": 0.0514, "zone": 0.12, "element_size": 0.2,
-}  # fmt: skip
+    "bed": (0.5, 0.8, 0.2),
+    "column": 0.7,
+    "arm": (0.25, 0.2),
+    "wall": 0.022,
+    "flange": 0.025,
+    "gusset": 0.08,
+    "ribs": 1,
+    "bolts": (3, 3),
+    "layer": 0.72e-3,
+    "r_nei": 0.00675,
+    "r_wai": 0.0514,
+    "zone": 0.12,
+    "element_size": 0.2,
+}
 E_RING = 6.111e9  # Machines 2022, Table 11
 
 
@@ -35,8 +45,9 @@ def machine(size=0.2, degree=1, single=True, comm=COMM):
         transition(n, cells, E=n, nu=0.253, h="h", meshed=0.72e-3) for n, cells in groups.items()
     ]
     parameters = [*(Parameter(n, E_RING, "Pa") for n in groups), Parameter("h", 0.72e-3, "m")]
-    return Structure(tagged, [part("frame", ("bed", "column"), **IRON), *joints], parameters,
-                     degree=degree)  # fmt: skip
+    return Structure(
+        tagged, [part("frame", ("bed", "column"), **IRON), *joints], parameters, degree=degree
+    )
 
 
 def volumes_by_hand():

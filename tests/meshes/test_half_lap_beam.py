@@ -22,9 +22,14 @@ from fenics_joints.structure import Structure, joint, part
 COMM = MPI.COMM_WORLD
 L, W, H, LAP, GAP, WASHER, HOLE = 0.6, 0.03, 0.012, 0.16, 1e-3, 0.016, 0.008
 SMALL = {
-    "length": L, "thickness": H, "lap": LAP, "gap": GAP, "washer": WASHER, "n_length": 3,
+    "length": L,
+    "thickness": H,
+    "lap": LAP,
+    "gap": GAP,
+    "washer": WASHER,
+    "n_length": 3,
     "n_lap": 6,
-}  # fmt: skip
+}
 SOLID = SMALL | {"width": W, "n_width": 2}
 LAYERS = [(0.0, False), (0.0, True), (2e-4, False)]
 
@@ -69,9 +74,7 @@ def assert_measures(tagged, n, width, washer, hole, layer, bonded):
 @pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
 @pytest.mark.parametrize(("layer", "bonded"), LAYERS)
 def test_measures(layer, bonded, cell, n, hole):
-    tagged = half_lap_beam(
-        COMM, layer=layer, bonded=bonded, cell=cell, bolts=n, hole=hole, **SOLID
-    )  # fmt: skip
+    tagged = half_lap_beam(COMM, layer=layer, bonded=bonded, cell=cell, bolts=n, hole=hole, **SOLID)
     washer = polygon(WASHER) if hole else WASHER**2
     assert_measures(tagged, n, W, washer, polygon(hole), layer, bonded)
     if hole:
@@ -162,9 +165,16 @@ def test_bends_as_a_whole_beam_or_one_of_half_heights(bonded):
     """A layer that does not shear leaves two beams of half the height, a quarter as stiff."""
     layer = 0.0 if bonded else 1e-5
     tagged = half_lap_beam_section(
-        COMM, length=L, thickness=THIN, lap=LAP, gap=1e-5, washer=0.0, n_lap=24, layer=layer,
+        COMM,
+        length=L,
+        thickness=THIN,
+        lap=LAP,
+        gap=1e-5,
+        washer=0.0,
+        n_lap=24,
+        layer=layer,
         bonded=bonded,
-    )  # fmt: skip
+    )
     regions = [part("beams", ("beam_1", "beam_2"), E=E, nu=0.0, rho=RHO, normal=(0.0, 1.0))]
     if not bonded:
         regions.append(joint("lap", "joint", E=1e9, G=1e-2, normal=(0.0, 1.0)))

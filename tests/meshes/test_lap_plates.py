@@ -31,11 +31,15 @@ def test_lap_plates_measures(cell):
     plate, lap, end = 0.2 * 0.08, 0.08 * 0.08, 0.08 * 0.008
     assert areas(tagged) == pytest.approx(
         {
-            "end_1": end, "end_2": end, "bottom": plate, "top": plate,
-            "joint_lower": lap, "joint_upper": lap,
+            "end_1": end,
+            "end_2": end,
+            "bottom": plate,
+            "top": plate,
+            "joint_lower": lap,
+            "joint_upper": lap,
         },
         rel=1e-10,
-    )  # fmt: skip
+    )
     sides = 2 * (2 * 0.2 * 0.008 + 0.08 * 0.5e-3)
     edges = 4 * end + 2 * 0.08 * 0.5e-3
     assert skin(tagged) == pytest.approx(4 * plate - 2 * lap + sides + edges, rel=1e-10)

@@ -77,7 +77,8 @@ def test_what_gmsh_writes_is_read(tmp_path, version, binary):
 FLAT = [(x, y, z) if x < 2 else (1, y + 1, z) for x, y, z in NODES]
 BAD_FILES = {
     "unnamed group": (
-        {"names": {(3, 1): "left", (2, 3): "interface"}}, "volume group 2 has no name"
+        {"names": {(3, 1): "left", (2, 3): "interface"}},
+        "volume group 2 has no name",
     ),
     "cells in no group": (
         {"elements": [*ELEMENTS[:1], (HEXAHEDRON, 0, RIGHT), ELEMENTS[2]]},
@@ -90,8 +91,8 @@ BAD_FILES = {
         "volume 11 is in 'left' and 'right', expected one group",
     ),
     "missing part": (
-        {"elements": [ELEMENTS[0], ELEMENTS[2]]}, "part 'right' is missing, expected a group; "
-        "it has: left",
+        {"elements": [ELEMENTS[0], ELEMENTS[2]]},
+        "part 'right' is missing, expected a group; it has: left",
     ),
     "missing face": ({"elements": ELEMENTS[:2]}, "face 'interface' is missing, expected a group"),
     "inverted": (
@@ -126,7 +127,7 @@ BAD_FILES = {
         },
         "a face has vertices that no cell has",
     ),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parallel

@@ -117,9 +117,10 @@ def test_rings_of_two_thicknesses(tmp_path):
         structure(tmp_path, ("rings", '"ring_*"', 2, z))
     own = structure(tmp_path, ("a", '"ring_1"', 2, z), ("b", '"ring_2"', 3, z))
     given = structure(
-        tmp_path, ("a", '"ring_1"', 2, z + "\nmeshed = 0.002"),
+        tmp_path,
+        ("a", '"ring_1"', 2, z + "\nmeshed = 0.002"),
         ("b", '"ring_2"', 3, z + "\nmeshed = 0.003"),
-    )  # fmt: skip
+    )
     frequencies = [solve_modes(s, n_modes=9).frequencies_hz[6:] for s in (own, given)]
     assert frequencies[0] == pytest.approx(frequencies[1], rel=1e-8)
     meshed = [region.properties["meshed"] for region in own.regions if region.is_joint]
@@ -153,14 +154,18 @@ def test_millimetres_without_a_scale_are_refused(tmp_path):
 @pytest.mark.parametrize(
     "drawn, cells, normal, message",
     [
-        ({"turn": 0.2}, '"ring_*"', "[0, 0, 1]",
-         r"joints.rings: ring_1: its face towards .* is 11.5 degrees off the normal \(0, 0, 1\)"),
+        (
+            {"turn": 0.2},
+            '"ring_*"',
+            "[0, 0, 1]",
+            r"joints.rings: ring_1: its face towards .* is 11.5 degrees off the normal \(0, 0, 1\)",
+        ),
         ({}, '"ring_*"', "[1, 0, 0]", "ring_1: its face towards .* is 90 degrees off the normal"),
         ({"short": 2}, '"ring_*"', "[0, 0, 1]", "ring_2: it touches lower on one side only"),
         ({}, '["ring_1", "ring_3"]', "[0, 0, 1]", "joints.rings.cells = 'ring_3': is not in the"),
         ({}, '"bolt_*"', "[0, 0, 1]", r"joints.rings.cells = 'bolt_\*': is not in the mesh"),
     ],
-)  # fmt: skip
+)
 def test_refusals(tmp_path, drawn, cells, normal, message):
     """Each names the ring and what was expected."""
     rings_between_plates(tmp_path / "rings.msh", **drawn)

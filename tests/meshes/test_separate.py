@@ -64,7 +64,13 @@ def test_separate_says_what_is_wrong():
     ]:
         with pytest.raises(MeshError, match=re.escape(message)):
             separate(lists, bodies, names)
-    lists = replace(lists, cell_values=np.where(lists.x[lists.cells][:, :, 0].min(axis=1) < 1, 3,
-                    np.where(lists.x[lists.cells][:, :, 0].max(axis=1) > 2, 2, 1)))  # fmt: skip
+    lists = replace(
+        lists,
+        cell_values=np.where(
+            lists.x[lists.cells][:, :, 0].min(axis=1) < 1,
+            3,
+            np.where(lists.x[lists.cells][:, :, 0].max(axis=1) > 2, 2, 1),
+        ),
+    )
     with pytest.raises(MeshError, match=re.escape("faces has ('b', 'c'), expected parts that")):
         separate(lists, "abc", {("b", "c"): ("1", "2")})

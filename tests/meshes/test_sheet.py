@@ -21,10 +21,12 @@ ENDS = [(LINE, 3, [4, 1]), (15, 4, [6])]
 PLANE = {
     "quadrilaterals": [(QUADRILATERAL, 1, [1, 2, 5, 4]), (QUADRILATERAL, 2, [2, 5, 6, 3])],
     "triangles": [
-        (TRIANGLE, 1, [1, 2, 5]), (TRIANGLE, 1, [5, 4, 1]), (TRIANGLE, 2, [2, 6, 5]),
+        (TRIANGLE, 1, [1, 2, 5]),
+        (TRIANGLE, 1, [5, 4, 1]),
+        (TRIANGLE, 2, [2, 6, 5]),
         (TRIANGLE, 2, [2, 3, 6]),
     ],
-}  # fmt: skip
+}
 
 
 @pytest.mark.parallel
@@ -46,10 +48,15 @@ def test_a_sheet_has_its_volume_walls_and_points(shared_tmp_path, shape):
     assert np.allclose(np.sort(tagged.points["corner"], axis=0), corner)
 
 
-@pytest.mark.parametrize("given, words", [
-    ({"gdim": 3}, "gdim = 2 and its thickness"), ({"gdim": 3, "thickness": 0.01}, "thickness"),
-    ({"gdim": 2, "thickness": 0.0}, "thickness"), ({"gdim": 2, "thickness": "2 mm"}, "thickness"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "given, words",
+    [
+        ({"gdim": 3}, "gdim = 2 and its thickness"),
+        ({"gdim": 3, "thickness": 0.01}, "thickness"),
+        ({"gdim": 2, "thickness": 0.0}, "thickness"),
+        ({"gdim": 2, "thickness": "2 mm"}, "thickness"),
+    ],
+)
 def test_what_is_no_sheet(given, words):
     with pytest.raises(MeshError, match=words):
         read_msh(SHELL, MPI.COMM_SELF, **given)

@@ -34,9 +34,13 @@ STEPS = {
 def build(law="uncoupled", comm=MPI.COMM_SELF):
     tagged = lap_plates(comm, element_size=0.02, n_thickness=1)
     plates = part(
-        "plates", ("plate_1", "plate_2"),
-        E="plates.E", nu="plates.nu", rho="plates.rho", stretch="plates.thickness",
-    )  # fmt: skip
+        "plates",
+        ("plate_1", "plate_2"),
+        E="plates.E",
+        nu="plates.nu",
+        rho="plates.rho",
+        stretch="plates.thickness",
+    )
     layers = [
         joint("near", "joint_near", law=law, E="near.E", G="near.G", stretch="near.thickness"),
         joint("away", "joint_away", law=law, E="away.E", G="away.G"),
@@ -116,9 +120,11 @@ def test_gradient_through_a_graded_joint():
     layer = joint("layer", ("joint_near", "joint_away"), E=modulus(1.0), G=modulus(0.4))
     plates = part("plates", ("plate_1", "plate_2"), E=69e9, nu=0.283, rho=2750.0)
     parameters = [
-        Parameter("force", 8e3), Parameter("reach", 0.04), Parameter("alpha", 1e8),
+        Parameter("force", 8e3),
+        Parameter("reach", 0.04),
+        Parameter("alpha", 1e8),
         Parameter("beta", 0.5),
-    ]  # fmt: skip
+    ]
     model = Structure(tagged, [plates, layer], parameters)
     modes = solve_modes(model, n_modes=N_MODES)
     for name, step in (("force", 4e3), ("alpha", 5e7), ("beta", 0.1), ("reach", 2e-3)):

@@ -23,17 +23,20 @@ from fenics_joints.structure import Parameter, Structure, Support, part
 
 pytestmark = pytest.mark.parallel
 
-PARAMETERS = [Parameter("E", 70e9), Parameter("nu", 0.3), Parameter("t", 1.0),
-              Parameter("rho", 7800.0)]  # fmt: skip
+PARAMETERS = [
+    Parameter("E", 70e9),
+    Parameter("nu", 0.3),
+    Parameter("t", 1.0),
+    Parameter("rho", 7800.0),
+]
 
 
 def parts():
     """A soft body of parameters on a stiff one: the mismatch makes the interface slip."""
     return [
         part("low", "lower", E=200e9, nu=0.3, rho=7800.0),
-        part("up", "upper", E="E", nu="nu", rho="rho", stretch="t",
-             normal=(0.0, 1.0, 0.0)),
-    ]  # fmt: skip
+        part("up", "upper", E="E", nu="nu", rho="rho", stretch="t", normal=(0.0, 1.0, 0.0)),
+    ]
 
 
 def plates(friction=0.3, push=(-25e3, 25e3)):
@@ -46,8 +49,10 @@ def plates(friction=0.3, push=(-25e3, 25e3)):
     def ring(x):
         return (x[:, 0] <= 12e-3 + 1e-9) * 1.0
 
-    loads = [Traction("top", "top", (0.0, push[0]), ring),
-             Traction("bottom", "bottom", (0.0, push[1]), ring)]  # fmt: skip
+    loads = [
+        Traction("top", "top", (0.0, push[0]), ring),
+        Traction("bottom", "bottom", (0.0, push[1]), ring),
+    ]
     contact = Contact("c", "interface_lower", "interface_upper", friction=friction)
     return PreloadModel(structure, [contact], (), loads)
 
@@ -62,14 +67,18 @@ def blocks(friction=0.2):
             part("low", "lower", E=200e9, nu=0.3, rho=7800.0),
             part("up", "upper", E="E", nu="nu", rho="rho", stretch="t"),
         ],
-        PARAMETERS, supports=[Support("bottom")], degree=1,
-    )  # fmt: skip
+        PARAMETERS,
+        supports=[Support("bottom")],
+        degree=1,
+    )
 
     def uneven(x):
         return np.exp(-((x[:, 0] - 0.025) ** 2 + (x[:, 1] - 0.021) ** 2) / 0.009**2)
 
-    loads = [Traction("down", "top", (0.0, 0.0, -9e3), uneven),
-             Traction("side", "top", (700.0, 300.0, 0.0))]  # fmt: skip
+    loads = [
+        Traction("down", "top", (0.0, 0.0, -9e3), uneven),
+        Traction("side", "top", (700.0, 300.0, 0.0)),
+    ]
     contact = Contact("c", "interface_lower", "interface_upper", friction=friction)
     return PreloadModel(structure, [contact], (), loads)
 

@@ -59,10 +59,7 @@ def test_rigid_motions_cost_nothing_and_carry_the_cylinders_mass():
     spread = np.outer(AXIS, AXIS)
     cross = np.cross(np.eye(3), mass * L / 2 * AXIS)  # row j: e_j x m c
     expected = np.block(
-        [
-            [mass * np.eye(3), cross.T],
-            [cross, along * spread + across * (np.eye(3) - spread)],
-        ]
+        [[mass * np.eye(3), cross.T], [cross, along * spread + across * (np.eye(3) - spread)]]
     )
     np.testing.assert_allclose(R.T @ M @ R, expected, atol=1e-12 * mass)
 

@@ -39,8 +39,11 @@ def clamp():
         values = np.where(x > 2, 3, np.where(x < 1, 1 + (y > 1.5), 0))
         values[y < 0], values[y > 3] = 1, 2
         whole = flat_lists(points, quads, values, "quadrilateral", names)
-        seams = {("low", "high"): ("cut_low", "cut_high"), ("low", "member"): ("nut", "foot"),
-                 ("member", "high"): ("top", "head")}  # fmt: skip
+        seams = {
+            ("low", "high"): ("cut_low", "cut_high"),
+            ("low", "member"): ("nut", "foot"),
+            ("member", "high"): ("top", "head"),
+        }
         whole = separate(whole, names, seams)
         facets, _ = exterior_facets(whole)
         at = whole.x[facets][:, :, 0]
@@ -58,8 +61,10 @@ def clamped(degree: int):
         yoke = ufl.Or(ufl.lt(x[1], 0), ufl.gt(x[1], 3))
         return ufl.conditional(yoke, 1e6, 1.0) * E_bolt
 
-    parts = [part("bolt", ("low", "high"), E=stiffness, nu=0.0, rho=1.0),
-             part("member", "member", E=E_member, nu=0.0, rho=1.0)]  # fmt: skip
+    parts = [
+        part("bolt", ("low", "high"), E=stiffness, nu=0.0, rho=1.0),
+        part("member", "member", E=E_member, nu=0.0, rho=1.0),
+    ]
     held = [Support("left", (0,)), Support("right", (0,))]
     structure = Structure(clamp(), parts, supports=held, degree=degree)
     contacts = [Contact("foot", "nut", "foot"), Contact("head", "top", "head")]
@@ -95,9 +100,12 @@ def test_solid_bolt_in_plates(degree):
     tagged = bolted_plates_section(COMM, parts="bolt", size=2.5e-3, radius=0.06)
     everything = tuple(tagged.cell_names)
     structure = Structure(
-        tagged, [part("steel", everything, E=200e9, nu=0.3, rho=7800.0)],
-        supports=[Support("axis", (0,))], degree=degree, axisymmetric=True,
-    )  # fmt: skip
+        tagged,
+        [part("steel", everything, E=200e9, nu=0.3, rho=7800.0)],
+        supports=[Support("axis", (0,))],
+        degree=degree,
+        axisymmetric=True,
+    )
     names = ["interface", "seat_1", "seat_2", "head_1", "head_2"]
     contacts = [Contact(n, f"{n}_lower", f"{n}_upper", friction=0.15) for n in names]
     bolt = PretensionSection("bolt", "section_lower", "section_upper", 25e3)
@@ -116,8 +124,12 @@ def plates(bolts, *, friction=0.0, E=1e15, loads=(), supports=()):
     """Two blocks 0.1 m wide and 0.02 and 0.03 m high, with a washer face on each."""
     x = np.linspace(-0.05, 0.05, 5)
     tagged = stacked_blocks(COMM, lower=(x, x, (-0.02, 0.0)), upper=(0.0, 0.03))
-    structure = Structure(tagged, [part("both", ("lower", "upper"), E=E, nu=0.3, rho=7800.0)],
-                          supports=supports, degree=1)  # fmt: skip
+    structure = Structure(
+        tagged,
+        [part("both", ("lower", "upper"), E=E, nu=0.3, rho=7800.0)],
+        supports=supports,
+        degree=1,
+    )
     contact = Contact("c", "interface_lower", "interface_upper", friction=friction)
     return PreloadModel(structure, [contact], bolts, loads)
 

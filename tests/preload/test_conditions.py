@@ -8,13 +8,7 @@ from contact_blocks import COMM, STEEL, both, faces, slope_of
 from mpi4py import MPI
 
 from fenics_joints.meshes import graded_lines, stacked_blocks
-from fenics_joints.preload import (
-    SLIP,
-    STICK,
-    PreloadModel,
-    PreloadSolver,
-    Traction,
-)
+from fenics_joints.preload import SLIP, STICK, PreloadModel, PreloadSolver, Traction
 from fenics_joints.structure import Structure, Support, part
 
 
@@ -22,18 +16,24 @@ def bar(n: int, t: float):
     """A bar of thickness t, pressed on a rigid base and pulled at its end."""
     length, p, mu = 0.2, 1e5, 0.3
     tagged = stacked_blocks(
-        COMM, lower=(np.append(np.linspace(0, length, n + 1), 0.3), (-0.05, 0.0)),
-        upper=(0.0, t), upper_span=(0.0, length),
-    )  # fmt: skip
-    parts = [part("base", "lower", E=1e15, nu=0.0, rho=1.0),
-             part("bar", "upper", E=70e9, nu=0.0, rho=1.0)]  # fmt: skip
+        COMM,
+        lower=(np.append(np.linspace(0, length, n + 1), 0.3), (-0.05, 0.0)),
+        upper=(0.0, t),
+        upper_span=(0.0, length),
+    )
+    parts = [
+        part("base", "lower", E=1e15, nu=0.0, rho=1.0),
+        part("bar", "upper", E=70e9, nu=0.0, rho=1.0),
+    ]
     structure = Structure(tagged, parts, supports=[Support("bottom")], degree=1)
 
     def end(x):
         return 1.0 * (x[:, 0] < length + 1e-9)
 
-    loads = [Traction("press", "top", (0.0, -p * length)),
-             Traction("pull", "right", (1.0, 0.0), end)]  # fmt: skip
+    loads = [
+        Traction("press", "top", (0.0, -p * length)),
+        Traction("pull", "right", (1.0, 0.0), end),
+    ]
     solver = PreloadSolver(PreloadModel(structure, [faces(friction=mu)], (), loads))
     return solver, mu * p, 70e9 * t, length
 
@@ -80,8 +80,10 @@ def pushed_block(mu: float, share: float, comm=COMM):
         return 1 + 20 * x[:, 0]
 
     side = share * mu * 1e4
-    loads = [Traction("down", "top", (0.0, 0.0, -1e4)),
-             Traction("side", "top", (0.6 * side, 0.8 * side, 0.0), uneven)]  # fmt: skip
+    loads = [
+        Traction("down", "top", (0.0, 0.0, -1e4)),
+        Traction("side", "top", (0.6 * side, 0.8 * side, 0.0), uneven),
+    ]
     return PreloadSolver(PreloadModel(structure, [faces(friction=mu)], (), loads))
 
 
@@ -134,10 +136,11 @@ def test_cattaneo_mindlin():
     # Forces up on one half and down on the other take up the moment of the push.
     couple = Q * size * a / (size * a)
     loads = [
-        Traction("down", "top", (0.0, -P)), Traction("push", "top", (Q, 0.0)),
+        Traction("down", "top", (0.0, -P)),
+        Traction("push", "top", (Q, 0.0)),
         Traction("up", "top", (0.0, couple), lambda x: 1.0 * (x[:, 0] > 0)),
         Traction("back", "top", (0.0, -couple), lambda x: 1.0 * (x[:, 0] < 0)),
-    ]  # fmt: skip
+    ]
     contact = faces(friction=mu, gap=lambda x: x[:, 0] ** 2 / (2 * R))
     solver = PreloadSolver(PreloadModel(structure, [contact], (), loads))
     result, c = None, a * np.sqrt(1 - share)

@@ -26,8 +26,10 @@ def state(cell="hexahedron", degree=1):
     space = cell in ("hexahedron", "tetrahedron")
     base = (x, 0.8 * x) if space else (x,)
     tagged = stacked_blocks(COMM, lower=(*base, -z[::-1]), upper=z, cell=cell)
-    bodies = [part("low", "lower", E=200e9, nu=0.3, rho=7800.0),
-              part("up", "upper", E=70e9, nu=0.3, rho=2700.0)]  # fmt: skip
+    bodies = [
+        part("low", "lower", E=200e9, nu=0.3, rho=7800.0),
+        part("up", "upper", E=70e9, nu=0.3, rho=2700.0),
+    ]
     structure = Structure(tagged, bodies, supports=[Support("bottom")], degree=degree)
 
     def uneven(x):

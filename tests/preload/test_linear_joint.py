@@ -29,9 +29,7 @@ from fenics_joints.preload.linear_joint import (
 from fenics_joints.structure import Sensors, Structure, Support, part
 
 E, NU, RHO = 194e9, 0.29, 8000.0
-SMALL = {
-    "element_size": 8e-3, "radial_size": 4e-3, "middle_size": 40e-3, "n_thickness": (1, 1),
-}  # fmt: skip
+SMALL = {"element_size": 8e-3, "radial_size": 4e-3, "middle_size": 40e-3, "n_thickness": (1, 1)}
 
 
 def beams(degree=2, friction=0.3, bolts=True, cell="hexahedron"):
@@ -99,9 +97,12 @@ def test_a_gap_closes_with_the_force_and_frequencies_follow():
     """Pads machined slightly apart at their rims: more bolt force closes more of them."""
     model = beams()
     crown = Contact(
-        "pads", "interface_lower", "interface_upper", 0.3,
+        "pads",
+        "interface_lower",
+        "interface_upper",
+        0.3,
         gap=lambda x: 0.2 * np.minimum(x[:, 0] - 0.02485, 0.48315 - x[:, 0]) ** 2,
-    )  # fmt: skip
+    )
     model = PreloadModel(model.structure, [crown], model.bolts)
     areas, first = [], []
     for force in (2e3, 20e3, 60e3):
@@ -138,8 +139,11 @@ def test_springs_of_pressure_against_two_rods_and_a_spring(force):
     exact = a / length * np.sqrt(E / RHO) / (2 * np.pi)
     axial = np.abs(modes.at(Sensors([[0.005, 0.005, -0.1]], [[0, 0, 1.0]]))[0])
     side = np.abs(modes.at(Sensors([[0.005, 0.005, -0.1]], [[1.0, 0, 0]]))[0])
-    stretching = [f for f, z, x in zip(modes.frequencies_hz, axial, side, strict=True)
-                  if f > 10 and z > 10 * x]  # fmt: skip
+    stretching = [
+        f
+        for f, z, x in zip(modes.frequencies_hz, axial, side, strict=True)
+        if f > 10 and z > 10 * x
+    ]
     assert min(abs(f / exact - 1) for f in stretching) < 2e-4
 
 
@@ -207,8 +211,11 @@ def test_traction_profile_and_bolt_are_loads():
     """A load's profile is scaled to its force; half the patch carries all of it."""
     model = rods()
     half = Traction("press", "top", (0.0, 0.0, -50.0), profile=lambda x: 1.0 * (x[:, 0] < 1.0))
-    model = PreloadModel(model.structure, [Contact("joint", "interface_lower", "interface_upper")],
-                         loads=[half, Traction("base", "bottom", (0.0, 0.0, 50.0))])  # fmt: skip
+    model = PreloadModel(
+        model.structure,
+        [Contact("joint", "interface_lower", "interface_upper")],
+        loads=[half, Traction("base", "bottom", (0.0, 0.0, 50.0))],
+    )
     for factor in (1.0, 2.0):
         state = solve_preload(model, {"press": factor, "base": factor})["joint"]
         assert state.normal_force == pytest.approx(50.0 * factor, rel=1e-9)

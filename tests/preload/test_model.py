@@ -55,8 +55,10 @@ def test_supported_interface(directions):
     tagged = stacked_blocks(COMM, lower=(x, -z[::-1]), upper=z)
     held = [Support("bottom"), Support("interface_lower", directions)]
     structure = Structure(tagged, both(), supports=held, degree=2)
-    loads = [Traction("down", "top", (0.0, -1e6), lambda x: 1 + x[:, 0] / 0.1),
-             Traction("side", "top", (1.5e5, 0.0))]  # fmt: skip
+    loads = [
+        Traction("down", "top", (0.0, -1e6), lambda x: 1 + x[:, 0] / 0.1),
+        Traction("side", "top", (1.5e5, 0.0)),
+    ]
     found = []
     for names in (("interface_lower", "interface_upper"), ("interface_upper", "interface_lower")):
         contact = Contact("c", *names, friction=0.2)

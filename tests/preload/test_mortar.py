@@ -32,13 +32,14 @@ def lean(x: np.ndarray) -> None:
 
 @pytest.mark.parametrize("degree", [1, 2])
 @pytest.mark.parametrize(
-    ("cell", "lower", "upper"), [
+    ("cell", "lower", "upper"),
+    [
         pytest.param("quadrilateral", (5, 2), (3, 2), marks=pytest.mark.parallel),
         ("triangle", (3, 2), (7, 3)),
         ("hexahedron", (3, 2, 2), (2, 3, 2)),
         pytest.param("tetrahedron", (3, 2, 2), (2, 3, 2), marks=pytest.mark.parallel),
     ],
-)  # fmt: skip
+)
 def test_patch(cell, lower, upper, degree):
     """Evenly pressed faces carry the same pressure at every vertex, whatever the two meshes."""
     structure = Structure(unlike_blocks(lower, upper, cell, lean), both(), degree=degree)
@@ -117,8 +118,10 @@ def test_common_area_of_two_squares():
     flat = square(5, 0.0, 1.0), square(4, np.pi / 4, -1.0)
     found = overlap(*flat)
     assert found.weight.sum() == pytest.approx(2 * (np.sqrt(2) - 1), rel=1e-12)
-    for face, facets, at in ((flat[0], found.upper, found.at_upper),
-                             (flat[1], found.lower, found.at_lower)):  # fmt: skip
+    for face, facets, at in (
+        (flat[0], found.upper, found.at_upper),
+        (flat[1], found.lower, found.at_lower),
+    ):
         corners = face.points[face.facets[facets]]
         places = np.einsum("qk,qki->qi", hats(at, 3), corners)
         assert np.abs(places - found.points).max() < 1e-12
@@ -133,18 +136,26 @@ def square(n: int, angle: float, normal: float):
     corner = (np.arange(n)[:, None] * (n + 1) + np.arange(n)).ravel()[:, None]
     facets = np.vstack([corner + [0, 1, n + 1], corner + [1, n + 1, n + 2]])
     normals = np.tile([0.0, 0.0, normal], (len(facets), 1))
-    return SimpleNamespace(points=np.column_stack([plan, np.zeros(len(plan))]), facets=facets,
-                           normals=normals)  # fmt: skip
+    return SimpleNamespace(
+        points=np.column_stack([plan, np.zeros(len(plan))]), facets=facets, normals=normals
+    )
 
 
 @pytest.mark.parallel
 def test_gradient():
     """The adjoint of a load on the upper block, through meshes that do not match."""
     E = Parameter("E", 70e9)
-    materials = [part("low", "lower", E=200e9, nu=0.3, rho=7800.0),
-                 part("up", "upper", E="E", nu=0.3, rho=7800.0)]  # fmt: skip
-    structure = Structure(unlike_blocks((7, 3), (5, 3), "triangle"), materials, [E],
-                          supports=[Support("bottom")], degree=1)  # fmt: skip
+    materials = [
+        part("low", "lower", E=200e9, nu=0.3, rho=7800.0),
+        part("up", "upper", E="E", nu=0.3, rho=7800.0),
+    ]
+    structure = Structure(
+        unlike_blocks((7, 3), (5, 3), "triangle"),
+        materials,
+        [E],
+        supports=[Support("bottom")],
+        degree=1,
+    )
     load = Traction("load", "top", (0.0, -1e5), lambda x: (x[:, 0] - 0.3) ** 2)
     model = PreloadModel(structure, [faces(friction=0.1)], (), [load])
 

@@ -63,11 +63,12 @@ def ball_on_a_block(a, **drive):
     z = graded_lines([0.0, a, size], [h, 2 * h, size / 4])
     tagged = stacked_blocks(COMM, lower=(x, -z[::-1]), upper=(0.0, size))
     # The ball comes from below onto the upper face of the lower block; the other one is apart.
-    structure = Structure(tagged, both(), degree=1, axisymmetric=True,
-                          supports=[Support("bottom"), Support("top")])  # fmt: skip
-    return PreloadModel(structure, [
-        Obstacle("ball", "interface_lower", Sphere((0.0, R), R), **drive)
-    ])  # fmt: skip
+    structure = Structure(
+        tagged, both(), degree=1, axisymmetric=True, supports=[Support("bottom"), Support("top")]
+    )
+    return PreloadModel(
+        structure, [Obstacle("ball", "interface_lower", Sphere((0.0, R), R), **drive)]
+    )
 
 
 @pytest.mark.parallel
@@ -122,8 +123,10 @@ def test_pushed_askew():
 def test_a_free_block_between_two_that_are_pushed():
     """Two opposed obstacles squeeze a block that nothing else holds."""
     ends = {"low": ("bottom", -1.0, 1.0), "high": ("top", 1.0, -1.0)}
-    pushed = [Obstacle(name, face, Plane((0.0, y), (0.0, n)), force=(0.0, 1e5 * n))
-              for name, (face, y, n) in ends.items()]  # fmt: skip
+    pushed = [
+        Obstacle(name, face, Plane((0.0, y), (0.0, n)), force=(0.0, 1e5 * n))
+        for name, (face, y, n) in ends.items()
+    ]
     solver = PreloadSolver(PreloadModel(block(), [*pushed, faces(bonded=True)]))
     result = solver.solve()
     assert [result[n].normal_force for n in ends] == pytest.approx([1e5, 1e5], rel=1e-8)
@@ -135,8 +138,10 @@ def test_dragged_over_a_rough_plane():
     """Pressed and then dragged, a block slips everywhere with Coulomb's share of its force."""
     structure = block()
     floor = Obstacle("floor", "bottom", Plane((0.0, -1.0), (0.0, 1.0)), friction=0.25)
-    ways = [Displacement("down", "top", (None, -1e-5)),
-            Displacement("along", "bottom", (0.0, None))]  # fmt: skip
+    ways = [
+        Displacement("down", "top", (None, -1e-5)),
+        Displacement("along", "bottom", (0.0, None)),
+    ]
     with pytest.raises(MeshError, match="both govern one vertex"):
         PreloadModel(structure, [floor, faces(bonded=True)], (), ways)
     grip = Displacement("grip", "top", (1e-4, -1e-5))
@@ -166,8 +171,10 @@ def test_bad_input():
     with pytest.raises(MeshError, match="floor: no facet of the face looks at the obstacle"):
         PreloadModel(structure, [away])
     with pytest.raises(InputError, match=r"floor\.travel.*expected 2 components"):
-        PreloadModel(structure, [Obstacle("floor", "bottom", Plane((0.0, -1.0), (0.0, 1.0)),
-                                          travel=(0.0, 0.0, 1.0))])  # fmt: skip
+        PreloadModel(
+            structure,
+            [Obstacle("floor", "bottom", Plane((0.0, -1.0), (0.0, 1.0)), travel=(0.0, 0.0, 1.0))],
+        )
     with pytest.raises(InputError, match="not all of them None"):
         Displacement("grip", "top", (None, None))
     with pytest.raises(InputError, match=r"floor\.shape"):

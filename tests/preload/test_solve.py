@@ -40,12 +40,16 @@ def distorted_blocks(cell: str):
 
 @pytest.mark.parametrize("degree", [1, 2])
 @pytest.mark.parametrize(
-    "cell", [
-        pytest.param("quadrilateral", marks=pytest.mark.parallel), "triangle", "hexahedron",
-        pytest.param("tetrahedron", marks=pytest.mark.parallel), "round quadrilateral",
+    "cell",
+    [
+        pytest.param("quadrilateral", marks=pytest.mark.parallel),
+        "triangle",
+        "hexahedron",
+        pytest.param("tetrahedron", marks=pytest.mark.parallel),
+        "round quadrilateral",
         "round triangle",
     ],
-)  # fmt: skip
+)
 def test_patch(cell, degree):
     """Evenly pressed faces carry the same pressure at every vertex, whatever the mesh."""
     axisymmetric = cell.startswith("round")
@@ -54,8 +58,9 @@ def test_patch(cell, degree):
     area = np.pi * (1.5**2 - 0.5**2) if axisymmetric else 1.0
     for method, friction in (("semismooth", 0.0), ("vi", 0.0), ("semismooth", 0.3)):
         bolt = WasherForce("bolt", "bottom", "top", 1e5)
-        solver = PreloadSolver(PreloadModel(structure, [faces(friction=friction)], [bolt]),
-                               method=method)  # fmt: skip
+        solver = PreloadSolver(
+            PreloadModel(structure, [faces(friction=friction)], [bolt]), method=method
+        )
         state = solver.solve()["c"]
         assert np.allclose(state.pressure, 1e5 / area, rtol=1e-8)
         assert np.allclose(state.facet_pressure, 1e5 / area, rtol=1e-8)
@@ -129,8 +134,13 @@ def test_hertz_sphere():
 def discs(n: int, friction: float = 0.0, lower=STEEL):
     """Half sections of two free discs, pressed together by rings near their hole."""
     inner, ring, outer, thickness = 0.00675, 0.012, 0.08, 0.02
-    r = np.concatenate([np.linspace(inner, ring, n + 1), np.linspace(ring, 0.04, 4 * n + 1)[1:],
-                        np.geomspace(0.04, outer, 2 * n + 1)[1:]])  # fmt: skip
+    r = np.concatenate(
+        [
+            np.linspace(inner, ring, n + 1),
+            np.linspace(ring, 0.04, 4 * n + 1)[1:],
+            np.geomspace(0.04, outer, 2 * n + 1)[1:],
+        ]
+    )
     z = np.linspace(0, thickness, 3 * n + 1)
     tagged = stacked_blocks(COMM, lower=(r, -z[::-1]), upper=z)
     parts = [part("low", "lower", **lower), part("up", "upper", **STEEL)]
@@ -139,8 +149,10 @@ def discs(n: int, friction: float = 0.0, lower=STEEL):
     def under(x):
         return 1.0 * (x[:, 0] <= ring + 1e-9)
 
-    loads = [Traction("low", "bottom", (0.0, 1.0), under),
-             Traction("up", "top", (0.0, -1.0), under)]  # fmt: skip
+    loads = [
+        Traction("low", "bottom", (0.0, 1.0), under),
+        Traction("up", "top", (0.0, -1.0), under),
+    ]
     return PreloadModel(structure, [faces(friction=friction)], (), loads)
 
 
@@ -203,8 +215,10 @@ def test_interference_fit(degree):
         # Blocks on one another turned by a quarter: rings around one another.
         x = tagged.mesh.geometry.x
         x[:, :2] = np.column_stack([b + x[:, 1], -x[:, 0]])
-        parts = [part("in", "lower", E=100e9, nu=0.3, rho=1.0),
-                 part("out", "upper", E=200e9, nu=0.25, rho=1.0)]  # fmt: skip
+        parts = [
+            part("in", "lower", E=100e9, nu=0.3, rho=1.0),
+            part("out", "upper", E=200e9, nu=0.25, rho=1.0),
+        ]
         structure = Structure(tagged, parts, degree=degree, axisymmetric=True)
         result = solve_preload(PreloadModel(structure, [faces(gap=-delta)]))
         out = ((c**2 + b**2) / (c**2 - b**2) + 0.25) / 200e9
@@ -228,14 +242,17 @@ def test_shrunk_quarter_ring(swapped):
     errors = []
     for n in (4, 8):
         tagged = stacked_blocks(
-            COMM, lower=(np.linspace(0, np.pi / 2, 2 * n + 1), np.linspace(a - b, 0, n + 1)),
+            COMM,
+            lower=(np.linspace(0, np.pi / 2, 2 * n + 1), np.linspace(a - b, 0, n + 1)),
             upper=np.linspace(0, c - b, n + 1),
-        )  # fmt: skip
+        )
         x = tagged.mesh.geometry.x
         radius, angle = b + x[:, 1], np.pi / 2 - x[:, 0]
         x[:, :2] = np.column_stack([radius * np.cos(angle), radius * np.sin(angle)])
-        parts = [part(name, name, E=E, nu=nu, rho=1.0)
-                 for name, (E, nu) in (("lower", inner), ("upper", outer))]  # fmt: skip
+        parts = [
+            part(name, name, E=E, nu=nu, rho=1.0)
+            for name, (E, nu) in (("lower", inner), ("upper", outer))
+        ]
         held = [Support("left", (0,)), Support("right", (1,))]
         structure = Structure(tagged, parts, supports=held, degree=1)
         pressure = solve_preload(PreloadModel(structure, [contact]))["c"].pressure

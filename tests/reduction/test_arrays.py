@@ -29,15 +29,31 @@ from fenics_joints.structure import (
 AXIS = np.array([1.0, 0.0, 0.0])
 SENSORS = Sensors(np.array([[0.11, 0.03, 0.008], [0.31, 0.05, 0.016]]), [0.0, 0.0, 1.0])
 NOMINAL = {
-    "E": 7e10, "nu": 0.3, "rho": 2700.0, "s": 1.0, "layer.E": 5e9, "layer.G": 1e9,
-    "tip.mass": 0.03, "tip.travel": 0.04, "nut.mass": 0.05, "cord.k": 2e4,
-    "wall.k_n": 1e11, "wall.k_t": 3e10,
-}  # fmt: skip
+    "E": 7e10,
+    "nu": 0.3,
+    "rho": 2700.0,
+    "s": 1.0,
+    "layer.E": 5e9,
+    "layer.G": 1e9,
+    "tip.mass": 0.03,
+    "tip.travel": 0.04,
+    "nut.mass": 0.05,
+    "cord.k": 2e4,
+    "wall.k_n": 1e11,
+    "wall.k_t": 3e10,
+}
 #: Far from what the basis was made at.
 ELSEWHERE = NOMINAL | {
-    "E": 5e10, "nu": 0.25, "s": 1.1, "layer.G": 2e8, "tip.mass": 0.1, "tip.travel": 0.07,
-    "cord.k": 3e5, "wall.k_n": 2e10, "wall.k_t": 1e13,
-}  # fmt: skip
+    "E": 5e10,
+    "nu": 0.25,
+    "s": 1.1,
+    "layer.G": 2e8,
+    "tip.mass": 0.1,
+    "tip.travel": 0.07,
+    "cord.k": 3e5,
+    "wall.k_n": 2e10,
+    "wall.k_t": 1e13,
+}
 
 
 def make(comm):
@@ -94,9 +110,10 @@ def test_matrices_and_derivatives_are_the_structures(comm):
         values = arrays.values(given)
         for model in (arrays, small):
             for got, expected in zip(
-                (model.stiffness(given), model.mass(given)), plain_sum(arrays.pencil, values),
+                (model.stiffness(given), model.mass(given)),
+                plain_sum(arrays.pencil, values),
                 strict=True,
-            ):  # fmt: skip
+            ):
                 assert np.abs(got - expected).max() < 1e-12 * np.abs(expected).max()
         gradients = small.pencil_gradients(x, lam, given)
         scale = np.abs(gradients).max(axis=0)

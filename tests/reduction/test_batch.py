@@ -25,8 +25,14 @@ from fenics_joints.structure import Parameter, Sensors, Spring
 from fenics_joints.structure.laws import LAYER_LAWS
 
 VALUES = {
-    "E": 208e9, "rho": 7860.0, "k1": 1763.0, "k2": 37400.0, "cord": 2e3, "mass": 0.05, "place": 0.01
-}  # fmt: skip
+    "E": 208e9,
+    "rho": 7860.0,
+    "k1": 1763.0,
+    "k2": 37400.0,
+    "cord": 2e3,
+    "mass": 0.05,
+    "place": 0.01,
+}
 SENSORS = Sensors(np.outer(np.linspace(0, 0.55, 9), [1.0, 0, 0]), [0.0, 0, 1])
 
 
@@ -132,9 +138,11 @@ def chain(N: int = N) -> tuple[ArrayModel, Sensors]:
     link = np.eye(N)[N // 2 - 1] - np.eye(N)[N // 2]
     parameters = {name: Parameter(name, value) for name, value in BASELINE.items()}
     pencil = AffinePencil(
-        parameters, regions, [SpringTerm("k", "k", 1.0, link)],
+        parameters,
+        regions,
+        [SpringTerm("k", "k", 1.0, link)],
         [MassTerm("tip", "tip", "place", 1.0, stations, rows)],
-    )  # fmt: skip
+    )
     points = np.zeros((N, 3))
     points[:, 0] = np.arange(N)
     return ArrayModel(pencil, 1e4, np.eye(N), np.zeros((1, N, N))), Sensors(points, [1.0, 0.0, 0.0])
@@ -149,8 +157,7 @@ def forward_of(model, sensors) -> Forward:
 def some_values(count: int) -> list[dict[str, float]]:
     rng = np.random.default_rng(1)
     return [
-        {k: v * np.exp(0.5 * rng.uniform(-1, 1)) for k, v in BASELINE.items()}
-        for _ in range(count)
+        {k: v * np.exp(0.5 * rng.uniform(-1, 1)) for k, v in BASELINE.items()} for _ in range(count)
     ]
 
 
@@ -209,25 +216,35 @@ def test_evidence_by_the_lean_model_is_that_of_the_whole_one():
 
 
 def dissipates() -> Effect:
-    return Effect("loss", "", (Prior("eta", 0.01, 0.5),), None,
-                  loss=lambda theta, condition, hz: {"right.G": theta["eta"]})  # fmt: skip
+    return Effect(
+        "loss",
+        "",
+        (Prior("eta", 0.01, 0.5),),
+        None,
+        loss=lambda theta, condition, hz: {"right.G": theta["eta"]},
+    )
 
 
 def misscaled() -> Effect:
     return Effect(
-        "mis-scaled", "", (Prior("gain", 1.0, 0.5),), None,
+        "mis-scaled",
+        "",
+        (Prior("gain", 1.0, 0.5),),
+        None,
         sensing=lambda sensing, theta: sensing.gains.__setitem__(40, theta["gain"]),
-    )  # fmt: skip
+    )
 
 
 @pytest.mark.parametrize(
     ("effect", "kind"),
     [
-        (stiffer("right.G", 0.5), ""), (stiffer("right.G", 0.5), "shapes"),
-        (misscaled(), "shapes"), (dissipates(), "damping"),
+        (stiffer("right.G", 0.5), ""),
+        (stiffer("right.G", 0.5), "shapes"),
+        (misscaled(), "shapes"),
+        (dissipates(), "damping"),
     ],
     ids=["frequencies", "shapes", "sensor", "loss"],
-)  # fmt: skip
+)
 def test_evidence_on_few_vectors_is_that_of_all(effect, kind):
     """A fraction of the model's size."""
     model, sensors = chain(120)
@@ -244,8 +261,9 @@ def test_evidence_on_few_vectors_is_that_of_all(effect, kind):
     evidence = Evidence(np.ones(1), log_f, np.full((1, 4), 0.003), 0.003, **more)
 
     def make(effects):
-        return Hypothesis(tuple(effects), (stiffer("rho", 0.01),), modes=tuple("abcd"),
-                          damped=kind == "damping")  # fmt: skip
+        return Hypothesis(
+            tuple(effects), (stiffer("rho", 0.01),), modes=tuple("abcd"), damped=kind == "damping"
+        )
 
     hypothesis = make((effect,))
     few = Library(forward, evidence, BASELINE, make, lean=True)
@@ -276,16 +294,24 @@ def test_all_kinds_of_data_are_as_predicted_one_by_one():
     model, sensors = chain()
     forward = forward_of(model, sensors)
     lossy = Effect(
-        "lossy", "", (Prior("factor", 1.0, 0.5), Prior("eta", 0.01, 0.5)),
+        "lossy",
+        "",
+        (Prior("factor", 1.0, 0.5), Prior("eta", 0.01, 0.5)),
         lambda values, theta, level: values.update({"right.G": 1e9 * theta["factor"] * level}),
         loss=lambda theta, level, hz: {"right.G": theta["eta"] * level},
-    )  # fmt: skip
+    )
     hypothesis = Hypothesis((lossy,), conditions=(1.0, 2.0), modes=tuple("abcd"), damped=True)
     measured = forward.reference / np.sqrt(np.mean(forward.reference**2, axis=0))
     evidence = Evidence(
-        np.array([1.0, 2.0]), np.zeros((2, 4)), np.full((2, 4), 0.003), 0.003,
-        log_damping=np.full((2, 4), np.log(0.003)), shapes=measured, near=np.eye(N), shape_row=1,
-    )  # fmt: skip
+        np.array([1.0, 2.0]),
+        np.zeros((2, 4)),
+        np.full((2, 4), 0.003),
+        0.003,
+        log_damping=np.full((2, 4), np.log(0.003)),
+        shapes=measured,
+        near=np.eye(N),
+        shape_row=1,
+    )
     d = len(hypothesis.priors)
     z = list(0.5 * np.random.default_rng(4).standard_normal((3, d)))
     lean = LeanForward(forward, model.on(np.eye(N)))

@@ -18,19 +18,19 @@ def test_a_cubic_is_read_where_the_sensor_is():
     """4 cm from where it should be, where its slope alone is far off."""
     plates = part("plates", ("plate_1", "plate_2"), E=7e10, nu=0.3, rho=2750.0)
     layer = joint("layer", ("joint_near", "joint_away"), E=1e9, G=1e9)
-    full = Structure(
-        lap_plates(MPI.COMM_WORLD, element_size=0.02, n_thickness=1), [plates, layer]
-    )
+    full = Structure(lap_plates(MPI.COMM_WORLD, element_size=0.02, n_thickness=1), [plates, layer])
     shapes = [
-        lambda x, y: 3 * x**2 - 9 * x**3, lambda x, y: x - 5 * x * y + 2 * y**2 + 7 * x * y**2
-    ]  # fmt: skip
+        lambda x, y: 3 * x**2 - 9 * x**3,
+        lambda x, y: x - 5 * x * y + 2 * y**2 + 7 * x * y**2,
+    ]
     basis = []
     for shape in shapes:
         u = fem.Function(full.V)
         u.interpolate(lambda x, f=shape: np.array([0 * x[0], 0 * x[0], f(x[0], x[1])]))
         basis.append(u.x.petsc_vec.copy())
-    sensors = Sensors(np.array([[0.08, 0.04, 0.008], [0.15, 0.03, 0.008], [0.3, 0.06, 0.0165]]),
-                      [0.0, 0.0, 1.0])  # fmt: skip
+    sensors = Sensors(
+        np.array([[0.08, 0.04, 0.008], [0.15, 0.03, 0.008], [0.3, 0.06, 0.0165]]), [0.0, 0.0, 1.0]
+    )
     ways = ways_of(sensors, 3)
     rows = full.observe(basis, sensors)
     slopes = np.array([full.observe_slopes(basis, sensors, way) for way in ways])

@@ -39,9 +39,13 @@ SENSORS = Sensors(np.array([[0.02, 0.04, 0.008], [0.3, 0.01, 0.016]]), [0.0, 0.0
 
 def build(comm=MPI.COMM_SELF):
     plates = part(
-        "plates", ("plate_1", "plate_2"),
-        E="plates.E", nu="plates.nu", rho=2750.0, stretch="plates.thickness",
-    )  # fmt: skip
+        "plates",
+        ("plate_1", "plate_2"),
+        E="plates.E",
+        nu="plates.nu",
+        rho=2750.0,
+        stretch="plates.thickness",
+    )
     layer = joint("layer", ("joint_near", "joint_away"), E="layer.E", G="layer.G")
     return Structure(
         lap_plates(comm, element_size=0.02, n_thickness=1),
@@ -145,10 +149,15 @@ def test_terms_of_the_laws_reproduce_the_assembled_stiffness(law):
     for _ in range(4):
         G = 10 ** rng.uniform(6, 10)
         drawn = (
-            rng.uniform(6e10, 2e11), rng.uniform(-0.2, 0.45), rng.uniform(1e3, 8e3),
-            rng.uniform(0.5, 2.0), G * rng.uniform(1.0, 2.9), G, rng.uniform(0, 1e3),
+            rng.uniform(6e10, 2e11),
+            rng.uniform(-0.2, 0.45),
+            rng.uniform(1e3, 8e3),
+            rng.uniform(0.5, 2.0),
+            G * rng.uniform(1.0, 2.9),
+            G,
+            rng.uniform(0, 1e3),
             rng.uniform(0.2, 3.0),
-        )  # fmt: skip
+        )
         point = dict(zip(names, drawn, strict=True))
         for reduced, assembled in (
             (small.stiffness(point), small.projection.matrix(model.stiffness(point))),
@@ -232,8 +241,10 @@ def test_what_is_new_in_a_basis_is_projected_alone():
     vectors = orthonormal(full, grown.vectors, points[0], 1e-13, n, known=first)
     new, old = (ReducedStructure(full, vectors, TRAVEL, known=known) for known in (first, None))
     for point in samples(3, seed=8):
-        for a, b in ((new.stiffness(point), old.stiffness(point)),
-                     (new.mass(point), old.mass(point))):  # fmt: skip
+        for a, b in (
+            (new.stiffness(point), old.stiffness(point)),
+            (new.mass(point), old.mass(point)),
+        ):
             assert a == pytest.approx(b, rel=1e-7, abs=1e-9 * np.abs(b).max())
     K, M = old.stiffness(points[0]), old.mass(points[0])
     energy = K + np.trace(K) / np.trace(M) * M
@@ -249,9 +260,15 @@ def test_refined_modes_make_as_good_a_model_as_solved_ones(monkeypatch):
     start = {name: p.value for name, p in world.parameters.items()}
     points = [start, *samples(12, seed=3)]
     model = Surrogate(
-        world, start, samples=lambda: points, sensors=None, n_test=5, travel=lambda: TRAVEL,
-        n_modes=N_MODES, lacking=1e-3,
-    )  # fmt: skip
+        world,
+        start,
+        samples=lambda: points,
+        sensors=None,
+        n_test=5,
+        travel=lambda: TRAVEL,
+        n_modes=N_MODES,
+        lacking=1e-3,
+    )
     assert len(solved) == 6
     best = sampled(world, points, 1e-3)
     for there in (points, samples(4, seed=11)):
@@ -268,9 +285,16 @@ def test_a_kept_model_serves_another_test_of_the_structure(shared_tmp_path):
 
     def surrogate(sensors, n_test, made=points, **more):
         return Surrogate(
-            world, start, samples=lambda: made, travel=lambda: TRAVEL, lacking=1e-3,
-            sensors=sensors, n_test=n_test, n_modes=N_MODES, **more,
-        )  # fmt: skip
+            world,
+            start,
+            samples=lambda: made,
+            travel=lambda: TRAVEL,
+            lacking=1e-3,
+            sensors=sensors,
+            n_test=n_test,
+            n_modes=N_MODES,
+            **more,
+        )
 
     surrogate(None, 5, keep=lambda: file)
     few = Sensors([[0.02, 0.01, 0.008], [0.15, 0.07, 0.008], [0.3, 0.04, 0.016]], [0.0, 0.0, 1.0])
@@ -292,8 +316,16 @@ def test_a_model_kept_on_some_ranks_serves_any(shared_tmp_path):
     """Kept on all of them, read on one: the basis is that of the matrices."""
     world, own, file = build(MPI.COMM_WORLD), build(), shared_tmp_path / "model.h5"
     start = {name: p.value for name, p in world.parameters.items()}
-    Surrogate(world, start, samples=lambda: [start], sensors=None, n_test=3, n_modes=N_MODES,
-              travel=lambda: TRAVEL, keep=lambda: file)  # fmt: skip
+    Surrogate(
+        world,
+        start,
+        samples=lambda: [start],
+        sensors=None,
+        n_test=3,
+        n_modes=N_MODES,
+        travel=lambda: TRAVEL,
+        keep=lambda: file,
+    )
     model, basis = KeptModel(own, file).read()
     Z = np.array([vector.array_r for vector in basis]).T
     K = own.stiffness(start)
@@ -318,9 +350,9 @@ def test_a_basis_of_another_model_is_not_taken(tmp_path):
     assert KeptModel(model, file).read() is not None
     basis = file.with_suffix(".npz").read_bytes()
     file.unlink()
-    other = Surrogate(model, {**start, "layer.E": 1e7}, **given | {
-        "samples": lambda: [{**start, "layer.E": 1e7}]
-    })  # fmt: skip
+    other = Surrogate(
+        model, {**start, "layer.E": 1e7}, **given | {"samples": lambda: [{**start, "layer.E": 1e7}]}
+    )
     assert other.model.n_dofs == first.model.n_dofs
     own = file.with_suffix(".npz").read_bytes()
     file.with_suffix(".npz").write_bytes(basis)
@@ -408,8 +440,15 @@ def test_two_ranks_reduce_to_the_same_frequencies():
 def test_a_point_without_the_tests_modes_has_no_error_and_spoils_no_other(monkeypatch):
     model = build()
     start = {name: p.value for name, p in model.parameters.items()}
-    small = Surrogate(model, start, samples=lambda: [start], travel=lambda: TRAVEL, sensors=None,
-                      n_test=3, n_modes=N_MODES)  # fmt: skip
+    small = Surrogate(
+        model,
+        start,
+        samples=lambda: [start],
+        travel=lambda: TRAVEL,
+        sensors=None,
+        n_test=3,
+        n_modes=N_MODES,
+    )
     soft, paired = {**start, "layer.E": 1e7}, small.forward.paired
 
     def lacks(modes):

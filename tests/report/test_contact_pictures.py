@@ -144,8 +144,9 @@ def test_two_axes_through_one_patch_have_a_circle_each():
     x, z = np.linspace(0.0, 0.06, 61), np.linspace(0.0, 0.01, 2)
     tagged = stacked_blocks(MPI.COMM_SELF, lower=(x, x, -z[::-1]), upper=z)
     state = contact(tagged, ("lower", "upper"), cones)
-    circles = [p for p in pressure_map(state, centres=axes).axes[0].patches
-               if isinstance(p, Circle)]  # fmt: skip
+    circles = [
+        p for p in pressure_map(state, centres=axes).axes[0].patches if isinstance(p, Circle)
+    ]
     nearest = nearest_axis(state.interface.points, axes)
     for i, (circle, axis, radius) in enumerate(zip(circles, axes, reach, strict=True)):
         assert circle.center == pytest.approx(1e3 * axis[:2])

@@ -21,9 +21,12 @@ if MPI.COMM_WORLD.size > 1:
     pytest.skip("about one process", allow_module_level=True)
 
 CELLS = (
-    "stiffness of the layer near the second bolt", "1234.567 ± 0.234 kN/mm", "1250.001", "-12.34 %",
+    "stiffness of the layer near the second bolt",
+    "1234.567 ± 0.234 kN/mm",
+    "1250.001",
+    "-12.34 %",
     "from 34 mm to 56 mm, or 78 mm",
-)  # fmt: skip
+)
 
 
 def printed(width: int) -> str:
@@ -71,8 +74,13 @@ def environment(**more: str) -> dict[str, str]:
 def on_a_terminal(**more: str) -> str:
     """What the script writes to a terminal of its own."""
     leader, follower = pty.openpty()
-    subprocess.run([sys.executable, "-c", SCRIPT], stdout=follower, env=environment(**more),
-                   check=True, timeout=60)  # fmt: skip
+    subprocess.run(
+        [sys.executable, "-c", SCRIPT],
+        stdout=follower,
+        env=environment(**more),
+        check=True,
+        timeout=60,
+    )
     os.close(follower)
     with open(leader, "rb", closefd=True) as stream:
         data = b""
@@ -111,6 +119,8 @@ def test_a_step_says_what_is_left_of_it(monkeypatch):
         for clock[0] in (11.0, 22.0):
             progress.advance()
     assert stream.getvalue().splitlines() == [
-        "to do: read; solve", "solving ...", "solving: 1 of 5, about 44 s left",
+        "to do: read; solve",
+        "solving ...",
+        "solving: 1 of 5, about 44 s left",
         "solving: 2 of 5, about 33 s left",
-    ]  # fmt: skip
+    ]

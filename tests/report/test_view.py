@@ -65,9 +65,14 @@ def looks(s) -> list[Look]:
     colours = Colours(colormaps["RdBu_r"], "low", "high", HOSTILE)
     return [
         Look("moves", colours, motion=moved, way=np.array([0.0, 0.0, 1.0]), arrows=arrows),
-        Look(HOSTILE, colours, values=np.linspace(0, 1, len(s.points)), shown=(0.0, 50.0, "MPa"),
-             texts=[HOSTILE, HOSTILE]),
-    ]  # fmt: skip
+        Look(
+            HOSTILE,
+            colours,
+            values=np.linspace(0, 1, len(s.points)),
+            shown=(0.0, 50.0, "MPa"),
+            texts=[HOSTILE, HOSTILE],
+        ),
+    ]
 
 
 def page() -> str:

@@ -93,9 +93,15 @@ def test_chain_and_the_derivatives_of_its_response(method):
     lines = np.array([60.0, 380.0, 900.0, 1430.0, 2100.0])
     model, place = chain(), corners(3 * BLOCK)
     frf = solve_frf(
-        model, frequencies_hz=lines, excitation=place, sensors=place, damping=CHAIN_DAMPING,
-        method=method, n_modes=2, gradients=True,
-    )  # fmt: skip
+        model,
+        frequencies_hz=lines,
+        excitation=place,
+        sensors=place,
+        damping=CHAIN_DAMPING,
+        method=method,
+        n_modes=2,
+        gradients=True,
+    )
     values, slopes = evenly(frf)
     exact = chain_receptance(CHAIN, lines)
     assert values == pytest.approx(exact, rel=1e-7)
@@ -114,8 +120,9 @@ def test_complex_modes_of_a_chain(tau):
 
     def exact(p):
         K, C, M = chain_matrices(p)
-        state = np.block([[np.zeros((4, 4)), np.eye(4)],
-                          [-np.linalg.solve(M, K), -np.linalg.solve(M, C)]])  # fmt: skip
+        state = np.block(
+            [[np.zeros((4, 4)), np.eye(4)], [-np.linalg.solve(M, K), -np.linalg.solve(M, C)]]
+        )
         s = np.linalg.eigvals(state)
         s = s[s.imag > 0]
         s = s[np.argsort(np.abs(s))][:2]
@@ -145,9 +152,13 @@ def test_rod_with_a_loss_factor():
     lines = np.array([300.0, 2500.0, 2600.0, 6000.0])  # a resonance is at 2532 Hz
     place = corners(length)
     frf = solve_frf(
-        model, frequencies_hz=lines, excitation=place, sensors=place,
-        damping=Damping(structural=eta), kind="accelerance",
-    )  # fmt: skip
+        model,
+        frequencies_hz=lines,
+        excitation=place,
+        sensors=place,
+        damping=Damping(structural=eta),
+        kind="accelerance",
+    )
     E, w = 2e11 * (1 + 1j * eta), 2 * np.pi * lines
     k = w * np.sqrt(7800.0 / E)
     expected = -(w**2) * np.tan(k * length) / (E * AREA * k)
@@ -161,9 +172,18 @@ def test_rod_with_a_loss_factor():
 # -- free lap plates with a massless layer, a mass that moves and a soft spring -----------------
 
 VALUES = {
-    "plates.E": 69e9, "nu": 0.283, "plates.rho": 2750.0, "layer.E": 8e7, "layer.G": 3e7,
-    "tip.mass": 0.03, "tip.travel": 0.004, "cord": 4e3, "eta": 0.03, "tau": 4e-6, "zeta": 0.01,
-}  # fmt: skip
+    "plates.E": 69e9,
+    "nu": 0.283,
+    "plates.rho": 2750.0,
+    "layer.E": 8e7,
+    "layer.G": 3e7,
+    "tip.mass": 0.03,
+    "tip.travel": 0.004,
+    "cord": 4e3,
+    "eta": 0.03,
+    "tau": 4e-6,
+    "zeta": 0.01,
+}
 PLACES = Sensors(
     np.array([[0.013, 0.031, 0.008], [0.307, 0.071, 0.012], [0.151, 0.017, 0.0165]]),
     np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.4], [0.3, 0.2, 1.0]]),
@@ -192,8 +212,12 @@ def plates(comm=MPI.COMM_SELF, cord=True):
 
 
 def response(model, given=None, **changes):
-    settings = {"frequencies_hz": LINES, "excitation": PLACES, "sensors": PLACES,
-                "damping": LAYER} | changes  # fmt: skip
+    settings = {
+        "frequencies_hz": LINES,
+        "excitation": PLACES,
+        "sensors": PLACES,
+        "damping": LAYER,
+    } | changes
     return solve_frf(model, given, **settings)
 
 
@@ -213,9 +237,12 @@ def test_modes_with_residual_vectors_against_the_direct_solution():
     few, count = modal.modal, len(modal.modal.modes)
     at = few.project(model.loads(PLACES))[:count]
     cut = replace(
-        few, basis=few.basis[:, :count], stiff=few.stiff[:count], heavy=few.heavy[:count],
+        few,
+        basis=few.basis[:, :count],
+        stiff=few.stiff[:count],
+        heavy=few.heavy[:count],
         parts={name: A[:count, :count] for name, A in few.parts.items()},
-    )  # fmt: skip
+    )
     bare = cut.response(LINES, at, at)
     assert (np.abs(bare.values - direct.values) / size).max() > 1e-2
     assert modal.error.max() < 1e-4

@@ -35,12 +35,14 @@ def exact_receptance(length: float, f: float, loss: float) -> tuple[complex, com
     omega2, area, inertia = (2 * np.pi * f) ** 2, BREADTH * HEIGHT, BREADTH * HEIGHT**3 / 12
     E = STEEL["E"] * (1 + 1j * loss)
     shear, rho = E / 2.6 * area / 1.2, STEEL["rho"]
-    A = np.array([
-        [0, 1, 1 / shear, 0],
-        [0, 0, 0, 1 / (E * inertia)],
-        [-rho * area * omega2, 0, 0, 0],
-        [0, -rho * inertia * omega2, -1, 0],
-    ])  # fmt: skip
+    A = np.array(
+        [
+            [0, 1, 1 / shear, 0],
+            [0, 0, 0, 1 / (E * inertia)],
+            [-rho * area * omega2, 0, 0, 0],
+            [0, -rho * inertia * omega2, -1, 0],
+        ]
+    )
     T = scipy.linalg.expm(A * length)
     # At x = 0 the force is on the beam: V = -1, M = 0. At the other end both vanish.
     left = np.linalg.solve(T[2:, :2], -T[2:, 2] * -1.0)
@@ -52,17 +54,22 @@ def test_free_beam_has_the_closed_forms_receptance():
     beam = BeamStructure([Beam("beam", length, BREADTH, HEIGHT, 60, **STEEL)])
     lines = np.array([11.0, 150.0, 219.0, 700.0, 1500.0])
     found = solve_frf(
-        beam, frequencies_hz=lines, damping=Damping(structural=loss),
-        excitation=Sensors([[0.0, 0, 0]], UP), sensors=Sensors([[0.0, 0, 0], [length, 0, 0]], UP),
-    )  # fmt: skip
+        beam,
+        frequencies_hz=lines,
+        damping=Damping(structural=loss),
+        excitation=Sensors([[0.0, 0, 0]], UP),
+        sensors=Sensors([[0.0, 0, 0], [length, 0, 0]], UP),
+    )
     exact = [exact_receptance(length, f, loss) for f in lines]
     np.testing.assert_allclose(found.values[:, :, 0], exact, rtol=2e-3)
     # Across a free body a force moves its mass first.
     mass = STEEL["rho"] * BREADTH * HEIGHT * length
     slow = solve_frf(
-        beam, frequencies_hz=[0.5], excitation=Sensors([[length / 2, 0, 0]], UP),
+        beam,
+        frequencies_hz=[0.5],
+        excitation=Sensors([[length / 2, 0, 0]], UP),
         sensors=Sensors([[length / 2, 0, 0]], UP),
-    )  # fmt: skip
+    )
     assert slow.values[0, 0, 0] == pytest.approx(-1 / (mass * np.pi**2), rel=1e-3)
 
 
@@ -71,8 +78,13 @@ def test_joint_damping_is_that_of_the_matrix_and_has_derivatives(tmp_path):
     lines[14] = solve_modes(beams, n_modes=6).frequencies_hz[5]  # where only the joint's damping is
     hammer = Sensors([[0.01, 0, 0.01]], UP)
     read = Sensors([[0.57, 0, 0], [0.3333, 0, 0.01], [0.1, 0, 0.0106]], [UP, UP, [1.0, 0, 0]])
-    common = {"frequencies_hz": lines, "excitation": hammer, "sensors": read, "kind": "accelerance",
-              "damping": beams.joint_damping()}  # fmt: skip
+    common = {
+        "frequencies_hz": lines,
+        "excitation": hammer,
+        "sensors": read,
+        "kind": "accelerance",
+        "damping": beams.joint_damping(),
+    }
     found = solve_frf(beams, gradients=True, **common)
     K, M, C = beams.stiffness(), beams.mass(), beams.damping_matrix()
     force, rows = beams.loads(hammer).T, beams.loads(read).T

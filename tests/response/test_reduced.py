@@ -34,10 +34,23 @@ from fenics_joints.structure import (
 # -- lap plates with every kind of component ------------------------------------------------------
 
 VALUES = {
-    "E": 7e10, "nu": 0.3, "rho": 2700.0, "layer.E": 5e9, "layer.G": 1e9, "tip.mass": 0.03,
-    "tip.travel": 0.04, "nut.mass": 0.05, "cord.k": 2e4, "wall.k_n": 1e11, "wall.k_t": 3e10,
-    "eta": 0.03, "tau": 4e-6, "alpha": 5.0, "loss": 0.01, "zeta": 0.02,
-}  # fmt: skip
+    "E": 7e10,
+    "nu": 0.3,
+    "rho": 2700.0,
+    "layer.E": 5e9,
+    "layer.G": 1e9,
+    "tip.mass": 0.03,
+    "tip.travel": 0.04,
+    "nut.mass": 0.05,
+    "cord.k": 2e4,
+    "wall.k_n": 1e11,
+    "wall.k_t": 3e10,
+    "eta": 0.03,
+    "tau": 4e-6,
+    "alpha": 5.0,
+    "loss": 0.01,
+    "zeta": 0.02,
+}
 ELSEWHERE = VALUES | {"E": 5e10, "layer.G": 2e8, "tip.travel": 0.07, "cord.k": 3e5}
 FORCE = Sensors(np.array([[0.31, 0.05, 0.016]]), [0.0, 0.6, 0.8])
 PLACES = Sensors(
@@ -45,9 +58,11 @@ PLACES = Sensors(
     np.array([[0.0, 0.0, 1.0], [0.0, 0.6, 0.8], [0.5, 0.5, 0.1]]),
 )
 LAYERS = Damping(
-    structural="loss", rayleigh=("alpha", 1e-7), hysteretic={"layer": "eta"},
+    structural="loss",
+    rayleigh=("alpha", 1e-7),
+    hysteretic={"layer": "eta"},
     viscous={"wall": "tau"},
-)  # fmt: skip
+)
 EVENLY = Damping(structural="loss", rayleigh=("alpha", 1e-7))
 #: Without what is viscous in the layers.
 LOSSY = Damping(structural="loss", rayleigh=("alpha", 0.0), hysteretic={"layer": "eta"})
@@ -61,8 +76,10 @@ LINES = np.linspace(60.0, 1500.0, 9)
 def plates(comm=MPI.COMM_SELF, E="E"):
     return Structure(
         lap_plates(comm, element_size=0.04, n_thickness=1),
-        [part("plates", ("plate_1", "plate_2"), E=E, nu="nu", rho="rho"),
-         joint("layer", ("joint_near", "joint_away"), E="layer.E", G="layer.G")],
+        [
+            part("plates", ("plate_1", "plate_2"), E=E, nu="nu", rho="rho"),
+            joint("layer", ("joint_near", "joint_away"), E="layer.E", G="layer.G"),
+        ],
         [Parameter(name, value) for name, value in VALUES.items()],
         masses=[
             PointMass("tip", "tip.mass", (0.21, 0.03, 0.0165), travel="tip.travel"),
@@ -71,7 +88,7 @@ def plates(comm=MPI.COMM_SELF, E="E"):
         springs=[Spring("cord", "cord.k", (0.31, 0.0, 0.012), (0.0, 1.0, 0.0), share=0.5)],
         supports=[ElasticSupport("wall", "end_1", "wall.k_n", "wall.k_t")],
         degree=1,
-    )  # fmt: skip
+    )
 
 
 @pytest.fixture(scope="module")
@@ -80,8 +97,13 @@ def small():
 
 
 def response(model, given=None, **changes):
-    settings = {"frequencies_hz": LINES, "excitation": FORCE, "sensors": PLACES,
-                "damping": LAYERS, "gradients": True} | changes  # fmt: skip
+    settings = {
+        "frequencies_hz": LINES,
+        "excitation": FORCE,
+        "sensors": PLACES,
+        "damping": LAYERS,
+        "gradients": True,
+    } | changes
     return solve_frf(model, given, **settings)
 
 
@@ -168,8 +190,9 @@ def test_what_a_reduced_model_cannot_do_is_said(small):
         response(small, kind="dynamic")
     with pytest.raises(InputError, match="not a dict"):
         response({})
-    graded = reduce(plates(E=lambda x, p: p["E"] * (1 + x[0])), [VALUES], 4,
-                    travel={"tip": (0.0, 0.1)})  # fmt: skip
+    graded = reduce(
+        plates(E=lambda x, p: p["E"] * (1 + x[0])), [VALUES], 4, travel={"tip": (0.0, 0.1)}
+    )
     assert np.isfinite(response(graded, gradients=False).values).all()
     for refused in (lambda: response(graded), lambda: graded.arrays(FORCE)):
         with pytest.raises(InputError, match=r"plates: .* graded"):
@@ -196,8 +219,9 @@ def roots_by_hand(model, given, damping, count=5):
             half = model.stiffness({**values, **{n: 0.5 * values[n] for n in names}})
             C, whole = C + tau * 2 * (K - half), whole + 1j * eta * 2 * (K - half)
     n = len(K)
-    state = np.block([[np.zeros((n, n)), np.eye(n)],
-                      [-np.linalg.solve(M, whole), -np.linalg.solve(M, C)]])  # fmt: skip
+    state = np.block(
+        [[np.zeros((n, n)), np.eye(n)], [-np.linalg.solve(M, whole), -np.linalg.solve(M, C)]]
+    )
     s = np.linalg.eigvals(state)
     s = s[s.imag > 0]
     s = s[np.argsort(np.abs(s))][:count]
@@ -299,9 +323,7 @@ def test_residual_vectors_and_the_check_over_wide_ranges():
     same = frf_error(checked.arrays, model, INSIDE, lines=4, **SETTINGS)
     assert same.worst == pytest.approx(checked.error.worst, rel=1e-2)
     with pytest.raises(ConvergenceError, match="at the worst of 3 points"):
-        checked_frf_model(
-            model, CORNERS[:1], INSIDE, error=1e-9, rounds=1, **ask | {"lines": 1}
-        )
+        checked_frf_model(model, CORNERS[:1], INSIDE, error=1e-9, rounds=1, **ask | {"lines": 1})
 
 
 @pytest.mark.parallel

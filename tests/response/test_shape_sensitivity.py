@@ -34,9 +34,15 @@ from fenics_joints.structure import (
 # -- free plates with a layer, a mass that moves and a spring: no mode near another ---------------
 
 VALUES = {
-    "plates.E": 69e9, "nu": 0.283, "rho": 2750.0, "layer.E": 8e7, "layer.G": 3e7,
-    "tip.mass": 0.03, "tip.travel": 0.004, "cord": 4e3,
-}  # fmt: skip
+    "plates.E": 69e9,
+    "nu": 0.283,
+    "rho": 2750.0,
+    "layer.E": 8e7,
+    "layer.G": 3e7,
+    "tip.mass": 0.03,
+    "tip.travel": 0.004,
+    "cord": 4e3,
+}
 FEW = Sensors(
     np.array([[0.013, 0.031, 0.008], [0.307, 0.071, 0.012], [0.151, 0.017, 0.0165]]),
     np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.4], [0.3, 0.2, 1.0]]),
@@ -51,12 +57,14 @@ WANTED = [7, 9, 6]
 def plates(comm=MPI.COMM_SELF):
     return Structure(
         lap_plates(comm, element_size=0.08, n_thickness=1),
-        [part("plates", ("plate_1", "plate_2"), E="plates.E", nu="nu", rho="rho"),
-         joint("layer", ("joint_near", "joint_away"), E="layer.E", G="layer.G")],
+        [
+            part("plates", ("plate_1", "plate_2"), E="plates.E", nu="nu", rho="rho"),
+            joint("layer", ("joint_near", "joint_away"), E="layer.E", G="layer.G"),
+        ],
         [Parameter(name, value) for name, value in VALUES.items()],
         masses=[PointMass("tip", "tip.mass", (0.01, 0.033, 0.0), travel="tip.travel")],
         springs=[Spring("cord", "cord", (0.3, 0.03, 0.012), (0.0, 0.0, 1.0))],
-    )  # fmt: skip
+    )
 
 
 def shapes_at(model, given, sensors, like):
@@ -69,9 +77,7 @@ def differences(model, sensors, like):
     """Central differences of the shapes by every parameter."""
     slopes = []
     for name, value in VALUES.items():
-        up, down = (
-            shapes_at(model, {name: value * (1 + h)}, sensors, like) for h in (2e-4, -2e-4)
-        )
+        up, down = (shapes_at(model, {name: value * (1 + h)}, sensors, like) for h in (2e-4, -2e-4))
         slopes.append((up - down) / (4e-4 * value))
     return np.stack(slopes, axis=-1)
 
@@ -95,8 +101,9 @@ def test_single_modes_of_the_full_and_of_the_reduced_model(sensors):
     assert np.all(np.abs(same - own).max(axis=(0, 1)) < 1e-8 * size)
     shapes, slopes = shape_slopes(arrays, WANTED)
     rows = arrays.loads(sensors).T
-    sign = np.sign(np.sum((rows @ shapes) * solve_modes(small, n_modes=12).at(sensors)[:, WANTED],
-                          axis=0))  # fmt: skip
+    sign = np.sign(
+        np.sum((rows @ shapes) * solve_modes(small, n_modes=12).at(sensors)[:, WANTED], axis=0)
+    )
     summed = np.einsum("sn,nmp->smp", rows, slopes) * sign[:, None]
     assert np.all(np.abs(own - summed).max(axis=(0, 1)) < 1e-6 * size)
 
@@ -115,9 +122,7 @@ def test_derivatives_leave_a_remainder_of_second_order():
         given = dict(zip(VALUES, values * (1 + h * direction), strict=True))
         moved = shapes_at(model, given, MANY, start)
         off.append(np.linalg.norm(moved - start - h * change))
-        off_mac.append(
-            np.diag(mac(reference, moved)) - at - h * slope @ (direction * values)
-        )
+        off_mac.append(np.diag(mac(reference, moved)) - at - h * slope @ (direction * values))
     assert off[0] / off[1] == pytest.approx(4.0, abs=0.1)
     assert off_mac[0] / off_mac[1] == pytest.approx(4.0, abs=0.2)
 

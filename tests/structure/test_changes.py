@@ -22,9 +22,7 @@ from fenics_joints.structure.changes import LocalLoss, ShapeChange
 
 SIZE, CELLS = (0.4, 0.06, 0.006), (10, 2, 1)
 E, NU, RHO = 70e9, 0.33, 2700.0
-CHANGED = {
-    "loss.depth": 0.0, "loss.place": 0.0, "loss.size": 1.0, "bow": 0.0, "taper": 0.0,
-}
+CHANGED = {"loss.depth": 0.0, "loss.place": 0.0, "loss.size": 1.0, "bow": 0.0, "taper": 0.0}
 
 
 def plate(moved=lambda x: x, regions=None, cells=None, **more):
@@ -49,17 +47,41 @@ def changing():
     model, middles = plate()
     stations = [np.flatnonzero(np.abs(middles[:, 0] - x) < 0.02) for x in (0.1, 0.14, 0.18)]
     scaled = {"E": "E", "nominal": E}
-    loss = LocalLoss("loss", "plate", stations, scaled | {
-        "depth": "loss.depth", "place": "loss.place", "size": "loss.size", "first": 0,
-        "count": 3})  # fmt: skip
+    loss = LocalLoss(
+        "loss",
+        "plate",
+        stations,
+        scaled
+        | {
+            "depth": "loss.depth",
+            "place": "loss.place",
+            "size": "loss.size",
+            "first": 0,
+            "count": 3,
+        },
+    )
     ones, L, t = np.ones(len(middles)), SIZE[0], SIZE[2]
     fixed = {"rho": RHO, "nominal_rho": RHO}
-    bow = ShapeChange("bow", "plate", (0, 0, 1), (1, 0, 0), (0.0, 4 / L, -4 / L**2),
-                      np.array([ones, 0 * ones]), 0.01,
-                      scaled | fixed | {"amount": "bow", "count": 2})  # fmt: skip
-    taper = ShapeChange("taper", "plate", (0, 0, 1), (1, 0, 0), (-1.0, 2 / L, 0.0),
-                        np.array([-t / 2 * ones, ones]), 0.2,
-                        scaled | {"rho": "rho", "nominal_rho": RHO, "amount": "taper", "count": 6})
+    bow = ShapeChange(
+        "bow",
+        "plate",
+        (0, 0, 1),
+        (1, 0, 0),
+        (0.0, 4 / L, -4 / L**2),
+        np.array([ones, 0 * ones]),
+        0.01,
+        scaled | fixed | {"amount": "bow", "count": 2},
+    )
+    taper = ShapeChange(
+        "taper",
+        "plate",
+        (0, 0, 1),
+        (1, 0, 0),
+        (-1.0, 2 / L, 0.0),
+        np.array([-t / 2 * ones, ones]),
+        0.2,
+        scaled | {"rho": "rho", "nominal_rho": RHO, "amount": "taper", "count": 6},
+    )
     more = [Parameter(k, v, log=False) for k, v in CHANGED.items()]
     return model.with_changes([loss, bow, taper], more)
 
@@ -124,9 +146,14 @@ def test_the_reduced_model_has_them_too(changing):
         for name, value in given.items():
             step = 1e-3 * value
             low, high = (
-                (2 * np.pi * solve_modes(model, given | {name: value + s},
-                                         n_modes=10).frequencies_hz[n]) ** 2 for s in (-step, step)
-            )  # fmt: skip
+                (
+                    2
+                    * np.pi
+                    * solve_modes(model, given | {name: value + s}, n_modes=10).frequencies_hz[n]
+                )
+                ** 2
+                for s in (-step, step)
+            )
             position = list(model.parameters).index(name)
             assert slope[position] == pytest.approx((high - low) / (2 * step), rel=2e-3), name
 
@@ -134,8 +161,12 @@ def test_the_reduced_model_has_them_too(changing):
 def test_what_is_attached_acts_near_its_point_in_reduced_models_alone():
     """As a mass and springs there do; with slopes that are those of differences."""
     model, _ = plate()
-    sites = Sites(np.array([[0.2, 0.03, 0.0], [0.36, 0.03, 0.0]]), np.zeros((0, 3)),
-                  vertices=model.mesh.geometry.x, idle=1e-6)  # fmt: skip
+    sites = Sites(
+        np.array([[0.2, 0.03, 0.0], [0.36, 0.03, 0.0]]),
+        np.zeros((0, 3)),
+        vertices=model.mesh.geometry.x,
+        idle=1e-6,
+    )
     changes = [change for change in placed(sites) if change.name.startswith(ON)]
     own = {name for c in changes for name in c.properties.values() if isinstance(name, str)}
     changing = model.with_changes(changes, [Parameter(name, 0.0, log=False) for name in own])
@@ -154,9 +185,15 @@ def test_what_is_attached_acts_near_its_point_in_reduced_models_alone():
     slope = small.pencil_gradients(modes.shapes[:, [n]], [lam], given)[0]
     for name in (f"{ON}.mass", f"{ON}.x", f"{ON}.y"):
         step = 1e-3 * given[name]
-        low, high = ((2 * np.pi * solve_modes(small, given | {name: given[name] + s},
-                                              n_modes=10).frequencies_hz[n]) ** 2
-                     for s in (-step, step))  # fmt: skip
+        low, high = (
+            (
+                2
+                * np.pi
+                * solve_modes(small, given | {name: given[name] + s}, n_modes=10).frequencies_hz[n]
+            )
+            ** 2
+            for s in (-step, step)
+        )
         expected = slope[list(changing.parameters).index(name)]
         assert (high - low) / (2 * step) == pytest.approx(expected, rel=1e-4)
     with pytest.raises(InputError, match="expected a reduced model"):

@@ -19,8 +19,9 @@ STEEL = {"E": 200e9, "nu": 0.3, "rho": 7800.0}
 def plate(supports, sides=(1.0, 0.8, 0.02), counts=(8, 8, 2), degree=2):
     tagged = box(MPI.COMM_WORLD, sides, counts)
     x, y, z = (np.linspace(0.0, side, n + 1) for side, n in zip(sides, counts, strict=True))
-    rim = [(a, b, 0.5 * sides[2]) for a, b in product(x, y) if a in (0, sides[0]) or
-           b in (0, sides[1])]  # fmt: skip
+    rim = [
+        (a, b, 0.5 * sides[2]) for a, b in product(x, y) if a in (0, sides[0]) or b in (0, sides[1])
+    ]
     tagged.points["rim"] = np.array(rim)
     return Structure(tagged, [part("plate", "body", **STEEL)], supports=supports, degree=degree)
 
@@ -40,8 +41,11 @@ def test_simply_supported_plate():
 @pytest.mark.parallel
 def test_three_points_hold_a_body_without_stress():
     """Three, two and one direction at three points: no rigid motion is left, none is resisted."""
-    held = [Support(points=[(0.0, 0.0, 0.0)]), Support(points=[(1.0, 0.0, 0.0)], directions=(1, 2)),
-            Support(points=[(0.0, 0.8, 0.0)], directions=(2,))]  # fmt: skip
+    held = [
+        Support(points=[(0.0, 0.0, 0.0)]),
+        Support(points=[(1.0, 0.0, 0.0)], directions=(1, 2)),
+        Support(points=[(0.0, 0.8, 0.0)], directions=(2,)),
+    ]
     for n in (2, 3):
         structure = plate(held[:n], degree=1)
         rigid = solve_modes(structure, n_modes=3).n_rigid

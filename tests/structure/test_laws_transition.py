@@ -81,9 +81,10 @@ def test_frequencies_and_their_slope_by_the_thickness():
 def test_adjoint_derivatives(kind):
     """Halving a small step in any parameter quarters what the derivative leaves."""
     model = {
-        "full": sandwich, "reduced": lambda: sandwich(rho=0.0),
+        "full": sandwich,
+        "reduced": lambda: sandwich(rho=0.0),
         "graded": lambda: sandwich(n_layer=3, E=graded),
-    }[kind]()  # fmt: skip
+    }[kind]()
     if kind == "reduced":
         model = reduce(model, [{}, {"h": 0.02, "nu": 0.35}, {"E": 3e10}], N_MODES)
     at = {"h": 0.013, "E": 8e9, "nu": 0.26}
@@ -138,8 +139,10 @@ def test_case_names_the_layer(tmp_path):
     (tmp_path / "case.toml").write_text(text)
     model = build_structure(load_case(tmp_path), MPI.COMM_SELF)
     assert [n for n in model.parameters if n.startswith("layer")] == [
-        "layer.E", "layer.nu", "layer.h",
-    ]  # fmt: skip
+        "layer.E",
+        "layer.nu",
+        "layer.h",
+    ]
     direct = sandwich(0.005, MPI.COMM_SELF, rho=0.0).stiffness({"h": 0.005})
     K = model.stiffness()
     assert K.norm() == pytest.approx(direct.norm(), rel=1e-12)

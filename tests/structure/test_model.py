@@ -31,11 +31,18 @@ from fenics_joints.structure import (
 )
 from fenics_joints.structure.model import Damped, Model, Pictured
 
-VALUES = {"plates.E": 69e9, "plates.rho": 2750.0, "layer.E": 8e8, "layer.G": 3e8, "tip.mass": 0.03,
-          "tip.travel": 0.007}  # fmt: skip
+VALUES = {
+    "plates.E": 69e9,
+    "plates.rho": 2750.0,
+    "layer.E": 8e8,
+    "layer.G": 3e8,
+    "tip.mass": 0.03,
+    "tip.travel": 0.007,
+}
 MOUNT = {"cord.k": 2e5, "wall.k_n": 3e10, "wall.k_t": 2e9}
-POINTS = np.array([[0.013, 0.031, 0.008], [0.151, 0.017, 0.0165], [0.307, 0.071, 0.012],
-                   [0.05, 0.062, 0.0]])  # fmt: skip
+POINTS = np.array(
+    [[0.013, 0.031, 0.008], [0.151, 0.017, 0.0165], [0.307, 0.071, 0.012], [0.05, 0.062, 0.0]]
+)
 UP = Sensors(POINTS, [0.0, 0.0, 1.0])
 
 
@@ -43,18 +50,21 @@ def solid(mount=(), **mounted) -> Structure:
     plates = part("plates", ("plate_1", "plate_2"), E="plates.E", nu=0.283, rho="plates.rho")
     layer = joint("layer", ("joint_near", "joint_away"), E="layer.E", G="layer.G")
     return Structure(
-        lap_plates(MPI.COMM_SELF, element_size=0.04, n_thickness=1), [plates, layer],
+        lap_plates(MPI.COMM_SELF, element_size=0.04, n_thickness=1),
+        [plates, layer],
         [Parameter(name, value) for name, value in {**VALUES, **dict(mount)}.items()],
-        masses=[PointMass("tip", "tip.mass", (0.012, 0.033, 0.0), travel="tip.travel")], degree=1,
+        masses=[PointMass("tip", "tip.mass", (0.012, 0.033, 0.0), travel="tip.travel")],
+        degree=1,
         **mounted,
-    )  # fmt: skip
+    )
 
 
 def mounted() -> Structure:
     return solid(
-        MOUNT, springs=[Spring("cord", "cord.k", (0.151, 0.017, 0.0165), (0.0, 0.6, 0.8))],
+        MOUNT,
+        springs=[Spring("cord", "cord.k", (0.151, 0.017, 0.0165), (0.0, 0.6, 0.8))],
         supports=[ElasticSupport("wall", "end_1", "wall.k_n", "wall.k_t")],
-    )  # fmt: skip
+    )
 
 
 def beams() -> BeamStructure:
@@ -63,9 +73,11 @@ def beams() -> BeamStructure:
     lap = GenericJoint("lap", 0.05, 2, k1="k1", k2="k2", c="c")
     values = {"E": 2e11, "rho": 7850.0, "k1": 1.8e3, "k2": 4e4, "c": 0.2, "m": 0.02}
     return BeamStructure(
-        laps, [lap], [Parameter(name, value) for name, value in values.items()],
+        laps,
+        [lap],
+        [Parameter(name, value) for name, value in values.items()],
         masses=[LumpedMass("bolt", "m", (0.18, 0.0, 0.0), 0.01)],
-    )  # fmt: skip
+    )
 
 
 def reduced():
@@ -189,9 +201,11 @@ def test_gradients_are_differences(kind, model):
     found, X = modes.gradients(index), columns(modes.shapes)[:, index]
     for p, name in enumerate(model.parameters):
         by_K, by_M = (
-            slope(lambda given, i=i: np.sum(X * (matrices(model, given)[i] @ X), axis=0),
-                  model, name) for i in (0, 1)
-        )  # fmt: skip
+            slope(
+                lambda given, i=i: np.sum(X * (matrices(model, given)[i] @ X), axis=0), model, name
+            )
+            for i in (0, 1)
+        )
         expected = by_K - modes.eigenvalues[index] * by_M
         scale = modes.eigenvalues[index] / model.values()[name]
         # Round-off of the difference counts more in the low modes of a mounted body.

@@ -24,9 +24,11 @@ def stacked(comm, n: int = 5):
     if comm.rank:
         points, cells = [], []
     return create_mesh(
-        comm, np.array(cells, dtype=np.int64).reshape(-1, 8), np.array(points).reshape(-1, 3),
+        comm,
+        np.array(cells, dtype=np.int64).reshape(-1, 8),
+        np.array(points).reshape(-1, 3),
         "hexahedron",
-    )  # fmt: skip
+    )
 
 
 @pytest.mark.parallel

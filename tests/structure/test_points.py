@@ -28,9 +28,9 @@ def read(model, points):
 @pytest.mark.parallel
 def test_a_sensor_beside_the_mesh_reads_at_the_nearest_point_of_it():
     """Over a face, an edge and a corner; the limit is half of a cell's shortest edge, 5 mm."""
-    beside = np.array([
-        [0.12, 0.03, 0.0249], [0.303, 0.05, 0.0235], [-0.001, -0.001, -0.001], [0.1, 0.05, 0.01],
-    ])  # fmt: skip
+    beside = np.array(
+        [[0.12, 0.03, 0.0249], [0.303, 0.05, 0.0235], [-0.001, -0.001, -0.001], [0.1, 0.05, 0.01]]
+    )
     on = np.clip(beside, 0.0, SIZE)
     model = block(MPI.COMM_WORLD)
     assert read(model, beside) == pytest.approx(read(model, on), abs=1e-9)

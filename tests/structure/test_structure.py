@@ -230,19 +230,23 @@ OUTSIDE = (1.0, 0.0, 0.0)
         (lambda: lap([solid(), isotropic()]).values({"x": 1.0}), InputError, "'x' does not exist"),
         (
             lambda: lap([solid(), isotropic()], [Parameter("a", 1.0)]).values({"a": np.nan}),
-            InputError, "a = nan: expected a finite",
+            InputError,
+            "a = nan: expected a finite",
         ),
         (
             lambda: lap([solid(), isotropic()], [Parameter("a", 1.0)] * 2),
-            InputError, "parameter a is given twice",
+            InputError,
+            "parameter a is given twice",
         ),
         (
             lambda: lap([solid(), isotropic()], masses=[PointMass("m", 1.0, OUTSIDE)]).mass(),
-            InputError, "outside the mesh",
+            InputError,
+            "outside the mesh",
         ),
         (
             lambda: lap([solid(), isotropic()], springs=[Spring("k", 1.0, OUTSIDE)]).stiffness(),
-            InputError, "outside the mesh",
+            InputError,
+            "outside the mesh",
         ),
         (lambda: lap([solid(), isotropic()], supports=[Support("wall")]), MeshError, "'wall'"),
         (lambda: isotropic(law="viscous"), InputError, "layer.law = 'viscous'"),
@@ -250,7 +254,7 @@ OUTSIDE = (1.0, 0.0, 0.0)
         (lambda: Parameter("a", 2.0, upper=1.0), InputError, "a = 2.*bounds"),
         (lambda: Parameter("a", 0.0), InputError, "a = 0: expected a positive value"),
     ],
-)  # fmt: skip
+)
 def test_mistakes_are_named(make, error, said):
     with pytest.raises(error, match=said):
         make()

@@ -71,8 +71,10 @@ def uff(path, places=PLACES, said=1e3, without=()):
 
 
 def shape_rows(n=6, unit="mm"):
-    rows = [f"{1e3 * x},{1e3 * y},{1e3 * z},0,0,1,{i + 1},{(-1) ** i},{2 - i}"
-            for i, (x, y, z) in enumerate(PLACES[:n])]  # fmt: skip
+    rows = [
+        f"{1e3 * x},{1e3 * y},{1e3 * z},0,0,1,{i + 1},{(-1) ** i},{2 - i}"
+        for i, (x, y, z) in enumerate(PLACES[:n])
+    ]
     head = ",".join(f"{axis} [{unit}]" for axis in "xyz")
     return "\n".join([f"{head},dx,dy,dz,mode 1,mode 2,mode 3", *rows]) + "\n"
 
@@ -83,9 +85,11 @@ def good(tmp_path_factory):
     folder = tmp_path_factory.mktemp("good")
     files = {
         "step": write_step(folder / "good.step", plates, labels=("lower alu", "upper alu")),
-        "msh": msh(folder / "good.msh"), "uff": uff(folder / "good.uff"),
-        "csv": folder / "good.csv", "shapes": folder / "good_shapes.csv",
-    }  # fmt: skip
+        "msh": msh(folder / "good.msh"),
+        "uff": uff(folder / "good.uff"),
+        "csv": folder / "good.csv",
+        "shapes": folder / "good_shapes.csv",
+    }
     files["csv"].write_text(HEAD + "60,120,180\n", encoding="utf-8")
     files["shapes"].write_text(shape_rows(), encoding="utf-8")
     for kind, file in files.items():
@@ -99,9 +103,10 @@ def good(tmp_path_factory):
 def sources(good, kind, file):
     """What `new` is given, one file of which is replaced."""
     tests = {
-        "csv": TestFiles(frequencies=file), "uff": TestFiles(uff=(file,)),
+        "csv": TestFiles(frequencies=file),
+        "uff": TestFiles(uff=(file,)),
         "shapes": TestFiles(frequencies=good["csv"], shapes=file),
-    }.get(kind, TestFiles(uff=(good["uff"],)))  # fmt: skip
+    }.get(kind, TestFiles(uff=(good["uff"],)))
     if kind == "msh":
         return Source(msh=file), tests
     return Source(step=file if kind == "step" else good["step"]), tests
@@ -120,10 +125,20 @@ def half(path, good):
 BAD = [
     ("step", "empty", lambda p, g: text(p, ""), "not a STEP file", "not a STEP file"),
     ("step", "cut", half, "truncated, expected END-ISO", "truncated, expected END-ISO"),
-    ("step", "metres", lambda p, g: text(p, g.read_text().replace(".MILLI.,.METRE.", "$,.METRE.")),
-     "unit of their coordinates, or that of the structure's", "unit of its file right"),
-    ("step", "mirrored", lambda p, g: write_step(p, lambda occ: plates(occ, -1.0)),
-     r"outside the mesh.*\(-x, -y, -z\)", None),
+    (
+        "step",
+        "metres",
+        lambda p, g: text(p, g.read_text().replace(".MILLI.,.METRE.", "$,.METRE.")),
+        "unit of their coordinates, or that of the structure's",
+        "unit of its file right",
+    ),
+    (
+        "step",
+        "mirrored",
+        lambda p, g: write_step(p, lambda occ: plates(occ, -1.0)),
+        r"outside the mesh.*\(-x, -y, -z\)",
+        None,
+    ),
     ("msh", "empty", lambda p, g: text(p, ""), "not a gmsh .msh file", "not a gmsh .msh file"),
     ("msh", "cut", half, "gmsh cannot read it", "gmsh cannot read it"),
     ("msh", "metres", lambda p, g: msh(p, 1e-3), None, "unit"),
@@ -132,20 +147,31 @@ BAD = [
     ("uff", "cut", half, "stops within a dataset|truncated", "stops within a dataset|truncated"),
     ("uff", "metres", lambda p, g: uff(p, said=1.0), "mm and not m", "mm and not m"),
     ("uff", "mirrored", lambda p, g: uff(p, PLACES * [-1, 1, 1]), r"\(-x, y, z\)", r"\(-x, y, z\)"),
-    ("uff", "fewer nodes", lambda p, g: uff(p, without=(2, 5)), "nodes 2, 5 of the 6",
-     "nodes 2, 5 of the 6"),
+    (
+        "uff",
+        "fewer nodes",
+        lambda p, g: uff(p, without=(2, 5)),
+        "nodes 2, 5 of the 6",
+        "nodes 2, 5 of the 6",
+    ),
     ("csv", "empty", lambda p, g: text(p, ""), "0 rows", "0 rows"),
-    ("csv", "cut", lambda p, g: text(p, HEAD + "60,12\n60,120,1\n6"),
-     "row 2 has 2 cells; row 4 has 1 cells, expected 3", "row 2 has 2 cells; row 4"),
+    (
+        "csv",
+        "cut",
+        lambda p, g: text(p, HEAD + "60,12\n60,120,1\n6"),
+        "row 2 has 2 cells; row 4 has 1 cells, expected 3",
+        "row 2 has 2 cells; row 4",
+    ),
     ("csv", "no numbers", lambda p, g: text(p, HEAD + "x,120,-\n"), "'x'; .*'-'", "'x'; .*'-'"),
     ("shapes", "empty", lambda p, g: text(p, ""), "0 rows", "0 rows"),
     ("shapes", "metres", lambda p, g: text(p, shape_rows(unit="m")), "mm and not m", None),
     ("shapes", "fewer rows", lambda p, g: text(p, shape_rows(5)), None, r"expected \(6, 3\)"),
-]  # fmt: skip
+]
 
 
-@pytest.mark.parametrize("kind, name, make, by_new, by_check", BAD,
-                         ids=[f"{row[0]} {row[1]}" for row in BAD])  # fmt: skip
+@pytest.mark.parametrize(
+    "kind, name, make, by_new, by_check", BAD, ids=[f"{row[0]} {row[1]}" for row in BAD]
+)
 def test_a_bad_file(tmp_path, good, capfd, kind, name, make, by_new, by_check):
     """What is said names the file or the sensors, and what would be right; no library talks too."""
     folder, files = good
@@ -213,8 +239,10 @@ def several_in(folder, kind):
     """A file with mistakes that do not need one another, and what each is said to be."""
     path = folder / f"several.{kind}"
     if kind == "uff":
-        modes = [mode_55(k, hz, dict.fromkeys(range(1, 7), (0, 0, 1.0)))
-                 for k, hz in ((1, 60), (2, -5), (3, 80))]  # fmt: skip
+        modes = [
+            mode_55(k, hz, dict.fromkeys(range(1, 7), (0, 0, 1.0)))
+            for k, hz in ((1, 60), (2, -5), (3, 80))
+        ]
         modes[2] = modes[2].replace("\n         6\n", "\n         5\n")
         uff(path)
         text(path, path.read_text(encoding="utf-8").partition("    55")[0][:-7] + "".join(modes))
@@ -222,8 +250,12 @@ def several_in(folder, kind):
     if kind == "csv":
         rows = [f"{10 * i},x{i},30" for i in range(1, 14)]
         text(path, "\n".join(["a [Hz],b [Hz],a [Hz]", *rows, "1,2", "1"]) + "\n")
-        return path, ["column name 'a'", "row 15 has 2 cells; row 16 has 1 cells, expected 3",
-                      "row 2, column 'b [Hz]' = 'x1'", "= 'x10' and 3 more"]  # fmt: skip
+        return path, [
+            "column name 'a'",
+            "row 15 has 2 cells; row 16 has 1 cells, expected 3",
+            "row 2, column 'b [Hz]' = 'x1'",
+            "= 'x10' and 3 more",
+        ]
     msh(path, order=2)
     content = path.read_text(encoding="utf-8").replace('"lower-alu"', '"upper-alu"')
     text(path, content)

@@ -207,10 +207,13 @@ def drawn(model, found, count=4000) -> tuple[float, float]:
     def likelihood(y):
         """Over all scales of the stated errors."""
         parts = [(evidence.at(s).lower(), weight) for s, weight in evidence.scales.tried()]
-        return logsumexp([
-            weight + multivariate_normal(evidence.data[used], lower @ lower.T).logpdf(y)
-            for lower, weight in parts
-        ], axis=0)  # fmt: skip
+        return logsumexp(
+            [
+                weight + multivariate_normal(evidence.data[used], lower @ lower.T).logpdf(y)
+                for lower, weight in parts
+            ],
+            axis=0,
+        )
 
     proposal = multivariate_t(found.z, 1.2 * found.covariance, df=5, seed=1)
     z = proposal.rvs(count)
@@ -219,8 +222,10 @@ def drawn(model, found, count=4000) -> tuple[float, float]:
     there = np.isfinite(predicted).all(axis=1)
     log_w = np.full(count, -np.inf)
     log_w[: there.sum()] = (
-        likelihood(predicted[there]) + norm.logpdf(z[there]).sum(axis=1)
-        - proposal.logpdf(z[there]) - np.log(norm.cdf(high) - norm.cdf(low)).sum()
+        likelihood(predicted[there])
+        + norm.logpdf(z[there]).sum(axis=1)
+        - proposal.logpdf(z[there])
+        - np.log(norm.cdf(high) - norm.cdf(low)).sum()
     )
     w = np.exp(log_w - log_w.max())
     return np.log(w.mean()) + log_w.max(), w.std() / w.mean() / np.sqrt(count)
@@ -230,9 +235,15 @@ def test_a_lap_as_one_piece_is_a_beam_of_twice_the_height(tmp_path):
     text = CASE.replace('joints = "given"', "")
     model = prepare(write_case(tmp_path, measured(), text=text), MPI.COMM_SELF, QUIET)
     q = STEEL | {
-        "stretch": 1.0, "width": 1.0, "height": 2 * HEIGHT, "breadth": WIDTH, "length": LAP / 5,
-        "shear": 1.2, "offset": 0.0, "mass_offset": 0.0,
-    }  # fmt: skip
+        "stretch": 1.0,
+        "width": 1.0,
+        "height": 2 * HEIGHT,
+        "breadth": WIDTH,
+        "length": LAP / 5,
+        "shear": 1.2,
+        "offset": 0.0,
+        "mass_offset": 0.0,
+    }
     _, _, bending, shear = BEAM.stiffness_terms(q)
     assert model.baseline["lap_s3.k2"] == pytest.approx(bending * 5 / LAP, rel=1e-9)
     assert model.baseline["lap_s3.k1"] == pytest.approx(3 * shear * 5 / LAP, rel=1e-9)
@@ -288,10 +299,12 @@ def test_laps_without_bolts(tmp_path):
     """Two laps of two sections: nothing is said of bolts that are not there."""
     text = CASE.replace("laps = 0.05", "laps = [0.05, 0.06]").replace("bolted = true", "")
     for old, new in {
-        "[0.36, 0.26]": "[0.36, 0.26, 0.3]", "[12, 9]": "[12, 9, 9]",
-        '["beam_1", "beam_2"]': '["beam_1", "beam_2", "beam_3"]', "[joints.lap]": "[joints.a_s]",
+        "[0.36, 0.26]": "[0.36, 0.26, 0.3]",
+        "[12, 9]": "[12, 9, 9]",
+        '["beam_1", "beam_2"]': '["beam_1", "beam_2", "beam_3"]',
+        "[joints.lap]": "[joints.a_s]",
         'cells = "lap"': 'cells = ["lap_1", "lap_2"]',
-    }.items():  # fmt: skip
+    }.items():
         text = text.replace(old, new)
     case = write_case(tmp_path, measured(), text=text)
     model = prepare(case, MPI.COMM_SELF, QUIET)
@@ -307,16 +320,22 @@ def test_laps_without_bolts(tmp_path):
     with pytest.raises(InputError, match=r"bolts\[1\].*0.31 to 0.36 or 0.51 to 0.57 m"):
         lap_zones(write_case(tmp_path, measured(), text=text))
     zoned = CASE.replace("lap_elements = 5", "lap_elements = 5\nlap_zones = [2, 3]")
-    zoned = zoned.replace("[joints.lap]", '[joints.left]\ncells = "zone_1"\nlaw = "generic"\n'
-                          "k1 = 1763.2\nk2 = 37402.0\n[joints.lap]")  # fmt: skip
+    zoned = zoned.replace(
+        "[joints.lap]",
+        '[joints.left]\ncells = "zone_1"\nlaw = "generic"\nk1 = 1763.2\nk2 = 37402.0\n[joints.lap]',
+    )
     zoned = zoned.replace('cells = "lap"', 'cells = "zone_2"\nk_axial = 1e9')
     with pytest.raises(InputError, match="joints.lap.k_axial: expected none"):
         lap_zones(write_case(tmp_path, measured(), text=zoned))
 
 
 def test_a_plan_of_a_test_on_beams(tmp_path):
-    case = write_case(tmp_path, measured(), 'effects = ["joint slap stiffness", '
-                      '"joint slip stiffness", "joint axial stiffness", "cable mass"]')  # fmt: skip
+    case = write_case(
+        tmp_path,
+        measured(),
+        'effects = ["joint slap stiffness", '
+        '"joint slip stiffness", "joint axial stiffness", "cable mass"]',
+    )
     found = plan(case, MPI.COMM_SELF)
     assert not found.classes
     # What the eight frequencies do not surely see, one more measurement shows.
@@ -330,8 +349,11 @@ def test_two_ranks_say_the_same(tmp_path_factory):
     comm = MPI.COMM_WORLD
     folder = comm.bcast(tmp_path_factory.mktemp("beams") if comm.rank == 0 else None)
     if comm.rank == 0:
-        write_case(folder, measured(axial=0.3), 'effects = ["joint slap stiffness", '
-                   '"joint axial stiffness"]')  # fmt: skip
+        write_case(
+            folder,
+            measured(axial=0.3),
+            'effects = ["joint slap stiffness", "joint axial stiffness"]',
+        )
     comm.barrier()
     case = load_case(folder)
     ours, alone = diagnose(case, comm), diagnose(case, MPI.COMM_SELF)

@@ -188,10 +188,15 @@ def said(hypotheses, *, verdict="cause", groups=None, gap=None):
     """A diagnosis with four effects: ``a`` at two places, ``b`` and ``c``."""
     names = [("a", "near"), ("a", "away"), ("b", ""), ("c", "")]
     effects = [
-        {"name": n, "region": r, "probability": 0.0, "detectable": True,
-         "class": (groups or {}).get(n, forecast.key(n, r))}
+        {
+            "name": n,
+            "region": r,
+            "probability": 0.0,
+            "detectable": True,
+            "class": (groups or {}).get(n, forecast.key(n, r)),
+        }
         for n, r in names
-    ]  # fmt: skip
+    ]
     rows = [
         {"label": " + ".join(keys), "effects": list(keys), "probability": p}
         for keys, p in hypotheses.items()
@@ -204,9 +209,12 @@ def said(hypotheses, *, verdict="cause", groups=None, gap=None):
 
 def record(kind, effects, forecast_, **kwargs):
     truth = {
-        "kind": kind, "geometry": "g", "noise": "small", "final_only": False,
+        "kind": kind,
+        "geometry": "g",
+        "noise": "small",
+        "final_only": False,
         "effects": [{"name": n, "region": r} for n, r in effects],
-    }  # fmt: skip
+    }
     return score.Record("id", truth, forecast_, **kwargs)
 
 
@@ -220,10 +228,15 @@ def test_weights_are_those_counted_with():
     effects = [{"name": n, "region": "", "odds": 1.0, "probability": 0.5} for n in "ab"]
     rows = [("a", 0.0, 1.0), ("b", 3.0, 1e-5), ("no gap", -2.0, 1.0), ("none of these", -1.0, 1.0)]
     hypotheses = [
-        {"label": n, "effects": [n] if n in "ab" else [], "log_evidence": z, "p_value": p,
-         "probability": 0.01}
+        {
+            "label": n,
+            "effects": [n] if n in "ab" else [],
+            "log_evidence": z,
+            "p_value": p,
+            "probability": 0.01,
+        }
         for n, z, p in rows
-    ]  # fmt: skip
+    ]
     other = 0.2 * math.exp(-1)
     parts = np.array([0.75, other, math.exp(-2), other])  # what failed has what the unknown has
     alike = 1 / (1 + math.exp(2.08))
@@ -233,8 +246,9 @@ def test_weights_are_those_counted_with():
     shares = forecast.Forecast({"effects": effects, "hypotheses": hypotheses}).shares
     assert shares("effect")["none of these"] == pytest.approx(expected[3])
     # Once held-out data have spoken, an unknown cause keeps what is said of it.
-    later = [h | {"probability": 0.394 if h["label"] == "none of these" else 0.2}
-             for h in hypotheses]  # fmt: skip
+    later = [
+        h | {"probability": 0.394 if h["label"] == "none of these" else 0.2} for h in hypotheses
+    ]
     found = weights.weights_of({"effects": effects, "hypotheses": later})
     assert found[3] == 0.394
     assert found[:3] == pytest.approx((1 - 0.394) * parts[:3] / parts[:3].sum())
@@ -326,13 +340,19 @@ def test_wrong_answers_are_told(tmp_path):
         "ff": record("unknown", [], nothing),
         "gg": record("pair", [("b", ""), ("d", "")], said({C: 1.0})),
         "hh": record("single", [("b", "")], forecast.Forecast(None), separability=3.0),
-    }  # fmt: skip
+    }
     records = [replace(r, name=name) for name, r in cases.items()]
     (tmp_path / "scores.json").write_text(json_text(score.score(records)))
     of_test = {
-        "geometry": "g", "noise": [1e-3, 0.02], "spec": {"shapes": True}, "test": "torque",
-        "frequencies": [[1.0] * 4] * 3, "shapes": [[1.0] * 4] * 7, "missing": [2], "gap": 0.05,
-    }  # fmt: skip
+        "geometry": "g",
+        "noise": [1e-3, 0.02],
+        "spec": {"shapes": True},
+        "test": "torque",
+        "frequencies": [[1.0] * 4] * 3,
+        "shapes": [[1.0] * 4] * 7,
+        "missing": [2],
+        "gap": 0.05,
+    }
     (tmp_path / seal.UNSEALED).write_text(json_text({"answers": dict.fromkeys(cases, of_test)}))
     (tmp_path / "diagnoses").mkdir()
     for r in records:
@@ -360,9 +380,14 @@ def test_what_a_stated_error_turns_is_no_difference():
 
     def covariance(hz, joints=()) -> np.ndarray:
         test = TestData(
-            [30.0], [hz], ["mode 1", "mode 2"], noise=1e-6, sensors=Sensors(x, [0, 0, 1]),
-            shapes=shapes, shape_noise=1e-6,
-        )  # fmt: skip
+            [30.0],
+            [hz],
+            ["mode 1", "mode 2"],
+            noise=1e-6,
+            sensors=Sensors(x, [0, 0, 1]),
+            shapes=shapes,
+            shape_noise=1e-6,
+        )
         errors = counted.Errors(discrepancy=error, of_shapes=1e-4, mesh={})
         near = Neighbours(np.log(hz), shapes, np.arange(2))
         return errors.covariance(test, near, joints)
@@ -440,8 +465,12 @@ def test_page_of_a_synthetic_check(keeps_rules):
         p = random.dirichlet([0.4, 0.4, 3.0, 0.4, 0.5])
         keys = [NEAR, AWAY, {"none": ("no gap",), "unknown": ("none of these",)}.get(kind, B), C]
         verdict = {"none": "no gap", "unknown": "unknown"}.get(kind, "cause")
-        gap = {"heldout_before": 0.05, "heldout_after": random.uniform(0.011, 0.03),
-               "placebo_after": random.uniform(0.02, 0.05), "noise": 0.01}  # fmt: skip
+        gap = {
+            "heldout_before": 0.05,
+            "heldout_after": random.uniform(0.011, 0.03),
+            "placebo_after": random.uniform(0.02, 0.05),
+            "noise": 0.01,
+        }
         r = record(kind, true, said(dict(zip(keys, p, strict=False)), verdict=verdict, gap=gap))
         r.truth.update(geometry="xy"[i % 2], final_only=bool(i % 2))
         records.append(

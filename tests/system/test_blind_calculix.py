@@ -54,8 +54,11 @@ def test_plan_of_three_hundred():
     """Kinds as they should be, half of the new geometry, and every cause of every geometry."""
     cases = calculix.plan(300, 1, True)
     assert Counter(case[1] for case in cases) == {
-        "none": 60, "single": 126, "pair": 54, "unknown": 60
-    }  # fmt: skip
+        "none": 60,
+        "single": 126,
+        "pair": 54,
+        "unknown": 60,
+    }
     for geometry in calculix.GEOMETRIES:
         own = [case for case in cases if case[0] == geometry]
         assert len(own) == (150 if geometry == NEW else 50)
@@ -140,8 +143,9 @@ def test_class_of_nearly_all_is_no_answer():
     def diagnosis(sizes):
         rows = [
             {"name": f"{c} {i}", "region": "", "class": c, "odds": 1.0, "probability": 0.1}
-            for c, size in sizes.items() for i in range(size)
-        ]  # fmt: skip
+            for c, size in sizes.items()
+            for i in range(size)
+        ]
         return forecast.Forecast({"effects": rows, "hypotheses": [], "verdict": "cause"})
 
     said = diagnosis({"A": 5, "B": 6, "C": 9})

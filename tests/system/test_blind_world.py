@@ -158,8 +158,11 @@ def test_case_shows_the_truth_with_its_noise(tmp_path):
     case = load_case(tmp_path)
     data = case.measurements()
     assert sorted(p.name for p in tmp_path.iterdir()) == [
-        "case.toml", "damping.csv", "frequencies.csv", "shapes.csv",
-    ]  # fmt: skip
+        "case.toml",
+        "damping.csv",
+        "frequencies.csv",
+        "shapes.csv",
+    ]
     clean = np.array(truth["frequencies"])
     noise = np.log(data.frequencies_hz / clean) / truth["noise"][0]
     assert 0.5 < np.std(noise) < 1.6 and np.abs(noise).max() < 5

@@ -104,14 +104,20 @@ def test_a_shift_by_a_change_is_known_better_than_either_frequency():
     noise = 2e-6  # of a test that states neither noise nor resolution
     assert shift @ C @ shift == pytest.approx(0.0025 * 0.01**2 + noise, rel=1e-6)
     # One tightening for both rows at 20 N·m; the row is no block of torques.
-    hypothesis = Hypothesis((), scatter=0.2, conditions=tuple(data.conditions), known=data.known,
-                            as_row=evidence.as_row)  # fmt: skip
+    hypothesis = Hypothesis(
+        (), scatter=0.2, conditions=tuple(data.conditions), known=data.known, as_row=evidence.as_row
+    )
     assert hypothesis.tightening(np.arange(3)).tolist() == [0, 1, 1]
     measured_ = np.isfinite(data.frequencies_hz)
-    held = folds(data.conditions, ("a", "b"), ("torque", "N·m"), measured=measured_,
-                 names=data.row_names)  # fmt: skip
+    held = folds(
+        data.conditions, ("a", "b"), ("torque", "N·m"), measured=measured_, names=data.row_names
+    )
     assert [name for name, _ in held] == [
-        "mode a", "mode b", "torque 5 N·m", "torque 20 N·m", "weight"
+        "mode a",
+        "mode b",
+        "torque 5 N·m",
+        "torque 20 N·m",
+        "weight",
     ]
     assert held[-1][1].tolist() == [[False, False], [False, False], [True, False]]
 

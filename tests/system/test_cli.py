@@ -141,8 +141,9 @@ def test_no_input_is_overwritten_by_another_name(tmp_path, write_case, run, capf
         assert run("modes", tmp_path, "--json", tmp_path / name) == 1
         assert "overwritten" in capfd.readouterr().err
     assert before == (
-        (tmp_path / "case.toml").read_bytes(), (tmp_path / "frequencies.csv").read_bytes()
-    )  # fmt: skip
+        (tmp_path / "case.toml").read_bytes(),
+        (tmp_path / "frequencies.csv").read_bytes(),
+    )
     (tmp_path / "old.json").write_text("old")
     check = files.check_outputs
     check({"--json": tmp_path / "old.json", "--report": None}, load_case(tmp_path).files())
@@ -272,9 +273,7 @@ def imported(arguments: list[str], modules: tuple[str, ...]) -> tuple[str, list[
 @serial
 def test_help_is_quick():
     """Showing help loads neither DOLFINx nor the case's machinery."""
-    text, loaded = imported(
-        ["modes", "--help"], ("dolfinx", "mpi4py", "fenics_joints.case.case")
-    )
+    text, loaded = imported(["modes", "--help"], ("dolfinx", "mpi4py", "fenics_joints.case.case"))
     assert "frequencies_hz" in text and loaded == []
     module = [sys.executable, "-m", "fenics_joints", "--version"]
     assert __version__ in subprocess.run(module, capture_output=True, text=True).stdout
@@ -308,5 +307,7 @@ def test_progress_counts_to_what_is_done():
         progress.reach(80, "half")
         progress.reach(104)
     assert stream.getvalue().splitlines() == [
-        "sampling ...", "sampling: 80 of 100 (half)", "sampling: 104"
-    ]  # fmt: skip
+        "sampling ...",
+        "sampling: 80 of 100 (half)",
+        "sampling: 104",
+    ]

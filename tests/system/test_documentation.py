@@ -94,7 +94,7 @@ def test_the_readme_is_short_and_says_what_to_type_first():
 
 
 def test_sources_are_named_by_author_year_or_title():
-    """"Seed 000" is a file name of ours; readers know papers."""
+    """ "Seed 000" is a file name of ours; readers know papers."""
     for page in PAGES:
         assert not re.search(r"\bseeds? 00\d", page.read_text(encoding="utf-8"), re.I), name(page)
 

@@ -64,12 +64,10 @@ LIBRARY = (
     gives_way("joint compliance", "joint", ZONES, "t", 20.0),
     *(loose_bolt(f"bolt {i + 1}", [zone], 1 / 4) for i, zone in enumerate(ZONES)),
     relative_error("modulus error", "bar", ["bar.E"], 0.15, ""),
-    attached(
-        "sensor mass", "tip", "tip", [Prior("mass", 0.03, 0.5, "kg", True, (1e-4, 1.0))], ""
-    ),
+    attached("sensor mass", "tip", "tip", [Prior("mass", 0.03, 0.5, "kg", True, (1e-4, 1.0))], ""),
     temperature(["bar"], TORQUES, drifts=True),
     *(swapped_modes(j, MODES) for j in range(len(MODES) - 1)),
-)  # fmt: skip
+)
 RIG = tuple(
     make
     for i in range(len(PLACES))
@@ -111,14 +109,18 @@ def prepared(data: TestData | Evidence, library=LIBRARY, shapes=False):
     )
     surrogate.quick = surrogate
     return SimpleNamespace(
-        comm=MPI.COMM_SELF, effects=tuple(library), evidence=evidence, baseline=BASELINE,
+        comm=MPI.COMM_SELF,
+        effects=tuple(library),
+        evidence=evidence,
+        baseline=BASELINE,
         forward=forward_of(MODEL, reference),
-        surrogate=surrogate, not_nominal=None,
+        surrogate=surrogate,
+        not_nominal=None,
         case=SimpleNamespace(diagnose=SimpleNamespace(max_effects=1, outside=0.25)),
         hypothesis=lambda effects, **kwargs: Hypothesis(
             tuple(effects), NUISANCES, conditions=conditions, modes=MODES, **kwargs
         ),
-    )  # fmt: skip
+    )
 
 
 def diagnosed(data, library=LIBRARY, shapes=False) -> Answer:
@@ -175,8 +177,9 @@ def test_all_bolts_equally_loose_is_the_joint_and_no_bolt_is_blamed(of_soft):
     one = diagnosed(measured(loose=1e10))
     assert one.verdict == "cause" and one.of("joint compliance") < 0.05
     assert set(one.grouped["loose bolt (bolt 1)"].split(" or ")) == {
-        "loose bolt (bolt 1)", "loose bolt (bolt 4)"
-    }  # fmt: skip
+        "loose bolt (bolt 1)",
+        "loose bolt (bolt 4)",
+    }
     assert one.grouped[one.leader] == one.grouped["loose bolt (bolt 1)"]
 
 
@@ -186,8 +189,9 @@ def test_all_bolts_equally_loose_is_the_joint_and_no_bolt_is_blamed(of_soft):
 def test_a_wrong_effect_that_fits_one_torque_is_not_constant(soft, of_soft):
     """A modulus fitted at each torque is another at each; the joint's stiffness is one."""
     model = prepared(soft)
-    wrong, right = (next(e for e in LIBRARY if e.name == name)
-                    for name in ("modulus error", "joint compliance"))  # fmt: skip
+    wrong, right = (
+        next(e for e in LIBRARY if e.name == name) for name in ("modulus error", "joint compliance")
+    )
     spread = {}
     for effect in (wrong, right):
         sizes, variances = [], []
@@ -211,6 +215,7 @@ def test_a_wrong_effect_that_fits_one_torque_is_not_constant(soft, of_soft):
 def test_what_compensates_is_seen_on_held_out_data(soft, of_soft):
     """With the true effect in the library it wins in the folds, by far; without it nothing does."""
     masks = folds(TORQUES, MODES, ("torque", "N·m"))
+
     def shrunk(fits, wrong):
         known = [f for f in fits if not f.hypothesis.unknown]
         odds = of_soft.search.log_prior([f.hypothesis for f in known])
@@ -231,9 +236,12 @@ def test_what_compensates_is_seen_on_held_out_data(soft, of_soft):
 def twice(evidence: Evidence) -> Evidence:
     """Every row again."""
     return replace(
-        evidence, conditions=np.tile(evidence.conditions, 2), log_f=np.tile(evidence.log_f, (2, 1)),
-        log_sd=np.tile(evidence.log_sd, (2, 1)), used=None,
-    )  # fmt: skip
+        evidence,
+        conditions=np.tile(evidence.conditions, 2),
+        log_f=np.tile(evidence.log_f, (2, 1)),
+        log_sd=np.tile(evidence.log_sd, (2, 1)),
+        used=None,
+    )
 
 
 def test_rows_told_twice_do_not_sharpen_the_answer():
@@ -341,9 +349,10 @@ def test_a_prior_twice_or_half_as_wide_turns_no_verdict_round(truth):
     for factor in (2.0, 0.5):
         library = [
             replace(e, priors=tuple(replace(p, spread=factor * p.spread) for p in e.priors))
-            if e.key == usual.leader else e
+            if e.key == usual.leader
+            else e
             for e in LIBRARY
-        ]  # fmt: skip
+        ]
         found = diagnosed(data, library)
         kept = leading & set(found.grouped.get(found.leader, found.leader).split(" or "))
         assert kept or found.verdict == "ambiguous", (factor, found.summary)

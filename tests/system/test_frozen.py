@@ -21,9 +21,12 @@ E = 6.90e10 Pa of plate_1, M10: 3 of 6
 def test_numbers_are_read_with_their_last_digit():
     rows = [(row[1], row[2]) for row in printed(BEFORE, "exact")]
     assert rows == [
-        (424.91, pytest.approx(0.01)), (1012.5, pytest.approx(0.01)), (6.9e10, pytest.approx(1e8)),
-        (3.0, 1.0), (6.0, 1.0),
-    ]  # fmt: skip
+        (424.91, pytest.approx(0.01)),
+        (1012.5, pytest.approx(0.01)),
+        (6.9e10, pytest.approx(1e8)),
+        (3.0, 1.0),
+        (6.0, 1.0),
+    ]
 
 
 @pytest.mark.parametrize(
@@ -47,12 +50,19 @@ def test_words_may_change_and_numbers_not(after, lines):
 
 def diagnosis(verdict="cause", modulus=0.7, other=0.3, value=1.2):
     hypothesis = {
-        "label": "modulus", "probability": modulus,
+        "label": "modulus",
+        "probability": modulus,
         "parameters": [
-            {"effect": "modulus (stem)", "name": "factor", "value": value, "low": 1.1, "high": 1.3,
-             "nuisance": False}
+            {
+                "effect": "modulus (stem)",
+                "name": "factor",
+                "value": value,
+                "low": 1.1,
+                "high": 1.3,
+                "nuisance": False,
+            }
         ],
-    }  # fmt: skip
+    }
     effects = [("modulus", "stem", modulus), ("no gap", "", other), ("mass", "bolts", 0.001)]
     return {
         "verdict": verdict,
@@ -72,10 +82,12 @@ def diagnosis(verdict="cause", modulus=0.7, other=0.3, value=1.2):
         ({"modulus": 0.69, "other": 0.31, "value": 1.203}, []),
         ({"verdict": "likely"}, ["verdict"]),
         ({"value": 1.23}, ["identified.modulus.modulus (stem), factor.value"]),
-        ({"modulus": 0.6}, ["probability.of effect.modulus (stem)",
-                            "probability.of class.class of modulus"]),
+        (
+            {"modulus": 0.6},
+            ["probability.of effect.modulus (stem)", "probability.of class.class of modulus"],
+        ),
     ],
-)  # fmt: skip
+)
 def test_a_diagnosis_is_compared_by_its_answer(change, places):
     before, after = (of_json("diagnose", diagnosis(**c)) for c in ({}, change))
     assert [line.split(": ")[0] for line in moved(before, after, True)] == places

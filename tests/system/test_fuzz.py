@@ -55,9 +55,12 @@ def told():
 
 def often(examples: int, size: int):
     return settings(
-        max_examples=examples * size, deadline=None, database=None, derandomize=size == 1,
+        max_examples=examples * size,
+        deadline=None,
+        database=None,
+        derandomize=size == 1,
         suppress_health_check=list(HealthCheck),
-    )  # fmt: skip
+    )
 
 
 @pytest.mark.parametrize("size", SIZES)
@@ -66,9 +69,11 @@ def test_units(size):
     symbols = "m mm k Pa GPa ** ^ / * ( ) 9 - 1e9 2 N Hz · % kg s rad ² . e µ"
     parts = st.sampled_from(symbols.split())
     quantity = st.builds(
-        "{}{}{}".format, st.floats(allow_nan=False, width=32), st.sampled_from(["", " "]),
+        "{}{}{}".format,
+        st.floats(allow_nan=False, width=32),
+        st.sampled_from(["", " "]),
         st.lists(parts, max_size=8).map("".join),
-    )  # fmt: skip
+    )
 
     @often(400, size)
     @given(st.one_of(quantity, odd_text, odd_value), unit)
@@ -108,10 +113,11 @@ def test_case_files(tmp_path, source, size):
 TABLES = {
     "frequencies": (DEMOS / "lap_plates" / "frequencies.csv", read_table),
     "test data": (
-        DEMOS / "lap_plates" / "frequencies.csv", lambda p: read_test_data(p, condition="torque"),
+        DEMOS / "lap_plates" / "frequencies.csv",
+        lambda p: read_test_data(p, condition="torque"),
     ),
     "curves": (None, lambda p: read_curves(p, "acceleration")),
-}  # fmt: skip
+}
 CURVES = "level [N],frequency [Hz],amplitude [m/s2]\n10,27,40\n10,27.8,90\n10,29,50\n"
 
 
@@ -157,9 +163,11 @@ def shapes_file(path: Path) -> None:
 
 def functions_file(path: Path) -> None:
     few = {"x": FREQUENCIES[:6]}
-    write_uff(path, *geometry(), *[
-        function(i, 0, **few, data=accelerance()[:6, i, 0] / 9.80665) for i in range(2)
-    ])  # fmt: skip
+    write_uff(
+        path,
+        *geometry(),
+        *[function(i, 0, **few, data=accelerance()[:6, i, 0] / 9.80665) for i in range(2)],
+    )
 
 
 def shapes_fit(found) -> None:
@@ -232,19 +240,28 @@ CALLS = {
     structure.part: {"name": "p", "cells": "solid", "E": 2e11, "nu": 0.3, "rho": 7800.0},
     structure.joint: {"name": "j", "cells": "layer", "E": 1e9, "G": 1e8, "rho": 0.0},
     structure.transition: {
-        "name": "t", "cells": "l", "E": 1e9, "nu": 0.3, "h": 1e-3, "meshed": 1e-3,
+        "name": "t",
+        "cells": "l",
+        "E": 1e9,
+        "nu": 0.3,
+        "h": 1e-3,
+        "meshed": 1e-3,
     },
     joint_laws.RichardAbbott: {"E_e": 1e8, "E_p": 1e5, "S_y": 5e5, "n": 2.5},
     joint_laws.Segalman: {"F_S": 100.0, "K_T": 1e6, "chi": -0.5, "beta": 1.0},
     joint_laws.Bilinear: {"E_e": 1e8, "S_y": 5e5, "E_p": 1e5},
     joint_laws.CoulombStick: {
-        "normal_stiffness": 1e9, "tangential_stiffness": 1e8, "friction": 0.3,
+        "normal_stiffness": 1e9,
+        "tangential_stiffness": 1e8,
+        "friction": 0.3,
     },
     joint_laws.CubicSpring: {"k1": 1e6, "k3": 1e12},
     joint_laws.BoucWen: {"stiffness": 1e6, "ratio": 0.1, "beta": 1.0, "gamma": 1.0, "n": 1.0},
     joint_laws.Valanis: {"E_0": 1e9, "E_t": 1e8, "rate": 1e3},
     joint_laws.Iwan: {
-        "backbone": joint_laws.RichardAbbott(1e8, 1e5, 5e5, 2.5), "n_sliders": 6, "thickness": 1e-3,
+        "backbone": joint_laws.RichardAbbott(1e8, 1e5, 5e5, 2.5),
+        "n_sliders": 6,
+        "thickness": 1e-3,
     },
     preload.BeamBolt: {"name": "b", "lower": "l", "upper": "u", "force": 1e4, "diameter": 0.01},
     preload.WasherForce: {"name": "b", "lower": "l", "upper": "u", "force": 1e4},
@@ -253,16 +270,22 @@ CALLS = {
     preload.Traction: {"name": "t", "facets": "f", "force": (0.0, 0.0, 1.0)},
     preload.nut_factor_force: {"torque": 25.0, "diameter": 0.01, "K": 0.2},
     preload.motosh_force: {
-        "torque": 25.0, "thread_": "M10", "friction_thread": 0.1, "friction_head": 0.1,
+        "torque": 25.0,
+        "thread_": "M10",
+        "friction_thread": 0.1,
+        "friction_head": 0.1,
     },
     preload.thread: {"name": "M10"},
     measurements.Target: {"frequencies_hz": np.array([10.0, 20.0]), "log_sd": 1e-3},
     measurements.TestData: {
-        "conditions": np.array([5.0]), "frequencies_hz": np.array([[10.0, 20.0]]),
-        "mode_names": ("a", "b"), "condition_name": "torque", "condition_unit": "N·m",
+        "conditions": np.array([5.0]),
+        "frequencies_hz": np.array([[10.0, 20.0]]),
+        "mode_names": ("a", "b"),
+        "condition_name": "torque",
+        "condition_unit": "N·m",
     },
     measurements.mac: {"a": np.eye(3), "b": np.eye(3)},
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("size", SIZES)

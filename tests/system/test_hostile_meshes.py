@@ -49,9 +49,20 @@ HEADS = {
     "after a mesh": "$MeshFormat\n4.1 0 8\n$EndMeshFormat\n{}\n",
 }
 NAMES = (
-    "mesh.msh", "mesh.geo", "mesh.msh4", "mesh", "mesh.pos", "mesh.opt", "mesh.py", "mesh.exe",
-    "mesh.msh.gz", "a;echo ran > MARK;.msh.gz", "mesh.stl", "mesh.brep", "mesh.step",
-)  # fmt: skip
+    "mesh.msh",
+    "mesh.geo",
+    "mesh.msh4",
+    "mesh",
+    "mesh.pos",
+    "mesh.opt",
+    "mesh.py",
+    "mesh.exe",
+    "mesh.msh.gz",
+    "a;echo ran > MARK;.msh.gz",
+    "mesh.stl",
+    "mesh.brep",
+    "mesh.step",
+)
 ATTACKS = [
     *((head, "system call", "mesh.msh") for head in HEADS),
     *(("comment", script, "mesh.msh") for script in SCRIPTS),
@@ -147,12 +158,16 @@ def test_commands_run_nothing(victim, name, capsys, monkeypatch):
     size = 'size = "5 mm"\n' if step else ""
     (case / "case.toml").write_text(
         f'[mesh]\nfile = "../{name}"\n{size}[parts.a]\ncells = "left"\nE = "210 GPa"\nnu = 0.3\n'
-        "rho = 7850\n", encoding="utf-8",
-    )  # fmt: skip
+        "rho = 7850\n",
+        encoding="utf-8",
+    )
     before = everything(victim)
     option = "--step" if step else "--msh"
-    for command in (["new", "made", option, str(path), "--yes"], ["check", str(case)],
-                    ["modes", str(case)]):  # fmt: skip
+    for command in (
+        ["new", "made", option, str(path), "--yes"],
+        ["check", str(case)],
+        ["modes", str(case)],
+    ):
         monkeypatch.setattr(sys, "argv", ["fenics-joints", *command])
         with pytest.raises(SystemExit) as caught:
             main()
@@ -183,7 +198,8 @@ BROKEN = {
     "1e18 vertices": msh4("1 1000000000000000000 1 1"),
     "1e11 vertices": msh4("1 100000000000 1 1"),
     "1e12 groups in binary": b"$MeshFormat\n4.1 1 8\n\1\0\0\0\n$EndMeshFormat\n$Entities\n"
-    + struct.pack("<4Qi6dQ", 0, 0, 0, 1, 1, *[0.0] * 6, 10**12) + b"\n$EndEntities\n",
+    + struct.pack("<4Qi6dQ", 0, 0, 0, 1, 1, *[0.0] * 6, 10**12)
+    + b"\n$EndEntities\n",
     "2e9 elements": msh2(FOUR, "2000000000"),
     "vertex not a number": msh2(FOUR.replace("2 1 0 0", "2 nan 0 0"), "1\n1 4 2 1 1 1 2 3 4"),
     "infinite vertex": msh2(FOUR.replace("2 1 0 0", "2 1e999 0 0"), "1\n1 4 2 1 1 1 2 3 4"),
@@ -193,7 +209,7 @@ BROKEN = {
     "version 9": b"$MeshFormat\n9 0 8\n$EndMeshFormat\n",
     "cut off": b"$MeshFormat\n4.1 0",
     "sections without end": b"$MeshFormat\n4.1 0 8\n" + b"$Nodes\n" * 100_000,
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("name", BROKEN)

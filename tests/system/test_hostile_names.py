@@ -25,9 +25,15 @@ HOSTILE = (
 )
 CONDITION = "<u>torque</u>"
 NAMES = [
-    f"<b onclick={RUN}>1</b>", f"\"><img src=x onerror={RUN}>", "</script>", "$\\frac{1$",
-    "=cmd|'/C calc'!A0", "javascript:alert(1)", "{{ 7*7 }}", "&lt;i&gt;",
-]  # fmt: skip
+    f"<b onclick={RUN}>1</b>",
+    f'"><img src=x onerror={RUN}>',
+    "</script>",
+    "$\\frac{1$",
+    "=cmd|'/C calc'!A0",
+    "javascript:alert(1)",
+    "{{ 7*7 }}",
+    "&lt;i&gt;",
+]
 
 pytestmark = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="about one process")
 
@@ -63,9 +69,12 @@ def test_names_stay_text_in_every_page(case, command, browser):
         check_page(text)
     browser.show(page)
     assert browser.js("window.taken") is None
-    assert browser.js(
-        "document.querySelectorAll('[onerror], [onload], [onclick], img[src=x], "
-        "a[href^=javascript], b[onclick], u').length"
-    ) == 0
+    assert (
+        browser.js(
+            "document.querySelectorAll('[onerror], [onload], [onclick], img[src=x], "
+            "a[href^=javascript], b[onclick], u').length"
+        )
+        == 0
+    )
     assert "<img src=x" in browser.js("document.body.innerText + document.title")
     assert "49" not in browser.js("document.title")

@@ -24,8 +24,20 @@ pytestmark = [
 DEMOS = Path(__file__).parents[2] / "demos"
 KILLS = int(os.environ.get("KILLS", 20))
 #: Keys of what differs between any two runs: times, counts of what was found ready, folders.
-RUNTIME = {"seconds", "evaluations", "full_solutions", "calls", "computed", "kept", "path",
-           "iterations", "history", "profile", "points", "branch"}  # fmt: skip
+RUNTIME = {
+    "seconds",
+    "evaluations",
+    "full_solutions",
+    "calls",
+    "computed",
+    "kept",
+    "path",
+    "iterations",
+    "history",
+    "profile",
+    "points",
+    "branch",
+}
 
 
 def diagnosis(folder: Path) -> list[str]:
@@ -58,9 +70,12 @@ def run(command: list[str], ranks: int, seconds: float | None = None) -> bool:
     launcher = ["mpirun", "-n", str(ranks)] if ranks > 1 else []
     process = subprocess.Popen(
         [*launcher, sys.executable, "-m", "fenics_joints", *command],
-        stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, start_new_session=True,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        start_new_session=True,
         env={**os.environ, "OMP_NUM_THREADS": "1", "KILLED_BY": mark},
-    )  # fmt: skip
+    )
     try:
         out, _ = process.communicate(timeout=seconds)
     except subprocess.TimeoutExpired:
@@ -125,10 +140,23 @@ def test_killed_runs_go_on_to_the_same_answer(tmp_path, made, ranks):
     if made is rows:
         shown = [
             subprocess.run(
-                [sys.executable, "-m", "fenics_joints", "database", "show", "--db", t[-1], "--csv",
-                 str(tmp_path / f"{i}.csv")], capture_output=True, check=True,
-            ) and (tmp_path / f"{i}.csv").read_text().splitlines() for i, t in enumerate(told)
-        ]  # fmt: skip
+                [
+                    sys.executable,
+                    "-m",
+                    "fenics_joints",
+                    "database",
+                    "show",
+                    "--db",
+                    t[-1],
+                    "--csv",
+                    str(tmp_path / f"{i}.csv"),
+                ],
+                capture_output=True,
+                check=True,
+            )
+            and (tmp_path / f"{i}.csv").read_text().splitlines()
+            for i, t in enumerate(told)
+        ]
         assert sorted(line.split(",")[:7] for line in shown[0]) == sorted(
             line.split(",")[:7] for line in shown[1]
         )
@@ -139,9 +167,10 @@ def test_killed_runs_go_on_to_the_same_answer(tmp_path, made, ranks):
     )
     assert first.keys() == second.keys()
     other = [
-        f"{key}: {value} undisturbed, {second[key]} after kills" for key, value in first.items()
+        f"{key}: {value} undisturbed, {second[key]} after kills"
+        for key, value in first.items()
         if isinstance(value, float) and second[key] != pytest.approx(value, **tolerance(key))
-    ]  # fmt: skip
+    ]
     assert not other, "\n".join(other)
     left = [p for p in (tmp_path / "killed").rglob("*") if ".part" in p.name]
     assert np.size(left) <= KILLS, left

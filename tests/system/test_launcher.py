@@ -157,17 +157,29 @@ def test_killed_at_random_moments_it_installs_all_the_same(machine: Machine) -> 
 @pytest.mark.parametrize("home", [None, "/nowhere"])
 def test_without_a_home_the_command_gets_one(machine: Machine, home: str | None) -> None:
     """Open MPI does not start without."""
-    (machine.bin / "bwrap").write_text(BWRAP.replace('while [ "$1" != -- ]; do', '''
+    (machine.bin / "bwrap").write_text(
+        BWRAP.replace(
+            'while [ "$1" != -- ]; do',
+            """
 while [ "$1" != -- ]; do
-  if [ "$1 $2" = "--setenv HOME" ]; then export HOME="$3"; fi;'''))
+  if [ "$1 $2" = "--setenv HOME" ]; then export HOME="$3"; fi;""",
+        )
+    )
     environment = {} if home is None else {"HOME": home}
     unset = [] if home else ["env", "-u", "HOME"]
     process = subprocess.run(
         [*unset, machine.checkout / "with-fenicsx", "sh", "-c", 'ls -d "$HOME"'],
-        env={"PATH": str(machine.bin), "XDG_CACHE_HOME": str(machine.cache.parent),
-             "RECORD": str(machine.record), **environment},
-        capture_output=True, text=True, check=False, timeout=60,
-    )  # fmt: skip
+        env={
+            "PATH": str(machine.bin),
+            "XDG_CACHE_HOME": str(machine.cache.parent),
+            "RECORD": str(machine.record),
+            **environment,
+        },
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=60,
+    )
     assert process.stdout.strip() == str(machine.cache / "home"), process.stderr
 
 
@@ -339,9 +351,13 @@ def test_a_group_is_ones_own_by_its_name(machine: Machine) -> None:
     machine.cache.mkdir(parents=True)
     machine.cache.chmod(0o775)
     for user, group, safe in [
-        ("ann", "ann:x:0:", True), ("ann", "ann:x:0:ann", True), ("ann", "ann:x:0:ann,bob", False),
-        ("ann", "staff:x:0:", False), ("root", "root:x:0:", True), ("ann", "", False),
-    ]:  # fmt: skip
+        ("ann", "ann:x:0:", True),
+        ("ann", "ann:x:0:ann", True),
+        ("ann", "ann:x:0:ann,bob", False),
+        ("ann", "staff:x:0:", False),
+        ("root", "root:x:0:", True),
+        ("ann", "", False),
+    ]:
         machine.install("id", f'#!/bin/sh\ncase "$*" in *n*) echo {user} ;; *) echo 0 ;; esac\n')
         machine.install("getent", f"#!/bin/sh\necho '{group}'\n")
         assert is_refused(machine) is not safe, (user, group)

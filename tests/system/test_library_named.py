@@ -17,8 +17,14 @@ AREA = "contact area smaller than modelled"
 LOST = "contact lost at low pressure"
 #: What could be taken for one another here.
 LIBRARY = (
-    "loose bolt", "two loose bolts", STIFFER, LOST, AREA, "shear modulus error", "modulus error",
-)  # fmt: skip
+    "loose bolt",
+    "two loose bolts",
+    STIFFER,
+    LOST,
+    AREA,
+    "shear modulus error",
+    "modulus error",
+)
 
 
 @pytest.fixture(scope="module")
@@ -51,8 +57,11 @@ def test_two_loose_bolts_are_both_named(searched):
     assert first == "two loose bolts (bolt 1, bolt 4)"
     assert fits[first].log_evidence > fits[second].log_evidence + 50
     # What is left is what was put in, 1e10 Pa/m, within a factor of 1.6.
-    (k,) = (row["value"] for row in fits[first].hypothesis.table(
-        fits[first].z, fits[first].covariance) if row["name"] == "k")  # fmt: skip
+    (k,) = (
+        row["value"]
+        for row in fits[first].hypothesis.table(fits[first].z, fits[first].covariance)
+        if row["name"] == "k"
+    )
     assert abs(np.log(k / 1e10)) < 0.5
 
 

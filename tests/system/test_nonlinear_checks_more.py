@@ -91,9 +91,12 @@ def pad():
     model = mass_on_spring(1.0, 1e4, ElasticFriction(1e7, 1.0))
     # The ground yields by a ten-thousandth of a millimetre: at the start it is drawn.
     found = solve_transient(
-        model, step=2e-5, n_steps=8000, initial=(np.array([8.5e-4]), np.zeros(1), None),
+        model,
+        step=2e-5,
+        n_steps=8000,
+        initial=(np.array([8.5e-4]), np.zeros(1), None),
         sensors=["mass"],
-    )  # fmt: skip
+    )
     x = found.displacements["mass"]
     turns = x[1:-1][np.diff(np.sign(np.diff(x))) != 0]
     return float(turns[0]), float(np.mean(x[-500:]))
@@ -106,14 +109,31 @@ def beam(n_nodes=20, spring=6e9) -> InterfaceModel:
     """Example 09: a clamped Euler-Bernoulli beam with a cubic spring at its tip."""
     length, h, E, rho = 0.7, 0.014, 2.05e11, 7800.0
     le, EI, rhoA = length / (n_nodes - 1), E * h**4 / 12, rho * h**2
-    stiff = EI / le**3 * np.array([
-        [12, 6 * le, -12, 6 * le], [6 * le, 4 * le**2, -6 * le, 2 * le**2],
-        [-12, -6 * le, 12, -6 * le], [6 * le, 2 * le**2, -6 * le, 4 * le**2],
-    ])  # fmt: skip
-    mass = rhoA * le / 420 * np.array([
-        [156, 22 * le, 54, -13 * le], [22 * le, 4 * le**2, 13 * le, -3 * le**2],
-        [54, 13 * le, 156, -22 * le], [-13 * le, -3 * le**2, -22 * le, 4 * le**2],
-    ])  # fmt: skip
+    stiff = (
+        EI
+        / le**3
+        * np.array(
+            [
+                [12, 6 * le, -12, 6 * le],
+                [6 * le, 4 * le**2, -6 * le, 2 * le**2],
+                [-12, -6 * le, 12, -6 * le],
+                [6 * le, 2 * le**2, -6 * le, 4 * le**2],
+            ]
+        )
+    )
+    mass = (
+        rhoA
+        * le
+        / 420
+        * np.array(
+            [
+                [156, 22 * le, 54, -13 * le],
+                [22 * le, 4 * le**2, 13 * le, -3 * le**2],
+                [54, 13 * le, 156, -22 * le],
+                [-13 * le, -3 * le**2, -22 * le, 4 * le**2],
+            ]
+        )
+    )
     K, M = np.zeros((2, 2 * n_nodes, 2 * n_nodes))
     for i in range(n_nodes - 1):
         part = slice(2 * i, 2 * i + 4)
@@ -166,9 +186,14 @@ def absorber_shot() -> float:
     T = TURN / omega
     long = solve_ivp(rate, (0, 150 * T), np.zeros(4), method="DOP853", rtol=1e-9, atol=1e-11)
     last = solve_ivp(
-        rate, (0, T), long.y[:, -1], method="DOP853", rtol=1e-9, atol=1e-11,
+        rate,
+        (0, T),
+        long.y[:, -1],
+        method="DOP853",
+        rtol=1e-9,
+        atol=1e-11,
         t_eval=np.linspace(0, T, 2001)[:-1],
-    )  # fmt: skip
+    )
     return float(np.sqrt(np.mean(last.y[0] ** 2)))
 
 
@@ -257,39 +282,96 @@ def escape_doubling() -> float:
 
 
 CASES = [
-    Case("mass against a stop, largest force, N", f"{ASTER} SDND101",
-         lambda: 1e6 / np.sqrt(1.01e6 / 100), lambda: shock()[0], 1e-4),
-    Case("the same, it leaves after, s", f"{ASTER} SDND101",
-         lambda: np.pi / np.sqrt(1.01e6 / 100), lambda: shock()[1], 1e-3),
-    Case("mode of a mass with a wall at a gap, Hz", f"{ASTER} SDND122",
-         lambda: stop_frequency(stop_mode(0.005, 0.015)[0]),
-         lambda: stop_mode(0.005, 0.015)[1], 1e-4),
-    Case("the same at a higher energy, Hz", f"{ASTER} SDND122",
-         lambda: stop_frequency(stop_mode(0.005, 0.03)[0]),
-         lambda: stop_mode(0.005, 0.03)[1], 1e-4),
-    Case("pad let go on dry ground, first turn, m", f"{ASTER} SDND100",
-         lambda: -6.5e-4, lambda: pad()[0], 5e-3),
-    Case("the same, where it stops, m", f"{ASTER} SDND100",
-         lambda: 5e-5, lambda: pad()[1], 0.05),
-    Case("absorber at 0.11 N and 1.05 rad/s, rms by shooting", f"{NLVIB} 02",
-         absorber_shot, absorber_rms, 1e-6),
-    Case("tanh friction, mode at 1,000: free, rad/s", f"{NLVIB} 05",
-         free_mode, rubbing_free, 1e-4),
-    Case("beam with a cubic spring, mode at 1e-7 m, Hz", f"{NLVIB} 09",
-         beam_linear, beam_mode, 1e-5),
-    Case("quintic spring k = 3 at 1.2, first harmonic 10/16 k a^5", f"{TMD} quintic_stiffness",
-         lambda: 10 / 16 * 3 * 1.2**5, lambda: quintic(1), 1e-12),
-    Case("the same, third harmonic 5/16 k a^5", f"{TMD} quintic_stiffness",
-         lambda: 5 / 16 * 3 * 1.2**5, lambda: quintic(3), 1e-12),
-    Case("Duffing, third harmonic behind its excitation, rad", f"{TMD} vprnm",
-         lambda: np.pi / 2, third_phase, 1e-6),
-    Case("Duffing's cusp by one harmonic, c = 0.1, rad/s", "closed form",
-         lambda: CUSP, lambda: cusp()[0], 1e-6),
-    Case("the same, force, N", "closed form",
-         lambda: 0.2 * CUSP * np.sqrt(8 * np.sqrt(3) * 0.1 * CUSP / 27), lambda: cusp()[1], 1e-6),
-    Case("escape from a well, period doubles at, rad/s", "shooting, Thompson 1989",
-         escape_shot, escape_doubling, 1e-4),
-]  # fmt: skip
+    Case(
+        "mass against a stop, largest force, N",
+        f"{ASTER} SDND101",
+        lambda: 1e6 / np.sqrt(1.01e6 / 100),
+        lambda: shock()[0],
+        1e-4,
+    ),
+    Case(
+        "the same, it leaves after, s",
+        f"{ASTER} SDND101",
+        lambda: np.pi / np.sqrt(1.01e6 / 100),
+        lambda: shock()[1],
+        1e-3,
+    ),
+    Case(
+        "mode of a mass with a wall at a gap, Hz",
+        f"{ASTER} SDND122",
+        lambda: stop_frequency(stop_mode(0.005, 0.015)[0]),
+        lambda: stop_mode(0.005, 0.015)[1],
+        1e-4,
+    ),
+    Case(
+        "the same at a higher energy, Hz",
+        f"{ASTER} SDND122",
+        lambda: stop_frequency(stop_mode(0.005, 0.03)[0]),
+        lambda: stop_mode(0.005, 0.03)[1],
+        1e-4,
+    ),
+    Case(
+        "pad let go on dry ground, first turn, m",
+        f"{ASTER} SDND100",
+        lambda: -6.5e-4,
+        lambda: pad()[0],
+        5e-3,
+    ),
+    Case("the same, where it stops, m", f"{ASTER} SDND100", lambda: 5e-5, lambda: pad()[1], 0.05),
+    Case(
+        "absorber at 0.11 N and 1.05 rad/s, rms by shooting",
+        f"{NLVIB} 02",
+        absorber_shot,
+        absorber_rms,
+        1e-6,
+    ),
+    Case("tanh friction, mode at 1,000: free, rad/s", f"{NLVIB} 05", free_mode, rubbing_free, 1e-4),
+    Case(
+        "beam with a cubic spring, mode at 1e-7 m, Hz", f"{NLVIB} 09", beam_linear, beam_mode, 1e-5
+    ),
+    Case(
+        "quintic spring k = 3 at 1.2, first harmonic 10/16 k a^5",
+        f"{TMD} quintic_stiffness",
+        lambda: 10 / 16 * 3 * 1.2**5,
+        lambda: quintic(1),
+        1e-12,
+    ),
+    Case(
+        "the same, third harmonic 5/16 k a^5",
+        f"{TMD} quintic_stiffness",
+        lambda: 5 / 16 * 3 * 1.2**5,
+        lambda: quintic(3),
+        1e-12,
+    ),
+    Case(
+        "Duffing, third harmonic behind its excitation, rad",
+        f"{TMD} vprnm",
+        lambda: np.pi / 2,
+        third_phase,
+        1e-6,
+    ),
+    Case(
+        "Duffing's cusp by one harmonic, c = 0.1, rad/s",
+        "closed form",
+        lambda: CUSP,
+        lambda: cusp()[0],
+        1e-6,
+    ),
+    Case(
+        "the same, force, N",
+        "closed form",
+        lambda: 0.2 * CUSP * np.sqrt(8 * np.sqrt(3) * 0.1 * CUSP / 27),
+        lambda: cusp()[1],
+        1e-6,
+    ),
+    Case(
+        "escape from a well, period doubles at, rad/s",
+        "shooting, Thompson 1989",
+        escape_shot,
+        escape_doubling,
+        1e-4,
+    ),
+]
 
 
 @pytest.mark.slow

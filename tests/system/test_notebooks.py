@@ -36,8 +36,9 @@ def test_cells_run(notebook):
     matplotlib.use("Agg")
     cells = jupytext.read(notebook, fmt="py:light").cells
     # Lines such as "%matplotlib inline" are a notebook's own; in the script they are comments.
-    code = [re.sub("^%", "# %", cell.source, flags=re.M) for cell in cells
-            if cell.cell_type == "code"]  # fmt: skip
+    code = [
+        re.sub("^%", "# %", cell.source, flags=re.M) for cell in cells if cell.cell_type == "code"
+    ]
     assert cells[0].cell_type == "markdown" and len(code) >= 2
     names = {"__file__": str(notebook)}
     for number, source in enumerate(code):

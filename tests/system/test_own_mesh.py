@@ -232,9 +232,10 @@ def _step_in_a_block(occ):
 
 
 def _two_on_one(occ):
-    boxes = [(3, occ.addBox(*box)) for box in (
-        (0, 0, 0, 40, 20, 10), (0, 0, 10, 20, 20, 10), (20, 0, 10, 20, 20, 10)
-    )]  # fmt: skip
+    boxes = [
+        (3, occ.addBox(*box))
+        for box in ((0, 0, 0, 40, 20, 10), (0, 0, 10, 20, 20, 10), (20, 0, 10, 20, 20, 10))
+    ]
     occ.fragment(boxes[:1], boxes[1:])
 
 
@@ -295,15 +296,17 @@ def test_as_stiff_as_metal(tmp_path, draw, law, joints):
         ('"layer"', '"layer"\nbonded = [["one", "two"]]', "no two of the parts 'one', 'two' touch"),
         ('joint = "layer"', "[mesh.bolts]\nr_wai = 0.004", "no bolt: expected round holes of 0 to"),
         (
-            'joint = "layer"', '[mesh.bolts]\nr_wai = 0.002\nat = ["0.1 m", "5 mm", "5 mm"]',
+            'joint = "layer"',
+            '[mesh.bolts]\nr_wai = 0.002\nat = ["0.1 m", "5 mm", "5 mm"]',
             "bolt 1 at .100, 5, 5. mm: 0 facets of the mesh have their middle between 0 and 2 mm",
         ),
         (
-            'joint = "layer"', '[mesh.bolts]\nr_wai = 0.02\nat = ["100 m", "5 mm", "5 mm"]',
+            'joint = "layer"',
+            '[mesh.bolts]\nr_wai = 0.02\nat = ["100 m", "5 mm", "5 mm"]',
             "bolt 1 at .* mm: no two flat faces touch within 20 mm",
         ),
     ],
-)  # fmt: skip
+)
 def test_refusals(tmp_path, old, new, message):
     write_bar(tmp_path / "bar.msh")
     text = (MESH.replace(old, new) + PART + SPRINGS).replace('cells = "joint"', 'cells = "*"')

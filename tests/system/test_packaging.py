@@ -23,17 +23,23 @@ pytestmark = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="starts processe
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 FILES = (
-    "CHANGELOG.md", "CITATION.cff", "CONTRIBUTING.md", "LICENSE", "MANIFEST.in", "README.md",
-    "pyproject.toml", "setup.py", "with-fenicsx",
-)  # fmt: skip
+    "CHANGELOG.md",
+    "CITATION.cff",
+    "CONTRIBUTING.md",
+    "LICENSE",
+    "MANIFEST.in",
+    "README.md",
+    "pyproject.toml",
+    "setup.py",
+    "with-fenicsx",
+)
 #: Folders of the package, and where an installation has them.
 PACKAGES = {
-    "fenics_joints": "fenics_joints", "forms": "fenics_joints/forms",
+    "fenics_joints": "fenics_joints",
+    "forms": "fenics_joints/forms",
     "meshes": "fenics_joints/meshes",
-}  # fmt: skip
-FOLDERS = (
-    *PACKAGES, ".ci", ".github", "benchmarks", "conda.recipe", "demos", "docs", "tests",
-)  # fmt: skip
+}
+FOLDERS = (*PACKAGES, ".ci", ".github", "benchmarks", "conda.recipe", "demos", "docs", "tests")
 
 IMPORT_ALL = """
 import importlib, json, pkgutil
@@ -49,9 +55,14 @@ COLLECT = "import sys, pytest; sys.exit(pytest.main(['--collect-only', '-q', *sy
 
 def run(*command: object, cwd: Path, **environment: str) -> str:
     done = subprocess.run(
-        [str(word) for word in command], cwd=cwd, env={**os.environ, **environment},
-        stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=120,
-    )  # fmt: skip
+        [str(word) for word in command],
+        cwd=cwd,
+        env={**os.environ, **environment},
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
     assert done.returncode == 0, f"{command}:\n{done.stdout}\n{done.stderr}"
     return done.stdout
 
@@ -165,6 +176,14 @@ def test_scripts_of_the_pages_pass_mypy(python, tmp_path):
         assert len(set(re.findall(r"^from (fenics_joints[.\w]*)", script, re.MULTILINE))) <= 3
         (tmp_path / f"script_{i}.py").write_text(script, encoding="utf-8")
     run(
-        sys.executable, "-m", "mypy", "--python-executable", python, "--ignore-missing-imports",
-        "--cache-dir", tmp_path / "cache", *sorted(tmp_path.glob("script_*.py")), cwd=tmp_path,
-    )  # fmt: skip
+        sys.executable,
+        "-m",
+        "mypy",
+        "--python-executable",
+        python,
+        "--ignore-missing-imports",
+        "--cache-dir",
+        tmp_path / "cache",
+        *sorted(tmp_path.glob("script_*.py")),
+        cwd=tmp_path,
+    )

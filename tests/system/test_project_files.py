@@ -81,8 +81,10 @@ def test_locked_versions_are_those_that_the_project_asks_for():
     hashes = r"(?:--hash=sha256:[0-9a-f]{64}[\s\\]*)+"
     assert all(re.fullmatch(hashes, given.strip()) for _, _, given in entries)
     locked = {canonicalize_name(name): version for name, version, _ in entries}
-    asked = [Requirement(line) for line in
-             (*PROJECT["dependencies"], *PROJECT["optional-dependencies"]["test"])]  # fmt: skip
+    asked = [
+        Requirement(line)
+        for line in (*PROJECT["dependencies"], *PROJECT["optional-dependencies"]["test"])
+    ]
     for each in asked:
         if (version := locked.get(canonicalize_name(each.name))) is not None:
             assert each.specifier.contains(version), each

@@ -8,8 +8,11 @@ from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
-SOURCES = {"fenics_joints": "fenics_joints", "forms": "fenics_joints.forms",
-           "meshes": "fenics_joints.meshes"}  # fmt: skip
+SOURCES = {
+    "fenics_joints": "fenics_joints",
+    "forms": "fenics_joints.forms",
+    "meshes": "fenics_joints.meshes",
+}
 
 #: Rooms from the bottom to the top; those in one line do not know each other.
 ORDER = (
@@ -36,9 +39,17 @@ ORDER = (
 IN_THE_DIAGNOSIS = ("thresholds", "zones", "effects", "evidence", "where", "model", "plan")
 FLOOR = {room: floor for floor, rooms in enumerate(ORDER) for room in rooms}
 HALL = {
-    "__init__", "__main__", "_compat", "cli", "errors", "files", "formatting", "parallel",
-    "progress", "units",
-}  # fmt: skip
+    "__init__",
+    "__main__",
+    "_compat",
+    "cli",
+    "errors",
+    "files",
+    "formatting",
+    "parallel",
+    "progress",
+    "units",
+}
 
 #: Folders that use the package as others do.
 OUTSIDE = ("tests", "demos", "benchmarks")
@@ -112,8 +123,12 @@ def test_imports_in_the_diagnosis_go_down_only():
         return (*IN_THE_DIAGNOSIS, folder).index(folder)
 
     own = {name: targets for name, targets in GRAPH.items() if room(name) == "diagnosis"}
-    up = {(name, t) for name, targets in own.items() for t in targets & own.keys()
-          if floor(t) > floor(name)}  # fmt: skip
+    up = {
+        (name, t)
+        for name, targets in own.items()
+        for t in targets & own.keys()
+        if floor(t) > floor(name)
+    }
     assert up == set()
     assert not circle(own)
 
@@ -142,10 +157,12 @@ def private_uses(path: Path) -> set[str]:
 def test_what_stands_outside_takes_no_private_names():
     # The generator of the blind check is sealed by its digest, names included.
     files = [
-        path for folder in OUTSIDE for path in (ROOT / folder).rglob("*.py")
+        path
+        for folder in OUTSIDE
+        for path in (ROOT / folder).rglob("*.py")
         if not path.is_relative_to(ROOT / "benchmarks" / "blind")
         and path.name != "test_blind_world.py"
-    ]  # fmt: skip
+    ]
     uses = {path.relative_to(ROOT).as_posix(): private_uses(path) for path in files}
     assert {name: found for name, found in uses.items() if found} == {}
 
@@ -153,9 +170,10 @@ def test_what_stands_outside_takes_no_private_names():
 def test_tests_mirror_the_rooms():
     """A folder of tests is a room's, crosses rooms (``system``) or helps the others."""
     folders = {
-        path.name for path in (ROOT / "tests").iterdir()
+        path.name
+        for path in (ROOT / "tests").iterdir()
         if path.is_dir() and path.name != "__pycache__"
-    }  # fmt: skip
+    }
     assert folders <= FLOOR.keys() | {"system", "helpers"}
 
 

@@ -39,8 +39,9 @@ start = { "near.E" = "300 MPa", "near.G" = "120 MPa" }
 #: mm; 0.4 mm above the plates, as the base of a glued sensor is.
 NODES = {
     100 * i + j: (x, y, (8.0 if x < 200 else 16.5) + 0.4)
-    for i, x in enumerate((10, 60, 110, 210, 260, 310), 1) for j, y in enumerate((5, 75), 1)
-}  # fmt: skip
+    for i, x in enumerate((10, 60, 110, 210, 260, 310), 1)
+    for j, y in enumerate((5, 75), 1)
+}
 N_MODES = 5
 
 
@@ -119,10 +120,17 @@ def test_modes_are_paired_by_their_shapes_where_frequencies_mislead(lap, truth):
     order = [0, 2, 1, 3, 4]
     nodes = list(NODES)
     real = [
-        mode_55(i + 1, hz[i], {n: (0, 0, z) for n, z in zip(nodes, shapes[:, order[i]], strict=True)
-                               if n != nodes[0] or i})
+        mode_55(
+            i + 1,
+            hz[i],
+            {
+                n: (0, 0, z)
+                for n, z in zip(nodes, shapes[:, order[i]], strict=True)
+                if n != nodes[0] or i
+            },
+        )
         for i in range(N_MODES)
-    ]  # fmt: skip
+    ]
     file = "".join([units_164(), nodes_2411(NODES), *real])
     case = load_case(lap('[test]\nshapes = "shapes.uff"\n\n', "", shapes=file))
     outcome = run_modes(case, MPI.COMM_SELF, Progress(silent=True))
@@ -198,15 +206,21 @@ def test_files_that_do_not_fit_the_model_are_one_error(lap, truth):
 @pytest.mark.parametrize(
     ("test", "words"),
     [
-        ('[test]\nshapes = "shapes.uff"\n[test.sees]\nalong = "x"\npositions = [0.1]\n'
-         "direction = [0, 0, 1]\n\n", "whose nodes are the sensors"),
+        (
+            '[test]\nshapes = "shapes.uff"\n[test.sees]\nalong = "x"\npositions = [0.1]\n'
+            "direction = [0, 0, 1]\n\n",
+            "whose nodes are the sensors",
+        ),
         ('[test]\nshapes = "shapes.csv"\n\n', "expected frequencies, shapes in a universal"),
         ('[test]\nshapes = "other.uff"\n\n', r"test.shapes: .*other.uff: no such file"),
         ('[test]\nshapes = "shapes.uff"\nmodes = ["one"]\n\n', "has 5 modes, at .* expected 1"),
-        ('[test]\nfrequencies = "f.csv"\n[test.shapes]\nfiles = "shapes.csv"\nlength_unit = "mm"'
-         "\n\n", "expected one table, or universal files"),
+        (
+            '[test]\nfrequencies = "f.csv"\n[test.shapes]\nfiles = "shapes.csv"\nlength_unit = "mm"'
+            "\n\n",
+            "expected one table, or universal files",
+        ),
     ],
-)  # fmt: skip
+)
 def test_mistakes_in_the_case_are_named(lap, truth, test, words):
     with pytest.raises(InputError, match=words):
         load_case(lap(test, "", shapes=universal(truth)))

@@ -17,9 +17,13 @@ from fenics_joints.transient import solve_transient, steady_harmonics, stepped_s
 def oscillator(k=1.0, c=0.02, law=None):
     joint = () if law is None else (InterfacePoints("joint", law, np.ones((1, 1, 1)), np.ones(1)),)
     return InterfaceModel(
-        M=np.eye(1), K=np.array([[k]]), C=np.array([[c]]), interfaces=joint,
-        forces={"push": np.ones(1)}, sensors={"mass": np.ones(1)},
-    )  # fmt: skip
+        M=np.eye(1),
+        K=np.array([[k]]),
+        C=np.array([[c]]),
+        interfaces=joint,
+        forces={"push": np.ones(1)},
+        sensors={"mass": np.ones(1)},
+    )
 
 
 @pytest.mark.smoke
@@ -140,9 +144,14 @@ def test_a_run_goes_on_from_where_another_ended():
 def test_stepped_sine_of_a_linear_oscillator_is_its_receptance():
     frequencies = np.array([0.13, 0.155, 0.17])
     found, _ = stepped_sine(
-        oscillator(c=0.1), "push", 2.0, frequencies, sensor="mass", steps_per_period=200,
+        oscillator(c=0.1),
+        "push",
+        2.0,
+        frequencies,
+        sensor="mass",
+        steps_per_period=200,
         tolerance=1e-5,
-    )  # fmt: skip
+    )
     w = 2 * np.pi * frequencies
     exact = 2.0 / (1 - w**2 + 0.1j * w)
     assert found[:, 1] - 1j * found[:, 2] == pytest.approx(exact, rel=2e-3)
@@ -166,6 +175,9 @@ def test_bad_input_is_named(wrong, message):
 def test_a_step_that_does_not_converge_is_said_with_its_time():
     with pytest.raises(ConvergenceError, match="t = 0"):
         solve_transient(
-            chain(), step=0.1, n_steps=50, loads={"end": lambda t: np.sin(t)},
+            chain(),
+            step=0.1,
+            n_steps=50,
+            loads={"end": lambda t: np.sin(t)},
             petsc_options={"snes_max_it": 1, "snes_rtol": 1e-30, "snes_stol": 0, "snes_atol": 0},
-        )  # fmt: skip
+        )

@@ -86,15 +86,24 @@ def reduced():
     corners = [
         {"E": E, "nu": nu, "h": h}
         for E, nu, h in (
-            (3e9, 0.1, 5e-3), (3e10, 0.4, 5e-3), (3e9, 0.4, 2.5e-2), (3e10, 0.1, 2.5e-2),
-            (3e9, 0.4, 5e-3), (3e10, 0.4, 2.5e-2),
+            (3e9, 0.1, 5e-3),
+            (3e10, 0.4, 5e-3),
+            (3e9, 0.4, 2.5e-2),
+            (3e10, 0.1, 2.5e-2),
+            (3e9, 0.4, 5e-3),
+            (3e10, 0.4, 2.5e-2),
         )
-    ]  # fmt: skip
+    ]
     excitation, sensors, seen = places(START["h"])
     model = frf_basis(
-        full(), corners, n_modes=14, frequencies_hz=LINES, excitation=excitation, sensors=sensors,
+        full(),
+        corners,
+        n_modes=14,
+        frequencies_hz=LINES,
+        excitation=excitation,
+        sensors=sensors,
         tolerance=1e-7,
-    )  # fmt: skip
+    )
     return model.arrays(excitation, sensors, seen)
 
 
@@ -152,9 +161,12 @@ def test_weighted_steps_that_become_nothing_are_told():
 def test_complex_rows():
     """Both ways are the slope of what they compare."""
     rng = np.random.default_rng(1)
-    slopes, H, other = (rng.standard_normal((2, 5, n)) @ [1, 1j] if n == 0 else
-                        rng.standard_normal((5, n)) + 1j * rng.standard_normal((5, n))
-                        for n in (2, 1, 1))  # fmt: skip
+    slopes, H, other = (
+        rng.standard_normal((2, 5, n)) @ [1, 1j]
+        if n == 0
+        else rng.standard_normal((5, n)) + 1j * rng.standard_normal((5, n))
+        for n in (2, 1, 1)
+    )
     H, other, step = H[:, 0], other[:, 0], np.array([2e-6, -1e-6])
     moved = H + slopes @ step
     rows, right = real_rows(slopes, other, H, "magnitude")
@@ -207,15 +219,16 @@ def test_slopes_of_all_residuals(kind, moved):
 
 def test_frequencies_and_frfs_find_the_sandwich():
     """From Table 6's start to its true values, on another mesh and by another FRF solution."""
-    found = update(full(), [*JOINT, ETA], target(), {**START, "eta": 0.02},
-                            damping=DAMPING)  # fmt: skip
+    found = update(full(), [*JOINT, ETA], target(), {**START, "eta": 0.02}, damping=DAMPING)
     assert errors(found).max() < 1e-4
     assert found.values[3] == pytest.approx(0.01, rel=1e-4)
     assert found.history[0].condition_before > 1e10 * found.history[0].condition_after
     limited = update_weighted(reduced(), JOINT, target(), START, damping=DAMPING, step_limit=0.5)
     assert errors(limited).max() < 5e-3
-    assert all(np.abs(it.values / last.values - 1).max() <= 0.5 + 1e-12
-               for last, it in zip(limited.history, limited.history[1:], strict=False))  # fmt: skip
+    assert all(
+        np.abs(it.values / last.values - 1).max() <= 0.5 + 1e-12
+        for last, it in zip(limited.history, limited.history[1:], strict=False)
+    )
 
 
 def test_frequencies_alone_say_that_they_cannot():
@@ -257,9 +270,7 @@ def test_far_starts():
     assert errors(found).max() < 5e-3
     with pytest.raises(ConvergenceError, match="weighted equations: diverged"):
         update_weighted(reduced(), JOINT, target(), far, damping=DAMPING)
-    stuck = update(
-        reduced(), JOINT, target(), far, damping=DAMPING, moves="never", strict=False
-    )
+    stuck = update(reduced(), JOINT, target(), far, damping=DAMPING, moves="never", strict=False)
     assert errors(stuck).max() > 0.1
     assert "differ by" in stuck.message
 
@@ -278,10 +289,9 @@ def test_damping_of_the_layer():
 def test_two_ranks_agree():
     data, near = target().only("frequencies", "frfs"), {n: 1.02 * v for n, v in TRUE.items()}
     found = [
-        update(sandwich(START["h"], comm), JOINT, data, near, damping=DAMPING,
-                        moves="always")
+        update(sandwich(START["h"], comm), JOINT, data, near, damping=DAMPING, moves="always")
         for comm in (MPI.COMM_SELF, MPI.COMM_WORLD)
-    ]  # fmt: skip
+    ]
     assert found[1].values == pytest.approx(found[0].values, rel=1e-6)
     assert found[1].sd == pytest.approx(found[0].sd, rel=1e-4)
 
@@ -295,9 +305,15 @@ def test_target_of_measured_frfs():
     coherence = np.full(H.shape, 0.9)
     coherence[:, 1] = 1.0
     measured = MeasuredFRFs(
-        LINES, H, "receptance", sensors.points, sensors.directions, excitation.points,
-        excitation.directions, coherence=coherence,
-    )  # fmt: skip
+        LINES,
+        H,
+        "receptance",
+        sensors.points,
+        sensors.directions,
+        excitation.points,
+        excitation.directions,
+        coherence=coherence,
+    )
     made = FRFTarget.from_measured(measured, lines=5, band=(500.0, 2000.0), averages=10)
     assert len(made.frequencies_hz) == 5
     assert made.frequencies_hz[0] >= 500 and made.frequencies_hz[-1] <= 2000
@@ -328,14 +344,8 @@ def test_bad_input_is_named():
         (lambda: update(reduced(), JOINT, target(), START, moves="often"), "moves"),
         (lambda: update(reduced(), [], target(), START), "at least one"),
         (lambda: update(reduced(), JOINT, target(), {"E": 1e9}), "start of nu"),
-        (
-            lambda: update(reduced(), [Parameter("x", 1.0)], target(), {"x": 1.0}),
-            "not the model's",
-        ),
-        (
-            lambda: update_weighted(reduced(), JOINT, target(shape_sd=0.1), START),
-            "data 'shapes'",
-        ),
+        (lambda: update(reduced(), [Parameter("x", 1.0)], target(), {"x": 1.0}), "not the model's"),
+        (lambda: update_weighted(reduced(), JOINT, target(shape_sd=0.1), START), "data 'shapes'"),
         (
             lambda: update_weighted(
                 reduced(), [*JOINT, ETA], target().only("frequencies"), {**START, "eta": 0.01}

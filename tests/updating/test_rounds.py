@@ -74,8 +74,9 @@ def test_a_wrong_model_is_fitted_to_what_it_can():
             total += N * (1 - match[i, j]) / (0.01 * width) ** 2
         return 0.5 * total
 
-    best = minimize(density, np.log(found.values), method="Nelder-Mead",
-                    options={"xatol": 1e-6, "fatol": 1e-8})  # fmt: skip
+    best = minimize(
+        density, np.log(found.values), method="Nelder-Mead", options={"xatol": 1e-6, "fatol": 1e-8}
+    )
     assert density(np.log(found.values)) < best.fun + 0.05
 
 

@@ -24,9 +24,12 @@ STARTS = [{"E": 200e9, "G": 0.4e9}, {"E": 200e9, "G": 0.1e9}]
 def stack():
     """Two steel beams, free, with a soft layer between."""
     box = mesh.create_box(
-        MPI.COMM_WORLD, [[0, 0, 0], [0.2, 0.04, 0.021]], [6, 1, 21], mesh.CellType.hexahedron,
+        MPI.COMM_WORLD,
+        [[0, 0, 0], [0.2, 0.04, 0.021]],
+        [6, 1, 21],
+        mesh.CellType.hexahedron,
         ghost_mode=mesh.GhostMode.shared_facet,
-    )  # fmt: skip
+    )
     index = box.topology.index_map(3)
     cells = np.arange(index.size_local + index.num_ghosts, dtype=np.int32)
     z = mesh.compute_midpoints(box, 3, cells)[:, 2]
@@ -34,15 +37,20 @@ def stack():
     box.topology.create_connectivity(2, 3)
     none = np.empty(0, dtype=np.int32)
     tagged = TaggedMesh(
-        box, mesh.meshtags(box, 3, cells, tags), mesh.meshtags(box, 2, none, none),
-        {"lower": 1, "joint": 2, "upper": 3}, {},
-    )  # fmt: skip
+        box,
+        mesh.meshtags(box, 3, cells, tags),
+        mesh.meshtags(box, 2, none, none),
+        {"lower": 1, "joint": 2, "upper": 3},
+        {},
+    )
     return Structure(
         tagged,
-        [part("steel", ("lower", "upper"), E="E", nu=0.3, rho=7850),
-         joint("layer", "joint", E=1e9, G="G", normal=(0, 0, 1))],
+        [
+            part("steel", ("lower", "upper"), E="E", nu=0.3, rho=7850),
+            joint("layer", "joint", E=1e9, G="G", normal=(0, 0, 1)),
+        ],
         parameters=PARAMETERS,
-    )  # fmt: skip
+    )
 
 
 @pytest.fixture(scope="module")

@@ -14,8 +14,25 @@ from .specimen import Spec, clean
 SMALL_CLASSES = True
 
 __all__ = [
-    "EFFECTS", "GEOMETRIES", "LIBRARY", "MISSING", "SMALL_CLASSES", "UNKNOWN", "CalculixError",
-    "Spec", "cases", "clean", "draw", "effects", "find_program", "generate", "noise_word",
-    "nominal_spec", "plan", "regions", "specimen", "touching",
+    "EFFECTS",
+    "GEOMETRIES",
+    "LIBRARY",
+    "MISSING",
+    "SMALL_CLASSES",
+    "UNKNOWN",
+    "CalculixError",
+    "Spec",
+    "cases",
+    "clean",
+    "draw",
+    "effects",
+    "find_program",
+    "generate",
+    "noise_word",
+    "nominal_spec",
+    "plan",
+    "regions",
+    "specimen",
+    "touching",
     "write_nominal",
-]  # fmt: skip
+]

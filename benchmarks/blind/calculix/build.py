@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-__all__ = ["BONDED", "Build", "Joint"]
-
 #: Pa/m at a bolt's highest pressure: far stiffer than the plates, as one with them.
 BONDED = 1e15
 

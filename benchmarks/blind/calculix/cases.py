@@ -16,11 +16,6 @@ from .rigs import RIGS
 from .specimen import TOLERANCE, Answer, Spec, clean, pool_of, seen
 from .states import States
 
-__all__ = [
-    "GEOMETRIES", "SCATTER", "TOLERANCE", "copy_drawing", "generate", "noise_word", "nominal_case",
-    "nominal_spec", "plan", "write_nominal",
-]  # fmt: skip
-
 GEOMETRIES = tuple(RIGS)
 SCATTER = 0.15
 #: Relative standard deviations of frequencies, and of shapes over their root mean square.
@@ -35,14 +30,18 @@ NEW, _FUNCTIONS = "bracket", 0.125
 #: Noise and scales of measured functions, and damping ratios.
 _LINE_NOISE, _CALIBRATION, _DAMPING = 0.02, 0.02, (0.002, 0.01)
 #: How a careful user meshes, and what he states then; measured by `discrepancy.py`.
-CAREFUL = {
-    "bracket": {"size": '"16 mm"', "ring_size": '"8 mm"', "discrepancy": '"1 %"'},
-}  # fmt: skip
+CAREFUL = {"bracket": {"size": '"16 mm"', "ring_size": '"8 mm"', "discrepancy": '"1 %"'}}
 _KINDS = {"none": 0.20, "single": 0.42, "pair": 0.18, "unknown": 0.20}
 #: Causes that only shapes show.
 _OF_SHAPES = ("sensor_place", "sensor_gain", "mis_pairing")
-_OF_JOINTS = ("soft_joint", "sliding_joint", "small_contact", "soft_face", "loose_bolt",
-              "two_loose_bolts")  # fmt: skip
+_OF_JOINTS = (
+    "soft_joint",
+    "sliding_joint",
+    "small_contact",
+    "soft_face",
+    "loose_bolt",
+    "two_loose_bolts",
+)
 _NOMINAL = Path(__file__).resolve().parent.parent / "nominal" / "calculix"
 
 
@@ -50,8 +49,13 @@ _NOMINAL = Path(__file__).resolve().parent.parent / "nominal" / "calculix"
 
 
 def generate(
-    geometry: str, kind: str, effects: list[str] | None, seed: int, folder: str | Path,
-    careful: bool = False, functions: bool = False,
+    geometry: str,
+    kind: str,
+    effects: list[str] | None,
+    seed: int,
+    folder: str | Path,
+    careful: bool = False,
+    functions: bool = False,
 ) -> dict[str, Any]:
     """Make a case: write its nominal model and noisy data into a folder, and return the truth.
 
@@ -82,12 +86,20 @@ def generate(
     _write(Path(folder), rng, spec, noise, shown)
     gap = _gap(spec, shown) if names else 0.0
     return {
-        "geometry": geometry, "kind": kind, "seed": seed, "test": "torque",
+        "geometry": geometry,
+        "kind": kind,
+        "seed": seed,
+        "test": "torque",
         "effects": [_named(spec, e, shown) | {"size": gap} for e in spec.effects],
-        "final_only": False, "noise": noise, "conditions": list(spec.torques), "gap": gap,
-        "spec": asdict(spec), "frequencies": shown.frequencies.tolist(),
-        "shapes": shown.shapes.tolist(), "missing": [],
-    }  # fmt: skip
+        "final_only": False,
+        "noise": noise,
+        "conditions": list(spec.torques),
+        "gap": gap,
+        "spec": asdict(spec),
+        "frequencies": shown.frequencies.tolist(),
+        "shapes": shown.shapes.tolist(),
+        "missing": [],
+    }
 
 
 def _log(rng, low: float, high: float) -> float:
@@ -203,8 +215,12 @@ def _write(folder: Path, rng, spec: Spec, noise, shown: Answer) -> None:
         shapes = shapes * np.exp(rng.normal(0, 1, m)) * rng.choice([-1, 1], m)
         sensors = range(1, len(spec.sensors) + 1)
         _table(folder / "shapes.csv", "sensor", modes, "", sensors, shapes, ".6g")
-        lines += ['shapes = "shapes.csv"', f'shape_noise = "{100 * noise[1]:.3g} %"', "",
-                  *_sees(spec)]  # fmt: skip
+        lines += [
+            'shapes = "shapes.csv"',
+            f'shape_noise = "{100 * noise[1]:.3g} %"',
+            "",
+            *_sees(spec),
+        ]
     if spec.forces:
         lines += ["", *_write_functions(folder, rng, spec, shown)]
     model = CAREFUL[spec.geometry] if spec.careful else {}
@@ -251,11 +267,13 @@ def _write_functions(folder: Path, rng, spec: Spec, shown: Answer) -> list[str]:
     (folder / "functions.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
     places, ways = _of_sensors(spec)
     return [
-        "[test.frfs]", 'files = ["functions.csv"]', f'noise = "{100 * _LINE_NOISE:g} %"',
+        "[test.frfs]",
+        'files = ["functions.csv"]',
+        f'noise = "{100 * _LINE_NOISE:g} %"',
         f'calibration = "{100 * _CALIBRATION:g} %"',
         "points = { " + ", ".join(f"{i + 1} = [{p}]" for i, p in enumerate(places)) + " }",
         "directions = { " + ", ".join(f"{i + 1} = [{w}]" for i, w in enumerate(ways)) + " }",
-    ]  # fmt: skip
+    ]
 
 
 def _of_sensors(spec: Spec) -> tuple[list[str], list[str]]:
@@ -272,9 +290,14 @@ def _of_sensors(spec: Spec) -> tuple[list[str], list[str]]:
 def _sees(spec: Spec) -> list[str]:
     places, ways = _of_sensors(spec)
     return [
-        "[test.sees]", "points = [", *(f"  [{row}]," for row in places), "]",
-        "directions = [", *(f"  [{row}]," for row in ways), "]",
-    ]  # fmt: skip
+        "[test.sees]",
+        "points = [",
+        *(f"  [{row}]," for row in places),
+        "]",
+        "directions = [",
+        *(f"  [{row}]," for row in ways),
+        "]",
+    ]
 
 
 def _table(file: Path, head, modes, unit, first, values, form: str) -> None:
@@ -338,9 +361,8 @@ def _dealt(rng, decks, geometry, kind) -> list[str]:
         return [first]
     joint = first in _OF_JOINTS
     others = [
-        name for name in EFFECTS[geometry]
-        if name != first and not (joint and name in _OF_JOINTS)
-    ]  # fmt: skip
+        name for name in EFFECTS[geometry] if name != first and not (joint and name in _OF_JOINTS)
+    ]
     return [first, str(rng.choice(others))]
 
 

@@ -12,8 +12,6 @@ from .meshing import Mesh
 from .morph import moved
 from .rigs import Rig
 
-__all__ = ["Observed", "pressures", "stiffness", "write_deck"]
-
 #: Ratio of stiffnesses that stand for one, as each needs a card.
 _STEP = 1.06
 #: N/m at each of the corners: ropes, far below the first mode, without which nothing is held.
@@ -97,8 +95,15 @@ def write_deck(
     nodes = [str(i + 1) for i in observed.nodes]
     out += ["*NSET, NSET=SEEN", *(", ".join(nodes[i : i + 10]) for i in range(0, len(nodes), 10))]
     perturbed = _prestress(out, rig, mesh, build, x)
-    out += [f"*STEP{perturbed}", "*FREQUENCY", f"{n_modes}", "*NODE PRINT, NSET=SEEN", "U",
-            "*END STEP", ""]  # fmt: skip
+    out += [
+        f"*STEP{perturbed}",
+        "*FREQUENCY",
+        f"{n_modes}",
+        "*NODE PRINT, NSET=SEEN",
+        "U",
+        "*END STEP",
+        "",
+    ]
     return "\n".join(out)
 
 
@@ -120,9 +125,15 @@ def _solids(out: list[str], rig: Rig, mesh: Mesh, build: Build, x) -> int:
                 out.append(", ".join(map(str, [number, *row])))
                 number += 1
             rho = body.rho * build.rho.get(i, 1.0) * rho
-            out += [f"*MATERIAL, NAME={name}", *_elastic(i, body, build, E), "*DENSITY",
-                    f"{rho:.8e}", "*EXPANSION", f"{_EXPANSION}",
-                    f"*SOLID SECTION, ELSET={name}, MATERIAL={name}"]  # fmt: skip
+            out += [
+                f"*MATERIAL, NAME={name}",
+                *_elastic(i, body, build, E),
+                "*DENSITY",
+                f"{rho:.8e}",
+                "*EXPANSION",
+                f"{_EXPANSION}",
+                f"*SOLID SECTION, ELSET={name}, MATERIAL={name}",
+            ]
     return number
 
 
@@ -148,8 +159,10 @@ def _elastic(number: int, body, build: Build, factor: float) -> list[str]:
     nu = body.nu
     first = [*moduli, nu, nu, nu, G, G]
     return [
-        "*ELASTIC, TYPE=ENGINEERING CONSTANTS", ", ".join(f"{v:.8e}" for v in first), f"{G:.8e}",
-    ]  # fmt: skip
+        "*ELASTIC, TYPE=ENGINEERING CONSTANTS",
+        ", ".join(f"{v:.8e}" for v in first),
+        f"{G:.8e}",
+    ]
 
 
 def _joint(rig, mesh: Mesh, build: Build, tightening) -> dict:
@@ -181,8 +194,11 @@ def _springs(out: list[str], springs: dict, number: int) -> int:
             out.append(", ".join(str(v) for v in (number, *(node + 1 for node in nodes))))
             number += 1
         direction = f"{component % 3 + 1}"
-        out += [f"*SPRING, ELSET=S{count}", direction if single else f"{direction}, {direction}",
-                f"{k:.8e}"]  # fmt: skip
+        out += [
+            f"*SPRING, ELSET=S{count}",
+            direction if single else f"{direction}, {direction}",
+            f"{k:.8e}",
+        ]
     return number
 
 
@@ -270,8 +286,13 @@ def _prestress(out, rig, mesh: Mesh, build: Build, x) -> str:
     """A first step with strains of their own, hotter in the middle of a body than at its rim."""
     if not build.warm:
         return ""
-    out += ["*INITIAL CONDITIONS, TYPE=TEMPERATURE", "NALL, 0.", "*STEP, NLGEOM", "*STATIC",
-            "*TEMPERATURE"]  # fmt: skip
+    out += [
+        "*INITIAL CONDITIONS, TYPE=TEMPERATURE",
+        "NALL, 0.",
+        "*STEP, NLGEOM",
+        "*STATIC",
+        "*TEMPERATURE",
+    ]
     for body, strain in build.warm.items():
         own = np.flatnonzero(mesh.body == body)
         low, high = mesh.x[own].min(axis=0), mesh.x[own].max(axis=0)

@@ -9,19 +9,20 @@ import numpy as np
 from .build import Build
 from .rigs import RIGS, Rig
 
-__all__ = ["EFFECTS", "LIBRARY", "UNKNOWN", "UNKNOWN_OF", "apply", "draw", "regions", "touching"]
-
 #: What the diagnosis calls the causes that its library has, by our names; patterns.
 LIBRARY: dict[str, tuple[str, ...]] = {
     "soft_joint": (
-        "joint normal and tangential compliance", "joint compliance that falls with the pressure",
+        "joint normal and tangential compliance",
+        "joint compliance that falls with the pressure",
         "joint compliance graded from zone to zone",
     ),
     "sliding_joint": (
-        "joint tangential compliance", "joint tangential compliance that falls with the pressure",
+        "joint tangential compliance",
+        "joint tangential compliance that falls with the pressure",
     ),
     "small_contact": (
-        "contact area smaller than modelled", "contact lost at low pressure",
+        "contact area smaller than modelled",
+        "contact lost at low pressure",
         "compliance away from the bolts only",
     ),
     "loose_bolt": ("loose bolt", "compliance at one bolt", "compliance at one joint"),
@@ -41,19 +42,30 @@ LIBRARY: dict[str, tuple[str, ...]] = {
     "sensor_place": ("sensor misplaced",),
     "sensor_gain": ("sensor mis scaled",),
     "mis_pairing": ("mode mis pairing",),
-}  # fmt: skip
+}
 #: Kinds that the library does not have.
 UNKNOWN = (
-    "rolled", "oval", "bent", "leaning", "lining", "partly_filled", "gasket", "shifted_holes",
-    "holes", "hard_spot", "residual_stress",
-)  # fmt: skip
+    "rolled",
+    "oval",
+    "bent",
+    "leaning",
+    "lining",
+    "partly_filled",
+    "gasket",
+    "shifted_holes",
+    "holes",
+    "hard_spot",
+    "residual_stress",
+)
 #: N/m per m2, from what hardly shows to soft, and of a bolt that does not press.
 _SOFT, _LOOSE = (3e11, 1.5e13), (1e8, 1e11)
 #: Where the harness may hang, as the nominal case says it too.
 HARNESS = {
-    "t_tubes": (0.0, 0.02, 0.3), "flanged_pipe": (0.0, 0.04, 0.1),
-    "screw_box": (0.06, 0.03, 0.081), "bracket": (-0.05, 0.02, 0.15),
-}  # fmt: skip
+    "t_tubes": (0.0, 0.02, 0.3),
+    "flanged_pipe": (0.0, 0.04, 0.1),
+    "screw_box": (0.06, 0.03, 0.081),
+    "bracket": (-0.05, 0.02, 0.15),
+}
 #: kg of the whole.
 MASS = {"t_tubes": 2.76, "flanged_pipe": 4.96, "screw_box": 2.9, "bracket": 6.2}
 
@@ -147,7 +159,8 @@ def _body(key: str, draw: Callable) -> Callable:
 _DRAW: dict[str, Callable] = {
     "soft_joint": lambda rng, rig: {"k": _log(rng, *_SOFT), "beta": float(rng.uniform(0.3, 0.8))},
     "sliding_joint": lambda rng, rig: {
-        "k": _log(rng, _SOFT[0] / 3, _SOFT[1] / 3), "beta": float(rng.uniform(0.3, 0.8))
+        "k": _log(rng, _SOFT[0] / 3, _SOFT[1] / 3),
+        "beta": float(rng.uniform(0.3, 0.8)),
     },
     "small_contact": lambda rng, rig: {"factor": float(rng.uniform(0.35, 0.75))},
     "loose_bolt": lambda rng, rig: {"k": _log(rng, *_LOOSE)},
@@ -160,15 +173,19 @@ _DRAW: dict[str, Callable] = {
     "harness": lambda rng, rig: {"kg": MASS[rig.name] * _log(rng, 0.01, 0.08)},
     "bolts": lambda rng, rig: {"factor": _log(rng, 1.5, 5.0)},
     "stinger": lambda rng, rig: {
-        **_place("kg", 0.003, 0.02)(rng, rig), "k": _log(rng, 1e5, 3e6),
+        **_place("kg", 0.003, 0.02)(rng, rig),
+        "k": _log(rng, 1e5, 3e6),
         "axis": int(rng.integers(3)),
     },
     "resonator": lambda rng, rig: {
-        **_place("kg", 0.005, 0.04)(rng, rig), "mode": int(rng.integers(5)),
+        **_place("kg", 0.005, 0.04)(rng, rig),
+        "mode": int(rng.integers(5)),
         "detuned": float(np.exp(rng.normal(0, 0.15))),
     },
     "local_loss": lambda rng, rig: {
-        "at": _somewhere(rng, rig), "radius": _log(rng, 0.012, 0.03), "factor": _log(rng, 0.02, 0.3)
+        "at": _somewhere(rng, rig),
+        "radius": _log(rng, 0.012, 0.03),
+        "factor": _log(rng, 0.02, 0.3),
     },
     "taper": lambda rng, rig: {"slope": _sign(rng) * _log(rng, 0.05, 0.3)},
     "temperature": lambda rng, rig: {
@@ -184,12 +201,16 @@ _DRAW: dict[str, Callable] = {
     "bent": _body("m", lambda rng: _sign(rng) * _log(rng, 0.003, 0.015)),
     "leaning": _body("rad", lambda rng: _sign(rng) * _log(rng, 0.02, 0.08)),
     "lining": lambda rng, rig: {
-        "body": int(rng.integers(len(rig.bodies))), "kg": MASS[rig.name] * _log(rng, 0.03, 0.15),
-        "low": 0.0, "high": float(rng.uniform(0.3, 0.7)),
+        "body": int(rng.integers(len(rig.bodies))),
+        "kg": MASS[rig.name] * _log(rng, 0.03, 0.15),
+        "low": 0.0,
+        "high": float(rng.uniform(0.3, 0.7)),
     },
     "partly_filled": lambda rng, rig: {
-        "body": int(rng.integers(len(rig.bodies))), "kg": MASS[rig.name] * _log(rng, 0.05, 0.25),
-        "low": float(rng.uniform(0.4, 0.7)), "high": 1.0,
+        "body": int(rng.integers(len(rig.bodies))),
+        "kg": MASS[rig.name] * _log(rng, 0.05, 0.25),
+        "low": float(rng.uniform(0.4, 0.7)),
+        "high": 1.0,
     },
     "gasket": lambda rng, rig: {"k_n": _log(rng, 1e11, 3e12), "ratio": _log(rng, 0.05, 0.3)},
     "shifted_holes": lambda rng, rig: {
@@ -201,12 +222,15 @@ _DRAW: dict[str, Callable] = {
         "radius": _log(rng, 0.009, 0.014),
     },
     "hard_spot": lambda rng, rig: {
-        "at": _somewhere(rng, rig), "radius": _log(rng, 0.03, 0.06), "factor": _log(rng, 1.6, 4.0)
+        "at": _somewhere(rng, rig),
+        "radius": _log(rng, 0.03, 0.06),
+        "factor": _log(rng, 1.6, 4.0),
     },
     "residual_stress": lambda rng, rig: {
-        "body": int(rng.choice([0, 3])), "strain": _sign(rng) * _log(rng, 1e-3, 4e-3)
+        "body": int(rng.choice([0, 3])),
+        "strain": _sign(rng) * _log(rng, 1e-3, 4e-3),
     },
-}  # fmt: skip
+}
 
 
 def draw(rng: np.random.Generator, geometry: str, name: str) -> dict:
@@ -246,9 +270,12 @@ def apply(rig: Rig, effect: dict, build: Build, hz) -> None:
 
 _MATERIAL = {"modulus": "E", "shear_modulus": "G", "density": "rho", "thickness": "thickness"}
 _BY_BODY = {
-    "rolled": ("rolled", "factor"), "oval": ("oval", "share"), "bent": ("bow", "m"),
-    "leaning": ("lean", "rad"), "residual_stress": ("warm", "strain"),
-}  # fmt: skip
+    "rolled": ("rolled", "factor"),
+    "oval": ("oval", "share"),
+    "bent": ("bow", "m"),
+    "leaning": ("lean", "rad"),
+    "residual_stress": ("warm", "strain"),
+}
 
 
 def _soft(joint, p, region) -> None:
@@ -282,10 +309,15 @@ def _shifted(joint, p, region) -> None:
 
 
 _JOINT = {
-    "soft_joint": _soft, "sliding_joint": _sliding, "soft_face": _soft_face,
-    "small_contact": _small, "loose_bolt": _loose, "two_loose_bolts": _loose, "gasket": _gasket,
+    "soft_joint": _soft,
+    "sliding_joint": _sliding,
+    "soft_face": _soft_face,
+    "small_contact": _small,
+    "loose_bolt": _loose,
+    "two_loose_bolts": _loose,
+    "gasket": _gasket,
     "shifted_holes": _shifted,
-}  # fmt: skip
+}
 
 
 def _stinger(rig, build, p, hz) -> None:
@@ -311,13 +343,20 @@ def _temperature(rig, build, p, hz) -> None:
 
 
 _ELSE: dict[str, Callable] = {
-    "stinger": _stinger, "resonator": _resonator, "lining": _lining, "partly_filled": _lining,
-    "bolts": _bolts, "temperature": _temperature,
+    "stinger": _stinger,
+    "resonator": _resonator,
+    "lining": _lining,
+    "partly_filled": _lining,
+    "bolts": _bolts,
+    "temperature": _temperature,
     "harness": lambda rig, build, p, hz: build.masses.append((HARNESS[rig.name], p["kg"])),
     "local_loss": lambda rig, build, p, hz: build.patches.append(
-        (p["at"], p["radius"], p["factor"], 1.0)),
+        (p["at"], p["radius"], p["factor"], 1.0)
+    ),
     "hard_spot": lambda rig, build, p, hz: build.patches.append(
-        (p["at"], p["radius"], p["factor"], 1.0)),
+        (p["at"], p["radius"], p["factor"], 1.0)
+    ),
     "holes": lambda rig, build, p, hz: build.patches.extend(
-        (at, p["radius"], 1e-3, 1e-6) for at in p["at"]),
-}  # fmt: skip
+        (at, p["radius"], 1e-3, 1e-6) for at in p["at"]
+    ),
+}

@@ -10,8 +10,6 @@ import numpy as np
 
 from .rigs import RIGS, Rig, draw_bodies
 
-__all__ = ["Mesh", "Pairs", "mesh_of"]
-
 CACHE = Path(__file__).resolve().parents[1] / "cache" / "calculix"
 #: gmsh's order of a tetrahedron's ten nodes in CalculiX' own.
 _TO_C3D10 = [0, 1, 2, 3, 4, 5, 6, 7, 9, 8]
@@ -76,9 +74,10 @@ def mesh_of(name: str, scale: float = 1.0) -> Mesh:
 def _lists(rig: Rig, kept):
     n, m = len(rig.bodies), len(rig.interfaces)
     return (
-        [kept[f"cells_{i}"] for i in range(n)], [kept[f"faces_{i}"] for i in range(n)],
+        [kept[f"cells_{i}"] for i in range(n)],
+        [kept[f"faces_{i}"] for i in range(n)],
         [kept[f"touch_{i}"] for i in range(m)],
-    )  # fmt: skip
+    )
 
 
 def _by_gmsh(rig: Rig, scale: float) -> dict[str, np.ndarray]:
@@ -114,9 +113,14 @@ def _sizes(gmsh, rig: Rig, scale: float) -> None:
     for x, y, z in rig.bolts:
         ball = field.add("Ball")
         for key, value in {
-            "XCenter": x, "YCenter": y, "ZCenter": z, "Radius": 1.1 * rig.pad,
-            "Thickness": rig.size, "VIn": scale * rig.fine, "VOut": scale * rig.size,
-        }.items():  # fmt: skip
+            "XCenter": x,
+            "YCenter": y,
+            "ZCenter": z,
+            "Radius": 1.1 * rig.pad,
+            "Thickness": rig.size,
+            "VIn": scale * rig.fine,
+            "VOut": scale * rig.size,
+        }.items():
             field.setNumber(ball, key, value)
         balls.append(ball)
     least = field.add("Min")
@@ -187,13 +191,17 @@ _EDGES = ((0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3))
 #: Jacobian, over that with straight edges, below which a cell counts as folded.
 _FOLDED = 0.1
 #: At the four points of its quadrature and at its corners.
-_SLOPES = np.array([
-    _slopes(np.array(point))
-    for point in [
-        *np.full((1, 3), 0.1381966), *(0.1381966 + 0.4472136 * np.eye(3)), *np.zeros((1, 3)),
-        *np.eye(3),
+_SLOPES = np.array(
+    [
+        _slopes(np.array(point))
+        for point in [
+            *np.full((1, 3), 0.1381966),
+            *(0.1381966 + 0.4472136 * np.eye(3)),
+            *np.zeros((1, 3)),
+            *np.eye(3),
+        ]
     ]
-])  # fmt: skip
+)
 
 
 def _separate(rig: Rig, x, cells, faces, touch) -> Mesh:
@@ -226,6 +234,9 @@ def _dense(mesh: Mesh) -> Mesh:
     to = np.cumsum(used) - 1
     pairs = [Pairs(to[p.first], to[p.second], p.area) for p in mesh.pairs]
     return Mesh(
-        mesh.x[used], [to[c] for c in mesh.cells], [to[f] for f in mesh.faces], pairs,
+        mesh.x[used],
+        [to[c] for c in mesh.cells],
+        [to[f] for f in mesh.faces],
+        pairs,
         mesh.body[used],
-    )  # fmt: skip
+    )

@@ -8,8 +8,6 @@ from .build import Build
 from .meshing import Mesh
 from .rigs import Rig
 
-__all__ = ["moved", "spans"]
-
 
 def spans(mesh: Mesh) -> list[tuple[np.ndarray, np.ndarray]]:
     """Least and largest coordinates of each body, (3,) each."""

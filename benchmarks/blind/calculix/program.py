@@ -11,8 +11,6 @@ from pathlib import Path
 
 import numpy as np
 
-__all__ = ["LENT", "MISSING", "CalculixError", "find_program", "run_modes"]
-
 #: What is said where it is not there.
 MISSING = (
     "the second world needs CalculiX (`ccx`, Debian's calculix-ccx), which is not in PATH; in the "
@@ -55,9 +53,13 @@ def run_modes(deck: str, n_nodes: int) -> tuple[np.ndarray, np.ndarray]:
         (Path(folder) / "job.inp").write_text(deck, encoding="ascii")
         try:
             done = subprocess.run(
-                [program, "job"], cwd=folder, capture_output=True, text=True, timeout=_SECONDS,
+                [program, "job"],
+                cwd=folder,
+                capture_output=True,
+                text=True,
+                timeout=_SECONDS,
                 env=os.environ | {"OMP_NUM_THREADS": "1"},
-            )  # fmt: skip
+            )
         except subprocess.TimeoutExpired as error:
             raise CalculixError(f"CalculiX took more than {_SECONDS} s") from error
         output = Path(folder) / "job.dat"

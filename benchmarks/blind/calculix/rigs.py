@@ -6,8 +6,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from math import cos, pi, sin
 
-__all__ = ["RIGS", "Body", "Interface", "Rig", "draw_bodies"]
-
 
 @dataclass(frozen=True)
 class Body:
@@ -118,8 +116,13 @@ _T = Rig(
     "t_tubes",
     (Body("chord", _chord, hollow=True), Body("stem", _stem, axis=2, hollow=True)),
     (Interface((0, 1), 2, tuple((x, y, 0.0) for x in (-0.045, 0.045) for y in (-0.015, 0.015))),),
-    thread="M8", pad=0.0115, head_mass=0.016, torques=(6.0, 12.0, 20.0), size=0.014, fine=0.0045,
-)  # fmt: skip
+    thread="M8",
+    pad=0.0115,
+    head_mass=0.016,
+    torques=(6.0, 12.0, 20.0),
+    size=0.014,
+    fine=0.0045,
+)
 
 # -- two flanged pipes, each with a fin ------------------------------------------------------------
 
@@ -139,15 +142,39 @@ def _pipe(occ, length: float, fin: tuple[float, float]) -> int:
 _PIPE = Rig(
     "flanged_pipe",
     (
-        Body("lower", lambda occ: _pipe(occ, -0.17, (0.062, 0.0)), 205e9, 0.29, 7850.0, axis=2,
-             hollow=True),
-        Body("upper", lambda occ: _pipe(occ, 0.13, (0.055, 0.0)), 205e9, 0.29, 7850.0, axis=2,
-             hollow=True),
+        Body(
+            "lower",
+            lambda occ: _pipe(occ, -0.17, (0.062, 0.0)),
+            205e9,
+            0.29,
+            7850.0,
+            axis=2,
+            hollow=True,
+        ),
+        Body(
+            "upper",
+            lambda occ: _pipe(occ, 0.13, (0.055, 0.0)),
+            205e9,
+            0.29,
+            7850.0,
+            axis=2,
+            hollow=True,
+        ),
     ),
-    (Interface((0, 1), 2, tuple(
-        (0.050 * cos(pi / 3 * i), 0.050 * sin(pi / 3 * i), 0.0) for i in range(6))),),
-    thread="M8", pad=0.0110, head_mass=0.016, torques=(6.0, 12.0, 20.0), size=0.009, fine=0.005,
-)  # fmt: skip
+    (
+        Interface(
+            (0, 1),
+            2,
+            tuple((0.050 * cos(pi / 3 * i), 0.050 * sin(pi / 3 * i), 0.0) for i in range(6)),
+        ),
+    ),
+    thread="M8",
+    pad=0.0110,
+    head_mass=0.016,
+    torques=(6.0, 12.0, 20.0),
+    size=0.009,
+    fine=0.005,
+)
 
 # -- a box of four plates with sixteen screws ------------------------------------------------------
 
@@ -171,11 +198,18 @@ _BOX = Rig(
         Body("lid", _plate((-0.12, -0.08, 0.075), (0.12, 0.08, 0.081)), normal=2),
     ),
     (
-        Interface((0, 1), 2, _row(0.072, 0.008)), Interface((0, 2), 2, _row(-0.072, 0.008)),
-        Interface((1, 3), 2, _row(0.072, 0.075)), Interface((2, 3), 2, _row(-0.072, 0.075)),
+        Interface((0, 1), 2, _row(0.072, 0.008)),
+        Interface((0, 2), 2, _row(-0.072, 0.008)),
+        Interface((1, 3), 2, _row(0.072, 0.075)),
+        Interface((2, 3), 2, _row(-0.072, 0.075)),
     ),
-    thread="M5", pad=0.0075, head_mass=0.004, torques=(1.5, 3.0, 5.0), size=0.014, fine=0.0045,
-)  # fmt: skip
+    thread="M5",
+    pad=0.0075,
+    head_mass=0.004,
+    torques=(1.5, 3.0, 5.0),
+    size=0.014,
+    fine=0.0045,
+)
 
 # -- a bracket with a rib on a plate ---------------------------------------------------------------
 
@@ -194,8 +228,13 @@ _BRACKET = Rig(
         Body("bracket", _angle, axis=2),
     ),
     (Interface((0, 1), 2, tuple((x, y, 0.0) for x in (-0.018, 0.055) for y in (-0.035, 0.035))),),
-    thread="M8", pad=0.0115, head_mass=0.016, torques=(6.0, 12.0, 20.0), size=0.012, fine=0.0045,
-)  # fmt: skip
+    thread="M8",
+    pad=0.0115,
+    head_mass=0.016,
+    torques=(6.0, 12.0, 20.0),
+    size=0.012,
+    fine=0.0045,
+)
 
 RIGS = {rig.name: rig for rig in (_T, _PIPE, _BOX, _BRACKET)}
 

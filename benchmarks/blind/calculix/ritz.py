@@ -7,11 +7,12 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.linalg import eigh
 
-__all__ = ["with_attached"]
-
 
 def with_attached(
-    hz: np.ndarray, u: np.ndarray, masses: Sequence[tuple] = (), springs: Sequence[tuple] = (),
+    hz: np.ndarray,
+    u: np.ndarray,
+    masses: Sequence[tuple] = (),
+    springs: Sequence[tuple] = (),
     tuned: Sequence[tuple] = (),
 ) -> tuple[np.ndarray, np.ndarray]:
     """Modes of a structure with things attached, in the span of its own modes.

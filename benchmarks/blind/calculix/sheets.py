@@ -11,8 +11,6 @@ import numpy as np
 from .effects import _LOOSE, _SOFT, MASS, regions
 from .states import States
 
-__all__ = ["Sheet", "sheets_of"]
-
 _BETA = 0.55  # the middle of those drawn
 #: Sizes of parts' errors that are drawn: least and largest of ln.
 _PARTS = {"modulus": (0.04, 0.25), "shear_modulus": (0.05, 0.15), "density": (0.03, 0.2)}
@@ -69,14 +67,15 @@ def _effect(name, region="", **params) -> list[dict]:
 def _joints(states: States):
     rig = states.rig
     least = _BETA * np.log(min(rig.torques) / max(rig.torques))
-    for name, low, high in (
-        ("soft_joint", *_SOFT), ("sliding_joint", _SOFT[0] / 3, _SOFT[1] / 3)
-    ):  # fmt: skip
+    for name, low, high in (("soft_joint", *_SOFT), ("sliding_joint", _SOFT[0] / 3, _SOFT[1] / 3)):
         span = (float(np.log(low)), float(np.log(high)))
         yield _sheet(
-            name, np.linspace(span[0] + least, span[1], 4),
-            lambda u, n=name: states.of(_effect(n, k=np.exp(u), beta=_BETA)), span, _BETA,
-        )  # fmt: skip
+            name,
+            np.linspace(span[0] + least, span[1], 4),
+            lambda u, n=name: states.of(_effect(n, k=np.exp(u), beta=_BETA)),
+            span,
+            _BETA,
+        )
     yield _sheet(
         "small_contact", (0.35, 0.55, 0.75), lambda u: states.of(_effect("small_contact", factor=u))
     )
@@ -84,10 +83,12 @@ def _joints(states: States):
         span = (float(np.log(_SOFT[0])), float(np.log(_SOFT[1])))
         for region in regions(rig.name, "soft_face"):
             yield _sheet(
-                "soft_face", np.linspace(span[0] + least, span[1], 3),
+                "soft_face",
+                np.linspace(span[0] + least, span[1], 3),
                 lambda u, r=region: states.of(_effect("soft_face", r, k=np.exp(u), beta=_BETA)),
-                span, _BETA,
-            )  # fmt: skip
+                span,
+                _BETA,
+            )
 
 
 def _bolts(states: States):
@@ -99,7 +100,8 @@ def _bolts(states: States):
     single = []
     for i in range(count):
         one = _sheet(
-            "loose_bolt", np.log([middle]),
+            "loose_bolt",
+            np.log([middle]),
             lambda u, i=i: states.of(_effect("loose_bolt", f"bolt {i + 1}", k=np.exp(u))),
         )
         single.append(one)
@@ -112,9 +114,11 @@ def _bolts(states: States):
             continue
         a, b = single[i].states, single[j].states
         yield Sheet(
-            "two_loose_bolts", np.zeros(1),
-            (a[0][:1] + b[0][:1] - log_f, a[1][:1] + b[1][:1] - shapes), (0.0, 0.0),
-        )  # fmt: skip
+            "two_loose_bolts",
+            np.zeros(1),
+            (a[0][:1] + b[0][:1] - log_f, a[1][:1] + b[1][:1] - shapes),
+            (0.0, 0.0),
+        )
 
 
 def _parts(states: States):
@@ -123,20 +127,25 @@ def _parts(states: States):
         for region in regions(states.geometry, name):
             for sign in (-1, 1):
                 yield _from_none(
-                    states, name, low, high,
+                    states,
+                    name,
+                    low,
+                    high,
                     lambda u, n=name, r=region, s=sign: states.of(
-                        _effect(n, r, factor=float(np.exp(s * u)))),
-                )  # fmt: skip
+                        _effect(n, r, factor=float(np.exp(s * u)))
+                    ),
+                )
     if plates:
         for region in regions(states.geometry, "taper"):
             for sign in (-1, 1):
                 yield _from_none(
-                    states, "taper", 0.05, 0.3,
+                    states,
+                    "taper",
+                    0.05,
+                    0.3,
                     lambda u, r=region, s=sign: states.of(_effect("taper", r, slope=s * u)),
-                )  # fmt: skip
-    yield _from_none(
-        states, "bolts", 0.5, 4.0, lambda u: states.of(_effect("bolts", factor=1 + u))
-    )
+                )
+    yield _from_none(states, "bolts", 0.5, 4.0, lambda u: states.of(_effect("bolts", factor=1 + u)))
 
 
 def _attached(states: States):
@@ -148,19 +157,25 @@ def _attached(states: States):
     for node in spread[:30]:
         for axis in range(3):
             yield _sheet(
-                "stinger", np.log([1e5, 5e5, 3e6]),
+                "stinger",
+                np.log([1e5, 5e5, 3e6]),
                 lambda u, n=node, a=axis: states.attached(
-                    masses=[(n, 0.008 * mass)], springs=[(n, a, np.exp(u))]),
-            )  # fmt: skip
+                    masses=[(n, 0.008 * mass)], springs=[(n, a, np.exp(u))]
+                ),
+            )
         for hz in states.base[0][:5]:
             yield _sheet(
-                "resonator", np.log([0.005, 0.014, 0.04]),
+                "resonator",
+                np.log([0.005, 0.014, 0.04]),
                 lambda u, n=node, f=hz: states.attached(tuned=[(n, mass * np.exp(u), f)]),
-            )  # fmt: skip
+            )
     places = _places(states)
     for at in places:
         yield _from_none(
-            states, "local_loss", 0.003, 0.03,
+            states,
+            "local_loss",
+            0.003,
+            0.03,
             lambda u, at=at: states.of(_effect("local_loss", at=at, radius=u, factor=0.08)),
         )
 
@@ -170,6 +185,7 @@ def _places(states: States) -> list[list[float]]:
 
     x = mesh_of(states.geometry).x[states.pool.observed.nodes[states.pool.sensors]]
     bolts = np.array(states.rig.bolts)
-    far = [i for i in range(len(x))
-           if np.linalg.norm(x[i] - bolts, axis=1).min() > 3 * states.rig.pad]  # fmt: skip
+    far = [
+        i for i in range(len(x)) if np.linalg.norm(x[i] - bolts, axis=1).min() > 3 * states.rig.pad
+    ]
     return [x[i].tolist() for i in far[:_PLACES]]

@@ -16,11 +16,6 @@ from .meshing import Mesh, mesh_of
 from .program import run_modes
 from .rigs import RIGS, Rig
 
-__all__ = [
-    "TOLERANCE", "Answer", "Spec", "build_of", "clean", "drawn_hz", "follow", "pool_of",
-    "receptances", "seen", "solve",
-]  # fmt: skip
-
 #: Standard deviations of ln, of each body.
 TOLERANCE = {"E": 0.015, "rho": 0.01, "thickness": 0.007, "heads": 0.05}
 _POOL, _SPREAD = 90, 70

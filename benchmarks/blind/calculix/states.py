@@ -18,8 +18,6 @@ from .rigs import RIGS
 from .ritz import with_attached
 from .specimen import RIGID, TOLERANCE, drawn_hz, follow, pool_of
 
-__all__ = ["States"]
-
 #: Elastic modes that are solved for: of the drawing, in whose span what is attached is put, and of
 #: other states, the measured ones and some more to follow them by.
 _SPAN, _SOLVED = 30, 15
@@ -68,8 +66,12 @@ class States:
             found[key, i] = log_f - np.log(self.base[0]), u - self.base[1]
         return found
 
-    def of(self, effects: Sequence[Mapping], change: Callable[[Build], None] | None = None,
-           tightening: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
+    def of(
+        self,
+        effects: Sequence[Mapping],
+        change: Callable[[Build], None] | None = None,
+        tightening: float = 1.0,
+    ) -> tuple[np.ndarray, np.ndarray]:
         """ln f and shapes of a state by effects of the world, or by a change of the drawing."""
         build = Build()
         tuned = drawn_hz(self.geometry) if any(e["name"] == "resonator" for e in effects) else ()

@@ -22,7 +22,22 @@ from .specimen import Spec
 SMALL_CLASSES = False
 
 __all__ = [
-    "EFFECTS", "FINAL_ONLY", "GEOMETRIES", "LIBRARY", "NOISE", "SMALL_CLASSES", "UNKNOWN", "Spec",
-    "Truth", "clean", "draw", "generate", "noise_word", "nominal_spec", "plan", "regions",
-    "signature", "write_nominal",
-]  # fmt: skip
+    "EFFECTS",
+    "FINAL_ONLY",
+    "GEOMETRIES",
+    "LIBRARY",
+    "NOISE",
+    "SMALL_CLASSES",
+    "UNKNOWN",
+    "Spec",
+    "Truth",
+    "clean",
+    "draw",
+    "generate",
+    "noise_word",
+    "nominal_spec",
+    "plan",
+    "regions",
+    "signature",
+    "write_nominal",
+]

@@ -13,11 +13,6 @@ from .model import Answer, answer, calibrate_levels
 from .rigs import RIGS
 from .specimen import Spec
 
-__all__ = [
-    "GEOMETRIES", "NOISE", "Truth", "clean", "generate", "noise_word", "nominal_spec", "plan",
-    "signature", "write_nominal",
-]  # fmt: skip
-
 GEOMETRIES = tuple(RIGS)
 #: Which is for the final check only.
 FINAL_GEOMETRY = "lap_beam"

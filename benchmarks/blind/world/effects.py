@@ -11,11 +11,6 @@ from .joint import Joint
 from .rigs import RIGS, Rig
 from .whole import BONDED, Build
 
-__all__ = [
-    "EFFECTS", "FINAL_ONLY", "LIBRARY", "UNKNOWN", "Sensing", "apply", "draw", "number",
-    "regions",
-]  # fmt: skip
-
 #: Names of the causes in the diagnosis' library, by our names. `@` stands for a part's name.
 LIBRARY = {
     "normal_and_tangential": "joint normal and tangential compliance",
@@ -90,9 +85,13 @@ def regions(geometry: str, name: str) -> list[str]:
     if name in ("sensor_place", "sensor_gain"):
         return [f"sensor {i + 1}" for i in range(len(rig.sensors))]
     places = {
-        "accelerometer": "end accelerometer", "washers": "washers", "suspension": "suspension",
-        "clamp": "clamp", "temperature": "", "mis_pairing": "",
-    }  # fmt: skip
+        "accelerometer": "end accelerometer",
+        "washers": "washers",
+        "suspension": "suspension",
+        "clamp": "clamp",
+        "temperature": "",
+        "mis_pairing": "",
+    }
     return [places.get(name, "" if name in UNKNOWN else "joint")]
 
 
@@ -104,11 +103,7 @@ def number(region: str) -> int:
 # -- sizes -----------------------------------------------------------------------------------------
 
 #: Joint stiffness per area, Pa/m, from far more than shows to very soft, by geometry.
-_SOFT = {
-    "lap_plates": (3e10, 2e12),
-    "c_beam": (3e11, 1e13),
-    "lap_beam": (1e11, 5e12),
-}
+_SOFT = {"lap_plates": (3e10, 2e12), "c_beam": (3e11, 1e13), "lap_beam": (1e11, 5e12)}
 
 
 def _log(rng, low: float, high: float) -> float:
@@ -136,9 +131,9 @@ def _both(rng, rig):
 
 
 def _end_mass(rng, rig):
-    low, high = {
-        "lap_plates": (0.22, 0.31), "c_beam": (0.31, 0.45), "lap_beam": (0.25, 0.395)
-    }[rig.name]  # fmt: skip
+    low, high = {"lap_plates": (0.22, 0.31), "c_beam": (0.31, 0.45), "lap_beam": (0.25, 0.395)}[
+        rig.name
+    ]
     total = {"lap_plates": (4e-3, 0.06), "c_beam": (0.015, 0.15), "lap_beam": (2e-3, 0.02)}
     return {"kg": _log(rng, *total[rig.name]), "x": float(rng.uniform(low, high))}
 
@@ -157,9 +152,7 @@ _DRAW: dict[str, Callable] = {
     "tangential": _soft,
     "graded": lambda rng, rig: {"k": 30 * _soft(rng, rig)["k"], "beta": float(rng.uniform(0.4, 1))},
     "lost_contact": lambda rng, rig: {"share": _log(rng, 0.004, 0.08)},
-    "loose_bolt": lambda rng, rig: {
-        "k": _SOFT[rig.name][0] * _log(rng, 0.1, 6.0)
-    },
+    "loose_bolt": lambda rng, rig: {"k": _SOFT[rig.name][0] * _log(rng, 0.1, 6.0)},
     "modulus": lambda rng, rig: {"factor": float(np.exp(_sign(rng) * _log(rng, 0.04, 0.3)))},
     "density": lambda rng, rig: {"factor": float(np.exp(_sign(rng) * _log(rng, 0.03, 0.2)))},
     "thickness": lambda rng, rig: {"factor": float(np.exp(_sign(rng) * _log(rng, 0.015, 0.15)))},
@@ -175,31 +168,38 @@ _DRAW: dict[str, Callable] = {
     "hysteretic": lambda rng, rig: {"eta": _log(rng, 0.02, 0.3)},
     "viscous": lambda rng, rig: {"eta_1kHz": _log(rng, 0.02, 0.3)},
     "micro_slip": lambda rng, rig: {
-        "mu": float(rng.uniform(0.15, 0.5)), "drop": _log(rng, 1e-3, 3e-2)
+        "mu": float(rng.uniform(0.15, 0.5)),
+        "drop": _log(rng, 1e-3, 3e-2),
     },
     "gapping": lambda rng, rig: {"drop": _log(rng, 1e-3, 2e-2)},
     "curvature": lambda rng, rig: {
-        "body": int(rng.integers(2)), "m": 2 * rig.outer * _log(rng, 0.1, 0.4)
+        "body": int(rng.integers(2)),
+        "m": 2 * rig.outer * _log(rng, 0.1, 0.4),
     },
     "crack": lambda rng, rig: {
-        "body": int(rng.integers(2)), "at": float(rng.uniform(0.25, 0.85)),
-        "factor": _log(rng, 0.01, 0.2), "both": bool(rng.integers(2)),
+        "body": int(rng.integers(2)),
+        "at": float(rng.uniform(0.25, 0.85)),
+        "factor": _log(rng, 0.01, 0.2),
+        "both": bool(rng.integers(2)),
     },
     "stinger": lambda rng, rig: {
         "sensor": int(rng.integers(len(rig.sensors))),
         "kg": _TOTAL[rig.name] * _log(rng, 0.01, 0.04),
-        "N/m": _TOTAL[rig.name] * (2 * np.pi * _log(rng, 200.0, 1200.0)) ** 2
+        "N/m": _TOTAL[rig.name]
+        * (2 * np.pi * _log(rng, 200.0, 1200.0)) ** 2
         * (0.001 if rig.clamped else 0.05),
     },
     "taper": lambda rng, rig: {
-        "body": int(rng.integers(2)), "slope": _sign(rng) * _log(rng, 0.03, 0.2)
+        "body": int(rng.integers(2)),
+        "slope": _sign(rng) * _log(rng, 0.03, 0.2),
     },
     "cable": lambda rng, rig: {
         "sensor": int(rng.integers(len(rig.sensors))),
         "kg": _TOTAL[rig.name] * _log(rng, 0.01, 0.04),
-        "mode": int(rng.integers(rig.n_modes)), "detuned": float(np.exp(rng.normal(0, 0.1))),
+        "mode": int(rng.integers(rig.n_modes)),
+        "detuned": float(np.exp(rng.normal(0, 0.1))),
     },
-}  # fmt: skip
+}
 
 
 # -- what they do ----------------------------------------------------------------------------------

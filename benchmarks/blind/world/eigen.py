@@ -7,8 +7,6 @@ from petsc4py import PETSc
 from scipy import sparse
 from slepc4py import SLEPc
 
-__all__ = ["lowest_modes", "solver"]
-
 
 def _matrix(a: sparse.csr_matrix) -> PETSc.Mat:
     a = sparse.csr_matrix(a)

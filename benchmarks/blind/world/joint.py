@@ -9,8 +9,6 @@ import numpy as np
 from .rigs import Rig
 from .whole import BONDED
 
-__all__ = ["OPEN", "Joint", "bolt_force", "series"]
-
 #: Pa/m where there is no contact: nothing.
 OPEN = 1e7
 

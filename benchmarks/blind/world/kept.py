@@ -10,8 +10,6 @@ import numpy as np
 
 from .whole import Whole
 
-__all__ = ["CACHE", "keep", "kept"]
-
 #: Outside version control; safe to delete.
 CACHE = Path(__file__).resolve().parent.parent / "cache"
 

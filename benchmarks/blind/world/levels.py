@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-__all__ = ["gapping", "slip"]
-
 
 def slip(k: np.ndarray, motion: np.ndarray, limit: np.ndarray):
     """A spring and a slider in series (Jenkins), at an amplitude; first harmonic.

@@ -18,8 +18,6 @@ from .rigs import RIGS
 from .specimen import Spec
 from .whole import BONDED, Build, Whole
 
-__all__ = ["Answer", "UnsettledError", "answer", "calibrate_levels", "nominal_hz"]
-
 #: Shift of the eigensolver, Hz: about the first frequency.
 _SHIFT = {"lap_plates": 100.0, "c_beam": 60.0, "lap_beam": 10.0}
 #: Stiffness at rest of a joint that slips or opens but is as one otherwise, Pa/m.

@@ -10,8 +10,6 @@ from .kept import keep, kept
 from .surfaces import quadrature, rows
 from .whole import Build, Interface, Whole
 
-__all__ = ["pressures"]
-
 _PENALTY, _STICK = 1e14, 1e12
 #: N of 1 N that the interface may carry otherwise, and iterations at most.
 _ASTRAY, _MOST = 0.03, 60

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-__all__ = ["RIGS", "Bolt", "Box", "Rig"]
-
 
 @dataclass(frozen=True)
 class Box:
@@ -92,20 +90,33 @@ _LAP_PLATES = Rig(
         Box(0, (0.0, 0.0, -0.008), (0.2, 0.08, 0.0)),
         Box(1, (0.12, 0.0, 0.0), (0.32, 0.08, 0.008)),
     ),
-    parts=("plate_1", "plate_2"), outer=0.008,
-    E=69e9, nu=69 / (2 * 26.9) - 1, rho=2750.0,
+    parts=("plate_1", "plate_2"),
+    outer=0.008,
+    E=69e9,
+    nu=69 / (2 * 26.9) - 1,
+    rho=2750.0,
     bolts=(
-        Bolt("1", 0.14, 0.02), Bolt("2", 0.14, 0.06), Bolt("3", 0.18, 0.02),
+        Bolt("1", 0.14, 0.02),
+        Bolt("2", 0.14, 0.06),
+        Bolt("3", 0.18, 0.02),
         Bolt("4", 0.18, 0.06),
     ),
-    head=(0.016, 0.0064), head_mass=0.018, bolt_diameter=0.010, hole=0.0,
+    head=(0.016, 0.0064),
+    head_mass=0.018,
+    bolt_diameter=0.010,
+    hole=0.0,
     sensors=_line(
         (0.01, 0.035, 0.06, 0.085, 0.11, 0.135, 0.16, 0.185, 0.21, 0.235, 0.26, 0.285, 0.31),
-        0.04, 0.119,
+        0.04,
+        0.119,
     ),
-    n_modes=5, torques=(4.0, 8.0, 16.0, 24.0), clamped=False,
-    accelerometer=((0.03, 0.04, 0), 0.010), size=0.009, search=22,
-)  # fmt: skip
+    n_modes=5,
+    torques=(4.0, 8.0, 16.0, 24.0),
+    clamped=False,
+    accelerometer=((0.03, 0.04, 0), 0.010),
+    size=0.009,
+    search=22,
+)
 
 _L, _PAD = 0.508, 0.0497
 _C_BEAM = Rig(
@@ -118,18 +129,28 @@ _C_BEAM = Rig(
         Box(1, (_PAD, -0.0159, 0.00305), (_L - _PAD, 0.0159, 0.0127)),
         Box(1, (_L - _PAD, -0.0159, 0.0), (_L, 0.0159, 0.0127)),
     ),
-    parts=("beam_1", "beam_2"), outer=0.0127,
-    E=194e9, nu=0.29, rho=8000.0,
+    parts=("beam_1", "beam_2"),
+    outer=0.0127,
+    E=194e9,
+    nu=0.29,
+    rho=8000.0,
     bolts=(Bolt("1", _PAD / 2, 0.0), Bolt("2", _L - _PAD / 2, 0.0)),
-    head=(0.0145, 0.006), head_mass=0.010, bolt_diameter=0.00794, hole=0.00843,
+    head=(0.0145, 0.006),
+    head_mass=0.010,
+    bolt_diameter=0.00794,
+    hole=0.00843,
     sensors=tuple(
         (x, 0.0, body)
         for body in (0, 1)
         for x in (0.006, 0.07, 0.13, 0.19, 0.254, 0.318, 0.378, 0.438, 0.502)
     ),
-    n_modes=6, torques=(6.0, 12.0, 18.0, 25.0), clamped=False,
-    accelerometer=((0.254, 0.0, 1), 0.020), size=0.0095, search=20,
-)  # fmt: skip
+    n_modes=6,
+    torques=(6.0, 12.0, 18.0, 25.0),
+    clamped=False,
+    accelerometer=((0.254, 0.0, 1), 0.020),
+    size=0.0095,
+    search=20,
+)
 
 _LAP_BEAM = Rig(
     name="lap_beam",
@@ -137,13 +158,23 @@ _LAP_BEAM = Rig(
         Box(0, (0.0, -0.0127, -0.006), (0.235, 0.0127, 0.0)),
         Box(1, (0.185, -0.0127, 0.0), (0.42, 0.0127, 0.006)),
     ),
-    parts=("beam_1", "beam_2"), outer=0.006,
-    E=207e9, nu=0.3, rho=7800.0,
+    parts=("beam_1", "beam_2"),
+    outer=0.006,
+    E=207e9,
+    nu=0.3,
+    rho=7800.0,
     bolts=(Bolt("1", 0.21, 0.0),),
-    head=(0.010, 0.004), head_mass=0.004, bolt_diameter=0.006, hole=0.0,
+    head=(0.010, 0.004),
+    head_mass=0.004,
+    bolt_diameter=0.006,
+    hole=0.0,
     sensors=_line((0.03, 0.06, 0.1, 0.14, 0.175, 0.245, 0.28, 0.315, 0.35, 0.385, 0.412), 0.0, 0.2),
-    n_modes=6, torques=(2.0, 4.0, 6.0, 10.0), clamped=True,
-    accelerometer=((0.412, 0.0, 1), 0.003), size=0.007, search=16,
-)  # fmt: skip
+    n_modes=6,
+    torques=(2.0, 4.0, 6.0, 10.0),
+    clamped=True,
+    accelerometer=((0.412, 0.0, 1), 0.003),
+    size=0.007,
+    search=16,
+)
 
 RIGS = {rig.name: rig for rig in (_LAP_PLATES, _C_BEAM, _LAP_BEAM)}

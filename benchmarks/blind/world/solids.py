@@ -15,8 +15,6 @@ from scipy.spatial import cKDTree
 
 from .rigs import Rig
 
-__all__ = ["Body", "make_bodies"]
-
 _FLAT = 1e-7  # m, of a vertex on a plane
 _STEEL = (200e9, 0.3)
 

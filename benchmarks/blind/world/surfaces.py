@@ -5,14 +5,10 @@ from __future__ import annotations
 import numpy as np
 from scipy import sparse
 
-__all__ = ["locate", "quadrature", "rows", "shape_functions"]
-
 #: Barycentric points and weights, exact to degree 4 (Strang and Fix 1973; Dunavant 1985).
 _A, _B = 0.445948490915965, 0.091576213509771
 _WEIGHTS = np.repeat([0.223381589678011, 0.109951743655322], 3)
-_POINTS = np.array(
-    [np.roll([1 - 2 * a, a, a], shift) for a in (_A, _B) for shift in range(3)]
-)  # fmt: skip
+_POINTS = np.array([np.roll([1 - 2 * a, a, a], shift) for a in (_A, _B) for shift in range(3)])
 
 
 def quadrature(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -11,8 +11,6 @@ from .rigs import Rig
 from .solids import make_bodies
 from .surfaces import locate, quadrature, rows
 
-__all__ = ["BONDED", "Build", "Interface", "Whole"]
-
 #: Pa/m of faces that are as one: a hundred times a plate's own E over thickness.
 BONDED = 1e15
 _INSIDE = -1e-6

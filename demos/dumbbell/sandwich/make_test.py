@@ -57,9 +57,13 @@ def main(folder: Path, element_size: float = 0.045, lines: np.ndarray = LINES) -
     sensors, responses = places("xyz", (57, 12))
     excitation, references = places("xz", (57,))
     frf = solve_frf(
-        model, frequencies_hz=lines, excitation=excitation, sensors=sensors, kind="accelerance",
+        model,
+        frequencies_hz=lines,
+        excitation=excitation,
+        sensors=sensors,
+        kind="accelerance",
         damping=Damping(structural=STRUCTURAL, hysteretic={"sandwich": LOSS}),
-    )  # fmt: skip
+    )
     noise = rng.standard_normal((2, *frf.values.shape))
     values = frf.values * (1 + FUNCTION_NOISE * (noise[0] + 1j * noise[1]))
     if MPI.COMM_WORLD.rank:
@@ -74,20 +78,49 @@ def write_uff(path: Path, lines, values: np.ndarray, responses, references) -> N
     """Nodes, units and one dataset 58 for each function."""
     xyz, n = np.array(list(NODES.values())), len(NODES)
     sets = [
-        dict(type=164, units_code=1, units_description="SI", temp_mode=1, length=1.0, force=1.0,
-             temp=1.0, temp_offset=273.15),
-        dict(type=2411, node_nums=list(NODES), def_cs=[0] * n, disp_cs=[0] * n, color=[1] * n,
-             x=xyz[:, 0], y=xyz[:, 1], z=xyz[:, 2]),
-    ]  # fmt: skip
+        dict(
+            type=164,
+            units_code=1,
+            units_description="SI",
+            temp_mode=1,
+            length=1.0,
+            force=1.0,
+            temp=1.0,
+            temp_offset=273.15,
+        ),
+        dict(
+            type=2411,
+            node_nums=list(NODES),
+            def_cs=[0] * n,
+            disp_cs=[0] * n,
+            color=[1] * n,
+            x=xyz[:, 0],
+            y=xyz[:, 1],
+            z=xyz[:, 2],
+        ),
+    ]
     for i, (node, direction) in enumerate(responses):
         for j, (at, along) in enumerate(references):
-            sets.append(dict(
-                type=58, binary=0, func_type=4, rsp_node=node, rsp_dir=direction, ref_node=at,
-                ref_dir=along, abscissa_spacing=1, abscissa_spec_data_type=18,
-                ordinate_spec_data_type=12, orddenom_spec_data_type=13, x=lines,
-                data=values[:, i, j].astype(np.complex64), ord_data_type=5,
-                ordinate_axis_units_lab="m/s2", orddenom_axis_units_lab="N",
-            ))  # fmt: skip
+            sets.append(
+                dict(
+                    type=58,
+                    binary=0,
+                    func_type=4,
+                    rsp_node=node,
+                    rsp_dir=direction,
+                    ref_node=at,
+                    ref_dir=along,
+                    abscissa_spacing=1,
+                    abscissa_spec_data_type=18,
+                    ordinate_spec_data_type=12,
+                    orddenom_spec_data_type=13,
+                    x=lines,
+                    data=values[:, i, j].astype(np.complex64),
+                    ord_data_type=5,
+                    ordinate_axis_units_lab="m/s2",
+                    orddenom_axis_units_lab="N",
+                )
+            )
     path.unlink(missing_ok=True)
     pyuff.UFF(str(path)).write_sets(sets, mode="add")
 

@@ -10,8 +10,6 @@ from fenics_joints.case.messages import said
 from fenics_joints.case.values import AXES
 from fenics_joints.errors import InputError
 
-__all__ = ["PRESSES", "check_applied", "refuse_applied"]
-
 #: What can press bodies together, for messages.
 PRESSES = (
     "expected a section [bolts.NAME], [loads.NAME] or [displacements.NAME], an obstacle's travel "

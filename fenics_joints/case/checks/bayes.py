@@ -9,8 +9,6 @@ from fenics_joints.case.case import Case
 from fenics_joints.case.messages import did_you_mean, said, unknown
 from fenics_joints.errors import InputError
 
-__all__ = ["check_bayes"]
-
 
 def check_bayes(case: Case) -> list[str]:
     """A line for each thing in [update.bayes] that cannot be used."""

@@ -7,8 +7,6 @@ from fenics_joints.case.mesh import OffsetBeamsMesh
 from fenics_joints.case.messages import said
 from fenics_joints.errors import InputError
 
-__all__ = ["check_beams", "refuse_beams"]
-
 #: Sections of solid bodies, and what they need.
 _SOLID = {
     "contacts": "faces of solid parts",
@@ -83,8 +81,13 @@ def _places(case: Case) -> list[str]:
         if set(section.directions) == {"y"}:
             errors.append(said(f"supports.{name}.directions", section.directions, moves))
         if section.facets is None:
-            errors.append(said(f"supports.{name}.points", section.points,
-                               "beams are held at their ends; expected facets"))  # fmt: skip
+            errors.append(
+                said(
+                    f"supports.{name}.points",
+                    section.points,
+                    "beams are held at their ends; expected facets",
+                )
+            )
     sees = None if case.test is None else case.test.sees
     if sees is None:
         return errors

@@ -7,8 +7,6 @@ import numpy as np
 from fenics_joints.case.case import Case
 from fenics_joints.case.messages import did_you_mean, indexed, said, unknown
 
-__all__ = ["check_combined"]
-
 
 def check_combined(case: Case) -> list[str]:
     """A line for each thing in ``[damping]``, ``[test.frfs]`` and ``[update]`` that cannot be."""
@@ -28,8 +26,9 @@ def check_combined(case: Case) -> list[str]:
         return errors
     errors += [
         said(f"update.parameters[{i}]", name, "expected each parameter once")
-        for i, name in enumerate(update.parameters) if name in update.parameters[:i]
-    ]  # fmt: skip
+        for i, name in enumerate(update.parameters)
+        if name in update.parameters[:i]
+    ]
     errors += _check_data(case)
     errors += _check_conditions(case)
     errors += _check_held(case)
@@ -57,8 +56,9 @@ def _without_effect(case: Case) -> list[str]:
     own = case.damping_names()
     return [
         said(f"update.parameters[{i}]", name, expected)
-        for i, name in enumerate(case.update.parameters) if name in own
-    ]  # fmt: skip
+        for i, name in enumerate(case.update.parameters)
+        if name in own
+    ]
 
 
 def _check_ratios(case: Case) -> list[str]:
@@ -77,8 +77,9 @@ def _check_ratios(case: Case) -> list[str]:
         errors += [
             f"test.damping: {name} = 0 at {data.condition_name} = {data.conditions[at]:g}: "
             "expected a ratio above 0, or an empty cell where none was measured"
-            for name, ratio in zip(data.mode_names, data.damping[at], strict=True) if ratio == 0
-        ]  # fmt: skip
+            for name, ratio in zip(data.mode_names, data.damping[at], strict=True)
+            if ratio == 0
+        ]
     return errors
 
 
@@ -154,8 +155,9 @@ def _check_data(case: Case) -> list[str]:
         errors += _without_effect(case)
         errors += [
             f"update.{key}: expected it only with 'frfs' in update.data"
-            for key, given in _of_functions(update) if given is not None
-        ]  # fmt: skip
+            for key, given in _of_functions(update)
+            if given is not None
+        ]
     return errors + (_check_lines(case) if "frfs" in wanted and case.frfs() is not None else [])
 
 
@@ -174,8 +176,9 @@ def _check_lines(case: Case) -> list[str]:
         return []
     return [
         said(f"update.lines[{i}]", line, f"expected a frequency from {f[0]:g} to {f[-1]:g} Hz")
-        for i, line in enumerate(lines or ()) if not f[0] <= line <= f[-1]
-    ]  # fmt: skip
+        for i, line in enumerate(lines or ())
+        if not f[0] <= line <= f[-1]
+    ]
 
 
 def _check_conditions(case: Case) -> list[str]:
@@ -183,9 +186,13 @@ def _check_conditions(case: Case) -> list[str]:
     update, data, errors = case.update, case.measured, []
     if update.hold_out:
         errors.append(
-            said("update.hold_out", update.hold_out, "conditions are held out of curves of "
-                 "frequencies only; expected [update.held] with modes, bands or responses")
-        )  # fmt: skip
+            said(
+                "update.hold_out",
+                update.hold_out,
+                "conditions are held out of curves of "
+                "frequencies only; expected [update.held] with modes, bands or responses",
+            )
+        )
     if data is None:
         if update.at is not None:
             errors.append(said("update.at", update.at, "expected it only with test.frequencies"))
@@ -254,8 +261,9 @@ def _check_held_modes(case: Case, modes, data) -> list[str]:
     errors = unknown(indexed(key, modes), data.mode_names, "no such mode")
     errors += [
         said(f"{key}[{i}]", name, "its frequency was not measured: expected one to compare with")
-        for i, name in enumerate(modes) if name in data.mode_names and name not in measured
-    ]  # fmt: skip
+        for i, name in enumerate(modes)
+        if name in data.mode_names and name not in measured
+    ]
     left = np.array([name not in modes for name in data.mode_names])
     fitted = there if "frequencies" in wanted else np.isfinite(data.damping[row])
     if not np.any(fitted & left):

@@ -11,8 +11,6 @@ from fenics_joints.case.messages import did_you_mean, indexed, refused, said, un
 from fenics_joints.files import is_file, shown_path
 from fenics_joints.units import to_si
 
-__all__ = ["check_harmonic"]
-
 
 def check_harmonic(case: Case) -> list[str]:
     """What is wrong with a case's nonlinear joints and their response, a line each."""

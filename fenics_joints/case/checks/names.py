@@ -13,9 +13,6 @@ from fenics_joints.errors import MeshError
 from fenics_joints.files import is_file, shown_path
 from fenics_joints.structure.checked import MOST_POINTS
 
-__all__ = ["PATTERNED", "check_mesh", "check_names", "matching", "unknown_groups"]
-
-
 #: Laws of joints whose cells may be patterns.
 PATTERNED = ("transition", "springs")
 
@@ -25,7 +22,14 @@ def check_names(case: Case) -> list[str]:
     seen: dict[str, str] = {}
     errors = []
     for table in (
-        "parts", "joints", "contacts", "bolts", *APPLIED, "masses", "springs", "attached",
+        "parts",
+        "joints",
+        "contacts",
+        "bolts",
+        *APPLIED,
+        "masses",
+        "springs",
+        "attached",
     ):
         for name in getattr(case, table):
             if name in seen:
@@ -112,9 +116,12 @@ def unknown_groups(case: Case, cells: Iterable[str], facets: Iterable[str]):
         for name, section in getattr(case, table).items()
         for cell in section.cells
         if not (getattr(section, "law", "") in PATTERNED and matching(cell, cells))
-    ] + [(f"{table}.{name}.facets", s.facets, facets)
-         for table in ("supports", *APPLIED) for name, s in getattr(case, table).items()
-         if s.facets is not None]  # fmt: skip
+    ] + [
+        (f"{table}.{name}.facets", s.facets, facets)
+        for table in ("supports", *APPLIED)
+        for name, s in getattr(case, table).items()
+        if s.facets is not None
+    ]
     named += [
         (f"{table}.{name}.{side}", getattr(section, side), facets)
         for table in ("contacts", "bolts")

@@ -13,8 +13,6 @@ from fenics_joints.errors import InputError, real
 from fenics_joints.structure import Parameter
 from fenics_joints.units import parameter_unit, to_si
 
-__all__ = ["check_update"]
-
 
 def _check_cutoff(case: Case) -> list[str]:
     cutoff, errors = case.update.cutoff, []

@@ -14,8 +14,6 @@ from fenics_joints.measurements.gap import pair_modes
 from fenics_joints.modal.modes import solve_modes
 from fenics_joints.progress import Progress
 
-__all__ = ["HeldModes", "predict_held"]
-
 
 @dataclass(frozen=True, eq=False)
 class HeldModes:
@@ -83,6 +81,8 @@ def predict_held(
     if not there.any():
         raise InputError(f"{case.path}: the model has the held modes at no draw of the posterior.")
     return HeldModes(
-        data.mode_names[n_fitted:], data.frequencies_hz[row, n_fitted:],
-        data.log_sd()[row, n_fitted:], np.exp(log_f[there]),
-    )  # fmt: skip
+        data.mode_names[n_fitted:],
+        data.frequencies_hz[row, n_fitted:],
+        data.log_sd()[row, n_fitted:],
+        np.exp(log_f[there]),
+    )

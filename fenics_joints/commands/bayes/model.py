@@ -26,8 +26,6 @@ from fenics_joints.structure.values import number
 from fenics_joints.units import parameter_unit
 from fenics_joints.updating.coordinates import LogScale
 
-__all__ = ["CaseModel", "case_model", "case_prior"]
-
 #: Relative distance from a law's limit.
 _INSIDE = 1e-6
 
@@ -70,11 +68,7 @@ def case_prior(case: Case, parameters: list[Parameter], start, model) -> Prior:
 
 
 def case_model(
-    case: Case,
-    comm: MPI.Intracomm,
-    progress: Progress | None = None,
-    *,
-    keep: Path | None = None,
+    case: Case, comm: MPI.Intracomm, progress: Progress | None = None, *, keep: Path | None = None
 ) -> CaseModel:
     """Build a case's model for sampling, and check it. Collective.
 
@@ -97,15 +91,20 @@ def case_model(
     parameters = within_laws([full.parameters[n] for n in case.update.parameters], start, full)
     prior = case_prior(case, parameters, start, full)
     data = bayes_data(case)
-    given = {"sensors": data.sensors, "n_test": len(data.mode_names),
-             "n_modes": case.diagnose.n_modes, "shapes": data.shapes}  # fmt: skip
+    given = {
+        "sensors": data.sensors,
+        "n_test": len(data.mode_names),
+        "n_modes": case.diagnose.n_modes,
+        "shapes": data.shapes,
+    }
     tolerance = (case.update.bayes or Bayes()).tolerance
     # What is exact is made in no time.
     keep = None if tested_models(full).exact else keep
     frequencies, check, bound = _ready(case, full, start, given, prior, tolerance, progress, keep)
     check.require(tolerance)
-    return CaseModel(prior, frequencies, check, bound, start, full.n_dofs,
-                     frequencies.forward.model.n_dofs)  # fmt: skip
+    return CaseModel(
+        prior, frequencies, check, bound, start, full.n_dofs, frequencies.forward.model.n_dofs
+    )
 
 
 def within_laws(parameters: list[Parameter], start, model) -> list[Parameter]:

@@ -6,14 +6,18 @@ from fenics_joints.commands.bayes import pictures
 from fenics_joints.commands.bayes.result import BayesReport, in_words
 from fenics_joints.report.html import render, svg
 
-__all__ = ["bayes_html"]
-
 
 def bayes_html(b: BayesReport) -> str:
     """The page of ``update --bayes``."""
     found, shown = b.predicted, pictures.Shown(b.chains, b.units)
-    given = {"trace": shown.traces(), "effective": shown.effective(), "pair": shown.pairs(),
-             "frequencies": None, "correlations": None, "scatter": None}  # fmt: skip
+    given = {
+        "trace": shown.traces(),
+        "effective": shown.effective(),
+        "pair": shown.pairs(),
+        "frequencies": None,
+        "correlations": None,
+        "scatter": None,
+    }
     if found is not None:
         given["frequencies"] = pictures.frequencies(
             b.mode_names, b.measured_hz, b.measured_sd, found.hz, found.held
@@ -23,6 +27,5 @@ def bayes_html(b: BayesReport) -> str:
         given["scatter"] = pictures.scatter(found.check, found.rival)
     given = {key: None if text is None else svg(text) for key, text in given.items()}
     return render(
-        "bayes.html", b=b, rows=b.rows(), in_words=in_words,
-        predicted=b.frequencies(), **given,
-    )  # fmt: skip
+        "bayes.html", b=b, rows=b.rows(), in_words=in_words, predicted=b.frequencies(), **given
+    )

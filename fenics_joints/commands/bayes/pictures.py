@@ -17,8 +17,6 @@ from fenics_joints.commands.bayes.held import HeldModes
 from fenics_joints.formatting import prefixed
 from fenics_joints.report.style import CHOSEN, NOMINAL, PLACEBO, drawing, style, to_svg
 
-__all__ = ["Shown", "correlations", "frequencies", "scatter"]
-
 #: Draws of a chain that are shown: more would only make the page larger. Quantities in a grid, and
 #: against each other; columns of a grid.
 _SHOWN, _PAIRS, _MOST, _AGAINST, _COLUMNS = 600, 300, 12, 6, 3
@@ -151,9 +149,12 @@ def _labelled(name: str, values: np.ndarray, unit: str) -> tuple[float, str]:
 
 
 def frequencies(
-    mode_names, measured_hz: np.ndarray, sd: np.ndarray, predicted_hz: np.ndarray,
+    mode_names,
+    measured_hz: np.ndarray,
+    sd: np.ndarray,
+    predicted_hz: np.ndarray,
     held: HeldModes | None = None,
-) -> str:  # fmt: skip
+) -> str:
     """Predicted frequencies relative to the measured ones, with the measurement's noise.
 
     Args:
@@ -163,12 +164,23 @@ def frequencies(
         predicted_hz: Draws, (n, m).
         held: Modes that were not fitted, shown below the others in another colour.
     """
-    rows = [(n, f, s, draws, CHOSEN) for n, f, s, draws in zip(
-        mode_names, measured_hz, sd, predicted_hz.T, strict=True) if np.isfinite(f)]  # fmt: skip
+    rows = [
+        (n, f, s, draws, CHOSEN)
+        for n, f, s, draws in zip(mode_names, measured_hz, sd, predicted_hz.T, strict=True)
+        if np.isfinite(f)
+    ]
     if held is not None:
-        rows += [(f"{n}, held out", f, s, draws, PLACEBO) for n, f, s, draws in zip(
-            held.mode_names, held.measured_hz, held.measured_sd, held.predicted_hz.T, strict=True
-        ) if np.isfinite(f)]  # fmt: skip
+        rows += [
+            (f"{n}, held out", f, s, draws, PLACEBO)
+            for n, f, s, draws in zip(
+                held.mode_names,
+                held.measured_hz,
+                held.measured_sd,
+                held.predicted_hz.T,
+                strict=True,
+            )
+            if np.isfinite(f)
+        ]
     with drawing(7.8, 0.32 * len(rows) + 1.2) as figure:
         axes, y = figure.subplots(), -np.arange(len(rows), dtype=float)
         axes.axvline(0, color=NOMINAL, lw=0.8)
@@ -178,13 +190,19 @@ def frequencies(
             low, quarter, median, three, high = np.quantile(off, [0.05, 0.25, 0.5, 0.75, 0.95])
             if np.isfinite(s):
                 axes.plot(
-                    200 * s * np.array([-1, 1]), [at] * 2, color=NOMINAL, lw=7, alpha=0.35,
-                    solid_capstyle="butt", label="measured, 95 %" if "sd" not in said else None,
-                )  # fmt: skip
+                    200 * s * np.array([-1, 1]),
+                    [at] * 2,
+                    color=NOMINAL,
+                    lw=7,
+                    alpha=0.35,
+                    solid_capstyle="butt",
+                    label="measured, 95 %" if "sd" not in said else None,
+                )
                 said.add("sd")
             words = "predicted, 90 %" + (", held out" if colour == PLACEBO else "")
-            axes.hlines(at, low, high, color=colour, lw=1.2,
-                        label=words if words not in said else None)  # fmt: skip
+            axes.hlines(
+                at, low, high, color=colour, lw=1.2, label=words if words not in said else None
+            )
             axes.hlines(at, quarter, three, color=colour, lw=4)
             axes.plot(median, at, "o", color=colour, ms=5)
             said.add(words)
@@ -202,8 +220,10 @@ def correlations(check: PredictiveCheck, rival: PredictiveCheck | None) -> str:
         check: Of the likelihood that was sampled.
         rival: Of the paper's likelihood beside it, or None.
     """
-    panels = [("measured specimens", check.correlation),
-              ("new specimens", check.correlation_median)]  # fmt: skip
+    panels = [
+        ("measured specimens", check.correlation),
+        ("new specimens", check.correlation_median),
+    ]
     if rival is not None:
         panels.append(("new, independent frequencies", rival.correlation_median))
     m = len(check.sd)
@@ -215,9 +235,15 @@ def correlations(check: PredictiveCheck, rival: PredictiveCheck | None) -> str:
                 for j in range(m):
                     dark = abs(matrix[i, j]) > 0.6
                     if m <= 8:
-                        axes.text(j, i, f"{matrix[i, j]:.2f}", ha="center", va="center",
-                                  fontsize=8 if m <= 6 else 6.5,
-                                  color="#ffffff" if dark else "#000000")  # fmt: skip
+                        axes.text(
+                            j,
+                            i,
+                            f"{matrix[i, j]:.2f}",
+                            ha="center",
+                            va="center",
+                            fontsize=8 if m <= 6 else 6.5,
+                            color="#ffffff" if dark else "#000000",
+                        )
             axes.set_title(title)
             axes.set_xticks(range(m), _short(check.mode_names))
             axes.set_yticks(range(m), _short(check.mode_names))
@@ -242,10 +268,13 @@ def scatter(check: PredictiveCheck, rival: PredictiveCheck | None) -> str:
         left, right = figure.subplots(1, 2, width_ratios=[1, 1.6])
         for axes, own, keys, names in (
             (left, 100 * check.sd, ("sd_low", "sd_median", "sd_high"), short),
-            (right, check.correlation[first, second],
-             ("correlation_low", "correlation_median", "correlation_high"),
-             [f"{short[i]}, {short[j]}" for i, j in zip(first, second, strict=True)]),
-        ):  # fmt: skip
+            (
+                right,
+                check.correlation[first, second],
+                ("correlation_low", "correlation_median", "correlation_high"),
+                [f"{short[i]}, {short[j]}" for i, j in zip(first, second, strict=True)],
+            ),
+        ):
             places = np.arange(len(own), dtype=float)
             axes.plot(places, own, "_", color=NOMINAL, ms=15, mew=2.5, label="measured specimens")
             for k, (label, each, colour) in enumerate(both):

@@ -16,8 +16,6 @@ from fenics_joints.commands.bayes.model import CaseModel
 from fenics_joints.files import plain
 from fenics_joints.formatting import number, quantity
 
-__all__ = ["BayesReport", "Predicted", "in_words"]
-
 
 @dataclass(frozen=True, eq=False)
 class Predicted:
@@ -117,12 +115,15 @@ class BayesReport:
         if self.failure is not None:
             return []
         rows = {row["name"]: row for row in self.rows()}
-        said = [f"{n} is {in_words(rows[n], 'mean')} \N{PLUS-MINUS SIGN} {in_words(rows[n], 'sd')}"
-                for n in self.units]  # fmt: skip
+        said = [
+            f"{n} is {in_words(rows[n], 'mean')} \N{PLUS-MINUS SIGN} {in_words(rows[n], 'sd')}"
+            for n in self.units
+        ]
         scatter = [
             f"{n} by {in_words(rows[f'scatter {n}'], 'mean')}"
-            for n in self.units if f"scatter {n}" in rows
-        ]  # fmt: skip
+            for n in self.units
+            if f"scatter {n}" in rows
+        ]
         found = [f"{', '.join(said)} (mean and standard deviation)"]
         return found + ([f"Specimens scatter in {', in '.join(scatter)}"] if scatter else [])
 
@@ -139,48 +140,54 @@ class BayesReport:
     def to_json(self) -> dict[str, object]:
         """The documented keys of ``update --bayes --json``."""
         found, (samples, burn_in) = self.predicted, self.samples
-        return plain({
-            "version": fenics_joints.__version__,
-            "title": self.title,
-            "converged": self.chains.converged,
-            "problems": self.chains.problems,
-            "parameters": self.rows(),
-            "correlation": {
-                "names": list(self.chains.names),
-                "matrix": self.chains.correlation(),
-            },
-            "prior": self.prior,
-            "likelihood": self.likelihood,
-            "doubts": self.doubts,
-            "frequencies": self.frequencies(),
-            "predictive_check": None if not found or not found.check else found.check.to_json(),
-            "independent_check": None if not found or not found.rival else found.rival.to_json(),
-            "sampler": {
-                "name": self.chains.sampler,
-                "chains": self.settings.chains,
-                "samples": samples,
-                "burn_in": burn_in,
-                "seed": self.settings.seed,
-                "acceptance": np.mean(self.chains.acceptance),
-                "evaluations": self.chains.evaluations,
-            },
-            "model": {
-                "dofs": self.model.n_dofs,
-                "basis": self.model.n_basis,
-                "frequency_error": self.model.check.error,
-                "estimated_error": self.model.bound,
-                "checked_points": self.model.check.n_points,
-                "points_without_modes": self.model.check.n_missing,
-            },
-        })  # fmt: skip
+        return plain(
+            {
+                "version": fenics_joints.__version__,
+                "title": self.title,
+                "converged": self.chains.converged,
+                "problems": self.chains.problems,
+                "parameters": self.rows(),
+                "correlation": {
+                    "names": list(self.chains.names),
+                    "matrix": self.chains.correlation(),
+                },
+                "prior": self.prior,
+                "likelihood": self.likelihood,
+                "doubts": self.doubts,
+                "frequencies": self.frequencies(),
+                "predictive_check": None if not found or not found.check else found.check.to_json(),
+                "independent_check": None
+                if not found or not found.rival
+                else found.rival.to_json(),
+                "sampler": {
+                    "name": self.chains.sampler,
+                    "chains": self.settings.chains,
+                    "samples": samples,
+                    "burn_in": burn_in,
+                    "seed": self.settings.seed,
+                    "acceptance": np.mean(self.chains.acceptance),
+                    "evaluations": self.chains.evaluations,
+                },
+                "model": {
+                    "dofs": self.model.n_dofs,
+                    "basis": self.model.n_basis,
+                    "frequency_error": self.model.check.error,
+                    "estimated_error": self.model.bound,
+                    "checked_points": self.model.check.n_points,
+                    "points_without_modes": self.model.check.n_missing,
+                },
+            }
+        )
 
     def sentences(self) -> list[str]:
         """What the checks against the specimens say."""
         found = self.predicted
         words = [] if found is None or found.check is None else found.check.words()
         if found is not None and found.rival is not None:
-            words += [f"the paper's likelihood, of independent frequencies: {line}"
-                      for line in found.rival.words()]  # fmt: skip
+            words += [
+                f"the paper's likelihood, of independent frequencies: {line}"
+                for line in found.rival.words()
+            ]
         return words
 
 
@@ -200,8 +207,12 @@ def _rows(names, measured, draws, *, held: bool) -> list[dict]:
     low, median, high = np.quantile(draws, [0.05, 0.5, 0.95], axis=0)
     return [
         {
-            "mode": name, "measured_hz": measured[i], "median_hz": median[i],
-            "low_hz": low[i], "high_hz": high[i], "held": held,
+            "mode": name,
+            "measured_hz": measured[i],
+            "median_hz": median[i],
+            "low_hz": low[i],
+            "high_hz": high[i],
+            "held": held,
         }
         for i, name in enumerate(names)
-    ]  # fmt: skip
+    ]

@@ -17,12 +17,7 @@ from fenics_joints.bayes.hierarchical import Hierarchy, Specimens, sample_hierar
 from fenics_joints.bayes.likelihood import FittedLikelihood, GaussianLikelihood
 from fenics_joints.bayes.posterior import Posterior
 from fenics_joints.bayes.predictive import FEWEST as FEWEST_CHECKED
-from fenics_joints.bayes.predictive import (
-    PredictiveCheck,
-    check_predictive,
-    outside,
-    replicate,
-)
+from fenics_joints.bayes.predictive import PredictiveCheck, check_predictive, outside, replicate
 from fenics_joints.bayes.samplers import Settings, sample
 from fenics_joints.case import Case
 from fenics_joints.case.bayes import bayes_data, specimens
@@ -37,8 +32,6 @@ from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.files import check_writable
 from fenics_joints.parallel import on_root
 from fenics_joints.progress import Progress
-
-__all__ = ["run_bayes"]
 
 #: New sets of specimens; draws for frequencies.
 _SETS, _PREDICTED = 400, 2000
@@ -95,8 +88,11 @@ class _Run:
     def report(self) -> BayesReport:
         section, progress = self.section, self.progress
         progress.step("sampling", 100)
-        run = {"comm": self.comm, "keep": self.keep,
-               "told": lambda share: progress.reach(int(100 * share))}  # fmt: skip
+        run = {
+            "comm": self.comm,
+            "keep": self.keep,
+            "told": lambda share: progress.reach(int(100 * share)),
+        }
         doubts = [*section.without_effect(), *self._prior_doubts()]
         if section.kind == "hierarchical":
             found = self._hierarchy(run)
@@ -114,13 +110,27 @@ class _Run:
             doubts = [*doubts, *more]
         log_f, sd = self._measured()
         units = {p.name: p.unit for p in self.model.prior.parameters}  # other quantities: ratios
-        condition = (self.data.condition_name, float(self.data.conditions[self.row]),
-                     self.data.condition_unit)  # fmt: skip
+        condition = (
+            self.data.condition_name,
+            float(self.data.conditions[self.row]),
+            self.data.condition_unit,
+        )
         return BayesReport(
-            self.case.title, condition, chains, units, list(self.model.prior.describe()),
-            words, doubts, self.data.mode_names, np.exp(log_f), sd, predicted, self.model,
-            self.settings, self.keep,
-        )  # fmt: skip
+            self.case.title,
+            condition,
+            chains,
+            units,
+            list(self.model.prior.describe()),
+            words,
+            doubts,
+            self.data.mode_names,
+            np.exp(log_f),
+            sd,
+            predicted,
+            self.model,
+            self.settings,
+            self.keep,
+        )
 
     def _likelihood(self, kind: str):
         names = self.data.mode_names
@@ -130,20 +140,25 @@ class _Run:
             )
         if self.table is not None:
             return GaussianLikelihood.from_specimens(
-                names, self.table, discrepancy=self.discrepancy,
-                n_parameters=self.model.prior.size,
-            )  # fmt: skip
+                names, self.table, discrepancy=self.discrepancy, n_parameters=self.model.prior.size
+            )
         return GaussianLikelihood.from_row(
-            names, self.data.frequencies_hz[self.row], self.data.log_sd()[self.row],
+            names,
+            self.data.frequencies_hz[self.row],
+            self.data.log_sd()[self.row],
             self.discrepancy,
-        )  # fmt: skip
+        )
 
     def _hierarchy(self, run) -> Hierarchy:
         section = self.section
         data = Specimens(
-            self.data.mode_names, self.table, section.noise, section.noise_known, section.scatter,
+            self.data.mode_names,
+            self.table,
+            section.noise,
+            section.noise_known,
+            section.scatter,
             self.discrepancy,
-        )  # fmt: skip
+        )
         return sample_hierarchy(
             data, self.model.prior, self.model.frequencies, self.settings, **run
         )
@@ -151,17 +166,23 @@ class _Run:
     def _prior_doubts(self) -> list[str]:
         log_f, sd = self._measured()
         return check_prior(
-            self.model.prior, self.model.frequencies, self.data.mode_names, log_f,
+            self.model.prior,
+            self.model.frequencies,
+            self.data.mode_names,
+            log_f,
             np.hypot(np.nan_to_num(sd, nan=1.0), self.discrepancy),
-        )  # fmt: skip
+        )
 
     def _normal_doubts(self) -> list[str]:
         """Modes whose frequencies are not those of specimens that scatter about one mean."""
         enough = np.sum(np.isfinite(self.table), axis=0) >= FEWEST
         fitted = FittedLikelihood.from_specimens(
             [n for n, e in zip(self.data.mode_names, enough, strict=True) if e],
-            self.table[:, enough], ["normal"], seed=self.settings.seed, accept_misfit=True,
-        )  # fmt: skip
+            self.table[:, enough],
+            ["normal"],
+            seed=self.settings.seed,
+            accept_misfit=True,
+        )
         return [f"{line}: the specimens do not scatter about one mean" for line in fitted.doubts()]
 
     def _hierarchy_words(self) -> list[str]:
@@ -208,9 +229,11 @@ class _Run:
         doubts += outside(names, np.exp(self._measured()[0]), hz, self._not_drawn())
         if held is not None:
             doubts += outside(
-                [f"{name}, held out" for name in held.mode_names], held.measured_hz,
-                held.predicted_hz, held.measured_sd,
-            )  # fmt: skip
+                [f"{name}, held out" for name in held.mode_names],
+                held.measured_hz,
+                held.predicted_hz,
+                held.measured_sd,
+            )
         return Predicted(hz, held, check, rival), doubts
 
     def _checked(self, doubts: list[str]) -> bool:
@@ -240,8 +263,9 @@ class _Run:
         return [
             f"{row['name']}: {100 * row['mean']:.2g} %, more than {_OFFSET:g} times the "
             f"discrepancy of {100 * self.discrepancy:g} % that the model is allowed"
-            for row in rows if abs(row["mean"]) > _OFFSET * self.discrepancy
-        ]  # fmt: skip
+            for row in rows
+            if abs(row["mean"]) > _OFFSET * self.discrepancy
+        ]
 
     def _independent(self, chains: Chains) -> PredictiveCheck:
         replicates = replicate(chains, self.model.frequencies, len(self.table), _SETS)

@@ -8,8 +8,6 @@ from fenics_joints.commands.bayes.result import BayesReport, in_words
 from fenics_joints.formatting import hertz
 from fenics_joints.report.terminal import new_table, say, tell
 
-__all__ = ["show_bayes"]
-
 
 def show_bayes(console: Console, b: BayesReport) -> None:
     """Print the answer, what to doubt, and the numbers of the chains."""
@@ -24,9 +22,11 @@ def show_bayes(console: Console, b: BayesReport) -> None:
     table = new_table("quantity", ">mean", ">s.d.", ">5 %", ">95 %", ">R-hat", ">ESS")
     for row in b.rows():
         table.add_row(
-            row["name"], *(in_words(row, key) for key in ("mean", "sd", "low", "high")),
-            in_words(row, "rhat"), f"{min(row['ess_bulk'], row['ess_tail']):.0f}",
-        )  # fmt: skip
+            row["name"],
+            *(in_words(row, key) for key in ("mean", "sd", "low", "high")),
+            in_words(row, "rhat"),
+            f"{min(row['ess_bulk'], row['ess_tail']):.0f}",
+        )
     console.print(table)
     if b.predicted is None:
         return

@@ -10,8 +10,6 @@ from fenics_joints.case import Case
 from fenics_joints.commands.check.places import Place
 from fenics_joints.errors import InputError
 
-__all__ = ["applied_places"]
-
 
 def applied_places(case: Case, centres: Mapping[str, np.ndarray], gdim: int) -> list[Place]:
     """Of each the middle of its face; of an obstacle where it is nearest to that.

@@ -10,8 +10,6 @@ import numpy as np
 from fenics_joints._compat import geometry_dofmap
 from fenics_joints.meshes import TaggedMesh
 
-__all__ = ["Body", "body_of", "face_centres"]
-
 #: Simplices that a cell is cut into, by its number of corners in DOLFINx's order and dimension.
 _SIMPLICES = {
     (3, 2): [(0, 1, 2)],

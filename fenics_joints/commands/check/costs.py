@@ -11,8 +11,6 @@ from fenics_joints.case.size import BEGIN, estimate_of
 from fenics_joints.diagnosis.model.resolution import MOST
 from fenics_joints.errors import InputError
 
-__all__ = ["Cost", "costs_of", "known", "too_much"]
-
 #: Modal solutions that an update takes with one parameter, and more for each further one.
 _UPDATE, _EACH = 8, 3
 #: Those of a diagnosis: for each of its samples, of which it takes as many of parts as of effects,

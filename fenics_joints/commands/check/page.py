@@ -8,17 +8,20 @@ from fenics_joints.formatting import extents, number
 from fenics_joints.report.case_pictures import structure_picture
 from fenics_joints.report.html import render, svg
 
-__all__ = ["check_page"]
-
 
 def check_page(result: Checked) -> str:
     """A checked case as a page: what is wrong, a picture, masses, places, costs."""
     return render(
-        "check.html", title=result.title, result=result, weights=weight_rows(result),
-        costs=cost_rows(result), pictures=_pictures(result), test=result.test_words(),
+        "check.html",
+        title=result.title,
+        result=result,
+        weights=weight_rows(result),
+        costs=cost_rows(result),
+        pictures=_pictures(result),
+        test=result.test_words(),
         size=extents(result.size_m) if len(result.size_m) else "",
         places=[_row(p) for p in (*result.bolts, *result.places)],
-    )  # fmt: skip
+    )
 
 
 def _row(place) -> tuple[str, str, str, str, str]:
@@ -33,9 +36,19 @@ def _pictures(result: Checked) -> list:
     body = result.body
     if body is None:
         return []
-    places = {kind: [p for p in result.places if p.kind == kind] for kind in
-              ("sensor", "force", "mass", "spring", "attached", "obstacle", "displacement",
-               "load")}  # fmt: skip
+    places = {
+        kind: [p for p in result.places if p.kind == kind]
+        for kind in (
+            "sensor",
+            "force",
+            "mass",
+            "spring",
+            "attached",
+            "obstacle",
+            "displacement",
+            "load",
+        )
+    }
     places["bolt"] = list(result.bolts)
     return [
         svg(structure_picture(body.vertices, body.group, body.names, places, below=below))

@@ -17,14 +17,7 @@ from fenics_joints.errors import InputError
 from fenics_joints.measurements import MeasuredFRFs
 from fenics_joints.meshes import TaggedMesh
 from fenics_joints.structure import Sensors
-from fenics_joints.structure.nearest import (
-    far_points,
-    nearest,
-    round_bolts,
-    too_close_together,
-)
-
-__all__ = ["Place", "bolts_of", "close_together", "far_places", "places_of", "same_bolts", "twice"]
+from fenics_joints.structure.nearest import far_points, nearest, round_bolts, too_close_together
 
 #: Nearer than this, m, a point is on the mesh but for round-off.
 _ON = 1e-8
@@ -57,10 +50,12 @@ class Place:
     def to_json(self) -> dict[str, object]:
         """Keys: kind, name, at_m, direction, off_mm."""
         return {
-            "kind": self.kind, "name": self.name, "at_m": list(self.point),
+            "kind": self.kind,
+            "name": self.name,
+            "at_m": list(self.point),
             "direction": None if self.direction is None else list(self.direction),
             "off_mm": 1e3 * self.off if math.isfinite(self.off) else None,
-        }  # fmt: skip
+        }
 
 
 def places_of(case: Case) -> list[Place]:
@@ -152,15 +147,27 @@ def far_places(places: Sequence[Place], tagged: TaggedMesh) -> tuple[list[Place]
                 continue
         if np.any(off[own] > reach):
             near = type(found)(
-                found.owner[own], found.cells[own], found.points[own], found.distance[own],
+                found.owner[own],
+                found.cells[own],
+                found.points[own],
+                found.distance[own],
                 reach if measured else np.zeros(own.sum()),
-            )  # fmt: skip
+            )
             bad = np.flatnonzero(off[own] > reach)
             part = type(near)(*(array[bad] for array in vars(near).values()))
             names = [place.name for place, o in zip(places, own, strict=True) if o]
-            errors.append(str(far_points(
-                tagged.mesh, points[own][bad], part, kind, [names[i] for i in bad], points[own]
-            )))  # fmt: skip
+            errors.append(
+                str(
+                    far_points(
+                        tagged.mesh,
+                        points[own][bad],
+                        part,
+                        kind,
+                        [names[i] for i in bad],
+                        points[own],
+                    )
+                )
+            )
     measured = [
         Place(p.kind, p.name, p.point, p.direction, float(d))
         for p, d in zip(places, off, strict=True)
@@ -230,8 +237,11 @@ def same_bolts(case: Case, bolts: Sequence[Place]) -> list[str]:
         if isinstance(point, list | tuple)  # a builder may want their number
     ]
     errors = []
-    for found in (listed, [b for b in bolts if b.name in case.bolts],
-                  [] if listed else [b for b in bolts if b.name not in case.bolts]):  # fmt: skip
+    for found in (
+        listed,
+        [b for b in bolts if b.name in case.bolts],
+        [] if listed else [b for b in bolts if b.name not in case.bolts],
+    ):
         for a, b in combinations(found, 2):
             apart = math.dist(a.point, b.point)
             if apart < ONE_BOLT:

@@ -18,8 +18,6 @@ from fenics_joints.commands.check.weights import Weight
 from fenics_joints.files import plain
 from fenics_joints.measurements.amplitude.backbone import RESPONSES
 
-__all__ = ["Checked"]
-
 
 @dataclass(frozen=True, eq=False)
 class Checked:
@@ -112,14 +110,20 @@ class Checked:
         ``at_m``, ``direction``, ``off_mm``); ``bolts``, likewise; ``test`` and ``solved`` in
         words; ``size_m``, ``dofs``, ``costs`` (``command``, ``seconds``, ``bytes``).
         """
-        return plain({
-            "version": fenics_joints.__version__, "title": self.title,
-            "errors": list(self.errors), "notes": list(self.notes),
-            "masses": [w.to_json() for w in self.weights],
-            "mass_kg": self.mass if self.weights else None,
-            "places": [p.to_json() for p in self.places],
-            "bolts": [p.to_json() for p in self.bolts],
-            "test": self.test_words(), "solved": self.solved,
-            "size_m": self.size_m, "dofs": self.dofs,
-            "costs": [vars(cost) for cost in self.costs],
-        })  # fmt: skip
+        return plain(
+            {
+                "version": fenics_joints.__version__,
+                "title": self.title,
+                "errors": list(self.errors),
+                "notes": list(self.notes),
+                "masses": [w.to_json() for w in self.weights],
+                "mass_kg": self.mass if self.weights else None,
+                "places": [p.to_json() for p in self.places],
+                "bolts": [p.to_json() for p in self.bolts],
+                "test": self.test_words(),
+                "solved": self.solved,
+                "size_m": self.size_m,
+                "dofs": self.dofs,
+                "costs": [vars(cost) for cost in self.costs],
+            }
+        )

@@ -46,8 +46,6 @@ from fenics_joints.meshes.tagged import limits
 from fenics_joints.parallel import on_root
 from fenics_joints.progress import Progress
 
-__all__ = ["check_case", "run_check"]
-
 #: Between these lengths, m, a structure is taken to be of the unit that its file is read in.
 _SIZES = (2e-3, 100.0)
 
@@ -70,10 +68,14 @@ def run_check(
 
 
 def check_case(
-    path: str | Path, comm: MPI.Intracomm, progress: Progress, *, large: bool = False,
+    path: str | Path,
+    comm: MPI.Intracomm,
+    progress: Progress,
+    *,
+    large: bool = False,
     solve: bool = True,
 ) -> Checked:
-    """What `run_check` shows, without the model's modes if ``solve`` is false."""  # fmt: skip
+    """What `run_check` shows, without the model's modes if ``solve`` is false."""
     progress.step("reading the case")
     examined = comm.bcast(on_root(comm, lambda: examine_case(path)))
     case = examined.case
@@ -133,9 +135,10 @@ def _diagnosed(case: Case, errors) -> list[str]:
 def _more(found: Checked, errors=(), notes=()) -> Checked:
     """With further errors and notes, each once."""
     return replace(
-        found, errors=tuple(dict.fromkeys([*found.errors, *errors])),
+        found,
+        errors=tuple(dict.fromkeys([*found.errors, *errors])),
         notes=tuple(dict.fromkeys([*found.notes, *notes])),
-    )  # fmt: skip
+    )
 
 
 def _own(case: Case, error: Exception) -> str:
@@ -187,12 +190,19 @@ def _meshed(found: Checked, examined: Examined, tagged: TaggedMesh) -> Checked:
     weights = comm.bcast(weights_of(case, body, centres) if body is not None else None)
     low, high = limits(tagged)
     found = replace(
-        found, places=(*places, *acting), bolts=tuple(bolts), weights=weights, body=body,
+        found,
+        places=(*places, *acting),
+        bolts=tuple(bolts),
+        weights=weights,
+        body=body,
         size_m=high - low,
-    )  # fmt: skip
+    )
     size = float(np.max(high - low))
-    small = [] if any(" places of sensors span " in line for line in far) else \
-        close_together(places, size)  # fmt: skip
+    small = (
+        []
+        if any(" places of sensors span " in line for line in far)
+        else close_together(places, size)
+    )
     odd = [*doubtful(case, weights), *small, *_odd_size(size), *_odd_cells(case, size)]
     if case.mesh.origin == "file" and tagged.mesh.geometry.dim == 2:
         odd.append(
@@ -203,11 +213,15 @@ def _meshed(found: Checked, examined: Examined, tagged: TaggedMesh) -> Checked:
     moved = found.moved()
     if moved and not far:
         most = max(moved, key=lambda p: p.off)
-        found = _more(found, (), [
-            f"{len(moved)} of {sum(p.kind in ('sensor', 'force') for p in places)} sensors and "
-            f"forces are beside the mesh and are moved onto it, the farthest ({most.name}) by "
-            f"{1e3 * most.off:.3g} mm"
-        ])  # fmt: skip
+        found = _more(
+            found,
+            (),
+            [
+                f"{len(moved)} of {sum(p.kind in ('sensor', 'force') for p in places)} sensors and "
+                f"forces are beside the mesh and are moved onto it, the farthest ({most.name}) by "
+                f"{1e3 * most.off:.3g} mm"
+            ],
+        )
     if not examined.whole:
         return found
     model = _model(found, tagged)
@@ -266,7 +280,5 @@ def _with_costs(found: Checked, comm: MPI.Intracomm) -> Checked:
     except InputError:
         return found  # said where the mesh is made
     costs = costs_of(found.case, rough, found.dofs, comm.size)
-    found = replace(
-        found, costs=costs, estimate=known(found.case, rough, found.dofs, comm.size)
-    )  # fmt: skip
+    found = replace(found, costs=costs, estimate=known(found.case, rough, found.dofs, comm.size))
     return _more(found, (), too_much(costs))

@@ -19,8 +19,6 @@ from fenics_joints.preload import LinearJoint
 from fenics_joints.progress import Progress
 from fenics_joints.structure import Structure
 
-__all__ = ["beside_model"]
-
 #: Degrees of freedom up to which a model is solved as it is, in some two seconds; larger ones get
 #: larger elements, for half as many. And up to which a finer model is solved, to see whether the
 #: mesh is too coarse: a larger one resolves more modes than a test has.
@@ -135,9 +133,10 @@ def _of_test(case: Case, modes: Modes) -> list[str]:
 
 def _share_of_joints(case: Case, modes: Modes, index) -> float:
     """Median share of the modes' strain energy that is in joints; 0 for contacts."""
-    values, stiff = modes.model.values(modes.given), {
-        f"{name}.{key}" for name in case.joints for key in _STIFFNESSES
-    }  # fmt: skip
+    values, stiff = (
+        modes.model.values(modes.given),
+        {f"{name}.{key}" for name in case.joints for key in _STIFFNESSES},
+    )
     sizes = np.array([value if name in stiff else 0.0 for name, value in values.items()])
     if not sizes.any():
         return 0.0

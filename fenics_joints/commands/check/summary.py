@@ -9,8 +9,6 @@ from fenics_joints.commands.check.result import Checked
 from fenics_joints.formatting import extents, number, quantity
 from fenics_joints.report.terminal import more, new_table, say, tell
 
-__all__ = ["cost_rows", "duration", "place_words", "show_check", "weight_rows"]
-
 #: Rows of a table, so that all of it fits on a screen.
 _ROWS = 16
 
@@ -35,8 +33,11 @@ def show_check(console: Console, result: Checked) -> None:
         if words:
             tell(console, words)
     if result.costs:
-        tell(console, "; ".join(f"{name}: {time}, {size}" for name, time, size in cost_rows(result))
-             + " (rough)")  # fmt: skip
+        tell(
+            console,
+            "; ".join(f"{name}: {time}, {size}" for name, time, size in cost_rows(result))
+            + " (rough)",
+        )
     for i, error in enumerate(result.errors, start=1):
         tell(console, f"error {i}: {error}", "red")
     for note in result.notes:
@@ -48,10 +49,14 @@ def show_check(console: Console, result: Checked) -> None:
 def weight_rows(result: Checked) -> list[tuple[str, str, str, str]]:
     """Name, kind, mass and what was weighed; a last row with all that is in the model."""
     rows = [
-        (w.name, "attached, not in the model" if w.kind == "attached" else w.kind,
-         quantity(w.mass, "kg"), "" if w.weighed is None else quantity(w.weighed, "kg"))
+        (
+            w.name,
+            "attached, not in the model" if w.kind == "attached" else w.kind,
+            quantity(w.mass, "kg"),
+            "" if w.weighed is None else quantity(w.weighed, "kg"),
+        )
         for w in result.weights
-    ]  # fmt: skip
+    ]
     test = None if result.case is None else result.case.test
     weighed = "" if test is None or test.mass is None else quantity(test.mass, "kg")
     return [*rows, ("all", "in the model", quantity(result.mass, "kg", 4), weighed)]
@@ -67,8 +72,9 @@ def place_words(result: Checked) -> str:
     if result.bolts:
         n, rings = len(result.bolts), result.case is not None and not result.case.bolts
         # A bolt has a ring on each pair of faces that it presses together.
-        words.append(f"{n} {'ring' if rings else 'bolt'}{'s' if n > 1 else ''}"
-                     f"{' at bolts' if rings else ''}")  # fmt: skip
+        words.append(
+            f"{n} {'ring' if rings else 'bolt'}{'s' if n > 1 else ''}{' at bolts' if rings else ''}"
+        )
     return ", ".join(words)
 
 

@@ -16,17 +16,18 @@ from fenics_joints.commands.check.body import Body
 from fenics_joints.formatting import percent, quantity
 from fenics_joints.preload.threads import thread
 
-__all__ = ["USUAL_KG", "Weight", "doubtful", "weights_of"]
-
 #: A mass that is off by more is said: castings and paint are within it, a wrong material is not.
 _OFF = 0.05
 #: Range of the masses of structures in a lab, kg.
 USUAL_KG = (1e-3, 1e4)
 #: Ratios of units, and of numbers that are easily mixed up, with what they mean.
 _RATIOS = {
-    1000.0: "g read as kg, or mm as m in one place", 1e9: "lengths in mm read as m",
-    10.0: "a factor of ten", 25.4**3: "inches read as mm", 2.8: "aluminium taken for steel",
-}  # fmt: skip
+    1000.0: "g read as kg, or mm as m in one place",
+    1e9: "lengths in mm read as m",
+    10.0: "a factor of ten",
+    25.4**3: "inches read as mm",
+    2.8: "aluminium taken for steel",
+}
 
 
 #: Tables of attached masses, by kind.
@@ -51,9 +52,7 @@ class Weight:
 
     def to_json(self) -> dict[str, object]:
         """Keys: name, kind, kg, weighed_kg."""
-        return {
-            "name": self.name, "kind": self.kind, "kg": self.mass, "weighed_kg": self.weighed
-        }  # fmt: skip
+        return {"name": self.name, "kind": self.kind, "kg": self.mass, "weighed_kg": self.weighed}
 
 
 def weights_of(
@@ -97,9 +96,7 @@ def _volume(case: Case, body: Body | None, cells) -> float:
 
 def doubtful(case: Case, weights: tuple[Weight, ...]) -> list[str]:
     """A sentence for each mass that differs from its weighing or is unusual for a lab."""
-    notes = [
-        _said(f"parts.{w.name}", w.mass, w.weighed) for w in weights if w.weighed is not None
-    ]
+    notes = [_said(f"parts.{w.name}", w.mass, w.weighed) for w in weights if w.weighed is not None]
     if case.test is not None and case.test.mass is not None:
         notes.append(_said("the whole structure", sum(w.mass for w in weights), case.test.mass))
     total = sum(w.mass for w in weights if w.kind != "attached")
@@ -110,8 +107,9 @@ def doubtful(case: Case, weights: tuple[Weight, ...]) -> list[str]:
         f"{table}.{w.name} is {quantity(w.mass, 'kg')}, more than all parts together, "
         f"{quantity(of_parts, 'kg')}; expected less: grams given as kg?"
         for w in weights
-        for table in [_TABLES.get(w.kind)] if table and 0 < of_parts < w.mass
-    ]  # fmt: skip
+        for table in [_TABLES.get(w.kind)]
+        if table and 0 < of_parts < w.mass
+    ]
     return [note for note in notes if note]
 
 
@@ -120,9 +118,10 @@ def _said(what: str, mass: float, weighed: float) -> str:
     if abs(ratio - 1) <= _OFF:
         return ""
     near = [
-        words for factor, words in _RATIOS.items()
+        words
+        for factor, words in _RATIOS.items()
         if any(abs(ratio / f - 1) < 0.08 for f in (factor, 1 / factor))
-    ]  # fmt: skip
+    ]
     hint = f"; {near[0]}?" if near else ""
     times = percent(ratio - 1, 0, sign=True) if 0.5 < ratio < 2 else f"{ratio:.3g} times as much"
     return (

@@ -17,8 +17,6 @@ from fenics_joints.report.contact_pictures import status_map
 from fenics_joints.report.html import render, svg
 from fenics_joints.report.style import CHOSEN, PLACEBO, drawing, to_svg
 
-__all__ = ["cutoff_html", "frequencies_over_cutoff", "objective_over_cutoff"]
-
 _WORDS = {"two": "stuck or open", "three": "stuck, sliding or open"}
 _COLOURS = {"two": CHOSEN, "three": PLACEBO}
 
@@ -44,11 +42,17 @@ def cutoff_html(u: CutoffReport) -> str:
             }
         )
     return render(
-        "cutoff.html", u=u, title=u.case.title, schemes=schemes, forces=forces_in_words(u.result),
-        objective=svg(objective_over_cutoff(u)), contacts=contact_rows(u.contacts),
-        whole=area_words(u.whole_area), pictures=contact_pictures(u.result, centres),
+        "cutoff.html",
+        u=u,
+        title=u.case.title,
+        schemes=schemes,
+        forces=forces_in_words(u.result),
+        objective=svg(objective_over_cutoff(u)),
+        contacts=contact_rows(u.contacts),
+        whole=area_words(u.whole_area),
+        pictures=contact_pictures(u.result, centres),
         stuck=float(np.sum(np.abs(u.stuck_hz / u.test_hz - 1))),
-    )  # fmt: skip
+    )
 
 
 def _alt(s: SchemeReport) -> str:
@@ -64,9 +68,12 @@ def frequencies_over_cutoff(u: CutoffReport, s: SchemeReport) -> str:
             line = axes.plot(x, s.sweep.frequencies_hz[:, j], lw=1.5, color=_shade(j))[0]
             axes.axhline(u.test_hz[j], color=_shade(j), lw=1.1, ls=(0, (5, 3)))
             axes.annotate(
-                name, (x[0], s.sweep.frequencies_hz[0, j]), xytext=(4, 4),
-                textcoords="offset points", fontsize=8.5,
-            )  # fmt: skip
+                name,
+                (x[0], s.sweep.frequencies_hz[0, j]),
+                xytext=(4, 4),
+                textcoords="offset points",
+                fontsize=8.5,
+            )
             if s.crossings[j] is not None:
                 axes.plot(s.crossings[j] / 1e6, u.test_hz[j], "o", ms=4.5, color=line.get_color())
         axes.axvline(s.cutoff / 1e6, color=_COLOURS[s.scheme], lw=1.0)

@@ -12,8 +12,6 @@ from fenics_joints.commands.preload.contacts import bolt_forces
 from fenics_joints.preload import ContactState, PreloadResult
 from fenics_joints.updating import CutoffMinimum, CutoffSweep
 
-__all__ = ["CutoffReport", "SchemeReport"]
-
 
 @dataclass(frozen=True, eq=False)
 class SchemeReport:

@@ -23,8 +23,6 @@ from fenics_joints.preload.linear_joint import LinearJoint, pair_conditions
 from fenics_joints.progress import Progress
 from fenics_joints.updating import CutoffModel, minimise, sweep
 
-__all__ = ["crossing", "run_cutoff"]
-
 #: Change of ln f left after calibrating a parameter on a mode.
 _CALIBRATED = 1e-6
 
@@ -87,10 +85,17 @@ class _Run:
         schemes = [self._scheme(name, result, given) for name in names]
         axes = bolt_axes(result)
         return CutoffReport(
-            self.case, result, self.condition, self.mode_names, self.test_hz, stuck, calibration,
-            [contact_facts(state, axes) for state in result.contacts.values()], schemes,
+            self.case,
+            result,
+            self.condition,
+            self.mode_names,
+            self.test_hz,
+            stuck,
+            calibration,
+            [contact_facts(state, axes) for state in result.contacts.values()],
+            schemes,
             time.perf_counter() - self.started,
-        )  # fmt: skip
+        )
 
     @property
     def _n(self) -> int:
@@ -138,16 +143,17 @@ class _Run:
                 f"bounds [{parameter.lower:g}, {parameter.upper:g}]"
             )
         facts = {
-            "parameter": wanted.parameter, "mode": wanted.mode, "start": parameter.value,
-            "value": value, "unit": parameter.unit,
-        }  # fmt: skip
+            "parameter": wanted.parameter,
+            "mode": wanted.mode,
+            "start": parameter.value,
+            "value": value,
+            "unit": parameter.unit,
+        }
         return {wanted.parameter: value}, facts
 
     def _scheme(self, name: str, result: PreloadResult, given) -> SchemeReport:
         start, contacts = time.perf_counter(), self.section.contacts
-        model = CutoffModel(
-            result, scheme=name, n_elastic=self._n, given=given, contacts=contacts
-        )
+        model = CutoffModel(result, scheme=name, n_elastic=self._n, given=given, contacts=contacts)
         self.progress.step(f"{name} conditions: {len(model)} cut-off pressures", len(model))
         found = sweep(
             model,
@@ -158,23 +164,27 @@ class _Run:
         solves, seconds = model.solves, time.perf_counter() - start
         self.progress.step(f"{name} conditions: the minimum by full solutions")
         minimum = minimise(
-            model, self.test_hz, max_solves=self.section.max_solves,
+            model,
+            self.test_hz,
+            max_solves=self.section.max_solves,
             progress=lambda n, cutoff, value: self.progress.advance(
                 note=f"{cutoff / 1e6:.3g} MPa: {100 * value:.2f} %"
             ),
-        )  # fmt: skip
+        )
         best = found.best(self.test_hz)
         facets = model.facets(best)
         return SchemeReport(
-            name, found, best, found.objective(self.test_hz), minimum,
+            name,
+            found,
+            best,
+            found.objective(self.test_hz),
+            minimum,
             [
                 crossing(found.cutoffs, found.frequencies_hz[:, j], self.test_hz[j])
                 for j in range(self._n)
             ],
-            [
-                replace(s, status=pair_conditions(s.interface, facets[s.name]))
-                for s in model.states
-            ],
+            [replace(s, status=pair_conditions(s.interface, facets[s.name])) for s in model.states],
             float(sum(s.facet_area[facets[s.name] == STICK].sum() for s in model.states)),
-            solves, seconds,
-        )  # fmt: skip
+            solves,
+            seconds,
+        )

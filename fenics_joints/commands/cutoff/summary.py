@@ -10,8 +10,6 @@ from fenics_joints.commands.preload.contacts import area_words
 from fenics_joints.formatting import hertz, percent, quantity
 from fenics_joints.report.terminal import new_table, say
 
-__all__ = ["show_cutoff"]
-
 
 def show_cutoff(console: Console, u: CutoffReport) -> None:
     """Print the best cut-off of each scheme beside the test and the stuck model."""
@@ -32,11 +30,14 @@ def show_cutoff(console: Console, u: CutoffReport) -> None:
             test = u.test_hz[j]
             crossing = s.crossings[j]
             rows.add_row(
-                Text(mode), hertz(test), hertz(u.stuck_hz[j]), hertz(s.frequencies_hz[j]),
+                Text(mode),
+                hertz(test),
+                hertz(u.stuck_hz[j]),
+                hertz(s.frequencies_hz[j]),
                 percent(u.stuck_hz[j] / test - 1, sign=True),
                 percent(s.frequencies_hz[j] / test - 1, sign=True),
                 "-" if crossing is None else quantity(crossing, "Pa"),
-            )  # fmt: skip
+            )
         console.print(rows)
         say(
             console,

@@ -10,8 +10,6 @@ from fenics_joints.case import Case
 from fenics_joints.formatting import percent, quantity, spaced
 from fenics_joints.measurements.data import TestData
 
-__all__ = ["assumptions"]
-
 #: Sections whose entries may be known within a tolerance only.
 _KINDS = ("parts", "joints", "masses", "springs", "supports", "attached")
 
@@ -27,16 +25,24 @@ def assumptions(case: Case, data: TestData) -> list[tuple[str, str]]:
     return [
         *_noise(data),
         ("error of any such model, correlated along the conditions", percent(given.discrepancy)),
-        *([] if data.shapes is None else
-          [("the same of a shape's components", percent(given.shape_discrepancy, 1))]),
-        *([] if data.by_level else
-          [("scatter of the preload at a given torque", percent(given.preload_scatter, 0))]),
+        *(
+            []
+            if data.shapes is None
+            else [("the same of a shape's components", percent(given.shape_discrepancy, 1))]
+        ),
+        *(
+            []
+            if data.by_level
+            else [("scatter of the preload at a given torque", percent(given.preload_scatter, 0))]
+        ),
         ("the nominal model's joints", _JOINTS[given.joints]),
         ("effects that may be at work together", f"up to {given.max_effects}"),
-        ("effects that were considered", "all that the case has" if given.effects is None
-         else ", ".join(given.effects)),
+        (
+            "effects that were considered",
+            "all that the case has" if given.effects is None else ", ".join(given.effects),
+        ),
         *_tolerances(case),
-    ]  # fmt: skip
+    ]
 
 
 _JOINTS = {

@@ -20,8 +20,6 @@ from fenics_joints.diagnosis.result import Diagnosis
 from fenics_joints.diagnosis.verdict import LIKELY, NAMED, unconfirmed
 from fenics_joints.formatting import percent, probability, spaced
 
-__all__ = ["doubts"]
-
 #: A nuisance further from its expected value, in standard deviations, is a doubt.
 _FAR = 2.0
 #: A p-value above this says that the stated noise and model error are too large.
@@ -90,7 +88,8 @@ def _broad(d: Diagnosis) -> list[str]:
     return [
         f"Of {in_words(c.effects[0])} and its like there are {len(c.effects)} that this test "
         "cannot tell apart: it says little of what is to be changed in the model."
-        for c in sure_causes(d) if len(c.effects) >= _BROAD
+        for c in sure_causes(d)
+        if len(c.effects) >= _BROAD
     ]
 
 
@@ -127,13 +126,19 @@ def _drifts(d: Diagnosis) -> list[str]:
     """What changes from level to level by more than a structure's drift does, and is put there."""
     between = d.between or ()
     kinds = zip(("frequencies", "damping ratios"), between, BETWEEN.medians, strict=False)
-    much = [f"{kind} by {percent(x, 0 if x > 0.1 else 2)}"
-            for kind, x, median in kinds if x > _DRIFTS * median]  # fmt: skip
+    much = [
+        f"{kind} by {percent(x, 0 if x > 0.1 else 2)}"
+        for kind, x, median in kinds
+        if x > _DRIFTS * median
+    ]
     if not much:
         return []
     words = f"From level to level {joined(much)} are off beside what is explained, much for a drift"
-    named = [f"{in_words(e)} ({probability(e.probability)})" for e in d.effects
-             if e.name in NAMES and e.probability >= SHARE]  # fmt: skip
+    named = [
+        f"{in_words(e)} ({probability(e.probability)})"
+        for e in d.effects
+        if e.name in NAMES and e.probability >= SHARE
+    ]
     if not named:
         return [f"{words}."]
     return [f"{words}: {joined(named, 'or')} may be what these few levels cannot bear out."]

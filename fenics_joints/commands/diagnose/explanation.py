@@ -53,8 +53,6 @@ from fenics_joints.diagnosis.thresholds import MISFIT
 from fenics_joints.diagnosis.verdict import CAUSE, LIKELY, NO_GAP, UNKNOWN, doubtful
 from fenics_joints.formatting import error_percent, percent, probability
 
-__all__ = ["Explanation", "explain"]
-
 #: Difference of log odds up to which another region may be the one as well.
 _AS_PROBABLE = 3.0
 #: Probability of a cause outside the library that is not worth a word; error of the mesh that is.
@@ -96,9 +94,12 @@ class Explanation:
     def sentences(self) -> tuple[tuple[str, str], ...]:
         """The sentences that there are, with their headings, the answer first."""
         found = (
-            ("Cause", self.which), ("How far", self.how_far), ("Rivals", self.apart),
-            ("Where", self.where), ("Compared", self.start),
-        )  # fmt: skip
+            ("Cause", self.which),
+            ("How far", self.how_far),
+            ("Rivals", self.apart),
+            ("Where", self.where),
+            ("Compared", self.start),
+        )
         return tuple((heading, sentence) for heading, sentence in found if sentence)
 
     def to_json(self) -> dict:
@@ -110,7 +111,7 @@ def explain(d: Diagnosis) -> Explanation:
     """Put a diagnosis into words."""
     return Explanation(
         _which(d), _how_far(d), _apart(d), _where(d), _start(d), questions(d), tuple(doubts(d))
-    )  # fmt: skip
+    )
 
 
 def _start(d: Diagnosis) -> str:
@@ -204,8 +205,10 @@ def _unknown(d: Diagnosis) -> str:
     if lead is not None:
         words += f": the best, {named(lead)}, leaves a gap of {error_percent(lead.gap)}"
         p = p_value_words(lead.p_value)
-        words += f", as noise and model error may ({p})" if fits else (
-            f" and would give such a misfit with {p}{_at_once(d)}"
+        words += (
+            f", as noise and model error may ({p})"
+            if fits
+            else (f" and would give such a misfit with {p}{_at_once(d)}")
         )
     if is_part(d):
         words += (
@@ -235,7 +238,9 @@ def _cause(d: Diagnosis) -> str:
     weak = doubtful(d.effects, d.shrinkage)
     perhaps = "".join(
         f"; perhaps also {members_in_words(c)}, {probability(c.probability)}, which held-out data "
-        "do not bear out" for c in causes(d) if c.name in weak and d.verdict == CAUSE
+        "do not bear out"
+        for c in causes(d)
+        if c.name in weak and d.verdict == CAUSE
     )
     return several + words + perhaps + _outside(d)
 

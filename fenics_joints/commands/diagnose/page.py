@@ -37,12 +37,14 @@ from fenics_joints.report.beam_pictures import beam_patches
 from fenics_joints.report.html import facts, heat_pair, render, svg
 from fenics_joints.report.panels import frequency_panels
 
-__all__ = ["diagnosis_html"]
-
 _FILTERS = {
-    "named": named, "with_place": with_place, "zone_words": zone_words, "by_effect": by_effect,
-    "by_reason": by_reason, "value_words": value_words,
-}  # fmt: skip
+    "named": named,
+    "with_place": with_place,
+    "zone_words": zone_words,
+    "by_effect": by_effect,
+    "by_reason": by_reason,
+    "value_words": value_words,
+}
 #: What is known of the model and stands elsewhere in the page.
 _SAID = ("notes", "order")
 #: Hypotheses that get a row of their own.
@@ -54,10 +56,7 @@ _FAR = 2.0
 
 
 def diagnosis_html(
-    d: Diagnosis,
-    *,
-    log_sd: np.ndarray | None = None,
-    assumed: Sequence[tuple[str, str]] = (),
+    d: Diagnosis, *, log_sd: np.ndarray | None = None, assumed: Sequence[tuple[str, str]] = ()
 ) -> str:
     """The diagnosis as a page.
 
@@ -96,8 +95,11 @@ def diagnosis_html(
         forecasts=None if shrunk is None else svg(forecasts(shrunk)),
         curves=svg(
             frequency_panels(
-                d.before, d.after, d.condition,
-                labels=("nominal model", "leading hypothesis"), log_sd=log_sd,
+                d.before,
+                d.after,
+                d.condition,
+                labels=("nominal model", "leading hypothesis"),
+                log_sd=log_sd,
                 validation=d.validation,
                 changed=np.array([bool(name) for name in d.row_names]) if d.row_names else None,
             )
@@ -107,7 +109,7 @@ def diagnosis_html(
         limits=LIMITS,
         assumed=assumed,
         facts=facts(_with_error(d)),
-    )  # fmt: skip
+    )
 
 
 def _patch_picture(cells: PatchMap) -> str:
@@ -131,8 +133,9 @@ def _zones(found: Location) -> list[tuple[str, list[tuple[str, str, ScoreTest]]]
                 for t in sorted(tests, key=lambda t: -t.log_evidence)
             ],
         )
-        for caption, tests in tables if tests
-    ]  # fmt: skip
+        for caption, tests in tables
+        if tests
+    ]
 
 
 def _axes(found: Location, condition: tuple[str, str]) -> list[tuple[str, list]]:

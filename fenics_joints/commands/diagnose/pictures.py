@@ -13,8 +13,6 @@ from fenics_joints.diagnosis.shrinkage import Shrinkage
 from fenics_joints.formatting import error_percent, percent
 from fenics_joints.report.style import CHOSEN, INK, NOISE, NOMINAL, PLACEBO, drawing, to_svg
 
-__all__ = ["forecasts", "gap_bars", "level_panels"]
-
 #: What was stated before, behind what was found.
 _STATED = "#b9d4ea"
 #: A bar of a larger gap would leave nothing of the others, and its length says nothing.
@@ -35,8 +33,10 @@ def forecasts(s: Shrinkage, name: str = "forecasts") -> str:
             axes.barh(y, high - low, 0.62, left=low, color=_STATED, zorder=1)
             axes.vlines(100 * fold.noise, y - 0.34, y + 0.34, NOISE, lw=1.8, zorder=2)
             for value, mark, colour in (
-                (fold.before, "s", NOMINAL), (fold.placebo, "X", PLACEBO), (fold.after, "o", CHOSEN)
-            ):  # fmt: skip
+                (fold.before, "s", NOMINAL),
+                (fold.placebo, "X", PLACEBO),
+                (fold.after, "o", CHOSEN),
+            ):
                 axes.plot(100 * value, y, mark, ms=6.5, color=colour, zorder=3)
         axes.set_yticks(range(len(s.folds)), [fold.name for fold in s.folds])
         axes.tick_params(axis="y", length=0)
@@ -106,9 +106,12 @@ def gap_bars(groups: Sequence[tuple[str, Sequence[tuple[str, float, str]]]], noi
                 shown = min(value, _LONGEST)
                 axes.barh(y, 100 * shown, 0.72, color=colours[kind])
                 axes.annotate(
-                    error_percent(value), (100 * max(shown, noise), y), (6, 0),
-                    textcoords="offset points", va="center",
-                )  # fmt: skip
+                    error_percent(value),
+                    (100 * max(shown, noise), y),
+                    (6, 0),
+                    textcoords="offset points",
+                    va="center",
+                )
                 ticks.append(y)
                 labels.append(label)
                 largest = max(largest, 100 * shown)
@@ -117,9 +120,14 @@ def gap_bars(groups: Sequence[tuple[str, Sequence[tuple[str, float, str]]]], noi
             axes.vlines(100 * noise, y + 0.5, y + len(bars) + 0.5, NOISE, (0, (4, 2)), lw=1.6)
             y -= 0.15
         axes.annotate(
-            f"measurement noise {percent(noise)}", (100 * noise, y + 0.35), (5, 0),
-            textcoords="offset points", color=NOISE, va="center", weight="bold",
-        )  # fmt: skip
+            f"measurement noise {percent(noise)}",
+            (100 * noise, y + 0.35),
+            (5, 0),
+            textcoords="offset points",
+            color=NOISE,
+            va="center",
+            weight="bold",
+        )
         axes.set_yticks(ticks, labels)
         axes.tick_params(axis="y", length=0)
         axes.set_xlim(0, 1.14 * largest)

@@ -37,15 +37,7 @@ from fenics_joints.diagnosis.evidence.classes import APART
 from fenics_joints.diagnosis.evidence.misattribution import SAID
 from fenics_joints.diagnosis.result import Diagnosis
 from fenics_joints.diagnosis.verdict import NO_GAP, UNKNOWN
-from fenics_joints.formatting import (
-    condition_value,
-    error_percent,
-    percent,
-    probability,
-    spaced,
-)
-
-__all__ = ["questions"]
+from fenics_joints.formatting import condition_value, error_percent, percent, probability, spaced
 
 #: Differences of ln evidence beyond this say no more: models of this kind are not that exact.
 _FAR_LOWER = 10.0
@@ -138,9 +130,10 @@ def _fitted(d: Diagnosis) -> str:
         return ""
     items = [
         f"{p['name']} = {value} ({span})" if span else f"{p['name']}: {value}"
-        for _, rows in by_effect(lead.parameters) for p in rows
+        for _, rows in by_effect(lead.parameters)
+        for p in rows
         for value, span in [value_words(p)]
-    ]  # fmt: skip
+    ]
     more = f" and {len(items) - 2 * NAMED} more" if len(items) > 2 * NAMED else ""
     return (
         f"{sentence(named(lead))[:-1]}: {', '.join(items[: 2 * NAMED])}{more}, with 68 % "

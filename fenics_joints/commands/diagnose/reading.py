@@ -8,26 +8,13 @@ from itertools import groupby
 
 import numpy as np
 
-from fenics_joints.commands.diagnose.words import (
-    NARROWED,
-    VERDICTS,
-    is_part,
-    joined,
-    shortened,
-)
+from fenics_joints.commands.diagnose.words import NARROWED, VERDICTS, is_part, joined, shortened
 from fenics_joints.diagnosis import Diagnosis, EffectResult, HypothesisResult, Silent
 from fenics_joints.diagnosis.effects.rig import MISPLACED, MISSCALED, MISSED, SWAPPED
 from fenics_joints.diagnosis.location import Location
 from fenics_joints.diagnosis.verdict import NAMED, NO_GAP, UNKNOWN, doubtful, least_sure
 from fenics_joints.diagnosis.where.score_tests import LEVEL, Attribution
 from fenics_joints.formatting import probability, spaced
-
-__all__ = [
-    "SHARE", "EffectClass", "along", "best_without", "by_effect", "by_reason", "causes",
-    "effect_classes", "heading_of", "in_test", "in_words", "is_loud", "leading",
-    "members_in_words", "mesh_error", "named", "priors_in_words", "probability_of", "sure_causes",
-    "with_place",
-]  # fmt: skip
 
 #: Share of the gap that is worth a word.
 SHARE = 0.1

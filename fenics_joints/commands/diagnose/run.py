@@ -19,8 +19,6 @@ from fenics_joints.diagnosis import Diagnosis, diagnose
 from fenics_joints.progress import Progress
 from fenics_joints.report.terminal import tell
 
-__all__ = ["run_diagnose"]
-
 
 def run_diagnose(
     case: Case, comm: MPI.Intracomm, progress: Progress, *, keep: Path | None = None
@@ -50,7 +48,8 @@ def run_diagnose(
             tell(console, told(note), "yellow")
 
     return Outcome(
-        found, lambda: {**found.to_json(), "in_words": explain(found).to_json()},
+        found,
+        lambda: {**found.to_json(), "in_words": explain(found).to_json()},
         lambda: diagnosis_html(found, log_sd=data.log_sd(), assumed=assumed),
         summary,
-    )  # fmt: skip
+    )

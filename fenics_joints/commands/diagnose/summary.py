@@ -31,16 +31,16 @@ from fenics_joints.formatting import (
 )
 from fenics_joints.report.terminal import more, new_table, tell
 
-__all__ = ["show_diagnosis"]
-
 #: Rows of each table; the page has all of them.
 _REGIONS, _PARAMETERS = 3, 3
 #: Classes of effects that have rows, named causes besides; and their members.
 _CLASSES, _MEMBERS = 2, 3
 _STYLES = {
-    "cause": "bold cyan", "likely": "bold yellow", "no gap": "bold green",
+    "cause": "bold cyan",
+    "likely": "bold yellow",
+    "no gap": "bold green",
     "ambiguous": "bold yellow",
-}  # fmt: skip
+}
 _BAR = 20
 
 
@@ -58,9 +58,12 @@ def show_diagnosis(console: Console, d: Diagnosis) -> None:
     gaps = new_table("gap (RMS relative error)", ">nominal", ">best wrong", ">chosen")
     gaps.add_row("all data, fitted", error_percent(d.before.rms), "", error_percent(d.after.rms))
     gaps.add_row(
-        "held out, predicted", error_percent(d.heldout_before), error_percent(d.placebo_after),
-        error_percent(d.heldout_after), style="bold",
-    )  # fmt: skip
+        "held out, predicted",
+        error_percent(d.heldout_before),
+        error_percent(d.placebo_after),
+        error_percent(d.heldout_after),
+        style="bold",
+    )
     if d.validation is not None:
         old, new = d.validation
         at = ", ".join(condition_value(x, d.condition[1]) for x in new.conditions)

@@ -13,7 +13,6 @@ from fenics_joints.report.mesh_pictures import diverging
 from fenics_joints.report.surface import Surface, surface
 from fenics_joints.report.view import Colours, Look, scene
 
-__all__ = ["diagnosis_view"]
 
 def diagnosis_view(patches: PatchMap | None) -> Markup | None:
     """The map of patches, to be looked at from all sides; None without their cells."""
@@ -26,9 +25,12 @@ def diagnosis_view(patches: PatchMap | None) -> Markup | None:
     level = geometry.stacked(x @ turn[2], pieces)
     name = "The structure taken apart, coloured by what a change in each place explains."
     return scene(
-        surface(x, patches.patch, level), lambda s: [_explained(s, patches)], name, turn=turn,
+        surface(x, patches.patch, level),
+        lambda s: [_explained(s, patches)],
+        name,
+        turn=turn,
         apart=True,
-    )  # fmt: skip
+    )
 
 
 def _explained(s: Surface, patches: PatchMap) -> Look:
@@ -37,12 +39,16 @@ def _explained(s: Surface, patches: PatchMap) -> Look:
     value = np.where(patches.seen, 0.5 + 0.5 * patches.signed_share / most, np.nan)
     end = percent(most, 0)
     colours = Colours(
-        diverging, f"{end}, stiffer or lighter", f"{end}, softer or heavier",
+        diverging,
+        f"{end}, stiffer or lighter",
+        f"{end}, softer or heavier",
         "of the misfit, by a change in this patch alone",
         "" if patches.seen.all() else "not seen by this test",
-    )  # fmt: skip
+    )
     return Look(
-        "where the gap lies", colours, values=value[s.group],
+        "where the gap lies",
+        colours,
+        values=value[s.group],
         texts=[_said(patches, i) for i in range(len(patches.tests))],
         note="Lines bound the patches.",
     )

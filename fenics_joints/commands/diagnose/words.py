@@ -26,13 +26,6 @@ from fenics_joints.formatting import (
     spaced,
 )
 
-__all__ = [
-    "NAMED", "NARROWED", "VERDICTS", "attached_words", "chance_words", "change_words", "from_to",
-    "group_words", "is_part", "joined", "p_value_words", "place_words", "point_mass_words",
-    "sentence",
-    "share_words", "shortened", "times_words", "value_words", "zone_words",
-]  # fmt: skip
-
 #: Verdicts as headings.
 VERDICTS = {
     "cause": "Cause found, confirmed on held-out data",

@@ -5,8 +5,6 @@ from __future__ import annotations
 from fenics_joints.formatting import number, percent, quantity
 from fenics_joints.harmonic import IdentificationResult
 
-__all__ = ["mode_notes", "mode_rows", "source"]
-
 #: A misfit this many times the noise is spoken of.
 _WIDE = 1.5
 
@@ -68,7 +66,10 @@ def mode_rows(found: IdentificationResult) -> list[tuple[float, float, float, fl
     hz = 1.0 + getattr(found.offsets.get("frequency at rest"), "value", 0.0)
     more = getattr(found.offsets.get("damping at rest"), "value", 0.0)
     columns = (
-        found.mode.displacements, measured.frequencies_hz, hz * points.frequencies_hz,
-        measured.damping, more + points.damping_ratios,
-    )  # fmt: skip
+        found.mode.displacements,
+        measured.frequencies_hz,
+        hz * points.frequencies_hz,
+        measured.damping,
+        more + points.damping_ratios,
+    )
     return list(zip(*(column.tolist() for column in columns), strict=True))

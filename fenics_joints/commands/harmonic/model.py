@@ -28,8 +28,6 @@ from fenics_joints.preload import LinearJoint, PreloadSolver, stuck_conditions
 from fenics_joints.progress import Progress
 from fenics_joints.structure.structure import Structure
 
-__all__ = ["FORCE", "SENSOR", "HarmonicModel", "harmonic_model", "level_power", "load_name"]
-
 FORCE, SENSOR = "force", "sensor"
 #: Static loads whose shapes go into the basis: as many, the least as a share of the largest.
 _LOADINGS, _LEAST = 12, 0.01
@@ -146,9 +144,13 @@ def _with_layers(case: Case, comm, progress: Progress):
     shapes = _loadings(case, full, modes, progress)
     progress.step(f"reducing {structure.n_dofs} degrees of freedom")
     model = reduce_layers(
-        structure, laws, n_modes=h.modes, interface_modes=h.interface_modes or 0, extra=shapes,
+        structure,
+        laws,
+        n_modes=h.modes,
+        interface_modes=h.interface_modes or 0,
+        extra=shapes,
         **places,
-    )  # fmt: skip
+    )
     return model, structure.n_dofs, modes, full
 
 
@@ -235,9 +237,12 @@ def _with_contacts(case: Case, comm, progress: Progress):
     jumps = sum(len(c) * preload.structure.gdim for c in preload.jumps.contacts if c.name in laws)
     kept = min(jumps, _CONTACT_MODES) if h.interface_modes is None else h.interface_modes
     model = reduce_contacts(
-        joint, laws, n_modes=h.modes, interface_modes=kept,
-        shapes=lambda whole: _opening_shapes(case, whole), **_places(case),
-    )  # fmt: skip
+        joint,
+        laws,
+        n_modes=h.modes,
+        interface_modes=kept,
+        shapes=lambda whole: _opening_shapes(case, whole),
+        **_places(case),
+    )
     modes = solve_modes(model, n_modes=min(h.modes, model.n_dofs))
     return model, preload.jumps.n, modes, None
-

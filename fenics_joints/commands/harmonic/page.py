@@ -14,8 +14,6 @@ from fenics_joints.formatting import percent, quantity
 from fenics_joints.report.html import render, svg
 from fenics_joints.report.style import INK, SERIES, drawing, to_svg
 
-__all__ = ["harmonic_html", "interface_map", "loops_chart", "over_amplitude", "responses_chart"]
-
 
 def harmonic_html(r: HarmonicReport) -> str:
     """The page of the ``harmonic`` command. Collective; empty on all ranks but the first."""
@@ -35,10 +33,16 @@ def harmonic_html(r: HarmonicReport) -> str:
         if points.points is not None:
             pictures.append((f"Where {name} slips", interface_map(r, points, made)))
     return render(
-        "harmonic.html", r=r, pictures=[(words, svg(chart)) for words, chart in pictures],
+        "harmonic.html",
+        r=r,
+        pictures=[(words, svg(chart)) for words, chart in pictures],
         points=sum(len(p) for p in r.built.model.interfaces),
-        fitted=r.fitted_levels, source=source, mode_notes=mode_notes, view=view, still=still,
-    )  # fmt: skip
+        fitted=r.fitted_levels,
+        source=source,
+        mode_notes=mode_notes,
+        view=view,
+        still=still,
+    )
 
 
 def responses_chart(r: HarmonicReport) -> str:
@@ -61,13 +65,19 @@ def responses_chart(r: HarmonicReport) -> str:
         if r.backbone is not None:
             b = r.backbone
             axes.plot(
-                b.frequencies_hz, b.amplitude(SENSOR, r.kind), color=INK, lw=1.0,
-                ls=(0, (4, 3)), label="backbone",
-            )  # fmt: skip
+                b.frequencies_hz,
+                b.amplitude(SENSOR, r.kind),
+                color=INK,
+                lw=1.0,
+                ls=(0, (4, 3)),
+                label="backbone",
+            )
         axes.set(
-            xlim=(low, high), ylim=(0, top), xlabel="frequency, Hz",
+            xlim=(low, high),
+            ylim=(0, top),
+            xlabel="frequency, Hz",
             ylabel=f"{r.kind} at the sensor{r.relative}, {r.unit}",
-        )  # fmt: skip
+        )
         axes.legend(loc="best", title="x: measured" if r.curves is not None else None)
         peaks = "; ".join(f"{f.level:g} N: {f.frequency_hz:.3f} Hz" for f in r.facts)
         return to_svg(figure, "responses", f"Response over frequency. Peaks at {peaks}.")
@@ -140,9 +150,9 @@ def loops_chart(r: HarmonicReport, loops: list[dict], name: str) -> str:
         axes = figure.subplots()
         for shade, level, f in zip(_cycle(), loops, r.facts, strict=False):
             strain, stress = (
-                np.append(a[at, :, component], a[at, 0, component]) for a in
-                (level[name].strain, level[name].stress)
-            )  # fmt: skip
+                np.append(a[at, :, component], a[at, 0, component])
+                for a in (level[name].strain, level[name].stress)
+            )
             label = quantity(f.level, r.level_unit)
             axes.plot(strain, stress / 1e3, color=shade, lw=1.5, label=label)
         layer = name in r.case.joints
@@ -177,10 +187,11 @@ def interface_map(r: HarmonicReport, points, made) -> str:
             axes.set_title(words)
         worst = int(np.argmax(made.dissipation))
         return to_svg(
-            figure, f"map-{points.name}",
+            figure,
+            f"map-{points.name}",
             f"Slip and dissipation over {points.name} at {r.facts[-1].level:g} N; most energy"
             f"{_place(points.points[worst])}.",
-        )  # fmt: skip
+        )
 
 
 def _plan(figure: Figure, axes, x, along, across, values) -> None:

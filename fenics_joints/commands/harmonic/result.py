@@ -23,8 +23,6 @@ from fenics_joints.harmonic import (
 )
 from fenics_joints.measurements.curves import UNITS, MeasuredCurves
 
-__all__ = ["HarmonicReport", "LevelFacts"]
-
 #: What became of a backbone that was not followed to the highest amplitude.
 _ENDS = {
     "stands still": "ends where the frequency falls to zero: the springs give way",
@@ -153,12 +151,13 @@ class HarmonicReport:
         known = identifiable(self.case.nonlinear)
         return [
             (
-                name, quantity(found.start[name], known[name][1], 4),
+                name,
+                quantity(found.start[name], known[name][1], 4),
                 quantity(value, known[name][1], 4),
                 percent(found.sd[name], 1) if found.sd[name] < 1 else "open",
             )
             for name, value in found.values.items()
-        ]  # fmt: skip
+        ]
 
     @property
     def fitted_levels(self) -> set[float]:

@@ -44,8 +44,6 @@ from fenics_joints.measurements.curves import MeasuredCurves
 from fenics_joints.parallel import on_root
 from fenics_joints.progress import Progress
 
-__all__ = ["run_harmonic"]
-
 #: The backbone reaches down to this share of the smallest response at resonance, and up to this
 #: multiple of the largest.
 _BELOW, _ABOVE = 0.1, 1.2
@@ -89,18 +87,24 @@ def _solved(case: Case, built: HarmonicModel, comm, progress, branches) -> Harmo
     if identified:
         built = replace(built, model=identified[-1].model)
     common = {
-        "harmonics": h.harmonics, "samples": h.samples, "sensor": SENSOR, "comm": comm,
+        "harmonics": h.harmonics,
+        "samples": h.samples,
+        "sensor": SENSOR,
+        "comm": comm,
         "progress": progress,
-    }  # fmt: skip
+    }
     built, responses = _responses(case, built, branches, common)
     facts = tuple(_facts(r, h.response, curves) for r in responses)
     backbone = None
     if h.backbone:
         reach = [f.displacement for f in facts]
         backbone = solve_backbone(
-            built.model, (_BELOW * min(reach), _ABOVE * max(reach)),
-            near=float(built.frequencies_hz[built.mode]), **common, **_kept(branches, "backbone"),
-        )  # fmt: skip
+            built.model,
+            (_BELOW * min(reach), _ABOVE * max(reach)),
+            near=float(built.frequencies_hz[built.mode]),
+            **common,
+            **_kept(branches, "backbone"),
+        )
     static = _static_backbone(case, built, facts, progress)
     predictions = ()
     if curves is not None:
@@ -110,9 +114,19 @@ def _solved(case: Case, built: HarmonicModel, comm, progress, branches) -> Harmo
     stability = level_stability(h.bifurcations, responses, progress)
     seconds = time.perf_counter() - started
     return HarmonicReport(
-        case, built, responses, facts, backbone, curves, seconds, comm.rank, identified,
-        predictions, static, stability,
-    )  # fmt: skip
+        case,
+        built,
+        responses,
+        facts,
+        backbone,
+        curves,
+        seconds,
+        comm.rank,
+        identified,
+        predictions,
+        static,
+        stability,
+    )
 
 
 def _responses(
@@ -129,16 +143,22 @@ def _responses(
 
     def response(level: float, name: str) -> HarmonicResult:
         return solve_harmonic(
-            built.model, FORCE, level, h.band, power=level_power(case), more=_more(case, level),
-            **common, **_kept(branches, f"{level:g}{name}"),
-        )  # fmt: skip
+            built.model,
+            FORCE,
+            level,
+            h.band,
+            power=level_power(case),
+            more=_more(case, level),
+            **common,
+            **_kept(branches, f"{level:g}{name}"),
+        )
 
     trial, name = 0, "N"
     while free and trial < _PLACED:
         solved = {level: response(level, name) for level in dict.fromkeys([levels[-1], levels[0]])}
         off = {
             found.interface for one in solved.values() for found in slider_ranges(one) if found.note
-        }  # fmt: skip
+        }
         if not off & free:
             break
         trial, name = trial + 1, f"N-sliders{trial + 1}"
@@ -156,9 +176,10 @@ def _free_sliders(case: Case) -> set[str]:
     if case.harmonic.identify is not None:
         return set()
     return {
-        name for name, section in case.nonlinear.items()
+        name
+        for name, section in case.nonlinear.items()
         if isinstance(section, Hysteretic) and section.amplitudes is None
-    }  # fmt: skip
+    }
 
 
 def _more(case: Case, level: float) -> list[Load]:
@@ -182,9 +203,13 @@ def _static_backbone(
     for points in built.model.interfaces:
         coupled |= points.law.coupled
     found = solve_static_backbone(
-        built.full or built.model, span, near=hz, sensor=SENSOR, per_decade=10,
+        built.full or built.model,
+        span,
+        near=hz,
+        sensor=SENSOR,
+        per_decade=10,
         loop_steps=_LOOP_STEPS if coupled and built.full is None else 0,
-    )  # fmt: skip
+    )
     if built.full is None:
         return found
     # The full model has no damping: that of the mode, as the reduced one's.
@@ -196,9 +221,12 @@ def _static_backbone(
 def _equations(case: Case, comm) -> dict:
     h = case.harmonic
     return {
-        "force": FORCE, "sensor": SENSOR, "harmonics": h.harmonics, "samples": h.samples,
+        "force": FORCE,
+        "sensor": SENSOR,
+        "harmonics": h.harmonics,
+        "samples": h.samples,
         "comm": comm,
-    }  # fmt: skip
+    }
 
 
 def _identify(case: Case, built: HarmonicModel, comm, progress) -> tuple[IdentificationResult, ...]:
@@ -219,13 +247,20 @@ def _identify(case: Case, built: HarmonicModel, comm, progress) -> tuple[Identif
         progress.step(f"identifying {', '.join(wanted.parameters)}, {method}")
         found.append(
             identify(
-                built.model.with_parameters, curves, wanted.level,
+                built.model.with_parameters,
+                curves,
+                wanted.level,
                 wanted.values(case.nonlinear),
-                method=method, points=wanted.points, noise=wanted.noise, loops=loops,
-                backbone=backbone, rest=wanted.rest, rest_damping=wanted.rest_damping,
+                method=method,
+                points=wanted.points,
+                noise=wanted.noise,
+                loops=loops,
+                backbone=backbone,
+                rest=wanted.rest,
+                rest_damping=wanted.rest_damping,
                 **_equations(case, comm),
             )
-        )  # fmt: skip
+        )
     return tuple(found)
 
 
@@ -246,10 +281,17 @@ def _facts(r: HarmonicResult, kind: str, curves: MeasuredCurves | None) -> Level
         top = int(np.argmax(amplitude))
         measured_hz, measured = float(hz[top]), float(amplitude[top])
     return LevelFacts(
-        level, peak.frequency_hz, float(r.amplitude(SENSOR, kind)[i]), peak.amplitude,
-        _damping(r, i), {name: float(e[0]) for name, e in r.dissipation([i]).items()},
-        int(np.sum(turns != 0)), r.closure(i), measured_hz, measured,
-    )  # fmt: skip
+        level,
+        peak.frequency_hz,
+        float(r.amplitude(SENSOR, kind)[i]),
+        peak.amplitude,
+        _damping(r, i),
+        {name: float(e[0]) for name, e in r.dissipation([i]).items()},
+        int(np.sum(turns != 0)),
+        r.closure(i),
+        measured_hz,
+        measured,
+    )
 
 
 def _damping(r: HarmonicResult, i: int) -> float:

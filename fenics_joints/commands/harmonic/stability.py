@@ -16,8 +16,6 @@ from fenics_joints.harmonic import (
 )
 from fenics_joints.progress import Progress
 
-__all__ = ["LevelStability", "level_stability"]
-
 #: Kinds at which another branch leaves, and to which sides.
 _LEAVES = {"branch point": (1, -1), "period doubling": (1,)}
 
@@ -47,10 +45,15 @@ class LevelStability:
                 f"{hertz(made.frequencies_hz.min())} to {hertz(made.frequencies_hz.max())} Hz"
                 for made in left
             )
-            rows.append((
-                b.kind, hertz(b.frequency_hz), quantity(b.amplitude, "m"),
-                f"{b.unstable[0]}, {b.unstable[1]}", "; ".join(spans),
-            ))  # fmt: skip
+            rows.append(
+                (
+                    b.kind,
+                    hertz(b.frequency_hz),
+                    quantity(b.amplitude, "m"),
+                    f"{b.unstable[0]}, {b.unstable[1]}",
+                    "; ".join(spans),
+                )
+            )
         return rows
 
     def to_json(self) -> dict[str, object]:
@@ -60,15 +63,18 @@ class LevelStability:
             "stable": self.stability.stable.tolist(),
             "bifurcations": [
                 {
-                    "kind": b.kind, "after_point": b.index, "frequency_hz": b.frequency_hz,
-                    "displacement_m": b.amplitude, "unstable": list(b.unstable),
+                    "kind": b.kind,
+                    "after_point": b.index,
+                    "frequency_hz": b.frequency_hz,
+                    "displacement_m": b.amplitude,
+                    "unstable": list(b.unstable),
                 }
                 for b in found
             ],
             "branches": [
                 {"bifurcation": found.index(at), **made.to_dict()} for at, made in self.branches
             ],
-        }  # fmt: skip
+        }
 
 
 def level_stability(

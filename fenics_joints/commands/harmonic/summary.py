@@ -12,8 +12,6 @@ from fenics_joints.formatting import hertz, number, percent, quantity
 from fenics_joints.harmonic import IdentificationResult
 from fenics_joints.report.terminal import new_table, say
 
-__all__ = ["show_harmonic"]
-
 
 def show_harmonic(console: Console, r: HarmonicReport) -> None:
     """Print the peaks of all levels, beside the measured ones."""
@@ -32,9 +30,12 @@ def show_harmonic(console: Console, r: HarmonicReport) -> None:
     )
     for f in r.facts:
         rows.add_row(
-            quantity(f.level, r.level_unit), f"{f.frequency_hz:.3f}", number(f.amplitude, 4),
-            percent(f.damping_ratio), quantity(sum(f.joint_energy.values()), "J"),
-        )  # fmt: skip
+            quantity(f.level, r.level_unit),
+            f"{f.frequency_hz:.3f}",
+            number(f.amplitude, 4),
+            percent(f.damping_ratio),
+            quantity(sum(f.joint_energy.values()), "J"),
+        )
     console.print(rows)
     if r.static_backbone is not None:
         _modes(console, r)
@@ -89,10 +90,17 @@ def _identified(console: Console, r: HarmonicReport) -> None:
     """The parameters found, by each method."""
     for found in r.identified:
         console.print()
-        say(console, f"identified from {source(found)}, {found.method}: "
-            f"{found.evaluations} responses ({found.solutions} solutions)", "bold")  # fmt: skip
-        say(console, f"sum of errors {found.start_objective:.3f} at the start, "
-            f"{found.objective:.4f} at the end")  # fmt: skip
+        say(
+            console,
+            f"identified from {source(found)}, {found.method}: "
+            f"{found.evaluations} responses ({found.solutions} solutions)",
+            "bold",
+        )
+        say(
+            console,
+            f"sum of errors {found.start_objective:.3f} at the start, "
+            f"{found.objective:.4f} at the end",
+        )
         rows = new_table("parameter", ">start", ">found", ">s.d.")
         for name, *words in r.parameter_rows(found):
             rows.add_row(Text(name), *words)
@@ -109,9 +117,12 @@ def _mode_over_amplitude(console: Console, found: IdentificationResult) -> None:
     rows = new_table(">displacement", ">test, Hz", ">model, Hz", ">test, damping", ">model")
     for displacement, hz, made, zeta, ratio in mode_rows(found):
         rows.add_row(
-            quantity(displacement, "m"), f"{hz:.3f}", f"{made:.3f}",
-            "-" if np.isnan(zeta) else percent(zeta), percent(ratio),
-        )  # fmt: skip
+            quantity(displacement, "m"),
+            f"{hz:.3f}",
+            f"{made:.3f}",
+            "-" if np.isnan(zeta) else percent(zeta),
+            percent(ratio),
+        )
     console.print(rows)
     for note in mode_notes(found):
         say(console, note)
@@ -128,9 +139,13 @@ def _predictions(console: Console, r: HarmonicReport) -> None:
         (hz, amplitude), _ = p.peaks
         word = "fitted" if p.level in fitted else "predicted"
         rows.add_row(
-            quantity(p.level, "N"), word if fitted else "", f"{hz:.3f}",
-            percent(p.frequency_error, sign=True), number(amplitude, 4),
-            percent(p.amplitude_error, sign=True), percent(p.mean_error),
-        )  # fmt: skip
+            quantity(p.level, "N"),
+            word if fitted else "",
+            f"{hz:.3f}",
+            percent(p.frequency_error, sign=True),
+            number(amplitude, 4),
+            percent(p.amplitude_error, sign=True),
+            percent(p.mean_error),
+        )
     console.print(rows)
     say(console, "mean error: of the amplitudes near the peak")

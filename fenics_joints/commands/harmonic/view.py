@@ -20,12 +20,8 @@ from fenics_joints.report.mesh_pictures import diverging, mode_shape
 from fenics_joints.report.surface import Surface, surface
 from fenics_joints.report.view import Colours, Look, scene
 
-__all__ = ["PeakShapes", "peak_shapes", "response_view"]
-
 #: Near white to dark red, ever darker: it reads in grey as well.
-_RISING = LinearSegmentedColormap.from_list(
-    "rising", ["#f4f2ee", "#f6c79b", "#dd6b4a", "#7d1128"]
-)
+_RISING = LinearSegmentedColormap.from_list("rising", ["#f4f2ee", "#f6c79b", "#dd6b4a", "#7d1128"])
 
 #: Points of a layer that a vertex has its colour from, and how far from a contact's points, as a
 #: share of the structure, a vertex is still theirs.
@@ -84,9 +80,10 @@ def peak_shapes(r: HarmonicReport) -> PeakShapes | None:
     piece = geometry.pieces_of(geometry.vertex_ids(vertices), label)
     names = [found.name for found in structure.regions]
     layers = {
-        name: np.unique(piece[number == names.index(name)]) for name in r.case.joints
+        name: np.unique(piece[number == names.index(name)])
+        for name in r.case.joints
         if name in r.case.nonlinear
-    }  # fmt: skip
+    }
     return PeakShapes(vertices, motions, piece, layers)
 
 
@@ -135,10 +132,11 @@ def _moved(r: HarmonicReport, k: int, motion: np.ndarray, s: Surface, way: np.nd
     return Look(
         f"peak at {quantity(facts.level, r.level_unit)}, {facts.frequency_hz:.3f} Hz",
         Colours(diverging, "one way", "the other", "motion along the sensor's direction"),
-        motion=at, way=way,
+        motion=at,
+        way=way,
         note=f"First harmonic when the sensor is farthest out, up to {quantity(most, 'm')}"
         f"{r.relative}, enlarged.",
-    )  # fmt: skip
+    )
 
 
 def _slipped(
@@ -151,11 +149,17 @@ def _slipped(
     layered = all(p.name in shapes.layers for p in joints)
     top = quantity(r.facts[-1].level, r.level_unit)
     asked = (
-        ("shear strain" if layered else "slip", "" if layered else "m",
-         {p.name: loops[p.name].slip_amplitude for p in joints}),
-        ("energy per cycle", "J/m³" if layered else "J/m²",
-         {p.name: loops[p.name].dissipation for p in joints}),
-    )  # fmt: skip
+        (
+            "shear strain" if layered else "slip",
+            "" if layered else "m",
+            {p.name: loops[p.name].slip_amplitude for p in joints},
+        ),
+        (
+            "energy per cycle",
+            "J/m³" if layered else "J/m²",
+            {p.name: loops[p.name].dissipation for p in joints},
+        ),
+    )
     motion = shapes.motions[-1].reshape(-1, 3)[s.pick]
     found = []
     for words, unit, values in asked:
@@ -165,12 +169,18 @@ def _slipped(
         most = max((float(v.max(initial=0.0)) for v in values.values()), default=0.0) or 1.0
         high = quantity(most, unit) if unit else f"{most:.3g}"
         label = f"{words} in the {'layers' if layered else 'contacts'}"
-        found.append(Look(
-            f"{words} at {top}", Colours(_RISING, "0", high, label, "elsewhere"), motion=motion,
-            values=np.clip(at / most, 0.0, 1.0), shown=(0.0, most, unit),
-            note=f"At the peak of {top}; half of peak to peak over a cycle."
-            if unit in ("", "m") else f"At the peak of {top}.",
-        ))  # fmt: skip
+        found.append(
+            Look(
+                f"{words} at {top}",
+                Colours(_RISING, "0", high, label, "elsewhere"),
+                motion=motion,
+                values=np.clip(at / most, 0.0, 1.0),
+                shown=(0.0, most, unit),
+                note=f"At the peak of {top}; half of peak to peak over a cycle."
+                if unit in ("", "m")
+                else f"At the peak of {top}.",
+            )
+        )
     return found
 
 

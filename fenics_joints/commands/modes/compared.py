@@ -13,8 +13,6 @@ from fenics_joints.measurements.gap import UNLIKE, mac, pair_modes, partnered, r
 from fenics_joints.modal.modes import Modes
 from fenics_joints.structure.points import Sensors
 
-__all__ = ["Compared", "alone_words", "compared", "condition_words"]
-
 
 @dataclass(frozen=True, eq=False)
 class Compared:
@@ -86,10 +84,11 @@ class Compared:
             pair |= dict.fromkeys(("mode", "model_hz", "error_percent", "mac"))
             if self.partnered[j]:
                 pair |= {
-                    "mode": int(self.index[j]) + 1, "model_hz": float(self.model_hz[j]),
+                    "mode": int(self.index[j]) + 1,
+                    "model_hz": float(self.model_hz[j]),
                     "error_percent": 100 * float(self.relative[j]) if known else None,
                     "mac": values[j],
-                }  # fmt: skip
+                }
             pairs.append(pair)
         return {
             "condition": None if self.condition is None else list(self.condition),
@@ -124,13 +123,21 @@ def compared(case: Case, modes: Modes) -> Compared | str | None:
     if data.shapes is not None:
         seen = modes.at(data.sensors)[:, pairing.visible]
         more = {
-            "matrix": mac(data.shapes, seen), "sensors": data.sensors,
-            "test_shapes": data.shapes, "model_shapes": _scaled(pairing.shapes, data.shapes),
-        }  # fmt: skip
+            "matrix": mac(data.shapes, seen),
+            "sensors": data.sensors,
+            "test_shapes": data.shapes,
+            "model_shapes": _scaled(pairing.shapes, data.shapes),
+        }
     return Compared(
-        condition if has_condition else None, tuple(data.mode_names), data.frequencies_hz[row],
-        modes.frequencies_hz[pairing.index], pairing.index, has, pairing.visible, **more,
-    )  # fmt: skip
+        condition if has_condition else None,
+        tuple(data.mode_names),
+        data.frequencies_hz[row],
+        modes.frequencies_hz[pairing.index],
+        pairing.index,
+        has,
+        pairing.visible,
+        **more,
+    )
 
 
 def _scaled(model: np.ndarray, test: np.ndarray) -> np.ndarray:

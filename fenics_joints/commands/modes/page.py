@@ -16,12 +16,12 @@ from fenics_joints.report.html import mac_cells, render, svg
 from fenics_joints.report.mesh_pictures import mode_shape
 from fenics_joints.report.sensor_pictures import sensor_shapes
 
-__all__ = ["modes_html", "modes_page"]
-
 
 def modes_html(
-    result: ModeList, shapes: Mapping[int, Markup] = MappingProxyType({}),
-    pairs: Mapping[int, Markup] = MappingProxyType({}), view: Markup | None = None,
+    result: ModeList,
+    shapes: Mapping[int, Markup] = MappingProxyType({}),
+    pairs: Mapping[int, Markup] = MappingProxyType({}),
+    view: Markup | None = None,
 ) -> str:
     """Modes as a page, with pictures of some of them, by index.
 
@@ -30,18 +30,25 @@ def modes_html(
         shapes: Pictures from `mesh_pictures.mode_shape`.
         pairs: Pictures from `sensor_pictures.sensor_shapes`: measured shapes beside the model's.
         view: Shapes to turn and to play, from `modes_view`.
-    """  # fmt: skip
+    """
     visible, frequencies = result.visible, result.frequencies_hz
     return render(
-        "modes.html", title=result.case.title, n_rigid=result.modes.n_rigid,
+        "modes.html",
+        title=result.case.title,
+        n_rigid=result.modes.n_rigid,
         rows=list(zip(frequencies, result.kinds(), strict=True)),
-        dofs=result.modes.model.n_dofs, shapes=shapes,
-        sensors=visible is not None, n_visible=0 if visible is None else int(np.sum(visible)),
+        dofs=result.modes.model.n_dofs,
+        shapes=shapes,
+        sensors=visible is not None,
+        n_visible=0 if visible is None else int(np.sum(visible)),
         size=extents(result.size_m) if len(result.size_m) else "",
-        rings=[ring_row(ring) for ring in result.rings], notes=result.notes, pairs=pairs,
+        rings=[ring_row(ring) for ring in result.rings],
+        notes=result.notes,
+        pairs=pairs,
         view=view,
-        beside=_beside(result), at="" if result.beside is None else condition_words(result.beside),
-    )  # fmt: skip
+        beside=_beside(result),
+        at="" if result.beside is None else condition_words(result.beside),
+    )
 
 
 def _beside(result: ModeList) -> dict | None:
@@ -119,9 +126,14 @@ def _pairs(result: ModeList, vertices: np.ndarray, wanted) -> dict[int, Markup]:
         if i in wanted:
             alt = f"Arrows of {beside.names[j]} of the test and of mode {i + 1} at the sensors."
             picture = sensor_shapes(
-                vertices, beside.sensors, beside.test_shapes[:, j], beside.model_shapes[:, j],
-                f"pair{i + 1}", alt, () if own is None else own.lines,
-            )  # fmt: skip
+                vertices,
+                beside.sensors,
+                beside.test_shapes[:, j],
+                beside.model_shapes[:, j],
+                f"pair{i + 1}",
+                alt,
+                () if own is None else own.lines,
+            )
             found[i] = svg(picture)
     return found
 

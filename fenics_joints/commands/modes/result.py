@@ -16,8 +16,6 @@ from fenics_joints.measurements.gap import VISIBLE
 from fenics_joints.meshes import Ring
 from fenics_joints.modal.modes import Modes
 
-__all__ = ["ModeList", "ring_row"]
-
 
 @dataclass(frozen=True, eq=False)
 class ModeList:
@@ -87,15 +85,18 @@ class ModeList:
             "size_m": self.size_m.tolist(),
             "rings": [
                 {
-                    "name": ring.name, "centre_m": ring.centre.tolist(),
-                    "thickness_m": ring.thickness, "r_nei_m": ring.r_nei, "r_wai_m": ring.r_wai,
+                    "name": ring.name,
+                    "centre_m": ring.centre.tolist(),
+                    "thickness_m": ring.thickness,
+                    "r_nei_m": ring.r_nei,
+                    "r_wai_m": ring.r_wai,
                     "parts": [*ring.lower, *ring.upper],
                 }
                 for ring in self.rings
             ],
             "notes": list(self.notes),
             "test": None if self.beside is None else self.beside.to_json(),
-        }  # fmt: skip
+        }
 
     def kinds(self) -> list[str]:
         """What each mode is, in words."""

@@ -17,16 +17,9 @@ from fenics_joints.commands.outcome import Outcome
 from fenics_joints.errors import InputError
 from fenics_joints.modal.modes import solve_modes
 from fenics_joints.modal.shape_files import check_meshed, write_shapes
-from fenics_joints.preload import (
-    LinearJoint,
-    solve_preload,
-    status_conditions,
-    stuck_conditions,
-)
+from fenics_joints.preload import LinearJoint, solve_preload, status_conditions, stuck_conditions
 from fenics_joints.progress import Progress
 from fenics_joints.structure.paraview import check_fields_path
-
-__all__ = ["run_modes"]
 
 
 def run_modes(

@@ -12,8 +12,6 @@ from fenics_joints.files import shown_path
 from fenics_joints.formatting import extents, hertz, percent
 from fenics_joints.report.terminal import new_table, say, tell
 
-__all__ = ["show_modes"]
-
 #: Rows of each table, so that all of it fits on a screen.
 _MODES, _RINGS, _PAIRS = 26, 16, 12
 
@@ -55,11 +53,13 @@ def _show_pairs(console: Console, beside: Compared) -> None:
     for pair in beside.to_json()["pairs"][:_PAIRS]:
         hz, error, value = pair["model_hz"], pair["error_percent"], pair["mac"]
         table.add_row(
-            Text(pair["name"]), "–" if pair["test_hz"] is None else hertz(pair["test_hz"]),
-            "none" if hz is None else str(pair["mode"]), "–" if hz is None else hertz(hz),
+            Text(pair["name"]),
+            "–" if pair["test_hz"] is None else hertz(pair["test_hz"]),
+            "none" if hz is None else str(pair["mode"]),
+            "–" if hz is None else hertz(hz),
             "–" if error is None else percent(error / 100, 2, sign=True),
             "–" if value is None else f"{value:.3f}",
-        )  # fmt: skip
+        )
     console.print(table)
     if len(beside.names) > _PAIRS:
         say(console, f"and {len(beside.names) - _PAIRS} more", "dim")

@@ -11,15 +11,17 @@ from fenics_joints.report.mesh_pictures import diverging
 from fenics_joints.report.surface import Surface, surface
 from fenics_joints.report.view import Arrows, Colours, Look, scene
 
-__all__ = ["measured_arrows", "modes_view"]
-
 _TEST, _MODEL = "#009e73", "#e69f00"
 
 
 def modes_view(
-    vertices: np.ndarray, motions: Sequence[np.ndarray], names: Sequence[str],
-    ways: Sequence[np.ndarray], arrows: Mapping[int, Sequence[Arrows]], notes: Mapping[int, str],
-) -> Markup:  # fmt: skip
+    vertices: np.ndarray,
+    motions: Sequence[np.ndarray],
+    names: Sequence[str],
+    ways: Sequence[np.ndarray],
+    arrows: Mapping[int, Sequence[Arrows]],
+    notes: Mapping[int, str],
+) -> Markup:
     """Mode shapes to turn and to play.
 
     Args:
@@ -34,12 +36,15 @@ def modes_view(
     def looks(s: Surface) -> list[Look]:
         return [
             Look(
-                name, Colours(diverging, "one way", "the other", f"motion along {_words(way)}"),
-                motion=motion.reshape(-1, 3)[s.pick], way=way, arrows=arrows.get(i, ()),
+                name,
+                Colours(diverging, "one way", "the other", f"motion along {_words(way)}"),
+                motion=motion.reshape(-1, 3)[s.pick],
+                way=way,
+                arrows=arrows.get(i, ()),
                 note=notes.get(i, "Motion is enlarged; its scale is arbitrary."),
             )
             for i, (name, motion, way) in enumerate(zip(names, motions, ways, strict=True))
-        ]  # fmt: skip
+        ]
 
     whole = surface(vertices, motions=motions)
     return scene(whole, looks, f"Mode shapes in three dimensions: {', '.join(names)}.")
@@ -65,8 +70,9 @@ def measured_arrows(sensors, test: np.ndarray, model: np.ndarray) -> tuple[Arrow
     points, place = np.unique(np.round(sensors.points, 9), axis=0, return_inverse=True)
     pair = []
     for name, values, colour, ball in (
-        ("measured", test, _TEST, True), ("model at the sensors", model, _MODEL, False)
-    ):  # fmt: skip
+        ("measured", test, _TEST, True),
+        ("model at the sensors", model, _MODEL, False),
+    ):
         vectors = np.zeros_like(points)
         np.add.at(vectors, place.ravel(), np.nan_to_num(values)[:, None] * sensors.directions)
         pair.append(Arrows(name, colour, points, vectors, ball))

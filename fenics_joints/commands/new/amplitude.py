@@ -16,8 +16,6 @@ from fenics_joints.measurements.files import UFF_SUFFIXES, reader_of
 from fenics_joints.measurements.records import Said
 from fenics_joints.measurements.uff_sets import read_sets
 
-__all__ = ["AmplitudeSketch", "amplitude_sketch", "check_any"]
-
 #: A mode of a table is that of amplitude data if their frequencies differ by less, relative.
 _ONE_MODE = 0.05
 #: Type of a response over time in datasets 58.
@@ -106,6 +104,7 @@ def _looked(path: Path, refer, ask: Ask) -> _Data:
         return _Data((refer(path),), {"levels": toml(levels), **options}, read)
     sensors = _sensors(path)
     if len(sensors) > 1:
+
         def known(answer: str) -> None:
             if answer not in sensors:
                 raise ValueError(f"{answer!r}: expected one of {', '.join(sensors)}")
@@ -119,6 +118,7 @@ def _looked(path: Path, refer, ask: Ask) -> _Data:
 
 def _functions(path: Path, ask: Ask) -> tuple[int, str | None]:
     """How many functions a file has, and their unit where it had to be asked for."""
+
     def read(units: str | None) -> int:
         return len(reader_of(path)(path, Said(units=units)).functions)
 
@@ -151,6 +151,7 @@ def _sensors(path: Path) -> list[str]:
 
 def _asked_levels(path: Path, count: int, ask: Ask) -> list[str]:
     """The levels of functions, which no file says; none if nobody does."""
+
     def known(answer: str) -> None:
         if answer.strip() and len(_split(answer)) != count:
             raise ValueError(f"{answer!r}: expected {count} levels, such as 5 m/s2, 10 m/s2")
@@ -192,23 +193,34 @@ def _names(groups: Sequence[_Data], known: Mapping[str, float]) -> list[str]:
 
 
 def _section(name: str, data: _Data) -> list[str]:
-    noise = [] if data.backbone.kind != "backbone" else [
-        '# noise = "0.1 %"  # ? of these frequencies alone; or a column frequency sd [Hz]',
-        '# damping_noise = "10 %"  # ? or a column damping sd [%]',
-    ]  # fmt: skip
+    noise = (
+        []
+        if data.backbone.kind != "backbone"
+        else [
+            '# noise = "0.1 %"  # ? of these frequencies alone; or a column frequency sd [Hz]',
+            '# damping_noise = "10 %"  # ? or a column damping sd [%]',
+        ]
+    )
     options = [f"{key} = {value}" for key, value in data.options.items()]
     hz = f"  # ? {data.hz:.4g} Hz at its lowest level"
-    return ["", f"[test.amplitude.{toml(name)}]{hz}", f"files = {toml(data.files)}", *options,
-            *noise]  # fmt: skip
+    return [
+        "",
+        f"[test.amplitude.{toml(name)}]{hz}",
+        f"files = {toml(data.files)}",
+        *options,
+        *noise,
+    ]
 
 
 def _commented(name: str, data: _Data) -> list[str]:
     """A section that is not complete, as a comment: what was held constant no file says."""
     levels = toml([f"{5 * (i + 1)} m/s2" for i in range(data.functions)])
     return [
-        "", f"# [test.amplitude.{toml(name)}]", f"# files = {toml(data.files)}",
+        "",
+        f"# [test.amplitude.{toml(name)}]",
+        f"# files = {toml(data.files)}",
         f"# levels = {levels}  # ? of each function, in the file's order, with their unit",
-    ]  # fmt: skip
+    ]
 
 
 def check_any(sketch: AmplitudeSketch, alone: bool) -> None:

@@ -13,10 +13,6 @@ from fenics_joints.errors import MeshError
 from fenics_joints.meshes.cad_survey import StepSurvey
 from fenics_joints.meshes.msh import read_lists
 
-__all__ = [
-    "METRES", "UNITS", "extents_of_builder", "extents_of_msh", "extents_of_step", "likely_unit",
-]  # fmt: skip
-
 #: Factors to metres of the units that files are in, the largest first.
 UNITS = {"m": 1.0, "inch": 0.0254, "cm": 1e-2, "mm": 1e-3}
 #: Between these numbers of a unit, in metres, structures are that stand in a lab.

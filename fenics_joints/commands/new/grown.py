@@ -23,14 +23,7 @@ from fenics_joints.commands.new.sketch import (
 )
 from fenics_joints.meshes.msh import read_lists
 from fenics_joints.meshes.touching import Touch, glued, round_holes, touches
-from fenics_joints.preload.clearance import (
-    ThreadGuess,
-    cone_radius,
-    guess_thread,
-    head_radius,
-)
-
-__all__ = ["with_joints"]
+from fenics_joints.preload.clearance import ThreadGuess, cone_radius, guess_thread, head_radius
 
 #: Largest radius of a ring as a multiple of the hole's.
 _MOST = 4.0
@@ -92,20 +85,36 @@ def _with_rings(sketch: Sketch, found: list[Touch], bolts: list[_Bolt]) -> Sketc
     numbers = stacked([Ring(b.parts, b.centre, b.normal, b.hole) for b in bolts])
     radii = [millimetres(math.floor(1e4 * bolt.ring) / 1e4) for bolt in bolts]
     lines = [
-        *_bonded(found, bolts), "",
+        *_bonded(found, bolts),
+        "",
         "[mesh.bolts]  # a ring of the joint around each bolt",
-        *([f"thread = {toml(one.thread.name)}  # ? {one.why}",
-           f'force = "{force_of(one.thread) / 1e3:g} kN"  # ? {BOLT_FORCE}',
-           f"hole = {toml(millimetres(2 * max(bolt.hole for bolt in bolts), 3))}  # diameter"]
-          if one else []),
+        *(
+            [
+                f"thread = {toml(one.thread.name)}  # ? {one.why}",
+                f'force = "{force_of(one.thread) / 1e3:g} kN"  # ? {BOLT_FORCE}',
+                f"hole = {toml(millimetres(2 * max(bolt.hole for bolt in bolts), 3))}  # diameter",
+            ]
+            if one
+            else []
+        ),
         "# Outer radii of the rings, where the pressure ends: a cone from the head.",
-        f"r_wai = {toml(radii[0] if len(set(radii)) == 1 else radii)}", "at = [",
+        f"r_wai = {toml(radii[0] if len(set(radii)) == 1 else radii)}",
+        "at = [",
         *(_line(i, bolt, of) for i, (bolt, of) in enumerate(zip(bolts, numbers, strict=True), 1)),
         "]",
-    ]  # fmt: skip
-    pressure = None if one else float(np.mean([
-        force_of(b.guess and b.guess.thread) / (math.pi * (b.ring**2 - b.hole**2)) for b in bolts
-    ]))  # fmt: skip
+    ]
+    pressure = (
+        None
+        if one
+        else float(
+            np.mean(
+                [
+                    force_of(b.guess and b.guess.thread) / (math.pi * (b.ring**2 - b.hole**2))
+                    for b in bolts
+                ]
+            )
+        )
+    )
     joint = JointSketch("bolts", ("ring_*",), stacked_words(numbers), pressure=pressure)
     asked = "The threads of the bolts, by the holes (ISO 273), and their force."
     words = f"{stacked_words(numbers)}: {', '.join(sorted(names)) or 'no standard thread'}"
@@ -149,6 +158,9 @@ def _joined(sketch: Sketch, lines, joint: JointSketch, words: str, asked: str) -
     start = "The joints' stiffness, by roughness and pressure: it is what a test is to find."
     kept = tuple(q for q in sketch.questions if "no layer between" not in q and "pieces" not in q)
     return replace(
-        sketch, mesh=(*sketch.mesh, *lines), joints=(joint,), found=(*sketch.found, words),
+        sketch,
+        mesh=(*sketch.mesh, *lines),
+        joints=(joint,),
+        found=(*sketch.found, words),
         questions=(*kept, asked, start),
-    )  # fmt: skip
+    )

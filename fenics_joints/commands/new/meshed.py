@@ -36,8 +36,6 @@ from fenics_joints.meshes.tagged import limits
 from fenics_joints.preload.clearance import guess_thread
 from fenics_joints.units import to_si
 
-__all__ = ["builder_sketch", "msh_sketches"]
-
 #: Names that layers of joints have.
 _JOINT = re.compile(r"joint|ring|layer|lap\b|zone|interface|contact|glue|fuge|naht|gasket", re.I)
 #: Units of meshes, the most frequent first, and a density to recognise them by, kg/m3.
@@ -46,9 +44,11 @@ _UNITS, _STEEL = ("m", "mm", "inch", "cm"), 7850.0
 _BEAMS = (
     'lengths = ["360 mm", "260 mm"]  # ? of each beam, in a row',
     'laps = "50 mm"  # ? over which each lies on the next',
-    'width = "21 mm"  # ?', 'thickness = "10.6 mm"  # ?', "elements = [30, 20]",
+    'width = "21 mm"  # ?',
+    'thickness = "10.6 mm"  # ?',
+    "elements = [30, 20]",
     "lap_elements = 5",
-)  # fmt: skip
+)
 
 
 def msh_sketches(
@@ -85,9 +85,10 @@ def msh_sketches(
     unit = ask(question, _unit(size, volume, places), known)
     scale = UNITS[unit]
     lines = [
-        "[mesh]", f"file = {toml(file)}",
+        "[mesh]",
+        f"file = {toml(file)}",
         f'scale = "{scale:g} m"  # ? the file is in {unit}: it is {size * scale:.4g} m long',
-    ]  # fmt: skip
+    ]
     questions, thickness = ["The unit of the mesh, which a .msh file does not say."], None
     if gdim == 2:
         thickness = _thickness(path, ask)
@@ -111,6 +112,7 @@ def msh_sketches(
 
 def _thickness(path: Path, ask: Ask) -> float | None:
     """Thickness of a plane mesh, m; None if it is a section and no sheet."""
+
     def known(answer: str) -> None:
         if answer != "none" and not to_si(answer, "m") > 0:
             raise ValueError(f"{answer!r}: expected a length above 0, such as 2 mm, or none")
@@ -179,15 +181,24 @@ def _written(value, kind) -> str:
 def _beams(name: str, material: str, ask: Ask) -> Sketch:
     parts = [PartSketch("beams", ("beam_1", "beam_2"), "", material)]
     joint = [
-        "[joints.lap]", 'cells = "lap"', 'law = "generic"',
+        "[joints.lap]",
+        'cells = "lap"',
+        'law = "generic"',
         'k1 = "1763 N m"  # ? slap; Jalali et al. 2019, Table 2: beams of 21 x 10.6 mm, 23 N·m',
-        'k2 = "37400 N m"  # ? slip', 'c = "0.15 N m s"  # ?', "bolted = true", "",
-    ]  # fmt: skip
+        'k2 = "37400 N m"  # ? slip',
+        'c = "0.15 N m s"  # ?',
+        "bolted = true",
+        "",
+    ]
     return Sketch(
-        ("[mesh]", f"builder = {toml(name)}", *_BEAMS), ask_materials(parts, ask), (),
-        tuple(joint), ("left", "right"), ("two beams in a lap",),
+        ("[mesh]", f"builder = {toml(name)}", *_BEAMS),
+        ask_materials(parts, ask),
+        (),
+        tuple(joint),
+        ("left", "right"),
+        ("two beams in a lap",),
         ("The dimensions of the beams.", "The stiffness of the lap."),
-    )  # fmt: skip
+    )
 
 
 # -- what a mesh says ------------------------------------------------------------------------------
@@ -221,11 +232,16 @@ def _sketch(tagged: TaggedMesh, lines, material: str, ask: Ask, hole: float | No
         f"parts: {', '.join(part.name for part in parts)}",
         *([f"joints: {', '.join(joint.name for joint in joints)}"] * bool(joints)),
         *([f"faces that touch: {len(contacts)}; bolts: {len(bolts)}"] * bool(contacts or bolts)),
-    ]  # fmt: skip
+    ]
     return Sketch(
-        (*lines,), ask_materials(parts, ask), tuple(joints), tuple(more),
-        tuple(tagged.facet_names), tuple(found), tuple(questions),
-    )  # fmt: skip
+        (*lines,),
+        ask_materials(parts, ask),
+        tuple(joints),
+        tuple(more),
+        tuple(tagged.facet_names),
+        tuple(found),
+        tuple(questions),
+    )
 
 
 def _plain(name: str) -> str:
@@ -249,9 +265,7 @@ def _joints(tagged: TaggedMesh, volumes) -> tuple[list[JointSketch], list[str]]:
             odd.append(f"{name} is named like a joint, but is no flat layer: taken as a part.")
             continue
         words = f"{', '.join(ring.lower)} and {', '.join(ring.upper)}, {1e4 * ring.area:.3g} cm2"
-        found.append(
-            JointSketch(_plain(name), (name,), words, tuple(ring.normal), ring.thickness)
-        )  # fmt: skip
+        found.append(JointSketch(_plain(name), (name,), words, tuple(ring.normal), ring.thickness))
     return found, odd
 
 
@@ -302,9 +316,12 @@ def _contact_lines(contacts, bolts, hole: float | None) -> tuple[list[str], list
     lines, guess = [], None if not hole else guess_thread(hole)
     for name, lower, upper in contacts:
         lines += [
-            f"[contacts.{_plain(name)}]", f"lower = {toml(lower)}", f"upper = {toml(upper)}",
-            "friction = 0.2  # ? assumed: bright metal has 0.14 to 0.24 (VDI 2230-1, table A5)", "",
-        ]  # fmt: skip
+            f"[contacts.{_plain(name)}]",
+            f"lower = {toml(lower)}",
+            f"upper = {toml(upper)}",
+            "friction = 0.2  # ? assumed: bright metal has 0.14 to 0.24 (VDI 2230-1, table A5)",
+            "",
+        ]
     for name, lower, upper in bolts:
         lines += [f"[bolts.{_plain(name)}]"]
         if guess is None:
@@ -315,7 +332,10 @@ def _contact_lines(contacts, bolts, hole: float | None) -> tuple[list[str], list
         force = force_of(guess and guess.thread)
         why = "assumed" if guess is None else BOLT_FORCE
         lines += [
-            *kind, f"lower = {toml(lower)}", f"upper = {toml(upper)}",
-            f'force = "{force / 1e3:g} kN"  # ? {why}; or torque', "",
-        ]  # fmt: skip
+            *kind,
+            f"lower = {toml(lower)}",
+            f"upper = {toml(upper)}",
+            f'force = "{force / 1e3:g} kN"  # ? {why}; or torque',
+            "",
+        ]
     return lines, ["The bolts: their thread and force.", "The friction of the contacts."]

@@ -33,8 +33,6 @@ from fenics_joints.meshes.cad_survey import StepSurvey, survey_step
 from fenics_joints.progress import Progress
 from fenics_joints.report.terminal import say, tell
 
-__all__ = ["Source", "Written", "run_new", "show_new"]
-
 
 @dataclass(frozen=True)
 class Source:
@@ -67,7 +65,11 @@ class Written:
 
 
 def run_new(
-    folder: Path, source: Source, tests: TestFiles, ask: Ask, progress: Progress,
+    folder: Path,
+    source: Source,
+    tests: TestFiles,
+    ask: Ask,
+    progress: Progress,
     material: str = "steel",
 ) -> Written:
     """Look into files and write ``case.toml`` into a folder. Needs one process.
@@ -85,7 +87,7 @@ def run_new(
 
     Raises:
         InputError: If there is a case already, or for what is wrong in a file.
-    """  # fmt: skip
+    """
     member("material", material, MATERIALS)
     given = [option for option in vars(source).values() if option is not None]
     if len(given) != 1:
@@ -115,12 +117,18 @@ def run_new(
 
 
 def _looked(
-    source: Source, tests: TestFiles, files, material: str, ask: Ask, problems: Problems,
+    source: Source,
+    tests: TestFiles,
+    files,
+    material: str,
+    ask: Ask,
+    problems: Problems,
     progress: Progress,
-):  # fmt: skip
+):
     """The test, and the cases that its files and those of the structure may mean."""
     survey = None
     if source.step is not None:
+
         def told(words: str, done: int, of: int) -> None:
             progress.reach(done, f"of {of} {words}")
 

@@ -11,12 +11,6 @@ import numpy as np
 from fenics_joints.formatting import printable
 from fenics_joints.preload.threads import Thread
 
-__all__ = [
-    "BOLT_FORCE", "MATERIALS", "UNBOLTED", "Ask", "JointSketch", "Material", "PartSketch", "Ring",
-    "Sketch", "TestSketch", "ask_materials", "force_of", "material_of", "millimetres", "stacked",
-    "stacked_words", "text_of", "toml",
-]  # fmt: skip
-
 #: Pressure between faces where no bolt is, Pa: assumed.
 UNBOLTED = 1e6
 
@@ -241,8 +235,12 @@ def text_of(title: str, sketch: Sketch, test: TestSketch) -> str:
         '# text; a bare number is in SI units. What was guessed has a "?" behind it:',
         *(f"# ? {question}" for question in asked),
         "# fenics-joints check says what else is wrong or unlikely.",
-        "", f"title = {toml(printable(title))}", "", *sketch.mesh, "",
-    ]  # fmt: skip
+        "",
+        f"title = {toml(printable(title))}",
+        "",
+        *sketch.mesh,
+        "",
+    ]
     for part in sketch.parts:
         lines += _part(part)
     for joint in sketch.joints:
@@ -259,9 +257,12 @@ def _part(part: PartSketch) -> list[str]:
         f"[parts.{part.name}]" + (f"  # {part.words}" if part.words else ""),
         f"cells = {toml(part.cells)}",
         f"E = {toml(material.E)}  # ? {part.material}, handbook",
-        f"nu = {material.nu}", f"rho = {toml(material.rho)}", *_ways(part),
-        '# mass = "1 kg"  # what it weighs, for check', "",
-    ]  # fmt: skip
+        f"nu = {material.nu}",
+        f"rho = {toml(material.rho)}",
+        *_ways(part),
+        '# mass = "1 kg"  # what it weighs, for check',
+        "",
+    ]
 
 
 def _ways(part: PartSketch) -> list[str]:
@@ -276,37 +277,50 @@ def _joint(joint: JointSketch) -> list[str]:
     head = [f"[joints.{joint.name}]  # {joint.words}", f"cells = {toml(joint.cells)}"]
     if joint.thickness is None:
         why = "assumed" if joint.pressure == UNBOLTED else "by the bolts' assumed forces"
-        pressure = [] if joint.pressure is None else [
-            f'pressure = "{1e-6 * joint.pressure:.3g} MPa"  # ? between the faces, mean; {why}'
-        ]  # fmt: skip
+        pressure = (
+            []
+            if joint.pressure is None
+            else [
+                f'pressure = "{1e-6 * joint.pressure:.3g} MPa"  # ? between the faces, mean; {why}'
+            ]
+        )
         return [
-            *head, 'law = "springs"  # where to start from: rough faces under this pressure',
+            *head,
+            'law = "springs"  # where to start from: rough faces under this pressure',
             'roughness = "1.6 um"  # ? Ra; assumed: N7 of ISO 1302, common for machined faces',
-            *pressure, "",
-        ]  # fmt: skip
+            *pressure,
+            "",
+        ]
     normal = [float(f"{c:.9f}") + 0.0 for c in joint.normal]
     return [
-        *head, 'law = "transition"',
+        *head,
+        'law = "transition"',
         'E = "6111 MPa"  # ? identified for M12 at 120 N·m in plates of 25 mm, Ra 1.6 µm',
         "nu = 0.253",
-        f"h = {toml(millimetres(joint.thickness))}", f"normal = {toml(normal)}", "",
-    ]  # fmt: skip
+        f"h = {toml(millimetres(joint.thickness))}",
+        f"normal = {toml(normal)}",
+        "",
+    ]
 
 
 def _supports(faces: Sequence[str]) -> list[str]:
     there = f"one of {', '.join(faces)}" if faces else "a face that [mesh.faces] names"
     return [
         "# ? Free in space, as on soft ropes. If it is held:",
-        "# [supports.ground]", f'# facets = "..."  # {there}', "",
-    ]  # fmt: skip
+        "# [supports.ground]",
+        f'# facets = "..."  # {there}',
+        "",
+    ]
 
 
 def _no_test() -> list[str]:
     return [
         "# No test yet. With a table, a column for each mode and a row for each torque:",
-        "# [test]", '# frequencies = "frequencies.csv"  # or shapes = "shapes.uff"',
-        '# noise = "0.2 %"', "",
-    ]  # fmt: skip
+        "# [test]",
+        '# frequencies = "frequencies.csv"  # or shapes = "shapes.uff"',
+        '# noise = "0.2 %"',
+        "",
+    ]
 
 
 def _work(sketch: Sketch, test: TestSketch) -> list[str]:
@@ -322,8 +336,6 @@ def _work(sketch: Sketch, test: TestSketch) -> list[str]:
     lines = []
     if names:
         at = [] if test.at is None else [f"at = {toml(test.at)}"]
-        lines = [
-            "[update]", *at, f"parameters = {toml(names)}  # ? what is known least", "",
-        ]  # fmt: skip
+        lines = ["[update]", *at, f"parameters = {toml(names)}  # ? what is known least", ""]
     more = max(20, 2 * test.n_modes + 6)
     return [*lines, "[diagnose]", f"n_modes = {more}", ""]

@@ -27,15 +27,8 @@ from fenics_joints.commands.new.sketch import (
     toml,
 )
 from fenics_joints.meshes.cad_survey import Solid, StepSurvey, ThroughHole
-from fenics_joints.preload.clearance import (
-    ThreadGuess,
-    cone_radius,
-    guess_thread,
-    head_radius,
-)
+from fenics_joints.preload.clearance import ThreadGuess, cone_radius, guess_thread, head_radius
 from fenics_joints.preload.threads import thread
-
-__all__ = ["step_sketches"]
 
 #: Vertices of the parts that a first mesh is to have; a mesh of degree 2 has 24 DOFs for each.
 _VERTICES = 300
@@ -80,20 +73,27 @@ def _base(survey: StepSurvey, file: str, material: str, ask: Ask) -> Sketch:
         lines.append(f"{solid.name} = {number}  # {words}")
     size = _size(survey.solids)
     mesh = (
-        "[mesh]", f"file = {toml(file)}",
+        "[mesh]",
+        f"file = {toml(file)}",
         f"size = {toml(millimetres(size, 2))}  # ? of the largest cells; smaller is finer",
-        f"circle = {_CIRCLE}  # edges of a circle", "",
-        "[mesh.parts]  # our names for the solids, by their number in the file", *lines,
-    )  # fmt: skip
+        f"circle = {_CIRCLE}  # edges of a circle",
+        "",
+        "[mesh.parts]  # our names for the solids, by their number in the file",
+        *lines,
+    )
     found = (
         f"{len(survey.solids)} solids: " + ", ".join(s.name for s in survey.solids),
         *(_touch_words(survey, i) for i in range(len(survey.touching))),
     )
     return Sketch(
-        mesh, ask_materials(parts, ask), found=found,
-        questions=("The materials: a STEP file has none.",
-                   "The size of the cells: halve it and see what the frequencies do."),
-    )  # fmt: skip
+        mesh,
+        ask_materials(parts, ask),
+        found=found,
+        questions=(
+            "The materials: a STEP file has none.",
+            "The size of the cells: halve it and see what the frequencies do.",
+        ),
+    )
 
 
 def _cubic(volume: float) -> str:
@@ -122,9 +122,7 @@ def _size(solids: Sequence[Solid]) -> float:
 # -- rings -----------------------------------------------------------------------------------------
 
 
-def _with_rings(
-    survey: StepSurvey, base: Sketch, bolts: Sequence[ThroughHole], ask: Ask
-) -> Sketch:
+def _with_rings(survey: StepSurvey, base: Sketch, bolts: Sequence[ThroughHole], ask: Ask) -> Sketch:
     guesses = _threads(bolts, ask)
     radii = [_radius(bolt, guess) for bolt, guess in zip(bolts, guesses, strict=True)]
     bonded = _bonded(survey, {survey.touching[bolt.touch].solids for bolt in bolts})
@@ -133,22 +131,35 @@ def _with_rings(
     one = guesses[0] if len(names) == 1 and all(guesses) else None
     each = [millimetres(math.floor(1e4 * radius) / 1e4) for radius in radii]
     lines = [
-        "", "[mesh.bolts]  # a ring of the joint's layer around each bolt",
-        *([f"thread = {toml(*names)}  # ? {one.why}{_or(one)}",
-           f'force = "{force_of(one.thread) / 1e3:g} kN"  # ? {BOLT_FORCE}',
-           f"hole = {toml(_holes(bolts))}  # diameter"]
-          if one else []),
+        "",
+        "[mesh.bolts]  # a ring of the joint's layer around each bolt",
+        *(
+            [
+                f"thread = {toml(*names)}  # ? {one.why}{_or(one)}",
+                f'force = "{force_of(one.thread) / 1e3:g} kN"  # ? {BOLT_FORCE}',
+                f"hole = {toml(_holes(bolts))}  # diameter",
+            ]
+            if one
+            else []
+        ),
         "# Outer radii of the rings, where the pressure ends: a cone of 30 degrees from the head,",
         "# as far as there is room on the faces.",
-        f"r_wai = {toml(each[0] if len(set(each)) == 1 else each)}", "at = [",
-        *(_bolt_line(i, survey, *each) for i, each in
-          enumerate(zip(bolts, guesses, numbers, strict=True), start=1)),
+        f"r_wai = {toml(each[0] if len(set(each)) == 1 else each)}",
+        "at = [",
+        *(
+            _bolt_line(i, survey, *each)
+            for i, each in enumerate(zip(bolts, guesses, numbers, strict=True), start=1)
+        ),
         "]",
-    ]  # fmt: skip
-    pressures = None if one else [
-        force_of(guess and guess.thread) / (math.pi * (r**2 - (max(bolt.diameters) / 2) ** 2))
-        for bolt, guess, r in zip(bolts, guesses, radii, strict=True)
-    ]  # fmt: skip
+    ]
+    pressures = (
+        None
+        if one
+        else [
+            force_of(guess and guess.thread) / (math.pi * (r**2 - (max(bolt.diameters) / 2) ** 2))
+            for bolt, guess, r in zip(bolts, guesses, radii, strict=True)
+        ]
+    )
     joints = _ring_joints(survey, bolts, pressures)
     mesh, head = [*base.mesh], _layer(survey)
     widths = [r - max(b.diameters) / 2 for r, b in zip(radii, bolts, strict=True)]
@@ -162,14 +173,20 @@ def _with_rings(
         "The threads of the bolts, by the holes (ISO 273), and their force.",
         "The joints' stiffness, by roughness and pressure: it is what a test is to find.",
         *(["Parts that touch without bolts are taken as welded."] if bonded else []),
-        *([f"Holes through two parts without room for a ring, taken as no bolts: {skipped}."]
-          if skipped else []),
-    ]  # fmt: skip
+        *(
+            [f"Holes through two parts without room for a ring, taken as no bolts: {skipped}."]
+            if skipped
+            else []
+        ),
+    ]
     there = [f"{stacked_words(numbers)}: {', '.join(sorted(names)) or 'no standard thread'}"]
     return replace(
-        base, mesh=tuple([*mesh, *lines]), joints=tuple(joints), found=(*base.found, *there),
+        base,
+        mesh=tuple([*mesh, *lines]),
+        joints=tuple(joints),
+        found=(*base.found, *there),
         questions=(*base.questions, *questions),
-    )  # fmt: skip
+    )
 
 
 def _holes(bolts: Sequence[ThroughHole]) -> str | list[str]:
@@ -188,8 +205,11 @@ def _threads(bolts: Sequence[ThroughHole], ask: Ask) -> list[ThreadGuess | None]
         if (low, high) not in answers:
             guess = guess_thread(high, low)
             if guess is not None:
-                holes = f"{1e3 * low:.4g} and {1e3 * high:.4g} mm" if low < high else \
-                    f"{1e3 * low:.4g} mm"  # fmt: skip
+                holes = (
+                    f"{1e3 * low:.4g} and {1e3 * high:.4g} mm"
+                    if low < high
+                    else f"{1e3 * low:.4g} mm"
+                )
                 name = ask(f"Thread of the bolts in holes of {holes}", guess.thread.name, thread)
                 if thread(name) != guess.thread:
                     guess = ThreadGuess(thread(name), "as you said", ())
@@ -292,6 +312,4 @@ def _with_layers(survey: StepSurvey, base: Sketch) -> Sketch:
     mesh = [*base.mesh]
     mesh[4:4] = ['joint = "layer"  # on all that touches', *_layer(survey)]
     asked = "No bolts were found: a layer joins all that touches; is it clamped, glued, welded?"
-    return replace(
-        base, mesh=tuple(mesh), joints=tuple(joints), questions=(*base.questions, asked)
-    )
+    return replace(base, mesh=tuple(mesh), joints=tuple(joints), questions=(*base.questions, asked))

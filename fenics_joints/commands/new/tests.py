@@ -18,16 +18,15 @@ from fenics_joints.measurements.tables import Table
 from fenics_joints.measurements.uff_sets import read_sets
 from fenics_joints.units import factor_to_si, to_si
 
-__all__ = ["TestFiles", "test_sketch"]
-
 _NODES, _SHAPES = {15, 2411}, {55, 2414}
 #: Names of a condition's column without a unit.
 _CONDITIONS = ("torque", "level", "force", "preload", "amplitude", "run", "row", "test")
 _NO_SENSORS = (
     "# [test.sees]  # ? where the sensors were and which way they looked: modes that they cannot",
     "# see are then left out; without it the test's modes are the model's lowest, in their order",
-    '# points = [["0 mm", "0 mm", "0 mm"]]', "# direction = [0, 0, 1]",
-)  # fmt: skip
+    '# points = [["0 mm", "0 mm", "0 mm"]]',
+    "# direction = [0, 0, 1]",
+)
 _WHAT_IT_SAW = "What the test saw: without sensors its modes are the model's lowest."
 _NO_UNIT = "The unit of the sensors' places, which the files do not say."
 
@@ -118,8 +117,12 @@ class _Draft:
         if unit is None:
             self.lines.append(f"shapes = {toml(names[0] if len(names) == 1 else names)}")
             return
-        self.tables += ["", "[test.shapes]", f"files = {toml(names)}",
-                        f"length_unit = {toml(unit)}  # ? the files do not say it"]  # fmt: skip
+        self.tables += [
+            "",
+            "[test.shapes]",
+            f"files = {toml(names)}",
+            f"length_unit = {toml(unit)}  # ? the files do not say it",
+        ]
         self.questions.append(_NO_UNIT)
 
     def add_shape_table(self, path: Path) -> None:
@@ -163,9 +166,13 @@ class _Draft:
         self.lines.append('# mass = "1 kg"  # what all of it weighs, for check')
         self.questions.append("The scatter of the test: take it apart and test again.")
         return TestSketch(
-            (*self.lines, *self.tables), tuple(self.found), self.n_modes, self.at, self.places,
+            (*self.lines, *self.tables),
+            tuple(self.found),
+            self.n_modes,
+            self.at,
+            self.places,
             tuple(self.questions),
-        )  # fmt: skip
+        )
 
 
 #: Not a test, whatever pytest thinks of the name.
@@ -266,11 +273,16 @@ def _shape_table(
     names = {name.lower(): name for name in table.names}
     file = toml(refer(path))
     if not {"x", "y", "z"} <= names.keys():
-        lines = [f"# shapes = {file}  # ? with the places of its rows, the sensors:",
-                 "# [test.sees]", '# points = [["0 mm", "0 mm", "0 mm"], ...]',
-                 "# direction = [0, 0, 1]"]  # fmt: skip
-        asked = (f"Where the sensors of {path.name} are: columns 'x [mm]', 'y [mm]', 'z [mm]' in it"
-                 " are enough.")  # fmt: skip
+        lines = [
+            f"# shapes = {file}  # ? with the places of its rows, the sensors:",
+            "# [test.sees]",
+            '# points = [["0 mm", "0 mm", "0 mm"], ...]',
+            "# direction = [0, 0, 1]",
+        ]
+        asked = (
+            f"Where the sensors of {path.name} are: columns 'x [mm]', 'y [mm]', 'z [mm]' in it"
+            " are enough."
+        )
         return [lines[0]], ["", *lines[1:]], [asked], np.empty((0, 3))
     said = [table.unit(names[axis]) for axis in "xyz"]
     if any(said) and not all(said):
@@ -286,8 +298,13 @@ def _shape_table(
         unit = _asked_unit([path], points, ask, extents)
         points, asked = UNITS[unit] * points, [_NO_UNIT]
         guess = f"  # ? m, the table's numbers taken as {unit}"
-    sees = ["", "[test.sees]", f"points = [{guess}", *(f"  {toml(p.tolist())}," for p in points),
-            "]"]  # fmt: skip
+    sees = [
+        "",
+        "[test.sees]",
+        f"points = [{guess}",
+        *(f"  {toml(p.tolist())}," for p in points),
+        "]",
+    ]
     ways = [names.get(f"d{axis}") for axis in "xyz"]
     if all(ways):
         directions = np.column_stack([table.column(way) for way in ways])
@@ -318,7 +335,8 @@ def _functions(names: Sequence[str], unit: str | None, identify: bool) -> list[s
         lines.append(f"length_unit = {toml(unit)}  # ? the files do not say it")
     if identify:
         lines += [
-            "", "[test.frfs.identify]",
+            "",
+            "[test.frfs.identify]",
             '# near = ["100 Hz", "200 Hz"]  # ? about where they are; else all that are stable',
-        ]  # fmt: skip
+        ]
     return lines

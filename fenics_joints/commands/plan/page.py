@@ -14,8 +14,6 @@ from fenics_joints.formatting import quantity, spaced
 from fenics_joints.report.html import facts, ink_on, render, svg
 from fenics_joints.report.style import CHOSEN, PLACEBO, drawing, to_svg
 
-__all__ = ["likeliest", "matrix_picture", "plan_html", "size_words"]
-
 #: Effects up to which the picture has numbers in its cells.
 _NUMBERED = 26
 #: Width of a letter of an effect's name, in.

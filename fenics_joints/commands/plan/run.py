@@ -15,8 +15,6 @@ from fenics_joints.diagnosis.plan.planned import plan
 from fenics_joints.diagnosis.plan.result import Plan
 from fenics_joints.progress import Progress
 
-__all__ = ["run_plan"]
-
 
 def run_plan(
     case: Case, comm: MPI.Intracomm, progress: Progress, *, keep: Path | None = None

@@ -12,8 +12,6 @@ from fenics_joints.diagnosis.plan.result import Plan
 from fenics_joints.formatting import condition_value, percent, probability, spaced
 from fenics_joints.report.terminal import new_table, say, tell
 
-__all__ = ["show_plan"]
-
 #: Rows of each table.
 _EFFECTS, _ADDITIONS = 12, 4
 
@@ -33,10 +31,13 @@ def show_plan(console: Console, p: Plan) -> None:
             named, other, share = found
             shares = [probability(named), places.get(other, other), probability(share)]
         table.add_row(
-            places[e.key], Text(spaced(e.key)),
-            e.letter or ("" if e.seen else "unseen"), f"{e.distance:.1f}", *shares,
+            places[e.key],
+            Text(spaced(e.key)),
+            e.letter or ("" if e.seen else "unseen"),
+            f"{e.distance:.1f}",
+            *shares,
             style=None if e.seen else "dim",
-        )  # fmt: skip
+        )
     if len(p.effects) > _EFFECTS:
         table.add_row("", f"and {len(p.effects) - _EFFECTS} more", style="dim")
     console.print(table)

@@ -9,8 +9,6 @@ import numpy as np
 from fenics_joints.formatting import number, prefixed
 from fenics_joints.preload import Displacement, Obstacle, PreloadResult
 
-__all__ = ["applied_facts", "applied_rows"]
-
 #: Components below this share of the largest are round-off.
 _ZERO = 1e-9
 
@@ -43,11 +41,14 @@ def _facts(name: str, kind: str, way: list | None, force: np.ndarray) -> dict:
 def applied_rows(facts: list[dict]) -> list[tuple[str, str, str, str]]:
     """Name, kind, displacement and force on the bodies of each, in words."""
     return [
-        (f["name"], f["kind"],
-         "" if f["displacement_m"] is None else _words(f["displacement_m"], "m"),
-         _words(f["force_n"], "N"))
+        (
+            f["name"],
+            f["kind"],
+            "" if f["displacement_m"] is None else _words(f["displacement_m"], "m"),
+            _words(f["force_n"], "N"),
+        )
         for f in facts
-    ]  # fmt: skip
+    ]
 
 
 def _words(vector: Sequence[float | None], unit: str) -> str:

@@ -8,11 +8,6 @@ from fenics_joints.formatting import quantity
 from fenics_joints.preload import OPEN, SLIP, STICK, ContactState, PreloadResult
 from fenics_joints.preload.patch import equal_radius, largest_radius, nearest_axis
 
-__all__ = [
-    "area_words", "bolt_axes", "bolt_centres", "bolt_forces", "contact_facts", "contact_rows",
-    "forces_in_words",
-]  # fmt: skip
-
 #: Pressure, Pa, that bounds the contact radius (Machines 2022, eq. 10).
 LIMIT = 1e6
 

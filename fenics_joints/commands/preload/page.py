@@ -15,8 +15,6 @@ from fenics_joints.report.contact_pictures import pressure_map, pressure_profile
 from fenics_joints.report.html import render, svg
 from fenics_joints.report.style import to_svg
 
-__all__ = ["contact_pictures", "picture", "preload_html"]
-
 
 def preload_html(p: PreloadReport) -> str:
     """The page of the ``preload`` command. Collective; empty on all ranks but the first."""
@@ -25,10 +23,15 @@ def preload_html(p: PreloadReport) -> str:
     if p.result.model.comm.rank != 0:
         return ""
     return render(
-        "preload.html", p=p, title=p.case.title, contacts=contact_rows(p.contacts),
-        pictures=contact_pictures(p.result, centres), forces=forces_in_words(p.result),
-        view=view, applied=applied_rows(p.applied),
-    )  # fmt: skip
+        "preload.html",
+        p=p,
+        title=p.case.title,
+        contacts=contact_rows(p.contacts),
+        pictures=contact_pictures(p.result, centres),
+        forces=forces_in_words(p.result),
+        view=view,
+        applied=applied_rows(p.applied),
+    )
 
 
 def picture(figure, name: str, alt: str) -> Markup:
@@ -49,11 +52,15 @@ def contact_pictures(result: PreloadResult, centres) -> list[tuple[str, object]]
         plan = pressure_map(state, centres=centres)
         line = pressure_profile(state, centres=centres, direction=direction)
         found.append(
-            (f"{state.name}: pressure in plan",
-             picture(plan, f"plan{i}", f"{words} in plan; peak {peak}."))
-        )  # fmt: skip
+            (
+                f"{state.name}: pressure in plan",
+                picture(plan, f"plan{i}", f"{words} in plan; peak {peak}."),
+            )
+        )
         found.append(
-            (f"{state.name}: pressure of all pairs along {'xyz'[along]}",
-             picture(line, f"line{i}", f"{words} along {'xyz'[along]}."))
-        )  # fmt: skip
+            (
+                f"{state.name}: pressure of all pairs along {'xyz'[along]}",
+                picture(line, f"line{i}", f"{words} along {'xyz'[along]}."),
+            )
+        )
     return found

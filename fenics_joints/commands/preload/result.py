@@ -14,8 +14,6 @@ from fenics_joints.files import plain
 from fenics_joints.formatting import number, quantity
 from fenics_joints.preload import PreloadResult
 
-__all__ = ["PreloadReport"]
-
 #: Friction and pressure, Pa, beyond those of any metal: a hard steel's indentation has some 8 GPa.
 _ROUGH, _HARDEST = 2.0, 1e10
 #: Gap over a face's size that counts as zero.

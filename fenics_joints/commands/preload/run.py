@@ -15,17 +15,10 @@ from fenics_joints.commands.preload.page import preload_html
 from fenics_joints.commands.preload.result import PreloadReport
 from fenics_joints.commands.preload.summary import show_preload
 from fenics_joints.modal.modes import Modes, solve_modes
-from fenics_joints.preload import (
-    LinearJoint,
-    PreloadSolver,
-    status_conditions,
-    stuck_conditions,
-)
+from fenics_joints.preload import LinearJoint, PreloadSolver, status_conditions, stuck_conditions
 from fenics_joints.preload.fields import write
 from fenics_joints.progress import Progress
 from fenics_joints.structure.paraview import check_fields_path
-
-__all__ = ["run_preload"]
 
 #: Elastic modes whose frequencies are compared.
 _ELASTIC = 6
@@ -66,10 +59,15 @@ def run_preload(
     hz = [modes.frequencies_hz[modes.n_rigid :] for modes in (stuck, loose)]
     compared = min(_ELASTIC, *map(len, hz))
     found = PreloadReport(
-        case, result, contacts, *(f[:compared] for f in hz), written,
-        tuple(applied_facts(result)), max(loose.n_rigid - stuck.n_rigid, 0),
+        case,
+        result,
+        contacts,
+        *(f[:compared] for f in hz),
+        written,
+        tuple(applied_facts(result)),
+        max(loose.n_rigid - stuck.n_rigid, 0),
         _become(joint, stuck, loose)[:compared],
-    )  # fmt: skip
+    )
     return Outcome.of(found, preload_html, show_preload)
 
 

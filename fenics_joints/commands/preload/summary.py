@@ -11,8 +11,6 @@ from fenics_joints.commands.preload.result import PreloadReport
 from fenics_joints.formatting import hertz, percent
 from fenics_joints.report.terminal import new_table, say
 
-__all__ = ["show_preload"]
-
 
 def show_preload(console: Console, p: PreloadReport) -> None:
     """Print the contacts and what the preload does to the frequencies."""

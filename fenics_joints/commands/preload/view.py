@@ -14,8 +14,6 @@ from fenics_joints.preload.fields import nodal_fields
 from fenics_joints.report.surface import Surface, surface
 from fenics_joints.report.view import Colours, Look, scene
 
-__all__ = ["preload_view"]
-
 #: Open, slipping, sticking: told apart by all kinds of colour vision.
 _STATUS = colormaps["cividis"]
 
@@ -35,9 +33,10 @@ def preload_view(result: PreloadResult) -> Markup | None:
     body, levels = _levels(result)
     own = V.mesh.topology.index_map(3).size_local
     here = [
-        body[V.dofmap.list[:own, 0]], _corners(named["pressure"], own),
+        body[V.dofmap.list[:own, 0]],
+        _corners(named["pressure"], own),
         _corners(named["status"], own),
-    ]  # fmt: skip
+    ]
     parts = comm.gather(here)
     if parts is None:
         return None
@@ -67,19 +66,21 @@ def _looks(result, s: Surface, motion, pressure, status) -> list[Look]:
     note = f"Bodies as the preload deforms them, up to {quantity(factor, 'm')}, enlarged."
     return [
         Look(
-            "contact pressure", Colours(
-                colormaps["YlGnBu"], "0", peak, "pressure at the vertices", "no contact"
-            ),
-            motion=shape, values=np.where(touched, value / most, np.nan),
-            shown=(0.0, most / 1e6, "MPa"), note=note,
+            "contact pressure",
+            Colours(colormaps["YlGnBu"], "0", peak, "pressure at the vertices", "no contact"),
+            motion=shape,
+            values=np.where(touched, value / most, np.nan),
+            shown=(0.0, most / 1e6, "MPa"),
+            note=note,
         ),
         Look(
-            "open, slip, stick", Colours(
-                _STATUS, "open", "stick", "slip between them", "no contact"
-            ),
-            motion=shape, values=np.where(touched, at / STICK, np.nan), note=note,
+            "open, slip, stick",
+            Colours(_STATUS, "open", "stick", "slip between them", "no contact"),
+            motion=shape,
+            values=np.where(touched, at / STICK, np.nan),
+            note=note,
         ),
-    ]  # fmt: skip
+    ]
 
 
 def _levels(result: PreloadResult) -> tuple[np.ndarray, np.ndarray]:

@@ -22,8 +22,6 @@ from fenics_joints.reduction.tested import tested_models
 from fenics_joints.structure import Parameter, Structure
 from fenics_joints.updating import Curves, Predictor, Update, fit_curves, update_all
 
-__all__ = ["FollowedModel", "sweep_conditions"]
-
 #: Samples of the parameters, and their range about the start, as factors down and up: a torque
 #: changes stiffnesses by far more than a fit at one of them does.
 _SAMPLES, _RANGE = 16, (300.0, 10.0)
@@ -66,10 +64,15 @@ class FollowedModel:
     ):
         self.names, self.limits = data.mode_names, error_limits(target)
         self._seen = tested_models(full).seen(
-            full, start, sensors=data.sensors, n_test=len(data.mode_names), n_modes=n_modes,
-            shapes=data.shapes, progress=progress,
+            full,
+            start,
+            sensors=data.sensors,
+            n_test=len(data.mode_names),
+            n_modes=n_modes,
+            shapes=data.shapes,
+            progress=progress,
             samples=lambda: sample_values(full, parameters, start, _SAMPLES, _RANGE),
-        )  # fmt: skip
+        )
         self.reference, self.n_modes = self._seen.reference, self._seen.forward.n_modes
 
     @property
@@ -139,27 +142,40 @@ def sweep_conditions(
         for f, log_sd in zip(data.frequencies_hz, data.log_sd(), strict=True)
     ]
     fits = update_all(
-        model.arrays, parameters, targets, start, first, follow=follow, done=progress.advance,
+        model.arrays,
+        parameters,
+        targets,
+        start,
+        first,
+        follow=follow,
+        done=progress.advance,
         **common,
-    )  # fmt: skip
+    )
     held = [data.row(c) for c in case.update.hold_out]
     progress.step("fitting curves")
     kept = [row for row in fits if row not in held]
     table, frequencies, validation = [], None, case.validation()
     if len(kept) >= 3 and np.all(data.conditions > 0):
         curves = fit_curves(
-            model.arrays, [targets[row] for row in kept], data.conditions[kept],
-            [fits[row] for row in kept], start, **common,
-        )  # fmt: skip
+            model.arrays,
+            [targets[row] for row in kept],
+            data.conditions[kept],
+            [fits[row] for row in kept],
+            start,
+            **common,
+        )
         predict = Predictor(model.arrays, targets[0], (), start, n_modes=model.n_modes)
         frequencies = _gap(curves, data, predict)
         known = np.concatenate([d.conditions for d in (data, validation) if d is not None])
         validation = None if validation is None else _gap(curves, validation, predict)
         table = curves.table(np.linspace(known.min(), known.max(), _DRAWN))
     found = Sweep(
-        [_row(data, row, update, row in held) for row, update in fits.items()], table, frequencies,
-        None if frequencies is None else validation, data.log_sd(),
-    )  # fmt: skip
+        [_row(data, row, update, row in held) for row, update in fits.items()],
+        table,
+        frequencies,
+        None if frequencies is None else validation,
+        data.log_sd(),
+    )
     lost = [data.conditions[row] for row in range(len(data)) if row not in fits]
     return found, [f"{c:g} {data.condition_unit}".strip() for c in lost]
 

@@ -11,8 +11,6 @@ from fenics_joints.errors import InputError
 from fenics_joints.measurements import FRFTarget, MeasuredFRFs, Target
 from fenics_joints.measurements.lines import choose_lines
 
-__all__ = ["UpdateData", "positive", "update_data"]
-
 #: How far the band of the lowest and the highest mode goes where there is no other, as a factor.
 _ALONE = 1.2
 #: Lines that are fitted by default, at most.
@@ -90,9 +88,7 @@ def update_data(case: Case) -> UpdateData:
     target = Target(**fields, frfs=functions.pop("target", None))
     if held_modes:
         target = target.without_modes(held_modes)
-    return UpdateData(
-        kinds, _condition(case), names, held_modes, each, target, **functions
-    )  # fmt: skip
+    return UpdateData(kinds, _condition(case), names, held_modes, each, target, **functions)
 
 
 def _condition(case: Case) -> tuple[str, float, str] | None:
@@ -155,6 +151,4 @@ def _lines(case: Case, frfs: MeasuredFRFs, sd, out) -> np.ndarray:
         return near[allowed[near]]
     fitted = not case.damping_names().isdisjoint(case.update.parameters)
     seen = np.where(out, np.nan, frfs.values)
-    return choose_lines(
-        f, seen, wanted or _LINES, relative_sd=sd, allowed=allowed, peaks=fitted
-    )  # fmt: skip
+    return choose_lines(f, seen, wanted or _LINES, relative_sd=sd, allowed=allowed, peaks=fitted)

@@ -25,53 +25,73 @@ from fenics_joints.measurements.gap import rms
 from fenics_joints.report.html import facts, heat_map, mac_cells, render, svg
 from fenics_joints.report.panels import frequency_panels, parameter_panels
 
-__all__ = ["at_words", "curve_line", "data_words", "parameter_rows", "theirs", "update_page"]
-
 #: The method in words.
 METHODS = {
     "log": "Maximum likelihood; frequencies, ratios and functions count by their logarithms",
     "weighted": "By the weighted equations of Machines 2022 (eqs. 15 to 20)",
 }
 _KINDS = {
-    "frequencies": "frequencies", "shapes": "mode shapes", "damping": "damping ratios",
+    "frequencies": "frequencies",
+    "shapes": "mode shapes",
+    "damping": "damping ratios",
     "frfs": "functions",
-}  # fmt: skip
+}
 
 
 def update_page(r: UpdateReport) -> str:
     """The result of an update as a page that needs nothing else."""
     functions, modes = r.functions, r.modes
-    macs = None if modes is None or modes.mac_after is None else [
-        ("Before", mac_cells(modes.mac_before)), ("After", mac_cells(modes.mac_after)),
-    ]  # fmt: skip
+    macs = (
+        None
+        if modes is None or modes.mac_after is None
+        else [("Before", mac_cells(modes.mac_before)), ("After", mac_cells(modes.mac_after))]
+    )
     found, view, stills = r.update.identifiability, None, []
-    words = in_words(found) if r.failure is None else [
-        "This fit explains nothing of the test: do not use its values."
-    ]  # fmt: skip
+    words = (
+        in_words(found)
+        if r.failure is None
+        else ["This fit explains nothing of the test: do not use its values."]
+    )
     if r.shapes is not None and modes is not None:
         best = None if modes.mac_after is None else np.diag(modes.mac_after)
         view, stills = shapes_view(r.shapes, modes.names, best)
     return render(
         "update.html",
-        view=view, stills=stills,
-        r=r, u=r.update, method=METHODS[r.update.method], data=data_words(r),
-        at=at_words(r), words=words, verdict=verdict_words(r),
+        view=view,
+        stills=stills,
+        r=r,
+        u=r.update,
+        method=METHODS[r.update.method],
+        data=data_words(r),
+        at=at_words(r),
+        words=words,
+        verdict=verdict_words(r),
         pull=start_words(found, r.pull),
         levels=None if functions is None else functions.summary(),
-        decibel=decibel, accuracy=accuracy, functions=functions,
+        decibel=decibel,
+        accuracy=accuracy,
+        functions=functions,
         chart=None if functions is None else svg(function_charts(functions)),
         shown=0 if functions is None else len(shown_functions(functions)),
         rows=[] if functions is None else _function_rows(functions),
-        modes=modes, rms=None if modes is None else modes.rms(), macs=macs, held=r.held,
-        ratio=ratio_words, damping=None if modes is None else modes.damping,
+        modes=modes,
+        rms=None if modes is None else modes.rms(),
+        macs=macs,
+        held=r.held,
+        ratio=ratio_words,
+        damping=None if modes is None else modes.damping,
         held_rms=rms(np.array([h.error for h in r.held])) if r.held else None,
-        theirs=theirs(r), published=r.published,
-        convergence=svg(convergence_chart(r)), conditions=r.conditions,
-        misfit=_misfit(r), facts=_facts(r), sweep=_sweep(r),
+        theirs=theirs(r),
+        published=r.published,
+        convergence=svg(convergence_chart(r)),
+        conditions=r.conditions,
+        misfit=_misfit(r),
+        facts=_facts(r),
+        sweep=_sweep(r),
         weakest=sorted(
             zip(found.names, found.weakest, strict=True), key=lambda pair: -abs(pair[1])
         ),
-    )  # fmt: skip
+    )
 
 
 def _sweep(r: UpdateReport) -> dict[str, object] | None:
@@ -81,19 +101,27 @@ def _sweep(r: UpdateReport) -> dict[str, object] | None:
     name, _, unit = r.condition
     panels, on = parameter_rows(r), r.sweep.frequencies
     shown = {
-        "fits": r.sweep.fits, "curves": r.sweep.curves, "gaps": r.sweep.gaps(), "on": on,
-        "validation": r.sweep.validation, "condition": (name, unit),
+        "fits": r.sweep.fits,
+        "curves": r.sweep.curves,
+        "gaps": r.sweep.gaps(),
+        "on": on,
+        "validation": r.sweep.validation,
+        "condition": (name, unit),
         "units": {p["name"]: p["unit"] for p in r.parameters},
         "panels": svg(parameter_panels(panels, (name, unit))) if panels else None,
         "picture": None,
-    }  # fmt: skip
+    }
     if on is None:
         return shown
     picture = frequency_panels(
-        None, on, (name, unit), labels=("", "model on the curves"), log_sd=r.sweep.log_sd,
+        None,
+        on,
+        (name, unit),
+        labels=("", "model on the curves"),
+        log_sd=r.sweep.log_sd,
         held_out=r.sweep.held_out,
         validation=None if r.sweep.validation is None else (None, r.sweep.validation),
-    )  # fmt: skip
+    )
     return {**shown, "picture": svg(picture), "heat": heat_map(on)}
 
 
@@ -179,13 +207,17 @@ def _function_rows(functions: Functions) -> list[dict]:
     for i, j in np.argwhere(~np.isnan(functions.measured[0])):
         one = np.zeros(functions.measured.shape, dtype=bool)
         one[:, i, j] = True
-        rows.append({
-            "response": functions.names[0][i], "reference": functions.names[1][j],
-            "before": decibel(functions.decibels(functions.before, one)),
-            "after": decibel(functions.decibels(functions.after, one)),
-            "frac_before": f"{before[i, j]:.3f}", "frac_after": f"{after[i, j]:.3f}",
-            "held": bool(functions.held[:, i, j].all()),
-        })  # fmt: skip
+        rows.append(
+            {
+                "response": functions.names[0][i],
+                "reference": functions.names[1][j],
+                "before": decibel(functions.decibels(functions.before, one)),
+                "after": decibel(functions.decibels(functions.after, one)),
+                "frac_before": f"{before[i, j]:.3f}",
+                "frac_after": f"{after[i, j]:.3f}",
+                "held": bool(functions.held[:, i, j].all()),
+            }
+        )
     return rows
 
 
@@ -211,7 +243,7 @@ _OWN = {
     "function_noise": "relative standard deviation of the functions, median",
     "damping_error": "largest error of the reduced model's damping ratios against the full one's",
     "solution_error": "largest error of the drawn functions against a direct solution, two lines",
-}  # fmt: skip
+}
 
 
 def _facts(r: UpdateReport) -> list[tuple[str, str]]:

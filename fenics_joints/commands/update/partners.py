@@ -15,8 +15,6 @@ from fenics_joints.modal.modes import Modes
 from fenics_joints.reduction.combined import paired
 from fenics_joints.updating import Update
 
-__all__ = ["WithoutPartner", "explains_nothing", "more_or_fewer", "other_partners", "without"]
-
 #: How much further a model's modes are looked through, for a test's modes and beyond those a body
 #: has at rest, before the test's are left out: its own multiple, and a factor each time.
 _MOST, _FACTOR = 4, 2

@@ -9,8 +9,6 @@ from fenics_joints.commands.update.result import Functions, UpdateReport
 from fenics_joints.formatting import prefixed
 from fenics_joints.report.style import CHOSEN, NOISE, NOMINAL, drawing, grid, to_svg
 
-__all__ = ["convergence_chart", "function_charts", "shown_functions"]
-
 _INK, _MUTED, _LINE = "#1b2027", "#5b6470", "#d3d8de"
 #: The model after lies on what was measured, and has to stand out from it.
 _AFTER = "#f08a24"
@@ -47,20 +45,39 @@ def function_charts(functions: Functions) -> str:
 def _function(axes, functions: Functions, i: int, j: int) -> None:
     f, lines = functions.frequencies_hz, functions.lines & ~functions.held[:, i, j]
     measured = np.abs(functions.measured[:, i, j])
-    axes.plot(f, np.abs(functions.before[:, i, j]), color=NOMINAL, lw=1.1, ls=(0, (4, 2)),
-              label="model before")  # fmt: skip
+    axes.plot(
+        f,
+        np.abs(functions.before[:, i, j]),
+        color=NOMINAL,
+        lw=1.1,
+        ls=(0, (4, 2)),
+        label="model before",
+    )
     axes.plot(f, measured, color=_INK, lw=2.4, label="measured")
     axes.plot(f, np.abs(functions.after[:, i, j]), color=_AFTER, lw=1.2, label="model after")
     axes.plot(
-        f[lines], np.full(lines.sum(), 0.03), "|", ms=5, mew=0.8, color=CHOSEN,
-        transform=axes.get_xaxis_transform(), label="line that was fitted",
-    )  # fmt: skip
+        f[lines],
+        np.full(lines.sum(), 0.03),
+        "|",
+        ms=5,
+        mew=0.8,
+        color=CHOSEN,
+        transform=axes.get_xaxis_transform(),
+        label="line that was fitted",
+    )
     held = functions.held[:, i, j]
     if held.all():
         axes.annotate(
-            "held out: no line fitted", (1, 1), (-4, -4), xycoords="axes fraction", color=NOISE,
-            textcoords="offset points", ha="right", va="top", weight="bold",
-        )  # fmt: skip
+            "held out: no line fitted",
+            (1, 1),
+            (-4, -4),
+            xycoords="axes fraction",
+            color=NOISE,
+            textcoords="offset points",
+            ha="right",
+            va="top",
+            weight="bold",
+        )
     else:
         for low, high in _bands(f, held):
             axes.axvspan(low, high, color=NOISE, alpha=0.18, lw=0, label="held out")
@@ -102,9 +119,13 @@ def _parameter(axes, p: dict, values: np.ndarray, moved: np.ndarray) -> None:
     end, sd = factor * p["value"], p["sd"]
     if np.isfinite(sd):
         axes.axhspan(
-            end * np.exp(-2 * min(sd, 3.0)), end * np.exp(2 * min(sd, 3.0)), color=CHOSEN,
-            alpha=0.15, lw=0, label="± 2 s.d. at the end",
-        )  # fmt: skip
+            end * np.exp(-2 * min(sd, 3.0)),
+            end * np.exp(2 * min(sd, 3.0)),
+            color=CHOSEN,
+            alpha=0.15,
+            lw=0,
+            label="± 2 s.d. at the end",
+        )
     axes.plot(step, shown, color=_MUTED, lw=1.2)
     for mask, colour, label in (
         (moved, NOMINAL, "lines moved with the resonances"),

@@ -13,11 +13,6 @@ from fenics_joints.formatting import percent
 from fenics_joints.measurements.gap import Gap, rms
 from fenics_joints.updating.result import Update
 
-__all__ = [
-    "Compared", "Functions", "HeldMode", "ModeTable", "Predicted", "Sweep", "UpdateReport",
-    "prediction_sd",
-]  # fmt: skip
-
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Compared:
@@ -324,62 +319,74 @@ class UpdateReport:
         """The documented keys of ``update --json``."""
         u, found, sweep, modes = self.update, self.update.identifiability, self.sweep, self.modes
         before, after = self.conditions
-        return plain({
-            "title": self.title,
-            "condition": None if self.condition is None else dict(
-                zip(("name", "value", "unit"), self.condition, strict=True)
-            ),
-            "method": u.method,
-            "data": self.kinds,
-            "parameters": [
-                {
-                    "name": p["name"], "value": p["value"], "unit": p["unit"],
-                    "standard_deviation": p["sd"] * abs(p["value"]),
-                    "relative_standard_deviation": p["sd"], "start": p["start"],
-                    "determined": p["name"] not in found.undetermined,
-                }
-                for p in self.parameters
-            ],
-            "frequencies_hz": None if modes is None else {
-                "test": modes.test, "before": modes.before, "after": modes.after,
-            },
-            "errors_percent": None if modes is None else 100 * modes.error_after,
-            "errors_before_percent": None if modes is None else 100 * modes.error_before,
-            "modes": None if modes is None else modes.to_json(),
-            "modes_without_partner": self.without_partner,
-            "functions_db": None if self.functions is None else self.functions.summary(),
-            "held_modes": [h.to_json() for h in self.held],
-            "condition_numbers": {"before": before, "after": after},
-            "identifiability": {
-                "condition": found.condition, "collinearity": found.collinearity,
-                "undetermined": found.undetermined,
-                "weakest_direction": dict(zip(found.names, found.weakest, strict=True)),
-                "in_words": in_words(found),
-            },
-            "iterations": u.evaluations,
-            "fit": {
-                "chi2": u.chi2, "degrees_of_freedom": u.degrees_of_freedom,
-                "evaluations": u.evaluations, "converged": u.converged, "message": u.message,
-                "reason": None if u.converged else u.message,
-                "regularisation": self.pull,
-                "held_by_prior": [] if self.pull is None else found.undetermined,
-                "explains_nothing": self.failure, "excess": u.excess,
-                "widths": {
-                    "frequencies": u.widths.frequencies, "shapes": u.widths.shapes,
-                    "damping": u.widths.damping, "modes_left_out": u.widths.without,
+        return plain(
+            {
+                "title": self.title,
+                "condition": None
+                if self.condition is None
+                else dict(zip(("name", "value", "unit"), self.condition, strict=True)),
+                "method": u.method,
+                "data": self.kinds,
+                "parameters": [
+                    {
+                        "name": p["name"],
+                        "value": p["value"],
+                        "unit": p["unit"],
+                        "standard_deviation": p["sd"] * abs(p["value"]),
+                        "relative_standard_deviation": p["sd"],
+                        "start": p["start"],
+                        "determined": p["name"] not in found.undetermined,
+                    }
+                    for p in self.parameters
+                ],
+                "frequencies_hz": None
+                if modes is None
+                else {"test": modes.test, "before": modes.before, "after": modes.after},
+                "errors_percent": None if modes is None else 100 * modes.error_after,
+                "errors_before_percent": None if modes is None else 100 * modes.error_before,
+                "modes": None if modes is None else modes.to_json(),
+                "modes_without_partner": self.without_partner,
+                "functions_db": None if self.functions is None else self.functions.summary(),
+                "held_modes": [h.to_json() for h in self.held],
+                "condition_numbers": {"before": before, "after": after},
+                "identifiability": {
+                    "condition": found.condition,
+                    "collinearity": found.collinearity,
+                    "undetermined": found.undetermined,
+                    "weakest_direction": dict(zip(found.names, found.weakest, strict=True)),
+                    "in_words": in_words(found),
                 },
-            },
-            "history": [
-                {"values": dict(zip(u.names, i.values, strict=True)), "moved": i.moved}
-                for i in u.history
-            ],
-            "torque_fits": [] if sweep is None else sweep.fits,
-            "curves": [] if sweep is None else sweep.curves,
-            "curve_gap": None if sweep is None else sweep.gaps(),
-            "published": self.published,
-            "model": self.model,
-            "notes": self.notes,
-        })  # fmt: skip
+                "iterations": u.evaluations,
+                "fit": {
+                    "chi2": u.chi2,
+                    "degrees_of_freedom": u.degrees_of_freedom,
+                    "evaluations": u.evaluations,
+                    "converged": u.converged,
+                    "message": u.message,
+                    "reason": None if u.converged else u.message,
+                    "regularisation": self.pull,
+                    "held_by_prior": [] if self.pull is None else found.undetermined,
+                    "explains_nothing": self.failure,
+                    "excess": u.excess,
+                    "widths": {
+                        "frequencies": u.widths.frequencies,
+                        "shapes": u.widths.shapes,
+                        "damping": u.widths.damping,
+                        "modes_left_out": u.widths.without,
+                    },
+                },
+                "history": [
+                    {"values": dict(zip(u.names, i.values, strict=True)), "moved": i.moved}
+                    for i in u.history
+                ],
+                "torque_fits": [] if sweep is None else sweep.fits,
+                "curves": [] if sweep is None else sweep.curves,
+                "curve_gap": None if sweep is None else sweep.gaps(),
+                "published": self.published,
+                "model": self.model,
+                "notes": self.notes,
+            }
+        )
 
 
 def prediction_sd(found: Update, slopes: np.ndarray) -> float:

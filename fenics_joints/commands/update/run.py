@@ -51,8 +51,6 @@ from fenics_joints.updating import Update, update, update_weighted
 from fenics_joints.updating.checks import bound_notes, fit_notes, too_far
 from fenics_joints.updating.weighted import noise_tolerances
 
-__all__ = ["run_update", "update_case"]
-
 #: Modes beyond the rigid-body ones and those of the test.
 _SPARE = 4
 #: How often the reduced model is bettered at what was found.
@@ -135,9 +133,14 @@ class _Run:
         case, target, n_modes = self.case, self.data.target, self.case.diagnose.n_modes
         if not case.combined():
             model = FollowedModel(
-                self.full, target, self.parameters, self.start, case.measurements(), n_modes,
+                self.full,
+                target,
+                self.parameters,
+                self.start,
+                case.measurements(),
+                n_modes,
                 self.progress,
-            )  # fmt: skip
+            )
             self.n_modes = model.n_modes
             if target.shape_sensors is not None:
                 self.data = replace(self.data, target=replace(target, shapes=model.reference))
@@ -179,16 +182,19 @@ class _Run:
         facts, sweep = self._facts(error, functions), None
         if not self.case.combined():
             sweep, lost = sweep_conditions(
-                self.case, self.data.target, self.model, self.parameters, self.start,
-                {self._row(): found}, self.progress,
-            )  # fmt: skip
+                self.case,
+                self.data.target,
+                self.model,
+                self.parameters,
+                self.start,
+                {self._row(): found},
+                self.progress,
+            )
             facts |= {**self.model.facts(), "not_converged": lost}
         table = self._modes(first, modes, found)
         failure = explains_nothing(table, alone, self.spare, self._in_order(first), found.excess)
         if failure is not None:
-            self.notes.append(
-                f"THIS FIT EXPLAINS NOTHING: {failure}; do not use its values"
-            )
+            self.notes.append(f"THIS FIT EXPLAINS NOTHING: {failure}; do not use its values")
         return UpdateReport(
             title=self.case.name,
             condition=self.data.condition,
@@ -204,8 +210,9 @@ class _Run:
             pull=None if found.method == "weighted" else self.section.regularisation,
             published=self._published(),
             shapes=updated_shapes(self.case, self.full, self.data.target, modes),
-            failure=None if failure is None else f"{self.case.path}: the fit explains nothing: "
-            f"{failure}",
+            failure=None
+            if failure is None
+            else f"{self.case.path}: the fit explains nothing: {failure}",
         )
 
     def _alone(self, first: Modes, modes: Modes) -> np.ndarray:
@@ -217,9 +224,9 @@ class _Run:
         if not len(self.data.target):
             return np.zeros(0, dtype=bool)
         hz, shapes = self._measured_hz(), self.case.measurements().shapes
-        alone = ~np.any([
-            partnered(self._pair(m), m.frequencies_hz, hz, shapes) for m in (first, modes)
-        ], axis=0)  # fmt: skip
+        alone = ~np.any(
+            [partnered(self._pair(m), m.frequencies_hz, hz, shapes) for m in (first, modes)], axis=0
+        )
         if 0 < alone.sum() <= self.spare and not alone[list(self.data.held_modes)].any():
             index = np.flatnonzero(alone).tolist()
             raise WithoutPartner([self.data.mode_names[i] for i in index], index)
@@ -267,9 +274,14 @@ class _Run:
         model, common = self.model.arrays, {"damping": self.damping, "strict": False}
         if self.section.method == "weighted":
             return update_weighted(
-                model, self.parameters, target, self.start, step_limit=self.section.step_limit,
-                **common, **noise_tolerances(target),
-            )  # fmt: skip
+                model,
+                self.parameters,
+                target,
+                self.start,
+                step_limit=self.section.step_limit,
+                **common,
+                **noise_tolerances(target),
+            )
         common |= {"regularisation": self.section.regularisation, "n_modes": self.n_modes}
         common["centre"] = self.start
         found = update(model, self.parameters, target, start, **common)
@@ -277,9 +289,7 @@ class _Run:
         misfit = found.chi2 / max(found.degrees_of_freedom, 1)
         if not both or misfit <= _MISFIT:
             return found
-        return update(
-            model, self.parameters, target, start, moves="always", **common
-        )  # fmt: skip
+        return update(model, self.parameters, target, start, moves="always", **common)
 
     def _values(self, found: Update) -> dict[str, float]:
         return {**self.start, **found.mapping()}
@@ -323,9 +333,12 @@ class _Run:
         sd = prediction_sd(found, found.prediction.frequency_slopes[j])
         numbers = (float(v) for v in (self._measured_hz()[j], before, after, sd))
         return HeldMode(
-            *numbers, self.data.mode_names[j], found.mapping(), alone,
+            *numbers,
+            self.data.mode_names[j],
+            found.mapping(),
+            alone,
             self._held_ratio(j, first, modes, found),
-        )  # fmt: skip
+        )
 
     def _held_ratio(self, j, first: Modes, modes: Modes, found: Update) -> Predicted | None:
         before = self.model.ratios(self.start, first)
@@ -369,23 +382,31 @@ class _Run:
         fitted[list(found.widths.without)] = False
         before, after = self._pair(first), self._pair(modes)
         shapes = None if self.case.measurements().shapes is None else target.shapes
-        macs = (None, None) if shapes is None else tuple(
-            mac(shapes, p.shapes) for p in (before, after)
-        )  # fmt: skip
+        macs = (
+            (None, None)
+            if shapes is None
+            else tuple(mac(shapes, p.shapes) for p in (before, after))
+        )
         return ModeTable(
-            self._measured_hz(), first.frequencies_hz[before.index],
-            modes.frequencies_hz[after.index], fitted,
-            self.data.mode_names, *macs, self._ratios(first, modes, values),
-        )  # fmt: skip
+            self._measured_hz(),
+            first.frequencies_hz[before.index],
+            modes.frequencies_hz[after.index],
+            fitted,
+            self.data.mode_names,
+            *macs,
+            self._ratios(first, modes, values),
+        )
 
     def _ratios(self, first: Modes, modes: Modes, values) -> Compared | None:
         before = self.model.ratios(self.start, first)
         if before is None:
             return None
         return Compared(
-            self._measured_ratios(), before, self.model.ratios(values, modes),
+            self._measured_ratios(),
+            before,
+            self.model.ratios(values, modes),
             np.isfinite(self.data.target.damping_ratios),
-        )  # fmt: skip
+        )
 
     def _functions(self, values: Mapping[str, float]) -> Functions | None:
         """The full model's functions at all measured lines, at the start and updated."""
@@ -396,27 +417,43 @@ class _Run:
         found, errors = [], []
         for given in (self.start, values):
             frf = solve_frf(
-                self.full, given, frequencies_hz=frfs.frequencies_hz[there],
+                self.full,
+                given,
+                frequencies_hz=frfs.frequencies_hz[there],
                 excitation=Sensors(frfs.reference_points, frfs.reference_directions),
-                sensors=frfs.sensors(), damping=self.damping, kind=frfs.kind, method="modal",
+                sensors=frfs.sensors(),
+                damping=self.damping,
+                kind=frfs.kind,
+                method="modal",
                 check=2,
-            )  # fmt: skip
+            )
             found.append(frf.values)
             errors.append(0.0 if frf.error is None else float(np.max(frf.error)))
         lines = np.zeros(len(there), dtype=bool)
         lines[self.data.lines] = True
         return Functions(
-            frfs.frequencies_hz[there], frfs.values[there], *found, lines[there],
-            self.data.held[there], frfs.kind, frfs.unit,
-            (frfs.response_names, frfs.reference_names), max(errors),
-        )  # fmt: skip
+            frfs.frequencies_hz[there],
+            frfs.values[there],
+            *found,
+            lines[there],
+            self.data.held[there],
+            frfs.kind,
+            frfs.unit,
+            (frfs.response_names, frfs.reference_names),
+            max(errors),
+        )
 
     def _table(self, found: Update) -> list[dict]:
         return [
-            {"name": p.name, "value": float(v), "unit": p.unit, "sd": float(sd),
-             "start": self.start[p.name]}
+            {
+                "name": p.name,
+                "value": float(v),
+                "unit": p.unit,
+                "sd": float(sd),
+                "start": self.start[p.name],
+            }
             for p, v, sd in zip(self.parameters, found.values, found.relative_sd, strict=True)
-        ]  # fmt: skip
+        ]
 
     def _published(self) -> dict | None:
         published = self.section.published
@@ -438,9 +475,10 @@ class _Run:
         facts = {"dofs": self.full.n_dofs}
         if self.model.samples or not self.case.combined():
             facts |= {
-                "basis": self.model.arrays.n_dofs, "samples": self.model.samples,
+                "basis": self.model.arrays.n_dofs,
+                "samples": self.model.samples,
                 "frequency_error": error.frequencies,
-            }  # fmt: skip
+            }
             if error.damping is not None:
                 facts["damping_error"] = percent(error.damping, 4)
         if functions is not None:

@@ -27,8 +27,6 @@ from fenics_joints.commands.update.words import (
 from fenics_joints.formatting import hertz, number, percent, quantity
 from fenics_joints.report.terminal import new_table, say
 
-__all__ = ["show_update"]
-
 #: Rows of each table.
 _PARAMETERS, _MODES = 8, 10
 
@@ -114,9 +112,14 @@ def _ratio_rows(names: Sequence[str], damping: Compared):
 
 
 def _compared(
-    found: Compared, names: Sequence[str], headings: Sequence[str], words: Callable[[float], str],
-    digits: int, rows: Sequence[int], macs: Sequence[float] | None = None,
-):  # fmt: skip
+    found: Compared,
+    names: Sequence[str],
+    headings: Sequence[str],
+    words: Callable[[float], str],
+    digits: int,
+    rows: Sequence[int],
+    macs: Sequence[float] | None = None,
+):
     """A table of modes, before and after."""
     table = new_table(*headings, *([] if macs is None else [">MAC"]))
     for j in rows[:_MODES]:
@@ -133,16 +136,24 @@ def _held_ratio_rows(held: Sequence[HeldMode]):
     table = new_table("damping ratio, held out", ">test", ">predicted", ">error", ">± s.d.")
     for h in held[:_MODES]:
         d = h.damping
-        table.add_row(Text(h.name), ratio_words(d.test), ratio_words(d.predicted),
-                      percent(d.error, 1, sign=True), accuracy(d.sd))  # fmt: skip
+        table.add_row(
+            Text(h.name),
+            ratio_words(d.test),
+            ratio_words(d.predicted),
+            percent(d.error, 1, sign=True),
+            accuracy(d.sd),
+        )
     return table
 
 
 def _level_rows(functions: Functions):
     found = functions.summary()
     table = new_table("functions, rms of |H| in dB", ">before", ">after")
-    for key, words in (("all", "all lines"), ("fitted", "lines that were fitted"),
-                       ("held", "held out")):  # fmt: skip
+    for key, words in (
+        ("all", "all lines"),
+        ("fitted", "lines that were fitted"),
+        ("held", "held out"),
+    ):
         if found[f"{key}_after"] is not None:
             table.add_row(words, decibel(found[f"{key}_before"]), decibel(found[f"{key}_after"]))
     return table
@@ -155,8 +166,7 @@ def _held_rows(r: UpdateReport):
     heading = "held out in turn" if alone and len(r.held) > 1 else "held out"
     table = new_table(heading, ">test, Hz", ">predicted, Hz", ">error", ">± s.d.", *more)
     for h in r.held[:_MODES]:
-        row = [hertz(h.test), hertz(h.predicted), percent(h.error, sign=True),
-               accuracy(h.sd)]  # fmt: skip
+        row = [hertz(h.test), hertz(h.predicted), percent(h.error, sign=True), accuracy(h.sd)]
         if published:
             row.append(percent(published.get(h.name), sign=True))
         table.add_row(Text(h.name), *row)

@@ -19,9 +19,6 @@ from fenics_joints.report.html import svg
 from fenics_joints.report.mesh_pictures import mode_shape
 from fenics_joints.structure import Sensors, Structure
 
-__all__ = ["UpdatedShapes", "shapes_view", "updated_shapes"]
-
-
 #: Modes that have a picture for paper.
 _STILLS = 6
 

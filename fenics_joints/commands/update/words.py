@@ -9,8 +9,6 @@ import numpy as np
 from fenics_joints.formatting import number, spread
 from fenics_joints.modal.sensitivity import Identifiability
 
-__all__ = ["accuracy", "decibel", "in_words", "ratio_words", "start_words"]
-
 #: Share of a direction from which a parameter is named in it.
 _NAMED = 0.2
 #: Condition number from which a direction is known by rounding alone.

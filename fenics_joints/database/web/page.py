@@ -21,8 +21,6 @@ from fenics_joints.errors import InputError
 from fenics_joints.formatting import quantity
 from fenics_joints.preload.threads import thread_names
 
-__all__ = ["Page"]
-
 
 @dataclass(frozen=True)
 class _Number:
@@ -97,9 +95,11 @@ class Page:
         self._bolts = tuple(dict.fromkeys([*thread_names(), *own]))
         self._first = _Question(bolt=(*own, "M12")[0], output=next(iter(surfaces.kriging)))
         self._choices = {
-            "bolt": self._bolts, "way": tuple(_WAYS), "output": tuple(surfaces.kriging),
+            "bolt": self._bolts,
+            "way": tuple(_WAYS),
+            "output": tuple(surfaces.kriging),
             "extrapolate": ("", "on"),
-        }  # fmt: skip
+        }
 
     def reply(self, path: str, typed: Mapping[str, str]) -> Reply:
         """Reply to a request.
@@ -136,10 +136,11 @@ class Page:
     def _shown(self, question: _Question) -> list[str]:
         """Names of the numbers that the question needs."""
         return [
-            name for name, number in _NUMBERS.items()
+            name
+            for name, number in _NUMBERS.items()
             if question.way in number.ways
             and (name != "roughness" or "roughness" in self._surfaces.inputs)
-        ]  # fmt: skip
+        ]
 
     def _answered(self, question: _Question) -> tuple[Answer | None, str]:
         """The answer, or what is wrong with the question."""
@@ -147,9 +148,12 @@ class Page:
             values = {name: _value(name, question) for name in self._shown(question)}
             how = TorqueToForce(values.pop("K", 0.2), values.pop("friction", None))
             answer = query(
-                self._surfaces, bolt=question.bolt, torque_to_force=how,
-                extrapolate=bool(question.extrapolate), **values,
-            )  # fmt: skip
+                self._surfaces,
+                bolt=question.bolt,
+                torque_to_force=how,
+                extrapolate=bool(question.extrapolate),
+                **values,
+            )
         except InputError as problem:
             return None, str(problem)
         return answer, ""
@@ -157,13 +161,20 @@ class Page:
     def _html(self, question: _Question, answer: Answer | None, error: str) -> str:
         shown = self._shown(question)
         return _template().render(
-            version=__version__, about=_about(self._surfaces), q=question, error=error,
-            said=_said(answer), notes=() if answer is None else answer.notes,
-            extrapolated=answer is not None and answer.extrapolated, numbers=_NUMBERS,
-            shown=shown, ways=list(_WAYS.items()), bolts=[(bolt, bolt) for bolt in self._bolts],
+            version=__version__,
+            about=_about(self._surfaces),
+            q=question,
+            error=error,
+            said=_said(answer),
+            notes=() if answer is None else answer.notes,
+            extrapolated=answer is not None and answer.extrapolated,
+            numbers=_NUMBERS,
+            shown=shown,
+            ways=list(_WAYS.items()),
+            bolts=[(bolt, bolt) for bolt in self._bolts],
             outputs={name: _OUTPUTS[name] for name in self._choices["output"]},
             picture=urlencode(asdict(question)),
-        )  # fmt: skip
+        )
 
 
 @lru_cache(maxsize=2)
@@ -196,9 +207,11 @@ def _said(answer: Answer | None) -> dict[str, tuple[str, str]]:
     if answer is None:
         return dict.fromkeys(("radius", "pressure", "force", "interface"), ("–", "–"))
     row = answer.identified
-    found = "–" if row is None else (
-        f"E {quantity(row.E, 'Pa')}, ν {quantity(row.nu)}, h {quantity(row.h, 'm')}"
-    )  # fmt: skip
+    found = (
+        "–"
+        if row is None
+        else (f"E {quantity(row.E, 'Pa')}, ν {quantity(row.nu)}, h {quantity(row.h, 'm')}")
+    )
     return {
         "radius": _split(in_words(answer.radius, "m")),
         "pressure": _split(in_words(answer.pressure, "Pa")),

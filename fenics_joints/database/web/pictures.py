@@ -10,8 +10,6 @@ import numpy as np
 
 from fenics_joints.database.query import Answer, Surfaces
 
-__all__ = ["Pictures"]
-
 _SHOWN = {"radius": (1e3, "contact radius (mm)"), "pressure": (1e-6, "mean pressure (MPa)")}
 _ASKED, _DATA, _LINE = "#c62828", "#1a237e", "#1565c0"
 _POINTS = 61
@@ -60,14 +58,30 @@ class Pictures:
             bar.set_label(name)
         rows = kriging.x[:, 1:3]
         axes.plot(
-            rows[:, 0] / 1e3, rows[:, 1] * 1e3, "o", ms=6, color=_DATA, markeredgecolor="white",
-            markeredgewidth=0.9, label="data", clip_on=False, zorder=3,
-        )  # fmt: skip
+            rows[:, 0] / 1e3,
+            rows[:, 1] * 1e3,
+            "o",
+            ms=6,
+            color=_DATA,
+            markeredgecolor="white",
+            markeredgewidth=0.9,
+            label="data",
+            clip_on=False,
+            zorder=3,
+        )
         if answer is not None:
             axes.plot(
-                answer.force / 1e3, answer.thickness * 1e3, "*", ms=17, color=_ASKED,
-                markeredgecolor="white", label="your joint", clip_on=False, zorder=4, ls="none",
-            )  # fmt: skip
+                answer.force / 1e3,
+                answer.thickness * 1e3,
+                "*",
+                ms=17,
+                color=_ASKED,
+                markeredgecolor="white",
+                label="your joint",
+                clip_on=False,
+                zorder=4,
+                ls="none",
+            )
         axes.set(xlabel="bolt force (kN)", ylabel="thickness of a plate (mm)")
         axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2, frameon=False)
 
@@ -87,18 +101,28 @@ class Pictures:
                 label = "Kriging" if inside else "extrapolated"
                 axes.plot(force / 1e3, chosen * factor, style, color=_LINE, label=label)
         axes.fill_between(
-            force / 1e3, p.low * factor, p.high * factor, color=_LINE, alpha=0.18, lw=0,
+            force / 1e3,
+            p.low * factor,
+            p.high * factor,
+            color=_LINE,
+            alpha=0.18,
+            lw=0,
             label="95 %",
-        )  # fmt: skip
+        )
         same = np.isclose(rows[:, 2], thickness, rtol=1e-3)
         if same.any():
             axes.plot(rows[same, 1] / 1e3, kriging.y[same] * factor, "o", ms=6, color=_DATA)
         estimate = None if answer is None else getattr(answer, output)
         if estimate is not None:
             axes.plot(
-                answer.force / 1e3, estimate.value * factor, "*", ms=17, color=_ASKED,
-                markeredgecolor="white", clip_on=False,
-            )  # fmt: skip
+                answer.force / 1e3,
+                estimate.value * factor,
+                "*",
+                ms=17,
+                color=_ASKED,
+                markeredgecolor="white",
+                clip_on=False,
+            )
         axes.set(xlabel="bolt force (kN)", ylabel=name)
         axes.set_title(f"plates of {thickness * 1e3:.4g} mm", loc="left", fontsize=10)
         axes.grid(alpha=0.25)
@@ -112,10 +136,14 @@ class Pictures:
         force, thickness = np.meshgrid(
             np.linspace(low[0], high[0], _POINTS), np.linspace(low[1], high[1], _POINTS)
         )
-        points = np.column_stack([
-            np.full(force.size, others[0]), force.ravel(), thickness.ravel(),
-            *(np.full(force.size, other) for other in others[1:]),
-        ])  # fmt: skip
+        points = np.column_stack(
+            [
+                np.full(force.size, others[0]),
+                force.ravel(),
+                thickness.ravel(),
+                *(np.full(force.size, other) for other in others[1:]),
+            ]
+        )
         p = kriging.predict(points, extrapolate=True)
         # Where no other bolt was computed, the surface shown is that of the data's.
         inside = p.inside | (not p.inside.any())
@@ -123,14 +151,19 @@ class Pictures:
 
     def _points(self, force: np.ndarray, thickness: np.ndarray, answer: Answer | None):
         diameter, *others = self._others(answer)
-        return np.column_stack([
-            np.full_like(force, diameter), force, thickness,
-            *(np.full_like(force, other) for other in others),
-        ])  # fmt: skip
+        return np.column_stack(
+            [
+                np.full_like(force, diameter),
+                force,
+                thickness,
+                *(np.full_like(force, other) for other in others),
+            ]
+        )
 
     def _others(self, answer: Answer | None) -> tuple[float, ...]:
         """Diameter, and roughness if the surfaces depend on it."""
-        middle = np.median([[getattr(j, n) for n in self._surfaces.inputs]
-                            for j in self._surfaces.rows], axis=0)  # fmt: skip
+        middle = np.median(
+            [[getattr(j, n) for n in self._surfaces.inputs] for j in self._surfaces.rows], axis=0
+        )
         diameter = middle[0] if answer is None else answer.thread.diameter
         return (float(diameter), *map(float, middle[3:]))

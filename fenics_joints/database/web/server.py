@@ -30,8 +30,6 @@ from urllib.parse import parse_qsl, urlsplit
 
 from fenics_joints.errors import InputError
 
-__all__ = ["HOST", "PageServer", "Refused", "Reply"]
-
 HOST = "127.0.0.1"
 #: Names of this machine; another port is that of a tunnel, as by ssh -L.
 _HOSTS = re.compile(r"(127\.0\.0\.1|localhost|\[::1\])(:\d{1,5})?", re.ASCII | re.IGNORECASE)
@@ -272,9 +270,11 @@ class _Request(BaseHTTPRequestHandler):
         """Fields of the query, each once."""
         try:
             pairs = parse_qsl(
-                urlsplit(self.path).query, keep_blank_values=True, errors="strict",
+                urlsplit(self.path).query,
+                keep_blank_values=True,
+                errors="strict",
                 max_num_fields=_MOST_FIELDS,
-            )  # fmt: skip
+            )
         except ValueError as error:
             raise Refused(HTTPStatus.BAD_REQUEST) from error
         if len(dict(pairs)) != len(pairs):

@@ -16,11 +16,6 @@ from fenics_joints.diagnosis.effects.effect import RARE, Effect, Prior, Silent
 from fenics_joints.diagnosis.zones.zone import Zone
 from fenics_joints.measurements.data import TestData
 
-__all__ = [
-    "NAMES", "amplitude_effects", "gapping", "growing_damping", "iwan_loss_factor", "micro_slip",
-    "relative_drop", "stiffening",
-]  # fmt: skip
-
 MICRO_SLIP = "micro-slip in the joint"
 SOFTENING = "gapping without slip"
 GROWING = "damping that grows without softening"
@@ -183,9 +178,8 @@ def growing_damping(reference: float) -> Effect:
 
     words = "Damping grows with the level and the stiffness stays: air, material, the suspension."
     return Effect(
-        GROWING, "", (_GROWN, _GROWTH), apply, words, True, by_level=True, loss=loss,
-        weight=RARE,
-    )  # fmt: skip
+        GROWING, "", (_GROWN, _GROWTH), apply, words, True, by_level=True, loss=loss, weight=RARE
+    )
 
 
 def amplitude_effects(

@@ -13,8 +13,6 @@ from fenics_joints.diagnosis.effects.effect import Effect, Prior
 from fenics_joints.diagnosis.effects.joint import EXPONENT, PRIORS
 from fenics_joints.diagnosis.zones.zone import Zone
 
-__all__ = ["LOW_PRELOAD", "loose_bolt", "loose_together", "low_preload"]
-
 LOW_PRELOAD = "preload lower than nominal"
 #: Actual over nominal preload: half, within a factor of 2. A torque wrench alone scatters by 25 %
 #: (VDI 2230), settling and a forgotten pass of tightening take more. [prior: VDI 2230; median
@@ -79,9 +77,15 @@ def _loose(name, region, zones, words, weight, holds=frozenset()) -> Effect:
                 zone.give_way(values, kind, theta[prior.name])
 
     return Effect(
-        name, region, (prior,), apply, words + effect.format(them=them), family="bolt",
-        weight=weight, holds=holds,
-    )  # fmt: skip
+        name,
+        region,
+        (prior,),
+        apply,
+        words + effect.format(them=them),
+        family="bolt",
+        weight=weight,
+        holds=holds,
+    )
 
 
 def low_preload(region: str, zones: Sequence[Zone], name: str, weight: float = 1.0) -> Effect:

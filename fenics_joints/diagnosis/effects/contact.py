@@ -11,8 +11,6 @@ from fenics_joints.diagnosis.effects.effect import Effect, Prior
 from fenics_joints.diagnosis.effects.joint import LOST, PRIORS, distances, reach
 from fenics_joints.diagnosis.zones.zone import LAYER, Zone
 
-__all__ = ["SMALLER", "lost_beyond", "lost_contact", "smaller_contact"]
-
 SMALLER = "contact area smaller than modelled"
 _FAMILY = PRIORS[LAYER.name].family
 #: Factor on a layer's stiffness at which it is about halfway to `LOST`, as a thin layer that stiff
@@ -54,9 +52,7 @@ def lost_contact(zones: Sequence[Zone]) -> Effect:
     span = (1e-3 * largest, low)
     prior = Prior("cutoff", median * largest, spread, "Pa", True, span, scan=_SCAN)
     words = "The faces hold together only where the bolts press them hard enough."
-    return Effect(
-        "contact lost at low pressure", "joint", (prior,), apply, words, False, _FAMILY
-    )
+    return Effect("contact lost at low pressure", "joint", (prior,), apply, words, False, _FAMILY)
 
 
 def lost_beyond(zones: Sequence[Zone], reference: float | None = None) -> Effect:
@@ -86,9 +82,14 @@ def lost_beyond(zones: Sequence[Zone], reference: float | None = None) -> Effect
         priors = [replace(radius, scan=0), Prior("cutoff", *_CUTOFF, "", True, (0.0, 0.9))]
         words = "The faces hold together only near the bolts, further out at higher torque."
     return Effect(
-        "contact lost at low pressure", "joint", tuple(priors), apply, words,
-        reference is not None, _FAMILY,
-    )  # fmt: skip
+        "contact lost at low pressure",
+        "joint",
+        tuple(priors),
+        apply,
+        words,
+        reference is not None,
+        _FAMILY,
+    )
 
 
 def smaller_contact(zones: Sequence[Zone]) -> Effect:

@@ -12,11 +12,6 @@ from fenics_joints.diagnosis.effects.effect import Effect, Prior
 from fenics_joints.diagnosis.zones.zone import Zone
 from fenics_joints.measurements.data import TestData
 
-__all__ = [
-    "HYSTERETIC", "SUPPORTS", "VISCOUS", "has_damping", "has_ratios", "hysteretic_damping",
-    "spring_damping", "support_damping", "viscous_damping",
-]  # fmt: skip
-
 HYSTERETIC = "joint hysteretic damping"
 VISCOUS = "joint viscous damping"
 SUPPORTS = "damping of the supports"
@@ -89,8 +84,17 @@ def spring_damping(springs: Sequence[str], region: str, weight: float = 1.0) -> 
         return {f"{name}.stiffness": theta["eta"] for name in springs}
 
     words = "What the structure hangs or stands on dissipates a share of what it stores in a cycle."
-    return Effect(SUPPORTS, region, (_HELD,), None, words, family=SUPPORTS, loss=loss,
-                  weight=weight, beside=True)  # fmt: skip
+    return Effect(
+        SUPPORTS,
+        region,
+        (_HELD,),
+        None,
+        words,
+        family=SUPPORTS,
+        loss=loss,
+        weight=weight,
+        beside=True,
+    )
 
 
 def support_damping(supports: Sequence[str], gives_way: Effect) -> Effect:
@@ -106,9 +110,13 @@ def support_damping(supports: Sequence[str], gives_way: Effect) -> Effect:
 
     words = "What holds the structure gives way, and dissipates a share of what it stores."
     return replace(
-        gives_way, name=SUPPORTS, priors=(*gives_way.priors, _HELD), describe=words, loss=loss,
+        gives_way,
+        name=SUPPORTS,
+        priors=(*gives_way.priors, _HELD),
+        describe=words,
+        loss=loss,
         beside=True,
-    )  # fmt: skip
+    )
 
 
 def _lossy(zones: Sequence[Zone]) -> list[str]:

@@ -32,10 +32,6 @@ from scipy.special import ndtr, ndtri
 from fenics_joints.diagnosis.effects.sensing import Sensing
 from fenics_joints.errors import flag, real, text, whole
 
-__all__ = [
-    "FACTOR", "RARE", "Effect", "Prior", "Silent", "in_series", "relative_error", "somewhere",
-]  # fmt: skip
-
 #: Prior odds of what few structures have, and of a law that describes what is seen without a
 #: physical reason for it, against what any has, such as a modulus that is not quite the data
 #: sheet's. [prior: chosen]
@@ -181,9 +177,7 @@ class Effect:
         """Unique name."""
         return f"{self.name} ({self.region})" if self.region else self.name
 
-    def touches(
-        self, baseline: Mapping[str, float], conditions: Iterable[float]
-    ) -> frozenset[str]:
+    def touches(self, baseline: Mapping[str, float], conditions: Iterable[float]) -> frozenset[str]:
         """Names of the model's parameters that it changes in some condition, its own parameters one
         standard deviation from their medians either way."""
         if self.apply is None:

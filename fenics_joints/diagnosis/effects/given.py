@@ -10,8 +10,6 @@ from fenics_joints.diagnosis.effects.effect import Effect, Prior
 from fenics_joints.diagnosis.effects.joint import EXPONENT, PRIORS
 from fenics_joints.diagnosis.zones.zone import Zone
 
-__all__ = ["STIFFER", "STIFFER_AT", "stiffer_joint"]
-
 STIFFER = "joint stiffer than given"
 #: Of a part of it.
 STIFFER_AT = "joint stiffer than given at one place"
@@ -49,6 +47,12 @@ def stiffer_joint(
     priors = (_FACTOR,) if reference is None else (_FACTOR, Prior("beta", *EXPONENT))
     words = "The faces hold together better than the stiffness that the model was given."
     return Effect(
-        name, region, priors, apply, words, reference is not None,
-        PRIORS[zones[0].interface.name].family, weight=weight,
-    )  # fmt: skip
+        name,
+        region,
+        priors,
+        apply,
+        words,
+        reference is not None,
+        PRIORS[zones[0].interface.name].family,
+        weight=weight,
+    )

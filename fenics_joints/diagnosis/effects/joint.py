@@ -15,11 +15,6 @@ import numpy as np
 from fenics_joints.diagnosis.effects.effect import RARE, Effect, Prior
 from fenics_joints.diagnosis.zones.zone import GIVEN_LAP, LAP, LAYER, Zone, ZoneInterface
 
-__all__ = [
-    "AXIAL", "EXPONENT", "LOST", "PRIORS", "InterfacePrior", "bell_pressure", "distances",
-    "gives_way", "graded", "interfaces", "pressed_by_bolts", "pressed_compliance", "reach",
-]  # fmt: skip
-
 #: Exponent of K = alpha P^beta (Tian et al. 2021, eqs. 22 and 23), P proportional to the torque.
 #: [prior: Tian et al. 2021, eqs. 22 and 23; spread chosen]
 EXPONENT = (0.5, 0.3, "", False, (0.0, 1.5))
@@ -101,11 +96,10 @@ _LAYER = InterfacePrior(
         "The interface gives way, differently under the bolts and away from them.",
     ),
     graded_kinds=(("n", "t"),),
-    at_one=(
-        "compliance at one {kind}", "The interface gives way at {place}, more than elsewhere."
-    ),
+    at_one=("compliance at one {kind}", "The interface gives way at {place}, more than elsewhere."),
     loose=(
-        LAYER, _RESTING,
+        LAYER,
+        _RESTING,
         ": the faces around {them} only rest on each other. All bolts equally loose are the "
         "joint's compliance as a whole.",
     ),
@@ -117,7 +111,8 @@ _LAP = InterfacePrior(
     family="lap stiffness",
     alone={
         ("slap",): (
-            "joint slap stiffness", "The lap opens and shears more or less than the model says."
+            "joint slap stiffness",
+            "The lap opens and shears more or less than the model says.",
         ),
         ("slip",): (
             "joint slip stiffness",
@@ -135,22 +130,17 @@ _LAP = InterfacePrior(
         "{place} alone is softer or stiffer than the model says.",
     ),
     loose=(
-        GIVEN_LAP, _LEFT,
+        GIVEN_LAP,
+        _LEFT,
         ", and the lap softer around {them}. All bolts equally loose are the joint's stiffness "
         "as a whole.",
     ),
 )
 #: By kind of zones.
-PRIORS = {
-    LAYER.name: _LAYER,
-    LAP.name: _LAP,
-    GIVEN_LAP.name: replace(_LAP, known=_GIVEN),
-}
+PRIORS = {LAYER.name: _LAYER, LAP.name: _LAP, GIVEN_LAP.name: replace(_LAP, known=_GIVEN)}
 
 
-def interfaces(
-    zones: Sequence[Zone], baseline: Mapping[str, float]
-) -> dict[str, dict[str, float]]:
+def interfaces(zones: Sequence[Zone], baseline: Mapping[str, float]) -> dict[str, dict[str, float]]:
     """Interfaces of the priors' median stiffness, by zone and by the parameter they act on.
 
     Args:
@@ -220,9 +210,15 @@ def gives_way(
                     zone.give_way(values, kind, k)
 
     return Effect(
-        name, region, tuple(priors.values()), apply, describe, reference is not None,
-        law.family if family is None else family, weight=weight,
-    )  # fmt: skip
+        name,
+        region,
+        tuple(priors.values()),
+        apply,
+        describe,
+        reference is not None,
+        law.family if family is None else family,
+        weight=weight,
+    )
 
 
 def graded(
@@ -260,9 +256,14 @@ def pressed_compliance(zones: Sequence[Zone]) -> Effect:
 
     words = "The interface gives way, the more the less it is pressed."
     return Effect(
-        "joint compliance that falls with the pressure", "joint",
-        _pressed_priors(LAYER.keys), apply, words, False, _LAYER.family,
-    )  # fmt: skip
+        "joint compliance that falls with the pressure",
+        "joint",
+        _pressed_priors(LAYER.keys),
+        apply,
+        words,
+        False,
+        _LAYER.family,
+    )
 
 
 def _pressed_priors(kinds: Iterable[str]) -> tuple[Prior, ...]:
@@ -296,9 +297,7 @@ def bell_pressure(low: np.ndarray, high: np.ndarray, radius: float) -> np.ndarra
         Pressures, (n,) or (n, b), 0 to 1.
     """
     end = np.asarray(radius) ** 2
-    a, b = (
-        np.reshape(r, (-1, *(1 for _ in end.shape))).astype(float) ** 2 for r in (low, high)
-    )
+    a, b = (np.reshape(r, (-1, *(1 for _ in end.shape))).astype(float) ** 2 for r in (low, high))
 
     def integral(x):
         x = np.minimum(x, end)
@@ -360,7 +359,12 @@ def pressed_by_bolts(
         (name, words), weight = _LAYER.alone[kinds], _LESS_PLAIN
     words = f"{words.rstrip('.')}, the more the further from the bolts that press it."
     return Effect(
-        f"{name} that falls with the pressure", "joint",
-        (*_pressed_priors(kinds), reach(low, high)), apply, words, reference is not None,
-        _LAYER.family, weight=weight,
-    )  # fmt: skip
+        f"{name} that falls with the pressure",
+        "joint",
+        (*_pressed_priors(kinds), reach(low, high)),
+        apply,
+        words,
+        reference is not None,
+        _LAYER.family,
+        weight=weight,
+    )

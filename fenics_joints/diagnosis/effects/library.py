@@ -64,8 +64,6 @@ from fenics_joints.formatting import spaced
 from fenics_joints.measurements.data import TestData
 from fenics_joints.reduction.forward import ways_of
 
-__all__ = ["by_preload", "case_effects", "case_nuisances"]
-
 #: Tolerances where the case gives none: handbook values, rolled plate. Of a width and of Poisson's
 #: ratio only what the case says: it is milled, and bending does not see them. [prior: handbooks]
 _TOLERANCE = {"E": 0.015, "nu": 0.0, "rho": 0.01, "thickness": 0.005, "width": 0.0}
@@ -123,8 +121,12 @@ def case_nuisances(
 
 
 def case_effects(
-    case: Case, data: TestData, zones: Zones, dimensions: Dimensions | None = None,
-    sites: Sites | None = None, mass: float = 1.0,
+    case: Case,
+    data: TestData,
+    zones: Zones,
+    dimensions: Dimensions | None = None,
+    sites: Sites | None = None,
+    mass: float = 1.0,
 ) -> tuple[tuple[Effect, ...], tuple[Silent, ...]]:
     """The effects of the library that this case can hold, and those its test cannot speak of.
 
@@ -140,24 +142,31 @@ def case_effects(
         InputError: If the case asks for an effect that is not there.
     """
     reference = float(data.conditions[-1]) if by_preload(data) else None
-    of_joints = [] if not len(zones) else [
-        (_stiffness(zones, reference), _of_layers_alone(zones)), _stiffer(case, zones, reference),
-        _bolts(case, zones), _damping(data, zones),
-    ]  # fmt: skip
+    of_joints = (
+        []
+        if not len(zones)
+        else [
+            (_stiffness(zones, reference), _of_layers_alone(zones)),
+            _stiffer(case, zones, reference),
+            _bolts(case, zones),
+            _damping(data, zones),
+        ]
+    )
     of_beams = [] if zones.laps is None else [_missed_modes(data)]
     groups = [
-        *of_joints, amplitude_effects(data, zones.all),
-        _parts(case, data, zones, dimensions), (_attached_effects(case), ()),
+        *of_joints,
+        amplitude_effects(data, zones.all),
+        _parts(case, data, zones, dimensions),
+        (_attached_effects(case), ()),
         _support_damping(case, data),
-        sited_effects(case, data, sites or Sites.none(), mass), _test_effects(data),
+        sited_effects(case, data, sites or Sites.none(), mass),
+        _test_effects(data),
         *of_beams,
-    ]  # fmt: skip
+    ]
     return _wanted(case, groups)
 
 
-def _wanted(
-    case: Case, groups: Sequence[Group]
-) -> tuple[tuple[Effect, ...], tuple[Silent, ...]]:
+def _wanted(case: Case, groups: Sequence[Group]) -> tuple[tuple[Effect, ...], tuple[Silent, ...]]:
     """Those that the case asks for, all by default."""
     effects = tuple(effect for found, _ in groups for effect in found)
     silent = tuple(one for _, left_out in groups for one in left_out)
@@ -195,10 +204,13 @@ def _stiffness(zones: Zones, reference: float | None) -> list[Effect]:
         effects.append(
             gives_way(
                 "compliance away from the bolts only",
-                ", ".join(dict.fromkeys(zone.joint for zone in away)), away, None, reference,
+                ", ".join(dict.fromkeys(zone.joint for zone in away)),
+                away,
+                None,
+                reference,
                 "The plates are as one under the bolts and barely touch elsewhere.",
             )
-        )  # fmt: skip
+        )
     for kinds in law.graded_kinds:
         for grading in zones.gradings:
             groups = {group: zones.pick(names) for group, names in grading.groups.items()}
@@ -209,10 +221,16 @@ def _stiffness(zones: Zones, reference: float | None) -> list[Effect]:
             name, words = (text.format(kind=kind, place=place) for text in law.at_one)
             effects.append(
                 gives_way(
-                    name, place, zones.pick(names), None, reference, words,
-                    family="one place", weight=1 / len(places),
+                    name,
+                    place,
+                    zones.pick(names),
+                    None,
+                    reference,
+                    words,
+                    family="one place",
+                    weight=1 / len(places),
                 )
-            )  # fmt: skip
+            )
     return effects
 
 
@@ -222,9 +240,11 @@ def _by_distance(zones: Zones, reference: float | None) -> list[Effect]:
     if len({zone.distance for zone in around}) < 2:
         return []
     return [
-        pressed_by_bolts(around, reference), pressed_by_bolts(around, reference, ("t",)),
-        lost_beyond(around, reference), smaller_contact(around),
-    ]  # fmt: skip
+        pressed_by_bolts(around, reference),
+        pressed_by_bolts(around, reference, ("t",)),
+        lost_beyond(around, reference),
+        smaller_contact(around),
+    ]
 
 
 def _stiffer(case: Case, zones: Zones, reference: float | None) -> Group:
@@ -245,9 +265,11 @@ def _stiffer(case: Case, zones: Zones, reference: float | None) -> Group:
     places = {place: names for place, names in places.items() if 0 < len(names) < len(zones)}
     return [
         stiffer_joint(STIFFER, "joint", zones.all, reference),
-        *(stiffer_joint(STIFFER_AT, place, zones.pick(names), reference, 1 / len(places))
-          for place, names in places.items()),
-    ], ()  # fmt: skip
+        *(
+            stiffer_joint(STIFFER_AT, place, zones.pick(names), reference, 1 / len(places))
+            for place, names in places.items()
+        ),
+    ], ()
 
 
 def _along_laps(zones: Zones) -> list[Effect]:
@@ -260,11 +282,16 @@ def _along_laps(zones: Zones) -> list[Effect]:
     words = "Along the beams the lap is softer or stiffer than the two beams side by side."
     return [
         relative_error(
-            "joint axial stiffness", place, [f"{lap}.axial" for lap in laps], AXIAL, words,
-            span=(0.0, np.inf), weight=1.0 if place == where else 1 / len(along),
+            "joint axial stiffness",
+            place,
+            [f"{lap}.axial" for lap in laps],
+            AXIAL,
+            words,
+            span=(0.0, np.inf),
+            weight=1.0 if place == where else 1 / len(along),
         )
         for place, laps in places.items()
-    ]  # fmt: skip
+    ]
 
 
 def _of_layers_alone(zones: Zones) -> tuple[Silent, ...]:

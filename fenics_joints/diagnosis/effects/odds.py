@@ -8,8 +8,6 @@ import numpy as np
 
 from fenics_joints.diagnosis.effects.effect import Effect
 
-__all__ = ["log_odds", "log_odds_outside"]
-
 #: Prior odds, against none, that some one effect is at work, shared out by the effects' weights,
 #: beside which some come (`Effect.beside`), so that a larger library makes nothing less likely;
 #: two at once have the product of their odds. [decision: chosen]

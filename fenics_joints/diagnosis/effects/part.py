@@ -11,11 +11,6 @@ from fenics_joints.case.dimensions import Dimensions, unfit
 from fenics_joints.diagnosis.effects.effect import Effect, Prior, Silent, relative_error
 from fenics_joints.measurements.data import TestData
 
-__all__ = [
-    "CAUSES", "DIMENSIONS", "NU", "SHEAR", "part_effects", "part_error", "shear_error",
-    "temperature",
-]  # fmt: skip
-
 #: Spread of a part's property as a cause, far beyond its tolerance: a wrong material or gauge.
 #: [prior: chosen]
 CAUSES = {"E": 0.15, "rho": 0.10, "thickness": 0.10, "width": 0.10}
@@ -118,9 +113,14 @@ def temperature(parts: Sequence[str], conditions: Sequence[float], drifts: bool)
     words = "The test was warmer or colder than the material's data, or its temperature drifted."
     # Not by the condition as far as a hypothesis asks: tightening does not scatter a temperature.
     return Effect(
-        "temperature", "all parts", (_OFFSET, _DRIFT) if drifts else (_OFFSET,), apply, words,
-        family="temperature", drifts=drifts,
-    )  # fmt: skip
+        "temperature",
+        "all parts",
+        (_OFFSET, _DRIFT) if drifts else (_OFFSET,),
+        apply,
+        words,
+        family="temperature",
+        drifts=drifts,
+    )
 
 
 def part_effects(

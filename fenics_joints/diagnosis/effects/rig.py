@@ -10,12 +10,6 @@ from fenics_joints.diagnosis.effects.effect import FACTOR, Effect, Prior, in_ser
 from fenics_joints.formatting import spaced
 from fenics_joints.reduction.bends import monomials
 
-__all__ = [
-    "MASS", "MISPLACED", "MISSCALED", "MISSED", "SPRING", "SWAPPED", "attached", "misjudged",
-    "misplaced_sensor", "misscaled_sensor", "missed_mode", "support_compliance", "swapped_modes",
-    "travel",
-]  # fmt: skip
-
 MISSCALED, MISPLACED = "sensor mis-scaled", "sensor misplaced"
 SWAPPED, MISSED = "mode mis-pairing", "mode missed by the test"
 #: Stiffness of a clamped face per area, Pa/m: that of an interface (1e11 to 1e13), less what the
@@ -27,8 +21,9 @@ _SUPPORT = (1e12, np.log(30.0), "Pa/m", True, (1e6, 1e17))
 MASS, SPRING = 0.3, 1.0
 #: The same with its name and limits. [prior: chosen]
 _MISJUDGED = {
-    "mass": ("mass error", MASS, FACTOR), "stiffness": ("spring error", SPRING, (1e-2, 1e2)),
-}  # fmt: skip
+    "mass": ("mass error", MASS, FACTOR),
+    "stiffness": ("spring error", SPRING, (1e-2, 1e2)),
+}
 #: Gain of a sensor whose setting or mounting is wrong, about 1: calibrations hold to 1 to 3 %, so
 #: this is a blunder's. [prior: chosen]
 _GAIN = Prior("gain", 1.0, 0.3)
@@ -114,9 +109,15 @@ def misscaled_sensor(i: int, weight: float) -> Effect:
 
     words = f"Sensor {i + 1} reads all modes by one factor too large or too small."
     return Effect(
-        MISSCALED, f"sensor {i + 1}", (_GAIN,), None, words,
-        family=MISSCALED, weight=weight, sensing=read,
-    )  # fmt: skip
+        MISSCALED,
+        f"sensor {i + 1}",
+        (_GAIN,),
+        None,
+        words,
+        family=MISSCALED,
+        weight=weight,
+        sensing=read,
+    )
 
 
 def misplaced_sensor(i: int, length: float, weight: float, ways: int = 1) -> Effect:
@@ -143,9 +144,15 @@ def misplaced_sensor(i: int, length: float, weight: float, ways: int = 1) -> Eff
     where = "along the line of sensors" if ways == 1 else "on its face"
     words = f"Sensor {i + 1} sits elsewhere {where} than the case says."
     return Effect(
-        MISPLACED, f"sensor {i + 1}", priors, None, words,
-        family=MISPLACED, weight=weight, sensing=read,
-    )  # fmt: skip
+        MISPLACED,
+        f"sensor {i + 1}",
+        priors,
+        None,
+        words,
+        family=MISPLACED,
+        weight=weight,
+        sensing=read,
+    )
 
 
 def missed_mode(j: int, names: Sequence[str]) -> Effect:
@@ -178,6 +185,12 @@ def swapped_modes(j: int, names: Sequence[str]) -> Effect:
 
     words = f"The test's {names[j]} is the model's {names[j + 1]}, and the other way round."
     return Effect(
-        SWAPPED, f"{names[j]}, {names[j + 1]}", (), None, words,
-        family=SWAPPED, weight=1 / (len(names) - 1), sensing=read,
-    )  # fmt: skip
+        SWAPPED,
+        f"{names[j]}, {names[j + 1]}",
+        (),
+        None,
+        words,
+        family=SWAPPED,
+        weight=1 / (len(names) - 1),
+        sensing=read,
+    )

@@ -16,8 +16,6 @@ from fenics_joints.diagnosis.effects.rig import MASS, SPRING
 from fenics_joints.diagnosis.zones.nominal import bonded_values
 from fenics_joints.diagnosis.zones.sites import without_attached
 
-__all__ = ["is_rare", "sample_ranges", "sample_values"]
-
 #: How far from the median of its prior, in standard deviations, a parameter is put. [numerical:
 #: chosen]
 _WIDE = 1.5

@@ -9,8 +9,6 @@ import numpy as np
 
 from fenics_joints.reduction.bends import N_BENDS
 
-__all__ = ["Sensing", "in_order"]
-
 
 @dataclass
 class Sensing:

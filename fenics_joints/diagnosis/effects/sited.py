@@ -14,22 +14,10 @@ import numpy as np
 from fenics_joints.case import Case
 from fenics_joints.diagnosis.effects.effect import RARE, Effect, Prior, Silent, somewhere
 from fenics_joints.diagnosis.effects.part import DIMENSIONS
-from fenics_joints.diagnosis.zones.part_cells import (
-    BOW,
-    LOSS,
-    MOST_BOW,
-    MOST_TAPER,
-    TAPER,
-    Plate,
-)
+from fenics_joints.diagnosis.zones.part_cells import BOW, LOSS, MOST_BOW, MOST_TAPER, TAPER, Plate
 from fenics_joints.diagnosis.zones.sites import HUNG, ON, Sites
 from fenics_joints.measurements.data import TestData
 from fenics_joints.structure.changes import OFFSETS
-
-__all__ = [
-    "ADDED", "BOWED", "CABLE", "CABLE_MASS", "LOCAL_GAIN", "LOCAL_LOSS", "RESONATOR", "TAPERED",
-    "looked_for", "sited_effects", "wanted",
-]  # fmt: skip
 
 ADDED = "added mass"
 LOCAL_LOSS, LOCAL_GAIN = "local loss of stiffness", "local gain of stiffness"
@@ -39,9 +27,14 @@ BOWED = "plate not flat"
 TAPERED = "thickness not even"
 #: What each asks of the sites.
 _ASKS = {
-    ADDED: ON, CABLE: ON, RESONATOR: ON, LOCAL_LOSS: LOSS, LOCAL_GAIN: LOSS, BOWED: BOW,
+    ADDED: ON,
+    CABLE: ON,
+    RESONATOR: ON,
+    LOCAL_LOSS: LOSS,
+    LOCAL_GAIN: LOSS,
+    BOWED: BOW,
     TAPERED: TAPER,
-}  # fmt: skip
+}
 
 _PLACED = (ADDED, CABLE, RESONATOR, LOCAL_LOSS, LOCAL_GAIN)
 
@@ -61,7 +54,7 @@ _GAIN = Prior("gain", 0.5, np.log(2.5), "", True, (1e-3, 20.0))
 _LOCAL = {
     LOCAL_LOSS: (_DEPTH, 1.0, "A part has lost stiffness in one place: a crack, a cut."),
     LOCAL_GAIN: (_GAIN, -1.0, "A part is stiffer in one place: a rib, a weld, a hard spot."),
-}  # fmt: skip
+}
 #: How far from the middle of its site something is, over how far the site reaches. [prior: chosen]
 _OFFSET = 0.4
 #: Mass of a cable, harness, antenna or sensor over the structure's: 1 %, within a factor of 3. An
@@ -89,9 +82,10 @@ _TAPER = Prior("taper", 0.0, 0.05, "", False, (-MOST_TAPER, MOST_TAPER))
 _LONG = {"along": "along its length", "across": "across its width"}
 #: Effects that act through what `_as_meshed` takes for the mesh's, and each other.
 _SHAPES = frozenset(
-    f"{word} error{of}" for word in (*DIMENSIONS, "shear modulus")
+    f"{word} error{of}"
+    for word in (*DIMENSIONS, "shear modulus")
     for of in ("", " of all parts", " of several parts")
-) | {LOCAL_LOSS, LOCAL_GAIN, BOWED, TAPERED}  # fmt: skip
+) | {LOCAL_LOSS, LOCAL_GAIN, BOWED, TAPERED}
 
 
 def wanted(case: Case) -> set[str]:
@@ -121,10 +115,16 @@ def sited_effects(
     if len(sites.patches) > 1:
         found += [local_change(name, sites.patches, case) for name in (LOCAL_LOSS, LOCAL_GAIN)]
     if len(sites.points) > 1:
-        hz = [np.exp(np.mean(np.log(f[np.isfinite(f)])))
-              for f in data.frequencies_hz.T if np.isfinite(f).any()]  # fmt: skip
-        found += [added_mass(sites, total_mass), cable(sites, total_mass),
-                  resonator(sites, total_mass, np.array(hz))]  # fmt: skip
+        hz = [
+            np.exp(np.mean(np.log(f[np.isfinite(f)])))
+            for f in data.frequencies_hz.T
+            if np.isfinite(f).any()
+        ]
+        found += [
+            added_mass(sites, total_mass),
+            cable(sites, total_mass),
+            resonator(sites, total_mass, np.array(hz)),
+        ]
     weight = RARE / max(len(sites.bowed), 1)
     found += [bowed(plate, case, weight) for plate in sites.bowed]
     weight = RARE / max(len(sites.tapered), 1)
@@ -135,7 +135,7 @@ def sited_effects(
         "with sensors",
         TAPERED: "it is of even plates that nothing joins on an edge, of elements of degree 2, and "
         "of tests with sensors",
-    }  # fmt: skip
+    }
     there = {effect.name for effect in found}
     silent = [Silent(name, why) for name, why in reasons.items() if name not in there]
     return (
@@ -174,9 +174,17 @@ def local_change(name: str, patches: np.ndarray, case: Case) -> Effect:
 
     count = len(patches)
     return Effect(
-        name, "", (depth, _SIZE, somewhere("place", count, count)), apply, words, family=LOSS,
-        weight=RARE, beside=True, never_with=_SHAPES, where=where,
-    )  # fmt: skip
+        name,
+        "",
+        (depth, _SIZE, somewhere("place", count, count)),
+        apply,
+        words,
+        family=LOSS,
+        weight=RARE,
+        beside=True,
+        never_with=_SHAPES,
+        where=where,
+    )
 
 
 def _nearest(theta: Mapping[str, float], count: int) -> int:
@@ -209,9 +217,16 @@ def _attached(
         return _at(sites.points[_nearest(theta, count)] + [theta[way] for way in OFFSETS])
 
     return Effect(
-        name, "", (*priors, somewhere("place", count, count), *offsets), put, words, family=ON,
-        weight=weight * sites.share, beside=True, where=where,
-    )  # fmt: skip
+        name,
+        "",
+        (*priors, somewhere("place", count, count), *offsets),
+        put,
+        words,
+        family=ON,
+        weight=weight * sites.share,
+        beside=True,
+        where=where,
+    )
 
 
 def added_mass(sites: Sites, total_mass: float) -> Effect:
@@ -301,9 +316,16 @@ def bowed(plate: Plate, case: Case, weight: float) -> Effect:
 
     words = f"The structure is bowed {_LONG[plate.how]}: its middle stands off a line."
     return Effect(
-        BOWED, _LONG[plate.how], (prior,), apply, words, family=BOW, weight=weight,
-        beside=True, never_with=_SHAPES,
-    )  # fmt: skip
+        BOWED,
+        _LONG[plate.how],
+        (prior,),
+        apply,
+        words,
+        family=BOW,
+        weight=weight,
+        beside=True,
+        never_with=_SHAPES,
+    )
 
 
 def tapered(plate: Plate, case: Case, weight: float) -> Effect:
@@ -321,9 +343,16 @@ def tapered(plate: Plate, case: Case, weight: float) -> Effect:
 
     words = f"{plate.name} is thicker at one end than at the other."
     return Effect(
-        TAPERED, plate.name, (_TAPER,), apply, words[:1].upper() + words[1:], family=TAPER,
-        weight=weight, beside=True, never_with=_SHAPES,
-    )  # fmt: skip
+        TAPERED,
+        plate.name,
+        (_TAPER,),
+        apply,
+        words[:1].upper() + words[1:],
+        family=TAPER,
+        weight=weight,
+        beside=True,
+        never_with=_SHAPES,
+    )
 
 
 def _as_meshed(values: dict, case: Case) -> None:

@@ -8,11 +8,11 @@ from dataclasses import replace
 from fenics_joints.diagnosis.effects.effect import Effect
 from fenics_joints.errors import InputError
 
-__all__ = ["check_parameters", "for_zones"]
-
 
 def check_parameters(
-    effect: Effect, baseline: Mapping[str, float], condition: float,
+    effect: Effect,
+    baseline: Mapping[str, float],
+    condition: float,
     zones: Mapping[str, tuple[str, ...]],
 ) -> None:
     """Refuse an effect that speaks of parameters which it, or the model, does not have.

@@ -7,6 +7,4 @@ from fenics_joints.diagnosis.evidence.library import fit
 from fenics_joints.diagnosis.evidence.of_test import evidence_of
 from fenics_joints.diagnosis.evidence.pointwise import PointwiseForward, model_of
 
-__all__ = [
-    "Evidence", "Fit", "Hypothesis", "PointwiseForward", "evidence_of", "fit", "model_of",
-]  # fmt: skip
+__all__ = ["Evidence", "Fit", "Hypothesis", "PointwiseForward", "evidence_of", "fit", "model_of"]

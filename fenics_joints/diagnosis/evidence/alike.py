@@ -22,8 +22,6 @@ from fenics_joints.diagnosis.evidence.many import ManyPredictions
 from fenics_joints.diagnosis.thresholds import NEGLIGIBLE
 from fenics_joints.reduction import Forward
 
-__all__ = ["one_of_alike"]
-
 #: How far from their medians, one by one, parameters are compared besides, in standard deviations:
 #: what no test sees at its expected size is not yet the same where it is large. [decision: chosen]
 _SIZES = (-3.0, -1.0, 1.0, 3.0)
@@ -33,9 +31,12 @@ _MOST = 150
 
 
 def one_of_alike(
-    effects: Sequence[Effect], forward: Forward, evidence: Evidence, baseline: dict[str, float],
+    effects: Sequence[Effect],
+    forward: Forward,
+    evidence: Evidence,
+    baseline: dict[str, float],
     comm: MPI.Intracomm,
-) -> tuple[Effect, ...]:  # fmt: skip
+) -> tuple[Effect, ...]:
     """Effects of which those that differ by their place alone, and not in this test, are one.
 
     Collective.
@@ -62,8 +63,7 @@ def one_of_alike(
     merged = {key: _merged(own) for key, own in members.items()}
     name = {key: merged[chosen].key for key, chosen in first.items()}
     return tuple(
-        replace(e, holds=frozenset(name.get(key, key) for key in e.holds))
-        for e in merged.values()
+        replace(e, holds=frozenset(name.get(key, key) for key in e.holds)) for e in merged.values()
     )
 
 
@@ -71,9 +71,16 @@ def _kind(effect: Effect) -> tuple:
     """What effects have in common that can be one; a fault of a sensor is none of its like's."""
     own = effect.key if effect.sensing is not None or not effect.region else ""
     return (
-        effect.name, own, effect.family, effect.weight, effect.priors, effect.by_level,
-        effect.depends_on_condition, effect.drifts, effect.loss is None,
-    )  # fmt: skip
+        effect.name,
+        own,
+        effect.family,
+        effect.weight,
+        effect.priors,
+        effect.by_level,
+        effect.depends_on_condition,
+        effect.drifts,
+        effect.loss is None,
+    )
 
 
 def _groups(group: Sequence[Effect], look: _Look) -> list[tuple[Effect, list[Effect]]]:
@@ -117,9 +124,11 @@ class _Look:
         forward, evidence, baseline = self._given
         m = evidence.log_f.shape[1]
         hypothesis = Hypothesis(
-            (effect,), modes=tuple(f"mode {j + 1}" for j in range(m)),
-            damped=evidence.log_damping is not None, known=evidence.known,
-        )  # fmt: skip
+            (effect,),
+            modes=tuple(f"mode {j + 1}" for j in range(m)),
+            damped=evidence.log_damping is not None,
+            known=evidence.known,
+        )
         d = len(effect.priors)
         limits = np.array([prior.limits() for prior in effect.priors]).reshape(d, 2)
         steps = np.vstack([size * np.eye(d) for size in _SIZES]) if far else np.zeros((1, d))
@@ -135,7 +144,9 @@ def _merged(own: Sequence[Effect]) -> Effect:
     places = "; ".join(e.region for e in own)
     words = f"To this test that is the same at {len(own)} places, each as likely: {places}."
     return replace(
-        own[0], region=" / ".join(e.region for e in own), weight=sum(e.weight for e in own),
+        own[0],
+        region=" / ".join(e.region for e in own),
+        weight=sum(e.weight for e in own),
         describe=f"{own[0].describe} {words}".strip(),
         holds=frozenset().union(*(e.holds for e in own)),
-    )  # fmt: skip
+    )

@@ -18,8 +18,6 @@ from fenics_joints.diagnosis.evidence.fitted import Fit
 from fenics_joints.diagnosis.evidence.linear import least_square
 from fenics_joints.diagnosis.evidence.screen import whitened
 
-__all__ = ["all_at_once"]
-
 
 def all_at_once(fits: Sequence[Fit], leader: Fit, evidence: Evidence) -> float:
     """Probability of a misfit as large as all effects at once would leave, if these were at work.

@@ -14,8 +14,6 @@ from fenics_joints.diagnosis.evidence.entries import ANTIRESONANCE
 from fenics_joints.diagnosis.evidence.scalars import Values
 from fenics_joints.reduction.grounded import Antiresonances
 
-__all__ = ["Antiresonance"]
-
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Antiresonance(AtPoint):

@@ -10,8 +10,6 @@ import numpy as np
 
 from fenics_joints.diagnosis.evidence.signatures import Signatures
 
-__all__ = ["AtPoint", "Energies"]
-
 #: Of a motion, at a circular frequency, with parameter values: x^T K x and omega^2 x^T M x of each
 #: patch, (2, P).
 Energies = Callable[[object, float, Mapping[str, float]], np.ndarray]

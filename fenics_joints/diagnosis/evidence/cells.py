@@ -28,8 +28,6 @@ from scipy.stats import norm, qmc
 
 from fenics_joints.diagnosis.effects.effect import Prior
 
-__all__ = ["STEEPEST", "Cells", "Posterior", "prior_cells", "prior_points", "weigh"]
-
 #: How far apart cells are over one, two and three smooth parameters, in standard deviations of the
 #: prior. [numerical: error of the lattice by Poisson's sum, see
 #: `_smooth_cells`]
@@ -125,10 +123,13 @@ def weigh(
         return found
     own = cells[good]
     away = own.mean - own.at
-    columns = np.concatenate([
-        (own.data - data)[:, used, None] + own.slopes[:, used] @ away[:, :, None],
-        own.slopes[:, used] * own.width[:, None, :],
-    ], axis=2)  # fmt: skip
+    columns = np.concatenate(
+        [
+            (own.data - data)[:, used, None] + own.slopes[:, used] @ away[:, :, None],
+            own.slopes[:, used] * own.width[:, None, :],
+        ],
+        axis=2,
+    )
     k, count = int(used.sum()), len(own)
     flat = columns.transpose(1, 0, 2).reshape(k, -1)
     white = solve_triangular(lower, flat, lower=True, check_finite=False)
@@ -156,8 +157,12 @@ def weigh(
     inside = _inside(u, pull, np.diagonal(covariance, axis1=1, axis2=2), low, high, own.width > 0)
     constant = np.sum(np.log(np.diag(lower))) + 0.5 * k * np.log(2 * np.pi)
     found.log_evidence[good] = (
-        own.log_share - 0.5 * square - 0.5 * np.linalg.slogdet(hessian)[1] - constant
-        + inside - np.sum(np.log(np.diff(ndtr(limits), axis=1)))
+        own.log_share
+        - 0.5 * square
+        - 0.5 * np.linalg.slogdet(hessian)[1]
+        - constant
+        + inside
+        - np.sum(np.log(np.diff(ndtr(limits), axis=1)))
     )
     found.z[good] = own.mean + own.width * u
     scale = own.width
@@ -263,8 +268,9 @@ def _smooth_cells(
         z = norm.ppf(low + unit * (high - low)) * sd
         share = np.zeros(len(z))
     else:
-        axes = [s * np.arange(np.ceil(a / s), b / s)
-                for a, b, s in zip(low, high, spacing, strict=True)]  # fmt: skip
+        axes = [
+            s * np.arange(np.ceil(a / s), b / s) for a, b, s in zip(low, high, spacing, strict=True)
+        ]
         z = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, d)
         share = -0.5 * np.sum((z / sd) ** 2, axis=1)
         z, share = (part[share > share.max() - _LEAST] for part in (z, share))

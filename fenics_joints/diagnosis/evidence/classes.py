@@ -20,10 +20,6 @@ from fenics_joints.diagnosis.evidence.fitted import Fit
 from fenics_joints.diagnosis.evidence.linear import whiten
 from fenics_joints.diagnosis.thresholds import STRONG
 
-__all__ = [
-    "APART", "classes", "confusion", "detectable", "distance", "labels", "stand_ins",
-]  # fmt: skip
-
 #: 1 % confusion. [decision: convention: Phi(-2.33) = 1 %]
 APART = 2.33
 #: ln of the Bayes factor up to which the data leave two hypotheses undecided. [decision:
@@ -59,9 +55,11 @@ def _one_way(a: Fit, b: Fit, evidence: Evidence) -> float:
 
 
 def detectable(
-    effects: Sequence[Effect], expected: Callable[[Effect, float], np.ndarray],
-    without: np.ndarray, evidence: Evidence,
-) -> dict[str, bool]:  # fmt: skip
+    effects: Sequence[Effect],
+    expected: Callable[[Effect, float], np.ndarray],
+    without: np.ndarray,
+    evidence: Evidence,
+) -> dict[str, bool]:
     """Whether the test could see each effect at its expected size on a model without it, by key.
 
     The expected size is the prior's median or one standard deviation above it, whichever shows

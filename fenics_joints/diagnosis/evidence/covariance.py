@@ -11,8 +11,6 @@ from fenics_joints.diagnosis.evidence.entries import DAMPING, FREQUENCY, SHAPE, 
 from fenics_joints.diagnosis.evidence.scales import MEMORY, WITH_FUNCTIONS, Scales, correlation
 from fenics_joints.diagnosis.evidence.turning import Neighbours, turned
 
-__all__ = ["UNKNOWN", "Covariance"]
-
 #: What an unknown cause may do to each mode on its own: a shift (10 %), a trend with the logarithm
 #: of the condition (5 % per factor e), and a bend of it (2 %). [decision: chosen]
 UNKNOWN, _TREND, _BEND = 0.10, 0.05, 0.02

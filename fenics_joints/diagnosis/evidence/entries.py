@@ -6,17 +6,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
-__all__ = [
-    "ANTIRESONANCE", "DAMPING", "FREQUENCY", "FUNCTION", "KINDS", "MASS", "SHAPE", "STIFFNESS",
-    "Entries",
-]  # fmt: skip
-
 #: Kinds of entries.
 FREQUENCY, DAMPING, SHAPE, MASS, STIFFNESS, ANTIRESONANCE, FUNCTION = range(7)
 #: Their names.
 KINDS = (
-    "frequencies", "damping", "shapes", "masses", "static stiffness", "antiresonances", "functions",
-)  # fmt: skip
+    "frequencies",
+    "damping",
+    "shapes",
+    "masses",
+    "static stiffness",
+    "antiresonances",
+    "functions",
+)
 
 
 @dataclass(frozen=True)

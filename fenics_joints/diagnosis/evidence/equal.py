@@ -16,8 +16,6 @@ from fenics_joints.diagnosis.effects.effect import Effect
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.thresholds import ROUND_OFF
 
-__all__ = ["Known", "distinct", "equal"]
-
 #: Frequencies at which losses are compared, Hz. [numerical: chosen]
 _HZ = (30.0, 700.0)
 #: Step of derivatives that pair parameters, and points at random that check the pairs. [numerical:
@@ -54,8 +52,10 @@ class Known:
         """What two equal sets have in common, found without a comparison of values."""
         priors = sorted(repr(_known(p)) for e in effects for p in e.priors)
         touched = frozenset().union(*(self._touches(e) for e in effects))
-        kinds = (any(getattr(e, key) for e in effects) for key in ("depends_on_condition",
-                                                                   "by_level", "loss"))  # fmt: skip
+        kinds = (
+            any(getattr(e, key) for e in effects)
+            for key in ("depends_on_condition", "by_level", "loss")
+        )
         return tuple(priors), touched, tuple(kinds)
 
     def _touches(self, effect: Effect) -> frozenset[str]:

@@ -15,8 +15,6 @@ from fenics_joints.diagnosis.evidence.scales import BETWEEN, Scales
 from fenics_joints.diagnosis.evidence.signatures import Signatures
 from fenics_joints.diagnosis.evidence.turning import Neighbours
 
-__all__ = ["BEYOND", "DAMPING_NOISE", "SHAPE_ERROR", "UNSURE", "Evidence"]
-
 #: Of a mesh's error as one degree more finds it: what is left beyond that degree, expected, and its
 #: standard deviations, common to all modes and of each one's own. At an edge with the exponent
 #: lambda the error in energy falls with the degree p as p^(-4 lambda) (Babuska and Suri, SIAM J.
@@ -254,10 +252,14 @@ class Evidence:
         if shapes is not None and change is not None:
             shapes = shapes - np.where(known & (shape < _LITTLE), change, 0.0)
         return replace(
-            self, log_f=self.log_f + shift, shapes=shapes, mesh_shift=shift,
-            mesh_common=_COMMON * found, mesh_error=np.where(known, _OWN * np.abs(error), most),
+            self,
+            log_f=self.log_f + shift,
+            shapes=shapes,
+            mesh_shift=shift,
+            mesh_common=_COMMON * found,
+            mesh_error=np.where(known, _OWN * np.abs(error), most),
             mesh_shape=None if shape is None else np.where(known, shape, 1.0),
-        )  # fmt: skip
+        )
 
     def off_mesh(self, log_f: np.ndarray) -> np.ndarray:
         """ln f of the model, (..., m), without the error of its mesh."""

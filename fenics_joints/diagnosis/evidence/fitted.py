@@ -10,8 +10,6 @@ from scipy.stats import chi2
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.scales import Scales
 
-__all__ = ["Fit"]
-
 
 @dataclass(frozen=True, repr=False)
 class Fit:

@@ -13,8 +13,6 @@ from fenics_joints.diagnosis.evidence.entries import FUNCTION
 from fenics_joints.diagnosis.evidence.scalars import Values
 from fenics_joints.reduction.receptances import About, Receptances
 
-__all__ = ["FunctionLine"]
-
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class FunctionLine(AtPoint):

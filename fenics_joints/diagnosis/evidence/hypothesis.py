@@ -12,9 +12,6 @@ from fenics_joints.diagnosis.effects.effect import Effect, Prior
 from fenics_joints.diagnosis.effects.sensing import Sensing
 from fenics_joints.structure.changes import OFFSETS
 
-__all__ = ["Hypothesis"]
-
-
 #: Stand for the scatter of the preload, for what a mode moves the joint at the same level, and for
 #: the damping of what has no joint, in tables of parameters.
 _TIGHTENING = Effect("preload scatter", "bolts", (), None)
@@ -88,7 +85,8 @@ class Hypothesis:
             return ()
         return tuple(
             Prior(f"preload at {c:g}", 1.0, self.scatter, "", True, (0.2, 5.0))
-            for row, c in enumerate(self.conditions) if self.tightening(row) == row
+            for row, c in enumerate(self.conditions)
+            if self.tightening(row) == row
         )
 
     def tightening(self, row: int | np.ndarray) -> int | np.ndarray:

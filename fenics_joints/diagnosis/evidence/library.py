@@ -40,8 +40,6 @@ from fenics_joints.reduction.forward import SPARE, Forward
 from fenics_joints.reduction.lean import LeanForward, batched
 from fenics_joints.reduction.seen_at import seen_modes_at
 
-__all__ = ["Found", "Library", "fit"]
-
 #: Step of differences, in standard deviations of the prior. [numerical: chosen]
 _STEP = 1e-4
 #: Cells that are made exact at a time and at most, of one hypothesis; nats by which the rest has to
@@ -137,9 +135,8 @@ class Library:
     """
 
     def __init__(
-        self, forward, evidence: Evidence, baseline: dict[str, float], make,
-        lean: bool = False,
-    ):  # fmt: skip
+        self, forward, evidence: Evidence, baseline: dict[str, float], make, lean: bool = False
+    ):
         self.evidence, self.baseline, self.make, self.floor = evidence, baseline, make, -np.inf
         self.forward = batched(forward)
         #: Whether every hypothesis has a basis of its own.
@@ -216,8 +213,11 @@ class Library:
             p = len(h.priors)
             z = np.vstack([np.zeros(p), _WITHIN * np.eye(p), -_WITHIN * np.eye(p)])
             if effect is not None:
-                most = _SAMPLES_OF_PLACES if any(q.scan for q in effect.priors) else (
-                    _SAMPLES.get(len(effect.priors), _MORE_SAMPLES))
+                most = (
+                    _SAMPLES_OF_PLACES
+                    if any(q.scan for q in effect.priors)
+                    else (_SAMPLES.get(len(effect.priors), _MORE_SAMPLES))
+                )
                 z = np.array([h.at(own) for own in _BEYOND * prior_points(effect.priors, most)])
             self._samples[key] = self._modes_at(h, z.clip(*h.limits.T))
         return self._samples[key]
@@ -227,8 +227,9 @@ class Library:
         rows = np.arange(len(conditions) if h.varies else 1)
         if not any(h.known):
             rows = np.unique(rows[[0, len(rows) // 2, -1]])
-        wanted = [h.values(point, conditions[row], self.baseline, row) for point in z
-                  for row in rows]  # fmt: skip
+        wanted = [
+            h.values(point, conditions[row], self.baseline, row) for point in z for row in rows
+        ]
         shapes, weights = [], []
         for seen in seen_modes_at(self.forward, wanted):
             if len(seen.index):
@@ -438,9 +439,7 @@ class Library:
         ]
         return make, np.concatenate(screened)
 
-    def beside(
-        self, h: Hypothesis, parent: Found, test: Evidence
-    ) -> tuple[Cells, np.ndarray]:
+    def beside(self, h: Hypothesis, parent: Found, test: Evidence) -> tuple[Cells, np.ndarray]:
         """Cells of a hypothesis' last effect beside those of a parent, predictions added, and ln of
         the evidence of each.
 
@@ -761,6 +760,7 @@ class Library:
     ) -> tuple[np.ndarray, float, Scales | None, dict]:
         """ln of each cell's evidence over all scales, (n,), that of all, the most probable scales,
         and what is known of all at each."""
+
         def at(scales) -> Posterior:
             lower = test.at(scales).lower(h.unknown)
             return weigh(cells, test.data, test.fitted, lower, h.limits)
@@ -816,7 +816,8 @@ class Library:
         residual = whiten(lower, (predicted - test.data)[used])
         at_bound = tuple(
             f"{effect.name}: {prior.name}"
-            for (effect, prior), near in zip(h.priors, h.at_limit(z), strict=True) if near
+            for (effect, prior), near in zip(h.priors, h.at_limit(z), strict=True)
+            if near
         )
         stated = None
         if scales is not None and not test.drifts:
@@ -826,10 +827,20 @@ class Library:
             free = ~h.at_limit(z)
             stated = least_square(both[:, 0], both[:, 1:], z, free)[0] + wide.squares
         found = Fit(
-            h, z, covariance, predicted, self.evidence.shape, slopes, log_z,
-            float(residual @ residual), int(used.sum()), at_bound, scales,
-            log_z - total(post.log_evidence), stated,
-        )  # fmt: skip
+            h,
+            z,
+            covariance,
+            predicted,
+            self.evidence.shape,
+            slopes,
+            log_z,
+            float(residual @ residual),
+            int(used.sum()),
+            at_bound,
+            scales,
+            log_z - total(post.log_evidence),
+            stated,
+        )
         if h.unknown:
             found = with_somewhere(found, test)
         if straight:

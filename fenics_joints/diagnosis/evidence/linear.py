@@ -5,8 +5,6 @@ from __future__ import annotations
 import numpy as np
 from scipy.linalg import solve_triangular
 
-__all__ = ["evidence_about", "least_square", "log_evidence", "marginal", "whiten"]
-
 
 def whiten(lower: np.ndarray, array: np.ndarray) -> np.ndarray:
     """Rows, (k,) or (k, n), in standard deviations; ``lower`` factors their covariance."""
@@ -39,7 +37,10 @@ def log_evidence(square: float, hessian: np.ndarray, lower: np.ndarray) -> float
 
 
 def evidence_about(
-    residual: np.ndarray, slope: np.ndarray, z: np.ndarray, lower: np.ndarray,
+    residual: np.ndarray,
+    slope: np.ndarray,
+    z: np.ndarray,
+    lower: np.ndarray,
     free: np.ndarray | None = None,
 ) -> float:
     """ln of the marginal likelihood of what is linear about a point that need not be its best.

@@ -10,8 +10,6 @@ import numpy as np
 
 from fenics_joints.reduction.many import Change, ManyModes
 
-__all__ = ["Look"]
-
 
 @dataclass(frozen=True, eq=False)
 class Look:

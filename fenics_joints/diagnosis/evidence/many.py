@@ -24,8 +24,6 @@ from fenics_joints.reduction.forward import Forward
 from fenics_joints.reduction.lean import Followed, batched
 from fenics_joints.reduction.many import Change
 
-__all__ = ["ManyPredictions", "at_conditions"]
-
 #: Entries of the matrices that are solved for together, which should stay near the processor.
 #: [numerical: chosen for memory]
 _ROOM = 4_000_000
@@ -58,9 +56,13 @@ class ManyPredictions:
     """
 
     def __init__(
-        self, hypothesis: Hypothesis, forward: Forward, evidence: Evidence,
-        baseline: dict[str, float], between: bool = False,
-    ):  # fmt: skip
+        self,
+        hypothesis: Hypothesis,
+        forward: Forward,
+        evidence: Evidence,
+        baseline: dict[str, float],
+        between: bool = False,
+    ):
         self.hypothesis, self.forward, self.evidence = hypothesis, batched(forward), evidence
         self.baseline = baseline
         #: Whether they are.
@@ -68,9 +70,7 @@ class ManyPredictions:
         self._singly, self._apart = False, False
         self._filled: dict[tuple[float, int], np.ndarray] = {}
 
-    def __call__(
-        self, z: np.ndarray, by: Sequence[int] = ()
-    ) -> tuple[np.ndarray, np.ndarray]:
+    def __call__(self, z: np.ndarray, by: Sequence[int] = ()) -> tuple[np.ndarray, np.ndarray]:
         """Everything in `Evidence.data`, held out or not, (b, N), and its derivatives by some of z,
         (b, N, p).
 
@@ -194,8 +194,13 @@ class ManyPredictions:
             if evidence.turns[-1][1] is not None:
                 modes = looks[0].modes
                 at = modes.x, modes.log_f
-                seen |= dict(zip(rows, zip(*(np.split(part, len(rows)) for part in at),
-                                           strict=True), strict=True))  # fmt: skip
+                seen |= dict(
+                    zip(
+                        rows,
+                        zip(*(np.split(part, len(rows)) for part in at), strict=True),
+                        strict=True,
+                    )
+                )
             parts = [np.split(part, len(rows)) for part in self._rows(points, row, looks, by)]
             found |= dict(zip(rows, zip(*parts, strict=True), strict=True))
             if with_shapes:
@@ -271,8 +276,9 @@ class ManyPredictions:
 
     def _change(self, z, rows, mode, directions: Sequence[list[int]]) -> Change:
         """Along each direction, in which some parameters are moved together: all at once."""
-        moved = (np.concatenate(part) for part in zip(*(_moved(z, of) for of in directions),
-                                                      strict=True))  # fmt: skip
+        moved = (
+            np.concatenate(part) for part in zip(*(_moved(z, of) for of in directions), strict=True)
+        )
         rows, own = np.tile(rows, len(directions)), self.forward.model.parameters
         low, high = (self._values(each, rows, mode, wanted=own) for each in moved)
         return self.forward.change(low, high, 2 * STEP, len(directions))
@@ -349,9 +355,7 @@ class ManyPredictions:
         """ln of the damping ratios, (b, m), and their slopes."""
         h = self.hypothesis
         start = h.places["dampings"].start
-        at_rest = np.stack(
-            [p.value(z[:, start + i]) for i, p in enumerate(h.dampings)], axis=1
-        )
+        at_rest = np.stack([p.value(z[:, start + i]) for i, p in enumerate(h.dampings)], axis=1)
         lost, slope = np.zeros_like(at_rest), np.zeros((*at_rest.shape, len(by)))
         for i, look in enumerate(looks):
             losses = self._losses(z, rows, log_f[:, i], look.mode)

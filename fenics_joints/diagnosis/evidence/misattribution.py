@@ -37,8 +37,6 @@ from fenics_joints.diagnosis.evidence.linear import marginal, whiten
 from fenics_joints.diagnosis.evidence.somewhere import unknown_evidence
 from fenics_joints.diagnosis.thresholds import MISFIT
 
-__all__ = ["Misattribution", "SAID", "answers", "confusion_matrix", "simulate"]
-
 #: Simulated tests; effects of each that are solved for, and Gauss-Newton steps of these.
 #: [numerical: the rate to 0.05]
 _TESTS, _RIVALS, _STEPS = 100, 3, 2
@@ -105,9 +103,14 @@ class Misattribution:
             intercept, slope = float(by_gap.intercept_[0]), float(by_gap.coef_[0, 0])
         exponent = (named.sum() + 1) / (1 - log_p.sum())
         return cls(
-            float(rate), intercept, slope, float(x.max(initial=0.0)),
-            float(np.clip(exponent, _LEAST, 1.0)), len(x), prior,
-        )  # fmt: skip
+            float(rate),
+            intercept,
+            slope,
+            float(x.max(initial=0.0)),
+            float(np.clip(exponent, _LEAST, 1.0)),
+            len(x),
+            prior,
+        )
 
     def rate_at(self, gap: float) -> float:
         """Probability that a cause outside the library is taken for effects of it.
@@ -238,8 +241,14 @@ class _Cells:
         self.log_share = np.where(there, states.log_share, -np.inf)
 
     def settled(
-        self, library: Library, test: Evidence, cell: np.ndarray, residual: np.ndarray,
-        data: np.ndarray, effect: int, log_odds: float,
+        self,
+        library: Library,
+        test: Evidence,
+        cell: np.ndarray,
+        residual: np.ndarray,
+        data: np.ndarray,
+        effect: int,
+        log_odds: float,
     ) -> list[_Point]:
         """Most probable points of some cells, each for a test of its own, by Gauss-Newton steps.
 
@@ -282,8 +291,12 @@ class _Cells:
 
 
 def simulate(
-    library: Library, effects: Sequence[Effect], log_odds: Mapping[str, float], prior: float,
-    log_unknown: float, test: Evidence,
+    library: Library,
+    effects: Sequence[Effect],
+    log_odds: Mapping[str, float],
+    prior: float,
+    log_unknown: float,
+    test: Evidence,
 ) -> Misattribution:
     """How often a cause outside the library is taken for effects of the library.
 
@@ -309,9 +322,13 @@ def simulate(
     # As of a leader of a test, whose evidence is that of one hypothesis and without its odds.
     gap = np.max(score - odds[:, None], axis=0, initial=-np.inf) - none
     visible = expit(logsumexp(score, axis=0) - none) if cells else np.zeros(count)
-    others = np.array([
-        [e.name != c.name and not changed[e.key] & changed[c.key] for c in cause] for e in effects
-    ], dtype=bool).reshape(score.shape)  # fmt: skip
+    others = np.array(
+        [
+            [e.name != c.name and not changed[e.key] & changed[c.key] for c in cause]
+            for e in effects
+        ],
+        dtype=bool,
+    ).reshape(score.shape)
     seen = visible > _NOT_SEEN
     others &= seen
     near = np.argsort(np.where(others, -score, np.inf), axis=0, kind="stable")[:_RIVALS]
@@ -359,8 +376,11 @@ def simulate(
 
 
 def confusion_matrix(
-    library: Library, effects: Sequence[Effect], log_odds: Mapping[str, float],
-    log_unknown: float, test: Evidence,
+    library: Library,
+    effects: Sequence[Effect],
+    log_odds: Mapping[str, float],
+    log_unknown: float,
+    test: Evidence,
 ) -> np.ndarray:
     """What each effect is taken for, if it is the cause: mean probabilities, (n, n + 2).
 
@@ -381,10 +401,12 @@ def confusion_matrix(
     odds = np.array([log_odds[e.key] for e in effects])
     _, score, _, none, unknown = _weighed(library, cells, odds, log_unknown, data, test)
     p = softmax(np.vstack([score, none, unknown]), axis=0)
-    return np.array([
-        p[:, cause == i].mean(axis=1) if np.any(cause == i) else np.full(len(p), np.nan)
-        for i in range(len(effects))
-    ]).reshape(len(effects), len(effects) + 2)  # fmt: skip
+    return np.array(
+        [
+            p[:, cause == i].mean(axis=1) if np.any(cause == i) else np.full(len(p), np.nan)
+            for i in range(len(effects))
+        ]
+    ).reshape(len(effects), len(effects) + 2)
 
 
 class _Weighed(NamedTuple):
@@ -406,8 +428,12 @@ class _Weighed(NamedTuple):
 
 
 def _weighed(
-    library: Library, cells: Sequence[_Cells], odds: np.ndarray, log_unknown: float,
-    data: np.ndarray, test: Evidence,
+    library: Library,
+    cells: Sequence[_Cells],
+    odds: np.ndarray,
+    log_unknown: float,
+    data: np.ndarray,
+    test: Evidence,
 ) -> _Weighed:
     """ln of evidence but for the constant that all have in common."""
     lower, used, count = test.lower(), test.fitted, len(data)
@@ -449,9 +475,12 @@ def _exclude(a: Effect, b: Effect) -> bool:
 
 
 def _tests(
-    effects: Sequence[Effect], counts: Sequence[int], library: Library, test: Evidence,
+    effects: Sequence[Effect],
+    counts: Sequence[int],
+    library: Library,
+    test: Evidence,
     rng: np.random.Generator,
-) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+) -> tuple[np.ndarray, np.ndarray]:
     """Simulated data of the entries that are fitted, (t, k), and which effect made each, (t,)."""
     used, lower = test.fitted, test.lower()
     data, cause = [np.zeros((0, len(lower)))], [np.zeros(0, dtype=int)]

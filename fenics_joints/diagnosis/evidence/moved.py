@@ -15,8 +15,6 @@ from fenics_joints.diagnosis.evidence.scales import Scales, weighed
 from fenics_joints.diagnosis.evidence.screen import whitened
 from fenics_joints.diagnosis.evidence.somewhere import with_somewhere
 
-__all__ = ["moved"]
-
 #: Gain, in nats, and step, in prior standard deviations, up to which a fit to a part of the data is
 #: linear about that to all of them: what is bent in between is a small part of that gain.
 #: [numerical: chosen]
@@ -59,11 +57,16 @@ def _moved_at(found: Fit, evidence: Evidence) -> Fit | None:
         return None
     left, z = residual + slope @ step, z + step
     return replace(
-        found, z=z, covariance=np.linalg.inv(hessian),
+        found,
+        z=z,
+        covariance=np.linalg.inv(hessian),
         predicted=found.predicted + found.jacobian @ step,
         log_evidence=log_evidence(left @ left + z @ z, hessian, lower),
-        misfit=float(left @ left), n_data=len(left), at_bound=(), scales=evidence.scales,
-    )  # fmt: skip
+        misfit=float(left @ left),
+        n_data=len(left),
+        at_bound=(),
+        scales=evidence.scales,
+    )
 
 
 def _linear(found: Fit, evidence: Evidence, scales: Scales) -> float:

@@ -10,8 +10,6 @@ from fenics_joints.diagnosis.evidence.scalars import Scalar
 from fenics_joints.diagnosis.evidence.scales import BETWEEN, ERRORS
 from fenics_joints.measurements.data import TestData
 
-__all__ = ["evidence_of"]
-
 #: Standard deviation of ln f of a test that states neither noise nor resolution. [decision: chosen]
 _UNSTATED = 1e-3
 #: Distance between sensors, as a share of the largest, over which its error in a shape does.
@@ -49,18 +47,18 @@ def evidence_of(
             kwargs["scales"] = BETWEEN.expected(2 if has_ratios(data) else 1)
     if has_ratios(data):
         ratios = data.damping
-        kwargs["log_damping"] = np.log(
-            ratios, where=ratios > 0, out=np.full(ratios.shape, np.nan)
-        )
+        kwargs["log_damping"] = np.log(ratios, where=ratios > 0, out=np.full(ratios.shape, np.nan))
         kwargs["damping_sd"] = data.damping_sd
         kwargs["damping_scatter"] = 0.0 if data.by_level else _DAMPING_SCATTER
     if data.shapes is not None:
         kwargs |= {
-            "shapes": _scaled(data.shapes), "shape_row": data.shape_row,
-            "shape_sd": data.shape_noise, "shape_error": shape_error,
+            "shapes": _scaled(data.shapes),
+            "shape_row": data.shape_row,
+            "shape_sd": data.shape_noise,
+            "shape_error": shape_error,
             "near": _near(data.sensors.points),
             "along": data.sensors.directions @ data.sensors.directions.T,
-        }  # fmt: skip
+        }
     kwargs["known"] = data.known
     sd = data.log_sd()
     return Evidence(data.conditions, log_f, np.where(sd > 0, sd, _UNSTATED), discrepancy, **kwargs)

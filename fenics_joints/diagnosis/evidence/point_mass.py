@@ -24,8 +24,6 @@ from fenics_joints.measurements.gap import ALIKE, Pairing
 from fenics_joints.modal.modes import Modes
 from fenics_joints.structure.points import Sensors
 
-__all__ = ["PointMassFound", "PointScan", "point_mass"]
-
 #: Trial masses as shares of the structure's, with equal probability in ln: all of them at the best
 #: places, every fourth elsewhere; and ln of the odds from the best within which a place counts.
 #: [numerical: chosen]
@@ -33,6 +31,7 @@ _SHARES, _COARSE, _NEAR = np.geomspace(2e-3, 0.5, 49), 4, 8.0
 
 #: Eigenvalue, over the largest, below which a mode is rigid. [numerical: round-off]
 _ELASTIC = 1e-9
+
 
 @dataclass(frozen=True)
 class PointMassFound:
@@ -54,9 +53,14 @@ class PointMassFound:
 
 
 def point_mass(
-    found: Fit, test: Evidence, modes: Modes, pairing: Pairing, sensors: Sensors | None,
-    points: np.ndarray, total: float,
-) -> PointMassFound | None:  # fmt: skip
+    found: Fit,
+    test: Evidence,
+    modes: Modes,
+    pairing: Pairing,
+    sensors: Sensors | None,
+    points: np.ndarray,
+    total: float,
+) -> PointMassFound | None:
     """The point mass that explains a test best; None if none explains it better than no mass.
 
     Args:
@@ -104,7 +108,7 @@ class PointScan:
 
     def __init__(
         self, found, test: Evidence, eigenvalues, pairing: Pairing, seen: np.ndarray | None
-    ):  # fmt: skip
+    ):
         self.test, self.index, self.seen = test, pairing.index, seen
         known = seen is not None and pairing.mac is not None
         self.lost = np.flatnonzero(pairing.mac < ALIKE) if known else np.zeros(0, dtype=int)

@@ -8,8 +8,6 @@ from types import SimpleNamespace
 
 import numpy as np
 
-__all__ = ["PointwiseForward", "PointwiseModes", "model_of"]
-
 
 def model_of(names: Iterable[str]) -> SimpleNamespace:
     """A model of which nothing is known but its parameters.

@@ -17,8 +17,6 @@ from scipy.linalg import solve_triangular
 from scipy.special import logsumexp
 from scipy.stats import multivariate_t
 
-__all__ = ["sampled_evidence"]
-
 #: Draws of a round, rounds at most, and the effective number of draws that ends them: the standard
 #: deviation of ln of the evidence is then 0.12. [numerical: chosen for time]
 _DRAWS, _ROUNDS, _EFFECTIVE = 64, 8, 70.0
@@ -62,10 +60,15 @@ def sampled_evidence(
         new = mean[own] + np.einsum("nij,nj->ni", roots[own], step)
         z, density = np.vstack([z, new]), np.append(density, log_density(new, own))
         drawn += counts
-        each = np.array([
-            unit.logpdf(solve_triangular(root, (z - middle).T, lower=True).T)
-            for root, middle in zip(roots, mean, strict=True)
-        ]).reshape(k, -1) - size[:, None]  # fmt: skip
+        each = (
+            np.array(
+                [
+                    unit.logpdf(solve_triangular(root, (z - middle).T, lower=True).T)
+                    for root, middle in zip(roots, mean, strict=True)
+                ]
+            ).reshape(k, -1)
+            - size[:, None]
+        )
         with np.errstate(divide="ignore"):
             each += np.log(drawn / len(z))[:, None]
         mixture = logsumexp(each, axis=0)

@@ -13,7 +13,6 @@ if TYPE_CHECKING:
     from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
     from fenics_joints.diagnosis.evidence.signatures import Signatures
 
-__all__ = ["Scalar", "Values", "reach", "scalars_at"]
 
 Values = Mapping[str, np.ndarray]
 
@@ -61,9 +60,10 @@ def reach(measured: Sequence[Scalar], hypothesis: Hypothesis) -> list[int]:
     """Which of a hypothesis's parameters may change some of them."""
     rows = {scalar.row for scalar in measured} - {None}
     return [
-        j for j in range(len(hypothesis.priors))
+        j
+        for j in range(len(hypothesis.priors))
         if j < hypothesis.own.stop or any(hypothesis.acts(j, row, None) for row in rows)
-    ]  # fmt: skip
+    ]
 
 
 def scalars_at(
@@ -89,9 +89,7 @@ def scalars_at(
     own = [k for k, j in enumerate(by) if j in matter] if measured else []
     steps = np.zeros((len(own), 1, z.shape[1]))
     steps[range(len(own)), 0, [by[k] for k in own]] = STEP
-    low, high = (
-        (z + side * steps).reshape(len(own) * len(z), z.shape[1]) for side in (-1, 1)
-    )
+    low, high = ((z + side * steps).reshape(len(own) * len(z), z.shape[1]) for side in (-1, 1))
     for row in dict.fromkeys(scalar.row for scalar in measured):
         values = at(z, row)
         ends = (at(low, row), at(high, row)) if own else None

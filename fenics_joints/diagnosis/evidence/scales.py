@@ -25,10 +25,6 @@ from itertools import product
 import numpy as np
 from scipy.special import logsumexp
 
-__all__ = [
-    "BETWEEN", "ERRORS", "MEMORY", "WITH_FUNCTIONS", "Kind", "Scales", "correlation", "weighed",
-]  # fmt: skip
-
 #: Change of the logarithm of the level over which the error between levels forgets itself, and of
 #: any condition over which a model's error does. [decision: chosen: a factor of 2]
 MEMORY = 0.7
@@ -56,9 +52,7 @@ class Kind:
 #: Of ln f and of ln damping between levels: guessed medians, within a factor of 3 either way.
 #: Frequencies of steel fall by 0.01 % per kelvin, of bolted joints that settle by some 0.1 %;
 #: damping ratios of one joint repeat to some 5 or 10 %. [decision: chosen]
-BETWEEN = Kind(
-    (5e-4, 0.05), float(np.log(3.0)), 2 * (tuple(np.arange(-2.0, 3.25, 0.5).tolist()),)
-)
+BETWEEN = Kind((5e-4, 0.05), float(np.log(3.0)), 2 * (tuple(np.arange(-2.0, 3.25, 0.5).tolist()),))
 #: Of what is stated of frequencies and of shapes: within a factor of 1.6, and no more. With 0.4 an
 #: opened pair of causes had the wrong one of them (benchmarks/blind/README.md). [decision:
 #: benchmarks/blind, opened tests]

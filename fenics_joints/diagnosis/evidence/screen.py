@@ -8,8 +8,6 @@ from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.fitted import Fit
 from fenics_joints.diagnosis.evidence.linear import evidence_about, whiten
 
-__all__ = ["linear_evidence", "near_best", "near_listed", "whitened"]
-
 
 def whitened(found: Fit, evidence: Evidence, lower: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Residual, (k,), and slopes, (k, d), of a fit in standard deviations of the fitted entries.

@@ -10,8 +10,6 @@ import numpy as np
 from fenics_joints.diagnosis.effects.joint import EXPONENT
 from fenics_joints.diagnosis.evidence.covariance import Stated
 
-__all__ = ["LENGTHS", "Signatures"]
-
 #: Over how much of the structure's size changes of patches are alike, equally probable. [decision:
 #: chosen]
 LENGTHS = (0.05, 0.2, 1.0)

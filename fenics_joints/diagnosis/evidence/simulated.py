@@ -22,8 +22,6 @@ from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.fitted import Fit
 from fenics_joints.diagnosis.evidence.screen import near_best, whitened
 
-__all__ = ["with_simulated"]
-
 #: Simulated tests; a p-value is no less than one in so many, or than chi-square has it. [numerical:
 #: p to 0.1 %]
 _COUNT = 999

@@ -25,8 +25,6 @@ from fenics_joints.diagnosis.evidence.linear import marginal, whiten
 from fenics_joints.diagnosis.evidence.point_mass import PointMassFound
 from fenics_joints.diagnosis.evidence.signatures import LENGTHS
 
-__all__ = ["Somewhere", "unknown_evidence", "with_somewhere"]
-
 #: Standard deviations of ln E and ln rho of a patch, relative to those that signatures are of, each
 #: with its prior probability. [decision: chosen]
 _SIZES = ((1 / 3, 0.25), (1.0, 0.5), (3.0, 0.25))
@@ -63,9 +61,8 @@ class _Linear:
     """
 
     def __init__(
-        self, residual: np.ndarray, slope: np.ndarray, test: Evidence,
-        columns: Sequence[np.ndarray],
-    ):  # fmt: skip
+        self, residual: np.ndarray, slope: np.ndarray, test: Evidence, columns: Sequence[np.ndarray]
+    ):
         lower, t, own = test.lower(), residual.shape[1], slope.shape[1]
         columns = [column[test.fitted] for column in columns]
         white = whiten(lower, np.column_stack([residual, slope, *columns]))

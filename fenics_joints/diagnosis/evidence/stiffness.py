@@ -14,8 +14,6 @@ from fenics_joints.diagnosis.evidence.entries import STIFFNESS
 from fenics_joints.diagnosis.evidence.scalars import Values
 from fenics_joints.reduction.static import StaticModel
 
-__all__ = ["StaticStiffness"]
-
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class StaticStiffness(AtPoint):

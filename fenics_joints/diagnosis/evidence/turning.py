@@ -7,8 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-__all__ = ["Neighbours", "turned"]
-
 #: Share of the variance of a turn of two modes that is not tied: a third has a hand in what one has
 #: of the other. [decision: chosen]
 _FREE = 0.1
@@ -34,7 +32,10 @@ Parts = tuple[tuple[int, np.ndarray], ...]
 
 
 def turned(
-    log_f: np.ndarray, shapes: np.ndarray, by_mode: np.ndarray, least: float,
+    log_f: np.ndarray,
+    shapes: np.ndarray,
+    by_mode: np.ndarray,
+    least: float,
     near: Neighbours | None = None,
 ) -> Iterator[Parts]:
     """Errors of shapes by modes nearby, each at one standard deviation.

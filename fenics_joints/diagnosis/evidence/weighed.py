@@ -15,8 +15,6 @@ from fenics_joints.diagnosis.evidence.scalars import Values
 from fenics_joints.diagnosis.evidence.signatures import Signatures
 from fenics_joints.structure.model import Model
 
-__all__ = ["WHOLE", "Weighed", "case_weighed", "on_a_scale"]
-
 WHOLE = "the whole structure"
 #: What a part's mass is proportional to, and what a point mass is.
 _SIZES, _POINT = ("rho", "thickness", "width"), "mass"
@@ -103,10 +101,15 @@ def case_weighed(case: Case, model: Model, baseline: Mapping[str, float]) -> tup
         return ()
     of_whole = on_a_scale(case, model, baseline)
     found = [] if whole is None else [replace(of_whole, kg=whole)]
-    return (*found, *(
-        replace(of_whole, name=name, kg=m, parts={name: of_whole.parts[name]}, points=(), fixed=0.0)
-        for name, m in kg.items()
-    ))  # fmt: skip
+    return (
+        *found,
+        *(
+            replace(
+                of_whole, name=name, kg=m, parts={name: of_whole.parts[name]}, points=(), fixed=0.0
+            )
+            for name, m in kg.items()
+        ),
+    )
 
 
 def on_a_scale(case: Case, model: Model, baseline: Mapping[str, float]) -> Weighed:

@@ -19,8 +19,6 @@ from fenics_joints.reduction.adaptive import Points
 from fenics_joints.reduction.grounded import Antiresonances, PointBasis
 from fenics_joints.structure import Sensors, Structure
 
-__all__ = ["antiresonances", "paired_zeros"]
-
 #: How far an antiresonance may be, in ln f, from the model's after what the test's frequencies say
 #: of all modes thereabouts; beyond, it is another's. [decision: chosen]
 _NEAR = 0.15
@@ -67,8 +65,9 @@ def antiresonances(
     found = []
     for i, (name, s) in enumerate(zip(names, sections, strict=True)):
         zeros, log_f = Antiresonances(basis, i, baseline, n_modes), np.log(sorted(s.frequencies))
-        which = paired_zeros(log_f, zeros.log_f, np.log(data.frequencies_hz[rows[i]]),
-                             nominal_log_f)  # fmt: skip
+        which = paired_zeros(
+            log_f, zeros.log_f, np.log(data.frequencies_hz[rows[i]]), nominal_log_f
+        )
         if which is None:
             there = ", ".join(f"{hz:.4g}" for hz in np.exp(zeros.log_f))
             raise InputError(
@@ -81,11 +80,16 @@ def antiresonances(
         sd = np.sqrt(s.noise**2 + evidence.discrepancy**2 + (UNSURE * mesh / (1 + BEYOND)) ** 2)
         found += [
             Antiresonance(
-                name=name, measured=float(np.exp(f)), sd=float(sd[k]), row=rows[i], zeros=zeros,
-                index=k, mesh=float(mesh[k]),
+                name=name,
+                measured=float(np.exp(f)),
+                sd=float(sd[k]),
+                row=rows[i],
+                zeros=zeros,
+                index=k,
+                mesh=float(mesh[k]),
             )
             for k, f in enumerate(log_f)
-        ]  # fmt: skip
+        ]
     return tuple(found)
 
 

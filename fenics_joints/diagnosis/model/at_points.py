@@ -22,8 +22,6 @@ from fenics_joints.diagnosis.where.zone_sensitivity import EXPECTED
 from fenics_joints.errors import InputError
 from fenics_joints.progress import Progress
 
-__all__ = ["by_patches", "measured_at_points", "stiffness_at"]
-
 #: `fenics_joints.diagnosis.model.prepared.Prepared`, which asks for these.
 Prepared = Any
 #: Places all over the structure by which modes with a point held are told. [numerical: chosen]
@@ -69,10 +67,17 @@ def stiffness_at(model: Prepared, given: Mapping[str, StaticTest]) -> tuple[Stat
         twice = model.samples(2 * model.case.diagnose.samples)
         more = [values for values in twice if values not in samples]
     return static_stiffness(
-        model.case, model.full, model.data, model.baseline, given,
-        n_rigid=model.surrogate.nominal.n_rigid, discrepancy=model.evidence.discrepancy,
-        samples=samples, more=more, travel=travel,
-    )  # fmt: skip
+        model.case,
+        model.full,
+        model.data,
+        model.baseline,
+        given,
+        n_rigid=model.surrogate.nominal.n_rigid,
+        discrepancy=model.evidence.discrepancy,
+        samples=samples,
+        more=more,
+        travel=travel,
+    )
 
 
 def _antiresonances_at(
@@ -80,14 +85,24 @@ def _antiresonances_at(
 ) -> tuple[Antiresonance, ...]:
     seen, (samples, travel) = model.surrogate, model.to_span()
     return antiresonances(
-        model.case, model.full, model.data, model.evidence, model.baseline, given,
-        nominal_log_f=seen.forward(model.baseline)[0], everywhere=seen.everywhere(_PLACES),
-        samples=samples, travel=travel,
-    )  # fmt: skip
+        model.case,
+        model.full,
+        model.data,
+        model.evidence,
+        model.baseline,
+        given,
+        nominal_log_f=seen.forward(model.baseline)[0],
+        everywhere=seen.everywhere(_PLACES),
+        samples=samples,
+        travel=travel,
+    )
 
 
 def by_patches(
-    measured: Sequence, cells: Cells, split: Patches, baseline: Mapping[str, float],
+    measured: Sequence,
+    cells: Cells,
+    split: Patches,
+    baseline: Mapping[str, float],
     soft: Mapping[str, float],
 ) -> tuple:
     """The same numbers, with what a change of each patch does to them. Collective.
@@ -119,6 +134,4 @@ def by_patches(
             except InputError:
                 continue  # the model has it no more: what stiff joints say stays
             changes[scalar][:, of_joint] = np.array([[-1.0], [0.0]]) * given_way
-    return tuple(
-        replace(s, patches=changes[s]) if isinstance(s, AtPoint) else s for s in measured
-    )
+    return tuple(replace(s, patches=changes[s]) if isinstance(s, AtPoint) else s for s in measured)

@@ -20,8 +20,6 @@ from fenics_joints.diagnosis.evidence.many import ManyPredictions
 from fenics_joints.diagnosis.where.zone_sensitivity import giving_way
 from fenics_joints.reduction.forward import Forward
 
-__all__ = ["SHARE", "JointErrors", "joint_errors"]
-
 #: Root mean square of ln f by each way of giving way, relative to the discrepancy that is stated.
 #: [decision: measured on the box of benchmarks/blind, docs/diagnosis.md]
 SHARE = 0.5

@@ -19,8 +19,6 @@ from fenics_joints.errors import InputError
 from fenics_joints.modal.modes import solve_modes
 from fenics_joints.reduction.seen import places_all_over
 
-__all__ = ["found_sites"]
-
 #: Places that are looked at, and the nominal model's modes in which. [numerical: time]
 _PLACES, _MODES = 240, 30
 #: Which of the next places is beside one, not through a plate's thickness. [numerical: chosen]
@@ -57,10 +55,13 @@ def found_sites(model) -> Sites:
     total, log_f = full.total_mass(model.baseline), np.ma.masked_invalid(test.log_f)
     bears = total * (2 * np.pi * np.exp(log_f.min())) ** 2
     kinds = [lambda phi, s: scan.attached(phi, s * total)]
-    kinds += [lambda phi, s, way=way: scan.attached(phi, 0.0, bears * np.outer(s, way))
-              for way in np.eye(full.gdim)]  # fmt: skip
-    kinds += [lambda phi, s, f=f: scan.attached(phi, s * total, hz=f * np.exp(log_f.mean()))
-              for f in _OWN]  # fmt: skip
+    kinds += [
+        lambda phi, s, way=way: scan.attached(phi, 0.0, bears * np.outer(s, way))
+        for way in np.eye(full.gdim)
+    ]
+    kinds += [
+        lambda phi, s, f=f: scan.attached(phi, s * total, hz=f * np.exp(log_f.mean())) for f in _OWN
+    ]
 
     def moves(points: np.ndarray) -> np.ndarray:
         return model.surrogate.moves(points) @ modes.shapes

@@ -12,8 +12,6 @@ from fenics_joints.reduction.grounded import PointBasis
 from fenics_joints.reduction.many import ManyModes
 from fenics_joints.reduction.receptances import Lines, Poles, Receptances
 
-__all__ = ["Errors"]
-
 #: `fenics_joints.diagnosis.model.prepared.Prepared`.
 Prepared = Any
 #: How far a line may be off by the model's errors, and by where resonances are and how they are
@@ -48,9 +46,14 @@ class Errors:
     """
 
     def __init__(
-        self, model: Prepared, basis: PointBasis, forward: Forward, row: int, poles: Poles,
+        self,
+        model: Prepared,
+        basis: PointBasis,
+        forward: Forward,
+        row: int,
+        poles: Poles,
         damping_sd: np.ndarray,
-    ):  # fmt: skip
+    ):
         self.basis, self.forward, self.poles = basis, forward, poles
         self._evidence, self._baseline = model.evidence, model.baseline
         self._log_sd, self._damping_sd = model.data.log_sd()[row], damping_sd
@@ -95,8 +98,9 @@ class Errors:
 
     def common(self, lines: Lines, n: int, value: complex) -> dict[Hashable, complex]:
         """Errors of one of the lines that others have too, by their cause."""
-        one = Lines(*(each[n : n + 1] for each in
-                      (lines.frequencies_hz, lines.response, lines.reference)))  # fmt: skip
+        one = Lines(
+            *(each[n : n + 1] for each in (lines.frequencies_hz, lines.response, lines.reference))
+        )
         of_shapes, of_poles = self._columns(one)
         return {name: complex(c[0] / value) for name, c in (of_shapes | of_poles).items()}
 

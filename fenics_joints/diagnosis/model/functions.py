@@ -21,8 +21,6 @@ from fenics_joints.reduction.grounded import PointBasis
 from fenics_joints.reduction.receptances import Lines, Poles, Receptances
 from fenics_joints.structure import Sensors
 
-__all__ = ["measured_functions", "planned_function"]
-
 #: `fenics_joints.diagnosis.model.prepared.Prepared`, whose test these are of.
 Prepared = Any
 #: Functions and lines that are taken, at most; the fewest of a function. [numerical: chosen for
@@ -91,9 +89,7 @@ def measured_functions(
     return _data(_Found(taken, section, _errors(model, taken.at, everywhere, row)), row)
 
 
-def planned_function(
-    model: Prepared, at: Sensors, everywhere: Sensors
-) -> tuple[FunctionLine, ...]:
+def planned_function(model: Prepared, at: Sensors, everywhere: Sensors) -> tuple[FunctionLine, ...]:
     """Lines of a function that would be measured, of force and motion at one place, as the nominal
     model has it. Collective.
 
@@ -136,11 +132,17 @@ def _data(found: _Found, row: int) -> tuple[tuple[FunctionLine, ...], list[str]]
             entries.append(
                 FunctionLine(
                     name=f"test.frfs: {taken.named(k)} at {lines.frequencies_hz[n]:.4g} Hz",
-                    measured=1.0, sd=float(taken.sd[at, k]), row=row, index=n, phase=phase,
-                    functions=functions, over=complex(value),
-                    common=_part(of_model, phase), unknown=errors.unknown(of_model),
+                    measured=1.0,
+                    sd=float(taken.sd[at, k]),
+                    row=row,
+                    index=n,
+                    phase=phase,
+                    functions=functions,
+                    over=complex(value),
+                    common=_part(of_model, phase),
+                    unknown=errors.unknown(of_model),
                 )
-            )  # fmt: skip
+            )
     return tuple(entries), found.notes
 
 
@@ -177,9 +179,10 @@ def _forward(model: Prepared, basis: PointBasis, everywhere: Sensors) -> Forward
 def _taken(frfs: MeasuredFRFs, section: FRFSection) -> _Taken:
     """The driving points, and those whose responses are the farthest from others."""
     driving = {(i, j): sign for i, j, sign in frfs.driving_points()}
-    pairs, rest = list(driving)[:_FUNCTIONS], [
-        pair for pair in map(tuple, np.argwhere(frfs.measured).tolist()) if pair not in driving
-    ]  # fmt: skip
+    pairs, rest = (
+        list(driving)[:_FUNCTIONS],
+        [pair for pair in map(tuple, np.argwhere(frfs.measured).tolist()) if pair not in driving],
+    )
     at = frfs.response_points
     while rest and len(pairs) < _FUNCTIONS:
         away = [
@@ -192,8 +195,14 @@ def _taken(frfs: MeasuredFRFs, section: FRFSection) -> _Taken:
         reference = where.setdefault(("reference", j), len(where))
         own = reference if (i, j) in driving else where.setdefault(("response", i), len(where))
         points.append((own, reference))
-    sides = [(getattr(frfs, f"{side}_points")[k], getattr(frfs, f"{side}_directions")[k],
-              getattr(frfs, f"{side}_names")[k]) for side, k in where]  # fmt: skip
+    sides = [
+        (
+            getattr(frfs, f"{side}_points")[k],
+            getattr(frfs, f"{side}_directions")[k],
+            getattr(frfs, f"{side}_names")[k],
+        )
+        for side, k in where
+    ]
     place, way, names = zip(*sides, strict=True)
     sensors = Sensors(np.array(place), np.array(way), tuple(f"test.frfs {name}" for name in names))
     i, j = np.array(pairs).T
@@ -227,10 +236,11 @@ class _Found:
         used = len({k for k, _ in chosen})
         if chosen:
             self.notes.insert(
-                0, f"Measured functions: {len(chosen)} lines of {used} of "
+                0,
+                f"Measured functions: {len(chosen)} lines of {used} of "
                 f"{int(taken.frfs.measured.sum())} are data, magnitude and phase, away from "
-                "resonances and valleys, with the test's resonances in the place of the model's."
-            )  # fmt: skip
+                "resonances and valleys, with the test's resonances in the place of the model's.",
+            )
         return self._at(chosen), chosen
 
     def _at(self, chosen: list[tuple[int, int]]) -> Lines:

@@ -27,12 +27,13 @@ from fenics_joints.meshes import TaggedMesh
 from fenics_joints.structure import PointMass, Region, Spring, Structure, Support
 from fenics_joints.structure.laws import LAYER_LAWS, SOLID, SPRINGS, TRANSITION, WIDE_SOLID
 
-__all__ = ["case_of"]
-
 #: Keys of a case's sections that are options; of ``[diagnose]`` all that say something of a model
 #: of solids without contact.
-_DIAGNOSE = [key for key in Diagnose.model_fields
-             if key not in ("effects", "zones", "mesh", "nested", "frfs")]  # fmt: skip
+_DIAGNOSE = [
+    key
+    for key in Diagnose.model_fields
+    if key not in ("effects", "zones", "mesh", "nested", "frfs")
+]
 _TEST = ["mass", "mass_noise", "stiffness", "antiresonances"]
 #: What a part calls the properties of its law, and a joint; others have their own names.
 _CALLED = {"stretch": "thickness"}
@@ -120,12 +121,14 @@ def case_of(
         if key not in _DIAGNOSE + _TEST:
             raise InputError(f"{key}: unknown option{did_you_mean(key, _DIAGNOSE + _TEST)}")
     said = {
-        "title": title, "mesh": {"degree": structure.degree}, **_tables(structure),
+        "title": title,
+        "mesh": {"degree": structure.degree},
+        **_tables(structure),
         "attached": mapping("attached", attached, "sections of masses and springs by name"),
         "test": {key: value for key, value in options.items() if key in _TEST},
         "diagnose": {"effects": effects}
         | {key: value for key, value in options.items() if key in _DIAGNOSE},
-    }  # fmt: skip
+    }
     _put_bolts(said["joints"], bolts, items("bolted", bolted, str, "names of joints"))
     _put_tolerances(said, mapping("tolerances", tolerances, "standard deviations by parameter"))
     try:
@@ -169,12 +172,17 @@ def _put_tolerances(said: dict[str, Any], tolerances: Mapping[str, float]) -> No
             continue
         table = {"mass": "masses", "stiffness": "springs"}.get(key)
         if table is None or owner not in said[table]:
-            known = [f"{part}.{key}" for part in said["parts"]
-                     for key in ("E", "nu", "rho", "thickness", "width")]  # fmt: skip
+            known = [
+                f"{part}.{key}"
+                for part in said["parts"]
+                for key in ("E", "nu", "rho", "thickness", "width")
+            ]
             known += [f"{mass}.mass" for mass in said["masses"]]
             known += [f"{spring}.stiffness" for spring in said["springs"]]
-            raise InputError(f"tolerances: {name!r} is no parameter of a part, mass or spring"
-                             f"{did_you_mean(name, known)}")  # fmt: skip
+            raise InputError(
+                f"tolerances: {name!r} is no parameter of a part, mass or spring"
+                f"{did_you_mean(name, known)}"
+            )
         said[table][owner]["tolerance"] = value
 
 
@@ -183,8 +191,9 @@ def _put_tolerances(said: dict[str, Any], tolerances: Mapping[str, float]) -> No
 
 def _tables(structure: Structure) -> dict[str, dict[str, dict]]:
     """Sections of all that a structure is made of, by table and name."""
-    regions = {joined: [r for r in structure.regions if r.is_joint == joined]
-               for joined in (False, True)}  # fmt: skip
+    regions = {
+        joined: [r for r in structure.regions if r.is_joint == joined] for joined in (False, True)
+    }
     return {
         "parts": _named("parts", [(r.name, _part(structure, r)) for r in regions[False]]),
         "joints": _named("joints", [(r.name, _joint(structure, r)) for r in regions[True]]),
@@ -303,15 +312,22 @@ def _supports(structure: Structure) -> dict[str, dict]:
         name = support.facets or at or "points"
         found[name if name not in found else f"{name}_{i + 1}"] = _held(support)
     for support in structure.elastic_supports:
-        values = {key: _value(structure, f"{support.name}.{key}", given)
-                  for key, given in support.properties.items()}  # fmt: skip
+        values = {
+            key: _value(structure, f"{support.name}.{key}", given)
+            for key, given in support.properties.items()
+        }
         found[support.name] = {"facets": support.facets, **values}
     return found
 
 
 def _held(support: Support) -> dict[str, Any]:
-    where = {"facets": support.facets} if support.facets else {
-        "points": support.points if isinstance(support.points, str)
-        else np.atleast_2d(np.asarray(support.points, dtype=float)).tolist()
-    }  # fmt: skip
+    where = (
+        {"facets": support.facets}
+        if support.facets
+        else {
+            "points": support.points
+            if isinstance(support.points, str)
+            else np.atleast_2d(np.asarray(support.points, dtype=float)).tolist()
+        }
+    )
     return {**where, "directions": [AXES[way] for way in support.directions]}

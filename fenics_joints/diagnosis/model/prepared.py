@@ -42,14 +42,7 @@ from fenics_joints.diagnosis.zones.sites import placed
 from fenics_joints.errors import InputError
 from fenics_joints.formatting import percent
 from fenics_joints.measurements.data import TestData
-from fenics_joints.measurements.gap import (
-    ALIKE,
-    CONTRADICTED,
-    UNLIKE,
-    Pairing,
-    partnered,
-    skipped,
-)
+from fenics_joints.measurements.gap import ALIKE, CONTRADICTED, UNLIKE, Pairing, partnered, skipped
 from fenics_joints.modal.modes import Modes
 from fenics_joints.progress import Progress
 from fenics_joints.reduction.forward import Forward
@@ -57,8 +50,6 @@ from fenics_joints.reduction.memory import give_back
 from fenics_joints.reduction.seen import SeenModes
 from fenics_joints.reduction.surrogate import LACKING
 from fenics_joints.reduction.tested import tested_models
-
-__all__ = ["Prepared", "prepare"]
 
 #: Share of a mode's energy that the reduced model may lack where it was sampled, over the square of
 #: the discrepancy, and at most. Half of it bounds the error in frequency there: 3 % of a
@@ -128,20 +119,26 @@ class Prepared(Subject):
     def hypothesis(self, effects: Sequence[Effect], **kwargs) -> Hypothesis:
         """These effects, with what is uncertain in any case."""
         return Hypothesis(
-            tuple(effects), self.nuisances, scatter=self.scatter,
+            tuple(effects),
+            self.nuisances,
+            scatter=self.scatter,
             conditions=tuple(float(c) for c in self.evidence.conditions),
-            modes=tuple(self.data.mode_names), damped=self.evidence.log_damping is not None,
-            driven=self.evidence.driven, known=self.evidence.known,
-            as_row=self.evidence.as_row if any(self.evidence.known) else (), **kwargs,
-        )  # fmt: skip
+            modes=tuple(self.data.mode_names),
+            damped=self.evidence.log_damping is not None,
+            driven=self.evidence.driven,
+            known=self.evidence.known,
+            as_row=self.evidence.as_row if any(self.evidence.known) else (),
+            **kwargs,
+        )
 
     def nominal_log_f(self) -> np.ndarray:
         """ln f of the nominal model at each row of the test, (n, m); nan for modes that have no
         partner in it."""
         bare = Hypothesis((), known=self.evidence.known)
         rows = range(len(self.evidence.conditions))
-        found = np.array([self.forward(bare.values(np.zeros(0), 1.0, self.baseline, row))[0]
-                          for row in rows])  # fmt: skip
+        found = np.array(
+            [self.forward(bare.values(np.zeros(0), 1.0, self.baseline, row))[0] for row in rows]
+        )
         return found if self.not_nominal is None else np.where(self.not_nominal, np.nan, found)
 
     def reduce(self, progress: Progress, keep: Path | None = None) -> None:
@@ -153,22 +150,31 @@ class Prepared(Subject):
             keep: Folder of the reduced models, named by a hash of all that makes them.
         """
         self.surrogate = tested_models(self.full).seen(
-            self.full, self.baseline, sensors=self.data.sensors, n_test=len(self.data.mode_names),
-            n_modes=self.case.diagnose.n_modes, shapes=self.data.shapes, by_order=True,
-            samples=lambda: self.samples(self.case.diagnose.samples), travel=self.travel,
-            keep=keep and (lambda: self._file(keep, "model", ".h5")), progress=progress,
+            self.full,
+            self.baseline,
+            sensors=self.data.sensors,
+            n_test=len(self.data.mode_names),
+            n_modes=self.case.diagnose.n_modes,
+            shapes=self.data.shapes,
+            by_order=True,
+            samples=lambda: self.samples(self.case.diagnose.samples),
+            travel=self.travel,
+            keep=keep and (lambda: self._file(keep, "model", ".h5")),
+            progress=progress,
             still=self._unfit(),
             lacking=self._share,
-        )  # fmt: skip
+        )
         if self.case.measured is not None:  # frequencies of a planned test are placeholders
             self._look_for_partners()
         if self.evidence.shapes is not None:
             self.evidence = replace(self.evidence, neighbours=self._neighbours())
         if self.case.diagnose.mesh_error:
             errors = mesh_errors(
-                self.surrogate, self.baseline, progress,
+                self.surrogate,
+                self.baseline,
+                progress,
                 keep and (lambda: self._file(keep, "finer", ".npz")),
-            )  # fmt: skip
+            )
             if errors is not None:
                 self.on_mesh(errors)
         self._take(measured_at_points(self, progress))
@@ -226,9 +232,7 @@ class Prepared(Subject):
                     z = h.at(own).clip(*h.limits.T)
                     yield h.values(z, self.data.conditions[0], self.baseline, 0)
 
-    def _partnered(
-        self, modes: Modes, pairing: Pairing, least: float = CONTRADICTED
-    ) -> np.ndarray:
+    def _partnered(self, modes: Modes, pairing: Pairing, least: float = CONTRADICTED) -> np.ndarray:
         """Mask of the test's modes with a partner, (m,), at the condition of the shapes, or at any
         condition without shapes. See `partnered`."""
         test = self.data.as_it_is
@@ -245,9 +249,11 @@ class Prepared(Subject):
         log_f = np.ma.masked_invalid(self.evidence.log_f)
         hz = np.exp(log_f.mean(axis=0).filled(np.nan))
         return ", ".join(
-            f"{self.data.mode_names[i]} ({hz[i]:.4g} Hz)" if np.isfinite(hz[i])
-            else self.data.mode_names[i] for i in np.flatnonzero(which)
-        )  # fmt: skip
+            f"{self.data.mode_names[i]} ({hz[i]:.4g} Hz)"
+            if np.isfinite(hz[i])
+            else self.data.mode_names[i]
+            for i in np.flatnonzero(which)
+        )
 
     def _leave_out(self, lost: np.ndarray) -> None:
         """Remove modes, given by mask (m,), from all data."""
@@ -306,9 +312,14 @@ class Prepared(Subject):
         `reduce`."""
         seen = self.surrogate
         found = signatures(
-            self.cells, seen.nominal, seen.pairing, self.evidence, split, self.data.sensors,
+            self.cells,
+            seen.nominal,
+            seen.pairing,
+            self.evidence,
+            split,
+            self.data.sensors,
             self.yielding(),
-        )  # fmt: skip
+        )
         soft = given_way(self.baseline, interfaces(self.zones, self.baseline))
         scalars = by_patches(self.evidence.scalars, self.cells, split, self.baseline, soft)
         return replace(self.evidence, signatures=found, scalars=scalars)
@@ -352,9 +363,10 @@ class Prepared(Subject):
         """The nominal model's modes, which those of the test may turn into. Collective."""
         modes, first = self.surrogate.nominal, self.surrogate.nominal.n_rigid
         return Neighbours(
-            np.log(modes.frequencies_hz[first:]), modes.at(self.data.sensors)[:, first:],
+            np.log(modes.frequencies_hz[first:]),
+            modes.at(self.data.sensors)[:, first:],
             self.surrogate.pairing.index - first,
-        )  # fmt: skip
+        )
 
     def mesh_error(self) -> dict[str, float]:
         """How much too high the mesh makes the test's modes, of those that it resolves; empty where
@@ -389,10 +401,10 @@ class Prepared(Subject):
         if self.unresolved:
             so = (
                 "left out (finer cells resolve more)"
-                if len(self.unresolved) <= len(self.data.mode_names) / 2 else
-                "as they are most of the test they stay, but what they say is not to be trusted "
-                "without finer cells"
-            )  # fmt: skip
+                if len(self.unresolved) <= len(self.data.mode_names) / 2
+                else "as they are most of the test they stay, but what they say is not to be "
+                "trusted without finer cells"
+            )
             notes.append(
                 f"{OF_MODEL}the mesh does not resolve {', '.join(self.unresolved)}: the same mesh "
                 f"one degree higher has no mode of that shape; {so}"
@@ -406,7 +418,7 @@ class Prepared(Subject):
             *notes,
             f"{OF_MODEL}the mesh alone is {percent(errors[worst])} off in {worst}, by the same "
             "mesh one degree higher and what that is expected to leave; it is taken off every "
-            f"frequency of the model, and a part of it stays as its uncertainty{more}"
+            f"frequency of the model, and a part of it stays as its uncertainty{more}",
         ]
 
     def travel(self) -> dict[str, tuple[float, float]]:
@@ -522,11 +534,17 @@ def prepare(
         check_parameters(effect, subject.baseline, float(own.conditions[-1]), zones.by("joint"))
     effects = distinct((*effects, *extra), subject.baseline, own.conditions)
     return Prepared(
-        **vars(subject), comm=comm, data=data, effects=effects, silent=silent,
+        **vars(subject),
+        comm=comm,
+        data=data,
+        effects=effects,
+        silent=silent,
         nuisances=case_nuisances(case, zones, subject.dimensions),
         scatter=case.diagnose.preload_scatter if by_preload(own) else 0.0,
         evidence=evidence_of(
-            data, case.diagnose.discrepancy, case.diagnose.shape_discrepancy,
+            data,
+            case.diagnose.discrepancy,
+            case.diagnose.shape_discrepancy,
             case_weighed(case, subject.full, subject.baseline),
         ),
-    )  # fmt: skip
+    )

@@ -17,8 +17,6 @@ from fenics_joints.reduction.kept import kept_modes
 from fenics_joints.reduction.likes import PLACES, TURNED, likes
 from fenics_joints.reduction.seen import SeenModes, places_all_over
 
-__all__ = ["MOST", "MeshErrors", "mesh_errors"]
-
 #: Degrees of freedom of the finer model at most: it is solved once, in some three times the memory
 #: of the other (the box, 66,645 and 199,476: 0.9 and 2.9 GB, 4 and 16 s). [numerical: measured on
 #: the box]
@@ -108,8 +106,10 @@ def _changed(ours: np.ndarray, theirs: np.ndarray, measured: np.ndarray) -> np.n
     measured = measured / np.maximum(size, _TINY)
     theirs, ours = (x / np.maximum(np.linalg.norm(x, axis=0), _TINY) for x in (theirs, ours))
     new = theirs - np.sum(theirs * ours, axis=0) * ours
-    return new * np.sum(measured * theirs, axis=0) / np.maximum(
-        np.sum(there * theirs**2, axis=0), _TINY
+    return (
+        new
+        * np.sum(measured * theirs, axis=0)
+        / np.maximum(np.sum(there * theirs**2, axis=0), _TINY)
     )
 
 

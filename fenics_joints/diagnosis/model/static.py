@@ -19,8 +19,6 @@ from fenics_joints.reduction.adaptive import Points
 from fenics_joints.reduction.static import StaticModel, StaticSolver
 from fenics_joints.structure import Sensors, Structure
 
-__all__ = ["most_yielding", "row_of", "static_stiffness"]
-
 #: Points of a round at which the reduced model is looked at. [numerical: chosen]
 _FRESH = 6
 
@@ -77,11 +75,16 @@ def static_stiffness(
     sd = np.hypot(sd, UNSURE * mesh)
     return tuple(
         StaticStiffness(
-            name=name, measured=s.stiffness, sd=float(sd[i]), row=rows[i], model=model, index=i,
+            name=name,
+            measured=s.stiffness,
+            sd=float(sd[i]),
+            row=rows[i],
+            model=model,
+            index=i,
             mesh=float((1 + BEYOND) * mesh[i]),
         )
         for i, (name, s) in enumerate(zip(given, sections, strict=True))
-    )  # fmt: skip
+    )
 
 
 def most_yielding(full: Structure | BeamStructure, sensors: Sensors, baseline) -> tuple[int, float]:

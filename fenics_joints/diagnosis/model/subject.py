@@ -23,8 +23,6 @@ from fenics_joints.progress import Progress
 from fenics_joints.structure import Parameter, Sensors
 from fenics_joints.structure.structure import Structure
 
-__all__ = ["Subject", "beam_subject", "solid_subject", "subject_of", "with_places"]
-
 
 @dataclass
 class Subject:
@@ -101,9 +99,14 @@ def solid_subject(case: Case, comm: MPI.Intracomm, progress: Progress) -> Subjec
     if not len(zones) and case.joints:
         zones = joint_zones(case, build_mesh(case, comm))
     full = build_structure(
-        zones.case, comm, law="uncoupled", attached=True, width=True, elastic_supports=True,
+        zones.case,
+        comm,
+        law="uncoupled",
+        attached=True,
+        width=True,
+        elastic_supports=True,
         tagged=zones.tagged,
-    )  # fmt: skip
+    )
     bonded = bonded_values(zones.case)
     baseline = {name: bonded.get(name, p.value) for name, p in full.parameters.items()}
     zones = zones.with_thickness(layer_thickness(full))
@@ -122,7 +125,7 @@ def beam_subject(case: Case, comm: MPI.Intracomm) -> Subject:
     """
     zones = lap_zones(case)
     full = build_beams(
-        zones.case, attached=True, width=True, elastic_supports=True, laps=zones.laps or None,
+        zones.case, attached=True, width=True, elastic_supports=True, laps=zones.laps or None
     )
     known = bonded_values(zones.case)
     baseline = {name: known.get(name, p.value) for name, p in full.parameters.items()}

@@ -20,11 +20,6 @@ from fenics_joints.reduction.lean import batched
 from fenics_joints.reduction.many import Change, ManyModes, ManyValues
 from fenics_joints.reduction.terms import MassTerm
 
-__all__ = [
-    "ADDED_MASS", "MORE_MODES", "Addition", "Candidate", "Joined", "altered",
-    "loaded", "measurement", "missed_modes", "next_modes", "rank", "shifted", "widened",
-]  # fmt: skip
-
 #: Added mass, as a share of the structure's. [decision: chosen]
 ADDED_MASS = 0.05
 #: Further modes of each kind that a longer test would see. [decision: chosen]
@@ -147,11 +142,7 @@ def altered(name: str, factor: float) -> Effect:
 
 
 def measurement(
-    nuisances: Sequence[Effect],
-    scatter: float,
-    modes: Sequence[str],
-    evidence: Evidence,
-    forward,
+    nuisances: Sequence[Effect], scatter: float, modes: Sequence[str], evidence: Evidence, forward
 ) -> Measurement:
     """A test by what it would measure.
 
@@ -163,10 +154,14 @@ def measurement(
         forward: Predicts frequencies and shapes.
     """
     bare = Hypothesis(
-        (), tuple(nuisances), scatter=scatter, modes=tuple(modes),
+        (),
+        tuple(nuisances),
+        scatter=scatter,
+        modes=tuple(modes),
         conditions=tuple(float(c) for c in evidence.conditions),
-        damped=evidence.log_damping is not None, driven=evidence.driven,
-    )  # fmt: skip
+        damped=evidence.log_damping is not None,
+        driven=evidence.driven,
+    )
     used = evidence.fitted
 
     def predicted(hypothesis, z, baseline):
@@ -292,9 +287,7 @@ class Addition:
 
 
 def rank(
-    study: Study,
-    candidates: Sequence[Candidate],
-    progress: Callable[[], None] | None = None,
+    study: Study, candidates: Sequence[Candidate], progress: Callable[[], None] | None = None
 ) -> list[Addition]:
     """What each candidate adds to a planned test, the most telling first.
 
@@ -347,9 +340,11 @@ def _worth(study: Study, candidate: Candidate) -> Addition:
         after[i, n] = max(after[i, n], again(i, n))
     seen = after[:, n] >= APART
     together = [
-        (i, j) for i in np.flatnonzero(seen) for j in np.flatnonzero(seen)
+        (i, j)
+        for i in np.flatnonzero(seen)
+        for j in np.flatnonzero(seen)
         if i != j and before[i, j] < APART
-    ]  # fmt: skip
+    ]
     for i, j in together:
         after[i, j] = max(after[i, j], again(i, j))
     open_ = [*together, *((i, n) for i in np.flatnonzero(before[:, n] < APART))]
@@ -357,9 +352,14 @@ def _worth(study: Study, candidate: Candidate) -> Addition:
     best = open_[int(np.argmax(gains))] if open_ else (0, n)
     names = [*(e.key for e in study.effects), "no gap"]
     return Addition(
-        candidate.name, len(groups(after[:, :n], seen)), int(seen.sum()), float(gains.mean()),
-        float(gains.max()), (names[best[0]], names[best[1]]), after,
-    )  # fmt: skip
+        candidate.name,
+        len(groups(after[:, :n], seen)),
+        int(seen.sum()),
+        float(gains.mean()),
+        float(gains.max()),
+        (names[best[0]], names[best[1]]),
+        after,
+    )
 
 
 def _by_name(old: Effect, own: np.ndarray, new: Effect) -> np.ndarray:

@@ -42,8 +42,6 @@ from fenics_joints.modal.modes import solve_modes
 from fenics_joints.reduction import ArrayModel, Forward
 from fenics_joints.structure.points import Sensors
 
-__all__ = ["Candidates"]
-
 #: Points, spread over the structure, at which modes are told from each other. [numerical: chosen]
 _POINTS = 24
 #: A suspension that a test could have instead: this much softer. [decision: chosen]
@@ -72,15 +70,23 @@ class Candidates:
         """Every measurement that this case can offer. Collective."""
         found = [*self._modes(), *self._conditions(), *self._damping(), *self._shapes()]
         return [
-            *found, *self._weighing(), *self._static(), *self._driven(), *self._mass(), *self._rig()
+            *found,
+            *self._weighing(),
+            *self._static(),
+            *self._driven(),
+            *self._mass(),
+            *self._rig(),
         ]
 
     def _measurement(self, evidence, forward=None, modes=None, scatter=None) -> Measurement:
         m = self.model
         return measurement(
-            m.nuisances, m.scatter if scatter is None else scatter,
-            modes or m.data.mode_names, evidence, forward or m.forward,
-        )  # fmt: skip
+            m.nuisances,
+            m.scatter if scatter is None else scatter,
+            modes or m.data.mode_names,
+            evidence,
+            forward or m.forward,
+        )
 
     # -- further modes -----------------------------------------------------------------------
 
@@ -89,9 +95,10 @@ class Candidates:
         for words, names, forward in self._further:
             more = len(forward(self.model.baseline)[0])
             test = self._measurement(
-                widened(self.evidence, more), Joined(self.model.forward, forward),
+                widened(self.evidence, more),
+                Joined(self.model.forward, forward),
                 [*self.model.data.mode_names, *(f"{names} {i + 1}" for i in range(more))],
-            )  # fmt: skip
+            )
             found.append(Candidate(words(more), test))
         return found
 
@@ -112,13 +119,16 @@ class Candidates:
         for words, name, which in (
             (next_modes, "next mode", seen),
             (lambda n: missed_modes(n, surrogate.unseen), "missed mode", ~seen),
-        ):  # fmt: skip
+        ):
             index = elastic[which & free & clear][:MORE_MODES]
             if len(index):
                 forward = Forward(
-                    _seen(reduced, everywhere), everywhere, len(index), len(modes),
+                    _seen(reduced, everywhere),
+                    everywhere,
+                    len(index),
+                    len(modes),
                     reference=shapes[:, index],
-                )  # fmt: skip
+                )
                 found.append((words, name, forward))
         return found
 
@@ -180,9 +190,13 @@ class Candidates:
         if at <= 0 or m.data.by_level or m.data.condition_name == "row":
             return {}
         two = replace(
-            m.data, conditions=np.array([at / 2, at]), damping=None, shapes=None, shapes_at=None,
+            m.data,
+            conditions=np.array([at / 2, at]),
+            damping=None,
+            shapes=None,
+            shapes_at=None,
             frequencies_hz=np.repeat(m.data.frequencies_hz, 2, axis=0),
-        )  # fmt: skip
+        )
         effects, _ = case_effects(m.case, two, m.zones, m.dimensions)
         return {e.key: e for e in effects}
 
@@ -194,9 +208,11 @@ class Candidates:
         noise = data.damping_noise or DAMPING_NOISE
         damping = np.full(data.frequencies_hz.shape, 1e-3)
         evidence = evidence_of(
-            replace(data, damping=damping, damping_noise=noise), self.evidence.discrepancy,
-            scalars=self.evidence.scalars, mesh_error=self.evidence.mesh_error,
-        )  # fmt: skip
+            replace(data, damping=damping, damping_noise=noise),
+            self.evidence.discrepancy,
+            scalars=self.evidence.scalars,
+            mesh_error=self.evidence.mesh_error,
+        )
         name = f"the damping ratios of the same modes, to {100 * noise:.3g} %"
         return [Candidate(name, self._measurement(evidence))]
 
@@ -206,9 +222,11 @@ class Candidates:
             return []
         shapes = m.surrogate.pairing.shapes
         evidence = evidence_of(
-            replace(m.data, shapes=shapes), self.evidence.discrepancy,
-            scalars=self.evidence.scalars, mesh_error=self.evidence.mesh_error,
-        )  # fmt: skip
+            replace(m.data, shapes=shapes),
+            self.evidence.discrepancy,
+            scalars=self.evidence.scalars,
+            mesh_error=self.evidence.mesh_error,
+        )
         name = f"the mode shapes at the same {len(m.data.sensors)} sensors"
         return [Candidate(name, self._measurement(evidence))]
 
@@ -282,9 +300,11 @@ class Candidates:
         D = table(self.study)
         n = len(self.study.effects)
         pairs = [
-            (i, j) for i in range(n) for j in range(n)
+            (i, j)
+            for i in range(n)
+            for j in range(n)
             if i != j and D[i, n] >= APART and D[i, j] < APART
-        ]  # fmt: skip
+        ]
         if not pairs:
             return None
         step = max(len(pairs) // _PAIRS, 1)

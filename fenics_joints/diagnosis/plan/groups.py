@@ -10,8 +10,6 @@ from scipy.sparse.csgraph import connected_components
 
 from fenics_joints.diagnosis.evidence.classes import APART
 
-__all__ = ["Combination", "combination", "groups"]
-
 
 def groups(distances: np.ndarray, seen: Sequence[bool]) -> list[list[int]]:
     """Effects in classes: those that may be taken for each other, one way round or the other.

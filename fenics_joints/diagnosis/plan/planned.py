@@ -34,8 +34,6 @@ from fenics_joints.measurements.data import TestData
 from fenics_joints.parallel import on_root
 from fenics_joints.progress import Progress
 
-__all__ = ["plan"]
-
 _LETTERS = "ABCDEFGHIJKLMNOPQRSTUVWXYZ"
 #: Parameters of an effect that are named in words. [numerical: length of a sentence]
 _NAMED = 4
@@ -72,9 +70,11 @@ def plan(
         model.reduce(progress, keep)
         model.data = _nominal(model, case)
         evidence = evidence_of(
-            model.data, model.case.diagnose.discrepancy, scalars=model.evidence.scalars,
+            model.data,
+            model.case.diagnose.discrepancy,
+            scalars=model.evidence.scalars,
             mesh_error=model.evidence.mesh_error,
-        )  # fmt: skip
+        )
         test = measurement(
             model.nuisances, model.scatter, model.data.mode_names, evidence, model.forward
         )
@@ -82,9 +82,13 @@ def plan(
         model.silent = (*model.silent, *left)
         progress.step("signatures and distances", 2 * len(model.effects))
         study = Study(
-            test, model.effects, model.baseline,
-            beneath=_beneath(model), progress=progress.advance, comm=comm,
-        )  # fmt: skip
+            test,
+            model.effects,
+            model.baseline,
+            beneath=_beneath(model),
+            progress=progress.advance,
+            comm=comm,
+        )
         order, classes = _ordered(study)
         taken_for = _taken_for(model, evidence, progress)
         additions = []
@@ -94,10 +98,7 @@ def plan(
             progress.step("what they would tell apart", len(offered))
             additions = rank(study, offered, progress.advance)
     letters = {i: c.letter for c, members in classes for i in members}
-    facts = {
-        **model.surrogate.facts(),
-        "seconds": time.perf_counter() - started,
-    }
+    facts = {**model.surrogate.facts(), "seconds": time.perf_counter() - started}
     picked = np.ix_(order, [*order, len(order)])
     return Plan(
         title=case.title,
@@ -134,9 +135,12 @@ def _taken_for(model: Prepared, evidence: Evidence, progress: Progress) -> np.nd
     effects, n = [model.effects[i] for i in alone], len(model.effects)
     progress.step("simulating tests of each cause", len(effects))
     library = Library(
-        model.forward, evidence, model.baseline, lambda some: model.hypothesis(tuple(some)),
+        model.forward,
+        evidence,
+        model.baseline,
+        lambda some: model.hypothesis(tuple(some)),
         lean=True,
-    )  # fmt: skip
+    )
     library.solve(effects, model.comm, progress.advance)
     outside = log_odds_outside(model.case.diagnose.outside)
     found = on_root(
@@ -244,7 +248,14 @@ def _effect(study: Study, i: int, letter: str) -> PlannedEffect:
     effect, expected = study.effects[i], study.expected[i]
     distances = [s.d / 2 for s in study.sizes[i]]
     return PlannedEffect(
-        effect.name, effect.region, effect.key, effect.describe, expected.values,
-        {prior.name: prior.unit for prior in effect.priors}, expected.d / 2,
-        min(distances), max(distances), letter,
-    )  # fmt: skip
+        effect.name,
+        effect.region,
+        effect.key,
+        effect.describe,
+        expected.values,
+        {prior.name: prior.unit for prior in effect.priors},
+        expected.d / 2,
+        min(distances),
+        max(distances),
+        letter,
+    )

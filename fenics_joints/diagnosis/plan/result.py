@@ -14,8 +14,6 @@ from fenics_joints.diagnosis.plan.added import Addition
 from fenics_joints.diagnosis.thresholds import NEGLIGIBLE
 from fenics_joints.files import plain
 
-__all__ = ["Plan", "PlannedClass", "PlannedEffect"]
-
 #: Names that a sentence holds at most. [numerical: length of a sentence]
 _LISTED = 6
 
@@ -203,44 +201,62 @@ class Plan:
         others = [*keys, "no gap"]
         outcomes = [*others, "none of these"]
         rows = list(zip(keys, self.distances.tolist(), strict=True))
-        return plain({
-            "version": fenics_joints.__version__,
-            "title": self.title,
-            "summary": " ".join(self.sentences()),
-            "apart": self.n_apart,
-            "conditions": {
-                "name": self.condition[0],
-                "unit": self.condition[1],
-                "values": self.conditions,
-            },
-            "modes": self.mode_names,
-            "frequencies_hz": self.frequencies_hz,
-            "measured": self.measured,
-            "noise": self.noise,
-            "discrepancy": self.discrepancy,
-            "effects": [
-                _row(e, "key", "name", "region", "seen", "size", "distance",
-                     distance_least="least", distance_most="most")
-                | {"class": e.letter or None}
-                for e in self.effects
-            ],
-            "distance": {key: dict(zip(others, row, strict=True)) for key, row in rows},
-            "confusion": {
-                key: None if np.isnan(row).any() else dict(zip(outcomes, row, strict=True))
-                for key, row in zip(keys, self.taken_for.tolist(), strict=True)
-            },
-            "classes": [
-                _row(c, "members", "collinearity", "combination", "left") | {"class": c.letter}
-                for c in self.classes
-            ],
-            "additions": [
-                _row(a, "seen", "pair", measurement="name", apart="classes", mean_gain="mean",
-                     largest_gain="largest")
-                for a in self.additions
-            ],
-            "silent": [_row(s, "effect", "reason") for s in self.silent],
-            "model": self.model,
-        })  # fmt: skip
+        return plain(
+            {
+                "version": fenics_joints.__version__,
+                "title": self.title,
+                "summary": " ".join(self.sentences()),
+                "apart": self.n_apart,
+                "conditions": {
+                    "name": self.condition[0],
+                    "unit": self.condition[1],
+                    "values": self.conditions,
+                },
+                "modes": self.mode_names,
+                "frequencies_hz": self.frequencies_hz,
+                "measured": self.measured,
+                "noise": self.noise,
+                "discrepancy": self.discrepancy,
+                "effects": [
+                    _row(
+                        e,
+                        "key",
+                        "name",
+                        "region",
+                        "seen",
+                        "size",
+                        "distance",
+                        distance_least="least",
+                        distance_most="most",
+                    )
+                    | {"class": e.letter or None}
+                    for e in self.effects
+                ],
+                "distance": {key: dict(zip(others, row, strict=True)) for key, row in rows},
+                "confusion": {
+                    key: None if np.isnan(row).any() else dict(zip(outcomes, row, strict=True))
+                    for key, row in zip(keys, self.taken_for.tolist(), strict=True)
+                },
+                "classes": [
+                    _row(c, "members", "collinearity", "combination", "left") | {"class": c.letter}
+                    for c in self.classes
+                ],
+                "additions": [
+                    _row(
+                        a,
+                        "seen",
+                        "pair",
+                        measurement="name",
+                        apart="classes",
+                        mean_gain="mean",
+                        largest_gain="largest",
+                    )
+                    for a in self.additions
+                ],
+                "silent": [_row(s, "effect", "reason") for s in self.silent],
+                "model": self.model,
+            }
+        )
 
 
 def _row(result: object, *same: str, **named: str) -> dict:

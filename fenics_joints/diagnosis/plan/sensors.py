@@ -10,8 +10,6 @@ from fenics_joints.diagnosis.effects.effect import Effect, Silent
 from fenics_joints.diagnosis.effects.rig import MISPLACED, MISSCALED
 from fenics_joints.diagnosis.plan.study import Measurement, Signature, Study, own_at
 
-__all__ = ["few_sensors"]
-
 #: Of one kind of a sensor's faults so many stay. [numerical: chosen for time]
 _KEPT = 4
 

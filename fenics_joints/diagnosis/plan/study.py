@@ -26,7 +26,6 @@ from fenics_joints.parallel import spread
 if TYPE_CHECKING:
     from mpi4py import MPI
 
-__all__ = ["Measurement", "Signature", "Study", "own_at"]
 
 #: Sizes of an effect that it is judged at, in prior standard deviations. [decision: one standard
 #: deviation either way]

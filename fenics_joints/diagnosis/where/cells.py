@@ -16,8 +16,6 @@ from fenics_joints.modal.modes import Modes
 from fenics_joints.structure import Structure
 from fenics_joints.structure.cell_forces import CellForces
 
-__all__ = ["BeamElements", "Cells", "MeshCells"]
-
 
 class Cells(ABC):
     """The cells that this rank owns.
@@ -172,9 +170,13 @@ class BeamElements(Cells):
     stiffness = ("E", *JOINT_KEYS)
 
     def __init__(
-        self, structure: BeamStructure, comm: MPI.Intracomm, owner: Sequence[str],
-        zones: Sequence[Sequence[str]], bolts: np.ndarray,
-    ):  # fmt: skip
+        self,
+        structure: BeamStructure,
+        comm: MPI.Intracomm,
+        owner: Sequence[str],
+        zones: Sequence[Sequence[str]],
+        bolts: np.ndarray,
+    ):
         self.structure, self.comm, self.bolts = structure, comm, bolts
         self.joints = {name for lap in zones for name in lap}
         firsts = {s.joint: s.first for s in structure.layout.stretches if s.joint is not None}
@@ -200,9 +202,7 @@ class BeamElements(Cells):
                 cell_energies(self.structure, self.structure.cells, modes.shapes + y, modes.given)
                 for y in (x, -x)
             ]
-            with_it, less = (
-                (sum(end[key] for key in self.stiffness), end["rho"]) for end in ends
-            )
+            with_it, less = ((sum(end[key] for key in self.stiffness), end["rho"]) for end in ends)
             yield tuple((a - b) / 4 for a, b in zip(with_it, less, strict=True))
 
     def energies(self, x, omega: float, given) -> tuple[np.ndarray, np.ndarray]:

@@ -13,8 +13,6 @@ from fenics_joints.measurements.gap import Pairing
 from fenics_joints.modal.modes import Modes
 from fenics_joints.structure import Sensors
 
-__all__ = ["signatures"]
-
 #: How near two eigenvalues may be, relative to them, before what turns their shapes into one
 #: another is bounded: a change of the expected size turns them all the way. [decision: chosen]
 _CLOSE = 0.03
@@ -61,9 +59,15 @@ def signatures(
         if shapes is not None:
             shapes[:, :, of_joint] = turning[:, :, of_joint] * mass_stays
     return Signatures(
-        split.names, split.region, split.middle, split.volume, of_joint, log_f, shapes,
+        split.names,
+        split.region,
+        split.middle,
+        split.volume,
+        of_joint,
+        log_f,
+        shapes,
         (EXPECTED["E"], EXPECTED["rho"]),
-    )  # fmt: skip
+    )
 
 
 def _by_patch(cells, modes, pairing, evidence, split, sensors):

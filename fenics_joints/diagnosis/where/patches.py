@@ -13,8 +13,6 @@ from fenics_joints.diagnosis.zones.partition import partition
 from fenics_joints.errors import InputError
 from fenics_joints.structure.grids import cell_grid, pyvista
 
-__all__ = ["PATCHES", "PatchMap", "Patches", "patches"]
-
 #: Patches of each region. [decision: chosen]
 PATCHES = 12
 

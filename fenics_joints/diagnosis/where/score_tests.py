@@ -36,11 +36,6 @@ from fenics_joints.diagnosis.evidence.linear import whiten
 from fenics_joints.diagnosis.thresholds import NEGLIGIBLE
 from fenics_joints.errors import InputError
 
-__all__ = [
-    "Attribution", "LEVEL", "Place", "ScoreTest", "ZoneShare", "attribution", "holm",
-    "score_tests", "shares", "whitened",
-]  # fmt: skip
-
 #: Family-wise p below which a place explains more than chance. [decision: convention]
 LEVEL = 0.05
 
@@ -232,7 +227,12 @@ def score_tests(
         gain, mean, sd = _local_evidence(r, S)
         tests.append(
             ScoreTest(
-                place.zone, place.region, place.kind, place.odds, dof, t,
+                place.zone,
+                place.region,
+                place.kind,
+                place.odds,
+                dof,
+                t,
                 p=float(chi2.sf(t, dof)) if dof else 1.0,
                 p_adjusted=1.0,
                 share=t / max(total, 1e-300),
@@ -242,7 +242,7 @@ def score_tests(
                 change_sd=tuple(sd.tolist()),
                 log_f=float(np.mean((place.columns @ mean)[of_f])),
             )
-        )  # fmt: skip
+        )
     seen = [i for i, test in enumerate(tests) if test.dof]
     p, odds = ([getattr(tests[i], key) for i in seen] for key in ("p", "odds"))
     for i, adjusted in zip(seen, holm(p, odds), strict=True):
@@ -251,10 +251,7 @@ def score_tests(
 
 
 def shares(
-    residual: np.ndarray,
-    places: Sequence[Place],
-    nuisance: np.ndarray | None,
-    evidence: Evidence,
+    residual: np.ndarray, places: Sequence[Place], nuisance: np.ndarray | None, evidence: Evidence
 ) -> list[ZoneShare]:
     """Split the misfit among regions: that of the most probable place takes what a change there
     explains, then the next of what is left, as long as the evidence grows.

@@ -15,15 +15,15 @@ from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.many import ManyPredictions
 from fenics_joints.reduction.forward import Forward
 
-__all__ = [
-    "EXPECTED", "given_way", "giving_way", "trend", "zone_sensitivities",
-]  # fmt: skip
-
 #: Expected relative change of a zone's parameter: a wrong material, a mass misjudged, a spring too,
 #: a lap along its beams.
 EXPECTED = {
-    "E": CAUSES["E"], "rho": CAUSES["rho"], "mass": MASS, "stiffness": SPRING, "axial": AXIAL,
-}  # fmt: skip
+    "E": CAUSES["E"],
+    "rho": CAUSES["rho"],
+    "mass": MASS,
+    "stiffness": SPRING,
+    "axial": AXIAL,
+}
 #: Gauss points along the way from bonded to giving way. [numerical: chosen; what it misses is
 #: shared out]
 _NODES = 8
@@ -120,9 +120,10 @@ def _relative(regions, baseline, interfaces) -> list[tuple[str, Effect]]:
     for zone, members in regions.items():
         for key, spread in EXPECTED.items():
             names = [
-                f"{member}.{key}" for member in members
+                f"{member}.{key}"
+                for member in members
                 if member not in interfaces and baseline.get(f"{member}.{key}", 0.0) > 0
-            ]  # fmt: skip
+            ]
             if names:
                 found.append((zone, relative_error(f"{key} of {zone}", zone, names, spread, "")))
     return found
@@ -131,9 +132,10 @@ def _relative(regions, baseline, interfaces) -> list[tuple[str, Effect]]:
 def _parts_of_joints(regions, interfaces, forward, evidence, baseline, nominal):
     """(zone, its part of what all joints giving way do), across their planes and along them."""
     zones = {
-        zone: joints for zone, members in regions.items()
+        zone: joints
+        for zone, members in regions.items()
         if (joints := [name for name in members if name in interfaces])
-    }  # fmt: skip
+    }
     if not zones:
         return
     nodes, weights = np.polynomial.legendre.leggauss(_NODES)

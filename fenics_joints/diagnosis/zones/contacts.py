@@ -25,8 +25,6 @@ from fenics_joints.forms import lame_parameters
 from fenics_joints.meshes import TaggedMesh
 from fenics_joints.preload import PreloadModel, solve_preload
 
-__all__ = ["contact_zones"]
-
 #: Thickness of the layer, relative to the shortest edge of the interface: thin enough that one as
 #: stiff as the bodies is as good as none. [numerical: chosen]
 _THIN = 0.1
@@ -72,17 +70,30 @@ def contact_zones(case: Case, comm: MPI.Intracomm, n_zones: int = _ZONES) -> Zon
     labels = tuple(f"{names[0]}_{k + 1}" for k in range(len(low)))
     made = case.model_copy(
         update={
-            "mesh": twin(thickness), "contacts": {}, "bolts": {},
+            "mesh": twin(thickness),
+            "contacts": {},
+            "bolts": {},
             "masses": case.masses | _bolt_masses(case, model),
         }
-    )  # fmt: skip
+    )
     tagged = _split(build_mesh(made, comm), middles, zone, labels)
     made = made.model_copy(update={"joints": _joints(case, labels)})
     rows = zip(labels, low.tolist(), high.tolist(), area.tolist(), strict=True)
-    return Zones(made, tuple(
-        Zone(label, thickness=thickness, joint=names[0], shown=names[0], pressure=(a, b), area=size)
-        for label, a, b, size in rows
-    ), tagged)  # fmt: skip
+    return Zones(
+        made,
+        tuple(
+            Zone(
+                label,
+                thickness=thickness,
+                joint=names[0],
+                shown=names[0],
+                pressure=(a, b),
+                area=size,
+            )
+            for label, a, b, size in rows
+        ),
+        tagged,
+    )
 
 
 def _zones(pressure: np.ndarray, area: np.ndarray, n: int):

@@ -26,8 +26,6 @@ from fenics_joints.diagnosis.zones.zone import SAME, Zones, check_names
 from fenics_joints.errors import InputError
 from fenics_joints.meshes import TaggedMesh
 
-__all__ = ["joint_zones"]
-
 #: Rings of the joint with the largest area per bolt. [decision: chosen]
 _RINGS = 4
 #: Cells that a ring has at a bolt on average, at least. [numerical: chosen]
@@ -122,20 +120,29 @@ def joint_zones(case: Case, tagged: TaggedMesh, rings: int = _RINGS) -> Zones:
     tags = tagged.cell_tags
     new = dolfinx.mesh.meshtags(tagged.mesh, tags.dim, tags.indices, values)
     return placed(
-        case.model_copy(update={"joints": sections}), rows,
+        case.model_copy(update={"joints": sections}),
+        rows,
         replace(tagged, cell_tags=new, cell_names=names),
-    )  # fmt: skip
+    )
 
 
 def _as_layers(case: Case) -> Case:
     """The case with its springs as layers that are as stiff: zones speak of moduli."""
     joints = {
-        name: joint.model_copy(update={
-            "law": "uncoupled", "E": joint.k_n * joint.meshed, "G": joint.k_t * joint.meshed,
-            "k_n": None, "k_t": None, "meshed": None,
-        }) if joint.law == "springs" else joint
+        name: joint.model_copy(
+            update={
+                "law": "uncoupled",
+                "E": joint.k_n * joint.meshed,
+                "G": joint.k_t * joint.meshed,
+                "k_n": None,
+                "k_t": None,
+                "meshed": None,
+            }
+        )
+        if joint.law == "springs"
+        else joint
         for name, joint in case.joints.items()
-    }  # fmt: skip
+    }
     return case.model_copy(update={"joints": joints})
 
 
@@ -166,9 +173,14 @@ def _layer(tagged: TaggedMesh, section: Joint, volumes: np.ndarray) -> _Layer:
     box = [flat.min(axis=0), flat.max(axis=0)] if len(cells) else []
     boxes = np.array([b for b in comm.allgather(box) if len(b)])
     return _Layer(
-        section, cells, middles, every, np.concatenate(comm.allgather(areas)),
-        boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0),
-    )  # fmt: skip
+        section,
+        cells,
+        middles,
+        every,
+        np.concatenate(comm.allgather(areas)),
+        boxes[:, 0].min(axis=0),
+        boxes[:, 1].max(axis=0),
+    )
 
 
 def _bolts(case: Case, tagged: TaggedMesh, name: str, layer: _Layer) -> np.ndarray:
@@ -205,9 +217,16 @@ def _split(
             zone = f"{name}_r{r + 1}" if len(bolts) == 1 else f"{name}_b{b + 1}_r{r + 1}"
             span = float(distance[mask].min()), float(distance[mask].max())
             row = LayerZone(
-                zone, name, float(layer.areas[mask].sum()), b + 1, r + 1, span, bolts[b],
-                layer.section.bolts is None, faces[b],
-            )  # fmt: skip
+                zone,
+                name,
+                float(layer.areas[mask].sum()),
+                b + 1,
+                r + 1,
+                span,
+                bolts[b],
+                layer.section.bolts is None,
+                faces[b],
+            )
             rows.append((row, layer.cells[mask[place]]))
     return rows
 

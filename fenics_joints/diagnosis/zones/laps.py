@@ -20,8 +20,6 @@ from fenics_joints.diagnosis.zones.zone import (
 )
 from fenics_joints.errors import InputError
 
-__all__ = ["lap_as_one", "lap_zones"]
-
 #: Zones of a lap at most. [decision: chosen]
 _ZONES = 5
 
@@ -57,10 +55,14 @@ def lap_zones(case: Case) -> Zones:
             # On average: a zone's elements on both sides of a bolt are as far as the mean of them.
             distance = float(away[:, i].mean())
             found[zone] = Zone(
-                zone, interface, joint=joint, shown=label, distance=(distance, distance),
+                zone,
+                interface,
+                joint=joint,
+                shown=label,
+                distance=(distance, distance),
                 bolt=f"bolt {len(bolts) + i + 1}" if own else "",
                 label=f"{label} stretch {number + 1}" if zone == _zone(label, number) else zone,
-            )  # fmt: skip
+            )
             middles.append(places[there].mean())
             update = {"cells": [zone], "k_axial": None}
             sections[zone] = case.joints[joint].model_copy(update=update)
@@ -70,12 +72,16 @@ def lap_zones(case: Case) -> Zones:
         return Zones(case, laps=())
     check_names(case, sections, "a lap")
     zoned = Zones(
-        case.model_copy(update={"joints": sections}), tuple(found.values()), laps=tuple(laps),
-        gradings=tuple(_gradings(
-            found.values(), float(np.ptp(middles)), "bolt" if bolts else "middle of the lap"
-        )),
+        case.model_copy(update={"joints": sections}),
+        tuple(found.values()),
+        laps=tuple(laps),
+        gradings=tuple(
+            _gradings(
+                found.values(), float(np.ptp(middles)), "bolt" if bolts else "middle of the lap"
+            )
+        ),
         bolts=np.column_stack([bolts, np.zeros((len(bolts), 2))]),
-    )  # fmt: skip
+    )
     by_lap = zoned.by("shown")
     return replace(zoned, places={"lap": by_lap} if len(by_lap) > 1 else {})
 
@@ -132,9 +138,10 @@ def _check_bolts(case: Case, owners: Mapping[str, str]) -> None:
     """Every bolt has to be in a lap of its joint."""
     for name, section in case.joints.items():
         laps = [
-            lap for cells, lap in zip(case.mesh.lap_cells(), _laps(case), strict=True)
+            lap
+            for cells, lap in zip(case.mesh.lap_cells(), _laps(case), strict=True)
             if name in {owners[cell] for cell in cells}
-        ]  # fmt: skip
+        ]
         for i, point in enumerate(section.bolts or ()):
             if not any(start <= point[0] <= start + length for start, length in laps):
                 where = " or ".join(f"{start:g} to {start + length:g}" for start, length in laps)

@@ -6,8 +6,6 @@ from fenics_joints.case import Case, parameters
 from fenics_joints.forms import lame_from_moduli, lame_parameters
 from fenics_joints.structure.structure import Structure
 
-__all__ = ["bonded_values", "layer_thickness"]
-
 
 def layer_thickness(structure: Structure) -> dict[str, float]:
     """Thickness, m, of every joint's layer by the joint's name. Collective."""

@@ -15,8 +15,6 @@ from fenics_joints.diagnosis.zones.partition import partition
 from fenics_joints.structure import Sensors, Structure
 from fenics_joints.structure.changes import LocalLoss, ShapeChange
 
-__all__ = ["BOW", "LOSS", "MOST_BOW", "MOST_TAPER", "TAPER", "PartCells", "Plate"]
-
 #: Prefixes of parameters.
 LOSS, BOW, TAPER = "local_loss", "bow", "taper"
 #: Patches at most: the reduced model has a matrix for each. [numerical: chosen for memory]
@@ -80,8 +78,13 @@ class PartCells:
     def points(self, sensors: Sensors | None, count: int) -> np.ndarray:
         """Vertices of the parts' cells near the sensors, and far from these and each other."""
         vertices = self.vertices
-        at = vertices[:0] if sensors is None else np.unique(np.pad(
-            sensors.points, [(0, 0), (0, 3 - sensors.points.shape[1])]), axis=0)  # fmt: skip
+        at = (
+            vertices[:0]
+            if sensors is None
+            else np.unique(
+                np.pad(sensors.points, [(0, 0), (0, 3 - sensors.points.shape[1])]), axis=0
+            )
+        )
         near = [int(np.argmin(np.linalg.norm(vertices - x, axis=1))) for x in at]
         near = vertices[np.unique(np.array(near, dtype=int))]
         chosen = _far_apart(near, near[:0], count)
@@ -106,12 +109,22 @@ class PartCells:
         losses, first = [], 0
         for part, count in counts.items():
             nominal = self.full.parameters[f"{part}.E"].value
-            losses.append(LocalLoss(
-                f"{LOSS} {part}", part, [cells[number == first + i] for i in range(count)],
-                {"depth": f"{LOSS}.depth", "place": f"{LOSS}.place", "size": f"{LOSS}.size",
-                 "E": f"{part}.E", "nominal": nominal, "first": float(first),
-                 "count": float(count)},
-            ))  # fmt: skip
+            losses.append(
+                LocalLoss(
+                    f"{LOSS} {part}",
+                    part,
+                    [cells[number == first + i] for i in range(count)],
+                    {
+                        "depth": f"{LOSS}.depth",
+                        "place": f"{LOSS}.place",
+                        "size": f"{LOSS}.size",
+                        "E": f"{part}.E",
+                        "nominal": nominal,
+                        "first": float(first),
+                        "count": float(count),
+                    },
+                )
+            )
             first += count
         return losses, middle
 
@@ -124,9 +137,10 @@ class PartCells:
         low, high = along.min(axis=0, initial=np.inf), along.max(axis=0, initial=-np.inf)
         ends = self.comm.allgather((low, high, float(self.volume[own].sum())))
         return (
-            np.min([e[0] for e in ends], axis=0), np.max([e[1] for e in ends], axis=0),
+            np.min([e[0] for e in ends], axis=0),
+            np.max([e[1] for e in ends], axis=0),
             sum(e[2] for e in ends),
-        )  # fmt: skip
+        )
 
     def _ways(self, part: str) -> np.ndarray:
         """Normal of a part, its length and its width, as rows."""
@@ -141,9 +155,13 @@ class PartCells:
     def _nominal(self, part: str, parameter: str, count: int, mass: bool) -> dict:
         E, rho = (self.full.parameters[f"{part}.{key}"].value for key in ("E", "rho"))
         return {
-            "amount": parameter, "E": f"{part}.E", "nominal": E,
-            "rho": f"{part}.rho" if mass else rho, "nominal_rho": rho, "count": float(count),
-        }  # fmt: skip
+            "amount": parameter,
+            "E": f"{part}.E",
+            "nominal": E,
+            "rho": f"{part}.rho" if mass else rho,
+            "nominal_rho": rho,
+            "count": float(count),
+        }
 
     def bowed(self) -> tuple[tuple[Plate, ...], list[ShapeChange]]:
         """Directions in which the whole may be bowed, by the height of the bow, m."""
@@ -160,10 +178,18 @@ class PartCells:
             plates.append(Plate("the structure", "", name, L, how))
             bend = 1 - 4 * middle**2 / L**2, 8 * middle / L**2, -4 / L**2
             for part in self.case.parts:
-                changes.append(ShapeChange(
-                    f"{name} {part}", part, tuple(ways[0][0]), tuple(ways[0][i]), bend,
-                    np.array([ones, 0 * ones]), MOST_BOW * L, self._nominal(part, name, 2, False),
-                ))  # fmt: skip
+                changes.append(
+                    ShapeChange(
+                        f"{name} {part}",
+                        part,
+                        tuple(ways[0][0]),
+                        tuple(ways[0][i]),
+                        bend,
+                        np.array([ones, 0 * ones]),
+                        MOST_BOW * L,
+                        self._nominal(part, name, 2, False),
+                    )
+                )
         return tuple(plates), changes
 
     def tapered(self, dimensions) -> tuple[tuple[Plate, ...], list[ShapeChange]]:
@@ -188,11 +214,19 @@ class PartCells:
             across = np.array([np.where(above, half, -half), np.zeros(len(height))])
             across[:, self.cells[name]] = [[-middle[0]], [1.0]]
             bend = -2 * middle[i] / L, 2 / L, 0.0
-            changes += [ShapeChange(
-                f"{parameter} {other}", other, tuple(ways[0]), tuple(ways[i]), bend, across,
-                MOST_TAPER,
-                self._nominal(other, parameter, _DEGREE if other == part else 2, other == part),
-            ) for other in self.case.parts]  # fmt: skip
+            changes += [
+                ShapeChange(
+                    f"{parameter} {other}",
+                    other,
+                    tuple(ways[0]),
+                    tuple(ways[i]),
+                    bend,
+                    across,
+                    MOST_TAPER,
+                    self._nominal(other, parameter, _DEGREE if other == part else 2, other == part),
+                )
+                for other in self.case.parts
+            ]
         return tuple(plates), changes
 
 

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-__all__ = ["partition"]
-
 #: Sweeps of Lloyd's algorithm; the patches need to be compact, not optimal. [numerical: chosen]
 _SWEEPS = 8
 #: Coordinates are rounded to this share of the structure's size: ties by symmetry are then broken

@@ -12,8 +12,6 @@ from fenics_joints.case.case import Case
 from fenics_joints.diagnosis.zones.zone import Grading, Zone, Zones
 from fenics_joints.meshes import TaggedMesh
 
-__all__ = ["LayerZone", "bolt_points", "placed"]
-
 #: Points of a builder that are axes of bolts.
 _BOLT_POINTS = ("bolts", "bolt")
 
@@ -80,9 +78,8 @@ def placed(case: Case, rows: Sequence[LayerZone], tagged: TaggedMesh | None = No
     )
     # Zones that are not under bolts: those of the joints that say so, else all but the innermost.
     away = tuple(
-        r.name for r in rows
-        if (r.name not in bolted if bolted else r.bolt and r.ring > 1)
-    )  # fmt: skip
+        r.name for r in rows if (r.name not in bolted if bolted else r.bolt and r.ring > 1)
+    )
     gradings = (Grading("from zone to zone", groups),) if len(groups) > 1 else ()
     joints = _by(zip(rows, _held_together(rows, labels), strict=True))
     bolts = _by((row, label) for row, label in zip(rows, labels, strict=True) if label)

@@ -25,8 +25,6 @@ from fenics_joints.structure.changes import (
     PlacedResonator,
 )
 
-__all__ = ["COUNT", "HUNG", "ON", "Sites", "about_point", "placed", "sites_of", "without_attached"]
-
 #: Prefixes of the parameters, besides those of `part_cells`.
 ON, HUNG = "put_on", "hung"
 #: Mass of what hangs on a spring where nothing does, over the structure's. [numerical: chosen]
@@ -37,10 +35,12 @@ COUNT = 3
 #: [numerical: chosen]
 _VERTICES, _NEAR = 24, 0.7
 #: Powers of the distances from it, by degree. [numerical: definition]
-_POWERS = np.array(sorted(
-    (p for p in product(range(3), repeat=3) if sum(p) < 3),
-    key=lambda p: (sum(p), [-k for k in p]),
-))  # fmt: skip
+_POWERS = np.array(
+    sorted(
+        (p for p in product(range(3), repeat=3) if sum(p) < 3),
+        key=lambda p: (sum(p), [-k for k in p]),
+    )
+)
 #: What of a parabola the vertices do not tell apart. [numerical: chosen]
 _ALIKE = 1e-3
 #: Products of a displacement and its slopes. [numerical: definition]
@@ -131,8 +131,9 @@ def placed(sites: Sites) -> list[Change]:
         sites: The sites.
     """
     kinds = (
-        (ON, PlacedPoint, ("mass", *STIFFNESSES)), (HUNG, PlacedResonator, ("mass", "stiffness")),
-    )  # fmt: skip
+        (ON, PlacedPoint, ("mass", *STIFFNESSES)),
+        (HUNG, PlacedResonator, ("mass", "stiffness")),
+    )
     changes = []
     for i, point in enumerate(sites.points):
         near, weights = about_point(sites.vertices, point)

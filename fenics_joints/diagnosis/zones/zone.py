@@ -17,10 +17,6 @@ from fenics_joints.case.build_beams import ZonedLap
 from fenics_joints.errors import InputError
 from fenics_joints.meshes import TaggedMesh
 
-__all__ = [
-    "GIVEN_LAP", "LAP", "LAYER", "SAME", "Grading", "ZoneInterface", "Zone", "Zones", "check_names",
-]  # fmt: skip
-
 #: Distances closer than this, relative to the largest, are equal by symmetry. [numerical:
 #: round-off]
 SAME = 1e-6

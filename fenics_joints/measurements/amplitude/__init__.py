@@ -7,14 +7,16 @@ and reduces each to a `MeasuredBackbone`.
 from fenics_joints.measurements.amplitude.backbone import MeasuredBackbone
 from fenics_joints.measurements.amplitude.curves import from_constant_force, from_constant_response
 from fenics_joints.measurements.amplitude.files import read_amplitude
-from fenics_joints.measurements.amplitude.levels import (
-    by_mode,
-    test_by_level,
-    with_modes_at_rest,
-)
+from fenics_joints.measurements.amplitude.levels import by_mode, test_by_level, with_modes_at_rest
 from fenics_joints.measurements.amplitude.ring_downs import from_ring_down
 
 __all__ = [
-    "MeasuredBackbone", "by_mode", "from_constant_force", "from_constant_response",
-    "from_ring_down", "read_amplitude", "test_by_level", "with_modes_at_rest",
-]  # fmt: skip
+    "MeasuredBackbone",
+    "by_mode",
+    "from_constant_force",
+    "from_constant_response",
+    "from_ring_down",
+    "read_amplitude",
+    "test_by_level",
+    "with_modes_at_rest",
+]

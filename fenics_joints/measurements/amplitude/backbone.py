@@ -9,8 +9,6 @@ import numpy as np
 
 from fenics_joints.errors import InputError, member, reals
 
-__all__ = ["KINDS", "RESPONSES", "MeasuredBackbone", "joined"]
-
 #: SI unit of what an amplitude may be of.
 RESPONSES = {"displacement": "m", "velocity": "m/s", "acceleration": "m/s2", "force": "N"}
 #: What a backbone may come from.
@@ -112,10 +110,13 @@ class MeasuredBackbone:
         zeta = [_mean(self.damping[r], self.damping_sd[r]) for r in rows]
         amplitudes = [np.exp(_mean(x[r], self.frequencies_sd[r])[0]) for r in rows]
         return replace(
-            self, amplitudes=amplitudes, frequencies_hz=[m for m, _ in f],
-            frequencies_sd=[s for _, s in f], damping=[m for m, _ in zeta],
+            self,
+            amplitudes=amplitudes,
+            frequencies_hz=[m for m, _ in f],
+            frequencies_sd=[s for _, s in f],
+            damping=[m for m, _ in zeta],
             damping_sd=[s for _, s in zeta],
-        )  # fmt: skip
+        )
 
 
 def joined(parts: Sequence[MeasuredBackbone]) -> MeasuredBackbone:

@@ -13,11 +13,6 @@ from fenics_joints.response.units import KINDS as TIMES
 from fenics_joints.response.units import frf_unit
 from fenics_joints.units import factor_to_si
 
-__all__ = [
-    "LEVELS", "MOTIONS", "checked_column", "level_unit", "motion_column", "motion_kind",
-    "only_unit", "phase_column",
-]  # fmt: skip
-
 #: Names of a column that says the level; and of one that says the response.
 LEVELS = ("level", "amplitude", "acceleration", "velocity", "displacement", "force")
 MOTIONS = ("amplitude", "response", "acceleration", "velocity", "displacement")
@@ -91,8 +86,6 @@ def phase_column(table: Table) -> np.ndarray | None:
         return None
     unit = table.unit("phase")
     if unit not in ("deg", "°", "rad"):
-        raise InputError(
-            f"{table.path}: column 'phase': unit {unit!r}, expected [deg] or [rad]"
-        )
+        raise InputError(f"{table.path}: column 'phase': unit {unit!r}, expected [deg] or [rad]")
     values = checked_column(table, "phase")
     return values if unit == "rad" else np.deg2rad(values)

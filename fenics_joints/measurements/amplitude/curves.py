@@ -12,8 +12,6 @@ from fenics_joints.measurements.amplitude.backbone import RESPONSES, MeasuredBac
 from fenics_joints.measurements.amplitude.oscillator import fit_oscillator
 from fenics_joints.response.units import KINDS as TIMES
 
-__all__ = ["Sweep", "from_constant_force", "from_constant_response"]
-
 #: Points whose response per force is below this share of the largest are other modes' as well.
 _FLANK = 0.2
 #: Amplitudes at which k and c are unknown are at most this factor apart; the lowest is this share
@@ -67,9 +65,7 @@ class Sweep:
         if not inside.any():
             raise InputError(f"no point is in the band of {low:g} to {high:g} Hz")
         kept = inside & (size >= _FLANK * size[inside].max())
-        return Sweep(
-            self.level, self.frequencies_hz[kept], self.functions[kept], self.forces[kept]
-        )
+        return Sweep(self.level, self.frequencies_hz[kept], self.functions[kept], self.forces[kept])
 
     def receptance(self, response: str) -> tuple[np.ndarray, np.ndarray]:
         """(angular frequencies, displacement over force)."""

@@ -31,8 +31,6 @@ from fenics_joints.measurements.files import UFF_SUFFIXES, reader_of
 from fenics_joints.measurements.records import Said
 from fenics_joints.measurements.tables import read_table
 
-__all__ = ["read_amplitude"]
-
 
 def read_amplitude(
     paths: str | Path | Sequence[str | Path],
@@ -123,9 +121,12 @@ def _decay(history: History, band, sensor: str | None) -> MeasuredBackbone:
     column = names.index(sensor) if sensor is not None else 0
     with located(history.where):
         return from_ring_down(
-            history.times, np.column_stack(list(history.signals.values())), history.response,
-            band=band, sensor=column,
-        )  # fmt: skip
+            history.times,
+            np.column_stack(list(history.signals.values())),
+            history.response,
+            band=band,
+            sensor=column,
+        )
 
 
 def _reduced(parts: Sequence[Sweeps], band) -> MeasuredBackbone:

@@ -12,8 +12,6 @@ from fenics_joints.measurements.amplitude.backbone import RESPONSES, MeasuredBac
 from fenics_joints.measurements.amplitude.columns import level_unit
 from fenics_joints.measurements.data import TestData
 
-__all__ = ["NOISE", "by_mode", "test_by_level", "with_modes_at_rest"]
-
 #: Relative deviation of a frequency that nobody states.
 NOISE = 1e-3
 #: Levels nearer than this are one.
@@ -53,10 +51,16 @@ def test_by_level(backbones: Mapping[str, MeasuredBackbone], most: int = 8) -> T
         ratios += ((one.damping_sd[there] / one.damping[there]) ** 2).tolist()
     notes = tuple(dict.fromkeys(note for one in few.values() for note in one.notes))
     return TestData(
-        levels, f, tuple(few), "level", RESPONSES[kinds.pop()], zeta if ratios else None,
-        noise=np.array(noise), damping_noise=float(np.sqrt(np.mean(ratios))) if ratios else None,
+        levels,
+        f,
+        tuple(few),
+        "level",
+        RESPONSES[kinds.pop()],
+        zeta if ratios else None,
+        noise=np.array(noise),
+        damping_noise=float(np.sqrt(np.mean(ratios))) if ratios else None,
         notes=notes,
-    )  # fmt: skip
+    )
 
 
 #: Not a test, whatever pytest thinks of the name.
@@ -97,10 +101,15 @@ def with_modes_at_rest(driven: TestData, rest: TestData) -> TestData:
         shapes = np.full((len(rest.shapes), len(names)), np.nan)
         shapes[:, [names.index(name) for name in rest.mode_names]] = rest.shapes
     return replace(
-        driven, **rows, mode_names=tuple(names), sensors=rest.sensors, shapes=shapes,
+        driven,
+        **rows,
+        mode_names=tuple(names),
+        sensors=rest.sensors,
+        shapes=shapes,
         shapes_at=None if shapes is None else float(rows["conditions"][0]),
-        shape_noise=rest.shape_noise, notes=(*rest.notes, *driven.notes, _said(driven, rest)),
-    )  # fmt: skip
+        shape_noise=rest.shape_noise,
+        notes=(*rest.notes, *driven.notes, _said(driven, rest)),
+    )
 
 
 def _rows_at_rest(driven: TestData, rest: TestData, names: list[str]) -> dict[str, np.ndarray]:
@@ -123,9 +132,11 @@ def _rows_at_rest(driven: TestData, rest: TestData, names: list[str]) -> dict[st
     squares = np.dot(counts, [test.damping_sd**2 for test in known])
     found |= {"damping_noise": float(np.sqrt(squares / max(sum(counts), 1)))} if known else {}
     return {
-        **found, **each, "damping": found["damping"] if known else None,
+        **found,
+        **each,
+        "damping": found["damping"] if known else None,
         "conditions": np.append(_REST * driven.conditions[0], driven.conditions),
-    }  # fmt: skip
+    }
 
 
 def _said(driven: TestData, rest: TestData) -> str:
@@ -162,7 +173,11 @@ def by_mode(data: TestData) -> dict[str, MeasuredBackbone]:
         zeta = np.full(len(rows), np.nan) if data.damping is None else data.damping[rows, j]
         zeta = np.where(zeta > 0, zeta, np.nan)
         found[name] = MeasuredBackbone(
-            kind, factor * data.conditions[rows], f, np.where(sd > 0, sd, NOISE) * f, zeta,
+            kind,
+            factor * data.conditions[rows],
+            f,
+            np.where(sd > 0, sd, NOISE) * f,
+            zeta,
             data.damping_sd * zeta,
-        )  # fmt: skip
+        )
     return found

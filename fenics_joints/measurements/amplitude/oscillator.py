@@ -16,8 +16,6 @@ from scipy.stats import t as student
 
 from fenics_joints.errors import InputError
 
-__all__ = ["OscillatorFit", "covariance_of", "fit_oscillator"]
-
 #: Residuals beyond this many deviations count by their size, no longer by its square.
 _OUTLIER = 3.0
 #: Largest correlation of neighbouring residuals that a deviation is widened for.
@@ -67,9 +65,13 @@ def fit_oscillator(
     scale = 1.4826 * float(np.median(np.abs(found.fun)))
     if scale > 0:
         found = least_squares(
-            line.residual, found.x, x_scale=line.scale, max_nfev=500, loss="soft_l1",
+            line.residual,
+            found.x,
+            x_scale=line.scale,
+            max_nfev=500,
+            loss="soft_l1",
             f_scale=_OUTLIER * scale,
-        )  # fmt: skip
+        )
     return line.result(found.x, found.jac, line.residual(found.x))
 
 
@@ -138,9 +140,12 @@ class _Line:
         zeta[:, 2 * L] = damping * (-1 / m + 0.5 * k / (m * (m + k)))
         f = self.omega * root / (2 * np.pi)
         return OscillatorFit(
-            f, f * _deviations(ln_f, covariance), damping, _deviations(zeta, covariance),
+            f,
+            f * _deviations(ln_f, covariance),
+            damping,
+            _deviations(zeta, covariance),
             float(np.sqrt(np.mean(residual**2))),
-        )  # fmt: skip
+        )
 
 
 def _deviations(rows: np.ndarray, covariance: np.ndarray) -> np.ndarray:

@@ -18,8 +18,6 @@ from scipy.signal import butter, hilbert, sosfiltfilt
 from fenics_joints.errors import InputError, reals
 from fenics_joints.measurements.amplitude.backbone import MeasuredBackbone
 
-__all__ = ["from_ring_down"]
-
 #: Half the band about the strongest line, as a share of its frequency; order of the filter.
 _HALF_BAND, _ORDER = 0.2, 4
 #: What is cut at the ends, and the shortest window, in units of one over the band's width.
@@ -197,10 +195,15 @@ def _backbone(windows: list[_Window], response: str, band) -> MeasuredBackbone:
     f, zeta = (omega / (2 * np.pi))[good], (decay / omega)[good]
     f_sd, zeta_sd = slopes[good, 1] / (2 * np.pi), (slopes[:, 0] / omega)[good]
     return MeasuredBackbone(
-        response, sizes[good], f, np.hypot(np.maximum(f_sd, 1e-9 * f), _averaged(f)),
-        zeta, np.hypot(np.maximum(zeta_sd, 1e-9), _averaged(zeta)),
-        kind="ring-down", notes=tuple(notes),
-    )  # fmt: skip
+        response,
+        sizes[good],
+        f,
+        np.hypot(np.maximum(f_sd, 1e-9 * f), _averaged(f)),
+        zeta,
+        np.hypot(np.maximum(zeta_sd, 1e-9), _averaged(zeta)),
+        kind="ring-down",
+        notes=tuple(notes),
+    )
 
 
 def _averaged(values: np.ndarray) -> np.ndarray:

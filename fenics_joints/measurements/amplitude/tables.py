@@ -23,8 +23,6 @@ from fenics_joints.measurements.amplitude.levels import NOISE
 from fenics_joints.measurements.tables import LISTED, Table
 from fenics_joints.response.units import frf_unit
 
-__all__ = ["History", "Sweeps", "history_of", "is_history", "is_sweeps", "plain", "sweeps_of"]
-
 #: Columns that only sweeps have.
 _OF_SWEEPS = ("phase", "re", "im", "abs")
 #: Noise of a plain backbone that says none, relative, of its damping.

@@ -12,8 +12,6 @@ from fenics_joints.measurements.amplitude.tables import History
 from fenics_joints.measurements.records import Said
 from fenics_joints.measurements.uff_sets import read_sets, units_of, word
 
-__all__ = ["histories_of"]
-
 #: Function type of a response over time, and kinds of response by the ordinate's data type.
 _TIME = 1
 _RESPONSES = {8: "displacement", 11: "velocity", 12: "acceleration"}
@@ -44,8 +42,12 @@ def histories_of(path: Path, units: str | None = None) -> list[History]:
         signal = values * _factor(where, data, _RESPONSES[code], length, units)
         turn = next((r for r in records if name not in r["signals"]), None)
         if turn is None:
-            turn = {"where": where, "t": np.asarray(data["x"]), "kind": _RESPONSES[code],
-                    "signals": {}}  # fmt: skip
+            turn = {
+                "where": where,
+                "t": np.asarray(data["x"]),
+                "kind": _RESPONSES[code],
+                "signals": {},
+            }
             records.append(turn)
         if len(turn["t"]) != len(values) or turn["kind"] != _RESPONSES[code]:
             raise InputError(

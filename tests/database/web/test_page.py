@@ -30,10 +30,18 @@ def hostile_page() -> Page:
     """Of a database that someone sent: texts are markup; plates of one thickness, some rough."""
     store = Store(":memory:")
     store.add(
-        Joint(diameter=0.012, bolt="M12", force=1e3 * (10 + 7 * i), thickness=0.02,
-              roughness=1e-6 * (1 + i % 3), radius=0.03 + 1e-3 * i, model=EVIL, source=EVIL)
+        Joint(
+            diameter=0.012,
+            bolt="M12",
+            force=1e3 * (10 + 7 * i),
+            thickness=0.02,
+            roughness=1e-6 * (1 + i % 3),
+            radius=0.03 + 1e-3 * i,
+            model=EVIL,
+            source=EVIL,
+        )
         for i in range(6)
-    )  # fmt: skip
+    )
     return Page(Surfaces.fit(store))
 
 
@@ -49,9 +57,16 @@ def test_what_is_typed_or_stands_in_the_database_is_text_and_no_markup(page, hos
 
 @pytest.mark.parametrize(
     "typed",
-    [{"picture": "<svg>"}, {"trame__title": "x"}, {"torque": "1" * 41}, {"bolt": "M12<b>"},
-     {"way": "K2"}, {"output": "picture"}, {"extrapolate": "yes"}],
-)  # fmt: skip
+    [
+        {"picture": "<svg>"},
+        {"trame__title": "x"},
+        {"torque": "1" * 41},
+        {"bolt": "M12<b>"},
+        {"way": "K2"},
+        {"output": "picture"},
+        {"extrapolate": "yes"},
+    ],
+)
 def test_what_the_form_does_not_offer_is_refused(page, typed):
     for path in ("", "picture.svg"):
         with pytest.raises(Refused, match="Bad Request"):

@@ -21,10 +21,12 @@ pytestmark = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="about one proce
 
 #: Sent with every reply, whatever it is.
 SAFE = {
-    "x-content-type-options": "nosniff", "x-frame-options": "DENY",
-    "referrer-policy": "no-referrer", "cross-origin-resource-policy": "same-origin",
+    "x-content-type-options": "nosniff",
+    "x-frame-options": "DENY",
+    "referrer-policy": "no-referrer",
+    "cross-origin-resource-policy": "same-origin",
     "cache-control": "no-store",
-}  # fmt: skip
+}
 
 
 @contextmanager
@@ -54,8 +56,11 @@ def ask(url: str, request: bytes) -> tuple[int, dict[str, str], bytes]:
 
 def get(url: str, *lines: str, path: str | None = None, host: str | None = None) -> bytes:
     address = urlsplit(url)
-    head = [f"GET {address.path if path is None else path} HTTP/1.1",
-            f"Host: {address.netloc if host is None else host}", *lines]  # fmt: skip
+    head = [
+        f"GET {address.path if path is None else path} HTTP/1.1",
+        f"Host: {address.netloc if host is None else host}",
+        *lines,
+    ]
     return "\r\n".join([*head, "", ""]).encode("latin-1")
 
 
@@ -108,8 +113,13 @@ def test_only_this_machine_and_the_page_itself_get_an_answer(lines, host, status
         lines = [line.format(own=own) if "{" in line else line for line in lines]
         found, headers, body = ask(server.url, get(server.url, *lines, host=host))
     assert (found, body == b"hello") == (status, status == 200)
-    assert SAFE.items() <= {name: headers[name].upper() if name == "x-frame-options"
-                            else headers[name] for name in headers}.items()  # fmt: skip
+    assert (
+        SAFE.items()
+        <= {
+            name: headers[name].upper() if name == "x-frame-options" else headers[name]
+            for name in headers
+        }.items()
+    )
     assert "frame-ancestors 'none'" in headers["content-security-policy"]
     assert "default-src 'none'" in headers["content-security-policy"]
 
@@ -118,8 +128,15 @@ def test_the_secret_is_new_at_each_start_and_no_other_is_taken():
     with served(greet) as first, served(greet) as second:
         secret = urlsplit(first.url).path
         assert len(secret) > 30 and secret != urlsplit(second.url).path
-        for path in ("/", secret[:-1], secret[:-2] + "/", "/../" + secret, "/é/", "//[/",
-                     urlsplit(second.url).path):  # fmt: skip
+        for path in (
+            "/",
+            secret[:-1],
+            secret[:-2] + "/",
+            "/../" + secret,
+            "/é/",
+            "//[/",
+            urlsplit(second.url).path,
+        ):
             status, _, body = ask(first.url, get(first.url, path=path))
             assert status in (400, 403) and secret.encode() not in body, path
 
@@ -134,9 +151,11 @@ def test_a_query_has_few_fields_and_each_once():
     with served(answer) as server:
         path = urlsplit(server.url).path
         for query, status in (
-            ("a=1&b=%C3%A9", 200), ("a=1&a=2", 400), ("a=%FF", 400),
+            ("a=1&b=%C3%A9", 200),
+            ("a=1&a=2", 400),
+            ("a=%FF", 400),
             ("&".join(f"a{i}=1" for i in range(21)), 400),
-        ):  # fmt: skip
+        ):
             assert ask(server.url, get(server.url, path=f"{path}?{query}"))[0] == status, query
     assert seen == [{"a": "1", "b": "é"}]
 
@@ -212,25 +231,45 @@ def _malformed(url: str, source: random.Random) -> bytes:
     """A good request with something wrong in it, or no request at all."""
     address = urlsplit(url)
     good = get(url, path=f"{address.path}?torque=100")
-    typed = source.choice([
-        "torque=%3Cscript%3E", "torque=1e999", "torque=nan", "torque=-1", "torque=%D9%A1", "=&=&=",
-        "bolt=%3Cimg+src%3Dx%3E", "way=..", "output=picture", "picture=%3Csvg%3E", "%00=%00",
-        "K=" + "9" * 9999, "extrapolate=<b>", "thickness=0x10", "thickness=1&thickness=2",
-    ])  # fmt: skip
+    typed = source.choice(
+        [
+            "torque=%3Cscript%3E",
+            "torque=1e999",
+            "torque=nan",
+            "torque=-1",
+            "torque=%D9%A1",
+            "=&=&=",
+            "bolt=%3Cimg+src%3Dx%3E",
+            "way=..",
+            "output=picture",
+            "picture=%3Csvg%3E",
+            "%00=%00",
+            "K=" + "9" * 9999,
+            "extrapolate=<b>",
+            "thickness=0x10",
+            "thickness=1&thickness=2",
+        ]
+    )
     place, byte = source.randrange(len(good)), bytes([source.randrange(256)])
-    return source.choice([
-        source.randbytes(source.randrange(1, 3000)),
-        good[:place] + byte + good[place + 1 :],
-        good[:place],
-        good.replace(b"GET", source.choice([b"POST", b"PUT", b"GET GET", b"", b"\x00", b"get"])),
-        good.replace(b"HTTP/1.1", source.choice([b"HTTP/9.0", b"HTTP/9", b"", b"ICY"])),
-        good.replace(b"\r\n", b"\n\x0b"),
-        good.replace(b"\r\n\r\n", b"\r\n: \r\n\r\n"),
-        get(url, path=f"{address.path}?{typed}"),
-        get(url, path=f"{address.path}{source.choice(['ws', '../', '%2e%2e/', 'x.svg', '%00'])}"),
-        get(url, "X: " + "y" * source.randrange(40000)),
-        b"\x16\x03\x01\x02\x00\x01\x00" + source.randbytes(60),  # TLS
-    ])  # fmt: skip
+    return source.choice(
+        [
+            source.randbytes(source.randrange(1, 3000)),
+            good[:place] + byte + good[place + 1 :],
+            good[:place],
+            good.replace(
+                b"GET", source.choice([b"POST", b"PUT", b"GET GET", b"", b"\x00", b"get"])
+            ),
+            good.replace(b"HTTP/1.1", source.choice([b"HTTP/9.0", b"HTTP/9", b"", b"ICY"])),
+            good.replace(b"\r\n", b"\n\x0b"),
+            good.replace(b"\r\n\r\n", b"\r\n: \r\n\r\n"),
+            get(url, path=f"{address.path}?{typed}"),
+            get(
+                url, path=f"{address.path}{source.choice(['ws', '../', '%2e%2e/', 'x.svg', '%00'])}"
+            ),
+            get(url, "X: " + "y" * source.randrange(40000)),
+            b"\x16\x03\x01\x02\x00\x01\x00" + source.randbytes(60),  # TLS
+        ]
+    )
 
 
 def test_it_goes_on_after_1000_malformed_requests(page_url):

@@ -1,0 +1,215 @@
+#!/usr/bin/env python3
+"""Do the tests of a room notice a fault in it? 200 faults, drawn once by a seed, each tried alone.
+
+    python3 tests/mutations.py --draw            draw them into tests/mutations.json, from this tree
+    python3 tests/mutations.py --run [--jobs 2]  try those not tried yet; also from another checkout
+    python3 tests/mutations.py                   how many are caught, by room
+
+A fault changes one operator, comparison, number or argument of ``min`` and ``max`` in a function.
+It is known by its room, its function and the expression, so that it is found again after code has
+moved; one whose expression is gone is said to be so. A fault is caught if the room's own tests
+fail or do not end. Runs in copies of the tree, and writes nothing but the table.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ast
+import json
+import random
+import shutil
+import subprocess
+import tempfile
+from collections import Counter
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+TABLE = Path(__file__).with_name("mutations.json")
+SEED, COUNT, LEAST = 20261128, 200, 4
+#: A room's tests that take longer than this many seconds have caught the fault.
+LIMIT = 1800
+_SWAPS = {
+    ast.Add: "-",
+    ast.Sub: "+",
+    ast.Mult: "/",
+    ast.Div: "*",
+    ast.Lt: ">=",
+    ast.Gt: "<=",
+    ast.LtE: ">",
+    ast.GtE: "<",
+    ast.Eq: "!=",
+    ast.NotEq: "==",
+    ast.And: "or",
+    ast.Or: "and",
+}
+_SIGNS = {ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/", ast.And: "and", ast.Or: "or"}
+_COMPARED = {ast.Lt: "<", ast.Gt: ">", ast.LtE: "<=", ast.GtE: ">=", ast.Eq: "==", ast.NotEq: "!="}
+
+
+def rooms(root: Path) -> dict[str, list[Path]]:
+    """Files of each room; those of the package itself are the hall."""
+    found = {name: sorted((root / name).rglob("*.py")) for name in ("forms", "meshes")}
+    package = root / "fenics_joints"
+    for path in sorted(package.rglob("*.py")):
+        parts = path.relative_to(package).parts
+        found.setdefault(parts[0] if len(parts) > 1 else "hall", []).append(path)
+    return {room: files for room, files in found.items() if (root / "tests" / room).is_dir()}
+
+
+def faults(path: Path) -> list[dict]:
+    """Every fault that can be made in a file's functions."""
+    source = path.read_text(encoding="utf-8")
+    found = list[dict]()
+
+    def add(node, function, what, old, new):
+        text = ast.unparse(node)
+        same = sum(f["function"] == function and f["expression"] == text for f in found)
+        place = {"line": node.lineno, "start": node.col_offset, "end_line": node.end_lineno}
+        place["end"] = node.end_col_offset
+        changed = {"function": function, "expression": text, "nth": same, "what": what}
+        found.append({**changed, "old": old, "new": new, "place": place})
+
+    def visit(node, function):
+        if isinstance(node, ast.FunctionDef):
+            function = f"{function}.{node.name}".lstrip(".")
+            inside = node.body[1:] if ast.get_docstring(node) is not None else node.body
+        elif isinstance(node, ast.ClassDef):
+            function, inside = f"{function}.{node.name}".lstrip("."), node.body
+        elif isinstance(node, (ast.Raise, ast.Assert)):
+            return  # words of messages
+        else:
+            inside = list(ast.iter_child_nodes(node))
+        if function:
+            if isinstance(node, ast.BinOp) and type(node.op) in _SIGNS:
+                add(node, function, "operator", _SIGNS[type(node.op)], _SWAPS[type(node.op)])
+            elif isinstance(node, ast.BoolOp):
+                add(node, function, "operator", _SIGNS[type(node.op)], _SWAPS[type(node.op)])
+            elif isinstance(node, ast.Compare) and type(node.ops[0]) in _COMPARED:
+                op = type(node.ops[0])
+                add(node, function, "operator", _COMPARED[op], _SWAPS[op])
+            elif isinstance(node, ast.Constant) and type(node.value) in (int, float):
+                add(node, function, "number", repr(node.value), repr(node.value + 1))
+            elif isinstance(node, ast.Call) and getattr(node.func, "id", "") in ("min", "max"):
+                other = {"min": "max", "max": "min"}[node.func.id]
+                add(node.func, function, "name", node.func.id, other)
+        for child in inside:
+            if not (isinstance(child, ast.expr) and child is getattr(node, "annotation", None)):
+                visit(child, function)
+
+    for node in ast.parse(source).body:
+        visit(node, "")
+    return found
+
+
+def mutated(source: str, fault: dict) -> str:
+    """The source with the fault in it; both sides of an operator stay as they are written."""
+    tree = ast.parse(source)
+    where = fault["place"]
+    for node in ast.walk(tree):
+        here = getattr(node, "lineno", None), getattr(node, "col_offset", None)
+        there = getattr(node, "end_lineno", None), getattr(node, "end_col_offset", None)
+        if here != (where["line"], where["start"]) or there != (where["end_line"], where["end"]):
+            continue
+        if fault["what"] == "number" and isinstance(node, ast.Constant):
+            node.value = type(node.value)(node.value + 1)
+        elif fault["what"] == "name" and isinstance(node, ast.Name):
+            node.id = fault["new"]
+        elif isinstance(node, (ast.BinOp, ast.BoolOp, ast.Compare)):
+            code = f"a {fault['new']} b"
+            new = ast.parse(code, mode="eval").body
+            if isinstance(node, ast.Compare):
+                node.ops[0] = new.ops[0]
+            else:
+                node.op = new.op
+        else:
+            continue
+        return ast.unparse(tree)
+    raise SystemExit(f"no {fault['expression']!r} at {where}")
+
+
+def draw(root: Path) -> list[dict]:
+    """The faults: at least `LEAST` of each room, the others by how many a room can have."""
+    chosen = random.Random(SEED)
+    pool = {}
+    for room, files in rooms(root).items():
+        pool[room] = [
+            {"room": room, "file": str(path.relative_to(root)), **fault}
+            for path in files
+            for fault in faults(path)
+        ]
+        chosen.shuffle(pool[room])
+    drawn = [fault for room in pool for fault in pool[room][:LEAST]]
+    rest = [fault for room in pool for fault in pool[room][LEAST:]]
+    return drawn + chosen.sample(rest, COUNT - len(drawn))
+
+
+def found_again(root: Path, fault: dict) -> dict | None:
+    """The same fault in another tree; None if its function or expression is gone."""
+    files = rooms(root).get(fault["room"], [])
+    for path in sorted(files, key=lambda path: str(path.relative_to(root)) != fault["file"]):
+        for other in faults(path):
+            if all(other[k] == fault[k] for k in ("function", "expression", "nth", "what", "new")):
+                return {**fault, "file": str(path.relative_to(root)), "place": other["place"]}
+    return None
+
+
+def tried(root: Path, fault: dict) -> str:
+    """What the room's tests say: ``caught``, ``missed``, ``gone``, or ``broken`` without a fault."""
+    here = found_again(root, fault)
+    if here is None:
+        return "gone"
+    with tempfile.TemporaryDirectory() as folder:
+        copy = Path(folder) / "tree"
+        left = shutil.ignore_patterns(".git", "build", "cache", "__pycache__")
+        shutil.copytree(root, copy, ignore=left, symlinks=True)
+        path = copy / here["file"]
+        path.write_text(mutated(path.read_text(encoding="utf-8"), here), encoding="utf-8")
+        command = ["./with-fenicsx", "python3", "-m", "pytest", "-qx", "-p", "no:cacheprovider"]
+        try:
+            run = subprocess.run(
+                [*command, f"tests/{fault['room']}"],
+                cwd=copy,
+                stdin=subprocess.DEVNULL,
+                capture_output=True,
+                timeout=LIMIT,
+            )
+        except subprocess.TimeoutExpired:
+            return "caught"
+    return {0: "missed", 1: "caught", 2: "caught"}.get(run.returncode, "broken")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--draw", action="store_true")
+    parser.add_argument("--run", metavar="NAME", help="column of the table, as 'before'")
+    parser.add_argument("--tree", type=Path, default=ROOT, help="checkout whose tests are tried")
+    parser.add_argument("--jobs", type=int, default=1)
+    asked = parser.parse_args()
+    if asked.draw:
+        if TABLE.exists():
+            parser.error(f"{TABLE.name} is there: faults are drawn once")
+        revision = ["git", "-C", str(ROOT), "rev-parse", "HEAD"]
+        commit = subprocess.run(revision, capture_output=True, text=True, check=True).stdout.strip()
+        table = {"seed": SEED, "parent_commit": commit, "faults": draw(ROOT), "results": {}}
+        TABLE.write_text(json.dumps(table, indent=1) + "\n", encoding="utf-8")
+    table = json.loads(TABLE.read_text(encoding="utf-8"))
+    if asked.run:
+        results = table["results"].setdefault(asked.run, {})
+        todo = [i for i in range(len(table["faults"])) if str(i) not in results]
+        with ThreadPoolExecutor(asked.jobs) as pool:
+            for i, said in zip(
+                todo, pool.map(lambda i: tried(asked.tree, table["faults"][i]), todo), strict=True
+            ):
+                results[str(i)] = said
+                TABLE.write_text(json.dumps(table, indent=1) + "\n", encoding="utf-8")
+                print(f"{len(results)} of {len(table['faults'])}: {said}", flush=True)
+    for name, results in table["results"].items():
+        print(name, dict(Counter(results.values())))
+        for room in sorted({fault["room"] for fault in table["faults"]}):
+            of = [r for i, r in results.items() if table["faults"][int(i)]["room"] == room]
+            print(f"  {room:16}", dict(Counter(of)))
+
+
+if __name__ == "__main__":
+    main()
