@@ -1,9 +1,10 @@
 #!/usr/bin/env python3
 """Do the tests of a room notice a fault in it? 200 faults, drawn once by a seed, each tried alone.
 
-    python3 tests/mutations.py --draw            draw them into tests/mutations.json, from this tree
-    python3 tests/mutations.py --run [--jobs 2]  try those not tried yet; also from another checkout
-    python3 tests/mutations.py                   how many are caught, by room
+    python3 tests/mutations.py --draw         draw them into tests/mutations.json, from this tree
+    python3 tests/mutations.py --run before   try those that column "before" of the table lacks
+    python3 tests/mutations.py                how many are caught, by room
+
 
 A fault changes one operator, comparison, number or argument of ``min`` and ``max`` in a function.
 It is known by its room, its function and the expression, so that it is found again after code has
@@ -155,7 +156,7 @@ def found_again(root: Path, fault: dict) -> dict | None:
 
 
 def tried(root: Path, fault: dict) -> str:
-    """What the room's tests say: ``caught``, ``missed``, ``gone``, or ``broken`` without a fault."""
+    """What the room's tests say: ``caught``, ``missed``, ``gone``, or ``broken`` if not run."""
     here = found_again(root, fault)
     if here is None:
         return "gone"
