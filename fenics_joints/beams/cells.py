@@ -1,82 +1,90 @@
-"""What a change in one element of beams or of their laps does to the modes."""
+"""Elements of beams and of their laps as boxes, and what a change in one does to the modes."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fenics_joints.beams.boxes import BeamCells
-from fenics_joints.beams.element import joint_matrices, mass_matrices, stiffness_matrices
-from fenics_joints.beams.laws import BEAM_MASSES
-from fenics_joints.beams.structure import BeamStructure
-from fenics_joints.structure.values import number
+from fenics_joints.beams.components import Beam
+from fenics_joints.beams.layout import Layout
+
+if TYPE_CHECKING:
+    from fenics_joints.beams.structure import BeamStructure
 
 #: Stiffness that joint elements have of their own.
 JOINT_KEYS = ("k1", "k2", "k_axial")
+#: Height of the box of a joint element, over that of its beams: the interface itself has none.
+_INTERFACE = 0.05
+
+
+@dataclass(frozen=True)
+class BeamCells:
+    """A box for each element of each beam, laps included, then one for each joint element.
+
+    Attributes:
+        vertices: Corners, m, in the order of DOLFINx's hexahedra, (n_cells, 8, 3).
+        beam: Number of the beam of each cell; -1 for a joint element.
+        lap: Number of the lap that it is in, or -1.
+        element: Number of its element.
+        volume: Volume, m3; of a joint element that of both beams there, whose bending stiffness
+            it has.
+    """
+
+    vertices: np.ndarray
+    beam: np.ndarray
+    lap: np.ndarray
+    element: np.ndarray
+    volume: np.ndarray
+
+
+def beam_cells(layout: Layout, beams: Sequence[Beam]) -> BeamCells:
+    """The cells of beams."""
+    of_beams, of_joints = [], []
+    for stretch in layout.stretches:
+        there = [beams[i] for i in stretch.beams]
+        volumes = [b.breadth * b.height * stretch.length for b in there]
+        lap = -1 if stretch.joint is None else stretch.joint
+        for e in stretch.elements:
+            ends = layout.x[e : e + 2]
+            for i, b, volume in zip(stretch.beams, there, volumes, strict=True):
+                z = (0.0, b.height) if i % 2 == 0 else (-b.height, 0.0)
+                of_beams.append((_box(ends, b.breadth, z), i, lap, e, volume))
+            if lap >= 0:
+                z = 0.5 * _INTERFACE * min(b.height for b in there)
+                box = _box(ends, min(b.breadth for b in there), (-z, z))
+                of_joints.append((box, -1, lap, e, sum(volumes)))
+    return BeamCells(*map(np.array, zip(*of_beams, *of_joints, strict=True)))
+
+
+def _box(x: Sequence[float], width: float, z: tuple[float, float]) -> list:
+    y = -width / 2, width / 2
+    return [(x[i], y[j], z[k]) for k in range(2) for j in range(2) for i in range(2)]
 
 
 def cell_energies(
-    structure: BeamStructure,
-    cells: BeamCells,
-    vectors: np.ndarray,
-    given: Mapping[str, float] | None = None,
+    structure: BeamStructure, vectors: np.ndarray, given: Mapping[str, float] | None = None
 ) -> dict[str, np.ndarray]:
     """x^T K x of each cell by E, k1, k2 and k_axial, and x^T M x by rho, (n_cells, m).
 
     Args:
         structure: The beams.
-        cells: Their cells.
         vectors: x as columns, (n_dofs, m).
         given: Values of parameters that differ from their nominal value.
     """
-    n, m = len(structure.layout.x), vectors.shape[1]
-    whole = np.zeros((3 * n, m))
-    whole[structure.layout.free] = vectors
-    stiffness, inertia = _element_matrices(structure, structure.values(given))
-    found = {key: np.zeros((len(cells.beam), m)) for key in ("E", "rho", *JOINT_KEYS)}
-    for c, (beam, e) in enumerate(zip(cells.beam, cells.element, strict=True)):
-        x = whole[3 * e : 3 * e + 6]
-        if beam >= 0:
-            found["E"][c] = _squares(stiffness[beam, e], x)
-            found["rho"][c] = _squares(inertia[beam, e], x)
-        else:
-            for key in JOINT_KEYS:
-                found[key][c] = _squares(stiffness[key, e], x) if (key, e) in stiffness else 0.0
+    cells, whole = structure.cells, structure.layout.at_nodes(vectors).reshape(-1, len(vectors.T))
+    place = {key: c for c, key in enumerate(zip(cells.beam, cells.element, strict=True))}
+    found = {key: np.zeros((len(place), len(vectors.T))) for key in ("E", "rho", *JOINT_KEYS)}
+    values = structure.values(given)
+    for term, region in zip(structure.element_terms, structure.regions, strict=False):
+        q = region.values(values)
+        stiff = np.tensordot(np.asarray(region.law.stiffness_terms(q)), term.stiffness, 1)
+        heavy = region.law.inertia_term(q) * term.mass
+        for e in term.elements:
+            x, c = whole[3 * e : 3 * e + 6], place[term.beam, e]
+            # The first property of each law is what its stiffness is in proportion to.
+            found[region.law.properties[0]][c] += np.sum(x * (stiff @ x), axis=0)
+            found["rho"][c] += np.sum(x * (heavy @ x), axis=0)
     return found
-
-
-def _squares(A: np.ndarray, x: np.ndarray) -> np.ndarray:
-    return np.sum(x * (A @ x), axis=0)
-
-
-def _element_matrices(structure: BeamStructure, values) -> tuple[dict, dict]:
-    """Stiffness and mass, (6, 6), of each beam in each element; stiffness of joint elements."""
-    regions = {region.name: region for region in structure.regions}
-    stiffness, inertia = {}, {}
-    for stretch in structure.layout.stretches:
-        joint = None if stretch.joint is None else structure.joints[stretch.joint]
-        elements = range(stretch.first, stretch.first + stretch.n)
-        for i in stretch.beams:
-            name = structure.beams[i].name
-            region = regions[name if joint is None else f"{joint.name}.{name}"]
-            q = region.values(values)
-            terms = np.asarray(region.law.stiffness_terms(q))
-            stiff = np.tensordot(terms, stiffness_matrices(stretch.length)[: len(terms)], 1)
-            if joint is not None and joint.k_axial is not None:
-                stiff = np.zeros((6, 6))
-            heavy = [law.inertia_term(q) for law in (region.law, *BEAM_MASSES)]
-            mass = np.tensordot(heavy, mass_matrices(stretch.length), 1)
-            for e in elements:
-                stiffness[i, e], inertia[i, e] = stiff, mass
-        if joint is None:
-            continue
-        slap, slip, axial = joint_matrices(stretch.length)
-        for key, matrix in (("k1", slap), ("k2", slip)):
-            for _, value, group in joint.groups(key):
-                for e in group:
-                    stiffness[key, stretch.first + e] = number(value, values) * matrix
-        if joint.k_axial is not None:
-            k = number(joint.k_axial, values) * number(joint.axial, values)
-            stiffness.update({("k_axial", e): k * axial for e in elements})
-    return stiffness, inertia

@@ -8,39 +8,15 @@ from numbers import Real
 
 import numpy as np
 
-from fenics_joints.errors import InputError, flag, items, real, reals, text, whole
+from fenics_joints.errors import InputError, flag, items, real, reals, text, wanted, whole
 
 Value = float | str
 
 
-def _require(where: str, value, good: bool, expected: str) -> None:
-    if not good:
-        raise InputError(f"{where} = {value!r}: expected {expected}.")
-
-
-def _is_number(value) -> bool:
-    try:
-        real("number", value)
-    except InputError:
-        return False
-    return True
-
-
-def _is_name(value) -> bool:
-    return isinstance(value, str) and bool(value.strip())
-
-
-def _size(where: str, value) -> None:
-    _require(where, value, _is_number(value) and value > 0, "a number > 0, m")
-
-
-def _value(where: str, value, expected: str = "a number, or a parameter's name") -> None:
+def _value(where: str, value: object, unit: str = "", **bounds: float) -> None:
+    """Refuse what is neither a number nor a parameter's name."""
     # Whether a number is in its range, its law says when the matrices are made.
-    _require(where, value, _is_name(value) or _is_number(value), expected)
-
-
-def _count(where: str, value) -> None:
-    whole(where, value)
+    text(where, value) if isinstance(value, str) else real(where, value, unit, **bounds)
 
 
 @dataclass(frozen=True)
@@ -79,14 +55,13 @@ class Beam:
     def __post_init__(self):
         text("beam.name", self.name)
         for key in ("length", "breadth", "height"):
-            _size(f"{self.name}.{key}", getattr(self, key))
-        _count(f"{self.name}.n_elements", self.n_elements)
+            real(f"{self.name}.{key}", getattr(self, key), "m", above=0)
+        whole(f"{self.name}.n_elements", self.n_elements)
         for key in ("E", "nu", "rho", "stretch", "width"):
             _value(f"{self.name}.{key}", getattr(self, key))
-        good = _is_number(self.shear) and self.shear > 0
-        _require(f"{self.name}.shear", self.shear, good, "a number > 0")
-        good = self.offset is None or _is_number(self.offset)
-        _require(f"{self.name}.offset", self.offset, good, "a number, over the height, or None")
+        real(f"{self.name}.shear", self.shear, above=0)
+        if self.offset is not None:
+            real(f"{self.name}.offset", self.offset)
 
 
 @dataclass(frozen=True)
@@ -117,11 +92,11 @@ class GenericJoint:
 
     def __post_init__(self):
         text("joint.name", self.name)
-        _size(f"{self.name}.length", self.length)
+        real(f"{self.name}.length", self.length, "m", above=0)
+        whole(f"{self.name}.n_elements", self.n_elements)
         _value(f"{self.name}.axial", self.axial)
         if self.k_axial is not None:
             _value(f"{self.name}.k_axial", self.k_axial)
-        _count(f"{self.name}.n_elements", self.n_elements)
         for key in ("k1", "k2", "c"):
             given = getattr(self, key)
             each = [] if isinstance(given, str | Real) or np.ndim(given) != 1 else list(given)
@@ -131,7 +106,7 @@ class GenericJoint:
                     f"{self.n_elements}, one for each element."
                 )
             for value in each or [given]:
-                _value(f"{self.name}.{key}", value, "numbers, or parameters' names")
+                _value(f"{self.name}.{key}", value)
 
     def groups(self, key: str) -> list[tuple[str, Value, range]]:
         """Label, value and elements of each value of k1, k2 or c."""
@@ -166,18 +141,14 @@ class LumpedMass:
     def __post_init__(self):
         text("mass.name", self.name)
         real(f"{self.name}.share", self.share, least=0)
-        good = _is_number(self.radius) and self.radius >= 0
-        _require(f"{self.name}.radius", self.radius, good, "a number >= 0, m")
-        good = _is_name(self.mass) or (_is_number(self.mass) and self.mass >= 0)
-        _require(f"{self.name}.mass", self.mass, good, "a number >= 0, kg, or a parameter's name")
+        real(f"{self.name}.radius", self.radius, "m", least=0)
+        _value(f"{self.name}.mass", self.mass, "kg", least=0)
         reals(f"{self.name}.point", self.point, (3,), "m")
-        good = _is_name(self.travel) or _is_number(self.travel)
-        _require(f"{self.name}.travel", self.travel, good, "a number, m, or a parameter's name")
-        low, high = (0.0, 1.0)
+        _value(f"{self.name}.travel", self.travel, "m")
         if self.range is not None:
             low, high = reals(f"{self.name}.range", self.range, (2,), "m")
-        good = low < high
-        _require(f"{self.name}.range", self.range, good, "two ascending numbers, m")
+            if not low < high:
+                raise wanted(f"{self.name}.range", self.range, "two ascending numbers, m")
 
 
 @dataclass(frozen=True)
@@ -194,9 +165,9 @@ class Held:
 
     def __post_init__(self):
         motions = items("held.motions", self.motions, str, "x, z, turn")
-        known = set(motions) <= {"x", "z", "turn"} and len(motions) > 0
-        _require("held.motions", self.motions, known, "some of 'x', 'z' and 'turn'")
-        _require("held.x", self.x, _is_number(self.x), "a number, m")
+        if not motions or not set(motions) <= {"x", "z", "turn"}:
+            raise wanted("held.motions", self.motions, "some of 'x', 'z' and 'turn'")
+        real("held.x", self.x, "m")
 
 
 @dataclass(frozen=True)
@@ -219,6 +190,4 @@ class Clamp:
         text("clamp.name", self.name)
         flag(f"{self.name}.last", self.last)
         for key in ("k_n", "k_t"):
-            value = getattr(self, key)
-            _value(f"{self.name}.{key}", value)
-            _require(f"{self.name}.{key}", value, isinstance(value, str) or value >= 0, ">= 0")
+            _value(f"{self.name}.{key}", getattr(self, key), "Pa/m", least=0)

@@ -13,8 +13,8 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from fenics_joints.beams.structure import BeamStructure
-from fenics_joints.errors import ConvergenceError, InputError
-from fenics_joints.modal.modes import Modes, solve_modes
+from fenics_joints.errors import ConvergenceError, InputError, whole
+from fenics_joints.modal.modes import solve_modes
 from fenics_joints.response.complex_modes import ComplexModes, solve_complex_modes
 from fenics_joints.structure.values import number
 
@@ -75,15 +75,12 @@ def identify_damping(
     sd = (np.broadcast_to(relative_sd, ratios.shape) * ratios)[used]
     columns = [list(structure.parameters).index(name) for name in names]
     undamped = solve_modes(structure, given, n_modes=min(len(ratios) + 3, structure.n_dofs))
+    damping, n_modes = structure.joint_damping(), undamped.n_rigid + len(ratios)
 
     def solve(x) -> ComplexModes:
         values = {**(given or {}), **dict(zip(names, x.tolist(), strict=True))}
         return solve_complex_modes(
-            structure,
-            values,
-            damping=structure.joint_damping(),
-            gradients=True,
-            n_modes=undamped.n_rigid + len(ratios),
+            structure, values, damping=damping, gradients=True, n_modes=n_modes
         )
 
     def residual(x):
@@ -139,32 +136,24 @@ def slip_table(
     """
     if not structure.joints:
         raise InputError("joints: expected at least one; beams alone have no damping here.")
-    if n_modes < 1:
-        raise InputError(f"n_modes = {n_modes}: expected at least 1.")
+    whole("n_modes", n_modes)
     modes = solve_modes(structure, given, n_modes=min(n_modes + 3, structure.n_dofs))
     index = np.arange(modes.n_rigid, modes.n_rigid + n_modes)
     if index[-1] >= len(modes):
         raise InputError(f"n_modes = {n_modes}: expected at most {len(modes) - modes.n_rigid}.")
-    turns, lengths, lapped = _turns(structure, modes, index)
-    over = (lengths[lapped], lengths)
-    at_joint, whole = (
-        np.sqrt(np.sum(t**2 / L[:, None], axis=0) / np.sum(L))
-        for t, L in zip((turns[lapped], turns), over, strict=True)
+    x, values, layout = modes.shapes[:, index], structure.values(given), structure.layout
+    turns, lengths = np.diff(layout.at_nodes(x)[:, 2], axis=0), np.diff(layout.x)
+    lapped = np.repeat(
+        [s.joint is not None for s in layout.stretches], [s.n for s in layout.stretches]
+    )
+    at_joint, overall = (
+        np.sqrt(np.sum(turns[some] ** 2 / lengths[some, None], axis=0) / np.sum(lengths[some]))
+        for some in (lapped, slice(None))
     )
     omega = np.sqrt(modes.eigenvalues[index])
-    x, values = modes.shapes[:, index], structure.values(given)
     slips = [r for r in structure.regions if r.law.name == "slip"]
     energy = sum(
         number(r.properties["k2"], values) * np.sum(x * (r.stiffness[0] @ x), axis=0) for r in slips
     )
     work = np.sum(x * (structure.damping_matrix(given) @ x), axis=0)
-    return SlipTable(omega / (2 * np.pi), at_joint / whole, energy / omega**2, work / (2 * omega))
-
-
-def _turns(structure: BeamStructure, modes: Modes, index) -> tuple[np.ndarray, ...]:
-    """theta_2 - theta_1 of all elements, their lengths, and which are in a lap."""
-    layout = structure.layout
-    whole = np.zeros((3 * len(layout.x), len(index)))
-    whole[layout.free] = modes.shapes[:, index]
-    lapped = np.concatenate([np.full(s.n, s.joint is not None) for s in layout.stretches])
-    return np.diff(whole[2::3], axis=0), np.diff(layout.x), lapped
+    return SlipTable(omega / (2 * np.pi), at_joint / overall, energy / omega**2, work / (2 * omega))

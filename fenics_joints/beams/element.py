@@ -15,7 +15,7 @@ so a joint that does not slip has k2 = E I / L and k1 = 3 E I / ((1 + phi) L) of
 one; k1 (slap) and k2 (slip) are in N m.
 
 Misprints of the paper, each found by the symmetry and the rigid-body modes of the matrix, or by
-integrating the shape functions (tests/beams/test_structure.py):
+integrating the shape functions (tests/beams/test_structure.py has A2 to A7 as they should be):
 
 * eq. 1, entry (4, 4): ``k`` is k_A; entries (4, 6) and (6, 4): ``k_A q`` is -k_A q. As printed, a
   rotation about a point of the reference line is resisted by the force 2 k_A q theta.
@@ -29,22 +29,25 @@ integrating the shape functions (tests/beams/test_structure.py):
   inertia per length is that about the reference line of a body whose centre is there, but an axial
   displacement u of the reference line moves the centre by u - q theta. In the paper's structure
   the offset's share of the mass moves modes 2 to 8 by 0.6 to 1.7 %; so it is an option here.
+
+A beam is one region with its stiffness and the first of its mass terms, and one region without
+stiffness for each further mass term: a region of `reduction.affine` has a single scalar of
+mass, and that of a Timoshenko beam depends on Poisson's ratio and on the height in nine.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
-#: A to F of the appendix (A2 to A7) as polynomials in phi, lowest power first: what multiplies 1,
-#: and what multiplies (r / L)^2; C, D by L and E, F by L^2 besides.
-_INERTIA = {
-    "A": ((13 / 35, 7 / 10, 1 / 3), (6 / 5, 0.0, 0.0)),
-    "B": ((9 / 70, 3 / 10, 1 / 6), (-6 / 5, 0.0, 0.0)),
-    "C": ((11 / 210, 11 / 120, 1 / 24), (1 / 10, -1 / 2, 0.0)),
-    "D": ((13 / 420, 3 / 40, 1 / 24), (-1 / 10, 1 / 2, 0.0)),
-    "E": ((1 / 105, 1 / 60, 1 / 120), (2 / 15, 1 / 6, 1 / 3)),
-    "F": ((1 / 140, 1 / 60, 1 / 120), (1 / 30, 1 / 6, -1 / 6)),
-}
+from fenics_joints.errors import InputError
+from fenics_joints.preload.beam import bending_mass, bending_rows, bending_shapes
+from fenics_joints.reduction.files import register
+from fenics_joints.structure.laws import Law
+
+#: Of (u1, w1, theta1, u2, w2, theta2) those that move across and turn.
+_ACROSS = np.array([1, 2, 4, 5])
 
 
 def bending_number(nu, height, length, shear):
@@ -59,16 +62,15 @@ def bending_number(nu, height, length, shear):
     return 2 * (1 + nu) * shear * (height / length) ** 2
 
 
-def _rows(length: float) -> tuple[np.ndarray, ...]:
+# -- matrices ----------------------------------------------------------------------------------
+
+
+def _rows(length: float) -> np.ndarray:
     """Rows over (u1, w1, theta1, u2, w2, theta2): extension at q = 0, t and g."""
-    extension = np.array([-1.0, 0.0, 0.0, 1.0, 0.0, 0.0])
-    bending = np.array([0.0, 0.0, -1.0, 0.0, 0.0, 1.0])
-    sway = np.array([0.0, 2 / length, 1.0, 0.0, -2 / length, 1.0])
-    return extension, bending, sway
-
-
-def _between(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    return np.outer(a, b) + np.outer(b, a)
+    rows = np.zeros((3, 6))
+    rows[0, [0, 3]] = -1.0, 1.0
+    rows[1:, _ACROSS] = bending_rows(length)
+    return rows
 
 
 def stiffness_matrices(length: float) -> np.ndarray:
@@ -79,30 +81,19 @@ def stiffness_matrices(length: float) -> np.ndarray:
     Args:
         length: Length L of the element, m.
     """
-    extension, bending, sway = _rows(length)
-    return (
-        np.array(
-            [
-                np.outer(extension, extension),
-                -_between(extension, bending),
-                np.outer(bending, bending),
-                3 * np.outer(sway, sway),
-            ]
-        )
-        / length
-    )
+    extension, bending, _ = _rows(length)
+    mixed = np.outer(extension, bending)
+    slap, slip, axial = joint_matrices(length)
+    return np.array([axial, -mixed - mixed.T, slip, 3 * slap]) / length
 
 
 def joint_matrices(length: float) -> np.ndarray:
-    """Matrices of eq. 2, shape (3, 6, 6); their factors: k1, k2 (N m), the axial 2 k_A (N/m)."""
+    """Matrices of eq. 2, shape (3, 6, 6); their factors: k1, k2 (N m), the axial 2 k_A (N/m).
+
+    That of eq. 3, whose factor is c, N m s, is k2's: slip alone is damped.
+    """
     extension, bending, sway = _rows(length)
     return np.array([np.outer(row, row) for row in (sway, bending, extension)])
-
-
-def joint_damping_matrix() -> np.ndarray:
-    """Matrix of eq. 3, shape (6, 6); its factor is c, N m s. It is k2's: slip alone is damped."""
-    bending = _rows(1.0)[1]
-    return np.outer(bending, bending)
 
 
 def mass_matrices(length: float) -> np.ndarray:
@@ -114,78 +105,152 @@ def mass_matrices(length: float) -> np.ndarray:
     Args:
         length: Length L of the element, m.
     """
-    along = length * np.array([[1 / 3, 1 / 6], [1 / 6, 1 / 3]])
-    u, theta = np.zeros((2, 6)), np.zeros((2, 6))
-    u[[0, 1], [0, 3]] = theta[[0, 1], [2, 5]] = 1.0
+    along = length / 6 * np.array([[2, 1], [1, 2]])
+    u, theta = np.eye(6)[[0, 3]], np.eye(6)[[2, 5]]
     mixed = u.T @ along @ theta
-    found = [u.T @ along @ u, -mixed - mixed.T, theta.T @ along @ theta]
-    for which, scale in ((0, 1.0), (1, length**-2)):
-        for power in range(3):
-            numbers = {key: table[which][power] for key, table in _INERTIA.items()}
-            found.append(length * scale * _across(numbers, length))
-    return np.array(found)
+    across = np.zeros((6, 6, 6))
+    across[:, _ACROSS[:, None], _ACROSS] = bending_mass(length).reshape(6, 4, 4)
+    return np.array([u.T @ along @ u, -mixed - mixed.T, theta.T @ along @ theta, *across])
 
 
-def _across(numbers, L: float) -> np.ndarray:
-    """The pattern of A1 in w and theta."""
-    a, b, c, d, e, f = (numbers[key] for key in "ABCDEF")
-    c, d, e, f = L * c, L * d, L**2 * e, L**2 * f
-    matrix = np.zeros((6, 6))
-    matrix[np.ix_([1, 2, 4, 5], [1, 2, 4, 5])] = [
-        [a, c, b, -d],
-        [c, e, d, -f],
-        [b, d, a, -c],
-        [-d, -f, -c, e],
-    ]
-    return matrix
-
-
-def shape_functions(t: float, length: float, phi: float) -> tuple[np.ndarray, ...]:
+def shape_functions(t: float, length: float, phi: float) -> tuple[np.ndarray, np.ndarray]:
     """Rows of u, w, theta at x = t L of an element, and of their slopes by x; each (3, 6).
 
-    Those of a Timoshenko beam that is loaded at its ends only (Friedman and Kosmatka, Comput.
-    Struct. 47, 1993): A1 is their mass matrix. Axial displacements are linear between the nodes.
+    Those of a Timoshenko beam that is loaded at its ends only: A1 is their mass matrix. Axial
+    displacements are linear between the nodes.
 
     Args:
         t: Place in the element, from 0 to 1.
         length: Its length, m.
         phi: See `bending_number`.
     """
-    L, g = length, 1 / (1 + phi)
-    at, slope = np.zeros((3, 6)), np.zeros((3, 6))
-    at[0, [0, 3]], slope[0, [0, 3]] = (1 - t, t), (-1 / L, 1 / L)
-    columns = [1, 2, 4, 5]
-    at[1, columns] = g * np.array(
-        [
-            1 + phi * (1 - t) - 3 * t**2 + 2 * t**3,
-            L * (t - 2 * t**2 + t**3 + phi / 2 * (t - t**2)),
-            phi * t + 3 * t**2 - 2 * t**3,
-            L * (t**3 - t**2 + phi / 2 * (t**2 - t)),
-        ]
-    )
-    slope[1, columns] = (
-        g
-        / L
-        * np.array(
-            [
-                -phi - 6 * t + 6 * t**2,
-                L * (1 - 4 * t + 3 * t**2 + phi / 2 * (1 - 2 * t)),
-                phi + 6 * t - 6 * t**2,
-                L * (3 * t**2 - 2 * t + phi / 2 * (2 * t - 1)),
-            ]
-        )
-    )
-    at[2, columns] = g * np.array(
-        [
-            6 * (t**2 - t) / L,
-            1 - 4 * t + 3 * t**2 + phi * (1 - t),
-            6 * (t - t**2) / L,
-            3 * t**2 - 2 * t + phi * t,
-        ]
-    )
-    slope[2, columns] = (
-        g
-        / L
-        * np.array([6 * (2 * t - 1) / L, 6 * t - 4 - phi, 6 * (1 - 2 * t) / L, 6 * t - 2 + phi])
-    )
-    return at, slope
+    shapes = bending_shapes(t, length)
+    w, slope, turn, bend = (shapes[:, 0] + phi * shapes[:, 1]) / (1 + phi)
+    rows = np.zeros((2, 3, 6))
+    rows[:, 0, 0], rows[:, 0, 3] = (1 - t, -1 / length), (t, 1 / length)
+    rows[:, 1:, _ACROSS] = [[w, turn], [slope, bend]]
+    return rows[0], rows[1]
+
+
+# -- their factors, as laws of regions ---------------------------------------------------------
+
+#: Properties of a beam's region: E, Pa; nu; rho, kg/m3; stretch and width, actual over nominal
+#: height and breadth; height, breadth and length of the element, m; shear coefficient; offset of
+#: the neutral axis over the height, in the stiffness and in the mass.
+SECTION = (
+    "E",
+    "nu",
+    "rho",
+    "stretch",
+    "width",
+    "height",
+    "breadth",
+    "length",
+    "shear",
+    "offset",
+    "mass_offset",
+)
+
+
+def _above_zero(value):
+    return (value > 0) & (value < np.inf)
+
+
+def _not_below_zero(value):
+    return (value >= 0) & (value < np.inf)
+
+
+#: Range of each property, for one value or many, and in words.
+_RANGES = {
+    "E": (_above_zero, "E > 0 Pa"),
+    "nu": (lambda value: (value > -1) & (value < 0.5), "-1 < nu < 0.5"),
+    "rho": (_not_below_zero, "rho >= 0 kg/m3"),
+    **{key: (_above_zero, f"{key} > 0") for key in ("stretch", "width", "shear", "axial")},
+    **{key: (_above_zero, f"{key} > 0 m") for key in ("height", "breadth", "length")},
+    **{key: (_above_zero, f"{key} > 0 N m") for key in ("k1", "k2")},
+    # Without any, what is left is a lap that slides.
+    "k_axial": (_not_below_zero, "k_axial >= 0 N/m"),
+}
+
+
+def _check(where: str, q) -> None:
+    for key, value in q.items():
+        inside, words = _RANGES.get(key, (None, ""))
+        good = inside is None or inside(value)
+        if good is not True and not np.all(good):
+            bad = np.atleast_1d(value)[~np.atleast_1d(good)][0]
+            # Regions of a joint are its name with what they are of it.
+            owner = where.partition(".")[0] if key in ("axial", "k1", "k2", "k_axial") else where
+            raise InputError(f"{owner}.{key} = {bad:g} is out of range: expected {words}.")
+
+
+def _section(q):
+    """Height, m, area, m2, and phi."""
+    height = q["height"] * q["stretch"]
+    phi = bending_number(q["nu"], height, q["length"], q["shear"])
+    return height, height * q["breadth"] * q["width"], phi
+
+
+def _beam_stiffness(q) -> np.ndarray:
+    height, area, phi = _section(q)
+    EA, arm = q["E"] * area, q["offset"] * height
+    EI = EA * height**2 / 12
+    return np.array([EA, EA * arm, EA * arm**2 + EI, EI / (1 + phi)])
+
+
+def _beam_mass(number: int) -> Callable:
+    """The factor of a matrix of `mass_matrices`."""
+
+    def heavy(q):
+        height, area, phi = _section(q)
+        if number < 3:
+            return q["rho"] * area * (q["mass_offset"] * height) ** number
+        by_phi, across = (number - 3) % 3, height**2 / 12 if number > 5 else 1.0
+        return q["rho"] * area * across * phi**by_phi / (1 + phi) ** 2
+
+    return heavy
+
+
+def _none(*arguments):
+    raise NotImplementedError("laws of beams have matrices, no forms")
+
+
+def _law(name: str, properties: tuple[str, ...], terms, heavy, check=_check) -> Law:
+    return Law(name, properties, _none, terms, (), check, inertia=_none, inertia_term=heavy)
+
+
+def _joint_law(name: str, *properties: str) -> Law:
+    """The law of a joint element: one stiffness, the product of its properties, and no mass."""
+
+    def stiffness(q):
+        return np.array([np.prod([q[key] for key in properties], axis=0)])
+
+    return _law(name, properties, stiffness, lambda q: 0.0 * q[properties[0]])
+
+
+#: A beam by itself.
+BEAM = _law("offset beam", SECTION, _beam_stiffness, _beam_mass(0))
+#: A beam in a lap: the joint elements have its stiffness, all but the axial one.
+LAPPED = _law(
+    "lapped beam", (*SECTION, "axial"), lambda q: q["axial"] * _beam_stiffness(q)[:1], _beam_mass(0)
+)
+
+
+def _no_stiffness(q) -> np.ndarray:
+    return np.zeros((0, *np.shape(q["E"])))
+
+
+def _checked_before(where: str, q) -> None:
+    """The beam's own region has the same properties."""
+
+
+#: The further terms of a beam's mass.
+BEAM_MASSES = tuple(
+    _law(f"beam mass {i}", SECTION, _no_stiffness, _beam_mass(i), _checked_before)
+    for i in range(1, 9)
+)
+#: Generic joint elements (Jalali et al. 2019, eq. 2): k1, k2 in N m, k_axial in N/m.
+SLAP, SLIP = _joint_law("slap", "k1"), _joint_law("slip", "k2")
+AXIAL = _joint_law("axial", "k_axial", "axial")
+
+register(BEAM, LAPPED, *BEAM_MASSES, SLAP, SLIP, AXIAL)

@@ -38,6 +38,11 @@ class Stretch:
     n: int
     length: float
 
+    @property
+    def elements(self) -> range:
+        """Their numbers."""
+        return range(self.first, self.first + self.n)
+
 
 @dataclass(frozen=True, eq=False)
 class Layout:
@@ -54,6 +59,12 @@ class Layout:
     stretches: tuple[Stretch, ...]
     free: np.ndarray
     phi: np.ndarray
+
+    def at_nodes(self, vectors: np.ndarray) -> np.ndarray:
+        """u, w and theta at the nodes, (n_nodes, 3, m), of vectors (n_dofs, m)."""
+        whole = np.zeros((3 * len(self.x), vectors.shape[1]))
+        whole[self.free] = vectors
+        return whole.reshape(len(self.x), 3, -1)
 
     def assemble(self, matrices: np.ndarray, elements: Sequence[int]) -> np.ndarray:
         """Matrices of an element, (m, 6, 6), summed over elements; (m, n_dofs, n_dofs)."""
@@ -86,13 +97,11 @@ class Layout:
             )
         e = int(np.clip(np.searchsorted(self.x, x + near) - 1, 0, len(self.x) - 2))
         length = self.x[e + 1] - self.x[e]
-        found = []
-        for local in shape_functions(np.clip((x - self.x[e]) / length, 0, 1), length, self.phi[e]):
-            local[0] -= z * local[2]
-            whole = np.zeros((3, 3 * len(self.x)))
-            whole[:, 3 * e : 3 * e + 6] = local
-            found.append(whole[:, self.free])
-        return found[0], found[1]
+        local = shape_functions(np.clip((x - self.x[e]) / length, 0, 1), length, self.phi[e])
+        whole = np.zeros((2, 3, 3 * len(self.x)))
+        whole[:, :, 3 * e : 3 * e + 6] = local
+        whole[:, 0] -= z * whole[:, 2]
+        return tuple(whole[:, :, self.free])
 
 
 def lay_out(

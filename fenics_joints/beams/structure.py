@@ -2,23 +2,56 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
-from fenics_joints.beams.assembly import Assembly
-from fenics_joints.beams.boxes import BeamCells, beam_cells
+from fenics_joints.beams.cells import BeamCells, beam_cells
 from fenics_joints.beams.components import Beam, Clamp, GenericJoint, Held, LumpedMass
-from fenics_joints.beams.layout import Layout, lay_out
+from fenics_joints.beams.element import (
+    AXIAL,
+    BEAM,
+    BEAM_MASSES,
+    LAPPED,
+    SECTION,
+    SLAP,
+    SLIP,
+    joint_matrices,
+    mass_matrices,
+    stiffness_matrices,
+)
+from fenics_joints.beams.layout import Layout, Stretch, lay_out
 from fenics_joints.errors import InputError
 from fenics_joints.reduction.affine import AffinePencil
 from fenics_joints.reduction.arrays import ArrayModel
+from fenics_joints.reduction.terms import MassTerm, RegionTerm, SpringTerm
 from fenics_joints.structure import Damping, Parameter, Sensors, Spring
 from fenics_joints.structure.laws import ELASTIC_SUPPORT
 from fenics_joints.structure.rows import PlaceRows
 from fenics_joints.structure.values import by_name, number
+
+#: Stations per element of the path of a mass that may move: rotation has kinks at the nodes, and
+#: with fewer of them rotary inertia between two nodes moves frequencies by 1e-4.
+_STATIONS = 8
+
+
+@dataclass(frozen=True)
+class ElementTerm:
+    """What a region of beams or joints is assembled from.
+
+    Attributes:
+        beam: Number of the beam; -1 for a joint.
+        elements: Numbers of its elements.
+        stiffness: Matrices of an element, (m, 6, 6).
+        mass: Matrix of an element, (6, 6).
+    """
+
+    beam: int
+    elements: Iterable[int]
+    stiffness: np.ndarray
+    mass: np.ndarray
 
 
 class BeamStructure(ArrayModel):
@@ -49,6 +82,7 @@ class BeamStructure(ArrayModel):
 
     Attributes:
         layout: Nodes and elements.
+        element_terms: What the regions of beams and joints are assembled from, in their order.
         slips: (label, c, matrix) of each group of joint elements with one c.
     """
 
@@ -74,18 +108,91 @@ class BeamStructure(ArrayModel):
         nominal = {name: p.value for name, p in known.items()}
         sections = [(number(b.nu, nominal), b.height * number(b.stretch, nominal)) for b in beams]
         self.layout = lay_out(self.beams, self.joints, held, sections)
-        assembly = Assembly(self.layout, self.beams, self.joints, offset_mass)
-        regions, self.slips = assembly.regions()
-        regions += [assembly.clamp(clamp) for clamp in clamps]
-        dampers = {f"{label}.c": matrix for label, _, matrix in self.slips}
+        self.element_terms: list[ElementTerm] = []
+        self.slips: list[tuple] = []
+        # The first region is the first beam's: its size is the model's.
+        regions = [region for stretch in self.layout.stretches for region in self._regions(stretch)]
         pencil = AffinePencil(
             known,
-            regions,
-            [assembly.spring(s) for s in springs],
-            [assembly.mass(m) for m in masses],
+            [*regions, *map(self._clamp, clamps)],
+            [_spring(self.layout, spring) for spring in springs],
+            [_mass(self.layout, mass) for mass in masses],
         )
         scale_hz = _dilation_frequency(pencil, self.layout)
-        super().__init__(pencil, scale_hz, dampers=dampers)
+        super().__init__(
+            pencil, scale_hz, dampers={f"{n}.c": matrix for n, _, matrix in self.slips}
+        )
+
+    # -- terms of K(p) and M(p) --------------------------------------------------------------
+
+    def _region(self, name, law, q, term: ElementTerm, volume: float = 0.0) -> RegionTerm:
+        self.element_terms.append(term)
+        stiffness = self.layout.assemble(term.stiffness, term.elements)
+        mass = self.layout.assemble(term.mass[None], term.elements)[0]
+        return RegionTerm(name, law, q, stiffness, mass, volume)
+
+    def _regions(self, stretch: Stretch) -> Iterator[RegionTerm]:
+        """A beam, or a lap: mass and axial stiffness of the two beams, then the joint elements."""
+        joint = None if stretch.joint is None else self.joints[stretch.joint]
+        for i in stretch.beams:
+            yield from self._beam(i, stretch, joint)
+        if joint is None:
+            return
+        slap, slip, axial = joint_matrices(stretch.length)
+
+        def elastic(name, law, q, matrix, elements) -> RegionTerm:
+            term = ElementTerm(-1, elements, matrix[None], np.zeros((6, 6)))
+            return self._region(f"{name}.{law.name}", law, q, term)
+
+        for key, law, matrix in (("k1", SLAP, slap), ("k2", SLIP, slip)):
+            for label, value, at in joint.groups(key):
+                elements = [stretch.first + e for e in at]
+                yield elastic(label, law, {key: value}, matrix, elements)
+        if joint.k_axial is not None:
+            q = {"k_axial": joint.k_axial, "axial": joint.axial}
+            yield elastic(joint.name, AXIAL, q, axial, stretch.elements)
+        for label, c, at in joint.groups("c"):
+            damper = self.layout.assemble(slip[None], [stretch.first + e for e in at])[0]
+            self.slips.append((label, c, damper))
+
+    def _beam(self, i: int, stretch: Stretch, joint: GenericJoint | None) -> Iterator[RegionTerm]:
+        """A beam, or its share of a lap: its mass, and its axial stiffness unless that is given."""
+        beam, elements = self.beams[i], stretch.elements
+        name = beam.name if joint is None else f"{joint.name}.{beam.name}"
+        stiff, heavy = stiffness_matrices(stretch.length), mass_matrices(stretch.length)
+        offset = self._offset(i)
+        q = {key: getattr(beam, key, None) for key in SECTION}
+        q |= {"length": stretch.length, "offset": offset}
+        q["mass_offset"] = offset if self.offset_mass else 0.0
+        law, more = BEAM, {}
+        if joint is not None:
+            law, more = LAPPED, {"axial": joint.axial}
+            stiff = stiff[:1] * (joint.k_axial is None)
+        volume = stretch.n * stretch.length
+        yield self._region(name, law, q | more, ElementTerm(i, elements, stiff, heavy[0]), volume)
+        for k, (law, mass) in enumerate(zip(BEAM_MASSES, heavy[1:], strict=True), 1):
+            term = ElementTerm(i, elements, stiff[:0], mass)
+            yield self._region(f"{name}.mass[{k}]", law, q, term)
+
+    def _offset(self, i: int) -> float:
+        """Height of a beam's neutral axis above the line of the nodes, over its own height."""
+        given = self.beams[i].offset
+        return (0.5 if i % 2 == 0 else -0.5) if given is None else given
+
+    def _clamp(self, clamp: Clamp) -> RegionTerm:
+        """Springs over a face of the nominal section."""
+        i = len(self.beams) - 1 if clamp.last else 0
+        beam, (u, w, turn) = self.beams[i], np.eye(3)
+        middle = u - beam.height * self._offset(i) * turn
+        along = np.outer(middle, middle) + beam.height**2 / 12 * np.outer(turn, turn)
+        n = 3 * len(self.layout.x)
+        whole, at = np.zeros((2, n, n)), slice(n - 3, n) if clamp.last else slice(0, 3)
+        whole[:, at, at] = beam.breadth * beam.height * np.array([along, np.outer(w, w)])
+        whole = whole[:, self.layout.free[:, None], self.layout.free]
+        q = {"k_n": clamp.k_n, "k_t": clamp.k_t}
+        return RegionTerm(clamp.name, ELASTIC_SUPPORT, q, whole, np.zeros_like(whole[0]), 0.0)
+
+    # -- what a model is asked ---------------------------------------------------------------
 
     @property
     def size_m(self) -> np.ndarray:
@@ -180,7 +287,10 @@ class BeamStructure(ArrayModel):
         values = self.values(given)
         total = np.zeros((self.n_dofs, self.n_dofs))
         for label, c, matrix in self.slips:
-            total += _damping(label, number(c, values)) * matrix
+            c = number(c, values)
+            if not 0 <= c < np.inf:
+                raise InputError(f"{label}.c = {c:g}: expected a damping >= 0 N m s.")
+            total += c * matrix
         return total
 
     def resolved(self, damping: Damping) -> Damping:
@@ -210,6 +320,35 @@ class BeamStructure(ArrayModel):
         kinds can be put beside it: ``replace(beams.joint_damping(), structural=1e-3)``.
         """
         return Damping(viscous={f"{label}.c": c for label, c, _ in self.slips})
+
+
+def _mass(layout: Layout, mass: LumpedMass) -> MassTerm:
+    """A lumped mass, with the path that it may take."""
+    moves = isinstance(mass.travel, str)
+    if moves and mass.range is None:
+        raise InputError(f"{mass.name}.range is missing: expected the range of its travel, m.")
+    low, high = mass.range if moves else (float(mass.travel),) * 2
+    step = np.min(np.diff(layout.x)) / _STATIONS
+    n = 1 if low == high else max(4, int(np.ceil((high - low) / step)) + 1)
+    stations = np.linspace(low, high, n)
+    x, y, z = mass.point
+    rows = np.array([layout.rows((x + s, y, z), mass.name)[0] for s in stations])
+    # Scaled by the radius of gyration, the rotation's share of the mass is the rotary inertia.
+    rows[:, 2] *= mass.radius
+    travel = mass.travel if moves else low
+    return MassTerm(mass.name, mass.mass, travel, mass.share, stations, rows)
+
+
+def _spring(layout: Layout, spring: Spring) -> SpringTerm:
+    """A grounding spring."""
+    at, _ = layout.rows(spring.point, spring.name)
+    direction = np.asarray(spring.direction, dtype=float)
+    if direction.shape != (3,) or not np.any(direction[[0, 2]]):
+        raise InputError(
+            f"{spring.name}.direction = {spring.direction}: expected (x, y, z) with a share "
+            "along x or z, in which beams move."
+        )
+    return SpringTerm(spring.name, spring.stiffness, spring.share, direction[[0, 2]] @ at[:2])
 
 
 def _dilation_frequency(pencil: AffinePencil, layout: Layout) -> float:
@@ -246,9 +385,3 @@ def _check_names(known: Mapping[str, Parameter], components: Sequence) -> None:
                         f"{component.name}.{key} = {one!r}: no such parameter; expected a number "
                         f"or one of: {', '.join(known) or 'none'}."
                     )
-
-
-def _damping(label: str, c: float) -> float:
-    if not 0 <= c < np.inf:
-        raise InputError(f"{label}.c = {c:g}: expected a damping >= 0 N m s.")
-    return c

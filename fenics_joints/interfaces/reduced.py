@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-import fenics_joints.beams.laws  # noqa: F401, files may hold them
+import fenics_joints.beams.element  # noqa: F401, files may hold them
 from fenics_joints.errors import InputError
 from fenics_joints.interfaces.model import InterfaceModel, InterfacePoints
 from fenics_joints.joint_laws.law import JointLaw

@@ -8,7 +8,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from fenics_joints.errors import InputError, items, mapping, real, wanted
-from fenics_joints.preload.beam import beam_matrices, condense, end_dofs
+from fenics_joints.preload.beam import beam_matrices, condense_to_ends
 from fenics_joints.preload.bodies import at_blocks
 from fenics_joints.preload.components import (
     BeamBolt,
@@ -394,7 +394,7 @@ class PreloadModel:
             n_elements=bolt.n_elements,
             axial=axial,
         )
-        K, M = condense(K, M, end_dofs(bolt.n_elements))
+        K, M = condense_to_ends(K, M)
         heads = np.zeros(12)
         heads[[0, 1, 2, 6, 7, 8]] = bolt.head_mass
         return K, M + np.diag(heads)

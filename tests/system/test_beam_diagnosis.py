@@ -10,7 +10,7 @@ from scipy.stats import multivariate_normal, multivariate_t, norm
 
 from fenics_joints.beams import Beam, BeamStructure, Clamp, GenericJoint, Held, LumpedMass
 from fenics_joints.beams.cells import cell_energies
-from fenics_joints.beams.laws import BEAM
+from fenics_joints.beams.element import BEAM
 from fenics_joints.case import load_case
 from fenics_joints.commands.diagnose.page import diagnosis_html
 from fenics_joints.commands.diagnose.words import zone_words
@@ -169,7 +169,7 @@ def test_energies_of_elements_are_all_there_is(tmp_path, axial):
     text = CASE.replace("k2 = 37402.0", f"k2 = 37402.0\n{axial}")
     model = prepare(write_case(tmp_path, measured(), text=text), MPI.COMM_SELF, QUIET)
     modes = solve_modes(model.full, model.baseline, n_modes=12)
-    found = cell_energies(model.full, model.full.cells, modes.shapes, model.baseline)
+    found = cell_energies(model.full, modes.shapes, model.baseline)
     np.testing.assert_allclose(found.pop("rho").sum(axis=0)[3:], 1.0, atol=0.05)
     total = sum(values.sum(axis=0) for values in found.values())
     np.testing.assert_allclose(total[3:], modes.eigenvalues[3:], rtol=1e-8)

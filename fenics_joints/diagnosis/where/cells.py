@@ -198,14 +198,11 @@ class BeamElements(Cells):
         for i in index:
             x = modes.shapes[:, [int(i)]]
             # x^T K y is a quarter of what the squares of x + y and x - y differ by.
-            ends = [
-                cell_energies(self.structure, self.structure.cells, modes.shapes + y, modes.given)
-                for y in (x, -x)
-            ]
+            ends = [cell_energies(self.structure, modes.shapes + y, modes.given) for y in (x, -x)]
             with_it, less = ((sum(end[key] for key in self.stiffness), end["rho"]) for end in ends)
             yield tuple((a - b) / 4 for a, b in zip(with_it, less, strict=True))
 
     def energies(self, x, omega: float, given) -> tuple[np.ndarray, np.ndarray]:
-        found = cell_energies(self.structure, self.structure.cells, x[:, None], given)
+        found = cell_energies(self.structure, x[:, None], given)
         stiff = sum(found[key] for key in self.stiffness)
         return stiff[:, 0], omega**2 * found["rho"][:, 0]
