@@ -8,7 +8,7 @@ from pathlib import Path
 from mpi4py import MPI
 
 from fenics_joints.case import load_case
-from fenics_joints.commands.modes.run import run_modes
+from fenics_joints.commands.modes import run_modes
 from fenics_joints.progress import Progress
 
 here = Path(__file__).parent if "__file__" in globals() else Path.cwd()

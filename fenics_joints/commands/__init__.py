@@ -9,18 +9,19 @@ from importlib import import_module
 
 from fenics_joints.commands.outcome import Outcome
 
-_COMMANDS = (
-    "bayes",
-    "check",
-    "cutoff",
-    "diagnose",
-    "harmonic",
-    "modes",
-    "plan",
-    "preload",
-    "update",
-)
-_RUNS = {f"run_{command}": f"{__name__}.{command}.run" for command in _COMMANDS}
+#: Files of the commands.
+_FILES = {
+    "bayes": "bayes.run",
+    "check": "check.run",
+    "cutoff": "cutoff.run",
+    "diagnose": "diagnose.run",
+    "harmonic": "harmonic.run",
+    "modes": "modes",
+    "plan": "plan.run",
+    "preload": "preload.run",
+    "update": "update.run",
+}
+_RUNS = {f"run_{command}": f"{__name__}.{file}" for command, file in _FILES.items()}
 
 __all__ = ["Outcome", *_RUNS]
 

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Generic, TypeVar
+from typing import TYPE_CHECKING, Generic, TypeVar
 
 from rich.console import Console
+
+if TYPE_CHECKING:
+    from fenics_joints.report.document import Document
 
 Result = TypeVar("Result")
 
@@ -29,6 +32,20 @@ class Outcome(Generic[Result]):
     page: Callable[[], str] = field(repr=False)
     summary: Callable[[Console], None] = field(repr=False)
     failure: str | None = None
+
+    @classmethod
+    def said(cls, result: Result, document: Document, failure: str | None = None):
+        """With a document that says everything."""
+        from fenics_joints.report.html import as_page
+        from fenics_joints.report.terminal import show
+
+        return cls(
+            result,
+            document.data,
+            lambda: as_page(document),
+            lambda console: show(console, document),
+            failure,
+        )
 
     @classmethod
     def of(

@@ -19,6 +19,7 @@ import fenics_joints
 from fenics_joints import formatting
 from fenics_joints.formatting import spaced
 from fenics_joints.measurements.gap import Gap
+from fenics_joints.report.document import Document, OnPage, OnTerminal, View
 from fenics_joints.report.mesh_pictures import diverging
 
 #: What draws a view, in this order.
@@ -58,6 +59,28 @@ def render(template: str, filters: Mapping[str, Callable] = MappingProxyType({})
         values: What the template shows; ``view``, a `view.scene`, brings the script that draws it.
     """
     return _environment(filters).get_template(template).render(**values)
+
+
+def as_page(document: Document) -> str:
+    """A document as a page; empty on ranks that make none. Collective where its pictures are."""
+    blocks = _on_page(document.blocks)
+    if blocks is None:
+        return ""
+    view = any(isinstance(b, View) and b.view for b in blocks)
+    return render("document.html", document=document, blocks=blocks, view=view)
+
+
+def _on_page(blocks: Sequence[object]) -> list[object] | None:
+    """The blocks of a page, those made that are made for it; None on ranks that make none."""
+    found, missing = [], False
+    for block in blocks:
+        if isinstance(block, OnPage):
+            made = block.blocks() if callable(block.blocks) else block.blocks
+            missing |= made is None
+            found += made or []
+        elif not isinstance(block, OnTerminal):
+            found.append(block)
+    return None if missing else found
 
 
 def noted(page: str, notes: Sequence[str]) -> str:

@@ -1,19 +1,26 @@
-"""Pictures of a mesh: how a mode moves it."""
+"""Mode shapes: as pictures, as a view, and beside what a test measured at its sensors."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
+from markupsafe import Markup
 from matplotlib import colormaps
 from matplotlib.collections import PolyCollection
 from matplotlib.colors import Normalize
 
 from fenics_joints.report import geometry
 from fenics_joints.report.style import drawing, to_svg
+from fenics_joints.report.surface import Surface, surface
+from fenics_joints.report.view import Arrows, Colours, Look, scene
 
 #: Red to blue through near white, which all kinds of colour vision tell apart.
 diverging = colormaps["RdBu_r"]
+#: Colours of a test and of a model, in pictures and in views.
+_TEST, _MODEL, _TEST_VIEW, _MODEL_VIEW = "#1f4e9c", "#d1661f", "#009e73", "#e69f00"
+#: Length of the longest arrow relative to the size of the structure.
+_LONG = 0.18
 
 
 def mode_shape(
@@ -31,12 +38,12 @@ def mode_shape(
     Raises:
         InputError: If cells have a shape that the suite does not use.
     """
-    surface, moved = geometry.outer_faces(
+    faces, moved = geometry.outer_faces(
         np.asarray(vertices, dtype=float), np.asarray(motion, dtype=float)
     )
-    size = np.ptp(surface.reshape(-1, 3), axis=0).max()
+    size = np.ptp(faces.reshape(-1, 3), axis=0).max()
     largest = np.linalg.norm(moved, axis=-1).max() or 1.0
-    shown = surface + 0.07 * size / largest * moved
+    shown = faces + 0.07 * size / largest * moved
     flat, depth = geometry.oblique(shown)
     unit = np.asarray(direction, dtype=float)
     value = (moved @ (unit / np.linalg.norm(unit))).mean(axis=1)
@@ -54,3 +61,134 @@ def mode_shape(
         axes.set_aspect("equal")
         axes.set_axis_off()
         return to_svg(figure, name, alt, dpi=130)
+
+
+def sensor_shapes(
+    vertices: np.ndarray,
+    sensors,
+    test: np.ndarray,
+    model: np.ndarray,
+    name: str,
+    alt: str,
+    lines: Sequence[np.ndarray] = (),
+) -> str:
+    """Arrows of a measured shape and of its partner at the sensors, over the model's outline.
+
+    Args:
+        vertices: Corner coordinates of every cell, m, shape (n_cells, n_corners, 3).
+        sensors: Points and directions, `fenics_joints.structure.Sensors`.
+        test: Measured components, shape (n,); nan where a sensor was missing.
+        model: The model's in the same scale, shape (n,).
+        name: Unique in the page.
+        alt: What it shows, in words.
+        lines: Points, m, of lines that the test draws, each (k, 3).
+    """
+    vertices = np.asarray(vertices, dtype=float)
+    faces, _ = geometry.outer_faces(vertices, np.zeros_like(vertices))
+    flat, depth = geometry.oblique(faces)
+    size = float(np.ptp(vertices.reshape(-1, 3), axis=0).max())
+    largest = float(np.nanmax(np.abs([test, model]))) or 1.0
+    start = _flat(sensors.points)
+    with drawing(3.7, 1.75) as figure:
+        axes = figure.subplots()
+        axes.add_collection(
+            PolyCollection(
+                flat[np.argsort(depth)],
+                facecolors="#eef0f3",
+                edgecolors="#d3d7dd",
+                lw=0.2,
+                rasterized=True,
+            )
+        )
+        for line in lines:
+            axes.plot(*_flat(line).T, "-", lw=0.5, color="#8a9099")
+        for values, colour, width in ((model, _MODEL, 0.011), (test, _TEST, 0.005)):
+            arrows = _LONG * size / largest * values[:, None] * sensors.directions
+            along = _flat(sensors.points + np.nan_to_num(arrows)) - start
+            axes.quiver(
+                *start.T,
+                *along.T,
+                color=colour,
+                angles="xy",
+                scale_units="xy",
+                scale=1,
+                width=width,
+                headwidth=3,
+            )
+            # Arrows do not count for the limits of the axes, points do.
+            axes.plot(*(start + along).T, ".", ms=0)
+        axes.autoscale_view()
+        axes.margins(0.04)
+        axes.set_aspect("equal")
+        axes.set_axis_off()
+        return to_svg(figure, name, alt, dpi=130)
+
+
+def _flat(points: np.ndarray) -> np.ndarray:
+    """Points in the oblique view, (n, 2)."""
+    return geometry.oblique(np.asarray(points, dtype=float)[:, None, :])[0][:, 0]
+
+
+def modes_view(
+    vertices: np.ndarray,
+    motions: Sequence[np.ndarray],
+    names: Sequence[str],
+    ways: Sequence[np.ndarray],
+    arrows: Mapping[int, Sequence[Arrows]],
+    notes: Mapping[int, str],
+) -> Markup:
+    """Mode shapes to turn and to play.
+
+    Args:
+        vertices: Corners of all cells, m, (n_cells, n_corners, 3).
+        motions: How they move in each mode, each as ``vertices``.
+        names: Of the modes.
+        ways: Direction that is coloured in each, (3,).
+        arrows: What stands beside a mode, by its place in ``motions``.
+        notes: What is said of a mode, likewise.
+    """
+
+    def looks(s: Surface) -> list[Look]:
+        return [
+            Look(
+                name,
+                Colours(diverging, "one way", "the other", f"motion along {_direction_words(way)}"),
+                motion=motion.reshape(-1, 3)[s.pick],
+                way=way,
+                arrows=arrows.get(i, ()),
+                note=notes.get(i, "Motion is enlarged; its scale is arbitrary."),
+            )
+            for i, (name, motion, way) in enumerate(zip(names, motions, ways, strict=True))
+        ]
+
+    whole = surface(vertices, motions=motions)
+    return scene(whole, looks, f"Mode shapes in three dimensions: {', '.join(names)}.")
+
+
+def _direction_words(way: np.ndarray) -> str:
+    axis = int(np.argmax(np.abs(way)))
+    if abs(way[axis]) > 0.999:
+        return "xyz"[axis]
+    return f"({', '.join(f'{c:.2g}' for c in way)})"
+
+
+def measured_arrows(sensors, test: np.ndarray, model: np.ndarray) -> tuple[Arrows, Arrows]:
+    """What a test measured of a mode at its sensors, and the model's, as arrows from each point.
+
+    Sensors at one point that measure in several directions have one arrow.
+
+    Args:
+        sensors: Points and directions, k of them.
+        test: Measured components, (k,), nan where a sensor was missing; in the model's scale.
+        model: The model's, (k,).
+    """
+    points, place = np.unique(np.round(sensors.points, 9), axis=0, return_inverse=True)
+    pair = []
+    for name, values, colour, ball in (
+        ("measured", test, _TEST_VIEW, True),
+        ("model at the sensors", model, _MODEL_VIEW, False),
+    ):
+        vectors = np.zeros_like(points)
+        np.add.at(vectors, place.ravel(), np.nan_to_num(values)[:, None] * sensors.directions)
+        pair.append(Arrows(name, colour, points, vectors, ball))
+    return tuple(pair)

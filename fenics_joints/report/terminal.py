@@ -1,21 +1,35 @@
-"""Tables and lines for summaries on the terminal, 80 columns or more; no sentence is cut."""
+"""Documents on the terminal, 80 columns or more; no sentence and no cell is cut."""
 
 from __future__ import annotations
 
 import os
 import sys
+from collections.abc import Iterator, Sequence
 
 from rich import box
 from rich.console import Console, ConsoleOptions, RenderableType, RenderResult
-from rich.table import Table
-from rich.text import Text
+from rich.padding import Padding
+from rich.table import Table as RichTable
+from rich.text import Text as RichText
 
 from fenics_joints.progress import is_terminal, loudness
+from fenics_joints.report.document import (
+    Cell,
+    Document,
+    Keys,
+    OnTerminal,
+    Remarks,
+    Table,
+    Text,
+    Verdict,
+)
 
 #: Columns of what is written into a file.
 _COLUMNS = 100
-#: Columns between those of a table, and the fewest that a name is wrapped into.
-_BETWEEN, _NAME = 3, 16
+#: Columns between those of a table, the fewest that a name is wrapped into, and those of a bar.
+_BETWEEN, _NAME, _BAR = 3, 16, 20
+_STYLES = {"note": "dim", "warn": "yellow", "bad": "red", "good": "green", "bold": "bold"}
+_ROWS = {"dim": "dim", "lead": "bold"}
 
 
 def new_console() -> Console:
@@ -34,30 +48,88 @@ def new_console() -> Console:
     )
 
 
-def new_table(*headings: str) -> Table:
-    """A plain table of which nothing is cut; headings that start with > are right-aligned.
+def show(console: Console, document: Document) -> None:
+    """Print a document; no markup is read in its texts."""
+    answer = next((b for b in document.blocks if isinstance(b, Verdict)), None)
+    subject = (document.subject, "bold")
+    if answer is not None:
+        subject = (answer.heading.upper(), answer.style)
+    console.print(RichText.assemble((f"{document.title}: ", "bold"), subject))
+    before = None
+    for block in _shown(document.blocks):
+        if isinstance(block, Table):
+            if before is not None:
+                console.print()
+            console.print(rich_table(block))
+        else:
+            if before is Table:
+                console.print()
+            for line in _lines(block):
+                say(console, line, _STYLES.get(getattr(block, "style", "")))
+        before = type(block)
+
+
+def say(console: Console, text: str | RichText, style: str | None = None) -> None:
+    """Print a text over as many lines as it takes; no markup is read in it."""
+    console.print(text, style=style, markup=False, highlight=False)
+
+
+def _shown(blocks: Sequence[object]) -> Iterator[Text | Keys | Remarks | Verdict | Table]:
+    """The blocks that a terminal shows."""
+    for block in blocks:
+        if isinstance(block, OnTerminal):
+            yield from _shown(block.blocks)
+        elif isinstance(block, Table) and block.rows or isinstance(block, Text | Keys | Verdict):
+            yield block
+        elif isinstance(block, Remarks) and block.lines:
+            yield block
+
+
+def _lines(block: Text | Keys | Remarks | Verdict) -> list[str | RichText]:
+    if isinstance(block, Text):
+        return [block.text]
+    if isinstance(block, Keys):
+        return [", ".join(f"{value} {words}" for _, value, words in block.entries)]
+    if isinstance(block, Remarks):
+        return [f"{block.before}{line}" for line in block.lines]
+    return [
+        RichText.assemble((f"{name}. " if name else "", "bold"), words)
+        for name, words in block.sentences
+    ]
+
+
+def rich_table(table: Table) -> RichTable:
+    """A plain table of which nothing is cut.
 
     Where it is too wide, columns of names wrap first; those of numbers, and those without a
     heading, only where that is not enough.
     """
-    table = _WrappedTable(box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False)
-    for heading in headings:
-        right = heading.startswith(">")
-        table.add_column(
-            heading.lstrip(">"),
-            justify="right" if right else "left",
-            overflow="fold",
-            no_wrap=right or not heading,
-        )
-    return table
+    shown = len(table.names) - table.page_columns
+    made = _WrappedTable(box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False)
+    for name, right in list(zip(table.names, table.right, strict=True))[:shown]:
+        justify = "right" if right else "left"
+        made.add_column(name, justify=justify, overflow="fold", no_wrap=right or not name)
+    rows = [*table.rows, *table.foot]
+    for row in rows[: table.most]:
+        made.add_row(*map(_text, row.cells[:shown]), style=_ROWS.get(row.style))
+    if table.most is not None and len(rows) > table.most:
+        made.add_row(f"and {len(rows) - table.most} more", style="dim")
+    return made
 
 
-class _WrappedTable(Table):
+def _text(cell: Cell) -> RenderableType:
+    if cell.share is not None:
+        return RichText("█" * round(_BAR * cell.share), style="blue")
+    text = RichText(cell.text, no_wrap=None, overflow="fold")
+    return Padding(text, (0, 0, 0, cell.indent)) if cell.indent else text
+
+
+class _WrappedTable(RichTable):
     """Rich crops what does not wrap, so all columns do where the others are not enough."""
 
     def add_row(self, *cells: RenderableType | None, **settings) -> None:
         for cell in cells:
-            if isinstance(cell, Text):
+            if isinstance(cell, RichText):
                 cell.no_wrap, cell.overflow = None, "fold"
         super().add_row(*cells, **settings)
 
@@ -77,17 +149,28 @@ class _WrappedTable(Table):
         return total
 
 
-def say(console: Console, text: str, style: str | None = None) -> None:
-    """Print a line, wrapped where the terminal ends; no markup is read in it."""
-    tell(console, text, style)
+def new_table(*headings: str) -> RichTable:
+    """A plain table of which nothing is cut; headings that start with > are right-aligned.
+
+    Where it is too wide, columns of names wrap first; those of numbers, and those without a
+    heading, only where that is not enough.
+    """
+    table = _WrappedTable(box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False)
+    for heading in headings:
+        right = heading.startswith(">")
+        table.add_column(
+            heading.lstrip(">"),
+            justify="right" if right else "left",
+            overflow="fold",
+            no_wrap=right or not heading,
+        )
+    return table
 
 
-def more(table: Table, n: int) -> None:
+def more(table: RichTable, n: int) -> None:
     """A last row that says how many were left out."""
     if n > 0:
         table.add_row(f"and {n} more", style="dim")
 
 
-def tell(console: Console, text: str, style: str | None = None) -> None:
-    """Print a text over as many lines as it takes; no markup is read in it."""
-    console.print(text, style=style, markup=False, highlight=False)
+tell = say

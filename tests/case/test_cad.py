@@ -11,7 +11,7 @@ from rich.console import Console
 from step_files import flanges
 
 from fenics_joints.case import build_structure, load_case
-from fenics_joints.commands.modes.run import run_modes
+from fenics_joints.commands.modes import run_modes
 from fenics_joints.errors import InputError, MeshError
 from fenics_joints.meshes.step_writer import write_step
 from fenics_joints.modal import solve_modes

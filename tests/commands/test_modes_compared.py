@@ -12,7 +12,7 @@ from mpi4py import MPI
 pytest.importorskip("gmsh")
 
 from fenics_joints.case import load_case
-from fenics_joints.commands.modes.run import run_modes
+from fenics_joints.commands.modes import run_modes
 from fenics_joints.progress import Progress
 
 #: Plates on a clamped beam: measured torsion of the beam, 859 Hz, which sensors near the middle see

@@ -1,59 +1,53 @@
-"""The page and the summary of modes."""
+"""The document of modes: as a page, on the terminal."""
 
 from __future__ import annotations
 
 import io
-from types import SimpleNamespace
+from pathlib import Path
 
 import numpy as np
-from cell_map import cells
+import pytest
 from html_page import Page, check_page
-from markupsafe import Markup
+from mpi4py import MPI
 from rich.console import Console
 
-from fenics_joints.commands.modes.page import modes_html
-from fenics_joints.commands.modes.result import ModeList
-from fenics_joints.commands.modes.summary import show_modes
-from fenics_joints.report import mesh_pictures
+from fenics_joints.case import build_structure, load_case
+from fenics_joints.commands.modes import run_modes
+from fenics_joints.modal import solve_modes
+from fenics_joints.progress import Progress
+
+DEMO = Path(__file__).parents[2] / "demos" / "bolted_beams"
+
+pytestmark = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="about one process")
 
 
-class Modes(SimpleNamespace):
-    def __len__(self) -> int:
-        return len(self.frequencies_hz)
+@pytest.fixture(scope="module")
+def beams():
+    """Thirty modes of bolted beams, eight of which were measured."""
+    return run_modes(load_case(DEMO), MPI.COMM_SELF, Progress(silent=True), n_modes=30)
 
 
-def mode_list(frequencies_hz=(1e-6, 2e-6, 423.123, 800.5), n_rigid=2, seen=True) -> ModeList:
-    """Modes of which the test saw those below 500 Hz, if it is known what it saw."""
-    f = np.array(frequencies_hz)
-    modes = Modes(frequencies_hz=f, n_rigid=n_rigid, model=SimpleNamespace(n_dofs=21345))
-    case = SimpleNamespace(title="Plates <i>", name="Plates <i>")
-    return ModeList(case, modes, np.where(f < 500, 1.0, 0.0) if seen else None)
+def test_page_shows_the_modes_of_the_model_and_keeps_the_rules(beams, keeps_rules):
+    text = beams.page()
+    check_page(text)
+    keeps_rules(text)
+    page = Page(text)
+    hz = solve_modes(build_structure(load_case(DEMO), MPI.COMM_SELF), n_modes=30).frequencies_hz
+    assert page.column("modes", 1) == ["0.00"] * 3 + [f"{f:.2f}" for f in hz[3:]]
+    kinds = page.column("modes", 2)
+    assert kinds[:3] == ["rigid body"] * 3
+    assert page.texts["visible"] == str(kinds.count("seen by the test"))
+    pairs = beams.json()["test"]["pairs"]
+    assert page.column("pairs", 2) == [str(pair["mode"]) for pair in pairs]
+    errors = np.array([float(e.split()[0]) for e in page.column("pairs", 4)])
+    np.testing.assert_allclose(errors, [pair["error_percent"] for pair in pairs], atol=5e-3)
 
 
-def modes_page_text() -> str:
-    shape = mesh_pictures.mode_shape(cells().vertices, cells().vertices, (0, 0, 1), "m7", "shape")
-    return modes_html(mode_list(), {2: Markup(shape)})
-
-
-def test_page_is_well_formed_and_stands_alone():
-    check_page(modes_page_text())
-
-
-def test_page_keeps_the_rules(browser, tmp_path):
-    browser.check(modes_page_text(), tmp_path)
-
-
-def test_modes_page_says_what_the_test_saw():
-    page = Page(modes_page_text())
-    assert page.column("modes", 1) == ["0.00", "0.00", "423.12", "800.50"]
-    kinds = ["rigid body", "rigid body", "seen by the test", "not seen by the test"]
-    assert page.column("modes", 2) == kinds
-    assert page.texts["visible"] == "1"
-
-
-def test_summary_fits_a_screen():
+def test_summary_fits_a_screen(beams):
     for width in (80, 100):
         console = Console(width=width, record=True, file=io.StringIO())
-        show_modes(console, mode_list(np.arange(40.0), 6, seen=False))
-        lines = console.export_text().splitlines()
+        beams.summary(console)
+        text = console.export_text()
+        assert "and 10 more" in text
+        lines = text.splitlines()
         assert len(lines) <= 40 and max(map(len, lines)) <= width

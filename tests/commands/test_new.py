@@ -14,7 +14,7 @@ from uff_files import mode_55, nodes_2411, units_164
 
 from fenics_joints.case import build_structure, load_case
 from fenics_joints.cli import main
-from fenics_joints.commands.modes.run import run_modes
+from fenics_joints.commands.modes import run_modes
 from fenics_joints.commands.new.run import Source, run_new
 from fenics_joints.commands.new.tests import TestFiles
 from fenics_joints.errors import InputError

@@ -10,7 +10,7 @@ from mpi4py import MPI
 from uff_files import mode_55, nodes_15
 
 from fenics_joints.case import load_case
-from fenics_joints.commands.modes.run import run_modes
+from fenics_joints.commands.modes import run_modes
 from fenics_joints.commands.new.run import Source, run_new
 from fenics_joints.commands.new.tests import TestFiles
 from fenics_joints.commands.update.run import update_case

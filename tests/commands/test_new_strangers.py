@@ -11,7 +11,7 @@ from step_files import bores
 
 from fenics_joints.case import build_structure, load_case
 from fenics_joints.commands.check.run import check_case
-from fenics_joints.commands.modes.run import run_modes
+from fenics_joints.commands.modes import run_modes
 from fenics_joints.commands.new.run import Source, run_new
 from fenics_joints.commands.new.sketch import Ring, stacked
 from fenics_joints.commands.new.tests import TestFiles

@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import io
 import re
+import xml.etree.ElementTree as ElementTree
 from types import SimpleNamespace
 
 import basix.ufl
@@ -18,6 +19,7 @@ from mpi4py import MPI
 from fenics_joints.meshes import lap_plates
 from fenics_joints.report import mesh_pictures
 from fenics_joints.structure import Structure
+from fenics_joints.structure.points import Sensors
 
 
 def images_of(svg: str) -> list[np.ndarray]:
@@ -60,3 +62,18 @@ def test_motion_of_corners_is_the_field_there(cell):
         np.testing.assert_allclose(motions[0], vertices @ A.T, atol=1e-12)
         volume = np.ptp(vertices.reshape(-1, 3), axis=0)
         np.testing.assert_allclose(volume, [0.32, 0.08, 0.0165])
+
+
+def test_arrows_stand_at_the_sensors_that_measured():
+    """One arrow of the model for each sensor, of the test where it has a value."""
+    vertices = cells().vertices
+    places = np.asarray(vertices, dtype=float).reshape(-1, 3)[:3]
+    sensors = Sensors(places, (0, 0, 1.0))
+    test, model = np.array([1.0, np.nan, -2.0]), np.array([0.9, 0.5, -2.1])
+    line = places[[0, 2]]
+    text = mesh_pictures.sensor_shapes(
+        vertices, sensors, test, model, "pair7", "both <shapes>", [line]
+    )
+    assert "both &lt;shapes&gt;" in text and "nan" not in text.lower()
+    assert ElementTree.fromstring(text).tag.endswith("svg")
+    assert "#1f4e9c" in text and "#d1661f" in text

@@ -20,7 +20,7 @@ import fenics_joints
 from fenics_joints import __version__, commands, files
 from fenics_joints.case import build_structure, load_case, size
 from fenics_joints.cli import main
-from fenics_joints.commands.modes import run as mode_list
+from fenics_joints.commands import modes as mode_list
 from fenics_joints.database import Store
 from fenics_joints.errors import InputError
 from fenics_joints.modal import solve_modes

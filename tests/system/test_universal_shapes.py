@@ -19,7 +19,7 @@ from mpi4py import MPI
 
 from fenics_joints.case import build_structure, load_case, test_notes
 from fenics_joints.cli import app
-from fenics_joints.commands.modes.run import run_modes
+from fenics_joints.commands.modes import run_modes
 from fenics_joints.errors import InputError
 from fenics_joints.measurements import mac, pair_modes
 from fenics_joints.modal import solve_modes

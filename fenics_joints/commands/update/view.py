@@ -10,13 +10,12 @@ from markupsafe import Markup
 
 from fenics_joints.beams import BeamStructure
 from fenics_joints.case import Case
-from fenics_joints.commands.modes.view import measured_arrows, modes_view
 from fenics_joints.formatting import hertz
 from fenics_joints.measurements import Target
 from fenics_joints.modal.modes import Modes
 from fenics_joints.reduction.combined import paired
 from fenics_joints.report.html import svg
-from fenics_joints.report.mesh_pictures import mode_shape
+from fenics_joints.report.mesh_pictures import measured_arrows, mode_shape, modes_view
 from fenics_joints.structure import Sensors, Structure
 
 #: Modes that have a picture for paper.

@@ -1,0 +1,536 @@
+"""The ``modes`` command: natural frequencies and modes of a case's nominal model, beside a test."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from textwrap import shorten
+
+import numpy as np
+from mpi4py import MPI
+
+import fenics_joints
+from fenics_joints.case import Case, build_preload, build_structure, test_notes, told
+from fenics_joints.case.notes import OF_MODEL
+from fenics_joints.commands.outcome import Outcome
+from fenics_joints.errors import InputError
+from fenics_joints.files import plain, shown_path
+from fenics_joints.formatting import MISSING, extents, hertz, number, percent
+from fenics_joints.measurements.gap import UNLIKE, VISIBLE, mac, pair_modes, partnered, rms
+from fenics_joints.meshes import Ring
+from fenics_joints.modal.modes import Modes, solve_modes
+from fenics_joints.modal.shape_files import check_meshed, write_shapes
+from fenics_joints.preload import LinearJoint, solve_preload, status_conditions, stuck_conditions
+from fenics_joints.progress import Progress
+from fenics_joints.report.document import (
+    Beside,
+    Document,
+    Figure,
+    Heading,
+    Keys,
+    OnPage,
+    OnTerminal,
+    Remarks,
+    Table,
+    Text,
+    View,
+)
+from fenics_joints.report.mesh_pictures import (
+    measured_arrows,
+    mode_shape,
+    modes_view,
+    sensor_shapes,
+)
+from fenics_joints.report.tables import mac_table
+from fenics_joints.structure.paraview import check_fields_path
+from fenics_joints.structure.points import Sensors
+
+#: Rows of each table on the terminal, so that all of it fits on a screen.
+_MODES, _RINGS, _PAIRS = 20, 12, 8
+
+
+@dataclass(frozen=True, eq=False)
+class ComparedModes:
+    """Pairs of a test's and a model's modes, m of them.
+
+    Attributes:
+        condition: Name, value and unit of where the test was, such as ``torque``, 20, ``N·m``;
+            None if it has one condition without a unit.
+        names: Names of the test's modes.
+        test_hz: Their frequencies, Hz, shape (m,); nan where not measured.
+        model_hz: Those of the model's modes, Hz, shape (m,).
+        index: Which modes of the model these are, shape (m,).
+        partnered: Mask of the test's modes that have a partner, (m,); a mode that matches none of
+            the model's has a row, but no partner (`measurements.gap.partnered`).
+        candidates: Modes of the model that the test could see, shape (k,).
+        matrix: MAC of each measured shape with each candidate, shape (m, k); None without shapes.
+        sensors: Where and in which direction shapes were measured, n of them; or None.
+        test_shapes: Measured shapes, (n, m), nan where a sensor was missing; or None.
+        model_shapes: The partners' shapes in the scale of the measured ones, (n, m); or None.
+    """
+
+    condition: tuple[str, float, str] | None
+    names: tuple[str, ...]
+    test_hz: np.ndarray
+    model_hz: np.ndarray
+    index: np.ndarray
+    partnered: np.ndarray
+    candidates: np.ndarray
+    matrix: np.ndarray | None = None
+    sensors: Sensors | None = None
+    test_shapes: np.ndarray | None = None
+    model_shapes: np.ndarray | None = None
+
+    def __repr__(self) -> str:
+        return f"ComparedModes({int(self.partnered.sum())} pairs of modes, {100 * self.rms:.3g} %)"
+
+    @property
+    def relative(self) -> np.ndarray:
+        """Model over test minus one, shape (m,); nan where not measured, or without a partner."""
+        return np.where(self.partnered, self.model_hz / self.test_hz - 1.0, np.nan)
+
+    @property
+    def rms(self) -> float:
+        """Root mean square of the relative errors; nan without a pair."""
+        return rms(self.relative) if np.isfinite(self.relative).any() else float("nan")
+
+    @property
+    def alone(self) -> tuple[str, ...]:
+        """Names of the test's modes without a partner."""
+        return tuple(n for n, has in zip(self.names, self.partnered, strict=True) if not has)
+
+    def partners(self) -> list[tuple[int, int]]:
+        """Indices of the test's modes that have a partner, and of that."""
+        return [(int(j), int(self.index[j])) for j in np.flatnonzero(self.partnered)]
+
+    @property
+    def mac(self) -> np.ndarray | None:
+        """MAC of each pair, shape (m,); None without measured shapes."""
+        if self.matrix is None:
+            return None
+        columns = [int(np.flatnonzero(self.candidates == i)[0]) for i in self.index]
+        return self.matrix[np.arange(len(columns)), columns]
+
+    def to_json(self) -> dict[str, object]:
+        """Keys: condition, pairs (name, test_hz, mode from 1, model_hz, error_percent, mac; null
+        without a partner), gap (root mean square error of the pairs, relative), without_partner
+        (names), and mac_matrix with its columns, modes from 1."""
+        values = [None] * len(self.names) if self.mac is None else self.mac.tolist()
+        pairs = []
+        for j, name in enumerate(self.names):
+            test, known = float(self.test_hz[j]), bool(np.isfinite(self.test_hz[j]))
+            pair = {"name": name, "test_hz": test if known else None}
+            pair |= dict.fromkeys(("mode", "model_hz", "error_percent", "mac"))
+            if self.partnered[j]:
+                pair |= {
+                    "mode": int(self.index[j]) + 1,
+                    "model_hz": float(self.model_hz[j]),
+                    "error_percent": 100 * float(self.relative[j]) if known else None,
+                    "mac": values[j],
+                }
+            pairs.append(pair)
+        return {
+            "condition": None if self.condition is None else list(self.condition),
+            "pairs": pairs,
+            "gap": plain(self.rms),
+            "without_partner": list(self.alone),
+            "mac_matrix": None if self.matrix is None else self.matrix.tolist(),
+            "mac_modes": (self.candidates + 1).tolist(),
+        }
+
+
+def compare(case: Case, modes: Modes) -> ComparedModes | str | None:
+    """A model's modes beside the case's test; why not, in words; or None without a test.
+
+    With measured shapes modes are paired by MAC, else in order. Collective.
+    """
+    data = case.measured
+    if data is None or not np.isfinite(data.frequencies_hz).any():
+        return None
+    if data.shapes is not None:
+        row = data.shape_row
+    else:
+        row = len(data) - 1 if case.row() is None else case.row()
+    try:
+        pairing = pair_modes(modes, len(data.mode_names), data.sensors, reference=data.shapes)
+    except InputError as error:
+        return f"not compared with the test: {error}"
+    has = partnered(pairing, modes.frequencies_hz, data.frequencies_hz[row], data.shapes)
+    has_condition = len(data) > 1 or bool(data.condition_unit)
+    condition = (data.condition_name, float(data.conditions[row]), data.condition_unit)
+    more = {}
+    if data.shapes is not None:
+        seen = modes.at(data.sensors)[:, pairing.visible]
+        more = {
+            "matrix": mac(data.shapes, seen),
+            "sensors": data.sensors,
+            "test_shapes": data.shapes,
+            "model_shapes": _scaled(pairing.shapes, data.shapes),
+        }
+    return ComparedModes(
+        condition if has_condition else None,
+        tuple(data.mode_names),
+        data.frequencies_hz[row],
+        modes.frequencies_hz[pairing.index],
+        pairing.index,
+        has,
+        pairing.visible,
+        **more,
+    )
+
+
+def _scaled(model: np.ndarray, test: np.ndarray) -> np.ndarray:
+    """The model's shapes times the factor that brings each nearest to the test's (n, m)."""
+    known = np.where(np.isnan(test), 0.0, test)
+    there = np.where(np.isnan(test), 0.0, model)
+    return model * np.sum(known * there, axis=0) / np.sum(there**2, axis=0)
+
+
+@dataclass(frozen=True, eq=False)
+class ModeList:
+    """Modes of a case.
+
+    Attributes:
+        case: The case.
+        modes: The modes.
+        visibility: How much of each mode the test's sensors see, shape (n,), see
+            `Modes.visibility`; None if the case does not say what the test saw.
+        size_m: Extents along the axes, m, shape (gdim,); empty if not measured.
+        rings: The bolts' rings ``ring_1``, ... of the mesh, those that are flat layers.
+        notes: What is to be said of the test's data, see `fenics_joints.case.test_notes`.
+        beside: The modes beside those of the test; None if the case has no data.
+        written: Files of the shapes for ParaView.
+    """
+
+    case: Case
+    modes: Modes
+    visibility: np.ndarray | None
+    size_m: np.ndarray = field(default_factory=lambda: np.empty(0))
+    rings: tuple[Ring, ...] = ()
+    notes: tuple[str, ...] = ()
+    beside: ComparedModes | None = None
+    written: tuple[Path, ...] = ()
+
+    def __repr__(self) -> str:
+        highest = f"to {self.frequencies_hz[-1]:.5g} Hz" if len(self.modes) else "none"
+        return f"ModeList({shorten(self.case.name, 60)!r}, {len(self.modes)} modes, {highest})"
+
+    @property
+    def frequencies_hz(self) -> np.ndarray:
+        """Natural frequencies, Hz, shape (n,); 0 for rigid-body modes, whose value is round-off."""
+        frequencies = self.modes.frequencies_hz.copy()
+        frequencies[: self.modes.n_rigid] = 0.0
+        return frequencies
+
+    @property
+    def visible(self) -> np.ndarray | None:
+        """Mask of the modes that the test could see, (n,), with all partners of its modes and
+        without rigid-body modes."""
+        if self.visibility is None:
+            return None
+        seen = (self.visibility >= VISIBLE) & (np.arange(len(self.modes)) >= self.modes.n_rigid)
+        if self.beside is not None:
+            seen[self.beside.index[self.beside.partnered]] = True
+        return seen
+
+    def to_json(self) -> dict[str, object]:
+        """What ``--json`` writes.
+
+        Keys: ``version``, ``title``; ``dofs``, the number of degrees of freedom;
+        ``frequencies_hz``, ascending, 0 for rigid-body modes; ``rigid_body_modes``, their number;
+        ``visible``, whether the test could see each mode, or null if the case does not say;
+        ``size_m``, extents of the mesh; ``rings``, for each bolt's ring its name, centre_m,
+        thickness_m, r_nei_m, r_wai_m, and parts, those below and above; ``notes``, sentences on the
+        test's data; ``test``, the modes beside the test's, see `ComparedModes.to_json`, or null.
+        """
+        visible = self.visible
+        return {
+            "version": fenics_joints.__version__,
+            "title": self.case.title,
+            "dofs": self.modes.model.n_dofs,
+            "frequencies_hz": self.frequencies_hz.tolist(),
+            "rigid_body_modes": self.modes.n_rigid,
+            "visible": None if visible is None else visible.tolist(),
+            "size_m": self.size_m.tolist(),
+            "rings": [
+                {
+                    "name": ring.name,
+                    "centre_m": ring.centre.tolist(),
+                    "thickness_m": ring.thickness,
+                    "r_nei_m": ring.r_nei,
+                    "r_wai_m": ring.r_wai,
+                    "parts": [*ring.lower, *ring.upper],
+                }
+                for ring in self.rings
+            ],
+            "notes": list(self.notes),
+            "test": None if self.beside is None else self.beside.to_json(),
+        }
+
+    def kinds(self) -> list[str]:
+        """What each mode is, in words."""
+        n_rigid, visible = self.modes.n_rigid, self.visible
+        if visible is None:
+            elastic = ["elastic"] * (len(self.modes) - n_rigid)
+        else:
+            elastic = [f"{'' if s else 'not '}seen by the test" for s in visible[n_rigid:]]
+        return ["rigid body"] * n_rigid + elastic
+
+
+def run_modes(
+    case: Case,
+    comm: MPI.Intracomm,
+    progress: Progress,
+    *,
+    n_modes: int | None = None,
+    state: str = "stuck",
+    method: str = "direct",
+    draw_all: bool = False,
+    fields: Path | None = None,
+) -> Outcome[ModeList]:
+    """Modes of a case's nominal model. Collective.
+
+    Args:
+        case: The case.
+        comm: Communicator.
+        progress: Told what is being done.
+        n_modes: Number of modes, rigid-body modes included; the case's ``diagnose.n_modes`` by
+            default.
+        state: What contacts are: ``"stuck"``, obstacles where the preload presses on them, or as
+            the ``"preload"`` leaves them.
+        method: ``"direct"`` or ``"iterative"``, see `solve_modes`; contacts need the direct one.
+        draw_all: Whether the page draws all modes, also those that the test does not see.
+        fields: A file to write all elastic modes to, ``.bp`` or ``.xdmf``.
+
+    Raises:
+        JointsError: If the case, the mesh or the solution fails.
+    """
+    n_modes = case.diagnose.n_modes if n_modes is None else n_modes
+    if fields is not None:
+        check_fields_path(comm, fields)
+    progress.step("building the model")
+    touches = bool(case.contacts or case.obstacles)
+    if state != "stuck" and not touches:
+        raise InputError(
+            f"contacts = {state!r}: expected sections [contacts.NAME] or [obstacles.NAME] in the "
+            "case"
+        )
+    if touches:
+        model = _preloaded(case, comm, progress, state)
+    else:
+        model = build_structure(case, comm)
+    if fields is not None:
+        check_meshed(model, fields)
+    progress.step(f"solving {n_modes} modes of {model.n_dofs} degrees of freedom")
+    modes = solve_modes(model, n_modes=n_modes, method=method)
+    sensors = case.sensors()
+    visibility = None if sensors is None else modes.visibility(sensors)
+    notes, beside = (*test_notes(case, model), *_unused(case, state)), compare(case, modes)
+    if isinstance(beside, str):
+        notes, beside = (*notes, beside), None
+    elif beside is not None and beside.alone:
+        why = "frequency" if beside.mac is None else "shape"
+        note = f"left out of the error, since no mode of the model has this {why}; {UNLIKE}"
+        notes = (*notes, f"{', '.join(beside.alone)}: {note}")
+    written = ()
+    if fields is not None:
+        progress.step(f"writing {fields}")
+        written = tuple(write_shapes(modes, fields))
+    found = ModeList(case, modes, visibility, model.size_m, model.rings(), notes, beside, written)
+    return Outcome.said(found, modes_document(found, None if draw_all else 6))
+
+
+def _preloaded(case: Case, comm: MPI.Intracomm, progress: Progress, state: str) -> LinearJoint:
+    """The bodies of a case with linear contacts and its bolts."""
+    if state not in ("stuck", "preload"):
+        raise InputError(f"contacts = {state!r}: expected 'stuck' or 'preload'.")
+    stuck = state == "stuck" and not case.obstacles
+    model = build_preload(case, comm, at_rest=stuck)
+    if stuck:
+        return LinearJoint(model)
+    progress.step("contact under preload")
+    conditions = stuck_conditions if state == "stuck" else status_conditions
+    return LinearJoint(model, conditions(solve_preload(model)))
+
+
+def _unused(case: Case, state: str) -> list[str]:
+    """A sentence on what does not count as long as contacts are stuck whatever presses them."""
+    if state != "stuck" or case.obstacles or not (case.loads or case.displacements):
+        return []
+    given = " and ".join(f"[{t}]" for t in ("loads", "displacements") if getattr(case, t))
+    return [
+        f"{OF_MODEL}contacts are stuck all over, whatever {given} do to them; faces that are moved "
+        "are held; with --contacts preload it counts how far they are moved and pressed"
+    ]
+
+
+# -- what is said of it ----------------------------------------------------------------------------
+
+
+def modes_document(result: ModeList, n_shapes: int | None = 6) -> Document:
+    """What is said of the modes of a case.
+
+    Args:
+        result: The modes.
+        n_shapes: How many shapes the page shows: partners of the test's modes, then the lowest that
+            the test could see, or the lowest elastic ones if the case does not say what it saw;
+            None for all elastic modes.
+    """
+    n_rigid, visible, kinds = result.modes.n_rigid, result.visible, result.kinds()
+    keys = [("dofs", result.modes.model.n_dofs, "degrees of freedom")]
+    if len(result.size_m):
+        keys.append(("size", extents(result.size_m), "size of the mesh"))
+    keys += [
+        ("rigid", n_rigid, "rigid-body modes"),
+        ("elastic", len(kinds) - n_rigid, "elastic modes"),
+    ]
+    if visible is not None:
+        keys.append(("visible", int(np.sum(visible)), "of them the test could see"))
+    if result.rings:
+        keys.append(("rings", len(result.rings), "bolts' rings"))
+    modes = Table(
+        ">mode",
+        ">frequency, Hz",
+        "what it is",
+        caption="Modes that the test could see move at its points in the directions they measure"
+        if visible is not None
+        else "In ascending order",
+        id="modes",
+        most=_MODES,
+    )
+    for i, (f, kind) in enumerate(zip(result.frequencies_hz, kinds, strict=True)):
+        style = "dim" if kind in ("rigid body", "not seen by the test") else ""
+        modes.add(str(i + 1), hertz(float(f)), kind, style=style)
+    return Document(
+        result.case.name,
+        "modes of the nominal model",
+        "Natural frequencies and mode shapes of the nominal model",
+        [
+            Keys(keys),
+            Remarks("Of the test", [told(note) for note in result.notes]),
+            *([] if result.beside is None else _pairs(result.beside)),
+            OnPage(lambda: _pictures(result, n_shapes)),
+            Heading("All modes"),
+            modes,
+            *([Heading("Bolts' rings"), _rings(result.rings)] if result.rings else []),
+            OnTerminal([Text(f"wrote {shown_path(path)}") for path in result.written]),
+        ],
+        result.to_json,
+    )
+
+
+def _rings(rings: Sequence[Ring]) -> Table:
+    """The bolts' rings as they are in the mesh."""
+    names = ("ring", ">centre, mm", ">thick, mm", ">radii, mm", "between")
+    table = Table(*names, caption="As they are in the mesh", id="ring-list", most=_RINGS)
+    for ring in rings:
+        table.add(
+            ring.name,
+            ", ".join(f"{round(1e3 * float(c), 1) + 0.0:.1f}" for c in ring.centre),
+            number(1e3 * ring.thickness),
+            f"{1e3 * ring.r_nei:.3g} to {1e3 * ring.r_wai:.3g}",
+            ", ".join((*ring.lower, *ring.upper)),
+        )
+    return table
+
+
+def _pairs(beside: ComparedModes) -> list:
+    """The test's modes with their partners."""
+    at, error = "", "no pair"
+    if beside.condition is not None:
+        name, value, unit = beside.condition
+        at = f" at {name} {value:g} {unit}".rstrip()
+    if beside.partnered.any():
+        error = f"error {percent(beside.rms)} (root mean square)"
+    columns = ("test", ">Hz", ">mode", ">model, Hz", ">error", *[">MAC"] * (beside.mac is not None))
+    table = Table(*columns, id="pairs", most=_PAIRS)
+    for pair in beside.to_json()["pairs"]:
+        error_percent, alike = pair["error_percent"], pair["mac"]
+        last = [] if beside.mac is None else [MISSING if alike is None else f"{alike:.3f}"]
+        table.add(
+            pair["name"],
+            hertz(pair["test_hz"]),
+            "none" if pair["mode"] is None else str(pair["mode"]),
+            hertz(pair["model_hz"]),
+            percent(None if error_percent is None else error_percent / 100, 2, sign=True),
+            *last,
+        )
+    blocks = [Heading("Beside the test", "test"), Text(f"Test{at}: {error}.", "bold"), table]
+    if beside.matrix is not None:
+        caption = "Modal assurance criterion, test by model's modes that it could see"
+        modes = (beside.candidates + 1).tolist()
+        blocks.append(OnPage([mac_table(beside.matrix, beside.names, modes, caption, "mac")]))
+    return blocks
+
+
+def _pictures(result: ModeList, n_shapes: int | None) -> list | None:
+    """Shapes of some modes, and measured shapes beside them. Collective."""
+    modes, visible, beside = result.modes, result.visible, result.beside
+    elastic = np.arange(len(modes)) >= modes.n_rigid
+    partners = {} if beside is None else {i: j for j, i in beside.partners()}
+    shown = elastic if visible is None or n_shapes is None else visible
+    lowest = np.flatnonzero(shown).tolist()
+    wanted = sorted(list(dict.fromkeys([*partners, *lowest]))[:n_shapes])
+    vertices, motions = modes.model.corner_motion([modes.vector(i) for i in wanted])
+    measured = beside is not None and beside.sensors is not None
+    measured = measured and beside.sensors.points.shape[1] == 3
+    seen = modes.at(beside.sensors) if measured else None
+    if not len(vertices):
+        return None
+    if not wanted:
+        return []
+    sensors, own = result.case.sensors(), result.case.shapes()
+    lines = () if own is None else own.lines
+    ways = [_mean_direction(sensors, motion) for motion in motions]
+    names, shapes, arrows, notes, pairs = [], [], {}, {}, []
+    for k, (i, motion, way) in enumerate(zip(wanted, motions, ways, strict=True)):
+        names.append(f"mode {i + 1}, {hertz(float(result.frequencies_hz[i]))} Hz")
+        alt = f"Mode shape {i + 1} of {names[-1]}, coloured by its motion along {way.tolist()}."
+        shapes.append(Figure(mode_shape(vertices, motion, way, f"mode{i + 1}", alt), names[-1]))
+        if not measured or i not in partners:
+            continue
+        j = partners[i]
+        test, model, mode = beside.test_shapes[:, j], beside.model_shapes[:, j], seen[:, i]
+        alt = f"Arrows of {beside.names[j]} of the test and of mode {i + 1} at the sensors."
+        drawn = sensor_shapes(vertices, beside.sensors, test, model, f"pair{i + 1}", alt, lines)
+        alike = f"MAC {beside.mac[j]:.3f}"
+        pairs.append(Figure(drawn, f"{beside.names[j]} beside mode {i + 1}, {alike}"))
+        if factor := float(model @ mode) / max(float(mode @ mode), 1e-300):
+            arrows[k] = measured_arrows(beside.sensors, test / factor, mode)
+            notes[k] = (
+                f"{beside.names[j]} of the test beside it, in the scale that brings both nearest; "
+                f"{alike}."
+            )
+    along = "axis of the largest motion" if sensors is None else "test's direction of measurement"
+    still = [
+        Beside("shapes", shapes),
+        Text(
+            f"Colour: motion along the {along}, red one way, blue the other, white none. Motion is "
+            "enlarged; its scale is arbitrary.",
+            "note",
+        ),
+    ]
+    if pairs:
+        still += [
+            Heading("Measured shapes beside the model's", level=3),
+            Beside("shapes", pairs),
+            Text(
+                "Arrows at the sensors: thin and blue what the test measured, thick and orange the "
+                "model, in the scale that brings both nearest.",
+                "note",
+            ),
+        ]
+    view = modes_view(vertices, motions, names, ways, arrows, notes)
+    return [Heading("Mode shapes"), View(view, still)]
+
+
+def _mean_direction(sensors: Sensors | None, motion: np.ndarray) -> np.ndarray:
+    """Direction along which the sensors measure; the axis of the largest motion without any."""
+    if sensors is not None:
+        way = np.zeros(3)
+        mean = np.mean(sensors.directions, axis=0)
+        way[: len(mean)] = mean
+        if np.linalg.norm(way) > 0.5:
+            return np.round(way / np.linalg.norm(way), 6)
+    return np.eye(3)[int(np.argmax(np.sum(motion**2, axis=(0, 1))))]

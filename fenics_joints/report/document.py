@@ -1,0 +1,254 @@
+"""What a command says of its result, stated once: shown on a terminal, as a page, and as JSON.
+
+`terminal.show` and `html.as_page` render a `Document`; ``data`` is its JSON. A block that stands in
+none of `OnTerminal` and `OnPage` is shown by both, but headings, figures, views, lists and what is
+folded away, which a terminal leaves out.
+
+Pictures are drawn when the page is made: a line on a terminal needs none of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+from markupsafe import Markup
+
+
+@dataclass(frozen=True)
+class Cell:
+    """A cell of a table.
+
+    Attributes:
+        text: The text.
+        note: A second line on the page.
+        css: Style of the cell on the page.
+        kind: Class of the cell on the page: ``flag`` for a value to look at, ``rms``, ``nowrap``.
+        indent: Columns that the terminal moves it to the right.
+        share: Length of a bar, from 0 to 1, that stands there instead of a text; None without.
+    """
+
+    text: str = ""
+    note: str = ""
+    css: str = ""
+    kind: str = ""
+    indent: int = 0
+    share: float | None = None
+
+
+def bar(share: float) -> Cell:
+    """A bar as long as a share from 0 to 1."""
+    return Cell(share=min(max(share, 0.0), 1.0))
+
+
+@dataclass(frozen=True)
+class Row:
+    """Cells of one row; ``style`` is ``dim``, ``lead`` or empty."""
+
+    cells: Sequence[Cell]
+    style: str = ""
+
+
+class Table:
+    """A table, filled row by row.
+
+    The last cell of a row that is shorter than the table spans the columns that are left.
+
+    Args:
+        columns: Headings; one that starts with > is above right-aligned numbers.
+        caption: Above the table on the page.
+        id: On the page, unique there.
+        kind: Class of the table on the page: ``heat``, ``frequencies``, ``axis``, ``contact``.
+        most: Rows on the terminal; None for all.
+        page_columns: How many of the last columns stand on the page alone.
+    """
+
+    def __init__(
+        self,
+        *columns: str,
+        caption: str = "",
+        id: str = "",
+        kind: str = "",
+        most: int | None = None,
+        page_columns: int = 0,
+    ):
+        self.columns = columns
+        self.names = [column.lstrip(">") for column in columns]
+        self.right = [column.startswith(">") for column in columns]
+        self.caption, self.id, self.kind = caption, id, kind
+        self.most, self.page_columns = most, page_columns
+        self.rows: list[Row] = []
+        self.foot: list[Row] = []
+
+    def __repr__(self) -> str:
+        return f"Table({self.id!r}, {len(self.rows)} rows of {len(self.names)} columns)"
+
+    def add(self, *cells: str | Cell, style: str = "", foot: bool = False) -> None:
+        """A further row, or one below a line at the end."""
+        made = [cell if isinstance(cell, Cell) else Cell(cell) for cell in cells]
+        (self.foot if foot else self.rows).append(Row(made, style))
+
+
+@dataclass(frozen=True)
+class Heading:
+    """A heading on the page."""
+
+    text: str
+    id: str = ""
+    level: int = 2
+
+
+@dataclass(frozen=True)
+class Text:
+    """Sentences. ``style`` is ``note``, ``bold``, ``warn``, ``bad``, ``good`` or empty."""
+
+    text: str
+    style: str = ""
+    id: str = ""
+
+
+@dataclass(frozen=True)
+class Remarks:
+    """What a reader has to know beside the result, a line each; nothing without lines.
+
+    Attributes:
+        heading: Above them on the page.
+        lines: Sentences.
+        before: Before each on the terminal.
+        style: As that of `Text`.
+        id: Of their list on the page.
+    """
+
+    heading: str
+    lines: Sequence[str]
+    before: str = ""
+    style: str = "warn"
+    id: str = ""
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """The answer: a heading, and sentences with a bold word before each, or none.
+
+    Attributes:
+        heading: In capitals on the terminal, beside the title.
+        sentences: Pairs of such a word, or "", and a sentence.
+        kind: Class on the page, which has a colour of its own.
+        style: Of the heading on the terminal.
+    """
+
+    heading: str
+    sentences: Sequence[tuple[str, str]]
+    kind: str = ""
+    style: str = "bold"
+
+
+@dataclass(frozen=True)
+class Keys:
+    """Numbers that a document begins with.
+
+    Attributes:
+        entries: Triples of the id on the page, the number and words behind it.
+    """
+
+    entries: Sequence[tuple[str, object, str]]
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A picture, or what draws it as ``<svg>``; a page without one where that gives None.
+
+    A ``wide`` one scrolls, by the keyboard as well.
+    """
+
+    picture: str | Callable[[], str | None]
+    caption: str = ""
+    wide: bool = False
+
+    def svg(self) -> Markup | None:
+        """The picture, whose maker has escaped what it shows."""
+        drawn = self.picture() if callable(self.picture) else self.picture
+        return None if drawn is None else Markup(drawn)
+
+
+@dataclass(frozen=True)
+class Items:
+    """A list on the page."""
+
+    lines: Sequence[str]
+    kind: str = "plain"
+    id: str = ""
+
+
+@dataclass(frozen=True)
+class Terms:
+    """Words with their explanations, or questions with their answers, on the page."""
+
+    entries: Sequence[tuple[str, str]]
+    id: str = ""
+
+
+@dataclass(frozen=True)
+class Folded:
+    """Blocks that the page shows when its reader asks for them."""
+
+    summary: str
+    blocks: Sequence[object]
+    id: str = ""
+
+
+@dataclass(frozen=True)
+class Beside:
+    """Blocks beside one another on the page: tables as a ``pair``, pictures as ``shapes``."""
+
+    kind: str
+    blocks: Sequence[object]
+
+
+@dataclass(frozen=True)
+class View:
+    """A `view.scene` on the page, or None; and what stands in its place on paper."""
+
+    view: Markup | None
+    blocks: Sequence[object] = ()
+
+
+@dataclass(frozen=True)
+class OnTerminal:
+    """Blocks that the page leaves out."""
+
+    blocks: Sequence[object]
+
+
+@dataclass(frozen=True)
+class OnPage:
+    """Blocks that the terminal leaves out, or what makes them.
+
+    What makes them is called on every rank, and gives None on those that write no page.
+    """
+
+    blocks: Sequence[object] | Callable[[], Sequence[object] | None]
+
+
+@dataclass(frozen=True)
+class Document:
+    """What a command says of its result.
+
+    Attributes:
+        title: Of the case.
+        subject: What is said of it, behind the title: of a tab, and of the terminal's first line.
+        about: The same in more words, above the title of the page.
+        blocks: In their order.
+        data: Makes the content of the JSON file.
+    """
+
+    title: str
+    subject: str
+    about: str = ""
+    blocks: Sequence[object] = ()
+    data: Callable[[], dict[str, object]] = field(default=dict, repr=False)
+
+
+def sentence(text: str) -> str:
+    """A text as a sentence: a capital, and a full stop."""
+    return f"{text[:1].upper()}{text[1:]}."

@@ -1,0 +1,167 @@
+"""Tables that several documents have: errors of frequencies, MAC, facts on a model."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from fenics_joints.formatting import MISSING, condition_value, hertz, percent, spaced
+from fenics_joints.measurements.gap import Gap
+from fenics_joints.report.document import Cell, Table
+from fenics_joints.report.mesh_pictures import diverging
+
+#: Facts on the model, in words.
+_FACTS = {
+    "dofs": "degrees of freedom of the finite-element model",
+    "basis": "vectors of the reduced model's basis",
+    "samples": "parameter sets the basis was made from",
+    "frequency_error": "largest frequency error of the reduced model against the full one",
+    "solutions": "eigenproblems solved",
+    "seconds": "seconds that the diagnosis took",
+    "reduced_solutions": "eigenproblems of the reduced model solved",
+    "not_converged": "conditions at which the identification did not converge, left out",
+    "mesh_error": "error of the mesh alone, by the same mesh one degree higher, taken off",
+    "crossing_modes": "modes of the test that change places in the model (followed by MAC)",
+    "lines_fitted": "lines of the functions that were fitted",
+    "lines_measured": "measured lines",
+    "functions": "measured functions",
+    "function_error": "largest error of the reduced model's functions against the full one's",
+    "function_noise": "relative standard deviation of the functions, median",
+    "damping_error": "largest error of the reduced model's damping ratios against the full one's",
+    "solution_error": "largest error of the drawn functions against a direct solution, two lines",
+}
+
+
+def facts_table(model: Mapping[str, object]) -> Table:
+    """Facts on a model: names in words, and values."""
+    table = Table("", ">", caption="The model", id="model")
+    for key, value in model.items():
+        table.add(_FACTS.get(key, spaced(key)), _fact(key, value))
+    return table
+
+
+def _fact(key: str, value) -> str:
+    if key == "frequency_error":
+        return percent(float(value), 4)
+    if isinstance(value, list):
+        return ", ".join(value) or "none"
+    if isinstance(value, Mapping):
+        return ", ".join(f"{name} {percent(x)}" for name, x in value.items()) or "none"
+    if isinstance(value, bool) or not isinstance(value, int | float | np.number):
+        return str(value)
+    if key == "seconds":
+        return f"{value:.1f}"
+    whole = float(value).is_integer()
+    return f"{int(value):,}".replace(",", "\N{NO-BREAK SPACE}") if whole else f"{value:.4g}"
+
+
+def frequency_table(
+    caption: str,
+    before: Gap | None,
+    after: Gap,
+    condition: tuple[str, str],
+    names: tuple[str, str],
+    row_names: Sequence[str] = (),
+) -> Table:
+    """Measured frequencies beside one or two models' at every condition, and the errors.
+
+    Args:
+        caption: Of the table.
+        before: The first model, or None.
+        after: The other.
+        condition: Name and unit of the condition.
+        names: Of the models.
+        row_names: What is added to conditions, such as a known change of the structure.
+    """
+    gaps = [(name, gap) for name, gap in zip(names, (before, after), strict=True) if gap]
+    columns = [condition[0], "mode", ">measured, Hz", *(f">{name}, Hz" for name, _ in gaps)]
+    table = Table(*columns, *(f">{name}" for name, _ in gaps), caption=caption, kind="frequencies")
+    heads = _row_heads(after, condition[1], row_names)
+    for i, j in np.ndindex(after.test_hz.shape):
+        table.add(
+            heads[i],
+            after.mode_names[j],
+            hertz(after.test_hz[i, j]),
+            *(hertz(gap.model_hz[i, j]) for _, gap in gaps),
+            *(percent(gap.relative[i, j], 2, sign=True) for _, gap in gaps),
+        )
+    return table
+
+
+def _row_heads(gap: Gap, unit: str, names: Sequence[str] = (), held_out=()) -> list[str]:
+    """Conditions in words, with what is added to them; those held out have a star."""
+    names = names or [""] * len(gap.conditions)
+    return [
+        f"{condition_value(c, unit)}{f', {name}' if name else ''}{' *' if c in held_out else ''}"
+        for c, name in zip(gap.conditions, names, strict=True)
+    ]
+
+
+def heat_table(
+    name: str,
+    gap: Gap,
+    condition: tuple[str, str],
+    *,
+    largest: float | None = None,
+    row_names: Sequence[str] = (),
+) -> Table:
+    """Relative errors of every mode at every condition in colours, and their root mean squares.
+
+    Args:
+        name: Of the model.
+        gap: The errors.
+        condition: Name and unit of the condition.
+        largest: Error that gets the full colour; by default the largest of this gap.
+        row_names: As those of `frequency_table`.
+    """
+    largest = largest_error(gap) if largest is None else largest
+    caption = f"{name}: model over test minus one"
+    table = Table(condition[0], *gap.mode_names, "RMS", caption=caption, kind="heat")
+    heads = _row_heads(gap, condition[1], row_names)
+    for head, errors, rms in zip(heads, gap.relative, gap.by_condition(), strict=True):
+        cells = (_heat_cell(e, largest) for e in errors)
+        table.add(head, *cells, Cell(percent(rms, 1), kind="rms"))
+    by_mode = (percent(e, 1) for e in gap.by_mode())
+    table.add("RMS", *by_mode, percent(gap.rms, 2), foot=True)
+    return table
+
+
+def largest_error(*gaps: Gap) -> float:
+    """Largest error of several gaps: the common scale of their colours."""
+    return max(float(np.nanmax(np.abs(g.relative), initial=0.0)) for g in gaps)
+
+
+def _heat_cell(error: float, largest: float) -> Cell:
+    if not np.isfinite(error):
+        return Cell(MISSING)
+    # A square root, so that errors of a tenth of the largest still show.
+    strength = math.copysign(math.sqrt(min(abs(error) / largest, 1.0)), error) if largest else 0.0
+    return _coloured(percent(error, 1, sign=True), diverging(0.5 + 0.5 * 0.9 * strength)[:3])
+
+
+def mac_table(
+    matrix: np.ndarray, rows: Sequence[str], columns: Sequence[object], caption: str, id: str = ""
+) -> Table:
+    """Values of the modal assurance criterion in colours, from white to blue."""
+    table = Table("", *map(str, columns), caption=caption, id=id, kind="heat")
+    white, blue = np.array([247, 249, 250]) / 255, np.array([31, 95, 150]) / 255
+    for name, values in zip(rows, matrix, strict=True):
+        shares = np.clip(values, 0.0, 1.0)
+        colours = [white + share * (blue - white) for share in shares]
+        table.add(name, *(_coloured(f"{v:.2f}", c) for v, c in zip(values, colours, strict=True)))
+    return table
+
+
+def _coloured(text: str, colour: Sequence[float]) -> Cell:
+    """A cell on a colour, its channels from 0 to 1."""
+    background = "#" + "".join(f"{round(255 * c):02x}" for c in colour)
+    return Cell(text, css=f"background:{background};color:{ink_on(colour)}")
+
+
+def ink_on(colour: Sequence[float]) -> str:
+    """White or dark, whichever is told better from a colour from 0 to 1 (WCAG 2.1)."""
+    linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in colour]
+    luminance = 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
+    return "#ffffff" if luminance < 0.179 else "#000000"
