@@ -2,17 +2,15 @@
 
 from fenics_joints.case.build import build_mesh, build_preload, build_structure
 from fenics_joints.case.case import Case
-from fenics_joints.case.examine import Examined, examine_case
-from fenics_joints.case.load import load_case
-from fenics_joints.case.model_damping import model_damping
-from fenics_joints.case.notes import test_notes, told
-from fenics_joints.case.parameters import parameters
+from fenics_joints.case.load import Examined, examine_case, load_case
+from fenics_joints.case.notes import labelled, test_notes
+from fenics_joints.case.parameters import model_damping, parameters
 from fenics_joints.case.plausible import plausibility
-from fenics_joints.case.size import Estimate, check_size, estimate
+from fenics_joints.case.size import CostEstimate, check_size, estimate
 
 __all__ = [
     "Case",
-    "Estimate",
+    "CostEstimate",
     "Examined",
     "build_mesh",
     "build_preload",
@@ -20,10 +18,10 @@ __all__ = [
     "check_size",
     "estimate",
     "examine_case",
+    "labelled",
     "load_case",
     "model_damping",
     "parameters",
     "plausibility",
     "test_notes",
-    "told",
 ]

@@ -6,15 +6,19 @@ import numpy as np
 from mpi4py import MPI
 
 from fenics_joints.beams import BeamStructure
-from fenics_joints.case.applied import APPLIED
 from fenics_joints.case.build_beams import build_beams, springs_of
 from fenics_joints.case.case import Case
-from fenics_joints.case.checks.applied import PRESSES, refuse_applied
-from fenics_joints.case.checks.beams import refuse_beams
-from fenics_joints.case.checks.names import matching, unknown_groups
+from fenics_joints.case.check_structure import (
+    PRESSES,
+    matching,
+    refuse_applied,
+    refuse_beams,
+    unknown_groups,
+)
 from fenics_joints.case.dimensions import directed_parts
 from fenics_joints.case.parameters import parameters
-from fenics_joints.case.sections import Joint, MassSection, SupportSection
+from fenics_joints.case.preload import APPLIED
+from fenics_joints.case.sections import JointSection, MassSection, SupportSection
 from fenics_joints.case.values import AXES
 from fenics_joints.errors import InputError, MeshError, located
 from fenics_joints.meshes import TaggedMesh, extent, layer_thickness
@@ -244,13 +248,13 @@ def _joints(case: Case, tagged: TaggedMesh, law: str | None) -> list[Region]:
     ]
 
 
-def _cells(section: Joint, tagged: TaggedMesh) -> tuple[str, ...]:
+def _cells(section: JointSection, tagged: TaggedMesh) -> tuple[str, ...]:
     """Names of a joint's cells, patterns resolved."""
     there = sorted(tagged.cell_names, key=tagged.cell_names.get)
     return tuple(dict.fromkeys(c for pattern in section.cells for c in matching(pattern, there)))
 
 
-def _springs(name: str, section: Joint, tagged: TaggedMesh, grown: bool) -> Region:
+def _springs(name: str, section: JointSection, tagged: TaggedMesh, grown: bool) -> Region:
     return interface(
         name,
         tuple(section.cells),
@@ -261,7 +265,7 @@ def _springs(name: str, section: Joint, tagged: TaggedMesh, grown: bool) -> Regi
     )
 
 
-def _transition(name: str, section: Joint, tagged: TaggedMesh, grown: bool) -> Region:
+def _transition(name: str, section: JointSection, tagged: TaggedMesh, grown: bool) -> Region:
     cells = _cells(section, tagged)
     meshed = section.meshed
     if meshed is None:

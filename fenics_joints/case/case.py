@@ -11,25 +11,31 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import Field, PrivateAttr, model_validator
 
-from fenics_joints.case.applied import APPLIED, DisplacementSection, LoadSection, ObstacleSection
-from fenics_joints.case.damping import DampingSection
 from fenics_joints.case.harmonic import HarmonicSection, NonlinearSection
 from fenics_joints.case.mesh import Mesh
-from fenics_joints.case.preload import Bolt, ContactSection
+from fenics_joints.case.preload import (
+    APPLIED,
+    Bolt,
+    ContactSection,
+    DisplacementSection,
+    LoadSection,
+    ObstacleSection,
+)
 from fenics_joints.case.sections import (
     Attached,
     AttachedMass,
+    DampingSection,
     Diagnose,
-    Joint,
+    JointSection,
     MassSection,
-    Part,
+    PartSection,
     SpringSection,
     SupportSection,
     with_average_densities,
 )
 from fenics_joints.case.test import Test
 from fenics_joints.case.update import UpdateSection
-from fenics_joints.case.values import FileName, Section, named
+from fenics_joints.case.values import CaseSection, FileName, named
 from fenics_joints.errors import InputError, located
 from fenics_joints.formatting import printable
 from fenics_joints.measurements import (
@@ -44,7 +50,7 @@ from fenics_joints.structure.points import Sensors
 from fenics_joints.units import parameter_unit, to_si
 
 
-class Case(Section):
+class Case(CaseSection):
     """A whole case; make one with `load_case`.
 
     Attributes:
@@ -73,8 +79,8 @@ class Case(Section):
 
     title: str = ""
     mesh: Mesh
-    parts: Annotated[named(Part), Field(min_length=1)]
-    joints: named(Joint) = {}
+    parts: Annotated[named(PartSection), Field(min_length=1)]
+    joints: named(JointSection) = {}
     contacts: named(ContactSection) = {}
     bolts: named(Bolt) = {}
     obstacles: named(ObstacleSection) = {}
@@ -400,7 +406,7 @@ def _file_names(value: object) -> Iterator[FileName]:
     """Names of files anywhere in a section."""
     if isinstance(value, FileName):
         yield value
-    elif isinstance(value, Section):
+    elif isinstance(value, CaseSection):
         for inside in vars(value).values():
             yield from _file_names(inside)
     elif isinstance(value, dict | list | tuple):

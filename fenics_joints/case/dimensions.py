@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from fenics_joints.case.case import Case
-from fenics_joints.case.sections import Part
+from fenics_joints.case.sections import PartSection
 from fenics_joints.errors import InputError, located
 from fenics_joints.meshes import TaggedMesh
 from fenics_joints.meshes.slender import BoxAround, box_around
@@ -28,17 +28,17 @@ _UNFIT = (
 )
 
 
-def _is_guessed(case: Case, part: Part, tagged: TaggedMesh) -> bool:
+def _is_guessed(case: Case, part: PartSection, tagged: TaggedMesh) -> bool:
     """Whether a part's directions are those of the mesh: it is from a file, and gives no normal."""
     solid = case.mesh.origin == "file" and tagged.mesh.geometry.dim == 3
     return solid and "normal" not in part.model_fields_set
 
 
-def _boxes(tagged: TaggedMesh, part: Part) -> list[BoxAround]:
+def _boxes(tagged: TaggedMesh, part: PartSection) -> list[BoxAround]:
     return [box_around(tagged, [name]) for name in part.cells]
 
 
-def _directions(tagged: TaggedMesh, part: Part) -> np.ndarray | None:
+def _directions(tagged: TaggedMesh, part: PartSection) -> np.ndarray | None:
     """Normal and across, shape (2, 3), of a part whose bodies are slender, and all alike."""
     boxes = _boxes(tagged, part)
     first = boxes[0].axes[:2]

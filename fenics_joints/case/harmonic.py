@@ -1,26 +1,22 @@
-"""Sections of a case file about nonlinear joints and their response to sinusoidal forces."""
+"""Sections of a case file about nonlinear joints and contacts, and their response to forces."""
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Mapping
-from typing import Annotated, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
+import numpy as np
 from pydantic import BeforeValidator, Field, model_validator
 
-from fenics_joints.case.contact_laws import (
-    CoulombSection,
-    ElasticFrictionSection,
-    GapSection,
-    UnilateralSection,
-)
 from fenics_joints.case.values import (
+    CaseSection,
     Direction,
     File,
     ModeCount,
     Modulus,
     Point,
     Positive,
-    Section,
     Share,
     Size,
     Written,
@@ -33,6 +29,9 @@ from fenics_joints.errors import InputError
 from fenics_joints.joint_laws import (
     Backbone,
     Bilinear,
+    CoulombStick,
+    ElasticFriction,
+    Gap,
     Iwan,
     IwanLayer,
     JointLaw,
@@ -41,6 +40,116 @@ from fenics_joints.joint_laws import (
 )
 from fenics_joints.units import to_si
 
+if TYPE_CHECKING:
+    from fenics_joints.preload import ContactState
+
+
+PerLength = quantity("Pa/m", 0, above=True)
+Length = quantity("m", 0)
+
+
+class ContactLawSection(CaseSection):
+    """A law of a contact's pairs; it asks for no elastic modulus."""
+
+    #: Numbers of the law with their units, named as its parameters.
+    units: ClassVar[dict[str, str]]
+    #: Whether it bears on the opening, and takes the pressure of the bolts' preload.
+    presses: ClassVar[bool] = False
+
+    @abstractmethod
+    def contact_law(self, state: ContactState | None) -> JointLaw:
+        """The law, about a preload state, or without one."""
+
+    def needs_modulus(self) -> bool:
+        """Whether an elastic modulus must come from the joint: never."""
+        return False
+
+    def pressure(self, state: ContactState | None) -> np.ndarray | float:
+        """Pressure at rest, Pa, (P, 1); where a pair is open minus what would close it."""
+        if state is None:
+            return -self.normal_stiffness * self.gap
+        # By its status: the gap of a closed pair is zero but for round-off.
+        away = -self.normal_stiffness * np.maximum(state.gap, 0.0)
+        return np.where(state.closed, state.pressure, away)[:, None]
+
+
+class CoulombSection(ContactLawSection):
+    """``[nonlinear.NAME]`` with ``law = "coulomb"``: elastic stick and friction on a contact.
+
+    Elastic dry friction under a normal load that varies, in a plane or in space. The pressure is
+    that of the bolts' preload, and changes with the opening; without bolts there is none at rest,
+    and a ``gap``.
+    """
+
+    units: ClassVar = {"normal_stiffness": "Pa/m", "tangential_stiffness": "Pa/m", "friction": ""}
+    presses: ClassVar = True
+
+    law: Literal["coulomb"]
+    normal_stiffness: PerLength
+    tangential_stiffness: PerLength
+    friction: Positive
+    gap: Length = 0.0
+
+    def contact_law(self, state: ContactState | None) -> JointLaw:
+        """See `ContactLawSection`."""
+        return CoulombStick(
+            self.normal_stiffness, self.tangential_stiffness, self.friction, self.pressure(state)
+        )
+
+
+class UnilateralSection(ContactLawSection):
+    """``[nonlinear.NAME]`` with ``law = "unilateral"``: a contact that presses, without friction.
+
+    Pressure and ``gap`` as of ``coulomb``.
+    """
+
+    units: ClassVar = {"normal_stiffness": "Pa/m"}
+    presses: ClassVar = True
+
+    law: Literal["unilateral"]
+    normal_stiffness: PerLength
+    gap: Length = 0.0
+
+    def contact_law(self, state: ContactState | None) -> JointLaw:
+        """See `ContactLawSection`."""
+        k = self.normal_stiffness
+        return CoulombStick(k, k, 0.0, self.pressure(state))
+
+
+class ElasticFrictionSection(ContactLawSection):
+    """``[nonlinear.NAME]`` with ``law = "elastic_friction"``: sticks, and slides at a ``strength``.
+
+    Jenkins' element all over a closed contact: the normal load does not change.
+    """
+
+    units: ClassVar = {"stiffness": "Pa/m", "strength": "Pa"}
+
+    law: Literal["elastic_friction"]
+    stiffness: PerLength
+    strength: Modulus
+
+    def contact_law(self, state: ContactState | None) -> JointLaw:
+        """See `ContactLawSection`."""
+        return ElasticFriction(self.stiffness, self.strength)
+
+
+class GapSection(ContactLawSection):
+    """``[nonlinear.NAME]`` with ``law = "gap"``: slips freely up to a ``gap`` to all sides.
+
+    As a bolt in its hole; beyond, a spring stops it.
+    """
+
+    units: ClassVar = {"stiffness": "Pa/m", "gap": "m"}
+
+    law: Literal["gap"]
+    stiffness: PerLength
+    gap: Length
+
+    def contact_law(self, state: ContactState | None) -> JointLaw:
+        """See `ContactLawSection`."""
+        return Gap(self.stiffness, self.gap)
+
+
 Force = quantity("N", 0, above=True)
 Frequency = quantity("Hz", 0, above=True)
 Shape = quantity("", -0.99, 10)
@@ -48,7 +157,7 @@ Shape = quantity("", -0.99, 10)
 _LEVEL_UNITS = {"acceleration": "m/s2", "displacement": "m"}
 
 
-class Hysteretic(Section):
+class Hysteretic(CaseSection):
     """A backbone with Masing's rule, as parallel sliders.
 
     ``stress`` is what yields: the shear of the interface (the paper's c55 and c66), or the
@@ -149,14 +258,14 @@ NonlinearSection = chosen(
 )
 
 
-class Place(Section):
+class DirectedPoint(CaseSection):
     """Where and how a force acts or a sensor measures."""
 
     point: Point
     direction: Direction
 
 
-class BaseSection(Section):
+class BaseSection(CaseSection):
     """``[harmonic.base]``: the base that holds the supports moves, instead of a force.
 
     ``levels`` are then amplitudes of its ``motion``, m/s2 or m, and responses are relative to it.
@@ -166,7 +275,7 @@ class BaseSection(Section):
     motion: Literal["acceleration", "displacement"] = "acceleration"
 
 
-class LoadSection(Section):
+class HarmonicLoad(CaseSection):
     """``[[harmonic.loads]]``: a further force, as a ``share`` of the level, of any ``harmonic``.
 
     With a positive ``phase_degrees`` it comes earlier than the first force or the base.
@@ -179,7 +288,7 @@ class LoadSection(Section):
     phase_degrees: quantity("", -360, 360) = 0.0
 
 
-class IdentifySection(Section):
+class IdentifySection(CaseSection):
     """``[harmonic.identify]``: the laws' numbers from one level's curve, or a mode's amplitude.
 
     With ``level`` from the curve of that level in ``harmonic.measured``; without it, or with
@@ -226,7 +335,7 @@ class IdentifySection(Section):
         return {name: given.get(name, known[name][0]) for name in self.parameters}
 
 
-class HarmonicSection(Section):
+class HarmonicSection(CaseSection):
     """``[harmonic]``: what `fenics-joints harmonic` computes.
 
     ``levels`` are amplitudes of the ``force``, or of the motion of a ``base`` in its place, and
@@ -240,10 +349,10 @@ class HarmonicSection(Section):
     ``follow`` the motions of broken symmetry or of twice the period that begin there, too.
     """
 
-    force: Place | None = None
+    force: DirectedPoint | None = None
     base: BaseSection | None = None
-    loads: list[LoadSection] = []
-    sensor: Place
+    loads: list[HarmonicLoad] = []
+    sensor: DirectedPoint
     levels: Annotated[list[Force], BeforeValidator(listed), Field(min_length=1)]
     band: ascending(Frequency)
     damping: Annotated[list[Share], BeforeValidator(listed), Field(min_length=1)]

@@ -2,35 +2,34 @@
 
 from __future__ import annotations
 
+import copy
 import math
 import os
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from pydantic import ValidationError
 
 from fenics_joints.case.case import Case
-from fenics_joints.case.checks.applied import check_applied
-from fenics_joints.case.checks.bayes import check_bayes
-from fenics_joints.case.checks.beams import check_beams
-from fenics_joints.case.checks.combined import check_combined
-from fenics_joints.case.checks.harmonic import check_harmonic
-from fenics_joints.case.checks.names import check_mesh, check_names
-from fenics_joints.case.checks.update import check_update
+from fenics_joints.case.check_structure import check_applied, check_beams, check_mesh, check_names
+from fenics_joints.case.check_update import check_combined, check_harmonic, check_update
 from fenics_joints.case.mesh import Mesh
-from fenics_joints.case.messages import case_error, describe, did_you_mean, said
-from fenics_joints.case.shapes import modes_of, read_universal, shapes_of
+from fenics_joints.case.messages import case_error, describe, did_you_mean, message
 from fenics_joints.case.starting import start_joints
 from fenics_joints.case.test import ChangedTest, FRFSection, Test, ValidationTest
 from fenics_joints.errors import InputError, located
 from fenics_joints.files import is_file, read_toml, shown_path
 from fenics_joints.measurements import (
     MeasuredBackbone,
+    MeasuredShapes,
     TestData,
     read_amplitude,
     read_curves,
     read_frfs,
+    read_shapes,
     read_table,
     read_test_data,
 )
@@ -69,11 +68,14 @@ def finish_case(case: Case, path: Path, raw: dict) -> list[str]:
     """Read the files that a case names; a line for each thing that is wrong in it and in them."""
     case._path = path
     case._coarse = _diagnosed_mesh(case, raw)
-    errors = start_joints(case)
-    errors += [*check_names(case), *check_mesh(case), *check_applied(case), *read_files(case)]
-    errors += check_update(case) if case.update else []
-    return errors + [
-        *check_bayes(case),
+    return [
+        *start_joints(case),
+        *check_names(case),
+        *check_mesh(case),
+        *check_applied(case),
+        *_read_tests(case),
+        *_read_frfs(case),
+        *check_update(case),
         *check_beams(case),
         *check_combined(case),
         *check_harmonic(case),
@@ -85,12 +87,8 @@ def read_part(case: Case, path: Path, has_mesh: bool) -> list[str]:
     """The same of a case that lacks sections: what needs none of the others."""
     case._path = path
     meshed = check_mesh(case) if has_mesh else []
-    return [*check_names(case), *meshed, *read_files(case), *_read_curves(case)]
-
-
-def read_files(case: Case) -> list[str]:
-    """Read the files of the test; a line for each thing that is wrong."""
-    return [*_read_tests(case), *_read_frfs(case)]
+    tests = [*_read_tests(case), *_read_frfs(case)]
+    return [*check_names(case), *meshed, *tests, *_read_curves(case)]
 
 
 def _diagnosed_mesh(case: Case, raw: dict) -> Mesh | None:
@@ -125,7 +123,7 @@ def _read_tests(case: Case) -> list[str]:
     backbones = {name: tried(_read_amplitude, case, name) for name in test.amplitude}
     case._backbones = {name: one for name, one in backbones.items() if one is not None}
     if test.has_universal_shapes:
-        case._shapes = tried(read_universal, case.folder, test.shapes)
+        case._shapes = tried(_read_universal, case)
     # Tables are read whatever is wrong in the files beside them.
     if not errors or (test.frequencies is not None and not test.has_universal_shapes):
         case._measured = tried(_read_test, case, "test", test)
@@ -204,7 +202,7 @@ def _read_curves(case: Case) -> list[str]:
     if level is not None and level not in curves.levels:
         there = ", ".join(f"{level:g} N" for level in curves.levels)
         expected = f"not among the measured curves; expected one of: {there}"
-        return [said("harmonic.identify.level", identify.level, expected)]
+        return [message("harmonic.identify.level", identify.level, expected)]
     return []
 
 
@@ -222,7 +220,7 @@ def _read_test(case: Case, key: str, source: Test | ValidationTest) -> TestData:
         return replace(data, sensors=case.sensors(), shape_noise=test.shape_noise)
     if files["frequencies"] is None:
         with located(f"{key}.shapes"):
-            data = modes_of(shapes, modes, test)
+            data = _modes_of(shapes, modes, test)
         return replace(data, **_noise(test, len(data.mode_names)))
     with located(key):
         data = read_test_data(
@@ -233,7 +231,7 @@ def _read_test(case: Case, key: str, source: Test | ValidationTest) -> TestData:
             return data
         data = replace(data, shapes_at=test.shapes_at)
         if shapes is not None:
-            found = shapes_of(shapes, data)
+            found = _shapes_of(shapes, data)
         else:
             file = _existing(case, f"{key}.shapes", test.shapes.files[0])
             found = _read_shapes(file, data.mode_names)
@@ -279,7 +277,7 @@ def _existing(case: Case, key: str, file: str) -> Path:
     path = case.file(file)
     if not is_file(path):
         expected = f"no such file, expected CSV or TOML at {shown_path(path)}"
-        raise InputError(said(key, file, expected))
+        raise InputError(message(key, file, expected))
     return path
 
 
@@ -312,6 +310,14 @@ def _plan_test(case: Case, test: Test) -> TestData:
     return replace(planned, damping_noise=planned.damping_sd) if test.planned.damping else planned
 
 
+def _read_universal(case: Case) -> MeasuredShapes:
+    """The modes in universal files."""
+    section = case.test.shapes
+    with located("test.shapes"):
+        files = [case.folder / file for file in section.files]
+        return read_shapes(files, length_unit=section.length_unit)
+
+
 def _read_shapes(file: Path, modes) -> np.ndarray:
     """Measured shapes: a row for each sensor, in their order, and a column for each mode."""
     table = read_table(file)
@@ -326,5 +332,152 @@ def _read_shapes(file: Path, modes) -> np.ndarray:
 def _per_mode(name: str, values: list[float], n: int) -> list[float] | float:
     if len(values) not in (1, n):
         expected = f"expected one value, or {n}: one for each of the modes"
-        raise InputError(said(f"test.{name}", values, expected))
+        raise InputError(message(f"test.{name}", values, expected))
     return values if len(values) == n else values[0]
+
+
+def _modes_of(found: MeasuredShapes, names: Sequence[str] | None, test: Test) -> TestData:
+    """A test of these modes alone: frequencies, damping and shapes at one condition.
+
+    Args:
+        found: The modes.
+        names: Their names, as many as modes; numbered by default.
+        test: Says the condition.
+
+    Raises:
+        InputError: If there are other than as many names.
+    """
+    count = len(found.frequencies_hz)
+    names = [f"mode {i + 1}" for i in range(count)] if names is None else list(names)
+    if len(names) != count:
+        hertz = ", ".join(f"{f:.5g}" for f in found.frequencies_hz)
+        raise InputError(
+            f"{', '.join(found.sources)}: has {count} modes, at {hertz} Hz; expected {len(names)}, "
+            "as named in modes"
+        )
+    return TestData(
+        [1.0 if test.shapes_at is None else test.shapes_at],
+        found.frequencies_hz[None],
+        tuple(names),
+        test.condition or "row",
+        damping=None if np.isnan(found.damping).all() else found.damping[None],
+        sensors=found.sensors,
+        shapes=found.shapes,
+    )
+
+
+def _shapes_of(found: MeasuredShapes, data: TestData) -> np.ndarray:
+    """The shapes of a test's modes, (n_sensors, m), by the frequencies where they were measured.
+
+    Raises:
+        InputError: If a mode has no shape near its frequency.
+    """
+    hz = data.frequencies_hz[data.shape_row]
+    if np.isnan(hz).any():
+        raise InputError(
+            f"{', '.join(found.sources)}: {data.mode_names[int(np.argmax(np.isnan(hz)))]} has no "
+            "frequency where the shapes were measured; expected one for each mode, or shapes_at"
+        )
+    order = np.argsort(hz, kind="stable")
+    index = np.empty(len(hz), dtype=int)
+    index[order] = found.nearest(hz[order])
+    return found.shapes[:, index]
+
+
+#: Stands for a mesh that cannot be read, or for parts of which none can.
+_NO_MESH = {"file": "no mesh.msh"}
+_NO_PARTS = {"none": {"cells": "none", "E": 1e11, "nu": 0.3, "rho": 1e3}}
+
+
+@dataclass(frozen=True, eq=False)
+class Examined:
+    """What `examine_case` found.
+
+    Attributes:
+        path: The case file.
+        case: The case; or what can be read of it, for a picture and for masses; None if nothing.
+        errors: A line for each thing that is wrong.
+        whole: Whether nothing was left out of it.
+        has_mesh: Whether its mesh is the file's.
+    """
+
+    path: Path
+    case: Case | None
+    errors: tuple[str, ...]
+    whole: bool = True
+    has_mesh: bool = True
+
+
+def examine_case(path: str | Path) -> Examined:
+    """Read a case as `load_case` does; what is wrong does not end it, as far as it can go on.
+
+    A key that cannot be read is left out, then its section, then its table, so that the other
+    sections, and the files that they name, are looked at all the same. Needs no MPI.
+    """
+    try:
+        path, raw = read_case(path)
+    except InputError as error:
+        return Examined(Path(path), None, (str(error),))
+    try:
+        case = Case.model_validate(raw)
+    except ValidationError as error:
+        return _partly(path, raw, error)
+    try:
+        errors = finish_case(case, path, raw)
+    except InputError as error:
+        errors = [str(error).removeprefix(f"{path}: ")]
+    return Examined(path, case, _all_of(case, errors))
+
+
+def _partly(path: Path, raw: dict, error: ValidationError) -> Examined:
+    """What can be read of a case with errors."""
+    errors = [describe(e, Case) for e in error.errors()]
+    kept = copy.deepcopy(raw)
+    for level in (None, 2, 1):
+        for e in error.errors():
+            _drop(kept, e["loc"], level)
+        kept.setdefault("mesh", dict(_NO_MESH))
+        kept["parts"] = kept.get("parts") or dict(_NO_PARTS)
+        try:
+            case = Case.model_validate(kept)
+            break
+        except ValidationError as again:
+            error = again
+    else:
+        return Examined(path, None, tuple(errors), whole=False)
+    has_mesh = kept["mesh"] != _NO_MESH
+    if kept["parts"] == _NO_PARTS:
+        case = case.model_copy(update={"parts": {}})
+    found = read_part(case, path, has_mesh)
+    return Examined(path, case, (*errors, *_all_of(case, found)), whole=False, has_mesh=has_mesh)
+
+
+def _drop(raw: dict, loc: tuple, level: int | None) -> None:
+    """Take a place of pydantic's out of what a file says: the very one, or the first levels."""
+    keys = [key for key in loc if not (isinstance(key, str) and key.startswith(("<", "[")))]
+    keys = keys if level is None else keys[:level]
+    inside: Any = raw
+    for key in keys[:-1]:
+        if isinstance(inside, list) and isinstance(key, int):
+            keys = keys[: keys.index(key)]  # lists are left out as a whole
+            return _drop(raw, tuple(keys), None)
+        if not isinstance(inside, dict) or key not in inside:
+            return None
+        inside = inside[key]
+    if isinstance(inside, list):
+        return _drop(raw, tuple(keys[:-1]), None)
+    if isinstance(inside, dict) and keys:
+        inside.pop(keys[-1], None)
+    return None
+
+
+def _all_of(case: Case, errors: list[str]) -> tuple[str, ...]:
+    """The errors, and files that are not there and that none of them names: readers end at one."""
+    missing = [
+        f"{path.name}: no such file, expected one at {shown_path(path)}"
+        for path in case.files()[1:]
+        if not is_file(path)
+        and path.name != _NO_MESH["file"]
+        and not any(path.name in error for error in errors)
+    ]
+    return (*errors, *missing)

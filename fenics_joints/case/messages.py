@@ -19,7 +19,7 @@ def case_error(path: Path, errors: list[str]) -> InputError:
     return InputError("\n  ".join([f"{path}: {len(errors)} errors:", *errors]))
 
 
-def said(key: str, value: Any, expected: str) -> str:
+def message(key: str, value: Any, expected: str) -> str:
     """A line of the form ``key = value: expected ...``."""
     shown = repr(value)
     return f"{key} = {shown if len(shown) <= 80 else shown[:77] + '...'}: {expected}"
@@ -33,18 +33,20 @@ def describe(error: dict[str, Any], root: type) -> str:
     if kind == "missing":
         return f"{key} is missing: expected it in {_place(loc)}"
     if kind == "extra_forbidden":
-        return said(key, value, f"unknown key{did_you_mean(str(loc[-1]), _fields(loc[:-1], root))}")
+        return message(
+            key, value, f"unknown key{did_you_mean(str(loc[-1]), _fields(loc[:-1], root))}"
+        )
     if kind == "no_kind":
         return _no_kind(key, value, ctx["key"], ctx["known"].split(), ctx.get("instead", ""))
     if kind == "value_error":
         text = str(ctx["error"])
         # Of a section as a whole the message itself names the values.
-        return f"{key}: {text}" if isinstance(value, dict) else said(key, value, text)
+        return f"{key}: {text}" if isinstance(value, dict) else message(key, value, text)
     if kind == "literal_error":
         hint = difflib.get_close_matches(str(value), ctx["expected"].replace("'", "").split(), 1)
         mean = f"; did you mean {hint[0].rstrip(',')!r}?" if hint else ""
-        return said(key, value, f"expected {ctx['expected']}{mean}")
-    return said(key, value, f"expected {_plain(error['msg'])}")
+        return message(key, value, f"expected {ctx['expected']}{mean}")
+    return message(key, value, f"expected {_plain(error['msg'])}")
 
 
 def _no_kind(name: str, value: Any, key: str, known: list[str], instead: str) -> str:
@@ -62,9 +64,9 @@ def _no_kind(name: str, value: Any, key: str, known: list[str], instead: str) ->
     if given is not None and not (instead and instead.partition(" ")[0] in value):
         near = difflib.get_close_matches(str(given), known, 1)
         mean = f"; did you mean {near[0]!r}?" if near else ""
-        return said(f"{name}.{key}", given, f"expected {names}{mean}")
+        return message(f"{name}.{key}", given, f"expected {names}{mean}")
     expected = f"{key} = {names}"
-    return said(
+    return message(
         name,
         value,
         f"expected either {expected}, or {instead}" if instead else f"expected {expected}",
@@ -103,7 +105,7 @@ def unknown(given: Iterable[tuple[str, str]], known: Iterable[str], what: str) -
     """A line for each key whose name is not known: what is wrong with it, and what may be meant."""
     known = list(known)
     return [
-        said(key, name, f"{what}{did_you_mean(name, known)}")
+        message(key, name, f"{what}{did_you_mean(name, known)}")
         for key, name in given
         if name not in known
     ]
@@ -119,7 +121,7 @@ def refused(key: str, value: Any, call: Callable[[], object]) -> list[str]:
     try:
         call()
     except InputError as error:
-        return [said(key, value, str(error))]
+        return [message(key, value, str(error))]
     return []
 
 

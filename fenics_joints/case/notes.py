@@ -47,7 +47,7 @@ def test_notes(case: Case, model: object) -> tuple[str, ...]:
     return tuple(notes)
 
 
-def told(note: str) -> str:
+def labelled(note: str) -> str:
     """A note as a terminal shows it, with what it is of."""
     return note if note.startswith(OF_MODEL) else f"test: {note}"
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from fenics_joints.case.case import Case
-from fenics_joints.case.sections import Joint, MassSection, Part
+from fenics_joints.case.sections import JointSection, MassSection, PartSection
+from fenics_joints.structure import Damped, Damping
 from fenics_joints.structure.components import Parameter
 from fenics_joints.units import parameter_unit
 
@@ -70,7 +71,9 @@ def _bounds(case: Case) -> dict[str, tuple[float, float]]:
     bounds = {}
     for name, section in {**case.parts, **case.joints}.items():
         given = section.bounds.model_dump(exclude_none=True)
-        values = section.nominal(width=True) if isinstance(section, Part) else section.nominal()
+        values = (
+            section.nominal(width=True) if isinstance(section, PartSection) else section.nominal()
+        )
         for key, value in values.items():
             bounds[f"{name}.{key}"] = given.get(key) or _usual(section, key, value)
     for name, section in {**case.masses, **case.springs}.items():
@@ -86,13 +89,13 @@ def _bounds(case: Case) -> dict[str, tuple[float, float]]:
     return bounds
 
 
-def _usual(section: Part | Joint, key: str, value: float) -> tuple[float, float]:
+def _usual(section: PartSection | JointSection, key: str, value: float) -> tuple[float, float]:
     """Bounds for a property whose section gives none."""
     if key == "nu":
         low, high = _NU
     elif key in ("thickness", "width"):
         low, high = _THICKNESS
-    elif isinstance(section, Joint) and key in ("E", "G"):
+    elif isinstance(section, JointSection) and key in ("E", "G"):
         low, high = _JOINT_MODULUS
     elif key in ("k_n", "k_t"):
         low, high = _JOINT_SPRINGS
@@ -105,3 +108,13 @@ def _usual(section: Part | Joint, key: str, value: float) -> tuple[float, float]
     else:
         low, high = value / _KNOWN, value * _KNOWN
     return min(low, value), max(high, value)
+
+
+def model_damping(case: Case, structure: Damped) -> Damping:
+    """The damping of a case's model, its values as parameters: ``[damping]``, and the c of laps.
+
+    Args:
+        case: The case; without damping there is none.
+        structure: Its structure, built with ``damping``.
+    """
+    return structure.resolved(Damping() if case.damping is None else case.damping.damping())

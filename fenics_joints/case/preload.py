@@ -1,25 +1,40 @@
-"""The sections of a case file about contacts and the bolts that press them."""
+"""Sections of a case file about a preload: contacts, bolts, and what acts on faces."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Annotated, Literal
 
-from pydantic import AfterValidator, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
 from fenics_joints.case.values import (
+    CaseSection,
     Density,
     Direction,
     Length,
     Modulus,
+    Point,
     Poisson,
     Positive,
-    Section,
     Share,
     Size,
     chosen,
+    nonzero,
     quantity,
 )
-from fenics_joints.preload import BeamBolt, PretensionSection, WasherForce
+from fenics_joints.errors import InputError
+from fenics_joints.preload import (
+    BeamBolt,
+    Cylinder,
+    Displacement,
+    Obstacle,
+    Plane,
+    Pressure,
+    PretensionSection,
+    Sphere,
+    Traction,
+    WasherForce,
+)
 from fenics_joints.preload.threads import thread
 from fenics_joints.preload.torque import motosh_force, nut_factor_force
 
@@ -32,7 +47,7 @@ def known_thread(name: str) -> str:
     return thread(name).name
 
 
-class ContactSection(Section):
+class ContactSection(CaseSection):
     """``[contacts.NAME]``: two faces of different bodies; ``upper`` is the smaller or finer one.
 
     ``friction`` is Coulomb's coefficient; ``gap`` is beside that of the mesh, negative for an
@@ -46,7 +61,7 @@ class ContactSection(Section):
     bonded: bool = False
 
 
-class _BoltSection(Section):
+class _BoltSection(CaseSection):
     """``[bolts.NAME]``: two faces pulled together by a force, or by a torque on a thread.
 
     A torque takes the ``thread`` and either ``friction``, one coefficient for thread and head
@@ -141,3 +156,180 @@ class WasherBoltSection(_BoltSection):
 
 
 Bolt = chosen("kind", BeamBoltSection, PretensionBoltSection, WasherBoltSection)
+
+
+#: The tables of a case whose sections act on faces.
+APPLIED = ("obstacles", "displacements", "loads")
+
+
+def _one_given(value: list[float | None]) -> list[float | None]:
+    if all(v is None for v in value):
+        raise ValueError("expected at least one component that is a length, not 'free'")
+    return value
+
+
+def _other_than_zero(value: float) -> float:
+    if value == 0:
+        raise ValueError("expected a pressure other than zero")
+    return value
+
+
+_Lengths = Annotated[list[Length], Field(min_length=2, max_length=3)]
+_ForceVector = Annotated[
+    list[quantity("N")], Field(min_length=2, max_length=3), AfterValidator(nonzero)
+]
+_Way = Annotated[
+    list[quantity("m", word="free")], Field(min_length=2, max_length=3), AfterValidator(_one_given)
+]
+
+
+def _components(key: str, vector: Sequence | None, gdim: int) -> tuple | None:
+    """A vector with a component for each dimension of the mesh."""
+    if vector is None:
+        return None
+    if len(vector) != gdim:
+        shown = ["free" if v is None else v for v in vector]
+        raise InputError(f"{key} = {shown}: expected {gdim} components, as the mesh has dimensions")
+    return tuple(vector)
+
+
+def _in_mesh(key: str, vector: tuple[float, ...], gdim: int) -> tuple[float, ...]:
+    """A place or direction in space as one of the mesh."""
+    if any(vector[gdim:]):
+        raise InputError(f"{key} = {list(vector)}: expected no z, as the mesh is plane")
+    return vector[:gdim]
+
+
+class _ObstacleSection(CaseSection):
+    """``[obstacles.NAME]``: a face that may touch a rigid body.
+
+    That body rests, moves by its ``travel`` into the structure, or is pushed by a ``force``, along
+    which it then goes as far as the structure gives way; it does not turn. ``friction`` is
+    Coulomb's coefficient; ``gap`` is beside that of the mesh, negative for an interference.
+    """
+
+    facets: str
+    friction: Share = 0.0
+    gap: Length = 0.0
+    travel: _Lengths | None = None
+    force: _ForceVector | None = None
+
+    @model_validator(mode="after")
+    def _one_way(self) -> _ObstacleSection:
+        if self.travel is not None and self.force is not None:
+            raise ValueError("expected travel, or force, or neither; both are given")
+        return self
+
+    @property
+    def presses(self) -> bool:
+        """Whether it does, not the bodies alone."""
+        return self.force is not None or any(self.travel or ()) or self.gap < 0
+
+    def shape(self, key: str, gdim: int) -> Plane | Sphere | Cylinder:
+        """The rigid body, of a section ``key``, beside a mesh of so many dimensions."""
+        raise NotImplementedError
+
+    def obstacle(self, name: str, gdim: int) -> Obstacle:
+        """The obstacle for a mesh of so many dimensions.
+
+        Raises:
+            InputError: If a vector has another number of components.
+        """
+        key = f"obstacles.{name}"
+        return Obstacle(
+            name,
+            self.facets,
+            self.shape(key, gdim),
+            friction=self.friction,
+            gap=self.gap,
+            travel=_components(f"{key}.travel", self.travel, gdim),
+            force=_components(f"{key}.force", self.force, gdim),
+        )
+
+
+class PlaneObstacle(_ObstacleSection):
+    """``kind = "plane"``: through ``point``, solid behind it; ``normal`` looks at the structure."""
+
+    kind: Literal["plane"]
+    point: Point
+    normal: Direction
+
+    def shape(self, key: str, gdim: int) -> Plane:
+        """See `_ObstacleSection.shape`."""
+        return Plane(
+            _in_mesh(f"{key}.point", self.point, gdim), _in_mesh(f"{key}.normal", self.normal, gdim)
+        )
+
+
+class SphereObstacle(_ObstacleSection):
+    """``kind = "sphere"``: a ball; on a plane mesh a disc. ``inside`` it is a cavity's wall."""
+
+    kind: Literal["sphere"]
+    centre: Point
+    radius: Size
+    inside: Annotated[bool, Field(strict=True)] = False
+
+    def shape(self, key: str, gdim: int) -> Sphere:
+        """See `_ObstacleSection.shape`."""
+        return Sphere(_in_mesh(f"{key}.centre", self.centre, gdim), self.radius, self.inside)
+
+
+class CylinderObstacle(_ObstacleSection):
+    """``kind = "cylinder"``: a round pin without ends, about a line through ``point`` along
+    ``axis``. ``inside`` it is a bore's wall."""
+
+    kind: Literal["cylinder"]
+    point: Point
+    axis: Direction
+    radius: Size
+    inside: Annotated[bool, Field(strict=True)] = False
+
+    def shape(self, key: str, gdim: int) -> Cylinder:
+        """See `_ObstacleSection.shape`."""
+        if gdim < 3:
+            raise InputError(
+                f"{key}.kind = 'cylinder': expected 'sphere', a disc, as the mesh is plane"
+            )
+        return Cylinder(self.point, self.axis, self.radius, self.inside)
+
+
+ObstacleSection = chosen("kind", PlaneObstacle, SphereObstacle, CylinderObstacle)
+
+
+class DisplacementSection(CaseSection):
+    """``[displacements.NAME]``: a face all of which is moved by the same given way, as by a grip.
+
+    ``value`` has a component for each dimension of the mesh, ``"free"`` where the face is not held:
+    ``["free", "free", "-0.1 mm"]``. Vibration about that state leaves the face where it is.
+    """
+
+    facets: str
+    value: _Way
+
+    def displacement(self, name: str, gdim: int) -> Displacement:
+        """The displacement for a mesh of so many dimensions; InputError if it has others."""
+        value = _components(f"displacements.{name}.value", self.value, gdim)
+        return Displacement(name, self.facets, value)
+
+
+class LoadSection(CaseSection):
+    """``[loads.NAME]``: a ``force`` spread evenly over a face, or an even ``pressure`` on it.
+
+    They keep their direction as the face moves. On a plane mesh forces are per metre of depth.
+    """
+
+    facets: str
+    force: _ForceVector | None = None
+    pressure: Annotated[quantity("Pa"), AfterValidator(_other_than_zero)] | None = None
+
+    @model_validator(mode="after")
+    def _one_kind(self) -> LoadSection:
+        if (self.force is None) == (self.pressure is None):
+            raise ValueError("expected either force or pressure")
+        return self
+
+    def load(self, name: str, gdim: int) -> Traction | Pressure:
+        """The load on a mesh of so many dimensions; InputError if its force has others."""
+        if self.pressure is not None:
+            return Pressure(name, self.facets, self.pressure)
+        return Traction(name, self.facets, _components(f"loads.{name}.force", self.force, gdim))

@@ -1,8 +1,4 @@
-"""The sections of a case file about the structure, and about what a diagnosis may assume.
-
-Each class is a table of the file and says in its docstring which. `case.case` puts them
-together, and `case.checks` holds them against one another.
-"""
+"""The sections of a case file about the structure, and about what a diagnosis may assume."""
 
 from __future__ import annotations
 
@@ -10,10 +6,11 @@ import math
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
 from fenics_joints.case.values import (
     AXES,
+    CaseSection,
     Damper,
     Density,
     Direction,
@@ -27,15 +24,17 @@ from fenics_joints.case.values import (
     Point,
     Poisson,
     Positive,
-    Section,
     Share,
     Size,
     Stiffness,
     Turning,
     ascending,
     chosen,
+    listed,
     optional,
+    quantity,
 )
+from fenics_joints.structure.damping import Damping
 from fenics_joints.units import to_si
 
 PartTolerance = optional(
@@ -56,7 +55,7 @@ PartBounds = optional(
 )
 
 
-class Part(Section):
+class PartSection(CaseSection):
     """``[parts.NAME]``: cells of a solid material, with E and one of G and nu.
 
     Its thickness is along ``normal`` and its width along ``across``: y, or z if the normal is y.
@@ -76,7 +75,7 @@ class Part(Section):
     bounds: PartBounds = PartBounds()
 
     @model_validator(mode="after")
-    def _one_of_G_and_nu(self) -> Part:
+    def _one_of_G_and_nu(self) -> PartSection:
         if (self.G is None) == (self.nu is None):
             raise ValueError("expected E and either G or nu")
         if not -1 < self.nominal()["nu"] < 0.5:
@@ -87,7 +86,7 @@ class Part(Section):
         return self
 
     @model_validator(mode="after")
-    def _across_the_normal(self) -> Part:
+    def _across_the_normal(self) -> PartSection:
         if self.across is not None and _parallel(self.across, self.normal):
             raise ValueError(
                 f"across = {list(self.across)}: expected a direction that is not parallel to "
@@ -147,7 +146,7 @@ _JOINT_KEYS = {
 _LAYER_KEYS = ("E", "G"), ("rho",)
 
 
-class Joint(Section):
+class JointSection(CaseSection):
     """``[joints.NAME]``: a thin layer of cells; ``bolted`` says that it lies under bolts.
 
     ``bolts`` are points on the axes of the bolts through it or beside it; by default those that the
@@ -194,7 +193,7 @@ class Joint(Section):
     bounds: JointBounds = JointBounds()
 
     @model_validator(mode="after")
-    def _definite(self) -> Joint:
+    def _definite(self) -> JointSection:
         own, more = _JOINT_KEYS.get(self.law, _LAYER_KEYS)
         allowed = {"cells", "law", "bolted", "bolts", "normal", "tolerance", "bounds", *own, *more}
         missing = [key for key in own if getattr(self, key) is None]
@@ -223,7 +222,7 @@ class Joint(Section):
             )
 
     @model_validator(mode="after")
-    def _bolts_apart(self) -> Joint:
+    def _bolts_apart(self) -> JointSection:
         for i, bolt in enumerate(self.bolts or []):
             if any(math.dist(bolt, other) < ONE_BOLT for other in self.bolts[:i]):
                 raise ValueError(
@@ -245,7 +244,7 @@ class Joint(Section):
         return {"E": self.E, "G": self.G, **rho, "thickness": 1.0}
 
 
-class PointsSection(Section):
+class PointsSection(CaseSection):
     """Something at points."""
 
     points: Annotated[list[Point], Field(min_length=1)]
@@ -332,7 +331,7 @@ class AttachedSpring(SpringSection):
 Attached = chosen("kind", AttachedMass, AttachedSpring)
 
 
-class SupportSection(Section):
+class SupportSection(CaseSection):
     """``[supports.NAME]``: ``facets`` or ``points`` that cannot move in some directions.
 
     ``points`` is the name of a group of points or lines of a ``.msh`` file, or places, of which the
@@ -355,7 +354,7 @@ class SupportSection(Section):
         return self.facets is not None and set(self.directions) == set(AXES)
 
 
-class Diagnose(Section):
+class Diagnose(CaseSection):
     """``[diagnose]``: what `fenics-joints diagnose` may assume.
 
     ``discrepancy`` is the relative error of frequencies that any model of the structure has, and
@@ -445,3 +444,63 @@ def _average(key: str, parts: Any) -> float:
             "whose; give the density as a number"
         )
     return 0.5 * sum(densities)
+
+
+Ratio = quantity("", 0, 1)
+Rate = quantity("1/s", 0)
+Time = quantity("s", 0)
+Relaxation = quantity("s", 0, above=True)
+
+
+class DampingSection(CaseSection):
+    """``[damping]``: see `fenics_joints.structure.damping.Damping`, for whose values it has names.
+
+    Each value above 0 is a parameter, which an update may fit: ``damping.ratio`` (of a list
+    ``damping.ratio_1``, ``damping.ratio_2``, ...) of ``modal``, ``damping.alpha`` and
+    ``damping.beta`` of ``rayleigh``, ``damping.loss_factor`` of ``structural``,
+    ``NAME.loss_factor`` of ``hysteretic`` and ``NAME.relaxation`` of ``viscous``, where NAME is a
+    part or joint.
+    """
+
+    modal: Annotated[list[Ratio], BeforeValidator(listed), Field(min_length=1)] | None = None
+    rayleigh: tuple[Rate, Time] = (0.0, 0.0)
+    structural: Share = 0.0
+    viscous: dict[str, Relaxation] = {}
+    hysteretic: dict[str, Positive] = {}
+
+    @model_validator(mode="after")
+    def _some(self) -> DampingSection:
+        if not self.nominal():
+            raise ValueError(
+                "expected some damping: modal, rayleigh, structural, viscous or hysteretic above 0"
+            )
+        return self
+
+    def nominal(self) -> dict[str, float]:
+        """Value of each parameter, SI, by its name."""
+        ratios = self.modal or []
+        names = ["ratio"] if len(ratios) == 1 else [f"ratio_{i + 1}" for i in range(len(ratios))]
+        own = dict(zip(names, ratios, strict=True))
+        own |= dict(zip(("alpha", "beta"), self.rayleigh, strict=True))
+        own["loss_factor"] = self.structural
+        values = {f"damping.{key}": value for key, value in own.items()}
+        values |= {f"{name}.loss_factor": value for name, value in self.hysteretic.items()}
+        values |= {f"{name}.relaxation": value for name, value in self.viscous.items()}
+        return {name: value for name, value in values.items() if value > 0}
+
+    def damping(self) -> Damping:
+        """The damping, with the names of its parameters in place of values above 0."""
+        there = self.nominal()
+
+        def named(name: str) -> float | str:
+            return name if name in there else 0.0
+
+        ratios = self.modal or [0.0]
+        keys = ["ratio"] if len(ratios) == 1 else [f"ratio_{i + 1}" for i in range(len(ratios))]
+        return Damping(
+            modal=tuple(named(f"damping.{key}") for key in keys),
+            rayleigh=(named("damping.alpha"), named("damping.beta")),
+            structural=named("damping.loss_factor"),
+            viscous={name: f"{name}.relaxation" for name in self.viscous},
+            hysteretic={name: f"{name}.loss_factor" for name in self.hysteretic},
+        )

@@ -3,19 +3,93 @@
 from __future__ import annotations
 
 import math
+import os
 import re
+import resource
 import struct
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
-from fenics_joints.case.cad import MeshFile, StepMesh
 from fenics_joints.case.case import Case
-from fenics_joints.case.machine import available_bytes
-from fenics_joints.case.mesh import OffsetBeamsMesh, SolidMesh
+from fenics_joints.case.mesh import MeshFile, OffsetBeamsMesh, SolidMesh, StepMesh
 from fenics_joints.errors import InputError
 from fenics_joints.formatting import number
+
+
+def available_bytes(root: str | Path = "/") -> float:
+    """Memory that could be had without swapping: the least of the machine's and all limits'.
+
+    ``MemAvailable`` of Linux, else all of the physical memory; the limits of the control groups
+    that the process is in (version 1 or 2), as containers and batch systems set them, less what
+    they hold and could not give back; and ``ulimit -v``.
+
+    Args:
+        root: Folder in which ``proc`` and ``sys`` are.
+    """
+    root = Path(root)
+    found = [_meminfo(root / "proc/meminfo") or _physical(), *_groups(root)]
+    soft, _ = resource.getrlimit(resource.RLIMIT_AS)
+    if soft != resource.RLIM_INFINITY:
+        found.append(float(soft))
+    return max(0.0, min(found))
+
+
+def _meminfo(file: Path) -> float | None:
+    for line in _text(file).splitlines():
+        name, _, value = line.partition(":")
+        if name == "MemAvailable" and value.split():
+            return 1024.0 * float(value.split()[0])
+    return None
+
+
+def _physical() -> float:
+    try:
+        return float(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"))
+    except (OSError, ValueError):
+        return float("inf")
+
+
+def _groups(root: Path) -> Iterator[float]:
+    """What each control group of this process, and those above it, leave."""
+    for line in _text(root / "proc/self/cgroup").splitlines():
+        _, kinds, path = (line.split(":", 2) + ["", ""])[:3]
+        if kinds == "":
+            base, names = root / "sys/fs/cgroup", ("memory.max", "memory.current", "inactive_file")
+        elif "memory" in kinds.split(","):
+            base = root / "sys/fs/cgroup/memory"
+            names = "memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file"
+        else:
+            continue
+        parts = [part for part in path.split("/") if part not in ("", "..")]
+        # In a container the path may be one outside of it: its own group is then the base.
+        for depth in range(len(parts) + 1):
+            folder = base.joinpath(*parts[:depth])
+            limit, used = (_number(_text(folder / name)) for name in names[:2])
+            if limit is not None:
+                yield limit - (used or 0.0) + _cached(folder, names[2])
+
+
+def _cached(folder: Path, key: str) -> float:
+    for line in _text(folder / "memory.stat").splitlines():
+        name, _, value = line.partition(" ")
+        if name == key:
+            return _number(value) or 0.0
+    return 0.0
+
+
+def _number(text: str) -> float | None:
+    return float(text) if text.strip().isdigit() else None
+
+
+def _text(file: Path) -> str:
+    try:
+        return file.read_text(encoding="utf-8", errors="replace")
+    except OSError:
+        return ""
+
 
 #: Seconds of a command's time that are no solution: Python, the mesh, compiled forms.
 BEGIN = 5.0
@@ -47,7 +121,7 @@ _HEAD, _SOLID = 4_000_000, 0.4
 
 
 @dataclass(frozen=True)
-class Estimate:
+class CostEstimate:
     """What a case's model will cost; all of it rough.
 
     Attributes:
@@ -67,7 +141,7 @@ class Estimate:
         return f"about {dofs}, {_size(self.bytes)} of memory and {_time(self.seconds)} a solution"
 
 
-def estimate(case: Case, *, method: str = "direct", ranks: int = 1) -> Estimate:
+def estimate(case: Case, *, method: str = "direct", ranks: int = 1) -> CostEstimate:
     """What the model of a case will cost, from its numbers and the files' heads alone.
 
     Args:
@@ -81,7 +155,7 @@ def estimate(case: Case, *, method: str = "direct", ranks: int = 1) -> Estimate:
     mesh = case.mesh
     if isinstance(mesh, OffsetBeamsMesh):
         n = 6.0 * (sum(mesh.of("elements")) + sum(mesh.of("lap_elements")))
-        return Estimate(n, ranks * _PROCESS + 40 * 8 * n**2, 1.0)
+        return CostEstimate(n, ranks * _PROCESS + 40 * 8 * n**2, 1.0)
     if isinstance(mesh, SolidMesh):
         made = mesh.made()
         bricks = made.bricks()
@@ -99,7 +173,7 @@ def estimate(case: Case, *, method: str = "direct", ranks: int = 1) -> Estimate:
 
 def estimate_of(
     dofs: float, degree: int, cut: float | None = None, *, method: str = "direct", ranks: int = 1
-) -> Estimate:
+) -> CostEstimate:
     """What a solid model will cost whose size is known.
 
     Args:
@@ -111,17 +185,17 @@ def estimate_of(
     """
     if method == "iterative":
         seconds = BEGIN + dofs / _ITERATIVE_SPEED / ranks
-        return Estimate(dofs, ranks * _PROCESS + 1e3 * _ITERATIVE * dofs, seconds)
+        return CostEstimate(dofs, ranks * _PROCESS + 1e3 * _ITERATIVE * dofs, seconds)
     cut = (dofs / 3) ** (2 / 3) / 4 if cut is None else cut
     share = 1.0 if ranks == 1 else _SHARED
     factors = 1e3 * share * dofs * (_START[degree] + _GROWTH * math.sqrt(cut))
     seconds = BEGIN + factors / _SPEED / ranks * max(1.0, math.sqrt(cut) / _CUT)
-    return Estimate(dofs, ranks * _PROCESS + factors, seconds)
+    return CostEstimate(dofs, ranks * _PROCESS + factors, seconds)
 
 
 def check_size(
     case: Case, *, method: str = "direct", ranks: int = 1, hosts: int = 1, large: bool = False
-) -> Estimate:
+) -> CostEstimate:
     """Refuse a case whose model needs more memory than the machine has.
 
     Args:

@@ -6,7 +6,7 @@ import math
 from statistics import fmean
 
 from fenics_joints.case.case import Case
-from fenics_joints.case.sections import Joint
+from fenics_joints.case.sections import JointSection
 from fenics_joints.forms import combined_roughness, rough_contact_stiffness
 
 #: Ra of faces of which nothing is said, m. Assumed: grade N7 of ISO 1302, common for faces that are
@@ -49,7 +49,7 @@ def start_joints(case: Case) -> list[str]:
     return errors
 
 
-def _pressure(case: Case, joint: Joint) -> tuple[float | None, str]:
+def _pressure(case: Case, joint: JointSection) -> tuple[float | None, str]:
     """The pressure, Pa, and where it is from; or None and what is missing."""
     if joint.pressure is not None:
         return joint.pressure, "as given"

@@ -8,9 +8,9 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, model_validator
 
-from fenics_joints.case.amplitude import Modes
 from fenics_joints.case.values import (
     AXES,
+    CaseSection,
     Direction,
     File,
     Files,
@@ -20,7 +20,6 @@ from fenics_joints.case.values import (
     Number,
     Point,
     Positive,
-    Section,
     Share,
     Spacing,
     Stiffness,
@@ -35,7 +34,31 @@ from fenics_joints.measurements.files import UFF_SUFFIXES
 from fenics_joints.measurements.tables import column_head
 
 
-class LineOfSensors(Section):
+class AmplitudeSection(CaseSection):
+    """``[test.amplitude."MODE"]``, or ``amplitude = { "MODE" = FILE }``: a mode by amplitude.
+
+    Any of: a table of level, frequency and damping; sweeps at constant response or at constant
+    force; ring-downs. The files' columns say which, see ``docs/amplitude.md``. ``levels`` are those
+    of the functions of universal files, one for each; ``band`` holds this mode and no other;
+    ``sensor`` is the one that the amplitude is of, where a ring-down has several; ``units`` those
+    of functions or records whose file does not say them. ``noise`` and ``damping_noise`` are
+    relative standard deviations: of a plain table, [test] noise or 0.1 %, and 10 %, unless given;
+    of the other kinds, beside what their own scatter says.
+    """
+
+    files: Files
+    levels: Annotated[list[str], BeforeValidator(listed), Field(min_length=1)] | None = None
+    band: ascending(Spacing) | None = None
+    sensor: str | None = None
+    units: str | None = None
+    noise: Positive | None = None
+    damping_noise: Positive | None = None
+
+
+Modes = dict[str, Annotated[AmplitudeSection, BeforeValidator(in_files)]]
+
+
+class LineOfSensors(CaseSection):
     """``[test.sees]`` with sensors along an axis."""
 
     along: Literal["x", "y", "z"]
@@ -65,7 +88,7 @@ class LineOfSensors(Section):
         return [self.direction] * len(self.positions)
 
 
-class ListOfSensors(Section):
+class ListOfSensors(CaseSection):
     """``[test.sees]`` with sensors anywhere, in one direction or each in its own."""
 
     at_points: Annotated[list[Point], Field(min_length=1, alias="points")]
@@ -89,21 +112,21 @@ class ListOfSensors(Section):
         return self.each or [self.direction] * len(self.at_points)
 
 
-def _sensors_kind(data: Any) -> type[Section]:
+def _sensors_kind(data: Any) -> type[CaseSection]:
     return ListOfSensors if isinstance(data, dict) and "points" in data else LineOfSensors
 
 
 Sees = either(_sensors_kind, (LineOfSensors, ListOfSensors))
 
 
-class ValidationTest(Section):
+class ValidationTest(CaseSection):
     """``[test.validation]``: data that is never fitted."""
 
     frequencies: File
     damping: File | None = None
 
 
-class FRFSection(Section):
+class FRFSection(CaseSection):
     """``[test.frfs]``: measured frequency response functions, or ``frfs`` with a list of files.
 
     ``kind``, ``units``, ``length_unit``, ``points`` (by node), ``directions`` (by node) and
@@ -114,7 +137,7 @@ class FRFSection(Section):
     default, which a diagnosis counts besides.
     """
 
-    class Identify(Section):
+    class Identify(CaseSection):
         """``[test.frfs.identify]``: modes from the functions, in place of ``frequencies``.
 
         ``near`` is about where they are, one for each mode; by default what is stable.
@@ -148,7 +171,7 @@ class FRFSection(Section):
         return self
 
 
-class ShapesSection(Section):
+class ShapesSection(CaseSection):
     """``[test.shapes]``, or ``shapes`` with a file or a list of them.
 
     A table has a row for each sensor of ``[test.sees]``. Universal files (UFF) have their own
@@ -172,7 +195,7 @@ class ShapesSection(Section):
         return self
 
 
-class ChangedTest(Section):
+class ChangedTest(CaseSection):
     """``[test.changed.NAME]``: the same structure again, after a known change, for ``diagnose``.
 
     A ``mass`` put on, in equal shares at ``points``; or masses and springs of the case that were
@@ -196,7 +219,7 @@ class ChangedTest(Section):
         return self
 
 
-class StaticTest(Section):
+class StaticTest(CaseSection):
     """``[test.stiffness.NAME]``: a static stiffness, for ``diagnose``: force over displacement at a
     point of the held structure, both along a direction.
 
@@ -211,7 +234,7 @@ class StaticTest(Section):
     at: Number | None = None
 
 
-class AntiresonanceTest(Section):
+class AntiresonanceTest(CaseSection):
     """``[test.antiresonances.NAME]``: frequencies at which a point stands still while it is driven
     there, for ``diagnose``: minima of the frequency response function of force and motion at one
     place along one direction.
@@ -227,7 +250,7 @@ class AntiresonanceTest(Section):
     at: Number | None = None
 
 
-class PlannedTest(Section):
+class PlannedTest(CaseSection):
     """``[test.planned]``: a test that has not been made, for ``diagnose --plan``.
 
     ``condition`` is written as the head of a column, ``"torque [N·m]"``, and ``modes`` are names,
@@ -268,7 +291,7 @@ class PlannedTest(Section):
         return column_head(self.condition)
 
 
-class Test(Section):
+class Test(CaseSection):
     """``[test]``: the measured data and how good it is.
 
     ``noise`` and ``damping_noise`` are relative standard deviations of frequencies and damping

@@ -7,11 +7,11 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, ConfigDict, Field, model_validator
 
 from fenics_joints.case.values import (
+    CaseSection,
     File,
     Names,
     Number,
     Positive,
-    Section,
     Share,
     Spacing,
     Written,
@@ -22,7 +22,7 @@ from fenics_joints.case.values import (
 from fenics_joints.units import to_si
 
 
-class Published(Section):
+class Published(CaseSection):
     """``[update.published]``: somebody's values and frequencies, to show beside one's own."""
 
     source: str = ""
@@ -30,14 +30,14 @@ class Published(Section):
     frequencies: list[quantity("Hz", 0, above=True)] = []
 
 
-class CutoffUpdate(Section):
+class CutoffUpdate(CaseSection):
     """``[update.cutoff]``: the pressure below which a contact is lost (Fronk et al. 2019).
 
     ``calibrate`` first fits one parameter to one mode of the stuck model, which the contact hardly
     moves: ``calibrate = { parameter = "beams.E", mode = "mode 10" }``.
     """
 
-    class Calibrate(Section):
+    class Calibrate(CaseSection):
         """``[update.cutoff.calibrate]``."""
 
         parameter: str
@@ -64,7 +64,7 @@ def _line_hz(value: Any) -> float:
     return hertz
 
 
-class HeldSection(Section):
+class HeldSection(CaseSection):
     """``[update.held]``: what no fit sees and the updated model must predict.
 
     ``modes`` by name, with the functions' lines around them, or ``"each"``: every mode in turn,
@@ -82,7 +82,7 @@ class HeldSection(Section):
         return self.modes == ["each"]
 
 
-class PriorSection(Section):
+class PriorSection(CaseSection):
     """A prior, such as ``{ kind = "normal", mean = "1763 N m", sd = "88 N m" }``.
 
     `fenics_joints.bayes.priors.KINDS` says which numbers each kind needs.
@@ -108,7 +108,7 @@ _WITHOUT_EFFECT = {
 }
 
 
-class Bayes(Section):
+class Bayes(CaseSection):
     """``[update.bayes]``.
 
     Without ``specimens`` the frequencies of the test are one set of data. With a table of them, a
@@ -134,7 +134,7 @@ class Bayes(Section):
     scatter: Share = 0.1
     noise: Share = 0.001
     noise_known: bool = False
-    tolerance: Share = 1e-4
+    tolerance: Positive = 1e-4
     priors: dict[str, Annotated[PriorSection, BeforeValidator(_a_table)]] = {}
 
     @property
@@ -157,7 +157,7 @@ class Bayes(Section):
         ]
 
 
-class UpdateSection(Section):
+class UpdateSection(CaseSection):
     """``[update]``: what `fenics-joints update` fits: ``parameters``, or the ``cutoff``.
 
     ``regularisation`` is the standard deviation of the logarithm of every parameter about its

@@ -148,21 +148,21 @@ def ascending(kind):
     return Annotated[tuple[kind, kind], AfterValidator(_ascending)]
 
 
-class Section(BaseModel):
+class CaseSection(BaseModel):
     """A table of the file; unknown keys are refused."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, arbitrary_types_allowed=True)
 
 
-def optional(name: str, doc: str, **kinds: Any) -> type[Section]:
+def optional(name: str, doc: str, **kinds: Any) -> type[CaseSection]:
     """A class of sections none of whose keys must be there, by the types of their values."""
     keys = {key: (kind | None, None) for key, kind in kinds.items()}
-    section = create_model(name, __base__=Section, __doc__=doc, __module__=__name__, **keys)
+    section = create_model(name, __base__=CaseSection, __doc__=doc, __module__=__name__, **keys)
     globals()[name] = section  # by its name a case is sent from rank to rank
     return section
 
 
-def either(kind: Callable[[Any], type[Section] | None], sections, **context: str):
+def either(kind: Callable[[Any], type[CaseSection] | None], sections, **context: str):
     """The type of a section of one of several classes.
 
     Args:
@@ -179,16 +179,16 @@ def either(kind: Callable[[Any], type[Section] | None], sections, **context: str
     return Annotated[options, Discriminator(tag, "no_kind", "no kind of section", context)]
 
 
-def named_by(key: str, sections) -> dict[str, type[Section]]:
+def named_by(key: str, sections) -> dict[str, type[CaseSection]]:
     """Sections by the word that their ``key`` must have."""
     return {get_args(s.model_fields[key].annotation)[0]: s for s in sections}
 
 
-def chosen(key: str, *sections: type[Section]):
+def chosen(key: str, *sections: type[CaseSection]):
     """The type of a section whose ``key`` says of which class it is, each with its own word."""
     known = named_by(key, sections)
 
-    def kind(data: Any) -> type[Section] | None:
+    def kind(data: Any) -> type[CaseSection] | None:
         word = data.get(key) if isinstance(data, dict) else None
         return known.get(word) if isinstance(word, str) else None
 

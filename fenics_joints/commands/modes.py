@@ -11,7 +11,7 @@ import numpy as np
 from mpi4py import MPI
 
 import fenics_joints
-from fenics_joints.case import Case, build_preload, build_structure, test_notes, told
+from fenics_joints.case import Case, build_preload, build_structure, labelled, test_notes
 from fenics_joints.case.notes import OF_MODEL
 from fenics_joints.commands.outcome import Outcome
 from fenics_joints.errors import InputError
@@ -408,7 +408,7 @@ def modes_document(result: ModeList, n_shapes: int | None = 6) -> Document:
         "Natural frequencies and mode shapes of the nominal model",
         [
             Keys(keys),
-            Remarks("Of the test", [told(note) for note in result.notes]),
+            Remarks("Of the test", [labelled(note) for note in result.notes]),
             *([] if result.beside is None else _pairs(result.beside)),
             OnPage(lambda: _pictures(result, n_shapes)),
             Heading("All modes"),

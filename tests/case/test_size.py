@@ -13,7 +13,7 @@ pytest.importorskip("dolfinx")
 from mpi4py import MPI
 
 from fenics_joints.case import build_preload, build_structure, check_size, estimate, load_case, size
-from fenics_joints.case.machine import available_bytes
+from fenics_joints.case.size import available_bytes
 from fenics_joints.errors import InputError
 from fenics_joints.meshes.plane import count_intervals, grid_lines
 

@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from fenics_joints.case import Case, Estimate, estimate
-from fenics_joints.case.machine import available_bytes
-from fenics_joints.case.size import BEGIN, estimate_of
+from fenics_joints.case import Case, CostEstimate, estimate
+from fenics_joints.case.size import BEGIN, available_bytes, estimate_of
 from fenics_joints.diagnosis.model.resolution import MOST
 from fenics_joints.errors import InputError
 
@@ -42,7 +41,7 @@ class Cost:
     bytes: float
 
 
-def costs_of(case: Case, found: Estimate, dofs: int | None, ranks: int) -> tuple[Cost, ...]:
+def costs_of(case: Case, found: CostEstimate, dofs: int | None, ranks: int) -> tuple[Cost, ...]:
     """What each command that the case is for will take.
 
     Args:
@@ -54,14 +53,14 @@ def costs_of(case: Case, found: Estimate, dofs: int | None, ranks: int) -> tuple
     return tuple(_costs(case, known(case, found, dofs, ranks), ranks))
 
 
-def known(case: Case, found: Estimate, dofs: int | None, ranks: int) -> Estimate:
+def known(case: Case, found: CostEstimate, dofs: int | None, ranks: int) -> CostEstimate:
     """An estimate by the degrees of freedom that a file's mesh has; builders' are known before."""
     if not dofs or case.mesh.origin != "file":
         return found
     return estimate_of(dofs, case.mesh.degree, ranks=ranks)
 
 
-def _costs(case: Case, found: Estimate, ranks: int) -> Iterator[Cost]:
+def _costs(case: Case, found: CostEstimate, ranks: int) -> Iterator[Cost]:
     once = found.seconds
     yield Cost("modes", once, found.bytes)
     if case.measured is None and case.frfs() is None:

@@ -10,7 +10,7 @@ from types import MappingProxyType
 import numpy as np
 
 import fenics_joints
-from fenics_joints.case import Case, Estimate
+from fenics_joints.case import Case, CostEstimate
 from fenics_joints.commands.check.body import Body
 from fenics_joints.commands.check.costs import Cost
 from fenics_joints.commands.check.places import Place
@@ -50,7 +50,7 @@ class Checked:
     body: Body | None = field(default=None, repr=False)
     size_m: np.ndarray = field(default_factory=lambda: np.empty(0))
     dofs: int | None = None
-    estimate: Estimate | None = None
+    estimate: CostEstimate | None = None
     costs: tuple[Cost, ...] = ()
     directions: Mapping[str, tuple[tuple, tuple]] = MappingProxyType({})
     solved: str = ""

@@ -18,9 +18,9 @@ from fenics_joints.case import (
     examine_case,
     plausibility,
 )
-from fenics_joints.case.applied import APPLIED
 from fenics_joints.case.dimensions import long_normals, measured_directions
-from fenics_joints.case.machine import available_bytes
+from fenics_joints.case.preload import APPLIED
+from fenics_joints.case.size import available_bytes
 from fenics_joints.commands.check.applied import applied_places
 from fenics_joints.commands.check.body import body_of, face_centres
 from fenics_joints.commands.check.costs import costs_of, known, too_much

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fenics_joints.case import Case
-from fenics_joints.case.checks.names import matching
+from fenics_joints.case.check_structure import matching
 from fenics_joints.case.preload import BeamBoltSection
 from fenics_joints.case.sections import MassSection
 from fenics_joints.commands.check.body import Body

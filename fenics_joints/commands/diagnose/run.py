@@ -7,8 +7,8 @@ from pathlib import Path
 from mpi4py import MPI
 from rich.console import Console
 
-from fenics_joints.case import Case, told
-from fenics_joints.case.checks.applied import refuse_applied
+from fenics_joints.case import Case, labelled
+from fenics_joints.case.check_structure import refuse_applied
 from fenics_joints.case.notes import OF_MODEL
 from fenics_joints.commands.diagnose.assumptions import assumptions
 from fenics_joints.commands.diagnose.explanation import explain
@@ -45,7 +45,7 @@ def run_diagnose(
     def summary(console: Console) -> None:
         show_diagnosis(console, found)
         for note in notes:
-            tell(console, told(note), "yellow")
+            tell(console, labelled(note), "yellow")
 
     return Outcome(
         found,

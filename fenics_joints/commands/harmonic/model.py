@@ -9,8 +9,8 @@ import numpy as np
 from mpi4py import MPI
 
 from fenics_joints.case import Case, build_preload, build_structure
-from fenics_joints.case.checks.beams import refuse_beams
-from fenics_joints.case.contact_laws import ContactSection
+from fenics_joints.case.check_structure import refuse_beams
+from fenics_joints.case.harmonic import ContactLawSection
 from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.interfaces import (
     FullModel,
@@ -222,7 +222,7 @@ def _with_contacts(case: Case, comm, progress: Progress):
     for name, section in case.nonlinear.items():
         if name not in case.contacts:
             continue
-        if isinstance(section, ContactSection):
+        if isinstance(section, ContactLawSection):
             laws[name] = section.contact_law(states.get(name))
         else:
             laws[name] = section.make(None, None, 1.0)

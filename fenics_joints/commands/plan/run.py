@@ -7,7 +7,7 @@ from pathlib import Path
 from mpi4py import MPI
 
 from fenics_joints.case import Case
-from fenics_joints.case.checks.applied import refuse_applied
+from fenics_joints.case.check_structure import refuse_applied
 from fenics_joints.commands.outcome import Outcome
 from fenics_joints.commands.plan.page import plan_html
 from fenics_joints.commands.plan.summary import show_plan

@@ -68,7 +68,7 @@ def _around(frequencies_hz: np.ndarray, mode: int) -> tuple[float, float]:
 
 
 def update_data(case: Case) -> UpdateData:
-    """The data of a case that `fenics_joints.case.checks.combined.check_combined` has passed.
+    """The data of a case that `fenics_joints.case.check_update.check_combined` has passed.
 
     Raises:
         InputError: If there is no line to fit.

@@ -15,7 +15,7 @@ from mpi4py import MPI
 from pydantic import PrivateAttr, ValidationError, model_validator
 
 from fenics_joints.case import Case
-from fenics_joints.case.mesh_section import MeshSection
+from fenics_joints.case.mesh import MeshSection
 from fenics_joints.case.messages import case_error, describe, did_you_mean
 from fenics_joints.case.sections import Diagnose, SupportSection
 from fenics_joints.case.test import Test

@@ -18,7 +18,7 @@ from scipy.spatial import cKDTree
 
 from fenics_joints._compat import geometry_dofmap
 from fenics_joints.case import Case, build_mesh, build_preload
-from fenics_joints.case.sections import Joint, MassSection
+from fenics_joints.case.sections import JointSection, MassSection
 from fenics_joints.diagnosis.zones.zone import Zone, Zones
 from fenics_joints.errors import InputError
 from fenics_joints.forms import lame_parameters
@@ -137,12 +137,13 @@ def _split(tagged: TaggedMesh, middles: np.ndarray, zone: np.ndarray, labels) ->
     return replace(tagged, cell_tags=new, cell_names=names)
 
 
-def _joints(case: Case, labels) -> dict[str, Joint]:
+def _joints(case: Case, labels) -> dict[str, JointSection]:
     """A joint for each zone, as stiff as the stiffest part."""
     stiffest = max((p.nominal() for p in case.parts.values()), key=lambda q: q["E"])
     lmbda, mu = lame_parameters(stiffest["E"], stiffest["nu"])
     return {
-        label: Joint(cells=[label], law="uncoupled", E=lmbda + 2 * mu, G=mu) for label in labels
+        label: JointSection(cells=[label], law="uncoupled", E=lmbda + 2 * mu, G=mu)
+        for label in labels
     }
 
 

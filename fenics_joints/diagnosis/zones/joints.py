@@ -20,7 +20,7 @@ from scipy.spatial import cKDTree
 from fenics_joints._compat import geometry_dofmap
 from fenics_joints.case import Case
 from fenics_joints.case.build import measured_joints
-from fenics_joints.case.sections import Joint
+from fenics_joints.case.sections import JointSection
 from fenics_joints.diagnosis.zones.places import LayerZone, bolt_points, placed
 from fenics_joints.diagnosis.zones.zone import SAME, Zones, check_names
 from fenics_joints.errors import InputError
@@ -39,7 +39,7 @@ _MOST = 64
 class _Layer:
     """Cells of a joint: local ones, and the middles and areas of all ranks' owned ones."""
 
-    section: Joint
+    section: JointSection
     cells: np.ndarray
     local: np.ndarray
     middles: np.ndarray
@@ -159,7 +159,7 @@ def _cell_volumes(tagged: TaggedMesh) -> np.ndarray:
     return vector.array[space.dofmap.list[:owned, 0]]
 
 
-def _layer(tagged: TaggedMesh, section: Joint, volumes: np.ndarray) -> _Layer:
+def _layer(tagged: TaggedMesh, section: JointSection, volumes: np.ndarray) -> _Layer:
     mesh, comm = tagged.mesh, tagged.mesh.comm
     tags = [tagged.cell_tag(name) for name in section.cells]
     cells = np.sort(np.concatenate([tagged.cell_tags.find(t) for t in tags]))

@@ -1,1 +1,0 @@
-"""What is wrong with a case across its sections, a line each."""
