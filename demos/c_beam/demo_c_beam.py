@@ -26,7 +26,7 @@ import numpy as np
 from mpi4py import MPI
 
 from fenics_joints.case import build_preload, load_case
-from fenics_joints.commands.cutoff.run import run_cutoff
+from fenics_joints.commands.cutoff import run_cutoff
 from fenics_joints.modal import solve_modes
 from fenics_joints.preload.linear_joint import LinearJoint
 from fenics_joints.preload.torque import motosh_force

@@ -13,12 +13,12 @@ from fenics_joints.commands.outcome import Outcome
 _FILES = {
     "bayes": "bayes.run",
     "check": "check.run",
-    "cutoff": "cutoff.run",
+    "cutoff": "cutoff",
     "diagnose": "diagnose.run",
     "harmonic": "harmonic.run",
     "modes": "modes",
     "plan": "plan.run",
-    "preload": "preload.run",
+    "preload": "preload",
     "update": "update.run",
 }
 _RUNS = {f"run_{command}": f"{__name__}.{file}" for command, file in _FILES.items()}

@@ -11,7 +11,7 @@ from mpi4py import MPI
 from fenics_joints.case import build_structure, load_case, model_damping
 from fenics_joints.commands.harmonic.run import run_harmonic
 from fenics_joints.commands.modes import run_modes
-from fenics_joints.commands.preload.run import run_preload
+from fenics_joints.commands.preload import run_preload
 from fenics_joints.commands.update.run import update_case
 from fenics_joints.errors import InputError
 from fenics_joints.modal import solve_modes

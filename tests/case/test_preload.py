@@ -12,7 +12,7 @@ from mpi4py import MPI
 from fenics_joints.case import build_structure, load_case
 from fenics_joints.commands.check.run import check_case, run_check
 from fenics_joints.commands.modes import run_modes
-from fenics_joints.commands.preload.run import run_preload
+from fenics_joints.commands.preload import run_preload
 from fenics_joints.errors import InputError
 from fenics_joints.progress import Progress
 

@@ -17,7 +17,7 @@ from typer.testing import CliRunner
 
 from fenics_joints.case import load_case
 from fenics_joints.cli import app
-from fenics_joints.commands.preload.run import run_preload
+from fenics_joints.commands.preload import run_preload
 from fenics_joints.errors import InputError
 from fenics_joints.meshes import CBeams, c_beams
 from fenics_joints.modal import solve_modes

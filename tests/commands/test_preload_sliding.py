@@ -11,7 +11,7 @@ pytest.importorskip("dolfinx")
 from mpi4py import MPI
 
 from fenics_joints.case import load_case
-from fenics_joints.commands.preload.run import run_preload
+from fenics_joints.commands.preload import run_preload
 from fenics_joints.errors import InputError
 from fenics_joints.progress import Progress
 

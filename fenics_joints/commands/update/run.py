@@ -12,7 +12,7 @@ from threadpoolctl import threadpool_limits
 from fenics_joints.beams import BeamStructure
 from fenics_joints.case import Case, build_structure, model_damping, test_notes
 from fenics_joints.case.dimensions import refuse_unfit
-from fenics_joints.commands.cutoff.run import run_cutoff
+from fenics_joints.commands.cutoff import run_cutoff
 from fenics_joints.commands.outcome import Outcome
 from fenics_joints.commands.update.conditions import FollowedModel, sweep_conditions
 from fenics_joints.commands.update.data import UpdateData, update_data

@@ -1,0 +1,604 @@
+"""The ``preload`` command: contacts under the bolts' preload, and what it does to frequencies."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from dolfinx import fem
+from markupsafe import Markup
+from matplotlib import colormaps
+from mpi4py import MPI
+
+import fenics_joints
+from fenics_joints.case import Case, build_preload
+from fenics_joints.commands.outcome import Outcome
+from fenics_joints.files import plain, shown_path
+from fenics_joints.formatting import hertz, number, percent, prefixed, quantity
+from fenics_joints.modal.modes import Modes, solve_modes
+from fenics_joints.preload import (
+    OPEN,
+    SLIP,
+    STICK,
+    ContactState,
+    Displacement,
+    LinearJoint,
+    Obstacle,
+    PreloadResult,
+    PreloadSolver,
+    status_conditions,
+    stuck_conditions,
+)
+from fenics_joints.preload.bodies import at_blocks, body_numbers
+from fenics_joints.preload.fields import nodal_fields, write
+from fenics_joints.preload.patch import equal_radius, largest_radius, nearest_axis
+from fenics_joints.progress import Progress
+from fenics_joints.report.contact_pictures import pressure_map, pressure_profile
+from fenics_joints.report.document import (
+    Document,
+    Figure,
+    Heading,
+    Keys,
+    OnPage,
+    OnTerminal,
+    Table,
+    Text,
+    View,
+    sentence,
+)
+from fenics_joints.report.style import to_svg
+from fenics_joints.report.surface import Surface, surface
+from fenics_joints.report.view import Colours, Look, scene
+from fenics_joints.structure.paraview import check_fields_path
+
+#: Pressure, Pa, that bounds the contact radius (Machines 2022, eq. 10).
+LIMIT = 1e6
+#: Friction and pressure, Pa, beyond those of any metal: a hard steel's indentation has some 8 GPa.
+_ROUGH, _HARDEST = 2.0, 1e10
+#: Gap over a face's size that counts as zero.
+_FLAT = 1e-9
+#: Components below this share of the largest are round-off.
+_ZERO = 1e-9
+#: Elastic modes whose frequencies are compared.
+_ELASTIC = 6
+#: Relative difference of the frequencies of a symmetric structure's pair, whose shapes may turn.
+_EQUAL = 1e-3
+#: Open, slipping, sticking: told apart by all kinds of colour vision.
+_STATUS = colormaps["cividis"]
+
+
+def run_preload(
+    case: Case, comm: MPI.Intracomm, progress: Progress, *, fields: Path | None = None
+) -> Outcome[PreloadReport]:
+    """Contacts at the case's bolt forces and loads, and the frequencies about it. Collective.
+
+    Args:
+        case: The case.
+        comm: Communicator.
+        progress: Told what is being done.
+        fields: A file to write the fields to, ``.bp`` or ``.xdmf``.
+
+    Raises:
+        JointsError: If the case, the mesh or a solution fails.
+    """
+    if fields is not None:
+        check_fields_path(comm, fields)
+    progress.step("building the model")
+    model = build_preload(case, comm)
+    progress.step(f"contact of {model.jumps.n} degrees of freedom")
+    result = PreloadSolver(model).solve(monitor=lambda i, norm: progress.advance())
+    axes = bolt_axes(result)
+    contacts = [contact_facts(state, axes) for state in result.contacts.values()]
+    progress.step("modes with the contacts stuck, and as the preload leaves them")
+    joint = LinearJoint(model, stuck_conditions(result))
+    stuck = _elastic_modes(joint)
+    loose = _elastic_modes(joint.change(status_conditions(result)), stuck)
+    written = ()
+    if fields is not None:
+        progress.step(f"writing {fields}")
+        written = tuple(write(result, fields))
+    hz = [modes.frequencies_hz[modes.n_rigid :] for modes in (stuck, loose)]
+    compared = min(_ELASTIC, *map(len, hz))
+    found = PreloadReport(
+        case,
+        result,
+        contacts,
+        *(f[:compared] for f in hz),
+        written,
+        tuple(applied_facts(result)),
+        max(loose.n_rigid - stuck.n_rigid, 0),
+        _become(joint, stuck, loose)[:compared],
+    )
+    return Outcome.said(found, preload_document(found))
+
+
+def _become(joint: LinearJoint, stuck: Modes, loose: Modes) -> np.ndarray:
+    """Frequencies, Hz, (n,), of what the stuck elastic modes become in the preloaded state: of the
+    mode, or the modes as good as equal, with more than half of the kinetic energy of the stuck
+    shape; nan where none has."""
+    mass, hz = joint.free_matrices()[1], loose.frequencies_hz[loose.n_rigid :]
+    moved = [mass * shape for shape in loose.shapes[loose.n_rigid :]]
+    found = np.full(len(stuck) - stuck.n_rigid, np.nan)
+    for i, shape in enumerate(stuck.shapes[stuck.n_rigid :]):
+        # Shapes have unit modal mass, so that these are shares, 1 in sum over all modes.
+        shares = np.array([shape.dot(other) ** 2 for other in moved])
+        near = hz[np.argmax(shares)]
+        if shares[np.abs(hz / near - 1) < _EQUAL].sum() > 0.5:
+            found[i] = near
+    return found
+
+
+def _elastic_modes(joint: LinearJoint, before: Modes | None = None) -> Modes:
+    """Modes up to the compared elastic ones, however many free motions come before them.
+
+    Faces that slide or are open let bodies move against one another.
+    """
+    wanted = (6 if before is None else before.n_rigid) + _ELASTIC + 1
+    solver = None if before is None else before.solver
+    modes = solve_modes(joint, n_modes=wanted, solver=solver)
+    if len(modes) - modes.n_rigid < _ELASTIC and len(modes) == wanted:
+        wanted = modes.n_rigid + 6 * _ELASTIC
+        modes = solve_modes(joint, n_modes=wanted, solver=solver)
+    return modes
+
+
+# -- the result ------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class PreloadReport:
+    """What the ``preload`` command found.
+
+    Attributes:
+        case: The case.
+        result: The preload state.
+        contacts: A dict of facts for each contact, see `contact_facts`.
+        stuck_hz: Elastic frequencies with all contacts fully stuck, and obstacles where they press,
+            Hz, (n,).
+        preloaded_hz: Elastic frequencies with each pair as the preload leaves it, Hz, (n,).
+        written: Files of fields.
+        applied: A dict of facts for each obstacle, displacement and load, see `applied_facts`.
+        free_motions: Number of motions that nothing resists in the preloaded state, beyond those
+            of the stuck structure.
+        become_hz: Frequencies of the preloaded modes that have the stuck ones' shapes, Hz, (n,);
+            nan where none has.
+    """
+
+    case: Case
+    result: PreloadResult
+    contacts: list[dict]
+    stuck_hz: np.ndarray
+    preloaded_hz: np.ndarray
+    written: tuple[Path, ...] = ()
+    applied: tuple[dict, ...] = ()
+    free_motions: int = 0
+    become_hz: np.ndarray = field(default_factory=lambda: np.zeros(0))
+
+    @property
+    def rows(self) -> list[tuple[float, float]]:
+        """Frequencies, Hz, stuck and preloaded, of the same shapes; then those of the preloaded
+        modes whose shapes no stuck mode has, beside nan."""
+        other = self.preloaded_hz[~np.isin(self.preloaded_hz, self.become_hz)]
+        pairs = zip(self.stuck_hz, self.become_hz, strict=True)
+        return [*pairs, *((np.nan, hz) for hz in other)]
+
+    @property
+    def notes(self) -> list[str]:
+        """Remarks on the state and its frequencies, and unlikely values, a sentence each."""
+        found = [
+            f"contact {c.name}: friction of {number(c.friction)} is unlikely; dry metals have "
+            "0.1 to 1"
+            for c in self.result.model.contacts
+            if c.friction > _ROUGH
+        ] + [
+            f"contact {c['name']}: a peak pressure of {quantity(c['peak_pressure_pa'], 'Pa')} is "
+            "more than metals bear: are the bolts' forces right?"
+            for c in self.contacts
+            if c["peak_pressure_pa"] > _HARDEST
+        ]
+        if not np.isfinite(self.become_hz).all():
+            found.append(
+                "a mode without a frequency beside it has no mode of its shape in the other state: "
+                "what slides or opens mixes them anew"
+            )
+        if self.free_motions:
+            found.append(
+                f"sliding or open faces add {self.free_motions} "
+                f"motion{'s' * (self.free_motions > 1)} that nothing resists, at 0 Hz, which "
+                "this table leaves out"
+            )
+        if _recedes(self.result):
+            found.append(
+                "the faces touch everywhere before tightening, and only bolts press them (a "
+                "receding contact): if all bolt forces change by one factor, the pressures change "
+                "by it too, but the pressed area and these frequencies stay the same; they change "
+                "with faces that have a gap or a crown, with other loads, and with joints whose "
+                "stiffness depends on the pressure"
+            )
+        return found
+
+    def __repr__(self) -> str:
+        words = f"{self.result.iterations} iterations, {len(self.contacts)} contacts"
+        return f"PreloadReport({self.case.name!r}, {words})"
+
+    def to_json(self) -> dict[str, object]:
+        """What ``--json`` writes.
+
+        Keys: ``version``, ``title``, ``dofs``, ``bolt_forces_n``, ``iterations``,
+        ``complementarity``, ``contacts`` (each with the keys of `contact_facts`), ``applied``
+        (obstacles, displacements and loads, with the keys of `applied_facts`),
+        ``frequencies_hz`` with ``stuck``, ``preloaded`` and ``stuck_become`` (of the preloaded
+        modes of the stuck shapes; null where there is none), ``free_motions`` and ``notes``.
+        """
+        return {
+            "version": fenics_joints.__version__,
+            "title": self.case.title,
+            "dofs": self.result.model.jumps.n,
+            "bolt_forces_n": bolt_forces(self.result),
+            "iterations": self.result.iterations,
+            "complementarity": self.result.complementarity,
+            "contacts": self.contacts,
+            "applied": self.applied,
+            "frequencies_hz": {
+                "stuck": self.stuck_hz.tolist(),
+                "preloaded": self.preloaded_hz.tolist(),
+                "stuck_become": plain(self.become_hz),
+            },
+            "free_motions": self.free_motions,
+            "notes": self.notes,
+        }
+
+
+def _recedes(result: PreloadResult) -> bool:
+    """Whether only bolts press, and the faces have no gap: the state is then proportional.
+
+    Dundurs and Stippes, J. Appl. Mech. 37, 1970.
+    """
+    model = result.model
+    if model.moved or len(model.bolts) < len(result.forces):
+        return False
+    sizes = [np.ptp(i.points, axis=0).max() for i in model.interfaces]
+    return bool(model.bolts) and all(
+        np.abs(i.gap).max(initial=0.0) <= _FLAT * size
+        for i, size in zip(model.interfaces, sizes, strict=True)
+    )
+
+
+def applied_facts(result: PreloadResult) -> list[dict]:
+    """What acts on faces beside bolts, and what comes of it. Collective.
+
+    Returns:
+        Of each a dict with ``name``, ``kind`` (``obstacle``, ``displacement``, ``load``),
+        ``displacement_m`` by direction (of an obstacle its own; None where a face is free, and of a
+        load) and ``force_n`` on the bodies by direction: of a displacement what holds the face.
+    """
+    model, found = result.model, []
+    for moved in sorted(model.moved, key=lambda m: isinstance(m, Displacement)):
+        kind = "obstacle" if isinstance(moved, Obstacle) else "displacement"
+        way = result.motion(moved.name).tolist()
+        if isinstance(moved, Displacement):
+            way = [None if v is None else w for v, w in zip(moved.value, way, strict=True)]
+        force = result.reaction(moved.name)
+        found.append(_facts(moved.name, kind, way, force))
+    for name, force in model.resultants.items():
+        found.append(_facts(name, "load", None, result.forces[name] * force))
+    return found
+
+
+def _facts(name: str, kind: str, way: list | None, force: np.ndarray) -> dict:
+    return {"name": name, "kind": kind, "displacement_m": way, "force_n": force.tolist()}
+
+
+def bolt_axes(result: PreloadResult) -> dict[str, np.ndarray]:
+    """A point on the axis of every bolt, m, (gdim,): the middle of its two faces. Collective."""
+    model = result.model
+    return {
+        bolt.name: 0.5 * (_middle(model.face(bolt.lower)) + _middle(model.face(bolt.upper)))
+        for bolt in model.bolts
+    }
+
+
+def _middle(face) -> np.ndarray:
+    return 0.5 * (face.points.min(axis=0) + face.points.max(axis=0))
+
+
+def contact_facts(state: ContactState, axes: dict[str, np.ndarray]) -> dict:
+    """What is said of a contact.
+
+    Args:
+        state: The contact in its state.
+        axes: A point on each bolt's axis, by bolt.
+
+    Returns:
+        Keys ``name``; ``force_n``; ``peak_pressure_pa``, the largest of the facets' means, and
+        ``peak_nodal_pressure_pa``; ``mean_pressure_pa``, over the area that presses; ``area_m2``,
+        where the pressure, linear between vertices, is above zero, ``area_above_1_mpa_m2``, with
+        the same pressure, and ``whole_area_m2``; ``radius_m`` by bolt, to the farthest place with
+        1 MPa or more among those nearest to the bolt; ``equal_radius_m`` by bolt, in space only:
+        radius of the circle around the hole with the area above 1 MPa, and the least and largest
+        radius within the mesh's resolution; ``open``, ``slip``, ``stick``: numbers of pairs;
+        ``matching``, whether these are pairs of vertices.
+    """
+    force, area = state.normal_force, state.area
+    return {
+        "name": state.name,
+        "force_n": force,
+        "peak_pressure_pa": float(state.facet_pressure.max(initial=0.0)),
+        "peak_nodal_pressure_pa": float(state.pressure.max(initial=0.0)),
+        "mean_pressure_pa": state.pressure_force / area if area else 0.0,
+        "area_m2": area,
+        "area_above_1_mpa_m2": state.area_above(LIMIT),
+        "whole_area_m2": float(state.facet_area.sum()),
+        **_radii(state, axes),
+        "matching": state.interface.coupling is None,
+        **{
+            word: int(np.sum(state.status == kind))
+            for word, kind in (("open", OPEN), ("slip", SLIP), ("stick", STICK))
+        },
+    }
+
+
+def _radii(state: ContactState, axes: dict[str, np.ndarray]) -> dict[str, dict]:
+    """Contact radii at each bolt, by the pairs nearest to the bolt."""
+    farthest, equal = {}, {}
+    if axes:
+        nearest = nearest_axis(state.interface.points, axes.values())
+    for i, (name, axis) in enumerate(axes.items()):
+        own = np.where(nearest == i, state.pressure, 0.0)
+        farthest[name] = largest_radius(state.interface, own, LIMIT, axis)
+        if len(axis) == 3:
+            equal[name] = equal_radius(state.interface, own, LIMIT, axis)
+    return {"radius_m": farthest, "equal_radius_m": equal}
+
+
+def bolt_forces(result: PreloadResult) -> dict[str, float]:
+    """The bolts' forces, N, by name."""
+    return {bolt.name: result.forces[bolt.name] for bolt in result.model.bolts}
+
+
+# -- what is said of it ----------------------------------------------------------------------------
+
+
+def preload_document(p: PreloadReport) -> Document:
+    """What is said of a preload state and its frequencies."""
+    forces = forces_in_words(p.result)
+    frequencies = Table(
+        ">elastic mode", ">stuck, Hz", ">preloaded, Hz", ">change", id="frequencies"
+    )
+    for i, (a, b) in enumerate(p.rows):
+        name = str(i + 1) if i < len(p.stuck_hz) else ""
+        frequencies.add(name, hertz(a), hertz(b), percent(b / a - 1, sign=True))
+    press = ", and to obstacles where they press" if p.applied else ""
+    held = f"Stuck: all of each face is held to the other{press}."
+    return Document(
+        p.case.name,
+        "contact under preload",
+        "Contact under preload",
+        [
+            Keys(
+                [
+                    *([("forces", forces, "(bolt forces)")] if forces else []),
+                    ("dofs", p.result.model.jumps.n, "degrees of freedom"),
+                    ("iterations", p.result.iterations, "iterations"),
+                ]
+            ),
+            OnPage(lambda: _scene(p.result)),
+            Heading("What the preload does to the frequencies"),
+            Text(
+                f"{held} Preloaded: open where the preload leaves a gap, free to slide where it "
+                "slips."
+            ),
+            frequencies,
+            *(Text(sentence(note)) for note in p.notes),
+            *_applied(p.applied),
+            *contact_blocks(p.result, p.contacts),
+            OnTerminal([Text(f"wrote {shown_path(path)}") for path in p.written]),
+        ],
+        p.to_json,
+    )
+
+
+def _applied(facts: Sequence[dict]) -> list:
+    """What acts on the bodies, and what comes of it."""
+    if not facts:
+        return []
+    table = Table(
+        "what acts",
+        "kind",
+        "moved by",
+        "force on the bodies",
+        caption="By direction x, y, z. Of a face that is moved, the force is what holds it there",
+        id="applied",
+    )
+    for f in facts:
+        way = "" if f["displacement_m"] is None else _words(f["displacement_m"], "m")
+        table.add(f["name"], f["kind"], way, _words(f["force_n"], "N"))
+    return [Heading("What acts on the bodies"), table]
+
+
+def _words(vector: Sequence[float | None], unit: str) -> str:
+    """A vector in the unit that suits its largest component."""
+    size = max(abs(v or 0.0) for v in vector)
+    factor, unit = prefixed(size, unit)
+    parts = (
+        "free" if v is None else number(v * factor if abs(v) > _ZERO * size else 0.0)
+        for v in vector
+    )
+    return f"({', '.join(parts)}) {unit}"
+
+
+def area_words(square_metres: float) -> str:
+    """An area in mm2."""
+    return f"{square_metres * 1e6:.0f} mm²"
+
+
+def forces_in_words(result: PreloadResult) -> str:
+    """The bolts' forces by name; empty without bolts."""
+    return ", ".join(f"{name} {quantity(f, 'N')}" for name, f in bolt_forces(result).items())
+
+
+def contact_blocks(result: PreloadResult, contacts: Sequence[dict]) -> list:
+    """Facts on each contact, and pictures of its pressure."""
+    tables = [_contact_table(c) for c in contacts]
+    return [Heading("Contacts"), *tables, OnPage(lambda: _pressures(result))]
+
+
+def _contact_table(c: dict) -> Table:
+    table = Table(f"contact {c['name']}", ">", kind="contact")
+    presses, whole = area_words(c["area_m2"]), area_words(c["whole_area_m2"])
+    table.add("force between the faces", quantity(c["force_n"], "N"))
+    table.add("peak pressure, mean over a facet", quantity(c["peak_pressure_pa"], "Pa"))
+    table.add("peak pressure at a vertex", quantity(c["peak_nodal_pressure_pa"], "Pa"))
+    table.add("mean pressure where it presses", quantity(c["mean_pressure_pa"], "Pa"))
+    table.add("area that presses", f"{presses} of {whole}")
+    table.add("area above 1 MPa", area_words(c["area_above_1_mpa_m2"]))
+    for bolt, radius in c["radius_m"].items():
+        if bolt in c["equal_radius_m"]:
+            equal, least, most = (1e3 * r for r in c["equal_radius_m"][bolt])
+            words = f"{equal:.1f} mm ({least:.1f} to {most:.1f} by the mesh)"
+            table.add(f"radius of the area above 1 MPa at {bolt}", words)
+        table.add(f"farthest place with 1 MPa from {bolt}", quantity(radius, "m"))
+    if not c["matching"]:
+        table.add("meshes of the faces", "differ: mortar")
+    for word in ("open", "slip", "stick"):
+        table.add(f"{word} pairs", str(c[word]))
+    return table
+
+
+def bolt_centres(result: PreloadResult) -> np.ndarray | None:
+    """Points on the bolts' axes, m, (n, gdim); None without bolts. Collective."""
+    axes = bolt_axes(result)
+    return np.array(list(axes.values())) if axes else None
+
+
+def _pressures(result: PreloadResult) -> list[Figure] | None:
+    """Pressure of each contact in plan, and along the longest direction of its face. Collective."""
+    centres = bolt_centres(result)
+    if result.model.comm.rank != 0:
+        return None
+    found: list[Figure] = []
+    if result.model.structure.gdim < 3:
+        return found
+    for i, state in enumerate(result.contacts.values()):
+        axis = int(np.ptp(state.interface.points, axis=0).argmax())
+        words = f"Pressure of the contact {state.name}"
+        peak = quantity(float(state.facet_pressure.max(initial=0)), "Pa")
+        plan = pressure_map(state, centres=centres)
+        line = pressure_profile(state, centres=centres, direction=np.eye(3)[axis])
+        drawn = to_svg(plan, f"plan{i}", f"{words} in plan; peak {peak}.")
+        found.append(Figure(drawn, f"{state.name}: pressure in plan"))
+        drawn = to_svg(line, f"line{i}", f"{words} along {'xyz'[axis]}.")
+        found.append(Figure(drawn, f"{state.name}: pressure of all pairs along {'xyz'[axis]}"))
+    return found
+
+
+def _scene(result: PreloadResult) -> list[View] | None:
+    """The bodies, to be looked at from all sides. Collective."""
+    view = _view(result)
+    if result.model.comm.rank != 0:
+        return None
+    return [] if view is None else [View(view)]
+
+
+def _view(result: PreloadResult) -> Markup | None:
+    """Pressure and status of the contacts on the bodies, taken apart. Collective.
+
+    Returns:
+        The view on rank 0; None on the others, and of bodies in the plane.
+    """
+    model = result.model
+    if model.structure.gdim < 3 or not result.contacts:
+        return None
+    V, comm = model.V, model.comm
+    named = {field.name: field for field in nodal_fields(result)}
+    vertices, motions = model.structure.corner_motion([result.displacement.x.petsc_vec])
+    body, levels = _levels(result)
+    own = V.mesh.topology.index_map(3).size_local
+    here = [
+        body[V.dofmap.list[:own, 0]],
+        _corners(named["pressure"], own),
+        _corners(named["status"], own),
+    ]
+    parts = comm.gather(here)
+    if parts is None:
+        return None
+    number, pressure, status = (np.concatenate(a) for a in zip(*parts, strict=True))
+    motion = motions[0]
+
+    def looks(s: Surface) -> list[Look]:
+        return _looks(result, s, motion, pressure, status)
+
+    whole = surface(vertices, number, levels[number], [motion])
+    name = "Bodies under preload, taken apart, with the pressure on their faces."
+    return scene(whole, looks, name, turn=_frame(result), apart=True)
+
+
+def _corners(field: fem.Function, own: int) -> np.ndarray:
+    """Values at the corners of this rank's cells, (own, n_corners)."""
+    return field.x.array[field.function_space.dofmap.list[:own]]
+
+
+def _looks(result, s: Surface, motion, pressure, status) -> list[Look]:
+    shape, at = motion.reshape(-1, 3)[s.pick], status.ravel()[s.pick]
+    touched = at >= 0
+    value = pressure.ravel()[s.pick]
+    most = max(float(pressure.max(initial=0.0)), 1e-12)
+    peak = quantity(most, "Pa")
+    factor = float(np.abs(shape).max(initial=0.0))
+    note = f"Bodies as the preload deforms them, up to {quantity(factor, 'm')}, enlarged."
+    return [
+        Look(
+            "contact pressure",
+            Colours(colormaps["YlGnBu"], "0", peak, "pressure at the vertices", "no contact"),
+            motion=shape,
+            values=np.where(touched, value / most, np.nan),
+            shown=(0.0, most / 1e6, "MPa"),
+            note=note,
+        ),
+        Look(
+            "open, slip, stick",
+            Colours(_STATUS, "open", "stick", "slip between them", "no contact"),
+            motion=shape,
+            values=np.where(touched, at / STICK, np.nan),
+            note=note,
+        ),
+    ]
+
+
+def _levels(result: PreloadResult) -> tuple[np.ndarray, np.ndarray]:
+    """Body of every local block, and the level of each body: above what it lies on. Collective."""
+    V = result.model.V
+    body, n = body_numbers(V)
+    own = V.dofmap.index_map.size_local
+    lies = []
+    for state in result.contacts.values():
+        i = state.interface
+        if not len(i.lower):  # an obstacle
+            continue
+        both = [at_blocks(V, body[:own].astype(np.int64), nodes) for nodes in (i.lower, i.upper)]
+        lies += sorted(set(zip(*(side.tolist() for side in both), strict=True)))
+    level = np.zeros(n, dtype=np.int64)
+    for _ in range(n):
+        for lower, upper in lies:
+            level[upper] = max(level[upper], level[lower] + 1)
+        if level.max(initial=0) > n:  # bodies that lie on one another in a ring
+            return body, np.zeros(n, dtype=np.int64)
+    return body, level
+
+
+def _frame(result: PreloadResult) -> np.ndarray:
+    """Turns the contacts' mean normal upwards, and the longest way across it to the right."""
+    normals = np.concatenate([s.interface.frames[:, 0] for s in result.contacts.values()])
+    points = np.concatenate([s.interface.points for s in result.contacts.values()])
+    up = normals.mean(axis=0)
+    if np.linalg.norm(up) < 0.5:
+        return np.eye(3)
+    up /= np.linalg.norm(up)
+    flat = points - points.mean(axis=0)
+    flat -= np.outer(flat @ up, up)
+    axes = np.eye(3) - np.outer(up, up)
+    right = axes[int(np.argmax(np.ptp(flat, axis=0)))]
+    right /= np.linalg.norm(right)
+    return np.array([right, np.cross(up, right), up])
