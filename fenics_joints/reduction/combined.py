@@ -17,7 +17,7 @@ from fenics_joints.reduction.adaptive import Points
 from fenics_joints.reduction.arrays import ArrayModel
 from fenics_joints.reduction.frf_basis import ResponseSampler, frf_error, response_loads
 from fenics_joints.reduction.reduced import ReducedStructure
-from fenics_joints.response.damping_ratios import damping_ratios
+from fenics_joints.response.complex_modes import damping_ratios
 from fenics_joints.structure import Damping, Parameter, Structure
 
 #: Samples for each parameter, beside the start, and their range about it, a factor either way.

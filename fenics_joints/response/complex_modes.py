@@ -1,8 +1,7 @@
 """Complex modes of damped structures: Z(s) x = 0, with Z of `fenics_joints.structure.damping`.
 
-By projection on real modes and residual vectors (`response.modal_basis`), whose error is found;
-or on the full model by SLEPc, linearised in the state space (s x, x), for viscous damping. Reduced
-models are solved densely.
+By projection on real modes and residual vectors (`response.modal_basis`), whose error is found; the
+basis is widened until that is small. Reduced models are solved densely.
 
 Z is symmetric, so that left and right vector are one, and
 
@@ -11,29 +10,26 @@ Z is symmetric, so that left and right vector are one, and
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import scipy.linalg
-from petsc4py import PETSc
-from slepc4py import SLEPc
+from scipy.optimize import linear_sum_assignment
 
-from fenics_joints.errors import ConvergenceError, InputError, flag, member, real, whole
-from fenics_joints.modal.modes import SHIFT_SHARE, Modes, solve_modes
-from fenics_joints.modal.options import given_options, petsc_defaults
-from fenics_joints.response.modal_basis import ModalPencil, extended, modal_pencil, with_terms
+from fenics_joints.errors import ConvergenceError, InputError, flag, real, whole
+from fenics_joints.modal.modes import Modes, solve_modes
+from fenics_joints.response.modal_basis import (
+    ModalPencil,
+    extended,
+    modal_pencil,
+    reduced_pencil,
+    with_terms,
+)
 from fenics_joints.response.pencil import DampedPencil, check_damped, check_damping
-from fenics_joints.response.reduced import reduced_pencil
 from fenics_joints.structure import Damped, Damping, Sensors
 from fenics_joints.structure.sparse import product
 
-_OPTIONS = {
-    "st_type": "sinvert",
-    "st_ksp_type": "preonly",
-    "st_pc_type": "cholesky",
-    "st_pc_factor_mat_solver_type": "mumps",
-}
 #: Residual above which what the dense solver found is no mode, of a reduced model.
 _NO_MODE = 1e-2
 #: How often the basis may be widened.
@@ -51,12 +47,12 @@ class ComplexModes:
         shapes: This rank's rows of the shapes x, complex, (n_local, n), with x^T dZ/ds x = 2 s,
             which makes undamped ones M-normalised; of a reduced model (n_dofs, n).
         residuals: |A^-1 Z(s) x| / |x| in the norm of energy, A = K - shift M, (n,): what one more
-            step would change of the shapes. In the state space SLEPc's relative residuals. Of a
-            reduced model |Z(s) x| / |K x| on its modes of energy 1.
+            step would change of the shapes. Of a reduced model |Z(s) x| / |K x| on its modes of
+            energy 1.
         slopes: ds/dp for every parameter, (n, n_parameters); None unless they were asked for.
         shares: Which real modes each is made of: share of each real mode, rigid-body modes first,
-            in the shape, in the norm of mass, (n_real, n); None in the state space.
-        solver: SLEPc's solver; None of a reduced model.
+            in the shape, in the norm of mass, (n_real, n).
+        solver: SLEPc's solver of the real modes; None of a reduced model.
     """
 
     structure: Damped
@@ -64,9 +60,9 @@ class ComplexModes:
     eigenvalues: np.ndarray
     shapes: np.ndarray
     residuals: np.ndarray
-    slopes: np.ndarray | None = None
-    solver: object | None = None
-    shares: np.ndarray | None = None
+    slopes: np.ndarray | None
+    shares: np.ndarray
+    solver: object | None
 
     def __len__(self) -> int:
         return len(self.eigenvalues)
@@ -113,73 +109,92 @@ def solve_complex_modes(
     *,
     damping: Damping,
     n_modes: int = 20,
-    method: str = "projection",
     gradients: bool = False,
     modes: Modes | None = None,
     tolerance: float = 1e-5,
-    petsc_options: Mapping[str, object] | None = None,
 ) -> ComplexModes:
     """Lowest complex modes of a damped structure. Collective.
 
     Args:
-        structure: A structure; or a reduced one or beams, solved densely, for which
-            the method, modes and tolerance do not matter.
+        structure: A structure; or a reduced one or beams, solved densely, for which modes and
+            tolerance do not matter.
         given: Values of parameters that differ from their nominal value.
         damping: The damping.
         n_modes: Number of modes, rigid-body modes, which are left out of the result, included.
-        method: ``"projection"`` on real modes and residual vectors; or ``"state-space"``, the full
-            model by SLEPc's PEP, for Rayleigh and viscous damping only; overdamped motion takes the
-            place of modes there.
-        gradients: Whether derivatives by the parameters are wanted; by projection only.
-        modes: By projection: real modes of the structure at the same values, as for `solve_frf`.
-        tolerance: By projection: `residuals` above which the basis is widened by what they lack.
-            An eigenvalue's relative error is of the order of its square.
-        petsc_options: Options of SLEPc's PEP, without prefix.
+        gradients: Whether derivatives by the parameters are wanted.
+        modes: Real modes of the structure at the same values, as for `solve_frf`.
+        tolerance: `residuals` above which the basis is widened by what they lack. An eigenvalue's
+            relative error is of the order of its square.
 
     Raises:
         InputError: If a value is out of range or unknown.
         ConvergenceError: If modes were not found.
     """
-    member("method", method, ("projection", "state-space"))
     check_damped(structure)
     damping = check_damping(damping)
     n_modes = whole("n_modes", n_modes)
     flag("gradients", gradients)
     real("tolerance", tolerance, above=0)
-    if structure.is_dense:
-        return _reduced(structure, given, damping, n_modes, gradients)
-    pencil = DampedPencil(structure, given, damping)
+    pencil, solver = DampedPencil(structure, given, damping), None
     try:
-        if method == "state-space":
-            _check_viscous(pencil.damping, gradients)
-            return _state_space(pencil, given, n_modes, petsc_options)
-        if modes is None:
-            modes = solve_modes(structure, given, n_modes=n_modes)
-        lines = modes.frequencies_hz[modes.n_rigid :]
-        lines = lines if len(lines) else np.ones(1)
-        modal = modal_pencil(pencil, None, lines, modes=modes)
-        modal, s, y, residuals = _improved(pencil, modal, tolerance)
+        if structure.is_dense:
+            whole("n_modes", n_modes, most=structure.n_dofs)
+            modal = reduced_pencil(pencil, given)
+            s, y, residuals = _reduced(modal, n_modes - modal.modes.n_rigid)
+        else:
+            if modes is None:
+                modes = solve_modes(structure, given, n_modes=n_modes)
+            lines = modes.frequencies_hz[modes.n_rigid :]
+            lines, solver = lines if len(lines) else np.ones(1), modes.solver.solver
+            modal = modal_pencil(pencil, None, lines, modes=modes)
+            modal, s, y, residuals = _improved(pencil, modal, tolerance)
         slopes = _slopes(with_terms(modal, pencil), s, y) if gradients else None
     finally:
         pencil.destroy()
-    return ComplexModes(
-        structure,
-        dict(given or {}),
-        s,
-        modal.basis @ y,
-        residuals,
-        slopes,
-        modes.solver.solver,
-        _shares(modal, y),
+    x, shares = modal.basis @ y, _shares(modal, y)
+    return ComplexModes(structure, dict(given or {}), s, x, residuals, slopes, shares, solver)
+
+
+def damping_ratios(
+    model: Damped,
+    given: Mapping[str, float] | None,
+    damping: Damping,
+    modes: Modes,
+    index: Sequence[int],
+    *,
+    gradients: bool = False,
+) -> tuple[np.ndarray, np.ndarray | None]:
+    """Damping ratios of some modes with the model's damping, Jalali et al. 2019, eq. 9. Collective.
+
+    Damping changes the order of the modes, so that each real mode is given the complex one that has
+    most of it; no two the same.
+
+    Args:
+        model: The model.
+        given: Values of parameters that differ from their nominal value.
+        damping: The damping.
+        modes: The undamped modes at these values, of a `Structure` with a solver that has solved
+            nothing else since; as many complex ones are found.
+        index: Which of them, m.
+        gradients: Whether derivatives are wanted.
+
+    Returns:
+        Ratios, (m,), and their derivatives by all of the model's parameters, (m, n_parameters).
+
+    Raises:
+        InputError: If a value is out of range.
+        ConvergenceError: If modes were not found, or too many are overdamped.
+    """
+    found = solve_complex_modes(
+        model, given, damping=damping, n_modes=len(modes), gradients=gradients, modes=modes
     )
+    own = linear_sum_assignment(-found.shares[np.asarray(index)])[1]
+    return found.damping_ratios[own], found.gradients()[1][own] if gradients else None
 
 
-def _reduced(model, given, damping: Damping, n_modes: int, gradients: bool) -> ComplexModes:
-    """Complex modes of a reduced model, exact on its basis."""
-    if not 1 <= n_modes <= model.n_dofs:
-        raise InputError(f"n_modes = {n_modes}: expected 1 to {model.n_dofs}, the basis' size.")
-    modal = reduced_pencil(model, given, damping, gradients=gradients)
-    s, y = _projected(modal, n_modes - modal.modes.n_rigid)
+def _reduced(modal: ModalPencil, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """s, vectors on the basis and residuals of a reduced model, exact on its basis."""
+    s, y = _projected(modal, count)
     off = np.einsum("nij,jn->in", modal.stiffness(s), y)
     energy = np.sqrt(np.maximum(modal.stiff, 1e-300))[:, None]
     residuals = np.linalg.norm(off / np.maximum(energy, energy.max() * 1e-8), axis=0)
@@ -190,10 +205,7 @@ def _reduced(model, given, damping: Damping, n_modes: int, gradients: bool) -> C
             "others are overdamped by orders of magnitude",
             f"the largest residual is {residuals.max():.1e}",
         )
-    slopes = _slopes(modal, s, y) if gradients else None
-    return ComplexModes(
-        model, dict(given or {}), s, modal.basis @ y, residuals, slopes, shares=_shares(modal, y)
-    )
+    return s, y, residuals
 
 
 def _shares(modal: ModalPencil, y: np.ndarray) -> np.ndarray:
@@ -228,7 +240,7 @@ def _projected(modal: ModalPencil, count: int | None = None) -> tuple[np.ndarray
 
 def _uncoupled(modal: ModalPencil) -> tuple[np.ndarray, np.ndarray]:
     """s and vectors of the elastic modes where real modes are not coupled: a quadratic for each."""
-    damping, elastic = modal.damping, slice(modal.modes.n_rigid, None)
+    damping, elastic = modal.pencil.damping, slice(modal.modes.n_rigid, None)
     stiff, heavy = modal.stiff[elastic], modal.heavy[elastic]
     massive = heavy > 0
     stiff, heavy = stiff[massive], heavy[massive]
@@ -256,7 +268,7 @@ def _coupled(modal: ModalPencil) -> tuple[np.ndarray, np.ndarray]:
     K = modal.stiffness(np.zeros(1))[0][rigid:, rigid:]
     C = modal.stiffness_slope(0.0)[rigid:, rigid:]
     M = np.diag(modal.heavy[rigid:])
-    n, alpha = len(K), modal.damping.rayleigh[0]
+    n, alpha = len(K), modal.pencil.damping.rayleigh[0]
     if not np.any(C - alpha * M):
         # K x = lambda M x with s^2 + alpha s + lambda = 0: no state space.
         z, vectors = scipy.linalg.eig(np.linalg.solve(K, M))
@@ -298,7 +310,7 @@ def _residuals(pencil: DampedPencil, modal: ModalPencil, s, y) -> tuple[np.ndarr
     """Relative residuals, (n,), and this rank's rows of A^-1 Z x over |x|, (n_local, n)."""
     shapes, inverse = modal.basis @ y, modal.modes.solver.inverse
     off = np.column_stack([pencil.apply(x, shapes[:, i : i + 1])[:, 0] for i, x in enumerate(s)])
-    if modal.named.is_modal:
+    if modal.pencil.named.is_modal:
         heavy = product(pencil.M, modal.basis)
         off += heavy @ (modal.modal_damping[:, None] * s * y)
     change = inverse(np.ascontiguousarray(off.real)) + 1j * inverse(np.ascontiguousarray(off.imag))
@@ -310,69 +322,8 @@ def _residuals(pencil: DampedPencil, modal: ModalPencil, s, y) -> tuple[np.ndarr
 
 
 def _slopes(modal: ModalPencil, s: np.ndarray, y: np.ndarray) -> np.ndarray:
-    found = np.zeros((len(s), len(modal.parameters)), dtype=complex)
+    found = np.zeros((len(s), len(modal.pencil.structure.parameters)), dtype=complex)
     for term in modal.all_terms():
         changes = np.sum(y * (term.form @ y), axis=0)
         found[:, term.parameter] -= np.array([term.factor(x) for x in s]) * changes / (2 * s)
     return found
-
-
-# -- the full model in the state space ---------------------------------------------------------
-
-
-def _check_viscous(damping: Damping, gradients: bool) -> None:
-    hysteretic = damping.structural or any(damping.hysteretic.values())
-    if hysteretic or damping.is_modal or gradients:
-        raise InputError(
-            'method = "state-space": expected Rayleigh and viscous damping only, and no gradients; '
-            'method = "projection" takes all.'
-        )
-
-
-def _state_space(pencil: DampedPencil, given, n_modes: int, petsc_options) -> ComplexModes:
-    """The pairs nearest to a positive real number, where K + sigma C + sigma^2 M is definite."""
-    structure = pencil.structure
-    K, M, C = pencil.K, pencil.M, pencil.viscous()
-    sigma = 2 * np.pi * SHIFT_SHARE * structure.dilation_frequency(given)
-    pep, prefix = SLEPc.PEP().create(structure.comm), "fenics_joints_complex_"
-    pep.setOptionsPrefix(prefix)
-    pep.setOperators([K, C, M])
-    # Krylov-Schur on the companion form. After many restarts SLEPc's default, TOAR, reports modes
-    # as converged that miss the tolerance by a factor of 20 or so, depending on the processor.
-    pep.setType(SLEPc.PEP.Type.LINEAR)
-    pep.setProblemType(SLEPc.PEP.ProblemType.GENERAL)
-    pep.setScale(SLEPc.PEP.Scale.SCALAR)
-    pep.setDimensions(2 * n_modes, max(4 * n_modes, 2 * n_modes + 20))
-    pep.setWhichEigenpairs(SLEPc.PEP.Which.TARGET_MAGNITUDE)
-    pep.setTarget(sigma)
-    pep.setTolerances(1e-10)
-    with petsc_defaults(prefix, {**_OPTIONS, **given_options(petsc_options)}):
-        pep.setFromOptions()
-        try:
-            pep.solve()
-        except PETSc.Error as error:
-            raise ConvergenceError("SLEPc did not solve Z(s) x = 0", str(error)) from error
-    if pep.getConverged() < 2 * n_modes:
-        raise ConvergenceError(f"{pep.getConverged() // 2} of {n_modes} modes converged.")
-    s, shapes, residuals = _pairs(pep, K, 0.3 * sigma)
-    for i, x in enumerate(s):
-        turned = pencil.apply_slope(x, shapes[:, i : i + 1])[:, 0]
-        shapes[:, i] *= np.sqrt(2 * x / structure.comm.allreduce(shapes[:, i] @ turned))
-    C.destroy()
-    return ComplexModes(structure, dict(given or {}), s, shapes, residuals, None, pep)
-
-
-def _pairs(pep: SLEPc.PEP, K: PETSc.Mat, least: float) -> tuple[np.ndarray, ...]:
-    """Eigenvalues with Im s > 0 beyond the rigid-body modes', vectors, errors; by ascending |s|."""
-    real, imag = K.createVecs()
-    s, shapes, errors = [], [], []
-    for i in range(pep.getConverged()):
-        value = pep.getEigenpair(i, real, imag)
-        if value.imag > 1e-9 * abs(value) and abs(value) > least:
-            s.append(value)
-            shapes.append(real.array_r + 1j * imag.array_r)
-            errors.append(pep.computeError(i))
-    if not s:
-        raise ConvergenceError("no elastic mode oscillates among those found: ask for more modes.")
-    order = np.argsort(np.abs(s))
-    return np.array(s)[order], np.column_stack(shapes)[:, order], np.array(errors)[order]

@@ -21,7 +21,8 @@ from petsc4py import PETSc
 
 from fenics_joints.errors import ConvergenceError
 from fenics_joints.modal.options import give_room, given_options, last_line, petsc_defaults
-from fenics_joints.response.pencil import DampedPencil
+from fenics_joints.response.modal_basis import Response
+from fenics_joints.response.pencil import DampedPencil, Term
 from fenics_joints.structure.sparse import dense_block
 
 _OPTIONS = {
@@ -181,6 +182,30 @@ class DynamicStiffness:
         self._check(x, load)
         return x
 
+    def response(self, lines, loads, reads, gradients: bool = False) -> Response:
+        """Receptances at lines, Hz, of this rank's rows of loads and sensors. Collective.
+
+        By the adjoint: one more solution for each sensor, and none for one that stands where a
+        force does, gives the derivatives by all parameters.
+        """
+        comm, n_loads = self.pencil.comm, loads.shape[1]
+        terms = list(self.pencil.terms()) if gradients else []
+        rights, where = _distinct(comm, np.hstack([loads, reads]) if gradients else loads)
+        n = len(self.pencil.structure.parameters)
+        values = np.empty((len(lines), reads.shape[1], n_loads), dtype=complex)
+        slopes = np.zeros((*values.shape, n), dtype=complex) if gradients else None
+        for i, f in enumerate(lines):
+            s = 2j * np.pi * f
+            self.factorise(s)
+            x = self.solve(rights)[:, where]
+            u, psi = x[:, :n_loads], x[:, n_loads:]
+            values[i] = comm.allreduce(reads.T @ u)
+            for term in terms:
+                slopes[i, :, :, term.parameter] -= term.factor(s) * _bilinear(comm, term, psi, u)
+        for term in terms:
+            term.destroy()
+        return Response(values, slopes)
+
     def _check(self, x: np.ndarray, load: np.ndarray) -> None:
         """A singular factorisation leaves infinities or nonsense, not an exception."""
         with np.errstate(invalid="ignore", over="ignore"):
@@ -197,3 +222,17 @@ class DynamicStiffness:
             '(where method = "modal" with check = 0 serves).',
             reason,
         )
+
+
+def _distinct(comm, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Columns without those that are there before, and where each is among them."""
+    same = [[np.array_equal(x, y) for y in columns.T] for x in columns.T]
+    first = np.argmax(comm.allreduce(np.array(same, dtype=int)) == comm.size, axis=1)
+    kept, where = np.unique(first, return_inverse=True)
+    return np.ascontiguousarray(columns[:, kept]), where
+
+
+def _bilinear(comm, term: Term, Y: np.ndarray, X: np.ndarray) -> np.ndarray:
+    """y^T A x of complex blocks, without conjugation."""
+    real, imag = np.hsplit(term.form @ np.hstack([X.real, X.imag]), 2)
+    return comm.allreduce(Y.T @ (real + 1j * imag))

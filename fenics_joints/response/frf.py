@@ -20,9 +20,13 @@ from numpy.typing import ArrayLike
 from fenics_joints.errors import InputError, flag, member, wanted, whole
 from fenics_joints.modal.modes import Modes
 from fenics_joints.response.direct import DynamicStiffness
-from fenics_joints.response.modal_basis import ModalPencil, Response, check_lines, modal_pencil
-from fenics_joints.response.pencil import DampedPencil, Term, check_damped, check_damping
-from fenics_joints.response.reduced import reduced_pencil
+from fenics_joints.response.modal_basis import (
+    ModalPencil,
+    check_lines,
+    modal_pencil,
+    reduced_pencil,
+)
+from fenics_joints.response.pencil import DampedPencil, check_damped, check_damping
 from fenics_joints.response.units import KINDS, MOTION, checked_kind
 from fenics_joints.structure import Damped, Damping, Sensors
 from fenics_joints.structure.sparse import product
@@ -119,7 +123,7 @@ def solve_frf(
 
     Args:
         model: A structure; or a reduced one or beams, whose FRFs are found by
-            `fenics_joints.response.reduced`, on all of its modes, with either method.
+            `fenics_joints.response.modal_basis`, on all of its modes, with either method.
         given: Values of parameters that differ from their nominal value.
         frequencies_hz: Lines, Hz, above 0, (n_f,).
         excitation: Points and directions of the forces.
@@ -156,34 +160,25 @@ def solve_frf(
         whole("n_modes", n_modes)
     if not model.is_dense and method == "direct" and damping.is_modal:
         raise InputError('damping.modal: expected method = "modal", or damping without ratios.')
-    if model.is_dense:
-        modal = reduced_pencil(model, given, damping, gradients=gradients)
-        loads, reads = model.loads(excitation, "excitation"), model.loads(sensors)
-        found = modal.response(lines, modal.project(loads), modal.project(reads), gradients)
-        extra = {"modal": modal}
-    else:
-        pencil = DampedPencil(model, given, damping)
-        loads, reads = model.loads(excitation, "excitation"), model.loads(sensors)
-        try:
-            if method == "direct":
-                found, extra = _direct(pencil, lines, loads, reads, gradients, petsc_options)
-            else:
-                modal = modal_pencil(
-                    pencil,
-                    np.hstack([loads, reads]),
-                    lines,
-                    modes=modes,
-                    n_modes=n_modes,
-                    gradients=gradients,
-                )
-                found = modal.response(lines, modal.project(loads), modal.project(reads), gradients)
-                extra = {"modal": modal, "solver": modal.modes.solver.solver}
-                if check:
-                    extra |= _errors(
-                        pencil, modal, lines, found.values, loads, reads, check, petsc_options
-                    )
-        finally:
-            pencil.destroy()
+    pencil = DampedPencil(model, given, damping)
+    loads, reads = model.loads(excitation, "excitation"), model.loads(sensors)
+    modal, checks = None, {}
+    try:
+        if model.is_dense:
+            modal = reduced_pencil(pencil, given, gradients=gradients)
+        elif method == "modal":
+            both, many = np.hstack([loads, reads]), {"modes": modes, "n_modes": n_modes}
+            modal = modal_pencil(pencil, both, lines, gradients=gradients, **many)
+        if modal is None:
+            direct = DynamicStiffness(pencil, petsc_options)
+            found, solver = direct.response(lines, loads, reads, gradients), direct.solver
+        else:
+            found = modal.response(lines, modal.project(loads), modal.project(reads), gradients)
+            solver = None if model.is_dense else modal.modes.solver.solver
+            if check and not model.is_dense:
+                checks = _errors(modal, lines, found.values, loads, reads, check, petsc_options)
+    finally:
+        pencil.destroy()
     frf = FRF(
         lines,
         found.values,
@@ -193,38 +188,18 @@ def solve_frf(
         method,
         dict(given or {}),
         found.gradients,
-        **extra,
+        solver=solver,
+        modal=modal,
+        **checks,
     )
     return frf.to(kind) if power else frf
 
 
-def _direct(
-    pencil: DampedPencil, lines, loads, reads, gradients: bool, petsc_options
-) -> tuple[Response, dict[str, object]]:
-    stiffness = DynamicStiffness(pencil, petsc_options)
-    comm, n_loads = pencil.comm, loads.shape[1]
-    terms = list(pencil.terms()) if gradients else []
-    rights, where = _distinct(comm, np.hstack([loads, reads]) if gradients else loads)
-    n = len(pencil.structure.parameters)
-    values = np.empty((len(lines), reads.shape[1], n_loads), dtype=complex)
-    slopes = np.zeros((*values.shape, n), dtype=complex) if gradients else None
-    for i, f in enumerate(lines):
-        s = 2j * np.pi * f
-        stiffness.factorise(s)
-        x = stiffness.solve(rights)[:, where]
-        u, psi = x[:, :n_loads], x[:, n_loads:]
-        values[i] = comm.allreduce(reads.T @ u)
-        for term in terms:
-            slopes[i, :, :, term.parameter] -= term.factor(s) * _bilinear(comm, term, psi, u)
-    for term in terms:
-        term.form.destroy()
-    return Response(values, slopes), {"solver": stiffness.solver}
-
-
 def _errors(
-    pencil: DampedPencil, modal: ModalPencil, lines, values, loads, reads, check, petsc_options
+    modal: ModalPencil, lines, values, loads, reads, check, petsc_options
 ) -> dict[str, np.ndarray]:
     """Error of the response by modes at a few lines, from the lowest to the highest."""
+    pencil = modal.pencil
     stiffness, comm = DynamicStiffness(pencil, petsc_options), pencil.comm
     some = np.unique(np.linspace(0, len(lines) - 1, min(check, len(lines))).round().astype(int))
     damped = modal.modal_damping > 0
@@ -244,17 +219,3 @@ def _errors(
     size = np.abs(exact)
     error = np.abs(values[some] - exact) / np.where(size > 0, size, 1.0)
     return {"error": error, "error_hz": lines[some]}
-
-
-def _distinct(comm, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Columns without those that are there before, and where each is among them."""
-    same = [[np.array_equal(x, y) for y in columns.T] for x in columns.T]
-    first = np.argmax(comm.allreduce(np.array(same, dtype=int)) == comm.size, axis=1)
-    kept, where = np.unique(first, return_inverse=True)
-    return np.ascontiguousarray(columns[:, kept]), where
-
-
-def _bilinear(comm, term: Term, Y: np.ndarray, X: np.ndarray) -> np.ndarray:
-    """y^T A x of complex blocks, without conjugation."""
-    real, imag = np.hsplit(term.form @ np.hstack([X.real, X.imag]), 2)
-    return comm.allreduce(Y.T @ (real + 1j * imag))

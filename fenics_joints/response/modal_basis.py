@@ -8,21 +8,24 @@ a damped joint right where real modes alone are not. What the modes have of them
 then has its own stiffness and mass (Rayleigh and Ritz), so that the residual is not a constant over
 the band but follows it.
 
+A model of plain arrays is taken on all of its modes, which are found at once: exact on its basis.
+There K and M are diagonal, and so is the dynamic stiffness unless a layer has damping of its own;
+then a small dense system is solved at each line, many lines in one call of LAPACK.
+
 Derivatives are those of the FRF at a fixed basis, the adjoint's own approximation by it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from fenics_joints.errors import InputError, reals
-from fenics_joints.modal.modes import Modes, solve_modes
+from fenics_joints.modal.modes import SHIFT_SHARE, Modes, count_rigid, inverted_modes, solve_modes
 from fenics_joints.response.pencil import DampedPencil, Term, linear
-from fenics_joints.structure.damping import Damping
 from fenics_joints.structure.sparse import product
 
 #: Modes must reach this multiple of the highest line.
@@ -33,6 +36,9 @@ _DEPENDENT = 1e-8
 #: this many times smaller than the basis are a correction of the diagonal, but not where a mode's
 #: own share of it is less than that of its terms.
 _RANK, _FEW, _SINGULAR = 1e-13, 4, 1e-6
+#: Vectors of a model of plain arrays with less than this share of the largest mass over energy have
+#: none.
+_MASSLESS = 1e-15
 #: Lines that are solved at once.
 _CHUNK = 256
 
@@ -56,11 +62,8 @@ class ModalPencil:
         stiff: (m,); exactly zero for rigid-body modes.
         heavy: (m,).
         parts: Stiffness of the damped layers, (m, m), by name.
+        pencil: The structure and its damping; its matrices may be gone.
         terms: dZ/dp, their forms as matrices; None unless asked for.
-        damping: The damping in numbers.
-        named: The damping with names of parameters.
-        parameters: Names of the structure's parameters.
-        comm: The ranks.
     """
 
     modes: Modes
@@ -68,18 +71,15 @@ class ModalPencil:
     stiff: np.ndarray
     heavy: np.ndarray
     parts: Mapping[str, np.ndarray]
-    terms: Sequence[Term] | None
-    damping: Damping
-    named: Damping
-    parameters: tuple[str, ...]
-    comm: object
+    pencil: DampedPencil
+    terms: Sequence[Term] | None = None
 
     def __repr__(self) -> str:
         return f"ModalPencil({len(self.modes)} modes among {len(self.stiff)} vectors)"
 
     def project(self, columns: np.ndarray) -> np.ndarray:
         """Loads on the basis, (m, k), of this rank's rows (n_local, k). Collective."""
-        return self.comm.allreduce(self.basis.T @ columns)
+        return self.pencil.comm.allreduce(self.basis.T @ columns)
 
     # -- matrices ------------------------------------------------------------------------------
 
@@ -96,14 +96,14 @@ class ModalPencil:
     @property
     def ratios(self) -> np.ndarray:
         """Modal damping ratio of every vector of the basis, (m,)."""
-        ratios = np.array([self.damping.ratios[i] for i in self._ratio_numbers])
+        ratios = np.array([self.pencil.damping.ratios[i] for i in self._ratio_numbers])
         return ratios * self._elastic
 
     @property
     def _ratio_numbers(self) -> np.ndarray:
         """Which of the damping's ratios every vector of the basis has, (m,)."""
         number = np.arange(len(self.stiff)) - self.modes.n_rigid
-        return np.clip(number, 0, len(self.damping.ratios) - 1)
+        return np.clip(number, 0, len(self.pencil.damping.ratios) - 1)
 
     @property
     def _elastic(self) -> np.ndarray:
@@ -114,16 +114,16 @@ class ModalPencil:
         """Z(s), complex, (len(s), m, m)."""
         s = np.asarray(s, dtype=complex)
         Z = self._diagonal(s)[:, :, None] * np.eye(len(self.stiff))
-        base = self.damping.stiffness_factor(s)
+        base = self.pencil.damping.stiffness_factor(s)
         for name, K in self.parts.items():
-            Z += (self.damping.stiffness_factor(s, name) - base)[:, None, None] * K
+            Z += (self.pencil.damping.stiffness_factor(s, name) - base)[:, None, None] * K
         return Z
 
     def _diagonal(self, s: np.ndarray) -> np.ndarray:
         """Z(s) without the layers' own damping, (len(s), m)."""
-        whole = np.outer(self.damping.stiffness_factor(s), self.stiff)
-        whole += np.outer(self.damping.mass_factor(s), self.heavy)
-        if self.damping.is_modal:
+        whole = np.outer(self.pencil.damping.stiffness_factor(s), self.stiff)
+        whole += np.outer(self.pencil.damping.mass_factor(s), self.heavy)
+        if self.pencil.damping.is_modal:
             whole += np.outer(s, self.modal_damping)
         return whole
 
@@ -159,8 +159,8 @@ class ModalPencil:
     def _corrected(self, s: np.ndarray, diagonal: np.ndarray, rights: np.ndarray) -> np.ndarray:
         """Z(s)^-1 of columns by Woodbury's formula: the layers' damping is of low rank."""
         U, names = self._thin
-        base = self.damping.stiffness_factor(s)
-        factors = {n: self.damping.stiffness_factor(s, n) - base for n in self.parts}
+        base = self.pencil.damping.stiffness_factor(s)
+        factors = {n: self.pencil.damping.stiffness_factor(s, n) - base for n in self.parts}
         f = np.stack([factors[n] for n in names], axis=1)[:, :, None]
         x, y = rights / diagonal[:, :, None], U / diagonal[:, :, None]
         small = np.eye(len(names)) + f * (U.T @ y)
@@ -168,7 +168,7 @@ class ModalPencil:
 
     def stiffness_slope(self, s: complex) -> np.ndarray:
         """dZ/ds, complex, (m, m)."""
-        damping = self.damping
+        damping = self.pencil.damping
         base = damping.stiffness_slope()
         diagonal = base * self.stiff + damping.mass_slope(s) * self.heavy + self.modal_damping
         own = {n: damping.stiffness_slope(n) - base for n in self.parts}
@@ -178,27 +178,24 @@ class ModalPencil:
 
     def response(self, lines, loads, reads, gradients: bool = False) -> Response:
         """Receptances at lines, Hz, for loads (m, k) and sensors (m, l) on the basis."""
-        terms = self.all_terms() if gradients else []
-        parts = [
-            self._lines(2j * np.pi * lines[i : i + _CHUNK], loads, reads, terms)
-            for i in range(0, len(lines), _CHUNK)
-        ]
-        values = np.concatenate([p.values for p in parts])
-        slopes = np.concatenate([p.gradients for p in parts]) if gradients else None
-        return Response(values, slopes)
-
-    def _lines(self, s: np.ndarray, loads, reads, terms) -> Response:
-        rights = np.hstack([loads, reads]) if terms else loads
-        x = self.solve(s, rights)
-        u, psi = x[..., : loads.shape[1]], x[..., loads.shape[1] :]
-        values = reads.T @ u
-        if not terms:
-            return Response(values, np.zeros((*values.shape, len(self.parameters)), dtype=complex))
-        return Response(values, self._slopes(s, psi, u, terms))
+        terms, values, slopes = self.all_terms() if gradients else [], [], []
+        for i in range(0, len(lines), _CHUNK):
+            s = 2j * np.pi * lines[i : i + _CHUNK]
+            x = self.solve(s, np.hstack([loads, reads]) if gradients else loads)
+            u, psi = x[..., : loads.shape[1]], x[..., loads.shape[1] :]
+            values.append(reads.T @ u)
+            if gradients:
+                slopes.append(self._slopes(s, psi, u, terms))
+        return Response(np.concatenate(values), np.concatenate(slopes) if gradients else None)
 
     def _slopes(self, s: np.ndarray, psi, u, terms) -> np.ndarray:
         """-psi^T dZ/dp u, (len(s), l, k, n_parameters), of blocks (len(s), m, l) and (.., m, k)."""
         n, m, k = u.shape
+        slopes = np.zeros(
+            (n, psi.shape[2], k, len(self.pencil.structure.parameters)), dtype=complex
+        )
+        if not terms:
+            return slopes
         # The real forms of all terms times real and imaginary part of u: one real product.
         columns = u.transpose(0, 2, 1)
         columns = np.concatenate([columns.real, columns.imag]).reshape(-1, m)
@@ -206,7 +203,6 @@ class ModalPencil:
         real, imag = images.reshape(2, n, k * len(terms), m)
         turned = psi.transpose(0, 2, 1) @ (real + 1j * imag).transpose(0, 2, 1)
         turned = turned.reshape(n, -1, k, len(terms))
-        slopes = np.zeros((*turned.shape[:3], len(self.parameters)), dtype=complex)
         for i, term in enumerate(terms):
             factor = np.broadcast_to(term.factor(s), s.shape)
             slopes[..., term.parameter] -= factor[:, None, None] * turned[..., i]
@@ -233,12 +229,13 @@ class ModalPencil:
         (Daleckii and Krein's formula): no difference of eigenvalues stands alone in a denominator,
         so that modes of equal frequency and ratio do no harm.
         """
-        if not self.named.is_modal:
+        if not self.pencil.named.is_modal:
             return
-        for i, ratio in enumerate(self.named.ratios):
+        parameters = list(self.pencil.structure.parameters)
+        for i, ratio in enumerate(self.pencil.named.ratios):
             if isinstance(ratio, str):
                 own = 2 * np.sqrt(self.eigenvalues) * (self._ratio_numbers == i) * self._elastic
-                yield Term(self.parameters.index(ratio), "D", linear, np.diag(own))
+                yield Term(parameters.index(ratio), "D", linear, np.diag(own))
         n, lam, f = len(self.eigenvalues), self.eigenvalues, self.modal_damping
         slope = np.where(lam > 0, self.ratios / np.sqrt(np.where(lam > 0, lam, 1.0)), 0.0)
         gap = lam[:, None] - lam[None, :]
@@ -313,11 +310,11 @@ def with_terms(modal: ModalPencil, pencil: DampedPencil) -> ModalPencil:
     terms = []
     for term in pencil.terms():
         terms.append(replace(term, form=_projected(pencil, modal.basis, term.form.__matmul__)))
-        term.form.destroy()
+        term.destroy()
     return replace(modal, terms=terms)
 
 
-def _projected(pencil: DampedPencil, basis: np.ndarray, form) -> np.ndarray:
+def _projected(pencil: DampedPencil, basis: np.ndarray, form: Callable) -> np.ndarray:
     both = pencil.comm.allreduce(basis.T @ form(basis))
     return 0.5 * (both + both.T)
 
@@ -330,18 +327,39 @@ def _on_basis(pencil: DampedPencil, modes: Modes, rest: np.ndarray) -> ModalPenc
         name: _projected(pencil, basis, lambda X, A=A: product(A, X))
         for name, A in pencil.parts.items()
     }
-    return ModalPencil(
-        modes,
-        basis,
-        stiff,
-        heavy,
-        parts,
-        None,
-        pencil.damping,
-        pencil.named,
-        tuple(pencil.structure.parameters),
-        pencil.comm,
-    )
+    return ModalPencil(modes, basis, stiff, heavy, parts, pencil)
+
+
+def reduced_pencil(pencil: DampedPencil, given, *, gradients: bool = False) -> ModalPencil:
+    """A model of plain arrays on all of its modes, with its damping.
+
+    Those with mass are M-normalised; those without, of massless layers, have energy 1.
+
+    Args:
+        pencil: The matrices and the damping; modal ratios, too.
+        given: Values of parameters that differ from their nominal value.
+        gradients: Whether derivatives by the parameters are wanted.
+
+    Returns:
+        The modes; their ``basis`` is in the coordinates of the model.
+
+    Raises:
+        InputError: If a region is graded and derivatives are wanted.
+        ConvergenceError: If the matrices are singular.
+    """
+    model = pencil.structure
+    shift_hz = SHIFT_SHARE * model.dilation_frequency(given)
+    shift = (2 * np.pi * shift_hz) ** 2
+    inverse, vectors = inverted_modes(pencil.K, pencil.M, shift)
+    massive = inverse > _MASSLESS * inverse[0]
+    scale = np.where(massive, inverse, 1.0)
+    stiff, basis = np.where(massive, 1 / scale - shift, 1.0), vectors / np.sqrt(scale)
+    n_rigid = count_rigid(stiff[massive], shift_hz)  # a massless one has energy 1, near 0 too
+    stiff[:n_rigid] = 0.0
+    modes = Modes(model, dict(given or {}), stiff[massive], basis[:, massive], n_rigid)
+    parts = {name: basis.T @ A @ basis for name, A in pencil.parts.items()}
+    modal = ModalPencil(modes, basis, stiff, massive.astype(float), parts, pencil)
+    return with_terms(modal, pencil) if gradients else modal
 
 
 def _modes_for(pencil: DampedPencil, lines, n_modes: int | None) -> Modes:

@@ -12,13 +12,10 @@ from functools import partial
 
 import numpy as np
 from mpi4py import MPI
-from petsc4py import PETSc
 
 from fenics_joints.errors import InputError, wanted
 from fenics_joints.structure import Damped, Damping
 from fenics_joints.structure.sparse import MatrixForm, product
-
-_SUBSET = PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN
 
 
 @dataclass(frozen=True)
@@ -36,6 +33,11 @@ class Term:
     kind: str
     factor: Callable[[complex], complex]
     form: object
+
+    def destroy(self) -> None:
+        """Free its matrix, unless that is an array. Collective."""
+        if not isinstance(self.form, np.ndarray):
+            self.form.destroy()
 
 
 class DampedPencil:
@@ -73,50 +75,32 @@ class DampedPencil:
 
     def destroy(self) -> None:
         """Free the matrices. Collective."""
-        for A in (self.K, self.M, *self.parts.values()):
-            A.destroy()
+        if not self.structure.is_dense:
+            for A in (self.K, self.M, *self.parts.values()):
+                A.destroy()
         self.parts = {}
 
     def apply(self, s: complex, X: np.ndarray) -> np.ndarray:
         """This rank's rows of Z(s) X, complex; without modal damping."""
-        damping = self.damping
-        return self._combine(damping.stiffness_factor, damping.mass_factor, s, X)
-
-    def apply_slope(self, s: complex, X: np.ndarray) -> np.ndarray:
-        """This rank's rows of dZ/ds X, complex; without modal damping."""
-        damping = self.damping
-        return self._combine(
-            lambda s, name=None: damping.stiffness_slope(name), damping.mass_slope, s, X
-        )
-
-    def _combine(self, stiff, heavy, s: complex, X: np.ndarray) -> np.ndarray:
         parts = np.hstack([X.real, X.imag])
 
         def times(A):
             real, imag = np.hsplit(product(A, parts), 2)
             return real + 1j * imag
 
-        base = stiff(s)
-        total = base * times(self.K) + heavy(s) * times(self.M)
+        base = self.damping.stiffness_factor(s)
+        total = base * times(self.K) + self.damping.mass_factor(s) * times(self.M)
         for name, A in self.parts.items():
-            total += (stiff(s, name) - base) * times(A)
+            total += (self.damping.stiffness_factor(s, name) - base) * times(A)
         return total
-
-    def viscous(self) -> PETSc.Mat:
-        """The viscous damping matrix C, N s/m: Rayleigh's and the layers'."""
-        alpha, beta = self.damping.rayleigh
-        C = self.K.copy()
-        C.scale(beta)
-        C.axpy(alpha, self.M, structure=PETSc.Mat.Structure.UNKNOWN_NONZERO_PATTERN)
-        for name, A in self.parts.items():
-            C.axpy(self.damping.viscous.get(name, 0.0), A, structure=_SUBSET)
-        return C
 
     def terms(self) -> Iterator[Term]:
         """dZ/dp of all parameters but those of modal damping ratios. Collective."""
         model, named, numbers = self.structure, self.named, self.damping
         for p, kind, name, form in model.slopes(self.values, named.layers):
-            factor = numbers.mass_factor if kind == "M" else partial(_stiffness, numbers, name)
+            factor = numbers.mass_factor
+            if kind == "K":
+                factor = partial(numbers.stiffness_factor, name=name)
             yield Term(p, kind, factor, form)
         alpha, beta = named.rayleigh
         found = [(named.structural, imaginary, self.K), (alpha, linear, self.M)]
@@ -151,10 +135,6 @@ def check_damping(damping: Damping | None) -> Damping:
     if damping is not None and not isinstance(damping, Damping):
         raise wanted("damping", damping, "a Damping, or None")
     return damping or Damping()
-
-
-def _stiffness(numbers: Damping, name: str | None, s: complex) -> complex:
-    return numbers.stiffness_factor(s, name)
 
 
 def imaginary(s: complex) -> complex:

@@ -24,7 +24,7 @@ from fenics_joints.errors import InputError, whole
 from fenics_joints.measurements import Pairing, Target, pair_modes
 from fenics_joints.modal import Modes, frequency_sensitivity, solve_modes
 from fenics_joints.response import shape_gradients, solve_frf
-from fenics_joints.response.damping_ratios import damping_ratios
+from fenics_joints.response.complex_modes import damping_ratios
 from fenics_joints.response.units import KINDS
 from fenics_joints.structure.damping import Damping
 
