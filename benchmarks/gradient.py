@@ -18,7 +18,7 @@ import numpy as np
 from mpi4py import MPI
 
 from fenics_joints.case import build_structure, load_case
-from fenics_joints.diagnosis.zones.nominal import bonded_values
+from fenics_joints.diagnosis.zones.zone import bonded_values
 from fenics_joints.modal import solve_modes
 
 CASE = Path(__file__).parent.parent / "demos" / "lap_plates"

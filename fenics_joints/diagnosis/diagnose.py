@@ -15,20 +15,17 @@ from threadpoolctl import threadpool_limits
 
 from fenics_joints.case import Case, test_notes
 from fenics_joints.diagnosis.effects.effect import Effect
-from fenics_joints.diagnosis.evidence.alike import one_of_alike
-from fenics_joints.diagnosis.evidence.all_at_once import all_at_once
 from fenics_joints.diagnosis.evidence.classes import classes, detectable, stand_ins
 from fenics_joints.diagnosis.evidence.fitted import Fit
-from fenics_joints.diagnosis.evidence.many import ManyPredictions, at_conditions
-from fenics_joints.diagnosis.evidence.point_mass import point_mass
-from fenics_joints.diagnosis.evidence.simulated import with_simulated
-from fenics_joints.diagnosis.evidence.somewhere import Somewhere
+from fenics_joints.diagnosis.evidence.linear_fits import all_at_once, with_simulated
+from fenics_joints.diagnosis.evidence.localised_unknown import Somewhere, point_mass
+from fenics_joints.diagnosis.evidence.merging import one_of_alike
+from fenics_joints.diagnosis.evidence.predictions import ManyPredictions, at_conditions
 from fenics_joints.diagnosis.held_out import cross_validate, folds
 from fenics_joints.diagnosis.location import locate_gap
 from fenics_joints.diagnosis.model.of_structure import case_of
 from fenics_joints.diagnosis.model.prepared import Prepared, prepare
 from fenics_joints.diagnosis.result import Diagnosis, EffectResult, HypothesisResult
-from fenics_joints.diagnosis.rivals import is_wrong, several_causes
 from fenics_joints.diagnosis.search import Search
 from fenics_joints.diagnosis.separation import separations
 from fenics_joints.diagnosis.shrinkage import Shrinkage
@@ -42,6 +39,8 @@ from fenics_joints.diagnosis.verdict import (
     confirm,
     decide,
     doubtful,
+    is_wrong,
+    several_causes,
     sure_classes,
     with_strangers,
 )

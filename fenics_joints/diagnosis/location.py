@@ -10,7 +10,7 @@ import numpy as np
 from fenics_joints.diagnosis.effects.joint import interfaces
 from fenics_joints.diagnosis.effects.library import by_preload
 from fenics_joints.diagnosis.effects.sited import CABLE_MASS
-from fenics_joints.diagnosis.evidence.many import ManyPredictions
+from fenics_joints.diagnosis.evidence.predictions import ManyPredictions
 from fenics_joints.diagnosis.evidence.signatures import LENGTHS
 from fenics_joints.diagnosis.model.prepared import Prepared
 from fenics_joints.diagnosis.where.patches import PATCHES, Patches, PatchMap, patches

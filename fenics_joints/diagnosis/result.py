@@ -10,9 +10,9 @@ import numpy as np
 
 import fenics_joints
 from fenics_joints.diagnosis.effects.effect import Silent
+from fenics_joints.diagnosis.evidence.localised_unknown import Somewhere
 from fenics_joints.diagnosis.evidence.misattribution import Misattribution
 from fenics_joints.diagnosis.evidence.scales import BETWEEN, ERRORS, WITH_FUNCTIONS, Kind, Scales
-from fenics_joints.diagnosis.evidence.somewhere import Somewhere
 from fenics_joints.diagnosis.location import Location
 from fenics_joints.diagnosis.shrinkage import Shrinkage
 from fenics_joints.diagnosis.where.score_tests import ZoneShare

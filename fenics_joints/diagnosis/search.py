@@ -8,14 +8,13 @@ from dataclasses import fields
 import numpy as np
 from scipy.special import logsumexp
 
-from fenics_joints.diagnosis.effects.effect import Effect
-from fenics_joints.diagnosis.effects.odds import log_odds, log_odds_outside
-from fenics_joints.diagnosis.evidence.equal import Known
+from fenics_joints.diagnosis.effects.effect import Effect, log_odds, log_odds_outside
 from fenics_joints.diagnosis.evidence.fitted import Fit
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.library import Found, Library
+from fenics_joints.diagnosis.evidence.linear_fits import near_best
+from fenics_joints.diagnosis.evidence.merging import Known
 from fenics_joints.diagnosis.evidence.misattribution import Misattribution, simulate
-from fenics_joints.diagnosis.evidence.screen import near_best
 from fenics_joints.diagnosis.model.prepared import Prepared
 from fenics_joints.diagnosis.thresholds import MISFIT
 from fenics_joints.diagnosis.verdict import NO_GAP, UNKNOWN

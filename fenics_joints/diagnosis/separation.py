@@ -10,7 +10,7 @@ import numpy as np
 
 from fenics_joints.diagnosis.evidence.evidence import DAMPING_NOISE
 from fenics_joints.diagnosis.evidence.fitted import Fit
-from fenics_joints.diagnosis.evidence.many import at_conditions
+from fenics_joints.diagnosis.evidence.predictions import at_conditions
 from fenics_joints.diagnosis.model.prepared import Prepared
 from fenics_joints.diagnosis.plan.added import ADDED_MASS, MORE_MODES, missed_modes, next_modes
 from fenics_joints.diagnosis.result import Separation

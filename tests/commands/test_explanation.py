@@ -23,8 +23,7 @@ from fenics_joints.commands.diagnose.reading import heading_of
 from fenics_joints.commands.diagnose.summary import show_diagnosis
 from fenics_joints.commands.diagnose.words import zone_words
 from fenics_joints.diagnosis import Diagnosis, EffectResult, HypothesisResult, Silent
-from fenics_joints.diagnosis.evidence.point_mass import PointMassFound
-from fenics_joints.diagnosis.evidence.somewhere import Somewhere
+from fenics_joints.diagnosis.evidence.localised_unknown import PointMassFound, Somewhere
 from fenics_joints.diagnosis.location import Location
 from fenics_joints.diagnosis.result import Separation
 from fenics_joints.diagnosis.schema import DiagnosisJson, json_schema

@@ -9,7 +9,7 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from fenics_joints.diagnosis.evidence.evidence import Evidence
-from fenics_joints.diagnosis.evidence.pointwise import PointwiseForward, model_of
+from fenics_joints.diagnosis.evidence.predictions import PointwiseForward, model_of
 from fenics_joints.diagnosis.model.bonded import joint_errors
 
 #: What compliance across and along two joints takes off ln f of three modes, in m / Pa.

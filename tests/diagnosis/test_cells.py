@@ -10,12 +10,10 @@ from scipy.stats import multivariate_normal, norm
 
 from fenics_joints.diagnosis import Effect, Prior
 from fenics_joints.diagnosis.evidence import fit
-from fenics_joints.diagnosis.evidence.cells import Cells, prior_cells, weigh
+from fenics_joints.diagnosis.evidence.cells import Cells, prior_cells, sampled_evidence, weigh
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
-from fenics_joints.diagnosis.evidence.many import ManyPredictions
-from fenics_joints.diagnosis.evidence.pointwise import PointwiseForward, model_of
-from fenics_joints.diagnosis.evidence.sampled import sampled_evidence
+from fenics_joints.diagnosis.evidence.predictions import ManyPredictions, PointwiseForward, model_of
 
 TORQUES = np.array([5.0, 10.0, 30.0])
 

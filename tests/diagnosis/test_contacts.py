@@ -14,7 +14,7 @@ from mpi4py import MPI
 
 from fenics_joints.case import build_preload, build_structure, load_case
 from fenics_joints.diagnosis import diagnose
-from fenics_joints.diagnosis.effects.contact import lost_contact
+from fenics_joints.diagnosis.effects.joint import lost_contact
 from fenics_joints.diagnosis.zones.contacts import contact_zones
 from fenics_joints.modal import solve_modes
 from fenics_joints.preload import solve_preload

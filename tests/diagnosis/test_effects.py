@@ -7,7 +7,7 @@ import inspect
 import numpy as np
 import pytest
 
-from fenics_joints.diagnosis.evidence.pointwise import PointwiseForward, model_of
+from fenics_joints.diagnosis.evidence.predictions import PointwiseForward, model_of
 
 pytest.importorskip("dolfinx")
 
@@ -15,12 +15,12 @@ from effect_rig import TORQUES, touched
 
 from fenics_joints.diagnosis.effects import effect as effects_module
 from fenics_joints.diagnosis.effects.damping import hysteretic_damping, viscous_damping
+from fenics_joints.diagnosis.effects.effect import Sensing
 from fenics_joints.diagnosis.effects.part import temperature
 from fenics_joints.diagnosis.effects.rig import misplaced_sensor, misscaled_sensor, swapped_modes
-from fenics_joints.diagnosis.effects.sensing import Sensing
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
-from fenics_joints.diagnosis.evidence.many import ManyPredictions
+from fenics_joints.diagnosis.evidence.predictions import ManyPredictions
 from fenics_joints.diagnosis.zones.zone import Zone
 
 MODES = ("a", "b", "c")

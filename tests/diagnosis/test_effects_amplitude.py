@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from fenics_joints.diagnosis.evidence.pointwise import PointwiseForward, model_of
+from fenics_joints.diagnosis.evidence.predictions import PointwiseForward, model_of
 
 pytest.importorskip("dolfinx")
 
@@ -21,7 +21,7 @@ from scipy.stats import norm
 from fenics_joints.case import load_case
 from fenics_joints.commands.diagnose.explanation import explain
 from fenics_joints.diagnosis import diagnose
-from fenics_joints.diagnosis.effects.amplitude import (
+from fenics_joints.diagnosis.effects.damping import (
     GROWING,
     MICRO_SLIP,
     NAMES,
@@ -31,8 +31,8 @@ from fenics_joints.diagnosis.effects.amplitude import (
 )
 from fenics_joints.diagnosis.effects.effect import relative_error
 from fenics_joints.diagnosis.evidence import fit
+from fenics_joints.diagnosis.evidence.evidence import evidence_of
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
-from fenics_joints.diagnosis.evidence.of_test import evidence_of
 from fenics_joints.diagnosis.evidence.scales import BETWEEN, correlation
 from fenics_joints.diagnosis.zones.zone import Zone
 from fenics_joints.measurements.data import TestData

@@ -9,9 +9,15 @@ pytest.importorskip("dolfinx")
 
 from effect_rig import LAYER, theta_of
 
-from fenics_joints.diagnosis.effects.bolts import loose_bolt, low_preload
-from fenics_joints.diagnosis.effects.contact import lost_beyond
-from fenics_joints.diagnosis.effects.joint import bell_pressure, gives_way, graded, pressed_by_bolts
+from fenics_joints.diagnosis.effects.joint import (
+    bell_pressure,
+    gives_way,
+    graded,
+    loose_bolt,
+    lost_beyond,
+    low_preload,
+    pressed_by_bolts,
+)
 from fenics_joints.diagnosis.zones.zone import Zone
 
 DISTANCE = np.array([[2e-3, 8e-3], [9e-3, 14e-3], [15e-3, 21e-3]])

@@ -15,8 +15,7 @@ from fenics_joints.case.dimensions import Dimensions
 from fenics_joints.diagnosis.effects.library import case_effects, case_nuisances
 from fenics_joints.diagnosis.effects.samples import sample_ranges, sample_values
 from fenics_joints.diagnosis.zones.joints import joint_zones
-from fenics_joints.diagnosis.zones.nominal import bonded_values
-from fenics_joints.diagnosis.zones.zone import Zones
+from fenics_joints.diagnosis.zones.zone import Zones, bonded_values
 from fenics_joints.errors import InputError
 from fenics_joints.measurements import TestData
 from fenics_joints.structure import Sensors

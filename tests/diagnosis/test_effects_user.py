@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from fenics_joints.diagnosis import Effect
-from fenics_joints.diagnosis.effects.user import for_zones
+from fenics_joints.diagnosis.effects.library import for_zones
 
 ZONES = {
     "near": ("near_b1_r1", "near_b2_r1"),

@@ -7,10 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fenics_joints.diagnosis.evidence.entries import DAMPING, FREQUENCY, SHAPE
-from fenics_joints.diagnosis.evidence.evidence import Evidence
-from fenics_joints.diagnosis.evidence.of_test import evidence_of
-from fenics_joints.diagnosis.evidence.turning import Neighbours, turned
+from fenics_joints.diagnosis.evidence.covariance import (
+    DAMPING,
+    FREQUENCY,
+    SHAPE,
+    Neighbours,
+    turned,
+)
+from fenics_joints.diagnosis.evidence.evidence import Evidence, evidence_of
 from fenics_joints.measurements import TestData
 from fenics_joints.structure import Sensors
 

@@ -15,7 +15,7 @@ from fenics_joints.diagnosis.evidence import fit
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.library import Library
-from fenics_joints.diagnosis.evidence.moved import moved
+from fenics_joints.diagnosis.evidence.linear_fits import moved
 from fenics_joints.diagnosis.held_out import blinded, cross_validate, folds, forecast
 from fenics_joints.diagnosis.verdict import confirm, confirmed, unproved
 

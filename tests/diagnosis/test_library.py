@@ -14,7 +14,7 @@ from fenics_joints.diagnosis.evidence.classes import APART, classes, detectable,
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.library import Library
-from fenics_joints.diagnosis.evidence.pointwise import PointwiseForward, model_of
+from fenics_joints.diagnosis.evidence.predictions import PointwiseForward, model_of
 from fenics_joints.diagnosis.held_out import folds
 from fenics_joints.diagnosis.zones.zone import Zone
 

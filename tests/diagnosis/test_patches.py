@@ -12,8 +12,7 @@ from mpi4py import MPI
 
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.where.cells import MeshCells
-from fenics_joints.diagnosis.where.patch_signatures import signatures
-from fenics_joints.diagnosis.where.patches import Patches, PatchMap, patches
+from fenics_joints.diagnosis.where.patches import Patches, PatchMap, patches, signatures
 from fenics_joints.diagnosis.where.score_tests import Place, ScoreTest, score_tests
 from fenics_joints.errors import InputError
 from fenics_joints.measurements import pair_modes

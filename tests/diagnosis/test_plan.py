@@ -20,13 +20,11 @@ from fenics_joints.diagnosis import Effect, Prior
 from fenics_joints.diagnosis.effects.damping import has_ratios
 from fenics_joints.diagnosis.effects.rig import MISSCALED
 from fenics_joints.diagnosis.evidence import fit
+from fenics_joints.diagnosis.evidence.evidence import evidence_of
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
-from fenics_joints.diagnosis.evidence.of_test import evidence_of
 from fenics_joints.diagnosis.model.prepared import prepare
 from fenics_joints.diagnosis.plan.added import measurement
-from fenics_joints.diagnosis.plan.groups import combination, groups
-from fenics_joints.diagnosis.plan.sensors import few_sensors
-from fenics_joints.diagnosis.plan.study import Measurement, Study
+from fenics_joints.diagnosis.plan.study import Measurement, Study, combination, few_sensors, groups
 from fenics_joints.errors import InputError
 from fenics_joints.progress import Progress
 

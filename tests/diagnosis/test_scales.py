@@ -13,7 +13,7 @@ from scipy.stats import chi2, multivariate_normal
 from fenics_joints.diagnosis.evidence import fit
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
-from fenics_joints.diagnosis.evidence.moved import moved
+from fenics_joints.diagnosis.evidence.linear_fits import moved
 from fenics_joints.diagnosis.evidence.scales import ERRORS, Scales
 
 TORQUES = np.array([5.0, 10.0, 30.0])

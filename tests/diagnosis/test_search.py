@@ -16,8 +16,8 @@ from fenics_joints.diagnosis import Effect, Prior
 from fenics_joints.diagnosis.evidence import fit
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
-from fenics_joints.diagnosis.evidence.pointwise import PointwiseForward, model_of
-from fenics_joints.diagnosis.evidence.screen import near_best, near_listed
+from fenics_joints.diagnosis.evidence.linear_fits import near_best, near_listed
+from fenics_joints.diagnosis.evidence.predictions import PointwiseForward, model_of
 from fenics_joints.diagnosis.search import Search
 from fenics_joints.progress import Progress
 

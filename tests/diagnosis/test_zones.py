@@ -11,8 +11,8 @@ pytest.importorskip("dolfinx")
 from effect_rig import RIG
 
 from fenics_joints.case import Case
-from fenics_joints.diagnosis.zones.nominal import bonded_values
-from fenics_joints.diagnosis.zones.places import LayerZone, placed
+from fenics_joints.diagnosis.zones.joints import LayerZone, placed
+from fenics_joints.diagnosis.zones.zone import bonded_values
 from fenics_joints.forms import lame_from_moduli
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from fenics_joints.diagnosis.evidence.pointwise import PointwiseForward, model_of
+from fenics_joints.diagnosis.evidence.predictions import PointwiseForward, model_of
 
 
 class Function(PointwiseForward):

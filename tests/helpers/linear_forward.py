@@ -8,7 +8,7 @@ from scipy.stats import multivariate_normal
 from fenics_joints.diagnosis import Effect, Prior
 from fenics_joints.diagnosis.evidence.fitted import Fit
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
-from fenics_joints.diagnosis.evidence.pointwise import PointwiseForward, model_of
+from fenics_joints.diagnosis.evidence.predictions import PointwiseForward, model_of
 
 
 class Linear(PointwiseForward):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import scipy.sparse
 
-from fenics_joints.diagnosis.evidence.many import ManyPredictions
+from fenics_joints.diagnosis.evidence.predictions import ManyPredictions
 from fenics_joints.structure import Sensors
 
 E, RHO, NOISE = 69e9, 2750.0, 1e-3

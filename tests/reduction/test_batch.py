@@ -14,7 +14,7 @@ from fenics_joints.diagnosis.evidence import fit
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.library import Library
-from fenics_joints.diagnosis.evidence.many import ManyPredictions
+from fenics_joints.diagnosis.evidence.predictions import ManyPredictions
 from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.modal import solve_modes
 from fenics_joints.reduction import ArrayModel, Forward, LeanForward, freeze, narrow

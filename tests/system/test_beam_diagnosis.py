@@ -15,9 +15,9 @@ from fenics_joints.case import load_case
 from fenics_joints.commands.diagnose.page import diagnosis_html
 from fenics_joints.commands.diagnose.words import zone_words
 from fenics_joints.diagnosis import diagnose
-from fenics_joints.diagnosis.effects.bolts import LOW_PRELOAD
+from fenics_joints.diagnosis.effects.joint import LOW_PRELOAD
 from fenics_joints.diagnosis.evidence import fit
-from fenics_joints.diagnosis.evidence.many import ManyPredictions
+from fenics_joints.diagnosis.evidence.predictions import ManyPredictions
 from fenics_joints.diagnosis.location import locate_gap
 from fenics_joints.diagnosis.model.prepared import prepare
 from fenics_joints.diagnosis.plan.planned import plan

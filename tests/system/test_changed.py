@@ -12,9 +12,9 @@ from virtual_strip import NOISE, measured, strip, write_strip
 
 from fenics_joints.case import load_case
 from fenics_joints.diagnosis import diagnose
+from fenics_joints.diagnosis.evidence.evidence import evidence_of
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
-from fenics_joints.diagnosis.evidence.many import ManyPredictions
-from fenics_joints.diagnosis.evidence.of_test import evidence_of
+from fenics_joints.diagnosis.evidence.predictions import ManyPredictions
 from fenics_joints.diagnosis.held_out import folds
 from fenics_joints.diagnosis.model.prepared import prepare
 from fenics_joints.errors import InputError

@@ -34,8 +34,7 @@ from mpi4py import MPI
 from scipy.stats import chi2
 
 from fenics_joints.diagnosis import EffectResult, Prior, relative_error
-from fenics_joints.diagnosis.effects.bolts import loose_bolt
-from fenics_joints.diagnosis.effects.joint import gives_way
+from fenics_joints.diagnosis.effects.joint import gives_way, loose_bolt
 from fenics_joints.diagnosis.effects.part import temperature
 from fenics_joints.diagnosis.effects.rig import (
     MISPLACED,
@@ -48,9 +47,8 @@ from fenics_joints.diagnosis.effects.rig import (
 )
 from fenics_joints.diagnosis.evidence import fit
 from fenics_joints.diagnosis.evidence.classes import classes, stand_ins
-from fenics_joints.diagnosis.evidence.evidence import Evidence
+from fenics_joints.diagnosis.evidence.evidence import Evidence, evidence_of
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
-from fenics_joints.diagnosis.evidence.of_test import evidence_of
 from fenics_joints.diagnosis.held_out import cross_validate, folds
 from fenics_joints.diagnosis.search import Search
 from fenics_joints.diagnosis.verdict import NO_GAP, UNKNOWN, decide

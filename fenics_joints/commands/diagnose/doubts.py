@@ -13,7 +13,7 @@ from fenics_joints.commands.diagnose.reading import (
     sure_causes,
 )
 from fenics_joints.commands.diagnose.words import joined, p_value_words, share_words
-from fenics_joints.diagnosis.effects.amplitude import NAMES
+from fenics_joints.diagnosis.effects.damping import NAMES
 from fenics_joints.diagnosis.evidence.evidence import UNSURE
 from fenics_joints.diagnosis.evidence.scales import BETWEEN
 from fenics_joints.diagnosis.result import Diagnosis

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from fenics_joints.diagnosis.evidence.somewhere import Somewhere
+from fenics_joints.diagnosis.evidence.localised_unknown import Somewhere
 from fenics_joints.diagnosis.location import Location
 from fenics_joints.diagnosis.result import Diagnosis
 from fenics_joints.diagnosis.verdict import confirmed

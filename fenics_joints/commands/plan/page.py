@@ -8,7 +8,7 @@ from matplotlib.patches import Rectangle
 
 from fenics_joints.commands.diagnose.reading import by_reason
 from fenics_joints.diagnosis.evidence.classes import APART
-from fenics_joints.diagnosis.plan.result import Plan, PlannedEffect
+from fenics_joints.diagnosis.plan.planned import Plan, PlannedEffect
 from fenics_joints.diagnosis.verdict import NO_GAP, UNKNOWN
 from fenics_joints.formatting import quantity, spaced
 from fenics_joints.report.html import facts, ink_on, render, svg

@@ -11,8 +11,7 @@ from fenics_joints.case.check_structure import refuse_applied
 from fenics_joints.commands.outcome import Outcome
 from fenics_joints.commands.plan.page import plan_html
 from fenics_joints.commands.plan.summary import show_plan
-from fenics_joints.diagnosis.plan.planned import plan
-from fenics_joints.diagnosis.plan.result import Plan
+from fenics_joints.diagnosis.plan.planned import Plan, plan
 from fenics_joints.progress import Progress
 
 

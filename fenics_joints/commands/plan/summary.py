@@ -8,7 +8,7 @@ from rich.text import Text
 from fenics_joints.commands.diagnose.reading import by_reason
 from fenics_joints.commands.plan.page import likeliest
 from fenics_joints.diagnosis.evidence.classes import APART
-from fenics_joints.diagnosis.plan.result import Plan
+from fenics_joints.diagnosis.plan.planned import Plan
 from fenics_joints.formatting import condition_value, percent, probability, spaced
 from fenics_joints.report.terminal import new_table, say, tell
 

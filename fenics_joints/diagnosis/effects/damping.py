@@ -1,5 +1,10 @@
-"""Effects that show in damping at rest; what the material and the suspension dissipate is free in
-every hypothesis."""
+"""Effects that show in damping, and in how frequencies change with the level of a test.
+
+Effects that show only in how frequencies and damping change with the level of a test.
+
+The level is what the joint's motion is proportional to, in each mode with a factor of its own: an
+amplitude, or a force as long as the damping does not change much.
+"""
 
 from __future__ import annotations
 
@@ -8,19 +13,19 @@ from dataclasses import replace
 
 import numpy as np
 
-from fenics_joints.diagnosis.effects.effect import Effect, Prior
+from fenics_joints.diagnosis.effects.effect import RARE, Effect, Prior, Silent
 from fenics_joints.diagnosis.zones.zone import Zone
 from fenics_joints.measurements.data import TestData
 
 HYSTERETIC = "joint hysteretic damping"
 VISCOUS = "joint viscous damping"
 SUPPORTS = "damping of the supports"
-_FAMILY = "joint damping"
+_DAMPING = "joint damping"
 #: Loss factor of a joint's interface at small motion: 0.02, within a factor of 4 either way. With a
 #: tenth of the strain energy in the joint that is a damping ratio of 0.1 %, and bolted structures
 #: of metal have 0.05 to 0.5 %, most of it from their joints. [prior: damping ratios of bolted
 #: metal; spread chosen]
-_LOSS = (0.02, np.log(4.0), "", True, (0.0, 2.0))
+_LOSS_FACTOR = (0.02, np.log(4.0), "", True, (0.0, 2.0))
 #: Of what holds a structure: clamped metal has 0.01, wood, foam and rubber 0.05 to 0.3 (Beards,
 #: Structural Vibration, 1996), and a foot that radiates into the ground as much; within a factor of
 #: 4 either way. [prior: Beards 1996]
@@ -124,5 +129,199 @@ def _lossy(zones: Sequence[Zone]) -> list[str]:
 
 
 def _damping(name: str, parameter: str, loss, words: str) -> Effect:
-    prior = Prior(parameter, *_LOSS)
-    return Effect(name, "joint", (prior,), None, words, family=_FAMILY, loss=loss)
+    prior = Prior(parameter, *_LOSS_FACTOR)
+    return Effect(name, "joint", (prior,), None, words, family=_DAMPING, loss=loss)
+
+
+MICRO_SLIP = "micro-slip in the joint"
+SOFTENING = "gapping without slip"
+GROWING = "damping that grows without softening"
+STIFFENING = "stiffening with the level"
+NAMES = (MICRO_SLIP, SOFTENING, STIFFENING, GROWING)
+
+_BY_LEVEL = "stiffness by the level"
+#: Drop of the stiffness at the highest level: a tenth, within a factor of 4 either way. [prior:
+#: chosen]
+_DROP = Prior("drop", 0.1, np.log(4.0), span=(0.0, 20.0))
+#: Segalman's chi of bolted joints: dissipation grows with the force to the power chi + 3, which was
+#: measured as 2.2 to 2.9 (Segalman 2005; Smallwood, Gregory and Coleman 2000). [prior: Segalman
+#: 2005; Smallwood, Gregory and Coleman 2000]
+_CHI = Prior("chi", -0.4, 0.25, log=False, span=(-0.98, 0.0))
+#: Exponent of an elastic drop: 1 where a gap opens, 2 for large deflections; less where rough faces
+#: part. [prior: 1 and 2 by mechanics, spread chosen]
+_POWER = Prior("power", 1.0, 0.6, log=False, span=(0.1, np.inf))
+#: Dissipation over that of an Iwan joint of the same drop, within a factor of 3 either way, and by
+#: what power of the level it grows faster: Masing's rule holds for sliders in parallel, and a
+#: measured joint slaps, rubs and is pressed otherwise at each amplitude; a force level, too, tells
+#: its motion only roughly. [prior: Masing; spread chosen]
+_LOSS = Prior("loss", 1.0, np.log(3.0), span=(0.02, 50.0))
+#: Power of the level by which that grows faster. [prior: chosen]
+_FASTER = Prior("faster", 0.0, 0.5, log=False, span=(-2.0, 2.0))
+#: Rise of the joint's stiffness at the highest level, by the square of the level, as by symmetry
+#: any elastic stiffening begins: by itself as large as a drop, beside slip a tenth of that. [prior:
+#: square by symmetry, size chosen]
+_RISE = Prior("rise", 0.1, np.log(4.0), span=(0.0, 10.0))
+#: The same beside slip. [prior: chosen]
+_RISE_BESIDE = replace(_RISE, median=0.01)
+#: Loss factor of all of the structure at the highest level, within a factor of 4 either way. Of
+#: air it grows with the velocity, and of material with a power of the stress up to about 1. Most of
+#: what a built-up structure dissipates is its joints' (Ungar, J. Sound Vib. 26, 1973): of a damping
+#: ratio of 0.3 % in all some 0.05 % is left, a loss factor of 0.001. [prior: Ungar 1973; spread
+#: chosen]
+_GROWN = Prior("eta", 0.001, np.log(4.0), span=(0.0, 1.0))
+#: Power of the level with which that grows. [prior: chosen]
+_GROWTH = Prior("power", 1.0, 0.5, log=False, span=(0.05, 3.0))
+#: What is left of a stiffness at least. [numerical: chosen]
+_LEFT = 0.05
+
+
+def relative_drop(x: float) -> float:
+    """The drop x of a stiffness, kept smoothly below all of it: within 2 % of x up to x = 0.5."""
+    most = 1 - _LEFT
+    y = x / most
+    return most * y / (1 + y**4) ** 0.25
+
+
+def iwan_loss_factor(drop: float, chi: float) -> float:
+    """Loss factor of an Iwan joint whose secant stiffness has fallen by a share ``drop``.
+
+    Sliders of unit stiffness with strengths distributed as R phi^chi (Segalman, J. Appl. Mech. 72,
+    2005) give at the amplitude u, below macro-slip and with K the stiffness at rest, the backbone
+    K u - R u^(chi + 2) / ((chi + 1) (chi + 2)), hence drop = R u^(chi + 1) / (K (chi + 1)
+    (chi + 2)), and dissipate in a cycle D = 4 R u^(chi + 3) / ((chi + 2) (chi + 3)). The loss
+    factor is D / (2 pi K (1 - drop) u^2 / 2).
+
+    Args:
+        drop: Relative drop of the secant stiffness, 0 to below 1.
+        chi: Exponent of the distribution, -1 < chi <= 0.
+    """
+    return drop / (1 - drop) * 4 * (chi + 1) / (np.pi * (chi + 3))
+
+
+def micro_slip(zones: Sequence[Zone], reference: float) -> Effect:
+    """Micro-slip: the tangential stiffness falls by a power of the level, and damping grows.
+
+    With x = level / reference, G (1 - s) (1 + rise x^2), s = drop x^(1 + chi); all other stiffness
+    of the joint has the rise alone: parts that rock on each other touch further out, and large
+    rotations and a suspension stiffen while the joint slips. The loss factor is
+    `iwan_loss_factor` of s times ``loss`` x^``faster``: in an Iwan joint Masing's rule ties
+    dissipation to softening, in a measured one they go together only roughly. What a structure
+    drifts between levels is no law's (`fenics_joints.diagnosis.evidence.scales`).
+
+    Args:
+        zones: Zones of the joint.
+        reference: Level at which ``drop`` and ``rise`` hold.
+    """
+    slipping = [key for zone in zones for key in zone.parameters(zone.interface.slipping)]
+    elastic = [key for zone in zones for key in zone.parameters()]
+
+    def drop(theta, level) -> float:
+        return relative_drop(theta["drop"] * (level / reference) ** (1 + theta["chi"]))
+
+    def apply(values, theta, level):
+        for key in elastic:
+            values[key] *= 1 + theta["rise"] * (level / reference) ** 2
+        for key in slipping:
+            values[key] *= 1 - drop(theta, level)
+
+    def loss(theta, level, hz):
+        eta = theta["loss"] * (level / reference) ** theta["faster"]
+        return dict.fromkeys(slipping, eta * iwan_loss_factor(drop(theta, level), theta["chi"]))
+
+    words = (
+        "Parts of the interface slip before all of it does: it damps and softens with the level, "
+        "unless something in it stiffens besides."
+    )
+    priors = (_DROP, _CHI, _LOSS, _FASTER, _RISE_BESIDE)
+    return Effect(
+        MICRO_SLIP, "joint", priors, apply, words, True, _BY_LEVEL, by_level=True, loss=loss
+    )
+
+
+def gapping(zones: Sequence[Zone], reference: float) -> Effect:
+    """Gapping, or any other elastic softening of the joint: no damping comes with it.
+
+    E and G fall by s = drop (level / reference)^power.
+
+    Args:
+        zones: Zones of the joint.
+        reference: Level at which ``drop`` holds.
+    """
+
+    def apply(values, theta, level):
+        left = 1 - relative_drop(theta["drop"] * (level / reference) ** theta["power"])
+        for zone in zones:
+            for key in zone.parameters():
+                values[key] *= left
+
+    words = "The joint softens with the level elastically: gaps open, or its geometry changes."
+    return Effect(SOFTENING, "joint", (_DROP, _POWER), apply, words, True, _BY_LEVEL, by_level=True)
+
+
+def stiffening(zones: Sequence[Zone], reference: float) -> Effect:
+    """Elastic stiffening by the square of the level, as in `micro_slip` and without slip.
+
+    Args:
+        zones: Zones of the joint.
+        reference: Level at which ``rise`` holds.
+    """
+
+    def apply(values, theta, level):
+        for zone in zones:
+            for key in zone.parameters():
+                values[key] *= 1 + theta["rise"] * (level / reference) ** 2
+
+    words = (
+        "The joint stiffens with the level, as faces touch further out, large rotations or the "
+        "suspension do; a drift from one level to the next looks like it."
+    )
+    return Effect(STIFFENING, "joint", (_RISE,), apply, words, True, _BY_LEVEL, by_level=True)
+
+
+def growing_damping(reference: float) -> Effect:
+    """Damping of all of the structure that grows with the level, at unchanged stiffness.
+
+    It says what is seen and not what dissipates: it has the prior odds of a description.
+
+    Args:
+        reference: Level at which its loss factor ``eta`` holds.
+    """
+
+    def apply(values, theta, level):
+        pass
+
+    def loss(theta, level, hz):
+        return {"": theta["eta"] * (level / reference) ** theta["power"]}
+
+    words = "Damping grows with the level and the stiffness stays: air, material, the suspension."
+    return Effect(
+        GROWING, "", (_GROWN, _GROWTH), apply, words, True, by_level=True, loss=loss, weight=RARE
+    )
+
+
+def amplitude_effects(
+    data: TestData, zones: Sequence[Zone]
+) -> tuple[tuple[Effect, ...], tuple[Silent, ...]]:
+    """The effects that this test can speak of, and those it cannot, each with the reason.
+
+    Args:
+        data: The test.
+        zones: The joint's zones.
+    """
+    if not data.by_level or len(data) < 2:
+        what = "level" if data.by_level else f"{data.condition_name} and not by level"
+        is_one = f"the test has one {what}" if data.by_level else f"the test is by {what}"
+        reason = f"{is_one}; it needs the same modes at two or more levels of force or amplitude"
+        return (), tuple(Silent(name, reason) for name in NAMES)
+    reference, effects, silent = float(data.conditions[-1]), [], []
+    if zones:
+        effects = [law(zones, reference) for law in (micro_slip, gapping, stiffening)]
+    else:
+        of_joints = (MICRO_SLIP, SOFTENING, STIFFENING)
+        silent = [Silent(name, "the model has no joint") for name in of_joints]
+    if has_damping(data):
+        effects.append(growing_damping(reference))
+    else:
+        reason = "the test has no damping ratio of any mode at two or more levels"
+        silent.append(Silent(GROWING, reason))
+    return tuple(effects), tuple(silent)

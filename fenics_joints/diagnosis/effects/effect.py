@@ -29,8 +29,33 @@ from itertools import product
 import numpy as np
 from scipy.special import ndtr, ndtri
 
-from fenics_joints.diagnosis.effects.sensing import Sensing
 from fenics_joints.errors import flag, real, text, whole
+from fenics_joints.reduction.bends import N_BENDS
+
+
+@dataclass
+class Sensing:
+    """What an effect in the test changes, in place.
+
+    Attributes:
+        order: The model's mode whose frequency and damping stand in each of the test's columns,
+            shape (m,); m itself is the one after those that the test is taken for.
+        gains: Reading over true motion of each sensor, shape (n_s,).
+        shifts: How far each sensor sits from where the case has it, m, along each of its ways
+            (`fenics_joints.reduction.forward.ways_of`), and their `monomials`, m2 and m3: what
+            `ArrayModel.shift_rows` are multiplied by, shape (9, n_s). Where there is one way, the
+            first row counts.
+    """
+
+    order: np.ndarray
+    gains: np.ndarray
+    shifts: np.ndarray
+
+    @classmethod
+    def true(cls, n_modes: int, n_sensors: int) -> Sensing:
+        """A test without errors."""
+        return cls(np.arange(n_modes), np.ones(n_sensors), np.zeros((2 + N_BENDS, n_sensors)))
+
 
 #: Prior odds of what few structures have, and of a law that describes what is seen without a
 #: physical reason for it, against what any has, such as a modulus that is not quite the data
@@ -237,3 +262,25 @@ def relative_error(
 
     prior = Prior("factor", 1.0, spread, "", True, span)
     return Effect(name, region, (prior,), apply, describe, weight=weight)
+
+
+#: Prior odds, against none, that some one effect is at work, shared out by the effects' weights,
+#: beside which some come (`Effect.beside`), so that a larger library makes nothing less likely;
+#: two at once have the product of their odds. [decision: chosen]
+_ANY = 1.5
+
+
+def log_odds(effects: Sequence[Effect]) -> dict[str, float]:
+    """ln of the prior odds of each effect of a library against none, by its key."""
+    common = [effect.weight for effect in effects if not effect.beside]
+    total = sum(common or [effect.weight for effect in effects])
+    return {e.key: float(np.log(_ANY * e.weight / total)) for e in effects}
+
+
+def log_odds_outside(probability: float) -> float:
+    """ln of the prior odds against none of a cause outside the library.
+
+    Args:
+        probability: That it, and not an effect of the library, is the cause.
+    """
+    return float(np.log(_ANY * probability / (1 - probability)))

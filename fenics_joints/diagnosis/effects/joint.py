@@ -1,4 +1,4 @@
-"""Effects in joints: what their interfaces give way, everywhere or at a place.
+"""Effects in joints: compliant interfaces, lost contact, loose bolts, and low preload.
 
 All act on zones, whatever these are of: a zone knows how an interface of a stiffness k enters the
 model's parameters (`fenics_joints.diagnosis.zones.zone.Zone.give_way`), and the table `PRIORS` has
@@ -7,8 +7,10 @@ what is known of k beforehand, and how one speaks of it, for each kind of zones.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
+from math import comb
 
 import numpy as np
 
@@ -368,3 +370,274 @@ def pressed_by_bolts(
         _LAYER.family,
         weight=weight,
     )
+
+
+STIFFER = "joint stiffer than given"
+#: Of a part of it.
+STIFFER_AT = "joint stiffer than given at one place"
+#: Actual over given stiffness. What is given comes from a like joint, a table or a handful of
+#: decades in which measured interfaces lie: five times, within a factor of 5 either way. [prior:
+#: chosen]
+_FACTOR = Prior("factor", 5.0, np.log(5.0), "", True, (1.0, np.inf))
+
+
+def stiffer_joint(
+    name: str, region: str, zones: Sequence[Zone], reference: float | None, weight: float = 1.0
+) -> Effect:
+    """Zones whose given stiffness is too low, across and along alike: times a factor above one.
+
+    Softer ones are what an interface in series makes (`joint.gives_way`), which no joint stiffer
+    than given is.
+
+    Args:
+        name: `STIFFER`, or `STIFFER_AT` of some zones.
+        region: Where, for people.
+        zones: The zones, of layers.
+        reference: Torque at which the factor holds, which grows with a power of it; None when the
+            test has one torque only.
+        weight: Prior odds relative to other effects.
+    """
+    keys = [key for zone in zones for key in zone.parameters()]
+
+    def apply(values, theta, condition):
+        factor = theta["factor"]
+        if reference is not None:
+            factor = factor * (condition / reference) ** theta["beta"]
+        for key in keys:
+            values[key] *= factor
+
+    priors = (_FACTOR,) if reference is None else (_FACTOR, Prior("beta", *EXPONENT))
+    words = "The faces hold together better than the stiffness that the model was given."
+    return Effect(
+        name,
+        region,
+        priors,
+        apply,
+        words,
+        reference is not None,
+        PRIORS[zones[0].interface.name].family,
+        weight=weight,
+    )
+
+
+SMALLER = "contact area smaller than modelled"
+_FAMILY = PRIORS[LAYER.name].family
+#: Factor on a layer's stiffness at which it is about halfway to `LOST`, as a thin layer that stiff
+#: gives way like the bodies do. [numerical: chosen]
+_HALFWAY = 1e-3
+#: Cut-offs at which the evidence is integrated. [numerical: chosen]
+_SCAN = 60
+_POWER = np.log2(np.log(LOST) / np.log(_HALFWAY))
+#: Least width of a ring over the largest radius, as its cells are no points. [numerical: chosen]
+_RING = 0.1
+#: Share of the reach squared that stays in contact at any torque, or the bodies part. [numerical:
+#: chosen]
+_LAST_CONTACT = 0.05
+#: Cut-off relative to the largest pressure: a tenth, within a factor of 3 either way (one standard
+#: deviation). Rough faces carry shear from the first contact on, so it may be far lower; that it
+#: be near the peak would leave hardly any contact. [prior: chosen]
+_CUTOFF = (0.1, np.log(3.0))
+
+
+def lost_contact(zones: Sequence[Zone]) -> Effect:
+    """Contact lost where its pressure is below a cut-off (Fronk et al. 2019, eqs. 4 and 5).
+
+    As the cut-off passes through the pressures of a zone the logarithm of its stiffness falls
+    smoothly to that of next to nothing.
+
+    Args:
+        zones: Zones of the contact's layer, by ascending pressure; one that is open has none.
+    """
+    low, largest = zones[-1].pressure
+    median, spread = _CUTOFF
+
+    def apply(values, theta, condition):
+        for zone in zones:
+            a, b = zone.pressure
+            # Over thrice its range, so that neighbours overlap and no cut-off is without slope.
+            _lose(values, zone, (1 + (theta["cutoff"] - a) / (b - a)) / 3 if b > a else 1.0)
+
+    # Something must stay in contact, or the bodies part.
+    span = (1e-3 * largest, low)
+    prior = Prior("cutoff", median * largest, spread, "Pa", True, span, scan=_SCAN)
+    words = "The faces hold together only where the bolts press them hard enough."
+    return Effect("contact lost at low pressure", "joint", (prior,), apply, words, False, _FAMILY)
+
+
+def lost_beyond(zones: Sequence[Zone], reference: float | None = None) -> Effect:
+    """Contact lost beyond a distance from the bolts, ring by ring as in `lost_contact`.
+
+    Under a bell of pressure p = P (T / T_ref) (1 - (r / R)^2) contact is lost where p falls below
+    a cut-off c P, so that the contact grows with the torque: r^2 = R^2 (1 - c T_ref / T). At one
+    torque only, the distance itself is the parameter.
+
+    Args:
+        zones: Zones around bolts.
+        reference: Torque at which the cut-off is c; None when the test has one torque only.
+    """
+    lose, radius = _beyond(zones)
+
+    def apply(values, theta, condition):
+        far = theta["radius"]
+        if reference is not None:
+            left = 1 - theta["cutoff"] * reference / condition
+            # What no torque of the test presses hard enough keeps a last bit of contact.
+            far = far * np.sqrt(np.maximum(left, _LAST_CONTACT))
+        lose(values, far)
+
+    words, priors = "The faces hold together only near the bolts.", [radius]
+    if reference is not None:
+        # The scan takes all other parameters for linear, which a cut-off is not.
+        priors = [replace(radius, scan=0), Prior("cutoff", *_CUTOFF, "", True, (0.0, 0.9))]
+        words = "The faces hold together only near the bolts, further out at higher torque."
+    return Effect(
+        "contact lost at low pressure",
+        "joint",
+        tuple(priors),
+        apply,
+        words,
+        reference is not None,
+        _FAMILY,
+    )
+
+
+def smaller_contact(zones: Sequence[Zone]) -> Effect:
+    """Faces that touch up to a distance from the bolts only, at any torque: they are not flat, have
+    a recess or a washer between them.
+
+    Within it they may give way besides, so that its family is its own.
+
+    Args:
+        zones: Zones around bolts.
+    """
+    lose, radius = _beyond(zones)
+
+    def apply(values, theta, condition):
+        lose(values, theta["radius"])
+
+    words = "The faces touch near the bolts only, whatever the torque: a recess, or not flat."
+    return Effect(SMALLER, "joint", (radius,), apply, words, family="contact area")
+
+
+def _beyond(zones: Sequence[Zone]) -> tuple[Callable[[dict[str, float], float], None], Prior]:
+    """What takes the contact beyond a distance from the bolts, m, and that distance's prior."""
+    low, high = distances(zones)
+    middle = 0.5 * (low + high)
+    width = np.maximum(high - low, _RING * np.max(high))
+
+    def lose(values, radius):
+        for zone, m, w in zip(zones, middle, width, strict=True):
+            _lose(values, zone, 0.5 + (m - radius) / (3 * w))
+
+    return lose, reach(low, high, scan=_SCAN)
+
+
+def _lose(values: dict[str, float], zone: Zone, t: float) -> None:
+    """Take a zone's stiffness: none of it at t = 0, all at t = 1."""
+    factor = LOST ** (_smooth_step(t) ** _POWER)
+    for key in zone.parameters():
+        values[key] *= factor
+
+
+def _smooth_step(t: float) -> float:
+    """From 0 at 0 to 1 at 1, with a continuous slope."""
+    t = np.clip(t, 0.0, 1.0)
+    return t * t * (3 - 2 * t)
+
+
+LOW_PRELOAD = "preload lower than nominal"
+#: Actual over nominal preload: half, within a factor of 2. A torque wrench alone scatters by 25 %
+#: (VDI 2230), settling and a forgotten pass of tightening take more. [prior: VDI 2230; median
+#: chosen]
+_PRELOAD = Prior("preload", 0.5, np.log(2.0), "", True, (0.02, 2.0))
+
+
+#: Several bolts that are loose at once, at most, and what they are called. [prior: chosen]
+_TOGETHER = {2: "two loose bolts", 3: "three loose bolts"}
+#: Prior odds of so many at once against one: what loosens one, a joint that was forgotten or
+#: vibrates, often loosens its neighbour. [prior: chosen]
+_ODDS = {2: 0.5, 3: 0.25}
+
+
+def loose_bolt(region: str, zones: Sequence[Zone], weight: float) -> Effect:
+    """One bolt that does not press: its zones keep a small stiffness, at any torque.
+
+    Args:
+        region: The bolt.
+        zones: The zones nearest to it.
+        weight: Prior odds: one over the number of bolts.
+    """
+    words = f"{region[:1].upper()}{region[1:]} is loose, or missing"
+    return _loose("loose bolt", region, zones, words, weight)
+
+
+def loose_together(bolts: Mapping[str, Sequence[Zone]]) -> tuple[Effect, ...]:
+    """Every two and every three of several bolts loose at once, but never all of them.
+
+    What is left where they do not press is the same at each. The search puts those first that hold
+    what leads alone (`Effect.holds`), so that of many bolts few sets are fitted.
+
+    Args:
+        bolts: The zones nearest to each bolt, by its name.
+    """
+    found = []
+    for count, name in _TOGETHER.items():
+        weight = _ODDS[count] / max(comb(len(bolts), count), 1)
+        for chosen in combinations(bolts, count) if count < len(bolts) else ():
+            zones = [zone for bolt in chosen for zone in bolts[bolt]]
+            region = ", ".join(chosen)
+            words = f"{region[:1].upper()}{region[1:]} are loose, or missing"
+            alone = _keys(chosen, count - 1)
+            found.append(_loose(name, region, zones, words, weight, alone))
+    return tuple(found)
+
+
+def _keys(bolts: Sequence[str], count: int) -> frozenset[str]:
+    """Keys of the effects of so many of these bolts."""
+    name = _TOGETHER.get(count, "loose bolt")
+    return frozenset(f"{name} ({', '.join(some)})" for some in combinations(bolts, count))
+
+
+def _loose(name, region, zones, words, weight, holds=frozenset()) -> Effect:
+    interface, prior, effect = PRIORS[zones[0].interface.name].loose
+    zones = [replace(zone, interface=interface) for zone in zones]
+    them = "them" if holds else "it"
+
+    def apply(values, theta, condition):
+        for zone in zones:
+            for kind in zone.interface.keys:
+                zone.give_way(values, kind, theta[prior.name])
+
+    return Effect(
+        name,
+        region,
+        (prior,),
+        apply,
+        words + effect.format(them=them),
+        family="bolt",
+        weight=weight,
+        holds=holds,
+    )
+
+
+def low_preload(region: str, zones: Sequence[Zone], name: str, weight: float = 1.0) -> Effect:
+    """Preloads off by a common factor: the zones' stiffness times (actual / nominal)^beta.
+
+    Only for a nominal joint with a stiffness of its own; see `Diagnose.joints` of the case.
+
+    Args:
+        region: The joint, or the bolt.
+        zones: Zones that are pressed by it.
+        name: Name of the effect.
+        weight: Prior odds relative to other effects.
+    """
+
+    def apply(values, theta, condition):
+        factor = theta["preload"] ** theta["beta"]
+        for zone in zones:
+            for key in zone.parameters():
+                values[key] *= factor
+
+    priors = (_PRELOAD, Prior("beta", *EXPONENT))
+    words = "The bolts press less than the nominal model says, and the interface is softer for it."
+    return Effect(name, region, priors, apply, words, family="preload", weight=weight)

@@ -13,8 +13,8 @@ from fenics_joints.case.sections import AttachedMass
 from fenics_joints.diagnosis.effects.effect import Effect
 from fenics_joints.diagnosis.effects.part import CAUSES, SHEAR
 from fenics_joints.diagnosis.effects.rig import MASS, SPRING
-from fenics_joints.diagnosis.zones.nominal import bonded_values
 from fenics_joints.diagnosis.zones.sites import without_attached
+from fenics_joints.diagnosis.zones.zone import bonded_values
 
 #: How far from the median of its prior, in standard deviations, a parameter is put. [numerical:
 #: chosen]

@@ -14,8 +14,17 @@ import numpy as np
 from fenics_joints.case import Case
 from fenics_joints.diagnosis.effects.effect import RARE, Effect, Prior, Silent, somewhere
 from fenics_joints.diagnosis.effects.part import DIMENSIONS
-from fenics_joints.diagnosis.zones.part_cells import BOW, LOSS, MOST_BOW, MOST_TAPER, TAPER, Plate
-from fenics_joints.diagnosis.zones.sites import HUNG, ON, Sites
+from fenics_joints.diagnosis.zones.sites import (
+    BOW,
+    HUNG,
+    LOSS,
+    MOST_BOW,
+    MOST_TAPER,
+    ON,
+    TAPER,
+    Plate,
+    Sites,
+)
 from fenics_joints.measurements.data import TestData
 from fenics_joints.structure.changes import OFFSETS
 

@@ -31,11 +31,11 @@ class Fit:
         stated: Of errors that are stated at most: the least misfit + |z|^2 if all of them is there,
             linear about the fit; None where none are.
         placed: Of an unknown cause, the probability that it is a change somewhere
-            (`fenics_joints.diagnosis.evidence.somewhere`), and not one that may do anything; None
-            where that was not looked at.
+            (`fenics_joints.diagnosis.evidence.localised_unknown`), and not one that may do
+            anything; None where that was not looked at.
         simulated: Share of tests like this one, made by causes of the library, of which the best
             explanation leaves as much as this leaves of the real one
-            (`fenics_joints.diagnosis.evidence.simulated`); None where none were made.
+            (`fenics_joints.diagnosis.evidence.linear_fits`); None where none were made.
     """
 
     hypothesis: Hypothesis

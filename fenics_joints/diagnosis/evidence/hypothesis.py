@@ -8,8 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from fenics_joints.diagnosis.effects.effect import Effect, Prior
-from fenics_joints.diagnosis.effects.sensing import Sensing
+from fenics_joints.diagnosis.effects.effect import Effect, Prior, Sensing
 from fenics_joints.structure.changes import OFFSETS
 
 #: Stand for the scatter of the preload, for what a mode moves the joint at the same level, and for

@@ -20,6 +20,7 @@ from fenics_joints.diagnosis.evidence.cells import (
     Posterior,
     prior_cells,
     prior_points,
+    sampled_evidence,
     total,
     weigh,
 )
@@ -27,10 +28,9 @@ from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.fitted import Fit
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.linear import least_square, whiten
-from fenics_joints.diagnosis.evidence.many import ManyPredictions
-from fenics_joints.diagnosis.evidence.sampled import sampled_evidence
+from fenics_joints.diagnosis.evidence.localised_unknown import with_somewhere
+from fenics_joints.diagnosis.evidence.predictions import ManyPredictions
 from fenics_joints.diagnosis.evidence.scales import Scales
-from fenics_joints.diagnosis.evidence.somewhere import with_somewhere
 from fenics_joints.errors import InputError
 from fenics_joints.modal.modes import solve_modes
 from fenics_joints.parallel import spread

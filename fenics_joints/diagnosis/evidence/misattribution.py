@@ -34,7 +34,7 @@ from fenics_joints.diagnosis.evidence.cells import STEEPEST
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.library import Library
 from fenics_joints.diagnosis.evidence.linear import marginal, whiten
-from fenics_joints.diagnosis.evidence.somewhere import unknown_evidence
+from fenics_joints.diagnosis.evidence.localised_unknown import unknown_evidence
 from fenics_joints.diagnosis.thresholds import MISFIT
 
 #: Simulated tests; effects of each that are solved for, and Gauss-Newton steps of these.

@@ -16,7 +16,7 @@ import numpy as np
 from fenics_joints.diagnosis.effects.effect import Effect
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
-from fenics_joints.diagnosis.evidence.many import ManyPredictions
+from fenics_joints.diagnosis.evidence.predictions import ManyPredictions
 from fenics_joints.diagnosis.where.zone_sensitivity import giving_way
 from fenics_joints.reduction.forward import Forward
 

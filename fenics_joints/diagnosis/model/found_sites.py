@@ -12,8 +12,8 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from fenics_joints.diagnosis.evidence.many import ManyPredictions
-from fenics_joints.diagnosis.evidence.point_mass import PointScan
+from fenics_joints.diagnosis.evidence.localised_unknown import PointScan
+from fenics_joints.diagnosis.evidence.predictions import ManyPredictions
 from fenics_joints.diagnosis.zones.sites import COUNT, Sites, about_point
 from fenics_joints.errors import InputError
 from fenics_joints.modal.modes import solve_modes

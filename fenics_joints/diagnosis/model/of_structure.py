@@ -20,7 +20,7 @@ from fenics_joints.case.messages import case_error, describe, did_you_mean
 from fenics_joints.case.sections import Diagnose, SupportSection
 from fenics_joints.case.test import Test
 from fenics_joints.case.values import AXES, PerArea, named
-from fenics_joints.diagnosis.zones.places import bolt_points
+from fenics_joints.diagnosis.zones.joints import bolt_points
 from fenics_joints.errors import InputError, items, mapping, wanted
 from fenics_joints.measurements import TestData
 from fenics_joints.meshes import TaggedMesh

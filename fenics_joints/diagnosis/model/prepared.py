@@ -16,27 +16,28 @@ from fenics_joints.case.fingerprint import fingerprint
 from fenics_joints.case.notes import OF_MODEL
 from fenics_joints.diagnosis.effects.effect import Effect, Silent
 from fenics_joints.diagnosis.effects.joint import interfaces
-from fenics_joints.diagnosis.effects.library import by_preload, case_effects, case_nuisances
+from fenics_joints.diagnosis.effects.library import (
+    by_preload,
+    case_effects,
+    case_nuisances,
+    check_parameters,
+    for_zones,
+)
 from fenics_joints.diagnosis.effects.samples import is_rare, sample_ranges, sample_values
 from fenics_joints.diagnosis.effects.sited import sited_effects
-from fenics_joints.diagnosis.effects.user import check_parameters, for_zones
 from fenics_joints.diagnosis.evidence.cells import prior_points
-from fenics_joints.diagnosis.evidence.entries import FUNCTION
-from fenics_joints.diagnosis.evidence.equal import distinct
-from fenics_joints.diagnosis.evidence.evidence import Evidence
+from fenics_joints.diagnosis.evidence.covariance import FUNCTION, Neighbours
+from fenics_joints.diagnosis.evidence.evidence import Evidence, evidence_of
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
-from fenics_joints.diagnosis.evidence.of_test import evidence_of
-from fenics_joints.diagnosis.evidence.scalars import Scalar
+from fenics_joints.diagnosis.evidence.merging import distinct
+from fenics_joints.diagnosis.evidence.observations import Scalar, case_weighed
 from fenics_joints.diagnosis.evidence.scales import ERRORS, WITH_FUNCTIONS
-from fenics_joints.diagnosis.evidence.turning import Neighbours
-from fenics_joints.diagnosis.evidence.weighed import case_weighed
 from fenics_joints.diagnosis.model.at_points import by_patches, measured_at_points
 from fenics_joints.diagnosis.model.bonded import joint_errors
 from fenics_joints.diagnosis.model.found_sites import found_sites
 from fenics_joints.diagnosis.model.resolution import MeshErrors, mesh_errors
 from fenics_joints.diagnosis.model.subject import Subject, subject_of, with_places
-from fenics_joints.diagnosis.where.patch_signatures import signatures
-from fenics_joints.diagnosis.where.patches import PATCHES, Patches, patches
+from fenics_joints.diagnosis.where.patches import PATCHES, Patches, patches, signatures
 from fenics_joints.diagnosis.where.zone_sensitivity import given_way
 from fenics_joints.diagnosis.zones.sites import placed
 from fenics_joints.errors import InputError

@@ -15,9 +15,8 @@ from fenics_joints.diagnosis.where.cells import BeamElements, Cells, MeshCells
 from fenics_joints.diagnosis.zones.contacts import contact_zones
 from fenics_joints.diagnosis.zones.joints import joint_zones
 from fenics_joints.diagnosis.zones.laps import lap_as_one, lap_zones
-from fenics_joints.diagnosis.zones.nominal import bonded_values, layer_thickness
 from fenics_joints.diagnosis.zones.sites import Sites, sites_of
-from fenics_joints.diagnosis.zones.zone import Zones
+from fenics_joints.diagnosis.zones.zone import Zones, bonded_values, layer_thickness
 from fenics_joints.errors import InputError
 from fenics_joints.progress import Progress
 from fenics_joints.structure import Parameter, Sensors

@@ -15,8 +15,10 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.sparse.csgraph import connected_components
 
-from fenics_joints.diagnosis.effects.effect import Effect
+from fenics_joints.diagnosis.effects.effect import Effect, Silent
+from fenics_joints.diagnosis.effects.rig import MISPLACED, MISSCALED
 from fenics_joints.diagnosis.evidence.classes import APART
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.linear import whiten
@@ -25,6 +27,56 @@ from fenics_joints.parallel import spread
 
 if TYPE_CHECKING:
     from mpi4py import MPI
+
+
+def groups(distances: np.ndarray, seen: Sequence[bool]) -> list[list[int]]:
+    """Effects in classes: those that may be taken for each other, one way round or the other.
+
+    Args:
+        distances: D of the row's effect from what the column's can make, (n, n).
+        seen: Which effects the test can see at all; the others are in no class.
+
+    Returns:
+        Indices of the members, by class, in their order.
+    """
+    there = np.flatnonzero(seen)
+    if not len(there):
+        return []
+    near = np.minimum(distances, distances.T)[np.ix_(there, there)] < APART
+    count, label = connected_components(near, directed=False)
+    return [there[label == k].tolist() for k in range(count)]
+
+
+@dataclass(frozen=True, eq=False)
+class Combination:
+    """The changes of effects that cancel best.
+
+    Attributes:
+        index: Collinearity index of the signatures, 1/sqrt of the least eigenvalue of their
+            correlation: above about 20 they cannot be told apart whatever their sizes (Brun,
+            Reichert and Kuensch, Water Resour. Res. 37, 2001).
+        factors: Factor on each signature of the combination, the largest of magnitude 1, (k,).
+        left: Length of what they leave, standard deviations.
+    """
+
+    index: float
+    factors: np.ndarray
+    left: float
+
+
+def combination(signatures: Sequence[np.ndarray]) -> Combination:
+    """How nearly whitened signatures (N,) depend on each other, and the combination that cancels.
+
+    Args:
+        signatures: One for each effect, none of zeros.
+    """
+    S = np.array(signatures).T
+    length = np.linalg.norm(S, axis=0)
+    eigenvalues, vectors = np.linalg.eigh((S / length).T @ (S / length))
+    least = max(float(eigenvalues[0]), 1e-12)
+    factors = vectors[:, 0] / length
+    factors = factors / factors[np.argmax(np.abs(factors))]
+    return Combination(least**-0.5, factors, float(np.linalg.norm(S @ factors)))
 
 
 #: Sizes of an effect that it is judged at, in prior standard deviations. [decision: one standard
@@ -351,3 +403,52 @@ class _Search:
             if there is not None and there.cost < place.cost:
                 return there
         return None
+
+
+#: Of one kind of a sensor's faults so many stay. [numerical: chosen for time]
+_KEPT = 4
+
+
+def few_sensors(
+    measurement: Measurement, effects: Sequence[Effect], baseline: Mapping[str, float]
+) -> tuple[tuple[Effect, ...], tuple[Silent, ...]]:
+    """The effects without most sensors of a kind of fault, and what is to be said of these.
+
+    The distances of all from all others grow with the square of their number. Those stay whose
+    change, of the expected size and whitened, is the longest, the shortest and evenly between.
+
+    Args:
+        measurement: The test.
+        effects: All effects.
+        baseline: Parameter values of the nominal model.
+    """
+    kinds: dict[str, list[int]] = {}
+    for i, effect in enumerate(effects):
+        if effect.name in (MISPLACED, MISSCALED):
+            kinds.setdefault(effect.name, []).append(i)
+    study, left, silent = Study(measurement, effects, baseline), set(), []
+    for name, members in kinds.items():
+        if len(members) <= _KEPT:
+            continue
+        lengths = np.array([_length(study, effects[i]) for i in members])
+        order = np.argsort(lengths, kind="stable")
+        kept = order[np.round(np.linspace(0, len(order) - 1, _KEPT)).astype(int)]
+        left |= {members[i] for i in set(range(len(members))) - set(kept.tolist())}
+        silent.append(Silent(name, _words(len(members), lengths)))
+    return tuple(e for i, e in enumerate(effects) if i not in left), tuple(silent)
+
+
+def _length(study: Study, effect: Effect) -> float:
+    """Of a sensor's change that the nuisances cannot make, linearly: half of it is D."""
+    own = own_at(effect, 1.0)
+    hypothesis, base = study.measurement.hypothesis(effect), study.baseline(effect)
+    predicted, _ = study.measurement.predict(hypothesis, hypothesis.at(own), base)
+    return float(np.linalg.norm(study.whitened(Signature(effect, own, predicted, np.nan))))
+
+
+def _words(count: int, lengths: np.ndarray) -> str:
+    low, high = lengths.min() / 2, lengths.max() / 2
+    return (
+        f"{count - _KEPT} of {count} sensors are left out of the plan; distances of all from no "
+        f"gap are {low:.2g} to {high:.2g}, and those listed lie evenly between"
+    )

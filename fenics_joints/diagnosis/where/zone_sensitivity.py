@@ -12,7 +12,7 @@ from fenics_joints.diagnosis.effects.part import CAUSES
 from fenics_joints.diagnosis.effects.rig import MASS, SPRING, support_compliance
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
-from fenics_joints.diagnosis.evidence.many import ManyPredictions
+from fenics_joints.diagnosis.evidence.predictions import ManyPredictions
 from fenics_joints.reduction.forward import Forward
 
 #: Expected relative change of a zone's parameter: a wrong material, a mass misjudged, a spring too,

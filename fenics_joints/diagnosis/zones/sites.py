@@ -7,23 +7,289 @@ the nominal one (`fenics_joints.structure.changes`).
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from itertools import combinations_with_replacement, product
 
 import numpy as np
 
+from fenics_joints._compat import geometry_dofmap
 from fenics_joints.case import Case
-from fenics_joints.case.dimensions import Dimensions, directed_parts
-from fenics_joints.diagnosis.zones.part_cells import BOW, LOSS, TAPER, PartCells, Plate
+from fenics_joints.case.dimensions import Dimensions, directed_parts, unfit
+from fenics_joints.diagnosis.zones.partition import partition
 from fenics_joints.structure import Sensors, Structure
 from fenics_joints.structure.changes import (
     OFFSETS,
     STIFFNESSES,
     Change,
+    LocalLoss,
     PlacedPoint,
     PlacedResonator,
+    ShapeChange,
 )
+
+#: Prefixes of parameters.
+LOSS, BOW, TAPER = "local_loss", "bow", "taper"
+#: Patches at most: the reduced model has a matrix for each. [numerical: chosen for memory]
+_PATCHES = 40
+#: A plate is so many times as long as thick, and its cells fill its box. [numerical: chosen]
+_SLENDER, _FULL = 5.0, 0.93
+#: Half the difference of the ends' thicknesses over their mean up to which the stiffness is looked
+#: at, and the degree of the polynomial through it: 1e-6 off at most. [numerical: measured: 1e-6
+#: off]
+MOST_TAPER, _DEGREE = 0.2, 6
+#: Height of a bow over its length up to which the stiffness is looked at. [numerical: chosen]
+MOST_BOW = 0.02
+
+
+@dataclass(frozen=True)
+class Plate:
+    """A plate, or a structure that is one as a whole.
+
+    Attributes:
+        name: What it is called.
+        part: The part that it is of; ``""`` for the whole.
+        parameter: Of its shape, in the model.
+        length: Its length in the direction of the change, m.
+        how: That direction in words.
+    """
+
+    name: str
+    part: str
+    parameter: str
+    length: float
+    how: str = ""
+
+
+class PartCells:
+    """The cells of a case's parts, gathered where they are asked for. Collective."""
+
+    def __init__(self, case: Case, full: Structure):
+        self.case, self.full, self.comm = case, full, full.comm
+        msh = full.mesh
+        corners = msh.geometry.x[geometry_dofmap(msh)]
+        self.corners, self.owned = corners, len(full.cell_volumes())
+        self.middles, self.volume = corners.mean(axis=1), full.cell_volumes()
+        self.names = [name for part in case.parts.values() for name in part.cells]
+        self.part = {name: key for key, part in case.parts.items() for name in part.cells}
+        tags = full.tagged.cell_tags
+        self.cells = {name: tags.find(full.tagged.cell_tag(name)) for name in self.names}
+
+    def _own(self, name: str) -> np.ndarray:
+        return self.cells[name][self.cells[name] < self.owned]
+
+    # -- points --------------------------------------------------------------------------------
+
+    @cached_property
+    def vertices(self) -> np.ndarray:
+        """Of the parts' cells, on all ranks, (n, 3)."""
+        own = np.concatenate([self._own(name) for name in self.names])
+        vertices = np.vstack(self.comm.allgather(self.corners[own].reshape(-1, 3)))
+        size = float(np.ptp(vertices, axis=0).max())
+        return vertices[np.unique(np.round(vertices / size, 7), axis=0, return_index=True)[1]]
+
+    def points(self, sensors: Sensors | None, count: int) -> np.ndarray:
+        """Vertices of the parts' cells near the sensors, and far from these and each other."""
+        vertices = self.vertices
+        at = (
+            vertices[:0]
+            if sensors is None
+            else np.unique(
+                np.pad(sensors.points, [(0, 0), (0, 3 - sensors.points.shape[1])]), axis=0
+            )
+        )
+        near = [int(np.argmin(np.linalg.norm(vertices - x, axis=1))) for x in at]
+        near = vertices[np.unique(np.array(near, dtype=int))]
+        chosen = _far_apart(near, near[:0], count)
+        return np.vstack([chosen, _far_apart(vertices, chosen, count - len(chosen))])
+
+    # -- patches -------------------------------------------------------------------------------
+
+    def losses(self) -> tuple[list[LocalLoss], np.ndarray]:
+        """A loss of each part, and the middles of all patches."""
+        own = [self._own(name) for name in self.names]
+        cells = np.concatenate(own)
+        group = np.repeat(np.arange(len(own)), [len(each) for each in own])
+        gathered = self.comm.gather((self.middles[cells], self.volume[cells], group))
+        found = None
+        if gathered is not None:
+            middles, volume, groups = (np.concatenate(each) for each in zip(*gathered, strict=True))
+            found = partition(middles, volume, groups, self.names, ["all"] * len(own), _PATCHES)
+            parts = [self.part[name] for name in found[2]]
+            found = _by_part(found[0], np.array(found[3]), parts, [len(g[0]) for g in gathered])
+        number, middle, counts = self.comm.bcast(found)
+        number = number[self.comm.rank]
+        losses, first = [], 0
+        for part, count in counts.items():
+            nominal = self.full.parameters[f"{part}.E"].value
+            losses.append(
+                LocalLoss(
+                    f"{LOSS} {part}",
+                    part,
+                    [cells[number == first + i] for i in range(count)],
+                    {
+                        "depth": f"{LOSS}.depth",
+                        "place": f"{LOSS}.place",
+                        "size": f"{LOSS}.size",
+                        "E": f"{part}.E",
+                        "nominal": nominal,
+                        "first": float(first),
+                        "count": float(count),
+                    },
+                )
+            )
+            first += count
+        return losses, middle
+
+    # -- plates --------------------------------------------------------------------------------
+
+    def _box(self, names: Sequence[str], ways: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
+        """Least and largest coordinates of groups of cells along directions, and their volume."""
+        own = np.concatenate([self._own(name) for name in names])
+        along = self.corners[own].reshape(-1, 3) @ ways.T
+        low, high = along.min(axis=0, initial=np.inf), along.max(axis=0, initial=-np.inf)
+        ends = self.comm.allgather((low, high, float(self.volume[own].sum())))
+        return (
+            np.min([e[0] for e in ends], axis=0),
+            np.max([e[1] for e in ends], axis=0),
+            sum(e[2] for e in ends),
+        )
+
+    def _ways(self, part: str) -> np.ndarray:
+        """Normal of a part, its length and its width, as rows."""
+        section = self.case.parts[part]
+        n = np.asarray(section.normal, dtype=float)
+        n /= np.linalg.norm(n)
+        a = np.asarray(section.widens(), dtype=float)
+        a -= (a @ n) * n
+        a /= np.linalg.norm(a)
+        return np.array([n, np.cross(a, n), a])
+
+    def _nominal(self, part: str, parameter: str, count: int, mass: bool) -> dict:
+        E, rho = (self.full.parameters[f"{part}.{key}"].value for key in ("E", "rho"))
+        return {
+            "amount": parameter,
+            "E": f"{part}.E",
+            "nominal": E,
+            "rho": f"{part}.rho" if mass else rho,
+            "nominal_rho": rho,
+            "count": float(count),
+        }
+
+    def bowed(self) -> tuple[tuple[Plate, ...], list[ShapeChange]]:
+        """Directions in which the whole may be bowed, by the height of the bow, m."""
+        ways = [self._ways(part) for part in self.case.parts]
+        if any(abs(w[0] @ ways[0][0]) < 1 - 1e-6 for w in ways):
+            return (), []
+        low, high, _ = self._box(self.names, ways[0])
+        size, plates, changes = high - low, [], []
+        ones = np.ones(len(self.corners))
+        for i, how in ((1, "along"), (2, "across")):
+            if size[i] < _SLENDER * size[0]:
+                continue
+            middle, L, name = 0.5 * (low[i] + high[i]), float(size[i]), f"{BOW}.{how}"
+            plates.append(Plate("the structure", "", name, L, how))
+            bend = 1 - 4 * middle**2 / L**2, 8 * middle / L**2, -4 / L**2
+            for part in self.case.parts:
+                changes.append(
+                    ShapeChange(
+                        f"{name} {part}",
+                        part,
+                        tuple(ways[0][0]),
+                        tuple(ways[0][i]),
+                        bend,
+                        np.array([ones, 0 * ones]),
+                        MOST_BOW * L,
+                        self._nominal(part, name, 2, False),
+                    )
+                )
+        return tuple(plates), changes
+
+    def tapered(self, dimensions) -> tuple[tuple[Plate, ...], list[ShapeChange]]:
+        """Plates whose thickness may change evenly along their length, by half the difference of
+        the ends' over their mean. What lies on one tilts."""
+        plates, changes = [], []
+        for name in self.names:
+            part = self.part[name]
+            if unfit(dimensions, [f"{part}.thickness"]) is not None:
+                continue
+            ways = self._ways(part)
+            low, high, volume = self._box([name], ways)
+            size = high - low
+            i = 1 + int(size[2] > size[1] * (1 + 1e-6))
+            if size[i] < _SLENDER * size[0] or volume < _FULL * np.prod(size):
+                continue
+            parameter, L = f"{TAPER}.{name}", float(size[i])
+            shown = part if len(self.case.parts[part].cells) == 1 else f"{part}, {name}"
+            plates.append(Plate(shown, part, parameter, L))
+            middle, height = 0.5 * (low + high), self.middles @ ways[0]
+            half, above = 0.5 * size[0], height > 0.5 * (low[0] + high[0])
+            across = np.array([np.where(above, half, -half), np.zeros(len(height))])
+            across[:, self.cells[name]] = [[-middle[0]], [1.0]]
+            bend = -2 * middle[i] / L, 2 / L, 0.0
+            changes += [
+                ShapeChange(
+                    f"{parameter} {other}",
+                    other,
+                    tuple(ways[0]),
+                    tuple(ways[i]),
+                    bend,
+                    across,
+                    MOST_TAPER,
+                    self._nominal(other, parameter, _DEGREE if other == part else 2, other == part),
+                )
+                for other in self.case.parts
+            ]
+        return tuple(plates), changes
+
+
+def _far_apart(points: np.ndarray, first: np.ndarray, count: int) -> np.ndarray:
+    """Of points those that are furthest from the first and from each other, (count, 3)."""
+    chosen = list(first)
+    while len(chosen) - len(first) < min(count, len(points)):
+        if chosen:
+            away = np.min([np.linalg.norm(points - x, axis=1) for x in chosen], axis=0)
+        else:
+            away = np.linalg.norm(points - points.mean(axis=0), axis=1)
+        # Rounded, so that round-off does not choose between places that are as far.
+        away = np.round(away / max(float(away.max()), 1e-300), 6)
+        if chosen and not away.any():
+            break
+        chosen.append(points[int(np.argmax(away))])
+    return np.array(chosen[len(first) :]).reshape(-1, 3)
+
+
+def _tour(points: np.ndarray) -> list[int]:
+    """An order in which neighbours are near: from an end always to the nearest that is left."""
+    if len(points) < 3:
+        return list(range(len(points)))
+    away = np.linalg.norm(points - points.mean(axis=0), axis=1)
+    order, left = [int(np.argmax(np.round(away / away.max(), 6)))], set(range(len(points)))
+    left.remove(order[0])
+    while left:
+        rest = sorted(left)
+        distance = np.linalg.norm(points[rest] - points[order[-1]], axis=1)
+        order.append(rest[int(np.argmin(np.round(distance / away.max(), 6)))])
+        left.remove(order[-1])
+    return order
+
+
+def _by_part(number, middle, parts: Sequence[str], sizes: Sequence[int]):
+    """Patches numbered part by part along a tour of each.
+
+    Returns:
+        Number of each cell by rank; middles in this order; how many there are of each part.
+    """
+    order, counts = [], {}
+    for part in dict.fromkeys(parts):
+        own = np.flatnonzero(np.array(parts) == part)
+        order += own[_tour(middle[own])].tolist()
+        counts[part] = len(own)
+    rank = np.empty(len(order), dtype=int)
+    rank[order] = np.arange(len(order))
+    return np.split(rank[number], np.cumsum(sizes)[:-1]), middle[order], counts
+
 
 #: Prefixes of the parameters, besides those of `part_cells`.
 ON, HUNG = "put_on", "hung"

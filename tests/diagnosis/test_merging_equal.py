@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from fenics_joints.diagnosis.effects.amplitude import gapping, micro_slip
+from fenics_joints.diagnosis.effects.damping import gapping, micro_slip
 from fenics_joints.diagnosis.effects.effect import Effect, Prior, relative_error
 from fenics_joints.diagnosis.effects.joint import gives_way, graded
-from fenics_joints.diagnosis.evidence.equal import Known, distinct, equal
+from fenics_joints.diagnosis.evidence.merging import Known, distinct, equal
 from fenics_joints.diagnosis.zones.zone import Zone
 
 BASELINE = {"near.E": 9e10, "near.G": 3e10, "away.E": 8e10, "away.G": 2e10, "lid.E": 7e10}

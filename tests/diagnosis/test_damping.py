@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fenics_joints.diagnosis.evidence.pointwise import PointwiseForward, model_of
+from fenics_joints.diagnosis.evidence.predictions import PointwiseForward, model_of
 from fenics_joints.diagnosis.zones.zone import Zone
 
 pytest.importorskip("dolfinx")
@@ -23,7 +23,7 @@ from mpi4py import MPI
 
 from fenics_joints.case import load_case
 from fenics_joints.diagnosis import diagnose
-from fenics_joints.diagnosis.effects.amplitude import (
+from fenics_joints.diagnosis.effects.damping import (
     GROWING,
     NAMES,
     iwan_loss_factor,
@@ -32,7 +32,7 @@ from fenics_joints.diagnosis.effects.amplitude import (
 )
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
-from fenics_joints.diagnosis.evidence.many import ManyPredictions, at_conditions
+from fenics_joints.diagnosis.evidence.predictions import ManyPredictions, at_conditions
 from fenics_joints.forms import lame_parameters
 from fenics_joints.measurements import pair_modes
 from fenics_joints.meshes import lap_plates

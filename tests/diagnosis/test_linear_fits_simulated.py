@@ -10,7 +10,7 @@ from linear_forward import linear_fit
 from scipy.stats import binomtest
 
 from fenics_joints.diagnosis.evidence.evidence import Evidence
-from fenics_joints.diagnosis.evidence.simulated import with_simulated
+from fenics_joints.diagnosis.evidence.linear_fits import with_simulated
 
 MODES, CAUSES, SD, TESTS = 4, 10, 0.01, 200
 SETS = list(combinations(range(CAUSES), 2))

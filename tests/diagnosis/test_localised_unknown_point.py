@@ -10,8 +10,7 @@ from virtual_plates import virtual_test, write_virtual_case
 from fenics_joints.case import load_case
 from fenics_joints.commands.diagnose.words import attached_words, point_mass_words
 from fenics_joints.diagnosis.evidence import fit
-from fenics_joints.diagnosis.evidence.point_mass import point_mass
-from fenics_joints.diagnosis.evidence.somewhere import Somewhere
+from fenics_joints.diagnosis.evidence.localised_unknown import Somewhere, point_mass
 from fenics_joints.diagnosis.model.prepared import prepare
 from fenics_joints.progress import Progress
 from fenics_joints.reduction.seen import places_all_over

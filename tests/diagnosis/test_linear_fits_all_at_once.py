@@ -7,8 +7,8 @@ import pytest
 from linear_forward import linear_fit
 from scipy.stats import kstest
 
-from fenics_joints.diagnosis.evidence.all_at_once import all_at_once
 from fenics_joints.diagnosis.evidence.evidence import Evidence
+from fenics_joints.diagnosis.evidence.linear_fits import all_at_once
 
 MODES, CAUSES, SD, TESTS = 12, 5, 0.01, 200
 

@@ -7,8 +7,8 @@ import pytest
 from mpi4py import MPI
 
 from fenics_joints.diagnosis import Effect, Prior
-from fenics_joints.diagnosis.evidence.alike import one_of_alike
 from fenics_joints.diagnosis.evidence.evidence import Evidence
+from fenics_joints.diagnosis.evidence.merging import one_of_alike
 from fenics_joints.reduction import ArrayModel, Forward
 from fenics_joints.reduction.affine import AffinePencil
 from fenics_joints.reduction.terms import RegionTerm, SpringTerm

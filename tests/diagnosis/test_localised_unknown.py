@@ -15,11 +15,10 @@ from scipy.stats import multivariate_normal
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.fitted import Fit
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
+from fenics_joints.diagnosis.evidence.localised_unknown import with_somewhere
 from fenics_joints.diagnosis.evidence.scales import ERRORS
-from fenics_joints.diagnosis.evidence.somewhere import with_somewhere
 from fenics_joints.diagnosis.where.cells import MeshCells
-from fenics_joints.diagnosis.where.patch_signatures import signatures
-from fenics_joints.diagnosis.where.patches import patches
+from fenics_joints.diagnosis.where.patches import patches, signatures
 from fenics_joints.diagnosis.where.score_tests import Place, score_tests
 from fenics_joints.measurements import pair_modes
 from fenics_joints.modal import solve_modes

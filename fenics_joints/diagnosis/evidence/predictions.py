@@ -7,22 +7,129 @@ of predictions of all modes a second. A single point is a batch of one.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
-from dataclasses import replace
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from types import SimpleNamespace
 
 import numpy as np
 from numpy.polynomial import chebyshev
 
-from fenics_joints.diagnosis.effects.sensing import Sensing
+from fenics_joints.diagnosis.effects.effect import Sensing
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
-from fenics_joints.diagnosis.evidence.look import Look
-from fenics_joints.diagnosis.evidence.scalars import scalars_at
+from fenics_joints.diagnosis.evidence.observations import scalars_at
 from fenics_joints.diagnosis.thresholds import ROUND_OFF, STEP
 from fenics_joints.errors import InputError
 from fenics_joints.reduction.forward import Forward
 from fenics_joints.reduction.lean import Followed, batched
-from fenics_joints.reduction.many import Change
+from fenics_joints.reduction.many import Change, ManyModes
+
+
+@dataclass(frozen=True, eq=False)
+class Look:
+    """The model as one mode sees it, at many points.
+
+    Attributes:
+        mode: That mode, or None.
+        modes: The model's modes.
+        values: The model's parameter values, each (b,).
+        along: Changes of the model by what acts; None where nothing does.
+        columns: Which of their directions is that of each parameter that acts.
+        felt: Which points feel one of these, (b, 1), where not all do.
+    """
+
+    mode: int | None
+    modes: ManyModes
+    values: dict[str, np.ndarray]
+    along: Change | None
+    columns: dict[int, int]
+    felt: dict[int, np.ndarray]
+
+    def slopes(self, by: Sequence[int]) -> np.ndarray:
+        """Derivatives of ln f by some parameters, (b, m, p)."""
+        b, m = self.modes.index.shape
+        found = np.zeros((b, m, len(by)))
+        there = [k for k, j in enumerate(by) if j in self.columns]
+        if there:
+            columns = [self.columns[by[k]] for k in there]
+            found[:, :, there] = self._all_slopes[:, :, columns]
+        for k, j in enumerate(by):
+            if j in self.felt:
+                found[:, :, k] = np.where(self.felt[j], found[:, :, k], 0.0)
+        return found
+
+    @cached_property
+    def _all_slopes(self) -> np.ndarray:
+        """Along every direction, (b, m, n)."""
+        return self.modes.slopes(self.along)
+
+
+def model_of(names: Iterable[str]) -> SimpleNamespace:
+    """A model of which nothing is known but its parameters.
+
+    Args:
+        names: Their names.
+    """
+    return SimpleNamespace(parameters=dict.fromkeys(names), n_dofs=1)
+
+
+@dataclass(frozen=True, eq=False)
+class PointwiseModes:
+    """What stands for `fenics_joints.reduction.many.ManyModes`, without shapes.
+
+    Attributes:
+        values: Values of the model's parameters, each (b,).
+        log_f: ln f, (b, m).
+        by_values: Derivatives by these values, (b, m, n).
+    """
+
+    values: Mapping[str, np.ndarray]
+    log_f: np.ndarray
+    by_values: np.ndarray
+
+    @property
+    def index(self) -> np.ndarray:
+        """Mode of each of the test's, (b, m): in order."""
+        return np.zeros(self.log_f.shape, dtype=int)
+
+    @property
+    def x(self) -> np.ndarray:
+        """Shapes, (b, 1, m); there are none."""
+        b, m = self.log_f.shape
+        return np.zeros((b, 1, m))
+
+    def slopes(self, along: np.ndarray) -> np.ndarray:
+        """Derivatives of `log_f`, (b, m, p), along directions of the values, (b, n, p)."""
+        moves = np.any(along != 0, axis=(0, 2))  # others may have no derivative
+        return np.einsum("bmn,bnp->bmp", self.by_values[:, :, moves], along[:, moves])
+
+    def share(self, name: str) -> np.ndarray:
+        """See `ManyModes.share`."""
+        column = list(self.values).index(name)
+        return np.maximum(2 * self.by_values[:, :, column] * self.values[name][:, None], 0.0)
+
+
+class PointwiseForward:
+    """A forward for `fit` whose subclass has ``model``, from `model_of`, and is called with values
+    by name: it returns ln f, (m,), and its derivatives by the model's parameters, (m, n)."""
+
+    batches, sensors, further = True, None, None
+
+    def many(self, values: Mapping[str, np.ndarray], every=True, followed=None) -> PointwiseModes:
+        """See `LeanForward.many`."""
+        table = {name: np.asarray(value, dtype=float) for name, value in values.items()}
+        each = [self(dict(zip(table, row, strict=True))) for row in np.stack([*table.values()], 1)]
+        own = {name: table[name] for name in self.model.parameters}
+        return PointwiseModes(own, *(np.array(part) for part in zip(*each, strict=True)))
+
+    def change(self, low, high, width: float, count: int = 1) -> np.ndarray:
+        """Derivatives of the values along directions, (b, n, count); a value that is nan, being
+        that of nothing, does not change."""
+        pairs = [(low[name], high[name]) for name in self.model.parameters]
+        moved = [np.where(np.isnan(a) & np.isnan(b), 0.0, b - a) / width for a, b in pairs]
+        return np.reshape(moved, (len(moved), count, -1)).transpose(2, 0, 1)
+
 
 #: Entries of the matrices that are solved for together, which should stay near the processor.
 #: [numerical: chosen for memory]

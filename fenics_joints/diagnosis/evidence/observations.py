@@ -1,0 +1,385 @@
+"""Single numbers that were measured besides modes, and what a hypothesis predicts of them."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Hashable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, ClassVar, Protocol
+
+import numpy as np
+
+from fenics_joints.case import Case
+from fenics_joints.diagnosis.evidence.covariance import (
+    ANTIRESONANCE,
+    FUNCTION,
+    MASS,
+    STIFFNESS,
+    UNKNOWN,
+)
+from fenics_joints.diagnosis.evidence.signatures import Signatures
+from fenics_joints.diagnosis.thresholds import STEP
+from fenics_joints.reduction.grounded import Antiresonances
+from fenics_joints.reduction.receptances import About, Receptances
+from fenics_joints.reduction.static import StaticModel
+from fenics_joints.structure.model import Model
+
+if TYPE_CHECKING:
+    from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
+    from fenics_joints.diagnosis.evidence.signatures import Signatures
+
+Values = Mapping[str, np.ndarray]
+
+
+class Scalar(Protocol):
+    """A positive number, of whose logarithm the model predicts another.
+
+    Attributes:
+        name: What it is of.
+        kind: Kind of entry (`fenics_joints.diagnosis.evidence.covariance`).
+        measured: The number, in its SI unit.
+        sd: Its relative standard deviation, with what the model leaves out.
+        row: The test's row at which it was measured; None if it does not depend on that.
+        unknown: What an unknown cause may do to its logarithm, one standard deviation.
+        common: What any model of the structure, or the test, errs in it that it errs in others too:
+            change of its logarithm by one standard deviation of each such error, by its name.
+    """
+
+    name: str
+    kind: int
+    measured: float
+    sd: float
+    row: int | None
+    unknown: float
+    common: Mapping[Hashable, float]
+
+    def log_value(self, values: Mapping[str, float | np.ndarray]) -> float | np.ndarray:
+        """ln of what the model has for it; (b,) of parameter values (b,)."""
+
+    def log_slopes(self, values: Values, low: Values, high: Values, width: float) -> np.ndarray:
+        """Its derivatives along p directions at b points, (b, p).
+
+        Args:
+            values: Parameter values at the points, each (b,).
+            low: Those a little less along the directions, (p * b,): all of one, then of the next.
+            high: Likewise a little more.
+            width: How far these are apart.
+        """
+
+    def by_patch(self, patches: Signatures) -> tuple[np.ndarray, np.ndarray]:
+        """Its change by the stiffness and by the mass of each patch, of the expected size, (P,)."""
+
+
+def reach(measured: Sequence[Scalar], hypothesis: Hypothesis) -> list[int]:
+    """Which of a hypothesis's parameters may change some of them."""
+    rows = {scalar.row for scalar in measured} - {None}
+    return [
+        j
+        for j in range(len(hypothesis.priors))
+        if j < hypothesis.own.stop or any(hypothesis.acts(j, row, None) for row in rows)
+    ]
+
+
+def scalars_at(
+    measured: Sequence[Scalar],
+    hypothesis: Hypothesis,
+    z: np.ndarray,
+    by: Sequence[int],
+    at: Callable[[np.ndarray, int | None], Values],
+) -> tuple[np.ndarray, np.ndarray]:
+    """Their logarithms as a hypothesis predicts them at many points, (b, k), and derivatives by
+    some of z, (b, k, len(by)); nan where the model has one not, as an antiresonance.
+
+    Args:
+        measured: The numbers.
+        hypothesis: The hypothesis.
+        z: Points, (b, d).
+        by: Which of z.
+        at: Parameter values at points, (n, d), at a row: each (n,).
+    """
+    found = np.zeros((len(z), len(measured)))
+    slope = np.zeros((len(z), len(measured), len(by)))
+    matter = set(reach(measured, hypothesis))
+    own = [k for k, j in enumerate(by) if j in matter] if measured else []
+    steps = np.zeros((len(own), 1, z.shape[1]))
+    steps[range(len(own)), 0, [by[k] for k in own]] = STEP
+    low, high = ((z + side * steps).reshape(len(own) * len(z), z.shape[1]) for side in (-1, 1))
+    for row in dict.fromkeys(scalar.row for scalar in measured):
+        values = at(z, row)
+        ends = (at(low, row), at(high, row)) if own else None
+        for i, scalar in enumerate(measured):
+            if scalar.row == row:
+                found[:, i] = scalar.log_value(values)
+                if own:
+                    slope[:, i, own] = scalar.log_slopes(values, *ends, 2 * STEP)
+    return found, slope
+
+
+#: Of a motion, at a circular frequency, with parameter values: x^T K x and omega^2 x^T M x of each
+#: patch, (2, P).
+Energies = Callable[[object, float, Mapping[str, float]], np.ndarray]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class AtPoint(ABC):
+    """A number measured at a point along a direction: a `scalars.Scalar`.
+
+    Attributes:
+        name: The measurement's.
+        measured: The number, in its SI unit.
+        sd: Relative standard deviation: of the instrument, of any such model, and of what is left
+            of the mesh's error.
+        row: The test's row at which it was measured.
+        index: Which of its model's this is.
+        mesh: How much too high, in ln of it, the mesh makes it.
+        common: See `scalars.Scalar`.
+        patches: Change of its logarithm by the stiffness and by the mass of each patch, (2, P);
+            None where no unknown cause has a place.
+    """
+
+    name: str
+    measured: float
+    sd: float
+    row: int
+    index: int
+    mesh: float = 0.0
+    common: Mapping[Hashable, float] = field(default_factory=dict)
+    patches: np.ndarray | None = None
+
+    @abstractmethod
+    def by_logs(self, energies: Energies, values: Mapping[str, float]) -> np.ndarray:
+        """Derivatives by ln of the stiffness and of the mass of each patch, (2, P). Collective."""
+
+    def by_patch(self, patches: Signatures) -> tuple[np.ndarray, np.ndarray]:
+        """See `scalars.Scalar`."""
+        none = np.zeros((2, len(patches.names)))
+        stiff, mass = none if self.patches is None else self.patches
+        return stiff, mass
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Antiresonance(AtPoint):
+    """A frequency, Hz, at which a point stands still under a force there.
+
+    Attributes:
+        zeros: Has all antiresonances of the point.
+    """
+
+    zeros: Antiresonances
+    kind: ClassVar[int] = ANTIRESONANCE
+    unknown: ClassVar[float] = UNKNOWN
+
+    def log_value(self, values: Mapping[str, float | np.ndarray]) -> np.ndarray:
+        """ln of the model's, Hz, without its mesh's error, (b,) of values (b,); nan where the model
+        has it no more."""
+        return self.zeros.at(values).log_f[:, self.index] - self.mesh
+
+    def log_slopes(self, values: Values, low: Values, high: Values, width: float) -> np.ndarray:
+        """See `scalars.Scalar`."""
+        return self.zeros.slopes(values, low, high, width)[:, self.index]
+
+    def by_logs(self, energies: Energies, values: Mapping[str, float]) -> np.ndarray:
+        """As of any frequency; see `AtPoint`."""
+        x, square = self.zeros.shape(self.index, values)
+        return np.array([[0.5], [-0.5]]) * energies(x, np.sqrt(square), values) / square
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class StaticStiffness(AtPoint):
+    """Force over displacement, N/m.
+
+    Attributes:
+        model: Has the compliance of all that were measured.
+    """
+
+    model: StaticModel
+    kind: ClassVar[int] = STIFFNESS
+    unknown: ClassVar[float] = 2 * UNKNOWN  # as the square of a frequency
+
+    def log_value(self, values: Mapping[str, float | np.ndarray]) -> float | np.ndarray:
+        """ln of the model's, N/m, without its mesh's error; (b,) of values (b,)."""
+        return -self.model.log_compliance(values)[..., self.index] - self.mesh
+
+    def log_slopes(self, values: Values, low: Values, high: Values, width: float) -> np.ndarray:
+        """See `scalars.Scalar`."""
+        return -self.model.log_slopes(self.index, values, low, high, width)
+
+    def by_logs(self, energies: Energies, values: Mapping[str, float]) -> np.ndarray:
+        """With the response u to the force, u^T dK u over u^T K u; see `AtPoint`."""
+        stiff, _ = energies(self.model.response(values, self.index), 0.0, values)
+        return np.array([stiff / stiff.sum(), 0.0 * stiff])
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class FunctionLine(AtPoint):
+    """The model's receptance over the measured one: its logarithm to first order about one.
+
+    That is what the magnitude is off, and of the other part what the phase is, rad; unlike a
+    logarithm it knows signs, and does not go to infinity where the model has an antiresonance.
+    ``measured`` is one, and ``sd`` that of the function relative to it.
+
+    Attributes:
+        functions: Has all lines.
+        over: The measured receptance, m/N.
+        phase: Whether this is the phase's.
+        unknown: What an unknown cause may do to it, one standard deviation.
+    """
+
+    functions: Receptances
+    over: complex
+    phase: bool
+    unknown: float
+    kind: ClassVar[int] = FUNCTION
+
+    def log_value(self, values: Mapping[str, float | np.ndarray]) -> np.ndarray:
+        """What the model is off, (b,) of values (b,); nan where it lacks a mode of the test."""
+        return self._part(self.functions.at(values)[:, self.index] / self.over - 1.0)
+
+    def log_slopes(self, values: Values, low: Values, high: Values, width: float) -> np.ndarray:
+        """See `scalars.Scalar`."""
+        return self._part(
+            self.functions.slopes(values, low, high, width)[:, self.index] / self.over
+        )
+
+    def _part(self, off: np.ndarray) -> np.ndarray:
+        return off.imag if self.phase else off.real
+
+    def by_logs(self, energies: Energies, values: Mapping[str, float]) -> np.ndarray:
+        """-x^T dZ y over the function, with the resonances put back; see `AtPoint`. A patch has no
+        phase."""
+        about = self.functions.about(values)
+        pulls = about.pulls(energies, values)
+        if self.phase:
+            return 0.0 * pulls[0]
+        found = np.einsum("k,kwp->wp", about.by_pole[self.index], pulls)
+        return (found + self._of_motions(about, energies, values)) / about.value[self.index]
+
+    def _of_motions(self, about: About, energies: Energies, values) -> np.ndarray:
+        """-x^T dZ y of the two motions, which are one at a driving point."""
+        i, omega = self.index, float(about.omega[self.index])
+        x, y = (motion[:, i] for motion in about.motions)
+        in_full = self.functions.basis.in_full
+        both = energies(in_full(0.5 * (x + y)), omega, values)
+        if np.any(x != y):
+            both = both - energies(in_full(0.5 * (x - y)), omega, values)
+        stiff, mass = both
+        return np.array([-stiff, mass])
+
+
+WHOLE = "the whole structure"
+#: What a part's mass is proportional to, and what a point mass is.
+_SIZES, _POINT = ("rho", "thickness", "width"), "mass"
+
+
+@dataclass(frozen=True)
+class Weighed:
+    """A mass from a scale, and what the model has for it: a `scalars.Scalar`.
+
+    Attributes:
+        name: The part's, or `WHOLE`.
+        kg: What the scale said.
+        sd: Its relative standard deviation, with what the mesh leaves out of the volume.
+        parts: Nominal mass, kg, of each part that was weighed with it, by name.
+        nominal: Values of the parts' parameters at these.
+        points: Parameters of the point masses that were, each a mass, kg.
+        fixed: What depends on no parameter, kg.
+    """
+
+    name: str
+    kg: float
+    sd: float
+    parts: Mapping[str, float]
+    nominal: Mapping[str, float]
+    points: tuple[str, ...] = ()
+    fixed: float = 0.0
+    kind: ClassVar[int] = MASS
+    row: ClassVar[int | None] = None
+    unknown: ClassVar[float] = UNKNOWN
+    common: ClassVar[Mapping] = {}
+
+    @property
+    def measured(self) -> float:
+        """What the scale said, kg."""
+        return self.kg
+
+    def by_patch(self, patches: Signatures) -> tuple[np.ndarray, np.ndarray]:
+        """See `scalars.Scalar`."""
+        found, region = np.zeros(len(patches.names)), np.array(patches.region)
+        for part, kg in self.parts.items():
+            own = region == part
+            if own.any():
+                share = patches.volume[own] / patches.volume[own].sum()
+                found[own] = patches.expected[1] * kg / self.kg * share
+        return 0.0 * found, found
+
+    def log_slopes(self, values: Values, low: Values, high: Values, width: float) -> np.ndarray:
+        """See `scalars.Scalar`."""
+        count = len(next(iter(values.values())))
+        found = (self.log_value(high) - self.log_value(low)) / width
+        return np.broadcast_to(found, len(next(iter(low.values())))).reshape(-1, count).T
+
+    def log_value(self, values: Mapping[str, float | np.ndarray]) -> float | np.ndarray:
+        """ln of the model's mass, kg; (b,) of values (b,).
+
+        Args:
+            values: Its parameter values.
+        """
+        total = self.fixed + sum(values[key] for key in self.points)
+        for part, mass in self.parts.items():
+            for key in _keys(part, self.nominal):
+                mass = mass * values[key] / self.nominal[key]
+            total += mass
+        return np.log(total)
+
+
+def _keys(part: str, values: Mapping[str, float]) -> list[str]:
+    return [key for size in _SIZES if (key := f"{part}.{size}") in values]
+
+
+def case_weighed(case: Case, model: Model, baseline: Mapping[str, float]) -> tuple[Weighed, ...]:
+    """What a case says was weighed: ``[test] mass`` of the whole, and ``[parts.NAME] mass``.
+
+    What is ``[attached]`` is taken not to have been on the scale. Collective.
+
+    Args:
+        case: The case.
+        model: Its nominal model.
+        baseline: That model's parameter values.
+    """
+    whole = None if case.test is None else case.test.mass
+    kg = {name: part.mass for name, part in case.parts.items() if part.mass is not None}
+    if case.test is None or (whole is None and not kg):
+        return ()
+    of_whole = on_a_scale(case, model, baseline)
+    found = [] if whole is None else [replace(of_whole, kg=whole)]
+    return (
+        *found,
+        *(
+            replace(
+                of_whole, name=name, kg=m, parts={name: of_whole.parts[name]}, points=(), fixed=0.0
+            )
+            for name, m in kg.items()
+        ),
+    )
+
+
+def on_a_scale(case: Case, model: Model, baseline: Mapping[str, float]) -> Weighed:
+    """The whole structure as a scale would find it were the nominal model right. Collective.
+
+    Args:
+        case: The case, with a test.
+        model: Its nominal model.
+        baseline: That model's parameter values.
+    """
+    total = model.total_mass(baseline)
+    parts = {name: _part_mass(model, baseline, name, total) for name in case.parts}
+    nominal = {key: baseline[key] for name in parts for key in _keys(name, baseline)}
+    points = tuple(f"{name}.{_POINT}" for name in case.masses)
+    rest = total - sum(parts.values()) - sum(baseline[key] for key in points)
+    return Weighed(WHOLE, total, case.test.mass_noise, parts, nominal, points, rest)
+
+
+def _part_mass(model: Model, baseline: Mapping[str, float], part: str, total: float) -> float:
+    """kg; the total is linear in the part's density."""
+    key = f"{part}.rho"
+    return 2.0 * (total - model.total_mass({**baseline, key: 0.5 * baseline[key]}))
