@@ -1,4 +1,4 @@
-"""What ``fenics-joints update --bayes`` found."""
+"""What ``fenics-joints update --bayes`` found, and what is said of it."""
 
 from __future__ import annotations
 
@@ -11,10 +11,41 @@ import numpy as np
 import fenics_joints
 from fenics_joints.bayes import Chains, Settings
 from fenics_joints.bayes.predictive import PredictiveCheck
-from fenics_joints.commands.bayes.held import HeldModes
+from fenics_joints.commands.bayes import pictures
 from fenics_joints.commands.bayes.model import CaseModel
 from fenics_joints.files import plain
-from fenics_joints.formatting import number, quantity
+from fenics_joints.formatting import condition_value, hertz, number, percent, quantity
+from fenics_joints.report.document import (
+    Document,
+    Figure,
+    Folded,
+    Heading,
+    Items,
+    OnPage,
+    OnTerminal,
+    Table,
+    Text,
+    Verdict,
+    sentence,
+)
+
+
+@dataclass(frozen=True, eq=False)
+class HeldModes:
+    """Modes kept from the likelihood.
+
+    Attributes:
+        mode_names: Names, m of them.
+        measured_hz: Shape (m,).
+        measured_sd: Relative standard deviation of the test's noise, (m,).
+        predicted_hz: Draws, (n, m), without those at which the model lacks a mode, or which are
+            beyond a law's limit.
+    """
+
+    mode_names: tuple[str, ...]
+    measured_hz: np.ndarray
+    measured_sd: np.ndarray
+    predicted_hz: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -189,6 +220,165 @@ class BayesReport:
                 for line in found.rival.words()
             ]
         return words
+
+
+# -- what is said of it ----------------------------------------------------------------------------
+
+
+def bayes_document(b: BayesReport) -> Document:
+    """What is said of a posterior."""
+    name, value, unit = b.condition
+    at = f"At {name} {condition_value(value, unit)}"
+    sentences = [*b.answer(), *b.likelihood, *(f"but: {line}" for line in b.doubts)]
+    verdicts = [Verdict(at, [("", sentence(line)) for line in sentences])]
+    if b.failure is not None:
+        failed = [
+            "The chains have not found the posterior, and nothing is predicted from them.",
+            *map(sentence, b.chains.problems),
+            b.advice,
+        ]
+        verdicts = [
+            Verdict("Not converged: not to be used", [("", line) for line in failed], style="bad"),
+            *(Text(line) for line in sentences),
+        ]
+    return Document(
+        b.title,
+        "posterior",
+        "Bayesian identification from measured frequencies",
+        [
+            *verdicts,
+            *_values(b),
+            *([] if b.predicted is None else _predictions(b)),
+            *_chains(b),
+            *_basis(b),
+        ],
+        b.to_json,
+    )
+
+
+def _values(b: BayesReport) -> list:
+    state = "What the chains have so far" if b.failure else "What is known now"
+    table = Table(
+        "quantity",
+        ">mean",
+        ">s.d.",
+        ">5 %",
+        ">95 %",
+        ">R-hat",
+        ">ESS, bulk",
+        ">ESS, tail",
+        caption=f"{'Draws that are not yet the posterior' if b.failure else 'Posterior'}; R-hat at "
+        "most 1.01 and at least 400 effective draws mean that the chains agree",
+        id="values",
+    )
+    for row in b.rows():
+        numbers = (in_words(row, key) for key in ("mean", "sd", "low", "high", "rhat"))
+        table.add(row["name"], *numbers, *(f"{row[key]:.0f}" for key in ("ess_bulk", "ess_tail")))
+    shown = pictures.Shown(b.chains, b.units)
+    return [
+        Heading(state, "parameters"),
+        table,
+        Figure(shown.pairs, "Draws of each two quantities."),
+    ]
+
+
+def _predictions(b: BayesReport) -> list:
+    found = b.predicted
+    table = Table(
+        "mode",
+        ">measured, Hz",
+        ">median, Hz",
+        ">5 %",
+        ">95 %",
+        caption=f"Frequencies of {'new specimens' if found.check else 'the structure'}",
+        id="frequencies",
+    )
+    for row in b.frequencies():
+        keys = ("measured_hz", "median_hz", "low_hz", "high_hz")
+        name = f"{row['mode']}, held out" if row["held"] else row["mode"]
+        table.add(name, *(hertz(row[key]) for key in keys))
+    held = ""
+    if found.held is not None:
+        held = (
+            " Modes that were held out are no part of the likelihood; they are computed with the "
+            f"full model at {len(found.held.predicted_hz)} draws."
+        )
+    measured = (b.mode_names, b.measured_hz, b.measured_sd)
+    blocks = [
+        Heading("What it predicts", "predicted"),
+        table,
+        Figure(
+            lambda: pictures.frequencies(*measured, found.hz, found.held),
+            f"Predicted frequencies: 90 % (thin), half (thick) and the median.{held}",
+        ),
+    ]
+    if found.check is None:
+        return blocks
+    rival = ""
+    if found.rival is not None:
+        rival = "; right, by the product of a distribution for each frequency"
+    both = (found.check, found.rival)
+    return [
+        *blocks,
+        OnTerminal([Text(f"- {line}") for line in b.sentences()]),
+        Items(b.sentences()),
+        Figure(
+            lambda: pictures.correlations(*both),
+            "Correlation of each two modes' frequencies over the specimens, and of as many new "
+            f"ones as the posterior has them (medians){rival}.",
+        ),
+        Figure(
+            lambda: pictures.scatter(*both),
+            "Scatter and correlation of new sets of specimens beside those of the measured one.",
+        ),
+    ]
+
+
+def _chains(b: BayesReport) -> list:
+    shown = pictures.Shown(b.chains, b.units)
+    figures = [
+        Figure(
+            shown.traces,
+            "Draws in their order, a colour for each chain: chains that agree lie on each other.",
+        ),
+        Figure(
+            shown.effective,
+            "How many independent draws the chains are worth at each quantile: the dashed line is "
+            "400.",
+        ),
+    ]
+    heading = Heading("Whether the chains can be believed", "chains")
+    if b.failure is not None:
+        return [heading, *figures]
+    folded = Folded("Draws of every chain, and effective draws by quantile", figures)
+    words = "R-hat and effective draws of all quantities are in the table at the top."
+    return [heading, OnPage([Text(words)]), folded]
+
+
+def _basis(b: BayesReport) -> list:
+    """What the posterior rests on."""
+    model, (samples, burn_in), least = b.model, b.samples, 1e-6
+    table = Table("", "", id="model")
+    for line in b.prior:
+        table.add("prior", line)
+    table.add(
+        "sampler",
+        f"{b.chains.sampler}; {b.settings.chains} chains of {samples} samples, the first {burn_in} "
+        "thrown away",
+    )
+    table.add(
+        "model",
+        f"{model.n_dofs} degrees of freedom, sampled with {model.n_basis}; frequencies off by at "
+        f"most {percent(max(model.check.error, least), 4)} at {model.check.n_points} points of the "
+        f"prior; estimated there and at more: at most {percent(max(model.bound, least), 4)}",
+    )
+    if model.check.n_missing:
+        words = f"at {model.check.n_missing} of its points the model lacks a mode that the test saw"
+        table.add("prior", words)
+    return [
+        OnTerminal([Text(f"{b.chains.sampler}; {b.settings.chains} chains", "note")]),
+        OnPage([Heading("What this rests on", "rests-on"), table]),
+    ]
 
 
 def in_words(row: dict, key: str) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -19,17 +20,16 @@ from fenics_joints.bayes.posterior import Posterior
 from fenics_joints.bayes.predictive import FEWEST as FEWEST_CHECKED
 from fenics_joints.bayes.predictive import PredictiveCheck, check_predictive, outside, replicate
 from fenics_joints.bayes.samplers import Settings, sample
-from fenics_joints.case import Case
+from fenics_joints.case import Case, build_structure
 from fenics_joints.case.bayes import bayes_data, specimens
 from fenics_joints.case.update import Bayes
-from fenics_joints.commands.bayes.held import HeldModes, predict_held
 from fenics_joints.commands.bayes.model import CaseModel, case_model
-from fenics_joints.commands.bayes.page import bayes_html
-from fenics_joints.commands.bayes.result import BayesReport, Predicted
-from fenics_joints.commands.bayes.summary import show_bayes
+from fenics_joints.commands.bayes.result import BayesReport, HeldModes, Predicted, bayes_document
 from fenics_joints.commands.outcome import Outcome
 from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.files import check_writable
+from fenics_joints.measurements.gap import pair_modes
+from fenics_joints.modal.modes import solve_modes
 from fenics_joints.parallel import on_root
 from fenics_joints.progress import Progress
 
@@ -68,7 +68,7 @@ def run_bayes(
         beside = None if keep is None else Path(keep).with_suffix(".model.h5")
         model = case_model(case, comm, progress, keep=beside)
         found = _Run(case, model, comm, progress, keep).report()
-    return Outcome.of(found, bayes_html, show_bayes, found.failure)
+    return Outcome.said(found, bayes_document(found), found.failure)
 
 
 class _Run:
@@ -295,3 +295,58 @@ class _Run:
         points = self.model.frequencies.by_name(values)
         points = [{**self.model.start, **point} for point in points]
         return predict_held(self.case, self.row, n, points, log_sd, self.comm, self.progress)
+
+
+def predict_held(
+    case: Case,
+    row: int,
+    n_fitted: int,
+    points: Sequence[Mapping[str, float]],
+    log_sd: np.ndarray | float,
+    comm: MPI.Intracomm,
+    progress: Progress | None = None,
+    seed: int = 0,
+) -> HeldModes:
+    """Frequencies of the test's modes above those that were fitted. Collective.
+
+    Args:
+        case: The case.
+        row: Which of the test's conditions.
+        n_fitted: Number of modes in the likelihood, the lowest of the test's.
+        points: All values of the model, a draw of the posterior each.
+        log_sd: Standard deviation of a frequency about the model's, for each point or all.
+        comm: Communicator.
+        progress: Told after each point.
+        seed: Of the scatter about the model.
+
+    Raises:
+        InputError: If the model has these modes at none of the points.
+    """
+    data, full = case.measurements(), build_structure(case, comm)
+    n_test, n_modes = len(data.mode_names), max(case.diagnose.n_modes, len(data.mode_names))
+    start = {**case.nominal(), **case.start()}
+    first = pair_modes(
+        solve_modes(full, start, n_modes=n_modes), n_test, data.sensors, reference=data.shapes
+    )
+    reference, found = first.shapes if data.shapes is None else data.shapes, []
+    for values in points:
+        if progress is not None:
+            progress.advance()
+        try:
+            modes = solve_modes(full, values, n_modes=n_modes)
+            index = pair_modes(modes, n_test, data.sensors, reference=reference).index
+        except InputError:
+            found.append(np.full(n_test - n_fitted, np.nan))
+            continue
+        found.append(modes.frequencies_hz[index[n_fitted:]])
+    scatter = np.random.default_rng([seed, 9]).standard_normal(np.shape(found))
+    log_f = np.log(found) + np.broadcast_to(log_sd, len(found))[:, None] * scatter
+    there = np.all(np.isfinite(log_f), axis=1)
+    if not there.any():
+        raise InputError(f"{case.path}: the model has the held modes at no draw of the posterior.")
+    return HeldModes(
+        data.mode_names[n_fitted:],
+        data.frequencies_hz[row, n_fitted:],
+        data.log_sd()[row, n_fitted:],
+        np.exp(log_f[there]),
+    )
