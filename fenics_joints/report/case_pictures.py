@@ -16,7 +16,7 @@ from fenics_joints.report import geometry
 from fenics_joints.report.style import INK, PAPER, drawing, to_svg
 
 #: Marker, colour and words of each kind of place.
-_MARKS = {
+MARKS = {
     "sensor": ("o", "#1f4e9c", "sensor"),
     "force": ("v", "#b3261e", "force"),
     "mass": ("s", "#4a4f57", "mass"),
@@ -87,7 +87,7 @@ def structure_picture(
 def _draw(axes, kind: str, found: Sequence[Placed], turned: np.ndarray, size: float) -> None:
     if not found:
         return
-    marker, colour, _ = _MARKS[kind]
+    marker, colour, _ = MARKS[kind]
     points = np.array([place.point for place in found]) * turned
     start = _flat(points)
     axes.plot(*start.T, marker, color=colour, ms=7 if kind == "bolt" else 3.5, ls="", zorder=5)
@@ -128,7 +128,7 @@ def _legend(figure, names: Sequence[str], kinds: Sequence[str]) -> None:
     if len(names) > _NAMED:
         shown.append(Patch(color="none", label=f"and {len(names) - _NAMED} more"))
     for kind in kinds:
-        marker, colour, words = _MARKS[kind]
+        marker, colour, words = MARKS[kind]
         shown.append(Line2D([], [], marker=marker, color=colour, ls="", label=words))
     figure.legend(handles=shown, loc="outside right upper", fontsize=8)
 

@@ -114,7 +114,7 @@ class Remarks:
     Attributes:
         heading: Above them on the page.
         lines: Sentences.
-        before: Before each on the terminal.
+        before: Before each on the terminal; ``{}`` is its number.
         style: As that of `Text`.
         id: Of their list on the page.
     """

@@ -91,7 +91,7 @@ def _lines(block: Text | Keys | Remarks | Verdict) -> list[str | RichText]:
     if isinstance(block, Keys):
         return [", ".join(f"{value} {words}" for _, value, words in block.entries)]
     if isinstance(block, Remarks):
-        return [f"{block.before}{line}" for line in block.lines]
+        return [f"{block.before.format(i)}{line}" for i, line in enumerate(block.lines, start=1)]
     return [
         RichText.assemble((f"{name}. " if name else "", "bold"), words)
         for name, words in block.sentences

@@ -250,3 +250,33 @@ def same_bolts(case: Case, bolts: Sequence[Place]) -> list[str]:
                     f"{1e3 * apart:.3g} mm); expected each bolt once"
                 )
     return errors
+
+
+def applied_places(case: Case, centres: Mapping[str, np.ndarray], gdim: int) -> Iterator[Place]:
+    """Of each the middle of its face; of an obstacle where it is nearest to that.
+
+    Args:
+        case: The case.
+        centres: Of the mesh's named faces, m, shape (3,).
+        gdim: Dimensions of the mesh.
+    """
+    for name, obstacle in case.obstacles.items():
+        if obstacle.facets in centres:
+            yield from _nearest(name, obstacle, centres[obstacle.facets][:gdim], gdim)
+    ways = [("displacement", case.displacements, "value"), ("load", case.loads, "force")]
+    for kind, table, key in ways:
+        for name, section in table.items():
+            way = np.array([v or 0.0 for v in getattr(section, key) or ()])
+            if section.facets in centres:
+                at = _three(centres[section.facets])
+                unit = _three(way / np.linalg.norm(way)) if way.any() else None
+                yield Place(kind, name, at, unit)
+
+
+def _nearest(name: str, obstacle, centre: np.ndarray, gdim: int) -> Iterator[Place]:
+    try:
+        shape = obstacle.shape(f"obstacles.{name}", gdim)
+    except InputError:
+        return  # said where the model is made
+    distance, normal = shape(centre[None])
+    yield Place("obstacle", name, _three(centre - distance[0] * normal[0]), _three(normal[0]))

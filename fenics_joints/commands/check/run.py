@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 from mpi4py import MPI
 
+import fenics_joints
 from fenics_joints.case import (
     Case,
+    CostEstimate,
     Examined,
     build_mesh,
     build_preload,
@@ -21,11 +26,10 @@ from fenics_joints.case import (
 from fenics_joints.case.dimensions import long_normals, measured_directions
 from fenics_joints.case.preload import APPLIED
 from fenics_joints.case.size import available_bytes
-from fenics_joints.commands.check.applied import applied_places
-from fenics_joints.commands.check.body import body_of, face_centres
-from fenics_joints.commands.check.costs import costs_of, known, too_much
-from fenics_joints.commands.check.page import check_page
+from fenics_joints.commands.check.costs import Cost, costs_of, known, too_much
 from fenics_joints.commands.check.places import (
+    Place,
+    applied_places,
     bolts_of,
     close_together,
     far_places,
@@ -33,21 +37,165 @@ from fenics_joints.commands.check.places import (
     same_bolts,
     twice,
 )
-from fenics_joints.commands.check.result import Checked
 from fenics_joints.commands.check.solved import beside_model
-from fenics_joints.commands.check.summary import show_check
-from fenics_joints.commands.check.weights import doubtful, weights_of
+from fenics_joints.commands.check.weights import (
+    Body,
+    Weight,
+    body_of,
+    doubtful,
+    face_centres,
+    weights_of,
+)
 from fenics_joints.commands.outcome import Outcome
 from fenics_joints.errors import InputError, JointsError
-from fenics_joints.formatting import quantity
+from fenics_joints.files import plain
+from fenics_joints.formatting import extents, number, quantity
+from fenics_joints.measurements.amplitude.backbone import RESPONSES
 from fenics_joints.measurements.mistakes import mistakes_within
 from fenics_joints.meshes import TaggedMesh, check_mesh
 from fenics_joints.meshes.tagged import limits
 from fenics_joints.parallel import on_root
 from fenics_joints.progress import Progress
+from fenics_joints.report.case_pictures import MARKS, structure_picture
+from fenics_joints.report.document import (
+    Document,
+    Figure,
+    Heading,
+    Keys,
+    OnPage,
+    Remarks,
+    Table,
+    Text,
+)
 
 #: Between these lengths, m, a structure is taken to be of the unit that its file is read in.
 _SIZES = (2e-3, 100.0)
+#: Rows of a table on the terminal, so that all of it fits on a screen.
+_ROWS = 16
+
+
+@dataclass(frozen=True, eq=False)
+class Checked:
+    """A case, looked at.
+
+    Attributes:
+        path: The case file.
+        case: The case, or what can be read of it; None if nothing can.
+        errors: What is wrong: a command would refuse it.
+        notes: What is unlikely, or was moved or left out.
+        weights: Masses of parts, joints and what is put on.
+        places: Sensors, forces, masses, springs; obstacles, displacements and loads, at faces.
+        bolts: Bolts.
+        body: The mesh, on rank 0; None where there is none.
+        size_m: Its extents, m.
+        dofs: Degrees of freedom; None where no model could be made.
+        estimate: What one modal solution takes; None where it is not known.
+        costs: What the commands take.
+        directions: Normal and across that the mesh gives to parts without any.
+        solved: The modes that test and bands were compared with, in words, or why none.
+    """
+
+    path: Path
+    case: Case | None
+    errors: tuple[str, ...]
+    notes: tuple[str, ...] = ()
+    weights: tuple[Weight, ...] = ()
+    places: tuple[Place, ...] = ()
+    bolts: tuple[Place, ...] = ()
+    body: Body | None = field(default=None, repr=False)
+    size_m: np.ndarray = field(default_factory=lambda: np.empty(0))
+    dofs: int | None = None
+    estimate: CostEstimate | None = None
+    costs: tuple[Cost, ...] = ()
+    directions: Mapping[str, tuple[tuple, tuple]] = MappingProxyType({})
+    solved: str = ""
+
+    def __repr__(self) -> str:
+        return f"Checked({self.path.name}: {len(self.errors)} errors, {len(self.notes)} notes)"
+
+    @property
+    def title(self) -> str:
+        """Title of the case, or the name of its folder."""
+        return self.path.parent.name if self.case is None else self.case.name
+
+    @property
+    def mass(self) -> float:
+        """Mass of the model, kg: without what is attached but not in it."""
+        return sum(w.mass for w in self.weights if w.kind != "attached")
+
+    def moved(self) -> list[Place]:
+        """Sensors and forces that are beside the mesh."""
+        return [p for p in self.places if p.kind in ("sensor", "force") and p.off > 1e-6]
+
+    def test_words(self) -> str:
+        """What was measured, in words; empty without a test."""
+        case, words = self.case, []
+        if case is None or case.test is None:
+            return ""
+        data, frfs = case.measured, case.frfs()
+        if data is not None and np.isfinite(data.frequencies_hz).any():
+            low, high = np.nanmin(data.frequencies_hz), np.nanmax(data.frequencies_hz)
+            count, span = len(data.mode_names), f"{low:.5g} to {high:.5g} Hz"
+            span = span if high > low else f"{low:.5g} Hz"
+            words.append(f"{count} mode{'s' * (count > 1)}, {span}")
+            if len(data) > 1:
+                span = f"{data.conditions[0]:g} to {data.conditions[-1]:g} {data.condition_unit}"
+                words.append(f"at {len(data)} values of {data.condition_name}, {span}".rstrip())
+            if data.shapes is not None:
+                words.append(f"shapes at {len(data.shapes)} sensors")
+            if data.damping is not None:
+                words.append("damping ratios")
+        for name in case.test.amplitude if not case.test.is_by_amplitude else ():
+            if (one := case.backbones().get(name)) is not None:
+                a = one.amplitudes
+                span = f"{a[0]:.3g} to {a[-1]:.3g} {RESPONSES[one.response]}"
+                words.append(f"{name} at {len(one)} levels, {span}")
+        if frfs is not None:
+            words.append(
+                f"{int(frfs.measured.sum())} functions, {frfs.frequencies_hz[0]:g} to "
+                f"{frfs.frequencies_hz[-1]:g} Hz"
+            )
+        return ", ".join(words) or ("planned" if case.test.planned else "not read")
+
+    def place_words(self) -> str:
+        """How many sensors, forces, bolts there are, and what acts on faces."""
+        counts = dict.fromkeys(("sensor", "force", "obstacle", "displacement", "load"), 0)
+        for place in self.places:
+            if place.kind in counts:
+                counts[place.kind] += 1
+        words = [f"{n} {kind}{'s' if n > 1 else ''}" for kind, n in counts.items() if n]
+        if self.bolts:
+            n, rings = len(self.bolts), self.case is not None and not self.case.bolts
+            # A bolt has a ring on each pair of faces that it presses together.
+            kind, where = ("ring", " at bolts") if rings else ("bolt", "")
+            words.append(f"{n} {kind}{'s' if n > 1 else ''}{where}")
+        return ", ".join(words)
+
+    def to_json(self) -> dict[str, object]:
+        """What ``--json`` writes.
+
+        Keys: ``version``, ``title``, ``errors`` and ``notes`` in sentences; ``masses`` (``name``,
+        ``kind``, ``kg``, ``weighed_kg``), ``mass_kg`` of the model; ``places`` (``kind``, ``name``,
+        ``at_m``, ``direction``, ``off_mm``); ``bolts``, likewise; ``test`` and ``solved`` in
+        words; ``size_m``, ``dofs``, ``costs`` (``command``, ``seconds``, ``bytes``).
+        """
+        return plain(
+            {
+                "version": fenics_joints.__version__,
+                "title": self.title,
+                "errors": list(self.errors),
+                "notes": list(self.notes),
+                "masses": [w.to_json() for w in self.weights],
+                "mass_kg": self.mass if self.weights else None,
+                "places": [p.to_json() for p in self.places],
+                "bolts": [p.to_json() for p in self.bolts],
+                "test": self.test_words(),
+                "solved": self.solved,
+                "size_m": self.size_m,
+                "dofs": self.dofs,
+                "costs": [vars(cost) for cost in self.costs],
+            }
+        )
 
 
 def run_check(
@@ -64,7 +212,7 @@ def run_check(
     found = check_case(path, comm, progress, large=large)
     n = len(found.errors)
     failure = f"{found.path}: {n} {'error' if n == 1 else 'errors'}, listed above" if n else None
-    return Outcome.of(found, check_page, show_check, failure)
+    return Outcome.said(found, check_document(found), failure)
 
 
 def check_case(
@@ -282,3 +430,125 @@ def _with_costs(found: Checked, comm: MPI.Intracomm) -> Checked:
     costs = costs_of(found.case, rough, found.dofs, comm.size)
     found = replace(found, costs=costs, estimate=known(found.case, rough, found.dofs, comm.size))
     return _more(found, (), too_much(costs))
+
+
+# -- what is said of it ----------------------------------------------------------------------------
+
+
+def check_document(result: Checked) -> Document:
+    """What is said of a checked case: what is wrong, a picture, masses, places, costs."""
+    keys = [("errors", len(result.errors), "errors"), ("notes", len(result.notes), "unlikely")]
+    if result.weights:
+        keys.append(("mass", quantity(result.mass, "kg", 4), "mass of the model"))
+    if result.dofs:
+        keys.append(("dofs", result.dofs, "degrees of freedom"))
+    if len(result.size_m):
+        keys.append(("size", extents(result.size_m), "size of the mesh"))
+    if result.bolts:
+        keys.append(("bolts", len(result.bolts), "bolts"))
+    estimated = "" if result.dofs or result.estimate is None else str(result.estimate)
+    test = f"test: {words}" if (words := result.test_words()) else ""
+    said = [text for text in (estimated, result.place_words(), test, result.solved) if text]
+    fine = [] if result.errors or result.notes else [Text("nothing is wrong or unlikely", "good")]
+    return Document(
+        result.title,
+        "checked",
+        "The case, compared with its nominal model",
+        [
+            Keys(keys),
+            *_weights(result),
+            *(Text(text) for text in said),
+            *_costs_said(result.costs),
+            Remarks("Wrong", result.errors, "error {}: ", "bad", "error-list"),
+            Remarks("Unlikely, or to know", result.notes, "note: ", id="note-list"),
+            *fine,
+            *_pictures(result),
+            *_places(result),
+        ],
+        result.to_json,
+    )
+
+
+def _weights(result: Checked) -> list:
+    """Masses, and in the last row all that is in the model."""
+    if not result.weights:
+        return []
+    table = Table(
+        "mass of",
+        "what",
+        ">in the model",
+        ">on the scales",
+        caption="To weigh against the real thing; mass in [parts.NAME] and [test] says what that "
+        "weighs",
+        id="masses",
+        most=_ROWS,
+    )
+    for w in result.weights:
+        kind = "attached, not in the model" if w.kind == "attached" else w.kind
+        weighed = "" if w.weighed is None else quantity(w.weighed, "kg")
+        table.add(w.name, kind, quantity(w.mass, "kg"), weighed)
+    test = None if result.case is None else result.case.test
+    weighed = "" if test is None or test.mass is None else quantity(test.mass, "kg")
+    table.add("all", "in the model", quantity(result.mass, "kg", 4), weighed)
+    return [Heading("Masses"), table]
+
+
+def _costs_said(costs: Sequence[Cost]) -> list:
+    if not costs:
+        return []
+    table = Table(
+        "command",
+        ">time",
+        ">memory",
+        caption="Rough, on a quiet machine: a factor of two either way",
+        id="costs",
+    )
+    for cost in costs:
+        memory = f"{number(cost.bytes / 2**30, 2)} GiB"
+        table.add(cost.command, f"about {duration(cost.seconds)}", memory)
+    return [Heading("What a run takes"), table]
+
+
+def duration(seconds: float) -> str:
+    """A time in the unit that suits it."""
+    for unit, length in (("days", 86400.0), ("hours", 3600.0), ("minutes", 60.0)):
+        if seconds > 2 * length:
+            return f"{number(seconds / length, 2)} {unit}"
+    return f"{number(seconds, 2)} s"
+
+
+def _places(result: Checked) -> list:
+    places = [*result.bolts, *result.places]
+    if not places:
+        return []
+    table = Table(
+        "name",
+        "what",
+        ">at, mm",
+        ">looks along",
+        ">off the mesh, mm",
+        caption="Bolts, sensors and what else is at points",
+        id="places",
+    )
+    for p in places:
+        at = ", ".join(number(1e3 * x, 5) for x in p.point)
+        way = "" if p.direction is None else ", ".join(f"{x:.3g}" for x in p.direction)
+        table.add(p.name, p.kind, at, way, number(1e3 * p.off) if p.off >= 0 else "")
+    return [OnPage([Heading("Places"), table])]
+
+
+def _pictures(result: Checked) -> list[Figure]:
+    """The structure from above and from below, with all that is on it."""
+    body, places = result.body, [*result.bolts, *result.places]
+    if body is None:
+        return []
+    by_kind = {kind: [p for p in places if p.kind == kind] for kind in MARKS}
+    drawn = (
+        partial(structure_picture, body.vertices, body.group, body.names, by_kind, below=below)
+        for below in (False, True)
+    )
+    behind = "What is behind the structure shows through."
+    return [
+        Figure(draw, f"From {side}. {behind}")
+        for side, draw in zip(("above", "below"), drawn, strict=True)
+    ]

@@ -12,8 +12,7 @@ import numpy as np
 from mpi4py import MPI
 
 from fenics_joints.case.mesh import BUILDERS
-from fenics_joints.commands.check.body import body_of
-from fenics_joints.commands.check.weights import USUAL_KG
+from fenics_joints.commands.check.weights import USUAL_KG, body_of
 from fenics_joints.commands.new.extents import METRES, UNITS, likely_unit
 from fenics_joints.commands.new.grown import with_joints
 from fenics_joints.commands.new.sketch import (

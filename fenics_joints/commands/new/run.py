@@ -13,9 +13,7 @@ import numpy as np
 from mpi4py import MPI
 from rich.console import Console
 
-from fenics_joints.commands.check.result import Checked
-from fenics_joints.commands.check.run import check_case
-from fenics_joints.commands.check.summary import show_check
+from fenics_joints.commands.check.run import Checked, check_case, check_document
 from fenics_joints.commands.new.extents import (
     UNITS,
     extents_of_builder,
@@ -31,7 +29,7 @@ from fenics_joints.errors import InputError, Problems, member
 from fenics_joints.files import is_file, shown_path, writable_folder, write_text
 from fenics_joints.meshes.cad_survey import StepSurvey, survey_step
 from fenics_joints.progress import Progress
-from fenics_joints.report.terminal import say, tell
+from fenics_joints.report.terminal import say, show
 
 
 @dataclass(frozen=True)
@@ -228,10 +226,10 @@ def show_new(console: Console, folder: Path, written: Written) -> None:
     """Print what was found, what was guessed, and what `check` says."""
     say(console, f"{shown_path(folder / 'case.toml')}: written", "bold")
     for words in (*written.sketch.found, *written.test.found):
-        tell(console, words)
+        say(console, words)
     for path in written.copied:
-        tell(console, f"copied {shown_path(path)}")
+        say(console, f"copied {shown_path(path)}")
     for question in (*written.sketch.questions, *written.test.questions):
-        tell(console, f"? {question}", "yellow")
+        say(console, f"? {question}", "yellow")
     console.print()
-    show_check(console, written.checked)
+    show(console, check_document(written.checked))
