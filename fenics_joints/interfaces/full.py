@@ -14,7 +14,7 @@ from fenics_joints.interfaces.layers import layer_numbers, layer_stretch, linear
 from fenics_joints.interfaces.rigid import FreeMotions, unresisted
 from fenics_joints.interfaces.sparse import FullModel, SparsePoints, point_blocks
 from fenics_joints.joint_laws.law import JointLaw
-from fenics_joints.modal.multigrid import rigid_motions
+from fenics_joints.modal.iterative import structure_motions
 from fenics_joints.structure.loads import Places, place_loads
 from fenics_joints.structure.sparse import absolute, product
 from fenics_joints.structure.structure import Structure
@@ -95,7 +95,7 @@ def _take_normal(K: PETSc.Mat, points: SparsePoints, modulus: float) -> None:
 
 def _free_motions(structure: Structure, K, M, interfaces: Sequence[SparsePoints]) -> FreeMotions:
     """Motions of the whole that cost no energy and strain no interface. Collective."""
-    comm, rigid = structure.comm, rigid_motions(structure)
+    comm, rigid = structure.comm, structure_motions(structure)
 
     def dots(left, right) -> np.ndarray:
         return comm.allreduce(left.T @ right)

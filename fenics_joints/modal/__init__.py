@@ -1,6 +1,6 @@
 """Natural frequencies, mode shapes, and what they say of the parameters."""
 
-from fenics_joints.modal.eigensolver import EigenResult, EigenSolver, count_below, solve_pencil
+from fenics_joints.modal.eigensolver import EigenResult, EigenSolver
 from fenics_joints.modal.iterative import IterativeEigenSolver
 from fenics_joints.modal.modes import Modes, solve_modes
 from fenics_joints.modal.sensitivity import Identifiability, frequency_sensitivity, identifiability
@@ -12,10 +12,8 @@ __all__ = [
     "Identifiability",
     "IterativeEigenSolver",
     "Modes",
-    "count_below",
     "frequency_sensitivity",
     "identifiability",
     "solve_modes",
-    "solve_pencil",
     "write_shapes",
 ]

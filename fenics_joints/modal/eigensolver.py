@@ -16,16 +16,17 @@ place: ``petsc_options={"eps_type": "krylovschur"}``.
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 
 import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
+from scipy.linalg import eigh
 from slepc4py import SLEPc
 
 from fenics_joints.errors import ConvergenceError, InputError, items, real, whole
-from fenics_joints.modal.lanczos import Operator, lanczos, refined
 from fenics_joints.modal.options import (
     give_room,
     given_options,
@@ -33,7 +34,7 @@ from fenics_joints.modal.options import (
     reason_of,
     say_unused,
 )
-from fenics_joints.structure.sparse import dense_block, product, vectors_like
+from fenics_joints.structure.sparse import dense_block, product, vectors_like, without_zeros
 
 #: Default shift in rad^2/s^2: 50 Hz below zero, for metal parts with modes from 10 Hz to 20 kHz.
 DEFAULT_SHIFT = -((2.0 * np.pi * 50.0) ** 2)
@@ -47,6 +48,8 @@ _OPTIONS = {
 }
 #: Steps of inverse iteration by which modes are refined.
 _STEPS = 2
+#: Share of the largest energy below which a combination of a block and its image is round-off.
+_DEPENDENT = 1e-12
 
 
 @dataclass(frozen=True, repr=False)
@@ -93,6 +96,10 @@ class EigenSolver:
 
     Raises:
         InputError: A value is out of range.
+
+    Attributes:
+        solver: The SLEPc solver (None before the first solve); ``.solver.getST().getKSP()`` solves.
+        shifted: ``A = K - shift M`` of the last solution, the solver's own; None before the first.
     """
 
     def __init__(
@@ -121,19 +128,9 @@ class EigenSolver:
         self.n, self.shift, self.tol = int(n), float(shift), float(tol)
         self.block, self.max_basis, self.max_restarts = block, max_basis, max_restarts
         self.petsc_options, self.prefix = given_options(petsc_options), prefix
-        self._eps: SLEPc.EPS | None = None
-        self._shifted: PETSc.Mat | None = None
+        self.solver: SLEPc.EPS | None = None
+        self.shifted: PETSc.Mat | None = None
         self._pattern: tuple | None = None
-
-    @property
-    def solver(self) -> SLEPc.EPS | None:
-        """The SLEPc solver (None before the first solve); ``.solver.getST().getKSP()`` solves."""
-        return self._eps
-
-    @property
-    def shifted(self) -> PETSc.Mat | None:
-        """``A = K - shift M`` of the last solution, the solver's own; None before the first."""
-        return self._shifted
 
     def solve(
         self, K: PETSc.Mat, M: PETSc.Mat, initial: Sequence[PETSc.Vec] | None = None
@@ -151,10 +148,8 @@ class EigenSolver:
         """
         _check_pencil(K, M, self.n, initial)
         begin = time.perf_counter()
-        with petsc_defaults(self.prefix, _OPTIONS, self.petsc_options) as options:
-            first = self._eps is None
-            if first:
-                self._create(K.comm)
+        with self._options(K.comm) as options:
+            first = self.shifted is None
             solve = self._solve_slepc if options.hasName("eps_type") else self._solve_block
             values, X, stats = solve(K, M, initial)
             if first:
@@ -192,9 +187,7 @@ class EigenSolver:
             ConvergenceError: The factorisation or the solve failed.
         """
         _check_pencil(K, M, start.shape[1], None)
-        with petsc_defaults(self.prefix, _OPTIONS, self.petsc_options):
-            if self._eps is None:
-                self._create(K.comm)
+        with self._options(K.comm):
             A, ksp, _ = self._factorised(K, M)
             operator, X = Operator(ksp, M), start
             try:
@@ -210,9 +203,7 @@ class EigenSolver:
     def factorise(self, K: PETSc.Mat, M: PETSc.Mat) -> None:
         """Factorise ``K - shift M`` alone, for `inverse`; arguments and errors as of `solve`."""
         _check_pencil(K, M, self.n, None)
-        with petsc_defaults(self.prefix, _OPTIONS, self.petsc_options):
-            if self._eps is None:
-                self._create(K.comm)
+        with self._options(K.comm):
             self._factorised(K, M)
 
     def inverse(self, block: np.ndarray) -> np.ndarray:
@@ -225,31 +216,31 @@ class EigenSolver:
             InputError: Before the first solution.
             ConvergenceError: The linear solve failed.
         """
-        if self._shifted is None:
+        if self.shifted is None:
             raise InputError("the solver has no factorisation yet: expected a solution first")
-        right, left = (dense_block(self._shifted, block.shape[1]) for _ in range(2))
-        right.getDenseArray()[:] = block
-        ksp = self._eps.getST().getKSP()
-        ksp.matSolve(right, left)
-        if ksp.getConvergedReason() < 0:
-            raise ConvergenceError("the linear solve with K - shift M failed", reason_of(ksp))
-        found = left.getDenseArray().copy(order="F")
+        right, left = (dense_block(self.shifted, block.shape[1]) for _ in range(2))
+        found = _solved(self.solver.getST().getKSP(), right, left, block)
         right.destroy(), left.destroy()
         return found
 
     def destroy(self) -> None:
         """Free the factorisation. Collective; on several ranks Python's collector cannot do it."""
-        for owned in (self._eps, self._shifted):
+        for owned in (self.solver, self.shifted):
             if owned is not None:
                 owned.destroy()
-        self._eps = self._shifted = self._pattern = None
+        self.solver = self.shifted = self._pattern = None
 
-    def _create(self, comm) -> None:
-        self._eps = SLEPc.EPS().create(comm)
-        self._eps.setOptionsPrefix(self.prefix)
-        self._eps.setProblemType(SLEPc.EPS.ProblemType.GHEP)
-        self._eps.getST().setType(SLEPc.ST.Type.SINVERT)
-        self._eps.getST().setShift(self.shift)
+    @contextmanager
+    def _options(self, comm) -> Iterator[PETSc.Options]:
+        """The options for a while, and the SLEPc solver, made with the first of them."""
+        with petsc_defaults(self.prefix, _OPTIONS, self.petsc_options) as options:
+            if self.solver is None:
+                self.solver = SLEPc.EPS().create(comm)
+                self.solver.setOptionsPrefix(self.prefix)
+                self.solver.setProblemType(SLEPc.EPS.ProblemType.GHEP)
+                self.solver.getST().setType(SLEPc.ST.Type.SINVERT)
+                self.solver.getST().setShift(self.shift)
+            yield options
 
     def _shift_matrix(self, K: PETSc.Mat, M: PETSc.Mat) -> PETSc.Mat:
         """``A = K - shift M`` in the matrix of the last call, so that its analysis is kept."""
@@ -257,22 +248,22 @@ class EigenSolver:
         same = K.comm.tompi4py().allreduce(pattern == self._pattern, op=MPI.LAND)
         structure = PETSc.Mat.Structure
         if not same:
-            if self._shifted is not None:
-                self._eps.getST().getKSP().reset()
-                self._shifted.destroy()
-            self._shifted = K.duplicate(copy=True)
-            self._shifted.axpy(-self.shift, M, structure.UNKNOWN_NONZERO_PATTERN)
+            if self.shifted is not None:
+                self.solver.getST().getKSP().reset()
+                self.shifted.destroy()
+            self.shifted = K.duplicate(copy=True)
+            self.shifted.axpy(-self.shift, M, structure.UNKNOWN_NONZERO_PATTERN)
         else:
-            self._shifted.zeroEntries()
-            self._shifted.axpy(1.0, K, structure.SUBSET_NONZERO_PATTERN)
-            self._shifted.axpy(-self.shift, M, structure.SUBSET_NONZERO_PATTERN)
-        self._shifted.setOption(PETSc.Mat.Option.SPD, True)
+            self.shifted.zeroEntries()
+            self.shifted.axpy(1.0, K, structure.SUBSET_NONZERO_PATTERN)
+            self.shifted.axpy(-self.shift, M, structure.SUBSET_NONZERO_PATTERN)
+        self.shifted.setOption(PETSc.Mat.Option.SPD, True)
         self._pattern = pattern
-        return self._shifted
+        return self.shifted
 
     def _factorised(self, K, M) -> tuple[PETSc.Mat, PETSc.KSP, float]:
         """``K - shift M``, what solves with it, and the seconds that its factorisation took."""
-        A, ksp = self._shift_matrix(K, M), self._eps.getST().getKSP()
+        A, ksp = self._shift_matrix(K, M), self.solver.getST().getKSP()
         ksp.setOperators(A)
         ksp.setFromOptions()
         return A, ksp, _set_up(ksp)
@@ -300,7 +291,7 @@ class EigenSolver:
         return self.shift + 1.0 / theta, X, stats
 
     def _solve_slepc(self, K, M, initial):
-        eps = self._eps
+        eps = self.solver
         eps.setOperators(K, M)
         eps.setDimensions(self.n)
         eps.setTolerances(self.tol, 1000)
@@ -334,59 +325,6 @@ class EigenSolver:
             "basis": eps.getDimensions()[1],
         }
         return values[order], X, stats
-
-
-def solve_pencil(
-    K: PETSc.Mat,
-    M: PETSc.Mat,
-    n: int,
-    *,
-    shift: float = DEFAULT_SHIFT,
-    petsc_options: Mapping[str, object] | None = None,
-    initial: Sequence[PETSc.Vec] | None = None,
-    **settings,
-) -> EigenResult:
-    """Solve one pencil: ``EigenSolver(n, ...).solve(K, M, initial)``; the arguments are its."""
-    solver = EigenSolver(n, shift=shift, petsc_options=petsc_options, **settings)
-    try:
-        return solver.solve(K, M, initial)
-    finally:
-        solver.destroy()
-
-
-def count_below(K: PETSc.Mat, M: PETSc.Mat, value: float) -> int:
-    """Number of eigenvalues below a value, by Sylvester's law of inertia.
-
-    An independent check that no mode was missed; it costs an indefinite factorisation, as much as
-    a whole solve, and so is not part of one.
-
-    Args:
-        K: Stiffness.
-        M: Mass.
-        value: Bound, in the unit of the eigenvalues; not itself an eigenvalue.
-
-    Raises:
-        ConvergenceError: The factorisation failed.
-    """
-    A = K.duplicate(copy=True)
-    A.axpy(-value, M, PETSc.Mat.Structure.UNKNOWN_NONZERO_PATTERN)
-    A.setOption(PETSc.Mat.Option.SYMMETRIC, True)
-    pc = PETSc.PC().create(K.comm)
-    pc.setOperators(A)
-    pc.setType(PETSc.PC.Type.CHOLESKY)
-    pc.setFactorSolverType("mumps")
-    pc.setFactorSetUpSolverType()
-    factor = pc.getFactorMatrix()
-    factor.setMumpsIcntl(13, 1)  # the root front on one rank: MUMPS counts no pivots elsewhere
-    pc.setUp()
-    if factor.getMumpsInfog(1) < 0:
-        raise ConvergenceError(
-            f"MUMPS could not factorise K - {value} M", f"INFOG(1) = {factor.getMumpsInfog(1)}"
-        )
-    negative = factor.getMumpsInfog(12)
-    pc.destroy()
-    A.destroy()
-    return negative
 
 
 def _residuals(K, M, values, X, shift) -> np.ndarray:
@@ -445,3 +383,191 @@ def _check_pencil(K: PETSc.Mat, M: PETSc.Mat, n: int, initial) -> None:
     for vector in items("initial", initial or (), PETSc.Vec, "PETSc's vectors"):
         if vector.getSizes() != K.getSizes()[0]:
             raise InputError(f"an initial vector has {vector.getSize()} rows, K {K.getSize()[0]}")
+
+
+# -- block Lanczos for A^-1 M in the inner product of M, on blocks of local columns ------------
+
+
+class Operator:
+    """``X -> (A^-1 X, M X)`` on blocks of local columns, shape (local rows, columns)."""
+
+    def __init__(self, ksp: PETSc.KSP, M: PETSc.Mat):
+        self._ksp, self._mass = ksp, without_zeros(M)
+        self.comm = M.comm.tompi4py()
+        self.calls = self.columns = 0
+        self.seconds = 0.0
+        self._work: dict[int, tuple[PETSc.Mat, PETSc.Mat, PETSc.Mat]] = {}
+
+    def _buffers(self, columns: int):
+        if columns not in self._work:
+            right, left = dense_block(self._mass, columns), dense_block(self._mass, columns)
+            self._work[columns] = (right, left, self._mass.matMult(left))
+        return self._work[columns]
+
+    def solve(self, block: np.ndarray) -> np.ndarray:
+        begin = time.perf_counter()
+        found = _solved(self._ksp, *self._buffers(block.shape[1])[:2], block)
+        self.seconds += time.perf_counter() - begin
+        self.calls += 1
+        self.columns += block.shape[1]
+        return found
+
+    def mass(self, block: np.ndarray) -> np.ndarray:
+        _, left, product = self._buffers(block.shape[1])
+        left.getDenseArray()[:] = block
+        self._mass.matMult(left, result=product)
+        return product.getDenseArray().copy(order="F")
+
+    def dot(self, left: np.ndarray, right: np.ndarray) -> np.ndarray:
+        return self.comm.allreduce(left.conj().T @ right, op=MPI.SUM)
+
+    def destroy(self) -> None:
+        # By hand: left to Python's collector, matrices on several ranks die in no common order.
+        for mats in self._work.values():
+            for mat in mats:
+                mat.destroy()
+        self._work = {}
+        self._mass.destroy()
+
+
+def _solved(ksp: PETSc.KSP, right: PETSc.Mat, left: PETSc.Mat, block: np.ndarray) -> np.ndarray:
+    """Solution for a block of local columns, by way of two dense matrices."""
+    right.getDenseArray()[:] = block
+    ksp.matSolve(right, left)
+    if ksp.getConvergedReason() < 0:
+        raise ConvergenceError("the linear solve with K - shift M failed", reason_of(ksp))
+    return left.getDenseArray().copy(order="F")
+
+
+def lanczos(op: Operator, start, n: int, tol: float, largest: int, max_restarts: int):
+    """Block Lanczos for ``A^-1 M``, largest eigenvalues first; returns (theta, X, basis size).
+
+    The recurrence starts from ``A^-1 M start``, which has no part in the null space of M.
+    """
+    W = op.solve(op.mass(start))
+    W, MW, _ = _orthonormalise(op, W, op.mass(W), 0.0)
+    if W.shape[1] == 0:
+        raise ConvergenceError(f"0 of {n} modes exist: M is zero")
+    rows, room = W.shape[0], largest + W.shape[1]
+    V = np.empty((rows, room), dtype=W.dtype, order="F")
+    MV = np.empty_like(V)
+    T = np.zeros((room, room), dtype=W.dtype)
+    k = restarts = 0
+    while True:
+        w = W.shape[1]
+        k, last = k + w, slice(k, k + w)
+        V[:, last], MV[:, last] = W, MW
+        W = op.solve(MW)
+        T[:k, last] = _project(op, V[:, :k], MV[:, :k], W)
+        T[last, :k] = T[:k, last].conj().T
+        theta, Y = _eigh(T[:k, :k])
+        theta, Y = theta[::-1], Y[:, ::-1]
+        W, MW, R = _orthonormalise(op, W, op.mass(W), theta[0], V[:, :k], MV[:, :k])
+        residuals = np.linalg.norm(R @ Y[last], axis=0)
+        converged = int(np.sum(np.cumprod(residuals[:n] <= tol * theta[:n])))
+        if converged == n:
+            _check_spread(theta[:n])
+            return theta[:n], V[:, :k] @ Y[:, :n], k
+        if W.shape[1] == 0:
+            _check_spread(theta)
+            raise ConvergenceError(f"{converged} of {n} modes exist: M has rank {k} only")
+        if k + W.shape[1] > largest:
+            if restarts == max_restarts:
+                _check_spread(theta[:n])
+                raise ConvergenceError(
+                    f"{converged} of {n} modes converged after {restarts} restarts",
+                    "restarts exhausted: allow a larger basis, or more restarts",
+                )
+            restarts += 1
+            keep = min(n + w // 2, k - 1)
+            V[:, :keep], MV[:, :keep] = V[:, :k] @ Y[:, :keep], MV[:, :k] @ Y[:, :keep]
+            T[:] = 0.0
+            T[range(keep), range(keep)] = theta[:keep]
+            k = keep
+
+
+def _eigh(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Eigenvalues and vectors of a symmetric matrix.
+
+    The divide and conquer of LAPACK ends without a result for a few matrices on some processors;
+    the QR algorithm is slower and does not.
+    """
+    try:
+        return np.linalg.eigh(matrix)
+    except np.linalg.LinAlgError:
+        return eigh(matrix, driver="ev")
+
+
+def refined(op: Operator, image: np.ndarray, start: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Rayleigh-Ritz for ``A^-1 M`` on a block X and A^-1 M X; (theta, vectors), largest first.
+
+    Args:
+        op: The operator.
+        image: A X, (local rows, k).
+        start: X, likewise.
+    """
+    MX = op.mass(start)
+    # Not A^-1 M X itself, which is nearly X, but how it differs: round-off stays small beside it.
+    R = MX - image * (np.diag(op.dot(start, MX)) / np.diag(op.dot(start, image)))
+    W = op.solve(R)
+    both, by_A, by_M = np.hstack([start, W]), np.hstack([image, R]), np.hstack([MX, op.mass(W)])
+    stiff, heavy = op.dot(both, by_A), op.dot(both, by_M)
+    size = np.sqrt(np.maximum(np.diag(stiff), np.finfo(float).tiny))
+    stiff, heavy = (0.5 * (a + a.T) / np.outer(size, size) for a in (stiff, heavy))
+    energy, Q = _eigh(stiff)
+    kept = energy > _DEPENDENT * energy[-1]
+    Q = Q[:, kept] / np.sqrt(energy[kept])
+    theta, Y = _eigh(Q.T @ heavy @ Q)
+    count = min(start.shape[1], len(theta))
+    theta, Y = theta[::-1][:count], Y[:, ::-1][:, :count]
+    _check_spread(theta)
+    return theta, both @ (Q @ Y / np.sqrt(theta) / size[:, None])
+
+
+def _project(op: Operator, V, MV, W) -> np.ndarray:
+    """Make W M-orthogonal to V in place, twice; returns the coefficients."""
+    total = 0.0
+    for _ in range(2):
+        H = op.dot(MV, W)
+        W -= V @ H
+        total = total + H
+    return total
+
+
+def _orthonormalise(op: Operator, W, MW, scale: float, V=None, MV=None):
+    """M-orthonormal basis Q of span(W) with M Q and R, W = Q R; columns at round-off are dropped.
+
+    Two passes of SVQB (Stathopoulos and Wu, SIAM J. Sci. Comput. 23, 2002); between them Q is made
+    orthogonal to V again, since normalising a short column magnifies what is left of V in it.
+    """
+    R = np.eye(W.shape[1], dtype=W.dtype)
+    for sweep in range(2):
+        gram = op.dot(W, MW)
+        if not np.all(np.isfinite(gram)):
+            raise ConvergenceError("a solve with K - shift M was not finite: is a NaN in K or M?")
+        norms = np.sqrt(np.maximum(np.real(np.diag(gram)), 0.0))
+        floor = max(1e-14 * scale, np.finfo(float).tiny)
+        live = norms > floor
+        d = np.where(live, norms, 1.0)
+        s, Q = _eigh((gram / np.outer(d, d))[np.ix_(live, live)])
+        good = s > 1e-13 * max(s.max(initial=0.0), 1e-300)
+        s, Q = s[good], Q[:, good]
+        back = np.zeros((W.shape[1], s.size), dtype=W.dtype)
+        back[live] = Q / np.sqrt(s) / d[live, None]
+        forth = np.zeros((s.size, W.shape[1]), dtype=W.dtype)
+        forth[:, live] = (np.sqrt(s) * Q.conj()).T * d[live]
+        W, MW, R = W @ back, MW @ back, forth @ R
+        if sweep == 0 and V is not None and s.size:
+            H = op.dot(MV, W)
+            W, MW = W - V @ H, MW - MV @ H
+        scale = 0.0
+    return W, MW, R
+
+
+def _check_spread(theta: np.ndarray) -> None:
+    """Raise when the shift is so near an eigenvalue that round-off hides the others."""
+    if theta[-1] <= 0.0 or theta[0] > 1e10 * theta[-1]:
+        raise ConvergenceError(
+            "K - shift M is nearly singular: take a shift further below zero",
+            f"1 / (lambda - shift) spreads from {theta[-1]:.1e} to {theta[0]:.1e}",
+        )

@@ -12,7 +12,8 @@ from petsc4py import PETSc
 from scipy.sparse.csgraph import connected_components
 
 from fenics_joints.errors import InputError
-from fenics_joints.preload.bodies import at_blocks, body_numbers, node_positions, rigid_motions
+from fenics_joints.modal.rigid import node_positions, rigid_motions
+from fenics_joints.preload.bodies import at_blocks, body_numbers
 from fenics_joints.preload.components import Obstacle
 from fenics_joints.preload.interface import Interface
 from fenics_joints.preload.model import PreloadModel
