@@ -1,72 +1,92 @@
-"""Values that make no sense, by what was wanted, and whether calls refuse them."""
+"""Values that make no sense, by the kind of argument, and whether calls refuse them."""
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Iterable
 from math import inf, nan
 
+import numpy as np
+
 from fenics_joints.errors import InputError
-from fenics_joints.structure import Structure
 
-NO_NUMBER = (None, "text", "", nan, inf, -inf, True, [], {}, 1j, 1e300, -1e300, 10**400, b"1")
-#: What must be refused where something is wanted.
-ANY = NO_NUMBER
-FROM_0 = (*NO_NUMBER, -1.0, -1e-9)
-ABOVE_0 = (*FROM_0, 0.0, 0)
-COUNT = (*ABOVE_0, 2.5, "3")
-TEXT = (None, "", " ", 1.0, nan, True, [], b"x")
-FLAG = (None, "no", "True", 1, 0.0, [])
-WORD = (None, "", "other", 1, True, [])
-#: Names of parameters may stand for these.
-NAMED_FROM_0 = tuple(v for v in FROM_0 if v != "text")
-NAMED_ABOVE_0 = (*NAMED_FROM_0, 0.0)
-RATIO = tuple(v for v in NO_NUMBER if v != "text") + (0.5, -1.0, 1.0)
-VECTOR = (
-    None,
-    "x",
-    "text",
-    nan,
-    True,
-    1.0,
-    [],
-    {},
-    [0, 0, 0],
-    [nan, 0, 1],
-    [1e300, 0, 0],
-    [None, 0, 1],
-    ["a", "b", "c"],
-    [1.0],
-    [1, 0, 0, 0],
-    [[1, 0, 0]],
-)
-POINT = tuple(v for v in VECTOR if v != [0, 0, 0])
-MODEL = (None, "model", 1.0, [], {}, Structure)
-START = (5, "x", [1], (1, 2), {"a": 1}, object())
-OPTIONS = (5, "x", [1], {5: 1}, {"": 1}, {"two words": 1}, {"eps_tol": object()})
-GIVEN = ("text", 1.0, [1.0], {"nothing": 1.0}, {1: 1.0})
+#: Each odd value by the word that says that an argument takes it.
+NUMBER = {
+    "None": None,
+    "text": "text",
+    "empty": "",
+    "nan": nan,
+    "inf": inf,
+    "True": True,
+    "[]": [],
+    "{}": {},
+    "big": 10**400,
+    "1e300": 1e300,
+    "-1": -1.0,
+    "0": 0.0,
+}
+COUNT = NUMBER | {"2.5": 2.5, "three": "3"}
+TEXT = {"None": None, "empty": "", "1": 1.0, "nan": nan, "True": True, "[]": [], "bytes": b"x"}
+FLAG = {"None": None, "text": "no", "1": 1, "0": 0.0, "[]": []}
+OBJECT = {"None": None, "text": "text", "1": 1.0, "[nan]": [nan], "words": ["a"], "{}": {5: 1}}
 
 
-def not_refused(calls: Iterable[tuple], skip: type | tuple = ()) -> list[str]:
+def kind_of(value) -> dict:
+    """Odd values in the place of one that works."""
+    for kind, odd in ((bool, FLAG), (int, COUNT), (float, NUMBER), (str, TEXT)):
+        if isinstance(value, kind):
+            return odd
+    odd = dict(OBJECT)
+    if isinstance(value, (list, tuple, np.ndarray)):
+        try:
+            numbers = np.real(np.asarray(value, dtype=complex))
+        except (TypeError, ValueError):
+            return odd | {"[]": [], "twice": [*value, *value]}
+        odd |= {"[]": [], "nans": nan * numbers, "deeper": [[[value]]], "-1": -1.0 - abs(numbers)}
+    return odd
+
+
+def outcome(make, good: dict, name: str, value) -> str:
+    """What becomes of one odd value: ``refused``, ``taken``, or the wrong error."""
+    try:
+        make(**{**good, name: value})
+    except InputError:
+        return "refused"
+    except Exception as error:  # noqa: BLE001  all but an InputError is the finding
+        return f"{type(error).__name__}: {error}"
+    return "taken"
+
+
+def arguments(make, good: dict) -> dict:
+    """All arguments with a value that works: what is given, and defaults."""
+    named = {
+        name: parameter.default
+        for name, parameter in inspect.signature(make).parameters.items()
+        if parameter.default is not inspect.Parameter.empty
+    }
+    return named | good
+
+
+def not_refused(calls: Iterable[tuple]) -> list[str]:
     """Odd values that calls take or fail at with anything but an `InputError`, a line each.
 
     Args:
-        calls: What is called, arguments that work, and odd values of each argument.
-        skip: Kinds of values that are left out.
+        calls: What is called, arguments that work, and what it takes beside: ``"share:0 unit:*"``,
+            words of odd values, or ``*`` for an argument that is not looked at.
     """
     wrong = []
-    for make, good, odd in calls:
+    for make, good, takes in calls:
         make(**good)
-        for name, values in odd.items():
-            for value in values:
-                if isinstance(value, skip):
+        taken = {
+            name: set(words.split(",")) for name, words in (w.split(":") for w in takes.split())
+        }
+        for name, value in arguments(make, good).items():
+            if (allowed := taken.get(name, set())) == {"*"}:
+                continue
+            for word, odd in kind_of(value).items():
+                if value is None and odd is None:
                     continue
-                try:
-                    make(**{**good, name: value})
-                except InputError:
-                    continue
-                except Exception as error:  # noqa: BLE001  all but an InputError is the finding
-                    found = f"{type(error).__name__}: {error}"
-                else:
-                    found = "is taken"
-                wrong.append(f"{make.__name__}: {name} = {value!r}: {found}")
+                found = outcome(make, good, name, odd)
+                if found != ("taken" if word in allowed else "refused"):
+                    wrong.append(f"{make.__name__}: {name}:{word} = {odd!r}: {found}"[:300])
     return wrong

@@ -17,9 +17,9 @@ from hypothesis import strategies as st
 from measured_world import FREQUENCIES, accelerance, function, geometry, write_uff
 from mpi4py import MPI
 from odd import COUNTS, mutated, odd_text, odd_value, tried
+from odd_calls import CALLS
 from uff_files import mode_55, nodes_2411, units_164
 
-from fenics_joints import joint_laws, measurements, preload, structure
 from fenics_joints.case import load_case
 from fenics_joints.errors import InputError
 from fenics_joints.measurements import (
@@ -228,78 +228,21 @@ def test_uff(tmp_path, kind, size):
     check()
 
 
-#: Calls that are right; in each one or two arguments become odd.
-CALLS = {
-    structure.Parameter: {"name": "a.E", "value": 1e9, "unit": "Pa", "lower": 1e6, "upper": 1e12},
-    structure.PointMass: {"name": "m", "mass": 0.1, "point": (0, 0, 0), "direction": (1, 0, 0)},
-    structure.Spring: {"name": "s", "stiffness": 1e6, "point": (0, 0, 0), "direction": (0, 0, 1)},
-    structure.ElasticSupport: {"name": "e", "facets": "end", "k_n": 1e9, "k_t": 1e9},
-    structure.Support: {"facets": "end", "directions": (0, 1)},
-    structure.Sensors: {"points": [[0, 0, 0]], "directions": [[0, 0, 1]], "names": ("a",)},
-    structure.Damping: {"modal": 0.01, "rayleigh": (0.0, 1e-6), "structural": 0.0},
-    structure.part: {"name": "p", "cells": "solid", "E": 2e11, "nu": 0.3, "rho": 7800.0},
-    structure.joint: {"name": "j", "cells": "layer", "E": 1e9, "G": 1e8, "rho": 0.0},
-    structure.transition: {
-        "name": "t",
-        "cells": "l",
-        "E": 1e9,
-        "nu": 0.3,
-        "h": 1e-3,
-        "meshed": 1e-3,
-    },
-    joint_laws.RichardAbbott: {"E_e": 1e8, "E_p": 1e5, "S_y": 5e5, "n": 2.5},
-    joint_laws.Segalman: {"F_S": 100.0, "K_T": 1e6, "chi": -0.5, "beta": 1.0},
-    joint_laws.Bilinear: {"E_e": 1e8, "S_y": 5e5, "E_p": 1e5},
-    joint_laws.CoulombStick: {
-        "normal_stiffness": 1e9,
-        "tangential_stiffness": 1e8,
-        "friction": 0.3,
-    },
-    joint_laws.CubicSpring: {"k1": 1e6, "k3": 1e12},
-    joint_laws.BoucWen: {"stiffness": 1e6, "ratio": 0.1, "beta": 1.0, "gamma": 1.0, "n": 1.0},
-    joint_laws.Valanis: {"E_0": 1e9, "E_t": 1e8, "rate": 1e3},
-    joint_laws.Iwan: {
-        "backbone": joint_laws.RichardAbbott(1e8, 1e5, 5e5, 2.5),
-        "n_sliders": 6,
-        "thickness": 1e-3,
-    },
-    preload.BeamBolt: {"name": "b", "lower": "l", "upper": "u", "force": 1e4, "diameter": 0.01},
-    preload.WasherForce: {"name": "b", "lower": "l", "upper": "u", "force": 1e4},
-    preload.PretensionSection: {"name": "b", "lower": "l", "upper": "u", "force": 1e4},
-    preload.Contact: {"name": "c", "lower": "l", "upper": "u", "friction": 0.1, "gap": 0.0},
-    preload.Traction: {"name": "t", "facets": "f", "force": (0.0, 0.0, 1.0)},
-    preload.nut_factor_force: {"torque": 25.0, "diameter": 0.01, "K": 0.2},
-    preload.motosh_force: {
-        "torque": 25.0,
-        "thread_": "M10",
-        "friction_thread": 0.1,
-        "friction_head": 0.1,
-    },
-    preload.thread: {"name": "M10"},
-    measurements.Target: {"frequencies_hz": np.array([10.0, 20.0]), "log_sd": 1e-3},
-    measurements.TestData: {
-        "conditions": np.array([5.0]),
-        "frequencies_hz": np.array([[10.0, 20.0]]),
-        "mode_names": ("a", "b"),
-        "condition_name": "torque",
-        "condition_unit": "N·m",
-    },
-    measurements.mac: {"a": np.eye(3), "b": np.eye(3)},
-}
+CONSTRUCTORS = [call for room in ("structure", "joint_laws", "preload") for call in CALLS[room]()]
 
 
 @pytest.mark.parametrize("size", SIZES)
-@pytest.mark.parametrize("call", CALLS, ids=lambda c: c.__name__)
+@pytest.mark.parametrize("call", CONSTRUCTORS, ids=lambda call: call[0].__name__)
 def test_constructors(call, size):
-    good = CALLS[call]
-    call(**good)
+    make, good, _ = call
+    make(**good)
 
     @often(40, size)
     @given(st.data())
     def check(data):
         names = data.draw(st.lists(st.sampled_from(sorted(good)), min_size=1, max_size=2))
         odd = {name: data.draw(odd_value) for name in names}
-        tried("constructors", lambda: call(**{**good, **odd}))
+        tried("constructors", lambda: make(**{**good, **odd}))
 
     check()
 
