@@ -66,4 +66,4 @@ def test_a_backbone_identifies_the_law_and_the_answer_says_what_it_cannot(tmp_pa
     assert "identified from a mode at 8 amplitudes (backbone), gradient" in words
     assert "below the model's" in words and "more than the model, at all" in words
     html = page.read_text(encoding="utf-8")
-    assert "From a mode at 8 amplitudes" in html and "Crosses: the test." in html
+    assert "from a mode at 8 amplitudes" in html and "Crosses: the test." in html

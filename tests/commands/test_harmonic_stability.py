@@ -14,13 +14,14 @@ from oscillators import TURN, escape
 from rich.console import Console
 
 from fenics_joints.case import load_case
-from fenics_joints.commands.harmonic.page import harmonic_html
+from fenics_joints.commands.harmonic.document import harmonic_document
 from fenics_joints.commands.harmonic.run import run_harmonic
 from fenics_joints.commands.harmonic.stability import level_stability
-from fenics_joints.commands.harmonic.summary import show_harmonic
 from fenics_joints.errors import InputError
 from fenics_joints.harmonic import Stability, solve_harmonic
 from fenics_joints.progress import Progress
+from fenics_joints.report.html import as_page
+from fenics_joints.report.terminal import show
 
 QUIET = Progress(silent=True)
 
@@ -48,7 +49,7 @@ def test_a_doubled_period_is_followed_and_told(tmp_path):
     ).result
     assert report.to_json()["stability"] == []
     shown, told = io.StringIO(), replace(report, stability=(found,))
-    show_harmonic(Console(file=shown, width=110), told)
+    show(Console(file=shown, width=110), harmonic_document(told))
     assert "period doubling" in shown.getvalue() and "0, 1" in shown.getvalue()
     # In the picture at its own level.
     unstable = np.arange(len(report.responses[0])) % 2
@@ -56,7 +57,7 @@ def test_a_doubled_period_is_followed_and_told(tmp_path):
     drawn = Stability(unstable, unstable, (replace(at, index=0),))
     branches = ((drawn.bifurcations[0], report.responses[0]),)
     drawn = replace(found, level=report.facts[0].level, stability=drawn, branches=branches)
-    assert "period doubling" in harmonic_html(replace(report, stability=(drawn,)))
+    assert "period doubling" in as_page(harmonic_document(replace(report, stability=(drawn,))))
 
 
 def test_a_word_that_is_none_is_refused(tmp_path):

@@ -63,6 +63,7 @@ from fenics_joints.report.document import (
     Heading,
     Keys,
     OnPage,
+    OnTerminal,
     Remarks,
     Table,
     Text,
@@ -449,20 +450,23 @@ def check_document(result: Checked) -> Document:
     estimated = "" if result.dofs or result.estimate is None else str(result.estimate)
     test = f"test: {words}" if (words := result.test_words()) else ""
     said = [text for text in (estimated, result.place_words(), test, result.solved) if text]
-    fine = [] if result.errors or result.notes else [Text("nothing is wrong or unlikely", "good")]
+    wrong = [
+        Remarks("Wrong", result.errors, "error {}: ", "bad", "error-list"),
+        Remarks("Unlikely, or to know", result.notes, "note: ", id="note-list"),
+    ]
+    if not result.errors and not result.notes:
+        wrong = [Text("nothing is wrong or unlikely", "good")]
     return Document(
         result.title,
         "checked",
         "The case, compared with its nominal model",
         [
             Keys(keys),
+            OnPage([*wrong, *_pictures(result)]),
             *_weights(result),
             *(Text(text) for text in said),
             *_costs_said(result.costs),
-            Remarks("Wrong", result.errors, "error {}: ", "bad", "error-list"),
-            Remarks("Unlikely, or to know", result.notes, "note: ", id="note-list"),
-            *fine,
-            *_pictures(result),
+            OnTerminal(wrong),
             *_places(result),
         ],
         result.to_json,

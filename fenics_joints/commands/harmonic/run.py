@@ -12,6 +12,7 @@ from threadpoolctl import threadpool_limits
 
 from fenics_joints.case import Case
 from fenics_joints.case.harmonic import Hysteretic, IdentifySection
+from fenics_joints.commands.harmonic.document import harmonic_document
 from fenics_joints.commands.harmonic.model import (
     FORCE,
     SENSOR,
@@ -20,10 +21,8 @@ from fenics_joints.commands.harmonic.model import (
     level_power,
     load_name,
 )
-from fenics_joints.commands.harmonic.page import harmonic_html
 from fenics_joints.commands.harmonic.result import HarmonicReport, LevelFacts
 from fenics_joints.commands.harmonic.stability import level_stability
-from fenics_joints.commands.harmonic.summary import show_harmonic
 from fenics_joints.commands.outcome import Outcome
 from fenics_joints.files import writable_folder
 from fenics_joints.harmonic import (
@@ -77,7 +76,7 @@ def run_harmonic(
     # The matrices are small: threads only get in each other's way.
     with threadpool_limits(1):
         found = _solved(case, built, comm, progress, branches)
-    return Outcome.of(found, harmonic_html, show_harmonic)
+    return Outcome.said(found, harmonic_document(found))
 
 
 def _solved(case: Case, built: HarmonicModel, comm, progress, branches) -> HarmonicReport:
