@@ -12,8 +12,8 @@ from step_files import bores
 from fenics_joints.case import build_structure, load_case
 from fenics_joints.commands.check.run import check_case
 from fenics_joints.commands.modes import run_modes
+from fenics_joints.commands.new.bolted import BoltHole, stacked
 from fenics_joints.commands.new.run import Source, run_new
-from fenics_joints.commands.new.sketch import Ring, stacked
 from fenics_joints.commands.new.tests import TestFiles
 from fenics_joints.meshes.step_writer import write_step
 from fenics_joints.progress import Progress
@@ -57,7 +57,7 @@ def test_stacks(tmp_path, name, bolts, faces, joints):
     assert found.checked.errors == () and found.checked.notes == ()
     assert len(case.mesh.bolts.at) == bolts * faces and len(case.joints) == joints
     each = "" if faces == 1 else f" of {faces} pressed faces each"
-    assert f"{bolts} bolts{each}: " in " ".join(found.sketch.found)
+    assert f"{bolts} bolts{each}: " in " ".join(found.draft.found)
     if name == "sheet_between_plates":
         folder = tmp_path / "layers"
         folder.mkdir()
@@ -77,15 +77,18 @@ def test_bolts_on_one_axis():
     """One bolt through three plates; two in blind holes from both sides of a block."""
     z, at = np.array([0.0, 0.0, 1.0]), np.zeros(3)
     through = [
-        Ring((0, 1), at, z, 0.004, (0.01, 0.02)),
-        Ring((1, 2), at + 0.02 * z, z, 0.004, (0.02, 0.01)),
+        BoltHole((0, 1), at, z, (0.008,), depths=(0.01, 0.02)),
+        BoltHole((1, 2), at + 0.02 * z, z, (0.008,), depths=(0.02, 0.01)),
     ]
     blind = [
-        Ring((0, 1), at, z, 0.004, (0.01, 0.008)),
-        Ring((1, 2), at + 0.02 * z, -z, 0.004, (0.008, 0.01)),
+        BoltHole((0, 1), at, z, (0.008,), depths=(0.01, 0.008)),
+        BoltHole((1, 2), at + 0.02 * z, -z, (0.008,), depths=(0.008, 0.01)),
     ]
-    beside = [Ring((0, 1), at, z, 0.004), Ring((1, 2), at + 0.02 * z + [0.01, 0, 0], z, 0.004)]
-    far = [Ring((0, 1), at, z, 0.004), Ring((2, 3), at + 0.5 * z, z, 0.004)]
+    beside = [
+        BoltHole((0, 1), at, z, (0.008,)),
+        BoltHole((1, 2), at + 0.02 * z + [0.01, 0, 0], z, (0.008,)),
+    ]
+    far = [BoltHole((0, 1), at, z, (0.008,)), BoltHole((2, 3), at + 0.5 * z, z, (0.008,))]
     assert [stacked(rings) for rings in (through, blind, beside, far)] == [
         [1, 1],
         [1, 2],
@@ -109,7 +112,7 @@ def test_a_plane_mesh_is_said_and_a_sheet_bends(tmp_path):
     source = Source(msh=DATA / "shell.msh")
     found, case = written(tmp_path / "section", source)
     assert case.mesh.thickness is None and "thickness" in " ".join(found.checked.notes)
-    assert any("plane" in question for question in found.sketch.questions)
+    assert any("plane" in question for question in found.draft.questions)
     found, case = written(tmp_path / "sheet", source, Thickness="2 mm")
     assert case.mesh.thickness == 0.002 and found.checked.notes == ()
     assert found.checked.mass == pytest.approx(0.12 * 0.04 * 0.002 * 7850)

@@ -7,7 +7,8 @@ import pytest
 from mpi4py import MPI
 from uff_files import mode_55, nodes_15, units_164
 
-from fenics_joints.commands.new.tests import TestFiles, test_sketch
+from fenics_joints.commands.new.draft import Draft, text_of
+from fenics_joints.commands.new.tests import TestFiles, draft_test
 from fenics_joints.errors import InputError
 from fenics_joints.files import read_toml
 
@@ -24,7 +25,12 @@ def silent(question, answer, check):
 
 
 def sketch(tests, extents=None, ask=silent):
-    return test_sketch(tests, lambda path: path.name, ask, lambda: extents)
+    return draft_test(tests, lambda path: path.name, ask, lambda: extents)
+
+
+def lines(test):
+    """Of the case that the test stands in."""
+    return text_of("a case", Draft({}), test).splitlines()
 
 
 def lab_file(path, places, units=""):
@@ -39,7 +45,7 @@ def test_a_unit_by_the_size_of_the_structure(tmp_path, unit):
     """Axes that are swapped and moved change nothing; the case says it, and that it is a guess."""
     places = (PLACES[:, [2, 0, 1]] + [0.5, -1.0, 0.2]) / FACTORS[unit]
     found = sketch(lab_file(tmp_path / "lab.uff", places), np.array([0.12, 0.15, 0.302]))
-    assert any(line.startswith(f'length_unit = "{unit}"  # ?') for line in found.lines)
+    assert any(line.startswith(f'length_unit = "{unit}"  # ?') for line in lines(found))
     assert any("unit" in question for question in found.questions)
     assert np.ptp(found.places, axis=0) == pytest.approx([0.3, 0.12, 0.15], rel=1e-4)
 
@@ -53,7 +59,7 @@ def test_a_unit_that_the_file_says(tmp_path):
 
     tests = lab_file(tmp_path / "lab.uff", 1e3 * PLACES, units_164())
     found = sketch(tests, np.array([3.0, 3.0, 3.0]), ask)
-    assert 'shapes = "lab.uff"' in found.lines
+    assert 'shapes = "lab.uff"' in lines(found)
     assert np.ptp(found.places, axis=0) == pytest.approx([0.12, 0.15, 0.3])
 
 
@@ -63,7 +69,7 @@ def test_a_table_without_units(tmp_path):
     rows = [f"{x},{y},{z},0,0,1,{i + 1}" for i, (x, y, z) in enumerate(100 * PLACES)]
     table.write_text("\n".join(["x,y,z,dx,dy,dz,mode 1", *rows]), encoding="utf-8")
     found = sketch(TestFiles(shapes=table), np.array([0.12, 0.15, 0.3]))
-    assert found.places == pytest.approx(PLACES) and any("cm" in line for line in found.lines)
+    assert found.places == pytest.approx(PLACES) and any("cm" in line for line in lines(found))
     table.write_text("\n".join(["x [mm],y,z,mode 1", "0,0,0,1"]), encoding="utf-8")
     with pytest.raises(InputError, match=r"units of x, y and z"):
         sketch(TestFiles(shapes=table))
@@ -74,7 +80,7 @@ def test_what_a_table_of_frequencies_leaves_open(tmp_path):
     table = tmp_path / "hz.csv"
     table.write_text("first [Hz],second [Hz]\n80,300\n", encoding="utf-8")
     found = sketch(TestFiles(frequencies=table))
-    assert any("[test.sees]" in line for line in found.lines)
+    assert any("[test.sees]" in line for line in lines(found))
     assert any(question.startswith("What the test saw") for question in found.questions)
 
 
@@ -87,13 +93,13 @@ def test_levels_of_a_mode_that_the_table_of_frequencies_names(tmp_path):
     (tmp_path / "levels.csv").write_text(LEVELS, encoding="utf-8")
     tests = TestFiles(frequencies=tmp_path / "hz.csv", amplitude=(tmp_path / "levels.csv",))
     found = sketch(tests)
-    assert found.n_modes == 2 and 'condition = "row"  # ? without a unit' in found.lines
-    (tmp_path / "test.toml").write_text("\n".join(found.lines), encoding="utf-8")
+    assert found.n_modes == 2 and 'condition = "row"  # ? without a unit' in lines(found)
+    (tmp_path / "test.toml").write_text("\n".join(lines(found)), encoding="utf-8")
     section = read_toml(tmp_path / "test.toml", "a test")["test"]["amplitude"]
     assert section == {"b": {"files": ["levels.csv"]}}
     assert "b at 3 amplitudes (backbone) in levels.csv" in found.found
     alone = sketch(TestFiles(amplitude=tests.amplitude))
-    assert alone.n_modes == 1 and '[test.amplitude."mode 1"]' in "\n".join(alone.lines)
+    assert alone.n_modes == 1 and '[test.amplitude."mode 1"]' in "\n".join(lines(alone))
     assert any("the lowest that the sensors see" in question for question in alone.questions)
 
 
@@ -105,7 +111,7 @@ def test_ring_downs_of_several_sensors_and_files_that_cannot_be_read(tmp_path):
     hit = tmp_path / "hit.csv"
     hit.write_text("\n".join(["time [s],a1 [m/s2],a2 [m/s2]", *rows]), encoding="utf-8")
     found = sketch(TestFiles(amplitude=(hit,)))
-    assert 'sensor = "a1"  # ? or a2' in found.lines
+    assert 'sensor = "a1"  # ? or a2' in lines(found)
     (tmp_path / "empty.csv").write_text("", encoding="utf-8")
     (tmp_path / "words.csv").write_text("a,b\nx,y\n", encoding="utf-8")
     with pytest.raises(InputError) as bad:
@@ -145,7 +151,7 @@ def test_functions_without_levels_are_a_question(tmp_path):
     (tmp_path / "hz.csv").write_text("a [Hz]\n80.1\n", encoding="utf-8")
     held = (tmp_path / "held.uff",)
     beside = sketch(TestFiles(frequencies=tmp_path / "hz.csv", amplitude=held))
-    assert '# levels = ["5 m/s2", "10 m/s2"]' in "\n".join(beside.lines)
+    assert '# levels = ["5 m/s2", "10 m/s2"]' in "\n".join(lines(beside))
     with pytest.raises(InputError, match="expected the levels"):
         sketch(TestFiles(amplitude=held))
 
@@ -155,4 +161,4 @@ def test_functions_without_levels_are_a_question(tmp_path):
         return taken
 
     asked = sketch(TestFiles(amplitude=held), ask=answer)
-    assert 'levels = ["2 m/s2", "4 m/s2"]' in asked.lines and asked.n_modes == 1
+    assert 'levels = ["2 m/s2", "4 m/s2"]' in lines(asked) and asked.n_modes == 1

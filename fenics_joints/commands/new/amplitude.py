@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from fenics_joints.commands.new.sketch import Ask, toml
-from fenics_joints.errors import InputError, Problems
+from fenics_joints.commands.new.draft import OPEN, Ask, Remark, guess
+from fenics_joints.errors import InputError, Problems, member
 from fenics_joints.measurements import MeasuredBackbone, read_amplitude, read_table
 from fenics_joints.measurements.amplitude.tables import history_of, is_history
 from fenics_joints.measurements.files import UFF_SUFFIXES, reader_of
@@ -34,7 +34,7 @@ class _Data:
     """
 
     files: tuple[str, ...]
-    options: Mapping[str, str] = field(default_factory=dict)
+    options: Mapping[str, object] = field(default_factory=dict)
     backbone: MeasuredBackbone | None = None
     functions: int = 0
 
@@ -44,26 +44,19 @@ class _Data:
         return np.nan if self.backbone is None else float(self.backbone.frequencies_hz[0])
 
 
-@dataclass(frozen=True)
-class AmplitudeSketch:
-    """Lines of ``[test.amplitude]``, what was found, what was guessed, and how many modes it is."""
-
-    lines: tuple[str, ...]
-    found: tuple[str, ...]
-    questions: tuple[str, ...]
-    n_modes: int
-
-
-def amplitude_sketch(
+def draft_amplitude(
     paths: Sequence[Path], refer: Callable[[Path], str], ask: Ask, known: Mapping[str, float]
-) -> AmplitudeSketch:
-    """What files of modes over their amplitude say, as a section of a case.
+) -> tuple[dict[str, Remark], list[str], list[str]]:
+    """What files of modes over their amplitude say.
 
     Args:
         paths: The files: each of one mode; those of one mode are put together.
         refer: The name that a file has in the case.
         ask: Asks the user.
         known: Frequencies, Hz, of the test's other modes by their names.
+
+    Returns:
+        ``[test.amplitude]``, what was found, and what was guessed.
 
     Raises:
         InputError: For what is wrong in the files, all of them.
@@ -74,22 +67,27 @@ def amplitude_sketch(
         if one is not None:
             _put(groups, one)
     problems.check()
-    names = _names(groups, known)
-    lines, found, questions = [], [], [_NAMED]
-    for name, data in zip(names, groups, strict=True):
+    sections, found, questions = {}, [], [_NAMED]
+    for name, data in zip(_names(groups, known), groups, strict=True):
         files = ", ".join(data.files)
-        if data.backbone is None:
+        if data.backbone is None:  # what was held constant no file says
             questions.append(f"The levels of the {data.functions} functions in {files}.")
             found.append(f"{data.functions} functions of one mode, of unknown levels, in {files}")
-            lines += _commented(name, data)
+            likely = [f"{5 * (i + 1)} m/s2" for i in range(data.functions)]
+            levels = guess(likely, "of each function, in the file's order, with their unit")
+            sections[f"{OPEN}{name}"] = {"files": data.files, "levels": levels}
             continue
-        lines += _section(name, data)
+        section = {"files": data.files, **data.options}
+        if data.backbone.kind == "backbone":
+            words = "of these frequencies alone; or a column frequency sd [Hz]"
+            section[f"{OPEN}noise"] = guess("0.1 %", words)
+            section[f"{OPEN}damping_noise"] = guess("10 %", "or a column damping sd [%]")
+        sections[name] = guess(section, f"{data.hz:.4g} Hz at its lowest level")
         kind = data.backbone.kind
         found.append(f"{name} at {len(data.backbone)} amplitudes ({kind}) in {files}")
         if "sensor" in data.options:
             questions.append(f"The sensor that the amplitude in {files} is of.")
-    read = [data for data in groups if data.backbone is not None]
-    return AmplitudeSketch(tuple(lines), tuple(found), tuple(questions), len(read))
+    return sections, found, questions
 
 
 def _looked(path: Path, refer, ask: Ask) -> _Data:
@@ -97,21 +95,17 @@ def _looked(path: Path, refer, ask: Ask) -> _Data:
     if path.suffix.lower() in (*UFF_SUFFIXES, ".mat") and not _is_record(path):
         count, units = _functions(path, ask)
         levels = _asked_levels(path, count, ask)
-        options = {} if units is None else {"units": toml(units)}
+        options = {} if units is None else {"units": units}
         if not levels:
             return _Data((refer(path),), options, functions=count)
         read = read_amplitude(path, levels=levels, units=units)
-        return _Data((refer(path),), {"levels": toml(levels), **options}, read)
+        return _Data((refer(path),), {"levels": levels, **options}, read)
     sensors = _sensors(path)
     if len(sensors) > 1:
-
-        def known(answer: str) -> None:
-            if answer not in sensors:
-                raise ValueError(f"{answer!r}: expected one of {', '.join(sensors)}")
-
         question = f"Sensor that the amplitude in {path.name} is of ({', '.join(sensors)})"
-        sensor = ask(question, sensors[0], known)
-        options = {"sensor": f"{toml(sensor)}  # ? or {', '.join(sensors[1:])}"}
+        sensor = ask(question, sensors[0], lambda answer: member("sensor", answer, sensors))
+        others = [other for other in sensors if other != sensor]
+        options = {"sensor": guess(sensor, f"or {', '.join(others)}")}
         return _Data((refer(path),), options, read_amplitude(path, sensor=sensor))
     return _Data((refer(path),), {}, read_amplitude(path))
 
@@ -190,47 +184,3 @@ def _names(groups: Sequence[_Data], known: Mapping[str, float]) -> list[str]:
         taken.add(name)
         names.append(name)
     return names
-
-
-def _section(name: str, data: _Data) -> list[str]:
-    noise = (
-        []
-        if data.backbone.kind != "backbone"
-        else [
-            '# noise = "0.1 %"  # ? of these frequencies alone; or a column frequency sd [Hz]',
-            '# damping_noise = "10 %"  # ? or a column damping sd [%]',
-        ]
-    )
-    options = [f"{key} = {value}" for key, value in data.options.items()]
-    hz = f"  # ? {data.hz:.4g} Hz at its lowest level"
-    return [
-        "",
-        f"[test.amplitude.{toml(name)}]{hz}",
-        f"files = {toml(data.files)}",
-        *options,
-        *noise,
-    ]
-
-
-def _commented(name: str, data: _Data) -> list[str]:
-    """A section that is not complete, as a comment: what was held constant no file says."""
-    levels = toml([f"{5 * (i + 1)} m/s2" for i in range(data.functions)])
-    return [
-        "",
-        f"# [test.amplitude.{toml(name)}]",
-        f"# files = {toml(data.files)}",
-        f"# levels = {levels}  # ? of each function, in the file's order, with their unit",
-    ]
-
-
-def check_any(sketch: AmplitudeSketch, alone: bool) -> None:
-    """Refuse files that leave no test at all.
-
-    Raises:
-        InputError: If nothing else is measured and no file is complete.
-    """
-    if alone and not sketch.n_modes:
-        raise InputError(
-            f"{'; '.join(sketch.found)}: expected the levels (answer for them, without --yes), "
-            "or frequencies beside them"
-        )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import typing
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import fields, replace
 from pathlib import Path
 
@@ -13,46 +13,44 @@ from mpi4py import MPI
 
 from fenics_joints.case.mesh import BUILDERS
 from fenics_joints.commands.check.weights import USUAL_KG, body_of
-from fenics_joints.commands.new.extents import METRES, UNITS, likely_unit
-from fenics_joints.commands.new.grown import with_joints
-from fenics_joints.commands.new.sketch import (
+from fenics_joints.commands.new.bolted import NO_BOLTS, ON_ALL, START, BoltHole, with_rings
+from fenics_joints.commands.new.draft import (
     BOLT_FORCE,
+    UNBOLTED,
     Ask,
-    JointSketch,
-    PartSketch,
-    Sketch,
-    ask_materials,
+    Draft,
+    Remark,
+    direction,
     force_of,
+    guess,
     material_of,
     millimetres,
-    toml,
+    parts_of,
+    springs_joint,
 )
+from fenics_joints.commands.new.extents import METRES, UNITS, likely_unit
 from fenics_joints.errors import InputError, MeshError, member
 from fenics_joints.meshes import TaggedMesh, check_contact, measure_ring, read_msh
 from fenics_joints.meshes.check import check_mesh
+from fenics_joints.meshes.msh import read_lists
 from fenics_joints.meshes.rings import ring_names
 from fenics_joints.meshes.tagged import limits
-from fenics_joints.preload.clearance import guess_thread
+from fenics_joints.meshes.touching import Touch, glued, round_holes, touches
+from fenics_joints.preload.clearance import cone_radius, guess_thread, head_radius
 from fenics_joints.units import to_si
 
 #: Names that layers of joints have.
 _JOINT = re.compile(r"joint|ring|layer|lap\b|zone|interface|contact|glue|fuge|naht|gasket", re.I)
 #: Units of meshes, the most frequent first, and a density to recognise them by, kg/m3.
 _UNITS, _STEEL = ("m", "mm", "inch", "cm"), 7850.0
-#: Numbers of lapped beams that a case must have, where a builder has no defaults.
-_BEAMS = (
-    'lengths = ["360 mm", "260 mm"]  # ? of each beam, in a row',
-    'laps = "50 mm"  # ? over which each lies on the next',
-    'width = "21 mm"  # ?',
-    'thickness = "10.6 mm"  # ?',
-    "elements = [30, 20]",
-    "lap_elements = 5",
-)
+#: Largest and least radius of a ring as a multiple of the hole's.
+_MOST, _LEAST = 4.0, 1.2
+_NO_LAYER = "The mesh has no layer between its parts: they are as one where they share vertices."
 
 
-def msh_sketches(
+def msh_drafts(
     path: Path, file: str, places: np.ndarray, material: str, ask: Ask
-) -> Iterator[Sketch]:
+) -> Iterator[Draft]:
     """Cases of a gmsh file, the likeliest first: with its own layers, or with joints grown.
 
     Args:
@@ -75,38 +73,31 @@ def msh_sketches(
             tagged = read_msh(path, MPI.COMM_SELF)  # says what is wrong in space
     size = float(np.ptp(np.array(limits(tagged)), axis=0).max())
     volume = float(body_of(tagged).volumes.sum()) if gdim == 3 else None
-
-    def known(answer: str) -> None:
-        member("unit", answer, UNITS)
-
     sizes = ", ".join(f"{1e3 * size * scale:.4g} mm in {name}" for name, scale in UNITS.items())
     question = f"Unit of the lengths in {path.name} (its extent is {size:.6g}: {sizes})"
-    unit = ask(question, _unit(size, volume, places), known)
+    likely = _unit(size, volume, places)
+    unit = ask(question, likely, lambda answer: member("unit", answer, UNITS))
     scale = UNITS[unit]
-    lines = [
-        "[mesh]",
-        f"file = {toml(file)}",
-        f'scale = "{scale:g} m"  # ? the file is in {unit}: it is {size * scale:.4g} m long',
-    ]
+    words = f"the file is in {unit}: it is {size * scale:.4g} m long"
+    mesh = {"file": file, "scale": guess(f"{scale:g} m", words)}
     questions, thickness = ["The unit of the mesh, which a .msh file does not say."], None
     if gdim == 2:
         thickness = _thickness(path, ask)
-        lines.append("gdim = 2")
+        mesh["gdim"] = 2
         if thickness is not None:
-            lines.append(f"thickness = {toml(millimetres(thickness))}  # of the sheet")
+            mesh["thickness"] = Remark(millimetres(thickness), "of the sheet")
         else:
-            lines.append('# thickness = "2 mm"  # ? for a sheet; without it a section, 1 m deep')
+            mesh["# thickness"] = guess("2 mm", "for a sheet; without it a section, 1 m deep")
             questions.append(
                 "The mesh is plane and is read as a section in plane strain, 1 m deep. For a sheet "
                 "give its thickness."
             )
     tagged = read_msh(path, MPI.COMM_SELF, gdim=gdim, scale=scale, thickness=thickness)
-    found = _sketch(tagged, lines, material, ask, None)
+    found = _draft(tagged, mesh, material, ask, None)
     found = replace(found, questions=(*questions, *found.questions))
-    if found.joints or found.more or len(found.parts) < 2 or thickness:
-        yield found
-    else:
-        yield from with_joints(found, path, gdim, scale)
+    if not (found.tables.keys() & {"joints", "contacts"} or thickness):
+        yield from _grown(found, path, gdim, scale)
+    yield found
 
 
 def _thickness(path: Path, ask: Ask) -> float | None:
@@ -145,7 +136,50 @@ def _unit(size: float, volume: float | None, places: np.ndarray) -> str:
     return likely_unit([size], None)
 
 
-def builder_sketch(name: str, material: str, ask: Ask) -> Sketch:
+# -- joints that a file without layers gets --------------------------------------------------------
+
+
+def _grown(draft: Draft, path: Path, gdim: int, scale: float) -> Iterator[Draft]:
+    """The case with joints where its parts touch, the likeliest first."""
+    mesh = glued(read_lists(path, gdim, scale))
+    found = touches(mesh)
+    if not found:
+        return
+    kept = [q for q in draft.questions if q != _NO_LAYER and "pieces" not in q]
+    draft = replace(draft, questions=tuple(kept))
+    largest = sorted(found, key=lambda touch: -touch.areas.sum())
+    holes = [hole for touch in found for hole in _bolt_holes(mesh.x, touch)]
+    if holes:
+        yield with_rings(draft, holes, [touch.parts for touch in largest], by_pair=False)
+    pairs = ", ".join(dict.fromkeys(" and ".join(touch.parts) for touch in found))
+    cells = "joint" if len(found) == 1 else "joint_*"
+    joints = {"contact": springs_joint((cells,), pairs, UNBOLTED)}
+    yield draft.joined({"joint": ON_ALL}, joints, [f"touching: {pairs}"], [NO_BOLTS, START])
+
+
+def _bolt_holes(x: np.ndarray, touch: Touch) -> Iterator[BoltHole]:
+    """The round holes of a contact that leave room for a ring."""
+    holes = round_holes(x, touch)
+    rim = x[np.unique(touch.facets)]
+    for hole in holes:
+        thread = guess_thread(2 * hole.radius)
+        cone = cone_radius(head_radius(hole.radius, thread), 2 * hole.radius)
+        wanted = min(cone, _MOST * hole.radius)
+        for other in holes:
+            apart = float(np.linalg.norm(other.centre - hole.centre))
+            if apart > hole.radius:
+                wanted = min(wanted, 0.49 * apart)
+        wanted = min(wanted, float(np.linalg.norm(rim - hole.centre, axis=1).max()))
+        if wanted >= _LEAST * hole.radius:
+            diameter = float(f"{2 * hole.radius:.3g}")
+            at = np.round(hole.centre, 6)
+            yield BoltHole(touch.parts, at, touch.normal, (diameter,), wanted, thread)
+
+
+# -- builders --------------------------------------------------------------------------------------
+
+
+def builder_draft(name: str, material: str, ask: Ask) -> Draft:
     """A case of a builder with its own default numbers.
 
     Raises:
@@ -156,44 +190,49 @@ def builder_sketch(name: str, material: str, ask: Ask) -> Sketch:
         return _beams(name, material, ask)
     made = BUILDERS[name](builder=name).made()
     kinds = typing.get_type_hints(type(made), include_extras=True)
-    numbers = [
-        f"{field.name} = {_written(getattr(made, field.name), kinds[field.name])}"
-        for field in fields(made)
-        if field.name not in ("cell",) and getattr(made, field.name) not in (None, ())
-    ]
-    lines = ["[mesh]", f"builder = {toml(name)}", "# ? The builder's own numbers:", *numbers]
-    tagged = made.build(MPI.COMM_SELF)
-    hole = getattr(made, "hole_diameter", None) or getattr(made, "hole", None) or None
-    found = _sketch(tagged, lines, material, ask, hole)
+    given = {field.name: getattr(made, field.name) for field in fields(made)}
+    numbers = {
+        key: _written(value, kinds[key])
+        for key, value in given.items()
+        if key != "cell" and value not in (None, ())
+    }
+    hole = given.get("hole_diameter") or given.get("hole") or None
+    mesh = {"builder": guess(name, "the numbers are the builder's own"), **numbers}
+    found = _draft(made.build(MPI.COMM_SELF), mesh, material, ask, hole)
     return replace(found, questions=("The builder's dimensions.", *found.questions))
 
 
-def _written(value, kind) -> str:
+def _written(value: object, kind: object) -> object:
     """An argument of a builder, lengths in mm."""
     if isinstance(value, tuple | list):
-        return f"[{', '.join(_written(item, kind) for item in value)}]"
-    if isinstance(value, float) and "unit='m'" in repr(kind):
-        return toml(millimetres(value))
-    return toml(value)
+        return [_written(item, kind) for item in value]
+    is_length = isinstance(value, float) and "unit='m'" in repr(kind)
+    return millimetres(value) if is_length else value
 
 
-def _beams(name: str, material: str, ask: Ask) -> Sketch:
-    parts = [PartSketch("beams", ("beam_1", "beam_2"), "", material)]
-    joint = [
-        "[joints.lap]",
-        'cells = "lap"',
-        'law = "generic"',
-        'k1 = "1763 N m"  # ? slap; Jalali et al. 2019, Table 2: beams of 21 x 10.6 mm, 23 N·m',
-        'k2 = "37400 N m"  # ? slip',
-        'c = "0.15 N m s"  # ?',
-        "bolted = true",
-        "",
-    ]
-    return Sketch(
-        ("[mesh]", f"builder = {toml(name)}", *_BEAMS),
-        ask_materials(parts, ask),
-        (),
-        tuple(joint),
+def _beams(name: str, material: str, ask: Ask) -> Draft:
+    """Two beams in a lap; their builder has no numbers of its own."""
+    mesh = {
+        "builder": name,
+        "lengths": guess(["360 mm", "260 mm"], "of each beam, in a row"),
+        "laps": guess("50 mm", "over which each lies on the next"),
+        "width": guess("21 mm"),
+        "thickness": guess("10.6 mm"),
+        "elements": [30, 20],
+        "lap_elements": 5,
+    }
+    paper = "slap; Jalali et al. 2019, Table 2: beams of 21 x 10.6 mm, 23 N·m"
+    lap = {
+        "cells": "lap",
+        "law": "generic",
+        "k1": guess("1763 N m", paper),
+        "k2": guess("37400 N m", "slip"),
+        "c": guess("0.15 N m s"),
+        "bolted": True,
+    }
+    parts = parts_of({"beams": (("beam_1", "beam_2"), "", material)}, ask)
+    return Draft(
+        {"mesh": mesh, "parts": parts, "joints": {"lap": Remark(lap, "")}},
         ("left", "right"),
         ("two beams in a lap",),
         ("The dimensions of the beams.", "The stiffness of the lap."),
@@ -203,44 +242,36 @@ def _beams(name: str, material: str, ask: Ask) -> Sketch:
 # -- what a mesh says ------------------------------------------------------------------------------
 
 
-def _sketch(tagged: TaggedMesh, lines, material: str, ask: Ask, hole: float | None) -> Sketch:
-    """Parts, joints, contacts and bolts by the names of a mesh."""
+def _draft(tagged: TaggedMesh, mesh: Mapping, material: str, ask: Ask, hole: float | None) -> Draft:
+    """Parts, joints, contacts and bolts by the names of a mesh; ``hole`` is the bolts' diameter."""
     body = body_of(tagged)
     volumes = {name: body.volume([name]) for name in tagged.cell_names}
-    layers, odd = _joints(tagged, volumes)
-    layered = {joint.cells[0] for joint in layers}
-    joints = _together(layers, set(ring_names(list(volumes))))
-    parts = [
-        PartSketch(_plain(name), (name,), f"{1e6 * volume:.4g} cm3", material_of(name, material))
+    joints, layers, odd = _layers(tagged, list(volumes))
+    parts = {
+        _plain(name): ((name,), f"{1e6 * volume:.4g} cm3", material_of(name, material))
         for name, volume in volumes.items()
-        if name not in layered
-    ]
+        if name not in layers
+    }
     contacts, bolts = _pairs(tagged, bool(joints))
-    more, asked = _contact_lines(contacts, bolts, hole)
     bodies = check_mesh(tagged).bodies
-    questions = ["The materials: a mesh has none.", *odd, *asked]
+    tables = {"mesh": mesh, "parts": parts_of(parts, ask), "joints": joints}
+    questions = ["The materials: a mesh has none.", *odd]
+    if contacts and bolts:
+        tables |= {"contacts": _contacts(contacts), "bolts": _bolts(bolts, hole)}
+        questions += ["The bolts: their thread and force.", "The friction of the contacts."]
     if joints:
         questions.append("The joints' stiffness: it is what a test is to find.")
     elif not contacts and len(parts) > 1:
-        questions.append(
-            "The mesh has no layer between its parts: they are as one where they share vertices."
-        )
+        questions.append(_NO_LAYER)
     if bodies > 1 and not (contacts and bolts):
         questions.append(f"The mesh is in {bodies} pieces that share no vertices: what joins them?")
-    found = [
-        f"parts: {', '.join(part.name for part in parts)}",
-        *([f"joints: {', '.join(joint.name for joint in joints)}"] * bool(joints)),
-        *([f"faces that touch: {len(contacts)}; bolts: {len(bolts)}"] * bool(contacts or bolts)),
-    ]
-    return Sketch(
-        (*lines,),
-        ask_materials(parts, ask),
-        tuple(joints),
-        tuple(more),
-        tuple(tagged.facet_names),
-        tuple(found),
-        tuple(questions),
-    )
+    found = [f"parts: {', '.join(parts)}"]
+    if joints:
+        found.append(f"joints: {', '.join(joints)}")
+    if contacts or bolts:
+        found.append(f"faces that touch: {len(contacts)}; bolts: {len(bolts)}")
+    tables = {name: table for name, table in tables.items() if table}
+    return Draft(tables, tuple(tagged.facet_names), tuple(found), tuple(questions))
 
 
 def _plain(name: str) -> str:
@@ -249,36 +280,49 @@ def _plain(name: str) -> str:
     return plain if re.match(r"[A-Za-z]", plain) else f"part_{plain}"
 
 
-def _joints(tagged: TaggedMesh, volumes) -> tuple[list[JointSketch], list[str]]:
-    """Layers among the groups: rings and what is named like a joint, where they are thin."""
-    found, odd = [], []
-    if tagged.mesh.geometry.dim != 3:
-        return found, odd
-    rings = set(ring_names(list(volumes)))
-    for name in volumes:
-        if name not in rings and not _JOINT.search(name):
-            continue
-        try:
-            ring = measure_ring(tagged, name)
-        except MeshError:
-            odd.append(f"{name} is named like a joint, but is no flat layer: taken as a part.")
-            continue
-        words = f"{', '.join(ring.lower)} and {', '.join(ring.upper)}, {1e4 * ring.area:.3g} cm2"
-        found.append(JointSketch(_plain(name), (name,), words, tuple(ring.normal), ring.thickness))
-    return found, odd
+def _layers(tagged: TaggedMesh, names: list[str]) -> tuple[dict, set[str], list[str]]:
+    """Layers among the groups: rings and what is named like a joint, where they are thin.
+
+    Returns:
+        ``[joints]``, rings that are alike as one of them; names of the groups; questions.
+    """
+    found, odd, joints = {}, [], {}
+    rings = set(ring_names(names)) if tagged.mesh.geometry.dim == 3 else set()
+    for name in names if tagged.mesh.geometry.dim == 3 else ():
+        if name in rings or _JOINT.search(name):
+            try:
+                found[name] = measure_ring(tagged, name)
+            except MeshError:
+                odd.append(f"{name} is named like a joint, but is no flat layer: taken as a part.")
+    own = [name for name in found if name in rings]
+    alike = {
+        (np.round(np.abs(found[name].normal), 6).tobytes(), f"{found[name].thickness:.3g}")
+        for name in own
+    }
+    together = len(own) > 1 and len(alike) == 1
+    for name, ring in found.items():
+        faces = f"{', '.join(ring.lower)} and {', '.join(ring.upper)}"
+        if together and name in own:
+            cells = ("ring_*",) if len(own) == len(rings) else own
+            words = f"the rings of {len(own)} bolts, {faces}"
+            joints.setdefault("rings", _layer_joint(cells, words, ring))
+        else:
+            words = f"{faces}, {1e4 * ring.area:.3g} cm2"
+            joints[_plain(name)] = _layer_joint((name,), words, ring)
+    return joints, set(found), odd
 
 
-def _together(found: Sequence[JointSketch], rings: set[str]) -> list[JointSketch]:
-    """Rings that are alike as one joint."""
-    own = [joint for joint in found if joint.cells[0] in rings]
-    alike = {(np.round(np.abs(j.normal), 6).tobytes(), f"{j.thickness:.3g}") for j in own}
-    if len(own) < 2 or len(alike) > 1:
-        return list(found)
-    cells = tuple(joint.cells[0] for joint in own)
-    cells = ("ring_*",) if len(own) == len(rings) else cells
-    words = f"the rings of {len(own)} bolts, {own[0].words.rpartition(',')[0]}"
-    together = replace(own[0], name="rings", cells=cells, words=words)
-    return [together, *(joint for joint in found if joint.cells[0] not in rings)]
+def _layer_joint(cells, words: str, ring) -> Remark:
+    """A joint that the mesh has: a layer of a transition material, of its thickness."""
+    section = {
+        "cells": cells,
+        "law": "transition",
+        "E": guess("6111 MPa", "identified for M12 at 120 N·m in plates of 25 mm, Ra 1.6 µm"),
+        "nu": 0.253,
+        "h": millimetres(ring.thickness),
+        "normal": direction(ring.normal),
+    }
+    return Remark(section, words)
 
 
 def _pairs(tagged: TaggedMesh, layered: bool):
@@ -308,33 +352,23 @@ def _match(tagged: TaggedMesh, lower: str, upper: str) -> bool:
     return True
 
 
-def _contact_lines(contacts, bolts, hole: float | None) -> tuple[list[str], list[str]]:
-    """Sections of contacts and bolts, which need each other."""
-    if not contacts or not bolts:
-        return [], []
-    lines, guess = [], None if not hole else guess_thread(hole)
-    for name, lower, upper in contacts:
-        lines += [
-            f"[contacts.{_plain(name)}]",
-            f"lower = {toml(lower)}",
-            f"upper = {toml(upper)}",
-            "friction = 0.2  # ? assumed: bright metal has 0.14 to 0.24 (VDI 2230-1, table A5)",
-            "",
-        ]
-    for name, lower, upper in bolts:
-        lines += [f"[bolts.{_plain(name)}]"]
-        if guess is None:
-            kind = ['kind = "washers"']
-        else:
-            t = guess.thread
-            kind = ['kind = "beam"', f"thread = {toml(t.name)}  # ? {guess.why}"]
-        force = force_of(guess and guess.thread)
-        why = "assumed" if guess is None else BOLT_FORCE
-        lines += [
-            *kind,
-            f"lower = {toml(lower)}",
-            f"upper = {toml(upper)}",
-            f'force = "{force / 1e3:g} kN"  # ? {why}; or torque',
-            "",
-        ]
-    return lines, ["The bolts: their thread and force.", "The friction of the contacts."]
+def _contacts(contacts) -> dict[str, dict]:
+    friction = guess(0.2, "assumed: bright metal has 0.14 to 0.24 (VDI 2230-1, table A5)")
+    return {
+        _plain(name): {"lower": lower, "upper": upper, "friction": friction}
+        for name, lower, upper in contacts
+    }
+
+
+def _bolts(bolts, hole: float | None) -> dict[str, dict]:
+    likely = guess_thread(hole) if hole else None
+    kind: dict[str, object] = {"kind": "washers"}
+    if likely is not None:
+        kind = {"kind": "beam", "thread": guess(likely.thread.name, likely.why)}
+    why = "assumed" if likely is None else BOLT_FORCE
+    newtons = force_of(likely and likely.thread)
+    force = guess(f"{newtons / 1e3:g} kN", f"{why}; or torque")
+    return {
+        _plain(name): {**kind, "lower": lower, "upper": upper, "force": force}
+        for name, lower, upper in bolts
+    }

@@ -14,6 +14,16 @@ from mpi4py import MPI
 from rich.console import Console
 
 from fenics_joints.commands.check.run import Checked, check_case, check_document
+from fenics_joints.commands.new.draft import (
+    MATERIALS,
+    Ask,
+    Draft,
+    Remark,
+    TestDraft,
+    direction,
+    guess,
+    text_of,
+)
 from fenics_joints.commands.new.extents import (
     UNITS,
     extents_of_builder,
@@ -21,10 +31,9 @@ from fenics_joints.commands.new.extents import (
     extents_of_step,
     likely_unit,
 )
-from fenics_joints.commands.new.meshed import builder_sketch, msh_sketches
-from fenics_joints.commands.new.sketch import MATERIALS, Ask, Sketch, TestSketch, text_of
-from fenics_joints.commands.new.step import step_sketches
-from fenics_joints.commands.new.tests import TestFiles, test_sketch
+from fenics_joints.commands.new.meshed import builder_draft, msh_drafts
+from fenics_joints.commands.new.step import step_drafts
+from fenics_joints.commands.new.tests import TestFiles, draft_test
 from fenics_joints.errors import InputError, Problems, member
 from fenics_joints.files import is_file, shown_path, writable_folder, write_text
 from fenics_joints.meshes.cad_survey import StepSurvey, survey_step
@@ -50,14 +59,14 @@ class Written:
     """A case that was written.
 
     Attributes:
-        sketch: Its structure.
+        draft: Its structure.
         test: Its test.
         checked: What `check` says of it.
         copied: Files that were copied beside it.
     """
 
-    sketch: Sketch
-    test: TestSketch
+    draft: Draft
+    test: TestDraft
     checked: Checked
     copied: tuple[Path, ...]
 
@@ -100,12 +109,12 @@ def run_new(
     problems.check()
     progress.step("looking into the files")
     files = _Files(folder)
-    test, sketches = _looked(source, tests, files, material, ask, problems, progress)
+    test, drafts = _looked(source, tests, files, material, ask, problems, progress)
     problems.check()
     made = not folder.exists()
     writable_folder(folder, "FOLDER")
     try:
-        return _first_good(folder, sketches, test, files, progress)
+        return _first_good(folder, drafts, test, files, progress)
     except BaseException:
         case.unlink(missing_ok=True)
         files.undo()
@@ -127,18 +136,18 @@ def _looked(
     survey = None
     if source.step is not None:
 
-        def told(words: str, done: int, of: int) -> None:
+        def reached(words: str, done: int, of: int) -> None:
             progress.reach(done, f"of {of} {words}")
 
-        survey = problems.tried(lambda: survey_step(source.step, told))
+        survey = problems.tried(lambda: survey_step(source.step, reached))
     test = problems.tried(
-        lambda: test_sketch(tests, files.name, ask, lambda: _extents(source, survey))
+        lambda: draft_test(tests, files.name, ask, lambda: _extents(source, survey))
     )
     if source.step is not None and survey is None:
         return test, iter([])
-    sketches = _sketches(source, survey, files, test or TestSketch(), material, ask)
-    first = problems.tried(lambda: next(sketches))  # a mesh is read here
-    return test, chain([] if first is None else [first], sketches)
+    drafts = _drafts(source, survey, files, test or TestDraft(), material, ask)
+    first = problems.tried(lambda: next(drafts))  # a mesh is read here
+    return test, chain([] if first is None else [first], drafts)
 
 
 def _extents(source: Source, survey: StepSurvey | None) -> np.ndarray | None:
@@ -153,26 +162,26 @@ def _extents(source: Source, survey: StepSurvey | None) -> np.ndarray | None:
     return None if extents is None else UNITS[likely_unit(extents, None)] * extents
 
 
-def _sketches(
+def _drafts(
     source: Source, survey: StepSurvey | None, files, test, material: str, ask: Ask
-) -> Iterator[Sketch]:
+) -> Iterator[Draft]:
     if survey is not None:
-        return step_sketches(survey, files.name(source.step), material, ask)
+        return step_drafts(survey, files.name(source.step), material, ask)
     if source.msh is not None:
         name = files.name(source.msh)
-        return msh_sketches(source.msh, name, test.places, material, ask)
-    return iter([builder_sketch(source.builder, material, ask)])
+        return msh_drafts(source.msh, name, test.places, material, ask)
+    return iter([builder_draft(source.builder, material, ask)])
 
 
-def _first_good(folder: Path, sketches, test: TestSketch, files: _Files, progress) -> Written:
+def _first_good(folder: Path, drafts, test: TestDraft, files: _Files, progress) -> Written:
     """Write the first case that has no errors, or else the first of all."""
     files.copy()
     tried = []
-    for sketch in sketches:
-        text = text_of(folder.resolve().name, sketch, test)
+    for draft in drafts:
+        text = text_of(folder.resolve().name, draft, test)
         write_text(folder / "case.toml", text)
         checked = check_case(folder, MPI.COMM_SELF, progress, solve=False)
-        tried.append((text, Written(sketch, test, checked, tuple(files.copied))))
+        tried.append((text, Written(draft, test, checked, tuple(files.copied))))
         if not checked.errors:
             return _with_directions(folder, tried[-1][1])
     text, written = tried[0]
@@ -182,11 +191,18 @@ def _first_good(folder: Path, sketches, test: TestSketch, files: _Files, progres
 
 def _with_directions(folder: Path, written: Written) -> Written:
     """With the directions that the mesh gives to parts that are thin in one."""
-    known, sketch = written.checked.directions, written.sketch
-    parts = tuple(replace(p, directions=known.get(p.name, ())) for p in sketch.parts)
-    sketch = replace(sketch, parts=parts)
-    write_text(folder / "case.toml", text_of(folder.resolve().name, sketch, written.test))
-    return replace(written, sketch=sketch)
+    draft, parts = written.draft, {}
+    for name, part in written.draft.tables["parts"].items():
+        normal, across = written.checked.directions.get(name, (None, None))
+        own = {}
+        if normal is not None:
+            words = "of the thickness: the least extent"
+            own["normal"] = guess(direction(normal), words)
+            own["across"] = guess(direction(across), "of the width: the next")
+        parts[name] = Remark({**part.value, **own}, part.words)
+    draft = replace(draft, tables={**draft.tables, "parts": parts})
+    write_text(folder / "case.toml", text_of(folder.resolve().name, draft, written.test))
+    return replace(written, draft=draft)
 
 
 class _Files:
@@ -225,11 +241,11 @@ class _Files:
 def show_new(console: Console, folder: Path, written: Written) -> None:
     """Print what was found, what was guessed, and what `check` says."""
     say(console, f"{shown_path(folder / 'case.toml')}: written", "bold")
-    for words in (*written.sketch.found, *written.test.found):
+    for words in (*written.draft.found, *written.test.found):
         say(console, words)
     for path in written.copied:
         say(console, f"copied {shown_path(path)}")
-    for question in (*written.sketch.questions, *written.test.questions):
+    for question in (*written.draft.questions, *written.test.questions):
         say(console, f"? {question}", "yellow")
     console.print()
     show(console, check_document(written.checked))

@@ -5,26 +5,20 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
-from statistics import fmean
 
 import numpy as np
 
-from fenics_joints.commands.new.sketch import (
-    BOLT_FORCE,
+from fenics_joints.commands.new.bolted import NO_BOLTS, ON_ALL, BoltHole, free_name, with_rings
+from fenics_joints.commands.new.draft import (
     UNBOLTED,
     Ask,
-    JointSketch,
-    PartSketch,
-    Ring,
-    Sketch,
-    ask_materials,
-    force_of,
+    Draft,
+    Remark,
+    guess,
     material_of,
     millimetres,
-    stacked,
-    stacked_words,
-    toml,
+    parts_of,
+    springs_joint,
 )
 from fenics_joints.meshes.cad_survey import Solid, StepSurvey, ThroughHole
 from fenics_joints.preload.clearance import ThreadGuess, cone_radius, guess_thread, head_radius
@@ -40,7 +34,7 @@ _LAYERS = re.compile(r"ring_\d+|joint(_\d+)?")
 _CIRCLE = 8
 
 
-def step_sketches(survey: StepSurvey, file: str, material: str, ask: Ask) -> Iterator[Sketch]:
+def step_drafts(survey: StepSurvey, file: str, material: str, ask: Ask) -> Iterator[Draft]:
     """Cases of a STEP file, the likeliest first: rings at bolts, then layers on all that touches.
 
     Args:
@@ -49,63 +43,54 @@ def step_sketches(survey: StepSurvey, file: str, material: str, ask: Ask) -> Ite
         material: Of parts whose label names none.
         ask: Asks the user.
     """
-    solids = tuple(replace(solid, name=_own_name(solid.name)) for solid in survey.solids)
-    survey = replace(survey, solids=solids)
+    # A solid's name is changed where it is that of a joint's layer.
+    names = [f"part_{s.name}" if _LAYERS.fullmatch(s.name) else s.name for s in survey.solids]
+    base = _without_joints(survey, names, file, material, ask)
     bolts = [hole for hole in survey.holes if hole.room > 0]
-    base = _base(survey, file, material, ask)
     if bolts:
-        yield _with_rings(survey, base, bolts, ask)
-    yield _with_layers(survey, base)
+        yield _with_rings(survey, names, base, bolts, ask)
+    joints, several = {}, len(survey.touching) > 1
+    for number, touch in enumerate(survey.touching, start=1):
+        a, b = (names[i] for i in touch.solids)
+        name = free_name(f"joint_{a}_{b}" if several else "joint", joints, base)
+        words = f"{a} and {b}, {1e4 * touch.area:.3g} cm2"
+        cells = f"joint_{number}" if several else "joint"
+        joints[name] = springs_joint((cells,), words, UNBOLTED)
+    yield base.joined({"joint": ON_ALL, **_layer(survey)}, joints, (), [NO_BOLTS])
 
 
-def _own_name(name: str) -> str:
-    """A solid's name, changed where it is that of a joint's layer."""
-    return f"part_{name}" if _LAYERS.fullmatch(name) else name
-
-
-def _base(survey: StepSurvey, file: str, material: str, ask: Ask) -> Sketch:
+def _without_joints(
+    survey: StepSurvey, names: Sequence[str], file: str, material: str, ask: Ask
+) -> Draft:
     """What is the same for any kind of joint."""
-    parts, lines = [], []
-    for number, solid in enumerate(survey.solids, start=1):
-        words = f"{solid.label!r}, {_cubic(solid.volume)}" if solid.label else _cubic(solid.volume)
-        guess = material_of(solid.label, material)
-        parts.append(PartSketch(solid.name, (solid.name,), words, guess))
-        lines.append(f"{solid.name} = {number}  # {words}")
-    size = _size(survey.solids)
-    mesh = (
-        "[mesh]",
-        f"file = {toml(file)}",
-        f"size = {toml(millimetres(size, 2))}  # ? of the largest cells; smaller is finer",
-        f"circle = {_CIRCLE}  # edges of a circle",
-        "",
-        "[mesh.parts]  # our names for the solids, by their number in the file",
-        *lines,
-    )
-    found = (
-        f"{len(survey.solids)} solids: " + ", ".join(s.name for s in survey.solids),
-        *(_touch_words(survey, i) for i in range(len(survey.touching))),
-    )
-    return Sketch(
-        mesh,
-        ask_materials(parts, ask),
-        found=found,
+    parts, numbers = {}, {}
+    for number, (name, solid) in enumerate(zip(names, survey.solids, strict=True), start=1):
+        volume = f"{1e6 * solid.volume:.4g} cm3"
+        words = f"{solid.label!r}, {volume}" if solid.label else volume
+        parts[name] = ((name,), words, material_of(solid.label, material))
+        numbers[name] = Remark(number, words)
+    size = millimetres(_size(survey.solids), 2)
+    mesh = {
+        "file": file,
+        "size": guess(size, "of the largest cells; smaller is finer"),
+        "circle": Remark(_CIRCLE, "edges of a circle"),
+        "parts": Remark(numbers, "our names for the solids, by their number in the file"),
+    }
+    found = [f"{len(names)} solids: {', '.join(names)}"]
+    for index, touch in enumerate(survey.touching):
+        a, b = (names[i] for i in touch.solids)
+        apart = f", {millimetres(touch.gap, 3)} apart" if touch.gap > 1e-6 else ""
+        count = sum(hole.touch == index for hole in survey.holes)
+        holes = f"{count} holes through both"
+        found.append(f"{a} and {b} touch on {1e4 * touch.area:.3g} cm2{apart}, {holes}")
+    return Draft(
+        {"mesh": mesh, "parts": parts_of(parts, ask)},
+        found=tuple(found),
         questions=(
             "The materials: a STEP file has none.",
             "The size of the cells: halve it and see what the frequencies do.",
         ),
     )
-
-
-def _cubic(volume: float) -> str:
-    return f"{1e6 * volume:.4g} cm3"
-
-
-def _touch_words(survey: StepSurvey, index: int) -> str:
-    touch = survey.touching[index]
-    a, b = (survey.solids[i].name for i in touch.solids)
-    apart = f", {millimetres(touch.gap, 3)} apart" if touch.gap > 1e-6 else ""
-    count = sum(hole.touch == index for hole in survey.holes)
-    return f"{a} and {b} touch on {1e4 * touch.area:.3g} cm2{apart}, {count} holes through both"
 
 
 def _size(solids: Sequence[Solid]) -> float:
@@ -119,81 +104,35 @@ def _size(solids: Sequence[Solid]) -> float:
     return size
 
 
-# -- rings -----------------------------------------------------------------------------------------
-
-
-def _with_rings(survey: StepSurvey, base: Sketch, bolts: Sequence[ThroughHole], ask: Ask) -> Sketch:
-    guesses = _threads(bolts, ask)
-    radii = [_radius(bolt, guess) for bolt, guess in zip(bolts, guesses, strict=True)]
-    bonded = _bonded(survey, {survey.touching[bolt.touch].solids for bolt in bolts})
-    numbers = stacked([_ring(survey, bolt) for bolt in bolts])
-    names = {guess.thread.name for guess in guesses if guess}
-    one = guesses[0] if len(names) == 1 and all(guesses) else None
-    each = [millimetres(math.floor(1e4 * radius) / 1e4) for radius in radii]
-    lines = [
-        "",
-        "[mesh.bolts]  # a ring of the joint's layer around each bolt",
-        *(
-            [
-                f"thread = {toml(*names)}  # ? {one.why}{_or(one)}",
-                f'force = "{force_of(one.thread) / 1e3:g} kN"  # ? {BOLT_FORCE}',
-                f"hole = {toml(_holes(bolts))}  # diameter",
-            ]
-            if one
-            else []
-        ),
-        "# Outer radii of the rings, where the pressure ends: a cone of 30 degrees from the head,",
-        "# as far as there is room on the faces.",
-        f"r_wai = {toml(each[0] if len(set(each)) == 1 else each)}",
-        "at = [",
-        *(
-            _bolt_line(i, survey, *each)
-            for i, each in enumerate(zip(bolts, guesses, numbers, strict=True), start=1)
-        ),
-        "]",
-    ]
-    pressures = (
-        None
-        if one
-        else [
-            force_of(guess and guess.thread) / (math.pi * (r**2 - (max(bolt.diameters) / 2) ** 2))
-            for bolt, guess, r in zip(bolts, guesses, radii, strict=True)
-        ]
-    )
-    joints = _ring_joints(survey, bolts, pressures)
-    mesh, head = [*base.mesh], _layer(survey)
-    widths = [r - max(b.diameters) / 2 for r, b in zip(radii, bolts, strict=True)]
-    head.append(f"ring_size = {toml(millimetres(min(widths), 2))}  # of the cells in the rings")
-    if bonded:
-        pairs = [[survey.solids[i].name for i in pair] for pair in bonded]
-        head.append(f"bonded = {toml(pairs)}  # ? they touch and have no bolt: welded?")
-    mesh[4:4] = head
+def _with_rings(
+    survey: StepSurvey, names: Sequence[str], base: Draft, bolts: Sequence[ThroughHole], ask: Ask
+) -> Draft:
+    holes = []
+    for bolt, thread_guess in zip(bolts, _threads(bolts, ask), strict=True):
+        touch = survey.touching[bolt.touch]
+        holes.append(
+            BoltHole(
+                tuple(names[i] for i in touch.solids),
+                bolt.centre,
+                touch.normal,
+                bolt.diameters,
+                _ring(bolt, thread_guess),
+                thread_guess,
+                bolt.depths,
+            )
+        )
+    largest = sorted(survey.touching, key=lambda touch: -touch.area)
+    touching = [tuple(names[i] for i in touch.solids) for touch in largest if touch.gap < 1e-6]
     skipped = len(survey.holes) - len(bolts)
-    questions = [
-        "The threads of the bolts, by the holes (ISO 273), and their force.",
-        "The joints' stiffness, by roughness and pressure: it is what a test is to find.",
-        *(["Parts that touch without bolts are taken as welded."] if bonded else []),
-        *(
-            [f"Holes through two parts without room for a ring, taken as no bolts: {skipped}."]
-            if skipped
-            else []
-        ),
-    ]
-    there = [f"{stacked_words(numbers)}: {', '.join(sorted(names)) or 'no standard thread'}"]
-    return replace(
-        base,
-        mesh=tuple([*mesh, *lines]),
-        joints=tuple(joints),
-        found=(*base.found, *there),
-        questions=(*base.questions, *questions),
-    )
-
-
-def _holes(bolts: Sequence[ThroughHole]) -> str | list[str]:
-    """Diameter of the bolts' holes, or the least and the largest."""
-    found = [d for bolt in bolts for d in bolt.diameters]
-    words = dict.fromkeys([millimetres(min(found)), millimetres(max(found))])
-    return [*words] if len(words) > 1 else [*words][0]
+    more = f"Holes through two parts without room for a ring, taken as no bolts: {skipped}."
+    found = with_rings(base, holes, touching, by_pair=True, more=[more] if skipped else [])
+    width = millimetres(min(hole.ring - hole.radius for hole in holes), 2)
+    mesh = {
+        **found.tables["mesh"],
+        **_layer(survey),
+        "ring_size": Remark(width, "of the cells in the rings"),
+    }
+    return found.joined(mesh, found.tables["joints"], (), ())
 
 
 def _threads(bolts: Sequence[ThroughHole], ask: Ask) -> list[ThreadGuess | None]:
@@ -203,113 +142,29 @@ def _threads(bolts: Sequence[ThroughHole], ask: Ask) -> list[ThreadGuess | None]
     for bolt in bolts:
         low, high = sorted(round(1e6 * d) / 1e6 for d in bolt.diameters)
         if (low, high) not in answers:
-            guess = guess_thread(high, low)
-            if guess is not None:
-                holes = (
-                    f"{1e3 * low:.4g} and {1e3 * high:.4g} mm"
-                    if low < high
-                    else f"{1e3 * low:.4g} mm"
-                )
-                name = ask(f"Thread of the bolts in holes of {holes}", guess.thread.name, thread)
-                if thread(name) != guess.thread:
-                    guess = ThreadGuess(thread(name), "as you said", ())
-            answers[low, high] = guess
+            likely = guess_thread(high, low)
+            if likely is not None:
+                holes = f"{1e3 * low:.4g}" + (f" and {1e3 * high:.4g}" if low < high else "")
+                question = f"Thread of the bolts in holes of {holes} mm"
+                name = ask(question, likely.thread.name, thread)
+                if thread(name) != likely.thread:
+                    likely = ThreadGuess(thread(name), "as you said", ())
+            answers[low, high] = likely
         found.append(answers[low, high])
     return found
 
 
-def _radius(bolt: ThroughHole, guess: ThreadGuess | None) -> float:
+def _ring(bolt: ThroughHole, likely: ThreadGuess | None) -> float:
     """Where a bolt's pressure ends, by the cone from its head; not beyond the room there is."""
     hole = max(bolt.diameters) / 2
     depths = [d for d in bolt.depths if d > 0]
-    cone = cone_radius(head_radius(hole, guess), min(depths, default=hole))
+    cone = cone_radius(head_radius(hole, likely), min(depths, default=hole))
     return min(bolt.room, max(cone, 1.2 * hole))
 
 
-def _or(guess: ThreadGuess) -> str:
-    return f"; or {' or '.join(guess.others)}" if guess.others else ""
-
-
-def _ring(survey: StepSurvey, bolt: ThroughHole) -> Ring:
-    touch = survey.touching[bolt.touch]
-    return Ring(touch.solids, bolt.centre, touch.normal, max(bolt.diameters) / 2, bolt.depths)
-
-
-def _bolt_line(number: int, survey: StepSurvey, bolt: ThroughHole, guess, of: int) -> str:
-    a, b = (survey.solids[i].name for i in survey.touching[bolt.touch].solids)
-    holes = " and ".join(f"{1e3 * d:.4g}" for d in dict.fromkeys(np.round(bolt.diameters, 7)))
-    name = f"{guess.thread.name}{_or(guess)}?" if guess else "no standard thread"
-    at = toml([millimetres(c) for c in bolt.centre + 0.0])
-    of = f" (bolt {of})" if of != number else ""
-    return f"  {at},  # {number}{of}: {a} and {b}, {holes} mm, {name}"
-
-
-def _layer(survey: StepSurvey) -> list[str]:
-    """A line for the layer's thickness where the drawing has a gap that needs one."""
+def _layer(survey: StepSurvey) -> dict[str, Remark]:
+    """The layer's thickness where the drawing has a gap that needs one."""
     gap = max((touch.gap for touch in survey.touching), default=0.0)
     if gap <= _GAP:
-        return []
-    return [f"layer = {toml(millimetres(1.05 * gap, 3))}  # of the joints; closes a gap"]
-
-
-def _bonded(survey: StepSurvey, bolted: set[tuple[int, int]]) -> list[tuple[int, int]]:
-    """Pairs that must hang together by something else than bolts, as no bolts do it."""
-    group = list(range(len(survey.solids)))
-
-    def join(a: int, b: int) -> bool:
-        old, new = group[b], group[a]
-        group[:] = [new if g == old else g for g in group]
-        return old != new
-
-    for pair in sorted(bolted):
-        join(*pair)
-    largest = sorted(survey.touching, key=lambda touch: -touch.area)
-    return [t.solids for t in largest if t.gap < 1e-6 and join(*t.solids)]
-
-
-def _ring_joints(
-    survey, bolts: Sequence[ThroughHole], pressures: Sequence[float] | None
-) -> list[JointSketch]:
-    """A section for all bolts between two parts that look the same way."""
-    groups: dict[tuple, list[int]] = {}
-    for number, bolt in enumerate(bolts, start=1):
-        touch = survey.touching[bolt.touch]
-        way = touch.normal * (1 if touch.normal[np.abs(touch.normal).argmax()] > 0 else -1)
-        groups.setdefault((touch.solids, tuple(np.round(way, 6) + 0.0)), []).append(number)
-    found, used = [], set()
-    for (solids, _), numbers in groups.items():
-        a, b = (survey.solids[i].name for i in solids)
-        name = _free("joint" if len(groups) == 1 else f"joint_{a}_{b}", used, survey)
-        words = f"{len(numbers)} bolt{'s' if len(numbers) > 1 else ''} between {a} and {b}"
-        cells = tuple(f"ring_{n}" for n in numbers)
-        mean = None if pressures is None else fmean(pressures[n - 1] for n in numbers)
-        found.append(JointSketch(name, cells, words, pressure=mean))
-    return found
-
-
-def _free(name: str, used: set[str], survey: StepSurvey) -> str:
-    taken = used | {solid.name for solid in survey.solids}
-    free, number = name, 1
-    while free in taken:
-        number += 1
-        free = f"{name}_{number}"
-    used.add(free)
-    return free
-
-
-# -- layers ----------------------------------------------------------------------------------------
-
-
-def _with_layers(survey: StepSurvey, base: Sketch) -> Sketch:
-    several = len(survey.touching) > 1
-    joints, used = [], set()
-    for number, touch in enumerate(survey.touching, start=1):
-        a, b = (survey.solids[i].name for i in touch.solids)
-        cells = f"joint_{number}" if several else "joint"
-        name = _free(f"joint_{a}_{b}" if several else "joint", used, survey)
-        words = f"{a} and {b}, {1e4 * touch.area:.3g} cm2"
-        joints.append(JointSketch(name, (cells,), words, pressure=UNBOLTED))
-    mesh = [*base.mesh]
-    mesh[4:4] = ['joint = "layer"  # on all that touches', *_layer(survey)]
-    asked = "No bolts were found: a layer joins all that touches; is it clamped, glued, welded?"
-    return replace(base, mesh=tuple(mesh), joints=tuple(joints), questions=(*base.questions, asked))
+        return {}
+    return {"layer": Remark(millimetres(1.05 * gap, 3), "of the joints; closes a gap")}

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from fenics_joints.commands.new.amplitude import amplitude_sketch, check_any
+from fenics_joints.commands.new.amplitude import draft_amplitude
+from fenics_joints.commands.new.draft import OPEN, Ask, Remark, TestDraft, guess
 from fenics_joints.commands.new.extents import UNITS, likely_unit
-from fenics_joints.commands.new.sketch import Ask, TestSketch, toml
 from fenics_joints.errors import InputError, Problems, member
 from fenics_joints.measurements import read_frfs, read_shapes, read_table
 from fenics_joints.measurements.files import UFF_SUFFIXES
@@ -21,11 +21,9 @@ from fenics_joints.units import factor_to_si, to_si
 _NODES, _SHAPES = {15, 2411}, {55, 2414}
 #: Names of a condition's column without a unit.
 _CONDITIONS = ("torque", "level", "force", "preload", "amplitude", "run", "row", "test")
-_NO_SENSORS = (
-    "# [test.sees]  # ? where the sensors were and which way they looked: modes that they cannot",
-    "# see are then left out; without it the test's modes are the model's lowest, in their order",
-    '# points = [["0 mm", "0 mm", "0 mm"]]',
-    "# direction = [0, 0, 1]",
+_NO_SENSORS = guess(
+    {"points": [["0 mm", "0 mm", "0 mm"]], "direction": [0, 0, 1]},
+    "places and directions of the sensors; without them the modes are the model's lowest",
 )
 _WHAT_IT_SAW = "What the test saw: without sensors its modes are the model's lowest."
 _NO_UNIT = "The unit of the sensors' places, which the files do not say."
@@ -53,9 +51,9 @@ class TestFiles:
         return [*one, *self.frfs, *self.uff, *self.amplitude]
 
 
-def test_sketch(
+def draft_test(
     files: TestFiles, refer: Callable[[Path], str], ask: Ask, extents: Extents = lambda: None
-) -> TestSketch:
+) -> TestDraft:
     """The ``[test]`` of some files.
 
     Args:
@@ -68,115 +66,170 @@ def test_sketch(
         InputError: For what is wrong in a file.
     """
     if not files.all():
-        return TestSketch()
-    draft, problems = _Draft(refer, ask, extents), Problems()
+        return TestDraft()
+    reading, problems = _Reading(refer, ask, extents), Problems()
     modal, functions = problems.tried(lambda: _sorted(files)) or ([], [])
     table = files.shapes
     if table is not None and table.suffix.lower() in UFF_SUFFIXES:
         table = None
     if files.frequencies is not None:
-        problems.tried(lambda: draft.add_frequencies(files.frequencies))
+        problems.tried(lambda: reading.add_frequencies(files.frequencies))
     if modal:
-        problems.tried(lambda: draft.add_universal(modal))
+        problems.tried(lambda: reading.add_universal(modal))
     elif table is not None:
-        problems.tried(lambda: draft.add_shape_table(table))
+        problems.tried(lambda: reading.add_shape_table(table))
     if files.amplitude:
-        problems.tried(lambda: draft.add_amplitude(files.amplitude))
+        problems.tried(lambda: reading.add_amplitude(files.amplitude))
     if functions:
-        problems.tried(lambda: draft.add_functions(functions))
+        problems.tried(lambda: reading.add_functions(functions))
     problems.check()
-    return draft.done(seen=bool(modal or functions or table))
+    return reading.done(seen=bool(modal or functions or table))
 
 
-class _Draft:
-    """A test in the making."""
+class _Reading:
+    """What the files of a test say so far."""
 
     def __init__(self, refer: Callable[[Path], str], ask: Ask, extents: Extents):
         self.refer, self.ask, self.extents = refer, ask, extents
-        self.lines, self.tables = ["[test]"], []
+        self.table: dict[str, object] = {}
         self.found, self.questions = [], []
         self.n_modes, self.at, self.places = 0, None, np.empty((0, 3))
         self.known: dict[str, float] = {}  # frequencies, Hz, by the modes' names
 
     def add_frequencies(self, path: Path) -> None:
         """A table of them."""
-        head, self.known, self.at = _frequencies(path, self.refer)
-        self.n_modes = len(self.known)
-        self.lines += head
+        table = read_table(path)
+        self.table["frequencies"] = self.refer(path)
+        conditions = [name for name in table.names if _is_condition(table, name)]
+        modes = [name for name in table.names if name not in conditions]
+        count = len(table.values)
+        if conditions:
+            unit = table.unit(conditions[0])
+            words = f"in {unit}" if unit else "? without a unit"
+            self.table |= {"condition": Remark(conditions[0], words), "modes": modes}
+            values = table.column(conditions[0])
+        else:
+            values = np.arange(1.0, count + 1)
+        self.at = float(values[-1]) if count > 1 else None
+        units = {name: "Hz" if table.unit(name) else None for name in modes}
+        self.known = {name: float(table.column(name, units[name])[-1]) for name in modes}
+        self.n_modes = len(modes)
         self.found.append(f"{self.n_modes} modes in {path.name}")
 
     def add_universal(self, paths: Sequence[Path]) -> None:
         """Files with mode shapes."""
-        shapes, unit = _universal(paths, self.ask, self.extents)
+        unit = None
+        if not _says_unit(paths):
+            unit = self._unit_of(paths, read_shapes(paths, length_unit="m").sensors.points)
+        shapes = read_shapes(paths, length_unit=unit)
         self.places = shapes.sensors.points
         if not self.n_modes:
             self.n_modes = len(shapes.frequencies_hz)
             self.known = {f"mode {i + 1}": hz for i, hz in enumerate(shapes.frequencies_hz)}
         self.found.append(repr(shapes).removeprefix("MeasuredShapes(").removesuffix(")"))
         names = [self.refer(path) for path in paths]
-        if unit is None:
-            self.lines.append(f"shapes = {toml(names[0] if len(names) == 1 else names)}")
-            return
-        self.tables += [
-            "",
-            "[test.shapes]",
-            f"files = {toml(names)}",
-            f"length_unit = {toml(unit)}  # ? the files do not say it",
-        ]
-        self.questions.append(_NO_UNIT)
+        self.table["shapes"] = names[0] if len(names) == 1 else names
+        if unit is not None:
+            self.table["shapes"] = {"files": names, "length_unit": _guessed_unit(unit)}
 
     def add_shape_table(self, path: Path) -> None:
-        """A table with a row for each sensor."""
-        head, sees, asked, self.places = _shape_table(path, self.refer, self.ask, self.extents)
-        self.lines += head
-        self.tables += sees
-        self.questions += asked
+        """A table with a row for each sensor, whose place may stand in columns x, y and z."""
+        table, file = read_table(path), self.refer(path)
+        names = {name.lower(): name for name in table.names}
+        if not {"x", "y", "z"} <= names.keys():
+            words = "with the places of its rows, the sensors, in [test.sees]"
+            self.table |= {f"{OPEN}shapes": guess(file, words), f"{OPEN}sees": _NO_SENSORS}
+            self.questions.append(
+                f"Where the sensors of {path.name} are: columns 'x [mm]', 'y [mm]', 'z [mm]' in it"
+                " are enough."
+            )
+            return
+        units = [table.unit(names[axis]) for axis in "xyz"]
+        if any(units) and not all(units):
+            raise InputError(
+                f"{path}: units of x, y and z are {', '.join(unit or 'none' for unit in units)}; "
+                "expected all three, such as 'x [mm]', or none"
+            )
+        columns = [table.column(names[axis], "m" if units[0] else None) for axis in "xyz"]
+        points, words = np.column_stack(columns), ""
+        if not units[0]:
+            unit = self._unit_of([path], points)
+            points, words = UNITS[unit] * points, f"? m, the table's numbers taken as {unit}"
+        sees = {"points": Remark([Remark(p.tolist(), "") for p in points], words)}
+        ways = [names.get(f"d{axis}") for axis in "xyz"]
+        if all(ways):
+            directions = np.column_stack([table.column(way) for way in ways])
+            sees["directions"] = [Remark(d.tolist(), "") for d in directions]
+        else:
+            thin = np.eye(3, dtype=int)[int(np.ptp(points, axis=0).argmin())]
+            sees["direction"] = guess(thin.tolist(), "columns dx, dy, dz would say it")
+            self.questions.append("Which way the sensors look.")
+        self.table |= {"shapes": file, "sees": sees}
+        self.places = points
 
     def add_functions(self, paths: Sequence[Path]) -> None:
         """Measured functions; the test's modes, too, where nothing else gives any."""
-        frfs, unit = _read_functions(paths, self.ask, self.extents)
-        names = [self.refer(path) for path in paths]
-        more = _functions(names, unit, identify=not self.n_modes)
-        (self.tables if more[0] == "" else self.lines).extend(more)
-        self.found.append(
-            f"{int(frfs.measured.sum())} functions, {frfs.frequencies_hz[0]:g} to "
-            f"{frfs.frequencies_hz[-1]:g} Hz"
-        )
-        self.questions += [_NO_UNIT] * (unit is not None and _NO_UNIT not in self.questions)
+        universal = [path for path in paths if path.suffix.lower() in UFF_SUFFIXES]
+        unit = None
+        if not _says_unit(universal):
+            frfs = read_frfs(paths, length_unit="m")
+            unit = self._unit_of(
+                universal, np.vstack([frfs.response_points, frfs.reference_points])
+            )
+        frfs = read_frfs(paths, length_unit=unit)
+        section: dict[str, object] = {"files": [self.refer(path) for path in paths]}
+        if unit is not None:
+            section["length_unit"] = _guessed_unit(unit)
+        if not self.n_modes:
+            near = guess(["100 Hz", "200 Hz"], "about where they are; else all that are stable")
+            section["identify"] = {f"{OPEN}near": near}
+        self.table["frfs"] = section if len(section) > 1 else section["files"]
+        hz = frfs.frequencies_hz
+        self.found.append(f"{int(frfs.measured.sum())} functions, {hz[0]:g} to {hz[-1]:g} Hz")
         self.n_modes = self.n_modes or 1
 
     def add_amplitude(self, paths: Sequence[Path]) -> None:
         """Modes over their amplitude, as a test of their own where nothing else gives modes."""
-        found = amplitude_sketch(paths, self.refer, self.ask, self.known)
-        check_any(found, alone=not self.n_modes)
-        self.tables += found.lines
-        self.found += found.found
-        self.questions += found.questions
-        self.n_modes = self.n_modes or found.n_modes
+        sections, found, questions = draft_amplitude(paths, self.refer, self.ask, self.known)
+        read = [name for name in sections if not name.startswith(OPEN)]
+        if not (read or self.n_modes):
+            raise InputError(
+                f"{'; '.join(found)}: expected the levels (answer for them, without --yes), "
+                "or frequencies beside them"
+            )
+        self.table["amplitude"] = sections
+        self.found += found
+        self.questions += questions
+        self.n_modes = self.n_modes or len(read)
 
-    def done(self, seen: bool) -> TestSketch:
+    def _unit_of(self, paths: Sequence[Path], points: np.ndarray) -> str:
+        """The unit of places, by the size of the structure."""
+        spans = np.ptp(points, axis=0)
+        names, across = ", ".join(p.name for p in paths), " x ".join(f"{s:.6g}" for s in spans)
+        question = f"Unit of the sensors' places in {names} (they span {across})"
+        likely = likely_unit(spans, self.extents())
+        if _NO_UNIT not in self.questions:
+            self.questions.append(_NO_UNIT)
+        return self.ask(question, likely, lambda answer: member("unit", answer, UNITS))
+
+    def done(self, seen: bool) -> TestDraft:
         """The test; ``seen`` if something says where its sensors were."""
         if not seen:
-            self.tables += ("", *_NO_SENSORS)
+            self.table[f"{OPEN}sees"] = _NO_SENSORS
             self.questions.append(_WHAT_IT_SAW)
         noise = self.ask(
             "Scatter of the measured frequencies", "0.2 %", lambda text: to_si(text, "")
         )
-        self.lines.append(f"noise = {toml(noise)}  # ? how much frequencies differ between tests")
-        self.lines.append('# mass = "1 kg"  # what all of it weighs, for check')
+        self.table["noise"] = guess(noise, "how much frequencies differ between tests")
+        self.table[f"{OPEN}mass"] = Remark("1 kg", "what all of it weighs, for check")
         self.questions.append("The scatter of the test: take it apart and test again.")
-        return TestSketch(
-            (*self.lines, *self.tables),
-            tuple(self.found),
-            self.n_modes,
-            self.at,
-            self.places,
-            tuple(self.questions),
+        return TestDraft(
+            self.table, tuple(self.found), self.n_modes, self.at, self.places, tuple(self.questions)
         )
 
 
-#: Not a test, whatever pytest thinks of the name.
-test_sketch.__test__ = False
+def _guessed_unit(unit: str) -> Remark:
+    return guess(unit, "the files do not say it")
 
 
 def _sorted(files: TestFiles) -> tuple[list[Path], list[Path]]:
@@ -203,29 +256,6 @@ def _sorted(files: TestFiles) -> tuple[list[Path], list[Path]]:
     return modal + nodes * bool(modal), functions + nodes * bool(universal)
 
 
-def _frequencies(path: Path, refer) -> tuple[list[str], dict[str, float], float | None]:
-    """Lines for a table of frequencies; its modes, with what stands in its last row, Hz; the last
-    condition."""
-    table = read_table(path)
-    conditions = [name for name in table.names if _is_condition(table, name)]
-    lines = [f"frequencies = {toml(refer(path))}"]
-    if not conditions:
-        at = None if len(table.values) == 1 else float(len(table.values))
-        return lines, _last(table, table.names), at
-    name = conditions[0]
-    modes = [other for other in table.names if other not in conditions]
-    unit = f"  # in {table.unit(name)}" if table.unit(name) else "  # ? without a unit"
-    lines += [f"condition = {toml(name)}{unit}", f"modes = {toml(modes)}"]
-    values = table.column(name)
-    return lines, _last(table, modes), float(values[-1]) if len(values) > 1 else None
-
-
-def _last(table: Table, modes: Sequence[str]) -> dict[str, float]:
-    """Frequencies, Hz, of the last row; nan where it has none."""
-    values = {name: table.column(name, "Hz" if table.unit(name) else None) for name in modes}
-    return {name: float(column[-1]) for name, column in values.items()}
-
-
 def _is_condition(table: Table, name: str) -> bool:
     """Whether a column is what the test was repeated at, by its unit, or its name."""
     unit = table.unit(name)
@@ -238,105 +268,7 @@ def _is_condition(table: Table, name: str) -> bool:
     return False
 
 
-def _universal(paths: Sequence[Path], ask: Ask, extents: Extents):
-    """The shapes, and the unit of length that the files leave out, or None."""
-    if _says_unit(paths):
-        return read_shapes(paths), None
-    points = read_shapes(paths, length_unit="m").sensors.points
-    unit = _asked_unit(paths, points, ask, extents)
-    return read_shapes(paths, length_unit=unit), unit
-
-
 def _says_unit(paths: Sequence[Path]) -> bool:
     """Whether universal files say the unit of their nodes' places, or have none."""
     kinds = {data["type"] for path in paths for _, data in read_sets(path, (164, *_NODES))}
     return 164 in kinds or not kinds
-
-
-def _asked_unit(paths: Sequence[Path], points: np.ndarray, ask: Ask, extents: Extents) -> str:
-    """The unit of places, by the size of the structure."""
-    spans = np.ptp(points, axis=0)
-
-    def known(answer: str) -> None:
-        member("unit", answer, UNITS)
-
-    names, across = ", ".join(p.name for p in paths), " x ".join(f"{s:.6g}" for s in spans)
-    question = f"Unit of the sensors' places in {names} (they span {across})"
-    return ask(question, likely_unit(spans, extents()), known)
-
-
-def _shape_table(
-    path: Path, refer, ask: Ask, extents: Extents
-) -> tuple[list[str], list[str], list[str], np.ndarray]:
-    """Lines for a table of shapes, whose places may stand in it as columns x, y and z."""
-    table = read_table(path)
-    names = {name.lower(): name for name in table.names}
-    file = toml(refer(path))
-    if not {"x", "y", "z"} <= names.keys():
-        lines = [
-            f"# shapes = {file}  # ? with the places of its rows, the sensors:",
-            "# [test.sees]",
-            '# points = [["0 mm", "0 mm", "0 mm"], ...]',
-            "# direction = [0, 0, 1]",
-        ]
-        asked = (
-            f"Where the sensors of {path.name} are: columns 'x [mm]', 'y [mm]', 'z [mm]' in it"
-            " are enough."
-        )
-        return [lines[0]], ["", *lines[1:]], [asked], np.empty((0, 3))
-    said = [table.unit(names[axis]) for axis in "xyz"]
-    if any(said) and not all(said):
-        raise InputError(
-            f"{path}: units of x, y and z are {', '.join(unit or 'none' for unit in said)}; "
-            "expected all three, such as 'x [mm]', or none"
-        )
-    points = np.column_stack(
-        [table.column(names[axis], "m" if said[0] else None) for axis in "xyz"]
-    )
-    asked, guess = [], ""
-    if not said[0]:
-        unit = _asked_unit([path], points, ask, extents)
-        points, asked = UNITS[unit] * points, [_NO_UNIT]
-        guess = f"  # ? m, the table's numbers taken as {unit}"
-    sees = [
-        "",
-        "[test.sees]",
-        f"points = [{guess}",
-        *(f"  {toml(p.tolist())}," for p in points),
-        "]",
-    ]
-    ways = [names.get(f"d{axis}") for axis in "xyz"]
-    if all(ways):
-        directions = np.column_stack([table.column(way) for way in ways])
-        sees += ["directions = [", *(f"  {toml(d.tolist())}," for d in directions), "]"]
-        return [f"shapes = {file}"], sees, asked, points
-    thin = np.eye(3, dtype=int)[int(np.ptp(points, axis=0).argmin())]
-    sees.append(f"direction = {toml(thin.tolist())}  # ? columns dx, dy, dz would say it")
-    return [f"shapes = {file}"], sees, [*asked, "Which way the sensors look."], points
-
-
-def _read_functions(paths: Sequence[Path], ask: Ask, extents: Extents):
-    """The functions, and the unit of length that the files leave out, or None."""
-    universal = [path for path in paths if path.suffix.lower() in UFF_SUFFIXES]
-    if _says_unit(universal):
-        return read_frfs(paths), None
-    frfs = read_frfs(paths, length_unit="m")
-    points = np.vstack([frfs.response_points, frfs.reference_points])
-    unit = _asked_unit(universal, points, ask, extents)
-    return read_frfs(paths, length_unit=unit), unit
-
-
-def _functions(names: Sequence[str], unit: str | None, identify: bool) -> list[str]:
-    """Lines for measured functions; with modes from them where nothing else gives any."""
-    if not identify and unit is None:
-        return [f"frfs = {toml(names)}"]
-    lines = ["", "[test.frfs]", f"files = {toml(names)}"]
-    if unit is not None:
-        lines.append(f"length_unit = {toml(unit)}  # ? the files do not say it")
-    if identify:
-        lines += [
-            "",
-            "[test.frfs.identify]",
-            '# near = ["100 Hz", "200 Hz"]  # ? about where they are; else all that are stable',
-        ]
-    return lines
