@@ -19,10 +19,13 @@ if TYPE_CHECKING:
     from fenics_joints.preload.components import (
         BeamBolt,
         Contact,
+        Cylinder,
         Displacement,
         Obstacle,
+        Plane,
         Pressure,
         PretensionSection,
+        Sphere,
         Traction,
         WasherForce,
     )
@@ -36,7 +39,6 @@ if TYPE_CHECKING:
         stuck_conditions,
     )
     from fenics_joints.preload.model import PreloadModel
-    from fenics_joints.preload.obstacles import Cylinder, Plane, Sphere
     from fenics_joints.preload.result import ContactState, PreloadResult
     from fenics_joints.preload.solve import METHODS, PreloadSolver, solve_preload
 
@@ -76,36 +78,13 @@ __all__ = [
     "thread",
 ]
 
-_FILES = {
-    "adjoint": ("Gradient", "PreloadAdjoint"),
-    "components": (
-        "BeamBolt",
-        "Contact",
-        "Displacement",
-        "Obstacle",
-        "Pressure",
-        "PretensionSection",
-        "Traction",
-        "WasherForce",
-    ),
-    "conditions": ("OPEN", "SLIP", "STICK"),
-    "linear_joint": (
-        "LinearJoint",
-        "cutoff_conditions",
-        "pair_conditions",
-        "pressure_stiffness",
-        "status_conditions",
-        "stuck_conditions",
-    ),
-    "model": ("PreloadModel",),
-    "obstacles": ("Cylinder", "Plane", "Sphere"),
-    "result": ("ContactState", "PreloadResult"),
-    "solve": ("METHODS", "PreloadSolver", "solve_preload"),
-}
-_FILE_OF = {name: file for file, names in _FILES.items() for name in names}
+#: Files that hold the other names; each is imported with those before it at the latest.
+_FILES = ("components", "conditions", "model", "result", "solve", "adjoint", "linear_joint")
 
 
 def __getattr__(name: str):
-    if name not in _FILE_OF:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(f"{__name__}.{_FILE_OF[name]}"), name)
+    for file in _FILES if name in __all__ else ():
+        module = import_module(f"{__name__}.{file}")
+        if hasattr(module, name):
+            return getattr(module, name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -1,4 +1,4 @@
-"""What presses parts together: contacts between their faces, bolts and loads.
+"""What presses parts together: contacts between their faces, rigid obstacles, bolts and loads.
 
 Plain data; `fenics_joints.preload.model` turns it into equations.
 """
@@ -296,3 +296,88 @@ class Displacement:
     def directions(self) -> tuple[int, ...]:
         """Axes along which the face is moved."""
         return tuple(i for i, v in enumerate(self.value) if v is not None)
+
+
+# -- obstacles: functions from positions, (n, gdim), to distances, m, (n,), negative inside, and
+# outward unit normals there, (n, gdim) ---------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Plane:
+    """A plane, solid behind it.
+
+    Attributes:
+        point: A point of it, m, (gdim,).
+        normal: Its normal, away from the solid, (gdim,).
+    """
+
+    point: tuple[float, ...]
+    normal: tuple[float, ...]
+
+    def __post_init__(self):
+        reals("plane.point", self.point, (None,), "m")
+        direction("plane.normal", self.normal)
+
+    def __call__(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        normal = np.asarray(self.normal, dtype=float)
+        normal = normal / np.linalg.norm(normal)
+        return (x - np.asarray(self.point)) @ normal, np.broadcast_to(normal, x.shape).copy()
+
+
+@dataclass(frozen=True)
+class Sphere:
+    """A ball; in two dimensions a disc, and with ``inside`` the hole of one.
+
+    Attributes:
+        centre: Its centre, m, (gdim,).
+        radius: Its radius, m.
+        inside: Whether the body lies within the sphere, which is a cavity.
+    """
+
+    centre: tuple[float, ...]
+    radius: float
+    inside: bool = False
+
+    def __post_init__(self):
+        reals("sphere.centre", self.centre, (None,), "m")
+        real("sphere.radius", self.radius, "m", above=0)
+        flag("sphere.inside", self.inside)
+
+    def __call__(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return _round(x - np.asarray(self.centre, dtype=float), self.radius, self.inside)
+
+
+@dataclass(frozen=True)
+class Cylinder:
+    """A round pin without ends, in three dimensions, and with ``inside`` the bore of one.
+
+    Attributes:
+        point: A point of its axis, m, (3,).
+        axis: Direction of its axis, (3,).
+        radius: Its radius, m.
+        inside: Whether the body lies within the cylinder, which is a bore.
+    """
+
+    point: tuple[float, ...]
+    axis: tuple[float, ...]
+    radius: float
+    inside: bool = False
+
+    def __post_init__(self):
+        reals("cylinder.point", self.point, (3,), "m")
+        direction("cylinder.axis", self.axis)
+        real("cylinder.radius", self.radius, "m", above=0)
+        flag("cylinder.inside", self.inside)
+
+    def __call__(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        axis = np.asarray(self.axis, dtype=float)
+        axis = axis / np.linalg.norm(axis)
+        arm = x - np.asarray(self.point, dtype=float)
+        return _round(arm - np.outer(arm @ axis, axis), self.radius, self.inside)
+
+
+def _round(arm: np.ndarray, radius: float, inside: bool) -> tuple[np.ndarray, np.ndarray]:
+    """Distances and normals from what lies at a radius from the arms' start."""
+    length = np.linalg.norm(arm, axis=1)
+    normal = arm / np.where(length > 0, length, 1.0)[:, None]
+    return (radius - length, -normal) if inside else (length - radius, normal)

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 
 import numpy as np
+import ufl
+from dolfinx import fem
+from dolfinx.fem import petsc as fem_petsc
+from mpi4py import MPI
 from petsc4py import PETSc
 
 from fenics_joints.errors import InputError, items, mapping, real, wanted
@@ -20,18 +24,17 @@ from fenics_joints.preload.components import (
     Traction,
     WasherForce,
 )
-from fenics_joints.preload.faces import edge_middle, read_face
 from fenics_joints.preload.interface import (
     Interface,
     couple_faces,
+    edge_middle,
     face_obstacle,
     frames,
     matching,
     pair_faces,
+    read_face,
 )
 from fenics_joints.preload.jumps import Jumps, Moved, Section, Spider
-from fenics_joints.preload.obstacles import checked_shape
-from fenics_joints.preload.surfaces import Surfaces
 from fenics_joints.structure.structure import Structure
 
 Bolt = WasherForce | PretensionSection | BeamBolt
@@ -84,7 +87,7 @@ class PreloadModel:
         self._check_names([c.name for c in (*contacts, *self.bolts, *self.loads)])
         self._check_washers()
         self._faces: dict[str, object] = {}
-        self._surfaces = Surfaces(structure)
+        self._surfaces = FaceIntegrals(structure)
         self.contacts = [c for c in contacts if isinstance(c, Obstacle) or not c.bonded]
         self.interfaces = [self._pair(c) for c in self.contacts]
         bonded = [self._pair(c) for c in contacts if c not in self.contacts]
@@ -154,7 +157,7 @@ class PreloadModel:
         shared = {"gap": contact.gap, "weight": self.weight}
         if isinstance(contact, Obstacle):
             face = self.face(contact.facets)
-            shape = checked_shape(f"{contact.name}.shape", contact.shape)
+            shape = _checked_shape(f"{contact.name}.shape", contact.shape)
             return face_obstacle(contact.name, face, shape, **shared)
         lower, upper = self.face(contact.lower), self.face(contact.upper)
         shared |= {"tolerance": contact.tolerance, "held": self._held_directions}
@@ -398,3 +401,97 @@ class PreloadModel:
         heads = np.zeros(12)
         heads[[0, 1, 2, 6, 7, 8]] = bolt.head_mass
         return K, M + np.diag(heads)
+
+
+def _checked_shape(name: str, shape: Callable) -> Callable:
+    """The function, which refuses to return other arrays than distances and normals."""
+
+    def checked(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        distance, normal = (np.asarray(q, dtype=float) for q in shape(x))
+        if distance.shape != x.shape[:1] or normal.shape != x.shape:
+            raise InputError(
+                f"{name}: expected distances, ({len(x)},), and normals, {x.shape}; got "
+                f"{distance.shape} and {normal.shape}."
+            )
+        return distance, normal
+
+    return checked
+
+
+class FaceIntegrals:
+    """Integrals over named faces of a structure, and the loads spread over them.
+
+    On a half section they have the weight 2 pi r.
+
+    Args:
+        structure: The structure.
+    """
+
+    def __init__(self, structure: Structure):
+        self.structure, self.V, self.tagged = structure, structure.V, structure.tagged
+
+    def _ds(self, name: str):
+        return ufl.Measure(
+            "ds",
+            domain=self.V.mesh,
+            subdomain_data=self.tagged.facet_tags,
+            metadata={"quadrature_degree": 4},
+        )(self.tagged.facet_tag(name))
+
+    def _weight(self):
+        """Weight of the surface measure, as UFL."""
+        x = ufl.SpatialCoordinate(self.V.mesh)
+        return 2 * ufl.pi * x[0] if self.structure.axisymmetric else ufl.as_ufl(1.0)
+
+    def _integral(self, form) -> float:
+        return self.V.mesh.comm.allreduce(fem.assemble_scalar(fem.form(form)), op=MPI.SUM)
+
+    def centre(self, name: str) -> np.ndarray:
+        """Centroid of a face, m, (gdim,). Collective."""
+        ds, x = self._ds(name), ufl.SpatialCoordinate(self.V.mesh)
+        area = self._integral(1.0 * ds)
+        return np.array([self._integral(x[i] * ds) / area for i in range(self.structure.gdim)])
+
+    def forces(
+        self, given: Iterable[tuple[str, np.ndarray]], profile: Callable | None = None
+    ) -> PETSc.Vec:
+        """Load in u of forces, N, (gdim,), spread over faces, evenly or by a profile. Collective.
+
+        Raises:
+            InputError: If the profile has no resultant.
+        """
+        v, weight, total = ufl.TestFunction(self.V), self._weight(), None
+        q = ufl.as_ufl(1.0) if profile is None else self._function(profile)
+        for name, force in given:
+            ds = self._ds(name)
+            area = self._integral(weight * q * ds)
+            if not abs(area) > 0:
+                raise InputError(f"{name}: the load's profile has no resultant there.")
+            # A constant, so that one compiled form serves all forces and areas.
+            traction = fem.Constant(self.V.mesh, np.asarray(force, dtype=float) / area)
+            form = weight * q * ufl.dot(traction, v) * ds
+            total = form if total is None else total + form
+        return self._assembled(total)
+
+    def pressure(self, name: str, pressure: float) -> PETSc.Vec:
+        """Load in u of an even pressure, Pa, against a face's outward normal. Collective."""
+        v, n = ufl.TestFunction(self.V), ufl.FacetNormal(self.V.mesh)
+        size = fem.Constant(self.V.mesh, -float(pressure))
+        return self._assembled(size * self._weight() * ufl.dot(n, v) * self._ds(name))
+
+    def resultant(self, load: PETSc.Vec) -> np.ndarray:
+        """Resultant of a load in u, N, (gdim,). Collective."""
+        # Shape functions sum to one, those of moments too.
+        own = load.array_r.reshape(-1, self.structure.gdim).sum(axis=0)
+        return self.V.mesh.comm.allreduce(own, op=MPI.SUM)
+
+    def _function(self, profile: Callable) -> fem.Function:
+        Q = fem.functionspace(self.V.mesh, ("Lagrange", self.structure.degree))
+        q = fem.Function(Q)
+        q.interpolate(lambda x: profile(x[: self.structure.gdim].T))
+        return q
+
+    def _assembled(self, form) -> PETSc.Vec:
+        b = fem_petsc.assemble_vector(fem.form(form))
+        b.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
+        return b

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from textwrap import shorten
+from typing import TYPE_CHECKING
 
 import numpy as np
 from dolfinx import fem
@@ -17,8 +18,10 @@ from fenics_joints.formatting import html_table, quantity
 from fenics_joints.preload.conditions import OPEN, SLIP, STICK, Pairs
 from fenics_joints.preload.interface import Interface
 from fenics_joints.preload.patch import contour_area, largest_radius, mean_within
-from fenics_joints.preload.system import PreloadSystem
 from fenics_joints.structure.grids import facet_mesh
+
+if TYPE_CHECKING:
+    from fenics_joints.preload.solve import PreloadSolver
 
 #: Share of the largest pressure above which a contact presses.
 _PRESSES = 1e-9
@@ -164,7 +167,7 @@ class PreloadResult:
 
     def __init__(
         self,
-        solver: PreloadSystem,
+        solver: PreloadSolver,
         pairs: Pairs,
         forces: Mapping[str, float],
         x: PETSc.Vec,

@@ -8,18 +8,29 @@ from dataclasses import replace
 import numpy as np
 from petsc4py import PETSc
 
-from fenics_joints.errors import ConvergenceError, InputError, member, real, wanted
-from fenics_joints.modal.options import last_line, petsc_defaults, reason_of
-from fenics_joints.preload.equations import Equations
+from fenics_joints.errors import ConvergenceError, InputError, mapping, member, real, wanted
+from fenics_joints.modal.options import given_options, last_line, petsc_defaults, reason_of
+from fenics_joints.preload.conditions import Pairs, Penalty
+from fenics_joints.preload.hold import find_hold
+from fenics_joints.preload.interface import Interface
+from fenics_joints.preload.jumps import Jumps
 from fenics_joints.preload.model import PreloadModel
+from fenics_joints.preload.newton import NewtonMatrix, NewtonPreconditioner, set_blocks
 from fenics_joints.preload.result import PreloadResult
-from fenics_joints.preload.system import FACTOR_OPTIONS, PreloadSystem
 
 METHODS = ("semismooth", "vi", "penalty")
 
+#: Of every factorisation.
+_FACTOR = {"ksp_type": "preonly", "pc_factor_mat_solver_type": "mumps", "mat_mumps_icntl_14": "40"}
+#: Round-off of a residual, relative to the products of which it is the sum.
+_ROUND_OFF = 10 * np.finfo(float).eps
+#: Relative to the loads; never is a larger residual taken for round-off.
+_LEAST_ACCURATE = 1e-6
+#: Share of Coulomb's limit within which a pair is at it when a step begins.
+_AT_LIMIT = 1e-6
 #: Relative to the loads; the last Newton step is exact, so it lands at round-off.
 _TOLERANCE = 1e-10
-_OPTIONS = {"snes_linesearch_type": "basic", **FACTOR_OPTIONS}
+_OPTIONS = {"snes_linesearch_type": "basic", **_FACTOR}
 _NEWTON_OPTIONS = {
     "snes_type": "newtonls",
     "snes_linesearch_type": "basic",
@@ -41,7 +52,7 @@ _HELP = (
 )
 
 
-class PreloadSolver(PreloadSystem):
+class PreloadSolver:
     """Solver for one model and material; keeps the matrix, what holds it, and the ordering.
 
     Args:
@@ -61,7 +72,12 @@ class PreloadSolver(PreloadSystem):
 
     Attributes:
         solver: PETSc's SNES of the last solution.
-        See `fenics_joints.preload.system.PreloadSystem` for the rest.
+        K: The stiffness in x.
+        hold: What holds the free bodies.
+        fixed: Global numbers of owned entries held at zero: pins, supports, bubbles.
+        pairs: The pairs that this rank owns.
+        held: K with those entries held.
+        newton: The Newton steps' factorisation, kept for the next solution; None before the first.
     """
 
     def __init__(
@@ -76,7 +92,20 @@ class PreloadSolver(PreloadSystem):
     ):
         self.method, self.penalty = "semismooth" if method is None else method, penalty
         self._check(model)
-        super().__init__(model, given, penalty, petsc_options, prefix)
+        self.model = model
+        self.given = mapping("given", given, "values by the names of parameters")
+        self.petsc_options, self.prefix = given_options(petsc_options), prefix
+        self.K = model.stiffness(self.given)
+        self.hold = find_hold(model, self.K)
+        self.fixed = self._fixed()
+        self.pairs = _pairs(model, self.K, penalty)
+        # Held entries: their row is x = 0. Their columns need not go, as x is zero there.
+        diagonal = self.K.getDiagonal()
+        self.held = self.K.copy()
+        mean = diagonal.sum() / diagonal.getSize()
+        self.held.zeroRowsColumns(self.fixed.astype(np.int32), diag=mean)
+        self._left: PETSc.Mat | None = None
+        self.newton: NewtonPreconditioner | None = None
         self.solver: PETSc.SNES | None = None
 
     def _check(self, model: PreloadModel) -> None:
@@ -138,7 +167,7 @@ class PreloadSolver(PreloadSystem):
         if initial is not None:
             initial.x.copy(x)
             x.array[self.model.jumps.local(self.fixed)] = 0.0
-        work = Equations(self, pairs, load, start=initial is None)
+        work = ContactResidual(self, pairs, load, start=initial is None)
         self._run(work, x, monitor)
         if driven is not None:  # x is what is left beside it
             load.axpy(1.0, self.K * driven)
@@ -149,7 +178,7 @@ class PreloadSolver(PreloadSystem):
 
     # -- SNES --------------------------------------------------------------------------------
 
-    def _run(self, work: Equations, x: PETSc.Vec, monitor) -> None:
+    def _run(self, work: ContactResidual, x: PETSc.Vec, monitor) -> None:
         snes = PETSc.SNES().create(self.model.comm)
         snes.setOptionsPrefix(self.prefix)
         snes.setFunction(work.forces if self.method == "vi" else work.function, x.duplicate())
@@ -202,12 +231,92 @@ class PreloadSolver(PreloadSystem):
         given = self.petsc_options.get("pc_type", "python")
         return PETSc.Options(self.prefix).getString("pc_type", str(given)) != "python"
 
+    # -- matrices ----------------------------------------------------------------------------
+
+    def _fixed(self) -> np.ndarray:
+        jumps = self.model.jumps
+        numbers = [self.hold.pins, self.model.supported]
+        numbers += [jumps.bubbles(c).ravel() for c in jumps.contacts]
+        numbers = np.unique(np.concatenate(numbers))
+        return numbers[jumps.owned(numbers)]
+
+    def driven(self, forces: Mapping[str, float] | None = None) -> PETSc.Vec | None:
+        """Displacements in x of what is moved, and zero elsewhere; None if nothing is."""
+        given = self.model.moves(forces)
+        if not any(np.any(value) for _, value in given):
+            return None
+        x = self.K.createVecRight()
+        x.set(0.0)
+        for numbers, value in given:
+            self.model.jumps.put(x.array, numbers, value)
+        return x
+
+    def unit_load(self, name: str) -> PETSc.Vec:
+        """Derivative of the load in x, with what is moved on its side, by a force or factor."""
+        unit = self.model.unit_load(name).copy()
+        driven = self.driven(dict.fromkeys(self.model.forces, 0.0) | {name: 1.0})
+        if driven is not None:
+            unit.axpy(-1.0, self.K * driven)
+            driven.destroy()
+        return unit
+
+    def preconditioner(self) -> NewtonPreconditioner:
+        """That of all solutions, made with the first."""
+        if self.newton is None:
+            prefix = self.prefix + "held_"
+            given = {k[5:]: v for k, v in self.petsc_options.items() if k.startswith("held_")}
+            options = {**_FACTOR, "pc_type": "cholesky", **given}
+            self.newton = NewtonPreconditioner(self.held, prefix, options)
+        return self.newton
+
+    def combine(self, pairs: Pairs, A: np.ndarray, B: np.ndarray, out=None) -> PETSc.Mat:
+        """The matrix A K + B, with blocks A and B, (n, gdim, gdim), at the pairs; A is 1 elsewhere.
+
+        Args:
+            pairs: The pairs.
+            A: Blocks that combine the rows of K.
+            B: Blocks that are added.
+            out: The matrix of an earlier call, to assemble into.
+        """
+        rows = self.model.jumps.globals(pairs.numbers)
+        if self._left is None:
+            self._left = self._identity(rows.shape[1])
+        set_blocks(self._left, rows, A, PETSc.InsertMode.INSERT_VALUES)
+        out = self._left.matMult(self.held, result=out)
+        set_blocks(out, rows, B, PETSc.InsertMode.ADD_VALUES)
+        return out
+
+    def factorised(self, J: PETSc.Mat, name: str, options: Mapping[str, object]) -> PETSc.KSP:
+        """A solver that has factorised a matrix of `combine`; ``name`` ends its options' prefix."""
+        ksp, prefix = PETSc.KSP().create(self.model.comm), f"{self.prefix}{name}_"
+        ksp.setOptionsPrefix(prefix)
+        ksp.setOperators(J)
+        with petsc_defaults(prefix, {**_FACTOR, "pc_type": "lu", **options}):
+            ksp.setFromOptions()
+            ksp.setUp()
+        return ksp
+
+    def _identity(self, gdim: int) -> PETSc.Mat:
+        """Identity with room for full blocks at the pairs."""
+        left = PETSc.Mat().createAIJ(self.held.getSizes(), nnz=(gdim, 0), comm=self.held.comm)
+        low, high = left.getOwnershipRange()
+        for i in range(low, high):
+            left.setValue(i, i, 1.0)
+        return left
+
+    def forget(self) -> None:
+        """Free the factorisation; the next solution makes its own. Collective."""
+        if self.newton is not None:
+            self.newton.free()
+        self.newton = None
+
     def destroy(self) -> None:
         """Free matrices and factorisations. Collective."""
-        if self.solver is not None:
-            self.solver.destroy()
+        for owned in (self.K, self.held, self._left, self.solver):
+            if owned is not None:
+                owned.destroy()
         self.solver = None
-        super().destroy()
+        self.forget()
 
 
 def solve_preload(
@@ -220,3 +329,141 @@ def solve_preload(
 ) -> PreloadResult:
     """Solve one preload; see `PreloadSolver`, whose options it takes."""
     return PreloadSolver(model, given, **options).solve(forces, initial=initial)
+
+
+class ContactResidual:
+    """Residual and Jacobian of one solution, as SNES calls them."""
+
+    def __init__(self, system: PreloadSolver, pairs: Pairs, load: PETSc.Vec, start: bool):
+        self.system, self.pairs, self.load = system, pairs, load
+        self.start, self.first, self.iterations = start, True, 0
+        self.rows = load.duplicate()
+        self.pins = system.model.jumps.local(system.fixed)
+        self._norm = self._atol = None
+        # A slip front in a thin strip walks one vertex in an iteration.
+        self.patience = 100 if any(c.friction > 0 for c in system.model.contacts) else 40
+
+    def scale(self) -> float:
+        """A force, N, to which residuals are compared: loads, or what closing the gaps takes."""
+        if self._norm is None:
+            closing = self.load.duplicate()
+            closing.set(0.0)
+            closing.array[self.pairs.numbers[:, 0]] = np.minimum(self.pairs.gap, 0.0)
+            force = self.system.K * closing
+            self._norm = max(self.load.norm(), force.norm(), np.finfo(float).tiny)
+        return self._norm
+
+    def allow_round_off(self, snes: PETSc.SNES, _: int) -> None:
+        """Ask for no residual below round-off, which nearly rigid parts make large.
+
+        Up to a limit, lest bodies that fly apart, whose round-off is boundless, seem to rest.
+        """
+        if self._atol is None:
+            self._atol = snes.getTolerances()[1]
+        products = self.system.held.getDiagonal()
+        products.pointwiseMult(products, snes.getSolution())
+        least = min(_ROUND_OFF * products.norm(), _LEAST_ACCURATE * self.scale())
+        snes.setTolerances(atol=max(self._atol, least))
+        products.destroy()
+
+    def residual(self, x: PETSc.Vec, r: PETSc.Vec) -> None:
+        """Rows of K x - f; of held entries x itself, times a stiffness."""
+        self.system.held.mult(x, r)
+        r.axpy(-1.0, self.load)
+        r.array[self.pins] += self.load.array_r[self.pins]
+
+    def function(self, snes, x: PETSc.Vec, F: PETSc.Vec) -> None:
+        """SNES's function."""
+        self.residual(x, F)
+        values, at = F.array_r.copy(), x.array_r
+        if self.start:
+            left = self.pairs.closed(at, values)
+        else:
+            left = self.pairs.equations(at, values)
+        F.array[self.pairs.numbers] = left
+
+    def matrix(self) -> PETSc.Mat:
+        """The Jacobian's matrix, A K + B, with the pattern of its rows."""
+        return self.system.combine(self.pairs, *self.pairs.closed_tangent())
+
+    def shell(self) -> PETSc.Mat:
+        """The Jacobian as a product, of which nothing is assembled."""
+        return NewtonMatrix(self.system.held, self.pairs.numbers).matrix()
+
+    def jacobian(self, snes, x: PETSc.Vec, J: PETSc.Mat, P: PETSc.Mat) -> None:
+        """SNES's Jacobian; the first one closes all contacts."""
+        if self.start:
+            A, B = self.pairs.closed_tangent()
+            self.start = False
+        else:
+            self.residual(x, self.rows)
+            # Where the step before ended in slip, a pair is at its limit but for round-off: whether
+            # it goes on or sticks again is for the new load to say.
+            slack = _AT_LIMIT if self.first else 0.0
+            A, B = self.pairs.tangent(x.array_r, self.rows.array_r, slack)
+        self.first = False
+        if P.getType() == "python":
+            context = P.getPythonContext()
+            context.A, context.B = A, B
+            P.assemble()
+        else:
+            self.system.combine(self.pairs, A, B, P)
+        if J != P:
+            J.assemble()
+
+    def forces(self, snes, x: PETSc.Vec, F: PETSc.Vec) -> None:
+        """SNES's function of method vi, whose bounds say the rest."""
+        self.residual(x, F)
+
+    def stiffness(self, snes, x: PETSc.Vec, J: PETSc.Mat, P: PETSc.Mat) -> None:
+        """SNES's Jacobian of method vi: constant."""
+
+    def bounds(self, x: PETSc.Vec) -> tuple[PETSc.Vec, PETSc.Vec]:
+        """Bounds of x: openings above minus the initial gap."""
+        low, high = x.duplicate(), x.duplicate()
+        low.set(PETSc.NINFINITY), high.set(PETSc.INFINITY)
+        low.array[self.pairs.numbers[:, 0]] = -self.pairs.gap
+        return low, high
+
+    def close(self, x: PETSc.Vec) -> None:
+        """Put x into the state of bilateral contact, from which vinewtonrsls starts."""
+        J, F = self.matrix(), x.duplicate()
+        self.residual(x, F)
+        F.array[self.pairs.numbers] = self.pairs.closed(x.array_r, F.array_r)
+        ksp, step = self.system.factorised(J, "close", {}), x.duplicate()
+        ksp.solve(F, step)
+        x.axpy(-1.0, step)
+        x.array[self.pairs.numbers[:, 0]] = -self.pairs.gap
+        ksp.destroy(), J.destroy()
+
+
+def _pairs(model: PreloadModel, K: PETSc.Mat, penalty: float | None) -> Pairs:
+    """The pairs that this rank owns."""
+    jumps = model.jumps
+    diagonal = K.getDiagonal()
+    columns = {key: [] for key in ("numbers", "gap", "friction", "scale", "areas")}
+    for contact, c in zip(model.contacts, jumps.contacts, strict=True):
+        numbers = jumps.numbers(c)
+        mine = jumps.owned(numbers[:, 0])
+        columns["numbers"].append(jumps.local(numbers[mine]))
+        columns["gap"].append(c.gap[mine])
+        columns["friction"].append(np.full(mine.sum(), contact.friction))
+        columns["scale"].append(_stiffness_at(jumps, diagonal, c)[mine])
+        columns["areas"].append(c.areas[mine])
+    arrays = {key: np.concatenate(parts) for key, parts in columns.items()}
+    arrays["slip"] = np.zeros((len(arrays["gap"]), jumps.gdim - 1))
+    return Pairs(**arrays) if penalty is None else Penalty(**arrays, stiffness=penalty)
+
+
+def _stiffness_at(jumps: Jumps, diagonal: PETSc.Vec, c: Interface) -> np.ndarray:
+    """Stiffness, N/m, (n,), of the two bodies at each pair in series, from K's diagonal in x.
+
+    An entry of the lower body moves both bodies, a jump the upper one alone; without pairs of
+    vertices that of the upper one has to do.
+    """
+    upper = jumps.gather(diagonal, jumps.entries(c.upper)).mean(axis=1)
+    if c.coupling is not None or not len(c.lower):
+        return upper
+    both = jumps.gather(diagonal, jumps.entries(c.lower)).mean(axis=1)
+    lower = both - upper
+    return np.where(lower > 0, upper * lower / np.where(lower > 0, both, 1.0), upper)

@@ -20,7 +20,7 @@ from fenics_joints.preload import (
     WasherForce,
     solve_preload,
 )
-from fenics_joints.preload.overlap import hats, overlap
+from fenics_joints.preload.mortar import hats, overlap
 from fenics_joints.structure import Parameter, Structure, Support, part
 
 
