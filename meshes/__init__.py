@@ -1,19 +1,20 @@
 """Meshes with named parts and faces: builders for known geometries, and a reader of ``.msh``."""
 
-from fenics_joints.meshes.blocks import stacked_blocks
+from fenics_joints.meshes.blocks import box, stacked_blocks
 from fenics_joints.meshes.bolted_plates import (
     RoundPlates,
     RoundPlatesSection,
     bolted_plates,
     bolted_plates_section,
 )
-from fenics_joints.meshes.box import box
 from fenics_joints.meshes.c_beam import CBeams, c_beams
 from fenics_joints.meshes.cad import StepAssembly, read_step
 from fenics_joints.meshes.check import MeshQuality, check_mesh
 from fenics_joints.meshes.contact import ContactMatch, check_contact
 from fenics_joints.meshes.dumbbell import Dumbbell, dumbbell
 from fenics_joints.meshes.engraving_machine import EngravingMachine, engraving_machine
+from fenics_joints.meshes.facets import separate
+from fenics_joints.meshes.grid import graded_lines, grid_lines
 from fenics_joints.meshes.grow import Grown, RingPlaces
 from fenics_joints.meshes.half_lap_beam import (
     HalfLapBeam,
@@ -24,9 +25,7 @@ from fenics_joints.meshes.half_lap_beam import (
 from fenics_joints.meshes.lap_beam import LapBeam, LapBeamSection, lap_beam, lap_beam_section
 from fenics_joints.meshes.lap_plates import LapPlates, lap_plates
 from fenics_joints.meshes.msh import read_msh
-from fenics_joints.meshes.plane import graded_lines, grid_lines
 from fenics_joints.meshes.rings import Ring, layer_thickness, measure_ring
-from fenics_joints.meshes.separate import separate
 from fenics_joints.meshes.tagged import TaggedMesh, extent
 
 __all__ = [

@@ -1,25 +1,65 @@
-"""Two blocks, one on the other, as separate bodies whose vertices match."""
+"""Blocks: a box with named faces, and two blocks as separate bodies whose vertices match."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import get_args
 
 import numpy as np
 from mpi4py import MPI
 
-from fenics_joints.meshes.arguments import requirement
-from fenics_joints.meshes.extrude import Extrusion
-from fenics_joints.meshes.plane import flat_lists, tensor_grid
-from fenics_joints.meshes.separate import separate
-from fenics_joints.meshes.skin import add_faces, exterior_facets
+from fenics_joints.meshes.arguments import Solid, holds, is_count, requirement
+from fenics_joints.meshes.arguments import lengths as are_lengths
+from fenics_joints.meshes.facets import Skin, separate
+from fenics_joints.meshes.grid import extruded, plane_mesh, tensor_grid
 from fenics_joints.meshes.tagged import MeshLists, TaggedMesh, distribute
 from fenics_joints.parallel import on_root
 
 CELL_NAMES = {"lower": 1, "upper": 2}
-CELLS = {2: ("quadrilateral", "triangle"), 3: ("hexahedron", "tetrahedron")}
-_TOLERANCE = 1e-9  # of two lines taken for one, relative to the blocks
+CELLS = {2: ("quadrilateral", "triangle"), 3: get_args(Solid)}
 
 _require = requirement("stacked_blocks")
+
+
+def box(
+    comm: MPI.Intracomm, lengths: Sequence[float], counts: Sequence[int], cell: str = "hexahedron"
+) -> TaggedMesh:
+    """Mesh of the box from the origin to ``lengths``.
+
+    The one part is ``body``; the faces are ``x_min``, ``x_max``, ``y_min`` and so on.
+
+    Args:
+        comm: Communicator; the call is collective.
+        lengths: Side along x, y and z, in metres.
+        counts: Elements along x, y and z.
+        cell: ``"hexahedron"``, or ``"tetrahedron"`` for six of those in each hexahedron.
+
+    Returns:
+        The tagged mesh.
+
+    Raises:
+        MeshError: A length is not positive, a count is below 1, or the cell is unknown.
+    """
+    require = requirement("box")
+    fits = are_lengths(lengths, 3)
+    require(fits, "lengths", lengths, "three lengths above 0 m")
+    fits = holds(lambda given: len(given) == 3 and all(map(is_count, given)), counts)
+    require(fits, "counts", counts, "three whole numbers of at least 1")
+    fits = isinstance(cell, str) and cell in CELLS[3]
+    require(fits, "cell", cell, " or ".join(map(repr, CELLS[3])))
+    return distribute(comm, on_root(comm, lambda: _box(lengths, counts, cell)))
+
+
+def _box(lengths, counts, cell) -> MeshLists:
+    x, y, z = (np.linspace(0.0, a, n + 1) for a, n in zip(lengths, counts, strict=True))
+    points, quads = tensor_grid(x, y)
+    everywhere = np.ones((len(z) - 1, len(quads)), dtype=int)
+    skin = Skin(extruded(points, quads, z, everywhere, cell, {"body": 1}))
+    sides = {}
+    for axis, length in enumerate(lengths):
+        sides[f"{'xyz'[axis]}_min"] = skin.at(axis, 0.0)
+        sides[f"{'xyz'[axis]}_max"] = skin.at(axis, length)
+    return skin.named(sides)
 
 
 def stacked_blocks(
@@ -68,56 +108,29 @@ def stacked_blocks(
     cell = cell or CELLS[dim][0]
     _require(cell in CELLS[dim], "cell", cell, f"one of {', '.join(CELLS[dim])} in {dim}-D")
     spans = _spans(plan, upper_span)
-    return distribute(comm, on_root(comm, lambda: _lists(plan, low, high, spans, cell)))
+    return distribute(comm, on_root(comm, lambda: _blocks(plan, low, high, spans, cell)))
 
 
-def _lists(plan, low, high, spans, cell) -> MeshLists:
-    heights = np.concatenate([low, high[1:]])
+def _blocks(plan, low, high, spans, cell) -> MeshLists:
+    heights, lower, upper = np.concatenate([low, high[1:]]), *CELL_NAMES.values()
+    covered = np.ones(1, dtype=bool)
+    for lines, (first, last) in zip(plan, spans, strict=True):
+        middle = (lines[1:] + lines[:-1]) / 2
+        covered = np.outer(covered, (middle > first) & (middle < last)).ravel()
+    n_low, n_high = len(low) - 1, len(high) - 1
+    rows = np.array([np.full(len(covered), lower)] * n_low + [covered * upper] * n_high)
     if len(plan) == 1:
-        whole = _flat(plan[0], low, heights, spans, cell)
+        lists = plane_mesh(*tensor_grid(plan[0], heights), rows.T.ravel(), cell, CELL_NAMES)
     else:
-        whole = _solid(plan, low, heights, spans, cell)
+        lists = extruded(*tensor_grid(*plan), heights, rows, cell, CELL_NAMES)
     names = "interface_lower", "interface_upper"
-    whole = separate(whole, whole.cell_names, {("lower", "upper"): names})
-    return _with_sides(whole, plan, spans)
-
-
-def _flat(x, low, heights, spans, cell) -> MeshLists:
-    points, quads = tensor_grid(x, heights)
-    middle = points[quads].mean(axis=1)
-    covered = (middle[:, 0] > spans[0][0]) & (middle[:, 0] < spans[0][1])
-    values = np.where(middle[:, 1] < 0, CELL_NAMES["lower"], covered * CELL_NAMES["upper"])
-    return flat_lists(points, quads, values, cell, CELL_NAMES)
-
-
-def _solid(plan, low, heights, spans, cell) -> MeshLists:
-    points, quads = tensor_grid(*plan)
-    middle = points[quads].mean(axis=1)
-    (x0, x1), (y0, y1) = spans
-    x, y = middle.T
-    covered = (x > x0) & (x < x1) & (y > y0) & (y < y1)
-    rows = [np.full(len(quads), CELL_NAMES["lower"])] * (len(low) - 1)
-    rows += [covered * CELL_NAMES["upper"]] * (len(heights) - len(low))
-    column = Extrusion(points, quads, heights, np.array(rows), cell)
-    return MeshLists(cell, *column.lists(), CELL_NAMES, {})
-
-
-def _with_sides(lists: MeshLists, plan, spans) -> MeshLists:
-    facets, cells = exterior_facets(lists)
-    x = lists.x[facets]
-    above = lists.cell_values[cells] == CELL_NAMES["upper"]
-
-    def on(axis, place):
-        # Facets all of whose vertices are there; the place may differ from body to body.
-        tolerance = _TOLERANCE * np.ptp(lists.x[:, axis])
-        return np.all(np.abs(x[:, :, axis] - np.reshape(place, (-1, 1))) < tolerance, axis=1)
-
-    last = lists.x.shape[1] - 1
-    faces = {"bottom": on(last, lists.x[:, last].min()), "top": on(last, lists.x[:, last].max())}
+    skin = Skin(separate(lists, CELL_NAMES, {("lower", "upper"): names}))
+    sides = {"bottom": skin.at(len(plan), low[0]), "top": skin.at(len(plan), high[-1])}
     for axis, names in enumerate([("left", "right"), ("front", "back")][: len(plan)]):
         for name, own, end in zip(names, spans[axis], (0, -1), strict=True):
-            faces[name] = on(axis, np.where(above, own, plan[axis][end]))
-    return add_faces(lists, {name: facets[mask] for name, mask in faces.items()})
+            place = np.where(skin.tag == upper, own, plan[axis][end])
+            sides[name] = skin.at(axis, place)
+    return skin.named(sides)
 
 
 def _lines(name: str, lines) -> np.ndarray:

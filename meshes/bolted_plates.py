@@ -18,17 +18,16 @@ from fenics_joints.meshes.arguments import (
     lengths,
     made_by,
 )
-from fenics_joints.meshes.extrude import Extrusion
-from fenics_joints.meshes.plane import (
+from fenics_joints.meshes.facets import Skin, separate
+from fenics_joints.meshes.grid import (
     disc_grid,
-    flat_lists,
+    extruded,
     graded_lines,
     grid_cells,
     grid_lines,
+    plane_mesh,
     tensor_grid,
 )
-from fenics_joints.meshes.separate import separate
-from fenics_joints.meshes.skin import add_faces, exterior_facets
 from fenics_joints.meshes.tagged import MeshLists
 
 CELL_NAMES = {
@@ -180,26 +179,23 @@ class _Plates(Builder):
             bodies += [plate + heads[0], *heads[1:]] if self.seats == "bonded" else [plate, *heads]
         return separate(lists, bodies, faces)
 
-    def faces(self, r: np.ndarray, z: np.ndarray, tag: np.ndarray) -> dict[str, np.ndarray]:
-        """Which facets belong to each face, from their corners (n, n_corners) and cells' tags."""
-        plate = tag <= CELL_NAMES["plate_2"]
+    def faces(self, skin: Skin, r: np.ndarray) -> dict[str, np.ndarray]:
+        """Which facets belong to each face, from the radius of their corners, (n, n_corners)."""
+        plate, height = skin.tag <= CELL_NAMES["plate_2"], skin.x.shape[2] - 1
         faces = {
-            "hole": plate & self.on(r, self.hole_diameter / 2),
-            "rim": plate & self.on(r, self.radius),
+            "hole": plate & skin.equal(r, self.hole_diameter / 2),
+            "rim": plate & skin.equal(r, self.radius),
         }
-        names = {"plates": "washer", "washers": "load"}
-        if self.parts in names:
-            outer = self.washer_diameter if self.parts == "plates" else self.head_diameter
-            depth = 0.0 if self.parts == "plates" else self.washer_thickness
-            under = np.all(r < outer / 2 + _TOLERANCE * self.radius, axis=1)
-            heights = -self.thickness[0] - depth, self.thickness[1] + depth
-            for number, height in enumerate(heights, start=1):
-                faces[f"{names[self.parts]}_{number}"] = under & self.on(z, height)
+        if self.parts == "bolt":
+            return faces
+        name, outer, depth = "washer", self.washer_diameter, 0.0
+        if self.parts == "washers":
+            name, outer, depth = "load", self.head_diameter, self.washer_thickness
+        under = skin.within(r, outer / 2)
+        heights = -self.thickness[0] - depth, self.thickness[1] + depth
+        for number, place in enumerate(heights, start=1):
+            faces[f"{name}_{number}"] = under & skin.at(height, place)
         return faces
-
-    def on(self, values: np.ndarray, place: float) -> np.ndarray:
-        """Facets all of whose corners have a coordinate, (n, n_corners), at ``place``."""
-        return np.all(np.abs(values - place) < _TOLERANCE * self.radius, axis=1)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -266,13 +262,11 @@ class RoundPlatesSection(_Plates):
         r, z = self.r_lines(), self.z_lines()
         points, quads = tensor_grid(r, z)
         values = self.values(_middle(r), _middle(z)).T.ravel()
-        lists = self.parted(flat_lists(points, quads, values, self.cell, CELL_NAMES))
-        facets, cells = exterior_facets(lists)
-        x = lists.x[facets]
-        faces = self.faces(x[:, :, 0], x[:, :, 1], lists.cell_values[cells])
+        skin = Skin(self.parted(plane_mesh(points, quads, values, self.cell, CELL_NAMES)))
+        faces = self.faces(skin, skin.x[:, :, 0])
         if self.parts == "bolt":
-            faces["axis"] = self.on(x[:, :, 0], 0.0)
-        return add_faces(lists, {name: facets[mask] for name, mask in faces.items()})
+            faces["axis"] = skin.at(0, 0.0)
+        return skin.named(faces)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -316,14 +310,12 @@ class RoundPlates(_Plates):
         """The section revolved."""
         points, quads, middle = self.plan()
         z = self.z_lines()
-        column = Extrusion(points, quads, z, self.values(middle, _middle(z)), self.cell)
-        lists = self.parted(MeshLists(self.cell, *column.lists(), CELL_NAMES, {}))
-        facets, cells = exterior_facets(lists)
-        x, y, height = np.moveaxis(lists.x[facets], 2, 0)
-        faces = self.faces(np.hypot(x, y), height, lists.cell_values[cells])
+        rows = self.values(middle, _middle(z))
+        skin = Skin(self.parted(extruded(points, quads, z, rows, self.cell, CELL_NAMES)))
+        faces = self.faces(skin, np.hypot(skin.x[:, :, 0], skin.x[:, :, 1]))
         if self.quarter:
-            faces |= {"symmetry_x": self.on(x, 0.0), "symmetry_y": self.on(y, 0.0)}
-        return add_faces(lists, {name: facets[mask] for name, mask in faces.items()})
+            faces |= {"symmetry_x": skin.at(0, 0.0), "symmetry_y": skin.at(1, 0.0)}
+        return skin.named(faces)
 
     def plan(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Plane points; cells; and the radius at the middle of the ring in which each cell is."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated, ClassVar
 
 import numpy as np
@@ -18,14 +18,12 @@ from fenics_joints.meshes.arguments import (
     made_by,
     two_counts,
 )
-from fenics_joints.meshes.extrude import Extrusion
-from fenics_joints.meshes.lap import CELL_NAMES, lapped, lapped_groups
-from fenics_joints.meshes.plane import Plan, count_intervals, graded_lines, grid_lines, o_grid
-from fenics_joints.meshes.skin import add_faces, exterior_facets
+from fenics_joints.meshes.facets import Skin
+from fenics_joints.meshes.grid import PlaneGrid, count_intervals, extruded, graded_lines, grid_lines
+from fenics_joints.meshes.lap_beam import CELL_NAMES, lapped, lapped_groups
 from fenics_joints.meshes.tagged import MeshLists
 
 _GROWTH = math.log(1.3)  # of the elements from the pads to the slender middle, per element
-_TOLERANCE = 1e-9  # of a vertex on a plane or circle, relative to the length
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -129,17 +127,16 @@ class CBeams(Builder):
 
     def lists(self) -> MeshLists:
         """The whole mesh."""
-        plan = Plan(self.x_lines(), self.y_lines())
+        plan = PlaneGrid(self.x_lines(), self.y_lines())
         for bolt in self.bolts:
             radii = self.hole_diameter / 2, self.washer_diameter / 2
-            plan.fill(o_grid, bolt, self.zone, radii, self.radial_size)
+            plan.fill(bolt, self.zone, radii, self.radial_size)
         x = plan.middle[:, 0]
         pad = (x < self.pad_length) | (x > self.length - self.pad_length)
         values = self.values(pad)
-        column = Extrusion(plan.points, plan.quads, self.levels(), values, self.cell)
-        bolts = np.column_stack([self.bolts, np.zeros(2)])
-        lists = MeshLists(self.cell, *column.lists(), CELL_NAMES, {}, {"bolts": bolts})
-        return self.with_faces(lapped(lists, self.layer, self.bonded))
+        lists = extruded(plan.points, plan.quads, self.levels(), values, self.cell, CELL_NAMES)
+        lists = self.with_faces(lapped(lists, self.layer, self.bonded))
+        return replace(lists, points={"bolts": np.column_stack([self.bolts, np.zeros(2)])})
 
     def bricks(self) -> list[tuple[float, float, float]]:
         """About how many cells the beams have along x, y and z, and around each hole."""
@@ -203,19 +200,15 @@ class CBeams(Builder):
         return np.array(rows)
 
     def with_faces(self, lists: MeshLists) -> MeshLists:
-        facets, cells = exterior_facets(lists)
-        x = lists.x[facets]
-        tolerance = _TOLERANCE * self.length
-        radius = np.linalg.norm(x[:, None, :, :2] - self.bolts[None, :, None], axis=3)
-        outer = self.pad_thickness + self.layer / 2
-        under = np.all(radius < self.washer_diameter / 2 + tolerance, axis=2)
-        wall = np.abs(radius - self.hole_diameter / 2) < tolerance
-        faces = {"holes": np.all(wall, axis=2).any(axis=1)}
+        skin, outer = Skin(lists), self.pad_thickness + self.layer / 2
+        radius, nearest = skin.from_axes(self.bolts)
+        faces = {"holes": skin.equal(radius, self.hole_diameter / 2)}
+        under = skin.within(radius, self.washer_diameter / 2)
         for side, height in (("lower", -outer), ("upper", outer)):
-            flat = np.all(np.abs(x[:, :, 2] - height) < tolerance, axis=1)
             for bolt in range(2):
-                faces[f"washer_{bolt + 1}_{side}"] = flat & under[:, bolt]
-        return add_faces(lists, {name: facets[mask] for name, mask in faces.items()})
+                own = under & (nearest == bolt) & skin.at(2, height)
+                faces[f"washer_{bolt + 1}_{side}"] = own
+        return skin.named(faces)
 
 
 c_beams = made_by(CBeams)

@@ -127,18 +127,7 @@ def open_thin(
     return thin
 
 
-def prisms_to_tetrahedra(bottom: np.ndarray, top: np.ndarray, order: np.ndarray) -> np.ndarray:
-    """Three tetrahedra of each prism, such that neighbours cut a common side the same way.
+def prisms_to_tetrahedra(bottom, top, order):
+    from fenics_joints.meshes.facets import layer_cells
 
-    The diagonal of a side runs from its first vertex below to its second above, by ``order``.
-
-    Args:
-        bottom: Vertices of the triangles below, shape (n, 3).
-        top: Those above, each over the one below.
-        order: Numbers by which the vertices of a triangle are put in order, the same for one
-            vertex in all triangles; shape (n, 3).
-    """
-    rank = np.argsort(order, axis=1)
-    a, b, c = np.take_along_axis(bottom, rank, axis=1).T
-    d, e, f = np.take_along_axis(top, rank, axis=1).T
-    return np.vstack([np.stack(t, axis=1) for t in ((a, b, c, f), (a, b, e, f), (a, d, e, f))])
+    return layer_cells(bottom, top, True)

@@ -10,7 +10,7 @@ from scipy.spatial import KDTree
 from fenics_joints import _compat
 from fenics_joints.errors import MeshError
 from fenics_joints.meshes.arguments import is_positive, requirement
-from fenics_joints.meshes.skin import row_numbers
+from fenics_joints.meshes.facets import row_numbers
 from fenics_joints.meshes.tagged import TaggedMesh
 from fenics_joints.parallel import on_root
 

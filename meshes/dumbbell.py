@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from typing import Annotated, ClassVar
 
 import numpy as np
@@ -17,17 +18,36 @@ from fenics_joints.meshes.arguments import (
     lengths,
     made_by,
 )
-from fenics_joints.meshes.extrude import Extrusion
-from fenics_joints.meshes.plane import Plan, count_intervals, grid_lines, ring_in_square
+from fenics_joints.meshes.facets import Skin, add_faces, facets_between
+from fenics_joints.meshes.grid import PlaneGrid, count_intervals, extruded, grid_lines
 from fenics_joints.meshes.tagged import MeshLists
 
-FACET_NAMES = {"end_1": 1, "end_2": 2, "joint_lower": 3, "joint_upper": 4}
+FACES = ("end_1", "end_2", "joint_lower", "joint_upper")
 BODIES = ("head_1", "neck_1", "neck_2", "head_2")
 
 Sides = Annotated[
     tuple[Size, Size, Size],
     Demand(lambda v: lengths(v, 3), "three lengths above 0 m, along x, y and z"),
 ]
+
+
+def with_joint_faces(
+    lists: MeshLists, below: str, above: str, ends: Mapping[str, float]
+) -> MeshLists:
+    """The mesh with faces between two parts and the layer or rings between them, and its ends.
+
+    Args:
+        lists: The mesh, all of whose other parts than the bodies are layers.
+        below: The part below the layers.
+        above: That above.
+        ends: Heights of the flat outer faces, by their names, m.
+    """
+    skin, layers = Skin(lists), [n for n in lists.cell_names if n.startswith(("joint", "ring_"))]
+    lists = skin.named({name: skin.at(2, height) for name, height in ends.items()})
+    sides = {"joint_lower": below, "joint_upper": above}
+    return add_faces(
+        lists, {name: facets_between(lists, part, *layers) for name, part in sides.items()}
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -98,7 +118,7 @@ class Dumbbell(Builder):
     def groups(self) -> tuple[list[str], list[str]]:
         """Names of the parts and of the faces."""
         joints = [f"ring_{i + 1}" for i in range(len(self.centres))] or ["joint"]
-        return [*BODIES, *joints], list(FACET_NAMES)
+        return [*BODIES, *joints], list(FACES)
 
     def check(self) -> None:
         """Refuse arguments that do not fit each other, with MeshError."""
@@ -148,15 +168,11 @@ class Dumbbell(Builder):
         joint = np.where(ring > 0, n + ring, 0) if len(self.centres) else (n + 1) * neck
         rows = [head] * (body - n_neck) + [2 * neck] * n_neck + [joint] * self.n_layer
         rows += [3 * neck] * n_neck + [4 * head] * (body - n_neck)
-        column = Extrusion(plan.points, quads, z, np.array(rows), self.cell)
-        everywhere = np.ones(len(quads), dtype=bool)
-        column.tag_level(0, everywhere, FACET_NAMES["end_1"])
-        column.tag_level(len(z) - 1, everywhere, FACET_NAMES["end_2"])
-        column.tag_level(body, joint > 0, FACET_NAMES["joint_lower"])
-        column.tag_level(body + self.n_layer, joint > 0, FACET_NAMES["joint_upper"])
-        bolts = np.column_stack([self.centres, np.full(len(self.centres), self.layer / 2)])
-        more = {"bolts": bolts} if len(bolts) else {}
-        return MeshLists(self.cell, *column.lists(), self.cell_names, dict(FACET_NAMES), more)
+        lists = extruded(plan.points, quads, z, np.array(rows), self.cell, self.cell_names)
+        if len(self.centres):
+            bolts = np.column_stack([self.centres, np.full(len(self.centres), self.layer / 2)])
+            lists = replace(lists, points={"bolts": bolts})
+        return with_joint_faces(lists, "neck_1", "neck_2", {"end_1": z[0], "end_2": z[-1]})
 
     @property
     def n_zone(self) -> int:
@@ -185,15 +201,15 @@ class Dumbbell(Builder):
         """Distances of a body's levels from the joint."""
         return grid_lines([0.0, self.neck[2], self.neck[2] + self.head[2]], self.element_size)
 
-    def plan(self) -> Plan:
+    def plan(self) -> PlaneGrid:
         """The plan, with the rings, whose cells have the kind 1, those of their holes -1."""
-        plan = Plan(self.lines(0), self.lines(1))
+        plan = PlaneGrid(self.lines(0), self.lines(1))
         for centre in self.centres:
             fits = plan.square(centre, self.side).shape == (self.n_zone + 1,) * 2
             expected = "rings in rows: squares side by side or one above the other"
             self.require(fits, "rings", self.centres.tolist(), expected)
             radii, size = (self.r_nei, self.r_wai), min(self.element_size, self.side / 4)
-            plan.fill(ring_in_square, centre, self.side, radii, size)
+            plan.fill(centre, self.side, radii, size, full=True)
         return plan
 
     def lines(self, axis: int) -> np.ndarray:

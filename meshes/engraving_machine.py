@@ -6,7 +6,7 @@ frequencies, while all dimensions of its frame were in a lost figure (Figure 14)
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated, ClassVar
 
 import numpy as np
@@ -21,11 +21,11 @@ from fenics_joints.meshes.arguments import (
     lengths,
     made_by,
 )
-from fenics_joints.meshes.extrude import Extrusion
-from fenics_joints.meshes.plane import Plan, count_intervals, grid_lines, ring_in_square
+from fenics_joints.meshes.dumbbell import with_joint_faces
+from fenics_joints.meshes.grid import PlaneGrid, count_intervals, extruded, grid_lines
 from fenics_joints.meshes.tagged import MeshLists
 
-FACET_NAMES = {"bottom": 1, "top": 2, "joint_lower": 3, "joint_upper": 4}
+FACES = ("bottom", "top", "joint_lower", "joint_upper")
 BODIES = ("bed", "column")
 #: Part of a ring's square that its polygon may reach, so that cells around it keep some width.
 _ROOM = 0.98
@@ -228,7 +228,7 @@ class EngravingMachine(_Frame):
     def groups(self) -> tuple[list[str], list[str]]:
         """Names of the parts and of the faces."""
         rings = 2 * sum(self.bolts) - 4  # in the outer rows of the grid
-        return [*BODIES, *(f"ring_{i + 1}" for i in range(rings))], list(FACET_NAMES)
+        return [*BODIES, *(f"ring_{i + 1}" for i in range(rings))], list(FACES)
 
     def check(self) -> None:
         """Refuse arguments that do not fit each other, with MeshError."""
@@ -256,10 +256,10 @@ class EngravingMachine(_Frame):
         """The whole mesh."""
         n = len(BODIES)
         bolts = self.centres()
-        plan = Plan(self.lines(0), self.lines(1))
+        plan = PlaneGrid(self.lines(0), self.lines(1))
         for centre in bolts:
             size = min(self.element_size, self.side / 2)
-            plan.fill(ring_in_square, centre, self.side, self.corners(), size)
+            plan.fill(centre, self.side, self.corners(), size, full=True)
         ring = plan.number * plan.kind  # below 0 in a hole
         below = grid_lines([-self.bed[2], -self.flange, 0.0], self.element_size)
         layer = np.linspace(0.0, self.layer, self.n_layer + 1)
@@ -273,21 +273,12 @@ class EngravingMachine(_Frame):
         rows[first : first + self.n_layer] = np.where(ring > 0, n + ring, 0)
         # The holes end with the flanges: the arm may be above them.
         rows[np.ix_(_inside(z, (z[0], self.layer + self.flange)), np.flatnonzero(ring < 0))] = 0
-        column = Extrusion(plan.points, plan.quads, z, rows, self.cell)
-        for level, cells, name in (
-            (0, rows[0] > 0, "bottom"),
-            (len(z) - 1, rows[-1] > 0, "top"),
-            (first, ring > 0, "joint_lower"),
-            (first + self.n_layer, ring > 0, "joint_upper"),
-        ):
-            column.tag_level(level, cells, FACET_NAMES[name])
         head = 0.0, -self.half_box[1] - self.arm[0], z[-1] - self.arm[1] / 2
-        named = {
-            "bolts": np.column_stack([bolts, np.full(len(bolts), self.layer / 2)]),
-            "head": np.array([head]),
-        }
-        cell_names = {name: i for i, name in enumerate(self.groups()[0], start=1)}
-        return MeshLists(self.cell, *column.lists(), cell_names, dict(FACET_NAMES), named)
+        names = {name: i for i, name in enumerate(self.groups()[0], start=1)}
+        lists = extruded(plan.points, plan.quads, z, rows, self.cell, names)
+        bolts = np.column_stack([bolts, np.full(len(bolts), self.layer / 2)])
+        lists = replace(lists, points={"bolts": bolts, "head": np.array([head])})
+        return with_joint_faces(lists, *BODIES, {"bottom": z[0], "top": z[-1]})
 
     def lines(self, axis: int) -> np.ndarray:
         """Lines of the plan along x or y: all walls', and those of the pockets evenly spaced."""

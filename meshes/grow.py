@@ -9,28 +9,335 @@ per area (`fenics_joints.structure.laws.SPRINGS`) such a layer is a spring of ze
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import KDTree
 
 from fenics_joints.errors import MeshError
 from fenics_joints.meshes.arguments import is_positive, requirement
-from fenics_joints.meshes.cad_layer import OF_EDGE, prisms_to_tetrahedra, thin_layer
-from fenics_joints.meshes.separate import separate
-from fenics_joints.meshes.skin import FACETS, add_faces, row_numbers
-from fenics_joints.meshes.tagged import MeshLists
-from fenics_joints.meshes.touching import (
-    Touch,
-    glued,
-    round_holes,
-    said_pairs,
-    shortest_edge,
-    touches,
+from fenics_joints.meshes.facets import (
+    FACETS,
+    Bodies,
+    add_faces,
+    interfaces,
+    layer_cells,
+    oriented,
+    row_numbers,
 )
+from fenics_joints.meshes.tagged import MeshLists
 
-#: Most thickness of a layer as a share of the smallest extent of the parts.
+#: Thickness of a layer that moves nothing as a share of the smallest extent of the parts, and its
+#: most as a share of the shortest edge of a cell, so that none is turned inside out.
+_THIN, _OF_EDGE = 1e-4, 0.1
+#: Most thickness of a layer that is given, as a share of the smallest extent of the parts.
 _MOST = 5e-2
+#: Vertices of two parts nearer than this share of the shortest edge are one.
+_ONE = 1e-3
+#: Cosine of the angle between neighbouring facets of one contact: 31 degrees, a circle of twelve.
+_SMOOTH = 0.855
+#: Sine by which the normals of a flat contact may differ.
+_FLAT = 1e-3
+#: A loop is a circle if its corners miss it by less than this share of its radius.
+_ROUND, _CORNERS = 0.02, 6
+#: Ends of the edges of an edge (its two points), a triangle and a quadrilateral.
+_ENDS = {2: [(0,), (1,)], 3: [(0, 1), (1, 2), (0, 2)], 4: [(0, 1), (0, 2), (1, 3), (2, 3)]}
+
+
+def groups_of(n: int, pairs: Iterable[tuple[int, int]]) -> np.ndarray:
+    """Number of the group of each of n things, of which pairs are together, in their order."""
+    pairs = np.array(list(pairs), dtype=np.int64).reshape(-1, 2)
+    graph = coo_array((np.ones(len(pairs), np.int8), pairs.T), shape=(n, n))
+    return connected_components(graph, directed=False)[1]
+
+
+@dataclass(frozen=True)
+class Touch:
+    """Facets on which two parts touch.
+
+    Attributes:
+        parts: Names of the two, in the mesh's order.
+        facets: Vertices of the glued mesh as the first part's cell has them, shape (n, n_corners).
+        middles: Middles, m, shape (n, gdim).
+        normals: Unit normals from the first part to the second, shape (n, gdim).
+        areas: m2 (m in the plane), shape (n,).
+    """
+
+    parts: tuple[str, str]
+    facets: np.ndarray
+    middles: np.ndarray
+    normals: np.ndarray
+    areas: np.ndarray
+
+    def pick(self, rows: np.ndarray) -> Touch:
+        """Some of its facets."""
+        keys = ("facets", "middles", "normals", "areas")
+        return replace(self, **{key: getattr(self, key)[rows] for key in keys})
+
+    @property
+    def normal(self) -> np.ndarray:
+        """Mean unit normal."""
+        mean = self.areas @ self.normals
+        return mean / np.linalg.norm(mean) + 0.0
+
+    @property
+    def is_flat(self) -> bool:
+        """Whether all facets have one normal and lie in one plane."""
+        off = self.normals - np.outer(self.normals @ self.normal, self.normal)
+        height = self.middles @ self.normal
+        size = np.linalg.norm(np.ptp(self.middles, axis=0)) + np.sqrt(self.areas.max())
+        return bool(np.linalg.norm(off, axis=1).max() < _FLAT and np.ptp(height) < _FLAT * size)
+
+
+def shortest_edge(lists: MeshLists) -> float:
+    """Length of the shortest edge of the mesh's facets, m."""
+    facets = lists.cells[:, FACETS[lists.cell]].reshape(-1, FACETS[lists.cell].shape[1])
+    ends = [(0, 1)] if facets.shape[1] == 2 else _ENDS[facets.shape[1]]
+    x = lists.x[facets]
+    return min(float(np.linalg.norm(x[:, a] - x[:, b], axis=1).min()) for a, b in ends)
+
+
+def glued(lists: MeshLists) -> MeshLists:
+    """The same mesh with one vertex where vertices of different parts coincide."""
+    n, tree = len(lists.x), KDTree(lists.x)
+    pairs = tree.query_pairs(_ONE * shortest_edge(lists), output_type="ndarray")
+    if not len(pairs):
+        return lists
+    values = np.unique(lists.cell_values, return_inverse=True)[1].ravel()
+    rows, of = lists.cells.ravel(), np.repeat(values, lists.cells.shape[1])
+    has = coo_array((np.ones(len(rows), np.int32), (rows, of)), (n, values.max() + 1)).tocsr()
+    common = np.asarray(has[pairs[:, 0]].multiply(has[pairs[:, 1]]).sum(axis=1)).ravel()
+    _, first, new = np.unique(
+        groups_of(n, pairs[common == 0]), return_index=True, return_inverse=True
+    )
+    return replace(lists, x=lists.x[first], cells=new[lists.cells], facets=new[lists.facets])
+
+
+def touches(lists: MeshLists, bonded: Iterable[tuple[str, str]] = ()) -> list[Touch]:
+    """The contacts of a glued mesh: smooth faces on which two parts touch.
+
+    Flat faces of one pair of parts in one plane are one contact, even with a gap between them.
+
+    Args:
+        lists: The mesh; parts that touch share their vertices.
+        bonded: Pairs of parts that are left out.
+
+    Returns:
+        The contacts in the order of the parts, then of x, y and z.
+    """
+    names, left_out = list(lists.cell_names), {frozenset(pair) for pair in bonded}
+    facets, cells = interfaces(lists, part_numbers(lists))
+    parts = part_numbers(lists)[cells]
+    found = []
+    for a, b in np.unique(parts, axis=0):
+        own = (parts == (a, b)).all(axis=1)
+        if {names[a], names[b]} not in left_out:
+            touch = _measured(lists, (names[a], names[b]), facets[own], cells[own])
+            found += _contacts(touch)
+    return found
+
+
+def part_numbers(lists: MeshLists) -> np.ndarray:
+    """Number of each cell's part in the order of the mesh's names, shape (n_cells,)."""
+    number = np.zeros(max(lists.cell_names.values()) + 1, dtype=np.int64)
+    number[list(lists.cell_names.values())] = np.arange(len(lists.cell_names))
+    return number[lists.cell_values]
+
+
+def _measured(lists: MeshLists, parts, facets: np.ndarray, cells: np.ndarray) -> Touch:
+    x = lists.x[facets]
+    middles = x.mean(axis=1)
+    if x.shape[2] == 2:
+        along = x[:, 1] - x[:, 0]
+        areas = np.column_stack([along[:, 1], -along[:, 0]])
+    else:
+        areas = area_vectors(x)
+    inside = lists.x[lists.cells[cells[:, 0]]].mean(axis=1)
+    areas = areas * np.sign(np.sum(areas * (middles - inside), axis=1))[:, None]
+    size = np.linalg.norm(areas, axis=1)
+    return Touch(parts, facets, middles, areas / size[:, None], size)
+
+
+def area_vectors(x: np.ndarray) -> np.ndarray:
+    """Area times normal, m2, (n, 3), of triangles or quadrilaterals of corners x, (n, 3 or 4, 3).
+
+    Corners are in DOLFINx's order: the diagonals of a quadrilateral are 0-3 and 1-2.
+    """
+    return np.cross(x[:, -1] - x[:, 0], x[:, 2] - x[:, 1]) / 2
+
+
+def _contacts(touch: Touch) -> list[Touch]:
+    """Its facets in smooth pieces; flat ones in one plane together."""
+    label = _pieces(touch)
+    pieces = [touch.pick(label == i) for i in range(label.max() + 1)]
+    found: list[list[Touch]] = []
+    for piece in pieces:
+        for group in found:
+            if piece.is_flat and group[0].is_flat and _one_plane(group[0], piece):
+                group.append(piece)
+                break
+        else:
+            found.append([piece])
+    keys = ("facets", "middles", "normals", "areas")
+    merged = [
+        replace(group[0], **{k: np.concatenate([getattr(p, k) for p in group]) for k in keys})
+        for group in found
+    ]
+    return sorted(merged, key=lambda t: tuple(np.round(t.middles.min(axis=0), 9)))
+
+
+def _one_plane(a: Touch, b: Touch) -> bool:
+    away = b.middles - a.middles[0]
+    size = np.linalg.norm(away, axis=1).max()
+    return bool(a.normal @ b.normal > 1 - _FLAT**2 and np.abs(away @ a.normal).max() < _FLAT * size)
+
+
+def _edges(facets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Ends of the facets' edges (of the facets in the plane: their ends), and each one's facet."""
+    ends = np.array(_ENDS[facets.shape[1]])
+    n, k = len(facets), len(ends)
+    return facets[:, ends].reshape(n * k, -1), np.repeat(np.arange(n), k)
+
+
+def _pieces(touch: Touch) -> np.ndarray:
+    """Number of the smooth piece that each facet is in."""
+    ends, facet = _edges(touch.facets)
+    number = row_numbers(ends)
+    order = np.argsort(number, kind="stable")
+    same = np.flatnonzero(np.diff(number[order]) == 0)
+    pairs = facet[np.column_stack([order[same], order[same + 1]])]
+    smooth = np.sum(np.prod(touch.normals[pairs], axis=1), axis=1) > _SMOOTH
+    return groups_of(len(touch.facets), pairs[smooth])
+
+
+@dataclass(frozen=True)
+class RoundHole:
+    """A round hole in a contact: its centre, m, shape (3,), and its radius, m."""
+
+    centre: np.ndarray
+    radius: float
+
+
+def round_holes(x: np.ndarray, touch: Touch) -> list[RoundHole]:
+    """The round holes of a flat contact in space, in the order of x, y and z.
+
+    Args:
+        x: Vertices, m, shape (n, 3).
+        touch: The contact.
+    """
+    if x.shape[1] != 3 or not touch.is_flat:
+        return []
+    ends, facet = _edges(touch.facets)
+    number = row_numbers(ends)
+    alone = np.bincount(number)[number] == 1
+    ends, facet = ends[alone], facet[alone]
+    nodes, local = np.unique(ends, return_inverse=True)
+    local = local.reshape(ends.shape)
+    loop = groups_of(len(nodes), local)
+    found = []
+    for own in range(loop.max(initial=-1) + 1):
+        hole = _circle(x[nodes[loop == own]], touch.normal)
+        if hole is None:
+            continue
+        rows = loop[local[:, 0]] == own
+        edge, beyond = x[ends[rows]].mean(axis=1), touch.middles[facet[rows]]
+        far, near = (np.linalg.norm(at - hole.centre, axis=1) for at in (beyond, edge))
+        if np.all(far > near):
+            found.append(hole)
+    return sorted(found, key=lambda h: tuple(np.round(h.centre, 6)))
+
+
+def _circle(corners: np.ndarray, normal: np.ndarray) -> RoundHole | None:
+    """The circle on which corners lie, if they do."""
+    if len(corners) < _CORNERS:
+        return None
+    centre, radii = fit_circle(corners, normal)
+    radius = float(radii.mean())
+    is_round = np.abs(radii - radius).max() <= _ROUND * radius
+    return RoundHole(centre, radius) if is_round else None
+
+
+def fit_circle(corners: np.ndarray, normal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Centre, (3,), of the circle through points in a plane, (n, 3); the points' distances, (n,).
+
+    |x - c|^2 = r^2 is linear in c and r^2 - |c|^2.
+    """
+    basis, middle = np.linalg.svd(normal[None])[2][1:], corners.mean(axis=0)
+    flat = (corners - middle) @ basis.T
+    system = np.column_stack([2 * flat, np.ones(len(flat))])
+    (*c, _), *_ = np.linalg.lstsq(system, (flat**2).sum(axis=1), rcond=None)
+    return middle + np.array(c) @ basis, np.linalg.norm(flat - c, axis=1)
+
+
+def said_pairs(found: Sequence[Touch]) -> str:
+    """The contacts for a message."""
+    return ", ".join(f"{a!r} and {b!r}" for a, b in dict.fromkeys(t.parts for t in found))
+
+
+def thin_layer(lists: MeshLists, parts: Iterable[str]) -> float:
+    """Thickness of a layer between parts that moves nothing anyone would measure."""
+    return min(_THIN * _smallest_extent(lists, parts), _OF_EDGE * shortest_edge(lists))
+
+
+def _smallest_extent(lists: MeshLists, parts: Iterable[str]) -> float:
+    cells = (lists.cells[lists.cell_values == lists.cell_names[name]] for name in parts)
+    return min(float(np.ptp(lists.x[own], axis=(0, 1)).min()) for own in cells)
+
+
+def spread(x: np.ndarray, sides: Sequence[np.ndarray], areas: np.ndarray, size: float) -> None:
+    """Move the vertices of two faces that coincide apart, half of a distance each.
+
+    Args:
+        x: Vertices, shape (n, gdim), which are moved.
+        sides: Vertices of the facets of either face, each of shape (n_facets, n_corners).
+        areas: Normals from the first to the second, as long as the facets' areas,
+            shape (n_facets, gdim).
+        size: The distance, in the unit of ``x``.
+    """
+    for corners, way in zip(sides, (-0.5, 0.5), strict=True):
+        nodes, local = np.unique(corners, return_inverse=True)
+        total = np.zeros((len(nodes), x.shape[1]))
+        np.add.at(total, local.ravel(), areas.repeat(corners.shape[1], axis=0))
+        x[nodes] += way * size * total / np.linalg.norm(total, axis=1)[:, None]
+
+
+def fill(lists: MeshLists, layers: Mapping[str, Sequence[np.ndarray]], n_layer=1) -> MeshLists:
+    """The mesh with layers of cells, which are parts of it, between faces.
+
+    Args:
+        lists: The mesh.
+        layers: For the name of each layer, the vertices of the facets below and above it, each of
+            shape (n_facets, n_corners).
+        n_layer: Cells through a layer.
+
+    Raises:
+        MeshError: The mesh has a part of the name.
+    """
+    x, names, simplex = lists.x, dict(lists.cell_names), lists.cell in ("triangle", "tetrahedron")
+    cells, values = [lists.cells], [lists.cell_values]
+    for name, (lower, upper) in layers.items():
+        if name in names:
+            raise MeshError(
+                f"the mesh has a part {name!r} already, which is the name of a new layer; expected "
+                "another name, or no joint for [mesh]"
+            )
+        names[name] = max(names.values()) + 1
+        flat, first = np.unique(lower, return_index=True)
+        levels, low, high = [lower], x[flat], x[upper.ravel()[first]]
+        for share in np.arange(1, n_layer) / n_layer:
+            levels.append(len(x) + np.searchsorted(flat, lower))
+            x = np.vstack([x, (1 - share) * low + share * high])
+        levels.append(upper)
+        new = np.vstack([layer_cells(*pair, simplex) for pair in pairwise(levels)])
+        cells.append(oriented(lists.cell, x, new))
+        values.append(np.full(len(new), names[name], dtype=lists.cell_values.dtype))
+    return replace(
+        lists, x=x, cells=np.vstack(cells), cell_values=np.concatenate(values), cell_names=names
+    )
 
 
 @dataclass(frozen=True)
@@ -115,14 +422,26 @@ def grow(lists: MeshLists, wanted: Grown) -> MeshLists:
             "the same places, expected faces whose meshes match (in gmsh: fragment the solids, or "
             "Coherence, before meshing)"
         )
-    parted = separate(whole, _bodies(whole, wanted.bonded), {})
+    names = list(whole.cell_names)
+    bonds = [[names.index(name) for name in pair] for pair in wanted.bonded]
+    body = groups_of(len(names), bonds)
+    parted = Bodies(whole, body[part_numbers(whole)])
     layers, centres, notes = _layers(whole, found, wanted)
-    seam = _Seam(whole, parted)
-    sides = {name: seam.sides(touch.pick(rows)) for name, (touch, rows) in layers.items()}
+
+    def sides(touch: Touch, rows) -> list[np.ndarray]:
+        return [parted.own(body[names.index(part)], touch.facets[rows]) for part in touch.parts]
+
     size = _thickness(whole, wanted, found) if layers else 0.0
-    x = _opened(parted.x, seam, layers, size)
-    grown = _filled(replace(parted, x=x), sides)
-    grown = _named_faces(grown, seam, found, layers, sides)
+    for touch in found:
+        # All rings of a contact together, as they may share vertices.
+        rows = [own for of, own in layers.values() if of is touch]
+        if rows:
+            rows = np.unique(np.concatenate(rows))
+            normals = touch.normal if touch.is_flat else touch.normals[rows]
+            spread(parted.x, sides(touch, rows), normals * touch.areas[rows, None], size)
+    layer_sides = {name: sides(*layer) for name, layer in layers.items()}
+    grown = fill(parted.lists(), layer_sides)
+    grown = _with_free_facets(grown, _faces(found, layers, layer_sides, sides))
     if centres is not None:
         grown = replace(grown, points={**grown.points, "bolts": centres})
     return replace(grown, notes=(*grown.notes, *_said(layers, size), *notes))
@@ -137,28 +456,11 @@ def _check_pairs(lists: MeshLists, wanted: Grown) -> None:
                 raise MeshError(f"{key} has {list(pair)}, expected two of the parts: {there}")
 
 
-def _bodies(lists: MeshLists, bonded) -> list[tuple[str, ...]]:
-    """The parts of each body."""
-    used = set(np.unique(lists.cell_values).tolist())
-    groups = [{name} for name, tag in lists.cell_names.items() if tag in used]
-    for pair in bonded:
-        joined = [g for g in groups if g & set(pair)]
-        groups = [g for g in groups if g not in joined] + [set().union(*joined)]
-    order = list(lists.cell_names)
-    groups = [tuple(sorted(group, key=order.index)) for group in groups]
-    return sorted(groups, key=lambda group: order.index(group[0]))
-
-
 def _thickness(lists: MeshLists, wanted: Grown, found: Sequence[Touch]) -> float:
-    names = {part for touch in found for part in touch.parts}
-    extents = [
-        np.ptp(lists.x[lists.cells[lists.cell_values == lists.cell_names[name]]], axis=(0, 1)).min()
-        for name in names
-    ]
-    smallest, edge = float(min(extents)), shortest_edge(lists)
+    parts = {part for touch in found for part in touch.parts}
     if wanted.thickness is None:
-        return thin_layer(smallest, edge)
-    most = min(_MOST * smallest, OF_EDGE * edge)
+        return thin_layer(lists, parts)
+    most = min(_MOST * _smallest_extent(lists, parts), _OF_EDGE * shortest_edge(lists))
     if wanted.thickness > most:
         raise MeshError(
             f"layer is {1e3 * wanted.thickness:g} mm, which is grown into the parts, half into "
@@ -166,22 +468,6 @@ def _thickness(lists: MeshLists, wanted: Grown, found: Sequence[Touch]) -> float
             "stiffness of a joint need not know the thickness: law = 'springs')"
         )
     return wanted.thickness
-
-
-class _Seam:
-    """Vertices of the parted mesh on facets of the glued one."""
-
-    def __init__(self, whole: MeshLists, parted: MeshLists):
-        self.whole, self.parted, self.corners = whole, parted, FACETS[whole.cell]
-
-    def sides(self, touch: Touch) -> tuple[np.ndarray, np.ndarray]:
-        """Vertices of each facet as the first part has them, and opposite as the second."""
-        lower = self.parted.cells[touch.cells[:, :1], self.corners[touch.sides[:, 0]]]
-        here = self.whole.cells[touch.cells[:, 1:], self.corners[touch.sides[:, 1]]]
-        there = self.parted.cells[touch.cells[:, 1:], self.corners[touch.sides[:, 1]]]
-        back = np.argsort(np.argsort(touch.facets, axis=1), axis=1)
-        order = np.take_along_axis(np.argsort(here, axis=1), back, axis=1)
-        return lower, np.take_along_axis(there, order, axis=1)
 
 
 def _layers(lists: MeshLists, found: list[Touch], wanted: Grown):
@@ -285,85 +571,27 @@ def _given(x: np.ndarray, found: list[Touch], rings: RingPlaces):
     return bolts
 
 
-def _opened(x: np.ndarray, seam: _Seam, layers, size: float) -> np.ndarray:
-    """Vertices with the two sides of filled facets moved apart, half the thickness each."""
-    moves = np.zeros_like(x)
-    contacts = {id(touch): touch for touch, _ in layers.values()}
-    for touch in contacts.values():
-        # All rings of a contact together, as they may share vertices.
-        rows = np.concatenate([rows for other, rows in layers.values() if other is touch])
-        normals = np.broadcast_to(touch.normal, touch.normals.shape) if touch.is_flat else None
-        picked = touch.pick(np.unique(rows))
-        weighted = (picked.normals if normals is None else normals[: len(picked.areas)]).copy()
-        weighted *= picked.areas[:, None]
-        for corners, way in zip(seam.sides(picked), (-0.5, 0.5), strict=True):
-            nodes, local = np.unique(corners, return_inverse=True)
-            total = np.zeros((len(nodes), x.shape[1]))
-            np.add.at(total, local.ravel(), weighted.repeat(corners.shape[1], axis=0))
-            moves[nodes] += way * size * total / np.linalg.norm(total, axis=1)[:, None]
-    return x + moves
-
-
-def _filled(lists: MeshLists, sides: Mapping[str, tuple]) -> MeshLists:
-    """The mesh with a layer of cells between the sides of each name."""
-    names = dict(lists.cell_names)
-    cells, values = [lists.cells], [lists.cell_values]
-    for name, (lower, upper) in sides.items():
-        if name in names:
-            raise MeshError(
-                f"the mesh has a part {name!r} already, which is the name of a new layer; expected "
-                "another name, or no joint for [mesh]"
-            )
-        names[name] = max(names.values()) + 1
-        cells.append(_turned(lists, _cells(lists.cell, lower, upper)))
-        values.append(np.full(len(cells[-1]), names[name], dtype=lists.cell_values.dtype))
-    return replace(
-        lists, cells=np.vstack(cells), cell_values=np.concatenate(values), cell_names=names
-    )
-
-
-def _cells(cell: str, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
-    if cell == "tetrahedron":
-        return prisms_to_tetrahedra(lower, upper, lower)
-    if cell == "triangle":
-        (a, b), (c, d) = lower.T, upper.T
-        return np.vstack([np.column_stack([a, b, d]), np.column_stack([a, c, d])])
-    return np.hstack([lower, upper])
-
-
-def _turned(lists: MeshLists, cells: np.ndarray) -> np.ndarray:
-    """The same cells, all with a positive volume."""
-    flips = {
-        "tetrahedron": ((1, 2, 3), [0, 1, 3, 2]),
-        "triangle": ((1, 2), [0, 2, 1]),
-        "quadrilateral": ((1, 2), [1, 0, 3, 2]),
-        "hexahedron": ((1, 2, 4), [1, 0, 3, 2, 5, 4, 7, 6]),
-    }
-    ends, flip = flips[lists.cell]
-    x = lists.x[cells]
-    inside_out = np.linalg.det(x[:, list(ends)] - x[:, :1]) < 0
-    cells = cells.copy()
-    cells[inside_out] = cells[inside_out][:, flip]
-    return cells
-
-
-def _named_faces(lists: MeshLists, seam: _Seam, found, layers, sides) -> MeshLists:
-    """Names for the facets between layers and parts, and for those of contacts with no layer."""
+def _faces(found: Sequence[Touch], layers, layer_sides, sides) -> dict[str, np.ndarray]:
+    """Facets between layers and parts, and those of contacts with no layer, by their names."""
     faces: dict[str, list[np.ndarray]] = {}
-    for lower, upper in sides.values():
+    for lower, upper in layer_sides.values():
         faces.setdefault("joint_lower", []).append(lower)
         faces.setdefault("joint_upper", []).append(upper)
     for touch in found:
-        filled = [rows for t, rows in layers.values() if t is touch]
+        filled = [rows for of, rows in layers.values() if of is touch]
         bare = np.setdiff1d(np.arange(len(touch.areas)), np.concatenate([[], *filled]))
         if len(bare):
-            (a, b), (lower, upper) = touch.parts, seam.sides(touch.pick(bare))
+            (a, b), (lower, upper) = touch.parts, sides(touch, bare)
             faces.setdefault(f"{a}_to_{b}", []).append(lower)
             faces.setdefault(f"{b}_to_{a}", []).append(upper)
+    return {name: np.vstack(facets) for name, facets in faces.items()}
+
+
+def _with_free_facets(lists: MeshLists, faces: Mapping[str, np.ndarray]) -> MeshLists:
+    """The mesh with names for those of the facets that have none."""
     new = {}
-    for name, found_facets in faces.items():
-        facets = np.vstack(found_facets)
-        numbers = row_numbers(np.vstack([facets, lists.facets.reshape(-1, facets.shape[1])]))
+    for name, facets in faces.items():
+        numbers = row_numbers(np.vstack([facets, lists.facets]))
         free = ~np.isin(numbers[: len(facets)], numbers[len(facets) :])
         if free.any():
             new[name] = facets[free]

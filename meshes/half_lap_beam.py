@@ -9,20 +9,18 @@ from typing import ClassVar, Literal
 import numpy as np
 
 from fenics_joints.meshes.arguments import Builder, Count, Gap, Size, Solid, made_by
-from fenics_joints.meshes.extrude import Extrusion
-from fenics_joints.meshes.lap import CELL_NAMES, lapped, lapped_groups
-from fenics_joints.meshes.plane import (
-    Plan,
+from fenics_joints.meshes.facets import Skin
+from fenics_joints.meshes.grid import (
+    PlaneGrid,
     count_intervals,
-    flat_lists,
+    extruded,
     grid_lines,
-    o_grid,
+    plane_mesh,
     tensor_grid,
 )
-from fenics_joints.meshes.skin import add_faces, exterior_facets
+from fenics_joints.meshes.lap_beam import CELL_NAMES, lapped, lapped_groups
 from fenics_joints.meshes.tagged import MeshLists
 
-_TOLERANCE = 1e-9  # of a vertex on a plane, relative to the length
 _MOST_BOLTS = 1000  # each has faces of its own
 _ZONE = 1.25  # side of an O-grid's square over the washer's diameter
 
@@ -42,6 +40,8 @@ class _HalfLap(Builder):
     n_length: Count = 12
     n_lap: Count = 12
     n_thickness: Count = 1
+    #: Diameter of the bolts' holes; a section has none.
+    hole: ClassVar[float] = 0.0
 
     def check(self) -> None:
         """Refuse arguments that do not fit each other, with MeshError."""
@@ -130,28 +130,19 @@ class _HalfLap(Builder):
 
     def with_faces(self, lists: MeshLists) -> MeshLists:
         """Ends, washers and walls of holes."""
-        facets, _ = exterior_facets(lists)
-        x, tolerance = lists.x[facets], _TOLERANCE * self.length
-        height, outer = x.shape[2] - 1, self.thickness / 2
-
-        def on(axis: int, place: float) -> np.ndarray:
-            return np.all(np.abs(x[:, :, axis] - place) < tolerance, axis=1)
-
-        faces = {"end_1": on(0, 0.0), "end_2": on(0, self.length)}
-        for number, place in enumerate(self.places if self.washer > 0 else (), start=1):
-            under = self.under(x[:, :, :height] - [place, 0.0][:height], tolerance)
-            faces[f"washer_{number}_lower"] = under & on(height, -outer)
-            faces[f"washer_{number}_upper"] = under & on(height, outer)
-        faces |= self.walls(x, tolerance)
-        return add_faces(lists, {name: facets[mask] for name, mask in faces.items()})
-
-    def under(self, off: np.ndarray, tolerance: float) -> np.ndarray:
-        """Which facets, from a bolt's axis, (n, corners, height), its washer covers if flat."""
-        return np.all(np.abs(off) < self.washer / 2 + tolerance, axis=(1, 2))
-
-    def walls(self, x: np.ndarray, tolerance: float) -> dict[str, np.ndarray]:
-        """Masks of further faces."""
-        return {}
+        skin, height, outer = Skin(lists), lists.x.shape[1] - 1, self.thickness / 2
+        faces = {"end_1": skin.at(0, 0.0), "end_2": skin.at(0, self.length)}
+        axes = np.zeros((self.bolts, height))
+        axes[:, 0] = self.places
+        distance, nearest = skin.from_axes(axes, 2 if self.hole > 0 else np.inf)
+        under = skin.within(distance, self.washer / 2)
+        for bolt in range(self.bolts if self.washer > 0 else 0):
+            own = under & (nearest == bolt)
+            faces[f"washer_{bolt + 1}_lower"] = own & skin.at(height, -outer)
+            faces[f"washer_{bolt + 1}_upper"] = own & skin.at(height, outer)
+        if self.hole > 0:
+            faces["holes"] = skin.equal(distance, self.hole / 2)
+        return skin.named(faces)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -235,8 +226,7 @@ class HalfLapBeam(_HalfLap):
         plan = self.plan()
         lists = []
         for levels, rows in self.pieces(plan.middle[:, 0]):
-            column = Extrusion(plan.points, plan.quads, levels, rows, self.cell)
-            lists.append(MeshLists(self.cell, *column.lists(), CELL_NAMES, {}))
+            lists.append(extruded(plan.points, plan.quads, levels, rows, self.cell, CELL_NAMES))
         return _joined(lists)
 
     def bricks(self) -> list[tuple[float, float, float]]:
@@ -257,28 +247,14 @@ class HalfLapBeam(_HalfLap):
         """Places across the beam that are lines."""
         return [-self.width / 2, -side / 2, side / 2, self.width / 2]
 
-    def plan(self) -> Plan:
+    def plan(self) -> PlaneGrid:
         """The plane of x and y."""
         side, *sizes = self.sizes()
-        plan = Plan(self.x_lines(side, sizes[0]), grid_lines(self.y_edges(side), sizes[1]))
+        plan = PlaneGrid(self.x_lines(side, sizes[0]), grid_lines(self.y_edges(side), sizes[1]))
         for place in self.places if self.hole > 0 else ():
             radii = self.hole / 2, self.washer / 2
-            plan.fill(o_grid, np.array([place, 0.0]), side, radii, min(sizes))
+            plan.fill(np.array([place, 0.0]), side, radii, min(sizes))
         return plan
-
-    def under(self, off: np.ndarray, tolerance: float) -> np.ndarray:
-        """Which facets, from a bolt's axis, (n, corners, height), its washer covers if flat."""
-        if self.hole == 0:
-            return super().under(off, tolerance)
-        return np.all(np.linalg.norm(off, axis=2) < self.washer / 2 + tolerance, axis=1)
-
-    def walls(self, x: np.ndarray, tolerance: float) -> dict[str, np.ndarray]:
-        """Walls of the holes."""
-        if self.hole == 0:
-            return {}
-        radius = np.hypot(x[:, None, :, 0] - self.places[:, None], x[:, None, :, 1])
-        wall = np.all(np.abs(radius - self.hole / 2) < tolerance, axis=2)
-        return {"holes": wall.any(axis=1)}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -301,7 +277,7 @@ class HalfLapBeamSection(_HalfLap):
         for levels, rows in self.pieces(0.5 * (x[:-1] + x[1:])):
             # Cells come with the height running fastest.
             points, quads = tensor_grid(x, levels)
-            lists.append(flat_lists(points, quads, rows.T.ravel(), self.cell, CELL_NAMES))
+            lists.append(plane_mesh(points, quads, rows.T.ravel(), self.cell, CELL_NAMES))
         return _joined(lists)
 
 

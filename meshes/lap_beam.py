@@ -2,19 +2,56 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar, Literal
 
 import numpy as np
 
 from fenics_joints.meshes.arguments import Builder, Count, Gap, Size, Solid, is_positive, made_by
-from fenics_joints.meshes.extrude import Extrusion
-from fenics_joints.meshes.lap import CELL_NAMES, lapped, lapped_groups
-from fenics_joints.meshes.plane import count_intervals, flat_lists, grid_lines, tensor_grid
-from fenics_joints.meshes.skin import add_faces, exterior_facets
+from fenics_joints.meshes.facets import Skin, add_faces, facets_between, separate
+from fenics_joints.meshes.grid import count_intervals, extruded, grid_lines, plane_mesh, tensor_grid
 from fenics_joints.meshes.tagged import MeshLists
 
-_TOLERANCE = 1e-9  # of a vertex on a plane, relative to the length
+CELL_NAMES = {"beam_1": 1, "beam_2": 2, "joint": 3, "root": 4}
+
+
+def lapped_groups(
+    layer: float, bonded: bool, cells: Sequence[str], faces: Sequence[str]
+) -> tuple[list[str], list[str]]:
+    """Names of the parts and of the faces of two beams, one on the other.
+
+    Args:
+        layer: Thickness of the layer between them, in metres.
+        bonded: Whether they share vertices.
+        cells: Names of other parts than those of the beams and the layer.
+        faces: Names of other faces than those between the beams.
+    """
+    cells = ["beam_1", "beam_2", *cells]
+    if layer > 0:
+        return [*cells, "joint"], [*faces, "joint_lower", "joint_upper"]
+    if bonded:
+        return cells, [*faces, "interface"]
+    return cells, [*faces, "interface_lower", "interface_upper"]
+
+
+def lapped(lists: MeshLists, layer: float, bonded: bool) -> MeshLists:
+    """The mesh with faces between the beams, which are made separate bodies if they are to be.
+
+    Args:
+        lists: The mesh; beams that touch share vertices.
+        layer: Thickness of the layer between the beams, in metres.
+        bonded: Whether they go on to share vertices; those of a layer always do.
+    """
+    if layer > 0:
+        faces = {"joint_lower": ("joint", "beam_1"), "joint_upper": ("joint", "beam_2")}
+    elif bonded:
+        faces = {"interface": ("beam_1", "beam_2")}
+    else:
+        names = "interface_lower", "interface_upper"
+        bodies = [("root", "beam_1"), "joint", "beam_2"]
+        return separate(lists, bodies, {("beam_1", "beam_2"): names})
+    return add_faces(lists, {name: facets_between(lists, *pair) for name, pair in faces.items()})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -109,25 +146,18 @@ class _Lap(Builder):
         return np.array(rows)
 
     def with_faces(self, lists: MeshLists) -> MeshLists:
-        facets, _ = exterior_facets(lists)
-        x = lists.x[facets]
-        tolerance = _TOLERANCE * self.length
-
-        def on(axis: int, place: float) -> np.ndarray:
-            return np.all(np.abs(x[:, :, axis] - place) < tolerance, axis=1)
-
-        pressed = np.full(len(facets), self.washer > 0)
-        for axis, middle in enumerate([self.bolt, 0.0][: x.shape[2] - 1]):
-            off = np.abs(x[:, :, axis] - middle)
-            pressed &= np.all(off < self.washer / 2 + tolerance, axis=1)
-        height = x.shape[2] - 1
-        faces = {
-            "clamp": on(0, -self.root),
-            "tip": on(0, self.end),
-            "washer_lower": pressed & on(height, -self.outer),
-            "washer_upper": pressed & on(height, self.outer),
-        }
-        return add_faces(lists, {name: facets[mask] for name, mask in faces.items()})
+        skin, height = Skin(lists), lists.x.shape[1] - 1
+        bolt = np.array([[self.bolt, 0.0][:height]])
+        off, _ = skin.from_axes(bolt, np.inf)
+        pressed = skin.within(off, self.washer / 2) & (self.washer > 0)
+        return skin.named(
+            {
+                "clamp": skin.at(0, -self.root),
+                "tip": skin.at(0, self.end),
+                "washer_lower": pressed & skin.at(height, -self.outer),
+                "washer_upper": pressed & skin.at(height, self.outer),
+            }
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -191,8 +221,7 @@ class LapBeam(_Lap):
         """Cells alone."""
         points, quads = tensor_grid(self.x_lines(), self.y_lines())
         values = self.values(points[quads][:, :, 0].mean(axis=1))
-        column = Extrusion(points, quads, self.levels(), values, self.cell)
-        return MeshLists(self.cell, *column.lists(), CELL_NAMES, {})
+        return extruded(points, quads, self.levels(), values, self.cell, CELL_NAMES)
 
     def bricks(self) -> list[tuple[float, float, float]]:
         """About how many cells the two beams and the layer have along x, y and z."""
@@ -226,7 +255,7 @@ class LapBeamSection(_Lap):
         points, quads = tensor_grid(x, self.levels())
         # Cells come with the height running fastest.
         values = self.values((x[:-1] + x[1:]) / 2).T.ravel()
-        return flat_lists(points, quads, values, self.cell, CELL_NAMES)
+        return plane_mesh(points, quads, values, self.cell, CELL_NAMES)
 
 
 lap_beam = made_by(LapBeam)

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
 
 from fenics_joints.meshes.arguments import Builder, Count, Gap, Places, Size, Solid, made_by
-from fenics_joints.meshes.extrude import Extrusion
-from fenics_joints.meshes.plane import Plan, count_intervals, grid_lines, o_grid
+from fenics_joints.meshes.facets import Skin, add_faces, facets_between
+from fenics_joints.meshes.grid import PlaneGrid, count_intervals, extruded, grid_lines
 from fenics_joints.meshes.tagged import MeshLists
 
 CELL_NAMES = {"plate_1": 1, "plate_2": 2, "joint_near": 3, "joint_away": 4}
@@ -156,25 +156,35 @@ class LapPlates(Builder):
 
     def lists(self) -> MeshLists:
         """The whole mesh."""
-        size_x, size_y = self.sizes()
-        x, y = self.lines(size_x, size_y)
-        left = np.arange(len(y))
-        right = left + (len(x) - 1) * len(y)
-        plan, rims = Plan(x, y), [np.empty((0, 2), dtype=np.int64)]
+        (x, y), (size_x, size_y) = self.edges(), self.sizes()
+        plan = PlaneGrid(grid_lines(x, size_x), grid_lines(y, size_y))
         for bolt in self.centres if self.radii else ():
-            rim = plan.fill(o_grid, bolt, self.zone, self.radii, min(size_x, size_y))
-            rims.append(_chain(np.append(rim, rim[0])))
-        values = self.values(plan.middle)
-        column = Extrusion(plan.points, plan.quads, self.levels(), values, self.cell)
-        rims, washer = np.vstack(rims), plan.kind == 1
-        self.tag_faces(column, plan.middle, washer, _chain(left), _chain(right), rims)
+            plan.fill(bolt, self.zone, self.radii, min(size_x, size_y))
+        rows = self.values(plan.middle)
+        lists = extruded(plan.points, plan.quads, self.levels(), rows, self.cell, CELL_NAMES)
         centres = np.full((len(self.centres), 3), self.thickness + self.layer / 2)
         centres[:, :2] = self.centres
-        return MeshLists(self.cell, *column.lists(), CELL_NAMES, FACET_NAMES, {"bolts": centres})
+        lists = replace(lists, facet_names=FACET_NAMES, points={"bolts": centres})
+        return self.with_faces(lists)
 
-    def lines(self, size_x: float, size_y: float) -> tuple[np.ndarray, np.ndarray]:
-        x, y = self.edges()
-        return grid_lines(x, size_x), grid_lines(y, size_y)
+    def with_faces(self, lists: MeshLists) -> MeshLists:
+        """The ends, the outer faces and holes; and what is between the plates."""
+        skin, top = Skin(lists), 2 * self.thickness + self.layer
+        faces = {"bottom": skin.at(2, 0.0), "top": skin.at(2, top)}
+        if self.radii and len(self.centres):
+            radius, _ = skin.from_axes(self.centres)
+            washer = skin.within(radius, self.radii[-1]) & (faces["bottom"] | faces["top"])
+            faces = {name: own & ~washer for name, own in faces.items()}
+            faces |= {"washers": washer, "holes": skin.equal(radius, self.radii[0])}
+        faces |= {"end_1": skin.at(0, 0.0), "end_2": skin.at(0, 2 * self.length - self.lap)}
+        lists = skin.named(faces)
+        if self.layer == 0:
+            return add_faces(lists, {"interface": facets_between(lists, "plate_1", "plate_2")})
+        sides = {"joint_lower": "plate_1", "joint_upper": "plate_2"}
+        joint = "joint_near", "joint_away"
+        return add_faces(
+            lists, {name: facets_between(lists, plate, *joint) for name, plate in sides.items()}
+        )
 
     def edges(self) -> tuple[list[float], list[float]]:
         """Places along x and y that are lines of the grid."""
@@ -199,41 +209,16 @@ class LapPlates(Builder):
 
     def values(self, middle: np.ndarray) -> np.ndarray:
         """Cell tags per layer of cells and plane cell, whose centres are ``middle``, (n, 2)."""
-        first, second, lap = self.regions(middle)
+        first = middle[:, 0] < self.length
+        second = middle[:, 0] > self.length - self.lap
         from_bolts = np.abs(middle[:, None, :] - self.centres).max(axis=2)
         near = (from_bolts < self.zone / 2).any(axis=1)
         joint = np.where(near, CELL_NAMES["joint_near"], CELL_NAMES["joint_away"])
         rows = [np.where(first, CELL_NAMES["plate_1"], 0)] * self.n_thickness
         if self.layer > 0:
-            rows.append(np.where(lap, joint, 0))
+            rows.append(np.where(first & second, joint, 0))
         rows += [np.where(second, CELL_NAMES["plate_2"], 0)] * self.n_thickness
         return np.array(rows)
-
-    def regions(self, middle: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Which plane cells belong to plate 1, to plate 2 and to the lap."""
-        first = middle[:, 0] < self.length
-        second = middle[:, 0] > self.length - self.lap
-        return first, second, first & second
-
-    def tag_faces(self, column, middle, washer, left, right, rims) -> None:
-        first, second, lap = self.regions(middle)
-        n, last = self.n_thickness, len(column.z) - 1
-        column.tag_wall(left, np.arange(n), FACET_NAMES["end_1"])
-        column.tag_wall(right, np.arange(last - n, last), FACET_NAMES["end_2"])
-        column.tag_level(0, first & ~washer, FACET_NAMES["bottom"])
-        column.tag_level(last, second & ~washer, FACET_NAMES["top"])
-        column.tag_wall(rims, np.arange(last), FACET_NAMES["holes"])
-        for level in (0, last):
-            column.tag_level(level, washer, FACET_NAMES["washers"])
-        if self.layer > 0:
-            column.tag_level(n, lap, FACET_NAMES["joint_lower"])
-            column.tag_level(n + 1, lap, FACET_NAMES["joint_upper"])
-        else:
-            column.tag_level(n, lap, FACET_NAMES["interface"])
-
-
-def _chain(points: np.ndarray) -> np.ndarray:
-    return np.column_stack([points[:-1], points[1:]])
 
 
 lap_plates = made_by(LapPlates)

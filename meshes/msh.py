@@ -13,10 +13,10 @@ from fenics_joints.errors import MeshError, Problems, located
 from fenics_joints.files import path_of
 from fenics_joints.meshes.arguments import is_positive, requirement
 from fenics_joints.meshes.check import check_mesh
+from fenics_joints.meshes.grid import thickened
 from fenics_joints.meshes.grow import Grown, grow
 from fenics_joints.meshes.msh_file import MshFile, read_msh_file
 from fenics_joints.meshes.rings import ring_centres
-from fenics_joints.meshes.sheet import thickened
 from fenics_joints.meshes.tagged import MeshLists, TaggedMesh, distribute
 from fenics_joints.parallel import on_root
 

@@ -15,7 +15,7 @@ from mpi4py import MPI
 from fenics_joints.case import build_preload, build_structure, check_size, estimate, load_case, size
 from fenics_joints.case.size import available_bytes
 from fenics_joints.errors import InputError
-from fenics_joints.meshes.plane import count_intervals, grid_lines
+from fenics_joints.meshes.grid import count_intervals, grid_lines
 
 DEMOS = Path(__file__).parents[2] / "demos"
 BODY = '[parts.body]\ncells = "{}"\nE = "70 GPa"\nnu = 0.3\nrho = 2700\n'

@@ -19,7 +19,7 @@ from fenics_joints.meshes import (
     stacked_blocks,
 )
 from fenics_joints.meshes.extrude import Extrusion
-from fenics_joints.meshes.plane import tensor_grid
+from fenics_joints.meshes.grid import tensor_grid
 from fenics_joints.meshes.tagged import MeshLists, distribute
 from fenics_joints.parallel import on_root
 

@@ -10,10 +10,9 @@ from mpi4py import MPI
 
 from fenics_joints.errors import MeshError
 from fenics_joints.meshes import check_mesh, separate
-from fenics_joints.meshes.extrude import Extrusion
-from fenics_joints.meshes.plane import flat_lists, tensor_grid
-from fenics_joints.meshes.skin import add_faces, facets_between
-from fenics_joints.meshes.tagged import MeshLists, distribute
+from fenics_joints.meshes.facets import add_faces, facets_between
+from fenics_joints.meshes.grid import extruded, plane_mesh, tensor_grid
+from fenics_joints.meshes.tagged import distribute
 from fenics_joints.parallel import on_root
 
 COMM = MPI.COMM_WORLD
@@ -26,10 +25,9 @@ def three_layers(cell):
     names = {"a": 1, "b": 2, "c": 3}
     if cell in ("quadrilateral", "triangle"):
         top = points[quads][:, :, 1].mean(axis=1) > 1
-        return flat_lists(points, quads, np.where(top, 2 + right, 1), cell, names)
+        return plane_mesh(points, quads, np.where(top, 2 + right, 1), cell, names)
     values = np.array([np.ones(len(quads), int), 2 + right])
-    column = Extrusion(points, quads, np.arange(3.0), values, cell)
-    return MeshLists(cell, *column.lists(), names, {})
+    return extruded(points, quads, np.arange(3.0), values, cell, names)
 
 
 @pytest.mark.parallel

@@ -10,8 +10,8 @@ from mpi4py import MPI
 
 from fenics_joints.errors import InputError
 from fenics_joints.meshes import bolted_plates_section, separate, stacked_blocks
-from fenics_joints.meshes.plane import flat_lists, tensor_grid
-from fenics_joints.meshes.skin import add_faces, exterior_facets
+from fenics_joints.meshes.facets import add_faces, exterior_facets
+from fenics_joints.meshes.grid import plane_mesh, tensor_grid
 from fenics_joints.meshes.tagged import distribute
 from fenics_joints.parallel import on_root
 from fenics_joints.preload import (
@@ -38,7 +38,7 @@ def clamp():
         x, y = points[quads].mean(axis=1).T
         values = np.where(x > 2, 3, np.where(x < 1, 1 + (y > 1.5), 0))
         values[y < 0], values[y > 3] = 1, 2
-        whole = flat_lists(points, quads, values, "quadrilateral", names)
+        whole = plane_mesh(points, quads, values, "quadrilateral", names)
         seams = {
             ("low", "high"): ("cut_low", "cut_high"),
             ("low", "member"): ("nut", "foot"),

@@ -32,10 +32,10 @@ from fenics_joints.commands.new.extents import METRES, UNITS, likely_unit
 from fenics_joints.errors import InputError, MeshError, member
 from fenics_joints.meshes import TaggedMesh, check_contact, measure_ring, read_msh
 from fenics_joints.meshes.check import check_mesh
+from fenics_joints.meshes.grow import Touch, glued, round_holes, touches
 from fenics_joints.meshes.msh import read_lists
 from fenics_joints.meshes.rings import ring_names
 from fenics_joints.meshes.tagged import limits
-from fenics_joints.meshes.touching import Touch, glued, round_holes, touches
 from fenics_joints.preload.clearance import cone_radius, guess_thread, head_radius
 from fenics_joints.units import to_si
 

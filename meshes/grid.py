@@ -1,14 +1,16 @@
-"""Plane grids of quadrilaterals: graded tensor grids, and O-grids around round holes."""
+"""Grids of the builders: graded lines, plane grids with O-grids round holes, columns on them."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from fenics_joints.errors import items, real, reals
 from fenics_joints.meshes.arguments import requirement
+from fenics_joints.meshes.facets import layer_cells, oriented
 from fenics_joints.meshes.tagged import MeshLists
 
 # Quadrilaterals (v00, v10, v01, v11) cut along v00-v11 or v10-v01; all halves turn anticlockwise.
@@ -115,7 +117,7 @@ def cut_quads(points: np.ndarray, quads: np.ndarray) -> np.ndarray:
     return np.take_along_axis(quads, cut.reshape(-1, 6), axis=1).reshape(-1, 2, 3)
 
 
-def flat_lists(points, quads, values, cell: str, cell_names: dict[str, int]) -> MeshLists:
+def plane_mesh(points, quads, values, cell: str, cell_names: dict[str, int]) -> MeshLists:
     """A mesh in the plane of those quadrilaterals that have a tag, without named faces.
 
     Args:
@@ -131,9 +133,71 @@ def flat_lists(points, quads, values, cell: str, cell_names: dict[str, int]) -> 
     quads, values = quads[values > 0], values[values > 0]
     if cell == "triangle":
         quads, values = cut_quads(points, quads).reshape(-1, 3), np.repeat(values, 2)
-    used, cells = np.unique(quads, return_inverse=True)
-    none = np.empty((0, 2), dtype=np.int64), np.empty(0, dtype=np.int32)
-    return MeshLists(cell, points[used], cells.reshape(quads.shape), values, *none, cell_names, {})
+    return _compressed(cell, points, quads, values, cell_names)
+
+
+def extruded(points, base, z, values, cell: str, cell_names: dict[str, int]) -> MeshLists:
+    """A mesh of the columns of cells over a plane mesh, without named faces.
+
+    Tetrahedra are cut along the shorter diagonal of each quadrilateral, and upright along the
+    diagonals that rise from the lower plane vertex number to the higher one. Neighbours see the
+    same diagonal, so the cut conforms.
+
+    Args:
+        points: Plane vertices, shape (n_points, 2), in metres.
+        base: Plane cells, quadrilaterals (v00, v10, v01, v11), or triangles where the columns are
+            of tetrahedra, shape (n_base, 4 or 3).
+        z: Levels, ascending, shape (n_levels,), in metres.
+        values: Tag of each cell, 0 where there is none, shape (n_levels - 1, n_base).
+        cell: ``"hexahedron"`` or ``"tetrahedron"``.
+        cell_names: Tag of each named part.
+
+    Returns:
+        The mesh, without unused vertices.
+    """
+    simplex = cell == "tetrahedron"
+    if simplex and base.shape[1] == 4:
+        base, values = cut_quads(points, base).reshape(-1, 3), np.repeat(values, 2, axis=1)
+    layer, column = np.nonzero(values)
+    x = np.column_stack([points.repeat(len(z), axis=0), np.tile(z, len(points))])
+    lower = base[column] * len(z) + layer[:, None]
+    cells = oriented(cell, x, layer_cells(lower, lower + 1, simplex))
+    values = values[layer, column].repeat(3 if simplex else 1)
+    return _compressed(cell, x, cells, values, cell_names)
+
+
+def _compressed(cell: str, x, cells, values, cell_names) -> MeshLists:
+    used, numbers = np.unique(cells, return_inverse=True)
+    corners = {"quadrilateral": 2, "triangle": 2, "hexahedron": 4, "tetrahedron": 3}[cell]
+    none = np.empty((0, corners), dtype=np.int64), np.empty(0, dtype=np.int32)
+    return MeshLists(cell, x[used], numbers.reshape(cells.shape), values, *none, cell_names, {})
+
+
+def thickened(flat: MeshLists, thickness: float) -> MeshLists:
+    """The solid over a plane mesh, a sheet, half of its thickness on either side of z = 0.
+
+    Quadrilaterals become hexahedra, triangles three tetrahedra each. Named edges become the walls
+    over them, and named points become points on both sides.
+
+    Args:
+        flat: Triangles or quadrilaterals whose vertices are all used, of shape (n, 2).
+        thickness: Thickness of the sheet, m.
+    """
+    simplex, ends = flat.cell == "triangle", np.array([-0.5, 0.5]) * thickness
+    cell = "tetrahedron" if simplex else "hexahedron"
+    solid = extruded(flat.x, flat.cells, ends, flat.cell_values[None], cell, flat.cell_names)
+    edges = 2 * flat.facets  # vertices at the lower of the two levels, see `extruded`
+    points = {
+        name: np.vstack([np.column_stack([p[:, :2], np.full(len(p), z)]) for z in ends])
+        for name, p in flat.points.items()
+    }
+    return replace(
+        solid,
+        facets=layer_cells(edges, edges + 1, simplex),
+        facet_values=np.repeat(flat.facet_values, 2 if simplex else 1),
+        facet_names=flat.facet_names,
+        points=points,
+    )
 
 
 def tensor_grid(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -153,8 +217,8 @@ def grid_cells(number: np.ndarray) -> np.ndarray:
     return np.stack(corners, axis=-1).reshape(-1, 4)
 
 
-class Plan:
-    """A plane tensor grid, in which O-grids can take the place of squares.
+class PlaneGrid:
+    """A plane tensor grid, in which O-grids round holes can take the place of squares.
 
     Args:
         x, y: Its lines, in metres.
@@ -162,7 +226,8 @@ class Plan:
     Attributes:
         points: Vertices, shape (n_points, 2), in metres.
         quads: Cells (v00, v10, v01, v11), shape (n_quads, 4).
-        kind: What the O-grids say of their cells, 0 for others, shape (n_quads,).
+        kind: 1 for cells between the first and second circle of an O-grid, -1 for those inside the
+            first, 0 for others, shape (n_quads,).
         number: Number of the O-grid that a cell is in, from 1, 0 for none, shape (n_quads,).
     """
 
@@ -183,66 +248,52 @@ class Plan:
         return self._grid[i, j]
 
     def fill(
-        self, grid: Callable, centre: np.ndarray, side: float, radii: Sequence[float], size: float
-    ) -> np.ndarray:
-        """Put an O-grid, `o_grid` or `ring_in_square`, into a square.
+        self, centre: np.ndarray, side: float, radii: Sequence[float], size: float, *, full=False
+    ) -> None:
+        """Put quadrilaterals round a circle, the O-grid, in the place of a square.
 
-        Returns:
-            Numbers of the points on the innermost of the circles, anticlockwise.
+        The square's sides map to quarters of the circle with angle in proportion to distance, so
+        an even square gives a regular polygon whose corners lie on the circle. Circles of the
+        given radii are followed exactly by element edges; the rings between two of them, and the
+        last between a circle and the square, are cut into the fewest equal parts not longer than
+        ``size``.
+
+        Args:
+            centre: Centre of the square and of the circles, shape (2,), in metres.
+            side: Side of the square, whose sides are lines of the grid, in metres.
+            radii: Radii of the hole and of the circles around it, ascending, in metres.
+            size: Longest element along the radius, halfway along a side, in metres.
+            full: Whether there are cells in the hole too; needs an even number of cells, the same
+                along all sides of the square.
         """
-        square, first = self.square(centre, side), len(self.points)
+        first, loop = len(self.points), _loop_around(self.square(centre, side))
         outside = np.abs(self.middle - centre).max(axis=1) > side / 2
-        points, quads, kind = grid(self.points, square, centre, radii, size)
+        offset, n = self.points[loop] - centre, len(loop)
+        half = np.abs(offset).max()
+        angle = _square_angle(offset / half)
+        unit = np.column_stack([np.cos(angle), np.sin(angle)])
+        curves, reach = [*(radius * unit for radius in radii), offset], [*radii, half]
+        rings, kinds = [], []
+        for band in range(len(radii)):
+            parts = math.ceil((reach[band + 1] - reach[band]) / size * (1 - 1e-9))
+            for step in np.arange(parts) / parts:
+                rings.append(centre + (1 - step) * curves[band] + step * curves[band + 1])
+                kinds.append(int(band == 0 and len(radii) > 1))
+        points = np.vstack(rings)
+        number = np.vstack([first + np.arange(len(points)).reshape(-1, n), loop])
+        quads, kind = grid_cells(np.hstack([number, number[:, :1]])), np.repeat(kinds, n)
+        if full:
+            # The loop starts at the square's corner of least x and y, 3/8 of a turn off the x-axis.
+            turn = np.roll(np.arange(n), -3 * n // 8)
+            circle = points[turn] - centre
+            inner, disc = disc_grid(first + turn, circle, size, first + len(points), False)
+            points, quads = np.vstack([points, inner + centre]), np.vstack([quads, disc])
+            kind = np.append(kind, np.full(len(disc), -1))
         self._filled += 1
         self.points = np.vstack([self.points, points])
         self.quads = np.vstack([self.quads[outside], quads])
-        self.kind = np.concatenate([self.kind[outside], kind])
+        self.kind = np.append(self.kind[outside], kind)
         self.number = np.append(self.number[outside], np.full(len(quads), self._filled))
-        return first + np.arange(2 * sum(square.shape) - 4)
-
-
-def o_grid(
-    points: np.ndarray, square: np.ndarray, centre: np.ndarray, radii: Sequence[float], size: float
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Quadrilaterals between a round hole and the square around it.
-
-    The square's sides map to quarters of the circle with angle in proportion to distance, so an
-    even square gives a regular polygon whose corners lie on the circle. Circles of the given radii
-    are followed exactly by element edges; the rings between two of them, and the last between a
-    circle and the square, are cut into the fewest equal parts not longer than ``size``.
-
-    Args:
-        points: Points of the plane, shape (n_points, 2), in metres.
-        square: Numbers of those of the square's grid, with n on its sides, shape (n_x, n_y).
-        centre: Centre of the square and of the hole, shape (2,), in metres.
-        radii: Radii of the hole and of the circles around it, ascending, in metres.
-        size: Longest element along the radius, halfway along a side, in metres.
-
-    Returns:
-        New points, shape (n_rings * n, 2), numbered after those of the plane, the hole's first,
-        each ring's anticlockwise from the square's lower left corner; cells (v00, v10, v01, v11)
-        with v00 to v10 outwards, ring by ring from the hole, shape (n_rings * n, 4); and the
-        number of the circle inside which each cell lies, from 0 for the square, then 1 for
-        ``radii[1]`` and so on, shape (n_rings * n,).
-    """
-    loop, first = _loop_around(square), len(points)
-    offset = points[loop] - centre
-    half = np.abs(offset).max()
-    angle = _square_angle(offset / half)
-    unit = np.column_stack([np.cos(angle), np.sin(angle)])
-    curves = [radius * unit for radius in radii] + [offset]
-    reach = [*radii, half]
-    rings, bands = [], []
-    for band in range(len(radii)):
-        parts = math.ceil((reach[band + 1] - reach[band]) / size * (1 - 1e-9))
-        for step in np.arange(parts) / parts:
-            rings.append(centre + (1 - step) * curves[band] + step * curves[band + 1])
-            bands.append((band + 1) % len(radii))
-    n = len(loop)
-    number = np.vstack([first + np.arange(len(rings) * n).reshape(-1, n), loop])
-    turned = np.roll(number, -1, axis=1)
-    cells = np.stack([number[:-1], number[1:], turned[:-1], turned[1:]], axis=-1).reshape(-1, 4)
-    return np.vstack(rings), cells, np.repeat(bands, n)
 
 
 def disc_grid(
@@ -305,28 +356,3 @@ def _loop_around(square: np.ndarray) -> np.ndarray:
     """
     sides = square[:-1, 0], square[-1, :-1], square[:0:-1, -1], square[0, :0:-1]
     return np.concatenate(sides)
-
-
-def ring_in_square(
-    points: np.ndarray, square: np.ndarray, centre: np.ndarray, radii: Sequence[float], size: float
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """A ring between polygons around the centre of a square, all of which is filled.
-
-    Args:
-        points: Points of the plane, shape (n, 2).
-        square: Numbers of those of the square's grid, as many along x as along y, shape (m, m).
-        centre: The square's, shape (2,).
-        radii: Inner and outer, at the polygons' corners.
-        size: Longest side of a cell along the radius.
-
-    Returns:
-        New points, numbered after those of the plane; cells; 1 for those in the ring, -1 for those
-        inside of it, 0 for the others.
-    """
-    first, n = len(points), 2 * sum(square.shape) - 4
-    x, quads, circle = o_grid(points, square, centre, radii, size)
-    # The loop starts at the square's corner of least x and y, 3/8 of a turn before the x-axis.
-    turn = np.roll(np.arange(n), -3 * n // 8)
-    inner, disc = disc_grid(first + turn, x[turn] - centre, size, first + len(x), False)
-    where = np.concatenate([np.where(circle == 1, 1, 0), np.full(len(disc), -1)])
-    return np.vstack([x, inner + centre]), np.vstack([quads, disc]), where
