@@ -120,7 +120,7 @@ def _check_touch(contact: Contact | Obstacle) -> None:
 
 
 @dataclass(frozen=True)
-class _Bolt:
+class _BoltBase:
     """What all bolts have: a name, two faces and the force between them."""
 
     name: str
@@ -136,7 +136,7 @@ class _Bolt:
             direction(f"{self.name}.axis", axis)
 
 
-def _check_faces(pair: Contact | _Bolt, what: str) -> None:
+def _check_faces(pair: Contact | _BoltBase, what: str) -> None:
     text(f"{what}.name", pair.name)
     text(f"{pair.name}.lower", pair.lower)
     text(f"{pair.name}.upper", pair.upper)
@@ -147,7 +147,7 @@ def _check_faces(pair: Contact | _Bolt, what: str) -> None:
 
 
 @dataclass(frozen=True)
-class WasherForce(_Bolt):
+class WasherForce(_BoltBase):
     """A bolt as two opposed forces, spread evenly over the faces under its washers.
 
     Attributes:
@@ -163,7 +163,7 @@ class WasherForce(_Bolt):
 
 
 @dataclass(frozen=True)
-class PretensionSection(_Bolt):
+class PretensionSection(_BoltBase):
     """A solid bolt, cut through its shank: the force is given and the shortening solved for.
 
     The two faces of the cut stay flat and parallel and move apart by the shortening along the
@@ -181,7 +181,7 @@ class PretensionSection(_Bolt):
 
 
 @dataclass(frozen=True)
-class BeamBolt(_Bolt):
+class BeamBolt(_BoltBase):
     """A bolt as a beam between rigid spiders under its washers (Fronk et al. 2019, section 3.2).
 
     In the preload the force is given, so the beam resists bending, shear and twist alone; about

@@ -25,7 +25,7 @@ _SHEAR = 0.1
 
 
 @dataclass(frozen=True)
-class Pairs:
+class ContactPairs:
     """The pairs that this rank owns, all contacts together.
 
     Attributes:
@@ -33,26 +33,30 @@ class Pairs:
         gap: Initial gap, m, (n,).
         friction: Coulomb's coefficient, (n,); infinity for no sliding.
         scale: Positive stiffness c, N/m, (n,), near that of the bodies at the pair.
-        areas: Area of each vertex, m2, (n,).
         slip: Jump in the tangents at which the last step ended, m, (n, gdim - 1).
+        penalty: Stiffness k A, N/m, (n,), of penalty contact with regularised Coulomb friction, an
+            approximation, softer than steel: N = k A max(0, -g), q = -proj(k A s, mu N). None for
+            exact contact.
     """
 
     numbers: np.ndarray
     gap: np.ndarray
     friction: np.ndarray
     scale: np.ndarray
-    areas: np.ndarray
     slip: np.ndarray
+    penalty: np.ndarray | None = None
 
     @property
     def springs(self) -> tuple[np.ndarray, np.ndarray]:
         """Stiffness, N/m, (n,), that scales openings, and that which scales slips."""
+        if self.penalty is not None:
+            return self.penalty, self.penalty
         return self.scale, _SHEAR * self.scale
 
     @property
     def share(self) -> float:
-        """Share of the present forces in the trial forces."""
-        return 1.0
+        """Share of the present forces in the trial forces: none where springs alone make them."""
+        return 1.0 if self.penalty is None else 0.0
 
     def split(self, array: np.ndarray):
         """Normal part, (n,), and tangential part, (n, gdim - 1), of an array over x."""
@@ -144,29 +148,6 @@ class Pairs:
         w, _ = self.split(x)
         N, _ = self.split(r)
         return np.abs(np.minimum(self.scale * (w + self.gap), N))
-
-
-@dataclass(frozen=True)
-class Penalty(Pairs):
-    """Penalty contact with regularised Coulomb friction: an approximation, softer than steel.
-
-    N = k A max(0, -g), and q = -proj(k A s, mu N), with k the stiffness per area.
-
-    Attributes:
-        stiffness: k, Pa/m.
-    """
-
-    stiffness: float = 0.0
-
-    @property
-    def springs(self) -> tuple[np.ndarray, np.ndarray]:
-        """Stiffness of each pair's springs, N/m, (n,), across and along the contact."""
-        return self.stiffness * self.areas, self.stiffness * self.areas
-
-    @property
-    def share(self) -> float:
-        """None: springs alone make the forces."""
-        return 0.0
 
 
 def _shorten(vectors: np.ndarray, limit: np.ndarray) -> np.ndarray:

@@ -8,7 +8,8 @@ so every rank holds all of it.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import basix
 import numpy as np
@@ -39,15 +40,13 @@ class Interface:
         points: Positions, m, of the lower vertices, (n, gdim); with a coupling or an obstacle of
             the upper ones.
         frames: Unit normal, from lower to upper, and tangents, as rows, (n, gdim, gdim).
-        areas: Area of the surface that belongs to each vertex, m2 (in plane strain m2 per metre of
-            depth), (n,): the integral of its hat function.
         gap: Initial gap, m, along the normal, (n,); negative where the bodies overlap.
         facets: Pairs at the facets' vertices, (n_facets, k).
         shares: Integral of each vertex's hat function over each facet, m2, (n_facets, k).
+        where: Rank and local number of the upper body's facets, (n_facets, 2).
         edges: Pairs at the ends of edges with midsides, (n_edges, 2).
         lower_midsides: Global block numbers there, (n_edges,).
         upper_midsides: Those of their partners, (n_edges,).
-        where: Rank and local number of the upper body's facets, (n_facets, 2).
         coupling: What the lower face does at each upper vertex, if the faces do not match.
     """
 
@@ -56,14 +55,13 @@ class Interface:
     upper: np.ndarray
     points: np.ndarray
     frames: np.ndarray
-    areas: np.ndarray
     gap: np.ndarray
     facets: np.ndarray
     shares: np.ndarray
-    edges: np.ndarray
-    lower_midsides: np.ndarray
-    upper_midsides: np.ndarray
     where: np.ndarray
+    edges: np.ndarray = field(default_factory=lambda: np.empty((0, 2), np.int64))
+    lower_midsides: np.ndarray = field(default_factory=lambda: np.empty(0, np.int64))
+    upper_midsides: np.ndarray = field(default_factory=lambda: np.empty(0, np.int64))
     coupling: Coupling | None = None
 
     def __len__(self) -> int:
@@ -71,6 +69,14 @@ class Interface:
 
     def __repr__(self) -> str:
         return f"Interface({self.name!r}, {len(self)} pairs, {len(self.facets)} facets)"
+
+    @cached_property
+    def areas(self) -> np.ndarray:
+        """Area of the surface that belongs to each vertex, m2 (in plane strain m2 per metre of
+        depth), (n,): the integral of its hat function."""
+        areas = np.zeros(len(self))
+        np.add.at(areas, self.facets, self.shares)
+        return areas
 
     @property
     def normals(self) -> np.ndarray:
@@ -135,8 +141,7 @@ def pair_faces(
     _check_apart(name, lower, upper)
     pairs = _match(name, lower, upper, tolerance)
     facets, rows = _common_facets(pairs[:, 1], upper)
-    n = len(pairs)
-    normals = -_vertex_normals(n, facets, upper.normals[rows])
+    normals = -_vertex_normals(len(pairs), facets, upper.normals[rows])
     opposed = _vertex_normals(len(lower.nodes), lower.facets, lower.normals)[pairs[:, 0]]
     if np.any(np.einsum("ij,ij->i", opposed, -normals) > _OPPOSED):
         raise MeshError(f"{name}: the two faces look the same way; expected opposed normals.")
@@ -144,11 +149,7 @@ def pair_faces(
         both = held(lower.nodes[pairs[:, 0]]) & held(upper.nodes[pairs[:, 1]])
         normals = _upright(normals, both)
     points = lower.points[pairs[:, 0]]
-    shares = _hat_integrals(points, facets, weight)
-    areas = np.zeros(n)
-    np.add.at(areas, facets, shares)
     meshed = np.einsum("ij,ij->i", upper.points[pairs[:, 1]] - points, normals)
-    given = np.asarray(gap(points) if callable(gap) else gap, dtype=float)
     edges, low_mid, up_mid = _pair_edges(name, pairs, lower, upper)
     return Interface(
         name,
@@ -156,14 +157,13 @@ def pair_faces(
         upper.nodes[pairs[:, 1]],
         points,
         frames(normals),
-        areas,
-        meshed + np.broadcast_to(given, n),
+        meshed + _given_gap(gap, points),
         facets,
-        shares,
+        _hat_integrals(points, facets, weight),
+        upper.where[rows],
         edges,
         low_mid,
         up_mid,
-        upper.where[rows],
     )
 
 
@@ -210,7 +210,8 @@ def couple_faces(
         coupling = replace(coupling, free=at_upper & bonded)
     points = upper.points[mortar.rows]
     meshed = np.einsum("ij,ij->i", points - coupling.partner(coupling.points), normals)
-    return _one_sided(name, upper, mortar, nearest, frames(normals), meshed, gap, coupling)
+    found = _one_sided(name, upper, mortar, frames(normals), meshed, gap)
+    return replace(found, lower=nearest, coupling=coupling)
 
 
 def face_obstacle(
@@ -248,36 +249,30 @@ def face_obstacle(
     shares = _hat_integrals(face.points[rows], corners, weight)
     edges = np.flatnonzero(np.isin(face.edges, rows).all(axis=1)) if len(face.edges) else []
     mortar = Mortar(rows, facets, corners, shares, np.empty(0, int), None)
-    found = _one_sided(
-        name, face, mortar, np.empty(0, np.int64), frames(normals[rows]), distance[rows], gap, None
-    )
+    found = _one_sided(name, face, mortar, frames(normals[rows]), distance[rows], gap)
     ends = np.searchsorted(rows, face.edges[edges]).reshape(-1, 2)
     return replace(found, edges=ends, upper_midsides=face.midsides[edges])
 
 
-def _one_sided(name, upper: Face, mortar: Mortar, lower, turned, meshed, gap, coupling):
+def _one_sided(name, upper: Face, mortar: Mortar, turned, meshed, gap) -> Interface:
     """The interface of vertices of one face, without partners."""
     points = upper.points[mortar.rows]
-    areas = np.zeros(len(points))
-    np.add.at(areas, mortar.corners, mortar.shares)
-    given = np.asarray(gap(points) if callable(gap) else gap, dtype=float)
-    none = np.empty(0, np.int64)
     return Interface(
         name,
-        lower,
+        np.empty(0, np.int64),
         upper.nodes[mortar.rows],
         points,
         turned,
-        areas,
-        meshed + np.broadcast_to(given, len(points)),
+        meshed + _given_gap(gap, points),
         mortar.corners,
         mortar.shares,
-        np.empty((0, 2), np.int64),
-        none,
-        none,
         upper.where[mortar.facets],
-        coupling,
     )
+
+
+def _given_gap(gap: float | Callable, points: np.ndarray) -> np.ndarray:
+    given = np.asarray(gap(points) if callable(gap) else gap, dtype=float)
+    return np.broadcast_to(given, len(points))
 
 
 def _check_apart(name: str, lower: Face, upper: Face) -> None:

@@ -122,7 +122,7 @@ class LinearJoint:
         self.model, self.structure = model, model.structure
         self.jumps = model.jumps
         self.parameters, self.values = self.structure.parameters, self.structure.values
-        self.rings = self.structure.rings
+        self.rings, self.gdim = self.structure.rings, self.structure.gdim
         self.springs = self._checked("springs", springs, 2)
         given = self._checked("conditions", conditions, 1)
         self.conditions = {
@@ -210,19 +210,14 @@ class LinearJoint:
         A.zeroRowsColumns(mine, diag=diagonal)
 
     def _add_springs(self, K: PETSc.Mat, c: Interface, springs: np.ndarray) -> None:
-        numbers = self.jumps.numbers(c)
-        values = np.column_stack([springs[:, :1], np.repeat(springs[:, 1:], self.gdim - 1, axis=1)])
-        for number, value in zip(numbers.ravel(), values.ravel(), strict=True):
-            if self.jumps.owned(np.array([number]))[0]:
-                K.setValue(int(number), int(number), value, PETSc.InsertMode.ADD_VALUES)
-        K.assemble()
+        diagonal = K.createVecRight()
+        diagonal.set(0.0)
+        values = springs[:, [0, *[1] * (self.gdim - 1)]]
+        self.jumps.put(diagonal.array, self.jumps.numbers(c), values)
+        K.setDiagonal(diagonal, addv=PETSc.InsertMode.ADD_VALUES)
+        diagonal.destroy()
 
     # -- the calls of a structure --------------------------------------------------------------
-
-    @property
-    def gdim(self) -> int:
-        """Geometric dimension."""
-        return self.structure.gdim
 
     @property
     def size_m(self) -> np.ndarray:

@@ -15,7 +15,7 @@ from petsc4py import PETSc
 
 from fenics_joints.errors import InputError
 from fenics_joints.formatting import html_table, quantity
-from fenics_joints.preload.conditions import OPEN, SLIP, STICK, Pairs
+from fenics_joints.preload.conditions import OPEN, SLIP, STICK, ContactPairs
 from fenics_joints.preload.interface import Interface
 from fenics_joints.preload.patch import contour_area, largest_radius, mean_within
 from fenics_joints.structure.grids import facet_mesh
@@ -168,7 +168,7 @@ class PreloadResult:
     def __init__(
         self,
         solver: PreloadSolver,
-        pairs: Pairs,
+        pairs: ContactPairs,
         forces: Mapping[str, float],
         x: PETSc.Vec,
         load: PETSc.Vec,

@@ -10,7 +10,7 @@ from petsc4py import PETSc
 
 from fenics_joints.errors import ConvergenceError, InputError, mapping, member, real, wanted
 from fenics_joints.modal.options import given_options, last_line, petsc_defaults, reason_of
-from fenics_joints.preload.conditions import Pairs, Penalty
+from fenics_joints.preload.conditions import ContactPairs
 from fenics_joints.preload.hold import find_hold
 from fenics_joints.preload.interface import Interface
 from fenics_joints.preload.jumps import Jumps
@@ -269,7 +269,7 @@ class PreloadSolver:
             self.newton = NewtonPreconditioner(self.held, prefix, options)
         return self.newton
 
-    def combine(self, pairs: Pairs, A: np.ndarray, B: np.ndarray, out=None) -> PETSc.Mat:
+    def combine(self, pairs: ContactPairs, A: np.ndarray, B: np.ndarray, out=None) -> PETSc.Mat:
         """The matrix A K + B, with blocks A and B, (n, gdim, gdim), at the pairs; A is 1 elsewhere.
 
         Args:
@@ -334,7 +334,7 @@ def solve_preload(
 class ContactResidual:
     """Residual and Jacobian of one solution, as SNES calls them."""
 
-    def __init__(self, system: PreloadSolver, pairs: Pairs, load: PETSc.Vec, start: bool):
+    def __init__(self, system: PreloadSolver, pairs: ContactPairs, load: PETSc.Vec, start: bool):
         self.system, self.pairs, self.load = system, pairs, load
         self.start, self.first, self.iterations = start, True, 0
         self.rows = load.duplicate()
@@ -437,22 +437,21 @@ class ContactResidual:
         ksp.destroy(), J.destroy()
 
 
-def _pairs(model: PreloadModel, K: PETSc.Mat, penalty: float | None) -> Pairs:
+def _pairs(model: PreloadModel, K: PETSc.Mat, penalty: float | None) -> ContactPairs:
     """The pairs that this rank owns."""
-    jumps = model.jumps
-    diagonal = K.getDiagonal()
-    columns = {key: [] for key in ("numbers", "gap", "friction", "scale", "areas")}
+    jumps, diagonal = model.jumps, K.getDiagonal()
+    parts = []
     for contact, c in zip(model.contacts, jumps.contacts, strict=True):
         numbers = jumps.numbers(c)
         mine = jumps.owned(numbers[:, 0])
-        columns["numbers"].append(jumps.local(numbers[mine]))
-        columns["gap"].append(c.gap[mine])
-        columns["friction"].append(np.full(mine.sum(), contact.friction))
-        columns["scale"].append(_stiffness_at(jumps, diagonal, c)[mine])
-        columns["areas"].append(c.areas[mine])
-    arrays = {key: np.concatenate(parts) for key, parts in columns.items()}
-    arrays["slip"] = np.zeros((len(arrays["gap"]), jumps.gdim - 1))
-    return Pairs(**arrays) if penalty is None else Penalty(**arrays, stiffness=penalty)
+        friction, scale = np.full(len(c), contact.friction), _stiffness_at(jumps, diagonal, c)
+        parts.append([a[mine] for a in (numbers, c.gap, friction, scale, c.areas)])
+    numbers, gap, friction, scale, areas = map(np.concatenate, zip(*parts, strict=True))
+    slip, springs = (
+        np.zeros((len(gap), jumps.gdim - 1)),
+        None if penalty is None else penalty * areas,
+    )
+    return ContactPairs(jumps.local(numbers), gap, friction, scale, slip, springs)
 
 
 def _stiffness_at(jumps: Jumps, diagonal: PETSc.Vec, c: Interface) -> np.ndarray:
