@@ -19,7 +19,7 @@ from scipy.spatial import cKDTree
 from fenics_joints._compat import geometry_dofmap
 from fenics_joints.errors import MeshError
 from fenics_joints.meshes import TaggedMesh
-from fenics_joints.preload.mortar import Coupling, Mortar, couple
+from fenics_joints.preload.mortar import Coupling, Mortar, couple, hat_integrals
 from fenics_joints.structure.structure import Structure
 
 #: Pairs of vertices may be apart by this share of the shortest edge.
@@ -159,7 +159,7 @@ def pair_faces(
         frames(normals),
         meshed + _given_gap(gap, points),
         facets,
-        _hat_integrals(points, facets, weight),
+        hat_integrals(points, facets, weight),
         upper.where[rows],
         edges,
         low_mid,
@@ -246,7 +246,7 @@ def face_obstacle(
         )
     rows, corners = np.unique(face.facets[facets], return_inverse=True)
     corners = corners.reshape(len(facets), -1)
-    shares = _hat_integrals(face.points[rows], corners, weight)
+    shares = hat_integrals(face.points[rows], corners, weight)
     edges = np.flatnonzero(np.isin(face.edges, rows).all(axis=1)) if len(face.edges) else []
     mortar = Mortar(rows, facets, corners, shares, np.empty(0, int), None)
     found = _one_sided(name, face, mortar, frames(normals[rows]), distance[rows], gap)
@@ -354,25 +354,6 @@ def frames(normals: np.ndarray) -> np.ndarray:
     first = axis - np.einsum("ij,ij->i", axis, normals)[:, None] * normals
     first /= np.linalg.norm(first, axis=1, keepdims=True)
     return np.stack([normals, first, np.cross(normals, first)], axis=1)
-
-
-def _hat_integrals(points, facets, weight) -> np.ndarray:
-    """Integrals of the vertices' hat functions over each facet, (n_facets, k), in closed rules."""
-    k = facets.shape[1]
-    kind = {2: basix.CellType.interval, 3: basix.CellType.triangle, 4: basix.CellType.quadrilateral}
-    x, w = basix.make_quadrature(kind[k], 4)
-    element = basix.create_element(basix.ElementFamily.P, kind[k], 1)
-    table = element.tabulate(1, x)[:, :, :, 0]
-    corner = points[facets]
-    at = np.einsum("qk,fki->fqi", table[0], corner)
-    slopes = [np.einsum("qk,fki->fqi", table[1 + d], corner) for d in range(x.shape[1])]
-    if len(slopes) == 1:
-        scale = np.linalg.norm(slopes[0], axis=2)
-    else:
-        scale = np.linalg.norm(np.cross(*slopes), axis=2)
-    if weight is not None:
-        scale = scale * weight(at.reshape(-1, at.shape[2])).reshape(scale.shape)
-    return np.einsum("q,fq,qk->fk", w, scale, table[0])
 
 
 def _pair_edges(name: str, pairs: np.ndarray, lower: Face, upper: Face):

@@ -18,6 +18,7 @@ together.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 
 import basix
@@ -29,6 +30,8 @@ from scipy.spatial import cKDTree
 _COVERED = 0.5
 #: Facets that look the same way, or across one another, are not in contact; as a cosine.
 _OPPOSED = -0.5
+#: Reference cells of facets by their number of corners.
+_CELLS = {2: basix.CellType.interval, 3: basix.CellType.triangle, 4: basix.CellType.quadrilateral}
 #: Corners of facets in order around them, and ends of their edges in DOLFINx's order, which numbers
 #: quadrilaterals by rows.
 _RING = {2: [0, 1], 3: [0, 1, 2], 4: [0, 1, 3, 2]}
@@ -129,22 +132,10 @@ def _duals(found: Overlap, upper, weight):
     covered = np.zeros(n)
     plain = found.weight if weight is None else found.weight / weight(found.points)
     np.add.at(covered, found.upper, plain)
-    kept = covered > _COVERED * _sizes(upper)
+    kept = covered > _COVERED * hat_integrals(upper.points, upper.facets).sum(axis=1)
     duals = np.zeros((n, k, k))
     duals[kept] = shares[kept][:, :, None] * np.linalg.inv(products[kept])
     return shares, duals, kept
-
-
-def _sizes(face) -> np.ndarray:
-    """Areas (lengths) of a face's facets, (n,)."""
-    x = face.points[face.facets]
-    sides = [x[:, i] - x[:, 0] for i in range(1, x.shape[1])]
-    if len(sides) == 1:
-        return np.linalg.norm(sides[0], axis=1)
-    area = 0.5 * np.linalg.norm(np.cross(sides[0], sides[1]), axis=1)
-    if len(sides) == 3:
-        area = area + 0.5 * np.linalg.norm(np.cross(x[:, 1] - x[:, 3], x[:, 2] - x[:, 3]), axis=1)
-    return area
 
 
 def _coupling(found, duals, areas, rows, facets, lower, upper, bubble):
@@ -247,6 +238,20 @@ def hats(at: np.ndarray, corners: int) -> np.ndarray:
     if corners == 3:
         return np.column_stack([1 - x - y, x, y])
     return np.column_stack([(1 - x) * (1 - y), x * (1 - y), (1 - x) * y, x * y])
+
+
+def hat_integrals(
+    points: np.ndarray, facets: np.ndarray, weight: Callable | None = None
+) -> np.ndarray:
+    """Integrals of the vertices' hat functions over each facet, (n_facets, k), in closed rules."""
+    x, w = basix.make_quadrature(_CELLS[facets.shape[1]], 4)
+    element = basix.create_element(basix.ElementFamily.P, _CELLS[facets.shape[1]], 1)
+    hat, *by_axis = element.tabulate(1, x)[:, :, :, 0]
+    at, *slopes = (np.einsum("qk,fki->fqi", table, points[facets]) for table in (hat, *by_axis))
+    scale = np.linalg.norm(slopes[0] if len(slopes) == 1 else np.cross(*slopes), axis=2)
+    if weight is not None:
+        scale = scale * weight(at.reshape(-1, at.shape[2])).reshape(scale.shape)
+    return np.einsum("q,fq,qk->fk", w, scale, hat)
 
 
 def edge_bubbles(at: np.ndarray, corners: int) -> np.ndarray:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from fenics_joints.preload.interface import Interface
+from fenics_joints.preload.interface import Interface, frames
 
 
 def _edges(interface: Interface) -> np.ndarray:
@@ -15,11 +15,15 @@ def _edges(interface: Interface) -> np.ndarray:
     return np.unique(np.sort(np.vstack([f[:, list(e)] for e in around]), axis=1), axis=0)
 
 
+def _mean_axis(normals: np.ndarray) -> np.ndarray:
+    axis = normals.mean(axis=0)
+    return axis / np.linalg.norm(axis)
+
+
 def radii(points: np.ndarray, normals: np.ndarray, centre) -> np.ndarray:
     """Distances of points from an axis through ``centre`` along the mean normal."""
     arm = points - (0.0 if centre is None else np.asarray(centre, dtype=float))
-    axis = normals.mean(axis=0)
-    axis /= np.linalg.norm(axis)
+    axis = _mean_axis(normals)
     return np.linalg.norm(arm - (arm @ axis)[:, None] * axis, axis=1)
 
 
@@ -69,11 +73,8 @@ def equal_radius(
     if not above.any():
         return 0.0, 0.0, 0.0
     arm = interface.points - np.asarray(centre, dtype=float)
-    axis = interface.normals.mean(axis=0)
-    axis /= np.linalg.norm(axis)
-    first = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
-    first /= np.linalg.norm(first)
-    x, y = arm @ first, arm @ np.cross(axis, first)
+    _, first, second = frames(_mean_axis(interface.normals)[None])[0]
+    x, y = arm @ first, arm @ second
     away = np.hypot(x, y)
     hole = away.min()
     angles = np.sort(np.arctan2(y, x)[away > 1e-6 * away.max()])
