@@ -131,7 +131,7 @@ class Verdict:
     """The answer: a heading, and sentences with a bold word before each, or none.
 
     Attributes:
-        heading: In capitals on the terminal, beside the title.
+        heading: Beside the title on the terminal.
         sentences: Pairs of such a word, or "", and a sentence.
         kind: Class on the page, which has a colour of its own.
         style: Of the heading on the terminal.

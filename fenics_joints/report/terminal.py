@@ -53,7 +53,7 @@ def show(console: Console, document: Document) -> None:
     answer = next((b for b in document.blocks if isinstance(b, Verdict)), None)
     subject = (document.subject, "bold")
     if answer is not None:
-        subject = (answer.heading.upper(), answer.style)
+        subject = (answer.heading, answer.style)
     console.print(RichText.assemble((f"{document.title}: ", "bold"), subject))
     before = None
     for block in _shown(document.blocks):

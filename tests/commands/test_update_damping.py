@@ -17,9 +17,8 @@ from rich.console import Console
 from fenics_joints.beams import identify_damping
 from fenics_joints.case import build_structure, load_case
 from fenics_joints.commands.outcome import Outcome
-from fenics_joints.commands.update.page import update_page
+from fenics_joints.commands.update.document import update_document
 from fenics_joints.commands.update.run import update_case
-from fenics_joints.commands.update.summary import show_update
 from fenics_joints.errors import InputError
 from fenics_joints.measurements import Target
 from fenics_joints.meshes import dumbbell
@@ -129,7 +128,7 @@ def test_taken_by_default_where_damping_is_sought(measured, tmp_path):
     assert case.fitted_data() == ("frequencies", "damping")
     found = update_case(case, MPI.COMM_WORLD)
     assert abs(found.parameters[2]["value"] / 0.15 - 1) < 0.05
-    outcome = Outcome.of(found, update_page, show_update)
+    outcome = Outcome.said(found, update_document(found))
     rows = json.loads(json.dumps(outcome.json(), allow_nan=False))["modes"]
     assert rows[3]["damping_test"] == pytest.approx(measured[3], rel=1e-6)
     after = 100 * (rows[3]["damping_after"] / measured[3] - 1)

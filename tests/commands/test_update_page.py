@@ -11,11 +11,17 @@ from html_page import Page, check_page
 from rich.console import Console
 
 from fenics_joints import formatting
-from fenics_joints.commands.update import page
+from fenics_joints.commands.update.document import (
+    curve_line,
+    parameter_rows,
+    update_document,
+    verdict_words,
+)
 from fenics_joints.commands.update.result import ModeTable, Sweep, UpdateReport
-from fenics_joints.commands.update.summary import show_update
 from fenics_joints.measurements.gap import Gap
 from fenics_joints.modal.sensitivity import Identifiability
+from fenics_joints.report.html import as_page
+from fenics_joints.report.terminal import show
 from fenics_joints.updating import Iteration, Prediction, Update
 from fenics_joints.updating.checks import fit_notes
 from fenics_joints.updating.residuals import Widths
@@ -80,36 +86,37 @@ def report(**changes) -> UpdateReport:
     return UpdateReport(**{**values, **changes})
 
 
-def test_page_is_well_formed_and_stands_alone():
-    check_page(page.update_page(report()))
+def page_of(report: UpdateReport) -> str:
+    return as_page(update_document(report))
 
 
-def test_page_keeps_the_rules(browser, tmp_path):
-    browser.check(page.update_page(report()), tmp_path)
+def test_page_is_well_formed_and_keeps_the_rules(keeps_rules):
+    check_page(page_of(report()))
+    keeps_rules(page_of(report()))
 
 
 def test_update_page_shows_the_numbers_of_the_result():
-    shown = Page(page.update_page(report()))
+    shown = Page(page_of(report()))
     row = shown.tables["values"][1]
     assert row == ["near.E", "3.000 GPa", "863.0 MPa", "8.1 %", "870.0 MPa"]
     assert shown.column("published", 3) == ["+1.33 %", formatting.MISSING]
     # The curve goes through the points that were made on it: 2e8 (T / 4)^0.5 = 1e8 T^0.5.
-    (panel,) = page.parameter_rows(report())
+    (panel,) = parameter_rows(report())
     x, line = panel["curve"]
     np.testing.assert_allclose(np.interp(panel["x"], x, line), panel["value"], rtol=1e-3)
     formula = {"name": "near.E", "form": "3 near.G s/(1 + s)", "T0": 4.0, "a": 2e8, "b": 0.5}
-    assert page.curve_line(formula, TORQUES) is None
-    x, line = page.curve_line({**formula, "samples": [[2.0, 5.0], [22.0, 6.0]]}, TORQUES)
+    assert curve_line(formula, TORQUES) is None
+    x, line = curve_line({**formula, "samples": [[2.0, 5.0], [22.0, 6.0]]}, TORQUES)
     assert list(x) == [2.0, 22.0] and list(line) == [5.0, 6.0]
     assert shown.column("fits", 0) == ["2 N·m", "10 N·m *", "22 N·m"]
     assert shown.column("fits", 3) == ["-0.25 %", formatting.MISSING, "-0.25 %"]
     assert shown.texts["gap-after"] == "2.00 %"
-    assert "from 10.00 % to 2.00 %" in page.verdict_words(report())
-    bare = page.update_page(report(sweep=None, published=None))
+    assert "from 10.00 % to 2.00 %" in verdict_words(report())
+    bare = page_of(report(sweep=None, published=None))
     assert "fits" not in Page(bare).tables
     # One condition, and no curves.
     alone = Sweep(report().sweep.fits[:1], [], None, None, np.full((1, 2), 0.01))
-    check_page(page.update_page(report(sweep=alone)))
+    check_page(page_of(report(sweep=alone)))
 
 
 def test_json_holds_what_the_command_line_promises():
@@ -128,7 +135,7 @@ def test_json_holds_what_the_command_line_promises():
 def test_summary_fits_a_screen():
     for width in (80, 100):
         console = Console(width=width, record=True, file=io.StringIO())
-        show_update(console, report())
+        show(console, update_document(report()))
         lines = console.export_text().splitlines()
         assert len(lines) <= 40 and max(map(len, lines)) <= width
 
@@ -139,7 +146,7 @@ def test_modes_whose_partners_change_are_said_once_and_with_the_reason():
     assert note.startswith("mode 1 and mode 2 change their partners among the model's modes")
     unfitted = replace(report().modes, fitted=np.zeros(2, dtype=bool))
     console = Console(width=100, record=True, file=io.StringIO())
-    show_update(console, report(update=found, modes=unfitted, notes=[note]))
+    show(console, update_document(report(update=found, modes=unfitted, notes=[note])))
     said = console.export_text()
     assert said.index("but: mode 1 and mode 2") < said.index(
         "* its frequency was not fitted: left out for the reason given above"

@@ -16,7 +16,7 @@ from fenics_joints.commands.cutoff import run_cutoff
 from fenics_joints.commands.outcome import Outcome
 from fenics_joints.commands.update.conditions import FollowedModel, sweep_conditions
 from fenics_joints.commands.update.data import UpdateData, update_data
-from fenics_joints.commands.update.page import update_page
+from fenics_joints.commands.update.document import update_document
 from fenics_joints.commands.update.partners import (
     WithoutPartner,
     explains_nothing,
@@ -33,7 +33,6 @@ from fenics_joints.commands.update.result import (
     UpdateReport,
     prediction_sd,
 )
-from fenics_joints.commands.update.summary import show_update
 from fenics_joints.commands.update.view import updated_shapes
 from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.files import plain
@@ -75,7 +74,7 @@ def run_update(case: Case, comm: MPI.Intracomm, progress: Progress | None = None
     if case.update is not None and case.update.cutoff is not None:
         return run_cutoff(case, comm, progress)
     found = update_case(case, comm, progress)
-    return Outcome.of(found, update_page, show_update, found.failure)
+    return Outcome.said(found, update_document(found), found.failure)
 
 
 def update_case(case: Case, comm: MPI.Intracomm, progress: Progress | None = None) -> UpdateReport:

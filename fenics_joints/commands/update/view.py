@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
-from markupsafe import Markup
 
 from fenics_joints.beams import BeamStructure
 from fenics_joints.case import Case
@@ -14,9 +13,12 @@ from fenics_joints.formatting import hertz
 from fenics_joints.measurements import Target
 from fenics_joints.modal.modes import Modes
 from fenics_joints.reduction.combined import paired
-from fenics_joints.report.html import svg
+from fenics_joints.report.document import Beside, Figure, Heading, View
 from fenics_joints.report.mesh_pictures import measured_arrows, mode_shape, modes_view
 from fenics_joints.structure import Sensors, Structure
+
+if TYPE_CHECKING:
+    from fenics_joints.commands.update.result import ModeTable
 
 #: Modes that have a picture for paper.
 _STILLS = 6
@@ -74,32 +76,21 @@ def updated_shapes(
     return UpdatedShapes(vertices, motions, hz, sensors, test * scale, seen)
 
 
-def shapes_view(
-    shapes: UpdatedShapes, names: Sequence[str], macs: np.ndarray | None
-) -> tuple[Markup, list[tuple[str, Markup]]]:
-    """The view, and a picture of each of the first modes with its title.
-
-    Args:
-        shapes: The shapes.
-        names: The test's names of the modes.
-        macs: MAC of each with the test's, (m,), or None.
-    """
-    ways, arrows, notes = [], {}, {}
-    for j, motion in enumerate(shapes.motions):
-        largest = int(np.argmax(np.sum(motion**2, axis=(0, 1))))
-        ways.append(np.eye(3)[largest])
+def shapes_blocks(shapes: UpdatedShapes, modes: ModeTable) -> list:
+    """The shapes, to be turned and played; pictures of the first ones for paper."""
+    ways, titles, arrows, notes, stills = [], [], {}, {}, []
+    for j, (motion, hz) in enumerate(zip(shapes.motions, shapes.frequencies_hz, strict=True)):
+        way = np.eye(3)[int(np.argmax(np.sum(motion**2, axis=(0, 1))))]
+        title = f"{modes.names[j]}, {hertz(float(hz))} Hz"
+        ways.append(way)
+        titles.append(title)
         if shapes.sensors is not None:
             arrows[j] = measured_arrows(shapes.sensors, shapes.test[:, j], shapes.model[:, j])
-            notes[j] = "The test beside it, in the scale that brings both nearest"
-            notes[j] += "." if macs is None else f"; MAC {macs[j]:.3f}."
-    titles = [
-        f"{name}, {hertz(float(hz))} Hz"
-        for name, hz in zip(names, shapes.frequencies_hz, strict=True)
-    ]
-    stills = [
-        (title, svg(mode_shape(shapes.vertices, motion, way, f"mode{j}", f"Shape of {title}.")))
-        for j, (title, motion, way) in enumerate(zip(titles, shapes.motions, ways, strict=True))
-        if j < _STILLS
-    ]
+            alike = "" if modes.mac_after is None else f"; MAC {modes.mac_after[j, j]:.3f}"
+            notes[j] = f"The test beside it, in the scale that brings both nearest{alike}."
+        if j < _STILLS:
+            alt = f"Shape of {title}."
+            stills.append(Figure(mode_shape(shapes.vertices, motion, way, f"mode{j}", alt), title))
     view = modes_view(shapes.vertices, shapes.motions, titles, ways, arrows, notes)
-    return view, stills
+    heading = Heading("Shapes of the updated model", "shapes", level=3)
+    return [heading, View(view, [Beside("shapes", stills)])]
