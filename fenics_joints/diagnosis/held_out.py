@@ -18,7 +18,8 @@ from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.fitted import Fit
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.library import Found, Library
-from fenics_joints.diagnosis.evidence.linear_fits import linear_evidence, moved, near_listed
+from fenics_joints.diagnosis.evidence.linear import LinearFit
+from fenics_joints.diagnosis.evidence.linear_fits import moved, near_listed
 from fenics_joints.diagnosis.evidence.predictions import ManyPredictions
 from fenics_joints.diagnosis.shrinkage import Fold, Forecast, Interval, Shrinkage, shrink
 from fenics_joints.diagnosis.thresholds import INTERVAL
@@ -420,7 +421,9 @@ def _near(candidates: Sequence[Fit], log_prior, blind: Evidence, always) -> np.n
     """
     if always is None:
         return np.arange(len(candidates))
-    scores = np.asarray(log_prior) + [linear_evidence(c, blind) for c in candidates]
+    scores = np.asarray(log_prior) + [
+        LinearFit.of(c, blind.at(c.scales)).log_evidence for c in candidates
+    ]
     unknown = np.array([c.hypothesis.unknown for c in candidates])
     near = set(near_listed(scores, unknown, _HOPELESS, _FAIR).tolist())
     kept = {id(c) for c in always}

@@ -10,7 +10,7 @@ import pytest
 from linear_forward import Linear
 from scipy.stats import binom
 
-from fenics_joints.diagnosis import Effect, Prior, held_out, predictive
+from fenics_joints.diagnosis import Effect, Prior, held_out
 from fenics_joints.diagnosis.evidence import fit
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
@@ -226,7 +226,7 @@ def test_a_fit_to_a_part_is_linear_about_that_to_all_where_little_moves():
 def test_forecast_is_the_conditional_normal_when_linear(monkeypatch):
     """Intervals of single entries against the joint normal of all data under the hypothesis, where
     all that is stated of the model is there."""
-    monkeypatch.setattr(predictive, "share_of_stated", lambda *_: (1.0, np.inf))
+    monkeypatch.setattr(held_out, "share_of_stated", lambda *_: (1.0, np.inf))
     evidence = draw(np.random.default_rng(4), [0.5, 0.0, 0.0])
     mask = dict(folds(TORQUES, MODES, ("torque", "N·m")))["torque 40 N·m"]
     blind = blinded(evidence, mask)
@@ -275,7 +275,7 @@ def test_all_that_is_stated_is_there_where_it_is(between):
     for seed in range(200):
         evidence = draw(np.random.default_rng(seed), np.zeros(3))
         refit = fit(Hypothesis((), name="none"), FORWARD, evidence, FORWARD.baseline)
-        mean, known = predictive.share_of_stated(refit, evidence, between)
+        mean, known = held_out.share_of_stated(refit, evidence, between)
         prior = known - (15 if between else 5)  # modes that it is worth, each as stated
         squares.append(mean * known - prior)
     assert np.mean(squares) / (known - prior) == pytest.approx(1.0, abs=0.1)
@@ -284,7 +284,7 @@ def test_all_that_is_stated_is_there_where_it_is(between):
     still = np.broadcast_to(evidence.log_f[:1], (4, 5))
     calm = Evidence(TORQUES, still, np.full((4, 5), SD), DISCREPANCY)
     refit = fit(Hypothesis((), name="none"), FORWARD, calm, FORWARD.baseline)
-    assert predictive.share_of_stated(refit, calm, True)[0] < 0.2
+    assert held_out.share_of_stated(refit, calm, True)[0] < 0.2
 
 
 def test_names_of_folds():

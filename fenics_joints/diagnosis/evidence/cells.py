@@ -36,6 +36,7 @@ from scipy.special import log_ndtr, logsumexp, ndtr
 from scipy.stats import multivariate_t, norm, qmc
 
 from fenics_joints.diagnosis.effects.effect import Prior
+from fenics_joints.diagnosis.evidence.linear import log_constant
 
 #: How far apart cells are over one, two and three smooth parameters, in standard deviations of the
 #: prior. [numerical: error of the lattice by Poisson's sum, see
@@ -164,12 +165,11 @@ def weigh(
     # With others held, one may be pulled back from its limit, which a product of shares overstates.
     pull = np.where(held & np.where(u >= high, pull < 0, pull > 0), pull, 0.0)
     inside = _inside(u, pull, np.diagonal(covariance, axis1=1, axis2=2), low, high, own.width > 0)
-    constant = np.sum(np.log(np.diag(lower))) + 0.5 * k * np.log(2 * np.pi)
     found.log_evidence[good] = (
         own.log_share
         - 0.5 * square
         - 0.5 * np.linalg.slogdet(hessian)[1]
-        - constant
+        - log_constant(lower)
         + inside
         - np.sum(np.log(np.diff(ndtr(limits), axis=1)))
     )

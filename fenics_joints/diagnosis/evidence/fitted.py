@@ -25,7 +25,6 @@ class Fit:
         log_evidence: ln of the marginal likelihood of the fitted entries.
         misfit: Squared whitened residual of the fitted entries.
         n_data: Number of fitted entries.
-        at_bound: Names of parameters at a limit of their prior.
         scales: The most probable standard deviations of those that the data infer.
         widening: ln of the evidence over that at those.
         stated: Of errors that are stated at most: the least misfit + |z|^2 if all of them is there,
@@ -47,7 +46,6 @@ class Fit:
     log_evidence: float
     misfit: float
     n_data: int
-    at_bound: tuple[str, ...] = ()
     scales: Scales | None = None
     widening: float = 0.0
     stated: float | None = None
@@ -57,6 +55,13 @@ class Fit:
     def __repr__(self) -> str:
         label = self.hypothesis.label
         return f"Fit({label}: ln Z {self.log_evidence:.2f}, misfit {self.misfit:.1f})"
+
+    @property
+    def at_bound(self) -> tuple[str, ...]:
+        """Names of parameters at a limit of their prior."""
+        near = np.flatnonzero(self.hypothesis.at_limit(self.z))
+        pairs = [self.hypothesis.priors[i] for i in near]
+        return tuple(f"{effect.name}: {prior.name}" for effect, prior in pairs)
 
     @property
     def log_f(self) -> np.ndarray:

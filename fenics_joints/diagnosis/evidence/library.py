@@ -27,7 +27,7 @@ from fenics_joints.diagnosis.evidence.cells import (
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.fitted import Fit
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
-from fenics_joints.diagnosis.evidence.linear import least_square, whiten
+from fenics_joints.diagnosis.evidence.linear import left_by_stated, whiten
 from fenics_joints.diagnosis.evidence.localised_unknown import with_somewhere
 from fenics_joints.diagnosis.evidence.predictions import ManyPredictions
 from fenics_joints.diagnosis.evidence.scales import Scales
@@ -814,18 +814,6 @@ class Library:
         covariance = np.einsum("n,npq->pq", weight, post.covariance)
         covariance += np.einsum("n,np,nq->pq", weight, away, away)
         residual = whiten(lower, (predicted - test.data)[used])
-        at_bound = tuple(
-            f"{effect.name}: {prior.name}"
-            for (effect, prior), near in zip(h.priors, h.at_limit(z), strict=True)
-            if near
-        )
-        stated = None
-        if scales is not None and not test.drifts:
-            wide = scales.stated
-            lower = test.at(wide).lower(h.unknown)
-            both = whiten(lower, np.column_stack([(predicted - test.data)[used], slopes[used]]))
-            free = ~h.at_limit(z)
-            stated = least_square(both[:, 0], both[:, 1:], z, free)[0] + wide.squares
         found = Fit(
             h,
             z,
@@ -836,11 +824,10 @@ class Library:
             log_z,
             float(residual @ residual),
             int(used.sum()),
-            at_bound,
             scales,
             log_z - total(post.log_evidence),
-            stated,
         )
+        found = replace(found, stated=left_by_stated(found, test))
         if h.unknown:
             found = with_somewhere(found, test)
         if straight:

@@ -2,13 +2,26 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING
+
 import numpy as np
 from scipy.linalg import solve_triangular
+
+if TYPE_CHECKING:
+    from fenics_joints.diagnosis.evidence.evidence import Evidence
+    from fenics_joints.diagnosis.evidence.fitted import Fit
 
 
 def whiten(lower: np.ndarray, array: np.ndarray) -> np.ndarray:
     """Rows, (k,) or (k, n), in standard deviations; ``lower`` factors their covariance."""
     return solve_triangular(lower, array, lower=True, check_finite=False)
+
+
+def log_constant(lower: np.ndarray) -> float:
+    """-ln of the density at the mean of a normal distribution with this Cholesky factor, (k, k)."""
+    return float(np.sum(np.log(np.diag(lower))) + 0.5 * len(lower) * np.log(2 * np.pi))
 
 
 def marginal(residual: np.ndarray, slope: np.ndarray) -> np.ndarray:
@@ -24,43 +37,90 @@ def marginal(residual: np.ndarray, slope: np.ndarray) -> np.ndarray:
     return 0.5 * (gain - np.sum(residual**2, axis=0) - np.linalg.slogdet(hessian)[1])
 
 
-def log_evidence(square: float, hessian: np.ndarray, lower: np.ndarray) -> float:
+def log_evidence(square: float, slope: np.ndarray, lower: np.ndarray) -> float:
     """ln of the marginal likelihood: ln N(r; 0, Sigma) - |z|^2 / 2 - ln det(H) / 2 at the maximum.
 
     Args:
         square: |r|^2 + |z|^2 there, r whitened.
-        hessian: H = J^T J + I of the whitened slopes J, (d, d).
+        slope: Whitened slopes J by z, (k, d), of which H = J^T J + I.
         lower: Cholesky factor of Sigma, (k, k).
     """
-    constant = np.sum(np.log(np.diag(lower))) + 0.5 * len(lower) * np.log(2 * np.pi)
-    return float(-0.5 * square - 0.5 * np.linalg.slogdet(hessian)[1] - constant)
+    hessian = slope.T @ slope + np.eye(slope.shape[1])
+    return float(-0.5 * square - 0.5 * np.linalg.slogdet(hessian)[1] - log_constant(lower))
 
 
-def evidence_about(
-    residual: np.ndarray,
-    slope: np.ndarray,
-    z: np.ndarray,
-    lower: np.ndarray,
-    free: np.ndarray | None = None,
-) -> float:
-    """ln of the marginal likelihood of what is linear about a point that need not be its best.
+@dataclass(frozen=True)
+class LinearFit:
+    """A hypothesis linear about a point, whitened, as the residual of any data of the same test.
+
+    Attributes:
+        lower: Cholesky factor of the covariance of the fitted entries, (k, k).
+        residual: Prediction less data at the point, (k,).
+        slope: Derivatives by z, (k, d).
+        z: The point, (d,), which need not be the best one.
+        free: Which of z may move, (d,), bool: those at a limit may not.
+    """
+
+    lower: np.ndarray
+    residual: np.ndarray
+    slope: np.ndarray
+    z: np.ndarray
+    free: np.ndarray
+
+    @classmethod
+    def of(cls, found: Fit, test: Evidence, lower: np.ndarray | None = None) -> LinearFit:
+        """That of a fit, to whatever entries, for the fitted entries of a test.
+
+        Args:
+            found: The fit.
+            test: The test.
+            lower: Cholesky factor of the covariance; by default that of the fit's hypothesis.
+        """
+        used = test.fitted
+        lower = test.lower(found.hypothesis.unknown) if lower is None else lower
+        both = np.column_stack([(found.predicted - test.data)[used], found.jacobian[used]])
+        white = whiten(lower, both)
+        return cls(lower, white[:, 0], white[:, 1:], found.z, ~found.hypothesis.at_limit(found.z))
+
+    def beside(self, *slopes: np.ndarray) -> LinearFit:
+        """The same with further parameters, at their medians, by their whitened slopes, (k, q)."""
+        slope = np.hstack([self.slope, *slopes])
+        more = (0, slope.shape[1] - len(self.z))
+        free = np.pad(self.free, more, constant_values=True)
+        return replace(self, slope=slope, z=np.pad(self.z, more), free=free)
+
+    @cached_property
+    def _root(self) -> np.ndarray:
+        """Inverse of the Cholesky factor of J^T J + I of what is free."""
+        slope = self.slope[:, self.free]
+        return np.linalg.inv(np.linalg.cholesky(slope.T @ slope + np.eye(slope.shape[1])))
+
+    def squares(self, changes: np.ndarray) -> np.ndarray:
+        """Least |r|^2 + |z|^2, (n,), with whitened changes of the residual, (k, n)."""
+        residual = self.residual[:, None] + changes
+        pull = self.slope[:, self.free].T @ residual + self.z[self.free][:, None]
+        gain = np.sum((self._root @ pull) ** 2, axis=0)
+        return np.sum(residual**2, axis=0) + self.z @ self.z - gain
+
+    @property
+    def square(self) -> float:
+        """Least |r|^2 + |z|^2."""
+        return float(self.squares(np.zeros((len(self.lower), 1)))[0])
+
+    @property
+    def log_evidence(self) -> float:
+        """ln of the marginal likelihood."""
+        return log_evidence(self.square, self.slope, self.lower)
+
+
+def left_by_stated(found: Fit, test: Evidence) -> float | None:
+    """What a fit leaves if all of the errors that are stated at most are there; see `Fit.stated`.
 
     Args:
-        residual: Prediction less data there, whitened, (k,).
-        slope: Its derivatives by z, (k, d).
-        z: The point, (d,).
-        lower: Cholesky factor of the covariance, (k, k).
-        free: Which of z may move, (d,), bool: those at a limit may not. None for all.
+        found: The fit.
+        test: The test.
     """
-    return log_evidence(*least_square(residual, slope, z, free), lower)
-
-
-def least_square(
-    residual: np.ndarray, slope: np.ndarray, z: np.ndarray, free: np.ndarray | None = None
-) -> tuple[float, np.ndarray]:
-    """Least |r|^2 + |z|^2 of what is linear about a point, and its Hessian, (d, d); arguments as of
-    `evidence_about`."""
-    hessian, pull = slope.T @ slope + np.eye(len(z)), slope.T @ residual + z
-    free = np.ones(len(z), dtype=bool) if free is None else free
-    gain = pull[free] @ np.linalg.solve(hessian[np.ix_(free, free)], pull[free])
-    return float(residual @ residual + z @ z - gain), hessian
+    if found.scales is None or test.drifts:
+        return None
+    scales = found.scales.stated
+    return LinearFit.of(found, test.at(scales)).square + scales.squares

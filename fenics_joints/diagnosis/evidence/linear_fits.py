@@ -21,9 +21,8 @@ Data have |r|^2 + |z|^2 at its least as chi-square where effects are linear abou
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 from scipy.special import softmax
@@ -31,39 +30,9 @@ from scipy.stats import chi2
 
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.fitted import Fit
-from fenics_joints.diagnosis.evidence.linear import (
-    evidence_about,
-    least_square,
-    log_evidence,
-    whiten,
-)
+from fenics_joints.diagnosis.evidence.linear import LinearFit, left_by_stated, log_evidence
 from fenics_joints.diagnosis.evidence.localised_unknown import with_somewhere
-from fenics_joints.diagnosis.evidence.scales import Scales, weighed
-
-
-def whitened(found: Fit, evidence: Evidence, lower: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Residual, (k,), and slopes, (k, d), of a fit in standard deviations of the fitted entries.
-
-    Args:
-        found: The fit, to whatever entries.
-        evidence: The entries.
-        lower: Cholesky factor of their covariance.
-    """
-    used = evidence.fitted
-    both = np.column_stack([(found.predicted - evidence.data)[used], found.jacobian[used]])
-    white = whiten(lower, both)
-    return white[:, 0], white[:, 1:]
-
-
-def linear_evidence(found: Fit, evidence: Evidence) -> float:
-    """ln of the evidence of other entries of a test, a hypothesis linear about its fit.
-
-    Args:
-        found: The fit, to whatever entries.
-        evidence: The entries.
-    """
-    lower = evidence.at(found.scales).lower(found.hypothesis.unknown)
-    return evidence_about(*whitened(found, evidence, lower), found.z, lower)
+from fenics_joints.diagnosis.evidence.scales import weighed
 
 
 def near_best(values: np.ndarray, margin: float, most: int) -> np.ndarray:
@@ -106,58 +75,39 @@ def moved(found: Fit, evidence: Evidence) -> Fit | None:
     near = _moved_at(found, evidence.at(found.scales))
     if near is None:
         return None
-    if evidence.scales is None:
-        return with_somewhere(near, evidence) if h.unknown else near
-    best, over = weighed(evidence.scales.tried(), partial(_linear, near, evidence))
-    if best != near.scales:
-        near = _moved_at(found, evidence.at(best))
-    if near is None:
-        return None
-    near = _over_all(near, evidence, over)
+    if evidence.scales is not None:
+        tried = evidence.scales.tried()
+        best, over = weighed(tried, lambda at: LinearFit.of(near, evidence.at(at)).log_evidence)
+        if best != near.scales:
+            near = _moved_at(found, evidence.at(best))
+        if near is None:
+            return None
+        more, stated = over(near.scales), left_by_stated(near, evidence)
+        log_z = near.log_evidence + more
+        near = replace(near, log_evidence=log_z, widening=more, stated=stated)
     return with_somewhere(near, evidence) if h.unknown else near
 
 
 def _moved_at(found: Fit, evidence: Evidence) -> Fit | None:
     """`moved` with the test's scales as they are."""
-    h, z = found.hypothesis, found.z
-    lower = evidence.lower(h.unknown)
-    residual, slope = whitened(found, evidence, lower)
-    hessian = slope.T @ slope + np.eye(len(z))
-    pull = slope.T @ residual + z
+    h, linear = found.hypothesis, LinearFit.of(found, evidence)
+    slope = linear.slope
+    hessian = slope.T @ slope + np.eye(len(found.z))
+    pull = slope.T @ linear.residual + found.z
     step = -np.linalg.solve(hessian, pull)
-    if h.at_limit(z + step).any() or -0.5 * pull @ step > _NEAR or np.max(np.abs(step)) > _STRIDE:
+    z = found.z + step
+    if h.at_limit(z).any() or -0.5 * pull @ step > _NEAR or np.max(np.abs(step)) > _STRIDE:
         return None
-    left, z = residual + slope @ step, z + step
+    left = linear.residual + slope @ step
     return replace(
         found,
         z=z,
         covariance=np.linalg.inv(hessian),
         predicted=found.predicted + found.jacobian @ step,
-        log_evidence=log_evidence(left @ left + z @ z, hessian, lower),
+        log_evidence=log_evidence(left @ left + z @ z, slope, linear.lower),
         misfit=float(left @ left),
         n_data=len(left),
-        at_bound=(),
         scales=evidence.scales,
-    )
-
-
-def _linear(found: Fit, evidence: Evidence, scales: Scales) -> float:
-    """ln of the evidence with some standard deviations, linear about a fit."""
-    lower = evidence.at(scales).lower(found.hypothesis.unknown)
-    free = ~found.hypothesis.at_limit(found.z)
-    return evidence_about(*whitened(found, evidence, lower), found.z, lower, free)
-
-
-def _over_all(found: Fit, evidence: Evidence, over: Callable[[Scales], float]) -> Fit:
-    """A fit with the evidence of all scales, and with what it would leave by what is stated."""
-    widening, stated = over(found.scales), None
-    if not evidence.drifts:
-        scales = found.scales.stated
-        lower = evidence.at(scales).lower(found.hypothesis.unknown)
-        free = ~found.hypothesis.at_limit(found.z)
-        stated = least_square(*whitened(found, evidence, lower), found.z, free)[0] + scales.squares
-    return replace(
-        found, log_evidence=found.log_evidence + widening, widening=widening, stated=stated
     )
 
 
@@ -203,47 +153,25 @@ def _left(fits: list[Fit], score: np.ndarray, evidence: Evidence, count: int) ->
     scales = evidence.scales
     if scales is not None:
         scales = best.scales if evidence.drifts else best.scales.stated
-    test = evidence.at(scales)
-    lower, rng = test.lower(), np.random.default_rng(0)
-    lines = [_Line(f, s, test, lower) for f, s in zip(fits, score, strict=True)]
+    test, rng = evidence.at(scales), np.random.default_rng(0)
+    lines = [LinearFit.of(f, test, test.lower()) for f in fits]
     counts = rng.multinomial(count, softmax(score))
-    tests = np.hstack([line.drawn(n, rng) for line, n in zip(lines, counts, strict=True)])
+    # Whitened, as their distance from the real one.
+    tests = np.hstack([_drawn(line, n, rng) for line, n in zip(lines, counts, strict=True)])
     most, left = np.full(count, -np.inf), np.zeros(count)
-    for line in lines:
-        square = line.square(tests)
-        better = (value := line.offset - 0.5 * square) > most
+    for line, own in zip(lines, score, strict=True):
+        square = line.squares(-tests)
+        value = own + 0.5 * (line.square - square)
+        better = value > most
         most[better], left[better] = value[better], square[better]
     return left + (0.0 if scales is None else scales.squares)
 
 
-class _Line:
-    """A hypothesis linear about its fit, whitened; tests as their distance from the real one.
-
-    Attributes:
-        offset: What is to be added to minus half of a test's `square` for ln of the evidence times
-            the prior odds, which is so of the real test.
-    """
-
-    def __init__(self, found: Fit, score: float, evidence: Evidence, lower: np.ndarray):
-        self.residual, self.slope = whitened(found, evidence, lower)
-        self.z = found.z
-        self.free = ~found.hypothesis.at_limit(found.z)
-        slope = self.slope[:, self.free]
-        self.root = np.linalg.inv(np.linalg.cholesky(slope.T @ slope + np.eye(slope.shape[1])))
-        self.offset = score + 0.5 * self.square(np.zeros((len(lower), 1)))[0]
-
-    def square(self, tests: np.ndarray) -> np.ndarray:
-        """Least |r|^2 + |z|^2 of each test, (n,); tests (k, n)."""
-        residual = self.residual[:, None] - tests
-        pull = self.slope[:, self.free].T @ residual + self.z[self.free][:, None]
-        gain = np.sum((self.root @ pull) ** 2, axis=0)
-        return np.sum(residual**2, axis=0) + self.z @ self.z - gain
-
-    def drawn(self, n: int, rng: np.random.Generator) -> np.ndarray:
-        """Tests that the hypothesis makes, (k, n)."""
-        away = rng.standard_normal((len(self.z), n)) - self.z[:, None]
-        errors = rng.standard_normal((len(self.residual), n))
-        return self.residual[:, None] + self.slope[:, self.free] @ away[self.free] + errors
+def _drawn(line: LinearFit, n: int, rng: np.random.Generator) -> np.ndarray:
+    """Tests that a hypothesis makes, (k, n)."""
+    away = rng.standard_normal((len(line.z), n)) - line.z[:, None]
+    errors = rng.standard_normal((len(line.residual), n))
+    return line.residual[:, None] + line.slope[:, line.free] @ away[line.free] + errors
 
 
 def all_at_once(fits: Sequence[Fit], leader: Fit, evidence: Evidence) -> float:
@@ -259,16 +187,14 @@ def all_at_once(fits: Sequence[Fit], leader: Fit, evidence: Evidence) -> float:
     if scales is not None and not evidence.drifts:
         scales = scales.stated
     test = evidence.at(scales)
-    lower = test.lower()
-    residual, slope = whitened(leader, test, lower)
-    free = [~leader.hypothesis.at_limit(leader.z)]
     held = {effect.key for effect in leader.hypothesis.effects}
-    for f in fits:
-        h = f.hypothesis
-        if not h.unknown and len(h.effects) == 1 and h.effects[0].key not in held:
-            slope = np.hstack([slope, whitened(f, test, lower)[1][:, h.own]])
-            free.append(np.ones(h.own.stop - h.own.start, dtype=bool))
-    z = np.pad(leader.z, (0, slope.shape[1] - len(leader.z)))
-    square, _ = least_square(residual, slope, z, np.concatenate(free))
+    others = [
+        LinearFit.of(f, test, test.lower()).slope[:, f.hypothesis.own]
+        for f in fits
+        if not f.hypothesis.unknown
+        and len(f.hypothesis.effects) == 1
+        and f.hypothesis.effects[0].key not in held
+    ]
+    all_ = LinearFit.of(leader, test, test.lower()).beside(*others)
     of_scales = 0.0 if scales is None else scales.squares
-    return float(chi2.sf(square + of_scales, len(residual)))
+    return float(chi2.sf(all_.square + of_scales, len(all_.residual)))

@@ -31,7 +31,7 @@ from scipy.special import logsumexp
 
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.fitted import Fit
-from fenics_joints.diagnosis.evidence.linear import marginal, whiten
+from fenics_joints.diagnosis.evidence.linear import LinearFit, log_constant, marginal, whiten
 from fenics_joints.diagnosis.evidence.signatures import LENGTHS
 from fenics_joints.diagnosis.thresholds import INTERVAL, STRONG
 from fenics_joints.measurements.gap import ALIKE, Pairing
@@ -127,20 +127,8 @@ class PointScan:
         known = seen is not None and pairing.mac is not None
         self.lost = np.flatnonzero(pairing.mac < ALIKE) if known else np.zeros(0, dtype=int)
         self.lam, self.lower, self.used = np.maximum(eigenvalues, 0.0), test.lower(), test.fitted
-        self.residual = whiten(self.lower, (found.predicted - test.data)[self.used])
-        self.free = ~found.hypothesis.at_limit(found.z)
-        self.z, self.slope = found.z, whiten(self.lower, found.jacobian[self.used])[:, self.free]
-        hessian = self.slope.T @ self.slope + np.eye(self.free.sum())
-        self.half = np.linalg.cholesky(np.linalg.inv(hessian))
-        self.nothing = float(self._fits(np.zeros((len(test.data), 1)))[0])
-
-    def _fits(self, changes: np.ndarray) -> np.ndarray:
-        """ln of the density at the best nuisance parameters, up to a constant, of changes of the
-        data, (N, b)."""
-        residual = self.residual[:, None] + whiten(self.lower, changes[self.used])
-        gain = self.half.T @ (self.slope.T @ residual + self.z[self.free][:, None])
-        square = np.sum(residual**2, axis=0) + self.z @ self.z - np.sum(gain**2, axis=0)
-        return -0.5 * square
+        self.linear = LinearFit.of(found, test, self.lower)
+        self.nothing = -0.5 * self.linear.square
 
     def attached(self, phi: np.ndarray, kg=0.0, k=0.0, hz: float | None = None) -> np.ndarray:
         """ln of the density with something attached, up to a constant, (b,).
@@ -177,7 +165,8 @@ class PointScan:
         if self.seen is not None:
             own = np.take_along_axis(y, which[:, None], axis=2)
             shapes = _turned(self.test.shapes, self.seen, self.index, own).transpose(1, 2, 0)
-        return self._fits(self.test.entries.filled(log_f.T, shapes))
+        changes = self.test.entries.filled(log_f.T, shapes)[self.used]
+        return -0.5 * self.linear.squares(whiten(self.lower, changes))
 
     def _likest(self, mu: np.ndarray, y: np.ndarray) -> np.ndarray:
         """Which modes look to the sensors most like those that are unlike any without it."""
@@ -245,7 +234,7 @@ class _Linear:
         white = whiten(lower, np.column_stack([residual, slope, *columns]))
         self.residual, self.slope, self.patches = np.split(white, [t, t + own], axis=1)
         self.n_kinds, self.signatures = len(columns), test.signatures
-        self.constant = np.sum(np.log(np.diag(lower))) + 0.5 * len(lower) * np.log(2 * np.pi)
+        self.constant = log_constant(lower)
 
     def log_evidence(self, kind: tuple[float, float], size: float, length: float) -> np.ndarray:
         """ln of the evidence of each test, (t,), for a prior of the changes."""
@@ -301,8 +290,7 @@ def unknown_evidence(
     lower = test.lower(unknown=True)
     white = whiten(lower, np.column_stack([predicted[:, None] - data.T, slope]))
     residual, wide = white[:, : len(data)], white[:, len(data) :]
-    anything = marginal(residual, wide) - np.sum(np.log(np.diag(lower)))
-    anything -= 0.5 * len(lower) * np.log(2 * np.pi)
+    anything = marginal(residual, wide) - log_constant(lower)
     if test.signatures is None:
         return anything
     placed = _placed(predicted[:, None] - data.T, slope, test, [(None, 0.0)])

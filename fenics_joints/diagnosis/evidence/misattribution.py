@@ -33,7 +33,7 @@ from fenics_joints.diagnosis.effects.effect import Effect
 from fenics_joints.diagnosis.evidence.cells import STEEPEST
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.library import Library
-from fenics_joints.diagnosis.evidence.linear import marginal, whiten
+from fenics_joints.diagnosis.evidence.linear import log_constant, marginal, whiten
 from fenics_joints.diagnosis.evidence.localised_unknown import unknown_evidence
 from fenics_joints.diagnosis.thresholds import MISFIT
 
@@ -439,9 +439,9 @@ def _weighed(
     lower, used, count = test.lower(), test.fitted, len(data)
     nominal, slope = library.nothing
     white = whiten(lower, np.column_stack([nominal[used, None] - data.T, slope[used]]))
-    residual, k = white[:, :count], len(lower)
+    residual = white[:, :count]
     unknown = log_unknown + unknown_evidence(nominal[used], slope[used], data, test)
-    unknown += np.sum(np.log(np.diag(lower))) + 0.5 * k * np.log(2 * np.pi)
+    unknown += log_constant(lower)
     score, leading = np.full((len(cells), count), -np.inf), np.zeros((len(cells), count), int)
     for i, each in enumerate(cells):
         value = _Stack(cells, [i]).beside(_Common(residual, each.nuisances))[0]
