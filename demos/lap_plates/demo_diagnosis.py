@@ -30,7 +30,7 @@ from mpi4py import MPI
 from fenics_joints.case import load_case
 from fenics_joints.commands.diagnose.explanation import explain
 from fenics_joints.commands.diagnose.pictures import forecasts
-from fenics_joints.commands.plan.page import matrix_picture
+from fenics_joints.commands.plan import matrix_picture
 from fenics_joints.diagnosis import diagnose
 from fenics_joints.diagnosis.plan.planned import plan
 from fenics_joints.report import patch_map

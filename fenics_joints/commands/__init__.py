@@ -17,7 +17,7 @@ _FILES = {
     "diagnose": "diagnose.run",
     "harmonic": "harmonic.run",
     "modes": "modes",
-    "plan": "plan.run",
+    "plan": "plan",
     "preload": "preload",
     "update": "update.run",
 }

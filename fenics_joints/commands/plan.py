@@ -1,0 +1,301 @@
+"""The ``diagnose --plan`` command: which causes a test could tell apart, before any data."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from matplotlib.colors import LinearSegmentedColormap
+from matplotlib.patches import Rectangle
+from mpi4py import MPI
+
+from fenics_joints.case import Case
+from fenics_joints.case.check_structure import refuse_applied
+from fenics_joints.commands.diagnose.reading import by_reason
+from fenics_joints.commands.outcome import Outcome
+from fenics_joints.diagnosis.evidence.classes import APART
+from fenics_joints.diagnosis.plan.planned import Plan, plan
+from fenics_joints.diagnosis.verdict import NO_GAP, UNKNOWN
+from fenics_joints.formatting import (
+    MISSING,
+    condition_value,
+    hertz,
+    number,
+    percent,
+    probability,
+    quantity,
+    spaced,
+)
+from fenics_joints.progress import Progress
+from fenics_joints.report.document import (
+    Cell,
+    Document,
+    Figure,
+    Heading,
+    Items,
+    Keys,
+    OnPage,
+    OnTerminal,
+    Table,
+    Text,
+    Verdict,
+)
+from fenics_joints.report.style import CHOSEN, PLACEBO, drawing, to_svg
+from fenics_joints.report.tables import facts_table, ink_on
+
+#: Rows of each table on the terminal.
+_EFFECTS, _ADDITIONS = 12, 4
+#: Effects up to which the picture has numbers in its cells.
+_NUMBERED = 26
+#: Width of a letter of an effect's name, in.
+_LETTER = 0.078
+_ASSUMPTIONS = (
+    "One cause is at work, of its expected size; a larger one is seen and told apart more easily, "
+    "a smaller one less.",
+    "Errors are normal in the logarithm of frequency.",
+    "Predictions are exact at the sizes; the nearest prediction of another effect is found by "
+    "Gauss-Newton steps within five standard deviations of its prior.",
+)
+
+
+def run_plan(
+    case: Case, comm: MPI.Intracomm, progress: Progress, *, keep: Path | None = None
+) -> Outcome[Plan]:
+    """Which causes a test could tell apart, before any data. Collective.
+
+    Args:
+        case: The case.
+        comm: Communicator.
+        progress: Told what is being done.
+        keep: Folder of the reduced model, which the next run goes on from.
+
+    Raises:
+        JointsError: If the case, the mesh or a solution fails.
+    """
+    refuse_applied(case, "diagnose --plan")
+    found = plan(case, comm, progress, keep=keep)
+    return Outcome.said(found, plan_document(found))
+
+
+def plan_document(p: Plan) -> Document:
+    """What is said of a plan."""
+    seen = sum(e.seen for e in p.effects)
+    values = ", ".join(condition_value(x, p.condition[1]) for x in p.conditions)
+    how = f"modes at {p.condition[0]} {values}"
+    keys = [
+        ("apart", p.n_apart, "causes or groups of causes that it would tell apart"),
+        ("seen", f"{seen} of {len(p.effects)}", "causes that it would see at their expected size"),
+        ("noise", percent(p.noise), "noise of a frequency"),
+        ("discrepancy", percent(p.discrepancy), "error that any model of the structure has"),
+    ]
+    modes = Table("mode", ">frequency, Hz", caption="As the nominal model has them", id="modes")
+    for name, hz in zip(p.mode_names, p.frequencies_hz, strict=True):
+        modes.add(name, hertz(hz))
+    explained = (
+        "Each effect is put into the model at its expected size, and every other one is fitted to "
+        "what the test would then measure, with all that is uncertain in any case. D is half of "
+        f"what is left, in standard deviations of noise and model error: below {APART} the two "
+        "would be taken for each other in more than 1 % of tests."
+    )
+    picture = (
+        "A row is the effect at work, a column what it may be taken for; orange is near, blue "
+        "apart. Frames hold what this test would not tell apart, one way round or the other."
+    )
+    caption = (
+        "D of the row's effect, if it is at work, from the nearest that the column's can make; "
+        "columns by the rows' numbers"
+    )
+    silent = [f"{', '.join(names)}: {reason}" for reason, names in by_reason(p.silent)]
+    return Document(
+        p.title,
+        "what the planned test could tell",
+        "Before any data: what the planned test could tell",
+        [
+            Verdict("what the planned test could tell", [("", s) for s in p.sentences()]),
+            OnPage([Keys(keys)]),
+            Heading("Which causes it could tell apart", "which"),
+            OnPage([Text(explained), Text(picture)]),
+            Figure(lambda: matrix_picture(p), caption, wide=True),
+            *_groups(p),
+            _effects(p),
+            *_additions(p, seen),
+            OnTerminal([Text(f"this test says nothing of {line}", "note") for line in silent]),
+            OnPage(
+                [Heading("What such a test says nothing about", "silent", 3), Items(silent)]
+                if silent
+                else []
+            ),
+            OnTerminal(
+                [
+                    Text(f"D above {APART} is less than 1 % confusion.", "note"),
+                    Text(f"noise {percent(p.noise)}, discrepancy {percent(p.discrepancy)}", "note"),
+                ]
+            ),
+            Heading("The planned test", "test"),
+            Text(f"It measures {', '.join(p.measured)} of {len(p.mode_names)} {how}.", "note"),
+            OnPage(
+                [modes, facts_table(p.model), Heading("Assumptions", level=3), Items(_ASSUMPTIONS)]
+            ),
+        ],
+        p.to_json,
+    )
+
+
+def _groups(p: Plan) -> list:
+    """Classes of effects that the test would not tell apart."""
+    if not p.classes:
+        return []
+    table = Table(
+        "group",
+        "causes",
+        ">collinearity",
+        "what cancels",
+        ">it leaves",
+        caption="The changes that cancel best, and what they leave; a collinearity index above 20 "
+        "says that no size would help",
+        id="classes",
+    )
+    for c in p.classes:
+        names = "; ".join(map(spaced, c.members))
+        index = Cell(number(c.collinearity, 2), kind="flag" if c.collinearity > 20 else "")
+        table.add(c.letter, names, index, c.combination, f"{c.left:.1f} s.d.")
+    return [OnPage([Heading("Groups that it would not tell apart", level=3), table])]
+
+
+def _effects(p: Plan) -> Table:
+    """Every effect at its expected size: how far from no gap, and what it may be taken for."""
+    table = Table(
+        ">",
+        "effect",
+        "group",
+        ">D: no gap",
+        ">named",
+        ">or taken for",
+        ">share",
+        "expected size",
+        ">D over its sizes",
+        caption="Every effect at its expected size: of the median of its prior and one standard "
+        "deviation either way, the one of middle length. Named, or taken for another (by its "
+        "number): mean probabilities in simulated tests with that cause alone, of any size that is "
+        "probable, weighed as a diagnosis weighs one effect at a time",
+        id="effects",
+        most=_EFFECTS,
+        page_columns=2,
+    )
+    places = {e.key: f"{i + 1}" for i, e in enumerate(p.effects)}
+    for i, e in enumerate(p.effects):
+        shares = [MISSING] * 3
+        if (found := likeliest(p, i)) is not None:
+            named, other, share = found
+            shares = [probability(named), places.get(other, other), probability(share)]
+        size = ", ".join(f"{n} = {quantity(value, e.units[n])}" for n, value in e.size.items())
+        table.add(
+            places[e.key],
+            Cell(spaced(e.key), note=e.describe),
+            e.letter or ("" if e.seen else "unseen"),
+            Cell(f"{e.distance:.1f}", kind="" if e.seen else "flag"),
+            *shares,
+            size,
+            f"{e.least:.1f} to {e.most:.1f}",
+            style="" if e.seen else "dim",
+        )
+    return table
+
+
+def _additions(p: Plan, seen: int) -> list:
+    """What further measurements would add."""
+    heading = Heading("What to measure next", "next")
+    if not p.additions:
+        words = "Nothing more is needed: it would see every cause and tell each from every other."
+        return [heading, OnPage([Text(words)])]
+    words = (
+        "Each row is one measurement more, of the same quality. The pairs that the test leaves "
+        "together are compared again with it, every rival fitted anew to everything."
+    )
+    table = Table(
+        "measured besides",
+        ">apart",
+        ">seen",
+        ">mean gain of D",
+        ">largest",
+        "that is between",
+        caption="The most telling first",
+        id="additions",
+        most=_ADDITIONS,
+        page_columns=2,
+    )
+    nothing = (MISSING, MISSING, "")
+    table.add("the test as planned", str(p.n_apart), str(seen), *nothing, style="dim")
+    for i, a in enumerate(p.additions):
+        pair = " and ".join(map(spaced, a.pair)) if a.largest >= 0.01 else MISSING
+        gains = (f"{a.mean:.2f}", f"{a.largest:.2f}")
+        style = "" if i else "lead"
+        table.add(a.name, str(a.classes), str(a.seen), *gains, pair, style=style)
+    return [heading, OnPage([Text(words)]), table]
+
+
+def likeliest(p: Plan, i: int) -> tuple[float, str, float] | None:
+    """How often an effect is named where it is the cause, what else it is taken for most often,
+    and how often; None if no test of it was simulated."""
+    row = p.taken_for[i]
+    if np.isnan(row).any():
+        return None
+    names = [*(e.key for e in p.effects), NO_GAP, UNKNOWN]
+    j = max((j for j in range(len(row)) if j != i), key=row.__getitem__)
+    return float(row[i]), names[j], float(row[j])
+
+
+def matrix_picture(p: Plan) -> str:
+    """The matrix of distances D, members of a class together, as ``<svg>``."""
+    n = len(p.effects)
+    names = [spaced(e.key) for e in p.effects]
+    D = np.ma.masked_invalid(p.distances.copy())
+    D[np.arange(n), np.arange(n)] = np.ma.masked
+    colours = LinearSegmentedColormap.from_list(
+        "apart", [(0.0, PLACEBO), (0.5, "#e9e4da"), (1.0, CHOSEN)]
+    )
+    cell = 0.42 if n <= _NUMBERED else 0.24
+    beside = _LETTER * max((len(name) for name in names), default=0) + 0.6
+    wide = cell * (n + 1) + beside
+    with drawing(wide, cell * n + 1.0) as figure:
+        # The reader's font may be wider than the one that the layout knows.
+        room = 0.1 * beside / wide
+        figure.get_layout_engine().set(rect=(room, 0, 1 - room, 1))
+        axes = figure.add_subplot()
+        axes.imshow(D, cmap=colours, vmin=0, vmax=2 * APART, aspect="equal")
+        numbers = [str(i + 1) for i in range(n)]
+        axes.set_yticks(range(n), [f"{name}  {i}" for name, i in zip(names, numbers, strict=True)])
+        axes.set_xticks(range(n + 1), [*numbers, "no gap"])
+        axes.tick_params(length=0, top=True, bottom=False, labeltop=True, labelbottom=False)
+        axes.get_xticklabels()[-1].set_rotation(90)
+        axes.set_xlabel("taken for", labelpad=6)
+        axes.xaxis.set_label_position("top")
+        axes.spines[:].set_visible(False)
+        if n <= _NUMBERED:
+            _write_numbers(axes, D, colours)
+        _frame_classes(axes, p)
+        return to_svg(figure, "matrix", _matrix_words(p))
+
+
+def _write_numbers(axes, D, colours) -> None:
+    for i, j in zip(*np.nonzero(~np.ma.getmaskarray(D)), strict=True):
+        value = float(D[i, j])
+        ink = ink_on(colours(min(value / (2 * APART), 1.0))[:3])
+        text = f"{value:.1f}" if value < 9.95 else f"{value:.0f}"
+        axes.text(j, i, text, ha="center", va="center", fontsize=8.5, color=ink)
+
+
+def _frame_classes(axes, p: Plan) -> None:
+    letters = [e.letter for e in p.effects]
+    for c in p.classes:
+        first, count = letters.index(c.letter), letters.count(c.letter)
+        corner = (first - 0.5, first - 0.5)
+        axes.add_patch(Rectangle(corner, count, count, fill=False, edgecolor="#1b2027", lw=1.6))
+
+
+def _matrix_words(p: Plan) -> str:
+    groups = "; ".join(", ".join(c.members) for c in p.classes) or "none"
+    return (
+        "Matrix of the distance of each effect, if it is at work, from what each other can make. "
+        f"Effects that cannot be told apart: {groups}."
+    )
