@@ -19,8 +19,7 @@ from fenics_joints.files import plain, shown_path
 from fenics_joints.formatting import MISSING, extents, hertz, number, percent
 from fenics_joints.measurements.gap import UNLIKE, VISIBLE, mac, pair_modes, partnered, rms
 from fenics_joints.meshes import Ring
-from fenics_joints.modal.modes import Modes, solve_modes
-from fenics_joints.modal.shape_files import check_meshed, write_shapes
+from fenics_joints.modal.modes import Modes, check_meshed, solve_modes, write_shapes
 from fenics_joints.preload import LinearJoint, solve_preload, status_conditions, stuck_conditions
 from fenics_joints.progress import Progress
 from fenics_joints.report.document import (

@@ -2,9 +2,8 @@
 
 from fenics_joints.modal.eigensolver import EigenResult, EigenSolver
 from fenics_joints.modal.iterative import IterativeEigenSolver
-from fenics_joints.modal.modes import Modes, solve_modes
+from fenics_joints.modal.modes import Modes, solve_modes, write_shapes
 from fenics_joints.modal.sensitivity import Identifiability, frequency_sensitivity, identifiability
-from fenics_joints.modal.shape_files import write_shapes
 
 __all__ = [
     "EigenResult",

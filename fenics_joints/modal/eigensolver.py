@@ -62,8 +62,8 @@ class EigenResult:
         residuals: Relative residuals, shape (n,): ``|K x - lambda M x|`` over ``|x|_A``, the first
             in the norm of the inverse diagonal of ``A = K - shift M``. Unlike the 2-norm it is
             not swamped by the round-off of stiff thin layers.
-        statistics: ``method``, ``seconds``, of which ``factor_seconds``, and ``basis``; from block
-            Lanczos also ``solve_seconds``, ``solves`` (right-hand sides) and ``block_solves``.
+        statistics: ``method``, ``seconds`` and ``basis``; from block Lanczos also ``solves``
+            (right-hand sides) and ``block_solves``; from SLEPc ``restarts``.
         round_off: What round-off may make of each eigenvalue, shape (n,): the unit round-off times
             x^T D x with D the diagonal of K; that of a layer of a micrometre is large.
     """
@@ -188,7 +188,7 @@ class EigenSolver:
         """
         _check_pencil(K, M, start.shape[1], None)
         with self._options(K.comm):
-            A, ksp, _ = self._factorised(K, M)
+            A, ksp = self._factorised(K, M)
             operator, X = Operator(ksp, M), start
             try:
                 for _ in range(_STEPS):
@@ -261,16 +261,26 @@ class EigenSolver:
         self._pattern = pattern
         return self.shifted
 
-    def _factorised(self, K, M) -> tuple[PETSc.Mat, PETSc.KSP, float]:
-        """``K - shift M``, what solves with it, and the seconds that its factorisation took."""
+    def _factorised(self, K, M) -> tuple[PETSc.Mat, PETSc.KSP]:
+        """``K - shift M`` and what solves with it."""
         A, ksp = self._shift_matrix(K, M), self.solver.getST().getKSP()
         ksp.setOperators(A)
         ksp.setFromOptions()
-        return A, ksp, _set_up(ksp)
+        advice = (
+            "K - shift M could not be factorised: is K symmetric positive semi-definite, "
+            "and the shift below zero for a free body?"
+        )
+        try:
+            ksp.setUp()
+            give_room(ksp)
+        except PETSc.Error as error:
+            raise ConvergenceError(advice, str(error)) from error
+        if ksp.getPC().getFailedReason():
+            raise ConvergenceError(advice, reason_of(ksp.getPC()))
+        return A, ksp
 
     def _solve_block(self, K, M, initial):
-        _, ksp, factor_seconds = self._factorised(K, M)
-        operator = Operator(ksp, M)
+        operator = Operator(self._factorised(K, M)[1], M)
         size = K.getSize()[0]
         block = min(self.block or _default_block(self.n, initial), size)
         largest = min(max(self.max_basis or 0, self.n + 6 * block), size)
@@ -282,8 +292,6 @@ class EigenSolver:
             operator.destroy()
         stats = {
             "method": "block Lanczos",
-            "factor_seconds": factor_seconds,
-            "solve_seconds": operator.seconds,
             "solves": operator.columns,
             "block_solves": operator.calls,
             "basis": basis,
@@ -300,10 +308,7 @@ class EigenSolver:
         if initial:
             eps.setInitialSpace(list(initial))
         eps.setFromOptions()
-        begin = time.perf_counter()
         try:
-            eps.setUp()
-            factor_seconds = time.perf_counter() - begin
             eps.solve()
         except PETSc.Error as error:
             raise ConvergenceError("SLEPc could not solve K x = lambda M x", str(error)) from error
@@ -320,7 +325,6 @@ class EigenSolver:
             X[:, column] = x.array_r / np.sqrt(np.real(x.dot(Mx)))
         stats = {
             "method": eps.getType(),
-            "factor_seconds": factor_seconds,
             "restarts": eps.getIterationNumber(),
             "basis": eps.getDimensions()[1],
         }
@@ -341,23 +345,6 @@ def _round_off(K: PETSc.Mat, X: np.ndarray) -> np.ndarray:
     """See `EigenResult`."""
     squares = np.abs(K.getDiagonal().array_r) @ X**2
     return np.finfo(float).eps * K.comm.tompi4py().allreduce(squares, op=MPI.SUM)
-
-
-def _set_up(ksp: PETSc.KSP) -> float:
-    """Factorise; returns the seconds it took."""
-    begin = time.perf_counter()
-    advice = (
-        "K - shift M could not be factorised: is K symmetric positive semi-definite, "
-        "and the shift below zero for a free body?"
-    )
-    try:
-        ksp.setUp()
-        give_room(ksp)
-    except PETSc.Error as error:
-        raise ConvergenceError(advice, str(error)) from error
-    if ksp.getPC().getFailedReason():
-        raise ConvergenceError(advice, reason_of(ksp.getPC()))
-    return time.perf_counter() - begin
 
 
 def _default_block(n: int, initial) -> int:
@@ -395,7 +382,6 @@ class Operator:
         self._ksp, self._mass = ksp, without_zeros(M)
         self.comm = M.comm.tompi4py()
         self.calls = self.columns = 0
-        self.seconds = 0.0
         self._work: dict[int, tuple[PETSc.Mat, PETSc.Mat, PETSc.Mat]] = {}
 
     def _buffers(self, columns: int):
@@ -405,12 +391,9 @@ class Operator:
         return self._work[columns]
 
     def solve(self, block: np.ndarray) -> np.ndarray:
-        begin = time.perf_counter()
-        found = _solved(self._ksp, *self._buffers(block.shape[1])[:2], block)
-        self.seconds += time.perf_counter() - begin
         self.calls += 1
         self.columns += block.shape[1]
-        return found
+        return _solved(self._ksp, *self._buffers(block.shape[1])[:2], block)
 
     def mass(self, block: np.ndarray) -> np.ndarray:
         _, left, product = self._buffers(block.shape[1])

@@ -128,12 +128,11 @@ class IterativeEigenSolver:
         initial = items("initial", initial or (), PETSc.Vec, "PETSc's vectors")
         begin = time.perf_counter()
         self._set_up(structure, given)
-        ready = time.perf_counter()
         op = _Operators(self._A, self._M, self.solver)
         Y = op.M_orthonormal(self._rigid)
         more = self.n - Y.shape[1]
         values, X = np.zeros(min(self.n, Y.shape[1])), Y[:, : self.n]
-        steps, width = 0, 0
+        steps = 0
         if more > 0:
             width = min(more + self.guard, structure.n_dofs - Y.shape[1])
             start = _start(op, Y, width, list(initial)[-more:])
@@ -146,19 +145,11 @@ class IterativeEigenSolver:
                 f"the true residual of mode {int(np.argmax(residuals)) + 1} is "
                 f"{residuals.max():.1e}: the preconditioner is not one of K - shift M"
             )
-        entries = sum(A.getInfo()["nz_used"] for A in (self._A, self._M))
         stats = {
             "method": "LOBPCG",
             "seconds": time.perf_counter() - begin,
-            "setup_seconds": ready - begin,
             "iterations": steps,
             "preconditioner_applications": op.applications,
-            "products": op.products,
-            "basis": 3 * width,
-            "memory_gib": (
-                12 * (entries + self._multigrid.entries) + 8 * structure.n_dofs * 10 * width
-            )
-            / 2**30,
         }
         shapes = vectors_like(self._A.createVecRight(), X.T)
         return EigenResult(values, shapes, residuals, stats)
@@ -236,7 +227,7 @@ class _Operators:
     def __init__(self, A: PETSc.Mat, M: PETSc.Mat, preconditioner: PETSc.KSP):
         self._A, self._M, self._ksp = A, M, preconditioner
         self.comm = A.comm.tompi4py()
-        self.applications = self.products = 0
+        self.applications = 0
         self._x, self._y = A.createVecs()
 
     def each(self, operation, X: np.ndarray) -> np.ndarray:
@@ -248,7 +239,6 @@ class _Operators:
         return out
 
     def stiff(self, X):
-        self.products += X.shape[1]
         return self.each(self._A.mult, X)
 
     def mass(self, X):
@@ -453,18 +443,6 @@ class Multigrid:
         pc.setMGInterpolation(1, self._prolongation)
         pc.getMGCoarseSolve().setOperators(self._matrix)
         pc.getMGSmoother(1).setOperators(A)
-
-    @property
-    def entries(self) -> int:
-        """Entries of the matrices that the hierarchy adds to A, on all ranks; an estimate."""
-        pc, levels = self.solver.getPC(), []
-        if pc.getType() == PETSc.PC.Type.MG:
-            levels += [self._prolongation, self._matrix]
-            pc = pc.getMGCoarseSolve().getPC()
-        if pc.getType() == PETSc.PC.Type.GAMG:
-            for i in range(pc.getMGLevels() - 1):
-                levels += [pc.getMGSmoother(i).getOperators()[0], pc.getMGInterpolation(i + 1)]
-        return int(sum(A.getInfo()["nz_used"] for A in levels))
 
     def _forget(self) -> None:
         for owned in (self.solver, self._matrix):

@@ -17,6 +17,16 @@ from importlib import resources
 from fenics_joints.errors import InputError
 
 _INCH = 25.4e-3
+#: Columns of the tables.
+_LENGTHS = (
+    "diameter",
+    "width_across_flats",
+    "head_height",
+    "washer_inner_diameter",
+    "washer_outer_diameter",
+    "washer_thickness",
+    "hole_diameter",
+)
 
 
 @dataclass(frozen=True)
@@ -146,18 +156,8 @@ def _all() -> tuple[Thread, ...]:
 
 
 def _thread(name: str, series: str, pitch: float, row: dict[str, str], unit: float) -> Thread:
-    return Thread(
-        name,
-        series,
-        diameter=float(row["diameter"]) * unit,
-        pitch=pitch,
-        width_across_flats=float(row["flats"]) * unit,
-        head_height=float(row["head"]) * unit,
-        washer_inner_diameter=float(row["washer_inner"]) * unit,
-        washer_outer_diameter=float(row["washer_outer"]) * unit,
-        washer_thickness=float(row["washer_thickness"]) * unit,
-        hole_diameter=float(row["hole"]) * unit,
-    )
+    lengths = {key: float(row[key]) * unit for key in _LENGTHS}
+    return Thread(name, series, pitch=pitch, **lengths)
 
 
 def _rows(file: str) -> Iterator[dict[str, str]]:

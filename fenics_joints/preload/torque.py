@@ -72,19 +72,7 @@ def motosh_force(
         InputError: For an unknown thread, a negative torque or friction, a radius not above 0.
     """
     ratio = _torque_per_force(thread_, friction_thread, friction_head, head_radius)
-    return _checked("torque", torque, "N·m") / ratio
-
-
-def motosh_torque(
-    force: float,
-    thread_: str | Thread,
-    friction_thread: float,
-    friction_head: float,
-    head_radius: float | None = None,
-) -> float:
-    """Tightening torque for a bolt force, N·m; inverse of `motosh_force`, same arguments."""
-    ratio = _torque_per_force(thread_, friction_thread, friction_head, head_radius)
-    return _checked("force", force, "N") * ratio
+    return real("torque", torque, "N·m", least=0) / ratio
 
 
 def friction_from(
@@ -102,8 +90,8 @@ def friction_from(
         InputError: If the torque is below that of a thread without friction.
     """
     t = thread(thread_)
-    force = _checked("force", force, "N", above=True)
-    ratio = _checked("torque", torque, "N·m") / force
+    force = real("force", force, "N", above=0)
+    ratio = real("torque", torque, "N·m", least=0) / force
     slope = t.pitch / (2 * math.pi)
     if ratio < slope:
         raise InputError(
@@ -125,34 +113,19 @@ def nut_factor_force(torque: float, diameter: float, K: float = 0.2) -> float:
     Raises:
         InputError: For a negative torque, or a diameter or factor not above 0.
     """
-    return _checked("torque", torque, "N·m") / _nut_ratio(diameter, K)
-
-
-def nut_factor_torque(force: float, diameter: float, K: float = 0.2) -> float:
-    """Tightening torque of T = K d F, N·m; inverse of `nut_factor_force`."""
-    return _checked("force", force, "N") * _nut_ratio(diameter, K)
-
-
-def _nut_ratio(diameter: float, K: float) -> float:
-    return _checked("diameter", diameter, "m", above=True) * _checked("K", K, "", above=True)
+    ratio = real("diameter", diameter, "m", above=0) * real("K", K, above=0)
+    return real("torque", torque, "N·m", least=0) / ratio
 
 
 def _torque_per_force(thread_, friction_thread, friction_head, head_radius) -> float:
     t = thread(thread_)
-    mu_t = _checked("friction_thread", friction_thread, "")
-    mu_n = _checked("friction_head", friction_head, "")
-    return (
-        t.pitch / (2 * math.pi)
-        + mu_t * thread_radius(t) / math.cos(t.half_angle)
-        + mu_n * _head_radius(t, head_radius)
-    )
+    mu_t = real("friction_thread", friction_thread, least=0)
+    mu_n = real("friction_head", friction_head, least=0)
+    thread_arm = thread_radius(t) / math.cos(t.half_angle)
+    return t.pitch / (2 * math.pi) + mu_t * thread_arm + mu_n * _head_radius(t, head_radius)
 
 
 def _head_radius(t: Thread, head_radius: float | None) -> float:
     if head_radius is None:
         return bearing_radius(t.width_across_flats, t.hole_diameter)
-    return _checked("head_radius", head_radius, "m", above=True)
-
-
-def _checked(name: str, value: float, unit: str, *, above: bool = False) -> float:
-    return real(name, value, unit, **({"above": 0.0} if above else {"least": 0.0}))
+    return real("head_radius", head_radius, "m", above=0)

@@ -10,9 +10,7 @@ from fenics_joints.preload.torque import (
     bearing_radius,
     friction_from,
     motosh_force,
-    motosh_torque,
     nut_factor_force,
-    nut_factor_torque,
 )
 
 
@@ -69,11 +67,14 @@ def test_motosh_gives_the_forces_of_the_seed_with_one_friction_found_by_inversio
 
 def test_torque_and_force_are_inverses_and_without_friction_work_is_kept():
     t = thread("M16x1.5")
-    assert motosh_torque(motosh_force(90.0, t, 0.12, 0.15), t, 0.12, 0.15) == pytest.approx(90.0)
-    assert nut_factor_torque(nut_factor_force(120.0, 0.012), 0.012) == pytest.approx(120.0)
+    assert friction_from(90.0, motosh_force(90.0, t, 0.12, 0.12), t) == pytest.approx(0.12)
     assert nut_factor_force(120.0, 0.012) == pytest.approx(50e3)
     # One turn without friction: torque times 2 pi is force times pitch.
-    assert motosh_torque(1e4, t, 0.0, 0.0) * 2 * math.pi == pytest.approx(1e4 * t.pitch)
+    assert motosh_force(15 / (2 * math.pi), t, 0.0, 0.0) * t.pitch == pytest.approx(15)
+    # The head's friction alone: torque is friction times force times the mean radius.
+    head = (t.width_across_flats + t.hole_diameter) / 4
+    more = 90.0 / motosh_force(90.0, t, 0.1, 0.3) - 90.0 / motosh_force(90.0, t, 0.1, 0.1)
+    assert more == pytest.approx(0.2 * head)
 
 
 def test_bearing_radius_of_uniform_pressure_is_the_integral_of_r():
