@@ -6,31 +6,50 @@ constant response, `solve_backbone` frequency and damping against amplitude, and
 responses.
 """
 
-from fenics_joints.harmonic.backbone import Backbone, solve_backbone
-from fenics_joints.harmonic.backbone_points import BackbonePoints, solve_backbone_at
-from fenics_joints.harmonic.balance import Balance, default_samples
-from fenics_joints.harmonic.bifurcations import Bifurcation, Stability, find_bifurcations
-from fenics_joints.harmonic.branch import Branch, load_branch, save_branch
+from fenics_joints.harmonic.backbone import (
+    Backbone,
+    BackbonePoints,
+    solve_backbone,
+    solve_backbone_at,
+)
+from fenics_joints.harmonic.balance import Balance, Load, default_samples
+from fenics_joints.harmonic.bifurcations import (
+    Bifurcation,
+    Stability,
+    find_bifurcations,
+    switch_branch,
+)
 from fenics_joints.harmonic.chosen import neglected_harmonics, solve_to_tolerance
-from fenics_joints.harmonic.constant_response import solve_constant_response
-from fenics_joints.harmonic.continuation import follow, locate
-from fenics_joints.harmonic.corrector import Problem, Settings
+from fenics_joints.harmonic.continuation import (
+    Branch,
+    Problem,
+    Settings,
+    follow,
+    load_branch,
+    locate,
+    save_branch,
+)
 from fenics_joints.harmonic.fourier import Fourier
-from fenics_joints.harmonic.frf import solve_harmonic
-from fenics_joints.harmonic.identify import IdentificationResult, identify
-from fenics_joints.harmonic.isolas import solve_isola
+from fenics_joints.harmonic.frf import solve_constant_response, solve_harmonic
+from fenics_joints.harmonic.identify import CurvePrediction, IdentificationResult, identify, predict
 from fenics_joints.harmonic.kept import kept_model
-from fenics_joints.harmonic.loads import Load
-from fenics_joints.harmonic.loops import MeasuredLoop, read_loops
-from fenics_joints.harmonic.monodromy import floquet_multipliers
-from fenics_joints.harmonic.predict import CurvePrediction, predict
-from fenics_joints.harmonic.result import HarmonicResult, Loops, Peak, Periodic
-from fenics_joints.harmonic.sensitivity import ResponseGradient
+from fenics_joints.harmonic.measured_mode import MeasuredLoop, read_loops
+from fenics_joints.harmonic.result import HarmonicResult, Loops, Peak, Periodic, ResponseGradient
 from fenics_joints.harmonic.sliders import SliderRange, fitted_sliders, slider_ranges
-from fenics_joints.harmonic.stability import floquet_exponents, hill_multipliers, stable
+from fenics_joints.harmonic.stability import (
+    floquet_exponents,
+    floquet_multipliers,
+    hill_multipliers,
+    stable,
+)
 from fenics_joints.harmonic.static_mode import StaticBackbone, solve_static_backbone
-from fenics_joints.harmonic.switching import switch_branch
-from fenics_joints.harmonic.tracking import Folds, FoldTurn, track_folds, track_resonance
+from fenics_joints.harmonic.tracking import (
+    Folds,
+    FoldTurn,
+    solve_isola,
+    track_folds,
+    track_resonance,
+)
 
 __all__ = [
     "Backbone",

@@ -4,23 +4,23 @@ Periodic motion makes of M x'' + C x' + K x + sum w B^T sigma(B x) = f(t) one eq
 freedom and harmonic (Krack & Gross, Harmonic Balance for Nonlinear Vibration Problems, 2019). The
 stress is computed over the cycle (alternating frequency-time, Cameron & Griffin 1989), from one
 instant at which a law changes its branch to the next; laws with memory run through the cycle until
-their loop is closed.
+their loop is closed. A load is a sum of harmonics at several places.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TypedDict
 
 import numpy as np
 from mpi4py import MPI
 
-from fenics_joints.errors import InputError, capable, reals, whole
-from fenics_joints.harmonic.events import memoryless_stress
+from fenics_joints.errors import InputError, capable, real, reals, text, whole
 from fenics_joints.harmonic.fourier import Fourier
 from fenics_joints.interfaces import InterfaceModel, InterfacePoints, static_state
 from fenics_joints.interfaces.model import check_interfaces
-from fenics_joints.joint_laws.kernel import HarmonicStress
+from fenics_joints.joint_laws.kernel import HarmonicStress, LawKernel
 
 #: Number of steps that integrates smooth hysteresis to some 1e-4.
 _SAMPLES_WITH_MEMORY = 128
@@ -307,3 +307,121 @@ def _add_jacobian(J: np.ndarray, share: _Share, by_strain: np.ndarray) -> None:
         left = by_strain[part].transpose(0, 1, 2, 4, 3).reshape(len(rows), d * K * K, d)
         right = (left @ rows).reshape(len(rows) * d, K * K * n)
         flat += share.weighted[first * d : (first + len(rows)) * d].T @ right
+
+
+def memoryless_stress(
+    kernel: LawKernel,
+    X: np.ndarray,
+    omega: float,
+    fourier: Fourier,
+    values: np.ndarray,
+    *,
+    jacobian: bool = True,
+) -> HarmonicStress:
+    """Harmonics of stress by those of strain, of a law without memory.
+
+    Args:
+        kernel: The law.
+        X: Harmonics of strain, (P, d, K).
+        omega: Angular frequency, rad/s.
+        fourier: Harmonics and samples.
+        values: Parameters, (P, E, n_parameters).
+        jacobian: Whether the derivatives are wanted.
+    """
+    d, G = X.shape[1], fourier.derivative
+    Z = np.concatenate([X, omega * (X @ G.T)], axis=1) if kernel.rated else X
+    inputs = Z @ fourier.synthesis.T
+    stress = kernel.history(inputs.transpose(0, 2, 1), None, values)[0]
+    changes = fourier.periods * Z @ G.T
+    F, J = kernel.memoryless(Z, changes, fourier.synthesis, values, jacobian=jacobian)
+    by_omega = None
+    if kernel.rated and jacobian:
+        by_rate = J[..., d:, :]
+        by_omega = np.einsum("pakbl,pbl->pak", by_rate, X @ G.T)
+        J = np.ascontiguousarray(J[..., :d, :] + omega * by_rate @ G)
+    state = np.zeros((*values.shape[:2], 0))
+    strain = np.ascontiguousarray(inputs[:, :d].transpose(0, 2, 1))
+    return HarmonicStress(F, J, strain, stress, state, 0.0, by_omega)
+
+
+@dataclass(frozen=True)
+class Load:
+    """A load amplitude * (harmonic * w)^power * cos(harmonic * w t + phase) at a place.
+
+    Attributes:
+        force: Name of the place.
+        amplitude: N, with a power N s^power.
+        harmonic: Of the frequency.
+        phase: rad; a load with a positive one comes earlier.
+        power: Of the frequency, rad/s: 2 for an unbalance, kg m, or a base that moves by m.
+    """
+
+    force: str
+    amplitude: float
+    harmonic: int = 1
+    phase: float = 0.0
+    power: int = 0
+
+    def __post_init__(self):
+        text("load.force", self.force)
+        real("load.amplitude", self.amplitude, "N")
+        real("load.phase", self.phase, "rad")
+        whole("load.harmonic", self.harmonic)
+        whole("load.power", self.power, -4, most=4)
+
+
+class Loading:
+    """Coefficients (n, K) of loads together, by the frequency.
+
+    Args:
+        parts: Coefficients by the power of the frequency that they are multiplied by.
+    """
+
+    def __init__(self, parts: dict[int, np.ndarray]):
+        self._parts = parts
+
+    @classmethod
+    def of(cls, balance: Balance, loads: Iterable[Load]) -> Loading:
+        """That of some loads on a model.
+
+        Raises:
+            InputError: For an unknown place, or a harmonic that the balance does not have.
+        """
+        parts = {0: np.zeros(balance.shape)}
+        for load in loads:
+            h = load.harmonic
+            if h > balance.fourier.harmonics:
+                raise InputError(
+                    f"load.harmonic = {h}: expected at most {balance.fourier.harmonics}, the "
+                    "highest of the balance."
+                )
+            part = parts.setdefault(load.power, np.zeros(balance.shape))
+            row = load.amplitude * float(h) ** load.power * balance.model.row("forces", load.force)
+            cosine = balance.fourier.cosine(h)
+            part[:, cosine] += np.cos(load.phase) * row
+            part[:, cosine + 1] -= np.sin(load.phase) * row
+        return cls(parts)
+
+    def times(self, share: float) -> Loading:
+        """A share of these loads."""
+        return Loading({p: share * part for p, part in self._parts.items()})
+
+    def at(self, omega: float) -> np.ndarray:
+        """Coefficients at a frequency, rad/s."""
+        return sum(omega**p * part for p, part in self._parts.items())
+
+    def slope(self, omega: float) -> np.ndarray:
+        """Their derivative by it."""
+        return sum(p * float(omega) ** (p - 1) * part for p, part in self._parts.items())
+
+
+def load_work(
+    balance: Balance, loads: Iterable[Load], X: np.ndarray, omegas: np.ndarray
+) -> np.ndarray:
+    """Work of the loads per cycle, J, (N,), on motions X (N, n, K) at their frequencies (N,)."""
+    loading, periods = Loading.of(balance, loads), balance.fourier.periods
+    h = np.arange(1, balance.fourier.harmonics * periods + 1) / periods
+    F = np.array([loading.at(omega) for omega in omegas])
+    along = np.einsum("pnh,pnh->ph", F[:, :, 1::2], X[:, :, 2::2])
+    against = np.einsum("pnh,pnh->ph", F[:, :, 2::2], X[:, :, 1::2])
+    return np.pi * (along - against) @ h

@@ -9,7 +9,7 @@ sharpness n from, enter alike; so does a measured backbone, frequency and dampin
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from textwrap import shorten
@@ -17,17 +17,358 @@ from textwrap import shorten
 import numpy as np
 from scipy.optimize import least_squares, minimize
 
-from fenics_joints.errors import InputError
+from fenics_joints.errors import ConvergenceError, InputError, reals, wanted, whole
 from fenics_joints.files import json_text, write_text
-from fenics_joints.harmonic.backbone_points import BackbonePoints
-from fenics_joints.harmonic.loops import MeasuredLoop
-from fenics_joints.harmonic.measured_mode import ModeData, Offset, as_motion
-from fenics_joints.harmonic.residuals import Change, Curve, CurveFit, checked_data
-from fenics_joints.harmonic.result import HarmonicResult
+from fenics_joints.harmonic.backbone import BackbonePoints
+from fenics_joints.harmonic.fourier import basis
+from fenics_joints.harmonic.frf import solve_harmonic
+from fenics_joints.harmonic.measured_mode import MeasuredLoop, ModeData, Offset, as_motion
+from fenics_joints.harmonic.result import HarmonicResult, ResponseGradient
 from fenics_joints.interfaces.model import InterfaceModel
 from fenics_joints.measurements.amplitude.backbone import MeasuredBackbone
 from fenics_joints.measurements.curves import MeasuredCurves
 from fenics_joints.modal.sensitivity import Identifiability, identifiability
+
+# -- measured curves against a model's -------------------------------------------------------------
+
+
+def near_peak(amplitudes: np.ndarray, points: int) -> np.ndarray:
+    """Indices of the ``points`` largest of a curve's amplitudes, ascending."""
+    return np.sort(np.argsort(-np.asarray(amplitudes), kind="stable")[:points])
+
+
+def peak_of(frequencies_hz: np.ndarray, amplitudes: np.ndarray) -> tuple[float, float]:
+    """(frequency, Hz, amplitude) of a sampled curve's peak.
+
+    The vertex of the parabola of 1 / amplitude^2 through the largest and its neighbours, which a
+    lightly damped resonance is; the largest itself where that has none, or at an end.
+    """
+    f, a = np.asarray(frequencies_hz, dtype=float), np.asarray(amplitudes, dtype=float)
+    i = int(np.argmax(a))
+    if not 0 < i < len(a) - 1:
+        return float(f[i]), float(a[i])
+    x, y = f[i - 1 : i + 2] - f[i], a[i] ** 2 / a[i - 1 : i + 2] ** 2
+    bend, slope, level = np.polyfit(x, y, 2)
+    vertex = -slope / (2 * bend) if bend > 0 else np.inf
+    least = level + 0.5 * slope * vertex if np.isfinite(vertex) else 0.0
+    if not (x[0] < vertex < x[2] and least > 0):
+        return float(f[i]), float(a[i])
+    return float(f[i] + vertex), float(a[i] / np.sqrt(least))
+
+
+@dataclass(frozen=True, repr=False)
+class CurvePrediction:
+    """What a model makes of a measured curve.
+
+    Attributes:
+        level: Amplitude of the force, N.
+        frequencies_hz: The measured frequencies, Hz, (n,).
+        measured: Amplitudes, in SI units, (n,).
+        computed: Those of the model, (n,).
+        near_peak: Indices of the points near the peak that `objective` takes.
+        response: The model's response.
+    """
+
+    level: float
+    frequencies_hz: np.ndarray
+    measured: np.ndarray
+    computed: np.ndarray
+    near_peak: np.ndarray
+    response: HarmonicResult
+
+    def __repr__(self) -> str:
+        return f"CurvePrediction({self.level:g} N, mean error {self.mean_error:.2%})"
+
+    @property
+    def objective(self) -> float:
+        """Eq. 6."""
+        i = self.near_peak
+        return float(np.sum(np.abs(self.computed[i] / self.measured[i] - 1.0)))
+
+    @property
+    def mean_error(self) -> float:
+        """Eq. 6 per point: the mean relative error."""
+        return self.objective / len(self.near_peak)
+
+    @property
+    def peaks(self) -> tuple[tuple[float, float], tuple[float, float]]:
+        """(frequency, Hz, amplitude) of the measured peak and of the model's, see `peak_of`."""
+        return peak_of(self.frequencies_hz, self.measured), peak_of(
+            self.frequencies_hz, self.computed
+        )
+
+    @property
+    def frequency_error(self) -> float:
+        """Error of the peak's frequency, relative."""
+        measured, computed = self.peaks
+        return computed[0] / measured[0] - 1.0
+
+    @property
+    def amplitude_error(self) -> float:
+        """Error of the peak's amplitude, relative."""
+        measured, computed = self.peaks
+        return computed[1] / measured[1] - 1.0
+
+    def to_dict(self) -> dict:
+        """Everything that people read, for JSON."""
+        measured, computed = self.peaks
+        return {
+            "level": self.level,
+            "frequency_hz": self.frequencies_hz.tolist(),
+            "measured": self.measured.tolist(),
+            "computed": self.computed.tolist(),
+            "objective": self.objective,
+            "mean_error": self.mean_error,
+            "measured_peak": list(measured),
+            "computed_peak": list(computed),
+            "frequency_error": self.frequency_error,
+            "amplitude_error": self.amplitude_error,
+        }
+
+
+def predict(
+    model: InterfaceModel,
+    curves: MeasuredCurves,
+    levels: Sequence[float] | None = None,
+    *,
+    force: str,
+    sensor: str,
+    points: int = 9,
+    harmonics: int = 3,
+    **options,
+) -> tuple[CurvePrediction, ...]:
+    """The model's responses at the measured frequencies, and their errors, by level.
+
+    Args:
+        model: The model.
+        curves: Measured curves.
+        levels: Levels, N; all by default.
+        force, sensor, points: As for `identify`.
+        harmonics, options: ``samples``, ``static``, ``settings``, ``comm``: As for
+            `solve_harmonic`.
+
+    Raises:
+        InputError: For an unknown name or level.
+        ConvergenceError: If a response is not found.
+    """
+    if not isinstance(curves, MeasuredCurves):
+        raise wanted("curves", curves, "MeasuredCurves, as read_curves gives them")
+    whole("points", points)
+    found = []
+    for level in curves.levels if levels is None else reals("levels", levels, (None,)).tolist():
+        frequencies, measured = curves.at(level)
+        result = solve_harmonic(
+            model, force, level, at=frequencies, harmonics=harmonics, sensor=sensor, **options
+        )
+        computed = result.amplitude(sensor, curves.response, "first")
+        kept = near_peak(measured, points)
+        found.append(CurvePrediction(level, frequencies, measured, computed, kept, result))
+    return tuple(found)
+
+
+# -- residuals -------------------------------------------------------------------------------------
+
+
+#: Relative change of a width that asks for another search.
+_SAME_WIDTH = 0.1
+#: The model for values of its parameters.
+Change = Callable[[Mapping[str, float]], InterfaceModel]
+
+
+@dataclass(frozen=True)
+class Curve:
+    """Amplitudes at some frequencies of one level; a residual for each, relative."""
+
+    level: float
+    frequencies: np.ndarray
+    amplitudes: np.ndarray
+    sensor: str
+    kind: str
+
+    def __len__(self) -> int:
+        return len(self.frequencies)
+
+    def solve(self, model: InterfaceModel, force: str, options, warm) -> HarmonicResult:
+        """The model's response at the curve's frequencies."""
+        return _response(self, model, force, options, warm)
+
+    def objective(self, residual: np.ndarray) -> float:
+        """Eq. 6: the sum of the errors."""
+        return float(np.abs(residual).sum())
+
+    def residual(self, result: HarmonicResult) -> np.ndarray:
+        """Error at each frequency, relative, (n,)."""
+        return result.amplitude(self.sensor, self.kind, "first") / self.amplitudes - 1.0
+
+    def jacobian(self, result: HarmonicResult, change: Change, values) -> np.ndarray:
+        """Derivatives of the residual by the parameters, (n, parameters)."""
+        gradient = result.by_parameters(change, values)
+        return gradient.amplitude(self.sensor, self.kind, "first") / self.amplitudes[:, None]
+
+
+@dataclass(frozen=True)
+class Loop:
+    """One measured loop; residuals whose root of the sum of squares is its relative rms error."""
+
+    loop: MeasuredLoop
+    sensor: str
+
+    def __len__(self) -> int:
+        return len(self.loop.times)
+
+    def solve(self, model: InterfaceModel, force: str, options, warm) -> HarmonicResult:
+        """The model's response at the loop's frequency."""
+        return _response(self, model, force, options, warm)
+
+    def objective(self, residual: np.ndarray) -> float:
+        """It counts as one point of a curve, with its relative rms error."""
+        return float(np.linalg.norm(residual))
+
+    @property
+    def level(self) -> float:
+        """Amplitude of the force, N."""
+        return self.loop.level
+
+    @property
+    def frequencies(self) -> np.ndarray:
+        """The loop's own, Hz, (1,)."""
+        return np.array([self.loop.frequency_hz])
+
+    def _scale(self) -> float:
+        return np.sqrt(len(self.loop.times)) * float(np.std(self.loop.responses))
+
+    def residual(self, result: HarmonicResult) -> np.ndarray:
+        """Error at each sample, over root n times the response's deviation, (n,)."""
+        c = result.sensor_coefficients(self.sensor, self.loop.response)[0]
+        measured = self.loop.responses - self.loop.responses.mean()
+        at = basis(self.loop.angles(), len(c))
+        # An accelerometer measures no mean.
+        return (at[:, 1:] @ c[1:] - measured) / self._scale()
+
+    def jacobian(self, result: HarmonicResult, change: Change, values) -> np.ndarray:
+        """Derivatives of the residual by the parameters, (n, parameters)."""
+        gradient: ResponseGradient = result.by_parameters(change, values)
+        turned = gradient.sensor_coefficients(self.sensor, self.loop.response)[0]
+        at = basis(self.loop.angles(), turned.shape[1])
+        return (at[:, 1:] @ turned[:, 1:].T) / self._scale()
+
+
+def _response(data: Curve | Loop, model: InterfaceModel, force: str, options, warm):
+    return solve_harmonic(
+        model, force, data.level, at=data.frequencies, sensor=data.sensor, initial=warm, **options
+    )
+
+
+class CurveFit:
+    """Residuals and their derivatives by ln of the parameters, and what they cost.
+
+    Args:
+        change: The model for values of the parameters.
+        names: Their names.
+        data: Curves, loops and measured modes.
+        force: Place of the force.
+        options: Options of `solve_harmonic`.
+    """
+
+    def __init__(self, change: Change, names, data, force: str, options: Mapping[str, object]):
+        self.change, self.names, self.data = change, tuple(names), list(data)
+        self.force, self.options = force, dict(options)
+        self.evaluations = self.gradients = self.failures = 0
+        self.solutions = self.iterations = 0
+        self.trials, self.history = [], []
+        self.results: list = [None] * len(self.data)
+        self._at = self._residual = None
+
+    def values(self, x: np.ndarray) -> dict[str, float]:
+        """The parameters at x."""
+        return dict(zip(self.names, np.exp(x).tolist(), strict=True))
+
+    def residual(self, x: np.ndarray) -> np.ndarray:
+        """Relative residuals, (n,). The last response is kept, and not computed twice."""
+        if self._at is not None and np.array_equal(self._at, x):
+            return self._residual
+        self.evaluations += 1
+        model, found = self.change(self.values(x)), []
+        for one, warm in zip(self.data, self.results, strict=True):
+            result = one.solve(model, self.force, self.options, warm)
+            found.append(result)
+            self.solutions += len(result)
+            self.iterations += int(np.sum(result.iterations))
+        r = np.concatenate([d.residual(y) for d, y in zip(self.data, found, strict=True)])
+        self.results, self._at, self._residual = found, np.array(x), r
+        self._note(x, self.objective(r))
+        return r
+
+    def parts(self, r: np.ndarray) -> list[np.ndarray]:
+        """The residuals of each of the data."""
+        return np.split(r, np.cumsum([len(one) for one in self.data])[:-1])
+
+    def objective(self, r: np.ndarray) -> float:
+        """Eq. 6 of all data."""
+        return sum(one.objective(p) for one, p in zip(self.data, self.parts(r), strict=True))
+
+    def widen(self, x: np.ndarray) -> bool:
+        """Take what the model does not follow of measured modes for noise; whether that changed."""
+        r, changed = self.residual(x), False
+        for i, (one, part) in enumerate(zip(self.data, self.parts(r), strict=True)):
+            if isinstance(one, ModeData):
+                share = round(len(x) * len(part) / len(r))
+                self.data[i] = one.widened(part, share)
+                ratio = np.log(np.divide(self.data[i].widths, one.widths))
+                changed |= bool(np.abs(ratio).max() > _SAME_WIDTH)
+        if changed:
+            self._at = None
+        return changed
+
+    def tried(self, x: np.ndarray) -> np.ndarray | None:
+        """`residual`, or None where there is no model or no response."""
+        try:
+            return self.residual(x)
+        except (ConvergenceError, InputError):
+            self.failures += 1
+            self._note(x, np.inf)
+            return None
+
+    def _note(self, x: np.ndarray, objective: float) -> None:
+        self.trials.append(np.exp(x))
+        self.history.append(objective)
+
+    def jacobian(self, x: np.ndarray) -> np.ndarray:
+        """d residual / d ln p, (n, parameters)."""
+        self.residual(x)
+        self.gradients += 1
+        parts = [
+            one.jacobian(result, self.change, self.values(x))
+            for one, result in zip(self.data, self.results, strict=True)
+        ]
+        return np.vstack(parts) * np.exp(x)
+
+
+def checked_data(curves, level, points, loops, sensor, modes=()) -> list[Curve | Loop | ModeData]:
+    """What is fitted: the points near the peak of a level's curve, loops, and measured modes.
+
+    Raises:
+        InputError: For an unknown level, too few points, or no data.
+    """
+    found: list[Curve | Loop | ModeData] = []
+    if curves is not None:
+        if level is None:
+            raise InputError("level = None: expected the level of one of the curves, N.")
+        frequencies, amplitudes = curves.at(level)
+        if not 3 <= points:
+            raise InputError(f"points = {points}: expected at least 3.")
+        kept = near_peak(amplitudes, points)
+        found.append(Curve(level, frequencies[kept], amplitudes[kept], sensor, curves.response))
+    elif level is not None:
+        raise InputError(f"level = {level:g}: expected curves that have it.")
+    found += [*(Loop(loop, sensor) for loop in loops), *modes]
+    if not found:
+        raise InputError("there are no data: expected curves and a level, loops, or a backbone.")
+    return found
+
+
+# -- the search ------------------------------------------------------------------------------------
+
 
 #: Bounds of a parameter by default: its start over and times this.
 _RANGE = 1e3

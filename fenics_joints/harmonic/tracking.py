@@ -1,28 +1,187 @@
-"""Folds and superharmonic resonances followed over the force, and where isolas begin and end."""
+"""Folds and superharmonic resonances followed over the force, and isolas.
+
+One more equation g(X, omega) = 0 beside harmonic balance singles such responses out, and one more
+unknown, the share of the load, follows them.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 import scipy.linalg
 
-from fenics_joints.errors import ConvergenceError, InputError, member, reals, whole
+from fenics_joints.errors import ConvergenceError, InputError, member, real, reals, whole
+from fenics_joints.harmonic.balance import Balance, Load, Loading
 from fenics_joints.harmonic.bifurcations import FOLD, Bifurcation
-from fenics_joints.harmonic.branch import Branch
-from fenics_joints.harmonic.continuation import follow, locate
-from fenics_joints.harmonic.corrector import Settings, check_settings
-from fenics_joints.harmonic.extremes import Condition, Extreme, FoldCondition, PhaseCondition
-from fenics_joints.harmonic.frf import ForcedResponse, telling
-from fenics_joints.harmonic.loads import Load, Loading
+from fenics_joints.harmonic.continuation import (
+    Branch,
+    Settings,
+    check_settings,
+    correct,
+    follow,
+    locate,
+)
+from fenics_joints.harmonic.fourier import moving_size
+from fenics_joints.harmonic.frf import ForcedResponse, check_band, responses, telling, with_maxima
 from fenics_joints.harmonic.result import HarmonicResult
 from fenics_joints.progress import Progress
+
+#: Step of the differences of Jacobians, relative to the motion.
+_JACOBIAN_STEP = 1e-5
+#: Share of the interfaces' force below which a harmonic of it is round-off.
+_NONE = 1e-10
+
+
+class Condition(Protocol):
+    """A number of a response that vanishes at those looked for."""
+
+    def value(self, X: np.ndarray, omega: float, J: np.ndarray) -> tuple[float, np.ndarray, float]:
+        """The number and its derivatives by X, (n K,), and by omega; J: the residual's by X."""
+
+    def at(self, X: np.ndarray, omega: float, J: np.ndarray) -> None:
+        """Take a point of the branch as the present one."""
+
+
+class Extreme:
+    """Harmonic balance and a condition; unknowns X, omega and the load's share, the parameter.
+
+    Args:
+        balance: The equations.
+        loading: The load at a share of one.
+        condition: The condition.
+        widths: Notable changes of omega, rad/s, and of the share.
+    """
+
+    def __init__(
+        self, balance: Balance, loading: Loading, condition: Condition, widths: tuple[float, float]
+    ):
+        self.balance, self.loading, self.condition = balance, loading, condition
+        self.widths, self.kinked = widths, balance.kinked
+
+    def evaluate(self, z: np.ndarray, *, jacobian: bool = True):
+        """Residual and its derivative, as `Problem` has it."""
+        balance, (omega, share) = self.balance, z[-2:]
+        X = z[:-2].reshape(balance.shape)
+        load = self.loading.at(omega)
+        R, J = balance.evaluate(X, omega, share * load)
+        g, by_X, by_omega = self.condition.value(X, omega, J)
+        R = np.append(R.reshape(-1), g)
+        if not jacobian:
+            return R, None
+        N = balance.size
+        found = np.zeros((N + 1, N + 2))
+        found[:N, :N] = J
+        found[:N, N] = (balance.by_omega(X, omega) - share * self.loading.slope(omega)).reshape(-1)
+        found[:N, N + 1] = -load.reshape(-1)
+        found[N, :N], found[N, N] = by_X, by_omega
+        return R, found
+
+    def scales(self, z: np.ndarray) -> np.ndarray:
+        """The motion's size without its mean, and the widths."""
+        size = moving_size(z[:-2].reshape(self.balance.shape))
+        return np.concatenate([np.full(len(z) - 2, size), self.widths])
+
+    def take(self, z: np.ndarray) -> None:
+        """Take a point as the present one."""
+        X = z[:-2].reshape(self.balance.shape)
+        self.condition.at(X, z[-2], self.balance.evaluate(X, z[-2])[1])
+
+
+class FoldCondition:
+    """The residual's derivative by X is singular: the branch turns back in frequency.
+
+    The number is that which a bordered system of equations makes (Govaerts, Numerical Methods for
+    Bifurcations of Dynamical Equilibria, 2000, ch. 3), its derivatives from the null vectors and
+    differences of the Jacobian along the right one.
+
+    Args:
+        balance: The equations.
+    """
+
+    def __init__(self, balance: Balance):
+        self.balance = balance
+        self._border = None
+
+    def at(self, X: np.ndarray, omega: float, J: np.ndarray) -> None:
+        """See `Condition`: the borders are the null vectors there."""
+        left, _, right = scipy.linalg.svd(J)
+        self._border = left[:, -1], right[-1], float(np.linalg.norm(J, 2))
+
+    def vectors(self, J: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
+        """The number, and the left and the right vector."""
+        b, c, size = self._border
+        N = len(J)
+        B = np.zeros((N + 1, N + 1))
+        B[:N, :N], B[:N, N], B[N, :N] = J / size, b, c
+        last = np.append(np.zeros(N), 1.0)
+        factors = scipy.linalg.lu_factor(B)
+        right = scipy.linalg.lu_solve(factors, last)
+        left = scipy.linalg.lu_solve(factors, last, trans=1)
+        return float(right[N]), left[:N], right[:N]
+
+    def value(self, X: np.ndarray, omega: float, J: np.ndarray) -> tuple[float, np.ndarray, float]:
+        """See `Condition`."""
+        if self._border is None:
+            self.at(X, omega, J)
+        g, w, v = self.vectors(J)
+        V = v.reshape(X.shape)
+        step = _JACOBIAN_STEP * moving_size(X) / max(float(np.abs(V).max()), 1e-300)
+        ends = [self.balance.evaluate(X + s * step * V, omega)[1] for s in (1, -1)]
+        slopes = [self.balance.by_omega(X + s * step * V, omega) for s in (1, -1)]
+        scale = -1 / (2 * step * self._border[2])
+        by_X = scale * (w @ (ends[0] - ends[1]))
+        by_omega = scale * float(w @ (slopes[0] - slopes[1]).reshape(-1))
+        return g, by_X, by_omega
+
+
+class PhaseCondition:
+    """A harmonic is a quarter of its period behind what the lower ones excite it with.
+
+    Variable phase resonance (Porter and Brake 2024, doi.org/10.1016/j.ymssp.2024.111410, eqs. 9
+    to 12): the interfaces' force in that harmonic under the lower harmonics alone does no work
+    with the harmonic's displacement, in phase.
+
+    Args:
+        balance: The equations.
+        harmonic: The harmonic, at least 2 and at most the balance's highest.
+    """
+
+    def __init__(self, balance: Balance, harmonic: int):
+        self.balance, self.first = balance, balance.fourier.cosine(harmonic)
+
+    def at(self, X: np.ndarray, omega: float, J: np.ndarray) -> None:
+        """See `Condition`: nothing depends on it."""
+
+    def value(self, X: np.ndarray, omega: float, J: np.ndarray) -> tuple[float, np.ndarray, float]:
+        """See `Condition`."""
+        balance, own = self.balance, slice(self.first, self.first + 2)
+        n, K = balance.shape
+        low = X.copy()
+        low[:, self.first :] = 0
+        F, J = balance.interface_force(low, omega)
+        force, motion = F[:, own], X[:, own]
+        size, reach = np.linalg.norm(force), np.linalg.norm(motion)
+        if not size > _NONE * np.linalg.norm(F) or not reach > 0:
+            return 0.0, np.zeros(X.size), 0.0
+        g = float(np.sum(force * motion)) / (size * reach)
+        by_force = motion / (size * reach) - g * force / size**2
+        by_X = np.einsum("nk,nkml->ml", by_force, J.reshape(n, K, n, K)[:, own])
+        by_X[:, self.first :] = 0
+        by_X[:, own] = force / (size * reach) - g * motion / reach**2
+        by_omega = float(np.sum(by_force * balance.rates_by_omega(low, omega)[:, own]))
+        return g, by_X.reshape(-1), by_omega
+
+
+# -- curves over the force -------------------------------------------------------------------------
+
 
 CUSP, ISOLA, MERGER = "cusp", "isola", "merger"
 #: Second-smallest singular value over the largest below which there are two null vectors.
 _TWO = 1e-3
 #: Step of second derivatives, relative to the unknowns' scales.
-_STEP = 1e-4
+_BEND_STEP = 1e-4
 
 
 @dataclass(frozen=True)
@@ -231,8 +390,8 @@ def _kind(problem: Extreme, z: np.ndarray) -> str:
         return CUSP
     Q = np.empty((2, 2))
     for j in range(2):
-        change = _STEP * scales * null[j]
-        bend = (slope(z[:-1] + change) - slope(z[:-1] - change)) / (2 * _STEP)
+        change = _BEND_STEP * scales * null[j]
+        bend = (slope(z[:-1] + change) - slope(z[:-1] - change)) / (2 * _BEND_STEP)
         Q[:, j] = null @ (w @ bend)
     return ISOLA if np.linalg.det(0.5 * (Q + Q.T)) > 0 else MERGER
 
@@ -254,3 +413,125 @@ def _responses(kind, problem: Extreme, result: HarmonicResult, branch: Branch, *
         power=result.power,
         **more,
     )
+
+
+# -- closed branches -------------------------------------------------------------------------------
+
+
+#: How far beyond the folds' frequencies a closed branch may reach, as shares of them.
+_REACH = 0.5, 2.0
+#: Scaled way from a fold to the first point.
+_FIRST_STEP = 1e-3
+
+
+def solve_isola(
+    folds: Folds,
+    force: float,
+    *,
+    band: tuple[float, float] | None = None,
+    settings: Settings | None = None,
+    progress: Progress | None = None,
+) -> HarmonicResult:
+    """The closed branch of responses to a force, through one of the folds that were tracked.
+
+    Args:
+        folds: A curve of folds with an isola on it (`track_folds`).
+        force: Amplitude of the force, N.
+        band: Lowest and highest frequency, Hz, within which a branch has to close; by default from
+            half of the folds' lowest to twice their highest.
+        settings: As for `solve_harmonic`.
+        progress: Told of every point.
+
+    Returns:
+        The responses once round: the last one is the first one again, a fold.
+
+    Raises:
+        InputError: If the curve has no fold at this force, or none of a closed branch.
+        ConvergenceError: If a branch cannot be followed.
+    """
+    force, settings = real("force", force, "N", above=0), check_settings(settings)
+    hz = folds.frequencies_hz
+    band = check_band((_REACH[0] * hz.min(), _REACH[1] * hz.max()) if band is None else band, "up")
+    starts = _starts(folds, force)
+    if not len(starts):
+        F = folds.force_amplitudes
+        raise InputError(
+            f"force = {force:g} N: the curve has no fold there; expected one between {F.min():g} "
+            f"and {F.max():g} N."
+        )
+    loads = Load(folds.force, force, power=folds.power), *folds.more
+    loading = Loading.of(folds.balance, loads)
+    problem = ForcedResponse(folds.balance, loading, 2 * np.pi * (band[1] - band[0]))
+    tell = telling(progress, f"closed branch at {force:g} N")
+    for start in starts:
+        branch = _round(problem, start, tuple(2 * np.pi * f for f in band), settings, tell)
+        if branch is not None:
+            break
+    else:
+        raise InputError(
+            f"force = {force:g} N: no branch through these folds closes between {band[0]:.4g} and "
+            f"{band[1]:.4g} Hz; expected a force between that of an isola and that of a merger, "
+            "or a wider band."
+        )
+    row = folds.model.row("sensors", folds.sensor)
+    branch = with_maxima(problem, branch, row, folds.measure, settings)
+    return responses(
+        folds.balance,
+        branch.z,
+        branch.iterations,
+        branch.jacobians,
+        force,
+        tangents=branch.tangents,
+        force=folds.force,
+        sensor=folds.sensor,
+        measure=folds.measure,
+        more=folds.more,
+        power=folds.power,
+    )
+
+
+def _starts(folds: Folds, force: float) -> list[np.ndarray]:
+    """The folds at a force, between the curve's points."""
+    F, found = folds.force_amplitudes, []
+    z = np.column_stack([folds.coefficients.reshape(len(folds), -1), folds.omegas])
+    for i in np.flatnonzero((F[:-1] - force) * (F[1:] - force) <= 0):
+        share = (force - F[i]) / (F[i + 1] - F[i]) if F[i + 1] != F[i] else 0.0
+        found.append((1 - share) * z[i] + share * z[i + 1])
+    return found
+
+
+class _Closed(ConvergenceError):
+    """The branch has come round."""
+
+
+def _round(problem: ForcedResponse, start, bounds, settings, tell) -> Branch | None:
+    """The branch from a fold until it comes back to it; None if it leaves the bounds first."""
+    scales = problem.scales(start)
+    along = scipy.linalg.svd(problem.evaluate(start)[1] * scales)[2][-1]
+    fold = correct(problem, start, along, settings)
+    along = fold.direction * np.sign(fold.direction @ along)
+    first = correct(problem, fold.z + _FIRST_STEP * scales * along, along, settings)
+    tangent = first.direction * np.sign(first.direction @ along)
+    gone: list[np.ndarray] = []
+
+    def closes(z: np.ndarray) -> None:
+        tell(z)
+        gone.append((z - fold.z) / scales)
+        if len(gone) < 3:
+            return
+        before, now = gone[-2:]
+        way = now - before
+        share = np.clip(-(before @ way) / (way @ way), 0, 1)
+        off = np.linalg.norm(before + share * way)
+        if before @ along < 0 <= now @ along and off < 0.3 * np.linalg.norm(way):
+            raise _Closed("closed")
+
+    direction = 1 if tangent[-1] > 0 else -1
+    options = {"settings": settings, "direction": direction, "on_point": closes}
+    try:
+        follow(problem, first.z, bounds, **options)
+    except _Closed as error:
+        branch, effort = error.branch.first(len(error.branch) - 1), (fold.iterations, 0)
+        branch = branch.with_point(fold.z, along * scales, effort, settings.step, True)
+        return branch.with_inserted(0, fold.z, along * scales, effort)
+    return None

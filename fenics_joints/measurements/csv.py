@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 
 from fenics_joints.errors import InputError, located
-from fenics_joints.measurements.records import (
+from fenics_joints.measurements.files import (
     CoherenceRecord,
     Contents,
     Dof,

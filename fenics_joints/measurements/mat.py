@@ -11,7 +11,7 @@ import scipy.io
 
 from fenics_joints.errors import InputError, located
 from fenics_joints.files import check_size
-from fenics_joints.measurements.records import (
+from fenics_joints.measurements.files import (
     CoherenceRecord,
     Contents,
     FRFRecord,

@@ -1,32 +1,425 @@
-"""Measured functions from universal files (UFF), read by pyuff.
+"""Universal files (UFF), their heads read by pyuff: functions, units, nodes and axes.
 
 Used are datasets 58 (functions, ASCII or binary) of type 4 (frequency response), 6 and 26
 (coherence), 15 and 2411 (nodes), 18 and 2420 (axes in which a node moves) and 164 (units), in any
-order.
-The meaning of the fields: "Universal file formats", Structural Dynamics Research Laboratory,
+order. The meaning of the fields: "Universal file formats", Structural Dynamics Research Laboratory,
 University of Cincinnati.
 """
 
 from __future__ import annotations
 
+import mmap
+import re
+import tempfile
+import warnings
 from collections import Counter
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from fenics_joints.errors import InputError, Problems, located
-from fenics_joints.measurements.records import CoherenceRecord, Contents, Dof, FRFRecord, Said
-from fenics_joints.measurements.uff_sets import (
-    FORMS,
-    GEOMETRY,
-    add_nodes,
-    axes_of,
-    read_sets,
-    units_of,
-    word,
+from fenics_joints.files import check_size
+from fenics_joints.measurements.files import (
+    MISSING,
+    CoherenceRecord,
+    Contents,
+    Dof,
+    FRFRecord,
+    Node,
+    Said,
 )
-from fenics_joints.response.units import MOTION, a_kind, frf_unit, ratio_unit
+from fenics_joints.progress import reading
+from fenics_joints.response.units import MOTION, a_kind, frf_unit, length_factor, ratio_unit
 from fenics_joints.units import factor_to_si
+
+#: Place in a file, and content, of a dataset.
+Dataset = tuple[str, dict[str, Any]]
+#: Datasets of nodes, axes and units.
+GEOMETRY = (15, 18, 164, 2411, 2420)
+#: Ordinate data types of dataset 58.
+FORMS = {2: "real single", 4: "real double", 5: "complex single", 6: "complex double"}
+
+#: Datasets of shapes, of which the lines are given.
+_SHAPES = (55, 2414)
+#: The mark between datasets, alone in its line, and after binary data, which end without a line.
+_MARK = re.compile(rb"^[ \t]{0,5}-1[ \t]*(?:\r?\n|\Z)", re.MULTILINE)
+_BINARY_MARK = re.compile(rb"[\r\n]{0,2} {4}-1[ \t]*(?:\r?\n|\Z)")
+_D = re.compile(r"(\d\.?)[Dd]([+-]?\d)")
+_NUMBER = re.compile(
+    r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[Ee][+-]?\d+|[+-]\d{3}(?![\d.]))?|[+-]?(?:nan|inf)", re.IGNORECASE
+)
+_BARE = re.compile(r"(\d\.?)([+-]\d{3})$")
+
+
+def read_sets(
+    path: Path, kinds: Collection[int], problems: Problems | None = None
+) -> list[Dataset]:
+    """(place, content) of each dataset of these types.
+
+    The content of a dataset 55 or 2414 is its ``lines``; the values of a dataset 58 are read here,
+    since pyuff does not read all variants that labs write.
+
+    Args:
+        path: The file.
+        kinds: The types.
+        problems: Takes the errors of single datasets, so that the caller finds those of the others
+            too; without it they are raised.
+
+    Raises:
+        InputError: If pyuff is missing, or a dataset cannot be read; names the file, the dataset
+            by its place (from 1) and type, and what was expected.
+    """
+    pyuff = _pyuff()
+    check_size(path)
+    if not path.stat().st_size:
+        raise InputError(f"{path}: is empty, expected a universal file")
+    found = Problems(path) if problems is None else problems
+    sets = []
+    with path.open("rb") as stream, mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as data:
+        progress = reading(path.name, len(data), len(data))
+        for i, (kind, start, body, end) in enumerate(_blocks(path, data)):
+            progress.advance(end - start)
+            where = f"{path}: dataset {i + 1} (type {kind or 'unknown'})"
+            if not kind:
+                expected = "expected the type's number after the line '    -1'"
+                found.add(InputError(f"{where}: has no type; {expected}"))
+            elif kind in kinds and kind in _SHAPES:
+                lines = _text(data[body:end]).splitlines()
+                sets.append((where, {"type": kind, "lines": lines}))
+            elif kind in kinds:
+                read = found.tried(
+                    lambda k=kind, at=where, s=start, b=body, e=end: _read_set(
+                        pyuff, k, at, data[s:b], data[b:e]
+                    )
+                )
+                if read is not None:
+                    sets.append((where, read))
+    if problems is None:
+        found.check()
+    return sets
+
+
+def _blocks(path: Path, data: mmap.mmap) -> Iterator[tuple[int, int, int, int]]:
+    """Type, start, end of the head, and end of each dataset.
+
+    The head is the line with the number, and of a dataset 58 eleven records more. Binary data are
+    skipped by the number of their bytes: after them the mark may stand without a new line.
+    """
+    at, n = 0, 0
+    while (mark := _MARK.search(data, at)) is not None:
+        n += 1
+        start = body = mark.end()
+        line = _line(data, start)
+        number = re.match(rb"\s*(\d+)(b?)(?!\S)", line, re.IGNORECASE)
+        kind = int(number[1]) if number else 0
+        heads = []
+        for _ in range(12 if kind == 58 else 1):
+            heads.append(_line(data, body))
+            body += len(heads[-1])
+        stop = _MARK.search(data, body)
+        if kind == 58 and number[2]:
+            sizes = [int(x) for x in line[31:43].split() if x.isdigit()] + [_bytes(heads)]
+            left = len(data) - body
+            ends = [_BINARY_MARK.match(data, body + size) for size in sizes if 0 <= size <= left]
+            stop = next((end for end in ends if end), _BINARY_MARK.search(data, body) or stop)
+        if stop is None:
+            raise InputError(
+                f"{path}: stops within a dataset ({len(data)} bytes); expected '    -1' at its end:"
+                " the file is truncated, or not a universal file"
+            )
+        yield kind, start, body, stop.start()
+        at = stop.end()
+    if not n:
+        raise InputError(
+            f"{path}: cannot be read as a universal file: holds no dataset; it stops within a "
+            "dataset, or is truncated; expected blocks between lines of '    -1'"
+        )
+
+
+def _line(data: mmap.mmap, at: int) -> bytes:
+    end = data.find(b"\n", at)
+    return data[at : len(data) if end < 0 else end + 1]
+
+
+def _text(raw: bytes) -> str:
+    """Text of a file in UTF-8, or else in Latin-1, as older programs write it."""
+    try:
+        return raw.decode("utf-8")
+    except UnicodeDecodeError:
+        return raw.decode("latin-1")
+
+
+def _pyuff():
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            import pyuff
+    except ImportError as error:
+        raise InputError(
+            "universal files need pyuff, which is not installed; expected "
+            "pip install 'fenics-joints[frf]'"
+        ) from error
+    return pyuff
+
+
+def _read_set(pyuff, kind: int, where: str, head: bytes, body: bytes) -> dict[str, Any]:
+    text = _text(head if kind == 58 else head + body).replace("\r", "").replace("\t", " ")
+    lines = text.splitlines()
+    if kind == 58:  # but not the labels
+        lines[7:8] = [_D.sub(r"\1E\2", line) for line in lines[7:8]]
+        text = "\n".join(lines)
+    else:
+        text = _D.sub(r"\1E\2", text)
+    with tempfile.TemporaryDirectory() as folder:
+        alone = Path(folder) / "a.uff"
+        alone.write_text(f"    -1\n{text.rstrip()}\n    -1\n", encoding="utf-8", newline="\n")
+        try:
+            read = pyuff.UFF(str(alone)).read_sets(0, header_only=kind == 58)
+        except Exception as error:  # pyuff raises plain Exception
+            what = (
+                "its head cannot be read; expected the eleven records of dataset 58"
+                if kind == 58
+                else "cannot be read; expected the records of that dataset, blanks between numbers"
+            )
+            raise InputError(f"{where}: {what}") from error
+    return read if kind != 58 else read | _function_values(where, read, body)
+
+
+def _form(code: int, spacing: int) -> tuple[int, int, int]:
+    """Numbers of a value, with its abscissa; of a row in ASCII; and bytes of one."""
+    count = (2 if code in (5, 6) else 1) + (spacing == 0)
+    size = 8 if code in (4, 6) else 4
+    row = 6 if size == 4 else 4 if spacing or code == 4 else 3
+    return count, row, size
+
+
+def _bytes(heads: Sequence[bytes]) -> int:
+    """Bytes of binary data by their record 7."""
+    try:
+        code, points, spacing = (int(x) for x in heads[7][:30].split())
+    except ValueError:
+        return 0
+    count, _, size = _form(code, spacing)
+    return count * points * size
+
+
+def _function_values(where: str, head: dict[str, Any], body: bytes) -> dict[str, np.ndarray]:
+    """Abscissa and values of a dataset 58, ``x`` and ``data``.
+
+    A last row that is filled up is cut to the number of values in record 7.
+    """
+    code, spacing, points = (head[k] for k in ("ord_data_type", "abscissa_spacing", "num_pts"))
+    count, row, size = _form(code, spacing)
+    wanted = points * count
+    if code not in FORMS:
+        values = np.zeros(0)
+    elif head["binary"]:
+        kind = f"{'<' if head['byte_ordering'] == 1 else '>'}f{size}"
+        # A new line, or what fills a record, may come after the last value.
+        values = np.frombuffer(body[: len(body) // size * size], kind).astype(float)
+        values = values[:wanted] if len(body) < wanted * size + 2 * row * size else values
+    else:
+        values = _numbers(where, head, body)
+        values = values[:wanted] if len(values) < wanted + row else values
+    values = values[: len(values) // count * count].reshape(-1, count)
+    if spacing:
+        x = head["abscissa_min"] + np.arange(len(values)) * head["abscissa_inc"]
+    else:
+        x, values = values[:, 0], values[:, 1:]
+    return {"x": x, "data": values[:, 0] if code in (2, 4) else values[:, 0] + 1j * values[:, -1]}
+
+
+def _numbers(where: str, head: dict[str, Any], body: bytes) -> np.ndarray:
+    """Numbers of a text: with D as exponent, without one before three digits, or touching."""
+    text = body.decode("latin-1").replace("D", "E").replace("d", "e")
+    if (last := text[-90:].split()[-1:]) and _NUMBER.sub("", last[0]) == last[0][-1]:
+        text = text.rstrip()[: -len(last[0])]  # half a number, where a file was cut
+    try:
+        return np.array(text.split(), dtype=float)
+    except ValueError:
+        pass
+    rest = _NUMBER.sub("", text)
+    if rest.strip():
+        raise InputError(
+            f"{where}: its values cannot be read; expected {head['num_pts']} ASCII values, "
+            f"{word(FORMS, head['ord_data_type'])}, spacing {head['abscissa_spacing']} (0 uneven, "
+            f"1 even) as in its record 7, not {rest.split()[0]!r}: the data are damaged or "
+            "truncated, or the record is wrong"
+        )
+    return np.array([float(_BARE.sub(r"\1E\2", one)) for one in _NUMBER.findall(text)], dtype=float)
+
+
+def word(words: Mapping[int, str], code: int) -> str:
+    """A code and what it means."""
+    return f"{code} ({words[code]})" if code in words else str(code)
+
+
+# -- units and nodes -------------------------------------------------------------------------------
+
+
+def units_of(sets: Sequence[Dataset], said: Said) -> tuple[float | None, float | None]:
+    """Metres and newtons of one unit of the file's, each None where it does not say.
+
+    Dataset 164 has the factors by which to divide.
+    """
+    found = [(where, d) for where, d in sets if d["type"] == 164]
+    for where, data in found:
+        for key in ("length", "force"):
+            if not (np.isfinite(data[key]) and data[key] > 0):
+                raise InputError(f"{where}: factor of {key} is {data[key]}, expected above 0")
+            if not np.isclose(data[key], found[0][1][key], rtol=1e-6):
+                raise InputError(
+                    f"{where}: factor of {key} is {data[key]:g}, expected "
+                    f"{found[0][1][key]:g} as in {found[0][0]}"
+                )
+    length = 1 / found[0][1]["length"] if found else None
+    force = 1 / found[0][1]["force"] if found else None
+    if said.length_unit is not None:
+        given = length_factor(said.length_unit)
+        if length is not None and not np.isclose(given, length, rtol=1e-3):
+            raise InputError(
+                f"length_unit = {said.length_unit!r}: but {found[0][0]} says a unit of "
+                f"{length:.6g} m; expected no length_unit, or one that agrees"
+            )
+        length = given
+    return length, force
+
+
+@dataclass(frozen=True, eq=False)
+class CoordinateSystem:
+    """A coordinate system of a file.
+
+    Attributes:
+        kind: 0 Cartesian, 1 cylindrical, 2 spherical.
+        axes: Axes of x, y and z, as rows, shape (3, 3).
+        origin: In the file's unit of length, shape (3,).
+        problem: Why it cannot be used, in words.
+    """
+
+    kind: int = 0
+    axes: np.ndarray = field(default_factory=lambda: np.eye(3))
+    origin: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    problem: str = ""
+
+    def directions(self, point: np.ndarray) -> tuple[np.ndarray, str]:
+        """The system's directions at a place, as rows, and what is wrong with them, or "".
+
+        In a cylindrical system they are outwards, around and along its z.
+        """
+        if self.problem or self.kind == 0:
+            return self.axes, self.problem
+        if self.kind != 1:
+            return self.axes, "is spherical, and programs differ in the order of its directions"
+        x, y, _ = self.axes @ (point - self.origin)
+        if self.on_axis(point):
+            return self.axes, ""
+        c, s = np.array([x, y]) / np.hypot(x, y)
+        return np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]]) @ self.axes, ""
+
+    def on_axis(self, point: np.ndarray) -> bool:
+        """Whether a place is on the axis of a cylindrical system, where x counts as outwards."""
+        x, y, z = self.axes @ (point - self.origin)
+        return self.kind == 1 and np.hypot(x, y) <= 1e-9 * abs(z)
+
+
+def axes_of(sets: Sequence[Dataset]) -> dict[int, CoordinateSystem]:
+    """Coordinate systems of datasets 18 and 2420 by their labels."""
+    found = {}
+    for where, data in sets:
+        if data["type"] == 2420:
+            others = [0] * len(data["CS_types"])
+            systems = zip(
+                data["CS_sys_labels"], data["CS_types"], others, data["CS_matrices"], strict=True
+            )
+        elif data["type"] == 18:
+            matrices = [*map(_frame, data["ref_o"], data["x_point"], data["xz_point"])]
+            systems = zip(
+                data["cs_num"], data["cs_type"], data["ref_cs_num"], matrices, strict=True
+            )
+        else:
+            continue
+        for label, kind, other, matrix in systems:
+            if not np.isfinite([label, kind, other]).all():
+                raise InputError(f"{where}: expected a label and a kind of each coordinate system")
+            good = matrix.shape == (4, 3) and np.allclose(
+                matrix[:3] @ matrix[:3].T, np.eye(3), atol=1e-4
+            )
+            problem = "is given in another system" if other else ""
+            if not good and not problem:
+                raise InputError(
+                    f"{where}: axes of coordinate system {int(label)} are no rotation; expected an "
+                    "origin and three axes at right angles"
+                )
+            found[int(label)] = (
+                CoordinateSystem(problem=problem)
+                if problem
+                else CoordinateSystem(int(kind), matrix[:3], matrix[3])
+            )
+    return found
+
+
+def _frame(origin: np.ndarray, on_x: np.ndarray, on_xz: np.ndarray) -> np.ndarray:
+    """Axes as rows, and the origin, by a point on x and one in the plane of x and z."""
+    with np.errstate(invalid="ignore", divide="ignore"):
+        x = (on_x - origin) / np.linalg.norm(on_x - origin)
+        y = np.cross(on_xz - origin, x)
+        y = y / np.linalg.norm(y)
+    return np.vstack([x, y, np.cross(x, y), origin])
+
+
+def add_nodes(contents: Contents, where: str, data, length: float | None, axes) -> None:
+    """Add the nodes of a dataset 15 or 2411, with the metres of a unit of length and `axes_of`."""
+    columns = [np.asarray(data[key], dtype=float) for key in ("x", "y", "z")]
+    labels = np.asarray(data["node_nums"], dtype=float)
+    systems = [np.asarray(data[key], dtype=float) for key in ("def_cs", "disp_cs")]
+    if any(len(c) != len(labels) or not np.isfinite(c).all() for c in (labels, *columns, *systems)):
+        raise InputError(f"{where}: expected label, two systems, colour and x, y, z of each node")
+    if length is None:
+        spans = " x ".join(f"{np.ptp(c) if len(c) else 0:.6g}" for c in columns)
+        raise InputError(
+            f"{where}: the unit of coordinates is not known; expected a dataset 164, or "
+            f"length_unit, such as length_unit = 'mm' if the nodes span {spans} mm"
+        )
+    on_axis: list[str] = []
+    for i, label in enumerate(labels):
+        point, problem = np.array([c[i] for c in columns]), ""
+        if data["type"] == 15:  # in 2411 coordinates are in the part's system
+            defined = _system(int(systems[0][i]), axes)
+            if defined.problem or defined.kind:
+                why = defined.problem or "is not Cartesian"
+                problem = f"its definition system {int(systems[0][i])} {why}"
+            point = point @ defined.axes + defined.origin
+        system = _system(int(systems[1][i]), axes)
+        moves, trouble = system.directions(point)
+        if not trouble and system.on_axis(point):
+            on_axis.append(str(int(label)))
+        turned = f"its displacement system {int(systems[1][i])} {trouble}" if trouble else ""
+        problem = problem or turned
+        if problem:
+            problem += (
+                "; expected 0 or 1 (global), or a Cartesian or (for displacements) a cylindrical "
+                "one of a dataset 18 or 2420"
+            )
+        contents.add_node(str(int(label)), Node(length * point, moves, where, problem, turned))
+    if on_axis:
+        contents.notes.append(
+            f"{where}: nodes {', '.join(on_axis[:12])} are on the axis of their cylindrical "
+            "system: their first direction is taken as the system's x"
+        )
+
+
+def _system(label: int, axes: Mapping[int, CoordinateSystem]) -> CoordinateSystem:
+    """A coordinate system; 0, and 1 if it is not defined, are the global system."""
+    if label in axes:
+        return axes[label]
+    return CoordinateSystem(problem="" if label in (0, 1) else MISSING)
+
+
+# -- functions -------------------------------------------------------------------------------------
+
 
 #: Function types of dataset 58 that files of FRFs often hold too.
 _TYPES = {

@@ -21,7 +21,7 @@ from fenics_joints.commands.update.document import update_document
 from fenics_joints.commands.update.run import update_case
 from fenics_joints.commands.update.words import accuracy, in_words, start_words
 from fenics_joints.errors import InputError
-from fenics_joints.measurements.lines import choose_lines, near_peaks
+from fenics_joints.measurements.frfs import choose_lines, near_peaks
 from fenics_joints.meshes import dumbbell
 from fenics_joints.modal import identifiability, solve_modes
 from fenics_joints.reduction.combined import CombinedModel

@@ -8,7 +8,7 @@ from oscillators import BAND, PUSH, block, jenkins, oscillator
 from fenics_joints.errors import InputError
 from fenics_joints.harmonic import Balance, solve_harmonic
 from fenics_joints.harmonic.backbone import FreeMode, PhaseResonance
-from fenics_joints.harmonic.constant_response import ConstantResponse
+from fenics_joints.harmonic.frf import ConstantResponse
 from fenics_joints.interfaces import InterfaceModel, InterfacePoints, static_state
 from fenics_joints.joint_laws import (
     BoucWen,
@@ -36,8 +36,8 @@ def finite_differences(problem, z, step=1e-7):
 @pytest.mark.parametrize("kind", ["forced", "response", "mode", "phase"])
 def test_jacobians_are_those_of_finite_differences(kind):
     """All problems, with preload, friction under varying pressure, and sliders."""
+    from fenics_joints.harmonic.balance import Loading
     from fenics_joints.harmonic.frf import ForcedResponse
-    from fenics_joints.harmonic.loads import Loading
 
     model = block()
     balance = Balance(model, 3, 32, static=np.array([-1.0, 0.05, 0.0]))

@@ -16,8 +16,7 @@ from fenics_joints.harmonic import (
     read_loops,
     solve_harmonic,
 )
-from fenics_joints.harmonic.predict import peak_of
-from fenics_joints.harmonic.residuals import CurveFit, checked_data
+from fenics_joints.harmonic.identify import CurveFit, checked_data, peak_of
 from fenics_joints.interfaces import InterfaceModel, InterfacePoints
 from fenics_joints.joint_laws import CubicSpring, Iwan, IwanLayer, RichardAbbott
 from fenics_joints.measurements import MeasuredCurves

@@ -10,13 +10,13 @@ import pytest
 
 from fenics_joints.errors import InputError
 from fenics_joints.harmonic import identify, solve_backbone, solve_backbone_at, solve_harmonic
+from fenics_joints.harmonic.identify import CurveFit
 from fenics_joints.harmonic.measured_mode import ModeData, as_motion
-from fenics_joints.harmonic.residuals import CurveFit
 from fenics_joints.interfaces import InterfaceModel, InterfacePoints
 from fenics_joints.joint_laws import IwanLayer, RichardAbbott
 from fenics_joints.measurements import MeasuredBackbone
 from fenics_joints.measurements.amplitude import from_constant_force
-from fenics_joints.measurements.amplitude.curves import Sweep
+from fenics_joints.measurements.amplitude.sweeps import Sweep
 
 TRUTH = {"lap.S_y": 0.3, "lap.n": 2.5}
 START = {"lap.S_y": 0.6, "lap.n": 1.6}

@@ -35,10 +35,9 @@ from fenics_joints.harmonic import (
     solve_harmonic,
     solve_static_backbone,
 )
-from fenics_joints.harmonic.identify import IdentificationResult, identify
+from fenics_joints.harmonic.identify import IdentificationResult, identify, predict
 from fenics_joints.harmonic.kept import kept_model
-from fenics_joints.harmonic.loops import read_loops
-from fenics_joints.harmonic.predict import predict
+from fenics_joints.harmonic.measured_mode import read_loops
 from fenics_joints.measurements.curves import MeasuredCurves
 from fenics_joints.parallel import on_root
 from fenics_joints.progress import Progress

@@ -11,10 +11,9 @@ import numpy as np
 from fenics_joints.commands.new.draft import OPEN, Ask, Remark, guess
 from fenics_joints.errors import InputError, Problems, member
 from fenics_joints.measurements import MeasuredBackbone, read_amplitude, read_table
-from fenics_joints.measurements.amplitude.tables import history_of, is_history
-from fenics_joints.measurements.files import UFF_SUFFIXES, reader_of
-from fenics_joints.measurements.records import Said
-from fenics_joints.measurements.uff_sets import read_sets
+from fenics_joints.measurements.amplitude.files import history_of, is_history
+from fenics_joints.measurements.files import UFF_SUFFIXES, Said, reader_of
+from fenics_joints.measurements.uff import read_sets
 
 #: A mode of a table is that of amplitude data if their frequencies differ by less, relative.
 _ONE_MODE = 0.05
@@ -136,7 +135,7 @@ def _is_record(path: Path) -> bool:
 def _sensors(path: Path) -> list[str]:
     """Sensors of records over time; none of other files."""
     if path.suffix.lower() in UFF_SUFFIXES:
-        from fenics_joints.measurements.amplitude.universal import histories_of
+        from fenics_joints.measurements.amplitude.files import histories_of
 
         return list(dict.fromkeys(n for history in histories_of(path) for n in history.signals))
     table = read_table(path) if path.suffix.lower() in (".csv", ".toml", ".txt") else None

@@ -15,7 +15,7 @@ from fenics_joints.errors import InputError, Problems, member
 from fenics_joints.measurements import read_frfs, read_shapes, read_table
 from fenics_joints.measurements.files import UFF_SUFFIXES
 from fenics_joints.measurements.tables import Table
-from fenics_joints.measurements.uff_sets import read_sets
+from fenics_joints.measurements.uff import read_sets
 from fenics_joints.units import factor_to_si, to_si
 
 _NODES, _SHAPES = {15, 2411}, {55, 2414}

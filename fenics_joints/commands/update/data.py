@@ -9,7 +9,7 @@ import numpy as np
 from fenics_joints.case import Case
 from fenics_joints.errors import InputError
 from fenics_joints.measurements import FRFTarget, MeasuredFRFs, Target
-from fenics_joints.measurements.lines import choose_lines
+from fenics_joints.measurements.frfs import choose_lines
 
 #: How far the band of the lowest and the highest mode goes where there is no other, as a factor.
 _ALONE = 1.2

@@ -14,8 +14,7 @@ from fenics_joints.case.test import FRFSection
 from fenics_joints.diagnosis.evidence.observations import FunctionLine
 from fenics_joints.errors import InputError
 from fenics_joints.measurements.data import TestData
-from fenics_joints.measurements.frfs import MeasuredFRFs
-from fenics_joints.measurements.lines import choose_lines
+from fenics_joints.measurements.frfs import MeasuredFRFs, choose_lines
 from fenics_joints.reduction.forward import Forward
 from fenics_joints.reduction.grounded import PointBasis
 from fenics_joints.reduction.many import ManyModes

@@ -4,11 +4,15 @@
 and reduces each to a `MeasuredBackbone`.
 """
 
-from fenics_joints.measurements.amplitude.backbone import MeasuredBackbone
-from fenics_joints.measurements.amplitude.curves import from_constant_force, from_constant_response
+from fenics_joints.measurements.amplitude.backbone import (
+    MeasuredBackbone,
+    by_mode,
+    test_by_level,
+    with_modes_at_rest,
+)
 from fenics_joints.measurements.amplitude.files import read_amplitude
-from fenics_joints.measurements.amplitude.levels import by_mode, test_by_level, with_modes_at_rest
 from fenics_joints.measurements.amplitude.ring_downs import from_ring_down
+from fenics_joints.measurements.amplitude.sweeps import from_constant_force, from_constant_response
 
 __all__ = [
     "MeasuredBackbone",
