@@ -9,8 +9,7 @@ from fenics_joints.meshes.bolted_plates import (
 )
 from fenics_joints.meshes.c_beam import CBeams, c_beams
 from fenics_joints.meshes.cad import StepAssembly, read_step
-from fenics_joints.meshes.check import MeshQuality, check_mesh
-from fenics_joints.meshes.contact import ContactMatch, check_contact
+from fenics_joints.meshes.check import ContactMatch, MeshQuality, check_contact, check_mesh
 from fenics_joints.meshes.dumbbell import Dumbbell, dumbbell
 from fenics_joints.meshes.engraving_machine import EngravingMachine, engraving_machine
 from fenics_joints.meshes.facets import separate

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, ClassVar, Concatenate, Literal, ParamSpec
@@ -22,20 +22,13 @@ from fenics_joints.meshes.arguments import (
     is_positive,
 )
 from fenics_joints.meshes.cad_bolts import BoltPlace, check_rings, given_bolts, hole_bolts
-from fenics_joints.meshes.cad_glue import Glued, Sizes, glue
-from fenics_joints.meshes.cad_layer import Opened, open_thin
-from fenics_joints.meshes.cad_moves import bodies, closing, opening
-from fenics_joints.meshes.cad_shapes import (
-    TOUCH,
-    Contact,
-    Place,
-    Solids,
-    find_contacts,
-    import_solids,
-    nearest,
-)
+from fenics_joints.meshes.cad_faces import TOUCH, FacePair, find_contacts, nearest
+from fenics_joints.meshes.cad_mesh import Glued, SharedFace, Sizes, closing, glue, opening
 from fenics_joints.meshes.check import check_mesh
-from fenics_joints.meshes.gmsh_model import gmsh_model
+from fenics_joints.meshes.facets import Bodies, add_faces
+from fenics_joints.meshes.gmsh_apart import gmsh_model
+from fenics_joints.meshes.grow import fill, groups_of, layer_faces, spread, thin_layer
+from fenics_joints.meshes.step_file import Place, Solids, import_solids
 from fenics_joints.meshes.tagged import MeshLists, TaggedMesh, distribute
 from fenics_joints.parallel import on_root
 
@@ -190,10 +183,208 @@ class StepAssembly(Arguments):
 
     def read(self, path: str | Path, comm: MPI.Intracomm) -> TaggedMesh:
         """The mesh of a STEP file, in any unit. Collective; gmsh runs on rank 0 alone."""
-        tagged = distribute(comm, on_root(comm, _Assembly(path_of(path), self).lists))
+        path = path_of(path)
         with located(path):
+            tagged = distribute(comm, on_root(comm, lambda: self._lists(path)))
             check_mesh(tagged)
         return tagged
+
+    # Lengths from here on are in millimetres.
+
+    @property
+    def _gap(self) -> float:
+        """Thickness of the layer, or else the gap that one may fill."""
+        return (self.layer or _REACH) * _MM
+
+    @property
+    def _stays(self) -> bool:
+        """Whether no part moves."""
+        return self.layer is None and self.joint != "contact"
+
+    def _lists(self, path: Path) -> MeshLists:
+        """The whole mesh, in metres."""
+        with gmsh_model(_OPTIONS) as model:
+            parts = {
+                name: place if isinstance(place, str | int) else _in_mm(place)
+                for name, place in (self.parts or {}).items()
+            }
+            solids = import_solids(path, model, parts)
+            bonded = self._pairs(solids, "bonded", self.bonded)
+            contacts = self._contacts(model, solids, bonded)
+            bolts = self._bolts(model, solids, contacts)
+            if self.joint == "rings":
+                contacts = [c for c in contacts if any(b.contact is c for b in bolts)]
+            self._check_names(solids, len(bolts), len(contacts))
+            body, shifts = groups_of(len(solids.names), bonded), closing(solids, contacts)
+            moves = np.zeros((int(body.max()) + 1, 3))
+            if self._stays:
+                moves[body] = -shifts
+            elif self.joint != "contact":
+                moves = opening(solids, body, contacts, self._gap)
+            faces = {name: _in_mm(points) for name, points in self.points().items()}
+            glued = glue(model, solids, shifts, contacts, bolts, faces, self._sizes(bolts))
+        self._check_bonds(solids, bonded, glued)
+        if self.joint != "contact":
+            self._check_one(solids, body, contacts)
+        lists = self._with_layers(glued, body, moves, contacts)
+        if not bolts:
+            return lists
+        half = [(b.contact.gap if self._stays else self._gap) / 2 * b.contact.normal for b in bolts]
+        lower = [b.contact.lower for b in bolts]
+        centres = np.array([b.centre for b in bolts]) + shifts[lower] + moves[body[lower]] + half
+        return replace(lists, points={"bolts": 1 / _MM * centres})
+
+    def _with_layers(self, glued: Glued, body, moves, contacts: Sequence[FacePair]) -> MeshLists:
+        """The mesh opened by moves of the bodies, and filled, in metres."""
+        names = list(glued.lists.cell_names)
+        parted = Bodies(glued.lists, body[glued.lists.cell_values - 1])
+        parted.x += moves[parted.body]
+
+        def sides(shared: Iterable[SharedFace]) -> list[np.ndarray]:
+            found = [[parted.own(body[s], face.triangles) for s in face.solids] for face in shared]
+            return [np.vstack(side) for side in zip(*found, strict=True)]
+
+        layers, notes = self._layers(glued), ()
+        filled = [face for found in layers.values() for face in found]
+        if self._stays:
+            touching = {names[solid] for face in filled for solid in face.solids}
+            thin = thin_layer(parted.lists(), touching)
+            for number, contact in enumerate(contacts):
+                here = [face for face in filled if face.contact == number]
+                if here and contact.gap < thin:
+                    both = sides(here)
+                    normals = np.broadcast_to(contact.normal, (len(both[0]), 3))
+                    spread(parted.x, both, normals, thin - contact.gap)
+            notes = (
+                f"no part was moved for a layer: the layers are {1e3 * thin:.3g} um thick, half of "
+                "that taken from each part, or as thick as the gap in the file",
+            )
+        layer_sides = {name: sides(found) for name, found in layers.items()}
+        lists = fill(parted.lists(), layer_sides, self.n_layer)
+        bare = [
+            (tuple(names[solid] for solid in face.solids), sides([face]))
+            for face in glued.shared
+            if not any(face is other for other in filled) and np.ptp(body[list(face.solids)])
+        ]
+        faces = layer_faces(layer_sides, bare)
+        for name, (solid, triangles) in glued.faces.items():
+            _check_new(name, faces, "face")
+            faces[name] = parted.own(body[solid], triangles)
+        return replace(add_faces(lists, faces), x=lists.x / _MM, notes=notes)
+
+    def _pairs(self, solids: Solids, key: str, pairs) -> list[tuple[int, int]]:
+        found = []
+        for pair in pairs:
+            fits = len(pair) == 2 and pair[0] != pair[1] and set(pair) <= set(solids.names)
+            if not fits:
+                there = ", ".join(solids.names)
+                raise MeshError(f"{key} has {pair!r}, expected two of the parts: {there}")
+            found.append(tuple(sorted(solids.names.index(name) for name in pair)))
+        return found
+
+    def _contacts(self, model, solids: Solids, bonded) -> list[FacePair]:
+        reach = TOUCH if self.joint == "contact" else self._gap * (1 + 1e-6) + TOUCH
+        contacts = [
+            c for c in find_contacts(model, solids, reach) if (c.lower, c.upper) not in bonded
+        ]
+        if self.between is not None:
+            wanted = self._pairs(solids, "between", self.between)
+            contacts = [c for c in contacts if (c.lower, c.upper) in wanted]
+            for pair in set(wanted) - {(c.lower, c.upper) for c in contacts}:
+                a, b = (solids.names[i] for i in pair)
+                raise MeshError(
+                    f"{a!r} and {b!r} have no flat faces that touch, or are apart by "
+                    f"at most {reach:.6g} mm; expected some, as between names them"
+                    f"{nearest(model, solids, reach, [(a, b)])}"
+                )
+        if not contacts:
+            raise MeshError(
+                f"no two of {', '.join(map(repr, solids.names))} have flat faces that "
+                f"touch, or are apart by at most {reach:.6g} mm; expected some"
+                f"{nearest(model, solids, reach)}"
+            )
+        return contacts
+
+    def _bolts(self, model, solids: Solids, contacts) -> list[BoltPlace]:
+        if self.joint != "rings":
+            return []
+        r_wai, r_nei = _in_mm(self.radii()).tolist(), _in_mm(self.r_nei)
+        if self.bolts is None:
+            hole = None if self.hole is None else tuple(_in_mm(self.hole).tolist())
+            bolts = hole_bolts(model, solids, contacts, r_wai=r_wai[0], r_nei=r_nei, hole=hole)
+        else:
+            bolts = given_bolts(
+                model,
+                solids,
+                contacts,
+                _in_mm(self.bolts),
+                r_wai=r_wai,
+                r_nei=r_nei,
+                reach=self._gap,
+            )
+        check_rings(bolts, solids)
+        return bolts
+
+    def _sizes(self, bolts) -> Sizes:
+        widths = [bolt.r_wai - bolt.r_nei for bolt in bolts]
+        size = self.element_size * _MM
+        ring = _in_mm(self.ring_size) or min(widths, default=2 * size) / 2
+        return Sizes(size, min(ring, size), self.circle)
+
+    def _check_bonds(self, solids: Solids, bonded, glued: Glued) -> None:
+        touching = {i.solids for i in glued.shared}
+        for pair in bonded:
+            if pair not in touching:
+                a, b = (solids.names[i] for i in pair)
+                raise MeshError(f"{a!r} and {b!r} do not touch, expected it of bonded parts")
+
+    def _check_one(self, solids: Solids, body: np.ndarray, contacts) -> None:
+        links = [(c.lower, c.upper) for c in contacts]
+        links += [(int(np.argmax(body == b)), i) for i, b in enumerate(body)]
+        apart = groups_of(len(solids.names), links)
+        if apart.max() == 0:
+            return
+        groups = [
+            ", ".join(repr(solids.names[i]) for i in np.flatnonzero(apart == g))
+            for g in range(apart.max() + 1)
+        ]
+        what = "bolt" if self.joint == "rings" else "layer"
+        raise MeshError(
+            f"no {what} joins {' with '.join(groups)}; expected one body "
+            "(bonded = pairs of parts that are welded)"
+        )
+
+    def _check_names(self, solids: Solids, n_bolts: int, n_contacts: int) -> None:
+        """Refuse solids named like the layers, before the mesh is made."""
+        joints = [f"joint_{n + 1}" for n in range(n_contacts)] if n_contacts > 1 else ["joint"]
+        taken = {"rings": [f"ring_{n + 1}" for n in range(n_bolts)], "layer": joints}
+        for name in taken.get(self.joint, ()):
+            _check_new(name, solids.names, "part")
+
+    def _layers(self, glued: Glued) -> dict[str, list[SharedFace]]:
+        """The faces that are filled, by the name of their layer."""
+        key, word = {"rings": ("ring", "ring"), "layer": ("contact", "joint")}.get(
+            self.joint, (None, "")
+        )
+        found: dict[int, list[SharedFace]] = {}
+        for face in glued.shared if key else ():
+            if getattr(face, key) is not None:
+                found.setdefault(getattr(face, key), []).append(face)
+        if self.joint == "layer" and len(found) == 1:
+            return {"joint": next(iter(found.values()))}
+        return {f"{word}_{n}": found[own] for n, own in enumerate(sorted(found), start=1)}
+
+
+def _check_new(name: str, there, kind: str) -> None:
+    if name in there:
+        raise MeshError(
+            f"{kind}s has the name {name!r}, which is that of a {kind} of the joints; expected "
+            "another"
+        )
+
+
+def _in_mm(length):
+    return None if length is None else np.array(length, dtype=float) * _MM
 
 
 def _reader(
@@ -208,235 +399,3 @@ def _reader(
 
 
 read_step = _reader(StepAssembly)
-
-
-def _in_mm(length):
-    return None if length is None else np.array(length, dtype=float) * _MM
-
-
-@dataclass(frozen=True)
-class _Assembly:
-    """A file that is read with these arguments; lengths here are in millimetres."""
-
-    path: Path
-    given: StepAssembly
-
-    @property
-    def layer(self) -> float:
-        """Thickness of the layer, or else the gap that one may fill."""
-        return (self.given.layer or _REACH) * _MM
-
-    @property
-    def stays(self) -> bool:
-        """Whether no part moves."""
-        return self.given.layer is None and self.given.joint != "contact"
-
-    def lists(self) -> MeshLists:
-        """The whole mesh."""
-        with gmsh_model(self.path, _OPTIONS) as model:
-            parts = {
-                name: place if isinstance(place, str | int) else _in_mm(place)
-                for name, place in (self.given.parts or {}).items()
-            }
-            solids = import_solids(self.path, model, parts)
-            bonded = self._pairs(solids, "bonded", self.given.bonded)
-            contacts = self._contacts(model, solids, bonded)
-            bolts = self._bolts(model, solids, contacts)
-            if self.given.joint == "rings":
-                contacts = [c for c in contacts if any(b.contact is c for b in bolts)]
-            self._check_names(solids, len(bolts), len(contacts))
-            shifts, body = closing(solids, contacts), bodies(solids, bonded)
-            moves = np.zeros((int(body.max()) + 1, 3))
-            if self.stays:
-                for solid, own in enumerate(body):
-                    moves[own] = -shifts[solid]
-            elif self.given.joint != "contact":
-                moves = opening(solids, body, contacts, self.layer)
-            faces = {name: _in_mm(points) for name, points in self.given.points().items()}
-            glued = glue(model, solids, shifts, contacts, bolts, faces, self._sizes(bolts))
-        self._check_bonds(solids, bonded, glued)
-        if self.given.joint != "contact":
-            self._check_one(solids, body, contacts)
-        opened = Opened(glued, body, moves)
-        if not self.stays:
-            return self._named(solids, glued, opened, body, moves, shifts, bolts)
-        filled = [i for found in self._layers(glued).values() for i in found]
-        of = [contacts[i.contact] if i.ring is None else bolts[i.ring].contact for i in filled]
-        thin = open_thin(opened, glued.solid, filled, of)
-        lists = self._named(solids, glued, opened, body, moves, shifts, bolts)
-        return replace(
-            lists,
-            notes=(
-                f"no part was moved for a layer: the layers are {1e3 * thin:.3g} um thick, half of "
-                "that taken from each part, or as thick as the gap in the file",
-            ),
-        )
-
-    def _pairs(self, solids: Solids, key: str, pairs) -> list[tuple[int, int]]:
-        found = []
-        for pair in pairs:
-            fits = len(pair) == 2 and pair[0] != pair[1] and set(pair) <= set(solids.names)
-            if not fits:
-                there = ", ".join(solids.names)
-                raise MeshError(
-                    f"{self.path}: {key} has {pair!r}, expected two of the parts: {there}"
-                )
-            found.append(tuple(sorted(solids.names.index(name) for name in pair)))
-        return found
-
-    def _contacts(self, model, solids: Solids, bonded) -> list[Contact]:
-        reach = TOUCH if self.given.joint == "contact" else self.layer * (1 + 1e-6) + TOUCH
-        contacts = [
-            c for c in find_contacts(model, solids, reach) if (c.lower, c.upper) not in bonded
-        ]
-        if self.given.between is not None:
-            wanted = self._pairs(solids, "between", self.given.between)
-            contacts = [c for c in contacts if (c.lower, c.upper) in wanted]
-            for pair in set(wanted) - {(c.lower, c.upper) for c in contacts}:
-                a, b = (solids.names[i] for i in pair)
-                raise MeshError(
-                    f"{self.path}: {a!r} and {b!r} have no flat faces that touch, or are apart by "
-                    f"at most {reach:.6g} mm; expected some, as between names them"
-                    f"{nearest(model, solids, reach, [(a, b)])}"
-                )
-        if not contacts:
-            raise MeshError(
-                f"{self.path}: no two of {', '.join(map(repr, solids.names))} have flat faces that "
-                f"touch, or are apart by at most {reach:.6g} mm; expected some"
-                f"{nearest(model, solids, reach)}"
-            )
-        return contacts
-
-    def _bolts(self, model, solids: Solids, contacts) -> list[BoltPlace]:
-        if self.given.joint != "rings":
-            return []
-        r_wai, r_nei = _in_mm(self.given.radii()).tolist(), _in_mm(self.given.r_nei)
-        if self.given.bolts is None:
-            hole = None if self.given.hole is None else tuple(_in_mm(self.given.hole).tolist())
-            bolts = hole_bolts(model, solids, contacts, r_wai=r_wai[0], r_nei=r_nei, hole=hole)
-        else:
-            bolts = given_bolts(
-                model,
-                solids,
-                contacts,
-                _in_mm(self.given.bolts),
-                r_wai=r_wai,
-                r_nei=r_nei,
-                reach=self.layer,
-            )
-        check_rings(bolts, solids)
-        return bolts
-
-    def _sizes(self, bolts) -> Sizes:
-        widths = [bolt.r_wai - bolt.r_nei for bolt in bolts]
-        size = self.given.element_size * _MM
-        ring = _in_mm(self.given.ring_size) or min(widths, default=2 * size) / 2
-        return Sizes(size, min(ring, size), self.given.circle)
-
-    def _check_bonds(self, solids: Solids, bonded, glued: Glued) -> None:
-        touching = {i.solids for i in glued.interfaces}
-        for pair in bonded:
-            if pair not in touching:
-                a, b = (solids.names[i] for i in pair)
-                raise MeshError(
-                    f"{self.path}: {a!r} and {b!r} do not touch, expected it of bonded parts"
-                )
-
-    def _check_one(self, solids: Solids, body: np.ndarray, contacts) -> None:
-        links = [(c.lower, c.upper) for c in contacts]
-        links += [(int(np.argmax(body == b)), i) for i, b in enumerate(body)]
-        apart = bodies(solids, links)
-        if apart.max() == 0:
-            return
-        groups = [
-            ", ".join(repr(solids.names[i]) for i in np.flatnonzero(apart == g))
-            for g in range(apart.max() + 1)
-        ]
-        what = "bolt" if self.given.joint == "rings" else "layer"
-        raise MeshError(
-            f"{self.path}: no {what} joins {' with '.join(groups)}; expected one body "
-            "(bonded = pairs of parts that are welded)"
-        )
-
-    def _named(self, solids, glued: Glued, opened: Opened, body, moves, shifts, bolts) -> MeshLists:
-        names = list(solids.names)
-        cells, values = [opened.cells], [glued.solid + 1]
-        facets: dict[str, list[np.ndarray]] = {}
-        layers = self._layers(glued)
-        for name, interfaces in layers.items():
-            self._check_new(name, names, "part")
-            names.append(name)
-            cells.append(opened.layer(interfaces, self.given.n_layer))
-            values.append(np.full(len(cells[-1]), len(names)))
-            for upper, face in enumerate(("joint_lower", "joint_upper")):
-                facets.setdefault(face, []).extend(opened.side(i, upper) for i in interfaces)
-        filled = {id(i) for found in layers.values() for i in found}
-        for i in glued.interfaces:
-            a, b = i.solids
-            if id(i) not in filled and body[a] != body[b]:
-                for upper, (one, other) in enumerate(((a, b), (b, a))):
-                    face = f"{solids.names[one]}_to_{solids.names[other]}"
-                    facets.setdefault(face, []).append(opened.side(i, upper))
-        for name, (solid, triangles) in glued.faces.items():
-            self._check_new(name, facets, "face")
-            facets.setdefault(name, []).append(opened.of(solid, triangles))
-        found = [np.vstack(f) for f in facets.values()]
-        tags = np.repeat(np.arange(1, len(found) + 1), [len(f) for f in found])
-        all_facets = np.vstack(found) if found else np.empty((0, 3), np.int64)
-        points = {}
-        if bolts:
-            points["bolts"] = (
-                1
-                / _MM
-                * np.array(
-                    [
-                        b.centre
-                        + shifts[b.contact.lower]
-                        + moves[body[b.contact.lower]]
-                        + (b.contact.gap if self.stays else self.layer) / 2 * b.contact.normal
-                        for b in bolts
-                    ]
-                )
-            )
-        return MeshLists(
-            "tetrahedron",
-            opened.x / _MM,
-            opened.turned(np.vstack(cells)),
-            np.concatenate(values),
-            all_facets,
-            tags,
-            {name: i for i, name in enumerate(names, start=1)},
-            {name: i for i, name in enumerate(facets, start=1)},
-            points,
-        )
-
-    def _check_names(self, solids: Solids, n_bolts: int, n_contacts: int) -> None:
-        """Refuse solids named like the layers, before the mesh is made."""
-        joints = [f"joint_{n + 1}" for n in range(n_contacts)] if n_contacts > 1 else ["joint"]
-        taken = {"rings": [f"ring_{n + 1}" for n in range(n_bolts)], "layer": joints}
-        for name in taken.get(self.given.joint, ()):
-            self._check_new(name, solids.names, "part")
-
-    def _check_new(self, name: str, there, kind: str) -> None:
-        if name in there:
-            raise MeshError(
-                f"{self.path}: {kind}s has the name {name!r}, which is that of a {kind} of the "
-                "joints; expected another"
-            )
-
-    def _layers(self, glued: Glued) -> dict[str, list]:
-        """The interfaces that are filled, by the name of their layer."""
-        found: dict = {}
-        if self.given.joint == "rings":
-            for i in glued.interfaces:
-                if i.ring is not None:
-                    found.setdefault(i.ring, []).append(i)
-            return {f"ring_{ring + 1}": found[ring] for ring in sorted(found)}
-        if self.given.joint == "layer":
-            for i in glued.interfaces:
-                if i.contact is not None:
-                    found.setdefault(i.contact, []).append(i)
-            if len(found) == 1:
-                return {"joint": next(iter(found.values()))}
-            return {f"joint_{n}": found[c] for n, c in enumerate(sorted(found), start=1)}
-        return {}

@@ -1,25 +1,19 @@
 """Where the bolts of an assembly are: holes in two faces that touch, or given centres.
 
-All lengths are in millimetres; see `fenics_joints.meshes.cad_shapes`.
+All lengths are in millimetres; see `fenics_joints.meshes.cad_faces`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 
 from fenics_joints.errors import MeshError
-from fenics_joints.meshes.cad_shapes import (
-    TOUCH,
-    Contact,
-    Hole,
-    Outline,
-    Solids,
-    circle_points,
-    holes,
-)
+from fenics_joints.meshes.cad_faces import TOUCH, FacePair, Hole, Outline, hole_pairs
+from fenics_joints.meshes.step_file import Solids
 
 #: Axes of two holes may be apart by this share of the smaller one's radius.
 _COAXIAL = 0.1
@@ -36,13 +30,15 @@ class BoltPlace:
         contact: The contact.
         r_nei: Inner radius.
         r_wai: Outer radius.
+        hole: Radius of the circle around the axis that the holes of both faces are in.
         imprinted: Whether the inner circle is no hole's edge, and so has to be drawn.
     """
 
     centre: np.ndarray
-    contact: Contact
+    contact: FacePair
     r_nei: float
     r_wai: float
+    hole: float
     imprinted: bool
 
     def said(self, number: int, solids: Solids) -> str:
@@ -55,14 +51,12 @@ class BoltPlace:
 class _Holes:
     """The holes of each contact, looked for once."""
 
-    def __init__(self, model, solids: Solids, contacts: Sequence[Contact]):
+    def __init__(self, model, solids: Solids, contacts: Sequence[FacePair]):
         self.model, self.solids, self.contacts = model, solids, contacts
-        self._found: dict[int, list[Hole]] = {}
+        self.outline = cache(lambda face: Outline.of(model, face))
 
     def of(self, face: int) -> list[Hole]:
-        if face not in self._found:
-            self._found[face] = holes(Outline.of(self.model, face))
-        return self._found[face]
+        return self.outline(face).holes
 
     def near(self, face: int, place: np.ndarray) -> list[tuple[float, Hole]]:
         """Holes of a face around a place, and the distances of their centres from it."""
@@ -72,18 +66,6 @@ class _Holes:
         apart = np.linalg.norm([h.centre for h in found] - place, axis=1)
         own = np.flatnonzero(apart < [_COAXIAL * h.radius for h in found])
         return [(float(apart[i]), found[i]) for i in own]
-
-    def pairs(self, contact: Contact) -> list[tuple[Hole, Hole, float]]:
-        """Holes of the two faces that contain each other's axis, and how far apart these are."""
-        lower, upper = (self.of(face) for face in contact.faces)
-        shift = contact.gap * contact.normal
-        return [
-            (a, b, apart)
-            for a in lower
-            for b in upper
-            if (apart := float(np.linalg.norm(b.centre - shift - a.centre)))
-            < min(a.radius, b.radius)
-        ]
 
     def listing(self) -> str:
         """All holes, for messages."""
@@ -99,7 +81,7 @@ class _Holes:
 def hole_bolts(
     model,
     solids: Solids,
-    contacts: Sequence[Contact],
+    contacts: Sequence[FacePair],
     *,
     r_wai: float,
     r_nei: float | None,
@@ -122,55 +104,36 @@ def hole_bolts(
     seen = _Holes(model, solids, contacts)
     found = []
     for contact in contacts:
-        for a, b, apart in seen.pairs(contact):
+        for a, b, apart in hole_pairs(*map(seen.outline, contact.faces), contact):
             sizes = 2 * a.radius, 2 * b.radius
             if low * (1 - _SAME) <= min(sizes) and max(sizes) <= high * (1 + _SAME):
-                found.append(_place(a, b, apart, contact, r_nei, r_wai))
+                found.append(_bolt(contact, a.centre, [(0.0, a), (apart, b)], r_nei, r_wai))
                 if apart > TOUCH:
                     raise MeshError(
-                        f"{solids.path}: {found[-1].said(len(found), solids)}: the axes of its two "
+                        f"{found[-1].said(len(found), solids)}: the axes of its two "
                         f"holes are {apart:.3g} mm apart, expected one axis (or bolts' centres "
                         "and r_nei)"
                     )
-                _check_nei(r_nei, max(a.radius, b.radius + apart), found[-1], len(found), solids)
     if not found:
         raise MeshError(
-            f"{solids.path}: no bolt: expected holes of {low:g} to {high:g} mm with "
+            f"no bolt: expected holes of {low:g} to {high:g} mm with "
             f"one axis in two faces that touch; the holes in such faces are: {seen.listing()}"
         )
-    order = sorted(found, key=lambda b: (b.contact.lower, b.contact.upper, *np.round(b.centre, 3)))
-    _check_inner(order, solids)
-    return order
+    return sorted(found, key=lambda b: (b.contact.lower, b.contact.upper, *np.round(b.centre, 3)))
 
 
-def _place(a: Hole, b: Hole, apart: float, contact, r_nei, r_wai) -> BoltPlace:
-    widest = max(a.radius, b.radius + apart)
-    edge = r_nei is None or abs(r_nei / widest - 1) < _SAME
+def _bolt(contact, centre, near: Sequence[tuple[float, Hole]], r_nei, r_wai) -> BoltPlace:
+    """A bolt at a centre, from the holes there and how far their axes are off it."""
+    widest = max((hole.radius + off for off, hole in near), default=0.0)
     inner = widest if r_nei is None else r_nei
-    return BoltPlace(a.centre, contact, inner, r_wai, not edge)
-
-
-def _check_nei(r_nei: float | None, widest: float, bolt, number: int, solids: Solids) -> None:
-    if r_nei is not None and r_nei < widest * (1 - _SAME):
-        raise MeshError(
-            f"{solids.path}: {bolt.said(number, solids)}: r_nei is {r_nei:g} mm, expected at least "
-            f"the hole's radius, {widest:g} mm"
-        )
-
-
-def _check_inner(bolts: Sequence[BoltPlace], solids: Solids) -> None:
-    for number, bolt in enumerate(bolts, start=1):
-        if not bolt.r_nei < bolt.r_wai:
-            raise MeshError(
-                f"{solids.path}: {bolt.said(number, solids)}: r_wai is {bolt.r_wai:g} mm, expected "
-                f"more than the inner radius, {bolt.r_nei:g} mm"
-            )
+    edge = bool(near) and abs(inner / widest - 1) < _SAME and all(off < TOUCH for off, _ in near)
+    return BoltPlace(centre, contact, inner, r_wai, widest, inner > 0 and not edge)
 
 
 def given_bolts(
     model,
     solids: Solids,
-    contacts: Sequence[Contact],
+    contacts: Sequence[FacePair],
     centres: Sequence[Sequence[float]],
     *,
     r_wai: Sequence[float],
@@ -195,19 +158,29 @@ def given_bolts(
     found = []
     for number, (centre, outer) in enumerate(zip(centres, r_wai, strict=True), start=1):
         centre = np.asarray(centre, dtype=float)
-        at = f"{solids.path}: bolt {number} at ({', '.join(f'{x:.6g}' for x in centre)}) mm"
+        at = f"bolt {number} at ({', '.join(f'{x:.6g}' for x in centre)}) mm"
         contact = _contact_at(seen, centre, outer, reach)
         if contact is None:
             touching = {(solids.names[c.lower], solids.names[c.upper]) for c in contacts}
             pairs = ", ".join(f"{a!r} and {b!r}" for a, b in sorted(touching))
             raise MeshError(f"{at} is on no two faces that touch, expected those of: {pairs}")
         centre = centre - ((centre - contact.point) @ contact.normal) * contact.normal
-        found.append(_at_centre(seen, contact, centre, outer, r_nei, number, at))
-    _check_inner(found, solids)
+        near = []
+        for face, lift, solid in zip(
+            contact.faces, (0.0, contact.gap), (contact.lower, contact.upper), strict=True
+        ):
+            own = seen.near(face, centre + lift * contact.normal)
+            if not own and r_nei is None:
+                raise MeshError(
+                    f"{at}: {solids.names[solid]!r} has no hole there, expected one, or r_nei; "
+                    f"the holes are: {seen.listing()}"
+                )
+            near += own
+        found.append(_bolt(contact, centre, near, r_nei, outer))
     return found
 
 
-def _contact_at(seen: _Holes, centre, radius: float, reach: float) -> Contact | None:
+def _contact_at(seen: _Holes, centre, radius: float, reach: float) -> FacePair | None:
     """The contact whose faces hold most of the circle around a centre; among equals the nearest."""
     best, most = None, (0, 0.0)
     for contact in seen.contacts:
@@ -219,12 +192,20 @@ def _contact_at(seen: _Holes, centre, radius: float, reach: float) -> Contact | 
         if all(seen.near(face, place) for face, place in sides):
             n = 32  # its two holes are there
         else:
-            around = centre + 0.99 * radius * circle_points(contact.normal, 16)
+            around = centre + 0.99 * radius * _circle_points(contact.normal, 16)
             faces = contact.faces
             n = sum(_on_face(seen.model, face, contact.normal, p) for face in faces for p in around)
         if n and (n, -abs(off)) > most:
             best, most = contact, (n, -abs(off))
     return best
+
+
+def _circle_points(normal: np.ndarray, n: int) -> np.ndarray:
+    """Unit vectors, shape (n, 3), evenly around a normal."""
+    first = np.cross(normal, np.eye(3)[np.abs(normal).argmin()])
+    first /= np.linalg.norm(first)
+    turn = 2 * np.pi * np.arange(n)[:, None] / n
+    return np.cos(turn) * first + np.sin(turn) * np.cross(normal, first)
 
 
 def _on_face(model, face: int, normal, point) -> bool:
@@ -237,30 +218,19 @@ def _on_face(model, face: int, normal, point) -> bool:
     return np.linalg.norm(apart) < 10 * TOUCH and bool(model.isInside(2, face, point.tolist()))
 
 
-def _at_centre(seen: _Holes, contact, centre, r_wai, r_nei, number: int, at: str):
-    near = []
-    for face, lift, solid in zip(
-        contact.faces, (0.0, contact.gap), (contact.lower, contact.upper), strict=True
-    ):
-        place = centre + lift * contact.normal
-        own = seen.near(face, place)
-        if not own and r_nei is None:
-            raise MeshError(
-                f"{at}: {seen.solids.names[solid]!r} has no hole there, expected one, or r_nei; "
-                f"the holes are: {seen.listing()}"
-            )
-        near += own
-    widest = max((h.radius + d for d, h in near), default=0.0)
-    inner = widest if r_nei is None else r_nei
-    edge = bool(near) and abs(inner / widest - 1) < _SAME and all(d < TOUCH for d, _ in near)
-    bolt = BoltPlace(centre, contact, inner, r_wai, inner > 0 and not edge)
-    _check_nei(r_nei, widest, bolt, number, seen.solids)
-    return bolt
-
-
 def check_rings(bolts: Sequence[BoltPlace], solids: Solids) -> None:
-    """Refuse rings that overlap; raises MeshError with both bolts."""
+    """Refuse rings that are in their holes, have no width, or overlap; raises MeshError."""
     for j, b in enumerate(bolts):
+        if b.r_nei < b.hole * (1 - _SAME):
+            raise MeshError(
+                f"{b.said(j + 1, solids)}: r_nei is {b.r_nei:g} mm, expected at least the hole's "
+                f"radius, {b.hole:g} mm"
+            )
+        if not b.r_nei < b.r_wai:
+            raise MeshError(
+                f"{b.said(j + 1, solids)}: r_wai is {b.r_wai:g} mm, expected more than the inner "
+                f"radius, {b.r_nei:g} mm"
+            )
         for i, a in enumerate(bolts[:j]):
             between = b.centre - a.centre
             n = a.contact.normal
@@ -269,7 +239,7 @@ def check_rings(bolts: Sequence[BoltPlace], solids: Solids) -> None:
             distance, least = float(np.linalg.norm(between)), a.r_wai + b.r_wai
             if distance < least:
                 raise MeshError(
-                    f"{solids.path}: the rings of {a.said(i + 1, solids)} and "
+                    f"the rings of {a.said(i + 1, solids)} and "
                     f"{b.said(j + 1, solids)} overlap: {distance:.6g} mm apart, expected at "
                     f"least the sum of their r_wai, {least:.6g} mm"
                 )

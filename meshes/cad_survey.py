@@ -7,21 +7,21 @@ from pathlib import Path
 
 import numpy as np
 
-from fenics_joints.errors import MeshError
-from fenics_joints.meshes.cad_kinds import is_flat
-from fenics_joints.meshes.cad_shapes import (
+from fenics_joints.errors import MeshError, located
+from fenics_joints.meshes.cad_faces import (
     TOUCH,
-    Contact,
+    FacePair,
     Hole,
     Outline,
     Told,
     find_contacts,
-    holes,
-    import_solids,
+    hole_pairs,
+    is_flat,
     nearest,
     untold,
 )
-from fenics_joints.meshes.gmsh_model import gmsh_model
+from fenics_joints.meshes.gmsh_apart import gmsh_model
+from fenics_joints.meshes.step_file import import_solids
 
 _MM = 1e3
 #: How far faces that belong together may be apart, mm: a gasket, paint, a drawing's gap.
@@ -52,7 +52,7 @@ class Solid:
 
 
 @dataclass(frozen=True)
-class Touch:
+class TouchingFaces:
     """Two flat faces, one upon the other; lengths in m.
 
     Attributes:
@@ -99,7 +99,7 @@ class StepSurvey:
     """
 
     solids: tuple[Solid, ...]
-    touching: tuple[Touch, ...]
+    touching: tuple[TouchingFaces, ...]
     holes: tuple[ThroughHole, ...]
 
 
@@ -114,7 +114,7 @@ def survey_step(path: str | Path, told: Told = untold) -> StepSurvey:
         MeshError: As `read_step` for a file that it cannot read; or solids overlap.
     """
     path = Path(path)
-    with gmsh_model(path, {"Geometry.OCCTargetUnit": "MM"}) as model:
+    with located(path), gmsh_model({"Geometry.OCCTargetUnit": "MM"}) as model:
         found = import_solids(path, model, {})
         solids = tuple(
             _solid(model, tag, i, name)
@@ -124,10 +124,10 @@ def survey_step(path: str | Path, told: Told = untold) -> StepSurvey:
         if not contacts:
             why = nearest(model, found, _REACH)
             if "overlap" in why:
-                raise MeshError(f"{path}: {why.removeprefix('; ')}")
+                raise MeshError(why.removeprefix("; "))
         through = _through(model, contacts, told)
     touching = tuple(
-        Touch((c.lower, c.upper), c.normal, c.gap / _MM, c.area / _MM**2) for c in contacts
+        TouchingFaces((c.lower, c.upper), c.normal, c.gap / _MM, c.area / _MM**2) for c in contacts
     )
     return StepSurvey(solids, touching, tuple(through))
 
@@ -142,19 +142,15 @@ def _solid(model, tag: int, number: int, name: str) -> Solid:
     return Solid(plain, name, model.occ.getMass(3, tag) / _MM**3, area / _MM**2, box)
 
 
-def _through(model, contacts: list[Contact], told: Told) -> list[ThroughHole]:
+def _through(model, contacts: list[FacePair], told: Told) -> list[ThroughHole]:
     """Pairs of holes with one axis, and how large rings around them may be."""
     outlines = {face: Outline.of(model, face) for c in contacts for face in c.faces}
-    of_face = {face: holes(outline) for face, outline in outlines.items()}
-    pairs = []
-    for i, c in enumerate(contacts):
-        lower, upper = (of_face[face] for face in c.faces)
-        if not upper:
-            continue
-        centres = np.array([b.centre for b in upper]) - c.gap * c.normal
-        for a in lower:
-            near = np.flatnonzero(np.linalg.norm(centres - a.centre, axis=1) <= TOUCH)
-            pairs += [(i, a, upper[k]) for k in near]
+    pairs = [
+        (i, a, b)
+        for i, contact in enumerate(contacts)
+        for a, b, apart in hole_pairs(*map(outlines.get, contact.faces), contact)
+        if apart <= TOUCH
+    ]
     places, found = np.array([a.centre for _, a, _ in pairs]).reshape(-1, 3), []
     for n, (i, a, b) in enumerate(pairs):
         if n % 20 == 0:
@@ -166,7 +162,7 @@ def _through(model, contacts: list[Contact], told: Told) -> list[ThroughHole]:
         most = 0.98 * min(others / 2, default=np.inf)
         room = _room(contact, [outlines[face] for face in contact.faces], (a, b), most)
         depths = tuple(
-            _depth(model, face, outlines[face].curves[hole.circle], contact.normal)
+            _depth(model, face, hole.curves, contact.normal)
             for face, hole in zip(contact.faces, (a, b), strict=True)
         )
         diameters = 2 * a.radius / _MM, 2 * b.radius / _MM
@@ -176,11 +172,13 @@ def _through(model, contacts: list[Contact], told: Told) -> list[ThroughHole]:
     return found
 
 
-def _room(contact: Contact, outlines: list[Outline], pair: tuple[Hole, Hole], most: float) -> float:
+def _room(
+    contact: FacePair, outlines: list[Outline], pair: tuple[Hole, Hole], most: float
+) -> float:
     """Largest radius of a ring on both faces, mm; it meets no edge and no other hole."""
     inner = max(hole.radius for hole in pair)
     clear = min(
-        outline.clearance(pair[0].centre + lift * contact.normal, hole.circle)
+        outline.clearance(pair[0].centre + lift * contact.normal, hole)
         for outline, hole, lift in zip(outlines, pair, (0.0, contact.gap), strict=True)
     )
     least, most = _LEAST * inner, min(most, 6 * inner)

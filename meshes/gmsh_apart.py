@@ -16,11 +16,12 @@ import os
 import signal
 import subprocess
 import sys
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from importlib.util import find_spec
 from pathlib import Path
 
 from fenics_joints.errors import MeshError
-from fenics_joints.files import shown_path
 
 #: Message if gmsh's Python module is missing.
 NO_GMSH = (
@@ -33,11 +34,10 @@ _MEMORY, _MEMORY_A_BYTE = 4 << 30, 300
 _CHILD = Path(__file__).with_name("gmsh_child.py")
 
 
-def run_apart(path: Path, folder: Path, file: str, size: int) -> None:
+def run_apart(folder: Path, file: str, size: int) -> None:
     """Run ``gmsh_child.py``, which reads a file and writes what is in it.
 
     Args:
-        path: The user's file, for messages.
         folder: A private folder, where it runs and writes.
         file: What it reads, in the folder: ``"mesh.msh"``, or a STEP file of another name.
         size: Bytes of the file.
@@ -45,9 +45,8 @@ def run_apart(path: Path, folder: Path, file: str, size: int) -> None:
     Raises:
         MeshError: gmsh is not installed, refuses the file, crashes on it or takes too long.
     """
-    name = shown_path(path)
     if find_spec("gmsh") is None:
-        raise MeshError(f"{name}: {NO_GMSH}")
+        raise MeshError(NO_GMSH)
     # Isolated: nothing is imported from the user's working folder.
     where, most = [each for each in sys.path if each], _MEMORY + _MEMORY_A_BYTE * size
     command = [sys.executable, "-I", str(_CHILD), json.dumps(where), str(most), file]
@@ -67,14 +66,57 @@ def run_apart(path: Path, folder: Path, file: str, size: int) -> None:
             stderr=subprocess.PIPE,
         )
     except subprocess.TimeoutExpired:
-        raise MeshError(f"{name}: gmsh was still reading it after {limit:.0f} s") from None
+        raise MeshError(f"gmsh was still reading it after {limit:.0f} s") from None
     refused = folder / "error.txt"
     if refused.exists():
         words = refused.read_text(encoding="utf-8", errors="replace")[:300]
-        raise MeshError(f"{name}: gmsh cannot read it: {words or 'no reason is given'}")
+        raise MeshError(f"gmsh cannot read it: {words or 'no reason is given'}")
     if done.returncode < 0:
         how = signal.Signals(-done.returncode).name
-        raise MeshError(f"{name}: gmsh crashes on it ({how}); expected an undamaged file")
+        raise MeshError(f"gmsh crashes on it ({how}); expected an undamaged file")
     if done.returncode:
         words = done.stderr.decode(errors="replace").strip().rpartition("\n")[2][:300]
-        raise MeshError(f"{name}: gmsh cannot read it: {words}")
+        raise MeshError(f"gmsh cannot read it: {words}")
+
+
+@contextmanager
+def gmsh_model(options: Mapping[str, float | str]) -> Iterator:
+    """A fresh current model, removed afterwards; a model and options of the caller's stay.
+
+    Args:
+        options: gmsh's options by name while the model lives; nothing is printed.
+
+    Yields:
+        ``gmsh.model``.
+
+    Raises:
+        MeshError: gmsh's Python module is not installed.
+    """
+    try:
+        import gmsh
+    except ImportError as error:
+        raise MeshError(NO_GMSH) from error
+    ours = not gmsh.isInitialized()
+    if ours:
+        gmsh.initialize(readConfigFiles=False, interruptible=False)
+    before = None if ours else gmsh.model.getCurrent()
+    kept = {}
+    for name, value in {"General.Terminal": 0, **options}.items():
+        text = isinstance(value, str)
+        kept[name] = (gmsh.option.getString if text else gmsh.option.getNumber)(name)
+        _set(gmsh, name, value)
+    gmsh.model.add("fenics_joints")
+    try:
+        yield gmsh.model
+    finally:
+        gmsh.model.remove()
+        for name, value in kept.items():
+            _set(gmsh, name, value)
+        if ours:
+            gmsh.finalize()
+        else:
+            gmsh.model.setCurrent(before)
+
+
+def _set(gmsh, name: str, value: float | str) -> None:
+    (gmsh.option.setString if isinstance(value, str) else gmsh.option.setNumber)(name, value)

@@ -50,7 +50,8 @@ _ENDS = {2: [(0,), (1,)], 3: [(0, 1), (1, 2), (0, 2)], 4: [(0, 1), (0, 2), (1, 3
 
 def groups_of(n: int, pairs: Iterable[tuple[int, int]]) -> np.ndarray:
     """Number of the group of each of n things, of which pairs are together, in their order."""
-    pairs = np.array(list(pairs), dtype=np.int64).reshape(-1, 2)
+    if not isinstance(pairs, np.ndarray):
+        pairs = np.array(list(pairs), dtype=np.int64).reshape(-1, 2)
     graph = coo_array((np.ones(len(pairs), np.int8), pairs.T), shape=(n, n))
     return connected_components(graph, directed=False)[1]
 
@@ -431,17 +432,20 @@ def grow(lists: MeshLists, wanted: Grown) -> MeshLists:
     def sides(touch: Touch, rows) -> list[np.ndarray]:
         return [parted.own(body[names.index(part)], touch.facets[rows]) for part in touch.parts]
 
-    size = _thickness(whole, wanted, found) if layers else 0.0
+    size, bare = _thickness(whole, wanted, found) if layers else 0.0, []
     for touch in found:
         # All rings of a contact together, as they may share vertices.
-        rows = [own for of, own in layers.values() if of is touch]
-        if rows:
-            rows = np.unique(np.concatenate(rows))
+        rows = np.unique([row for of, own in layers.values() if of is touch for row in own])
+        rest = np.setdiff1d(np.arange(len(touch.areas)), rows)
+        if len(rows):
+            rows = rows.astype(int)
             normals = touch.normal if touch.is_flat else touch.normals[rows]
             spread(parted.x, sides(touch, rows), normals * touch.areas[rows, None], size)
+        if len(rest):
+            bare.append((touch.parts, sides(touch, rest)))
     layer_sides = {name: sides(*layer) for name, layer in layers.items()}
     grown = fill(parted.lists(), layer_sides)
-    grown = _with_free_facets(grown, _faces(found, layers, layer_sides, sides))
+    grown = _with_free_facets(grown, layer_faces(layer_sides, bare))
     if centres is not None:
         grown = replace(grown, points={**grown.points, "bolts": centres})
     return replace(grown, notes=(*grown.notes, *_said(layers, size), *notes))
@@ -571,19 +575,20 @@ def _given(x: np.ndarray, found: list[Touch], rings: RingPlaces):
     return bolts
 
 
-def _faces(found: Sequence[Touch], layers, layer_sides, sides) -> dict[str, np.ndarray]:
-    """Facets between layers and parts, and those of contacts with no layer, by their names."""
+def layer_faces(layers: Mapping[str, Sequence[np.ndarray]], bare) -> dict[str, np.ndarray]:
+    """Facets between layers and parts, and those of contacts with no layer, by their names.
+
+    Args:
+        layers: Vertices of the facets below and above each layer.
+        bare: For each contact without one: the names of its two parts, and likewise the vertices.
+    """
     faces: dict[str, list[np.ndarray]] = {}
-    for lower, upper in layer_sides.values():
+    for lower, upper in layers.values():
         faces.setdefault("joint_lower", []).append(lower)
         faces.setdefault("joint_upper", []).append(upper)
-    for touch in found:
-        filled = [rows for of, rows in layers.values() if of is touch]
-        bare = np.setdiff1d(np.arange(len(touch.areas)), np.concatenate([[], *filled]))
-        if len(bare):
-            (a, b), (lower, upper) = touch.parts, sides(touch, bare)
-            faces.setdefault(f"{a}_to_{b}", []).append(lower)
-            faces.setdefault(f"{b}_to_{a}", []).append(upper)
+    for (a, b), (lower, upper) in bare:
+        faces.setdefault(f"{a}_to_{b}", []).append(lower)
+        faces.setdefault(f"{b}_to_{a}", []).append(upper)
     return {name: np.vstack(facets) for name, facets in faces.items()}
 
 

@@ -1,25 +1,37 @@
-"""Reading a user's own gmsh mesh with named physical groups."""
+"""Reading a user's own gmsh mesh with named physical groups, as a mesh and as nothing else.
+
+gmsh guesses a file's format from its name and first line, runs unknown formats as gmsh scripts,
+which can start programs, and reads ``NAME.opt`` beside the file. So a file's first lines are
+checked here, and a copy named ``mesh.msh`` in a private folder is read by a separate process, see
+`fenics_joints.meshes.gmsh_apart`.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+import json
+import re
+import shutil
+import tempfile
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from mpi4py import MPI
 
 from fenics_joints.errors import MeshError, Problems, located
-from fenics_joints.files import path_of
+from fenics_joints.files import is_file, path_of, shown_path
 from fenics_joints.meshes.arguments import is_positive, requirement
 from fenics_joints.meshes.check import check_mesh
+from fenics_joints.meshes.gmsh_apart import run_apart
 from fenics_joints.meshes.grid import thickened
 from fenics_joints.meshes.grow import Grown, grow
-from fenics_joints.meshes.msh_file import MshFile, read_msh_file
 from fenics_joints.meshes.rings import ring_centres
 from fenics_joints.meshes.tagged import MeshLists, TaggedMesh, distribute
 from fenics_joints.parallel import on_root
 
+#: Size of a file's head that is checked, bytes.
+_HEAD = 65_536
 # gmsh's type of element -> our name, and its vertices in DOLFINx's order.
 _CELLS = {
     2: ("triangle", [0, 1, 2]),
@@ -54,7 +66,7 @@ def read_msh(
     Args:
         path: The file, in any version of the format, text or binary.
         comm: Communicator; the call is collective, gmsh runs on rank 0 alone, see
-            `fenics_joints.meshes.msh_file`.
+            `fenics_joints.meshes.gmsh_apart`.
         gdim: Dimension of the cells and of the coordinates, 3 or 2.
         required_cells: Names of parts that must be there.
         required_facets: Names of faces that must be there.
@@ -106,7 +118,8 @@ def read_msh(
 
 def read_lists(path: Path, gdim: int, scale: float) -> MeshLists:
     """The whole mesh of a file, on one rank; raises as `read_msh`."""
-    file = read_msh_file(path)
+    with located(shown_path(path)):
+        file = _read(path)
     problems = Problems(path)
     cell_groups = _groups(path, file, gdim, problems)
     facet_groups = _groups(path, file, gdim - 1, problems)
@@ -253,3 +266,94 @@ def _check_facets_found(path: Path, tagged: TaggedMesh, lists: MeshLists | None)
                 f"{path}: {found} of {given} facets of face {name!r} are facets of the cells, each "
                 "once; expected all (cells and faces must share their vertices)"
             )
+
+
+@dataclass(frozen=True)
+class MshGroup:
+    """A physical group: its dimension, number, name (may be empty) and entities."""
+
+    dim: int
+    tag: int
+    name: str
+    entities: tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class MshFile:
+    """The content of a ``.msh`` file.
+
+    Attributes:
+        groups: The physical groups.
+        blocks: Dimension, entity, gmsh's type of element, and the vertices, (n, n_vertices).
+        kinds: Title and order of each type of element.
+        tags: Numbers of the vertices, shape (n,).
+        x: Coordinates of the vertices in the file's unit, shape (n, 3).
+        points: Coordinates of the vertices of groups of points and lines, by the group's index.
+    """
+
+    groups: tuple[MshGroup, ...]
+    blocks: tuple[tuple[int, int, int, np.ndarray], ...]
+    kinds: dict[int, tuple[str, int]]
+    tags: np.ndarray
+    x: np.ndarray
+    points: dict[int, np.ndarray]
+
+    def elements(
+        self, dim: int, entity: int | None = None
+    ) -> Iterator[tuple[int, int, np.ndarray]]:
+        """Entity, type and vertices of all blocks of a dimension."""
+        for of, number, kind, nodes in self.blocks:
+            if of == dim and entity in (None, number):
+                yield number, kind, nodes
+
+
+def _read(path: Path) -> MshFile:
+    """Read a file on one rank.
+
+    Raises:
+        MeshError: The file is missing, does not begin as a ``.msh`` file does, or gmsh refuses it,
+            crashes on it, or takes too long.
+    """
+    if not is_file(path):
+        raise MeshError("no such file, expected a gmsh .msh file")
+    with tempfile.TemporaryDirectory(prefix="fenics-joints-") as folder:
+        copy = Path(folder) / "mesh.msh"
+        try:
+            shutil.copyfile(path, copy)
+        except OSError as error:
+            raise MeshError(f"cannot be read ({error.strerror})") from error
+        with copy.open("rb") as file:
+            _check_head(file.read(_HEAD))
+        run_apart(Path(folder), "mesh.msh", copy.stat().st_size)
+        return _loaded(Path(folder) / "mesh.npz")
+
+
+def _check_head(head: bytes) -> None:
+    """Refuse a file that gmsh, by its first line, would not read as a mesh."""
+    lines = head.split(b"\n")
+    first = lines[0].rstrip()
+    if first not in (b"$MeshFormat", b"$Comments"):
+        raise MeshError("not a gmsh .msh file, expected it to begin with $MeshFormat")
+    at = next((i for i, line in enumerate(lines) if line.startswith(b"$MeshFormat")), None)
+    line = b"" if at is None or at + 1 >= len(lines) else lines[at + 1].strip()
+    if not re.fullmatch(rb"[1-4](\.\d+)?\s+[01]\s+[48]", line):
+        raise MeshError(
+            f"after $MeshFormat there is {line[:40]!r}, expected a version from 1 to 4.1, "
+            "then 0 or 1, then 8"
+        )
+
+
+def _loaded(file: Path) -> MshFile:
+    with np.load(file, allow_pickle=False) as found:
+        head = json.loads(found["head"].tobytes())
+        groups = tuple(MshGroup(d, t, n, tuple(e)) for d, t, n, e in head["groups"])
+        kinds = {int(k): v for k, v in head["kinds"].items()}
+        blocks = tuple(
+            (dim, entity, kind, found[f"block{i}"].astype(np.int64).reshape(-1, kinds[kind][2]))
+            for i, (dim, entity, kind) in enumerate(head["blocks"])
+        )
+        points = {i: found[f"points{i}"].reshape(-1, 3) for i, g in enumerate(groups) if g.dim < 2}
+        tags, x = found["tags"].astype(np.int64), found["x"].reshape(-1, 3)
+    if not np.all(np.isfinite(x)):
+        raise MeshError("a vertex is not finite, expected numbers")
+    return MshFile(groups, blocks, {k: tuple(v[:2]) for k, v in kinds.items()}, tags, x, points)

@@ -10,7 +10,7 @@ from mpi4py import MPI
 from step_files import FLANGE_BOLTS, flanges
 
 from fenics_joints.errors import MeshError
-from fenics_joints.meshes import cad_shapes, read_step
+from fenics_joints.meshes import read_step, step_file
 from fenics_joints.meshes.step_writer import write_step
 
 MM, MM2, MM3 = 1e-3, 1e-6, 1e-9
@@ -158,16 +158,16 @@ def test_what_was_looked_at_is_what_is_read(tmp_path, monkeypatch):
     path, read = tmp_path / "parts.step", []
     path.write_text(good := "ISO-10303-21;\nEND-ISO-10303-21;\n")
 
-    def look(user_file, folder, file, size):
+    def look(folder, file, size):
         read.append((folder / file).read_text())
-        user_file.write_text("ISO-10303-21; crashes")
+        path.write_text("ISO-10303-21; crashes")
 
     def load(file, format):
         read.append(Path(file).read_text())
         return []
 
-    monkeypatch.setattr(cad_shapes, "run_apart", look)
+    monkeypatch.setattr(step_file, "run_apart", look)
     occ = SimpleNamespace(importShapes=load, synchronize=lambda: None)
     with pytest.raises(MeshError, match="no solid"):
-        cad_shapes.import_solids(path, SimpleNamespace(occ=occ), {})
+        step_file.import_solids(path, SimpleNamespace(occ=occ), {})
     assert read == [good, good]

@@ -18,8 +18,8 @@ from fenics_joints.meshes import (
     graded_lines,
     stacked_blocks,
 )
-from fenics_joints.meshes.extrude import Extrusion
-from fenics_joints.meshes.grid import tensor_grid
+from fenics_joints.meshes.facets import Skin
+from fenics_joints.meshes.grid import extruded, tensor_grid
 from fenics_joints.meshes.tagged import MeshLists, distribute
 from fenics_joints.parallel import on_root
 
@@ -69,13 +69,13 @@ def two_blocks(change):
 
     def build():
         points, quads = tensor_grid(X, Y)
-        values = np.ones((1, len(quads)), dtype=int)
         sides = []
-        for number, z in enumerate((LOW[1:], HIGH[:2])):
-            column = Extrusion(points, quads, z, values * (1 + number), "tetrahedron")
-            column.tag_level(1 - number, np.ones(len(quads), dtype=bool), 1 + number)
-            x, *rest = column.lists()
-            sides.append(change(x.copy(), *rest) if number else (x, *rest))
+        for tag, z in ((1, LOW[1:]), (2, HIGH[:2])):
+            values = np.full((1, len(quads)), tag)
+            skin = Skin(extruded(points, quads, z, values, "tetrahedron", {}))
+            one = skin.named({"face": skin.at(2, 0.0)})
+            rest = one.cells, one.cell_values, one.facets, tag * one.facet_values
+            sides.append((one.x, *rest) if tag == 1 else change(one.x, *rest))
         (x0, c0, v0, f0, t0), (x1, c1, v1, f1, t1) = sides
         names = {"lower": 1, "upper": 2}, {"low": 1, "high": 2}
         return MeshLists(
@@ -92,6 +92,7 @@ def two_blocks(change):
 
 
 def moved(x, *rest):
+    x = x.copy()
     x[np.all(x == [X[2], 0.2, 0.0], axis=1), 0] += 0.01
     return x, *rest
 

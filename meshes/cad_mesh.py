@@ -1,21 +1,22 @@
-"""The solids of an assembly closed up and glued, with the bolts' rings drawn on their contacts.
+"""The solids of an assembly closed up, glued and meshed, the bolts' rings drawn on their contacts.
 
 Where two solids touch, one face is meshed for both, so that their meshes match vertex by vertex
-whatever the shapes of the faces; `fenics_joints.meshes.cad_layer` then opens the contacts.
-All lengths are in millimetres; see `fenics_joints.meshes.cad_shapes`.
+whatever the shapes of the faces; `fenics_joints.meshes.grow` then parts them and fills layers.
+All lengths are in millimetres; see `fenics_joints.meshes.cad_faces`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
 from fenics_joints.errors import MeshError
 from fenics_joints.meshes.cad_bolts import BoltPlace
-from fenics_joints.meshes.cad_kinds import is_flat, surface_points
-from fenics_joints.meshes.cad_shapes import TOUCH, Contact, Solids
+from fenics_joints.meshes.cad_faces import TOUCH, FacePair, is_flat, surface_points
+from fenics_joints.meshes.step_file import Solids
+from fenics_joints.meshes.tagged import MeshLists
 
 #: A mesh of more cells than this is refused before it is made.
 _MOST = 2e7
@@ -38,8 +39,91 @@ class Sizes:
     circle: int
 
 
+def closing(solids: Solids, contacts: Sequence[FacePair]) -> np.ndarray:
+    """Moves of the solids, shape (n_solids, 3), that bring the faces of contacts together.
+
+    The first of the solids that hang together stays.
+
+    Raises:
+        MeshError: No moves close all of them.
+    """
+    steps = [(c.lower, c.upper, c.normal, -c.gap) for c in contacts]
+    place = _placed(len(solids.names), steps)
+    for c in contacts:
+        left = (place[c.upper] - place[c.lower]) @ c.normal + c.gap
+        if abs(left) > TOUCH:
+            a, b = (solids.names[i] for i in (c.lower, c.upper))
+            raise MeshError(
+                f"{a!r} and {b!r} are {c.gap:.6g} mm apart and cannot be "
+                "brought together without opening others; expected gaps that close, or none"
+            )
+    return place
+
+
+def opening(
+    solids: Solids, body: np.ndarray, contacts: Sequence[FacePair], layer: float
+) -> np.ndarray:
+    """Moves of the bodies, shape (n_bodies, 3), that open contacts by a layer's thickness.
+
+    The body of the first solid stays.
+
+    Raises:
+        MeshError: A contact is within one body, or no moves open all of them along their normals.
+    """
+    for c in contacts:
+        if body[c.lower] == body[c.upper]:
+            a, b = (solids.names[i] for i in (c.lower, c.upper))
+            raise MeshError(
+                f"{a!r} and {b!r} are joined by a layer and bonded, by bonded = "
+                "... or through other solids; expected one of the two"
+            )
+    steps = [(body[c.lower], body[c.upper], c.normal, layer) for c in contacts]
+    place = _placed(int(body.max()) + 1, steps)
+    for c in contacts:
+        miss = place[body[c.upper]] - place[body[c.lower]] - layer * c.normal
+        if np.linalg.norm(miss) > 1e-6 * layer:
+            a, b = (solids.names[i] for i in (c.lower, c.upper))
+            raise MeshError(
+                f"{a!r} and {b!r} cannot be moved {layer:g} mm apart along "
+                "the normal of each face that has a joint, as they or others are joined on faces "
+                "of other directions too; expected joints that close no loop of such faces"
+            )
+    return place
+
+
+def _placed(n: int, steps) -> np.ndarray:
+    """Places, shape (n, 3), whose differences along normals are given, from 0 for each first.
+
+    Args:
+        n: Number of places.
+        steps: For each step: from, to, unit normal, and length along it.
+    """
+    ways: dict[tuple[int, int], list] = {}
+    for a, b, normal, length in steps:
+        turn = 1 if a < b else -1
+        ways.setdefault((min(a, b), max(a, b)), []).append((turn * normal, length))
+    between = {
+        pair: np.linalg.lstsq(
+            np.array([n for n, _ in found]), np.array([length for _, length in found]), rcond=1e-9
+        )[0]
+        for pair, found in ways.items()
+    }
+    place, known = np.zeros((n, 3)), np.zeros(n, dtype=bool)
+    for start in range(n):
+        queue = [] if known[start] else [start]
+        known[start] = True
+        while queue:
+            here = queue.pop(0)
+            for (a, b), step in between.items():
+                other, sign = (b, 1) if a == here else (a, -1)
+                if here in (a, b) and not known[other]:
+                    place[other], known[other] = place[here] + sign * step, True
+                    queue.append(other)
+    return place
+
+
 @dataclass(frozen=True)
-class Interface:
+class SharedFace:
     """Triangles that two solids share.
 
     Attributes:
@@ -60,27 +144,21 @@ class Glued:
     """The mesh of the closed assembly.
 
     Attributes:
-        x: Vertices, shape (n, 3).
-        cells: Tetrahedra, shape (n_cells, 4).
-        solid: Solid of each cell, shape (n_cells,).
-        interfaces: Where solids touch.
+        lists: Tetrahedra of the solids, which share vertices; a part for each.
+        shared: Where solids touch.
         faces: Named faces of the surface: the solid of each triangle, and its vertices.
-        volumes: Volume of each solid in CAD.
     """
 
-    x: np.ndarray
-    cells: np.ndarray
-    solid: np.ndarray
-    interfaces: list[Interface]
-    faces: dict[str, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)
-    volumes: np.ndarray | None = None
+    lists: MeshLists
+    shared: list[SharedFace]
+    faces: dict[str, tuple[np.ndarray, np.ndarray]]
 
 
 def glue(
     model,
     solids: Solids,
     shifts: np.ndarray,
-    contacts: Sequence[Contact],
+    contacts: Sequence[FacePair],
     bolts: Sequence[BoltPlace],
     faces: Mapping[str, np.ndarray],
     sizes: Sizes,
@@ -122,9 +200,9 @@ def glue(
         model.mesh.generate(3)
     except Exception as error:
         raise MeshError(
-            f"{solids.path}: gmsh cannot mesh it with cells of {sizes.element:g} mm: {error}"
+            f"gmsh cannot mesh it with cells of {sizes.element:g} mm: {error}"
         ) from error
-    return _extract(model, pieces, sharing, contacts, planes, ring_of, named)
+    return _extract(model, solids, pieces, sharing, contacts, planes, ring_of, named)
 
 
 def _fragments(model, solids: Solids, shifts, bolts: Sequence[BoltPlace]):
@@ -141,7 +219,7 @@ def _fragments(model, solids: Solids, shifts, bolts: Sequence[BoltPlace]):
         _, parts = model.occ.fragment(volumes, tools)
         model.occ.synchronize()
     except Exception as error:
-        raise MeshError(f"{solids.path}: gmsh cannot glue the solids: {error}") from error
+        raise MeshError(f"gmsh cannot glue the solids: {error}") from error
     pieces = [[tag for dim, tag in part if dim == 3] for part in parts[: len(volumes)]]
     _check_apart(model, solids, pieces)
     discs = [[] for _ in bolts]
@@ -159,7 +237,7 @@ def _check_apart(model, solids: Solids, pieces) -> None:
             if common:
                 volume = sum(model.occ.getMass(3, tag) for tag in common)
                 raise MeshError(
-                    f"{solids.path}: {solids.names[j]!r} and {solids.names[i]!r} overlap by "
+                    f"{solids.names[j]!r} and {solids.names[i]!r} overlap by "
                     f"{volume:.6g} mm3, expected solids that touch or are apart"
                 )
 
@@ -177,7 +255,7 @@ def _check_whole(model, solids: Solids, pieces, bolts: Sequence[BoltPlace], disc
         }
         where = "; ".join(bolts[i].said(i + 1, solids) for i in sorted(cut)) or "a ring"
         raise MeshError(
-            f"{solids.path}: {name!r} passes through the middle of {where}; expected an empty "
+            f"{name!r} passes through the middle of {where}; expected an empty "
             "hole there (leave bolts and pins out of the file)"
         )
 
@@ -214,7 +292,7 @@ def _ring(model, solids: Solids, sharing, number: int, bolt: BoltPlace, disc) ->
     expected = np.pi * (bolt.r_wai**2 - bolt.r_nei**2)
     if area < expected * (1 - _WHOLE):
         raise MeshError(
-            f"{solids.path}: the ring of {bolt.said(number, solids)}, {bolt.r_nei:g} to "
+            f"the ring of {bolt.said(number, solids)}, {bolt.r_nei:g} to "
             f"{bolt.r_wai:g} mm, leaves the faces that touch: {100 * area / expected:.3g} % "
             "of it is on both; expected all (a smaller r_wai, or another centre)"
         )
@@ -241,12 +319,12 @@ def _face(model, solids: Solids, pieces, sharing, shifts, name: str, points) -> 
         at = ", ".join(f"{x:.6g}" for x in point)
         if len(near) > 1:
             raise MeshError(
-                f"{solids.path}: faces.{name}: {len(near)} faces of solids meet at ({at}) mm, "
+                f"faces.{name}: {len(near)} faces of solids meet at ({at}) mm, "
                 "expected a point inside one"
             )
         if not near:
             raise MeshError(
-                f"{solids.path}: faces.{name}: no face of a solid is at ({at}) mm, expected a "
+                f"faces.{name}: no face of a solid is at ({at}) mm, expected a "
                 "point on an outer face (where solids touch, the faces have names already)"
             )
         found[near[0][0]] = near[0][1]
@@ -259,7 +337,7 @@ def _check_once(solids: Solids, named) -> None:
         for face in found:
             if face in used:
                 both = f"faces.{used[face]} and faces.{name}"
-                raise MeshError(f"{solids.path}: {both} are one face, expected one name for it")
+                raise MeshError(f"{both} are one face, expected one name for it")
             used[face] = name
 
 
@@ -274,7 +352,7 @@ def _check_sizes(model, solids: Solids, pieces, ring_of, sizes: Sizes) -> None:
     ):
         if n > _MOST:
             raise MeshError(
-                f"{solids.path}: {key} is {size:.6g} mm, for which there would be about {n:.2g} "
+                f"{key} is {size:.6g} mm, for which there would be about {n:.2g} "
                 f"cells; expected at most {_MOST:.0e} (in what unit is it given?)"
             )
 
@@ -303,16 +381,15 @@ def _set_sizes(model, ring_of, sizes: Sizes) -> None:
     model.mesh.field.setAsBackgroundMesh(threshold)
 
 
-def _extract(model, pieces, sharing, contacts, planes, ring_of, named) -> Glued:
+def _extract(model, solids, pieces, sharing, contacts, planes, ring_of, named) -> Glued:
     tags, x, _ = model.mesh.getNodes()
     cells = [_elements(model, 3, volume) for volume in pieces]
-    solid = np.repeat(np.arange(len(pieces)), [len(c) for c in cells])
-    cells = np.vstack(cells)
-    nodes = np.unique(cells)
+    values = np.repeat(np.arange(1, len(pieces) + 1), [len(c) for c in cells])
+    nodes, cells = np.unique(np.vstack(cells), return_inverse=True)
     order = np.argsort(tags)
     x = x.reshape(-1, 3)[order[np.searchsorted(tags, nodes, sorter=order)]]
-    interfaces = [
-        Interface(
+    shared = [
+        SharedFace(
             pair,
             np.searchsorted(nodes, _elements(model, 2, face)),
             _contact_of(model, contacts, planes, face, pair),
@@ -323,13 +400,12 @@ def _extract(model, pieces, sharing, contacts, planes, ring_of, named) -> Glued:
     faces = {}
     for name, found in named.items():
         triangles = [np.searchsorted(nodes, _elements(model, 2, face)) for face in found]
-        faces[name] = (
-            np.repeat(list(found.values()), [len(t) for t in triangles]),
-            np.vstack(triangles),
-        )
-    volumes = np.array([model.occ.getMass(3, volume) for volume in pieces])
-    cells = np.searchsorted(nodes, cells)
-    return Glued(x, cells, solid, interfaces, faces, volumes)
+        owner = np.repeat(list(found.values()), [len(t) for t in triangles])
+        faces[name] = owner, np.vstack(triangles)
+    none = np.empty((0, 3), np.int64), np.empty(0, np.int32)
+    names = {name: tag for tag, name in enumerate(solids.names, start=1)}
+    lists = MeshLists("tetrahedron", x, cells.reshape(-1, 4), values, *none, names, {})
+    return Glued(lists, shared, faces)
 
 
 def _elements(model, dim: int, entity: int) -> np.ndarray:
