@@ -43,13 +43,15 @@ MECHANISMS: dict[str, dict[str, object]] = {
     "attached and local effects": {
         f"{_DIAGNOSIS}.effects.library.sited_effects": lambda *a, **k: ([], [])
     },
-    "pairs of effects": {f"{_SEARCH}._together": lambda *a: []},
+    "pairs of effects": {f"{_SEARCH}._add_effects": lambda *a: []},
     "leaders weighed by sampling": {f"{_SEARCH}._sampled": _as_found},
     "leaders held to the full model": {f"{_SEARCH}._checked": _as_found},
     "a basis held to the reduced model": {f"{_LIBRARY}._LOOKED": 1},
     "a basis for each effect": {f"{_LIBRARY}._LARGE": math.inf},
     "interpolation between torques": {f"{_LIBRARY}.Library._is_smooth": lambda *a: False},
-    "unknown cause as a random field": {f"{_LIBRARY}.with_somewhere": lambda found, test: found},
+    "unknown cause as a random field": {
+        f"{_LIBRARY}.with_localised_unknown": lambda found, test: found
+    },
     "misfit by simulated tests": {f"{_DIAGNOSIS}.diagnose.with_simulated": lambda fits, *a: fits},
     "simulated tests of causes outside the library": {f"{_SEARCH}._simulate": lambda *a: None},
     "measured error of the mesh": {

@@ -3,23 +3,22 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, overload
+from typing import Any
 
 import numpy as np
 from mpi4py import MPI
-from numpy.typing import ArrayLike
 from threadpoolctl import threadpool_limits
 
 from fenics_joints.case import Case, test_notes
 from fenics_joints.diagnosis.effects.effect import Effect
-from fenics_joints.diagnosis.evidence.classes import classes, detectable, stand_ins
+from fenics_joints.diagnosis.evidence.classes import classes, confusable_effects, detectable
 from fenics_joints.diagnosis.evidence.fitted import Fit
 from fenics_joints.diagnosis.evidence.linear_fits import all_at_once, with_simulated
-from fenics_joints.diagnosis.evidence.localised_unknown import Somewhere, point_mass
-from fenics_joints.diagnosis.evidence.merging import one_of_alike
+from fenics_joints.diagnosis.evidence.localised_unknown import LocalisedUnknown, point_mass
+from fenics_joints.diagnosis.evidence.merging import merge_indistinguishable
 from fenics_joints.diagnosis.evidence.predictions import ManyPredictions, at_conditions
 from fenics_joints.diagnosis.held_out import cross_validate, folds
 from fenics_joints.diagnosis.location import locate_gap
@@ -67,39 +66,18 @@ _STAGES = (
 )
 
 
-@overload
 def diagnose(
-    structure: Structure,
-    test: TestData,
+    model: Structure | Case,
+    of: TestData | MPI.Intracomm,
     /,
     progress: Progress | None = None,
     *,
     effects: Sequence[Effect | str] | None = None,
     extra: Sequence[Effect] = (),
-    keep: Path | None = None,
-    bolts: Mapping[str, ArrayLike] | None = None,
-    bolted: Sequence[str] = (),
-    tolerances: Mapping[str, float] | None = None,
-    attached: Mapping[str, Mapping] | None = None,
-    title: str = "structure",
-    **options: Any,
-) -> Diagnosis: ...
-
-
-@overload
-def diagnose(
-    case: Case,
-    comm: MPI.Intracomm,
-    /,
-    progress: Progress | None = None,
-    *,
-    extra: Sequence[Effect] = (),
     data: TestData | None = None,
     keep: Path | None = None,
-) -> Diagnosis: ...
-
-
-def diagnose(model, of, /, progress=None, **keywords):
+    **options: Any,
+) -> Diagnosis:
     """Where a nominal model is wrong, which effect causes it, how far the gap shrinks. Collective.
 
     ``diagnose(structure, test, progress=None, effects=None, ...)`` takes a model and its test from
@@ -111,70 +89,54 @@ def diagnose(model, of, /, progress=None, **keywords):
     they have one, without ``.mass`` or ``.stiffness``. Of a part whose ``stretch`` is no parameter
     and whose ``normal`` is the default the thickness is where the mesh is thinnest.
 
-    ``diagnose(case, comm, progress, extra=(), data=None, keep=None)`` takes a
+    ``diagnose(case, comm, progress=None, extra=(), data=None, keep=None)`` takes a
     `fenics_joints.case.Case` and a communicator, with the case's test unless ``data`` is given.
 
     Args:
-        structure: The nominal model, on a mesh in space or in plane strain.
-        test: What was measured, (n, m) frequencies at n conditions, such as torques.
+        model: The nominal model, a structure on a mesh in space or in plane strain; or a case.
+        of: Of a structure what was measured, (n, m) frequencies at n conditions, such as torques;
+            of a case the communicator.
         progress: Told what is being done.
         effects: All that is weighed: names choose effects of the library, effects are your own.
             None for all of the library that apply to this structure and test.
         extra: Effects of your own, beside these.
+        data: Of a case, the test in place of its own.
         keep: Folder in which the reduced model is kept, so that another test of the same model
             costs less; None to keep nothing.
-        bolts: Points on the axes of the bolts through a joint, m, (n, 3), by the joint's name; by
-            default the mesh's points ``bolts``. Without any the joint is one zone, and the notes
-            say that no loose bolt is looked for.
-        bolted: Names of the joints that lie under bolts, where others lie away from them.
-        tolerances: Relative standard deviations of what is known, by parameter, such as
-            ``{"plate.E": 0.01}``; of others those of handbooks.
-        attached: What is there and not in the nominal model, such as sensors, by name: the keys
-            of ``[attached.NAME]`` in a case file.
-        title: For people.
-        options: Keys of ``[diagnose]`` in a case file with its defaults: n_modes, discrepancy,
-            shape_discrepancy, preload_scatter, max_effects, samples, joints, patches, mesh_error,
-            rare, outside. And of ``[test]``: mass, mass_noise, stiffness, antiresonances.
+        options: Of a structure, what a case says in its sections. ``bolts``: points on the axes of
+            the bolts through a joint, m, (n, 3), by the joint's name; by default the mesh's points
+            ``bolts``. Without any the joint is one zone, and the notes say that no loose bolt is
+            looked for. ``bolted``: names of the joints that lie under bolts, where others lie away
+            from them. ``tolerances``: relative standard deviations of what is known, by parameter,
+            such as ``{"plate.E": 0.01}``; of others those of handbooks. ``attached``: what is there
+            and not in the nominal model, such as sensors, by name: the keys of ``[attached.NAME]``
+            in a case file. ``title``: for people. Keys of ``[diagnose]`` in a case file with its
+            defaults: n_modes, discrepancy, shape_discrepancy, preload_scatter, max_effects,
+            samples, joints, patches, mesh_error, rare, outside. And of ``[test]``: mass,
+            mass_noise, stiffness, antiresonances.
 
     Raises:
         InputError: If something of the structure or an option is not usable, or the model has too
             few modes, or the folder cannot be written to. Of a case: if it has no test.
         ConvergenceError: If modes do not converge.
     """
-    diagnosed = _diagnose_case if isinstance(model, Case) else _diagnose_structure
-    return diagnosed(model, of, progress, **keywords)
-
-
-def _diagnose_structure(
-    structure: Structure,
-    test: TestData,
-    progress: Progress | None,
-    *,
-    effects: Sequence[Effect | str] | None = None,
-    extra: Sequence[Effect] = (),
-    keep: Path | None = None,
-    **more: Any,
-) -> Diagnosis:
-    chosen = None
-    if effects is not None:
-        given = items("effects", effects, (Effect, str), "an Effect, the name of one")
-        extra = (*(each for each in given if isinstance(each, Effect)), *extra)
-        chosen = [each for each in given if isinstance(each, str)]
-        if not given:
-            raise InputError("effects = []: expected one at least, or None for all that apply.")
-    case = case_of(structure, test, effects=chosen, **more)
-    return _diagnose_case(case, structure.comm, progress, extra=extra, data=test, keep=keep)
-
-
-def _diagnose_case(
-    case: Case,
-    comm: MPI.Intracomm,
-    progress: Progress | None,
-    *,
-    extra: Sequence[Effect] = (),
-    data: TestData | None = None,
-    keep: Path | None = None,
-) -> Diagnosis:
+    if isinstance(model, Case):
+        if effects is not None or options:
+            key = next(iter(options), "effects")
+            raise InputError(f"{key}: is for a structure; expected it in the sections of the case.")
+        case, comm = model, of
+    elif data is not None:
+        raise InputError("data: is for a case; the test of a structure is the second argument.")
+    else:
+        chosen = None
+        if effects is not None:
+            given = items("effects", effects, (Effect, str), "an Effect, the name of one")
+            extra = (*(each for each in given if isinstance(each, Effect)), *extra)
+            chosen = [each for each in given if isinstance(each, str)]
+            if not given:
+                raise InputError("effects = []: expected one at least, or None for all that apply.")
+        case = case_of(model, of, effects=chosen, **options)
+        comm, data = model.comm, of
     progress = progress or Progress(silent=True)
     started = time.perf_counter()
     progress.outline(_STAGES)
@@ -191,23 +153,20 @@ def _diagnose_case(
         model.reduce(progress, folder)
         model.place_unknown()
         model.find_sites()
-        model.effects = one_of_alike(
+        model.effects = merge_indistinguishable(
             model.effects, model.forward, model.evidence, model.baseline, comm
         )
-        run = _Run(case, model, progress, Search(model, progress), started)
-        found = run.answer()
+        found = _Answer(case, model, progress, started).diagnosis()
     give_back()
     return found
 
 
-class _Run:
-    """What the steps of a diagnosis hand to one another."""
+class _Answer:
+    """What the steps from the evidence to the answer hand to one another."""
 
-    def __init__(
-        self, case: Case, model: Prepared, progress: Progress, search: Search, started: float
-    ):
-        self.given, self.model, self.progress = case, model, progress
-        self.search, self.started = search, started
+    def __init__(self, case: Case, model: Prepared, progress: Progress, started: float):
+        self.given, self.model, self.progress, self.started = case, model, progress, started
+        self.search = Search(model, progress)
         self.comm, self.case, self.data = model.comm, model.case, model.data
         self.evidence, self.baseline = model.evidence, model.baseline
 
@@ -215,18 +174,16 @@ class _Run:
     def forward(self):
         return self.model.forward
 
-    def answer(self) -> Diagnosis:
-        return self._report(self.search.run())
-
-    # -- the answer --------------------------------------------------------------------------
-
-    def _report(self, fits: list[Fit]) -> Diagnosis:
+    def diagnosis(self) -> Diagnosis:
+        """Weigh all effects and say what was found. Collective."""
+        fits = self.search.run()
         fits = with_simulated(fits, self.search.scores(fits), self.evidence)
         order, probability = self.search.ranked(fits)
         fits = [fits[i] for i in order]
-        alike = stand_ins(fits, probability, self.evidence)
+        alike = confusable_effects(fits, probability, self.evidence)
         grouped = classes(fits, probability, alike)
-        leader = self._leader(fits)
+        # The best that says what the gap is made of; "no gap" if that is the best.
+        leader = next(f for f in fits if not f.hypothesis.unknown)
         after = self._gap(self.data, leader.log_f)
         seen = self._detectable(leader)
         effects = self._effects(fits, probability, grouped, seen)
@@ -301,10 +258,6 @@ class _Run:
                 "seconds": time.perf_counter() - self.started,
             },
         )
-
-    def _leader(self, fits: Sequence[Fit]) -> Fit:
-        """The best hypothesis that says what the gap is made of; "no gap" if that is the best."""
-        return next(f for f in fits if not f.hypothesis.unknown)
 
     def _damping(self, leader: Fit) -> tuple[np.ndarray, np.ndarray] | None:
         if leader.log_damping is None:
@@ -398,7 +351,8 @@ class _Run:
             names=self.data.row_names,
         )
         without = [
-            next((f for f in fits if _lists(f) and not holds(f)), None) for holds in causes.values()
+            next((f for f in fits if not f.hypothesis.unknown and not holds(f)), None)
+            for holds in causes.values()
         ]
         always = [f for f in fits if wrong(f)][:_WRONG] + [f for f in without if f is not None]
         self.progress.step("holding data out, choosing and fitting anew", len(masks))
@@ -436,7 +390,7 @@ class _Run:
         )[0]
         return self._gap(data, before), self._gap(data, after)
 
-    def _somewhere(self, unknown: Fit) -> Somewhere | None:
+    def _somewhere(self, unknown: Fit) -> LocalisedUnknown | None:
         """Whether an unknown cause has a place, and its mass if it is one point mass."""
         seen, full, point = self.model.surrogate, self.model.full, None
         if unknown.placed is None:
@@ -452,7 +406,7 @@ class _Run:
                 points,
                 full.total_mass(self.baseline),
             )
-        return Somewhere(float(unknown.placed), point)
+        return LocalisedUnknown(float(unknown.placed), point)
 
     def _nominal(self) -> np.ndarray:
         """ln f of the nominal model, (m,); nan for modes without a partner in it."""
@@ -468,8 +422,3 @@ def _described(effect: Effect, best: Fit) -> str:
         if row["effect"] == effect.key and row.get("at")
     ]
     return f"{effect.describe} Most probably at {found[0]}." if found else effect.describe
-
-
-def _lists(found: Fit) -> bool:
-    """Whether a hypothesis is of the library."""
-    return not found.hypothesis.unknown

@@ -10,7 +10,7 @@ import numpy as np
 
 import fenics_joints
 from fenics_joints.diagnosis.effects.effect import Silent
-from fenics_joints.diagnosis.evidence.localised_unknown import Somewhere
+from fenics_joints.diagnosis.evidence.localised_unknown import LocalisedUnknown
 from fenics_joints.diagnosis.evidence.misattribution import Misattribution
 from fenics_joints.diagnosis.evidence.scales import BETWEEN, ERRORS, WITH_FUNCTIONS, Kind, Scales
 from fenics_joints.diagnosis.location import Location
@@ -168,7 +168,7 @@ class Diagnosis:
     scales: Scales | None = None
     location: Location | None = None
     shrinkage: Shrinkage | None = None
-    somewhere: Somewhere | None = None
+    somewhere: LocalisedUnknown | None = None
     misattribution: Misattribution | None = None
     row_names: tuple[str, ...] = ()
     at_once: float | None = None

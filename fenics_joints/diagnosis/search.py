@@ -13,7 +13,7 @@ from fenics_joints.diagnosis.evidence.fitted import Fit
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.library import Found, Library
 from fenics_joints.diagnosis.evidence.linear_fits import near_best
-from fenics_joints.diagnosis.evidence.merging import Known
+from fenics_joints.diagnosis.evidence.merging import KnownEffects
 from fenics_joints.diagnosis.evidence.misattribution import Misattribution, simulate
 from fenics_joints.diagnosis.model.prepared import Prepared
 from fenics_joints.diagnosis.thresholds import MISFIT
@@ -56,7 +56,7 @@ class Search:
         self.log_unknown = log_odds_outside(model.case.diagnose.outside)
         #: How often such a cause is taken for one of the library; None before `run`.
         self.misattribution: Misattribution | None = None
-        self.met = Known(model.baseline, model.evidence.conditions)
+        self.met = KnownEffects(model.baseline, model.evidence.conditions)
         for effect in model.effects:
             self.met.same((effect,))
         self.library = Library(
@@ -103,7 +103,7 @@ class Search:
         )
         level = singles
         for size in range(2, model.case.diagnose.max_effects + 1):
-            level = self._together(level, singles, found, size)
+            level = self._add_effects(level, singles, found, size)
             found += level
         found = self._checked(found, _LEADING)
         return [f.fit for f in self._sampled(found)]
@@ -132,7 +132,9 @@ class Search:
         def work(task):
             self.progress.advance()
             h, parent = task
-            return library.single(h, test) if parent is None else library.together(h, parent, test)
+            return (
+                library.single(h, test) if parent is None else library.add_effect(h, parent, test)
+            )
 
         return spread(self.model.comm, tasks, work, _pack, _unpack)
 
@@ -164,7 +166,7 @@ class Search:
         listed.sort(key=lambda i: -scores[i])
         return [i for i in listed if scores[i] > scores[listed[0]] - nats]
 
-    def _together(
+    def _add_effects(
         self, level: Sequence[Found], singles: Sequence[Found], known: Sequence[Found], size: int
     ) -> list[Found]:
         """Sets of effects that are promising. Collective."""

@@ -23,7 +23,7 @@ from fenics_joints.reduction.likes import PLACES, likes
 from fenics_joints.reduction.surrogate import Surrogate
 
 #: Expected separation D of two hypotheses, and the measurement.
-Candidate = tuple[float, str]
+Offer = tuple[float, str]
 
 
 def best_measurement(
@@ -137,11 +137,11 @@ def _rival(fits: Sequence[Fit], leader: Fit, mine: str, members: set[str]) -> Fi
     return None
 
 
-def _candidate(name: str, change: np.ndarray, sd: float) -> Candidate:
+def _candidate(name: str, change: np.ndarray, sd: float) -> Offer:
     return float(np.linalg.norm(change) / sd / 2), name
 
 
-class Pairs(NamedTuple):
+class MatchedPairs(NamedTuple):
     """Modes of one model and the same ones of another, as indices, (k, 2).
 
     Attributes:
@@ -155,7 +155,7 @@ class Pairs(NamedTuple):
     unseen: np.ndarray
 
 
-def same_in_both(a: Modes, b: Modes, surrogate: Surrogate) -> Pairs:
+def same_in_both(a: Modes, b: Modes, surrogate: Surrogate) -> MatchedPairs:
     """Which modes are the same, by shapes all over: by order a mode that the sensors see in one of
     the two alone would set all above it beside others. Collective.
 
@@ -174,10 +174,10 @@ def same_in_both(a: Modes, b: Modes, surrogate: Surrogate) -> Pairs:
     if surrogate.sensors is not None:
         seen = a.visibility(surrogate.sensors)[elastic] > VISIBLE
     pairs = np.column_stack([elastic, like])
-    return Pairs(*(pairs[same & one] for one in (tested, seen & ~tested, ~seen & ~tested)))
+    return MatchedPairs(*(pairs[same & one] for one in (tested, seen & ~tested, ~seen & ~tested)))
 
 
-def further_modes(a: Modes, b: Modes, pairs: Pairs, sd: float, unseen: str) -> list[Candidate]:
+def further_modes(a: Modes, b: Modes, pairs: MatchedPairs, sd: float, unseen: str) -> list[Offer]:
     """What the next modes would tell, those that the sensors would see and those that they miss.
 
     Args:
@@ -199,7 +199,7 @@ def further_modes(a: Modes, b: Modes, pairs: Pairs, sd: float, unseen: str) -> l
     return found
 
 
-def added_mass(a: Modes, b: Modes, pairs: Pairs, sensors, sd: float) -> list[Candidate]:
+def added_mass(a: Modes, b: Modes, pairs: MatchedPairs, sensors, sd: float) -> list[Offer]:
     """Frequency shifts by a small added mass: -m phi^2 / 2 of ln f for mass-normalised phi.
 
     Args:
@@ -223,7 +223,7 @@ def added_mass(a: Modes, b: Modes, pairs: Pairs, sensors, sd: float) -> list[Can
     return [_candidate(name, change[best], sd)]
 
 
-def _conditions(a: Fit, b: Fit, forward, baseline, condition, conditions, sd) -> list[Candidate]:
+def _conditions(a: Fit, b: Fit, forward, baseline, condition, conditions, sd) -> list[Offer]:
     """The same modes at half the lowest and twice the highest condition."""
     if not any(e.depends_on_condition for f in (a, b) for e in f.hypothesis.effects):
         return []
@@ -246,7 +246,7 @@ def _conditions(a: Fit, b: Fit, forward, baseline, condition, conditions, sd) ->
     return found
 
 
-def _damping(a: Fit, b: Fit, forward, baseline, condition) -> list[Candidate]:
+def _damping(a: Fit, b: Fit, forward, baseline, condition) -> list[Offer]:
     """How damping grows over the tested levels; its value at rest is free in every mode."""
     known = a.hypothesis.damped or not any(e.by_level for e in a.hypothesis.effects)
     if known or len(a.hypothesis.conditions) < 2:

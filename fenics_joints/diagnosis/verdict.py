@@ -280,7 +280,7 @@ def is_wrong(
     fits: Sequence[Fit],
     leader: Fit,
     touched: Mapping[str, frozenset[str]],
-    alike: Mapping[str, Collection[str]],
+    confusable: Mapping[str, Collection[str]],
 ) -> Callable[[Fit], bool]:
     """Says whether a hypothesis is a placebo: it has nothing of the leader's main cause.
 
@@ -299,7 +299,7 @@ def is_wrong(
 
     def holds(f: Fit, effect: Effect) -> bool:
         return any(
-            e.key in alike[effect.key]
+            e.key in confusable[effect.key]
             or (e.family and e.family == effect.family)
             or touched[e.key] & touched[effect.key]
             for e in f.hypothesis.effects
@@ -327,7 +327,7 @@ def several_causes(
     probability: np.ndarray,
     effects: Sequence[EffectResult],
     grouped: Mapping[str, str],
-    alike: Mapping[str, Collection[str]],
+    confusable: Mapping[str, Collection[str]],
 ) -> dict[str, Callable[[Fit], bool]]:
     """Several causes that are called so, each as whether a hypothesis holds one of its class, or
     what can stand for one and is no member since it is rarer; by the most probable member's name.
@@ -345,7 +345,7 @@ def several_causes(
     found = {}
     for name in sure_classes(rated, float(other)):
         members = [e for e in effects if e.class_name == name]
-        kind = frozenset().union(*(alike[k] for k, of in grouped.items() if of == name))
+        kind = frozenset().union(*(confusable[k] for k, of in grouped.items() if of == name))
         found[label_of(members)] = lambda f, kind=kind: any(
             e.key in kind for e in f.hypothesis.effects
         )

@@ -23,7 +23,7 @@ from fenics_joints.commands.diagnose.reading import heading_of
 from fenics_joints.commands.diagnose.summary import show_diagnosis
 from fenics_joints.commands.diagnose.words import zone_words
 from fenics_joints.diagnosis import Diagnosis, EffectResult, HypothesisResult, Silent
-from fenics_joints.diagnosis.evidence.localised_unknown import PointMassFound, Somewhere
+from fenics_joints.diagnosis.evidence.localised_unknown import LocalisedUnknown, PointMassFound
 from fenics_joints.diagnosis.location import Location
 from fenics_joints.diagnosis.result import Separation
 from fenics_joints.diagnosis.schema import DiagnosisJson, json_schema
@@ -367,7 +367,7 @@ def test_an_unknown_cause_may_have_a_place_or_be_a_point_mass():
     h = diagnosis().hypotheses
     unknown = [replace(h[4], probability=0.98), replace(h[0], probability=0.01, p_value=1e-8)]
     mass = PointMassFound(0.058, 0.05, 0.065, (0.02, 0.04, 0.0), 12.0)
-    d = diagnosis(verdict="unknown", hypotheses=unknown, somewhere=Somewhere(0.97, mass))
+    d = diagnosis(verdict="unknown", hypotheses=unknown, somewhere=LocalisedUnknown(0.97, mass))
     said = point(d, "What if it is something else?")
     assert "stiffness or mass in one place with 97 %: as one point mass 58 g" in said
     assert d.to_json()["somewhere"]["point"]["kg"] == 0.058

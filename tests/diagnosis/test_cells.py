@@ -10,7 +10,7 @@ from scipy.stats import multivariate_normal, norm
 
 from fenics_joints.diagnosis import Effect, Prior
 from fenics_joints.diagnosis.evidence import fit
-from fenics_joints.diagnosis.evidence.cells import Cells, prior_cells, sampled_evidence, weigh
+from fenics_joints.diagnosis.evidence.cells import PriorCells, prior_cells, sampled_evidence, weigh
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.predictions import ManyPredictions, PointwiseForward, model_of
@@ -53,7 +53,7 @@ def test_a_cell_too_steep_for_round_off_is_left_out():
     data, used = np.zeros(3), np.ones(3, dtype=bool)
     slopes = np.array([np.eye(3)[:, :2], 1e9 * np.ones((3, 2))])
     zero, both = np.zeros((2, 2)), np.tile([-np.inf, np.inf], (2, 1))
-    cells = Cells(zero, np.ones((2, 2)), np.log([0.5, 0.5]), zero, np.zeros((2, 3)), slopes)
+    cells = PriorCells(zero, np.ones((2, 2)), np.log([0.5, 0.5]), zero, np.zeros((2, 3)), slopes)
     found = weigh(cells, data, used, np.eye(3), both).log_evidence
     by_hand = multivariate_normal.logpdf(data, cov=np.eye(3) + slopes[0] @ slopes[0].T)
     assert found[0] == pytest.approx(by_hand + np.log(0.5)) and found[1] == -np.inf

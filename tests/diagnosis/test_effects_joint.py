@@ -11,7 +11,7 @@ from effect_rig import LAYER, theta_of
 
 from fenics_joints.diagnosis.effects.joint import (
     bell_pressure,
-    gives_way,
+    compliant,
     graded,
     loose_bolt,
     lost_beyond,
@@ -35,7 +35,7 @@ def put(effect, condition=20.0, **theta):
 
 def joint_law(kind):
     return {
-        "all": gives_way("c", "joint", RINGS, reference=20.0),
+        "all": compliant("c", "joint", RINGS, reference=20.0),
         "graded": graded({"in": RINGS[:1], "out": RINGS[1:]}, "nt", "somehow", 20.0),
         "pressed": pressed_by_bolts(RINGS, 20.0),
         "loose": loose_bolt("b1", RINGS, 1.0),

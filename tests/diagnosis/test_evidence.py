@@ -12,7 +12,7 @@ from fenics_joints.diagnosis.evidence.covariance import (
     FREQUENCY,
     SHAPE,
     Neighbours,
-    turned,
+    mode_mixing,
 )
 from fenics_joints.diagnosis.evidence.evidence import Evidence, evidence_of
 from fenics_joints.measurements import TestData
@@ -170,7 +170,7 @@ def test_close_modes_may_turn_into_one_another_as_far_as_the_models_error_turns_
     shapes, _ = np.linalg.qr(rng.standard_normal((12, 2)))
     points = np.column_stack([np.linspace(0, 1, 12), np.zeros((12, 2))])
 
-    def squares(hz, turned):
+    def squares(hz, mode_mixing):
         """Mahalanobis' square of a pair of shapes, beside the other shapes' error and noise."""
         data = measured(
             conditions=[5.0],
@@ -184,7 +184,7 @@ def test_close_modes_may_turn_into_one_another_as_far_as_the_models_error_turns_
         evidence = evidence_of(data, 0.01)
         is_shape = evidence.entries.kind == SHAPE
         C = evidence.full_covariance()[np.ix_(is_shape, is_shape)]
-        off = (np.sqrt(12) * turned).ravel() - evidence.data[is_shape]
+        off = (np.sqrt(12) * mode_mixing).ravel() - evidence.data[is_shape]
         return off @ np.linalg.solve(C, off)
 
     for hz in ((100.0, 103.0), (100.0, 160.0)):
@@ -232,11 +232,11 @@ def test_a_shape_may_turn_into_a_mode_that_the_test_lacks():
 
     assert squares(alone, 1) > 20.0 and squares(beside, 1) < 8.0  # of 12 data
     # The share of the third in the second: of its own root mean square, by 1 % over ln (163 / 160).
-    off = turned(np.log(hz[:2]), alone.shapes, np.full(2, 0.01), 0.1, beside.neighbours)
+    off = mode_mixing(np.log(hz[:2]), alone.shapes, np.full(2, 0.01), 0.1, beside.neighbours)
     near = next(shape for parts in off for mode, shape in parts if mode == 1)
     size = np.sqrt((0.01 / np.log(163 / 160)) ** 2 - 0.1**2)
     assert near == pytest.approx(size * np.sqrt(12) * modes[:, 2], rel=1e-9)
     hidden = np.array([np.log(100.0), np.nan])
-    off = turned(hidden, alone.shapes, np.full(2, 0.6), 0.1, beside.neighbours)
+    off = mode_mixing(hidden, alone.shapes, np.full(2, 0.6), 0.1, beside.neighbours)
     # Of both others, and what is then missing.
     assert [mode for parts in off for mode, _ in parts].count(0) == 3

@@ -8,9 +8,15 @@ from linear_forward import Linear, shift
 from scipy.stats import kstest, multivariate_normal, norm
 
 from fenics_joints.diagnosis import Effect, Prior
-from fenics_joints.diagnosis.effects.joint import gives_way
+from fenics_joints.diagnosis.effects.joint import compliant
 from fenics_joints.diagnosis.evidence import fit
-from fenics_joints.diagnosis.evidence.classes import APART, classes, detectable, distance, stand_ins
+from fenics_joints.diagnosis.evidence.classes import (
+    APART,
+    classes,
+    confusable_effects,
+    detectable,
+    distance,
+)
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.library import Library
@@ -121,7 +127,7 @@ def test_p_value_is_uniform_when_the_hypothesis_is_right():
 
 def test_slopes_hold_through_torque_and_tightening():
     """Derivatives of all predictions by z against differences of the predictions."""
-    effect = gives_way("c", "joint", [Zone("joint", thickness=5e-4)], reference=30.0)
+    effect = compliant("c", "joint", [Zone("joint", thickness=5e-4)], reference=30.0)
 
     class Layer(PointwiseForward):
         model = model_of(["joint.E", "joint.G"])
@@ -153,7 +159,7 @@ def test_compliances_act_in_series():
     """Springs in series: k_ref (T/T_ref)^beta over the layer's own E / h."""
     thickness = {"near": 1e-3, "away": 2e-3}
     zones = [Zone(name, thickness=h) for name, h in thickness.items()]
-    effect = gives_way("c", "joint", zones, "n", 20.0)
+    effect = compliant("c", "joint", zones, "n", 20.0)
     values = {"near.E": 3e9, "away.E": 3e9, "near.G": 1e9, "away.G": 1e9}
     effect.apply(values, {"k_n": 1e12, "beta_n": 0.5}, 5.0)
     for zone, h in thickness.items():
@@ -230,17 +236,17 @@ def all_fits(forward, evidence, odds=0.2):
 
 
 @pytest.mark.parametrize(("angle_deg", "together"), [(5.0, True), (60.0, False)])
-def test_classes_hold_what_stands_for_each_other(angle_deg, together):
+def test_classes_hold_what_stands_for_each_other(angle_deg, add_effect):
     forward = flat(4, angle_deg)
     truth = 5.0 + forward.matrix @ [0.1, 0.0, 0.0]
     evidence = evidence_of(truth[None], sd=0.005, discrepancy=0.0, torques=np.array([10.0]))
     fits, p = all_fits(forward, evidence)
-    alike = stand_ins(fits, p, evidence)
+    alike = confusable_effects(fits, p, evidence)
     found = classes(fits, p, alike)
-    assert (found["effect 0"] == found["effect 1"]) == together
+    assert (found["effect 0"] == found["effect 1"]) == add_effect
     # Idle beside the cause, as the other stand-in is: that makes no class.
     assert found["effect 2"] == "effect 2"
-    if together:
+    if add_effect:
         # What is far less probable is no member, and stands for the others all the same.
         rare = np.where(["effect 1" in f.hypothesis.label_of_keys for f in fits], 1e-3 * p, p)
         left = classes(fits, rare, alike)
@@ -254,14 +260,14 @@ def test_two_causes_are_two_classes(sd):
     truth = 5.0 + forward.matrix @ [0.1, 0.0, 0.1]
     evidence = evidence_of(truth[None], sd=sd, discrepancy=0.0, torques=np.array([10.0]))
     fits, p = all_fits(forward, evidence)
-    found = classes(fits, p, stand_ins(fits, p, evidence))
+    found = classes(fits, p, confusable_effects(fits, p, evidence))
     assert found["effect 0"] == found["effect 1"] != found["effect 2"]
     # An unknown cause may be more probable than each: alone the two are near each other by now.
     unknown = fit(Hypothesis((), unknown=True), forward, evidence, forward.baseline)
     fits, p = [*fits, unknown], [*p, 1.5 * max(p)]
-    assert classes(fits, p, stand_ins(fits, p, evidence)) == found
+    assert classes(fits, p, confusable_effects(fits, p, evidence)) == found
     back = fits[::-1], p[::-1]
-    assert classes(*back, stand_ins(*back, evidence)) == found
+    assert classes(*back, confusable_effects(*back, evidence)) == found
 
 
 def test_detectable_only_when_the_change_outgrows_the_noise():

@@ -15,7 +15,7 @@ from scipy.stats import multivariate_normal
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.fitted import Fit
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
-from fenics_joints.diagnosis.evidence.localised_unknown import with_somewhere
+from fenics_joints.diagnosis.evidence.localised_unknown import with_localised_unknown
 from fenics_joints.diagnosis.evidence.scales import ERRORS
 from fenics_joints.diagnosis.where.cells import MeshCells
 from fenics_joints.diagnosis.where.patches import patches, signatures
@@ -129,7 +129,7 @@ def test_its_evidence_is_that_of_a_covariance():
             )
             logs.append(weight + np.log(p / 9) + multivariate_normal.logpdf(residual, cov=total))
     placed = logsumexp(logs)
-    both = with_somewhere(fit, test)
+    both = with_localised_unknown(fit, test)
     assert both.log_evidence == pytest.approx(
         np.logaddexp(placed, fit.log_evidence) - np.log(2), abs=1e-2
     )
@@ -149,7 +149,7 @@ def test_it_says_where(wrong, factor, density, n):
     hz, shapes = measured(beam(comm, wrong, factor, density), noise=0.01)
     test, _ = of(comm, hz, shapes, n=n)
     fit, signs = nominal_fit(test, comm), test.signatures
-    assert with_somewhere(fit, test).placed > 0.99
+    assert with_localised_unknown(fit, test).placed > 0.99
     columns = np.stack(signs.columns(test), axis=-1)
     rows = zip(signs.names, signs.region, columns.swapaxes(0, 1), strict=True)
     places = [Place(name, region, "part", own) for name, region, own in rows]
@@ -168,4 +168,4 @@ def test_a_test_without_signatures_stays_as_it_is():
     test, _ = of(MPI.COMM_SELF, hz, shapes)
     bare = replace(test, signatures=None)
     fit = nominal_fit(bare, MPI.COMM_SELF)
-    assert with_somewhere(fit, bare) is fit
+    assert with_localised_unknown(fit, bare) is fit

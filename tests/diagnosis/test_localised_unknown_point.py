@@ -10,7 +10,7 @@ from virtual_plates import virtual_test, write_virtual_case
 from fenics_joints.case import load_case
 from fenics_joints.commands.diagnose.words import attached_words, point_mass_words
 from fenics_joints.diagnosis.evidence import fit
-from fenics_joints.diagnosis.evidence.localised_unknown import Somewhere, point_mass
+from fenics_joints.diagnosis.evidence.localised_unknown import LocalisedUnknown, point_mass
 from fenics_joints.diagnosis.model.prepared import prepare
 from fenics_joints.progress import Progress
 from fenics_joints.reduction.seen import places_all_over
@@ -43,7 +43,7 @@ def test_grams_of_a_mass_that_was_put_on_a_plate(grams, tmp_path):
         return
     assert point.low < 1e-3 * grams < point.high < 1.4 * point.low
     assert np.linalg.norm(np.subtract(point.at, (0.02, 0.04, 0.0))) < 0.02
-    assert f"{1e3 * point.kg:.0f} g" in point_mass_words(Somewhere(1.0, point))
+    assert f"{1e3 * point.kg:.0f} g" in point_mass_words(LocalisedUnknown(1.0, point))
 
 
 def test_what_is_attached_is_said_in_grams_with_its_place():

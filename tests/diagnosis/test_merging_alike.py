@@ -8,7 +8,7 @@ from mpi4py import MPI
 
 from fenics_joints.diagnosis import Effect, Prior
 from fenics_joints.diagnosis.evidence.evidence import Evidence
-from fenics_joints.diagnosis.evidence.merging import one_of_alike
+from fenics_joints.diagnosis.evidence.merging import merge_indistinguishable
 from fenics_joints.reduction import ArrayModel, Forward
 from fenics_joints.reduction.affine import AffinePencil
 from fenics_joints.reduction.terms import RegionTerm, SpringTerm
@@ -58,7 +58,10 @@ def test_mirror_images_are_one(nearly):
         loose("left", "inner", holds=("left", "inner")),
         loose("right", "inner", holds=("right", "inner")),
     ]
-    found = {e.key: e for e in one_of_alike(effects, forward, evidence, baseline, MPI.COMM_SELF)}
+    found = {
+        e.key: e
+        for e in merge_indistinguishable(effects, forward, evidence, baseline, MPI.COMM_SELF)
+    }
     both = "two loose (left, inner / right, inner)"
     assert list(found) == ["loose (left / right)", "loose (inner)", both]
     assert [e.weight for e in found.values()] == [1.0, 0.5, 1.0]
@@ -80,5 +83,5 @@ def test_what_shows_when_it_is_large_is_not_the_same():
         return Effect("stiffer", place, (Prior("more", 1e-4, 3.0),), apply)
 
     effects = [stiffer(place) for place in GROUNDS]
-    found = one_of_alike(effects, forward, evidence, baseline, MPI.COMM_SELF)
+    found = merge_indistinguishable(effects, forward, evidence, baseline, MPI.COMM_SELF)
     assert [e.region for e in found] == ["left / right", "inner"]

@@ -6,8 +6,8 @@ import pytest
 
 from fenics_joints.diagnosis.effects.damping import gapping, micro_slip
 from fenics_joints.diagnosis.effects.effect import Effect, Prior, relative_error
-from fenics_joints.diagnosis.effects.joint import gives_way, graded
-from fenics_joints.diagnosis.evidence.merging import Known, distinct, equal
+from fenics_joints.diagnosis.effects.joint import compliant, graded
+from fenics_joints.diagnosis.evidence.merging import KnownEffects, distinct, equal
 from fenics_joints.diagnosis.zones.zone import Zone
 
 BASELINE = {"near.E": 9e10, "near.G": 3e10, "away.E": 8e10, "away.G": 2e10, "lid.E": 7e10}
@@ -18,8 +18,8 @@ pytestmark = pytest.mark.smoke
 
 def in_words(reference=None):
     """Graded, and the same in other words: the one zone gives way, and the other."""
-    away = gives_way("away from the bolts only", "away", [AWAY], None, reference)
-    near = gives_way("at one joint", "near", [NEAR], None, reference, family="one place")
+    away = compliant("away from the bolts only", "away", [AWAY], None, reference)
+    near = compliant("at one joint", "near", [NEAR], None, reference, family="one place")
     two = {"ring 1": [NEAR], "away": [AWAY]}
     return (away, near), graded(two, ("n", "t"), "from zone to zone", reference)
 
@@ -27,7 +27,7 @@ def in_words(reference=None):
 def test_two_zones_that_give_way_are_one_graded_joint():
     pair, one = in_words()
     assert equal(pair, (one,), BASELINE, [1.0]) and equal((one,), pair[::-1], BASELINE, [1.0])
-    known = Known(BASELINE, [1.0])
+    known = KnownEffects(BASELINE, [1.0])
     assert known.same((one,)) is None
     assert known.same(pair) == (one,)
     assert known.same(pair[:1]) is None

@@ -11,7 +11,7 @@ from fenics_joints.diagnosis.effects.joint import interfaces
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.thresholds import STEP
 from fenics_joints.diagnosis.where.score_tests import Place, attribution, holm, score_tests, shares
-from fenics_joints.diagnosis.where.zone_sensitivity import giving_way, zone_sensitivities
+from fenics_joints.diagnosis.where.zone_sensitivity import compliant_joints, zone_sensitivities
 from fenics_joints.diagnosis.zones.zone import Zone
 from fenics_joints.errors import InputError
 
@@ -288,7 +288,7 @@ def test_zones_of_joints_share_what_the_joints_do_together():
 
 def test_a_thin_layer_keeps_a_positive_stiffness_where_differences_are_taken():
     """On either side of little compliance beside a film of 6 um, which is bonded."""
-    effect = giving_way("film", ["film"], {"film": {"E": 1e7}}, "E")
+    effect = compliant_joints("film", ["film"], {"film": {"E": 1e7}}, "E")
     for root in 1e-3 + np.array([-STEP, STEP]):
         values = {"film.E": 1e16}
         effect.apply(values, {"root": root}, 1.0)

@@ -15,18 +15,18 @@ def one_by_one(hypothesis, forward, evidence, z, baseline) -> np.ndarray:
     ]
     log_f, log_damping = np.zeros((2, len(evidence.conditions), m))
     for row, condition in enumerate(evidence.conditions):
-        for i, look in enumerate(hypothesis.look_of(m)):
-            mode = hypothesis.looks[look]
+        for i, look in enumerate(hypothesis.view_of(m)):
+            mode = hypothesis.views[look]
             values = hypothesis.values(z, condition, baseline, row, mode)
             found, by_values = forward(values)
             log_f[row, i] = found[i]
             if hypothesis.damped:
-                losses = hypothesis.losses(z, condition, np.exp(found[i]), mode)
+                loss_factors = hypothesis.loss_factors(z, condition, np.exp(found[i]), mode)
                 shares = {
                     key: 2 * by_values[i, names.index(key)] * values[key] if key else 1.0
-                    for key in losses
+                    for key in loss_factors
                 }
-                lost = sum(0.5 * eta * shares[key] for key, eta in losses.items())
+                lost = sum(0.5 * eta * shares[key] for key, eta in loss_factors.items())
                 log_damping[row, i] = np.log(at_rest[i] + lost)
     blocks = [log_f[:, sensing.order], *[log_damping[:, sensing.order]][: hypothesis.damped]]
     if evidence.shapes is not None:

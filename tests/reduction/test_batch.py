@@ -168,8 +168,8 @@ def test_many_solutions_at_a_time_are_the_single_ones():
     rotation = np.linalg.qr(np.random.default_rng(2).standard_normal((N, N)))[0]
     lean = LeanForward(forward, model.on(rotation))
     values = some_values(7)
-    together = lean.log_f_at(values)
-    for got, value in zip(together, values, strict=True):
+    add_effect = lean.log_f_at(values)
+    for got, value in zip(add_effect, values, strict=True):
         log_f, by_values = forward(value)
         assert got == pytest.approx(log_f, abs=1e-9)
         assert lean(value)[1] == pytest.approx(by_values, rel=1e-6, abs=1e-14)
@@ -284,9 +284,9 @@ def test_many_values_at_a_time_leave_untold_what_one_does():
     forward.reference = forward.reference[:, [0, 1, 3, 2]] * [1.0, np.nan, 1.0, 1.0]
     values = [{**BASELINE, "k": k} for k in np.geomspace(1e5, 1e10, 9)]
     table = {name: np.array([v[name] for v in values]) for name in BASELINE}
-    together = LeanForward(forward, model).many(table)
+    add_effect = LeanForward(forward, model).many(table)
     alone = [forward.solve(v)[1].index.tolist() for v in values]
-    assert together.index.tolist() == alone == 9 * [[1, 2, 4, 3]] and together.good.all()
+    assert add_effect.index.tolist() == alone == 9 * [[1, 2, 4, 3]] and add_effect.good.all()
 
 
 def test_all_kinds_of_data_are_as_predicted_one_by_one():

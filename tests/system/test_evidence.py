@@ -87,7 +87,7 @@ def test_evidence_is_what_a_sampler_finds(make, tmp_path):
     found.sort(key=lambda f: -f.fit.log_evidence)
     other = next(f for f in found if f.fit.hypothesis.label != found[0].fit.hypothesis.label)
     both = found[0].fit.hypothesis.effects + other.fit.hypothesis.effects
-    pair = library.together(model.hypothesis(both), found[0], test)
+    pair = library.add_effect(model.hypothesis(both), found[0], test)
     for first in (nothing, *found[:3], pair):
         h, at = first.fit.hypothesis, test.at(first.fit.scales)
         more = library.sampled(first, test).fit.log_evidence - first.fit.log_evidence

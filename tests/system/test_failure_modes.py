@@ -34,7 +34,7 @@ from mpi4py import MPI
 from scipy.stats import chi2
 
 from fenics_joints.diagnosis import EffectResult, Prior, relative_error
-from fenics_joints.diagnosis.effects.joint import gives_way, loose_bolt
+from fenics_joints.diagnosis.effects.joint import compliant, loose_bolt
 from fenics_joints.diagnosis.effects.part import temperature
 from fenics_joints.diagnosis.effects.rig import (
     MISPLACED,
@@ -46,7 +46,7 @@ from fenics_joints.diagnosis.effects.rig import (
     swapped_modes,
 )
 from fenics_joints.diagnosis.evidence import fit
-from fenics_joints.diagnosis.evidence.classes import classes, stand_ins
+from fenics_joints.diagnosis.evidence.classes import classes, confusable_effects
 from fenics_joints.diagnosis.evidence.evidence import Evidence, evidence_of
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.held_out import cross_validate, folds
@@ -59,7 +59,7 @@ from fenics_joints.progress import Progress
 
 ZONES = [Zone(bolt, thickness=LAYER) for bolt in BOLTS]
 LIBRARY = (
-    gives_way("joint compliance", "joint", ZONES, "t", 20.0),
+    compliant("joint compliance", "joint", ZONES, "t", 20.0),
     *(loose_bolt(f"bolt {i + 1}", [zone], 1 / 4) for i, zone in enumerate(ZONES)),
     relative_error("modulus error", "bar", ["bar.E"], 0.15, ""),
     attached("sensor mass", "tip", "tip", [Prior("mass", 0.03, 0.5, "kg", True, (1e-4, 1.0))], ""),
@@ -130,7 +130,7 @@ def diagnosed(data, library=LIBRARY, shapes=False) -> Answer:
     p = search.probabilities(fits)
     order = np.argsort(-p)
     fits, p = [fits[i] for i in order], p[order]
-    grouped = classes(fits, p, stand_ins(fits, p, evidence))
+    grouped = classes(fits, p, confusable_effects(fits, p, evidence))
     leader = next(f for f in fits if not f.hypothesis.unknown)
     gap = Gap(evidence.conditions, MODES, np.exp(evidence.log_f), np.exp(leader.log_f))
     found = {f.hypothesis.label_of_keys: float(x) for f, x in zip(fits, p, strict=True)}
@@ -293,7 +293,7 @@ def test_frequencies_of_another_mode_are_called_so(truth):
     library = LIBRARY
     if truth:
         # Two things at once: the exchange is found beside a joint that is known to be soft.
-        known = gives_way("known joint", "joint", ZONES, "t", 20.0)
+        known = compliant("known joint", "joint", ZONES, "t", 20.0)
         model = prepared(data, shapes=True)
         swaps = [swapped_modes(j, MODES) for j in range(4)]
         hypotheses = [(known,), *((known, swap) for swap in swaps)]

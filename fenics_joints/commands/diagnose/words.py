@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from fenics_joints.diagnosis.evidence.localised_unknown import Somewhere
+from fenics_joints.diagnosis.evidence.localised_unknown import LocalisedUnknown
 from fenics_joints.diagnosis.location import Location
 from fenics_joints.diagnosis.result import Diagnosis
 from fenics_joints.diagnosis.verdict import confirmed
@@ -81,7 +81,7 @@ def _amount(name: str, change: float) -> str:
     return f"{percent(np.expm1(change), 0, sign=True)} of {name}"
 
 
-def point_mass_words(found: Somewhere) -> str:
+def point_mass_words(found: LocalisedUnknown) -> str:
     """Mass, interval and place of an unknown cause as one point mass; "" if it is none."""
     p = found.point
     if p is None or found.probability < _HAS_PLACE:

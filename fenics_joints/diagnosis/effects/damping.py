@@ -102,12 +102,12 @@ def spring_damping(springs: Sequence[str], region: str, weight: float = 1.0) -> 
     )
 
 
-def support_damping(supports: Sequence[str], gives_way: Effect) -> Effect:
+def support_damping(supports: Sequence[str], compliant: Effect) -> Effect:
     """Supports that give way and dissipate a share of what they store: one that is rigid does none.
 
     Args:
         supports: Their names; each has parameters ``NAME.k_n`` and ``NAME.k_t``.
-        gives_way: Their compliance (`rig.support_compliance`).
+        compliant: Their compliance (`rig.support_compliance`).
     """
 
     def loss(theta, condition, hz):
@@ -115,9 +115,9 @@ def support_damping(supports: Sequence[str], gives_way: Effect) -> Effect:
 
     words = "What holds the structure gives way, and dissipates a share of what it stores."
     return replace(
-        gives_way,
+        compliant,
         name=SUPPORTS,
-        priors=(*gives_way.priors, _HELD),
+        priors=(*compliant.priors, _HELD),
         describe=words,
         loss=loss,
         beside=True,

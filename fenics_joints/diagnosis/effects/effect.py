@@ -133,7 +133,7 @@ class Prior:
         return max(low, -widest), min(high, widest)
 
 
-def somewhere(name: str, count: int, scan: int) -> Prior:
+def place_prior(name: str, count: int, scan: int) -> Prior:
     """Which of several places, 0 to count - 1, each as likely.
 
     Args:

@@ -161,7 +161,7 @@ def interfaces(zones: Sequence[Zone], baseline: Mapping[str, float]) -> dict[str
     }
 
 
-def gives_way(
+def compliant(
     name: str,
     region: str,
     zones: Sequence[Zone] | Mapping[str, Sequence[Zone]],
@@ -230,13 +230,13 @@ def graded(
 
     Args:
         groups: Zones of each group, by its name.
-        kinds: See `gives_way`.
+        kinds: See `compliant`.
         how: How the groups differ, in words.
-        reference: See `gives_way`.
+        reference: See `compliant`.
     """
     law, what = PRIORS[next(iter(groups.values()))[0].interface.name], " and ".join(kinds)
     name, words = (text.format(what=what, how=how) for text in law.graded)
-    return gives_way(name, "joint", groups, kinds, reference, words, weight=RARE)
+    return compliant(name, "joint", groups, kinds, reference, words, weight=RARE)
 
 
 # -- by pressure -----------------------------------------------------------------------------------
@@ -345,7 +345,7 @@ def pressed_by_bolts(
 
     Args:
         zones: Zones around bolts.
-        reference: See `gives_way`.
+        reference: See `compliant`.
         kinds: ``("t",)`` where the interface gives way along its plane alone; both for None.
     """
     low, high = distances(zones)
@@ -386,7 +386,7 @@ def stiffer_joint(
 ) -> Effect:
     """Zones whose given stiffness is too low, across and along alike: times a factor above one.
 
-    Softer ones are what an interface in series makes (`joint.gives_way`), which no joint stiffer
+    Softer ones are what an interface in series makes (`joint.compliant`), which no joint stiffer
     than given is.
 
     Args:

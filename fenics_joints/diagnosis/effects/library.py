@@ -29,7 +29,7 @@ from fenics_joints.diagnosis.effects.joint import (
     PRIORS,
     STIFFER,
     STIFFER_AT,
-    gives_way,
+    compliant,
     graded,
     loose_bolt,
     loose_together,
@@ -297,13 +297,13 @@ def _stiffness(zones: Zones, reference: float | None) -> list[Effect]:
     """What the joints give way: all of them alike, by their pressure, and from place to place."""
     law, effects = PRIORS[zones.all[0].interface.name], []
     for kinds, (name, words) in law.alone.items():
-        effects.append(gives_way(name, "joint", zones.all, kinds, reference, words))
+        effects.append(compliant(name, "joint", zones.all, kinds, reference, words))
     if zones.by_pressure:
         return [*effects, pressed_compliance(zones.all), lost_contact(zones.all)]
     if zones.away and len(zones.away) < len(zones):
         away = zones.pick(zones.away)
         effects.append(
-            gives_way(
+            compliant(
                 "compliance away from the bolts only",
                 ", ".join(dict.fromkeys(zone.joint for zone in away)),
                 away,
@@ -321,7 +321,7 @@ def _stiffness(zones: Zones, reference: float | None) -> list[Effect]:
         for place, names in places.items():
             name, words = (text.format(kind=kind, place=place) for text in law.at_one)
             effects.append(
-                gives_way(
+                compliant(
                     name,
                     place,
                     zones.pick(names),

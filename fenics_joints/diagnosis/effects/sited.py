@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from fenics_joints.case import Case
-from fenics_joints.diagnosis.effects.effect import RARE, Effect, Prior, Silent, somewhere
+from fenics_joints.diagnosis.effects.effect import RARE, Effect, Prior, Silent, place_prior
 from fenics_joints.diagnosis.effects.part import DIMENSIONS
 from fenics_joints.diagnosis.zones.sites import (
     BOW,
@@ -185,7 +185,7 @@ def local_change(name: str, patches: np.ndarray, case: Case) -> Effect:
     return Effect(
         name,
         "",
-        (depth, _SIZE, somewhere("place", count, count)),
+        (depth, _SIZE, place_prior("place", count, count)),
         apply,
         words,
         family=LOSS,
@@ -228,7 +228,7 @@ def _attached(
     return Effect(
         name,
         "",
-        (*priors, somewhere("place", count, count), *offsets),
+        (*priors, place_prior("place", count, count), *offsets),
         put,
         words,
         family=ON,

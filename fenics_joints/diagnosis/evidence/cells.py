@@ -61,7 +61,7 @@ STEEPEST = 1e7
 
 
 @dataclass(frozen=True)
-class Cells:
+class PriorCells:
     """Cells of a prior, each with what the model predicts about one point of it.
 
     Attributes:
@@ -83,17 +83,19 @@ class Cells:
     def __len__(self) -> int:
         return len(self.mean)
 
-    def __getitem__(self, index) -> Cells:
-        return Cells(*(getattr(self, f.name)[index] for f in fields(self)))
+    def __getitem__(self, index) -> PriorCells:
+        return PriorCells(*(getattr(self, f.name)[index] for f in fields(self)))
 
-    def joined(self, *others: Cells) -> Cells:
+    def joined(self, *others: PriorCells) -> PriorCells:
         """These and others."""
         all_ = (self, *others)
-        return Cells(*(np.concatenate([getattr(c, f.name) for c in all_]) for f in fields(self)))
+        return PriorCells(
+            *(np.concatenate([getattr(c, f.name) for c in all_]) for f in fields(self))
+        )
 
 
 @dataclass(frozen=True)
-class Posterior:
+class CellPosterior:
     """What data say of cells.
 
     Attributes:
@@ -110,8 +112,8 @@ class Posterior:
 
 
 def weigh(
-    cells: Cells, data: np.ndarray, used: np.ndarray, lower: np.ndarray, limits: np.ndarray
-) -> Posterior:
+    cells: PriorCells, data: np.ndarray, used: np.ndarray, lower: np.ndarray, limits: np.ndarray
+) -> CellPosterior:
     """What data say of cells in which predictions are linear.
 
     A parameter whose posterior mean would lie beyond a limit of its prior is held at the limit; of
@@ -126,7 +128,7 @@ def weigh(
     """
     n, p = cells.mean.shape
     good = np.isfinite(cells.data[:, used]).all(1) & np.isfinite(cells.slopes[:, used]).all((1, 2))
-    found = Posterior(
+    found = CellPosterior(
         np.full(n, -np.inf), cells.at.copy(), np.tile(np.eye(p), (n, 1, 1)), np.full(n, np.inf)
     )
     if not good.any():

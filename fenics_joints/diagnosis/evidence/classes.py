@@ -81,7 +81,7 @@ def detectable(
     return found
 
 
-def stand_ins(
+def confusable_effects(
     fits: Sequence[Fit], probability: Sequence[float], evidence: Evidence
 ) -> dict[str, frozenset[str]]:
     """Effects that can stand for each other in some hypothesis.
@@ -129,7 +129,7 @@ def stand_ins(
 
 
 def classes(
-    fits: Sequence[Fit], probability: Sequence[float], alike: Mapping[str, frozenset[str]]
+    fits: Sequence[Fit], probability: Sequence[float], confusable: Mapping[str, frozenset[str]]
 ) -> dict[str, str]:
     """Class of every effect: what can stand for it, but for what with its prior odds is a twentieth
     as probable as the likeliest of them, which is decided too: by a chain of neighbours a class
@@ -138,7 +138,7 @@ def classes(
     Args:
         fits: Fitted hypotheses.
         probability: Their posterior probabilities.
-        alike: See `stand_ins`.
+        alike: See `confusable_effects`.
 
     Returns:
         Name of the class by the effect's key: its members' names, joined by " or "; with their
@@ -148,10 +148,10 @@ def classes(
     weighed = list(zip(fits, probability, strict=True))
     at_work = {
         key: sum(p for f, p in weighed if any(e.key == key for e in f.hypothesis.effects))
-        for key in alike
+        for key in confusable
     }
     found = {}
-    for members in set(alike.values()):
+    for members in set(confusable.values()):
         best = max(at_work[key] for key in members)
         likely = {key for key in members if at_work[key] * STRONG >= best}
         # In alphabetical order: by probability, round-off would have a say in the name.

@@ -5,11 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from fenics_joints.diagnosis.evidence.scales import MEMORY, WITH_FUNCTIONS, Scales, correlation
+
+if TYPE_CHECKING:
+    from fenics_joints.diagnosis.evidence.evidence import Evidence
 
 #: Kinds of entries.
 FREQUENCY, DAMPING, SHAPE, MASS, STIFFNESS, ANTIRESONANCE, FUNCTION = range(7)
@@ -87,7 +90,7 @@ class Neighbours:
 Parts = tuple[tuple[int, np.ndarray], ...]
 
 
-def turned(
+def mode_mixing(
     log_f: np.ndarray,
     shapes: np.ndarray,
     by_mode: np.ndarray,
@@ -167,37 +170,6 @@ _LOCAL = 0.5
 _NARROW = 100
 
 
-class Stated(Protocol):
-    """What a test says of itself and of its models; see `Evidence`, which does."""
-
-    conditions: np.ndarray
-    log_f: np.ndarray
-    discrepancy: float
-    changing: float
-    scales: Scales | None
-    drifts: bool
-    damping_scatter: float
-    shapes: np.ndarray | None
-    shape_row: int
-    shape_error: float
-    near: np.ndarray | None
-    along: np.ndarray | None
-    scalars: tuple
-    mesh_error: np.ndarray | None
-    mesh_common: np.ndarray | None
-    mesh_shape: np.ndarray | None
-    neighbours: Neighbours | None
-    known: tuple
-    joint_f: np.ndarray | None
-    joint_shapes: np.ndarray | None
-    shape: tuple[int, int]
-    entries: Entries
-    fitted: np.ndarray
-
-    def noise_sd(self) -> np.ndarray:
-        """Standard deviation of each entry from the instrument alone, (N,)."""
-
-
 class Covariance:
     """The covariance of a test's entries, and its factors, with any scales.
 
@@ -205,7 +177,7 @@ class Covariance:
         test: The test; which kind of scales it has counts, and not their values.
     """
 
-    def __init__(self, test: Stated):
+    def __init__(self, test: Evidence):
         self.test = test
         self._steady: dict[bool, np.ndarray] = {}
         self._lowers: dict[tuple[Scales | None, bool], np.ndarray] = {}
@@ -329,7 +301,7 @@ class Covariance:
         if self.test.shapes is not None:
             # By what is stated, whatever the scales: what shapes of close modes are off by says
             # little of the frequencies' error.
-            turns = self._turned(self._by_mode)
+            turns = self._mode_mixing(self._by_mode)
             total = total + turns @ turns.T
             if unknown:
                 total = total + self._locally * _UNKNOWN_SHAPE**2
@@ -345,11 +317,11 @@ class Covariance:
         """Errors by mesh, and the largest of modes that were added since, (m,)."""
         return np.pad(error, (0, self.test.shape[1] - len(error)), mode="maximum")
 
-    def _turned(self, by_mode: np.ndarray) -> np.ndarray:
-        """Errors of shapes by modes nearby, (N, k), see `turned`."""
+    def _mode_mixing(self, by_mode: np.ndarray) -> np.ndarray:
+        """Errors of shapes by modes nearby, (N, k), see `mode_mixing`."""
         test, columns = self.test, []
         e = test.entries
-        found = turned(
+        found = mode_mixing(
             test.log_f[test.shape_row], test.shapes, by_mode, test.shape_error, test.neighbours
         )
         for parts in found:

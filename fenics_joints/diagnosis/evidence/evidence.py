@@ -18,7 +18,7 @@ from fenics_joints.diagnosis.evidence.covariance import (
     Entries,
     Neighbours,
 )
-from fenics_joints.diagnosis.evidence.observations import Scalar
+from fenics_joints.diagnosis.evidence.observations import Observation
 from fenics_joints.diagnosis.evidence.scales import BETWEEN, ERRORS, Scales
 from fenics_joints.diagnosis.evidence.signatures import Signatures
 from fenics_joints.measurements.data import TestData
@@ -119,7 +119,7 @@ class Evidence:
     shape_error: float = SHAPE_ERROR
     near: np.ndarray | None = None
     along: np.ndarray | None = None
-    scalars: tuple[Scalar, ...] = ()
+    scalars: tuple[Observation, ...] = ()
     mesh_error: np.ndarray | None = None
     mesh_common: np.ndarray | None = None
     mesh_shift: np.ndarray | None = None
@@ -150,7 +150,7 @@ class Evidence:
         return tuple(i if i in own else own[near[i]] for i in range(len(self.conditions)))
 
     @cached_property
-    def turns(self) -> tuple[tuple[int, int | None], ...]:
+    def tracking(self) -> tuple[tuple[int, int | None], ...]:
         """Rows in the order in which modes are told, and from which other row they are followed to
         each: None for the first, and for all where each is told by itself."""
         n, first, own = len(self.conditions), self._first, self._ascending
@@ -328,7 +328,7 @@ def evidence_of(
     data: TestData,
     discrepancy: float,
     shape_error: float = SHAPE_ERROR,
-    scalars: tuple[Scalar, ...] = (),
+    scalars: tuple[Observation, ...] = (),
     mesh_error: np.ndarray | None = None,
 ) -> Evidence:
     """A test as the inference sees it.

@@ -107,13 +107,13 @@ class Hypothesis:
         return tuple(Prior(f"{self.modes[i]} over {first}", *_MOTION) for i in self.moved)
 
     @cached_property
-    def looks(self) -> tuple[int | None, ...]:
+    def views(self) -> tuple[int | None, ...]:
         """How the model is looked at, at each condition: as a mode sees it, for those in `moved`,
         behind None, as all others do."""
         return (None, *self.moved)
 
-    def look_of(self, n: int) -> list[int]:
-        """Which of `looks` is that of each of n modes."""
+    def view_of(self, n: int) -> list[int]:
+        """Which of `views` is that of each of n modes."""
         return [self.moved.index(i) + 1 if i in self.moved else 0 for i in range(n)]
 
     @cached_property
@@ -201,7 +201,7 @@ class Hypothesis:
             baseline: Parameter values of the nominal model.
             row: Which of ``conditions`` it is, likewise; None for a tightening that was not
                 measured.
-            mode: The mode of `looks` that looks at it; None for the others.
+            mode: The mode of `views` that looks at it; None for the others.
         """
         values = dict(baseline)
         felt = self._condition(z, condition, row, mode)
@@ -259,13 +259,13 @@ class Hypothesis:
             for e in (*self.nuisances, *self.effects)
         )
 
-    def loses(self, j: int) -> bool:
+    def dissipates(self, j: int) -> bool:
         """Whether what is dissipated may depend on parameter ``j`` of z."""
         if j < len(self._own):
             return self._own[j][0].loss is not None
         return j < self.places["dampings"].start
 
-    def losses(
+    def loss_factors(
         self, z: np.ndarray, condition: float, hz: float, mode: int | None = None
     ) -> dict[str, float]:
         """Loss factors by parameter of the model, at ``z``, a condition and a frequency, Hz; see

@@ -16,8 +16,8 @@ from scipy.stats import norm
 
 from fenics_joints.diagnosis.effects.effect import Effect
 from fenics_joints.diagnosis.evidence.cells import (
-    Cells,
-    Posterior,
+    CellPosterior,
+    PriorCells,
     prior_cells,
     prior_points,
     sampled_evidence,
@@ -28,7 +28,7 @@ from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.fitted import Fit
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.linear import left_by_stated, whiten
-from fenics_joints.diagnosis.evidence.localised_unknown import with_somewhere
+from fenics_joints.diagnosis.evidence.localised_unknown import with_localised_unknown
 from fenics_joints.diagnosis.evidence.predictions import ManyPredictions
 from fenics_joints.diagnosis.evidence.scales import Scales
 from fenics_joints.errors import InputError
@@ -118,9 +118,9 @@ class Found:
     """
 
     fit: Fit
-    cells: Cells
+    cells: PriorCells
     log_evidence: np.ndarray
-    peak: Cells
+    peak: PriorCells
 
 
 class Library:
@@ -194,8 +194,8 @@ class Library:
             for row in range(len(self.evidence.conditions)):
                 values = many.values(z, row)
                 found |= {k for k, v in values.items() if np.any(v != self.baseline[k])}
-            losses = (h.losses(point, self.evidence.conditions[0], 1.0) for point in z)
-            self._changes[key] = found.union(*losses)
+            loss_factors = (h.loss_factors(point, self.evidence.conditions[0], 1.0) for point in z)
+            self._changes[key] = found.union(*loss_factors)
         return self._changes[key]
 
     @cached_property
@@ -360,11 +360,11 @@ class Library:
         """
         h, at = found.fit.hypothesis, test.at(found.fit.scales)
 
-        def own(cells: Cells) -> Cells:
+        def own(cells: PriorCells) -> PriorCells:
             # The other model's slopes will do: evidence feels their error to second order.
             data = self.predict(h, cells.at)[0]
             self._remember(h, cells.at, data, cells.slopes)
-            return self.settled(h, replace(cells, data=data), at)
+            return self.reconverged(h, replace(cells, data=data), at)
 
         def weighed() -> Found:
             if found.cells is found.peak:
@@ -376,7 +376,7 @@ class Library:
 
         return self._held(h, test, weighed)
 
-    def _cells(self, h: Hypothesis, states: States, index) -> Cells:
+    def _cells(self, h: Hypothesis, states: States, index) -> PriorCells:
         """Some of an effect's cells, all but the effect linear about the medians."""
         n, p = len(index), len(h.priors)
         mean, width = np.zeros((n, p)), np.ones((n, p))
@@ -384,7 +384,7 @@ class Library:
         slopes = np.tile(np.nan_to_num(states.others), (n, 1, 1))
         slopes[:, :, h.own] = states.slopes[index]
         at = mean.clip(*h.limits.T)
-        return Cells(mean, width, states.log_share[index], at, states.data[index], slopes)
+        return PriorCells(mean, width, states.log_share[index], at, states.data[index], slopes)
 
     # -- evidence ------------------------------------------------------------------------------
 
@@ -425,11 +425,11 @@ class Library:
             p = len(h.priors)
             z = np.zeros((1, p))
             data, slopes = self.predict(h, z, range(p))
-            cells = Cells(z, np.ones((1, p)), np.zeros(1), z.copy(), data, slopes)
+            cells = PriorCells(z, np.ones((1, p)), np.zeros(1), z.copy(), data, slopes)
             return (lambda index: cells[index]), np.zeros(1)
         states, lower = self.states(h.effects[0]), test.lower(h.unknown)
 
-        def make(index) -> Cells:
+        def make(index) -> PriorCells:
             return self._cells(h, states, index)
 
         n = len(states.mean)
@@ -439,7 +439,7 @@ class Library:
         ]
         return make, np.concatenate(screened)
 
-    def beside(self, h: Hypothesis, parent: Found, test: Evidence) -> tuple[Cells, np.ndarray]:
+    def beside(self, h: Hypothesis, parent: Found, test: Evidence) -> tuple[PriorCells, np.ndarray]:
         """Cells of a hypothesis' last effect beside those of a parent, predictions added, and ln of
         the evidence of each.
 
@@ -475,7 +475,7 @@ class Library:
         data = parent.cells.data[i] + states.data[j] - nominal
         # Parents that are left out count as those do that are not.
         log_share = parent.cells.log_share[i] + states.log_share[j] - total(share[top])
-        cells = Cells(mean, width, log_share, at, data, slopes)
+        cells = PriorCells(mean, width, log_share, at, data, slopes)
         found = weigh(cells, test.data, test.fitted, test.lower(h.unknown), h.limits)
         return cells, found.log_evidence
 
@@ -506,7 +506,7 @@ class Library:
             zero = np.zeros_like(states.mean)
             limits = np.array([prior.limits() for prior in effect.priors]).reshape(-1, 2)
             at = states.mean.clip(*limits.T) - states.mean
-            alone = Cells(zero, states.width, states.log_share, at, data, states.slopes)
+            alone = PriorCells(zero, states.width, states.log_share, at, data, states.slopes)
             free = np.tile([-np.inf, np.inf], (states.mean.shape[1], 1))
             values = weigh(alone, test.data, used, wide, free).log_evidence
             found[effect.key] = total(values) + spread + parent.fit.widening
@@ -528,7 +528,7 @@ class Library:
             self._nothing = data[0], slopes[0]
         return self._nothing
 
-    def together(self, h: Hypothesis, parent: Found, test: Evidence) -> Found:
+    def add_effect(self, h: Hypothesis, parent: Found, test: Evidence) -> Found:
         """What a test says of a hypothesis of several effects.
 
         Args:
@@ -561,7 +561,7 @@ class Library:
             known[key] = self.single(h, test)
         elif key not in known:
             parent = self.of(self.make(h.effects[:-1]), test, known)
-            known[key] = self.together(h, parent, test)
+            known[key] = self.add_effect(h, parent, test)
         return known[key]
 
     def _held(self, h: Hypothesis, test: Evidence, weighed: Callable[[], Found]) -> Found:
@@ -605,13 +605,13 @@ class Library:
                 return self.summary(h, whole, test, whole)
         done, cells, best = 0, None, None
 
-        def about(index: np.ndarray) -> tuple[Cells, np.ndarray]:
+        def about(index: np.ndarray) -> tuple[PriorCells, np.ndarray]:
             own = make(index)
             return (own, screened[index]) if best is None else self._about(h, own, best, at)[:2]
 
         while True:
             index = order[done : done + _AT_A_TIME]
-            own = self.settled(h, about(index)[0], at)
+            own = self.reconverged(h, about(index)[0], at)
             cells = own if cells is None else cells.joined(own)
             exact = self._weighed(h, cells, test)[0]
             leads = int(np.argmax(exact)) >= done
@@ -635,7 +635,7 @@ class Library:
             cells = replace(cells, log_share=cells.log_share + more)
         return self.summary(h, cells, test)
 
-    def _is_bent(self, h: Hypothesis, whole: Cells, test: Evidence) -> bool:
+    def _is_bent(self, h: Hypothesis, whole: PriorCells, test: Evidence) -> bool:
         """Whether the model is not linear one posterior standard deviation away along one of the
         effects' parameters."""
         own, lower = np.arange(*h.own.indices(len(h.priors))), test.lower(h.unknown)
@@ -655,8 +655,8 @@ class Library:
             return not np.all(np.abs(costs[1] - costs[0]) < _BENT)
 
     def _about(
-        self, h: Hypothesis, cells: Cells, best: Cells, test: Evidence
-    ) -> tuple[Cells, np.ndarray, np.ndarray]:
+        self, h: Hypothesis, cells: PriorCells, best: PriorCells, test: Evidence
+    ) -> tuple[PriorCells, np.ndarray, np.ndarray]:
         """Cells, linear about the best one's point where that finds them more probable than their
         own, ln of the evidence of each, and how much more it is about their own: what is bent
         within a cell leads it astray. Not where a parameter that acts in steps has another value,
@@ -672,7 +672,7 @@ class Library:
         index = np.arange(n) + n * (there > own)
         return both[index], found.log_evidence[index], own - there
 
-    def settled(self, h: Hypothesis, cells: Cells, test: Evidence) -> Cells:
+    def reconverged(self, h: Hypothesis, cells: PriorCells, test: Evidence) -> PriorCells:
         """Cells linear about their own posterior means, by Gauss-Newton steps.
 
         Each starts from a point that the hypothesis was solved at before, if that is better than
@@ -736,7 +736,7 @@ class Library:
             new = [np.concatenate(pair)[-_REMEMBERED:] for pair in zip(old, new, strict=True)]
         self._solved[h.label_of_keys] = new
 
-    def _recalled(self, h, cells: Cells, test: Evidence, lower, exact) -> np.ndarray:
+    def _recalled(self, h, cells: PriorCells, test: Evidence, lower, exact) -> np.ndarray:
         """What cells cost, (n,), after those that gain by it took remembered points."""
         now = _costs(cells, test, lower)
         if h.label_of_keys not in self._solved:
@@ -756,12 +756,12 @@ class Library:
         return np.minimum(least, now)
 
     def _weighed(
-        self, h: Hypothesis, cells: Cells, test: Evidence
+        self, h: Hypothesis, cells: PriorCells, test: Evidence
     ) -> tuple[np.ndarray, float, Scales | None, dict]:
         """ln of each cell's evidence over all scales, (n,), that of all, the most probable scales,
         and what is known of all at each."""
 
-        def at(scales) -> Posterior:
+        def at(scales) -> CellPosterior:
             lower = test.at(scales).lower(h.unknown)
             return weigh(cells, test.data, test.fitted, lower, h.limits)
 
@@ -775,17 +775,17 @@ class Library:
         best = tried[int(np.argmax(sums))][0]
         return np.logaddexp.reduce(each, axis=0), total(np.array(sums)), best, posts
 
-    def _peak(self, h: Hypothesis, cells: Cells, test: Evidence) -> Cells:
+    def _peak(self, h: Hypothesis, cells: PriorCells, test: Evidence) -> PriorCells:
         """The most probable point, as one cell that is the whole prior."""
         square = _costs(_as_whole(cells), test, test.lower(h.unknown))
         return self._whole(h, cells[[int(np.argmin(square))]], test)
 
-    def _whole(self, h: Hypothesis, cell: Cells, test: Evidence) -> Cells:
+    def _whole(self, h: Hypothesis, cell: PriorCells, test: Evidence) -> PriorCells:
         """The whole prior as one cell, linear about its most probable point."""
-        return self.settled(h, _as_whole(cell), test)
+        return self.reconverged(h, _as_whole(cell), test)
 
     def summary(
-        self, h: Hypothesis, cells: Cells, test: Evidence, peak: Cells | None = None
+        self, h: Hypothesis, cells: PriorCells, test: Evidence, peak: PriorCells | None = None
     ) -> Found:
         """A hypothesis' fit from its cells.
 
@@ -829,7 +829,7 @@ class Library:
         )
         found = replace(found, stated=left_by_stated(found, test))
         if h.unknown:
-            found = with_somewhere(found, test)
+            found = with_localised_unknown(found, test)
         if straight:
             return Found(found, peak, post.log_evidence, peak)
         return Found(found, cells, post.log_evidence, peak)
@@ -866,7 +866,9 @@ class Library:
             slopes = np.zeros((*data.shape, len(low)))
             slopes[:, :, others] = by_others
             mean = np.where(width > 0, 0.0, at)
-            cells = Cells(mean, np.tile(width, (len(at), 1)), np.zeros(len(at)), at, data, slopes)
+            cells = PriorCells(
+                mean, np.tile(width, (len(at), 1)), np.zeros(len(at)), at, data, slopes
+            )
             log_p[inside] = weigh(cells, test.data, used, lower, h.limits).log_evidence
             return log_p + np.sum(norm.logpdf(drawn), axis=1)
 
@@ -882,13 +884,13 @@ class Library:
         return replace(found, fit=fit)
 
 
-def _as_whole(cells: Cells) -> Cells:
+def _as_whole(cells: PriorCells) -> PriorCells:
     """The whole prior instead of each cell, linear about the same point."""
     mean, width = np.zeros_like(cells.mean), np.ones_like(cells.width)
     return replace(cells, mean=mean, width=width, log_share=np.zeros(len(cells)))
 
 
-def _costs(cells: Cells, test: Evidence, lower: np.ndarray) -> np.ndarray:
+def _costs(cells: PriorCells, test: Evidence, lower: np.ndarray) -> np.ndarray:
     """Squared whitened residuals and distances from the cells' means at their points, (n,)."""
     used, found = test.fitted, np.full(len(cells), np.inf)
     residual = (cells.data - test.data)[:, used]

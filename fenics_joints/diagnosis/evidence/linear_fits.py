@@ -31,8 +31,8 @@ from scipy.stats import chi2
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.fitted import Fit
 from fenics_joints.diagnosis.evidence.linear import LinearFit, left_by_stated, log_evidence
-from fenics_joints.diagnosis.evidence.localised_unknown import with_somewhere
-from fenics_joints.diagnosis.evidence.scales import weighed
+from fenics_joints.diagnosis.evidence.localised_unknown import with_localised_unknown
+from fenics_joints.diagnosis.evidence.scales import marginalise_scales
 
 
 def near_best(values: np.ndarray, margin: float, most: int) -> np.ndarray:
@@ -77,7 +77,9 @@ def moved(found: Fit, evidence: Evidence) -> Fit | None:
         return None
     if evidence.scales is not None:
         tried = evidence.scales.tried()
-        best, over = weighed(tried, lambda at: LinearFit.of(near, evidence.at(at)).log_evidence)
+        best, over = marginalise_scales(
+            tried, lambda at: LinearFit.of(near, evidence.at(at)).log_evidence
+        )
         if best != near.scales:
             near = _moved_at(found, evidence.at(best))
         if near is None:
@@ -85,7 +87,7 @@ def moved(found: Fit, evidence: Evidence) -> Fit | None:
         more, stated = over(near.scales), left_by_stated(near, evidence)
         log_z = near.log_evidence + more
         near = replace(near, log_evidence=log_z, widening=more, stated=stated)
-    return with_somewhere(near, evidence) if h.unknown else near
+    return with_localised_unknown(near, evidence) if h.unknown else near
 
 
 def _moved_at(found: Fit, evidence: Evidence) -> Fit | None:

@@ -164,7 +164,7 @@ class PointScan:
         shapes = None
         if self.seen is not None:
             own = np.take_along_axis(y, which[:, None], axis=2)
-            shapes = _turned(self.test.shapes, self.seen, self.index, own).transpose(1, 2, 0)
+            shapes = _shape_change(self.test.shapes, self.seen, self.index, own).transpose(1, 2, 0)
         changes = self.test.entries.filled(log_f.T, shapes)[self.used]
         return -0.5 * self.linear.squares(whiten(self.lower, changes))
 
@@ -179,7 +179,7 @@ class PointScan:
         return np.argmax(np.where(elastic, both / np.maximum(size, 1e-300), 0.0), axis=1)
 
 
-def _turned(measured, seen: np.ndarray, index: np.ndarray, y: np.ndarray) -> np.ndarray:
+def _shape_change(measured, seen: np.ndarray, index: np.ndarray, y: np.ndarray) -> np.ndarray:
     """Changes of shapes at the sensors, (b, n_s, m), as the measured ones are scaled."""
     there = np.isfinite(measured)
     t = np.where(there, measured, 0.0)
@@ -202,7 +202,7 @@ _PLACED = 0.5
 
 
 @dataclass(frozen=True)
-class Somewhere:
+class LocalisedUnknown:
     """An unknown cause that has a place; `fenics_joints.diagnosis.location` says where.
 
     Attributes:
@@ -256,7 +256,7 @@ def _placed(residual: np.ndarray, slope: np.ndarray, test: Evidence, tried) -> n
     return logsumexp(scores, axis=0)
 
 
-def with_somewhere(found: Fit, test: Evidence) -> Fit:
+def with_localised_unknown(found: Fit, test: Evidence) -> Fit:
     """A fit of an unknown cause with the evidence that it is somewhere, beside that it may do
     anything; as it is where the test has no signatures.
 

@@ -37,7 +37,7 @@ _HZ = (30.0, 700.0)
 _STEP, _PROBES = 1e-3, 3
 
 
-class Known:
+class KnownEffects:
     """Hypotheses met so far; says of a further set of effects whether it is one of them.
 
     Args:
@@ -88,7 +88,7 @@ def distinct(
         baseline: Parameter values of the nominal model.
         conditions: Those of the test.
     """
-    known, found = Known(baseline, conditions), {}
+    known, found = KnownEffects(baseline, conditions), {}
     for effect in effects:
         same = known.same((effect,))
         if same is None:
@@ -148,7 +148,7 @@ def _made(h: Hypothesis, z: np.ndarray, baseline: dict, conditions: Sequence[flo
     for i, c in enumerate(conditions):
         found |= {(i, key): v for key, v in h.values(z, c, baseline).items()}
         for hz in _HZ:
-            found |= {(i, hz, key): eta for key, eta in h.losses(z, c, hz).items()}
+            found |= {(i, hz, key): eta for key, eta in h.loss_factors(z, c, hz).items()}
     return found
 
 
@@ -182,7 +182,7 @@ _SIZES = (-3.0, -1.0, 1.0, 3.0)
 _MOST = 150
 
 
-def one_of_alike(
+def merge_indistinguishable(
     effects: Sequence[Effect],
     forward: Forward,
     evidence: Evidence,
@@ -200,13 +200,13 @@ def one_of_alike(
         baseline: Parameter values of the nominal model.
         comm: Communicator.
     """
-    look = _Look(forward, evidence, baseline)
+    comparison = _Comparison(forward, evidence, baseline)
     kinds: dict[tuple, list[Effect]] = {}
     for effect in effects:
         kinds.setdefault(_kind(effect), []).append(effect)
     first = {e.key: e.key for e in effects}
     for group in kinds.values():
-        for chosen, others in _groups(group, look) if 1 < len(group) <= _MOST else ():
+        for chosen, others in _groups(group, comparison) if 1 < len(group) <= _MOST else ():
             first |= {other.key: chosen.key for other in others}
     first = comm.bcast(first)  # one that is just alike on a rank may not be on another
     members: dict[str, list[Effect]] = {}
@@ -235,12 +235,12 @@ def _kind(effect: Effect) -> tuple:
     )
 
 
-def _groups(group: Sequence[Effect], look: _Look) -> list[tuple[Effect, list[Effect]]]:
+def _groups(group: Sequence[Effect], comparison: _Comparison) -> list[tuple[Effect, list[Effect]]]:
     """Each effect that no earlier one is like, with those that are like it."""
     found: list[tuple[Effect, list[Effect]]] = []
     for effect in group:
         for known, others in found:
-            if look.same(effect, known):
+            if comparison.same(effect, known):
                 others.append(effect)
                 break
         else:
@@ -248,7 +248,7 @@ def _groups(group: Sequence[Effect], look: _Look) -> list[tuple[Effect, list[Eff
     return found
 
 
-class _Look:
+class _Comparison:
     """Compares effects by whitened predictions over their priors, all else at its median."""
 
     def __init__(self, forward: Forward, evidence: Evidence, baseline: dict[str, float]):

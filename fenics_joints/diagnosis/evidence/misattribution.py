@@ -168,19 +168,19 @@ class _Stack:
 
     Attributes:
         effect: Which effect a cell is of, (n,).
-        away: See `_Cells`, (n, k).
-        own: See `_Cells`, (n, k, d).
-        log_share: See `_Cells`, (n,).
+        away: See `_WhitenedCells`, (n, k).
+        own: See `_WhitenedCells`, (n, k, d).
+        log_share: See `_WhitenedCells`, (n,).
     """
 
-    def __init__(self, cells: Sequence[_Cells], which: Sequence[int]):
+    def __init__(self, cells: Sequence[_WhitenedCells], which: Sequence[int]):
         self.effect = np.repeat(which, [len(cells[i].away) for i in which])
         self.away = np.concatenate([cells[i].away for i in which])
         self.own = np.concatenate([cells[i].own for i in which])
         self.log_share = np.concatenate([cells[i].log_share for i in which])
-        turned = self.own.transpose(0, 2, 1)
-        self._inner = turned @ self.own
-        self._pull = turned @ self.away[:, :, None]
+        transposed = self.own.transpose(0, 2, 1)
+        self._inner = transposed @ self.own
+        self._pull = transposed @ self.away[:, :, None]
         self._square = np.sum(self.away**2, axis=1)
         n, k, d = self.own.shape
         self._flat = self.own.transpose(1, 0, 2).reshape(k, n * d)
@@ -206,7 +206,7 @@ class _Stack:
         return constant[:, None] - 0.5 * square, square
 
 
-class _Cells:
+class _WhitenedCells:
     """Cells of an effect's prior, whitened, with all parameters but its own linear.
 
     Attributes:
@@ -240,7 +240,7 @@ class _Cells:
         self.own = np.where(there[:, None, None], self.own, 0.0)
         self.log_share = np.where(there, states.log_share, -np.inf)
 
-    def settled(
+    def reconverged(
         self,
         library: Library,
         test: Evidence,
@@ -270,9 +270,9 @@ class _Cells:
         slope[:, :, self.free], slope[:, :, h.own] = self.nuisances, self.own[cell]
         u, best = np.zeros((n, p)), [_Point()] * n
         for _ in range(_STEPS):
-            turned = slope.transpose(0, 2, 1)
-            pull = (turned @ r[:, :, None])[:, :, 0] + u
-            step = np.linalg.solve(turned @ slope + np.eye(p), pull[:, :, None])[:, :, 0]
+            transposed = slope.transpose(0, 2, 1)
+            pull = (transposed @ r[:, :, None])[:, :, 0] + u
+            step = np.linalg.solve(transposed @ slope + np.eye(p), pull[:, :, None])[:, :, 0]
             z = (mean + width * (u - step)).clip(*h.limits.T)
             u = (z - mean) / np.where(width > 0, width, 1.0)
             found, slopes = library.predict(h, z, range(p))
@@ -315,9 +315,9 @@ def simulate(
     counts = rng.multinomial(_TESTS, softmax(odds[acting])) if acting else []
     data, drawn = _tests([effects[i] for i in acting], counts, library, test, rng)
     cause, count = [effects[acting[i]] for i in drawn], len(data)
-    cells = [_Cells(e, library, test) for e in effects]
-    weighed = _weighed(library, cells, odds, log_unknown, data, test)
-    residual, score, leading, none, unknown = weighed
+    cells = [_WhitenedCells(e, library, test) for e in effects]
+    scored = _scored(library, cells, odds, log_unknown, data, test)
+    residual, score, leading, none, unknown = scored
     rest, k = np.logaddexp(none, unknown), len(residual)
     # As of a leader of a test, whose evidence is that of one hypothesis and without its odds.
     gap = np.max(score - odds[:, None], axis=0, initial=-np.inf) - none
@@ -336,7 +336,7 @@ def simulate(
     for i in np.unique(near):
         tests = np.flatnonzero(np.any(near == i, axis=0) & others[i])
         if len(tests):
-            found = cells[i].settled(
+            found = cells[i].reconverged(
                 library, test, leading[i, tests], residual[:, tests], data[tests], i, odds[i]
             )
             for t, point in zip(tests, found, strict=True):
@@ -370,7 +370,7 @@ def simulate(
     counts = rng.multinomial(_COUNTED, softmax(odds[acting])) if acting else []
     data, drawn = _tests([effects[i] for i in acting], counts, library, test, rng)
     own = [cells[i] for i in acting]
-    score = _weighed(library, own, odds[acting], log_unknown, data, test).score
+    score = _scored(library, own, odds[acting], log_unknown, data, test).score
     count, right = answers(score, drawn)
     return replace(found, answers=count, right=right)
 
@@ -397,9 +397,9 @@ def confusion_matrix(
     """
     counts, rng = [_EACH] * len(effects), np.random.default_rng(0)
     data, cause = _tests(effects, counts, library, test, rng)
-    cells = [_Cells(e, library, test) for e in effects]
+    cells = [_WhitenedCells(e, library, test) for e in effects]
     odds = np.array([log_odds[e.key] for e in effects])
-    _, score, _, none, unknown = _weighed(library, cells, odds, log_unknown, data, test)
+    _, score, _, none, unknown = _scored(library, cells, odds, log_unknown, data, test)
     p = softmax(np.vstack([score, none, unknown]), axis=0)
     return np.array(
         [
@@ -409,7 +409,7 @@ def confusion_matrix(
     ).reshape(len(effects), len(effects) + 2)
 
 
-class _Weighed(NamedTuple):
+class _Scores(NamedTuple):
     """Evidence of what may explain simulated tests.
 
     Attributes:
@@ -427,14 +427,14 @@ class _Weighed(NamedTuple):
     unknown: np.ndarray
 
 
-def _weighed(
+def _scored(
     library: Library,
-    cells: Sequence[_Cells],
+    cells: Sequence[_WhitenedCells],
     odds: np.ndarray,
     log_unknown: float,
     data: np.ndarray,
     test: Evidence,
-) -> _Weighed:
+) -> _Scores:
     """ln of evidence but for the constant that all have in common."""
     lower, used, count = test.lower(), test.fitted, len(data)
     nominal, slope = library.nothing
@@ -446,7 +446,7 @@ def _weighed(
     for i, each in enumerate(cells):
         value = _Stack(cells, [i]).beside(_Common(residual, each.nuisances))[0]
         score[i], leading[i] = odds[i] + logsumexp(value, axis=0), np.argmax(value, axis=0)
-    return _Weighed(residual, score, leading, marginal(residual, white[:, count:]), unknown)
+    return _Scores(residual, score, leading, marginal(residual, white[:, count:]), unknown)
 
 
 def answers(score: np.ndarray, cause: np.ndarray) -> tuple[int, int]:

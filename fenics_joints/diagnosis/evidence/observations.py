@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, ClassVar, Protocol
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
@@ -31,31 +31,48 @@ if TYPE_CHECKING:
 Values = Mapping[str, np.ndarray]
 
 
-class Scalar(Protocol):
-    """A positive number, of whose logarithm the model predicts another.
+#: Of a motion, at a circular frequency, with parameter values: x^T K x and omega^2 x^T M x of each
+#: patch, (2, P).
+Energies = Callable[[object, float, Mapping[str, float]], np.ndarray]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Observation(ABC):
+    """A positive number that was measured, of whose logarithm the model predicts another.
 
     Attributes:
-        name: What it is of.
         kind: Kind of entry (`fenics_joints.diagnosis.evidence.covariance`).
-        measured: The number, in its SI unit.
-        sd: Its relative standard deviation, with what the model leaves out.
-        row: The test's row at which it was measured; None if it does not depend on that.
         unknown: What an unknown cause may do to its logarithm, one standard deviation.
+        name: What it is of.
+        measured: The number, in its SI unit.
+        sd: Relative standard deviation: of the instrument, of any such model, and of what is left
+            of the mesh's error.
+        row: The test's row at which it was measured; None if it does not depend on that.
+        index: Which of its model's this is.
+        mesh: How much too high, in ln of it, the mesh makes it.
         common: What any model of the structure, or the test, errs in it that it errs in others too:
             change of its logarithm by one standard deviation of each such error, by its name.
+        patches: Change of its logarithm by the stiffness and by the mass of each patch, (2, P);
+            None where no unknown cause has a place.
     """
 
+    kind: ClassVar[int]
+    unknown: ClassVar[float] = UNKNOWN
     name: str
-    kind: int
     measured: float
     sd: float
-    row: int | None
-    unknown: float
-    common: Mapping[Hashable, float]
+    row: int | None = None
+    index: int = 0
+    mesh: float = 0.0
+    common: Mapping[Hashable, float] = field(default_factory=dict)
+    patches: np.ndarray | None = None
 
+    @abstractmethod
     def log_value(self, values: Mapping[str, float | np.ndarray]) -> float | np.ndarray:
-        """ln of what the model has for it; (b,) of parameter values (b,)."""
+        """ln of the model's, without its mesh's error; (b,) of parameter values (b,), nan where the
+        model has none."""
 
+    @abstractmethod
     def log_slopes(self, values: Values, low: Values, high: Values, width: float) -> np.ndarray:
         """Its derivatives along p directions at b points, (b, p).
 
@@ -66,11 +83,16 @@ class Scalar(Protocol):
             width: How far these are apart.
         """
 
-    def by_patch(self, patches: Signatures) -> tuple[np.ndarray, np.ndarray]:
-        """Its change by the stiffness and by the mass of each patch, of the expected size, (P,)."""
+    def by_logs(self, energies: Energies, values: Mapping[str, float]) -> np.ndarray:
+        """Derivatives by ln of the stiffness and of the mass of each patch, (2, P). Collective."""
+        raise NotImplementedError
+
+    def by_patch(self, patches: Signatures) -> np.ndarray:
+        """Its change by the expected one of each patch's stiffness and mass, (2, P)."""
+        return np.zeros((2, len(patches.names))) if self.patches is None else self.patches
 
 
-def reach(measured: Sequence[Scalar], hypothesis: Hypothesis) -> list[int]:
+def reach(measured: Sequence[Observation], hypothesis: Hypothesis) -> list[int]:
     """Which of a hypothesis's parameters may change some of them."""
     rows = {scalar.row for scalar in measured} - {None}
     return [
@@ -81,7 +103,7 @@ def reach(measured: Sequence[Scalar], hypothesis: Hypothesis) -> list[int]:
 
 
 def scalars_at(
-    measured: Sequence[Scalar],
+    measured: Sequence[Observation],
     hypothesis: Hypothesis,
     z: np.ndarray,
     by: Sequence[int],
@@ -115,50 +137,8 @@ def scalars_at(
     return found, slope
 
 
-#: Of a motion, at a circular frequency, with parameter values: x^T K x and omega^2 x^T M x of each
-#: patch, (2, P).
-Energies = Callable[[object, float, Mapping[str, float]], np.ndarray]
-
-
 @dataclass(frozen=True, eq=False, kw_only=True)
-class AtPoint(ABC):
-    """A number measured at a point along a direction: a `scalars.Scalar`.
-
-    Attributes:
-        name: The measurement's.
-        measured: The number, in its SI unit.
-        sd: Relative standard deviation: of the instrument, of any such model, and of what is left
-            of the mesh's error.
-        row: The test's row at which it was measured.
-        index: Which of its model's this is.
-        mesh: How much too high, in ln of it, the mesh makes it.
-        common: See `scalars.Scalar`.
-        patches: Change of its logarithm by the stiffness and by the mass of each patch, (2, P);
-            None where no unknown cause has a place.
-    """
-
-    name: str
-    measured: float
-    sd: float
-    row: int
-    index: int
-    mesh: float = 0.0
-    common: Mapping[Hashable, float] = field(default_factory=dict)
-    patches: np.ndarray | None = None
-
-    @abstractmethod
-    def by_logs(self, energies: Energies, values: Mapping[str, float]) -> np.ndarray:
-        """Derivatives by ln of the stiffness and of the mass of each patch, (2, P). Collective."""
-
-    def by_patch(self, patches: Signatures) -> tuple[np.ndarray, np.ndarray]:
-        """See `scalars.Scalar`."""
-        none = np.zeros((2, len(patches.names)))
-        stiff, mass = none if self.patches is None else self.patches
-        return stiff, mass
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Antiresonance(AtPoint):
+class Antiresonance(Observation):
     """A frequency, Hz, at which a point stands still under a force there.
 
     Attributes:
@@ -167,7 +147,6 @@ class Antiresonance(AtPoint):
 
     zeros: Antiresonances
     kind: ClassVar[int] = ANTIRESONANCE
-    unknown: ClassVar[float] = UNKNOWN
 
     def log_value(self, values: Mapping[str, float | np.ndarray]) -> np.ndarray:
         """ln of the model's, Hz, without its mesh's error, (b,) of values (b,); nan where the model
@@ -175,17 +154,17 @@ class Antiresonance(AtPoint):
         return self.zeros.at(values).log_f[:, self.index] - self.mesh
 
     def log_slopes(self, values: Values, low: Values, high: Values, width: float) -> np.ndarray:
-        """See `scalars.Scalar`."""
+        """See `Observation`."""
         return self.zeros.slopes(values, low, high, width)[:, self.index]
 
     def by_logs(self, energies: Energies, values: Mapping[str, float]) -> np.ndarray:
-        """As of any frequency; see `AtPoint`."""
+        """As of any frequency; see `Observation`."""
         x, square = self.zeros.shape(self.index, values)
         return np.array([[0.5], [-0.5]]) * energies(x, np.sqrt(square), values) / square
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class StaticStiffness(AtPoint):
+class StaticStiffness(Observation):
     """Force over displacement, N/m.
 
     Attributes:
@@ -201,17 +180,17 @@ class StaticStiffness(AtPoint):
         return -self.model.log_compliance(values)[..., self.index] - self.mesh
 
     def log_slopes(self, values: Values, low: Values, high: Values, width: float) -> np.ndarray:
-        """See `scalars.Scalar`."""
+        """See `Observation`."""
         return -self.model.log_slopes(self.index, values, low, high, width)
 
     def by_logs(self, energies: Energies, values: Mapping[str, float]) -> np.ndarray:
-        """With the response u to the force, u^T dK u over u^T K u; see `AtPoint`."""
+        """With the response u to the force, u^T dK u over u^T K u; see `Observation`."""
         stiff, _ = energies(self.model.response(values, self.index), 0.0, values)
         return np.array([stiff / stiff.sum(), 0.0 * stiff])
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class FunctionLine(AtPoint):
+class FunctionLine(Observation):
     """The model's receptance over the measured one: its logarithm to first order about one.
 
     That is what the magnitude is off, and of the other part what the phase is, rad; unlike a
@@ -236,7 +215,7 @@ class FunctionLine(AtPoint):
         return self._part(self.functions.at(values)[:, self.index] / self.over - 1.0)
 
     def log_slopes(self, values: Values, low: Values, high: Values, width: float) -> np.ndarray:
-        """See `scalars.Scalar`."""
+        """See `Observation`."""
         return self._part(
             self.functions.slopes(values, low, high, width)[:, self.index] / self.over
         )
@@ -245,8 +224,8 @@ class FunctionLine(AtPoint):
         return off.imag if self.phase else off.real
 
     def by_logs(self, energies: Energies, values: Mapping[str, float]) -> np.ndarray:
-        """-x^T dZ y over the function, with the resonances put back; see `AtPoint`. A patch has no
-        phase."""
+        """-x^T dZ y over the function, with the resonances put back. A patch has no
+        phase; see `Observation`."""
         about = self.functions.about(values)
         pulls = about.pulls(energies, values)
         if self.phase:
@@ -271,59 +250,25 @@ WHOLE = "the whole structure"
 _SIZES, _POINT = ("rho", "thickness", "width"), "mass"
 
 
-@dataclass(frozen=True)
-class Weighed:
-    """A mass from a scale, and what the model has for it: a `scalars.Scalar`.
+@dataclass(frozen=True, eq=False, kw_only=True)
+class MassMeasurement(Observation):
+    """A mass from a scale, kg, and what the model has for it.
 
     Attributes:
-        name: The part's, or `WHOLE`.
-        kg: What the scale said.
-        sd: Its relative standard deviation, with what the mesh leaves out of the volume.
         parts: Nominal mass, kg, of each part that was weighed with it, by name.
         nominal: Values of the parts' parameters at these.
         points: Parameters of the point masses that were, each a mass, kg.
         fixed: What depends on no parameter, kg.
     """
 
-    name: str
-    kg: float
-    sd: float
+    kind: ClassVar[int] = MASS
     parts: Mapping[str, float]
     nominal: Mapping[str, float]
     points: tuple[str, ...] = ()
     fixed: float = 0.0
-    kind: ClassVar[int] = MASS
-    row: ClassVar[int | None] = None
-    unknown: ClassVar[float] = UNKNOWN
-    common: ClassVar[Mapping] = {}
-
-    @property
-    def measured(self) -> float:
-        """What the scale said, kg."""
-        return self.kg
-
-    def by_patch(self, patches: Signatures) -> tuple[np.ndarray, np.ndarray]:
-        """See `scalars.Scalar`."""
-        found, region = np.zeros(len(patches.names)), np.array(patches.region)
-        for part, kg in self.parts.items():
-            own = region == part
-            if own.any():
-                share = patches.volume[own] / patches.volume[own].sum()
-                found[own] = patches.expected[1] * kg / self.kg * share
-        return 0.0 * found, found
-
-    def log_slopes(self, values: Values, low: Values, high: Values, width: float) -> np.ndarray:
-        """See `scalars.Scalar`."""
-        count = len(next(iter(values.values())))
-        found = (self.log_value(high) - self.log_value(low)) / width
-        return np.broadcast_to(found, len(next(iter(low.values())))).reshape(-1, count).T
 
     def log_value(self, values: Mapping[str, float | np.ndarray]) -> float | np.ndarray:
-        """ln of the model's mass, kg; (b,) of values (b,).
-
-        Args:
-            values: Its parameter values.
-        """
+        """ln of the model's mass, kg; (b,) of values (b,)."""
         total = self.fixed + sum(values[key] for key in self.points)
         for part, mass in self.parts.items():
             for key in _keys(part, self.nominal):
@@ -331,12 +276,30 @@ class Weighed:
             total += mass
         return np.log(total)
 
+    def log_slopes(self, values: Values, low: Values, high: Values, width: float) -> np.ndarray:
+        """See `Observation`."""
+        count = len(next(iter(values.values())))
+        found = (self.log_value(high) - self.log_value(low)) / width
+        return np.broadcast_to(found, len(next(iter(low.values())))).reshape(-1, count).T
+
+    def by_patch(self, patches: Signatures) -> np.ndarray:
+        """See `Observation`."""
+        found, region = np.zeros((2, len(patches.names))), np.array(patches.region)
+        for part, kg in self.parts.items():
+            own = region == part
+            if own.any():
+                share = patches.volume[own] / patches.volume[own].sum()
+                found[1, own] = patches.expected[1] * kg / self.measured * share
+        return found
+
 
 def _keys(part: str, values: Mapping[str, float]) -> list[str]:
     return [key for size in _SIZES if (key := f"{part}.{size}") in values]
 
 
-def case_weighed(case: Case, model: Model, baseline: Mapping[str, float]) -> tuple[Weighed, ...]:
+def case_masses(
+    case: Case, model: Model, baseline: Mapping[str, float]
+) -> tuple[MassMeasurement, ...]:
     """What a case says was weighed: ``[test] mass`` of the whole, and ``[parts.NAME] mass``.
 
     What is ``[attached]`` is taken not to have been on the scale. Collective.
@@ -346,24 +309,18 @@ def case_weighed(case: Case, model: Model, baseline: Mapping[str, float]) -> tup
         model: Its nominal model.
         baseline: That model's parameter values.
     """
-    whole = None if case.test is None else case.test.mass
     kg = {name: part.mass for name, part in case.parts.items() if part.mass is not None}
-    if case.test is None or (whole is None and not kg):
+    if case.test is None or (case.test.mass is None and not kg):
         return ()
-    of_whole = on_a_scale(case, model, baseline)
-    found = [] if whole is None else [replace(of_whole, kg=whole)]
-    return (
-        *found,
-        *(
-            replace(
-                of_whole, name=name, kg=m, parts={name: of_whole.parts[name]}, points=(), fixed=0.0
-            )
-            for name, m in kg.items()
-        ),
-    )
+    whole = on_a_scale(case, model, baseline)
+    found = [] if case.test.mass is None else [replace(whole, measured=case.test.mass)]
+    for name, m in kg.items():
+        own = {name: whole.parts[name]}
+        found.append(replace(whole, name=name, measured=m, parts=own, points=(), fixed=0.0))
+    return tuple(found)
 
 
-def on_a_scale(case: Case, model: Model, baseline: Mapping[str, float]) -> Weighed:
+def on_a_scale(case: Case, model: Model, baseline: Mapping[str, float]) -> MassMeasurement:
     """The whole structure as a scale would find it were the nominal model right. Collective.
 
     Args:
@@ -373,10 +330,16 @@ def on_a_scale(case: Case, model: Model, baseline: Mapping[str, float]) -> Weigh
     """
     total = model.total_mass(baseline)
     parts = {name: _part_mass(model, baseline, name, total) for name in case.parts}
-    nominal = {key: baseline[key] for name in parts for key in _keys(name, baseline)}
     points = tuple(f"{name}.{_POINT}" for name in case.masses)
-    rest = total - sum(parts.values()) - sum(baseline[key] for key in points)
-    return Weighed(WHOLE, total, case.test.mass_noise, parts, nominal, points, rest)
+    return MassMeasurement(
+        name=WHOLE,
+        measured=total,
+        sd=case.test.mass_noise,
+        parts=parts,
+        nominal={key: baseline[key] for name in parts for key in _keys(name, baseline)},
+        points=points,
+        fixed=total - sum(parts.values()) - sum(baseline[key] for key in points),
+    )
 
 
 def _part_mass(model: Model, baseline: Mapping[str, float], part: str, total: float) -> float:

@@ -27,7 +27,7 @@ from fenics_joints.reduction.many import Change, ManyModes
 
 
 @dataclass(frozen=True, eq=False)
-class Look:
+class ModelEvaluation:
     """The model as one mode sees it, at many points.
 
     Attributes:
@@ -239,7 +239,7 @@ class ManyPredictions:
     def _is_alike(self) -> bool:
         """Whether all that tells one row from another is the torque, and there are many."""
         h, test = self.hypothesis, self.evidence
-        followed = test.shapes is not None or test.turns[-1][1] is not None
+        followed = test.shapes is not None or test.tracking[-1][1] is not None
         effects = (*h.nuisances, *h.effects)
         others = any(h.known) or any(e.by_level or e.drifts for e in effects)
         several = h.varies and len(test.conditions) > _TORQUES + 1 and np.all(test.conditions > 0)
@@ -295,11 +295,12 @@ class ManyPredictions:
             points, row = np.tile(z, (len(rows), 1)), np.repeat(rows, len(z))
             followed = self._followed(rows, len(z), seen)
             with_slopes = with_shapes and bool(by)  # of shapes, which take all modes
-            looks = [
-                self._look(points, row, i, by, with_slopes, followed) for i in self.hypothesis.looks
+            views = [
+                self._evaluate(points, row, i, by, with_slopes, followed)
+                for i in self.hypothesis.views
             ]
-            if evidence.turns[-1][1] is not None:
-                modes = looks[0].modes
+            if evidence.tracking[-1][1] is not None:
+                modes = views[0].modes
                 at = modes.x, modes.log_f
                 seen |= dict(
                     zip(
@@ -308,10 +309,10 @@ class ManyPredictions:
                         strict=True,
                     )
                 )
-            parts = [np.split(part, len(rows)) for part in self._rows(points, row, looks, by)]
+            parts = [np.split(part, len(rows)) for part in self._rows(points, row, views, by)]
             found |= dict(zip(rows, zip(*parts, strict=True), strict=True))
             if with_shapes:
-                shapes = [self._shapes(z, looks[0], by)]
+                shapes = [self._shapes(z, views[0], by)]
         count, varies = len(evidence.conditions), self.hypothesis.varies
         rows = [found[row if varies else 0] for row in range(count)]
         blocks = [*self._by_kind(rows), *shapes, *self._scalars(z, by)]
@@ -324,10 +325,10 @@ class ManyPredictions:
     def _groups(self, count: int) -> list[list[int]]:
         """Rows that are solved for together at so many points; that of the shapes, whose
         derivatives take all modes, by itself."""
-        turns = self.evidence.turns if self.hypothesis.varies else ((0, None),)
-        rows = [row for row, _ in turns]
+        tracking = self.evidence.tracking if self.hypothesis.varies else ((0, None),)
+        rows = [row for row, _ in tracking]
         alone = [] if self.evidence.shapes is None else [self._shape_row]
-        if turns[-1][1] is not None:
+        if tracking[-1][1] is not None:
             alone = rows[:1]  # the others are followed from it
         rows = [row for row in rows if row not in alone]
         size = 1 if self._apart else max(_ROOM // (count * self.forward.model.n_dofs**2), 1)
@@ -336,7 +337,7 @@ class ManyPredictions:
 
     def _followed(self, rows: Sequence[int], count: int, seen) -> Followed | None:
         """What modes at some rows are matched to; None to the test's own shapes."""
-        after = dict(self.evidence.turns)
+        after = dict(self.evidence.tracking)
         if not self.hypothesis.varies or after[rows[0]] is None:
             return None
         place = np.array([rows.index(after[r]) if after[r] in rows else -1 for r in rows])
@@ -357,7 +358,7 @@ class ManyPredictions:
 
     # -- the model -----------------------------------------------------------------------------
 
-    def _look(self, z, rows, mode, by, every: bool, followed=None) -> Look:
+    def _evaluate(self, z, rows, mode, by, every: bool, followed=None) -> ModelEvaluation:
         """The model at points, (b, d), each at its own row, (b,)."""
         h, directions, columns, felt = self.hypothesis, [], {}, {}
         values = self._values(z, rows, mode, True, self.forward.model.parameters)
@@ -379,7 +380,7 @@ class ManyPredictions:
             columns[j] = len(directions)
             directions.append(tightened if j in tightened else [j])
         along = self._change(z, rows, mode, directions) if directions else None
-        return Look(mode, modes, values, along, columns, felt)
+        return ModelEvaluation(mode, modes, values, along, columns, felt)
 
     def _change(self, z, rows, mode, directions: Sequence[list[int]]) -> Change:
         """Along each direction, in which some parameters are moved together: all at once."""
@@ -431,22 +432,22 @@ class ManyPredictions:
 
     # -- frequencies and damping -----------------------------------------------------------------
 
-    def _rows(self, z, rows, looks: Sequence[Look], by) -> tuple[np.ndarray, np.ndarray]:
+    def _rows(self, z, rows, views: Sequence[ModelEvaluation], by) -> tuple[np.ndarray, np.ndarray]:
         """ln f, and behind it ln damping if the hypothesis predicts it, (b, m) or (b, 2 m), and
         their slopes."""
         order, further = self._order(z), None
         if order is not None and np.max(order) >= self.evidence.shape[1]:
             # With a mode that the test missed, the model has one more.
-            look = looks[0]
-            modes = self.forward.further.many(look.values, every=False)
-            further = replace(look, mode=None, modes=modes)
-        own = self.hypothesis.look_of(self.evidence.shape[1])
-        looks = [further or looks[at] for at in own]
-        log_f = _of_each(looks, lambda look: look.modes.log_f)
-        slope = _of_each(looks, lambda look: look.slopes(by))
+            view = views[0]
+            modes = self.forward.further.many(view.values, every=False)
+            further = replace(view, mode=None, modes=modes)
+        own = self.hypothesis.view_of(self.evidence.shape[1])
+        views = [further or views[at] for at in own]
+        log_f = _of_each(views, lambda view: view.modes.log_f)
+        slope = _of_each(views, lambda view: view.slopes(by))
         blocks = [(log_f, slope)]
         if self.hypothesis.damped:
-            blocks.append(self._damping(z, rows, looks, log_f, by))
+            blocks.append(self._damping(z, rows, views, log_f, by))
         if order is not None:
             blocks = [(data[:, order], slope[:, order]) for data, slope in blocks]
         return tuple(np.concatenate(part, axis=1) for part in zip(*blocks, strict=True))
@@ -458,18 +459,20 @@ class ManyPredictions:
         count = 0 if self.forward.sensors is None else len(self.forward.sensors)
         return h.sensing(z[0], self.evidence.shape[1], count).order
 
-    def _damping(self, z, rows, looks, log_f, by) -> tuple[np.ndarray, np.ndarray]:
+    def _damping(self, z, rows, views, log_f, by) -> tuple[np.ndarray, np.ndarray]:
         """ln of the damping ratios, (b, m), and their slopes."""
         h = self.hypothesis
         start = h.places["dampings"].start
         at_rest = np.stack([p.value(z[:, start + i]) for i, p in enumerate(h.dampings)], axis=1)
         lost, slope = np.zeros_like(at_rest), np.zeros((*at_rest.shape, len(by)))
-        for i, look in enumerate(looks):
-            losses = self._losses(z, rows, log_f[:, i], look.mode)
-            shares = {key: self._share(look, i, key) for key in losses}
-            lost[:, i] = sum((0.5 * eta * shares[key] for key, eta in losses.items()), 0.0)
-            for k, j in enumerate(by if losses else ()):
-                slope[:, i, k] = self._loss_slope(z, rows, log_f[:, i], look, losses, shares, j)
+        for i, view in enumerate(views):
+            loss_factors = self._loss_factors(z, rows, log_f[:, i], view.mode)
+            shares = {key: self._share(view, i, key) for key in loss_factors}
+            lost[:, i] = sum((0.5 * eta * shares[key] for key, eta in loss_factors.items()), 0.0)
+            for k, j in enumerate(by if loss_factors else ()):
+                slope[:, i, k] = self._loss_slope(
+                    z, rows, log_f[:, i], view, loss_factors, shares, j
+                )
         total = at_rest + lost
         for k, j in enumerate(by):
             i = j - start
@@ -477,27 +480,27 @@ class ManyPredictions:
                 slope[:, i, k] += h.dampings[i].spread * at_rest[:, i]
         return np.log(total), slope / total[:, :, None]
 
-    def _losses(self, z, rows, log_f, mode) -> dict[str, np.ndarray]:
+    def _loss_factors(self, z, rows, log_f, mode) -> dict[str, np.ndarray]:
         h, conditions, hz = self.hypothesis, self.evidence.conditions[rows], np.exp(log_f)
         several = np.any(rows != rows[0])
         if not self._singly:
             try:
                 condition = conditions if several else conditions[0]
-                found = h.losses(z.T, condition, hz, mode)
+                found = h.loss_factors(z.T, condition, hz, mode)
                 return {key: np.broadcast_to(eta, len(z)) for key, eta in found.items()}
             except (TypeError, ValueError) as error:
                 if several:
                     raise _Apart from error
                 self._singly = True
-        each = [h.losses(*point, mode) for point in zip(z, conditions, hz, strict=True)]
+        each = [h.loss_factors(*point, mode) for point in zip(z, conditions, hz, strict=True)]
         return {key: np.array([found[key] for found in each]) for key in each[0]}
 
     @staticmethod
-    def _share(look: Look, i: int, key: str) -> np.ndarray:
+    def _share(view: ModelEvaluation, i: int, key: str) -> np.ndarray:
         """Share of mode i's strain energy in the stiffness ``key``, (b,); all for ``""``."""
-        return look.modes.share(key)[:, i] if key else np.ones(len(look.modes.index))
+        return view.modes.share(key)[:, i] if key else np.ones(len(view.modes.index))
 
-    def _loss_slope(self, z, rows, log_f, look, losses, shares, j) -> np.ndarray:
+    def _loss_slope(self, z, rows, log_f, view, loss_factors, shares, j) -> np.ndarray:
         """Derivative of mode i's lost part by parameter ``j``, (b,).
 
         That of a share g by the stiffness itself is taken as for two springs in series,
@@ -505,26 +508,26 @@ class ManyPredictions:
         width of the posterior rest on it.
         """
         found, h = np.zeros(len(z)), self.hypothesis
-        if j not in look.columns:
+        if j not in view.columns:
             return found
         moved = _moved(z, [j])
-        if h.loses(j):
-            low, high = (self._losses(each, rows, log_f, look.mode) for each in moved)
+        if h.dissipates(j):
+            low, high = (self._loss_factors(each, rows, log_f, view.mode) for each in moved)
             for key, share in shares.items():
                 found = found + 0.5 * (high[key] - low[key]) / (2 * STEP) * share
-        low, high = (self._values(each, rows, look.mode) for each in moved)
+        low, high = (self._values(each, rows, view.mode) for each in moved)
         rest = 1 - sum(share for key, share in shares.items() if key)
         for key, share in shares.items():
             if key:
                 log_stiffness = np.log(high[key] / low[key]) / (2 * STEP)
-                found = found - 0.5 * losses[key] * share * rest * log_stiffness
+                found = found - 0.5 * loss_factors[key] * share * rest * log_stiffness
         return found
 
     # -- shapes and single numbers ---------------------------------------------------------------
 
-    def _shapes(self, z, look: Look, by) -> tuple[np.ndarray, np.ndarray]:
+    def _shapes(self, z, view: ModelEvaluation, by) -> tuple[np.ndarray, np.ndarray]:
         """Shapes at the sensors, each scaled to the measured one, flat, (b, n_s m), and slopes."""
-        model, measured, modes = self.forward.model, self.evidence.shapes, look.modes
+        model, measured, modes = self.forward.model, self.evidence.shapes, view.modes
         h, sensing = self.hypothesis, self._read(z)
 
         def read(shapes, gains, shifts):
@@ -541,9 +544,9 @@ class ManyPredictions:
         scale = np.sum(seen * y, axis=1) / square
         slope = np.zeros((*found.shape, len(by)))
         for k, j in enumerate(by):
-            if j not in look.columns:
+            if j not in view.columns:
                 continue
-            d = read(modes.shape_slope(look.along, look.columns[j]), *sensing)
+            d = read(modes.shape_slope(view.along, view.columns[j]), *sensing)
             if h.priors[j][0].sensing is not None:  # the structure unmoved
                 low, high = (read(modes.x, *self._read(each)) for each in _moved(z, [j]))
                 d = d + (high - low) / (2 * STEP)
@@ -580,11 +583,11 @@ class ManyPredictions:
         return [scalars_at(measured, self.hypothesis, z, by, at)] if measured else []
 
 
-def _of_each(looks: Sequence[Look], what) -> np.ndarray:
+def _of_each(views: Sequence[ModelEvaluation], what) -> np.ndarray:
     """What each mode has where it is looked at by itself, (b, m, ...)."""
-    if all(look is looks[0] for look in looks):
-        return what(looks[0])
-    return np.stack([what(look)[:, i] for i, look in enumerate(looks)], axis=1)
+    if all(view is views[0] for view in views):
+        return what(views[0])
+    return np.stack([what(view)[:, i] for i, view in enumerate(views)], axis=1)
 
 
 def _moved(z, of: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:

@@ -111,7 +111,7 @@ class Scales:
         ]
 
 
-def weighed(
+def marginalise_scales(
     tried: Sequence[tuple[Scales, float]], log_evidence: Callable[[Scales], float]
 ) -> tuple[Scales, Callable[[Scales], float]]:
     """The most probable of them, and ln(evidence of all / that at some).

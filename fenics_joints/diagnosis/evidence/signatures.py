@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from fenics_joints.diagnosis.effects.joint import EXPONENT
-from fenics_joints.diagnosis.evidence.covariance import Stated
+
+if TYPE_CHECKING:
+    from fenics_joints.diagnosis.evidence.evidence import Evidence
 
 #: Over how much of the structure's size changes of patches are alike, equally probable. [decision:
 #: chosen]
@@ -67,7 +70,7 @@ class Signatures:
         alike = self.alike(length)
         return np.linalg.cholesky(alike + _JITTER * np.eye(len(alike)))
 
-    def columns(self, test: Stated) -> list[np.ndarray]:
+    def columns(self, test: Evidence) -> list[np.ndarray]:
         """Change of all of a test's entries by the stiffness of each patch, by its mass, and, where
         there are several torques, by a stiffness of joints that grows with them, each (N, P)."""
         e, shapes = test.entries, self.shapes

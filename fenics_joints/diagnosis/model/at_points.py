@@ -10,95 +10,141 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from fenics_joints.beams.structure import BeamStructure
-from fenics_joints.case import Case
 from fenics_joints.case.test import AntiresonanceTest, StaticTest
+from fenics_joints.diagnosis.evidence.covariance import MASS
 from fenics_joints.diagnosis.evidence.evidence import BEYOND, UNSURE, Evidence
 from fenics_joints.diagnosis.evidence.observations import (
     Antiresonance,
-    AtPoint,
-    Scalar,
+    Observation,
     StaticStiffness,
 )
 from fenics_joints.diagnosis.model.functions import measured_functions, row_of
 from fenics_joints.diagnosis.model.resolution import MOST
 from fenics_joints.diagnosis.thresholds import NEGLIGIBLE
-from fenics_joints.diagnosis.where.cells import Cells
+from fenics_joints.diagnosis.where.cells import StructureCells
 from fenics_joints.diagnosis.where.patches import Patches
 from fenics_joints.diagnosis.where.zone_sensitivity import EXPECTED
 from fenics_joints.errors import InputError
-from fenics_joints.measurements.data import TestData
 from fenics_joints.progress import Progress
 from fenics_joints.reduction.adaptive import Points
 from fenics_joints.reduction.grounded import Antiresonances, PointBasis
 from fenics_joints.reduction.static import StaticModel, StaticSolver
 from fenics_joints.structure import Sensors, Structure
 
+#: `fenics_joints.diagnosis.model.prepared.Prepared`, which asks for these.
+Prepared = Any
+#: Places all over the structure by which modes with a point held are told. [numerical: chosen]
+_PLACES = 40
 #: Points of a round at which the reduced model is looked at. [numerical: chosen]
 _FRESH = 6
+#: How far an antiresonance may be, in ln f, from the model's after what the test's frequencies say
+#: of all modes thereabouts; beyond, it is another's. [decision: chosen]
+_NEAR = 0.15
 
 
-def static_stiffness(
-    case: Case,
-    full: Structure | BeamStructure,
-    data: TestData,
-    baseline: Mapping[str, float],
-    given: Mapping[str, StaticTest],
-    *,
-    n_rigid: int,
-    discrepancy: float,
-    samples: Points,
-    more: Points,
-    travel: Mapping | None,
-) -> tuple[StaticStiffness, ...]:
-    """What ``[test.stiffness]`` says, or a planned one. Collective.
+def measured_at_points(model: Prepared, progress: Progress) -> list[Observation]:
+    """Static stiffnesses, antiresonances and functions of a case's test, with what is to be said of
+    them in the model's notes. Collective; after the reduced model is made.
+
+    Args:
+        model: The case.
+        progress: Told what is being done.
+
+    Raises:
+        InputError: See `stiffness_at` and `measured_functions`; and if an antiresonance is near
+            none of the model's, or its point is beside the structure.
+    """
+    found, test = [], model.case.test
+    if test is not None and test.stiffness:
+        progress.step("static stiffness at samples of the parameters")
+        found += stiffness_at(model, test.stiffness)
+    if test is not None and test.antiresonances:
+        progress.step("antiresonances at samples of the parameters")
+        found += _antiresonances(model, test.antiresonances)
+    frfs = model.case.frfs()
+    if frfs is not None and model.case.diagnose.frfs:
+        progress.step("functions at samples of the parameters")
+        lines, notes = measured_functions(model, frfs, model.surrogate.everywhere(_PLACES))
+        found += lines
+        model.notes += notes
+    return found
+
+
+def _points(
+    model: Prepared, table: str, given: Mapping[str, StaticTest | AntiresonanceTest]
+) -> tuple[Sensors, list[int]]:
+    """Where the sections of a table of the test measure, and the test's row of each."""
+    names = tuple(f"test.{table}.{name}" for name in given)
+    sections = given.values()
+    rows = [
+        row_of(model.case, name, s.at, model.data) for name, s in zip(names, sections, strict=True)
+    ]
+    return Sensors([s.point for s in sections], [s.direction for s in sections], names), rows
+
+
+# -- static stiffness ------------------------------------------------------------------------------
+
+
+def stiffness_at(model: Prepared, given: Mapping[str, StaticTest]) -> tuple[StaticStiffness, ...]:
+    """Static stiffnesses that were measured, or would be. Collective.
 
     The error of any such model in a stiffness is twice that in a frequency.
 
     Args:
-        case: The case.
-        full: Its nominal model.
-        data: The test.
-        baseline: That model's parameter values.
+        model: The case.
         given: What was measured, by name; one at least.
-        n_rigid: The nominal model's rigid-body modes.
-        discrepancy: Error of any such model in a frequency.
-        samples: Parameter values at which the reduced model is made, the baseline first.
-        more: Others, at which it is looked at and made better.
-        travel: See `fenics_joints.reduction.reduced.ReducedStructure`.
 
     Raises:
         InputError: If the structure is free to move, a point is beside it, or a condition is none
             of the test's.
     """
-    if n_rigid:
+    if n_rigid := model.surrogate.nominal.n_rigid:
         raise InputError(
-            f"{case.path}: test.stiffness: the structure is free to move ({n_rigid} rigid-body "
-            "modes): expected [supports] that hold it, as in the measurement"
+            f"{model.case.path}: test.stiffness: the structure is free to move ({n_rigid} "
+            "rigid-body modes): expected [supports] that hold it, as in the measurement"
         )
-    sections = list(given.values())
-    names = tuple(f"test.stiffness.{name}" for name in given)
-    rows = [row_of(case, name, s.at, data) for name, s in zip(names, sections, strict=True)]
-    at = Sensors([s.point for s in sections], [s.direction for s in sections], names)
-    noise = np.array([s.noise for s in sections])
-    sd = np.hypot(noise, 2 * discrepancy)
-    if full.is_dense:
-        model, mesh = StaticModel(full.arrays(at)), np.zeros(len(sections))
+    at, rows = _points(model, "stiffness", given)
+    noise = np.array([section.noise for section in given.values()])
+    sd = np.hypot(noise, 2 * model.evidence.discrepancy)
+    if model.full.is_dense:
+        reduced, mesh = StaticModel(model.full.arrays(at)), np.zeros(len(given))
     else:
-        tolerance = NEGLIGIBLE * sd.min()
-        model, mesh = _reduced(case, full, at, baseline, samples, more, travel, tolerance)
+        reduced, mesh = _reduced(model, at, NEGLIGIBLE * sd.min())
     sd = np.hypot(sd, UNSURE * mesh)
     return tuple(
         StaticStiffness(
             name=name,
-            measured=s.stiffness,
+            measured=section.stiffness,
             sd=float(sd[i]),
             row=rows[i],
-            model=model,
+            model=reduced,
             index=i,
             mesh=float((1 + BEYOND) * mesh[i]),
         )
-        for i, (name, s) in enumerate(zip(given, sections, strict=True))
+        for i, (name, section) in enumerate(given.items())
     )
+
+
+def _reduced(model: Prepared, at: Sensors, tolerance: float) -> tuple[StaticModel, np.ndarray]:
+    """The reduced model, and ln of how much too stiff the mesh makes each, (n,)."""
+    full, (samples, travel) = model.full, model.to_span()
+    twice = model.samples(2 * model.case.diagnose.samples)
+    more = [values for values in twice if values not in samples]
+    solver = StaticSolver(full, at)
+
+    def fresh(turn: int) -> Points:
+        return more[turn * _FRESH : (turn + 1) * _FRESH]
+
+    reduced = StaticModel.made(solver, samples, travel, tolerance, fresh)
+    solver.destroy()
+    finer = full.finer() if model.case.diagnose.mesh_error and full.is_meshed else None
+    if finer is None or finer.n_dofs > MOST:
+        return reduced, np.zeros(len(at))
+    better = StaticSolver(finer, at)
+    # The baseline is the first of the samples: there the reduced model is the full one.
+    mesh = better(model.baseline)[0] - reduced.log_compliance(model.baseline)
+    better.destroy()
+    return reduced, mesh
 
 
 def most_yielding(full: Structure | BeamStructure, sensors: Sensors, baseline) -> tuple[int, float]:
@@ -114,83 +160,36 @@ def most_yielding(full: Structure | BeamStructure, sensors: Sensors, baseline) -
     return best, float(np.exp(-found[best]))
 
 
-def _reduced(case: Case, full, at, baseline, samples, more, travel, tolerance: float):
-    """The reduced model, and ln of how much too stiff the mesh makes each, (n,)."""
-    solver = StaticSolver(full, at)
-
-    def fresh(turn: int) -> Points:
-        return more[turn * _FRESH : (turn + 1) * _FRESH]
-
-    model = StaticModel.made(solver, samples, travel, tolerance, fresh)
-    solver.destroy()
-    finer = full.finer() if case.diagnose.mesh_error and full.is_meshed else None
-    if finer is None or finer.n_dofs > MOST:
-        return model, np.zeros(len(at))
-    better = StaticSolver(finer, at)
-    # The baseline is the first of the samples: there the reduced model is the full one.
-    mesh = better(baseline)[0] - model.log_compliance(baseline)
-    better.destroy()
-    return model, mesh
+# -- antiresonances --------------------------------------------------------------------------------
 
 
-#: How far an antiresonance may be, in ln f, from the model's after what the test's frequencies say
-#: of all modes thereabouts; beyond, it is another's. [decision: chosen]
-_NEAR = 0.15
-
-
-def antiresonances(
-    case: Case,
-    full: Structure | BeamStructure,
-    data: TestData,
-    evidence: Evidence,
-    baseline: Mapping[str, float],
-    given: Mapping[str, AntiresonanceTest],
-    *,
-    nominal_log_f: np.ndarray,
-    everywhere: Sensors,
-    samples: Points,
-    travel: Mapping | None,
-) -> tuple[Antiresonance, ...]:
-    """What ``[test.antiresonances]`` says. Collective.
-
-    Args:
-        case: The case.
-        full: Its nominal model.
-        data: The test.
-        evidence: The same, with the mesh's errors.
-        baseline: The nominal model's parameter values.
-        given: What was measured, by name; one at least.
-        nominal_log_f: ln of the test's modes of the nominal model, (m,).
-        everywhere: Places by whose motion modes are told.
-        samples: Parameter values at which the reduced model is made, the baseline first.
-        travel: See `fenics_joints.reduction.reduced.ReducedStructure`.
-
-    Raises:
-        InputError: If a point is beside the structure, a condition none of the test's, or a
-            frequency near none of the model's.
-    """
-    sections, n_modes = list(given.values()), case.diagnose.n_modes
-    names = tuple(f"test.antiresonances.{name}" for name in given)
-    rows = [row_of(case, name, s.at, data) for name, s in zip(names, sections, strict=True)]
-    at = Sensors([s.point for s in sections], [s.direction for s in sections], names)
-    if full.is_meshed:
-        full.rows(at.points, "antiresonance", names)  # whether they are on the mesh
-    basis = PointBasis(full, at, everywhere, samples, n_modes, travel)
+def _antiresonances(model: Prepared, given: Mapping[str, AntiresonanceTest]) -> list[Antiresonance]:
+    """What ``[test.antiresonances]`` says. Collective."""
+    evidence, n_modes = model.evidence, model.case.diagnose.n_modes
+    at, rows = _points(model, "antiresonances", given)
+    if model.full.is_meshed:
+        model.full.rows(at.points, "antiresonance", at.names)  # whether they are on the mesh
+    samples, travel = model.to_span()
+    everywhere = model.surrogate.everywhere(_PLACES)
+    nominal = model.forward(model.baseline)[0]
+    basis = PointBasis(model.full, at, everywhere, samples, n_modes, travel)
     found = []
-    for i, (name, s) in enumerate(zip(names, sections, strict=True)):
-        zeros, log_f = Antiresonances(basis, i, baseline, n_modes), np.log(sorted(s.frequencies))
-        which = paired_zeros(
-            log_f, zeros.log_f, np.log(data.frequencies_hz[rows[i]]), nominal_log_f
+    for i, (name, s) in enumerate(zip(at.names, given.values(), strict=True)):
+        zeros, log_f = (
+            Antiresonances(basis, i, model.baseline, n_modes),
+            np.log(sorted(s.frequencies)),
         )
+        tested = np.log(model.data.frequencies_hz[rows[i]])
+        which = paired_zeros(log_f, zeros.log_f, tested, nominal)
         if which is None:
             there = ", ".join(f"{hz:.4g}" for hz in np.exp(zeros.log_f))
             raise InputError(
-                f"{case.path}: {name}.frequencies: expected such as the model has at this point, "
-                f"{there} Hz, each at most {_NEAR:.0%} off once all frequencies are moved as the "
-                "test's are"
+                f"{model.case.path}: {name}.frequencies: expected such as the model has at this "
+                f"point, {there} Hz, each at most {_NEAR:.0%} off once all frequencies are moved "
+                "as the test's are"
             )
         zeros.follow(which)
-        mesh = _of_mesh(zeros.log_f[which], evidence, nominal_log_f)
+        mesh = _of_mesh(zeros.log_f[which], evidence, nominal)
         sd = np.sqrt(s.noise**2 + evidence.discrepancy**2 + (UNSURE * mesh / (1 + BEYOND)) ** 2)
         found += [
             Antiresonance(
@@ -204,7 +203,7 @@ def antiresonances(
             )
             for k, f in enumerate(log_f)
         ]
-    return tuple(found)
+    return found
 
 
 def paired_zeros(
@@ -239,85 +238,12 @@ def _of_mesh(log_f: np.ndarray, evidence: Evidence, nominal: np.ndarray) -> np.n
     return np.interp(log_f, nominal[order], evidence.mesh_shift[order])
 
 
-#: `fenics_joints.diagnosis.model.prepared.Prepared`, which asks for these.
-Prepared = Any
-#: Places all over the structure by which modes with a point held are told. [numerical: chosen]
-_PLACES = 40
-
-
-def measured_at_points(model: Prepared, progress: Progress) -> list[Scalar]:
-    """Static stiffnesses, antiresonances and functions of a case's test, with what is to be said of
-    them in the model's notes. Collective; after the reduced model is made.
-
-    Args:
-        model: The case.
-        progress: Told what is being done.
-
-    Raises:
-        InputError: See `static_stiffness`, `antiresonances` and `measured_functions`.
-    """
-    found, test = [], model.case.test
-    if test is not None and test.stiffness:
-        progress.step("static stiffness at samples of the parameters")
-        found += stiffness_at(model, test.stiffness)
-    if test is not None and test.antiresonances:
-        progress.step("antiresonances at samples of the parameters")
-        found += _antiresonances_at(model, test.antiresonances)
-    frfs = model.case.frfs()
-    if frfs is not None and model.case.diagnose.frfs:
-        progress.step("functions at samples of the parameters")
-        lines, notes = measured_functions(model, frfs, model.surrogate.everywhere(_PLACES))
-        found += lines
-        model.notes += notes
-    return found
-
-
-def stiffness_at(model: Prepared, given: Mapping[str, StaticTest]) -> tuple[StaticStiffness, ...]:
-    """Static stiffnesses that were measured, or would be. Collective.
-
-    Args:
-        model: The case.
-        given: What was measured, by name.
-    """
-    (samples, travel), more = model.to_span(), []
-    if samples:
-        twice = model.samples(2 * model.case.diagnose.samples)
-        more = [values for values in twice if values not in samples]
-    return static_stiffness(
-        model.case,
-        model.full,
-        model.data,
-        model.baseline,
-        given,
-        n_rigid=model.surrogate.nominal.n_rigid,
-        discrepancy=model.evidence.discrepancy,
-        samples=samples,
-        more=more,
-        travel=travel,
-    )
-
-
-def _antiresonances_at(
-    model: Prepared, given: Mapping[str, AntiresonanceTest]
-) -> tuple[Antiresonance, ...]:
-    seen, (samples, travel) = model.surrogate, model.to_span()
-    return antiresonances(
-        model.case,
-        model.full,
-        model.data,
-        model.evidence,
-        model.baseline,
-        given,
-        nominal_log_f=seen.forward(model.baseline)[0],
-        everywhere=seen.everywhere(_PLACES),
-        samples=samples,
-        travel=travel,
-    )
+# -- by patches ------------------------------------------------------------------------------------
 
 
 def by_patches(
     measured: Sequence,
-    cells: Cells,
+    cells: StructureCells,
     split: Patches,
     baseline: Mapping[str, float],
     soft: Mapping[str, float],
@@ -342,13 +268,13 @@ def by_patches(
         return np.array([cells.sums(split.number, each, len(split)) for each in both])
 
     # All at one model, then all at the other: some know what the model was last.
-    placed = [s for s in measured if isinstance(s, AtPoint)]
+    placed = [s for s in measured if s.kind != MASS]
     changes = {s: size * s.by_logs(energies, baseline) for s in placed}
     if of_joint.any():
         for scalar in placed:
             try:
-                given_way = scalar.by_logs(energies, soft)[:, of_joint]
+                with_compliant_joints = scalar.by_logs(energies, soft)[:, of_joint]
             except InputError:
                 continue  # the model has it no more: what stiff joints say stays
-            changes[scalar][:, of_joint] = np.array([[-1.0], [0.0]]) * given_way
-    return tuple(replace(s, patches=changes[s]) if isinstance(s, AtPoint) else s for s in measured)
+            changes[scalar][:, of_joint] = np.array([[-1.0], [0.0]]) * with_compliant_joints
+    return tuple(replace(s, patches=changes[s]) if s.kind != MASS else s for s in measured)

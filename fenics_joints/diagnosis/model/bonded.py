@@ -17,7 +17,7 @@ from fenics_joints.diagnosis.effects.effect import Effect
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.predictions import ManyPredictions
-from fenics_joints.diagnosis.where.zone_sensitivity import giving_way
+from fenics_joints.diagnosis.where.zone_sensitivity import compliant_joints
 from fenics_joints.reduction.forward import Forward
 
 #: Root mean square of ln f by each way of giving way, relative to the discrepancy that is stated.
@@ -54,7 +54,7 @@ def joint_errors(
     found = []
     for key in dict.fromkeys(key for stiffness in interfaces.values() for key in stiffness):
         joints = [joint for joint, stiffness in interfaces.items() if key in stiffness]
-        effect = giving_way("all joints", joints, interfaces, key)
+        effect = compliant_joints("all joints", joints, interfaces, key)
         change = _change(effect, forward, evidence, baseline)
         if change is not None:
             found.append(change)

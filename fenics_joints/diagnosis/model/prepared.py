@@ -30,7 +30,7 @@ from fenics_joints.diagnosis.evidence.covariance import FUNCTION, Neighbours
 from fenics_joints.diagnosis.evidence.evidence import Evidence, evidence_of
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.merging import distinct
-from fenics_joints.diagnosis.evidence.observations import Scalar, case_weighed
+from fenics_joints.diagnosis.evidence.observations import Observation, case_masses
 from fenics_joints.diagnosis.evidence.scales import ERRORS, WITH_FUNCTIONS
 from fenics_joints.diagnosis.model.at_points import by_patches, measured_at_points
 from fenics_joints.diagnosis.model.bonded import joint_errors
@@ -38,7 +38,7 @@ from fenics_joints.diagnosis.model.found_sites import found_sites
 from fenics_joints.diagnosis.model.resolution import MeshErrors, mesh_errors
 from fenics_joints.diagnosis.model.subject import Subject, subject_of, with_places
 from fenics_joints.diagnosis.where.patches import PATCHES, Patches, patches, signatures
-from fenics_joints.diagnosis.where.zone_sensitivity import given_way
+from fenics_joints.diagnosis.where.zone_sensitivity import with_compliant_joints
 from fenics_joints.diagnosis.zones.sites import placed
 from fenics_joints.errors import InputError
 from fenics_joints.formatting import percent
@@ -224,7 +224,7 @@ class Prepared(Subject):
     def _partners_at(self) -> Iterator[dict[str, float]]:
         """Parameter values at which partners are sought that the nominal model lacks: all joints
         compliant, samples of every effect's prior, and those of many places at all of them."""
-        yield given_way(self.baseline, interfaces(self.zones, self.baseline))
+        yield with_compliant_joints(self.baseline, interfaces(self.zones, self.baseline))
         yield from self.samples(self.case.diagnose.samples)
         for effect in self.effects:
             if any(prior.even for prior in effect.priors):
@@ -264,7 +264,7 @@ class Prepared(Subject):
         if self.surrogate is not None and self.data.shapes is not None:
             self.surrogate.untell(lost)
 
-    def _take(self, measured: Sequence[Scalar]) -> None:
+    def _take(self, measured: Sequence[Observation]) -> None:
         """Single numbers as data."""
         scales = self.evidence.scales
         functions = any(scalar.kind == FUNCTION for scalar in measured)
@@ -288,7 +288,7 @@ class Prepared(Subject):
             return None
         if self._yielding is None:
             seen = self.surrogate
-            values = given_way(self.baseline, interfaces(self.zones, self.baseline))
+            values = with_compliant_joints(self.baseline, interfaces(self.zones, self.baseline))
             modes = seen.modes("yielding", values)
             self._yielding = modes, seen.forward.paired(modes)
         return self._yielding
@@ -321,7 +321,7 @@ class Prepared(Subject):
             self.data.sensors,
             self.yielding(),
         )
-        soft = given_way(self.baseline, interfaces(self.zones, self.baseline))
+        soft = with_compliant_joints(self.baseline, interfaces(self.zones, self.baseline))
         scalars = by_patches(self.evidence.scalars, self.cells, split, self.baseline, soft)
         return replace(self.evidence, signatures=found, scalars=scalars)
 
@@ -546,6 +546,6 @@ def prepare(
             data,
             case.diagnose.discrepancy,
             case.diagnose.shape_discrepancy,
-            case_weighed(case, subject.full, subject.baseline),
+            case_masses(case, subject.full, subject.baseline),
         ),
     )

@@ -11,7 +11,7 @@ from fenics_joints.case import Case, build_mesh, build_structure
 from fenics_joints.case.build_beams import build_beams
 from fenics_joints.case.dimensions import Dimensions
 from fenics_joints.diagnosis.effects.sited import wanted
-from fenics_joints.diagnosis.where.cells import BeamElements, Cells, MeshCells
+from fenics_joints.diagnosis.where.cells import BeamElements, MeshCells, StructureCells
 from fenics_joints.diagnosis.zones.contacts import contact_zones
 from fenics_joints.diagnosis.zones.joints import joint_zones
 from fenics_joints.diagnosis.zones.laps import lap_as_one, lap_zones
@@ -41,7 +41,7 @@ class Subject:
     full: Structure | BeamStructure
     zones: Zones
     baseline: dict[str, float]
-    cells: Cells
+    cells: StructureCells
     dimensions: Dimensions | None
     sites: Sites = field(default_factory=Sites.none)
 

@@ -293,7 +293,7 @@ class Study:
         """
         base = self.baseline(truth.effect)
         hypothesis = self.measurement.hypothesis(*([] if rival is None else [rival]))
-        search = _Search(self, hypothesis, base, truth.predicted)
+        search = _NearestSearch(self, hypothesis, base, truth.predicted)
         at = [np.zeros(0)] if rival is None else [own_at(rival, s) for s in _STARTS]
         at = at if start is None else [start]
         places = [place for own in at if (place := search.begin(own)) is not None]
@@ -344,7 +344,7 @@ class _Place:
         return self.misfit + float(self.z @ self.z)
 
 
-class _Search:
+class _NearestSearch:
     """The nearest that a hypothesis can make to a prediction."""
 
     def __init__(self, study: Study, hypothesis: Hypothesis, baseline, target: np.ndarray):

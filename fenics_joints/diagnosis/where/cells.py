@@ -17,7 +17,7 @@ from fenics_joints.structure import Structure
 from fenics_joints.structure.cell_forces import CellForces
 
 
-class Cells(ABC):
+class StructureCells(ABC):
     """The cells that this rank owns.
 
     Attributes:
@@ -106,7 +106,7 @@ class Cells(ABC):
         return self.comm.scatter(pieces)
 
 
-class MeshCells(Cells):
+class MeshCells(StructureCells):
     """Cells of a mesh, each owned by one rank."""
 
     replicated, side_view = False, False
@@ -155,7 +155,7 @@ class MeshCells(Cells):
         return stiff, -self._by_log(gradient, "rho")
 
 
-class BeamElements(Cells):
+class BeamElements(StructureCells):
     """Elements of beams and of their laps as boxes, all of them on every rank.
 
     Args:

@@ -9,7 +9,7 @@ import numpy as np
 
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.signatures import Signatures
-from fenics_joints.diagnosis.where.cells import Cells
+from fenics_joints.diagnosis.where.cells import StructureCells
 from fenics_joints.diagnosis.where.score_tests import LEVEL, ScoreTest
 from fenics_joints.diagnosis.where.zone_sensitivity import EXPECTED
 from fenics_joints.diagnosis.zones.partition import partition
@@ -134,7 +134,9 @@ class PatchMap:
         }
 
 
-def patches(cells: Cells, n: int = PATCHES, merged: Mapping[str, str] | None = None) -> Patches:
+def patches(
+    cells: StructureCells, n: int = PATCHES, merged: Mapping[str, str] | None = None
+) -> Patches:
     """Split every region of a structure into ``n`` compact patches. Collective.
 
     Groups of a region (two plates of one material) are split each by itself, into numbers in
@@ -165,7 +167,7 @@ _CLOSE = 0.03
 
 
 def signatures(
-    cells: Cells,
+    cells: StructureCells,
     modes: Modes,
     pairing: Pairing,
     evidence: Evidence,

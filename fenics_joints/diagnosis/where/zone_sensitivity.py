@@ -89,7 +89,7 @@ def zone_sensitivities(
     return {zone: np.array(columns[zone]).T for zone in regions if zone in columns}
 
 
-def given_way(
+def with_compliant_joints(
     baseline: Mapping[str, float], interfaces: Mapping[str, Mapping[str, float]]
 ) -> dict[str, float]:
     """Parameter values with every joint giving way as its interface says."""
@@ -140,7 +140,9 @@ def _parts_of_joints(regions, interfaces, forward, evidence, baseline, nominal):
         return
     nodes, weights = np.polynomial.legendre.leggauss(_NODES)
     for key in next(iter(interfaces.values())):
-        effects = [giving_way(zone, joints, interfaces, key) for zone, joints in zones.items()]
+        effects = [
+            compliant_joints(zone, joints, interfaces, key) for zone, joints in zones.items()
+        ]
         parts = np.zeros((len(nominal), len(effects)))
         for node, weight in zip(0.5 + 0.5 * nodes, 0.5 * weights, strict=True):
             _, slopes = _predict(effects, forward, evidence, baseline, node)
@@ -152,7 +154,7 @@ def _parts_of_joints(regions, interfaces, forward, evidence, baseline, nominal):
         yield from zip(zones, parts.T, strict=True)
 
 
-def giving_way(
+def compliant_joints(
     zone: str, joints: Sequence[str], interfaces: Mapping[str, Mapping[str, float]], key: str
 ) -> Effect:
     """Joints with a share of the expected interface's compliance in series, by its cube root.

@@ -195,7 +195,7 @@ _MOST = 64
 
 
 @dataclass(frozen=True)
-class _Layer:
+class _JointLayer:
     """Cells of a joint: local ones, and the middles and areas of all ranks' owned ones."""
 
     section: JointSection
@@ -318,7 +318,7 @@ def _cell_volumes(tagged: TaggedMesh) -> np.ndarray:
     return vector.array[space.dofmap.list[:owned, 0]]
 
 
-def _layer(tagged: TaggedMesh, section: JointSection, volumes: np.ndarray) -> _Layer:
+def _layer(tagged: TaggedMesh, section: JointSection, volumes: np.ndarray) -> _JointLayer:
     mesh, comm = tagged.mesh, tagged.mesh.comm
     tags = [tagged.cell_tag(name) for name in section.cells]
     cells = np.sort(np.concatenate([tagged.cell_tags.find(t) for t in tags]))
@@ -331,7 +331,7 @@ def _layer(tagged: TaggedMesh, section: JointSection, volumes: np.ndarray) -> _L
     flat = corners.reshape(-1, 3)
     box = [flat.min(axis=0), flat.max(axis=0)] if len(cells) else []
     boxes = np.array([b for b in comm.allgather(box) if len(b)])
-    return _Layer(
+    return _JointLayer(
         section,
         cells,
         middles,
@@ -342,7 +342,7 @@ def _layer(tagged: TaggedMesh, section: JointSection, volumes: np.ndarray) -> _L
     )
 
 
-def _bolts(case: Case, tagged: TaggedMesh, name: str, layer: _Layer) -> np.ndarray:
+def _bolts(case: Case, tagged: TaggedMesh, name: str, layer: _JointLayer) -> np.ndarray:
     """Points on the axes of a joint's bolts, m, (n, 3)."""
     if layer.section.bolts is None:
         points = bolt_points(tagged)
@@ -358,7 +358,7 @@ def _bolts(case: Case, tagged: TaggedMesh, name: str, layer: _Layer) -> np.ndarr
 
 
 def _split(
-    case: Case, tagged: TaggedMesh, name: str, layer: _Layer, bolts: np.ndarray, count: int
+    case: Case, tagged: TaggedMesh, name: str, layer: _JointLayer, bolts: np.ndarray, count: int
 ) -> list[tuple[LayerZone, np.ndarray]]:
     """The zones of a joint, each with its local cells."""
     nearest, distance = _nearest(layer, bolts)
@@ -423,7 +423,7 @@ def _faces(
     return [" and ".join(name for name in case.parts if name in parts) for parts in held]
 
 
-def _nearest(layer: _Layer, bolts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _nearest(layer: _JointLayer, bolts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Nearest bolt of all cells and its distance, m; of bolts in line that whose point is nearest,
     of equally near ones that with least area."""
     distances, along = layer.distances(layer.middles, bolts)
