@@ -319,10 +319,8 @@ def _command(
                 said = dict.fromkeys([*notes, *made.get("notes", ())])
                 contents.append((json, json_text({**made, "notes": list(said)})))
             if report is not None:
-                from fenics_joints.report.html import noted
-
                 progress.step("writing the report")
-                contents.append((report, noted(outcome.page(), notes)))
+                contents.append((report, outcome.page(notes)))
         show(comm, outcome, contents)
 
 

@@ -14,11 +14,11 @@ import fenics_joints
 from benchmarks.blind.rates import clopper_pearson
 from benchmarks.blind.score import APART
 from benchmarks.blind.targets import targets
-from fenics_joints.report import html as report
 from fenics_joints.report import style as pictures
+from fenics_joints.report.html import TEMPLATES
 from fenics_joints.report.style import CHOSEN, NOISE, NOMINAL, PLACEBO
 
-_TEMPLATES = (Path(__file__).parent, Path(report.__file__).parent / "templates")
+_TEMPLATES = (Path(__file__).parent, TEMPLATES)
 
 
 def page(scores: Mapping, sealed: Mapping) -> str:

@@ -64,7 +64,7 @@ def run_cutoff(
     """
     with threadpool_limits(1):
         found = _Run(case, comm, progress or Progress(silent=True)).report()
-    return Outcome.said(found, cutoff_document(found))
+    return Outcome(found, cutoff_document(found))
 
 
 class _Run:

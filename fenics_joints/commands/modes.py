@@ -337,7 +337,7 @@ def run_modes(
         progress.step(f"writing {fields}")
         written = tuple(write_shapes(modes, fields))
     found = ModeList(case, modes, visibility, model.size_m, model.rings(), notes, beside, written)
-    return Outcome.said(found, modes_document(found, None if draw_all else 6))
+    return Outcome(found, modes_document(found, None if draw_all else 6))
 
 
 def _preloaded(case: Case, comm: MPI.Intracomm, progress: Progress, state: str) -> LinearJoint:

@@ -74,7 +74,7 @@ def run_plan(
     """
     refuse_applied(case, "diagnose --plan")
     found = plan(case, comm, progress, keep=keep)
-    return Outcome.said(found, plan_document(found))
+    return Outcome(found, plan_document(found))
 
 
 def plan_document(p: Plan) -> Document:

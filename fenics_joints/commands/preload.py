@@ -111,7 +111,7 @@ def run_preload(
         max(loose.n_rigid - stuck.n_rigid, 0),
         _become(joint, stuck, loose)[:compared],
     )
-    return Outcome.said(found, preload_document(found))
+    return Outcome(found, preload_document(found))
 
 
 def _become(joint: LinearJoint, stuck: Modes, loose: Modes) -> np.ndarray:

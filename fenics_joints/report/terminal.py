@@ -127,12 +127,6 @@ def _text(cell: Cell) -> RenderableType:
 class _WrappedTable(RichTable):
     """Rich crops what does not wrap, so all columns do where the others are not enough."""
 
-    def add_row(self, *cells: RenderableType | None, **settings) -> None:
-        for cell in cells:
-            if isinstance(cell, RichText):
-                cell.no_wrap, cell.overflow = None, "fold"
-        super().add_row(*cells, **settings)
-
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
         if self._needed(console) > options.max_width:
             for column in self.columns:
@@ -147,30 +141,3 @@ class _WrappedTable(RichTable):
             rigid, least = max(s.maximum for s in sizes), max(s.minimum for s in sizes)
             total += (rigid if column.no_wrap else min(least, _NAME)) + _BETWEEN
         return total
-
-
-def new_table(*headings: str) -> RichTable:
-    """A plain table of which nothing is cut; headings that start with > are right-aligned.
-
-    Where it is too wide, columns of names wrap first; those of numbers, and those without a
-    heading, only where that is not enough.
-    """
-    table = _WrappedTable(box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False)
-    for heading in headings:
-        right = heading.startswith(">")
-        table.add_column(
-            heading.lstrip(">"),
-            justify="right" if right else "left",
-            overflow="fold",
-            no_wrap=right or not heading,
-        )
-    return table
-
-
-def more(table: RichTable, n: int) -> None:
-    """A last row that says how many were left out."""
-    if n > 0:
-        table.add_row(f"and {n} more", style="dim")
-
-
-tell = say

@@ -10,19 +10,25 @@ from html_page import Page, check_page
 from rich.console import Console
 
 from fenics_joints import formatting
+from fenics_joints.commands.diagnose.document import diagnosis_document
 from fenics_joints.commands.diagnose.explanation import explain
-from fenics_joints.commands.diagnose.page import diagnosis_html
-from fenics_joints.commands.diagnose.summary import show_diagnosis
 from fenics_joints.commands.diagnose.words import VERDICTS
 from fenics_joints.diagnosis import Diagnosis, EffectResult, HypothesisResult
 from fenics_joints.diagnosis.result import Separation
 from fenics_joints.diagnosis.shrinkage import Fold, Shrinkage
 from fenics_joints.diagnosis.where.score_tests import ZoneShare
 from fenics_joints.measurements import Gap
+from fenics_joints.report.html import as_page
+from fenics_joints.report.terminal import show
 
 MODES = ("bending 1", "bending <2>")
 TORQUES = np.array([2.0, 10.0, 22.0])
 TEST = np.array([[375.04, 962.47], [412.56, np.nan], [424.80, 1012.51]])
+
+
+def diagnosis_html(d: Diagnosis, **more) -> str:
+    """The diagnosis as a page."""
+    return as_page(diagnosis_document(d, **more))
 
 
 def gap(factor: float) -> Gap:
@@ -193,8 +199,8 @@ def test_every_verdict_without_validation_and_map(verdict):
     assert page.texts["verdict"].split() == " ".join([VERDICTS[verdict], *said]).split()
     assert "validation" not in page.ids and "folds" not in page.tables
     console = Console(width=80, record=True, file=io.StringIO())
-    show_diagnosis(console, d)
-    assert VERDICTS[verdict].upper() in " ".join(console.export_text().split())
+    show(console, diagnosis_document(d))
+    assert VERDICTS[verdict] in " ".join(console.export_text().split())
 
 
 def large_diagnosis() -> Diagnosis:
@@ -230,7 +236,7 @@ def test_tables_are_short_and_no_line_is_too_wide():
     for d in (diagnosis(), large_diagnosis()):
         for width in (80, 100):
             console = Console(width=width, record=True, file=io.StringIO())
-            show_diagnosis(console, d)
+            show(console, diagnosis_document(d))
             lines = console.export_text().splitlines()
             first = next(i for i, line in enumerate(lines) if line.startswith("gap (RMS"))
             assert len(lines) - first <= 40 and max(map(len, lines)) <= width
@@ -244,5 +250,5 @@ def test_the_leader_is_the_best_hypothesis_that_says_something():
     page = Page(diagnosis_html(d))
     assert page.column("nuisances", 2) == ["20.3 g"]
     console = Console(width=80, record=True, file=io.StringIO())
-    show_diagnosis(console, d)
+    show(console, diagnosis_document(d))
     assert "660 GPa/m" in console.export_text()

@@ -16,11 +16,10 @@ from rich.console import Console
 pytest.importorskip("dolfinx")
 
 from fenics_joints.case import load_case
-from fenics_joints.commands.diagnose.assumptions import assumptions
+from fenics_joints.commands.diagnose.document import diagnosis_document
 from fenics_joints.commands.diagnose.explanation import explain
-from fenics_joints.commands.diagnose.page import diagnosis_html
 from fenics_joints.commands.diagnose.reading import heading_of
-from fenics_joints.commands.diagnose.summary import show_diagnosis
+from fenics_joints.commands.diagnose.run import assumptions
 from fenics_joints.commands.diagnose.words import zone_words
 from fenics_joints.diagnosis import Diagnosis, EffectResult, HypothesisResult, Silent
 from fenics_joints.diagnosis.evidence.localised_unknown import LocalisedUnknown, PointMassFound
@@ -33,9 +32,16 @@ from fenics_joints.diagnosis.where.patches import PatchMap
 from fenics_joints.diagnosis.where.score_tests import Attribution, ScoreTest, ZoneShare
 from fenics_joints.files import json_text
 from fenics_joints.measurements import Gap
+from fenics_joints.report.html import as_page
+from fenics_joints.report.terminal import show
 
 TORQUES, MODES = np.array([5.0, 20.0]), ("bending 1", "bending 2", "bending 3")
 TEST = np.array([[400.0, 900.0, 2000.0], [410.0, 910.0, 2050.0]])
+
+
+def diagnosis_html(d: Diagnosis, **more) -> str:
+    """The diagnosis as a page."""
+    return as_page(diagnosis_document(d, **more))
 
 
 def zone(name: str, share: float, p: float, rest: float, **changes) -> ScoreTest:
@@ -256,7 +262,7 @@ def test_what_the_test_does_not_identify_has_no_value():
     )
     assert "96 %: k_n not identified." in explain(d).which and "660" not in explain(d).which
     console = Console(width=100, record=True, file=io.StringIO())
-    show_diagnosis(console, d)
+    show(console, diagnosis_document(d))
     for text in (console.export_text(), diagnosis_html(d)):
         assert "not identified" in text and "660 GPa/m" not in text
 
@@ -420,7 +426,7 @@ def test_a_wrong_effect_that_predicts_nothing_has_no_number():
     """It was 5,612 % once, of a mass that one part held out did not bear."""
     d = diagnosis(placebo_after=56.12, shrinkage=shrinkage(placebo=56.12, after=0.21))
     console = Console(file=io.StringIO(), width=100)
-    show_diagnosis(console, d)
+    show(console, diagnosis_document(d))
     page, text = diagnosis_html(d), console.file.getvalue()
     assert "over 100 %" in text and "over 100 %" in page and "over 100 %" in explain(d).how_far
     assert "5612" not in text + page
@@ -434,7 +440,7 @@ def test_rows_of_one_name_say_which():
         for i, p in ((3, 0.25), (9, 0.15))
     ]
     console = Console(file=io.StringIO(), width=100)
-    show_diagnosis(console, replace(plain, effects=[*two, *plain.effects[2:]]))
+    show(console, diagnosis_document(replace(plain, effects=[*two, *plain.effects[2:]])))
     text = console.file.getvalue().partition("which effect")[2]
     assert "sensor misplaced (sensor 3)" in text and "sensor misplaced (sensor 9)" in text
     assert "modulus error " in text and "modulus error (plate" not in text
@@ -524,9 +530,9 @@ def test_page_and_terminal_lead_with_the_sentences():
     assert "not seen by this test" in page
 
     console = Console(width=80, record=True, file=io.StringIO())
-    show_diagnosis(console, d)
+    show(console, diagnosis_document(d))
     text = " ".join(console.export_text().split())
-    heading = "CAUSE FOUND, CONFIRMED ON HELD-OUT DATA"
+    heading = "Cause found, confirmed on held-out data"
     assert text.startswith(f"Plates: {heading} Cause. {words.which} How far. {words.how_far} ")
     assert f"Compared. {words.start} but: {words.doubts[0]}" in text
 
@@ -563,7 +569,7 @@ def test_nothing_is_cut_at_any_width():
     assert len(words.doubts) == 7 and "rho of part 8 (part 8) (+11.0 s.d.)" in words.doubts[3]
     for width in (60, 80, 100):
         console = Console(width=width, record=True, file=io.StringIO())
-        show_diagnosis(console, d)
+        show(console, diagnosis_document(d))
         text = console.export_text()
         whole = " ".join(text.split())
         assert "…" not in text and "..." not in text

@@ -186,7 +186,7 @@ def test_predicts_what_it_did_not_see(everything):
 
 def test_tells_it(everything):
     """JSON, page and summary hold what was found."""
-    outcome = Outcome.said(everything, update_document(everything))
+    outcome = Outcome(everything, update_document(everything))
     data = json.loads(json.dumps(outcome.json(), allow_nan=False))
     assert data["method"] == "log" and data["parameters"][0]["determined"]
     assert data["modes"][4]["fitted"] is False and data["held_modes"][0]["name"] == "mode 5"
@@ -249,7 +249,7 @@ data = ["frequencies", "frfs"]
     astray = update_case(_case(test_files, update, "astray"), MPI.COMM_WORLD)
     assert not astray.update.converged and np.isfinite(astray.update.values).all()
     assert any("has diverged" in note or "has not converged" in note for note in astray.notes)
-    outcome = Outcome.said(astray, update_document(astray))
+    outcome = Outcome(astray, update_document(astray))
     fit = json.loads(json.dumps(outcome.json(), allow_nan=False))["fit"]
     assert fit["converged"] is False and fit["reason"] == astray.update.message
     assert "not converged" in outcome.page() and outcome.failure is None
@@ -289,7 +289,7 @@ modes = [{held}]
     assert log_sd == pytest.approx([2.3 / np.sqrt(2)] * 2, rel=0.3)
     assert report.update.identifiability.undetermined == ("joint.E", "joint.h")
     assert "update.regularisation = 2.3" in start_words(report.update.identifiability, report.pull)
-    outcome = Outcome.said(report, update_document(report))
+    outcome = Outcome(report, update_document(report))
     assert 'id="pull"' in outcome.page() and outcome.json()["fit"]["regularisation"] == 2.3
 
 

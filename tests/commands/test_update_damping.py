@@ -128,7 +128,7 @@ def test_taken_by_default_where_damping_is_sought(measured, tmp_path):
     assert case.fitted_data() == ("frequencies", "damping")
     found = update_case(case, MPI.COMM_WORLD)
     assert abs(found.parameters[2]["value"] / 0.15 - 1) < 0.05
-    outcome = Outcome.said(found, update_document(found))
+    outcome = Outcome(found, update_document(found))
     rows = json.loads(json.dumps(outcome.json(), allow_nan=False))["modes"]
     assert rows[3]["damping_test"] == pytest.approx(measured[3], rel=1e-6)
     after = 100 * (rows[3]["damping_after"] / measured[3] - 1)

@@ -12,10 +12,10 @@ import sys
 import pytest
 from mpi4py import MPI
 from rich.console import Console
-from rich.text import Text
 
 from fenics_joints.progress import Progress
-from fenics_joints.report.terminal import new_table, say
+from fenics_joints.report.document import Document, Table, Text
+from fenics_joints.report.terminal import show
 
 if MPI.COMM_WORLD.size > 1:
     pytest.skip("about one process", allow_module_level=True)
@@ -32,11 +32,10 @@ CELLS = (
 def printed(width: int) -> str:
     stream = io.StringIO()
     console = Console(file=stream, width=width)
-    table = new_table("parameter", ">identified", ">predicted, Hz", ">error", "range")
-    # A cell may not ask to be cut either.
-    table.add_row(Text(CELLS[0], no_wrap=True, overflow="ellipsis"), *CELLS[1:])
-    console.print(table)
-    say(console, "a sentence that is longer than the line on which it stands, with its caveat")
+    table = Table("parameter", ">identified", ">predicted, Hz", ">error", "range")
+    table.add(*CELLS)
+    words = "a sentence that is longer than the line on which it stands, with its caveat"
+    show(console, Document("case", "result", blocks=[table, Text(words)]))
     return stream.getvalue()
 
 

@@ -11,7 +11,8 @@ import pytest
 from cell_map import cells
 from matplotlib import colormaps
 
-from fenics_joints.report.html import render
+from fenics_joints.report.document import Document, View
+from fenics_joints.report.html import as_page
 from fenics_joints.report.surface import coarsened, surface
 from fenics_joints.report.view import Arrows, Colours, Look, scene
 
@@ -79,7 +80,7 @@ def page() -> str:
     found = cells()
     whole = surface(found.vertices, found.region, found.region)
     view = scene(whole, looks, HOSTILE, apart=True)
-    return render("view.html", view=view, title=HOSTILE)
+    return as_page(Document(HOSTILE, "view", blocks=[View(view)]))
 
 
 def test_numbers_in_the_page_are_those_of_the_surface():

@@ -12,7 +12,7 @@ from fenics_joints.beams import Beam, BeamStructure, Clamp, GenericJoint, Held, 
 from fenics_joints.beams.cells import cell_energies
 from fenics_joints.beams.element import BEAM
 from fenics_joints.case import load_case
-from fenics_joints.commands.diagnose.page import diagnosis_html
+from fenics_joints.commands.diagnose.document import diagnosis_document
 from fenics_joints.commands.diagnose.words import zone_words
 from fenics_joints.diagnosis import diagnose
 from fenics_joints.diagnosis.effects.joint import LOW_PRELOAD
@@ -26,6 +26,7 @@ from fenics_joints.errors import InputError
 from fenics_joints.modal import solve_modes
 from fenics_joints.progress import Progress
 from fenics_joints.reduction import Forward, LeanForward
+from fenics_joints.report.html import as_page
 
 STEEL = {"E": 208e9, "nu": 0.3, "rho": 7860.0}
 WIDTH, HEIGHT, LAP, K1, K2 = 0.021, 0.0106, 0.05, 1763.2, 37402.0
@@ -138,7 +139,7 @@ def test_no_gap_is_said(tmp_path):
     reasons = {s.effect: s.reason for s in result.silent}
     assert "no loss of contact takes" in reasons["contact lost at low pressure"]
     assert "shapes" in reasons["sensor misplaced"]
-    page = diagnosis_html(result)
+    page = as_page(diagnosis_document(result))
     assert "Virtual beams" in page and "seen from the side" in page
 
 

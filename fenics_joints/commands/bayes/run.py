@@ -68,7 +68,7 @@ def run_bayes(
         beside = None if keep is None else Path(keep).with_suffix(".model.h5")
         model = case_model(case, comm, progress, keep=beside)
         found = _Run(case, model, comm, progress, keep).report()
-    return Outcome.said(found, bayes_document(found), found.failure)
+    return Outcome(found, bayes_document(found), found.failure)
 
 
 class _Run:

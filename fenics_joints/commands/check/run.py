@@ -213,7 +213,7 @@ def run_check(
     found = check_case(path, comm, progress, large=large)
     n = len(found.errors)
     failure = f"{found.path}: {n} {'error' if n == 1 else 'errors'}, listed above" if n else None
-    return Outcome.said(found, check_document(found), failure)
+    return Outcome(found, check_document(found), failure)
 
 
 def check_case(

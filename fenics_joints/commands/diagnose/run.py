@@ -2,22 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 from mpi4py import MPI
-from rich.console import Console
 
-from fenics_joints.case import Case, labelled
+from fenics_joints.case import Case
 from fenics_joints.case.check_structure import refuse_applied
 from fenics_joints.case.notes import OF_MODEL
-from fenics_joints.commands.diagnose.assumptions import assumptions
-from fenics_joints.commands.diagnose.explanation import explain
-from fenics_joints.commands.diagnose.page import diagnosis_html
-from fenics_joints.commands.diagnose.summary import show_diagnosis
+from fenics_joints.commands.diagnose.document import diagnosis_document
 from fenics_joints.commands.outcome import Outcome
 from fenics_joints.diagnosis import Diagnosis, diagnose
+from fenics_joints.formatting import percent, quantity, spaced
+from fenics_joints.measurements.data import TestData
 from fenics_joints.progress import Progress
-from fenics_joints.report.terminal import tell
+
+#: Sections whose entries may be known within a tolerance only.
+_KINDS = ("parts", "joints", "masses", "springs", "supports", "attached")
 
 
 def run_diagnose(
@@ -41,15 +43,63 @@ def run_diagnose(
     for note in notes:
         of = "of the model" if note.startswith(OF_MODEL) else "of the test's data"
         assumed = [*assumed, (of, note.removeprefix(OF_MODEL))]
+    return Outcome(found, diagnosis_document(found, log_sd=data.log_sd(), assumed=assumed))
 
-    def summary(console: Console) -> None:
-        show_diagnosis(console, found)
-        for note in notes:
-            tell(console, labelled(note), "yellow")
 
-    return Outcome(
-        found,
-        lambda: {**found.to_json(), "in_words": explain(found).to_json()},
-        lambda: diagnosis_html(found, log_sd=data.log_sd(), assumed=assumed),
-        summary,
-    )
+def assumptions(case: Case, data: TestData) -> list[tuple[str, str]]:
+    """Names and values of what ``[test]``, ``[diagnose]`` and the tolerances say.
+
+    Args:
+        case: The case.
+        data: Its test.
+    """
+    given = case.diagnose
+    return [
+        *_noise(data),
+        ("error of any such model, correlated along the conditions", percent(given.discrepancy)),
+        *(
+            []
+            if data.shapes is None
+            else [("the same of a shape's components", percent(given.shape_discrepancy, 1))]
+        ),
+        *(
+            []
+            if data.by_level
+            else [("scatter of the preload at a given torque", percent(given.preload_scatter, 0))]
+        ),
+        ("the nominal model's joints", _JOINTS[given.joints]),
+        ("effects that may be at work together", f"up to {given.max_effects}"),
+        (
+            "effects that were considered",
+            "all that the case has" if given.effects is None else ", ".join(given.effects),
+        ),
+        *_tolerances(case),
+    ]
+
+
+_JOINTS = {
+    "bonded": "as one with the parts: nothing of them is assumed",
+    "given": "with the stiffness that the case gives",
+}
+
+
+def _noise(data: TestData) -> Iterator[tuple[str, str]]:
+    noise = sorted({float(x) for x in np.atleast_1d(data.noise)})
+    yield "noise of a frequency", " to ".join(percent(x, 3) for x in dict.fromkeys(noise))
+    lines = sorted({float(x) for x in np.atleast_1d(data.resolution_hz) if x})
+    if lines:
+        yield "lines of the analyser", ", ".join(quantity(x, "Hz") for x in lines)
+    if data.damping is not None and data.damping_noise is not None:
+        yield "noise of a damping ratio", percent(data.damping_noise, 1)
+    if data.shapes is not None:
+        yield "noise of a shape's component", percent(data.shape_noise, 1)
+
+
+def _tolerances(case: Case) -> Iterator[tuple[str, str]]:
+    for kind in _KINDS:
+        for name, section in (getattr(case, kind, None) or {}).items():
+            given = getattr(section, "tolerance", None)
+            each = {"": given} if isinstance(given, float) else dict(given or {})
+            words = ", ".join(f"{key} {percent(x, 1)}".strip() for key, x in each.items() if x)
+            if words:
+                yield f"{spaced(name)} known within (one s.d.)", words

@@ -75,7 +75,7 @@ def run_harmonic(
     # The matrices are small: threads only get in each other's way.
     with threadpool_limits(1):
         found = _solved(case, built, comm, progress, branches)
-    return Outcome.said(found, harmonic_document(found))
+    return Outcome(found, harmonic_document(found))
 
 
 def _solved(case: Case, built: HarmonicModel, comm, progress, branches) -> HarmonicReport:

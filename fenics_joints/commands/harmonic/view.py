@@ -15,7 +15,6 @@ from fenics_joints.formatting import quantity
 from fenics_joints.harmonic import HarmonicResult, Loops
 from fenics_joints.preload.bodies import body_numbers
 from fenics_joints.report import geometry
-from fenics_joints.report.html import svg
 from fenics_joints.report.mesh_pictures import diverging, mode_shape
 from fenics_joints.report.surface import Surface, surface
 from fenics_joints.report.view import Colours, Look, scene
@@ -99,7 +98,7 @@ def _farthest(response: HarmonicResult) -> np.ndarray:
 
 def response_view(
     r: HarmonicReport, shapes: PeakShapes, loops: dict[str, Loops]
-) -> tuple[Markup, Markup]:
+) -> tuple[Markup, str]:
     """The view, and a picture of the highest level's peak for paper.
 
     Args:
@@ -122,7 +121,7 @@ def response_view(
     top = quantity(r.facts[-1].level, r.level_unit)
     name = f"The structure at its peaks, and where its joints slip at {top}."
     words = f"The structure at the peak of {top}, {r.facts[-1].frequency_hz:.3f} Hz."
-    still = svg(mode_shape(x, highest, way, "peak", words))
+    still = mode_shape(x, highest, way, "peak", words)
     return scene(whole, looks, name, turn=turn, apart=True), still
 
 

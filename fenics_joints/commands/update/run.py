@@ -74,7 +74,7 @@ def run_update(case: Case, comm: MPI.Intracomm, progress: Progress | None = None
     if case.update is not None and case.update.cutoff is not None:
         return run_cutoff(case, comm, progress)
     found = update_case(case, comm, progress)
-    return Outcome.said(found, update_document(found), found.failure)
+    return Outcome(found, update_document(found), found.failure)
 
 
 def update_case(case: Case, comm: MPI.Intracomm, progress: Progress | None = None) -> UpdateReport:
