@@ -8,8 +8,8 @@ from mpi4py import MPI
 
 from fenics_joints.meshes.tagged import MeshLists, TaggedMesh, distribute
 from fenics_joints.parallel import on_root
-from fenics_joints.preload import Contact
-from fenics_joints.structure import part
+from fenics_joints.preload import Contact, PreloadModel
+from fenics_joints.structure import Structure, Support, part
 
 COMM = MPI.COMM_WORLD
 STEEL = {"E": 200e9, "nu": 0.3, "rho": 7800.0}
@@ -22,6 +22,51 @@ def faces(**options) -> Contact:
 
 def both(**properties):
     return [part("both", ("lower", "upper"), **STEEL | properties)]
+
+
+def pair(low, up) -> list:
+    """Parts of the two blocks, with properties other than steel's."""
+    return [part("low", "lower", **STEEL | low), part("up", "upper", **STEEL | up)]
+
+
+def pressed(
+    tagged,
+    loads=(),
+    *,
+    parts=None,
+    parameters=(),
+    held=("bottom",),
+    bolts=(),
+    contacts=None,
+    **more,
+) -> PreloadModel:
+    """Stacked blocks in contact "c", of steel, linear and clamped at the bottom by default.
+
+    Args:
+        tagged: Their mesh.
+        loads: Loads.
+        parts: Parts; steel if None.
+        parameters: Parameters that they name.
+        held: Supports, or faces that are clamped.
+        bolts: Bolts.
+        contacts: Contacts instead of "c".
+        more: ``degree``, ``axisymmetric`` and ``springs`` of the structure, and options of "c".
+    """
+    own = {key: more.pop(key) for key in ("degree", "axisymmetric", "springs") if key in more}
+    supports = [s if isinstance(s, Support) else Support(s) for s in held]
+    structure = Structure(
+        tagged, parts or both(), parameters, supports=supports, **{"degree": 1} | own
+    )
+    return PreloadModel(structure, contacts or [faces(**more)], bolts, loads)
+
+
+def half_width(state, axes=1) -> float:
+    """Half-width of a Hertzian patch: p^2 is linear in r^2, and a fit through its inner part
+    vanishes there."""
+    r2 = (state.interface.points[:, :axes] ** 2).sum(axis=1)
+    inner = state.pressure > 0.3 * state.pressure.max()
+    slope, top = np.polyfit(r2[inner], state.pressure[inner] ** 2, 1)
+    return np.sqrt(-top / slope)
 
 
 def slope_of(errors, sizes) -> float:

@@ -4,22 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from mpi4py import MPI
+from contact_blocks import COMM, pair, pressed
 
 from fenics_joints.errors import InputError
 from fenics_joints.meshes import stacked_blocks
-from fenics_joints.preload import (
-    OPEN,
-    SLIP,
-    STICK,
-    Contact,
-    PreloadModel,
-    PreloadSolver,
-    Traction,
-    WasherForce,
-)
+from fenics_joints.preload import OPEN, SLIP, STICK, PreloadSolver, Traction, WasherForce
 from fenics_joints.preload.adjoint import PreloadAdjoint
-from fenics_joints.structure import Parameter, Structure, Support, part
+from fenics_joints.structure import Parameter
 
 pytestmark = pytest.mark.parallel
 
@@ -31,20 +22,15 @@ PARAMETERS = [
 ]
 
 
-def parts():
-    """A soft body of parameters on a stiff one: the mismatch makes the interface slip."""
-    return [
-        part("low", "lower", E=200e9, nu=0.3, rho=7800.0),
-        part("up", "upper", E="E", nu="nu", rho="rho", stretch="t", normal=(0.0, 1.0, 0.0)),
-    ]
+#: A soft body of parameters on a stiff one: the mismatch makes the interface slip.
+SOFT = {"E": "E", "nu": "nu", "rho": "rho", "stretch": "t"}
 
 
 def plates(friction=0.3, push=(-25e3, 25e3)):
     """Half section of two discs, pressed near the hole; they part further out."""
     r = np.concatenate([np.linspace(7e-3, 12e-3, 4), np.linspace(12e-3, 40e-3, 10)[1:]])
     z = np.linspace(0.0, 15e-3, 5)
-    tagged = stacked_blocks(MPI.COMM_WORLD, lower=(r, -z[::-1]), upper=z)
-    structure = Structure(tagged, parts(), PARAMETERS, degree=1, axisymmetric=True)
+    tagged = stacked_blocks(COMM, lower=(r, -z[::-1]), upper=z)
 
     def ring(x):
         return (x[:, 0] <= 12e-3 + 1e-9) * 1.0
@@ -53,24 +39,14 @@ def plates(friction=0.3, push=(-25e3, 25e3)):
         Traction("top", "top", (0.0, push[0]), ring),
         Traction("bottom", "bottom", (0.0, push[1]), ring),
     ]
-    contact = Contact("c", "interface_lower", "interface_upper", friction=friction)
-    return PreloadModel(structure, [contact], (), loads)
+    bodies = {"parts": pair({}, SOFT | {"normal": (0.0, 1.0, 0.0)}), "parameters": PARAMETERS}
+    return pressed(tagged, loads, held=(), axisymmetric=True, friction=friction, **bodies)
 
 
 def blocks(friction=0.2):
     """A soft block pressed unevenly on a stiff one and pushed sideways, in space."""
     x, y, z = (np.linspace(0.0, a, n + 1) for a, n in ((0.06, 6), (0.05, 5), (0.01, 2)))
-    tagged = stacked_blocks(MPI.COMM_WORLD, lower=(x, y, -z[::-1]), upper=z)
-    structure = Structure(
-        tagged,
-        [
-            part("low", "lower", E=200e9, nu=0.3, rho=7800.0),
-            part("up", "upper", E="E", nu="nu", rho="rho", stretch="t"),
-        ],
-        PARAMETERS,
-        supports=[Support("bottom")],
-        degree=1,
-    )
+    tagged = stacked_blocks(COMM, lower=(x, y, -z[::-1]), upper=z)
 
     def uneven(x):
         return np.exp(-((x[:, 0] - 0.025) ** 2 + (x[:, 1] - 0.021) ** 2) / 0.009**2)
@@ -79,8 +55,8 @@ def blocks(friction=0.2):
         Traction("down", "top", (0.0, 0.0, -9e3), uneven),
         Traction("side", "top", (700.0, 300.0, 0.0)),
     ]
-    contact = Contact("c", "interface_lower", "interface_upper", friction=friction)
-    return PreloadModel(structure, [contact], (), loads)
+    parts = pair({}, SOFT)
+    return pressed(tagged, loads, parts=parts, parameters=PARAMETERS, friction=friction)
 
 
 STEPS = (1e-3, 5e-4)
@@ -200,14 +176,9 @@ def test_friction_without_a_limit_and_history():
 def test_bolts_force_in_a_pressed_stack():
     """Under a bolt spread over the whole faces the mean pressure is force over area."""
     line = np.linspace(0.0, 1.0, 4)
-    tagged = stacked_blocks(MPI.COMM_WORLD, lower=(line, line - 1.0), upper=line)
-    structure = Structure(tagged, [part("a", ("lower", "upper"), E=200e9, nu=0.3, rho=7800.0)])
-    model = PreloadModel(
-        structure,
-        [Contact("c", "interface_lower", "interface_upper")],
-        [WasherForce("bolt", "bottom", "top", 1e5)],
-    )
-    result = PreloadSolver(model).solve()
+    tagged = stacked_blocks(COMM, lower=(line, line - 1.0), upper=line)
+    bolts = [WasherForce("bolt", "bottom", "top", 1e5)]
+    result = PreloadSolver(pressed(tagged, held=(), bolts=bolts, degree=2)).solve()
     gradient = pressure_gradient(result, np.full(4, 0.25))
     assert gradient.forces == pytest.approx({"bolt": 1.0})
     assert gradient.parameters == {}

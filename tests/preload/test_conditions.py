@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from contact_blocks import COMM, STEEL, both, faces, slope_of
+from contact_blocks import COMM, STEEL, pair, pressed, slope_of
 from mpi4py import MPI
 
 from fenics_joints.meshes import graded_lines, stacked_blocks
-from fenics_joints.preload import SLIP, STICK, PreloadModel, PreloadSolver, Traction
-from fenics_joints.structure import Structure, Support, part
+from fenics_joints.preload import SLIP, STICK, PreloadSolver, Traction
 
 
 def bar(n: int, t: float):
@@ -21,11 +20,6 @@ def bar(n: int, t: float):
         upper=(0.0, t),
         upper_span=(0.0, length),
     )
-    parts = [
-        part("base", "lower", E=1e15, nu=0.0, rho=1.0),
-        part("bar", "upper", E=70e9, nu=0.0, rho=1.0),
-    ]
-    structure = Structure(tagged, parts, supports=[Support("bottom")], degree=1)
 
     def end(x):
         return 1.0 * (x[:, 0] < length + 1e-9)
@@ -34,7 +28,8 @@ def bar(n: int, t: float):
         Traction("press", "top", (0.0, -p * length)),
         Traction("pull", "right", (1.0, 0.0), end),
     ]
-    solver = PreloadSolver(PreloadModel(structure, [faces(friction=mu)], (), loads))
+    parts = pair({"E": 1e15, "nu": 0.0}, {"E": 70e9, "nu": 0.0})
+    solver = PreloadSolver(pressed(tagged, loads, parts=parts, friction=mu))
     return solver, mu * p, 70e9 * t, length
 
 
@@ -73,8 +68,6 @@ def pushed_block(mu: float, share: float, comm=COMM):
     """A block of steel on one of aluminium, pushed sideways with a share of Coulomb's limit."""
     x, z = np.linspace(0, 0.1, 7), np.linspace(0, 0.05, 4)
     tagged = stacked_blocks(comm, lower=(x, x, -z[::-1]), upper=z)
-    parts = [part("low", "lower", **STEEL | {"E": 70e9}), part("up", "upper", **STEEL)]
-    structure = Structure(tagged, parts, supports=[Support("bottom")], degree=1)
 
     def uneven(x):
         return 1 + 20 * x[:, 0]
@@ -84,7 +77,7 @@ def pushed_block(mu: float, share: float, comm=COMM):
         Traction("down", "top", (0.0, 0.0, -1e4)),
         Traction("side", "top", (0.6 * side, 0.8 * side, 0.0), uneven),
     ]
-    return PreloadSolver(PreloadModel(structure, [faces(friction=mu)], (), loads))
+    return PreloadSolver(pressed(tagged, loads, parts=pair({"E": 70e9}, {}), friction=mu))
 
 
 @pytest.mark.parametrize("mu, share", [(0.1, 0.9), (0.3, 0.9), (1.0, 0.5)])
@@ -132,7 +125,6 @@ def test_cattaneo_mindlin():
     x = graded_lines([0.0, 1.2 * a, size * a], [h, h, size * a / 4])
     z = graded_lines([0.0, a, size * a], [h, 2 * h, size * a / 4])
     tagged = stacked_blocks(COMM, lower=(np.concatenate([-x[:0:-1], x]), -z[::-1]), upper=z)
-    structure = Structure(tagged, both(), supports=[Support("bottom")], degree=1)
     # Forces up on one half and down on the other take up the moment of the push.
     couple = Q * size * a / (size * a)
     loads = [
@@ -141,8 +133,8 @@ def test_cattaneo_mindlin():
         Traction("up", "top", (0.0, couple), lambda x: 1.0 * (x[:, 0] > 0)),
         Traction("back", "top", (0.0, -couple), lambda x: 1.0 * (x[:, 0] < 0)),
     ]
-    contact = faces(friction=mu, gap=lambda x: x[:, 0] ** 2 / (2 * R))
-    solver = PreloadSolver(PreloadModel(structure, [contact], (), loads))
+    round_ = {"friction": mu, "gap": lambda x: x[:, 0] ** 2 / (2 * R)}
+    solver = PreloadSolver(pressed(tagged, loads, **round_))
     result, c = None, a * np.sqrt(1 - share)
     for factor in (0.0, 1.0, 0.0, -1.0):
         result = solver.solve(dict.fromkeys(("push", "up", "back"), factor), initial=result)

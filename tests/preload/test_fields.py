@@ -6,6 +6,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from contact_blocks import pair, pressed
 from dolfinx import io
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -13,8 +14,8 @@ from scipy.spatial import cKDTree
 
 from fenics_joints.errors import InputError
 from fenics_joints.meshes import stacked_blocks
-from fenics_joints.preload import Contact, PreloadModel, PreloadSolver, Traction, fields
-from fenics_joints.structure import Structure, Support, paraview, part
+from fenics_joints.preload import PreloadSolver, Traction, fields
+from fenics_joints.structure import paraview
 
 pytestmark = pytest.mark.parallel
 COMM = MPI.COMM_WORLD
@@ -26,19 +27,14 @@ def state(cell="hexahedron", degree=1):
     space = cell in ("hexahedron", "tetrahedron")
     base = (x, 0.8 * x) if space else (x,)
     tagged = stacked_blocks(COMM, lower=(*base, -z[::-1]), upper=z, cell=cell)
-    bodies = [
-        part("low", "lower", E=200e9, nu=0.3, rho=7800.0),
-        part("up", "upper", E=70e9, nu=0.3, rho=2700.0),
-    ]
-    structure = Structure(tagged, bodies, supports=[Support("bottom")], degree=degree)
 
     def uneven(x):
         return np.exp(-np.sum((x[:, :-1] - 0.04) ** 2, axis=1) / 0.012**2)
 
     down = (0.0, 0.0, -9e3) if space else (0.0, -9e3)
-    contact = Contact("c", "interface_lower", "interface_upper", friction=0.2)
-    load = Traction("down", "top", down, uneven)
-    return PreloadSolver(PreloadModel(structure, [contact], (), [load])).solve()
+    loads, parts = [Traction("down", "top", down, uneven)], pair({}, {"E": 70e9, "rho": 2700.0})
+    model = pressed(tagged, loads, parts=parts, degree=degree, friction=0.2)
+    return PreloadSolver(model).solve()
 
 
 def datasets(path):

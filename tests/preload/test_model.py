@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from contact_blocks import COMM, both, faces
+from contact_blocks import COMM, faces, pressed
 from dolfinx import fem
 
 from fenics_joints._compat import geometry_dofmap
@@ -20,15 +20,14 @@ from fenics_joints.preload import (
     WasherForce,
     solve_preload,
 )
-from fenics_joints.structure import Structure, Support
+from fenics_joints.structure import Support
 
 
 def free_blocks(friction: float, loads, **mesh):
     x, z = np.linspace(0, 1, 3), np.linspace(0, 0.5, 3)
     tagged = stacked_blocks(COMM, **{"lower": (x, x, -z[::-1]), "upper": z} | mesh)
-    bolt = WasherForce("bolt", "bottom", "top", 1e5)
-    structure = Structure(tagged, both(), degree=1)
-    return PreloadModel(structure, [faces(friction=friction)], [bolt], loads)
+    bolts = [WasherForce("bolt", "bottom", "top", 1e5)]
+    return pressed(tagged, loads, held=(), bolts=bolts, friction=friction)
 
 
 @pytest.mark.parallel
@@ -54,22 +53,21 @@ def test_supported_interface(directions):
     x, z = np.linspace(0, 0.1, 9), np.linspace(0, 0.03, 4)
     tagged = stacked_blocks(COMM, lower=(x, -z[::-1]), upper=z)
     held = [Support("bottom"), Support("interface_lower", directions)]
-    structure = Structure(tagged, both(), supports=held, degree=2)
     loads = [
         Traction("down", "top", (0.0, -1e6), lambda x: 1 + x[:, 0] / 0.1),
         Traction("side", "top", (1.5e5, 0.0)),
     ]
     found = []
     for names in (("interface_lower", "interface_upper"), ("interface_upper", "interface_lower")):
-        contact = Contact("c", *names, friction=0.2)
-        result = solve_preload(PreloadModel(structure, [contact], (), loads))
+        contacts = [Contact("c", *names, friction=0.2)]
+        result = solve_preload(pressed(tagged, loads, held=held, degree=2, contacts=contacts))
         state = result["c"]
         assert abs(state.normal_force / 1e6 - 1) < 1e-8
         assert {SLIP, STICK} <= set(state.status.tolist())
         order = np.argsort(state.interface.points[:, 0])
         found.append(np.column_stack([state.force, 1e12 * state.slip])[order])
         u = result.displacement.x.array.reshape(-1, 2)
-        V = structure.V
+        V = result.model.V
         facets = tagged.facet_tags.find(tagged.facet_tag("interface_lower"))
         blocks = fem.locate_dofs_topological(V, 1, facets)
         assert np.abs(u[blocks][:, list(directions)]).max() < 1e-5 * np.abs(u).max()

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from contact_blocks import STEEL, both, faces, unlike_blocks
+from contact_blocks import STEEL, both, half_width, pair, pressed, unlike_blocks
 from dolfinx import fem
 
 from fenics_joints.errors import MeshError
@@ -15,13 +15,12 @@ from fenics_joints.preload import (
     LinearJoint,
     PreloadAdjoint,
     PreloadModel,
-    PreloadSolver,
     Traction,
     WasherForce,
     solve_preload,
 )
 from fenics_joints.preload.mortar import hats, overlap
-from fenics_joints.structure import Parameter, Structure, Support, part
+from fenics_joints.structure import Parameter, Structure
 
 
 def lean(x: np.ndarray) -> None:
@@ -42,11 +41,13 @@ def lean(x: np.ndarray) -> None:
 )
 def test_patch(cell, lower, upper, degree):
     """Evenly pressed faces carry the same pressure at every vertex, whatever the two meshes."""
-    structure = Structure(unlike_blocks(lower, upper, cell, lean), both(), degree=degree)
-    bolt = WasherForce("bolt", "bottom", "top", 1e5)
+    tagged, bolts = (
+        unlike_blocks(lower, upper, cell, lean),
+        [WasherForce("b", "bottom", "top", 1e5)],
+    )
     for friction in (0.0, 0.3):
-        solver = PreloadSolver(PreloadModel(structure, [faces(friction=friction)], [bolt]))
-        state = solver.solve()["c"]
+        model = pressed(tagged, held=(), bolts=bolts, degree=degree, friction=friction)
+        state = solve_preload(model)["c"]
         assert np.allclose(state.pressure, 1e5, rtol=1e-8)
         assert abs(state.area - 1) < 1e-12
 
@@ -63,15 +64,11 @@ def test_hertz_line():
         x[:, 1] = size * np.sign(x[:, 1]) * np.abs(x[:, 1]) ** 2
 
     tagged = unlike_blocks((110, 30), (91, 24), "quadrilateral", grade)
-    structure = Structure(tagged, both(), supports=[Support("bottom")], degree=1)
-    contact = faces(gap=lambda x: x[:, 0] ** 2 / (2 * R))
     load = Traction("load", "top", (0.0, -force))
-    state = solve_preload(PreloadModel(structure, [contact], (), [load]))["c"]
-    x2, inner = state.interface.points[:, 0] ** 2, state.pressure > 0.3 * state.pressure.max()
-    slope, top = np.polyfit(x2[inner], state.pressure[inner] ** 2, 1)
+    state = solve_preload(pressed(tagged, [load], gap=lambda x: x[:, 0] ** 2 / (2 * R)))["c"]
     assert abs(state.normal_force / force - 1) < 1e-8
     assert abs(state.pressure.max() / peak - 1) < 0.01
-    assert abs(np.sqrt(-top / slope) / a - 1) < 0.02
+    assert abs(half_width(state) / a - 1) < 0.02
 
 
 @pytest.mark.parametrize("degree", [1, 2])
@@ -105,9 +102,8 @@ def test_part_that_sticks_out():
         x[:, 0] += 0.43 * ((x[:, 1] == 0) & (np.arange(len(x)) >= 4 * 8))
 
     tagged = unlike_blocks((3, 7), (9, 2), "quadrilateral", aside)
-    structure = Structure(tagged, both(), supports=[Support("bottom")], degree=1)
     load = Traction("load", "top", (0.0, -1e5), lambda x: (x[:, 0] < 0.9) * 1.0)
-    state = solve_preload(PreloadModel(structure, [faces()], (), [load]))["c"]
+    state = solve_preload(pressed(tagged, [load]))["c"]
     # Facets are kept whose covered share is above a half: here none is cut near its middle.
     assert state.interface.areas.sum() == pytest.approx(0.57, abs=0.06)
     assert state.normal_force == pytest.approx(1e5, rel=1e-9)
@@ -145,19 +141,10 @@ def square(n: int, angle: float, normal: float):
 def test_gradient():
     """The adjoint of a load on the upper block, through meshes that do not match."""
     E = Parameter("E", 70e9)
-    materials = [
-        part("low", "lower", E=200e9, nu=0.3, rho=7800.0),
-        part("up", "upper", E="E", nu=0.3, rho=7800.0),
-    ]
-    structure = Structure(
-        unlike_blocks((7, 3), (5, 3), "triangle"),
-        materials,
-        [E],
-        supports=[Support("bottom")],
-        degree=1,
-    )
     load = Traction("load", "top", (0.0, -1e5), lambda x: (x[:, 0] - 0.3) ** 2)
-    model = PreloadModel(structure, [faces(friction=0.1)], (), [load])
+    bodies = {"parts": pair({}, {"E": "E"}), "parameters": [E]}
+    tagged = unlike_blocks((7, 3), (5, 3), "triangle")
+    model = pressed(tagged, [load], friction=0.1, **bodies)
 
     def pressure(value):
         state = solve_preload(model, given={"E": value})["c"]
@@ -178,6 +165,6 @@ def test_faces_that_are_apart_are_named():
         x[x[:, 1] > 0, 0] += 5.0
         x[:, 0] += 5.0 * ((x[:, 1] == 0) & (np.arange(len(x)) >= 12))
 
-    structure = Structure(unlike_blocks((3, 2), (2, 2), "quadrilateral", aside), both(), degree=1)
+    tagged = unlike_blocks((3, 2), (2, 2), "quadrilateral", aside)
     with pytest.raises(MeshError, match="c: the two faces do not lie on one another"):
-        PreloadModel(structure, [faces()])
+        pressed(tagged, held=())

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from contact_blocks import COMM, STEEL, both, faces, slope_of
+from contact_blocks import COMM, STEEL, faces, half_width, pair, pressed, slope_of
 
 from fenics_joints.errors import ConvergenceError
 from fenics_joints.meshes import graded_lines, stacked_blocks
@@ -12,14 +14,12 @@ from fenics_joints.preload import (
     OPEN,
     SLIP,
     STICK,
-    Contact,
-    PreloadModel,
     PreloadSolver,
     Traction,
     WasherForce,
     solve_preload,
 )
-from fenics_joints.structure import Spring, Structure, Support, part
+from fenics_joints.structure import Spring, Support
 
 
 def distorted_blocks(cell: str):
@@ -54,12 +54,12 @@ def test_patch(cell, degree):
     """Evenly pressed faces carry the same pressure at every vertex, whatever the mesh."""
     axisymmetric = cell.startswith("round")
     tagged = distorted_blocks(cell.removeprefix("round "))
-    structure = Structure(tagged, both(), degree=degree, axisymmetric=axisymmetric)
     area = np.pi * (1.5**2 - 0.5**2) if axisymmetric else 1.0
     for method, friction in (("semismooth", 0.0), ("vi", 0.0), ("semismooth", 0.3)):
-        bolt = WasherForce("bolt", "bottom", "top", 1e5)
+        bolts = [WasherForce("bolt", "bottom", "top", 1e5)]
+        free = {"held": (), "degree": degree, "axisymmetric": axisymmetric}
         solver = PreloadSolver(
-            PreloadModel(structure, [faces(friction=friction)], [bolt]), method=method
+            pressed(tagged, bolts=bolts, friction=friction, **free), method=method
         )
         state = solver.solve()["c"]
         assert np.allclose(state.pressure, 1e5 / area, rtol=1e-8)
@@ -92,21 +92,17 @@ def hertz(kind: str, per_a: float, method: str | None = None, size: float = 25.0
     tagged = stacked_blocks(COMM, lower=(*plan, -z[::-1]), upper=z)
     held = [Support("left", (0,)), Support("bottom", (len(plan),))]
     held += [Support("front", (1,))] if kind == "space" else []
-    structure = Structure(tagged, both(), supports=held, degree=1, axisymmetric=kind == "round")
 
     def gap(x):
         return (x[:, : len(plan)] ** 2).sum(axis=1) / (2 * R)
 
     load = Traction("load", "top", (0.0,) * len(plan) + (-force,))
-    result = solve_preload(PreloadModel(structure, [faces(gap=gap)], (), [load]), method=method)
+    model = pressed(tagged, [load], held=held, axisymmetric=kind == "round", gap=gap)
+    result = solve_preload(model, method=method)
     state = result["c"]
-    # Hertz's p^2 is linear in r^2: the half-width is where a fit through the inner part vanishes.
-    r2 = (state.interface.points[:, : len(plan)] ** 2).sum(axis=1)
-    inner = state.pressure > 0.3 * state.pressure.max()
-    slope, top = np.polyfit(r2[inner], state.pressure[inner] ** 2, 1)
     assert result.complementarity < 1e-8
     assert abs(state.normal_force / force - 1) < 1e-8
-    return state.pressure.max() / peak, np.sqrt(-top / slope) / a, result
+    return state.pressure.max() / peak, half_width(state, len(plan)) / a, result
 
 
 def test_hertz_line():
@@ -143,8 +139,6 @@ def discs(n: int, friction: float = 0.0, lower=STEEL):
     )
     z = np.linspace(0, thickness, 3 * n + 1)
     tagged = stacked_blocks(COMM, lower=(r, -z[::-1]), upper=z)
-    parts = [part("low", "lower", **lower), part("up", "upper", **STEEL)]
-    structure = Structure(tagged, parts, degree=1, axisymmetric=True)
 
     def under(x):
         return 1.0 * (x[:, 0] <= ring + 1e-9)
@@ -153,7 +147,8 @@ def discs(n: int, friction: float = 0.0, lower=STEEL):
         Traction("low", "bottom", (0.0, 1.0), under),
         Traction("up", "top", (0.0, -1.0), under),
     ]
-    return PreloadModel(structure, [faces(friction=friction)], (), loads)
+    parts = pair(lower, {})
+    return pressed(tagged, loads, parts=parts, held=(), axisymmetric=True, friction=friction)
 
 
 @pytest.mark.smoke
@@ -215,12 +210,9 @@ def test_interference_fit(degree):
         # Blocks on one another turned by a quarter: rings around one another.
         x = tagged.mesh.geometry.x
         x[:, :2] = np.column_stack([b + x[:, 1], -x[:, 0]])
-        parts = [
-            part("in", "lower", E=100e9, nu=0.3, rho=1.0),
-            part("out", "upper", E=200e9, nu=0.25, rho=1.0),
-        ]
-        structure = Structure(tagged, parts, degree=degree, axisymmetric=True)
-        result = solve_preload(PreloadModel(structure, [faces(gap=-delta)]))
+        parts = pair({"E": 100e9}, {"nu": 0.25})
+        more = {"degree": degree, "axisymmetric": True, "gap": -delta}
+        result = solve_preload(pressed(tagged, parts=parts, held=(), **more))
         out = ((c**2 + b**2) / (c**2 - b**2) + 0.25) / 200e9
         inside = ((b**2 + a**2) / (b**2 - a**2) - 0.3) / 100e9
         errors.append(np.abs(result["c"].pressure * b * (out + inside) / delta - 1).max())
@@ -234,9 +226,11 @@ def test_shrunk_quarter_ring(swapped):
     """In plane strain, on a polygon: the pressure is even up to the ends that symmetry holds."""
     a, b, c, delta = 0.02, 0.03, 0.045, 20e-6
     names = ["interface_lower", "interface_upper"]
-    contact = Contact("c", *(names[::-1] if swapped else names), gap=-delta, friction=0.1)
-    inner, outer = (100e9, 0.3), (200e9, 0.25)
-    E1, E2 = (E / (1 - nu**2) for E, nu in (inner, outer))
+    contact = replace(
+        faces(gap=-delta, friction=0.1), lower=names[swapped], upper=names[not swapped]
+    )
+    materials = {"E": 100e9, "nu": 0.3}, {"E": 200e9, "nu": 0.25}
+    E1, E2 = (m["E"] / (1 - m["nu"] ** 2) for m in materials)
     inside = ((b**2 + a**2) / (b**2 - a**2) - 0.3 / 0.7) / E1
     out = ((c**2 + b**2) / (c**2 - b**2) + 0.25 / 0.75) / E2
     errors = []
@@ -249,13 +243,9 @@ def test_shrunk_quarter_ring(swapped):
         x = tagged.mesh.geometry.x
         radius, angle = b + x[:, 1], np.pi / 2 - x[:, 0]
         x[:, :2] = np.column_stack([radius * np.cos(angle), radius * np.sin(angle)])
-        parts = [
-            part(name, name, E=E, nu=nu, rho=1.0)
-            for name, (E, nu) in (("lower", inner), ("upper", outer))
-        ]
         held = [Support("left", (0,)), Support("right", (1,))]
-        structure = Structure(tagged, parts, supports=held, degree=1)
-        pressure = solve_preload(PreloadModel(structure, [contact]))["c"].pressure
+        model = pressed(tagged, parts=pair(*materials), held=held, contacts=[contact])
+        pressure = solve_preload(model)["c"].pressure
         assert np.ptp(pressure) < 1e-6 * pressure.max()
         errors.append(abs(pressure.mean() * b * (inside + out) / delta - 1))
     assert errors[1] < 5e-4
@@ -273,10 +263,9 @@ def test_block_on_springs():
     tagged = stacked_blocks(COMM, lower=(x, x, (-0.02, 0.0)), upper=(0.0, 0.005))
     at = (0.05, 0.05, 0.005)
     springs = [Spring("x", k, at, (1.0, 0.0, 0.0)), Spring("y", k, at, (0.0, 1.0, 0.0))]
-    structure = Structure(tagged, both(), springs=springs, supports=[Support("bottom")], degree=1)
     loads = [Traction("down", "top", (0.0, 0.0, -N))]
     loads += [Traction(n, "top", d) for n, d in (("x", (1.0, 0, 0)), ("y", (0, 1.0, 0)))]
-    solver = PreloadSolver(PreloadModel(structure, [faces(friction=mu)], (), loads))
+    solver = PreloadSolver(pressed(tagged, loads, springs=springs, friction=mu))
     limit = mu * N
     steps = [  # push along x and y, and the motion that the springs allow
         (0.8 * limit, 0.0, 0.0, 0.0),
@@ -330,10 +319,8 @@ def test_on_a_curved_face_the_normal_force_is_the_load(friction):
     tagged = stacked_blocks(COMM, lower=(x, z - 0.1), upper=z)
     points = tagged.mesh.geometry.x
     points[:, 1] -= R - np.sqrt(R**2 - points[:, 0] ** 2)
-    structure = Structure(tagged, both(), supports=[Support("bottom", (0, 1))], degree=1)
-    contact = faces(friction=friction) if friction else faces()
-    pressed = Traction("load", "top", (0.0, -load))
-    state = solve_preload(PreloadModel(structure, [contact], (), [pressed]))["c"]
+    down = Traction("load", "top", (0.0, -load))
+    state = solve_preload(pressed(tagged, [down], friction=friction))["c"]
     assert state.resultant == pytest.approx([0.0, load], abs=1e-6 * load)
     assert state.normal_force == pytest.approx(load, rel=1e-9)
     assert abs(state.pressure_force / load - 1) > 5e-3
