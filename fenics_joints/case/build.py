@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 from mpi4py import MPI
 
@@ -97,44 +99,34 @@ def build_structure(
             loads, for which there is `build_preload`.
         MeshError: As `build_mesh`.
     """
+    options = {
+        "attached": attached,
+        "width": width,
+        "elastic_supports": elastic_supports,
+        "damping": damping,
+    }
     if case.mesh.origin == "beams":
-        return build_beams(
-            case, attached=attached, width=width, elastic_supports=elastic_supports, damping=damping
-        )
+        return build_beams(case, **options)
     refuse_applied(case, "a model without contact", ("contacts", *APPLIED))
-    return _solid(case, comm, law, attached, tagged, width, elastic_supports, damping)
+    return _build_solid(case, comm, law, tagged, **options)
 
 
-def _solid(
-    case: Case,
-    comm: MPI.Intracomm,
-    law: str | None = None,
-    attached: bool = False,
-    tagged: TaggedMesh | None = None,
-    width: bool = False,
-    elastic_supports: bool = False,
-    damping: bool = False,
+def _build_solid(
+    case: Case, comm: MPI.Intracomm, law: str | None, tagged: TaggedMesh | None, **options: bool
 ) -> Structure:
     """The structure of solid parts of a case, without what acts on its faces. Collective."""
     tagged = build_mesh(case, comm) if tagged is None else tagged
-    pointed = {**case.masses, **case.springs, **(case.attached if attached else {})}
-    masses = [m for name, section in pointed.items() for m in _masses(name, section, tagged)]
-    springs = [s for name, section in pointed.items() for s in springs_of(name, section)]
-    supports = [_support(name, s, elastic_supports) for name, s in case.supports.items()]
+    pointed = {**case.masses, **case.springs}
+    pointed |= case.attached if options.get("attached") else {}
+    elastic, width = options.get("elastic_supports", False), options.get("width", False)
     with located(case.path):
         return Structure(
             tagged,
             [*_parts(directed_parts(case, tagged), width), *_joints(case, tagged, law)],
-            parameters(
-                case,
-                attached=attached,
-                width=width,
-                elastic_supports=elastic_supports,
-                damping=damping,
-            ),
-            masses=masses,
-            springs=springs,
-            supports=supports,
+            parameters(case, **options),
+            masses=[m for name, section in pointed.items() for m in _masses(name, section, tagged)],
+            springs=[s for name, section in pointed.items() for s in springs_of(name, section)],
+            supports=[_support(name, s, elastic) for name, s in case.supports.items()],
             degree=case.mesh.degree,
         )
 
@@ -161,7 +153,7 @@ def build_preload(
         raise InputError(f"{case.path}: contacts is missing, expected sections {sections}")
     if not (at_rest or case.is_pressed):
         raise InputError(f"{case.path}: bolts is missing: {PRESSES}")
-    structure = _solid(case, comm, tagged=tagged)
+    structure = _build_solid(case, comm, None, tagged)
     gdim = structure.gdim
     contacts = [Contact(name, **section.model_dump()) for name, section in case.contacts.items()]
     bolts = [section.bolt(name) for name, section in case.bolts.items()]
@@ -220,32 +212,36 @@ def measured_joints(case: Case, tagged: TaggedMesh) -> Case:
     return case.model_copy(update={"joints": joints})
 
 
-def _joints(case: Case, tagged: TaggedMesh, law: str | None) -> list[Region]:
-    case = measured_joints(case, tagged)
-    for name, j in case.joints.items():
+def _joints(case: Case, tagged: TaggedMesh, law: str | None) -> Iterator[Region]:
+    solid = tagged.mesh.geometry.dim == 3
+    for name, section in measured_joints(case, tagged).joints.items():
+        cells, rho = _cells(section, tagged), 0.0 if section.rho is None else f"{name}.rho"
+        own = {"normal": section.normal}
         # Where the thickness is measured, the normal is checked by it.
-        if tagged.mesh.geometry.dim == 3 and (
-            j.law != "springs" and (j.law != "transition" or j.meshed is not None)
-        ):
+        measured = section.law == "transition" and section.meshed is None
+        if solid and section.law != "springs" and not measured:
             with located(f"joints.{name}"):
-                check_normal(tagged, _cells(j, tagged), j.normal)
-    made = {"transition": _transition, "springs": _springs}
-    grown = case.mesh.grows
-    return [
-        made[j.law](name, j, tagged, grown)
-        if j.law in made
-        else joint(
-            name,
-            tuple(j.cells),
-            E=f"{name}.E",
-            G=f"{name}.G",
-            law=law or j.law,
-            rho=0.0 if j.rho is None else f"{name}.rho",
-            stretch=f"{name}.thickness",
-            normal=j.normal,
-        )
-        for name, j in case.joints.items()
-    ]
+                check_normal(tagged, cells, section.normal)
+        if section.law == "springs":
+            stiffness = {key: f"{name}.{key}" for key in ("k_n", "k_t")}
+            yield interface(name, cells, **stiffness, meshed=section.meshed, **own)
+        elif section.law == "transition":
+            with located(f"joints.{name}"):
+                meshed = section.meshed or _thickness(case, section, tagged)
+            values = {key: f"{name}.{key}" for key in ("E", "nu", "h")}
+            yield transition(name, cells, **values, meshed=meshed, rho=rho, **own)
+        else:
+            values = {key: f"{name}.{key}" for key in ("E", "G")}
+            stretch = f"{name}.thickness"
+            yield joint(
+                name,
+                tuple(section.cells),
+                **values,
+                law=law or section.law,
+                rho=rho,
+                stretch=stretch,
+                **own,
+            )
 
 
 def _cells(section: JointSection, tagged: TaggedMesh) -> tuple[str, ...]:
@@ -254,41 +250,17 @@ def _cells(section: JointSection, tagged: TaggedMesh) -> tuple[str, ...]:
     return tuple(dict.fromkeys(c for pattern in section.cells for c in matching(pattern, there)))
 
 
-def _springs(name: str, section: JointSection, tagged: TaggedMesh, grown: bool) -> Region:
-    return interface(
-        name,
-        tuple(section.cells),
-        k_n=f"{name}.k_n",
-        k_t=f"{name}.k_t",
-        meshed=section.meshed,
-        normal=section.normal,
-    )
-
-
-def _transition(name: str, section: JointSection, tagged: TaggedMesh, grown: bool) -> Region:
-    cells = _cells(section, tagged)
-    meshed = section.meshed
-    if meshed is None:
-        with located(f"joints.{name}"):
-            thickness = layer_thickness if tagged.mesh.geometry.dim == 3 else extent
-            meshed = thickness(tagged, cells, section.normal)
-        # A layer that was grown is as thin as can be, whatever h is.
-        if not grown and not 1 / _FAR <= meshed / section.h <= _FAR:
-            raise MeshError(
-                f"joints.{name}: its layer is {1e3 * meshed:.6g} mm thick in the mesh, and h is "
-                f"{1e3 * section.h:.6g} mm; expected both in the same unit (see scale in [mesh])"
-            )
-    rho = 0.0 if section.rho is None else f"{name}.rho"
-    return transition(
-        name,
-        cells,
-        E=f"{name}.E",
-        nu=f"{name}.nu",
-        h=f"{name}.h",
-        meshed=meshed,
-        rho=rho,
-        normal=section.normal,
-    )
+def _thickness(case: Case, section: JointSection, tagged: TaggedMesh) -> float:
+    """Thickness of a transition layer as meshed, m."""
+    measure = layer_thickness if tagged.mesh.geometry.dim == 3 else extent
+    meshed = measure(tagged, _cells(section, tagged), section.normal)
+    # A layer that was grown is as thin as can be, whatever h is.
+    if not case.mesh.grows and not 1 / _FAR <= meshed / section.h <= _FAR:
+        raise MeshError(
+            f"its layer is {1e3 * meshed:.6g} mm thick in the mesh, and h is "
+            f"{1e3 * section.h:.6g} mm; expected both in the same unit (see scale in [mesh])"
+        )
+    return meshed
 
 
 def _masses(name: str, section, tagged: TaggedMesh) -> list[PointMass]:

@@ -6,7 +6,7 @@ import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 from pydantic import Field, PrivateAttr, model_validator
@@ -102,10 +102,10 @@ class Case(CaseSection):
         sizes = ", ".join(f"{len(getattr(self, t))} {t}" for t in tables if getattr(self, t))
         return f"Case({self._path.name}: {sizes})"
 
-    @model_validator(mode="before")
-    @classmethod
-    def _averages(cls, raw: Any) -> Any:
-        return with_average_densities(raw)
+    @model_validator(mode="after")
+    def _averages(self) -> Case:
+        self.joints.update(with_average_densities(self.joints, self.parts))
+        return self
 
     _path: Path = PrivateAttr(Path("case.toml"))
     _coarse: Mesh | None = PrivateAttr(None)

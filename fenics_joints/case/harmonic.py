@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 import numpy as np
 from pydantic import BeforeValidator, Field, model_validator
 
+from fenics_joints.case.usual import usual
 from fenics_joints.case.values import (
     CaseSection,
     Direction,
@@ -44,7 +45,8 @@ if TYPE_CHECKING:
     from fenics_joints.preload import ContactState
 
 
-PerLength = quantity("Pa/m", 0, above=True)
+PerLength = usual(quantity("Pa/m", 0, above=True), "per length")
+Stress = usual(Modulus, "stress")
 Length = quantity("m", 0)
 
 
@@ -87,7 +89,7 @@ class CoulombSection(ContactLawSection):
     law: Literal["coulomb"]
     normal_stiffness: PerLength
     tangential_stiffness: PerLength
-    friction: Positive
+    friction: usual(Positive, "friction")
     gap: Length = 0.0
 
     def contact_law(self, state: ContactState | None) -> JointLaw:
@@ -126,7 +128,7 @@ class ElasticFrictionSection(ContactLawSection):
 
     law: Literal["elastic_friction"]
     stiffness: PerLength
-    strength: Modulus
+    strength: Stress
 
     def contact_law(self, state: ContactState | None) -> JointLaw:
         """See `ContactLawSection`."""
@@ -153,6 +155,7 @@ class GapSection(ContactLawSection):
 Force = quantity("N", 0, above=True)
 Frequency = quantity("Hz", 0, above=True)
 Shape = quantity("", -0.99, 10)
+_Ratios = Annotated[list[Share], BeforeValidator(listed), Field(min_length=1)]
 #: Unit of the levels of a base's motion.
 _LEVEL_UNITS = {"acceleration": "m/s2", "displacement": "m"}
 
@@ -213,9 +216,9 @@ class RichardAbbottSection(Hysteretic):
     units: ClassVar = {"E_e": "Pa", "E_p": "Pa", "S_y": "Pa", "n": ""}
 
     law: Literal["richard_abbott"]
-    E_e: Modulus | None = None
-    E_p: quantity("Pa", 0)
-    S_y: Modulus
+    E_e: Stress | None = None
+    E_p: usual(quantity("Pa", 0), "stress")
+    S_y: Stress
     n: Positive
 
 
@@ -227,8 +230,8 @@ class SegalmanSection(Hysteretic):
     units: ClassVar = {"F_S": "Pa", "K_T": "Pa", "chi": "", "beta": ""}
 
     law: Literal["segalman"]
-    F_S: Modulus
-    K_T: Modulus | None = None
+    F_S: Stress
+    K_T: Stress | None = None
     chi: Shape
     beta: quantity("", 0)
 
@@ -241,9 +244,9 @@ class BilinearSection(Hysteretic):
     units: ClassVar = {"E_e": "Pa", "E_p": "Pa", "S_y": "Pa"}
 
     law: Literal["bilinear"]
-    E_e: Modulus | None = None
-    E_p: quantity("Pa", 0)
-    S_y: Modulus
+    E_e: Stress | None = None
+    E_p: usual(quantity("Pa", 0), "stress")
+    S_y: Stress
 
 
 NonlinearSection = chosen(
@@ -349,13 +352,14 @@ class HarmonicSection(CaseSection):
     ``follow`` the motions of broken symmetry or of twice the period that begin there, too.
     """
 
+    one_of = (("force", "base"),)
     force: DirectedPoint | None = None
     base: BaseSection | None = None
     loads: list[HarmonicLoad] = []
     sensor: DirectedPoint
     levels: Annotated[list[Force], BeforeValidator(listed), Field(min_length=1)]
-    band: ascending(Frequency)
-    damping: Annotated[list[Share], BeforeValidator(listed), Field(min_length=1)]
+    band: usual(ascending(Frequency), "frequency")
+    damping: usual(_Ratios, "damping ratio")
     response: Literal["displacement", "velocity", "acceleration"] = "acceleration"
     measured: File | None = None
     backbone: bool = True
@@ -383,8 +387,6 @@ class HarmonicSection(CaseSection):
 
     @model_validator(mode="after")
     def _one_excitation(self) -> HarmonicSection:
-        if (self.force is None) == (self.base is None):
-            raise ValueError("expected either force = {...} or [harmonic.base]")
         if self.measured is not None and (self.base is not None or self.loads):
             raise ValueError("measured: expected one force alone, without a base or further loads")
         for load in self.loads:

@@ -147,15 +147,9 @@ def _read_frfs(case: Case) -> list[str]:
     if section is None:
         return []
     try:
-        frfs = read_frfs(
-            [case.file(file) for file in section.files],
-            kind=section.kind,
-            units=section.units,
-            length_unit=section.length_unit,
-            points=section.points,
-            directions=section.directions,
-            keys=section.keys,
-        )
+        keys = ("kind", "units", "length_unit", "points", "directions", "keys")
+        files = [case.file(file) for file in section.files]
+        frfs = read_frfs(files, **{key: getattr(section, key) for key in keys})
         case._frfs = frfs.band(*section.band) if section.band else frfs
         if section.identify is not None:
             case._measured = _identified(case, section)
@@ -171,14 +165,7 @@ def _identified(case: Case, section: FRFSection) -> TestData:
     # The libraries that it needs are an option.
     from fenics_joints.measurements.identification import identify_modes
 
-    test, identify = case.test, section.identify
-    found = identify_modes(
-        case._frfs,
-        near=identify.near,
-        order=identify.order,
-        max_damping=identify.max_damping,
-        exponential_window=identify.exponential_window,
-    )
+    test, found = case.test, identify_modes(case._frfs, **section.identify.model_dump())
     noise = _per_mode("noise", test.noise, len(found.frequencies_hz))
     data = found.test_data(
         test.modes, 1.0 if section.at is None else section.at, test.condition or "row", noise=noise
@@ -197,12 +184,11 @@ def _read_curves(case: Case) -> list[str]:
     except InputError as error:
         return [f"harmonic.measured: {error}"]
     case._curves = curves
-    identify = case.harmonic.identify
-    level = None if identify is None else identify.level
+    level = case.harmonic.identify and case.harmonic.identify.level
     if level is not None and level not in curves.levels:
         there = ", ".join(f"{level:g} N" for level in curves.levels)
         expected = f"not among the measured curves; expected one of: {there}"
-        return [message("harmonic.identify.level", identify.level, expected)]
+        return [message("harmonic.identify.level", level, expected)]
     return []
 
 
@@ -254,17 +240,13 @@ def _read_changed(case: Case, name: str, section: ChangedTest) -> TestData:
 def _read_amplitude(case: Case, name: str) -> MeasuredBackbone:
     """One mode over its amplitude, with the noise of the test where its section says none."""
     test, section = case.test, case.test.amplitude[name]
-    noise = section.noise or (test.noise[0] if len(test.noise) == 1 else None) or None
     with located(f"test.amplitude.{name}"):
-        found = read_amplitude(
-            [case.file(file) for file in section.files],
-            levels=section.levels,
-            band=section.band,
-            sensor=section.sensor,
-            units=section.units,
-            noise=noise,
-            damping_noise=section.damping_noise or test.damping_noise,
-        )
+        given = {
+            **{key: getattr(section, key) for key in ("levels", "band", "sensor", "units")},
+            "noise": section.noise or (test.noise[0] if len(test.noise) == 1 else None) or None,
+            "damping_noise": section.damping_noise or test.damping_noise,
+        }
+        found = read_amplitude([case.file(file) for file in section.files], **given)
         if found.kind != "backbone":
             return found
         # A plain table was read off the analyser's lines; the others say their own scatter.

@@ -104,14 +104,6 @@ _Place = Annotated[Any, BeforeValidator(_place)]
 _Points = Annotated[list[_Space], BeforeValidator(_points), Field(min_length=1)]
 
 
-class MeshFile(MeshSection):
-    """``[mesh]`` with a file."""
-
-    origin = "file"
-    file: File
-    degree: Literal[1, 2] = 2
-
-
 class BoltsSection(CaseSection):
     """``[mesh.bolts]``: rings of the transition layer around the bolts.
 
@@ -217,7 +209,7 @@ class BoltsSection(CaseSection):
         return answer.radius.value
 
 
-class JoinedMesh(MeshFile):
+class MeshFile(MeshSection):
     """``[mesh]`` with a file of parts that are to be joined where they touch.
 
     There are rings with ``[mesh.bolts]``; ``joint = "layer"`` is a layer on all that touches, and
@@ -225,6 +217,9 @@ class JoinedMesh(MeshFile):
     so thin that nothing is moved.
     """
 
+    origin = "file"
+    file: File
+    degree: Literal[1, 2] = 2
     joint: Literal["rings", "layer", "contact"] | None = None
     layer: Size | None = None
     bonded: list[_Pair] | None = None
@@ -241,7 +236,7 @@ class JoinedMesh(MeshFile):
         return "mesh.bolts.at", None if self.bolts is None else self.bolts.at
 
     @model_validator(mode="after")
-    def _bolts_for_rings(self) -> JoinedMesh:
+    def _bolts_for_rings(self) -> MeshFile:
         rings = self.joint in (None, "rings")
         if self.joint == "rings" and self.bolts is None:
             raise ValueError("joint = 'rings' needs a section [mesh.bolts]")
@@ -250,7 +245,7 @@ class JoinedMesh(MeshFile):
         return self
 
 
-class StepMesh(JoinedMesh):
+class StepMesh(MeshFile):
     """``[mesh]`` with a STEP file: arguments of `fenics_joints.meshes.read_step`.
 
     ``size`` is its ``element_size``. There are rings with ``[mesh.bolts]``, else a ``layer`` on all
@@ -272,21 +267,12 @@ class StepMesh(JoinedMesh):
         return read_step(folder / self.file, comm, element_size=self.size, **given, **more)
 
 
-class BuilderMesh(MeshSection):
-    """``[mesh]`` with a builder, whose arguments are fields, optional, beside ``builder``."""
-
-    origin = "builder"
-    degree: Literal[1, 2] = 2
-
-    def groups(self) -> tuple[list[str], list[str]]:
-        """Names of the cells' and of the facets' groups."""
-        raise NotImplementedError
-
-
-class SolidMesh(BuilderMesh):
+class SolidMesh(MeshSection):
     """``[mesh]`` with one of the builders of `fenics_joints.meshes`; see `section_of`."""
 
+    origin = "builder"
     made_by: ClassVar[type[Builder]]
+    degree: Literal[1, 2] = 2
 
     def made(self) -> Builder:
         """The builder with the arguments that the file gives."""
@@ -349,7 +335,7 @@ _Few = Annotated[int, Field(ge=1, le=1000, strict=True)]
 _Counts = Annotated[list[_Few], BeforeValidator(listed), Field(min_length=1)]
 
 
-class OffsetBeamsMesh(BuilderMesh):
+class OffsetBeamsMesh(MeshSection):
     """``builder = "offset_beams"``: beams in a row, each lapped with the next, in place of a mesh.
 
     The beams are ``beam_1``, ``beam_2``, ..., the laps ``lap``, or ``lap_1``, ... if there are
@@ -363,6 +349,7 @@ class OffsetBeamsMesh(BuilderMesh):
 
     origin = "beams"
     builder: Literal["offset_beams"]
+    degree: Literal[1, 2] = 2
     lengths: _Sizes
     laps: Annotated[list[Size], BeforeValidator(listed)] = []
     width: _Sizes
@@ -426,7 +413,7 @@ class OffsetBeamsMesh(BuilderMesh):
         )
 
 
-class FileMesh(JoinedMesh):
+class FileMesh(MeshFile):
     """``[mesh]`` from a gmsh file with named physical groups.
 
     Without ``joint`` and ``[mesh.bolts]`` it is as the file has it, layers included. With ``gdim =

@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field, model_validator
 
+from fenics_joints.case.usual import usual
 from fenics_joints.case.values import (
     CaseSection,
     Density,
@@ -56,8 +57,8 @@ class ContactSection(CaseSection):
 
     lower: str
     upper: str
-    friction: Share = 0.0
-    gap: Length = 0.0
+    friction: usual(Share, "friction") = 0.0
+    gap: usual(Length, "gap") = 0.0
     bonded: bool = False
 
 
@@ -68,18 +69,17 @@ class _BoltSection(CaseSection):
     (Motosh, Fronk et al. 2019, eq. 8), or a ``nut_factor`` (T = K d F).
     """
 
+    one_of = (("force", "torque"),)
     lower: str
     upper: str
     force: _Force | None = None
     torque: _Torque | None = None
     thread: Annotated[str, AfterValidator(known_thread)] | None = None
-    friction: Share | None = None
-    nut_factor: Positive | None = None
+    friction: usual(Share, "friction") | None = None
+    nut_factor: usual(Positive, "nut factor") | None = None
 
     @model_validator(mode="after")
     def _one_way(self) -> _BoltSection:
-        if (self.force is None) == (self.torque is None):
-            raise ValueError("expected either force or torque")
         ways = (self.friction is None, self.nut_factor is None)
         if self.torque is not None and (self.thread is None or sum(ways) != 1):
             raise ValueError(
@@ -105,10 +105,10 @@ class BeamBoltSection(_BoltSection):
     """
 
     kind: Literal["beam"]
-    diameter: Size | None = None
-    E: Modulus = 210e9
-    nu: Poisson = 0.3
-    rho: Density = 7850.0
+    diameter: usual(Size, "diameter") | None = None
+    E: usual(Modulus, "E") = 210e9
+    nu: usual(Poisson, "nu") = 0.3
+    rho: usual(Density, "rho") = 7850.0
     head_mass: quantity("kg", 0) = 0.0
 
     @model_validator(mode="after")
@@ -178,6 +178,7 @@ _Lengths = Annotated[list[Length], Field(min_length=2, max_length=3)]
 _ForceVector = Annotated[
     list[quantity("N")], Field(min_length=2, max_length=3), AfterValidator(nonzero)
 ]
+_Pressure = Annotated[quantity("Pa"), AfterValidator(_other_than_zero)]
 _Way = Annotated[
     list[quantity("m", word="free")], Field(min_length=2, max_length=3), AfterValidator(_one_given)
 ]
@@ -209,10 +210,10 @@ class _ObstacleSection(CaseSection):
     """
 
     facets: str
-    friction: Share = 0.0
-    gap: Length = 0.0
-    travel: _Lengths | None = None
-    force: _ForceVector | None = None
+    friction: usual(Share, "friction") = 0.0
+    gap: usual(Length, "gap") = 0.0
+    travel: usual(_Lengths, "travel") | None = None
+    force: usual(_ForceVector, "face force") | None = None
 
     @model_validator(mode="after")
     def _one_way(self) -> _ObstacleSection:
@@ -266,7 +267,7 @@ class SphereObstacle(_ObstacleSection):
 
     kind: Literal["sphere"]
     centre: Point
-    radius: Size
+    radius: usual(Size, "length")
     inside: Annotated[bool, Field(strict=True)] = False
 
     def shape(self, key: str, gdim: int) -> Sphere:
@@ -281,7 +282,7 @@ class CylinderObstacle(_ObstacleSection):
     kind: Literal["cylinder"]
     point: Point
     axis: Direction
-    radius: Size
+    radius: usual(Size, "length")
     inside: Annotated[bool, Field(strict=True)] = False
 
     def shape(self, key: str, gdim: int) -> Cylinder:
@@ -304,7 +305,7 @@ class DisplacementSection(CaseSection):
     """
 
     facets: str
-    value: _Way
+    value: usual(_Way, "travel")
 
     def displacement(self, name: str, gdim: int) -> Displacement:
         """The displacement for a mesh of so many dimensions; InputError if it has others."""
@@ -318,15 +319,10 @@ class LoadSection(CaseSection):
     They keep their direction as the face moves. On a plane mesh forces are per metre of depth.
     """
 
+    one_of = (("force", "pressure"),)
     facets: str
-    force: _ForceVector | None = None
-    pressure: Annotated[quantity("Pa"), AfterValidator(_other_than_zero)] | None = None
-
-    @model_validator(mode="after")
-    def _one_kind(self) -> LoadSection:
-        if (self.force is None) == (self.pressure is None):
-            raise ValueError("expected either force or pressure")
-        return self
+    force: usual(_ForceVector, "face force") | None = None
+    pressure: usual(_Pressure, "contact pressure") | None = None
 
     def load(self, name: str, gdim: int) -> Traction | Pressure:
         """The load on a mesh of so many dimensions; InputError if its force has others."""

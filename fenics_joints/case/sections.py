@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from statistics import fmean
 from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, model_validator
 
+from fenics_joints.case.usual import usual
 from fenics_joints.case.values import (
     AXES,
     CaseSection,
@@ -31,27 +33,13 @@ from fenics_joints.case.values import (
     ascending,
     chosen,
     listed,
-    optional,
     quantity,
+    tolerance_and_bounds,
 )
 from fenics_joints.structure.damping import Damping
-from fenics_joints.units import to_si
 
-PartTolerance = optional(
-    "PartTolerance",
-    "How well a part is known: relative standard deviations.",
-    **dict.fromkeys(("E", "nu", "rho", "thickness", "width"), Share),
-)
-
-
-PartBounds = optional(
-    "PartBounds",
-    "Bounds of a part's parameters; thickness and width as actual over nominal.",
-    E=ascending(Modulus),
-    nu=ascending(Poisson),
-    rho=ascending(Density),
-    thickness=ascending(Positive),
-    width=ascending(Positive),
+PartTolerance, PartBounds = tolerance_and_bounds(
+    "Part", E=Modulus, nu=Poisson, rho=Density, thickness=Positive, width=Positive
 )
 
 
@@ -63,11 +51,12 @@ class PartSection(CaseSection):
     ``mass`` is what it weighs, for `check` and `diagnose` to hold against its density.
     """
 
+    one_of = (("G", "nu"),)
     cells: Names
-    E: Modulus
-    G: Modulus | None = None
-    nu: Poisson | None = None
-    rho: Density
+    E: usual(Modulus, "E")
+    G: usual(Modulus, "G") | None = None
+    nu: usual(Poisson, "nu") | None = None
+    rho: usual(Density, "rho")
     mass: Mass | None = None
     normal: Direction = (0.0, 0.0, 1.0)
     across: Direction | None = None
@@ -75,9 +64,7 @@ class PartSection(CaseSection):
     bounds: PartBounds = PartBounds()
 
     @model_validator(mode="after")
-    def _one_of_G_and_nu(self) -> PartSection:
-        if (self.G is None) == (self.nu is None):
-            raise ValueError("expected E and either G or nu")
+    def _compressible(self) -> PartSection:
         if not -1 < self.nominal()["nu"] < 0.5:
             raise ValueError(
                 f"E = {self.E:g} Pa and G = {self.G:g} Pa give nu = {self.nominal()['nu']:g}; "
@@ -108,33 +95,18 @@ class PartSection(CaseSection):
         return z if _parallel(y, self.normal) else y
 
 
-JointTolerance = optional(
-    "JointTolerance",
-    "How well a joint is known: relative standard deviations.",
-    **dict.fromkeys(
-        ("E", "G", "nu", "h", "rho", "thickness", "k_n", "k_t", "k1", "k2", "k_axial", "c"), Share
-    ),
+JointTolerance, JointBounds = tolerance_and_bounds(
+    "Joint",
+    **dict.fromkeys(("E", "G"), Modulus),
+    **dict.fromkeys(("k_n", "k_t"), PerArea),
+    **dict.fromkeys(("k1", "k2"), Turning),
+    nu=Poisson,
+    h=Size,
+    rho=Density,
+    thickness=Positive,
+    k_axial=Stiffness,
+    c=Damper,
 )
-
-
-JointBounds = optional(
-    "JointBounds",
-    "Bounds of a joint's parameters.",
-    E=ascending(Modulus),
-    G=ascending(Modulus),
-    nu=ascending(Poisson),
-    h=ascending(Size),
-    rho=ascending(Density),
-    thickness=ascending(Positive),
-    k_n=ascending(PerArea),
-    k_t=ascending(PerArea),
-    k1=ascending(Turning),
-    k2=ascending(Turning),
-    k_axial=ascending(Stiffness),
-    c=ascending(Damper),
-)
-
-
 #: Two bolts nearer than this, m, are one: no thread is thinner.
 ONE_BOLT = 1e-3
 #: What a joint must have by its law, and what it may have; all else is refused.
@@ -172,20 +144,20 @@ class JointSection(CaseSection):
     law: Literal["isotropic", "uncoupled", "constrained", "transition", "springs", "generic"] = (
         "uncoupled"
     )
-    E: Modulus | None = None
-    G: Modulus | None = None
-    nu: Poisson | None = None
-    h: Size | None = None
-    meshed: Size | None = None
-    k_n: PerArea | None = None
-    k_t: PerArea | None = None
-    pressure: Modulus | None = None
-    roughness: Size | None = None
-    rho: Density | None = None
-    k1: Turning | None = None
-    k2: Turning | None = None
-    k_axial: Stiffness | None = None
-    c: Damper | None = None
+    E: usual(Modulus, "layer") | None = None
+    G: usual(Modulus, "layer") | None = None
+    nu: usual(Poisson, "nu") | None = None
+    h: usual(Size, "h") | None = None
+    meshed: usual(Size, "h") | None = None
+    k_n: usual(PerArea, "per length") | None = None
+    k_t: usual(PerArea, "per length") | None = None
+    pressure: usual(Modulus, "contact pressure") | None = None
+    roughness: usual(Size, "roughness") | None = None
+    rho: usual(quantity("kg/m3", 0, above=True, word="average", meaning="average"), "rho") = None
+    k1: usual(Turning, "turning") | None = None
+    k2: usual(Turning, "turning") | None = None
+    k_axial: usual(Stiffness, "axial") | None = None
+    c: usual(Damper, "damper") | None = None
     bolted: bool = False
     bolts: Annotated[list[Point], Field(min_length=1)] | None = None
     normal: Direction = (0.0, 0.0, 1.0)
@@ -194,6 +166,8 @@ class JointSection(CaseSection):
 
     @model_validator(mode="after")
     def _definite(self) -> JointSection:
+        if self.rho == "average" and self.law != "transition":
+            raise ValueError('rho = "average": expected a density, or law = "transition"')
         own, more = _JOINT_KEYS.get(self.law, _LAYER_KEYS)
         allowed = {"cells", "law", "bolted", "bolts", "normal", "tolerance", "bounds", *own, *more}
         missing = [key for key in own if getattr(self, key) is None]
@@ -265,7 +239,7 @@ class MassSection(PointsSection):
     (``builder = "offset_beams"``) each point may have a rotary ``inertia``.
     """
 
-    mass: Mass
+    mass: usual(Mass, "mass")
     inertia: Inertia | None = None
     travel: ascending(Length) | None = None
     along: Literal["x", "y", "z"] = "x"
@@ -297,7 +271,7 @@ class SpringSection(PointsSection):
     """``[springs.NAME]``: equal springs to the ground at points."""
 
     direction: Direction
-    stiffness: Stiffness
+    stiffness: usual(Stiffness, "stiffness")
 
     def nominal(self) -> dict[str, float]:
         """Value of each parameter; the stiffness is that of each spring."""
@@ -338,15 +312,10 @@ class SupportSection(CaseSection):
     nearest vertices are held.
     """
 
+    one_of = (("facets", "points"),)
     facets: str | None = None
     directions: list[Literal["x", "y", "z"]] = Field(["x", "y", "z"], min_length=1)
     points: str | Annotated[list[Point], Field(min_length=1)] | None = None
-
-    @model_validator(mode="after")
-    def _one_place(self) -> SupportSection:
-        if (self.facets is None) == (self.points is None):
-            raise ValueError("expected either facets or points")
-        return self
 
     @property
     def holds_all(self) -> bool:
@@ -378,7 +347,7 @@ class Diagnose(CaseSection):
     """
 
     n_modes: ModeCount = 20
-    discrepancy: Share = 0.01
+    discrepancy: usual(Share, "discrepancy") = 0.01
     shape_discrepancy: Share = 0.05
     preload_scatter: Share = 0.2
     max_effects: Annotated[int, Field(ge=1, le=3, strict=True)] = 2
@@ -401,49 +370,27 @@ def _parallel(a, b) -> bool:
     return abs(cosine) > 1 - 1e-6
 
 
-def with_average_densities(raw: Any) -> Any:
-    """The raw case with every joint's ``rho = "average"`` as a number, kg/m3.
+def with_average_densities(
+    joints: Mapping[str, JointSection], parts: Mapping[str, PartSection]
+) -> dict[str, JointSection]:
+    """The joints with ``rho = "average"`` as a number, kg/m3.
 
     Machines 2022, section 2, end: the layer's density is zero or the average of the two bodies'.
-    What else is wrong with the case is left for its other checks.
 
     Raises:
-        ValueError: If it is no transition layer's, or parts of unlike densities are more than two.
+        ValueError: If there are more than two parts, of unlike densities.
     """
-    joints = raw.get("joints") if isinstance(raw, Mapping) else None
-    if not isinstance(joints, Mapping):
-        return raw
-    wanted = {
-        name: dict(joint)
-        for name, joint in joints.items()
-        if isinstance(joint, Mapping) and joint.get("rho") == "average"
-    }
-    if not wanted:
-        return raw
-    for name, joint in wanted.items():
-        if joint.get("law") != "transition":
+    densities, found = [part.rho for part in parts.values()], dict(joints)
+    for name, joint in joints.items():
+        if joint.rho != "average":
+            continue
+        if len(densities) != 2 and len(set(densities)) > 1:
             raise ValueError(
-                f'joints.{name}.rho = "average": expected a density, or law = "transition"'
+                f'joints.{name}.rho = "average": expected two parts, or parts of one density, so '
+                "that it is clear whose; give the density as a number"
             )
-        joint["rho"] = _average(f"joints.{name}.rho", raw.get("parts"))
-    return {**raw, "joints": {**joints, **wanted}}
-
-
-def _average(key: str, parts: Any) -> float:
-    parts = parts.values() if isinstance(parts, Mapping) else ()
-    given = [p.get("rho") for p in parts if isinstance(p, Mapping)]
-    try:
-        densities = [float(to_si(rho, "kg/m3")) for rho in given]
-    except (ValueError, TypeError):
-        raise ValueError(f'{key} = "average": expected a density in every part') from None
-    if len(set(densities)) == 1:
-        return densities[0]
-    if len(densities) != 2:
-        raise ValueError(
-            f'{key} = "average": expected two parts, or parts of one density, so that it is clear '
-            "whose; give the density as a number"
-        )
-    return 0.5 * sum(densities)
+        found[name] = joint.model_copy(update={"rho": fmean(densities)})
+    return found
 
 
 Ratio = quantity("", 0, 1)

@@ -91,14 +91,13 @@ class LineOfSensors(CaseSection):
 class ListOfSensors(CaseSection):
     """``[test.sees]`` with sensors anywhere, in one direction or each in its own."""
 
+    one_of = (("direction", "each"),)
     at_points: Annotated[list[Point], Field(min_length=1, alias="points")]
     direction: Direction | None = None
     each: Annotated[list[Direction] | None, Field(alias="directions")] = None
 
     @model_validator(mode="after")
     def _one_for_each(self) -> ListOfSensors:
-        if (self.direction is None) == (self.each is None):
-            raise ValueError("expected either direction or directions")
         if self.each is not None and len(self.each) != len(self.at_points):
             raise ValueError(f"expected {len(self.at_points)} directions, one for each point")
         return self

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable
-from typing import Annotated, Any, Union, get_args
+from typing import Annotated, Any, ClassVar, Union, get_args
 
 import numpy as np
 from pydantic import (
@@ -17,6 +17,7 @@ from pydantic import (
     Field,
     Tag,
     create_model,
+    model_validator,
 )
 
 from fenics_joints.errors import InputError, real
@@ -32,15 +33,16 @@ def quantity(
     most: float = math.inf,
     above: bool = False,
     word: str | None = None,
+    meaning: str | None = None,
 ):
     """The type of a float in SI ``unit`` from text; within limits, or above the lower one.
 
-    With a ``word`` that may stand in its place, for None.
+    With a ``word`` that may stand in its place, for its ``meaning``.
     """
 
-    def read(value: Any) -> float | None:
+    def read(value: Any) -> float | str | None:
         if word is not None and value == word:
-            return None
+            return meaning
         try:
             number = to_si(value, unit)
         except InputError as error:
@@ -59,7 +61,7 @@ def quantity(
         return number
 
     read.unit, read.word = unit, word  # for the schema
-    return Annotated[float if word is None else float | None, BeforeValidator(read)]
+    return Annotated[float if word is None else float | str | None, BeforeValidator(read)]
 
 
 def listed(value: Any) -> Any:
@@ -152,14 +154,34 @@ class CaseSection(BaseModel):
     """A table of the file; unknown keys are refused."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, arbitrary_types_allowed=True)
+    #: Pairs of keys, one of which must be given, and not both.
+    one_of: ClassVar[tuple[tuple[str, str], ...]] = ()
+
+    @model_validator(mode="after")
+    def _one_of_each_pair(self) -> CaseSection:
+        for pair in self.one_of:
+            if sum(getattr(self, name) is not None for name in pair) != 1:
+                keys = [type(self).model_fields[name].alias or name for name in pair]
+                raise ValueError(f"expected either {' or '.join(keys)}")
+        return self
 
 
-def optional(name: str, doc: str, **kinds: Any) -> type[CaseSection]:
-    """A class of sections none of whose keys must be there, by the types of their values."""
-    keys = {key: (kind | None, None) for key, kind in kinds.items()}
-    section = create_model(name, __base__=CaseSection, __doc__=doc, __module__=__name__, **keys)
-    globals()[name] = section  # by its name a case is sent from rank to rank
-    return section
+def tolerance_and_bounds(name: str, **kinds: Any) -> tuple[type[CaseSection], type[CaseSection]]:
+    """Sections on how well parameters are known, by the types of their values.
+
+    Relative standard deviations, and pairs of bounds; of thickness and width these are actual over
+    nominal.
+    """
+    types = {
+        "Tolerance": dict.fromkeys(kinds, Share),
+        "Bounds": {key: ascending(kind) for key, kind in kinds.items()},
+    }
+    for what, own in types.items():
+        keys = {key: (kind | None, None) for key, kind in own.items()}
+        section = create_model(f"{name}{what}", __base__=CaseSection, __module__=__name__, **keys)
+        section.__doc__ = f"{what} of parameters."
+        globals()[section.__name__] = section  # by its name a case is sent from rank to rank
+    return globals()[f"{name}Tolerance"], globals()[f"{name}Bounds"]
 
 
 def either(kind: Callable[[Any], type[CaseSection] | None], sections, **context: str):
