@@ -28,7 +28,7 @@ from fenics_joints.case.values import (
     named_by,
     quantity,
 )
-from fenics_joints.database import Surfaces, TorqueToForce, query, seed_database
+from fenics_joints.database import JointSurfaces, TorqueToForce, query, seed_database
 from fenics_joints.errors import InputError, MeshError
 from fenics_joints.meshes import (
     CBeams,
@@ -198,7 +198,7 @@ class BoltsSection(CaseSection):
         try:
             with seed_database() as store:
                 answer = query(
-                    Surfaces.fit(store, outputs=["radius"]),
+                    JointSurfaces.fit(store, outputs=["radius"]),
                     bolt=self.thread,
                     thickness=self.thickness,
                     torque=self.torque,

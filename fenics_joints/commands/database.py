@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import json as json_module
 import re
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
@@ -74,7 +75,7 @@ def query(
     """
 
     def run() -> None:
-        from fenics_joints.database import Surfaces, TorqueToForce
+        from fenics_joints.database import JointSurfaces, TorqueToForce
         from fenics_joints.database import query as ask
         from fenics_joints.database.tables import show_answer
         from fenics_joints.report.terminal import new_console
@@ -89,7 +90,7 @@ def query(
             extrapolate=extrapolate,
         )
         with _opened(db) as store:
-            answer = ask(Surfaces.fit(store, model), **question)
+            answer = ask(JointSurfaces.fit(store, model), **question)
         show_answer(new_console(), answer)
         _write_json(json, answer.json())
 
@@ -252,12 +253,12 @@ def show(
         console = new_console()
         with _opened(db) as store:
             rows = store.joints(model=model)
-            content: dict[str, object] = {"rows": [j.to_dict() for j in rows]}
+            content: dict[str, object] = {"rows": [asdict(j) for j in rows]}
             show_rows(console, rows)
             if leave_one_out:
-                from fenics_joints.database.query import Surfaces
+                from fenics_joints.database.query import JointSurfaces
 
-                surfaces = Surfaces.fit(store, model)
+                surfaces = JointSurfaces.fit(store, model)
                 show_leave_one_out(console, surfaces)
                 content["leave_one_out"] = leave_one_out_json(surfaces)
             if csv is not None:
@@ -284,11 +285,11 @@ def web(
     """
 
     def run() -> None:
-        from fenics_joints.database.query import Surfaces
+        from fenics_joints.database.query import JointSurfaces
         from fenics_joints.database.web import serve
 
         with _opened(db) as store:
-            serve(Surfaces.fit(store, model), port=port, browser=browser)
+            serve(JointSurfaces.fit(store, model), port=port, browser=browser)
 
     _on_one_rank(run, debug)
 
@@ -348,14 +349,14 @@ def _list(option: str, text: str, unit: str, example: str) -> list[float]:
 def _row(bolt: str, values: dict):
     import datetime
 
-    from fenics_joints.database.joints import Joint
+    from fenics_joints.database.joints import JointRow
     from fenics_joints.database.sweep import user_name
     from fenics_joints.preload.threads import thread
 
     t = thread(bolt)
     values["author"] = values["author"] or user_name()
     date = datetime.datetime.now(datetime.timezone.utc).isoformat(timespec="seconds")
-    return Joint(diameter=t.diameter, bolt=t.name, date=date, **values)
+    return JointRow(diameter=t.diameter, bolt=t.name, date=date, **values)
 
 
 def _analysis(name: str):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 from fenics_joints.errors import InputError, real
 from fenics_joints.formatting import control_character
@@ -32,7 +32,7 @@ UNITS = {
 
 
 @dataclass(frozen=True)
-class Joint:
+class JointRow:
     """A bolted joint and its parameters, SI units; None for what is not known.
 
     Attributes:
@@ -124,10 +124,6 @@ class Joint:
         """
         given = [getattr(self, name) for name in CONDITIONS]
         return json.dumps([*given, self.model, self.settings])
-
-    def to_dict(self) -> dict[str, float | str | None]:
-        """All fields in order."""
-        return {f.name: getattr(self, f.name) for f in fields(self)}
 
 
 def settings_text(settings: Mapping[str, object]) -> str:

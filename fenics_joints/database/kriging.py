@@ -1,62 +1,59 @@
 """Kriging of joint parameters over their connection conditions, with its own uncertainty.
 
-Gaussian processes fitted by scikit-learn: anisotropic kernels, hyperparameters by maximum
-likelihood from several starts. Outputs are positive, so it is their logarithms that are
-interpolated. Which kernel, trend and scale of each input suit the data is not asked of the user nor
-of test points: all are fitted, and weighed by stacking, the weights that make the leave-one-out
-predictions of the sample points likeliest (Yao, Vehtari, Simpson, Gelman, Bayesian Analysis 13
-(2018) 917). Machines 2022, section 3.2, has one Kriging model with a chosen regression.
+Gaussian processes of scikit-learn: anisotropic kernels, hyperparameters by maximum likelihood.
+Outputs are positive, so it is their logarithms that are interpolated. Which kernel and which scale
+of each input suit the data is not asked of the user nor of test points: all are fitted, and weighed
+by stacking, the weights that make the leave-one-out predictions of the sample points likeliest
+(Yao, Vehtari, Simpson, Gelman, Bayesian Analysis 13 (2018) 917). Machines 2022, section 3.2, has
+one Kriging model with a chosen regression.
 """
 
 from __future__ import annotations
 
 import itertools
-import json
-import math
 import warnings
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from pathlib import Path
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fenics_joints.database.hull import Hull
 from fenics_joints.database.joints import UNITS
-from fenics_joints.database.process import JITTER, Process
-from fenics_joints.errors import InputError, located
-from fenics_joints.files import json_digest, json_text, write_text
+from fenics_joints.errors import InputError
 from fenics_joints.formatting import interval, quantity
 
-#: What a saved fit says it is: raise the number when others are to be fitted anew.
-FORMAT = _FORMAT, _VERSION = "fenics-joints kriging", 2
 _KERNELS = ("gaussian", "matern 5/2")
-_TRENDS = ("constant", "linear")
 _SCALES = ("log", "linear")
 #: Fewer points than this say nothing about a kernel.
 _FEWEST = 5
+#: Random starts of the likelihood's maximisation, besides the standard one.
+_RESTARTS = 2
+#: Distance from the convex hull, relative to the points' range, at which a point is still inside.
+_ON_HULL = 1e-7
+#: Processes of less weight are left out.
 _LEAST_WEIGHT = 1e-3
 
 
 @dataclass(frozen=True)
 class Interpolation:
-    """Interpolated values with their uncertainty; arrays of shape (n,), in the output's unit.
+    """Interpolated values in the output's SI unit: arrays of shape (n,), or numbers for one point.
 
     Attributes:
         value: Median of the prediction.
         sd: Standard deviation.
         low: Lower end of the 95 % interval.
         high: Upper end of the 95 % interval.
-        inside: Whether the point lies in the convex hull of the sample points.
+        extrapolated: Whether the point lies outside the convex hull of the sample points.
     """
 
-    value: np.ndarray
-    sd: np.ndarray
-    low: np.ndarray
-    high: np.ndarray
-    inside: np.ndarray
+    value: np.ndarray | float
+    sd: np.ndarray | float
+    low: np.ndarray | float
+    high: np.ndarray | float
+    extrapolated: np.ndarray | bool
 
     def __repr__(self) -> str:
-        return f"Interpolation({len(self.value)} points, {int(self.inside.sum())} inside)"
+        outside = int(np.sum(self.extrapolated))
+        return f"Interpolation({np.size(self.value)} points, {outside} extrapolated)"
 
 
 @dataclass(frozen=True)
@@ -79,101 +76,93 @@ class LeaveOneOut:
 
 
 @dataclass(frozen=True)
-class _Member:
-    """One Gaussian process of the average: what is needed to make it again."""
+class Member:
+    """One Gaussian process of a weighted mean.
 
+    Attributes:
+        process: scikit-learn's, of ln y over the scaled inputs.
+        kernel: Its kernel's name.
+        scales: ``log`` or ``linear`` for each input that varies.
+        weight: Its weight.
+    """
+
+    process: object
     kernel: str
-    trend: str
-    scales: Sequence[str]
-    theta: Sequence[float]
-    weight: float
-
-
-def _checksum(content: Mapping) -> str:
-    return json_digest({key: value for key, value in content.items() if key != "checksum"})
+    scales: tuple[str, ...]
+    weight: float = 0.0
 
 
 class Kriging:
     """A positive output over positive inputs, interpolated with uncertainty.
 
-    Use `fit` or `load`, not the constructor.
+    Args:
+        x: Sample points, shape (n, len(inputs)), above 0. A column of one value is no variable;
+            predictions are then for that value only.
+        y: Values there, shape (n,), above 0.
+        inputs: Names of the columns.
+        output: Name of the output.
+
+    Attributes:
+        members: The Gaussian processes that are averaged, the heaviest first.
+
+    Raises:
+        InputError: If values are not positive and finite, or are fewer than 5.
     """
 
-    def __init__(self, inputs, output, x, y, members: Sequence[_Member], facets=None):
+    def __init__(self, x: np.ndarray, y: np.ndarray, inputs: Sequence[str], output: str):
+        from threadpoolctl import threadpool_limits
+
         self.inputs, self.output = tuple(inputs), str(output)
-        self.x, self.y = x, y
-        self.members = tuple(members)
-        self._varying = np.ptp(x, axis=0) > 0
-        self._hull = Hull(x[:, self._varying], facets)
-        z, log_y = x[:, self._varying], np.log(y)
-        self.processes = [
-            Process(m.kernel, m.trend, m.theta, _scaled(z, z, m.scales), log_y)
-            for m in self.members
-        ]
+        self.x, self.y = _checked(x, y, self.inputs, self.output)
+        self._varying = np.ptp(self.x, axis=0) > 0
+        if not self._varying.any():
+            raise InputError(f"{output}: all {len(y)} rows have the same {', '.join(inputs)}")
+        z, members, scores = self._samples, [], []
+        with threadpool_limits(1):  # the matrices are small: threads only get in each other's way
+            for kernel, *scales in itertools.product(_KERNELS, *[_SCALES] * z.shape[1]):
+                process = _fitted(kernel, _scaled(z, z, scales), self.y)
+                residual, sd = _left_out(process, self.y)
+                scores.append(-0.5 * (residual / sd) ** 2 - np.log(sd))
+                members.append(Member(process, kernel, tuple(scales)))
+        weights = _stacking(np.array(scores).T)
+        self.members = tuple(
+            replace(members[i], weight=float(weights[i]))
+            for i in np.argsort(-weights)
+            if weights[i] > 0
+        )
 
     def __repr__(self) -> str:
         return f"Kriging({self.output} of {', '.join(self.inputs)}; {len(self.y)} points)"
 
-    @classmethod
-    def fit(
-        cls, x: np.ndarray, y: np.ndarray, *, inputs: Sequence[str], output: str, restarts: int = 2
-    ) -> Kriging:
-        """Fit all candidate processes and weigh them by stacking.
-
-        Args:
-            x: Sample points, shape (n, len(inputs)), above 0. A column of one value is no
-                variable; predictions are then for that value only.
-            y: Values there, shape (n,), above 0.
-            inputs: Names of the columns, for messages.
-            output: Name of the output, for messages.
-            restarts: Random starts of the likelihood's maximisation, besides the standard one.
-
-        Raises:
-            InputError: If values are not positive and finite, or are fewer than 5.
-        """
-        from threadpoolctl import threadpool_limits
-
-        x, y = _checked(x, y, inputs, output)
-        varying = np.ptp(x, axis=0) > 0
-        if not varying.any():
-            raise InputError(f"{output}: all {len(y)} rows have the same {', '.join(inputs)}")
-        z, log_y = x[:, varying], np.log(y)
-        candidates, scores = [], []
-        with threadpool_limits(1):  # the matrices are small: threads only get in each other's way
-            for kernel, trend in itertools.product(_KERNELS, _TRENDS):
-                for scales in itertools.product(_SCALES, repeat=z.shape[1]):
-                    process = _fitted(kernel, trend, _scaled(z, z, scales), log_y, restarts)
-                    theta = tuple(map(float, process.kernel_.theta))
-                    known = Process(kernel, trend, theta, _scaled(z, z, scales), log_y)
-                    residual, sd = known.leave_one_out()
-                    scores.append(-0.5 * (residual / sd) ** 2 - np.log(sd))
-                    candidates.append((kernel, trend, scales, theta))
-        weights = _stacking(np.array(scores).T)
-        members = [_Member(*candidates[i], float(weights[i])) for i in np.flatnonzero(weights > 0)]
-        return cls(inputs, output, x, y, sorted(members, key=lambda m: -m.weight))
+    @property
+    def _samples(self) -> np.ndarray:
+        return self.x[:, self._varying]
 
     def predict(self, x: np.ndarray, *, extrapolate: bool = False) -> Interpolation:
-        """Values at points, shape (n, len(inputs)).
+        """Values at points.
 
         Args:
-            x: The points.
-            extrapolate: Predict outside the sample points' convex hull too; `inside` says where.
+            x: The points, shape (n, len(inputs)), or one of shape (len(inputs),).
+            extrapolate: Predict outside the sample points' convex hull too, and say where.
 
         Raises:
             InputError: If a point lies outside and ``extrapolate`` is false, or is not positive.
         """
-        x = np.atleast_2d(np.asarray(x, dtype=float))
+        x = np.asarray(x, dtype=float)
+        if x.ndim == 1:
+            found = self.predict(x[None], extrapolate=extrapolate)
+            return Interpolation(*(values[0].item() for values in vars(found).values()))
         if x.shape[1] != len(self.inputs) or not np.all(np.isfinite(x) & (x > 0)):
             raise InputError(
                 f"{self.output}: expected points of {', '.join(self.inputs)}, numbers above 0"
             )
         same = np.all(np.isclose(x, self.x[0], rtol=1e-9, atol=0) | self._varying, axis=1)
-        inside = same & self._hull.contains(x[:, self._varying])
+        inside = same & _in_hull(x[:, self._varying], self._samples)
         if not extrapolate and not inside.all():
             raise InputError(self._outside(x[~inside][0]))
-        z, samples = x[:, self._varying], self.x[:, self._varying]
+        z = x[:, self._varying]
         mean, variance = self._mixture(
-            lambda process, scales: process.predict(_scaled(z, samples, scales))
+            lambda m: m.process.predict(_scaled(z, self._samples, m.scales), return_std=True)
         )
         sd = np.sqrt(variance)
         with np.errstate(over="ignore"):  # far outside the data: as uncertain as infinity
@@ -183,86 +172,32 @@ class Kriging:
                 value * np.sqrt(np.expm1(variance)),
                 np.exp(mean - 1.96 * sd),
                 np.exp(mean + 1.96 * sd),
-                inside,
+                ~inside,
             )
 
     def leave_one_out(self) -> LeaveOneOut:
         """Predict every sample point from the others, hyperparameters and weights kept."""
-        mean, variance = self._mixture(lambda process, scales: process.leave_one_out())
-        value = np.exp(np.log(self.y) - mean)
-        return LeaveOneOut(value, value / self.y - 1, -mean / np.sqrt(variance))
+        residual, variance = self._mixture(lambda m: _left_out(m.process, self.y))
+        value = self.y * np.exp(-residual)
+        return LeaveOneOut(value, value / self.y - 1, -residual / np.sqrt(variance))
 
     def in_words(self) -> str:
         """Which processes are averaged, with their weights."""
-        names = [n for n, varies in zip(self.inputs, self._varying, strict=True) if varies]
-        parts = []
+        names, parts = np.array(self.inputs)[self._varying], []
         for m in self.members:
             logs = [n for n, scale in zip(names, m.scales, strict=True) if scale == "log"]
             of = f"log of {' and '.join(logs)}" if logs else "no logarithm of inputs"
-            parts.append(f"{m.weight:.0%} {m.kernel} kernel, {m.trend} trend, {of}")
+            parts.append(f"{m.weight:.0%} {m.kernel} kernel, {of}")
         return "; ".join(parts)
 
-    def save(self, path: str | Path) -> None:
-        """Write as JSON: data, kernels and hyperparameters. Raises InputError if it cannot."""
-        write_text(path, json_text(self.to_json()))
-
-    @classmethod
-    def load(cls, path: str | Path) -> Kriging:
-        """Read what `save` wrote; predictions are the same.
-
-        Raises:
-            InputError: If the file cannot be read or holds something else.
-        """
-        try:
-            content = json.loads(Path(path).read_text(encoding="utf-8"))
-        except (OSError, ValueError, RecursionError) as error:
-            raise InputError(f"{path}: cannot be read ({error}), expected saved Kriging") from error
-        with located(path):
-            return cls.from_json(content)
-
-    def to_json(self) -> dict[str, object]:
-        """The complete model for JSON, with a checksum."""
-        content = {
-            "format": _FORMAT,
-            "version": _VERSION,
-            "inputs": list(self.inputs),
-            "output": self.output,
-            "x": self.x.tolist(),
-            "y": self.y.tolist(),
-            "members": [vars(m) for m in self.members],
-            "facets": self._hull.facets.tolist(),
-        }
-        return {**content, "checksum": _checksum(content)}
-
-    @classmethod
-    def from_json(cls, content: Mapping) -> Kriging:
-        """The model of `to_json`; raises InputError if it is something else."""
-        if not isinstance(content, Mapping) or content.get("format") != _FORMAT:
-            raise InputError(f"is not {_FORMAT!r}")
-        if content.get("version") != _VERSION:
-            raise InputError(f"is version {content.get('version')!r}, expected {_VERSION}")
-        try:
-            x, y = _checked(content["x"], content["y"], content["inputs"], content["output"])
-            members = [_Member(**member) for member in content["members"]]
-            for m in members:
-                known = m.kernel in _KERNELS and m.trend in _TRENDS and set(m.scales) <= {*_SCALES}
-                if not known or not np.all(np.isfinite([*m.theta, m.weight])):
-                    raise ValueError(f"{m} is no process")
-            if content["checksum"] != _checksum(content):
-                raise ValueError("its checksum does not match its content")
-            return cls(content["inputs"], content["output"], x, y, members, content.get("facets"))
-        except (KeyError, TypeError, ValueError, np.linalg.LinAlgError) as error:
-            raise InputError(f"is incomplete or damaged ({error!r})") from error
-
     def _mixture(self, predict: Callable) -> tuple[np.ndarray, np.ndarray]:
-        """Mean and variance of what the processes predict of the logarithm.
+        """Mean and variance of what the members predict of the logarithm.
 
         Args:
-            predict: Means and standard deviations by a process and the scales of its inputs.
+            predict: Means and standard deviations by a member.
         """
         weights = np.array([m.weight for m in self.members])[:, None]
-        each = [predict(p, m.scales) for p, m in zip(self.processes, self.members, strict=True)]
-        means, sds = (np.array(a) for a in zip(*each, strict=True))
+        means, sds = (np.array(each) for each in zip(*map(predict, self.members), strict=True))
         mean = np.sum(weights * means, axis=0)
         return mean, np.sum(weights * (sds**2 + (means - mean) ** 2), axis=0)
 
@@ -303,48 +238,64 @@ def _scaled(z: np.ndarray, samples: np.ndarray, scales: Sequence[str]) -> np.nda
     return (z - samples.mean(axis=0)) / samples.std(axis=0)
 
 
-def _kernel(kernel: str, trend: str, n: int):
-    from sklearn.gaussian_process import kernels as k
-
-    lengths, bounds = np.ones(n), (0.05, 50.0)
-    if kernel == "gaussian":
-        shape = k.RBF(lengths, bounds)
-    else:
-        shape = k.Matern(lengths, bounds, nu=2.5)
-    total = k.ConstantKernel(1.0, (1e-3, 1e4)) * shape
-    if trend == "linear":  # a linear trend with unknown coefficients is a linear kernel
-        total += k.ConstantKernel(1.0, (1e-3, 1e4)) * k.DotProduct(1.0, (1e-3, 1e3))
-    # Scatter of the data themselves: a contact radius steps with the mesh it was read from.
-    return total + k.WhiteKernel(1e-4, (1e-9, 0.1))
-
-
-def _fitted(kernel, trend, z, log_y, restarts):
+def _fitted(kernel: str, z: np.ndarray, y: np.ndarray):
+    """A Gaussian process of ln y, its hyperparameters by maximum likelihood."""
     from sklearn.exceptions import ConvergenceWarning
     from sklearn.gaussian_process import GaussianProcessRegressor
+    from sklearn.gaussian_process import kernels as k
 
+    lengths, bounds = np.ones(z.shape[1]), (0.05, 50.0)
+    shape = k.RBF(lengths, bounds) if kernel == "gaussian" else k.Matern(lengths, bounds, nu=2.5)
+    # Scatter of the data themselves: a contact radius steps with the mesh it was read from.
+    total = k.ConstantKernel(1.0, (1e-3, 1e4)) * shape + k.WhiteKernel(1e-4, (1e-9, 0.1))
     process = GaussianProcessRegressor(
-        _kernel(kernel, trend, z.shape[1]),
-        alpha=JITTER,
-        n_restarts_optimizer=restarts,
-        normalize_y=True,
-        random_state=0,
+        total, n_restarts_optimizer=_RESTARTS, normalize_y=True, random_state=0
     )
     with warnings.catch_warnings():
         # A length at its bound is an input that does not matter, not a failure.
         warnings.simplefilter("ignore", ConvergenceWarning)
-        return process.fit(z, log_y)
+        return process.fit(z, np.log(y))
+
+
+def _left_out(process, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Residuals of ln y and predicted standard deviations, each sample from the others, with their
+    mean as the prior mean (Rasmussen and Williams, Gaussian Processes, 2006, eqs. 5.10 to 5.12)."""
+    y, inverse = np.log(y), np.linalg.inv(process.kernel_(process.X_train_))
+    means = (y.sum() - y) / (len(y) - 1)
+    diagonal = np.diag(inverse)
+    residual = (inverse @ y - means * inverse.sum(axis=1)) / diagonal
+    scale = y.std() if y.std() > 10 * np.finfo(float).eps else 1.0  # as scikit-learn scales them
+    return residual, scale / np.sqrt(diagonal)
 
 
 def _stacking(log_densities: np.ndarray) -> np.ndarray:
-    """Weights that maximise the mean log of the weighted densities, shape (n, candidates)."""
+    """Weights that maximise the mean log of the weighted densities, shape (n, members)."""
     density = np.exp(log_densities - log_densities.max(axis=1, keepdims=True))
     weights = np.full(density.shape[1], 1 / density.shape[1])
     for _ in range(20000):  # expectation maximisation: each step raises the likelihood
-        shares = density * weights
-        new = (shares / shares.sum(axis=1, keepdims=True)).mean(axis=0)
-        done = np.abs(new - weights).max() < 1e-9
-        weights = new
-        if done:
+        before, shares = weights, density * weights
+        weights = (shares / shares.sum(axis=1, keepdims=True)).mean(axis=0)
+        if np.abs(weights - before).max() < 1e-9:
             break
     weights[weights < _LEAST_WEIGHT] = 0.0
-    return weights / math.fsum(weights)
+    return weights / weights.sum()
+
+
+def _in_hull(points: np.ndarray, samples: np.ndarray) -> np.ndarray:
+    """Whether points, (m, d), lie in the convex hull of samples, (n, d), which may be a line or a
+    plane; shape (m,)."""
+    from scipy.spatial import ConvexHull
+
+    size = np.ptp(samples, axis=0)
+    centre = samples.mean(axis=0)
+    samples, points = (samples - centre) / size, (points - centre) / size
+    _, singular, axes = np.linalg.svd(samples, full_matrices=True)
+    rank = int(np.sum(singular > 1e-9 * singular[0]))
+    own, asked = samples @ axes[:rank].T, points @ axes[:rank].T
+    inside = np.all(np.abs(points @ axes[rank:].T) <= _ON_HULL, axis=1)
+    low, high = own.min(axis=0) - _ON_HULL, own.max(axis=0) + _ON_HULL
+    inside &= np.all((asked >= low) & (asked <= high), axis=1)
+    if rank > 1:
+        facets = ConvexHull(own).equations
+        inside &= np.all(asked @ facets[:, :-1].T + facets[:, -1] <= _ON_HULL, axis=1)
+    return inside

@@ -9,14 +9,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 
 import numpy as np
 
 from fenics_joints import __version__
-from fenics_joints.database.joints import UNITS, Joint
-from fenics_joints.database.kept_fits import fitted
-from fenics_joints.database.kriging import Kriging
+from fenics_joints.database.joints import UNITS, JointRow
+from fenics_joints.database.kriging import Interpolation, Kriging
 from fenics_joints.database.store import Store
 from fenics_joints.errors import InputError, real
 from fenics_joints.files import plain
@@ -48,41 +47,23 @@ class TorqueToForce:
         for key in ("friction", "friction_head"):
             if getattr(self, key) is not None:
                 real(key, getattr(self, key), least=0)
+        if self.friction_head is None:
+            object.__setattr__(self, "friction_head", self.friction)
 
     def force(self, torque: float, t: Thread) -> float:
         """Bolt force, N; raises InputError for what is not positive."""
         if self.friction is None:
             return nut_factor_force(torque, t.diameter, self.K)
-        return motosh_force(torque, t, self.friction, self._head())
+        return motosh_force(torque, t, self.friction, self.friction_head)
 
     def in_words(self, torque: float, t: Thread) -> str:
         """Which equation, with its numbers."""
         if self.friction is None:
             return f"T = K d F with T = {torque:g} N·m, K = {self.K:g}, d = {t.diameter * 1e3:g} mm"
-        frictions = f"friction {self.friction:g} in the thread, {self._head():g} under the head"
+        frictions = (
+            f"friction {self.friction:g} in the thread, {self.friction_head:g} under the head"
+        )
         return f"Motosh's equation with T = {torque:g} N·m, {frictions}, {t.name}"
-
-    def _head(self) -> float:
-        return self.friction if self.friction_head is None else self.friction_head
-
-
-@dataclass(frozen=True)
-class Estimate:
-    """An interpolated number in SI units.
-
-    Attributes:
-        value: Median.
-        sd: Standard deviation.
-        low: Lower end of the 95 % interval.
-        high: Upper end.
-        extrapolated: Whether it lies outside the data.
-    """
-
-    value: float
-    sd: float
-    low: float
-    high: float
-    extrapolated: bool
 
 
 @dataclass(frozen=True)
@@ -105,9 +86,9 @@ class Answer:
     force: float
     force_from: str
     thickness: float
-    radius: Estimate | None
-    pressure: Estimate | None
-    identified: Joint | None
+    radius: Interpolation | None
+    pressure: Interpolation | None
+    identified: JointRow | None
     identified_note: str
     notes: tuple[str, ...] = ()
 
@@ -130,17 +111,17 @@ class Answer:
                 "force_N": self.force,
                 "force_from": self.force_from,
                 "thickness_m": self.thickness,
-                "radius_m": None if self.radius is None else vars(self.radius),
-                "pressure_Pa": None if self.pressure is None else vars(self.pressure),
-                "identified": None if self.identified is None else self.identified.to_dict(),
+                "radius_m": self.radius and asdict(self.radius),
+                "pressure_Pa": self.pressure and asdict(self.pressure),
+                "identified": self.identified and asdict(self.identified),
                 "identified_note": self.identified_note,
-                "notes": list(self.notes),
+                "notes": self.notes,
             }
         )
 
 
 @dataclass
-class Surfaces:
+class JointSurfaces:
     """Kriging of radius and pressure over the conditions, from one model's rows.
 
     Attributes:
@@ -155,18 +136,18 @@ class Surfaces:
     store: Store
     model: str | None
     inputs: tuple[str, ...]
-    rows: list[Joint]
+    rows: list[JointRow]
     kriging: dict[str, Kriging] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
-        return f"Surfaces({', '.join(self.kriging)} of {len(self.rows)} rows)"
+        return f"JointSurfaces({', '.join(self.kriging)} of {len(self.rows)} rows)"
 
     @classmethod
     def fit(
         cls, store: Store, model: str | None = None, outputs: Sequence[str] = ("radius", "pressure")
-    ) -> Surfaces:
-        """Fit the rows of one model, or take the fit that is kept beside them.
+    ) -> JointSurfaces:
+        """Fit the rows of one model.
 
         Args:
             store: The database.
@@ -206,7 +187,7 @@ class Surfaces:
             if known:
                 x = np.array([[getattr(j, name) for name in inputs] for j in known])
                 y = np.array([getattr(j, output) for j in known])
-                surfaces.kriging[output] = fitted(store, x, y, inputs, output)
+                surfaces.kriging[output] = Kriging(x, y, inputs, output)
             else:
                 notes.append(f"no row has a {output}")
         surfaces.notes = tuple(notes)
@@ -214,7 +195,7 @@ class Surfaces:
 
 
 def query(
-    surfaces: Surfaces | Store,
+    surfaces: JointSurfaces | Store,
     *,
     bolt: str | Thread,
     thickness: float,
@@ -241,7 +222,7 @@ def query(
             or an answer that would be extrapolated.
     """
     if isinstance(surfaces, Store):
-        surfaces = Surfaces.fit(surfaces)
+        surfaces = JointSurfaces.fit(surfaces)
     t = thread(bolt)
     how = TorqueToForce() if torque_to_force is None else torque_to_force
     if (torque is None) == (force is None):
@@ -280,7 +261,7 @@ def query(
     )
 
 
-def _one_value_only(surfaces: Surfaces, point: dict) -> list[str]:
+def _one_value_only(surfaces: JointSurfaces, point: dict) -> list[str]:
     """Conditions of which the data have one value, and another was asked for."""
     notes = []
     for name in surfaces.inputs:
@@ -294,17 +275,16 @@ def _one_value_only(surfaces: Surfaces, point: dict) -> list[str]:
     return notes
 
 
-def _estimate(kriging: Kriging, point: dict, extrapolate: bool) -> Estimate:
+def _estimate(kriging: Kriging, point: dict, extrapolate: bool) -> Interpolation:
     values = [point[name] for name in kriging.inputs]
     if None in values:
         raise InputError("roughness: expected a number, since the database depends on it")
-    p = kriging.predict(np.array([values]), extrapolate=extrapolate)
-    return Estimate(
-        float(p.value[0]), float(p.sd[0]), float(p.low[0]), float(p.high[0]), not bool(p.inside[0])
-    )
+    return kriging.predict(np.array(values), extrapolate=extrapolate)
 
 
-def _identified(joints: list[Joint], point: dict, how: TorqueToForce) -> tuple[Joint | None, str]:
+def _identified(
+    joints: list[JointRow], point: dict, how: TorqueToForce
+) -> tuple[JointRow | None, str]:
     """The nearest row with E, nu or h: least sum of squares of the conditions' log ratios."""
     rows = [j for j in joints if any(v is not None for v in (j.E, j.nu, j.h))]
     if not rows:
@@ -329,7 +309,7 @@ def _identified(joints: list[Joint], point: dict, how: TorqueToForce) -> tuple[J
     return row, note
 
 
-def _log_ratios(row: Joint, point: dict, how: TorqueToForce) -> dict[str, float]:
+def _log_ratios(row: JointRow, point: dict, how: TorqueToForce) -> dict[str, float]:
     """Of the conditions that are known of both."""
     known = {name: getattr(row, name) for name in point}
     if row.force is None and row.torque is not None and (row.bolt or how.friction is None):
@@ -344,7 +324,7 @@ def _log_ratios(row: Joint, point: dict, how: TorqueToForce) -> dict[str, float]
     }
 
 
-def _conditions(row: Joint) -> str:
+def _conditions(row: JointRow) -> str:
     parts = [row.bolt or f"d {quantity(row.diameter, 'm')}"]
     if row.torque is not None:
         parts.append(f"{row.torque:g} N·m")

@@ -17,7 +17,7 @@ from importlib import resources
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from fenics_joints.database.joints import NUMBERS, TEXTS, UNITS, Joint
+from fenics_joints.database.joints import NUMBERS, TEXTS, UNITS, JointRow
 from fenics_joints.errors import InputError, located
 from fenics_joints.files import check_writable, is_file, write_text
 from fenics_joints.units import factor_to_si, plain_number
@@ -48,9 +48,6 @@ class Store:
         create: Make the file if it is not there.
         readonly: Never write to it.
 
-    Attributes:
-        fits: File in which fits of the rows are kept; None if there is none.
-
     Raises:
         InputError: If there is no such file, it is not such a database, or cannot be opened.
     """
@@ -58,7 +55,6 @@ class Store:
     def __init__(self, path: str | Path, *, create: bool = False, readonly: bool = False):
         self.path, self.readonly = str(path), readonly
         memory = self.path == ":memory:"
-        self.fits = None if memory else Path(f"{self.path}.fits.json")
         if create and not readonly and not memory and not os.path.lexists(path):
             _make(Path(path))
         if not memory and not create and not is_file(path):
@@ -96,31 +92,32 @@ class Store:
         """Close the file."""
         self._connection.close()
 
-    def add(self, joints: Iterable[Joint]) -> int:
+    def add(self, joints: Iterable[JointRow]) -> int:
         """Add rows, all or none; returns how many."""
-        rows = [tuple(j.to_dict()[c] for c in _COLUMNS) for j in joints]
+        rows = [_row(joint) for joint in joints]
         with self._writing() as connection:
             connection.executemany(_insert(), rows)
         return len(rows)
 
-    def joints(self, *, model: str | None = None) -> list[Joint]:
+    def joints(self, *, model: str | None = None) -> list[JointRow]:
         """Rows in the order in which they came, of all models or one."""
         where, values = ("", ()) if model is None else ("WHERE model = ?", (model,))
         with self._told():
             rows = self._connection.execute(
                 f"SELECT {', '.join(_COLUMNS)} FROM joints {where} ORDER BY id", values
             ).fetchall()
-        return [Joint(**dict(zip(_COLUMNS, row, strict=True))) for row in rows]
+        return [JointRow(**dict(zip(_COLUMNS, row, strict=True))) for row in rows]
 
     # -- tasks of a sweep --------------------------------------------------------------------------
 
     def finished(self, tasks: Iterable[str]) -> set[str]:
-        """Which of the tasks (`Joint.task`) have a row, computed here or imported."""
+        """Which of the tasks (`JointRow.task`) have a row, computed here or imported."""
         return set(tasks) & {joint.task for joint in self.joints()}
 
     def failed(self, tasks: Iterable[str]) -> dict[str, str]:
         """Which of the tasks failed, with the message."""
-        failures = dict(self._all("SELECT task, message FROM failures"))
+        with self._told():
+            failures = dict(self._connection.execute("SELECT task, message FROM failures"))
         return {task: failures[task] for task in tasks if task in failures}
 
     def claim(self, run: str, tasks: Iterable[str]) -> str | None:
@@ -139,12 +136,11 @@ class Store:
         with self._writing() as connection:
             connection.execute("DELETE FROM claims WHERE run = ?", (run,))
 
-    def finish(self, joint: Joint) -> None:
+    def finish(self, joint: JointRow) -> None:
         """Record a task's row; a second one for the same task is dropped."""
         task = joint.task
-        values = (*(joint.to_dict()[c] for c in _COLUMNS), task)
         with self._writing() as connection:
-            connection.execute(_insert("task", "OR IGNORE"), values)
+            connection.execute(_insert("task", "OR IGNORE"), (*_row(joint), task))
             connection.execute("DELETE FROM failures WHERE task = ?", (task,))
 
     def fail(self, task: str, sample: str, message: str, date: str) -> None:
@@ -163,10 +159,7 @@ class Store:
         writer = csv.writer(stream, lineterminator="\n")
         writer.writerow([_head(c) for c in _COLUMNS])
         for joint in self.joints():
-            row = joint.to_dict()
-            texts = {c: _quoted(row[c]) for c in TEXTS if row[c] is not None}
-            numbers = {c: row[c] for c in NUMBERS if row[c] is not None}
-            writer.writerow([{**numbers, **texts}.get(c, "") for c in _COLUMNS])
+            writer.writerow([_quoted(v) if isinstance(v, str) else v for v in _row(joint)])
         return stream.getvalue()
 
     def export_csv(self, path: str | Path) -> None:
@@ -228,10 +221,6 @@ class Store:
     def _pragma(self, name: str) -> int:
         return self._connection.execute(f"PRAGMA {name}").fetchone()[0]
 
-    def _all(self, query: str) -> list[tuple]:
-        with self._told():
-            return self._connection.execute(query).fetchall()
-
     @contextmanager
     def _told(self) -> Iterator[None]:
         try:
@@ -263,7 +252,6 @@ def seed_database() -> Store:
     store = Store(":memory:")
     text = resources.files(__package__).joinpath("seed000.csv").read_text(encoding="utf-8")
     store.add(_from_csv("seed000.csv", text))
-    store.fits = Path(__file__).with_name("seed000.fits.json")
     return store
 
 
@@ -296,6 +284,11 @@ def _mode(path: str | Path, create: bool) -> str:
     return "rw" if writable else "ro"
 
 
+def _row(joint: JointRow) -> tuple[float | str | None, ...]:
+    """Its fields in the order of the columns."""
+    return tuple(getattr(joint, column) for column in _COLUMNS)
+
+
 def _insert(extra: str | None = None, or_what: str = "") -> str:
     columns = _COLUMNS if extra is None else (*_COLUMNS, extra)
     marks = ", ".join("?" * len(columns))
@@ -312,7 +305,7 @@ def _head(column: str) -> str:
     return f"{column} [{unit}]" if unit else column
 
 
-def _from_csv(name: str, text: str) -> list[Joint]:
+def _from_csv(name: str, text: str) -> list[JointRow]:
     reader = csv.reader(io.StringIO(text, newline=""))
     heads = next(reader, [])
     columns = [_column(name, head) for head in heads]
@@ -325,7 +318,7 @@ def _from_csv(name: str, text: str) -> list[Joint]:
         with located(f"{name}: line {reader.line_num}"):
             if len(row) != len(columns):
                 raise InputError(f"{len(row)} cells, expected {len(columns)} as in the head")
-            joints.append(Joint(**_values(columns, row)))
+            joints.append(JointRow(**_values(columns, row)))
     return joints
 
 

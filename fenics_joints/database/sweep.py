@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 
 from fenics_joints import __version__
-from fenics_joints.database.joints import RESULTS, Joint, settings_text
+from fenics_joints.database.joints import RESULTS, JointRow, settings_text
 from fenics_joints.database.store import Store
 from fenics_joints.errors import InputError, real, text
 from fenics_joints.progress import Progress
@@ -49,7 +49,7 @@ class Sample:
 
 
 @dataclass(frozen=True)
-class Sweep:
+class SweepReport:
     """How a sweep went.
 
     Attributes:
@@ -64,7 +64,7 @@ class Sweep:
 
     def __repr__(self) -> str:
         counts = f"{self.computed} computed, {self.finished_before} there before"
-        return f"Sweep({counts}, {len(self.failed)} failed)"
+        return f"SweepReport({counts}, {len(self.failed)} failed)"
 
 
 def grid(
@@ -96,7 +96,7 @@ def sweep(
     author: str | None = None,
     source: str | None = None,
     retry: bool = False,
-) -> Sweep:
+) -> SweepReport:
     """Analyse all samples that the database does not have yet. Collective.
 
     Each rank takes the next sample that none has taken, analyses it alone and commits its row
@@ -134,7 +134,7 @@ def sweep(
         "source": source,
     }
     # A result of any value makes a whole row, whose task is known before the analysis.
-    tasks = {Joint(**asdict(s), **common, radius=1.0).task: s for s in samples}
+    tasks = {JointRow(**asdict(s), **common, radius=1.0).task: s for s in samples}
     finished = store.finished(tasks) if comm.rank == 0 else None
     skipped = () if retry or comm.rank != 0 else store.failed(tasks)
     todo = [t for t in tasks if t not in finished and t not in skipped] if comm.rank == 0 else None
@@ -166,7 +166,7 @@ def _analyse(sample: Sample, task: str, analyse, settings, common, store: Store)
         unknown = set(results) - set(RESULTS)
         if unknown:
             raise InputError(f"results {sorted(unknown)}, expected some of {', '.join(RESULTS)}")
-        joint = Joint(**asdict(sample), **common, **results, date=date)
+        joint = JointRow(**asdict(sample), **common, **results, date=date)
     except Exception as error:  # whatever it is, the other samples are wanted
         message = f"{type(error).__name__}: {error}"
         store.fail(task, json.dumps(asdict(sample)), message, date)
@@ -179,7 +179,7 @@ def _number(value):
     return value.item() if hasattr(value, "item") else value
 
 
-def _result(store: Store, run: str, tasks, todo, finished) -> Sweep:
+def _result(store: Store, run: str, tasks, todo, finished) -> SweepReport:
     store.release(run)
     failed = {tasks[task]: message for task, message in store.failed(tasks).items()}
-    return Sweep(len(store.finished(todo)), len(finished), failed)
+    return SweepReport(len(store.finished(todo)), len(finished), failed)

@@ -7,8 +7,9 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from fenics_joints.database.joints import NUMBERS, Joint
-from fenics_joints.database.query import Answer, Estimate, Surfaces
+from fenics_joints.database.joints import NUMBERS, JointRow
+from fenics_joints.database.kriging import Interpolation
+from fenics_joints.database.query import Answer, JointSurfaces
 from fenics_joints.formatting import MISSING, interval, number, percent, prefixed, quantity
 
 #: Factor and unit in which a column is read best.
@@ -26,7 +27,7 @@ _SHOWN = {
 }
 
 
-def in_words(estimate: Estimate | None, unit: str) -> str:
+def in_words(estimate: Interpolation | None, unit: str) -> str:
     """An estimate with its deviation and interval: ``51.4 ± 0.4 mm (95 %: 50.6 to 52.2 mm)``."""
     if estimate is None:
         return MISSING
@@ -54,7 +55,7 @@ def show_answer(console: Console, answer: Answer) -> None:
     console.print(table, markup=False)
 
 
-def show_rows(console: Console, rows: list[Joint]) -> None:
+def show_rows(console: Console, rows: list[JointRow]) -> None:
     """Print the numbers of the rows, then their sources."""
     columns = [c for c in NUMBERS if any(getattr(j, c) is not None for j in rows)]
     if all(j.bolt for j in rows):
@@ -69,7 +70,7 @@ def show_rows(console: Console, rows: list[Joint]) -> None:
         console.print(f"{i}: {source}", markup=False, highlight=False)
 
 
-def show_leave_one_out(console: Console, surfaces: Surfaces) -> None:
+def show_leave_one_out(console: Console, surfaces: JointSurfaces) -> None:
     """Print each row's value beside what all others predict."""
     for output, kriging in surfaces.kriging.items():
         left = kriging.leave_one_out()
@@ -97,7 +98,7 @@ def show_leave_one_out(console: Console, surfaces: Surfaces) -> None:
         )
 
 
-def leave_one_out_json(surfaces: Surfaces) -> dict[str, object]:
+def leave_one_out_json(surfaces: JointSurfaces) -> dict[str, object]:
     """What `show_leave_one_out` prints, for JSON."""
     content = {}
     for output, kriging in surfaces.kriging.items():
@@ -128,5 +129,5 @@ def _cell(value: float | None, column: str) -> str:
     return MISSING if value is None else number(float(value) * _SHOWN[column][0], 4)
 
 
-def _source(j: Joint) -> str:
+def _source(j: JointRow) -> str:
     return "; ".join(part for part in (j.model, j.author, j.version, j.source) if part) or MISSING

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from fenics_joints.database import Surfaces, seed_database
+from fenics_joints.database import JointSurfaces, seed_database
 
 
 @pytest.fixture(scope="session")
-def seed_surfaces() -> Surfaces:
+def seed_surfaces() -> JointSurfaces:
     """Kriging of all 35 rows."""
-    return Surfaces.fit(seed_database())
+    return JointSurfaces.fit(seed_database())

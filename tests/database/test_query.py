@@ -9,8 +9,15 @@ import sys
 import pytest
 from mpi4py import MPI
 
-from fenics_joints.database import Answer, Joint, Surfaces, TorqueToForce, query, seed_database
-from fenics_joints.database.query import Estimate
+from fenics_joints.database import (
+    Answer,
+    JointRow,
+    JointSurfaces,
+    TorqueToForce,
+    query,
+    seed_database,
+)
+from fenics_joints.database.kriging import Interpolation
 from fenics_joints.errors import InputError
 from fenics_joints.files import json_text
 from fenics_joints.preload import thread
@@ -73,13 +80,13 @@ def test_a_bad_question_is_an_input_error(seed_surfaces, arguments, match):
 def test_rows_of_two_models_are_never_mixed():
     store = seed_database()
     store.add(
-        Joint(diameter=0.012, force=f, thickness=b, radius=0.02, model="other")
+        JointRow(diameter=0.012, force=f, thickness=b, radius=0.02, model="other")
         for f in (1e4, 2e4, 3e4)
         for b in (0.01, 0.02)
     )
     with pytest.raises(InputError, match="several models, expected one: contact .*; other"):
-        Surfaces.fit(store)
-    assert len(Surfaces.fit(store, "other").rows) == 6
+        JointSurfaces.fit(store)
+    assert len(JointSurfaces.fit(store, "other").rows) == 6
 
 
 def _run(*arguments: object) -> subprocess.CompletedProcess:
@@ -138,7 +145,7 @@ def test_command_adds_and_answers(tmp_path):
 
 
 def test_an_uncertainty_without_bound_is_null_in_json():
-    radius = Estimate(1.0, float("inf"), 0.0, float("inf"), True)
+    radius = Interpolation(1.0, float("inf"), 0.0, float("inf"), True)
     answer = Answer(thread("M12"), 1e4, "given", 0.02, radius, None, None, "")
     found = json.loads(json_text(answer.json()))["radius_m"]
     assert (found["sd"], found["high"], found["value"]) == (None, None, 1.0)

@@ -12,18 +12,18 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from fenics_joints.database import Joint, Store, seed_database
+from fenics_joints.database import JointRow, Store, seed_database
 from fenics_joints.database.joints import settings_text
 from fenics_joints.errors import InputError
 
 serial = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="about one process")
 
 
-def _awkward() -> list[Joint]:
+def _awkward() -> list[JointRow]:
     rng = np.random.default_rng(1)
     texts = ['say "no", or;', "two\nlines, two\r\nends", " Ünïcode µ ", None]
     return [
-        Joint(
+        JointRow(
             diameter=float(rng.uniform(1e-3, 1e-1)),
             force=float(10 ** rng.uniform(-9, 9)),
             thickness=None if i % 3 else 0.1 + 0.2,
@@ -126,7 +126,7 @@ def test_several_writers_at_once_lose_nothing(tmp_path):
     def write(force: float) -> None:
         with Store(tmp_path / "a.db") as store:
             for i in range(10):
-                store.add([Joint(diameter=0.012, force=force, thickness=0.01 + i, radius=0.03)])
+                store.add([JointRow(diameter=0.012, force=force, thickness=0.01 + i, radius=0.03)])
 
     writers = [threading.Thread(target=write, args=(f,)) for f in (1.0, 2.0, 3.0, 4.0)]
     for writer in writers:
@@ -160,7 +160,7 @@ def test_no_empty_file_is_left_where_the_disk_is_full(tmp_path):
 def test_a_new_database_takes_no_other_place(tmp_path):
     """One that another process made meanwhile stays, with its rows."""
     with Store(tmp_path / "one.db", create=True) as first:
-        first.add([Joint(diameter=0.012, radius=0.04)])
+        first.add([JointRow(diameter=0.012, radius=0.04)])
         with Store(tmp_path / "one.db", create=True) as second:
             assert len(second.joints()) == 1
     assert [file.name for file in tmp_path.iterdir()] == ["one.db"]
@@ -184,7 +184,7 @@ def test_text_is_no_formula_in_a_spreadsheet_and_comes_back(tmp_path):
         "a=b",
         "",
     ]
-    rows = [Joint(diameter=0.012, radius=0.04, nu=-0.25, author=t or None) for t in texts]
+    rows = [JointRow(diameter=0.012, radius=0.04, nu=-0.25, author=t or None) for t in texts]
     with Store(":memory:") as a, Store(":memory:") as b:
         a.add(rows)
         a.export_csv(tmp_path / "rows.csv")

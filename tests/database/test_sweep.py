@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 from mpi4py import MPI
 
-from fenics_joints.database import Joint, Sample, Store, grid, sweep
+from fenics_joints.database import JointRow, Sample, Store, grid, sweep
 from fenics_joints.errors import InputError
 
 serial = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="about one process")
@@ -120,7 +120,7 @@ def test_a_killed_sweep_goes_on_and_loses_or_repeats_nothing_finished(tmp_path):
     }
     environment["PYTHONPATH"] = str(tmp_path)
 
-    def rows() -> list[Joint]:
+    def rows() -> list[JointRow]:
         if not database.exists():
             return []
         with Store(database) as store:
@@ -158,7 +158,7 @@ def test_a_killed_sweep_goes_on_and_loses_or_repeats_nothing_finished(tmp_path):
     assert not {f"{j.force:g} {j.thickness:g}" for j in before} & set(later)
 
 
-def _rows_or_none(rows) -> list[Joint]:
+def _rows_or_none(rows) -> list[JointRow]:
     """The database may be there without its tables for a moment."""
     try:
         return rows()

@@ -8,14 +8,14 @@ from __future__ import annotations
 import threading
 import webbrowser
 
-from fenics_joints.database.query import Surfaces
+from fenics_joints.database.query import JointSurfaces
 from fenics_joints.database.web.page import Page
 from fenics_joints.database.web.server import PageServer
 
 __all__ = ["serve"]
 
 
-def serve(surfaces: Surfaces, *, port: int = 8088, browser: bool = True) -> None:
+def serve(surfaces: JointSurfaces, *, port: int = 8088, browser: bool = True) -> None:
     """Serve the page until Ctrl-C.
 
     Args:

@@ -13,7 +13,7 @@ from urllib.parse import urlencode
 import jinja2
 
 from fenics_joints import __version__
-from fenics_joints.database.query import Answer, Surfaces, TorqueToForce, query
+from fenics_joints.database.query import Answer, JointSurfaces, TorqueToForce, query
 from fenics_joints.database.tables import in_words
 from fenics_joints.database.web.pictures import Pictures
 from fenics_joints.database.web.server import Refused, Reply
@@ -89,7 +89,7 @@ class Page:
         surfaces: Fitted.
     """
 
-    def __init__(self, surfaces: Surfaces):
+    def __init__(self, surfaces: JointSurfaces):
         self._surfaces, self._pictures = surfaces, Pictures(surfaces)
         own = [j.bolt for j in surfaces.rows if j.bolt]
         self._bolts = tuple(dict.fromkeys([*thread_names(), *own]))
@@ -226,6 +226,6 @@ def _split(words: str) -> tuple[str, str]:
     return value, rest.rstrip(")")
 
 
-def _about(surfaces: Surfaces) -> str:
+def _about(surfaces: JointSurfaces) -> str:
     sources = dict.fromkeys(j.source for j in surfaces.rows if j.source)
     return f"{len(surfaces.rows)} rows: {surfaces.model or 'no model named'}. " + "; ".join(sources)

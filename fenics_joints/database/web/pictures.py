@@ -8,7 +8,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from fenics_joints.database.query import Answer, Surfaces
+from fenics_joints.database.query import Answer, JointSurfaces
 
 _SHOWN = {"radius": (1e3, "contact radius (mm)"), "pressure": (1e-6, "mean pressure (MPa)")}
 _ASKED, _DATA, _LINE = "#c62828", "#1a237e", "#1565c0"
@@ -23,7 +23,7 @@ class Pictures:
         surfaces: Fitted.
     """
 
-    def __init__(self, surfaces: Surfaces):
+    def __init__(self, surfaces: JointSurfaces):
         self._surfaces = surfaces
         self._grid = lru_cache(maxsize=8)(self._evaluated)
 
@@ -96,7 +96,7 @@ class Pictures:
         points = self._points(force, np.full_like(force, thickness), answer)
         p = kriging.predict(points, extrapolate=True)
         for inside, style in ((True, "-"), (False, ":")):
-            chosen = np.where(p.inside == inside, p.value, np.nan)
+            chosen = np.where(p.extrapolated != inside, p.value, np.nan)
             if np.isfinite(chosen).any():
                 label = "Kriging" if inside else "extrapolated"
                 axes.plot(force / 1e3, chosen * factor, style, color=_LINE, label=label)
@@ -146,7 +146,7 @@ class Pictures:
         )
         p = kriging.predict(points, extrapolate=True)
         # Where no other bolt was computed, the surface shown is that of the data's.
-        inside = p.inside | (not p.inside.any())
+        inside = ~p.extrapolated | p.extrapolated.all()
         return force, thickness, np.where(inside, p.value, np.nan).reshape(force.shape)
 
     def _points(self, force: np.ndarray, thickness: np.ndarray, answer: Answer | None):

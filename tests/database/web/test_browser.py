@@ -19,7 +19,7 @@ pytest.importorskip("choreographer", reason="drives the browser")
 import choreographer.browsers
 from mpi4py import MPI
 
-from fenics_joints.database import Surfaces, query, seed_database, web
+from fenics_joints.database import JointSurfaces, query, seed_database, web
 from fenics_joints.database.tables import in_words
 
 _NAMES = ("chromium-headless-shell", "chromium", "chromium-browser", "google-chrome", "chrome")
@@ -120,7 +120,7 @@ def test_the_page_keeps_the_rules_of_the_others(page_url, browser):
 
 
 def test_a_typed_torque_gives_the_radius_and_what_is_outside_the_data_is_said(page_url):
-    surfaces = Surfaces.fit(seed_database())
+    surfaces = JointSurfaces.fit(seed_database())
 
     async def steps(page: Page) -> None:
         await page.until("force-value", "50.0 kN")

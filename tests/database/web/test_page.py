@@ -8,7 +8,7 @@ import xml.etree.ElementTree as ElementTree
 import pytest
 from mpi4py import MPI
 
-from fenics_joints.database import Joint, Store, Surfaces
+from fenics_joints.database import JointRow, JointSurfaces, Store
 from fenics_joints.database.web.page import Page
 from fenics_joints.database.web.server import Refused
 
@@ -30,7 +30,7 @@ def hostile_page() -> Page:
     """Of a database that someone sent: texts are markup; plates of one thickness, some rough."""
     store = Store(":memory:")
     store.add(
-        Joint(
+        JointRow(
             diameter=0.012,
             bolt="M12",
             force=1e3 * (10 + 7 * i),
@@ -42,7 +42,7 @@ def hostile_page() -> Page:
         )
         for i in range(6)
     )
-    return Page(Surfaces.fit(store))
+    return Page(JointSurfaces.fit(store))
 
 
 def test_what_is_typed_or_stands_in_the_database_is_text_and_no_markup(page, hostile_page):
