@@ -22,7 +22,7 @@ from fenics_joints.case import load_case  # noqa: E402
 from fenics_joints.diagnosis.model.resolution import mesh_errors
 from fenics_joints.diagnosis.model.subject import subject_of
 from fenics_joints.progress import Progress
-from fenics_joints.reduction.seen import SeenModes
+from fenics_joints.reduction.matched import MatchedModes
 
 
 def compare(name: str) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -41,7 +41,7 @@ def compare(name: str) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         case = load_case(folder).diagnosed()
         subject = subject_of(case, MPI.COMM_SELF, Progress(silent=True))
         n, count = truth.frequencies.shape[1], case.diagnose.n_modes
-        seen = SeenModes(
+        seen = MatchedModes(
             subject.full, subject.baseline, sensors=case.sensors(), n_test=n, n_modes=count
         )  # as a diagnosis starts from it
         errors = mesh_errors(seen, subject.baseline, Progress(silent=True))

@@ -30,7 +30,7 @@ from fenics_joints.commands.update.run import run_update
 from fenics_joints.measurements import Target
 from fenics_joints.modal import solve_modes
 from fenics_joints.random_fields import RandomField, propagate_samples, propagate_sensitivities
-from fenics_joints.reduction import Forward, narrow
+from fenics_joints.reduction import ModalPrediction, narrow
 from fenics_joints.response import solve_complex_modes, solve_frf
 from fenics_joints.structure import Sensors
 from fenics_joints.updating import Update, update
@@ -64,7 +64,7 @@ TABLE_1 = np.array([158.37, 443.5, 861.6, 1382.7, 2045.3, 2809.0, 3613.4, 4172.2
 
 # +
 TABLE_2 = {7: (1690.2, 31047.0), 15: (1715.9, 34810.0), 23: (1763.2, 37402.0)}
-forward = Forward(beams.arrays(sensors), sensors, 8, 16)
+forward = ModalPrediction(beams.arrays(sensors), sensors, 8, 16)
 
 
 def frequencies(**given) -> np.ndarray:
@@ -103,7 +103,9 @@ assert np.allclose(errors[5:], [-2.10, 5.07, -2.50], atol=0.4)
 # +
 mesh = case.mesh.model_copy(update={"offset_mass": True})
 whole = build_structure(case.model_copy(update={"mesh": mesh}), comm)
-moved = np.exp(Forward(whole.arrays(sensors), sensors, 8, 16)(whole.values())[0]) / at[23] - 1
+moved = (
+    np.exp(ModalPrediction(whole.arrays(sensors), sensors, 8, 16)(whole.values())[0]) / at[23] - 1
+)
 say("", row("offset in the mass moves them by, %", 100 * moved))
 
 lap = case.joints["lap"]
@@ -148,7 +150,7 @@ say(row("k2 of ends, near, bolted, kN m", split.values[3:] / 1e3, 1))
 
 # +
 small = narrow(beams.arrays(sensors), {"lap.k1": (1000.0, 3000.0), "lap.k2": (2e4, 7e4)}, 14)
-quick = Forward(small.model, sensors, 8, 14)
+quick = ModalPrediction(small.model, sensors, 8, 14)
 mean = {"lap.k1": 1763.2, "lap.k2": 37402.0}
 
 

@@ -30,7 +30,7 @@ from fenics_joints.random_fields import (
     propagate_samples,
     propagate_sensitivities,
 )
-from fenics_joints.reduction import Forward, narrow
+from fenics_joints.reduction import ModalPrediction, narrow
 
 comm = MPI.COMM_WORLD
 EPS, N = 0.034, 400
@@ -67,7 +67,7 @@ names = {key: [f"{zone}.{key}" for zone in zones] for key in ("k1", "k2")}
 mean = {name: beams.values()[name] for key in names for name in names[key]}
 ranges = {name: (k / 1.3, 1.3 * k) for name, k in mean.items()}
 small = narrow(beams.arrays(sensors), ranges, 14, tolerance=2e-5)
-forward = Forward(small.model, sensors, 8, 14)
+forward = ModalPrediction(small.model, sensors, 8, 14)
 say(
     f"small model: {small.model.n_dofs} vectors for {len(mean)} stiffnesses, error of a frequency "
     f"{small.error:.0e} at {small.n_checked} points"

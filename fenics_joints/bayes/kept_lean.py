@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from fenics_joints.bayes.model import Frequencies, ReducedCheck
-from fenics_joints.reduction import ArrayModel, Forward, LeanForward
+from fenics_joints.reduction import ArrayModel, BatchPrediction, ModalPrediction
 from fenics_joints.reduction.files import read_model, register, write_model
 from fenics_joints.structure.points import Sensors
 
@@ -22,8 +22,8 @@ class KeptLean:
     Attributes:
         model: The lean model.
         n_test: Of its forward; so are the next two.
-        n_modes: See `Forward`.
-        reference: See `Forward`.
+        n_modes: See `ModalPrediction`.
+        reference: See `ModalPrediction`.
         error: Of its frequencies against the reduced model.
         check: Against the full model.
         bound: Estimated error.
@@ -49,7 +49,7 @@ def write_lean(
     Args:
         path: The file.
         name: What it depends on, see `fenics_joints.case.fingerprint`.
-        frequencies: Of a `fenics_joints.reduction.lean.LeanForward`.
+        frequencies: Of a `fenics_joints.reduction.prediction.BatchPrediction`.
         check: Against the full model.
         bound: Estimated error.
 
@@ -83,6 +83,6 @@ def read_lean(
         InputError: See `fenics_joints.reduction.files.read_model`.
     """
     kept = read_model(path, _FORMAT, KeptLean, name)
-    forward = Forward(kept.model, sensors, kept.n_test, kept.n_modes, kept.reference)
-    lean = LeanForward(forward, kept.model)
+    forward = ModalPrediction(kept.model, sensors, kept.n_test, kept.n_modes, kept.reference)
+    lean = BatchPrediction(forward, kept.model)
     return Frequencies(tuple(kept.model.parameters), lean, {}, kept.error), kept.check, kept.bound

@@ -9,11 +9,13 @@ import numpy as np
 
 from fenics_joints.bayes.priors import Prior
 from fenics_joints.errors import ConvergenceError, InputError
-from fenics_joints.reduction.compact import freeze
-from fenics_joints.reduction.forward import Forward
-from fenics_joints.reduction.lean import LeanForward
-from fenics_joints.reduction.leanest import lean_forward
-from fenics_joints.reduction.seen_at import modes_at
+from fenics_joints.reduction.arrays import freeze
+from fenics_joints.reduction.prediction import (
+    BatchPrediction,
+    ModalPrediction,
+    lean_forward,
+    modes_at,
+)
 
 #: Draws of the prior whose modes make the small model, those that check it, rounds of both, and
 #: the sizes that are tried.
@@ -38,7 +40,7 @@ class Frequencies:
     """
 
     names: tuple[str, ...]
-    forward: Forward
+    forward: ModalPrediction
     fixed: Mapping[str, float]
     error: float = 0.0
     calls: int = 0
@@ -75,7 +77,7 @@ class Frequencies:
 
 
 def narrow_frequencies(
-    forward: Forward,
+    forward: ModalPrediction,
     prior: Prior,
     given: Mapping[str, float],
     *,
@@ -98,7 +100,9 @@ def narrow_frequencies(
     """
     names, start = prior.names, forward.model.values(given)
     frozen = freeze(forward.model, names, start)
-    middle = Forward(frozen, forward.sensors, forward.n_test, forward.n_modes, forward.reference)
+    middle = ModalPrediction(
+        frozen, forward.sensors, forward.n_test, forward.n_modes, forward.reference
+    )
     rng, snapshots, error = np.random.default_rng([seed, 6]), [], np.inf
 
     def drawn(n: int) -> list[dict[str, float]]:
@@ -125,12 +129,12 @@ def narrow_frequencies(
             break
         wanted = checks
     else:
-        lean, error = LeanForward(middle, frozen), 0.0
+        lean, error = BatchPrediction(middle, frozen), 0.0
     rest = {name: value for name, value in start.items() if name not in names}
     return Frequencies(tuple(names), lean, rest, error)
 
 
-def _enough(forward: Forward, points) -> int:
+def _enough(forward: ModalPrediction, points) -> int:
     """Number of modes that holds the test's at all these points, and a few more."""
     found = [
         int(forward.pairing(values).index.max()) for values in points if _has_modes(forward, values)
@@ -138,7 +142,7 @@ def _enough(forward: Forward, points) -> int:
     return min(forward.n_modes, max(found, default=forward.n_modes) + 1 + _SPARE)
 
 
-def _has_modes(forward: Forward, values: Mapping[str, float]) -> bool:
+def _has_modes(forward: ModalPrediction, values: Mapping[str, float]) -> bool:
     try:
         forward(values)
     except InputError:

@@ -11,8 +11,8 @@ from fenics_joints.bayes.model import Frequencies, ReducedCheck, check_reduced, 
 from fenics_joints.bayes.priors import Prior
 from fenics_joints.errors import InputError
 from fenics_joints.progress import Progress
-from fenics_joints.reduction.adaptive import Points, improve
-from fenics_joints.reduction.tested import tested_models
+from fenics_joints.reduction.basis import Points, improve
+from fenics_joints.reduction.surrogate import tested_models
 
 #: Points that are rare in the prior are the worst, and thousands of samples will find them: the
 #: first ones are so much further out than draws.
@@ -31,7 +31,7 @@ _CHECKED, _CHECKS, _SEED, _OFF = 50, 3, 12345, 0.1
 class SampledModel:
     """Samples the full model where an estimate of the error is largest. Collective.
 
-    It is a `fenics_joints.reduction.adaptive.SmallModel` itself: a lean model on a reduced one,
+    It is a `fenics_joints.reduction.basis.SmallModel` itself: a lean model on a reduced one,
     whose errors are those that a check finds.
 
     Args:
@@ -40,7 +40,7 @@ class SampledModel:
         prior: What will be sampled.
         tolerance: Largest relative error of a frequency.
         progress: Told what is being done.
-        given: See `fenics_joints.reduction.seen.SeenModes`.
+        given: See `fenics_joints.reduction.matched.MatchedModes`.
 
     Attributes:
         frequencies: Of the lean model.

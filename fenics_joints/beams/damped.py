@@ -16,7 +16,7 @@ from fenics_joints.beams.structure import BeamStructure
 from fenics_joints.errors import ConvergenceError, InputError, whole
 from fenics_joints.modal.modes import solve_modes
 from fenics_joints.response.complex_modes import ComplexModes, solve_complex_modes
-from fenics_joints.structure.values import number
+from fenics_joints.structure.components import number
 
 
 @dataclass(frozen=True)

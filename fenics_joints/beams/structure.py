@@ -24,13 +24,12 @@ from fenics_joints.beams.element import (
 )
 from fenics_joints.beams.layout import Layout, Stretch, lay_out
 from fenics_joints.errors import InputError
-from fenics_joints.reduction.affine import AffinePencil
+from fenics_joints.reduction.affine import AffinePencil, MassTerm, RegionTerm, SpringTerm
 from fenics_joints.reduction.arrays import ArrayModel
-from fenics_joints.reduction.terms import MassTerm, RegionTerm, SpringTerm
 from fenics_joints.structure import Damping, Parameter, Sensors, Spring
+from fenics_joints.structure.components import by_name, number
 from fenics_joints.structure.laws import ELASTIC_SUPPORT
-from fenics_joints.structure.rows import PlaceRows
-from fenics_joints.structure.values import by_name, number
+from fenics_joints.structure.points import PlaceRows
 
 #: Stations per element of the path of a mass that may move: rotation has kinks at the nodes, and
 #: with fewer of them rotary inertia between two nodes moves frequencies by 1e-4.

@@ -10,34 +10,34 @@ from fenics_joints.beams.structure import BeamStructure
 from fenics_joints.measurements.gap import VISIBLE
 from fenics_joints.measurements.target import Target
 from fenics_joints.progress import Progress
-from fenics_joints.reduction import ArrayModel, Forward
-from fenics_joints.reduction.adaptive import Points
-from fenics_joints.reduction.combined import CombinedModel, ModelError, error_limits
-from fenics_joints.reduction.seen import SeenModes
-from fenics_joints.reduction.tested import SmallModels, tested_models
+from fenics_joints.reduction import ArrayModel, ModalPrediction
+from fenics_joints.reduction.basis import Points
+from fenics_joints.reduction.frf_basis import CombinedModel, ModelError, error_limits
+from fenics_joints.reduction.matched import MatchedModes
+from fenics_joints.reduction.surrogate import SmallModels, tested_models
 from fenics_joints.structure import Damping, Parameter, Sensors
 
 #: How much less visible a mode may become than the least visible one of the test's.
 _CLEAR = 10.0
 
 
-class ExactModes(SeenModes):
+class ExactModes(MatchedModes):
     """The modes of beams that a test saw.
 
     Args:
         full: The beams.
-        start: See `SeenModes`.
+        start: See `MatchedModes`.
         by_order: Whether modes go by their order, as the test's names of them do, where no shapes
             were measured. In one plane they do not cross but veer, and by the nominal shapes one
             along the beams, which shows little, would be taken for any other. The test may then
-            have missed one: see `Forward.further`.
+            have missed one: see `ModalPrediction.further`.
         samples: Of a basis that beams do not need; so are the next four.
         travel: See `samples`.
         keep: See `samples`.
         lacking: See `samples`.
         still: See `samples`.
         progress: Of what takes no time here.
-        given: See `SeenModes`.
+        given: See `MatchedModes`.
     """
 
     unseen = "motion along the beams"
@@ -63,11 +63,13 @@ class ExactModes(SeenModes):
         super().__init__(full, start, shapes=shapes, n_modes=n_modes, **given)
         sensors, model = self.sensors, full.arrays(self.sensors)
         if not by_order:
-            self.forward = Forward(model, sensors, self.n_test, n_modes, self.reference)
+            self.forward = ModalPrediction(model, sensors, self.n_test, n_modes, self.reference)
             return
-        self.forward = Forward(model, sensors, self.n_test, n_modes, shapes, self._threshold())
+        self.forward = ModalPrediction(
+            model, sensors, self.n_test, n_modes, shapes, self._threshold()
+        )
         if shapes is None:
-            self.forward.further = Forward(
+            self.forward.further = ModalPrediction(
                 model, sensors, self.n_test + 1, n_modes + 1, threshold=self.forward.threshold
             )
 
@@ -86,7 +88,7 @@ class ExactModes(SeenModes):
         return float(np.sqrt(low * high)) if low < high else VISIBLE
 
     def log_f(self, values: Mapping[str, float]) -> np.ndarray:
-        """See `SeenModes.log_f`."""
+        """See `MatchedModes.log_f`."""
         return self.forward(values)[0]
 
     def errors(self, points: Points) -> np.ndarray:

@@ -36,7 +36,7 @@ from fenics_joints.structure.components import (
     part,
     transition,
 )
-from fenics_joints.structure.nearest import round_bolts
+from fenics_joints.structure.points import round_bolts
 from fenics_joints.structure.structure import Structure
 
 #: Ratio of thicknesses that no choice of a mesh explains, but a wrong unit (1000) does.

@@ -13,7 +13,7 @@ from fenics_joints.case.sections import JointSection, PartSection
 from fenics_joints.case.values import AXES
 from fenics_joints.errors import InputError, MeshError
 from fenics_joints.files import is_file, shown_path
-from fenics_joints.structure.checked import MOST_POINTS
+from fenics_joints.structure.assembly import MOST_POINTS
 
 #: What can press bodies together, for messages.
 PRESSES = (

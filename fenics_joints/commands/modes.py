@@ -42,7 +42,7 @@ from fenics_joints.report.mesh_pictures import (
     sensor_shapes,
 )
 from fenics_joints.report.tables import mac_table
-from fenics_joints.structure.paraview import check_fields_path
+from fenics_joints.structure.grids import check_fields_path
 from fenics_joints.structure.points import Sensors
 
 #: Rows of each table on the terminal, so that all of it fits on a screen.

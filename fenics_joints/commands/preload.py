@@ -51,7 +51,7 @@ from fenics_joints.report.document import (
 from fenics_joints.report.style import to_svg
 from fenics_joints.report.surface import Surface, surface
 from fenics_joints.report.view import Colours, Look, scene
-from fenics_joints.structure.paraview import check_fields_path
+from fenics_joints.structure.grids import check_fields_path
 
 #: Pressure, Pa, that bounds the contact radius (Machines 2022, eq. 10).
 LIMIT = 1e6

@@ -48,8 +48,8 @@ from fenics_joints.files import writable_folder
 from fenics_joints.measurements import Gap, TestData
 from fenics_joints.parallel import on_root
 from fenics_joints.progress import Progress
-from fenics_joints.reduction.memory import give_back, hold_freed
-from fenics_joints.reduction.seen import places_all_over
+from fenics_joints.reduction.matched import places_all_over
+from fenics_joints.reduction.surrogate import give_back, hold_freed
 from fenics_joints.structure import Structure
 
 #: Number of the best wrong hypotheses that stand against the cause in every fold. [decision:

@@ -21,7 +21,7 @@ from fenics_joints.diagnosis.verdict import NO_GAP, UNKNOWN
 from fenics_joints.diagnosis.zones.sites import ON, without_attached
 from fenics_joints.parallel import on_root, spread
 from fenics_joints.progress import Progress
-from fenics_joints.reduction.adaptive import improve
+from fenics_joints.reduction.basis import improve
 
 #: Leading hypotheses that are checked on the full model, of one effect and in the end; the error
 #: of a reduced frequency, relative to the discrepancy, above which the basis is enriched; and how

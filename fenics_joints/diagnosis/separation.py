@@ -19,7 +19,7 @@ from fenics_joints.errors import InputError, JointsError
 from fenics_joints.formatting import point_mm
 from fenics_joints.measurements.gap import VISIBLE
 from fenics_joints.modal.modes import Modes, solve_modes
-from fenics_joints.reduction.likes import PLACES, likes
+from fenics_joints.reduction.matched import PLACES, match_modes
 from fenics_joints.reduction.surrogate import Surrogate
 
 #: Expected separation D of two hypotheses, and the measurement.
@@ -165,7 +165,7 @@ def same_in_both(a: Modes, b: Modes, surrogate: Surrogate) -> MatchedPairs:
         surrogate: Says which of the first the test's are.
     """
     elastic = np.arange(a.n_rigid, len(a))[: len(b) - b.n_rigid]
-    like, same = likes(a, elastic, b, surrogate.everywhere(PLACES))
+    like, same = match_modes(a, elastic, b, surrogate.everywhere(PLACES))
     try:
         tested = np.isin(elastic, surrogate.forward.paired(a).index)
     except InputError:

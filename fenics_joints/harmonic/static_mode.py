@@ -19,8 +19,8 @@ from petsc4py import PETSc
 
 from fenics_joints.errors import ConvergenceError, InputError, real, reals, whole
 from fenics_joints.interfaces import FullModel, InterfaceModel
+from fenics_joints.interfaces.loading import Statics
 from fenics_joints.interfaces.motion import Motion
-from fenics_joints.interfaces.statics import Statics
 from fenics_joints.modal.options import given_options, reason_of
 
 #: Decades below the lowest amplitude at which the load begins.

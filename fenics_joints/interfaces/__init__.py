@@ -7,13 +7,16 @@ of a linear structure for small vibrations, and whose linear parameters can stil
 """
 
 from fenics_joints.interfaces.contacts import reduce_contacts
-from fenics_joints.interfaces.damping import with_modal_damping, with_rayleigh_damping
-from fenics_joints.interfaces.full import full_layers
+from fenics_joints.interfaces.full import FullModel, SparsePoints, full_layers
 from fenics_joints.interfaces.layers import reduce_layers
 from fenics_joints.interfaces.loading import condense, loading_shapes, static_state
-from fenics_joints.interfaces.model import InterfaceModel, InterfacePoints
+from fenics_joints.interfaces.model import (
+    InterfaceModel,
+    InterfacePoints,
+    with_modal_damping,
+    with_rayleigh_damping,
+)
 from fenics_joints.interfaces.reduced import ReducedInterfaceModel, read_interface_model
-from fenics_joints.interfaces.sparse import FullModel, SparsePoints
 
 __all__ = [
     "FullModel",

@@ -11,16 +11,14 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from fenics_joints.errors import InputError
-from fenics_joints.interfaces.assembly import (
+from fenics_joints.interfaces.basis import (
+    Basis,
     Placed,
     as_columns,
     as_vectors,
     assemble,
-    check_uniform,
-)
-from fenics_joints.interfaces.basis import (
-    Basis,
     characteristic,
+    check_uniform,
     energy_share,
     fixed_interface,
     free_interface,
@@ -33,8 +31,8 @@ from fenics_joints.preload import OPEN, SLIP, LinearJoint
 from fenics_joints.preload.interface import Interface
 from fenics_joints.reduction.affine import AffinePencil
 from fenics_joints.reduction.reduced import ReducedStructure
-from fenics_joints.structure.loads import Places, place_loads
 from fenics_joints.structure.sparse import product
+from fenics_joints.structure.structure import Places, place_loads
 
 #: The shift of static solutions and modes, as `modal.modes` takes it: its frequency as a
 #: share of the dilation frequency.

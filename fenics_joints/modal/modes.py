@@ -17,8 +17,7 @@ from fenics_joints.formatting import hertz, html_table
 from fenics_joints.modal.eigensolver import EigenSolver
 from fenics_joints.modal.iterative import IterativeEigenSolver
 from fenics_joints.structure import Model, Sensors
-from fenics_joints.structure.grids import cell_grid, pyvista
-from fenics_joints.structure.paraview import write_fields
+from fenics_joints.structure.grids import cell_grid, pyvista, write_fields
 
 #: The shift's frequency as a share of the structure's dilation frequency: far enough below zero
 #: for a safe factorisation of a free body, near enough for fast convergence.

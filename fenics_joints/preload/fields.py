@@ -23,7 +23,7 @@ from dolfinx import fem
 
 from fenics_joints.preload.conditions import OPEN, SLIP, STICK
 from fenics_joints.preload.result import ContactState, PreloadResult
-from fenics_joints.structure.paraview import write_fields
+from fenics_joints.structure.grids import write_fields
 
 #: Status away from the contacts.
 NO_CONTACT = -1.0

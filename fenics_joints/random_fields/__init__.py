@@ -1,8 +1,11 @@
 """Random stiffnesses of joints, and what they do to frequencies (Jalali et al. 2019)."""
 
-from fenics_joints.random_fields.fields import FieldMap, KarhunenLoeve, RandomField, karhunen_loeve
-from fenics_joints.random_fields.propagation import (
+from fenics_joints.random_fields.fields import (
+    FieldMap,
+    KarhunenLoeve,
     Moments,
+    RandomField,
+    karhunen_loeve,
     propagate_samples,
     propagate_sensitivities,
 )

@@ -1,18 +1,16 @@
 """Reduced models: parametric, plain arrays, checked, narrow enough to sample; and their files."""
 
-from fenics_joints.reduction.arrays import ArrayModel
-from fenics_joints.reduction.batch import Narrow, narrow
-from fenics_joints.reduction.compact import freeze
+from fenics_joints.reduction.arrays import ArrayModel, freeze
+from fenics_joints.reduction.basis import Narrow, narrow
 from fenics_joints.reduction.files import read_array_model, write_array_model
-from fenics_joints.reduction.forward import Forward
 from fenics_joints.reduction.frf_basis import checked_frf_model, frf_basis, frf_error
-from fenics_joints.reduction.lean import LeanForward
+from fenics_joints.reduction.prediction import BatchPrediction, ModalPrediction
 from fenics_joints.reduction.reduced import ReducedStructure, reduce
 
 __all__ = [
     "ArrayModel",
-    "Forward",
-    "LeanForward",
+    "ModalPrediction",
+    "BatchPrediction",
     "Narrow",
     "ReducedStructure",
     "checked_frf_model",

@@ -18,14 +18,12 @@ import numpy as np
 from fenics_joints.errors import InputError
 from fenics_joints.files import check_writable, is_file, path_of, sealed, shown_path, unsealed
 from fenics_joints.joint_laws import Backbone, JointLaw, LawKernel
-from fenics_joints.reduction.affine import AffinePencil
-from fenics_joints.reduction.arrays import ArrayModel
-from fenics_joints.reduction.compact import of_few
-from fenics_joints.reduction.terms import MassTerm, RegionTerm, SpringTerm
+from fenics_joints.reduction.affine import AffinePencil, MassTerm, RegionTerm, SpringTerm
+from fenics_joints.reduction.arrays import ArrayModel, of_few
 from fenics_joints.structure.changes import CHANGES
 from fenics_joints.structure.components import Parameter
 from fenics_joints.structure.laws import LINEAR_LAWS, Law
-from fenics_joints.structure.rows import PlaceRows
+from fenics_joints.structure.points import PlaceRows
 
 #: Name of the format of linear models.
 ARRAYS = "fenics_joints reduced model"

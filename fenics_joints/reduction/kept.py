@@ -21,10 +21,10 @@ from fenics_joints.files import read_arrays, write_arrays
 from fenics_joints.modal.eigensolver import EigenSolver
 from fenics_joints.modal.modes import Modes, solve_modes
 from fenics_joints.parallel import on_root
+from fenics_joints.reduction.affine import RegionTerm
 from fenics_joints.reduction.arrays import ArrayModel
 from fenics_joints.reduction.files import ARRAYS, read_model, write_model
-from fenics_joints.reduction.projection import Projection
-from fenics_joints.reduction.terms import RegionTerm
+from fenics_joints.reduction.reduced import Projection
 from fenics_joints.structure import Sensors, Structure
 from fenics_joints.structure.changes import PlacedPoint
 from fenics_joints.structure.node_keys import node_keys

@@ -1,13 +1,4 @@
-"""Receptances at a few lines, with the resonances of a test where the test has them.
-
-A function near and between resonances is made of where these are, and of what each mode moves the
-two points. Where they are a test's frequencies say, and a model whose resonances are a few per cent
-off has functions that are off by factors: what is left of a comparison of these is the wrong
-resonances, again and again. So each mode of the model that the test has is given the test's
-frequency and damping ratio, and what the function says besides is compared (Ewins, Modal Testing,
-2nd ed., 2000, sections 3.4 and 5.2): masses and stiffnesses in kilograms and newtons per metre,
-which no frequency has, and shapes with their sign.
-"""
+"""What forces at points do: antiresonances, functions of motion by force, static stiffness."""
 
 from __future__ import annotations
 
@@ -16,12 +7,165 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
+import scipy.linalg
+from petsc4py import PETSc
 
 from fenics_joints.errors import InputError
-from fenics_joints.reduction.forward import Forward
-from fenics_joints.reduction.grounded import PointBasis
-from fenics_joints.reduction.lean import batched
-from fenics_joints.reduction.many import Change, ManyModes, ManyValues, change, own_arrays
+from fenics_joints.modal.eigensolver import EigenSolver
+from fenics_joints.modal.modes import Modes, solve_modes
+from fenics_joints.reduction.arrays import ArrayModel
+from fenics_joints.reduction.basis import Points, orthonormal
+from fenics_joints.reduction.batch_modes import (
+    BatchModes,
+    BatchValues,
+    Change,
+    change,
+    own_arrays,
+    own_values,
+)
+from fenics_joints.reduction.prediction import ModalPrediction, batched
+from fenics_joints.reduction.reduced import ReducedStructure, reduce
+from fenics_joints.structure import Sensors, Structure
+from fenics_joints.structure.sparse import combination, vectors_like
+
+#: See `PointBasis`: for antiresonances, which are where little is left of large sums.
+_BASIS = 1e-10
+#: How far, in ln f, an antiresonance is from the nearest resonance at least: where both fall
+#: together neither is seen at the point.
+_APART = 2e-3
+
+
+class PointBasis:
+    """A model on its modes and what forces at points bend, at samples. Collective.
+
+    Args:
+        full: The full model.
+        at: Points and directions of the forces.
+        everywhere: Places all over it, by whose motion modes are told.
+        samples: Parameter values; the first are the nominal ones. None of beams, which need none.
+        n_modes: Modes at each.
+        travel: See `reduce`.
+        tolerance: Share of the largest energy below which a direction is left out of the basis.
+
+    Attributes:
+        model: The model, whose ``sensor_rows`` are those of ``everywhere``.
+        rows: What the points read of its basis, (n, n_dofs).
+        everywhere: See above.
+    """
+
+    def __init__(
+        self,
+        full,
+        at: Sensors,
+        everywhere: Sensors,
+        samples: Points,
+        n_modes: int,
+        travel: Mapping | None = None,
+        tolerance: float = _BASIS,
+    ):
+        self.everywhere = everywhere
+        self._basis: list[PETSc.Vec] | None = None
+        if full.is_dense:
+            self.model, self.rows = full.arrays(everywhere), full.loads(at).T
+            return
+        loads = full.loads(at)
+        reduced = reduce(
+            full,
+            samples,
+            n_modes,
+            travel=travel,
+            tolerance=tolerance,
+            more=lambda modes: _beyond(modes, loads, at),
+        )
+        self._basis = reduced.basis
+        self.model = reduced.arrays(sensors=everywhere)
+        self.rows = full.observe(self._basis, at)
+
+    def in_full(self, y: np.ndarray):
+        """A vector of the basis in the full model's unknowns, as a vector of its kind."""
+        return y if self._basis is None else combination(self._basis, y)
+
+
+def _beyond(modes: Modes, loads: np.ndarray, at: Sensors) -> np.ndarray:
+    """This rank's rows of what forces bend besides the modes at hand, of which a free body's rigid
+    ones would hide it, (n_local, n_sensors)."""
+    own = np.column_stack([shape.array_r for shape in modes.shapes])
+    share = modes.at(at).T / (modes.eigenvalues - modes.solver.shift)[:, None]
+    return modes.solver.inverse(loads) - own @ share
+
+
+class Antiresonances:
+    """Those of the motion at a point under a force there, some of which a test saw.
+
+    What hangs on the structure and moves by itself (`fenics_joints.structure.changes`) is not in
+    this model: an attached resonator leaves antiresonances as they are.
+
+    Args:
+        basis: The model.
+        index: Which of its points.
+        baseline: Parameter values of the nominal model.
+        n_modes: Modes that are looked through.
+    """
+
+    def __init__(self, basis: PointBasis, index: int, baseline: Mapping[str, float], n_modes: int):
+        self.basis = basis
+        # Vectors that do not move the point.
+        self._held = scipy.linalg.null_space(basis.rows[index][None])
+        self._model: ArrayModel = basis.model.on(self._held)
+        self._n_modes = min(n_modes, self._model.n_dofs)
+        free = solve_modes(basis.model, baseline, n_modes=self._n_modes)
+        self.nominal: Modes = solve_modes(self._model, baseline, n_modes=self._n_modes)
+        own = np.arange(self.nominal.n_rigid, self._n_modes)
+        poles = np.log(free.frequencies_hz[free.n_rigid :])
+        zeros = np.log(self.nominal.frequencies_hz[own])
+        apart = np.min(np.abs(zeros[:, None] - poles), axis=1)
+        seen = (apart > _APART) & (zeros < poles[-1])
+        self._own, self.log_f = own[seen], zeros[seen]
+        self.forward: ModalPrediction | None = None
+        self._last: tuple | None = None
+
+    def follow(self, which: np.ndarray) -> None:
+        """Which of the nominal ones, by their place in ``log_f``, are asked for from now on."""
+        index = self._own[which]
+        shapes = self.nominal.at(self.basis.everywhere)[:, index]
+        self.forward = ModalPrediction(
+            self._model, self.basis.everywhere, len(index), self._n_modes, reference=shapes
+        )
+
+    def at(self, values: Mapping[str, float | np.ndarray]) -> BatchModes:
+        """Those that are asked for, at values (b,)."""
+        own = own_arrays(self._model, values)
+        key = tuple(each.tobytes() for each in own.values())
+        if self._last is None or self._last[0] != key:
+            self._last = key, batched(self.forward).batch(own, every=False)
+        return self._last[1]
+
+    def slopes(
+        self, values: BatchValues, low: BatchValues, high: BatchValues, width: float
+    ) -> np.ndarray:
+        """Derivatives of ln f along directions in the parameters, (b, m, p).
+
+        Args:
+            values: Parameter values, each (b,).
+            low: See `fenics_joints.reduction.batch_modes.change`.
+            high: Likewise.
+            width: Likewise.
+        """
+        modes, (low, high) = self.at(values), (own_arrays(self._model, v) for v in (low, high))
+        count = len(next(iter(low.values()))) // len(modes.index)
+        return modes.slopes(change(modes.model, low, high, width, count))
+
+    def shape(self, i: int, values: Mapping[str, float]):
+        """The full model's motion in one that is asked for, of unit modal mass; and its omega^2.
+
+        Raises:
+            InputError: If the model has it not at these values.
+        """
+        modes, pairing = self.forward.solve({name: values[name] for name in self._model.parameters})
+        k = int(pairing.index[i])
+        moved = self.basis.in_full(self._held @ modes.shapes[:, k])
+        return moved, float(modes.eigenvalues[k])
+
 
 #: How near a line may be to a resonance, in the square of the frequency and relative to that,
 #: before what a patch does there is bounded.
@@ -113,7 +257,7 @@ class Receptances:
 
     All modes of the basis take part, those of the test with its resonances. The others are
     undamped. What hangs on the structure and moves by itself is not in this model, as in
-    `fenics_joints.reduction.grounded.Antiresonances`.
+    `fenics_joints.reduction.receptances.Antiresonances`.
 
     Args:
         basis: The model.
@@ -122,15 +266,15 @@ class Receptances:
         forward: Tells the test's modes among those of ``basis.model``.
     """
 
-    def __init__(self, basis: PointBasis, lines: Lines, poles: Poles, forward: Forward):
+    def __init__(self, basis: PointBasis, lines: Lines, poles: Poles, forward: ModalPrediction):
         self.basis, self.lines, self.poles, self.forward = basis, lines, poles, forward
         self._own = np.isfinite(poles.frequencies_hz)
         self._given = poles.dynamic_stiffness(lines.omega)[self._own]
         self._kept: dict[str, tuple] = {}
 
-    def modes(self, values: Mapping[str, float | np.ndarray]) -> ManyModes:
+    def modes(self, values: Mapping[str, float | np.ndarray]) -> BatchModes:
         """All modes of the basis, at values (b,)."""
-        return self._once("modes", (values,), batched(self.forward).many)
+        return self._once("modes", (values,), batched(self.forward).batch)
 
     def at(self, values: Mapping[str, float | np.ndarray]) -> np.ndarray:
         """Receptances at the lines, m/N, complex, (b, n), of values (b,); nan where the model lacks
@@ -156,7 +300,7 @@ class Receptances:
         """
         return self._once("about", (values,), lambda own: self._about(self.modes(own)))
 
-    def _about(self, modes: ManyModes) -> About:
+    def _about(self, modes: BatchModes) -> About:
         if not modes.good[0]:
             raise InputError("functions: the model lacks a mode of the test at these values.")
         own = self._own
@@ -182,19 +326,19 @@ class Receptances:
             (modes.vectors[0] @ (one * inverse).T, modes.vectors[0] @ (other * inverse).T),
         )
 
-    def _at(self, modes: ManyModes) -> np.ndarray:
+    def _at(self, modes: BatchModes) -> np.ndarray:
         moves = self.basis.rows @ modes.vectors
         found = np.sum(self._residues(moves) * self._compliance(modes), axis=2)
         return np.where(modes.good[:, None], found, np.nan)
 
     def slopes(
-        self, values: ManyValues, low: ManyValues, high: ManyValues, width: float
+        self, values: BatchValues, low: BatchValues, high: BatchValues, width: float
     ) -> np.ndarray:
         """Derivatives of them along directions in the parameters, (b, n, p).
 
         Args:
             values: Parameter values, each (b,).
-            low: See `fenics_joints.reduction.many.change`.
+            low: See `fenics_joints.reduction.batch_modes.change`.
             high: Likewise.
             width: Likewise.
         """
@@ -204,12 +348,12 @@ class Receptances:
             lambda own, below, above: self._slopes(self.modes(own), below, above, width),
         )
 
-    def _slopes(self, modes: ManyModes, low, high, width: float) -> np.ndarray:
+    def _slopes(self, modes: BatchModes, low, high, width: float) -> np.ndarray:
         count = len(next(iter(low.values()))) // len(modes.index)
         along = change(modes.model, low, high, width, count)
         return np.stack([self._slopes_at(modes, along, b) for b in range(len(modes.index))])
 
-    def _slopes_at(self, modes: ManyModes, along: Change, b: int) -> np.ndarray:
+    def _slopes_at(self, modes: BatchModes, along: Change, b: int) -> np.ndarray:
         """At one of the points, (n, p): -x^T dZ y of the motions x and y by forces at both points,
         and what is to be added since the test's resonances stay where they are."""
         lam, vectors = modes.eigenvalues[b], modes.vectors[b]
@@ -240,7 +384,7 @@ class Receptances:
         """Products of what modes move the two points, (b, n, k), from those of all points."""
         return moves[:, self.lines.response] * moves[:, self.lines.reference]
 
-    def _compliance(self, modes: ManyModes) -> np.ndarray:
+    def _compliance(self, modes: BatchModes) -> np.ndarray:
         """1 / dynamic stiffness of every mode of unit mass, (b, n, k)."""
         found = 1 / (modes.eigenvalues[:, None, :] - (self.lines.omega**2)[:, None] + 0j)
         for b, index in enumerate(modes.index):
@@ -269,3 +413,125 @@ def _products(model, along: Change, b: int, x: np.ndarray) -> tuple[np.ndarray, 
         for w, at in parts:
             found[1][k] += w[b] * np.einsum("di,dk->ik", at[b], at[b] @ x)
     return found[0], found[1]
+
+
+#: Share of the largest energy below which a combination of the responses is round-off.
+_DEPENDENT = 1e-12
+
+
+class StaticSolver:
+    """Static responses of the full model to a unit force at each sensor. Collective.
+
+    Args:
+        full: A structure that is held.
+        sensors: Where the forces act, and along what.
+    """
+
+    def __init__(self, full: Structure, sensors: Sensors):
+        self.full, self.sensors, self.loads = full, sensors, full.loads(sensors)
+        self._solver = EigenSolver(1, shift=0.0)
+
+    def __call__(self, values: Mapping[str, float]) -> tuple[np.ndarray, list[PETSc.Vec]]:
+        """ln of the displacement at each force along it, m/N, (n,), and the responses.
+
+        Args:
+            values: Parameter values.
+
+        Raises:
+            ConvergenceError: If the structure is not held.
+        """
+        K, M = self.full.stiffness(values), self.full.mass(values)
+        self._solver.factorise(K, M)
+        moved = self._solver.inverse(self.loads)
+        responses = vectors_like(K.createVecRight(), moved.T)
+        K.destroy(), M.destroy()
+        given_way = self.full.comm.allreduce(np.sum(self.loads * moved, axis=0))
+        return np.log(given_way), responses
+
+    def destroy(self) -> None:
+        """Free the factorisation. Collective."""
+        self._solver.destroy()
+
+
+class StaticModel:
+    """The same from a reduced model, by any parameter values, without other ranks.
+
+    Args:
+        model: A model whose ``sensor_rows`` are those of the forces.
+        basis: The full model's vectors of its basis; None of one that is not reduced.
+    """
+
+    def __init__(self, model: ArrayModel, basis: list[PETSc.Vec] | None = None):
+        self.model, self.basis = model, basis
+
+    @classmethod
+    def made(
+        cls,
+        solver: StaticSolver,
+        samples: Points,
+        travel: Mapping | None = None,
+        tolerance: float = 1e-3,
+        fresh: Callable[[int], Points] | None = None,
+        rounds: int = 4,
+    ) -> StaticModel:
+        """From responses at samples, and at fresh points where those do not do. Collective.
+
+        Args:
+            solver: Of the full model.
+            samples: Parameter values of the responses.
+            travel: See `ReducedStructure`.
+            tolerance: Error of ln of a compliance that is good enough.
+            fresh: Gives points of a round to look at; None to look at none.
+            rounds: How often more are taken in.
+        """
+        responses = [vector for values in samples for vector in solver(values)[1]]
+        for turn in range(rounds):
+            basis = orthonormal(solver.full, responses, samples[0], _DEPENDENT)
+            reduced = ReducedStructure(solver.full, basis, travel)
+            found = cls(reduced.arrays(), basis)
+            found.model.sensor_rows = solver.full.observe(basis, solver.sensors)
+            if fresh is None or turn == rounds - 1:
+                break
+            points = fresh(turn)
+            exact, more = zip(*(solver(values) for values in points), strict=True)
+            off = np.array([found.log_compliance(values) for values in points]) - exact
+            if np.max(np.abs(off)) <= tolerance:
+                break
+            responses += [vector for vectors in more for vector in vectors]
+        return found
+
+    def log_compliance(self, values: Mapping[str, float | np.ndarray]) -> np.ndarray:
+        """ln of the displacement at each force along it, m/N, (n,); (b, n) of values (b,)."""
+        at = self.model.sensor_rows
+        return np.log(np.einsum("sn,...ns->...s", at, self._moved(values, at)))
+
+    def log_slopes(
+        self, index: int, values: BatchValues, low: BatchValues, high: BatchValues, width: float
+    ) -> np.ndarray:
+        """Derivatives of one along directions in the parameters, (b, p): with K u = r and the
+        compliance r^T u, that is - u^T dK u / r^T u.
+
+        Args:
+            index: Which.
+            values: Parameter values, each (b,).
+            low: See `fenics_joints.reduction.batch_modes.change`.
+            high: Likewise.
+            width: Likewise.
+        """
+        row, n = self.model.sensor_rows[index], len(next(iter(values.values())))
+        moved = self._moved(values, row[None])[..., 0]
+        low, high = (own_values(self.model, each) for each in (low, high))
+        count = len(next(iter(low.values()))) // n
+        along = change(self.model, low, high, width, count)
+        stiff, _ = self.model.pencil.squares(moved.T)
+        return -np.einsum("bt,btp->bp", stiff, along.theta) / (moved @ row)[:, None]
+
+    def _moved(self, values, rows: np.ndarray) -> np.ndarray:
+        """Responses to forces of these rows, (k, n): (n, k), or (b, n, k)."""
+        K, _ = self.model.pencil.matrices(own_values(self.model, values))
+        return np.linalg.solve(K, np.broadcast_to(rows.T, (*K.shape[:-2], *rows.T.shape)))
+
+    def response(self, values: Mapping[str, float], index: int):
+        """The response to a force in the full model's unknowns, as a vector of its kind."""
+        y = np.linalg.solve(self.model.stiffness(values), self.model.sensor_rows[index])
+        return y if self.basis is None else combination(self.basis, y)

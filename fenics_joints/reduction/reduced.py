@@ -10,19 +10,274 @@ the error at parameters that were not sampled.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 from petsc4py import PETSc
 
 from fenics_joints.errors import InputError
 from fenics_joints.modal.modes import Modes, solve_modes
-from fenics_joints.reduction.affine import AffinePencil
+from fenics_joints.reduction.affine import AffinePencil, MassTerm, RegionTerm, SpringTerm
 from fenics_joints.reduction.arrays import ArrayModel
-from fenics_joints.reduction.projection import Projection
-from fenics_joints.reduction.snapshots import SNAPSHOT, Snapshots
-from fenics_joints.reduction.terms import RegionTerm
-from fenics_joints.structure import Region, Sensors, Structure
-from fenics_joints.structure.rows import PlaceRows
+from fenics_joints.reduction.basis import (
+    SNAPSHOT,
+    Snapshots,
+    bordered,
+    cross,
+    dense_columns,
+    project,
+)
+from fenics_joints.reduction.prediction import ways_of
+from fenics_joints.structure import PointMass, Region, Sensors, Spring, Structure
+from fenics_joints.structure.changes import Change, PlacedPoint, PlacedResonator, forms_of
+from fenics_joints.structure.laws import ELASTIC_SUPPORT
+from fenics_joints.structure.points import PlaceRows
+
+#: How far nodes count, over the largest distance of two sensors: a third further than a sensor may
+#: sit elsewhere (`fenics_joints.diagnosis.effects.rig.misplaced_sensor`), so that there are some.
+_REACH = 0.2
+#: Height of a node over a sensor's face, relative to its distance, up to which it is on that.
+_FLAT = 0.25
+#: Share of the largest moment of the nodes below which these say nothing of a bend.
+_TOLD = 1e-3
+#: Nodes of a face at most, of more some at all distances.
+_MOST = 60
+#: Powers of the distances along both ways, of two and three together.
+_POWERS = tuple((order - k, k) for order in (2, 3) for k in range(order + 1))
+#: How many these are.
+N_BENDS = len(_POWERS)
+
+
+def monomials(a, b) -> np.ndarray:
+    """a^2, a b, b^2, a^3, a^2 b, a b^2, b^3, (7, ...).
+
+    Args:
+        a: Distances along the first way, m.
+        b: Along the second, m.
+    """
+    return np.array([a**i * b**j for i, j in _POWERS])
+
+
+def bends(
+    structure: Structure,
+    basis: Sequence[PETSc.Vec],
+    sensors: Sensors,
+    ways: np.ndarray,
+    rows: np.ndarray,
+    slopes: np.ndarray,
+) -> np.ndarray:
+    """Second and third derivatives as factors of `monomials`, 1/m2 and 1/m3, (7, n_sensors, n).
+    Collective.
+
+    Args:
+        structure: The full model.
+        basis: Vectors, owned entries.
+        sensors: Where they stand.
+        ways: Two directions on the face of each, (2, n_sensors, gdim).
+        rows: What they read of each vector, (n_sensors, n).
+        slopes: The same per metre along each way, (2, n_sensors, n).
+    """
+    gdim = structure.gdim
+    points, normals = sensors.points[:, :gdim], sensors.directions[:, :gdim]
+    reach = _REACH * np.max(np.linalg.norm(points[:, None] - points, axis=2), initial=0.0)
+    nodes = [_round_about(structure, x, n, reach) for x, n in zip(points, normals, strict=True)]
+    found = np.zeros((N_BENDS, len(points), len(basis)))
+    at = np.vstack(nodes)
+    if not len(at):
+        return found
+    of = np.repeat(np.arange(len(points)), [len(each) for each in nodes])
+    read = structure.observe(basis, Sensors(at, normals[of]))
+    for i, x in enumerate(points):
+        off, own = at[of == i] - x, read[of == i]
+        a, b = off @ ways[0, i], off @ ways[1, i]
+        left = own - rows[i] - np.outer(a, slopes[0, i]) - np.outer(b, slopes[1, i])
+        powers = monomials(a / reach, b / reach)
+        weight = powers * (reach**2 / np.maximum(a**2 + b**2, 1e-300))
+        moments = weight @ powers.T
+        found[:, i] = np.linalg.pinv(moments, rcond=_TOLD, hermitian=True) @ (weight @ left)
+    return found / np.array([reach ** (i + j) for i, j in _POWERS])[:, None, None]
+
+
+def _round_about(structure: Structure, x: np.ndarray, normal: np.ndarray, reach: float):
+    """Nodes of the mesh on the face of a point, the nearest ones, (k, gdim). Collective."""
+    nodes = structure.mesh.geometry.x[:, : structure.gdim]
+    off = nodes - x
+    along = np.linalg.norm(off - np.outer(off @ normal, normal), axis=1)
+    near = (along > 0) & (along <= reach) & (np.abs(off @ normal) <= _FLAT * along)
+    every = np.vstack(structure.comm.allgather(nodes[near]))
+    grain = 1e-6 * max(reach, 1e-300)
+    every = every[np.unique(np.round(every / grain), axis=0, return_index=True)[1]]
+    away = np.round(np.linalg.norm(every - x, axis=1) / grain)
+    order = np.argsort(away, kind="stable")
+    return every[order[:: max(-(-len(order) // _MOST), 1)]]
+
+
+_TRAVEL_SAMPLES = 41
+
+
+class Projection:
+    """A structure's matrices and points on a basis. All calls are collective.
+
+    Args:
+        structure: The full model.
+        basis: Vectors of the basis, linearly independent; held DOFs are zero.
+        n_known: Of how many of these, the first, terms are known: those of the others alone are
+            looked for.
+    """
+
+    def __init__(self, structure: Structure, basis: Sequence[PETSc.Vec], n_known: int = 0):
+        self.full, self.basis = structure, basis
+        self._dense = dense_columns(basis)
+        self._moves: dict[bytes, np.ndarray] = {}
+        self._new = dense_columns(basis[n_known:]) if n_known else self._dense
+
+    @property
+    def changes(self) -> list[Change]:
+        """Those of the structure without own motions (`fenics_joints.reduction.reduced`)."""
+        return [c for c in self.full.changes if not isinstance(c, PlacedResonator)]
+
+    def matrix(self, A: PETSc.Mat) -> np.ndarray:
+        """Z^T A Z, shape (n, n), equal on all ranks."""
+        return project(A, self._dense)
+
+    def new(self, A: PETSc.Mat) -> np.ndarray:
+        """The columns of `matrix` of what is not known, shape (n, n - n_known)."""
+        return cross(A, self._dense, self._new)
+
+    def points(self, points) -> np.ndarray:
+        """Displacement of the basis vectors at points, shape (n_points, gdim, n)."""
+        points = np.atleast_2d(np.asarray(points, dtype=float))
+        gdim = self.full.gdim
+        sensors = Sensors(
+            np.repeat(points[:, :gdim], gdim, axis=0), np.tile(np.eye(gdim), (len(points), 1))
+        )
+        return self.full.observe(self.basis, sensors).reshape(len(points), gdim, len(self.basis))
+
+    def moves(self, change: PlacedPoint | PlacedResonator) -> np.ndarray:
+        """Motion of what is attached, and its slopes along x, y and z, (4, gdim, n)."""
+        key = change.points.tobytes()
+        if key not in self._moves:
+            self._moves[key] = np.tensordot(change.weights, self.points(change.points), 1)
+        return self._moves[key]
+
+    def sensors(self, sensors: Sensors | None) -> tuple[np.ndarray | None, np.ndarray | None]:
+        """What sensors read of the basis, (n_s, n), and the same per metre that they sit further
+        along each of their ways, (n_ways, n_s, n); of two ways then `bends`, per m2 and m3."""
+        if sensors is None:
+            return None, None
+        ways = ways_of(sensors, self.full.gdim)
+        rows = self.full.observe(self.basis, sensors)
+        slopes = np.array([self.full.observe_slopes(self.basis, sensors, way) for way in ways])
+        if len(ways) == 2:
+            slopes = np.concatenate(
+                [slopes, bends(self.full, self.basis, sensors, ways, rows, slopes)]
+            )
+        return rows, slopes
+
+    def region(
+        self,
+        region: Region,
+        properties: Mapping[str, float | str],
+        sampled: Sequence[np.ndarray],
+        inertia: np.ndarray | None = None,
+        volume: float = 0.0,
+        known: RegionTerm | None = None,
+    ) -> RegionTerm:
+        """A part or joint.
+
+        Args:
+            region: The region.
+            properties: Its properties, numbers or names of parameters.
+            sampled: Its projected stiffness at each of its law's samples, as `new` has it.
+            inertia: Its projected mass at a unit of its law's inertia, likewise; None for none.
+            volume: As meshed, m3.
+            known: The term on the basis vectors of which it is known.
+        """
+        law, shape = region.law, np.shape(sampled[0])
+        theta = np.array([law.stiffness_terms(q) for q in law.samples], dtype=float)
+        terms = np.linalg.solve(theta, np.reshape(sampled, (len(theta), -1))).reshape(-1, *shape)
+        heavy = np.zeros(shape) if inertia is None else inertia
+        return _term(region.name, law, properties, terms, heavy, float(volume), known)
+
+    def support(
+        self, number: int, properties: Mapping[str, float | str], known: RegionTerm | None = None
+    ) -> RegionTerm:
+        """An elastic support as a region without volume: its law is linear in k_n and k_t."""
+        name = self.full.elastic_supports[number].name
+        units = np.array([self.new(A) for A in self.full.support_matrices(number)])
+        return _term(name, ELASTIC_SUPPORT, properties, units, 0.0 * units[0], 0.0, known)
+
+    def change(self, change: Change, known: RegionTerm | None = None) -> RegionTerm:
+        """What else changes of the structure, as a region of its own law."""
+        if isinstance(change, PlacedPoint):
+            a, b = self.moves(change)[list(change.pair)]
+            own = a[:, :, None] * b[:, None, :]
+            own = own if change.pair[0] == change.pair[1] else own + own.transpose(0, 2, 1)
+            own = own[:, :, -self._new.getSize()[1] :]
+            return _term(
+                change.name,
+                change.law,
+                change.properties,
+                own,
+                own.sum(axis=0),
+                change.volume,
+                known,
+            )
+        stiff, heavy = [], None
+        for which in range(1 + change.has_mass):
+            for form in forms_of(self.full, change, which, True):
+                projected = self.new(form.A)
+                form.destroy()
+                if which:
+                    heavy = projected
+                else:
+                    stiff.append(projected)
+        heavy = 0.0 * stiff[0] if heavy is None else heavy
+        return _term(
+            change.name, change.law, change.properties, np.array(stiff), heavy, change.volume, known
+        )
+
+    def spring(self, spring: Spring) -> SpringTerm:
+        """A grounding spring."""
+        direction = np.asarray(spring.direction)[: self.full.gdim]
+        row = direction @ self.points(spring.point)[0]
+        return SpringTerm(spring.name, spring.stiffness, spring.share, row)
+
+    def mass(self, mass: PointMass, span: tuple[float, float] | None = None) -> MassTerm:
+        """A point mass, along its travel if that is a parameter.
+
+        Args:
+            mass: The mass.
+            span: Range of its travel, m.
+
+        Raises:
+            InputError: If there is none and the mass moves.
+        """
+        if not isinstance(mass.travel, str):
+            stations = np.array([float(mass.travel)])
+        elif span is None:
+            raise InputError(
+                f"{mass.name}.travel: a reduced model needs the range in which the mass moves; "
+                "expected travel = {name: (low, high)} in metres."
+            )
+        else:
+            stations = np.linspace(*span, _TRAVEL_SAMPLES)
+        points = np.asarray(mass.point) + stations[:, None] * np.asarray(mass.direction)
+        return MassTerm(
+            mass.name, mass.mass, mass.travel, mass.share, stations, self.points(points)
+        )
+
+
+def _term(name, law, properties, new: np.ndarray, heavy, volume, known) -> RegionTerm:
+    """A region's term from its columns that are new."""
+    if known is None:
+        none = np.zeros((0, 0))
+        before = np.zeros((len(new), 0, 0)), none
+    else:
+        before = known.stiffness, known.inertia
+    return RegionTerm(
+        name, law, properties, bordered(before[0], new), bordered(before[1], heavy), volume
+    )
 
 
 class ReducedStructure(ArrayModel):
@@ -211,3 +466,85 @@ def reduce(
         solver = modes.solver
         snapshots.add(modes, more=more and more(modes))
     return ReducedStructure(structure, snapshots.basis(tolerance), travel)
+
+
+class MovingModel(ArrayModel):
+    """A reduced model with motions of what hangs on it, that any sensors may look at.
+
+    Args:
+        reduced: The model without them.
+    """
+
+    def __init__(self, reduced: ReducedStructure):
+        found = with_motions(reduced.arrays(), reduced.full, reduced.basis)
+        super().__init__(found.pencil, found.scale_hz, hung=found.hung)
+        self.reduced = reduced
+
+    def observe(self, shapes: np.ndarray, sensors: Sensors) -> np.ndarray:
+        """Displacement shapes at sensors, shape (n_sensors, n_shapes)."""
+        return self.reduced.observe(shapes[: self.reduced.n_dofs], sensors)
+
+    def points(self, points: np.ndarray) -> np.ndarray:
+        """Displacement of the basis at points, shape (n_points, gdim, n_dofs)."""
+        found = self.reduced.projection.points(points)
+        return np.pad(found, [(0, 0), (0, 0), (0, self.n_dofs - self.reduced.n_dofs)])
+
+
+def with_motions(model: ArrayModel, full: Structure, basis: Sequence[PETSc.Vec]) -> ArrayModel:
+    """A reduced model with a displacement of its own, in each direction, of what hangs on the
+    structure at one of its places; the model itself where nothing does. Collective.
+
+    The spring is stretched by what the structure moves at a place less that displacement, in units
+    in which its idle stiffness is 1 N/m. Sensors see nothing of it.
+
+    Args:
+        model: The model, of plain arrays, without it.
+        full: The structure.
+        basis: The model's basis, with no force of its own on masses that move.
+    """
+    hung = [c for c in full.changes if isinstance(c, PlacedResonator)]
+    if not hung:
+        return model
+    n, gdim = model.n_dofs, full.gdim
+    wider = _wider(model, gdim)
+    unit = 1.0 / np.sqrt(hung[0].values(full.values())["stiffness"])
+    terms, on = [], Projection(full, basis)
+    for c in hung:
+        still = [-unit * np.eye(gdim), *[np.zeros((gdim, gdim))] * gdim]
+        a, b = (np.hstack([on.moves(c)[way], still[way]]) for way in c.pair)
+        stiff = a.T @ b if c.pair[0] == c.pair[1] else a.T @ b + b.T @ a
+        own = np.zeros((n + gdim, n + gdim))
+        own[n:, n:] = unit**2 * c.volume * np.eye(gdim)
+        terms.append(RegionTerm(c.name, c.law, c.properties, stiff[None], own, c.volume))
+    pencil = replace(wider.pencil, regions=[*wider.regions, *terms])
+    name = hung[0].properties["mass"]
+    return replace(wider, pencil=pencil, hung=(name, unit * np.eye(gdim, n + gdim, n)))
+
+
+def _wider(model: ArrayModel, more: int) -> ArrayModel:
+    """A model with so many further displacements, which nothing holds or moves yet."""
+
+    def rows(a: np.ndarray) -> np.ndarray:
+        return np.pad(a, [*[(0, 0)] * (a.ndim - 1), (0, more)])
+
+    def both(a: np.ndarray) -> np.ndarray:
+        return np.pad(a, [*[(0, 0)] * (a.ndim - 2), *[(0, more)] * 2])
+
+    pencil, sensors, shifts = model.pencil, model.sensor_rows, model.shift_rows
+    return replace(
+        model,
+        pencil=replace(
+            pencil,
+            regions=[
+                replace(r, stiffness=both(r.stiffness), inertia=both(r.inertia))
+                for r in pencil.regions
+            ],
+            springs=[replace(s, row=rows(s.row)) for s in pencil.springs],
+            masses=[replace(m, rows=rows(m.rows)) for m in pencil.masses],
+            fixed=pencil.fixed and tuple(map(both, pencil.fixed)),
+        ),
+        sensor_rows=None if sensors is None else rows(sensors),
+        shift_rows=None if shifts is None else rows(shifts),
+        places=model.places and model.places.on(np.eye(model.n_dofs, model.n_dofs + more)),
+        dampers={name: both(D) for name, D in model.dampers.items()},
+    )

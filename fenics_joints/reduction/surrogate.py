@@ -2,31 +2,76 @@
 
 from __future__ import annotations
 
+import ctypes
+import gc
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import replace
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from functools import singledispatch
 from pathlib import Path
 
 import numpy as np
+import scipy.linalg
 from petsc4py import PETSc
 
+from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.measurements.gap import TooFewModes, largest_difference
-from fenics_joints.modal.modes import Modes, eigen_solver, refine_modes, solve_modes
+from fenics_joints.modal.modes import SHIFT_SHARE, Modes, eigen_solver, refine_modes, solve_modes
 from fenics_joints.progress import Progress
-from fenics_joints.reduction.adaptive import Points, SmallModel
-from fenics_joints.reduction.arrays import ArrayModel
-from fenics_joints.reduction.compact import trimmed
-from fenics_joints.reduction.forward import SPARE
+from fenics_joints.reduction.arrays import ArrayModel, trimmed
+from fenics_joints.reduction.basis import (
+    SNAPSHOT,
+    Points,
+    SampledBasis,
+    SmallModel,
+    orthonormal,
+    residual_directions,
+)
+from fenics_joints.reduction.frf_basis import CombinedModel
+from fenics_joints.reduction.greedy import GreedyModel
 from fenics_joints.reduction.kept import KeptModel, for_test, kept_modes
-from fenics_joints.reduction.memory import give_back
-from fenics_joints.reduction.motions import MovingModel, with_motions
-from fenics_joints.reduction.projection import Projection
-from fenics_joints.reduction.reduced import ReducedStructure, reduce
-from fenics_joints.reduction.sampled import SampledBasis, condensed
-from fenics_joints.reduction.seen import SeenModes, places_all_over
-from fenics_joints.reduction.snapshots import SNAPSHOT, orthonormal
+from fenics_joints.reduction.matched import MatchedModes, places_all_over
+from fenics_joints.reduction.prediction import SPARE, ModalPrediction
+from fenics_joints.reduction.reduced import (
+    MovingModel,
+    Projection,
+    ReducedStructure,
+    reduce,
+    with_motions,
+)
 from fenics_joints.structure import Sensors, Structure
 from fenics_joints.structure.changes import Change, PlacedPoint, PlacedResonator
 from fenics_joints.structure.sparse import vectors_like
+
+#: ``M_TRIM_THRESHOLD`` and ``M_MMAP_THRESHOLD`` of glibc's ``mallopt``; bytes up to which arrays
+#: share the heap, and how much of that may lie idle at its end.
+_TRIM, _MMAP = -1, -3
+_SHARED, _IDLE = 64 << 20, 1 << 30
+
+
+def hold_freed() -> None:
+    """Let this process keep what it frees, for the arrays that come next, until `give_back`.
+
+    By default glibc gives each array of some megabytes back as soon as it is freed, and asks for
+    zeroed pages for the next one: of the products of batches of small models that is more than half
+    of the time, and several times as much on a machine that is short of memory.
+    """
+    with suppress(OSError, AttributeError):  # another C library
+        library = ctypes.CDLL(None)
+        library.mallopt(_MMAP, _SHARED), library.mallopt(_TRIM, _IDLE)
+
+
+def give_back() -> None:
+    """Give back what this process has freed, where the C library can (glibc's ``malloc_trim``).
+
+    Arrays of some megabytes lie between others that stay, and glibc keeps their room: after a
+    finer model was solved, or a basis has grown, that is more than what is in use (of a box of
+    56,000 degrees of freedom 3.1 GB for 1.4), and two diagnoses at a time run out of memory.
+    """
+    gc.collect()
+    with suppress(OSError, AttributeError):  # another C library
+        ctypes.CDLL(None).malloc_trim(0)
+
 
 #: Share of a mode's energy at a sample that the basis may lack: 1e-4 of its frequency, well below
 #: what tests can see.
@@ -38,7 +83,7 @@ _LACKING_FOR_TEST = 1e-3
 _DEPENDENT = 1e-13
 
 
-class Surrogate(SeenModes):
+class Surrogate(MatchedModes):
     """A parametric reduced model of what a test sees, with its error under control. Collective.
 
     Its basis holds the modes at the first few samples, and what it lacks of those at the others,
@@ -46,7 +91,7 @@ class Surrogate(SeenModes):
 
     Args:
         full: The full structure.
-        start: See `SeenModes`.
+        start: See `MatchedModes`.
         samples: Gives the parameter values at which its modes make the basis.
         travel: Gives the ranges of moving masses, see `ReducedStructure`.
         by_order: Of beams, see `fenics_joints.beams.tested.ExactModes`.
@@ -55,7 +100,7 @@ class Surrogate(SeenModes):
         lacking: Share of a mode's energy at a sample that the basis may lack.
         still: Parameters that stay as they are at ``start``.
         progress: Told what is being done, and after each sample.
-        given: See `SeenModes`.
+        given: See `MatchedModes`.
     """
 
     tolerance = SNAPSHOT
@@ -92,7 +137,7 @@ class Surrogate(SeenModes):
         self.forward = self._forward(self._with_motions())
 
     def modes(self, name: str, values: Mapping[str, float]) -> Modes:
-        """See `SeenModes.modes`; those of a model that is kept have a file."""
+        """See `MatchedModes.modes`; those of a model that is kept have a file."""
         file = self.kept and self.kept.file
         beside = file and file.with_name(f"{name}-{file.stem.removeprefix('model-')}.npz")
         return kept_modes(self.full, values, self.n_modes, beside, self._solver)
@@ -124,7 +169,7 @@ class Surrogate(SeenModes):
         model.pencil.settle(model.values(self._start))
         forward = self._forward(model)
         lacking = max(self.lacking, _LACKING_FOR_TEST)
-        turn = condensed(forward, self.samples, self._of_test, lacking)
+        turn = compress_basis(forward, self.samples, self._of_test, lacking)
         if turn.shape[1] < self._whole.n_dofs:
             rows = np.array([vector.array_r for vector in self._basis])
             self._basis = vectors_like(self._basis[0], turn.T @ rows)
@@ -305,6 +350,40 @@ class Surrogate(SeenModes):
         return reduced.arrays(sensors=self.sensors)
 
 
+def compress_basis(
+    forward: ModalPrediction, samples: Points, keep: Callable[[Modes], np.ndarray], share: float
+) -> np.ndarray:
+    """Vectors that hold the modes of a model at samples, each to its own energy, (n_dofs, k).
+
+    As `SampledBasis`, of a model of plain arrays. Orthonormal in the energy of the first sample.
+
+    Args:
+        forward: Of the model.
+        samples: Parameter values; where the model lacks what the test saw they are passed over.
+        keep: Which modes are held, by index.
+        share: Share of a mode's energy, in its own sample, that may be lacking.
+    """
+    model = forward.model
+    shift = (2 * np.pi * SHIFT_SHARE * model.scale_hz) ** 2
+    basis = np.zeros((model.n_dofs, 0))
+    for values in samples:
+        try:
+            modes, _ = forward.solve(values)
+        except (InputError, ConvergenceError):
+            continue
+        Z, n = np.hstack([basis, modes.shapes[:, keep(modes)]]), basis.shape[1]
+        gram = Z.T @ (model.stiffness(values) @ Z + shift * (model.mass(values) @ Z))
+        size = np.sqrt(np.diag(gram))
+        combine = residual_directions(gram / np.outer(size, size), n, share) / size[:, None]
+        basis = np.hstack([basis, Z @ combine])
+    if not basis.shape[1]:
+        return np.eye(model.n_dofs)
+    energy = model.stiffness(samples[0]) + shift * model.mass(samples[0])
+    values, turn = scipy.linalg.eigh(basis.T @ energy @ basis)
+    kept = values > 1e-12 * values[-1]
+    return basis @ (turn[:, kept] / np.sqrt(values[kept]))
+
+
 class _Quick:
     """See `Surrogate.quick`."""
 
@@ -316,3 +395,26 @@ class _Quick:
 
     def extend(self, points: Points) -> None:
         self._whole.extend(points)
+
+
+@dataclass(frozen=True)
+class SmallModels:
+    """Makers of small models that know their errors, see `fenics_joints.reduction.basis`.
+
+    Attributes:
+        seen: For the modes that a test saw, see `Surrogate`.
+        free: For these in a few parameters, see `GreedyModel`.
+        combined: For data of several kinds, see `CombinedModel`.
+        exact: Whether they are as good as the full model, and need neither samples nor files.
+    """
+
+    seen: Callable[..., MatchedModes]
+    free: Callable[..., MatchedModes]
+    combined: Callable[..., CombinedModel]
+    exact: bool = False
+
+
+@singledispatch
+def tested_models(full) -> SmallModels:
+    """The small models of a structure; those of solids are reduced on samples of parameters."""
+    return SmallModels(Surrogate, GreedyModel, CombinedModel)

@@ -37,9 +37,9 @@ from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.modal.modes import SHIFT_SHARE, Modes
 from fenics_joints.response.modal_basis import check_modes
 from fenics_joints.response.pencil import DampedPencil
+from fenics_joints.structure.components import parameter_values
 from fenics_joints.structure.points import Sensors
 from fenics_joints.structure.sparse import product
-from fenics_joints.structure.values import parameter_values
 
 #: Relative distance of eigenvalues below which modes are taken together.
 CLOSE = 1e-3

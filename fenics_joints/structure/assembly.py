@@ -6,20 +6,27 @@ the parameters, and one assembly gives the derivative with respect to all of the
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import cached_property
 from itertools import product
 
+import basix
 import basix.ufl
+import dolfinx.mesh
 import numpy as np
 import ufl
 from dolfinx import fem
 from dolfinx.fem import petsc as fem_petsc
+from mpi4py import MPI
 from petsc4py import PETSc
+from scipy.spatial import cKDTree
 
-from fenics_joints.errors import MeshError, items, real, wanted, whole
+from fenics_joints._compat import entity_nodes
+from fenics_joints.errors import InputError, MeshError, items, real, wanted, whole
 from fenics_joints.forms import circumference
-from fenics_joints.meshes.tagged import TaggedMesh
+from fenics_joints.meshes.tagged import TaggedMesh, limits
 from fenics_joints.structure.changes import (
     Change,
     LocalLoss,
@@ -28,7 +35,6 @@ from fenics_joints.structure.changes import (
     ShapeChange,
     add_changes,
 )
-from fenics_joints.structure.checked import axisymmetric_regions, check_components, region_cells
 from fenics_joints.structure.components import (
     ElasticSupport,
     Parameter,
@@ -36,13 +42,362 @@ from fenics_joints.structure.components import (
     Region,
     Spring,
     Support,
+    by_name,
+    number,
+    parameter_values,
 )
-from fenics_joints.structure.held import held_entities
-from fenics_joints.structure.laws import ELASTIC_SUPPORT
+from fenics_joints.structure.laws import AXISYMMETRIC_SOLID, ELASTIC_SUPPORT, WIDE_SOLID
 from fenics_joints.structure.points import PointRows, locate
-from fenics_joints.structure.properties import PropertyField
-from fenics_joints.structure.summed import SummedMatrices
-from fenics_joints.structure.values import by_name, number, parameter_values
+from fenics_joints.structure.sparse import SummedMatrices
+
+#: Most point masses, and most springs: each is a search for its cell and a block in K or M.
+MOST_POINTS = 10_000
+
+
+def check_components(
+    owners: Sequence,
+    masses: Sequence[PointMass],
+    springs: Sequence[Spring],
+    parameters: Mapping[str, Parameter],
+) -> None:
+    """Refuse names that are given twice, parameters that do not exist, and too many points.
+
+    Args:
+        owners: Components with ``properties``: regions, elastic supports, changes.
+        masses: Point masses.
+        springs: Grounding springs.
+        parameters: Those that the components may name.
+
+    Raises:
+        InputError: Names the component.
+    """
+    for what, points in (("masses", masses), ("springs", springs)):
+        if len(points) > MOST_POINTS:
+            raise InputError(
+                f"{what}: {len(points)} of them, expected at most {MOST_POINTS}; what is "
+                "spread out is a part's density, or an elastic support."
+            )
+    for name, count in Counter(c.name for c in (*owners, *masses, *springs)).items():
+        if count > 1:
+            raise InputError(f"component {name} is given twice; expected unique names.")
+    for owner, key, value in _values(owners, masses, springs):
+        if isinstance(value, str) and value not in parameters:
+            raise InputError(
+                f"{owner}.{key} names the parameter {value!r}, which does not exist; "
+                f"expected a number or one of: {', '.join(parameters) or 'none'}."
+            )
+
+
+def _values(owners, masses, springs) -> Iterator[tuple[str, str, float | str]]:
+    for owner in owners:
+        for key, value in owner.properties.items():
+            yield owner.name, key, value
+    for mass in masses:
+        yield mass.name, "mass", mass.mass
+        yield mass.name, "travel", mass.travel
+    for spring in springs:
+        yield spring.name, "stiffness", spring.stiffness
+
+
+def axisymmetric_regions(tagged: TaggedMesh, regions: Sequence[Region]) -> tuple[Region, ...]:
+    """Parts with their law in a body of revolution.
+
+    Raises:
+        InputError: If one has none there.
+        MeshError: If the mesh is no half section.
+    """
+    low, high = limits(tagged)
+    if tagged.mesh.geometry.dim != 2 or low[0] < -1e-9 * np.max(high - low):
+        raise MeshError("axisymmetric: expected a mesh in the plane with r = x[0] >= 0 everywhere.")
+    for region in regions:
+        if region.is_joint:
+            raise InputError(
+                f"{region.name}: a thin layer is not available in an axisymmetric structure; "
+                "expected parts only."
+            )
+        if region.law is WIDE_SOLID:
+            raise InputError(
+                f"{region.name}: a width is not available in an axisymmetric structure."
+            )
+        if region.properties["stretch"] != 1.0 and abs(region.normal[1]) != 1.0:
+            raise InputError(
+                f"{region.name}.normal = {list(region.normal)}: expected the axis, (0, 1), for "
+                "the stretch of a part in an axisymmetric structure."
+            )
+    return tuple(replace(r, law=AXISYMMETRIC_SOLID) for r in regions)
+
+
+def region_cells(tagged: TaggedMesh, regions: Sequence[Region]) -> list[tuple[Region, np.ndarray]]:
+    """Local cells, ghosts included, of each region. Collective.
+
+    Raises:
+        MeshError: If a cell is in no region or in two.
+    """
+    imap = tagged.mesh.topology.index_map(tagged.mesh.topology.dim)
+    count = np.zeros(imap.size_local + imap.num_ghosts, dtype=np.int32)
+    found = []
+    for region in regions:
+        tags = [tagged.cell_tag(name) for name in region.cells]
+        cells = np.sort(np.concatenate([tagged.cell_tags.find(t) for t in tags]))
+        count[cells] += 1
+        found.append((region, cells))
+    bad = tagged.mesh.comm.allreduce(int(np.sum(count[: imap.size_local] != 1)))
+    if bad:
+        used = [name for region in regions for name in region.cells]
+        names = tagged.cell_names
+        wrong = [name for name in names if used.count(name) != 1]
+        raise MeshError(
+            f"{bad} cells are in no region or in more than one: "
+            f"{', '.join(wrong) or 'untagged'}; expected every cell group "
+            f"({', '.join(names)}) in exactly one part or joint."
+        )
+    return found
+
+
+#: Vertices as near to a point as the nearest one, up to this share of the mesh's extent, are at it:
+#: bodies that touch without sharing vertices have one each.
+_SAME = 1e-9
+
+
+def held_entities(tagged: TaggedMesh, support: Support) -> list[tuple[int, np.ndarray]]:
+    """Dimension and this rank's entities, of each dimension that the support holds. Collective.
+
+    Raises:
+        MeshError: If the mesh has no such group, or no vertex near a point.
+    """
+    mesh = tagged.mesh
+    if support.facets:
+        facets = tagged.facet_tags.find(tagged.facet_tag(support.facets))
+        return [(mesh.topology.dim - 1, facets)]
+    vertices = _vertices(mesh, *_points(tagged, support))
+    if mesh.topology.dim == 1:
+        return [(0, vertices)]
+    mesh.topology.create_entities(1)
+    mesh.topology.create_connectivity(0, 1)
+    mesh.topology.create_connectivity(1, 0)
+    mesh.topology.create_connectivity(1, mesh.topology.dim)
+    ends = mesh.topology.connectivity(1, 0).array.reshape(-1, 2)
+    edges = np.flatnonzero(np.isin(ends, vertices).all(axis=1)).astype(np.int32)
+    return [(0, vertices), (1, edges)]
+
+
+def held_nodes(tagged: TaggedMesh, support: Support) -> np.ndarray:
+    """This rank's geometry nodes at what the support holds. Collective."""
+    found = [
+        entity_nodes(tagged.mesh, dim, entities).ravel()
+        for dim, entities in held_entities(tagged, support)
+    ]
+    return np.unique(np.concatenate(found)).astype(np.int32)
+
+
+def _points(tagged: TaggedMesh, support: Support) -> tuple[str, np.ndarray]:
+    gdim = tagged.mesh.geometry.dim
+    if isinstance(support.points, str):
+        return f"points {support.points!r}", tagged.named_points(support.points)[:, :gdim]
+    x = np.atleast_2d(np.asarray(support.points, dtype=float))
+    if x.shape[1] < gdim:
+        raise MeshError(f"support.points of {x.shape[1]} coordinates: expected {gdim}.")
+    return "support.points", x[:, :gdim]
+
+
+def _vertices(mesh: dolfinx.mesh.Mesh, name: str, points: np.ndarray) -> np.ndarray:
+    """This rank's vertices nearest to each point."""
+    gdim, comm = mesh.geometry.dim, mesh.comm
+    mesh.topology.create_connectivity(0, mesh.topology.dim)
+    count = mesh.topology.index_map(0)
+    vertices = np.arange(count.size_local + count.num_ghosts, dtype=np.int32)
+    x = mesh.geometry.x[entity_nodes(mesh, 0, vertices).ravel()][:, :gdim]
+    tree = cKDTree(x) if len(x) else None
+    near = np.full(len(points), np.inf) if tree is None else tree.query(points)[0]
+    comm.Allreduce(MPI.IN_PLACE, near, op=MPI.MIN)
+    cells = mesh.topology.index_map(mesh.topology.dim).size_local
+    sizes = mesh.h(mesh.topology.dim, np.arange(cells, dtype=np.int32))
+    reach = 0.5 * comm.allreduce(float(sizes.max(initial=0.0)), op=MPI.MAX)
+    if near.max(initial=0.0) > reach:
+        worst = int(np.argmax(near))
+        raise MeshError(
+            f"{name}: {points[worst].tolist()} m is {near[worst]:.3g} m from the nearest vertex; "
+            f"expected one within half a cell, {reach:.3g} m."
+        )
+    if tree is None:
+        return vertices
+    slack = _SAME * comm.allreduce(float(np.abs(x).max(initial=0.0)), op=MPI.MAX)
+    found = tree.query_ball_point(points, near + slack)
+    return np.unique(np.concatenate([np.empty(0, int), *found])).astype(np.int32)
+
+
+class PropertyField:
+    """Property slots of every cell.
+
+    Args:
+        mesh: Mesh.
+        regions: Each region with its local cells, ghosts included.
+        parameters: Parameters by name.
+
+    Attributes:
+        q: The field, a DG-0 function of shape (n_slots,).
+        space: Its space.
+    """
+
+    def __init__(self, mesh, regions, parameters: Mapping[str, Parameter]):
+        self.mesh, self.regions, self.parameters = mesh, list(regions), parameters
+        self.slots = max(len(region.law.properties) for region, _ in self.regions)
+        cell = mesh.topology.cell_name()
+        self.space = fem.functionspace(mesh, basix.ufl.element("DG", cell, 0, shape=(self.slots,)))
+        self.q = fem.Function(self.space)
+        # A slot that a law leaves out must not hold zero: 1/stretch is taken of it elsewhere.
+        self.q.x.array[:] = 1.0
+        self._dof = self.space.dofmap.list[:, 0]
+        self._symbols = {
+            name: ufl.variable(fem.Constant(mesh, float(p.value))) for name, p in parameters.items()
+        }
+        self._expressions: dict[tuple, fem.Expression | float] = {}
+
+    def update(self, values: Mapping[str, float]) -> None:
+        """Fill the field from the parameters' values.
+
+        Raises:
+            InputError: If a property is out of its law's range; on every rank.
+        """
+        self._set_symbols(values)
+        table = self.q.x.array.reshape(-1, self.slots)
+        for i, (region, cells) in enumerate(self.regions):
+            q = {}
+            for slot, key in enumerate(region.law.properties):
+                q[key] = self._value(i, region, cells, key, values)
+                table[self._dof[cells], slot] = q[key]
+            self._check(region, q)
+
+    def fill(self, number: int, q: Mapping[str, float]) -> None:
+        """Put property values into a region's cells, unchecked."""
+        region, cells = self.regions[number]
+        table = self.q.x.array.reshape(-1, self.slots)
+        for slot, key in enumerate(region.law.properties):
+            table[self._dof[cells], slot] = q[key]
+
+    def region_values(self, number: int, values: Mapping[str, float]) -> dict | None:
+        """Property values of a region that are the same in all its cells; None if one varies."""
+        region, _ = self.regions[number]
+        if any(callable(region.properties[key]) for key in region.law.properties):
+            return None
+        return {
+            key: self._value(number, region, None, key, values) for key in region.law.properties
+        }
+
+    def slopes(self, number: int, parameter: str, values: Mapping[str, float]) -> tuple | None:
+        """Derivative of a region's properties by one parameter. Collective.
+
+        Returns:
+            This rank's cells of the region, ghosts included, (n,), and the derivatives, (n,
+            n_slots); None if no property of the region depends on the parameter.
+        """
+        self._set_symbols(values)
+        region, cells = self.regions[number]
+        found, depends = np.zeros((len(cells), self.slots)), False
+        for slot, key in enumerate(region.law.properties):
+            prop = region.properties[key]
+            if callable(prop):
+                found[:, slot] = self._evaluate(number, region, key, cells, parameter)
+                depends |= self.mesh.comm.allreduce(bool(np.any(found[:, slot])), op=MPI.LOR)
+            elif prop == parameter:
+                found[:, slot], depends = 1.0, True
+        return (cells, found) if depends else None
+
+    def means(self, number: int) -> dict[str, float]:
+        """Mean over a region's cells of each property, as last updated. Collective."""
+        region, cells = self.regions[number]
+        cells = cells[cells < self.mesh.topology.index_map(self.mesh.topology.dim).size_local]
+        rows = self.q.x.array.reshape(-1, self.slots)[self._dof[cells]]
+        total = self.mesh.comm.allreduce(np.append(rows.sum(axis=0), len(cells)))
+        return dict(zip(region.law.properties, total[:-1] / max(total[-1], 1), strict=False))
+
+    def put(self, function: fem.Function, cells: np.ndarray, table: np.ndarray) -> None:
+        """Put rows of all slots, (n, n_slots), into cells of a function over `space`."""
+        function.x.array.reshape(-1, self.slots)[self._dof[cells]] = table
+
+    def _check(self, region: Region, q) -> None:
+        message = None
+        try:
+            if all(np.size(value) for value in q.values()):
+                region.law.check(region.name, q)
+        except InputError as error:
+            message = str(error)
+        # One rank's cells may be bad alone: all must raise, or the others wait for ever.
+        if any(callable(region.properties[key]) for key in region.law.properties):
+            messages = [m for m in self.mesh.comm.allgather(message) if m]
+            message = messages[0] if messages else None
+        if message:
+            raise InputError(message)
+
+    def _set_symbols(self, values: Mapping[str, float]) -> None:
+        for name, symbol in self._symbols.items():
+            symbol.ufl_operands[0].value = values[name]
+
+    def _value(self, number, region, cells, key, values):
+        prop = region.properties[key]
+        if callable(prop):
+            return self._evaluate(number, region, key, cells, None)
+        return values[prop] if isinstance(prop, str) else float(prop)
+
+    def _evaluate(self, number, region, key, cells, parameter):
+        """A property of position, or its derivative by a parameter, at the cells' middles."""
+        place = (number, key, parameter)
+        if place not in self._expressions:
+            x = ufl.SpatialCoordinate(self.mesh)
+            expr = region.properties[key](x, self._symbols)
+            if parameter is not None:
+                expr = ufl.diff(expr, self._symbols[parameter])
+                expr = ufl.algorithms.apply_derivatives.apply_derivatives(
+                    ufl.algorithms.apply_algebra_lowering.apply_algebra_lowering(expr)
+                )
+            self._expressions[place] = (
+                float(expr) if _is_number(expr) else fem.Expression(expr, self._middle())
+            )
+        expression = self._expressions[place]
+        if isinstance(expression, float):
+            return np.full(len(cells), expression)
+        return expression.eval(self.mesh, cells).reshape(len(cells))
+
+    def _middle(self) -> np.ndarray:
+        cell = getattr(basix.CellType, self.mesh.topology.cell_name())
+        return basix.geometry(cell).mean(axis=0, keepdims=True)
+
+    def by_cell(self, array: np.ndarray) -> np.ndarray:
+        """Rows of a vector over the space for the owned cells, shape (n_owned, n_slots)."""
+        owned = self.mesh.topology.index_map(self.mesh.topology.dim).size_local
+        return array.reshape(-1, self.slots)[self._dof[:owned]]
+
+    def contract(self, cell_gradient: np.ndarray, values: Mapping[str, float]) -> np.ndarray:
+        """Chain rule from the cells' properties to the parameters. Collective.
+
+        Args:
+            cell_gradient: Derivative by every property of every owned cell, (n_owned, n_slots).
+            values: All parameters' values.
+
+        Returns:
+            Derivative by every parameter, shape (n_parameters,), equal on all ranks.
+        """
+        self._set_symbols(values)
+        position = {name: i for i, name in enumerate(self.parameters)}
+        gradient = np.zeros(len(position))
+        for i, (region, cells) in enumerate(self.regions):
+            cells = cells[cells < len(cell_gradient)]
+            for slot, key in enumerate(region.law.properties):
+                prop = region.properties[key]
+                if isinstance(prop, str):
+                    gradient[position[prop]] += cell_gradient[cells, slot].sum()
+                elif callable(prop):
+                    for name, column in position.items():
+                        slope = self._evaluate(i, region, key, cells, name)
+                        gradient[column] += slope @ cell_gradient[cells, slot]
+        self.mesh.comm.Allreduce(MPI.IN_PLACE, gradient)
+        return gradient
+
+
+def _is_number(expr) -> bool:
+    """Whether UFL found a number, as for the derivative of what is linear; zero is one."""
+    return isinstance(expr, ufl.constantvalue.Zero | ufl.constantvalue.ScalarValue)
+
 
 _SERENDIPITY_CELLS = ("quadrilateral", "hexahedron")
 

@@ -3,7 +3,7 @@
 A region that has lost stiffness somewhere, something put on at one of several places, a plate that
 is not flat or not evenly thick: K and M change by sums of matrices that are fixed, times scalars of
 a few parameters (`Law.stiffness_terms`). So a reduced model has them exactly as a region
-(`fenics_joints.reduction.terms.RegionTerm`), and the full one assembles them only where they are
+(`fenics_joints.reduction.affine.RegionTerm`), and the full one assembles them only where they are
 not zero. Where one of several stations is meant, the parameter is a place along them, 0, 1, ...:
 between two of them each has its share, so that it may change continuously.
 """
@@ -21,9 +21,9 @@ from petsc4py import PETSc
 
 from fenics_joints.errors import InputError
 from fenics_joints.forms import isotropic_stress, lame_parameters
+from fenics_joints.structure.components import number, slopes
 from fenics_joints.structure.laws import Law
 from fenics_joints.structure.sparse import MatrixForm, RowForm
-from fenics_joints.structure.values import number, slopes
 
 #: Of a `PlacedPoint`, along x, y and z.
 STIFFNESSES = ("stiffness_x", "stiffness_y", "stiffness_z")
@@ -203,7 +203,7 @@ class PlacedPoint(_Attached):
 
 class PlacedResonator(_Attached):
     """A mass on a spring, the same in all directions: its motion is a displacement of its own,
-    which reduced models have beside those of their basis (`fenics_joints.reduction.motions`).
+    which reduced models have beside those of their basis (`fenics_joints.reduction.reduced`).
 
     Its properties are ``mass`` and ``stiffness``, and otherwise those of a `PlacedPoint`.
     """

@@ -23,7 +23,7 @@ from numbers import Real
 import numpy as np
 
 from fenics_joints.errors import InputError, items, real, text, wanted
-from fenics_joints.structure.values import number
+from fenics_joints.structure.components import number
 
 Value = float | str
 

@@ -1,11 +1,16 @@
-"""Products of sparse matrices with blocks of columns, of which each rank has its rows."""
+"""Products of sparse matrices with blocks of columns, and K(p), M(p) as sums that are kept."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 from petsc4py import PETSc
+
+from fenics_joints.structure.components import number
+from fenics_joints.structure.laws import Law
 
 #: Parts of a matrix whose rows are copied one after the other.
 _CHUNKS = 8
@@ -106,3 +111,168 @@ def without_zeros(A: PETSc.Mat) -> PETSc.Mat:
     lean = PETSc.Mat().createAIJ(A.getSizes(), csr=csr, comm=A.comm)
     lean.assemble()
     return lean
+
+
+#: Share of a sample in a sum, relative to the largest, that is round-off.
+_ROUND_OFF = 1e-13
+#: Degrees of freedom above which nothing is kept: there a solution takes long in any case, and the
+#: iterative method is chosen for its memory.
+_MOST = 300_000
+
+#: `fenics_joints.structure.assembly.Assembly`, which holds these.
+Assembly = Any
+
+
+class LawMatrices:
+    """A region's stiffness and mass at its law's samples, assembled when first asked for.
+
+    They share a pattern: 8 bytes an entry and sample, and 8 for the pattern and its place in K's.
+
+    Args:
+        assembly: The structure.
+        index: Index of the region in its ``regions``.
+    """
+
+    def __init__(self, assembly: Assembly, index: int):
+        self.assembly, self.index = assembly, index
+        self.law: Law = assembly.regions[index].law
+        self._entries: dict[tuple[int, int], np.ndarray] = {}
+        self._pattern: tuple[np.ndarray, np.ndarray] | None = None
+        self._places: np.ndarray | None = None
+
+    def entries(self, which: int, sample: int) -> np.ndarray:
+        """Entries of this rank's rows of the stiffness (0) or mass (1) at a sample, (n_entries,).
+        Collective."""
+        if (which, sample) not in self._entries:
+            self._entries[which, sample] = self._assembled(which, sample)
+        return self._entries[which, sample]
+
+    def _assembled(self, which: int, sample: int) -> np.ndarray:
+        self.assembly.field.fill(self.index, self.law.samples[sample])
+        A = self.assembly.assembled(self.assembly.compiled_region(self.index, which))
+        *self._pattern, entries = A.getValuesCSR()
+        A.destroy()
+        return entries
+
+    def matrix(self, which: int, sample: int) -> PETSc.Mat:
+        """One of these as a matrix, the caller's to destroy. Collective."""
+        entries = self.entries(which, sample)
+        own, bs = self.assembly.V.dofmap.index_map, self.assembly.V.dofmap.index_map_bs
+        sizes = own.size_local * bs, own.size_global * bs
+        return PETSc.Mat().createAIJ(
+            (sizes, sizes), csr=(*self._pattern, entries), comm=self.assembly.comm
+        )
+
+    def sum(self, which: int, shares: np.ndarray) -> np.ndarray:
+        """Entries of the sum of the samples by their shares, (n_entries,). Collective."""
+        return sum(shares[i] * self.entries(which, int(i)) for i in np.flatnonzero(shares))
+
+    def places(self, keys: np.ndarray) -> np.ndarray:
+        """Where the entries are among those of a larger pattern, of these `_keys`."""
+        if self._places is None:
+            found = np.searchsorted(keys, _keys(*self._pattern, self.assembly.n_dofs))
+            self._places = found.astype(PETSc.IntType)
+        return self._places
+
+    def missing(self, which: int, shares: np.ndarray) -> int:
+        """How many samples of a sum with these shares have not been assembled."""
+        return sum((which, int(i)) not in self._entries for i in np.flatnonzero(shares))
+
+    def shares(self, which: int, q: Mapping[str, float]) -> np.ndarray:
+        """Shares of the samples in the matrix at given properties."""
+        law = self.law
+        if which:
+            return np.array([law.inertia_term(q) / law.inertia_term(law.samples[0])], dtype=float)
+        found = np.linalg.solve(self._terms.T, np.asarray(law.stiffness_terms(q), dtype=float))
+        return np.where(np.abs(found) > _ROUND_OFF * np.max(np.abs(found)), found, 0.0)
+
+    @cached_property
+    def _terms(self) -> np.ndarray:
+        return np.array([self.law.stiffness_terms(q) for q in self.law.samples], dtype=float)
+
+
+class SummedMatrices:
+    """Stiffness and mass of all regions as sums.
+
+    Args:
+        assembly: The structure. Its regions graded in space are assembled each time.
+    """
+
+    def __init__(self, assembly: Assembly):
+        self.assembly = assembly
+        self.laws = [LawMatrices(assembly, i) for i in range(len(assembly.regions))]
+        graded = [any(map(callable, r.properties.values())) for r in assembly.regions]
+        self._uniform = [laws for laws, g in zip(self.laws, graded, strict=True) if not g]
+        self._graded = [laws for laws, g in zip(self.laws, graded, strict=True) if g]
+        self._asked = [0, 0]
+        self._like: PETSc.Mat | None = None
+
+    def matrix(self, which: int, values: Mapping[str, float]) -> PETSc.Mat | None:
+        """Stiffness (0), with the identity in rows of held DOFs, or mass (1). Collective.
+
+        Args:
+            which: 0 or 1.
+            values: Of all parameters, which the property field holds too.
+
+        Returns:
+            A new matrix; None as long as it is not worth it.
+        """
+        if self.assembly.n_dofs > _MOST or not self._uniform:
+            return None
+        own = [(laws, laws.shares(which, self._properties(laws, values))) for laws in self._uniform]
+        missing = max(laws.missing(which, s) for laws, s in own)
+        self._asked[which] += 1
+        if missing >= self._asked[which] or self._like is None:
+            return None
+        found = self._sum(which, own)
+        if missing or self._graded:
+            self.assembly.field.update(values)  # samples were put into it
+        for laws in self._graded:
+            *pattern, entries = self.assembly.region_matrix(laws.index, which, None).getValuesCSR()
+            found[np.searchsorted(self._keys, _keys(*pattern, self.assembly.n_dofs))] += entries
+        return self._as_matrix(found, which)
+
+    def learn(self, A: PETSc.Mat) -> None:
+        """Take the pattern of a matrix of all regions. Collective."""
+        if self._like is None and self.assembly.n_dofs <= _MOST:
+            self._like = A.duplicate(copy=False)
+            *self._pattern, _ = A.getValuesCSR()
+
+    @cached_property
+    def _keys(self) -> np.ndarray:
+        return _keys(*self._pattern, self.assembly.n_dofs)
+
+    @cached_property
+    def _held(self) -> np.ndarray:
+        """Places of the diagonal of the DOFs that are held."""
+        own = np.flatnonzero(self.assembly.held_dofs[: self.assembly.n_local])
+        first = self._like.getOwnershipRange()[0]
+        return np.searchsorted(self._keys, own * self.assembly.n_dofs + first + own)
+
+    def _properties(self, laws: LawMatrices, values) -> dict[str, float]:
+        properties = self.assembly.regions[laws.index].properties
+        return {key: number(properties[key], values) for key in laws.law.properties}
+
+    def _sum(self, which: int, own) -> np.ndarray:
+        total = np.zeros(len(self._pattern[1]))
+        for laws, shares in own:
+            if np.any(shares):
+                entries = laws.sum(which, shares)
+                total[laws.places(self._keys)] += entries
+        return total
+
+    def _as_matrix(self, entries: np.ndarray, which: int) -> PETSc.Mat:
+        if not which:
+            entries[self._held] = 1.0
+        A = self._like.duplicate(copy=False)
+        A.setValuesCSR(*self._pattern, entries)
+        A.assemble()
+        for option in ("SYMMETRIC", "SYMMETRY_ETERNAL", "NEW_NONZERO_ALLOCATION_ERR"):
+            A.setOption(getattr(PETSc.Mat.Option, option), True)
+        return A
+
+
+def _keys(starts: np.ndarray, columns: np.ndarray, n: int) -> np.ndarray:
+    """A number for each entry of this rank's rows, ascending."""
+    rows = np.repeat(np.arange(len(starts) - 1, dtype=np.int64), np.diff(starts))
+    return rows * n + columns

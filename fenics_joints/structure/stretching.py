@@ -21,11 +21,10 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from fenics_joints._compat import geometry_dofmap
-from fenics_joints.structure.components import Region, Support
-from fenics_joints.structure.held import held_nodes
+from fenics_joints.structure.assembly import held_nodes
+from fenics_joints.structure.components import Region, Support, number
 from fenics_joints.structure.laws import LAYER_LAWS, SPRINGS
 from fenics_joints.structure.structure import Structure
-from fenics_joints.structure.values import number
 
 #: Stretch at which motions are counted, and the singular value that counts as none: a misfit is
 #: of the order of the first, and of round-off where there is none.

@@ -7,9 +7,11 @@ from dataclasses import replace
 from types import MappingProxyType
 
 import basix
+import basix.ufl
 import numpy as np
 import ufl
 from dolfinx import fem
+from dolfinx.fem import petsc as fem_petsc
 from mpi4py import MPI
 from numpy.typing import ArrayLike
 from petsc4py import PETSc
@@ -21,12 +23,11 @@ from fenics_joints.meshes.rings import ring_names
 from fenics_joints.meshes.tagged import limits
 from fenics_joints.structure.assembly import Assembly
 from fenics_joints.structure.changes import Change, change_slopes
-from fenics_joints.structure.components import Parameter
+from fenics_joints.structure.components import Parameter, number, slopes
 from fenics_joints.structure.damping import Damping
 from fenics_joints.structure.grids import cell_grid, pyvista
 from fenics_joints.structure.points import PointRows, Sensors, observe
 from fenics_joints.structure.sparse import MatrixForm, RowForm
-from fenics_joints.structure.values import number, slopes
 
 _SUBSET = PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN
 
@@ -438,3 +439,142 @@ class Structure(Assembly):
             np.concatenate([part[0] for part in gathered]),
             np.concatenate([part[1] for part in gathered], axis=1),
         )
+
+
+#: Position, m, and direction of each place, by name; a force without a position (None) is that of a
+#: base that accelerates along the direction.
+Places = Mapping[str, tuple[Sequence[float] | None, Sequence[float]]]
+
+
+def place_loads(
+    structure: Structure, what: str, given: Places | None
+) -> tuple[dict[str, np.ndarray], np.ndarray]:
+    """Places by name, checked, and the load of one newton at each. Collective.
+
+    Args:
+        structure: The structure.
+        what: What the places are, for messages: ``"forces"`` or ``"sensors"``.
+        given: Position, m, and direction, of any length, of each place.
+
+    Returns:
+        Position and unit direction by name, (2, gdim), None for a base, and this rank's rows of the
+        loads, N, of a base N per m/s2, (n_local, m). Held degrees of freedom bear none.
+
+    Raises:
+        InputError: If a place has no position and direction in so many coordinates, or is outside
+            the mesh.
+    """
+    gdim = structure.gdim
+    found, loads = {}, [np.zeros((structure.n_local, 0))]
+    for name, place in (given or {}).items():
+        if what == "forces" and _is_base(place):
+            direction = _place(gdim, what, name, (np.zeros(gdim), place[1]))[1]
+            found[name] = None
+            loads.append(base_load(structure, direction)[:, None])
+        else:
+            found[name] = _place(gdim, what, name, place)
+            point, direction = found[name]
+            loads.append(structure.loads(Sensors(point[None], direction[None]), what[:-1]))
+    return found, np.hstack(loads)
+
+
+def base_load(structure: Structure, direction: np.ndarray) -> np.ndarray:
+    """This rank's rows of the load of a base that accelerates, N per m/s2, (n_local,). Collective.
+
+    Of motion relative to the base: minus the mass times a rigid translation, held places included.
+
+    Args:
+        structure: The structure.
+        direction: Unit direction, (gdim,).
+    """
+    values = structure.update(None)
+    way = fem.Constant(structure.mesh, np.asarray(direction, dtype=PETSc.ScalarType))
+    form = fem.form(structure.inertia_form(way, ufl.TestFunction(structure.V)))
+    v = fem_petsc.assemble_vector(form)
+    v.ghostUpdate(PETSc.InsertMode.ADD_VALUES, PETSc.ScatterMode.REVERSE)
+    load = -v.array_r[: structure.n_local].copy()
+    v.destroy()
+    load[structure.held_dofs[: structure.n_local]] = 0.0
+    for mass in structure.masses:
+        row = structure.unit_loads(structure.rows(structure.place(mass, values)), direction[None])
+        load -= number(mass.mass, values) * mass.share * row[:, 0]
+    return load
+
+
+def _is_base(place) -> bool:
+    """Whether a place is a base: a direction without a position."""
+    try:
+        return len(place) == 2 and place[0] is None
+    except TypeError:
+        return False
+
+
+def _place(gdim: int, what: str, name: str, place) -> np.ndarray:
+    """Position and unit direction, (2, gdim)."""
+    try:
+        point, direction = (np.asarray(part, dtype=float)[:gdim] for part in place)
+        one = Sensors(point, direction)
+    except (IndexError, TypeError, ValueError) as error:
+        raise InputError(
+            f"{what}[{name!r}] = {place}: expected (position, direction), each of {gdim} "
+            f"numbers, the direction not zero."
+        ) from error
+    if point.shape != (gdim,):
+        raise InputError(f"{what}[{name!r}] = {place}: expected {gdim} coordinates, in metres.")
+    return np.array([one.points[0], one.directions[0]])
+
+
+class CellForces:
+    """Forces of each cell by itself, at its own copy of the nodes that it shares with others.
+
+    The sum over a cell of its forces by a motion x, times a motion y, is its part of x^T K y: one
+    assembly for each x, whatever the number of y.
+
+    Args:
+        structure: Whose cells they are.
+    """
+
+    def __init__(self, structure: Structure):
+        self._structure, msh = structure, structure.mesh
+        apart = basix.ufl.element(
+            *structure.element_of, shape=(msh.geometry.dim,), discontinuous=True
+        )
+        self._space = fem.functionspace(msh, apart)
+        self._x, v = fem.Function(structure.V), ufl.TestFunction(self._space)
+        self._forms = [
+            fem.form(form(self._x, v))
+            for form in (structure.stiffness_form, structure.inertia_form)
+        ]
+        owned = msh.topology.index_map(msh.topology.dim).size_local
+        size = self._space.dofmap.index_map_bs
+        dofs = self._space.dofmap.list[:owned]
+        self._dofs = (size * dofs[:, :, None] + np.arange(size)).reshape(owned, -1)
+
+    def motion(self, shape: PETSc.Vec) -> np.ndarray:
+        """A motion at every cell's own nodes, (n_owned_cells, k). Collective.
+
+        Args:
+            shape: Displacement vector, owned entries.
+        """
+        self._put(shape)
+        copy = fem.Function(self._space)
+        copy.interpolate(self._x)
+        return copy.x.array[self._dofs]
+
+    def of(
+        self, shape: PETSc.Vec, given: Mapping[str, float] | None = None
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Each cell's K x and M x, (n_owned_cells, k) both. Collective.
+
+        Args:
+            shape: Displacement vector x, owned entries.
+            given: Values of parameters that differ from their nominal value.
+        """
+        self._structure.update(given)
+        self._put(shape)
+        stiff, inertia = (fem.assemble_vector(form).array[self._dofs] for form in self._forms)
+        return stiff, inertia
+
+    def _put(self, shape: PETSc.Vec) -> None:
+        self._x.x.array[: self._structure.n_local] = shape.array_r
+        self._x.x.scatter_forward()

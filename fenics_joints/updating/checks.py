@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from fenics_joints.formatting import number, percent, quantity
-from fenics_joints.reduction.combined import ModelError
+from fenics_joints.reduction.frf_basis import ModelError
 from fenics_joints.structure.components import Parameter
 from fenics_joints.updating.result import Update
 

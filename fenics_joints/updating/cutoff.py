@@ -22,7 +22,7 @@ from petsc4py import PETSc
 from scipy.optimize import linear_sum_assignment
 
 from fenics_joints.errors import ConvergenceError, InputError
-from fenics_joints.interfaces.assembly import as_columns
+from fenics_joints.interfaces.basis import as_columns
 from fenics_joints.modal import EigenSolver, Modes, solve_modes
 from fenics_joints.preload import LinearJoint, PreloadResult, cutoff_conditions, pair_conditions
 from fenics_joints.structure.sparse import product, without_zeros

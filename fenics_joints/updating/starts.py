@@ -12,8 +12,7 @@ from scipy.stats import qmc
 
 from fenics_joints.measurements.gap import mac, nearest
 from fenics_joints.modal.modes import Modes
-from fenics_joints.reduction.likes import PLACES
-from fenics_joints.reduction.seen import places_all_over
+from fenics_joints.reduction.matched import PLACES, places_all_over
 from fenics_joints.updating.least_squares import Problem
 from fenics_joints.updating.prediction import Predictor
 

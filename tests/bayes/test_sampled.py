@@ -12,8 +12,7 @@ from fenics_joints.commands.bayes.model import case_model, case_prior, within_la
 from fenics_joints.errors import InputError
 from fenics_joints.measurements import pair_modes
 from fenics_joints.modal import solve_modes
-from fenics_joints.reduction.free_terms import FreeTerms
-from fenics_joints.reduction.greedy import GreedyModel
+from fenics_joints.reduction.greedy import FreeTerms, GreedyModel
 
 BAYES = """
 [update.bayes]

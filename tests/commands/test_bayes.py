@@ -20,7 +20,7 @@ from fenics_joints.commands.bayes.run import run_bayes
 from fenics_joints.errors import InputError
 from fenics_joints.files import json_text
 from fenics_joints.progress import Progress
-from fenics_joints.reduction import Forward
+from fenics_joints.reduction import ModalPrediction
 
 pytest.importorskip("arviz")
 
@@ -48,7 +48,7 @@ def test_small_model_is_the_whole_one():
     model = case_model(case, MPI.COMM_WORLD)
     assert model.check.n_points == 50 and model.check.error < 1e-4
     beams, sensors = build_structure(case, MPI.COMM_WORLD), case.sensors()
-    exact = Forward(beams.arrays(sensors), sensors, 5, 16)
+    exact = ModalPrediction(beams.arrays(sensors), sensors, 5, 16)
     values = model.prior.values(model.prior.sample(20, np.random.default_rng(77)))
     log_f = [exact(point)[0] for point in model.frequencies.by_name(values)]
     np.testing.assert_allclose(model.frequencies(values), log_f, atol=1e-4)
@@ -109,7 +109,7 @@ def test_without_specimens_and_held_modes(tmp_path):
     # The held modes move with k1 and k2 as the beams themselves say.
     beams, sensors = build_structure(case, MPI.COMM_SELF), case.sensors()
     mean = {row["name"]: row["mean"] for row in found.rows()}
-    exact = Forward(beams.arrays(sensors), sensors, 8, 16)({**beams.values(), **mean})[0]
+    exact = ModalPrediction(beams.arrays(sensors), sensors, 8, 16)({**beams.values(), **mean})[0]
     np.testing.assert_allclose([row["median_hz"] for row in rows[5:]], np.exp(exact[5:]), rtol=2e-3)
 
 

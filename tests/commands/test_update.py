@@ -24,7 +24,7 @@ from fenics_joints.errors import InputError
 from fenics_joints.measurements.frfs import choose_lines, near_peaks
 from fenics_joints.meshes import dumbbell
 from fenics_joints.modal import identifiability, solve_modes
-from fenics_joints.reduction.combined import CombinedModel
+from fenics_joints.reduction.frf_basis import CombinedModel
 from fenics_joints.response import solve_frf
 from fenics_joints.structure import Damping, Parameter, Sensors, Structure, part, transition
 from fenics_joints.updating.checks import is_at

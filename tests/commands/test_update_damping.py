@@ -24,8 +24,7 @@ from fenics_joints.measurements import Target
 from fenics_joints.meshes import dumbbell
 from fenics_joints.modal import solve_modes
 from fenics_joints.reduction import ArrayModel
-from fenics_joints.reduction.affine import AffinePencil
-from fenics_joints.reduction.terms import RegionTerm
+from fenics_joints.reduction.affine import AffinePencil, RegionTerm
 from fenics_joints.response.complex_modes import damping_ratios
 from fenics_joints.structure import Damping, Parameter, Structure, part, transition
 from fenics_joints.structure.laws import ELASTIC_SUPPORT

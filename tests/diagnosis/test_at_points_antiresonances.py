@@ -21,8 +21,8 @@ from fenics_joints.measurements import pair_modes
 from fenics_joints.meshes import box
 from fenics_joints.modal import solve_modes
 from fenics_joints.progress import Progress
-from fenics_joints.reduction.grounded import Antiresonances, PointBasis
-from fenics_joints.reduction.seen import places_all_over
+from fenics_joints.reduction.matched import places_all_over
+from fenics_joints.reduction.receptances import Antiresonances, PointBasis
 from fenics_joints.structure import Parameter, Sensors, Structure, part
 
 #: Of all sensors the first, at the left end.

@@ -20,7 +20,7 @@ from fenics_joints.measurements import pair_modes
 from fenics_joints.meshes import box
 from fenics_joints.modal import solve_modes
 from fenics_joints.progress import Progress
-from fenics_joints.reduction.static import StaticModel, StaticSolver
+from fenics_joints.reduction.receptances import StaticModel, StaticSolver
 from fenics_joints.structure import Parameter, Sensors, Structure, Support, part
 
 SUPPORT = """

@@ -29,10 +29,9 @@ from fenics_joints.measurements import pair_modes
 from fenics_joints.meshes import box
 from fenics_joints.modal import solve_modes
 from fenics_joints.progress import Progress
-from fenics_joints.reduction.forward import Forward
-from fenics_joints.reduction.grounded import PointBasis
-from fenics_joints.reduction.receptances import Lines, Poles, Receptances
-from fenics_joints.reduction.seen import places_all_over
+from fenics_joints.reduction.matched import places_all_over
+from fenics_joints.reduction.prediction import ModalPrediction
+from fenics_joints.reduction.receptances import Lines, PointBasis, Poles, Receptances
 from fenics_joints.structure import Parameter, Sensors, Structure, part
 
 #: A force at the right end, and motion there and at the left.
@@ -176,7 +175,7 @@ def test_of_a_free_bar_with_the_resonances_of_a_test():
     modes = solve_modes(basis.model, samples[0], n_modes=24)
     bent = np.flatnonzero(np.abs(basis.rows[0] @ modes.shapes) > 0.1)
     reference = modes.at(basis.everywhere)[:, bent[bent >= modes.n_rigid][:3]]
-    forward = Forward(basis.model, basis.everywhere, 3, 24, reference=reference)
+    forward = ModalPrediction(basis.model, basis.everywhere, 3, 24, reference=reference)
     tested = np.array([100.0, np.nan, 540.0])
     hz = np.array([20.0, 60.0, 101.0, 180.0, 400.0, 541.0, 620.0])
     lines = Lines(hz, np.zeros(7, dtype=int), np.zeros(7, dtype=int))

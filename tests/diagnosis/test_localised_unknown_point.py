@@ -13,7 +13,7 @@ from fenics_joints.diagnosis.evidence import fit
 from fenics_joints.diagnosis.evidence.localised_unknown import LocalisedUnknown, point_mass
 from fenics_joints.diagnosis.model.prepared import prepare
 from fenics_joints.progress import Progress
-from fenics_joints.reduction.seen import places_all_over
+from fenics_joints.reduction.matched import places_all_over
 
 
 @pytest.mark.parametrize("grams", [58.0, 0.0])

@@ -9,9 +9,8 @@ from mpi4py import MPI
 from fenics_joints.diagnosis import Effect, Prior
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.merging import merge_indistinguishable
-from fenics_joints.reduction import ArrayModel, Forward
-from fenics_joints.reduction.affine import AffinePencil
-from fenics_joints.reduction.terms import RegionTerm, SpringTerm
+from fenics_joints.reduction import ArrayModel, ModalPrediction
+from fenics_joints.reduction.affine import AffinePencil, RegionTerm, SpringTerm
 from fenics_joints.structure import Parameter
 from fenics_joints.structure.laws import LAYER_LAWS
 
@@ -20,7 +19,7 @@ GROUNDS = {"left": 1, "right": 7, "inner": 3}
 BASELINE = {"a.rho": 1.0, **{name: 2e6 for name in GROUNDS}}
 
 
-def symmetric_chain() -> Forward:
+def symmetric_chain() -> ModalPrediction:
     """On grounding springs: the left one and the right one are mirror images."""
     stiffness = np.zeros((4, N, N))
     for i in range(N - 1):
@@ -31,7 +30,9 @@ def symmetric_chain() -> Forward:
     region = RegionTerm("a", LAYER_LAWS["uncoupled"], properties, stiffness, np.eye(N), 1.0)
     springs = [SpringTerm(name, name, 1.0, np.eye(N)[i]) for name, i in GROUNDS.items()]
     parameters = {name: Parameter(name, value) for name, value in BASELINE.items()}
-    return Forward(ArrayModel(AffinePencil(parameters, [region], springs), 100.0), None, 4, 6)
+    return ModalPrediction(
+        ArrayModel(AffinePencil(parameters, [region], springs), 100.0), None, 4, 6
+    )
 
 
 def loose(*places: str, holds=(), weight=0.5) -> Effect:

@@ -18,9 +18,8 @@ from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.predictions import ManyPredictions
 from fenics_joints.diagnosis.zones.zone import Zone
 from fenics_joints.errors import InputError
-from fenics_joints.reduction import ArrayModel, Forward, LeanForward
-from fenics_joints.reduction.affine import AffinePencil
-from fenics_joints.reduction.terms import RegionTerm, SpringTerm
+from fenics_joints.reduction import ArrayModel, BatchPrediction, ModalPrediction
+from fenics_joints.reduction.affine import AffinePencil, RegionTerm, SpringTerm
 from fenics_joints.structure import Parameter, Sensors
 from fenics_joints.structure.laws import LAYER_LAWS
 
@@ -54,7 +53,7 @@ def forward():
     )
     points = np.column_stack([SENSORS, np.zeros(5), np.zeros(5)]).astype(float)
     model = ArrayModel(pencil, 100.0, rows, shifts)
-    return Forward(model, Sensors(points, [0.0, 0.0, 1.0]), 3, 12)
+    return ModalPrediction(model, Sensors(points, [0.0, 0.0, 1.0]), 3, 12)
 
 
 def stiffer(depends: bool) -> Effect:
@@ -209,7 +208,7 @@ def test_many_at_once_are_as_one_by_one(forward, kind, damped):
     evidence = evidence_for(forward, damped)
     z = 0.5 * np.random.default_rng(7).standard_normal((4, len(hypothesis.priors)))
     rotation = np.linalg.qr(np.random.default_rng(9).standard_normal((N, N)))[0]
-    lean = LeanForward(forward, forward.model.on(rotation))
+    lean = BatchPrediction(forward, forward.model.on(rotation))
     many = ManyPredictions(hypothesis, lean, evidence, BASELINE)
     got, slopes = many(z, range(z.shape[1]))
     for i, point in enumerate(z):
@@ -232,7 +231,7 @@ def test_modes_that_change_places_along_the_torque_are_followed():
         [SpringTerm("ground", "ground.E", 1.0, unit[0])],
     )
     model = ArrayModel(pencil, 100.0, np.array([[1.0, 0.9]]), np.zeros((1, 1, 2)))
-    one = Forward(model, Sensors([[0.0, 0.0, 0.0]], [0.0, 0.0, 1.0]), 2, 2)
+    one = ModalPrediction(model, Sensors([[0.0, 0.0, 0.0]], [0.0, 0.0, 1.0]), 2, 2)
     hypothesis = Hypothesis((stiffer(depends=True),), (), conditions=TORQUES, modes=MODES[:2])
     z = np.array([3.0, 1.0])  # at 20 Nm the second is the stiffer one, at 5 Nm by half
     G = 3e6 * np.exp(0.9)

@@ -17,7 +17,7 @@ from fenics_joints.measurements.gap import mac
 from fenics_joints.meshes import box
 from fenics_joints.modal import solve_modes
 from fenics_joints.progress import Progress
-from fenics_joints.reduction.seen import SeenModes
+from fenics_joints.reduction.matched import MatchedModes
 from fenics_joints.structure import Sensors, Structure, part
 
 SIZE = (0.3, 0.06, 0.006)
@@ -36,17 +36,17 @@ def test_mesh_error_is_that_against_a_finer_mesh(degree, shared_tmp_path, monkey
     line = np.array([x, 0.03 + 0 * x, 0.006 + 0 * x]).T
     sensors = Sensors(line, [0.0, 0.0, 1.0])
     given = {"sensors": sensors, "n_test": 4, "n_modes": 24}
-    small = SeenModes(strip(30 if degree == 1 else 5, 2, 1, degree=degree), {}, **given)
+    small = MatchedModes(strip(30 if degree == 1 else 5, 2, 1, degree=degree), {}, **given)
     silent, file = Progress(silent=True), shared_tmp_path / "errors.json"
     found = mesh_errors(small, {}, silent, lambda: file)
     # From the file without a solution; another test of the same structure.
     few = Sensors(line[:7], [0.0, 0.0, 1.0])
-    other = SeenModes(small.full, {}, sensors=few, n_test=2, n_modes=24)
+    other = MatchedModes(small.full, {}, sensors=few, n_test=2, n_modes=24)
     with monkeypatch.context() as patched:
         patched.setattr("fenics_joints.reduction.kept.solve_modes", None)
         kept = mesh_errors(other, {}, silent, lambda: file)
     assert kept.frequencies == pytest.approx(found.frequencies[:2], abs=1e-9)
-    fine = SeenModes(strip(30, 6, 2, degree=2), {}, **given)
+    fine = MatchedModes(strip(30, 6, 2, degree=2), {}, **given)
     own, best = (s.nominal.frequencies_hz[s.pairing.index] for s in (small, fine))
     true = own / best - 1
     assert found.frequencies == pytest.approx(true, rel=0.15, abs=2e-5)
@@ -58,7 +58,7 @@ def test_to_few_sensors_two_modes_may_look_alike():
     no mode that a test counts."""
     corner = Sensors([[0.3, 0.06, 0.006]], [0.0, 0.0, 1.0])
     given = {"sensors": corner, "n_test": 6, "n_modes": 24}
-    small = SeenModes(strip(8, 2, 1, degree=2), {}, **given)
+    small = MatchedModes(strip(8, 2, 1, degree=2), {}, **given)
     found = mesh_errors(small, {}, Progress(silent=True)).frequencies
     at = np.array([[x, y, 0.006] for x in np.linspace(0, 0.3, 9) for y in (0.0, 0.03, 0.06)])
     grid = Sensors(at, [0.0, 0.0, 1.0])
@@ -78,7 +78,7 @@ def test_modes_that_any_error_turns_are_resolved():
     bar = Structure(box(MPI.COMM_WORLD, (0.3, 0.01, 0.01), (12, 1, 1)), [body], degree=2)
     at = np.array([[x, 0.0, 0.0] for x in np.linspace(0, 0.3, 7)])
     both = Sensors(np.repeat(at, 2, axis=0), np.tile([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], (7, 1)))
-    small = SeenModes(bar, {}, sensors=both, n_test=4, n_modes=16)
+    small = MatchedModes(bar, {}, sensors=both, n_test=4, n_modes=16)
     found = mesh_errors(small, {}, Progress(silent=True)).frequencies
     assert found[0] == pytest.approx(found[1], rel=1e-3) and 0 < found[0] < found[2] < 0.01
 
@@ -148,8 +148,8 @@ def test_what_a_mesh_does_to_shapes_is_that_against_a_finer_one():
     """Torsion of a strip of bricks one across bends its shape at the test's sensors."""
     at = np.array([[x, y, 0.006] for x in np.linspace(0, 0.3, 7) for y in (0.0, 0.06)])
     given = {"sensors": Sensors(at, [0.0, 0.0, 1.0]), "n_test": 8, "n_modes": 24}
-    counted = SeenModes(strip(4, 1, 1, degree=2), {}, **given)
-    small = SeenModes(counted.full, {}, **given, shapes=counted.pairing.shapes)
+    counted = MatchedModes(strip(4, 1, 1, degree=2), {}, **given)
+    small = MatchedModes(counted.full, {}, **given, shapes=counted.pairing.shapes)
     found = mesh_errors(small, {}, Progress(silent=True)).shapes
     fine = solve_modes(strip(30, 6, 2, degree=2), n_modes=24)
     own = small.pairing.shapes
@@ -168,7 +168,7 @@ def test_what_a_mesh_does_to_shapes_is_taken_off_the_measured_ones():
     own = pair_modes(fine, 4, sensors)
     measured = own.shapes * np.array([1.0, -2.0, 1.0, 3.0])
     measured[0, 0] = np.nan
-    small = SeenModes(
+    small = MatchedModes(
         strip(3, 1, 1, degree=2), {}, sensors=sensors, n_test=4, n_modes=24, shapes=measured
     )
     hz = fine.frequencies_hz[own.index][None]
@@ -193,7 +193,7 @@ def test_modes_that_the_finer_model_takes_for_others_are_left_out():
     fine = solve_modes(strip(30, 6, 2, degree=2), n_modes=24)
     own = pair_modes(fine, 4, sensors)
     given = {"sensors": sensors, "n_test": 4, "n_modes": 24}
-    small = SeenModes(strip(10, 2, 1, degree=2), {}, **given, shapes=own.shapes)
+    small = MatchedModes(strip(10, 2, 1, degree=2), {}, **given, shapes=own.shapes)
     told = mesh_errors(small, {}, Progress(silent=True)).frequencies
     assert np.all(np.abs(told) < 0.05)
     two = small.pairing.index.copy()

@@ -12,8 +12,8 @@ from fenics_joints.diagnosis.plan.added import ADDED_MASS
 from fenics_joints.diagnosis.separation import added_mass, further_modes, same_in_both
 from fenics_joints.meshes import box
 from fenics_joints.modal import solve_modes
-from fenics_joints.reduction.forward import Forward
-from fenics_joints.reduction.seen import places_all_over
+from fenics_joints.reduction.matched import places_all_over
+from fenics_joints.reduction.prediction import ModalPrediction
 from fenics_joints.structure import Parameter, PointMass, Sensors, Structure, part
 
 SIZE = (0.4, 0.06, 0.006)
@@ -37,7 +37,7 @@ def test_a_mode_that_one_model_alone_shows_to_the_sensors_puts_none_beside_anoth
     assert seen == [False, True]
     surrogate = SimpleNamespace(
         sensors=sensors,
-        forward=Forward(a.model, sensors, n_test, 20),
+        forward=ModalPrediction(a.model, sensors, n_test, 20),
         everywhere=lambda count: places_all_over(a.model, count),
     )
     pairs = same_in_both(a, b, surrogate)

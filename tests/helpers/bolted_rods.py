@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from fenics_joints.measurements import TestData
-from fenics_joints.reduction import ArrayModel, Forward
-from fenics_joints.reduction.affine import AffinePencil
-from fenics_joints.reduction.terms import MassTerm, RegionTerm
+from fenics_joints.reduction import ArrayModel, ModalPrediction
+from fenics_joints.reduction.affine import AffinePencil, MassTerm, RegionTerm
 from fenics_joints.structure import Parameter, Sensors
 from fenics_joints.structure.laws import LAYER_LAWS
 
@@ -93,8 +92,8 @@ def sensors(places=PLACES) -> Sensors:
     return Sensors(np.array([[x, 0.0, 0.0] for x, _ in places]), [1.0, 0.0, 0.0])
 
 
-def forward_of(model, reference=None) -> Forward:
-    return Forward(model, sensors(), len(MODES), len(MODES) + 2, reference)
+def forward_of(model, reference=None) -> ModalPrediction:
+    return ModalPrediction(model, sensors(), len(MODES), len(MODES) + 2, reference)
 
 
 def measured(*, places=PLACES, gains=(), seed=1, **truth) -> TestData:

@@ -370,7 +370,7 @@ def of_reduction():
     model = rods()
     names = list(BASELINE)
     forward = {"model": model, "sensors": sensors(), "n_test": 3, "n_modes": 5}
-    yield reduction.Forward, forward, "threshold:0 sensors:None"
+    yield reduction.ModalPrediction, forward, "threshold:0 sensors:None"
     free = {"model": model, "free": names[:1]}
     yield reduction.freeze, free, ""
     ranges = {f"{BOLTS[0]}.G": (1e10, 1e11)}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from fenics_joints.reduction.many import ManyModes, change
+from fenics_joints.reduction.batch_modes import BatchModes, change
 
 
 def shape_slopes(model, index, given=None) -> tuple[np.ndarray, np.ndarray]:
@@ -12,7 +12,7 @@ def shape_slopes(model, index, given=None) -> tuple[np.ndarray, np.ndarray]:
     (n_dofs, k, n_parameters)."""
     values, (eigenvalues, vectors) = model.values(given), model.all_modes(given)
     table = {name: np.array([value]) for name, value in values.items()}
-    modes = ManyModes(
+    modes = BatchModes(
         model, table, eigenvalues[None], vectors[None], np.array([index]), np.array([True])
     )
     slopes = []

@@ -16,7 +16,7 @@ from fenics_joints.random_fields import (
     propagate_sensitivities,
 )
 from fenics_joints.random_fields.fields import covariance, one_variable
-from fenics_joints.reduction import Forward
+from fenics_joints.reduction import ModalPrediction
 from fenics_joints.structure import Parameter
 
 N = 5
@@ -24,7 +24,7 @@ PLACES = (np.arange(N) + 0.5) * 0.01
 K1, K2 = ([f"{key}[{i}]" for i in range(N)] for key in ("k1", "k2"))
 
 
-def forward_of(each: bool) -> Forward:
+def forward_of(each: bool) -> ModalPrediction:
     """Five frequencies of two steel beams, of a joint in five elements or with one k1 and k2."""
     k1, k2 = (K1, K2) if each else ("k1", "k2")
     values = dict.fromkeys(K1, 1763.2) | dict.fromkeys(K2, 37402.0)
@@ -34,7 +34,7 @@ def forward_of(each: bool) -> Forward:
     beams = [Beam(n, length, 0.021, 0.0106, 8, **steel) for n, length in (("a", 0.36), ("b", 0.26))]
     lap = GenericJoint("lap", 0.05, N, k1, k2)
     structure = BeamStructure(beams, [lap], [Parameter(k, v) for k, v in values.items()])
-    return Forward(structure.arrays(), None, 5, 9)
+    return ModalPrediction(structure.arrays(), None, 5, 9)
 
 
 def test_expansion_has_the_closed_forms_eigenvalues():

@@ -17,10 +17,9 @@ from fenics_joints.diagnosis.evidence.library import Library
 from fenics_joints.diagnosis.evidence.predictions import ManyPredictions
 from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.modal import solve_modes
-from fenics_joints.reduction import ArrayModel, Forward, LeanForward, freeze, narrow
-from fenics_joints.reduction.affine import AffinePencil
-from fenics_joints.reduction.many import change
-from fenics_joints.reduction.terms import MassTerm, RegionTerm, SpringTerm
+from fenics_joints.reduction import ArrayModel, BatchPrediction, ModalPrediction, freeze, narrow
+from fenics_joints.reduction.affine import AffinePencil, MassTerm, RegionTerm, SpringTerm
+from fenics_joints.reduction.batch_modes import change
 from fenics_joints.structure import Parameter, Sensors, Spring
 from fenics_joints.structure.laws import LAYER_LAWS
 
@@ -88,7 +87,7 @@ def test_narrow_model_keeps_its_word(model):
     assert small.error <= 1e-4
     assert small.model.n_dofs < model.n_dofs / 3
     rng = np.random.default_rng(5)
-    exact, quick = (Forward(m, SENSORS, 5, 10) for m in (model, small.model))
+    exact, quick = (ModalPrediction(m, SENSORS, 5, 10) for m in (model, small.model))
     for _ in range(50):
         point = {k: float(np.exp(rng.uniform(*np.log(pair)))) for k, pair in ranges.items()}
         log_f, slopes = exact({**model.values(), **point})
@@ -148,8 +147,8 @@ def chain(N: int = N) -> tuple[ArrayModel, Sensors]:
     return ArrayModel(pencil, 1e4, np.eye(N), np.zeros((1, N, N))), Sensors(points, [1.0, 0.0, 0.0])
 
 
-def forward_of(model, sensors) -> Forward:
-    forward = Forward(model, sensors, 4, 8)
+def forward_of(model, sensors) -> ModalPrediction:
+    forward = ModalPrediction(model, sensors, 4, 8)
     forward.track(BASELINE)
     return forward
 
@@ -166,7 +165,7 @@ def test_many_solutions_at_a_time_are_the_single_ones():
     model, sensors = chain()
     forward = forward_of(model, sensors)
     rotation = np.linalg.qr(np.random.default_rng(2).standard_normal((N, N)))[0]
-    lean = LeanForward(forward, model.on(rotation))
+    lean = BatchPrediction(forward, model.on(rotation))
     values = some_values(7)
     add_effect = lean.log_f_at(values)
     for got, value in zip(add_effect, values, strict=True):
@@ -183,15 +182,15 @@ def test_lowest_modes_alone_are_those_of_all():
     model, sensors = chain(120)
     forward, values = forward_of(model, sensors), some_values(3)
     table = {name: np.array([v[name] for v in values]) for name in BASELINE}
-    lean = LeanForward(forward, model)
-    every, lowest = lean.many(table), lean.many(table, every=False)
+    lean = BatchPrediction(forward, model)
+    every, lowest = lean.batch(table), lean.batch(table, every=False)
     assert (every.vectors.shape[2], lowest.vectors.shape[2]) == (120, 8)
     assert lowest.log_f == pytest.approx(every.log_f, rel=1e-9)
     low, high = ({**table, "rho": table["rho"] * (1 + s)} for s in (-1e-5, 1e-5))
     along = change(model, low, high, 2e-5)
     assert lowest.slopes(along) == pytest.approx(every.slopes(along), rel=1e-6)
     few = forward.of(model, 4)  # the rigid-body mode and three more
-    found = LeanForward(few, model).many(table, every=False)
+    found = BatchPrediction(few, model).batch(table, every=False)
     assert found.good.all() and found.log_f == pytest.approx(every.log_f, rel=1e-9)
 
 
@@ -284,7 +283,7 @@ def test_many_values_at_a_time_leave_untold_what_one_does():
     forward.reference = forward.reference[:, [0, 1, 3, 2]] * [1.0, np.nan, 1.0, 1.0]
     values = [{**BASELINE, "k": k} for k in np.geomspace(1e5, 1e10, 9)]
     table = {name: np.array([v[name] for v in values]) for name in BASELINE}
-    add_effect = LeanForward(forward, model).many(table)
+    add_effect = BatchPrediction(forward, model).batch(table)
     alone = [forward.solve(v)[1].index.tolist() for v in values]
     assert add_effect.index.tolist() == alone == 9 * [[1, 2, 4, 3]] and add_effect.good.all()
 
@@ -314,7 +313,7 @@ def test_all_kinds_of_data_are_as_predicted_one_by_one():
     )
     d = len(hypothesis.priors)
     z = list(0.5 * np.random.default_rng(4).standard_normal((3, d)))
-    lean = LeanForward(forward, model.on(np.eye(N)))
+    lean = BatchPrediction(forward, model.on(np.eye(N)))
     many = ManyPredictions(hypothesis, lean, evidence, BASELINE)
     for got, point in zip(many(np.array(z))[0], z, strict=True):
         expected = one_by_one(hypothesis, forward, evidence, point, BASELINE)
@@ -326,8 +325,8 @@ def test_constant_mass_is_taken_out():
     """What the mass does not depend on needs no generalised problem; the same frequencies."""
     model, sensors = chain()
     stiff = freeze(model, ["left.G", "right.G", "k"], BASELINE)
-    forward = Forward(stiff, sensors, 4, 8, forward_of(model, sensors).reference)
-    lean = LeanForward(forward, stiff)
+    forward = ModalPrediction(stiff, sensors, 4, 8, forward_of(model, sensors).reference)
+    lean = BatchPrediction(forward, stiff)
     assert lean.model.mass() == pytest.approx(np.eye(N), abs=1e-12)
     values = [{name: v[name] for name in stiff.parameters} for v in some_values(5)]
     found = lean.log_f_at(values)

@@ -8,8 +8,8 @@ from dolfinx import fem
 from mpi4py import MPI
 
 from fenics_joints.meshes import lap_plates
-from fenics_joints.reduction.bends import bends, monomials
-from fenics_joints.reduction.forward import ways_of
+from fenics_joints.reduction.prediction import ways_of
+from fenics_joints.reduction.reduced import bends, monomials
 from fenics_joints.structure import Sensors, Structure, joint, part
 
 

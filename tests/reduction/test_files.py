@@ -14,7 +14,7 @@ import numpy as np
 from fenics_joints.errors import InputError
 from fenics_joints.files import sealed
 from fenics_joints.reduction import ArrayModel
-from fenics_joints.reduction.affine import AffinePencil
+from fenics_joints.reduction.affine import AffinePencil, RegionTerm
 from fenics_joints.reduction.files import (
     ARRAYS,
     read_array_model,
@@ -22,7 +22,6 @@ from fenics_joints.reduction.files import (
     write_array_model,
     write_model,
 )
-from fenics_joints.reduction.terms import RegionTerm
 from fenics_joints.structure.laws import SOLID
 
 

@@ -12,11 +12,10 @@ from fenics_joints.measurements.gap import TooFewModes
 from fenics_joints.meshes import lap_plates
 from fenics_joints.modal import EigenSolver, frequency_sensitivity, solve_modes
 from fenics_joints.reduction import ReducedStructure, read_array_model, reduce
-from fenics_joints.reduction.compact import trimmed
-from fenics_joints.reduction.forward import Slopes, ways_of
+from fenics_joints.reduction.arrays import trimmed
+from fenics_joints.reduction.basis import SampledBasis, orthonormal
 from fenics_joints.reduction.kept import KeptModel
-from fenics_joints.reduction.sampled import SampledBasis
-from fenics_joints.reduction.snapshots import orthonormal
+from fenics_joints.reduction.prediction import Slopes, ways_of
 from fenics_joints.reduction.surrogate import Surrogate
 from fenics_joints.structure import Parameter, PointMass, Sensors, Spring, Structure, joint, part
 from fenics_joints.structure.sparse import product

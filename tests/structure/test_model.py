@@ -16,7 +16,7 @@ from fenics_joints.meshes import c_beams, lap_plates
 from fenics_joints.modal import frequency_sensitivity, solve_modes
 from fenics_joints.preload import Contact, PreloadModel
 from fenics_joints.preload.linear_joint import LinearJoint
-from fenics_joints.reduction.free_terms import FreeTerms
+from fenics_joints.reduction.greedy import FreeTerms
 from fenics_joints.reduction.reduced import reduce
 from fenics_joints.structure import (
     Damping,

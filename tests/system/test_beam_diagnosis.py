@@ -25,7 +25,7 @@ from fenics_joints.diagnosis.zones.laps import lap_as_one, lap_zones
 from fenics_joints.errors import InputError
 from fenics_joints.modal import solve_modes
 from fenics_joints.progress import Progress
-from fenics_joints.reduction import Forward, LeanForward
+from fenics_joints.reduction import BatchPrediction, ModalPrediction
 from fenics_joints.report.html import as_page
 
 STEEL = {"E": 208e9, "nu": 0.3, "rho": 7860.0}
@@ -192,8 +192,12 @@ def test_evidence_of_a_missed_mode_is_that_of_a_sampler(tmp_path):
         assert error < 0.05
         assert found.log_evidence == pytest.approx(log_z, abs=0.15), chosen
     # Which modes a test sees, the lean model takes from the one that it is of.
-    lean = LeanForward(model.forward, model.forward.model)
-    assert lean.threshold == model.forward.threshold != Forward(lean.model, None, 1, 1).threshold
+    lean = BatchPrediction(model.forward, model.forward.model)
+    assert (
+        lean.threshold
+        == model.forward.threshold
+        != ModalPrediction(lean.model, None, 1, 1).threshold
+    )
     for a, b in ((lean, model.forward), (lean.further, model.forward.further)):
         prepared = a.log_f_at([model.baseline])[0]
         np.testing.assert_allclose(prepared, b(model.baseline)[0], rtol=1e-9)

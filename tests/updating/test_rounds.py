@@ -8,9 +8,8 @@ from scipy.optimize import minimize
 
 from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.measurements import Target
-from fenics_joints.reduction.affine import AffinePencil
+from fenics_joints.reduction.affine import AffinePencil, SpringTerm
 from fenics_joints.reduction.arrays import ArrayModel
-from fenics_joints.reduction.terms import SpringTerm
 from fenics_joints.structure import Parameter, Sensors
 from fenics_joints.updating import update
 

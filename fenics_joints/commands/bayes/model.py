@@ -20,9 +20,8 @@ from fenics_joints.case.update import Bayes
 from fenics_joints.errors import InputError
 from fenics_joints.parallel import on_root
 from fenics_joints.progress import Progress
-from fenics_joints.reduction.tested import tested_models
-from fenics_joints.structure.components import Parameter
-from fenics_joints.structure.values import number
+from fenics_joints.reduction.surrogate import tested_models
+from fenics_joints.structure.components import Parameter, number
 from fenics_joints.units import parameter_unit
 from fenics_joints.updating.coordinates import LogScale
 

@@ -17,7 +17,7 @@ from fenics_joints.errors import InputError
 from fenics_joints.measurements import MeasuredFRFs
 from fenics_joints.meshes import TaggedMesh
 from fenics_joints.structure import Sensors
-from fenics_joints.structure.nearest import far_points, nearest, round_bolts, too_close_together
+from fenics_joints.structure.points import far_points, nearest, round_bolts, too_close_together
 
 #: Nearer than this, m, a point is on the mesh but for round-off.
 _ON = 1e-8

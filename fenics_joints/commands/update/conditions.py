@@ -15,10 +15,10 @@ from fenics_joints.files import plain
 from fenics_joints.measurements import Gap, Target, TestData
 from fenics_joints.modal.modes import Modes
 from fenics_joints.progress import Progress
-from fenics_joints.reduction.adaptive import Points
 from fenics_joints.reduction.arrays import ArrayModel
-from fenics_joints.reduction.combined import ModelError, error_limits, sample_values
-from fenics_joints.reduction.tested import tested_models
+from fenics_joints.reduction.basis import Points
+from fenics_joints.reduction.frf_basis import ModelError, error_limits, sample_values
+from fenics_joints.reduction.surrogate import tested_models
 from fenics_joints.structure import Parameter, Structure
 from fenics_joints.updating import Curves, Predictor, Update, fit_curves, update_all
 

@@ -12,7 +12,7 @@ from fenics_joints.commands.update.result import ModeTable
 from fenics_joints.formatting import percent
 from fenics_joints.measurements.gap import UNLIKE, TooFewModes, rms, same_modes
 from fenics_joints.modal.modes import Modes
-from fenics_joints.reduction.combined import paired
+from fenics_joints.reduction.frf_basis import paired
 from fenics_joints.updating import Update
 
 #: How much further a model's modes are looked through, for a test's modes and beyond those a body

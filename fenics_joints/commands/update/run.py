@@ -41,9 +41,9 @@ from fenics_joints.measurements import Pairing, Target, mac, pair_modes
 from fenics_joints.measurements.gap import TooFewModes, partnered
 from fenics_joints.modal.modes import Modes
 from fenics_joints.progress import Progress
-from fenics_joints.reduction.adaptive import improve
-from fenics_joints.reduction.combined import CombinedModel, ModelError, paired
-from fenics_joints.reduction.tested import tested_models
+from fenics_joints.reduction.basis import improve
+from fenics_joints.reduction.frf_basis import CombinedModel, ModelError, paired
+from fenics_joints.reduction.surrogate import tested_models
 from fenics_joints.response.frf import solve_frf
 from fenics_joints.structure import Damping, Sensors, Structure
 from fenics_joints.updating import Update, update, update_weighted

@@ -12,7 +12,7 @@ from fenics_joints.case import Case
 from fenics_joints.formatting import hertz
 from fenics_joints.measurements import Target
 from fenics_joints.modal.modes import Modes
-from fenics_joints.reduction.combined import paired
+from fenics_joints.reduction.frf_basis import paired
 from fenics_joints.report.document import Beside, Figure, Heading, View
 from fenics_joints.report.mesh_pictures import measured_arrows, mode_shape, modes_view
 from fenics_joints.structure import Sensors, Structure

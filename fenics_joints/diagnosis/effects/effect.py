@@ -30,7 +30,7 @@ import numpy as np
 from scipy.special import ndtr, ndtri
 
 from fenics_joints.errors import flag, real, text, whole
-from fenics_joints.reduction.bends import N_BENDS
+from fenics_joints.reduction.reduced import N_BENDS
 
 
 @dataclass
@@ -42,7 +42,7 @@ class Sensing:
             shape (m,); m itself is the one after those that the test is taken for.
         gains: Reading over true motion of each sensor, shape (n_s,).
         shifts: How far each sensor sits from where the case has it, m, along each of its ways
-            (`fenics_joints.reduction.forward.ways_of`), and their `monomials`, m2 and m3: what
+            (`fenics_joints.reduction.prediction.ways_of`), and their `monomials`, m2 and m3: what
             `ArrayModel.shift_rows` are multiplied by, shape (9, n_s). Where there is one way, the
             first row counts.
     """

@@ -64,7 +64,7 @@ from fenics_joints.diagnosis.zones.zone import Zones, bonded_values
 from fenics_joints.errors import InputError
 from fenics_joints.formatting import spaced
 from fenics_joints.measurements.data import TestData
-from fenics_joints.reduction.forward import ways_of
+from fenics_joints.reduction.prediction import ways_of
 
 
 def check_parameters(

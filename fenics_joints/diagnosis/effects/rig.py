@@ -8,7 +8,7 @@ import numpy as np
 
 from fenics_joints.diagnosis.effects.effect import FACTOR, Effect, Prior, in_series, relative_error
 from fenics_joints.formatting import spaced
-from fenics_joints.reduction.bends import monomials
+from fenics_joints.reduction.reduced import monomials
 
 MISSCALED, MISPLACED = "sensor mis-scaled", "sensor misplaced"
 SWAPPED, MISSED = "mode mis-pairing", "mode missed by the test"
@@ -129,7 +129,7 @@ def misplaced_sensor(i: int, length: float, weight: float, ways: int = 1) -> Eff
         length: How far apart sensors are at most, m.
         weight: Prior odds: one over the number of sensors.
         ways: Directions in which it may: 1 along the line of sensors, 2 on its face
-            (`fenics_joints.reduction.forward.ways_of`).
+            (`fenics_joints.reduction.prediction.ways_of`).
     """
     names = ("shift", "shift across")[:ways]
 

@@ -34,11 +34,15 @@ from fenics_joints.diagnosis.evidence.scales import Scales
 from fenics_joints.errors import InputError
 from fenics_joints.modal.modes import solve_modes
 from fenics_joints.parallel import spread
-from fenics_joints.reduction.batch import pod
-from fenics_joints.reduction.compact import freeze
-from fenics_joints.reduction.forward import SPARE, Forward
-from fenics_joints.reduction.lean import LeanForward, batched
-from fenics_joints.reduction.seen_at import seen_modes_at
+from fenics_joints.reduction.arrays import freeze
+from fenics_joints.reduction.basis import pod
+from fenics_joints.reduction.prediction import (
+    SPARE,
+    BatchPrediction,
+    ModalPrediction,
+    batched,
+    match_modes_at,
+)
 
 #: Step of differences, in standard deviations of the prior. [numerical: chosen]
 _STEP = 1e-4
@@ -142,7 +146,7 @@ class Library:
         #: Whether every hypothesis has a basis of its own.
         self.lean = lean and self.forward.model.n_dofs > _LARGE
         #: Forwards by the keys of the effects that they are good for.
-        self.bases: dict[tuple[str, ...], LeanForward] = {}
+        self.bases: dict[tuple[str, ...], BatchPrediction] = {}
         self._samples: dict[str, tuple[np.ndarray, np.ndarray]] = {}
         #: Modes that the basis of a hypothesis was found to lack.
         self._own: dict[str, list[tuple[np.ndarray, np.ndarray]]] = {}
@@ -155,7 +159,7 @@ class Library:
 
     # -- bases -----------------------------------------------------------------------------------
 
-    def _forward_of(self, h: Hypothesis) -> Forward:
+    def _forward_of(self, h: Hypothesis) -> ModalPrediction:
         """A forward on the vectors that hold the test's modes all over a hypothesis' prior."""
         if not self.lean:
             return self.forward
@@ -172,7 +176,7 @@ class Library:
             vectors = np.hstack([self._rigid, vectors[:, sizes > _SHARE * sizes[0]]])
             free = sorted(set(model.parameters) & set().union(*map(self._moved, [None, *acting])))
             model = freeze(model, free, self.baseline) if free else model
-            own = LeanForward(self.forward, model.on(vectors))
+            own = BatchPrediction(self.forward, model.on(vectors))
             own.model.pencil.settle(own.model.values())
             while len(self.bases) >= _BASES:
                 del self.bases[next(iter(self.bases))]
@@ -231,7 +235,7 @@ class Library:
             h.values(point, conditions[row], self.baseline, row) for point in z for row in rows
         ]
         shapes, weights = [], []
-        for seen in seen_modes_at(self.forward, wanted):
+        for seen in match_modes_at(self.forward, wanted):
             if len(seen.index):
                 most = int(seen.index.max()) + 1 + SPARE
                 there = np.isin(np.arange(seen.shapes.shape[1]), seen.index)
@@ -268,7 +272,7 @@ class Library:
         return data, slopes
 
     def _many(
-        self, h: Hypothesis, between: bool | None = None, forward: Forward | None = None
+        self, h: Hypothesis, between: bool | None = None, forward: ModalPrediction | None = None
     ) -> ManyPredictions:
         """Predictions by default on its own basis, and between torques where all effects let it."""
         between = all(map(self._is_smooth, h.effects)) if between is None else between
@@ -903,7 +907,7 @@ def _costs(cells: PriorCells, test: Evidence, lower: np.ndarray) -> np.ndarray:
 
 
 def fit(
-    hypothesis: Hypothesis, forward: Forward, evidence: Evidence, baseline: dict[str, float]
+    hypothesis: Hypothesis, forward: ModalPrediction, evidence: Evidence, baseline: dict[str, float]
 ) -> Fit:
     """Most probable parameters of a hypothesis, and its evidence.
 

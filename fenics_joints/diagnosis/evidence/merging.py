@@ -28,7 +28,7 @@ from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.linear import whiten
 from fenics_joints.diagnosis.evidence.predictions import ManyPredictions
 from fenics_joints.diagnosis.thresholds import NEGLIGIBLE, ROUND_OFF
-from fenics_joints.reduction import Forward
+from fenics_joints.reduction import ModalPrediction
 
 #: Frequencies at which losses are compared, Hz. [numerical: chosen]
 _HZ = (30.0, 700.0)
@@ -184,7 +184,7 @@ _MOST = 150
 
 def merge_indistinguishable(
     effects: Sequence[Effect],
-    forward: Forward,
+    forward: ModalPrediction,
     evidence: Evidence,
     baseline: dict[str, float],
     comm: MPI.Intracomm,
@@ -251,7 +251,7 @@ def _groups(group: Sequence[Effect], comparison: _Comparison) -> list[tuple[Effe
 class _Comparison:
     """Compares effects by whitened predictions over their priors, all else at its median."""
 
-    def __init__(self, forward: Forward, evidence: Evidence, baseline: dict[str, float]):
+    def __init__(self, forward: ModalPrediction, evidence: Evidence, baseline: dict[str, float]):
         self._given = forward, evidence, baseline
         self._lower = evidence.lower()
         self._known: dict[tuple[str, bool], np.ndarray] = {}

@@ -19,9 +19,7 @@ from fenics_joints.diagnosis.evidence.covariance import (
 )
 from fenics_joints.diagnosis.evidence.signatures import Signatures
 from fenics_joints.diagnosis.thresholds import STEP
-from fenics_joints.reduction.grounded import Antiresonances
-from fenics_joints.reduction.receptances import About, Receptances
-from fenics_joints.reduction.static import StaticModel
+from fenics_joints.reduction.receptances import About, Antiresonances, Receptances, StaticModel
 from fenics_joints.structure.model import Model
 
 if TYPE_CHECKING:

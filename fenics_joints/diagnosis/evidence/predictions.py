@@ -1,8 +1,8 @@
 """What a hypothesis predicts of a test, at many values of its parameters together.
 
 Frequencies, damping, shapes and single numbers, and their derivatives. All points, and all
-conditions of the test, are solved for together (`fenics_joints.reduction.LeanForward`): thousands
-of predictions of all modes a second. A single point is a batch of one.
+conditions of the test, are solved for together (`fenics_joints.reduction.BatchPrediction`):
+thousands of predictions of all modes a second. A single point is a batch of one.
 """
 
 from __future__ import annotations
@@ -21,9 +21,8 @@ from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.observations import scalars_at
 from fenics_joints.diagnosis.thresholds import ROUND_OFF, STEP
 from fenics_joints.errors import InputError
-from fenics_joints.reduction.forward import Forward
-from fenics_joints.reduction.lean import Followed, batched
-from fenics_joints.reduction.many import Change, ManyModes
+from fenics_joints.reduction.batch_modes import BatchModes, Change
+from fenics_joints.reduction.prediction import Followed, ModalPrediction, batched
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +39,7 @@ class ModelEvaluation:
     """
 
     mode: int | None
-    modes: ManyModes
+    modes: BatchModes
     values: dict[str, np.ndarray]
     along: Change | None
     columns: dict[int, int]
@@ -76,7 +75,7 @@ def model_of(names: Iterable[str]) -> SimpleNamespace:
 
 @dataclass(frozen=True, eq=False)
 class PointwiseModes:
-    """What stands for `fenics_joints.reduction.many.ManyModes`, without shapes.
+    """What stands for `fenics_joints.reduction.batch_modes.BatchModes`, without shapes.
 
     Attributes:
         values: Values of the model's parameters, each (b,).
@@ -105,7 +104,7 @@ class PointwiseModes:
         return np.einsum("bmn,bnp->bmp", self.by_values[:, :, moves], along[:, moves])
 
     def share(self, name: str) -> np.ndarray:
-        """See `ManyModes.share`."""
+        """See `BatchModes.share`."""
         column = list(self.values).index(name)
         return np.maximum(2 * self.by_values[:, :, column] * self.values[name][:, None], 0.0)
 
@@ -116,8 +115,8 @@ class PointwiseForward:
 
     batches, sensors, further = True, None, None
 
-    def many(self, values: Mapping[str, np.ndarray], every=True, followed=None) -> PointwiseModes:
-        """See `LeanForward.many`."""
+    def batch(self, values: Mapping[str, np.ndarray], every=True, followed=None) -> PointwiseModes:
+        """See `BatchPrediction.batch`."""
         table = {name: np.asarray(value, dtype=float) for name, value in values.items()}
         each = [self(dict(zip(table, row, strict=True))) for row in np.stack([*table.values()], 1)]
         own = {name: table[name] for name in self.model.parameters}
@@ -156,7 +155,7 @@ class ManyPredictions:
     Args:
         hypothesis: The hypothesis.
         forward: Predicts frequencies and shapes: of an `ArrayModel`, or with ``many`` and
-            ``change`` as `LeanForward` has them.
+            ``change`` as `BatchPrediction` has them.
         evidence: The test.
         baseline: Parameter values of the nominal model.
         between: Whether many torques are interpolated between few, where that can be.
@@ -165,7 +164,7 @@ class ManyPredictions:
     def __init__(
         self,
         hypothesis: Hypothesis,
-        forward: Forward,
+        forward: ModalPrediction,
         evidence: Evidence,
         baseline: dict[str, float],
         between: bool = False,
@@ -362,7 +361,7 @@ class ManyPredictions:
         """The model at points, (b, d), each at its own row, (b,)."""
         h, directions, columns, felt = self.hypothesis, [], {}, {}
         values = self._values(z, rows, mode, True, self.forward.model.parameters)
-        modes = self.forward.many(values, every, followed)
+        modes = self.forward.batch(values, every, followed)
         place = h.places["tightenings"]
         tightened = list(range(place.start, place.stop))
         for j in by:
@@ -439,7 +438,7 @@ class ManyPredictions:
         if order is not None and np.max(order) >= self.evidence.shape[1]:
             # With a mode that the test missed, the model has one more.
             view = views[0]
-            modes = self.forward.further.many(view.values, every=False)
+            modes = self.forward.further.batch(view.values, every=False)
             further = replace(view, mode=None, modes=modes)
         own = self.hypothesis.view_of(self.evidence.shape[1])
         views = [further or views[at] for at in own]
@@ -610,7 +609,7 @@ def _alike(many, one, count: int) -> bool:
 
 def at_conditions(
     hypothesis: Hypothesis,
-    forward: Forward,
+    forward: ModalPrediction,
     z: np.ndarray,
     conditions: Sequence[float],
     baseline: dict[str, float],

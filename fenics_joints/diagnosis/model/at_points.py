@@ -26,9 +26,13 @@ from fenics_joints.diagnosis.where.patches import Patches
 from fenics_joints.diagnosis.where.zone_sensitivity import EXPECTED
 from fenics_joints.errors import InputError
 from fenics_joints.progress import Progress
-from fenics_joints.reduction.adaptive import Points
-from fenics_joints.reduction.grounded import Antiresonances, PointBasis
-from fenics_joints.reduction.static import StaticModel, StaticSolver
+from fenics_joints.reduction.basis import Points
+from fenics_joints.reduction.receptances import (
+    Antiresonances,
+    PointBasis,
+    StaticModel,
+    StaticSolver,
+)
 from fenics_joints.structure import Sensors, Structure
 
 #: `fenics_joints.diagnosis.model.prepared.Prepared`, which asks for these.

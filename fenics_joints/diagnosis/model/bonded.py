@@ -18,7 +18,7 @@ from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.predictions import ManyPredictions
 from fenics_joints.diagnosis.where.zone_sensitivity import compliant_joints
-from fenics_joints.reduction.forward import Forward
+from fenics_joints.reduction.prediction import ModalPrediction
 
 #: Root mean square of ln f by each way of giving way, relative to the discrepancy that is stated.
 #: [decision: measured on the box of benchmarks/blind, docs/diagnosis.md]
@@ -33,7 +33,7 @@ JointErrors = tuple[np.ndarray, np.ndarray | None]
 
 
 def joint_errors(
-    forward: Forward,
+    forward: ModalPrediction,
     evidence: Evidence,
     baseline: Mapping[str, float],
     interfaces: Mapping[str, Mapping[str, float]],

@@ -17,7 +17,7 @@ from fenics_joints.diagnosis.evidence.predictions import ManyPredictions
 from fenics_joints.diagnosis.zones.sites import COUNT, Sites, about_point
 from fenics_joints.errors import InputError
 from fenics_joints.modal.modes import solve_modes
-from fenics_joints.reduction.seen import places_all_over
+from fenics_joints.reduction.matched import places_all_over
 
 #: Places that are looked at, and the nominal model's modes in which. [numerical: time]
 _PLACES, _MODES = 240, 30

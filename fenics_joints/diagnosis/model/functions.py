@@ -15,10 +15,9 @@ from fenics_joints.diagnosis.evidence.observations import FunctionLine
 from fenics_joints.errors import InputError
 from fenics_joints.measurements.data import TestData
 from fenics_joints.measurements.frfs import MeasuredFRFs, choose_lines
-from fenics_joints.reduction.forward import Forward
-from fenics_joints.reduction.grounded import PointBasis
-from fenics_joints.reduction.many import ManyModes
-from fenics_joints.reduction.receptances import Lines, Poles, Receptances
+from fenics_joints.reduction.batch_modes import BatchModes
+from fenics_joints.reduction.prediction import ModalPrediction
+from fenics_joints.reduction.receptances import Lines, PointBasis, Poles, Receptances
 from fenics_joints.structure import Sensors
 
 #: How far a line may be off by the model's errors, and by where resonances are and how they are
@@ -56,7 +55,7 @@ class Errors:
         self,
         model: Prepared,
         basis: PointBasis,
-        forward: Forward,
+        forward: ModalPrediction,
         row: int,
         poles: Poles,
         damping_sd: np.ndarray,
@@ -65,7 +64,7 @@ class Errors:
         self._evidence, self._baseline = model.evidence, model.baseline
         self._log_sd, self._damping_sd = model.data.log_sd()[row], damping_sd
         self._n_modes = min(model.case.diagnose.n_modes, basis.model.n_dofs)
-        self.modes: ManyModes = self._receptances(Lines(*np.zeros((3, 0)))).modes(self._baseline)
+        self.modes: BatchModes = self._receptances(Lines(*np.zeros((3, 0)))).modes(self._baseline)
         self._lam, self._index = self.modes.eigenvalues[0], self.modes.index[0]
         self._n_rigid = int(np.sum(self._lam < _RIGID * self._lam[self._index].min()))
         self._moves = basis.rows @ self.modes.vectors[0]
@@ -306,11 +305,11 @@ def _poles(model: Prepared, row: int) -> tuple[Poles, np.ndarray]:
     return Poles(hz, np.where(np.isfinite(damping), damping, _DAMPING)), sd
 
 
-def _forward(model: Prepared, basis: PointBasis, everywhere: Sensors) -> Forward:
+def _forward(model: Prepared, basis: PointBasis, everywhere: Sensors) -> ModalPrediction:
     seen = model.surrogate
     shapes = seen.nominal.at(everywhere)[:, seen.pairing.index]
     count = min(model.case.diagnose.n_modes, basis.model.n_dofs)
-    return Forward(basis.model, everywhere, shapes.shape[1], count, reference=shapes)
+    return ModalPrediction(basis.model, everywhere, shapes.shape[1], count, reference=shapes)
 
 
 def _taken(frfs: MeasuredFRFs, section: FRFSection) -> _Taken:

@@ -46,11 +46,9 @@ from fenics_joints.measurements.data import TestData
 from fenics_joints.measurements.gap import ALIKE, CONTRADICTED, UNLIKE, Pairing, partnered, skipped
 from fenics_joints.modal.modes import Modes
 from fenics_joints.progress import Progress
-from fenics_joints.reduction.forward import Forward
-from fenics_joints.reduction.memory import give_back
-from fenics_joints.reduction.seen import SeenModes
-from fenics_joints.reduction.surrogate import LACKING
-from fenics_joints.reduction.tested import tested_models
+from fenics_joints.reduction.matched import MatchedModes
+from fenics_joints.reduction.prediction import ModalPrediction
+from fenics_joints.reduction.surrogate import LACKING, give_back, tested_models
 
 #: Share of a mode's energy that the reduced model may lack where it was sampled, over the square of
 #: the discrepancy, and at most. Half of it bounds the error in frequency there: 3 % of a
@@ -96,7 +94,7 @@ class Prepared(Subject):
     nuisances: tuple[Effect, ...]
     scatter: float
     evidence: Evidence
-    surrogate: SeenModes | None = None
+    surrogate: MatchedModes | None = None
     unresolved: tuple[str, ...] = ()
     without_partner: tuple[str, ...] = ()
     left_out: np.ndarray | None = None
@@ -108,7 +106,7 @@ class Prepared(Subject):
         return f"Prepared({self.case.title!r}, {len(self.effects)} effects, {self.evidence})"
 
     @property
-    def forward(self) -> Forward:
+    def forward(self) -> ModalPrediction:
         """Frequencies and shapes from the reduced model."""
         return self.surrogate.forward
 

@@ -14,8 +14,13 @@ from fenics_joints.measurements.gap import ALIKE, mac, pair_modes
 from fenics_joints.modal.modes import Modes
 from fenics_joints.progress import Progress
 from fenics_joints.reduction.kept import kept_modes
-from fenics_joints.reduction.likes import PLACES, TURNED, likes
-from fenics_joints.reduction.seen import SeenModes, places_all_over
+from fenics_joints.reduction.matched import (
+    PLACES,
+    TURNED,
+    MatchedModes,
+    match_modes,
+    places_all_over,
+)
 
 #: Degrees of freedom of the finer model at most: it is solved once, in some three times the memory
 #: of the other (the box, 66,645 and 199,476: 0.9 and 2.9 GB, 4 and 16 s). [numerical: measured on
@@ -44,7 +49,7 @@ class MeshErrors(NamedTuple):
 
 
 def mesh_errors(
-    small: SeenModes,
+    small: MatchedModes,
     values: Mapping[str, float],
     progress: Progress,
     keep: Callable[[], Path] | None = None,
@@ -77,12 +82,14 @@ def mesh_errors(
     return MeshErrors(*small.full.comm.bcast(_measured(small, better)))
 
 
-def _measured(small: SeenModes, better: Modes) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
+def _measured(
+    small: MatchedModes, better: Modes
+) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
     """What `MeshErrors` are made of."""
     modes, sensors = small.nominal, small.sensors
     # The highest of one may have no like among those of the other.
     own = small.pairing.visible[: len(better) - better.n_rigid]
-    index, same = likes(modes, own, better, places_all_over(small.full, PLACES))
+    index, same = match_modes(modes, own, better, places_all_over(small.full, PLACES))
     errors = modes.frequencies_hz[own] / better.frequencies_hz[index] - 1.0
     like = dict(zip(own.tolist(), index.tolist(), strict=True))
     known = dict(zip(own[same].tolist(), errors[same].tolist(), strict=True))
@@ -113,7 +120,7 @@ def _changed(ours: np.ndarray, theirs: np.ndarray, measured: np.ndarray) -> np.n
     )
 
 
-def _told_otherwise(small: SeenModes, better: Modes, like: Mapping[int, int]) -> np.ndarray:
+def _told_otherwise(small: MatchedModes, better: Modes, like: Mapping[int, int]) -> np.ndarray:
     """Mask of the test's modes, (m,), that are like one of the finer model, if that is not the like
     of the mode that they are paired with, or this is not like them. Those of a test without shapes
     are counted, in either model.

@@ -25,10 +25,10 @@ from fenics_joints.diagnosis.zones.sites import without_attached
 from fenics_joints.formatting import condition_value, point_mm, spaced
 from fenics_joints.measurements.gap import VISIBLE
 from fenics_joints.modal.modes import solve_modes
-from fenics_joints.reduction import ArrayModel, Forward
-from fenics_joints.reduction.lean import batched
-from fenics_joints.reduction.many import Change, ManyModes, ManyValues
-from fenics_joints.reduction.terms import MassTerm
+from fenics_joints.reduction import ArrayModel, ModalPrediction
+from fenics_joints.reduction.affine import MassTerm
+from fenics_joints.reduction.batch_modes import BatchModes, BatchValues, Change
+from fenics_joints.reduction.prediction import batched
 from fenics_joints.structure.points import Sensors
 
 #: Added mass, as a share of the structure's. [decision: chosen]
@@ -64,33 +64,33 @@ class Joined:
     each told by itself at every condition.
 
     Args:
-        first: Forward of the test's modes.
-        second: Forward of further modes.
+        first: ModalPrediction of the test's modes.
+        second: ModalPrediction of further modes.
     """
 
-    #: See `Forward`.
+    #: See `ModalPrediction`.
     batches, further = True, None
 
-    def __init__(self, first: Forward, second: Forward):
+    def __init__(self, first: ModalPrediction, second: ModalPrediction):
         self._parts = batched(first), batched(second)
         self.model, self.sensors = self._parts[0].model, first.sensors
 
-    def many(self, values: ManyValues, every: bool = True, followed=None) -> _JoinedModes:
-        """See `LeanForward.many`."""
+    def many(self, values: BatchValues, every: bool = True, followed=None) -> _JoinedModes:
+        """See `BatchPrediction.batch`."""
         first, second = self._parts  # whose derivatives of shapes nobody asks for
-        return _JoinedModes(first.many(values, every), second.many(values, every=False))
+        return _JoinedModes(first.batch(values, every), second.batch(values, every=False))
 
     def change(self, *given) -> tuple[Change, ...]:
-        """See `LeanForward.change`."""
+        """See `BatchPrediction.change`."""
         return tuple(part.change(*given) for part in self._parts)
 
 
 @dataclass(frozen=True, eq=False)
 class _JoinedModes:
-    """See `ManyModes`; changes are those of each."""
+    """See `BatchModes`; changes are those of each."""
 
-    first: ManyModes
-    second: ManyModes
+    first: BatchModes
+    second: BatchModes
 
     @property
     def index(self) -> np.ndarray:
@@ -459,7 +459,7 @@ class Candidates:
         ):
             index = elastic[which & free & clear][:MORE_MODES]
             if len(index):
-                forward = Forward(
+                forward = ModalPrediction(
                     _seen(reduced, everywhere),
                     everywhere,
                     len(index),
@@ -475,7 +475,7 @@ class Candidates:
         return self.model.surrogate.wide(self._points_of_sizes())
 
     @cached_property
-    def _wide_forward(self) -> Forward:
+    def _wide_forward(self) -> ModalPrediction:
         """The test's modes from it."""
         forward, model = self.model.forward, self._wide
         n_modes = min(self.model.surrogate.n_modes, model.n_dofs)
@@ -610,7 +610,7 @@ class Candidates:
 
     # -- changes of the structure ------------------------------------------------------------
 
-    def _shifted(self, name: str, other: Forward, *effects: Effect) -> Candidate:
+    def _shifted(self, name: str, other: ModalPrediction, *effects: Effect) -> Candidate:
         row = len(self.evidence.conditions) // 2
         test = shifted(self.test, self.evidence, self._wide_forward, other, row, effects)
         return Candidate(name, test)

@@ -14,7 +14,7 @@ from fenics_joints.beams.structure import BeamStructure
 from fenics_joints.diagnosis.zones.joints import bolt_points
 from fenics_joints.modal.modes import Modes
 from fenics_joints.structure import Structure
-from fenics_joints.structure.cell_forces import CellForces
+from fenics_joints.structure.structure import CellForces
 
 
 class StructureCells(ABC):

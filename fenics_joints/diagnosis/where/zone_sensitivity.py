@@ -13,7 +13,7 @@ from fenics_joints.diagnosis.effects.rig import MASS, SPRING, support_compliance
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.predictions import ManyPredictions
-from fenics_joints.reduction.forward import Forward
+from fenics_joints.reduction.prediction import ModalPrediction
 
 #: Expected relative change of a zone's parameter: a wrong material, a mass misjudged, a spring too,
 #: a lap along its beams.
@@ -30,7 +30,7 @@ _NODES = 8
 
 
 def zone_sensitivities(
-    forward: Forward,
+    forward: ModalPrediction,
     evidence: Evidence,
     baseline: dict[str, float],
     regions: Sequence[str] | Mapping[str, Sequence[str]],

@@ -19,7 +19,7 @@ from fenics_joints.reduction.arrays import ArrayModel
 _STEP = 1e-6
 
 #: Values of all parameters, each (b,).
-ManyValues = Mapping[str, np.ndarray]
+BatchValues = Mapping[str, np.ndarray]
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +59,7 @@ def own_arrays(model: ArrayModel, values: Mapping[str, float | np.ndarray]) -> d
 
 
 def change(
-    model: ArrayModel, low: ManyValues, high: ManyValues, width: float, count: int = 1
+    model: ArrayModel, low: BatchValues, high: BatchValues, width: float, count: int = 1
 ) -> Change:
     """The central differences between two sets of values, one for each direction.
 
@@ -91,7 +91,7 @@ def change(
 
 
 @dataclass(frozen=True, eq=False)
-class ManyModes:
+class BatchModes:
     """The lowest k modes of a model at b sets of values, and which of them a test saw.
 
     Attributes:
@@ -104,7 +104,7 @@ class ManyModes:
     """
 
     model: ArrayModel
-    values: ManyValues
+    values: BatchValues
     eigenvalues: np.ndarray
     vectors: np.ndarray
     index: np.ndarray

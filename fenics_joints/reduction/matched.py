@@ -1,22 +1,23 @@
-"""Small models of the modes that a test saw."""
+"""Modes of a structure that a test saw, and which modes of two models are the same."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 from fenics_joints._compat import geometry_dofmap
-from fenics_joints.measurements.gap import FAINT, Pairing, pair_modes
+from fenics_joints.measurements.gap import FAINT, Pairing, pair_modes, same_modes
 from fenics_joints.modal.modes import Modes, solve_modes
-from fenics_joints.reduction.adaptive import SmallModel
 from fenics_joints.reduction.arrays import ArrayModel
-from fenics_joints.reduction.forward import SPARE, Forward
+from fenics_joints.reduction.basis import SmallModel
+from fenics_joints.reduction.prediction import SPARE, ModalPrediction
 from fenics_joints.structure.points import Sensors
 
 
-class SeenModes:
-    """What every `fenics_joints.reduction.adaptive.SmallModel` of a test's modes has.
+class MatchedModes:
+    """What every `fenics_joints.reduction.basis.SmallModel` of a test's modes has.
 
     Args:
         full: The full model.
@@ -43,7 +44,7 @@ class SeenModes:
     #: Tolerance of a solution of the full model.
     tolerance: float | None = None
 
-    forward: Forward
+    forward: ModalPrediction
     n_samples = 0
 
     def __init__(
@@ -138,11 +139,11 @@ class SeenModes:
             return index
         return index[modes.visibility(self.sensors)[index] > FAINT][: self.n_test + SPARE]
 
-    def _forward(self, model: ArrayModel) -> Forward:
+    def _forward(self, model: ArrayModel) -> ModalPrediction:
         """Of a model on a basis, which with sensors holds what they see alone, besides six
         rigid-body modes."""
         enough = self.n_modes if self.sensors is None else 6 + 3 * self.n_test + SPARE
-        return Forward(model, self.sensors, self.n_test, enough, self.reference)
+        return ModalPrediction(model, self.sensors, self.n_test, enough, self.reference)
 
 
 def places_all_over(full, count: int) -> Sensors:
@@ -167,3 +168,46 @@ def places_all_over(full, count: int) -> Sensors:
         away = np.minimum(away, np.linalg.norm(there - there[chosen[-1]], axis=1))
     points = np.repeat(there[chosen], full.gdim, axis=0)
     return Sensors(points, np.tile(np.eye(full.gdim), (len(chosen), 1)))
+
+
+#: At how many places shapes are compared.
+PLACES = 60
+#: MAC below which two modes are not the same one.
+_SAME = 0.7
+#: Difference of ln f within which modes may turn into one another by any small difference.
+TURNED = 0.01
+
+
+class ModeMatch(NamedTuple):
+    """For each of some modes of one model its like in another.
+
+    Attributes:
+        index: The like's index, (m,).
+        same: Whether it is the same mode: the other model need not have it, (m,).
+    """
+
+    index: np.ndarray
+    same: np.ndarray
+
+
+def match_modes(modes: Modes, own: np.ndarray, other: Modes, places: Sensors) -> ModeMatch:
+    """Which modes of another model are these. Collective.
+
+    All over the body: to a test's sensors two modes may look alike, and by order a mode that one of
+    the models lacks would set all above it beside others. Close modes are the same if what they
+    span is.
+
+    Args:
+        modes: Modes of the one model.
+        own: Which of them, by index, (m,); not more than the other has that are elastic.
+        other: Modes of the other.
+        places: Where shapes are compared; see `fenics_joints.reduction.matched.places_all_over`.
+    """
+    shapes, there = modes.at(places)[:, own], other.at(places)
+    index = same_modes(other, places, shapes, modes.frequencies_hz[own])
+    hz, share = other.frequencies_hz, np.empty(len(index))
+    for i, j in enumerate(index):
+        near = np.abs(np.log(hz[other.n_rigid :] / hz[j])) < TURNED
+        span = np.linalg.qr(there[:, other.n_rigid :][:, near])[0]
+        share[i] = np.sum((span.T @ shapes[:, i]) ** 2) / np.sum(shapes[:, i] ** 2)
+    return ModeMatch(index, share > _SAME)

@@ -1,0 +1,467 @@
+"""Bases from samples of a structure's parameters: orthonormal vectors, and what they still lack.
+
+A proper orthogonal decomposition in the energy of one sample leaves out what is small there: beside
+a joint that is stiff in it, modes with a soft joint are nearly all opening and slip, and what they
+bend of the parts is lost. A `SampledBasis` holds each mode to the energy of its own sample: by
+Rayleigh's principle a frequency is off by half the share of the energy that the basis lacks.
+
+A model whose error is too large somewhere is extended by the points at which it is worst: the weak
+greedy algorithm of reduced bases (Binev et al., SIAM J. Math. Anal. 43, 2011).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from mpi4py import MPI
+from petsc4py import PETSc
+from scipy.stats import qmc
+
+from fenics_joints.errors import ConvergenceError, InputError, mapping, real, reals, wanted, whole
+from fenics_joints.modal.modes import Modes, solve_modes
+from fenics_joints.reduction.arrays import ArrayModel, freeze
+from fenics_joints.structure.sparse import vectors_like
+from fenics_joints.structure.structure import Structure
+
+#: Parameter values.
+Points = Sequence[Mapping[str, float]]
+
+
+class SmallModel(Protocol):
+    """A tested model: one that knows its error. Exact ones have none, and nothing to extend."""
+
+    def errors(self, points: Points) -> np.ndarray:
+        """Error at points, (n,), equal on all ranks; nan where it is not defined. Collective."""
+
+    def extend(self, points: Points) -> None:
+        """Become better at points. Collective."""
+
+
+def improve(
+    model: SmallModel,
+    points: Callable[[], Points],
+    limit: float,
+    rounds: int,
+    *,
+    most: int | None = None,
+    least: float = 0.0,
+    after: Callable[[], None] | None = None,
+) -> np.ndarray:
+    """Extend a model where it is worst, until it is good enough. Collective.
+
+    Args:
+        model: The model.
+        points: Gives those of a round, such as what a fit to the model of that round finds.
+        limit: Error that is good enough.
+        rounds: How often the error is looked at; after the last time nothing is added.
+        most: How many points of a round are added at most; all by default.
+        least: Share of the limit below which a point is not worth adding.
+        after: Called after each extension.
+
+    Returns:
+        The errors at the last points, (n,).
+    """
+    for left in reversed(range(rounds)):
+        at = points()
+        # A point without what was asked for says nothing of those that have it.
+        errors = np.nan_to_num(model.errors(at))
+        if not left or errors.max(initial=0.0) <= limit:
+            break
+        worst = np.argsort(errors)[::-1][:most]
+        model.extend([at[i] for i in worst if errors[i] > least * limit])
+        if after is not None:
+            after()
+    return errors
+
+
+#: Tolerance of modes that span a basis; their own error matters by its square.
+SNAPSHOT = 1e-4
+#: Share of the largest energy below which a direction among the rigid-body modes is none.
+_RIGID = 1e-10
+#: Share of the rows of a matrix that have entries, below which the others are left out.
+_FEW_ROWS = 0.5
+
+
+class _Pencil(Protocol):
+    """K(p) and M(p) as arrays."""
+
+    def stiffness(self, given: Mapping[str, float] | None = None) -> np.ndarray: ...
+
+    def mass(self, given: Mapping[str, float] | None = None) -> np.ndarray: ...
+
+
+class Snapshots:
+    """Modes, and what else a basis shall hold, at samples of the parameters.
+
+    Args:
+        structure: The full model.
+    """
+
+    def __init__(self, structure: Structure):
+        self.structure = structure
+        self._rigid: list[PETSc.Vec] = []
+        self._others: list[PETSc.Vec] = []
+        self._first: Mapping[str, float] | None = None
+
+    def add(
+        self, modes: Modes, keep: Iterable[int] | None = None, more: np.ndarray | None = None
+    ) -> None:
+        """Take modes in.
+
+        Args:
+            modes: Modes of the structure.
+            keep: Which of them, by index; all by default.
+            more: This rank's rows of further vectors, (n_local, k).
+        """
+        self._first = modes.given if self._first is None else self._first
+        for i in range(len(modes)) if keep is None else keep:
+            (self._rigid if i < modes.n_rigid else self._others).append(modes.shapes[int(i)])
+        if more is not None:
+            self._others += vectors_like(modes.shapes[0], more.T)
+
+    def basis(self, tolerance: float) -> list[PETSc.Vec]:
+        """Orthonormal vectors that span all of them. Collective.
+
+        Args:
+            tolerance: Directions with less than this share of the largest energy are left out.
+
+        Raises:
+            InputError: Without any.
+        """
+        if not self._rigid and not self._others:
+            raise InputError("samples: expected at least one set of parameter values.")
+        full, given, whole = self.structure, self._first, []
+        # Rigid bodies are kept whole, or they would no longer be rigid; they are the same in all
+        # samples, but that soft springs may mix them.
+        if self._rigid:
+            whole = orthonormal(full, self._rigid, given, _RIGID, only_mass=True)
+        if not self._others:
+            return whole
+        return orthonormal(full, [*whole, *self._others], given, tolerance, len(whole))
+
+
+def orthonormal(
+    structure: Structure,
+    snapshots: list[PETSc.Vec],
+    given: Mapping[str, float] | None,
+    tolerance: float,
+    whole: int = 0,
+    only_mass: bool = False,
+    known: _Pencil | None = None,
+) -> list[PETSc.Vec]:
+    """Snapshots made orthonormal in the energy of one sample, without the dependent ones.
+
+    The first ``whole`` of them are kept, and what the others have of them is taken off. Collective.
+
+    Args:
+        structure: The structure.
+        snapshots: The vectors.
+        given: The sample.
+        tolerance: Directions with less than this share of the largest energy are left out.
+        whole: See above.
+        only_mass: Whether the energy is that of the mass alone.
+        known: The structure on the first ``whole``, which are then left as they are; None to make
+            them orthonormal too.
+    """
+    # The energy of a support as good as rigid would hide how the snapshots differ elsewhere.
+    soft = [k for s in structure.elastic_supports for k in (s.k_n, s.k_t) if isinstance(k, str)]
+    given = {**(given or {}), **dict.fromkeys(soft, 0.0)}
+    K, M = structure.stiffness(given), structure.mass(given)
+    Z = dense_columns(snapshots)
+    blocks = (None, None) if known is None else (known.stiffness(given), known.mass(given))
+    stiff, heavy = project(K, Z, blocks[0]), project(M, Z, blocks[1])
+    K.destroy(), M.destroy()
+    scale = np.trace(stiff) / np.trace(heavy)
+    # Rigid bodies have no energy but round-off, which may be below zero: there the mass decides.
+    gram = heavy if only_mass else stiff + scale * heavy
+    norms = np.sqrt(np.diag(gram))
+    gram = gram / np.outer(norms, norms)
+    first, rest = slice(0, whole), slice(whole, None)
+    onto = np.linalg.solve(gram[first, first], gram[first, rest])
+    values, vectors = np.linalg.eigh(gram[rest, rest] - gram[rest, first] @ onto)
+    # A few that are new have little beyond the first: all together have as much as they are many.
+    keep = values > tolerance * (values[-1] if known is None else len(gram))
+    rest_vectors = vectors[:, keep] / np.sqrt(values[keep])
+    combine = np.zeros((len(gram), whole + int(keep.sum())))
+    combine[first, first] = np.linalg.inv(np.linalg.cholesky(gram[first, first])).T
+    combine[first, rest], combine[rest, rest] = -onto @ rest_vectors, rest_vectors
+    combine /= norms[:, None]
+    left = 0 if known is None else whole
+    made = vectors_like(snapshots[0], (Z.getDenseArray() @ combine[:, left:]).T)
+    Z.destroy()
+    return [*snapshots[:left], *made]
+
+
+def dense_columns(vectors: list[PETSc.Vec]) -> PETSc.Mat:
+    """Dense matrix with these columns."""
+    Z = PETSc.Mat().createDense((vectors[0].getSizes(), (None, len(vectors))), comm=vectors[0].comm)
+    Z.setUp()
+    array = Z.getDenseArray()
+    for column, vector in enumerate(vectors):
+        array[:, column] = vector.array_r
+    Z.assemble()
+    return Z
+
+
+def project(A: PETSc.Mat, Z: PETSc.Mat, known: np.ndarray | None = None) -> np.ndarray:
+    """Z^T A Z, made symmetric, equal on all ranks. Collective.
+
+    Args:
+        A: A symmetric matrix.
+        Z: Dense columns.
+        known: What it is of the first columns, (k, k); None for none.
+    """
+    known = np.zeros((0, 0)) if known is None else known
+    if not len(known):
+        return bordered(known, cross(A, Z, Z))
+    new = _columns_from(Z, len(known))
+    found = bordered(known, cross(A, Z, new))
+    new.destroy()
+    return found
+
+
+def cross(A: PETSc.Mat, Z: PETSc.Mat, X: PETSc.Mat) -> np.ndarray:
+    """Z^T A X, equal on all ranks. Collective."""
+    AX = A.matMult(X)
+    left, right = Z.getDenseArray(), AX.getDenseArray()
+    # The matrix of a part or joint is empty but for its own rows.
+    rows = np.flatnonzero(right.any(axis=1))
+    if len(rows) < _FEW_ROWS * len(right):
+        left, right = left[rows], right[rows]
+    local = np.ascontiguousarray(left.T @ right)
+    A.comm.tompi4py().Allreduce(MPI.IN_PLACE, local)
+    AX.destroy()
+    return local
+
+
+def bordered(first: np.ndarray, new: np.ndarray) -> np.ndarray:
+    """Symmetric matrices from a first block and the columns beside and below it.
+
+    Args:
+        first: (..., n, n).
+        new: (..., n + k, k).
+
+    Returns:
+        (..., n + k, n + k).
+    """
+    n, size = first.shape[-1], new.shape[-2]
+    whole = np.empty((*new.shape[:-2], size, size))
+    whole[..., :n, :n] = first
+    whole[..., n:] = new
+    whole[..., n:, :n] = np.swapaxes(new[..., :n, :], -1, -2)
+    return 0.5 * (whole + np.swapaxes(whole, -1, -2))
+
+
+def _columns_from(Z: PETSc.Mat, first: int) -> PETSc.Mat:
+    """A dense matrix of the columns of another from one on."""
+    count = Z.getSize()[1] - first
+    found = PETSc.Mat().createDense((Z.getSizes()[0], (None, count)), comm=Z.comm)
+    found.setUp()
+    found.getDenseArray()[:] = Z.getDenseArray()[:, first:]
+    found.assemble()
+    return found
+
+
+#: Share of the largest energy below which a combination of the vectors is round-off.
+_NOISE = 1e-12
+
+
+class SampledBasis:
+    """A basis that grows by what it lacks of each sample's modes. All calls are collective.
+
+    Args:
+        share: Share of a mode's energy, in its own sample, that may be lacking.
+        vectors: What it starts from.
+        known: The structure on these, if it is known: what is added costs much less.
+
+    Attributes:
+        vectors: The basis; independent, but not orthonormal.
+    """
+
+    def __init__(
+        self, share: float, vectors: Sequence[PETSc.Vec] = (), known: ArrayModel | None = None
+    ):
+        self.share, self.known = share, known
+        self.vectors = list(vectors)
+
+    def add(self, modes: Modes, keep: Iterable[int], just_solved: bool = False) -> None:
+        """Take modes in.
+
+        Args:
+            modes: Modes of the full model.
+            keep: Which of them, by index.
+            just_solved: Whether their solver has solved nothing since: it has the matrices then.
+        """
+        new = [modes.shapes[int(i)] for i in keep]
+        if not new:
+            return
+        Z, n = dense_columns([*self.vectors, *new]), len(self.vectors)
+        given, shift, blocks = modes.given, modes.solver.shift, (None, None)
+        if self.known is not None:
+            blocks = self.known.stiffness(given), self.known.mass(given)
+        if just_solved:
+            known = None if self.known is None else blocks[0] - shift * blocks[1]
+            gram = project(modes.solver.shifted, Z, known)
+        else:
+            K, M = modes.model.stiffness(given), modes.model.mass(given)
+            gram = project(K, Z, blocks[0]) - shift * project(M, Z, blocks[1])
+            K.destroy(), M.destroy()
+        size = np.sqrt(np.diag(gram))
+        combine = residual_directions(gram / np.outer(size, size), n, self.share) / size[:, None]
+        self.vectors += vectors_like(new[0], (Z.getDenseArray() @ combine).T)
+        Z.destroy()
+
+
+def residual_directions(gram: np.ndarray, n: int, share: float) -> np.ndarray:
+    """Combinations of unit energy, as columns, of what the first n vectors lack of the others.
+
+    Args:
+        gram: Energies of vectors of unit energy, (n + k, n + k).
+        n: Number of vectors in the basis.
+        share: See `SampledBasis`.
+    """
+    values, vectors = np.linalg.eigh(gram[:n, :n])
+    keep = values > _NOISE * values.max(initial=0.0)
+    half = vectors[:, keep] / np.sqrt(values[keep])
+    onto = half.T @ gram[:n, n:]
+    left, turn = np.linalg.eigh(gram[n:, n:] - onto.T @ onto)
+    turn = turn[:, left > share] / np.sqrt(left[left > share])
+    return np.vstack([-half @ (onto @ turn), turn])
+
+
+#: Sampled points for the basis, and rounds of checks that may add to it.
+_SAMPLES, _ROUNDS = 16, 4
+#: Directions whose share of a mode is below this times the root of the tolerance are left out: the
+#: error of a frequency is of the order of the square. Each further round takes a tenth of it.
+_SHARE = 0.1
+
+
+@dataclass(frozen=True)
+class Narrow:
+    """A small model and how good it is.
+
+    Attributes:
+        model: The model; its parameters are the free ones.
+        error: Largest relative error of a frequency at ``n_checked`` random points that the basis
+            was not made from.
+        n_checked: Number of those points.
+    """
+
+    model: ArrayModel
+    error: float
+    n_checked: int
+
+
+def narrow(
+    model: ArrayModel,
+    ranges: Mapping[str, tuple[float, float]],
+    n_modes: int,
+    *,
+    given: Mapping[str, float] | None = None,
+    tolerance: float = 1e-5,
+    n_check: int = 50,
+    seed: int = 0,
+) -> Narrow:
+    """A model on the modes that parameters in their ranges can make.
+
+    Args:
+        model: A model of plain arrays.
+        ranges: Least and largest value of each free parameter, positive; sampled evenly in the
+            logarithm.
+        n_modes: Modes that must be right, rigid-body modes included.
+        given: Values of the other parameters that differ from their nominal value.
+        tolerance: Largest accepted relative error of a frequency.
+        n_check: Random points at which it is checked.
+        seed: Of the random points.
+
+    Raises:
+        InputError: For a bad range or name.
+        ConvergenceError: If the error stays above the tolerance.
+    """
+    whole("n_modes", n_modes)
+    whole("n_check", n_check, most=10**6)
+    whole("seed", seed, 0)
+    real("tolerance", tolerance, above=0.0, most=0.1)
+    if not ranges:
+        raise wanted("ranges", ranges, "the range of a parameter at least")
+    for name, pair in mapping("ranges", ranges, "ranges by name").items():
+        low, high = reals(f"range of {name}", pair, (2,), above=0.0)
+        if not low < high:
+            raise InputError(f"range of {name} = {(low, high)}: expected 0 < low < high.")
+    middle = {name: float(np.sqrt(low * high)) for name, (low, high) in ranges.items()}
+    given = mapping("given", given, "values by the parameters' names")
+    frozen = freeze(model, list(ranges), given | middle)
+    low, high = np.log(list(ranges.values())).T
+
+    def points(unit: np.ndarray) -> Points:
+        at = np.exp(low + unit * (high - low))
+        return [dict(zip(ranges, row.tolist(), strict=True)) for row in at]
+
+    small = _Narrowing(frozen, n_modes, tolerance)
+    small.extend([middle, *points(qmc.Sobol(len(ranges), seed=seed).random(_SAMPLES))])
+    chance = np.random.default_rng(seed)
+    errors = improve(
+        small, lambda: points(chance.random((n_check, len(ranges)))), tolerance, _ROUNDS, least=1.0
+    )
+    error = float(errors.max())
+    if error > tolerance:
+        raise ConvergenceError(
+            f"the frequencies of the small model are off by {error:.1e}, more than "
+            f"{tolerance:.1e}, after {_ROUNDS} rounds: take narrower ranges, or a larger tolerance"
+        )
+    return Narrow(small.model, error, n_check)
+
+
+class _Narrowing:
+    """A model on the modes of another at some points; see `SmallModel`."""
+
+    def __init__(self, full: ArrayModel, n_modes: int, tolerance: float):
+        self.full, self.n_modes = full, n_modes
+        self._share, self._snapshots = _SHARE * np.sqrt(tolerance), []
+
+    def _modes(self, model: ArrayModel, values: Mapping[str, float]) -> Modes:
+        return solve_modes(model, values, n_modes=min(self.n_modes, model.n_dofs))
+
+    def errors(self, points: Points) -> np.ndarray:
+        """Largest relative error of an elastic frequency at each point, (n,)."""
+        found = []
+        for values in points:
+            exact, ours = (self._modes(model, values) for model in (self.full, self.model))
+            ratio = ours.frequencies_hz[ours.n_rigid :] / exact.frequencies_hz[exact.n_rigid :]
+            found.append(np.max(np.abs(ratio - 1)))
+        return np.array(found)
+
+    def extend(self, points: Points) -> None:
+        """Take the modes at points into the basis, and a tenth of the share that is left out."""
+        self._snapshots += [self._modes(self.full, values).shapes for values in points]
+        vectors, sizes = pod(self.full, np.hstack(self._snapshots))
+        self.model = self.full.on(vectors[:, sizes > self._share * sizes[0]])
+        self._share /= 10
+
+
+def pod(
+    model: ArrayModel,
+    snapshots: np.ndarray,
+    weights: np.ndarray | None = None,
+    given: Mapping[str, float] | None = None,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Vectors that hold most of the snapshots' energy, best first.
+
+    Args:
+        model: The model that the snapshots are of.
+        snapshots: As columns, shape (n_dofs, n).
+        weights: Of the snapshots, shape (n,); equal by default.
+        given: Parameter values whose K + omega^2 M measures the energy; nominal by default.
+
+    Returns:
+        Vectors orthonormal in that energy, (n_dofs, k), and their singular values, (k,).
+    """
+    K, M = model.stiffness(given), model.mass(given)
+    upper = np.linalg.cholesky(K + np.trace(K) / np.trace(M) * M).T
+    energetic = upper @ snapshots
+    energetic *= (1.0 if weights is None else weights) / np.linalg.norm(energetic, axis=0)
+    left, sizes, _ = np.linalg.svd(energetic, full_matrices=False)
+    return np.linalg.solve(upper, left), sizes

@@ -1,0 +1,628 @@
+"""Frequencies and shapes of the modes that a test saw, from any model of its structure.
+
+A sampler asks for the frequencies at ten thousands of parameter values: a `BatchPrediction` has
+them for many values at a time, from a basis of twenty to forty vectors.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+import scipy.linalg
+
+from fenics_joints.errors import ConvergenceError, InputError, capable, measured, whole
+from fenics_joints.measurements.gap import (
+    ALIKE,
+    FAINT,
+    VISIBLE,
+    Pairing,
+    assigned,
+    check_sight,
+    likeness,
+    mac,
+    nearest,
+    pair_modes,
+    with_untold,
+)
+from fenics_joints.modal import frequency_sensitivity
+from fenics_joints.modal.modes import NOTHING, Modes, inverted_modes, solve_modes, upright
+from fenics_joints.reduction.arrays import ArrayModel
+from fenics_joints.reduction.basis import pod
+from fenics_joints.reduction.batch_modes import BatchModes, BatchValues, Change, change
+from fenics_joints.structure.points import Sensors
+
+#: Modes looked through for the test's, at most, as a multiple of the usual number.
+_SEARCHED = 4
+#: Sensors that are so much nearer to a line than it is long stand in one; and a line that is so
+#: nearly normal to a face shows no way along it.
+_STRAIGHT, _STEEP = 1e-3, 0.1
+#: Parameter sets whose frequencies are remembered.
+_MOST = 4000
+#: Modes beyond those that the test saw, so that none is missed when modes change places.
+SPARE = 3
+
+
+class Slopes:
+    """Derivatives of ln f by all parameters, (m, n_parameters), which are formed when they are
+    asked for.
+
+    Args:
+        modes: Modes of a model of plain arrays.
+        index: Which of them.
+    """
+
+    def __init__(self, modes: Modes, index: np.ndarray):
+        self._model, self._given = modes.model, dict(modes.given)
+        self._x, self._lam = modes.shapes[:, index], modes.eigenvalues[index]
+
+    @cached_property
+    def _whole(self) -> np.ndarray:
+        found = self._model.pencil_gradients(self._x, self._lam, self._given)
+        return found / (2 * self._lam)[:, None]
+
+    def __array__(self, dtype=None, copy=None) -> np.ndarray:
+        return np.array(self._whole, dtype=dtype) if copy else np.asarray(self._whole, dtype=dtype)
+
+    def __getitem__(self, key) -> np.ndarray:
+        return self._whole[key]
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(m, n_parameters)."""
+        return len(self._lam), len(self._model.parameters)
+
+
+class ModalPrediction:
+    """Frequencies of the modes that the test saw, and their derivatives, at parameter values.
+
+    Args:
+        model: A reduced (or full) structure.
+        sensors: What the test saw; None takes elastic modes in order.
+        n_test: Number of test modes.
+        n_modes: Number of model modes to compute.
+        reference: Shapes of the test's modes at the sensors, measured or of a near model; modes
+            are matched to them by MAC.
+        threshold: Least visibility of a mode that the test saw.
+
+    Raises:
+        InputError: If an argument is not what it should be.
+
+    Attributes:
+        further: That of one mode more, where the test may have missed one; None where not.
+        batches: Whether it has ``batch``, for many parameter values at a time.
+    """
+
+    batches = False
+
+    def __init__(
+        self,
+        model,
+        sensors: Sensors | None,
+        n_test: int,
+        n_modes: int,
+        reference: np.ndarray | None = None,
+        threshold: float = VISIBLE,
+    ):
+        capable("model", model, ("parameters", "n_dofs"), "a model, whole or reduced")
+        check_sight(n_test, sensors, threshold)
+        whole("n_modes", n_modes)
+        if reference is not None and sensors is not None:
+            reference = measured("reference", reference)
+            if reference.shape != (len(sensors), n_test):
+                raise InputError(
+                    f"reference has shape {reference.shape}: expected ({len(sensors)}, {n_test}), "
+                    "a row for each sensor and a column for each mode."
+                )
+        self.model, self.sensors, self.n_test, self.n_modes = model, sensors, n_test, n_modes
+        self.reference, self.threshold = reference, threshold
+        self.further: ModalPrediction | None = None
+        self._cache: dict[tuple, tuple] = {}
+        self.calls = 0
+
+    def __call__(self, values: Mapping[str, float]) -> tuple[np.ndarray, np.ndarray]:
+        """(ln f, d ln f / d values) of the test's modes, shapes (m,) and (m, n_parameters)."""
+        key = tuple(values[name] for name in self.model.parameters)
+        if key not in self._cache:
+            if len(self._cache) > _MOST:
+                self._cache.clear()
+            modes, pairing = self.solve(values)
+            log_f = np.log(modes.frequencies_hz[pairing.index])
+            self._cache[key] = log_f, self._slopes(modes, pairing.index)
+            self.calls += 1
+        return self._cache[key]
+
+    @property
+    def mass(self) -> np.ndarray:
+        """The model's nominal mass, (n_dofs, n_dofs), in which modes are compared."""
+        last = self.__dict__.get("_mass")
+        if last is None or last[0] is not self.model:
+            last = self.__dict__["_mass"] = self.model, self.model.mass()
+        return last[1]
+
+    def _slopes(self, modes: Modes, index: np.ndarray) -> np.ndarray | Slopes:
+        lazy = isinstance(self.model, ArrayModel)
+        return Slopes(modes, index) if lazy else frequency_sensitivity(modes, index)
+
+    def log_f_at(self, wanted: Sequence[Mapping[str, float]]) -> np.ndarray:
+        """ln f at all these values, shape (len(wanted), m); nan where the model has too few modes
+        that the test could see, and beyond the laws' limits.
+
+        Args:
+            wanted: Parameter values.
+        """
+        return np.array([self._or_nan(values) for values in wanted])
+
+    def _or_nan(self, values) -> np.ndarray:
+        try:
+            return self(values)[0]
+        except (InputError, np.linalg.LinAlgError):
+            return np.full(self.n_test, np.nan)
+
+    def solve(self, values):
+        """Modes and their pairing; more modes where a soft joint puts others between the test's."""
+        # From the start each time: what was asked before, or on which rank, must not matter.
+        count = min(self.n_modes, self.model.n_dofs)
+        while True:
+            modes = solve_modes(self.model, values, n_modes=count)
+            try:
+                pairing = self.paired(modes)
+            except InputError:
+                if count >= min(_SEARCHED * self.n_modes, self.model.n_dofs):
+                    raise
+                count = min(count + self.n_test + SPARE, self.model.n_dofs)
+                continue
+            return modes, pairing
+
+    def paired(self, modes: Modes) -> Pairing:
+        """Which modes of such a model the test's are."""
+        return pair_modes(
+            modes, self.n_test, self.sensors, reference=self.reference, threshold=self.threshold
+        )
+
+    def of(self, model, n_modes: int | None = None) -> ModalPrediction:
+        """The same of another model of the structure.
+
+        Args:
+            model: The model.
+            n_modes: Number of its modes to compute; by default as many.
+        """
+        count = self.n_modes if n_modes is None else n_modes
+        return ModalPrediction(
+            model, self.sensors, self.n_test, count, self.reference, self.threshold
+        )
+
+    def pairing(self, values: Mapping[str, float]) -> Pairing:
+        """Which of the model's modes the test's are."""
+        return self.solve(values)[1]
+
+    def track(self, values: Mapping[str, float]) -> None:
+        """Match modes to those at these values from now on."""
+        if self.sensors is not None:
+            self.reference = self.solve(values)[1].shapes
+            self.forget()
+
+    def forget(self) -> None:
+        """Drop what was computed, after the model has changed."""
+        self._cache.clear()
+
+
+def line_of(points: np.ndarray) -> np.ndarray:
+    """Direction in which points extend furthest, (gdim,); the first axis for a single point."""
+    spread = points - points.mean(axis=0)
+    if not np.any(spread):
+        return np.eye(points.shape[1])[0]
+    line = np.linalg.svd(spread)[2][0]
+    return line * np.sign(line[np.argmax(np.abs(line))])
+
+
+def ways_of(sensors: Sensors, gdim: int) -> np.ndarray:
+    """Directions in which each sensor may sit elsewhere, (n_ways, n_sensors, gdim).
+
+    Along the line of sensors where they stand in one, or in the plane; else along the face that
+    each measures normal to: as near to the longest extent of all as that goes, and across.
+    """
+    points = np.asarray(sensors.points)[:, :gdim]
+    line = line_of(points)
+    spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+    if gdim < 3 or len(spread) < 2 or spread[1] < _STRAIGHT * spread[0]:
+        return np.tile(line, (1, len(points), 1))
+    normals, along = np.asarray(sensors.directions), np.empty((len(points), 3))
+    for i, n in enumerate(normals):
+        rest = np.eye(3) - np.outer(n, n)
+        own = rest @ line
+        if np.linalg.norm(own) < _STEEP:
+            own = rest[int(np.argmin(np.abs(n)))]
+        along[i] = own / np.linalg.norm(own)
+    return np.stack([along, np.cross(normals, along)])
+
+
+#: As in `fenics_joints.modal.modes`: the shift below zero, and what counts as rigid.
+_SHIFT_SHARE, _RIGID_SHARE = 0.002, 0.01
+#: Round-off of a rigid mode's eigenvalue is to be below its limit by this much, at the nominal
+#: values: stiffnesses may grow from there.
+_MARGIN = 1e3
+#: Modes looked through for the test's, as `ModalPrediction.solve` does.
+_SEARCHED = 4
+#: Size of a model, and this over the number of modes wanted, from which these are solved for alone:
+#: all modes of smaller ones are found sooner.
+_LARGE, _FEW = 100, 2.0
+
+
+@dataclass(frozen=True, eq=False)
+class Followed:
+    """Of which modes those at each of many points are what these have become.
+
+    Attributes:
+        after: Those of which other of the points, one before it, (b,); -1 for those given.
+        shapes: Given shapes on the model's basis, (b, n_dofs, m).
+        log_f: ln of the frequencies of these, (b, m).
+    """
+
+    after: np.ndarray
+    shapes: np.ndarray
+    log_f: np.ndarray
+
+
+class BatchPrediction(ModalPrediction):
+    """A forward of a lean model that solves for many parameter values at a time.
+
+    Args:
+        forward: The one whose modes it follows.
+        model: Its model on fewer vectors.
+        turned: Whether it may take another basis, on which it is solved sooner; else its modes are
+            on the model's.
+    """
+
+    batches = True
+
+    def __init__(self, forward: ModalPrediction, model: ArrayModel, turned: bool = True):
+        n_modes = min(forward.n_modes, model.n_dofs)
+        unit = _of_unit_mass(model) if turned else None
+        model = model if unit is None else unit
+        self._unit = unit is not None
+        self._asked = forward._asked if isinstance(forward, BatchPrediction) else forward
+        super().__init__(
+            model, forward.sensors, forward.n_test, n_modes, forward.reference, forward.threshold
+        )
+        if forward.further is not None:
+            self.further = BatchPrediction(forward.further, model, turned)
+
+    def solve(self, values: Mapping[str, float]) -> tuple[Modes, Pairing]:
+        """See `ModalPrediction`."""
+        return super().solve(self._own(values))
+
+    def _own(self, values) -> dict[str, float]:
+        """Without parameters that the model does not have, which a solution would refuse."""
+        return {name: values[name] for name in self.model.parameters}
+
+    def log_f_at(self, wanted: Sequence[Mapping[str, float]]) -> np.ndarray:
+        """See `ModalPrediction`; solved together."""
+        table = {name: np.array([v[name] for v in wanted]) for name in self.model.parameters}
+        try:
+            return self.batch(table, every=False).log_f
+        except (InputError, np.linalg.LinAlgError):
+            return super().log_f_at(wanted)  # one of them is beyond a law's limit, as a specimen's
+
+    def batch(
+        self, values: Mapping[str, np.ndarray], every: bool = True, followed: Followed | None = None
+    ) -> BatchModes:
+        """The test's modes at many parameter values together, and what their changes need.
+
+        Args:
+            values: Of every parameter of the model, (b,).
+            every: Whether all modes are wanted, which derivatives of shapes are made of; else the
+                lowest alone are there, as many as the test's ask for.
+            followed: Whose shapes modes are matched to; one's own reference for None.
+
+        Raises:
+            InputError: If any of the values is beyond a law's limit.
+        """
+        values = self._own(values)
+        eigenvalues, vectors = self._modes(values, None if every else self.n_modes)
+        if followed is None:
+            index, good = self._among(values, eigenvalues, vectors)
+        else:
+            index, good = self._followed(eigenvalues, vectors, followed)
+        most = min(_SEARCHED * self.n_modes, self.model.n_dofs)
+        if not good.all() and eigenvalues.shape[1] < most:
+            if followed is not None:
+                return self.batch(values, followed=followed)
+            eigenvalues, vectors = self._further(values, eigenvalues, vectors, index, good, most)
+        self._asked.calls += len(good)
+        return BatchModes(self.model, values, eigenvalues, vectors, index, good)
+
+    def change(self, low: BatchValues, high: BatchValues, width: float, count: int = 1) -> Change:
+        """What `many` has to know of changes of the values; see `reduction.batch_modes.change`."""
+        return change(self.model, self._own(low), self._own(high), width, count)
+
+    def _further(self, values, eigenvalues, vectors, index, good, most: int):
+        """More modes, up to ``most``, where the test's are not among the lowest; of the other
+        points as many are nought, and index and good are put right in place."""
+        few, k = np.flatnonzero(~good), eigenvalues.shape[1]
+        own = {name: value[few] for name, value in values.items()}
+        found = self._modes(own, most)
+        index[few], good[few] = self._among(own, *found)
+        eigenvalues = np.pad(eigenvalues, [(0, 0), (0, most - k)])
+        vectors = np.pad(vectors, [(0, 0), (0, 0), (0, most - k)])
+        eigenvalues[few], vectors[few] = found
+        return eigenvalues, vectors
+
+    def _among(self, values, eigenvalues, vectors) -> tuple[np.ndarray, np.ndarray]:
+        """`_paired` among as few modes as there must be, or more where the test's are not there."""
+        most = min(_SEARCHED * self.n_modes, eigenvalues.shape[1])
+        count = min(self.n_modes, most)
+        index, good = self._paired(values, eigenvalues[:, :count], vectors[:, :, :count])
+        while not good.all() and count < most:
+            count, few = min(count + self.n_test + SPARE, most), ~good
+            own = {name: value[few] for name, value in values.items()}
+            index[few], good[few] = self._paired(
+                own, eigenvalues[few, :count], vectors[few, :, :count]
+            )
+        return index, good
+
+    def _followed(self, eigenvalues, vectors, followed: Followed) -> tuple[np.ndarray, np.ndarray]:
+        """Index of what modes of other points have become, (b, m), and whether there are enough."""
+        count, m = min(self.n_modes, eigenvalues.shape[1]), self.n_test
+        heavy = self.mass @ vectors[:, :, :count]
+        f = np.sqrt(np.maximum(eigenvalues[:, :count], 0.0)) / (2 * np.pi)
+        index = np.zeros((len(f), m), dtype=int)
+        n_rigid = self._count_rigid(eigenvalues)
+        good = count - n_rigid >= m
+        for i, after in enumerate(followed.after):
+            x, hz = followed.shapes[i], np.exp(followed.log_f[i])
+            if after >= 0:
+                x, hz = vectors[after][:, index[after]], f[after, index[after]]
+                good[i] &= good[after]
+            good[i] &= np.all(np.isfinite(hz))
+            if good[i]:
+                own = slice(n_rigid[i], None)
+                alike = (x.T @ heavy[i][:, own]) ** 2
+                index[i] = n_rigid[i] + nearest(alike, f[i, own], hz)
+        return index, good
+
+    def _count_rigid(self, eigenvalues) -> np.ndarray:
+        rigid = (2 * np.pi * _RIGID_SHARE * _SHIFT_SHARE * self.model.scale_hz) ** 2
+        return np.sum(np.abs(eigenvalues) < rigid, axis=1)
+
+    def _modes(self, values, count: int | None = None) -> tuple[np.ndarray, np.ndarray]:
+        """Lowest eigenvalues, (b, count), and M-normalised vectors, (b, n_dofs, count); of all
+        modes for None."""
+        K, M = self.model.pencil.matrices(values)
+        n = self.model.n_dofs
+        few = count is not None and n > max(_LARGE, _FEW * count)
+        if self._unit and not few:
+            return tuple(found[..., :count] for found in np.linalg.eigh(K))
+        k = n if count is None else count
+        eigenvalues, vectors = np.empty((len(K), k)), np.empty((len(K), n, k))
+        for i in range(len(K)):
+            eigenvalues[i], vectors[i] = self._one(K[i], M[i], k, few)
+        return eigenvalues, vectors
+
+    def _one(self, K, M, count: int, few: bool) -> tuple[np.ndarray, np.ndarray]:
+        """Of one model: a third sooner than many together, whose products are not blocked."""
+        if self._unit:
+            return scipy.linalg.eigh(K, subset_by_index=[0, count - 1], check_finite=False)
+        shift = (2 * np.pi * _SHIFT_SHARE * self.model.scale_hz) ** 2
+        try:
+            inverse, vectors = inverted_modes(K, M, shift, count if few else None)
+        except ConvergenceError as error:
+            raise np.linalg.LinAlgError(str(error)) from error
+        return upright(inverse[:count], vectors[:, :count], shift)
+
+    def _paired(self, values, eigenvalues, vectors) -> tuple[np.ndarray, np.ndarray]:
+        """Index of the model's mode of each of the test's, (b, m), and whether there are enough.
+
+        As `measurements.gap.pair_modes`.
+        """
+        b, m = len(eigenvalues), self.n_test
+        n_rigid = self._count_rigid(eigenvalues)
+        elastic = np.arange(eigenvalues.shape[1])[None, :] >= n_rigid[:, None]
+        seen = elastic
+        if self.sensors is not None:
+            shapes = self.model.sensor_rows @ vectors
+            mass = self.model.pencil.total_mass(values)
+            own = self.model.hung_share(vectors, values)
+            rest = np.maximum(1.0 - own, NOTHING)
+            visibility = np.sqrt(np.mean(shapes**2, axis=1) * mass[:, None] / rest)
+            seen = elastic & (visibility > self.threshold)
+        good = np.sum(seen, axis=1) >= m
+        index = np.zeros((b, m), dtype=int)
+        if self.sensors is None or self.reference is None:
+            for i in np.flatnonzero(good):
+                index[i] = np.flatnonzero(seen[i])[:m]
+            return index, good
+        told = np.isfinite(self.reference).any(axis=0)
+        flat = mac(self.reference[:, told], np.concatenate(shapes, axis=1))
+        match = flat.reshape(len(flat), b, -1).transpose(1, 0, 2)
+        f = np.sqrt(np.maximum(eigenvalues, 0.0))
+        candidates = elastic & (visibility > min(self.threshold, FAINT))
+        own = _matched(match, f, seen, candidates, good)
+        if told.all():
+            return own, good
+        for i in np.flatnonzero(good):
+            index[i] = with_untold(own[i], told, np.flatnonzero(seen[i]))
+        return index, good
+
+
+def _matched(
+    match: np.ndarray, f: np.ndarray, seen: np.ndarray, candidates: np.ndarray, good: np.ndarray
+) -> np.ndarray:
+    """Index of the mode that each of the test's is like, (b, m), at many parameter values.
+
+    If each test mode is most like another model mode, and like it at all, these are the
+    assignment; only the rest needs an assignment problem.
+
+    Args:
+        match: MAC, (b, m, n).
+        f: Frequencies of the model's modes, in any unit, (b, n).
+        seen: Which of them the test could see, (b, n).
+        candidates: These, and fainter ones, (b, n).
+        good: At which values these are enough, (b,).
+    """
+    first = np.argsort(~seen, axis=1, kind="stable")[:, : match.shape[1]]
+    alike = likeness(match, f, np.take_along_axis(f, first, axis=1))
+    index = np.argmax(np.where(seen[:, None, :], alike, -np.inf), axis=2)
+    ordered = np.sort(index, axis=1)
+    best = np.take_along_axis(match, index[:, :, None], axis=2)
+    hard = np.any(ordered[:, 1:] == ordered[:, :-1], axis=1) | np.any(best < ALIKE, axis=(1, 2))
+    for i in np.flatnonzero(good & hard):
+        own = np.flatnonzero(candidates[i])
+        index[i] = own[assigned(match[i][:, own], f[i][own], seen[i][own])]
+    return index
+
+
+def _of_unit_mass(model: ArrayModel) -> ArrayModel | None:
+    """The model on a basis in which its mass is the identity, a third cheaper to solve.
+
+    None where the mass varies, or where round-off of the stiffest vectors would reach rigid modes.
+    """
+    pencil, values = model.pencil, model.values()
+    travels = any(isinstance(m.travel, str) for m in pencil.masses)
+    if travels or pencil.scalar_slopes(values)[1].any():
+        return None
+    inverse_root = np.linalg.inv(np.linalg.cholesky(model.mass()))
+    highest = np.linalg.eigvalsh(inverse_root @ model.stiffness() @ inverse_root.T)[-1]
+    rigid = (2 * np.pi * _RIGID_SHARE * _SHIFT_SHARE * model.scale_hz) ** 2
+    if _MARGIN * np.finfo(float).eps * highest > rigid:
+        return None
+    found = model.on(inverse_root.T)
+    if pencil.settled is not None:
+        found.pencil.settle(pencil.settled)
+    return found
+
+
+def batched(forward: ModalPrediction) -> ModalPrediction:
+    """The same for many parameter values at a time (`ModalPrediction.batches`).
+
+    The forward itself where its model is not one of plain arrays. Kept with it as long as it has
+    this model and follows these modes.
+    """
+    if forward.batches or type(forward.model) is not ArrayModel:
+        return forward
+    model = forward.model
+    key = model, forward.reference, forward.further
+    last = forward.__dict__.get("_batched")
+    if last is None or any(a is not b for a, b in zip(last[0], key, strict=True)):
+        last = forward.__dict__["_batched"] = key, BatchPrediction(forward, model)
+    return last[1]
+
+
+class MatchedAt(NamedTuple):
+    """Modes of a model at parameter values, and which of them are the test's.
+
+    Attributes:
+        shapes: As columns, (n_dofs, n_modes).
+        index: The test's, (n_test,); (0,) where they are not all there.
+        log_f: ln f of these, (n_test,); nan where they are not all there.
+    """
+
+    shapes: np.ndarray
+    index: np.ndarray
+    log_f: np.ndarray
+
+
+def match_modes_at(
+    forward: ModalPrediction, wanted: Sequence[Mapping[str, float]]
+) -> list[MatchedAt]:
+    """`modes_at` each of several values, and which of them are the test's.
+
+    Args:
+        forward: Of the reduced model.
+        wanted: Parameter values.
+    """
+    many = batched(forward)
+    if many.batches:
+        table = {name: np.array([values[name] for values in wanted]) for name in wanted[0]}
+        try:
+            modes = many.batch(table, every=False)
+            most = np.maximum(modes.index.max(axis=1) + 1, many.n_modes)
+            each = zip(modes.vectors, most, modes.index, modes.log_f, strict=True)
+            return [
+                MatchedAt(x[:, :n], index, log_f) if good else _seen_modes(forward, values)
+                for good, values, (x, n, index, log_f) in zip(modes.good, wanted, each, strict=True)
+            ]
+        except (InputError, np.linalg.LinAlgError):
+            pass  # one of them is beyond a law's limit
+    return [_seen_modes(forward, values) for values in wanted]
+
+
+def _seen_modes(forward: ModalPrediction, values) -> MatchedAt:
+    try:
+        modes, pairing = forward.solve(values)
+    except InputError:
+        nothing = np.full(forward.n_test, np.nan)
+        return MatchedAt(modes_at(forward, values), np.zeros(0, dtype=int), nothing)
+    log_f = np.log(modes.frequencies_hz[pairing.index])
+    return MatchedAt(modes.shapes, pairing.index, log_f)
+
+
+def modes_at(forward: ModalPrediction, values: Mapping[str, float]) -> np.ndarray:
+    """Modes of the reduced model, as many as the test's ask for, shape (n_dofs, n_modes)."""
+    try:
+        return forward.solve(values)[0].shapes
+    except InputError:
+        own = {name: values[name] for name in forward.model.parameters}
+        return solve_modes(forward.model, own, n_modes=forward.n_modes).shapes
+
+
+def lean_forward(
+    forward: ModalPrediction,
+    model: ArrayModel,
+    given: Mapping[str, float],
+    snapshots: np.ndarray,
+    weights: np.ndarray,
+    checks: Sequence[Mapping[str, float]],
+    limit: float,
+    sizes: Sequence[int] = (16, 20, 24, 28, 32, 36, 40, 50, 60, 80, 100),
+    beyond: bool = False,
+) -> tuple[BatchPrediction, float]:
+    """The leanest forward whose frequencies are good enough.
+
+    Args:
+        forward: The reduced model's.
+        model: That model.
+        given: The most probable parameter values.
+        snapshots: Modes of the reduced model, (n_dofs, n).
+        weights: Of the snapshots, (n,).
+        checks: Parameter values at which frequencies are compared.
+        limit: Error of ln f that is good enough.
+        sizes: Sizes of the basis to try.
+        beyond: Whether the mode after the test's has to be good enough too (``further``).
+
+    Returns:
+        The forward, and its largest error of ln f at the checks: above ``limit`` if even the
+        largest basis is not good enough.
+    """
+    vectors, energies = pod(model, snapshots, weights, given)
+    most = int(np.sum(energies > 1e-7 * energies[0]))
+    watched = forward.further if beyond else forward
+    exact = _log_f(watched, checks)
+    tried = [s for s in sizes if 6 + forward.n_test <= s < most] + [most]
+    for size in tried:
+        lean = BatchPrediction(forward, model.on(vectors[:, :size]))
+        error = frequency_error(lean.further if beyond else lean, checks, exact)
+        if error <= limit:
+            break
+    return lean, error
+
+
+def frequency_error(lean: BatchPrediction, checks, exact: np.ndarray) -> float:
+    """Largest error of ln f at parameter values; infinite if the lean model lacks a mode."""
+    found = lean.log_f_at(checks)
+    return float(np.max(np.abs(found - exact))) if np.isfinite(found).all() else np.inf
+
+
+def _log_f(forward: ModalPrediction, wanted: Sequence[Mapping[str, float]]) -> np.ndarray:
+    """ln f at several values, (len(wanted), m).
+
+    Raises:
+        InputError: If the model lacks a mode there.
+    """
+    found = batched(forward).log_f_at(wanted)
+    if np.isfinite(found).all():
+        return found
+    return np.array([forward(values)[0] for values in wanted])
