@@ -8,36 +8,6 @@ from dataclasses import dataclass
 from fenics_joints.errors import real
 from fenics_joints.preload.threads import Thread, thread, thread_names
 
-#: Clearance holes in mm, fine and coarse series of ISO 273; the medium one is in `Thread`.
-_SERIES = {
-    "M3": (3.2, 3.6),
-    "M3.5": (3.7, 4.2),
-    "M4": (4.3, 4.8),
-    "M5": (5.3, 5.8),
-    "M6": (6.4, 7.0),
-    "M8": (8.4, 10.0),
-    "M10": (10.5, 12.0),
-    "M12": (13.0, 14.5),
-    "M14": (15.0, 16.5),
-    "M16": (17.0, 18.5),
-    "M18": (19.0, 21.0),
-    "M20": (21.0, 24.0),
-    "M22": (23.0, 26.0),
-    "M24": (25.0, 28.0),
-    "M27": (28.0, 32.0),
-    "M30": (31.0, 35.0),
-    "M33": (34.0, 38.0),
-    "M36": (37.0, 42.0),
-    "M39": (40.0, 45.0),
-    "M42": (43.0, 48.0),
-    "M45": (46.0, 52.0),
-    "M48": (50.0, 56.0),
-    "M52": (54.0, 62.0),
-    "M56": (58.0, 66.0),
-    "M64": (66.0, 74.0),
-}
-#: Sizes of the second choice (ISO 262), rarely used.
-_SECOND = {"M3.5", "M14", "M18", "M22", "M27", "M33", "M39", "M45", "M52"}
 #: What speaks against a reading, as a relative error of a diameter.
 _FINE, _COARSE, _TIGHT, _INCH, _RARE, _FAR = 0.01, 0.02, 0.035, 0.03, 0.01, 0.08
 #: Holes that differ by a larger share are a clearance hole and a tapped one.
@@ -102,19 +72,17 @@ def guess_thread(widest: float, narrowest: float | None = None) -> ThreadGuess |
 
 def _fit(t: Thread, widest: float, narrow: float) -> tuple[float, str]:
     """How far holes are from those of a thread, relative, and what they are then."""
-    readings = [(0.0, t.hole_diameter, "a clearance hole of the medium series")]
-    if t.name in _SERIES:
-        fine, coarse = (1e-3 * d for d in _SERIES[t.name])
-        readings += [
-            (_FINE, fine, "a clearance hole of the fine series"),
-            (_COARSE, coarse, "a clearance hole of the coarse series"),
-        ]
-    readings.append((_TIGHT, t.diameter, "a hole without clearance"))
+    readings = [
+        (0.0, t.hole_diameter, "a clearance hole of the medium series"),
+        (_FINE, t.fine_hole_diameter, "a clearance hole of the fine series"),
+        (_COARSE, t.coarse_hole_diameter, "a clearance hole of the coarse series"),
+        (_TIGHT, t.diameter, "a hole without clearance"),
+    ]
     error, words = min((cost + abs(widest / size - 1), words) for cost, size, words in readings)
     if not t.series.startswith("metric"):
         error += _INCH
         words = words.replace("a clearance hole of the medium series", "a free-fit hole")
-    error += _RARE * (t.name in _SECOND)
+    error += _RARE * (t.choice > 1)
     if narrow < (1 - _TAPPED) * widest:
         drill = t.diameter - t.pitch
         error += abs(narrow / drill - 1)

@@ -71,37 +71,41 @@ class ContactPairs:
             self.share * q - shear[:, None] * (v - self.slip),
         )
 
-    def equations(self, x: np.ndarray, r: np.ndarray) -> np.ndarray:
-        """The left-hand sides, (n, gdim), N."""
+    def equations(self, x: np.ndarray, r: np.ndarray, closed: bool = False) -> np.ndarray:
+        """The left-hand sides, (n, gdim), N.
+
+        Args:
+            x: Displacements and jumps.
+            r: Rows of K x - f.
+            closed: Whether all pairs count as closed, and stuck where there is friction: the start.
+        """
         normal, tangent = self.trial(x, r)
         N, q = self.split(r)
-        limit = self._limit(normal)
-        return np.column_stack([N - np.maximum(normal, 0.0), q - _shorten(tangent, limit)])
+        pressed = normal if closed else np.maximum(normal, 0.0)
+        return np.column_stack([N - pressed, q - _shorten(tangent, self._limit(normal, closed))])
 
-    def closed(self, x: np.ndarray, r: np.ndarray) -> np.ndarray:
-        """Left-hand sides of the start: all closed, and stuck where there is friction."""
-        (normal, tangent), (N, q) = self.trial(x, r), self.split(r)
-        rough = (self.friction > 0)[:, None]
-        return np.column_stack([N - normal, q - np.where(rough, tangent, 0.0)])
-
-    def _limit(self, normal: np.ndarray) -> np.ndarray:
+    def _limit(self, normal: np.ndarray, closed: bool = False) -> np.ndarray:
+        if closed:
+            return np.where(self.friction > 0, np.inf, 0.0)
         pressed = np.maximum(normal, 0.0)
         with np.errstate(invalid="ignore"):
             return np.where(pressed > 0, self.friction * pressed, 0.0)
 
-    def tangent(self, x: np.ndarray, r: np.ndarray, slack: float = 0.0):
+    def tangent(self, x: np.ndarray, r: np.ndarray, slack: float = 0.0, closed: bool = False):
         """Blocks A, B, each (n, gdim, gdim): the equations' derivative is A dr + B dx.
 
         Args:
             x: Displacements and jumps.
             r: Rows of K x - f.
             slack: Share of Coulomb's limit by which a pair may be above it and count as stuck.
+            closed: See `equations`.
         """
         normal, tangent = self.trial(x, r)
         n, gdim = self.numbers.shape
         slope = np.zeros((n, gdim, gdim))
-        slope[normal > 0, 0, 0] = 1.0
-        limit, size, eye = self._limit(normal), np.linalg.norm(tangent, axis=1), np.eye(gdim - 1)
+        slope[:, 0, 0] = closed | (normal > 0)
+        limit, size = self._limit(normal, closed), np.linalg.norm(tangent, axis=1)
+        eye = np.eye(gdim - 1)
         stick = (size <= (1 + slack) * limit) & (limit > 0)
         slope[stick, 1:, 1:] = eye
         slip = ~stick & (limit > 0)
@@ -109,20 +113,6 @@ class ContactPairs:
         ratio = (limit[slip] / size[slip])[:, None, None]
         slope[slip, 1:, 1:] = ratio * (eye - unit[:, :, None] * unit[:, None, :])
         slope[slip, 1:, 0] = self.friction[slip, None] * unit  # d limit = mu d normal
-        return self._blocks(slope)
-
-    def closed_tangent(self):
-        """`tangent` of `closed`."""
-        n, gdim = self.numbers.shape
-        slope = np.zeros((n, gdim, gdim))
-        slope[:, 0, 0] = 1.0
-        for k in range(1, gdim):
-            slope[:, k, k] = self.friction > 0
-        return self._blocks(slope)
-
-    def _blocks(self, slope: np.ndarray):
-        """A, B from the derivative of what the equations ask for by the trial forces."""
-        gdim = slope.shape[1]
         c, shear = self.springs
         springs = np.column_stack([c, *[shear] * (gdim - 1)])
         return np.eye(gdim) - self.share * slope, slope * springs[:, None, :]

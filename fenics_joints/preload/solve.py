@@ -375,16 +375,13 @@ class ContactResidual:
     def function(self, snes, x: PETSc.Vec, F: PETSc.Vec) -> None:
         """SNES's function."""
         self.residual(x, F)
-        values, at = F.array_r.copy(), x.array_r
-        if self.start:
-            left = self.pairs.closed(at, values)
-        else:
-            left = self.pairs.equations(at, values)
+        left = self.pairs.equations(x.array_r, F.array_r.copy(), self.start)
         F.array[self.pairs.numbers] = left
 
     def matrix(self) -> PETSc.Mat:
-        """The Jacobian's matrix, A K + B, with the pattern of its rows."""
-        return self.system.combine(self.pairs, *self.pairs.closed_tangent())
+        """The Jacobian's matrix at the start, A K + B, with the pattern of its rows."""
+        at = self.load.array_r  # where does not matter: all pairs are closed
+        return self.system.combine(self.pairs, *self.pairs.tangent(at, at, closed=True))
 
     def shell(self) -> PETSc.Mat:
         """The Jacobian as a product, of which nothing is assembled."""
@@ -392,16 +389,12 @@ class ContactResidual:
 
     def jacobian(self, snes, x: PETSc.Vec, J: PETSc.Mat, P: PETSc.Mat) -> None:
         """SNES's Jacobian; the first one closes all contacts."""
-        if self.start:
-            A, B = self.pairs.closed_tangent()
-            self.start = False
-        else:
-            self.residual(x, self.rows)
-            # Where the step before ended in slip, a pair is at its limit but for round-off: whether
-            # it goes on or sticks again is for the new load to say.
-            slack = _AT_LIMIT if self.first else 0.0
-            A, B = self.pairs.tangent(x.array_r, self.rows.array_r, slack)
-        self.first = False
+        self.residual(x, self.rows)
+        # Where the step before ended in slip, a pair is at its limit but for round-off: whether it
+        # goes on or sticks again is for the new load to say.
+        slack = _AT_LIMIT if self.first else 0.0
+        A, B = self.pairs.tangent(x.array_r, self.rows.array_r, slack, self.start)
+        self.start = self.first = False
         if P.getType() == "python":
             context = P.getPythonContext()
             context.A, context.B = A, B
@@ -429,7 +422,7 @@ class ContactResidual:
         """Put x into the state of bilateral contact, from which vinewtonrsls starts."""
         J, F = self.matrix(), x.duplicate()
         self.residual(x, F)
-        F.array[self.pairs.numbers] = self.pairs.closed(x.array_r, F.array_r)
+        F.array[self.pairs.numbers] = self.pairs.equations(x.array_r, F.array_r, closed=True)
         ksp, step = self.system.factorised(J, "close", {}), x.duplicate()
         ksp.solve(F, step)
         x.axpy(-1.0, step)

@@ -26,6 +26,8 @@ _LENGTHS = (
     "washer_outer_diameter",
     "washer_thickness",
     "hole_diameter",
+    "fine_hole_diameter",
+    "coarse_hole_diameter",
 )
 
 
@@ -43,7 +45,10 @@ class Thread:
         washer_inner_diameter: Of the plain washer.
         washer_outer_diameter: Of the plain washer.
         washer_thickness: Of the plain washer.
-        hole_diameter: Of the clearance hole.
+        hole_diameter: Of the clearance hole, of the medium series.
+        fine_hole_diameter: Of that of the fine series; infinite for inch threads, which have none.
+        coarse_hole_diameter: Of that of the coarse series, likewise.
+        choice: 1, or 2 for sizes of the second choice (ISO 262), rarely used.
     """
 
     name: str
@@ -56,6 +61,9 @@ class Thread:
     washer_outer_diameter: float
     washer_thickness: float
     hole_diameter: float
+    fine_hole_diameter: float = math.inf
+    coarse_hole_diameter: float = math.inf
+    choice: int = 1
 
     @property
     def half_angle(self) -> float:
@@ -156,8 +164,8 @@ def _all() -> tuple[Thread, ...]:
 
 
 def _thread(name: str, series: str, pitch: float, row: dict[str, str], unit: float) -> Thread:
-    lengths = {key: float(row[key]) * unit for key in _LENGTHS}
-    return Thread(name, series, pitch=pitch, **lengths)
+    lengths = {key: float(row[key]) * unit for key in _LENGTHS if row.get(key)}
+    return Thread(name, series, pitch=pitch, choice=int(row.get("choice", 1)), **lengths)
 
 
 def _rows(file: str) -> Iterator[dict[str, str]]:
