@@ -386,13 +386,7 @@ def cutoff_document(u: CutoffReport) -> Document:
 def _scheme_blocks(u: CutoffReport, s: SchemeReport) -> list:
     """One scheme: frequencies over the cut-off, at the best one, and how they were found."""
     table = Table(
-        "mode",
-        ">measured, Hz",
-        ">stuck, Hz",
-        ">best, Hz",
-        ">stuck",
-        ">best",
-        ">as measured at",
+        "mode | >measured, Hz | >stuck, Hz | >best, Hz | >stuck | >best | >as measured at",
         caption=f"At the best cut-off, {quantity(s.cutoff, 'Pa')}",
         kind="frequencies",
     )

@@ -389,9 +389,7 @@ def modes_document(result: ModeList, n_shapes: int | None = 6) -> Document:
     if result.rings:
         keys.append(("rings", len(result.rings), "bolts' rings"))
     modes = Table(
-        ">mode",
-        ">frequency, Hz",
-        "what it is",
+        ">mode | >frequency, Hz | what it is",
         caption="Modes that the test could see move at its points in the directions they measure"
         if visible is not None
         else "In ascending order",
@@ -422,7 +420,7 @@ def modes_document(result: ModeList, n_shapes: int | None = 6) -> Document:
 def _rings(rings: Sequence[Ring]) -> Table:
     """The bolts' rings as they are in the mesh."""
     names = ("ring", ">centre, mm", ">thick, mm", ">radii, mm", "between")
-    table = Table(*names, caption="As they are in the mesh", id="ring-list", most=_RINGS)
+    table = Table(names, caption="As they are in the mesh", id="ring-list", most=_RINGS)
     for ring in rings:
         table.add(
             ring.name,
@@ -443,7 +441,7 @@ def _pairs(beside: ComparedModes) -> list:
     if beside.partnered.any():
         error = f"error {percent(beside.rms)} (root mean square)"
     columns = ("test", ">Hz", ">mode", ">model, Hz", ">error", *[">MAC"] * (beside.mac is not None))
-    table = Table(*columns, id="pairs", most=_PAIRS)
+    table = Table(columns, id="pairs", most=_PAIRS)
     for pair in beside.to_json()["pairs"]:
         error_percent, alike = pair["error_percent"], pair["mac"]
         last = [] if beside.mac is None else [MISSING if alike is None else f"{alike:.3f}"]

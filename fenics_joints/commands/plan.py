@@ -11,7 +11,7 @@ from mpi4py import MPI
 
 from fenics_joints.case import Case
 from fenics_joints.case.check_structure import refuse_applied
-from fenics_joints.commands.diagnose.reading import by_reason
+from fenics_joints.commands.diagnose.words import by_reason
 from fenics_joints.commands.outcome import Outcome
 from fenics_joints.diagnosis.evidence.classes import APART
 from fenics_joints.diagnosis.plan.planned import Plan, plan
@@ -88,7 +88,7 @@ def plan_document(p: Plan) -> Document:
         ("noise", percent(p.noise), "noise of a frequency"),
         ("discrepancy", percent(p.discrepancy), "error that any model of the structure has"),
     ]
-    modes = Table("mode", ">frequency, Hz", caption="As the nominal model has them", id="modes")
+    modes = Table("mode | >frequency, Hz", caption="As the nominal model has them", id="modes")
     for name, hz in zip(p.mode_names, p.frequencies_hz, strict=True):
         modes.add(name, hertz(hz))
     explained = (
@@ -146,11 +146,7 @@ def _groups(p: Plan) -> list:
     if not p.classes:
         return []
     table = Table(
-        "group",
-        "causes",
-        ">collinearity",
-        "what cancels",
-        ">it leaves",
+        "group | causes | >collinearity | what cancels | >it leaves",
         caption="The changes that cancel best, and what they leave; a collinearity index above 20 "
         "says that no size would help",
         id="classes",
@@ -165,15 +161,8 @@ def _groups(p: Plan) -> list:
 def _effects(p: Plan) -> Table:
     """Every effect at its expected size: how far from no gap, and what it may be taken for."""
     table = Table(
-        ">",
-        "effect",
-        "group",
-        ">D: no gap",
-        ">named",
-        ">or taken for",
-        ">share",
-        "expected size",
-        ">D over its sizes",
+        "> | effect | group | >D: no gap | >named | >or taken for | >share | "
+        "expected size | >D over its sizes",
         caption="Every effect at its expected size: of the median of its prior and one standard "
         "deviation either way, the one of middle length. Named, or taken for another (by its "
         "number): mean probabilities in simulated tests with that cause alone, of any size that is "
@@ -213,12 +202,7 @@ def _additions(p: Plan, seen: int) -> list:
         "together are compared again with it, every rival fitted anew to everything."
     )
     table = Table(
-        "measured besides",
-        ">apart",
-        ">seen",
-        ">mean gain of D",
-        ">largest",
-        "that is between",
+        "measured besides | >apart | >seen | >mean gain of D | >largest | that is between",
         caption="The most telling first",
         id="additions",
         most=_ADDITIONS,

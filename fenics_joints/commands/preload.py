@@ -364,9 +364,7 @@ def bolt_forces(result: PreloadResult) -> dict[str, float]:
 def preload_document(p: PreloadReport) -> Document:
     """What is said of a preload state and its frequencies."""
     forces = forces_in_words(p.result)
-    frequencies = Table(
-        ">elastic mode", ">stuck, Hz", ">preloaded, Hz", ">change", id="frequencies"
-    )
+    frequencies = Table(">elastic mode | >stuck, Hz | >preloaded, Hz | >change", id="frequencies")
     for i, (a, b) in enumerate(p.rows):
         name = str(i + 1) if i < len(p.stuck_hz) else ""
         frequencies.add(name, hertz(a), hertz(b), percent(b / a - 1, sign=True))
@@ -405,10 +403,7 @@ def _applied(facts: Sequence[dict]) -> list:
     if not facts:
         return []
     table = Table(
-        "what acts",
-        "kind",
-        "moved by",
-        "force on the bodies",
+        "what acts | kind | moved by | force on the bodies",
         caption="By direction x, y, z. Of a face that is moved, the force is what holds it there",
         id="applied",
     )
@@ -446,7 +441,7 @@ def contact_blocks(result: PreloadResult, contacts: Sequence[dict]) -> list:
 
 
 def _contact_table(c: dict) -> Table:
-    table = Table(f"contact {c['name']}", ">", kind="contact")
+    table = Table([f"contact {c['name']}", ">"], kind="contact")
     presses, whole = area_words(c["area_m2"]), area_words(c["whole_area_m2"])
     table.add("force between the faces", quantity(c["force_n"], "N"))
     table.add("peak pressure, mean over a facet", quantity(c["peak_pressure_pa"], "Pa"))

@@ -55,7 +55,8 @@ class Table:
     The last cell of a row that is shorter than the table spans the columns that are left.
 
     Args:
-        columns: Headings; one that starts with > is above right-aligned numbers.
+        columns: Headings, in a text with | between them; one that starts with > is above
+            right-aligned numbers.
         caption: Above the table on the page.
         id: On the page, unique there.
         kind: Class of the table on the page: ``heat``, ``frequencies``, ``axis``, ``contact``.
@@ -65,14 +66,15 @@ class Table:
 
     def __init__(
         self,
-        *columns: str,
+        columns: str | Sequence[str],
         caption: str = "",
         id: str = "",
         kind: str = "",
         most: int | None = None,
         page_columns: int = 0,
     ):
-        self.columns = columns
+        columns = columns.split("|") if isinstance(columns, str) else columns
+        columns = [column.strip() for column in columns]
         self.names = [column.lstrip(">") for column in columns]
         self.right = [column.startswith(">") for column in columns]
         self.caption, self.id, self.kind = caption, id, kind

@@ -36,7 +36,7 @@ _FACTS = {
 
 def facts_table(model: Mapping[str, object]) -> Table:
     """Facts on a model: names in words, and values."""
-    table = Table("", ">", caption="The model", id="model")
+    table = Table(" | >", caption="The model", id="model")
     for key, value in model.items():
         table.add(_FACTS.get(key, spaced(key)), _fact(key, value))
     return table
@@ -77,7 +77,9 @@ def frequency_table(
     """
     gaps = [(name, gap) for name, gap in zip(names, (before, after), strict=True) if gap]
     columns = [condition[0], "mode", ">measured, Hz", *(f">{name}, Hz" for name, _ in gaps)]
-    table = Table(*columns, *(f">{name}" for name, _ in gaps), caption=caption, kind="frequencies")
+    table = Table(
+        [*columns, *(f">{name}" for name, _ in gaps)], caption=caption, kind="frequencies"
+    )
     heads = _row_heads(after, condition[1], row_names)
     for i, j in np.ndindex(after.test_hz.shape):
         table.add(
@@ -118,7 +120,7 @@ def heat_table(
     """
     largest = largest_error(gap) if largest is None else largest
     caption = f"{name}: model over test minus one"
-    table = Table(condition[0], *gap.mode_names, "RMS", caption=caption, kind="heat")
+    table = Table([condition[0], *gap.mode_names, "RMS"], caption=caption, kind="heat")
     heads = _row_heads(gap, condition[1], row_names)
     for head, errors, rms in zip(heads, gap.relative, gap.by_condition(), strict=True):
         cells = (_heat_cell(e, largest) for e in errors)
@@ -145,7 +147,7 @@ def mac_table(
     matrix: np.ndarray, rows: Sequence[str], columns: Sequence[object], caption: str, id: str = ""
 ) -> Table:
     """Values of the modal assurance criterion in colours, from white to blue."""
-    table = Table("", *map(str, columns), caption=caption, id=id, kind="heat")
+    table = Table(["", *map(str, columns)], caption=caption, id=id, kind="heat")
     white, blue = np.array([247, 249, 250]) / 255, np.array([31, 95, 150]) / 255
     for name, values in zip(rows, matrix, strict=True):
         shares = np.clip(values, 0.0, 1.0)

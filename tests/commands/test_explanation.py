@@ -18,9 +18,8 @@ pytest.importorskip("dolfinx")
 from fenics_joints.case import load_case
 from fenics_joints.commands.diagnose.document import diagnosis_document
 from fenics_joints.commands.diagnose.explanation import explain
-from fenics_joints.commands.diagnose.reading import heading_of
 from fenics_joints.commands.diagnose.run import assumptions
-from fenics_joints.commands.diagnose.words import zone_words
+from fenics_joints.commands.diagnose.words import heading_of, zone_words
 from fenics_joints.diagnosis import Diagnosis, EffectResult, HypothesisResult, Silent
 from fenics_joints.diagnosis.evidence.localised_unknown import LocalisedUnknown, PointMassFound
 from fenics_joints.diagnosis.location import Location

@@ -8,7 +8,7 @@ from mpi4py import MPI
 from virtual_plates import TORQUES, Measured, assert_same_evidence, virtual_test, write_virtual_case
 
 from fenics_joints.case import load_case
-from fenics_joints.commands.diagnose.reading import effect_classes
+from fenics_joints.commands.diagnose.words import effect_classes
 from fenics_joints.diagnosis import diagnose
 from fenics_joints.errors import ConvergenceError
 

@@ -32,7 +32,7 @@ CELLS = (
 def printed(width: int) -> str:
     stream = io.StringIO()
     console = Console(file=stream, width=width)
-    table = Table("parameter", ">identified", ">predicted, Hz", ">error", "range")
+    table = Table("parameter | >identified | >predicted, Hz | >error | range")
     table.add(*CELLS)
     words = "a sentence that is longer than the line on which it stands, with its caveat"
     show(console, Document("case", "result", blocks=[table, Text(words)]))

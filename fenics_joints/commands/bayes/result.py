@@ -259,14 +259,7 @@ def bayes_document(b: BayesReport) -> Document:
 def _values(b: BayesReport) -> list:
     state = "What the chains have so far" if b.failure else "What is known now"
     table = Table(
-        "quantity",
-        ">mean",
-        ">s.d.",
-        ">5 %",
-        ">95 %",
-        ">R-hat",
-        ">ESS, bulk",
-        ">ESS, tail",
+        "quantity | >mean | >s.d. | >5 % | >95 % | >R-hat | >ESS, bulk | >ESS, tail",
         caption=f"{'Draws that are not yet the posterior' if b.failure else 'Posterior'}; R-hat at "
         "most 1.01 and at least 400 effective draws mean that the chains agree",
         id="values",
@@ -285,11 +278,7 @@ def _values(b: BayesReport) -> list:
 def _predictions(b: BayesReport) -> list:
     found = b.predicted
     table = Table(
-        "mode",
-        ">measured, Hz",
-        ">median, Hz",
-        ">5 %",
-        ">95 %",
+        "mode | >measured, Hz | >median, Hz | >5 % | >95 %",
         caption=f"Frequencies of {'new specimens' if found.check else 'the structure'}",
         id="frequencies",
     )
@@ -358,7 +347,7 @@ def _chains(b: BayesReport) -> list:
 def _basis(b: BayesReport) -> list:
     """What the posterior rests on."""
     model, (samples, burn_in), least = b.model, b.samples, 1e-6
-    table = Table("", "", id="model")
+    table = Table(" | ", id="model")
     for line in b.prior:
         table.add("prior", line)
     table.add(

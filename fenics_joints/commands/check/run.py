@@ -478,10 +478,7 @@ def _weights(result: Checked) -> list:
     if not result.weights:
         return []
     table = Table(
-        "mass of",
-        "what",
-        ">in the model",
-        ">on the scales",
+        "mass of | what | >in the model | >on the scales",
         caption="To weigh against the real thing; mass in [parts.NAME] and [test] says what that "
         "weighs",
         id="masses",
@@ -501,9 +498,7 @@ def _costs_said(costs: Sequence[Cost]) -> list:
     if not costs:
         return []
     table = Table(
-        "command",
-        ">time",
-        ">memory",
+        "command | >time | >memory",
         caption="Rough, on a quiet machine: a factor of two either way",
         id="costs",
     )
@@ -526,11 +521,7 @@ def _places(result: Checked) -> list:
     if not places:
         return []
     table = Table(
-        "name",
-        "what",
-        ">at, mm",
-        ">looks along",
-        ">off the mesh, mm",
+        "name | what | >at, mm | >looks along | >off the mesh, mm",
         caption="Bolts, sensors and what else is at points",
         id="places",
     )

@@ -8,26 +8,24 @@ from collections.abc import Sequence
 import numpy as np
 
 from fenics_joints.case import labelled
-from fenics_joints.commands.diagnose.explanation import explain
+from fenics_joints.commands.diagnose.explanation import FAR, explain
 from fenics_joints.commands.diagnose.pictures import forecasts, gap_bars, level_panels
-from fenics_joints.commands.diagnose.reading import (
+from fenics_joints.commands.diagnose.view import diagnosis_view
+from fenics_joints.commands.diagnose.words import (
     EffectClass,
     by_effect,
     by_reason,
+    change_words,
     effect_classes,
+    group_words,
     heading_of,
     in_words,
+    joined,
     leading,
     named,
     sure_causes,
-    with_place,
-)
-from fenics_joints.commands.diagnose.view import diagnosis_view
-from fenics_joints.commands.diagnose.words import (
-    change_words,
-    group_words,
-    joined,
     value_words,
+    with_place,
     zone_words,
 )
 from fenics_joints.diagnosis.evidence.classes import APART, confusion
@@ -81,8 +79,6 @@ _REGIONS, _PARAMETERS, _CLASSES, _MEMBERS = 3, 3, 2, 3
 _MOST_HYPOTHESES = 8
 #: Classes of effects below this are folded away, but for so many.
 _PROBABLE, _FEWEST_CLASSES = 1e-3, 5
-#: A nuisance further from its expected value than this, in its standard deviations, is marked.
-_FAR = 2.0
 _STYLES = {
     "cause": "bold cyan",
     "likely": "bold yellow",
@@ -240,7 +236,7 @@ def _keys(d: Diagnosis) -> list[tuple[str, str, str]]:
 
 
 def _gaps(d: Diagnosis) -> Table:
-    table = Table("gap (RMS relative error)", ">nominal", ">best wrong", ">chosen")
+    table = Table("gap (RMS relative error) | >nominal | >best wrong | >chosen")
     rows = [
         ("all data, fitted", d.before.rms, None, d.after.rms),
         ("held out, predicted", d.heldout_before, d.placebo_after, d.heldout_after),
@@ -290,9 +286,7 @@ def _map(found: Location | None) -> list:
 
 def _regions(d: Diagnosis) -> Table:
     table = Table(
-        "where",
-        ">share",
-        "",
+        "where | >share | ",
         caption="What a change in each region explains of the misfit: the most probable region "
         "first, then the next of what is left; all of them and the rest make 100 %",
         id="shares",
@@ -334,13 +328,7 @@ def _places(found: Location | None, condition: tuple[str, str]) -> list[Folded]:
 
 def _score_tests(id: str, caption: str, tests: Sequence[ScoreTest]) -> Table:
     table = Table(
-        "where",
-        "most probably",
-        ">explains",
-        "",
-        ">adjusted p",
-        ">p of the rest",
-        ">ln evidence",
+        "where | most probably | >explains |  | >adjusted p | >p of the rest | >ln evidence",
         caption=caption,
         id=id,
     )
@@ -369,7 +357,7 @@ def _axes(found: Location, condition: tuple[str, str]) -> list[Table]:
         if len(rows) < 2:
             continue
         whole = sum(a.chi2 for a in rows)
-        table = Table(f"by {name}", ">misfit", ">by chance", ">p", "", kind="axis")
+        table = Table([f"by {name}", ">misfit", ">by chance", ">p", ""], kind="axis")
         for a in rows:
             numbers = (f"{a.chi2:.1f}", str(a.expected), p_value(a.p))
             table.add(group_words(a, condition[1]), *numbers, bar(a.chi2 / whole))
@@ -399,7 +387,7 @@ def _errors(d: Diagnosis) -> Folded:
 def _effects_shortly(d: Diagnosis) -> list:
     """The first classes of effects, what would split them, and what is not seen."""
     classes, often = effect_classes(d), Counter(effect.name for effect in d.effects)
-    table = Table("which effect", "class", ">probability", "")
+    table = Table("which effect | class | >probability | ")
     # Every cause that is named has its row; a class takes one of its own beside its members'.
     sure, shown = {group.name for group in sure_causes(d)}, 0
     for i, group in enumerate(classes):
@@ -454,7 +442,7 @@ def _effects(d: Diagnosis) -> list:
 
 def _effect_table(id: str, caption: str, classes: Sequence[EffectClass], lead=False) -> Table:
     names = ("class", "effect", "region", ">probability", "", "in this test")
-    table = Table(*names, caption=caption, id=id)
+    table = Table(names, caption=caption, id=id)
     for i, group in enumerate(classes):
         style = "lead" if lead and i == 0 else ""
         if group.letter:
@@ -498,11 +486,11 @@ def _parameters(
     effects: Sequence[tuple[str, list[dict]]], caption: str, id: str, nothing: str
 ) -> Table:
     names = ("effect", "fitted", ">value", ">68 % interval", ">from expected, s.d.")
-    table = Table(*names, caption=caption, id=id, most=_PARAMETERS, page_columns=1)
+    table = Table(names, caption=caption, id=id, most=_PARAMETERS, page_columns=1)
     for effect, rows in effects:
         for p in rows:
             sigmas = p["prior_sigmas"]
-            far = "flag" if p["nuisance"] and abs(sigmas) > _FAR else ""
+            far = "flag" if p["nuisance"] and abs(sigmas) > FAR else ""
             off = Cell(f"{sigmas:+.2f}", kind=far)
             table.add(with_place(effect), p["name"], *value_words(p), off)
     if not table.rows:
@@ -521,20 +509,14 @@ def _hypotheses(d: Diagnosis) -> Folded:
         "this would come about if the hypothesis were right; below 1 % it fails, whatever its rank."
     )
     table = Table(
-        "hypothesis",
-        ">probability",
-        ">ln evidence",
-        ">below best",
-        ">gap",
-        ">p-value",
+        "hypothesis | >probability | >ln evidence | >below best | >gap | >p-value | "
         "at a limit of its range",
         caption=f"The {len(shown)} most probable of {len(d.hypotheses)}; the leading one, whose "
         "gap and frequencies this page shows, in bold",
         id="hypotheses",
     )
     others = Table(
-        "hypothesis",
-        "fitted parameters (68 % interval)",
+        "hypothesis | fitted parameters (68 % interval)",
         caption="Fitted parameters of the other hypotheses",
         id="others",
     )
@@ -622,14 +604,7 @@ def _held_out(d: Diagnosis) -> list:
 
 def _folds(s: Shrinkage, placebo: str) -> Table:
     table = Table(
-        "held out",
-        ">points",
-        ">nominal",
-        ">chosen",
-        ">stated before",
-        ">best wrong",
-        ">noise",
-        ">S*",
+        "held out | >points | >nominal | >chosen | >stated before | >best wrong | >noise | >S* | "
         "chosen effects",
         caption="Held-out data, part by part; intervals of 90 %",
         id="folds",
@@ -666,7 +641,7 @@ def _folds(s: Shrinkage, placebo: str) -> Table:
 
 def _shrinkage(s: Shrinkage) -> Table:
     caption = "How much of the gap beyond noise is gone, with what was stated before"
-    table = Table("", ">share", ">90 % interval", caption=caption, id="shrinkage")
+    table = Table(" | >share | >90 % interval", caption=caption, id="shrinkage")
     for name, share, span in (
         ("S*, the chosen effects", s.shrink, s.shrink_interval),
         ("the same of the best wrong effect", s.placebo_shrink, s.placebo_interval),
@@ -724,10 +699,7 @@ def _frequencies(d: Diagnosis, log_sd: np.ndarray | None) -> Folded:
     ]
     if d.damping is not None:
         table = Table(
-            d.condition[0],
-            "mode",
-            ">measured",
-            ">leading hypothesis",
+            [d.condition[0], "mode", ">measured", ">leading hypothesis"],
             caption="Damping ratios, which were fitted with the frequencies",
             id="damping",
         )
@@ -748,11 +720,7 @@ def _next(d: Diagnosis) -> list:
     """Measurements that would split a class, and what this test says nothing about."""
     letters = {c.name: c.letter for c in effect_classes(d)}
     table = Table(
-        "class",
-        "members",
-        "measurement",
-        ">separation",
-        ">confusion",
+        "class | members | measurement | >separation | >confusion",
         caption="The expected separation of the members' predictions in standard deviations; "
         f"{APART:.2f} leaves 1 % chance to take one for the other",
         id="separations",
@@ -786,7 +754,7 @@ def _stated(d: Diagnosis, assumed: Sequence[tuple[str, str]]) -> list[Table]:
     if "basis" in facts:
         facts["frequency_error"] = d.model_error
     caption = "Stated by the case file before the test was looked at"
-    table = Table("", "", caption=caption, id="assumed")
+    table = Table(" | ", caption=caption, id="assumed")
     for name, value in assumed:
         table.add(name, value)
     return [*([table] if assumed else []), facts_table(facts)]
@@ -796,7 +764,7 @@ def _nuisances(lead: HypothesisResult) -> list:
     """Where what is uncertain in any case ended."""
     words = (
         "Known only within a tolerance, these were free in every hypothesis. One that ends more "
-        f"than {number(_FAR, 2)} standard deviations from its expected value is marked: then "
+        f"than {number(FAR, 2)} standard deviations from its expected value is marked: then "
         "something else may be at work."
     )
     rows = [(p["effect"], [p]) for p in lead.parameters if p["nuisance"]]

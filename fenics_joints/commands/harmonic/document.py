@@ -74,13 +74,15 @@ def harmonic_document(r: HarmonicReport) -> Document:
 def _peaks(r: HarmonicReport) -> list:
     measured = [">test, Hz", f">test, {r.unit}"] if r.curves is not None else []
     table = Table(
-        r.drive,
-        ">peak, Hz",
-        f">{r.kind}, {r.unit}",
-        ">damping",
-        ">in joints, per cycle",
-        ">displacement",
-        *measured,
+        [
+            r.drive,
+            ">peak, Hz",
+            f">{r.kind}, {r.unit}",
+            ">damping",
+            ">in joints, per cycle",
+            ">displacement",
+            *measured,
+        ],
         id="peaks",
         page_columns=1 + len(measured),
     )
@@ -131,7 +133,7 @@ def _modes(r: HarmonicReport) -> list:
     if r.static_backbone is None:
         return []
     names = [name for method in r.mode_methods for name in (f">{method}, Hz", ">damping")]
-    table = Table("displacement", *names, id="modes")
+    table = Table(["displacement", *names], id="modes")
     for displacement, found in r.mode_rows():
         words = [(f"{at[0]:.3f}", percent(at[1])) if at else (MISSING, MISSING) for at in found]
         first = Cell(quantity(displacement, "m"), kind="nowrap")
@@ -158,7 +160,7 @@ def _stability_blocks(r: HarmonicReport) -> list:
         "motion begins to beat."
     )
     table = Table(
-        r.drive, "bifurcation", ">Hz", ">displacement", ">growing", "branch", id="bifurcations"
+        [r.drive, "bifurcation", ">Hz", ">displacement", ">growing", "branch"], id="bifurcations"
     )
     for found in r.stability:
         rows = found.rows()
@@ -181,15 +183,8 @@ def _identified(r: HarmonicReport) -> list:
         weight = f", and {percent(first.noise)} for each standard deviation of the mode over its "
         weight += "amplitude"
     table = Table(
-        "parameter",
-        ">start",
-        ">found",
-        ">s.d.",
-        "method",
-        ">objective at start",
-        ">at end",
-        ">responses",
-        ">solutions",
+        "parameter | >start | >found | >s.d. | method | >objective at start | >at end | "
+        ">responses | >solutions",
         id="identified",
     )
     for found in r.identified:
@@ -220,7 +215,7 @@ def _identified(r: HarmonicReport) -> list:
 
 def _amplitude_table(found: IdentificationResult) -> list[Table]:
     """The measured mode beside the identified one."""
-    table = Table(">displacement", ">test, Hz", ">model, Hz", ">test, damping", ">model")
+    table = Table(">displacement | >test, Hz | >model, Hz | >test, damping | >model")
     for displacement, hz, made, zeta, ratio in mode_rows(found):
         hertzes = (f"{hz:.3f}", f"{made:.3f}")
         table.add(quantity(displacement, "m"), *hertzes, percent(zeta), percent(ratio))
@@ -232,13 +227,7 @@ def _predictions(r: HarmonicReport) -> list:
     if not r.predictions:
         return []
     table = Table(
-        ">measured at",
-        "",
-        ">peak, Hz",
-        ">error",
-        f">peak, {r.unit}",
-        ">error",
-        ">mean error",
+        [">measured at", "", ">peak, Hz", ">error", f">peak, {r.unit}", ">error", ">mean error"],
         caption="Mean error: of the amplitudes near the peak",
         id="predictions",
     )

@@ -157,11 +157,13 @@ def _parameters(r: UpdateReport) -> list:
     u, found, published = r.update, r.update.identifiability, r.published
     given = {} if published is None else published["parameters"]
     table = Table(
-        "parameter",
-        ">start",
-        ">identified",
-        ">s.d.",
-        *([f">{published['source'] or 'published'}"] if given else []),
+        [
+            "parameter",
+            ">start",
+            ">identified",
+            ">s.d.",
+            *([f">{published['source'] or 'published'}"] if given else []),
+        ],
         caption=_METHODS[u.method],
         id="values",
         most=_PARAMETERS,
@@ -183,7 +185,7 @@ def _parameters(r: UpdateReport) -> list:
         words.append(Text(f"{said} (Machines 2022, eq. 16), {number(after, 2)} {how}", "note"))
     weakest = sorted(zip(found.names, found.weakest, strict=True), key=lambda p: -abs(p[1]))
     direction = ", ".join(f"{name} {share:+.2f}" for name, share in weakest)
-    facts = Table("", "")
+    facts = Table(" | ")
     collinearity = "collinearity index at the end (1: independent; above 20: hardly told apart)"
     facts.add(collinearity, number(found.collinearity))
     facts.add("direction that the data determine least, by logarithms", direction)
@@ -218,7 +220,7 @@ def _modes(r: UpdateReport) -> list:
         macs = [np.diag(modes.mac_after), np.diag(modes.mac_before)]
         columns = [">MAC", ">MAC before"]
     headings = ("mode", ">test, Hz", ">before, Hz", ">after, Hz", ">before", ">after", *columns)
-    table = Table(*headings, id="modes-fitted", most=_MODES, page_columns=len(columns) // 2)
+    table = Table(headings, id="modes-fitted", most=_MODES, page_columns=len(columns) // 2)
     _add_compared(table, modes, modes.names, range(len(modes.names)), hertz, 2, macs)
     blocks = [Heading("Modes", "modes"), table]
     if not modes.fitted.all():
@@ -228,7 +230,7 @@ def _modes(r: UpdateReport) -> list:
     damping = modes.damping
     if damping is not None:
         headings = ("damping ratio", ">test", ">before", ">after", ">error before", ">error after")
-        table = Table(*headings, id="damping-ratios", most=_MODES)
+        table = Table(headings, id="damping-ratios", most=_MODES)
         _add_compared(table, damping, modes.names, damping.measured, ratio_words, 1)
         blocks += [Heading("Damping ratios", "damping", level=3), table]
         if not damping.fitted[damping.measured].all():
@@ -272,11 +274,7 @@ def _published(r: UpdateReport) -> list:
         return []
     source = published["source"] or "published"
     table = Table(
-        "mode",
-        ">published model, Hz",
-        ">this model, Hz",
-        ">this over published",
-        ">measured, Hz",
+        "mode | >published model, Hz | >this model, Hz | >this over published | >measured, Hz",
         caption=f"This model with the published parameters ({source}) beside the published model: "
         "what differs is the models, not the parameters",
         id="published",
@@ -312,24 +310,21 @@ def _held(r: UpdateReport) -> list:
         return []
     published = theirs(r)
     table = Table(
-        _held_out(r),
-        ">test, Hz",
-        ">predicted, Hz",
-        ">error",
-        ">± s.d.",
-        *([">published fit"] if published else []),
-        ">before, Hz",
+        [
+            _held_out(r),
+            ">test, Hz",
+            ">predicted, Hz",
+            ">error",
+            ">± s.d.",
+            *([">published fit"] if published else []),
+            ">before, Hz",
+        ],
         id="held-modes",
         most=_MODES,
         page_columns=1,
     )
     ratios = Table(
-        "damping ratio, held out",
-        ">test",
-        ">predicted",
-        ">error",
-        ">± s.d.",
-        ">before",
+        "damping ratio, held out | >test | >predicted | >error | >± s.d. | >before",
         id="held-ratios",
         most=_MODES,
         page_columns=1,
@@ -378,9 +373,7 @@ def _functions(functions: Functions) -> list:
     """Measured functions beside the model's."""
     found = functions.summary()
     levels = Table(
-        "functions, rms of |H| in dB",
-        ">before",
-        ">after",
+        "functions, rms of |H| in dB | >before | >after",
         caption="Root mean square of 20 lg |H model / H test|",
         id="levels",
     )
@@ -389,12 +382,7 @@ def _functions(functions: Functions) -> list:
         if found[f"{key}_after"] is not None:
             levels.add(words, decibel(found[f"{key}_before"]), decibel(found[f"{key}_after"]))
     each = Table(
-        "response",
-        "force",
-        ">before",
-        ">after",
-        ">FRAC before",
-        ">FRAC after",
+        "response | force | >before | >after | >FRAC before | >FRAC after",
         caption="FRAC: frequency response assurance criterion, 1 if alike but for a factor",
     )
     models = (functions.before, functions.after)
@@ -472,9 +460,7 @@ def _fits(r: UpdateReport) -> Table:
     """What was identified at each condition, and the errors that were left."""
     name, _, unit = r.condition
     table = Table(
-        name,
-        *(f">{p['name']}" for p in r.parameters),
-        *(f">{mode}" for mode in r.modes.names),
+        [name, *(f">{p['name']}" for p in r.parameters), *(f">{mode}" for mode in r.modes.names)],
         caption="Identified at each condition, with the standard deviation, and what was left of "
         "the errors; * held out of the curves",
         id="fits",
@@ -500,7 +486,7 @@ def _curves(r: UpdateReport) -> Table:
     unit = r.condition[2] or "its unit"
     caption = f"Fitted to the conditions that were not held out; T in {unit}"
     table, units = (
-        Table("parameter", "form", "coefficients", caption=caption, id="curves"),
+        Table("parameter | form | coefficients", caption=caption, id="curves"),
         {p["name"]: p["unit"] for p in r.parameters},
     )
     for curve in r.sweep.curves:
