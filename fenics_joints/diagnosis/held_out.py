@@ -6,7 +6,7 @@ What each fold will show is stated before its data are looked at.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from mpi4py import MPI
@@ -131,11 +131,11 @@ def _over_conditions(modes: np.ndarray, between: bool) -> np.ndarray:
     return np.delete(np.eye(len(at)) - mean[at], first, axis=0) if between else mean
 
 
-def held(evidence: Evidence, mask: np.ndarray) -> np.ndarray:
-    """The held-out frequencies and damping ratios that were measured, as a mask of shape (N,)."""
+def held(evidence: Evidence, mask: np.ndarray, kinds: Sequence[int]) -> np.ndarray:
+    """The held-out entries of some kinds that were measured, as a mask of shape (N,)."""
     e = evidence.entries
     there = (mask & evidence.used)[e.row, e.mode] & np.isfinite(evidence.data)
-    return there & np.isin(e.kind, (FREQUENCY, DAMPING))
+    return there & np.isin(e.kind, kinds)
 
 
 def gain(
@@ -194,7 +194,6 @@ def folds(
     conditions: np.ndarray,
     mode_names: Sequence[str],
     condition: tuple[str, str],
-    blocks: int = _BLOCKS,
     measured: np.ndarray | None = None,
     names: Sequence[str] = (),
 ) -> list[tuple[str, np.ndarray]]:
@@ -222,7 +221,7 @@ def folds(
     named = np.array([bool(name) for name in names] or [False] * n)
     rows = np.flatnonzero(there[:, several].any(axis=1) & ~named)
     if len(rows) > 1:
-        for block in np.array_split(rows, min(blocks, len(rows))):
+        for block in np.array_split(rows, min(_BLOCKS, len(rows))):
             mask = np.zeros((n, m), dtype=bool)
             mask[np.ix_(block, several)] = True
             low, high = conditions[block[0]], conditions[block[-1]]
@@ -269,7 +268,6 @@ def forecast(
     noise: float,
     *,
     count: int = _DRAWS,
-    seed: int = _SEED,
 ) -> Forecast:
     """What the held-out frequencies will show, from all that is known without them.
 
@@ -285,17 +283,20 @@ def forecast(
         scored: Which entries will be scored, shape (N,); k of them.
         noise: E_noise of the fold.
         count: Number of draws.
-        seed: Of the random numbers.
     """
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(_SEED)
     parts = []
     for refit, own in zip(refits, rng.multinomial(count, weights / np.sum(weights)), strict=True):
         if own:
             parts.append(draws(refit, blind, scored, own, rng))
     drawn = np.concatenate(parts)
-    after = _rms_rows(np.expm1(chosen.predicted[scored] - drawn))
+    after = np.sqrt(np.mean(np.expm1(chosen.predicted[scored] - drawn) ** 2, axis=1))
     there = np.isfinite(nominal)
-    before = _rms_rows(np.expm1(nominal - drawn)[:, there]) if there.any() else np.nan
+    before = (
+        np.sqrt(np.mean(np.expm1(nominal - drawn)[:, there] ** 2, axis=1))
+        if there.any()
+        else np.nan
+    )
     gained = shrink(before, after, noise)
     low, high = np.quantile(drawn, _ends(), axis=0)
     shares = {f.hypothesis.label: float(w) for f, w in zip(refits, weights, strict=True)}
@@ -318,26 +319,19 @@ def _noise_variance(chosen: Fit, evidence: Evidence, scored: np.ndarray) -> np.n
 # -- choosing, fitting, opening --------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
-class _Errors:
-    """Squares of a fold's scored entries, (4, k): of relative errors of the nominal model, nan
-    where it has no such mode, of the choice and of the placebo, and of the noise."""
+def _sums(squares: np.ndarray, rng=None, count: int = 1) -> np.ndarray:
+    """Sums of squares over a fold's entries, and numbers of those that have one, (2, 4); or
+    likewise over entries drawn with replacement, (2, count, 4).
 
-    squares: np.ndarray
-
-    @property
-    def n(self) -> int:
-        return self.squares.shape[1]
-
-    @property
-    def sums(self) -> np.ndarray:
-        """Sums over the entries, and numbers of those that have one, (2, 4)."""
-        return np.array([np.nansum(self.squares, axis=1), np.isfinite(self.squares).sum(axis=1)])
-
-    def resampled(self, rng, count: int) -> np.ndarray:
-        """Likewise over entries drawn with replacement, (2, count, 4)."""
-        drawn = self.squares[:, rng.integers(self.n, size=(count, self.n))]
-        return np.array([np.nansum(drawn, axis=2).T, np.isfinite(drawn).sum(axis=2).T])
+    Args:
+        squares: Of a fold's scored entries, (4, k): of relative errors of the nominal model, nan
+            where it has no such mode, of the choice and of the placebo, and of the noise.
+        rng: Draws the entries; None for all of them.
+        count: Number of draws.
+    """
+    n = squares.shape[1]
+    drawn = squares if rng is None else squares[:, rng.integers(n, size=(count, n))]
+    return np.array([np.nansum(drawn, axis=-1).T, np.isfinite(drawn).sum(axis=-1).T])
 
 
 def _sizes(sums: np.ndarray) -> tuple[np.ndarray, ...]:
@@ -393,13 +387,17 @@ def cross_validate(
 
     def work(fold):
         name, mask = fold
-        scored = _scored(evidence, mask)
+        scored = held(evidence, mask, (FREQUENCY,))
         blind = blinded(evidence, mask)
         found = None
         if scored.any() and blind.used.any():
             known: dict[str, Found] = {}
             near = _near(candidates, log_prior, blind, always)
-            refits = [_refit(candidates[i], blind, library, known) for i in near]
+            refits = [
+                moved(candidates[i], blind)
+                or library.of(candidates[i].hypothesis, blind, known).fit
+                for i in near
+            ]
             prior = np.asarray(log_prior)[near]
             closed = _close(refits, prior, is_wrong, nominal, blind, scored)
             gains = _gains(causes, refits, prior, blind, evidence, mask)
@@ -433,18 +431,13 @@ def _near(candidates: Sequence[Fit], log_prior, blind: Evidence, always) -> np.n
 def _gains(causes, refits, log_prior, blind, evidence, mask) -> dict[str, float]:
     """What each cause gains on a fold's held-out data."""
     score = np.array([f.log_evidence for f in refits]) + np.asarray(log_prior)
-    scored = held(evidence, mask)
+    scored = held(evidence, mask, (FREQUENCY, DAMPING))
     return {
         name: gain(
             refits, score, np.array([holds(f) for f in refits]), blind, evidence.data, scored
         )
         for name, holds in causes.items()
     }
-
-
-def _refit(candidate: Fit, blind: Evidence, library: Library, known: dict[str, Found]) -> Fit:
-    near = moved(candidate, blind)
-    return library.of(candidate.hypothesis, blind, known).fit if near is None else near
 
 
 def _nominal(forward, evidence: Evidence, baseline) -> np.ndarray:
@@ -455,12 +448,6 @@ def _nominal(forward, evidence: Evidence, baseline) -> np.ndarray:
     bare = Hypothesis((), known=evidence.known)
     predicted[is_f] = ManyPredictions(bare, forward, plain, baseline).at(np.zeros(0))[0]
     return predicted
-
-
-def _scored(evidence: Evidence, mask: np.ndarray) -> np.ndarray:
-    """The held-out frequencies that were measured, as a mask of shape (N,)."""
-    e = evidence.entries
-    return (e.kind == FREQUENCY) & (mask & evidence.used)[e.row, e.mode]
 
 
 def _close(
@@ -485,15 +472,15 @@ def _close(
     return chosen, placebo, noise, stated
 
 
-def _open(name, closed, nominal, evidence, scored) -> tuple[Fold, _Errors]:
+def _open(name, closed, nominal, evidence, scored) -> tuple[Fold, np.ndarray]:
     """Score what was stated on the held-out values."""
     chosen, rival, variance, stated = closed
     data = evidence.data[scored]
     predictions = (nominal, chosen.predicted, nominal if rival is None else rival.predicted)
-    errors = _Errors(np.array([np.expm1(p[scored] - data) ** 2 for p in predictions] + [variance]))
-    before, after, placebo, noise = map(float, _sizes(errors.sums))
-    own, placebo_own, _ = map(float, _shrinks(errors.sums))
-    resampled = errors.resampled(np.random.default_rng(_SEED), _DRAWS)
+    errors = np.array([np.expm1(p[scored] - data) ** 2 for p in predictions] + [variance])
+    before, after, placebo, noise = map(float, _sizes(_sums(errors)))
+    own, placebo_own, _ = map(float, _shrinks(_sums(errors)))
+    resampled = _sums(errors, np.random.default_rng(_SEED), _DRAWS)
     fold = Fold(
         name=name,
         n=len(data),
@@ -517,9 +504,9 @@ def _open(name, closed, nominal, evidence, scored) -> tuple[Fold, _Errors]:
     return fold, errors
 
 
-def _pooled(opened: list[Fold], errors: list[_Errors], gains: list[dict], m) -> Shrinkage:
+def _pooled(opened: list[Fold], errors: list[np.ndarray], gains: list[dict], m) -> Shrinkage:
     """Folds of ``m`` different frequencies in all, each of which several folds may hold out."""
-    total, n = sum(e.sums for e in errors), sum(e.n for e in errors)
+    total, n = sum(map(_sums, errors)), sum(e.shape[1] for e in errors)
     before, after, placebo, noise = map(float, _sizes(total))
     own, wrong, excess = map(float, _shrinks(total))
     own_90, wrong_90, excess_90 = map(_interval, _shrinks(_resampled(errors)))
@@ -546,19 +533,15 @@ def _pooled(opened: list[Fold], errors: list[_Errors], gains: list[dict], m) -> 
     )
 
 
-def _resampled(errors: Sequence[_Errors]) -> np.ndarray:
+def _resampled(errors: Sequence[np.ndarray]) -> np.ndarray:
     """Folds drawn with replacement, and entries within each: sums and counts, (2, draws, 4)."""
     rng = np.random.default_rng(_SEED)
     sums = np.zeros((2, _DRAWS, 4))
     for chosen in rng.integers(len(errors), size=(len(errors), _DRAWS)):
         for i, error in enumerate(errors):
             rows = np.flatnonzero(chosen == i)
-            sums[:, rows] += error.resampled(rng, len(rows))
+            sums[:, rows] += _sums(error, rng, len(rows))
     return sums
-
-
-def _rms_rows(a: np.ndarray) -> np.ndarray:
-    return np.sqrt(np.mean(a**2, axis=1))
 
 
 def _ends() -> Interval:

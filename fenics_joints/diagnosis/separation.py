@@ -26,17 +26,7 @@ from fenics_joints.reduction.surrogate import Surrogate
 Offer = tuple[float, str]
 
 
-def best_measurement(
-    class_name: str,
-    members: Sequence[str],
-    a: Fit,
-    b: Fit,
-    surrogate: Surrogate,
-    baseline: dict[str, float],
-    condition: tuple[str, str],
-    noise: float,
-    discrepancy: float,
-) -> Separation | None:
+def best_measurement(model: Prepared, a: Fit, b: Fit) -> Offer | None:
     """The measurement with the largest expected separation of two hypotheses fitted to the test.
 
     Offered are: the modes that the test did not see, the next ones it would see, an added known
@@ -46,16 +36,11 @@ def best_measurement(
     the most that it can tell.
 
     Args:
-        class_name: Name of the class.
-        members: Its effects' names.
-        a: The leading hypothesis with one member.
+        model: The case with its test.
+        a: The leading hypothesis with one member of a class.
         b: The leading hypothesis with another.
-        surrogate: The full structure and its reduced model.
-        baseline: Parameter values of the nominal model.
-        condition: Name and unit of the condition.
-        noise: Relative standard deviation of a measured frequency.
-        discrepancy: That of any such model; it cancels in shifts of the same mode.
     """
+    surrogate, baseline, condition = model.surrogate, model.baseline, model.condition
     known = a.hypothesis.known or ({},) * len(a.hypothesis.conditions)
     own = [i for i, change in enumerate(known) if not change]
     conditions = np.array(a.hypothesis.conditions)[own]
@@ -70,16 +55,15 @@ def best_measurement(
         )
         for f in (a, b)
     )
-    absolute = float(np.hypot(noise, discrepancy))
+    noise = float(np.max(model.data.noise)) or 1e-3
+    # A model's error cancels in shifts of the same mode.
+    absolute = float(np.hypot(noise, model.evidence.discrepancy))
     pairs = same_in_both(first, second, surrogate)
     candidates = further_modes(first, second, pairs, absolute, surrogate.unseen)
     candidates += added_mass(first, second, pairs, surrogate.sensors, noise * np.sqrt(2))
     candidates += _conditions(a, b, surrogate.forward, baseline, condition, conditions, absolute)
     candidates += _damping(a, b, surrogate.forward, baseline, condition)
-    if not candidates:
-        return None
-    distance, name = max(candidates)
-    return Separation(class_name, tuple(members), name, distance)
+    return max(candidates, default=None)
 
 
 def separations(
@@ -104,25 +88,15 @@ def separations(
         if rival is None:
             continue
         try:
-            separation = best_measurement(
-                name,
-                list(members.values()),
-                leader,
-                rival,
-                model.surrogate,
-                model.baseline,
-                model.condition,
-                float(np.max(model.data.noise)) or 1e-3,
-                model.evidence.discrepancy,
-            )
+            best = best_measurement(model, leader, rival)
         except JointsError as error:
             failed.append(
                 f"No measurement is offered that would split class {name} "
                 f"({', '.join(members.values())}): {error}"
             )
             continue
-        if separation is not None:
-            found.append(separation)
+        if best is not None:
+            found.append(Separation(name, tuple(members.values()), best[1], best[0]))
     return found, failed
 
 

@@ -21,7 +21,6 @@ each place and size is a small eigenproblem; the nuisance parameters enter linea
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 
@@ -214,45 +213,28 @@ class LocalisedUnknown:
     point: PointMassFound | None = None
 
 
-class _Linear:
-    """Residuals with what is linear in a fit's parameters and in the patches' changes.
+def _localised(residual: np.ndarray, slope: np.ndarray, test: Evidence, tried) -> np.ndarray:
+    """ln of the evidence of each test, (t,), if the unknown cause has a place.
 
     Args:
         residual: Predictions less data where all parameters but those at a limit are 0, of t tests,
             (k, t).
         slope: Derivatives by the parameters that are not at a limit, (k, p).
         test: Has the metric.
-        columns: What the patches' changes do to its entries, from `Signatures.columns`, which no
-            scales change.
+        tried: Scales with ln of their weights; see `Scales.tried`.
     """
-
-    def __init__(
-        self, residual: np.ndarray, slope: np.ndarray, test: Evidence, columns: Sequence[np.ndarray]
-    ):
-        lower, t, own = test.lower(), residual.shape[1], slope.shape[1]
-        columns = [column[test.fitted] for column in columns]
-        white = whiten(lower, np.column_stack([residual, slope, *columns]))
-        self.residual, self.slope, self.patches = np.split(white, [t, t + own], axis=1)
-        self.n_kinds, self.signatures = len(columns), test.signatures
-        self.constant = log_constant(lower)
-
-    def log_evidence(self, kind: tuple[float, float], size: float, length: float) -> np.ndarray:
-        """ln of the evidence of each test, (t,), for a prior of the changes."""
-        root = size * self.signatures.root(length)
-        root = block_diag(*(on * root for on in (*kind, kind[0])[: self.n_kinds]))
-        slope = np.hstack([self.slope, self.patches @ root])
-        return marginal(self.residual, slope) - self.constant
-
-
-def _placed(residual: np.ndarray, slope: np.ndarray, test: Evidence, tried) -> np.ndarray:
-    """ln of the evidence of each test, (t,), if the unknown cause is somewhere; see `_Linear`, and
-    `Scales.tried` for the scales that are tried."""
-    scores, columns = [], test.signatures.columns(test)
+    t, own, scores = residual.shape[1], slope.shape[1], []
+    # No scales change what the patches' changes do.
+    columns = [column[test.fitted] for column in test.signatures.columns(test)]
     for scales, weight in tried:
-        linear = _Linear(residual, slope, test.at(scales), columns)
+        lower = test.at(scales).lower()
+        white = whiten(lower, np.column_stack([residual, slope, *columns]))
+        r, fixed, patches = np.split(white, [t, t + own], axis=1)
         for kind, (size, b), length in product(_KINDS, _SIZES, LENGTHS):
-            more = np.log(b / (len(_KINDS) * len(LENGTHS)))
-            scores.append(weight + more + linear.log_evidence(kind, size, length))
+            root = size * test.signatures.root(length)
+            root = block_diag(*(on * root for on in (*kind, kind[0])[: len(columns)]))
+            more = weight + np.log(b / (len(_KINDS) * len(LENGTHS))) - log_constant(lower)
+            scores.append(more + marginal(r, np.hstack([fixed, patches @ root])))
     return logsumexp(scores, axis=0)
 
 
@@ -270,7 +252,7 @@ def with_localised_unknown(found: Fit, test: Evidence) -> Fit:
     slope, residual = found.jacobian[used], (found.predicted - test.data)[used]
     residual = residual - slope[:, free] @ found.z[free]
     tried = [(None, 0.0)] if test.scales is None else test.scales.tried()
-    placed = float(_placed(residual[:, None], slope[:, free], test, tried)[0]) + np.log(_PLACED)
+    placed = float(_localised(residual[:, None], slope[:, free], test, tried)[0]) + np.log(_PLACED)
     placed -= 0.5 * float(found.z[~free] @ found.z[~free])
     both = float(np.logaddexp(found.log_evidence + np.log(1 - _PLACED), placed))
     return replace(found, log_evidence=both, placed=float(np.exp(placed - both)))
@@ -293,5 +275,5 @@ def unknown_evidence(
     anything = marginal(residual, wide) - log_constant(lower)
     if test.signatures is None:
         return anything
-    placed = _placed(predicted[:, None] - data.T, slope, test, [(None, 0.0)])
+    placed = _localised(predicted[:, None] - data.T, slope, test, [(None, 0.0)])
     return np.logaddexp(anything + np.log(1 - _PLACED), placed + np.log(_PLACED))

@@ -220,19 +220,10 @@ def merge_indistinguishable(
 
 
 def _kind(effect: Effect) -> tuple:
-    """What effects have in common that can be one; a fault of a sensor is none of its like's."""
+    """Key under which effects may be merged; sensor faults never are."""
     own = effect.key if effect.sensing is not None or not effect.region else ""
-    return (
-        effect.name,
-        own,
-        effect.family,
-        effect.weight,
-        effect.priors,
-        effect.by_level,
-        effect.depends_on_condition,
-        effect.drifts,
-        effect.loss is None,
-    )
+    same = "name family weight priors by_level depends_on_condition drifts".split()
+    return (own, effect.loss is None, *(getattr(effect, name) for name in same))
 
 
 def _groups(group: Sequence[Effect], comparison: _Comparison) -> list[tuple[Effect, list[Effect]]]:

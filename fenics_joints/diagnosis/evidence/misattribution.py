@@ -344,7 +344,8 @@ def simulate(
 
     size = np.array([each.own.shape[2] for each in cells])
     stacks = [_Stack(cells, np.flatnonzero(size == d)) for d in np.unique(size)]
-    together = np.array([[not _exclude(a, b) for b in effects] for a in effects], dtype=bool)
+    families = [e.family or e.key for e in effects]
+    together = np.array([[a != b for b in families] for a in families], dtype=bool)
 
     def explanations(t) -> np.ndarray:
         """ln of the evidence times odds of each effect and of each two, the first solved for and
@@ -467,11 +468,6 @@ def _changed(effect: Effect, library: Library, test: Evidence) -> set[str]:
     """Parts, joints and attachments that an effect acts on."""
     names = effect.touches(library.baseline, test.conditions)
     return {name.partition(".")[0] for name in names}
-
-
-def _exclude(a: Effect, b: Effect) -> bool:
-    """Whether two effects never act together."""
-    return a.key == b.key or bool(a.family and a.family == b.family)
 
 
 def _tests(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Mapping
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -179,11 +179,12 @@ _DAMPING, _UNSURE = 0.01, 1.0
 
 
 @dataclass(frozen=True, eq=False)
-class _Taken:
+class _Functions:
     """Functions that are looked at, as receptances.
 
     Attributes:
         frfs: All that were measured.
+        calibration: What the scale of a sensor, or of a force, may be off.
         pairs: Response and reference of each, (n, 2).
         at: Points in which forces and responses are.
         points: Which of these is its response's and its reference's, (n, 2).
@@ -192,6 +193,7 @@ class _Taken:
     """
 
     frfs: MeasuredFRFs
+    calibration: complex
     pairs: np.ndarray
     at: Sensors
     points: np.ndarray
@@ -202,6 +204,18 @@ class _Taken:
         """Name of a function."""
         i, j = self.pairs[k]
         return f"{self.frfs.response_names[i]} by a force at {self.frfs.reference_names[j]}"
+
+    def lines(self, chosen: Sequence[tuple[int, int]]) -> Lines:
+        """Lines by the function and the measured line of each."""
+        k, at = np.array(chosen, dtype=int).reshape(-1, 2).T
+        points = self.points[k]
+        return Lines(self.frfs.frequencies_hz[at], points[:, 0], points[:, 1])
+
+    def off(self, k: int) -> dict[Hashable, complex]:
+        """What the scales of a function's sensor and of its force are off."""
+        i, j = map(int, self.pairs[k])
+        names = (("sensor", i), ("force", j)) if self.calibration else ()
+        return dict.fromkeys(names, self.calibration)
 
 
 def measured_functions(
@@ -222,7 +236,7 @@ def measured_functions(
     taken = _taken(frfs.converted("receptance"), section)
     if full.is_meshed:
         full.rows(taken.at.points, "frf", taken.at.names)  # whether they are on the mesh
-    return _data(_Found(taken, section, _errors(model, taken.at, everywhere, row)), row)
+    return _data(taken, _errors(model, taken.at, everywhere, row), row)
 
 
 def planned_function(model: Prepared, at: Sensors, everywhere: Sensors) -> tuple[FunctionLine, ...]:
@@ -242,8 +256,7 @@ def planned_function(model: Prepared, at: Sensors, everywhere: Sensors) -> tuple
     values = errors.receptances(Lines(hz, same, same))
     three = [np.pad(each, [(0, 0), (0, 3 - each.shape[1])]) for each in (at.points, at.directions)]
     frfs = MeasuredFRFs(hz, values[:, None, None], "receptance", *three, *three)
-    section = FRFSection.model_construct()
-    return _data(_Found(_taken(frfs, section), section, errors), row)[0]
+    return _data(_taken(frfs, FRFSection.model_construct()), errors, row)[0]
 
 
 def _errors(model: Prepared, at: Sensors, everywhere: Sensors, row: int) -> Errors:
@@ -255,15 +268,28 @@ def _errors(model: Prepared, at: Sensors, everywhere: Sensors, row: int) -> Erro
     return Errors(model, basis, _forward(model, basis, everywhere), row, *_poles(model, row))
 
 
-def _data(found: _Found, row: int) -> tuple[tuple[FunctionLine, ...], list[str]]:
+def _data(
+    taken: _Functions, errors: Errors, row: int
+) -> tuple[tuple[FunctionLine, ...], list[str]]:
     """The lines as data, two entries each, and what is to be said of them."""
-    taken, errors = found.taken, found.errors
-    lines, numbers = found.lines()
+    count, notes = max(_LINES // len(taken.pairs), _FEW), []
+    values, chosen = taken.values.copy(), []
+    for k in range(len(taken.pairs)):
+        chosen += [(k, at) for at in _lines_of(taken, k, count, errors, values[:, k], notes)]
+    if chosen:
+        used, there = len({k for k, _ in chosen}), int(taken.frfs.measured.sum())
+        notes.insert(
+            0,
+            f"Measured functions: {len(chosen)} lines of {used} of {there} are data, magnitude and "
+            "phase, away from resonances and valleys, with the test's resonances in the place of "
+            "the model's.",
+        )
+    lines = taken.lines(chosen)
     functions = Receptances(errors.basis, lines, errors.poles, errors.forward)
     entries = []
-    for n, (k, at) in enumerate(numbers):
-        value = found.values[at, k]
-        of_model = errors.common(lines, n, value) | found.calibration(k)
+    for n, (k, at) in enumerate(chosen):
+        value = values[at, k]
+        of_model = errors.common(lines, n, value) | taken.off(k)
         for phase in (False, True):
             entries.append(
                 FunctionLine(
@@ -279,7 +305,50 @@ def _data(found: _Found, row: int) -> tuple[tuple[FunctionLine, ...], list[str]]
                     unknown=errors.unknown(of_model),
                 )
             )
-    return tuple(entries), found.notes
+    return tuple(entries), notes
+
+
+def _lines_of(
+    taken: _Functions, k: int, count: int, errors: Errors, values: np.ndarray, notes: list[str]
+) -> list[int]:
+    """Lines of a function, as many or fewer; none if it seems to be another's.
+
+    Args:
+        taken: The functions.
+        k: Which of them.
+        count: How many lines.
+        errors: What the model errs.
+        values: Its values, (n_lines,), of which what single lines alone have, as hum, is taken off.
+        notes: What is to be said, which grows.
+    """
+    f, sd = taken.frfs.frequencies_hz, taken.sd[:, k]
+    there = np.flatnonzero((f > 0) & (values != 0))
+    lines = taken.lines([(k, at) for at in there])
+    nominal = errors.receptances(lines)
+    ratio = values[there] / nominal
+    ratio = median_filter(ratio.real, _BESIDE) + 1j * median_filter(ratio.imag, _BESIDE)
+    values[there] = ratio * nominal
+    allowed = np.zeros(len(f), dtype=bool)
+    allowed[there] = errors.small(lines, np.minimum(1, np.abs(ratio)) * nominal, sd[there])
+    if not allowed.any():
+        notes.append(
+            f"test.frfs: of {taken.named(k)} no line is data: expected some between resonances, "
+            "where a model with the test's resonances says what to expect."
+        )
+        return []
+    own = choose_lines(
+        f, values[:, None, None], count, relative_sd=sd[:, None, None], allowed=allowed
+    )
+    ratio = ratio[np.searchsorted(there, own)]
+    times, sign = np.median(np.abs(ratio)), np.median(np.cos(np.angle(ratio)))
+    if not 1 / _OFF < times < _OFF or sign < 0:
+        notes.append(
+            f"test.frfs: {taken.named(k)} is left out: it is {'-' if sign < 0 else ''}{times:.3g} "
+            "times the model's, in the median; expected about 1: look at its unit, its scale and "
+            "its directions."
+        )
+        return []
+    return own.tolist()
 
 
 def _part(common: Mapping[Hashable, complex], phase: bool) -> dict[Hashable, float]:
@@ -312,7 +381,7 @@ def _forward(model: Prepared, basis: PointBasis, everywhere: Sensors) -> ModalPr
     return ModalPrediction(basis.model, everywhere, shapes.shape[1], count, reference=shapes)
 
 
-def _taken(frfs: MeasuredFRFs, section: FRFSection) -> _Taken:
+def _taken(frfs: MeasuredFRFs, section: FRFSection) -> _Functions:
     """The driving points, and those whose responses are the farthest from others."""
     driving = {(i, j): sign for i, j, sign in frfs.driving_points()}
     pairs, rest = (
@@ -332,11 +401,7 @@ def _taken(frfs: MeasuredFRFs, section: FRFSection) -> _Taken:
         own = reference if (i, j) in driving else where.setdefault(("response", i), len(where))
         points.append((own, reference))
     sides = [
-        (
-            getattr(frfs, f"{side}_points")[k],
-            getattr(frfs, f"{side}_directions")[k],
-            getattr(frfs, f"{side}_names")[k],
-        )
+        [getattr(frfs, f"{side}_{what}")[k] for what in ("points", "directions", "names")]
         for side, k in where
     ]
     place, way, names = zip(*sides, strict=True)
@@ -344,82 +409,15 @@ def _taken(frfs: MeasuredFRFs, section: FRFSection) -> _Taken:
     i, j = np.array(pairs).T
     signs = np.array([driving.get(pair, 1) for pair in pairs])
     sd = frfs.stated_sd(section.noise, section.averages)
-    return _Taken(
-        frfs, np.array(pairs), sensors, np.array(points), signs * frfs.values[:, i, j], sd[:, i, j]
+    return _Functions(
+        frfs,
+        complex(section.calibration),
+        np.array(pairs),
+        sensors,
+        np.array(points),
+        signs * frfs.values[:, i, j],
+        sd[:, i, j],
     )
-
-
-class _Found:
-    """Which lines of which functions are data, and what is to be said of that.
-
-    Attributes:
-        values: The functions, m/N, (n_lines, n), less what single lines alone have, as hum.
-        notes: What is to be said.
-    """
-
-    def __init__(self, taken: _Taken, section: FRFSection, errors: Errors):
-        self.taken, self.errors, self.notes = taken, errors, []
-        self._given = complex(section.calibration)
-        self._hz, self.values = taken.frfs.frequencies_hz, taken.values.copy()
-
-    def lines(self) -> tuple[Lines, list[tuple[int, int]]]:
-        """The lines, and the function and the measured line of each."""
-        taken, chosen = self.taken, []
-        count = max(_LINES // len(taken.pairs), _FEW)
-        for k in range(len(taken.pairs)):
-            own = self._of(k, count)
-            chosen += [(k, at) for at in own]
-        used = len({k for k, _ in chosen})
-        if chosen:
-            self.notes.insert(
-                0,
-                f"Measured functions: {len(chosen)} lines of {used} of "
-                f"{int(taken.frfs.measured.sum())} are data, magnitude and phase, away from "
-                "resonances and valleys, with the test's resonances in the place of the model's.",
-            )
-        return self._at(chosen), chosen
-
-    def _at(self, chosen: list[tuple[int, int]]) -> Lines:
-        k, at = np.array(chosen, dtype=int).reshape(-1, 2).T
-        points = self.taken.points[k]
-        return Lines(self._hz[at], points[:, 0], points[:, 1])
-
-    def _of(self, k: int, count: int) -> list[int]:
-        """Lines of a function, as many or fewer; none if it seems to be another's."""
-        taken, f, sd = self.taken, self._hz, self.taken.sd[:, k]
-        there = np.flatnonzero((f > 0) & (taken.values[:, k] != 0))
-        lines = self._at([(k, at) for at in there])
-        nominal = self.errors.receptances(lines)
-        ratio = taken.values[there, k] / nominal
-        ratio = median_filter(ratio.real, _BESIDE) + 1j * median_filter(ratio.imag, _BESIDE)
-        self.values[there, k] = ratio * nominal
-        allowed = np.zeros(len(f), dtype=bool)
-        allowed[there] = self.errors.small(lines, np.minimum(1, np.abs(ratio)) * nominal, sd[there])
-        if not allowed.any():
-            self.notes.append(
-                f"test.frfs: of {taken.named(k)} no line is data: expected some between "
-                "resonances, where a model with the test's resonances says what to expect."
-            )
-            return []
-        values = self.values[:, k]
-        own = choose_lines(
-            f, values[:, None, None], count, relative_sd=sd[:, None, None], allowed=allowed
-        )
-        ratio = ratio[np.searchsorted(there, own)]
-        times, sign = np.median(np.abs(ratio)), np.median(np.cos(np.angle(ratio)))
-        if not 1 / _OFF < times < _OFF or sign < 0:
-            self.notes.append(
-                f"test.frfs: {taken.named(k)} is left out: it is {'-' if sign < 0 else ''}"
-                f"{times:.3g} times the model's, in the median; expected about 1: look at its "
-                "unit, its scale and its directions."
-            )
-            return []
-        return own.tolist()
-
-    def calibration(self, k: int) -> dict[Hashable, complex]:
-        """What the scales of a function's sensor and of its force are off."""
-        i, j = map(int, self.taken.pairs[k])
-        return {("sensor", i): self._given, ("force", j): self._given} if self._given else {}
 
 
 def row_of(case: Case, name: str, at: float | None, data: TestData) -> int:

@@ -146,12 +146,7 @@ def patches(
         cells: The structure's cells.
         n: Patches of each region; fewer where it has fewer cells.
         merged: Names of regions that share their ``n``, such as the zones of a joint.
-
-    Raises:
-        InputError: If ``n`` is less than 1.
     """
-    if n < 1:
-        raise InputError(f"n = {n}: expected at least 1 patch of each region.")
     gathered = cells.gather(cells.corners.mean(axis=1), cells.volume, cells.group)
     number, rest = None, None
     if gathered is not None:

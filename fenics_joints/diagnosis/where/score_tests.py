@@ -34,7 +34,6 @@ from fenics_joints.diagnosis.evidence.covariance import FREQUENCY, KINDS
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.linear import whiten
 from fenics_joints.diagnosis.thresholds import NEGLIGIBLE
-from fenics_joints.errors import InputError
 
 #: Family-wise p below which a place explains more than chance. [decision: convention]
 LEVEL = 0.05
@@ -154,14 +153,8 @@ def whitened(
         evidence: The test.
         nuisance: Derivatives of all N data by the nuisances in prior standard deviations, (N, p).
         arrays: Of shape (N,) or (N, k).
-
-    Raises:
-        InputError: If an array has another number of rows.
     """
     used = np.ravel(evidence.fitted)
-    for array in (*arrays, *(() if nuisance is None else (nuisance,))):
-        if len(array) != len(used):
-            raise InputError(f"{len(array)} rows: expected {len(used)}, one for each datum.")
     lower = np.linalg.cholesky(_covariance(evidence, nuisance))
     return [whiten(lower, np.asarray(a)[used]) for a in arrays]
 
@@ -194,12 +187,7 @@ def holm(p: Sequence[float], weight: Sequence[float] | None = None) -> np.ndarra
 
 
 def score_tests(
-    residual: np.ndarray,
-    places: Sequence[Place],
-    nuisance: np.ndarray | None,
-    evidence: Evidence,
-    *,
-    visible: float = NEGLIGIBLE,
+    residual: np.ndarray, places: Sequence[Place], nuisance: np.ndarray | None, evidence: Evidence
 ) -> list[ScoreTest]:
     """Test every place for a change there alone.
 
@@ -209,20 +197,15 @@ def score_tests(
         places: What changes at each do.
         nuisance: Derivatives by the nuisances in prior standard deviations, (N, p), or None.
         evidence: The test.
-        visible: Length below which a combination of a place's parameters is not tested, nor a
-            place that has no other.
 
     Returns:
         A test for each place, in their order.
-
-    Raises:
-        InputError: If shapes do not agree.
     """
     r, *columns = whitened(evidence, nuisance, residual, *(place.columns for place in places))
     total, tests = float(r @ r), []
     of_f = np.asarray(evidence.entries.kind) == FREQUENCY
     for place, S in zip(places, columns, strict=True):
-        Q = _visible_span(S, visible)
+        Q = _visible_span(S)
         t, dof = float(np.sum((Q.T @ r) ** 2)), Q.shape[1]
         gain, mean, sd = _local_evidence(r, S)
         tests.append(
@@ -273,7 +256,7 @@ def shares(
         if max(odds) <= 0:
             break
         best, S = left[int(np.argmax(odds))]
-        Q = _visible_span(S, NEGLIGIBLE)
+        Q = _visible_span(S)
         found.append(ZoneShare(best.region, float(np.sum((Q.T @ r) ** 2)) / total))
         r = r - Q @ (Q.T @ r)
         left = [(p, S - Q @ (Q.T @ S)) for p, S in left if p.region != best.region]
@@ -281,14 +264,14 @@ def shares(
     return [*found, ZoneShare("unexplained", float(r @ r) / total)]
 
 
-def _visible_span(S: np.ndarray, least: float) -> np.ndarray:
+def _visible_span(S: np.ndarray) -> np.ndarray:
     """Orthonormal directions of the data in which the test sees changes, (N, r); two parameters
     that do nearly the same are one, since their difference is not seen."""
     if not S.size:
         return np.zeros((len(S), 0))
     # LAPACK's gesdd does not always converge where columns are the same but for round-off.
     U, s, _ = scipy.linalg.svd(S, full_matrices=False, lapack_driver="gesvd")
-    return U[:, s > max(least, 1e-9 * s[0], 1e-300)]
+    return U[:, s > max(NEGLIGIBLE, 1e-9 * s[0], 1e-300)]
 
 
 def _local_evidence(r: np.ndarray, S: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
@@ -325,17 +308,12 @@ def attribution(
             mode and no condition.
         nuisance: Derivatives by the nuisances in prior standard deviations, (N, p).
         names: Names of the modes.
-
-    Raises:
-        InputError: If ``by`` is none of these.
     """
     if by != "kind" and evidence.scalars and len(residual) == len(evidence.data):
         evidence = replace(evidence, scalars=())
         residual = residual[: len(evidence.data)]
         nuisance = None if nuisance is None else nuisance[: len(residual)]
     used = np.ravel(evidence.fitted)
-    if len(residual) != len(used):
-        raise InputError(f"residual: {len(residual)} rows: expected {len(used)}.")
     group, labels = _groups(evidence, by, names)
     group = group[used]
     order = np.argsort(group, kind="stable")
@@ -361,11 +339,9 @@ def _groups(evidence: Evidence, by: str, names) -> tuple[np.ndarray, list[str]]:
     if by == "condition":
         values, rank = np.unique(evidence.conditions, return_inverse=True)
         return rank[row], [f"{value:g}" for value in values]
-    if by == "band":
-        hz = np.exp(np.nanmean(evidence.log_f, axis=0))
-        low = float(np.nanmin(hz))
-        octave = np.floor(np.log2(np.where(np.isfinite(hz), hz, low) / low) + 1e-9).astype(int)
-        edges = low * 2.0 ** np.arange(max(octave) + 2)
-        pairs = zip(edges[:-1], edges[1:], strict=True)
-        return octave[mode], [f"{a:.4g} to {b:.4g} Hz" for a, b in pairs]
-    raise InputError(f"by = {by!r}: expected 'mode', 'band', 'condition' or 'kind'.")
+    hz = np.exp(np.nanmean(evidence.log_f, axis=0))
+    low = float(np.nanmin(hz))
+    octave = np.floor(np.log2(np.where(np.isfinite(hz), hz, low) / low) + 1e-9).astype(int)
+    edges = low * 2.0 ** np.arange(max(octave) + 2)
+    pairs = zip(edges[:-1], edges[1:], strict=True)
+    return octave[mode], [f"{a:.4g} to {b:.4g} Hz" for a, b in pairs]

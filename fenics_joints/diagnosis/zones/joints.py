@@ -225,27 +225,25 @@ class _JointLayer:
         return np.linalg.norm(off - along[..., None] * normal, axis=2), np.abs(along)
 
 
-def joint_zones(case: Case, tagged: TaggedMesh, rings: int = _RINGS) -> Zones:
+def joint_zones(case: Case, tagged: TaggedMesh) -> Zones:
     """Split the joints of a case by nearest bolt and by distance to it. Collective.
 
     Bolts are those of ``[joints.NAME] bolts``, else the mesh builder's that pass through the joint;
-    a joint without any stays one zone.
+    a joint without any stays one zone. Of the joint with the largest area per bolt a bolt has
+    `_RINGS` rings; others have fewer, so that all zones are about as large, and none has more than
+    its cells allow.
 
     Args:
         case: The case; its joints are layers one cell thick.
         tagged: Its mesh.
-        rings: Rings of the joint with the largest area per bolt; others have fewer, so that all
-            zones are about as large, and none has more than its cells allow.
 
     Returns:
         Zones named ``JOINT_b2_r1`` at bolt 2, ring 1 the innermost; ``JOINT_r1`` where there is one
         bolt; ``JOINT`` where there is none.
 
     Raises:
-        InputError: If ``rings`` is below 1, a bolt is outside its joint, or a zone's name is taken.
+        InputError: If a bolt is outside its joint, or a zone's name is taken.
     """
-    if rings < 1:
-        raise InputError(f"rings = {rings}: expected a whole number of at least 1")
     volumes = _cell_volumes(tagged)
     case = _as_layers(measured_joints(case, tagged))
     layers = {name: _layer(tagged, joint, volumes) for name, joint in case.joints.items()}
@@ -261,7 +259,7 @@ def joint_zones(case: Case, tagged: TaggedMesh, rings: int = _RINGS) -> Zones:
             rows.append(LayerZone(name, name, area=float(layer.areas.sum())))
             continue
         count = min(
-            max(1, round(rings * per_bolt[name] / largest)),
+            max(1, round(_RINGS * per_bolt[name] / largest)),
             max(1, len(layer.areas) // (_CELLS * len(bolts[name]))),
             max(2, _MOST // len(bolts[name])),
         )
