@@ -12,6 +12,7 @@ from dolfinx import fem
 
 from fenics_joints._compat import facet_nodes, geometry_dofmap
 from fenics_joints.errors import MeshError
+from fenics_joints.meshes.grow import area_vectors, fit_circle
 from fenics_joints.meshes.tagged import TaggedMesh
 
 #: Cosine by which the direction of a flat face may miss its normal, and a wall a right angle.
@@ -69,51 +70,56 @@ def measure_ring(tagged: TaggedMesh, name: str, normal: Sequence[float] | None =
         MeshError: There are no such cells; the ring touches no part, or on one side only; a face
             towards a part is not flat along the normal; or the thickness is uneven.
     """
-    sides, areas, parts, walls = _skin(tagged, name)
+    sides, areas, parts, walls = _outline(tagged, name)
     if not len(sides):
         raise MeshError(
             f"{name}: it touches no other part, expected one on each side "
             "(do the meshes share their vertices?)"
         )
-    n = _normal(areas) if normal is None else np.asarray(normal, dtype=float)
-    n = n / np.linalg.norm(n) + 0.0  # no negative zeros in messages
-    cosine = np.abs(areas @ n) / np.linalg.norm(areas, axis=1)
+    n = _unit(normal, areas)
+    along = np.abs(areas @ n)
+    cosine = along / np.linalg.norm(areas, axis=1)
     flat = cosine > 1 - _FLAT
     slanted = ~flat & (cosine > _FLAT)
     if slanted.any() or not flat.any():
-        worst = np.degrees(np.arccos(np.clip(cosine[slanted if slanted.any() else ~flat][0], 0, 1)))
+        worst = np.flatnonzero(slanted if slanted.any() else ~flat)[0]
         raise MeshError(
-            f"{name}: its face towards {parts[np.flatnonzero(~flat)[0]]!r} is {worst:.3g} degrees "
-            f"off the normal ({', '.join(f'{c:.3g}' for c in n)}), expected a ring that is flat "
-            "along its normal"
+            f"{name}: its face towards {parts[worst]!r} is {_degrees(cosine[worst])} degrees off "
+            f"the normal {_shown(n)}, expected a ring that is flat along its normal"
         )
     walls = np.concatenate([walls, sides[~flat].reshape(-1, 3)])
-    sides, areas = sides[flat], areas[flat]
-    parts = [part for part, is_flat in zip(parts, flat, strict=True) if is_flat]
+    sides, along, parts = sides[flat], along[flat], parts[flat]
     height = sides @ n
     low, high = float(height.min()), float(height.max())
     upper = height.mean(axis=1) > (low + high) / 2
-    _check_sides(name, parts, upper, height, low, high, np.sqrt(np.abs(areas @ n).sum()))
-    weights = np.abs(areas @ n)
-    middle = _middle(sides, weights, upper, n)
-    centre, distance = _axis(middle, n, np.concatenate([walls, sides.reshape(-1, 3)]))
-    inner = _distances(walls, centre, n)
-    r_wai = float(distance.max())
-    r_nei = float(inner.min(initial=r_wai))
-    here = {
-        side: tuple(sorted({p for p, u in zip(parts, upper, strict=True) if u == side}))
-        for side in (False, True)
-    }
+    thickness, size = high - low, np.sqrt(along.sum())
+    if upper.all() or not upper.any() or thickness < 1e-9 * size:
+        raise MeshError(
+            f"{name}: it touches {', '.join(sorted(set(parts)))} on one side only, expected a part "
+            "on each side (do the two meshes share their vertices?)"
+        )
+    uneven = np.abs(height - np.where(upper, high, low)[:, None]).max()
+    if uneven > _EVEN * thickness:
+        raise MeshError(
+            f"{name}: its faces are {1e3 * uneven:.3g} mm uneven at a thickness of "
+            f"{1e3 * thickness:.6g} mm, expected a flat layer of one thickness"
+        )
+    ends = [
+        np.average(sides[own].mean(axis=1), axis=0, weights=along[own]) for own in (upper, ~upper)
+    ]
+    corners = np.concatenate([walls, sides.reshape(-1, 3)])
+    centre, distance = _axis(np.mean(ends, axis=0), n, corners)
+    r_wai, r_nei = float(distance.max()), float(distance[: len(walls)].min(initial=np.inf))
     return Ring(
         name,
         centre,
         n,
-        high - low,
+        thickness,
         r_nei if r_nei < 0.98 * r_wai else 0.0,
         r_wai,
-        float(weights.sum() / 2),
-        here[False],
-        here[True],
+        float(along.sum() / 2),
+        tuple(sorted(set(parts[~upper]))),
+        tuple(sorted(set(parts[upper]))),
     )
 
 
@@ -131,10 +137,10 @@ def layer_thickness(tagged: TaggedMesh, cells: Sequence[str], normal: Sequence[f
     rings = [measure_ring(tagged, name, normal) for name in cells]
     first = rings[0]
     for ring in rings:
-        if set(ring.lower + ring.upper) & set(cells):
+        if own := set(ring.lower + ring.upper) & set(cells):
             raise MeshError(
-                f"{ring.name}: it lies on {', '.join((set(ring.lower + ring.upper)) & set(cells))} "
-                "of the same joint, expected rings side by side; or give the thickness as meshed"
+                f"{ring.name}: it lies on {', '.join(own)} of the same joint, expected rings side "
+                "by side; or give the thickness as meshed"
             )
         if abs(ring.thickness / first.thickness - 1) > _EVEN:
             raise MeshError(
@@ -159,29 +165,19 @@ def measure_layer(
     Raises:
         MeshError: They touch no part, or are not flat along one normal.
     """
-    found = [_skin(tagged, name) for name in cells]
-    sides = [
-        (area, cells_of)
-        for _, areas, parts, _ in found
-        for area, cells_of in zip(areas, parts, strict=True)
-        if cells_of not in cells
-    ]
+    found = [_outline(tagged, name) for name in cells]
+    areas = np.vstack([areas[~np.isin(parts, cells)] for _, areas, parts, _ in found])
     names = ", ".join(cells)
-    if not sides:
+    if not len(areas):
         raise MeshError(f"{names}: it touches no other part, expected one on each side")
-    areas = np.array([area for area, _ in sides])
-    n = _normal(areas) if normal is None else np.asarray(normal, dtype=float)
-    n = n / np.linalg.norm(n) + 0.0
+    n, size = _unit(normal, areas), np.linalg.norm(areas, axis=1)
     along = np.abs(areas @ n)
-    cosine = along / np.linalg.norm(areas, axis=1)
     # Walls of a layer touch parts too, but a thin one's have hardly any area.
-    off = ~(cosine > 1 - _FLAT)
-    if np.linalg.norm(areas[off], axis=1).sum() > _WALLS * np.linalg.norm(areas, axis=1).sum():
-        worst = np.degrees(np.arccos(np.clip(cosine.min(), 0, 1)))
+    off = ~(along / size > 1 - _FLAT)
+    if size[off].sum() > _WALLS * size.sum():
         raise MeshError(
-            f"{names}: its faces are up to {worst:.3g} degrees off the normal "
-            f"({', '.join(f'{c:.3g}' for c in n)}), expected flat layers along one normal (a "
-            "joint for each direction)"
+            f"{names}: its faces are up to {_degrees((along / size).min())} degrees off the normal "
+            f"{_shown(n)}, expected flat layers along one normal (a joint for each direction)"
         )
     own = tagged.mesh.topology.index_map(3).size_local
     here = np.sort(np.concatenate([tagged.cell_tags.find(tagged.cell_tag(n)) for n in cells]))
@@ -216,14 +212,11 @@ def check_normal(tagged: TaggedMesh, cells: Sequence[str], normal: Sequence[floa
     """
     n = np.asarray(normal, dtype=float)
     for name in ring_names(cells):
-        try:
-            ring = measure_ring(tagged, name)
-        except MeshError:
-            continue
-        if abs(ring.normal @ n) < (1 - _FLAT) * np.linalg.norm(n):
-            there, given = (", ".join(f"{c:.3g}" for c in v) for v in (ring.normal, n))
+        ring = _flat_ring(tagged, name)
+        if ring is not None and abs(ring.normal @ n) < (1 - _FLAT) * np.linalg.norm(n):
             raise MeshError(
-                f"{name}: it is flat along ({there}), expected that as the normal, not ({given})"
+                f"{name}: it is flat along {_shown(ring.normal)}, expected that as the normal, not "
+                f"{_shown(n)}"
             )
 
 
@@ -234,104 +227,85 @@ def ring_centres(tagged: TaggedMesh) -> np.ndarray | None:
     """
     found = []
     for name in ring_names(list(tagged.cell_names)):
-        try:
-            found.append(measure_ring(tagged, name).centre)
-        except MeshError:
-            sides, areas, _, walls = _skin(tagged, name)
-            corners = np.concatenate([sides.reshape(-1, 3), walls])
-            found.append(corners.mean(axis=0))
+        ring = _flat_ring(tagged, name)
+        if ring is None:
+            sides, _, _, walls = _outline(tagged, name)
+            found.append(np.concatenate([sides.reshape(-1, 3), walls]).mean(axis=0))
+        else:
+            found.append(ring.centre)
     return np.array(found) if found else None
 
 
-def _check_sides(name, parts, upper, height, low, high, size) -> None:
-    thickness = high - low
-    if upper.all() or not upper.any() or thickness < 1e-9 * size:
-        raise MeshError(
-            f"{name}: it touches {', '.join(sorted(set(parts)))} on one side only, expected a part "
-            "on each side (do the two meshes share their vertices?)"
-        )
-    uneven = np.abs(height - np.where(upper, high, low)[:, None]).max()
-    if uneven > _EVEN * thickness:
-        raise MeshError(
-            f"{name}: its faces are {1e3 * uneven:.3g} mm uneven at a thickness of "
-            f"{1e3 * thickness:.6g} mm, expected a flat layer of one thickness"
-        )
+def _flat_ring(tagged: TaggedMesh, name: str) -> Ring | None:
+    """A ring; None if it is no flat layer."""
+    try:
+        return measure_ring(tagged, name)
+    except MeshError:
+        return None
 
 
-def _normal(areas: np.ndarray) -> np.ndarray:
-    """Direction of most of the area; the first of its components that counts is positive."""
-    weighted = areas / np.sqrt(np.linalg.norm(areas, axis=1))[:, None]
-    n = np.linalg.svd(weighted, full_matrices=False)[2][0]
-    return n * np.sign(n[np.abs(n) > 0.5][0])
+def _shown(n: np.ndarray) -> str:
+    return f"({', '.join(f'{c:.3g}' for c in n)})"
 
 
-def _middle(sides, weights, upper, n) -> np.ndarray:
-    """Mean of the centroids of the two faces."""
-    middles = sides.mean(axis=1)
-    return np.mean(
-        [np.average(middles[side], axis=0, weights=weights[side]) for side in (upper, ~upper)],
-        axis=0,
-    )
+def _degrees(cosine: float) -> str:
+    return f"{np.degrees(np.arccos(np.clip(cosine, 0, 1))):.3g}"
 
 
-def _distances(x: np.ndarray, centre: np.ndarray, n: np.ndarray) -> np.ndarray:
-    away = x - centre
-    return np.linalg.norm(away - np.outer(away @ n, n), axis=1)
+def _unit(normal: Sequence[float] | None, areas: np.ndarray) -> np.ndarray:
+    """A normal, of length 1; by default that of most of the area, its first large component > 0."""
+    if normal is None:
+        weighted = areas / np.sqrt(np.linalg.norm(areas, axis=1))[:, None]
+        normal = np.linalg.svd(weighted, full_matrices=False)[2][0]
+        normal = normal * np.sign(normal[np.abs(normal) > 0.5][0])
+    return np.asarray(normal, dtype=float) / np.linalg.norm(normal) + 0.0  # without -0.0
 
 
 def _axis(middle, n, corners) -> tuple[np.ndarray, np.ndarray]:
     """Centre of the circle of the outermost corners, or else ``middle``; distances from there."""
-    basis = np.linalg.svd(n[None])[2][1:]
-    away = _distances(corners, middle, n)
-    flat = (corners - middle) @ basis.T
-    outer = flat[away > 0.9 * away.max()]
-    # |x - c|^2 = r^2 is linear in c and r^2 - |c|^2.
-    system = np.column_stack([2 * outer, np.ones(len(outer))])
-    (*c, _), *_ = np.linalg.lstsq(system, (outer**2).sum(axis=1), rcond=None)
-    radii = np.linalg.norm(outer - c, axis=1)
-    if np.ptp(radii) < 1e-3 * radii.max():
-        middle = middle + np.array(c) @ basis
-        away = _distances(corners, middle, n)
-    return middle, away
+
+    def distances(centre):
+        away = corners - centre
+        return np.linalg.norm(away - np.outer(away @ n, n), axis=1)
+
+    away = distances(middle)
+    outer = corners[away > 0.9 * away.max()]
+    flat = outer - np.outer((outer - middle) @ n, n)
+    centre, radii = fit_circle(flat, n)
+    return (centre, distances(centre)) if np.ptp(radii) < 1e-3 * radii.max() else (middle, away)
 
 
-def _skin(tagged: TaggedMesh, name: str):
+def _outline(tagged: TaggedMesh, name: str):
     """Facets towards other parts, their area vectors and those parts' names; and other corners.
 
     Returns:
-        Corners of the facets, shape (n, 3 or 4, 3); area vectors, shape (n, 3); names, one for
-        each; corners of facets on the surface, shape (m, 3). The same on all ranks.
+        Corners of the facets, shape (n, 3 or 4, 3); area vectors, shape (n, 3); names, shape (n,);
+        corners of facets on the surface, shape (m, 3). The same on all ranks.
     """
     mesh, tdim = tagged.mesh, tagged.mesh.topology.dim
     if mesh.geometry.dim != 3 or tdim != 3:
         raise MeshError(f"{name}: the mesh is {mesh.geometry.dim}-D, expected rings in space")
-    tag, fdim = tagged.cell_tag(name), tdim - 1
-    mesh.topology.create_connectivity(tdim, fdim)
-    mesh.topology.create_connectivity(fdim, tdim)
-    facets_of = mesh.topology.connectivity(tdim, fdim)
-    cells_of = mesh.topology.connectivity(fdim, tdim)
-    imap = mesh.topology.index_map(tdim)
-    of_cell = np.full(imap.size_local + imap.num_ghosts, -1)
+    tag, cells = tagged.cell_tag(name), mesh.topology.index_map(tdim)
+    mesh.topology.create_connectivity(tdim, tdim - 1)
+    mesh.topology.create_connectivity(tdim - 1, tdim)
+    facets_of = mesh.topology.connectivity(tdim, tdim - 1)
+    cells_of = mesh.topology.connectivity(tdim - 1, tdim)
+    of_cell = np.full(cells.size_local + cells.num_ghosts, -1)
     of_cell[tagged.cell_tags.indices] = tagged.cell_tags.values
-    facets, neighbours = [], []
-    for cell in np.flatnonzero(of_cell[: imap.size_local] == tag):
-        for facet in facets_of.links(cell):
-            other = [of_cell[c] for c in cells_of.links(facet) if c != cell]
-            if not other or other[0] != tag:
-                facets.append(facet)
-                neighbours.append(other[0] if other else -1)
-    x = _corners(mesh, np.array(facets, dtype=np.int32))
-    gathered = mesh.comm.allgather((x, np.array(neighbours, dtype=np.int64)))
+    own = np.flatnonzero(of_cell[: cells.size_local] == tag)
+    n_facets = len(facets_of.array) // len(of_cell) if len(of_cell) else 0
+    facets = facets_of.array.reshape(len(of_cell), n_facets)[own].ravel()
+    own = own.repeat(n_facets)
+    # Of one cell or two: the first and the last of its cells are all of them.
+    first, last = cells_of.array[cells_of.offsets[facets]], cells_of.offsets[facets + 1] - 1
+    other = np.where(first == own, cells_of.array[last], first)
+    neighbour = np.where(other == own, -1, of_cell[other])
+    outer = neighbour != tag
+    x = mesh.geometry.x[facet_nodes(mesh, facets[outer].astype(np.int32))]
+    gathered = mesh.comm.allgather((x, neighbour[outer]))
     x = np.concatenate([x for x, _ in gathered if len(x)])
     neighbour = np.concatenate([n for _, n in gathered])
     inside = neighbour >= 0
     names = {value: part for part, value in tagged.cell_names.items()}
-    # Corners are in DOLFINx's order: the diagonals of a quadrilateral are 0-3 and 1-2.
-    last = x.shape[1] - 1
-    areas = np.cross(x[:, last] - x[:, 0], x[:, 2] - x[:, 1]) / 2
-    parts = [names[int(value)] for value in neighbour[inside]]
-    return x[inside], areas[inside], parts, x[~inside].reshape(-1, 3)
-
-
-def _corners(mesh, facets: np.ndarray) -> np.ndarray:
-    return mesh.geometry.x[facet_nodes(mesh, facets)]
+    parts = np.array([names[value] for value in neighbour[inside].tolist()], dtype=object)
+    return x[inside], area_vectors(x[inside]), parts, x[~inside].reshape(-1, 3)
