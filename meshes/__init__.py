@@ -14,7 +14,7 @@ from fenics_joints.meshes.dumbbell import Dumbbell, dumbbell
 from fenics_joints.meshes.engraving_machine import EngravingMachine, engraving_machine
 from fenics_joints.meshes.facets import separate
 from fenics_joints.meshes.grid import graded_lines, grid_lines
-from fenics_joints.meshes.grow import Grown, RingPlaces
+from fenics_joints.meshes.grow import Grown
 from fenics_joints.meshes.half_lap_beam import (
     HalfLapBeam,
     HalfLapBeamSection,
@@ -40,7 +40,6 @@ __all__ = [
     "LapPlates",
     "MeshQuality",
     "Ring",
-    "RingPlaces",
     "RoundPlates",
     "RoundPlatesSection",
     "StepAssembly",

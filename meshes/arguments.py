@@ -99,13 +99,13 @@ Size = Annotated[
 Gap = Annotated[
     float, Demand(lambda v: is_finite(v) and v >= 0, "0 m or a thickness above it", "m")
 ]
-Place = Annotated[float, Demand(is_finite, "a coordinate in metres", "m")]
+Coordinate = Annotated[float, Demand(is_finite, "a coordinate in metres", "m")]
 Count = Annotated[int, Demand(is_count, "a whole number of at least 1")]
 Solid = Literal["hexahedron", "tetrahedron"]
 #: Points in the plan; the builders compare each with each.
 _MOST_PLACES = 1000
 Places = Annotated[
-    Sequence[tuple[Place, Place]],
+    Sequence[tuple[Coordinate, Coordinate]],
     Demand(lambda v: len(v) <= _MOST_PLACES, f"at most {_MOST_PLACES} bolts"),
     Demand(
         lambda v: all(np.shape(b) == (2,) and all(map(is_finite, b)) for b in v),
@@ -133,12 +133,13 @@ class Arguments:
         for field in fields(self):
             value = getattr(self, field.name)
             for holds, expected in _demands(kinds[field.name], value):
-                self.require(holds, field.name, value, expected)
+                self.require(holds, field.name, expected)
         self.check()
 
-    def require(self, holds: bool, name: str, value: object, expected: str) -> None:
-        """Raise MeshError in the builder's name unless something holds."""
-        requirement(self.function)(holds, name, value, expected)
+    def require(self, holds: bool, name: str, expected: str, *value: object) -> None:
+        """Raise MeshError unless something holds of an argument, or of a value of that name."""
+        shown = value[0] if value else getattr(self, name)
+        requirement(self.function)(holds, name, shown, expected)
 
     def check(self) -> None:
         """Refuse arguments that do not fit each other, with MeshError."""
@@ -180,6 +181,29 @@ class Builder(Arguments):
                 f"{MOST_CELLS:.0e}: are the sizes of its elements given in metres?"
             )
         return distribute(comm, on_root(comm, self.lists))
+
+
+def check_squares(builder: Arguments, key: str, side: float, spans, *, apart: bool) -> None:
+    """Refuse squares round bolts that leave a rectangle, or overlap where they have to be apart.
+
+    Args:
+        builder: The arguments, with ``centres`` of the bolts, shape (n, 2), m.
+        key: Name of the bolts among them.
+        side: Side of the squares, the argument ``zone``, m.
+        spans: Where the rectangle begins and ends along x, and along y, m.
+        apart: Whether they have to be.
+    """
+    for number, centre in enumerate(builder.centres):
+        own = f"{key}[{number}]"
+        for axis, value, (low, high) in zip("xy", centre.tolist(), spans, strict=True):
+            room, span = min(value - low, high - value), f"{low:g} to {high:g} m along {axis}"
+            builder.require(room > 0, f"{own} {axis}", f"a position within {span}", value)
+            expected = f"at most {2 * room:g} m, so that that of {own} stays within {span}"
+            builder.require(side / 2 <= room + 1e-9 * (high - low), "zone", expected, side)
+        for other in range(number if apart else 0):
+            gap = np.abs(centre - builder.centres[other]).max()
+            expected = f"at most the distance of {key}[{other}] and {own}, {gap:g} m"
+            builder.require(side <= gap * (1 + 1e-9), "zone", expected, side)
 
 
 def made_by(builder: Callable[P, Builder]) -> Callable[Concatenate[MPI.Intracomm, P], TaggedMesh]:

@@ -58,27 +58,36 @@ class _Plates(Builder):
     radius: Size = 0.1
     hole_diameter: Size = 0.0135
     washer_diameter: Size = 0.024
-    washer_thickness: float = 0.0025
-    washer_hole: float = 0.013
-    head_diameter: float = 0.018
-    head_height: float = 0.0075
-    bolt_diameter: float = 0.012
+    washer_thickness: Size = 0.0025
+    washer_hole: Size = 0.013
+    head_diameter: Size = 0.018
+    head_height: Size = 0.0075
+    bolt_diameter: Size = 0.012
     seats: Touching = "contact"
     heads: Touching = "contact"
     size: Size = 1e-3
-    fine_radius: float | None = None
+    fine_radius: Size | None = None
     growth: Ratio = 1.2
 
     def check(self) -> None:
         """Refuse arguments that do not fit each other, with MeshError."""
-        for name in self.lengths_in_use():
-            value = getattr(self, name)
-            self.require(is_positive(value), name, value, "a length above 0 m")
-        self.check_fits()
+        twice = 2 * self.radius
+        fits = self.hole_diameter < self.washer_diameter < twice
+        expected = f"between hole_diameter = {self.hole_diameter:g} m and {twice:g} m of the plates"
+        self.require(fits, "washer_diameter", expected)
         least = self.washer_diameter / 2
-        fits = is_positive(self.reach) and least <= self.reach <= self.radius
         expected = f"from half washer_diameter = {least:g} m to radius = {self.radius:g} m"
-        self.require(fits, "fine_radius", self.reach, expected)
+        self.require(least <= self.reach <= self.radius, "fine_radius", expected, self.reach)
+        if self.parts == "plates":
+            return
+        fits = self.washer_hole < self.head_diameter <= self.washer_diameter
+        expected = f"above washer_hole = {self.washer_hole:g} m and at most "
+        expected += f"washer_diameter = {self.washer_diameter:g} m"
+        self.require(fits, "head_diameter", expected)
+        if self.parts == "bolt":
+            room = min(self.hole_diameter, self.washer_hole)
+            expected = f"less than the holes, {room:g} m, so that the shank is free in them"
+            self.require(self.bolt_diameter < room, "bolt_diameter", expected)
 
     @property
     def reach(self) -> float:
@@ -86,32 +95,6 @@ class _Plates(Builder):
         if self.fine_radius is not None:
             return self.fine_radius
         return min(self.washer_diameter / 2 + max(self.thickness), self.radius)
-
-    def lengths_in_use(self) -> list[str]:
-        """Names of the dimensions of washers and bolt that count."""
-        names = []
-        if self.parts != "plates":
-            names += ["washer_thickness", "washer_hole", "head_diameter"]
-        if self.parts == "bolt":
-            names += ["head_height", "bolt_diameter"]
-        return names
-
-    def check_fits(self) -> None:
-        """Refuse dimensions that do not fit each other."""
-        twice = 2 * self.radius
-        fits = self.hole_diameter < self.washer_diameter < twice
-        expected = f"between hole_diameter = {self.hole_diameter:g} m and {twice:g} m of the plates"
-        self.require(fits, "washer_diameter", self.washer_diameter, expected)
-        if self.parts == "plates":
-            return
-        fits = self.washer_hole < self.head_diameter <= self.washer_diameter
-        expected = f"above washer_hole = {self.washer_hole:g} m and at most "
-        expected += f"washer_diameter = {self.washer_diameter:g} m"
-        self.require(fits, "head_diameter", self.head_diameter, expected)
-        if self.parts == "bolt":
-            room = min(self.hole_diameter, self.washer_hole)
-            expected = f"less than the holes, {room:g} m, so that the shank is free in them"
-            self.require(self.bolt_diameter < room, "bolt_diameter", self.bolt_diameter, expected)
 
     def r_lines(self) -> np.ndarray:
         edges = [self.hole_diameter / 2, self.washer_diameter / 2, self.reach]
@@ -304,7 +287,7 @@ class RoundPlates(_Plates):
         unit = 8 if self.parts == "bolt" else 4
         fits = is_count(self.n_around) and self.n_around % unit == 0
         expected = f"a multiple of {unit} with parts = {self.parts!r}"
-        self.require(fits, "n_around", self.n_around, expected)
+        self.require(fits, "n_around", expected)
 
     def lists(self) -> MeshLists:
         """The section revolved."""

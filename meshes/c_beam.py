@@ -112,7 +112,7 @@ class CBeams(Builder):
         for name, other, share in rooms:
             value, room = getattr(self, name), share * getattr(self, other)
             factor = "" if share == 1 else f"{share:g} * "
-            self.require(value < room, name, value, f"less than {factor}{other} = {room:g} m")
+            self.require(value < room, name, f"less than {factor}{other} = {room:g} m")
 
     def groups(self) -> tuple[list[str], list[str]]:
         """Names of the parts and of the faces."""

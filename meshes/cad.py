@@ -5,29 +5,21 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, ClassVar, Concatenate, Literal, ParamSpec
+from typing import Annotated, ClassVar, Concatenate, ParamSpec
 
 import numpy as np
 from mpi4py import MPI
 
 from fenics_joints.errors import MeshError, located
 from fenics_joints.files import path_of
-from fenics_joints.meshes.arguments import (
-    Arguments,
-    Demand,
-    Size,
-    described,
-    holds,
-    is_count,
-    is_positive,
-)
+from fenics_joints.meshes.arguments import Demand, Size, described, holds, is_count
 from fenics_joints.meshes.cad_bolts import BoltPlace, check_rings, given_bolts, hole_bolts
 from fenics_joints.meshes.cad_faces import TOUCH, FacePair, find_contacts, nearest
 from fenics_joints.meshes.cad_mesh import Glued, SharedFace, Sizes, closing, glue, opening
 from fenics_joints.meshes.check import check_mesh
 from fenics_joints.meshes.facets import Bodies, add_faces
 from fenics_joints.meshes.gmsh_apart import gmsh_model
-from fenics_joints.meshes.grow import fill, groups_of, layer_faces, spread, thin_layer
+from fenics_joints.meshes.grow import Grown, fill, groups_of, layer_faces, spread, thin_layer
 from fenics_joints.meshes.step_file import Place, Solids, import_solids
 from fenics_joints.meshes.tagged import MeshLists, TaggedMesh, distribute
 from fenics_joints.parallel import on_root
@@ -57,10 +49,6 @@ _OPTIONS = {
 }
 
 
-def _is_range(hole) -> bool:
-    return np.shape(hole) == (2,) and all(map(is_positive, hole)) and hole[0] <= hole[1]
-
-
 def _is_few(cells) -> bool:
     return is_count(cells) and cells <= 1000
 
@@ -70,7 +58,7 @@ def _is_polygon(edges) -> bool:
 
 
 @dataclass(frozen=True, kw_only=True)
-class StepAssembly(Arguments):
+class StepAssembly(Grown):
     """Mesh an assembly from CAD, whose parts are bolted, and touch on flat faces.
 
     The faces may touch in the file, or be apart by up to ``layer``; they are closed first. Then the
@@ -118,56 +106,19 @@ class StepAssembly(Arguments):
     function: ClassVar[str] = "read_step"
 
     element_size: Size
-    joint: Literal["rings", "layer", "contact"] = "rings"
-    r_wai: float | Sequence[float] | None = None
-    r_nei: Size | None = None
-    bolts: Sequence[Sequence[float]] | None = None
-    hole: (
-        Annotated[
-            tuple[float, float], Demand(_is_range, "the least and the largest diameter, in metres")
-        ]
-        | None
-    ) = None
-    layer: Size | None = None
     n_layer: Annotated[int, Demand(_is_few, "a whole number from 1 to 1,000")] = 1
     parts: Mapping[str, Place] | None = None
-    bonded: Sequence[tuple[str, str]] = ()
-    between: Sequence[tuple[str, str]] | None = None
     faces: Mapping[str, Sequence[float] | Sequence[Sequence[float]]] | None = None
     ring_size: Size | None = None
     circle: Annotated[int, Demand(_is_polygon, "a whole number from 6 to 10,000")] = 16
 
     def check(self) -> None:
         """Refuse arguments that do not fit each other, with MeshError."""
+        super().check()
         for key in ("parts", "faces"):
-            value = getattr(self, key)
-            named = value is None or isinstance(value, Mapping)
-            self.require(named, key, value, "places by their names")
-        for key in ("bolts", "between", "bonded"):
-            value = getattr(self, key)
-            several = value is None or (np.iterable(value) and not isinstance(value, str))
-            self.require(several, key, value, "a sequence")
-        self.radii()
+            named = isinstance(getattr(self, key) or {}, Mapping)
+            self.require(named, key, "places by their names")
         self.points()
-
-    def radii(self) -> np.ndarray:
-        """Outer radius of the rings, m: one, or one for each bolt; none without rings."""
-        r_wai, bolts = self.r_wai, self.bolts
-        if self.joint != "rings":
-            self.require(r_wai is None, "r_wai", r_wai, f"none with joint = {self.joint!r}")
-            self.require(bolts is None, "bolts", bolts, f"none with joint = {self.joint!r}")
-            return np.empty(0)
-        radii = np.atleast_1d(np.array(r_wai, dtype=float))
-        fits = r_wai is not None and radii.ndim == 1 and np.all(np.isfinite(radii) & (radii > 0))
-        self.require(fits, "r_wai", r_wai, "the outer radius of the rings, above 0 m")
-        if bolts is None:
-            self.require(len(radii) == 1, "r_wai", r_wai, "one radius, or bolts: their centres")
-            return radii
-        fits = len(bolts) > 0 and all(np.shape(bolt) == (3,) for bolt in bolts)
-        self.require(fits, "bolts", bolts, "a point (x, y, z) in metres for each bolt")
-        fits = len(radii) in (1, len(bolts))
-        self.require(fits, "r_wai", r_wai, f"one radius, or {len(bolts)}")
-        return np.broadcast_to(radii, len(bolts))
 
     def points(self) -> dict[str, np.ndarray]:
         """Points on each named face, m, shape (n, 3)."""
@@ -175,10 +126,10 @@ class StepAssembly(Arguments):
         for name, points in (self.faces or {}).items():
             expected = "a point (x, y, z) in metres, or several"
             number = holds(lambda p: np.array(p, dtype=float).ndim, points)
-            self.require(number, f"faces.{name}", points, expected)
+            self.require(number, f"faces.{name}", expected, points)
             found[name] = np.atleast_2d(np.array(points, dtype=float))
             fits = found[name].ndim == 2 and found[name].shape[1] == 3
-            self.require(fits, f"faces.{name}", points, expected)
+            self.require(fits, f"faces.{name}", expected, points)
         return found
 
     def read(self, path: str | Path, comm: MPI.Intracomm) -> TaggedMesh:

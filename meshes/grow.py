@@ -12,6 +12,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 from scipy.sparse import coo_array
@@ -19,7 +20,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
 from fenics_joints.errors import MeshError
-from fenics_joints.meshes.arguments import is_positive, requirement
+from fenics_joints.meshes.arguments import Arguments, Demand, Size, is_positive
 from fenics_joints.meshes.facets import (
     FACETS,
     Bodies,
@@ -341,61 +342,73 @@ def fill(lists: MeshLists, layers: Mapping[str, Sequence[np.ndarray]], n_layer=1
     )
 
 
-@dataclass(frozen=True)
-class RingPlaces:
-    """Where rings round bolts are to be.
-
-    Attributes:
-        r_wai: Outer radius, m, one or one for each bolt that is given.
-        r_nei: Inner radius, m.
-        at: Points on the bolts' axes, m, shape (n, 3); None: in all round holes.
-        hole: Least and largest diameter of these, m; None: any below 2 ``r_wai``.
-    """
-
-    r_wai: Sequence[float]
-    r_nei: float = 0.0
-    at: np.ndarray | None = None
-    hole: tuple[float, float] | None = None
-
-    def __post_init__(self):
-        require, radii = requirement("grow"), np.atleast_1d(np.asarray(self.r_wai, dtype=object))
-        fits = radii.ndim == 1 and len(radii) and all(map(is_positive, radii))
-        require(bool(fits), "r_wai", self.r_wai, "the outer radius of the rings, above 0 m")
-        n = 1 if self.at is None else len(self.at)
-        require(len(radii) in (1, n), "r_wai", self.r_wai, f"one radius, or {n}")
-        fits = self.r_nei == 0 or is_positive(self.r_nei)
-        require(fits and self.r_nei < min(radii), "r_nei", self.r_nei, "a radius below r_wai")
+def _is_range(hole) -> bool:
+    return np.shape(hole) == (2,) and all(map(is_positive, hole)) and hole[0] <= hole[1]
 
 
-@dataclass(frozen=True)
-class Grown:
-    """What is to be grown.
+def _are_several(values) -> bool:
+    return np.iterable(values) and not isinstance(values, str)
+
+
+Pairs = Annotated[Sequence[tuple[str, str]], Demand(_are_several, "a sequence of pairs of parts")]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Grown(Arguments):
+    """What joins parts where they touch.
 
     Attributes:
         joint: ``"layer"`` on all that touches, ``"rings"`` round bolts, or ``"contact"``: none,
             but separate parts whose faces match vertex by vertex.
-        thickness: Of the layers, m; None: a ten-thousandth of the smallest extent of a part.
-        rings: Where the rings are.
+        r_wai: Outer radius of the rings, m, or of each, with ``bolts``.
+        r_nei: Inner radius, m; None: that of the holes.
+        bolts: Points on the bolts' axes, m, shape (n, 3); None: in all round holes.
+        hole: Least and largest diameter of these, m; None: any below 2 ``r_wai``.
+        layer: Thickness of the layers, m; None: a ten-thousandth of the smallest extent of a part.
         bonded: Pairs of parts that stay one body where they touch.
         between: Pairs of parts that are joined; None: all that touch.
 
     Raises:
-        MeshError: A value makes no sense.
+        MeshError: A value makes no sense; the message names it.
     """
 
-    joint: str
-    thickness: float | None = None
-    rings: RingPlaces | None = None
-    bonded: Sequence[tuple[str, str]] = ()
-    between: Sequence[tuple[str, str]] | None = None
+    function: ClassVar[str] = "grow"
 
-    def __post_init__(self):
-        require, kinds = requirement("grow"), ("layer", "rings", "contact")
-        require(self.joint in kinds, "joint", self.joint, " or ".join(map(repr, kinds)))
-        fits = self.thickness is None or is_positive(self.thickness)
-        require(fits, "thickness", self.thickness, "a thickness above 0 m, or None")
-        fits = isinstance(self.rings, RingPlaces) or self.joint != "rings"
-        require(fits, "rings", self.rings, "RingPlaces with joint = 'rings'")
+    joint: Literal["rings", "layer", "contact"] = "rings"
+    r_wai: float | Sequence[float] | None = None
+    r_nei: Size | None = None
+    bolts: Annotated[Sequence[Sequence[float]], Demand(_are_several, "a sequence")] | None = None
+    hole: (
+        Annotated[
+            tuple[float, float], Demand(_is_range, "the least and the largest diameter, in metres")
+        ]
+        | None
+    ) = None
+    layer: Size | None = None
+    bonded: Pairs = ()
+    between: Pairs | None = None
+
+    def check(self) -> None:
+        """Refuse arguments that do not fit each other, with MeshError."""
+        if self.joint != "rings":
+            for key in ("r_wai", "bolts"):
+                none = getattr(self, key) is None
+                self.require(none, key, f"none with joint = {self.joint!r}")
+            return
+        radii = np.atleast_1d(np.array(self.r_wai, dtype=object))
+        fits = radii.ndim == 1 and len(radii) > 0 and all(map(is_positive, radii))
+        self.require(fits, "r_wai", "the outer radius of the rings, above 0 m")
+        n = 1
+        if self.bolts is not None:
+            n = len(self.bolts)
+            fits = n > 0 and all(np.shape(bolt) == (3,) for bolt in self.bolts)
+            self.require(fits, "bolts", "a point (x, y, z) in metres for each bolt")
+        self.require(len(radii) in (1, n), "r_wai", f"one radius, or {n} with the bolts' centres")
+
+    def radii(self) -> np.ndarray:
+        """Outer radius of the rings, m: one, or one for each of the bolts that are given."""
+        n = 1 if self.bolts is None else len(self.bolts)
+        return np.broadcast_to(np.array(self.r_wai, dtype=float), n)
 
 
 def grow(lists: MeshLists, wanted: Grown) -> MeshLists:
@@ -462,16 +475,16 @@ def _check_pairs(lists: MeshLists, wanted: Grown) -> None:
 
 def _thickness(lists: MeshLists, wanted: Grown, found: Sequence[Touch]) -> float:
     parts = {part for touch in found for part in touch.parts}
-    if wanted.thickness is None:
+    if wanted.layer is None:
         return thin_layer(lists, parts)
     most = min(_MOST * _smallest_extent(lists, parts), _OF_EDGE * shortest_edge(lists))
-    if wanted.thickness > most:
+    if wanted.layer > most:
         raise MeshError(
-            f"layer is {1e3 * wanted.thickness:g} mm, which is grown into the parts, half into "
+            f"layer is {1e3 * wanted.layer:g} mm, which is grown into the parts, half into "
             f"each: expected at most {1e3 * most:.3g} mm in this mesh, or none given (the "
             "stiffness of a joint need not know the thickness: law = 'springs')"
         )
-    return wanted.thickness
+    return wanted.layer
 
 
 def _layers(lists: MeshLists, found: list[Touch], wanted: Grown):
@@ -497,8 +510,7 @@ def _layers(lists: MeshLists, found: list[Touch], wanted: Grown):
 def _rings(lists: MeshLists, found: list[Touch], wanted: Grown):
     if lists.x.shape[1] != 3:
         raise MeshError("joint = 'rings': the mesh is in the plane, expected one in space")
-    rings = wanted.rings
-    bolts = (_seen if rings.at is None else _given)(lists.x, found, rings)
+    bolts = (_seen if wanted.bolts is None else _given)(lists.x, found, wanted)
     layers, taken, notes = {}, {}, []
     for number, (touch, centre, r_nei, r_wai, hole) in enumerate(bolts, start=1):
         away = touch.middles - centre
@@ -528,12 +540,13 @@ def _rings(lists: MeshLists, found: list[Touch], wanted: Grown):
     return layers, np.array([bolt[1] for bolt in bolts]), notes
 
 
-def _seen(x: np.ndarray, found: list[Touch], rings: RingPlaces):
+def _seen(x: np.ndarray, found: list[Touch], wanted: Grown):
     """Bolts in the round holes of the contacts."""
-    low, high = rings.hole or (0.0, 2 * rings.r_wai[0])
+    (r_wai,), r_nei = wanted.radii(), wanted.r_nei or 0.0
+    low, high = wanted.hole or (0.0, 2 * r_wai)
     holes = [(t, h) for t in found for h in round_holes(x, t)]
     bolts = [
-        (t, h.centre, rings.r_nei, rings.r_wai[0], h.radius)
+        (t, h.centre, r_nei, r_wai, h.radius)
         for t, h in holes
         if low * 0.98 <= 2 * h.radius <= high * 1.02
     ]
@@ -549,11 +562,10 @@ def _seen(x: np.ndarray, found: list[Touch], rings: RingPlaces):
     return bolts
 
 
-def _given(x: np.ndarray, found: list[Touch], rings: RingPlaces):
+def _given(x: np.ndarray, found: list[Touch], wanted: Grown):
     """Bolts at given points, each on the contact with most area round it."""
-    bolts = []
-    radii = np.broadcast_to(np.asarray(rings.r_wai, dtype=float), len(rings.at))
-    for number, (point, r_wai) in enumerate(zip(rings.at, radii, strict=True), start=1):
+    bolts, points = [], np.array(wanted.bolts, dtype=float)
+    for number, (point, r_wai) in enumerate(zip(points, wanted.radii(), strict=True), start=1):
         best, most = None, 0.0
         for touch in (t for t in found if t.is_flat):
             away = touch.middles - point
@@ -571,7 +583,7 @@ def _given(x: np.ndarray, found: list[Touch], rings: RingPlaces):
         n = best.normal
         centre = point - ((point - best.middles[0]) @ n) * n
         near = [h.radius for h in round_holes(x, best) if math.dist(h.centre, centre) < h.radius]
-        bolts.append((best, centre, rings.r_nei, float(r_wai), max(near, default=0.0)))
+        bolts.append((best, centre, wanted.r_nei or 0.0, r_wai, max(near, default=0.0)))
     return bolts
 
 

@@ -46,16 +46,16 @@ class _HalfLap(Builder):
     def check(self) -> None:
         """Refuse arguments that do not fit each other, with MeshError."""
         expected = f"less than length = {self.length:g} m"
-        self.require(self.lap < self.length, "lap", self.lap, expected)
+        self.require(self.lap < self.length, "lap", expected)
         room = 0.5 * (self.length - self.lap)
-        self.require(self.gap < room, "gap", self.gap, f"less than {room:g} m, what is beside lap")
+        self.require(self.gap < room, "gap", f"less than {room:g} m, what is beside lap")
         expected = f"less than thickness = {self.thickness:g} m"
-        self.require(self.layer < self.thickness, "layer", self.layer, expected)
+        self.require(self.layer < self.thickness, "layer", expected)
         most = _MOST_BOLTS
-        self.require(self.bolts <= most, "bolts", self.bolts, f"a whole number of at most {most}")
+        self.require(self.bolts <= most, "bolts", f"a whole number of at most {most}")
         room, where = min(self.rooms())
         expected = f"0 m, or at most {room:g} m, {where}"
-        self.require(self.washer <= room * (1 + 1e-9), "washer", self.washer, expected)
+        self.require(self.washer <= room * (1 + 1e-9), "washer", expected)
 
     def rooms(self) -> Iterator[tuple[float, str]]:
         """What limits a washer, m, and why."""
@@ -206,7 +206,7 @@ class HalfLapBeam(_HalfLap):
         super().check()
         if self.hole > 0:
             expected = f"0 m, or less than washer = {self.washer:g} m"
-            self.require(self.hole < self.washer, "hole", self.hole, expected)
+            self.require(self.hole < self.washer, "hole", expected)
 
     def rooms(self) -> Iterator[tuple[float, str]]:
         """What limits a washer, m, and why."""

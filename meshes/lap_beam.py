@@ -72,11 +72,11 @@ class _Lap(Builder):
     def check(self) -> None:
         """Refuse arguments that do not fit each other, with MeshError."""
         expected = f"less than length = {self.length:g} m"
-        self.require(self.lap < self.length, "lap", self.lap, expected)
+        self.require(self.lap < self.length, "lap", expected)
         room = self.room()
         fits = self.washer == 0 or (is_positive(self.washer) and self.washer <= room)
         expected = f"0 m, or a side above it of at most {room:g} m"
-        self.require(fits, "washer", self.washer, expected)
+        self.require(fits, "washer", expected)
 
     def room(self) -> float:
         """Largest side of a washer, m."""

@@ -7,7 +7,16 @@ from typing import ClassVar
 
 import numpy as np
 
-from fenics_joints.meshes.arguments import Builder, Count, Gap, Places, Size, Solid, made_by
+from fenics_joints.meshes.arguments import (
+    Builder,
+    Count,
+    Gap,
+    Places,
+    Size,
+    Solid,
+    check_squares,
+    made_by,
+)
 from fenics_joints.meshes.facets import Skin, add_faces, facets_between
 from fenics_joints.meshes.grid import PlaneGrid, count_intervals, extruded, grid_lines
 from fenics_joints.meshes.tagged import MeshLists
@@ -108,42 +117,19 @@ class LapPlates(Builder):
     def check(self) -> None:
         """Refuse arguments that do not fit each other, with MeshError."""
         expected = f"less than length = {self.length:g} m"
-        self.require(self.lap < self.length, "lap", self.lap, expected)
-        self.check_zones()
-        self.check_holes()
-
-    def check_zones(self) -> None:
-        """Refuse zones that leave the lap."""
-        x_range, y_range = (self.length - self.lap, self.length), (0.0, self.width)
-        for number, bolt in enumerate(self.centres.tolist()):
-            for axis, value, (low, high) in zip("xy", bolt, (x_range, y_range), strict=True):
-                room = min(value - low, high - value)
-                span = f"{low:g} to {high:g} m of the lap along {axis}"
-                where = f"bolts[{number}] {axis}"
-                self.require(room > 0, where, value, f"a position within {span}")
-                fits = self.zone / 2 <= room + 1e-9 * (high - low)
-                expected = f"at most {2 * room:g} m, so that the zone of {where} = {value:g} m "
-                self.require(fits, "zone", self.zone, expected + f"stays within {span}")
-
-    def check_holes(self) -> None:
-        """Refuse holes and washers for which the zones have no room."""
+        self.require(self.lap < self.length, "lap", expected)
+        spans = (self.length - self.lap, self.length), (0.0, self.width)
         hole, washer, zone = self.hole_diameter, self.washer_diameter, self.zone
+        check_squares(self, "bolts", zone, spans, apart=hole is not None)
         if hole is None:
-            self.require(
-                washer is None, "washer_diameter", washer, "None when hole_diameter is None"
-            )
+            self.require(washer is None, "washer_diameter", "None when hole_diameter is None")
             return
         # The O-grid needs room between the outer circle and the square.
         room = f"at most 0.9 * zone = {0.9 * zone:g} m"
-        self.require(hole <= 0.9 * zone, "hole_diameter", hole, "a diameter above 0 m and " + room)
-        for number, bolt in enumerate(self.centres):
-            for other in range(number):
-                gap = np.abs(bolt - self.centres[other]).max()
-                pair = f"the distance of bolts[{other}] and bolts[{number}], {gap:g} m, with holes"
-                self.require(zone <= gap * (1 + 1e-9), "zone", zone, "at most " + pair)
+        self.require(hole <= 0.9 * zone, "hole_diameter", "a diameter above 0 m and " + room)
         if washer is not None:
             expected = f"more than hole_diameter = {hole:g} m and {room}"
-            self.require(hole < washer <= 0.9 * zone, "washer_diameter", washer, expected)
+            self.require(hole < washer <= 0.9 * zone, "washer_diameter", expected)
 
     def sizes(self) -> tuple[float, float]:
         """Longest sides of elements along x and y, m."""

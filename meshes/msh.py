@@ -12,7 +12,7 @@ import json
 import re
 import shutil
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -48,8 +48,6 @@ def read_msh(
     comm: MPI.Intracomm,
     *,
     gdim: int = 3,
-    required_cells: Sequence[str] = (),
-    required_facets: Sequence[str] = (),
     scale: float = 1.0,
     grown: Grown | None = None,
     thickness: float | None = None,
@@ -68,8 +66,6 @@ def read_msh(
         comm: Communicator; the call is collective, gmsh runs on rank 0 alone, see
             `fenics_joints.meshes.gmsh_apart`.
         gdim: Dimension of the cells and of the coordinates, 3 or 2.
-        required_cells: Names of parts that must be there.
-        required_facets: Names of faces that must be there.
         scale: Length in metres of the file's unit, such as 1e-3 for millimetres.
         grown: Joint layers to grow where parts touch, see `fenics_joints.meshes.grow`; None: none,
             parts that share vertices are as one.
@@ -82,15 +78,13 @@ def read_msh(
     Raises:
         MeshError: The file is missing or is not gmsh's; a group has no name, or a name is used
             twice; cells are in no group, in two, of several shapes, of a shape we cannot use, or
-            of second order; facets are in two groups or are no facets of the cells; a required
-            name is missing; cells are inverted or flat. The message names it.
+            of second order; facets are in two groups or are no facets of the cells; cells are
+            inverted or flat. The message names it.
     """
     path = path_of(path)
     require = requirement("read_msh")
     require(gdim in (2, 3), "gdim", gdim, "2 or 3")
     require(is_positive(scale), "scale", scale, "a length above 0 m")
-    for key, names in (("required_cells", required_cells), ("required_facets", required_facets)):
-        require(np.iterable(names) and not isinstance(names, str), key, names, "a list of names")
     require(grown is None or isinstance(grown, Grown), "grown", grown, "a Grown, or none")
     sheet = thickness is None or (is_positive(thickness) and gdim == 2)
     require(sheet, "thickness", thickness, "a length above 0 m with gdim = 2, or none")
@@ -99,8 +93,6 @@ def read_msh(
         lists = read_lists(path, gdim, scale)
         if thickness is not None:
             lists = thickened(lists, thickness)
-        _check_required(path, "part", required_cells, lists.cell_names)
-        _check_required(path, "face", required_facets, lists.facet_names)
         if grown is None:
             return lists
         with located(path):
@@ -244,14 +236,6 @@ def _elements(path: Path, file: MshFile, dim: int, groups, shapes):
         return shape, np.empty((0, len(order)), np.int64), np.empty(0, np.int32)
     values = [np.full(len(nodes), tag) for _, nodes, tag, _ in found]
     return shape, np.vstack([n for _, n, _, _ in found])[:, order], np.concatenate(values)
-
-
-def _check_required(path: Path, kind: str, required: Sequence[str], present) -> None:
-    missing = [name for name in required if name not in present]
-    if missing:
-        names = ", ".join(repr(name) for name in missing)
-        there = ", ".join(sorted(present)) or "none"
-        raise MeshError(f"{path}: {kind} {names} is missing, expected a group; it has: {there}")
 
 
 def _check_facets_found(path: Path, tagged: TaggedMesh, lists: MeshLists | None) -> None:

@@ -10,7 +10,6 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
-import numpy as np
 from mpi4py import MPI
 from pydantic import AfterValidator, BeforeValidator, Field, create_model, model_validator
 
@@ -42,7 +41,7 @@ from fenics_joints.meshes import (
     read_step,
 )
 from fenics_joints.meshes.arguments import Builder, Demand
-from fenics_joints.meshes.grow import Grown, RingPlaces
+from fenics_joints.meshes.grow import Grown
 from fenics_joints.parallel import on_root
 from fenics_joints.preload.clearance import cone_radius
 from fenics_joints.preload.threads import thread
@@ -447,16 +446,13 @@ class FileMesh(MeshFile):
         joint = self.joint or (None if self.bolts is None else "rings")
         if joint is None:
             return None
-        rings = None
-        if self.bolts is not None:
-            given = self.bolts.arguments()
-            rings = RingPlaces(
-                np.atleast_1d(given["r_wai"]).tolist(),
-                given["r_nei"] or 0.0,
-                None if given["bolts"] is None else np.array(given["bolts"]),
-                given["hole"],
-            )
-        return Grown(joint, self.layer, rings, self.bonded or (), self.between)
+        return Grown(
+            joint=joint,
+            layer=self.layer,
+            bonded=self.bonded or (),
+            between=self.between,
+            **({} if self.bolts is None else self.bolts.arguments()),
+        )
 
     @model_validator(mode="after")
     def _sheet(self) -> FileMesh:

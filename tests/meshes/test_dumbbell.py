@@ -53,7 +53,7 @@ def test_rings_around_bolts(cell, holes):
         (lambda: dumbbell(COMM, layer=0.0), "layer is 0.0"),
         (lambda: dumbbell(COMM, neck=(0.3, 0.06, 0.04)), "neck is"),
         (lambda: dumbbell(COMM, rings=[(0, 0)]), "r_wai is None"),
-        (lambda: dumbbell(COMM, rings=[(0.05, 0)], r_wai=0.02), "within the neck"),
+        (lambda: dumbbell(COMM, rings=[(0.05, 0)], r_wai=0.02), "stays within -0.06 to"),
         (lambda: dumbbell(COMM, rings=[(-0.01, 0), (0.02, 0)], r_wai=0.02), "distance"),
     ],
 )

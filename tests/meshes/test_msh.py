@@ -31,8 +31,7 @@ from fenics_joints.meshes import read_msh
 @pytest.mark.parametrize("order", [(0, 1, 2), (2, 1, 0)])
 def test_named_groups_are_read(shared_tmp_path, order):
     path = written(shared_tmp_path, elements=[ELEMENTS[i] for i in order])
-    required = {"required_cells": ["left", "right"], "required_facets": ["interface"]}
-    tagged = read_msh(path, COMM, scale=1e-3, **required)
+    tagged = read_msh(path, COMM, scale=1e-3)
     assert tagged.cell_names == {"left": 1, "right": 2} and tagged.facet_names == {"interface": 3}
     assert volumes(tagged) == pytest.approx({"left": 1e-9, "right": 1e-9})
     assert areas(tagged) == pytest.approx({"interface": 1e-6})
@@ -90,11 +89,6 @@ BAD_FILES = {
         {"elements": [(HEXAHEDRON, 1, LEFT, 11), (HEXAHEDRON, 2, RIGHT, 11)]},
         "volume 11 is in 'left' and 'right', expected one group",
     ),
-    "missing part": (
-        {"elements": [ELEMENTS[0], ELEMENTS[2]]},
-        "part 'right' is missing, expected a group; it has: left",
-    ),
-    "missing face": ({"elements": ELEMENTS[:2]}, "face 'interface' is missing, expected a group"),
     "inverted": (
         {"elements": [ELEMENTS[0], (HEXAHEDRON, 2, RIGHT[4:] + RIGHT[:4]), ELEMENTS[2]]},
         "1 inverted and 0 flat cells; the first has its centre at (1.5, 0.5, 0.5) m in part "
@@ -135,9 +129,8 @@ BAD_FILES = {
 def test_bad_files_are_refused_on_every_rank(shared_tmp_path, case):
     content, message = BAD_FILES[case]
     path = written(shared_tmp_path, **content)
-    required = {"required_cells": ["left", "right"], "required_facets": ["interface"]}
     with pytest.raises(MeshError, match=re.escape(message)) as caught:
-        read_msh(path, COMM, **required)
+        read_msh(path, COMM)
     assert str(path) in str(caught.value)
 
 
