@@ -27,7 +27,7 @@ import numpy as np
 from mpi4py import MPI
 
 from fenics_joints.case import build_structure, load_case
-from fenics_joints.harmonic import Balance, HarmonicResult, Settings, solve_harmonic
+from fenics_joints.harmonic import Balance, ContinuationSettings, HarmonicResult, solve_harmonic
 from fenics_joints.harmonic.fourier import Fourier
 from fenics_joints.interfaces import (
     InterfaceModel,
@@ -106,7 +106,7 @@ def with_points(model: InterfaceModel, n: int) -> InterfaceModel:
 
 def branch(model: InterfaceModel, harmonics: int = 5, max_step: float = 0.15) -> HarmonicResult:
     """The response to the force over the band."""
-    settings = Settings(max_step=max_step)
+    settings = ContinuationSettings(max_step=max_step)
     return solve_harmonic(
         model, "force", FORCE, BAND, harmonics=harmonics, sensor="tip", settings=settings
     )

@@ -28,7 +28,7 @@ from pathlib import Path
 import numpy as np
 from harmonic import timed  # beside this file
 
-from fenics_joints.harmonic import Settings, solve_harmonic
+from fenics_joints.harmonic import ContinuationSettings, solve_harmonic
 from fenics_joints.interfaces import InterfaceModel, InterfacePoints
 from fenics_joints.joint_laws import Bilinear, CubicSpring, Iwan
 
@@ -77,7 +77,8 @@ def ours(c: dict, longest: float | None = None, omega: np.ndarray | None = None)
     if omega is not None:
         at = omega / (2 * np.pi)
         return solve_harmonic(our_model(c), "end", c["push"], at=at, **common)
-    band, settings = tuple(w / (2 * np.pi) for w in c["band"]), Settings(max_step=longest)
+    band = tuple(w / (2 * np.pi) for w in c["band"])
+    settings = ContinuationSettings(max_step=longest)
     return solve_harmonic(our_model(c), "end", c["push"], band, settings=settings, **common)
 
 

@@ -7,8 +7,8 @@ responses.
 """
 
 from fenics_joints.harmonic.backbone import (
-    Backbone,
     BackbonePoints,
+    NonlinearMode,
     solve_backbone,
     solve_backbone_at,
 )
@@ -22,8 +22,8 @@ from fenics_joints.harmonic.bifurcations import (
 from fenics_joints.harmonic.chosen import neglected_harmonics, solve_to_tolerance
 from fenics_joints.harmonic.continuation import (
     Branch,
-    Problem,
-    Settings,
+    BranchProblem,
+    ContinuationSettings,
     follow,
     load_branch,
     locate,
@@ -52,7 +52,7 @@ from fenics_joints.harmonic.tracking import (
 )
 
 __all__ = [
-    "Backbone",
+    "NonlinearMode",
     "BackbonePoints",
     "Balance",
     "Bifurcation",
@@ -68,10 +68,10 @@ __all__ = [
     "MeasuredLoop",
     "Peak",
     "Periodic",
-    "Problem",
+    "BranchProblem",
     "SliderRange",
     "ResponseGradient",
-    "Settings",
+    "ContinuationSettings",
     "Stability",
     "StaticBackbone",
     "default_samples",

@@ -18,17 +18,23 @@ import scipy.linalg
 
 from fenics_joints.errors import ConvergenceError, InputError, real, reals, wanted
 from fenics_joints.formatting import hertz, html_table, number, percent
-from fenics_joints.harmonic.balance import Balance, Equations
+from fenics_joints.harmonic.balance import Balance, BalanceOptions
 from fenics_joints.harmonic.continuation import (
     Branch,
+    ContinuationSettings,
     NotFound,
-    Settings,
     check_settings,
     correct,
     follow,
 )
 from fenics_joints.harmonic.frf import fingerprint, telling
-from fenics_joints.harmonic.result import Periodic, check_sensor
+from fenics_joints.harmonic.result import (
+    Periodic,
+    changed_balance,
+    check_interval,
+    check_sensor,
+    slopes_by_parameters,
+)
 from fenics_joints.interfaces.model import InterfaceModel, inverted_modes
 from fenics_joints.progress import Progress
 
@@ -45,7 +51,7 @@ _SLOWEST = 1e-3
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
-class Backbone(Periodic):
+class NonlinearMode(Periodic):
     """A nonlinear mode over its amplitude.
 
     Attributes:
@@ -99,12 +105,12 @@ def solve_backbone(
     force: str | None = None,
     near: float | None = None,
     sensor: str | None = None,
-    settings: Settings | None = None,
+    settings: ContinuationSettings | None = None,
     checkpoint: str | Path | None = None,
     resume: bool = False,
     progress: Progress | None = None,
-    **equations: Unpack[Equations],
-) -> Backbone:
+    **equations: Unpack[BalanceOptions],
+) -> NonlinearMode:
     """A nonlinear mode: by the extended periodic motion concept, or with a force at resonance.
 
     With a force, the frequency and amplitude of it at which the sensor's first harmonic is a
@@ -123,9 +129,7 @@ def solve_backbone(
         InputError: For an unknown name, a value out of range, or a sensor that does not move.
         ConvergenceError: If the branch cannot be followed.
     """
-    low, high = reals("amplitudes", amplitudes, (2,), "m", above=0).tolist()
-    if not low < high:
-        raise InputError(f"amplitudes = ({low}, {high}): expected 0 < low < high, m.")
+    low, high = check_interval("amplitudes", amplitudes, "m")
     if near is not None:
         real("near", near, "Hz", above=0)
     settings = check_settings(settings)
@@ -170,7 +174,7 @@ def free_mode(balance: Balance, sensor: str, near: float | None = None) -> FreeM
 
 def _backbone(
     problem: _Mode, branch: Branch, sensor: str, force: str | None, bounds: tuple[float, float]
-) -> Backbone:
+) -> NonlinearMode:
     balance = problem.balance
     if np.any(branch.z[:, -3] <= 0):  # beyond it the same motions follow, backwards in time
         branch = branch.first(max(int(np.argmax(branch.z[:, -3] <= 0)), 1))
@@ -185,7 +189,7 @@ def _backbone(
     if force:
         work = np.pi * forces * (X[:, :, 2] @ balance.model.row("forces", force))
         damping = work / (2 * np.pi * (omegas * modal) ** 2)
-    return Backbone(
+    return NonlinearMode(
         balance=balance,
         frequencies_hz=omegas / (2 * np.pi),
         coefficients=X,
@@ -398,38 +402,23 @@ class BackbonePoints:
         Raises:
             ConvergenceError: Where a point has none.
         """
-        N, p = len(self), len(values)
-        turned = np.empty((N, p, 2))
-        pairs = [
-            [self._changed(change({**values, key: v * (1 + s * _STEP)})) for s in (1, -1)]
-            for key, v in values.items()
-        ]
-        for i, z in enumerate(self.z):
-            J = self.problem.evaluate(z)[1][:, :-1]
-            right = np.column_stack(
-                [
-                    (up.evaluate(z, jacobian=False)[0] - down.evaluate(z, jacobian=False)[0])
-                    / (2 * _STEP * v)
-                    for (up, down), v in zip(pairs, values.values(), strict=True)
-                ]
-            )
-            try:
-                turned[i] = -scipy.linalg.solve(J, right)[-2:].T
-            except scipy.linalg.LinAlgError as error:
-                raise ConvergenceError(
-                    f"the mode at {self.amplitudes[i]:.3g} m has no derivatives", str(error)
-                ) from error
-        return turned[..., 0] / (2 * np.pi), turned[..., 1]
+        problem = self.problem
 
-    def _changed(self, model: InterfaceModel) -> FreeMode:
-        if model.n_dofs != self.problem.balance.model.n_dofs:
-            raise InputError(
-                f"the changed model has {model.n_dofs} degrees of freedom, expected "
-                f"{self.problem.balance.model.n_dofs}."
-            )
-        problem = copy(self.problem)
-        problem.balance = self.problem.balance.with_model(model)
-        return problem
+        def changed(values: Mapping[str, float]) -> Callable:
+            other = copy(problem)
+            other.balance = changed_balance(problem.balance, change(values))
+            return lambda z: other.evaluate(z, jacobian=False)[0]
+
+        made = slopes_by_parameters(
+            lambda z: problem.evaluate(z)[1][:, :-1],
+            changed,
+            self.z,
+            values,
+            _STEP,
+            lambda i: f"the mode at {self.amplitudes[i]:.3g} m",
+        )
+        omega, zeta = np.array(made)[:, -2:].transpose(1, 0, 2)
+        return omega / (2 * np.pi), zeta
 
 
 def solve_backbone_at(
@@ -438,7 +427,7 @@ def solve_backbone_at(
     *,
     sensor: str | None = None,
     near: float | None = None,
-    settings: Settings | None = None,
+    settings: ContinuationSettings | None = None,
     initial: BackbonePoints | None = None,
     **equations,
 ) -> BackbonePoints:
@@ -466,23 +455,22 @@ def solve_backbone_at(
     found, iterations, last = np.empty((len(a), balance.size + 3)), np.zeros(len(a), int), None
     for i in np.argsort(a, kind="stable"):
         q = np.log10(a[i])
-        start = initial.z[i] if warm else last
-        if start is None:
-            start = np.append(problem.start(), q)
-        try:
-            last, iterations[i] = _reached(problem, start, q, settings)
-        except NotFound as error:
-            if not warm or last is None:
-                raise _lost(a[i], error) from error
+        starts = [initial.z[i]] if warm else []
+        if last is not None:
+            starts.append(last)
+        for start in starts or [np.append(problem.start(), q)]:
             try:
-                last, iterations[i] = _reached(problem, last, q, settings)
-            except NotFound as again:
-                raise _lost(a[i], again) from again
+                last, iterations[i] = _reached(problem, start, q, settings)
+                break
+            except NotFound as error:
+                lost = ConvergenceError(f"the mode at {a[i]:.3g} m is not found", error.why)
+        else:
+            raise lost
         found[i] = last
     return BackbonePoints(problem, a, found, iterations)
 
 
-def _reached(problem: FreeMode, z: np.ndarray, q: float, settings: Settings):
+def _reached(problem: FreeMode, z: np.ndarray, q: float, settings: ContinuationSettings):
     """(the point at q, Newton steps), from another one, in as many steps as it takes."""
     steps, halvings, to = 0, 0, q
     while True:
@@ -498,7 +486,3 @@ def _reached(problem: FreeMode, z: np.ndarray, q: float, settings: Settings):
         if to == q:
             return z, steps
         to = q
-
-
-def _lost(amplitude: float, error: NotFound) -> ConvergenceError:
-    return ConvergenceError(f"the mode at {amplitude:.3g} m is not found", error.why)

@@ -53,7 +53,7 @@ class _Share:
     state: np.ndarray | None
 
 
-class Equations(TypedDict, total=False):
+class BalanceOptions(TypedDict, total=False):
     """Options of `Balance` that every solver takes and hands on."""
 
     harmonics: int
@@ -138,17 +138,12 @@ class Balance:
         """Number of unknowns, n K."""
         return self.model.n_dofs * self.fourier.size
 
-    def with_model(self, model: InterfaceModel) -> Balance:
-        """The same balance of another model of the same size."""
-        return Balance(
-            model,
-            self.fourier.harmonics,
-            self.fourier.samples,
-            static=self.static,
-            cycles=self.cycles,
-            periods=self.fourier.periods,
-            comm=self.comm,
-        )
+    def changed(self, model: InterfaceModel | None = None, **options) -> Balance:
+        """The same balance with another model of the same size, or with other options."""
+        f = self.fourier
+        kept = {"harmonics": f.harmonics, "samples": f.samples, "periods": f.periods}
+        kept |= {"static": self.static, "cycles": self.cycles, "comm": self.comm}
+        return Balance(self.model if model is None else model, **kept | options)
 
     def load(self, force: np.ndarray) -> np.ndarray:
         """Coefficients (n, K) of a load ``force`` (n,) times cos(w t)."""

@@ -16,12 +16,12 @@ import numpy as np
 import scipy.linalg
 
 from fenics_joints.errors import ConvergenceError, InputError, member
-from fenics_joints.harmonic.balance import Balance, Load, Loading
+from fenics_joints.harmonic.balance import Balance, Loading
 from fenics_joints.harmonic.continuation import (
     Branch,
+    ContinuationSettings,
     NotFound,
     Point,
-    Settings,
     check_settings,
     correct,
     follow,
@@ -96,7 +96,7 @@ def find_bifurcations(
     method: str | None = None,
     steps: int | None = None,
     tolerance: float | None = None,
-    settings: Settings | None = None,
+    settings: ContinuationSettings | None = None,
 ) -> Stability:
     """Floquet multipliers along a branch, and where they cross the unit circle, and how.
 
@@ -120,9 +120,7 @@ def find_bifurcations(
     Raises:
         InputError: For responses that are no such branch.
     """
-    force = result.force_amplitudes
-    if result.tangents is None or np.ptp(force) > 1e-9 * abs(force[0]):
-        raise InputError("result: expected a branch at constant force, as solve_harmonic's.")
+    result.constant_force()
     if tolerance is None:
         memory = any(points.kernel.m for points in result.model.interfaces)
         tolerance = 0.01 if memory else 1e-4
@@ -157,11 +155,10 @@ class _Search:
         branch: The branch, coefficients first and omega last.
     """
 
-    def __init__(self, result, method, steps, tolerance: float, settings: Settings):
+    def __init__(self, result, method, steps, tolerance: float, settings: ContinuationSettings):
         self.result, self.balance, self.method = result, result.balance, method
         self.steps, self.edge, self.settings = steps, 1 + tolerance, settings
-        first = Load(result.force, float(result.force_amplitudes[0]), power=result.power)
-        loading = Loading.of(self.balance, (first, *result.more))
+        loading = Loading.of(self.balance, result.loads(result.constant_force()))
         width = float(np.ptp(result.omegas)) or float(result.omegas[0])
         self.problem = ForcedResponse(self.balance, loading, width)
         flat = result.coefficients.reshape(len(result), -1)
@@ -272,7 +269,7 @@ def switch_branch(
     *,
     band: tuple[float, float] | None = None,
     side: int = 1,
-    settings: Settings | None = None,
+    settings: ContinuationSettings | None = None,
     progress: Progress | None = None,
 ) -> HarmonicResult:
     """The branch that leaves another at a branch point or a period doubling.
@@ -303,7 +300,7 @@ def switch_branch(
     low, high = check_band((hz.min(), hz.max()) if band is None else band, "up")
     settings, force = check_settings(settings), float(result.force_amplitudes[0])
     balance, X = _in_longer_period(result.balance, at)
-    loading = Loading.of(balance, (Load(result.force, force, power=result.power), *result.more))
+    loading = Loading.of(balance, result.loads(force))
     problem = ForcedResponse(balance, loading, 2 * np.pi * (high - low))
     z = np.append(X.reshape(-1), 2 * np.pi * at.frequency_hz)
     first, tangent = _first_point(problem, z, side, settings)
@@ -312,19 +309,7 @@ def switch_branch(
     branch = _followed(problem, first, tangent, bounds, settings, tell)
     row = result.model.row("sensors", result.sensor)
     branch = with_maxima(problem, branch, row, result.measure, settings)
-    return responses(
-        balance,
-        branch.z,
-        branch.iterations,
-        branch.jacobians,
-        force,
-        tangents=branch.tangents,
-        force=result.force,
-        sensor=result.sensor,
-        measure=result.measure,
-        more=result.more,
-        power=result.power,
-    )
+    return responses(balance, branch, force, of=result)
 
 
 def _in_longer_period(balance: Balance, at: Bifurcation) -> tuple[Balance, np.ndarray]:
@@ -332,22 +317,14 @@ def _in_longer_period(balance: Balance, at: Bifurcation) -> tuple[Balance, np.nd
     if at.kind == BRANCH_POINT:
         return balance, at.coefficients
     f = balance.fourier
-    longer = Balance(
-        balance.model,
-        f.harmonics,
-        2 * f.samples,
-        static=balance.static,
-        cycles=balance.cycles,
-        periods=2 * f.periods,
-        comm=balance.comm,
-    )
+    longer = balance.changed(samples=2 * f.samples, periods=2 * f.periods)
     X, h = np.zeros(longer.shape), np.arange(1, f.size // 2 + 1)
     X[:, 0] = at.coefficients[:, 0]
     X[:, 4 * h - 1], X[:, 4 * h] = at.coefficients[:, 2 * h - 1], at.coefficients[:, 2 * h]
     return longer, X
 
 
-def _first_point(problem: ForcedResponse, z: np.ndarray, side: int, settings: Settings):
+def _first_point(problem: ForcedResponse, z: np.ndarray, side: int, settings: ContinuationSettings):
     """The new branch's first point, and the scaled direction in which it leaves z."""
     scales = problem.scales(z)
     J = problem.evaluate(z)[1] * scales
@@ -378,7 +355,7 @@ def _followed(
     first: Point,
     across: np.ndarray,
     bounds,
-    settings: Settings,
+    settings: ContinuationSettings,
     tell: Callable[[np.ndarray], object],
 ) -> Branch:
     """The branch from its first point to a bound, or to where it meets another branch.

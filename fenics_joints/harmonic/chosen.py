@@ -39,15 +39,7 @@ def neglected_harmonics(
     balance, f = result.balance, result.balance.fourier
     most = 2 * f.harmonics + 1 if up_to is None else whole("up_to", up_to, f.harmonics + 1)
     samples = max(f.samples, 1 << (4 * (2 * most * f.periods + 1) - 1).bit_length())
-    wider = Balance(
-        balance.model,
-        most,
-        samples,
-        static=balance.static,
-        cycles=balance.cycles,
-        periods=f.periods,
-        comm=balance.comm,
-    )
+    wider = balance.changed(harmonics=most, samples=samples)
     indices = range(len(result)) if indices is None else indices
     return np.array([_added(wider, result, i) for i in indices])
 

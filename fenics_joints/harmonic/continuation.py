@@ -30,7 +30,7 @@ _HALVINGS = 6
 _NEAR, _CONTRACTION, _KEPT_TOLERANCE = 0.1, 0.4, 0.1
 
 
-class Problem(Protocol):
+class BranchProblem(Protocol):
     """N equations in N + 1 unknowns, the parameter last.
 
     One whose attribute ``kinked`` is true has a Jacobian that jumps.
@@ -46,12 +46,12 @@ class Problem(Protocol):
 
 
 @dataclass(frozen=True)
-class Settings:
+class ContinuationSettings:
     """How a branch is followed.
 
     Attributes:
         step: First step, in scaled arc length.
-        max_step: Longest step: 0.1 is a tenth of the `Problem.scales`.
+        max_step: Longest step: 0.1 is a tenth of the `BranchProblem.scales`.
         min_step: A step that would have to be shorter ends in an error.
         max_points: Most points of a branch.
         max_iterations: Most Newton iterations of a point.
@@ -90,18 +90,18 @@ class Settings:
             raise InputError(f"tolerance = {self.tolerance}: expected between 0 and 1.")
 
 
-def check_settings(settings: Settings | None) -> Settings:
+def check_settings(settings: ContinuationSettings | None) -> ContinuationSettings:
     """The settings, the usual ones without any.
 
     Raises:
         InputError: If they are something else.
     """
-    if settings is not None and not isinstance(settings, Settings):
-        raise wanted("settings", settings, "Settings, or None")
-    return settings or Settings()
+    if settings is not None and not isinstance(settings, ContinuationSettings):
+        raise wanted("settings", settings, "ContinuationSettings, or None")
+    return settings or ContinuationSettings()
 
 
-def keeps(problem: Problem, settings: Settings) -> bool:
+def keeps(problem: BranchProblem, settings: ContinuationSettings) -> bool:
     """Whether Newton's method may keep a Jacobian of a problem."""
     return settings.keep and not getattr(problem, "kinked", False)
 
@@ -141,10 +141,10 @@ class NotFound(ConvergenceError):
 
 
 def correct(
-    problem: Problem,
+    problem: BranchProblem,
     z: np.ndarray,
     normal: np.ndarray | None,
-    settings: Settings,
+    settings: ContinuationSettings,
     kept: np.ndarray | None = None,
 ) -> Point:
     """Newton's method from z, in the plane through z with a scaled normal.
@@ -251,7 +251,8 @@ class Branch:
 
     Attributes:
         z: Unknowns and, last, the parameter, (points, N + 1).
-        tangents: Tangent of the branch at each point, of any length, (points, N + 1).
+        tangents: Tangent of the branch at each point, of any length, (points, N + 1); None where
+            the points are not followed.
         iterations: Newton steps that each point took, (points,).
         jacobians: Jacobians that they took, (points,).
         step: Next step, in scaled arc length.
@@ -259,7 +260,7 @@ class Branch:
     """
 
     z: np.ndarray
-    tangents: np.ndarray
+    tangents: np.ndarray | None
     iterations: np.ndarray
     jacobians: np.ndarray
     step: float
@@ -272,10 +273,15 @@ class Branch:
         first, last = self.z[0, -1], self.z[-1, -1]
         return f"Branch({len(self)} points, parameter {first:.4g} to {last:.4g})"
 
+    def without(self, column: int) -> Branch:
+        """Its points without one of the unknowns."""
+        z, tangents = (np.delete(a, column, axis=1) for a in (self.z, self.tangents))
+        return replace(self, z=z, tangents=tangents)
+
     def first(self, n: int) -> Branch:
         """Its first ``n`` points."""
-        parts = {name: getattr(self, name)[:n] for name in ("z", "tangents", "iterations")}
-        return replace(self, jacobians=self.jacobians[:n], **parts)
+        keys = ("z", "tangents", "iterations", "jacobians")
+        return replace(self, **{key: getattr(self, key)[:n] for key in keys})
 
     def with_point(self, z, tangent, effort, step: float, complete: bool) -> Branch:
         """The branch with one more point; effort: (Newton steps, Jacobians)."""
@@ -352,11 +358,11 @@ _SECANTS = 12
 
 
 def follow(
-    problem: Problem,
+    problem: BranchProblem,
     start: np.ndarray,
     bounds: tuple[float, float],
     *,
-    settings: Settings | None = None,
+    settings: ContinuationSettings | None = None,
     direction: int = 1,
     checkpoint: str | Path | None = None,
     resume: bool = False,
@@ -385,7 +391,7 @@ def follow(
         ConvergenceError: If no step is short enough, or the points do not suffice; the points so
             far are its ``branch``.
     """
-    settings = settings or Settings()
+    settings = settings or ContinuationSettings()
     low, high = bounds
     if not low < high or not low <= start[-1] <= high:
         raise InputError(
@@ -592,11 +598,11 @@ def _cubic(a, ta, b, tb, scales) -> CubicHermiteSpline:
 
 
 def locate(
-    problem: Problem,
+    problem: BranchProblem,
     branch: Branch,
     i: int,
     slope: Callable[[np.ndarray, np.ndarray], float],
-    settings: Settings | None = None,
+    settings: ContinuationSettings | None = None,
     *,
     tolerance: float = 1e-6,
 ) -> Branch:
@@ -614,7 +620,7 @@ def locate(
         InputError: If the slope has the same sign at both.
         ConvergenceError: If the corrector fails between the two points.
     """
-    settings = settings or Settings()
+    settings = settings or ContinuationSettings()
     a, b = branch.z[i], branch.z[i + 1]
     scales = problem.scales(a)
     ta, tb = (t / np.linalg.norm(t / scales) for t in branch.tangents[i : i + 2])

@@ -11,22 +11,22 @@ import hashlib
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
 from fenics_joints.errors import ConvergenceError, InputError, member, real, reals, wanted
-from fenics_joints.harmonic.balance import Balance, Equations, Load, Loading
+from fenics_joints.harmonic.balance import Balance, BalanceOptions, Load, Loading
 from fenics_joints.harmonic.continuation import (
     Branch,
-    Settings,
+    ContinuationSettings,
     check_settings,
     correct,
     follow,
     locate,
 )
 from fenics_joints.harmonic.fourier import KINDS, amplitude_gradient, moving_size
-from fenics_joints.harmonic.result import HarmonicResult, check_sensor
+from fenics_joints.harmonic.result import HarmonicResult, check_interval, check_sensor
 from fenics_joints.interfaces.model import InterfaceModel
 from fenics_joints.progress import Progress
 
@@ -48,12 +48,12 @@ def solve_harmonic(
     direction: str = "up",
     more: Sequence[Load] = (),
     power: int = 0,
-    settings: Settings | None = None,
+    settings: ContinuationSettings | None = None,
     initial: HarmonicResult | None = None,
     checkpoint: str | Path | None = None,
     resume: bool = False,
     progress: Progress | None = None,
-    **equations: Unpack[Equations],
+    **equations: Unpack[BalanceOptions],
 ) -> HarmonicResult:
     """Steady response to amplitude * cos(w t), over a band or at given frequencies.
 
@@ -106,7 +106,7 @@ def solve_harmonic(
     tell = telling(progress, f"response to {amplitude:g} N at {force}")
     if at is not None:
         found = _at_frequencies(balance, loading, at, settings, initial, tell)
-        return responses(balance, *found, amplitude, **named)
+        return responses(balance, found, amplitude, **named)
     band = check_band(band, direction)
     problem = ForcedResponse(balance, loading, 2 * np.pi * (band[1] - band[0]))
     branch = follow_band(
@@ -121,37 +121,41 @@ def solve_harmonic(
         on_point=tell,
     )
     branch = with_maxima(problem, branch, model.row("sensors", sensor), measure, settings)
-    return responses(
-        balance,
-        branch.z,
-        branch.iterations,
-        branch.jacobians,
-        amplitude,
-        tangents=branch.tangents,
-        **named,
-    )
+    return responses(balance, branch, amplitude, **named)
 
 
-def responses(balance: Balance, z, iterations, jacobians, amplitude, **named) -> HarmonicResult:
-    """The result of points z, coefficients first and omega last, under a force, N, or one each."""
-    return HarmonicResult(
+def responses(
+    balance: Balance, branch: Branch, amplitude: float | np.ndarray, kind=HarmonicResult, **named
+) -> HarmonicResult:
+    """The result of a branch whose points are coefficients and omega.
+
+    Args:
+        balance: The equations.
+        branch: The points; its tangents may be None.
+        amplitude: Of the force, N, of all points or each.
+        kind: Class of the result.
+        named: The result's other attributes; ``of`` is another result that gives place of the
+            force, sensor, measure and loads.
+    """
+    of = named.pop("of", None)
+    shared = ("force", "sensor", "measure", "more", "power")
+    named = ({} if of is None else {key: getattr(of, key) for key in shared}) | named
+    return kind(
         balance=balance,
-        frequencies_hz=z[:, -1] / (2 * np.pi),
-        coefficients=z[:, :-1].reshape(-1, *balance.shape),
-        iterations=iterations,
-        jacobians=jacobians,
-        force_amplitudes=np.full(len(z), amplitude, dtype=float),
+        frequencies_hz=branch.z[:, -1] / (2 * np.pi),
+        coefficients=branch.z[:, :-1].reshape(-1, *balance.shape),
+        iterations=branch.iterations,
+        jacobians=branch.jacobians,
+        force_amplitudes=np.full(len(branch), amplitude, dtype=float),
+        tangents=branch.tangents,
         **named,
     )
 
 
 def check_band(band, direction: str) -> tuple[float, float]:
     """A band of frequencies, Hz, and which way it is gone through, or an `InputError`."""
-    low, high = reals("band", band, (2,), "Hz", above=0).tolist()
-    if not low < high:
-        raise InputError(f"band = ({low}, {high}): expected 0 < low < high, Hz.")
     member("direction", direction, ("up", "down"))
-    return low, high
+    return check_interval("band", band, "Hz")
 
 
 def follow_band(
@@ -248,7 +252,81 @@ class ForcedResponse:
         return np.append(np.full(len(z) - 1, size), self.width)
 
 
-def first_response(problem: ForcedResponse, omega: float, settings: Settings) -> np.ndarray:
+class Condition(Protocol):
+    """A number of a response that vanishes at those looked for.
+
+    One whose attribute ``by_jacobian`` is true is computed from the residual's derivative.
+    """
+
+    by_jacobian: bool
+
+    def value(
+        self, X: np.ndarray, omega: float, J: np.ndarray | None
+    ) -> tuple[float, np.ndarray, float]:
+        """The number and its derivatives by X, (n K,), and by omega; J: the residual's by X."""
+
+    def at(self, X: np.ndarray, omega: float, J: np.ndarray) -> None:
+        """Take a point of the branch as the present one."""
+
+
+class ConditionedResponse:
+    """Harmonic balance and a condition; unknowns X, and omega and the load's share in some order.
+
+    The last of them is the parameter.
+
+    Args:
+        balance: The equations.
+        loading: The load at a share of one.
+        condition: The condition.
+        widths: Notable changes of omega, rad/s, and of the share.
+        last: ``share`` or ``omega``.
+    """
+
+    def __init__(
+        self,
+        balance: Balance,
+        loading: Loading,
+        condition: Condition,
+        widths: tuple[float, float],
+        last: str = "share",
+    ):
+        self.balance, self.loading, self.condition = balance, loading, condition
+        self.widths, self.kinked = widths, balance.kinked
+        self.omega, self.share = (-2, -1) if last == "share" else (-1, -2)
+
+    def evaluate(self, z: np.ndarray, *, jacobian: bool = True):
+        """Residual and its derivative, as `BranchProblem` has it."""
+        balance, omega, share = self.balance, z[self.omega], z[self.share]
+        X, load = z[:-2].reshape(balance.shape), self.loading.at(omega)
+        needed = jacobian or self.condition.by_jacobian
+        R, J = balance.evaluate(X, omega, share * load, jacobian=needed)
+        g, by_X, by_omega = self.condition.value(X, omega, J)
+        R = np.append(R.reshape(-1), g)
+        if not jacobian:
+            return R, None
+        N = balance.size
+        found = np.zeros((N + 1, N + 2))
+        found[:N, :N], found[N, :N], found[N, self.omega] = J, by_X, by_omega
+        by_omega = balance.by_omega(X, omega) - share * self.loading.slope(omega)
+        found[:N, self.omega], found[:N, self.share] = by_omega.reshape(-1), -load.reshape(-1)
+        return R, found
+
+    def scales(self, z: np.ndarray) -> np.ndarray:
+        """The motion's size without its mean, and the widths."""
+        size = moving_size(z[:-2].reshape(self.balance.shape))
+        found = np.full(len(z), size)
+        found[[self.omega, self.share]] = self.widths
+        return found
+
+    def take(self, z: np.ndarray) -> None:
+        """Take a point as the present one."""
+        X = z[:-2].reshape(self.balance.shape)
+        self.condition.at(X, z[self.omega], self.balance.evaluate(X, z[self.omega])[1])
+
+
+def first_response(
+    problem: ForcedResponse, omega: float, settings: ContinuationSettings
+) -> np.ndarray:
     """A response at omega, (n K + 1,), from the linear one or under a growing load.
 
     Raises:
@@ -299,7 +377,7 @@ def with_maxima(problem, branch: Branch, row: np.ndarray, measure: str, settings
     return with_extremes(problem, branch, slope, settings)
 
 
-def with_extremes(problem, branch: Branch, slope, settings: Settings) -> Branch:
+def with_extremes(problem, branch: Branch, slope, settings: ContinuationSettings) -> Branch:
     """The branch with the points where a slope along it goes from positive to negative.
 
     Where Newton's method fails between two points, as it may at a kink, they have to do.
@@ -313,11 +391,7 @@ def with_extremes(problem, branch: Branch, slope, settings: Settings) -> Branch:
 
 
 def _at_frequencies(balance, loading, at, settings, initial, tell):
-    """Responses at given frequencies, each from that of the frequency below it.
-
-    Returns:
-        (points, coefficients and omega, (N, n K + 1); Newton steps; Jacobians that each took).
-    """
+    """Responses at given frequencies, each from that of the frequency below it."""
     frequencies = np.asarray(at, dtype=float)
     starts = _starts(balance, initial, frequencies)
     omegas = 2 * np.pi * frequencies
@@ -337,7 +411,7 @@ def _at_frequencies(balance, loading, at, settings, initial, tell):
         last = found
         z[i], iterations[i], jacobians[i] = last.z, last.iterations, last.jacobians
         tell(z[i])
-    return z, iterations, jacobians
+    return Branch(z, None, iterations, jacobians, 0.0, True)
 
 
 def _starts(balance: Balance, initial: HarmonicResult | None, frequencies):
@@ -414,11 +488,11 @@ def solve_constant_response(
     *,
     kind: str = "displacement",
     direction: str = "up",
-    settings: Settings | None = None,
+    settings: ContinuationSettings | None = None,
     checkpoint: str | Path | None = None,
     resume: bool = False,
     progress: Progress | None = None,
-    **equations: Unpack[Equations],
+    **equations: Unpack[BalanceOptions],
 ) -> HarmonicResult:
     """Force that holds the first harmonic at a sensor to an amplitude, over a band.
 
@@ -457,17 +531,8 @@ def solve_constant_response(
         on_point=telling(progress, f"force for {kind} {amplitude:g} at {sensor}"),
     )
     branch = with_extremes(problem, branch, _softer, settings)
-    z, tangents = (np.delete(a, -2, axis=1) for a in (branch.z, branch.tangents))
-    return responses(
-        balance,
-        z,
-        branch.iterations,
-        branch.jacobians,
-        np.abs(branch.z[:, -2]),
-        tangents=tangents,
-        force=force,
-        sensor=sensor,
-    )
+    forces = np.abs(branch.z[:, -2])
+    return responses(balance, branch.without(-2), forces, force=force, sensor=sensor)
 
 
 def _softer(z: np.ndarray, tangent: np.ndarray) -> float:
@@ -475,7 +540,35 @@ def _softer(z: np.ndarray, tangent: np.ndarray) -> float:
     return -float(np.sign(z[-2]) * tangent[-2])
 
 
-class ConstantResponse:
+class HeldAmplitude:
+    """A sensor's first harmonic has a given amplitude: (|u| omega^order / amplitude)^2 = 1.
+
+    Args:
+        sensor: Row of the sensor, (n,).
+        amplitude: Amplitude of the sensor's time derivative.
+        order: Which time derivative: 0, 1 or 2.
+    """
+
+    by_jacobian = False
+
+    def __init__(self, sensor: np.ndarray, amplitude: float, order: int):
+        self.sensor, self.amplitude, self.order = sensor, amplitude, order
+
+    def at(self, X: np.ndarray, omega: float, J: np.ndarray) -> None:
+        """See `Condition`: nothing depends on it."""
+
+    def value(
+        self, X: np.ndarray, omega: float, J: np.ndarray | None
+    ) -> tuple[float, np.ndarray, float]:
+        """See `Condition`."""
+        first = self.sensor @ X[:, 1:3]
+        factor = omega ** (2 * self.order) / self.amplitude**2
+        square, by_X = factor * float(first @ first), np.zeros(X.shape)
+        by_X[:, 1:3] = 2 * factor * np.outer(self.sensor, first)
+        return square - 1, by_X.reshape(-1), 2 * self.order / omega * square
+
+
+class ConstantResponse(ConditionedResponse):
     """Harmonic balance with the force unknown and a sensor's first harmonic given.
 
     Unknowns: coefficients, force, omega.
@@ -483,59 +576,37 @@ class ConstantResponse:
     Args:
         balance: The equations.
         force: Row of the force, (n,).
-        sensor: Row of the sensor, (n,).
-        amplitude: Amplitude of the sensor's time derivative.
-        order: Which time derivative: 0, 1 or 2.
+        sensor, amplitude, order: As of `HeldAmplitude`.
         width: Notable change of omega, rad/s.
     """
 
     def __init__(self, balance: Balance, force, sensor, amplitude: float, order: int, width: float):
-        self.balance, self.force, self.sensor = balance, force, sensor
-        self.amplitude, self.order, self.width = amplitude, order, width
-        self.kinked = balance.kinked
-
-    def evaluate(self, z: np.ndarray, *, jacobian: bool = True):
-        """Residual and its derivative."""
-        X, force, omega = z[:-2].reshape(self.balance.shape), z[-2], z[-1]
-        load = self.balance.load(force * self.force)
-        R, J_X = self.balance.evaluate(X, omega, load, jacobian=jacobian)
-        # (|u| omega^order / amplitude)^2 = 1
-        a, b = self.sensor @ X[:, 1:3]
-        factor = omega ** (2 * self.order) / self.amplitude**2
-        R = np.append(R.reshape(-1), factor * (a**2 + b**2) - 1)
-        if not jacobian:
-            return R, None
-        N = self.balance.size
-        J = np.zeros((N + 1, N + 2))
-        J[:N, :N], J[:N, -1] = J_X, self.balance.by_omega(X, omega).reshape(-1)
-        J[:N, -2] = -self.balance.load(self.force).reshape(-1)
-        row = np.zeros(self.balance.shape)
-        row[:, 1], row[:, 2] = 2 * factor * a * self.sensor, 2 * factor * b * self.sensor
-        J[N, :N] = row.reshape(-1)
-        J[N, -1] = 2 * self.order / omega * factor * (a**2 + b**2)
-        return R, J
+        loading = Loading({0: balance.load(force)})
+        held = HeldAmplitude(sensor, amplitude, order)
+        super().__init__(balance, loading, held, (width, 1.0), last="omega")
 
     def scales(self, z: np.ndarray) -> np.ndarray:
         """The motion's size, the force and the width."""
-        size = moving_size(z[:-2].reshape(self.balance.shape))
+        found, held = super().scales(z), self.condition
         # The force that the motion takes away from resonance, so that its zero is no obstacle.
-        least = 1e-3 * self.amplitude / (self._compliance * z[-1] ** self.order)
-        return np.concatenate([np.full(len(z) - 2, size), [max(abs(z[-2]), least), self.width]])
+        least = 1e-3 * held.amplitude / (self._compliance * z[-1] ** held.order)
+        found[-2] = max(abs(z[-2]), least)
+        return found
 
-    def start(self, omega: float, settings: Settings) -> np.ndarray:
+    def start(self, omega: float, settings: ContinuationSettings) -> np.ndarray:
         """A guess of the response at omega, from the linear one."""
-        X = linear_response(self.balance, omega, self.balance.load(self.force))
-        a, b = self.sensor @ X[:, 1:3]
-        self._compliance = float(np.hypot(a, b))
+        held = self.condition
+        X = linear_response(self.balance, omega, self.loading.at(omega))
+        self._compliance = float(np.hypot(*(held.sensor @ X[:, 1:3])))
         if not self._compliance:
             raise InputError("the sensor does not move with the force; expected another sensor.")
-        force = self.amplitude / (self._compliance * omega**self.order)
-        load = self.balance.load(force * self.force)
-        forced = ForcedResponse(self.balance, Loading({0: load}), self.width)
+        force = held.amplitude / (self._compliance * omega**held.order)
+        loading = self.loading.times(force)
+        forced = ForcedResponse(self.balance, loading, self.widths[0])
         try:
             X = first_response(forced, omega, settings)[:-1]
         except ConvergenceError:
-            X = linear_response(self.balance, omega, load).reshape(-1)
+            X = linear_response(self.balance, omega, loading.at(omega)).reshape(-1)
         return np.concatenate([X, [force, omega]])
 
 

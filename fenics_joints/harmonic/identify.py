@@ -11,19 +11,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 from textwrap import shorten
 
 import numpy as np
 from scipy.optimize import least_squares, minimize
 
 from fenics_joints.errors import ConvergenceError, InputError, reals, wanted, whole
-from fenics_joints.files import json_text, write_text
 from fenics_joints.harmonic.backbone import BackbonePoints
 from fenics_joints.harmonic.fourier import basis
 from fenics_joints.harmonic.frf import solve_harmonic
 from fenics_joints.harmonic.measured_mode import MeasuredLoop, ModeData, Offset, as_motion
-from fenics_joints.harmonic.result import HarmonicResult, ResponseGradient
+from fenics_joints.harmonic.result import HarmonicResult
 from fenics_joints.interfaces.model import InterfaceModel
 from fenics_joints.measurements.amplitude.backbone import MeasuredBackbone
 from fenics_joints.measurements.curves import MeasuredCurves
@@ -175,8 +173,28 @@ _SAME_WIDTH = 0.1
 Change = Callable[[Mapping[str, float]], InterfaceModel]
 
 
+class _ForcedData:
+    """Responses at some frequencies to a force of one level, measured at one sensor."""
+
+    level: float
+    frequencies: np.ndarray
+    sensor: str
+
+    def solve(self, model: InterfaceModel, force: str, options, warm) -> HarmonicResult:
+        """The model's responses."""
+        return solve_harmonic(
+            model,
+            force,
+            self.level,
+            at=self.frequencies,
+            sensor=self.sensor,
+            initial=warm,
+            **options,
+        )
+
+
 @dataclass(frozen=True)
-class Curve:
+class CurveData(_ForcedData):
     """Amplitudes at some frequencies of one level; a residual for each, relative."""
 
     level: float
@@ -187,10 +205,6 @@ class Curve:
 
     def __len__(self) -> int:
         return len(self.frequencies)
-
-    def solve(self, model: InterfaceModel, force: str, options, warm) -> HarmonicResult:
-        """The model's response at the curve's frequencies."""
-        return _response(self, model, force, options, warm)
 
     def objective(self, residual: np.ndarray) -> float:
         """Eq. 6: the sum of the errors."""
@@ -206,57 +220,36 @@ class Curve:
         return gradient.amplitude(self.sensor, self.kind, "first") / self.amplitudes[:, None]
 
 
-@dataclass(frozen=True)
-class Loop:
+class LoopData(_ForcedData):
     """One measured loop; residuals whose root of the sum of squares is its relative rms error."""
 
-    loop: MeasuredLoop
-    sensor: str
+    def __init__(self, loop: MeasuredLoop, sensor: str):
+        self.loop, self.sensor, self.level = loop, sensor, loop.level
+        self.frequencies = np.array([loop.frequency_hz])
+        self._scale = np.sqrt(len(loop.times)) * float(np.std(loop.responses))
 
     def __len__(self) -> int:
         return len(self.loop.times)
-
-    def solve(self, model: InterfaceModel, force: str, options, warm) -> HarmonicResult:
-        """The model's response at the loop's frequency."""
-        return _response(self, model, force, options, warm)
 
     def objective(self, residual: np.ndarray) -> float:
         """It counts as one point of a curve, with its relative rms error."""
         return float(np.linalg.norm(residual))
 
-    @property
-    def level(self) -> float:
-        """Amplitude of the force, N."""
-        return self.loop.level
-
-    @property
-    def frequencies(self) -> np.ndarray:
-        """The loop's own, Hz, (1,)."""
-        return np.array([self.loop.frequency_hz])
-
-    def _scale(self) -> float:
-        return np.sqrt(len(self.loop.times)) * float(np.std(self.loop.responses))
+    def _made(self, coefficients: np.ndarray) -> np.ndarray:
+        """Responses of harmonics (..., K) at the samples, (n, ...); none measures the mean."""
+        at = basis(self.loop.angles(), coefficients.shape[-1])
+        return at[:, 1:] @ coefficients[..., 1:].T / self._scale
 
     def residual(self, result: HarmonicResult) -> np.ndarray:
         """Error at each sample, over root n times the response's deviation, (n,)."""
-        c = result.sensor_coefficients(self.sensor, self.loop.response)[0]
         measured = self.loop.responses - self.loop.responses.mean()
-        at = basis(self.loop.angles(), len(c))
-        # An accelerometer measures no mean.
-        return (at[:, 1:] @ c[1:] - measured) / self._scale()
+        made = self._made(result.sensor_coefficients(self.sensor, self.loop.response)[0])
+        return made - measured / self._scale
 
     def jacobian(self, result: HarmonicResult, change: Change, values) -> np.ndarray:
         """Derivatives of the residual by the parameters, (n, parameters)."""
-        gradient: ResponseGradient = result.by_parameters(change, values)
-        turned = gradient.sensor_coefficients(self.sensor, self.loop.response)[0]
-        at = basis(self.loop.angles(), turned.shape[1])
-        return (at[:, 1:] @ turned[:, 1:].T) / self._scale()
-
-
-def _response(data: Curve | Loop, model: InterfaceModel, force: str, options, warm):
-    return solve_harmonic(
-        model, force, data.level, at=data.frequencies, sensor=data.sensor, initial=warm, **options
-    )
+        gradient = result.by_parameters(change, values)
+        return self._made(gradient.sensor_coefficients(self.sensor, self.loop.response)[0])
 
 
 class CurveFit:
@@ -344,13 +337,13 @@ class CurveFit:
         return np.vstack(parts) * np.exp(x)
 
 
-def checked_data(curves, level, points, loops, sensor, modes=()) -> list[Curve | Loop | ModeData]:
+def checked_data(curves, level, points, loops, sensor, modes=()) -> list:
     """What is fitted: the points near the peak of a level's curve, loops, and measured modes.
 
     Raises:
         InputError: For an unknown level, too few points, or no data.
     """
-    found: list[Curve | Loop | ModeData] = []
+    found: list[CurveData | LoopData | ModeData] = []
     if curves is not None:
         if level is None:
             raise InputError("level = None: expected the level of one of the curves, N.")
@@ -358,10 +351,10 @@ def checked_data(curves, level, points, loops, sensor, modes=()) -> list[Curve |
         if not 3 <= points:
             raise InputError(f"points = {points}: expected at least 3.")
         kept = near_peak(amplitudes, points)
-        found.append(Curve(level, frequencies[kept], amplitudes[kept], sensor, curves.response))
+        found.append(CurveData(level, frequencies[kept], amplitudes[kept], sensor, curves.response))
     elif level is not None:
         raise InputError(f"level = {level:g}: expected curves that have it.")
-    found += [*(Loop(loop, sensor) for loop in loops), *modes]
+    found += [*(LoopData(loop, sensor) for loop in loops), *modes]
     if not found:
         raise InputError("there are no data: expected curves and a level, loops, or a backbone.")
     return found
@@ -459,23 +452,9 @@ class IdentificationResult:
 
     def to_dict(self) -> dict:
         """Everything that people read, for JSON."""
-        keys = (
-            "method",
-            "level",
-            "start",
-            "values",
-            "objective",
-            "start_objective",
-            "evaluations",
-            "solutions",
-            "iterations",
-            "gradients",
-            "failures",
-            "noise",
-            "at_bound",
-            "message",
-        )
-        return {key: getattr(self, key) for key in keys} | {
+        keys = "method level start values objective start_objective evaluations solutions "
+        keys += "iterations gradients failures noise at_bound message"
+        return {key: getattr(self, key) for key in keys.split()} | {
             "frequency_hz": self.frequencies_hz.tolist(),
             "history": [float(v) if np.isfinite(v) else None for v in self.history],
             "trials": self.trials.tolist(),
@@ -499,14 +478,6 @@ class IdentificationResult:
             "error_widths": list(self.mode.widths),
             "at_rest": {k: {"value": o.value, "sd": o.sd} for k, o in self.offsets.items()},
         }
-
-    def write_json(self, path: str | Path) -> None:
-        """Write `to_dict` to a file.
-
-        Raises:
-            InputError: If it cannot be written.
-        """
-        write_text(path, json_text(self.to_dict()))
 
 
 def identify(
@@ -652,7 +623,7 @@ def _finished(fit, method, start, first, x, bounds, noise, message) -> Identific
     spread = max(noise, float(np.sqrt(r @ r / max(len(r) - len(x), 1))))
     values = fit.values(x)
     met = [min(abs(x[i] - b[i]) for b in bounds) < 1e-6 for i in range(len(x))]
-    curve = next((d for d in fit.data if isinstance(d, Curve)), None)
+    curve = next((d for d in fit.data if isinstance(d, CurveData)), None)
     mode = next((d for d in fit.data if isinstance(d, ModeData)), None)
     return IdentificationResult(
         method=method,

@@ -8,13 +8,14 @@ from pathlib import Path
 import numpy as np
 import scipy.linalg
 
-from fenics_joints.errors import InputError, member
+from fenics_joints.errors import InputError, located, member
 from fenics_joints.harmonic.backbone import BackbonePoints, free_mode, solve_backbone_at
 from fenics_joints.harmonic.balance import Balance
 from fenics_joints.harmonic.fourier import basis
 from fenics_joints.interfaces.model import InterfaceModel
 from fenics_joints.measurements.amplitude.backbone import MeasuredBackbone
-from fenics_joints.measurements.curves import UNITS, si_columns
+from fenics_joints.measurements.curves import UNITS
+from fenics_joints.measurements.tables import read_table
 
 # -- loops -----------------------------------------------------------------------------------------
 
@@ -91,17 +92,14 @@ def read_loops(path: str | Path, response: str) -> tuple[MeasuredLoop, ...]:
         InputError: Names the file, the column, and what was expected.
     """
     member("response", response, UNITS)
-    units = {"frequency": "Hz", "time": "s", "force": "N", "response": UNITS[response]}
-    columns = si_columns(path, units)
+    table = read_table(path)
+    units = {"time": "s", "force": "N", "response": UNITS[response]}
+    hz, columns = table.numbers("frequency", "Hz"), [table.numbers(*one) for one in units.items()]
     found = []
-    for frequency in np.unique(columns["frequency"]):
-        rows = columns["frequency"] == frequency
-        times, forces, responses = (columns[key][rows] for key in ("time", "force", "response"))
-        try:
-            loop = MeasuredLoop(float(frequency), times, forces, responses, response)
-        except InputError as error:
-            raise InputError(f"{path}: {error}") from error
-        found.append(loop)
+    for frequency in np.unique(hz):
+        times, forces, responses = (column[hz == frequency] for column in columns)
+        with located(path):
+            found.append(MeasuredLoop(float(frequency), times, forces, responses, response))
     return tuple(found)
 
 

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from pathlib import Path
 
 import numpy as np
 import scipy.linalg
 
-from fenics_joints.errors import ConvergenceError, InputError
-from fenics_joints.files import write_text
+from fenics_joints.errors import ConvergenceError, InputError, reals
 from fenics_joints.harmonic.balance import Balance, Load, load_work
 from fenics_joints.harmonic.fourier import amplitude, amplitude_gradient, differentiated
 from fenics_joints.interfaces.model import InterfaceModel, check_interfaces
@@ -68,64 +65,54 @@ class ResponseGradient:
         return (change[..., first] - 1j * change[..., first + 1]) / force[:, None]
 
 
-def response_gradient(
-    result,
-    indices: Sequence[int],
-    change: Callable[[Mapping[str, float]], InterfaceModel],
-    values: Mapping[str, float],
-    step: float,
-) -> np.ndarray:
-    """d X / d p at responses X, shape (N, n, K, parameters).
+def slopes_by_parameters(
+    problem, changed: Callable, points: Sequence, values: Mapping[str, float], step: float, what
+) -> list[np.ndarray]:
+    """Derivatives of solutions of R(y, p) = 0 by parameters p, each (unknowns, parameters).
+
+    dy/dp = -R_y^-1 R_p, with the exact R_y, and R_p from two evaluations of the residual at the
+    same y: nothing is solved again.
 
     Args:
-        result: The `HarmonicResult`.
-        indices: The responses in it, N of them.
-        change: The model for values of the parameters.
+        problem: Function of a point: R_y.
+        changed: Function of values of the parameters: the residual as a function of a point.
+        points: The solutions.
         values: Present values.
         step: Relative step of the central differences.
+        what: Function of an index: what has no derivatives where R_y is singular.
 
     Raises:
-        InputError: If a value is zero, or the changed model has another size.
-        ConvergenceError: At a turning point, where there are none.
+        InputError: If a value is zero, which no relative step changes.
+        ConvergenceError: Where R_y is singular.
     """
-    balance, pairs = result.balance, {}
+    pairs = []
     for key, value in values.items():
         if value == 0:
             raise InputError(f"{key} = 0: expected a value that a relative step can change.")
-        pairs[key] = [
-            _changed(balance, change, values, key, value * (1 + s * step)) for s in (1, -1)
-        ]
-    found = np.empty((len(indices), *balance.shape, len(values)))
-    for i, index in enumerate(indices):
-        X, omega = result.coefficients[index], result.omegas[index]
-        J = balance.evaluate(X, omega)[1]  # the loads are the same ones
-        by_values = np.empty((X.size, len(values)))
-        for j, (key, (up, down)) in enumerate(pairs.items()):
-            difference = _residual(up, X, omega) - _residual(down, X, omega)
-            by_values[:, j] = difference.reshape(-1) / (2 * step * values[key])
+        ends = [changed({**values, key: value * (1 + s * step)}) for s in (1, -1)]
+        pairs.append((*ends, 2 * step * value))
+    found = []
+    for i, point in enumerate(points):
+        by_values = [(up(point) - down(point)).reshape(-1) / way for up, down, way in pairs]
         try:
-            found[i] = -scipy.linalg.solve(J, by_values).reshape(*X.shape, -1)
+            found.append(-scipy.linalg.solve(problem(point), np.column_stack(by_values)))
         except scipy.linalg.LinAlgError as error:
-            raise ConvergenceError(
-                f"the response at {omega / (2 * np.pi):.6g} Hz has no derivatives: it is at a "
-                "turning point",
-                str(error),
-            ) from error
+            raise ConvergenceError(f"{what(i)} has no derivatives", str(error)) from error
     return found
 
 
-def _residual(balance: Balance, X, omega) -> np.ndarray:
-    return balance.evaluate(X, omega, jacobian=False)[0]
+def changed_balance(balance: Balance, model: InterfaceModel) -> Balance:
+    """The balance of a model with other parameters.
 
-
-def _changed(balance: Balance, change, values, key: str, value: float) -> Balance:
-    model = change({**values, key: value})
+    Raises:
+        InputError: If the model has another size.
+    """
     if model.n_dofs != balance.model.n_dofs:
         raise InputError(
-            f"{key}: the changed model has {model.n_dofs} degrees of freedom, expected "
+            f"the changed model has {model.n_dofs} degrees of freedom, expected "
             f"{balance.model.n_dofs}."
         )
-    return balance.with_model(model)
+    return balance.changed(model)
 
 
 #: Energy of a cycle, relative to its terms, below which the terms cancel up to round-off.
@@ -304,14 +291,6 @@ class Periodic:
             "jacobians": self.jacobians.tolist(),
         }
 
-    def write_json(self, path: str | Path) -> None:
-        """Write `to_dict` to a file.
-
-        Raises:
-            InputError: If it cannot be written.
-        """
-        write_text(path, json.dumps(self.to_dict(), indent=1) + "\n")
-
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class HarmonicResult(Periodic):
@@ -331,6 +310,21 @@ class HarmonicResult(Periodic):
     tangents: np.ndarray | None = None
     more: tuple[Load, ...] = ()
     power: int = 0
+
+    def loads(self, force: float) -> tuple[Load, ...]:
+        """The loads at an amplitude of the force, N."""
+        return Load(self.force, force, power=self.power), *self.more
+
+    def constant_force(self) -> float:
+        """Amplitude of the force, N, of a branch on which it is the same everywhere.
+
+        Raises:
+            InputError: For responses that are no such branch.
+        """
+        force = self.force_amplitudes
+        if self.tangents is None or np.ptp(force) > 1e-9 * abs(force[0]):
+            raise InputError("result: expected a branch at constant force, as solve_harmonic's.")
+        return float(force[0])
 
     def frf(self, sensor: str, kind: str = "displacement") -> np.ndarray:
         """First harmonic at a sensor over the force, complex, per N, (N,)."""
@@ -383,7 +377,21 @@ class HarmonicResult(Periodic):
             InputError: If a parameter's value is zero or ``change`` gives another size.
         """
         indices = tuple(range(len(self)) if indices is None else indices)
-        made = response_gradient(self, indices, change, values, step)
+        balance, points = self.balance, [(self.coefficients[i], self.omegas[i]) for i in indices]
+
+        def changed(values: Mapping[str, float]) -> Callable:
+            other = changed_balance(balance, change(values))
+            return lambda point: other.evaluate(*point, jacobian=False)[0]
+
+        made = slopes_by_parameters(
+            lambda point: balance.evaluate(*point)[1],  # the loads are the same ones
+            changed,
+            points,
+            values,
+            step,
+            lambda i: f"the response at {points[i][1] / (2 * np.pi):.6g} Hz, a turning point,",
+        )
+        made = np.reshape(made, (len(points), *balance.shape, len(values)))
         return ResponseGradient(made, tuple(values), self, indices)
 
     def to_dict(self) -> dict:
@@ -405,6 +413,14 @@ class HarmonicResult(Periodic):
             for name, loops in self.loops(self.peak.index).items()
         }
         return made
+
+
+def check_interval(key: str, pair: Sequence[float], unit: str) -> tuple[float, float]:
+    """Two numbers, 0 < low < high, or an `InputError`."""
+    low, high = reals(key, pair, (2,), unit, above=0).tolist()
+    if not low < high:
+        raise InputError(f"{key} = ({low}, {high}): expected 0 < low < high, {unit}.")
+    return low, high
 
 
 def check_sensor(model: InterfaceModel, sensor: str | None) -> str:

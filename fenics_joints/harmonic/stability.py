@@ -39,23 +39,17 @@ def floquet_exponents(balance: Balance, X: np.ndarray, omega: float) -> np.ndarr
     """
     model = balance.model
     for points in model.interfaces:
-        if points.kernel.m:
+        if points.kernel.m or points.kernel.rated:
+            what = "has memory" if points.kernel.m else "asks for the rate of strain"
             raise InputError(
-                f"{points.name}: the law {points.law.label} has memory; expected laws without for "
-                "Hill's method."
+                f"{points.name}: the law {points.law.label} {what}; expected laws of the present "
+                "strain alone for Hill's method."
             )
-        if points.kernel.rated:
-            raise InputError(
-                f"{points.name}: the law {points.law.label} asks for the rate of strain; expected "
-                "laws of the strain alone for Hill's method."
-            )
-    one, G = np.eye(balance.fourier.size), balance.fourier.derivative
-    J = balance.evaluate(X, omega)[1]
-    damping = np.kron(model.C, one) + 2 * omega * np.kron(model.M, G)
+    J, damping, mass = _disturbed(balance, X, omega)
     N = balance.size
     A, B = np.zeros((2 * N, 2 * N)), np.eye(2 * N)
     A[:N, N:], A[N:, :N], A[N:, N:] = np.eye(N), -J, -damping
-    B[N:, N:] = np.kron(model.M, one)
+    B[N:, N:] = mass
     values = scipy.linalg.eigvals(A, B)
     values = values[np.isfinite(values)]
     return values[np.argsort(np.abs(values.imag))][: 2 * model.n_dofs]
@@ -73,13 +67,11 @@ def hill_multipliers(balance: Balance, X: np.ndarray, omega: float) -> np.ndarra
         X: Coefficients of the solution, (n, K).
         omega: Its angular frequency, rad/s.
     """
-    N, one, G = balance.size, np.eye(balance.fourier.size), balance.fourier.derivative
-    J, model = balance.evaluate(X, omega)[1], balance.model
-    damping = np.kron(model.C, one) + 2 * omega * np.kron(model.M, G)
-    right = np.hstack([damping, np.kron(model.M, one)])
+    N = balance.size
+    J, damping, mass = _disturbed(balance, X, omega)
     # By the inverses of the exponents: a basis may have directions without mass.
     companion = np.zeros((2 * N, 2 * N))
-    companion[:N], companion[N:, :N] = -scipy.linalg.solve(J, right), np.eye(N)
+    companion[:N], companion[N:, :N] = -scipy.linalg.solve(J, np.hstack([damping, mass])), np.eye(N)
     inverses = scipy.linalg.eigvals(companion, overwrite_a=True)
     own = omega / balance.fourier.periods
     values = 1 / inverses[np.abs(inverses) > 1e-9 / own]
@@ -88,6 +80,13 @@ def hill_multipliers(balance: Balance, X: np.ndarray, omega: float) -> np.ndarra
     values = values[: max(inside, 2)]
     found = np.exp(values * 2 * np.pi / own)
     return found[np.argsort(-np.abs(found))]
+
+
+def _disturbed(balance: Balance, X: np.ndarray, omega: float) -> tuple[np.ndarray, ...]:
+    """J, D, M of J + lambda D + lambda^2 M, which a disturbance e^(lambda t) obeys."""
+    model, one, G = balance.model, np.eye(balance.fourier.size), balance.fourier.derivative
+    damping = np.kron(model.C, one) + 2 * omega * np.kron(model.M, G)
+    return balance.evaluate(X, omega)[1], damping, np.kron(model.M, one)
 
 
 def stable(result: HarmonicResult, *, tolerance: float = 1e-6) -> np.ndarray:
@@ -195,13 +194,8 @@ class _Slopes:
         stress = np.einsum("pedm,pemc->pdc", self.by_state[:, t], s, optimize=True)
         return self.load @ stress.reshape(-1, s.shape[-1])
 
-    def stiffness(self, t: int, part: slice) -> np.ndarray:
-        """Force by displacement, or by velocity, (n, n), in step t."""
-        moved = np.einsum("pij,pjn->pin", self.by_strain[:, t, :, part], self.rows, optimize=True)
-        return self.load @ moved.reshape(-1, self.rows.shape[2])
-
-    def stiffnesses(self, steps: slice, part: slice) -> np.ndarray:
-        """`stiffness` of several steps, (T, n, n)."""
+    def stiffness(self, steps: slice, part: slice) -> np.ndarray:
+        """Force by displacement, or by velocity, in some steps, (T, n, n)."""
         slopes = self.by_strain[:, steps, :, part]
         moved = np.einsum("ptij,pjn->tpin", slopes, self.rows, optimize=True)
         return self.load @ moved.reshape(len(moved), -1, self.rows.shape[2])
@@ -271,10 +265,10 @@ class _Period:
             A, memory = base + K, np.zeros_like(u)
             for part, s in zip(self.parts, states, strict=True):
                 d = part.kernel.d
-                A = A + part.stiffness(t, slice(0, d))
+                A = A + part.stiffness(slice(t, t + 1), slice(0, d))[0]
                 memory += part.memory(t, s)
                 if part.kernel.rated:
-                    R = part.stiffness(t, slice(d, None))
+                    R = part.stiffness(slice(t, t + 1), slice(d, None))[0]
                     A = A + 2 / h * R
                     memory -= R @ (2 / h * u + v)
             right = (base - K) @ u + 4 / h * (M @ v) - force - memory
@@ -318,9 +312,9 @@ class _Period:
         memory = []
         for part in self.parts:
             d = part.kernel.d
-            stiff += part.stiffnesses(steps, slice(0, d))
+            stiff += part.stiffness(steps, slice(0, d))
             if part.kernel.rated:
-                rated += part.stiffnesses(steps, slice(d, None))
+                rated += part.stiffness(steps, slice(d, None))
             memory.append(part.memories(steps))
         memory = np.concatenate([np.zeros((T, n, 0)), *memory], axis=2)
         none = np.zeros((T, n, n))

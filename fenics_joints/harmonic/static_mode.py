@@ -17,7 +17,8 @@ from dataclasses import dataclass
 import numpy as np
 from petsc4py import PETSc
 
-from fenics_joints.errors import ConvergenceError, InputError, real, reals, whole
+from fenics_joints.errors import ConvergenceError, InputError, real, whole
+from fenics_joints.harmonic.result import check_interval
 from fenics_joints.interfaces import FullModel, InterfaceModel
 from fenics_joints.interfaces.loading import Statics
 from fenics_joints.interfaces.motion import Motion
@@ -66,11 +67,11 @@ class StaticBackbone:
         return f"StaticBackbone({len(self)} loads, {low:.4g} to {high:.4g} Hz, at {self.sensor})"
 
     def amplitude(self) -> np.ndarray:
-        """Amplitude of displacement at the sensor, m, (N,), as `Backbone.amplitude` has it."""
+        """Amplitude of displacement at the sensor, m, (N,), as `NonlinearMode.amplitude` has it."""
         return self.amplitudes
 
     def to_dict(self) -> dict:
-        """Everything that people read, for JSON; the keys that `Backbone` has mean the same."""
+        """For JSON; the keys that `NonlinearMode` has mean the same."""
         return {
             "method": self.method,
             "sensor": self.sensor,
@@ -111,9 +112,7 @@ def solve_static_backbone(
         InputError: For an unknown name, a value out of range, or a sensor that does not move.
         ConvergenceError: If not even the first load has an equilibrium.
     """
-    low, high = reals("amplitudes", amplitudes, (2,), "m", above=0).tolist()
-    if not low < high:
-        raise InputError(f"amplitudes = ({low}, {high}): expected 0 < low < high, m.")
+    low, high = check_interval("amplitudes", amplitudes, "m")
     if near is not None:
         real("near", near, "Hz", above=0)
     per_decade, loop_steps = whole("per_decade", per_decade), whole("loop_steps", loop_steps, 0)

@@ -6,87 +6,39 @@ unknown, the share of the load, follows them.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Protocol
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.linalg
 
-from fenics_joints.errors import ConvergenceError, InputError, member, real, reals, whole
-from fenics_joints.harmonic.balance import Balance, Load, Loading
+from fenics_joints.errors import ConvergenceError, InputError, member, real, whole
+from fenics_joints.harmonic.balance import Balance, Loading
 from fenics_joints.harmonic.bifurcations import FOLD, Bifurcation
 from fenics_joints.harmonic.continuation import (
     Branch,
-    Settings,
+    ContinuationSettings,
     check_settings,
     correct,
     follow,
     locate,
 )
 from fenics_joints.harmonic.fourier import moving_size
-from fenics_joints.harmonic.frf import ForcedResponse, check_band, responses, telling, with_maxima
-from fenics_joints.harmonic.result import HarmonicResult
+from fenics_joints.harmonic.frf import (
+    Condition,
+    ConditionedResponse,
+    ForcedResponse,
+    check_band,
+    responses,
+    telling,
+    with_maxima,
+)
+from fenics_joints.harmonic.result import HarmonicResult, check_interval
 from fenics_joints.progress import Progress
 
 #: Step of the differences of Jacobians, relative to the motion.
 _JACOBIAN_STEP = 1e-5
 #: Share of the interfaces' force below which a harmonic of it is round-off.
 _NONE = 1e-10
-
-
-class Condition(Protocol):
-    """A number of a response that vanishes at those looked for."""
-
-    def value(self, X: np.ndarray, omega: float, J: np.ndarray) -> tuple[float, np.ndarray, float]:
-        """The number and its derivatives by X, (n K,), and by omega; J: the residual's by X."""
-
-    def at(self, X: np.ndarray, omega: float, J: np.ndarray) -> None:
-        """Take a point of the branch as the present one."""
-
-
-class Extreme:
-    """Harmonic balance and a condition; unknowns X, omega and the load's share, the parameter.
-
-    Args:
-        balance: The equations.
-        loading: The load at a share of one.
-        condition: The condition.
-        widths: Notable changes of omega, rad/s, and of the share.
-    """
-
-    def __init__(
-        self, balance: Balance, loading: Loading, condition: Condition, widths: tuple[float, float]
-    ):
-        self.balance, self.loading, self.condition = balance, loading, condition
-        self.widths, self.kinked = widths, balance.kinked
-
-    def evaluate(self, z: np.ndarray, *, jacobian: bool = True):
-        """Residual and its derivative, as `Problem` has it."""
-        balance, (omega, share) = self.balance, z[-2:]
-        X = z[:-2].reshape(balance.shape)
-        load = self.loading.at(omega)
-        R, J = balance.evaluate(X, omega, share * load)
-        g, by_X, by_omega = self.condition.value(X, omega, J)
-        R = np.append(R.reshape(-1), g)
-        if not jacobian:
-            return R, None
-        N = balance.size
-        found = np.zeros((N + 1, N + 2))
-        found[:N, :N] = J
-        found[:N, N] = (balance.by_omega(X, omega) - share * self.loading.slope(omega)).reshape(-1)
-        found[:N, N + 1] = -load.reshape(-1)
-        found[N, :N], found[N, N] = by_X, by_omega
-        return R, found
-
-    def scales(self, z: np.ndarray) -> np.ndarray:
-        """The motion's size without its mean, and the widths."""
-        size = moving_size(z[:-2].reshape(self.balance.shape))
-        return np.concatenate([np.full(len(z) - 2, size), self.widths])
-
-    def take(self, z: np.ndarray) -> None:
-        """Take a point as the present one."""
-        X = z[:-2].reshape(self.balance.shape)
-        self.condition.at(X, z[-2], self.balance.evaluate(X, z[-2])[1])
 
 
 class FoldCondition:
@@ -99,6 +51,8 @@ class FoldCondition:
     Args:
         balance: The equations.
     """
+
+    by_jacobian = True
 
     def __init__(self, balance: Balance):
         self.balance = balance
@@ -147,6 +101,8 @@ class PhaseCondition:
         balance: The equations.
         harmonic: The harmonic, at least 2 and at most the balance's highest.
     """
+
+    by_jacobian = False
 
     def __init__(self, balance: Balance, harmonic: int):
         self.balance, self.first = balance, balance.fourier.cosine(harmonic)
@@ -226,7 +182,7 @@ def track_folds(
     forces: tuple[float, float],
     *,
     direction: str = "up",
-    settings: Settings | None = None,
+    settings: ContinuationSettings | None = None,
     progress: Progress | None = None,
 ) -> Folds:
     """Follow a fold as the force's amplitude changes: both ends of isolas are on the same curve.
@@ -249,12 +205,9 @@ def track_folds(
     start = np.append(at.coefficients.reshape(-1), [2 * np.pi * at.frequency_hz, 1.0])
     branch = _followed(problem, result, start, forces, direction, settings, progress, "folds")
     branch, turns = _with_turns(problem, branch, settings)
-    made = _responses(Folds, problem, result, branch)
-    found = []
-    for i, kind in turns:
-        force, hz, a = made.force_amplitudes[i], made.frequencies_hz[i], made.amplitude()[i]
-        found.append(FoldTurn(kind, i, float(force), float(hz), float(a)))
-    return _responses(Folds, problem, result, branch, turns=tuple(found))
+    made = _responses(branch, result, Folds)
+    numbers = np.column_stack([made.force_amplitudes, made.frequencies_hz, made.amplitude()])
+    return replace(made, turns=tuple(FoldTurn(kind, i, *numbers[i].tolist()) for i, kind in turns))
 
 
 def track_resonance(
@@ -263,7 +216,7 @@ def track_resonance(
     forces: tuple[float, float],
     *,
     direction: str = "up",
-    settings: Settings | None = None,
+    settings: ContinuationSettings | None = None,
     progress: Progress | None = None,
 ) -> HarmonicResult:
     """Follow a superharmonic or internal resonance as the force's amplitude changes.
@@ -294,29 +247,20 @@ def track_resonance(
     start = _resonance(result, condition, harmonic)
     words = f"resonance of harmonic {harmonic}"
     branch = _followed(problem, result, start, forces, direction, settings, progress, words)
-    return _responses(HarmonicResult, problem, result, branch)
+    return _responses(branch, result)
 
 
-def _extreme(result: HarmonicResult, condition: Condition, forces) -> Extreme:
+def _extreme(result: HarmonicResult, condition: Condition, forces) -> ConditionedResponse:
     """The equations: a share of one is the force of the result."""
-    level = _level(result)
-    low, high = reals("forces", forces, (2,), "N", above=0).tolist()
-    if not low < high or not low <= level <= high:
+    level = result.constant_force()
+    low, high = check_interval("forces", forces, "N")
+    if not low <= level <= high:
         raise InputError(
-            f"forces = ({low:g}, {high:g}) N: expected low < high, and the result's {level:g} N "
-            "between them."
+            f"forces = ({low:g}, {high:g}) N: expected the result's {level:g} N between them."
         )
-    loads = Load(result.force, level, power=result.power), *result.more
-    loading = Loading.of(result.balance, loads)
+    loading = Loading.of(result.balance, result.loads(level))
     widths = float(np.ptp(result.omegas)), (high - low) / level
-    return Extreme(result.balance, loading, condition, widths)
-
-
-def _level(result: HarmonicResult) -> float:
-    force = result.force_amplitudes
-    if result.tangents is None or np.ptp(force) > 1e-9 * abs(force[0]):
-        raise InputError("result: expected a branch at constant force, as solve_harmonic's.")
-    return float(force[0])
+    return ConditionedResponse(result.balance, loading, condition, widths)
 
 
 def _resonance(result: HarmonicResult, condition: PhaseCondition, harmonic: int) -> np.ndarray:
@@ -339,7 +283,7 @@ def _resonance(result: HarmonicResult, condition: PhaseCondition, harmonic: int)
 
 def _followed(problem, result, start, forces, direction, settings, progress, words) -> Branch:
     member("direction", direction, ("up", "down"))
-    level = _level(result)
+    level = result.constant_force()
     tell = telling(progress, words, lambda z: f"{z[-1] * level:.4g} N")
     problem.take(start)
 
@@ -354,7 +298,7 @@ def _followed(problem, result, start, forces, direction, settings, progress, wor
     return follow(problem, start, bounds, settings=settings, direction=way, on_point=on_point)
 
 
-def _with_turns(problem: Extreme, branch: Branch, settings) -> tuple[Branch, list]:
+def _with_turns(problem: ConditionedResponse, branch: Branch, settings) -> tuple[Branch, list]:
     """The curve with its turns in force among its points, and which and what they are."""
     turns, i = [], 0
     while i < len(branch) - 1:
@@ -370,7 +314,7 @@ def _with_turns(problem: Extreme, branch: Branch, settings) -> tuple[Branch, lis
     return branch, turns
 
 
-def _kind(problem: Extreme, z: np.ndarray) -> str:
+def _kind(problem: ConditionedResponse, z: np.ndarray) -> str:
     """What a turn in force is, by the null space of the equations at this force.
 
     At a cusp the tangent alone is in it. Otherwise two vectors are, and the second derivatives on
@@ -396,23 +340,11 @@ def _kind(problem: Extreme, z: np.ndarray) -> str:
     return ISOLA if np.linalg.det(0.5 * (Q + Q.T)) > 0 else MERGER
 
 
-def _responses(kind, problem: Extreme, result: HarmonicResult, branch: Branch, **more):
-    """The result of a curve's points."""
-    balance, z = problem.balance, branch.z
-    return kind(
-        balance=balance,
-        frequencies_hz=z[:, -2] / (2 * np.pi),
-        coefficients=z[:, :-2].reshape(-1, *balance.shape),
-        iterations=branch.iterations,
-        jacobians=branch.jacobians,
-        sensor=result.sensor,
-        measure=result.measure,
-        force=result.force,
-        force_amplitudes=z[:, -1] * _level(result),
-        more=result.more,
-        power=result.power,
-        **more,
-    )
+def _responses(branch: Branch, result: HarmonicResult, kind=HarmonicResult) -> HarmonicResult:
+    """The result of a curve's points, whose last unknown is the share of the result's force."""
+    forces = branch.z[:, -1] * result.constant_force()
+    points = replace(branch.without(-1), tangents=None)
+    return responses(result.balance, points, forces, kind, of=result)
 
 
 # -- closed branches -------------------------------------------------------------------------------
@@ -429,7 +361,7 @@ def solve_isola(
     force: float,
     *,
     band: tuple[float, float] | None = None,
-    settings: Settings | None = None,
+    settings: ContinuationSettings | None = None,
     progress: Progress | None = None,
 ) -> HarmonicResult:
     """The closed branch of responses to a force, through one of the folds that were tracked.
@@ -459,8 +391,7 @@ def solve_isola(
             f"force = {force:g} N: the curve has no fold there; expected one between {F.min():g} "
             f"and {F.max():g} N."
         )
-    loads = Load(folds.force, force, power=folds.power), *folds.more
-    loading = Loading.of(folds.balance, loads)
+    loading = Loading.of(folds.balance, folds.loads(force))
     problem = ForcedResponse(folds.balance, loading, 2 * np.pi * (band[1] - band[0]))
     tell = telling(progress, f"closed branch at {force:g} N")
     for start in starts:
@@ -475,19 +406,7 @@ def solve_isola(
         )
     row = folds.model.row("sensors", folds.sensor)
     branch = with_maxima(problem, branch, row, folds.measure, settings)
-    return responses(
-        folds.balance,
-        branch.z,
-        branch.iterations,
-        branch.jacobians,
-        force,
-        tangents=branch.tangents,
-        force=folds.force,
-        sensor=folds.sensor,
-        measure=folds.measure,
-        more=folds.more,
-        power=folds.power,
-    )
+    return responses(folds.balance, branch, force, of=folds)
 
 
 def _starts(folds: Folds, force: float) -> list[np.ndarray]:

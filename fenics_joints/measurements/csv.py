@@ -23,20 +23,20 @@ from fenics_joints.measurements.files import (
     CoherenceRecord,
     Contents,
     Dof,
+    FileMetadata,
     FRFRecord,
     Node,
-    Said,
     node_label,
 )
 from fenics_joints.measurements.tables import Table, read_table
-from fenics_joints.response.units import a_kind, frf_unit, length_factor
+from fenics_joints.response.units import a_kind, length_factor
 
 _DOF = r"([^\s:/]+)(?::([+-]?)([xyz]))?"
 _HEAD = re.compile(rf"({_DOF}/{_DOF})\s+(re|im|abs|phase|coherence)")
 _EXAMPLE = "'12:+z/5:-x re [m/s2/N]', with re, im, abs, phase or coherence"
 
 
-def read_csv(path: Path, said: Said) -> Contents:
+def read_csv(path: Path, metadata: FileMetadata) -> Contents:
     """What a table of functions or nodes holds.
 
     Raises:
@@ -44,7 +44,7 @@ def read_csv(path: Path, said: Said) -> Contents:
     """
     table = read_table(path)
     if "node" in table.names:
-        return _nodes(table, said)
+        return _nodes(table, metadata)
     f = table.column("frequency", "Hz")
     parts: dict[str, dict[str, str]] = {}
     dofs = {}
@@ -61,7 +61,7 @@ def read_csv(path: Path, said: Said) -> Contents:
         response, reference = dofs[function]
         where = f"{path}: {function}"
         if set(columns) != {"coherence"}:
-            values, kind = _values(table, where, columns, said)
+            values, kind = _values(table, where, columns, metadata)
             contents.functions.append(FRFRecord(response, reference, f, values, kind, where))
         if "coherence" in columns:
             gamma = table.column(columns["coherence"], "")
@@ -77,11 +77,11 @@ def _dof(node: str, sign: str, axis: str) -> Dof:
     return Dof(node, tuple(direction))
 
 
-def _values(table: Table, where: str, columns: dict[str, str], said: Said):
+def _values(table: Table, where: str, columns: dict[str, str], metadata: FileMetadata):
     have = set(columns) - {"coherence"}
     if have == {"re", "im"}:
         (kind, re_factor), (other, im_factor) = (
-            _unit(table, columns[part], said) for part in ("re", "im")
+            _unit(table, columns[part], metadata) for part in ("re", "im")
         )
         if kind != other:
             raise InputError(
@@ -90,13 +90,8 @@ def _values(table: Table, where: str, columns: dict[str, str], said: Said):
         re_, im = (table.column(columns[part]) for part in ("re", "im"))
         return re_factor * re_ + 1j * im_factor * im, kind
     if have == {"abs", "phase"}:
-        kind, factor = _unit(table, columns["abs"], said)
-        unit = table.unit(columns["phase"])
-        if unit not in ("deg", "°", "rad"):
-            raise InputError(f"{where} phase: unit {unit!r}, expected [deg] or [rad]")
-        phase = table.column(columns["phase"])
-        phase = phase if unit == "rad" else np.deg2rad(phase)
-        size = table.column(columns["abs"])
+        kind, factor = _unit(table, columns["abs"], metadata)
+        phase, size = table.phase(columns["phase"]), table.column(columns["abs"])
         if (size < 0).any():
             raise InputError(
                 f"{where} abs: {size.min():g}, expected magnitudes of 0 or more, not decibels"
@@ -107,29 +102,16 @@ def _values(table: Table, where: str, columns: dict[str, str], said: Said):
     )
 
 
-def _unit(table: Table, column: str, said: Said) -> tuple[str, float]:
-    text = said.units or table.unit(column)
-    if not text:
-        raise InputError(
-            f"{table.path}: column {column!r}: the unit is not known; expected it in brackets in "
-            "the head, such as [m/s2/N], or units"
-        )
-    with located(f"{table.path}: column {column!r}"):
-        kind, factor = frf_unit(text)
-    if said.kind not in (None, kind):
-        raise InputError(
-            f"{table.path}: column {column!r}: {text!r} is the unit of {a_kind(kind)}, expected "
-            f"that of kind = {said.kind!r}"
-        )
-    return kind, factor
+def _unit(table: Table, column: str, metadata: FileMetadata) -> tuple[str, float]:
+    return metadata.scale(f"{table.path}: column {column!r}", table.unit(column))
 
 
-def _nodes(table: Table, said: Said) -> Contents:
+def _nodes(table: Table, metadata: FileMetadata) -> Contents:
     labels, contents = table.column("node"), Contents()
     columns = []
     for axis in ("x", "y", "z"):
         values = table.column(axis)
-        unit = table.unit(axis) or said.length_unit
+        unit = table.unit(axis) or metadata.length_unit
         if not unit:
             raise InputError(
                 f"{table.path}: column {axis!r}: the unit is not known; expected a head such as "

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -77,37 +76,19 @@ def read_curves(path: str | Path, response: str) -> MeasuredCurves:
         InputError: Names the file, the column, and what was expected.
     """
     member("response", response, UNITS)
-    columns = si_columns(path, {"level": "N", "frequency": "Hz", "amplitude": UNITS[response]})
-    for name, values in columns.items():
-        if not np.all(values > 0):
-            raise InputError(f"{path}: column {name!r}: expected numbers above zero in every row")
-    levels = tuple(float(level) for level in np.unique(columns["level"]))
-    frequencies, amplitudes = [], []
-    for level in levels:
-        rows = np.flatnonzero(columns["level"] == level)
-        rows = rows[np.argsort(columns["frequency"][rows], kind="stable")]
-        if len(np.unique(columns["frequency"][rows])) < len(rows) or len(rows) < 3:
+    table = read_table(path)
+    level, hz, size = (
+        table.numbers(name, unit, above=0.0)
+        for name, unit in (("level", "N"), ("frequency", "Hz"), ("amplitude", UNITS[response]))
+    )
+    levels, frequencies, amplitudes = tuple(np.unique(level).tolist()), [], []
+    for one in levels:
+        rows = np.flatnonzero(level == one)
+        rows = rows[np.argsort(hz[rows], kind="stable")]
+        if len(np.unique(hz[rows])) < len(rows) or len(rows) < 3:
             raise InputError(
-                f"{path}: level {level:g} N: expected three or more different frequencies"
+                f"{path}: level {one:g} N: expected three or more different frequencies"
             )
-        frequencies.append(columns["frequency"][rows])
-        amplitudes.append(columns["amplitude"][rows])
+        frequencies.append(hz[rows])
+        amplitudes.append(size[rows])
     return MeasuredCurves(levels, tuple(frequencies), tuple(amplitudes), response)
-
-
-def si_columns(path: str | Path, units: Mapping[str, str]) -> dict[str, np.ndarray]:
-    """Columns of a table by name, in SI units.
-
-    Args:
-        path: CSV or TOML, as `read_table` reads them.
-        units: Name of each column and its SI unit.
-
-    Raises:
-        InputError: If a column is missing, has another unit, or a cell without a number.
-    """
-    table, columns = read_table(path), {}
-    for name, unit in units.items():
-        columns[name] = table.column(name, unit)
-        if not np.all(np.isfinite(columns[name])):
-            raise InputError(f"{path}: column {name!r}: expected a number in every row")
-    return columns

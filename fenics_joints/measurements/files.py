@@ -12,7 +12,7 @@ import numpy as np
 from fenics_joints.errors import InputError, located
 from fenics_joints.files import is_file, paths_of, shown_path
 from fenics_joints.measurements.frfs import MeasuredFRFs
-from fenics_joints.response.units import a_kind, checked_kind, frf_unit, length_factor
+from fenics_joints.response.units import MOTION, a_kind, checked_kind, frf_unit, length_factor
 
 #: Share of a driving point's mobility below which its real part is not looked at.
 _REACTIVE = 0.15
@@ -27,7 +27,7 @@ Vector = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
-class Said:
+class FileMetadata:
     """What a user says about files that do not say it themselves.
 
     Attributes:
@@ -56,6 +56,33 @@ class Said:
                 f"units = {self.units!r}: are those of {a_kind(kind)}, expected those of kind = "
                 f"{self.kind!r}"
             )
+
+    def scale(self, where: str, units: str | None, kind: str | None = None) -> tuple[str, float]:
+        """Kind of a function and its factor to SI, by the user's unit or else the file's.
+
+        Args:
+            where: File and place in it, for messages.
+            units: What the file says of the unit.
+            kind: What the file says of the kind.
+
+        Raises:
+            InputError: If the unit is not known, or is that of another kind.
+        """
+        text = self.units or units
+        if not text:
+            raise InputError(
+                f"{where}: the unit is not known; expected it in the file, or units such as "
+                f"'{MOTION.get(self.kind or kind, 'm/s2')}/N'"
+            )
+        with located(where):
+            by_unit, factor = frf_unit(text)
+        for given in (self.kind, kind):
+            if given not in (None, by_unit):
+                raise InputError(
+                    f"{where}: {text!r} is the unit of {a_kind(by_unit)}, expected that of kind = "
+                    f"{given!r}"
+                )
+        return by_unit, factor
 
 
 @dataclass(frozen=True)
@@ -171,7 +198,7 @@ def merge(
         sources: The files.
 
     Raises:
-        InputError: If a node is nowhere, a direction is not said, a function is there twice, or
+        InputError: If a node is nowhere, a direction is not known, a function is there twice, or
             the frequencies or kinds differ; names the file and the place in it.
     """
     if not contents.functions:
@@ -435,7 +462,7 @@ def read_frfs(
     paths = paths_of(paths)
     if not paths:
         raise InputError("paths: expected one file or more")
-    said = Said(kind, units, length_unit, keys or {})
+    metadata = FileMetadata(kind, units, length_unit, keys or {})
     contents, seen = Contents(), set()
     for path in paths:
         if not is_file(path):
@@ -443,13 +470,13 @@ def read_frfs(
         if path.resolve() in seen:
             raise InputError(f"{path}: is named twice, expected each file once")
         seen.add(path.resolve())
-        contents.add(reader_of(path)(path, said))
+        contents.add(reader_of(path)(path, metadata))
     return merge(
         contents, points=points, directions=directions, sources=[str(path) for path in paths]
     )
 
 
-def reader_of(path: Path) -> Callable[[Path, Said], Contents]:
+def reader_of(path: Path) -> Callable[[Path, FileMetadata], Contents]:
     """What reads the functions of a file, by its ending; raises InputError for another one."""
     ending = path.suffix.lower()
     if ending in UFF_SUFFIXES:

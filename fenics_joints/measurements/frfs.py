@@ -5,7 +5,7 @@ They come from files by `fenics_joints.measurements.files.read_frfs`.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -241,14 +241,22 @@ class MeasuredFRFs:
         low, high = np.reshape(list(bands), (-1, 2)).T
         return np.any((f >= low) & (f <= high), axis=1)
 
+    def _part(self, part: Callable[[np.ndarray], np.ndarray], **changes) -> MeasuredFRFs:
+        """With a part of the values, and the same of their coherence."""
+        coherence = None if self.coherence is None else part(self.coherence)
+        return replace(self, values=part(self.values), coherence=coherence, **changes)
+
     def _lines(self, lines: np.ndarray) -> MeasuredFRFs:
-        coherence = None if self.coherence is None else self.coherence[lines]
-        return replace(
-            self,
-            frequencies_hz=self.frequencies_hz[lines],
-            values=self.values[lines],
-            coherence=coherence,
-        )
+        return self._part(lambda a: a[lines], frequencies_hz=self.frequencies_hz[lines])
+
+    def reciprocal(self) -> MeasuredFRFs:
+        """Forces for responses, as is the same to a linear structure (Maxwell's reciprocity)."""
+        sides = {
+            f"{one}_{key}": getattr(self, f"{other}_{key}")
+            for one, other in (("response", "reference"), ("reference", "response"))
+            for key in ("points", "directions", "names")
+        }
+        return self._part(lambda a: a.swapaxes(1, 2), **sides)
 
     def select(
         self, responses: Sequence[str] | None = None, references: Sequence[str] | None = None
@@ -260,11 +268,8 @@ class MeasuredFRFs:
         """
         rows = _indices(responses, self.response_names, "response")
         columns = _indices(references, self.reference_names, "reference")
-        coherence = None if self.coherence is None else self.coherence[:, rows][:, :, columns]
-        return replace(
-            self,
-            values=self.values[:, rows][:, :, columns],
-            coherence=coherence,
+        return self._part(
+            lambda a: a[:, rows][:, :, columns],
             response_points=self.response_points[rows],
             response_directions=self.response_directions[rows],
             response_names=tuple(self.response_names[i] for i in rows),

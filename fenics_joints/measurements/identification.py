@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.sparse import coo_array
@@ -19,7 +19,7 @@ from scipy.sparse.csgraph import connected_components
 from fenics_joints.errors import InputError, real, reals, wanted, whole
 from fenics_joints.measurements.data import TestData
 from fenics_joints.measurements.frfs import MeasuredFRFs
-from fenics_joints.measurements.poles import Functions, ModeFit
+from fenics_joints.measurements.poles import FRFColumns, ModeFit
 from fenics_joints.measurements.selection import select_modes
 from fenics_joints.response.units import KINDS
 
@@ -155,7 +155,7 @@ _MIXED = 0.8
 
 
 @dataclass(frozen=True, eq=False)
-class Poles:
+class StabilisationDiagram:
     """What a stabilisation diagram shows: poles of models of rising order, n of them in all.
 
     Attributes:
@@ -173,7 +173,7 @@ class Poles:
     stable: np.ndarray
 
     def __repr__(self) -> str:
-        return f"Poles({len(self.order)} of orders up to {max(self.order, default=0)})"
+        return f"StabilisationDiagram({len(self.order)} poles, {max(self.order, default=0)} orders)"
 
 
 @dataclass(frozen=True, eq=False)
@@ -213,7 +213,7 @@ class IdentifiedModes:
     mass_normalised: bool
     scatter: np.ndarray
     residual: float
-    poles: Poles
+    poles: StabilisationDiagram
     frfs: MeasuredFRFs
     notes: tuple[str, ...] = ()
 
@@ -323,7 +323,7 @@ def identify_modes(
     used = np.flatnonzero(data.measured.any(axis=0))
     data = data.select(references=[data.reference_names[j] for j in used])
     if data.values.shape[2] > data.values.shape[1]:
-        data = _exchanged(data)
+        data = data.reciprocal()
     rows, columns = np.nonzero(data.measured)
     values = data.values[:, rows, columns]
     if not values.any(axis=0).all():
@@ -333,7 +333,7 @@ def identify_modes(
             f"{data.reference_names[columns[k]]} is zero in the band; expected measured values"
         )
     links = Links(data)
-    functions = Functions(
+    functions = FRFColumns(
         data.frequencies_hz,
         values,
         rows,
@@ -344,7 +344,7 @@ def identify_modes(
     )
     poles = _diagram(_lscf(data, values.T, order), data, max_damping)
     groups = _groups(poles, order)
-    start = np.array([_pole(*_median(poles, group)) for group in groups])
+    start = np.array([_pole(poles, group) for group in groups])
     fit, notes = select_modes(functions, start, max_damping, data.response_names)
     inside = np.zeros(0, dtype=int) if fit is None else _inside(fit, data)
     if not len(inside):
@@ -355,17 +355,6 @@ def identify_modes(
         )
     chosen = inside if near is None else inside[_nearest(fit.frequencies_hz[inside], near)]
     return _modes(data, links, fit, poles, chosen, notes, exponential_window)
-
-
-def _exchanged(data: MeasuredFRFs) -> MeasuredFRFs:
-    """Forces for responses, as is the same to a linear structure (Maxwell's reciprocity)."""
-    sides = {
-        f"{one}_{key}": getattr(data, f"{other}_{key}")
-        for one, other in (("response", "reference"), ("reference", "response"))
-        for key in ("points", "directions", "names")
-    }
-    coherence = None if data.coherence is None else data.coherence.swapaxes(1, 2)
-    return replace(data, values=data.values.swapaxes(1, 2), coherence=coherence, **sides)
 
 
 # -- poles -----------------------------------------------------------------------------------------
@@ -417,7 +406,9 @@ def _ema():
     return EMA
 
 
-def _diagram(orders: list[np.ndarray], data: MeasuredFRFs, max_damping: float) -> Poles:
+def _diagram(
+    orders: list[np.ndarray], data: MeasuredFRFs, max_damping: float
+) -> StabilisationDiagram:
     columns, before = [], np.zeros(0, dtype=complex)
     low, high = data.frequencies_hz[[0, -1]]
     for i, poles in enumerate(orders):
@@ -429,10 +420,10 @@ def _diagram(orders: list[np.ndarray], data: MeasuredFRFs, max_damping: float) -
         alike = np.abs(damping[:, None] - damping_old) < _STABLE_DAMPING * damping[:, None]
         columns.append((np.full(len(f), i + 1), f, damping, close.any(1), (close & alike).any(1)))
         before = poles[kept]
-    return Poles(*(np.concatenate(column) for column in zip(*columns, strict=True)))
+    return StabilisationDiagram(*(np.concatenate(column) for column in zip(*columns, strict=True)))
 
 
-def _groups(poles: Poles, order: int) -> list[np.ndarray]:
+def _groups(poles: StabilisationDiagram, order: int) -> list[np.ndarray]:
     """Indices of the stable poles of each mode: one a little away from the next begins another.
 
     So do two that stand beside each other in many orders, however close.
@@ -483,18 +474,18 @@ def _nearest(at: np.ndarray, near: Sequence[float]) -> list[int]:
     return sorted(found)
 
 
-def _median(poles: Poles, group: np.ndarray) -> tuple[float, float]:
-    return float(np.median(poles.frequencies_hz[group])), float(np.median(poles.damping[group]))
-
-
-def _pole(f: float, damping: float) -> complex:
+def _pole(poles: StabilisationDiagram, group: np.ndarray) -> complex:
+    """The median of a group, rad/s."""
+    f, damping = np.median(poles.frequencies_hz[group]), np.median(poles.damping[group])
     return 2 * np.pi * f * (-damping + 1j * np.sqrt(1 - damping**2))
 
 
 # -- the result ------------------------------------------------------------------------------------
 
 
-def _modes(data, links, fit: ModeFit, poles: Poles, chosen, notes, window) -> IdentifiedModes:
+def _modes(
+    data, links, fit: ModeFit, poles: StabilisationDiagram, chosen, notes, window
+) -> IdentifiedModes:
     found = links.shapes(fit.responses, fit.references, fit.poles)
     shapes, factor = (x[..., chosen] for x in found)
     normalised = links.scaled and not np.isnan(factor).any()
@@ -550,7 +541,7 @@ def _doubts(f: np.ndarray, sd: np.ndarray, collinearity: np.ndarray) -> list[str
     ]
 
 
-def _scatter(poles: Poles, fit: ModeFit, chosen: np.ndarray) -> np.ndarray:
+def _scatter(poles: StabilisationDiagram, fit: ModeFit, chosen: np.ndarray) -> np.ndarray:
     found = []
     for f, z in zip(fit.frequencies_hz[chosen], fit.damping[chosen], strict=True):
         near = poles.stable & (np.abs(poles.frequencies_hz - f) < _STABLE_F * f)

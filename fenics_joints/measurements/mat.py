@@ -9,19 +9,19 @@ from pathlib import Path
 import numpy as np
 import scipy.io
 
-from fenics_joints.errors import InputError, located
+from fenics_joints.errors import InputError
 from fenics_joints.files import check_size
 from fenics_joints.measurements.files import (
     CoherenceRecord,
     Contents,
+    FileMetadata,
     FRFRecord,
     Node,
-    Said,
     as_dof,
     node_label,
 )
 from fenics_joints.progress import reading
-from fenics_joints.response.units import MOTION, frf_unit, length_factor
+from fenics_joints.response.units import length_factor
 
 #: Variables of a file. Points and directions have a row of three for each response or reference; a
 #: single direction stands for all. Nodes are labels, by the points if not there. Coherence, nodes,
@@ -46,16 +46,17 @@ _MOST = 200_000_000
 _HOLDERS = ("cell", "struct", "object", "function", "opaque", "sparse")
 
 
-def read_mat(path: Path, said: Said) -> Contents:
-    """What a MATLAB file holds, under the names in `KEYS` or those in ``said.keys``.
+def read_mat(path: Path, metadata: FileMetadata) -> Contents:
+    """What a MATLAB file holds, under the names in `KEYS` or those in ``metadata.keys``.
 
     Raises:
         InputError: Names the file, the variable and what was expected.
     """
-    file = _Variables(path, said)
+    file = _Variables(path, metadata)
     f = file.numbers("frequency").ravel()
-    kind, factor = _scale(file, said)
-    length = length_factor(said.length_unit or file.text("length_unit") or "m")
+    where = f"{path}: {file.name('units')}"
+    kind, factor = metadata.scale(where, file.text("units"), file.text("kind"))
+    length = length_factor(metadata.length_unit or file.text("length_unit") or "m")
     frf = file.cube("frf", len(f))
     coherence = file.cube("coherence", len(f), frf.shape) if file.has("coherence") else None
     contents = Contents()
@@ -79,11 +80,11 @@ def read_mat(path: Path, said: Said) -> Contents:
 class _Variables:
     """Variables of a file by the suite's names."""
 
-    def __init__(self, path: Path, said: Said):
-        unknown = [key for key in said.keys if key not in KEYS]
+    def __init__(self, path: Path, metadata: FileMetadata):
+        unknown = [key for key in metadata.keys if key not in KEYS]
         if unknown:
             raise InputError(f"keys.{unknown[0]}: expected one of {', '.join(KEYS)}")
-        self.path, self.keys = path, said.keys
+        self.path, self.keys = path, metadata.keys
         check_size(path)
         reading(path.name, path.stat().st_size)
         listed = _scipy(path, scipy.io.whosmat)
@@ -160,25 +161,6 @@ def _scipy(path: Path, read: Callable, **options):
         ) from error
     except Exception as error:  # scipy raises many kinds for a damaged file
         raise InputError(f"{path}: cannot be read as a MATLAB file ({error})") from error
-
-
-def _scale(file: _Variables, said: Said) -> tuple[str, float]:
-    text, kind = said.units or file.text("units"), said.kind or file.text("kind")
-    if not text:
-        example = MOTION.get(kind, "m/s2")
-        raise InputError(
-            f"{file.path}: the units are not known; expected a variable {file.name('units')!r}, or "
-            f"units such as '{example}/N'"
-        )
-    with located(f"{file.path}: {file.name('units')}"):
-        by_unit, factor = frf_unit(text)
-    for given in (kind, file.text("kind")):
-        if given not in (None, by_unit):
-            raise InputError(
-                f"{file.path}: {file.name('kind')} is {given!r}, expected {by_unit!r} as the units "
-                f"{text!r} say"
-            )
-    return by_unit, factor
 
 
 def _dofs(file: _Variables, contents: Contents, side: str, n: int, length: float) -> list:

@@ -19,8 +19,9 @@ import numpy as np
 
 from fenics_joints.errors import InputError, Problems, measured
 from fenics_joints.files import is_file, paths_of, shown_path
-from fenics_joints.measurements.files import Contents, Said
+from fenics_joints.measurements.files import Contents, FileMetadata
 from fenics_joints.measurements.uff import (
+    DATA,
     GEOMETRY,
     Dataset,
     add_nodes,
@@ -49,15 +50,6 @@ _CHARACTER = {
     3: "translations and rotations",
     4: "symmetric tensor",
     5: "tensor",
-}
-_DATA = {
-    0: "unknown",
-    1: "general",
-    2: "stress",
-    3: "strain",
-    8: "displacement",
-    11: "velocity",
-    12: "acceleration",
 }
 _MOTIONS = (0, 1, 8, 11, 12)
 _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[EeDd][+-]?\d+)?|nan|[+-]?inf", re.IGNORECASE)
@@ -96,12 +88,12 @@ class ShapeContents:
     notes: list[str] = field(default_factory=list)
 
 
-def read_uff_shapes(paths: Sequence[Path], said: Said) -> ShapeContents:
+def read_uff_shapes(paths: Sequence[Path], metadata: FileMetadata) -> ShapeContents:
     """What universal files hold; nodes, axes and units may stand in other files than shapes.
 
     Args:
         paths: The files.
-        said: What the user says about them.
+        metadata: What the user says about them.
 
     Raises:
         InputError: If pyuff is missing, or for what is wrong in a file; names the file, the
@@ -117,7 +109,7 @@ def read_uff_shapes(paths: Sequence[Path], said: Said) -> ShapeContents:
         or ()
     ]
     found, others = ShapeContents(), []
-    length, _ = problems.tried(lambda: units_of(sets, said)) or (1.0, 1.0)
+    length, _ = problems.tried(lambda: units_of(sets, metadata)) or (1.0, 1.0)
     axes = problems.tried(lambda: axes_of(sets)) or {}
     for where, data in sets:
         if data["type"] in (15, 2411):
@@ -176,7 +168,7 @@ def _shape(where: str, type_: int, lines: Sequence[str]) -> ShapeRecord | str:
     if analysis != _NORMAL and analysis not in _COMPLEX:
         return f"{where}: is of analysis {word(_ANALYSES, analysis)}"
     if kind not in _MOTIONS:
-        return f"{where}: its data are of type {word(_DATA, kind)} and no displacements"
+        return f"{where}: its data are of type {word(DATA, kind)} and no displacements"
     if count not in (3, 6):
         return (
             f"{where}: has {count} values for each node ({word(_CHARACTER, character)}), and not 3 "
@@ -394,7 +386,7 @@ def read_shapes(
         if not is_file(path):
             name = shown_path(path)
             raise InputError(f"{name}: no such file, expected mode shapes in a universal file")
-    contents = read_uff_shapes(paths, Said(length_unit=length_unit))
+    contents = read_uff_shapes(paths, FileMetadata(length_unit=length_unit))
     records = sorted(contents.shapes, key=lambda record: record.frequency_hz)
     notes = list(contents.notes)
     still = [record for record in records if record.frequency_hz == 0]

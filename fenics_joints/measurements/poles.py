@@ -16,7 +16,7 @@ _LEAST = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
-class Functions:
+class FRFColumns:
     """K measured functions.
 
     Attributes:
@@ -37,7 +37,7 @@ class Functions:
     components: np.ndarray
     n_rows: int
 
-    def of_row(self, row: int) -> Functions:
+    def of_row(self, row: int) -> FRFColumns:
         """The functions of one response."""
         kept = self.rows == row
         return replace(
@@ -135,7 +135,7 @@ def smooth(values: np.ndarray, lines: int = _WINDOW) -> np.ndarray:
 
 
 def fit_modes(
-    functions: Functions,
+    functions: FRFColumns,
     poles: np.ndarray,
     references: np.ndarray | None = None,
     *,
@@ -199,7 +199,7 @@ def _noise(rest: np.ndarray, least: np.ndarray) -> np.ndarray:
     return of_function * over[:, None]
 
 
-def _basis(functions: Functions, poles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _basis(functions: FRFColumns, poles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Complex columns: (n, 4 m) for residues and derivatives by poles; (n, 4) for other modes."""
     s = 2j * np.pi * functions.f[:, None]
     factor = s**functions.power
@@ -211,7 +211,7 @@ def _basis(functions: Functions, poles: np.ndarray) -> tuple[np.ndarray, np.ndar
     return np.hstack(columns), np.hstack([smooth_part, 1j * smooth_part])
 
 
-def fitted(functions: Functions, fit: ModeFit) -> np.ndarray:
+def fitted(functions: FRFColumns, fit: ModeFit) -> np.ndarray:
     """The modes' part of the functions, without modes outside the band, shape (n, K)."""
     m = len(fit.poles)
     columns = _basis(functions, fit.poles)[0]
@@ -223,7 +223,7 @@ def _stacked(values: np.ndarray) -> np.ndarray:
     return np.concatenate([values.real, values.imag])
 
 
-def free_residues(functions: Functions, poles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def free_residues(functions: FRFColumns, poles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Residual, (n, K), and residues, (K, m), of a fit with free residues."""
     columns, out = _basis(functions, poles)
     m = len(poles)
@@ -237,7 +237,7 @@ def free_residues(functions: Functions, poles: np.ndarray) -> tuple[np.ndarray, 
     return rest[:n] + 1j * rest[n:], (x[:m] + 1j * x[m : 2 * m]).T
 
 
-def rank_one(functions: Functions, residues: np.ndarray, weights=None) -> np.ndarray:
+def rank_one(functions: FRFColumns, residues: np.ndarray, weights=None) -> np.ndarray:
     """References from residues, (K, m): from a chain of the strongest, then by least squares."""
     if functions.shape[1] == 1:
         return np.ones((1, residues.shape[1]), dtype=complex)
@@ -281,7 +281,7 @@ def _solve(weight: np.ndarray, A: np.ndarray, b: np.ndarray) -> np.ndarray:
     return (weight * A) @ b.conj() / np.where(below > 0, below, 1.0)
 
 
-def _normalised(functions: Functions, references: np.ndarray) -> np.ndarray:
+def _normalised(functions: FRFColumns, references: np.ndarray) -> np.ndarray:
     found = references.copy()
     for component in np.unique(functions.components):
         at = functions.components == component
@@ -305,7 +305,7 @@ class _State:
     projected on this span once; the rows are then small problems.
     """
 
-    def __init__(self, functions: Functions, noise, poles, references, prior=None):
+    def __init__(self, functions: FRFColumns, noise, poles, references, prior=None):
         self.functions, self.noise, self.prior = functions, noise, prior
         self.poles, self.references = poles, references
         # The noise is a product of one of lines and one of functions.

@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from fenics_joints.measurements.poles import (
-    Functions,
+    FRFColumns,
     ModeFit,
     fit_modes,
     fitted,
@@ -40,7 +40,7 @@ _TRIES, _AROUND, _MOST_NOTES = 5, 10, 4
 
 
 def select_modes(
-    functions: Functions, poles: np.ndarray, max_damping: float, names: Sequence[str]
+    functions: FRFColumns, poles: np.ndarray, max_damping: float, names: Sequence[str]
 ) -> tuple[ModeFit | None, list[str]]:
     """The modes that the functions show, beginning with given ones; and what is doubtful.
 
@@ -74,11 +74,11 @@ def select_modes(
     return _with_notes(functions, fit, names)
 
 
-def _rest(functions: Functions, fit: ModeFit | None) -> np.ndarray:
+def _rest(functions: FRFColumns, fit: ModeFit | None) -> np.ndarray:
     return free_residues(functions, np.zeros(0))[0] if fit is None else fit.rest
 
 
-def _certain(functions: Functions, fit: ModeFit, max_damping: float) -> ModeFit | None:
+def _certain(functions: FRFColumns, fit: ModeFit, max_damping: float) -> ModeFit | None:
     """The fit without poles that are no modes, the worst removed first.
 
     A pole with uncertain damping stays if it is worth its unknowns.
@@ -98,7 +98,7 @@ def _certain(functions: Functions, fit: ModeFit, max_damping: float) -> ModeFit 
     return fit
 
 
-def _without_doubles(functions: Functions, fit: ModeFit, max_damping: float) -> ModeFit:
+def _without_doubles(functions: FRFColumns, fit: ModeFit, max_damping: float) -> ModeFit:
     """The fit with one pole where several are one mode whose pole differs from row to row."""
     apart = np.abs(fit.poles[:, None] - fit.poles) + np.diag(np.full(len(fit.poles), np.inf))
     r = int(np.argmin(apart.min(axis=1) / np.abs(fit.poles.real)))
@@ -114,7 +114,7 @@ def _without_doubles(functions: Functions, fit: ModeFit, max_damping: float) -> 
     return fit
 
 
-def _is_mode(functions: Functions, fit: ModeFit, max_damping: float) -> np.ndarray:
+def _is_mode(functions: FRFColumns, fit: ModeFit, max_damping: float) -> np.ndarray:
     damping, f = fit.damping, fit.frequencies_hz
     room = _OUTSIDE * np.ptp(functions.f)
     inside = (f >= functions.f[0] - room) & (f <= functions.f[-1] + room)
@@ -134,7 +134,7 @@ def _noise(rest: np.ndarray) -> np.ndarray:
     return np.sqrt(over * of_function)
 
 
-def _level(functions: Functions, rest: np.ndarray) -> tuple[np.ndarray, float]:
+def _level(functions: FRFColumns, rest: np.ndarray) -> tuple[np.ndarray, float]:
     """Residual over noise, shape (n,); and the level above which it is not noise.
 
     An analyser's windows correlate the noise of neighbouring lines; the noise level is that of
@@ -146,12 +146,12 @@ def _level(functions: Functions, rest: np.ndarray) -> tuple[np.ndarray, float]:
     return level, max(_ABOVE, 1 + _SURE * 0.2 / np.sqrt(rest.shape[1]))
 
 
-def _floored(functions: Functions, noise: np.ndarray) -> np.ndarray:
+def _floored(functions: FRFColumns, noise: np.ndarray) -> np.ndarray:
     """The noise, at least 1e-5 of the measured values: no test is better."""
     return np.hypot(noise, 1e-5 * np.abs(functions.values))
 
 
-def _one_more(functions: Functions, fit: ModeFit | None, at: int) -> ModeFit:
+def _one_more(functions: FRFColumns, fit: ModeFit | None, at: int) -> ModeFit:
     """The fit with one more mode near a line, which removes most of the residual there."""
     rest, f = _rest(functions, fit), functions.f
     damping = _USUAL if fit is None else float(np.median(fit.damping))
@@ -172,7 +172,7 @@ def _one_more(functions: Functions, fit: ModeFit | None, at: int) -> ModeFit:
     return fit_modes(functions, np.append(fit.poles, pole), np.hstack([fit.references, reference]))
 
 
-def _better(functions: Functions, fit: ModeFit | None, more: ModeFit, max_damping: float) -> bool:
+def _better(functions: FRFColumns, fit: ModeFit | None, more: ModeFit, max_damping: float) -> bool:
     """Whether the last mode explains the residual of a fit without it.
 
     And explains it better than one pole per row, or one scale per function, would.
@@ -202,7 +202,7 @@ def _better(functions: Functions, fit: ModeFit | None, more: ModeFit, max_dampin
     return misfit(more.rest, lines) + price <= by_own
 
 
-def _scaled(functions: Functions, fit: ModeFit) -> tuple[np.ndarray, np.ndarray]:
+def _scaled(functions: FRFColumns, fit: ModeFit) -> tuple[np.ndarray, np.ndarray]:
     """Residual with one scale per function, (n, K), and the scales, (K,)."""
     fitted = functions.values - fit.rest
     weight = 1 / _floored(functions, _noise(fit.rest)) ** 2
@@ -212,7 +212,7 @@ def _scaled(functions: Functions, fit: ModeFit) -> tuple[np.ndarray, np.ndarray]
 
 
 def _pays(
-    functions: Functions, fit: ModeFit | None, more: ModeFit
+    functions: FRFColumns, fit: ModeFit | None, more: ModeFit
 ) -> tuple[bool, Callable[..., float], float]:
     """Whether one more mode is worth its unknowns; the residual's misfit, and their price."""
     rest, noise = _rest(functions, fit), _floored(functions, _noise(more.rest))
@@ -226,7 +226,7 @@ def _pays(
     return misfit(rest) - misfit(more.rest) >= price, misfit, price
 
 
-def _part(functions: Functions, fit: ModeFit, lines: np.ndarray) -> tuple[Functions, ModeFit]:
+def _part(functions: FRFColumns, fit: ModeFit, lines: np.ndarray) -> tuple[FRFColumns, ModeFit]:
     """Some lines and the modes there; the fitted contributions of other modes are subtracted."""
     f = functions.f[lines]
     kept = (fit.frequencies_hz >= f[0]) & (fit.frequencies_hz <= f[-1])
@@ -241,7 +241,7 @@ def _part(functions: Functions, fit: ModeFit, lines: np.ndarray) -> tuple[Functi
     return replace(part, values=near.rest + fitted(part, near)), near
 
 
-def _own_poles(functions: Functions, fit: ModeFit) -> tuple[np.ndarray, list[ModeFit]]:
+def _own_poles(functions: FRFColumns, fit: ModeFit) -> tuple[np.ndarray, list[ModeFit]]:
     """Residual with one set of poles per row, (n, K), and the fits.
 
     A pole that leaves its peak, or is uncertain in a row, keeps its common value.
@@ -264,7 +264,7 @@ def _own_poles(functions: Functions, fit: ModeFit) -> tuple[np.ndarray, list[Mod
 
 
 def _with_notes(
-    functions: Functions, fit: ModeFit | None, names: Sequence[str]
+    functions: FRFColumns, fit: ModeFit | None, names: Sequence[str]
 ) -> tuple[ModeFit | None, list[str]]:
     if fit is None:
         return None, []
@@ -289,7 +289,7 @@ def _with_notes(
     return fit, notes
 
 
-def _explains(functions: Functions, before: np.ndarray, after: np.ndarray, unknowns: int) -> bool:
+def _explains(functions: FRFColumns, before: np.ndarray, after: np.ndarray, unknowns: int) -> bool:
     """Whether more unknowns are worth it and remove most of the residual."""
     noise = _floored(functions, _noise(after))
     size, less = (2 * ((np.abs(one) / noise) ** 2).sum() for one in (before, after))
@@ -297,7 +297,7 @@ def _explains(functions: Functions, before: np.ndarray, after: np.ndarray, unkno
 
 
 def _other_scales(
-    functions: Functions, fit: ModeFit, names: Sequence[str]
+    functions: FRFColumns, fit: ModeFit, names: Sequence[str]
 ) -> tuple[ModeFit, list[str]]:
     rest, scales = _scaled(functions, fit)
     if not _explains(functions, fit.rest, rest, 2 * len(scales)):
@@ -315,7 +315,7 @@ def _other_scales(
     return fit, [note]
 
 
-def _apart(functions: Functions, fit: ModeFit, names: Sequence[str]) -> tuple[ModeFit, list[str]]:
+def _apart(functions: FRFColumns, fit: ModeFit, names: Sequence[str]) -> tuple[ModeFit, list[str]]:
     """The fit with the mean of the rows' own poles, if separate poles fit better."""
     rest, fits = _own_poles(functions, fit)
     n_rows, m = functions.n_rows, len(fit.poles)

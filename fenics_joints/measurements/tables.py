@@ -85,6 +85,40 @@ class Table:
                 raise InputError(f"expected its unit in brackets, such as '{name} [{unit}]'")
             return self.values[:, i] * factor_to_si(self.units[i], unit)
 
+    def numbers(
+        self, name: str, unit: str | None = None, *, above: float = -math.inf
+    ) -> np.ndarray:
+        """`column` with a number above a bound in every row.
+
+        Raises:
+            InputError: As `column`; names the first row without one.
+        """
+        values = self.column(name, unit)
+        bad = ~(np.isfinite(values) & (values > above))
+        if bad.any():
+            row = int(np.argmax(bad))
+            found = "is empty" if np.isnan(values[row]) else f"= {values[row]:g}"
+            bound = "" if above == -math.inf else f" above {above:g}"
+            raise InputError(
+                f"{self.path}: column {name!r}, data row {row + 1} {found}; expected a "
+                f"number{bound}"
+            )
+        return values
+
+    def phase(self, name: str = "phase") -> np.ndarray:
+        """A column of phases, rad.
+
+        Raises:
+            InputError: If its unit is none of an angle, or a row has no number.
+        """
+        unit = self.unit(name)
+        if unit not in ("deg", "°", "rad"):
+            raise InputError(
+                f"{self.path}: column {name!r}: unit {unit!r}, expected [deg] or [rad]"
+            )
+        values = self.numbers(name)
+        return values if unit == "rad" else np.deg2rad(values)
+
 
 def column_head(text: str) -> tuple[str, str]:
     """Name and unit of a column's head such as ``torque [N·m]``; the unit is empty if not there."""

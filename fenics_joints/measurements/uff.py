@@ -27,9 +27,9 @@ from fenics_joints.measurements.files import (
     CoherenceRecord,
     Contents,
     Dof,
+    FileMetadata,
     FRFRecord,
     Node,
-    Said,
 )
 from fenics_joints.progress import reading
 from fenics_joints.response.units import MOTION, a_kind, frf_unit, length_factor, ratio_unit
@@ -260,7 +260,7 @@ def word(words: Mapping[int, str], code: int) -> str:
 # -- units and nodes -------------------------------------------------------------------------------
 
 
-def units_of(sets: Sequence[Dataset], said: Said) -> tuple[float | None, float | None]:
+def units_of(sets: Sequence[Dataset], metadata: FileMetadata) -> tuple[float | None, float | None]:
     """Metres and newtons of one unit of the file's, each None where it does not say.
 
     Dataset 164 has the factors by which to divide.
@@ -277,11 +277,11 @@ def units_of(sets: Sequence[Dataset], said: Said) -> tuple[float | None, float |
                 )
     length = 1 / found[0][1]["length"] if found else None
     force = 1 / found[0][1]["force"] if found else None
-    if said.length_unit is not None:
-        given = length_factor(said.length_unit)
+    if metadata.length_unit is not None:
+        given = length_factor(metadata.length_unit)
         if length is not None and not np.isclose(given, length, rtol=1e-3):
             raise InputError(
-                f"length_unit = {said.length_unit!r}: but {found[0][0]} says a unit of "
+                f"length_unit = {metadata.length_unit!r}: but {found[0][0]} says a unit of "
                 f"{length:.6g} m; expected no length_unit, or one that agrees"
             )
         length = given
@@ -439,7 +439,7 @@ _TYPES = {
 _FRF, _COHERENCE, _MULTIPLE = 4, 6, 26
 
 #: Specific data types of dataset 58.
-_DATA = {
+DATA = {
     0: "unknown",
     1: "general",
     2: "stress",
@@ -466,12 +466,12 @@ _NO_FORCE = (
 _NOT_IEEE = {1: "DEC VMS", 3: "IBM 370"}
 
 
-def read_uff(path: Path, said: Said) -> Contents:
+def read_uff(path: Path, metadata: FileMetadata) -> Contents:
     """What a universal file holds.
 
     Args:
         path: The file.
-        said: What the user says about it.
+        metadata: What the user says about it.
 
     Raises:
         InputError: If pyuff is missing, or for what is wrong in the file; names the file, the
@@ -479,7 +479,7 @@ def read_uff(path: Path, said: Said) -> Contents:
     """
     problems, contents = Problems(path), Contents()
     sets = read_sets(path, (58, *GEOMETRY), problems)
-    units = length, force = problems.tried(lambda: units_of(sets, said)) or (1.0, 1.0)
+    units = length, force = problems.tried(lambda: units_of(sets, metadata)) or (1.0, 1.0)
     axes = problems.tried(lambda: axes_of(sets)) or {}
     other: Counter[str] = Counter()
     for where, data in sets:
@@ -489,7 +489,7 @@ def read_uff(path: Path, said: Said) -> Contents:
             continue
         if data["func_type"] == _FRF:
             one = problems.tried(
-                lambda w=where, d=data: _function(w, d, units, said, contents.notes)
+                lambda w=where, d=data: _function(w, d, units, metadata, contents.notes)
             )
             contents.functions.append(one)
         elif data["func_type"] in (_COHERENCE, _MULTIPLE):
@@ -512,13 +512,13 @@ def read_uff(path: Path, said: Said) -> Contents:
 # -- functions -------------------------------------------------------------------------------------
 
 
-def _function(where: str, data, units, said: Said, notes: list[str]) -> FRFRecord:
+def _function(where: str, data, units, metadata: FileMetadata, notes: list[str]) -> FRFRecord:
     x = _abscissa(where, data)
     denominator = data["orddenom_spec_data_type"]
     if denominator != _FORCE and denominator not in _UNSAID:
         also = f" (a transmissibility). {_NO_FORCE}" if denominator in _MOTIONS else ""
         raise InputError(
-            f"{where}: reference is of type {word(_DATA, denominator)}, expected 13 (excitation "
+            f"{where}: reference is of type {word(DATA, denominator)}, expected 13 (excitation "
             f"force){also}"
         )
     if not np.iscomplexobj(data["data"]):
@@ -526,7 +526,7 @@ def _function(where: str, data, units, said: Said, notes: list[str]) -> FRFRecor
             f"{where}: ordinate data type {word(FORMS, data['ord_data_type'])}, expected 5 or 6 "
             "(complex): a frequency response function has a phase"
         )
-    kind, factor = _scale(where, data, units, said, notes)
+    kind, factor = _scale(where, data, units, metadata, notes)
     return FRFRecord(
         _dof(where, data, "rsp", "response"),
         _dof(where, data, "ref", "reference"),
@@ -557,7 +557,7 @@ def _abscissa(where: str, data) -> np.ndarray:
     kind, label = data["abscissa_spec_data_type"], _label(data, "abscissa")
     if kind != _FREQUENCY and kind not in _UNSAID:
         raise InputError(
-            f"{where}: abscissa is of type {word(_DATA, kind)}, expected 18 (frequency)"
+            f"{where}: abscissa is of type {word(DATA, kind)}, expected 18 (frequency)"
         )
     if len(data["data"]) != data["num_pts"] or len(data["x"]) != data["num_pts"]:
         raise InputError(
@@ -581,26 +581,20 @@ def _dof(where: str, data, side: str, word: str) -> Dof:
     return Dof(str(node), tuple(direction) if code else None)
 
 
-def _scale(where: str, data, units, said: Said, notes: list[str]) -> tuple[str, float]:
+def _scale(where: str, data, units, metadata: FileMetadata, notes: list[str]) -> tuple[str, float]:
     """Kind of a function and its factor to SI.
 
     The user's units go first, then the axes' labels, then dataset 164: many programs write a
     dataset 164 of SI units whatever the units of their data.
     """
-    kind, factor = _file_kind(where, data, said), None
-    if said.units is not None:
-        kind_said, factor = frf_unit(said.units)
-        if kind not in (None, kind_said):
-            raise InputError(
-                f"{where}: response is of type {word(_DATA, data['ordinate_spec_data_type'])}, "
-                f"expected that of units = {said.units!r}, {a_kind(kind_said)}"
-            )
-        return kind_said, factor
+    kind = _file_kind(where, data, metadata)
+    if metadata.units is not None:
+        return metadata.scale(where, None, kind)
     label_kind, by_label = _by_labels(where, data, units[1])
     kind = kind or label_kind
     if kind is None:
         raise InputError(
-            f"{where}: response is of type {word(_DATA, data['ordinate_spec_data_type'])}, "
+            f"{where}: response is of type {word(DATA, data['ordinate_spec_data_type'])}, "
             "expected 8, 11 or 12 (displacement, velocity, acceleration), or kind"
         )
     if label_kind not in (None, kind):
@@ -630,25 +624,21 @@ def _scale(where: str, data, units, said: Said, notes: list[str]) -> tuple[str, 
     return kind, by_set if by_label is None else by_label
 
 
-def _file_kind(where: str, data, said: Said) -> str | None:
+def _file_kind(where: str, data, metadata: FileMetadata) -> str | None:
     code = data["ordinate_spec_data_type"]
-    if code in (9, 13):
-        raise InputError(
-            f"{where}: response is of type {word(_DATA, code)}, expected 8, 11 or 12 "
-            "(displacement, velocity, acceleration): numerator and denominator may be exchanged"
-        )
     if code not in _MOTIONS and code not in _UNSAID:
+        hint = ": numerator and denominator may be exchanged" if code in (9, 13) else ""
         raise InputError(
-            f"{where}: response is of type {word(_DATA, code)}, expected 8, 11 or 12 "
-            "(displacement, velocity, acceleration)"
+            f"{where}: response is of type {word(DATA, code)}, expected 8, 11 or 12 "
+            f"(displacement, velocity, acceleration){hint}"
         )
     kind = _MOTIONS.get(code)
-    if kind is not None and said.kind not in (None, kind):
+    if kind is not None and metadata.kind not in (None, kind):
         raise InputError(
-            f"{where}: response is of type {word(_DATA, code)}, {a_kind(kind)}; expected that of "
-            f"kind = {said.kind!r}"
+            f"{where}: response is of type {word(DATA, code)}, {a_kind(kind)}; expected that of "
+            f"kind = {metadata.kind!r}"
         )
-    return kind or said.kind
+    return kind or metadata.kind
 
 
 def _by_labels(where: str, data, force: float | None) -> tuple[str | None, float | None]:

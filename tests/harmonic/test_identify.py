@@ -9,8 +9,8 @@ from mpi4py import MPI
 
 from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.harmonic import (
+    ContinuationSettings,
     MeasuredLoop,
-    Settings,
     identify,
     predict,
     read_loops,
@@ -121,7 +121,7 @@ def test_sharpness_is_found_from_a_loop(curves, loop):
 def test_derivatives_pass_taylors_test(curves, loop):
     """What first-order derivatives leave falls as the step's square, for curve and loop alike."""
     data = checked_data(curves, LEVELS[-1], 9, [loop], "end")
-    model, options = chain(), {"harmonics": 3, "settings": Settings(tolerance=1e-11)}
+    model, options = chain(), {"harmonics": 3, "settings": ContinuationSettings(tolerance=1e-11)}
     (lap,) = model.interfaces
     cubic = replace(lap, law=CubicSpring(0.6, -0.02), rows=lap.rows[:, :1], normal=False)
     smooth = replace(model, interfaces=(cubic,))

@@ -16,7 +16,7 @@ from fenics_joints.interfaces import InterfaceModel, InterfacePoints
 from fenics_joints.joint_laws import IwanLayer, RichardAbbott
 from fenics_joints.measurements import MeasuredBackbone
 from fenics_joints.measurements.amplitude import from_constant_force
-from fenics_joints.measurements.amplitude.sweeps import Sweep
+from fenics_joints.measurements.amplitude.sweeps import SineSweep
 
 TRUTH = {"lap.S_y": 0.3, "lap.n": 2.5}
 START = {"lap.S_y": 0.6, "lap.n": 1.6}
@@ -109,7 +109,7 @@ def test_from_curves_at_constant_force_to_the_law():
         c = result.sensor_coefficients("end", "acceleration")
         h = (c[:, 1] - 1j * c[:, 2]) / level
         h = h * (1 + 0.003 * (rng.normal(size=41) + 1j * rng.normal(size=41)))
-        sweeps.append(Sweep(level, f, h, np.full(41, level)))
+        sweeps.append(SineSweep(level, f, h, np.full(41, level)))
     backbone = from_constant_force(sweeps, "acceleration")
     free = solve_backbone_at(
         chain(33),

@@ -7,7 +7,7 @@ from scipy.integrate import solve_ivp
 
 from fenics_joints.errors import InputError
 from fenics_joints.harmonic import (
-    Settings,
+    ContinuationSettings,
     find_bifurcations,
     solve_harmonic,
     solve_isola,
@@ -87,7 +87,7 @@ def test_a_superharmonic_resonance_is_where_its_harmonic_is_largest(law, near):
     """Nearly, as damping is light or not; a cubic spring's in quadrature by a closed form too."""
     model = oscillator(law, 0.01)
     band, options = (0.28 / TURN, 0.45 / TURN), {"harmonics": 5, "samples": 512}
-    fine = Settings(max_step=0.05)
+    fine = ContinuationSettings(max_step=0.05)
     result = solve_harmonic(model, "push", 0.3, band, settings=fine, **options)
     tracked = track_resonance(result, 3, (0.3, 0.5))
     assert tracked.force_amplitudes[[0, -1]] == pytest.approx([0.3, 0.5])
@@ -119,7 +119,7 @@ def test_an_internal_resonance_follows_what_the_first_mode_stiffens():
     places = {"push": np.ones(2)}, {"mass": np.array([1.0, 0.0])}
     model = InterfaceModel(np.eye(2), K, (spring,), C, *places)
     band = 0.9 / TURN, 1.2 / TURN
-    fine = Settings(max_step=0.02)
+    fine = ContinuationSettings(max_step=0.02)
     result = solve_harmonic(model, "push", 0.008, band, harmonics=7, settings=fine)
     tracked = track_resonance(result, 3, (0.008, 0.03))
     X = tracked.coefficients

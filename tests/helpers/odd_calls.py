@@ -296,7 +296,7 @@ def of_vibration():
     )
     moved = {"model": duffing(), "amplitudes": (0.01, 0.02)}
     yield harmonic.solve_backbone, moved, "near:1 checkpoint:* resume:None,text,1,0,[] progress:*"
-    yield harmonic.Settings, {}, ""
+    yield harmonic.ContinuationSettings, {}, ""
     yield harmonic.Fourier, {"harmonics": 3, "samples": 16}, ""
     yield (
         transient.solve_transient,

@@ -243,7 +243,7 @@ def test_few_levels_of_many_points_are_means_by_their_precision():
     sd = np.full(40, 0.1)
     f = 80 - 0.2 * np.log(a) + rng.normal(0, sd)
     many = MeasuredBackbone("acceleration", a, f, sd, np.full(40, np.nan), np.full(40, np.nan))
-    few = many.condensed(8)
+    few = many.averaged(8)
     assert len(few) == 8 and not few.has_damping
     assert ((few.frequencies_sd > 0.99 * 0.1 / np.sqrt(5)) & (few.frequencies_sd < 0.1)).all()
     assert few.frequencies_hz == pytest.approx(80 - 0.2 * np.log(few.amplitudes), abs=0.2)

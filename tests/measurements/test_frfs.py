@@ -87,7 +87,7 @@ def test_mat(tmp_path):
         ({"H": H.real}, "H is real; expected complex"),
         ({"H": H[:-1]}, "H is 599 x 3 x 3; expected .* n = 600"),
         ({"units": "mm/V"}, "units: the unit 'mm/V' is not known"),
-        ({"kind": "mobility"}, "kind is 'mobility', expected 'accelerance'"),
+        ({"kind": "mobility"}, "unit of an accelerance, expected that of kind = 'mobility'"),
         ({"coherence": 2 + 0 * H.real}, r"coherence\(:, 1, 1\): coherence 2.0 at 60 Hz"),
         ({"f": F[::-1]}, "frequencies that are finite and ascend"),
     ]:
@@ -138,7 +138,7 @@ def test_csv(tmp_path):
         read_frfs([second, first])
     for old, new, said in [
         ("abs [g/N]", "abs [V/N]", "column '2:y/7:.z abs': the unit 'V/N' is not known"),
-        ("phase [deg]", "phase", r"2:y/7:.z phase: unit '', expected \[deg\]"),
+        ("phase [deg]", "phase", r"2:y/7:.z phase': unit '', expected \[deg\]"),
         ("deg]\n60,", "deg]\n60,-", "abs: -.* expected magnitudes of 0 or more, not decibels"),
         ("2:y/7:+z abs", "2:w/7:+z abs", "'2:w/7:.z abs': expected a head such as '12:.z/5:-x re"),
         ("2:y/7:+z phase [deg]", "2:y/7:-z re [g/N]", "has the columns abs; expected re and im"),

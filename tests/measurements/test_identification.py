@@ -321,7 +321,7 @@ def test_functions_in_a_case(write_case, tmp_path):
     for change, said in [
         (
             [*edits[:-1], (SEES, 'frfs = "frfs.mat"\n')],
-            "test.frfs: .*frfs.mat: the units are not known",
+            "test.frfs: .*frfs.mat: .*the unit is not known",
         ),
         (
             [*edits[:-1], (SEES, 'frfs = { fles = "frfs.mat" }\n')],

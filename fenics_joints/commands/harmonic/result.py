@@ -14,10 +14,10 @@ from fenics_joints.commands.harmonic.model import SENSOR, HarmonicModel
 from fenics_joints.commands.harmonic.stability import LevelStability
 from fenics_joints.formatting import percent, quantity
 from fenics_joints.harmonic import (
-    Backbone,
     CurvePrediction,
     HarmonicResult,
     IdentificationResult,
+    NonlinearMode,
     StaticBackbone,
     slider_ranges,
 )
@@ -99,7 +99,7 @@ class HarmonicReport:
     built: HarmonicModel
     responses: tuple[HarmonicResult, ...]
     facts: tuple[LevelFacts, ...]
-    backbone: Backbone | None
+    backbone: NonlinearMode | None
     curves: MeasuredCurves | None
     seconds: float
     rank: int
@@ -232,7 +232,7 @@ class HarmonicReport:
         }
 
 
-def _at(found: Backbone | StaticBackbone, displacement: float) -> tuple[float, float] | None:
+def _at(found: NonlinearMode | StaticBackbone, displacement: float) -> tuple[float, float] | None:
     """Frequency, Hz, and damping ratio of a mode at a displacement, or None out of its range."""
     a = found.amplitude()
     if not a.min() <= displacement <= a.max():

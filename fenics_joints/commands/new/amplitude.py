@@ -12,7 +12,7 @@ from fenics_joints.commands.new.draft import OPEN, Ask, Remark, guess
 from fenics_joints.errors import InputError, Problems, member
 from fenics_joints.measurements import MeasuredBackbone, read_amplitude, read_table
 from fenics_joints.measurements.amplitude.files import history_of, is_history
-from fenics_joints.measurements.files import UFF_SUFFIXES, Said, reader_of
+from fenics_joints.measurements.files import UFF_SUFFIXES, FileMetadata, reader_of
 from fenics_joints.measurements.uff import read_sets
 
 #: A mode of a table is that of amplitude data if their frequencies differ by less, relative.
@@ -113,7 +113,7 @@ def _functions(path: Path, ask: Ask) -> tuple[int, str | None]:
     """How many functions a file has, and their unit where it had to be asked for."""
 
     def read(units: str | None) -> int:
-        return len(reader_of(path)(path, Said(units=units)).functions)
+        return len(reader_of(path)(path, FileMetadata(units=units)).functions)
 
     try:
         return read(None), None

@@ -131,7 +131,7 @@ class MeasuredBackbone:
             damping_sd=np.hypot(self.damping_sd, damping * np.abs(self.damping)),
         )
 
-    def condensed(self, most: int = _LEVELS) -> MeasuredBackbone:
+    def averaged(self, most: int = _LEVELS) -> MeasuredBackbone:
         """At most so many points: means, by their precision, over even steps of ln amplitude."""
         good = self.frequencies_sd <= _POOR * np.median(self.frequencies_sd)
         x = np.log(self.amplitudes)
@@ -154,7 +154,7 @@ class MeasuredBackbone:
         )
 
 
-def joined(parts: Sequence[MeasuredBackbone]) -> MeasuredBackbone:
+def concatenated(parts: Sequence[MeasuredBackbone]) -> MeasuredBackbone:
     """Points of several records of one mode together.
 
     Raises:
@@ -201,12 +201,12 @@ def test_by_level(backbones: Mapping[str, MeasuredBackbone], most: int = 8) -> T
 
     Args:
         backbones: By the modes' names.
-        most: Most levels of each mode: see `MeasuredBackbone.condensed`.
+        most: Most levels of each mode: see `MeasuredBackbone.averaged`.
 
     Raises:
         InputError: If their amplitudes are of different responses.
     """
-    few = {name: backbone.condensed(most) for name, backbone in backbones.items()}
+    few = {name: backbone.averaged(most) for name, backbone in backbones.items()}
     kinds = {one.response for one in few.values()}
     if len(kinds) != 1:
         raise InputError(

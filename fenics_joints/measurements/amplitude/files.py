@@ -18,17 +18,17 @@ from fenics_joints.measurements.amplitude.backbone import (
     NOISE,
     RESPONSES,
     MeasuredBackbone,
-    joined,
+    concatenated,
     level_unit,
     motion_kind,
 )
 from fenics_joints.measurements.amplitude.ring_downs import from_ring_down
 from fenics_joints.measurements.amplitude.sweeps import (
-    Sweep,
+    SineSweep,
     from_constant_force,
     from_constant_response,
 )
-from fenics_joints.measurements.files import UFF_SUFFIXES, Said, reader_of
+from fenics_joints.measurements.files import UFF_SUFFIXES, FileMetadata, reader_of
 from fenics_joints.measurements.tables import LISTED, Table, read_table
 from fenics_joints.measurements.uff import read_sets, units_of, word
 from fenics_joints.response.units import frf_unit
@@ -47,41 +47,13 @@ def only_unit(table: Table, name: str) -> tuple[str, float]:
         return level_unit(unit)
 
 
-def checked_column(table: Table, name: str, unit: str | None = None, *, above=None) -> np.ndarray:
-    """A column with a number in every row, in an SI unit, or as written; above a bound."""
-    values = table.column(name, unit)
-    if not np.isfinite(values).all():
-        row = int(np.argmax(~np.isfinite(values))) + 1
-        raise InputError(
-            f"{table.path}: column {name!r}, data row {row} is empty; expected a number"
-        )
-    if above is not None and not np.all(values > above):
-        row = int(np.argmax(~(values > above))) + 1
-        raise InputError(
-            f"{table.path}: column {name!r}, data row {row} = {values[row - 1]:g}; expected a "
-            f"number above {above:g}"
-        )
-    return values
-
-
 def motion_column(table: Table, names: Iterable[str]) -> tuple[str, np.ndarray] | None:
     """(kind, values in SI units, above 0) of the first of these columns; None if none is there."""
     name = next((n for n in names if n in table.names), None)
     if name is None:
         return None
     kind, factor = only_unit(table, name)
-    return kind, factor * checked_column(table, name, above=0)
-
-
-def phase_column(table: Table) -> np.ndarray | None:
-    """Phase of the response to the force, rad; None if there is none."""
-    if "phase" not in table.names:
-        return None
-    unit = table.unit("phase")
-    if unit not in ("deg", "°", "rad"):
-        raise InputError(f"{table.path}: column 'phase': unit {unit!r}, expected [deg] or [rad]")
-    values = checked_column(table, "phase")
-    return values if unit == "rad" else np.deg2rad(values)
+    return kind, factor * table.numbers(name, above=0)
 
 
 # -- tables ----------------------------------------------------------------------------------------
@@ -101,7 +73,7 @@ class Sweeps:
 
     held: str
     response: str
-    sweeps: tuple[Sweep, ...]
+    sweeps: tuple[SineSweep, ...]
     notes: tuple[str, ...] = ()
 
 
@@ -143,7 +115,7 @@ def plain(
     """
     path, hz = table.path, _frequency(table)
     kind, amplitudes = _level(table, hz)
-    f = checked_column(table, hz, "Hz", above=0)
+    f = table.numbers(hz, "Hz", above=0)
     ratios = _ratios(table, hz)
     notes = list(table.notes)
     f_sd = _stated(table, "frequency sd", "Hz")
@@ -206,7 +178,7 @@ def _ratios(table: Table, hz: str) -> np.ndarray:
 
 
 def _stated(table: Table, name: str, unit: str) -> np.ndarray | None:
-    return checked_column(table, name, unit, above=0) if name in table.names else None
+    return table.numbers(name, unit, above=0) if name in table.names else None
 
 
 # -- sweeps ----------------------------------------------------------------------------------------
@@ -223,8 +195,8 @@ def sweeps_of(table: Table) -> Sweeps:
         InputError: Names the file, the column and what was expected.
     """
     held, factor = only_unit(table, "level")
-    levels = factor * checked_column(table, "level", above=0)
-    f = checked_column(table, "frequency", "Hz", above=0)
+    levels = factor * table.numbers("level", above=0)
+    f = table.numbers("frequency", "Hz", above=0)
     kind, functions, forces, motion = _functions(table, held, levels)
     sweeps, notes = [], list(table.notes)
     for level in np.unique(levels):
@@ -235,14 +207,13 @@ def sweeps_of(table: Table) -> Sweeps:
             if np.ptp(motion[rows]) > 2 * _HELD * was:
                 notes.append(f"{table.path}: {of}: the response is not held constant")
         with located(f"{table.path}: {of}"):
-            sweeps.append(Sweep(was, f[rows], functions[rows], forces[rows]))
+            sweeps.append(SineSweep(was, f[rows], functions[rows], forces[rows]))
     return Sweeps(held, kind, tuple(sweeps), tuple(notes))
 
 
 def _functions(table: Table, held: str, levels: np.ndarray):
     """(kind of response, functions, forces, responses or None) of each row."""
-    turn = phase_column(table)
-    spin = 1.0 if turn is None else np.exp(1j * turn)
+    spin = np.exp(1j * table.phase()) if "phase" in table.names else 1.0
     given = [name for name in ("re", "im", "abs") if name in table.names]
     motion = motion_column(table, MOTIONS)
     if given:
@@ -253,7 +224,7 @@ def _functions(table: Table, held: str, levels: np.ndarray):
         return kind, functions, forces, None
     force = None
     if "force" in table.names:
-        force = checked_column(table, "force", "N", above=0)
+        force = table.numbers("force", "N", above=0)
     if held == "force" and motion is None:
         raise InputError(
             f"{table.path}: levels are of force; expected the response too, such as "
@@ -285,8 +256,8 @@ def _written(table: Table, given: list[str], spin) -> tuple[str, np.ndarray]:
         raise InputError(f"{table.path}: re and im have different units; expected one for both")
     ((kind, factor),) = units
     if given == ["abs"]:
-        return motion_kind(kind), factor * checked_column(table, "abs", above=0) * spin
-    parts = [factor * checked_column(table, name) for name in given]
+        return motion_kind(kind), factor * table.numbers("abs", above=0) * spin
+    parts = [factor * table.numbers(name) for name in given]
     return motion_kind(kind), parts[0] + 1j * parts[1]
 
 
@@ -299,13 +270,13 @@ def history_of(table: Table) -> History:
     Raises:
         InputError: Names the file, the column and what was expected.
     """
-    t, signals, kinds = checked_column(table, "time", "s"), {}, {}
+    t, signals, kinds = table.numbers("time", "s"), {}, {}
     for name in table.names:
         if name == "time":
             continue
         kind, factor = only_unit(table, name)
         if kind != "force":
-            signals[name], kinds[name] = factor * checked_column(table, name), kind
+            signals[name], kinds[name] = factor * table.numbers(name), kind
     if len(set(kinds.values())) != 1:
         shown = ", ".join(f"{name} of {kind}" for name, kind in kinds.items())
         raise InputError(
@@ -335,7 +306,7 @@ def histories_of(path: Path, units: str | None = None) -> list[History]:
         InputError: Names the file, the dataset and what was expected.
     """
     sets = read_sets(path, (58, 164))
-    length, _ = units_of(sets, Said())
+    length, _ = units_of(sets, FileMetadata())
     records: list[dict] = []
     for where, data in sets:
         if data["type"] != 58 or data["func_type"] != _TIME:
@@ -455,8 +426,8 @@ def _by_content(paths, band, sensor, units, noise, damping_noise) -> MeasuredBac
             "sweeps or backbones"
         )
     if histories:
-        return joined([_decay(history, band, sensor) for history in histories])
-    return _reduced(sweeps, band) if sweeps else joined(backbones)
+        return concatenated([_decay(history, band, sensor) for history in histories])
+    return _reduced(sweeps, band) if sweeps else concatenated(backbones)
 
 
 def _universal(path: Path, units: str | None) -> list[History]:
@@ -502,9 +473,9 @@ def _reduced(parts: Sequence[Sweeps], band) -> MeasuredBackbone:
 
 def _functions_at_levels(paths: Sequence[Path], levels: Sequence[str], units: str | None) -> Sweeps:
     """Functions of files that do not say their levels."""
-    said, records = Said(units=units), []
+    metadata, records = FileMetadata(units=units), []
     for path in paths:
-        records += reader_of(path)(path, said).functions
+        records += reader_of(path)(path, metadata).functions
     if len(records) != len(levels):
         raise InputError(
             f"levels: {len(levels)} of them for {len(records)} functions in "
@@ -523,7 +494,7 @@ def _functions_at_levels(paths: Sequence[Path], levels: Sequence[str], units: st
         values = record.values[there]
         forces = level if held == "force" else level / np.abs(values)
         with located(record.where):
-            sweeps.append(Sweep(level, record.frequencies_hz[there], values, forces))
+            sweeps.append(SineSweep(level, record.frequencies_hz[there], values, forces))
     return Sweeps(held, kinds.pop(), tuple(sweeps))
 
 

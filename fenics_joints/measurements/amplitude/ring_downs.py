@@ -9,8 +9,6 @@ overlap, so that their errors are independent; the ends, where the filter rings,
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.signal import butter, hilbert, sosfiltfilt
@@ -76,21 +74,6 @@ def from_ring_down(
     return _backbone(windows, response, (low, high))
 
 
-@dataclass(frozen=True)
-class _Window:
-    """ln of the amplitude at the middle, both slopes, the rest, and how many samples it is worth.
-
-    ``rest`` are the deviations of ln of the amplitude and of the phase from their parabolas.
-    """
-
-    level: float
-    decay: float
-    omega: float
-    rest: np.ndarray
-    length: float
-    worth: float
-
-
 def _even(times, signals) -> tuple[np.ndarray, np.ndarray]:
     """The record with even steps, as columns."""
     t = reals("times", times, (None,), "s")
@@ -137,8 +120,8 @@ def _analytic(y: np.ndarray, dt: float, low: float, high: float) -> np.ndarray:
     return hilbert(sosfiltfilt(sos, y, axis=0, padlen=pad), axis=0)
 
 
-def _windows(t: np.ndarray, q: np.ndarray, width: float) -> list[_Window]:
-    """Windows over each of which the amplitude falls by the same factor."""
+def _windows(t: np.ndarray, q: np.ndarray, width: float) -> np.ndarray:
+    """Windows over each of which the amplitude falls by the same factor, (n, 7), see `_fitted`."""
     level, phase = np.log(np.abs(q)), np.unwrap(np.angle(q))
     lowest = np.minimum.accumulate(level)
     fall = max(_FALL, (lowest[0] - lowest[-1]) / _MOST)
@@ -153,10 +136,12 @@ def _windows(t: np.ndarray, q: np.ndarray, width: float) -> list[_Window]:
     # A last one that the record cuts off may be long enough too.
     if len(t) - start > 2 * shortest:
         found.append(_fitted(t[start:], level[start:], phase[start:], width))
-    return found
+    return np.reshape(found, (-1, 7))
 
 
-def _fitted(t: np.ndarray, level: np.ndarray, phase: np.ndarray, width: float) -> _Window:
+def _fitted(t: np.ndarray, level: np.ndarray, phase: np.ndarray, width: float) -> tuple:
+    """ln of the amplitude at the middle, both slopes, what the fit leaves of ln of the amplitude
+    and of the phase, the window's length, and how many samples it is worth."""
     half = 0.5 * (t[-1] - t[0])
     x = (t - t[0]) / half - 1
     both = np.column_stack([level, phase])
@@ -165,18 +150,16 @@ def _fitted(t: np.ndarray, level: np.ndarray, phase: np.ndarray, width: float) -
     worth = max(2 * half * width, 3.0)
     # Three numbers of each parabola are taken from what the samples are worth.
     rest = np.sqrt(np.mean(left**2, axis=0) * worth / max(worth - 3.0, 0.5))
-    return _Window(c[0, 0], -c[1, 0] / half, abs(c[1, 1]) / half, rest, 2 * half, worth)
+    return c[0, 0], -c[1, 0] / half, abs(c[1, 1]) / half, *rest, 2 * half, worth
 
 
-def _backbone(windows: list[_Window], response: str, band) -> MeasuredBackbone:
-    sizes = np.exp([w.level for w in windows])
-    rest = np.array([w.rest for w in windows]).reshape(-1, 2)
+def _backbone(windows: np.ndarray, response: str, band) -> MeasuredBackbone:
+    level, decay, turning, _, _, length, worth = windows.T
+    sizes, rest = np.exp(level), windows[:, 3:5]
     # Noise of the instruments does not fall with the amplitude.
     floor = np.quantile(rest * sizes[:, None], 0.25, axis=0) if len(sizes) else np.zeros(2)
     rest = np.maximum(rest, floor / sizes[:, None])
-    length, worth = (np.array([getattr(w, key) for w in windows]) for key in ("length", "worth"))
     slopes = rest * (np.sqrt(12 / worth) / length)[:, None]
-    decay, turning = (np.array([getattr(w, key) for w in windows]) for key in ("decay", "omega"))
     omega = np.hypot(turning, decay)
     good = (rest < _POOR).all(axis=1) & (decay > 0)
     good &= (omega > 2 * np.pi * band[0]) & (omega < 2 * np.pi * band[1])

@@ -191,7 +191,7 @@ _FUNCTION = dict(zip(("displacement", "velocity", "acceleration"), TIMES, strict
 
 
 @dataclass(frozen=True, eq=False)
-class Sweep:
+class SineSweep:
     """One sweep across a resonance.
 
     Attributes:
@@ -224,7 +224,7 @@ class Sweep:
         """Whether the functions are complex."""
         return np.iscomplexobj(self.functions)
 
-    def near(self, band: tuple[float, float] | None) -> Sweep:
+    def near(self, band: tuple[float, float] | None) -> SineSweep:
         """The points near the resonance, and in a band, Hz."""
         size = np.abs(self.functions) / self.frequencies_hz**2
         low, high = band or (0.0, np.inf)
@@ -232,7 +232,9 @@ class Sweep:
         if not inside.any():
             raise InputError(f"no point is in the band of {low:g} to {high:g} Hz")
         kept = inside & (size >= _FLANK * size[inside].max())
-        return Sweep(self.level, self.frequencies_hz[kept], self.functions[kept], self.forces[kept])
+        return SineSweep(
+            self.level, self.frequencies_hz[kept], self.functions[kept], self.forces[kept]
+        )
 
     def receptance(self, response: str) -> tuple[np.ndarray, np.ndarray]:
         """(angular frequencies, displacement over force)."""
@@ -243,7 +245,7 @@ class Sweep:
 
 
 def from_constant_response(
-    sweeps: Sequence[Sweep], response: str, band: tuple[float, float] | None = None
+    sweeps: Sequence[SineSweep], response: str, band: tuple[float, float] | None = None
 ) -> MeasuredBackbone:
     """One point of the backbone from each sweep, that of the linear oscillator it shows.
 
@@ -298,7 +300,7 @@ def _not_held(levels: np.ndarray, hz: np.ndarray, response: str) -> np.ndarray:
 
 
 def from_constant_force(
-    sweeps: Sequence[Sweep], response: str, band: tuple[float, float] | None = None
+    sweeps: Sequence[SineSweep], response: str, band: tuple[float, float] | None = None
 ) -> MeasuredBackbone:
     """The backbone that all sweeps share, where each point has an amplitude of its own.
 
@@ -317,7 +319,7 @@ def from_constant_force(
     near = [sweep.near(band) for sweep in sweeps]
     phase = all(sweep.has_phase for sweep in near)
     if not phase:
-        near = [Sweep(s.level, s.frequencies_hz, np.abs(s.functions), s.forces) for s in near]
+        near = [SineSweep(s.level, s.frequencies_hz, np.abs(s.functions), s.forces) for s in near]
     omega, receptance = (
         np.concatenate(parts) for parts in zip(*(s.receptance(response) for s in near), strict=True)
     )

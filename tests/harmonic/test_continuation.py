@@ -5,14 +5,14 @@ import pytest
 from oscillators import BAND, PUSH, jenkins
 
 from fenics_joints.errors import ConvergenceError, InputError
-from fenics_joints.harmonic import Settings, solve_harmonic
+from fenics_joints.harmonic import ContinuationSettings, solve_harmonic
 
 
 def test_a_branch_is_taken_up_again(tmp_path):
     """A run that ran out of points goes on from its file to the same curve."""
     file, given = tmp_path / "branch.npz", dict(harmonics=3, samples=64)
     whole = solve_harmonic(jenkins(), "push", PUSH, BAND, **given)
-    few = Settings(max_points=15)
+    few = ContinuationSettings(max_points=15)
     with pytest.raises(ConvergenceError, match="max_points") as stopped:
         solve_harmonic(jenkins(), "push", PUSH, BAND, checkpoint=file, settings=few, **given)
     assert len(stopped.value.branch) == 15

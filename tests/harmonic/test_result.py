@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 from oscillators import BAND, PUSH, SLIDE, STICK, block, jenkins
 
-from fenics_joints.harmonic import Settings, solve_harmonic
+from fenics_joints.harmonic import ContinuationSettings, solve_harmonic
 
 
 def test_prescribed_frequencies_and_derivatives():
@@ -46,7 +46,7 @@ def test_derivatives_go_through_the_preload():
         return replace(base.with_laws(floor=law), K=v["stiffness"] * base.K)
 
     def solve(v, initial=None):
-        exact = Settings(tolerance=1e-9)
+        exact = ContinuationSettings(tolerance=1e-9)
         return solve_harmonic(
             change(v),
             "x",
