@@ -19,6 +19,8 @@ from fenics_joints.structure import Damping, Parameter, Sensors
 
 #: How much less visible a mode may become than the least visible one of the test's.
 _CLEAR = 10.0
+#: What `ExactModes` is given as other small models are, and has no use for.
+_OF_A_BASIS = {"samples", "travel", "keep", "lacking", "still", "progress"}
 
 
 class ExactModes(MatchedModes):
@@ -31,13 +33,9 @@ class ExactModes(MatchedModes):
             were measured. In one plane they do not cross but veer, and by the nominal shapes one
             along the beams, which shows little, would be taken for any other. The test may then
             have missed one: see `ModalPrediction.further`.
-        samples: Of a basis that beams do not need; so are the next four.
-        travel: See `samples`.
-        keep: See `samples`.
-        lacking: See `samples`.
-        still: See `samples`.
-        progress: Of what takes no time here.
-        given: See `MatchedModes`.
+        shapes: See `MatchedModes`.
+        n_modes: See `MatchedModes`.
+        given: See `MatchedModes`; what is of a basis, which beams do not need, is left out.
     """
 
     unseen = "motion along the beams"
@@ -49,16 +47,11 @@ class ExactModes(MatchedModes):
         start: Mapping[str, float],
         *,
         by_order: bool = False,
-        samples=None,
-        travel=None,
-        keep=None,
-        lacking=None,
-        still=(),
-        progress: Progress | None = None,
         shapes: np.ndarray | None = None,
         n_modes: int,
         **given,
     ):
+        given = {key: value for key, value in given.items() if key not in _OF_A_BASIS}
         n_modes = min(max(n_modes, given["n_test"]), full.n_dofs)
         super().__init__(full, start, shapes=shapes, n_modes=n_modes, **given)
         sensors, model = self.sensors, full.arrays(self.sensors)

@@ -196,14 +196,21 @@ def solve_modes(
     given = dict(given or {})
     settings = {"tol": tolerance} if tolerance is not None else {}
     settings["petsc_options"] = petsc_options
+    start = None if initial is None else initial.shapes
+    kind = IterativeEigenSolver if method == "iterative" else EigenSolver
+    if method == "iterative" and not model.is_meshed:
+        raise InputError(
+            f"method = 'iterative': a {type(model).__name__} has no mesh for multigrid; expected "
+            "a Structure, or method = 'direct'."
+        )
+    if not model.is_dense and (not isinstance(solver, kind) or solver.n != n_modes):
+        solver = kind(n_modes, shift=_shift(model, given, shift_hz), **settings)
     if method == "iterative":
-        return _solve_iteratively(model, given, n_modes, shift_hz, solver, initial, settings)
+        return _modes(model, given, solver, solver.solve(model, given, start))
     K, M = model.stiffness(given), model.mass(given)
     if model.is_dense:
         return _solve_dense(model, given, K, M, n_modes)
-    if solver is None or solver.n != n_modes or not isinstance(solver, EigenSolver):
-        solver = EigenSolver(n_modes, shift=_shift(model, given, shift_hz), **settings)
-    result = solver.solve(K, M, initial=initial.shapes if initial is not None else None)
+    result = solver.solve(K, M, start)
     K.destroy(), M.destroy()
     return _modes(model, given, solver, result)
 
@@ -252,19 +259,6 @@ def check_model(model: object) -> None:
     capable("model", model, calls, "a structure, a reduced model or beams")
 
 
-def _solve_iteratively(model, given, n_modes, shift_hz, solver, initial, settings) -> Modes:
-    if not model.is_meshed:
-        raise InputError(
-            f"method = 'iterative': a {type(model).__name__} has no mesh for multigrid; expected "
-            "a Structure, or method = 'direct'."
-        )
-    if solver is None or solver.n != n_modes or not isinstance(solver, IterativeEigenSolver):
-        shift = _shift(model, given, shift_hz)
-        solver = IterativeEigenSolver(n_modes, shift=shift, **settings)
-    result = solver.solve(model, given, initial=None if initial is None else initial.shapes)
-    return _modes(model, given, solver, result)
-
-
 def _shift(model, given, shift_hz: float | None) -> float:
     scale = model.dilation_frequency(given) if shift_hz is None else shift_hz / SHIFT_SHARE
     return -((2 * np.pi * SHIFT_SHARE * scale) ** 2)
@@ -273,16 +267,8 @@ def _shift(model, given, shift_hz: float | None) -> float:
 def _modes(model, given, solver, result) -> Modes:
     shift_hz = np.sqrt(-solver.shift) / (2 * np.pi)
     n_rigid = count_rigid(result.values, shift_hz, result.round_off)
-    return Modes(
-        model,
-        given,
-        result.values,
-        result.shapes,
-        n_rigid,
-        result.residuals,
-        solver,
-        result.statistics,
-    )
+    own = result.residuals, solver, result.statistics
+    return Modes(model, given, result.values, result.shapes, n_rigid, *own)
 
 
 def _solve_dense(model, given, K, M, n_modes) -> Modes:

@@ -180,19 +180,13 @@ def test_one_solver_takes_pencils_of_another_size():
 
 
 def test_bad_input_is_named():
-    K, M = springs(10, seed=8)
-    A, B = to_petsc(K), to_petsc(M)
-    for arguments, message in (
-        ({"n": 0}, "n = 0"),
-        ({"n": 31}, "30 rows only"),
-        ({"n": 2, "shift": 10.0}, "shift is 10.0: expected zero or less"),
-        ({"n": 2, "tol": 0.0}, "tol = 0.0"),
-        ({"n": 2, "block": 0}, "block = 0"),
-    ):
-        with pytest.raises(InputError, match=message):
-            solve_pencil(A, B, **arguments)
+    K, M = map(to_petsc, springs(10, seed=8))
+    with pytest.raises(InputError, match="30 rows only"):
+        solve_pencil(K, M, 31)
+    with pytest.raises(InputError, match="shift is 10.0: expected zero or less"):
+        solve_pencil(K, M, 2, shift=10.0)
     with pytest.raises(InputError, match="expected square and alike"):
-        solve_pencil(A, to_petsc(sp.eye(12)), 2)
+        solve_pencil(K, to_petsc(sp.eye(12)), 2)
 
 
 def test_eigenvalues_without_divide_and_conquer(monkeypatch):

@@ -182,15 +182,11 @@ def test_visibility_of_a_translation_is_one_along_it_and_none_across():
 
 def test_impossible_requests_are_named():
     model = build(element_size=0.04, degree=1)
-    with pytest.raises(InputError, match="n_modes = 0: expected a whole number"):
-        solve_modes(model, n_modes=0)
     with pytest.raises((InputError, ConvergenceError), match=str(model.n_dofs + 1)):
         solve_modes(model, n_modes=model.n_dofs + 1)
     outside = Sensors([[9.0, 0.0, 0.0]], [0, 0, 1.0])
     with pytest.raises(InputError, match=r"sensor at \[9.0, 0.0, 0.0\] m is outside the mesh"):
         solve_modes(model, n_modes=7).at(outside)
-    with pytest.raises(InputError, match="direction: expected non-zero"):
-        Sensors([[0.0, 0.0, 0.0]], [0, 0, 0.0])
 
 
 def test_a_body_without_mass_is_refused():

@@ -193,6 +193,8 @@ def test_refusals():
             adjoint.area("c", 0.0)
         with pytest.raises(InputError, match="no contact 'd'"):
             adjoint.area("d", 1e6)
+    with pytest.raises(InputError, match="no contact 'd' that can open"):
+        result["d"]
     result.solver.destroy()
     with pytest.raises(InputError, match="destroyed"):
         PreloadAdjoint(result)

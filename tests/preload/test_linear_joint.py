@@ -26,30 +26,28 @@ from fenics_joints.preload.linear_joint import (
     pressure_stiffness,
     status_conditions,
 )
-from fenics_joints.structure import Sensors, Structure, Support, part
+from fenics_joints.structure import Parameter, Sensors, Structure, Support, part
 
 E, NU, RHO = 194e9, 0.29, 8000.0
 SMALL = {"element_size": 8e-3, "radial_size": 4e-3, "middle_size": 40e-3, "n_thickness": (1, 1)}
 
 
-def beams(degree=2, friction=0.3, bolts=True, cell="hexahedron"):
-    mesh = c_beams(MPI.COMM_WORLD, cell=cell, **SMALL)
-    parts = [part("beams", ("beam_1", "beam_2"), E=E, nu=NU, rho=RHO)]
-    structure = Structure(mesh, parts, degree=degree)
-    pads = Contact("pads", "interface_lower", "interface_upper", friction=friction)
+def bare(degree=2, cell="hexahedron", bonded=False, parameters=()):
+    mesh = c_beams(MPI.COMM_WORLD, bonded=bonded, cell=cell, **SMALL)
+    modulus = "E" if parameters else E
+    parts = [part("beams", ("beam_1", "beam_2"), E=modulus, nu=NU, rho=RHO)]
+    return Structure(mesh, parts, parameters, degree=degree)
+
+
+def beams(degree=2, bolts=True, **more):
+    pads = Contact("pads", "interface_lower", "interface_upper", friction=0.3)
     spiders = [
         BeamBolt(
             f"bolt_{i}", f"washer_{i}_lower", f"washer_{i}_upper", 28e3, 7.9e-3, head_mass=0.01
         )
         for i in (1, 2)
     ]
-    return PreloadModel(structure, [pads], spiders if bolts else [])
-
-
-def bonded(degree, cell="hexahedron"):
-    mesh = c_beams(MPI.COMM_WORLD, bonded=True, cell=cell, **SMALL)
-    parts = [part("beams", ("beam_1", "beam_2"), E=E, nu=NU, rho=RHO)]
-    return Structure(mesh, parts, degree=degree)
+    return PreloadModel(bare(degree, **more), [pads], spiders if bolts else [])
 
 
 @pytest.mark.parallel
@@ -59,7 +57,7 @@ def bonded(degree, cell="hexahedron"):
 def test_all_stuck_is_the_mesh_that_shares_its_vertices(degree, cell):
     stuck = LinearJoint(beams(degree, bolts=False, cell=cell))
     found = solve_modes(stuck, n_modes=12)
-    whole = solve_modes(bonded(degree, cell), n_modes=12)
+    whole = solve_modes(bare(degree, cell, bonded=True), n_modes=12)
     assert found.n_rigid == whole.n_rigid == 6
     assert found.frequencies_hz[6:] == pytest.approx(whole.frequencies_hz[6:], rel=1e-8)
     sensors = Sensors([[0.2, 0.0, -0.01], [0.3, 0.01, 0.008]], [[0, 0, 1.0], [0, 1.0, 0]])
@@ -114,21 +112,21 @@ def test_a_gap_closes_with_the_force_and_frequencies_follow():
     assert first[0] < first[1] < first[2]
 
 
-def rods(length=0.1, side=0.01):
-    plan = np.linspace(0.0, side, 2)
-    height = np.linspace(0.0, length, 21)
+def rods(bolts=(), loads=(), supports=()):
+    """Two rods of 0.1 m with a square section of 0.01 m, end to end."""
+    plan, height = np.linspace(0.0, 0.01, 2), np.linspace(0.0, 0.1, 21)
     mesh = stacked_blocks(MPI.COMM_WORLD, lower=(plan, plan, -height[::-1]), upper=height)
     parts = [part("rods", ("lower", "upper"), E=E, nu=0.0, rho=RHO)]
-    structure = Structure(mesh, parts, degree=2)
+    structure = Structure(mesh, parts, supports=supports, degree=2)
     contact = Contact("joint", "interface_lower", "interface_upper")
-    return PreloadModel(structure, [contact], [WasherForce("bolt", "bottom", "top", 100.0)])
+    return PreloadModel(structure, [contact], bolts, loads)
 
 
 @pytest.mark.parallel
 @pytest.mark.parametrize("force", [100.0, 1000.0])
 def test_springs_of_pressure_against_two_rods_and_a_spring(force):
     """Two free rods with K = alpha P^beta between them: a tan a = 2 K L / E, a = omega L / c."""
-    model, length = rods(), 0.1
+    model, length = rods([WasherForce("bolt", "bottom", "top", 100.0)]), 0.1
     result = solve_preload(model, {"bolt": force})
     state = result["joint"]
     springs = pressure_stiffness(state, (3e8, 0.5), (1e9, 0.5))
@@ -149,15 +147,10 @@ def test_springs_of_pressure_against_two_rods_and_a_spring(force):
 
 def test_a_support_of_one_side_holds_both_where_they_are_stuck():
     """The lower rod's end is held: the upper rod stands on it, as on a support of its own."""
-    length, n = 0.1, 8
-    model = rods()
-    held = {}
+    length, held = 0.1, {}
     for face in ("interface_lower", "interface_upper"):
-        parts = [part("rods", ("lower", "upper"), E=E, nu=0.0, rho=RHO)]
-        structure = Structure(model.tagged, parts, supports=[Support(face)], degree=2)
-        contact = Contact("joint", "interface_lower", "interface_upper")
-        joint = LinearJoint(PreloadModel(structure, [contact]))
-        held[face] = solve_modes(joint, n_modes=n).frequencies_hz
+        joint = LinearJoint(rods(supports=[Support(face)]))
+        held[face] = solve_modes(joint, n_modes=8).frequencies_hz
     assert held["interface_lower"] == pytest.approx(held["interface_upper"], rel=1e-5)
     # Clamped at one end (Euler and Bernoulli), 1.875^2 / (2 pi) r c / L^2 with r = side / sqrt(12).
     bending = 1.8751**2 / (2 * np.pi) * 0.01 / np.sqrt(12) * np.sqrt(E / RHO) / length**2
@@ -195,13 +188,7 @@ def test_bad_input_is_named():
 
 def test_the_gradient_by_the_modulus_is_half_the_frequency():
     """With springs none, every frequency is proportional to the root of E in parts and bolts."""
-    from fenics_joints.structure import Parameter
-
-    mesh = c_beams(MPI.COMM_WORLD, **SMALL)
-    parts = [part("beams", ("beam_1", "beam_2"), E="E", nu=NU, rho=RHO)]
-    structure = Structure(mesh, parts, [Parameter("E", E, "Pa")], degree=1)
-    pads = Contact("pads", "interface_lower", "interface_upper")
-    joint = LinearJoint(PreloadModel(structure, [pads]))
+    joint = LinearJoint(beams(1, bolts=False, parameters=[Parameter("E", E, "Pa")]))
     modes = solve_modes(joint, n_modes=9)
     slope = modes.gradients([6, 7, 8])[:, 0]
     assert slope == pytest.approx(modes.eigenvalues[6:9] / E, rel=1e-6)
@@ -209,13 +196,8 @@ def test_the_gradient_by_the_modulus_is_half_the_frequency():
 
 def test_traction_profile_and_bolt_are_loads():
     """A load's profile is scaled to its force; half the patch carries all of it."""
-    model = rods()
     half = Traction("press", "top", (0.0, 0.0, -50.0), profile=lambda x: 1.0 * (x[:, 0] < 1.0))
-    model = PreloadModel(
-        model.structure,
-        [Contact("joint", "interface_lower", "interface_upper")],
-        loads=[half, Traction("base", "bottom", (0.0, 0.0, 50.0))],
-    )
+    model = rods(loads=[half, Traction("base", "bottom", (0.0, 0.0, 50.0))])
     for factor in (1.0, 2.0):
         state = solve_preload(model, {"press": factor, "base": factor})["joint"]
         assert state.normal_force == pytest.approx(50.0 * factor, rel=1e-9)

@@ -74,24 +74,22 @@ def test_supported_interface(directions):
     assert np.allclose(np.abs(found[0]), np.abs(found[1]), rtol=1e-4, atol=1.0)
 
 
-def test_bad_input():
-    """What is wrong is said: names, methods, values and faces."""
-    model = free_blocks(0.3, [])
-    with pytest.raises(InputError, match="'nut' is neither a bolt nor a load.*bolt"):
-        solve_preload(model, {"nut": 1.0})
-    with pytest.raises(InputError, match="bolt = nan"):
-        solve_preload(model, {"bolt": np.nan})
-    with pytest.raises(InputError, match="no friction, but c has"):
-        PreloadSolver(model, method="vi")
-    with pytest.raises(InputError, match="method = 'newton'"):
-        PreloadSolver(model, method="newton")
-    for options in ({"method": "penalty"}, {"penalty": 1e12}, {"method": "penalty", "penalty": -1}):
-        with pytest.raises(InputError, match="penalty"):
-            PreloadSolver(model, **options)
-    with pytest.raises(InputError, match="friction = -0.1"):
-        faces(friction=-0.1)
-    with pytest.raises(InputError, match="there is no contact 'd'"):
-        solve_preload(model)["d"]
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"forces": {"nut": 1.0}}, "'nut' is neither a bolt nor a load.*bolt"),
+        ({"forces": {"bolt": np.nan}}, "bolt = nan"),
+        ({"method": "vi"}, "no friction, but c has"),
+        ({"method": "newton"}, "method = 'newton'"),
+        ({"method": "penalty"}, "penalty"),
+        ({"penalty": 1e12}, "penalty"),
+        ({"method": "penalty", "penalty": -1}, "penalty"),
+    ],
+)
+def test_bad_input(options, message):
+    """What is wrong is said: names, methods and values."""
+    with pytest.raises(InputError, match=message):
+        solve_preload(free_blocks(0.3, []), **options)
 
 
 @pytest.mark.parallel

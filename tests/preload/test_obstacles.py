@@ -164,24 +164,21 @@ def test_bore():
 
 def test_bad_input():
     """What is wrong is said: shapes, ways, faces that look away, names given twice."""
-    structure = block()
-    away = Obstacle("floor", "bottom", Plane((0.0, -1.0), (0.0, -1.0)))
-    with pytest.raises(MeshError, match="floor: no facet of the face looks at the obstacle"):
-        PreloadModel(structure, [away])
-    with pytest.raises(InputError, match=r"floor\.travel.*expected 2 components"):
-        PreloadModel(
-            structure,
-            [Obstacle("floor", "bottom", Plane((0.0, -1.0), (0.0, 1.0)), travel=(0.0, 0.0, 1.0))],
-        )
-    with pytest.raises(InputError, match="not all of them None"):
-        Displacement("grip", "top", (None, None))
-    with pytest.raises(InputError, match=r"floor\.shape"):
-        Obstacle("floor", "bottom", 3.0)
-    odd = Obstacle("floor", "bottom", lambda x: (x, x))
-    with pytest.raises(InputError, match=r"floor\.shape: expected distances"):
-        PreloadModel(structure, [odd])
-    floor = Obstacle("floor", "bottom", Plane((0.0, -1.0), (0.0, 1.0)))
-    with pytest.raises(InputError, match="floor is the name of two"):
-        PreloadModel(structure, [floor], (), [Traction("floor", "top", (0.0, -1.0))])
-    with pytest.raises(InputError, match="nothing presses the parts together"):
-        solve_preload(PreloadModel(structure, [floor, faces(bonded=True)]))
+    structure, floor = block(), Plane((0.0, -1.0), (0.0, 1.0))
+
+    def model(shape=floor, loads=(), bonded=(), **options):
+        contacts = [Obstacle("floor", "bottom", shape, **options), *bonded]
+        return PreloadModel(structure, contacts, (), loads)
+
+    glue, twice = [faces(bonded=True)], [Traction("floor", "top", (0.0, -1.0))]
+    for kind, call, message in (
+        (MeshError, lambda: model(Plane((0.0, -1.0), (0.0, -1.0))), "floor: no facet of the face"),
+        (InputError, lambda: model(travel=(0.0, 0.0, 1.0)), r"floor\.travel.*expected 2"),
+        (InputError, lambda: Displacement("grip", "top", (None, None)), "not all of them None"),
+        (InputError, lambda: model(3.0), r"floor\.shape"),
+        (InputError, lambda: model(lambda x: (x, x)), r"floor\.shape: expected distances"),
+        (InputError, lambda: model(loads=twice), "floor is the name of two"),
+        (InputError, lambda: solve_preload(model(bonded=glue)), "nothing presses the parts"),
+    ):
+        with pytest.raises(kind, match=message):
+            call()

@@ -84,17 +84,8 @@ def test_bearing_radius_of_uniform_pressure_is_the_integral_of_r():
     assert bearing_radius(outer, inner, uniform_pressure=True) == pytest.approx(integral, rel=1e-6)
 
 
-@pytest.mark.parametrize(
-    "call",
-    [
-        lambda: motosh_force(-1.0, "M12", 0.1, 0.1),
-        lambda: motosh_force(10.0, "M12", math.nan, 0.1),
-        lambda: motosh_force(10.0, "M12", 0.1, 0.1, head_radius=0.0),
-        lambda: friction_from(0.1, 50e3, "M12"),
-        lambda: nut_factor_force(10.0, 0.012, K=0.0),
-        lambda: bearing_radius(0.01, 0.02),
-    ],
-)
-def test_bad_input_is_an_input_error(call):
-    with pytest.raises(InputError, match="expected"):
-        call()
+def test_bad_input_is_an_input_error():
+    with pytest.raises(InputError, match="takes no friction at all"):
+        friction_from(0.1, 50e3, "M12")
+    with pytest.raises(InputError, match="expected the outer one larger"):
+        bearing_radius(0.01, 0.02)

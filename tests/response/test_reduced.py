@@ -4,19 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import scipy.linalg
 from mpi4py import MPI
 
 from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.meshes import dumbbell, lap_plates
-from fenics_joints.modal import solve_modes
-from fenics_joints.reduction import (
-    checked_frf_model,
-    frf_basis,
-    frf_error,
-    read_array_model,
-    reduce,
-    write_array_model,
-)
+from fenics_joints.reduction import checked_frf_model, frf_basis, frf_error, reduce
 from fenics_joints.response import solve_complex_modes, solve_frf
 from fenics_joints.structure import (
     Damping,
@@ -107,30 +100,30 @@ def response(model, given=None, **changes):
     return solve_frf(model, given, **settings)
 
 
-def by_hand(model, given, damping):
-    """Accelerance, (n_f, n_sensors, n_excitations), from the reduced matrices."""
+def matrices_by_hand(model, given, damping):
+    """Complex stiffness, viscous damping and mass, from the reduced matrices."""
     values = model.values(given)
     K, M, d = model.stiffness(given), model.mass(given), damping.at(values)
-    w = 2 * np.pi * LINES[:, None, None]
-    Z = K * (1 + 1j * d.structural + 1j * w * d.rayleigh[1]) + M * (1j * w * d.rayleigh[0] - w**2)
-    if damping.layers:
-        # The layers' stiffness is what is gone with them.
-        for names, factor in (
-            (("layer.E", "layer.G"), 1j * d.hysteretic["layer"]),
-            (("wall.k_n", "wall.k_t"), 1j * w * d.viscous.get("wall", 0.0)),
-        ):
-            half = model.stiffness({**values, **{n: 0.5 * values[n] for n in names}})
-            Z = Z + factor * 2 * (K - half)
+    whole, C = K * (1 + 1j * d.structural), d.rayleigh[0] * M + d.rayleigh[1] * K
+    for name, names in (("layer", ("layer.E", "layer.G")), ("wall", ("wall.k_n", "wall.k_t"))):
+        # A layer's stiffness is what is gone with its moduli.
+        half = model.stiffness({**values, **{n: 0.5 * values[n] for n in names}})
+        whole = whole + 2j * d.hysteretic.get(name, 0.0) * (K - half)
+        C = C + 2 * d.viscous.get(name, 0.0) * (K - half)
     if damping is MODAL:
-        lam, phi = np.linalg.eig(np.linalg.solve(M, K))
-        order = np.argsort(lam)
-        phi, lam = phi[:, order], lam[order]
-        phi /= np.sqrt(np.sum(phi * (M @ phi), axis=0))
+        lam, phi = scipy.linalg.eigh(K, M)
         zeta = np.where(np.arange(len(lam)) == 0, 0.01, values["zeta"])
         heavy = M @ phi
-        Z = Z + 1j * w * (heavy * (2 * zeta * np.sqrt(lam))) @ heavy.T
+        C = C + (heavy * (2 * zeta * np.sqrt(lam))) @ heavy.T
+    return whole, C, M
+
+
+def by_hand(model, given, damping):
+    """Accelerance, (n_f, n_sensors, n_excitations)."""
+    K, C, M = matrices_by_hand(model, given, damping)
+    w = 2 * np.pi * LINES[:, None, None]
     b, c = model.loads(FORCE).T, model.loads(PLACES).T
-    return -(w**2) * (c @ np.linalg.solve(Z, b.T.astype(complex)))
+    return -(w**2) * (c @ np.linalg.solve(K + 1j * w * C - w**2 * M, b.T.astype(complex)))
 
 
 @pytest.mark.parametrize("damping", KINDS, ids=["even", "layers", "lossy", "modal"])
@@ -161,21 +154,6 @@ def test_values_and_derivatives_of_every_parameter(small, damping):
         assert np.abs(expected).max() > 0
 
 
-def test_arrays_carry_places_into_their_file_and_onto_fewer_vectors(small, tmp_path):
-    arrays = small.arrays(FORCE, PLACES)
-    assert len(arrays.places.points) == 3
-    write_array_model(arrays, tmp_path / "model.h5")
-    again = read_array_model(tmp_path / "model.h5")
-    expected = response(arrays)
-    assert np.array_equal(response(again).values, expected.values)
-    whole = np.linalg.qr(np.random.default_rng(3).standard_normal((small.n_dofs,) * 2))[0]
-    turned = response(arrays.on(whole))
-    size = np.abs(expected.values).max()
-    assert np.abs(turned.values - expected.values).max() < 1e-6 * size
-    modes = solve_modes(arrays, n_modes=5)
-    assert modes.at(PLACES) == pytest.approx(small.observe(modes.shapes, PLACES), abs=1e-9)
-
-
 def test_what_a_reduced_model_cannot_do_is_said(small):
     arrays = small.arrays(FORCE)
     with pytest.raises(InputError, match=r"sensor at .* one of the 1 places"):
@@ -203,26 +181,10 @@ def test_what_a_reduced_model_cannot_do_is_said(small):
 
 
 def roots_by_hand(model, given, damping, count=5):
-    """|s| / 2 pi and damping ratios from a state matrix, or for modal ratios from one mode each."""
-    values = model.values(given)
-    K, M, d = model.stiffness(given), model.mass(given), damping.at(values)
-    if damping is MODAL:
-        w = np.sqrt(np.sort(np.linalg.eigvals(np.linalg.solve(M, K)).real)[:count])
-        zeta = np.where(np.arange(count) == 0, 0.01, values["zeta"])
-        return np.array([w / (2 * np.pi), zeta])
-    C, whole = d.rayleigh[0] * M + d.rayleigh[1] * K, K * (1 + 1j * d.structural)
-    if damping.layers:
-        for names, tau, eta in (
-            (("layer.E", "layer.G"), 0.0, values["eta"]),
-            (("wall.k_n", "wall.k_t"), d.viscous.get("wall", 0.0), 0.0),
-        ):
-            half = model.stiffness({**values, **{n: 0.5 * values[n] for n in names}})
-            C, whole = C + tau * 2 * (K - half), whole + 1j * eta * 2 * (K - half)
-    n = len(K)
-    state = np.block(
-        [[np.zeros((n, n)), np.eye(n)], [-np.linalg.solve(M, whole), -np.linalg.solve(M, C)]]
-    )
-    s = np.linalg.eigvals(state)
+    """|s| / 2 pi and damping ratios from a state matrix."""
+    K, C, M = matrices_by_hand(model, given, damping)
+    below = -np.linalg.solve(M, np.hstack([K, C]))
+    s = np.linalg.eigvals(np.vstack([np.eye(len(K), 2 * len(K), len(K)), below]))
     s = s[s.imag > 0]
     s = s[np.argsort(np.abs(s))][:count]
     return np.array([np.abs(s) / (2 * np.pi), -s.real / np.abs(s)])
