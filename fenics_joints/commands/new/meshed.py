@@ -148,7 +148,7 @@ def _grown(draft: Draft, path: Path, gdim: int, scale: float) -> Iterator[Draft]
     kept = [q for q in draft.questions if q != _NO_LAYER and "pieces" not in q]
     draft = replace(draft, questions=tuple(kept))
     largest = sorted(found, key=lambda touch: -touch.areas.sum())
-    holes = [hole for touch in found for hole in _bolt_holes(mesh.x, touch)]
+    holes = [hole for touch in found for hole in _bolts(mesh.x, touch)]
     if holes:
         yield with_rings(draft, holes, [touch.parts for touch in largest], by_pair=False)
     pairs = ", ".join(dict.fromkeys(" and ".join(touch.parts) for touch in found))
@@ -157,7 +157,7 @@ def _grown(draft: Draft, path: Path, gdim: int, scale: float) -> Iterator[Draft]
     yield draft.joined({"joint": ON_ALL}, joints, [f"touching: {pairs}"], [NO_BOLTS, START])
 
 
-def _bolt_holes(x: np.ndarray, touch: Touch) -> Iterator[BoltHole]:
+def _bolts(x: np.ndarray, touch: Touch) -> Iterator[BoltHole]:
     """The round holes of a contact that leave room for a ring."""
     holes = round_holes(x, touch)
     rim = x[np.unique(touch.facets)]
@@ -257,7 +257,7 @@ def _draft(tagged: TaggedMesh, mesh: Mapping, material: str, ask: Ask, hole: flo
     tables = {"mesh": mesh, "parts": parts_of(parts, ask), "joints": joints}
     questions = ["The materials: a mesh has none.", *odd]
     if contacts and bolts:
-        tables |= {"contacts": _contacts(contacts), "bolts": _bolts(bolts, hole)}
+        tables |= {"contacts": _contacts(contacts), "bolts": _bolt_sections(bolts, hole)}
         questions += ["The bolts: their thread and force.", "The friction of the contacts."]
     if joints:
         questions.append("The joints' stiffness: it is what a test is to find.")
@@ -360,7 +360,7 @@ def _contacts(contacts) -> dict[str, dict]:
     }
 
 
-def _bolts(bolts, hole: float | None) -> dict[str, dict]:
+def _bolt_sections(bolts, hole: float | None) -> dict[str, dict]:
     likely = guess_thread(hole) if hole else None
     kind: dict[str, object] = {"kind": "washers"}
     if likely is not None:
