@@ -17,7 +17,7 @@ from fenics_joints.case.case import Case
 from fenics_joints.case.check_structure import check_applied, check_beams, check_mesh, check_names
 from fenics_joints.case.check_update import check_combined, check_harmonic, check_update
 from fenics_joints.case.mesh import Mesh
-from fenics_joints.case.messages import case_error, describe, did_you_mean, message
+from fenics_joints.case.messages import case_error, describe, message
 from fenics_joints.case.starting import start_joints
 from fenics_joints.case.test import ChangedTest, FRFSection, Test, ValidationTest
 from fenics_joints.errors import InputError, located
@@ -300,15 +300,11 @@ def _read_universal(case: Case) -> MeasuredShapes:
         return read_shapes(files, length_unit=section.length_unit)
 
 
-def _read_shapes(file: Path, modes) -> np.ndarray:
+def _read_shapes(file: Path, modes: Sequence[str]) -> np.ndarray:
     """Measured shapes: a row for each sensor, in their order, and a column for each mode."""
-    table = read_table(file)
-    known = set(table.names)
-    missing = [mode for mode in modes if mode not in known]
-    if missing:
-        hint = did_you_mean(missing[0], list(table.names))
-        raise InputError(f"shapes: {file}: no column for the mode {missing[0]!r}{hint}")
-    return np.column_stack([table.column(mode) for mode in modes])
+    with located("shapes"):
+        table = read_table(file)
+        return np.column_stack([table.column(mode) for mode in modes])
 
 
 def _per_mode(name: str, values: list[float], n: int) -> list[float] | float:

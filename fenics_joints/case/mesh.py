@@ -14,6 +14,7 @@ from mpi4py import MPI
 from pydantic import AfterValidator, BeforeValidator, Field, create_model, model_validator
 
 from fenics_joints.case.preload import known_thread
+from fenics_joints.case.usual import usual
 from fenics_joints.case.values import (
     CaseSection,
     Count,
@@ -318,7 +319,8 @@ def _written(kind: Any) -> Any:
     if origin is Annotated and inside[0] is float:
         demand: Demand = inside[1]
         limited, above = not demand.holds(-1.0), not demand.holds(0.0)
-        return quantity(demand.unit, *([0.0] if limited else []), above=above)
+        own = quantity(demand.unit, *([0.0] if limited else []), above=above)
+        return usual(own, "length") if limited and demand.unit == "m" else own
     if origin is Annotated:
         return Count if inside[0] is int else _written(inside[0])
     if origin in (typing.Union, types.UnionType):
@@ -328,7 +330,7 @@ def _written(kind: Any) -> Any:
     return kind
 
 
-_Sizes = Annotated[list[Size], BeforeValidator(listed), Field(min_length=1)]
+_Lengths = usual(_Sizes, "length")
 #: More than the 400 that `fenics_joints.beams` takes in all; it says so.
 _Few = Annotated[int, Field(ge=1, le=1000, strict=True)]
 _Counts = Annotated[list[_Few], BeforeValidator(listed), Field(min_length=1)]
@@ -349,10 +351,10 @@ class OffsetBeamsMesh(MeshSection):
     origin = "beams"
     builder: Literal["offset_beams"]
     degree: Literal[1, 2] = 2
-    lengths: _Sizes
-    laps: Annotated[list[Size], BeforeValidator(listed)] = []
-    width: _Sizes
-    thickness: _Sizes
+    lengths: _Lengths
+    laps: usual(Annotated[list[Size], BeforeValidator(listed)], "length") = []
+    width: _Lengths
+    thickness: _Lengths
     elements: _Counts
     lap_elements: _Counts = [5]
     lap_zones: _Counts | None = None
@@ -422,7 +424,7 @@ class FileMesh(MeshFile):
 
     scale: Size = 1.0
     gdim: Literal[2, 3] = 3
-    thickness: Size | None = None
+    thickness: usual(Size, "length") | None = None
 
     def build(self, folder: Path, comm: MPI.Intracomm) -> TaggedMesh:
         """See `MeshSection.build`."""

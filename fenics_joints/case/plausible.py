@@ -106,17 +106,7 @@ def _range_of(kinds: Iterable[object]) -> Usual | None:
 
 
 def _mesh(case: Case) -> Iterator[Found]:
-    """The lengths that a mesh is made of; places of bolts, and what is zero, are none."""
-    made_by = getattr(case.mesh, "made_by", None)
-    kinds = {} if made_by is None else typing.get_type_hints(made_by, include_extras=True)
-    names = [name for name, kind in kinds.items() if _is_length(kind)]
-    if made_by is None:
-        names = ["lengths", "laps", "width", "thickness"]  # of beams
-    for name in names:
-        given = getattr(case.mesh, name, None)
-        for value in given if isinstance(given, list | tuple) else (given,):
-            if isinstance(value, float) and value > 0:
-                yield f"mesh.{name}", value, USUAL["length"]
+    """Thickness against the largest length."""
     along = [getattr(case.mesh, key, None) for key in ("length", "lengths")]
     longest = max((x for given in along if given for x in np.atleast_1d(given)), default=math.inf)
     for value in np.atleast_1d(getattr(case.mesh, "thickness", None) or ()).tolist():
@@ -169,14 +159,6 @@ def _too_few(case: Case) -> list[str]:
         f"test.frequencies: {there[row].sum()} measured for {wanted}; expected at least as many, "
         "and at least two: any change of the model can explain a single frequency"
     ]
-
-
-def _is_length(kind) -> bool:
-    """Whether a type, or what is inside it, is a number in metres."""
-    demands = getattr(kind, "__metadata__", ())
-    return any(getattr(demand, "unit", None) == "m" for demand in demands) or any(
-        map(_is_length, typing.get_args(kind))
-    )
 
 
 def _bolts(case: Case) -> Iterator[Found]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import AfterValidator, Field, model_validator
 
@@ -120,39 +120,34 @@ class BeamBoltSection(_BoltSection):
     def bolt(self, name: str) -> BeamBolt:
         """The bolt under its force."""
         shank = thread(self.thread).diameter if self.diameter is None else self.diameter
-        return BeamBolt(
-            name,
-            self.lower,
-            self.upper,
-            self.preload(),
-            shank,
-            self.E,
-            self.nu,
-            self.rho,
-            self.head_mass,
-        )
+        own = (shank, self.E, self.nu, self.rho, self.head_mass)
+        return BeamBolt(name, self.lower, self.upper, self.preload(), *own)
 
 
-class PretensionBoltSection(_BoltSection):
+class _AxialBoltSection(_BoltSection):
+    """A bolt whose force is along an ``axis``, by default the faces' normal."""
+
+    acts: ClassVar[type[PretensionSection | WasherForce]]
+
+    axis: Direction | None = None
+
+    def bolt(self, name: str) -> PretensionSection | WasherForce:
+        """The bolt under its force."""
+        return self.acts(name, self.lower, self.upper, self.preload(), self.axis)
+
+
+class PretensionBoltSection(_AxialBoltSection):
     """``kind = "section"``: a meshed bolt, cut through its shank; lower and upper are the cut's."""
 
+    acts = PretensionSection
     kind: Literal["section"]
-    axis: Direction | None = None
-
-    def bolt(self, name: str) -> PretensionSection:
-        """The bolt under its force."""
-        return PretensionSection(name, self.lower, self.upper, self.preload(), self.axis)
 
 
-class WasherBoltSection(_BoltSection):
+class WasherBoltSection(_AxialBoltSection):
     """``kind = "washers"``: an even pressure on the faces under the washers."""
 
+    acts = WasherForce
     kind: Literal["washers"]
-    axis: Direction | None = None
-
-    def bolt(self, name: str) -> WasherForce:
-        """The bolt under its force."""
-        return WasherForce(name, self.lower, self.upper, self.preload(), self.axis)
 
 
 Bolt = chosen("kind", BeamBoltSection, PretensionBoltSection, WasherBoltSection)

@@ -160,7 +160,7 @@ class FRFSection(CaseSection):
     at: Number | None = None
     noise: Positive | None = None
     averages: Annotated[int, Field(ge=2, strict=True)] | None = None
-    calibration: quantity("", 0) = 0.02
+    calibration: Share = 0.02
     identify: Identify | None = None
 
     @model_validator(mode="after")
@@ -218,35 +218,36 @@ class ChangedTest(CaseSection):
         return self
 
 
-class StaticTest(CaseSection):
-    """``[test.stiffness.NAME]``: a static stiffness, for ``diagnose``: force over displacement at a
-    point of the held structure, both along a direction.
-
-    ``noise`` is its relative standard deviation, 2 % unless given. ``at`` is the condition, the
-    last one by default.
-    """
+class PointTest(CaseSection):
+    """A measurement at one place along one direction; ``at`` is the condition, else the last."""
 
     point: Point
     direction: Direction
-    stiffness: Stiffness
-    noise: quantity("", 0, above=True) = 0.02
     at: Number | None = None
 
 
-class AntiresonanceTest(CaseSection):
+class StaticTest(PointTest):
+    """``[test.stiffness.NAME]``: a static stiffness, for ``diagnose``: force over displacement at a
+    point of the held structure, both along a direction.
+
+    ``noise`` is its relative standard deviation, 2 % unless given.
+    """
+
+    stiffness: Stiffness
+    noise: Positive = 0.02
+
+
+class AntiresonanceTest(PointTest):
     """``[test.antiresonances.NAME]``: frequencies at which a point stands still while it is driven
     there, for ``diagnose``: minima of the frequency response function of force and motion at one
     place along one direction.
 
     ``frequencies`` are those that were seen, not all that there are. ``noise`` is their relative
-    standard deviation, 0.5 % unless given. ``at`` is the condition, the last one by default.
+    standard deviation, 0.5 % unless given.
     """
 
-    point: Point
-    direction: Direction
     frequencies: Annotated[list[quantity("Hz", 0, above=True)], Field(min_length=1)]
-    noise: quantity("", 0, above=True) = 0.005
-    at: Number | None = None
+    noise: Positive = 0.005
 
 
 class PlannedTest(CaseSection):
@@ -317,15 +318,15 @@ class Test(CaseSection):
     modes: Names | None = None
     resolution: Annotated[list[Spacing], BeforeValidator(listed)] = [0.0]
     noise: Annotated[list[Share], BeforeValidator(listed)] = [0.0]
-    damping_noise: quantity("", 0, above=True) | None = None
-    shape_noise: quantity("", 0, above=True) = 0.05
+    damping_noise: Positive | None = None
+    shape_noise: Positive = 0.05
     shapes_at: Number | None = None
     frfs: Annotated[FRFSection, BeforeValidator(in_files)] | None = None
     sees: Sees | None = None
     validation: ValidationTest | None = None
     planned: PlannedTest | None = None
     mass: Mass | None = None
-    mass_noise: quantity("", 0, above=True) = 0.005
+    mass_noise: Positive = 0.005
     amplitude: Modes = {}
     changed: dict[str, ChangedTest] = {}
     stiffness: dict[str, StaticTest] = {}

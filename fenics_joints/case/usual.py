@@ -47,7 +47,7 @@ USUAL = {
     # The papers' layers are 0.5 to 0.72 mm; roughness is a micrometre, a gasket some millimetres.
     "h": Usual("layers of joints have", 1e-6, 2e-2, "m"),
     # From a foil to the bed of a large machine tool.
-    "length": Usual("dimensions of bolted structures are", 1e-5, 50.0, "m"),
+    "length": Usual("dimensions of bolted structures are", 1e-5, 50.0, "m", zero=True),
     # One MPa in the shank is a bolt that is about to fall out; property class 12.9 breaks at 1220
     # MPa (ISO 898-1).
     "bolt stress": Usual("bolts have", 1e6, 1.22e9, "Pa"),
