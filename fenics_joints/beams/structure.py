@@ -24,7 +24,13 @@ from fenics_joints.beams.element import (
 )
 from fenics_joints.beams.layout import Layout, Stretch, lay_out
 from fenics_joints.errors import InputError
-from fenics_joints.reduction.affine import AffinePencil, MassTerm, RegionTerm, SpringTerm
+from fenics_joints.reduction.affine import (
+    AffinePencil,
+    RegionTerm,
+    TravellingMass,
+    mass_term,
+    spring_term,
+)
 from fenics_joints.reduction.arrays import ArrayModel
 from fenics_joints.structure import Damping, Parameter, Sensors, Spring
 from fenics_joints.structure.components import by_name, number
@@ -114,8 +120,7 @@ class BeamStructure(ArrayModel):
         pencil = AffinePencil(
             known,
             [*regions, *map(self._clamp, clamps)],
-            [_spring(self.layout, spring) for spring in springs],
-            [_mass(self.layout, mass) for mass in masses],
+            [*(_spring(self.layout, s) for s in springs), *(_mass(self.layout, m) for m in masses)],
         )
         scale_hz = _dilation_frequency(pencil, self.layout)
         super().__init__(
@@ -321,7 +326,7 @@ class BeamStructure(ArrayModel):
         return Damping(viscous={f"{label}.c": c for label, c, _ in self.slips})
 
 
-def _mass(layout: Layout, mass: LumpedMass) -> MassTerm:
+def _mass(layout: Layout, mass: LumpedMass) -> RegionTerm | TravellingMass:
     """A lumped mass, with the path that it may take."""
     moves = isinstance(mass.travel, str)
     if moves and mass.range is None:
@@ -335,10 +340,10 @@ def _mass(layout: Layout, mass: LumpedMass) -> MassTerm:
     # Scaled by the radius of gyration, the rotation's share of the mass is the rotary inertia.
     rows[:, 2] *= mass.radius
     travel = mass.travel if moves else low
-    return MassTerm(mass.name, mass.mass, travel, mass.share, stations, rows)
+    return mass_term(mass.name, mass.mass, travel, mass.share, stations, rows)
 
 
-def _spring(layout: Layout, spring: Spring) -> SpringTerm:
+def _spring(layout: Layout, spring: Spring) -> RegionTerm:
     """A grounding spring."""
     at, _ = layout.rows(spring.point, spring.name)
     direction = np.asarray(spring.direction, dtype=float)
@@ -347,7 +352,7 @@ def _spring(layout: Layout, spring: Spring) -> SpringTerm:
             f"{spring.name}.direction = {spring.direction}: expected (x, y, z) with a share "
             "along x or z, in which beams move."
         )
-    return SpringTerm(spring.name, spring.stiffness, spring.share, direction[[0, 2]] @ at[:2])
+    return spring_term(spring.name, spring.stiffness, spring.share, direction[[0, 2]] @ at[:2])
 
 
 def _dilation_frequency(pencil: AffinePencil, layout: Layout) -> float:

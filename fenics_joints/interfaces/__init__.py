@@ -9,7 +9,7 @@ of a linear structure for small vibrations, and whose linear parameters can stil
 from fenics_joints.interfaces.contacts import reduce_contacts
 from fenics_joints.interfaces.full import FullModel, SparsePoints, full_layers
 from fenics_joints.interfaces.layers import reduce_layers
-from fenics_joints.interfaces.loading import condense, loading_shapes, static_state
+from fenics_joints.interfaces.loading import loading_shapes, static_state
 from fenics_joints.interfaces.model import (
     InterfaceModel,
     InterfacePoints,
@@ -24,7 +24,6 @@ __all__ = [
     "InterfacePoints",
     "ReducedInterfaceModel",
     "SparsePoints",
-    "condense",
     "full_layers",
     "loading_shapes",
     "read_interface_model",

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 
 import numpy as np
 from petsc4py import PETSc
@@ -157,8 +156,6 @@ _HALVINGS, _SEARCHED = 4, 12
 _AT_REST, _LOST = 1e-3, 30.0
 #: A load of which this share at most pushes a free structure as a whole is balanced.
 _BALANCED = 1e-6
-#: Directions with less than this share of the largest energy are dependent.
-_DEPENDENT = 1e-10
 #: A basis needs no exact shapes, and a load may have no equilibrium: with tight tolerances most of
 #: the time would go into the search for one.
 _SHAPES = {"snes_rtol": 1e-6, "snes_max_it": 10, "snes_linesearch_type": "cp"}
@@ -292,42 +289,3 @@ def loading_shapes(
         start, last = found[-1], pending.pop(0)
     statics.destroy()
     return found or [start]
-
-
-def condense(
-    model: InterfaceModel, shapes: Sequence[np.ndarray | PETSc.Vec], n_modes: int = 12
-) -> InterfaceModel:
-    """A model on its modes at rest and some more shapes, such as those of `loading_shapes`.
-
-    Args:
-        model: A model with many degrees of freedom, such as one that keeps all of an interface.
-        shapes: Further displacements, (n,) each.
-        n_modes: Modes at rest.
-
-    Raises:
-        InputError: If there are fewer degrees of freedom than modes.
-    """
-    if not 1 <= n_modes <= model.n_dofs:
-        raise InputError(f"n_modes = {n_modes}: expected 1 to {model.n_dofs}.")
-    shift, _, modes = model.modes_at_rest()
-    more = [x.array_r if isinstance(x, PETSc.Vec) else np.asarray(x) for x in shapes]
-    Z = np.column_stack([modes[:, :n_modes], *more])
-    gram = Z.T @ (model.stiffness_at_rest() + shift * model.M) @ Z
-    norms = np.sqrt(np.diag(gram))
-    values, vectors = np.linalg.eigh(gram / np.outer(norms, norms))
-    keep = values > _DEPENDENT * values[-1]
-    Z = (Z / norms) @ (vectors[:, keep] / np.sqrt(values[keep]))
-    interfaces = tuple(replace(p, rows=p.rows @ Z) for p in model.interfaces)
-    return InterfaceModel(
-        M=_projected(model.M, Z),
-        K=_projected(model.K, Z),
-        C=_projected(model.C, Z),
-        interfaces=interfaces,
-        forces={n: Z.T @ f for n, f in model.forces.items()},
-        sensors={n: Z.T @ f for n, f in model.sensors.items()},
-    )
-
-
-def _projected(A: np.ndarray, Z: np.ndarray) -> np.ndarray:
-    B = Z.T @ A @ Z
-    return 0.5 * (B + B.T)

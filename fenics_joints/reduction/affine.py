@@ -8,22 +8,26 @@ parameter values, or at many together (`AffinePencil.matrices`).
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+import itertools
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.linalg.blas import daxpy
 
+from fenics_joints.structure.changes import CHANGES
 from fenics_joints.structure.components import Parameter, number, parameter_values, slopes
 from fenics_joints.structure.laws import Law
 
-#: Matrices whose products with vectors are held at a time.
-_READ = 32
 #: Sums that are formed one after the other from a near one; how many times larger a factor may have
 #: been there; and rows between two that are wanted which are read along with them.
 _FEW, _MAGNITUDES, _GAP = 12, 1e6, 4
+
+#: Values at which scalars are compared: what is in proportion at all of them, to round-off, is so
+#: everywhere, for they are rational functions and the values are any. How far they are apart.
+_SAMPLES, _ROUND_OFF, _APART = 6, 1e-11, 0.15
 
 
 class Stack:
@@ -122,22 +126,6 @@ class Stack:
             found[:, rows] = packed @ self._upper[rows].T
         return found
 
-    def times(self, shapes: np.ndarray, factors: np.ndarray) -> np.ndarray:
-        """A x of every column, A being each of some sums of factors times matrices, (n, k, p).
-
-        Args:
-            shapes: The columns, (n, k).
-            factors: Of each matrix in each sum, (n_terms, p).
-        """
-        found = np.zeros((*shapes.shape, factors.shape[1]))
-        # To read the matrices is most of the work: those in none of the sums are let be.
-        used = np.flatnonzero(factors.any(axis=1))
-        for first in range(0, len(used), _READ):
-            rows = used[first : first + _READ]
-            columns = np.array([self.whole[i] @ shapes for i in rows]).reshape(len(rows), -1)
-            found += (columns.T @ factors[rows]).reshape(found.shape)
-        return found
-
 
 #: A parameter's values: a number, or one for each of many sets of values, (b,).
 Values = Mapping[str, float | np.ndarray]
@@ -182,46 +170,78 @@ class RegionTerm:
         return any(_differ(a[name], b[name]) for name in names)
 
 
-@dataclass(frozen=True)
-class SpringTerm:
+def _any(where: str, q: Mapping[str, object]) -> None:
+    """Nothing is refused: a component was checked when it was made."""
+
+
+#: A grounding spring and a point mass as laws of one property each.
+SPRING = Law(
+    "grounding spring",
+    ("stiffness",),
+    None,
+    lambda q: np.array([q["stiffness"]]),
+    ({"stiffness": 1.0},),
+    _any,
+    inertia_term=lambda q: 0.0 * q["stiffness"],
+)
+POINT_MASS = Law(
+    "point mass",
+    ("mass",),
+    None,
+    lambda q: np.zeros((0, *np.shape(q["mass"]))),
+    (),
+    _any,
+    inertia_term=lambda q: q["mass"],
+)
+
+
+def spring_term(name: str, stiffness: float | str, share: float, row: np.ndarray) -> RegionTerm:
     """A grounding spring on the basis: ``row``, (n,), gives its elongation."""
-
-    name: str
-    stiffness: float | str
-    share: float
-    row: np.ndarray
+    own = share * np.outer(row, row)
+    return RegionTerm(name, SPRING, {"stiffness": stiffness}, own[None], 0.0 * own, 0.0)
 
 
 @dataclass(frozen=True)
-class MassTerm:
-    """A point mass on the basis.
+class TravellingMass:
+    """A point mass whose place is a parameter, in which M is not affine.
 
     Attributes:
         name: Its name.
         mass: Mass, kg, or a parameter's name.
-        travel: Distance travelled, m, or a parameter's name.
+        travel: Name of the parameter that is the distance travelled, m.
         share: Share of the mass at this point.
-        stations: Travels at which the rows are known, m, (k,); one for a mass that stays.
+        stations: Travels at which the rows are known, m, (k,).
         rows: Displacement of the basis there, (k, gdim, n); a spline in between.
     """
 
     name: str
     mass: float | str
-    travel: float | str
+    travel: str
     share: float
     stations: np.ndarray
     rows: np.ndarray
 
     def __post_init__(self):
-        spline = CubicSpline(self.stations, self.rows) if len(self.stations) > 1 else None
-        object.__setattr__(self, "_spline", spline)
+        object.__setattr__(self, "_spline", CubicSpline(self.stations, self.rows))
 
     def __call__(self, travel: float | np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The basis at the mass and its slope by the travel, each (gdim, n); (b, gdim, n) of
         travels (b,)."""
-        if self._spline is None:
-            return self.rows[0], np.zeros_like(self.rows[0])
         return self._spline(travel), self._spline(travel, 1)
+
+    def at(self, travel: float) -> RegionTerm:
+        """The mass that stays at one place."""
+        return mass_term(self.name, self.mass, travel, self.share, None, self(travel)[0][None])
+
+
+def mass_term(
+    name: str, mass: float | str, travel: float | str, share: float, stations, rows: np.ndarray
+) -> RegionTerm | TravellingMass:
+    """A point mass on the basis, see `TravellingMass`; one that stays has one station."""
+    if isinstance(travel, str):
+        return TravellingMass(name, mass, travel, share, stations, rows)
+    own = share * rows[0].T @ rows[0]
+    return RegionTerm(name, POINT_MASS, {"mass": mass}, np.zeros((0, *own.shape)), own, share)
 
 
 @dataclass
@@ -268,15 +288,6 @@ def _same_arrays(kept, values) -> bool:
     return all(a is b for a, b in zip(kept, values, strict=True))
 
 
-def _column(numbers: Sequence[float | str], values: Values) -> np.ndarray:
-    """Components' numbers, (n,); (n, b) of values of shape (b,)."""
-    shape = np.shape(next(iter(values.values()), 0.0))
-    found = [number(value, values) for value in numbers]
-    if shape:
-        found = [np.broadcast_to(value, shape) for value in found]
-    return np.reshape(found, (len(found), *shape))
-
-
 @dataclass(frozen=True)
 class AffinePencil:
     """K(p) and M(p) on a basis.
@@ -284,16 +295,14 @@ class AffinePencil:
     Attributes:
         parameters: Parameters by name.
         regions: Parts and joints with uniform properties.
-        springs: Grounding springs.
-        masses: Point masses.
+        points: Grounding springs and point masses, by `spring_term` and `mass_term`.
         fixed: (K, M) that depend on no parameter; None for none.
         fixed_mass: Their mass, kg, in `total_mass`.
     """
 
     parameters: Mapping[str, Parameter]
     regions: Sequence[RegionTerm]
-    springs: Sequence[SpringTerm] = ()
-    masses: Sequence[MassTerm] = ()
+    points: Sequence[RegionTerm | TravellingMass] = ()
     fixed: tuple[np.ndarray, np.ndarray] | None = None
     fixed_mass: float = 0.0
 
@@ -304,49 +313,46 @@ class AffinePencil:
     @cached_property
     def n(self) -> int:
         """Size of the basis."""
-        sized = [
-            *(r.inertia for r in self.regions),
-            *(self.fixed or ()),
-            *(s.row for s in self.springs),
-            *(m.rows for m in self.masses),
-        ]
+        sized = [t.inertia for t in self.terms_by_law] + [m.rows for m in self.moving]
+        sized += self.fixed or ()
         return sized[0].shape[-1]
 
     @cached_property
     def rows(self) -> dict[str, slice]:
         """Where each region's terms are among those of the stiffness."""
-        ends = np.cumsum([0, *(len(r.stiffness) for r in self.regions)]).tolist()
-        return {r.name: slice(*ends[i : i + 2]) for i, r in enumerate(self.regions)}
+        return {r.name: rows for r, rows in zip(self.regions, self._spans, strict=False)}
 
     @cached_property
-    def _still(self) -> list[MassTerm]:
-        return [m for m in self.masses if not isinstance(m.travel, str)]
+    def _spans(self) -> list[slice]:
+        """Where the terms of each of `terms_by_law` are among those of the stiffness."""
+        ends = np.cumsum([0, *(len(t.stiffness) for t in self.terms_by_law)]).tolist()
+        return [slice(*pair) for pair in itertools.pairwise(ends)]
+
+    @property
+    def terms_by_law(self) -> list[RegionTerm]:
+        """Regions, then springs and masses that stay: all in which K and M are affine."""
+        return [*self.regions, *(p for p in self.points if isinstance(p, RegionTerm))]
 
     @cached_property
-    def _moving(self) -> list[MassTerm]:
-        return [m for m in self.masses if isinstance(m.travel, str)]
+    def moving(self) -> list[TravellingMass]:
+        """Masses that move."""
+        return [p for p in self.points if isinstance(p, TravellingMass)]
 
     @cached_property
     def travellers(self) -> tuple[str, ...]:
         """Parameters of the masses that move."""
-        named = (name for m in self._moving for name in (m.mass, m.travel))
+        named = (name for m in self.moving for name in (m.mass, m.travel))
         return tuple(dict.fromkeys(name for name in named if isinstance(name, str)))
 
     @cached_property
     def _stiffness(self) -> Stack:
-        """Terms of regions, then of springs."""
-        terms = [t for r in self.regions for t in r.stiffness]
-        springs = [s.share * np.outer(s.row, s.row) for s in self.springs]
-        stack = Stack([*terms, *springs], self.n)
+        stack = Stack([t for term in self.terms_by_law for t in term.stiffness], self.n)
         self._hold({"stiffness": stack.whole[self.rows[r.name]]} for r in self.regions)
         return stack
 
     @cached_property
     def _inertia(self) -> Stack:
-        """Terms of regions, then of masses that stay."""
-        at = [m(float(m.travel))[0] for m in self._still]
-        still = [m.share * rows.T @ rows for m, rows in zip(self._still, at, strict=True)]
-        stack = Stack([*(r.inertia for r in self.regions), *still], self.n)
+        stack = Stack([term.inertia for term in self.terms_by_law], self.n)
         self._hold({"inertia": own} for own in stack.whole)
         return stack
 
@@ -366,7 +372,7 @@ class AffinePencil:
         (b,) each (b,) and (b, gdim, n)."""
         return [
             (np.asarray(m.share * number(m.mass, values)), m(values[m.travel])[0])
-            for m in self._moving
+            for m in self.moving
         ]
 
     # -- scalars ---------------------------------------------------------------------------------
@@ -388,7 +394,7 @@ class AffinePencil:
         return self._known[key]
 
     def _at_laws(self, values: Values) -> list[AtLaw]:
-        """Of every region; kept for the next call, since K, M and what changes them all ask."""
+        """Of every term; kept for the next call, since K, M and what changes them all ask."""
         last = self.__dict__.get("_last_laws")
         if np.ndim(next(iter(values.values()), 0.0)):
             if last is not None and _same_arrays(last[0], values.values()):
@@ -398,38 +404,27 @@ class AffinePencil:
             key = tuple(values.values())
             if last is not None and last[0] == key:
                 return last[1]
-        found = [self._at_law(region, values) for region in self.regions]
+        found = [self._at_law(term, values) for term in self.terms_by_law]
         self.__dict__["_last_laws"] = key, found
         return found
 
     def scalars(self, values: Values) -> tuple[np.ndarray, np.ndarray]:
-        """Numbers before the terms of K and of M, each (n_terms,) or (n_terms, b).
-
-        Those of regions, then of springs, and of masses that stay.
-        """
-        at = self._at_laws(values)
-        springs = _column([s.stiffness for s in self.springs], values)
-        return np.concatenate([*(each.theta for each in at), springs]), self._rho(at, values)
+        """Numbers before the terms of K and of M, each (n_terms,) or (n_terms, b)."""
+        at, shape = self._at_laws(values), np.shape(next(iter(values.values()), 0.0))
+        theta = np.concatenate([np.zeros((0, *shape)), *(each.theta for each in at)])
+        return theta, np.reshape([each.rho for each in at], (len(at), *shape))
 
     def change(self, low: Values, high: Values) -> tuple[np.ndarray, np.ndarray]:
-        """`scalars` at the high less those at the low values, of arrays (b,) each; only of regions
+        """`scalars` at the high less those at the low values, of arrays (b,) each; only of terms
         in which something differs."""
         shape = np.shape(next(iter(high.values())))
         theta, rho = (np.zeros((len(s.whole), *shape)) for s in (self._stiffness, self._inertia))
-        for i, region in enumerate(self.regions):
-            if region.differs(low, high):
-                below, above = self._at_law(region, low), self._at_law(region, high)
-                theta[self.rows[region.name]] = above.theta - below.theta
+        for i, term in enumerate(self.terms_by_law):
+            if term.differs(low, high):
+                below, above = self._at_law(term, low), self._at_law(term, high)
+                theta[self._spans[i]] = above.theta - below.theta
                 rho[i] = above.rho - below.rho
-        for row, spring in enumerate(self.springs, len(theta) - len(self.springs)):
-            theta[row] = number(spring.stiffness, high) - number(spring.stiffness, low)
-        for row, mass in enumerate(self._still, len(self.regions)):
-            rho[row] = number(mass.mass, high) - number(mass.mass, low)
         return theta, rho
-
-    def _rho(self, at: Sequence[AtLaw], values: Values) -> np.ndarray:
-        still = _column([m.mass for m in self._still], values)
-        return np.concatenate([np.array([each.rho for each in at]), still]) if at else still
 
     def scalar_slopes(self, values: Mapping[str, float]) -> tuple[np.ndarray, np.ndarray]:
         """Derivatives of `scalars`, each (n_terms, n_parameters); kept for the next calls: where
@@ -450,26 +445,18 @@ class AffinePencil:
         by_theta, by_rho = (
             np.zeros((len(s.whole), len(position))) for s in (self._stiffness, self._inertia)
         )
-        end = 0
-        for i, (region, at) in enumerate(zip(self.regions, self._at_laws(values), strict=True)):
-            end += len(region.stiffness)
-            for key, name in region.properties.items():
+        for i, (term, at) in enumerate(zip(self.terms_by_law, self._at_laws(values), strict=True)):
+            for key, name in term.properties.items():
                 if isinstance(name, str):
                     stiff, heavy = at.slopes(key)
-                    by_theta[end - len(region.stiffness) : end, position[name]] += stiff
+                    by_theta[self._spans[i], position[name]] += stiff
                     by_rho[i, position[name]] += heavy
-        for row, spring in enumerate(self.springs, end):
-            if isinstance(spring.stiffness, str):
-                by_theta[row, position[spring.stiffness]] = 1.0
-        for row, mass in enumerate(self._still, len(self.regions)):
-            if isinstance(mass.mass, str):
-                by_rho[row, position[mass.mass]] = 1.0
         return by_theta, by_rho
 
     def _moved(self, values) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
         """Index of a parameter, and A and B, (gdim, n), for dM/dp = A^T B + B^T A of what moves."""
         position = {name: i for i, name in enumerate(self.parameters)}
-        for mass in self._moving:
+        for mass in self.moving:
             at, slope = mass(values[mass.travel])
             if isinstance(mass.mass, str):
                 yield position[mass.mass], 0.5 * mass.share * at, at
@@ -510,10 +497,9 @@ class AffinePencil:
 
     def total_mass(self, values: Values) -> float | np.ndarray:
         """Mass, kg, of regions, point masses and what is fixed; (b,) of values of shape (b,)."""
-        sizes = [*(r.volume for r in self.regions), *(m.share for m in self._still)]
-        rho = self._rho(self._at_laws(values), values)
-        moving = sum(m.share * number(m.mass, values) for m in self._moving)
-        return self.fixed_mass + np.array(sizes) @ rho + moving
+        rho = self.scalars(values)[1]
+        moving = sum(m.share * number(m.mass, values) for m in self.moving)
+        return self.fixed_mass + np.array([t.volume for t in self.terms_by_law]) @ rho + moving
 
     # -- derivatives -----------------------------------------------------------------------------
 
@@ -542,19 +528,6 @@ class AffinePencil:
         for p, A, B in self._moved(values):
             total[:, p] += 2 * np.sum((A @ shapes) * (B @ shapes), axis=0)
         return total
-
-    def products(self, shapes: np.ndarray, values) -> tuple[np.ndarray, np.ndarray]:
-        """Derivatives of K x and of M x by every parameter, each (n, k, n_parameters).
-
-        Args:
-            shapes: Vectors x as columns, (n, k).
-            values: All parameters' values.
-        """
-        by_theta, by_rho = self.scalar_slopes(values)
-        stiff, heavy = self._stiffness.times(shapes, by_theta), self._inertia.times(shapes, by_rho)
-        for p, A, B in self._moved(values):
-            heavy[:, :, p] += A.T @ (B @ shapes) + B.T @ (A @ shapes)
-        return stiff, heavy
 
     def slopes(
         self, values: Mapping[str, float], apart: Sequence[str] = ()
@@ -585,13 +558,124 @@ class AffinePencil:
         for p, A, B in self._moved(values):
             yield p, "M", None, A.T @ B + B.T @ A
 
+    def mapped(self, matrix: Callable, rows: Callable) -> AffinePencil:
+        """The same in other unknowns.
+
+        Args:
+            matrix: Gives matrices, (..., n, n), in these.
+            rows: Gives rows, (..., n), in these.
+        """
+
+        def term(t):
+            if isinstance(t, TravellingMass):
+                return replace(t, rows=rows(t.rows))
+            return replace(t, stiffness=matrix(t.stiffness), inertia=matrix(t.inertia))
+
+        return replace(
+            self,
+            regions=list(map(term, self.regions)),
+            points=list(map(term, self.points)),
+            fixed=self.fixed and tuple(map(matrix, self.fixed)),
+        )
+
     def on(self, basis: np.ndarray) -> AffinePencil:
         """The same on fewer vectors, which are the columns of ``basis``, (n, k)."""
-        regions = [
-            replace(r, stiffness=basis.T @ r.stiffness @ basis, inertia=basis.T @ r.inertia @ basis)
-            for r in self.regions
-        ]
-        fixed = self.fixed and tuple(basis.T @ A @ basis for A in self.fixed)
-        springs = [replace(s, row=s.row @ basis) for s in self.springs]
-        masses = [replace(m, rows=m.rows @ basis) for m in self.masses]
-        return replace(self, regions=regions, springs=springs, masses=masses, fixed=fixed)
+        return self.mapped(lambda A: basis.T @ A @ basis, lambda rows: rows @ basis)
+
+    def restricted(
+        self, free: Collection[str], values: Values, only: Collection[str] | None = None
+    ) -> AffinePencil:
+        """The same in fewer terms, where some parameters stand still.
+
+        While most parameters stand still, most scalars do too, and others are in proportion, as the
+        moduli of one layer: their matrices are summed up once.
+
+        Args:
+            free: Names of the parameters that may change.
+            values: Values of all parameters.
+            only: Terms that name none of these, and `structure.changes`, stay as they are; None to
+                look at all.
+        """
+        zero = np.zeros((self.n, self.n))
+        K, M = (np.array(A) for A in self.fixed or (zero, zero))
+        mass, kept = self.fixed_mass, {"regions": [], "points": []}
+        for which, terms in kept.items():
+            for term in getattr(self, which):
+                if isinstance(term, TravellingMass):
+                    if term.travel in free:
+                        own = term.mass if term.mass in free else number(term.mass, values)
+                        terms.append(replace(term, mass=own))
+                        continue
+                    term = term.at(number(term.travel, values))
+                named = set(term.properties.values())
+                if only is not None and (term.law in CHANGES or not named & set(only)):
+                    terms.append(term)
+                    continue
+                own, stiff, heavy, weight = _split(term, free, values)
+                K, M, mass = K + stiff, M + heavy, mass + weight
+                terms += [] if own is None else [own]
+        return replace(self, **kept, fixed=(K, M), fixed_mass=mass)
+
+
+def _split(region: RegionTerm, free, values):
+    """What is left of a part or joint, or None; and its stiffness, inertia and mass, kg, that stand
+    still."""
+    law, q = region.law, region.values(values)
+    named = {key: name for key, name in region.properties.items() if name in free}
+    properties = {k: v if v in free else q.get(k, v) for k, v in region.properties.items()}
+    if named and law in CHANGES:  # nought at most values of a place, and not at all
+        return replace(region, properties=properties), 0.0, 0.0, 0.0
+    chance = np.random.default_rng(1)
+    factors = {name: 1 + _APART * chance.random(_SAMPLES) for name in dict.fromkeys(named.values())}
+    # Of what is nought all multiples are: it is compared at others.
+    many = {k: np.full(_SAMPLES, v) for k, v in q.items()}
+    many |= {k: (q[k] or 1.0) * factors[name] for k, name in named.items()}
+    theta = np.reshape(law.stiffness_terms(many), (-1, _SAMPLES)).astype(float)
+    rho = np.broadcast_to(law.inertia_term(many), _SAMPLES)
+    stands = np.all(np.abs(np.diff(theta)) <= _ROUND_OFF * np.abs(theta[:, 1:]), axis=1)
+    now = np.asarray(law.stiffness_terms(q), dtype=float)
+    stiff = np.tensordot(np.where(stands, now, 0.0), region.stiffness, axes=1)
+    heavy, weight, volume, inertia = 0.0, 0.0, region.volume, region.inertia
+    if np.ptp(rho) <= _ROUND_OFF * np.max(np.abs(rho)):
+        here = float(law.inertia_term(q))
+        heavy, weight = here * inertia, here * volume
+        volume, inertia = 0.0, np.zeros_like(inertia)
+    groups = _groups(theta, np.flatnonzero(~stands))
+    if not groups and not volume and not np.any(inertia):
+        return None, stiff, heavy, weight
+    sums = [np.tensordot(shares, region.stiffness[rows], axes=1) for rows, shares in groups]
+    own = replace(
+        region,
+        law=of_few(law, [rows[0] for rows, _ in groups]),
+        inertia=inertia,
+        volume=volume,
+        stiffness=np.reshape(sums, (len(sums), *inertia.shape)),
+        properties=properties,
+    )
+    return own, stiff, heavy, weight
+
+
+def _groups(theta: np.ndarray, rows: Sequence[int]) -> list[tuple[list[int], list[float]]]:
+    """Rows in proportion, and each one's multiple of the first."""
+    found: list[tuple[list[int], list[float]]] = []
+    for i in rows:
+        for members, shares in found:
+            first = theta[members[0]]
+            share = (theta[i] @ first) / (first @ first)
+            if np.all(np.abs(theta[i] - share * first) <= _ROUND_OFF * np.abs(theta[i])):
+                members.append(int(i))
+                shares.append(float(share))
+                break
+        else:
+            found.append(([int(i)], [1.0]))
+    return found
+
+
+def of_few(law: Law, rows: Sequence[int]) -> Law:
+    """The law with some of its scalars, by index."""
+    name = f"{law.name} {list(rows)}"  # by which a pencil remembers them
+    return replace(law, name=name, stiffness_terms=partial(_some, law, list(rows)))
+
+
+def _some(law: Law, rows: list[int], q) -> np.ndarray:
+    return np.asarray(law.stiffness_terms(q))[rows]

@@ -85,14 +85,6 @@ _RIGID = 1e-10
 _FEW_ROWS = 0.5
 
 
-class _Pencil(Protocol):
-    """K(p) and M(p) as arrays."""
-
-    def stiffness(self, given: Mapping[str, float] | None = None) -> np.ndarray: ...
-
-    def mass(self, given: Mapping[str, float] | None = None) -> np.ndarray: ...
-
-
 class Snapshots:
     """Modes, and what else a basis shall hold, at samples of the parameters.
 
@@ -150,7 +142,7 @@ def orthonormal(
     tolerance: float,
     whole: int = 0,
     only_mass: bool = False,
-    known: _Pencil | None = None,
+    known: ArrayModel | None = None,
 ) -> list[PETSc.Vec]:
     """Snapshots made orthonormal in the energy of one sample, without the dependent ones.
 

@@ -18,8 +18,15 @@ import numpy as np
 from fenics_joints.errors import InputError
 from fenics_joints.files import check_writable, is_file, path_of, sealed, shown_path, unsealed
 from fenics_joints.joint_laws import Backbone, JointLaw, LawKernel
-from fenics_joints.reduction.affine import AffinePencil, MassTerm, RegionTerm, SpringTerm
-from fenics_joints.reduction.arrays import ArrayModel, of_few
+from fenics_joints.reduction.affine import (
+    POINT_MASS,
+    SPRING,
+    AffinePencil,
+    RegionTerm,
+    TravellingMass,
+    of_few,
+)
+from fenics_joints.reduction.arrays import ArrayModel
 from fenics_joints.structure.changes import CHANGES
 from fenics_joints.structure.components import Parameter
 from fenics_joints.structure.laws import LINEAR_LAWS, Law
@@ -27,11 +34,11 @@ from fenics_joints.structure.points import PlaceRows
 
 #: Name of the format of linear models.
 ARRAYS = "fenics_joints reduced model"
-_VERSION = 3
-_LAWS = LINEAR_LAWS | {law.name: law for law in CHANGES}
+_VERSION = 4
+_LAWS = LINEAR_LAWS | {law.name: law for law in (*CHANGES, SPRING, POINT_MASS)}
 _CLASSES = {
     c.__name__: c
-    for c in (AffinePencil, ArrayModel, MassTerm, Parameter, PlaceRows, RegionTerm, SpringTerm)
+    for c in (AffinePencil, ArrayModel, TravellingMass, Parameter, PlaceRows, RegionTerm)
 }
 #: What is not written: a mesh does not belong in the file.
 _LEFT_OUT = {"source"}

@@ -20,7 +20,14 @@ from scipy.linalg import block_diag
 from fenics_joints.errors import InputError
 from fenics_joints.modal.modes import Modes, solve_modes
 from fenics_joints.progress import Progress
-from fenics_joints.reduction.affine import AffinePencil, MassTerm, RegionTerm, SpringTerm
+from fenics_joints.reduction.affine import (
+    POINT_MASS,
+    SPRING,
+    AffinePencil,
+    RegionTerm,
+    mass_term,
+    spring_term,
+)
 from fenics_joints.reduction.arrays import ArrayModel
 from fenics_joints.reduction.basis import SNAPSHOT, Points, Snapshots
 from fenics_joints.reduction.matched import MatchedModes
@@ -111,8 +118,10 @@ class FreeTerms:
         return AffinePencil(
             self.parameters,
             regions,
-            [SpringTerm(name, name, 1.0, none.ravel()) for name in springs],
-            [MassTerm(name, name, 0.0, 1.0, np.zeros(1), none[None]) for name in masses],
+            [
+                *(spring_term(f"spring {name}", name, 1.0, none.ravel()) for name in springs),
+                *(mass_term(f"mass {name}", name, 0.0, 1.0, None, none[None]) for name in masses),
+            ],
         )
 
     def _stiff_terms(self) -> tuple[list[PETSc.Mat], np.ndarray]:
@@ -124,19 +133,19 @@ class FreeTerms:
             mix.append(np.linalg.inv([law.stiffness_terms(q) for q in law.samples]))
         for i in self._supports:
             matrices += full.support_matrices(i)
-        springs = [s.stiffness for s in self._terms.springs]
+        springs = [t.properties["stiffness"] for t in self._terms.points if t.law is SPRING]
         matrices += [self._unit_spring(name) for name in springs]
         mix.append(np.eye(2 * len(self._supports) + len(springs)))
         return matrices, block_diag(*mix)
 
     def _heavy_terms(self) -> dict[int, PETSc.Mat]:
-        found, owners = {}, self._terms.regions
+        found, owners = {}, self._terms.terms_by_law
         moving = self._terms.scalar_slopes(self.given)[1].any(axis=1)
         for row in np.flatnonzero(moving).tolist():
-            if row >= len(owners):
-                found[row] = self._unit_mass(self._terms.masses[row - len(owners)].mass)
-                continue
             law = owners[row].law
+            if law is POINT_MASS:
+                found[row] = self._unit_mass(owners[row].properties["mass"])
+                continue
             found[row] = self.full.law_matrix(self._regions[row], 1, 0)
             found[row].scale(1 / law.inertia_term(law.samples[0]))
         return found
@@ -225,8 +234,7 @@ class FreeTerms:
         moving = AffinePencil(
             self.parameters,
             regions,
-            [on.spring(s) for s in self._springs],
-            [on.mass(m) for m in still],
+            [*(on.spring(s) for s in self._springs), *(on.mass(m) for m in still)],
         )
         rest = self.total_mass() - float(moving.total_mass(moving.values()))
         fixed = on.matrix(self._K), on.matrix(self._M)
@@ -369,16 +377,18 @@ class _Softened:
     """
 
     def __init__(self, model: ArrayModel, start: Mapping[str, float]):
-        self.springs = [(s.stiffness, start[s.stiffness]) for s in model.pencil.springs]
         self.regions = []
-        for region in model.pencil.regions:
-            sizes, vectors = np.linalg.eigh(model.region_stiffness(region.name, start))
+        for region in model.pencil.terms_by_law:
+            if not len(region.stiffness):
+                continue
+            theta = region.law.stiffness_terms(region.values(start))
+            sizes, vectors = np.linalg.eigh(np.tensordot(theta, region.stiffness, axes=1))
             keep = np.flatnonzero(sizes > 1e-8 * sizes[-1])[-_DIRECTIONS:]
             white = vectors[:, keep] / np.sqrt(sizes[keep])
             self.regions.append((region, white.T @ region.stiffness @ white))
 
     def __call__(self, values: Mapping[str, float]) -> float:
-        ratios = [1.0, *(values[name] / at for name, at in self.springs)]
+        ratios = [1.0]
         for region, terms in self.regions:
             theta = region.law.stiffness_terms(region.values(values))
             ratios.append(np.linalg.eigvalsh(np.tensordot(theta, terms, axes=1))[0])

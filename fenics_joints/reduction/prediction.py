@@ -481,8 +481,7 @@ def _of_unit_mass(model: ArrayModel) -> ArrayModel | None:
     None where the mass varies, or where round-off of the stiffest vectors would reach rigid modes.
     """
     pencil, values = model.pencil, model.values()
-    travels = any(isinstance(m.travel, str) for m in pencil.masses)
-    if travels or pencil.scalar_slopes(values)[1].any():
+    if pencil.moving or pencil.scalar_slopes(values)[1].any():
         return None
     inverse_root = np.linalg.inv(np.linalg.cholesky(model.mass()))
     highest = np.linalg.eigvalsh(inverse_root @ model.stiffness() @ inverse_root.T)[-1]

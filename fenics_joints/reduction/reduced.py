@@ -17,7 +17,13 @@ from petsc4py import PETSc
 
 from fenics_joints.errors import InputError
 from fenics_joints.modal.modes import Modes, solve_modes
-from fenics_joints.reduction.affine import AffinePencil, MassTerm, RegionTerm, SpringTerm
+from fenics_joints.reduction.affine import (
+    AffinePencil,
+    RegionTerm,
+    TravellingMass,
+    mass_term,
+    spring_term,
+)
 from fenics_joints.reduction.arrays import ArrayModel
 from fenics_joints.reduction.basis import (
     SNAPSHOT,
@@ -237,13 +243,15 @@ class Projection:
             change.name, change.law, change.properties, np.array(stiff), heavy, change.volume, known
         )
 
-    def spring(self, spring: Spring) -> SpringTerm:
+    def spring(self, spring: Spring) -> RegionTerm:
         """A grounding spring."""
         direction = np.asarray(spring.direction)[: self.full.gdim]
         row = direction @ self.points(spring.point)[0]
-        return SpringTerm(spring.name, spring.stiffness, spring.share, row)
+        return spring_term(spring.name, spring.stiffness, spring.share, row)
 
-    def mass(self, mass: PointMass, span: tuple[float, float] | None = None) -> MassTerm:
+    def mass(
+        self, mass: PointMass, span: tuple[float, float] | None = None
+    ) -> RegionTerm | TravellingMass:
         """A point mass, along its travel if that is a parameter.
 
         Args:
@@ -263,7 +271,7 @@ class Projection:
         else:
             stations = np.linspace(*span, _TRAVEL_SAMPLES)
         points = np.asarray(mass.point) + stations[:, None] * np.asarray(mass.direction)
-        return MassTerm(
+        return mass_term(
             mass.name, mass.mass, mass.travel, mass.share, stations, self.points(points)
         )
 
@@ -318,8 +326,10 @@ class ReducedStructure(ArrayModel):
         pencil = AffinePencil(
             structure.parameters,
             regions,
-            [on.spring(s) for s in structure.springs],
-            [on.mass(m, (travel or {}).get(m.name)) for m in structure.masses],
+            [
+                *(on.spring(s) for s in structure.springs),
+                *(on.mass(m, (travel or {}).get(m.name)) for m in structure.masses),
+            ],
             (np.zeros((n, n)), np.zeros((n, n))) if self._graded else None,
         )
         super().__init__(pencil, structure.dilation_frequency())
@@ -530,19 +540,10 @@ def _wider(model: ArrayModel, more: int) -> ArrayModel:
     def both(a: np.ndarray) -> np.ndarray:
         return np.pad(a, [*[(0, 0)] * (a.ndim - 2), *[(0, more)] * 2])
 
-    pencil, sensors, shifts = model.pencil, model.sensor_rows, model.shift_rows
+    sensors, shifts = model.sensor_rows, model.shift_rows
     return replace(
         model,
-        pencil=replace(
-            pencil,
-            regions=[
-                replace(r, stiffness=both(r.stiffness), inertia=both(r.inertia))
-                for r in pencil.regions
-            ],
-            springs=[replace(s, row=rows(s.row)) for s in pencil.springs],
-            masses=[replace(m, rows=rows(m.rows)) for m in pencil.masses],
-            fixed=pencil.fixed and tuple(map(both, pencil.fixed)),
-        ),
+        pencil=model.pencil.mapped(both, rows),
         sensor_rows=None if sensors is None else rows(sensors),
         shift_rows=None if shifts is None else rows(shifts),
         places=model.places and model.places.on(np.eye(model.n_dofs, model.n_dofs + more)),

@@ -10,7 +10,7 @@ from fenics_joints.diagnosis import Effect, Prior
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.merging import merge_indistinguishable
 from fenics_joints.reduction import ArrayModel, ModalPrediction
-from fenics_joints.reduction.affine import AffinePencil, RegionTerm, SpringTerm
+from fenics_joints.reduction.affine import AffinePencil, RegionTerm, spring_term
 from fenics_joints.structure import Parameter
 from fenics_joints.structure.laws import LAYER_LAWS
 
@@ -28,7 +28,7 @@ def symmetric_chain() -> ModalPrediction:
         stiffness[1] += np.outer(rod, rod)
     properties = {"E": 1.0, "G": 3e6, "rho": "a.rho", "stretch": 1.0}
     region = RegionTerm("a", LAYER_LAWS["uncoupled"], properties, stiffness, np.eye(N), 1.0)
-    springs = [SpringTerm(name, name, 1.0, np.eye(N)[i]) for name, i in GROUNDS.items()]
+    springs = [spring_term(name, name, 1.0, np.eye(N)[i]) for name, i in GROUNDS.items()]
     parameters = {name: Parameter(name, value) for name, value in BASELINE.items()}
     return ModalPrediction(
         ArrayModel(AffinePencil(parameters, [region], springs), 100.0), None, 4, 6

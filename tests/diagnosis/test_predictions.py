@@ -19,7 +19,7 @@ from fenics_joints.diagnosis.evidence.predictions import ManyPredictions
 from fenics_joints.diagnosis.zones.zone import Zone
 from fenics_joints.errors import InputError
 from fenics_joints.reduction import ArrayModel, BatchPrediction, ModalPrediction
-from fenics_joints.reduction.affine import AffinePencil, RegionTerm, SpringTerm
+from fenics_joints.reduction.affine import AffinePencil, RegionTerm, spring_term
 from fenics_joints.structure import Parameter, Sensors
 from fenics_joints.structure.laws import LAYER_LAWS
 
@@ -45,7 +45,7 @@ def forward():
     pencil = AffinePencil(
         parameters,
         [RegionTerm("a", law, properties, stiffness, inertia, 1.0)],
-        [SpringTerm("ground", "ground.E", 1.0, np.eye(N)[3])],
+        [spring_term("ground", "ground.E", 1.0, np.eye(N)[3])],
     )
     rows = np.eye(N)[list(SENSORS)]
     shifts = np.stack(
@@ -228,7 +228,7 @@ def test_modes_that_change_places_along_the_torque_are_followed():
     pencil = AffinePencil(
         {name: Parameter(name, BASELINE[name]) for name in NAMES},
         [RegionTerm("a", law, properties, stiffness, unit, 1.0)],
-        [SpringTerm("ground", "ground.E", 1.0, unit[0])],
+        [spring_term("ground", "ground.E", 1.0, unit[0])],
     )
     model = ArrayModel(pencil, 100.0, np.array([[1.0, 0.9]]), np.zeros((1, 1, 2)))
     one = ModalPrediction(model, Sensors([[0.0, 0.0, 0.0]], [0.0, 0.0, 1.0]), 2, 2)

@@ -6,7 +6,7 @@ import numpy as np
 
 from fenics_joints.measurements import TestData
 from fenics_joints.reduction import ArrayModel, ModalPrediction
-from fenics_joints.reduction.affine import AffinePencil, MassTerm, RegionTerm
+from fenics_joints.reduction.affine import AffinePencil, RegionTerm, mass_term
 from fenics_joints.structure import Parameter, Sensors
 from fenics_joints.structure.laws import LAYER_LAWS
 
@@ -78,7 +78,7 @@ class Rods:
         tip = self.row(0.0, 0)[None, None]
         parameters = {name: Parameter(name, value, log=False) for name, value in BASELINE.items()}
         pencil = AffinePencil(
-            parameters, regions, (), [MassTerm("tip", "tip.mass", 0.0, 1.0, np.zeros(1), tip)]
+            parameters, regions, [mass_term("tip", "tip.mass", 0.0, 1.0, np.zeros(1), tip)]
         )
         return ArrayModel(
             pencil,

@@ -18,7 +18,7 @@ from fenics_joints.diagnosis.evidence.predictions import ManyPredictions
 from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.modal import solve_modes
 from fenics_joints.reduction import ArrayModel, BatchPrediction, ModalPrediction, freeze, narrow
-from fenics_joints.reduction.affine import AffinePencil, MassTerm, RegionTerm, SpringTerm
+from fenics_joints.reduction.affine import AffinePencil, RegionTerm, mass_term, spring_term
 from fenics_joints.reduction.batch_modes import change
 from fenics_joints.structure import Parameter, Sensors, Spring
 from fenics_joints.structure.laws import LAYER_LAWS
@@ -139,8 +139,7 @@ def chain(N: int = N) -> tuple[ArrayModel, Sensors]:
     pencil = AffinePencil(
         parameters,
         regions,
-        [SpringTerm("k", "k", 1.0, link)],
-        [MassTerm("tip", "tip", "place", 1.0, stations, rows)],
+        [spring_term("k", "k", 1.0, link), mass_term("tip", "tip", "place", 1.0, stations, rows)],
     )
     points = np.zeros((N, 3))
     points[:, 0] = np.arange(N)

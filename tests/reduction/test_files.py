@@ -30,7 +30,7 @@ def test_links_in_a_circle(tmp_path, inside):
     """A link to itself, and a group that holds itself."""
     path = tmp_path / "model.h5"
     with sealed(path) as part, h5py.File(part, "w") as file:
-        file.attrs["format"], file.attrs["version"] = "fenics_joints reduced model", 3
+        file.attrs["format"], file.attrs["version"] = "fenics_joints reduced model", 4
         if inside:
             group = file.create_group("model")
             group.attrs["kind"], group.attrs["keys"] = "sequence", "1"
@@ -46,7 +46,7 @@ def test_a_small_file_that_would_become_a_large_model(tmp_path, more):
     """One group at many places; an array of zeros that the file does not hold."""
     path = tmp_path / "model.h5"
     with sealed(path) as part, h5py.File(part, "w") as file:
-        file.attrs["format"], file.attrs["version"] = "fenics_joints reduced model", 3
+        file.attrs["format"], file.attrs["version"] = "fenics_joints reduced model", 4
         group = file.create_group("model")
         group.attrs["kind"], group.attrs["keys"] = "sequence", "2"
         if more == "linked":
@@ -117,7 +117,7 @@ def test_arrays_of_a_file_are_numbers_in_that_file(tmp_path, what):
     with h5py.File(tmp_path / "other.h5", "w") as file:
         file["x"] = np.ones(2)
     with sealed(path) as part, h5py.File(part, "w") as file:
-        file.attrs["format"], file.attrs["version"] = ARRAYS, 3
+        file.attrs["format"], file.attrs["version"] = ARRAYS, 4
         if what == "other file":
             file.create_dataset("model", (2,), "f8", external=[(str(secret), 0, 16)])
         elif what == "virtual":
@@ -152,7 +152,7 @@ def test_symmetric_matrices_come_back_to_the_last_bit(tmp_path):
 def test_halves_of_matrices_of_another_size_are_none(tmp_path, n):
     path = tmp_path / "model.h5"
     with sealed(path) as part, h5py.File(part, "w") as file:
-        file.attrs["format"], file.attrs["version"] = ARRAYS, 3
+        file.attrs["format"], file.attrs["version"] = ARRAYS, 4
         file.attrs["made"] = ""
         file.create_dataset("model", data=np.zeros(10)).attrs["symmetric"] = n
     with pytest.raises(InputError, match="no upper halves"):

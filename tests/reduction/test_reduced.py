@@ -170,11 +170,11 @@ def test_moving_mass_is_where_it_says(full):
     model = reduce(full, [{}], N_MODES, travel=TRAVEL)
     u = model.basis[0]
     for travel in (0.0137, 0.0561, 0.0999):
-        at, slope = model.pencil.masses[0](travel)
+        at, slope = model.pencil.moving[0](travel)
         located = model.projection.points((0.01 + travel, 0.03, 0.0))[0]
         assert at == pytest.approx(located, abs=1e-4 * np.abs(located).max())
         assert u.array_r.any()
-        near = [model.pencil.masses[0](travel + d)[0] for d in (-1e-6, 1e-6)]
+        near = [model.pencil.moving[0](travel + d)[0] for d in (-1e-6, 1e-6)]
         assert slope == pytest.approx((near[1] - near[0]) / 2e-6, rel=1e-4, abs=1e-3)
 
 

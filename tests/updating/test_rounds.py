@@ -8,7 +8,7 @@ from scipy.optimize import minimize
 
 from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.measurements import Target
-from fenics_joints.reduction.affine import AffinePencil, SpringTerm
+from fenics_joints.reduction.affine import AffinePencil, spring_term
 from fenics_joints.reduction.arrays import ArrayModel
 from fenics_joints.structure import Parameter, Sensors
 from fenics_joints.updating import update
@@ -29,7 +29,7 @@ FIXED = sum(np.outer(r, r) for r in (np.eye(N)[0] - np.eye(N)[1], np.eye(N)[2] -
 
 def chain(rows: dict[str, np.ndarray], fixed=FIXED) -> ArrayModel:
     parameters = {name: Parameter(name, 1.0, lower=1e-4, upper=1e8) for name in rows}
-    terms = [SpringTerm(name, name, 1.0, row) for name, row in rows.items()]
+    terms = [spring_term(name, name, 1.0, row) for name, row in rows.items()]
     pencil = AffinePencil(parameters, [], terms, fixed=(fixed, np.eye(N)), fixed_mass=N)
     return ArrayModel(pencil, 1e-6, np.eye(N), np.zeros((1, N, N)))
 

@@ -26,7 +26,7 @@ from fenics_joints.formatting import condition_value, point_mm, spaced
 from fenics_joints.measurements.gap import VISIBLE
 from fenics_joints.modal.modes import solve_modes
 from fenics_joints.reduction import ArrayModel, ModalPrediction
-from fenics_joints.reduction.affine import MassTerm
+from fenics_joints.reduction.affine import mass_term
 from fenics_joints.reduction.batch_modes import BatchModes, BatchValues, Change
 from fenics_joints.reduction.prediction import batched
 from fenics_joints.structure.points import Sensors
@@ -75,7 +75,7 @@ class Joined:
         self._parts = batched(first), batched(second)
         self.model, self.sensors = self._parts[0].model, first.sensors
 
-    def many(self, values: BatchValues, every: bool = True, followed=None) -> _JoinedModes:
+    def batch(self, values: BatchValues, every: bool = True, followed=None) -> _JoinedModes:
         """See `BatchPrediction.batch`."""
         first, second = self._parts  # whose derivatives of shapes nobody asks for
         return _JoinedModes(first.batch(values, every), second.batch(values, every=False))
@@ -130,9 +130,9 @@ def loaded(model: ArrayModel, rows: np.ndarray, mass: float) -> ArrayModel:
         rows: Displacement of its basis at the mass, shape (gdim, n_dofs).
         mass: Mass, kg.
     """
-    term = MassTerm("added mass", mass, 0.0, 1.0, np.zeros(1), rows[None])
-    masses = [*model.pencil.masses, term]
-    return replace(model, pencil=replace(model.pencil, masses=masses))
+    term = mass_term("added mass", mass, 0.0, 1.0, np.zeros(1), rows[None])
+    points = [*model.pencil.points, term]
+    return replace(model, pencil=replace(model.pencil, points=points))
 
 
 def altered(name: str, factor: float) -> Effect:
