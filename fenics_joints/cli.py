@@ -18,7 +18,7 @@ from fenics_joints.commands.arguments import (
     LargeOption,
     ReportOption,
     VtxOption,
-    named_path,
+    file_option,
 )
 from fenics_joints.commands.database import app as database_app
 from fenics_joints.commands.line import new_app
@@ -130,11 +130,10 @@ def update(
     ] = False,
     keep: Annotated[
         Path | None,
-        typer.Option(
+        file_option(
             "--keep",
-            metavar="FILE.nc",
-            parser=named_path,
-            help="With --bayes: keep the chains there (NetCDF), and go on from what is there.",
+            "With --bayes: keep the chains there (NetCDF), and go on from what is there.",
+            "FILE.nc",
         ),
     ] = None,
     json: JsonOption = None,
@@ -182,11 +181,10 @@ def diagnose(
     ] = False,
     keep: Annotated[
         Path | None,
-        typer.Option(
+        file_option(
             "--keep",
-            metavar="FOLDER",
-            parser=named_path,
-            help="Keep the reduced model there, and take it from there for the next test.",
+            "Keep the reduced model there, and take it from there for the next test.",
+            "FOLDER",
         ),
     ] = None,
     json: JsonOption = None,
@@ -220,11 +218,10 @@ def harmonic(
     large: LargeOption = False,
     branches: Annotated[
         Path | None,
-        typer.Option(
+        file_option(
             "--branches",
-            metavar="FOLDER",
-            parser=named_path,
-            help="Keep every branch there as it grows, and go on from what is there.",
+            "Keep every branch there as it grows, and go on from what is there.",
+            "FOLDER",
         ),
     ] = None,
     debug: DebugOption = False,

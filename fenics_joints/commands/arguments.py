@@ -27,29 +27,21 @@ def tell(line: str) -> None:
         typer.echo(line)
 
 
+def file_option(option: str, words: str, metavar: str = "FILE"):
+    """An option that names a file."""
+    return typer.Option(option, metavar=metavar, parser=named_path, help=words)
+
+
 CaseArgument = Annotated[
     Path,
     typer.Argument(
         metavar="CASE", parser=named_path, help="A folder with a case.toml, or the file."
     ),
 ]
-JsonOption = Annotated[
-    Path | None,
-    typer.Option("--json", metavar="FILE", parser=named_path, help="Write the results as JSON."),
-]
-ReportOption = Annotated[
-    Path | None,
-    typer.Option("--report", metavar="FILE", parser=named_path, help="Write a page of HTML."),
-]
-VtxOption = Annotated[
-    Path | None,
-    typer.Option(
-        "--vtx",
-        metavar="FILE",
-        parser=named_path,
-        help="Write fields (of modes, all elastic shapes) for ParaView: .bp, or .xdmf.",
-    ),
-]
+JsonOption = Annotated[Path | None, file_option("--json", "Write the results as JSON.")]
+ReportOption = Annotated[Path | None, file_option("--report", "Write a page of HTML.")]
+_FIELDS = "Write fields (of modes, all elastic shapes) for ParaView: .bp, or .xdmf."
+VtxOption = Annotated[Path | None, file_option("--vtx", _FIELDS)]
 LargeOption = Annotated[
     bool,
     typer.Option("--large", help="Go on where the model seems too large for the memory there is."),

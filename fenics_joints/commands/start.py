@@ -14,6 +14,7 @@ from fenics_joints.commands.arguments import (
     JsonOption,
     LargeOption,
     ReportOption,
+    file_option,
     named_path,
     tell,
 )
@@ -22,37 +23,32 @@ if TYPE_CHECKING:
     from fenics_joints.commands.outcome import Outcome
 
 
-def _file(option: str, words: str):
-    """The type of an option that names a file that is read."""
-    return typer.Option(option, metavar="FILE", parser=named_path, help=words)
-
-
 def new(
     folder: Annotated[
         Path,
         typer.Argument(metavar="FOLDER", parser=named_path, help="Where case.toml is written."),
     ],
-    step: Annotated[Path | None, _file("--step", "An assembly from CAD.")] = None,
-    msh: Annotated[Path | None, _file("--msh", "A gmsh mesh with named groups.")] = None,
+    step: Annotated[Path | None, file_option("--step", "An assembly from CAD.")] = None,
+    msh: Annotated[Path | None, file_option("--msh", "A gmsh mesh with named groups.")] = None,
     beams: Annotated[bool, typer.Option("--beams", help="Lapped beams, without a mesh.")] = False,
     builder: Annotated[
         str | None, typer.Option("--builder", metavar="NAME", help="Such as half_lap_beam.")
     ] = None,
     frequencies: Annotated[
-        Path | None, _file("--frequencies", "A table with a column for each mode.")
+        Path | None, file_option("--frequencies", "A table with a column for each mode.")
     ] = None,
     shapes: Annotated[
-        Path | None, _file("--shapes", "Mode shapes: a universal file, or a table.")
+        Path | None, file_option("--shapes", "Mode shapes: a universal file, or a table.")
     ] = None,
     frfs: Annotated[
-        list[Path] | None, _file("--frfs", "Measured functions; may be given several times.")
+        list[Path] | None, file_option("--frfs", "Measured functions; may be given several times.")
     ] = None,
     uff: Annotated[
-        list[Path] | None, _file("--uff", "Universal files of shapes or functions; several times.")
+        list[Path] | None, file_option("--uff", "Universal files of shapes or functions.")
     ] = None,
     amplitude: Annotated[
         list[Path] | None,
-        _file(
+        file_option(
             "--amplitude", "A mode over its amplitude (levels, sweeps, ring-downs); several times."
         ),
     ] = None,

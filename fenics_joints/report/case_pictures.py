@@ -7,12 +7,12 @@ from typing import Protocol
 
 import numpy as np
 from matplotlib import colormaps
-from matplotlib.collections import PolyCollection
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.patheffects import withStroke
 
 from fenics_joints.report import geometry
+from fenics_joints.report.mesh_pictures import bare, draw_arrows, draw_faces
 from fenics_joints.report.style import INK, PAPER, drawing, to_svg
 
 #: Marker, colour and words of each kind of place.
@@ -68,17 +68,10 @@ def structure_picture(
     size = float(np.ptp(vertices.reshape(-1, 3), axis=0).max())
     with drawing(7.6, 3.9) as figure:
         axes = figure.subplots()
-        axes.add_collection(
-            PolyCollection(
-                flat[order], facecolors=colours, edgecolors="#7a808a", lw=0.2, rasterized=True
-            )
-        )
+        draw_faces(axes, flat[order], colours, "#7a808a")
         for kind, found in places.items():
             _draw(axes, kind, found, turned, size)
-        axes.autoscale_view()
-        axes.margins(0.05)
-        axes.set_aspect("equal")
-        axes.set_axis_off()
+        bare(axes, 0.05)
         _legend(figure, names, [kind for kind, found in places.items() if found])
         side = "below" if below else "above"
         return to_svg(figure, f"structure-{side}", _alt(names, places, side), dpi=130)
@@ -89,25 +82,14 @@ def _draw(axes, kind: str, found: Sequence[Placed], turned: np.ndarray, size: fl
         return
     marker, colour, _ = MARKS[kind]
     points = np.array([place.point for place in found]) * turned
-    start = _flat(points)
+    start = geometry.oblique_points(points)
     axes.plot(*start.T, marker, color=colour, ms=7 if kind == "bolt" else 3.5, ls="", zorder=5)
     ways = [(i, np.array(p.direction) * turned) for i, p in enumerate(found) if p.direction]
     if ways:
         at = np.array([i for i, _ in ways])
         units = np.array([way / np.linalg.norm(way) for _, way in ways])
-        along = _flat(points[at] + _ARROW * size * units) - start[at]
-        axes.quiver(
-            *start[at].T,
-            *along.T,
-            color=colour,
-            angles="xy",
-            scale_units="xy",
-            scale=1,
-            width=0.0025,
-            headwidth=4,
-            zorder=5,
-        )
-        axes.plot(*(start[at] + along).T, ".", ms=0)
+        along = geometry.oblique_points(points[at] + _ARROW * size * units) - start[at]
+        draw_arrows(axes, start[at], along, colour, 0.0025, 4)
     if kind in ("sensor", "bolt") and len(found) <= _NUMBERED:
         halo = [withStroke(linewidth=2.2, foreground=PAPER)]
         for place, (x, y) in zip(found, start, strict=True):
@@ -136,8 +118,3 @@ def _legend(figure, names: Sequence[str], kinds: Sequence[str]) -> None:
 def _alt(names, places, side: str) -> str:
     counts = ", ".join(f"{len(found)} of kind {kind}" for kind, found in places.items() if found)
     return f"The structure from {side}: parts {', '.join(names)}; {counts or 'nothing on it'}."
-
-
-def _flat(points: np.ndarray) -> np.ndarray:
-    """Points in the oblique view, (n, 2)."""
-    return geometry.oblique(np.asarray(points, dtype=float)[:, None, :])[0][:, 0]

@@ -108,15 +108,6 @@ def upright(x: np.ndarray) -> np.ndarray:
     return turn
 
 
-def flat_polygons(corners: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Polygons (n, k, 2) of the faces that do not vanish in the projection, and their cells."""
-    polygons = corners[:, faces]
-    x, y = polygons[..., 0], polygons[..., 1]
-    area = 0.5 * np.abs(np.sum(x * np.roll(y, -1, axis=-1) - y * np.roll(x, -1, axis=-1), axis=-1))
-    cell, face = np.nonzero(area > 1e-3 * area.max(axis=1, keepdims=True))
-    return polygons[cell, face], cell
-
-
 def bounding(ids: np.ndarray) -> np.ndarray:
     """Rows of vertices, in any order, that no other row has: what bounds cells or polygons."""
     _, first, count = np.unique(np.sort(ids, axis=1), axis=0, return_index=True, return_counts=True)
@@ -128,16 +119,6 @@ def outline(ids: np.ndarray, flat: np.ndarray) -> np.ndarray:
     edges = np.stack([ids, np.roll(ids, -1, axis=1)], axis=2).reshape(-1, 2)
     ends = np.stack([flat, np.roll(flat, -1, axis=1)], axis=2).reshape(-1, 2, 2)
     return ends[bounding(edges)]
-
-
-def flat_ids(flat: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Polygons without duplicates (columns of cells project onto one), and their corners' ids."""
-    size = np.ptp(flat.reshape(-1, 2), axis=0).max() or 1.0
-    whole = np.round(flat.reshape(-1, 2) / size * 1e6).astype(np.int64)
-    _, ids = np.unique(whole, axis=0, return_inverse=True)
-    ids = ids.reshape(flat.shape[:2])
-    _, first = np.unique(np.sort(ids, axis=1), axis=0, return_index=True)
-    return flat[first], ids[first]
 
 
 def outer_faces(vertices, motion) -> tuple[np.ndarray, np.ndarray]:
@@ -156,3 +137,8 @@ def oblique(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     into[2] = -np.sin(TILT)
     upward = np.cross(right, into)
     return np.stack([x @ right, x @ upward], axis=-1), -(x @ into).mean(axis=1)
+
+
+def oblique_points(points: np.ndarray) -> np.ndarray:
+    """Points, (n, 3), in the oblique view, (n, 2)."""
+    return oblique(np.asarray(points, dtype=float)[:, None, :])[0][:, 0]

@@ -23,6 +23,32 @@ _TEST, _MODEL, _TEST_VIEW, _MODEL_VIEW = "#1f4e9c", "#d1661f", "#009e73", "#e69f
 _LONG = 0.18
 
 
+def draw_faces(axes, flat: np.ndarray, colours, edges: str) -> None:
+    """Draw faces, (n, k, 2), the first ones behind, as pixels."""
+    axes.add_collection(
+        PolyCollection(flat, facecolors=colours, edgecolors=edges, lw=0.2, rasterized=True)
+    )
+
+
+def draw_arrows(
+    axes, start: np.ndarray, along: np.ndarray, colour: str, width: float, head: float
+) -> None:
+    """Draw arrows from points, (n, 2), and let the axes reach to their ends."""
+    how = {"angles": "xy", "scale_units": "xy", "scale": 1, "width": width, "headwidth": head}
+    axes.quiver(*start.T, *along.T, color=colour, zorder=5, **how)
+    # Arrows do not count for the limits of the axes, points do.
+    axes.plot(*(start + along).T, ".", ms=0)
+
+
+def bare(axes, margin: float | None = None) -> None:
+    """Show what was drawn in equal scales and without axes."""
+    axes.autoscale_view()
+    if margin is not None:
+        axes.margins(margin)
+    axes.set_aspect("equal")
+    axes.set_axis_off()
+
+
 def mode_shape(
     vertices: np.ndarray, motion: np.ndarray, direction: Sequence[float], name: str, alt: str
 ) -> str:
@@ -52,14 +78,8 @@ def mode_shape(
     colours = diverging(Normalize(-1, 1)(value[order] / scale))
     with drawing(3.7, 1.75) as figure:
         axes = figure.subplots()
-        axes.add_collection(
-            PolyCollection(
-                flat[order], facecolors=colours, edgecolors="#4a4f57", lw=0.2, rasterized=True
-            )
-        )
-        axes.autoscale_view()
-        axes.set_aspect("equal")
-        axes.set_axis_off()
+        draw_faces(axes, flat[order], colours, "#4a4f57")
+        bare(axes)
         return to_svg(figure, name, alt, dpi=130)
 
 
@@ -88,45 +108,18 @@ def sensor_shapes(
     flat, depth = geometry.oblique(faces)
     size = float(np.ptp(vertices.reshape(-1, 3), axis=0).max())
     largest = float(np.nanmax(np.abs([test, model]))) or 1.0
-    start = _flat(sensors.points)
+    start = geometry.oblique_points(sensors.points)
     with drawing(3.7, 1.75) as figure:
         axes = figure.subplots()
-        axes.add_collection(
-            PolyCollection(
-                flat[np.argsort(depth)],
-                facecolors="#eef0f3",
-                edgecolors="#d3d7dd",
-                lw=0.2,
-                rasterized=True,
-            )
-        )
+        draw_faces(axes, flat[np.argsort(depth)], "#eef0f3", "#d3d7dd")
         for line in lines:
-            axes.plot(*_flat(line).T, "-", lw=0.5, color="#8a9099")
+            axes.plot(*geometry.oblique_points(line).T, "-", lw=0.5, color="#8a9099")
         for values, colour, width in ((model, _MODEL, 0.011), (test, _TEST, 0.005)):
             arrows = _LONG * size / largest * values[:, None] * sensors.directions
-            along = _flat(sensors.points + np.nan_to_num(arrows)) - start
-            axes.quiver(
-                *start.T,
-                *along.T,
-                color=colour,
-                angles="xy",
-                scale_units="xy",
-                scale=1,
-                width=width,
-                headwidth=3,
-            )
-            # Arrows do not count for the limits of the axes, points do.
-            axes.plot(*(start + along).T, ".", ms=0)
-        axes.autoscale_view()
-        axes.margins(0.04)
-        axes.set_aspect("equal")
-        axes.set_axis_off()
+            along = geometry.oblique_points(sensors.points + np.nan_to_num(arrows)) - start
+            draw_arrows(axes, start, along, colour, width, 3)
+        bare(axes, 0.04)
         return to_svg(figure, name, alt, dpi=130)
-
-
-def _flat(points: np.ndarray) -> np.ndarray:
-    """Points in the oblique view, (n, 2)."""
-    return geometry.oblique(np.asarray(points, dtype=float)[:, None, :])[0][:, 0]
 
 
 def modes_view(

@@ -14,7 +14,7 @@ from matplotlib.patches import Patch
 
 from fenics_joints.errors import InputError
 from fenics_joints.report import geometry
-from fenics_joints.report.mesh_pictures import diverging
+from fenics_joints.report.mesh_pictures import bare, diverging
 from fenics_joints.report.style import drawing, to_svg
 
 if TYPE_CHECKING:
@@ -48,8 +48,10 @@ def patch_map(cells: PatchMap, name: str = "patches") -> str:
     """
     if cells.vertices is None:
         raise InputError("cells.vertices is None: expected the map of rank 0.")
-    x, turned = _upright(1e3 * np.asarray(cells.vertices, dtype=float))
-    pieces = geometry.pieces_of(geometry.vertex_ids(x), _regions_of(cells))
+    turn = geometry.upright(np.asarray(cells.vertices, dtype=float)).T
+    x = 1e3 * np.asarray(cells.vertices, dtype=float) @ turn
+    _, region = np.unique(np.array(cells.region), return_inverse=True)
+    pieces = geometry.pieces_of(geometry.vertex_ids(x), region[cells.patch])
     levels = geometry.levels_of(x[:, :, 2], pieces)[::-1]
     width = np.ptp(x[:, :, 1])
     gap = 0.0 if len(levels) == 1 else 1.25 * width * np.tan(geometry.TILT) / np.cos(geometry.TURN)
@@ -59,35 +61,16 @@ def patch_map(cells: PatchMap, name: str = "patches") -> str:
         for k, members in enumerate(levels):
             shifted = x[members] + np.array([0.0, 0.0, k * gap])
             _patch_level(axes, shifted, cells, members, colours)
-        _bolt_marks(axes, turned(1e3 * cells.bolts), [x[m][:, :, 2] for m in levels], gap)
-        axes.autoscale_view()
-        axes.set_aspect("equal")
-        axes.set_axis_off()
+        _bolt_marks(
+            axes, 1e3 * np.asarray(cells.bolts) @ turn, [x[m][:, :, 2] for m in levels], gap
+        )
+        bare(axes)
         low, high = axes.get_ylim()
         tall = 6.6 * (high - low) / np.ptp(axes.get_xlim())
         figure.set_size_inches(7.6, min(max(tall, 1.2), 6.0) + 1.3)
         patch_bar(figure, axes, norm)
         patch_legend(figure, cells)
         return to_svg(figure, name, patches_alt(cells))
-
-
-def _regions_of(cells: PatchMap) -> np.ndarray:
-    """Number of the region of every cell."""
-    _, number = np.unique(np.array(cells.region), return_inverse=True)
-    return number[cells.patch]
-
-
-def _upright(x: np.ndarray):
-    """Corners with the longest direction along x and the thinnest along z; and what turns points.
-
-    The hand is kept: a mirror image would have its bolts on the wrong side.
-    """
-    extent = np.ptp(x.reshape(-1, 3), axis=0)
-    order = np.argsort(-extent, kind="stable")
-    turn = np.eye(3)[order]
-    if np.linalg.det(turn) < 0:
-        turn[1] *= -1
-    return x @ turn.T, lambda points: np.asarray(points) @ turn.T
 
 
 def _patch_level(axes, x: np.ndarray, cells: PatchMap, members: np.ndarray, colour_of) -> None:
