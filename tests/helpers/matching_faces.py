@@ -22,11 +22,17 @@ def parts(tagged, weight=None):
     return {name: integral(tagged, one * dx(tag)) for name, tag in tagged.cell_names.items()}
 
 
-def faces(tagged, weight=None):
-    """Integral of the weight over each exterior face; one in the inside of a body has none."""
-    ds = ufl.Measure("ds", tagged.mesh, subdomain_data=tagged.facet_tags)
+def faces(tagged, weight=None, inner=False):
+    """Integral of the weight over each face: what of it is outside, or what is inside a body."""
+    ds = ufl.Measure("dS" if inner else "ds", tagged.mesh, subdomain_data=tagged.facet_tags)
     one = fem.Constant(tagged.mesh, 1.0) if weight is None else weight(tagged.mesh)
+    one = one("+") if inner else one
     return {name: integral(tagged, one * ds(tag)) for name, tag in tagged.facet_names.items()}
+
+
+def polygon(diameter, n=16):
+    """Area of a regular polygon whose corners lie on a circle."""
+    return n / 8 * diameter**2 * np.sin(2 * np.pi / n)
 
 
 def corners_and_sides(tagged, name):

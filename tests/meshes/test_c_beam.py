@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import ufl
-from matching_faces import assert_pair, faces, parts
+from matching_faces import assert_pair, faces, parts, polygon
 from mpi4py import MPI
 
 from fenics_joints.meshes import c_beams, check_mesh
@@ -22,10 +22,6 @@ SMALL_BEAMS = {
 def test_c_beams_measures(layer, bonded):
     tagged = c_beams(COMM, layer=layer, bonded=bonded, **SMALL_BEAMS)
     n = 16  # four elements along the zone's side
-
-    def polygon(diameter):
-        return n / 2 * (diameter / 2) ** 2 * np.sin(2 * np.pi / n)
-
     hole = polygon(8.43e-3)
     pads = 2 * (0.0497 * 0.0318 - hole)
     beam = 0.508 * 0.0318 * 9.65e-3 + pads * 3.05e-3 - 2 * hole * 9.65e-3

@@ -6,8 +6,7 @@ import re
 
 import numpy as np
 import pytest
-import ufl
-from dolfinx import fem
+from matching_faces import faces, parts
 from mpi4py import MPI
 from step_files import FLANGE_BOLTS, bores, bracket, dumbbell_halves, flanges, spigot
 
@@ -33,39 +32,27 @@ def drawn(folder, draw, labels=(), name="assembly.step"):
     return path
 
 
-def integral(tagged, measure, tag):
-    data = tagged.cell_tags if measure == "dx" else tagged.facet_tags
-    over = ufl.Measure(measure, tagged.mesh, subdomain_data=data)(tag)
-    one = fem.Constant(tagged.mesh, 1.0)
-    one = one("+") if measure == "dS" else one
-    return COMM.allreduce(fem.assemble_scalar(fem.form(one * over)))
-
-
-def volumes(tagged):
-    return {name: integral(tagged, "dx", tag) for name, tag in tagged.cell_names.items()}
-
-
 @pytest.mark.parallel
 def test_flanges_hold_together_by_rings(shared_tmp_path):
     """A clearance hole over a tapped one, faces 0.4 mm apart: every measure against the drawing."""
     path = drawn(shared_tmp_path, flanges(0.4, 5.1), ("Bed casting", "foot/2"))
-    parts = {"bed": "Bed casting", "column": (0.06, 0.03, 0.03)}
-    faces = {"ground": (0.01, 0.01, 0), "sides": [(0, 0.03, 0.01), (0.02, 0.03, 0.03)]}
+    names = {"bed": "Bed casting", "column": (0.06, 0.03, 0.03)}
+    points = {"ground": (0.01, 0.01, 0), "sides": [(0, 0.03, 0.01), (0.02, 0.03, 0.03)]}
     tagged = read_step(
         path,
         COMM,
         element_size=25 * MM,
         r_wai=11 * MM,
         layer=0.5 * MM,
-        parts=parts,
-        faces=faces,
+        parts=names,
+        faces=points,
         ring_size=5 * MM,
         circle=CIRCLE,
     )
     rings = [f"ring_{i}" for i in (1, 2, 3, 4)]
     assert list(tagged.cell_names) == ["bed", "column", *rings]
     assert check_mesh(tagged).bodies == 1
-    found = volumes(tagged)
+    found = parts(tagged)
     for name, box, radius, height in (("bed", 120e3, 6, 20), ("column", 72e3, 5.1, 15)):
         bored = 4 * np.pi * radius**2 * height
         assert box - bored < found[name] / MM3 <= box - POLYGON * bored * (1 - 1e-9)
@@ -82,9 +69,9 @@ def test_flanges_hold_together_by_rings(shared_tmp_path):
         # Not all circles have so many corners, some more: the inner one lacks more, or less.
         assert ring.area / MM2 == pytest.approx(annulus, rel=1 - POLYGON)
         assert found[name] == pytest.approx(ring.area * 0.5 * MM, rel=1e-9)
-    area = {name: integral(tagged, "ds", tag) for name, tag in tagged.facet_names.items()}
+    area = faces(tagged)
     # Rings' faces are inside, open faces and named ones on the surface; the foot moved by 0.1 mm.
-    joint = integral(tagged, "dS", tagged.facet_tag("joint_lower"))
+    joint = faces(tagged, inner=True)["joint_lower"]
     assert joint == pytest.approx(sum(found[r] for r in rings) / (0.5 * MM), rel=1e-9)
     assert area["joint_lower"] == area["joint_upper"] == 0
     assert area["bed_to_column"] == pytest.approx(area["column_to_bed"], rel=1e-9)
@@ -197,13 +184,13 @@ def test_layer_and_contact(tmp_path):
     flat = np.pi * (50**2 - 20**2 - 3 * 5**2) * MM2
     assert ring.area == pytest.approx(flat, rel=0.12) and ring.area < flat
     # The collar's wall is open: no layer, and no common vertices.
-    wall = integral(layer, "ds", layer.facet_tag("lower_to_upper"))
+    wall = faces(layer)["lower_to_upper"]
     assert wall == pytest.approx(2 * np.pi * 20 * 5 * MM2, rel=0.1)
     assert check_mesh(layer).bodies == 1
     contact = read_step(path, MPI.COMM_SELF, joint="contact", parts=parts, **sizes)
     assert check_mesh(contact).bodies == 2
     assert check_contact(contact, "lower_to_upper", "upper_to_lower").facets > 50
-    area = integral(contact, "ds", contact.facet_tag("lower_to_upper"))
+    area = faces(contact)["lower_to_upper"]
     assert area == pytest.approx(ring.area + wall, rel=1e-2)
 
 

@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-import re
-
 import numpy as np
 import pytest
 
 pytest.importorskip("dolfinx")
 
 import ufl
-from matching_faces import assert_pair, faces, parts
+from matching_faces import assert_pair, faces, parts, polygon
 from mpi4py import MPI
 from scipy.optimize import brentq
 
-from fenics_joints.errors import MeshError
 from fenics_joints.meshes import HalfLapBeam, check_mesh, half_lap_beam, half_lap_beam_section
 from fenics_joints.modal import solve_modes
 from fenics_joints.structure import Structure, joint, part
@@ -32,11 +29,6 @@ SMALL = {
 }
 SOLID = SMALL | {"width": W, "n_width": 2}
 LAYERS = [(0.0, False), (0.0, True), (2e-4, False)]
-
-
-def polygon(diameter, n=16):
-    """Area of a regular polygon whose corners lie on a circle."""
-    return n / 8 * diameter**2 * np.sin(2 * np.pi / n)
 
 
 def assert_measures(tagged, n, width, washer, hole, layer, bonded):
@@ -98,26 +90,6 @@ def test_cells_are_counted_before_they_are_made(hole):
 def test_measures_of_the_section(layer, bonded, cell):
     tagged = half_lap_beam_section(COMM, layer=layer, bonded=bonded, cell=cell, bolts=3, **SMALL)
     assert_measures(tagged, 3, 1.0, WASHER, 0.0, layer, bonded)
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ({"lap": 0.8}, "lap is 0.8, expected less than length = 0.72 m"),
-        ({"gap": 0.4}, "gap is 0.4, expected less than 0.3 m"),
-        ({"gap": 0.0}, "gap is 0.0, expected a length above 0 m"),
-        ({"layer": 0.02}, "layer is 0.02, expected less than thickness = 0.0127 m"),
-        ({"bolts": 9}, "washer is 0.015, expected 0 m, or at most 0.012 m, the pitch of 9 bolts"),
-        ({"bolts": 10**9, "washer": 0.0}, "expected a whole number of at most 1000"),
-        ({"bolts": 0}, "bolts is 0, expected a whole number of at least 1"),
-        ({"washer": 0.026}, "washer is 0.026, expected 0 m, or at most 0.0254 m, the width"),
-        ({"washer": 0.022, "hole": 0.01}, "at most 0.02032 m, the width, over 1.25"),
-        ({"hole": 0.02}, "hole is 0.02, expected 0 m, or less than washer = 0.015 m"),
-    ],
-)
-def test_impossible_arguments_are_refused(arguments, message):
-    with pytest.raises(MeshError, match=re.escape(message)):
-        half_lap_beam(MPI.COMM_SELF, **arguments)
 
 
 # -- bending of beams by hand ----------------------------------------------------------------------
