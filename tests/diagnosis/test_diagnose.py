@@ -166,12 +166,12 @@ def test_two_ranks_give_the_same_probabilities(shared_tmp_path):
         write_virtual_case(shared_tmp_path, measured, *PAIRS)
     comm.barrier()
     case = load_case(shared_tmp_path)
-    alone, add_effect = (diagnose(case, c) for c in (MPI.COMM_SELF, comm))
-    assert add_effect.verdict == alone.verdict
+    alone, together = (diagnose(case, c) for c in (MPI.COMM_SELF, comm))
+    assert together.verdict == alone.verdict
     expected = by_hypothesis(alone)
     assert max(len(keys) for keys in expected) == 2
-    assert by_hypothesis(add_effect) == pytest.approx(expected, abs=5e-3)
-    assert_same_evidence(add_effect, alone)
-    assert add_effect.after.model_hz == pytest.approx(alone.after.model_hz, rel=1e-4)
-    everywhere = comm.allgather(by_hypothesis(add_effect))
+    assert by_hypothesis(together) == pytest.approx(expected, abs=5e-3)
+    assert_same_evidence(together, alone)
+    assert together.after.model_hz == pytest.approx(alone.after.model_hz, rel=1e-4)
+    everywhere = comm.allgather(by_hypothesis(together))
     assert all(p == everywhere[0] for p in everywhere)

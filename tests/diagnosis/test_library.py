@@ -236,17 +236,17 @@ def all_fits(forward, evidence, odds=0.2):
 
 
 @pytest.mark.parametrize(("angle_deg", "together"), [(5.0, True), (60.0, False)])
-def test_classes_hold_what_stands_for_each_other(angle_deg, add_effect):
+def test_classes_hold_what_stands_for_each_other(angle_deg, together):
     forward = flat(4, angle_deg)
     truth = 5.0 + forward.matrix @ [0.1, 0.0, 0.0]
     evidence = evidence_of(truth[None], sd=0.005, discrepancy=0.0, torques=np.array([10.0]))
     fits, p = all_fits(forward, evidence)
     alike = confusable_effects(fits, p, evidence)
     found = classes(fits, p, alike)
-    assert (found["effect 0"] == found["effect 1"]) == add_effect
+    assert (found["effect 0"] == found["effect 1"]) == together
     # Idle beside the cause, as the other stand-in is: that makes no class.
     assert found["effect 2"] == "effect 2"
-    if add_effect:
+    if together:
         # What is far less probable is no member, and stands for the others all the same.
         rare = np.where(["effect 1" in f.hypothesis.label_of_keys for f in fits], 1e-3 * p, p)
         left = classes(fits, rare, alike)

@@ -323,9 +323,9 @@ def test_modes_of_one_level_have_no_amplitude_of_their_own(forward, driven):
     if len(driven) == 2:
         at = hypothesis.places["amplitudes"].start
         assert np.unique(entries.mode[slopes[:, at] != 0]).tolist() == [2]
-    add_effect = many(z, range(len(z[0])))
-    assert add_effect[0][0, there] == pytest.approx(got[there], rel=1e-6, abs=1e-8)
-    assert add_effect[1][0, there] == pytest.approx(slopes[there], rel=1e-4, abs=1e-6)
+    together = many(z, range(len(z[0])))
+    assert together[0][0, there] == pytest.approx(got[there], rel=1e-6, abs=1e-8)
+    assert together[1][0, there] == pytest.approx(slopes[there], rel=1e-4, abs=1e-6)
 
 
 @pytest.mark.parametrize("damped", [False, True], ids=["", "damped"])

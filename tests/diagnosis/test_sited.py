@@ -243,13 +243,13 @@ def test_places_are_the_same_on_two_ranks(shared_tmp_path):
         write_strip(shared_tmp_path, np.array([100.0]), np.ones((12, 1)), "rare = true")
     comm.barrier()
     case = load_case(shared_tmp_path)
-    alone, add_effect = (
+    alone, together = (
         with_places(subject_of(case.diagnosed(), c, QUIET), case.diagnosed_test().sensors)
         for c in (MPI.COMM_SELF, comm)
     )
-    assert add_effect.sites.points == pytest.approx(alone.sites.points)
-    assert add_effect.sites.patches == pytest.approx(alone.sites.patches)
-    assert add_effect.sites.tapered == alone.sites.tapered and len(alone.sites.bowed) == 2
+    assert together.sites.points == pytest.approx(alone.sites.points)
+    assert together.sites.patches == pytest.approx(alone.sites.patches)
+    assert together.sites.tapered == alone.sites.tapered and len(alone.sites.bowed) == 2
     given = [
         {"local_loss.depth": 0.5, "local_loss.place": 7.3, "local_loss.size": 2.0},
         {"local_loss.depth": -0.5, "local_loss.place": 7.3, "local_loss.size": 2.0},
@@ -258,6 +258,6 @@ def test_places_are_the_same_on_two_ranks(shared_tmp_path):
     ]
     for values in given:
         a, b = (
-            solve_modes(s.full, values, n_modes=9).frequencies_hz[7:] for s in (alone, add_effect)
+            solve_modes(s.full, values, n_modes=9).frequencies_hz[7:] for s in (alone, together)
         )
         assert b == pytest.approx(a, rel=1e-6)

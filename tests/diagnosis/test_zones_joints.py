@@ -136,15 +136,15 @@ def test_screws_in_line_hold_their_own_ends_of_a_wall(shared_tmp_path):
 def test_two_ranks_make_the_same_zones(size):
     """Some of the larger cells are half-way between bolts, which share them as well as can be."""
     plates = PLATES | {"mesh": PLATES["mesh"] | {"element_size": size}}
-    alone, add_effect = (zones(plates, comm) for comm in (MPI.COMM_SELF, MPI.COMM_WORLD))
-    assert add_effect.names == alone.names
-    assert add_effect.area == pytest.approx(alone.area)
+    alone, together = (zones(plates, comm) for comm in (MPI.COMM_SELF, MPI.COMM_WORLD))
+    assert together.names == alone.names
+    assert together.area == pytest.approx(alone.area)
     share = [areas(alone, "bolt", bolt).sum() / 0.04**2 for bolt in BOLTS]
     assert share == pytest.approx([1.0] * 4, abs=1e-9 if size < 0.01 else 0.07)
-    assert add_effect.distance == pytest.approx(alone.distance)
-    model = build_structure(add_effect.case, MPI.COMM_WORLD, tagged=add_effect.tagged)
+    assert together.distance == pytest.approx(alone.distance)
+    model = build_structure(together.case, MPI.COMM_WORLD, tagged=together.tagged)
     volumes = dict(zip([r.name for r in model.regions], model.volumes(), strict=True))
-    assert [volumes[n] for n in add_effect.names] == pytest.approx(alone.area * 5e-4)
+    assert [volumes[n] for n in together.names] == pytest.approx(alone.area * 5e-4)
 
 
 def test_bad_bolts_are_named():

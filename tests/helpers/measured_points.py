@@ -104,6 +104,6 @@ def check_derivatives(model, hypothesis, own: np.ndarray, j: int, floor: float =
     step = 1e-3 * np.eye(len(z[0]))[j]
     differences = (many.at(z[0] + step)[0] - many.at(z[0] - step)[0])[own] / 2e-3
     assert by_z[0][own, j] == pytest.approx(differences, rel=1e-4, abs=floor)
-    add_effect, along = many(z, range(len(z[0])))
-    assert add_effect[:, own] == pytest.approx(np.array(found)[:, own], rel=1e-9, abs=floor)
+    together, along = many(z, range(len(z[0])))
+    assert together[:, own] == pytest.approx(np.array(found)[:, own], rel=1e-9, abs=floor)
     assert along[:, own] == pytest.approx(np.array(by_z)[:, own], abs=floor)

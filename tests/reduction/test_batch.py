@@ -166,8 +166,8 @@ def test_many_solutions_at_a_time_are_the_single_ones():
     rotation = np.linalg.qr(np.random.default_rng(2).standard_normal((N, N)))[0]
     lean = BatchPrediction(forward, model.on(rotation))
     values = some_values(7)
-    add_effect = lean.log_f_at(values)
-    for got, value in zip(add_effect, values, strict=True):
+    together = lean.log_f_at(values)
+    for got, value in zip(together, values, strict=True):
         log_f, by_values = forward(value)
         assert got == pytest.approx(log_f, abs=1e-9)
         assert lean(value)[1] == pytest.approx(by_values, rel=1e-6, abs=1e-14)
@@ -282,9 +282,9 @@ def test_many_values_at_a_time_leave_untold_what_one_does():
     forward.reference = forward.reference[:, [0, 1, 3, 2]] * [1.0, np.nan, 1.0, 1.0]
     values = [{**BASELINE, "k": k} for k in np.geomspace(1e5, 1e10, 9)]
     table = {name: np.array([v[name] for v in values]) for name in BASELINE}
-    add_effect = BatchPrediction(forward, model).batch(table)
+    together = BatchPrediction(forward, model).batch(table)
     alone = [forward.solve(v)[1].index.tolist() for v in values]
-    assert add_effect.index.tolist() == alone == 9 * [[1, 2, 4, 3]] and add_effect.good.all()
+    assert together.index.tolist() == alone == 9 * [[1, 2, 4, 3]] and together.good.all()
 
 
 def test_all_kinds_of_data_are_as_predicted_one_by_one():

@@ -229,12 +229,11 @@ class Covariance:
     @cached_property
     def _of_scalars(self) -> np.ndarray:
         """What single numbers err together."""
-        own = np.flatnonzero(self.test.entries.of_scalars)
-        common = np.zeros((len(self.test.entries.kind), 0))
-        if len(own):
-            found = _common_errors(self.test.scalars)
-            common = np.zeros((len(common), found.shape[1]))
-            common[own] = found
+        scalars, own = self.test.scalars, self.test.entries.of_scalars
+        names = dict.fromkeys(name for scalar in scalars for name in scalar.common)
+        common = np.zeros((len(own), len(names)))
+        for i, scalar in zip(np.flatnonzero(own), scalars, strict=True):
+            common[i] = [scalar.common.get(name, 0.0) for name in names]
         return common @ common.T
 
     @cached_property
@@ -339,17 +338,6 @@ def _blocks(
     """Products of the scales of frequencies and damping, nought between different kinds."""
     scale = np.where(kind == FREQUENCY, of_frequency, np.where(kind == DAMPING, of_damping, 0.0))
     return np.outer(scale, scale) * (kind[:, None] == kind[None, :])
-
-
-def _common_errors(measured: tuple) -> np.ndarray:
-    """What several single numbers err together, a column for each such error, (k, n_errors)."""
-    names = dict.fromkeys(name for scalar in measured for name in scalar.common)
-    found = np.zeros((len(measured), len(names)))
-    at = {name: j for j, name in enumerate(names)}
-    for i, scalar in enumerate(measured):
-        for name, change in scalar.common.items():
-            found[i, at[name]] = change
-    return found
 
 
 def _log(conditions: np.ndarray) -> np.ndarray:

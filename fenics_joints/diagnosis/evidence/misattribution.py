@@ -312,8 +312,12 @@ def simulate(
     acting = [i for i, e in enumerate(effects) if changed[e.key]]
     odds = np.array([log_odds[e.key] for e in effects])
     rng = np.random.default_rng(0)
-    counts = rng.multinomial(_TESTS, softmax(odds[acting])) if acting else []
-    data, drawn = _tests([effects[i] for i in acting], counts, library, test, rng)
+
+    def drawn_tests(n: int) -> tuple[np.ndarray, np.ndarray]:
+        counts = rng.multinomial(n, softmax(odds[acting])) if acting else []
+        return _tests([effects[i] for i in acting], counts, library, test, rng)
+
+    data, drawn = drawn_tests(_TESTS)
     cause, count = [effects[acting[i]] for i in drawn], len(data)
     cells = [_WhitenedCells(e, library, test) for e in effects]
     scored = _scored(library, cells, odds, log_unknown, data, test)
@@ -368,8 +372,7 @@ def simulate(
         share *= visible[t] * p / (p + MISFIT)
         named[t], log_p[t] = share.sum(), share @ np.log(p)
     found = Misattribution.of(gap[seen], named[seen], log_p[seen], (visible - named)[seen], prior)
-    counts = rng.multinomial(_COUNTED, softmax(odds[acting])) if acting else []
-    data, drawn = _tests([effects[i] for i in acting], counts, library, test, rng)
+    data, drawn = drawn_tests(_COUNTED)
     own = [cells[i] for i in acting]
     score = _scored(library, own, odds[acting], log_unknown, data, test).score
     count, right = answers(score, drawn)

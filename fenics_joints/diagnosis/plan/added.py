@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
 
@@ -15,7 +15,7 @@ from fenics_joints.diagnosis.evidence.classes import APART
 from fenics_joints.diagnosis.evidence.covariance import FUNCTION, STIFFNESS
 from fenics_joints.diagnosis.evidence.evidence import DAMPING_NOISE, Evidence, evidence_of
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
-from fenics_joints.diagnosis.evidence.observations import WHOLE, on_a_scale
+from fenics_joints.diagnosis.evidence.observations import WHOLE, Observation, on_a_scale
 from fenics_joints.diagnosis.evidence.predictions import ManyPredictions
 from fenics_joints.diagnosis.model.at_points import most_yielding, stiffness_at
 from fenics_joints.diagnosis.model.functions import planned_function
@@ -23,6 +23,7 @@ from fenics_joints.diagnosis.model.prepared import Prepared
 from fenics_joints.diagnosis.plan.study import Measurement, Signature, Study, groups
 from fenics_joints.diagnosis.zones.sites import without_attached
 from fenics_joints.formatting import condition_value, point_mm, spaced
+from fenics_joints.measurements.data import TestData
 from fenics_joints.measurements.gap import VISIBLE
 from fenics_joints.modal.modes import solve_modes
 from fenics_joints.reduction import ArrayModel, ModalPrediction
@@ -405,9 +406,11 @@ class Candidates:
 
     def all(self) -> list[Candidate]:
         """Every measurement that this case can offer. Collective."""
-        found = [*self._modes(), *self._conditions(), *self._damping(), *self._shapes()]
         return [
-            *found,
+            *self._modes(),
+            *self._conditions(),
+            *self._damping(),
+            *self._shapes(),
             *self._weighing(),
             *self._static(),
             *self._driven(),
@@ -424,6 +427,19 @@ class Candidates:
             evidence,
             forward or m.forward,
         )
+
+    def _of(self, data: TestData) -> Measurement:
+        """A test that measures other quantities of the same modes."""
+        e = self.evidence
+        found = evidence_of(data, e.discrepancy, scalars=e.scalars, mesh_error=e.mesh_error)
+        return self._measurement(found)
+
+    def _with(self, *more: Observation) -> Measurement:
+        """The test with further single numbers."""
+        return self._measurement(replace(self.evidence, scalars=(*self.evidence.scalars, *more)))
+
+    def _has(self, kind: int) -> bool:
+        return any(scalar.kind == kind for scalar in self.evidence.scalars)
 
     # -- further modes -----------------------------------------------------------------------
 
@@ -537,76 +553,54 @@ class Candidates:
         effects, _ = case_effects(m.case, two, m.zones, m.dimensions)
         return {e.key: e for e in effects}
 
-    def _damping(self) -> list[Candidate]:
+    def _damping(self) -> Iterator[Candidate]:
         data = self.model.data
         useful = any(e.loss is not None for e in self.study.effects)
-        if data.damping is not None or not useful or (data.by_level and len(data) < 2):
-            return []
-        noise = data.damping_noise or DAMPING_NOISE
-        damping = np.full(data.frequencies_hz.shape, 1e-3)
-        evidence = evidence_of(
-            replace(data, damping=damping, damping_noise=noise),
-            self.evidence.discrepancy,
-            scalars=self.evidence.scalars,
-            mesh_error=self.evidence.mesh_error,
-        )
-        name = f"the damping ratios of the same modes, to {100 * noise:.3g} %"
-        return [Candidate(name, self._measurement(evidence))]
+        if data.damping is None and useful and not (data.by_level and len(data) < 2):
+            noise = data.damping_noise or DAMPING_NOISE
+            damping = np.full(data.frequencies_hz.shape, 1e-3)
+            name = f"the damping ratios of the same modes, to {100 * noise:.3g} %"
+            yield Candidate(name, self._of(replace(data, damping=damping, damping_noise=noise)))
 
-    def _shapes(self) -> list[Candidate]:
-        m = self.model
-        if m.data.shapes is not None or m.data.sensors is None:
-            return []
-        shapes = m.surrogate.pairing.shapes
-        evidence = evidence_of(
-            replace(m.data, shapes=shapes),
-            self.evidence.discrepancy,
-            scalars=self.evidence.scalars,
-            mesh_error=self.evidence.mesh_error,
-        )
-        name = f"the mode shapes at the same {len(m.data.sensors)} sensors"
-        return [Candidate(name, self._measurement(evidence))]
+    def _shapes(self) -> Iterator[Candidate]:
+        data = self.model.data
+        if data.shapes is None and data.sensors is not None:
+            name = f"the mode shapes at the same {len(data.sensors)} sensors"
+            shapes = self.model.surrogate.pairing.shapes
+            yield Candidate(name, self._of(replace(data, shapes=shapes)))
 
-    def _weighing(self) -> list[Candidate]:
+    def _weighing(self) -> Iterator[Candidate]:
         """A scale under all of it."""
-        m, known = self.model, self.evidence.scalars
-        if any(s.name == WHOLE for s in known):
-            return []
-        scale = on_a_scale(m.case, m.full, m.baseline)
-        evidence = replace(self.evidence, scalars=(scale, *known))
-        name = f"the mass of {scale.name}, to {100 * scale.sd:.3g} %"
-        return [Candidate(name, self._measurement(evidence))]
+        m = self.model
+        if not any(scalar.name == WHOLE for scalar in self.evidence.scalars):
+            scale = on_a_scale(m.case, m.full, m.baseline)
+            name = f"the mass of {scale.name}, to {100 * scale.sd:.3g} %"
+            yield Candidate(name, self._with(scale))
 
-    def _static(self) -> list[Candidate]:
+    def _static(self) -> Iterator[Candidate]:
         """A force on a structure that is held, where it gives way most."""
-        m, known = self.model, self.evidence.scalars
-        there = any(scalar.kind == STIFFNESS for scalar in known)
-        if m.surrogate.nominal.n_rigid or there or m.data.sensors is None:
-            return []
-        best, stiffness = most_yielding(m.full, m.data.sensors, m.baseline)
-        point, way = m.data.sensors.points[best], m.data.sensors.directions[best]
+        m, sensors = self.model, self.model.data.sensors
+        if m.surrogate.nominal.n_rigid or self._has(STIFFNESS) or sensors is None:
+            return
+        best, stiffness = most_yielding(m.full, sensors, m.baseline)
+        point = sensors.points[best]
         given = StaticTest.model_construct(
-            point=point.tolist(), direction=way.tolist(), stiffness=stiffness
+            point=point.tolist(), direction=sensors.directions[best].tolist(), stiffness=stiffness
         )
-        evidence = replace(self.evidence, scalars=(*known, *stiffness_at(m, {"planned": given})))
         name = f"the static stiffness at {point_mm(point)} mm, to {100 * given.noise:.3g} %"
-        return [Candidate(name, self._measurement(evidence))]
+        yield Candidate(name, self._with(*stiffness_at(m, {"planned": given})))
 
-    def _driven(self) -> list[Candidate]:
+    def _driven(self) -> Iterator[Candidate]:
         """A force where all modes move, and the motion there."""
-        m, known = self.model, self.evidence.scalars
-        there = any(scalar.kind == FUNCTION for scalar in known)
-        if there or m.data.sensors is None or not m.case.diagnose.frfs:
-            return []
+        m, sensors = self.model, self.model.data.sensors
+        if self._has(FUNCTION) or sensors is None or not m.case.diagnose.frfs:
+            return
         moved = np.abs(m.surrogate.pairing.shapes)
         best = int(np.argmax(np.mean(np.log(np.maximum(moved, 1e-9 * moved.max())), axis=1)))
-        at = Sensors(m.data.sensors.points[best], m.data.sensors.directions[best])
-        lines = planned_function(m, at, self._everywhere)
-        if not lines:
-            return []
-        evidence = replace(self.evidence, scalars=(*known, *lines))
-        name = f"the function of a force and the motion at {point_mm(at.points[0])} mm"
-        return [Candidate(name, self._measurement(evidence))]
+        at = Sensors(sensors.points[best], sensors.directions[best])
+        if lines := planned_function(m, at, self._everywhere):
+            name = f"the function of a force and the motion at {point_mm(at.points[0])} mm"
+            yield Candidate(name, self._with(*lines))
 
     # -- changes of the structure ------------------------------------------------------------
 
@@ -663,10 +657,9 @@ class Candidates:
         pairing = forward.paired(modes)
         return np.sum((rows @ modes.shapes[:, pairing.index]) ** 2, axis=1)
 
-    def _rig(self) -> list[Candidate]:
+    def _rig(self) -> Iterator[Candidate]:
         """The same structure without a roving mass, or on a softer suspension."""
         case, forward = self.model.case, self._wide_forward
-        found = []
         for name, section in case.attached.items():
             key = next(iter(section.nominal()))
             if key == "mass" and section.travel is None:
@@ -674,12 +667,11 @@ class Candidates:
             factor = 0.0 if key == "mass" else _SOFTER
             what = "without the" if key == "mass" else f"with a {1 / _SOFTER:.0f} times softer"
             words = f"the shifts of the frequencies {what} {spaced(name)}"
-            found.append(self._shifted(words, forward, altered(f"{name}.{key}", factor)))
+            yield self._shifted(words, forward, altered(f"{name}.{key}", factor))
         for name in case.springs:
             softer = f"{1 / _SOFTER:.0f} times softer {spaced(name)}"
             words = f"the shifts of the frequencies with a {softer}"
-            found.append(self._shifted(words, forward, altered(f"{name}.stiffness", _SOFTER)))
-        return found
+            yield self._shifted(words, forward, altered(f"{name}.stiffness", _SOFTER))
 
 
 def _seen(model: ArrayModel, sensors: Sensors | None) -> ArrayModel:
