@@ -22,7 +22,7 @@ MODEL_FILE = "model.h5"
 #: Relative to the largest value: what a case says, to the last digits but those that a contact's
 #: preload was solved with; and how well two reductions agree, whose bases also hold directions that
 #: iterative solutions made.
-_SAID, _FOUND = 1e-6, 1e-4
+_GIVEN, _SOLVED = 1e-6, 1e-4
 _MODES = 6
 
 
@@ -53,7 +53,7 @@ def kept_model(
         except InputError as error:
             reason = str(error)
     if not comm.allreduce(kept is not None, op=MPI.LAND):
-        reason = next((said for said in comm.allgather(reason) if said), "")
+        reason = next(filter(None, comm.allgather(reason)), "")
         if reason and progress is not None:
             progress.step(f"{reason}; making the model anew")
         model.write(path)
@@ -85,19 +85,19 @@ def _traits(model: ReducedInterfaceModel, band) -> Iterator[tuple[np.ndarray, fl
     values = model.values()
     for region in model.pencil.regions:
         for value in region.values(values).values():
-            yield np.array(value), _SAID
+            yield np.array(value), _GIVEN
     for p in model.interfaces:
-        yield p.weights, _SAID
-        yield np.asarray(p.points), _SAID
+        yield p.weights, _GIVEN
+        yield np.asarray(p.points), _GIVEN
         for parameter in p.law.values(len(p)).transpose(2, 0, 1):
-            yield parameter, _SAID
+            yield parameter, _GIVEN
     modes = solve_modes(model, n_modes=min(_MODES, model.n_dofs))
     elastic = modes.shapes[:, modes.n_rigid :]
-    yield modes.eigenvalues[modes.n_rigid :], _FOUND
-    yield np.einsum("ik,ij,jk->k", elastic, model.C, elastic), _FOUND
+    yield modes.eigenvalues[modes.n_rigid :], _SOLVED
+    yield np.einsum("ik,ij,jk->k", elastic, model.C, elastic), _SOLVED
     sensors = np.array([model.sensors[name] for name in sorted(model.sensors)])
     forces = np.array([model.forces[name] for name in sorted(model.forces)]).T
     K = model.stiffness_at_rest()
     for omega in 2 * np.pi * np.asarray(band):
         X = np.linalg.solve(K + 1j * omega * model.C - omega**2 * model.M, forces)
-        yield sensors @ X, _FOUND
+        yield sensors @ X, _SOLVED

@@ -61,13 +61,13 @@ from fenics_joints.joint_laws.iwan import (
 )
 from fenics_joints.joint_laws.kernel import HarmonicStress, LawKernel
 from fenics_joints.joint_laws.law import JointLaw
-from fenics_joints.joint_laws.layer import IwanLayer
 from fenics_joints.joint_laws.library import (
     BoucWen,
     CoulombStick,
     DilatantCoulomb,
     ElasticFriction,
     Iwan,
+    IwanLayer,
     Valanis,
 )
 from fenics_joints.joint_laws.memoryless import (

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -107,7 +107,7 @@ def _damping_beside(table: Table, columns: Sequence[str], modes, damping) -> np.
             f"{table.path}: has damping in column {columns[0]!r}, expected it there or in "
             f"{damping}, not in both"
         )
-    ratios = np.full((len(table.values), len(modes)), np.nan)
+    places = {}
     for name in columns:
         mode = name[: -len("damping")].strip()
         if not mode and len(modes) > 1:
@@ -115,16 +115,22 @@ def _damping_beside(table: Table, columns: Sequence[str], modes, damping) -> np.
                 f"{table.path}: column {name!r} is of one mode, expected 'MODE damping' for each "
                 f"of: {', '.join(modes[:LISTED])}"
             )
-        if mode and mode not in modes:
-            continue
-        ratios[:, modes.index(mode) if mode else 0] = table.column(name, "")
-    _check_values(table, columns, (read := _columns(table, columns)) >= 0, "a ratio from 0")
-    _check_values(table, columns, read < 1, "a damping ratio below 1 (or a unit [%] in its head)")
+        places[name] = modes.index(mode) if mode in modes else None if mode else 0
+    n = len(table.values)
+    return _ratios(table, places, range(n), (n, len(modes)))
+
+
+def _ratios(table: Table, places: Mapping[str, int | None], rows, shape) -> np.ndarray:
+    """Damping ratios of a table by the index of their modes, None for one that is not wanted."""
+    read = np.column_stack([table.column(name, "") for name in places])
+    good = (read >= 0) & (read < 1)
+    expected = "a damping ratio from 0 to below 1 (or a unit [%] in its head)"
+    _check_values(table, list(places), good, expected)
+    ratios = np.full(shape, np.nan)
+    for column, place in zip(read.T, places.values(), strict=True):
+        if place is not None:
+            ratios[rows, place] = column
     return ratios
-
-
-def _columns(table: Table, names: Sequence[str]) -> np.ndarray:
-    return np.column_stack([table.column(name, "") for name in names])
 
 
 def _check_size(table: Table, modes: Sequence[str], condition: str | None) -> None:
@@ -214,13 +220,11 @@ def _damping(path, condition, unit, conditions, modes) -> np.ndarray:
         )
     present = [name for name in table.names if name != condition]
     _check_size(table, present, condition)
-    columns = {name: i for i, name in enumerate(modes)}
     for name in present:
-        if name not in columns:
+        if name not in modes:
             raise InputError(
                 f"{table.path}: column {name!r} is no mode, expected {', '.join(modes)}"
             )
-    ratios = np.full((len(conditions), len(modes)), np.nan)
     rows = [int(np.argmin(np.abs(conditions - c))) for c in own]
     for c, row in zip(own, rows, strict=True):
         if not np.isclose(c, conditions[row], rtol=1e-9, atol=0):
@@ -228,8 +232,5 @@ def _damping(path, condition, unit, conditions, modes) -> np.ndarray:
                 f"{table.path}: {condition} = {c:g} has damping but no frequencies, expected one "
                 f"of {', '.join(f'{v:g}' for v in conditions)}"
             )
-    for name in present:
-        ratios[rows, columns[name]] = table.column(name, "")
-    read = np.column_stack([table.column(name, "") for name in present])
-    _check_values(table, present, (read >= 0) & (read < 1), "a damping ratio from 0 to below 1")
-    return ratios
+    places = {name: modes.index(name) for name in present}
+    return _ratios(table, places, rows, (len(conditions), len(modes)))

@@ -1,8 +1,9 @@
 """Time integration of structures with nonlinear joints, and what a ring-down tells."""
 
-from fenics_joints.transient.ring_down import RingDown, ring_down
 from fenics_joints.transient.transient import (
+    RingDown,
     TransientResult,
+    ring_down,
     solve_transient,
     steady_harmonics,
     stepped_sine,
