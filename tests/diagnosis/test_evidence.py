@@ -170,7 +170,7 @@ def test_close_modes_may_turn_into_one_another_as_far_as_the_models_error_turns_
     shapes, _ = np.linalg.qr(rng.standard_normal((12, 2)))
     points = np.column_stack([np.linspace(0, 1, 12), np.zeros((12, 2))])
 
-    def squares(hz, mode_mixing):
+    def squares(hz, turned):
         """Mahalanobis' square of a pair of shapes, beside the other shapes' error and noise."""
         data = measured(
             conditions=[5.0],
@@ -184,7 +184,7 @@ def test_close_modes_may_turn_into_one_another_as_far_as_the_models_error_turns_
         evidence = evidence_of(data, 0.01)
         is_shape = evidence.entries.kind == SHAPE
         C = evidence.full_covariance()[np.ix_(is_shape, is_shape)]
-        off = (np.sqrt(12) * mode_mixing).ravel() - evidence.data[is_shape]
+        off = (np.sqrt(12) * turned).ravel() - evidence.data[is_shape]
         return off @ np.linalg.solve(C, off)
 
     for hz in ((100.0, 103.0), (100.0, 160.0)):

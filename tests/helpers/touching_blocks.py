@@ -71,8 +71,8 @@ def write_bar(path: Path, cell: str = "hexahedron", shared: bool = True, turn: f
     if turn:
         a = np.array([1, 2, -0.5]) / np.linalg.norm([1, 2, -0.5])
         cross = np.array([[0, -a[2], a[1]], [a[2], 0, -a[0]], [-a[1], a[0], 0]])
-        mode_mixing = np.eye(3) + np.sin(turn) * cross + (1 - np.cos(turn)) * cross @ cross
-        mesh.affineTransform(np.hstack([mode_mixing, np.zeros((3, 1))]).ravel().tolist())
+        turned = np.eye(3) + np.sin(turn) * cross + (1 - np.cos(turn)) * cross @ cross
+        mesh.affineTransform(np.hstack([turned, np.zeros((3, 1))]).ravel().tolist())
     gmsh.write(str(path))
     gmsh.finalize()
     return path
