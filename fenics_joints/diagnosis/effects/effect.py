@@ -81,7 +81,7 @@ class Prior:
         span: Hard limits (low, high) in ``unit``.
         scan: Number of values at which the evidence is integrated over this parameter, for one
             that acts in steps or in many places; 0 for one that acts smoothly.
-        also: Further values at which a fit looks whether to start there.
+        also: Further values at which the prior has a cell, beside those of `scan`.
         even: Whether any value of ``span`` is as likely, as of a place; median and spread are then
             those of this distribution.
     """
@@ -121,8 +121,8 @@ class Prior:
         return np.log(value / self.median) / self.spread
 
     def tried(self) -> np.ndarray:
-        """Values of z at which a fit looks whether to start there: as many as `scan`, all equally
-        probable, and those of `also` within the limits."""
+        """Values of z at which the prior has cells: `scan` equally probable ones, and those of
+        `also` within the limits."""
         low, high = self.limits()
         also = [z for z in map(self.standard, self.also) if low <= z <= high]
         return np.array([*ndtri((np.arange(self.scan) + 0.5) / max(self.scan, 1)), *also])
@@ -173,8 +173,8 @@ class Effect:
             it is looked at only beside the best of these; empty for one that stands alone.
         never_with: Names of effects that the model cannot have together with it.
         where: ``(theta) -> words``: where it is; None for one without a ``place``.
-        beside: Whether its prior odds come beside those of the others, as of a cause that was an
-            unknown one before the library had it, and make none of them less likely.
+        beside: If true, its prior odds are not normalised with the library's, so that it makes no
+            other effect less likely.
     """
 
     name: str

@@ -251,21 +251,20 @@ def pressed_compliance(zones: Sequence[Zone]) -> Effect:
         zones: Zones of the contact's layer; the middle of each one's pressures counts.
     """
     pressure = np.array([0.5 * sum(zone.pressure) for zone in zones])
-    relative = pressure / float(np.max(pressure))
+    relative, kinds = pressure / float(np.max(pressure)), tuple(LAYER.keys)
 
     def apply(values, theta, condition):
-        _press(values, theta, zones, relative, 1.0, tuple(LAYER.keys))
+        _press(values, theta, zones, relative, 1.0, kinds)
 
-    words = "The interface gives way, the more the less it is pressed."
-    return Effect(
-        "joint compliance that falls with the pressure",
-        "joint",
-        _pressed_priors(LAYER.keys),
-        apply,
-        words,
-        False,
-        _LAYER.family,
-    )
+    name, words = "joint compliance", "The interface gives way, the more the less it is pressed."
+    return _falling(name, _pressed_priors(kinds), apply, words)
+
+
+def _falling(name: str, priors, apply, words: str, by_torque=False, weight=1.0) -> Effect:
+    """An effect of an interface that is stiffer where it is pressed more."""
+    name = f"{name} that falls with the pressure"
+    family = _LAYER.family
+    return Effect(name, "joint", priors, apply, words, by_torque, family, weight=weight)
 
 
 def _pressed_priors(kinds: Iterable[str]) -> tuple[Prior, ...]:
@@ -360,16 +359,8 @@ def pressed_by_bolts(
     if tuple(LAYER.keys) != kinds:
         (name, words), weight = _LAYER.alone[kinds], _LESS_PLAIN
     words = f"{words.rstrip('.')}, the more the further from the bolts that press it."
-    return Effect(
-        f"{name} that falls with the pressure",
-        "joint",
-        (*_pressed_priors(kinds), reach(low, high)),
-        apply,
-        words,
-        reference is not None,
-        _LAYER.family,
-        weight=weight,
-    )
+    priors = (*_pressed_priors(kinds), reach(low, high))
+    return _falling(name, priors, apply, words, reference is not None, weight)
 
 
 STIFFER = "joint stiffer than given"

@@ -98,7 +98,7 @@ class Evidence:
         known: See `TestData`: rows after a known change, the last ones.
         signatures: What a change in each patch of the structure would do; None where an unknown
             cause has no place.
-        joint_f: What a model errs by having joints as one, k changes of ln f at one standard
+        joint_f: What a model errs by having joints bonded, k changes of ln f at one standard
             deviation each, (m, k), the same at all conditions; None for no such error.
         joint_shapes: Likewise of shapes, (n_s, m, k); None without.
     """
@@ -144,15 +144,16 @@ class Evidence:
 
     @cached_property
     def as_row(self) -> tuple[int, ...]:
-        """The row without a known change that each one has the tightening of, (n,)."""
+        """For each row the row whose tightening it shares, (n,): its own, or after a known change
+        that of the nearest condition without one."""
         own = [i for i in range(len(self.conditions)) if not (self.known and self.known[i])]
         near = [int(np.argmin(np.abs(self.conditions[own] - c))) for c in self.conditions]
         return tuple(i if i in own else own[near[i]] for i in range(len(self.conditions)))
 
     @cached_property
     def tracking(self) -> tuple[tuple[int, int | None], ...]:
-        """Rows in the order in which modes are told, and from which other row they are followed to
-        each: None for the first, and for all where each is told by itself."""
+        """Order in which the rows' modes are identified, each with the row from which they are
+        tracked: None for the first row, and for all rows if each is identified independently."""
         n, first, own = len(self.conditions), self._first, self._ascending
         if first is None:
             return tuple((row, None) for row in range(n))
@@ -165,8 +166,9 @@ class Evidence:
 
     @property
     def _first(self) -> int | None:
-        """That of the measured shapes. Without any, the last in whose order the columns are, if
-        those of others are not: who made the table has followed the modes too."""
+        """The row at which tracking starts: that of the measured shapes. Without shapes, the last
+        row whose frequencies ascend, if those of other rows do not: whoever made the table has
+        tracked the modes too."""
         if self.shapes is not None:
             return self.shape_row
         f = [row[np.isfinite(row)] for row in self.log_f]

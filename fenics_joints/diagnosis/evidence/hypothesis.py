@@ -108,8 +108,8 @@ class Hypothesis:
 
     @cached_property
     def views(self) -> tuple[int | None, ...]:
-        """How the model is looked at, at each condition: as a mode sees it, for those in `moved`,
-        behind None, as all others do."""
+        """Evaluations of the model that each condition needs: None for all modes at the common
+        level, and one for each mode in `moved`, at its own level."""
         return (None, *self.moved)
 
     def view_of(self, n: int) -> list[int]:
@@ -201,7 +201,7 @@ class Hypothesis:
             baseline: Parameter values of the nominal model.
             row: Which of ``conditions`` it is, likewise; None for a tightening that was not
                 measured.
-            mode: The mode of `views` that looks at it; None for the others.
+            mode: The mode of `views` at whose level it is; None for the common level.
         """
         values = dict(baseline)
         felt = self._condition(z, condition, row, mode)
@@ -251,7 +251,7 @@ class Hypothesis:
 
     @cached_property
     def varies(self) -> bool:
-        """Whether it may say otherwise at one condition than at another."""
+        """Whether its prediction may depend on the condition."""
         if self.tightenings or self.amplitudes or any(self.known):
             return True
         return any(
@@ -260,7 +260,7 @@ class Hypothesis:
         )
 
     def dissipates(self, j: int) -> bool:
-        """Whether what is dissipated may depend on parameter ``j`` of z."""
+        """Whether the loss factors may depend on parameter ``j`` of z."""
         if j < len(self._own):
             return self._own[j][0].loss is not None
         return j < self.places["dampings"].start

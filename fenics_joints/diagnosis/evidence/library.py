@@ -356,7 +356,7 @@ class Library:
         return found
 
     def renewed(self, found: Found, test: Evidence) -> Found:
-        """What a test says of a hypothesis by this model, after another that is nearly the same.
+        """Weigh a hypothesis again by this model, from what a slightly worse model found.
 
         Args:
             found: By the other model.
@@ -551,8 +551,7 @@ class Library:
             scales = found.fit.scales
 
     def of(self, h: Hypothesis, test: Evidence, known: dict[str, Found] | None = None) -> Found:
-        """What a part of a test says of a hypothesis, from the library alone: nothing that all of
-        it said has a hand in this.
+        """What a part of a test says of a hypothesis, without any use of the rest of the test.
 
         Args:
             h: The hypothesis.

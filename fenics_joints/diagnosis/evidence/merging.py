@@ -38,7 +38,7 @@ _STEP, _PROBES = 1e-3, 3
 
 
 class KnownEffects:
-    """Hypotheses met so far; says of a further set of effects whether it is one of them.
+    """The sets of effects that were considered so far, by what they do to the model.
 
     Args:
         baseline: Parameter values of the nominal model.
@@ -51,7 +51,7 @@ class KnownEffects:
         self._met: dict[tuple, list[tuple[Effect, ...]]] = {}
 
     def same(self, effects: Sequence[Effect]) -> tuple[Effect, ...] | None:
-        """The first set met that is this one in other words; None, and it is met, if none is."""
+        """The first set that does the same to the model; None, and it is added, if none does."""
         effects = tuple(effects)
         if not effects or any(e.sensing is not None for e in effects):
             return None
@@ -63,7 +63,7 @@ class KnownEffects:
         return None
 
     def _outline(self, effects: tuple[Effect, ...]) -> tuple:
-        """What two equal sets have in common, found without a comparison of values."""
+        """Key that equal sets share, found without evaluating the model."""
         priors = sorted(repr(_known(p)) for e in effects for p in e.priors)
         touched = frozenset().union(*(self._touches(e) for e in effects))
         kinds = (
@@ -81,7 +81,7 @@ class KnownEffects:
 def distinct(
     effects: Iterable[Effect], baseline: Mapping[str, float], conditions: Iterable[float]
 ) -> tuple[Effect, ...]:
-    """Effects without those that are an earlier one in other words, which says so.
+    """Effects without those that do the same as an earlier one, whose description then names them.
 
     Args:
         effects: The effects.
@@ -189,7 +189,7 @@ def merge_indistinguishable(
     baseline: dict[str, float],
     comm: MPI.Intracomm,
 ) -> tuple[Effect, ...]:
-    """Effects of which those that differ by their place alone, and not in this test, are one.
+    """The effects, those merged that differ by their place alone and predict the same of this test.
 
     Collective.
 
@@ -227,7 +227,7 @@ def _kind(effect: Effect) -> tuple:
 
 
 def _groups(group: Sequence[Effect], comparison: _Comparison) -> list[tuple[Effect, list[Effect]]]:
-    """Each effect that no earlier one is like, with those that are like it."""
+    """Each effect that predicts something new, with the later ones that predict the same."""
     found: list[tuple[Effect, list[Effect]]] = []
     for effect in group:
         for known, others in found:
@@ -248,7 +248,7 @@ class _Comparison:
         self._known: dict[tuple[str, bool], np.ndarray] = {}
 
     def same(self, effect: Effect, other: Effect) -> bool:
-        """Whether two are the same; most differ at their medians already."""
+        """Whether two effects predict the same; most differ at their medians already."""
         for far in (False, True):
             apart = np.linalg.norm(self._at(effect, far) - self._at(other, far), axis=1) / 2
             # One is then taken for the other with 46 % probability, and 50 % is chance.
@@ -281,7 +281,7 @@ class _Comparison:
 
 
 def _merged(own: Sequence[Effect]) -> Effect:
-    """One of them for all, with the prior odds of all."""
+    """One effect in place of several, with their prior odds together."""
     if len(own) == 1:
         return own[0]
     places = "; ".join(e.region for e in own)

@@ -1,10 +1,10 @@
-"""What a model errs by having joints as one: an error that all modes share.
+"""What a model errs by having joints bonded: an error that all modes share.
 
-Clamped faces give way a little, whatever is wrong with a structure, and a layer or a bonded patch
-stands for them only as well as anyone can say. Of the error that a case states some is of this
-kind: all joints give way, across or along their planes, by so much that frequencies fall by a part
-of what is stated. It moves all modes together and turns their shapes, so that many sensors tell it
-from none; a covariance that has each mode err by itself takes it for a joint that has come loose.
+Clamped faces are always a little compliant, and no layer or bonded patch represents them exactly.
+So a part of the error that a case states is of this kind: all joints are compliant, across or along
+their planes, by so much that frequencies fall by a part of what is stated. That moves all modes
+together and changes their shapes, which many sensors can see; a covariance in which each mode errs
+by itself would take it for a joint that has come loose.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ def joint_errors(
     baseline: Mapping[str, float],
     interfaces: Mapping[str, Mapping[str, float]],
 ) -> JointErrors | None:
-    """What all joints do that give way a little across their planes, and along them, each at one
+    """What a little compliance of all joints does, across their planes and along them, each at one
     standard deviation.
 
     Args:

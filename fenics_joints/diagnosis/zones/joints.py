@@ -103,7 +103,7 @@ def placed(case: Case, rows: Sequence[LayerZone], tagged: TaggedMesh | None = No
 
 
 def _single(kinds: Mapping[str, Mapping[str, tuple[str, ...]]], away: tuple[str, ...]):
-    """Zones of each single place by kind, where there are several, and no place twice."""
+    """Zones of each distinct location, grouped by kind."""
     seen, found = {frozenset(away)}, {}
     for kind, places in kinds.items():
         new = {k: zones for k, zones in places.items() if frozenset(zones) not in seen}
