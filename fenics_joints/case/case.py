@@ -148,23 +148,19 @@ class Case(CaseSection):
         return [self._path, *(self.folder / name for name in _file_names(self))]
 
     def diagnosed(self) -> Case:
-        """The case with the mesh that a diagnosis takes, and with what was put on for tests after
-        a change; of such a case, itself."""
-        case = self
-        put_on = (
-            {}
-            if self.test is None
-            else {
-                name: AttachedMass(kind="mass", mass=section.mass, points=section.points)
-                for name, section in self.test.changed.items()
-                if section.mass is not None
-            }
-        )
-        if not put_on.keys() <= self.attached.keys():
-            case = case.model_copy(update={"attached": self.attached | put_on})
-        if case._coarse is not None:
-            case = case.model_copy(update={"mesh": case._coarse})
-            case._coarse = None
+        """The case with the mesh that a diagnosis takes, and with the masses that were put on for
+        tests after a change; of such a case, itself."""
+        changed = {} if self.test is None else self.test.changed
+        put_on = {
+            name: AttachedMass(kind="mass", mass=section.mass, points=section.points)
+            for name, section in changed.items()
+            if section.mass is not None and name not in self.attached
+        }
+        if not put_on and self._coarse is None:
+            return self
+        mesh = self._coarse or self.mesh
+        case = self.model_copy(update={"attached": {**self.attached, **put_on}, "mesh": mesh})
+        case._coarse = None
         return case
 
     @property

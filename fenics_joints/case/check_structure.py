@@ -1,4 +1,4 @@
-"""What is wrong with the structure of a case across its sections: names, faces, loads, beams."""
+"""Checks of a case's structure across its sections: names, faces, loads, beams."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is wrong with what a case is to be updated to: parameters, data, conditions, held data."""
+"""Checks of ``[update]``, ``[damping]``, ``[nonlinear]`` and ``[harmonic]`` against the data."""
 
 from __future__ import annotations
 

@@ -84,7 +84,7 @@ def finish_case(case: Case, path: Path, raw: dict) -> list[str]:
 
 
 def read_part(case: Case, path: Path, has_mesh: bool) -> list[str]:
-    """The same of a case that lacks sections: what needs none of the others."""
+    """Check a case that lacks sections, as far as a check needs none of these; as `finish_case`."""
     case._path = path
     meshed = check_mesh(case) if has_mesh else []
     tests = [*_read_tests(case), *_read_frfs(case)]
@@ -389,8 +389,8 @@ class Examined:
 def examine_case(path: str | Path) -> Examined:
     """Read a case as `load_case` does; what is wrong does not end it, as far as it can go on.
 
-    A key that cannot be read is left out, then its section, then its table, so that the other
-    sections, and the files that they name, are looked at all the same. Needs no MPI.
+    A key that cannot be read is left out, then its section, then its table, so that all other
+    sections, and the files that they name, are checked too. Needs no MPI.
     """
     try:
         path, raw = read_case(path)

@@ -1,4 +1,4 @@
-"""What is to be said before data and model are believed: left out, doubtful, moved, assumed."""
+"""Notes on data and model: what was left out, doubted, moved or assumed."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import numpy as np
 from fenics_joints.case.case import Case
 from fenics_joints.structure import Structure
 
-#: Begins what is said of the model, not of the test.
+#: Prefix of a note on the model; other notes are on the test.
 OF_MODEL = "model: "
 
 #: A sensor that was moved less, m, stood where the mesh ends, but for the digits of its file.
@@ -48,7 +48,7 @@ def test_notes(case: Case, model: object) -> tuple[str, ...]:
 
 
 def labelled(note: str) -> str:
-    """A note as a terminal shows it, with what it is of."""
+    """A note with its subject, model or test, as a terminal shows it."""
     return note if note.startswith(OF_MODEL) else f"test: {note}"
 
 

@@ -8,18 +8,21 @@ from fenics_joints.structure import Damped, Damping
 from fenics_joints.structure.components import Parameter
 from fenics_joints.units import parameter_unit
 
-#: Far wider than any metal joint, from a rattling contact to a weld of the thinnest layer.
+#: Bounds of E and G of a joint, Pa: far wider than any metal joint, from a rattling contact to a
+#: weld of the thinnest layer.
 _JOINT_MODULUS = (1e2, 1e14)
-#: The same per area, Pa/m: from faces that hardly touch to a micrometre of metal.
-_JOINT_SPRINGS = (1e6, 1e19)
-#: How far a known property may be from its nominal value, as a factor.
+#: Bounds of properties whose section gives none. Stiffness per area, Pa/m: from faces that hardly
+#: touch to a micrometre of metal.
+_BOUNDS = {
+    "nu": (0.0, 0.49),
+    **dict.fromkeys(("thickness", "width"), (0.5, 2.0)),
+    **dict.fromkeys(("k_n", "k_t"), (1e6, 1e19)),
+    "c": (0.0, 1e3),
+}
+#: How far others may be from their nominal value, as a factor: the thickness of a transition layer,
+#: the stiffness of a lap of beams, and any other known property.
+_FACTORS = {"h": 30.0, **dict.fromkeys(("k1", "k2", "k_axial"), 1e3)}
 _KNOWN = 3.0
-_THICKNESS = (0.5, 2.0)
-#: How far the thickness of a transition layer may be from its nominal value, as a factor.
-_LAYER = 30.0
-#: How far the stiffness of a lap of beams may be from its nominal value, as a factor; most damping.
-_LAP, _DAMPER = 1e3, 1e3
-_NU = (0.0, 0.49)
 #: Stiffness of a support, Pa/m, that is as good as rigid, and its range: E / (k L) of a metal body
 #: of size L is below 1e-6. A steel cantilever's frequencies are 2e-6 below those of a held one's.
 RIGID_SUPPORT = 1e19
@@ -91,22 +94,11 @@ def _bounds(case: Case) -> dict[str, tuple[float, float]]:
 
 def _usual(section: PartSection | JointSection, key: str, value: float) -> tuple[float, float]:
     """Bounds for a property whose section gives none."""
-    if key == "nu":
-        low, high = _NU
-    elif key in ("thickness", "width"):
-        low, high = _THICKNESS
-    elif isinstance(section, JointSection) and key in ("E", "G"):
+    if isinstance(section, JointSection) and key in ("E", "G"):
         low, high = _JOINT_MODULUS
-    elif key in ("k_n", "k_t"):
-        low, high = _JOINT_SPRINGS
-    elif key in ("k1", "k2", "k_axial"):
-        low, high = value / _LAP, value * _LAP
-    elif key == "c":
-        low, high = 0.0, _DAMPER
-    elif key == "h":
-        low, high = value / _LAYER, value * _LAYER
     else:
-        low, high = value / _KNOWN, value * _KNOWN
+        factor = _FACTORS.get(key, _KNOWN)
+        low, high = _BOUNDS.get(key, (value / factor, value * factor))
     return min(low, value), max(high, value)
 
 

@@ -11,11 +11,11 @@ class Usual:
     """The usual range of a kind of quantity.
 
     Attributes:
-        what: Of what it is, in words that go before the range.
+        what: Subject and verb that stand before the range, such as "solid materials have".
         low: Lower end, SI.
         high: Upper end, SI.
         unit: SI unit; ``""`` for a ratio.
-        zero: Whether zero is usual too: nothing of it.
+        zero: Whether zero is usual too, though below the range.
     """
 
     what: str
