@@ -13,8 +13,8 @@ from fenics_joints.reduction.arrays import freeze
 from fenics_joints.reduction.prediction import (
     BatchPrediction,
     ModalPrediction,
-    lean_forward,
     modes_at,
+    truncate_basis,
 )
 
 #: Draws of the prior whose modes make the small model, those that check it, rounds of both, and
@@ -115,7 +115,7 @@ def narrow_frequencies(
         snapshots += [modes_at(middle, values) for values in wanted]
         checks = [values for values in drawn(_CHECKS) if _has_modes(middle, values)]
         every = np.hstack(snapshots)
-        lean, error = lean_forward(
+        lean, error = truncate_basis(
             middle,
             frozen,
             wanted[0],

@@ -11,7 +11,7 @@ from fenics_joints.bayes.model import Frequencies, ReducedCheck, check_reduced, 
 from fenics_joints.bayes.priors import Prior
 from fenics_joints.errors import InputError
 from fenics_joints.progress import Progress
-from fenics_joints.reduction.basis import Points, improve
+from fenics_joints.reduction.basis import Points, weak_greedy
 from fenics_joints.reduction.surrogate import tested_models
 
 #: Points that are rare in the prior are the worst, and thousands of samples will find them: the
@@ -74,7 +74,7 @@ class SampledModel:
             self._sample()
         # Other points each time: those that were put right say nothing of the rest.
         seeds = count(_SEED)
-        improve(
+        weak_greedy(
             self,
             lambda: self._by_name(self.prior.sample(_CHECKED, np.random.default_rng(next(seeds)))),
             self.tolerance,
@@ -94,7 +94,7 @@ class SampledModel:
             return self._drawn(_FEW, _WIDER) if next(rounds) < 2 else self._drawn(_MANY)
 
         # A round costs as much as several points: more of them than must be.
-        errors = improve(
+        errors = weak_greedy(
             self.model, points, _GOOD * self.tolerance, _ROUNDS, most=_WORST, least=_SOME / _GOOD
         )
         self.bound = float(errors.max())

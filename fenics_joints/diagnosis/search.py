@@ -21,7 +21,7 @@ from fenics_joints.diagnosis.verdict import NO_GAP, UNKNOWN
 from fenics_joints.diagnosis.zones.sites import ON, without_attached
 from fenics_joints.parallel import on_root, spread
 from fenics_joints.progress import Progress
-from fenics_joints.reduction.basis import improve
+from fenics_joints.reduction.basis import weak_greedy
 
 #: Leading hypotheses that are checked on the full model, of one effect and in the end; the error
 #: of a reduced frequency, relative to the discrepancy, above which the basis is enriched; and how
@@ -263,7 +263,7 @@ class Search:
         better = [f for f in near() if f.log_evidence > found[0].fit.log_evidence]
         if any(e.family == ON for f in better for e in f.hypothesis.effects) and surrogate.bend():
             again()
-        errors = improve(
+        errors = weak_greedy(
             surrogate.quick if quickly else surrogate, leading, limit, _ROUNDS, after=again
         )
         self.model_error = float(errors.max(initial=0.0))

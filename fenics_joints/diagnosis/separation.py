@@ -20,7 +20,7 @@ from fenics_joints.formatting import point_mm
 from fenics_joints.measurements.gap import VISIBLE
 from fenics_joints.modal.modes import Modes, solve_modes
 from fenics_joints.reduction.matched import PLACES, match_modes
-from fenics_joints.reduction.surrogate import Surrogate
+from fenics_joints.reduction.surrogate import ReducedModel
 
 #: Expected separation D of two hypotheses, and the measurement.
 Offer = tuple[float, str]
@@ -129,7 +129,7 @@ class MatchedPairs(NamedTuple):
     unseen: np.ndarray
 
 
-def same_in_both(a: Modes, b: Modes, surrogate: Surrogate) -> MatchedPairs:
+def same_in_both(a: Modes, b: Modes, surrogate: ReducedModel) -> MatchedPairs:
     """Which modes are the same, by shapes all over: by order a mode that the sensors see in one of
     the two alone would set all above it beside others. Collective.
 

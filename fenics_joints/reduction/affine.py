@@ -89,7 +89,7 @@ class Stack:
             daxpy(self._upper[i], total, a=change[i])
         return total
 
-    def settle(self, factors: np.ndarray) -> None:
+    def set_reference(self, factors: np.ndarray) -> None:
         """Know a sum, from which others are formed: it must not be what happened to be asked for
         first, or round-off would hang on that."""
         self.about = factors.copy(), factors @ self._upper
@@ -464,21 +464,21 @@ class AffinePencil:
 
     # -- sums ------------------------------------------------------------------------------------
 
-    def settle(self, values: Values) -> None:
+    def set_reference(self, values: Values) -> None:
         """Form sums at other values from those at these, of which most scalars are mostly the same.
 
         Args:
             values: All parameters' values.
         """
         theta, rho = self.scalars(values)
-        self._stiffness.settle(theta)
-        self._inertia.settle(rho)
-        self.__dict__["_settled"] = dict(values)
+        self._stiffness.set_reference(theta)
+        self._inertia.set_reference(rho)
+        self.__dict__["_reference"] = dict(values)
 
     @property
-    def settled(self) -> Mapping[str, float] | None:
-        """The values of `settle`, or None."""
-        return self.__dict__.get("_settled")
+    def reference(self) -> Mapping[str, float] | None:
+        """The values of `set_reference`, or None."""
+        return self.__dict__.get("_reference")
 
     def matrices(self, values: Values) -> tuple[np.ndarray, np.ndarray]:
         """(K, M) at all parameters' values, each (n, n); (b, n, n) of values of shape (b,) each."""

@@ -25,7 +25,7 @@ class ArrayModel:
         sensor_rows: What the sensors read of the basis, shape (n_sensors, n_dofs); None without.
         shift_rows: The same per metre that a sensor sits further along each way that it may be off
             (`fenics_joints.reduction.prediction.ways_of`), (n_ways, n_sensors, n_dofs), and of two
-            the `bends`, (9, n_sensors, n_dofs) in all; or None.
+            the `shape_curvature`, (9, n_sensors, n_dofs) in all; or None.
         places: Displacement of the basis where forces and responses are asked for; or None.
         dampers: Matrices of dashpots by name, (n_dofs, n_dofs), which are in neither K nor M:
             ``Damping.viscous`` has the coefficient of each.

@@ -40,7 +40,7 @@ class SmallModel(Protocol):
         """Become better at points. Collective."""
 
 
-def improve(
+def weak_greedy(
     model: SmallModel,
     points: Callable[[], Points],
     limit: float,
@@ -395,7 +395,7 @@ def narrow(
     small = _Narrowing(frozen, n_modes, tolerance)
     small.extend([middle, *points(qmc.Sobol(len(ranges), seed=seed).random(_SAMPLES))])
     chance = np.random.default_rng(seed)
-    errors = improve(
+    errors = weak_greedy(
         small, lambda: points(chance.random((n_check, len(ranges)))), tolerance, _ROUNDS, least=1.0
     )
     error = float(errors.max())

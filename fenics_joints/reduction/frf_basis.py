@@ -136,11 +136,17 @@ def response_loads(structure: Structure, excitation: Sensors, sensors: Sensors) 
     return np.hstack([structure.loads(excitation, "excitation"), structure.loads(sensors)])
 
 
-def _sampler(structure, n_modes, lines, excitation, sensors, damping) -> ResponseSampler:
-    damping = damping or Damping()
+def _sampled(structure, samples, n_modes, asked, done) -> ResponseSampler:
+    """Modes and residual vectors at samples."""
+    damping = asked.get("damping") or Damping()
     damping.check(structure.parameters, structure.layers)
-    loads = response_loads(structure, excitation, sensors)
-    return ResponseSampler(structure, n_modes, loads, check_lines(lines), damping)
+    loads = response_loads(structure, asked["excitation"], asked["sensors"])
+    lines = check_lines(asked["frequencies_hz"])
+    sampler = ResponseSampler(structure, n_modes, loads, lines, damping)
+    for given in samples:
+        sampler.add(given, sampler.modes(given))
+        done()
+    return sampler
 
 
 def frf_basis(
@@ -148,13 +154,10 @@ def frf_basis(
     samples: Iterable[Values],
     *,
     n_modes: int,
-    frequencies_hz,
-    excitation: Sensors,
-    sensors: Sensors,
-    damping: Damping | None = None,
     tolerance: float = 1e-8,
     travel: Mapping[str, tuple[float, float]] | None = None,
-    progress: Callable[[], None] | None = None,
+    progress: Callable[[], None] = lambda: None,
+    **asked,
 ) -> ReducedStructure:
     """Reduced model on modes and residual vectors at samples of the parameters. Collective.
 
@@ -162,36 +165,23 @@ def frf_basis(
         structure: The full model.
         samples: Values at which they are computed.
         n_modes: Modes at each sample, rigid-body ones included.
-        frequencies_hz: Lines of interest, Hz; their median weighs the layers' damping.
-        excitation: Points and directions of the forces.
-        sensors: Points and directions of the responses.
-        damping: The damping, whose damped layers get residual vectors of their own.
         tolerance: Directions with less than this share of the largest energy are left out.
         travel: Ranges of moving masses, see `ReducedStructure`.
         progress: Called after each sample.
+        asked: ``frequencies_hz`` (lines of interest, whose median weighs the layers' damping),
+            ``excitation``, ``sensors`` and ``damping``, as `fenics_joints.response.solve_frf` has
+            them. Damped layers get residual vectors of their own.
 
     Raises:
         InputError: Without samples, or if a value is out of range or a point outside the mesh.
         ConvergenceError: If modes were not found.
     """
-    sampler = _sampler(structure, n_modes, frequencies_hz, excitation, sensors, damping)
-    for given in samples:
-        sampler.add(given, sampler.modes(given))
-        if progress:
-            progress()
+    sampler = _sampled(structure, samples, n_modes, asked, progress)
     return ReducedStructure(structure, sampler.snapshots.basis(tolerance), travel)
 
 
 def frf_error(
-    reduced,
-    structure: Structure,
-    at: Sequence[Values],
-    *,
-    frequencies_hz,
-    excitation: Sensors,
-    sensors: Sensors,
-    damping: Damping | None = None,
-    lines: int | None = 5,
+    reduced, structure: Structure, at: Sequence[Values], *, lines: int | None = 5, **asked
 ) -> FRFError:
     """Error of FRFs of a reduced model at parameter values. Collective.
 
@@ -201,11 +191,8 @@ def frf_error(
         reduced: A `ReducedStructure` or `ArrayModel`.
         structure: The full model, which is solved directly; by modes where it has modal ratios.
         at: Values of the parameters, n_points sets of them.
-        frequencies_hz: Lines of interest, Hz.
-        excitation: Points and directions of the forces.
-        sensors: Points and directions of the responses.
-        damping: The damping.
         lines: At how many lines, evenly from the first to the last; None for all.
+        asked: As in `frf_basis`.
 
     Raises:
         InputError: As `solve_frf`; without values.
@@ -213,12 +200,7 @@ def frf_error(
     """
     if not len(at):
         raise InputError("at: expected at least one set of parameter values.")
-    asked = {
-        "frequencies_hz": _some(check_lines(frequencies_hz), lines),
-        "excitation": excitation,
-        "sensors": sensors,
-        "damping": damping,
-    }
+    asked |= {"frequencies_hz": _some(check_lines(asked["frequencies_hz"]), lines)}
     return _error(reduced, at, [_exact(structure, given, asked) for given in at], asked)
 
 
@@ -228,17 +210,14 @@ def checked_frf_model(
     points: Sequence[Values],
     *,
     n_modes: int,
-    frequencies_hz,
-    excitation: Sensors,
-    sensors: Sensors,
-    damping: Damping | None = None,
     error: float = 1e-3,
     lines: int | None = 5,
     rounds: int = 8,
     strict: bool = True,
     tolerance: float = 1e-8,
     travel: Mapping[str, tuple[float, float]] | None = None,
-    progress: Callable[[], None] | None = None,
+    progress: Callable[[], None] = lambda: None,
+    **asked,
 ) -> CheckedFRFModel:
     """Reduced model whose FRFs have no larger error than asked at points. Collective.
 
@@ -249,10 +228,6 @@ def checked_frf_model(
         samples: Values at which the basis is made to begin with.
         points: Values at which the error shall be small.
         n_modes: As in `frf_basis`.
-        frequencies_hz: Lines of interest, Hz.
-        excitation: Points and directions of the forces.
-        sensors: Points and directions of the responses.
-        damping: The damping.
         error: Largest relative error of any FRF at any of the points and lines.
         lines: At how many lines each point is checked, see `frf_error`.
         rounds: How many points may be added.
@@ -260,6 +235,7 @@ def checked_frf_model(
         tolerance: As in `frf_basis`.
         travel: Ranges of moving masses.
         progress: Called after each sample and each point.
+        asked: As in `frf_basis`.
 
     Raises:
         InputError: As `frf_basis`.
@@ -267,21 +243,12 @@ def checked_frf_model(
     """
     if not len(samples) or not len(points):
         raise InputError("samples and points: expected at least one set of values in each.")
-    done = progress or (lambda: None)
-    sampler = _sampler(structure, n_modes, frequencies_hz, excitation, sensors, damping)
     used, exact = list(samples), []
-    asked = {
-        "frequencies_hz": _some(sampler.lines, lines),
-        "excitation": excitation,
-        "sensors": sensors,
-        "damping": damping,
-    }
-    for given in used:
-        sampler.add(given, sampler.modes(given))
-        done()
+    sampler = _sampled(structure, used, n_modes, asked, progress)
+    asked |= {"frequencies_hz": _some(sampler.lines, lines)}
     for given in points:
         exact.append(_exact(structure, given, asked))
-        done()
+        progress()
     history, own = [], np.zeros(len(points), dtype=bool)
     while True:
         reduced = ReducedStructure(structure, sampler.snapshots.basis(tolerance), travel)
@@ -294,7 +261,7 @@ def checked_frf_model(
         own[worst] = True
         used.append(points[worst])
         sampler.add(points[worst], sampler.modes(points[worst]))
-        done()
+        progress()
     if late and strict:
         raise ConvergenceError(
             f"the FRFs of the reduced model of {reduced.n_dofs} vectors have an error of "
@@ -304,7 +271,7 @@ def checked_frf_model(
     fresh = None if own.all() else float(found.by_point[~own].max())
     return CheckedFRFModel(
         reduced,
-        reduced.arrays(excitation, sensors),
+        reduced.arrays(asked["excitation"], asked["sensors"]),
         found,
         tuple(points),
         tuple(used),
@@ -324,7 +291,7 @@ def _some(lines: np.ndarray, count: int | None) -> np.ndarray:
 
 def _exact(structure, given: Values, asked) -> np.ndarray:
     """Receptances of the full model, (n_f, n_sensors, n_excitations)."""
-    modal = asked["damping"] and asked["damping"].is_modal
+    modal = asked.get("damping") and asked["damping"].is_modal
     settings = {"method": "modal", "check": 0} if modal else {}
     return solve_frf(structure, given, **asked, **settings).values
 

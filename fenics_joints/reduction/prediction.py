@@ -489,8 +489,8 @@ def _of_unit_mass(model: ArrayModel) -> ArrayModel | None:
     if _MARGIN * np.finfo(float).eps * highest > rigid:
         return None
     found = model.on(inverse_root.T)
-    if pencil.settled is not None:
-        found.pencil.settle(pencil.settled)
+    if pencil.reference is not None:
+        found.pencil.set_reference(pencil.reference)
     return found
 
 
@@ -568,7 +568,7 @@ def modes_at(forward: ModalPrediction, values: Mapping[str, float]) -> np.ndarra
         return solve_modes(forward.model, own, n_modes=forward.n_modes).shapes
 
 
-def lean_forward(
+def truncate_basis(
     forward: ModalPrediction,
     model: ArrayModel,
     given: Mapping[str, float],

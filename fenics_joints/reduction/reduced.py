@@ -64,7 +64,7 @@ def monomials(a, b) -> np.ndarray:
     return np.array([a**i * b**j for i, j in _POWERS])
 
 
-def bends(
+def shape_curvature(
     structure: Structure,
     basis: Sequence[PETSc.Vec],
     sensors: Sensors,
@@ -168,7 +168,7 @@ class Projection:
 
     def sensors(self, sensors: Sensors | None) -> tuple[np.ndarray | None, np.ndarray | None]:
         """What sensors read of the basis, (n_s, n), and the same per metre that they sit further
-        along each of their ways, (n_ways, n_s, n); of two ways then `bends`, per m2 and m3."""
+        along each of their ways, (n_ways, n_s, n); of two ways then `shape_curvature`."""
         if sensors is None:
             return None, None
         ways = ways_of(sensors, self.full.gdim)
@@ -176,7 +176,7 @@ class Projection:
         slopes = np.array([self.full.observe_slopes(self.basis, sensors, way) for way in ways])
         if len(ways) == 2:
             slopes = np.concatenate(
-                [slopes, bends(self.full, self.basis, sensors, ways, rows, slopes)]
+                [slopes, shape_curvature(self.full, self.basis, sensors, ways, rows, slopes)]
             )
         return rows, slopes
 

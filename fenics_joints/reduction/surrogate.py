@@ -83,7 +83,7 @@ _LACKING_FOR_TEST = 1e-3
 _DEPENDENT = 1e-13
 
 
-class Surrogate(MatchedModes):
+class ReducedModel(MatchedModes):
     """A parametric reduced model of what a test sees, with its error under control. Collective.
 
     Its basis holds the modes at the first few samples, and what it lacks of those at the others,
@@ -145,7 +145,7 @@ class Surrogate(MatchedModes):
     def _with_motions(self) -> ArrayModel:
         """`_trimmed`, with what moves by itself."""
         model = with_motions(self._trimmed(), self.full, self._basis)
-        model.pencil.settle(model.values(self._start))
+        model.pencil.set_reference(model.values(self._start))
         return model
 
     def _trimmed(self) -> ArrayModel:
@@ -166,7 +166,7 @@ class Surrogate(MatchedModes):
     def _condense(self) -> None:
         """Take what the test's modes need of a model that serves others too."""
         model = self._trimmed()
-        model.pencil.settle(model.values(self._start))
+        model.pencil.set_reference(model.values(self._start))
         forward = self._forward(model)
         lacking = max(self.lacking, _LACKING_FOR_TEST)
         turn = compress_basis(forward, self.samples, self._of_test, lacking)
@@ -385,9 +385,9 @@ def compress_basis(
 
 
 class _Quick:
-    """See `Surrogate.quick`."""
+    """See `ReducedModel.quick`."""
 
-    def __init__(self, whole: Surrogate):
+    def __init__(self, whole: ReducedModel):
         self._whole = whole
 
     def errors(self, points: Points) -> np.ndarray:
@@ -402,7 +402,7 @@ class SmallModels:
     """Makers of small models that know their errors, see `fenics_joints.reduction.basis`.
 
     Attributes:
-        seen: For the modes that a test saw, see `Surrogate`.
+        seen: For the modes that a test saw, see `ReducedModel`.
         free: For these in a few parameters, see `GreedyModel`.
         combined: For data of several kinds, see `CombinedModel`.
         exact: Whether they are as good as the full model, and need neither samples nor files.
@@ -417,4 +417,4 @@ class SmallModels:
 @singledispatch
 def tested_models(full) -> SmallModels:
     """The small models of a structure; those of solids are reduced on samples of parameters."""
-    return SmallModels(Surrogate, GreedyModel, CombinedModel)
+    return SmallModels(ReducedModel, GreedyModel, CombinedModel)

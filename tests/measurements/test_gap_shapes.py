@@ -12,7 +12,7 @@ from fenics_joints.measurements.gap import largest_difference, pair_modes
 from fenics_joints.modal import solve_modes
 from fenics_joints.reduction.affine import AffinePencil
 from fenics_joints.reduction.arrays import ArrayModel
-from fenics_joints.reduction.surrogate import Surrogate
+from fenics_joints.reduction.surrogate import ReducedModel
 from fenics_joints.structure import Sensors
 
 pytestmark = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="writes a case in a folder")
@@ -44,13 +44,13 @@ def test_modes_follow_the_measured_shapes_not_the_order(write_case, tmp_path):
     case = load_case(write_case(tmp_path))
     full = build_structure(case, MPI.COMM_SELF)
     args = dict(samples=lambda: [case.nominal()], sensors=case.sensors(), n_test=4, n_modes=16)
-    plain = Surrogate(full, case.nominal(), **args)
+    plain = ReducedModel(full, case.nominal(), **args)
     swapped = plain.pairing.shapes[:, [1, 0, 2, 3]]
     rows = "".join(",".join(f"{x:.6g}" for x in row) + "\n" for row in swapped * 1e3)
     other = tmp_path / "other"
     other.mkdir()
     shapes = load_case(_with_shapes(write_case, other, HEAD + rows)).measurements().shapes
-    followed = Surrogate(full, case.nominal(), shapes=shapes, **args)
+    followed = ReducedModel(full, case.nominal(), shapes=shapes, **args)
     assert followed.pairing.index.tolist() == plain.pairing.index[[1, 0, 2, 3]].tolist()
     assert followed.crossings == {(0, 1)} and plain.crossings == set()
     log_f, _ = followed.forward(case.nominal())
@@ -63,9 +63,9 @@ def test_an_error_is_of_modes_that_are_alike(write_case, tmp_path):
     case = load_case(write_case(tmp_path))
     full = build_structure(case, MPI.COMM_SELF)
     args = dict(samples=lambda: [case.nominal()], sensors=case.sensors(), n_modes=16)
-    shapes = Surrogate(full, case.nominal(), n_test=2, **args).pairing.shapes
+    shapes = ReducedModel(full, case.nominal(), n_test=2, **args).pairing.shapes
     shapes = shapes / np.linalg.norm(shapes, axis=0)
-    small = Surrogate(full, case.nominal(), n_test=1, **args)
+    small = ReducedModel(full, case.nominal(), n_test=1, **args)
     values = {**case.nominal(), "near.E": 0.03 * case.nominal()["near.E"]}
     (error,) = small.errors([values])
     both = small.forward.solve(values)[0], small.solve(values)

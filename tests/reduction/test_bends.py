@@ -9,7 +9,7 @@ from mpi4py import MPI
 
 from fenics_joints.meshes import lap_plates
 from fenics_joints.reduction.prediction import ways_of
-from fenics_joints.reduction.reduced import bends, monomials
+from fenics_joints.reduction.reduced import monomials, shape_curvature
 from fenics_joints.structure import Sensors, Structure, joint, part
 
 
@@ -34,7 +34,7 @@ def test_a_cubic_is_read_where_the_sensor_is():
     ways = ways_of(sensors, 3)
     rows = full.observe(basis, sensors)
     slopes = np.array([full.observe_slopes(basis, sensors, way) for way in ways])
-    found = bends(full, basis, sensors, ways, rows, slopes)
+    found = shape_curvature(full, basis, sensors, ways, rows, slopes)
     a, b = 0.04, -0.02
     moved = sensors.points + a * ways[0] + b * ways[1]
     exact = np.array([f(moved[:, 0], moved[:, 1]) for f in shapes]).T

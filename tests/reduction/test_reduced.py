@@ -16,7 +16,7 @@ from fenics_joints.reduction.arrays import trimmed
 from fenics_joints.reduction.basis import SampledBasis, orthonormal
 from fenics_joints.reduction.kept import KeptModel
 from fenics_joints.reduction.prediction import Slopes, ways_of
-from fenics_joints.reduction.surrogate import Surrogate
+from fenics_joints.reduction.surrogate import ReducedModel
 from fenics_joints.structure import Parameter, PointMass, Sensors, Spring, Structure, joint, part
 from fenics_joints.structure.sparse import product
 
@@ -258,7 +258,7 @@ def test_refined_modes_make_as_good_a_model_as_solved_ones(monkeypatch):
     monkeypatch.setattr(EigenSolver, "solve", lambda *a, **k: solved.append(a) or solve(*a, **k))
     start = {name: p.value for name, p in world.parameters.items()}
     points = [start, *samples(12, seed=3)]
-    model = Surrogate(
+    model = ReducedModel(
         world,
         start,
         samples=lambda: points,
@@ -283,7 +283,7 @@ def test_a_kept_model_serves_another_test_of_the_structure(shared_tmp_path):
     points = [start, *samples(10, seed=3)]
 
     def surrogate(sensors, n_test, made=points, **more):
-        return Surrogate(
+        return ReducedModel(
             world,
             start,
             samples=lambda: made,
@@ -315,7 +315,7 @@ def test_a_model_kept_on_some_ranks_serves_any(shared_tmp_path):
     """Kept on all of them, read on one: the basis is that of the matrices."""
     world, own, file = build(MPI.COMM_WORLD), build(), shared_tmp_path / "model.h5"
     start = {name: p.value for name, p in world.parameters.items()}
-    Surrogate(
+    ReducedModel(
         world,
         start,
         samples=lambda: [start],
@@ -345,11 +345,11 @@ def test_a_basis_of_another_model_is_not_taken(tmp_path):
     start = {name: p.value for name, p in model.parameters.items()}
     given = {"samples": lambda: [start], "travel": lambda: TRAVEL, "keep": lambda: file}
     given |= {"sensors": None, "n_test": 3, "n_modes": N_MODES}
-    first = Surrogate(model, start, **given)
+    first = ReducedModel(model, start, **given)
     assert KeptModel(model, file).read() is not None
     basis = file.with_suffix(".npz").read_bytes()
     file.unlink()
-    other = Surrogate(
+    other = ReducedModel(
         model, {**start, "layer.E": 1e7}, **given | {"samples": lambda: [{**start, "layer.E": 1e7}]}
     )
     assert other.model.n_dofs == first.model.n_dofs
@@ -391,7 +391,7 @@ def test_derivatives_along_directions_are_those_by_all(full):
     still = ["plates.thickness", "cord.stiffness"]
     few = trimmed(model, still, start)
     assert len(few.pencil.terms[0]) < len(model.pencil.terms[0])
-    few.pencil.settle(few.values(start))
+    few.pencil.set_reference(few.values(start))
     rng = np.random.default_rng(1)
     directions = rng.standard_normal((len(RANGES), 3))
     for name in still:
@@ -439,7 +439,7 @@ def test_two_ranks_reduce_to_the_same_frequencies():
 def test_a_point_without_the_tests_modes_has_no_error_and_spoils_no_other(monkeypatch):
     model = build()
     start = {name: p.value for name, p in model.parameters.items()}
-    small = Surrogate(
+    small = ReducedModel(
         model,
         start,
         samples=lambda: [start],

@@ -41,7 +41,7 @@ from fenics_joints.measurements import Pairing, Target, mac, pair_modes
 from fenics_joints.measurements.gap import TooFewModes, partnered
 from fenics_joints.modal.modes import Modes
 from fenics_joints.progress import Progress
-from fenics_joints.reduction.basis import improve
+from fenics_joints.reduction.basis import weak_greedy
 from fenics_joints.reduction.frf_basis import CombinedModel, ModelError, paired
 from fenics_joints.reduction.surrogate import tested_models
 from fenics_joints.response.frf import solve_frf
@@ -242,7 +242,7 @@ class _Run:
             found = self._again(self._fit(self.data.target), found)
             return [self._values(found)]
 
-        improve(self.model, fitted, 1.0, _ROUNDS)
+        weak_greedy(self.model, fitted, 1.0, _ROUNDS)
         error, off = self.model.error, too_far(self.model.error, self.model.limits)
         self.notes += fit_notes(found, self.data.mode_names)
         if found.method == "log" and found.history[-1].moved:

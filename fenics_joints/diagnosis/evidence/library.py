@@ -177,7 +177,7 @@ class Library:
             free = sorted(set(model.parameters) & set().union(*map(self._moved, [None, *acting])))
             model = freeze(model, free, self.baseline) if free else model
             own = BatchPrediction(self.forward, model.on(vectors))
-            own.model.pencil.settle(own.model.values())
+            own.model.pencil.set_reference(own.model.values())
             while len(self.bases) >= _BASES:
                 del self.bases[next(iter(self.bases))]
             self.bases[key] = own
