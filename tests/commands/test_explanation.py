@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import json
 import re
 from dataclasses import replace
@@ -11,212 +10,21 @@ from pathlib import Path
 import numpy as np
 import pytest
 from markupsafe import escape
-from rich.console import Console
 
 pytest.importorskip("dolfinx")
 
+from diagnosed import diagnosis, fold, location, page_of, parameter, shown, shrinkage, zone
+
 from fenics_joints.case import load_case
-from fenics_joints.commands.diagnose.document import diagnosis_document
 from fenics_joints.commands.diagnose.explanation import explain
 from fenics_joints.commands.diagnose.run import assumptions
 from fenics_joints.commands.diagnose.words import heading_of, zone_words
-from fenics_joints.diagnosis import Diagnosis, EffectResult, HypothesisResult, Silent
+from fenics_joints.diagnosis import Diagnosis, EffectResult, HypothesisResult
 from fenics_joints.diagnosis.evidence.localised_unknown import LocalisedUnknown, PointMassFound
-from fenics_joints.diagnosis.location import Location
 from fenics_joints.diagnosis.result import Separation
 from fenics_joints.diagnosis.schema import DiagnosisJson, json_schema
-from fenics_joints.diagnosis.shrinkage import Fold, Shrinkage
 from fenics_joints.diagnosis.verdict import confirm
-from fenics_joints.diagnosis.where.patches import PatchMap
-from fenics_joints.diagnosis.where.score_tests import Attribution, ScoreTest, ZoneShare
 from fenics_joints.files import json_text
-from fenics_joints.measurements import Gap
-from fenics_joints.report.html import as_page
-from fenics_joints.report.terminal import show
-
-TORQUES, MODES = np.array([5.0, 20.0]), ("bending 1", "bending 2", "bending 3")
-TEST = np.array([[400.0, 900.0, 2000.0], [410.0, 910.0, 2050.0]])
-
-
-def diagnosis_html(d: Diagnosis, **more) -> str:
-    """The diagnosis as a page."""
-    return as_page(diagnosis_document(d, **more))
-
-
-def zone(name: str, share: float, p: float, rest: float, **changes) -> ScoreTest:
-    values = dict(
-        zone=name,
-        region="the_lap" if "lap" in name else name.split()[0],
-        kind="joint" if "lap" in name else "part",
-        odds=1.0,
-        dof=2,
-        statistic=200 * share,
-        p=p / 3,
-        p_adjusted=p,
-        share=share,
-        rest_p=rest,
-        log_evidence=100 * share,
-        change=(-2.1, 0.1),
-        change_sd=(0.2, 0.3),
-        log_f=-0.05,
-    )
-    return ScoreTest(**{**values, **changes})
-
-
-def location(**changes) -> Location:
-    """A joint that explains nearly all, plates that explain some; frequencies and shapes."""
-    corner = np.array([[i, j, k] for k in (0, 1) for j in (0, 1) for i in (0, 1)], dtype=float)
-    vertices = np.stack([corner + [i, 0, 0] for i in range(4)]) * [0.05, 0.05, 0.01]
-    values = dict(
-        regions=(
-            zone("plates", 0.31, 0.2, 1e-9),
-            zone("the_lap", 0.94, 1e-12, 0.4),
-            zone("ropes", 0, 1, 0, dof=0),
-        ),
-        zones=(zone("the_lap_b1_r2", 0.6, 1e-7, 0.01), zone("the_lap_b2_r1", 0.9, 1e-11, 0.3)),
-        shares=(ZoneShare("the_lap", 0.94), ZoneShare("unexplained", 0.06)),
-        attribution=(
-            Attribution("mode", "bending 1", 4.0, 4, 0.41),
-            Attribution("mode", "bending 2", 150.0, 4, 1e-30),
-            Attribution("mode", "bending 3", 46.0, 4, 2e-9),
-            Attribution("condition", "5", 130.0, 6, 1e-20),
-            Attribution("condition", "20", 70.0, 6, 1e-9),
-            Attribution("kind", "frequencies", 194.0, 6, 1e-30),
-            Attribution("kind", "shapes", 6.0, 6, 0.42),
-        ),
-        patches=PatchMap(
-            (zone("plates 1", 0.2, 0.5, 1e-9), zone("the_lap 1", 0.9, 1e-9, 0.3)),
-            np.array([[0.05, 0.02, 0.0], [0.15, 0.025, 0.01]]),
-            np.ones(2),
-            np.zeros((0, 3)),
-            vertices=vertices,
-            patch=np.array([0, 0, 1, 1]),
-        ),
-        misfit=200.0,
-        n_data=12,
-    )
-    return Location(**{**values, **changes})
-
-
-def fold(name: str, **changes) -> Fold:
-    values = dict(
-        name=name,
-        n=2,
-        chosen="joint normal compliance",
-        placebo_chosen="modulus error",
-        before=0.2,
-        after=0.02,
-        placebo=0.12,
-        noise=0.005,
-        shrink=0.92,
-        shrink_interval=(0.85, 0.97),
-        placebo_shrink=0.41,
-        predicted_after=(0.01, 0.03),
-        predicted_shrink=(0.8, 1.0),
-        covered=True,
-        shrink_covered=True,
-        entries_covered=1.0,
-        weights={},
-    )
-    return Fold(**{**values, **changes})
-
-
-def shrinkage(**changes) -> Shrinkage:
-    folds = [
-        fold("mode bending 1"),
-        fold("mode bending 2", after=0.05, shrink=0.77, covered=False, entries_covered=0.5),
-        fold("torque 5 N·m"),
-    ]
-    values = dict(
-        before=0.2,
-        after=0.033,
-        placebo=0.12,
-        noise=0.005,
-        shrink=0.856,
-        shrink_interval=(0.79, 0.93),
-        placebo_shrink=0.41,
-        placebo_interval=(0.3, 0.5),
-        excess=0.446,
-        excess_interval=(0.31, 0.58),
-        claimed=True,
-        coverage=2 / 3,
-        shrink_coverage=1.0,
-        entries_coverage=5 / 6,
-        folds=folds,
-    )
-    return Shrinkage(**{**values, **changes})
-
-
-def parameter(effect, name, value, low, high, unit="", nuisance=False, z=0.3) -> dict:
-    return {
-        "effect": effect,
-        "name": name,
-        "value": value,
-        "low": low,
-        "high": high,
-        "unit": unit,
-        "nuisance": nuisance,
-        "prior_sigmas": z,
-    }
-
-
-def diagnosis(**changes) -> Diagnosis:
-    """A joint that gives way along or across, which are one class; a modulus that does not."""
-    normal, along = "joint normal compliance (joint)", "joint tangential compliance (joint)"
-    family = "joint normal compliance or joint tangential compliance"
-    hypotheses = [
-        HypothesisResult(
-            "joint normal compliance",
-            (normal,),
-            0.66,
-            42.0,
-            0.011,
-            0.4,
-            [
-                parameter(normal, "k_n", 6.6e11, 5.1e11, 8.6e11, "Pa/m"),
-                parameter("rho of plates (plates)", "factor", 1.02, 1.01, 1.03, "", True, 2.4),
-            ],
-        ),
-        HypothesisResult("joint tangential compliance", (along,), 0.30, 41.2, 0.012, 0.3),
-        HypothesisResult("modulus error", ("modulus error (plate_1)",), 0.033, 39.0, 0.031, 0.02),
-        HypothesisResult("no gap", (), 0.001, 35.5, 0.2, 1e-9),
-        HypothesisResult("none of these", (), 0.006, 37.3, 0.004, 0.9),
-    ]
-    values = dict(
-        title="Plates",
-        verdict="cause",
-        summary="",
-        condition=("torque", "N·m"),
-        before=Gap(TORQUES, MODES, TEST, 1.2 * TEST),
-        after=Gap(TORQUES, MODES, TEST, 1.011 * TEST),
-        noise=0.005,
-        heldout_before=0.2,
-        heldout_after=0.033,
-        placebo_after=0.12,
-        placebo="modulus error",
-        validation=None,
-        where=[
-            ZoneShare("the_lap", 0.88),
-            ZoneShare("plates", 0.07),
-            ZoneShare("unexplained", 0.05),
-        ],
-        effects=[
-            EffectResult("joint normal compliance", "joint", 0.66, family, True),
-            EffectResult("joint tangential compliance", "joint", 0.30, family, True),
-            EffectResult("modulus error", "plate_1", 0.033, "modulus error (plate_1)", True),
-            EffectResult("temperature", "all parts", 0.0, "temperature", False),
-            EffectResult("none of these", "", 0.006, "none of these", True),
-            EffectResult("no gap", "", 0.001, "no gap", True),
-        ],
-        hypotheses=hypotheses,
-        separations=[Separation(family, ("a", "b"), "an axial mode", 3.4)],
-        model_error=1e-5,
-        model={"dofs": 12345},
-        silent=(Silent("micro-slip in the joint", "the test is by torque"),),
-        location=location(),
-        shrinkage=shrinkage(),
-    )
-    return Diagnosis(**{**values, **changes})
 
 
 def undecided(**changes) -> Diagnosis:
@@ -260,9 +68,7 @@ def test_what_the_test_does_not_identify_has_no_value():
         plain, hypotheses=[replace(plain.hypotheses[0], parameters=rows), *plain.hypotheses[1:]]
     )
     assert "96 %: k_n not identified." in explain(d).which and "660" not in explain(d).which
-    console = Console(width=100, record=True, file=io.StringIO())
-    show(console, diagnosis_document(d))
-    for text in (console.export_text(), diagnosis_html(d)):
+    for text in (shown(d), page_of(d)):
         assert "not identified" in text and "660 GPa/m" not in text
 
 
@@ -424,9 +230,7 @@ def test_a_test_that_may_lack_the_lowest_modes_is_a_doubt():
 def test_a_wrong_effect_that_predicts_nothing_has_no_number():
     """It was 5,612 % once, of a mass that one part held out did not bear."""
     d = diagnosis(placebo_after=56.12, shrinkage=shrinkage(placebo=56.12, after=0.21))
-    console = Console(file=io.StringIO(), width=100)
-    show(console, diagnosis_document(d))
-    page, text = diagnosis_html(d), console.file.getvalue()
+    page, text = page_of(d), shown(d)
     assert "over 100 %" in text and "over 100 %" in page and "over 100 %" in explain(d).how_far
     assert "5612" not in text + page
 
@@ -438,9 +242,8 @@ def test_rows_of_one_name_say_which():
         EffectResult("sensor misplaced", f"sensor {i}", p, "family", True)
         for i, p in ((3, 0.25), (9, 0.15))
     ]
-    console = Console(file=io.StringIO(), width=100)
-    show(console, diagnosis_document(replace(plain, effects=[*two, *plain.effects[2:]])))
-    text = console.file.getvalue().partition("which effect")[2]
+    d = replace(plain, effects=[*two, *plain.effects[2:]])
+    text = shown(d).partition("which effect")[2]
     assert "sensor misplaced (sensor 3)" in text and "sensor misplaced (sensor 9)" in text
     assert "modulus error " in text and "modulus error (plate" not in text
 
@@ -502,7 +305,7 @@ def test_points_hold_the_numbers_behind_the_sentences():
     assert '"the lap", softer than in the model near (150, 25, 10) mm' in part
     without = diagnosis(location=location(patches=None))
     assert "patches" not in point(without, "In which part?")
-    assert "The colour is the share of the misfit" not in diagnosis_html(without)
+    assert "The colour is the share of the misfit" not in page_of(without)
     assert "k_n = 660 GPa/m (510 to 860 GPa/m)" in point(d, "What was fitted?")
     told = point(d, "What can these data not tell?")
     assert "an axial mode (up to 3.4 standard deviations)" in told
@@ -518,7 +321,7 @@ def test_zone_names_in_words():
 
 def test_page_and_terminal_lead_with_the_sentences():
     d = diagnosis()
-    page, words = diagnosis_html(d), explain(d)
+    page, words = page_of(d), explain(d)
     assert "41.2</td>" in page
     which, apart = escape(words.which), escape(words.apart)
     assert page.index(which) < page.index(words.how_far) < page.index(apart)
@@ -528,9 +331,7 @@ def test_page_and_terminal_lead_with_the_sentences():
     assert "1.00 % to 3.00 %: missed" in page
     assert "not seen by this test" in page
 
-    console = Console(width=80, record=True, file=io.StringIO())
-    show(console, diagnosis_document(d))
-    text = " ".join(console.export_text().split())
+    text = " ".join(shown(d, 80).split())
     heading = "Cause found, confirmed on held-out data"
     assert text.startswith(f"Plates: {heading} Cause. {words.which} How far. {words.how_far} ")
     assert f"Compared. {words.start} but: {words.doubts[0]}" in text
@@ -567,9 +368,7 @@ def test_nothing_is_cut_at_any_width():
     words = explain(d)
     assert len(words.doubts) == 7 and "rho of part 8 (part 8) (+11.0 s.d.)" in words.doubts[3]
     for width in (60, 80, 100):
-        console = Console(width=width, record=True, file=io.StringIO())
-        show(console, diagnosis_document(d))
-        text = console.export_text()
+        text = shown(d, width)
         whole = " ".join(text.split())
         assert "…" not in text and "..." not in text
         assert all(f"but: {doubt}" in whole for doubt in words.doubts)
@@ -583,7 +382,7 @@ def test_folds_that_end_better_than_stated_have_held():
     missed = fold("torque 5 N·m", after=0.09, covered=False)
     s = shrinkage(folds=[fold("mode bending 1"), better, missed], coverage=2 / 3)
     d = diagnosis(shrinkage=s)
-    page = diagnosis_html(d)
+    page = page_of(d)
     assert "1.00 % to 3.00 %: better" in page and page.count(": missed") == 1
     assert [f["better"] for f in d.to_json()["folds"]] == [False, True, False]
 
@@ -601,8 +400,8 @@ def test_a_cause_that_held_out_data_speak_against_is_likely_at_most():
         assert verdict == "likely" and why in summary
         d = diagnosis(verdict=verdict, shrinkage=s, joints="given")
         assert why in explain(d).doubts[0]
-        assert "Likely cause, not confirmed on held-out data" in diagnosis_html(d)
-        assert "Cause found" not in diagnosis_html(d)
+        assert "Likely cause, not confirmed on held-out data" in page_of(d)
+        assert "Cause found" not in page_of(d)
         assert "as stiff as the case gives them, is 20.00 % off" in explain(d).start
     assert confirm("cause", "It is.", shrinkage()) == ("cause", "It is.")
     assert confirm("ambiguous", "It may be.", shrinkage(**grows)) == ("ambiguous", "It may be.")
@@ -621,8 +420,8 @@ def test_no_probability_is_shown_as_certain_but_files_have_all_of_it():
     words = explain(d)
     assert "cannot tell apart, > 99 %" in words.which
     assert "more than 99 times less probable" in words.apart
-    assert "e-1" not in str(words.to_json()) and "between 1 and 99 %" in diagnosis_html(d)
-    tables = re.findall(r'<table id="(?:effects|hypotheses)">.*?</table>', diagnosis_html(d), re.S)
+    assert "e-1" not in str(words.to_json()) and "between 1 and 99 %" in page_of(d)
+    tables = re.findall(r'<table id="(?:effects|hypotheses)">.*?</table>', page_of(d), re.S)
     shown = {x for t in tables for x in re.findall(r'<td class="n">([^<]*\d+ %)<', t)}
     assert {"&gt; 99 %", "&lt; 1 %"} < shown and not {"100 %", "0 %"} & shown
 
