@@ -15,7 +15,7 @@ from scipy.spatial import cKDTree
 from fenics_joints.errors import InputError
 from fenics_joints.meshes import stacked_blocks
 from fenics_joints.preload import PreloadSolver, Traction, fields
-from fenics_joints.structure import paraview
+from fenics_joints.structure import grids
 
 pytestmark = pytest.mark.parallel
 COMM = MPI.COMM_WORLD
@@ -165,7 +165,7 @@ def test_nothing_is_left_of_a_failed_attempt(shared_tmp_path, monkeypatch):
     def fail(*_):
         raise OSError("no space left")
 
-    monkeypatch.setattr(paraview, "share_grid", fail)
+    monkeypatch.setattr(grids, "share_grid", fail)
     with pytest.raises(InputError, match="no space left"):
         fields.write(result, path)
     COMM.barrier()
