@@ -9,7 +9,7 @@ from fenics_joints.meshes.bolted_plates import (
 )
 from fenics_joints.meshes.c_beam import CBeams, c_beams
 from fenics_joints.meshes.cad import StepAssembly, read_step
-from fenics_joints.meshes.check import ContactMatch, MeshQuality, check_contact, check_mesh
+from fenics_joints.meshes.check import check_contact, check_mesh
 from fenics_joints.meshes.dumbbell import Dumbbell, dumbbell
 from fenics_joints.meshes.engraving_machine import EngravingMachine, engraving_machine
 from fenics_joints.meshes.facets import separate
@@ -29,7 +29,6 @@ from fenics_joints.meshes.tagged import TaggedMesh, extent
 
 __all__ = [
     "CBeams",
-    "ContactMatch",
     "Dumbbell",
     "EngravingMachine",
     "Grown",
@@ -38,7 +37,6 @@ __all__ = [
     "LapBeam",
     "LapBeamSection",
     "LapPlates",
-    "MeshQuality",
     "Ring",
     "RoundPlates",
     "RoundPlatesSection",

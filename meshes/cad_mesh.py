@@ -9,8 +9,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import breadth_first_order, connected_components
 
 from fenics_joints.errors import MeshError
 from fenics_joints.meshes.cad_bolts import BoltPlace
@@ -102,23 +105,18 @@ def _placed(n: int, steps) -> np.ndarray:
     for a, b, normal, length in steps:
         turn = 1 if a < b else -1
         ways.setdefault((min(a, b), max(a, b)), []).append((turn * normal, length))
-    between = {
-        pair: np.linalg.lstsq(
-            np.array([n for n, _ in found]), np.array([length for _, length in found]), rcond=1e-9
-        )[0]
-        for pair, found in ways.items()
-    }
-    place, known = np.zeros((n, 3)), np.zeros(n, dtype=bool)
-    for start in range(n):
-        queue = [] if known[start] else [start]
-        known[start] = True
-        while queue:
-            here = queue.pop(0)
-            for (a, b), step in between.items():
-                other, sign = (b, 1) if a == here else (a, -1)
-                if here in (a, b) and not known[other]:
-                    place[other], known[other] = place[here] + sign * step, True
-                    queue.append(other)
+    between = {}
+    for (a, b), found in ways.items():
+        normals, lengths = (np.array(each) for each in zip(*found, strict=True))
+        between[a, b] = np.linalg.lstsq(normals, lengths, rcond=1e-9)[0]
+        between[b, a] = -between[a, b]
+    pairs = np.array([*between], dtype=np.int64).reshape(-1, 2)
+    graph = coo_array((np.ones(len(pairs)), pairs.T), shape=(n, n))
+    place = np.zeros((n, 3))
+    for first in np.unique(connected_components(graph)[1], return_index=True)[1]:
+        order, before = breadth_first_order(graph, first)
+        for here in order[1:]:
+            place[here] = place[before[here]] + between[before[here], here]
     return place
 
 
@@ -231,15 +229,13 @@ def _fragments(model, solids: Solids, shifts, bolts: Sequence[BoltPlace]):
 
 
 def _check_apart(model, solids: Solids, pieces) -> None:
-    for i, mine in enumerate(pieces):
-        for j in range(i):
-            common = set(mine) & set(pieces[j])
-            if common:
-                volume = sum(model.occ.getMass(3, tag) for tag in common)
-                raise MeshError(
-                    f"{solids.names[j]!r} and {solids.names[i]!r} overlap by "
-                    f"{volume:.6g} mm3, expected solids that touch or are apart"
-                )
+    for (i, one), (j, other) in combinations(enumerate(pieces), 2):
+        if common := set(one) & set(other):
+            volume = sum(model.occ.getMass(3, tag) for tag in common)
+            raise MeshError(
+                f"{solids.names[i]!r} and {solids.names[j]!r} overlap by {volume:.6g} mm3, "
+                "expected solids that touch or are apart"
+            )
 
 
 def _check_whole(model, solids: Solids, pieces, bolts: Sequence[BoltPlace], discs) -> None:
@@ -267,10 +263,6 @@ def _remove_loose(model, discs) -> None:
     if loose:
         model.occ.remove(loose, recursive=True)
         model.occ.synchronize()
-        gone = {face for _, face in loose}
-        for parts in discs:
-            for part in parts:
-                part -= gone
 
 
 def _sharing(model, pieces: Sequence[int]) -> dict[int, tuple[int, int]]:

@@ -237,10 +237,6 @@ def _gather(tagged: TaggedMesh, name: str) -> _OneFace | None:
         return None
     parts = [part for part in parts if part is not None]
     x, numbers, n_cells, inside = (np.concatenate(columns) for columns in zip(*parts, strict=True))
-    return _face(name, x, numbers, n_cells, inside)
-
-
-def _face(name, x, numbers, n_cells, inside) -> _OneFace:
     unique, first, facets = np.unique(numbers, return_index=True, return_inverse=True)
     facets = facets.reshape(numbers.shape)
     apart = np.linalg.norm(x[:, :, None] - x[:, None], axis=3)
@@ -268,8 +264,7 @@ def _check(lower: _OneFace, upper: _OneFace, tolerance: float) -> ContactMatch:
         )
     partner, distance = _partners(lower, upper, tolerance)
     _partners(upper, lower, tolerance)
-    _check_facets(lower, upper, partner, names)
-    _check_sides(lower, upper, partner, names)
+    _check_facets(lower, upper, partner[lower.facets], names)
     return ContactMatch(len(partner), len(lower.facets), float(distance.max()))
 
 
@@ -298,31 +293,25 @@ def _partners(face: _OneFace, other: _OneFace, tolerance: float) -> tuple[np.nda
     return partner, distance
 
 
-def _check_facets(lower: _OneFace, upper: _OneFace, partner: np.ndarray, names: str) -> None:
-    matched = partner[lower.facets]
+def _check_facets(lower: _OneFace, upper: _OneFace, matched: np.ndarray, names: str) -> None:
+    """Whether the facets match, and the bodies lie on their two sides, as opposed normals mean.
+
+    ``matched`` are the lower facets by their partners on the upper face, shape (n, n_corners).
+    """
     # A triangle beside a quadrilateral cannot be: a mesh has facets of one shape.
     numbers = row_numbers(np.vstack([matched, upper.facets]))
-    below, above = numbers[: len(matched)], numbers[len(matched) :]
-    odd = ~np.isin(below, above)
-    n_odd = int(odd.sum() + np.sum(~np.isin(above, below)))
+    n, x = len(matched), lower.x[lower.facets]
+    odd = ~np.isin(numbers[:n], numbers[n:])
+    n_odd = int(odd.sum() + np.sum(~np.isin(numbers[n:], numbers[:n])))
+    middle = x.mean(axis=1)
     if n_odd:
-        centre = lower.x[lower.facets[odd]].mean(axis=1) if odd.any() else lower.x[:1]
         raise MeshError(
             f"{names} have matching vertices, but {n_odd} facets without a partner, near "
-            f"{_at(centre[0])}; cut both faces along the same diagonals"
+            f"{_at(middle[odd.argmax()])}; cut both faces along the same diagonals"
         )
-
-
-def _check_sides(lower: _OneFace, upper: _OneFace, partner: np.ndarray, names: str) -> None:
-    """Whether the bodies lie on the two sides of the faces, as normals that oppose mean."""
-    n = len(lower.facets)
-    numbers = row_numbers(np.vstack([partner[lower.facets], upper.facets]))
-    of_number = np.empty(numbers.max() + 1, dtype=np.int64)
-    of_number[numbers[n:]] = np.arange(n)
-    x = lower.x[lower.facets]
-    middle = x.mean(axis=1)
-    below = lower.inside - middle
-    above = upper.inside[of_number[numbers[:n]]] - middle
+    opposite = np.empty(n, dtype=np.int64)
+    opposite[np.argsort(numbers[:n])] = np.argsort(numbers[n:])
+    below, above = lower.inside - middle, upper.inside[opposite] - middle
     normal = _normals(x, below)
     same = np.sum(normal * below, axis=1) * np.sum(normal * above, axis=1) >= 0
     if same.any():

@@ -56,26 +56,16 @@ def sunk(occ):
     flanges(gap=-0.1)(occ)
 
 
+ABC = {"a": 1, "b": 2, "c": 3}
 AB = {"parts": {"a": 1, "b": 2}}
 FIRST, SECOND = r"bolt 1 at \(45, 15, 20\) mm", r"bolt 2 at \(45, 45, 20\) mm"
+LEAVES = f"ring of {FIRST} between 'a' and 'b', 6 to 14.9 mm, leaves the faces"
 REFUSED = {
     "one solid": (one_box, {}, "it has one solid, .*expected an assembly of at least two"),
-    "overlap": (
-        overlapping,
-        {"parts": {"bed": 1, "slab": 3}},
-        r"'bed' and 'slab' overlap by 29\d\d.* mm3",
-    ),
+    "overlap": (overlapping, {"parts": {"b": 1, "s": 3}}, r"'b' and 's' overlap by 29\d\d.* mm3"),
     "no contact": (far_apart, AB, "no two of 'a', 'b' have flat faces"),
-    "hanging": (
-        with_lone_block,
-        {"parts": {"a": 1, "b": 2, "c": 3}},
-        "no bolt joins 'a', 'b' with 'c'",
-    ),
-    "wide ring": (
-        flanges(upper=(20, 3, 80, 54)),
-        {"r_wai": 14.9 * MM, **AB},
-        f"ring of {FIRST} between 'a' and 'b', 6 to 14.9 mm, leaves the faces",
-    ),
+    "hanging": (with_lone_block, {"parts": ABC}, "no bolt joins 'a', 'b' with 'c'"),
+    "wide ring": (flanges(upper=(20, 3, 80, 54)), {"r_wai": 14.9 * MM, **AB}, LEAVES),
     "no hole": (
         flanges(upper_radius=0),
         {"parts": {"bed": 1}},
@@ -87,46 +77,22 @@ REFUSED = {
         r"bolt 2 at \(65, 30, 20\) mm: .* has no hole there, expected one, or r_nei",
     ),
     "out of line": (flanges(shift=0.3), {}, "the axes of its two holes are 0.3 mm apart"),
-    "overlapping rings": (
-        flanges(),
-        {"r_wai": 16 * MM},
-        f"{FIRST} .*{SECOND} .*overlap: 30 mm apart",
-    ),
+    "overlapping rings": (flanges(), {"r_wai": 16 * MM}, f"{FIRST} .*{SECOND} .*: 30 mm apart"),
     "narrow": (flanges(), {"r_nei": 4 * MM}, "r_nei is 4 mm, expected at least the hole's .*, 6"),
     "off": (flanges(), {"bolts": [(0.045, 0.015, 0.03)]}, "bolt 1 at .* is on no two faces that"),
-    "no label": (
-        flanges(),
-        {"parts": {"bed": "Bett"}},
-        "parts.bed = 'Bett' fits 0 solids.*there are: 1",
-    ),
-    "twice": (
-        flanges(),
-        {"parts": {"a": 1, "b": (0.01, 0.01, 0.01)}},
-        "parts.a and parts.b are both",
-    ),
+    "no label": (flanges(), {"parts": {"a": "B"}}, "parts.a = 'B' fits 0 solids.*there are: 1"),
+    "twice": (flanges(), {"parts": {"a": 1, "b": (0.01, 0.01, 0.01)}}, "parts.a and parts.b are"),
     "no face": (flanges(), {"faces": {"end": (1, 1, 1)}}, "faces.end: no face of a solid is at"),
     "bonded too": (flanges(), {"bonded": [("a", "b")], **AB}, "no two of 'a', 'b'"),
     "not there": (flanges(), {"bonded": [("a", "b")]}, "bonded has .*expected two of the parts"),
     "reserved": (flanges(), {"parts": {"ring_2": 1}}, "parts has the name 'ring_2', which is that"),
-    "reserved face": (
-        flanges(),
-        {"faces": {"joint_upper": (0, 0.03, 0.01)}},
-        "faces has the name 'joint_upper'",
-    ),
+    "reserved face": (flanges(), {"faces": {"joint_upper": (0, 0.03, 0.01)}}, "faces has the name"),
     "loop": (corner, {"layer": 0.7 * MM}, "cannot be moved 0.7 mm apart along the normal"),
-    "bolts in the file": (
-        with_bolts,
-        {"parts": {"bed": 1, "foot": 2, "stud": 3}},
-        f"'stud' passes through the middle of {FIRST} between 'bed' and 'foot'; expected an empty",
-    ),
+    "bolts in the file": (with_bolts, {"parts": ABC}, f"'c' passes .* of {FIRST} between 'a' and"),
     "far out of line": (flanges(shift=4), {}, "the axes of its two holes are 4 mm apart"),
     "sunk": (sunk, AB, "no two of 'a', 'b' .*; 'a' and 'b' overlap by 434"),
     "how far": (far_apart, AB, r"those of 'a' and 'b' are 5 mm apart \(layer says"),
-    "edge": (
-        flanges(),
-        {"faces": {"end": (0, 0, 0.01)}},
-        r"end: 2 faces of solids meet at \(0, 0, 10\)",
-    ),
+    "edge": (flanges(), {"faces": {"end": (0, 0, 0.01)}}, r"end: 2 faces .* meet at \(0, 0, 10\)"),
     "micrometres": (flanges(), {"element_size": 4e-5}, "element_size is 0.04 mm, .* about 2.*e.10"),
     "fine ring": (flanges(), {"ring_size": 1e-6}, "ring_size is 0.001 mm, .* cells; expected at"),
     "radius": (flanges(), {"r_wai": -1.0}, "r_wai is -1.0, expected the outer radius"),
