@@ -19,10 +19,9 @@ when they are first asked for.
 
 from __future__ import annotations
 
-from importlib import import_module
 from importlib.util import find_spec
-from pathlib import Path
-from types import ModuleType
+
+from fenics_joints.machine.lazy import lazy
 
 _NEEDED = ("mpi4py", "petsc4py", "slepc4py", "dolfinx")
 _MISSING = [name for name in _NEEDED if find_spec(name) is None]
@@ -37,12 +36,6 @@ if _MISSING:
     )
 
 __version__ = "0.1.0"
-
-# In a checkout two rooms stand beside this folder: Python started there takes it for the package,
-# also when what is installed is another copy.
-_HERE = Path(__file__).resolve().parent
-if not (_HERE / "forms").is_dir() and (_HERE.parent / "forms" / "thin_layer.py").is_file():
-    __path__.append(str(_HERE.parent))
 
 _ROOMS = (
     "forms",
@@ -71,11 +64,7 @@ _ROOMS = (
 __all__ = ["__version__"]
 
 
-def __getattr__(name: str) -> ModuleType:
-    """A room, imported when it is first asked for."""
-    if name not in _ROOMS:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return import_module(f"{__name__}.{name}")
+__getattr__ = lazy(__name__, {room: (room,) for room in _ROOMS})
 
 
 def __dir__() -> list[str]:

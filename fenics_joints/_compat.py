@@ -10,10 +10,6 @@ import numpy as np
 import ufl
 from mpi4py import MPI
 
-from fenics_joints.machine import form_cache
-
-form_cache.install()
-
 
 def create_mesh(
     comm: MPI.Intracomm, cells: np.ndarray, x: np.ndarray, cell: str

@@ -301,8 +301,11 @@ def _command(
 
         from fenics_joints import commands
         from fenics_joints.files import json_text
+        from fenics_joints.machine import form_cache, memory
         from fenics_joints.progress import Progress
 
+        form_cache.install()
+        memory.hold_freed()
         comm = MPI.COMM_WORLD
         case = _prepare(comm, path, outputs)
         _check_size(comm, case, name, options, large)

@@ -5,9 +5,8 @@ The functions are imported when they are first asked for: ``--help`` needs none 
 
 from __future__ import annotations
 
-from importlib import import_module
-
 from fenics_joints.commands.outcome import Outcome
+from fenics_joints.machine.lazy import lazy
 
 #: Files of the commands.
 _FILES = {
@@ -21,13 +20,8 @@ _FILES = {
     "preload": "preload",
     "update": "update.run",
 }
-_RUNS = {f"run_{command}": f"{__name__}.{file}" for command, file in _FILES.items()}
+_RUNS = {f"run_{command}": (file,) for command, file in _FILES.items()}
 
 __all__ = ["Outcome", *_RUNS]
 
-
-def __getattr__(name: str):
-    """A command's function, imported when it is first asked for."""
-    if name not in _RUNS:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(_RUNS[name]), name)
+__getattr__ = lazy(__name__, _RUNS)

@@ -196,9 +196,11 @@ def sweep(
 
         from fenics_joints.database import Store, grid
         from fenics_joints.database import sweep as run_sweep
+        from fenics_joints.machine import form_cache
         from fenics_joints.parallel import on_root
         from fenics_joints.progress import Progress
 
+        form_cache.install()
         comm = MPI.COMM_WORLD
         roughnesses = (
             [None] if roughness is None else _list("--roughness", roughness, "m", "1.6 µm")

@@ -45,11 +45,11 @@ from fenics_joints.diagnosis.verdict import (
 )
 from fenics_joints.errors import InputError, items
 from fenics_joints.files import writable_folder
+from fenics_joints.machine.memory import give_back
 from fenics_joints.measurements import Gap, TestData
 from fenics_joints.parallel import on_root
 from fenics_joints.progress import Progress
 from fenics_joints.reduction.matched import places_all_over
-from fenics_joints.reduction.surrogate import give_back, hold_freed
 from fenics_joints.structure import Structure
 
 #: Number of the best wrong hypotheses that stand against the cause in every fold. [decision:
@@ -140,7 +140,6 @@ def diagnose(
     progress = progress or Progress(silent=True)
     started = time.perf_counter()
     progress.outline(_STAGES)
-    hold_freed()
     # Matrices of this size are too small for a second BLAS thread to be worth waking; a second
     # MPI rank is.
     with threadpool_limits(1):

@@ -82,9 +82,6 @@ from fenics_joints.joint_laws.quasi_static import (
     QuasiStaticHistory,
     solve_quasi_static,
 )
-from fenics_joints.machine import form_cache
-
-form_cache.install()
 
 __all__ = [
     "Backbone",

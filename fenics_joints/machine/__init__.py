@@ -1,1 +1,1 @@
-"""The machine: where compiled forms are kept, whose folders are safe, and signals."""
+"""The machine: compiled forms, safe folders, memory, signals, names imported late."""

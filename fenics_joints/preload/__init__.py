@@ -8,9 +8,9 @@ What solves is imported when it is first asked for: bolts and torques need no DO
 
 from __future__ import annotations
 
-from importlib import import_module
 from typing import TYPE_CHECKING
 
+from fenics_joints.machine.lazy import lazy
 from fenics_joints.preload.threads import Thread, thread
 from fenics_joints.preload.torque import friction_from, motosh_force, nut_factor_force
 
@@ -81,10 +81,4 @@ __all__ = [
 #: Files that hold the other names; each is imported with those before it at the latest.
 _FILES = ("components", "conditions", "model", "result", "solve", "adjoint", "linear_joint")
 
-
-def __getattr__(name: str):
-    for file in _FILES if name in __all__ else ():
-        module = import_module(f"{__name__}.{file}")
-        if hasattr(module, name):
-            return getattr(module, name)
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+__getattr__ = lazy(__name__, dict.fromkeys(__all__, _FILES))

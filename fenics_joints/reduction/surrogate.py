@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import ctypes
-import gc
 from collections.abc import Callable, Collection, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import singledispatch
 from pathlib import Path
@@ -15,6 +12,7 @@ import scipy.linalg
 from petsc4py import PETSc
 
 from fenics_joints.errors import ConvergenceError, InputError
+from fenics_joints.machine.memory import give_back
 from fenics_joints.measurements.gap import TooFewModes, largest_difference
 from fenics_joints.modal.modes import SHIFT_SHARE, Modes, eigen_solver, refine_modes, solve_modes
 from fenics_joints.progress import Progress
@@ -42,36 +40,6 @@ from fenics_joints.reduction.reduced import (
 from fenics_joints.structure import Sensors, Structure
 from fenics_joints.structure.changes import Change, PlacedPoint, PlacedResonator
 from fenics_joints.structure.sparse import vectors_like
-
-#: ``M_TRIM_THRESHOLD`` and ``M_MMAP_THRESHOLD`` of glibc's ``mallopt``; bytes up to which arrays
-#: share the heap, and how much of that may lie idle at its end.
-_TRIM, _MMAP = -1, -3
-_SHARED, _IDLE = 64 << 20, 1 << 30
-
-
-def hold_freed() -> None:
-    """Let this process keep what it frees, for the arrays that come next, until `give_back`.
-
-    By default glibc gives each array of some megabytes back as soon as it is freed, and asks for
-    zeroed pages for the next one: of the products of batches of small models that is more than half
-    of the time, and several times as much on a machine that is short of memory.
-    """
-    with suppress(OSError, AttributeError):  # another C library
-        library = ctypes.CDLL(None)
-        library.mallopt(_MMAP, _SHARED), library.mallopt(_TRIM, _IDLE)
-
-
-def give_back() -> None:
-    """Give back what this process has freed, where the C library can (glibc's ``malloc_trim``).
-
-    Arrays of some megabytes lie between others that stay, and glibc keeps their room: after a
-    finer model was solved, or a basis has grown, that is more than what is in use (of a box of
-    56,000 degrees of freedom 3.1 GB for 1.4), and two diagnoses at a time run out of memory.
-    """
-    gc.collect()
-    with suppress(OSError, AttributeError):  # another C library
-        ctypes.CDLL(None).malloc_trim(0)
-
 
 #: Share of a mode's energy at a sample that the basis may lack: 1e-4 of its frequency, well below
 #: what tests can see.

@@ -5,8 +5,9 @@ Pictures are imported when they are first asked for: a line on a terminal needs 
 
 from __future__ import annotations
 
-from importlib import import_module
 from typing import TYPE_CHECKING
+
+from fenics_joints.machine.lazy import lazy
 
 if TYPE_CHECKING:
     from fenics_joints.report.contact_pictures import pressure_map, pressure_profile, status_map
@@ -23,16 +24,5 @@ __all__ = [
     "write_stabilisation",
 ]
 
-_FILES = {
-    "contact_pictures": ("pressure_map", "pressure_profile", "status_map"),
-    "mesh_pictures": ("mode_shape",),
-    "patch_pictures": ("patch_map",),
-    "stabilisation": ("write_stabilisation",),
-}
-_FILE_OF = {name: file for file, names in _FILES.items() for name in names}
-
-
-def __getattr__(name: str):
-    if name not in _FILE_OF:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(f"{__name__}.{_FILE_OF[name]}"), name)
+_FILES = ("contact_pictures", "mesh_pictures", "patch_pictures", "stabilisation")
+__getattr__ = lazy(__name__, dict.fromkeys(__all__, _FILES))

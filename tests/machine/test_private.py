@@ -85,7 +85,8 @@ if {command}:
         main()
     except SystemExit:
         pass
-from fenics_joints import _compat
+from fenics_joints.machine import form_cache
+form_cache.install()
 import matplotlib, dolfinx, ufl
 from mpi4py import MPI
 from petsc4py import PETSc

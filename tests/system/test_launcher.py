@@ -62,7 +62,7 @@ class Machine:
         self.install("mmdebstrap", MMDEBSTRAP)
         self.install("bwrap", BWRAP)
         self.install("id", "#!/bin/sh\necho 0\n")
-        for name in ("with-fenicsx", "pyproject.toml", "setup.py", "requirements.lock"):
+        for name in ("with-fenicsx", "pyproject.toml", "requirements.lock"):
             shutil.copy(REPOSITORY / name, self.checkout / name)
 
     def install(self, name: str, script: str) -> None:
@@ -268,7 +268,6 @@ def test_new_dependency_makes_a_new_environment_and_gone_checkouts_lose_theirs(
     project.write_text(text.replace("dependencies = [", 'dependencies = [\n  "attrs",', 1))
     assert machine.run("true")[0] == 0
     assert machine.count("pip") == 2
-    (machine.checkout / "setup.py").open("a").write("# other folders\n")
     (machine.checkout / "requirements.lock").open("a").write("# other versions\n")
     assert machine.run("true")[0] == 0
     assert machine.count("pip") == 3

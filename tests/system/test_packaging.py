@@ -30,7 +30,6 @@ FILES = (
     "MANIFEST.in",
     "README.md",
     "pyproject.toml",
-    "setup.py",
     "with-fenicsx",
 )
 #: Folders of the package, and where an installation has them.
@@ -160,10 +159,32 @@ def test_tests_of_the_sdist_collect_beside_the_installed_wheel(sdist, python, tm
 
 
 def test_python_in_a_checkout_has_all_rooms(sdist, python):
-    """Also those that stand beside the package's folder, where another copy is installed."""
+    """Its own, where another copy is installed."""
     script = "import fenics_joints.forms as f, fenics_joints.meshes; print(f.__file__)"
     said = run(python, "-c", script, cwd=sdist)
-    assert Path(said.strip()) == sdist / "forms" / "__init__.py"
+    assert Path(said.strip()) == sdist / "fenics_joints" / "forms" / "__init__.py"
+
+
+@pytest.mark.parametrize("where", ["checkout", "installed"])
+def test_mypy_knows_the_names_of_forms_and_meshes(python, tmp_path, where):
+    """A name that they lack is an error, which it would not be of a package that is not found."""
+    script = tmp_path / "script.py"
+    script.write_text(
+        "from fenics_joints.forms import elasticity, no_form\n"
+        "from fenics_joints.meshes import dumbbell, no_mesh\n",
+        encoding="utf-8",
+    )
+    asked = [sys.executable, "-m", "mypy", "--ignore-missing-imports", "--follow-imports=silent"]
+    asked += ["--cache-dir", tmp_path, "--python-executable", python]
+    place = {"MYPYPATH": str(REPOSITORY)} if where == "checkout" else {}
+    done = subprocess.run(
+        [*map(str, asked), script],
+        cwd=tmp_path,
+        env={**os.environ, **place},
+        capture_output=True,
+        text=True,
+    )
+    assert re.findall(r'has no attribute "(\w+)"', done.stdout) == ["no_form", "no_mesh"]
 
 
 def test_scripts_of_the_pages_pass_mypy(python, tmp_path):

@@ -42,13 +42,14 @@ from fenics_joints.diagnosis.where.zone_sensitivity import with_compliant_joints
 from fenics_joints.diagnosis.zones.sites import placed
 from fenics_joints.errors import InputError
 from fenics_joints.formatting import percent
+from fenics_joints.machine.memory import give_back
 from fenics_joints.measurements.data import TestData
 from fenics_joints.measurements.gap import ALIKE, CONTRADICTED, UNLIKE, Pairing, partnered, skipped
 from fenics_joints.modal.modes import Modes
 from fenics_joints.progress import Progress
 from fenics_joints.reduction.matched import MatchedModes
 from fenics_joints.reduction.prediction import ModalPrediction
-from fenics_joints.reduction.surrogate import LACKING, give_back, tested_models
+from fenics_joints.reduction.surrogate import LACKING, tested_models
 
 #: Share of a mode's energy that the reduced model may lack where it was sampled, over the square of
 #: the discrepancy, and at most. Half of it bounds the error in frequency there: 3 % of a

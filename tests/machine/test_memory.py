@@ -10,7 +10,7 @@ import pytest
 #: Arrays between others that stay, as glibc keeps them once a large one was freed.
 SCRIPT = """
 import numpy as np
-from fenics_joints.reduction.surrogate import give_back
+from fenics_joints.machine.memory import give_back
 
 def resident():
     with open("/proc/self/status") as lines:
@@ -40,7 +40,7 @@ def test_freed_arrays_go_back_to_the_system():
 REUSED = """
 import resource
 import numpy as np
-from fenics_joints.reduction.surrogate import hold_freed
+from fenics_joints.machine.memory import hold_freed
 
 def faults():
     first = resource.getrusage(resource.RUSAGE_SELF).ru_minflt
