@@ -346,10 +346,6 @@ def _first_point(problem: ForcedResponse, z: np.ndarray, side: int, settings: Co
     )
 
 
-class _Meeting(ConvergenceError):
-    """The branch has passed another one."""
-
-
 def _followed(
     problem: ForcedResponse,
     first: Point,
@@ -366,19 +362,17 @@ def _followed(
     tangent = first.direction * np.sign(first.direction @ across)
     sign = orientation(first.jacobian, scales, tangent)
 
-    def met(z: np.ndarray) -> None:
+    def met(z: np.ndarray) -> bool:
         nonlocal last
         tell(z)
-        if last is not None:
-            J, scales = problem.evaluate(z)[1], problem.scales(z)
-            way = (z - last) / scales
-            if orientation(J, scales, way / np.linalg.norm(way)) != sign:
-                raise _Meeting("met")
-        last = z
+        before, last = last, z
+        if before is None:
+            return False
+        J, scales = problem.evaluate(z)[1], problem.scales(z)
+        way = (z - before) / scales
+        return orientation(J, scales, way / np.linalg.norm(way)) != sign
 
     direction = 1 if tangent[-1] > 0 else -1
     steps = replace(settings, step=max(settings.min_step, 0.5 * settings.step))
-    try:
-        return follow(problem, first.z, bounds, settings=steps, direction=direction, on_point=met)
-    except _Meeting as error:
-        return replace(error.branch.first(len(error.branch) - 1), complete=True)
+    branch = follow(problem, first.z, bounds, settings=steps, direction=direction, on_point=met)
+    return branch if branch.complete else replace(branch.first(len(branch) - 1), complete=True)

@@ -383,7 +383,8 @@ def follow(
         checkpoint: File (npz) that the branch is written to as it grows.
         resume: Go on from ``checkpoint`` if it is there.
         name: What is being solved, kept in the file: one of another name is not gone on from.
-        on_point: Called with every new point; a ConvergenceError of it stops the branch.
+        on_point: Called with every new point; True ends the branch there, not complete, and a
+            ConvergenceError says why it cannot go on.
         writes: Whether this rank writes the file.
 
     Raises:
@@ -416,7 +417,8 @@ def follow(
             _save(checkpoint, branch, name, writes)
             raise _stopped(branch, failure.why) from None
         try:
-            on_point(branch.z[-1])
+            if on_point(branch.z[-1]) is True:
+                return replace(branch, complete=False)
         except ConvergenceError as error:  # it may have seen that there is no end
             error.branch = branch
             raise

@@ -419,10 +419,6 @@ def _starts(folds: Folds, force: float) -> list[np.ndarray]:
     return found
 
 
-class _Closed(ConvergenceError):
-    """The branch has come round."""
-
-
 def _round(problem: ForcedResponse, start, bounds, settings, tell) -> Branch | None:
     """The branch from a fold until it comes back to it; None if it leaves the bounds first."""
     scales = problem.scales(start)
@@ -433,24 +429,23 @@ def _round(problem: ForcedResponse, start, bounds, settings, tell) -> Branch | N
     tangent = first.direction * np.sign(first.direction @ along)
     gone: list[np.ndarray] = []
 
-    def closes(z: np.ndarray) -> None:
+    def closes(z: np.ndarray) -> bool:
         tell(z)
         gone.append((z - fold.z) / scales)
         if len(gone) < 3:
-            return
+            return False
         before, now = gone[-2:]
         way = now - before
         share = np.clip(-(before @ way) / (way @ way), 0, 1)
         off = np.linalg.norm(before + share * way)
-        if before @ along < 0 <= now @ along and off < 0.3 * np.linalg.norm(way):
-            raise _Closed("closed")
+        return bool(before @ along < 0 <= now @ along and off < 0.3 * np.linalg.norm(way))
 
     direction = 1 if tangent[-1] > 0 else -1
-    options = {"settings": settings, "direction": direction, "on_point": closes}
-    try:
-        follow(problem, first.z, bounds, **options)
-    except _Closed as error:
-        branch, effort = error.branch.first(len(error.branch) - 1), (fold.iterations, 0)
-        branch = branch.with_point(fold.z, along * scales, effort, settings.step, True)
-        return branch.with_inserted(0, fold.z, along * scales, effort)
-    return None
+    branch = follow(
+        problem, first.z, bounds, settings=settings, direction=direction, on_point=closes
+    )
+    if branch.complete:
+        return None
+    branch, effort = branch.first(len(branch) - 1), (fold.iterations, 0)
+    branch = branch.with_point(fold.z, along * scales, effort, settings.step, True)
+    return branch.with_inserted(0, fold.z, along * scales, effort)

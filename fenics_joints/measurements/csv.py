@@ -107,10 +107,10 @@ def _unit(table: Table, column: str, metadata: FileMetadata) -> tuple[str, float
 
 
 def _nodes(table: Table, metadata: FileMetadata) -> Contents:
-    labels, contents = table.column("node"), Contents()
+    labels, contents = table.numbers("node"), Contents()
     columns = []
     for axis in ("x", "y", "z"):
-        values = table.column(axis)
+        values = table.numbers(axis)
         unit = table.unit(axis) or metadata.length_unit
         if not unit:
             raise InputError(
@@ -120,8 +120,6 @@ def _nodes(table: Table, metadata: FileMetadata) -> Contents:
         with located(f"{table.path}: column {axis!r}"):
             columns.append(values * length_factor(unit))
     points = np.column_stack(columns)
-    if not (np.isfinite(points).all() and np.isfinite(labels).all()):
-        raise InputError(f"{table.path}: expected a number in every cell of a table of nodes")
     for label, point in zip(labels, points, strict=True):
         contents.add_node(node_label(label), Node(point, np.eye(3), str(table.path)))
     return contents

@@ -307,7 +307,7 @@ def histories_of(path: Path, units: str | None = None) -> list[History]:
     """
     sets = read_sets(path, (58, 164))
     length, _ = units_of(sets, FileMetadata())
-    records: list[dict] = []
+    records: list[History] = []
     for where, data in sets:
         if data["type"] != 58 or data["func_type"] != _TIME:
             continue
@@ -317,21 +317,16 @@ def histories_of(path: Path, units: str | None = None) -> list[History]:
         name = f"{int(data['rsp_node'])}:{_AXES.get(int(data['rsp_dir']), '')}".rstrip(":")
         values = np.asarray(data["data"], dtype=float)
         signal = values * _factor(where, data, _RESPONSES[code], length, units)
-        turn = next((r for r in records if name not in r["signals"]), None)
-        if turn is None:
-            turn = {
-                "where": where,
-                "t": np.asarray(data["x"]),
-                "kind": _RESPONSES[code],
-                "signals": {},
-            }
-            records.append(turn)
-        if len(turn["t"]) != len(values) or turn["kind"] != _RESPONSES[code]:
+        record = next((r for r in records if name not in r.signals), None)
+        if record is None:
+            record = History(np.asarray(data["x"]), _RESPONSES[code], {}, where)
+            records.append(record)
+        if len(record.times) != len(values) or record.response != _RESPONSES[code]:
             raise InputError(
                 f"{where}: {len(values)} samples of {_RESPONSES[code]}; expected "
-                f"{len(turn['t'])} of {turn['kind']} as in {turn['where']}"
+                f"{len(record.times)} of {record.response} as in {record.where}"
             )
-        turn["signals"][name] = signal
+        record.signals[name] = signal
     if not records:
         kinds = sorted({word({}, d["func_type"]) for _, d in sets if d["type"] == 58})
         raise InputError(
@@ -339,7 +334,7 @@ def histories_of(path: Path, units: str | None = None) -> list[History]:
             f"{', '.join(kinds) or 'none'}); expected type 1 with displacement, velocity or "
             "acceleration; or, for functions (type 4), the level of each in levels"
         )
-    return [History(r["t"], r["kind"], r["signals"], r["where"]) for r in records]
+    return records
 
 
 def _factor(where: str, data, kind: str, length: float | None, units: str | None) -> float:
