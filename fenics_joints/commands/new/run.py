@@ -109,7 +109,7 @@ def run_new(
     problems.check()
     progress.step("looking into the files")
     files = _Files(folder)
-    test, drafts = _looked(source, tests, files, material, ask, problems, progress)
+    test, drafts = _read_sources(source, tests, files, material, ask, problems, progress)
     problems.check()
     made = not folder.exists()
     writable_folder(folder, "FOLDER")
@@ -123,7 +123,7 @@ def run_new(
         raise
 
 
-def _looked(
+def _read_sources(
     source: Source,
     tests: TestFiles,
     files,
