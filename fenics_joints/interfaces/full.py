@@ -169,22 +169,17 @@ class SparseMotion(Motion):
         self.model.K.mult(u, self._work)
         return 0.5 * float(kinetic + u.dot(self._work))
 
-    def inertia(self, a: PETSc.Vec) -> PETSc.Vec:
-        """See `Motion.inertia`."""
-        found = self.vector()
-        self.model.M.mult(a, found)
+    def product(self, name: str, x: PETSc.Vec) -> PETSc.Vec:
+        """See `Motion.product`."""
+        found, A = self.vector(), getattr(self.model, name)
+        if A is not None:
+            A.mult(x, found)
         return found
 
     def elastic_modes(self, K: PETSc.Mat) -> tuple[np.ndarray, Callable[[int], PETSc.Vec]]:
         """See `Motion.elastic_modes`."""
         found, n = EigenSolver(_MODES).solve(K, self.model.M), len(self.free())
         return found.values[n:], lambda i: found.shapes[n + i]
-
-    def drag(self, v: PETSc.Vec) -> PETSc.Vec:
-        found = self.vector()
-        if self.model.C is not None:
-            self.model.C.mult(v, found)
-        return found
 
     def acceleration(self, force: PETSc.Vec, u: PETSc.Vec, states, step: float) -> PETSc.Vec:
         """See `Motion.acceleration`.

@@ -318,10 +318,10 @@ class DenseMotion(Motion):
         m, x, y = self.model, u.array_r, v.array_r
         return float(0.5 * (y @ m.M @ y + x @ m.K @ x))
 
-    def inertia(self, a: PETSc.Vec) -> PETSc.Vec:
-        """See `Motion.inertia`."""
-        found = a.duplicate()
-        found.array[:] = self.model.M @ a.array_r
+    def product(self, name: str, x: PETSc.Vec) -> PETSc.Vec:
+        """See `Motion.product`."""
+        found = x.duplicate()
+        found.array[:] = getattr(self.model, name) @ x.array_r
         return found
 
     def elastic_modes(self, K: PETSc.Mat) -> tuple[np.ndarray, Callable[[int], PETSc.Vec]]:
@@ -340,11 +340,6 @@ class DenseMotion(Motion):
             return found
 
         return 1 / inverse[heavy] - shift, shape
-
-    def drag(self, v: PETSc.Vec) -> PETSc.Vec:
-        found = v.duplicate()
-        found.array[:] = self.model.C @ v.array_r
-        return found
 
     def acceleration(self, force: PETSc.Vec, u: PETSc.Vec, states, step: float) -> PETSc.Vec:
         a = self.vector()

@@ -235,8 +235,12 @@ class Motion(ABC):
         """K + d f/d u + shift_v C + shift_a M into ``out``, at the velocity v. Collective."""
 
     @abstractmethod
+    def product(self, name: str, x: PETSc.Vec) -> PETSc.Vec:
+        """The model's matrix of this name times a vector, nought if there is none. Collective."""
+
     def inertia(self, a: PETSc.Vec) -> PETSc.Vec:
         """Force of the inertia, M a. Collective."""
+        return self.product("M", a)
 
     @abstractmethod
     def elastic_modes(self, K: PETSc.Mat) -> tuple[np.ndarray, Callable[[int], PETSc.Vec]]:
@@ -252,9 +256,9 @@ class Motion(ABC):
             InputError: If mass or stiffness is not positive (semi-)definite.
         """
 
-    @abstractmethod
     def drag(self, v: PETSc.Vec) -> PETSc.Vec:
         """Force of the viscous damping, C v. Collective."""
+        return self.product("C", v)
 
     @abstractmethod
     def acceleration(self, force: PETSc.Vec, u: PETSc.Vec, states, step: float) -> PETSc.Vec:

@@ -52,24 +52,20 @@ class Structure(Assembly):
 
     def coarser(self) -> Structure:
         """The same structure with displacements of degree 1, for multigrid."""
-        parameters = self.parameters.values()
-        return Structure(self.tagged, parameters=parameters, degree=1, **self._made_of)
+        return self._again(1)
 
     def finer(self) -> Structure | None:
         """The same structure on the same mesh with displacements of one degree more; None beyond
         the third."""
-        if self.degree > 2:
-            return None
-        parameters = self.parameters.values()
-        return Structure(
-            self.tagged, parameters=parameters, degree=self.degree + 1, **self._made_of
-        )
+        return self._again(self.degree + 1) if self.degree < 3 else None
 
     def with_changes(self, changes: Sequence[Change], more: Sequence[Parameter]) -> Structure:
         """The same structure with what else may change of it, by further parameters."""
-        parameters = [*self.parameters.values(), *more]
-        made_of = self._made_of | {"changes": (*self.changes, *changes)}
-        return Structure(self.tagged, parameters=parameters, degree=self.degree, **made_of)
+        return self._again(self.degree, more, changes=(*self.changes, *changes))
+
+    def _again(self, degree: int, more: Sequence[Parameter] = (), **changed) -> Structure:
+        parameters, made_of = [*self.parameters.values(), *more], self._made_of | changed
+        return Structure(self.tagged, parameters=parameters, degree=degree, **made_of)
 
     @property
     def layers(self) -> tuple[str, ...]:

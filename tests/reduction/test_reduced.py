@@ -95,6 +95,13 @@ def test_reduced_frequencies_bound_the_full_from_above_and_converge(full, checks
     assert worst[2] < 1e-3
 
 
+def surrogate(structure, points, **more):
+    """A model that serves a fit, by default of three modes that are seen in order."""
+    given = {"sensors": None, "n_test": 3, "n_modes": N_MODES, "travel": lambda: TRAVEL}
+    start = {name: p.value for name, p in structure.parameters.items()}
+    return ReducedModel(structure, start, samples=lambda: points, **given | more)
+
+
 def test_a_sample_is_reproduced(full):
     """Frequencies, gradients, shapes at sensors and mass are the full model's at a sample."""
     point = samples(1, seed=5)[0]
@@ -258,16 +265,7 @@ def test_refined_modes_make_as_good_a_model_as_solved_ones(monkeypatch):
     monkeypatch.setattr(EigenSolver, "solve", lambda *a, **k: solved.append(a) or solve(*a, **k))
     start = {name: p.value for name, p in world.parameters.items()}
     points = [start, *samples(12, seed=3)]
-    model = ReducedModel(
-        world,
-        start,
-        samples=lambda: points,
-        sensors=None,
-        n_test=5,
-        travel=lambda: TRAVEL,
-        n_modes=N_MODES,
-        lacking=1e-3,
-    )
+    model = surrogate(world, points, n_test=5, lacking=1e-3)
     assert len(solved) == 6
     best = sampled(world, points, 1e-3)
     for there in (points, samples(4, seed=11)):
@@ -282,23 +280,11 @@ def test_a_kept_model_serves_another_test_of_the_structure(shared_tmp_path):
     start = {name: p.value for name, p in world.parameters.items()}
     points = [start, *samples(10, seed=3)]
 
-    def surrogate(sensors, n_test, made=points, **more):
-        return ReducedModel(
-            world,
-            start,
-            samples=lambda: made,
-            travel=lambda: TRAVEL,
-            lacking=1e-3,
-            sensors=sensors,
-            n_test=n_test,
-            n_modes=N_MODES,
-            **more,
-        )
-
-    surrogate(None, 5, keep=lambda: file)
+    surrogate(world, points, n_test=5, lacking=1e-3, keep=lambda: file)
     few = Sensors([[0.02, 0.01, 0.008], [0.15, 0.07, 0.008], [0.3, 0.04, 0.016]], [0.0, 0.0, 1.0])
-    alone = surrogate(few, 3)
-    kept = surrogate(few, 3, keep=lambda: file)
+    seen = {"sensors": few, "lacking": 1e-3}
+    alone = surrogate(world, points, **seen)
+    kept = surrogate(world, points, **seen, keep=lambda: file)
     assert kept.model.n_dofs < read_array_model(file).n_dofs
     elsewhere = samples(4, seed=11)
     own, best = (s.errors(elsewhere) for s in (kept, alone))
@@ -315,16 +301,7 @@ def test_a_model_kept_on_some_ranks_serves_any(shared_tmp_path):
     """Kept on all of them, read on one: the basis is that of the matrices."""
     world, own, file = build(MPI.COMM_WORLD), build(), shared_tmp_path / "model.h5"
     start = {name: p.value for name, p in world.parameters.items()}
-    ReducedModel(
-        world,
-        start,
-        samples=lambda: [start],
-        sensors=None,
-        n_test=3,
-        n_modes=N_MODES,
-        travel=lambda: TRAVEL,
-        keep=lambda: file,
-    )
+    surrogate(world, [start], keep=lambda: file)
     model, basis = KeptModel(own, file).read()
     Z = np.array([vector.array_r for vector in basis]).T
     K = own.stiffness(start)
@@ -343,15 +320,11 @@ def test_a_basis_of_another_model_is_not_taken(tmp_path):
     """As where two runs kept theirs at a time."""
     model, file = build(), tmp_path / "model.h5"
     start = {name: p.value for name, p in model.parameters.items()}
-    given = {"samples": lambda: [start], "travel": lambda: TRAVEL, "keep": lambda: file}
-    given |= {"sensors": None, "n_test": 3, "n_modes": N_MODES}
-    first = ReducedModel(model, start, **given)
+    first = surrogate(model, [start], keep=lambda: file)
     assert KeptModel(model, file).read() is not None
     basis = file.with_suffix(".npz").read_bytes()
     file.unlink()
-    other = ReducedModel(
-        model, {**start, "layer.E": 1e7}, **given | {"samples": lambda: [{**start, "layer.E": 1e7}]}
-    )
+    other = surrogate(model, [{**start, "layer.E": 1e7}], keep=lambda: file)
     assert other.model.n_dofs == first.model.n_dofs
     own = file.with_suffix(".npz").read_bytes()
     file.with_suffix(".npz").write_bytes(basis)
@@ -439,15 +412,7 @@ def test_two_ranks_reduce_to_the_same_frequencies():
 def test_a_point_without_the_tests_modes_has_no_error_and_spoils_no_other(monkeypatch):
     model = build()
     start = {name: p.value for name, p in model.parameters.items()}
-    small = ReducedModel(
-        model,
-        start,
-        samples=lambda: [start],
-        travel=lambda: TRAVEL,
-        sensors=None,
-        n_test=3,
-        n_modes=N_MODES,
-    )
+    small = surrogate(model, [start])
     soft, paired = {**start, "layer.E": 1e7}, small.forward.paired
 
     def lacks(modes):
