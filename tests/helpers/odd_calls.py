@@ -422,12 +422,7 @@ def of_meshes():
     yield meshes.CBeams, {}, "layer:0"
     yield meshes.Dumbbell, {}, "rings:[],nans,-1 r_wai:1 zone:1"
     yield meshes.LapBeam, {}, "washer:0 layer:0 root:0"
-    yield (
-        meshes.RoundPlates,
-        {"size": 0.01},
-        "washer_thickness:-1,0 washer_hole:-1,0 head_diameter:-1,0 head_height:-1,0 "
-        "bolt_diameter:-1,0",
-    )
+    yield meshes.RoundPlates, {"size": 0.01}, ""
 
 
 def of_beams():
