@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from scipy.optimize import least_squares
 from scipy.stats import norm
 
 from fenics_joints.bayes.priors import Prior
 from fenics_joints.errors import InputError
+from fenics_joints.updating.least_squares import LeastSquares
 
 #: How far into its tails a prior is searched and where its edge begins; how far off a frequency may
 #: be there; all in standard deviations. Draws that the search starts from.
@@ -57,13 +57,8 @@ def check_prior(
     draws = prior.values(prior.sample(_DRAWS, np.random.default_rng(10)))
     best = draws[np.argmin(np.sum(residuals(draws) ** 2, axis=1))]
     shares = [d.cdf(v) for d, v in zip(prior.densities, best, strict=True)]
-    z = least_squares(
-        lambda z: residuals(allowed(z)[None])[0],
-        np.clip(norm.ppf(shares), -_EDGE, _EDGE),
-        bounds=(-_TAIL, _TAIL),
-        diff_step=1e-4,
-        max_nfev=60,
-    ).x
+    fit = LeastSquares(lambda z: residuals(allowed(z)[None])[0], bounds=(-_TAIL, _TAIL))
+    z = fit.solve(np.clip(norm.ppf(shares), -_EDGE, _EDGE), 60, diff_step=1e-4).x
     off = residuals(allowed(z)[None])[0]
     if np.abs(off).max() <= _FAR:
         return []

@@ -20,7 +20,6 @@ from pathlib import Path
 
 import numpy as np
 from mpi4py import MPI
-from scipy.optimize import least_squares
 
 from fenics_joints.bayes.chains import Chains
 from fenics_joints.bayes.gibbs import Gibbs, Level
@@ -30,6 +29,7 @@ from fenics_joints.bayes.samplers import Settings, Task, grow
 from fenics_joints.bayes.straight import curvature
 from fenics_joints.bayes.walks import generator
 from fenics_joints.errors import InputError, flag, real
+from fenics_joints.updating.least_squares import LeastSquares
 
 _FEWEST = 5
 
@@ -277,21 +277,22 @@ def _nearest(specimens: Specimens, prior: Prior, g, draws: np.ndarray) -> np.nda
     sd = np.nanstd(np.log(specimens.frequencies_hz), axis=0) + specimens.noise
     middle, spread = draws.mean(axis=0), draws.std(axis=0)
 
-    def residuals(x: np.ndarray) -> np.ndarray:
-        off = (g(x) - log_f) / sd
-        # A weak hold where the frequencies say nothing.
-        return np.concatenate([np.nan_to_num(off, nan=1e3), 0.05 * (x - middle) / spread], axis=1)
+    def off(x: np.ndarray) -> np.ndarray:
+        return np.nan_to_num((g(x) - log_f) / sd, nan=1e3)
 
-    best = draws[np.argmin(np.sum(residuals(draws) ** 2, axis=1))]
+    def hold(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """A weak hold where the frequencies say nothing."""
+        return 0.05 * (x - middle) / spread, np.diag(0.05 / spread)
+
+    squares = np.sum(off(draws) ** 2, axis=1) + np.sum(hold(draws)[0] ** 2, axis=1)
+    best = draws[np.argmin(squares)]
     if not np.all(np.isfinite(g(best[None]))):
         raise InputError(
             f"prior of {', '.join(prior.names)}: the model has the test's modes at none of "
             f"{len(draws)} draws; expected a prior about a model that has them."
         )
-
-    return least_squares(
-        lambda x: residuals(x[None])[0], best, lambda x: _slope(residuals, x), x_scale=spread
-    ).x
+    fit = LeastSquares(lambda x: off(x[None])[0], lambda x: _slope(off, x), hold)
+    return fit.solve(best, x_scale=spread).x
 
 
 def _slope(g: Callable[[np.ndarray], np.ndarray], x: np.ndarray) -> np.ndarray:

@@ -12,11 +12,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import least_squares
 
 from fenics_joints.measurements.target import Target
 from fenics_joints.updating.coordinates import LogScale
-from fenics_joints.updating.least_squares import Problem
+from fenics_joints.updating.least_squares import LeastSquares, TargetFit
 from fenics_joints.updating.prediction import Predictor
 from fenics_joints.updating.result import Update
 
@@ -119,7 +118,7 @@ def fit_curves(
     fitted = []
     for form in _FORMS:
         coefficients = _Coefficients(form, names, start, conditions, model, regularisation)
-        problem = Problem(predictors, coefficients, coefficients.pull)
+        problem = TargetFit(predictors, coefficients, coefficients.pull)
         result = problem.solve(coefficients.guess(found), 60)
         a, b = np.split(result.x, 2)
         fitted.append(
@@ -167,12 +166,12 @@ class _Coefficients:
             variances, directions = np.linalg.eigh(by_log @ update.log_covariance @ by_log.T)
             roots.append((directions / np.sqrt(variances)).T)
 
-        def residual(x):
+        def off(x):
             parts = [
                 root @ (self.curve(*np.split(x, 2), ratio)[0] - point)
                 for root, ratio, point in zip(roots, self.ratios, points, strict=True)
             ]
-            return np.concatenate([*parts, self.pull(x)[0]])
+            return np.concatenate(parts)
 
         first = np.concatenate([points[int(np.argmax(self.ratios))], self.usual])
-        return least_squares(residual, first).x
+        return LeastSquares(off, prior=self.pull).solve(first).x

@@ -30,7 +30,7 @@ from fenics_joints.measurements.target import Target
 from fenics_joints.structure import Damping, Parameter
 from fenics_joints.updating.equations import condition_number
 from fenics_joints.updating.identification import Identification
-from fenics_joints.updating.least_squares import Problem
+from fenics_joints.updating.least_squares import TargetFit, information_root
 from fenics_joints.updating.residuals import raw_rows
 from fenics_joints.updating.result import Update
 from fenics_joints.updating.rounds import OUT_OF_EVALUATIONS, in_rounds, is_stuck
@@ -159,7 +159,7 @@ class _Fit(Identification):
             member("centre", name, start)
         about = [{**start, **(centre or {})}[n] for n in self.names]
         self.centre = self._working(np.array(about))
-        self.problem = Problem([self.predictor], self.coordinates, self._pull, self._record)
+        self.problem = TargetFit([self.predictor], self.coordinates, self._pull, self._record)
         (self.residuals,) = self.problem.residuals
         self.start = self.problem.inside(self.coordinates.inverse(self.first))
 
@@ -281,12 +281,9 @@ def _covariance(slope: np.ndarray, noise: np.ndarray | None, by_x: np.ndarray) -
         noise: What the data's errors do to the residuals where one error does to several, (r, k).
         by_x: Derivatives of the values by the coordinates, (p, p).
     """
-    information = slope.T @ slope
-    values, vectors = np.linalg.eigh(information)
-    floor = np.finfo(float).eps * max(values[-1], np.finfo(float).tiny)
-    root = by_x @ (vectors / np.sqrt(np.maximum(values, floor)))
+    inverse, known = information_root(slope)
+    root = by_x @ inverse
     if noise is None:
         return root @ root.T
-    known = values > floor
-    change = root[:, known] @ (vectors[:, known] / np.sqrt(values[known])).T @ slope.T @ noise
+    change = root[:, known] @ inverse[:, known].T @ slope.T @ noise
     return change @ change.T + root[:, ~known] @ root[:, ~known].T

@@ -1,4 +1,5 @@
-"""Least squares of a model's predictions for one target or several, in any coordinates."""
+"""Least squares within bounds, with what holds the coordinates beside the data; of a model's
+predictions for one target or several, in any coordinates."""
 
 from __future__ import annotations
 
@@ -13,7 +14,77 @@ from fenics_joints.updating.prediction import Prediction, Predictor
 from fenics_joints.updating.residuals import Residuals
 
 #: What the data leave open is held by: residuals at coordinates, and their derivatives.
-Prior = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
+HeldBy = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
+
+
+class LeastSquares:
+    """Residuals in standard deviations, whose sum of squares is least at the answer.
+
+    Give the functions, or subclass it with methods `residual` and `jacobian` of the same arguments:
+
+        line = LeastSquares(lambda x: (x[0] + x[1] * t - y) / sd)
+        found = line.solve(np.zeros(2)).x
+        deviations = np.sqrt(np.diag(line.covariance(found)))
+
+    Args:
+        residual: From coordinates, (n,), to residuals of the data, (r,); None in a subclass.
+        jac: Their derivatives, (r, n); differences by default.
+        prior: Residuals that hold the coordinates beside the data, and their derivatives.
+        bounds: Of the coordinates; none by default.
+    """
+
+    def __init__(
+        self,
+        residual: Callable[[np.ndarray], np.ndarray] | None = None,
+        jac: Callable[[np.ndarray], np.ndarray] | None = None,
+        prior: HeldBy | None = None,
+        bounds: tuple = (-np.inf, np.inf),
+    ):
+        self._residual, self._jac, self.prior, self.bounds = residual, jac, prior, bounds
+
+    def residual(self, x: np.ndarray) -> np.ndarray:
+        """The residuals of the data, then of the prior."""
+        held = [] if self.prior is None else [self.prior(x)[0]]
+        return np.concatenate([self._residual(x), *held])
+
+    def jacobian(self, x: np.ndarray) -> np.ndarray:
+        """Their derivatives by the coordinates."""
+        if self._jac is None:
+            return least_squares(self.residual, x, max_nfev=1, bounds=self.bounds).jac
+        held = [] if self.prior is None else [self.prior(x)[1]]
+        return np.concatenate([self._jac(x), *held])
+
+    def solve(
+        self, x: np.ndarray, max_evaluations: int | None = None, **options: object
+    ) -> OptimizeResult:
+        """The least sum of squares from coordinates ``x``, by a trust region.
+
+        Args:
+            x: Coordinates at the start, within the bounds.
+            max_evaluations: Most evaluations of the residuals.
+            options: Further ones of `scipy.optimize.least_squares`.
+        """
+        if self._jac is not None:
+            options.setdefault("jac", self.jacobian)
+        return least_squares(
+            self.residual, x, bounds=self.bounds, max_nfev=max_evaluations, **options
+        )
+
+    def covariance(self, x: np.ndarray) -> np.ndarray:
+        """Covariance of the coordinates to first order, (n, n); very large where they are open."""
+        root, _ = information_root(self.jacobian(x))
+        return root @ root.T
+
+
+def information_root(slope: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """R with R R^T the inverse of the information, and which of its columns the data know.
+
+    Args:
+        slope: Derivatives of the residuals by the coordinates, (r, n).
+    """
+    values, vectors = np.linalg.eigh(slope.T @ slope)
+    floor = np.finfo(float).eps * max(values[-1], np.finfo(float).tiny)
+    return vectors / np.sqrt(np.maximum(values, floor)), values > floor
 
 
 class Curved(Protocol):
@@ -28,8 +99,8 @@ class Curved(Protocol):
         """Bounds of the coordinates, (n,) each."""
 
 
-class Problem:
-    """Residuals of the data at one condition or several, in standard deviations.
+class TargetFit(LeastSquares):
+    """Residuals of the data at one condition or several.
 
     Args:
         predictors: The model's predictions of the target of each condition.
@@ -45,12 +116,13 @@ class Problem:
         self,
         predictors: Sequence[Predictor],
         coordinates: Curved,
-        prior: Prior | None = None,
+        prior: HeldBy | None = None,
         on_step: Callable[[np.ndarray, bool], None] | None = None,
     ):
+        super().__init__(prior=prior, bounds=coordinates.bounds())
         self.predictors, self.coordinates = predictors, coordinates
         self.residuals = [Residuals(predictor.target) for predictor in predictors]
-        self.prior, self.on_step = prior, on_step
+        self.on_step = on_step
         self._size: int | None = None
 
     def predict(self, condition: int, x: np.ndarray, moved: bool = False) -> Prediction:
@@ -100,7 +172,7 @@ class Problem:
 
     def inside(self, x: np.ndarray) -> np.ndarray:
         """The nearest coordinates a little within the bounds."""
-        low, high = self.coordinates.bounds()
+        low, high = self.bounds
         margin = 1e-6 * np.minimum(1.0, high - low)
         return np.clip(x, low + margin, high - margin)
 
@@ -127,17 +199,14 @@ class Problem:
         """
         start = self.inside(x)
         try:
-            return least_squares(
-                self.residual,
+            return super().solve(
                 start,
-                self.slope,
-                bounds=self.coordinates.bounds(),
+                max_evaluations,
+                jac=self.slope,
                 args=(moved,),
-                x_scale=1.0,
                 ftol=accuracy,
                 xtol=still or accuracy,
                 gtol=1e-8,
-                max_nfev=max_evaluations,
             )
         except ValueError as error:
             if np.isfinite(self.residual(start, moved)).all():

@@ -19,7 +19,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fenics_joints.updating.least_squares import Problem
+from fenics_joints.updating.least_squares import TargetFit
 from fenics_joints.updating.residuals import Widths
 
 #: Why no answer was found, in words.
@@ -58,10 +58,10 @@ class End:
     why: str = ""
 
 
-def is_stuck(problem: Problem, x: np.ndarray) -> bool:
+def is_stuck(problem: TargetFit, x: np.ndarray) -> bool:
     """Whether a step of Gauss and Newton promises more than accuracy asks, and was not taken."""
     r, J = problem.residual(x), problem.jacobian(x)
-    low, high = problem.coordinates.bounds()
+    low, high = problem.bounds
     gradient = J.T @ r
     room = np.minimum(1.0, high - low)
     free = ~((x - low < 1e-5 * room) & (gradient > 0) | (high - x < 1e-5 * room) & (gradient < 0))
@@ -70,7 +70,7 @@ def is_stuck(problem: Problem, x: np.ndarray) -> bool:
     return promised > _WORTH * max(1.0, float(r @ r) / len(r))
 
 
-def in_rounds(problem: Problem, starts: list[np.ndarray], max_evaluations: int) -> End:
+def in_rounds(problem: TargetFit, starts: list[np.ndarray], max_evaluations: int) -> End:
     """The best end of rounds from some starts; the problem is left with its widths.
 
     Args:
@@ -93,7 +93,7 @@ def in_rounds(problem: Problem, starts: list[np.ndarray], max_evaluations: int) 
     return best
 
 
-def _chain(problem: Problem, x: np.ndarray, max_evaluations: int) -> list[End]:
+def _chain(problem: TargetFit, x: np.ndarray, max_evaluations: int) -> list[End]:
     """Rounds from one start, first by the test's pairs alone: with long steps none are followed."""
     (residuals,) = problem.residuals
     residuals.widths = Widths(shapes=(1.0,) * len(residuals.modes))
@@ -124,7 +124,7 @@ def _chain(problem: Problem, x: np.ndarray, max_evaluations: int) -> list[End]:
     return [replace(end, why="" if end.settled else why) for end in ends]
 
 
-def _round(problem: Problem, x: np.ndarray, left: int, follow: bool):
+def _round(problem: TargetFit, x: np.ndarray, left: int, follow: bool):
     """One fit, and the pairs with which it ends."""
     (predictor,) = problem.predictors
     size = 0.5 * float(np.sum(problem.residual(x) ** 2))

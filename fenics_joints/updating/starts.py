@@ -13,7 +13,7 @@ from scipy.stats import qmc
 from fenics_joints.measurements.gap import mac, nearest
 from fenics_joints.modal.modes import Modes
 from fenics_joints.reduction.matched import PLACES, places_all_over
-from fenics_joints.updating.least_squares import Problem
+from fenics_joints.updating.least_squares import TargetFit
 from fenics_joints.updating.prediction import Predictor
 
 #: Number of trial places, half of them within the bounds and half near the start; number of the
@@ -26,7 +26,7 @@ _SEED = 1
 AS_GOOD = 4.0
 
 
-def other_starts(problem: Problem, start: np.ndarray, end: np.ndarray) -> list[np.ndarray]:
+def other_starts(problem: TargetFit, start: np.ndarray, end: np.ndarray) -> list[np.ndarray]:
     """Coordinates from which fits to frequencies start: beyond exchanges of neighbouring modes, and
     the best of some places within the bounds.
 
@@ -39,7 +39,7 @@ def other_starts(problem: Problem, start: np.ndarray, end: np.ndarray) -> list[n
     return [x for x in found if np.isfinite(problem.residual(problem.inside(x))).all()]
 
 
-def _beyond_exchanges(problem: Problem, x: np.ndarray) -> list[np.ndarray]:
+def _beyond_exchanges(problem: TargetFit, x: np.ndarray) -> list[np.ndarray]:
     """Ends of Gauss-Newton steps with two neighbouring modes exchanged, if the test's frequencies
     fit better there, the best first."""
     (predictor,) = problem.predictors
@@ -58,9 +58,9 @@ def _beyond_exchanges(problem: Problem, x: np.ndarray) -> list[np.ndarray]:
     return [place for _, place in sorted(found, key=lambda pair: pair[0])[:_EXCHANGED]]
 
 
-def _scattered(problem: Problem, start: np.ndarray) -> list[np.ndarray]:
+def _scattered(problem: TargetFit, start: np.ndarray) -> list[np.ndarray]:
     """The best of places within the bounds and near the start, apart from each other."""
-    low, high = problem.coordinates.bounds()
+    low, high = problem.bounds
     near = np.maximum(low, start - _NEAR), np.minimum(high, start + _NEAR)
     wide = np.where(np.isfinite(low), low, near[0]), np.where(np.isfinite(high), high, near[1])
     unit = qmc.Sobol(len(start), seed=_SEED).random(_LOOKED_AT)
