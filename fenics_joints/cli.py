@@ -22,7 +22,7 @@ from fenics_joints.commands.arguments import (
 )
 from fenics_joints.commands.database import app as database_app
 from fenics_joints.commands.line import new_app
-from fenics_joints.commands.start import check, new, schema, show
+from fenics_joints.commands.start import check, contents_of, new, schema, show
 from fenics_joints.formatting import printable
 from fenics_joints.machine.imports import guard
 from fenics_joints.machine.streams import environment, open_streams
@@ -300,7 +300,6 @@ def _command(
         from mpi4py import MPI
 
         from fenics_joints import commands
-        from fenics_joints.files import json_text
         from fenics_joints.machine import form_cache, memory
         from fenics_joints.progress import Progress
 
@@ -310,17 +309,9 @@ def _command(
         case = _prepare(comm, path, outputs)
         _check_size(comm, case, name, options, large)
         notes = _say_unusual(comm, case, name)
-        json, report = outputs["--json"], outputs["--report"]
         with Progress(silent=comm.rank != 0) as progress:
             outcome = getattr(commands, name)(case, comm, progress, **options)
-            contents = []
-            if json is not None:
-                made = outcome.json()
-                said = dict.fromkeys([*notes, *made.get("notes", ())])
-                contents.append((json, json_text({**made, "notes": list(said)})))
-            if report is not None:
-                progress.step("writing the report")
-                contents.append((report, outcome.page(notes)))
+            contents = contents_of(outcome, outputs, progress, notes)
         show(comm, outcome, contents)
 
 

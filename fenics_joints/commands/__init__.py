@@ -1,4 +1,4 @@
-"""What ``fenics-joints`` runs: from a case to an `Outcome`, a folder for each command.
+"""What ``fenics-joints`` runs: from a case to an `Outcome`, a file or a folder for each command.
 
 The functions are imported when they are first asked for: ``--help`` needs none of them.
 """

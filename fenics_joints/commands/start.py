@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -21,6 +22,7 @@ from fenics_joints.commands.arguments import (
 
 if TYPE_CHECKING:
     from fenics_joints.commands.outcome import Outcome
+    from fenics_joints.progress import Progress
 
 
 def new(
@@ -143,7 +145,7 @@ def check(
         from mpi4py import MPI
 
         from fenics_joints.commands.check.run import run_check
-        from fenics_joints.files import check_outputs, json_text
+        from fenics_joints.files import check_outputs
         from fenics_joints.parallel import on_root
         from fenics_joints.progress import Progress
 
@@ -155,11 +157,7 @@ def check(
             found = outcome.result
             files = [found.path] if found.case is None else found.case.files()
             on_root(comm, lambda: check_outputs(outputs, files))
-            contents = []
-            if json is not None:
-                contents.append((json, json_text(outcome.json())))
-            if report is not None:
-                contents.append((report, outcome.page()))
+            contents = contents_of(outcome, outputs, progress)
         show(comm, outcome, contents)
 
 
@@ -175,6 +173,26 @@ def schema(debug: DebugOption = False) -> None:
         from fenics_joints.files import json_text
 
         typer.echo(json_text(case_schema()), nl=False)
+
+
+def contents_of(
+    outcome: Outcome,
+    outputs: Mapping[str, Path | None],
+    progress: Progress,
+    notes: Sequence[str] = (),
+) -> list[tuple[Path, str]]:
+    """What the files of ``--json`` and ``--report`` get, with what is unusual in the case."""
+    from fenics_joints.files import json_text
+
+    contents = []
+    if (path := outputs["--json"]) is not None:
+        made = outcome.json()
+        said = dict.fromkeys([*notes, *made.get("notes", ())])
+        contents.append((path, json_text({**made, "notes": list(said)})))
+    if (path := outputs["--report"]) is not None:
+        progress.step("writing the report")
+        contents.append((path, outcome.page(notes)))
+    return contents
 
 
 def show(comm, outcome: Outcome, contents: list[tuple[Path, str]]) -> None:
