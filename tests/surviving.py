@@ -28,11 +28,11 @@ FAILING = "a way to fail"
 #: Chosen by reading: why, and patterns of test ids without ``tests/`` and ``test_``.
 CHOSEN = {
     "closed form, or another route": """
-        forms/*::* structure/*laws*::* structure/held::* structure/structure::* modal/modes::*
+        forms/*::* structure/*laws*::* structure/*supports::* structure/structure::* modal/modes::*
         modal/sensitivity::* joint_laws/*::* preload/beam::* preload/components::*
-        preload/conditions::* preload/linear_joint::* preload/mortar::* preload/obstacles::*
-        preload/solve::* response/frf*::* reduction/bends::* reduction/reduced::*bound*
-        beams/structure::* interfaces/rigid::* interfaces/reduced::modal_damping*
+        preload/conditions::* preload/linear_joint::* preload/mortar::* preload/*obstacles::*
+        preload/solve::* response/frf*::* reduction/*curvature::* reduction/reduced::*bound*
+        beams/structure::* interfaces/*rigid::* interfaces/reduced::modal_damping*
         harmonic/backbone::* harmonic/events::* harmonic/frf::* harmonic/loads::*
         harmonic/static_mode::* harmonic/tracking::* transient/transient::*
         random_fields/fields::* updating/rounds::* updating/cutoff::* bayes/distributions::*

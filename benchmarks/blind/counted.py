@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fenics_joints.diagnosis.evidence.covariance import Neighbours
+from fenics_joints.diagnosis.evidence.entries import Neighbours
 from fenics_joints.diagnosis.evidence.evidence import BEYOND, Evidence, evidence_of
 from fenics_joints.diagnosis.model.bonded import SHARE
 from fenics_joints.measurements.data import TestData

@@ -24,7 +24,7 @@ from benchmarks.blind.counted import Errors
 from benchmarks.blind.oracle import Curve, Whitened, posterior, separability
 from benchmarks.blind.score import NONE
 from benchmarks.blind.seal import read_json
-from fenics_joints.diagnosis.evidence.covariance import Neighbours
+from fenics_joints.diagnosis.evidence.entries import Neighbours
 from fenics_joints.files import read_toml
 from fenics_joints.measurements.data import TestData
 from fenics_joints.structure import Sensors

@@ -13,7 +13,7 @@ from mpi4py import MPI
 from scipy.special import logsumexp
 from scipy.stats import multivariate_normal
 
-from fenics_joints.diagnosis.evidence.covariance import DAMPING, FREQUENCY
+from fenics_joints.diagnosis.evidence.entries import DAMPING, FREQUENCY
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.fitted import Fit
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis

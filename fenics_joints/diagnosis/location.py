@@ -187,7 +187,7 @@ def _patches(model: Prepared, split: Patches) -> Iterator[Place]:
     evidence, there = model.evidence, model.evidence.signatures
     if there is None or there.names != split.names:
         evidence = model.with_signatures(split)
-    signs, columns = evidence.signatures, evidence.signatures.columns(evidence)
+    signs, columns = evidence.signatures, evidence.patch_columns()
     regions = [model.zones.shown.get(region, region) for region in split.region]
     for length in _LENGTHS:
         alike = signs.alike(length)

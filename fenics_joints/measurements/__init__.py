@@ -3,12 +3,12 @@
 from fenics_joints.measurements.amplitude import MeasuredBackbone, read_amplitude
 from fenics_joints.measurements.curves import MeasuredCurves, read_curves
 from fenics_joints.measurements.data import TestData
-from fenics_joints.measurements.files import read_frfs
 from fenics_joints.measurements.frfs import MeasuredFRFs
 from fenics_joints.measurements.gap import Gap, Pairing, mac, pair_modes
 from fenics_joints.measurements.identification import IdentifiedModes, identify_modes
 from fenics_joints.measurements.measured_shapes import MeasuredShapes, made_real, read_shapes
 from fenics_joints.measurements.read_data import read_test_data
+from fenics_joints.measurements.readers import read_frfs
 from fenics_joints.measurements.tables import read_table
 from fenics_joints.measurements.target import FRFTarget, Target
 

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 
 import numpy as np
 
 from fenics_joints.errors import InputError, located
-from fenics_joints.files import is_file, paths_of, shown_path
 from fenics_joints.measurements.frfs import MeasuredFRFs
 from fenics_joints.response.units import MOTION, a_kind, checked_kind, frf_unit, length_factor
 
@@ -426,72 +424,3 @@ def _check_power(data: MeasuredFRFs, where: Mapping[tuple, str], rows, columns) 
 
 #: How names of universal files end.
 UFF_SUFFIXES = (".uff", ".unv", ".uf", ".ufb", ".58", ".bunv")
-
-
-def read_frfs(
-    paths: str | Path | Sequence[str | Path],
-    *,
-    kind: str | None = None,
-    units: str | None = None,
-    length_unit: str | None = None,
-    points: Mapping[str, Sequence[float]] | None = None,
-    directions: Mapping[str, Sequence[float]] | None = None,
-    keys: Mapping[str, str] | None = None,
-) -> MeasuredFRFs:
-    """Read one matrix of functions from files in any order.
-
-    - UFF (``.uff``, ``.unv``, ...; ASCII or binary; needs pyuff): functions and coherence of
-      datasets 58, nodes of 15 and 2411, axes of 18 and 2420, units of 164;
-      see `fenics_joints.measurements.uff`.
-    - MATLAB (``.mat``, to version 7): see `fenics_joints.measurements.mat`.
-    - CSV: a table of functions or a table of nodes, see `fenics_joints.measurements.csv`.
-
-    Args:
-        paths: The files; nodes may stand in other files than functions.
-        kind: ``receptance``, ``mobility`` or ``accelerance``, where a file does not say.
-        units: Unit of the functions, such as ``g/N``; it goes before what the files say.
-        length_unit: Unit of the nodes' coordinates, where a file does not say.
-        points: Coordinates of nodes, m, which replace the files'; local axes stay the files'.
-        directions: Directions of nodes, where a file does not say (direction code 0).
-        keys: Names of MATLAB variables that are not the usual ones.
-
-    Raises:
-        InputError: For what is wrong in a file; names the file, the place in it and what was
-            expected.
-    """
-    paths = paths_of(paths)
-    if not paths:
-        raise InputError("paths: expected one file or more")
-    metadata = FileMetadata(kind, units, length_unit, keys or {})
-    contents, seen = Contents(), set()
-    for path in paths:
-        if not is_file(path):
-            raise InputError(f"{shown_path(path)}: no such file, expected measured functions")
-        if path.resolve() in seen:
-            raise InputError(f"{path}: is named twice, expected each file once")
-        seen.add(path.resolve())
-        contents.add(reader_of(path)(path, metadata))
-    return merge(
-        contents, points=points, directions=directions, sources=[str(path) for path in paths]
-    )
-
-
-def reader_of(path: Path) -> Callable[[Path, FileMetadata], Contents]:
-    """What reads the functions of a file, by its ending; raises InputError for another one."""
-    ending = path.suffix.lower()
-    if ending in UFF_SUFFIXES:
-        from fenics_joints.measurements.uff import read_uff
-
-        return read_uff
-    if ending == ".mat":
-        from fenics_joints.measurements.mat import read_mat
-
-        return read_mat
-    if ending in (".csv", ".toml"):
-        from fenics_joints.measurements.csv import read_csv
-
-        return read_csv
-    raise InputError(
-        f"{path}: the ending {ending!r} is not known; expected one of {', '.join(UFF_SUFFIXES)}, "
-        ".mat, .csv"
-    )

@@ -30,6 +30,7 @@ if TYPE_CHECKING:
         WasherForce,
     )
     from fenics_joints.preload.conditions import OPEN, SLIP, STICK
+    from fenics_joints.preload.contact_state import ContactState
     from fenics_joints.preload.linear_joint import (
         LinearJoint,
         cutoff_conditions,
@@ -39,8 +40,7 @@ if TYPE_CHECKING:
         stuck_conditions,
     )
     from fenics_joints.preload.model import PreloadModel
-    from fenics_joints.preload.result import ContactState, PreloadResult
-    from fenics_joints.preload.solve import METHODS, PreloadSolver, solve_preload
+    from fenics_joints.preload.solve import METHODS, PreloadResult, PreloadSolver, solve_preload
 
 __all__ = [
     "METHODS",
@@ -79,6 +79,6 @@ __all__ = [
 ]
 
 #: Files that hold the other names; each is imported with those before it at the latest.
-_FILES = ("components", "conditions", "model", "result", "solve", "adjoint", "linear_joint")
+_FILES = ("components", "conditions", "model", "contact_state", "solve", "adjoint", "linear_joint")
 
 __getattr__ = lazy(__name__, dict.fromkeys(__all__, _FILES))

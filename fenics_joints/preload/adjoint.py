@@ -26,7 +26,7 @@ from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.modal.options import last_line
 from fenics_joints.preload.hold import dots
 from fenics_joints.preload.patch import contour_area
-from fenics_joints.preload.result import PreloadResult
+from fenics_joints.preload.solve import PreloadResult
 from fenics_joints.structure.sparse import product
 
 #: Residual, relative to the right-hand side, above which the tangent counts as singular.

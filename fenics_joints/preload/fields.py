@@ -22,7 +22,8 @@ import numpy as np
 from dolfinx import fem
 
 from fenics_joints.preload.conditions import OPEN, SLIP, STICK
-from fenics_joints.preload.result import ContactState, PreloadResult
+from fenics_joints.preload.contact_state import ContactState
+from fenics_joints.preload.solve import PreloadResult
 from fenics_joints.structure.grids import write_fields
 
 #: Status away from the contacts.

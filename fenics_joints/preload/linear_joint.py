@@ -17,9 +17,10 @@ from petsc4py import PETSc
 from fenics_joints.errors import InputError
 from fenics_joints.preload.components import Obstacle
 from fenics_joints.preload.conditions import OPEN, SLIP, STICK
+from fenics_joints.preload.contact_state import ContactState
 from fenics_joints.preload.interface import Interface
 from fenics_joints.preload.model import PreloadModel
-from fenics_joints.preload.result import ContactState, PreloadResult
+from fenics_joints.preload.solve import PreloadResult
 from fenics_joints.structure.points import Sensors
 
 #: A facet's pressure below this share of the largest is numerical zero.

@@ -4,19 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from functools import cached_property
+from textwrap import shorten
 
 import numpy as np
+from dolfinx import fem
+from mpi4py import MPI
 from petsc4py import PETSc
 
 from fenics_joints.errors import ConvergenceError, InputError, mapping, member, real, wanted
+from fenics_joints.formatting import html_table, quantity
 from fenics_joints.modal.options import given_options, last_line, petsc_defaults, reason_of
-from fenics_joints.preload.conditions import ContactPairs
+from fenics_joints.preload.conditions import OPEN, SLIP, STICK, ContactPairs
+from fenics_joints.preload.contact_state import ContactState
 from fenics_joints.preload.hold import find_hold
 from fenics_joints.preload.interface import Interface
 from fenics_joints.preload.jumps import Jumps
 from fenics_joints.preload.model import PreloadModel
 from fenics_joints.preload.newton import NewtonMatrix, NewtonPreconditioner, set_blocks
-from fenics_joints.preload.result import PreloadResult
 
 METHODS = ("semismooth", "vi", "penalty")
 
@@ -459,3 +464,146 @@ def _stiffness_at(jumps: Jumps, diagonal: PETSc.Vec, c: Interface) -> np.ndarray
     both = jumps.gather(diagonal, jumps.entries(c.lower)).mean(axis=1)
     lower = both - upper
     return np.where(lower > 0, upper * lower / np.where(lower > 0, both, 1.0), upper)
+
+
+class PreloadResult:
+    """A converged preload state.
+
+    Attributes:
+        model: The model.
+        solver: The solver, with its matrices.
+        forces: Forces of the bolts, N, and factors of the loads.
+        x: Displacements and jumps, see `fenics_joints.preload.jumps`.
+        load: The load f in x.
+        iterations: Newton iterations.
+        balance: Resultant of the loads that the inertia of the free structure took, relative.
+        reactions: K x - f: contact forces at the jumps, what the supports hold elsewhere, N.
+        contacts: State of every contact that can open, by name.
+        complementarity: Largest violation of g >= 0, N >= 0, g N = 0, relative to the largest
+            nodal force.
+    """
+
+    def __init__(
+        self,
+        solver: PreloadSolver,
+        pairs: ContactPairs,
+        forces: Mapping[str, float],
+        x: PETSc.Vec,
+        load: PETSc.Vec,
+        iterations: int,
+        balance: float,
+    ):
+        self.solver, self.model, self.pairs = solver, solver.model, pairs
+        self.forces, self.x, self.load = dict(forces), x, load
+        self.iterations, self.balance = iterations, balance
+        self.reactions = self.solver.K * x
+        self.reactions.axpy(-1.0, load)
+        self.contacts = self._contacts()
+        self.complementarity = self._complementarity()
+
+    def __repr__(self) -> str:
+        contacts = shorten(", ".join(self.contacts), 60)
+        return f"PreloadResult({self.iterations} iterations, contacts {contacts})"
+
+    def _repr_html_(self) -> str:
+        rows = [
+            (
+                name,
+                quantity(c.normal_force, "N"),
+                quantity(float(c.pressure.max(initial=0)), "Pa"),
+                f"{c.area * 1e6:.0f} mm²",
+                f"{int(c.closed.sum())} of {len(c.status)}",
+            )
+            for name, c in self.contacts.items()
+        ]
+        head = ("contact", "force", "peak pressure", "closed area", "closed pairs")
+        return html_table(f"Preload after {self.iterations} iterations", head, rows)
+
+    def _contacts(self) -> dict[str, ContactState]:
+        jumps, states = self.model.jumps, {}
+        status = self.x.duplicate()
+        status.set(0.0)
+        at, r = self.x.array_r, self.reactions.array_r
+        status.array[self.pairs.numbers[:, 0]] = self.pairs.status(at, r)
+        for c in jumps.contacts:
+            numbers = jumps.numbers(c)
+            jump, kind = jumps.gather(self.x, numbers), jumps.gather(status, numbers[:, 0])
+            states[c.name] = ContactState(
+                c.name,
+                c,
+                jumps.gather(self.reactions, numbers),
+                jump[:, 0] + c.gap,
+                jump[:, 1:],
+                kind.astype(int),
+                self.model.axisymmetric,
+            )
+        status.destroy()
+        return states
+
+    def _complementarity(self) -> float:
+        worst = self.pairs.complementarity(self.x.array_r, self.reactions.array_r)
+        worst = self.model.comm.allreduce(float(worst.max(initial=0.0)), op=MPI.MAX)
+        largest = max((np.abs(c.force).max(initial=0.0) for c in self.contacts.values()), default=0)
+        return worst / largest if largest else worst
+
+    def __getitem__(self, name: str) -> ContactState:
+        if name not in self.contacts:
+            names = ", ".join(self.contacts)
+            raise InputError(f"there is no contact {name!r} that can open; expected: {names}.")
+        return self.contacts[name]
+
+    @cached_property
+    def displacement(self) -> fem.Function:
+        """Displacement of all bodies, m."""
+        return self.model.jumps.displacement(self.x)
+
+    def shortening(self, bolt: str) -> float:
+        """Shortening, m, that a pretension section needs for its force."""
+        names = [b.name for b in self.model.cuts]
+        if bolt not in names:
+            raise InputError(
+                f"{bolt!r} has no pretension section; expected: {', '.join(names) or 'none'}."
+            )
+        number = self.model.jumps.shortening(names.index(bolt))
+        return float(self.model.jumps.gather(self.x, np.array([number]))[0])
+
+    def _shift(self, name: str) -> tuple[np.ndarray, np.ndarray]:
+        """Numbers in x of the displacement of what is moved, and their directions as rows."""
+        names = [m.name for m in self.model.moved]
+        if name not in names:
+            raise InputError(
+                f"{name!r} is no displacement or obstacle; expected: {', '.join(names) or 'none'}."
+            )
+        i = names.index(name)
+        return self.model.jumps.shift(i), self.model.jumps.frame(i)
+
+    def motion(self, name: str) -> np.ndarray:
+        """Displacement of an obstacle or of a face that is moved, m, (gdim,); 0 where it is free.
+
+        Raises:
+            InputError: If nothing that is moved has this name.
+        """
+        numbers, frame = self._shift(name)
+        return self.model.jumps.gather(self.x, numbers) @ frame
+
+    def reaction(self, name: str) -> np.ndarray:
+        """Force on the bodies by an obstacle or by what moves a face, N, (gdim,).
+
+        On a half section the first component is summed along the radius, all round.
+
+        Raises:
+            InputError: If nothing that is moved has this name.
+        """
+        numbers, frame = self._shift(name)
+        held = self.model.jumps.gather(self.reactions, numbers)
+        # What pushes an obstacle is a load in x, not a reaction.
+        pushed = self.model.jumps.gather(self.model.unit_load(name), numbers)
+        return (held + self.forces.get(name, 0.0) * pushed) @ frame
+
+    def counts(self) -> dict[str, dict[str, int]]:
+        """Number of open, slipping and sticking pairs of each contact."""
+        kinds = {"open": OPEN, "slip": SLIP, "stick": STICK}
+        return {
+            name: {word: int(np.sum(c.status == kind)) for word, kind in kinds.items()}
+            for name, c in self.contacts.items()
+        }

@@ -13,7 +13,7 @@ from mpi4py import MPI
 
 from fenics_joints.case import build_structure, load_case
 from fenics_joints.diagnosis import diagnose
-from fenics_joints.diagnosis.evidence.covariance import ANTIRESONANCE
+from fenics_joints.diagnosis.evidence.entries import ANTIRESONANCE
 from fenics_joints.diagnosis.model.at_points import paired_zeros
 from fenics_joints.diagnosis.model.prepared import prepare
 from fenics_joints.errors import InputError

@@ -12,7 +12,7 @@ from mpi4py import MPI
 
 from fenics_joints.case import build_structure, load_case
 from fenics_joints.diagnosis import diagnose
-from fenics_joints.diagnosis.evidence.covariance import STIFFNESS
+from fenics_joints.diagnosis.evidence.entries import STIFFNESS
 from fenics_joints.diagnosis.model.prepared import prepare
 from fenics_joints.diagnosis.plan.planned import plan
 from fenics_joints.errors import InputError

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fenics_joints.diagnosis.evidence.covariance import (
+from fenics_joints.diagnosis.evidence.entries import (
     DAMPING,
     FREQUENCY,
     SHAPE,

@@ -21,7 +21,7 @@ from mpi4py import MPI
 
 from fenics_joints.case import build_structure, load_case
 from fenics_joints.diagnosis import diagnose
-from fenics_joints.diagnosis.evidence.covariance import FUNCTION
+from fenics_joints.diagnosis.evidence.entries import FUNCTION
 from fenics_joints.diagnosis.model.prepared import prepare
 from fenics_joints.diagnosis.plan.planned import plan
 from fenics_joints.errors import InputError

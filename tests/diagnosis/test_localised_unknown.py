@@ -125,7 +125,7 @@ def test_its_evidence_is_that_of_a_covariance():
             alike = size**2 * np.exp(-0.5 * (away / length) ** 2)
             total = own + sum(
                 on * column @ alike @ column.T
-                for on, column in zip(kind, found.columns(test), strict=True)
+                for on, column in zip(kind, test.patch_columns(), strict=True)
             )
             logs.append(weight + np.log(p / 9) + multivariate_normal.logpdf(residual, cov=total))
     placed = logsumexp(logs)
@@ -150,7 +150,7 @@ def test_it_says_where(wrong, factor, density, n):
     test, _ = of(comm, hz, shapes, n=n)
     fit, signs = nominal_fit(test, comm), test.signatures
     assert with_localised_unknown(fit, test).placed > 0.99
-    columns = np.stack(signs.columns(test), axis=-1)
+    columns = np.stack(test.patch_columns(), axis=-1)
     rows = zip(signs.names, signs.region, columns.swapaxes(0, 1), strict=True)
     places = [Place(name, region, "part", own) for name, region, own in rows]
     tests = score_tests(test.data - fit.predicted, places, None, test)

@@ -10,7 +10,7 @@ from mpi4py import MPI
 
 from fenics_joints.case import build_structure, load_case
 from fenics_joints.diagnosis import diagnose
-from fenics_joints.diagnosis.evidence.covariance import MASS
+from fenics_joints.diagnosis.evidence.entries import MASS
 from fenics_joints.diagnosis.model.prepared import prepare
 from fenics_joints.modal import solve_modes
 from fenics_joints.progress import Progress

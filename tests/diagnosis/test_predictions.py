@@ -12,7 +12,7 @@ from fenics_joints.diagnosis import Effect, Prior
 from fenics_joints.diagnosis.effects.damping import micro_slip
 from fenics_joints.diagnosis.effects.part import temperature
 from fenics_joints.diagnosis.effects.rig import misplaced_sensor, misscaled_sensor, swapped_modes
-from fenics_joints.diagnosis.evidence.covariance import FREQUENCY, SHAPE
+from fenics_joints.diagnosis.evidence.entries import FREQUENCY, SHAPE
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.predictions import ManyPredictions

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from fenics_joints.diagnosis.evidence.covariance import SHAPE
+from fenics_joints.diagnosis.evidence.entries import SHAPE
 from fenics_joints.diagnosis.evidence.evidence import Evidence, evidence_of
 from fenics_joints.diagnosis.model.prepared import Prepared
 from fenics_joints.diagnosis.model.resolution import MeshErrors, mesh_errors

@@ -9,8 +9,8 @@ from scipy.special import logsumexp
 from scipy.stats import multivariate_normal, multivariate_t, norm
 
 from fenics_joints.beams import Beam, BeamStructure, Clamp, GenericJoint, Held, LumpedMass
-from fenics_joints.beams.cells import cell_energies
 from fenics_joints.beams.element import BEAM
+from fenics_joints.beams.structure import cell_energies
 from fenics_joints.case import load_case
 from fenics_joints.commands.diagnose.document import diagnosis_document
 from fenics_joints.commands.diagnose.words import zone_words

@@ -34,7 +34,7 @@ from benchmarks.blind import (  # noqa: E402
     targets,
     weights,
 )
-from fenics_joints.diagnosis.evidence.covariance import Neighbours  # noqa: E402
+from fenics_joints.diagnosis.evidence.entries import Neighbours  # noqa: E402
 from fenics_joints.files import json_text  # noqa: E402
 from fenics_joints.measurements.data import TestData  # noqa: E402
 from fenics_joints.structure import Sensors  # noqa: E402

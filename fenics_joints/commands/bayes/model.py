@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
 from mpi4py import MPI
 
 from fenics_joints.bayes.kept_lean import read_lean, write_lean
@@ -27,6 +28,24 @@ from fenics_joints.updating.coordinates import LogScale
 
 #: Relative distance from a law's limit.
 _INSIDE = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class HeldModes:
+    """Modes kept from the likelihood.
+
+    Attributes:
+        mode_names: Names, m of them.
+        measured_hz: Shape (m,).
+        measured_sd: Relative standard deviation of the test's noise, (m,).
+        predicted_hz: Draws, (n, m), without those at which the model lacks a mode, or which are
+            beyond a law's limit.
+    """
+
+    mode_names: tuple[str, ...]
+    measured_hz: np.ndarray
+    measured_sd: np.ndarray
+    predicted_hz: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)

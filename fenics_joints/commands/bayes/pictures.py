@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 import warnings
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
 
 import matplotlib
 import numpy as np
@@ -14,11 +13,9 @@ from matplotlib.ticker import FuncFormatter, MaxNLocator
 from fenics_joints.bayes.arviz_files import draw
 from fenics_joints.bayes.chains import Chains
 from fenics_joints.bayes.predictive import PredictiveCheck
+from fenics_joints.commands.bayes.model import HeldModes
 from fenics_joints.formatting import prefixed
 from fenics_joints.report.style import CHOSEN, NOMINAL, PLACEBO, drawing, style, to_svg
-
-if TYPE_CHECKING:
-    from fenics_joints.commands.bayes.result import HeldModes
 
 #: Draws of a chain that are shown: more would only make the page larger. Quantities in a grid, and
 #: against each other; columns of a grid.

@@ -12,7 +12,7 @@ import fenics_joints
 from fenics_joints.bayes import Chains, Settings
 from fenics_joints.bayes.predictive import PredictiveCheck
 from fenics_joints.commands.bayes import pictures
-from fenics_joints.commands.bayes.model import CaseModel
+from fenics_joints.commands.bayes.model import CaseModel, HeldModes
 from fenics_joints.files import plain
 from fenics_joints.formatting import condition_value, hertz, number, percent, quantity
 from fenics_joints.report.document import (
@@ -28,24 +28,6 @@ from fenics_joints.report.document import (
     Verdict,
     sentence,
 )
-
-
-@dataclass(frozen=True, eq=False)
-class HeldModes:
-    """Modes kept from the likelihood.
-
-    Attributes:
-        mode_names: Names, m of them.
-        measured_hz: Shape (m,).
-        measured_sd: Relative standard deviation of the test's noise, (m,).
-        predicted_hz: Draws, (n, m), without those at which the model lacks a mode, or which are
-            beyond a law's limit.
-    """
-
-    mode_names: tuple[str, ...]
-    measured_hz: np.ndarray
-    measured_sd: np.ndarray
-    predicted_hz: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)

@@ -23,8 +23,8 @@ from fenics_joints.bayes.samplers import Settings, sample
 from fenics_joints.case import Case, build_structure
 from fenics_joints.case.bayes import bayes_data, specimens
 from fenics_joints.case.update import Bayes
-from fenics_joints.commands.bayes.model import CaseModel, case_model
-from fenics_joints.commands.bayes.result import BayesReport, HeldModes, Predicted, bayes_document
+from fenics_joints.commands.bayes.model import CaseModel, HeldModes, case_model
+from fenics_joints.commands.bayes.result import BayesReport, Predicted, bayes_document
 from fenics_joints.commands.outcome import Outcome
 from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.files import check_writable

@@ -19,7 +19,8 @@ from fenics_joints.measurements import (
     read_table,
 )
 from fenics_joints.measurements.amplitude.files import history_of, is_history
-from fenics_joints.measurements.files import UFF_SUFFIXES, FileMetadata, reader_of
+from fenics_joints.measurements.files import UFF_SUFFIXES, FileMetadata
+from fenics_joints.measurements.readers import reader_of
 from fenics_joints.measurements.tables import Table
 from fenics_joints.measurements.uff import read_sets
 from fenics_joints.units import factor_to_si, to_si

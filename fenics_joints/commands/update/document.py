@@ -12,8 +12,14 @@ from fenics_joints.commands.update.pictures import (
     function_charts,
     shown_functions,
 )
-from fenics_joints.commands.update.result import Compared, Functions, Predicted, UpdateReport
-from fenics_joints.commands.update.view import shapes_blocks
+from fenics_joints.commands.update.result import (
+    Compared,
+    Functions,
+    ModeTable,
+    Predicted,
+    UpdateReport,
+)
+from fenics_joints.commands.update.view import UpdatedShapes
 from fenics_joints.commands.update.words import (
     accuracy,
     decibel,
@@ -35,10 +41,14 @@ from fenics_joints.report.document import (
     Table,
     Text,
     Verdict,
+    View,
 )
+from fenics_joints.report.mesh_pictures import measured_arrows, mode_shape, modes_view
 from fenics_joints.report.panels import frequency_panels, parameter_panels
 from fenics_joints.report.tables import facts_table, frequency_table, heat_table, mac_table
 
+#: Modes that have a picture for paper.
+_STILLS = 6
 #: Rows of each table on the terminal.
 _PARAMETERS, _MODES = 8, 10
 #: The method in words.
@@ -226,7 +236,7 @@ def _modes(r: UpdateReport) -> list:
     if not modes.fitted.all():
         blocks.append(Text(f"* its frequency was not fitted{_why_not(r)}", "note"))
     if r.shapes is not None:
-        blocks.append(OnPage(lambda: shapes_blocks(r.shapes, modes)))
+        blocks.append(OnPage(lambda: _shapes_blocks(r.shapes, modes)))
     damping = modes.damping
     if damping is not None:
         headings = ("damping ratio", ">test", ">before", ">after", ">error before", ">error after")
@@ -559,3 +569,23 @@ def _basis(r: UpdateReport) -> list:
     )
     heading = Heading("What this rests on", "rests-on")
     return [heading, facts_table(r.model), Text(note, "note")]
+
+
+def _shapes_blocks(shapes: UpdatedShapes, modes: ModeTable) -> list:
+    """The shapes, to be turned and played; pictures of the first ones for paper."""
+    ways, titles, arrows, notes, stills = [], [], {}, {}, []
+    for j, (motion, hz) in enumerate(zip(shapes.motions, shapes.frequencies_hz, strict=True)):
+        way = np.eye(3)[int(np.argmax(np.sum(motion**2, axis=(0, 1))))]
+        title = f"{modes.names[j]}, {hertz(float(hz))} Hz"
+        ways.append(way)
+        titles.append(title)
+        if shapes.sensors is not None:
+            arrows[j] = measured_arrows(shapes.sensors, shapes.test[:, j], shapes.model[:, j])
+            alike = "" if modes.mac_after is None else f"; MAC {modes.mac_after[j, j]:.3f}"
+            notes[j] = f"The test beside it, in the scale that brings both nearest{alike}."
+        if j < _STILLS:
+            alt = f"Shape of {title}."
+            stills.append(Figure(mode_shape(shapes.vertices, motion, way, f"mode{j}", alt), title))
+    view = modes_view(shapes.vertices, shapes.motions, titles, ways, arrows, notes)
+    heading = Heading("Shapes of the updated model", "shapes", level=3)
+    return [heading, View(view, [Beside("shapes", stills)])]

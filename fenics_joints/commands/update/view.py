@@ -3,25 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from fenics_joints.beams import BeamStructure
 from fenics_joints.case import Case
-from fenics_joints.formatting import hertz
 from fenics_joints.measurements import Target
 from fenics_joints.modal.modes import Modes
 from fenics_joints.reduction.frf_basis import paired
-from fenics_joints.report.document import Beside, Figure, Heading, View
-from fenics_joints.report.mesh_pictures import measured_arrows, mode_shape, modes_view
 from fenics_joints.structure import Sensors, Structure
-
-if TYPE_CHECKING:
-    from fenics_joints.commands.update.result import ModeTable
-
-#: Modes that have a picture for paper.
-_STILLS = 6
 
 
 @dataclass(frozen=True, repr=False)
@@ -74,23 +64,3 @@ def updated_shapes(
     known = np.where(np.isnan(test), 0.0, test)
     scale = np.sum(known * seen, axis=0) / np.maximum(np.sum(known**2, axis=0), 1e-300)
     return UpdatedShapes(vertices, motions, hz, sensors, test * scale, seen)
-
-
-def shapes_blocks(shapes: UpdatedShapes, modes: ModeTable) -> list:
-    """The shapes, to be turned and played; pictures of the first ones for paper."""
-    ways, titles, arrows, notes, stills = [], [], {}, {}, []
-    for j, (motion, hz) in enumerate(zip(shapes.motions, shapes.frequencies_hz, strict=True)):
-        way = np.eye(3)[int(np.argmax(np.sum(motion**2, axis=(0, 1))))]
-        title = f"{modes.names[j]}, {hertz(float(hz))} Hz"
-        ways.append(way)
-        titles.append(title)
-        if shapes.sensors is not None:
-            arrows[j] = measured_arrows(shapes.sensors, shapes.test[:, j], shapes.model[:, j])
-            alike = "" if modes.mac_after is None else f"; MAC {modes.mac_after[j, j]:.3f}"
-            notes[j] = f"The test beside it, in the scale that brings both nearest{alike}."
-        if j < _STILLS:
-            alt = f"Shape of {title}."
-            stills.append(Figure(mode_shape(shapes.vertices, motion, way, f"mode{j}", alt), title))
-    view = modes_view(shapes.vertices, shapes.motions, titles, ways, arrows, notes)
-    heading = Heading("Shapes of the updated model", "shapes", level=3)
-    return [heading, View(view, [Beside("shapes", stills)])]

@@ -225,7 +225,7 @@ def _localised(residual: np.ndarray, slope: np.ndarray, test: Evidence, tried) -
     """
     t, own, scores = residual.shape[1], slope.shape[1], []
     # No scales change what the patches' changes do.
-    columns = [column[test.fitted] for column in test.signatures.columns(test)]
+    columns = [column[test.fitted] for column in test.patch_columns()]
     for scales, weight in tried:
         lower = test.at(scales).lower()
         white = whiten(lower, np.column_stack([residual, slope, *columns]))

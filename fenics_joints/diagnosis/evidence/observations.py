@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from fenics_joints.case import Case
-from fenics_joints.diagnosis.evidence.covariance import (
+from fenics_joints.diagnosis.evidence.entries import (
     ANTIRESONANCE,
     FUNCTION,
     MASS,
@@ -39,7 +39,7 @@ class Observation(ABC):
     """A positive number that was measured, of whose logarithm the model predicts another.
 
     Attributes:
-        kind: Kind of entry (`fenics_joints.diagnosis.evidence.covariance`).
+        kind: Kind of entry (`fenics_joints.diagnosis.evidence.entries`).
         unknown: What an unknown cause may do to its logarithm, one standard deviation.
         name: What it is of.
         measured: The number, in its SI unit.

@@ -4,14 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
-
-from fenics_joints.diagnosis.effects.joint import EXPONENT
-
-if TYPE_CHECKING:
-    from fenics_joints.diagnosis.evidence.evidence import Evidence
 
 #: Over how much of the structure's size changes of patches are alike, equally probable. [decision:
 #: chosen]
@@ -69,20 +63,3 @@ class Signatures:
         """Factor of the correlation, (P, P); see `alike`."""
         alike = self.alike(length)
         return np.linalg.cholesky(alike + _JITTER * np.eye(len(alike)))
-
-    def columns(self, test: Evidence) -> list[np.ndarray]:
-        """Change of all of a test's entries by the stiffness of each patch, by its mass, and, where
-        there are several torques, by a stiffness of joints that grows with them, each (N, P)."""
-        e, shapes = test.entries, self.shapes
-        stiff, mass = (
-            e.filled(self.log_f[..., key], None if shapes is None else shapes[..., key])
-            for key in (0, 1)
-        )
-        for i, scalar in zip(np.flatnonzero(e.of_scalars), test.scalars, strict=True):
-            stiff[i], mass[i] = scalar.by_patch(self)
-        conditions = test.conditions
-        if not self.of_joint.any() or len(conditions) < 2 or test.drifts or min(conditions) <= 0:
-            return [stiff, mass]
-        x = np.log(conditions)
-        tightened = EXPONENT[0] * (x - x.mean())[e.row, None] * stiff * self.of_joint
-        return [stiff, mass, tightened]

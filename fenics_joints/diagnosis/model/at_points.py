@@ -11,7 +11,7 @@ from scipy.optimize import linear_sum_assignment
 
 from fenics_joints.beams.structure import BeamStructure
 from fenics_joints.case.test import AntiresonanceTest, StaticTest
-from fenics_joints.diagnosis.evidence.covariance import MASS
+from fenics_joints.diagnosis.evidence.entries import MASS
 from fenics_joints.diagnosis.evidence.evidence import BEYOND, UNSURE, Evidence
 from fenics_joints.diagnosis.evidence.observations import (
     Antiresonance,

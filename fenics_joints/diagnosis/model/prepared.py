@@ -26,7 +26,7 @@ from fenics_joints.diagnosis.effects.library import (
 from fenics_joints.diagnosis.effects.samples import is_rare, sample_ranges, sample_values
 from fenics_joints.diagnosis.effects.sited import sited_effects
 from fenics_joints.diagnosis.evidence.cells import prior_points
-from fenics_joints.diagnosis.evidence.covariance import FUNCTION, Neighbours
+from fenics_joints.diagnosis.evidence.entries import FUNCTION, Neighbours
 from fenics_joints.diagnosis.evidence.evidence import Evidence, evidence_of
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.merging import distinct

@@ -12,7 +12,7 @@ from fenics_joints.case.test import StaticTest
 from fenics_joints.diagnosis.effects.effect import Effect
 from fenics_joints.diagnosis.effects.library import case_effects
 from fenics_joints.diagnosis.evidence.classes import APART
-from fenics_joints.diagnosis.evidence.covariance import FUNCTION, STIFFNESS
+from fenics_joints.diagnosis.evidence.entries import FUNCTION, STIFFNESS
 from fenics_joints.diagnosis.evidence.evidence import DAMPING_NOISE, Evidence, evidence_of
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.observations import WHOLE, Observation, on_a_scale

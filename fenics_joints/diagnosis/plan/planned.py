@@ -16,7 +16,7 @@ from fenics_joints.case import Case
 from fenics_joints.diagnosis.effects.effect import Effect, Silent, log_odds, log_odds_outside
 from fenics_joints.diagnosis.effects.rig import MISSED
 from fenics_joints.diagnosis.evidence.classes import APART
-from fenics_joints.diagnosis.evidence.covariance import KINDS
+from fenics_joints.diagnosis.evidence.entries import KINDS
 from fenics_joints.diagnosis.evidence.evidence import Evidence, evidence_of
 from fenics_joints.diagnosis.evidence.library import Library
 from fenics_joints.diagnosis.evidence.misattribution import confusion_matrix

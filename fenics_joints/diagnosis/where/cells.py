@@ -9,8 +9,7 @@ import numpy as np
 from mpi4py import MPI
 
 from fenics_joints._compat import geometry_dofmap
-from fenics_joints.beams.cells import JOINT_KEYS, cell_energies
-from fenics_joints.beams.structure import BeamStructure
+from fenics_joints.beams.structure import JOINT_KEYS, BeamStructure, cell_energies
 from fenics_joints.diagnosis.zones.joints import bolt_points
 from fenics_joints.modal.modes import Modes
 from fenics_joints.structure import Structure

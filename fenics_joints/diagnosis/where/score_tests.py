@@ -30,7 +30,7 @@ import numpy as np
 import scipy.linalg
 from scipy.stats import chi2
 
-from fenics_joints.diagnosis.evidence.covariance import FREQUENCY, KINDS
+from fenics_joints.diagnosis.evidence.entries import FREQUENCY, KINDS
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.linear import whiten
 from fenics_joints.diagnosis.thresholds import NEGLIGIBLE

@@ -28,7 +28,8 @@ from fenics_joints.measurements.amplitude.sweeps import (
     from_constant_force,
     from_constant_response,
 )
-from fenics_joints.measurements.files import UFF_SUFFIXES, FileMetadata, reader_of
+from fenics_joints.measurements.files import UFF_SUFFIXES, FileMetadata
+from fenics_joints.measurements.readers import reader_of
 from fenics_joints.measurements.tables import LISTED, Table, read_table
 from fenics_joints.measurements.uff import read_sets, units_of, word
 from fenics_joints.response.units import frf_unit
