@@ -155,7 +155,7 @@ def test_chains_that_did_not_converge(tmp_path, capfd, monkeypatch):
         (SPECIMENS, SPECIMENS + "\nchains = 1", "update.bayes.chains"),
         (SPECIMENS, SPECIMENS + "\nsamples = 20\nburn_in = 20", "expected below samples = 20"),
         (SPECIMENS, SPECIMENS + "\ndistributions = ['weibul']", "did you mean 'weibull'"),
-        (SPECIMENS, SPECIMENS + "\ntolerance = 0", "update.bayes.tolerance = 0.0: expected above"),
+        (SPECIMENS, SPECIMENS + "\ntolerance = 0", "update.bayes.tolerance = 0: expected above"),
         ('noise = "0.02 %"', "noise = 0", "noise = 0.0: expected from above 0"),
     ],
 )

@@ -472,7 +472,7 @@ def of_statistics():
 def of_databases():
     joint = {"diameter": 0.012, "radius": 0.04}
     yield (
-        database.Joint,
+        database.JointRow,
         joint,
         "force:1 torque:1 thickness:1 roughness:1 pressure:1 E:1 h:1 bolt:text author:text "
         "model:text version:text date:text source:text",

@@ -29,7 +29,7 @@ def _with_shapes(write_case, folder, text: str):
     ("text", "said"),
     [
         (HEAD + "1,1,1,1\n" * 4, r"shape \(4, 4\): expected \(5, 4\)"),
-        (HEAD.replace("bending 2", "bendig 2") + "1,1,1,1\n" * 5, "no column for .*bending 2"),
+        (HEAD.replace("bending 2", "bendig 2") + "1,1,1,1\n" * 5, "no column .*bending 2"),
         (HEAD + "1,0,1,1\n" * 5, "no mode of zeros"),
         (HEAD + "1,,1,1\n" * 5, "finite value"),
     ],
