@@ -420,7 +420,7 @@ def _near(candidates: Sequence[Fit], log_prior, blind: Evidence, always) -> np.n
     if always is None:
         return np.arange(len(candidates))
     scores = np.asarray(log_prior) + [
-        LinearFit.of(c, blind.at(c.scales)).log_evidence for c in candidates
+        LinearFit.of(c, blind.at(c.scales)).released().log_evidence for c in candidates
     ]
     unknown = np.array([c.hypothesis.unknown for c in candidates])
     near = set(near_listed(scores, unknown, _HOPELESS, _FAIR).tolist())

@@ -89,6 +89,10 @@ class LinearFit:
         free = np.pad(self.free, more, constant_values=True)
         return replace(self, slope=slope, z=np.pad(self.z, more), free=free)
 
+    def released(self) -> LinearFit:
+        """The same with parameters at a limit free to move: other data may take them off it."""
+        return replace(self, free=np.ones_like(self.free))
+
     @cached_property
     def _root(self) -> np.ndarray:
         """Inverse of the Cholesky factor of J^T J + I of what is free."""
