@@ -40,12 +40,11 @@ def numbers(text: str) -> list[float]:
 
 def printed(text: str) -> list[tuple[float, float]]:
     """Numbers as printed, and how far each may be off: a percentage by one unit of its last digit,
-    others by that, if they have decimals, by 2 % or by 0.03, as `tests/frozen.py` has it of a
-    probability: 0.1 in the logarithm of evidence."""
+    others by that, if they have decimals, by 2 % or by 0.02."""
     found = re.findall(r"(-?\d+(?:\.(\d+))?)( %)?", text)
     units = [10.0 ** -len(decimals) for _, decimals, _ in found]
     return [
-        (float(n), 1.01 * (u if percent else max(u if d else 0.0, 3e-2, 2e-2 * abs(float(n)))))
+        (float(n), 1.01 * (u if percent else max(u if d else 0.0, 2e-2, 2e-2 * abs(float(n)))))
         for (n, d, percent), u in zip(found, units, strict=True)
     ]
 
