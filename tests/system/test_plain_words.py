@@ -1,0 +1,46 @@
+"""Names of the package are the field's words. Reads the sources; imports none of them."""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+#: Names that readers had to have explained, and the word of the field that took their place.
+EXPLAINED = {
+    "LeanForward": "BatchPrediction",
+    "Leans": "nothing",
+    "leanest": "truncate_basis",
+    "SeenModes": "MatchedModes",
+    "seen_at": "match_modes",
+    "likes": "ModeMatch",
+    "Likes": "ModeMatch",
+    "Surrogate": "ReducedModel",
+    "lacking": "residual_directions",
+    "bends": "shape_curvature",
+    "settle": "reconverged",
+    "nearer": "refine_location",
+    "several": "add_effect",
+    "together": "swap_effect",
+    "Weighed": "MassMeasurement",
+    "unlisted": "unknown_cause",
+    "somewhere": "localised_unknown",
+    "look_alike": "misattribution",
+    "one_of_alike": "merge_indistinguishable",
+    "stand_ins": "confusable_effects",
+    "in_turn": "sequential",
+    "told": "labelled",
+    "Said": "FileMetadata",
+    "hung": "attached_oscillator",
+}
+
+
+def test_names_that_had_to_be_explained_do_not_come_back():
+    found = {
+        f"{path.relative_to(ROOT)}: {node.name}, expected a name such as {EXPLAINED[node.name]}"
+        for folder in ("fenics_joints", "forms", "meshes")
+        for path in (ROOT / folder).rglob("*.py")
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, (ast.ClassDef, ast.FunctionDef)) and node.name in EXPLAINED
+    }
+    assert found == set()
