@@ -22,7 +22,7 @@ from fenics_joints.commands.arguments import (
 )
 from fenics_joints.commands.database import app as database_app
 from fenics_joints.commands.line import new_app
-from fenics_joints.commands.start import check, contents_of, new, schema, show
+from fenics_joints.commands.start import check, new, prepared, schema
 from fenics_joints.formatting import printable
 from fenics_joints.machine.imports import guard
 from fenics_joints.machine.streams import environment, open_streams
@@ -88,15 +88,8 @@ def modes(
     test (the modes beside those of the test: condition, pairs, gap, mac_matrix, mac_modes; null
     without data), notes (on the test's data).
     """
-
-    method = "iterative" if iterative else "direct"
-    options = {
-        "n_modes": n,
-        "state": contacts,
-        "method": method,
-        "draw_all": draw_all,
-        "fields": vtx,
-    }
+    options = {"n_modes": n, "state": contacts, "draw_all": draw_all, "fields": vtx}
+    options["method"] = "iterative" if iterative else "direct"
     outputs = {"--json": json, "--report": report, **_field_files(vtx)}
     _command("run_modes", options, case, outputs, large, debug)
 
@@ -300,34 +293,29 @@ def _command(
         from mpi4py import MPI
 
         from fenics_joints import commands
+        from fenics_joints.case import load_case
+        from fenics_joints.files import check_outputs
         from fenics_joints.machine import form_cache, memory
+        from fenics_joints.parallel import on_root
         from fenics_joints.progress import Progress
 
         form_cache.install()
         memory.hold_freed()
         comm = MPI.COMM_WORLD
-        case = _prepare(comm, path, outputs)
+
+        def read() -> Case:
+            check_outputs(outputs)  # before data are read, which may take a while
+            case = load_case(path)
+            check_outputs(outputs, case.files())
+            return case
+
+        case = comm.bcast(on_root(comm, read))
         _check_size(comm, case, name, options, large)
         notes = _say_unusual(comm, case, name)
         with Progress(silent=comm.rank != 0) as progress:
             outcome = getattr(commands, name)(case, comm, progress, **options)
-            contents = contents_of(outcome, outputs, progress, notes)
-        show(comm, outcome, contents)
-
-
-def _prepare(comm, path: Path, outputs: dict[str, Path | None]) -> Case:
-    """Check the outputs and read the case, on rank 0 for all."""
-    from fenics_joints.case import load_case
-    from fenics_joints.files import check_outputs
-    from fenics_joints.parallel import on_root
-
-    def read() -> Case:
-        check_outputs(outputs)  # before data are read, which may take a while
-        case = load_case(path)
-        check_outputs(outputs, case.files())
-        return case
-
-    return comm.bcast(on_root(comm, read))
+            finish = prepared(comm, outcome, outputs, progress, notes)
+        finish()
 
 
 def _check_size(comm, case: Case, name: str, options: dict, large: bool) -> None:

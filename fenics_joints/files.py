@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import csv
 import hashlib
+import io
 import json
 import os
 import re
 import sys
 import tempfile
 import zipfile
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import BinaryIO
@@ -36,6 +38,8 @@ _SEAL = b"\nSHA-256 "
 _DIGITS = 64
 #: Bytes of the largest file of measured data, and of the largest text that is read as a whole.
 _LARGEST_FILE, _LARGEST_TEXT = 2_000_000_000, 50_000_000
+#: First characters of a spreadsheet's formula, or of a formula written as text.
+FORMULA = re.compile(r"'*\s*[=+\-@\uff1d\uff0b\uff0d\uff20]|'*[\t\r\n]")
 
 
 def shown_path(path: str | Path) -> str:
@@ -405,6 +409,16 @@ def write_text(path: str | Path, text: str, own: bool = False) -> None:
 def json_text(content: Mapping[str, object]) -> str:
     """Text of JSON; raises ValueError for nan or infinity, which JSON does not have."""
     return json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def csv_text(rows: Iterable[Sequence[object]]) -> str:
+    """Rows as CSV. Text that a spreadsheet would run as a formula begins with an apostrophe (OWASP,
+    CSV injection)."""
+    stream = io.StringIO()
+    writer = csv.writer(stream, lineterminator="\n")
+    for row in rows:
+        writer.writerow([f"'{v}" if isinstance(v, str) and FORMULA.match(v) else v for v in row])
+    return stream.getvalue()
 
 
 def plain(value):

@@ -90,7 +90,7 @@ errors = 100 * (frequencies(**found) / measured - 1)
 say("", "after updating: " + ", ".join(f"{name} {value:.0f}" for name, value in found.items()))
 say(row("errors of the paper, %", [-0.02, 0.15, 0.07, -0.06, -0.02, -2.10, 5.07, -2.50]))
 say(row("errors here, %", errors))
-assert np.allclose([100 * held.error for held in fit.held], errors[5:], atol=1e-3)
+assert np.allclose([held["error_percent"] for held in fit.held], errors[5:], atol=1e-3)
 assert np.allclose(errors[5:], [-2.10, 5.07, -2.50], atol=0.4)
 # -
 

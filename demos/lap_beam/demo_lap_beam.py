@@ -133,7 +133,7 @@ for words, case in (("without masses", nominal), ("with 7 g and 10 g", with_mass
     )
     for p in found.parameters:
         value = p["value"] / T / 1e9
-        factor = np.exp(p["sd"])
+        factor = np.exp(p["relative_standard_deviation"])
         known = "" if factor < 2 else "  (not determined)"
         say(f"  {p['name']}: {value:.3g} GPa/m, to a factor of {factor:.2g}{known}")
 say(f"the paper's: k_n {paper[0] / H / 1e9:.1f}, k_t {paper[1] / H / 1e9:.1f} GPa/m")

@@ -53,43 +53,19 @@ def convergence(draws: np.ndarray) -> dict[str, float]:
     }
 
 
-def data_tree(draws: Mapping[str, np.ndarray], statistics: Mapping[str, np.ndarray] | None = None):
-    """What ArviZ plots and writes.
-
-    Args:
-        draws: By name, (n_chains, n_draws).
-        statistics: Of the sampler, likewise.
-    """
-    az = arviz()
-    groups = {"posterior": dict(draws)}
+def data_tree(draws: Mapping[str, np.ndarray], statistics: Mapping[str, np.ndarray]):
+    """What ArviZ writes: draws and the sampler's statistics by name, (n_chains, n_draws)."""
+    az, groups = arviz(), {"posterior": dict(draws)}
     if statistics:
         groups["sample_stats"] = dict(statistics)
-    return az.from_dict(**groups) if _is_old() else az.from_dict(groups)
+    is_old = int(az.__version__.split(".")[0]) < 1
+    return az.from_dict(**groups) if is_old else az.from_dict(groups)
 
 
-def _is_old() -> bool:
-    return int(arviz().__version__.split(".")[0]) < 1
-
-
-def draw(kind: str, draws: Mapping[str, np.ndarray], columns: int, size: tuple[float, float]):
-    """One of ArviZ's pictures, by matplotlib.
-
-    Args:
-        kind: ``trace``, ``ess`` (at each quantile) or ``pair``.
-        draws: By name, (n_chains, n_draws).
-        columns: Of a grid.
-        size: Inches.
-    """
-    az, tree = arviz(), data_tree(draws)
-    plot, more = getattr(az, f"plot_{kind}"), {"kind": "quantile"} if kind == "ess" else {}
-    if _is_old():
-        if kind == "trace":  # a row for each quantity, with its density
-            plot(tree, figsize=(size[0], 1.5 * len(draws) + 0.4), compact=False)
-        else:
-            plot(tree, figsize=size, textsize=9, **more)
-        return
-    layout = {} if kind == "pair" else {"col_wrap": columns}
-    plot(tree, backend="matplotlib", figure_kwargs={"figsize": size}, **layout, **more)
+def quantile_ess(draws: np.ndarray, quantiles: np.ndarray) -> np.ndarray:
+    """Effective sample sizes of one quantity, (n_chains, n_draws), at each quantile."""
+    az = arviz()
+    return np.array([float(az.ess(draws, method="quantile", prob=q)) for q in quantiles])
 
 
 def write_chains(

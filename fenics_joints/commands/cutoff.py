@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import cycle
 
 import numpy as np
 from mpi4py import MPI
@@ -23,18 +25,23 @@ from fenics_joints.commands.preload import (
     forces_in_words,
 )
 from fenics_joints.errors import ConvergenceError, InputError
-from fenics_joints.formatting import hertz, percent, quantity
+from fenics_joints.files import plain
+from fenics_joints.formatting import percent, quantity
 from fenics_joints.modal.modes import Modes, solve_modes
-from fenics_joints.preload import STICK, ContactState, PreloadModel, PreloadResult, PreloadSolver
+from fenics_joints.preload import STICK, ContactState, PreloadResult, PreloadSolver
 from fenics_joints.preload.linear_joint import LinearJoint, pair_conditions
 from fenics_joints.progress import Progress
+from fenics_joints.report import document as doc
 from fenics_joints.report.contact_pictures import status_map
-from fenics_joints.report.document import Document, Figure, Heading, Keys, OnPage, Table, Text
-from fenics_joints.report.style import CHOSEN, PLACEBO, drawing, to_svg
+from fenics_joints.report.style import CHOSEN, PLACEBO, SERIES, drawing, to_svg
 from fenics_joints.updating import CutoffMinimum, CutoffModel, CutoffSweep, minimise, sweep
 
-#: Change of ln f left after calibrating a parameter on a mode.
+#: Change of ln f left after calibrating a parameter on a mode: far below a test's noise.
 _CALIBRATED = 1e-6
+#: Least change of ln f by ln of the parameter; with less the mode does not depend on it.
+_FELT = 1e-6
+#: Newton steps of the calibration, which takes three or four.
+_ITERATIONS = 12
 _WORDS = {"two": "stuck or open", "three": "stuck, sliding or open"}
 _COLOURS = {"two": CHOSEN, "three": PLACEBO}
 
@@ -63,143 +70,132 @@ def run_cutoff(
         ConvergenceError: If a solution does not converge.
     """
     with threadpool_limits(1):
-        found = _Run(case, comm, progress or Progress(silent=True)).report()
+        found = _found(case, comm, progress or Progress(silent=True))
     return Outcome(found, cutoff_document(found))
 
 
-class _Run:
-    def __init__(self, case: Case, comm: MPI.Intracomm, progress: Progress):
-        self.started = time.perf_counter()
-        self.case, self.progress = case, progress
-        self.section = case.update.cutoff
-        data = case.measurements()
-        row = data.row(case.update.at)
-        self.condition = (data.condition_name, float(data.conditions[row]), data.condition_unit)
-        self.mode_names = tuple(data.mode_names)
-        self.test_hz = data.frequencies_hz[row]
-        if not np.all(np.isfinite(self.test_hz)):
+def _found(case: Case, comm: MPI.Intracomm, progress: Progress) -> CutoffReport:
+    started, section = time.perf_counter(), case.update.cutoff
+    data = case.measurements()
+    row = data.row(case.update.at)
+    condition, test_hz = float(data.conditions[row]), data.frequencies_hz[row]
+    if not np.all(np.isfinite(test_hz)):
+        raise InputError(
+            f"{case.path}: test.frequencies: a mode is missing at {condition:g}; expected all "
+            "modes for the sum of their errors"
+        )
+    progress.step("building the model")
+    model = build_preload(case, comm)
+    joint, n = LinearJoint(model), len(test_hz)
+    given, calibration = _calibrated(case, joint, data.mode_names, test_hz, progress)
+    modes = _solve(joint, given, n)
+    progress.step(f"contact of {model.jumps.n} degrees of freedom")
+    result = PreloadSolver(model, given).solve(monitor=lambda i, norm: progress.advance())
+    names = ("two", "three") if section.scheme == "both" else (section.scheme,)
+    schemes = [_scheme(case, name, result, given, test_hz, progress) for name in names]
+    axes = bolt_axes(result)
+    return CutoffReport(
+        case,
+        result,
+        (data.condition_name, condition, data.condition_unit),
+        tuple(data.mode_names),
+        test_hz,
+        modes.frequencies_hz[modes.n_rigid : modes.n_rigid + n],
+        calibration,
+        [contact_facts(state, axes) for state in result.contacts.values()],
+        schemes,
+        time.perf_counter() - started,
+    )
+
+
+def _solve(joint: LinearJoint, given: Mapping[str, float], n: int, solver=None) -> Modes:
+    """Modes of the stuck model, among them n elastic ones and some more."""
+    return solve_modes(joint, given, n_modes=6 + n + 2, solver=solver)
+
+
+def _calibrated(
+    case: Case, joint: LinearJoint, names: Sequence[str], test_hz: np.ndarray, progress: Progress
+) -> tuple[dict[str, float], dict | None]:
+    """Newton's method in logarithms for one parameter, so that the stuck model has one mode."""
+    wanted = case.update.cutoff.calibrate
+    if wanted is None:
+        return {}, None
+    progress.step(f"calibrating {wanted.parameter} on {wanted.mode}")
+    parameter = joint.parameters[wanted.parameter]
+    column = list(joint.parameters).index(wanted.parameter)
+    mode, value, solver = list(names).index(wanted.mode), parameter.value, None
+    where = f"{case.path}: update.cutoff.calibrate: {wanted.mode}"
+    for _ in range(_ITERATIONS):
+        modes = _solve(joint, {wanted.parameter: value}, len(test_hz), solver)
+        solver, index = modes.solver, modes.n_rigid + mode
+        miss = math.log(test_hz[mode] / modes.frequencies_hz[index])
+        slope = modes.gradients([index])[0, column] * value / (2 * modes.eigenvalues[index])
+        progress.advance()
+        if abs(miss) < _CALIBRATED:
+            break
+        if not abs(slope) > _FELT:
             raise InputError(
-                f"{case.path}: test.frequencies: a mode is missing at {self.condition[1]:g}; "
-                "expected all modes for the sum of their errors"
+                f"{where} does not depend on {wanted.parameter}; expected another mode or parameter"
             )
-        progress.step("building the model")
-        self.model: PreloadModel = build_preload(case, comm)
-        self.joint = LinearJoint(self.model)
-
-    def report(self) -> CutoffReport:
-        given, calibration = self._calibrated()
-        stuck = self._stuck(given)
-        self.progress.step(f"contact of {self.model.jumps.n} degrees of freedom")
-        result = PreloadSolver(self.model, given).solve(
-            monitor=lambda i, norm: self.progress.advance()
+        value *= math.exp(max(-0.5, min(0.5, miss / slope)))
+    else:
+        raise ConvergenceError(
+            f"calibrating {wanted.parameter} on {wanted.mode} did not converge; calibrate another "
+            "parameter"
         )
-        names = ("two", "three") if self.section.scheme == "both" else (self.section.scheme,)
-        schemes = [self._scheme(name, result, given) for name in names]
-        axes = bolt_axes(result)
-        return CutoffReport(
-            self.case,
-            result,
-            self.condition,
-            self.mode_names,
-            self.test_hz,
-            stuck,
-            calibration,
-            [contact_facts(state, axes) for state in result.contacts.values()],
-            schemes,
-            time.perf_counter() - self.started,
+    if not parameter.lower <= value <= parameter.upper:
+        raise InputError(
+            f"{where} needs {wanted.parameter} = {value:g} {parameter.unit}, expected a value "
+            f"within its bounds [{parameter.lower:g}, {parameter.upper:g}]"
         )
+    facts = {"parameter": wanted.parameter, "mode": wanted.mode, "start": parameter.value}
+    return {wanted.parameter: value}, {**facts, "value": value, "unit": parameter.unit}
 
-    @property
-    def _n(self) -> int:
-        return len(self.mode_names)
 
-    def _solve(self, given, solver=None) -> Modes:
-        return solve_modes(self.joint, given, n_modes=6 + self._n + 2, solver=solver)
-
-    def _stuck(self, given) -> np.ndarray:
-        modes = self._solve(given)
-        return modes.frequencies_hz[modes.n_rigid : modes.n_rigid + self._n]
-
-    def _calibrated(self) -> tuple[dict[str, float], dict | None]:
-        """Newton's method in logarithms for one parameter, so that the stuck model has one mode."""
-        wanted = self.section.calibrate
-        if wanted is None:
-            return {}, None
-        self.progress.step(f"calibrating {wanted.parameter} on {wanted.mode}")
-        parameter = self.joint.parameters[wanted.parameter]
-        column = list(self.joint.parameters).index(wanted.parameter)
-        mode, value, solver = self.mode_names.index(wanted.mode), parameter.value, None
-        for _ in range(12):
-            modes = self._solve({wanted.parameter: value}, solver)
-            solver, index = modes.solver, modes.n_rigid + mode
-            miss = math.log(self.test_hz[mode] / modes.frequencies_hz[index])
-            slope = modes.gradients([index])[0, column] * value / (2 * modes.eigenvalues[index])
-            self.progress.advance()
-            if abs(miss) < _CALIBRATED:
-                break
-            if not abs(slope) > 1e-6:
-                raise InputError(
-                    f"{self.case.path}: update.cutoff.calibrate: {wanted.mode} does not depend on "
-                    f"{wanted.parameter}; expected another mode or parameter"
-                )
-            value *= math.exp(max(-0.5, min(0.5, miss / slope)))
-        else:
-            raise ConvergenceError(
-                f"calibrating {wanted.parameter} on {wanted.mode} did not converge; "
-                "calibrate another parameter"
-            )
-        if not parameter.lower <= value <= parameter.upper:
-            raise InputError(
-                f"{self.case.path}: update.cutoff.calibrate: {wanted.mode} needs "
-                f"{wanted.parameter} = {value:g} {parameter.unit}, expected a value within its "
-                f"bounds [{parameter.lower:g}, {parameter.upper:g}]"
-            )
-        facts = {
-            "parameter": wanted.parameter,
-            "mode": wanted.mode,
-            "start": parameter.value,
-            "value": value,
-            "unit": parameter.unit,
-        }
-        return {wanted.parameter: value}, facts
-
-    def _scheme(self, name: str, result: PreloadResult, given) -> SchemeReport:
-        start, contacts = time.perf_counter(), self.section.contacts
-        model = CutoffModel(result, scheme=name, n_elastic=self._n, given=given, contacts=contacts)
-        self.progress.step(f"{name} conditions: {len(model)} cut-off pressures", len(model))
-        found = sweep(
-            model,
-            progress=lambda n, total, error: self.progress.reach(
-                n, note=f"error {100 * error:.4f} %"
-            ),
-        )
-        solves, seconds = model.solves, time.perf_counter() - start
-        self.progress.step(f"{name} conditions: the minimum by full solutions")
-        minimum = minimise(
-            model,
-            self.test_hz,
-            max_solves=self.section.max_solves,
-            progress=lambda n, cutoff, value: self.progress.advance(
-                note=f"{cutoff / 1e6:.3g} MPa: {100 * value:.2f} %"
-            ),
-        )
-        best = found.best(self.test_hz)
-        facets = model.facets(best)
-        return SchemeReport(
-            name,
-            found,
-            best,
-            found.objective(self.test_hz),
-            minimum,
-            [
-                crossing(found.cutoffs, found.frequencies_hz[:, j], self.test_hz[j])
-                for j in range(self._n)
-            ],
-            [replace(s, status=pair_conditions(s.interface, facets[s.name])) for s in model.states],
-            float(sum(s.facet_area[facets[s.name] == STICK].sum() for s in model.states)),
-            solves,
-            seconds,
-        )
+def _scheme(
+    case: Case,
+    name: str,
+    result: PreloadResult,
+    given: Mapping[str, float],
+    test_hz: np.ndarray,
+    progress: Progress,
+) -> SchemeReport:
+    """All cut-off pressures by one scheme, and the least objective by full solutions alone."""
+    start, section = time.perf_counter(), case.update.cutoff
+    model = CutoffModel(
+        result, scheme=name, n_elastic=len(test_hz), given=given, contacts=section.contacts
+    )
+    progress.step(f"{name} conditions: {len(model)} cut-off pressures", len(model))
+    found = sweep(
+        model, progress=lambda n, total, error: progress.reach(n, note=f"error {100 * error:.4f} %")
+    )
+    solves, seconds = model.solves, time.perf_counter() - start
+    progress.step(f"{name} conditions: the minimum by full solutions")
+    minimum = minimise(
+        model,
+        test_hz,
+        max_solves=section.max_solves,
+        progress=lambda n, cutoff, value: progress.advance(
+            note=f"{cutoff / 1e6:.3g} MPa: {100 * value:.2f} %"
+        ),
+    )
+    best = found.best(test_hz)
+    facets = model.facets(best)
+    return SchemeReport(
+        name,
+        found,
+        best,
+        found.objective(test_hz),
+        minimum,
+        [
+            crossing(found.cutoffs, hz, f)
+            for hz, f in zip(found.frequencies_hz.T, test_hz, strict=True)
+        ],
+        [replace(s, status=pair_conditions(s.interface, facets[s.name])) for s in model.states],
+        float(sum(s.facet_area[facets[s.name] == STICK].sum() for s in model.states)),
+        solves,
+        seconds,
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -251,26 +247,27 @@ class SchemeReport:
 
     def to_json(self) -> dict:
         """See `CutoffReport.to_json`."""
+        m, found = self.minimum, self.sweep
         return {
             "scheme": self.scheme,
             "cutoff_pa": self.cutoff,
             "objective": self.objective,
-            "frequencies_hz": self.frequencies_hz.tolist(),
+            "frequencies_hz": self.frequencies_hz,
             "crossings_pa": self.crossings,
             "stuck_area_m2": self.area,
-            "reduced_error": self.sweep.error,
+            "reduced_error": found.error,
             "full_solutions": self.sweep_solves,
             "seconds": self.seconds,
             "minimum": {
-                "cutoff_pa": self.minimum.cutoff,
-                "objective": self.minimum.objective,
-                "frequencies_hz": self.minimum.frequencies_hz.tolist(),
-                "full_solutions": len(self.minimum.visited),
+                "cutoff_pa": m.cutoff,
+                "objective": m.objective,
+                "frequencies_hz": m.frequencies_hz,
+                "full_solutions": len(m.visited),
             },
             "sweep": {
-                "cutoffs_pa": self.sweep.cutoffs.tolist(),
-                "frequencies_hz": self.sweep.frequencies_hz.tolist(),
-                "objective": self.objective_all.tolist(),
+                "cutoffs_pa": found.cutoffs,
+                "frequencies_hz": found.frequencies_hz,
+                "objective": self.objective_all,
             },
         }
 
@@ -320,26 +317,27 @@ class CutoffReport:
         ``stuck_area_m2``, ``reduced_error``, ``full_solutions``, ``seconds``, ``minimum``, and
         ``sweep`` with all cut-offs.
         """
-        name, value, unit = self.condition
-        return {
-            "version": fenics_joints.__version__,
-            "title": self.case.title,
-            "dofs": self.result.model.jumps.n,
-            "bolt_forces_n": bolt_forces(self.result),
-            "condition": {"name": name, "value": value, "unit": unit},
-            "modes": list(self.mode_names),
-            "frequencies_hz": {"test": self.test_hz.tolist(), "stuck": self.stuck_hz.tolist()},
-            "calibration": self.calibration,
-            "contacts": self.contacts,
-            "schemes": [scheme.to_json() for scheme in self.schemes],
-            "seconds": self.seconds,
-        }
+        return plain(
+            {
+                "version": fenics_joints.__version__,
+                "title": self.case.title,
+                "dofs": self.result.model.jumps.n,
+                "bolt_forces_n": bolt_forces(self.result),
+                "condition": dict(zip(("name", "value", "unit"), self.condition, strict=True)),
+                "modes": self.mode_names,
+                "frequencies_hz": {"test": self.test_hz, "stuck": self.stuck_hz},
+                "calibration": self.calibration,
+                "contacts": self.contacts,
+                "schemes": [scheme.to_json() for scheme in self.schemes],
+                "seconds": self.seconds,
+            }
+        )
 
 
 # -- what is said of it ----------------------------------------------------------------------------
 
 
-def cutoff_document(u: CutoffReport) -> Document:
+def cutoff_document(u: CutoffReport) -> doc.Document:
     """What is said of an update of the cut-off pressure."""
     stuck = float(np.sum(np.abs(u.stuck_hz / u.test_hz - 1)))
     keys = [("stuck", percent(stuck), "sum of the relative errors, fully stuck")]
@@ -348,12 +346,12 @@ def cutoff_document(u: CutoffReport) -> Document:
             (f"cutoff-{s.scheme}", quantity(s.cutoff, "Pa"), f"best cut-off, {_WORDS[s.scheme]}"),
             (f"objective-{s.scheme}", percent(s.objective), "sum of the relative errors there"),
         ]
-    blocks = [Keys(keys)]
+    blocks = [doc.Keys(keys)]
     if u.calibration is not None:
         c = u.calibration
         start, value = (quantity(c[key], c["unit"], 4) for key in ("start", "value"))
         blocks.append(
-            Text(
+            doc.Text(
                 f"{c['parameter']} = {value} (was {start}), so that {c['mode']} of the stuck model "
                 "is as measured."
             )
@@ -362,18 +360,18 @@ def cutoff_document(u: CutoffReport) -> Document:
         "Sum of relative errors over the cut-off; ticks: where the search for the minimum alone "
         "solved the full model"
     )
-    blocks.append(Figure(lambda: _objective_picture(u), caption))
+    blocks.append(doc.Figure(lambda: _objective_picture(u), caption))
     for s in u.schemes:
         blocks += _scheme_blocks(u, s)
     model = u.result.model
-    return Document(
+    return doc.Document(
         u.case.name,
         "cut-off pressure",
         "Contact updated by one number: the pressure below which it is lost",
         [
             *blocks,
-            Heading("The contact under preload"),
-            Text(
+            doc.Heading("The contact under preload"),
+            doc.Text(
                 f"Bolt forces: {forces_in_words(u.result)}; {u.result.iterations} iterations, "
                 f"{model.jumps.n} degrees of freedom."
             ),
@@ -385,32 +383,39 @@ def cutoff_document(u: CutoffReport) -> Document:
 
 def _scheme_blocks(u: CutoffReport, s: SchemeReport) -> list:
     """One scheme: frequencies over the cut-off, at the best one, and how they were found."""
-    table = Table(
-        "mode | >measured, Hz | >stuck, Hz | >best, Hz | >stuck | >best | >as measured at",
+    rows = doc.records(
+        mode=u.mode_names,
+        test_hz=u.test_hz,
+        stuck_hz=u.stuck_hz,
+        best_hz=s.frequencies_hz,
+        stuck_error_percent=100 * (u.stuck_hz / u.test_hz - 1),
+        best_error_percent=100 * (s.frequencies_hz / u.test_hz - 1),
+        crossing_pa=s.crossings,
+    )
+    table = doc.Table.of(
+        rows,
+        "mode: mode | test_hz: >measured, Hz | stuck_hz: >stuck, Hz | best_hz: >best, Hz | "
+        "stuck_error_percent: >stuck | best_error_percent: >best | crossing_pa: >as measured at",
         caption=f"At the best cut-off, {quantity(s.cutoff, 'Pa')}",
         kind="frequencies",
     )
-    columns = (u.mode_names, u.test_hz, u.stuck_hz, s.frequencies_hz, s.crossings)
-    for name, test, stuck, best, crossing in zip(*columns, strict=True):
-        errors = (percent(f / test - 1, sign=True) for f in (stuck, best))
-        table.add(name, *map(hertz, (test, stuck, best)), *errors, quantity(crossing, "Pa"))
     m = s.minimum
     return [
-        Heading(f"{s.scheme.capitalize()} conditions: {_WORDS[s.scheme]}"),
-        Text(
+        doc.Heading(f"{s.scheme.capitalize()} conditions: {_WORDS[s.scheme]}"),
+        doc.Text(
             f"{s.scheme.capitalize()} conditions: best cut-off {quantity(s.cutoff, 'Pa')}, sum of "
             f"errors {percent(s.objective)}; stuck on {area_words(s.area)} of "
             f"{area_words(u.whole_area)}.",
             "bold",
         ),
-        Figure(
+        doc.Figure(
             lambda: _frequencies_picture(u, s),
             "Frequencies over the cut-off pressure; dashed: measured; dots: crossings; upright "
             "line: best",
         ),
         table,
-        OnPage(lambda: _maps(u.result, s)),
-        Text(
+        doc.OnPage(lambda: _maps(u.result, s)),
+        doc.Text(
             f"{len(s.sweep.cutoffs)} cut-off pressures from {s.sweep_solves} solutions of the full "
             "model and reduced models between them, whose largest error was "
             f"{percent(s.sweep.error, 4)}, in {s.seconds:.0f} s. The search for the minimum alone "
@@ -421,14 +426,14 @@ def _scheme_blocks(u: CutoffReport, s: SchemeReport) -> list:
     ]
 
 
-def _maps(result: PreloadResult, s: SchemeReport) -> list[Figure] | None:
+def _maps(result: PreloadResult, s: SchemeReport) -> list[doc.Figure] | None:
     """Conditions of each contact at the best cut-off. Collective."""
     centres = bolt_centres(result)
     if result.model.comm.rank != 0:
         return None
     alt = f"Condition of the contact at the best cut-off, {quantity(s.cutoff, 'Pa')}."
     return [
-        Figure(
+        doc.Figure(
             to_svg(status_map(state, centres=centres), f"{s.scheme}{i}", alt),
             f"{state.name}: conditions at the best cut-off",
         )
@@ -441,18 +446,16 @@ def _frequencies_picture(u: CutoffReport, s: SchemeReport) -> str:
     x = s.sweep.cutoffs / 1e6
     with drawing(7.6, 4.6) as figure:
         axes = figure.subplots()
-        for j, name in enumerate(u.mode_names):
-            line = axes.plot(x, s.sweep.frequencies_hz[:, j], lw=1.5, color=_shade(j))[0]
-            axes.axhline(u.test_hz[j], color=_shade(j), lw=1.1, ls=(0, (5, 3)))
-            axes.annotate(
-                name,
-                (x[0], s.sweep.frequencies_hz[0, j]),
-                xytext=(4, 4),
-                textcoords="offset points",
-                fontsize=8.5,
-            )
-            if s.crossings[j] is not None:
-                axes.plot(s.crossings[j] / 1e6, u.test_hz[j], "o", ms=4.5, color=line.get_color())
+        columns = (u.mode_names, u.test_hz, s.sweep.frequencies_hz.T, s.crossings)
+        for shade, (name, test, hz, at) in zip(
+            cycle(SERIES), zip(*columns, strict=True), strict=False
+        ):
+            axes.plot(x, hz, lw=1.5, color=shade)
+            axes.axhline(test, color=shade, lw=1.1, ls=(0, (5, 3)))
+            above = {"xytext": (4, 4), "textcoords": "offset points", "fontsize": 8.5}
+            axes.annotate(name, (x[0], hz[0]), **above)
+            if at is not None:
+                axes.plot(at / 1e6, test, "o", ms=4.5, color=shade)
         axes.axvline(s.cutoff / 1e6, color=_COLOURS[s.scheme], lw=1.0)
         axes.set(xlabel="cut-off pressure, MPa", ylabel="frequency, Hz")
         axes.margins(x=0)
@@ -461,10 +464,6 @@ def _frequencies_picture(u: CutoffReport, s: SchemeReport) -> str:
             f"{quantity(s.cutoff, 'Pa')}."
         )
         return to_svg(figure, f"hz-{s.scheme}", alt)
-
-
-def _shade(j: int) -> str:
-    return ("#2b7bba", "#8d949e", "#6b7f94", "#4d9a6a", "#7a5aa6", "#c2571a")[j % 6]
 
 
 def _objective_picture(u: CutoffReport) -> str:

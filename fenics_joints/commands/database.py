@@ -5,13 +5,12 @@ from __future__ import annotations
 import importlib
 import json as json_module
 import re
-from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from fenics_joints.commands.arguments import named_path, tell
+from fenics_joints.commands.arguments import DebugOption, file_option, tell
 from fenics_joints.commands.line import new_app
 
 app = new_app(
@@ -21,37 +20,39 @@ app = new_app(
 )
 
 _SHIPPED = "The database; by default the published tables that come with the package."
-DatabaseOption = Annotated[
-    Path | None, typer.Option("--db", metavar="FILE", parser=named_path, help=_SHIPPED)
-]
-OwnDatabaseOption = Annotated[
-    Path,
-    typer.Option(
-        "--db", metavar="FILE", parser=named_path, help="The database; made if it is not there."
-    ),
-]
+DatabaseOption = Annotated[Path | None, file_option("--db", _SHIPPED)]
+OwnDatabaseOption = Annotated[Path, file_option("--db", "The database; made if it is not there.")]
 ModelOption = Annotated[
     str | None, typer.Option("--model", help="Whose rows, if there are those of several models.")
 ]
-JsonOption = Annotated[
-    Path | None,
-    typer.Option("--json", metavar="FILE", parser=named_path, help="Write the result as JSON."),
-]
+JsonOption = Annotated[Path | None, file_option("--json", "Write the result as JSON.")]
 AuthorOption = Annotated[
     str | None, typer.Option("--author", help="Who computed it; by default the user.")
 ]
-DebugOption = Annotated[bool, typer.Option("--debug", help="Show Python's traceback of an error.")]
 BoltOption = Annotated[str, typer.Option("--bolt", help="Thread: M12, M12x1.25, 5/16-24, ...")]
+ForceOption = Annotated[str | None, typer.Option(help="Of the bolt, such as '50 kN'.")]
+TorqueOption = Annotated[str | None, typer.Option(help="Tightening torque, such as '120 N·m'.")]
+RoughnessOption = Annotated[str | None, typer.Option(help="Ra, such as '1.6 µm'.")]
+
+#: What a message on a wrong quantity shows, by the option.
+_EXAMPLES = {
+    "force": "50 kN",
+    "torque": "120 N·m",
+    "thickness": "25 mm",
+    "roughness": "1.6 µm",
+    "radius": "43 mm",
+    "pressure": "6 MPa",
+    "E": "6.1 GPa",
+    "h": "0.7 mm",
+}
 
 
 @app.command()
 def query(
     bolt: BoltOption,
     thickness: Annotated[str, typer.Option(help="Of one plate, such as '25 mm'.")],
-    torque: Annotated[
-        str | None, typer.Option(help="Tightening torque, such as '120 N·m'.")
-    ] = None,
-    force: Annotated[str | None, typer.Option(help="Bolt force instead, such as '50 kN'.")] = None,
+    torque: TorqueOption = None,
+    force: ForceOption = None,
     K: Annotated[float, typer.Option("--K", help="Nut factor of T = K d F.")] = 0.2,
     friction: Annotated[
         float | None, typer.Option(help="Friction in the thread: Motosh's equation instead of K.")
@@ -59,7 +60,7 @@ def query(
     friction_head: Annotated[
         float | None, typer.Option(help="Friction under the head; by default that in the thread.")
     ] = None,
-    roughness: Annotated[str | None, typer.Option(help="Ra, such as '1.6 µm'.")] = None,
+    roughness: RoughnessOption = None,
     extrapolate: Annotated[
         bool, typer.Option("--extrapolate", help="Answer outside the data too, marked as such.")
     ] = False,
@@ -74,25 +75,19 @@ def query(
     interval, extrapolated), identified (the nearest joint with E, nu, h), identified_note, notes.
     """
 
-    def run() -> None:
+    def run():
         from fenics_joints.database import JointSurfaces, TorqueToForce
         from fenics_joints.database import query as ask
-        from fenics_joints.database.tables import show_answer
-        from fenics_joints.report.terminal import new_console
+        from fenics_joints.database.tables import answer_document
 
-        question = dict(
-            bolt=bolt,
-            thickness=_si("--thickness", thickness, "m", "25 mm"),
-            torque=_si("--torque", torque, "N·m", "120 N·m"),
-            force=_si("--force", force, "N", "50 kN"),
-            roughness=_si("--roughness", roughness, "m", "1.6 µm"),
-            torque_to_force=TorqueToForce(K, friction, friction_head),
-            extrapolate=extrapolate,
-        )
+        question = _in_si(thickness=thickness, torque=torque, force=force, roughness=roughness)
+        how = TorqueToForce(K, friction, friction_head)
         with _opened(db) as store:
-            answer = ask(JointSurfaces.fit(store, model), **question)
-        show_answer(new_console(), answer)
-        _write_json(json, answer.json())
+            surfaces = JointSurfaces.fit(store, model)
+            answer = ask(
+                surfaces, bolt=bolt, torque_to_force=how, extrapolate=extrapolate, **question
+            )
+        return answer_document(answer)
 
     _on_one_rank(run, debug, {"--json": json}, db)
 
@@ -100,17 +95,12 @@ def query(
 @app.command()
 def add(
     db: OwnDatabaseOption,
-    csv: Annotated[
-        Path | None,
-        typer.Option(
-            "--csv", metavar="FILE", parser=named_path, help="Rows as 'show --csv' writes them."
-        ),
-    ] = None,
+    csv: Annotated[Path | None, file_option("--csv", "Rows as 'show --csv' writes them.")] = None,
     bolt: Annotated[str | None, typer.Option("--bolt", help="Thread of a single row.")] = None,
-    force: Annotated[str | None, typer.Option(help="Such as '50 kN'.")] = None,
-    torque: Annotated[str | None, typer.Option(help="Such as '120 N·m'.")] = None,
+    force: ForceOption = None,
+    torque: TorqueOption = None,
     thickness: Annotated[str | None, typer.Option(help="Of one plate, such as '25 mm'.")] = None,
-    roughness: Annotated[str | None, typer.Option(help="Ra, such as '1.6 µm'.")] = None,
+    roughness: RoughnessOption = None,
     radius: Annotated[str | None, typer.Option(help="Contact radius, such as '43 mm'.")] = None,
     pressure: Annotated[str | None, typer.Option(help="Mean, such as '6 MPa'.")] = None,
     E: Annotated[str | None, typer.Option("--E", help="Such as '6.1 GPa'.")] = None,
@@ -124,10 +114,15 @@ def add(
     debug: DebugOption = False,
 ) -> None:
     """Add the rows of a CSV file, or one row."""
+    given = {"force": force, "torque": torque, "thickness": thickness, "roughness": roughness}
+    given |= {"radius": radius, "pressure": pressure, "E": E, "h": h}
 
     def run() -> None:
+        from fenics_joints.database.joints import JointRow
         from fenics_joints.database.store import Store
+        from fenics_joints.database.sweep import now, user_name
         from fenics_joints.errors import InputError
+        from fenics_joints.preload.threads import thread
 
         if (csv is None) == (bolt is None):
             raise InputError(
@@ -135,23 +130,10 @@ def add(
             )
         row = None
         if bolt is not None:
-            row = _row(
-                bolt,
-                {
-                    "force": _si("--force", force, "N", "50 kN"),
-                    "torque": _si("--torque", torque, "N·m", "120 N·m"),
-                    "thickness": _si("--thickness", thickness, "m", "25 mm"),
-                    "roughness": _si("--roughness", roughness, "m", "1.6 µm"),
-                    "radius": _si("--radius", radius, "m", "43 mm"),
-                    "pressure": _si("--pressure", pressure, "Pa", "6 MPa"),
-                    "E": _si("--E", E, "Pa", "6.1 GPa"),
-                    "nu": nu,
-                    "h": _si("--h", h, "m", "0.7 mm"),
-                    "model": model,
-                    "author": author,
-                    "source": source,
-                },
-            )
+            t = thread(bolt)
+            known = {"bolt": t.name, "diameter": t.diameter, "nu": nu, **_in_si(**given)}
+            named = {"model": model, "author": author or user_name(), "source": source}
+            row = JointRow(**known, **named, date=now())
         with Store(db, create=True) as store:
             n = store.import_csv(csv) if row is None else store.add([row])
             tell(f"added {n} rows to {db}, which has {len(store.joints())} now")
@@ -202,29 +184,13 @@ def sweep(
 
         form_cache.install()
         comm = MPI.COMM_WORLD
-        roughnesses = (
-            [None] if roughness is None else _list("--roughness", roughness, "m", "1.6 µm")
-        )
-        samples = grid(
-            bolt,
-            _list("--force", force, "N", "12.5, 25 kN"),
-            _list("--thickness", thickness, "m", "10, 20 mm"),
-            roughnesses,
-        )
+        rough = [None] if roughness is None else _list("roughness", roughness)
+        samples = grid(bolt, _list("force", force), _list("thickness", thickness), rough)
         analyse, settings = _analysis(analysis), _settings(setting or [])
         on_root(comm, lambda: Store(db, create=True).close())
+        how = {"model": analysis, "settings": settings, "author": author, "retry": retry}
         with Store(db) as store, Progress(silent=comm.rank != 0) as progress:
-            result = run_sweep(
-                samples,
-                analyse,
-                store,
-                comm,
-                progress,
-                model=analysis,
-                settings=settings,
-                author=author,
-                retry=retry,
-            )
+            result = run_sweep(samples, analyse, store, comm, progress, **how)
         on_root(comm, lambda: _show_sweep(result, db))
 
 
@@ -232,10 +198,7 @@ def sweep(
 def show(
     db: DatabaseOption = None,
     model: ModelOption = None,
-    csv: Annotated[
-        Path | None,
-        typer.Option("--csv", metavar="FILE", parser=named_path, help="Write all rows as CSV."),
-    ] = None,
+    csv: Annotated[Path | None, file_option("--csv", "Write all rows as CSV.")] = None,
     leave_one_out: Annotated[
         bool, typer.Option("--leave-one-out", help="Predict each row from all others.")
     ] = False,
@@ -248,25 +211,19 @@ def show(
     predicted, error, standardised, mean_absolute_error.
     """
 
-    def run() -> None:
-        from fenics_joints.database.tables import leave_one_out_json, show_leave_one_out, show_rows
-        from fenics_joints.report.terminal import new_console
+    def run():
+        from fenics_joints.database.query import JointSurfaces
+        from fenics_joints.database.tables import rows_document
+        from fenics_joints.files import shown_path
 
-        console = new_console()
         with _opened(db) as store:
-            rows = store.joints(model=model)
-            content: dict[str, object] = {"rows": [asdict(j) for j in rows]}
-            show_rows(console, rows)
-            if leave_one_out:
-                from fenics_joints.database.query import JointSurfaces
-
-                surfaces = JointSurfaces.fit(store, model)
-                show_leave_one_out(console, surfaces)
-                content["leave_one_out"] = leave_one_out_json(surfaces)
+            surfaces = JointSurfaces.fit(store, model) if leave_one_out else None
+            name = "published tables" if db is None else shown_path(db)
+            document = rows_document(name, store.joints(model=model), surfaces)
             if csv is not None:
                 store.export_csv(csv)
-                tell(f"wrote {csv}")
-        _write_json(json, content)
+                tell(f"wrote {shown_path(csv)}")
+        return document
 
     _on_one_rank(run, debug, {"--json": json, "--csv": csv}, db)
 
@@ -302,18 +259,27 @@ def web(
 def _on_one_rank(
     run, debug: bool, outputs: dict[str, Path | None] | None = None, *inputs: Path | None
 ) -> None:
-    """Run on rank 0, where no output is an input; exit with the right code on all."""
+    """Run on rank 0, where no output is an input; show and write the document that comes of it,
+    if any; exit with the right code on all ranks."""
     from fenics_joints.parallel import guarded
 
     with guarded(debug):
         from mpi4py import MPI
 
-        from fenics_joints.files import check_outputs
+        from fenics_joints.files import check_outputs, json_text, shown_path, write_text
         from fenics_joints.parallel import on_root
 
         def checked() -> None:
             check_outputs(outputs or {}, [path for path in inputs if path is not None])
-            run()
+            document = run()
+            if document is None:
+                return
+            from fenics_joints.report import terminal
+
+            terminal.show(terminal.new_console(), document)
+            if (path := outputs["--json"]) is not None:
+                write_text(path, json_text(document.data()))
+                tell(f"wrote {shown_path(path)}")
 
         on_root(MPI.COMM_WORLD, checked)
 
@@ -324,41 +290,30 @@ def _opened(db: Path | None):
     return seed_database() if db is None else Store(db, readonly=True)
 
 
-def _si(option: str, text: str | None, unit: str, example: str) -> float | None:
-    """A number with its unit; the command line takes no bare numbers."""
+def _in_si(**texts: str | None) -> dict[str, float | None]:
+    """Numbers with their units, by option; the command line takes no bare numbers."""
+    return {name: None if text is None else _si(name, text) for name, text in texts.items()}
+
+
+def _si(name: str, text: str) -> float:
+    from fenics_joints.database.joints import UNITS
     from fenics_joints.errors import InputError
     from fenics_joints.units import to_si
 
-    if text is None:
-        return None
     try:
-        return to_si(text, unit)
+        return to_si(text, UNITS[name])
     except InputError as error:
-        raise InputError(
-            f"{option} {text!r}: expected a number with its unit, such as {example!r}"
-        ) from error
+        expected = f"expected a number with its unit, such as {_EXAMPLES[name]!r}"
+        raise InputError(f"--{name} {text!r}: {expected}") from error
 
 
-def _list(option: str, text: str, unit: str, example: str) -> list[float]:
+def _list(name: str, text: str) -> list[float]:
     """``12.5, 25 kN``: numbers with commas between, the unit after the last or after each."""
     parts = [part.strip() for part in text.split(",")]
     last = re.fullmatch(r"[-+.\deE]+\s*(.*)", parts[-1])
     own = last[1] if last else ""
     with_unit = [p if re.search(r"[^-+.\deE\s]", p) else f"{p} {own}" for p in parts]
-    return [_si(option, part, unit, example) for part in with_unit]
-
-
-def _row(bolt: str, values: dict):
-    import datetime
-
-    from fenics_joints.database.joints import JointRow
-    from fenics_joints.database.sweep import user_name
-    from fenics_joints.preload.threads import thread
-
-    t = thread(bolt)
-    values["author"] = values["author"] or user_name()
-    date = datetime.datetime.now(datetime.timezone.utc).isoformat(timespec="seconds")
-    return JointRow(diameter=t.diameter, bolt=t.name, date=date, **values)
+    return [_si(name, part) for part in with_unit]
 
 
 def _analysis(name: str):
@@ -387,14 +342,6 @@ def _settings(pairs: list[str]) -> dict[str, object]:
         except ValueError:
             settings[name] = value
     return settings
-
-
-def _write_json(path: Path | None, content: dict) -> None:
-    from fenics_joints.files import json_text, shown_path, write_text
-
-    if path is not None:
-        write_text(path, json_text(content))
-        tell(f"wrote {shown_path(path)}")
 
 
 def _show_sweep(result, db: Path) -> None:

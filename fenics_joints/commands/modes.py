@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from textwrap import shorten
@@ -16,30 +15,19 @@ from fenics_joints.case.notes import OF_MODEL
 from fenics_joints.commands.outcome import Outcome
 from fenics_joints.errors import InputError
 from fenics_joints.files import plain, shown_path
-from fenics_joints.formatting import MISSING, extents, hertz, number, percent
+from fenics_joints.formatting import MISSING, extents, hertz, percent
 from fenics_joints.measurements.gap import UNLIKE, VISIBLE, mac, pair_modes, partnered, rms
 from fenics_joints.meshes import Ring
 from fenics_joints.modal.modes import Modes, check_meshed, solve_modes, write_shapes
 from fenics_joints.preload import LinearJoint, solve_preload, status_conditions, stuck_conditions
 from fenics_joints.progress import Progress
-from fenics_joints.report.document import (
-    Beside,
-    Document,
-    Figure,
-    Heading,
-    Keys,
-    OnPage,
-    OnTerminal,
-    Remarks,
-    Table,
-    Text,
-    View,
-)
+from fenics_joints.report import document as doc
 from fenics_joints.report.mesh_pictures import (
+    Shape,
+    largest_axis,
     measured_arrows,
-    mode_shape,
-    modes_view,
     sensor_shapes,
+    shapes_view,
 )
 from fenics_joints.report.tables import mac_table
 from fenics_joints.structure.grids import check_fields_path
@@ -99,10 +87,6 @@ class ComparedModes:
         """Names of the test's modes without a partner."""
         return tuple(n for n, has in zip(self.names, self.partnered, strict=True) if not has)
 
-    def partners(self) -> list[tuple[int, int]]:
-        """Indices of the test's modes that have a partner, and of that."""
-        return [(int(j), int(self.index[j])) for j in np.flatnonzero(self.partnered)]
-
     @property
     def mac(self) -> np.ndarray | None:
         """MAC of each pair, shape (m,); None without measured shapes."""
@@ -111,32 +95,35 @@ class ComparedModes:
         columns = [int(np.flatnonzero(self.candidates == i)[0]) for i in self.index]
         return self.matrix[np.arange(len(columns)), columns]
 
+    def pairs(self) -> list[dict[str, object]]:
+        """A record for each of the test's modes: name, test_hz, mode (from 1), model_hz,
+        error_percent, mac; None without a partner."""
+        rows = doc.records(
+            name=self.names,
+            test_hz=self.test_hz,
+            mode=self.index + 1,
+            model_hz=self.model_hz,
+            error_percent=100 * self.relative,
+            mac=np.full(len(self.names), np.nan) if self.mac is None else self.mac,
+        )
+        for row, has in zip(rows, self.partnered, strict=True):
+            if not has:
+                row |= dict.fromkeys(("mode", "model_hz", "error_percent", "mac"))
+        return rows
+
     def to_json(self) -> dict[str, object]:
-        """Keys: condition, pairs (name, test_hz, mode from 1, model_hz, error_percent, mac; null
-        without a partner), gap (root mean square error of the pairs, relative), without_partner
-        (names), and mac_matrix with its columns, modes from 1."""
-        values = [None] * len(self.names) if self.mac is None else self.mac.tolist()
-        pairs = []
-        for j, name in enumerate(self.names):
-            test, known = float(self.test_hz[j]), bool(np.isfinite(self.test_hz[j]))
-            pair = {"name": name, "test_hz": test if known else None}
-            pair |= dict.fromkeys(("mode", "model_hz", "error_percent", "mac"))
-            if self.partnered[j]:
-                pair |= {
-                    "mode": int(self.index[j]) + 1,
-                    "model_hz": float(self.model_hz[j]),
-                    "error_percent": 100 * float(self.relative[j]) if known else None,
-                    "mac": values[j],
-                }
-            pairs.append(pair)
-        return {
-            "condition": None if self.condition is None else list(self.condition),
-            "pairs": pairs,
-            "gap": plain(self.rms),
-            "without_partner": list(self.alone),
-            "mac_matrix": None if self.matrix is None else self.matrix.tolist(),
-            "mac_modes": (self.candidates + 1).tolist(),
-        }
+        """Keys: condition, `pairs`, gap (root mean square error of the pairs, relative),
+        without_partner (names), and mac_matrix with its columns, modes from 1."""
+        return plain(
+            {
+                "condition": self.condition,
+                "pairs": self.pairs(),
+                "gap": self.rms,
+                "without_partner": self.alone,
+                "mac_matrix": self.matrix,
+                "mac_modes": self.candidates + 1,
+            }
+        )
 
 
 def compare(case: Case, modes: Modes) -> ComparedModes | str | None:
@@ -243,29 +230,34 @@ class ModeList:
         thickness_m, r_nei_m, r_wai_m, and parts, those below and above; ``notes``, sentences on the
         test's data; ``test``, the modes beside the test's, see `ComparedModes.to_json`, or null.
         """
-        visible = self.visible
-        return {
-            "version": fenics_joints.__version__,
-            "title": self.case.title,
-            "dofs": self.modes.model.n_dofs,
-            "frequencies_hz": self.frequencies_hz.tolist(),
-            "rigid_body_modes": self.modes.n_rigid,
-            "visible": None if visible is None else visible.tolist(),
-            "size_m": self.size_m.tolist(),
-            "rings": [
-                {
-                    "name": ring.name,
-                    "centre_m": ring.centre.tolist(),
-                    "thickness_m": ring.thickness,
-                    "r_nei_m": ring.r_nei,
-                    "r_wai_m": ring.r_wai,
-                    "parts": [*ring.lower, *ring.upper],
-                }
-                for ring in self.rings
-            ],
-            "notes": list(self.notes),
-            "test": None if self.beside is None else self.beside.to_json(),
-        }
+        return plain(
+            {
+                "version": fenics_joints.__version__,
+                "title": self.case.title,
+                "dofs": self.modes.model.n_dofs,
+                "frequencies_hz": self.frequencies_hz,
+                "rigid_body_modes": self.modes.n_rigid,
+                "visible": self.visible,
+                "size_m": self.size_m,
+                "rings": self.ring_records(),
+                "notes": self.notes,
+                "test": None if self.beside is None else self.beside.to_json(),
+            }
+        )
+
+    def ring_records(self) -> list[dict[str, object]]:
+        """The bolts' rings as they are in the mesh."""
+        return [
+            {
+                "name": ring.name,
+                "centre_m": ring.centre.tolist(),
+                "thickness_m": ring.thickness,
+                "r_nei_m": ring.r_nei,
+                "r_wai_m": ring.r_wai,
+                "parts": [*ring.lower, *ring.upper],
+            }
+            for ring in self.rings
+        ]
 
     def kinds(self) -> list[str]:
         """What each mode is, in words."""
@@ -367,7 +359,7 @@ def _unused(case: Case, state: str) -> list[str]:
 # -- what is said of it ----------------------------------------------------------------------------
 
 
-def modes_document(result: ModeList, n_shapes: int | None = 6) -> Document:
+def modes_document(result: ModeList, n_shapes: int | None = 6) -> doc.Document:
     """What is said of the modes of a case.
 
     Args:
@@ -388,76 +380,83 @@ def modes_document(result: ModeList, n_shapes: int | None = 6) -> Document:
         keys.append(("visible", int(np.sum(visible)), "of them the test could see"))
     if result.rings:
         keys.append(("rings", len(result.rings), "bolts' rings"))
-    modes = Table(
-        ">mode | >frequency, Hz | what it is",
+    modes = doc.Table.of(
+        doc.records(mode=range(1, len(kinds) + 1), frequency_hz=result.frequencies_hz, kind=kinds),
+        "mode: >mode | frequency_hz: >frequency, Hz | kind: what it is",
+        style=lambda row: "dim" if row["kind"] in ("rigid body", "not seen by the test") else "",
         caption="Modes that the test could see move at its points in the directions they measure"
         if visible is not None
         else "In ascending order",
         id="modes",
         most=_MODES,
     )
-    for i, (f, kind) in enumerate(zip(result.frequencies_hz, kinds, strict=True)):
-        style = "dim" if kind in ("rigid body", "not seen by the test") else ""
-        modes.add(str(i + 1), hertz(float(f)), kind, style=style)
-    return Document(
+    return doc.Document(
         result.case.name,
         "modes of the nominal model",
         "Natural frequencies and mode shapes of the nominal model",
         [
-            Keys(keys),
-            Remarks("Of the test", [labelled(note) for note in result.notes]),
+            doc.Keys(keys),
+            doc.Remarks("Of the test", [labelled(note) for note in result.notes]),
             *([] if result.beside is None else _pairs(result.beside)),
-            OnPage(lambda: _pictures(result, n_shapes)),
-            Heading("All modes"),
+            doc.OnPage(lambda: _pictures(result, n_shapes)),
+            doc.Heading("All modes"),
             modes,
-            *([Heading("Bolts' rings"), _rings(result.rings)] if result.rings else []),
-            OnTerminal([Text(f"wrote {shown_path(path)}") for path in result.written]),
+            *([doc.Heading("Bolts' rings"), _rings(result)] if result.rings else []),
+            doc.OnTerminal([doc.Text(f"wrote {shown_path(path)}") for path in result.written]),
         ],
         result.to_json,
     )
 
 
-def _rings(rings: Sequence[Ring]) -> Table:
+def _rings(result: ModeList) -> doc.Table:
     """The bolts' rings as they are in the mesh."""
-    names = ("ring", ">centre, mm", ">thick, mm", ">radii, mm", "between")
-    table = Table(names, caption="As they are in the mesh", id="ring-list", most=_RINGS)
-    for ring in rings:
-        table.add(
-            ring.name,
-            ", ".join(f"{round(1e3 * float(c), 1) + 0.0:.1f}" for c in ring.centre),
-            number(1e3 * ring.thickness),
-            f"{1e3 * ring.r_nei:.3g} to {1e3 * ring.r_wai:.3g}",
-            ", ".join((*ring.lower, *ring.upper)),
-        )
-    return table
+    rows = [
+        {
+            **row,
+            "centre_mm": ", ".join(f"{round(1e3 * c, 1) + 0.0:.1f}" for c in row["centre_m"]),
+            "thickness_mm": 1e3 * row["thickness_m"],
+            "radii_mm": f"{1e3 * row['r_nei_m']:.3g} to {1e3 * row['r_wai_m']:.3g}",
+            "between": ", ".join(row["parts"]),
+        }
+        for row in result.ring_records()
+    ]
+    return doc.Table.of(
+        rows,
+        "name: ring | centre_mm: >centre, mm | thickness_mm: >thick, mm | radii_mm: >radii, mm | "
+        "between: between",
+        caption="As they are in the mesh",
+        id="ring-list",
+        most=_RINGS,
+    )
+
+
+def _written(key: str, value) -> str:
+    """A number of a pair of modes by its key."""
+    if key == "mac":
+        return MISSING if value is None else f"{value:.3f}"
+    return "none" if key == "mode" and value is None else doc.by_unit(key, value)
 
 
 def _pairs(beside: ComparedModes) -> list:
     """The test's modes with their partners."""
-    at, error = "", "no pair"
+    at, error, rows = "", "no pair", beside.pairs()
     if beside.condition is not None:
         name, value, unit = beside.condition
         at = f" at {name} {value:g} {unit}".rstrip()
     if beside.partnered.any():
         error = f"error {percent(beside.rms)} (root mean square)"
-    columns = ("test", ">Hz", ">mode", ">model, Hz", ">error", *[">MAC"] * (beside.mac is not None))
-    table = Table(columns, id="pairs", most=_PAIRS)
-    for pair in beside.to_json()["pairs"]:
-        error_percent, alike = pair["error_percent"], pair["mac"]
-        last = [] if beside.mac is None else [MISSING if alike is None else f"{alike:.3f}"]
-        table.add(
-            pair["name"],
-            hertz(pair["test_hz"]),
-            "none" if pair["mode"] is None else str(pair["mode"]),
-            hertz(pair["model_hz"]),
-            percent(None if error_percent is None else error_percent / 100, 2, sign=True),
-            *last,
-        )
-    blocks = [Heading("Beside the test", "test"), Text(f"Test{at}: {error}.", "bold"), table]
+    columns = "name: test | test_hz: >Hz | mode: >mode | model_hz: >model, Hz | "
+    columns += "error_percent: >error" + " | mac: >MAC" * (beside.mac is not None)
+    table = doc.Table.of(rows, columns, write=_written, id="pairs", most=_PAIRS)
+    blocks = [
+        doc.Heading("Beside the test", "test"),
+        doc.Text(f"Test{at}: {error}.", "bold"),
+        table,
+    ]
     if beside.matrix is not None:
         caption = "Modal assurance criterion, test by model's modes that it could see"
         modes = (beside.candidates + 1).tolist()
-        blocks.append(OnPage([mac_table(beside.matrix, beside.names, modes, caption, "mac")]))
+        blocks.append(doc.OnPage([mac_table(beside.matrix, beside.names, modes, caption, "mac")]))
     return blocks
 
 
@@ -465,7 +464,9 @@ def _pictures(result: ModeList, n_shapes: int | None) -> list | None:
     """Shapes of some modes, and measured shapes beside them. Collective."""
     modes, visible, beside = result.modes, result.visible, result.beside
     elastic = np.arange(len(modes)) >= modes.n_rigid
-    partners = {} if beside is None else {i: j for j, i in beside.partners()}
+    partners = {}
+    if beside is not None:
+        partners = {int(beside.index[j]): int(j) for j in np.flatnonzero(beside.partnered)}
     shown = elastic if visible is None or n_shapes is None else visible
     lowest = np.flatnonzero(shown).tolist()
     wanted = sorted(list(dict.fromkeys([*partners, *lowest]))[:n_shapes])
@@ -479,47 +480,40 @@ def _pictures(result: ModeList, n_shapes: int | None) -> list | None:
         return []
     sensors, own = result.case.sensors(), result.case.shapes()
     lines = () if own is None else own.lines
-    ways = [_mean_direction(sensors, motion) for motion in motions]
-    names, shapes, arrows, notes, pairs = [], [], {}, {}, []
-    for k, (i, motion, way) in enumerate(zip(wanted, motions, ways, strict=True)):
-        names.append(f"mode {i + 1}, {hertz(float(result.frequencies_hz[i]))} Hz")
-        alt = f"Mode shape {i + 1} of {names[-1]}, coloured by its motion along {way.tolist()}."
-        shapes.append(Figure(mode_shape(vertices, motion, way, f"mode{i + 1}", alt), names[-1]))
-        if not measured or i not in partners:
-            continue
-        j = partners[i]
-        test, model, mode = beside.test_shapes[:, j], beside.model_shapes[:, j], seen[:, i]
-        alt = f"Arrows of {beside.names[j]} of the test and of mode {i + 1} at the sensors."
-        drawn = sensor_shapes(vertices, beside.sensors, test, model, f"pair{i + 1}", alt, lines)
-        alike = f"MAC {beside.mac[j]:.3f}"
-        pairs.append(Figure(drawn, f"{beside.names[j]} beside mode {i + 1}, {alike}"))
-        if factor := float(model @ mode) / max(float(mode @ mode), 1e-300):
-            arrows[k] = measured_arrows(beside.sensors, test / factor, mode)
-            notes[k] = (
-                f"{beside.names[j]} of the test beside it, in the scale that brings both nearest; "
-                f"{alike}."
-            )
+    shapes, pairs = [], []
+    for i, motion in zip(wanted, motions, strict=True):
+        title, more = f"mode {i + 1}, {hertz(float(result.frequencies_hz[i]))} Hz", {}
+        if measured and i in partners:
+            j = partners[i]
+            name, alike = beside.names[j], f"MAC {beside.mac[j]:.3f}"
+            test, model, mode = beside.test_shapes[:, j], beside.model_shapes[:, j], seen[:, i]
+            alt = f"Arrows of {name} of the test and of mode {i + 1} at the sensors."
+            drawn = sensor_shapes(vertices, beside.sensors, test, model, f"pair{i}", alt, lines)
+            pairs.append(doc.Figure(drawn, f"{name} beside mode {i + 1}, {alike}"))
+            if factor := float(model @ mode) / max(float(mode @ mode), 1e-300):
+                more["arrows"] = measured_arrows(beside.sensors, test / factor, mode)
+                note = "of the test beside it, in the scale that brings both nearest"
+                more["note"] = f"{name} {note}; {alike}."
+        shapes.append(Shape(title, motion, _mean_direction(sensors, motion), **more))
     along = "axis of the largest motion" if sensors is None else "test's direction of measurement"
-    still = [
-        Beside("shapes", shapes),
-        Text(
+    still: list = [
+        doc.Text(
             f"Colour: motion along the {along}, red one way, blue the other, white none. Motion is "
             "enlarged; its scale is arbitrary.",
             "note",
-        ),
+        )
     ]
     if pairs:
         still += [
-            Heading("Measured shapes beside the model's", level=3),
-            Beside("shapes", pairs),
-            Text(
+            doc.Heading("Measured shapes beside the model's", level=3),
+            doc.Beside("shapes", pairs),
+            doc.Text(
                 "Arrows at the sensors: thin and blue what the test measured, thick and orange the "
                 "model, in the scale that brings both nearest.",
                 "note",
             ),
         ]
-    view = modes_view(vertices, motions, names, ways, arrows, notes)
-    return [Heading("Mode shapes"), View(view, still)]
+    return [doc.Heading("Mode shapes"), shapes_view(vertices, shapes, len(shapes), still)]
 
 
 def _mean_direction(sensors: Sensors | None, motion: np.ndarray) -> np.ndarray:
@@ -530,4 +524,4 @@ def _mean_direction(sensors: Sensors | None, motion: np.ndarray) -> np.ndarray:
         way[: len(mean)] = mean
         if np.linalg.norm(way) > 0.5:
             return np.round(way / np.linalg.norm(way), 6)
-    return np.eye(3)[int(np.argmax(np.sum(motion**2, axis=(0, 1))))]
+    return largest_axis(motion)

@@ -27,21 +27,10 @@ from fenics_joints.formatting import (
     spaced,
 )
 from fenics_joints.progress import Progress
-from fenics_joints.report.document import (
-    Cell,
-    Document,
-    Figure,
-    Heading,
-    Items,
-    Keys,
-    OnPage,
-    OnTerminal,
-    Table,
-    Text,
-    Verdict,
-)
+from fenics_joints.report import document as doc
+from fenics_joints.report.panels import draw_matrix
 from fenics_joints.report.style import CHOSEN, PLACEBO, drawing, to_svg
-from fenics_joints.report.tables import facts_table, ink_on
+from fenics_joints.report.tables import facts_table
 
 #: Rows of each table on the terminal.
 _EFFECTS, _ADDITIONS = 12, 4
@@ -77,7 +66,7 @@ def run_plan(
     return Outcome(found, plan_document(found))
 
 
-def plan_document(p: Plan) -> Document:
+def plan_document(p: Plan) -> doc.Document:
     """What is said of a plan."""
     seen = sum(e.seen for e in p.effects)
     values = ", ".join(condition_value(x, p.condition[1]) for x in p.conditions)
@@ -88,7 +77,7 @@ def plan_document(p: Plan) -> Document:
         ("noise", percent(p.noise), "noise of a frequency"),
         ("discrepancy", percent(p.discrepancy), "error that any model of the structure has"),
     ]
-    modes = Table("mode | >frequency, Hz", caption="As the nominal model has them", id="modes")
+    modes = doc.Table("mode | >frequency, Hz", caption="As the nominal model has them", id="modes")
     for name, hz in zip(p.mode_names, p.frequencies_hz, strict=True):
         modes.add(name, hertz(hz))
     explained = (
@@ -106,35 +95,44 @@ def plan_document(p: Plan) -> Document:
         "columns by the rows' numbers"
     )
     silent = [f"{', '.join(names)}: {reason}" for reason, names in by_reason(p.silent)]
-    return Document(
+    return doc.Document(
         p.title,
         "what the planned test could tell",
         "Before any data: what the planned test could tell",
         [
-            Verdict("what the planned test could tell", [("", s) for s in p.sentences()]),
-            OnPage([Keys(keys)]),
-            Heading("Which causes it could tell apart", "which"),
-            OnPage([Text(explained), Text(picture)]),
-            Figure(lambda: matrix_picture(p), caption, wide=True),
+            doc.Verdict("what the planned test could tell", [("", s) for s in p.sentences()]),
+            doc.OnPage([doc.Keys(keys)]),
+            doc.Heading("Which causes it could tell apart", "which"),
+            doc.OnPage([doc.Text(explained), doc.Text(picture)]),
+            doc.Figure(lambda: matrix_picture(p), caption, wide=True),
             *_groups(p),
             _effects(p),
             *_additions(p, seen),
-            OnTerminal([Text(f"this test says nothing of {line}", "note") for line in silent]),
-            OnPage(
-                [Heading("What such a test says nothing about", "silent", 3), Items(silent)]
+            doc.OnTerminal(
+                [doc.Text(f"this test says nothing of {line}", "note") for line in silent]
+            ),
+            doc.OnPage(
+                [doc.Heading("What such a test says nothing about", "silent", 3), doc.Items(silent)]
                 if silent
                 else []
             ),
-            OnTerminal(
+            doc.OnTerminal(
                 [
-                    Text(f"D above {APART} is less than 1 % confusion.", "note"),
-                    Text(f"noise {percent(p.noise)}, discrepancy {percent(p.discrepancy)}", "note"),
+                    doc.Text(f"D above {APART} is less than 1 % confusion.", "note"),
+                    doc.Text(
+                        f"noise {percent(p.noise)}, discrepancy {percent(p.discrepancy)}", "note"
+                    ),
                 ]
             ),
-            Heading("The planned test", "test"),
-            Text(f"It measures {', '.join(p.measured)} of {len(p.mode_names)} {how}.", "note"),
-            OnPage(
-                [modes, facts_table(p.model), Heading("Assumptions", level=3), Items(_ASSUMPTIONS)]
+            doc.Heading("The planned test", "test"),
+            doc.Text(f"It measures {', '.join(p.measured)} of {len(p.mode_names)} {how}.", "note"),
+            doc.OnPage(
+                [
+                    modes,
+                    facts_table(p.model),
+                    doc.Heading("Assumptions", level=3),
+                    doc.Items(_ASSUMPTIONS),
+                ]
             ),
         ],
         p.to_json,
@@ -145,7 +143,7 @@ def _groups(p: Plan) -> list:
     """Classes of effects that the test would not tell apart."""
     if not p.classes:
         return []
-    table = Table(
+    table = doc.Table(
         "group | causes | >collinearity | what cancels | >it leaves",
         caption="The changes that cancel best, and what they leave; a collinearity index above 20 "
         "says that no size would help",
@@ -153,14 +151,14 @@ def _groups(p: Plan) -> list:
     )
     for c in p.classes:
         names = "; ".join(map(spaced, c.members))
-        index = Cell(number(c.collinearity, 2), kind="flag" if c.collinearity > 20 else "")
+        index = doc.Cell(number(c.collinearity, 2), kind="flag" if c.collinearity > 20 else "")
         table.add(c.letter, names, index, c.combination, f"{c.left:.1f} s.d.")
-    return [OnPage([Heading("Groups that it would not tell apart", level=3), table])]
+    return [doc.OnPage([doc.Heading("Groups that it would not tell apart", level=3), table])]
 
 
-def _effects(p: Plan) -> Table:
+def _effects(p: Plan) -> doc.Table:
     """Every effect at its expected size: how far from no gap, and what it may be taken for."""
-    table = Table(
+    table = doc.Table(
         "> | effect | group | >D: no gap | >named | >or taken for | >share | "
         "expected size | >D over its sizes",
         caption="Every effect at its expected size: of the median of its prior and one standard "
@@ -180,9 +178,9 @@ def _effects(p: Plan) -> Table:
         size = ", ".join(f"{n} = {quantity(value, e.units[n])}" for n, value in e.size.items())
         table.add(
             places[e.key],
-            Cell(spaced(e.key), note=e.describe),
+            doc.Cell(spaced(e.key), note=e.describe),
             e.letter or ("" if e.seen else "unseen"),
-            Cell(f"{e.distance:.1f}", kind="" if e.seen else "flag"),
+            doc.Cell(f"{e.distance:.1f}", kind="" if e.seen else "flag"),
             *shares,
             size,
             f"{e.least:.1f} to {e.most:.1f}",
@@ -193,15 +191,15 @@ def _effects(p: Plan) -> Table:
 
 def _additions(p: Plan, seen: int) -> list:
     """What further measurements would add."""
-    heading = Heading("What to measure next", "next")
+    heading = doc.Heading("What to measure next", "next")
     if not p.additions:
         words = "Nothing more is needed: it would see every cause and tell each from every other."
-        return [heading, OnPage([Text(words)])]
+        return [heading, doc.OnPage([doc.Text(words)])]
     words = (
         "Each row is one measurement more, of the same quality. The pairs that the test leaves "
         "together are compared again with it, every rival fitted anew to everything."
     )
-    table = Table(
+    table = doc.Table(
         "measured besides | >apart | >seen | >mean gain of D | >largest | that is between",
         caption="The most telling first",
         id="additions",
@@ -215,7 +213,7 @@ def _additions(p: Plan, seen: int) -> list:
         gains = (f"{a.mean:.2f}", f"{a.largest:.2f}")
         style = "" if i else "lead"
         table.add(a.name, str(a.classes), str(a.seen), *gains, pair, style=style)
-    return [heading, OnPage([Text(words)]), table]
+    return [heading, doc.OnPage([doc.Text(words)]), table]
 
 
 def likeliest(p: Plan, i: int) -> tuple[float, str, float] | None:
@@ -233,8 +231,8 @@ def matrix_picture(p: Plan) -> str:
     """The matrix of distances D, members of a class together, as ``<svg>``."""
     n = len(p.effects)
     names = [spaced(e.key) for e in p.effects]
-    D = np.ma.masked_invalid(p.distances.copy())
-    D[np.arange(n), np.arange(n)] = np.ma.masked
+    D = p.distances.copy()
+    D[np.arange(n), np.arange(n)] = np.nan
     colours = LinearSegmentedColormap.from_list(
         "apart", [(0.0, PLACEBO), (0.5, "#e9e4da"), (1.0, CHOSEN)]
     )
@@ -246,7 +244,7 @@ def matrix_picture(p: Plan) -> str:
         room = 0.1 * beside / wide
         figure.get_layout_engine().set(rect=(room, 0, 1 - room, 1))
         axes = figure.add_subplot()
-        axes.imshow(D, cmap=colours, vmin=0, vmax=2 * APART, aspect="equal")
+        draw_matrix(axes, D, colours, (0, 2 * APART), _short if n <= _NUMBERED else None)
         numbers = [str(i + 1) for i in range(n)]
         axes.set_yticks(range(n), [f"{name}  {i}" for name, i in zip(names, numbers, strict=True)])
         axes.set_xticks(range(n + 1), [*numbers, "no gap"])
@@ -254,19 +252,12 @@ def matrix_picture(p: Plan) -> str:
         axes.get_xticklabels()[-1].set_rotation(90)
         axes.set_xlabel("taken for", labelpad=6)
         axes.xaxis.set_label_position("top")
-        axes.spines[:].set_visible(False)
-        if n <= _NUMBERED:
-            _write_numbers(axes, D, colours)
         _frame_classes(axes, p)
         return to_svg(figure, "matrix", _matrix_words(p))
 
 
-def _write_numbers(axes, D, colours) -> None:
-    for i, j in zip(*np.nonzero(~np.ma.getmaskarray(D)), strict=True):
-        value = float(D[i, j])
-        ink = ink_on(colours(min(value / (2 * APART), 1.0))[:3])
-        text = f"{value:.1f}" if value < 9.95 else f"{value:.0f}"
-        axes.text(j, i, text, ha="center", va="center", fontsize=8.5, color=ink)
+def _short(distance: float) -> str:
+    return f"{distance:.1f}" if distance < 9.95 else f"{distance:.0f}"
 
 
 def _frame_classes(axes, p: Plan) -> None:

@@ -7,8 +7,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from dolfinx import fem
-from markupsafe import Markup
 from matplotlib import colormaps
 from mpi4py import MPI
 
@@ -16,7 +14,7 @@ import fenics_joints
 from fenics_joints.case import Case, build_preload
 from fenics_joints.commands.outcome import Outcome
 from fenics_joints.files import plain, shown_path
-from fenics_joints.formatting import hertz, number, percent, prefixed, quantity
+from fenics_joints.formatting import number, prefixed, quantity
 from fenics_joints.modal.modes import Modes, solve_modes
 from fenics_joints.preload import (
     OPEN,
@@ -25,29 +23,18 @@ from fenics_joints.preload import (
     ContactState,
     Displacement,
     LinearJoint,
-    Obstacle,
     PreloadResult,
     PreloadSolver,
     status_conditions,
     stuck_conditions,
 )
-from fenics_joints.preload.bodies import at_blocks, body_numbers
+from fenics_joints.preload.bodies import body_numbers
 from fenics_joints.preload.fields import nodal_fields, write
 from fenics_joints.preload.patch import equal_radius, largest_radius, nearest_axis
 from fenics_joints.progress import Progress
+from fenics_joints.report import document as doc
+from fenics_joints.report import geometry
 from fenics_joints.report.contact_pictures import pressure_map, pressure_profile
-from fenics_joints.report.document import (
-    Document,
-    Figure,
-    Heading,
-    Keys,
-    OnPage,
-    OnTerminal,
-    Table,
-    Text,
-    View,
-    sentence,
-)
 from fenics_joints.report.style import to_svg
 from fenics_joints.report.surface import Surface, surface
 from fenics_joints.report.view import Colours, Look, scene
@@ -176,13 +163,17 @@ class PreloadReport:
     free_motions: int = 0
     become_hz: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
-    @property
-    def rows(self) -> list[tuple[float, float]]:
-        """Frequencies, Hz, stuck and preloaded, of the same shapes; then those of the preloaded
-        modes whose shapes no stuck mode has, beside nan."""
+    def records(self) -> list[dict]:
+        """Frequencies, stuck and preloaded, of the same shapes; then of the preloaded modes whose
+        shapes no stuck mode has."""
         other = self.preloaded_hz[~np.isin(self.preloaded_hz, self.become_hz)]
-        pairs = zip(self.stuck_hz, self.become_hz, strict=True)
-        return [*pairs, *((np.nan, hz) for hz in other)]
+        stuck = np.append(self.stuck_hz, np.full(len(other), np.nan))
+        preloaded = np.append(self.become_hz, other)
+        numbers = [str(i + 1) if i < len(self.stuck_hz) else "" for i in range(len(stuck))]
+        change = 100 * (preloaded / stuck - 1)
+        return doc.records(
+            mode=numbers, stuck_hz=stuck, preloaded_hz=preloaded, change_percent=change
+        )
 
     @property
     def notes(self) -> list[str]:
@@ -232,23 +223,22 @@ class PreloadReport:
         ``frequencies_hz`` with ``stuck``, ``preloaded`` and ``stuck_become`` (of the preloaded
         modes of the stuck shapes; null where there is none), ``free_motions`` and ``notes``.
         """
-        return {
-            "version": fenics_joints.__version__,
-            "title": self.case.title,
-            "dofs": self.result.model.jumps.n,
-            "bolt_forces_n": bolt_forces(self.result),
-            "iterations": self.result.iterations,
-            "complementarity": self.result.complementarity,
-            "contacts": self.contacts,
-            "applied": self.applied,
-            "frequencies_hz": {
-                "stuck": self.stuck_hz.tolist(),
-                "preloaded": self.preloaded_hz.tolist(),
-                "stuck_become": plain(self.become_hz),
-            },
-            "free_motions": self.free_motions,
-            "notes": self.notes,
-        }
+        become = {"stuck": self.stuck_hz, "preloaded": self.preloaded_hz}
+        return plain(
+            {
+                "version": fenics_joints.__version__,
+                "title": self.case.title,
+                "dofs": self.result.model.jumps.n,
+                "bolt_forces_n": bolt_forces(self.result),
+                "iterations": self.result.iterations,
+                "complementarity": self.result.complementarity,
+                "contacts": self.contacts,
+                "applied": self.applied,
+                "frequencies_hz": {**become, "stuck_become": self.become_hz},
+                "free_motions": self.free_motions,
+                "notes": self.notes,
+            }
+        )
 
 
 def _recedes(result: PreloadResult) -> bool:
@@ -276,32 +266,25 @@ def applied_facts(result: PreloadResult) -> list[dict]:
     """
     model, found = result.model, []
     for moved in sorted(model.moved, key=lambda m: isinstance(m, Displacement)):
-        kind = "obstacle" if isinstance(moved, Obstacle) else "displacement"
-        way = result.motion(moved.name).tolist()
+        kind, way = "obstacle", result.motion(moved.name).tolist()
         if isinstance(moved, Displacement):
+            kind = "displacement"
             way = [None if v is None else w for v, w in zip(moved.value, way, strict=True)]
-        force = result.reaction(moved.name)
-        found.append(_facts(moved.name, kind, way, force))
+        found.append((moved.name, kind, way, result.reaction(moved.name).tolist()))
     for name, force in model.resultants.items():
-        found.append(_facts(name, "load", None, result.forces[name] * force))
-    return found
-
-
-def _facts(name: str, kind: str, way: list | None, force: np.ndarray) -> dict:
-    return {"name": name, "kind": kind, "displacement_m": way, "force_n": force.tolist()}
+        found.append((name, "load", None, (result.forces[name] * force).tolist()))
+    return [dict(zip(("name", "kind", "displacement_m", "force_n"), f, strict=True)) for f in found]
 
 
 def bolt_axes(result: PreloadResult) -> dict[str, np.ndarray]:
     """A point on the axis of every bolt, m, (gdim,): the middle of its two faces. Collective."""
     model = result.model
-    return {
-        bolt.name: 0.5 * (_middle(model.face(bolt.lower)) + _middle(model.face(bolt.upper)))
-        for bolt in model.bolts
-    }
 
+    def middle(face: str) -> np.ndarray:
+        points = model.face(face).points
+        return 0.5 * (points.min(axis=0) + points.max(axis=0))
 
-def _middle(face) -> np.ndarray:
-    return 0.5 * (face.points.min(axis=0) + face.points.max(axis=0))
+    return {bolt.name: 0.5 * (middle(bolt.lower) + middle(bolt.upper)) for bolt in model.bolts}
 
 
 def contact_facts(state: ContactState, axes: dict[str, np.ndarray]) -> dict:
@@ -321,36 +304,28 @@ def contact_facts(state: ContactState, axes: dict[str, np.ndarray]) -> dict:
         radius within the mesh's resolution; ``open``, ``slip``, ``stick``: numbers of pairs;
         ``matching``, whether these are pairs of vertices.
     """
-    force, area = state.normal_force, state.area
+    area, farthest, equal = state.area, {}, {}
+    nearest = nearest_axis(state.interface.points, axes.values()) if axes else None
+    for i, (name, axis) in enumerate(axes.items()):
+        own = np.where(nearest == i, state.pressure, 0.0)
+        farthest[name] = largest_radius(state.interface, own, LIMIT, axis)
+        if len(axis) == 3:
+            equal[name] = equal_radius(state.interface, own, LIMIT, axis)
+    kinds = (("open", OPEN), ("slip", SLIP), ("stick", STICK))
     return {
         "name": state.name,
-        "force_n": force,
+        "force_n": state.normal_force,
         "peak_pressure_pa": float(state.facet_pressure.max(initial=0.0)),
         "peak_nodal_pressure_pa": float(state.pressure.max(initial=0.0)),
         "mean_pressure_pa": state.pressure_force / area if area else 0.0,
         "area_m2": area,
         "area_above_1_mpa_m2": state.area_above(LIMIT),
         "whole_area_m2": float(state.facet_area.sum()),
-        **_radii(state, axes),
+        "radius_m": farthest,
+        "equal_radius_m": equal,
         "matching": state.interface.coupling is None,
-        **{
-            word: int(np.sum(state.status == kind))
-            for word, kind in (("open", OPEN), ("slip", SLIP), ("stick", STICK))
-        },
+        **{word: int(np.sum(state.status == kind)) for word, kind in kinds},
     }
-
-
-def _radii(state: ContactState, axes: dict[str, np.ndarray]) -> dict[str, dict]:
-    """Contact radii at each bolt, by the pairs nearest to the bolt."""
-    farthest, equal = {}, {}
-    if axes:
-        nearest = nearest_axis(state.interface.points, axes.values())
-    for i, (name, axis) in enumerate(axes.items()):
-        own = np.where(nearest == i, state.pressure, 0.0)
-        farthest[name] = largest_radius(state.interface, own, LIMIT, axis)
-        if len(axis) == 3:
-            equal[name] = equal_radius(state.interface, own, LIMIT, axis)
-    return {"radius_m": farthest, "equal_radius_m": equal}
 
 
 def bolt_forces(result: PreloadResult) -> dict[str, float]:
@@ -361,38 +336,40 @@ def bolt_forces(result: PreloadResult) -> dict[str, float]:
 # -- what is said of it ----------------------------------------------------------------------------
 
 
-def preload_document(p: PreloadReport) -> Document:
+def preload_document(p: PreloadReport) -> doc.Document:
     """What is said of a preload state and its frequencies."""
     forces = forces_in_words(p.result)
-    frequencies = Table(">elastic mode | >stuck, Hz | >preloaded, Hz | >change", id="frequencies")
-    for i, (a, b) in enumerate(p.rows):
-        name = str(i + 1) if i < len(p.stuck_hz) else ""
-        frequencies.add(name, hertz(a), hertz(b), percent(b / a - 1, sign=True))
+    frequencies = doc.Table.of(
+        p.records(),
+        "mode: >elastic mode | stuck_hz: >stuck, Hz | preloaded_hz: >preloaded, Hz | "
+        "change_percent: >change",
+        id="frequencies",
+    )
     press = ", and to obstacles where they press" if p.applied else ""
     held = f"Stuck: all of each face is held to the other{press}."
-    return Document(
+    return doc.Document(
         p.case.name,
         "contact under preload",
         "Contact under preload",
         [
-            Keys(
+            doc.Keys(
                 [
                     *([("forces", forces, "(bolt forces)")] if forces else []),
                     ("dofs", p.result.model.jumps.n, "degrees of freedom"),
                     ("iterations", p.result.iterations, "iterations"),
                 ]
             ),
-            OnPage(lambda: _scene(p.result)),
-            Heading("What the preload does to the frequencies"),
-            Text(
+            doc.OnPage(lambda: _scene(p.result)),
+            doc.Heading("What the preload does to the frequencies"),
+            doc.Text(
                 f"{held} Preloaded: open where the preload leaves a gap, free to slide where it "
                 "slips."
             ),
             frequencies,
-            *(Text(sentence(note)) for note in p.notes),
+            *(doc.Text(doc.sentence(note)) for note in p.notes),
             *_applied(p.applied),
             *contact_blocks(p.result, p.contacts),
-            OnTerminal([Text(f"wrote {shown_path(path)}") for path in p.written]),
+            doc.OnTerminal([doc.Text(f"wrote {shown_path(path)}") for path in p.written]),
         ],
         p.to_json,
     )
@@ -402,15 +379,22 @@ def _applied(facts: Sequence[dict]) -> list:
     """What acts on the bodies, and what comes of it."""
     if not facts:
         return []
-    table = Table(
-        "what acts | kind | moved by | force on the bodies",
+    rows = [
+        {
+            "name": f["name"],
+            "kind": f["kind"],
+            "way": "" if f["displacement_m"] is None else _words(f["displacement_m"], "m"),
+            "force": _words(f["force_n"], "N"),
+        }
+        for f in facts
+    ]
+    table = doc.Table.of(
+        rows,
+        "name: what acts | kind: kind | way: moved by | force: force on the bodies",
         caption="By direction x, y, z. Of a face that is moved, the force is what holds it there",
         id="applied",
     )
-    for f in facts:
-        way = "" if f["displacement_m"] is None else _words(f["displacement_m"], "m")
-        table.add(f["name"], f["kind"], way, _words(f["force_n"], "N"))
-    return [Heading("What acts on the bodies"), table]
+    return [doc.Heading("What acts on the bodies"), table]
 
 
 def _words(vector: Sequence[float | None], unit: str) -> str:
@@ -437,11 +421,11 @@ def forces_in_words(result: PreloadResult) -> str:
 def contact_blocks(result: PreloadResult, contacts: Sequence[dict]) -> list:
     """Facts on each contact, and pictures of its pressure."""
     tables = [_contact_table(c) for c in contacts]
-    return [Heading("Contacts"), *tables, OnPage(lambda: _pressures(result))]
+    return [doc.Heading("Contacts"), *tables, doc.OnPage(lambda: _pressures(result))]
 
 
-def _contact_table(c: dict) -> Table:
-    table = Table([f"contact {c['name']}", ">"], kind="contact")
+def _contact_table(c: dict) -> doc.Table:
+    table = doc.Table([f"contact {c['name']}", ">"], kind="contact")
     presses, whole = area_words(c["area_m2"]), area_words(c["whole_area_m2"])
     table.add("force between the faces", quantity(c["force_n"], "N"))
     table.add("peak pressure, mean over a facet", quantity(c["peak_pressure_pa"], "Pa"))
@@ -468,12 +452,12 @@ def bolt_centres(result: PreloadResult) -> np.ndarray | None:
     return np.array(list(axes.values())) if axes else None
 
 
-def _pressures(result: PreloadResult) -> list[Figure] | None:
+def _pressures(result: PreloadResult) -> list[doc.Figure] | None:
     """Pressure of each contact in plan, and along the longest direction of its face. Collective."""
     centres = bolt_centres(result)
     if result.model.comm.rank != 0:
         return None
-    found: list[Figure] = []
+    found: list[doc.Figure] = []
     if result.model.structure.gdim < 3:
         return found
     for i, state in enumerate(result.contacts.values()):
@@ -483,107 +467,67 @@ def _pressures(result: PreloadResult) -> list[Figure] | None:
         plan = pressure_map(state, centres=centres)
         line = pressure_profile(state, centres=centres, direction=np.eye(3)[axis])
         drawn = to_svg(plan, f"plan{i}", f"{words} in plan; peak {peak}.")
-        found.append(Figure(drawn, f"{state.name}: pressure in plan"))
+        found.append(doc.Figure(drawn, f"{state.name}: pressure in plan"))
         drawn = to_svg(line, f"line{i}", f"{words} along {'xyz'[axis]}.")
-        found.append(Figure(drawn, f"{state.name}: pressure of all pairs along {'xyz'[axis]}"))
+        found.append(doc.Figure(drawn, f"{state.name}: pressure of all pairs along {'xyz'[axis]}"))
     return found
 
 
-def _scene(result: PreloadResult) -> list[View] | None:
-    """The bodies, to be looked at from all sides. Collective."""
-    view = _view(result)
-    if result.model.comm.rank != 0:
-        return None
-    return [] if view is None else [View(view)]
-
-
-def _view(result: PreloadResult) -> Markup | None:
-    """Pressure and status of the contacts on the bodies, taken apart. Collective.
-
-    Returns:
-        The view on rank 0; None on the others, and of bodies in the plane.
-    """
+def _scene(result: PreloadResult) -> list[doc.View] | None:
+    """Pressure and status of the contacts on the bodies, taken apart, to be looked at from all
+    sides; nothing for bodies in the plane. Collective; None but on rank 0."""
     model = result.model
     if model.structure.gdim < 3 or not result.contacts:
-        return None
-    V, comm = model.V, model.comm
+        return [] if model.comm.rank == 0 else None
     named = {field.name: field for field in nodal_fields(result)}
-    vertices, motions = model.structure.corner_motion([result.displacement.x.petsc_vec])
-    body, levels = _levels(result)
-    own = V.mesh.topology.index_map(3).size_local
-    here = [
-        body[V.dofmap.list[:own, 0]],
-        _corners(named["pressure"], own),
-        _corners(named["status"], own),
-    ]
-    parts = comm.gather(here)
+    vertices, (motion,) = model.structure.corner_motion([result.displacement.x.petsc_vec])
+    own = model.V.mesh.topology.index_map(3).size_local
+    body, _ = body_numbers(model.V)
+    here = [body[model.V.dofmap.list[:own, 0]]]
+    for name in ("pressure", "status"):
+        field = named[name]
+        here.append(field.x.array[field.function_space.dofmap.list[:own]])
+    parts = model.comm.gather(here)
     if parts is None:
         return None
     number, pressure, status = (np.concatenate(a) for a in zip(*parts, strict=True))
-    motion = motions[0]
+    turn = _upright(result)
+    level = geometry.stacked(vertices @ turn[2], number)
+    most = max(float(pressure.max(initial=0.0)), 1e-12)
 
     def looks(s: Surface) -> list[Look]:
-        return _looks(result, s, motion, pressure, status)
+        shape, at = motion.reshape(-1, 3)[s.pick], status.ravel()[s.pick]
+        way = quantity(float(np.abs(shape).max(initial=0.0)), "m")
+        note = f"Bodies as the preload deforms them, up to {way}, enlarged."
+        value = np.where(at >= 0, pressure.ravel()[s.pick] / most, np.nan)
+        words, peak = ("pressure at the vertices", "no contact"), quantity(most, "Pa")
+        return [
+            Look(
+                "contact pressure",
+                Colours(colormaps["YlGnBu"], "0", peak, *words),
+                motion=shape,
+                values=value,
+                shown=(0.0, most / 1e6, "MPa"),
+                note=note,
+            ),
+            Look(
+                "open, slip, stick",
+                Colours(_STATUS, "open", "stick", "slip between them", "no contact"),
+                motion=shape,
+                values=np.where(at >= 0, at / STICK, np.nan),
+                note=note,
+            ),
+        ]
 
-    whole = surface(vertices, number, levels[number], [motion])
     name = "Bodies under preload, taken apart, with the pressure on their faces."
-    return scene(whole, looks, name, turn=_frame(result), apart=True)
-
-
-def _corners(field: fem.Function, own: int) -> np.ndarray:
-    """Values at the corners of this rank's cells, (own, n_corners)."""
-    return field.x.array[field.function_space.dofmap.list[:own]]
-
-
-def _looks(result, s: Surface, motion, pressure, status) -> list[Look]:
-    shape, at = motion.reshape(-1, 3)[s.pick], status.ravel()[s.pick]
-    touched = at >= 0
-    value = pressure.ravel()[s.pick]
-    most = max(float(pressure.max(initial=0.0)), 1e-12)
-    peak = quantity(most, "Pa")
-    factor = float(np.abs(shape).max(initial=0.0))
-    note = f"Bodies as the preload deforms them, up to {quantity(factor, 'm')}, enlarged."
     return [
-        Look(
-            "contact pressure",
-            Colours(colormaps["YlGnBu"], "0", peak, "pressure at the vertices", "no contact"),
-            motion=shape,
-            values=np.where(touched, value / most, np.nan),
-            shown=(0.0, most / 1e6, "MPa"),
-            note=note,
-        ),
-        Look(
-            "open, slip, stick",
-            Colours(_STATUS, "open", "stick", "slip between them", "no contact"),
-            motion=shape,
-            values=np.where(touched, at / STICK, np.nan),
-            note=note,
-        ),
+        doc.View(
+            scene(surface(vertices, number, level, [motion]), looks, name, turn=turn, apart=True)
+        )
     ]
 
 
-def _levels(result: PreloadResult) -> tuple[np.ndarray, np.ndarray]:
-    """Body of every local block, and the level of each body: above what it lies on. Collective."""
-    V = result.model.V
-    body, n = body_numbers(V)
-    own = V.dofmap.index_map.size_local
-    lies = []
-    for state in result.contacts.values():
-        i = state.interface
-        if not len(i.lower):  # an obstacle
-            continue
-        both = [at_blocks(V, body[:own].astype(np.int64), nodes) for nodes in (i.lower, i.upper)]
-        lies += sorted(set(zip(*(side.tolist() for side in both), strict=True)))
-    level = np.zeros(n, dtype=np.int64)
-    for _ in range(n):
-        for lower, upper in lies:
-            level[upper] = max(level[upper], level[lower] + 1)
-        if level.max(initial=0) > n:  # bodies that lie on one another in a ring
-            return body, np.zeros(n, dtype=np.int64)
-    return body, level
-
-
-def _frame(result: PreloadResult) -> np.ndarray:
+def _upright(result: PreloadResult) -> np.ndarray:
     """Turns the contacts' mean normal upwards, and the longest way across it to the right."""
     normals = np.concatenate([s.interface.frames[:, 0] for s in result.contacts.values()])
     points = np.concatenate([s.interface.points for s in result.contacts.values()])

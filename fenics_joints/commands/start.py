@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -157,8 +157,8 @@ def check(
             found = outcome.result
             files = [found.path] if found.case is None else found.case.files()
             on_root(comm, lambda: check_outputs(outputs, files))
-            contents = contents_of(outcome, outputs, progress)
-        show(comm, outcome, contents)
+            finish = prepared(comm, outcome, outputs, progress)
+        finish()
 
 
 def schema(debug: DebugOption = False) -> None:
@@ -175,16 +175,24 @@ def schema(debug: DebugOption = False) -> None:
         typer.echo(json_text(case_schema()), nl=False)
 
 
-def contents_of(
+def prepared(
+    comm,
     outcome: Outcome,
     outputs: Mapping[str, Path | None],
     progress: Progress,
     notes: Sequence[str] = (),
-) -> list[tuple[Path, str]]:
-    """What the files of ``--json`` and ``--report`` get, with what is unusual in the case."""
-    from fenics_joints.files import json_text
+) -> Callable[[], None]:
+    """Make what the files of ``--json`` and ``--report`` get, with what is unusual in the case.
 
-    contents = []
+    Returns:
+        What writes the files and shows the outcome, once no progress is shown any more; then it
+        fails, where the outcome says that it is none.
+    """
+    from fenics_joints.errors import ConvergenceError
+    from fenics_joints.files import json_text, shown_path, write_text
+    from fenics_joints.parallel import on_root
+
+    contents: list[tuple[Path, str]] = []
     if (path := outputs["--json"]) is not None:
         made = outcome.json()
         said = dict.fromkeys([*notes, *made.get("notes", ())])
@@ -192,14 +200,6 @@ def contents_of(
     if (path := outputs["--report"]) is not None:
         progress.step("writing the report")
         contents.append((path, outcome.page(notes)))
-    return contents
-
-
-def show(comm, outcome: Outcome, contents: list[tuple[Path, str]]) -> None:
-    """Write and show an outcome; then fail, where it says that it is none."""
-    from fenics_joints.errors import ConvergenceError
-    from fenics_joints.files import shown_path, write_text
-    from fenics_joints.parallel import on_root
 
     def write() -> None:
         from fenics_joints.report.terminal import new_console
@@ -210,6 +210,9 @@ def show(comm, outcome: Outcome, contents: list[tuple[Path, str]]) -> None:
         for path, _ in contents:
             tell(f"wrote {shown_path(path)}")
 
-    on_root(comm, write)
-    if outcome.failure is not None:
-        raise ConvergenceError(outcome.failure)
+    def finish() -> None:
+        on_root(comm, write)
+        if outcome.failure is not None:
+            raise ConvergenceError(outcome.failure)
+
+    return finish

@@ -9,7 +9,6 @@ from __future__ import annotations
 import csv
 import io
 import os
-import re
 import sqlite3
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
@@ -19,15 +18,13 @@ from tempfile import TemporaryDirectory
 
 from fenics_joints.database.joints import NUMBERS, TEXTS, UNITS, JointRow
 from fenics_joints.errors import InputError, located
-from fenics_joints.files import check_writable, is_file, write_text
+from fenics_joints.files import FORMULA, check_writable, csv_text, is_file, write_text
 from fenics_joints.units import factor_to_si, plain_number
 
 _APPLICATION, _SCHEMA = 0x464A4442, 1  # "FJDB"
 _COLUMNS = NUMBERS + TEXTS
 #: Seconds to wait for another process's transaction.
 _PATIENCE = 60.0
-#: First characters of a spreadsheet's formula, or of a formula written as text.
-_FORMULA = re.compile(r"'*\s*[=+\-@\uff1d\uff0b\uff0d\uff20]|'*[\t\r\n]")
 _TABLES = f"""
 CREATE TABLE joints (
   id INTEGER PRIMARY KEY,
@@ -36,7 +33,6 @@ CREATE TABLE joints (
   task TEXT UNIQUE
 );
 CREATE TABLE failures (task TEXT PRIMARY KEY, sample TEXT, message TEXT, date TEXT);
-CREATE TABLE claims (run TEXT, task TEXT, PRIMARY KEY (run, task));
 """
 
 
@@ -120,22 +116,6 @@ class Store:
             failures = dict(self._connection.execute("SELECT task, message FROM failures"))
         return {task: failures[task] for task in tasks if task in failures}
 
-    def claim(self, run: str, tasks: Iterable[str]) -> str | None:
-        """The first task that no process of this run has taken; None when all are taken."""
-        with self._writing() as connection:
-            taken = {
-                r[0] for r in connection.execute("SELECT task FROM claims WHERE run=?", (run,))
-            }
-            task = next((task for task in tasks if task not in taken), None)
-            if task is not None:
-                connection.execute("INSERT INTO claims VALUES (?, ?)", (run, task))
-        return task
-
-    def release(self, run: str) -> None:
-        """Forget what a run has claimed."""
-        with self._writing() as connection:
-            connection.execute("DELETE FROM claims WHERE run = ?", (run,))
-
     def finish(self, joint: JointRow) -> None:
         """Record a task's row; a second one for the same task is dropped."""
         task = joint.task
@@ -155,12 +135,7 @@ class Store:
     def csv_text(self) -> str:
         """All rows as CSV; numbers with all their digits, units in the heads. Text that a
         spreadsheet would take for a formula begins with an apostrophe, which `import_csv` drops."""
-        stream = io.StringIO()
-        writer = csv.writer(stream, lineterminator="\n")
-        writer.writerow([_head(c) for c in _COLUMNS])
-        for joint in self.joints():
-            writer.writerow([_quoted(v) if isinstance(v, str) else v for v in _row(joint)])
-        return stream.getvalue()
+        return csv_text([[_head(c) for c in _COLUMNS], *map(_row, self.joints())])
 
     def export_csv(self, path: str | Path) -> None:
         """Write `csv_text` to a file. Raises InputError if it cannot be written."""
@@ -295,11 +270,6 @@ def _insert(extra: str | None = None, or_what: str = "") -> str:
     return f"INSERT {or_what} INTO joints ({', '.join(columns)}) VALUES ({marks})"
 
 
-def _quoted(text: str) -> str:
-    """Text that a spreadsheet does not run as a formula (OWASP, CSV injection)."""
-    return f"'{text}" if _FORMULA.match(text) else text
-
-
 def _head(column: str) -> str:
     unit = UNITS.get(column, "")
     return f"{column} [{unit}]" if unit else column
@@ -345,7 +315,7 @@ def _values(columns, row) -> dict[str, float | str]:
             except ValueError as error:
                 raise InputError(f"{field} = {cell!r}: expected a number") from error
         else:
-            values[field] = cell[1:] if cell[0] == "'" and _FORMULA.match(cell) else cell
+            values[field] = cell[1:] if cell[0] == "'" and FORMULA.match(cell) else cell
     if "diameter" not in values:
         raise InputError("diameter is empty, expected a number in m")
     return values

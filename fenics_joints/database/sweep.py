@@ -7,7 +7,6 @@ import getpass
 import itertools
 import json
 import math
-import uuid
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 
@@ -99,9 +98,9 @@ def sweep(
 ) -> SweepReport:
     """Analyse all samples that the database does not have yet. Collective.
 
-    Each rank takes the next sample that none has taken, analyses it alone and commits its row
-    before it takes another. So a killed sweep that is started again computes only what was not
-    finished. A sample whose analysis raises is recorded with its message, and the others go on.
+    Each rank takes every n-th sample, analyses it alone and commits its row before it goes on to
+    the next. So a killed sweep that is started again computes only what was not finished. A sample
+    whose analysis raises is recorded with its message, and the others go on.
 
     Args:
         samples: The same on every rank; each must make a valid row.
@@ -135,20 +134,28 @@ def sweep(
     }
     # A result of any value makes a whole row, whose task is known before the analysis.
     tasks = {JointRow(**asdict(s), **common, radius=1.0).task: s for s in samples}
-    finished = store.finished(tasks) if comm.rank == 0 else None
-    skipped = () if retry or comm.rank != 0 else store.failed(tasks)
-    todo = [t for t in tasks if t not in finished and t not in skipped] if comm.rank == 0 else None
-    todo, run = comm.bcast((todo, str(uuid.uuid4())))
-    progress.step(f"analysing {len(todo)} samples", total=len(todo))
-    told = 0
-    while (task := store.claim(run, todo)) is not None:
+    finished = todo = None
+    if comm.rank == 0:
+        finished = store.finished(tasks)
+        skipped = () if retry else store.failed(tasks)
+        todo = [t for t in tasks if t not in finished and t not in skipped]
+    todo = comm.bcast(todo)
+    own = todo[comm.rank :: comm.size]
+    progress.step(f"analysing {len(todo)} samples", total=len(own))
+    for task in own:
         _analyse(tasks[task], task, analyse, settings, common, store)
-        if comm.rank == 0:
-            now = len(store.finished(todo))
-            progress.advance(now - told)
-            told = now
+        progress.advance()
     comm.Barrier()
-    return comm.bcast(_result(store, run, tasks, todo, finished) if comm.rank == 0 else None)
+    report = None
+    if comm.rank == 0:
+        failed = {tasks[task]: message for task, message in store.failed(tasks).items()}
+        report = SweepReport(len(store.finished(todo)), len(finished), failed)
+    return comm.bcast(report)
+
+
+def now() -> str:
+    """Date and time, as ISO 8601."""
+    return datetime.datetime.now(datetime.timezone.utc).isoformat(timespec="seconds")
 
 
 def user_name() -> str:
@@ -160,9 +167,11 @@ def user_name() -> str:
 
 
 def _analyse(sample: Sample, task: str, analyse, settings, common, store: Store) -> None:
-    date = datetime.datetime.now(datetime.timezone.utc).isoformat(timespec="seconds")
+    date = now()
     try:
-        results = {name: _number(value) for name, value in analyse(sample, **settings).items()}
+        found = analyse(sample, **settings).items()
+        # Numpy's numbers as Python's.
+        results = {name: v.item() if hasattr(v, "item") else v for name, v in found}
         unknown = set(results) - set(RESULTS)
         if unknown:
             raise InputError(f"results {sorted(unknown)}, expected some of {', '.join(RESULTS)}")
@@ -172,14 +181,3 @@ def _analyse(sample: Sample, task: str, analyse, settings, common, store: Store)
         store.fail(task, json.dumps(asdict(sample)), message, date)
     else:
         store.finish(joint)
-
-
-def _number(value):
-    """Numpy's numbers as Python's."""
-    return value.item() if hasattr(value, "item") else value
-
-
-def _result(store: Store, run: str, tasks, todo, finished) -> SweepReport:
-    store.release(run)
-    failed = {tasks[task]: message for task, message in store.failed(tasks).items()}
-    return SweepReport(len(store.finished(todo)), len(finished), failed)

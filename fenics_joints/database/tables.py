@@ -1,16 +1,17 @@
-"""The database on the terminal."""
+"""What is said of the database: an answer, its rows, and how well each is predicted."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+
 import numpy as np
-from rich import box
-from rich.console import Console
-from rich.table import Table
 
 from fenics_joints.database.joints import NUMBERS, JointRow
 from fenics_joints.database.kriging import Interpolation
 from fenics_joints.database.query import Answer, JointSurfaces
 from fenics_joints.formatting import MISSING, interval, number, percent, prefixed, quantity
+from fenics_joints.report.document import Cell, Document, Table, Text
 
 #: Factor and unit in which a column is read best.
 _SHOWN = {
@@ -37,96 +38,92 @@ def in_words(estimate: Interpolation | None, unit: str) -> str:
     return f"{value} ± {sd} {shown} (95 %: {interval(estimate.low, estimate.high, unit)}{mark})"
 
 
-def show_answer(console: Console, answer: Answer) -> None:
-    """Print an answer."""
-    table = Table(show_header=False, box=None, pad_edge=False)
-    table.add_column(style="bold")
-    table.add_column()
-    table.add_row("bolt force", f"{quantity(answer.force, 'N')} ({answer.force_from})")
-    table.add_row("contact radius", in_words(answer.radius, "m"))
-    table.add_row("mean pressure", in_words(answer.pressure, "Pa"))
-    row = answer.identified
+def answer_document(answer: Answer) -> Document:
+    """What is said of a joint."""
+    table, row = Table(" | "), answer.identified
+    table.add("bolt force", f"{quantity(answer.force, 'N')} ({answer.force_from})")
+    table.add("contact radius", in_words(answer.radius, "m"))
+    table.add("mean pressure", in_words(answer.pressure, "Pa"))
     if row is not None:
         found = f"E {quantity(row.E, 'Pa')}, nu {quantity(row.nu)}, h {quantity(row.h, 'm')}"
-        table.add_row("interface", found)
-    table.add_row("", answer.identified_note)
+        table.add("interface", found)
+    table.add("", answer.identified_note)
     for note in answer.notes:
-        table.add_row("note", note)
-    console.print(table, markup=False)
+        table.add("note", note)
+    return Document(answer.thread.name, "joint parameters", blocks=[table], data=answer.json)
 
 
-def show_rows(console: Console, rows: list[JointRow]) -> None:
-    """Print the numbers of the rows, then their sources."""
+def _cells(values: Mapping[str, float | None]) -> dict[str, Cell]:
+    """Numbers by column, in the units in which these are read best."""
+    return {
+        name: Cell(MISSING if v is None else number(float(v) * _SHOWN[name][0], 4), value=v)
+        for name, v in values.items()
+    }
+
+
+def _heads(names: Sequence[str]) -> dict[str, str]:
+    return {name: f">{', '.join(filter(None, (name, _SHOWN[name][1])))}" for name in names}
+
+
+def rows_document(
+    path: str, rows: Sequence[JointRow], surfaces: JointSurfaces | None = None
+) -> Document:
+    """The rows and their sources, and each row predicted from the others.
+
+    Args:
+        path: The database.
+        rows: Its rows.
+        surfaces: What is fitted to them; None without predictions.
+    """
     columns = [c for c in NUMBERS if any(getattr(j, c) is not None for j in rows)]
-    if all(j.bolt for j in rows):
+    if all(j.bolt for j in rows) and rows:
         columns.remove("diameter")  # the bolt's name says it
     sources = list(dict.fromkeys(map(_source, rows)))
-    table = _table("bolt", *map(_head, columns), "from", title=f"{len(rows)} rows")
-    for j in rows:
-        cells = [_cell(getattr(j, c), c) for c in columns]
-        table.add_row(j.bolt or MISSING, *cells, str(sources.index(_source(j)) + 1))
-    console.print(table)
-    for i, source in enumerate(sources, 1):
-        console.print(f"{i}: {source}", markup=False, highlight=False)
-
-
-def show_leave_one_out(console: Console, surfaces: JointSurfaces) -> None:
-    """Print each row's value beside what all others predict."""
-    for output, kriging in surfaces.kriging.items():
-        left = kriging.leave_one_out()
-        table = _table(
-            *map(_head, kriging.inputs),
-            _head(output),
-            "predicted",
-            "error",
-            "standardised",
-            title=f"{output}: each row predicted from the others",
-        )
-        for x, y, value, error, z in zip(
-            kriging.x, kriging.y, left.value, left.error, left.standardised, strict=True
-        ):
-            cells = [_cell(v, n) for v, n in zip(x, kriging.inputs, strict=True)]
-            cells += [_cell(y, output), _cell(value, output), percent(error), f"{z:+.1f}"]
-            table.add_row(*cells)
-        console.print(table)
-        console.print(
-            f"mean absolute error {percent(np.abs(left.error).mean())}, spread of the standardised "
-            f"errors {left.standardised.std():.2f} (1 if the uncertainty is right)\n"
-            f"{kriging.in_words()}\n",
-            highlight=False,
-            markup=False,
-        )
-
-
-def leave_one_out_json(surfaces: JointSurfaces) -> dict[str, object]:
-    """What `show_leave_one_out` prints, for JSON."""
-    content = {}
-    for output, kriging in surfaces.kriging.items():
-        left = kriging.leave_one_out()
-        content[output] = {
-            "kriging": kriging.in_words(),
-            "predicted": left.value.tolist(),
-            "error": left.error.tolist(),
-            "standardised": left.standardised.tolist(),
-            "mean_absolute_error": float(np.abs(left.error).mean()),
-        }
-    return content
-
-
-def _table(*heads: str, title: str) -> Table:
-    table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, padding=0)
-    for i, head in enumerate(heads):
-        table.add_column(head, justify="left" if i == 0 else "right", overflow="fold")
-    return table
-
-
-def _head(column: str) -> str:
-    unit = _SHOWN[column][1]
-    return f"{column}\n{unit}" if unit else column
-
-
-def _cell(value: float | None, column: str) -> str:
-    return MISSING if value is None else number(float(value) * _SHOWN[column][0], 4)
+    table = Table.of(
+        [
+            {
+                "bolt": j.bolt or MISSING,
+                **_cells({c: getattr(j, c) for c in columns}),
+                "source": sources.index(_source(j)) + 1,
+            }
+            for j in rows
+        ],
+        {"bolt": "bolt", **_heads(columns), "source": ">from"},
+    )
+    blocks: list = [table, *(Text(f"{i}: {source}") for i, source in enumerate(sources, 1))]
+    data: dict[str, object] = {"rows": [asdict(j) for j in rows]}
+    if surfaces is not None:
+        data["leave_one_out"] = left_out = {}
+        for output, kriging in surfaces.kriging.items():
+            left = kriging.leave_one_out()
+            error = float(np.abs(left.error).mean())
+            left_out[output] = {
+                "kriging": kriging.in_words(),
+                "predicted": left.value.tolist(),
+                "error": left.error.tolist(),
+                "standardised": left.standardised.tolist(),
+                "mean_absolute_error": error,
+            }
+            made = []
+            for x, y, value, off, z in zip(
+                kriging.x, kriging.y, left.value, left.error, left.standardised, strict=True
+            ):
+                row = _cells({**dict(zip(kriging.inputs, x, strict=True)), output: y})
+                row["predicted"] = _cells({output: value})[output]
+                made.append({**row, "error_percent": 100 * off, "standardised": f"{z:+.1f}"})
+            heads = _heads((*kriging.inputs, output)) | {"predicted": ">predicted"}
+            heads |= {"error_percent": ">error", "standardised": ">standardised"}
+            said = (
+                f"mean absolute error {percent(error)}, spread of the standardised errors "
+                f"{left.standardised.std():.2f} (1 if the uncertainty is right)"
+            )
+            blocks += [
+                Text(f"{output}: each row predicted from the others", "bold"),
+                Table.of(made, heads),
+                Text(said),
+                Text(kriging.in_words()),
+            ]
+    return Document(path, f"{len(rows)} rows", blocks=blocks, data=lambda: data)
 
 
 def _source(j: JointRow) -> str:

@@ -69,16 +69,17 @@ class _Patch:
             for i, centre in enumerate(self.centres)
         ]
 
-    def distances(self) -> np.ndarray:
-        """Distance of each pair of the patch from the nearest axis."""
-        points, normals = self.state.interface.points, self.state.interface.normals
-        return np.min([radii(points, normals, c)[self.pairs] for c in self.centres], axis=0)
-
-    def area(self, limit: float) -> float:
-        return contour_area(self.state.interface, self.pressure, limit)[0]
-
-    def force(self) -> float:
-        return float(self.state.force[self.pairs, 0].sum())
+    def title_with(self, limit: float, between: str) -> str:
+        """The title, what presses, and on what area of at least the limit."""
+        force = float(self.state.force[self.pairs, 0].sum()) / 1e3
+        area, c = contour_area(self.state.interface, self.pressure, limit)[0], self.state.interface
+        if c.points.shape[1] == 2:
+            ends = c.points[c.facets]
+            lengths = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+            # In plane strain, which has forces and areas per metre of depth.
+            if np.allclose(self.state.facet_area, lengths, rtol=1e-6):
+                return f"{self.title}{between}{force:.3g} kN/m, {area * _MM:.3g} mm"
+        return f"{self.title}{between}{force:.3g} kN, {area * _MM**2:.0f} mm²"
 
 
 def pressure_map(state: ContactState, *, limit: float = 1e6, centres=None) -> Figure:
@@ -98,8 +99,7 @@ def pressure_map(state: ContactState, *, limit: float = 1e6, centres=None) -> Fi
     Raises:
         InputError: For a contact in the plane, or centres of another shape.
     """
-    _check_space(state, "pressure_map")
-    _check_limit(limit)
+    _check(state, "pressure_map", limit)
     facet_pressure = state.facet_pressure / 1e6
     norm = Normalize(0.0, max(facet_pressure.max(), 1e-12))
     with _plan(state, centres) as (figure, plane, panels):
@@ -112,10 +112,13 @@ def pressure_map(state: ContactState, *, limit: float = 1e6, centres=None) -> Fi
             found = [r for r, _, _ in patch.radii(limit, equal_radius)]
             for radius, centre in zip(found, patch.centres, strict=True):
                 if radius > 0:
-                    _circle(panel, plane, centre, radius)
+                    middle, look = plane.at(centre[None])[0], {"fill": False, "lw": 1.1}
+                    circle = Circle(middle, _MM * radius, ec=_LINE, ls=_DASHES, **look)
+                    panel.add_patch(circle)
+                    panel.plot(*middle, "+", color=_LINE, ms=6, mew=0.8)
             words = ", ".join(f"{_MM * radius:.1f}" for radius in found if radius > 0)
             reach = f", r = {words} mm" if words else ""
-            panel.set_title(f"{patch.title}\n{_summary(patch, limit)}{reach}", loc="left")
+            panel.set_title(patch.title_with(limit, "\n") + reach, loc="left")
         bar = figure.colorbar(
             ScalarMappable(norm, _PRESSURE),
             ax=[panel for panel, _ in panels],
@@ -146,7 +149,7 @@ def status_map(state: ContactState, *, centres=None) -> Figure:
     Raises:
         InputError: For a contact in the plane, or centres of another shape.
     """
-    _check_space(state, "status_map")
+    _check(state, "status_map")
     with _plan(state, centres) as (figure, plane, panels):
         for panel, patch in panels:
             facets = state.interface.facets[patch.facets]
@@ -159,17 +162,12 @@ def status_map(state: ContactState, *, centres=None) -> Figure:
             )
             _facets(panel, plane, facets, "none")
             panel.set_title(patch.title, loc="left")
-        figure.legend(handles=_status_handles(state), loc="outside upper left", ncols=3)
+        areas, handles = state.interface.areas, []
+        for kind, (name, colour) in _STATUS.items():
+            share = 100 * areas[state.status == kind].sum() / areas.sum()
+            handles.append(Patch(fc=colour, label=f"{name}, {share:.0f} %"))
+        figure.legend(handles=handles, loc="outside upper left", ncols=3)
     return figure
-
-
-def _status_handles(state: ContactState) -> list[Patch]:
-    """Entries of the legend: each status with its share of the area."""
-    areas, handles = state.interface.areas, []
-    for kind, (name, colour) in _STATUS.items():
-        share = 100 * areas[state.status == kind].sum() / areas.sum()
-        handles.append(Patch(fc=colour, label=f"{name}, {share:.0f} %"))
-    return handles
 
 
 def pressure_profile(
@@ -186,7 +184,7 @@ def pressure_profile(
     Raises:
         InputError: For centres or a direction of another shape.
     """
-    _check_limit(limit)
+    _check(state, limit=limit)
     along = _direction(state, direction)
     patches = _patches(state, centres)
     with drawing(_WIDTH, 2.4 * len(patches) + 0.5) as figure:
@@ -200,10 +198,17 @@ def pressure_profile(
     return figure
 
 
+def _distances(patch: _Patch) -> np.ndarray:
+    """Distance of each pair of a patch from the nearest axis."""
+    points, normals = patch.state.interface.points, patch.state.interface.normals
+    return np.min([radii(points, normals, c)[patch.pairs] for c in patch.centres], axis=0)
+
+
 def _profile(panel, patch: _Patch, limit: float, along) -> None:
     state, p = patch.state, patch.state.pressure[patch.pairs] / 1e6
     points = state.interface.points[patch.pairs]
-    at = _MM * (patch.distances() if along is None else points @ along)
+    at = points @ along if along is not None else _distances(patch)
+    at = _MM * at
     if points.shape[1] == 2:
         order = np.argsort(at)
         panel.plot(at[order], p[order], color=NOMINAL, lw=1.2, zorder=2)
@@ -235,7 +240,7 @@ def _profile(panel, patch: _Patch, limit: float, along) -> None:
             va="top",
             ha="left" if left else "right",
         )
-    panel.set_title(f"{patch.title}: {_summary(patch, limit)}", loc="left")
+    panel.set_title(patch.title_with(limit, ": "), loc="left")
     panel.set_ylabel("pressure, MPa")
     top = max(p.max(), limit / 1e6)
     panel.set_ylim(-0.03 * top, 1.1 * top)
@@ -279,37 +284,17 @@ def _patches(state: ContactState, centres) -> list[_Patch]:
     return found
 
 
-def _summary(patch: _Patch, limit: float) -> str:
-    """What presses, and on what area of at least the limit."""
-    force, area = patch.force(), patch.area(limit)
-    if _per_depth(patch.state):
-        return f"{force / 1e3:.3g} kN/m, {area * _MM:.3g} mm"
-    return f"{force / 1e3:.3g} kN, {area * _MM**2:.0f} mm²"
-
-
-def _per_depth(state: ContactState) -> bool:
-    """Whether forces and areas are per metre of depth: a section in plane strain."""
-    c = state.interface
-    if c.points.shape[1] == 3:
-        return False
-    ends = c.points[c.facets]
-    lengths = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
-    return bool(np.allclose(state.facet_area, lengths, rtol=1e-6))
-
-
 def _limit_name(limit: float) -> str:
     return f"P_lim = {limit / 1e6:g} MPa"
 
 
-def _check_space(state: ContactState, name: str) -> None:
-    if state.interface.points.shape[1] != 3:
+def _check(state: ContactState, plan: str = "", limit: float = 1.0) -> None:
+    """Refuse a plan of a contact in the plane, and a limit that is no pressure."""
+    if plan and state.interface.points.shape[1] != 3:
         raise InputError(
-            f"{name}: {state.name} is the contact of a model in the plane, which has no plan; "
+            f"{plan}: {state.name} is the contact of a model in the plane, which has no plan; "
             "expected one in space. pressure_profile shows pressure and status along it."
         )
-
-
-def _check_limit(limit: float) -> None:
     if not (np.isfinite(limit) and limit > 0):
         raise InputError(f"limit = {limit}: expected a pressure > 0, Pa.")
 
@@ -402,9 +387,3 @@ def _contour(points: np.ndarray, patch: _Patch, limit: float) -> np.ndarray:
         for rows, lone, others, t, _ in cut_corners(patch.state.pressure[facets] - limit)
     ]
     return np.concatenate(ends)
-
-
-def _circle(panel, plane: _Plane, axis: np.ndarray, radius: float) -> None:
-    centre = plane.at(axis[None])[0]
-    panel.add_patch(Circle(centre, _MM * radius, fill=False, ec=_LINE, lw=1.1, ls=_DASHES))
-    panel.plot(*centre, "+", color=_LINE, ms=6, mew=0.8)

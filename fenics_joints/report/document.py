@@ -1,18 +1,27 @@
 """What a command says of its result, stated once: shown on a terminal, as a page, and as JSON.
 
 `terminal.show` and `html.as_page` render a `Document`; ``data`` is its JSON. A block that stands in
-none of `OnTerminal` and `OnPage` is shown by both, but headings, figures, views, lists and what is
-folded away, which a terminal leaves out.
+neither `OnTerminal` nor `OnPage` is shown by both; a terminal leaves out headings, figures, views,
+lists and what is folded away.
 
-Pictures are drawn when the page is made: a line on a terminal needs none of them.
+A table is made from records, dicts with plain numbers whose keys end in their unit
+(``frequency_hz``): the rows in the JSON file are the same records. Pictures are drawn when the page
+is made; a terminal needs none of them.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 from markupsafe import Markup
+
+from fenics_joints.files import csv_text, plain
+from fenics_joints.formatting import MISSING, hertz, number, percent, quantity
+
+#: Units by the last part of a key, and what they are written as.
+_UNITS = {"m": "m", "n": "N", "pa": "Pa", "j": "J", "kg": "kg"}
 
 
 @dataclass(frozen=True)
@@ -26,6 +35,7 @@ class Cell:
         kind: Class of the cell on the page: ``flag`` for a value to look at, ``rms``, ``nowrap``.
         indent: Columns that the terminal moves it to the right.
         share: Length of a bar, from 0 to 1, that stands there instead of a text; None without.
+        value: What the text stands for, as the CSV file has it; None for the text itself.
     """
 
     text: str = ""
@@ -34,6 +44,7 @@ class Cell:
     kind: str = ""
     indent: int = 0
     share: float | None = None
+    value: object = None
 
 
 def bar(share: float) -> Cell:
@@ -50,7 +61,7 @@ class Row:
 
 
 class Table:
-    """A table, filled row by row.
+    """A table, filled from records by `of`, or row by row.
 
     The last cell of a row that is shorter than the table spans the columns that are left.
 
@@ -79,16 +90,90 @@ class Table:
         self.right = [column.startswith(">") for column in columns]
         self.caption, self.id, self.kind = caption, id, kind
         self.most, self.page_columns = most, page_columns
+        self.keys = self.names
         self.rows: list[Row] = []
         self.foot: list[Row] = []
 
     def __repr__(self) -> str:
         return f"Table({self.id!r}, {len(self.rows)} rows of {len(self.names)} columns)"
 
+    @classmethod
+    def of(
+        cls,
+        records: Sequence[Mapping[str, object]],
+        columns: str | Mapping[str, str],
+        *,
+        write: Callable[[str, Any], str | Cell] | None = None,
+        style: Callable[[Mapping[str, object]], str] = lambda record: "",
+        on_page: Collection[str] = (),
+        **options,
+    ) -> Table:
+        """A table with a row for each record.
+
+        Args:
+            records: Values by key, plain numbers or text; None for what is missing. One whose text
+                the key does not say is a `Cell` with its value.
+            columns: Headings by key, or as text: ``name: mode | test_hz: >measured, Hz``. A column
+                whose key no record has is left out.
+            write: Makes a text or `Cell` of a key and its value; `by_unit` by default.
+            style: Style of a record's row.
+            on_page: Keys of the last columns, which stand on the page alone.
+            options: ``caption``, ``id``, ``kind`` and ``most``, as for `Table`.
+        """
+        if isinstance(columns, str):
+            pairs = (column.partition(":") for column in columns.split("|"))
+            columns = {key.strip(): heading.strip() for key, _, heading in pairs}
+        there = [k for k in columns if not records or any(k in record for record in records)]
+        hidden = sum(key in on_page for key in there)
+        table, write = (
+            cls([columns[k] for k in there], page_columns=hidden, **options),
+            write or by_unit,
+        )
+        table.keys = there
+        for record in records:
+            cells = []
+            for key in there:
+                value = record.get(key)
+                if not isinstance(value, Cell):
+                    cell = write(key, value)
+                    value = replace(cell if isinstance(cell, Cell) else Cell(cell), value=value)
+                cells.append(value)
+            table.rows.append(Row(cells, style(record)))
+        return table
+
     def add(self, *cells: str | Cell, style: str = "", foot: bool = False) -> None:
         """A further row, or one below a line at the end."""
         made = [cell if isinstance(cell, Cell) else Cell(cell) for cell in cells]
         (self.foot if foot else self.rows).append(Row(made, style))
+
+    def to_csv(self) -> str:
+        """The rows as CSV: the records' values below their keys, or the texts of the cells."""
+        rows = [[c.text if c.value is None else c.value for c in row.cells] for row in self.rows]
+        return csv_text([self.keys, *rows])
+
+
+def records(**columns: Sequence) -> list[dict[str, object]]:
+    """Records of columns of equal length, such as arrays; None for what is no number."""
+    return [
+        dict(zip(columns, row, strict=True))
+        for row in plain(list(zip(*columns.values(), strict=True)))
+    ]
+
+
+def by_unit(key: str, value: Any) -> str:
+    """A value as the unit at the end of its key asks for: ``_hz`` to a hundredth of a hertz."""
+    unit = key.rpartition("_")[2]
+    if isinstance(value, str):
+        return value
+    if unit == "hz":
+        return hertz(value)
+    if unit == "percent":
+        return percent(None if value is None else value / 100, sign=True)
+    if unit in _UNITS:
+        return quantity(value, _UNITS[unit])
+    if value is None:
+        return MISSING
+    return number(value) if isinstance(value, float) else str(value)
 
 
 @dataclass(frozen=True)

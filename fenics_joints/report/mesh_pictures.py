@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
-from markupsafe import Markup
 from matplotlib import colormaps
 from matplotlib.collections import PolyCollection
 from matplotlib.colors import Normalize
 
 from fenics_joints.report import geometry
+from fenics_joints.report.document import Beside, Figure, View
 from fenics_joints.report.style import drawing, to_svg
 from fenics_joints.report.surface import Surface, surface
 from fenics_joints.report.view import Arrows, Colours, Look, scene
@@ -122,40 +123,66 @@ def sensor_shapes(
         return to_svg(figure, name, alt, dpi=130)
 
 
-def modes_view(
-    vertices: np.ndarray,
-    motions: Sequence[np.ndarray],
-    names: Sequence[str],
-    ways: Sequence[np.ndarray],
-    arrows: Mapping[int, Sequence[Arrows]],
-    notes: Mapping[int, str],
-) -> Markup:
-    """Mode shapes to turn and to play.
+@dataclass(frozen=True, repr=False)
+class Shape:
+    """A mode shape as a page shows it.
+
+    Attributes:
+        title: Such as ``mode 7, 123.40 Hz``.
+        motion: How the corners of all cells move, any scale, (n_cells, n_corners, 3).
+        way: Direction that is coloured, (3,).
+        arrows: What a test measured of it, see `measured_arrows`.
+        note: A sentence below the view.
+    """
+
+    title: str
+    motion: np.ndarray
+    way: np.ndarray
+    arrows: Sequence[Arrows] = ()
+    note: str = "Motion is enlarged; its scale is arbitrary."
+
+
+def shapes_view(
+    vertices: np.ndarray, shapes: Sequence[Shape], stills: int, more: Sequence[object] = ()
+) -> View:
+    """Mode shapes to turn and to play; for paper, pictures of the first ones.
 
     Args:
         vertices: Corners of all cells, m, (n_cells, n_corners, 3).
-        motions: How they move in each mode, each as ``vertices``.
-        names: Of the modes.
-        ways: Direction that is coloured in each, (3,).
-        arrows: What stands beside a mode, by its place in ``motions``.
-        notes: What is said of a mode, likewise.
+        shapes: The shapes.
+        stills: How many have a picture.
+        more: Blocks below the pictures.
     """
 
     def looks(s: Surface) -> list[Look]:
         return [
             Look(
-                name,
-                Colours(diverging, "one way", "the other", f"motion along {_direction_words(way)}"),
-                motion=motion.reshape(-1, 3)[s.pick],
-                way=way,
-                arrows=arrows.get(i, ()),
-                note=notes.get(i, "Motion is enlarged; its scale is arbitrary."),
+                shape.title,
+                Colours(
+                    diverging, "one way", "the other", f"motion along {_direction_words(shape.way)}"
+                ),
+                motion=shape.motion.reshape(-1, 3)[s.pick],
+                way=shape.way,
+                arrows=shape.arrows,
+                note=shape.note,
             )
-            for i, (name, motion, way) in enumerate(zip(names, motions, ways, strict=True))
+            for shape in shapes
         ]
 
-    whole = surface(vertices, motions=motions)
-    return scene(whole, looks, f"Mode shapes in three dimensions: {', '.join(names)}.")
+    whole = surface(vertices, motions=[shape.motion for shape in shapes])
+    names = ", ".join(shape.title for shape in shapes)
+    figures = []
+    for k, shape in enumerate(shapes[:stills]):
+        alt = f"Mode shape of {shape.title}, coloured by its motion along {shape.way.tolist()}."
+        drawn = mode_shape(vertices, shape.motion, shape.way, f"shape{k}", alt)
+        figures.append(Figure(drawn, shape.title))
+    view = scene(whole, looks, f"Mode shapes in three dimensions: {names}.")
+    return View(view, [Beside("shapes", figures), *more])
+
+
+def largest_axis(motion: np.ndarray) -> np.ndarray:
+    """The axis along which corners, (..., 3), move most, as a unit vector."""
+    return np.eye(3)[int(np.argmax(np.sum(motion**2, axis=(0, 1))))]
 
 
 def _direction_words(way: np.ndarray) -> str:

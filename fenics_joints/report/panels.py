@@ -1,17 +1,22 @@
-"""Panels over the condition: measured and modelled frequencies, parameters and their curves."""
+"""Charts of panels and matrices: measured and modelled frequencies, parameters, their curves."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib.colors import Normalize
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
 from fenics_joints.formatting import prefixed
 from fenics_joints.report.style import CHOSEN, INK, NOMINAL, drawing, grid, to_svg
+from fenics_joints.report.tables import ink_on
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.colors import Colormap
+
     from fenics_joints.measurements.gap import Gap
 
 
@@ -46,7 +51,6 @@ def frequency_panels(
         _frequency_panel(panel, i, before, after, labels, log_sd, held_out, changed)
         if validation is not None:
             _validation_points(panel, i, validation, labels)
-        panel.grid(axis="y")
         panel.margins(x=0.05, y=0.1)
         if len(at := np.unique(after.conditions)) == 1 and validation is None:
             panel.set_xticks(at)
@@ -57,28 +61,73 @@ def frequency_panels(
         f"Frequency against {condition[0]} for {m} modes: measured points and the lines of "
         "the models; the numbers are in the tables of this page."
     )
-    return _grid(m, 2.35, draw, condition, name, alt)
+    return panel_chart(range(m), draw, name, alt, height=2.35, xlabel=with_unit(*condition))
 
 
-def _grid(n: int, height: float, draw, condition: tuple[str, str], name: str, alt: str) -> str:
-    """Panels in two columns over the condition, with one legend for all.
+def panel_chart(
+    items: Sequence[object],
+    draw: Callable[[Axes, object], None],
+    name: str,
+    alt: str,
+    *,
+    columns: int = 2,
+    height: float = 2.2,
+    width: float = 7.6,
+    xlabel: str | None = None,
+) -> str:
+    """A panel for each of some items, in rows, with one legend for all.
 
     Args:
-        n: Number of panels.
-        height: Of a row, inches.
-        draw: Called with each panel and its number.
-        condition: Name and unit of the condition.
+        items: What the panels show.
+        draw: Called with each panel and its item.
         name: Unique in the page.
         alt: What the picture shows, in words.
+        columns: In each row, at most.
+        height: Of a row, inches.
+        width: Of the picture, inches.
+        xlabel: Of the axis that all panels share; None where each has its own.
     """
-    columns = 2 if n > 1 else 1
-    with drawing(7.6, height * -(-n // columns) + 0.5) as figure:
-        panels = grid(figure, n, columns, _with_unit(*condition))
-        for i, panel in enumerate(panels):
-            draw(panel, i)
+    columns = min(columns, len(items))
+    with drawing(width, height * -(-len(items) // columns) + 0.5) as figure:
+        panels = grid(figure, len(items), columns, xlabel)
+        for panel, item in zip(panels, items, strict=True):
+            draw(panel, item)
+            panel.grid(axis="y")
         handles, names = _legend_of(panels)
-        figure.legend(handles, names, loc="outside upper center", ncols=3)
+        if handles:
+            figure.legend(handles, names, loc="outside upper center", ncols=3)
         return to_svg(figure, name, alt)
+
+
+def draw_matrix(
+    axes: Axes,
+    values: np.ndarray,
+    colours: Colormap,
+    limits: tuple[float, float],
+    write: Callable[[float], str] | None = None,
+    size: float = 8.5,
+):
+    """A matrix in colours, without the cells that are no number.
+
+    Args:
+        axes: Where.
+        values: The matrix.
+        colours: From the lower limit to the upper one.
+        limits: Values at the ends of the colours.
+        write: Makes the text in each cell; None for none.
+        size: Of the font.
+
+    Returns:
+        The picture, for a colour bar.
+    """
+    drawn = axes.imshow(np.ma.masked_invalid(values), colours, Normalize(*limits, clip=True))
+    for i, j in np.argwhere(np.isfinite(values)) if write is not None else ():
+        ink = ink_on(drawn.to_rgba(values[i, j])[:3])
+        centre = {"ha": "center", "va": "center", "fontsize": size, "color": ink}
+        axes.text(j, i, write(values[i, j]), **centre)
+    axes.tick_params(length=0)
+    axes.spines[:].set_visible(False)
+    return drawn
 
 
 def _frequency_panel(axes, i, before, after, labels, log_sd, held_out, changed) -> None:
@@ -158,7 +207,8 @@ def _legend_of(panels) -> tuple[list, list[str]]:
     return [found[label] for label in names], names
 
 
-def _with_unit(name: str, unit: str) -> str:
+def with_unit(name: str, unit: str) -> str:
+    """A heading or an axis such as ``torque, N·m``."""
     return f"{name}, {unit}" if unit else name
 
 
@@ -172,20 +222,16 @@ def parameter_panels(rows: Sequence[dict], condition: tuple[str, str]) -> str:
     """
     names = ", ".join(row["name"] for row in rows)
     alt = f"{names} against {condition[0]}, identified at each and the curve through them."
-    return _grid(
-        len(rows),
-        2.2,
-        lambda panel, i: _parameter_panel(panel, rows[i]),
-        condition,
-        "parameters",
-        alt,
-    )
+    return panel_chart(rows, _parameter_panel, "parameters", alt, xlabel=with_unit(*condition))
 
 
-def _log_steps(values: np.ndarray) -> tuple[float, ...]:
-    """Ticks within a decade: the fewer, the more decades there are."""
+def plain_log(axis, values: np.ndarray) -> None:
+    """A logarithmic axis whose ticks are plain numbers: the fewer, the more decades there are."""
+    axis.axes.set_yscale("log")
     decades = np.log10(np.nanmax(values) / np.nanmin(values))
-    return (1.0, 2.0, 5.0) if decades < 2.0 else (1.0,)
+    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if decades < 2.0 else (1.0,)))
+    axis.set_major_formatter(FuncFormatter(lambda tick, _: f"{tick:g}"))
+    axis.set_minor_locator(NullLocator())
 
 
 def _parameter_panel(axes, row) -> None:
@@ -214,11 +260,7 @@ def _parameter_panel(axes, row) -> None:
         fine, curve = row["curve"]
         axes.plot(fine, factor * np.asarray(curve), color=INK, lw=1.4, label="curve")
         shown = np.concatenate([value, factor * np.asarray(curve)])
-    axes.set_yscale("log")
+    plain_log(axes.yaxis, shown)
     # Limits by values and curve: the bars of what the data do not determine have no end.
     axes.set_ylim(np.nanmin(shown) / 2.5, np.nanmax(shown) * 2.5)
-    axes.yaxis.set_major_locator(LogLocator(subs=_log_steps(shown)))
-    axes.yaxis.set_major_formatter(FuncFormatter(lambda tick, _: f"{tick:g}"))
-    axes.yaxis.set_minor_locator(NullLocator())
-    axes.set_title(_with_unit(row["name"], unit), loc="left")
-    axes.grid(axis="y")
+    axes.set_title(with_unit(row["name"], unit), loc="left")

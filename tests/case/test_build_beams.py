@@ -44,8 +44,8 @@ def test_update_identifies_slap_and_slip():
     assert max(np.abs(found.published["errors_percent"])) < 0.2
     assert found.model == {"dofs": 168}  # nothing was reduced
     # Modes 6 to 8 are predicted, not fitted: Table 1.
-    assert [held.name for held in found.held] == ["mode 6", "mode 7", "mode 8"]
-    errors = [100 * held.error for held in found.held]
+    assert [held["name"] for held in found.held] == ["mode 6", "mode 7", "mode 8"]
+    errors = [held["error_percent"] for held in found.held]
     np.testing.assert_allclose(errors, [-2.10, 5.07, -2.50], atol=0.4)
     assert MPI.COMM_WORLD.allgather(k1) == [k1] * MPI.COMM_WORLD.size
 
@@ -120,7 +120,9 @@ def test_functions_identify_the_damping_too(shared_tmp_path):
     comm.barrier()
     found = update_case(load_case(tmp_path), MPI.COMM_WORLD, Progress(silent=True))
     for row in found.parameters:
-        assert row["value"] == pytest.approx(truth[row["name"]], rel=max(4 * row["sd"], 5e-3)), row
+        assert row["value"] == pytest.approx(
+            truth[row["name"]], rel=max(4 * row["relative_standard_deviation"], 5e-3)
+        ), row
     held = found.functions.summary()
     assert held["held_after"] < 0.3 < 3 < held["held_before"]
     assert "samples" not in found.model

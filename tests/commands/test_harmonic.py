@@ -103,28 +103,31 @@ def test_small_forces_give_the_linear_resonance_and_large_ones_soften_and_damp(s
         for kind, name in (("forces", "force"), ("sensors", "sensor"))
     )
     receptance = abs(force * sensor) / (2 * 0.01 * (2 * np.pi * hz) ** 2)
-    assert small.frequency_hz == pytest.approx(hz, rel=5e-4)
-    assert small.displacement / small.level == pytest.approx(receptance, rel=2e-3)
+    assert small.peak_hz == pytest.approx(hz, rel=5e-4)
+    assert small.peak_displacement_m / small.level == pytest.approx(receptance, rel=2e-3)
     assert small.damping_ratio == pytest.approx(0.01, rel=1e-2)
-    assert large.frequency_hz < small.frequency_hz * (1 - 1e-4)
+    assert large.peak_hz < small.peak_hz * (1 - 1e-4)
     assert large.damping_ratio > 1.02 * small.damping_ratio
     # All that the force puts in beyond the modes' damping goes to the joint.
-    assert large.joint_energy["lap"] > 0
-    assert (large.measured_hz, large.measured) == (27.8, 90.0) and small.measured is None
+    assert large.joint_energy_j["lap"] > 0
+    assert (large.measured_peak_hz, large.measured_peak) == (
+        27.8,
+        90.0,
+    ) and small.measured_peak is None
     # The backbone passes the peaks: phase resonance and amplitude resonance differ by zeta^2.
     b = report.backbone
-    at = np.interp(large.displacement, b.amplitude("sensor"), b.frequencies_hz)
-    assert large.frequency_hz == pytest.approx(at, rel=1e-3)
+    at = np.interp(large.peak_displacement_m, b.amplitude("sensor"), b.frequencies_hz)
+    assert large.peak_hz == pytest.approx(at, rel=1e-3)
     # And static loads of the full model say the same of the mode, in the same table.
-    for (displacement, (periodic, still)), f in zip(report.mode_rows(), report.facts, strict=True):
-        assert displacement == f.displacement
-        assert still[0] == pytest.approx(periodic[0], rel=1e-3)
-        assert still[1] == pytest.approx(periodic[1], rel=0.02)
+    for row, f in zip(report.mode_records(), report.facts, strict=True):
+        assert row["displacement_m"] == f.peak_displacement_m
+        assert row["static_hz"] == pytest.approx(row["periodic_hz"], rel=1e-3)
+        assert row["static_damping"] == pytest.approx(row["periodic_damping"], rel=0.02)
     page = outcome.page()
     assert MPI.COMM_WORLD.rank > 0 or "quasi-static, full, Hz" in page
     if MPI.COMM_WORLD.rank == 0:
         names = [look["name"] for look in view_of(page)["looks"]]
-        hz = [f"{f.frequency_hz:.3f} Hz" for f in (large, small)]
+        hz = [f"{f.peak_hz:.3f} Hz" for f in (large, small)]
         assert names[:2] == [f"peak at 10.0 N, {hz[0]}", f"peak at 10.0 mN, {hz[1]}"]
         assert names[2:] == ["shear strain at 10.0 N", "energy per cycle at 10.0 N"]
 
@@ -154,7 +157,7 @@ def test_command_writes_the_same_on_any_number_of_ranks_and_goes_on_from_branche
     if MPI.COMM_WORLD.size > 1:
         peaks = [level["peak"] for level in contents[0]["levels"]]
         alone = run_harmonic(load_case(shared_tmp_path), SELF, QUIET).result
-        assert peaks == pytest.approx([f.amplitude for f in alone.facts], rel=1e-5)
+        assert peaks == pytest.approx([f.peak for f in alone.facts], rel=1e-5)
     pages = [(shared_tmp_path / f"{n}.html").read_text("utf-8") for n in ("first", "again")]
     # A model that was kept has no mesh to look at.
     assert [page.count("<svg") for page in pages] == [5, 4] and "10.0 N" in pages[0]
@@ -171,15 +174,15 @@ def test_a_free_beam_resonates_as_its_linear_modes_say_and_slips(tmp_path, chang
     small, large = report.facts
     modes = solve_modes(build_structure(case, SELF), n_modes=8)
     assert modes.n_rigid == (6 if HUNG not in changes else 4)
-    (i,) = np.flatnonzero(np.abs(modes.frequencies_hz / small.frequency_hz - 1) < 1e-3)
+    (i,) = np.flatnonzero(np.abs(modes.frequencies_hz / small.peak_hz - 1) < 1e-3)
     places = Sensors([case.harmonic.force.point, case.harmonic.sensor.point], [0, 0, 1])
     force, sensor = modes.at(places)[:, i]
     receptance = abs(force * sensor) / (2 * 0.002 * modes.eigenvalues[i])
-    assert small.displacement / small.level == pytest.approx(receptance, rel=1e-2)
+    assert small.peak_displacement_m / small.level == pytest.approx(receptance, rel=1e-2)
     assert small.damping_ratio == pytest.approx(0.002, rel=2e-2)
     slips = changes != BONDED
     assert (large.damping_ratio > 1.05 * small.damping_ratio) == slips
-    assert (large.frequency_hz < small.frequency_hz * (1 - 1e-4)) == slips
+    assert (large.peak_hz < small.peak_hz * (1 - 1e-4)) == slips
     # Free, what the force puts in per cycle moves the mean nowhere.
     mean = report.responses[-1].coefficients[:, :, 0]
     free = report.built.model.free_motions()
@@ -211,9 +214,9 @@ def test_a_base_that_shakes_is_the_inertia_of_the_mode(tmp_path):
     push = 7800.0 * fem.assemble_scalar(fem.form(shape[2] * dx(tuple(cells))))
     sensor = modes.at(Sensors([case.harmonic.sensor.point], [0, 0, 1]))[0, i]
     expected = 1e-3 * abs(push * sensor) / (2 * 0.01 * modes.eigenvalues[i])
-    assert fact.displacement == pytest.approx(expected, rel=2e-3)
+    assert fact.peak_displacement_m == pytest.approx(expected, rel=2e-3)
     assert outcome.json()["level_unit"] == "m/s2" and "base acceleration" in outcome.page()
-    moved = 1e-3 / (2 * np.pi * fact.frequency_hz) ** 2
+    moved = 1e-3 / (2 * np.pi * fact.peak_hz) ** 2
     edits = (
         *edits[:2],
         (SMALL[1][0], f'["{1e9 * moved:.9g} nm"]'),
@@ -221,7 +224,7 @@ def test_a_base_that_shakes_is_the_inertia_of_the_mode(tmp_path):
         (base[0], base[1].replace("}", ', motion = "displacement" }')),
     )
     (by_way,) = run_harmonic(load_case(write(tmp_path, LAYER, *edits)), SELF, QUIET).result.facts
-    assert by_way.displacement == pytest.approx(fact.displacement, rel=1e-3)
+    assert by_way.peak_displacement_m == pytest.approx(fact.peak_displacement_m, rel=1e-3)
 
 
 @serial
@@ -233,8 +236,8 @@ def test_loads_of_a_case_add_up_with_their_phases(tmp_path):
     load = "harmonics = 1\n" + load.replace("1] phase", "1], phase")
     edits = (*SMALL[:2], (SMALL[2][0], load))
     two = run_harmonic(load_case(write(tmp_path, LAYER, *edits)), SELF, QUIET).result.facts[0]
-    assert two.displacement == pytest.approx(np.sqrt(2) * one.displacement, rel=1e-4)
-    assert two.frequency_hz == pytest.approx(one.frequency_hz, rel=1e-4)
+    assert two.peak_displacement_m == pytest.approx(np.sqrt(2) * one.peak_displacement_m, rel=1e-4)
+    assert two.peak_hz == pytest.approx(one.peak_hz, rel=1e-4)
 
 
 @serial
@@ -282,17 +285,17 @@ def test_contact_with_friction_under_preload(tmp_path, keeps_rules):
     report = outcome.result
     (small, large), built = report.facts, report.built
     # Not all of the lap is pressed: the mode at rest is that of the closed part.
-    assert small.frequency_hz == pytest.approx(built.frequencies_hz[built.mode], rel=1e-3)
+    assert small.peak_hz == pytest.approx(built.frequencies_hz[built.mode], rel=1e-3)
     # Bending presses one end of the lap while the other opens: with little friction it slides, and
     # what it takes is at most friction over the largest slip, back and forth.
     loops = report.responses[-1].loops(report.responses[-1].peak.index)["lap"]
     points = report.built.model.interfaces[0]
     pressure = points.law.parameters["pressure"][:, 0] - loops.stress[..., 0].min(axis=1)
     most = 4 * points.weights @ (0.02 * pressure * loops.slip_amplitude)
-    assert 0.02 * most < large.joint_energy["lap"] < most
+    assert 0.02 * most < large.joint_energy_j["lap"] < most
     assert large.damping_ratio > small.damping_ratio
-    periodic, still = report.mode_rows()[-1][1]
-    assert still[0] == pytest.approx(periodic[0], rel=0.01)
+    row = report.mode_records()[-1]
+    assert row["static_hz"] == pytest.approx(row["periodic_hz"], rel=0.01)
     page = outcome.page()
     keeps_rules(page)
     # What is seen of the sensor's point is what the table says; the joint's values are its own.
@@ -301,7 +304,7 @@ def test_contact_with_friction_under_preload(tmp_path, keeps_rules):
     line = np.flatnonzero(np.linalg.norm(x[:, 1:] - [5e-3, 6e-3], axis=1) < 1e-6)
     line = line[np.argsort(x[line, 0])]
     seen = np.interp(0.41, x[line, 0], moved[line, 2])
-    assert abs(seen) == pytest.approx(large.displacement, rel=2e-3)
+    assert abs(seen) == pytest.approx(large.peak_displacement_m, rel=2e-3)
     view = view_of(page)
     values, spot = (
         np.frombuffer(base64.b64decode(text), "<i2")

@@ -45,8 +45,8 @@ def test_segalmans_law_has_its_power_over_a_decade_of_force(tmp_path):
         (sliders,) = slider_ranges(response)
         assert abs(sliders.error) < 0.05
     assert not found.slider_notes
-    a = np.array([f.displacement for f in found.facts])
-    energy = np.array([f.joint_energy["lap"] for f in found.facts])
+    a = np.array([f.peak_displacement_m for f in found.facts])
+    energy = np.array([f.joint_energy_j["lap"] for f in found.facts])
     slopes = np.diff(np.log(energy / a**2)) / np.diff(np.log(a))
     assert slopes == pytest.approx(0.5, abs=0.1)
 

@@ -33,7 +33,7 @@ def test_a_doubled_period_is_followed_and_told(tmp_path):
     )
     assert level_stability("no", [response], QUIET) == ()
     (found,) = level_stability("find", [response], QUIET)
-    assert not found.branches and len(found.rows()) == 1
+    assert not found.branches and len(found.records()) == 1
     (found,) = level_stability("follow", [response], QUIET)
     told = found.to_json()
     assert told["stable"][0] and not told["stable"][-1]

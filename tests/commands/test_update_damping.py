@@ -105,16 +105,20 @@ def test_ratios_alone_give_c(measured, shared_tmp_path):
     )
     # One takes logarithms, the other differences: alike to second order in the noise.
     assert c["value"] == pytest.approx(known.values[0], rel=2e-3)
-    assert c["sd"] == pytest.approx(known.sd[0] / known.values[0], rel=0.05)
+    assert c["relative_standard_deviation"] == pytest.approx(
+        known.sd[0] / known.values[0], rel=0.05
+    )
     left = np.log(known.ratios[:5] / measured[:5]) / NOISE
     widened = np.sqrt(max(1.0, left @ left / 4))
-    assert c["sd"] == pytest.approx(widened * NOISE / np.sqrt(5), rel=0.05)
-    assert c["value"] == pytest.approx(0.15, rel=3 * c["sd"])
+    assert c["relative_standard_deviation"] == pytest.approx(widened * NOISE / np.sqrt(5), rel=0.05)
+    assert c["value"] == pytest.approx(0.15, rel=3 * c["relative_standard_deviation"])
     assert found.kinds == ("damping",) and found.update.degrees_of_freedom == 4
     for held, ratio in zip(found.held, measured[5:], strict=True):
-        assert held.damping.test == pytest.approx(ratio)
-        assert abs(held.damping.error) < 4 * NOISE < 2 < held.damping.before / ratio - 1
-        assert held.damping.sd == pytest.approx(c["sd"], rel=0.05)
+        assert held["damping_test"] == pytest.approx(ratio)
+        off = abs(held["damping_error_percent"]) / 100
+        assert off < 4 * NOISE < 2 < held["damping_before"] / ratio - 1
+        sd = held["damping_standard_deviation_percent"] / 100
+        assert sd == pytest.approx(c["relative_standard_deviation"], rel=0.05)
     assert MPI.COMM_WORLD.allgather(c["value"]) == [c["value"]] * MPI.COMM_WORLD.size
 
 
@@ -251,11 +255,11 @@ def test_loss_factor_of_a_layer_of_a_solid(shared_tmp_path):
     # Strain energy leaves out terms of the order of the loss factor squared.
     values = [p["value"] for p in found.parameters]
     np.testing.assert_allclose(values, [E, LOSS], rtol=1e-3)
-    assert found.parameters[1]["sd"] == pytest.approx(
+    assert found.parameters[1]["relative_standard_deviation"] == pytest.approx(
         0.1 / np.linalg.norm(np.delete((ratios - 0.002) / ratios, 4)), rel=0.02
     )
     (held,) = found.held
-    assert held.damping.predicted == pytest.approx(ratios[4], rel=1e-3)
+    assert held["damping_predicted"] == pytest.approx(ratios[4], rel=1e-3)
     assert float(found.model["damping_error"].rstrip(" %")) < 0.1
     assert MPI.COMM_WORLD.allgather(values) == [values] * MPI.COMM_WORLD.size
 

@@ -17,7 +17,7 @@ from fenics_joints.commands.update.document import (
     update_document,
     verdict_words,
 )
-from fenics_joints.commands.update.result import ModeTable, Sweep, UpdateReport
+from fenics_joints.commands.update.result import ModeTable, Sweep, UpdateReport, parameter_records
 from fenics_joints.measurements.gap import Gap
 from fenics_joints.modal.sensitivity import Identifiability
 from fenics_joints.report.html import as_page
@@ -68,7 +68,7 @@ def report(**changes) -> UpdateReport:
         condition=("torque", 2.0, "N·m"),
         kinds=("frequencies",),
         update=update,
-        parameters=[{"name": "near.E", "value": 8.63e8, "unit": "Pa", "sd": 0.081, "start": 3e9}],
+        parameters=parameter_records(update, ["Pa"], [3e9]),
         modes=ModeTable(TEST[0], 1.1 * TEST[0], 1.02 * TEST[0], np.ones(2, dtype=bool), MODES),
         functions=None,
         held=[],

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import csv
 import json
+import shlex
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 from mpi4py import MPI
 
@@ -18,10 +21,12 @@ from fenics_joints.database import (
     seed_database,
 )
 from fenics_joints.database.kriging import Interpolation
+from fenics_joints.database.tables import rows_document
 from fenics_joints.errors import InputError
 from fenics_joints.files import json_text
 from fenics_joints.preload import thread
 from fenics_joints.preload.torque import motosh_force
+from fenics_joints.report.document import Table
 
 serial = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="about one process")
 
@@ -33,24 +38,16 @@ def test_torque_bolt_and_plates_to_radius_pressure_and_the_identified_interface(
     assert answer.force == pytest.approx(50e3) and "K = 0.2" in answer.force_from
     assert answer.radius.low < 0.05155 < answer.radius.high and not answer.extrapolated
     assert answer.pressure.low < 5.89e6 < answer.pressure.high
-    assert (answer.identified.E, answer.identified.nu, answer.identified.h) == (
-        6.111e9,
-        0.253,
-        7.2e-4,
-    )
+    found = answer.identified
+    assert (found.E, found.nu, found.h) == (6.111e9, 0.253, 7.2e-4)
     assert "the conditions that were asked" in answer.identified_note
     json.dumps(answer.json(), allow_nan=False)
 
 
 @serial
 def test_another_way_to_force_and_other_conditions_are_said(seed_surfaces):
-    motosh = query(
-        seed_surfaces,
-        bolt="M12",
-        torque=60.0,
-        thickness=0.02,
-        torque_to_force=TorqueToForce(friction=0.12),
-    )
+    how = TorqueToForce(friction=0.12)
+    motosh = query(seed_surfaces, bolt="M12", torque=60.0, thickness=0.02, torque_to_force=how)
     assert motosh.force == pytest.approx(motosh_force(60.0, "M12", 0.12, 0.12))
     assert "Motosh" in motosh.force_from and "0.12" in motosh.force_from
     assert "force, thickness differ" in motosh.identified_note
@@ -89,59 +86,44 @@ def test_rows_of_two_models_are_never_mixed():
     assert len(JointSurfaces.fit(store, "other").rows) == 6
 
 
-def _run(*arguments: object) -> subprocess.CompletedProcess:
-    return subprocess.run(
-        [sys.executable, "-m", "fenics_joints", "database", *map(str, arguments)],
-        capture_output=True,
-        text=True,
-        timeout=120,
-    )
+def _run(words: str) -> subprocess.CompletedProcess:
+    command = [sys.executable, "-m", "fenics_joints", "database", *shlex.split(words)]
+    return subprocess.run(command, capture_output=True, text=True, timeout=120)
 
 
 @serial
 def test_command_adds_and_answers(tmp_path):
-    database, out = tmp_path / "own.db", tmp_path / "answer.json"
-    seed_database().export_csv(tmp_path / "rows.csv")
-    assert _run("add", "--db", database, "--csv", tmp_path / "rows.csv").returncode == 0
-    added = _run(
-        "add",
-        "--db",
-        database,
-        "--bolt",
-        "M12",
-        "--torque",
-        "96 N·m",
-        "--thickness",
-        "25 mm",
-        "--E",
-        "5 GPa",
-        "--nu",
-        0.25,
-        "--h",
-        "0.7 mm",
-    )
+    own, rows, out = (tmp_path / name for name in ("own.db", "rows.csv", "answer.json"))
+    seed_database().export_csv(rows)
+    assert _run(f"add --db {own} --csv {rows}").returncode == 0
+    joint = "--bolt M12 --torque '96 N·m' --thickness '25 mm'"
+    added = _run(f"add --db {own} {joint} --E '5 GPa' --nu 0.25 --h '0.7 mm'")
     assert added.returncode == 0 and "has 38 now" in added.stdout
-    asked = _run(
-        "query",
-        "--db",
-        database,
-        "--torque",
-        "96 N·m",
-        "--bolt",
-        "M12",
-        "--thickness",
-        "25 mm",
-        "--json",
-        out,
-    )
+    asked = _run(f"query --db {own} {joint} --json {out}")
     assert asked.returncode == 0, asked.stderr
     answer = json.loads(out.read_text())
     assert answer["force_N"] == pytest.approx(40e3) and answer["identified"]["E"] == 5e9
     assert answer["radius_m"]["low"] < 0.0502 < answer["radius_m"]["high"]
     assert "T = K d F" in asked.stdout and "mm" in asked.stdout
-    wrong = _run("query", "--torque", "96", "--bolt", "M12", "--thickness", "25 mm")
+    wrong = _run(f"query {joint.replace(' N·m', '')}")
     assert wrong.returncode == 1
     assert "error: --torque '96': expected a number with its unit" in wrong.stderr
+
+
+@serial
+def test_rows_and_what_the_others_predict_of_each(seed_surfaces):
+    """The table, its CSV and the JSON have the same numbers, those of the rows."""
+    rows = seed_surfaces.rows
+    document = rows_document("seed", rows, seed_surfaces)
+    table = next(b for b in document.blocks if isinstance(b, Table))
+    made = list(csv.DictReader(table.to_csv().splitlines()))
+    assert [float(row["radius"]) for row in made] == [j.radius for j in rows]
+    shown = float(table.rows[0].cells[table.keys.index("force")].text)
+    assert shown == pytest.approx(rows[0].force / 1e3, rel=1e-3)
+    left = document.data()["leave_one_out"]["radius"]
+    error = np.array(left["predicted"]) / [j.radius for j in rows] - 1
+    assert left["error"] == pytest.approx(error)
+    assert left["mean_absolute_error"] == pytest.approx(np.abs(error).mean())
 
 
 def test_an_uncertainty_without_bound_is_null_in_json():

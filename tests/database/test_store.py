@@ -169,21 +169,8 @@ def test_a_new_database_takes_no_other_place(tmp_path):
 @serial
 def test_text_is_no_formula_in_a_spreadsheet_and_comes_back(tmp_path):
     """What Excel and LibreOffice would run (OWASP, CSV injection), and what only looks like it."""
-    texts = [
-        '=cmd|"/C calc"!A0',
-        "@SUM(1+9)*cmd",
-        "-2+3",
-        "+1",
-        "\t=1",
-        " =1",
-        "'=1",
-        "''=1",
-        "\uff1d1",
-        "'",
-        "'s-Hertogenbosch",
-        "a=b",
-        "",
-    ]
+    texts = ['=cmd|"/C calc"!A0', "@SUM(1+9)*cmd", "-2+3", "+1", "\t=1", " =1", "'=1", "''=1"]
+    texts += ["\uff1d1", "'", "'s-Hertogenbosch", "a=b", ""]
     rows = [JointRow(diameter=0.012, radius=0.04, nu=-0.25, author=t or None) for t in texts]
     with Store(":memory:") as a, Store(":memory:") as b:
         a.add(rows)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import math
 import os
+import shlex
 import shutil
 import signal
 import subprocess
@@ -65,15 +66,8 @@ def test_ranks_share_a_sweep_and_a_failed_sample_stops_no_other(shared_tmp_path)
         again = sweep(SAMPLES, analyse, store, comm, model="law", settings={"factor": 1.5})
         assert (again.computed, again.finished_before) == (0, 12)
         assert again.failed == first.failed and not any(comm.allgather(calls))
-        sweep(
-            SAMPLES,
-            lambda s, **_: {"radius": 0.03},
-            store,
-            comm,
-            model="law",
-            settings={"factor": 1.5},
-            retry=True,
-        )
+        made = {"model": "law", "settings": {"factor": 1.5}, "retry": True}
+        sweep(SAMPLES, lambda s, **_: {"radius": 0.03}, store, comm, **made)
         assert len(store.joints()) == 16
 
 
@@ -94,25 +88,9 @@ def test_a_killed_sweep_goes_on_and_loses_or_repeats_nothing_finished(tmp_path):
     """Two ranks if there is mpirun, killed by SIGKILL amid a sample; then again to the end."""
     (tmp_path / "slow_analysis.py").write_text(_SLOW)
     database = tmp_path / "joints.db"
-    command = [
-        sys.executable,
-        "-m",
-        "fenics_joints",
-        "database",
-        "sweep",
-        "--db",
-        str(database),
-        "--bolt",
-        "M12",
-        "--force",
-        "10, 20, 30, 40 kN",
-        "--thickness",
-        "10, 20, 30 mm",
-        "--analysis",
-        "slow_analysis:analyse",
-        "--set",
-        f"folder={tmp_path}",
-    ]
+    words = f"database sweep --db {database} --bolt M12 --force '10, 20, 30, 40 kN' --thickness "
+    words += f"'10, 20, 30 mm' --analysis slow_analysis:analyse --set folder={tmp_path}"
+    command = [sys.executable, "-m", "fenics_joints", *shlex.split(words)]
     if shutil.which("mpirun"):
         command = ["mpirun", "-n", "2", *command]
     environment = {
@@ -127,13 +105,8 @@ def test_a_killed_sweep_goes_on_and_loses_or_repeats_nothing_finished(tmp_path):
             return store.joints()
 
     def start():
-        return subprocess.Popen(
-            command,
-            env=environment,
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.PIPE,
-            start_new_session=True,
-        )
+        pipes = {"stdout": subprocess.DEVNULL, "stderr": subprocess.PIPE}
+        return subprocess.Popen(command, env=environment, start_new_session=True, **pipes)
 
     run = start()
     end = time.monotonic() + 60

@@ -14,20 +14,8 @@ from fenics_joints.bayes.predictive import PredictiveCheck
 from fenics_joints.commands.bayes import pictures
 from fenics_joints.commands.bayes.model import CaseModel, HeldModes
 from fenics_joints.files import plain
-from fenics_joints.formatting import condition_value, hertz, number, percent, quantity
-from fenics_joints.report.document import (
-    Document,
-    Figure,
-    Folded,
-    Heading,
-    Items,
-    OnPage,
-    OnTerminal,
-    Table,
-    Text,
-    Verdict,
-    sentence,
-)
+from fenics_joints.formatting import condition_value, number, percent, quantity
+from fenics_joints.report import document as doc
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,15 +132,21 @@ class BayesReport:
         """Measured and predicted frequency of each mode, with its 90 % interval; held ones last."""
         if self.predicted is None:
             return []
-        rows = _rows(self.mode_names, self.measured_hz, self.predicted.hz, held=False)
-        held = self.predicted.held
+        groups, held = [(self.mode_names, self.measured_hz, self.predicted.hz)], self.predicted.held
         if held is not None:
-            rows += _rows(held.mode_names, held.measured_hz, held.predicted_hz, held=True)
+            groups.append((held.mode_names, held.measured_hz, held.predicted_hz))
+        rows = []
+        for is_held, (names, measured, draws) in zip((False, True), groups, strict=False):
+            low, median, high = np.quantile(draws, [0.05, 0.5, 0.95], axis=0)
+            columns = {"mode": names, "measured_hz": measured, "median_hz": median}
+            columns |= {"low_hz": low, "high_hz": high, "held": [is_held] * len(names)}
+            rows += doc.records(**columns)
         return rows
 
     def to_json(self) -> dict[str, object]:
         """The documented keys of ``update --bayes --json``."""
         found, (samples, burn_in) = self.predicted, self.samples
+        check, rival = (None, None) if found is None else (found.check, found.rival)
         return plain(
             {
                 "version": fenics_joints.__version__,
@@ -168,10 +162,8 @@ class BayesReport:
                 "likelihood": self.likelihood,
                 "doubts": self.doubts,
                 "frequencies": self.frequencies(),
-                "predictive_check": None if not found or not found.check else found.check.to_json(),
-                "independent_check": None
-                if not found or not found.rival
-                else found.rival.to_json(),
+                "predictive_check": check and check.to_json(),
+                "independent_check": rival and rival.to_json(),
                 "sampler": {
                     "name": self.chains.sampler,
                     "chains": self.settings.chains,
@@ -207,23 +199,25 @@ class BayesReport:
 # -- what is said of it ----------------------------------------------------------------------------
 
 
-def bayes_document(b: BayesReport) -> Document:
+def bayes_document(b: BayesReport) -> doc.Document:
     """What is said of a posterior."""
     name, value, unit = b.condition
     at = f"At {name} {condition_value(value, unit)}"
     sentences = [*b.answer(), *b.likelihood, *(f"but: {line}" for line in b.doubts)]
-    verdicts = [Verdict(at, [("", sentence(line)) for line in sentences])]
+    verdicts = [doc.Verdict(at, [("", doc.sentence(line)) for line in sentences])]
     if b.failure is not None:
         failed = [
             "The chains have not found the posterior, and nothing is predicted from them.",
-            *map(sentence, b.chains.problems),
+            *map(doc.sentence, b.chains.problems),
             b.advice,
         ]
         verdicts = [
-            Verdict("Not converged: not to be used", [("", line) for line in failed], style="bad"),
-            *(Text(line) for line in sentences),
+            doc.Verdict(
+                "Not converged: not to be used", [("", line) for line in failed], style="bad"
+            ),
+            *(doc.Text(line) for line in sentences),
         ]
-    return Document(
+    return doc.Document(
         b.title,
         "posterior",
         "Bayesian identification from measured frequencies",
@@ -240,34 +234,35 @@ def bayes_document(b: BayesReport) -> Document:
 
 def _values(b: BayesReport) -> list:
     state = "What the chains have so far" if b.failure else "What is known now"
-    table = Table(
-        "quantity | >mean | >s.d. | >5 % | >95 % | >R-hat | >ESS, bulk | >ESS, tail",
+    keys = ("mean", "sd", "low", "high", "rhat", "ess_bulk", "ess_tail")
+    table = doc.Table.of(
+        [
+            row | {key: doc.Cell(in_words(row, key), value=plain(row[key])) for key in keys}
+            for row in b.rows()
+        ],
+        "name: quantity | mean: >mean | sd: >s.d. | low: >5 % | high: >95 % | rhat: >R-hat | "
+        "ess_bulk: >ESS, bulk | ess_tail: >ESS, tail",
         caption=f"{'Draws that are not yet the posterior' if b.failure else 'Posterior'}; R-hat at "
         "most 1.01 and at least 400 effective draws mean that the chains agree",
         id="values",
     )
-    for row in b.rows():
-        numbers = (in_words(row, key) for key in ("mean", "sd", "low", "high", "rhat"))
-        table.add(row["name"], *numbers, *(f"{row[key]:.0f}" for key in ("ess_bulk", "ess_tail")))
-    shown = pictures.Shown(b.chains, b.units)
     return [
-        Heading(state, "parameters"),
+        doc.Heading(state, "parameters"),
         table,
-        Figure(shown.pairs, "Draws of each two quantities."),
+        doc.Figure(lambda: pictures.pairs(b.chains, b.units), "Draws of each two quantities."),
     ]
 
 
 def _predictions(b: BayesReport) -> list:
     found = b.predicted
-    table = Table(
-        "mode | >measured, Hz | >median, Hz | >5 % | >95 %",
+    rows = [r | {"mode": r["mode"] + ", held out" * r["held"]} for r in b.frequencies()]
+    table = doc.Table.of(
+        rows,
+        "mode: mode | measured_hz: >measured, Hz | median_hz: >median, Hz | low_hz: >5 % | "
+        "high_hz: >95 %",
         caption=f"Frequencies of {'new specimens' if found.check else 'the structure'}",
         id="frequencies",
     )
-    for row in b.frequencies():
-        keys = ("measured_hz", "median_hz", "low_hz", "high_hz")
-        name = f"{row['mode']}, held out" if row["held"] else row["mode"]
-        table.add(name, *(hertz(row[key]) for key in keys))
     held = ""
     if found.held is not None:
         held = (
@@ -276,9 +271,9 @@ def _predictions(b: BayesReport) -> list:
         )
     measured = (b.mode_names, b.measured_hz, b.measured_sd)
     blocks = [
-        Heading("What it predicts", "predicted"),
+        doc.Heading("What it predicts", "predicted"),
         table,
-        Figure(
+        doc.Figure(
             lambda: pictures.frequencies(*measured, found.hz, found.held),
             f"Predicted frequencies: 90 % (thin), half (thick) and the median.{held}",
         ),
@@ -291,14 +286,14 @@ def _predictions(b: BayesReport) -> list:
     both = (found.check, found.rival)
     return [
         *blocks,
-        OnTerminal([Text(f"- {line}") for line in b.sentences()]),
-        Items(b.sentences()),
-        Figure(
+        doc.OnTerminal([doc.Text(f"- {line}") for line in b.sentences()]),
+        doc.Items(b.sentences()),
+        doc.Figure(
             lambda: pictures.correlations(*both),
             "Correlation of each two modes' frequencies over the specimens, and of as many new "
             f"ones as the posterior has them (medians){rival}.",
         ),
-        Figure(
+        doc.Figure(
             lambda: pictures.scatter(*both),
             "Scatter and correlation of new sets of specimens beside those of the measured one.",
         ),
@@ -306,30 +301,29 @@ def _predictions(b: BayesReport) -> list:
 
 
 def _chains(b: BayesReport) -> list:
-    shown = pictures.Shown(b.chains, b.units)
     figures = [
-        Figure(
-            shown.traces,
+        doc.Figure(
+            lambda: pictures.traces(b.chains, b.units),
             "Draws in their order, a colour for each chain: chains that agree lie on each other.",
         ),
-        Figure(
-            shown.effective,
+        doc.Figure(
+            lambda: pictures.effective(b.chains, b.units),
             "How many independent draws the chains are worth at each quantile: the dashed line is "
             "400.",
         ),
     ]
-    heading = Heading("Whether the chains can be believed", "chains")
+    heading = doc.Heading("Whether the chains can be believed", "chains")
     if b.failure is not None:
         return [heading, *figures]
-    folded = Folded("Draws of every chain, and effective draws by quantile", figures)
+    folded = doc.Folded("Draws of every chain, and effective draws by quantile", figures)
     words = "R-hat and effective draws of all quantities are in the table at the top."
-    return [heading, OnPage([Text(words)]), folded]
+    return [heading, doc.OnPage([doc.Text(words)]), folded]
 
 
 def _basis(b: BayesReport) -> list:
     """What the posterior rests on."""
     model, (samples, burn_in), least = b.model, b.samples, 1e-6
-    table = Table(" | ", id="model")
+    table = doc.Table(" | ", id="model")
     for line in b.prior:
         table.add("prior", line)
     table.add(
@@ -347,33 +341,18 @@ def _basis(b: BayesReport) -> list:
         words = f"at {model.check.n_missing} of its points the model lacks a mode that the test saw"
         table.add("prior", words)
     return [
-        OnTerminal([Text(f"{b.chains.sampler}; {b.settings.chains} chains", "note")]),
-        OnPage([Heading("What this rests on", "rests-on"), table]),
+        doc.OnTerminal([doc.Text(f"{b.chains.sampler}; {b.settings.chains} chains", "note")]),
+        doc.OnPage([doc.Heading("What this rests on", "rests-on"), table]),
     ]
 
 
 def in_words(row: dict, key: str) -> str:
     """A number of a row of quantities with its unit; ratios other than correlations in per cent."""
+    value, digits = row[key], 3 if key == "sd" else 4
+    if key.startswith("ess"):
+        return f"{value:.0f}"
     if key == "rhat":
-        return f"{row[key]:.3f}" if row[key] < 10 else number(row[key])
-    digits = 3 if key == "sd" else 4
+        return f"{value:.3f}" if value < 10 else number(value)
     if row["unit"]:
-        return quantity(row[key], row["unit"], digits)
-    if row["name"].startswith("correlation"):
-        return f"{row[key]:.2f}"
-    return f"{number(100 * row[key], 3)} %"
-
-
-def _rows(names, measured, draws, *, held: bool) -> list[dict]:
-    low, median, high = np.quantile(draws, [0.05, 0.5, 0.95], axis=0)
-    return [
-        {
-            "mode": name,
-            "measured_hz": measured[i],
-            "median_hz": median[i],
-            "low_hz": low[i],
-            "high_hz": high[i],
-            "held": held,
-        }
-        for i, name in enumerate(names)
-    ]
+        return quantity(value, row["unit"], digits)
+    return f"{value:.2f}" if row["name"].startswith("correlation") else f"{number(100 * value)} %"

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from functools import partial
+from itertools import cycle
 
 import numpy as np
-from matplotlib.figure import Figure as MatplotlibFigure
 
 from fenics_joints.commands.harmonic.model import SENSOR
 from fenics_joints.commands.harmonic.result import HarmonicReport
@@ -13,25 +13,15 @@ from fenics_joints.commands.harmonic.stability import LevelStability
 from fenics_joints.commands.harmonic.view import peak_shapes, response_view
 from fenics_joints.formatting import MISSING, hertz, number, percent, quantity
 from fenics_joints.harmonic import IdentificationResult
-from fenics_joints.report.document import (
-    Cell,
-    Document,
-    Figure,
-    Heading,
-    Keys,
-    OnPage,
-    Table,
-    Text,
-    View,
-    sentence,
-)
+from fenics_joints.report import document as doc
 from fenics_joints.report.style import INK, SERIES, drawing, to_svg
 
-#: A misfit this many times the noise is spoken of.
+#: Times the noise from which a misfit of the mode over its amplitude is noted; chosen: no result
+#: depends on it.
 _WIDE = 1.5
 
 
-def harmonic_document(r: HarmonicReport) -> Document:
+def harmonic_document(r: HarmonicReport) -> doc.Document:
     """What is said of nonlinear frequency responses."""
     model = r.built.model
     points = ", ".join(f"{p.name} {len(p)}" for p in model.interfaces)
@@ -42,75 +32,78 @@ def harmonic_document(r: HarmonicReport) -> Document:
         notes.append("some responses turn back in frequency: a swept test would jump there")
     if r.backbone_note is not None:
         notes.append(r.backbone_note)
-    return Document(
+    keys = [
+        ("rest", rest, "mode at rest"),
+        ("dofs", r.built.n_dofs, f"degrees of freedom, {model.n_dofs} after reduction"),
+        ("points", sum(map(len, model.interfaces)), f"points of joints: {points}"),
+    ]
+    return doc.Document(
         r.case.name,
         f"response to {r.title}",
         f"Response to {r.title}",
         [
-            Keys(
-                [
-                    ("rest", rest, "mode at rest"),
-                    ("dofs", r.built.n_dofs, f"degrees of freedom, {model.n_dofs} after reduction"),
-                    (
-                        "points",
-                        sum(len(p) for p in model.interfaces),
-                        f"points of joints: {points}",
-                    ),
-                ]
-            ),
+            doc.Keys(keys),
             *_peaks(r),
-            *(Text(sentence(note), "note") for note in (*notes, *r.slider_notes)),
-            OnPage(lambda: _scene(r)),
+            *_notes([*notes, *r.slider_notes]),
+            doc.OnPage(lambda: _scene(r)),
             *_modes(r),
             *_stability_blocks(r),
             *_identified(r),
             *_predictions(r),
-            OnPage(lambda: _charts(r)),
+            doc.OnPage(lambda: _charts(r)),
         ],
         r.to_json,
     )
 
 
+def _notes(lines) -> list[doc.Text]:
+    return [doc.Text(doc.sentence(line), "note") for line in lines]
+
+
+def _written(key: str, value) -> str | doc.Cell:
+    """A number of nonlinear responses by its key."""
+    if isinstance(value, float) and key.endswith("hz"):
+        return f"{value:.3f}"
+    if key.endswith(("damping", "damping_ratio")):
+        return percent(value)
+    if key.endswith("_error"):
+        return percent(value, sign=key != "mean_error")
+    return doc.by_unit(key, value)
+
+
+def _level(value: float, unit: str) -> doc.Cell:
+    """A level of the force or of the base's motion, or a displacement."""
+    return doc.Cell(quantity(value, unit), kind="nowrap", value=value)
+
+
 def _peaks(r: HarmonicReport) -> list:
-    measured = [">test, Hz", f">test, {r.unit}"] if r.curves is not None else []
-    table = Table(
-        [
-            r.drive,
-            ">peak, Hz",
-            f">{r.kind}, {r.unit}",
-            ">damping",
-            ">in joints, per cycle",
-            ">displacement",
-            *measured,
-        ],
-        id="peaks",
-        page_columns=1 + len(measured),
-    )
+    rows = []
     for f in r.facts:
-        cells = [MISSING] * len(measured)
-        if measured and f.measured is not None:
-            errors = (f.frequency_hz / f.measured_hz - 1, f.amplitude / f.measured - 1)
-            hz, amplitude = (percent(error, sign=True) for error in errors)
-            cells = [f"{f.measured_hz:.3f} ({hz})", f"{number(f.measured, 4)} ({amplitude})"]
-        table.add(
-            _level(r, f.level),
-            f"{f.frequency_hz:.3f}",
-            number(f.amplitude, 4),
-            percent(f.damping_ratio),
-            quantity(max(sum(f.joint_energy.values()), 0.0), "J"),
-            quantity(f.displacement, "m"),
-            *cells,
-        )
+        energy = max(sum(f.joint_energy_j.values()), 0.0)
+        row = r.record(f) | {"level": _level(f.level, r.level_unit), "joint_energy_j": energy}
+        row["peak"] = doc.Cell(number(f.peak, 4), value=f.peak)
+        if r.curves is not None:
+            row |= {"test_hz": MISSING, "test": MISSING}
+        if f.measured_peak is not None:
+            hz, peak = f.peak_hz / f.measured_peak_hz - 1, f.peak / f.measured_peak - 1
+            row["test_hz"] = f"{f.measured_peak_hz:.3f} ({percent(hz, sign=True)})"
+            row["test"] = f"{number(f.measured_peak, 4)} ({percent(peak, sign=True)})"
+        rows.append(row)
+    table = doc.Table.of(
+        rows,
+        f"level: {r.drive} | peak_hz: >peak, Hz | peak: >{r.kind}, {r.unit} | "
+        "damping_ratio: >damping | joint_energy_j: >in joints, per cycle | "
+        f"peak_displacement_m: >displacement | test_hz: >test, Hz | test: >test, {r.unit}",
+        write=_written,
+        id="peaks",
+        on_page=("peak_displacement_m", "test_hz", "test"),
+    )
     words = "Damping is the work of the force in a cycle over 4π times the kinetic energy."
-    if measured:
+    if r.curves is not None:
         words += (
             " The last columns are the highest measured responses, in brackets the model's error."
         )
-    return [Heading("Peaks"), OnPage([Text(words)]), table]
-
-
-def _level(r: HarmonicReport, level: float) -> Cell:
-    return Cell(quantity(level, r.level_unit), kind="nowrap")
+    return [doc.Heading("Peaks"), doc.OnPage([doc.Text(words)]), table]
 
 
 def _scene(r: HarmonicReport) -> list | None:
@@ -125,27 +118,30 @@ def _scene(r: HarmonicReport) -> list | None:
         "At the highest level's peak, by the first harmonic; colour: motion along the sensor's "
         "direction. Motion is enlarged."
     )
-    return [Heading("The structure at its peaks"), View(view, [Figure(still, caption)])]
+    return [doc.Heading("The structure at its peaks"), doc.View(view, [doc.Figure(still, caption)])]
 
 
 def _modes(r: HarmonicReport) -> list:
     """The mode at the peaks' displacements, by each method."""
     if r.static_backbone is None:
         return []
-    names = [name for method in r.mode_methods for name in (f">{method}, Hz", ">damping")]
-    table = Table(["displacement", *names], id="modes")
-    for displacement, found in r.mode_rows():
-        words = [(f"{at[0]:.3f}", percent(at[1])) if at else (MISSING, MISSING) for at in found]
-        first = Cell(quantity(displacement, "m"), kind="nowrap")
-        table.add(first, *(word for pair in words for word in pair))
+    static = f"quasi-static, {r.case.harmonic.quasi_static}"
+    rows = r.mode_records()
+    table = doc.Table.of(
+        [row | {"displacement": _level(row["displacement_m"], "m")} for row in rows],
+        "displacement: displacement | periodic_hz: >periodic (EPMC), Hz | "
+        f"periodic_damping: >damping | static_hz: >{static}, Hz | static_damping: >damping",
+        write=_written,
+        id="modes",
+    )
     how = (
         "At the displacements of the peaks: periodic motion (EPMC) beside static loads of the "
         "mode's inertia, whose damping is by Masing's rule or, in contacts, by loops."
     )
-    blocks = [Heading("Mode over amplitude"), OnPage([Text(how)]), table]
+    blocks = [doc.Heading("Mode over amplitude"), doc.OnPage([doc.Text(how)]), table]
     if r.static_backbone.end != "reached":
         words = "Under static loads the joint gives way before the highest amplitude."
-        blocks.append(Text(words))
+        blocks.append(doc.Text(words))
     return blocks
 
 
@@ -159,18 +155,23 @@ def _stability_blocks(r: HarmonicReport) -> list:
         "point, of twice the period at a period doubling; at a Neimark-Sacker bifurcation the "
         "motion begins to beat."
     )
-    table = Table(
-        [r.drive, "bifurcation", ">Hz", ">displacement", ">growing", "branch"], id="bifurcations"
-    )
+    rows = []
     for found in r.stability:
-        rows = found.rows()
-        for words in rows:
-            table.add(_level(r, found.level), *words)
-        if not rows:
-            every = "all" if found.stability.stable.all() else "not all"
-            table.add(_level(r, found.level), f"none; {every} responses are stable")
-    notes = [Text(sentence(note), "note") for found in r.stability for note in found.notes]
-    return [Heading("Stability"), OnPage([Text(how)]), table, *notes]
+        every = "all" if found.stability.stable.all() else "not all"
+        none = {"kind": f"none; {every} responses are stable", "branch": ""}
+        level = {"level": _level(found.level, r.level_unit)}
+        for row in found.records() or [none]:
+            growing = ", ".join(map(str, row.get("unstable", ())))
+            rows.append(row | level | {"unstable": growing})
+    table = doc.Table.of(
+        rows,
+        f"level: {r.drive} | kind: bifurcation | frequency_hz: >Hz | "
+        "displacement_m: >displacement | unstable: >growing | branch: branch",
+        write=lambda key, value: "" if value is None else doc.by_unit(key, value),
+        id="bifurcations",
+    )
+    notes = _notes(note for found in r.stability for note in found.notes)
+    return [doc.Heading("Stability"), doc.OnPage([doc.Text(how)]), table, *notes]
 
 
 def _identified(r: HarmonicReport) -> list:
@@ -182,69 +183,57 @@ def _identified(r: HarmonicReport) -> list:
     if first.mode is not None:
         weight = f", and {percent(first.noise)} for each standard deviation of the mode over its "
         weight += "amplitude"
-    table = Table(
-        "parameter | >start | >found | >s.d. | method | >objective at start | >at end | "
-        ">responses | >solutions",
+    table = doc.Table.of(
+        [row for found in r.identified for row in r.parameter_records(found)],
+        "parameter: parameter | start: >start | value: >found | sd: >s.d. | method: method | "
+        "start_objective: >objective at start | objective: >at end | evaluations: >responses | "
+        "solutions: >solutions",
+        write=lambda key, x: f"{x:.4f}" if key.endswith("objective") else doc.by_unit(key, x),
         id="identified",
     )
-    for found in r.identified:
-        for row in r.parameter_rows(found):
-            table.add(
-                *row,
-                found.method,
-                f"{found.start_objective:.3f}",
-                f"{found.objective:.4f}",
-                str(found.evaluations),
-                str(found.solutions),
-            )
     notes = []
     if left := last.undetermined:
         notes.append(f"not determined by these data: {', '.join(left)}")
+    amplitude = doc.Table.of(
+        mode_records(last),
+        "displacement_m: >displacement | test_hz: >test, Hz | model_hz: >model, Hz | "
+        "test_damping: >test, damping | model_damping: >model",
+        write=_written,
+    )
     return [
-        Heading("Identified"),
-        Text(
+        doc.Heading("Identified"),
+        doc.Text(
             f"Identified from {_source(first)}: the objective is the sum of relative errors near "
             f"the peak{weight}; a response is the curve at all its selected frequencies, a "
             "solution one of them; s.d. is from the data alone."
         ),
         table,
-        *_amplitude_table(last),
-        *(Text(sentence(note), "note") for note in (*notes, *_mode_notes(last))),
+        *([amplitude] if amplitude.rows else []),
+        *_notes([*notes, *_mode_notes(last)]),
     ]
-
-
-def _amplitude_table(found: IdentificationResult) -> list[Table]:
-    """The measured mode beside the identified one."""
-    table = Table(">displacement | >test, Hz | >model, Hz | >test, damping | >model")
-    for displacement, hz, made, zeta, ratio in mode_rows(found):
-        hertzes = (f"{hz:.3f}", f"{made:.3f}")
-        table.add(quantity(displacement, "m"), *hertzes, percent(zeta), percent(ratio))
-    return [table] if table.rows else []
 
 
 def _predictions(r: HarmonicReport) -> list:
     """How far the model is from every measured curve."""
     if not r.predictions:
         return []
-    table = Table(
-        [">measured at", "", ">peak, Hz", ">error", f">peak, {r.unit}", ">error", ">mean error"],
+    rows, fitted = [], r.fitted_levels
+    for p in r.predictions:
+        (hz, peak), _ = p.peaks
+        word = "fitted" if p.level in fitted else "predicted"
+        row = {"level": _level(p.level, "N"), "use": word if fitted else "", "peak_hz": hz}
+        row["peak"] = doc.Cell(number(peak, 4), value=peak)
+        keys = ("frequency_error", "amplitude_error", "mean_error")
+        rows.append(row | {key: getattr(p, key) for key in keys})
+    table = doc.Table.of(
+        rows,
+        "level: >measured at | use: | peak_hz: >peak, Hz | frequency_error: >error | "
+        f"peak: >peak, {r.unit} | amplitude_error: >error | mean_error: >mean error",
+        write=_written,
         caption="Mean error: of the amplitudes near the peak",
         id="predictions",
     )
-    fitted = r.fitted_levels
-    for p in r.predictions:
-        (hz, amplitude), _ = p.peaks
-        word = "fitted" if p.level in fitted else "predicted"
-        table.add(
-            Cell(quantity(p.level, "N"), kind="nowrap"),
-            word if fitted else "",
-            f"{hz:.3f}",
-            percent(p.frequency_error, sign=True),
-            number(amplitude, 4),
-            percent(p.amplitude_error, sign=True),
-            percent(p.mean_error),
-        )
-    return [Heading("Against the measured curves"), table]
+    return [doc.Heading("Against the measured curves"), table]
 
 
 def _source(found: IdentificationResult) -> str:
@@ -293,8 +282,8 @@ def _mode_notes(found: IdentificationResult) -> list[str]:
     return [*notes, *found.mode.measured.notes]
 
 
-def mode_rows(found: IdentificationResult) -> list[tuple[float, float, float, float, float]]:
-    """Displacement, m; measured and computed frequency, Hz, and damping ratio, at each amplitude.
+def mode_records(found: IdentificationResult) -> list[dict]:
+    """Displacement, measured and computed frequency and damping ratio at each amplitude.
 
     The computed ones with what the model lacks at rest.
     """
@@ -303,14 +292,13 @@ def mode_rows(found: IdentificationResult) -> list[tuple[float, float, float, fl
     points, measured = found.responses[-1], found.mode.measured
     hz = 1.0 + getattr(found.offsets.get("frequency at rest"), "value", 0.0)
     more = getattr(found.offsets.get("damping at rest"), "value", 0.0)
-    columns = (
-        found.mode.displacements,
-        measured.frequencies_hz,
-        hz * points.frequencies_hz,
-        measured.damping,
-        more + points.damping_ratios,
+    return doc.records(
+        displacement_m=found.mode.displacements,
+        test_hz=measured.frequencies_hz,
+        model_hz=hz * points.frequencies_hz,
+        test_damping=measured.damping,
+        model_damping=more + points.damping_ratios,
     )
-    return list(zip(*(column.tolist() for column in columns), strict=True))
 
 
 # -- charts ----------------------------------------------------------------------------------------
@@ -325,49 +313,36 @@ def _charts(r: HarmonicReport) -> list:
     drawn = {"Response at the levels of force": partial(responses_chart, r)}
     if r.backbone is not None or r.static_backbone is not None:
         drawn["Frequency and damping over amplitude"] = partial(over_amplitude, r)
-    for name, made in loops[-1].items():
-        drawn[f"Hysteresis in {name}"] = partial(loops_chart, r, loops, name)
-        points = next(p for p in r.built.model.interfaces if p.name == name)
+    for points in r.built.model.interfaces:
+        drawn[f"Hysteresis in {points.name}"] = partial(loops_chart, r, loops, points)
         if points.points is not None:
-            drawn[f"Where {name} slips"] = partial(interface_map, r, points, made)
-    return [b for words, draw in drawn.items() for b in (Heading(words), Figure(draw))]
+            made = loops[-1][points.name]
+            drawn[f"Where {points.name} slips"] = partial(interface_map, r, points, made)
+    return [b for words, draw in drawn.items() for b in (doc.Heading(words), doc.Figure(draw))]
 
 
 def responses_chart(r: HarmonicReport) -> str:
     """Amplitude over frequency, by level, with the backbone and what was measured."""
     with drawing(7.6, 4.4) as figure:
         axes = figure.subplots()
-        for shade, response, f in zip(_cycle(), r.responses, r.facts, strict=False):
+        for shade, response, f in zip(cycle(SERIES), r.responses, r.facts, strict=False):
             amplitude = response.amplitude(SENSOR, r.kind)
             label = quantity(f.level, r.level_unit)
             axes.plot(response.frequencies_hz, amplitude, color=shade, lw=1.6, label=label)
-            axes.plot(f.frequency_hz, f.amplitude, "o", color=shade, ms=4)
+            axes.plot(f.peak_hz, f.peak, "o", color=shade, ms=4)
             for found in r.stability:
                 if found.level == f.level:
                     _stability(axes, found, response, amplitude, r.kind, shade)
-            if f.measured is not None:
-                hz, measured = r.curves.at(f.level)
-                axes.plot(hz, measured, "x", color=shade, ms=5)
-        low, high = axes.get_xlim()
-        top = axes.get_ylim()[1]
-        if r.backbone is not None:
-            b = r.backbone
-            axes.plot(
-                b.frequencies_hz,
-                b.amplitude(SENSOR, r.kind),
-                color=INK,
-                lw=1.0,
-                ls=(0, (4, 3)),
-                label="backbone",
-            )
-        axes.set(
-            xlim=(low, high),
-            ylim=(0, top),
-            xlabel="frequency, Hz",
-            ylabel=f"{r.kind} at the sensor{r.relative}, {r.unit}",
-        )
+            if f.measured_peak is not None:
+                axes.plot(*r.curves.at(f.level), "x", color=shade, ms=5)
+        limits, top = axes.get_xlim(), axes.get_ylim()[1]
+        if (b := r.backbone) is not None:
+            line = {"color": INK, "lw": 1.0, "ls": (0, (4, 3)), "label": "backbone"}
+            axes.plot(b.frequencies_hz, b.amplitude(SENSOR, r.kind), **line)
+        ylabel = f"{r.kind} at the sensor{r.relative}, {r.unit}"
+        axes.set(xlim=limits, ylim=(0, top), xlabel="frequency, Hz", ylabel=ylabel)
         axes.legend(loc="best", title="x: measured" if r.curves is not None else None)
-        peaks = "; ".join(f"{f.level:g} N: {f.frequency_hz:.3f} Hz" for f in r.facts)
+        peaks = "; ".join(f"{f.level:g} N: {f.peak_hz:.3f} Hz" for f in r.facts)
         return to_svg(figure, "responses", f"Response over frequency. Peaks at {peaks}.")
 
 
@@ -382,61 +357,60 @@ def _stability(axes, found: LevelStability, response, amplitude, kind: str, shad
         axes.plot(made.frequencies_hz, made.amplitude(SENSOR, kind), color=shade, lw=1.2, ls=":")
 
 
-def _cycle():
-    while True:
-        yield from SERIES
-
-
 def over_amplitude(r: HarmonicReport) -> str:
     """Frequency and damping of the mode over its amplitude, with the levels' peaks."""
-    both = [r.backbone, r.static_backbone]
-    b = next(found for found in both if found is not None)
-    x = b.amplitude()
+    both = [b for b in (r.backbone, r.static_backbone) if b is not None]
+    tested = mode_records(r.identified[-1]) if r.identified else []
+    crosses = {key: [row[key] for row in tested] for key in tested[0]} if tested else {}
     with drawing(7.6, 3.2) as figure:
-        left, right = figure.subplots(1, 2)
-        lines = {"color": "#2b7bba"}, {"color": INK, "ls": "--"}
-        for found, line in zip(both, lines, strict=True):
-            if found is not None:
-                a, name = found.amplitude(), found.method.replace("epmc", "periodic")
-                left.semilogx(a, found.frequencies_hz, lw=1.6, label=name, **line)
-                right.semilogx(a, 100 * found.damping_ratios, lw=1.6, **line)
-        for axes in (left, right):
-            axes.set_xlabel("displacement at the sensor, m")
-        if None not in both:
-            left.legend(loc="best")
-        for shade, f in zip(_cycle(), r.facts, strict=False):
-            left.plot(f.displacement, f.frequency_hz, "o", color=shade, ms=4.5)
-            right.plot(f.displacement, 100 * f.damping_ratio, "o", color=shade, ms=4.5)
-        tested = np.array(mode_rows(r.identified[-1]) if r.identified else []).reshape(-1, 5)
-        left.plot(tested[:, 0], tested[:, 1], "x", color=INK, ms=5)
-        right.plot(tested[:, 0], 100 * tested[:, 3], "x", color=INK, ms=5)
-        left.set_ylabel("frequency, Hz")
-        right.set_ylabel("damping ratio, %")
-        left.ticklabel_format(axis="y", useOffset=False)
-        hz, zeta = b.frequencies_hz, b.damping_ratios
+        for axes, values, peak, key, factor, words in zip(
+            figure.subplots(1, 2),
+            ("frequencies_hz", "damping_ratios"),
+            ("peak_hz", "damping_ratio"),
+            ("test_hz", "test_damping"),
+            (1, 100),
+            ("frequency, Hz", "damping ratio, %"),
+            strict=True,
+        ):
+            for b in both:
+                line = (
+                    {"color": INK, "ls": "--"} if b is r.static_backbone else {"color": SERIES[0]}
+                )
+                label = b.method.replace("epmc", "periodic")
+                axes.semilogx(b.amplitude(), factor * getattr(b, values), label=label, **line)
+            for shade, f in zip(cycle(SERIES), r.facts, strict=False):
+                at = f.peak_displacement_m, factor * getattr(f, peak)
+                axes.plot(*at, "o", color=shade, ms=4.5)
+            if tested:
+                test = factor * np.array(crosses[key], dtype=float)
+                axes.plot(crosses["displacement_m"], test, "x", color=INK, ms=5)
+            axes.set(xlabel="displacement at the sensor, m", ylabel=words)
+            axes.ticklabel_format(axis="y", useOffset=False)
+        if len(both) > 1:
+            figure.axes[0].legend(loc="best")
+        x, hz, zeta = both[0].amplitude(), both[0].frequencies_hz, both[0].damping_ratios
         alt = (
             f"Over displacements from {quantity(x[0], 'm')} to {quantity(x[-1], 'm')} the "
             f"frequency goes from {hz[0]:.3f} to {hz[-1]:.3f} Hz, the damping from "
             f"{percent(zeta[0])} to {percent(zeta[-1])}."
         )
-        if len(tested):
+        if tested:
             alt += " Crosses: the test."
         if r.backbone_note is not None:
-            alt += f" {r.backbone_note[0].upper()}{r.backbone_note[1:]}."
+            alt += f" {doc.sentence(r.backbone_note)}"
         return to_svg(figure, "amplitude", alt)
 
 
-def loops_chart(r: HarmonicReport, loops: list[dict], name: str) -> str:
+def loops_chart(r: HarmonicReport, loops: list[dict], points) -> str:
     """Stress over strain at the point that dissipates most, at the peak of every level."""
-    points = next(p for p in r.built.model.interfaces if p.name == name)
-    at = int(np.argmax(loops[-1][name].dissipation))
-    made = loops[-1][name]
+    name, made = points.name, loops[-1][points.name]
+    at = int(np.argmax(made.dissipation))
     work = np.abs(np.ptp(made.strain[at], axis=0) * np.ptp(made.stress[at], axis=0))
     component = int(np.argmax(work))
     normal = points.normal and component == 0
     with drawing(7.6, 3.4) as figure:
         axes = figure.subplots()
-        for shade, level, f in zip(_cycle(), loops, r.facts, strict=False):
+        for shade, level, f in zip(cycle(SERIES), loops, r.facts, strict=False):
             strain, stress = (
                 np.append(a[at, :, component], a[at, 0, component])
                 for a in (level[name].strain, level[name].stress)
@@ -445,10 +419,8 @@ def loops_chart(r: HarmonicReport, loops: list[dict], name: str) -> str:
             axes.plot(strain, stress / 1e3, color=shade, lw=1.5, label=label)
         layer = name in r.case.joints
         words = ("normal strain", "shear strain") if layer else ("opening, m", "slip, m")
-        axes.set(
-            xlabel=words[0] if normal else words[1],
-            ylabel=f"{'normal' if normal else 'shear'} stress, kPa",
-        )
+        kind = "normal" if normal else "shear"
+        axes.set(xlabel=words[0 if normal else 1], ylabel=f"{kind} stress, kPa")
         axes.legend(loc="best")
         place = "" if points.points is None else _place(points.points[at])
         return to_svg(figure, f"loops-{name}", f"Loops at the point of most dissipation{place}.")
@@ -459,20 +431,25 @@ def _place(point: np.ndarray) -> str:
 
 
 def interface_map(r: HarmonicReport, points, made) -> str:
-    """Slip and dissipation over an interface at the highest level's peak."""
-    spread = np.ptp(points.points, axis=0)
+    """Slip and dissipation over an interface at the highest level's peak: in plan, or along it."""
+    x, spread = 1e3 * points.points, np.ptp(points.points, axis=0)
     along, across = np.argsort(-spread)[:2]
-    plan = spread[across] > 1e-3 * spread[along]
+    plan, order = spread[across] > 1e-3 * spread[along], np.argsort(x[:, along])
     per = "m²" if points.name in r.case.contacts else "m³"
+    shown = {
+        "slip, m" if per == "m²" else "shear strain": made.slip_amplitude,
+        f"energy per cycle, J/{per}": made.dissipation,
+    }
     with drawing(7.6, 3.0) as figure:
-        pair = figure.subplots(1, 2)
-        shown = (
-            (pair[0], made.slip_amplitude, "slip, m" if per == "m²" else "shear strain"),
-            (pair[1], made.dissipation, f"energy per cycle, J/{per}"),
-        )
-        for axes, values, words in shown:
-            (_plan if plan else _line)(figure, axes, 1e3 * points.points, along, across, values)
-            axes.set_title(words)
+        for axes, (words, values) in zip(figure.subplots(1, 2), shown.items(), strict=True):
+            axes.set(title=words, xlabel=f"{'xyz'[along]}, mm")
+            if plan:
+                flat = x[:, along], x[:, across]
+                drawn = axes.tripcolor(*flat, values, shading="gouraud", rasterized=True)
+                figure.colorbar(drawn, ax=axes, location="bottom", shrink=0.8)
+                axes.set(ylabel=f"{'xyz'[across]}, mm", aspect="equal")
+            else:
+                axes.plot(x[order, along], values[order], color=SERIES[0], lw=1.4)
         worst = int(np.argmax(made.dissipation))
         return to_svg(
             figure,
@@ -480,15 +457,3 @@ def interface_map(r: HarmonicReport, points, made) -> str:
             f"Slip and dissipation over {points.name} at {r.facts[-1].level:g} N; most energy"
             f"{_place(points.points[worst])}.",
         )
-
-
-def _plan(figure: MatplotlibFigure, axes, x, along, across, values) -> None:
-    shown = axes.tripcolor(x[:, along], x[:, across], values, shading="gouraud", rasterized=True)
-    figure.colorbar(shown, ax=axes, location="bottom", shrink=0.8)
-    axes.set(xlabel=f"{'xyz'[along]}, mm", ylabel=f"{'xyz'[across]}, mm", aspect="equal")
-
-
-def _line(figure: MatplotlibFigure, axes, x, along, across, values) -> None:
-    order = np.argsort(x[:, along])
-    axes.plot(x[order, along], values[order], color=SERIES[0], lw=1.4)
-    axes.set_xlabel(f"{'xyz'[along]}, mm")

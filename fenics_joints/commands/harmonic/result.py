@@ -22,6 +22,7 @@ from fenics_joints.harmonic import (
     slider_ranges,
 )
 from fenics_joints.measurements.curves import UNITS, MeasuredCurves
+from fenics_joints.report.document import Cell
 
 #: What became of a backbone that was not followed to the highest amplitude.
 _ENDS = {
@@ -33,46 +34,31 @@ _ENDS = {
 
 @dataclass(frozen=True)
 class LevelFacts:
-    """What is said of one level.
+    """What is said of one level; the names are those in the JSON file.
 
     Attributes:
         level: Amplitude of the force, N, or of the base's motion, m/s2 or m.
-        frequency_hz: Of the highest response, Hz.
-        amplitude: The highest response, in SI units of the case's kind.
-        displacement: The same as a displacement, m.
+        peak_hz: Of the highest response, Hz.
+        peak: The highest response, in SI units of the case's kind.
+        peak_displacement_m: The same as a displacement, m.
         damping_ratio: Work of the force per cycle there over 4 pi times the kinetic energy.
-        joint_energy: Energy per cycle that each joint takes there, J, by name.
+        joint_energy_j: Energy per cycle that each joint takes there, J, by name.
         turning_points: How often the branch turns back in frequency.
         closure: How far the loops there are from closed, relative.
-        measured_hz: Frequency of the highest measured response, Hz; None without.
-        measured: The highest measured response; None without.
+        measured_peak_hz: Frequency of the highest measured response, Hz; None without.
+        measured_peak: The highest measured response; None without.
     """
 
     level: float
-    frequency_hz: float
-    amplitude: float
-    displacement: float
+    peak_hz: float
+    peak: float
+    peak_displacement_m: float
     damping_ratio: float
-    joint_energy: dict[str, float]
+    joint_energy_j: dict[str, float]
     turning_points: int
     closure: float
-    measured_hz: float | None = None
-    measured: float | None = None
-
-    def to_json(self) -> dict:
-        """See `HarmonicReport.to_json`."""
-        return {
-            "level_n": self.level,
-            "peak_hz": self.frequency_hz,
-            "peak": self.amplitude,
-            "peak_displacement_m": self.displacement,
-            "damping_ratio": self.damping_ratio,
-            "joint_energy_j": self.joint_energy,
-            "turning_points": self.turning_points,
-            "closure": self.closure,
-            "measured_peak_hz": self.measured_hz,
-            "measured_peak": self.measured,
-        }
+    measured_peak_hz: float | None = None
+    measured_peak: float | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,7 +96,7 @@ class HarmonicReport:
 
     def __repr__(self) -> str:
         unit, facts = self.level_unit, self.facts[:4]
-        peaks = ", ".join(f"{f.level:g} {unit}: {f.frequency_hz:.4g} Hz" for f in facts)
+        peaks = ", ".join(f"{f.level:g} {unit}: {f.peak_hz:.4g} Hz" for f in facts)
         return f"HarmonicReport({self.case.name!r}, {len(self.facts)} levels, {peaks})"
 
     @property
@@ -146,36 +132,36 @@ class HarmonicReport:
         """What a response is relative to, for an axis."""
         return "" if self.case.harmonic.base is None else " relative to the base"
 
-    def parameter_rows(self, found: IdentificationResult) -> list[tuple[str, str, str, str]]:
-        """Name, start, value and standard deviation of the parameters found, in words."""
+    def parameter_records(self, found: IdentificationResult) -> list[dict]:
+        """What a method found: each parameter with the numbers of the whole identification."""
         known = identifiable(self.case.nonlinear)
-        return [
-            (
-                name,
-                quantity(found.start[name], known[name][1], 4),
-                quantity(value, known[name][1], 4),
-                percent(found.sd[name], 1) if found.sd[name] < 1 else "open",
-            )
-            for name, value in found.values.items()
-        ]
+        keys = ("method", "start_objective", "objective", "evaluations", "solutions")
+        common = {key: getattr(found, key) for key in keys}
+        rows = []
+        for name, value in found.values.items():
+            numbers = {"start": found.start[name], "value": value}
+            cells = {k: Cell(quantity(v, known[name][1], 4), value=v) for k, v in numbers.items()}
+            sd = Cell(percent(found.sd[name], 1) if found.sd[name] < 1 else "open")
+            rows.append({"parameter": name, **cells, "sd": sd, **common})
+        return rows
 
     @property
     def fitted_levels(self) -> set[float]:
         """Levels of force whose curves the parameters are from."""
         return {found.level for found in self.identified if len(found.frequencies_hz)}
 
-    def mode_rows(self) -> list[tuple[float, list[tuple[float, float] | None]]]:
-        """Displacements of the levels' peaks, m, and at each frequency, Hz, and damping of the mode
-        by `mode_methods`; None where one does not reach."""
-        found = [b for b in (self.backbone, self.static_backbone) if b is not None]
-        return [(f.displacement, [_at(b, f.displacement) for b in found]) for f in self.facts]
-
-    @property
-    def mode_methods(self) -> list[str]:
-        """How the mode's frequency and damping were found."""
-        static = f"quasi-static, {self.case.harmonic.quasi_static}"
-        pairs = (self.backbone, "periodic (EPMC)"), (self.static_backbone, static)
-        return [words for found, words in pairs if found is not None]
+    def mode_records(self) -> list[dict]:
+        """The mode's frequency and damping at the displacements of the levels' peaks, of periodic
+        motion and from static loads; None where one does not reach."""
+        both = {"periodic": self.backbone, "static": self.static_backbone}
+        rows = []
+        for f in self.facts:
+            row = {"displacement_m": f.peak_displacement_m}
+            for name, found in both.items():
+                if found is not None:
+                    row |= _at(found, f.peak_displacement_m, name)
+            rows.append(row)
+        return rows
 
     @property
     def backbone_note(self) -> str | None:
@@ -195,10 +181,10 @@ class HarmonicReport:
             if found.note
         ]
 
-    def _level(self, facts: LevelFacts) -> dict:
-        made = facts.to_json()
-        level = made.pop("level_n")
-        return {"level_n" if self.level_unit == "N" else "level": level, **made}
+    def record(self, facts: LevelFacts) -> dict[str, object]:
+        """The facts on a level as in the JSON file."""
+        made = dict(vars(facts))
+        return {"level_n" if self.level_unit == "N" else "level": made.pop("level"), **made}
 
     def to_json(self) -> dict[str, object]:
         """What ``--json`` writes.
@@ -220,7 +206,7 @@ class HarmonicReport:
             "level_unit": self.level_unit,
             "response": {"kind": self.kind, "unit": UNITS[self.kind]},
             "levels": [
-                {**self._level(facts), "branch": response.to_dict()}
+                {**self.record(facts), "branch": response.to_dict()}
                 for facts, response in zip(self.facts, self.responses, strict=True)
             ],
             "backbone": None if self.backbone is None else self.backbone.to_dict(),
@@ -232,11 +218,11 @@ class HarmonicReport:
         }
 
 
-def _at(found: NonlinearMode | StaticBackbone, displacement: float) -> tuple[float, float] | None:
+def _at(found: NonlinearMode | StaticBackbone, displacement: float, name: str) -> dict:
     """Frequency, Hz, and damping ratio of a mode at a displacement, or None out of its range."""
     a = found.amplitude()
+    columns = {f"{name}_hz": found.frequencies_hz, f"{name}_damping": found.damping_ratios}
     if not a.min() <= displacement <= a.max():
-        return None
+        return dict.fromkeys(columns)
     order, x = np.argsort(a), np.log(displacement)
-    columns = (found.frequencies_hz, found.damping_ratios)
-    return tuple(float(np.interp(x, np.log(a[order]), y[order])) for y in columns)
+    return {k: float(np.interp(x, np.log(a[order]), y[order])) for k, y in columns.items()}

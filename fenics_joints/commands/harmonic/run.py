@@ -95,7 +95,7 @@ def _solved(case: Case, built: HarmonicModel, comm, progress, branches) -> Harmo
     facts = tuple(_facts(r, h.response, curves) for r in responses)
     backbone = None
     if h.backbone:
-        reach = [f.displacement for f in facts]
+        reach = [f.peak_displacement_m for f in facts]
         backbone = solve_backbone(
             built.model,
             (_BELOW * min(reach), _ABOVE * max(reach)),
@@ -196,7 +196,7 @@ def _static_backbone(
     if kind == "no":
         return None
     progress.step(f"quasi-static modal analysis of the {kind} model")
-    hz, reach = float(built.frequencies_hz[built.mode]), [f.displacement for f in facts]
+    hz, reach = float(built.frequencies_hz[built.mode]), [f.peak_displacement_m for f in facts]
     span, coupled = (_BELOW * min(reach), _ABOVE * max(reach)), False
     for points in built.model.interfaces:
         coupled |= points.law.coupled

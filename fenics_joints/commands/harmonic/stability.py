@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from fenics_joints.errors import ConvergenceError
-from fenics_joints.formatting import hertz, quantity
+from fenics_joints.formatting import hertz
 from fenics_joints.harmonic import (
     Bifurcation,
     HarmonicResult,
@@ -36,23 +36,21 @@ class LevelStability:
     branches: tuple[tuple[Bifurcation, HarmonicResult], ...] = ()
     notes: tuple[str, ...] = ()
 
-    def rows(self) -> list[tuple[str, str, str, str, str]]:
-        """Kind, frequency, displacement, how many multipliers grow before and after, branches."""
+    def records(self) -> list[dict[str, object]]:
+        """Kind, place and displacement of each bifurcation, how many disturbances grow before and
+        after, and the branches that leave there, in words."""
         rows = []
         for b in self.stability.bifurcations:
-            left = [made for at, made in self.branches if at is b]
-            spans = (
-                f"{hertz(made.frequencies_hz.min())} to {hertz(made.frequencies_hz.max())} Hz"
-                for made in left
-            )
+            left = [made.frequencies_hz for at, made in self.branches if at is b]
             rows.append(
-                (
-                    b.kind,
-                    hertz(b.frequency_hz),
-                    quantity(b.amplitude, "m"),
-                    f"{b.unstable[0]}, {b.unstable[1]}",
-                    "; ".join(spans),
-                )
+                {
+                    "kind": b.kind,
+                    "after_point": b.index,
+                    "frequency_hz": b.frequency_hz,
+                    "displacement_m": b.amplitude,
+                    "unstable": list(b.unstable),
+                    "branch": "; ".join(f"{hertz(f.min())} to {hertz(f.max())} Hz" for f in left),
+                }
             )
         return rows
 
@@ -62,14 +60,8 @@ class LevelStability:
         return {
             "stable": self.stability.stable.tolist(),
             "bifurcations": [
-                {
-                    "kind": b.kind,
-                    "after_point": b.index,
-                    "frequency_hz": b.frequency_hz,
-                    "displacement_m": b.amplitude,
-                    "unstable": list(b.unstable),
-                }
-                for b in found
+                {key: value for key, value in row.items() if key != "branch"}
+                for row in self.records()
             ],
             "branches": [
                 {"bifurcation": found.index(at), **made.to_dict()} for at, made in self.branches

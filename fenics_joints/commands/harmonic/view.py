@@ -120,7 +120,7 @@ def response_view(
     whole = surface(x, shapes.piece, level, [highest])
     top = quantity(r.facts[-1].level, r.level_unit)
     name = f"The structure at its peaks, and where its joints slip at {top}."
-    words = f"The structure at the peak of {top}, {r.facts[-1].frequency_hz:.3f} Hz."
+    words = f"The structure at the peak of {top}, {r.facts[-1].peak_hz:.3f} Hz."
     still = mode_shape(x, highest, way, "peak", words)
     return scene(whole, looks, name, turn=turn, apart=True), still
 
@@ -129,7 +129,7 @@ def _moved(r: HarmonicReport, k: int, motion: np.ndarray, s: Surface, way: np.nd
     facts, at = r.facts[k], motion.reshape(-1, 3)[s.pick]
     most = float(np.linalg.norm(motion, axis=-1).max(initial=0.0))
     return Look(
-        f"peak at {quantity(facts.level, r.level_unit)}, {facts.frequency_hz:.3f} Hz",
+        f"peak at {quantity(facts.level, r.level_unit)}, {facts.peak_hz:.3f} Hz",
         Colours(diverging, "one way", "the other", "motion along the sensor's direction"),
         motion=at,
         way=way,

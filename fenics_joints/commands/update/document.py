@@ -2,54 +2,34 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 
 import numpy as np
 
+from fenics_joints.beams import BeamStructure
+from fenics_joints.case import Case
 from fenics_joints.case.notes import OF_MODEL
 from fenics_joints.commands.update.pictures import (
     convergence_chart,
     function_charts,
     shown_functions,
 )
-from fenics_joints.commands.update.result import (
-    Compared,
-    Functions,
-    ModeTable,
-    Predicted,
-    UpdateReport,
-)
-from fenics_joints.commands.update.view import UpdatedShapes
-from fenics_joints.commands.update.words import (
-    accuracy,
-    decibel,
-    in_words,
-    ratio_words,
-    start_words,
-)
+from fenics_joints.commands.update.result import Functions, ModeTable, UpdateReport
+from fenics_joints.commands.update.words import accuracy, decibel, in_words, start_words
 from fenics_joints.formatting import condition_value, hertz, number, percent, quantity, spread
+from fenics_joints.measurements import Target
 from fenics_joints.measurements.gap import rms
-from fenics_joints.report.document import (
-    Beside,
-    Document,
-    Figure,
-    Folded,
-    Heading,
-    Keys,
-    OnPage,
-    Remarks,
-    Table,
-    Text,
-    Verdict,
-    View,
-)
-from fenics_joints.report.mesh_pictures import measured_arrows, mode_shape, modes_view
+from fenics_joints.modal.modes import Modes
+from fenics_joints.reduction.frf_basis import paired
+from fenics_joints.report import document as doc
+from fenics_joints.report.mesh_pictures import Shape, largest_axis, measured_arrows, shapes_view
 from fenics_joints.report.panels import frequency_panels, parameter_panels
 from fenics_joints.report.tables import facts_table, frequency_table, heat_table, mac_table
+from fenics_joints.structure import Structure
 
-#: Modes that have a picture for paper.
+#: Modes that have a picture for paper: one sheet's worth.
 _STILLS = 6
-#: Rows of each table on the terminal.
+#: Rows of each table on the terminal, so that all of it fits on a screen.
 _PARAMETERS, _MODES = 8, 10
 #: The method in words.
 _METHODS = {
@@ -62,80 +42,77 @@ _KINDS = {
     "damping": "damping ratios",
     "frfs": "functions",
 }
+#: Ids on the page of the errors that have changed, and what they are errors of.
+_CHANGES = {
+    "frequencies": ("gap-after", "of the frequencies after, RMS"),
+    "damping ratios": ("damping-after", "of the damping ratios after, RMS"),
+    "functions": ("level-after", "of |H| after, RMS over all lines"),
+}
 
 
-def update_document(r: UpdateReport) -> Document:
+def update_document(r: UpdateReport) -> doc.Document:
     """What is said of an update."""
     end = "" if r.update.converged else ", not converged"
     end = end if r.failure is None else ": EXPLAINS NOTHING"
-    at = f" at {words}" if (words := at_words(r)) else ""
+    *others, last = [_KINDS[kind] for kind in r.kinds]
+    data, at = f"{', '.join(others)} and {last}" if others else last, ""
+    if r.condition is not None:
+        name, value, unit = r.condition
+        at = f" at {name} {condition_value(value, unit)}"
     how = f"{r.update.evaluations} evaluations of the model; {r.update.message}."
     sentences = [("", words) for words in (verdict_words(r), how) if words]
     notes = [note if note.startswith(OF_MODEL) else f"but: {note}" for note in r.notes]
-    return Document(
+    return doc.Document(
         r.title,
         "update",
-        f"Model updating on measured {data_words(r)}",
+        f"Model updating on measured {data}",
         [
-            Verdict(f"Update{at} on {data_words(r)}{end}", sentences),
-            Remarks("But", notes),
-            OnPage([Keys(_keys(r))]),
+            doc.Verdict(f"Update{at} on {data}{end}", sentences),
+            doc.Remarks("But", notes),
+            doc.OnPage([doc.Keys(_keys(r))]),
             *_parameters(r),
-            *_modes(r),
-            *_held(r),
-            *_macs(r),
+            *([] if r.modes is None else _modes(r, r.modes)),
+            *([] if not r.held else _held(r)),
+            *([] if r.modes is None else _macs(r.modes)),
             *([] if r.functions is None else _functions(r.functions)),
-            *_sweep(r),
-            OnPage(_basis(r)),
+            *([] if r.sweep is None else _sweep(r)),
+            doc.OnPage(_basis(r)),
         ],
         r.to_json,
     )
 
 
 def _keys(r: UpdateReport) -> list[tuple[str, str, str]]:
-    keys, modes = [], r.modes
-    errors = None if modes is None else modes.rms()
-    if errors is not None:
-        before, after = map(percent, errors)
-        words = f"error of the frequencies after, RMS (before {before})"
-        keys.append(("gap-after", after, words))
-    if modes is not None and modes.damping is not None:
-        before, after = (percent(e, 1) for e in modes.damping.rms())
-        words = f"error of the damping ratios after, RMS (before {before})"
-        keys.append(("damping-after", after, words))
-    if r.functions is not None:
-        levels = {key: decibel(value) for key, value in r.functions.summary().items()}
-        words = f"error of |H| after, RMS over all lines (before {levels['all_before']})"
-        keys.append(("level-after", levels["all_after"], words))
-        if r.functions.held.any():
-            words = f"error of |H| where no fit looked (before {levels['held_before']})"
-            keys.append(("level-held", levels["held_after"], words))
+    keys = []
+    for kind, (before, after) in r.changes().items():
+        if kind in _CHANGES:
+            key, words = _CHANGES[kind]
+            keys.append((key, after, f"error {words} (before {before})"))
+    if r.functions is not None and r.functions.held.any():
+        levels = r.functions.summary()
+        words = f"error of |H| where no fit looked (before {decibel(levels['held_before'])})"
+        keys.append(("level-held", decibel(levels["held_after"]), words))
     if r.held:
-        error = percent(rms(np.array([h.error for h in r.held])))
-        keys.append(("held-rms", error, f"{_held_out(r)}: error of what was predicted, RMS"))
+        errors = np.array([h["error_percent"] for h in r.held], dtype=float) / 100
+        words = f"{_held_out(r)}: error of what was predicted, RMS"
+        keys.append(("held-rms", percent(rms(errors)), words))
     dof, chi2 = r.update.degrees_of_freedom, r.update.chi2
     if dof > 0 and np.isfinite(chi2):
         words = "RMS residual in standard deviations of the noise; 1 if noise is all that is left"
         keys.append(("misfit", number(float(np.sqrt(chi2 / dof)), 2), words))
     if r.sweep is not None and r.sweep.curves:
-        keys += [(f"curve-{key}", gap, words) for key, gap, words in _curve_gaps(r)]
+        keys += [(f"curve-{k}", g, f"gap on the curves, {words}") for k, g, words in _gaps(r)]
     return keys
 
 
-def _curve_gaps(r: UpdateReport) -> list[tuple[str, str, str]]:
+def _gaps(r: UpdateReport) -> list[tuple[str, str, str]]:
     words = {
-        "fitted": "gap on the curves, at the conditions they were fitted to",
-        "heldout": "gap on the curves, at conditions held out",
-        "validation": "gap on the curves, validation",
+        "fitted": "at the conditions they were fitted to",
+        "heldout": "at conditions held out",
+        "validation": "validation",
     }
     gaps = r.sweep.gaps()
-    return [(key, percent(gaps[key]), said) for key, said in words.items() if gaps[key] is not None]
-
-
-def data_words(r: UpdateReport) -> str:
-    """The kinds of data, such as ``frequencies and functions``."""
-    *others, last = [_KINDS[kind] for kind in r.kinds]
-    return f"{', '.join(others)} and {last}" if others else last
+    return [(key, percent(gaps[key]), w) for key, w in words.items() if gaps[key] is not None]
 
 
 def verdict_words(r: UpdateReport) -> str:
@@ -143,20 +120,12 @@ def verdict_words(r: UpdateReport) -> str:
     found = r.changes()
     if not found:
         return ""
-    (what, before, after), *others = found
+    (what, (before, after)), *others = found.items()
     if "MAC" in what:
         return f"The {what} {before} -> {after}."
     words = [f"The error of the {what} went from {before} to {after}"]
-    words += [f"that of the {what} from {before} to {after}" for what, before, after in others]
+    words += [f"that of the {what} from {before} to {after}" for what, (before, after) in others]
     return f"{', '.join(words)}."
-
-
-def at_words(r: UpdateReport) -> str:
-    """The condition, such as ``torque 20 N·m``; empty without one."""
-    if r.condition is None:
-        return ""
-    name, value, unit = r.condition
-    return f"{name} {condition_value(value, unit)}"
 
 
 # -- parameters ------------------------------------------------------------------------------------
@@ -164,38 +133,41 @@ def at_words(r: UpdateReport) -> str:
 
 def _parameters(r: UpdateReport) -> list:
     """What was identified, and what the data determine of it."""
-    u, found, published = r.update, r.update.identifiability, r.published
-    given = {} if published is None else published["parameters"]
-    table = Table(
-        [
-            "parameter",
-            ">start",
-            ">identified",
-            ">s.d.",
-            *([f">{published['source'] or 'published'}"] if given else []),
-        ],
+    u, found = r.update, r.update.identifiability
+    given = {} if r.published is None else r.published["parameters"]
+    source = r.published["source"] if given else ""
+    rows = []
+    for p in r.parameters:
+        sd = p["relative_standard_deviation"]
+        row = {"name": p["name"], "sd": doc.Cell(accuracy(sd), value=sd)}
+        values = {"start": p["start"], "value": p["value"]}
+        values |= {"published": given.get(p["name"])} if given else {}
+        rows.append(
+            row | {k: doc.Cell(quantity(v, p["unit"], 4), value=v) for k, v in values.items()}
+        )
+    table = doc.Table.of(
+        rows,
+        {
+            **{"name": "parameter", "start": ">start", "value": ">identified", "sd": ">s.d."},
+            "published": f">{source or 'published'}",
+        },
         caption=_METHODS[u.method],
         id="values",
         most=_PARAMETERS,
-        page_columns=int(bool(given)),
+        on_page=("published",),
     )
-    for p in r.parameters:
-        start, value = (quantity(p[key], p["unit"], 4) for key in ("start", "value"))
-        theirs = [quantity(given.get(p["name"]), p["unit"], 4)] if given else []
-        table.add(p["name"], start, value, accuracy(p["sd"]), *theirs)
-    words = [Text(line, "note") for line in in_words(found)]
+    words = [doc.Text(line, "note") for line in in_words(found)]
     if r.failure is not None:
-        words = [Text("This fit explains nothing of the test: do not use its values.", "bad")]
+        words = [doc.Text("This fit explains nothing of the test: do not use its values.", "bad")]
     pull, (before, after) = start_words(found, r.pull), r.conditions
-    how = "weighted from left and right (eq. 18)" if u.method == "weighted" else "by logarithms"
     if len(r.parameters) > 1 and np.isfinite(before):
-        said = (
-            f"condition number of the sensitivities at the start: {number(before, 2)} in SI units"
-        )
-        words.append(Text(f"{said} (Machines 2022, eq. 16), {number(after, 2)} {how}", "note"))
+        how = "weighted from left and right (eq. 18)" if u.method == "weighted" else "by logarithms"
+        said = f"condition number of the sensitivities at the start: {number(before, 2)} in SI"
+        said += f" units (Machines 2022, eq. 16), {number(after, 2)} {how}"
+        words.append(doc.Text(said, "note"))
     weakest = sorted(zip(found.names, found.weakest, strict=True), key=lambda p: -abs(p[1]))
     direction = ", ".join(f"{name} {share:+.2f}" for name, share in weakest)
-    facts = Table(" | ")
+    facts = doc.Table(" | ")
     collinearity = "collinearity index at the end (1: independent; above 20: hardly told apart)"
     facts.add(collinearity, number(found.collinearity))
     facts.add("direction that the data determine least, by logarithms", direction)
@@ -207,143 +179,149 @@ def _parameters(r: UpdateReport) -> list:
             "measured."
         )
     return [
-        Heading("Parameters", "parameters"),
+        doc.Heading("Parameters", "parameters"),
         table,
-        Heading("What the data determine", "identifiability", level=3),
+        doc.Heading("What the data determine", "identifiability", level=3),
         *words,
-        *([] if pull is None else [Text(pull, "note", "pull")]),
-        OnPage([facts]),
-        Figure(lambda: convergence_chart(r), steps),
+        *([] if pull is None else [doc.Text(pull, "note", "pull")]),
+        doc.OnPage([facts]),
+        doc.Figure(lambda: convergence_chart(r), steps),
     ]
 
 
 # -- modes -----------------------------------------------------------------------------------------
 
 
-def _modes(r: UpdateReport) -> list:
+def _written(key: str, value) -> str:
+    """A number of an update by its key."""
+    if isinstance(value, str) or value is None:
+        return doc.by_unit(key, value)
+    if key.endswith("standard_deviation_percent"):
+        return accuracy(value / 100)
+    if key.startswith(("mac", "frac")):
+        return f"{value:.3f}"
+    if key.endswith("_db"):
+        return decibel(value)
+    if key.startswith("damping"):
+        tenth = key.endswith("percent")
+        return percent(value / 100, 1, sign=True) if tenth else f"{number(100 * value)} %"
+    return doc.by_unit(key, value)
+
+
+def _modes(r: UpdateReport, modes: ModeTable) -> list:
     """Frequencies, shapes and damping ratios of the test's modes, before and after."""
-    modes = r.modes
-    if modes is None:
-        return []
-    macs, columns = None, []
-    if modes.mac_after is not None:
-        macs = [np.diag(modes.mac_after), np.diag(modes.mac_before)]
-        columns = [">MAC", ">MAC before"]
-    headings = ("mode", ">test, Hz", ">before, Hz", ">after, Hz", ">before", ">after", *columns)
-    table = Table(headings, id="modes-fitted", most=_MODES, page_columns=len(columns) // 2)
-    _add_compared(table, modes, modes.names, range(len(modes.names)), hertz, 2, macs)
-    blocks = [Heading("Modes", "modes"), table]
+
+    def starred(fitted: str) -> list[dict]:
+        rows = modes.records()
+        return [row | {"name": row["name"] + " *" * (not row[fitted])} for row in rows]
+
+    table = doc.Table.of(
+        starred("fitted"),
+        "name: mode | test_hz: >test, Hz | before_hz: >before, Hz | after_hz: >after, Hz | "
+        "error_before_percent: >before | error_after_percent: >after | mac_after: >MAC | "
+        "mac_before: >MAC before",
+        write=_written,
+        id="modes-fitted",
+        most=_MODES,
+        on_page=("mac_before",),
+    )
+    blocks = [doc.Heading("Modes", "modes"), table]
     if not modes.fitted.all():
-        blocks.append(Text(f"* its frequency was not fitted{_why_not(r)}", "note"))
+        open_, left = set(np.flatnonzero(~modes.fitted).tolist()), set(r.update.widths.without)
+        reasons = ["held out"] * bool(open_ - left and r.held)
+        reasons += ["left out for the reason given above"] * bool(open_ & left)
+        why = f": {' or '.join(reasons)}" if reasons else ""
+        blocks.append(doc.Text(f"* its frequency was not fitted{why}", "note"))
     if r.shapes is not None:
-        blocks.append(OnPage(lambda: _shapes_blocks(r.shapes, modes)))
-    damping = modes.damping
-    if damping is not None:
-        headings = ("damping ratio", ">test", ">before", ">after", ">error before", ">error after")
-        table = Table(headings, id="damping-ratios", most=_MODES)
-        _add_compared(table, damping, modes.names, damping.measured, ratio_words, 1)
-        blocks += [Heading("Damping ratios", "damping", level=3), table]
-        if not damping.fitted[damping.measured].all():
-            blocks.append(Text("* its damping ratio was not fitted", "note"))
-    return [*blocks, *_published(r)]
-
-
-def _add_compared(
-    table: Table,
-    found: Compared,
-    names: Sequence[str],
-    rows: Sequence[int],
-    words: Callable[[float], str],
-    digits: int,
-    macs: Sequence[np.ndarray] | None = None,
-) -> None:
-    """Add a row for each mode, before and after."""
-    for j in rows:
-        numbers = (words(values[j]) for values in (found.test, found.before, found.after))
-        errors = found.error_before[j], found.error_after[j]
-        table.add(
-            names[j] if found.fitted[j] else f"{names[j]} *",
-            *numbers,
-            *(percent(error, digits, sign=True) for error in errors),
-            *(f"{mac[j]:.3f}" for mac in macs or ()),
+        blocks.append(doc.OnPage(r.shapes))
+    if modes.damping is not None:
+        rows = [row for row in starred("damping_fitted") if row["damping_test"] is not None]
+        table = doc.Table.of(
+            rows,
+            "name: damping ratio | damping_test: >test | damping_before: >before | "
+            "damping_after: >after | damping_error_before_percent: >error before | "
+            "damping_error_after_percent: >error after",
+            write=_written,
+            id="damping-ratios",
+            most=_MODES,
         )
+        blocks += [doc.Heading("Damping ratios", "damping", level=3), table]
+        if not all(row["damping_fitted"] for row in rows):
+            blocks.append(doc.Text("* its damping ratio was not fitted", "note"))
+    if r.published is not None and theirs(r):
+        blocks.append(doc.OnPage([_published(r, modes)]))
+    return blocks
 
 
-def _why_not(r: UpdateReport) -> str:
-    """Why some frequencies were not fitted, behind a sentence that says so."""
-    open_, left = set(np.flatnonzero(~r.modes.fitted).tolist()), set(r.update.widths.without)
-    reasons = ["held out"] * bool(open_ - left and r.held)
-    reasons += ["left out for the reason given above"] * bool(open_ & left)
-    return f": {' or '.join(reasons)}" if reasons else ""
-
-
-def _published(r: UpdateReport) -> list:
-    """This model with somebody's parameters, beside that somebody's model."""
-    published = r.published
-    if published is None or not published["parameters"] or not theirs(r):
+def _macs(modes: ModeTable) -> list:
+    """MAC of the test by the model, before and after."""
+    if modes.mac_after is None:
         return []
-    source = published["source"] or "published"
-    table = Table(
-        "mode | >published model, Hz | >this model, Hz | >this over published | >measured, Hz",
+    numbers = range(1, len(modes.names) + 1)
+    pairs = (("Before", modes.mac_before), ("After", modes.mac_after))
+    tables = [mac_table(matrix, modes.names, numbers, caption) for caption, matrix in pairs]
+    heading = doc.Heading("Modal assurance criterion, test by model", "mac", level=3)
+    return [heading, doc.Beside("pair", tables)]
+
+
+def _published(r: UpdateReport, modes: ModeTable) -> doc.Table:
+    """This model with somebody's parameters, beside that somebody's model."""
+    published, source = r.published, r.published["source"] or "published"
+    numbers = {key: published[key] for key in ("frequencies_hz", "model_hz", "errors_percent")}
+    rows = [
+        dict(zip(("name", "test_hz", *numbers), row, strict=True))
+        for row in zip(modes.names, modes.test.tolist(), *numbers.values(), strict=True)
+    ]
+    return doc.Table.of(
+        rows,
+        "name: mode | frequencies_hz: >published model, Hz | model_hz: >this model, Hz | "
+        "errors_percent: >this over published | test_hz: >measured, Hz",
         caption=f"This model with the published parameters ({source}) beside the published model: "
         "what differs is the models, not the parameters",
         id="published",
     )
-    columns = (published[key] for key in ("frequencies_hz", "model_hz", "errors_percent"))
-    for name, hz, own, error, test in zip(r.modes.names, *columns, r.modes.test, strict=True):
-        ratio = None if error is None else error / 100
-        table.add(name, hertz(hz), hertz(own), percent(ratio, 2, sign=True), hertz(test))
-    return [OnPage([table])]
 
 
 def theirs(r: UpdateReport) -> dict[str, float]:
-    """Errors of the published frequencies, model over test minus one, by mode."""
-    if r.published is None or r.modes is None:
+    """Errors of the published frequencies in per cent, by mode; empty without parameters."""
+    if r.published is None or r.modes is None or not r.published["parameters"]:
         return {}
-    return {
-        name: f / test - 1
-        for name, f, test in zip(
-            r.modes.names, r.published["frequencies_hz"], r.modes.test, strict=False
-        )
-        if f is not None
-    }
+    rows = zip(r.modes.names, r.published["frequencies_hz"], r.modes.test, strict=False)
+    return {name: 100 * (f / test - 1) for name, f, test in rows if f is not None}
 
 
 def _held_out(r: UpdateReport) -> str:
-    in_turn = len(r.held) > 1 and all(h.alone for h in r.held)
+    in_turn = len(r.held) > 1 and all(h["alone"] for h in r.held)
     return "held out in turn" if in_turn else "held out"
 
 
 def _held(r: UpdateReport) -> list:
     """What a fit predicted that did not see it."""
-    if not r.held:
-        return []
     published = theirs(r)
-    table = Table(
-        [
-            _held_out(r),
-            ">test, Hz",
-            ">predicted, Hz",
-            ">error",
-            ">± s.d.",
-            *([">published fit"] if published else []),
-            ">before, Hz",
-        ],
+    rows = [
+        h | ({"published_percent": published.get(h["name"])} if published else {}) for h in r.held
+    ]
+
+    table = doc.Table.of(
+        rows,
+        f"name: {_held_out(r)} | test_hz: >test, Hz | predicted_hz: >predicted, Hz | "
+        "error_percent: >error | standard_deviation_percent: >± s.d. | "
+        "published_percent: >published fit | before_hz: >before, Hz",
+        write=_written,
         id="held-modes",
         most=_MODES,
-        page_columns=1,
+        on_page=("before_hz",),
     )
-    ratios = Table(
-        "damping ratio, held out | >test | >predicted | >error | >± s.d. | >before",
+    ratios = doc.Table.of(
+        [h for h in rows if "damping_test" in h],
+        "name: damping ratio, held out | damping_test: >test | "
+        "damping_predicted: >predicted | damping_error_percent: >error | "
+        "damping_standard_deviation_percent: >± s.d. | damping_before: >before",
+        write=_written,
         id="held-ratios",
         most=_MODES,
-        page_columns=1,
+        on_page=("damping_before",),
     )
-    for h in r.held:
-        error = [percent(published.get(h.name), 2, sign=True)] if published else []
-        table.add(h.name, *_predicted(h, hertz, 2), *error, hertz(h.before))
-        if (d := h.damping) is not None:
-            ratios.add(h.name, *_predicted(d, ratio_words, 1), ratio_words(d.before))
     how = (
         "Each mode was left out in turn and the model fitted anew to all else."
         if "turn" in _held_out(r)
@@ -354,26 +332,52 @@ def _held(r: UpdateReport) -> list:
         "well above it is one of the model."
     )
     return [
-        Heading("Held out: predicted by a fit that did not see it", "held", level=3),
+        doc.Heading("Held out: predicted by a fit that did not see it", "held", level=3),
         table,
         *([ratios] if ratios.rows else []),
-        OnPage([Text(note, "note")]),
+        doc.OnPage([doc.Text(note, "note")]),
     ]
 
 
-def _predicted(found: Predicted, words: Callable[[float], str], digits: int) -> list[str]:
-    error = percent(found.error, digits, sign=True)
-    return [words(found.test), words(found.predicted), error, accuracy(found.sd)]
+def updated_shapes(
+    case: Case, full: Structure | BeamStructure, target: Target, modes: Modes, table: ModeTable
+) -> Callable[[], list] | None:
+    """Draws the shapes of the test's modes, beside what was measured of them. Collective.
 
+    Args:
+        case: The case, whose measured shapes stand beside.
+        full: The full model, whose cells are drawn.
+        target: The test's data.
+        modes: Modes of the updated model, in full.
+        table: The test's modes.
 
-def _macs(r: UpdateReport) -> list:
-    if r.modes is None or r.modes.mac_after is None:
-        return []
-    names, numbers = r.modes.names, range(1, len(r.modes.names) + 1)
-    pairs = (("Before", r.modes.mac_before), ("After", r.modes.mac_after))
-    tables = [mac_table(matrix, names, numbers, caption) for caption, matrix in pairs]
-    heading = Heading("Modal assurance criterion, test by model", "mac", level=3)
-    return [heading, Beside("pair", tables)]
+    Returns:
+        What makes the blocks; None but on rank 0, and without modes of the full model.
+    """
+    if not len(target) or modes.model.n_dofs != full.n_dofs:
+        return None
+    pairing, test = paired(modes, target), case.measurements().shapes
+    vertices, motions = full.corner_motion([modes.vector(int(i)) for i in pairing.index])
+    sensors = None if test is None else target.shape_sensors
+    seen = None if sensors is None else modes.at(sensors)[:, pairing.index]
+    if not len(vertices):
+        return None
+
+    def blocks() -> list:
+        shapes = []
+        for j, (i, motion) in enumerate(zip(pairing.index, motions, strict=True)):
+            title, more = f"{table.names[j]}, {hertz(float(modes.frequencies_hz[i]))} Hz", {}
+            if seen is not None and sensors.points.shape[1] == 3:
+                known, model = np.nan_to_num(test[:, j]), seen[:, j]
+                scale = known @ model / max(known @ known, 1e-300)
+                more["arrows"] = measured_arrows(sensors, scale * test[:, j], model)
+                alike = "" if table.mac_after is None else f"; MAC {table.mac_after[j, j]:.3f}"
+                more["note"] = f"The test beside it, in the scale that brings both nearest{alike}."
+            shapes.append(Shape(title, motion, largest_axis(motion), **more))
+        heading = doc.Heading("Shapes of the updated model", "shapes", level=3)
+        return [heading, shapes_view(vertices, shapes, _STILLS)]
+
+    return blocks
 
 
 # -- functions -------------------------------------------------------------------------------------
@@ -381,42 +385,46 @@ def _macs(r: UpdateReport) -> list:
 
 def _functions(functions: Functions) -> list:
     """Measured functions beside the model's."""
-    found = functions.summary()
-    levels = Table(
-        "functions, rms of |H| in dB | >before | >after",
+    found, models = functions.summary(), ("before", "after")
+    kinds = {"all": "all lines", "fitted": "lines that were fitted", "held": "held out"}
+    levels = doc.Table.of(
+        [
+            {"kind": words, **{f"{m}_db": found[f"{key}_{m}"] for m in models}}
+            for key, words in kinds.items()
+            if found[f"{key}_after"] is not None
+        ],
+        "kind: functions, error of the level | before_db: >before | after_db: >after",
+        write=_written,
         caption="Root mean square of 20 lg |H model / H test|",
         id="levels",
     )
-    kinds = {"all": "all lines", "fitted": "lines that were fitted", "held": "held out"}
-    for key, words in kinds.items():
-        if found[f"{key}_after"] is not None:
-            levels.add(words, decibel(found[f"{key}_before"]), decibel(found[f"{key}_after"]))
-    each = Table(
-        "response | force | >before | >after | >FRAC before | >FRAC after",
-        caption="FRAC: frequency response assurance criterion, 1 if alike but for a factor",
-    )
-    models = (functions.before, functions.after)
-    fracs = [functions.frac(model) for model in models]
-    pairs = np.argwhere(~np.isnan(functions.measured[0]))
-    for i, j in pairs:
+    rows = []
+    for i, j in np.argwhere(~np.isnan(functions.measured[0])):
         one = np.zeros(functions.measured.shape, dtype=bool)
         one[:, i, j] = True
         held = " (held out)" if functions.held[:, i, j].all() else ""
-        each.add(
-            f"{functions.names[0][i]}{held}",
-            functions.names[1][j],
-            *(decibel(functions.decibels(model, one)) for model in models),
-            *(f"{frac[i, j]:.3f}" for frac in fracs),
-        )
+        row = {"response": f"{functions.names[0][i]}{held}", "force": functions.names[1][j]}
+        for name in models:
+            model = getattr(functions, name)
+            row[f"{name}_db"] = functions.decibels(model, one)
+            row[f"frac_{name}"] = float(functions.frac(model)[i, j])
+        rows.append(row)
+    each = doc.Table.of(
+        rows,
+        "response: response | force: force | before_db: >before | after_db: >after | "
+        "frac_before: >FRAC before | frac_after: >FRAC after",
+        write=_written,
+        caption="FRAC: frequency response assurance criterion, 1 if alike but for a factor",
+    )
     shown, words = len(shown_functions(functions)), ""
-    if shown < len(pairs):
-        words = f"{shown} of {len(pairs)} functions: those held out and those that fit least. "
+    if shown < len(rows):
+        words = f"{shown} of {len(rows)} functions: those held out and those that fit least. "
     words += "Ticks are the lines that were fitted, most of them where the functions change most."
     return [
-        Heading("Functions", "functions"),
-        Figure(lambda: function_charts(functions), words),
+        doc.Heading("Functions", "functions"),
+        doc.Figure(lambda: function_charts(functions), words),
         levels,
-        Folded("Function by function", [each]),
+        doc.Folded("Function by function", [each]),
     ]
 
 
@@ -425,89 +433,80 @@ def _functions(functions: Functions) -> list:
 
 def _sweep(r: UpdateReport) -> list:
     """Fits at all conditions, and curves over them."""
-    if r.sweep is None:
-        return []
     (name, _, unit), sweep, panels = r.condition, r.sweep, parameter_rows(r)
-    blocks = [Heading(f"Over the {name}", "conditions")]
+    blocks = [doc.Heading(f"Over the {name}", "conditions")]
     if panels:
         caption = (
             "Each point was identified at its own condition; a bar beyond the panel means that the "
             "data there do not determine the parameter."
         )
-        blocks.append(Figure(lambda: parameter_panels(panels, (name, unit)), caption))
-    blocks.append(OnPage([_fits(r)]))
+        blocks.append(doc.Figure(lambda: parameter_panels(panels, (name, unit)), caption))
+    blocks.append(doc.OnPage([_fits(r)]))
     if sweep.curves:
-        gaps = [f"{gap} {words.partition(', ')[2]}" for _, gap, words in _curve_gaps(r)]
-        said = f"On the curves over the {name} the gap is {', '.join(gaps)}."
-        blocks += [Heading("Curves", level=3), OnPage([_curves(r)]), Text(said)]
-    on = sweep.frequencies
+        gaps = ", ".join(f"{gap} {words}" for _, gap, words in _gaps(r))
+        said = f"On the curves over the {name} the gap is {gaps}."
+        blocks += [doc.Heading("Curves", level=3), doc.OnPage([_curves(r)]), doc.Text(said)]
+    on, labels = sweep.frequencies, ("", "model on the curves")
     if on is not None:
         validation = None if sweep.validation is None else (None, sweep.validation)
+
+        def draw() -> str:
+            more = {"log_sd": sweep.log_sd, "held_out": sweep.held_out, "validation": validation}
+            return frequency_panels(None, on, (name, unit), labels=labels, **more)
+
         blocks += [
-            Figure(
-                lambda: frequency_panels(
-                    None,
-                    on,
-                    (name, unit),
-                    labels=("", "model on the curves"),
-                    log_sd=sweep.log_sd,
-                    held_out=sweep.held_out,
-                    validation=validation,
-                ),
-                "Points are measured, lines are the model with its parameters on the curves.",
+            doc.Figure(
+                draw, "Points are measured, lines are the model with its parameters on the curves."
             ),
-            OnPage([heat_table("Model on the curves", on, (name, unit))]),
+            doc.OnPage([heat_table("Model on the curves", on, (name, unit))]),
         ]
     if sweep.validation is not None:
-        names = ("", "model on the curves")
-        table = frequency_table("Validation", None, sweep.validation, (name, unit), names)
-        heading = Heading("Validation: data that were never fitted", "validation", level=3)
-        blocks.append(OnPage([heading, table]))
+        table = frequency_table("Validation", None, sweep.validation, (name, unit), labels)
+        heading = doc.Heading("Validation: data that were never fitted", "validation", level=3)
+        blocks.append(doc.OnPage([heading, table]))
     return blocks
 
 
-def _fits(r: UpdateReport) -> Table:
+def _fits(r: UpdateReport) -> doc.Table:
     """What was identified at each condition, and the errors that were left."""
     name, _, unit = r.condition
-    table = Table(
-        [name, *(f">{p['name']}" for p in r.parameters), *(f">{mode}" for mode in r.modes.names)],
+    rows = []
+    for fit in r.sweep.fits:
+        star = " *" if fit["held_out"] else ""
+        row = {"condition": f"{condition_value(fit['condition'], unit)}{star}"}
+        for p in r.parameters:
+            sd = fit["sd"].get(p["name"])
+            sign = "± " if sd is not None and sd < 0.3 else ""
+            value = fit["parameters"][p["name"]]
+            words = f"{quantity(value, p['unit'])} {sign}{spread(sd)}"
+            row[p["name"]] = doc.Cell(words, value=value)
+        errors = zip(r.modes.names, fit["errors_percent"], strict=True)
+        rows.append(row | {f"{mode}, error_percent": error for mode, error in errors})
+    columns = {"condition": name, **{p["name"]: f">{p['name']}" for p in r.parameters}}
+    return doc.Table.of(
+        rows,
+        columns | {f"{mode}, error_percent": f">{mode}" for mode in r.modes.names},
         caption="Identified at each condition, with the standard deviation, and what was left of "
         "the errors; * held out of the curves",
         id="fits",
     )
-    for fit in r.sweep.fits:
-        values = []
-        for p in r.parameters:
-            sd = fit["sd"].get(p["name"])
-            sign = "± " if sd is not None and sd < 0.3 else ""
-            value = quantity(fit["parameters"][p["name"]], p["unit"])
-            values.append(f"{value} {sign}{spread(sd)}")
-        errors = [None if e is None else e / 100 for e in fit["errors_percent"]]
-        star = " *" if fit["held_out"] else ""
-        table.add(
-            f"{condition_value(fit['condition'], unit)}{star}",
-            *values,
-            *(percent(e, 2, sign=True) for e in errors),
-        )
-    return table
 
 
-def _curves(r: UpdateReport) -> Table:
-    unit = r.condition[2] or "its unit"
-    caption = f"Fitted to the conditions that were not held out; T in {unit}"
-    table, units = (
-        Table("parameter | form | coefficients", caption=caption, id="curves"),
-        {p["name"]: p["unit"] for p in r.parameters},
-    )
+def _curves(r: UpdateReport) -> doc.Table:
+    units, rows = {p["name"]: p["unit"] for p in r.parameters}, []
     for curve in r.sweep.curves:
-        numbers = (
-            f"{key} = {number(value, 4)}"
-            for key, value in curve.items()
-            if isinstance(value, int | float)
-        )
+        numbers = {k: v for k, v in curve.items() if isinstance(v, int | float)}
+        words = ", ".join(f"{key} = {number(value, 4)}" for key, value in numbers.items())
         unit = f", {units[curve['name']]}" if units.get(curve["name"]) else ""
-        table.add(f"{curve['name']}{unit}", curve["form"], ", ".join(numbers))
-    return table
+        row = {"name": f"{curve['name']}{unit}", "form": curve["form"], "coefficients": words}
+        rows.append(row)
+    return doc.Table.of(
+        rows,
+        "name: parameter | form: form | coefficients: coefficients",
+        caption="Fitted to the conditions that were not held out; T in "
+        f"{r.condition[2] or 'its unit'}",
+        id="curves",
+    )
 
 
 def parameter_rows(r: UpdateReport) -> list[dict]:
@@ -517,21 +516,18 @@ def parameter_rows(r: UpdateReport) -> list[dict]:
     fits = sorted(r.sweep.fits, key=lambda fit: fit["condition"])
     x = np.array([fit["condition"] for fit in fits], dtype=float)
     by_name = {curve["name"]: curve for curve in r.sweep.curves}
-    rows = []
-    for parameter in r.parameters:
-        name = parameter["name"]
-        rows.append(
-            {
-                "name": name,
-                "unit": parameter["unit"],
-                "x": x,
-                "value": np.array([fit["parameters"][name] for fit in fits]),
-                "sd": np.array([fit["sd"].get(name, np.nan) for fit in fits], dtype=float),
-                "held_out": np.array([bool(fit["held_out"]) for fit in fits]),
-                "curve": curve_line(by_name.get(name), x),
-            }
-        )
-    return rows
+    return [
+        {
+            "name": p["name"],
+            "unit": p["unit"],
+            "x": x,
+            "value": np.array([fit["parameters"][p["name"]] for fit in fits]),
+            "sd": np.array([fit["sd"].get(p["name"], np.nan) for fit in fits], dtype=float),
+            "held_out": np.array([bool(fit["held_out"]) for fit in fits]),
+            "curve": curve_line(by_name.get(p["name"]), x),
+        }
+        for p in r.parameters
+    ]
 
 
 def curve_line(curve: Mapping | None, x: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
@@ -567,25 +563,5 @@ def _basis(r: UpdateReport) -> list:
         f"the model taken as right{held}; where it is large it is given as the factor by which the "
         f"value may be smaller or larger. {reduced}"
     )
-    heading = Heading("What this rests on", "rests-on")
-    return [heading, facts_table(r.model), Text(note, "note")]
-
-
-def _shapes_blocks(shapes: UpdatedShapes, modes: ModeTable) -> list:
-    """The shapes, to be turned and played; pictures of the first ones for paper."""
-    ways, titles, arrows, notes, stills = [], [], {}, {}, []
-    for j, (motion, hz) in enumerate(zip(shapes.motions, shapes.frequencies_hz, strict=True)):
-        way = np.eye(3)[int(np.argmax(np.sum(motion**2, axis=(0, 1))))]
-        title = f"{modes.names[j]}, {hertz(float(hz))} Hz"
-        ways.append(way)
-        titles.append(title)
-        if shapes.sensors is not None:
-            arrows[j] = measured_arrows(shapes.sensors, shapes.test[:, j], shapes.model[:, j])
-            alike = "" if modes.mac_after is None else f"; MAC {modes.mac_after[j, j]:.3f}"
-            notes[j] = f"The test beside it, in the scale that brings both nearest{alike}."
-        if j < _STILLS:
-            alt = f"Shape of {title}."
-            stills.append(Figure(mode_shape(shapes.vertices, motion, way, f"mode{j}", alt), title))
-    view = modes_view(shapes.vertices, shapes.motions, titles, ways, arrows, notes)
-    heading = Heading("Shapes of the updated model", "shapes", level=3)
-    return [heading, View(view, [Beside("shapes", stills)])]
+    heading = doc.Heading("What this rests on", "rests-on")
+    return [heading, facts_table(r.model), doc.Text(note, "note")]

@@ -1,19 +1,21 @@
-"""Charts of an update to frequencies, shapes and functions."""
+"""Charts of an update: measured functions beside the model's, and the parameters' way."""
 
 from __future__ import annotations
 
 import numpy as np
-from matplotlib.ticker import FuncFormatter, MaxNLocator, NullFormatter
+from matplotlib.ticker import MaxNLocator, NullFormatter
 
 from fenics_joints.commands.update.result import Functions, UpdateReport
 from fenics_joints.formatting import prefixed
-from fenics_joints.report.style import CHOSEN, NOISE, NOMINAL, drawing, grid, to_svg
+from fenics_joints.report.panels import panel_chart, plain_log, with_unit
+from fenics_joints.report.style import CHOSEN, INK, NOISE, NOMINAL
 
-_INK, _MUTED, _LINE = "#1b2027", "#5b6470", "#d3d8de"
 #: The model after lies on what was measured, and has to stand out from it.
 _AFTER = "#f08a24"
-#: Functions that get a panel, at most.
+#: Functions that get a panel, at most; more would fill pages.
 _PANELS = 6
+#: Highest over lowest value from which a parameter's axis is logarithmic; nothing depends on it.
+_LOGARITHMIC = 5.0
 
 
 def shown_functions(functions: Functions) -> list[tuple[int, int]]:
@@ -27,122 +29,75 @@ def shown_functions(functions: Functions) -> list[tuple[int, int]]:
 
 def function_charts(functions: Functions) -> str:
     """Magnitudes of measured functions and of the model's, before and after, a panel for each."""
-    shown = shown_functions(functions)
-    columns = 2 if len(shown) > 1 else 1
-    with drawing(8.6, 2.25 * -(-len(shown) // columns) + 0.7) as figure:
-        panels = grid(figure, len(shown), columns, "frequency, Hz")
-        for panel, (i, j) in zip(panels, shown, strict=True):
-            _function(panel, functions, i, j)
-        handles, labels = panels[0].get_legend_handles_labels()
-        figure.legend(handles, labels, loc="outside upper center", ncols=len(labels))
-        alt = (
-            f"Magnitude of {len(shown)} measured functions over frequency, with the model's before "
-            "and after; the numbers are in the tables of this page."
+    f, shown = functions.frequencies_hz, shown_functions(functions)
+
+    def draw(axes, pair: tuple[int, int]) -> None:
+        at = (slice(None), *pair)
+        held, lines = functions.held[at], functions.lines & ~functions.held[at]
+        before, measured, after = (
+            np.abs(H[at]) for H in (functions.before, functions.measured, functions.after)
         )
-        return to_svg(figure, "functions", alt)
-
-
-def _function(axes, functions: Functions, i: int, j: int) -> None:
-    f, lines = functions.frequencies_hz, functions.lines & ~functions.held[:, i, j]
-    measured = np.abs(functions.measured[:, i, j])
-    axes.plot(
-        f,
-        np.abs(functions.before[:, i, j]),
-        color=NOMINAL,
-        lw=1.1,
-        ls=(0, (4, 2)),
-        label="model before",
-    )
-    axes.plot(f, measured, color=_INK, lw=2.4, label="measured")
-    axes.plot(f, np.abs(functions.after[:, i, j]), color=_AFTER, lw=1.2, label="model after")
-    axes.plot(
-        f[lines],
-        np.full(lines.sum(), 0.03),
-        "|",
-        ms=5,
-        mew=0.8,
-        color=CHOSEN,
-        transform=axes.get_xaxis_transform(),
-        label="line that was fitted",
-    )
-    held = functions.held[:, i, j]
-    if held.all():
-        axes.annotate(
-            "held out: no line fitted",
-            (1, 1),
-            (-4, -4),
-            xycoords="axes fraction",
-            color=NOISE,
-            textcoords="offset points",
-            ha="right",
-            va="top",
-            weight="bold",
+        axes.plot(f, before, color=NOMINAL, lw=1.1, ls=(0, (4, 2)), label="model before")
+        axes.plot(f, measured, color=INK, lw=2.4, label="measured")
+        axes.plot(f, after, color=_AFTER, lw=1.2, label="model after")
+        low = {"transform": axes.get_xaxis_transform(), "color": CHOSEN, "ms": 5, "mew": 0.8}
+        axes.plot(f[lines], np.full(lines.sum(), 0.03), "|", label="line that was fitted", **low)
+        words = ""
+        if held.all():
+            words = " (held out: no line fitted)"
+        else:
+            edges = np.flatnonzero(np.diff(np.concatenate([[0], held.astype(int), [0]])))
+            for a, b in zip(edges[::2], edges[1::2], strict=True):
+                axes.axvspan(f[a], f[b - 1], color=NOISE, alpha=0.18, lw=0, label="held out")
+        inside = np.concatenate([measured, after])
+        axes.set(
+            yscale="log", ylim=(np.nanmin(inside) / 2, np.nanmax(inside) * 2), xlim=(f[0], f[-1])
         )
-    else:
-        for low, high in _bands(f, held):
-            axes.axvspan(low, high, color=NOISE, alpha=0.18, lw=0, label="held out")
-    axes.set_yscale("log")
-    axes.yaxis.set_minor_formatter(NullFormatter())
-    inside = np.concatenate([measured, np.abs(functions.after[:, i, j])])
-    axes.set_ylim(np.nanmin(inside) / 2, np.nanmax(inside) * 2)
-    axes.set_xlim(f[0], f[-1])
-    names = functions.names
-    unit = functions.unit.replace("s2", "s²")
-    axes.set_title(f"{names[0][i]} by {names[1][j]}, {unit}", loc="left")
-    axes.grid(axis="y")
+        axes.yaxis.set_minor_formatter(NullFormatter())
+        (i, j), unit = pair, functions.unit.replace("s2", "s²")
+        name = f"{functions.names[0][i]} by {functions.names[1][j]}"
+        axes.set_title(f"{name}, {unit}{words}", loc="left")
 
-
-def _bands(f: np.ndarray, held: np.ndarray) -> list[tuple[float, float]]:
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], held.astype(int), [0]])))
-    return [(f[a], f[b - 1]) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+    alt = (
+        f"Magnitude of {len(shown)} measured functions over frequency, with the model's before "
+        "and after; the numbers are in the tables of this page."
+    )
+    size = {"width": 8.6, "height": 2.25, "xlabel": "frequency, Hz"}
+    return panel_chart(shown, draw, "functions", alt, **size)
 
 
 def convergence_chart(report: UpdateReport) -> str:
     """Every parameter over the iterations, with its standard deviation at the end."""
     history, parameters = report.update.history, report.parameters
-    values = np.array([i.values for i in history])
     moved = np.array([i.moved for i in history])
-    columns = min(len(parameters), 4)
-    with drawing(8.6, 1.9 * -(-len(parameters) // columns) + 0.5) as figure:
-        panels = grid(figure, len(parameters), columns)
-        for k, (panel, p) in enumerate(zip(panels, parameters, strict=True)):
-            _parameter(panel, p, values[:, k], moved)
-        handles, labels = panels[0].get_legend_handles_labels()
-        figure.legend(handles, labels, loc="outside upper center", ncols=len(labels))
-        names = ", ".join(p["name"] for p in parameters)
-        return to_svg(figure, "convergence", f"{names} over the iterations, from start to end.")
 
+    def draw(axes, k: int) -> None:
+        p = parameters[k]
+        factor, unit = prefixed(p["value"], p["unit"])
+        step, shown = np.arange(len(history)), factor * np.array([i.values[k] for i in history])
+        end, sd = factor * p["value"], p["relative_standard_deviation"]
+        if np.isfinite(sd):
+            span = end * np.exp(np.array([-2, 2]) * min(sd, 3.0))
+            axes.axhspan(*span, color=CHOSEN, alpha=0.15, lw=0, label="± 2 s.d. at the end")
+        axes.plot(step, shown, color=NOMINAL, lw=1.2)
+        for mask, colour, label in (
+            (moved, NOMINAL, "lines moved with the resonances"),
+            (~moved, CHOSEN, "iteration"),
+        ):
+            if mask.any():
+                axes.plot(step[mask], shown[mask], "o", ms=4, color=colour, label=label)
+        low, high = shown.min(), shown.max()
+        if low > 0 and high / low > _LOGARITHMIC:
+            plain_log(axes.yaxis, shown)
+            axes.set_ylim(low / 1.3, high * 1.3)
+        else:
+            room = 0.12 * max(high - low, 1e-3 * abs(high))
+            axes.set_ylim(low - room, high + room)
+        axes.xaxis.set_major_locator(MaxNLocator(integer=True, nbins=4))
+        axes.set_title(with_unit(p["name"], unit), loc="left")
+        axes.set_xlabel("step")
 
-def _parameter(axes, p: dict, values: np.ndarray, moved: np.ndarray) -> None:
-    factor, unit = prefixed(p["value"], p["unit"])
-    step, shown = np.arange(len(values)), factor * values
-    end, sd = factor * p["value"], p["sd"]
-    if np.isfinite(sd):
-        axes.axhspan(
-            end * np.exp(-2 * min(sd, 3.0)),
-            end * np.exp(2 * min(sd, 3.0)),
-            color=CHOSEN,
-            alpha=0.15,
-            lw=0,
-            label="± 2 s.d. at the end",
-        )
-    axes.plot(step, shown, color=_MUTED, lw=1.2)
-    for mask, colour, label in (
-        (moved, NOMINAL, "lines moved with the resonances"),
-        (~moved, CHOSEN, "iteration"),
-    ):
-        if mask.any():
-            axes.plot(step[mask], shown[mask], "o", ms=4, color=colour, label=label)
-    low, high = shown.min(), shown.max()
-    if low > 0 and high / low > 5:
-        axes.set_yscale("log")
-        axes.yaxis.set_major_formatter(FuncFormatter(lambda tick, _: f"{tick:g}"))
-        axes.yaxis.set_minor_formatter(NullFormatter())
-        axes.set_ylim(low / 1.3, high * 1.3)
-    else:
-        room = 0.12 * max(high - low, 1e-3 * abs(high))
-        axes.set_ylim(low - room, high + room)
-    axes.xaxis.set_major_locator(MaxNLocator(integer=True, nbins=4))
-    axes.set_title(f"{p['name']}{', ' + unit if unit else ''}", loc="left")
-    axes.set_xlabel("step")
-    axes.grid(axis="y")
+    names = ", ".join(p["name"] for p in parameters)
+    alt = f"{names} over the iterations, from start to end."
+    size = {"width": 8.6, "height": 1.9, "columns": 4}
+    return panel_chart(range(len(parameters)), draw, "convergence", alt, **size)

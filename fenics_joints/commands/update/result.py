@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from fenics_joints.commands.update.view import UpdatedShapes
 from fenics_joints.commands.update.words import decibel, in_words
 from fenics_joints.files import plain
 from fenics_joints.formatting import percent
 from fenics_joints.measurements.gap import Gap, rms
+from fenics_joints.report.document import records
 from fenics_joints.updating.result import Update
 
 
@@ -40,54 +41,19 @@ class Compared:
         """The same, updated."""
         return self.after / self.test - 1
 
-    @property
-    def measured(self) -> np.ndarray:
-        """Indices of the modes of which it was measured."""
-        return np.flatnonzero(np.isfinite(self.test))
-
     def rms(self) -> tuple[float, float] | None:
         """Root mean squares of the errors of what was fitted, before and after; None if nothing."""
         if not self.fitted.any():
             return None
         return rms(self.error_before[self.fitted]), rms(self.error_after[self.fitted])
 
-    def row(self, j: int, prefix: str = "", unit: str = "") -> dict[str, float | bool | None]:
-        """A mode in the JSON of ``update``."""
-        numbers = {f"{key}{unit}": getattr(self, key)[j] for key in ("test", "before", "after")}
-        numbers["error_before_percent"] = 100 * self.error_before[j]
-        numbers["error_after_percent"] = 100 * self.error_after[j]
-        numbers["fitted"] = self.fitted[j]
-        return {f"{prefix}{key}": plain(value) for key, value in numbers.items()}
-
-
-@dataclass(frozen=True)
-class Predicted:
-    """A frequency, Hz, or damping ratio that a fit did not see.
-
-    Attributes:
-        test: Measured; nan if it was not.
-        before: The model's at the start.
-        predicted: That of the model fitted to all else.
-        sd: Relative standard deviation of that by the parameters' covariance alone; nan where no
-            fitted mode had such a datum.
-    """
-
-    test: float
-    before: float
-    predicted: float
-    sd: float
-
-    @property
-    def error(self) -> float:
-        """Predicted over measured, minus one."""
-        return self.predicted / self.test - 1
-
-    def row(self, prefix: str = "", unit: str = "") -> dict[str, float | None]:
-        """Keys of a held mode in the JSON of ``update``."""
-        keys = ("test", "before", "predicted")
-        row = {f"{key}{unit}": getattr(self, key) for key in keys}
-        row |= {"error_percent": 100 * self.error, "standard_deviation_percent": 100 * self.sd}
-        return {f"{prefix}{key}": plain(v) for key, v in row.items()}
+    def columns(self, prefix: str = "", unit: str = "") -> dict[str, np.ndarray]:
+        """Its columns in the records of the modes."""
+        found = {f"{key}{unit}": getattr(self, key) for key in ("test", "before", "after")}
+        found["error_before_percent"] = 100 * self.error_before
+        found["error_after_percent"] = 100 * self.error_after
+        found["fitted"] = self.fitted
+        return {f"{prefix}{key}": values for key, values in found.items()}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -106,17 +72,17 @@ class ModeTable(Compared):
     mac_after: np.ndarray | None = None
     damping: Compared | None = None
 
-    def to_json(self) -> list[dict[str, object]]:
-        """A row for each mode."""
-        rows = []
-        for j, name in enumerate(self.names):
-            row = {"name": name, **self.row(j, unit="_hz")}
-            if self.mac_after is not None:
-                row |= {"mac_before": self.mac_before[j, j], "mac_after": self.mac_after[j, j]}
-            if self.damping is not None:
-                row |= self.damping.row(j, "damping_")
-            rows.append(row)
-        return rows
+    def records(self) -> list[dict[str, object]]:
+        """A record for each mode, as in the JSON of ``update``."""
+        columns: dict[str, Sequence] = {"name": self.names, **self.columns(unit="_hz")}
+        if self.mac_after is not None:
+            columns |= {
+                "mac_before": np.diag(self.mac_before),
+                "mac_after": np.diag(self.mac_after),
+            }
+        if self.damping is not None:
+            columns |= self.damping.columns("damping_")
+        return records(**columns)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -130,7 +96,6 @@ class Functions:
         after: Updated.
         lines: Which lines were fitted, (n,), bool.
         held: Which values no fit saw, the shape of ``measured``, bool.
-        kind: ``receptance``, ``mobility`` or ``accelerance``.
         unit: SI unit.
         names: Names of responses and of references.
         solution: Error of the model's functions by modes against a direct solution, relative.
@@ -142,28 +107,21 @@ class Functions:
     after: np.ndarray
     lines: np.ndarray
     held: np.ndarray
-    kind: str
     unit: str
     names: tuple[tuple[str, ...], tuple[str, ...]]
     solution: float
 
-    def decibels(self, model: np.ndarray, where: np.ndarray | None = None) -> float | None:
+    def decibels(self, model: np.ndarray, where: np.ndarray | bool = True) -> float | None:
         """Root mean square of 20 lg |H_model / H_test|, dB; None where nothing was measured.
 
         Args:
             model: `before` or `after`.
             where: Which values, bool; all by default.
         """
-        used = np.isfinite(self.measured) & (True if where is None else where)
+        used = np.isfinite(self.measured) & where
         if not used.any():
             return None
-        ratio = np.abs(model[used]) / np.abs(self.measured[used])
-        return rms(20 * np.log10(ratio))
-
-    @property
-    def fitted(self) -> np.ndarray:
-        """Which values were fitted, bool."""
-        return self.lines[:, None, None] & ~self.held
+        return rms(20 * np.log10(np.abs(model[used]) / np.abs(self.measured[used])))
 
     def frac(self, model: np.ndarray) -> np.ndarray:
         """Frequency response assurance criterion of each function, (n_responses, n_references).
@@ -175,36 +133,12 @@ class Functions:
 
     def summary(self) -> dict[str, float | None]:
         """Errors in dB: all, fitted and held out, before and after."""
-        held = self.held if self.held.any() else None
-        found = {}
-        for name, model in (("before", self.before), ("after", self.after)):
-            found[f"all_{name}"] = self.decibels(model)
-            found[f"fitted_{name}"] = self.decibels(model, self.fitted)
-            found[f"held_{name}"] = None if held is None else self.decibels(model, held)
-        return found
-
-
-@dataclass(frozen=True)
-class HeldMode(Predicted):
-    """A mode that a fit did not see: its frequency, Hz, and what goes with it.
-
-    Attributes:
-        name: Its name.
-        values: What was identified without it, by parameter.
-        alone: Whether it was the only one held out.
-        damping: Its damping ratio, held out too; None if ratios are no data.
-    """
-
-    name: str
-    values: dict[str, float]
-    alone: bool
-    damping: Predicted | None = None
-
-    def to_json(self) -> dict[str, object]:
-        """Its row in the JSON of ``update``."""
-        row = {"name": self.name, **self.row(unit="_hz")}
-        row |= {"alone": self.alone, "parameters": self.values}
-        return row if self.damping is None else row | self.damping.row("damping_")
+        kinds = {"all": True, "fitted": self.lines[:, None, None] & ~self.held, "held": self.held}
+        return {
+            f"{kind}_{name}": self.decibels(getattr(self, name), where)
+            for name in ("before", "after")
+            for kind, where in kinds.items()
+        }
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -236,7 +170,7 @@ class Sweep:
         """RMS errors of the curves' model: at the conditions they were fitted to, at those held out
         and on data for validation; None where there are none."""
         if self.frequencies is None:
-            return {"fitted": None, "heldout": None, "validation": None}
+            return dict.fromkeys(("fitted", "heldout", "validation"))
         errors, held = self.frequencies.relative, self.held_out
         return {
             "fitted": rms(errors[~held]),
@@ -253,19 +187,23 @@ class UpdateReport:
         title: The case's title.
         condition: Name, value and unit of the condition; None without one.
         kinds: Kinds of data that were fitted.
-        parameters: Dicts with name, value, unit, sd (relative), start.
+        parameters: Records with name, value, unit, standard_deviation,
+            relative_standard_deviation, start and determined.
         update: The fit.
         modes: Modes before and after; None if the test has none that are data.
         functions: Functions before and after; None if they are no data.
-        held: Modes that were held out.
-        sweep: Fits at all conditions and curves over them; None where one condition was asked for.
+        held: Records of modes that the fit did not see: name, test_hz, before_hz, predicted_hz,
+            error_percent, standard_deviation_percent, by the covariance of the parameters alone,
+            alone (whether no other was held out), parameters; where ratios are data the numbers
+            again, without a unit, behind ``damping_``.
         model: Facts on the model.
+        sweep: Fits at all conditions and curves over them; None where one condition was asked for.
         notes: What a reader has to know, in words.
         published: Somebody's parameters, their frequencies and this model's at those parameters:
             keys source, parameters, frequencies_hz, model_hz, errors_percent; or None.
         pull: Standard deviation by which the fit held each parameter at its start, of its logarithm
             (or its value over its size there); None where nothing did.
-        shapes: Shapes of the updated model, to be seen; None but on rank 0.
+        shapes: Draws the shapes of the updated model, as blocks; None but on rank 0.
         without_partner: Names of the test's modes that match none of the model's; left out.
         failure: Why the fit explains nothing of the test, in words; None if it does.
     """
@@ -277,13 +215,13 @@ class UpdateReport:
     update: Update
     modes: ModeTable | None
     functions: Functions | None
-    held: list[HeldMode]
+    held: list[dict]
     model: dict
     sweep: Sweep | None = None
     notes: list[str] = field(default_factory=list)
     published: dict | None = None
     pull: float | None = None
-    shapes: UpdatedShapes | None = field(default=None, repr=False)
+    shapes: Callable[[], list] | None = field(default=None, repr=False)
     without_partner: tuple[str, ...] = ()
     failure: str | None = None
 
@@ -298,56 +236,45 @@ class UpdateReport:
         first = self.update.history[0]
         return first.condition_before, first.condition_after
 
-    def changes(self) -> list[tuple[str, str, str]]:
+    def changes(self) -> dict[str, tuple[str, str]]:
         """Errors before and after in words, by kind of data; the MAC if shapes alone are data."""
-        found, modes = [], self.modes
+        found, modes = {}, self.modes
         errors = None if modes is None else modes.rms()
         if errors is not None:
-            found.append(("frequencies", *(percent(e) for e in errors)))
+            found["frequencies"] = tuple(map(percent, errors))
         if modes is not None and modes.damping is not None:
-            found.append(("damping ratios", *(percent(e, 1) for e in modes.damping.rms())))
+            found["damping ratios"] = tuple(percent(e, 1) for e in modes.damping.rms())
         if self.functions is not None:
             levels = self.functions.summary()
-            words = (decibel(levels[key]) for key in ("all_before", "all_after"))
-            found.append(("functions", *words))
+            found["functions"] = decibel(levels["all_before"]), decibel(levels["all_after"])
         if not found and modes is not None and modes.mac_after is not None:
-            macs = (float(np.min(np.diag(m))) for m in (modes.mac_before, modes.mac_after))
-            found.append(("lowest MAC", *(f"{m:.4f}" for m in macs)))
+            lowest = (np.diag(m).min() for m in (modes.mac_before, modes.mac_after))
+            found["lowest MAC"] = tuple(f"{m:.4f}" for m in lowest)
         return found
 
     def to_json(self) -> dict[str, object]:
         """The documented keys of ``update --json``."""
         u, found, sweep, modes = self.update, self.update.identifiability, self.sweep, self.modes
         before, after = self.conditions
+        condition, frequencies = self.condition, None
+        if condition is not None:
+            condition = dict(zip(("name", "value", "unit"), condition, strict=True))
+        if modes is not None:
+            frequencies = {"test": modes.test, "before": modes.before, "after": modes.after}
         return plain(
             {
                 "title": self.title,
-                "condition": None
-                if self.condition is None
-                else dict(zip(("name", "value", "unit"), self.condition, strict=True)),
+                "condition": condition,
                 "method": u.method,
                 "data": self.kinds,
-                "parameters": [
-                    {
-                        "name": p["name"],
-                        "value": p["value"],
-                        "unit": p["unit"],
-                        "standard_deviation": p["sd"] * abs(p["value"]),
-                        "relative_standard_deviation": p["sd"],
-                        "start": p["start"],
-                        "determined": p["name"] not in found.undetermined,
-                    }
-                    for p in self.parameters
-                ],
-                "frequencies_hz": None
-                if modes is None
-                else {"test": modes.test, "before": modes.before, "after": modes.after},
+                "parameters": self.parameters,
+                "frequencies_hz": frequencies,
                 "errors_percent": None if modes is None else 100 * modes.error_after,
                 "errors_before_percent": None if modes is None else 100 * modes.error_before,
-                "modes": None if modes is None else modes.to_json(),
+                "modes": None if modes is None else modes.records(),
                 "modes_without_partner": self.without_partner,
                 "functions_db": None if self.functions is None else self.functions.summary(),
-                "held_modes": [h.to_json() for h in self.held],
+                "held_modes": self.held,
                 "condition_numbers": {"before": before, "after": after},
                 "identifiability": {
                     "condition": found.condition,
@@ -389,6 +316,40 @@ class UpdateReport:
         )
 
 
-def prediction_sd(found: Update, slopes: np.ndarray) -> float:
-    """Standard deviation of what has these derivatives by the parameters, by their covariance."""
-    return float(np.sqrt(max(slopes @ found.covariance @ slopes, 0.0)))
+def parameter_records(
+    found: Update, units: Sequence[str], start: Sequence[float]
+) -> list[dict[str, object]]:
+    """What a fit identified, as `UpdateReport.parameters` has it."""
+    return [
+        {
+            "name": name,
+            "value": float(value),
+            "unit": unit,
+            "standard_deviation": float(sd * abs(value)),
+            "relative_standard_deviation": float(sd),
+            "start": first,
+            "determined": name not in found.identifiability.undetermined,
+        }
+        for name, value, unit, sd, first in zip(
+            found.names, found.values, units, found.relative_sd, start, strict=True
+        )
+    ]
+
+
+def predicted_record(
+    test: float, before: float, predicted: float, sd: float, prefix: str = "", unit: str = ""
+) -> dict[str, float | None]:
+    """A frequency or a damping ratio that a fit did not see, in `UpdateReport.held`.
+
+    Args:
+        test: Measured; nan if it was not.
+        before: The model's at the start.
+        predicted: That of the model fitted to all else.
+        sd: Relative standard deviation of that; nan where it is not known.
+        prefix: Before each key.
+        unit: Behind the key of each value that has it.
+    """
+    found = {f"test{unit}": test, f"before{unit}": before, f"predicted{unit}": predicted}
+    found["error_percent"] = 100 * (predicted / test - 1)
+    found["standard_deviation_percent"] = 100 * sd
+    return {f"{prefix}{key}": plain(float(value)) for key, value in found.items()}

@@ -16,7 +16,7 @@ from fenics_joints.commands.cutoff import run_cutoff
 from fenics_joints.commands.outcome import Outcome
 from fenics_joints.commands.update.conditions import FollowedModel, sweep_conditions
 from fenics_joints.commands.update.data import UpdateData, update_data
-from fenics_joints.commands.update.document import update_document
+from fenics_joints.commands.update.document import update_document, updated_shapes
 from fenics_joints.commands.update.partners import (
     WithoutPartner,
     explains_nothing,
@@ -27,13 +27,11 @@ from fenics_joints.commands.update.partners import (
 from fenics_joints.commands.update.result import (
     Compared,
     Functions,
-    HeldMode,
     ModeTable,
-    Predicted,
     UpdateReport,
-    prediction_sd,
+    parameter_records,
+    predicted_record,
 )
-from fenics_joints.commands.update.view import updated_shapes
 from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.files import plain
 from fenics_joints.formatting import percent, quantity
@@ -198,17 +196,23 @@ class _Run:
             title=self.case.name,
             condition=self.data.condition,
             kinds=self.data.kinds,
-            parameters=self._table(found),
+            parameters=parameter_records(
+                found, [p.unit for p in self.parameters], [self.start[n] for n in found.names]
+            ),
             update=found,
             modes=table,
             functions=functions,
-            held=held + self._held_always(first, modes, found),
+            held=held
+            + [
+                self._held_record(j, first, modes, found, len(self.data.held_modes) == 1)
+                for j in self.data.held_modes
+            ],
             model=facts,
             sweep=sweep,
             notes=self.notes,
             pull=None if found.method == "weighted" else self.section.regularisation,
             published=self._published(),
-            shapes=updated_shapes(self.case, self.full, self.data.target, modes),
+            shapes=updated_shapes(self.case, self.full, self.data.target, modes, table),
             failure=None
             if failure is None
             else f"{self.case.path}: the fit explains nothing: {failure}",
@@ -295,7 +299,7 @@ class _Run:
 
     # -- held out ------------------------------------------------------------------------------
 
-    def _held(self, first: Modes) -> list[HeldMode]:
+    def _held(self, first: Modes) -> list[dict]:
         """Every mode in turn, if the case asks for it: fitted anew to all else, from the start."""
         if not self.data.each:
             return []
@@ -305,49 +309,40 @@ class _Run:
         self.progress.step("holding out each mode in turn", len(measured))
         rows = []
         for j in measured:
+            name = self.data.mode_names[j]
             try:
                 other = self._fit(self.data.without(int(j)))
             except ConvergenceError as error:
-                self.notes.append(f"{self.data.mode_names[j]} was not held out: {error}")
-                self.progress.advance()
-                continue
-            if not other.converged:
-                name = self.data.mode_names[j]
-                self.notes.append(f"the fit without {name} is {other.message}")
-            values = self._values(other)
-            # The full model's frequency, so that the reduced one's error is none of the test's.
-            modes = self.model.modes(values)
-            rows.append(self._held_row(int(j), first, modes, other, True))
+                self.notes.append(f"{name} was not held out: {error}")
+            else:
+                if not other.converged:
+                    self.notes.append(f"the fit without {name} is {other.message}")
+                # The full model's frequency, so that the reduced one's error is none of the test's.
+                modes = self.model.modes(self._values(other))
+                rows.append(self._held_record(int(j), first, modes, other, True))
             self.progress.advance()
         return rows
 
-    def _held_always(self, first: Modes, modes: Modes, found: Update) -> list[HeldMode]:
-        return [
-            self._held_row(j, first, modes, found, len(self.data.held_modes) == 1)
-            for j in self.data.held_modes
-        ]
+    def _held_record(self, j: int, first: Modes, modes: Modes, found: Update, alone: bool) -> dict:
+        """A mode that a fit did not see, for `UpdateReport.held`."""
 
-    def _held_row(self, j, first: Modes, modes: Modes, found: Update, alone) -> HeldMode:
+        def sd(slopes: np.ndarray) -> float:
+            return float(np.sqrt(max(slopes @ found.covariance @ slopes, 0.0)))
+
         before, after = (m.frequencies_hz[self._pair(m).index[j]] for m in (first, modes))
-        sd = prediction_sd(found, found.prediction.frequency_slopes[j])
-        numbers = (float(v) for v in (self._measured_hz()[j], before, after, sd))
-        return HeldMode(
-            *numbers,
-            self.data.mode_names[j],
-            found.mapping(),
-            alone,
-            self._held_ratio(j, first, modes, found),
-        )
-
-    def _held_ratio(self, j, first: Modes, modes: Modes, found: Update) -> Predicted | None:
-        before = self.model.ratios(self.start, first)
-        if before is None:
-            return None
-        after, sd = self.model.ratios(self._values(found), modes)[j], np.nan
-        if found.prediction.damping_ratios is not None:
-            by_values = found.prediction.damping_slopes[j] / found.prediction.damping_ratios[j]
-            sd = prediction_sd(found, by_values)
-        return Predicted(*(float(v) for v in (self._measured_ratios()[j], before[j], after, sd)))
+        row: dict = {"name": self.data.mode_names[j]}
+        by_values = sd(found.prediction.frequency_slopes[j])
+        row |= predicted_record(self._measured_hz()[j], before, after, by_values, unit="_hz")
+        row |= {"alone": alone, "parameters": found.mapping()}
+        ratios = self.model.ratios(self.start, first)
+        if ratios is None:
+            return row
+        after = self.model.ratios(self._values(found), modes)[j]
+        by_values, own = np.nan, found.prediction
+        if own.damping_ratios is not None:
+            by_values = sd(own.damping_slopes[j] / own.damping_ratios[j])
+        measured = self.case.measurements().damping[self._row()]
+        return row | predicted_record(measured[j], ratios[j], after, by_values, "damping_")
 
     # -- before and after ----------------------------------------------------------------------
 
@@ -366,10 +361,6 @@ class _Run:
         """Measured frequencies, also those held out."""
         return self.case.measurements().frequencies_hz[self._row()]
 
-    def _measured_ratios(self) -> np.ndarray:
-        """Measured damping ratios, also those held out."""
-        return self.case.measurements().damping[self._row()]
-
     def _row(self) -> int:
         return self.case.measurements().row(self.section.at)
 
@@ -381,11 +372,14 @@ class _Run:
         fitted[list(found.widths.without)] = False
         before, after = self._pair(first), self._pair(modes)
         shapes = None if self.case.measurements().shapes is None else target.shapes
-        macs = (
-            (None, None)
-            if shapes is None
-            else tuple(mac(shapes, p.shapes) for p in (before, after))
-        )
+        macs, damping = (None, None), None
+        if shapes is not None:
+            macs = tuple(mac(shapes, pairing.shapes) for pairing in (before, after))
+        ratios = self.model.ratios(self.start, first)
+        if ratios is not None:
+            measured = self.case.measurements().damping[self._row()]
+            seen = np.isfinite(target.damping_ratios)
+            damping = Compared(measured, ratios, self.model.ratios(values, modes), seen)
         return ModeTable(
             self._measured_hz(),
             first.frequencies_hz[before.index],
@@ -393,18 +387,7 @@ class _Run:
             fitted,
             self.data.mode_names,
             *macs,
-            self._ratios(first, modes, values),
-        )
-
-    def _ratios(self, first: Modes, modes: Modes, values) -> Compared | None:
-        before = self.model.ratios(self.start, first)
-        if before is None:
-            return None
-        return Compared(
-            self._measured_ratios(),
-            before,
-            self.model.ratios(values, modes),
-            np.isfinite(self.data.target.damping_ratios),
+            damping,
         )
 
     def _functions(self, values: Mapping[str, float]) -> Functions | None:
@@ -436,23 +419,10 @@ class _Run:
             *found,
             lines[there],
             self.data.held[there],
-            frfs.kind,
             frfs.unit,
             (frfs.response_names, frfs.reference_names),
             max(errors),
         )
-
-    def _table(self, found: Update) -> list[dict]:
-        return [
-            {
-                "name": p.name,
-                "value": float(v),
-                "unit": p.unit,
-                "sd": float(sd),
-                "start": self.start[p.name],
-            }
-            for p, v, sd in zip(self.parameters, found.values, found.relative_sd, strict=True)
-        ]
 
     def _published(self) -> dict | None:
         published = self.section.published

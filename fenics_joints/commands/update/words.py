@@ -80,14 +80,8 @@ def start_words(found: Identifiability, pull: float | None) -> str | None:
     left = found.undetermined
     if pull is None or not left:
         return None
-    those = "those" if len(left) > 1 else "that"
     return (
-        f"Standard deviations, {those} of {_and(left)} above all, are with update.regularisation = "
+        f"Standard deviations, above all of {_and(left)}, are with update.regularisation = "
         f"{number(pull, 2)}, which holds every parameter near its start, within a factor of "
         f"{number(float(np.exp(pull)), 2)}; by the data alone they would be larger."
     )
-
-
-def ratio_words(ratio: float) -> str:
-    """A damping ratio in per cent, three digits; a dash for one that is missing."""
-    return f"{number(100 * ratio)} %" if np.isfinite(ratio) else number(ratio)

@@ -29,16 +29,10 @@ def page(seed_surfaces) -> Page:
 def hostile_page() -> Page:
     """Of a database that someone sent: texts are markup; plates of one thickness, some rough."""
     store = Store(":memory:")
+    same = {"diameter": 0.012, "bolt": "M12", "thickness": 0.02, "model": EVIL, "source": EVIL}
     store.add(
         JointRow(
-            diameter=0.012,
-            bolt="M12",
-            force=1e3 * (10 + 7 * i),
-            thickness=0.02,
-            roughness=1e-6 * (1 + i % 3),
-            radius=0.03 + 1e-3 * i,
-            model=EVIL,
-            source=EVIL,
+            force=1e3 * (10 + 7 * i), roughness=1e-6 * (1 + i % 3), radius=0.03 + 1e-3 * i, **same
         )
         for i in range(6)
     )
