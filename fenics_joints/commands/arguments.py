@@ -1,4 +1,4 @@
-"""What stands on the command line, as the commands take it."""
+"""Arguments and options that several commands have."""
 
 from __future__ import annotations
 

@@ -40,7 +40,7 @@ from fenics_joints.updating import CutoffMinimum, CutoffModel, CutoffSweep, mini
 _CALIBRATED = 1e-6
 #: Least change of ln f by ln of the parameter; with less the mode does not depend on it.
 _FELT = 1e-6
-#: Newton steps of the calibration, which takes three or four.
+#: Most Newton steps of the calibration, each by at most a factor of e^0.5: a factor of 400 in all.
 _ITERATIONS = 12
 _WORDS = {"two": "stuck or open", "three": "stuck, sliding or open"}
 _COLOURS = {"two": CHOSEN, "three": PLACEBO}
@@ -274,7 +274,7 @@ class SchemeReport:
 
 @dataclass(frozen=True, eq=False)
 class CutoffReport:
-    """What ``fenics-joints update`` found for a case with ``[update.cutoff]``.
+    """The result of ``fenics-joints update`` for a case with ``[update.cutoff]``.
 
     Attributes:
         case: The case.
@@ -309,7 +309,7 @@ class CutoffReport:
         return sum(c["whole_area_m2"] for c in self.contacts)
 
     def to_json(self) -> dict[str, object]:
-        """What ``--json`` writes.
+        """The content of ``--json``.
 
         Keys: ``version``, ``title``, ``dofs``, ``bolt_forces_n``, ``condition``, ``modes``,
         ``frequencies_hz`` (``test``, ``stuck``), ``calibration``, ``contacts`` and ``schemes``,
@@ -334,11 +334,11 @@ class CutoffReport:
         )
 
 
-# -- what is said of it ----------------------------------------------------------------------------
+# -- the document ----------------------------------------------------------------------------------
 
 
 def cutoff_document(u: CutoffReport) -> doc.Document:
-    """What is said of an update of the cut-off pressure."""
+    """The document of an update of the cut-off pressure."""
     stuck = float(np.sum(np.abs(u.stuck_hz / u.test_hz - 1)))
     keys = [("stuck", percent(stuck), "sum of the relative errors, fully stuck")]
     for s in u.schemes:

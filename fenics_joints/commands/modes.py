@@ -184,7 +184,7 @@ class ModeList:
             `Modes.visibility`; None if the case does not say what the test saw.
         size_m: Extents along the axes, m, shape (gdim,); empty if not measured.
         rings: The bolts' rings ``ring_1``, ... of the mesh, those that are flat layers.
-        notes: What is to be said of the test's data, see `fenics_joints.case.test_notes`.
+        notes: Remarks on the test's data, see `fenics_joints.case.test_notes`.
         beside: The modes beside those of the test; None if the case has no data.
         written: Files of the shapes for ParaView.
     """
@@ -221,7 +221,7 @@ class ModeList:
         return seen
 
     def to_json(self) -> dict[str, object]:
-        """What ``--json`` writes.
+        """The content of ``--json``.
 
         Keys: ``version``, ``title``; ``dofs``, the number of degrees of freedom;
         ``frequencies_hz``, ascending, 0 for rigid-body modes; ``rigid_body_modes``, their number;
@@ -260,7 +260,7 @@ class ModeList:
         ]
 
     def kinds(self) -> list[str]:
-        """What each mode is, in words."""
+        """Kind of each mode, in words."""
         n_rigid, visible = self.modes.n_rigid, self.visible
         if visible is None:
             elastic = ["elastic"] * (len(self.modes) - n_rigid)
@@ -346,7 +346,7 @@ def _preloaded(case: Case, comm: MPI.Intracomm, progress: Progress, state: str) 
 
 
 def _unused(case: Case, state: str) -> list[str]:
-    """A sentence on what does not count as long as contacts are stuck whatever presses them."""
+    """A sentence on loads and displacements without effect while contacts are stuck everywhere."""
     if state != "stuck" or case.obstacles or not (case.loads or case.displacements):
         return []
     given = " and ".join(f"[{t}]" for t in ("loads", "displacements") if getattr(case, t))
@@ -356,11 +356,11 @@ def _unused(case: Case, state: str) -> list[str]:
     ]
 
 
-# -- what is said of it ----------------------------------------------------------------------------
+# -- the document ----------------------------------------------------------------------------------
 
 
 def modes_document(result: ModeList, n_shapes: int | None = 6) -> doc.Document:
-    """What is said of the modes of a case.
+    """The document of the modes of a case.
 
     Args:
         result: The modes.

@@ -1,4 +1,4 @@
-"""What every command hands to the command line."""
+"""The outcome of a command, for the command line."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ Result = TypeVar("Result")
 
 @dataclass(frozen=True, eq=False)
 class Outcome(Generic[Result]):
-    """What a command made of a case; nothing is written before it is asked for.
+    """A result and its document; nothing is written before it is asked for.
 
     Attributes:
-        result: What was found.
-        document: What is said of it.
-        failure: Why the result may not be used, where it is none: the command ends with this error,
-            after all is written; None for a result.
+        result: The result.
+        document: The document of the result.
+        failure: Why the result must not be used: the command ends with this error, after all is
+            written; None for a valid result.
     """
 
     result: Result

@@ -67,7 +67,7 @@ def run_plan(
 
 
 def plan_document(p: Plan) -> doc.Document:
-    """What is said of a plan."""
+    """The document of a plan."""
     seen = sum(e.seen for e in p.effects)
     values = ", ".join(condition_value(x, p.condition[1]) for x in p.conditions)
     how = f"modes at {p.condition[0]} {values}"
@@ -190,7 +190,7 @@ def _effects(p: Plan) -> doc.Table:
 
 
 def _additions(p: Plan, seen: int) -> list:
-    """What further measurements would add."""
+    """Gain of further measurements."""
     heading = doc.Heading("What to measure next", "next")
     if not p.additions:
         words = "Nothing more is needed: it would see every cause and tell each from every other."

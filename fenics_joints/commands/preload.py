@@ -102,9 +102,9 @@ def run_preload(
 
 
 def _become(joint: LinearJoint, stuck: Modes, loose: Modes) -> np.ndarray:
-    """Frequencies, Hz, (n,), of what the stuck elastic modes become in the preloaded state: of the
-    mode, or the modes as good as equal, with more than half of the kinetic energy of the stuck
-    shape; nan where none has."""
+    """Frequencies, Hz, (n,), of the preloaded modes that the stuck elastic modes turn into: of the
+    mode, or of modes of equal frequency, with more than half of the kinetic energy of the stuck
+    shape; nan where there is none."""
     mass, hz = joint.free_matrices()[1], loose.frequencies_hz[loose.n_rigid :]
     moved = [mass * shape for shape in loose.shapes[loose.n_rigid :]]
     found = np.full(len(stuck) - stuck.n_rigid, np.nan)
@@ -136,7 +136,7 @@ def _elastic_modes(joint: LinearJoint, before: Modes | None = None) -> Modes:
 
 @dataclass(frozen=True, eq=False)
 class PreloadReport:
-    """What the ``preload`` command found.
+    """The result of the ``preload`` command.
 
     Attributes:
         case: The case.
@@ -215,7 +215,7 @@ class PreloadReport:
         return f"PreloadReport({self.case.name!r}, {words})"
 
     def to_json(self) -> dict[str, object]:
-        """What ``--json`` writes.
+        """The content of ``--json``.
 
         Keys: ``version``, ``title``, ``dofs``, ``bolt_forces_n``, ``iterations``,
         ``complementarity``, ``contacts`` (each with the keys of `contact_facts`), ``applied``
@@ -257,7 +257,7 @@ def _recedes(result: PreloadResult) -> bool:
 
 
 def applied_facts(result: PreloadResult) -> list[dict]:
-    """What acts on faces beside bolts, and what comes of it. Collective.
+    """Obstacles, displacements and loads on faces, with their forces. Collective.
 
     Returns:
         Of each a dict with ``name``, ``kind`` (``obstacle``, ``displacement``, ``load``),
@@ -288,7 +288,7 @@ def bolt_axes(result: PreloadResult) -> dict[str, np.ndarray]:
 
 
 def contact_facts(state: ContactState, axes: dict[str, np.ndarray]) -> dict:
-    """What is said of a contact.
+    """Facts on a contact.
 
     Args:
         state: The contact in its state.
@@ -333,11 +333,11 @@ def bolt_forces(result: PreloadResult) -> dict[str, float]:
     return {bolt.name: result.forces[bolt.name] for bolt in result.model.bolts}
 
 
-# -- what is said of it ----------------------------------------------------------------------------
+# -- the document ----------------------------------------------------------------------------------
 
 
 def preload_document(p: PreloadReport) -> doc.Document:
-    """What is said of a preload state and its frequencies."""
+    """The document of a preload state and its frequencies."""
     forces = forces_in_words(p.result)
     frequencies = doc.Table.of(
         p.records(),
@@ -376,7 +376,7 @@ def preload_document(p: PreloadReport) -> doc.Document:
 
 
 def _applied(facts: Sequence[dict]) -> list:
-    """What acts on the bodies, and what comes of it."""
+    """Obstacles, displacements and loads, with their forces."""
     if not facts:
         return []
     rows = [

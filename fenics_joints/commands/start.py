@@ -106,7 +106,7 @@ def _silent(question: str, answer: str, check) -> str:
 
 
 def _prompt(question: str, answer: str, check) -> str:
-    """What the user says on the terminal, once it can be used."""
+    """The user's answer on the terminal, once it is a valid one."""
     from fenics_joints.errors import InputError
 
     while True:

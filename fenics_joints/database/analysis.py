@@ -64,27 +64,16 @@ class BoltedPlates:
 
     def __post_init__(self) -> None:
         member("model", self.model, MODELS)
-        for name in ("friction", "washer_friction"):
-            self._number(name, least=0.0)
-        for name in ("plate_radius", "upper_thickness", "E", "size", "P_lim"):
-            self._number(name, above=0.0)
-        for name in (
-            "loaded_diameter",
-            "washer_diameter",
-            "washer_thickness",
-            "hole_diameter",
-            "penalty",
-        ):
-            if getattr(self, name) is not None:
-                self._number(name, above=0.0)
+        whole("degree", self.degree, 1, 2)
         if not -1 < real("nu", self.nu) < 0.5:
             raise InputError(f"nu = {self.nu!r}: expected a number between -1 and 0.5")
-        whole("degree", self.degree, 1, 2)
+        for f in fields(self):
+            value = getattr(self, f.name)
+            if f.name in ("model", "degree", "nu") or (value is None and f.default is None):
+                continue
+            real(f.name, value, **{"least" if "friction" in f.name else "above": 0.0})
         if self.penalty is not None and (self.model != "plates" or self.friction > 0):
             raise InputError("penalty: expected only with model = 'plates' and friction = 0")
-
-    def _number(self, name: str, *, least: float = -math.inf, above: float = -math.inf) -> None:
-        real(name, getattr(self, name), least=least, above=above)
 
     @classmethod
     def of(cls, settings: Mapping[str, object]) -> BoltedPlates:
@@ -215,15 +204,12 @@ def solve_bolted_plates(
 def _contacts(s: BoltedPlates, gap) -> list:
     from fenics_joints.preload import Contact
 
-    contacts = [
-        Contact("plates", "interface_lower", "interface_upper", friction=s.friction, gap=gap)
-    ]
-    names = {"plates": (), "washers": ("seat",), "bolt": ("seat", "head")}[s.model]
-    contacts += [
-        Contact(f"{name}_{i}", f"{name}_{i}_lower", f"{name}_{i}_upper", friction=s.washer_friction)
-        for name in names
-        for i in (1, 2)
-    ]
+    faces = "interface_lower", "interface_upper"
+    contacts = [Contact("plates", *faces, friction=s.friction, gap=gap)]
+    for name in {"plates": (), "washers": ("seat",), "bolt": ("seat", "head")}[s.model]:
+        for pair in (f"{name}_1", f"{name}_2"):
+            faces = f"{pair}_lower", f"{pair}_upper"
+            contacts.append(Contact(pair, *faces, friction=s.washer_friction))
     return contacts
 
 

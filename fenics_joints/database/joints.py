@@ -12,7 +12,7 @@ from fenics_joints.formatting import control_character
 #: Diameters of its bolt that no contact radius is beyond: the pressure cone of plates a hundred
 #: bolts thick ends there, and those of the papers are below five.
 _WIDEST = 100.0
-#: What makes a joint what it is, and the order of columns.
+#: Conditions and results of a joint, in the order of the columns.
 CONDITIONS = ("diameter", "force", "torque", "thickness", "roughness")
 RESULTS = ("radius", "pressure", "E", "nu", "h")
 NUMBERS = CONDITIONS + RESULTS
@@ -118,7 +118,7 @@ class JointRow:
 
     @property
     def task(self) -> str:
-        """What was computed: the conditions, the model and its settings, as text.
+        """Key of the computation: the conditions, the model and its settings, as text.
 
         The version is not part of it: a sweep of a new version belongs in a new file.
         """

@@ -68,7 +68,7 @@ class TorqueToForce:
 
 @dataclass(frozen=True)
 class Answer:
-    """What the database knows of a joint.
+    """Parameters of a joint from the database.
 
     Attributes:
         thread: The bolt.
@@ -310,7 +310,7 @@ def _identified(
 
 
 def _log_ratios(row: JointRow, point: dict, how: TorqueToForce) -> dict[str, float]:
-    """Of the conditions that are known of both."""
+    """Logarithms of the ratios of conditions that are known of both joints."""
     known = {name: getattr(row, name) for name in point}
     if row.force is None and row.torque is not None and (row.bolt or how.friction is None):
         if row.bolt:

@@ -249,9 +249,9 @@ def _make(path: Path) -> None:
 
 
 def _mode(path: str | Path, create: bool) -> str:
-    """How to open a file. SQLite's own read-only mode is for those that cannot be written to.
+    """Mode to open a file in: SQLite's read-only mode only where nothing can be written.
 
-    It could not roll back what a killed process left half-written.
+    In that mode SQLite could not roll back what a killed process left half-written.
     """
     if create:
         return "rwc"

@@ -49,7 +49,7 @@ class Sample:
 
 @dataclass(frozen=True)
 class SweepReport:
-    """How a sweep went.
+    """Outcome of a sweep.
 
     Attributes:
         computed: Samples analysed now, by all ranks.

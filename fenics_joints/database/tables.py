@@ -1,4 +1,4 @@
-"""What is said of the database: an answer, its rows, and how well each is predicted."""
+"""Documents of the database: an answer, its rows, and how well each is predicted."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def in_words(estimate: Interpolation | None, unit: str) -> str:
 
 
 def answer_document(answer: Answer) -> Document:
-    """What is said of a joint."""
+    """The document of an answer."""
     table, row = Table(" | "), answer.identified
     table.add("bolt force", f"{quantity(answer.force, 'N')} ({answer.force_from})")
     table.add("contact radius", in_words(answer.radius, "m"))

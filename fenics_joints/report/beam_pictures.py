@@ -53,10 +53,11 @@ def _frame(axes, boxes: np.ndarray) -> None:
     axes.spines[["left", "right", "top"]].set_visible(False)
     axes.set_xlabel("x, mm (heights not to scale, beams and laps apart)")
     axes.tick_params(length=2)
-    rows = [(_ABOVE, "above")] + [(_JOINT, "lap")] + [(_BELOW, "below")]
-    there = [np.any(np.isclose(boxes[:, :, 1], low + high)) for (low, high), _ in rows]
+    rows = ((_ABOVE, "above"), (_JOINT, "lap"), (_BELOW, "below"))
     shown = [
-        (low + high / 2, name) for ((low, high), name), on in zip(rows, there, strict=True) if on
+        (low + high / 2, name)
+        for (low, high), name in rows
+        if np.any(np.isclose(boxes[:, :, 1], low + high))
     ]
     axes.set_yticks([y for y, _ in shown], [name for _, name in shown])
     axes.tick_params(axis="y", length=0)
@@ -80,22 +81,13 @@ def beam_patches(cells: PatchMap, name: str = "patches") -> str:
             own = boxes[cells.patch == p]
             (x0, y0), (x1, y1) = own.min(axis=(0, 1)), own.max(axis=(0, 1))
             rank = int(cells.significant[p]) + int(cells.sufficient[p])
-            line = {"ec": OUTLINES[rank]["colors"], "lw": OUTLINES[rank]["lw"]}
-            axes.add_patch(
-                Rectangle((x0, y0), x1 - x0, y1 - y0, fill=False, zorder=3 + rank, **line)
-            )
+            line = {"ec": OUTLINES[rank]["colors"], "lw": OUTLINES[rank]["lw"], "fill": False}
+            axes.add_patch(Rectangle((x0, y0), x1 - x0, y1 - y0, zorder=3 + rank, **line))
             if x1 - x0 > _ROOM * np.ptp(boxes[:, :, 0]) or y0 == _JOINT[0]:
                 dark = cells.share[p] > 0.6 * norm.vmax
-                axes.text(
-                    (x0 + x1) / 2,
-                    (y0 + y1) / 2,
-                    test.zone.rpartition(" ")[2],
-                    ha="center",
-                    va="center",
-                    fontsize=6.5,
-                    zorder=7,
-                    color="#ffffff" if dark else _NAMES,
-                )
+                look = {"ha": "center", "va": "center", "fontsize": 6.5, "zorder": 7}
+                number, ink = test.zone.rpartition(" ")[2], "#ffffff" if dark else _NAMES
+                axes.text((x0 + x1) / 2, (y0 + y1) / 2, number, color=ink, **look)
         _frame(axes, boxes)
         gaps = [(_BELOW[1], _JOINT[0]), (sum(_JOINT), _ABOVE[0])]
         for x in bolts:

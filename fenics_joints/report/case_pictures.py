@@ -92,17 +92,10 @@ def _draw(axes, kind: str, found: Sequence[Placed], turned: np.ndarray, size: fl
         draw_arrows(axes, start[at], along, colour, 0.0025, 4)
     if kind in ("sensor", "bolt") and len(found) <= _NUMBERED:
         halo = [withStroke(linewidth=2.2, foreground=PAPER)]
-        for place, (x, y) in zip(found, start, strict=True):
-            axes.annotate(
-                place.name.removeprefix(f"{kind} "),
-                (x, y),
-                (3, 3),
-                textcoords="offset points",
-                fontsize=6.5,
-                color=INK,
-                zorder=6,
-                path_effects=halo,
-            )
+        look = {"textcoords": "offset points", "fontsize": 6.5, "color": INK, "zorder": 6}
+        for place, at in zip(found, start, strict=True):
+            name = place.name.removeprefix(f"{kind} ")
+            axes.annotate(name, at, (3, 3), path_effects=halo, **look)
 
 
 def _legend(figure, names: Sequence[str], kinds: Sequence[str]) -> None:

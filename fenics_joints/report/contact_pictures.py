@@ -119,13 +119,8 @@ def pressure_map(state: ContactState, *, limit: float = 1e6, centres=None) -> Fi
             words = ", ".join(f"{_MM * radius:.1f}" for radius in found if radius > 0)
             reach = f", r = {words} mm" if words else ""
             panel.set_title(patch.title_with(limit, "\n") + reach, loc="left")
-        bar = figure.colorbar(
-            ScalarMappable(norm, _PRESSURE),
-            ax=[panel for panel, _ in panels],
-            aspect=30,
-            pad=0.02,
-            shrink=0.9,
-        )
+        beside = {"ax": [panel for panel, _ in panels], "aspect": 30, "pad": 0.02, "shrink": 0.9}
+        bar = figure.colorbar(ScalarMappable(norm, _PRESSURE), **beside)
         bar.set_label("pressure, MPa")
         bar.outline.set_visible(False)
         handles = [
@@ -155,11 +150,8 @@ def status_map(state: ContactState, *, centres=None) -> Figure:
             facets = state.interface.facets[patch.facets]
             corners, owner = _corners(plane.points, facets)
             colours = [_STATUS[kind][1] for kind in state.status[owner]]
-            panel.add_collection(
-                PolyCollection(
-                    corners, facecolors=colours, edgecolors=colours, lw=0.3, rasterized=True
-                )
-            )
+            look = {"facecolors": colours, "edgecolors": colours, "lw": 0.3}
+            panel.add_collection(PolyCollection(corners, rasterized=True, **look))
             _facets(panel, plane, facets, "none")
             panel.set_title(patch.title, loc="left")
         areas, handles = state.interface.areas, []
@@ -215,31 +207,16 @@ def _profile(panel, patch: _Patch, limit: float, along) -> None:
     for kind, (name, colour) in _STATUS.items():
         # All names are in the legend of the first panel, whatever it has.
         mask = state.status[patch.pairs] == kind
-        panel.plot(
-            at[mask],
-            p[mask],
-            "o",
-            ms=3.4,
-            mec=_MUTED if kind == OPEN else colour,
-            mew=0.5,
-            color=colour,
-            label=name,
-            zorder=3,
-        )
+        look = {"color": colour, "mec": _MUTED if kind == OPEN else colour, "label": name}
+        panel.plot(at[mask], p[mask], "o", ms=3.4, mew=0.5, zorder=3, **look)
     panel.axhline(limit / 1e6, color=_LINE, lw=1.0, zorder=1, label=_limit_name(limit))
     radius = max(patch.radii(limit))
     if along is None and radius > 0:
         panel.axvline(_MM * radius, color=_LINE, lw=1.1, ls=_DASHES, zorder=1)
         left = _MM * radius < at.min() + 0.7 * np.ptp(at)
-        panel.annotate(
-            f"contact radius {_MM * radius:.1f} mm",
-            (_MM * radius, 0.97),
-            (5 if left else -5, 0),
-            xycoords=("data", "axes fraction"),
-            textcoords="offset points",
-            va="top",
-            ha="left" if left else "right",
-        )
+        words, place = f"contact radius {_MM * radius:.1f} mm", (_MM * radius, 0.97)
+        look = {"xycoords": ("data", "axes fraction"), "textcoords": "offset points", "va": "top"}
+        panel.annotate(words, place, (5 if left else -5, 0), ha="left" if left else "right", **look)
     panel.set_title(patch.title_with(limit, ": "), loc="left")
     panel.set_ylabel("pressure, MPa")
     top = max(p.max(), limit / 1e6)

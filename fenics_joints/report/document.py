@@ -1,4 +1,4 @@
-"""What a command says of its result, stated once: shown on a terminal, as a page, and as JSON.
+"""The document of a result, stated once: shown on a terminal, as a page, and as JSON.
 
 `terminal.show` and `html.as_page` render a `Document`; ``data`` is its JSON. A block that stands in
 neither `OnTerminal` nor `OnPage` is shown by both; a terminal leaves out headings, figures, views,
@@ -14,6 +14,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
+from urllib.parse import quote
 
 from markupsafe import Markup
 
@@ -151,6 +152,10 @@ class Table:
         rows = [[c.text if c.value is None else c.value for c in row.cells] for row in self.rows]
         return csv_text([self.keys, *rows])
 
+    def csv_link(self) -> str:
+        """The CSV as the address of a link on a page."""
+        return f"data:text/csv;charset=utf-8,{quote(self.to_csv().encode('utf-8', 'replace'))}"
+
 
 def records(**columns: Sequence) -> list[dict[str, object]]:
     """Records of columns of equal length, such as arrays; None for what is no number."""
@@ -196,7 +201,7 @@ class Text:
 
 @dataclass(frozen=True)
 class Remarks:
-    """What a reader has to know beside the result, a line each; nothing without lines.
+    """Remarks on a result, a line each; nothing is shown without lines.
 
     Attributes:
         heading: Above them on the page.
@@ -243,7 +248,7 @@ class Keys:
 
 @dataclass(frozen=True)
 class Figure:
-    """A picture, or what draws it as ``<svg>``; a page without one where that gives None.
+    """A picture, or a function that draws it as ``<svg>``, or returns None for no picture.
 
     A ``wide`` one scrolls, by the keyboard as well.
     """
@@ -294,7 +299,7 @@ class Beside:
 
 @dataclass(frozen=True)
 class View:
-    """A `view.scene` on the page, or None; and what stands in its place on paper."""
+    """A `view.scene` on the page, or None; and blocks in its place on paper."""
 
     view: Markup | None
     blocks: Sequence[object] = ()
@@ -309,9 +314,9 @@ class OnTerminal:
 
 @dataclass(frozen=True)
 class OnPage:
-    """Blocks that the terminal leaves out, or what makes them.
+    """Blocks that the terminal leaves out, or a function that makes them.
 
-    What makes them is called on every rank, and gives None on those that write no page.
+    The function is called on every rank, and returns None on ranks that write no page.
     """
 
     blocks: Sequence[object] | Callable[[], Sequence[object] | None]
@@ -319,11 +324,11 @@ class OnPage:
 
 @dataclass(frozen=True)
 class Document:
-    """What a command says of its result.
+    """The result of a command for readers.
 
     Attributes:
         title: Of the case.
-        subject: What is said of it, behind the title: of a tab, and of the terminal's first line.
+        subject: Kind of result, behind the title in a tab and in the terminal's first line.
         about: The same in more words, above the title of the page.
         blocks: In their order.
         data: Makes the content of the JSON file.

@@ -100,7 +100,7 @@ def stacked(height: np.ndarray, piece: np.ndarray) -> np.ndarray:
 
 
 def upright(x: np.ndarray) -> np.ndarray:
-    """What turns the longest direction along x and the thinnest along z, the hand kept, (3, 3)."""
+    """Rotation, (3, 3), that takes the longest direction to x and the thinnest to z."""
     order = np.argsort(-np.ptp(x.reshape(-1, 3), axis=0), kind="stable")
     turn = np.eye(3)[order]
     if np.linalg.det(turn) < 0:

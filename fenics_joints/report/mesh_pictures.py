@@ -131,7 +131,7 @@ class Shape:
         title: Such as ``mode 7, 123.40 Hz``.
         motion: How the corners of all cells move, any scale, (n_cells, n_corners, 3).
         way: Direction that is coloured, (3,).
-        arrows: What a test measured of it, see `measured_arrows`.
+        arrows: The measured shape, see `measured_arrows`.
         note: A sentence below the view.
     """
 
@@ -193,7 +193,7 @@ def _direction_words(way: np.ndarray) -> str:
 
 
 def measured_arrows(sensors, test: np.ndarray, model: np.ndarray) -> tuple[Arrows, Arrows]:
-    """What a test measured of a mode at its sensors, and the model's, as arrows from each point.
+    """Arrows of a mode at the sensors: as measured, and of the model.
 
     Sensors at one point that measure in several directions have one arrow.
 

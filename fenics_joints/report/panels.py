@@ -151,50 +151,28 @@ def _frequency_panel(axes, i, before, after, labels, log_sd, held_out, changed) 
             axes.plot(x, model, color=colour, ls=line, lw=1.8, marker=marker, label=label)
 
 
+def _bars(axes, x, y, sd, face: str, label: str, mark: str = "o", colour: str = INK) -> None:
+    """Points with bars of two standard deviations; ``sd`` None for points alone."""
+    look = {"ms": 4.3, "color": colour, "mfc": face, "elinewidth": 0.9, "capsize": 2, "zorder": 4}
+    label += "" if sd is None else " (± 2 s.d.)"
+    axes.errorbar(x, y, sd, fmt=mark, label=label, **look)
+
+
 def _measured_points(axes, i, gap, log_sd, rows, mark: str, face: str, label: str) -> None:
-    if not len(rows):
-        return
-    measured = gap.test_hz[rows, i]
-    sd = None if log_sd is None else 2 * np.asarray(log_sd)[rows, i] * measured
-    axes.errorbar(
-        gap.conditions[rows],
-        measured,
-        sd,
-        fmt=mark,
-        ms=4.2,
-        color=INK,
-        mfc=face,
-        elinewidth=0.9,
-        capsize=2,
-        zorder=4,
-        label=label + ("" if sd is None else " (± 2 s.d.)"),
-    )
+    if len(rows):
+        measured = gap.test_hz[rows, i]
+        sd = None if log_sd is None else 2 * np.asarray(log_sd)[rows, i] * measured
+        _bars(axes, gap.conditions[rows], measured, sd, face, label, mark)
 
 
 def _validation_points(axes, i, validation, labels) -> None:
     old, new = validation
-    axes.plot(
-        new.conditions,
-        new.test_hz[:, i],
-        "o",
-        ms=6.5,
-        mfc="none",
-        color=INK,
-        zorder=4,
-        label="measured, never fitted",
-    )
+    look = {"mfc": "none", "color": INK, "zorder": 4, "label": "measured, never fitted"}
+    axes.plot(new.conditions, new.test_hz[:, i], "o", ms=6.5, **look)
     for gap, colour, label in ((old, NOMINAL, labels[0]), (new, CHOSEN, labels[1])):
         if gap is not None:
-            axes.plot(
-                gap.conditions,
-                gap.model_hz[:, i],
-                "x",
-                ms=6.5,
-                mew=2,
-                color=colour,
-                zorder=3,
-                label=f"{label}, predicted",
-            )
+            look = {"color": colour, "zorder": 3, "label": f"{label}, predicted"}
+            axes.plot(gap.conditions, gap.model_hz[:, i], "x", ms=6.5, mew=2, **look)
 
 
 def _legend_of(panels) -> tuple[list, list[str]]:
@@ -243,18 +221,7 @@ def _parameter_panel(axes, row) -> None:
     shown = [(~held_out, CHOSEN, "fitted"), (held_out, "none", "identified, held out of the curve")]
     for mask, face, label in shown:
         if mask.any():
-            axes.errorbar(
-                x[mask],
-                value[mask],
-                bars[:, mask],
-                fmt="o",
-                ms=4.5,
-                color=CHOSEN,
-                mfc=face,
-                elinewidth=0.9,
-                capsize=2,
-                label=f"{label} (± 2 s.d.)",
-            )
+            _bars(axes, x[mask], value[mask], bars[:, mask], face, label, colour=CHOSEN)
     shown = value
     if row.get("curve") is not None:
         fine, curve = row["curve"]

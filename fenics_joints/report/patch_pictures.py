@@ -119,7 +119,7 @@ def colours_of(cells: PatchMap) -> tuple[Normalize, np.ndarray]:
 
 
 def patch_bar(figure, axes, norm: Normalize) -> None:
-    """What colours of patches mean."""
+    """The colour bar of the patches."""
     bar = figure.colorbar(
         ScalarMappable(norm, diverging),
         ax=axes,
@@ -136,7 +136,7 @@ def patch_bar(figure, axes, norm: Normalize) -> None:
 
 
 def patch_legend(figure, cells: PatchMap, bolt: Mapping = _BOLT) -> None:
-    """What outlines and marks of patches mean."""
+    """The legend of the patches' outlines and marks."""
     words = [
         f"none explains more than chance (p < {cells.level:g}, all considered)",
         f"explains more than chance (p < {cells.level:g}, all considered)",

@@ -69,33 +69,21 @@ def _draw(figure: Figure, modes: IdentifiedModes) -> None:
     level.semilogy(frfs.frequencies_hz, np.sqrt(power), color=NOMINAL, lw=1.0, zorder=1)
     level.set_ylabel(f"root mean square {frfs.kind}, {frfs.unit}")
     level.spines["right"].set_visible(True)
-    kinds = [
-        (~poles.stable_frequency, "unstable", dict(marker=".", color="#c4c9cf", s=8)),
-        (
-            poles.stable_frequency & ~poles.stable,
-            "stable frequency",
-            dict(marker="o", facecolors="none", edgecolors=PLACEBO, linewidths=0.8, s=16),
-        ),
-        (poles.stable, "stable frequency and damping", dict(marker="+", color=CHOSEN, s=26)),
-    ]
-    for chosen, label, look in kinds:
-        axes.scatter(
-            poles.frequencies_hz[chosen], poles.order[chosen], label=label, zorder=3, **look
-        )
+    hollow = {"marker": "o", "facecolors": "none", "edgecolors": PLACEBO, "linewidths": 0.8}
+    half = poles.stable_frequency & ~poles.stable
+    for chosen, label, look in (
+        (~poles.stable_frequency, "unstable", {"marker": ".", "color": "#c4c9cf", "s": 8}),
+        (half, "stable frequency", {**hollow, "s": 16}),
+        (poles.stable, "stable frequency and damping", {"marker": "+", "color": CHOSEN, "s": 26}),
+    ):
+        at = poles.frequencies_hz[chosen], poles.order[chosen]
+        axes.scatter(*at, label=label, zorder=3, **look)
     levels = label_levels(modes.frequencies_hz, _CROWDED * np.ptp(frfs.frequencies_hz))
+    look = {"xycoords": ("data", "axes fraction"), "textcoords": "offset points", "va": "top"}
+    look |= {"rotation": 90, "color": NOISE, "fontsize": 8}
     for i, (f, down) in enumerate(zip(modes.frequencies_hz, levels, strict=True)):
         axes.axvline(f, color=NOISE, lw=1.0, zorder=2, label="mode" if i == 0 else None)
-        axes.annotate(
-            f"{f:.6g}",
-            (f, 1.0),
-            (2, -2 - 40 * down),
-            xycoords=("data", "axes fraction"),
-            rotation=90,
-            textcoords="offset points",
-            va="top",
-            color=NOISE,
-            fontsize=8,
-        )
+        axes.annotate(f"{f:.6g}", (f, 1.0), (2, -2 - 40 * down), **look)
     axes.set_zorder(level.get_zorder() + 1)  # points above the curve
     axes.set_xlim(*frfs.frequencies_hz[[0, -1]])
     axes.set_ylim(0, poles.order.max(initial=1) + 1)

@@ -1,4 +1,4 @@
-"""How charts look, and how they become SVG to put into a page.
+"""The style of charts, and their SVG for a page.
 
 Text and axes take their colours from the page (CSS variables), so that a chart reads on a light and
 on a dark page; only cells of a mesh are rasterised.

@@ -7,7 +7,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from fenics_joints.formatting import MISSING, condition_value, hertz, percent, spaced
+from fenics_joints.files import plain
+from fenics_joints.formatting import MISSING, condition_value, percent, spaced
 from fenics_joints.measurements.gap import Gap
 from fenics_joints.report.document import Cell, Table
 from fenics_joints.report.mesh_pictures import diverging
@@ -73,32 +74,27 @@ def frequency_table(
         after: The other.
         condition: Name and unit of the condition.
         names: Of the models.
-        row_names: What is added to conditions, such as a known change of the structure.
+        row_names: Words behind each condition, such as a known change of the structure.
     """
     gaps = [(name, gap) for name, gap in zip(names, (before, after), strict=True) if gap]
-    columns = [condition[0], "mode", ">measured, Hz", *(f">{name}, Hz" for name, _ in gaps)]
-    table = Table(
-        [*columns, *(f">{name}" for name, _ in gaps)], caption=caption, kind="frequencies"
-    )
-    heads = _row_heads(after, condition[1], row_names)
+    columns = {"condition": condition[0], "mode": "mode", "test_hz": ">measured, Hz"}
+    columns |= {f"model_{k}_hz": f">{name}, Hz" for k, (name, _) in enumerate(gaps)}
+    columns |= {f"error_{k}_percent": f">{name}" for k, (name, _) in enumerate(gaps)}
+    heads, rows = _row_heads(after, condition[1], row_names), []
     for i, j in np.ndindex(after.test_hz.shape):
-        table.add(
-            heads[i],
-            after.mode_names[j],
-            hertz(after.test_hz[i, j]),
-            *(hertz(gap.model_hz[i, j]) for _, gap in gaps),
-            *(percent(gap.relative[i, j], 2, sign=True) for _, gap in gaps),
-        )
-    return table
+        row = {"condition": heads[i], "mode": after.mode_names[j], "test_hz": after.test_hz[i, j]}
+        for k, (_, gap) in enumerate(gaps):
+            row[f"model_{k}_hz"] = gap.model_hz[i, j]
+            row[f"error_{k}_percent"] = 100 * gap.relative[i, j]
+        rows.append(plain(row))
+    return Table.of(rows, columns, caption=caption, kind="frequencies")
 
 
-def _row_heads(gap: Gap, unit: str, names: Sequence[str] = (), held_out=()) -> list[str]:
-    """Conditions in words, with what is added to them; those held out have a star."""
+def _row_heads(gap: Gap, unit: str, names: Sequence[str]) -> list[str]:
+    """Conditions in words, with the names of their rows."""
     names = names or [""] * len(gap.conditions)
-    return [
-        f"{condition_value(c, unit)}{f', {name}' if name else ''}{' *' if c in held_out else ''}"
-        for c, name in zip(gap.conditions, names, strict=True)
-    ]
+    pairs = zip(gap.conditions, names, strict=True)
+    return [", ".join(filter(None, (condition_value(c, unit), name))) for c, name in pairs]
 
 
 def heat_table(
@@ -124,7 +120,7 @@ def heat_table(
     heads = _row_heads(gap, condition[1], row_names)
     for head, errors, rms in zip(heads, gap.relative, gap.by_condition(), strict=True):
         cells = (_heat_cell(e, largest) for e in errors)
-        table.add(head, *cells, Cell(percent(rms, 1), kind="rms"))
+        table.add(head, *cells, Cell(percent(rms, 1), kind="rms", value=float(rms)))
     by_mode = (percent(e, 1) for e in gap.by_mode())
     table.add("RMS", *by_mode, percent(gap.rms, 2), foot=True)
     return table
@@ -140,7 +136,8 @@ def _heat_cell(error: float, largest: float) -> Cell:
         return Cell(MISSING)
     # A square root, so that errors of a tenth of the largest still show.
     strength = math.copysign(math.sqrt(min(abs(error) / largest, 1.0)), error) if largest else 0.0
-    return _coloured(percent(error, 1, sign=True), diverging(0.5 + 0.5 * 0.9 * strength)[:3])
+    colour = diverging(0.5 + 0.5 * 0.9 * strength)[:3]
+    return _coloured(percent(error, 1, sign=True), colour, float(error))
 
 
 def mac_table(
@@ -152,14 +149,15 @@ def mac_table(
     for name, values in zip(rows, matrix, strict=True):
         shares = np.clip(values, 0.0, 1.0)
         colours = [white + share * (blue - white) for share in shares]
-        table.add(name, *(_coloured(f"{v:.2f}", c) for v, c in zip(values, colours, strict=True)))
+        pairs = zip(values.tolist(), colours, strict=True)
+        table.add(name, *(_coloured(f"{v:.2f}", c, v) for v, c in pairs))
     return table
 
 
-def _coloured(text: str, colour: Sequence[float]) -> Cell:
+def _coloured(text: str, colour: Sequence[float], value: float) -> Cell:
     """A cell on a colour, its channels from 0 to 1."""
     background = "#" + "".join(f"{round(255 * c):02x}" for c in colour)
-    return Cell(text, css=f"background:{background};color:{ink_on(colour)}")
+    return Cell(text, css=f"background:{background};color:{ink_on(colour)}", value=value)
 
 
 def ink_on(colour: Sequence[float]) -> str:

@@ -25,13 +25,13 @@ _NONE = -32768
 
 @dataclass(frozen=True)
 class Colours:
-    """What colours mean.
+    """Meaning of the colours of a view.
 
     Attributes:
         map: From low to high.
         low: Words or number at the low end.
         high: At the high end.
-        label: What is coloured.
+        label: Name of the coloured quantity.
         none: What the grey of a vertex without a value means; empty if there is none to speak of.
     """
 
@@ -77,7 +77,7 @@ class Look:
         motion: How the vertices move, any scale, (n, 3); None if they do not.
         way: Direction along which the motion is coloured, (3,); None where ``values`` are.
         values: From 0 to 1, (n,), nan for none.
-        texts: What is said of a vertex under the pointer, by its group.
+        texts: Text at a vertex under the pointer, by the vertex's group.
         shown: What ``values`` are where they are shown, from low to high, with their unit.
         arrows: Arrows.
         note: A sentence below the view.

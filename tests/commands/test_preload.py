@@ -57,26 +57,17 @@ def write_beams() -> Callable[..., Path]:
 
 
 MISTAKES = [
-    (
-        '"c_beams"',
-        '"c_beam"',
-        ["mesh.builder = 'c_beam'", "'lap_plates', 'c_beams', 'lap_beam', ", "mean"],
-    ),
     ('pad_length = "49.7', 'pad_lenght = "49.7', ["mesh.pad_lenght", "mean 'pad_length'"]),
     ('lower = "interface_lower"', 'lower = "interface"', ["contacts.pads.lower = 'interface'"]),
     ('lower = "washer_1_lower"', 'lower = "washer_lower"', ["bolts.bolt_1.lower", "washer_1_l"]),
-    ('force = "28.0 kN"', 'force = "28.0 mm"', ["bolts.bolt_1.force = '28.0 mm'", "a force"]),
     ('force = "28.0 kN"', "", ["bolts.bolt_1", "either force or torque"]),
     ('force = "28.0 kN"', 'torque = "25.1 N m"', ["bolts.bolt_1", "needs the thread"]),
     ('force = "28.0 kN"', 'force = 1\nthread = "5/16-25"', ["bolts.bolt_1.thread", "5/16-24"]),
     ('kind = "beam"', 'kind = "beams"', ["bolts.bolt_1.kind = 'beams'", "mean 'beam'"]),
-    ("friction = 0.3", "friction = -0.3", ["contacts.pads.friction = -0.3", "at least 0"]),
     ("[bolts.bolt_1]", "[bolts.pads]", ["bolts.pads", "contacts.pads"]),
     ('travel = ["204 mm"', 'travel = ["260 mm"', ["masses.accelerometers_middle", "x = 0.254"]),
-    ('scheme = "both"', 'scheme = "four"', ["update.cutoff.scheme = 'four'", "'three'"]),
     ('"beams.E", mode', '"beam.E", mode', ["update.cutoff.calibrate.parameter", "mean 'beams.E'"]),
     ('mode = "mode 10"', 'mode = "mode 6"', ["update.cutoff.calibrate.mode = 'mode 6'"]),
-    ("[update.cutoff]", "[update]\n[update.x]", ["update.x", "unknown key"]),
 ]
 
 
@@ -105,9 +96,7 @@ def test_builder_knows_its_groups(kind):
     """A case is checked against the names that the builder's mesh has."""
     beams = CBeams(**SMALL, n_thickness=(2, 1), **kind)
     tagged = beams.build(MPI.COMM_WORLD)
-    cells, faces = beams.groups()
-    assert sorted(cells) == sorted(tagged.cell_names)
-    assert sorted(faces) == sorted(tagged.facet_names)
+    assert [*map(sorted, beams.groups())] == [sorted(tagged.cell_names), sorted(tagged.facet_names)]
 
 
 def by_hand(comm) -> PreloadModel:
@@ -124,18 +113,9 @@ def by_hand(comm) -> PreloadModel:
         masses=[PointMass(name, kg, point) for name, (point, kg) in mass.items()],
         degree=1,
     )
+    given = {"E": 194e9, "nu": 0.29, "rho": 8000.0, "head_mass": 8e-3}
     bolts = [
-        BeamBolt(
-            f"b{i}",
-            f"washer_{i}_lower",
-            f"washer_{i}_upper",
-            28e3,
-            7.94e-3,
-            E=194e9,
-            nu=0.29,
-            rho=8000.0,
-            head_mass=8e-3,
-        )
+        BeamBolt(f"b{i}", f"washer_{i}_lower", f"washer_{i}_upper", 28e3, 7.94e-3, **given)
         for i in (1, 2)
     ]
     contact = Contact("pads", "interface_lower", "interface_upper", friction=0.3)

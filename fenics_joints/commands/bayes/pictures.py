@@ -24,7 +24,7 @@ _SHOWN, _PAIRS = 600, 300
 _MOST, _AGAINST = 12, 6
 #: Effective draws that quantiles need (Vehtari et al. 2021), and the quantiles that are drawn.
 _ENOUGH, _QUANTILES = 400, np.linspace(0.05, 0.95, 19)
-#: Draws of a chain below which effective sizes at quantiles say nothing.
+#: Draws of a chain below which effective sizes at quantiles say nothing; chosen.
 _FEWEST = 50
 #: Letters of a line of a label in a panel of pairs, at its font's size.
 _WIDE = 17

@@ -1,4 +1,4 @@
-"""What ``fenics-joints update --bayes`` found, and what is said of it."""
+"""The result of ``fenics-joints update --bayes``, and its document."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from fenics_joints.report import document as doc
 
 @dataclass(frozen=True, eq=False)
 class Predicted:
-    """What converged chains predict.
+    """Predictions of converged chains.
 
     Attributes:
         hz: Draws of the frequencies that were fitted, (n, m).
@@ -40,7 +40,7 @@ class Predicted:
 
 @dataclass(frozen=True, eq=False)
 class BayesReport:
-    """What ``fenics-joints update --bayes`` found.
+    """The result of ``fenics-joints update --bayes``.
 
     Attributes:
         title: The case's title.
@@ -49,11 +49,11 @@ class BayesReport:
         units: Units of the quantities, by name.
         prior: In words, one for each parameter.
         likelihood: In words.
-        doubts: What to be wary of, in words.
+        doubts: Warnings, in words.
         mode_names: Names of the modes.
         measured_hz: One set of frequencies, or the specimens' mean, (m,).
         measured_sd: Relative standard deviation, or the specimens' scatter, (m,).
-        predicted: What follows; None from chains that did not converge.
+        predicted: Predictions; None from chains that did not converge.
         model: The model, and how good its reduction is.
         settings: How it was sampled.
         keep: File of the chains, or None.
@@ -90,7 +90,7 @@ class BayesReport:
 
     @property
     def advice(self) -> str:
-        """What to do about chains that did not converge."""
+        """Advice on chains that did not converge."""
         if self.keep is not None:
             return (
                 f"They are in {self.keep}: the same command goes on from there. If that does not "
@@ -185,7 +185,7 @@ class BayesReport:
         )
 
     def sentences(self) -> list[str]:
-        """What the checks against the specimens say."""
+        """Results of the checks against the specimens."""
         found = self.predicted
         words = [] if found is None or found.check is None else found.check.words()
         if found is not None and found.rival is not None:
@@ -200,7 +200,7 @@ class BayesReport:
 
 
 def bayes_document(b: BayesReport) -> doc.Document:
-    """What is said of a posterior."""
+    """The document of a posterior."""
     name, value, unit = b.condition
     at = f"At {name} {condition_value(value, unit)}"
     sentences = [*b.answer(), *b.likelihood, *(f"but: {line}" for line in b.doubts)]
@@ -321,7 +321,7 @@ def _chains(b: BayesReport) -> list:
 
 
 def _basis(b: BayesReport) -> list:
-    """What the posterior rests on."""
+    """Prior, sampler and model of the posterior."""
     model, (samples, burn_in), least = b.model, b.samples, 1e-6
     table = doc.Table(" | ", id="model")
     for line in b.prior:

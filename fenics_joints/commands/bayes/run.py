@@ -88,15 +88,14 @@ class _Run:
     def report(self) -> BayesReport:
         section, progress = self.section, self.progress
         progress.step("sampling", 100)
-        run = {
-            "comm": self.comm,
-            "keep": self.keep,
-            "told": lambda share: progress.reach(int(100 * share)),
-        }
+        run = {"comm": self.comm, "keep": self.keep}
+        run["told"] = lambda share: progress.reach(int(100 * share))
         doubts = [*section.without_effect(), *self._prior_doubts()]
         if section.kind == "hierarchical":
             found = self._hierarchy(run)
-            chains, words = found.chains, self._hierarchy_words()
+            chains, off = found.chains, f"{100 * self.discrepancy:g} %"
+            how = f"hierarchical: {len(self.table)} specimens scatter about a mean"
+            words = [f"{how}; discrepancy of the model {off}"]
             doubts += self._normal_doubts()
         else:
             likelihood = self._likelihood(section.kind)
@@ -109,21 +108,16 @@ class _Run:
             predicted, more = self._predicted(found)
             doubts = [*doubts, *more]
         log_f, sd = self._measured()
-        units = {p.name: p.unit for p in self.model.prior.parameters}  # other quantities: ratios
-        condition = (
-            self.data.condition_name,
-            float(self.data.conditions[self.row]),
-            self.data.condition_unit,
-        )
+        data, prior = self.data, self.model.prior
         return BayesReport(
             self.case.title,
-            condition,
+            (data.condition_name, float(data.conditions[self.row]), data.condition_unit),
             chains,
-            units,
-            list(self.model.prior.describe()),
+            {p.name: p.unit for p in prior.parameters},  # other quantities: ratios
+            list(prior.describe()),
             words,
             doubts,
-            self.data.mode_names,
+            data.mode_names,
             np.exp(log_f),
             sd,
             predicted,
@@ -133,35 +127,21 @@ class _Run:
         )
 
     def _likelihood(self, kind: str):
-        names = self.data.mode_names
+        names, table, section = self.data.mode_names, self.table, self.section
         if kind == "fitted":
-            return FittedLikelihood.from_specimens(
-                names, self.table, self.section.distributions, seed=self.settings.seed
-            )
-        if self.table is not None:
-            return GaussianLikelihood.from_specimens(
-                names, self.table, discrepancy=self.discrepancy, n_parameters=self.model.prior.size
-            )
-        return GaussianLikelihood.from_row(
-            names,
-            self.data.frequencies_hz[self.row],
-            self.data.log_sd()[self.row],
-            self.discrepancy,
-        )
+            more = {"seed": self.settings.seed}
+            return FittedLikelihood.from_specimens(names, table, section.distributions, **more)
+        if table is not None:
+            more = {"discrepancy": self.discrepancy, "n_parameters": self.model.prior.size}
+            return GaussianLikelihood.from_specimens(names, table, **more)
+        hz, sd = self.data.frequencies_hz[self.row], self.data.log_sd()[self.row]
+        return GaussianLikelihood.from_row(names, hz, sd, self.discrepancy)
 
     def _hierarchy(self, run) -> Hierarchy:
-        section = self.section
-        data = Specimens(
-            self.data.mode_names,
-            self.table,
-            section.noise,
-            section.noise_known,
-            section.scatter,
-            self.discrepancy,
-        )
-        return sample_hierarchy(
-            data, self.model.prior, self.model.frequencies, self.settings, **run
-        )
+        s, model = self.section, self.model
+        noise = s.noise, s.noise_known, s.scatter
+        data = Specimens(self.data.mode_names, self.table, *noise, self.discrepancy)
+        return sample_hierarchy(data, model.prior, model.frequencies, self.settings, **run)
 
     def _prior_doubts(self) -> list[str]:
         log_f, sd = self._measured()
@@ -184,12 +164,6 @@ class _Run:
             accept_misfit=True,
         )
         return [f"{line}: the specimens do not scatter about one mean" for line in fitted.doubts()]
-
-    def _hierarchy_words(self) -> list[str]:
-        return [
-            f"hierarchical: {len(self.table)} specimens scatter about a mean; discrepancy of the "
-            f"model {100 * self.discrepancy:g} %"
-        ]
 
     def _measured(self) -> tuple[np.ndarray, np.ndarray]:
         """ln f that the prediction is compared with, and its standard deviation."""
@@ -228,16 +202,12 @@ class _Run:
         held = self._held(values, log_sd)
         doubts += outside(names, np.exp(self._measured()[0]), hz, self._not_drawn())
         if held is not None:
-            doubts += outside(
-                [f"{name}, held out" for name in held.mode_names],
-                held.measured_hz,
-                held.predicted_hz,
-                held.measured_sd,
-            )
+            held_names = [f"{name}, held out" for name in held.mode_names]
+            doubts += outside(held_names, held.measured_hz, held.predicted_hz, held.measured_sd)
         return Predicted(hz, held, check, rival), doubts
 
     def _checked(self, doubts: list[str]) -> bool:
-        """Whether scatter and correlation of the specimens can be checked; a doubt if too few."""
+        """Whether the specimens suffice to check scatter and correlation; a doubt if not."""
         if self.table is None or self.table.shape[1] < 2 or self.section.kind == "gaussian":
             return False
         n = int(np.sum(np.all(np.isfinite(self.table), axis=1)))
@@ -249,7 +219,7 @@ class _Run:
         return n >= FEWEST_CHECKED
 
     def _not_drawn(self) -> np.ndarray | float:
-        """What keeps a measured frequency from the draws beside their own scatter, relative."""
+        """Relative error of a measured frequency that the draws do not have themselves."""
         if self.section.kind != "gaussian":
             return 0.0  # draws are of specimens, which scatter
         sd = self._measured()[1]
@@ -272,12 +242,11 @@ class _Run:
         return check_predictive(self.data.mode_names, self.table, replicates)
 
     def _rival(self, doubts: list[str]) -> PredictiveCheck | None:
-        """What the paper's likelihood makes of the same specimens; a doubt where it cannot."""
+        """The predictive check of the paper's likelihood; a doubt where it cannot be sampled."""
         self.progress.step("the paper's likelihood, for comparison")
         try:
-            posterior = Posterior(
-                self.model.prior, self.model.frequencies, self._likelihood("fitted")
-            )
+            model, likelihood = self.model, self._likelihood("fitted")
+            posterior = Posterior(model.prior, model.frequencies, likelihood)
             settings = replace(self.settings, sampler="metropolis", samples=5000, burn_in=1000)
             return self._independent(sample(posterior, settings, self.comm))
         except (InputError, ConvergenceError) as error:
@@ -292,8 +261,7 @@ class _Run:
         if len(self.case.measurements().mode_names) == n:
             return None
         self.progress.step("modes that were held out", len(values))
-        points = self.model.frequencies.by_name(values)
-        points = [{**self.model.start, **point} for point in points]
+        points = [{**self.model.start, **point} for point in self.model.frequencies.by_name(values)]
         return predict_held(self.case, self.row, n, points, log_sd, self.comm, self.progress)
 
 

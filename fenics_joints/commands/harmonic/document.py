@@ -1,4 +1,4 @@
-"""What is said of nonlinear frequency responses, and their charts."""
+"""The document of nonlinear frequency responses, and its charts."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _WIDE = 1.5
 
 
 def harmonic_document(r: HarmonicReport) -> doc.Document:
-    """What is said of nonlinear frequency responses."""
+    """The document of nonlinear frequency responses."""
     model = r.built.model
     points = ", ".join(f"{p.name} {len(p)}" for p in model.interfaces)
     rest = f"{hertz(r.built.frequencies_hz[r.built.mode])} Hz"
@@ -214,7 +214,7 @@ def _identified(r: HarmonicReport) -> list:
 
 
 def _predictions(r: HarmonicReport) -> list:
-    """How far the model is from every measured curve."""
+    """Errors of the model against every measured curve."""
     if not r.predictions:
         return []
     rows, fitted = [], r.fitted_levels
@@ -237,7 +237,7 @@ def _predictions(r: HarmonicReport) -> list:
 
 
 def _source(found: IdentificationResult) -> str:
-    """What data the parameters are from."""
+    """The data that the parameters are identified from."""
     parts = []
     if len(found.frequencies_hz):
         parts.append(f"the curve at {quantity(found.level, 'N')}")
@@ -248,10 +248,7 @@ def _source(found: IdentificationResult) -> str:
 
 
 def _mode_notes(found: IdentificationResult) -> list[str]:
-    """What the mode over its amplitude says beside the parameters, and what it cannot, a line each.
-
-    Of none, if none was fitted.
-    """
+    """Remarks on a fit to a mode over its amplitude, a line each; none without such a fit."""
     if found.mode is None:
         return []
     notes = []

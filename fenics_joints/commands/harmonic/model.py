@@ -37,7 +37,7 @@ _CONTACT_MODES = 12
 
 @dataclass(frozen=True)
 class HarmonicModel:
-    """What a harmonic analysis works on.
+    """The model of a harmonic analysis.
 
     Attributes:
         model: The reduced model, damped.
@@ -182,9 +182,9 @@ def _factors(case: Case, i: int, eigenvalue: float, pushed: float, seen: float) 
 
 
 def _opening_shapes(case: Case, whole: InterfaceModel) -> list:
-    """As `_loadings` of contacts, which open one way and close the other: both ways.
+    """As `_loadings`, for contacts, which open one way and close the other: loads both ways.
 
-    A way in which no equilibrium is found, as where nothing holds a part that lifts off, has none.
+    A way without an equilibrium, as where nothing holds a part that lifts off, gives no shapes.
     """
     shift, theta, X = whole.modes_at_rest()
     hz = np.sqrt(np.maximum(1 / theta - shift, 0.0)) / (2 * np.pi)

@@ -1,4 +1,4 @@
-"""What the ``harmonic`` command found."""
+"""The result of the ``harmonic`` command."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from fenics_joints.harmonic import (
 from fenics_joints.measurements.curves import UNITS, MeasuredCurves
 from fenics_joints.report.document import Cell
 
-#: What became of a backbone that was not followed to the highest amplitude.
+#: Why a backbone was not followed to the highest amplitude.
 _ENDS = {
     "stands still": "ends where the frequency falls to zero: the springs give way",
     "came back": "turns back and ends at its lowest amplitude",
@@ -34,7 +34,7 @@ _ENDS = {
 
 @dataclass(frozen=True)
 class LevelFacts:
-    """What is said of one level; the names are those in the JSON file.
+    """Facts on one level; the names are those in the JSON file.
 
     Attributes:
         level: Amplitude of the force, N, or of the base's motion, m/s2 or m.
@@ -63,7 +63,7 @@ class LevelFacts:
 
 @dataclass(frozen=True, eq=False)
 class HarmonicReport:
-    """What the ``harmonic`` command found.
+    """The result of the ``harmonic`` command.
 
     Attributes:
         case: The case.
@@ -116,24 +116,24 @@ class HarmonicReport:
 
     @property
     def drive(self) -> str:
-        """What the levels are amplitudes of."""
+        """The quantity whose amplitudes the levels are."""
         base = self.case.harmonic.base
         return "force" if base is None else f"base {base.motion}"
 
     @property
     def title(self) -> str:
-        """What the structure responds to."""
+        """The excitation, for a title."""
         if self.case.harmonic.base is None:
             return "sinusoidal forces"
         return "a base that shakes, relative to it"
 
     @property
     def relative(self) -> str:
-        """What a response is relative to, for an axis."""
+        """Words on an axis of responses that are relative to a base."""
         return "" if self.case.harmonic.base is None else " relative to the base"
 
     def parameter_records(self, found: IdentificationResult) -> list[dict]:
-        """What a method found: each parameter with the numbers of the whole identification."""
+        """Parameters found by a method, each with the numbers of the whole identification."""
         known = identifiable(self.case.nonlinear)
         keys = ("method", "start_objective", "objective", "evaluations", "solutions")
         common = {key: getattr(found, key) for key in keys}
@@ -165,7 +165,7 @@ class HarmonicReport:
 
     @property
     def backbone_note(self) -> str | None:
-        """What to know of a backbone that does not reach the amplitude that it was to."""
+        """Why the backbone does not reach the highest amplitude; None if it does."""
         if self.backbone is None or self.backbone.end == "reached":
             return None
         top = quantity(float(np.max(self.backbone.amplitude(SENSOR))), "m")
@@ -187,7 +187,7 @@ class HarmonicReport:
         return {"level_n" if self.level_unit == "N" else "level": made.pop("level"), **made}
 
     def to_json(self) -> dict[str, object]:
-        """What ``--json`` writes.
+        """The content of ``--json``.
 
         Keys: ``version``, ``title``, ``dofs``, ``basis``, ``interface_points``,
         ``frequencies_at_rest_hz``, ``level_unit``, ``response``, ``levels`` (each with the facts of

@@ -43,11 +43,12 @@ from fenics_joints.parallel import on_root
 from fenics_joints.progress import Progress
 
 #: The backbone reaches down to this share of the smallest response at resonance, and up to this
-#: multiple of the largest.
+#: multiple of the largest; chosen, to show what is beyond the levels.
 _BELOW, _ABOVE = 0.1, 1.2
-#: How often sliders are moved to where the responses are: these change with them.
+#: How often sliders are moved to where the responses are, which change with them; chosen: what is
+#: still off after that is noted.
 _PLACED = 3
-#: Static steps of half a loop of a contact, whose pressure changes.
+#: Static steps of half a loop of a contact, whose pressure changes; chosen.
 _LOOP_STEPS = 24
 
 
@@ -81,34 +82,24 @@ def run_harmonic(
 def _solved(case: Case, built: HarmonicModel, comm, progress, branches) -> HarmonicReport:
     h, curves = case.harmonic, case.curves()
     started = time.perf_counter()
-    identified = _identify(case, built, comm, progress)
+    equations = {"harmonics": h.harmonics, "samples": h.samples, "sensor": SENSOR, "comm": comm}
+    identified = _identify(case, built, equations, progress)
     if identified:
         built = replace(built, model=identified[-1].model)
-    common = {
-        "harmonics": h.harmonics,
-        "samples": h.samples,
-        "sensor": SENSOR,
-        "comm": comm,
-        "progress": progress,
-    }
+    common = {**equations, "progress": progress}
     built, responses = _responses(case, built, branches, common)
     facts = tuple(_facts(r, h.response, curves) for r in responses)
-    backbone = None
+    reach = [f.peak_displacement_m for f in facts]
+    span, near = (_BELOW * min(reach), _ABOVE * max(reach)), float(built.frequencies_hz[built.mode])
+    backbone, predictions = None, ()
     if h.backbone:
-        reach = [f.peak_displacement_m for f in facts]
-        backbone = solve_backbone(
-            built.model,
-            (_BELOW * min(reach), _ABOVE * max(reach)),
-            near=float(built.frequencies_hz[built.mode]),
-            **common,
-            **_kept(branches, "backbone"),
-        )
-    static = _static_backbone(case, built, facts, progress)
-    predictions = ()
+        kept = _kept(branches, "backbone")
+        backbone = solve_backbone(built.model, span, near=near, **common, **kept)
+    static = _static_backbone(case, built, span, near, progress)
     if curves is not None:
         progress.step("responses at the measured frequencies", len(curves.levels))
         points = h.identify.points if h.identify else IdentifySection.model_fields["points"].default
-        predictions = predict(built.model, curves, points=points, **_equations(case, comm))
+        predictions = predict(built.model, curves, force=FORCE, points=points, **equations)
     stability = level_stability(h.bifurcations, responses, progress)
     seconds = time.perf_counter() - started
     return HarmonicReport(
@@ -189,21 +180,18 @@ def _more(case: Case, level: float) -> list[Load]:
 
 
 def _static_backbone(
-    case: Case, built: HarmonicModel, facts, progress: Progress
+    case: Case, built: HarmonicModel, span: tuple[float, float], near: float, progress: Progress
 ) -> StaticBackbone | None:
     """The mode over its amplitude from static loads, if the case wants it. Collective."""
     kind = case.harmonic.quasi_static
     if kind == "no":
         return None
     progress.step(f"quasi-static modal analysis of the {kind} model")
-    hz, reach = float(built.frequencies_hz[built.mode]), [f.peak_displacement_m for f in facts]
-    span, coupled = (_BELOW * min(reach), _ABOVE * max(reach)), False
-    for points in built.model.interfaces:
-        coupled |= points.law.coupled
+    coupled = any(points.law.coupled for points in built.model.interfaces)
     found = solve_static_backbone(
         built.full or built.model,
         span,
-        near=hz,
+        near=near,
         sensor=SENSOR,
         per_decade=10,
         loop_steps=_LOOP_STEPS if coupled and built.full is None else 0,
@@ -212,35 +200,24 @@ def _static_backbone(
         return found
     # The full model has no damping: that of the mode, as the reduced one's.
     damping = case.harmonic.damping
-    viscous = damping[min(built.mode, len(damping) - 1)] * hz / found.frequencies_hz
+    viscous = damping[min(built.mode, len(damping) - 1)] * near / found.frequencies_hz
     return replace(found, damping_ratios=found.damping_ratios + viscous)
 
 
-def _equations(case: Case, comm) -> dict:
-    h = case.harmonic
-    return {
-        "force": FORCE,
-        "sensor": SENSOR,
-        "harmonics": h.harmonics,
-        "samples": h.samples,
-        "comm": comm,
-    }
-
-
-def _identify(case: Case, built: HarmonicModel, comm, progress) -> tuple[IdentificationResult, ...]:
+def _identify(
+    case: Case, built: HarmonicModel, equations: dict, progress: Progress
+) -> tuple[IdentificationResult, ...]:
     """The laws' parameters by each method that the case asks for."""
     wanted = case.harmonic.identify
     if wanted is None:
         return ()
-    loops = ()
+    loops, backbone = (), None
     if wanted.loops is not None:
         loops = read_loops(case.folder / wanted.loops, case.harmonic.response)
-    found = []
-    backbone = None
     if wanted.by_amplitude:
         there = case.backbones()
         backbone = there[wanted.mode or next(iter(there))]
-    curves = None if wanted.level is None else case.curves()
+    curves, found = None if wanted.level is None else case.curves(), []
     for method in wanted.methods:
         progress.step(f"identifying {', '.join(wanted.parameters)}, {method}")
         found.append(
@@ -256,7 +233,8 @@ def _identify(case: Case, built: HarmonicModel, comm, progress) -> tuple[Identif
                 backbone=backbone,
                 rest=wanted.rest,
                 rest_damping=wanted.rest_damping,
-                **_equations(case, comm),
+                force=FORCE,
+                **equations,
             )
         )
     return tuple(found)

@@ -22,7 +22,7 @@ _LEAVES = {"branch point": (1, -1), "period doubling": (1,)}
 
 @dataclass(frozen=True, eq=False)
 class LevelStability:
-    """Of the responses at one level.
+    """Stability of the responses at one level.
 
     Attributes:
         level: Amplitude of the force, N, or of the base's motion, m/s2 or m.

@@ -29,7 +29,7 @@ _NEAREST, _AT = 4, 1e-4
 
 @dataclass(frozen=True, repr=False)
 class PeakShapes:
-    """How a structure moves at the peak of each level; on rank 0.
+    """Motion of a structure at the peak of each level; on rank 0.
 
     Attributes:
         vertices: Corners of all cells, m, (n_cells, n_corners, 3).
@@ -148,26 +148,21 @@ def _slipped(
     layered = all(p.name in shapes.layers for p in joints)
     top = quantity(r.facts[-1].level, r.level_unit)
     asked = (
-        (
-            "shear strain" if layered else "slip",
-            "" if layered else "m",
-            {p.name: loops[p.name].slip_amplitude for p in joints},
-        ),
-        (
-            "energy per cycle",
-            "J/m³" if layered else "J/m²",
-            {p.name: loops[p.name].dissipation for p in joints},
-        ),
+        ("shear strain" if layered else "slip", "" if layered else "m", "slip_amplitude"),
+        ("energy per cycle", "J/m³" if layered else "J/m²", "dissipation"),
     )
     motion = shapes.motions[-1].reshape(-1, 3)[s.pick]
     found = []
-    for words, unit, values in asked:
-        at = np.full(len(s.points), np.nan)
+    for words, unit, key in asked:
+        at, most = np.full(len(s.points), np.nan), 0.0
         for p in joints:
-            _spread(at, values[p.name], p.points, s, shapes.layers.get(p.name))
-        most = max((float(v.max(initial=0.0)) for v in values.values()), default=0.0) or 1.0
+            values = getattr(loops[p.name], key)
+            _spread(at, values, p.points, s, shapes.layers.get(p.name))
+            most = max(most, float(values.max(initial=0.0)))
+        most = most or 1.0
         high = quantity(most, unit) if unit else f"{most:.3g}"
         label = f"{words} in the {'layers' if layered else 'contacts'}"
+        half = "; half of peak to peak over a cycle" if key == "slip_amplitude" else ""
         found.append(
             Look(
                 f"{words} at {top}",
@@ -175,9 +170,7 @@ def _slipped(
                 motion=motion,
                 values=np.clip(at / most, 0.0, 1.0),
                 shown=(0.0, most, unit),
-                note=f"At the peak of {top}; half of peak to peak over a cycle."
-                if unit in ("", "m")
-                else f"At the peak of {top}.",
+                note=f"At the peak of {top}{half}.",
             )
         )
     return found

@@ -1,4 +1,4 @@
-"""What of a case's test an update fits, and what it holds out."""
+"""Data of a case's test that an update fits, and data that it holds out."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class UpdateData:
     held: np.ndarray | None = None
 
     def without(self, mode: int) -> Target:
-        """What is fitted, without a mode: neither its frequency, nor lines around its resonance."""
+        """The target without a mode: neither its frequency, nor lines around its resonance."""
         target = self.target.without_modes([mode])
         if target.frfs is None:
             return target

@@ -1,4 +1,4 @@
-"""What is said of an update."""
+"""The document of an update: its sentences, tables and figures."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ _CHANGES = {
 
 
 def update_document(r: UpdateReport) -> doc.Document:
-    """What is said of an update."""
+    """The document of an update."""
     end = "" if r.update.converged else ", not converged"
     end = end if r.failure is None else ": EXPLAINS NOTHING"
     *others, last = [_KINDS[kind] for kind in r.kinds]
@@ -132,7 +132,7 @@ def verdict_words(r: UpdateReport) -> str:
 
 
 def _parameters(r: UpdateReport) -> list:
-    """What was identified, and what the data determine of it."""
+    """Identified parameters, and which of them the data determine."""
     u, found = r.update, r.update.identifiability
     given = {} if r.published is None else r.published["parameters"]
     source = r.published["source"] if given else ""
@@ -296,7 +296,7 @@ def _held_out(r: UpdateReport) -> str:
 
 
 def _held(r: UpdateReport) -> list:
-    """What a fit predicted that did not see it."""
+    """Modes that were held out, as the fit predicts them."""
     published = theirs(r)
     rows = [
         h | ({"published_percent": published.get(h["name"])} if published else {}) for h in r.held
@@ -352,7 +352,8 @@ def updated_shapes(
         table: The test's modes.
 
     Returns:
-        What makes the blocks; None but on rank 0, and without modes of the full model.
+        A function that makes the blocks; None on other ranks than 0, and without modes of the full
+        model.
     """
     if not len(target) or modes.model.n_dofs != full.n_dofs:
         return None
@@ -468,7 +469,7 @@ def _sweep(r: UpdateReport) -> list:
 
 
 def _fits(r: UpdateReport) -> doc.Table:
-    """What was identified at each condition, and the errors that were left."""
+    """Parameters identified at each condition, and the remaining errors."""
     name, _, unit = r.condition
     rows = []
     for fit in r.sweep.fits:
@@ -510,7 +511,7 @@ def _curves(r: UpdateReport) -> doc.Table:
 
 
 def parameter_rows(r: UpdateReport) -> list[dict]:
-    """What `parameter_panels` draws, a row for each parameter."""
+    """Input of `parameter_panels`, a row for each parameter."""
     if r.sweep is None or len(r.sweep.fits) < 2:
         return []
     fits = sorted(r.sweep.fits, key=lambda fit: fit["condition"])
@@ -550,7 +551,7 @@ def curve_line(curve: Mapping | None, x: np.ndarray) -> tuple[np.ndarray, np.nda
 
 
 def _basis(r: UpdateReport) -> list:
-    """What the update rests on."""
+    """The model and the assumptions of the update."""
     held = " and each parameter held near its start by update.regularisation" if r.pull else ""
     reduced = "The iteration took the model itself: nothing was reduced."
     if r.model.get("samples"):

@@ -75,7 +75,7 @@ def explains_nothing(
 
 
 def _shapes_of_others(modes: ModeTable, in_order: np.ndarray) -> str | None:
-    """Whether shapes name pairs that the frequencies contradict, in words; None if not.
+    """A sentence if the frequencies contradict the pairs that the shapes name; else None.
 
     A fit to such pairs gives up the shapes that it was paired by, each of them, and still ends
     further from the frequencies than the model before it with its modes in order.

@@ -1,4 +1,4 @@
-"""What ``fenics-joints update`` found, and its JSON."""
+"""The result of ``fenics-joints update``, and its JSON."""
 
 from __future__ import annotations
 
@@ -143,7 +143,7 @@ class Functions:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Sweep:
-    """What was found at all conditions, and as curves over them.
+    """Fits at all conditions, and curves over them.
 
     Attributes:
         fits: For every condition a dict with condition, parameters, sd (relative), frequencies_hz,
@@ -181,7 +181,7 @@ class Sweep:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class UpdateReport:
-    """What ``fenics-joints update`` found.
+    """The result of ``fenics-joints update``.
 
     Attributes:
         title: The case's title.
@@ -198,7 +198,7 @@ class UpdateReport:
             again, without a unit, behind ``damping_``.
         model: Facts on the model.
         sweep: Fits at all conditions and curves over them; None where one condition was asked for.
-        notes: What a reader has to know, in words.
+        notes: Remarks and warnings, in words.
         published: Somebody's parameters, their frequencies and this model's at those parameters:
             keys source, parameters, frequencies_hz, model_hz, errors_percent; or None.
         pull: Standard deviation by which the fit held each parameter at its start, of its logarithm
@@ -319,7 +319,7 @@ class UpdateReport:
 def parameter_records(
     found: Update, units: Sequence[str], start: Sequence[float]
 ) -> list[dict[str, object]]:
-    """What a fit identified, as `UpdateReport.parameters` has it."""
+    """The records of `UpdateReport.parameters`."""
     return [
         {
             "name": name,
@@ -334,22 +334,3 @@ def parameter_records(
             found.names, found.values, units, found.relative_sd, start, strict=True
         )
     ]
-
-
-def predicted_record(
-    test: float, before: float, predicted: float, sd: float, prefix: str = "", unit: str = ""
-) -> dict[str, float | None]:
-    """A frequency or a damping ratio that a fit did not see, in `UpdateReport.held`.
-
-    Args:
-        test: Measured; nan if it was not.
-        before: The model's at the start.
-        predicted: That of the model fitted to all else.
-        sd: Relative standard deviation of that; nan where it is not known.
-        prefix: Before each key.
-        unit: Behind the key of each value that has it.
-    """
-    found = {f"test{unit}": test, f"before{unit}": before, f"predicted{unit}": predicted}
-    found["error_percent"] = 100 * (predicted / test - 1)
-    found["standard_deviation_percent"] = 100 * sd
-    return {f"{prefix}{key}": plain(float(value)) for key, value in found.items()}

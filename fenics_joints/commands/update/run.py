@@ -30,7 +30,6 @@ from fenics_joints.commands.update.result import (
     ModeTable,
     UpdateReport,
     parameter_records,
-    predicted_record,
 )
 from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.files import plain
@@ -48,14 +47,14 @@ from fenics_joints.updating import Update, update, update_weighted
 from fenics_joints.updating.checks import bound_notes, fit_notes, too_far
 from fenics_joints.updating.weighted import noise_tolerances
 
-#: Modes beyond the rigid-body ones and those of the test.
+#: Modes beyond the rigid-body ones and those of the test: partners may lie among higher ones.
 _SPARE = 4
-#: How often the reduced model is bettered at what was found.
+#: How often the reduced model is made better at what was found; what is off after that is noted.
 _ROUNDS = 4
-#: Share of a fit's sum of squares below which one from another start is taken instead.
+#: Share of a fit's sum of squares below which one from another start is taken instead; chosen.
 _BETTER = 0.95
-#: chi^2 per degree of freedom above which a model has not the test's resonances: lines are then
-#: compared at the same place relative to them.
+#: chi^2 per degree of freedom, three standard deviations of the noise, above which a model has not
+#: the test's resonances: lines are then compared at the same place relative to them.
 _MISFIT = 9.0
 
 
@@ -129,15 +128,8 @@ class _Run:
         """The small model in the loop; that of all conditions follows modes by MAC."""
         case, target, n_modes = self.case, self.data.target, self.case.diagnose.n_modes
         if not case.combined():
-            model = FollowedModel(
-                self.full,
-                target,
-                self.parameters,
-                self.start,
-                case.measurements(),
-                n_modes,
-                self.progress,
-            )
+            given = self.full, target, self.parameters, self.start, case.measurements(), n_modes
+            model = FollowedModel(*given, self.progress)
             self.n_modes = model.n_modes
             if target.shape_sensors is not None:
                 self.data = replace(self.data, target=replace(target, shapes=model.reference))
@@ -178,20 +170,17 @@ class _Run:
         functions = self._functions(values)
         facts, sweep = self._facts(error, functions), None
         if not self.case.combined():
-            sweep, lost = sweep_conditions(
-                self.case,
-                self.data.target,
-                self.model,
-                self.parameters,
-                self.start,
-                {self._row(): found},
-                self.progress,
-            )
+            given = self.case, self.data.target, self.model, self.parameters, self.start
+            sweep, lost = sweep_conditions(*given, {self._row(): found}, self.progress)
             facts |= {**self.model.facts(), "not_converged": lost}
         table = self._modes(first, modes, found)
         failure = explains_nothing(table, alone, self.spare, self._in_order(first), found.excess)
         if failure is not None:
             self.notes.append(f"THIS FIT EXPLAINS NOTHING: {failure}; do not use its values")
+            failure = f"{self.case.path}: the fit explains nothing: {failure}"
+        single = len(self.data.held_modes) == 1
+        for j in self.data.held_modes:
+            held.append(self._held_record(j, first, modes, found, single))
         return UpdateReport(
             title=self.case.name,
             condition=self.data.condition,
@@ -202,20 +191,14 @@ class _Run:
             update=found,
             modes=table,
             functions=functions,
-            held=held
-            + [
-                self._held_record(j, first, modes, found, len(self.data.held_modes) == 1)
-                for j in self.data.held_modes
-            ],
+            held=held,
             model=facts,
             sweep=sweep,
             notes=self.notes,
             pull=None if found.method == "weighted" else self.section.regularisation,
             published=self._published(),
             shapes=updated_shapes(self.case, self.full, self.data.target, modes, table),
-            failure=None
-            if failure is None
-            else f"{self.case.path}: the fit explains nothing: {failure}",
+            failure=failure,
         )
 
     def _alone(self, first: Modes, modes: Modes) -> np.ndarray:
@@ -276,15 +259,8 @@ class _Run:
         start = {**self.start, **(near or {})}
         model, common = self.model.arrays, {"damping": self.damping, "strict": False}
         if self.section.method == "weighted":
-            return update_weighted(
-                model,
-                self.parameters,
-                target,
-                self.start,
-                step_limit=self.section.step_limit,
-                **common,
-                **noise_tolerances(target),
-            )
+            common |= {"step_limit": self.section.step_limit, **noise_tolerances(target)}
+            return update_weighted(model, self.parameters, target, self.start, **common)
         common |= {"regularisation": self.section.regularisation, "n_modes": self.n_modes}
         common["centre"] = self.start
         found = update(model, self.parameters, target, start, **common)
@@ -329,20 +305,21 @@ class _Run:
         def sd(slopes: np.ndarray) -> float:
             return float(np.sqrt(max(slopes @ found.covariance @ slopes, 0.0)))
 
-        before, after = (m.frequencies_hz[self._pair(m).index[j]] for m in (first, modes))
-        row: dict = {"name": self.data.mode_names[j]}
-        by_values = sd(found.prediction.frequency_slopes[j])
-        row |= predicted_record(self._measured_hz()[j], before, after, by_values, unit="_hz")
-        row |= {"alone": alone, "parameters": found.mapping()}
-        ratios = self.model.ratios(self.start, first)
-        if ratios is None:
-            return row
-        after = self.model.ratios(self._values(found), modes)[j]
-        by_values, own = np.nan, found.prediction
-        if own.damping_ratios is not None:
-            by_values = sd(own.damping_slopes[j] / own.damping_ratios[j])
-        measured = self.case.measurements().damping[self._row()]
-        return row | predicted_record(measured[j], ratios[j], after, by_values, "damping_")
+        row, own = self._modes(first, modes, found).records()[j], found.prediction
+
+        def predicted(prefix: str, unit: str, by_values: float) -> dict:
+            keys = {"test": "test", "before": "before", "after": "predicted"}
+            made = {f"{prefix}{to}{unit}": row[f"{prefix}{key}{unit}"] for key, to in keys.items()}
+            made[f"{prefix}error_percent"] = row[f"{prefix}error_after_percent"]
+            return made | {f"{prefix}standard_deviation_percent": plain(100 * by_values)}
+
+        made = {"name": row["name"], **predicted("", "_hz", sd(own.frequency_slopes[j]))}
+        made |= {"alone": alone, "parameters": found.mapping()}
+        if "damping_test" in row:
+            ratios = own.damping_ratios
+            by_values = np.nan if ratios is None else sd(own.damping_slopes[j] / ratios[j])
+            made |= predicted("damping_", "", by_values)
+        return made
 
     # -- before and after ----------------------------------------------------------------------
 
@@ -397,18 +374,17 @@ class _Run:
             return None
         there = frfs.frequencies_hz > 0
         found, errors = [], []
+        how = {
+            "frequencies_hz": frfs.frequencies_hz[there],
+            "excitation": Sensors(frfs.reference_points, frfs.reference_directions),
+            "sensors": frfs.sensors(),
+            "damping": self.damping,
+            "kind": frfs.kind,
+            "method": "modal",
+            "check": 2,
+        }
         for given in (self.start, values):
-            frf = solve_frf(
-                self.full,
-                given,
-                frequencies_hz=frfs.frequencies_hz[there],
-                excitation=Sensors(frfs.reference_points, frfs.reference_directions),
-                sensors=frfs.sensors(),
-                damping=self.damping,
-                kind=frfs.kind,
-                method="modal",
-                check=2,
-            )
+            frf = solve_frf(self.full, given, **how)
             found.append(frf.values)
             errors.append(0.0 if frf.error is None else float(np.max(frf.error)))
         lines = np.zeros(len(there), dtype=bool)

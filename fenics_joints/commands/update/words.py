@@ -1,4 +1,4 @@
-"""What an update found, in words."""
+"""Sentences on identified parameters."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _UNKNOWN = 10.0
 
 
 def in_words(found: Identifiability) -> list[str]:
-    """What the data determine, in sentences."""
+    """Which parameters the data determine, in sentences."""
     least = int(np.argmax(np.where(np.isfinite(found.sd), found.sd, np.inf)))
     if not found.undetermined:
         words = f"The data alone determine {_and(found.names)}"
@@ -76,7 +76,7 @@ def decibel(value: float | None) -> str:
 
 
 def start_words(found: Identifiability, pull: float | None) -> str | None:
-    """What the start's pull has to do with the standard deviations, where it has."""
+    """How regularisation narrows standard deviations of open parameters; None if it does not."""
     left = found.undetermined
     if pull is None or not left:
         return None

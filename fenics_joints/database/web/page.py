@@ -67,7 +67,7 @@ _LONGEST = 40
 
 @dataclass(frozen=True)
 class _Question:
-    """What is typed and chosen, as text; a box that is ticked is "on"."""
+    """Typed and chosen values, as text; a ticked box is "on"."""
 
     bolt: str = "M12"
     torque: str = "120"
@@ -124,7 +124,7 @@ class Page:
         return Reply(self._html(question, answer, error).encode(), "text/html; charset=utf-8")
 
     def _question(self, typed: Mapping[str, str]) -> _Question:
-        """Of what is typed only what the form has, and chosen only what it offers."""
+        """The values of the form's fields; raises `Refused` for fields or choices that it lacks."""
         names = {f.name for f in fields(_Question)}
         for name, text in typed.items():
             if name not in names or len(text) > _LONGEST:
@@ -191,7 +191,7 @@ def _template() -> jinja2.Template:
 
 
 def _value(name: str, question: _Question) -> float:
-    """What was typed, in SI units; raises InputError for no number, or none that a joint has."""
+    """A typed number in SI units; raises InputError unless a joint can have it."""
     number, text = _NUMBERS[name], getattr(question, name).strip()
     if not _FIGURE.fullmatch(text):
         raise InputError(f"{number.name}: expected a number")

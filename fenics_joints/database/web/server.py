@@ -77,7 +77,7 @@ class Refused(Exception):
 
 @dataclass(frozen=True)
 class Reply:
-    """What a request is answered with.
+    """The answer to a request.
 
     Attributes:
         body: Bytes, text in UTF-8.
@@ -206,7 +206,7 @@ class _Request(BaseHTTPRequestHandler):
         self._received(_TO_HANG_UP, lambda rest: len(rest) > _LONGEST_HEAD)
 
     def _head(self) -> bytes:
-        """What came up to the empty line, or too much; nothing if it does not come in time."""
+        """The request's head to its empty line, or too much; empty if it does not come in time."""
         ended = re.compile(rb"\n\r?\n")
         head = self._received(
             _TO_COME, lambda head: len(head) > _LONGEST_HEAD or ended.search(head) is not None
@@ -214,7 +214,7 @@ class _Request(BaseHTTPRequestHandler):
         return head if ended.search(head) or len(head) > _LONGEST_HEAD else b""
 
     def _received(self, seconds: float, enough: Callable[[bytes], bool]) -> bytes:
-        """What comes until it is enough, the client ends, or the time is over, however slowly."""
+        """Bytes received until they are enough, the client ends, or the time is over."""
         end, received = time.monotonic() + seconds, b""
         while not enough(received):
             self.connection.settimeout(max(end - time.monotonic(), 1e-3))

@@ -1,0 +1,59 @@
+"""Tables of records: what a page shows, and what its CSV and the JSON file hold."""
+
+from __future__ import annotations
+
+import csv
+import io
+import re
+from urllib.parse import unquote
+
+import numpy as np
+from html_page import Page
+
+from fenics_joints.files import plain
+from fenics_joints.formatting import MISSING
+from fenics_joints.report.document import Cell, Document, Table, records
+from fenics_joints.report.html import as_page
+
+ROWS = records(
+    name=["=1+1", "b, <c>"],
+    test_hz=np.array([27.3456789, np.nan]),
+    error_percent=[1.23456, -0.001],
+    force_n=[12345.678, 0.5],
+)
+COLUMNS = "name: mode | test_hz: >test, Hz | mac: >MAC | error_percent: >error | force_n: >force"
+
+
+def table() -> Table:
+    more = [{**ROWS[0], "size": Cell("2.00 mm", value=0.002)}, ROWS[1]]
+    columns = f"{COLUMNS} | size: >size"
+    return Table.of(more, columns, id="modes", on_page=("size",))
+
+
+def read(text: str) -> list[dict]:
+    return list(csv.DictReader(io.StringIO(text)))
+
+
+def test_a_page_shows_units_and_the_csv_has_the_records():
+    assert plain(ROWS) == ROWS and ROWS[1]["test_hz"] is None
+    text = as_page(Document("case", "result", blocks=[table()]))
+    page = Page(text)
+    head, first, second = page.tables["modes"]
+    # No record has a MAC.
+    assert head == ["mode", "test, Hz", "error", "force", "size"]
+    assert first == ["=1+1", "27.35", "+1.23 %", "12.3 kN", "2.00 mm"]
+    assert second == ["b, <c>", MISSING, "+0.00 %", "500 mN", MISSING]
+    link = re.search(r'href="data:text/csv;charset=utf-8,([^"]*)"', text)[1]
+    found = read(unquote(link))
+    assert found == read(table().to_csv())
+    assert float(found[0]["test_hz"]) == 27.3456789 and float(found[0]["size"]) == 0.002
+    assert float(found[1]["error_percent"]) == -0.001 and found[1]["name"] == "b, <c>"
+    # A spreadsheet runs no name as a formula.
+    assert found[0]["name"] == "'=1+1"
+
+
+def test_rows_have_styles_and_no_record_leaves_the_headings():
+    made = Table.of(ROWS, COLUMNS, style=lambda row: "dim" if row["test_hz"] is None else "")
+    assert [row.style for row in made.rows] == ["", "dim"]
+    assert Table.of([], COLUMNS).names == ["mode", "test, Hz", "MAC", "error", "force"]
+    assert table().page_columns == 1
