@@ -62,7 +62,7 @@ def _cells(values: Mapping[str, float | None]) -> dict[str, Cell]:
 
 
 def _heads(names: Sequence[str]) -> dict[str, str]:
-    return {name: f">{', '.join(filter(None, (name, _SHOWN[name][1])))}" for name in names}
+    return {name: f">{name}\n{_SHOWN[name][1]}".strip() for name in names}
 
 
 def rows_document(
