@@ -21,7 +21,7 @@ from markupsafe import Markup
 from fenics_joints.files import csv_text, plain
 from fenics_joints.formatting import MISSING, hertz, number, percent, quantity
 
-#: Units by the last part of a key, and what they are written as.
+#: Units by the last part of a key, as they are written.
 _UNITS = {"m": "m", "n": "N", "pa": "Pa", "j": "J", "kg": "kg"}
 
 
@@ -36,7 +36,7 @@ class Cell:
         kind: Class of the cell on the page: ``flag`` for a value to look at, ``rms``, ``nowrap``.
         indent: Columns that the terminal moves it to the right.
         share: Length of a bar, from 0 to 1, that stands there instead of a text; None without.
-        value: What the text stands for, as the CSV file has it; None for the text itself.
+        value: Value in the CSV file; None for the text.
     """
 
     text: str = ""
@@ -112,11 +112,11 @@ class Table:
         """A table with a row for each record.
 
         Args:
-            records: Values by key, plain numbers or text; None for what is missing. One whose text
-                the key does not say is a `Cell` with its value.
+            records: Values by key, plain numbers or text; None for a missing one. A value that has
+                to be written in a way of its own is a `Cell`.
             columns: Headings by key, or as text: ``name: mode | test_hz: >measured, Hz``. A column
                 whose key no record has is left out.
-            write: Makes a text or `Cell` of a key and its value; `by_unit` by default.
+            write: Writes a value, given with its key; `by_unit` by default.
             style: Style of a record's row.
             on_page: Keys of the last columns, which stand on the page alone.
             options: ``caption``, ``id``, ``kind`` and ``most``, as for `Table`.
@@ -126,18 +126,15 @@ class Table:
             columns = {key.strip(): heading.strip() for key, _, heading in pairs}
         there = [k for k in columns if not records or any(k in record for record in records)]
         hidden = sum(key in on_page for key in there)
-        table, write = (
-            cls([columns[k] for k in there], page_columns=hidden, **options),
-            write or by_unit,
-        )
-        table.keys = there
+        table = cls([columns[k] for k in there], page_columns=hidden, **options)
+        table.keys, write = there, write or by_unit
         for record in records:
             cells = []
             for key in there:
                 value = record.get(key)
                 if not isinstance(value, Cell):
-                    cell = write(key, value)
-                    value = replace(cell if isinstance(cell, Cell) else Cell(cell), value=value)
+                    cell, own = write(key, value), "" if value is None else value
+                    value = replace(cell if isinstance(cell, Cell) else Cell(cell), value=own)
                 cells.append(value)
             table.rows.append(Row(cells, style(record)))
         return table

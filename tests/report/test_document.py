@@ -48,6 +48,7 @@ def test_a_page_shows_units_and_the_csv_has_the_records():
     assert found == read(table().to_csv())
     assert float(found[0]["test_hz"]) == 27.3456789 and float(found[0]["size"]) == 0.002
     assert float(found[1]["error_percent"]) == -0.001 and found[1]["name"] == "b, <c>"
+    assert found[1]["test_hz"] == found[1]["size"] == ""
     # A spreadsheet runs no name as a formula.
     assert found[0]["name"] == "'=1+1"
 
