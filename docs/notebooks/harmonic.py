@@ -61,9 +61,9 @@ found
 
 # +
 for fact in found.facts:
-    print(f"{fact.level:6g} N: {fact.frequency_hz:.3f} Hz, {100 * fact.damping_ratio:.2f} %")
+    print(f"{fact.level:6g} N: {fact.peak_hz:.3f} Hz, {100 * fact.damping_ratio:.2f} %")
 low, high = found.facts
-assert high.frequency_hz < low.frequency_hz and high.damping_ratio > low.damping_ratio
+assert high.peak_hz < low.peak_hz and high.damping_ratio > low.damping_ratio
 # -
 
 # Both responses over their force: what is linear would lie on one line.
