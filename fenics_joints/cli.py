@@ -335,12 +335,12 @@ def _check_size(comm, case: Case, name: str, options: dict, large: bool) -> None
     )
 
 
-#: Commands that say themselves what is to be said of the files of the test.
+#: Commands whose own notes include the notes on the test's files.
 _SAY_TEST_NOTES = ("run_modes", "run_update", "run_diagnose")
 
 
 def _say_unusual(comm, case: Case, name: str) -> tuple[str, ...]:
-    """Say what is unusual in the case and doubtful in its files, before the work starts."""
+    """Print notes on unusual values of the case and on its files, before the work starts."""
     from fenics_joints.case import plausibility
 
     own = () if name in _SAY_TEST_NOTES else (*case.test_notes(), *case.joint_notes())

@@ -33,7 +33,7 @@ from fenics_joints.report.tables import mac_table
 from fenics_joints.structure.grids import check_fields_path
 from fenics_joints.structure.points import Sensors
 
-#: Rows of each table on the terminal, so that all of it fits on a screen.
+#: Rows of each table on the terminal, so that the document fits on a screen.
 _MODES, _RINGS, _PAIRS = 20, 12, 8
 
 

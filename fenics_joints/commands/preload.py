@@ -42,7 +42,7 @@ from fenics_joints.structure.grids import check_fields_path
 
 #: Pressure, Pa, that bounds the contact radius (Machines 2022, eq. 10).
 LIMIT = 1e6
-#: Friction and pressure, Pa, beyond those of any metal: a hard steel's indentation has some 8 GPa.
+#: Friction and pressure, Pa, above any metal's: a hard steel's indentation has some 8 GPa.
 _ROUGH, _HARDEST = 2.0, 1e10
 #: Gap over a face's size that counts as zero.
 _FLAT = 1e-9
@@ -52,7 +52,7 @@ _ZERO = 1e-9
 _ELASTIC = 6
 #: Relative difference of the frequencies of a symmetric structure's pair, whose shapes may turn.
 _EQUAL = 1e-3
-#: Open, slipping, sticking: told apart by all kinds of colour vision.
+#: Of open, slipping and sticking: distinct for all kinds of colour vision.
 _STATUS = colormaps["cividis"]
 
 

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from fenics_joints.errors import InputError, real
 from fenics_joints.formatting import control_character
 
-#: Diameters of its bolt that no contact radius is beyond: the pressure cone of plates a hundred
-#: bolts thick ends there, and those of the papers are below five.
+#: Most diameters of the bolt in a contact radius: the pressure cone of plates a hundred bolts thick
+#: ends there, and the papers' radii are below five.
 _WIDEST = 100.0
 #: Conditions and results of a joint, in the order of the columns.
 CONDITIONS = ("diameter", "force", "torque", "thickness", "roughness")

@@ -9,7 +9,7 @@ import numpy as np
 
 from fenics_joints.report import geometry
 
-#: Motions that differ by less than this share of the largest are those of one vertex.
+#: Corners are one vertex if their motions differ by less than this share of the largest; chosen.
 _ALIKE = 1e-3
 
 
@@ -44,7 +44,7 @@ def surface(
     level: np.ndarray | None = None,
     motions: Sequence[np.ndarray] = (),
 ) -> Surface:
-    """The outside of cells; each level of its own has one.
+    """The outside of cells, level by level.
 
     Cells that touch share their vertices where they are of one group and level and move alike.
 

@@ -112,7 +112,7 @@ def heat_table(
         gap: The errors.
         condition: Name and unit of the condition.
         largest: Error that gets the full colour; by default the largest of this gap.
-        row_names: As those of `frequency_table`.
+        row_names: See `frequency_table`.
     """
     largest = largest_error(gap) if largest is None else largest
     caption = f"{name}: model over test minus one"

@@ -24,9 +24,9 @@ from fenics_joints.report.document import (
     Verdict,
 )
 
-#: Columns of what is written into a file.
+#: Characters of a line in a file.
 _COLUMNS = 100
-#: Columns between those of a table, the fewest that a name is wrapped into, and those of a bar.
+#: Characters between columns, the fewest of a wrapped name, and the length of a full bar; chosen.
 _BETWEEN, _NAME, _BAR = 3, 16, 20
 _STYLES = {"note": "dim", "warn": "yellow", "bad": "red", "good": "green", "bold": "bold"}
 _ROWS = {"dim": "dim", "lead": "bold"}
@@ -101,8 +101,8 @@ def _lines(block: Text | Keys | Remarks | Verdict) -> list[str | RichText]:
 def rich_table(table: Table) -> RichTable:
     """A plain table of which nothing is cut.
 
-    Where it is too wide, columns of names wrap first; those of numbers, and those without a
-    heading, only where that is not enough.
+    Where it is too wide, columns of names wrap first; columns of numbers, and columns without a
+    heading, wrap only where that is not enough.
     """
     shown = len(table.names) - table.page_columns
     made = _WrappedTable(box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False)
@@ -125,7 +125,7 @@ def _text(cell: Cell) -> RenderableType:
 
 
 class _WrappedTable(RichTable):
-    """Rich crops what does not wrap, so all columns do where the others are not enough."""
+    """Rich crops columns that may not wrap: let all wrap where the others do not suffice."""
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
         if self._needed(console) > options.max_width:

@@ -17,7 +17,7 @@ from matplotlib.colors import Colormap, to_hex
 
 from fenics_joints.report.surface import Surface, coarsened
 
-#: Bytes of one view in a page, at most, and the most faces that are drawn.
+#: Most bytes of a view in a page, and most faces that it draws; chosen, for pages below 1.5 MB.
 _BYTES, _FACES = 900_000, 60_000
 #: Below any value: a vertex that has none.
 _NONE = -32768
@@ -69,7 +69,7 @@ class Arrows:
 
 @dataclass(frozen=True)
 class Look:
-    """One thing to be seen of a surface.
+    """One view of a surface, to choose from the list.
 
     Attributes:
         name: In the list to choose from.

@@ -196,7 +196,7 @@ class BayesReport:
         return words
 
 
-# -- what is said of it ----------------------------------------------------------------------------
+# -- the document ----------------------------------------------------------------------------------
 
 
 def bayes_document(b: BayesReport) -> doc.Document:

@@ -154,7 +154,7 @@ class _Run:
         )
 
     def _normal_doubts(self) -> list[str]:
-        """Modes whose frequencies are not those of specimens that scatter about one mean."""
+        """Doubts on modes whose specimens do not scatter about one mean."""
         enough = np.sum(np.isfinite(self.table), axis=0) >= FEWEST
         fitted = FittedLikelihood.from_specimens(
             [n for n, e in zip(self.data.mode_names, enough, strict=True) if e],

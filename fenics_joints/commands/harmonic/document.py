@@ -140,7 +140,7 @@ def _modes(r: HarmonicReport) -> list:
     )
     blocks = [doc.Heading("Mode over amplitude"), doc.OnPage([doc.Text(how)]), table]
     if r.static_backbone.end != "reached":
-        words = "Under static loads the joint gives way before the highest amplitude."
+        words = "Under static loads the joint yields before the highest amplitude."
         blocks.append(doc.Text(words))
     return blocks
 
@@ -274,7 +274,7 @@ def _mode_notes(found: IdentificationResult) -> list[str]:
             )
     if not found.mode.measured.has_damping:
         notes.append(
-            "without damping ratios slip cannot be told from any other softening of the joint"
+            "without damping ratios slip cannot be distinguished from other softening of the joint"
         )
     return [*notes, *found.mode.measured.notes]
 

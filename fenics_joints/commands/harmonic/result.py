@@ -26,7 +26,7 @@ from fenics_joints.report.document import Cell
 
 #: Why a backbone was not followed to the highest amplitude.
 _ENDS = {
-    "stands still": "ends where the frequency falls to zero: the springs give way",
+    "stands still": "ends where the frequency falls to zero: the joint yields",
     "came back": "turns back and ends at its lowest amplitude",
     "short of it": "ends within a step of a bound, where no further solution was found",
 }

@@ -168,7 +168,9 @@ def _parameters(r: UpdateReport) -> list:
     weakest = sorted(zip(found.names, found.weakest, strict=True), key=lambda p: -abs(p[1]))
     direction = ", ".join(f"{name} {share:+.2f}" for name, share in weakest)
     facts = doc.Table(" | ")
-    collinearity = "collinearity index at the end (1: independent; above 20: hardly told apart)"
+    collinearity = (
+        "collinearity index at the end (1: independent; above 20: hardly distinguishable)"
+    )
     facts.add(collinearity, number(found.collinearity))
     facts.add("direction that the data determine least, by logarithms", direction)
     steps = "From the start to the end."

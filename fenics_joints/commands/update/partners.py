@@ -15,11 +15,11 @@ from fenics_joints.modal.modes import Modes
 from fenics_joints.reduction.frf_basis import paired
 from fenics_joints.updating import Update
 
-#: How much further a model's modes are looked through, for a test's modes and beyond those a body
-#: has at rest, before the test's are left out: its own multiple, and a factor each time.
+#: Most modes of the model that are searched for the test's, as a multiple of the test's and the six
+#: rigid ones, and the factor by which a search is extended; chosen.
 _MOST, _FACTOR = 4, 2
 #: Remaining root mean square error of ln f from which a fit explains nothing: neighbouring modes
-#: are often no further apart.
+#: are often no further apart; chosen.
 _NOTHING = 0.2
 
 
@@ -101,7 +101,7 @@ def more_or_fewer(case: Case, error: TooFewModes) -> tuple[Case, str | None]:
         error: Why.
 
     Returns:
-        The case to update instead, and what is to be said of it.
+        The case to update instead, and a note on it or None.
 
     Raises:
         TooFewModes: If no mode of the test has a partner, or one that is held out has none.

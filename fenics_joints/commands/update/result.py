@@ -17,7 +17,7 @@ from fenics_joints.updating.result import Update
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Compared:
-    """Frequencies, Hz, or damping ratios of the test's modes beside those of the full model.
+    """Frequencies, Hz, or damping ratios of the test's modes beside the full model's.
 
     Attributes:
         test: Measured, (m,); nan where missing.
@@ -58,7 +58,7 @@ class Compared:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ModeTable(Compared):
-    """Frequencies of the test's modes beside those of the full model, Hz, and what goes with them.
+    """Frequencies, Hz, of the test's modes beside the full model's, with MAC and damping ratios.
 
     Attributes:
         names: Names, m of them.
@@ -87,7 +87,7 @@ class ModeTable(Compared):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Functions:
-    """Measured functions beside those of the full model, at the same lines.
+    """Measured functions beside the full model's, at the same lines.
 
     Attributes:
         frequencies_hz: Lines, Hz, (n,).

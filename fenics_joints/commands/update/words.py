@@ -9,11 +9,11 @@ import numpy as np
 from fenics_joints.formatting import number, spread
 from fenics_joints.modal.sensitivity import Identifiability
 
-#: Share of a direction from which a parameter is named in it.
+#: Share of a direction from which a parameter is named in it; chosen.
 _NAMED = 0.2
 #: Condition number from which a direction is known by rounding alone.
 _OPEN = 1e10
-#: Standard deviation of a logarithm from which nothing is known.
+#: Standard deviation of a logarithm from which a value is called open; chosen.
 _UNKNOWN = 10.0
 
 
