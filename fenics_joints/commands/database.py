@@ -76,9 +76,9 @@ def query(
     """
 
     def run():
+        from fenics_joints.commands.database_document import answer_document
         from fenics_joints.database import JointSurfaces, TorqueToForce
         from fenics_joints.database import query as ask
-        from fenics_joints.database.tables import answer_document
 
         question = _in_si(thickness=thickness, torque=torque, force=force, roughness=roughness)
         how = TorqueToForce(K, friction, friction_head)
@@ -212,8 +212,8 @@ def show(
     """
 
     def run():
+        from fenics_joints.commands.database_document import rows_document
         from fenics_joints.database.query import JointSurfaces
-        from fenics_joints.database.tables import rows_document
         from fenics_joints.files import shown_path
 
         with _opened(db) as store:

@@ -19,7 +19,7 @@ from fenics_joints.database.kriging import Interpolation, Kriging
 from fenics_joints.database.store import Store
 from fenics_joints.errors import InputError, real
 from fenics_joints.files import plain
-from fenics_joints.formatting import quantity
+from fenics_joints.formatting import MISSING, interval, number, prefixed, quantity
 from fenics_joints.preload import Thread, motosh_force, nut_factor_force, thread
 
 #: Conditions closer than this are the same.
@@ -118,6 +118,16 @@ class Answer:
                 "notes": self.notes,
             }
         )
+
+
+def in_words(estimate: Interpolation | None, unit: str) -> str:
+    """An estimate with its deviation and interval: ``51.4 ± 0.4 mm (95 %: 50.6 to 52.2 mm)``."""
+    if estimate is None:
+        return MISSING
+    factor, shown = prefixed(estimate.value, unit)
+    value, sd = number(estimate.value * factor), number(estimate.sd * factor, 2)
+    mark = ", extrapolated" if estimate.extrapolated else ""
+    return f"{value} ± {sd} {shown} (95 %: {interval(estimate.low, estimate.high, unit)}{mark})"
 
 
 @dataclass

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+from fenics_joints.commands.database_document import rows_document
 from fenics_joints.database import (
     Answer,
     JointRow,
@@ -21,7 +22,6 @@ from fenics_joints.database import (
     seed_database,
 )
 from fenics_joints.database.kriging import Interpolation
-from fenics_joints.database.tables import rows_document
 from fenics_joints.errors import InputError
 from fenics_joints.files import json_text
 from fenics_joints.preload import thread

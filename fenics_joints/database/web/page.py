@@ -13,8 +13,7 @@ from urllib.parse import urlencode
 import jinja2
 
 from fenics_joints import __version__
-from fenics_joints.database.query import Answer, JointSurfaces, TorqueToForce, query
-from fenics_joints.database.tables import in_words
+from fenics_joints.database.query import Answer, JointSurfaces, TorqueToForce, in_words, query
 from fenics_joints.database.web.pictures import Pictures
 from fenics_joints.database.web.server import Refused, Reply
 from fenics_joints.errors import InputError

@@ -19,7 +19,7 @@ import choreographer.browsers
 from mpi4py import MPI
 
 from fenics_joints.database import JointSurfaces, query, seed_database, web
-from fenics_joints.database.tables import in_words
+from fenics_joints.database.query import in_words
 
 _NAMES = ("chromium-headless-shell", "chromium", "chromium-browser", "google-chrome", "chrome")
 CHROMIUM = next((path for name in _NAMES if (path := shutil.which(name))), None)

@@ -8,9 +8,8 @@ from dataclasses import asdict
 import numpy as np
 
 from fenics_joints.database.joints import NUMBERS, JointRow
-from fenics_joints.database.kriging import Interpolation
-from fenics_joints.database.query import Answer, JointSurfaces
-from fenics_joints.formatting import MISSING, interval, number, percent, prefixed, quantity
+from fenics_joints.database.query import Answer, JointSurfaces, in_words
+from fenics_joints.formatting import MISSING, number, percent, quantity
 from fenics_joints.report.document import Cell, Document, Table, Text
 
 #: Factor and unit in which a column is read best.
@@ -26,16 +25,6 @@ _SHOWN = {
     "nu": (1.0, ""),
     "h": (1e3, "mm"),
 }
-
-
-def in_words(estimate: Interpolation | None, unit: str) -> str:
-    """An estimate with its deviation and interval: ``51.4 ± 0.4 mm (95 %: 50.6 to 52.2 mm)``."""
-    if estimate is None:
-        return MISSING
-    factor, shown = prefixed(estimate.value, unit)
-    value, sd = number(estimate.value * factor), number(estimate.sd * factor, 2)
-    mark = ", extrapolated" if estimate.extrapolated else ""
-    return f"{value} ± {sd} {shown} (95 %: {interval(estimate.low, estimate.high, unit)}{mark})"
 
 
 def answer_document(answer: Answer) -> Document:
