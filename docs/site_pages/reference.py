@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import inspect
 import re
 from pathlib import Path
 
@@ -21,13 +20,12 @@ def write(source: Path) -> None:
 
     schema = case_schema()
     kinds = schema["$defs"]
-    words = _attributes(schema.get("description", ""))[1]
     text = HEAD
     for key, value in schema["properties"].items():
         if key == "title":
-            text += f"\n`title`: {words.get(key, '')}\n"
+            text += f"\n`title`: {value['description']}\n"
             continue
-        text += f"\n## `[{key}]`\n\n{words.get(key, '')}\n" + _section(key, value, kinds, set())
+        text += f"\n## `[{key}]`\n\n{value['description']}\n" + _section(key, value, kinds, set())
     (source / "case-file.md").write_text(text, encoding="utf-8")
 
 
@@ -61,48 +59,36 @@ def _tables(path: str, schema: dict, kinds: dict) -> list[tuple[str, str]]:
 def _table(path: str, kind: dict) -> str:
     properties = kind.get("properties", {})
     which = [f'{key} = "{value["const"]}"' for key, value in properties.items() if "const" in value]
-    words, keys, defaults = _of_a_builder(properties) or (
-        *_attributes(kind.get("description", "")),
-        {},
-    )
+    words = re.sub(r"``([^`]+)``", r"`\1`", kind.get("description", ""))
+    defaults = _of_a_builder(properties)
     title = f"`[{path}]`" + (f" with `{', '.join(which)}`" if which else "")
     rows = "".join(
-        f"| `{key}` | {_kind(value)} | {defaults.get(key) or _default(key, value, kind)} |"
-        + (f" {keys.get(key, '').replace('|', chr(92) + '|')} |\n" if keys else "\n")
+        f"| `{key}` | {_kind(value)} | {defaults.get(key) or _default(key, value, kind)} | "
+        + f"{_meaning(value)} |\n"
         for key, value in properties.items()
         if "const" not in value
     )
-    head = "| key | value | default | |\n|---|---|---|---|\n" if keys else ""
-    head = head or "| key | value | default |\n|---|---|---|\n"
-    table = f"{head}{rows}\n" if rows else ""
+    table = f"| key | value | default | |\n|---|---|---|---|\n{rows}\n" if rows else ""
     return f"\n### {title}\n\n{words}\n\n{table}"
 
 
-def _of_a_builder(properties: dict) -> tuple[str, dict[str, str], dict[str, str]] | None:
-    """A mesh builder's words, what it says of each argument, and their defaults."""
+def _of_a_builder(properties: dict) -> dict[str, str]:
+    """The defaults of a mesh builder's arguments; none for other tables."""
     from fenics_joints.case.mesh import BUILDERS
 
     builder = getattr(BUILDERS.get(properties.get("builder", {}).get("const")), "made_by", None)
-    if builder is None:
-        return None
-    words, keys = _attributes(inspect.cleandoc(builder.__doc__))
-    defaults = {
+    return {
         field.name: f"`{field.default}`"
-        for field in dataclasses.fields(builder)
+        for field in (() if builder is None else dataclasses.fields(builder))
         if field.default not in (dataclasses.MISSING, None)
     }
-    return words, keys, defaults
 
 
-def _attributes(text: str) -> tuple[str, dict[str, str]]:
-    """A docstring's words, and what its section Attributes or Args says of each key."""
-    words, _, listed = re.sub(r"^Args:\n", "Attributes:\n", text, flags=re.M).partition(
-        "Attributes:\n"
-    )
-    listed = re.split(r"^\w+:\n", listed, flags=re.MULTILINE)[0]
-    found = re.findall(r"^    (\w+): (.*(?:\n        .*)*)", listed, re.MULTILINE)
-    plain = re.sub(r"``([^`]+)``", r"`\1`", words).strip()
-    return plain, {key: " ".join(value.split()) for key, value in found}
+def _meaning(schema: dict) -> str:
+    """What a key means, without its unit, which stands beside it."""
+    words = schema.get("description", "")
+    words = words.rpartition("(")[0] if "unit" in schema else words
+    return words.strip().replace("|", "\\|")
 
 
 def _kind(schema: dict) -> str:
@@ -114,8 +100,8 @@ def _kind(schema: dict) -> str:
     if "anyOf" in schema or "oneOf" in schema:
         kinds = [_kind(one) for one in schema.get("anyOf", schema.get("oneOf"))]
         return " or ".join(dict.fromkeys(kind for kind in kinds if kind != "nothing"))
-    if schema.get("description"):
-        return schema["description"]
+    if "unit" in schema:
+        return schema["description"].rpartition("(")[2].rstrip(")")
     names = {
         "string": "text",
         "number": "number",

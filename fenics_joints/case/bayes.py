@@ -72,9 +72,6 @@ def check_bayes(case: Case) -> Iterator[str]:
     bayes, parameters = case.update.bayes, case.update.parameters
     if bayes is None:
         return
-    if case.update.cutoff is not None:
-        yield "update.bayes: expected none beside update.cutoff; it identifies parameters"
-        return
     try:
         bayes_data(case)
     except InputError as error:

@@ -109,8 +109,6 @@ def check_combined(case: Case) -> Iterator[str]:
     if update is None:
         return
     if update.cutoff is not None:
-        for key in update.combined_keys():
-            yield f"update.{key}: expected it only with update.parameters"
         return
     if test is not None and (
         (test.has_modes and case.measured is None) or (section is not None and frfs is None)
@@ -187,9 +185,6 @@ def _check_data(case: Case) -> Iterator[str]:
         yield (
             "test.noise = 0: expected it or test.resolution above 0: it is what frequencies weigh"
         )
-    if update.step_limit is not None and update.method != "weighted":
-        expected = "expected it only with update.method = 'weighted'"
-        yield message("update.step_limit", update.step_limit, expected)
     if update.method == "weighted":
         for kind in {"shapes", "damping"} & set(wanted):
             expected = f"expected no {kind} in update.data: the paper's equations have none"

@@ -79,8 +79,14 @@ class CoulombSection(ContactLawSection):
     """``[nonlinear.NAME]`` with ``law = "coulomb"``: elastic stick and friction on a contact.
 
     Elastic dry friction under a normal load that varies, in a plane or in space. The pressure is
-    that of the bolts' preload, and changes with the opening; without bolts there is none at rest,
-    and a ``gap``.
+    that of the bolts' preload, and changes with the opening; without bolts there is none at rest.
+
+    Attributes:
+        law: Which law it is.
+        normal_stiffness: Stiffness per area against closing.
+        tangential_stiffness: Stiffness per area against slip.
+        friction: Coulomb's coefficient.
+        gap: Gap at rest, of a contact without a preload.
     """
 
     units: ClassVar = {"normal_stiffness": "Pa/m", "tangential_stiffness": "Pa/m", "friction": ""}
@@ -102,7 +108,10 @@ class CoulombSection(ContactLawSection):
 class UnilateralSection(ContactLawSection):
     """``[nonlinear.NAME]`` with ``law = "unilateral"``: a contact that presses, without friction.
 
-    Pressure and ``gap`` as of ``coulomb``.
+    Attributes:
+        law: Which law it is.
+        normal_stiffness: Stiffness per area against closing.
+        gap: Gap at rest, of a contact without a preload.
     """
 
     units: ClassVar = {"normal_stiffness": "Pa/m"}
@@ -119,9 +128,13 @@ class UnilateralSection(ContactLawSection):
 
 
 class ElasticFrictionSection(ContactLawSection):
-    """``[nonlinear.NAME]`` with ``law = "elastic_friction"``: sticks, and slides at a ``strength``.
+    """``[nonlinear.NAME]`` with ``law = "elastic_friction"``: Jenkins' element all over a closed
+    contact.
 
-    Jenkins' element all over a closed contact: the normal load does not change.
+    Attributes:
+        law: Which law it is.
+        stiffness: Stiffness per area against slip.
+        strength: Shear stress at which it slides; the normal load does not change.
     """
 
     units: ClassVar = {"stiffness": "Pa/m", "strength": "Pa"}
@@ -136,9 +149,12 @@ class ElasticFrictionSection(ContactLawSection):
 
 
 class GapSection(ContactLawSection):
-    """``[nonlinear.NAME]`` with ``law = "gap"``: slips freely up to a ``gap`` to all sides.
+    """``[nonlinear.NAME]`` with ``law = "gap"``: free slip in all directions up to a stop.
 
-    As a bolt in its hole; beyond, a spring stops it.
+    Attributes:
+        law: Which law it is.
+        stiffness: Stiffness per area of the stop.
+        gap: Slip at which it stops, as of a bolt in its hole.
     """
 
     units: ClassVar = {"stiffness": "Pa/m", "gap": "m"}
@@ -163,12 +179,18 @@ _LEVEL_UNITS = {"acceleration": "m/s2", "displacement": "m"}
 class Hysteretic(CaseSection):
     """A backbone with Masing's rule, as parallel sliders.
 
-    ``stress`` is what yields: the shear of the interface (the paper's c55 and c66), or the
-    ``equivalent`` stress of tension and shear together, of a layer. ``thickness`` is that of the
-    layer whose strain the moduli belong to, if it is not the meshed one: a contact has none.
-    The ``sliders`` are placed for the ``amplitudes``, least and largest, of that strain, or of a
-    contact's slip in m. By default these are 0.1 and 2 times the strain at the knee, or the strains
-    of the responses at the levels if these differ.
+    Attributes:
+        law: Which law it is.
+        stress: What yields: the shear of the interface (the paper's c55 and c66), or the equivalent
+            stress of tension and shear together, of a layer.
+        sliders: How many sliders.
+        thickness: Thickness of the layer whose strain the moduli belong to, if it is not the meshed
+            one; a contact has none.
+        amplitudes: Least and largest strain, or slip of a contact in m, for which the sliders are
+            placed; by default 0.1 and 2 times the strain at the knee, or the responses' strains.
+        E_e: Modulus at rest; the joint's by default.
+        E_p: Modulus after yield.
+        S_y: Yield stress.
     """
 
     #: The law's curve, its arguments with their units, and which is its modulus at rest.
@@ -209,7 +231,11 @@ class Hysteretic(CaseSection):
 
 
 class RichardAbbottSection(Hysteretic):
-    """``[nonlinear.NAME]`` with ``law = "richard_abbott"`` (Iranzad and Ahmadian 2012, eq. 4)."""
+    """``[nonlinear.NAME]`` with ``law = "richard_abbott"`` (Iranzad and Ahmadian 2012, eq. 4).
+
+    Attributes:
+        n: Sharpness of the knee.
+    """
 
     curve: ClassVar = RichardAbbott
     stiffness: ClassVar = "E_e"
@@ -223,7 +249,14 @@ class RichardAbbottSection(Hysteretic):
 
 
 class SegalmanSection(Hysteretic):
-    """``[nonlinear.NAME]`` with ``law = "segalman"``: the four-parameter Iwan model."""
+    """``[nonlinear.NAME]`` with ``law = "segalman"``: the four-parameter Iwan model.
+
+    Attributes:
+        F_S: Stress of macroslip.
+        K_T: Modulus at rest; the joint's by default.
+        chi: Exponent of microslip.
+        beta: Stiffness lost at macroslip over the stiffness lost before.
+    """
 
     curve: ClassVar = Segalman
     stiffness: ClassVar = "K_T"
@@ -262,7 +295,12 @@ NonlinearSection = chosen(
 
 
 class DirectedPoint(CaseSection):
-    """Where and how a force acts or a sensor measures."""
+    """Where and along what a force acts or a sensor measures.
+
+    Attributes:
+        point: The place.
+        direction: The direction.
+    """
 
     point: Point
     direction: Direction
@@ -271,7 +309,9 @@ class DirectedPoint(CaseSection):
 class BaseSection(CaseSection):
     """``[harmonic.base]``: the base that holds the supports moves, instead of a force.
 
-    ``levels`` are then amplitudes of its ``motion``, m/s2 or m, and responses are relative to it.
+    Attributes:
+        direction: Direction of the motion.
+        motion: What the levels are amplitudes of; responses are relative to the base.
     """
 
     direction: Direction
@@ -279,9 +319,14 @@ class BaseSection(CaseSection):
 
 
 class HarmonicLoad(CaseSection):
-    """``[[harmonic.loads]]``: a further force, as a ``share`` of the level, of any ``harmonic``.
+    """``[[harmonic.loads]]``: a further force beside the first one or the base.
 
-    With a positive ``phase_degrees`` it comes earlier than the first force or the base.
+    Attributes:
+        point: The place.
+        direction: The direction.
+        share: Its amplitude as a share of the level.
+        harmonic: Of which harmonic it is.
+        phase_degrees: By how much it comes earlier than the first force or the base.
     """
 
     point: Point
@@ -294,14 +339,18 @@ class HarmonicLoad(CaseSection):
 class IdentifySection(CaseSection):
     """``[harmonic.identify]``: the laws' numbers from one level's curve, or a mode's amplitude.
 
-    With ``level`` from the curve of that level in ``harmonic.measured``; without it, or with
-    ``mode``, from frequency and damping over amplitude: ``[test.amplitude]``, or a test by level.
-    The model's frequency and damping at rest may then be off by ``rest``, relative (1 %), and
-    ``rest_damping`` (the lowest damping measured), standard deviations.
-
-    The objective is the paper's eq. 6, or with ``method = "gradient"`` its squares. Loops of force
-    against response, in a table of their own, enter beside the curve. ``start`` is the case's own
-    numbers by default.
+    Attributes:
+        level: Level of the curve in harmonic.measured; without it, or with a mode, the data are
+            frequency and damping over amplitude.
+        mode: Mode of [test.amplitude], or of a test by level.
+        parameters: Names of the numbers to find.
+        start: Where to start from; the case's own numbers by default.
+        method: Objective of the paper's eq. 6 ("direct"), its squares ("gradient"), or both.
+        points: Number of points of the curve.
+        loops: Table of loops of force against response, which enter beside the curve.
+        noise: Relative standard deviation of the data.
+        rest: Relative standard deviation of the model's frequency at rest, 1 % by default.
+        rest_damping: That of its damping at rest; by default the lowest damping measured.
     """
 
     level: Force | None = None
@@ -341,15 +390,27 @@ class IdentifySection(CaseSection):
 class HarmonicSection(CaseSection):
     """``[harmonic]``: what `fenics-joints harmonic` computes.
 
-    ``levels`` are amplitudes of the ``force``, or of the motion of a ``base`` in its place, and
-    ``loads`` come beside it; ``damping`` are the ratios of the modes at rest, the last
-    one for all further modes; ``measured`` a table with the columns ``level``, ``frequency`` and
-    ``amplitude``, of the ``response`` at the sensor. ``interface_modes`` go into the reduced model
-    beside the ``modes`` and how the joints give way under static load: none of layers, 12 of
-    contacts, unless the case says how many. ``quasi_static`` asks for the
-    mode over its amplitude from static loads too, of the ``reduced`` model or the ``full`` one.
-    ``bifurcations`` are those where the responses' stability changes: to ``find`` them, or to
-    ``follow`` the motions of broken symmetry or of twice the period that begin there, too.
+    Attributes:
+        force: Where the force acts.
+        base: A base that moves, instead of the force.
+        loads: Further forces.
+        sensor: Where the response is measured.
+        levels: Amplitudes of the force, or of the base's motion.
+        band: Frequencies, [low, high].
+        damping: Damping ratios of the modes at rest, the last one for all further modes.
+        response: What the sensor measures.
+        measured: Table with the columns level, frequency and amplitude.
+        backbone: Whether the backbone is computed.
+        quasi_static: Whether the mode over its amplitude comes from static loads too, of the
+            reduced or of the full model.
+        bifurcations: Whether to find where the responses' stability changes, or to follow the
+            motions that begin there too.
+        harmonics: How many harmonics.
+        samples: Samples of a period, four for each harmonic at least.
+        modes: How many modes of the reduced model.
+        interface_modes: How many modes of the joints under static load; by default none of layers
+            and 12 of contacts.
+        identify: What to identify.
     """
 
     one_of = (("force", "base"),)

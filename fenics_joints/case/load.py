@@ -7,6 +7,7 @@ import math
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
@@ -220,7 +221,9 @@ def _read_test(case: Case, key: str, source: Test | ValidationTest) -> TestData:
             found = _shapes_of(shapes, data)
         else:
             file = _existing(case, f"{key}.shapes", test.shapes.files[0])
-            found = _read_shapes(file, data.mode_names)
+            with located("shapes"):
+                table = read_table(file)
+                found = np.column_stack([table.column(mode) for mode in data.mode_names])
         return replace(data, shapes=found)
 
 
@@ -298,13 +301,6 @@ def _read_universal(case: Case) -> MeasuredShapes:
     with located("test.shapes"):
         files = [case.folder / file for file in section.files]
         return read_shapes(files, length_unit=section.length_unit)
-
-
-def _read_shapes(file: Path, modes: Sequence[str]) -> np.ndarray:
-    """Measured shapes: a row for each sensor, in their order, and a column for each mode."""
-    with located("shapes"):
-        table = read_table(file)
-        return np.column_stack([table.column(mode) for mode in modes])
 
 
 def _per_mode(name: str, values: list[float], n: int) -> list[float] | float:
@@ -431,22 +427,17 @@ def _partly(path: Path, raw: dict, error: ValidationError) -> Examined:
 
 
 def _drop(raw: dict, loc: tuple, level: int | None) -> None:
-    """Take a place of pydantic's out of what a file says: the very one, or the first levels."""
+    """Take a place of pydantic's out of what a file says: the very one, or the first levels.
+
+    Lists are left out as a whole.
+    """
     keys = [key for key in loc if not (isinstance(key, str) and key.startswith(("<", "[")))]
-    keys = keys if level is None else keys[:level]
+    keys = list(takewhile(lambda key: isinstance(key, str), keys))[:level]
     inside: Any = raw
     for key in keys[:-1]:
-        if isinstance(inside, list) and isinstance(key, int):
-            keys = keys[: keys.index(key)]  # lists are left out as a whole
-            return _drop(raw, tuple(keys), None)
-        if not isinstance(inside, dict) or key not in inside:
-            return None
-        inside = inside[key]
-    if isinstance(inside, list):
-        return _drop(raw, tuple(keys[:-1]), None)
-    if isinstance(inside, dict) and keys:
+        inside = inside.get(key) if isinstance(inside, dict) else None
+    if keys and isinstance(inside, dict):
         inside.pop(keys[-1], None)
-    return None
 
 
 def _all_of(case: Case, errors: list[str]) -> tuple[str, ...]:

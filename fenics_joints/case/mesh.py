@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import math
 import types
 import typing
@@ -107,16 +108,22 @@ _Points = Annotated[list[_Space], BeforeValidator(_points), Field(min_length=1)]
 class BoltsSection(CaseSection):
     """``[mesh.bolts]``: rings of the transition layer around the bolts.
 
-    ``r_wai`` is their outer radius, one or one for each; or the contact radius of the thread and
-    ``torque`` (T = K d F with ``nut_factor`` K) in plates of a ``thickness``, from the database
-    that comes with the package (Machines 2022, Table 2). ``r_nei`` is the wider hole's radius by
-    default. ``at`` has the bolts' centres; without it they are in all pairs of holes whose
-    diameter is ``hole``, or within [low, high], or fits the ``thread``.
+    Their outer radius is given; or it is the contact radius of the thread and the torque in plates
+    of a thickness, from the database that comes with the package (Machines 2022, Table 2); or,
+    without torque or with ``spread = "cone"``, that of a cone under the bolt's head
+    (`fenics_joints.preload.clearance.cone_radius`).
 
-    Without ``r_wai`` and ``torque``, or with ``spread = "cone"``, it is that of a cone under the
-    bolt's head through a plate of that ``thickness``
-    (`fenics_joints.preload.clearance.cone_radius`). ``force``, or ``torque``, of one bolt is also
-    what the joints' starting stiffness is from (`fenics_joints.case.starting`).
+    Attributes:
+        r_wai: Outer radius of the rings, one or one for each.
+        r_nei: Inner radius; that of the wider hole by default.
+        at: Centres of the bolts; by default all pairs of holes that fit.
+        hole: Diameter of the holes, or [low, high].
+        thread: Such as "M12".
+        torque: Tightening torque of one bolt (T = K d F).
+        force: Force of one bolt, from which the joints' starting stiffness comes.
+        spread: Where the outer radius is from.
+        thickness: Thickness of the plates.
+        nut_factor: K of the torque.
     """
 
     r_wai: _Sizes | None = None
@@ -212,9 +219,14 @@ class BoltsSection(CaseSection):
 class MeshFile(MeshSection):
     """``[mesh]`` with a file of parts that are to be joined where they touch.
 
-    There are rings with ``[mesh.bolts]``; ``joint = "layer"`` is a layer on all that touches, and
-    ``joint = "contact"`` separate parts. ``layer`` is the layers' thickness; without it they are
-    so thin that nothing is moved.
+    Attributes:
+        file: The file.
+        degree: Degree of the displacement.
+        joint: "rings" at the bolts, a "layer" on all that touches, or "contact": separate parts.
+        layer: Thickness of the layers; without it they are so thin that nothing is moved.
+        bonded: Pairs of parts that are welded.
+        between: Pairs of parts that get a layer; all that touch by default.
+        bolts: Where the rings are.
     """
 
     origin = "file"
@@ -246,10 +258,15 @@ class MeshFile(MeshSection):
 
 
 class StepMesh(MeshFile):
-    """``[mesh]`` with a STEP file: arguments of `fenics_joints.meshes.read_step`.
+    """``[mesh]`` with a STEP file.
 
-    ``size`` is its ``element_size``. There are rings with ``[mesh.bolts]``, else a ``layer`` on all
-    that touches, or with ``joint = "contact"`` separate parts. Without ``layer`` nothing is moved.
+    Attributes:
+        size: Size of the largest cells.
+        n_layer: Cells through a layer's thickness.
+        ring_size: Size of the cells in the rings.
+        circle: Edges of a circle.
+        parts: Names of the solids, each by its label, its number in the file or a point inside.
+        faces: Names of faces, each by points on it.
     """
 
     size: Size
@@ -268,7 +285,11 @@ class StepMesh(MeshFile):
 
 
 class SolidMesh(MeshSection):
-    """``[mesh]`` with one of the builders of `fenics_joints.meshes`; see `section_of`."""
+    """``[mesh]`` with one of the builders of `fenics_joints.meshes`; see `section_of`.
+
+    Attributes:
+        degree: Degree of the displacement.
+    """
 
     origin = "builder"
     made_by: ClassVar[type[Builder]]
@@ -303,7 +324,7 @@ def section_of(builder: type[Builder]) -> type[SolidMesh]:
     section = create_model(
         f"{builder.__name__}Mesh",
         __module__=__name__,
-        __doc__=f"``builder = {builder.function!r}``: arguments of `{builder.__name__}`.",
+        __doc__=inspect.cleandoc(builder.__doc__),
         __base__=LappedMesh if "bonded" in arguments else SolidMesh,
         builder=(Literal[builder.function], ...),
         **arguments,
@@ -341,11 +362,21 @@ class OffsetBeamsMesh(MeshSection):
 
     The beams are ``beam_1``, ``beam_2``, ..., the laps ``lap``, or ``lap_1``, ... if there are
     several, the ends ``left`` and ``right``; x starts at the left end, and z = 0 is where the beams
-    touch. A single value of a list holds for all. ``elements`` are those of each beam outside its
-    laps. With ``lap_zones``, of two beams, the lap is ``zone_1``, ``zone_2``, ... instead, of that
-    many joint elements each, which together are the ``lap_elements``. With ``offset_mass = false``
-    the mass is that of beams whose axis is the line of the nodes, as in Jalali et al. 2019: see
-    `fenics_joints.beams.element`.
+    touch. A single value of a list holds for all.
+
+    Attributes:
+        builder: Its name.
+        degree: Has no meaning here.
+        lengths: Length of each beam.
+        laps: Length of each lap.
+        width: Width of each beam.
+        thickness: Thickness of each beam.
+        elements: Elements of each beam outside its laps.
+        lap_elements: Joint elements of each lap.
+        lap_zones: Joint elements of each zone of the one lap, then named zone_1, zone_2, ...
+        shear: Shear factor of the section.
+        offset_mass: If false, the mass is that of beams whose axis is the line of the nodes, as in
+            Jalali et al. 2019; see `fenics_joints.beams.element`.
     """
 
     origin = "beams"
@@ -417,9 +448,12 @@ class OffsetBeamsMesh(MeshSection):
 class FileMesh(MeshFile):
     """``[mesh]`` from a gmsh file with named physical groups.
 
-    Without ``joint`` and ``[mesh.bolts]`` it is as the file has it, layers included. With ``gdim =
-    2`` it is a section in plane strain, one metre deep; with a ``thickness`` it is the middle
-    surface of a sheet, which is meshed in space.
+    Without ``joint`` and ``[mesh.bolts]`` it is as the file has it, layers included.
+
+    Attributes:
+        scale: Length of the file's unit.
+        gdim: 2 for a plane mesh: a section in plane strain, one metre deep.
+        thickness: Thickness of a sheet, whose middle surface a plane mesh is.
     """
 
     scale: Size = 1.0

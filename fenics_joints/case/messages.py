@@ -125,13 +125,18 @@ def refused(key: str, value: Any, call: Callable[[], object]) -> list[str]:
     return []
 
 
-def _fields(loc: tuple, root: type) -> list[str]:
-    """Keys of the section at a place in the file."""
+def kinds_at(loc: tuple, root: type) -> list[Any]:
+    """Types that what stands at a place in the file may have."""
     kinds = [root]
     for item in loc:
         kinds = [option for kind in kinds for option in _inside(kind, item)]
+    return kinds
+
+
+def _fields(loc: tuple, root: type) -> list[str]:
+    """Keys of the section at a place in the file."""
     found = []
-    for kind in kinds:
+    for kind in kinds_at(loc, root):
         fields = kind.model_fields.items() if hasattr(kind, "model_fields") else ()
         found += [field.alias or name for name, field in fields]
     return found

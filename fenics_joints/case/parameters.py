@@ -19,9 +19,10 @@ _BOUNDS = {
     **dict.fromkeys(("k_n", "k_t"), (1e6, 1e19)),
     "c": (0.0, 1e3),
 }
-#: How far others may be from their nominal value, as a factor: the thickness of a transition layer,
-#: the stiffness of a lap of beams, and any other known property.
+#: How far others may be from their nominal value, as a factor: the thickness of a transition layer
+#: and the stiffness of a lap of beams; and any other known property.
 _FACTORS = {"h": 30.0, **dict.fromkeys(("k1", "k2", "k_axial"), 1e3)}
+#: Likewise of any other known property. Chosen: wide enough for a wrong material, and no more.
 _KNOWN = 3.0
 #: Stiffness of a support, Pa/m, that is as good as rigid, and its range: E / (k L) of a metal body
 #: of size L is below 1e-6. A steel cantilever's frequencies are 2e-6 below those of a held one's.

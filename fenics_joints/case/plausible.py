@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import typing
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 
 import numpy as np
@@ -72,37 +72,36 @@ def _quantities(case: Case) -> Iterator[Found]:
     yield from _starts(case)
     yield from _mesh(case)
     yield from _bolts(case)
-    yield from _damping(case)
     yield from _test(case)
     if case.harmonic is not None and case.harmonic.base is None:
         for i, level in enumerate(case.harmonic.levels):
             yield f"harmonic.levels[{i}]", level, USUAL["level"]
 
 
-def _annotated(key: str, value: object, usual: Usual | None = None) -> Iterator[Found]:
+def _annotated(key: str, value: object, ranges: Sequence[Usual] = ()) -> Iterator[Found]:
     """The numbers whose type names a range, in a section and those inside."""
     if isinstance(value, CaseSection):
         for name, field in type(value).model_fields.items():
-            inside = _range_of([*field.metadata, field.annotation])
+            inside = list(_ranges_in([*field.metadata, field.annotation]))
             yield from _annotated(f"{key}.{name}".lstrip("."), getattr(value, name), inside)
     elif isinstance(value, dict):
         for name, item in value.items():
-            yield from _annotated(f"{key}.{name}", item, usual)
+            yield from _annotated(f"{key}.{name}", item, ranges)
     elif isinstance(value, list | tuple):
+        pair = len(ranges) == len(value) > 1
         for i, item in enumerate(value):
-            yield from _annotated(f"{key}[{i}]", item, usual)
-    elif usual is not None and isinstance(value, float):
-        yield key, value, usual
+            yield from _annotated(f"{key}[{i}]", item, ranges[i : i + 1] if pair else ranges)
+    elif ranges and isinstance(value, float):
+        yield key, value, ranges[0]
 
 
-def _range_of(kinds: Iterable[object]) -> Usual | None:
-    """The range that a type names, or one inside it."""
+def _ranges_in(kinds: Iterable[object]) -> Iterator[Usual]:
+    """The ranges that types name, and those inside them."""
     for kind in kinds:
-        inside = (*getattr(kind, "__metadata__", ()), *typing.get_args(kind))
-        found = kind if isinstance(kind, Usual) else _range_of(inside)
-        if found is not None:
-            return found
-    return None
+        if isinstance(kind, Usual):
+            yield kind
+        else:
+            yield from _ranges_in((*getattr(kind, "__metadata__", ()), *typing.get_args(kind)))
 
 
 def _mesh(case: Case) -> Iterator[Found]:
@@ -189,28 +188,14 @@ def _by_stress(what: str, factor: float, unit: str) -> Usual:
     return Usual(what, stress.low * factor, stress.high * factor, unit)
 
 
-def _damping(case: Case) -> Iterator[Found]:
-    kinds = {
-        "loss_factor": "loss factor",
-        "alpha": "alpha",
-        "beta": "beta",
-        "relaxation": "relaxation",
-    }
-    for name, value in (case.damping.nominal() if case.damping is not None else {}).items():
-        yield name, value, USUAL[kinds.get(name.rpartition(".")[2], "damping ratio")]
-
-
 def _test(case: Case) -> Iterator[Found]:
     if case.test is None:
         return
     # Without a given noise, the analyser's line spacing may say how accurate the table is.
     exact = "noise" in case.test.model_fields_set and not any(case.test.resolution)
-    for key, kind in (("noise", "noise"), ("resolution", "resolution")):
-        for value in getattr(case.test, key):
-            if key != "noise" or value or exact:
-                yield f"test.{key}", value, USUAL[kind]
-    if case.test.damping_noise is not None:
-        yield "test.damping_noise", case.test.damping_noise, USUAL["damping noise"]
+    for value in case.test.noise:
+        if value or exact:
+            yield "test.noise", value, USUAL["noise"]
     data = case.measured
     if data is None:
         return

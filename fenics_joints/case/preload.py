@@ -49,10 +49,14 @@ def known_thread(name: str) -> str:
 
 
 class ContactSection(CaseSection):
-    """``[contacts.NAME]``: two faces of different bodies; ``upper`` is the smaller or finer one.
+    """``[contacts.NAME]``: two faces of different bodies that may touch.
 
-    ``friction`` is Coulomb's coefficient; ``gap`` is beside that of the mesh, negative for an
-    interference; ``bonded`` faces are glued.
+    Attributes:
+        lower: Group of facets of one face.
+        upper: The other face, the smaller or finer one.
+        friction: Coulomb's coefficient.
+        gap: Gap beside that of the mesh; negative for an interference.
+        bonded: Whether the faces are glued.
     """
 
     lower: str
@@ -65,8 +69,15 @@ class ContactSection(CaseSection):
 class _BoltSection(CaseSection):
     """``[bolts.NAME]``: two faces pulled together by a force, or by a torque on a thread.
 
-    A torque takes the ``thread`` and either ``friction``, one coefficient for thread and head
-    (Motosh, Fronk et al. 2019, eq. 8), or a ``nut_factor`` (T = K d F).
+    Attributes:
+        kind: How the bolt is modelled.
+        lower: Group of facets that the bolt presses.
+        upper: The other group.
+        force: Force of the bolt.
+        torque: Tightening torque; needs the thread, and friction or nut_factor.
+        thread: Such as "M10".
+        friction: One coefficient for thread and head (Motosh; Fronk et al. 2019, eq. 8).
+        nut_factor: K in T = K d F.
     """
 
     one_of = (("force", "torque"),)
@@ -101,7 +112,12 @@ class _BoltSection(CaseSection):
 class BeamBoltSection(_BoltSection):
     """``kind = "beam"``: a beam between rigid spiders on the faces under the washers.
 
-    The diameter is that of the shank, by default the thread's. ``head_mass`` sits on each end.
+    Attributes:
+        diameter: Of the shank; the thread's by default.
+        E: Young's modulus.
+        nu: Poisson's ratio.
+        rho: Density.
+        head_mass: Mass on each end.
     """
 
     kind: Literal["beam"]
@@ -125,7 +141,11 @@ class BeamBoltSection(_BoltSection):
 
 
 class _AxialBoltSection(_BoltSection):
-    """A bolt whose force is along an ``axis``, by default the faces' normal."""
+    """A bolt whose force has a direction.
+
+    Attributes:
+        axis: Direction of the force; the faces' normal by default.
+    """
 
     acts: ClassVar[type[PretensionSection | WasherForce]]
 
@@ -199,9 +219,16 @@ def _in_mesh(key: str, vector: tuple[float, ...], gdim: int) -> tuple[float, ...
 class _ObstacleSection(CaseSection):
     """``[obstacles.NAME]``: a face that may touch a rigid body.
 
-    That body rests, moves by its ``travel`` into the structure, or is pushed by a ``force``, along
-    which it then goes as far as the structure gives way; it does not turn. ``friction`` is
-    Coulomb's coefficient; ``gap`` is beside that of the mesh, negative for an interference.
+    The body rests, is moved by its travel, or is pushed by a force as far as the structure gives
+    way; it does not turn.
+
+    Attributes:
+        kind: Shape of the body.
+        facets: Group of facets that may touch it.
+        friction: Coulomb's coefficient.
+        gap: Gap beside that of the mesh; negative for an interference.
+        travel: By how much the body is moved.
+        force: Force that pushes the body.
     """
 
     facets: str
@@ -244,7 +271,12 @@ class _ObstacleSection(CaseSection):
 
 
 class PlaneObstacle(_ObstacleSection):
-    """``kind = "plane"``: through ``point``, solid behind it; ``normal`` looks at the structure."""
+    """``kind = "plane"``: a plane, solid behind it.
+
+    Attributes:
+        point: A point of the plane.
+        normal: Its normal, towards the structure.
+    """
 
     kind: Literal["plane"]
     point: Point
@@ -258,7 +290,13 @@ class PlaneObstacle(_ObstacleSection):
 
 
 class SphereObstacle(_ObstacleSection):
-    """``kind = "sphere"``: a ball; on a plane mesh a disc. ``inside`` it is a cavity's wall."""
+    """``kind = "sphere"``: a ball; on a plane mesh a disc.
+
+    Attributes:
+        centre: Its centre.
+        radius: Its radius.
+        inside: Whether the structure is inside it, in a cavity.
+    """
 
     kind: Literal["sphere"]
     centre: Point
@@ -271,8 +309,14 @@ class SphereObstacle(_ObstacleSection):
 
 
 class CylinderObstacle(_ObstacleSection):
-    """``kind = "cylinder"``: a round pin without ends, about a line through ``point`` along
-    ``axis``. ``inside`` it is a bore's wall."""
+    """``kind = "cylinder"``: a round pin without ends.
+
+    Attributes:
+        point: A point of its axis.
+        axis: Direction of its axis.
+        radius: Its radius.
+        inside: Whether the structure is inside it, in a bore.
+    """
 
     kind: Literal["cylinder"]
     point: Point
@@ -293,10 +337,13 @@ ObstacleSection = chosen("kind", PlaneObstacle, SphereObstacle, CylinderObstacle
 
 
 class DisplacementSection(CaseSection):
-    """``[displacements.NAME]``: a face all of which is moved by the same given way, as by a grip.
+    """``[displacements.NAME]``: a face that is moved as a whole, as by a grip.
 
-    ``value`` has a component for each dimension of the mesh, ``"free"`` where the face is not held:
-    ``["free", "free", "-0.1 mm"]``. Vibration about that state leaves the face where it is.
+    Vibration about that state leaves the face where it is.
+
+    Attributes:
+        facets: Group of facets.
+        value: Displacement along each axis; "free" where the face is not held.
     """
 
     facets: str
@@ -309,9 +356,14 @@ class DisplacementSection(CaseSection):
 
 
 class LoadSection(CaseSection):
-    """``[loads.NAME]``: a ``force`` spread evenly over a face, or an even ``pressure`` on it.
+    """``[loads.NAME]``: a force spread evenly over a face, or an even pressure on it.
 
     They keep their direction as the face moves. On a plane mesh forces are per metre of depth.
+
+    Attributes:
+        facets: Group of facets.
+        force: The total force.
+        pressure: The pressure.
     """
 
     one_of = (("force", "pressure"),)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 from pydantic.json_schema import GenerateJsonSchema
 
 from fenics_joints.case.case import Case
-from fenics_joints.case.values import in_files, listed
+from fenics_joints.case.messages import kinds_at
+from fenics_joints.case.values import docstring_keys, in_files, listed
 
 
 def case_schema() -> dict[str, object]:
@@ -17,8 +19,24 @@ def case_schema() -> dict[str, object]:
     return {**head, "title": "A case of fenics-joints"}
 
 
+def meaning(path: tuple[str, ...]) -> str:
+    """What a key of the case file means, in a few words; empty where nothing says it."""
+    for kind in kinds_at(path[:-1], Case):
+        if hasattr(kind, "model_fields") and (text := docstring_keys(kind)[1].get(path[-1])):
+            return re.split(r"[.;:] ", text.rstrip("."))[0]
+    return ""
+
+
 class _AsWritten(GenerateJsonSchema):
     """Values as they may stand in the file, before they are made what a `Case` has."""
+
+    def model_schema(self, schema: Any) -> dict[str, Any]:
+        """A section, with what its docstring says of each key."""
+        found, (words, keys) = super().model_schema(schema), docstring_keys(schema["cls"])
+        for key, value in found.get("properties", {}).items():
+            own = [keys.get(key, ""), f"({value['description']})" if "unit" in value else ""]
+            value["description"] = " ".join(text for text in own if text)
+        return found | {"description": words}
 
     def function_before_schema(self, schema: Any) -> dict[str, Any]:
         """What a value may be that is converted first."""
@@ -29,7 +47,7 @@ class _AsWritten(GenerateJsonSchema):
             words = f"in {unit}, or a text with its unit" if unit else "a number, or a text in %"
             if call.word is not None:
                 words += f', or "{call.word}"'
-            return {"type": ["number", "string"], "description": words}
+            return {"type": ["number", "string"], "description": words, "unit": unit}
         if call is listed:
             return {"anyOf": [inner.get("items", {}), inner]}
         if call is in_files:

@@ -36,6 +36,7 @@ from fenics_joints.case.values import (
     quantity,
     tolerance_and_bounds,
 )
+from fenics_joints.meshes.arguments import ONE_BOLT
 from fenics_joints.structure.damping import Damping
 
 PartTolerance, PartBounds = tolerance_and_bounds(
@@ -46,9 +47,17 @@ PartTolerance, PartBounds = tolerance_and_bounds(
 class PartSection(CaseSection):
     """``[parts.NAME]``: cells of a solid material, with E and one of G and nu.
 
-    Its thickness is along ``normal`` and its width along ``across``: y, or z if the normal is y.
-    Without a ``normal`` those of an own mesh's part are measured: `case.dimensions`.
-    ``mass`` is what it weighs, for `check` and `diagnose` to hold against its density.
+    Attributes:
+        cells: Groups of cells of the mesh.
+        E: Young's modulus.
+        G: Shear modulus, instead of nu.
+        nu: Poisson's ratio.
+        rho: Density.
+        mass: What the part weighs, for check and diagnose to compare with the model.
+        normal: Direction of the thickness; of a part of a mesh file it is measured unless given.
+        across: Direction of the width; y by default, or z if the normal is y.
+        tolerance: Relative standard deviations of the values.
+        bounds: Ranges of the values, [low, high].
     """
 
     one_of = (("G", "nu"),)
@@ -107,8 +116,6 @@ JointTolerance, JointBounds = tolerance_and_bounds(
     k_axial=Stiffness,
     c=Damper,
 )
-#: Two bolts nearer than this, m, are one: no thread is thinner.
-ONE_BOLT = 1e-3
 #: What a joint must have by its law, and what it may have; all else is refused.
 _JOINT_KEYS = {
     "transition": (("E", "nu", "h"), ("meshed", "rho")),
@@ -119,25 +126,36 @@ _LAYER_KEYS = ("E", "G"), ("rho",)
 
 
 class JointSection(CaseSection):
-    """``[joints.NAME]``: a thin layer of cells; ``bolted`` says that it lies under bolts.
+    """``[joints.NAME]``: a thin layer of cells, or a lap of beams.
 
-    ``bolts`` are points on the axes of the bolts through it or beside it; by default those that the
-    mesh's builder knows. A diagnosis splits the joint into zones around them.
+    Which values it has depends on the law: E and G of a layer as thick as its mesh; E, nu and h of
+    a ``transition`` layer (Machines 2022); k_n and k_t of ``springs``, or pressure and roughness
+    from which they are computed (`fenics_joints.case.starting`); k1, k2 and c of a ``generic`` lap
+    of beams (Jalali et al. 2019).
 
-    With ``law = "transition"`` (Machines 2022) it has E, nu and its thickness ``h`` in place of G;
-    the mesh's is ``meshed``, by default measured between the faces of each of its rings, and
-    ``cells`` may be a pattern such as ``ring_*``: rings with one set of parameters. Its density is
-    zero without ``rho``; with ``rho = "average"`` see `with_average_densities`.
-
-    With ``law = "springs"`` it has stiffnesses per area, ``k_n`` and ``k_t``, Pa/m, in place of E
-    and G, whatever the thickness of its cells. Where they are not given they are those of rough
-    faces (Ra ``roughness``, by default 1.6 um) under a ``pressure``, by default that of the bolts
-    of ``[mesh.bolts]``: see `fenics_joints.case.starting`. Its normal is measured unless given.
-
-    With ``law = "generic"`` (Jalali et al. 2019) it is a lap of beams (``builder =
-    "offset_beams"``) with the stiffness of slap ``k1`` and of slip ``k2`` of each joint element,
-    N m, the damping of slip ``c``, N m s, and, if it is not the beams' own, the axial stiffness
-    ``k_axial``, N/m.
+    Attributes:
+        cells: Groups of cells; patterns such as "ring_*" with law "transition" or "springs".
+        law: How the layer deforms.
+        E: Modulus across the layer.
+        G: Shear modulus of the layer.
+        nu: Poisson's ratio of a transition layer.
+        h: Thickness of a transition layer.
+        meshed: Thickness of the layer in the mesh; measured by default.
+        k_n: Stiffness per area across the layer.
+        k_t: Stiffness per area along the layer.
+        pressure: Pressure between the faces; by default that of the bolts of [mesh.bolts].
+        roughness: Ra of the faces, 1.6 um by default.
+        rho: Density; "average" is the mean of the two parts; of a transition layer 0 by default.
+        k1: Stiffness of slap of each joint element.
+        k2: Stiffness of slip of each joint element.
+        k_axial: Axial stiffness of a lap's elements; that of the beams by default.
+        c: Damping of slip of each joint element.
+        bolted: Whether the layer lies under bolts.
+        bolts: Points on the axes of its bolts, around which a diagnosis makes zones; by default
+            those of the mesh.
+        normal: Normal of the layer; that of springs is measured unless given.
+        tolerance: Relative standard deviations of the values.
+        bounds: Ranges of the values, [low, high].
     """
 
     cells: Names
@@ -219,7 +237,12 @@ class JointSection(CaseSection):
 
 
 class PointsSection(CaseSection):
-    """Something at points."""
+    """Something at points.
+
+    Attributes:
+        points: Its places.
+        tolerance: Relative standard deviation of its value.
+    """
 
     points: Annotated[list[Point], Field(min_length=1)]
     tolerance: Share | None = None
@@ -234,9 +257,14 @@ class PointsSection(CaseSection):
 class MassSection(PointsSection):
     """``[masses.NAME]``: a total mass in equal shares at points.
 
-    A point in an empty bolt hole passes its share to the ring around the hole. ``travel`` is
-    where the first point may sit along ``along``; the others move with it. On beams
-    (``builder = "offset_beams"``) each point may have a rotary ``inertia``.
+    A point in an empty bolt hole passes its share to the ring around the hole.
+
+    Attributes:
+        mass: The total.
+        inertia: Rotary inertia of each point, on beams.
+        travel: Range of the first point's coordinate, if its place is unknown; the others move with
+            it.
+        along: Axis of the travel.
     """
 
     mass: usual(Mass, "mass")
@@ -268,7 +296,12 @@ class MassSection(PointsSection):
 
 
 class SpringSection(PointsSection):
-    """``[springs.NAME]``: equal springs to the ground at points."""
+    """``[springs.NAME]``: equal springs to the ground at points.
+
+    Attributes:
+        direction: Direction of each spring.
+        stiffness: Stiffness of each spring.
+    """
 
     direction: Direction
     stiffness: usual(Stiffness, "stiffness")
@@ -279,7 +312,11 @@ class SpringSection(PointsSection):
 
 
 class AttachedMass(MassSection):
-    """``[attached.NAME]`` with ``kind = "mass"``: there, but not in the nominal model."""
+    """``[attached.NAME]`` with ``kind = "mass"``: there, but not in the nominal model.
+
+    Attributes:
+        kind: What it is.
+    """
 
     kind: Literal["mass"]
 
@@ -293,7 +330,11 @@ class AttachedMass(MassSection):
 
 
 class AttachedSpring(SpringSection):
-    """``[attached.NAME]`` with ``kind = "spring"``: there, but not in the nominal model."""
+    """``[attached.NAME]`` with ``kind = "spring"``: there, but not in the nominal model.
+
+    Attributes:
+        kind: What it is.
+    """
 
     kind: Literal["spring"]
 
@@ -306,10 +347,13 @@ Attached = chosen("kind", AttachedMass, AttachedSpring)
 
 
 class SupportSection(CaseSection):
-    """``[supports.NAME]``: ``facets`` or ``points`` that cannot move in some directions.
+    """``[supports.NAME]``: facets or points that cannot move in some directions.
 
-    ``points`` is the name of a group of points or lines of a ``.msh`` file, or places, of which the
-    nearest vertices are held.
+    Attributes:
+        facets: Group of facets.
+        directions: In which they are held.
+        points: Name of a group of points or lines of a .msh file, or places, of which the nearest
+            vertices are held.
     """
 
     one_of = (("facets", "points"),)
@@ -326,24 +370,25 @@ class SupportSection(CaseSection):
 class Diagnose(CaseSection):
     """``[diagnose]``: what `fenics-joints diagnose` may assume.
 
-    ``discrepancy`` is the relative error of frequencies that any model of the structure has, and
-    ``shape_discrepancy`` that of a shape's components, relative to its root mean square.
-    ``zones`` is the number of zones of equal pressure that a contact is split into, and ``mesh``
-    what its mesh has otherwise than ``[mesh]``, such as larger elements: a diagnosis solves many
-    models. ``patches`` is the number of patches of each region in which the gap is looked for; 0
-    for none of these, which cost solutions of the full model, and no map. ``nested`` has no effect:
-    earlier versions sampled evidence, and their cases stay valid.
-    ``mesh_error`` says whether the mesh's own error of each frequency is measured, by one solution
-    with elements of one degree more; it is taken off, and a part of it stays as uncertain: what is
-    common to all modes beside ``discrepancy``, what is each one's own where that is larger.
-    ``rare`` says whether causes that few structures have are looked for too, such as plates that
-    are not flat; those that ``effects`` names are in any case.
-    ``outside`` is the probability, before the test, that what causes a gap is nothing of the
-    library.
-    ``frfs`` says whether measured functions (``[test.frfs]``) are data beside the modes.
-    ``joints`` says what the nominal model has where the joints are: ``bonded`` parts, so that
-    nothing of the joints is assumed; or the stiffness ``given`` by ``[joints]``, of which a
-    diagnosis can then say that the preload is below the nominal one.
+    Attributes:
+        n_modes: How many modes of each model are computed.
+        discrepancy: Relative error of frequencies that any model of the structure has.
+        shape_discrepancy: Error of a shape's components, relative to its root mean square.
+        preload_scatter: Relative scatter of the bolts' forces.
+        max_effects: How many causes a gap may have at once.
+        effects: Which causes are looked for; by default all that the case can have.
+        zones: Number of zones of equal pressure of a contact.
+        mesh: Keys of [mesh] that differ in the diagnosis, such as larger elements.
+        samples: How many full models the reduced one is trained on, at least.
+        joints: Whether the nominal model is bonded where the joints are, or has their given
+            stiffness.
+        nested: Without effect; earlier versions sampled evidence.
+        patches: Number of patches of each region in which the gap is looked for; 0 for no map.
+        mesh_error: Whether the mesh's error of each frequency is measured and subtracted; part of
+            it stays as uncertainty.
+        rare: Whether causes that few structures have are looked for too.
+        outside: Probability before the test that the cause is none of the library.
+        frfs: Whether measured functions are data beside the modes.
     """
 
     n_modes: ModeCount = 20
@@ -397,23 +442,31 @@ Ratio = quantity("", 0, 1)
 Rate = quantity("1/s", 0)
 Time = quantity("s", 0)
 Relaxation = quantity("s", 0, above=True)
+_Ratios = Annotated[list[Ratio], BeforeValidator(listed), Field(min_length=1)]
 
 
 class DampingSection(CaseSection):
-    """``[damping]``: see `fenics_joints.structure.damping.Damping`, for whose values it has names.
+    """``[damping]``: linear damping of the model; see `fenics_joints.structure.damping.Damping`.
 
     Each value above 0 is a parameter, which an update may fit: ``damping.ratio`` (of a list
     ``damping.ratio_1``, ``damping.ratio_2``, ...) of ``modal``, ``damping.alpha`` and
     ``damping.beta`` of ``rayleigh``, ``damping.loss_factor`` of ``structural``,
     ``NAME.loss_factor`` of ``hysteretic`` and ``NAME.relaxation`` of ``viscous``, where NAME is a
     part or joint.
+
+    Attributes:
+        modal: Damping ratio of all modes, or of each.
+        rayleigh: Factors of mass and stiffness, alpha and beta.
+        structural: Loss factor of the whole structure.
+        viscous: Relaxation time by part or joint.
+        hysteretic: Loss factor by part or joint.
     """
 
-    modal: Annotated[list[Ratio], BeforeValidator(listed), Field(min_length=1)] | None = None
-    rayleigh: tuple[Rate, Time] = (0.0, 0.0)
-    structural: Share = 0.0
-    viscous: dict[str, Relaxation] = {}
-    hysteretic: dict[str, Positive] = {}
+    modal: usual(_Ratios, "damping ratio") | None = None
+    rayleigh: tuple[usual(Rate, "alpha"), usual(Time, "beta")] = (0.0, 0.0)
+    structural: usual(Share, "loss factor") = 0.0
+    viscous: dict[str, usual(Relaxation, "relaxation")] = {}
+    hysteretic: dict[str, usual(Positive, "loss factor")] = {}
 
     @model_validator(mode="after")
     def _some(self) -> DampingSection:
@@ -423,11 +476,15 @@ class DampingSection(CaseSection):
             )
         return self
 
+    def _ratios(self) -> dict[str, float]:
+        """The modes' ratios by their names."""
+        ratios = self.modal or [0.0]
+        names = ["ratio"] if len(ratios) == 1 else [f"ratio_{i + 1}" for i in range(len(ratios))]
+        return dict(zip(names, ratios, strict=True))
+
     def nominal(self) -> dict[str, float]:
         """Value of each parameter, SI, by its name."""
-        ratios = self.modal or []
-        names = ["ratio"] if len(ratios) == 1 else [f"ratio_{i + 1}" for i in range(len(ratios))]
-        own = dict(zip(names, ratios, strict=True))
+        own = self._ratios()
         own |= dict(zip(("alpha", "beta"), self.rayleigh, strict=True))
         own["loss_factor"] = self.structural
         values = {f"damping.{key}": value for key, value in own.items()}
@@ -442,10 +499,8 @@ class DampingSection(CaseSection):
         def named(name: str) -> float | str:
             return name if name in there else 0.0
 
-        ratios = self.modal or [0.0]
-        keys = ["ratio"] if len(ratios) == 1 else [f"ratio_{i + 1}" for i in range(len(ratios))]
         return Damping(
-            modal=tuple(named(f"damping.{key}") for key in keys),
+            modal=tuple(named(f"damping.{key}") for key in self._ratios()),
             rayleigh=(named("damping.alpha"), named("damping.beta")),
             structural=named("damping.loss_factor"),
             viscous={name: f"{name}.relaxation" for name in self.viscous},

@@ -138,7 +138,8 @@ class CostEstimate:
     def __str__(self) -> str:
         rounded = float(f"{self.dofs:.2g}")
         dofs = f"{rounded:,.0f} degrees of freedom" if rounded < 1e15 else "1e15 and more"
-        return f"about {dofs}, {_size(self.bytes)} of memory and {_time(self.seconds)} a solution"
+        memory, time = gibibytes(self.bytes), duration(self.seconds)
+        return f"about {dofs}, {memory} of memory and {time} a solution"
 
 
 def estimate(case: Case, *, method: str = "direct", ranks: int = 1) -> CostEstimate:
@@ -212,7 +213,7 @@ def check_size(
     if large or found.bytes <= there:
         return found
     raise InputError(
-        f"{case.path}: mesh: {found}, more than the {_size(there)} that this machine has free; "
+        f"{case.path}: mesh: {found}, more than the {gibibytes(there)} that this machine has free; "
         "expected larger elements or fewer of them"
         + ("" if method == "iterative" else " (or modes --iterative, for modes alone)")
         + "; with --large it is tried all the same"
@@ -285,11 +286,13 @@ def _step_vertices(case: Case, mesh: MeshFile) -> float:
         return float(_SOLID * math.sqrt(2) * np.prod(cells))
 
 
-def _size(n_bytes: float) -> str:
+def gibibytes(n_bytes: float) -> str:
+    """An amount of memory."""
     return f"{number(n_bytes / 2**30, 2)} GiB"
 
 
-def _time(seconds: float) -> str:
+def duration(seconds: float) -> str:
+    """A time in the unit that suits it."""
     for unit, length in (("days", 86400.0), ("hours", 3600.0), ("minutes", 60.0)):
         if seconds > 2 * length:
             return f"{number(seconds / length, 2)} {unit}"

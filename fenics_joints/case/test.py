@@ -8,6 +8,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, model_validator
 
+from fenics_joints.case.usual import usual
 from fenics_joints.case.values import (
     AXES,
     CaseSection,
@@ -37,13 +38,16 @@ from fenics_joints.measurements.tables import column_head
 class AmplitudeSection(CaseSection):
     """``[test.amplitude."MODE"]``, or ``amplitude = { "MODE" = FILE }``: a mode by amplitude.
 
-    Any of: a table of level, frequency and damping; sweeps at constant response or at constant
-    force; ring-downs. The files' columns say which, see ``docs/amplitude.md``. ``levels`` are those
-    of the functions of universal files, one for each; ``band`` holds this mode and no other;
-    ``sensor`` is the one that the amplitude is of, where a ring-down has several; ``units`` those
-    of functions or records whose file does not say them. ``noise`` and ``damping_noise`` are
-    relative standard deviations: of a plain table, [test] noise or 0.1 %, and 10 %, unless given;
-    of the other kinds, beside what their own scatter says.
+    Attributes:
+        files: Tables of level, frequency and damping; sweeps at constant response or force; or
+            ring-downs. Their columns say which, see ``docs/amplitude.md``.
+        levels: Levels of the functions of universal files, one for each.
+        band: Frequencies that hold this mode and no other.
+        sensor: The sensor that the amplitude is of, where a ring-down has several.
+        units: Unit of functions or records whose file does not say it.
+        noise: Relative standard deviation of frequencies: of a plain table 0.1 % by default, else
+            beside their own scatter.
+        damping_noise: That of damping ratios, of a plain table 10 % by default.
     """
 
     files: Files
@@ -59,7 +63,14 @@ Modes = dict[str, Annotated[AmplitudeSection, BeforeValidator(in_files)]]
 
 
 class LineOfSensors(CaseSection):
-    """``[test.sees]`` with sensors along an axis."""
+    """``[test.sees]`` with sensors along an axis.
+
+    Attributes:
+        along: The axis.
+        positions: Coordinate of each sensor along it.
+        at: The other coordinates by axis, one or one for each sensor.
+        direction: Direction in which the sensors measure.
+    """
 
     along: Literal["x", "y", "z"]
     positions: Annotated[list[Length], Field(min_length=1)]
@@ -89,7 +100,13 @@ class LineOfSensors(CaseSection):
 
 
 class ListOfSensors(CaseSection):
-    """``[test.sees]`` with sensors anywhere, in one direction or each in its own."""
+    """``[test.sees]`` with sensors anywhere.
+
+    Attributes:
+        points: Place of each sensor.
+        direction: One direction of all.
+        directions: The direction of each.
+    """
 
     one_of = (("direction", "each"),)
     at_points: Annotated[list[Point], Field(min_length=1, alias="points")]
@@ -119,7 +136,12 @@ Sees = either(_sensors_kind, (LineOfSensors, ListOfSensors))
 
 
 class ValidationTest(CaseSection):
-    """``[test.validation]``: data that is never fitted."""
+    """``[test.validation]``: data that is never fitted.
+
+    Attributes:
+        frequencies: Table of frequencies.
+        damping: Table of damping ratios.
+    """
 
     frequencies: File
     damping: File | None = None
@@ -128,20 +150,31 @@ class ValidationTest(CaseSection):
 class FRFSection(CaseSection):
     """``[test.frfs]``: measured frequency response functions, or ``frfs`` with a list of files.
 
-    ``kind``, ``units``, ``length_unit``, ``points`` (by node), ``directions`` (by node) and
-    ``keys`` are for what the files do not say: see `measurements.files.read_frfs`. ``at`` is
-    the condition at which they were measured, the last one by default. ``noise`` is their relative
-    standard deviation, 5 % by default; with ``averages``, their number, it comes from the measured
-    coherence instead. ``calibration`` is that of each sensor's and each force's scale, 2 % by
-    default, which a diagnosis counts besides.
+    Attributes:
+        files: Files of functions and nodes; see `measurements.read_frfs`.
+        kind: Kind of function, where the files do not say it.
+        units: Unit of the functions, where the files do not say it.
+        length_unit: Unit of the nodes' coordinates, where the files do not say it.
+        points: Coordinates by node, where the files do not have them.
+        directions: Directions by node, where the files do not have them.
+        keys: Names of MATLAB variables that are not the usual ones.
+        band: Frequencies that are used, [low, high].
+        at: Condition at which they were measured, the last one by default.
+        noise: Relative standard deviation, 5 % by default.
+        averages: Number of averages, from which and the coherence the noise comes instead.
+        calibration: Relative standard deviation of each sensor's and each force's scale.
+        identify: Modes from the functions, in place of frequencies.
     """
 
     class Identify(CaseSection):
         """``[test.frfs.identify]``: modes from the functions, in place of ``frequencies``.
 
-        ``near`` is about where they are, one for each mode; by default what is stable.
-        ``exponential_window`` is the time in which the analyser's exponential window, if it had
-        one, falls to 1/e: the damping that the window adds is subtracted.
+        Attributes:
+            near: About where the frequencies are, one for each mode; by default what is stable.
+            order: Highest number of modes of a model.
+            max_damping: Damping ratio above which a pole is no mode.
+            exponential_window: Time in which the analyser's exponential window falls to 1/e; the
+                damping that the window adds is subtracted.
         """
 
         near: list[quantity("Hz", 0, above=True)] | None = None
@@ -173,9 +206,10 @@ class FRFSection(CaseSection):
 class ShapesSection(CaseSection):
     """``[test.shapes]``, or ``shapes`` with a file or a list of them.
 
-    A table has a row for each sensor of ``[test.sees]``. Universal files (UFF) have their own
-    sensors, and frequencies and damping too; ``length_unit`` is that of their nodes' coordinates,
-    where no file says it.
+    Attributes:
+        files: A table with a row for each sensor of [test.sees]; or universal files (UFF), which
+            have sensors, frequencies and damping of their own.
+        length_unit: Unit of the nodes' coordinates, where no file says it.
     """
 
     files: Files
@@ -197,10 +231,14 @@ class ShapesSection(CaseSection):
 class ChangedTest(CaseSection):
     """``[test.changed.NAME]``: the same structure again, after a known change, for ``diagnose``.
 
-    A ``mass`` put on, in equal shares at ``points``; or masses and springs of the case that were
-    taken off, ``without = ["NAME", ...]``; or both. ``frequencies`` is a table of one row with the
-    columns of the test's; cells may be empty. ``at`` is the condition, the last one by default.
     The bolts were not tightened anew.
+
+    Attributes:
+        frequencies: Table of one row with the columns of the test's; cells may be empty.
+        mass: A mass that was put on, in equal shares.
+        points: Where it was put.
+        without: Names of masses and springs of the case that were taken off.
+        at: The condition, the last one by default.
     """
 
     frequencies: File
@@ -219,7 +257,13 @@ class ChangedTest(CaseSection):
 
 
 class PointTest(CaseSection):
-    """A measurement at one place along one direction; ``at`` is the condition, else the last."""
+    """A measurement at one place along one direction.
+
+    Attributes:
+        point: The place.
+        direction: The direction.
+        at: The condition, the last one by default.
+    """
 
     point: Point
     direction: Direction
@@ -227,10 +271,11 @@ class PointTest(CaseSection):
 
 
 class StaticTest(PointTest):
-    """``[test.stiffness.NAME]``: a static stiffness, for ``diagnose``: force over displacement at a
-    point of the held structure, both along a direction.
+    """``[test.stiffness.NAME]``: a static stiffness of the held structure, for ``diagnose``.
 
-    ``noise`` is its relative standard deviation, 2 % unless given.
+    Attributes:
+        stiffness: Force over displacement.
+        noise: Its relative standard deviation.
     """
 
     stiffness: Stiffness
@@ -238,12 +283,14 @@ class StaticTest(PointTest):
 
 
 class AntiresonanceTest(PointTest):
-    """``[test.antiresonances.NAME]``: frequencies at which a point stands still while it is driven
-    there, for ``diagnose``: minima of the frequency response function of force and motion at one
-    place along one direction.
+    """``[test.antiresonances.NAME]``: antiresonances of a driven point, for ``diagnose``.
 
-    ``frequencies`` are those that were seen, not all that there are. ``noise`` is their relative
-    standard deviation, 0.5 % unless given.
+    At these frequencies a point stands still while it is driven there: minima of the frequency
+    response function of force and motion at one place along one direction.
+
+    Attributes:
+        frequencies: The antiresonances that were seen, not all that there are.
+        noise: Their relative standard deviation.
     """
 
     frequencies: Annotated[list[quantity("Hz", 0, above=True)], Field(min_length=1)]
@@ -253,8 +300,12 @@ class AntiresonanceTest(PointTest):
 class PlannedTest(CaseSection):
     """``[test.planned]``: a test that has not been made, for ``diagnose --plan``.
 
-    ``condition`` is written as the head of a column, ``"torque [N·m]"``, and ``modes`` are names,
-    or how many of the lowest that the sensors see.
+    Attributes:
+        condition: Written as the head of a column, "torque [N·m]".
+        conditions: Its values.
+        modes: Names of the modes, or how many of the lowest that the sensors see.
+        damping: Whether damping will be measured.
+        shapes: Whether shapes will be measured.
     """
 
     condition: str | None = None
@@ -294,19 +345,29 @@ class PlannedTest(CaseSection):
 class Test(CaseSection):
     """``[test]``: the measured data and how good it is.
 
-    ``noise`` and ``damping_noise`` are relative standard deviations of frequencies and damping
-    ratios (10 % unless given),
-    ``shape_noise`` that of a component of a shape, relative to the shape's root mean square, and
-    ``shapes_at`` the condition at which shapes were measured, the last one by default. A test that
-    has not been made yet has a section ``planned`` in place of ``frequencies``. ``shapes`` from a
-    universal file bring frequencies, damping and sensors with them. ``mass`` is what the whole
-    structure weighed without what is ``[attached]``, for `fenics-joints check` and `diagnose` to
-    hold against the model, and ``mass_noise`` how good that is, and the masses of ``[parts]``,
-    with what the mesh leaves out of the volume: 0.5 % unless given. ``amplitude`` are modes over
-    their amplitude, for ``harmonic``, and the test by level that a diagnosis takes, together with
-    ``frequencies`` or shapes of one row. ``changed`` are tests of the same structure after known
-    changes, for ``diagnose``; so are static measurements of its ``stiffness`` and
-    ``antiresonances`` of points that were driven.
+    Attributes:
+        frequencies: Table with a column for each mode and a row for each condition, such as a
+            torque.
+        damping: Table of damping ratios with the same columns.
+        shapes: Mode shapes; universal files bring frequencies, damping and sensors with them.
+        condition: Name of the condition's column.
+        modes: Names of the modes' columns; all by default.
+        resolution: Spacing of the analyser's lines, one or one for each mode.
+        noise: Relative standard deviation of the frequencies, one or one for each mode.
+        damping_noise: That of damping ratios, 10 % by default.
+        shape_noise: That of a shape's component, relative to the shape's root mean square.
+        shapes_at: Condition at which the shapes were measured, the last one by default.
+        frfs: Measured functions.
+        sees: Where the sensors were and in which direction they measured.
+        validation: Data that is never fitted.
+        planned: A test that has not been made.
+        mass: What the whole structure weighs without what is attached.
+        mass_noise: Relative standard deviation of masses, with what the mesh leaves out of the
+            volume.
+        amplitude: Modes over their amplitude, for harmonic and diagnose.
+        changed: Tests of the structure after known changes, for diagnose.
+        stiffness: Static stiffnesses, for diagnose.
+        antiresonances: Antiresonances of driven points, for diagnose.
     """
 
     __test__ = False
@@ -316,9 +377,9 @@ class Test(CaseSection):
     shapes: Annotated[ShapesSection, BeforeValidator(in_files)] | None = None
     condition: str | None = None
     modes: Names | None = None
-    resolution: Annotated[list[Spacing], BeforeValidator(listed)] = [0.0]
+    resolution: usual(Annotated[list[Spacing], BeforeValidator(listed)], "resolution") = [0.0]
     noise: Annotated[list[Share], BeforeValidator(listed)] = [0.0]
-    damping_noise: Positive | None = None
+    damping_noise: usual(Positive, "damping noise") | None = None
     shape_noise: Positive = 0.05
     shapes_at: Number | None = None
     frfs: Annotated[FRFSection, BeforeValidator(in_files)] | None = None

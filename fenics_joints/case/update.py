@@ -23,7 +23,13 @@ from fenics_joints.units import to_si
 
 
 class Published(CaseSection):
-    """``[update.published]``: somebody's values and frequencies, to show beside one's own."""
+    """``[update.published]``: somebody's values and frequencies, to show beside one's own.
+
+    Attributes:
+        source: Where they are from.
+        parameters: Values by parameter.
+        frequencies: Frequency of each mode of the test.
+    """
 
     source: str = ""
     parameters: dict[str, Written] = {}
@@ -33,12 +39,20 @@ class Published(CaseSection):
 class CutoffUpdate(CaseSection):
     """``[update.cutoff]``: the pressure below which a contact is lost (Fronk et al. 2019).
 
-    ``calibrate`` first fits one parameter to one mode of the stuck model, which the contact hardly
-    moves: ``calibrate = { parameter = "beams.E", mode = "mode 10" }``.
+    Attributes:
+        scheme: Contact conditions: two (stuck, open), three (stuck, sliding, open), or both.
+        contacts: Names of the contacts; all that can open by default.
+        calibrate: Parameter that is first fitted to one mode of the stuck model.
+        max_solves: Most solutions of the model.
     """
 
     class Calibrate(CaseSection):
-        """``[update.cutoff.calibrate]``."""
+        """``[update.cutoff.calibrate]``.
+
+        Attributes:
+            parameter: Such as "beams.E".
+            mode: A mode that the contact hardly moves.
+        """
 
         parameter: str
         mode: str
@@ -67,9 +81,11 @@ def _line_hz(value: Any) -> float:
 class HeldSection(CaseSection):
     """``[update.held]``: what no fit sees and the updated model must predict.
 
-    ``modes`` by name, with the functions' lines around them, or ``"each"``: every mode in turn,
-    predicted by a fit to all else; ``bands`` of frequency of the functions, and ``responses`` by
-    name.
+    Attributes:
+        modes: Modes by name, with the functions' lines around them; or "each": every mode in turn,
+            predicted by a fit to all else.
+        bands: Bands of frequency of the functions.
+        responses: Responses of the functions by name.
     """
 
     modes: Names | None = None
@@ -85,7 +101,9 @@ class HeldSection(CaseSection):
 class PriorSection(CaseSection):
     """A prior, such as ``{ kind = "normal", mean = "1763 N m", sd = "88 N m" }``.
 
-    `fenics_joints.bayes.priors.KINDS` says which numbers each kind needs.
+    Attributes:
+        kind: Its distribution; `fenics_joints.bayes.priors.KINDS` says which numbers each kind
+            needs.
     """
 
     model_config = ConfigDict(extra="allow", frozen=True)
@@ -109,17 +127,28 @@ _WITHOUT_EFFECT = {
 
 
 class Bayes(CaseSection):
-    """``[update.bayes]``.
+    """``[update.bayes]``: a posterior of the parameters.
 
-    Without ``specimens`` the frequencies of the test are one set of data. With a table of them, a
-    row for each specimen and a column for each mode, the ``likelihood`` is ``hierarchical``
-    (scatter of the specimens and lack of knowledge apart), ``fitted`` (the paper's: the product of
-    a distribution for each mode) or ``gaussian`` (of the specimens' mean). ``noise`` is that of a
-    measured frequency of a specimen: the scale of its prior, or itself if ``noise_known``.
-    ``discrepancy`` is the relative error of frequencies that the best model may have, by default
-    that of ``[diagnose]``; the fitted likelihood has no place for it. ``tolerance`` is the largest
-    relative error of the reduced model's frequencies. A parameter without a prior has a lognormal
-    one about its start, as wide as the regularisation.
+    A parameter without a prior has a lognormal one about its start, as wide as the regularisation.
+
+    Attributes:
+        likelihood: Of a table of specimens: "hierarchical" (their scatter and the lack of knowledge
+            apart), "fitted" (the paper's: a product of a distribution for each mode) or "gaussian"
+            (of the specimens' mean).
+        specimens: Table with a row for each specimen and a column for each mode; without it the
+            frequencies of the test are one set of data.
+        distributions: Families from which the distribution of each mode is chosen.
+        sampler: How samples are drawn.
+        samples: How many are kept; 20,000 by default, 2,000 of the hierarchical likelihood.
+        burn_in: How many are dropped before; a quarter of the samples by default.
+        chains: Number of chains.
+        seed: Of the random numbers.
+        discrepancy: Relative error of frequencies of the best model; that of [diagnose] by default.
+        scatter: Scale of the prior of the specimens' scatter.
+        noise: Relative noise of a specimen's frequency: the scale of its prior.
+        noise_known: Whether the noise is known, instead of having a prior.
+        tolerance: Largest relative error of the reduced model's frequencies.
+        priors: Prior of each parameter.
     """
 
     likelihood: Literal["gaussian", "fitted", "hierarchical"] | None = None
@@ -160,17 +189,24 @@ class Bayes(CaseSection):
 class UpdateSection(CaseSection):
     """``[update]``: what `fenics-joints update` fits: ``parameters``, or the ``cutoff``.
 
-    ``regularisation`` is the standard deviation of the logarithm of every parameter about its
-    starting value: it holds what the data leave open, and is 2.3 (a factor of 10) by default.
-
-    ``data`` says what is fitted: any of ``"frequencies"``, ``"shapes"``, ``"damping"`` (ratios) and
-    ``"frfs"``; by default what there is, functions only with a section ``[damping]``, and ratios
-    only where a number of ``[damping]`` or the c of a lap is among ``parameters``, but none that
-    were identified from functions which are fitted themselves. ``method`` is ``"log"`` (logarithms
-    of functions at frequencies relative to the resonances) or ``"weighted"`` (Machines 2022, eqs.
-    15 to 20), whose steps ``step_limit`` limits, relative to each value; the paper does not.
-    ``lines`` are the lines of the functions that are fitted: how many, spread over flanks and
-    antiresonances, or which.
+    Attributes:
+        at: The condition; of frequencies alone all conditions are fitted by default.
+        parameters: Names of the parameters, such as joint.E.
+        start: Values to start from; the nominal ones by default.
+        hold_out: Conditions that are not fitted.
+        regularisation: Standard deviation of the logarithm of every parameter about its starting
+            value; it decides what the data leave open.
+        published: Somebody's values, to compare with.
+        cutoff: The pressure below which a contact is lost.
+        data: Kinds of data to fit. By default what there is: functions only with [damping], damping
+            ratios only if a parameter of damping is fitted and they do not come from fitted
+            functions.
+        method: Logarithms of functions at frequencies relative to the resonances ("log"), or
+            Machines 2022, eqs. 15 to 20 ("weighted").
+        step_limit: Largest step of the weighted method, relative to each value; the paper has none.
+        lines: Lines of the functions that are fitted: how many, or which frequencies.
+        held: What no fit sees.
+        bayes: A posterior of the parameters.
     """
 
     at: Number | None = None
@@ -198,6 +234,13 @@ class UpdateSection(CaseSection):
     def _one_of_parameters_and_cutoff(self) -> UpdateSection:
         if bool(self.parameters) == (self.cutoff is not None):
             raise ValueError("expected either parameters or a section [update.cutoff]")
+        more = [*self.combined_keys(), *(["bayes"] if self.bayes is not None else [])]
+        if self.cutoff is not None and more:
+            raise ValueError(f"{', '.join(more)}: expected only with update.parameters")
+        if self.step_limit is not None and self.method != "weighted":
+            raise ValueError(
+                f"step_limit = {self.step_limit:g}: expected only with method = 'weighted'"
+            )
         return self
 
     def combined_keys(self) -> list[str]:

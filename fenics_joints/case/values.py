@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import math
 import re
 from collections.abc import Callable
@@ -164,6 +165,20 @@ class CaseSection(BaseModel):
                 keys = [type(self).model_fields[name].alias or name for name in pair]
                 raise ValueError(f"expected either {' or '.join(keys)}")
         return self
+
+
+def docstring_keys(section: type[BaseModel]) -> tuple[str, dict[str, str]]:
+    """A section's docstring without its list of attributes; and that list, by key.
+
+    What a key of the case file means stands there alone: schema, documentation and the comments
+    that `fenics-joints new` writes are made of it. A subclass has the keys of its base too.
+    """
+    words, found = "", {}
+    for kind in reversed(section.__mro__[: section.__mro__.index(BaseModel)]):
+        words, *listed = inspect.cleandoc(kind.__doc__ or "").split("\nAttributes:\n")
+        keys = re.findall(r"^    (\w+): (.*(?:\n        .*)*)", "".join(listed), re.MULTILINE)
+        found |= {key: " ".join(text.split()) for key, text in keys}
+    return words.strip(), found
 
 
 def tolerance_and_bounds(name: str, **kinds: Any) -> tuple[type[CaseSection], type[CaseSection]]:

@@ -152,7 +152,7 @@ MISTAKES = [
     ("lines = 3", "lines = 6", ["update.lines = 6", "at most the 5"]),
     ("lines = 3", 'lines = ["300 Hz", "700 Hz"]', ["update.lines[1]", "from 100 to 500 Hz"]),
     ("lines = 3", "lines = 3\nhold_out = [10]", ["update.hold_out", "[update.held]"]),
-    ("lines = 3", "lines = 3\nstep_limit = 0.5", ["update.step_limit", "'weighted'"]),
+    ("lines = 3", "lines = 3\nstep_limit = 0.5", ["step_limit = 0.5", "'weighted'"]),
     ("lines = 3", 'lines = 3\nmethod = "weigthed"', ["update.method", "'weighted'"]),
     ('modes = ["two"]', 'modes = ["tow"]', ["update.held.modes[0] = 'tow'", "'two'"]),
     ('modes = ["two"]', 'modes = ["two", "one"]', ["expected some modes left"]),

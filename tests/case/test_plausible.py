@@ -52,7 +52,7 @@ UNUSUAL = [
     (
         "[test]",
         "[damping]\nmodal = 0.5\n\n[test]",
-        "damping.ratio = 0.5 is unusual: damping ratios",
+        "damping.modal[0] = 0.5 is unusual: damping ratios",
     ),
 ]
 
