@@ -16,7 +16,7 @@ from fenics_joints.case import build_structure, load_case
 from fenics_joints.cli import main
 from fenics_joints.commands.check.run import check_case
 from fenics_joints.commands.modes import run_modes
-from fenics_joints.commands.new.bolted import BoltHole, stacked
+from fenics_joints.commands.new.draft import BoltHole, stacked
 from fenics_joints.commands.new.run import Source, run_new
 from fenics_joints.commands.new.tests import TestFiles
 from fenics_joints.errors import InputError

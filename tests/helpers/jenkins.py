@@ -41,6 +41,13 @@ class Jenkins:
         f = np.sqrt(k) / (2 * np.pi)
         return f, loss / (2 * np.pi * k * a**2) + viscous / (2 * np.sqrt(k))
 
+    def at_acceleration(self, level, hz) -> np.ndarray:
+        """Acceleration over force, 1/kg, complex, where an acceleration, m/s2, is held."""
+        w = 2 * np.pi * np.asarray(hz)
+        f, zeta = self.backbone(level / w**2)
+        own = 2 * np.pi * f
+        return -(w**2) / (own**2 - w**2 + 2j * zeta * own * w)
+
     def motion(self, force, steps: int, dt: float, x: float = 0.0, v: float = 0.0):
         """(times, displacements, accelerations) by central differences.
 
@@ -79,3 +86,9 @@ class Jenkins:
             own, damped = self.backbone(a[i] * (a[i + 1] / a[i]) ** share)
             found.append(1 / ((2 * np.pi * own) ** 2 - w**2 + 4j * np.pi * damped * own * w))
         return np.array(found)
+
+
+def table(head: str, *columns) -> str:
+    """A table in CSV."""
+    rows = (",".join(f"{v:.9g}" for v in row) for row in zip(*columns, strict=True))
+    return "\n".join([head, *rows]) + "\n"

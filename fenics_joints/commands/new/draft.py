@@ -1,26 +1,31 @@
-"""A case in the making: its tables as in the file, with remarks on what was found and guessed."""
+"""A case in the making: its tables as in the file, with what was found and what was guessed."""
 
 from __future__ import annotations
 
-import json
-import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from statistics import fmean
 
 import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from fenics_joints.errors import member
-from fenics_joints.formatting import printable
+from fenics_joints.preload.clearance import ThreadGuess
 from fenics_joints.preload.threads import Thread
 
 #: Pressure between faces where no bolt is, Pa: assumed.
 UNBOLTED = 1e6
-#: Stress in a bolt of which only the thread is known: 60 % of the proof stress of property class
-#: 8.8 (ISO 898-1: 580 MPa). The class and the 60 % are assumed; for joints that are taken apart
-#: again 75 % are recommended (Shigley's Mechanical Engineering Design, 9th ed., eq. 8-31). Force of
-#: one of which not even the thread is known, N: assumed.
-STRESS, FORCE = 0.6 * 580e6, 10e3
+#: Stress, Pa, in a bolt of which only the thread is known: 60 % of the proof stress of property
+#: class 8.8 (ISO 898-1: 580 MPa). The class and the 60 % are assumed; for joints that are taken
+#: apart again 75 % are recommended (Shigley's Mechanical Engineering Design, 9th ed., eq. 8-31).
+STRESS = 0.6 * 580e6
+#: Force, N, of a bolt of which not even the thread is known: assumed.
+FORCE = 10e3
 BOLT_FORCE = "of each bolt; assumed: 60 % of the proof stress of class 8.8 (ISO 898-1)"
+START = "The joints' stiffness, by roughness and pressure: it is what a test is to find."
+NO_BOLTS = "No bolts were found: a layer joins all that touches; is it clamped, glued, welded?"
 
 #: Asks: a question, an answer that is taken for granted, and what refuses a wrong one.
 Ask = Callable[[str, str, Callable[[str], object]], str]
@@ -28,7 +33,7 @@ Ask = Callable[[str, str, Callable[[str], object]], str]
 
 @dataclass(frozen=True)
 class Remark:
-    """A value, or a table, with a remark that stands behind it in the file."""
+    """A value, or a table, with a comment of its own behind it in the file."""
 
     value: object
     words: str
@@ -66,37 +71,14 @@ MATERIALS = {
 
 
 @dataclass(frozen=True)
-class TestDraft:
-    """The test of a case.
-
-    Attributes:
-        table: ``[test]``; empty without a test.
-        found: What the files hold, in words.
-        n_modes: How many modes were measured.
-        at: The condition that an update would take; None for one condition.
-        places: Sensors, m, shape (n, 3).
-        questions: What was guessed.
-    """
-
-    __test__ = False
-
-    table: Mapping[str, object] = field(default_factory=dict)
-    found: tuple[str, ...] = ()
-    n_modes: int = 0
-    at: float | None = None
-    places: np.ndarray = field(default_factory=lambda: np.empty((0, 3)))
-    questions: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True)
 class Draft:
     """The structure of a case.
 
     Attributes:
         tables: ``mesh``, ``parts``, ``joints``, ``contacts`` and ``bolts``.
         faces: Names of faces that could be held.
-        found: What was found, in words.
-        questions: What was guessed.
+        found: What was found, in sentences.
+        questions: What was guessed, in sentences.
     """
 
     tables: Mapping[str, Mapping]
@@ -105,21 +87,16 @@ class Draft:
     questions: tuple[str, ...] = ()
 
     def joined(
-        self, mesh: Mapping, joints: Mapping, found: Sequence[str], questions: Sequence[str]
+        self,
+        mesh: Mapping,
+        joints: Mapping,
+        found: Sequence[str] = (),
+        questions: Sequence[str] = (),
     ) -> Draft:
-        """The same with joints, and with what the mesh is told of them."""
+        """The same with joints, and with further keys of the mesh."""
         tables = {**self.tables, "mesh": {**self.tables["mesh"], **mesh}, "joints": joints}
-        return replace(
-            self,
-            tables=tables,
-            found=(*self.found, *found),
-            questions=(*self.questions, *questions),
-        )
-
-
-def force_of(thread: Thread | None) -> float:
-    """A likely force of a bolt, N."""
-    return FORCE if thread is None else float(f"{STRESS * thread.stress_area:.2g}")
+        found, questions = (*self.found, *found), (*self.questions, *questions)
+        return replace(self, tables=tables, found=found, questions=questions)
 
 
 def material_of(words: str, default: str) -> str:
@@ -135,20 +112,20 @@ def parts_of(parts: Mapping[str, tuple[Sequence[str], str, str]], ask: Ask) -> d
     """``[parts]`` by name, with the materials that the user says.
 
     Args:
-        parts: Cells, words on it, and its likely material.
+        parts: Cells, a comment, and the likely material.
         ask: Asks the user.
     """
     found = {}
     for name, (cells, words, likely) in parts.items():
         question = f"Material of {name}" + (f" ({words})" if words else "")
-        said = ask(question, likely, lambda answer: member("material", answer, MATERIALS))
-        material = MATERIALS[said]
+        answer = ask(question, likely, lambda answer: member("material", answer, MATERIALS))
+        material = MATERIALS[answer]
         section = {
             "cells": cells,
-            "E": guess(material.E, f"{said}, handbook"),
+            "E": guess(material.E, f"{answer}, handbook"),
             "nu": material.nu,
             "rho": material.rho,
-            f"{OPEN}mass": Remark("1 kg", "what it weighs, for check"),
+            f"{OPEN}mass": "1 kg",
         }
         found[name] = Remark(section, words)
     return found
@@ -159,7 +136,7 @@ def springs_joint(cells: Sequence[str], words: str, pressure: float | None = Non
 
     Args:
         cells: Its cells.
-        words: On it.
+        words: A comment.
         pressure: Mean pressure between its faces, Pa; by default that of its bolts.
     """
     section = {
@@ -184,99 +161,192 @@ def millimetres(value: float, digits: int = 6) -> str:
     return f"{1e3 * round(float(value), 11) + 0.0:.{digits}g} mm"
 
 
-# -- the file --------------------------------------------------------------------------------------
+def force_of(thread: Thread | None) -> float:
+    """A likely force of a bolt, N."""
+    return FORCE if thread is None else float(f"{STRESS * thread.stress_area:.2g}")
 
 
-def text_of(title: str, draft: Draft, test: TestDraft) -> str:
-    """The whole case file."""
-    faces = f"one of {', '.join(draft.faces)}" if draft.faces else "a face that [mesh.faces] names"
-    free = guess({"facets": Remark("...", faces)}, "free in space, as on soft ropes; if it is held")
-    no_test = {
-        "frequencies": Remark("frequencies.csv", 'or shapes = "shapes.uff"'),
-        "noise": "0.2 %",
-    }
-    words = "none yet; with a table, a column for each mode and a row for each torque"
-    case = {
-        "title": printable(title),
-        **draft.tables,
-        "supports": {f"{OPEN}ground": free},
-        **({"test": test.table} if test.table else {f"{OPEN}test": Remark(no_test, words)}),
-        **_work(draft.tables.get("joints", {}), test),
-    }
-    lines = [
-        "# Written by fenics-joints new from the files named below. A number with a unit is a",
-        '# text; a bare number is in SI units. What was guessed has a "?" behind it:',
-        *(f"# ? {question}" for question in (*draft.questions, *test.questions)),
-        "# fenics-joints check says what else is wrong or unlikely.",
-        "",
-        *_lines(case),
+def free_name(name: str, used: Iterable[str], draft: Draft) -> str:
+    """A joint's name, numbered where parts or other joints have it."""
+    taken, free, number = {*used, *draft.tables["parts"]}, name, 1
+    while free in taken:
+        number += 1
+        free = f"{name}_{number}"
+    return free
+
+
+# -- rings of the joint round bolts ----------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class BoltHole:
+    """Where a bolt presses two parts together; lengths in m.
+
+    Attributes:
+        parts: Names of the two parts.
+        centre: On the faces that touch, shape (3,).
+        normal: Normal of these faces, shape (3,).
+        diameters: Of the hole in the first part and in the second, or of both.
+        ring: Outer radius of the ring that is pressed.
+        guess: The bolt's thread, if it has a standard one.
+        depths: How deep the holes in the two parts are; None if unknown.
+    """
+
+    parts: tuple[str, str]
+    centre: np.ndarray
+    normal: np.ndarray
+    diameters: tuple[float, ...]
+    ring: float = 0.0
+    guess: ThreadGuess | None = None
+    depths: tuple[float, float] | None = None
+
+    @property
+    def radius(self) -> float:
+        """Radius of the wider hole."""
+        return max(self.diameters) / 2
+
+    @property
+    def pressure(self) -> float:
+        """Mean pressure on its ring under a likely force, Pa."""
+        force = force_of(self.guess and self.guess.thread)
+        return force / (math.pi * (self.ring**2 - self.radius**2))
+
+    @property
+    def words(self) -> str:
+        """Parts, diameters and threads."""
+        holes = " and ".join(f"{1e3 * d:.4g}" for d in dict.fromkeys(np.round(self.diameters, 7)))
+        name = "no standard thread"
+        if self.guess is not None:
+            name = f"{self.guess.thread.name}{_others(self.guess)}?"
+        return f"{' and '.join(self.parts)}, {holes} mm, {name}"
+
+    def continues(self, other: BoltHole) -> bool:
+        """Whether the bolt of another hole goes on through this one.
+
+        Both have one axis, and the hole of the part between them goes through: blind holes do not
+        meet.
+        """
+        between = self.centre - other.centre
+        along = float(between @ other.normal)
+        beside = float(np.linalg.norm(between - along * other.normal))
+        shared = set(self.parts) & set(other.parts)
+        if beside > 0.1 * other.radius or abs(along) < 1e-9 or not shared:
+            return False
+        if abs(other.normal @ self.normal) < 0.999:
+            return False
+        if self.depths is None or other.depths is None:
+            return True
+        deep = [sum(h.depths[h.parts.index(part)] for h in (self, other)) for part in shared]
+        return max(deep) > abs(along) * (1 - 1e-3)
+
+
+def stacked(holes: Sequence[BoltHole]) -> list[int]:
+    """The number, from 1, of each hole's bolt: a bolt presses all parts that it passes through."""
+    n = len(holes)
+    links = [(i, j) for j in range(n) for i in range(j) if holes[j].continues(holes[i])]
+    return (1 + _groups(n, links)).tolist()
+
+
+def _groups(n: int, links: Sequence[tuple[int, int]]) -> np.ndarray:
+    """Number, from 0, of the group of each of n things that links join."""
+    i, j = np.reshape(links, (-1, 2)).astype(int).T
+    return connected_components(coo_array((np.ones(len(i)), (i, j)), shape=(n, n)), False)[1]
+
+
+def _others(thread: ThreadGuess) -> str:
+    return f"; or {' or '.join(thread.others)}" if thread.others else ""
+
+
+def _bolts(n: int) -> str:
+    return f"{n} bolt{'s' if n > 1 else ''}"
+
+
+def with_rings(
+    draft: Draft,
+    holes: Sequence[BoltHole],
+    touching: Sequence[tuple[str, str]],
+    *,
+    by_pair: bool,
+    more: Sequence[str] = (),
+) -> Draft:
+    """The case with a ring of the joint around each bolt.
+
+    Args:
+        draft: The case without joints.
+        holes: The bolts, one or more.
+        touching: Pairs of parts that touch, the largest faces first.
+        by_pair: Whether the bolts between two parts that look the same way are a joint of their
+            own, instead of one joint of all bolts.
+        more: Further questions.
+    """
+    numbers = stacked(holes)
+    faces = sorted({numbers.count(number) for number in numbers})
+    each = "" if faces == [1] else f" of {' or '.join(map(str, faces))} pressed faces each"
+    words = _bolts(max(numbers)) + each
+    names = {hole.guess.thread.name for hole in holes if hole.guess}
+    one = holes[0].guess if len(names) == 1 and all(hole.guess for hole in holes) else None
+    radii = [millimetres(math.floor(1e4 * hole.ring) / 1e4) for hole in holes]
+    bolts = {}
+    if one is not None:
+        diameters = [d for hole in holes for d in hole.diameters]
+        ends = list(dict.fromkeys(millimetres(end(diameters)) for end in (min, max)))
+        bolts = {
+            "thread": guess(one.thread.name, one.why + _others(one)),
+            "force": guess(f"{force_of(one.thread) / 1e3:g} kN", BOLT_FORCE),
+            "hole": ends if len(ends) > 1 else ends[0],
+        }
+    bolts["r_wai"] = Remark(
+        radii[0] if len(set(radii)) == 1 else radii,
+        "outer radii, where the pressure ends: a cone from the head, if there is room",
+    )
+    bolts["at"] = [
+        Remark(
+            [millimetres(c) for c in hole.centre + 0.0],
+            f"{i}{f' (bolt {of})' if of != i else ''}: {hole.words}",
+        )
+        for i, (hole, of) in enumerate(zip(holes, numbers, strict=True), start=1)
     ]
-    return "\n".join(lines) + "\n"
+    mesh, questions = (
+        {},
+        ["The threads of the bolts, by the holes (ISO 273), and their force.", START],
+    )
+    if unbolted := _unbolted(touching, [hole.parts for hole in holes]):
+        mesh["bonded"] = guess(unbolted, "they touch and have no bolt: welded?")
+        questions.append("Parts that touch without bolts are taken as welded.")
+    mesh["bolts"] = bolts
+    if by_pair:
+        joints = _joints_by_pair(draft, holes, bolts_say=one is not None)
+    else:
+        pressure = None if one else fmean(hole.pressure for hole in holes)
+        joints = {"bolts": springs_joint(("ring_*",), words, pressure)}
+    found = f"{words}: {', '.join(sorted(names)) or 'no standard thread'}"
+    return draft.joined(mesh, joints, [found], [*questions, *more])
 
 
-def _work(joints: Mapping[str, Remark], test: TestDraft) -> dict[str, dict]:
-    """What update and diagnose are to do."""
-    if not test.n_modes:
-        return {}
-    law = {name: _bare(joint.value["law"]) for name, joint in joints.items()}
-    layers = [f"{name}.E" for name in joints if law[name] == "transition"]
-    springs = [name for name in joints if law[name] == "springs"]
-    across, along = ([f"{name}.{key}" for name in springs] for key in ("k_n", "k_t"))
-    names = [*layers, *across, *along]
-    if len(names) > test.n_modes:  # more than the frequencies can say, whatever they are
-        names = [*layers, *across][: max(test.n_modes, 3)]
-    at = {} if test.at is None else {"at": test.at}
-    update = {**at, "parameters": guess(names, "what is known least")}
-    return {
-        **({"update": update} if names else {}),
-        "diagnose": {"n_modes": max(20, 2 * test.n_modes + 6)},
-    }
+def _unbolted(
+    touching: Sequence[tuple[str, str]], bolted: Sequence[tuple[str, str]]
+) -> list[list[str]]:
+    """Pairs of parts that something other than bolts must join, or the structure falls apart."""
+    names = sorted({name for pair in (*touching, *bolted) for name in pair})
+    links, found = [(names.index(a), names.index(b)) for a, b in bolted], []
+    for a, b in touching:
+        group = _groups(len(names), links)
+        if group[names.index(a)] != group[names.index(b)]:
+            links.append((names.index(a), names.index(b)))
+            found.append([a, b])
+    return found
 
 
-def _lines(table: Mapping[str, object], path: tuple[str, ...] = (), begin: str = "") -> Iterator:
-    """Lines of a table: its values, then the tables inside; each line after ``begin``."""
-    tables = {}
-    for key, value in table.items():
-        value, words = (value.value, value.words) if isinstance(value, Remark) else (value, "")
-        if isinstance(value, Mapping):
-            tables[key] = (value, words)
-        else:
-            yield from (begin + line for line in _value(key, value, words))
-    for key, (inside, words) in tables.items():
-        name = key.removeprefix(OPEN)
-        own, start = (*path, name), OPEN if key != name else begin
-        if not all(isinstance(_bare(value), Mapping) for value in inside.values()):
-            yield ""
-            yield f"{start}[{'.'.join(map(_key, own))}]" + (f"  # {words}" if words else "")
-        yield from _lines(inside, own, start)
-
-
-def _value(key: str, value: object, words: str) -> list[str]:
-    """A key with its value; a list whose items have remarks, each on a line."""
-    end = f"  # {words}" if words else ""
-    if isinstance(value, list | tuple) and any(isinstance(item, Remark) for item in value):
-        items = [f"  {toml(item)}," + (f"  # {item.words}" * bool(item.words)) for item in value]
-        return [f"{key} = [{end}", *items, "]"]
-    return [f"{key} = {toml(value)}{end}"]
-
-
-def _bare(value: object) -> object:
-    return value.value if isinstance(value, Remark) else value
-
-
-def _key(name: str) -> str:
-    return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else toml(name)
-
-
-def toml(value: object) -> str:
-    """A value in TOML; texts, numbers, truth values, and lists of them."""
-    value = _bare(value)
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, str):
-        return json.dumps(value, ensure_ascii=False)
-    if isinstance(value, int | np.integer):
-        return str(int(value))
-    if isinstance(value, float | np.floating):
-        return repr(round(float(value), 12) + 0.0)
-    return f"[{', '.join(toml(item) for item in value)}]"
+def _joints_by_pair(draft: Draft, holes: Sequence[BoltHole], bolts_say: bool) -> dict[str, Remark]:
+    """A section for all bolts between two parts that look the same way."""
+    groups: dict[tuple, list[int]] = {}
+    for number, hole in enumerate(holes, start=1):
+        way = hole.normal * (1 if hole.normal[np.abs(hole.normal).argmax()] > 0 else -1)
+        groups.setdefault((hole.parts, tuple(np.round(way, 6) + 0.0)), []).append(number)
+    joints = {}
+    for ((a, b), _), numbers in groups.items():
+        name = free_name("joint" if len(groups) == 1 else f"joint_{a}_{b}", joints, draft)
+        pressure = None if bolts_say else fmean(holes[n - 1].pressure for n in numbers)
+        words = f"{_bolts(len(numbers))} between {a} and {b}"
+        joints[name] = springs_joint([f"ring_{n}" for n in numbers], words, pressure)
+    return joints

@@ -4,54 +4,23 @@ from __future__ import annotations
 
 import os
 import shutil
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import chain
 from pathlib import Path
 
-import numpy as np
 from mpi4py import MPI
 from rich.console import Console
 
 from fenics_joints.commands.check.run import Checked, check_case, check_document
-from fenics_joints.commands.new.draft import (
-    MATERIALS,
-    Ask,
-    Draft,
-    Remark,
-    TestDraft,
-    direction,
-    guess,
-    text_of,
-)
-from fenics_joints.commands.new.extents import (
-    UNITS,
-    extents_of_builder,
-    extents_of_msh,
-    extents_of_step,
-    likely_unit,
-)
-from fenics_joints.commands.new.meshed import builder_draft, msh_drafts
-from fenics_joints.commands.new.step import step_drafts
-from fenics_joints.commands.new.tests import TestFiles, draft_test
+from fenics_joints.commands.new.draft import MATERIALS, Ask, Draft, Remark, direction, guess
+from fenics_joints.commands.new.sources import Source
+from fenics_joints.commands.new.tests import TestDraft, TestFiles, draft_test
+from fenics_joints.commands.new.text import text_of
 from fenics_joints.errors import InputError, Problems, member
 from fenics_joints.files import is_file, shown_path, writable_folder, write_text
-from fenics_joints.meshes.cad_survey import StepSurvey, survey_step
+from fenics_joints.meshes.cad_survey import survey_step
 from fenics_joints.progress import Progress
 from fenics_joints.report.terminal import say, show
-
-
-@dataclass(frozen=True)
-class Source:
-    """Where the structure of a case comes from, one of them."""
-
-    step: Path | None = None
-    msh: Path | None = None
-    builder: str | None = None
-
-    def file(self) -> Path | None:
-        """Its file, if it has one."""
-        return self.step or self.msh
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,13 +72,27 @@ def run_new(
     if case.exists():
         raise InputError(f"{shown_path(case)}: is there already; expected a folder without a case")
     problems = Problems()
-    for path in (source.file(), *tests.all()):
+    for path in (source.step, source.msh, *tests.all()):
         if path is not None and not is_file(path):
-            problems.add(InputError(f"{shown_path(path)}: no such file"))
+            problems.add(f"{shown_path(path)}: no such file")
     problems.check()
     progress.step("looking into the files")
-    files = _Files(folder)
-    test, drafts = _read_sources(source, tests, files, material, ask, problems, progress)
+
+    def reached(words: str, done: int, of: int) -> None:
+        progress.reach(done, f"of {of} {words}")
+
+    files, survey, drafts = _Files(folder), None, iter(())
+    if source.step is not None:
+        survey = problems.tried(lambda: survey_step(source.step, reached))
+    test = problems.tried(
+        lambda: draft_test(tests, files.name, ask, lambda: source.extents(survey))
+    )
+    if source.step is None or survey is not None:
+        path = source.step or source.msh
+        file, places = "" if path is None else files.name(path), (test or TestDraft()).places
+        drafts = source.drafts(survey, file, places, material, ask)
+        first = problems.tried(lambda: next(drafts))  # a mesh is read here
+        drafts = chain([] if first is None else [first], drafts)
     problems.check()
     made = not folder.exists()
     writable_folder(folder, "FOLDER")
@@ -121,56 +104,6 @@ def run_new(
         if made and not any(folder.iterdir()):
             folder.rmdir()
         raise
-
-
-def _read_sources(
-    source: Source,
-    tests: TestFiles,
-    files,
-    material: str,
-    ask: Ask,
-    problems: Problems,
-    progress: Progress,
-):
-    """The test, and the cases that its files and those of the structure may mean."""
-    survey = None
-    if source.step is not None:
-
-        def reached(words: str, done: int, of: int) -> None:
-            progress.reach(done, f"of {of} {words}")
-
-        survey = problems.tried(lambda: survey_step(source.step, reached))
-    test = problems.tried(
-        lambda: draft_test(tests, files.name, ask, lambda: _extents(source, survey))
-    )
-    if source.step is not None and survey is None:
-        return test, iter([])
-    drafts = _drafts(source, survey, files, test or TestDraft(), material, ask)
-    first = problems.tried(lambda: next(drafts))  # a mesh is read here
-    return test, chain([] if first is None else [first], drafts)
-
-
-def _extents(source: Source, survey: StepSurvey | None) -> np.ndarray | None:
-    """Of the structure, m, as far as they can be known."""
-    if survey is not None:
-        return extents_of_step(survey)
-    if source.step is not None:
-        return None  # it cannot be read
-    if source.msh is None:
-        return extents_of_builder(source.builder)
-    extents = extents_of_msh(source.msh)
-    return None if extents is None else UNITS[likely_unit(extents, None)] * extents
-
-
-def _drafts(
-    source: Source, survey: StepSurvey | None, files, test, material: str, ask: Ask
-) -> Iterator[Draft]:
-    if survey is not None:
-        return step_drafts(survey, files.name(source.step), material, ask)
-    if source.msh is not None:
-        name = files.name(source.msh)
-        return msh_drafts(source.msh, name, test.places, material, ask)
-    return iter([builder_draft(source.builder, material, ask)])
 
 
 def _first_good(folder: Path, drafts, test: TestDraft, files: _Files, progress) -> Written:
@@ -193,12 +126,10 @@ def _with_directions(folder: Path, written: Written) -> Written:
     """With the directions that the mesh gives to parts that are thin in one."""
     draft, parts = written.draft, {}
     for name, part in written.draft.tables["parts"].items():
-        normal, across = written.checked.directions.get(name, (None, None))
-        own = {}
-        if normal is not None:
-            words = "of the thickness: the least extent"
-            own["normal"] = guess(direction(normal), words)
-            own["across"] = guess(direction(across), "of the width: the next")
+        own, ways = {}, written.checked.directions.get(name)
+        if ways is not None:
+            own["normal"] = guess(direction(ways[0]), "of the thickness: the least extent")
+            own["across"] = guess(direction(ways[1]), "of the width: the next")
         parts[name] = Remark({**part.value, **own}, part.words)
     draft = replace(draft, tables={**draft.tables, "parts": parts})
     write_text(folder / "case.toml", text_of(folder.resolve().name, draft, written.test))

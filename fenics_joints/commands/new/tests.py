@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from fenics_joints.commands.new.draft import OPEN, Ask, Remark, TestDraft, guess
-from fenics_joints.commands.new.extents import UNITS, likely_unit
+from fenics_joints.commands.new.draft import OPEN, Ask, Remark, guess
+from fenics_joints.commands.new.sources import UNITS, likely_unit
 from fenics_joints.errors import InputError, Problems, member
 from fenics_joints.measurements import (
     MeasuredBackbone,
@@ -18,7 +18,7 @@ from fenics_joints.measurements import (
     read_shapes,
     read_table,
 )
-from fenics_joints.measurements.amplitude.files import history_of, is_history
+from fenics_joints.measurements.amplitude.files import histories_of, history_of, is_history
 from fenics_joints.measurements.files import UFF_SUFFIXES, FileMetadata
 from fenics_joints.measurements.readers import reader_of
 from fenics_joints.measurements.tables import Table
@@ -58,53 +58,43 @@ class TestFiles:
         return [*one, *self.frfs, *self.uff, *self.amplitude]
 
 
-def draft_test(
-    files: TestFiles, refer: Callable[[Path], str], ask: Ask, extents: Extents = lambda: None
-) -> TestDraft:
-    """The ``[test]`` of some files.
+def _taken(question: str, answer: str, check: Callable[[str], object]) -> str:
+    """The answer that is taken for granted."""
+    return answer
 
-    Args:
-        files: The files.
+
+@dataclass(eq=False)
+class TestDraft:
+    """The test of a case, to which the files of a lab are added one after another.
+
+    Attributes:
         refer: The name that a file has in the case.
         ask: Asks the user.
-        extents: Of the structure; called where a file does not say the unit of its places.
-
-    Raises:
-        InputError: For what is wrong in a file.
+        extents: Extents of the structure.
+        table: ``[test]``; empty without a test.
+        found: What the files hold, in sentences.
+        questions: What was guessed, in sentences.
+        n_modes: How many modes were measured.
+        at: The condition that an update would take; None for one condition.
+        places: Sensors, m, shape (n, 3).
+        known: Frequencies, Hz, by the modes' names.
     """
-    if not files.all():
-        return TestDraft()
-    reading, problems = _TestReader(refer, ask, extents), Problems()
-    modal, functions = problems.tried(lambda: _sorted(files)) or ([], [])
-    table = files.shapes
-    if table is not None and table.suffix.lower() in UFF_SUFFIXES:
-        table = None
-    if files.frequencies is not None:
-        problems.tried(lambda: reading.add_frequencies(files.frequencies))
-    if modal:
-        problems.tried(lambda: reading.add_universal(modal))
-    elif table is not None:
-        problems.tried(lambda: reading.add_shape_table(table))
-    if files.amplitude:
-        problems.tried(lambda: reading.add_amplitude(files.amplitude))
-    if functions:
-        problems.tried(lambda: reading.add_functions(functions))
-    problems.check()
-    return reading.done(seen=bool(modal or functions or table))
 
+    __test__ = False
 
-class _TestReader:
-    """Reads the files of a test one after another into a draft of its section."""
-
-    def __init__(self, refer: Callable[[Path], str], ask: Ask, extents: Extents):
-        self.refer, self.ask, self.extents = refer, ask, extents
-        self.table: dict[str, object] = {}
-        self.found, self.questions = [], []
-        self.n_modes, self.at, self.places = 0, None, np.empty((0, 3))
-        self.known: dict[str, float] = {}  # frequencies, Hz, by the modes' names
+    refer: Callable[[Path], str] = str
+    ask: Ask = _taken
+    extents: Extents = lambda: None
+    table: dict[str, object] = field(default_factory=dict)
+    found: list[str] = field(default_factory=list)
+    questions: list[str] = field(default_factory=list)
+    n_modes: int = 0
+    at: float | None = None
+    places: np.ndarray = field(default_factory=lambda: np.empty((0, 3)))
+    known: dict[str, float] = field(default_factory=dict)
 
     def add_frequencies(self, path: Path) -> None:
-        """A table of them."""
+        """A table of frequencies."""
         table = read_table(path)
         self.table["frequencies"] = self.refer(path)
         conditions = [name for name in table.names if _is_condition(table, name)]
@@ -124,7 +114,7 @@ class _TestReader:
         self.found.append(f"{self.n_modes} modes in {path.name}")
 
     def add_universal(self, paths: Sequence[Path]) -> None:
-        """Files with mode shapes."""
+        """Universal files with mode shapes."""
         unit = None
         if not _says_unit(paths):
             unit = self._unit_of(paths, read_shapes(paths, length_unit="m").sensors.points)
@@ -137,7 +127,8 @@ class _TestReader:
         names = [self.refer(path) for path in paths]
         self.table["shapes"] = names[0] if len(names) == 1 else names
         if unit is not None:
-            self.table["shapes"] = {"files": names, "length_unit": _guessed_unit(unit)}
+            unit = guess(unit, "the files do not say it")
+            self.table["shapes"] = {"files": names, "length_unit": unit}
 
     def add_shape_table(self, path: Path) -> None:
         """A table with a row for each sensor, whose place may stand in columns x, y and z."""
@@ -186,7 +177,7 @@ class _TestReader:
         frfs = read_frfs(paths, length_unit=unit)
         section: dict[str, object] = {"files": [self.refer(path) for path in paths]}
         if unit is not None:
-            section["length_unit"] = _guessed_unit(unit)
+            section["length_unit"] = guess(unit, "the files do not say it")
         if not self.n_modes:
             near = guess(["100 Hz", "200 Hz"], "about where they are; else all that are stable")
             section["identify"] = {f"{OPEN}near": near}
@@ -219,8 +210,8 @@ class _TestReader:
             self.questions.append(_NO_UNIT)
         return self.ask(question, likely, lambda answer: member("unit", answer, UNITS))
 
-    def done(self, seen: bool) -> TestDraft:
-        """The test; ``seen`` if something says where its sensors were."""
+    def finish(self, seen: bool) -> None:
+        """Ask for the noise; ``seen`` if something says where the sensors were."""
         if not seen:
             self.table[f"{OPEN}sees"] = _NO_SENSORS
             self.questions.append(_WHAT_IT_SAW)
@@ -228,15 +219,44 @@ class _TestReader:
             "Scatter of the measured frequencies", "0.2 %", lambda text: to_si(text, "")
         )
         self.table["noise"] = guess(noise, "how much frequencies differ between tests")
-        self.table[f"{OPEN}mass"] = Remark("1 kg", "what all of it weighs, for check")
+        self.table[f"{OPEN}mass"] = "1 kg"
         self.questions.append("The scatter of the test: take it apart and test again.")
-        return TestDraft(
-            self.table, tuple(self.found), self.n_modes, self.at, self.places, tuple(self.questions)
-        )
 
 
-def _guessed_unit(unit: str) -> Remark:
-    return guess(unit, "the files do not say it")
+def draft_test(
+    files: TestFiles, refer: Callable[[Path], str], ask: Ask, extents: Extents = lambda: None
+) -> TestDraft:
+    """The ``[test]`` of some files.
+
+    Args:
+        files: The files.
+        refer: The name that a file has in the case.
+        ask: Asks the user.
+        extents: Of the structure; called where a file does not say the unit of its places.
+
+    Raises:
+        InputError: For what is wrong in a file.
+    """
+    test, problems = TestDraft(refer, ask, extents), Problems()
+    if not files.all():
+        return test
+    modal, functions = problems.tried(lambda: _sorted(files)) or ([], [])
+    table = files.shapes
+    if table is not None and table.suffix.lower() in UFF_SUFFIXES:
+        table = None
+    steps = (
+        (test.add_frequencies, files.frequencies),
+        (test.add_universal, modal),
+        (test.add_shape_table, None if modal else table),
+        (test.add_amplitude, files.amplitude),
+        (test.add_functions, functions),
+    )
+    for add, given in steps:
+        if given:
+            problems.tried(lambda add=add, given=given: add(given))
+    problems.check()
+    test.finish(seen=bool(modal or functions or table))
+    return test
 
 
 def _sorted(files: TestFiles) -> tuple[list[Path], list[Path]]:
@@ -404,8 +424,6 @@ def _is_record(path: Path) -> bool:
 def _sensors(path: Path) -> list[str]:
     """Sensors of records over time; none of other files."""
     if path.suffix.lower() in UFF_SUFFIXES:
-        from fenics_joints.measurements.amplitude.files import histories_of
-
         return list(dict.fromkeys(n for history in histories_of(path) for n in history.signals))
     table = read_table(path) if path.suffix.lower() in (".csv", ".toml", ".txt") else None
     return list(history_of(table).signals) if table is not None and is_history(table) else []

@@ -1,11 +1,13 @@
-"""A case from a mesh that has names: of a ``.msh`` file, or of a builder."""
+"""A case from its structure: a STEP file, a ``.msh`` file with names, or a builder."""
 
 from __future__ import annotations
 
+import math
 import re
 import typing
-from collections.abc import Iterator, Mapping
-from dataclasses import fields, replace
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -13,31 +15,261 @@ from mpi4py import MPI
 
 from fenics_joints.case.mesh import BUILDERS
 from fenics_joints.commands.check.weights import USUAL_KG, body_of
-from fenics_joints.commands.new.bolted import NO_BOLTS, ON_ALL, START, BoltHole, with_rings
 from fenics_joints.commands.new.draft import (
     BOLT_FORCE,
+    NO_BOLTS,
+    START,
     UNBOLTED,
     Ask,
+    BoltHole,
     Draft,
     Remark,
     direction,
     force_of,
+    free_name,
     guess,
     material_of,
     millimetres,
     parts_of,
     springs_joint,
+    with_rings,
 )
-from fenics_joints.commands.new.extents import METRES, UNITS, likely_unit
 from fenics_joints.errors import InputError, MeshError, member
 from fenics_joints.meshes import TaggedMesh, check_contact, measure_ring, read_msh
+from fenics_joints.meshes.cad_survey import Solid, StepSurvey, ThroughHole
 from fenics_joints.meshes.check import check_mesh
 from fenics_joints.meshes.grow import Touch, glued, round_holes, touches
 from fenics_joints.meshes.msh import read_lists
 from fenics_joints.meshes.rings import ring_names
 from fenics_joints.meshes.tagged import limits
-from fenics_joints.preload.clearance import cone_radius, guess_thread, head_radius
+from fenics_joints.preload.clearance import ThreadGuess, cone_radius, guess_thread, head_radius
+from fenics_joints.preload.threads import thread
 from fenics_joints.units import to_si
+
+#: Factors to metres of the units that files are in, the largest first.
+UNITS = {"m": 1.0, "inch": 0.0254, "cm": 1e-2, "mm": 1e-3}
+#: Between these numbers of a unit, in metres, structures are that stand in a lab.
+METRES = (1e-3, 15.0)
+#: Sensors stand a little beside the drawing, too: share of its extent, and m.
+_ROOM, _BESIDE = 1.02, 1e-3
+
+
+@dataclass(frozen=True)
+class Source:
+    """Where the structure of a case comes from: a STEP file, a .msh file or a builder."""
+
+    step: Path | None = None
+    msh: Path | None = None
+    builder: str | None = None
+
+    def extents(self, survey: StepSurvey | None) -> np.ndarray | None:
+        """Along the axes, m, shape (2,) or (3,); None if they cannot be known.
+
+        Args:
+            survey: What is in the STEP file, if it could be read.
+        """
+        if survey is not None:
+            return np.ptp([solid.box for solid in survey.solids], axis=(0, 1))
+        for gdim in (3, 2) if self.msh is not None else ():
+            with suppress(MeshError):
+                extents = np.ptp(read_lists(self.msh, gdim, 1.0).x, axis=0)
+                return UNITS[likely_unit(extents, None)] * extents
+        kind = BUILDERS.get(self.builder)
+        if kind is None or kind.origin == "beams":
+            return None
+        built = kind(builder=self.builder).made().build(MPI.COMM_SELF)
+        return np.ptp(built.mesh.geometry.x, axis=0)
+
+    def drafts(
+        self, survey: StepSurvey | None, file: str, places: np.ndarray, material: str, ask: Ask
+    ) -> Iterator[Draft]:
+        """Cases that the file may mean, the likeliest first.
+
+        Args:
+            survey: What is in the STEP file.
+            file: The file's name in the case.
+            places: Sensors of the test, m, which say the unit of a .msh file; shape (n, 3).
+            material: Material of parts whose name says none.
+            ask: Asks the user.
+
+        Raises:
+            MeshError: As `read_msh`.
+            InputError: If there is no such builder.
+        """
+        if survey is not None:
+            yield from step_drafts(survey, file, material, ask)
+        elif self.msh is not None:
+            yield from msh_drafts(self.msh, file, places, material, ask)
+        elif self.builder is not None:
+            yield builder_draft(self.builder, material, ask)
+
+
+def likely_unit(spans: Sequence[float], extents: np.ndarray | None) -> str:
+    """The largest unit with which places span no more than the structure.
+
+    Turned or moved axes change nothing; sensors on a small part of a structure may mislead, so it
+    is a guess.
+
+    Args:
+        spans: Of the places along their axes, in their unit.
+        extents: Of the structure, m; None if they are not known, and then a usual size decides.
+    """
+    spans = np.sort(spans)[::-1]
+    if extents is None:
+        return "m" if METRES[0] <= spans[0] <= METRES[1] else "mm"
+    room = np.zeros(len(spans))
+    room[: len(extents)] = np.sort(extents)[::-1][: len(spans)]
+    for unit, factor in UNITS.items():
+        if np.all(factor * spans <= _ROOM * room + _BESIDE):
+            return unit
+    return "mm"
+
+
+# -- STEP files ------------------------------------------------------------------------------------
+
+#: Vertices of the parts that a first mesh is to have; a mesh of degree 2 has 24 DOFs for each.
+_VERTICES = 300
+#: Gaps between faces that a layer closes without a thickness of its own, m.
+_GAP = 0.7e-3
+#: Names of the joints' layers.
+_LAYERS = re.compile(r"ring_\d+|joint(_\d+)?")
+#: Edges of a circle: a ring's area is short by 10 %, twelve: by 5 %.
+_CIRCLE = 8
+
+
+def step_drafts(survey: StepSurvey, file: str, material: str, ask: Ask) -> Iterator[Draft]:
+    """Cases of a STEP file, the likeliest first: rings at bolts, then layers on all that touches.
+
+    Args:
+        survey: What is in the file.
+        file: Its name in the case.
+        material: Of parts whose label names none.
+        ask: Asks the user.
+    """
+    # A solid's name is changed where it is that of a joint's layer.
+    names = [f"part_{s.name}" if _LAYERS.fullmatch(s.name) else s.name for s in survey.solids]
+    base = _without_joints(survey, names, file, material, ask)
+    bolts = [hole for hole in survey.holes if hole.room > 0]
+    if bolts:
+        yield _with_rings(survey, names, base, bolts, ask)
+    joints, several = {}, len(survey.touching) > 1
+    for number, touch in enumerate(survey.touching, start=1):
+        a, b = (names[i] for i in touch.solids)
+        name = free_name(f"joint_{a}_{b}" if several else "joint", joints, base)
+        words = f"{a} and {b}, {1e4 * touch.area:.3g} cm2"
+        cells = f"joint_{number}" if several else "joint"
+        joints[name] = springs_joint((cells,), words, UNBOLTED)
+    yield base.joined({"joint": "layer", **_layer(survey)}, joints, (), [NO_BOLTS])
+
+
+def _without_joints(
+    survey: StepSurvey, names: Sequence[str], file: str, material: str, ask: Ask
+) -> Draft:
+    """What is the same for any kind of joint."""
+    parts, numbers = {}, {}
+    for number, (name, solid) in enumerate(zip(names, survey.solids, strict=True), start=1):
+        volume = f"{1e6 * solid.volume:.4g} cm3"
+        words = f"{solid.label!r}, {volume}" if solid.label else volume
+        parts[name] = ((name,), words, material_of(solid.label, material))
+        numbers[name] = Remark(number, words)
+    size = millimetres(_size(survey.solids), 2)
+    mesh = {
+        "file": file,
+        "size": guess(size, "of the largest cells; smaller is finer"),
+        "circle": _CIRCLE,
+        "parts": numbers,
+    }
+    found = [f"{len(names)} solids: {', '.join(names)}"]
+    for index, touch in enumerate(survey.touching):
+        a, b = (names[i] for i in touch.solids)
+        apart = f", {millimetres(touch.gap, 3)} apart" if touch.gap > 1e-6 else ""
+        count = sum(hole.touch == index for hole in survey.holes)
+        holes = f"{count} holes through both"
+        found.append(f"{a} and {b} touch on {1e4 * touch.area:.3g} cm2{apart}, {holes}")
+    return Draft(
+        {"mesh": mesh, "parts": parts_of(parts, ask)},
+        found=tuple(found),
+        questions=(
+            "The materials: a STEP file has none.",
+            "The size of the cells: halve it and see what the frequencies do.",
+        ),
+    )
+
+
+def _size(solids: Sequence[Solid]) -> float:
+    """Size of cells with which the solids have about `_VERTICES`: on the surface and inside."""
+    area, volume = sum(s.area for s in solids), sum(s.volume for s in solids)
+    low, high = 1e-5, max(float(np.ptp(s.box, axis=0).max()) for s in solids)
+    for _ in range(60):
+        size = math.sqrt(low * high)
+        count = 0.58 * area / size**2 + 1.41 * volume / size**3
+        low, high = (size, high) if count > _VERTICES else (low, size)
+    return size
+
+
+def _with_rings(
+    survey: StepSurvey, names: Sequence[str], base: Draft, bolts: Sequence[ThroughHole], ask: Ask
+) -> Draft:
+    holes = []
+    for bolt, thread_guess in zip(bolts, _threads(bolts, ask), strict=True):
+        touch = survey.touching[bolt.touch]
+        holes.append(
+            BoltHole(
+                tuple(names[i] for i in touch.solids),
+                bolt.centre,
+                touch.normal,
+                bolt.diameters,
+                _ring(bolt, thread_guess),
+                thread_guess,
+                bolt.depths,
+            )
+        )
+    largest = sorted(survey.touching, key=lambda touch: -touch.area)
+    touching = [tuple(names[i] for i in touch.solids) for touch in largest if touch.gap < 1e-6]
+    skipped = len(survey.holes) - len(bolts)
+    more = f"Holes through two parts without room for a ring, taken as no bolts: {skipped}."
+    found = with_rings(base, holes, touching, by_pair=True, more=[more] if skipped else [])
+    width = millimetres(min(hole.ring - hole.radius for hole in holes), 2)
+    mesh = {**_layer(survey), "ring_size": width}
+    return found.joined(mesh, found.tables["joints"])
+
+
+def _threads(bolts: Sequence[ThroughHole], ask: Ask) -> list[ThreadGuess | None]:
+    """The thread of each bolt; asked for once for each pair of diameters."""
+    answers: dict[tuple[float, float], ThreadGuess | None] = {}
+    found = []
+    for bolt in bolts:
+        low, high = sorted(round(1e6 * d) / 1e6 for d in bolt.diameters)
+        if (low, high) not in answers:
+            likely = guess_thread(high, low)
+            if likely is not None:
+                holes = f"{1e3 * low:.4g}" + (f" and {1e3 * high:.4g}" if low < high else "")
+                question = f"Thread of the bolts in holes of {holes} mm"
+                name = ask(question, likely.thread.name, thread)
+                if thread(name) != likely.thread:
+                    likely = ThreadGuess(thread(name), "as you said", ())
+            answers[low, high] = likely
+        found.append(answers[low, high])
+    return found
+
+
+def _ring(bolt: ThroughHole, likely: ThreadGuess | None) -> float:
+    """Where a bolt's pressure ends, by the cone from its head; not beyond the room there is."""
+    hole = max(bolt.diameters) / 2
+    depths = [d for d in bolt.depths if d > 0]
+    cone = cone_radius(head_radius(hole, likely), min(depths, default=hole))
+    return min(bolt.room, max(cone, 1.2 * hole))
+
+
+def _layer(survey: StepSurvey) -> dict[str, Remark]:
+    """The layer's thickness where the drawing has a gap that needs one."""
+    gap = max((touch.gap for touch in survey.touching), default=0.0)
+    if gap <= _GAP:
+        return {}
+    return {"layer": Remark(millimetres(1.05 * gap, 3), "of the joints; closes a gap")}
+
+
+# -- .msh files ------------------------------------------------------------------------------------
 
 #: Names that layers of joints have.
 _JOINT = re.compile(r"joint|ring|layer|lap\b|zone|interface|contact|glue|fuge|naht|gasket", re.I)
@@ -66,11 +298,11 @@ def msh_drafts(
     gdim = 3
     try:
         tagged = read_msh(path, MPI.COMM_SELF)
-    except MeshError:
+    except MeshError as in_space:
         try:
             tagged, gdim = read_msh(path, MPI.COMM_SELF, gdim=2), 2
         except MeshError:
-            tagged = read_msh(path, MPI.COMM_SELF)  # says what is wrong in space
+            raise in_space from None
     size = float(np.ptp(np.array(limits(tagged)), axis=0).max())
     volume = float(body_of(tagged).volumes.sum()) if gdim == 3 else None
     sizes = ", ".join(f"{1e3 * size * scale:.4g} mm in {name}" for name, scale in UNITS.items())
@@ -85,7 +317,7 @@ def msh_drafts(
         thickness = _thickness(path, ask)
         mesh["gdim"] = 2
         if thickness is not None:
-            mesh["thickness"] = Remark(millimetres(thickness), "of the sheet")
+            mesh["thickness"] = millimetres(thickness)
         else:
             mesh["# thickness"] = guess("2 mm", "for a sheet; without it a section, 1 m deep")
             questions.append(
@@ -154,7 +386,7 @@ def _grown(draft: Draft, path: Path, gdim: int, scale: float) -> Iterator[Draft]
     pairs = ", ".join(dict.fromkeys(" and ".join(touch.parts) for touch in found))
     cells = "joint" if len(found) == 1 else "joint_*"
     joints = {"contact": springs_joint((cells,), pairs, UNBOLTED)}
-    yield draft.joined({"joint": ON_ALL}, joints, [f"touching: {pairs}"], [NO_BOLTS, START])
+    yield draft.joined({"joint": "layer"}, joints, [f"touching: {pairs}"], [NO_BOLTS, START])
 
 
 def _bolts(x: np.ndarray, touch: Touch) -> Iterator[BoltHole]:
