@@ -90,8 +90,9 @@ class Problems:
             self.add(error)
             return None
 
-    def add(self, error: InputError) -> None:
-        """Keep an error; of a list of several files those of each."""
+    def add(self, error: InputError | str) -> None:
+        """Keep an error, or the text of one; of a list of several files those of each."""
+        error = InputError(error) if isinstance(error, str) else error
         self._found += getattr(error, "of_files", ()) or [error]
 
     def __bool__(self) -> bool:

@@ -13,12 +13,14 @@ from fenics_joints.errors import InputError, items, measured, real, reals, wante
 from fenics_joints.structure.points import Sensors
 from fenics_joints.units import factor_to_si
 
-#: Units of a level of excitation or response, and words of a condition that is a preload whatever
-#: its unit. Pint's g is a gram.
+#: Units of a level of excitation or response; g by itself, since Pint's g is a gram.
 _LEVELS, _GRAVITY = ("N", "m", "m/s", "m/s2"), ("g", "gn", "g_n")
+#: Words of a condition that is a preload whatever its unit.
 _PRELOADS = re.compile(r"torque|preload|tension|clamp", re.IGNORECASE)
+#: Relative standard deviation of damping ratios of a test that does not say it: assumed.
 _DAMPING_NOISE = 0.1
-#: Relative distance of two values of a condition below which they are one.
+#: Relative distance of two values of a condition below which they are one: a torque or a preload is
+#: known to a thousandth at best, so that nothing depends on it within a factor of a hundred.
 _ONE_CONDITION = 1e-6
 
 
@@ -84,12 +86,10 @@ class TestData:
             )
         shape = (len(conditions), len(names))
         arrays = {"conditions": conditions, "mode_names": names}
-        for key in ("frequencies_hz", "damping"):
-            value = getattr(self, key)
-            if value is None and key == "damping":
-                continue
-            arrays[key] = np.atleast_2d(measured(key, value))
-            least = {"frequencies_hz": "above 0", "damping": "of at least 0"}[key]
+        tables = {"frequencies_hz": "above 0"}
+        tables |= {} if self.damping is None else {"damping": "of at least 0"}
+        for key, least in tables.items():
+            arrays[key] = np.atleast_2d(measured(key, getattr(self, key)))
             if np.any(arrays[key] < 0) or (key != "damping" and np.any(arrays[key] == 0)):
                 raise InputError(f"{key}: expected numbers {least}, nan where not measured.")
             if arrays[key].shape != shape:
@@ -300,8 +300,7 @@ def _measures(unit: str, kind: str) -> bool:
 def same_conditions(conditions: Iterable[float]) -> str | None:
     """What is wrong with conditions of which two are one, in words; None if none are.
 
-    A torque or a preload is known to a thousandth at best: two that differ by less than a millionth
-    are one that was rounded or copied.
+    Two that differ by less than a millionth are one that was rounded or copied.
     """
     values = np.sort(np.asarray(list(conditions), dtype=float))
     size = np.maximum(np.abs(values[1:]), np.abs(values[:-1]))

@@ -16,6 +16,8 @@ from fenics_joints.response.units import MOTION, a_kind, checked_kind, frf_unit,
 _REACTIVE = 0.15
 #: Most values of a matrix of functions, 4.8 GB: 500 responses, 6 references, 100,000 lines.
 _VALUES = 300_000_000
+#: How names of universal files end.
+UFF_SUFFIXES = (".uff", ".unv", ".uf", ".ufb", ".58", ".bunv")
 #: Problem of a node whose axes no file defines.
 MISSING = "is not in the file"
 #: How many nodes a message names.
@@ -135,12 +137,21 @@ class CoherenceRecord:
 
 @dataclass(eq=False)
 class Contents:
-    """What one or more files hold."""
+    """What one or more files hold.
+
+    Attributes:
+        functions: Functions.
+        coherences: Their coherence.
+        nodes: Nodes by label.
+        notes: What was not used or is doubtful, in sentences.
+        lines: Labels of the nodes along lines for pictures.
+    """
 
     functions: list[FRFRecord] = field(default_factory=list)
     coherences: list[CoherenceRecord] = field(default_factory=list)
     nodes: dict[str, Node] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
+    lines: list[list[str]] = field(default_factory=list)
 
     def add_node(self, label: str, node: Node) -> None:
         """Add a node; raises InputError if it is known to be elsewhere."""
@@ -417,10 +428,3 @@ def _check_power(data: MeasuredFRFs, where: Mapping[tuple, str], rows, columns) 
             f"{a_kind(data.kind)} as said: the kind, or the phase, may be wrong"
         )
     return doubts
-
-
-# -- the matrix, from files of any format ----------------------------------------------------------
-
-
-#: How names of universal files end.
-UFF_SUFFIXES = (".uff", ".unv", ".uf", ".ufb", ".58", ".bunv")

@@ -52,34 +52,6 @@ class Reciprocity:
 
 
 @dataclass(frozen=True, eq=False)
-class Coherence:
-    """How good the measured coherence is.
-
-    Attributes:
-        limit: What counts as poor.
-        median: Over frequency, of each function, shape (n_responses, n_references); nan where the
-            coherence was not measured.
-        poor: Share of the frequencies below the limit, the same shape.
-    """
-
-    limit: float
-    median: np.ndarray
-    poor: np.ndarray
-
-    def __repr__(self) -> str:
-        return f"Coherence(limit {self.limit:g}, {self.median.size} functions)"
-
-    def __str__(self) -> str:
-        if np.isnan(self.median).all():
-            return "coherence: not measured"
-        return (
-            f"coherence: {np.nanmedian(self.median):.3g} in the median, below {self.limit:g} at "
-            f"{100 * np.nanmean(self.poor):.2g} % of the lines, at {100 * np.nanmax(self.poor):.2g}"
-            " % of the worst function"
-        )
-
-
-@dataclass(frozen=True, eq=False)
 class MeasuredFRFs:
     """Frequency response functions H(f) of motions by forces, with exp(+i 2 pi f t).
 
@@ -170,7 +142,8 @@ class MeasuredFRFs:
             [
                 f"{int(self.measured.sum())} functions, {self.kind} in {self.unit}: {shape[0]} "
                 f"responses, {shape[1]} references, {f[0]:g} to {f[-1]:g} Hz in {len(f)} lines",
-                *map(str, (self.reciprocity(), self.coherence_report())),
+                str(self.reciprocity()),
+                self.coherence_words(),
                 *self.notes,
             ]
         )
@@ -304,15 +277,16 @@ class MeasuredFRFs:
         relative = np.sqrt((gap**2).sum(axis=0) / np.maximum((mean**2).sum(axis=0), tiny))
         return Reciprocity(tuple(names), relative, gap / np.maximum(mean, tiny))
 
-    def coherence_report(self, limit: float = 0.8) -> Coherence:
+    def coherence_words(self, limit: float = 0.8) -> str:
         """Median of the coherence, and the share of lines where it is below ``limit``."""
-        gamma = self.coherence
-        if gamma is None:
-            gamma = np.full(self.values.shape, np.nan)
-        unknown = np.isnan(gamma).all(axis=0)
-        filled = np.where(unknown, 0.0, gamma)
-        median = np.where(unknown, np.nan, np.median(filled, axis=0))
-        return Coherence(limit, median, np.where(unknown, np.nan, (filled < limit).mean(axis=0)))
+        if self.coherence is None:
+            return "coherence: not measured"
+        gamma = self.coherence[:, ~np.isnan(self.coherence).all(axis=0)]
+        poor = 100 * (gamma < limit).mean(axis=0)
+        return (
+            f"coherence: {np.median(gamma):.3g} in the median, below {limit:g} at "
+            f"{poor.mean():.2g} % of the lines, at {poor.max():.2g} % of the worst function"
+        )
 
     def relative_sd(self, averages: int) -> np.ndarray:
         """Standard deviation of |H|, relative to it, and of its phase, rad; shape of ``values``.

@@ -57,10 +57,8 @@ def read_test_data(
     left = [name for name in measured if name not in set(modes)]
     if left:
         problems.add(
-            InputError(
-                f"{table.path}: has columns {', '.join(map(repr, left[:LISTED]))}, which are no "
-                f"modes; expected {len(modes)} columns of frequencies: {', '.join(modes[:LISTED])}"
-            )
+            f"{table.path}: has columns {', '.join(map(repr, left[:LISTED]))}, which are no "
+            f"modes; expected {len(modes)} columns of frequencies: {', '.join(modes[:LISTED])}"
         )
     if not problems:
         f = np.column_stack(columns)
@@ -185,17 +183,13 @@ def _check_measured(table: Table, condition, conditions, modes, there: np.ndarra
     for i in np.flatnonzero(~there.any(axis=1)):
         where = f" ({condition} = {conditions[i]:g})" if condition is not None else ""
         problems.add(
-            InputError(
-                f"{table.path}: data row {i + 1}{where} has no frequency, expected one or more, or "
-                "no such row"
-            )
+            f"{table.path}: data row {i + 1}{where} has no frequency, expected one or more, or "
+            "no such row"
         )
     for j in np.flatnonzero(~there.any(axis=0)):
         problems.add(
-            InputError(
-                f"{table.path}: column {modes[j]!r} has no frequency, expected one or more, or no "
-                "such column"
-            )
+            f"{table.path}: column {modes[j]!r} has no frequency, expected one or more, or no "
+            "such column"
         )
     problems.check()
 

@@ -13,6 +13,13 @@ from fenics_joints.measurements.frfs import MeasuredFRFs
 from fenics_joints.measurements.mat import read_mat
 from fenics_joints.measurements.uff import read_uff
 
+#: What reads the functions and nodes of a file, by its ending: a format is one file and one line.
+READERS: dict[str, Callable[[Path, FileMetadata], Contents]] = {
+    **dict.fromkeys(UFF_SUFFIXES, read_uff),
+    ".mat": read_mat,
+    **dict.fromkeys((".csv", ".toml"), read_csv),
+}
+
 
 def read_frfs(
     paths: str | Path | Sequence[str | Path],
@@ -65,13 +72,8 @@ def read_frfs(
 def reader_of(path: Path) -> Callable[[Path, FileMetadata], Contents]:
     """What reads the functions of a file, by its ending; raises InputError for another one."""
     ending = path.suffix.lower()
-    if ending in UFF_SUFFIXES:
-        return read_uff
-    if ending == ".mat":
-        return read_mat
-    if ending in (".csv", ".toml"):
-        return read_csv
+    if ending in READERS:
+        return READERS[ending]
     raise InputError(
-        f"{path}: the ending {ending!r} is not known; expected one of {', '.join(UFF_SUFFIXES)}, "
-        ".mat, .csv"
+        f"{path}: the ending {ending!r} is not known; expected one of {', '.join(READERS)}"
     )

@@ -153,15 +153,13 @@ def read_table(path: str | Path) -> Table:
     names = tuple(name for name, _ in split)
     for hidden in (head for head in heads if control_character(head)):
         problems.add(
-            InputError(
-                f"{path}: the head {hidden[:40]!r} has the control character "
-                f"{control_character(hidden)}; expected text that can be printed"
-            )
+            f"{path}: the head {hidden[:40]!r} has the control character "
+            f"{control_character(hidden)}; expected text that can be printed"
         )
     for name, count in Counter(names).items():
         if not name or count > 1:
             what = f"column name {name!r}, expected a name for each, used once"
-            problems.add(InputError(f"{path}: {what}"))
+            problems.add(f"{path}: {what}")
     problems.check()
     return Table(path, names, tuple(unit for _, unit in split), values, notes)
 
@@ -260,9 +258,9 @@ class _Csv:
                     _number(cell, i, h, bad) for cell, h in zip(cells, self.heads, strict=True)
                 ]
         if wrong:
-            problems.add(InputError(f"{self.path}: {wrong}, expected {n} as in the head"))
+            problems.add(f"{self.path}: {wrong}, expected {n} as in the head")
         if bad:
-            problems.add(InputError(f"{self.path}: {bad}: {_NO_NUMBER}"))
+            problems.add(f"{self.path}: {bad}: {_NO_NUMBER}")
         return values, self._notes(either)
 
     def _notes(self, either: _Some) -> tuple[str, ...]:
@@ -327,7 +325,7 @@ def _toml_columns(path: Path, problems: Problems) -> tuple[list[str], np.ndarray
         for head, column in columns.items()
     ]
     if bad:
-        problems.add(InputError(f"{path}: {bad}: {_NO_NUMBER}"))
+        problems.add(f"{path}: {bad}: {_NO_NUMBER}")
     return list(columns), np.array(values).T
 
 

@@ -4,17 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from fenics_joints.errors import InputError, measured, wanted
+from fenics_joints.measurements.frfs import MeasuredFRFs
 from fenics_joints.response.units import checked_kind
 from fenics_joints.structure.points import Sensors
-
-if TYPE_CHECKING:
-    from fenics_joints.measurements.frfs import MeasuredFRFs
-
 
 #: The kinds of data, in the order of their residuals.
 DATA = ("frequencies", "shapes", "damping", "frfs")

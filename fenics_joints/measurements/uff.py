@@ -85,7 +85,7 @@ def read_sets(
             where = f"{path}: dataset {i + 1} (type {kind or 'unknown'})"
             if not kind:
                 expected = "expected the type's number after the line '    -1'"
-                found.add(InputError(f"{where}: has no type; {expected}"))
+                found.add(f"{where}: has no type; {expected}")
             elif kind in kinds and kind in _SHAPES:
                 lines = _text(data[body:end]).splitlines()
                 sets.append((where, {"type": kind, "lines": lines}))
@@ -554,7 +554,7 @@ def _abscissa(where: str, data) -> np.ndarray:
             f"{where}: binary numbers are of format {word(_NOT_IEEE, data['fp_format'])}, "
             "expected 2 (IEEE 754)"
         )
-    kind, label = data["abscissa_spec_data_type"], _label(data, "abscissa")
+    kind, label = data["abscissa_spec_data_type"], axis_label(data, "abscissa")
     if kind != _FREQUENCY and kind not in _UNSAID:
         raise InputError(
             f"{where}: abscissa is of type {word(DATA, kind)}, expected 18 (frequency)"
@@ -599,7 +599,7 @@ def _scale(where: str, data, units, metadata: FileMetadata, notes: list[str]) ->
         )
     if label_kind not in (None, kind):
         raise InputError(
-            f"{where}: units {_label(data, 'ordinate')!r} are those of {a_kind(label_kind)}, "
+            f"{where}: units {axis_label(data, 'ordinate')!r} are those of {a_kind(label_kind)}, "
             f"expected those of {a_kind(kind)} as its response type says, or units"
         )
     length, force = units
@@ -610,16 +610,17 @@ def _scale(where: str, data, units, metadata: FileMetadata, notes: list[str]) ->
             f"or units such as '{MOTION[kind]}/N'"
         )
     if by_label is not None and length == force == 1 and by_label != 1:
-        text = f"{_label(data, 'ordinate')!r} by {_label(data, 'orddenom') or 'force'!r}"
+        text = f"{axis_label(data, 'ordinate')!r} by {axis_label(data, 'orddenom') or 'force'!r}"
         notes.append(
             f"functions are read in {text}, as their labels say, though dataset 164 says SI units; "
             "the key units overrides both"
         )
     elif None not in (by_label, by_set) and not np.isclose(by_label, by_set, rtol=1e-3):
+        by = axis_label(data, "orddenom") or "force"
         raise InputError(
-            f"{where}: the unit {_label(data, 'ordinate')!r} by "
-            f"{_label(data, 'orddenom') or 'force'!r} is {by_label:.6g} {MOTION[kind]}/N, but by "
-            f"dataset 164 it is {by_set:.6g}; expected that they agree, or units"
+            f"{where}: the unit {axis_label(data, 'ordinate')!r} by {by!r} is {by_label:.6g} "
+            f"{MOTION[kind]}/N, but by dataset 164 it is {by_set:.6g}; expected them to agree, or "
+            "units"
         )
     return kind, by_set if by_label is None else by_label
 
@@ -643,7 +644,7 @@ def _file_kind(where: str, data, metadata: FileMetadata) -> str | None:
 
 def _by_labels(where: str, data, force: float | None) -> tuple[str | None, float | None]:
     """Kind and factor by the labels of the axes' units; None where there are none."""
-    motion, by = _label(data, "ordinate"), _label(data, "orddenom")
+    motion, by = axis_label(data, "ordinate"), axis_label(data, "orddenom")
     if not motion:
         return None, None
     try:
@@ -663,7 +664,7 @@ def _by_labels(where: str, data, force: float | None) -> tuple[str | None, float
     return kind, factor / force
 
 
-def _label(data, axis: str) -> str:
+def axis_label(data, axis: str) -> str:
     """Label of an axis's unit; empty where there is none."""
     text = str(data.get(f"{axis}_axis_units_lab", "")).strip()
     return "" if text.upper() == "NONE" else text

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from fenics_joints.case import Case, CostEstimate, estimate
-from fenics_joints.case.size import BEGIN, available_bytes, estimate_of
+from fenics_joints.case.size import BEGIN, available_bytes, estimate_of, gibibytes
 from fenics_joints.diagnosis.model.resolution import MOST
 from fenics_joints.errors import InputError
 
@@ -101,6 +101,6 @@ def too_much(costs: tuple[Cost, ...]) -> list[str]:
         return []
     most = max(cost.bytes for cost in costs)
     return [
-        f"{', '.join(names)}: about {most / 2**30:.2g} GiB of memory, of which this machine has "
-        f"{there / 2**30:.2g} GiB free; larger elements, or modes --iterative"
+        f"{', '.join(names)}: about {gibibytes(most)} of memory, of which this machine has "
+        f"{gibibytes(there)} free; larger elements, or modes --iterative"
     ]

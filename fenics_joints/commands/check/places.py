@@ -4,20 +4,27 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
 
 from fenics_joints.case import Case
 from fenics_joints.case.harmonic import HarmonicSection
-from fenics_joints.case.sections import ONE_BOLT, MassSection
+from fenics_joints.case.sections import MassSection
 from fenics_joints.case.test import Test
 from fenics_joints.errors import InputError
 from fenics_joints.measurements import MeasuredFRFs
 from fenics_joints.meshes import TaggedMesh
+from fenics_joints.meshes.arguments import ONE_BOLT
 from fenics_joints.structure import Sensors
-from fenics_joints.structure.points import far_points, nearest, round_bolts, too_close_together
+from fenics_joints.structure.points import (
+    Nearest,
+    far_points,
+    nearest,
+    round_bolts,
+    too_close_together,
+)
 
 #: Nearer than this, m, a point is on the mesh but for round-off.
 _ON = 1e-8
@@ -136,43 +143,23 @@ def far_places(places: Sequence[Place], tagged: TaggedMesh) -> tuple[list[Place]
         if around is not None:
             off[i] = 0.0  # the mass is put on the ring
     for kind in dict.fromkeys(place.kind for place in places):
-        own = np.array([place.kind == kind for place in places])
-        measured = kind in ("sensor", "force")
-        reach = np.where(measured, found.reach, _ON)[own]
+        own = np.flatnonzero([place.kind == kind for place in places])
         if kind == "sensor":
             try:
                 too_close_together(tagged.mesh, points[own], kind)
             except InputError as error:
                 errors.append(str(error))
                 continue
-        if np.any(off[own] > reach):
-            near = type(found)(
-                found.owner[own],
-                found.cells[own],
-                found.points[own],
-                found.distance[own],
-                reach if measured else np.zeros(own.sum()),
+        reach = found.reach[own] if kind in ("sensor", "force") else np.zeros(len(own))
+        bad = off[own] > np.maximum(reach, _ON)
+        if bad.any():
+            at, names = own[bad], [places[i].name for i in own[bad]]
+            near = Nearest(
+                found.owner[at], found.cells[at], found.points[at], found.distance[at], reach[bad]
             )
-            bad = np.flatnonzero(off[own] > reach)
-            part = type(near)(*(array[bad] for array in vars(near).values()))
-            names = [place.name for place, o in zip(places, own, strict=True) if o]
-            errors.append(
-                str(
-                    far_points(
-                        tagged.mesh,
-                        points[own][bad],
-                        part,
-                        kind,
-                        [names[i] for i in bad],
-                        points[own],
-                    )
-                )
-            )
-    measured = [
-        Place(p.kind, p.name, p.point, p.direction, float(d))
-        for p, d in zip(places, off, strict=True)
-    ]
-    return measured, errors
+            far = far_points(tagged.mesh, points[at], near, kind, names, points[own])
+            errors.append(str(far))
+    return [replace(p, off=float(d)) for p, d in zip(places, off, strict=True)], errors
 
 
 def twice(places: Sequence[Place]) -> list[str]:

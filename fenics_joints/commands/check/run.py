@@ -25,7 +25,7 @@ from fenics_joints.case import (
 )
 from fenics_joints.case.dimensions import long_normals, measured_directions
 from fenics_joints.case.preload import APPLIED
-from fenics_joints.case.size import available_bytes
+from fenics_joints.case.size import available_bytes, duration, gibibytes
 from fenics_joints.commands.check.costs import Cost, costs_of, known, too_much
 from fenics_joints.commands.check.places import (
     Place,
@@ -503,17 +503,8 @@ def _costs_said(costs: Sequence[Cost]) -> list:
         id="costs",
     )
     for cost in costs:
-        memory = f"{number(cost.bytes / 2**30, 2)} GiB"
-        table.add(cost.command, f"about {duration(cost.seconds)}", memory)
+        table.add(cost.command, f"about {duration(cost.seconds)}", gibibytes(cost.bytes))
     return [Heading("What a run takes"), table]
-
-
-def duration(seconds: float) -> str:
-    """A time in the unit that suits it."""
-    for unit, length in (("days", 86400.0), ("hours", 3600.0), ("minutes", 60.0)):
-        if seconds > 2 * length:
-            return f"{number(seconds / length, 2)} {unit}"
-    return f"{number(seconds, 2)} s"
 
 
 def _places(result: Checked) -> list:

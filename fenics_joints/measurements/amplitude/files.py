@@ -31,7 +31,7 @@ from fenics_joints.measurements.amplitude.sweeps import (
 from fenics_joints.measurements.files import UFF_SUFFIXES, FileMetadata
 from fenics_joints.measurements.readers import reader_of
 from fenics_joints.measurements.tables import LISTED, Table, read_table
-from fenics_joints.measurements.uff import read_sets, units_of, word
+from fenics_joints.measurements.uff import axis_label, read_sets, units_of, word
 from fenics_joints.response.units import frf_unit
 
 #: Names of a column that says the level; and of one that says the response.
@@ -339,8 +339,7 @@ def histories_of(path: Path, units: str | None = None) -> list[History]:
 
 
 def _factor(where: str, data, kind: str, length: float | None, units: str | None) -> float:
-    label = str(data.get("ordinate_axis_units_lab", "")).strip()
-    text = units or ("" if label.upper() == "NONE" else label)
+    text = units or axis_label(data, "ordinate")
     if text:
         with located(f"{where}: unit of the response"):
             found, factor = level_unit(text)
@@ -404,7 +403,7 @@ def _by_content(paths, band, sensor, units, noise, damping_noise) -> MeasuredBac
     histories, sweeps, backbones = [], [], []
     for path in paths:
         if path.suffix.lower() in UFF_SUFFIXES:
-            histories += _universal(path, units)
+            histories += histories_of(path, units)
             continue
         if path.suffix.lower() not in (".csv", ".toml", ".txt"):
             ends = ", ".join((".csv", ".toml", *UFF_SUFFIXES))
@@ -424,13 +423,6 @@ def _by_content(paths, band, sensor, units, noise, damping_noise) -> MeasuredBac
     if histories:
         return concatenated([_decay(history, band, sensor) for history in histories])
     return _reduced(sweeps, band) if sweeps else concatenated(backbones)
-
-
-def _universal(path: Path, units: str | None) -> list[History]:
-    # The library that it needs is an option.
-    from fenics_joints.measurements.amplitude.files import histories_of
-
-    return histories_of(path, units)
 
 
 def _decay(history: History, band, sensor: str | None) -> MeasuredBackbone:
