@@ -8,7 +8,7 @@ import pytest
 pytest.importorskip("dolfinx")
 
 from harmonic_case import LAYER
-from jenkins import Jenkins
+from jenkins import Jenkins, table
 
 from fenics_joints.case import load_case
 from fenics_joints.errors import InputError
@@ -19,11 +19,6 @@ LEVELS = np.array([2.0, 8.0, 15.0, 30.0])
 SWEPT = np.linspace(78.6, 80.8, 33)
 
 
-def table(head: str, *columns) -> str:
-    rows = (",".join(f"{v:.9g}" for v in row) for row in zip(*columns, strict=True))
-    return "\n".join([head, *rows]) + "\n"
-
-
 def plain() -> str:
     f, zeta = JOINT.backbone(LEVELS / (2 * np.pi * 79.5) ** 2)
     return table("level [m/s2],frequency [Hz],damping [%]", LEVELS, f, 100 * zeta)
@@ -32,10 +27,7 @@ def plain() -> str:
 def held_response() -> str:
     """The force that held an acceleration."""
     level, hz = (a.ravel() for a in np.meshgrid(LEVELS, SWEPT, indexing="ij"))
-    w = 2 * np.pi * hz
-    f, zeta = JOINT.backbone(level / w**2)
-    own = 2 * np.pi * f
-    force = level / w**2 * np.abs(own**2 - w**2 + 2j * zeta * own * w)
+    force = level / np.abs(JOINT.at_acceleration(level, hz))
     return table("level [m/s2],frequency [Hz],force [N]", level, hz, force)
 
 

@@ -9,9 +9,10 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 
+import measured_world as world
 import numpy as np
 import pytest
-from jenkins import Jenkins
+from jenkins import Jenkins, table
 
 from fenics_joints.errors import InputError
 from fenics_joints.measurements import read_amplitude, read_test_data
@@ -41,11 +42,6 @@ def write(folder, name: str, text: str):
     path = folder / name
     path.write_text(text, encoding="utf-8")
     return path
-
-
-def table(head: str, *columns) -> str:
-    rows = (",".join(f"{v:.9g}" for v in row) for row in zip(*columns, strict=True))
-    return "\n".join([head, *rows]) + "\n"
 
 
 def off(found: MeasuredBackbone) -> np.ndarray:
@@ -142,13 +138,10 @@ def test_constant_force_gives_the_closed_form_whatever_it_folds(tmp_path):
 def test_constant_response_gives_the_closed_form(tmp_path, phase):
     """The force that held an acceleration, with its phase or without."""
     f, errors = np.linspace(78.8, 80.6, 37), []
-    w = 2 * np.pi * f
     for seed in SEEDS:
         rng, columns = np.random.default_rng(seed), []
         for level in (2.0, 8.0, 15.0, 30.0, 60.0):
-            own, zeta = JOINT.backbone(level / w**2)
-            own = 2 * np.pi * own
-            h = -(w**2) / (own**2 - w**2 + 2j * zeta * own * w)
+            h = JOINT.at_acceleration(level, f)
             h = h * (1 + 0.005 * (rng.normal(size=len(f)) + 1j * rng.normal(size=len(f))))
             columns.append((np.full(len(f), level), f, level / np.abs(h), np.angle(h, deg=True)))
         columns = np.concatenate(columns, axis=1)[: 4 if phase else 3]
@@ -161,32 +154,12 @@ def test_constant_response_gives_the_closed_form(tmp_path, phase):
 
 
 def test_universal_files_of_functions_and_of_decays(decay, tmp_path):
-    pyuff = pytest.importorskip("pyuff")
-    common = {"rsp_node": 12, "rsp_dir": 3, "ref_node": 5, "ref_dir": 3, "binary": 0}
+    pytest.importorskip("pyuff")
     f = np.linspace(78.8, 80.6, 37)
-    w, sets = 2 * np.pi * f, []
-    for level in (2.0, 30.0):
-        own, zeta = JOINT.backbone(level / w**2)
-        own = 2 * np.pi * own
-        h = -(w**2) / (own**2 - w**2 + 2j * zeta * own * w)
-        sets.append(
-            pyuff.prepare_58(
-                func_type=4,
-                x=f,
-                data=h,
-                num_pts=len(f),
-                abscissa_spacing=1,
-                ord_data_type=6,
-                abscissa_min=f[0],
-                abscissa_inc=f[1] - f[0],
-                ordinate_spec_data_type=12,
-                orddenom_spec_data_type=13,
-                abscissa_spec_data_type=18,
-                id1="h",
-                **common,
-            )
-        )
-    pyuff.UFF(str(tmp_path / "held.uff")).write_sets(sets, "overwrite")
+    sets = [
+        world.function(0, 0, x=f, data=JOINT.at_acceleration(level, f)) for level in (2.0, 30.0)
+    ]
+    world.write_uff(tmp_path / "held.uff", *sets)
     given = {"levels": ["2 m/s2", "30 m/s2"], "units": "m/s2/N"}
     found = read_amplitude(tmp_path / "held.uff", **given)
     f0, zeta0 = JOINT.backbone(np.array([2.0, 30.0]) / (2 * np.pi * found.frequencies_hz) ** 2)
@@ -197,23 +170,9 @@ def test_universal_files_of_functions_and_of_decays(decay, tmp_path):
     with pytest.raises(InputError, match=r"type 4.*the level of each in levels"):
         read_amplitude(tmp_path / "held.uff")
     times, signal = decay
-    one = pyuff.prepare_58(
-        func_type=1,
-        x=times,
-        data=signal / 9.80665,
-        num_pts=len(times),
-        abscissa_spacing=1,
-        ord_data_type=4,
-        abscissa_min=0.0,
-        abscissa_inc=times[1],
-        ordinate_spec_data_type=12,
-        orddenom_spec_data_type=0,
-        abscissa_spec_data_type=17,
-        ordinate_axis_units_lab="g",
-        id1="t",
-        **common,
-    )
-    pyuff.UFF(str(tmp_path / "decay.uff")).write_sets([one, one], "overwrite")
+    time = {"func_type": 1, "orddenom_spec_data_type": 0, "abscissa_spec_data_type": 17}
+    one = world.function(0, 0, x=times, data=signal / 9.80665, **time)
+    world.write_uff(tmp_path / "decay.uff", one, one)
     twice = read_amplitude(tmp_path / "decay.uff")  # two hits
     alone = from_ring_down(times, signal, "acceleration")
     assert len(twice) == 2 * len(alone)
