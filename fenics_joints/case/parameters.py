@@ -24,9 +24,10 @@ _BOUNDS = {
 _FACTORS = {"h": 30.0, **dict.fromkeys(("k1", "k2", "k_axial"), 1e3)}
 #: Likewise of any other known property. Chosen: wide enough for a wrong material, and no more.
 _KNOWN = 3.0
-#: Stiffness of a support, Pa/m, that is as good as rigid, and its range: E / (k L) of a metal body
-#: of size L is below 1e-6. A steel cantilever's frequencies are 2e-6 below those of a held one's.
+#: Stiffness of a support, Pa/m, that is as good as rigid: E / (k L) of a metal body of size L is
+#: below 1e-6. A steel cantilever's frequencies are 2e-6 below those of a rigidly held one.
 RIGID_SUPPORT = 1e19
+#: Bounds of that stiffness, Pa/m: from faces that hardly touch to a hundred times as good as rigid.
 _SUPPORT = (1e6, 1e21)
 #: How far a damping value may be from its nominal one, as a factor; a ratio is at most 1.
 _DAMPING = 1e3

@@ -32,6 +32,7 @@ from fenics_joints.measurements.uff import (
 )
 from fenics_joints.structure.points import Sensors
 
+#: Types of analysis in datasets 55 and 2414.
 _ANALYSES = {
     0: "unknown",
     1: "static",
@@ -42,7 +43,9 @@ _ANALYSES = {
     6: "buckling",
     7: "complex eigenvalue",
 }
+#: Those of normal and of complex modes.
 _NORMAL, _COMPLEX = 2, (3, 7)
+#: Characters of data in datasets 55 and 2414.
 _CHARACTER = {
     0: "unknown",
     1: "scalar",
@@ -51,6 +54,7 @@ _CHARACTER = {
     4: "symmetric tensor",
     5: "tensor",
 }
+#: Types of data that are shapes: unknown, general, displacement, velocity, acceleration.
 _MOTIONS = (0, 1, 8, 11, 12)
 _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[EeDd][+-]?\d+)?|nan|[+-]?inf", re.IGNORECASE)
 

@@ -436,6 +436,7 @@ _TYPES = {
     12: "spectrum",
     26: "multiple coherence",
 }
+#: Types of functions that are read: frequency response, coherence, multiple coherence.
 _FRF, _COHERENCE, _MULTIPLE = 4, 6, 26
 
 #: Specific data types of dataset 58.
@@ -455,7 +456,9 @@ DATA = {
     19: "rpm",
     20: "order",
 }
+#: Kinds of functions by the type of the response.
 _MOTIONS = {8: "receptance", 11: "mobility", 12: "accelerance"}
+#: Types of data: not said, and what a reference and an abscissa must be of.
 _UNSAID, _FORCE, _FREQUENCY = (0, 1), 13, 18
 #: What data of the response alone would need.
 _NO_FORCE = (
@@ -463,6 +466,7 @@ _NO_FORCE = (
     "shaker whose force is measured too; or, for frequencies and shapes only, the modes that an "
     "operational modal analysis found in these data, as datasets 55: shapes = 'FILE.uff' in [test]"
 )
+#: Formats of binary numbers that are not read.
 _NOT_IEEE = {1: "DEC VMS", 3: "IBM 370"}
 
 

@@ -25,6 +25,7 @@ from fenics_joints.measurements.tables import Table
 from fenics_joints.measurements.uff import read_sets
 from fenics_joints.units import factor_to_si, to_si
 
+#: Datasets of nodes and of mode shapes in universal files.
 _NODES, _SHAPES = {15, 2411}, {55, 2414}
 #: Names of a condition's column without a unit.
 _CONDITIONS = ("torque", "level", "force", "preload", "amplitude", "run", "row", "test")
