@@ -21,12 +21,17 @@ def rng():
     return np.random.default_rng(3)
 
 
-def p_values(moves: np.ndarray, log_f: np.ndarray) -> tuple[float, float]:
-    """Of the best explanation of a test: chi-square's, and that of simulated tests."""
+def explained(moves: np.ndarray, log_f: np.ndarray):
+    """A test with the fits of all pairs of causes, ln of the evidence of each, and the best one."""
     test = Evidence(np.array([1.0]), log_f[None, :], np.full((1, MODES), SD), 0.0)
     fits = [linear_fit(causes, moves[:, causes], log_f, SD) for causes in SETS]
     score = np.array([f.log_evidence for f in fits])
-    best = int(np.argmax(score))
+    return test, fits, score, int(np.argmax(score))
+
+
+def p_values(moves: np.ndarray, log_f: np.ndarray) -> tuple[float, float]:
+    """Of the best explanation of a test: chi-square's, and that of simulated tests."""
+    test, fits, score, best = explained(moves, log_f)
     return fits[best].p_value, with_simulated(fits, score, test, count=199)[best].p_value
 
 
@@ -53,3 +58,37 @@ def test_what_the_library_lacks_is_found_more_often(rng):
     moves, true = 0.015 * rng.standard_normal((2, MODES, CAUSES))
     chi_square, simulated = found(moves, true, rng, 0.05)
     assert simulated > 1.2 * chi_square, (chi_square, simulated)
+
+
+def test_round_off_and_order_leave_p_as_it_is(rng):
+    """Of reduced models on one and two ranks ln of the evidence differs by 0.02."""
+    moves = 0.015 * rng.standard_normal((MODES, CAUSES))
+    test, fits, score, best = explained(moves, moves[:, :2] @ [1.0, -1.0] + SD * np.ones(MODES))
+    p = with_simulated(fits, score, test)[best].p_value
+    order = rng.permutation(len(fits))
+    again = with_simulated(
+        [fits[i] for i in order], (score + 0.02 * rng.standard_normal(len(fits)))[order], test
+    )
+    assert 0.02 < p < 0.98
+    assert again[list(order).index(best)].p_value == pytest.approx(p, abs=0.005)
+
+
+def test_every_p_is_the_share_of_many_tests_that_are_fitted_one_by_one(rng):
+    """In the tail too, as pairs that explain nothing have it: by densities of 100,000 tests."""
+    moves, count = 0.015 * rng.standard_normal((MODES, CAUSES)), 100_000
+    test, fits, score, _ = explained(moves, moves[:, :2] @ [0.7, -0.7] + SD * np.ones(MODES))
+    probability = np.exp(score - score.max())
+    causes = rng.choice(len(SETS), count, p=probability / probability.sum())
+    spans = np.array([moves[:, pair] for pair in SETS])
+    made = np.einsum("nmc,nc->nm", spans[causes], rng.standard_normal((count, 2)))
+    made += SD * rng.standard_normal(made.shape)
+    covariance = SD**2 * np.eye(MODES) + spans @ spans.transpose(0, 2, 1)
+    squares = np.einsum("nm,pmk,nk->pn", made, np.linalg.inv(covariance), made, optimize=True)
+    density = -0.5 * (squares + np.linalg.slogdet(covariance)[1][:, None])
+    left = squares[np.argmax(density, axis=0), np.arange(count)]
+    share = np.array([np.mean(left > f.square) for f in fits])
+    assert np.any((share > 1e-3) & (share < 0.02))
+    p = np.array([f.p_value for f in with_simulated(fits, score, test)])
+    assert p == pytest.approx(share, abs=0.02)
+    tail = share > 2e-3
+    assert p[tail] == pytest.approx(share[tail], rel=0.4)

@@ -1,4 +1,4 @@
-"""A hypothesis at its most probable parameters, and what it says of the test there."""
+"""A hypothesis at its most probable parameters, and what it predicts there."""
 
 from __future__ import annotations
 
@@ -30,11 +30,11 @@ class Fit:
         stated: Of errors that are stated at most: the least misfit + |z|^2 if all of them is there,
             linear about the fit; None where none are.
         placed: Of an unknown cause, the probability that it is a change somewhere
-            (`fenics_joints.diagnosis.evidence.localised_unknown`), and not one that may do
-            anything; None where that was not looked at.
-        simulated: Share of tests like this one, made by causes of the library, of which the best
-            explanation leaves as much as this leaves of the real one
-            (`fenics_joints.diagnosis.evidence.linear_fits`); None where none were made.
+            (`fenics_joints.diagnosis.evidence.localised_unknown`), and does not move modes
+            independently; None where the test has no signatures.
+        simulated: Probability that the best explanation of a test like this one, made by a cause of
+            the library, leaves as much as this leaves of the real one
+            (`fenics_joints.diagnosis.evidence.linear_fits`); None where none were simulated.
     """
 
     hypothesis: Hypothesis
@@ -82,8 +82,8 @@ class Fit:
         """Least misfit + |z|^2, the data's distance from the prediction in the metric of errors and
         prior together.
 
-        Standard deviations between levels that had to be far from what is expected count as well;
-        of errors that are stated at most all is there, for a misfit is what they cannot explain.
+        Standard deviations between levels count by their distance from the expected ones. Errors
+        that are stated as limits are taken at these limits: a misfit is what they cannot explain.
         """
         if self.stated is not None:
             return self.stated

@@ -1,22 +1,22 @@
-"""Fits taken as linear about where they are: of other data, of simulated tests, of all effects.
+"""Fits taken as linear about their parameters: of other data, of simulated tests, of all effects.
 
-How often the library would explain a test that one of its causes made no better than this one.
+*Of other data.* A fold's fit is the whole test's, moved by a linear step if that step is small.
 
-A chi-square (`Fit.p_value`) knows nothing of choice: of many explanations the best fits better than
-one that was named beforehand, so that of a few frequencies any test leaves little, and nothing is
-ever odd. So tests of the same conditions, modes and sensors are simulated: a hypothesis of the
-library by its probability, its parameters by their priors, errors of model and instrument as
-stated. For each the most probable hypothesis is chosen anew, and what that leaves is counted. A
-test whose cause is in the library is one of these as good as any, so the share of those that leave
-as much is a conformal p-value (Vovk, Gammerman and Shafer, Algorithmic Learning in a Random World,
-2005), as far as hypotheses are linear about their fits.
+*Of simulated tests.* A chi-square (`Fit.p_value`) ignores that an explanation was chosen: the best
+of many fits better than one named beforehand, so that few frequencies never seem badly explained.
+So tests of the same conditions, modes and sensors are simulated: a hypothesis of the library by its
+probability, its parameters by their priors, errors of model and instrument as stated. For each the
+most probable hypothesis is chosen anew, and the misfit that it leaves is compared with that of the
+measured test. If the cause is in the library, the measured test is a draw of the same kind, so that
+the share of simulated tests with a larger misfit is a p-value (conformal: Vovk, Gammerman and
+Shafer, Algorithmic Learning in a Random World, 2005), as far as hypotheses are linear about their
+fits. Beyond the largest few of them it falls exponentially, as the tail of a sum of squares nearly
+does.
 
-Whether all effects of the library at once could explain a test that no few of them explain.
-
-What is left of the test by its best explanation is weighed against everything that any effect
-could add to it, each by its slopes about its own fit and by its prior: the part of the residual
-outside the span of all effects together, which no combination of the library can be the cause of.
-Data have |r|^2 + |z|^2 at its least as chi-square where effects are linear about their fits.
+*Of all effects.* Could all effects of the library at once explain a test that no few of them do?
+The best explanation gets the slopes of all other effects beside its own. Its least |r|^2 + |z|^2 is
+then chi-square where effects are linear about their fits: what no combination of the library
+explains.
 """
 
 from __future__ import annotations
@@ -113,9 +113,9 @@ def _moved_at(found: Fit, evidence: Evidence) -> Fit | None:
     )
 
 
-#: Simulated tests; a p-value is no less than one in so many, or than chi-square has it. [numerical:
-#: p to 0.1 %]
-_COUNT = 999
+#: Simulated tests, and the share of them beyond which an exponential tail is fitted. [numerical: p
+#: to 0.008 of 0.5, to 0.0015 of 0.01]
+_COUNT, _TAIL = 4000, 0.05
 #: Hypotheses that compete for each, those that are the most probable for the real one. [numerical:
 #: chosen for time]
 _MOST = 100
@@ -136,44 +136,63 @@ def with_simulated(
     near = listed[near_best(np.asarray(score)[listed], np.inf, _MOST)]
     if not len(near) or not evidence.fitted.any():
         return list(fits)
-    left = _left([fits[i] for i in near], np.asarray(score)[near], evidence, count)
+    # Of two that are as probable as each other, round-off would say which comes first.
+    near = sorted(near, key=lambda i: fits[i].hypothesis.label_of_keys)
+    left, of_scales = _left([fits[i] for i in near], np.asarray(score)[near], evidence, count)
+    edge = np.quantile(left, 1 - _TAIL)
+    excess = np.mean(left[left > edge] - edge)
 
-    def judged(f: Fit) -> Fit:
-        if f.hypothesis.unknown:
-            return f
-        worse = int(np.sum(left >= f.square))
-        rank = (1 + worse) / (1 + count)
-        return replace(f, simulated=rank if worse else min(rank, f.p_value))
+    def share(square: float) -> float:
+        """Of simulated tests with a larger misfit."""
+        if square < edge:
+            return float(np.mean(left >= square))
+        return float(_TAIL * np.exp(-(square - edge) / excess))
 
-    return [judged(f) for f in fits]
+    return [
+        f if f.hypothesis.unknown else replace(f, simulated=share(f.square - of_scales))
+        for f in fits
+    ]
 
 
-def _left(fits: list[Fit], score: np.ndarray, evidence: Evidence, count: int) -> np.ndarray:
-    """What the best of some hypotheses leaves of each simulated test, (count,), as `Fit.square`."""
+def _left(
+    fits: list[Fit], score: np.ndarray, evidence: Evidence, count: int
+) -> tuple[np.ndarray, float]:
+    """Misfit of the best of some hypotheses for each simulated test, (count,); `Fit.square` has the
+    second number besides, which is of scales and the same for all."""
     best = fits[int(np.argmax(score))]
     # Between levels errors are what the best calls for; of a model all that is stated.
     scales = evidence.scales
     if scales is not None:
         scales = best.scales if evidence.drifts else best.scales.stated
-    test, rng = evidence.at(scales), np.random.default_rng(0)
+    test = evidence.at(scales)
     lines = [LinearFit.of(f, test, test.lower()) for f in fits]
-    counts = rng.multinomial(count, softmax(score))
-    # Whitened, as their distance from the real one.
-    tests = np.hstack([_drawn(line, n, rng) for line, n in zip(lines, counts, strict=True)])
+    tests = _drawn(lines, softmax(score), count)
     most, left = np.full(count, -np.inf), np.zeros(count)
     for line, own in zip(lines, score, strict=True):
         square = line.squares(-tests)
         value = own + 0.5 * (line.square - square)
         better = value > most
         most[better], left[better] = value[better], square[better]
-    return left + (0.0 if scales is None else scales.squares)
+    return left, 0.0 if scales is None else scales.squares
 
 
-def _drawn(line: LinearFit, n: int, rng: np.random.Generator) -> np.ndarray:
-    """Tests that a hypothesis makes, (k, n)."""
-    away = rng.standard_normal((len(line.z), n)) - line.z[:, None]
-    errors = rng.standard_normal((len(line.residual), n))
-    return line.residual[:, None] + line.slope[:, line.free] @ away[line.free] + errors
+def _drawn(lines: Sequence[LinearFit], probability: np.ndarray, count: int) -> np.ndarray:
+    """Tests that hypotheses make, each as often as it is probable: differences from the real one,
+    whitened, (k, count).
+
+    No random number depends on the probabilities, so that round-off moves a few tests at most from
+    one hypothesis to another and leaves all others as they are.
+    """
+    rng = np.random.default_rng(0)
+    quantile = (rng.permutation(count) + 0.5) / count
+    cause = np.searchsorted(np.cumsum(probability)[:-1], quantile)
+    found = rng.standard_normal((len(lines[0].residual), count))
+    parameters = rng.standard_normal((max(len(line.z) for line in lines), count))
+    for i in np.unique(cause):
+        line, own = lines[i], cause == i
+        away = parameters[: len(line.z), own] - line.z[:, None]
+        found[:, own] += line.residual[:, None] + line.slope[:, line.free] @ away[line.free]
+    return found
 
 
 def all_at_once(fits: Sequence[Fit], leader: Fit, evidence: Evidence) -> float:
