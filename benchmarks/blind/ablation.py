@@ -24,11 +24,14 @@ from benchmarks.blind.matching import opened
 from benchmarks.blind.score import Record
 from fenics_joints.case import load_case
 from fenics_joints.diagnosis import diagnose
+from fenics_joints.diagnosis.effects.library import LIBRARY
+from fenics_joints.diagnosis.effects.sited import sited_effects
 from fenics_joints.errors import JointsError
 from fenics_joints.files import json_text, write_text
 
 _DIAGNOSIS = "fenics_joints.diagnosis"
 _LIBRARY = f"{_DIAGNOSIS}.evidence.library"
+_PREDICTOR = f"{_DIAGNOSIS}.evidence.predictor"
 _SEARCH = f"{_DIAGNOSIS}.search.Search"
 
 
@@ -41,14 +44,14 @@ def _as_found(search, found, *more, **options):
 MECHANISMS: dict[str, dict[str, object]] = {
     "nothing": {},
     "attached and local effects": {
-        f"{_DIAGNOSIS}.effects.library.sited_effects": lambda *a, **k: ([], [])
+        f"{_DIAGNOSIS}.effects.library.LIBRARY": [f for f in LIBRARY if f is not sited_effects]
     },
     "pairs of effects": {f"{_SEARCH}._add_effects": lambda *a: []},
     "leaders weighed by sampling": {f"{_SEARCH}._sampled": _as_found},
     "leaders held to the full model": {f"{_SEARCH}._checked": _as_found},
     "a basis held to the reduced model": {f"{_LIBRARY}._LOOKED": 1},
-    "a basis for each effect": {f"{_LIBRARY}._LARGE": math.inf},
-    "interpolation between torques": {f"{_LIBRARY}.Library._is_smooth": lambda *a: False},
+    "a basis for each effect": {f"{_PREDICTOR}._LARGE": math.inf},
+    "interpolation between torques": {f"{_PREDICTOR}.Predictor._is_smooth": lambda *a: False},
     "unknown cause as a random field": {
         f"{_LIBRARY}.with_localised_unknown": lambda found, test: found
     },

@@ -1,4 +1,4 @@
-"""Everything that a diagnosis says of where the gap lies, before it asks for the cause."""
+"""Where the gap lies: tests of regions, zones and patches, before any cause is looked for."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
+from fenics_joints.diagnosis.effects.effect import by_preload
 from fenics_joints.diagnosis.effects.joint import interfaces
-from fenics_joints.diagnosis.effects.library import by_preload
 from fenics_joints.diagnosis.effects.sited import CABLE_MASS
 from fenics_joints.diagnosis.evidence.predictions import ManyPredictions
 from fenics_joints.diagnosis.evidence.signatures import LENGTHS
@@ -27,13 +27,13 @@ from fenics_joints.diagnosis.where.score_tests import (
 from fenics_joints.diagnosis.where.zone_sensitivity import zone_sensitivities
 from fenics_joints.diagnosis.zones.sites import HUNG, ON
 
-#: Over how much of the structure's size a change about a patch falls: of those of an unknown cause,
-#: the largest of which is a whole region. [decision: those of an unknown cause]
+#: Lengths over which a change about a patch falls, over the structure's size: those of an unknown
+#: cause but for the largest, which is a whole region. [decision: those of an unknown cause]
 _LENGTHS = LENGTHS[:-1]
 #: Axes along which the misfit is attributed; by condition only where there are several.
 AXES = ("mode", "band", "condition", "kind")
-#: Nats by which places that are each other's mirror images may differ. [numerical: round-off of
-#: reduced models on one and on two ranks makes 0.02]
+#: Nats by which mirror images of a place may differ. [numerical: reduced models on one and on two
+#: ranks differ by 0.02]
 _SAME = 0.1
 
 
@@ -41,8 +41,8 @@ _SAME = 0.1
 class Location:
     """Where the nominal model fails, tested against noise and tolerances.
 
-    All regions, zones and patches are one family of score tests. Regions are as probable as each
-    other before the test, and each whole as much as all its zones, or all its patches.
+    All regions, zones and patches are one family of score tests. Before the test all regions are
+    equally probable, and each is as probable as all its zones, or all its patches, together.
 
     Attributes:
         regions: A test for each part, mass, spring, support and whole joint.
@@ -70,8 +70,7 @@ class Location:
     def ranked(self) -> tuple[ScoreTest, ...]:
         """Places that explain more than chance, the most probable first.
 
-        Mirror images differ by round-off only: those as probable to a tenth of a nat stand as the
-        model lists them.
+        Those that differ by round-off only, as mirror images do, stand in the order of the model.
         """
         patches = () if self.patches is None else self.patches.tests
         places = (*self.regions, *self.zones, *patches)
@@ -144,8 +143,8 @@ def locate_gap(model: Prepared, *, n_patches: int = PATCHES) -> Location:
 
 
 def _regions(model: Prepared) -> tuple[dict[str, list[str]], dict[str, list[str]]]:
-    """Components of the model by region, joints whole, without what the test itself changed and
-    what only rare effects use; and the zones of joints that have several."""
+    """Components of the model by region, with whole joints, without those that the test itself
+    changed or that only rare effects use; and the zones of joints that have several."""
     shown = model.zones.shown
     changed = () if model.case.test is None else model.case.test.changed
     aside = {*changed, ON, HUNG}
@@ -158,7 +157,7 @@ def _regions(model: Prepared) -> tuple[dict[str, list[str]], dict[str, list[str]
 
 
 def _places(model: Prepared, groups: Mapping[str, list[str]]) -> Iterator[Place]:
-    """Regions or zones, by the change of everything measured that the reduced model predicts."""
+    """Regions or zones, with the changes of all data that the reduced model predicts for them."""
     soft, shown = interfaces(model.zones, model.baseline), model.zones.shown
     expected = CABLE_MASS[0] * model.full.total_mass(model.baseline)
     without = [name for name in model.case.attached if model.baseline.get(f"{name}.mass") == 0.0]
@@ -182,8 +181,8 @@ def _places(model: Prepared, groups: Mapping[str, list[str]]) -> Iterator[Place]
 
 
 def _patches(model: Prepared, split: Patches) -> Iterator[Place]:
-    """Changes about patches of cells that fall with the distance over each of the lengths, one
-    length after the other, by the same signatures as those of an unknown cause."""
+    """Patches of cells, with changes that decrease with the distance from them, one length after
+    the other; by the signatures of an unknown cause."""
     evidence, there = model.evidence, model.evidence.signatures
     if there is None or there.names != split.names:
         evidence = model.with_signatures(split)

@@ -29,12 +29,12 @@ from fenics_joints.diagnosis.effects.damping import (
     STIFFENING,
     amplitude_effects,
 )
-from fenics_joints.diagnosis.effects.effect import relative_error
+from fenics_joints.diagnosis.effects.effect import Effect, Setting, relative_error
 from fenics_joints.diagnosis.evidence import fit
 from fenics_joints.diagnosis.evidence.evidence import evidence_of
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.scales import BETWEEN, correlation
-from fenics_joints.diagnosis.zones.zone import Zone
+from fenics_joints.diagnosis.zones.zone import Zone, Zones
 from fenics_joints.measurements.data import TestData
 
 LEVELS = np.array([5, 20, 30, 40, 50, 60, 70, 80.0])
@@ -76,10 +76,10 @@ def fitted(hertz, ratios=None, levels=LEVELS, *, noise=1.0) -> dict:
         damping_noise=noise * DAMPING_NOISE,
     )
     evidence = evidence_of(data, 0.01)
-    effects, _ = amplitude_effects(data, [Zone("lap")])
+    effects = list(amplitude_effects(Setting(None, data, Zones(None, (Zone("lap"),)))))
     free = relative_error("compliance", "lap", ["lap.G"], 1.0, "")
     found = {}
-    for effect in (None, *effects):
+    for effect in (None, *(e for e in effects if isinstance(e, Effect))):
         hypothesis = Hypothesis(
             (effect,) if effect else (),
             (free,),

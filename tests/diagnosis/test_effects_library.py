@@ -12,7 +12,8 @@ from mpi4py import MPI
 
 from fenics_joints.case import Case, build_mesh, build_structure
 from fenics_joints.case.dimensions import Dimensions
-from fenics_joints.diagnosis.effects.library import case_effects, case_nuisances
+from fenics_joints.diagnosis.effects.effect import Setting, Silent, relative_error
+from fenics_joints.diagnosis.effects.library import LIBRARY, case_effects, case_nuisances
 from fenics_joints.diagnosis.effects.samples import sample_ranges, sample_values
 from fenics_joints.diagnosis.zones.joints import joint_zones
 from fenics_joints.diagnosis.zones.zone import Zones, bonded_values
@@ -56,7 +57,8 @@ def case(zones):
 
 def library(case, zones, data, **diagnose):
     case = case.model_copy(update={"diagnose": case.diagnose.model_copy(update=diagnose)})
-    return case_effects(case, data, zones.with_thickness(dict.fromkeys(case.joints, LAYER)))
+    zones = zones.with_thickness(dict.fromkeys(case.joints, LAYER))
+    return case_effects(Setting(case, data, zones))
 
 
 def test_each_effect_changes_what_it_should_and_no_more(case, zones):
@@ -179,12 +181,30 @@ def test_what_a_test_cannot_speak_of_is_said(case, zones):
         library(case, zones, measured(), effects=["rust"])
 
 
+def test_an_entry_more_is_an_effect_more(case, zones, monkeypatch):
+    """Asked for by its name, or where all are looked for, in its place; silent where it says so."""
+
+    def rusts(setting):
+        for part in setting.case.parts:
+            yield relative_error("rust", part, [f"{part}.rho"], 0.1, "It rusts.")
+        if len(setting.data) < 2:
+            yield Silent("rust", "it takes two torques")
+
+    before, _ = library(case, zones, measured())
+    monkeypatch.setattr("fenics_joints.diagnosis.effects.library.LIBRARY", [rusts, *LIBRARY])
+    found, _ = library(case, zones, measured())
+    assert [e.key for e in found[:2]] == ["rust (upper)", "rust (lower)"]
+    assert [e.key for e in found[2:]] == [e.key for e in before]
+    found, silent = library(case, zones, measured(TORQUES[:1]), effects=["rust"])
+    assert {e.name for e in found} == {"rust"} and [s.effect for s in silent] == ["rust"]
+
+
 def test_what_a_mesh_cannot_have_is_no_cause(case, zones):
     """One of two plates with a joint between them may be thicker, and wider only with the other."""
     more = {"law": "uncoupled", "width": True, "tagged": zones.tagged}
     dimensions = Dimensions(zones.case, build_structure(zones.case, MPI.COMM_SELF, **more))
     zones = zones.with_thickness(dict.fromkeys(case.joints, LAYER))
-    found, silent = case_effects(case, measured(), zones, dimensions)
+    found, silent = case_effects(Setting(case, measured(), zones, dimensions))
     regions = {(e.name, e.region) for e in found}
     assert {("thickness error", "lower"), ("width error of all parts", "all parts")} <= regions
     assert not {("width error", "lower"), ("width error", "upper")} & regions

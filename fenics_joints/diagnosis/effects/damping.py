@@ -1,7 +1,5 @@
 """Effects that show in damping, and in how frequencies change with the level of a test.
 
-Effects that show only in how frequencies and damping change with the level of a test.
-
 The level is what the joint's motion is proportional to, in each mode with a factor of its own: an
 amplitude, or a force as long as the damping does not change much.
 """
@@ -13,23 +11,20 @@ from dataclasses import replace
 
 import numpy as np
 
-from fenics_joints.diagnosis.effects.effect import RARE, Effect, Prior, Silent
+from fenics_joints.diagnosis.effects.effect import RARE, Effect, Found, Prior, Setting, Silent
 from fenics_joints.diagnosis.zones.zone import Zone
 from fenics_joints.measurements.data import TestData
 
 HYSTERETIC = "joint hysteretic damping"
 VISCOUS = "joint viscous damping"
-SUPPORTS = "damping of the supports"
 _DAMPING = "joint damping"
+#: Why a test without them is silent on effects that show in damping alone.
+NO_RATIOS = "the test has no damping ratios of known accuracy ([test] damping, damping_noise)"
 #: Loss factor of a joint's interface at small motion: 0.02, within a factor of 4 either way. With a
 #: tenth of the strain energy in the joint that is a damping ratio of 0.1 %, and bolted structures
 #: of metal have 0.05 to 0.5 %, most of it from their joints. [prior: damping ratios of bolted
 #: metal; spread chosen]
 _LOSS_FACTOR = (0.02, np.log(4.0), "", True, (0.0, 2.0))
-#: Of what holds a structure: clamped metal has 0.01, wood, foam and rubber 0.05 to 0.3 (Beards,
-#: Structural Vibration, 1996), and a foot that radiates into the ground as much; within a factor of
-#: 4 either way. [prior: Beards 1996]
-_HELD = Prior("eta", 0.05, np.log(4.0), "", True, (1e-4, 2.0))
 
 
 def has_damping(data: TestData) -> bool:
@@ -74,54 +69,6 @@ def viscous_damping(zones: Sequence[Zone], hz_ref: float) -> Effect:
 
     words = "The joint dissipates in proportion to the frequency, as a film of oil does."
     return _damping(VISCOUS, "eta_ref", loss, words)
-
-
-def spring_damping(springs: Sequence[str], region: str, weight: float = 1.0) -> Effect:
-    """A loss factor of the springs on which the structure stands or hangs.
-
-    Args:
-        springs: Their names; each has a parameter ``NAME.stiffness``.
-        region: Where, for people.
-        weight: Prior odds: one over the number of such places.
-    """
-
-    def loss(theta, condition, hz):
-        return {f"{name}.stiffness": theta["eta"] for name in springs}
-
-    words = "What the structure hangs or stands on dissipates a share of what it stores in a cycle."
-    return Effect(
-        SUPPORTS,
-        region,
-        (_HELD,),
-        None,
-        words,
-        family=SUPPORTS,
-        loss=loss,
-        weight=weight,
-        beside=True,
-    )
-
-
-def support_damping(supports: Sequence[str], compliant: Effect) -> Effect:
-    """Supports that give way and dissipate a share of what they store: one that is rigid does none.
-
-    Args:
-        supports: Their names; each has parameters ``NAME.k_n`` and ``NAME.k_t``.
-        compliant: Their compliance (`rig.support_compliance`).
-    """
-
-    def loss(theta, condition, hz):
-        return {f"{name}.{key}": theta["eta"] for name in supports for key in ("k_n", "k_t")}
-
-    words = "What holds the structure gives way, and dissipates a share of what it stores."
-    return replace(
-        compliant,
-        name=SUPPORTS,
-        priors=(*compliant.priors, _HELD),
-        describe=words,
-        loss=loss,
-        beside=True,
-    )
 
 
 def _lossy(zones: Sequence[Zone]) -> list[str]:
@@ -248,14 +195,12 @@ def gapping(zones: Sequence[Zone], reference: float) -> Effect:
         reference: Level at which ``drop`` holds.
     """
 
-    def apply(values, theta, level):
-        left = 1 - relative_drop(theta["drop"] * (level / reference) ** theta["power"])
-        for zone in zones:
-            for key in zone.parameters():
-                values[key] *= left
-
     words = "The joint softens with the level elastically: gaps open, or its geometry changes."
-    return Effect(SOFTENING, "joint", (_DROP, _POWER), apply, words, True, _BY_LEVEL, by_level=True)
+
+    def factor(theta, x):
+        return 1 - relative_drop(theta["drop"] * x ** theta["power"])
+
+    return _elastic(SOFTENING, (_DROP, _POWER), zones, reference, factor, words)
 
 
 def stiffening(zones: Sequence[Zone], reference: float) -> Effect:
@@ -266,16 +211,27 @@ def stiffening(zones: Sequence[Zone], reference: float) -> Effect:
         reference: Level at which ``rise`` holds.
     """
 
-    def apply(values, theta, level):
-        for zone in zones:
-            for key in zone.parameters():
-                values[key] *= 1 + theta["rise"] * (level / reference) ** 2
-
     words = (
         "The joint stiffens with the level, as faces touch further out, large rotations or the "
         "suspension do; a drift from one level to the next looks like it."
     )
-    return Effect(STIFFENING, "joint", (_RISE,), apply, words, True, _BY_LEVEL, by_level=True)
+
+    def factor(theta, x):
+        return 1 + theta["rise"] * x**2
+
+    return _elastic(STIFFENING, (_RISE,), zones, reference, factor, words)
+
+
+def _elastic(name: str, priors, zones: Sequence[Zone], reference: float, factor, words) -> Effect:
+    """A factor on all stiffness of the joint, by ``factor(theta, level / reference)``."""
+    keys = [key for zone in zones for key in zone.parameters()]
+
+    def apply(values, theta, level):
+        change = factor(theta, level / reference)
+        for key in keys:
+            values[key] *= change
+
+    return Effect(name, "joint", priors, apply, words, True, _BY_LEVEL, by_level=True)
 
 
 def growing_damping(reference: float) -> Effect:
@@ -287,41 +243,43 @@ def growing_damping(reference: float) -> Effect:
         reference: Level at which its loss factor ``eta`` holds.
     """
 
-    def apply(values, theta, level):
-        pass
-
     def loss(theta, level, hz):
         return {"": theta["eta"] * (level / reference) ** theta["power"]}
 
     words = "Damping grows with the level and the stiffness stays: air, material, the suspension."
     return Effect(
-        GROWING, "", (_GROWN, _GROWTH), apply, words, True, by_level=True, loss=loss, weight=RARE
+        GROWING, "", (_GROWN, _GROWTH), None, words, True, by_level=True, loss=loss, weight=RARE
     )
 
 
-def amplitude_effects(
-    data: TestData, zones: Sequence[Zone]
-) -> tuple[tuple[Effect, ...], tuple[Silent, ...]]:
-    """The effects that this test can speak of, and those it cannot, each with the reason.
+def joint_damping(s: Setting) -> Found:
+    """What joints dissipate at any level."""
+    if not len(s.zones):
+        return
+    if not has_ratios(s.data):
+        yield from (Silent(name, NO_RATIOS) for name in (HYSTERETIC, VISCOUS))
+        return
+    yield hysteretic_damping(s.zones.all)
+    yield viscous_damping(s.zones.all, float(np.exp(np.nanmean(np.log(s.data.frequencies_hz)))))
 
-    Args:
-        data: The test.
-        zones: The joint's zones.
-    """
+
+def amplitude_effects(s: Setting) -> Found:
+    """What changes with the level of excitation or response."""
+    data, zones = s.data, s.zones.all
     if not data.by_level or len(data) < 2:
         what = "level" if data.by_level else f"{data.condition_name} and not by level"
         is_one = f"the test has one {what}" if data.by_level else f"the test is by {what}"
         reason = f"{is_one}; it needs the same modes at two or more levels of force or amplitude"
-        return (), tuple(Silent(name, reason) for name in NAMES)
-    reference, effects, silent = float(data.conditions[-1]), [], []
+        yield from (Silent(name, reason) for name in NAMES)
+        return
+    reference = float(data.conditions[-1])
     if zones:
-        effects = [law(zones, reference) for law in (micro_slip, gapping, stiffening)]
+        yield from (law(zones, reference) for law in (micro_slip, gapping, stiffening))
     else:
         of_joints = (MICRO_SLIP, SOFTENING, STIFFENING)
-        silent = [Silent(name, "the model has no joint") for name in of_joints]
+        yield from (Silent(name, "the model has no joint") for name in of_joints)
     if has_damping(data):
-        effects.append(growing_damping(reference))
+        yield growing_damping(reference)
     else:
         reason = "the test has no damping ratio of any mode at two or more levels"
-        silent.append(Silent(GROWING, reason))
-    return tuple(effects), tuple(silent)
+        yield Silent(GROWING, reason)

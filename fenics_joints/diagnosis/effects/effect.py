@@ -22,14 +22,19 @@ extra=[delaminated])``. The parameters of a case's model are listed by
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from itertools import product
 
 import numpy as np
 from scipy.special import ndtr, ndtri
 
+from fenics_joints.case import Case
+from fenics_joints.case.dimensions import Dimensions
+from fenics_joints.diagnosis.zones.sites import Sites
+from fenics_joints.diagnosis.zones.zone import Zones
 from fenics_joints.errors import flag, real, text, whole
+from fenics_joints.measurements.data import TestData
 from fenics_joints.reduction.reduced import N_BENDS
 
 
@@ -227,6 +232,41 @@ class Silent:
 
     effect: str
     reason: str
+
+
+@dataclass(frozen=True)
+class Setting:
+    """A case and its test, for which effects are looked for.
+
+    Attributes:
+        case: The case, with a joint for each zone.
+        data: The test.
+        zones: Its joints in zones.
+        dimensions: Which thicknesses and widths the model can represent; None: all.
+        sites: Places where something may be that the nominal model has nothing of.
+        mass: Of the structure, kg.
+    """
+
+    case: Case
+    data: TestData
+    zones: Zones
+    dimensions: Dimensions | None = None
+    sites: Sites = field(default_factory=Sites.none)
+    mass: float = 1.0
+
+    @property
+    def reference(self) -> float | None:
+        """Torque at which stiffnesses of joints hold; None if the test has one torque or none."""
+        return float(self.data.conditions[-1]) if by_preload(self.data) else None
+
+
+#: What a function of the library yields for a `Setting`: effects, and those that are silent.
+Found = Iterator[Effect | Silent]
+
+
+def by_preload(data: TestData) -> bool:
+    """Whether the test has several torques (or other preloads), by which joints may stiffen."""
+    return len(data) > 1 and bool(np.all(data.conditions > 0)) and not data.by_level
 
 
 def in_series(values: dict[str, float], key: str, stiffness: float) -> None:

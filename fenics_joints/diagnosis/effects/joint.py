@@ -14,8 +14,16 @@ from math import comb
 
 import numpy as np
 
-from fenics_joints.diagnosis.effects.effect import RARE, Effect, Prior
-from fenics_joints.diagnosis.zones.zone import GIVEN_LAP, LAP, LAYER, Zone, ZoneInterface
+from fenics_joints.diagnosis.effects.effect import (
+    RARE,
+    Effect,
+    Found,
+    Prior,
+    Setting,
+    Silent,
+    relative_error,
+)
+from fenics_joints.diagnosis.zones.zone import GIVEN_LAP, LAP, LAYER, Zone, ZoneInterface, Zones
 
 #: Exponent of K = alpha P^beta (Tian et al. 2021, eqs. 22 and 23), P proportional to the torque.
 #: [prior: Tian et al. 2021, eqs. 22 and 23; spread chosen]
@@ -211,16 +219,9 @@ def compliant(
                 for zone in members:
                     zone.give_way(values, kind, k)
 
-    return Effect(
-        name,
-        region,
-        tuple(priors.values()),
-        apply,
-        describe,
-        reference is not None,
-        law.family if family is None else family,
-        weight=weight,
-    )
+    own, by_torque = tuple(priors.values()), reference is not None
+    family = law.family if family is None else family
+    return Effect(name, region, own, apply, describe, by_torque, family, weight=weight)
 
 
 def graded(
@@ -399,16 +400,8 @@ def stiffer_joint(
 
     priors = (_FACTOR,) if reference is None else (_FACTOR, Prior("beta", *EXPONENT))
     words = "The faces hold together better than the stiffness that the model was given."
-    return Effect(
-        name,
-        region,
-        priors,
-        apply,
-        words,
-        reference is not None,
-        PRIORS[zones[0].interface.name].family,
-        weight=weight,
-    )
+    by_torque, family = reference is not None, PRIORS[zones[0].interface.name].family
+    return Effect(name, region, priors, apply, words, by_torque, family, weight=weight)
 
 
 SMALLER = "contact area smaller than modelled"
@@ -481,15 +474,8 @@ def lost_beyond(zones: Sequence[Zone], reference: float | None = None) -> Effect
         # The scan takes all other parameters for linear, which a cut-off is not.
         priors = [replace(radius, scan=0), Prior("cutoff", *_CUTOFF, "", True, (0.0, 0.9))]
         words = "The faces hold together only near the bolts, further out at higher torque."
-    return Effect(
-        "contact lost at low pressure",
-        "joint",
-        tuple(priors),
-        apply,
-        words,
-        reference is not None,
-        _FAMILY,
-    )
+    name, by_torque = "contact lost at low pressure", reference is not None
+    return Effect(name, "joint", tuple(priors), apply, words, by_torque, _FAMILY)
 
 
 def smaller_contact(zones: Sequence[Zone]) -> Effect:
@@ -599,16 +585,9 @@ def _loose(name, region, zones, words, weight, holds=frozenset()) -> Effect:
             for kind in zone.interface.keys:
                 zone.give_way(values, kind, theta[prior.name])
 
-    return Effect(
-        name,
-        region,
-        (prior,),
-        apply,
-        words + effect.format(them=them),
-        family="bolt",
-        weight=weight,
-        holds=holds,
-    )
+    words += effect.format(them=them)
+    rest = {"family": "bolt", "weight": weight, "holds": holds}
+    return Effect(name, region, (prior,), apply, words, **rest)
 
 
 def low_preload(region: str, zones: Sequence[Zone], name: str, weight: float = 1.0) -> Effect:
@@ -632,3 +611,122 @@ def low_preload(region: str, zones: Sequence[Zone], name: str, weight: float = 1
     priors = (_PRELOAD, Prior("beta", *EXPONENT))
     words = "The bolts press less than the nominal model says, and the interface is softer for it."
     return Effect(name, region, priors, apply, words, family="preload", weight=weight)
+
+
+# -- which of them a case has ----------------------------------------------------------------------
+
+#: What layers may have, and joint elements of beams not.
+_NOT_OF_LAPS = {
+    "joint compliance that falls with the pressure": (
+        "joint elements of beams know no pressure; a stiffness graded along the lap is looked for"
+    ),
+    "contact lost at low pressure": (
+        "joint elements have their beams' own stiffness too, which no loss of contact takes"
+    ),
+}
+
+
+def compliances(s: Setting) -> Found:
+    """What the joints give way: all of them alike, by their pressure, and from place to place."""
+    zones, reference = s.zones, s.reference
+    if not len(zones):
+        return
+    law = PRIORS[zones.all[0].interface.name]
+    for kinds, (name, words) in law.alone.items():
+        yield compliant(name, "joint", zones.all, kinds, reference, words)
+    if zones.by_pressure:
+        yield pressed_compliance(zones.all)
+        yield lost_contact(zones.all)
+        return
+    if 0 < len(zones.away) < len(zones):
+        away = zones.pick(zones.away)
+        where = ", ".join(dict.fromkeys(zone.joint for zone in away))
+        words = "The plates are as one under the bolts and barely touch elsewhere."
+        yield compliant("compliance away from the bolts only", where, away, None, reference, words)
+    for kinds in law.graded_kinds:
+        for grading in zones.gradings:
+            groups = {group: zones.pick(names) for group, names in grading.groups.items()}
+            yield graded(groups, kinds, grading.how, reference)
+    yield from _by_distance(zones, reference) if zones.laps is None else _along_laps(zones)
+    for kind, places in zones.places.items():
+        for place, names in places.items():
+            name, words = (text.format(kind=kind, place=place) for text in law.at_one)
+            rest = {"family": "one place", "weight": 1 / len(places)}
+            yield compliant(name, place, zones.pick(names), None, reference, words, **rest)
+    if zones.laps is not None:
+        yield from (Silent(name, reason) for name, reason in _NOT_OF_LAPS.items())
+
+
+def _by_distance(zones: Zones, reference: float | None) -> Found:
+    """Layers pressed by their bolts, where some are further from them than others."""
+    around = [zone for zone in zones if zone.bolt]
+    if len({zone.distance for zone in around}) > 1:
+        yield pressed_by_bolts(around, reference)
+        yield pressed_by_bolts(around, reference, ("t",))
+        yield lost_beyond(around, reference)
+        yield smaller_contact(around)
+
+
+def _along_laps(zones: Zones) -> Found:
+    """The axial stiffness of laps, which the model takes from the beams or the case."""
+    along = {lap.name: lap.along for lap in zones.laps}
+    where = ", ".join(along) if len(along) < 3 else "all laps"
+    places = {where: list(along.values())}
+    if len(along) > 1:
+        places |= {name: [own] for name, own in along.items()}
+    words = "Along the beams the lap is softer or stiffer than the two beams side by side."
+    for place, laps in places.items():
+        keys = [f"{lap}.axial" for lap in laps]
+        rest = {"span": (0.0, np.inf), "weight": 1.0 if place == where else 1 / len(along)}
+        yield relative_error("joint axial stiffness", place, keys, AXIAL, words, **rest)
+
+
+def stiffer_than_given(s: Setting) -> Found:
+    """Layers stiffer than given: all of them, and those away from the bolts, or near them, alone.
+
+    Laps with a stiffness of their own may be off either way as they are.
+    """
+    zones = s.zones
+    if not len(zones) or zones.laps is not None:
+        return
+    if s.case.diagnose.joints == "bonded" or zones.by_pressure:
+        reason = (
+            "the nominal joint is bonded, and nothing is stiffer; "
+            '[diagnose] joints = "given" takes the stiffness that the case gives'
+        )
+        yield Silent(STIFFER, reason)
+        return
+    near = tuple(name for name in zones.names if name not in zones.away)
+    places = {"away from the bolts": zones.away, "near the bolts": near}
+    places = {place: names for place, names in places.items() if 0 < len(names) < len(zones)}
+    yield stiffer_joint(STIFFER, "joint", zones.all, s.reference)
+    for place, names in places.items():
+        weight = 1 / len(places)
+        yield stiffer_joint(STIFFER_AT, place, zones.pick(names), s.reference, weight)
+
+
+def bolts(s: Setting) -> Found:
+    """Bolts that are loose, or press less than the nominal model says."""
+    zones = s.zones
+    if not len(zones) or zones.by_pressure:
+        return  # a contact's layer stands for a preload that was solved for
+    by_bolt = {name: zones.pick(own) for name, own in zones.by("bolt").items()}
+    single = by_bolt if len(by_bolt) > 1 else {}
+    weight = 1 / max(len(single), 1)
+    yield from (loose_bolt(name, own, weight) for name, own in single.items())
+    yield from loose_together(single)
+    pressed = zones.all if zones.laps is None else sum(by_bolt.values(), ())
+    if s.case.diagnose.joints == "bonded":
+        nominal = "joint is bonded" if zones.laps is None else "lap is as one piece"
+        reason = (
+            f"the nominal {nominal}, so that nothing in it depends on the preload; "
+            '[diagnose] joints = "given" takes the stiffness that the case gives'
+        )
+        yield Silent(LOW_PRELOAD, reason)
+    elif not pressed:
+        reason = "no lap has a bolt ([joints.NAME] bolted, or bolts)"
+        yield Silent(LOW_PRELOAD, reason)
+    else:
+        yield low_preload("joint", pressed, LOW_PRELOAD)
+        name = "preload of one bolt lower than nominal"
+        yield from (low_preload(b, own, name, weight) for b, own in single.items())

@@ -3,13 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from fenics_joints.case import Case
-from fenics_joints.case.dimensions import Dimensions, unfit
-from fenics_joints.diagnosis.effects.effect import Effect, Prior, Silent, relative_error
-from fenics_joints.measurements.data import TestData
+from fenics_joints.case.dimensions import unfit
+from fenics_joints.diagnosis.effects.effect import (
+    Effect,
+    Found,
+    Prior,
+    Setting,
+    Silent,
+    relative_error,
+)
+from fenics_joints.diagnosis.zones.laps import lap_as_one
+from fenics_joints.diagnosis.zones.zone import Zones
 
 #: Spread of a part's property as a cause, far beyond its tolerance: a wrong material or gauge.
 #: [prior: chosen]
@@ -123,18 +132,10 @@ def temperature(parts: Sequence[str], conditions: Sequence[float], drifts: bool)
     )
 
 
-def part_effects(
-    case: Case, data: TestData, dimensions: Dimensions | None
-) -> tuple[list[Effect], list[Silent]]:
-    """Errors of the parts of a case, and those that its model cannot represent.
-
-    Args:
-        case: The case.
-        data: The test.
-        dimensions: Which thicknesses and widths the model can represent; None: all.
-    """
-    parts, alike = tuple(case.parts), {}
-    for name, part in case.parts.items():
+def part_effects(s: Setting) -> Found:
+    """Errors of the parts of a case, and those that its model cannot represent."""
+    parts, alike = tuple(s.case.parts), {}
+    for name, part in s.case.parts.items():
         nominal = part.nominal()
         alike.setdefault((nominal["E"], nominal["nu"], nominal["rho"]), []).append(name)
     asked = [(key, [name], 1 / len(parts), False) for name in parts for key in CAUSES]
@@ -142,20 +143,39 @@ def part_effects(
     for group in alike.values():
         if len(group) > 1:
             asked += [(key, group, 1.0, len(group) == len(parts)) for key in (*CAUSES, "nu")]
-    found, left_out = [], {}
+    left_out: dict[tuple[str, str], list[str]] = {}
     for key, group, *more in asked:
         if key == "nu":
-            found.append(shear_error(group, case.parts[group[0]].nominal()["nu"], *more))
-            continue
-        effect = part_error(key, group, *more)
-        reason = unfit(dimensions, [f"{part}.{key}" for part in group])
-        if reason is None:
-            found.append(effect)
+            effect = shear_error(group, s.case.parts[group[0]].nominal()["nu"], *more)
         else:
-            left_out.setdefault((effect.name, reason), []).append(effect.region)
-    silent = [
-        Silent(name, f"of {', '.join(where)}: {reason}")
-        for (name, reason), where in left_out.items()
-    ]
+            effect = part_error(key, group, *more)
+            reason = unfit(s.dimensions, [f"{part}.{key}" for part in group])
+            if reason is not None:
+                left_out.setdefault((effect.name, reason), []).append(effect.region)
+                continue
+        yield with_laps(effect, s.case, s.zones)
     # By level a mode's amplitude stands in for the condition, whose order is then lost.
-    return [*found, temperature(parts, data.conditions, drifts=not data.by_level)], silent
+    warmer = temperature(parts, s.data.conditions, drifts=not s.data.by_level)
+    yield with_laps(warmer, s.case, s.zones)
+    for (name, reason), where in left_out.items():
+        yield Silent(name, f"of {', '.join(where)}: {reason}")
+
+
+def with_laps(effect: Effect, case: Case, zones: Zones) -> Effect:
+    """The same effect, with the stiffness of a lap that is as one piece going with its parts'.
+
+    Args:
+        effect: An error of parts.
+        case: The case.
+        zones: Its joints in zones.
+    """
+    if effect.apply is None or not zones.laps or case.diagnose.joints != "bonded":
+        return effect
+
+    def apply(values, theta, condition):
+        before = lap_as_one(case, zones, values)
+        effect.apply(values, theta, condition)
+        for key, k in lap_as_one(case, zones, values).items():
+            values[key] *= k / before[key]
+
+    return replace(effect, apply=apply)

@@ -3,13 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from fenics_joints.diagnosis.effects.effect import FACTOR, Effect, Prior, in_series, relative_error
+from fenics_joints.case import Case
+from fenics_joints.case.sections import AttachedMass
+from fenics_joints.diagnosis.effects.damping import NO_RATIOS, has_ratios
+from fenics_joints.diagnosis.effects.effect import (
+    FACTOR,
+    Effect,
+    Found,
+    Prior,
+    Setting,
+    Silent,
+    in_series,
+    relative_error,
+)
+from fenics_joints.diagnosis.zones.zone import bonded_values
 from fenics_joints.formatting import spaced
+from fenics_joints.reduction.prediction import ways_of
 from fenics_joints.reduction.reduced import monomials
 
+SUPPORTS = "damping of the supports"
 MISSCALED, MISPLACED = "sensor mis-scaled", "sensor misplaced"
 SWAPPED, MISSED = "mode mis-pairing", "mode missed by the test"
 #: Stiffness of a clamped face per area, Pa/m: that of an interface (1e11 to 1e13), less what the
@@ -30,6 +46,12 @@ _GAIN = Prior("gain", 1.0, 0.3)
 #: Place of a sensor that is wrong, relative to the length of the line of sensors: what is measured
 #: with a tape is off by less, what is read off another line of a table by more. [prior: chosen]
 _SHIFT = 0.03
+#: Of what holds a structure: clamped metal has 0.01, wood, foam and rubber 0.05 to 0.3 (Beards,
+#: Structural Vibration, 1996), and a foot that radiates into the ground as much; within a factor of
+#: 4 either way. [prior: Beards 1996]
+_HELD = Prior("eta", 0.05, np.log(4.0), "", True, (1e-4, 2.0))
+#: Relative spread of what is attached, at least. [numerical: chosen]
+_EXACT = 1e-3
 
 
 # -- attached to it --------------------------------------------------------------------------------
@@ -98,7 +120,101 @@ def support_compliance(supports: Sequence[str], weight: float = 1.0) -> Effect:
     return Effect(name, region, priors, apply, words, family="boundary", weight=weight)
 
 
+def spring_damping(springs: Sequence[str], region: str, weight: float = 1.0) -> Effect:
+    """A loss factor of the springs on which the structure stands or hangs.
+
+    Args:
+        springs: Their names; each has a parameter ``NAME.stiffness``.
+        region: Where, for people.
+        weight: Prior odds: one over the number of such places.
+    """
+
+    def loss(theta, condition, hz):
+        return {f"{name}.stiffness": theta["eta"] for name in springs}
+
+    words = "What the structure hangs or stands on dissipates a share of what it stores in a cycle."
+    of_all = {"family": SUPPORTS, "loss": loss, "weight": weight, "beside": True}
+    return Effect(SUPPORTS, region, (_HELD,), None, words, **of_all)
+
+
+def support_damping(supports: Sequence[str], weight: float = 1.0) -> Effect:
+    """Supports that give way and dissipate a share of what they store: one that is rigid does none.
+
+    Args:
+        supports: Their names; each has parameters ``NAME.k_n`` and ``NAME.k_t``.
+        weight: Prior odds: one over the number of such places.
+    """
+    compliant = support_compliance(supports, weight)
+
+    def loss(theta, condition, hz):
+        return {f"{name}.{key}": theta["eta"] for name in supports for key in ("k_n", "k_t")}
+
+    words = "What holds the structure gives way, and dissipates a share of what it stores."
+    return replace(
+        compliant,
+        name=SUPPORTS,
+        priors=(*compliant.priors, _HELD),
+        describe=words,
+        loss=loss,
+        beside=True,
+    )
+
+
+def attachments(s: Setting) -> Found:
+    """What is attached, held and known beside the parts; not what the test itself put on."""
+    case = s.case
+    put_on = () if case.test is None else case.test.changed
+    yield from (_attachment(case, name) for name in case.attached if name not in put_on)
+    yield from (misjudged(name, "mass", 1 / len(case.masses)) for name in case.masses)
+    yield from (misjudged(name, "stiffness", 1 / len(case.springs)) for name in case.springs)
+    supports = elastic_supports(case)
+    yield from (support_compliance([name], 1 / len(supports)) for name in supports)
+    if len(supports) > 1:
+        yield support_compliance(supports)
+
+
+def damping_around(s: Setting) -> Found:
+    """What supports and springs to the ground dissipate, where they are and damping says it."""
+    supports, springs = elastic_supports(s.case), list(s.case.springs)
+    if not (supports or springs):
+        return
+    if not has_ratios(s.data):
+        yield Silent(SUPPORTS, NO_RATIOS)
+        return
+    places = [[name] for name in supports] + [supports] * (len(supports) > 1)
+    weight = 1 / (len(places) + len(springs))
+    yield from (support_damping(own, weight) for own in places)
+    yield from (spring_damping([name], spaced(name), weight) for name in springs)
+
+
+def elastic_supports(case: Case) -> list[str]:
+    """Supports that are elastic in a case's nominal model: they have a stiffness."""
+    known = bonded_values(case)
+    return [name for name in case.supports if f"{name}.k_n" in known]
+
+
+def _attachment(case: Case, name: str) -> Effect:
+    """What the nominal model leaves out."""
+    section = case.attached[name]
+    is_mass = isinstance(section, AttachedMass)
+    key = "mass" if is_mass else "stiffness"
+    value = section.nominal()[key]
+    spread = case.tolerances().get(f"{name}.{key}", MASS if is_mass else SPRING)
+    priors = [Prior(key, value, max(spread, _EXACT), "kg" if is_mass else "N/m")]
+    if is_mass and section.shift() is not None:
+        priors.append(travel(section.shift()))
+    label = spaced(name)
+    words = f"The {key} of the {label} acts on the structure; the nominal model leaves it out."
+    return attached(f"{label} {key}", label, name, priors, words)
+
+
 # -- in the test -----------------------------------------------------------------------------------
+
+
+def _in_test(name, region, read, words, weight, priors=(), family=None) -> Effect:
+    """A cause in the test: what ``read(sensing, theta)`` changes of how it reads the structure."""
+    family = family or name
+    return Effect(name, region, priors, None, words, family=family, weight=weight, sensing=read)
 
 
 def misscaled_sensor(i: int, weight: float) -> Effect:
@@ -108,16 +224,7 @@ def misscaled_sensor(i: int, weight: float) -> Effect:
         sensing.gains[i] *= theta["gain"]
 
     words = f"Sensor {i + 1} reads all modes by one factor too large or too small."
-    return Effect(
-        MISSCALED,
-        f"sensor {i + 1}",
-        (_GAIN,),
-        None,
-        words,
-        family=MISSCALED,
-        weight=weight,
-        sensing=read,
-    )
+    return _in_test(MISSCALED, f"sensor {i + 1}", read, words, weight, (_GAIN,))
 
 
 def misplaced_sensor(i: int, length: float, weight: float, ways: int = 1) -> Effect:
@@ -143,16 +250,7 @@ def misplaced_sensor(i: int, length: float, weight: float, ways: int = 1) -> Eff
     priors = tuple(Prior(name, 0.0, sd, "m", False) for name in names)
     where = "along the line of sensors" if ways == 1 else "on its face"
     words = f"Sensor {i + 1} sits elsewhere {where} than the case says."
-    return Effect(
-        MISPLACED,
-        f"sensor {i + 1}",
-        priors,
-        None,
-        words,
-        family=MISPLACED,
-        weight=weight,
-        sensing=read,
-    )
+    return _in_test(MISPLACED, f"sensor {i + 1}", read, words, weight, priors)
 
 
 def missed_mode(j: int, names: Sequence[str]) -> Effect:
@@ -167,9 +265,7 @@ def missed_mode(j: int, names: Sequence[str]) -> Effect:
         sensing.order[sensing.order >= j] += 1
 
     words = f"The test's {names[j]} is the model's next one, and so on: it did not find that mode."
-    return Effect(
-        MISSED, names[j], (), None, words, family=SWAPPED, weight=1 / len(names), sensing=read
-    )
+    return _in_test(MISSED, names[j], read, words, 1 / len(names), family=SWAPPED)
 
 
 def swapped_modes(j: int, names: Sequence[str]) -> Effect:
@@ -184,13 +280,46 @@ def swapped_modes(j: int, names: Sequence[str]) -> Effect:
         sensing.order[[j, j + 1]] = sensing.order[[j + 1, j]]
 
     words = f"The test's {names[j]} is the model's {names[j + 1]}, and the other way round."
-    return Effect(
-        SWAPPED,
-        f"{names[j]}, {names[j + 1]}",
-        (),
-        None,
-        words,
-        family=SWAPPED,
-        weight=1 / (len(names) - 1),
-        sensing=read,
-    )
+    return _in_test(SWAPPED, f"{names[j]}, {names[j + 1]}", read, words, 1 / (len(names) - 1))
+
+
+def errors_of_test(s: Setting) -> Found:
+    """Modes taken for each other, and sensors that read wrongly or sit elsewhere."""
+    data = s.data
+    yield from (swapped_modes(j, data.mode_names) for j in range(len(data.mode_names) - 1))
+    read, reason = np.zeros(0, dtype=int), None
+    if data.shapes is None:
+        reason = "the test has no mode shapes ([test] shapes), and frequencies do not show it"
+    else:
+        read = np.flatnonzero(np.any(np.isfinite(data.shapes), axis=1))
+        reason = "a single sensor has no shape" if len(read) < 2 else None
+    if reason is not None:
+        yield from (Silent(name, reason) for name in (MISSCALED, MISPLACED))
+        return
+    points = data.sensors.points[read]
+    length = float(np.max(np.linalg.norm(points[:, None] - points[None, :], axis=2)))
+    yield from (misscaled_sensor(int(i), 1 / len(read)) for i in read)
+    if length > 0:
+        ways = len(ways_of(data.sensors, data.sensors.points.shape[1]))
+        yield from (misplaced_sensor(int(i), length, 1 / len(read), ways) for i in read)
+
+
+def missed_modes(s: Setting) -> Found:
+    """Modes of beams that the test did not find, such as those along them.
+
+    Of beams alone: their model has no torsion and no motion across the plane, and its modes along
+    the beams hardly show in the plane, so that counting modes goes wrong easily.
+    """
+    data = s.data
+    if s.zones.laps is None:
+        return
+    reasons = {
+        "measured shapes say which mode is which": data.shapes is not None,
+        "damping ratios of one mode more are not predicted": has_ratios(data),
+        "the test is by level, and its modes are followed": data.by_level,
+    }
+    reason = next((reason for reason, applies in reasons.items() if applies), None)
+    if reason is not None:
+        yield Silent(MISSED, reason)
+        return
+    yield from (missed_mode(j, data.mode_names) for j in range(len(data.mode_names)))

@@ -12,8 +12,17 @@ from dataclasses import replace
 import numpy as np
 
 from fenics_joints.case import Case
-from fenics_joints.diagnosis.effects.effect import RARE, Effect, Prior, Silent, place_prior
+from fenics_joints.diagnosis.effects.effect import (
+    RARE,
+    Effect,
+    Found,
+    Prior,
+    Setting,
+    Silent,
+    place_prior,
+)
 from fenics_joints.diagnosis.effects.part import DIMENSIONS
+from fenics_joints.diagnosis.effects.rig import SUPPORTS
 from fenics_joints.diagnosis.zones.sites import (
     BOW,
     HUNG,
@@ -25,7 +34,6 @@ from fenics_joints.diagnosis.zones.sites import (
     Plate,
     Sites,
 )
-from fenics_joints.measurements.data import TestData
 from fenics_joints.structure.changes import OFFSETS
 
 ADDED = "added mass"
@@ -46,6 +54,8 @@ _ASKS = {
 }
 
 _PLACED = (ADDED, CABLE, RESONATOR, LOCAL_LOSS, LOCAL_GAIN)
+#: What few structures have, so that a case has to ask for it.
+_FEW = (BOWED, TAPERED, SUPPORTS)
 
 #: Share of the stiffness of a patch that is gone: a cut half way through a beam is as soft as 2 to
 #: 3 heights of it more, and at a tenth of the height hardly anything (Ostachowicz and Krawczuk, J.
@@ -97,47 +107,37 @@ _SHAPES = frozenset(
 ) | {LOCAL_LOSS, LOCAL_GAIN, BOWED, TAPERED}
 
 
-def wanted(case: Case) -> set[str]:
-    """Prefixes of the parameters that the effects which a case asks for need."""
+def looked_for(case: Case, name: str) -> bool:
+    """Whether a case asks for an effect: by default for all but those of few structures, and for
+    these too if it says so."""
+    asked = case.diagnose.effects
+    return (name not in _FEW or case.diagnose.rare) if asked is None else name in asked
+
+
+def needed(case: Case) -> set[str]:
+    """Prefixes of the parameters that the effects at sites need which a case asks for."""
     return {prefix for name, prefix in _ASKS.items() if looked_for(case, name)}
 
 
-def looked_for(case: Case, name: str) -> bool:
-    """Whether a case asks for an effect: by default for those at a place, and others that few
-    structures have if it says so."""
-    asked = case.diagnose.effects
-    return name in _PLACED or case.diagnose.rare if asked is None else name in asked
-
-
-def sited_effects(
-    case: Case, data: TestData, sites: Sites, total_mass: float
-) -> tuple[list[Effect], list[Silent]]:
-    """The effects that a structure's sites give rise to, and those that it cannot have.
-
-    Args:
-        case: The case.
-        data: The test.
-        sites: Places of the structure.
-        total_mass: Its mass, kg.
-    """
-    found = []
+def sited_effects(s: Setting) -> Found:
+    """What may be somewhere on a structure, and shapes of its plates."""
+    case, sites, found = s.case, s.sites, []
     if len(sites.patches) > 1:
         found += [local_change(name, sites.patches, case) for name in (LOCAL_LOSS, LOCAL_GAIN)]
     if len(sites.points) > 1:
         hz = [
             np.exp(np.mean(np.log(f[np.isfinite(f)])))
-            for f in data.frequencies_hz.T
+            for f in s.data.frequencies_hz.T
             if np.isfinite(f).any()
         ]
         found += [
-            added_mass(sites, total_mass),
-            cable(sites, total_mass),
-            resonator(sites, total_mass, np.array(hz)),
+            added_mass(sites, s.mass),
+            cable(sites, s.mass),
+            resonator(sites, s.mass, np.array(hz)),
         ]
-    weight = RARE / max(len(sites.bowed), 1)
-    found += [bowed(plate, case, weight) for plate in sites.bowed]
-    weight = RARE / max(len(sites.tapered), 1)
-    found += [tapered(plate, case, weight) for plate in sites.tapered]
+    for make, plates in ((bowed, sites.bowed), (tapered, sites.tapered)):
+        found += [make(plate, case, RARE / len(plates)) for plate in plates]
+    yield from found
     reasons = {
         **dict.fromkeys(_PLACED, "the model has no cells of parts"),
         BOWED: "it is of structures that are one flat plate, of elements of degree 2, and of tests "
@@ -146,11 +146,7 @@ def sited_effects(
         "of tests with sensors",
     }
     there = {effect.name for effect in found}
-    silent = [Silent(name, why) for name, why in reasons.items() if name not in there]
-    return (
-        [effect for effect in found if looked_for(case, effect.name)],
-        [one for one in silent if looked_for(case, one.effect)],
-    )
+    yield from (Silent(name, why) for name, why in reasons.items() if name not in there)
 
 
 def _at(x: np.ndarray) -> str:
@@ -182,18 +178,8 @@ def local_change(name: str, patches: np.ndarray, case: Case) -> Effect:
         return _at(patches[_nearest(theta, count)])
 
     count = len(patches)
-    return Effect(
-        name,
-        "",
-        (depth, _SIZE, place_prior("place", count, count)),
-        apply,
-        words,
-        family=LOSS,
-        weight=RARE,
-        beside=True,
-        never_with=_SHAPES,
-        where=where,
-    )
+    priors = depth, _SIZE, place_prior("place", count, count)
+    return replace(_shaped(name, "", priors, apply, words, LOSS, RARE), where=where)
 
 
 def _nearest(theta: Mapping[str, float], count: int) -> int:
@@ -225,17 +211,9 @@ def _attached(
     def where(theta) -> str:
         return _at(sites.points[_nearest(theta, count)] + [theta[way] for way in OFFSETS])
 
-    return Effect(
-        name,
-        "",
-        (*priors, place_prior("place", count, count), *offsets),
-        put,
-        words,
-        family=ON,
-        weight=weight * sites.share,
-        beside=True,
-        where=where,
-    )
+    priors = (*priors, place_prior("place", count, count), *offsets)
+    rest = {"family": ON, "weight": weight * sites.share, "beside": True, "where": where}
+    return Effect(name, "", priors, put, words, **rest)
 
 
 def added_mass(sites: Sites, total_mass: float) -> Effect:
@@ -324,17 +302,7 @@ def bowed(plate: Plate, case: Case, weight: float) -> Effect:
         values[plate.parameter] = theta["height"]
 
     words = f"The structure is bowed {_LONG[plate.how]}: its middle stands off a line."
-    return Effect(
-        BOWED,
-        _LONG[plate.how],
-        (prior,),
-        apply,
-        words,
-        family=BOW,
-        weight=weight,
-        beside=True,
-        never_with=_SHAPES,
-    )
+    return _shaped(BOWED, _LONG[plate.how], (prior,), apply, words, BOW, weight)
 
 
 def tapered(plate: Plate, case: Case, weight: float) -> Effect:
@@ -350,18 +318,14 @@ def tapered(plate: Plate, case: Case, weight: float) -> Effect:
         _as_meshed(values, case)
         values[plate.parameter] = theta["taper"]
 
-    words = f"{plate.name} is thicker at one end than at the other."
-    return Effect(
-        TAPERED,
-        plate.name,
-        (_TAPER,),
-        apply,
-        words[:1].upper() + words[1:],
-        family=TAPER,
-        weight=weight,
-        beside=True,
-        never_with=_SHAPES,
-    )
+    words = f"{plate.name[:1].upper()}{plate.name[1:]} is thicker at one end than at the other."
+    return _shaped(TAPERED, plate.name, (_TAPER,), apply, words, TAPER, weight)
+
+
+def _shaped(name, region, priors, apply, words, family, weight) -> Effect:
+    """A change of a shape that the mesh has: none can be together with another."""
+    rest = {"family": family, "weight": weight, "beside": True, "never_with": _SHAPES}
+    return Effect(name, region, priors, apply, words, **rest)
 
 
 def _as_meshed(values: dict, case: Case) -> None:

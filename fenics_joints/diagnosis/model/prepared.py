@@ -14,10 +14,9 @@ from fenics_joints.case import Case
 from fenics_joints.case.dimensions import unfit
 from fenics_joints.case.fingerprint import fingerprint
 from fenics_joints.case.notes import OF_MODEL
-from fenics_joints.diagnosis.effects.effect import Effect, Silent
+from fenics_joints.diagnosis.effects.effect import Effect, Setting, Silent, by_preload
 from fenics_joints.diagnosis.effects.joint import interfaces
 from fenics_joints.diagnosis.effects.library import (
-    by_preload,
     case_effects,
     case_nuisances,
     check_parameters,
@@ -304,7 +303,8 @@ class Prepared(Subject):
         sites = found_sites(self)
         self.surrogate.exchange(placed(sites))
         self.sites, mass = sites, self.full.total_mass(self.baseline)
-        new = {e.key: e for e in sited_effects(self.case, self.data.as_it_is, sites, mass)[0]}
+        setting = Setting(self.case, self.data.as_it_is, self.zones, sites=sites, mass=mass)
+        new = {e.key: e for e in sited_effects(setting) if isinstance(e, Effect)}
         self.effects = tuple(new.get(e.key, e) for e in self.effects)
 
     def with_signatures(self, split: Patches) -> Evidence:
@@ -523,7 +523,9 @@ def prepare(
     case, zones = subject.case, subject.zones
     mass = subject.full.total_mass(subject.baseline)
     own = data.as_it_is
-    effects, silent = case_effects(case, own, zones, subject.dimensions, subject.sites, mass)
+    effects, silent = case_effects(
+        Setting(case, own, zones, subject.dimensions, subject.sites, mass)
+    )
     extra = [for_zones(effect, zones.by("joint")) for effect in extra]
     for name in {name for row in data.known for name in row} - subject.baseline.keys():
         raise InputError(

@@ -10,7 +10,7 @@ from fenics_joints.beams import BeamStructure
 from fenics_joints.case import Case, build_mesh, build_structure
 from fenics_joints.case.build_beams import build_beams
 from fenics_joints.case.dimensions import Dimensions
-from fenics_joints.diagnosis.effects.sited import wanted
+from fenics_joints.diagnosis.effects.sited import needed
 from fenics_joints.diagnosis.where.cells import BeamElements, MeshCells, StructureCells
 from fenics_joints.diagnosis.zones.contacts import contact_zones
 from fenics_joints.diagnosis.zones.joints import joint_zones
@@ -53,7 +53,7 @@ def with_places(subject: Subject, sensors: Sensors | None) -> Subject:
         subject: The nominal model.
         sensors: Of the test.
     """
-    full, asked = subject.full, wanted(subject.case)
+    full, asked = subject.full, needed(subject.case)
     if not isinstance(full, Structure) or not asked:
         return subject
     sites, changes, values = sites_of(subject.case, full, subject.dimensions, sensors, asked)

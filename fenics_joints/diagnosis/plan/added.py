@@ -9,7 +9,7 @@ from functools import cache, cached_property
 import numpy as np
 
 from fenics_joints.case.test import StaticTest
-from fenics_joints.diagnosis.effects.effect import Effect
+from fenics_joints.diagnosis.effects.effect import Effect, Setting
 from fenics_joints.diagnosis.effects.library import case_effects
 from fenics_joints.diagnosis.evidence.classes import APART
 from fenics_joints.diagnosis.evidence.entries import FUNCTION, STIFFNESS
@@ -550,7 +550,7 @@ class Candidates:
             shapes_at=None,
             frequencies_hz=np.repeat(m.data.frequencies_hz, 2, axis=0),
         )
-        effects, _ = case_effects(m.case, two, m.zones, m.dimensions)
+        effects, _ = case_effects(Setting(m.case, two, m.zones, m.dimensions))
         return {e.key: e for e in effects}
 
     def _damping(self) -> Iterator[Candidate]:
