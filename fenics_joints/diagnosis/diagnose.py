@@ -161,7 +161,7 @@ def diagnose(
 
 
 class _Answer:
-    """What the steps from the evidence to the answer hand to one another."""
+    """A diagnosis on its way from the evidence to the answer."""
 
     def __init__(self, case: Case, model: Prepared, progress: Progress, started: float):
         self.given, self.model, self.progress, self.started = case, model, progress, started
@@ -169,26 +169,24 @@ class _Answer:
         self.comm, self.case, self.data = model.comm, model.case, model.data
         self.evidence, self.baseline = model.evidence, model.baseline
 
-    @property
-    def forward(self):
-        return self.model.forward
-
     def diagnosis(self) -> Diagnosis:
-        """Weigh all effects and say what was found. Collective."""
+        """Weigh all effects, hold data out, locate the gap. Collective."""
         fits = self.search.run()
         fits = with_simulated(fits, self.search.scores(fits), self.evidence)
         order, probability = self.search.ranked(fits)
         fits = [fits[i] for i in order]
         alike = confusable_effects(fits, probability, self.evidence)
         grouped = classes(fits, probability, alike)
-        # The best that says what the gap is made of; "no gap" if that is the best.
+        # The best explanation of the gap; "no gap" if that is the best hypothesis.
         leader = next(f for f in fits if not f.hypothesis.unknown)
         after = self._gap(self.data, leader.log_f)
         seen = self._detectable(leader)
         effects = self._effects(fits, probability, grouped, seen)
         at_once = all_at_once(fits, leader, self.evidence) if leader.p_value < MISFIT else None
         verdict, summary = decide(fits, probability, effects, leader, after, at_once)
-        wrong, causes = is_wrong(fits, leader, self._touched(), alike), {}
+        conditions = self.evidence.conditions
+        touched = {e.key: e.touches(self.baseline, conditions) for e in self.model.effects}
+        wrong, causes = is_wrong(fits, leader, touched, alike), {}
         if verdict in NAMED:
             causes = several_causes(fits, probability, effects, grouped, alike)
         shrink = self._shrink(fits, wrong, causes)
@@ -203,6 +201,7 @@ class _Answer:
             )
         verdict, summary = confirm(verdict, summary, shrink)
         verdict, summary = with_strangers(verdict, summary, self.model.without_partner)
+        ratios = leader.log_damping
         self.progress.step("localising the gap")
         plain = replace(self.model, evidence=self.evidence.as_it_is, data=self.data.as_it_is)
         location = locate_gap(plain, n_patches=self.given.diagnose.patches)
@@ -229,7 +228,7 @@ class _Answer:
             silent=self.model.silent,
             by_level=self.data.by_level,
             joints=self.given.diagnose.joints if len(self.model.zones) else "",
-            damping=self._damping(leader),
+            damping=None if ratios is None else (self.data.damping, np.exp(ratios)),
             scales=leader.scales,
             location=location,
             shrinkage=shrink,
@@ -258,11 +257,6 @@ class _Answer:
             },
         )
 
-    def _damping(self, leader: Fit) -> tuple[np.ndarray, np.ndarray] | None:
-        if leader.log_damping is None:
-            return None
-        return self.data.damping, np.exp(leader.log_damping)
-
     def _hypotheses(self, fits, probability) -> list[HypothesisResult]:
         return [
             HypothesisResult(
@@ -278,14 +272,6 @@ class _Answer:
             for f, p in zip(fits, probability, strict=True)
         ]
 
-    def _beneath(self, effect: Effect, leader: Fit) -> dict[str, float]:
-        """The model that an effect is looked for in: the nominal one, but for an effect of the
-        level the leader without such, for nothing slips in a joint that is as one."""
-        if not effect.by_level:
-            return self.baseline
-        lowest = float(self.evidence.conditions[0])
-        return leader.hypothesis.still(leader.z, lowest, self.baseline)
-
     def _detectable(self, leader: Fit) -> dict[str, bool]:
         """Whether this test could see each effect at its expected size, by key."""
         model, library = self.model, self.search.library
@@ -297,11 +283,13 @@ class _Answer:
         )
         slipping = [e for e in model.effects if e.by_level]
         if slipping:
-            beneath = self._beneath(slipping[0], leader)
+            # In the leader without effects of the level: a bonded joint does not slip.
+            lowest = float(self.evidence.conditions[0])
+            beneath = leader.hypothesis.still(leader.z, lowest, self.baseline)
 
             def expected(effect: Effect | None, size: float) -> np.ndarray:
                 h = model.hypothesis(() if effect is None else (effect,))
-                many = ManyPredictions(h, self.forward, self.evidence, beneath)
+                many = ManyPredictions(h, model.forward, self.evidence, beneath)
                 return many.at(h.at(size), slopes=False)[0]
 
             found |= detectable(slipping, expected, expected(None, 0.0), self.evidence)
@@ -332,14 +320,9 @@ class _Answer:
             places.append(named.index(True))
             p = float(np.sum(probability[named]))
             found.append(EffectResult(label, "", p, label, True, words))
-        # Of those of no probability the one in the better hypothesis comes first.
+        # Of effects without any probability, the one in the better hypothesis comes first.
         order = np.lexsort((places, [-e.probability for e in found]))
         return [found[i] for i in order]
-
-    def _touched(self) -> dict[str, frozenset[str]]:
-        """The model's parameters that each effect acts on, by its key."""
-        conditions = self.evidence.conditions
-        return {e.key: e.touches(self.baseline, conditions) for e in self.model.effects}
 
     def _shrink(self, fits: Sequence[Fit], wrong: Callable[[Fit], bool], causes) -> Shrinkage:
         masks = folds(
@@ -369,7 +352,7 @@ class _Answer:
         )
 
     def _gap(self, data: TestData, log_f: Sequence[np.ndarray]) -> Gap:
-        """Of a test against ln f of the model at its conditions, its mesh's error taken off."""
+        """Gap of a test against ln f of the model at its conditions, less the mesh's error."""
         hz = np.exp(self.evidence.off_mesh(np.asarray(log_f)))
         return Gap(data.conditions, data.mode_names, data.frequencies_hz, hz)
 
@@ -378,10 +361,11 @@ class _Answer:
         if data is None:
             return None
         data = self.model.without_lost(data)
-        before = [self._nominal()] * len(data)
+        # Of a row that no known change preceded.
+        before = [self.model.nominal_log_f()[self.evidence.as_row[0]]] * len(data)
         after = at_conditions(
             leader.hypothesis,
-            self.forward,
+            self.model.forward,
             leader.z,
             data.conditions,
             self.baseline,
@@ -390,7 +374,7 @@ class _Answer:
         return self._gap(data, before), self._gap(data, after)
 
     def _somewhere(self, unknown: Fit) -> LocalisedUnknown | None:
-        """Whether an unknown cause has a place, and its mass if it is one point mass."""
+        """How probably an unknown cause has a place, and the point mass that explains it best."""
         seen, full, point = self.model.surrogate, self.model.full, None
         if unknown.placed is None:
             return None
@@ -407,14 +391,9 @@ class _Answer:
             )
         return LocalisedUnknown(float(unknown.placed), point)
 
-    def _nominal(self) -> np.ndarray:
-        """ln f of the nominal model, (m,); nan for modes without a partner in it."""
-        found, out = self.forward(self.baseline)[0], self.model.not_nominal
-        return found if out is None else np.where(out, np.nan, found)
-
 
 def _described(effect: Effect, best: Fit) -> str:
-    """What an effect is, and where the best explanation with it has it."""
+    """The description of an effect, with its place in the best explanation that holds it."""
     found = [
         row["at"]
         for row in best.hypothesis.table(best.z, best.covariance)

@@ -1,6 +1,6 @@
-"""Holds data out, chooses and fits without them, and says how far the gap shrinks on them.
+"""Holds data out, chooses and fits without them, and measures how far the gap shrinks on them.
 
-What each fold will show is stated before its data are looked at.
+For each fold a forecast is stated before its data are looked at.
 """
 
 from __future__ import annotations
@@ -25,9 +25,10 @@ from fenics_joints.diagnosis.shrinkage import Fold, Forecast, Interval, Shrinkag
 from fenics_joints.diagnosis.thresholds import INTERVAL
 from fenics_joints.parallel import spread
 
-#: Modes that what is stated of a model's error is worth. [decision: chosen]
+#: Number of modes that the stated error of a model counts for, beside the fitted ones. [decision:
+#: chosen]
 _KNOWN = 1.0
-#: Times what is stated that a model's error may be at most. [decision: chosen]
+#: Largest factor on the stated error of a model. [decision: chosen]
 _MOST = 2.0
 
 
@@ -48,8 +49,8 @@ def predictive(
             G = 0, and a hypothesis that is off by much at all levels is off at those held out.
     """
     fitted = blind.fitted
-    # What is stated of a model's error has to hold where it is not looked at, however little of it
-    # the fitted data call for.
+    # The stated error of a model has to hold for held-out data, however little of it the fitted
+    # data need.
     test = blind.at(refit.scales) if blind.drifts else blind
     total = test.full_covariance(refit.hypothesis.unknown)
     cross = total[np.ix_(scored, fitted)] * float(mended)
@@ -64,10 +65,10 @@ def predictive(
 def draws(
     refit: Fit, blind: Evidence, scored: np.ndarray, count: int, rng: np.random.Generator
 ) -> np.ndarray:
-    """Values of the scored entries that a hypothesis has them take, (count, k).
+    """Values of the scored entries, drawn from what a hypothesis predicts, (count, k).
 
-    Those of `predictive`, but with as much of what is stated of the model's error and of its
-    parameters as the fitted frequencies have of it, which is more or less (`share_of_stated`).
+    As by `predictive`, but with the errors of the model and of its parameters scaled by what the
+    fitted frequencies have of them (`share_of_stated`).
 
     Args:
         refit: See `predictive`.
@@ -84,7 +85,7 @@ def draws(
     error, e = normal[0] @ rest.T, blind.entries
     _, at = np.unique(e.mode[scored], return_inverse=True)
     common = (at[:, None] == at) / np.bincount(at)[at]
-    # Of a mode that was fitted at other conditions all is between these.
+    # A mode that was fitted at other conditions errs only by what changes between conditions.
     common[np.isin(e.mode[scored], e.mode[blind.fitted & (e.kind == FREQUENCY)])] = 0.0
     shared = error @ common.T
     for part, between in ((shared, False), (error - shared, True)):
@@ -95,12 +96,12 @@ def draws(
 
 
 def share_of_stated(refit: Fit, blind: Evidence, between: bool = False) -> tuple[float, float]:
-    """Mean square of the fitted frequencies' distance from what a hypothesis predicts, 1 where all
-    that is stated of it is there, and how many degrees of freedom know it.
+    """Mean square of the fitted frequencies' residuals over their stated variance, and its degrees
+    of freedom.
 
-    One number for all modes has an inverse chi-square prior about 1. It is of the modes' means over
-    the conditions, or of what is between these. An unknown cause may do anything, and what changes
-    between levels has scales of its own: these have all that is stated.
+    One factor for all modes has an inverse chi-square prior about 1. It is of the modes' means over
+    the conditions, or of what changes between these. It stays 1 for an unknown cause, and for tests
+    by level, whose errors have scales of their own.
 
     Args:
         refit: The hypothesis fitted to a part of the test.
@@ -124,8 +125,8 @@ def share_of_stated(refit: Fit, blind: Evidence, between: bool = False) -> tuple
 
 
 def _over_conditions(modes: np.ndarray, between: bool) -> np.ndarray:
-    """What makes of entries, of a mode each, (n,), the means of every mode, (m, n); or what all but
-    the first of a mode have beyond that, (n - m, n)."""
+    """Matrix from entries, each of a mode, (n,), to the mean of every mode, (m, n); or to the
+    difference from it of all but the first of a mode, (n - m, n)."""
     _, first, at = np.unique(modes, return_index=True, return_inverse=True)
     mean = (at == np.arange(len(first))[:, None]) / np.bincount(at)[:, None]
     return np.delete(np.eye(len(at)) - mean[at], first, axis=0) if between else mean
@@ -138,51 +139,51 @@ def held(evidence: Evidence, mask: np.ndarray, kinds: Sequence[int]) -> np.ndarr
     return there & np.isin(e.kind, kinds)
 
 
-def gain(
+def gains(
+    causes: Mapping[str, Callable[[Fit], bool]],
     refits: Sequence[Fit],
     score: np.ndarray,
-    holds: np.ndarray,
     blind: Evidence,
     data: np.ndarray,
     scored: np.ndarray,
-) -> float:
-    """ln of how much more probable held-out data are with a cause than without it.
+) -> dict[str, float]:
+    """ln of how much more probable held-out data are with each cause than without it, by its name.
 
     Both sides are mixtures of hypotheses, weighed without the data: those that hold the cause and
-    those that do not, an unknown cause among neither. Each speaks for itself: what it leaves on the
-    fitted data is not taken off. nan if one side has none.
+    those that do not, an unknown cause in neither. Residuals of the fitted data do not correct the
+    predictions here. nan if one side has no hypotheses.
 
     Args:
+        causes: Whether a hypothesis holds a cause, by the cause's name.
         refits: Hypotheses fitted without the held-out data.
         score: ln of their evidence and prior odds, (len(refits),).
-        holds: Which of them hold the cause.
         blind: The test without the held-out values.
         data: All of the test, shape (N,).
         scored: The held-out entries, shape (N,).
     """
-    known = np.array([not f.hypothesis.unknown for f in refits])
-    if not (known & holds).any() or not (known & ~holds).any():
-        return float("nan")
+    listed = [i for i, f in enumerate(refits) if causes and not f.hypothesis.unknown]
     logs = np.full(len(refits), -np.inf)
-    for i in np.flatnonzero(known):
+    for i in listed:
         mean, covariance = predictive(refits[i], blind, scored, mended=False)
         logs[i] = multivariate_normal.logpdf(data[scored], mean, covariance, allow_singular=True)
-    sides = []
-    for side in (known & holds, known & ~holds):
-        weight = score[side] - logsumexp(score[side])
-        sides.append(float(logsumexp(weight + logs[side])))
-    return sides[0] - sides[1]
+    found = dict.fromkeys(causes, float("nan"))
+    for name, holds in causes.items():
+        sides = [[i for i in listed if bool(holds(refits[i])) is side] for side in (True, False)]
+        if all(sides):
+            own, other = (logsumexp(score[i] - logsumexp(score[i]) + logs[i]) for i in sides)
+            found[name] = float(own - other)
+    return found
 
 
-#: Excess over the best wrong effect that is more than nothing: a point, rounded. [decision:
-#: rounding of what is printed]
+#: Least excess of S* over that of the best wrong effect, half of the last digit that is printed.
+#: [decision: rounding]
 _SHOWS = 0.005
-#: Draws of a forecast and of a bootstrap. [numerical: chosen]
+#: Draws of a forecast, and of a bootstrap. [numerical: chosen]
 _DRAWS = 2000
 #: Seed of the random numbers. [numerical: any]
 _SEED = 1
-#: A hypothesis this far (in ln) behind the best of a fold is not fitted anew without it, at most
-#: so many are. [numerical: chosen for time]
+#: Nats behind the best of a fold up to which hypotheses are fitted anew without its data, and their
+#: number at most. [numerical: chosen for time]
 _HOPELESS, _FAIR = 6.0, 4
 #: With this many modes or more the highest third of them is held out together. [decision: chosen]
 _BAND = 4
@@ -239,7 +240,7 @@ def _columns(n, m, columns) -> np.ndarray:
 
 
 def blinded(evidence: Evidence, held_out: np.ndarray) -> Evidence:
-    """A test without the values that are held out: they are not in it any more.
+    """A test without the held-out values.
 
     Args:
         evidence: The test.
@@ -269,7 +270,7 @@ def forecast(
     *,
     count: int = _DRAWS,
 ) -> Forecast:
-    """What the held-out frequencies will show, from all that is known without them.
+    """How far the gap will shrink on held-out frequencies, stated without them.
 
     They are drawn from the mixture of the hypotheses' predictive distributions, and the nominal
     model and the chosen one are scored on the draws as they will be on the data.
@@ -304,10 +305,10 @@ def forecast(
 
 
 def _noise_variance(chosen: Fit, evidence: Evidence, scored: np.ndarray) -> np.ndarray:
-    """Variance of each scored ln f that no model can undercut, shape (k,).
+    """Least variance of each scored ln f, for any model, shape (k,).
 
-    That of the measurement; and of the tightenings' scatter what the fit leaves open, all of it at
-    a torque that is held out.
+    That of the measurement, and of the tightenings' scatter as far as the fit leaves it open: all
+    of it at a torque that is held out.
     """
     e = evidence.entries
     variance = evidence.log_sd[e.row[scored], e.mode[scored]] ** 2
@@ -398,10 +399,11 @@ def cross_validate(
                 or library.of(candidates[i].hypothesis, blind, known).fit
                 for i in near
             ]
-            prior = np.asarray(log_prior)[near]
-            closed = _close(refits, prior, is_wrong, nominal, blind, scored)
-            gains = _gains(causes, refits, prior, blind, evidence, mask)
-            found = (*_open(name, closed, nominal, evidence, scored), gains)
+            score = np.array([f.log_evidence for f in refits]) + np.asarray(log_prior)[near]
+            closed = _close(refits, score, is_wrong, nominal, blind, scored)
+            shown = held(evidence, mask, (FREQUENCY, DAMPING))
+            gained = gains(causes, refits, score, blind, evidence.data, shown)
+            found = (*_open(name, closed, nominal, evidence, scored), gained)
         if progress:
             progress()
         return found
@@ -413,9 +415,10 @@ def cross_validate(
 
 
 def _near(candidates: Sequence[Fit], log_prior, blind: Evidence, always) -> np.ndarray:
-    """Which are fitted anew without a fold: the best by the data that are left, and ``always``.
+    """Indices of hypotheses that are fitted anew without a fold: the best by the remaining data,
+    and ``always``.
 
-    What all data had a say in is which sets of effects were solved for at all.
+    All data took part only in the choice of the sets of effects that were solved for at all.
     """
     if always is None:
         return np.arange(len(candidates))
@@ -426,18 +429,6 @@ def _near(candidates: Sequence[Fit], log_prior, blind: Evidence, always) -> np.n
     near = set(near_listed(scores, unknown, _HOPELESS, _FAIR).tolist())
     kept = {id(c) for c in always}
     return np.array([i for i, c in enumerate(candidates) if i in near or id(c) in kept])
-
-
-def _gains(causes, refits, log_prior, blind, evidence, mask) -> dict[str, float]:
-    """What each cause gains on a fold's held-out data."""
-    score = np.array([f.log_evidence for f in refits]) + np.asarray(log_prior)
-    scored = held(evidence, mask, (FREQUENCY, DAMPING))
-    return {
-        name: gain(
-            refits, score, np.array([holds(f) for f in refits]), blind, evidence.data, scored
-        )
-        for name, holds in causes.items()
-    }
 
 
 def _nominal(forward, evidence: Evidence, baseline) -> np.ndarray:
@@ -451,17 +442,16 @@ def _nominal(forward, evidence: Evidence, baseline) -> np.ndarray:
 
 
 def _close(
-    refits, log_prior, is_wrong, nominal, blind, scored
+    refits, score, is_wrong, nominal, blind, scored
 ) -> tuple[Fit, Fit | None, np.ndarray, Forecast]:
-    """All that a fold says before its data are looked at, which nothing that it is given holds:
-    its choice, its placebo, the variance of noise, (k,), and the forecast."""
-    score = np.array([f.log_evidence for f in refits]) + np.asarray(log_prior)
+    """What is stated of a fold without its data: the choice, the placebo, the variance of noise,
+    (k,), and the forecast."""
     weights = np.exp(score - logsumexp(score))
     known = np.array([not f.hypothesis.unknown for f in refits])
     wrong = np.array([is_wrong(f) for f in refits]) & known
     chosen = refits[int(np.argmax(np.where(known, score, -np.inf)))]
     noise = _noise_variance(chosen, blind, scored)
-    # What predicts the same is no rival: these data cannot tell the two apart.
+    # A hypothesis that predicts the same is no rival: these data cannot tell the two apart.
     for i in np.flatnonzero(wrong):
         change = np.expm1((refits[i].predicted - chosen.predicted)[scored])
         wrong[i] = refits[i] is chosen or np.mean(change**2) > np.mean(noise)
@@ -473,7 +463,7 @@ def _close(
 
 
 def _open(name, closed, nominal, evidence, scored) -> tuple[Fold, np.ndarray]:
-    """Score what was stated on the held-out values."""
+    """Compare what was stated with the held-out values."""
     chosen, rival, variance, stated = closed
     data = evidence.data[scored]
     predictions = (nominal, chosen.predicted, nominal if rival is None else rival.predicted)

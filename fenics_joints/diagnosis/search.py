@@ -23,21 +23,25 @@ from fenics_joints.parallel import on_root, spread
 from fenics_joints.progress import Progress
 from fenics_joints.reduction.basis import weak_greedy
 
-#: Leading hypotheses that are checked on the full model, of one effect and in the end; the error
-#: of a reduced frequency, relative to the discrepancy, above which the basis is enriched; and how
-#: often it is looked at. [numerical: chosen for time; error as `NEGLIGIBLE`]
-_LEADING_SINGLES, _LEADING, _REDUCED, _ROUNDS = 4, 2, 0.1, 4
-#: Nats behind the best within which hypotheses are weighed again: with a better model, and by
-#: sampling, of so many at most. [numerical: e^-10 and e^-5 are little; eight for time]
+#: Leading hypotheses that are checked on the full model: after the single effects, and at the end.
+#: [numerical: chosen for time]
+_LEADING_SINGLES, _LEADING = 4, 2
+#: Error of a reduced frequency above which the basis is enriched, relative to the discrepancy and
+#: at least; and how often that is checked. [numerical: as `NEGLIGIBLE`; chosen for time]
+_REDUCED, _LEAST, _ROUNDS = 0.1, 1e-4, 4
+#: How far behind the best hypotheses may be, in nats, and be weighed again by a better model, or by
+#: sampling; number of those that are sampled. [numerical: e^-10 and e^-5 are little; chosen for
+#: time]
 _AGAIN, _SAMPLED, _SAMPLES = 10.0, 5.0, 8
-#: Hypotheses that others are put beside, sets that are solved for, and nats that these may promise
-#: to be behind the best. [numerical: chosen for time]
+#: Hypotheses to which another effect is added; sets of effects that are solved for, and how far
+#: behind the best the screen may find these, in nats. [numerical: chosen for time]
 _PARENTS, _SETS, _MARGIN = 12, 24, 8.0
-#: Effects that are weighed first, and how much farther from the data than the best of them, as a
-#: factor on ln of the evidence and in nats, others may look and still be weighed. [numerical:
-#: chosen for time]
+#: Effects that are weighed first. Others are weighed by algebra alone if their evidence falls short
+#: of the largest possible one by so many times what the best of the first does, and so many nats
+#: more. [numerical: chosen for time]
 _FIRST, _FAR_OFF, _AT_LEAST = 4, 3.0, 50.0
-#: The best parts of which several at once are solved for. [numerical: chosen for time]
+#: Effects, such as single loose bolts, of which sets of one more are solved for: only the best.
+#: [numerical: chosen for time]
 _PARTS = 4
 
 
@@ -54,7 +58,7 @@ class Search:
         self._odds = log_odds(model.effects)
         #: ln of the prior odds of a cause outside the library against none.
         self.log_unknown = log_odds_outside(model.case.diagnose.outside)
-        #: How often such a cause is taken for one of the library; None before `run`.
+        #: How often such a cause is taken for one in the library; None before `run`.
         self.misattribution: Misattribution | None = None
         self.met = KnownEffects(model.baseline, model.evidence.conditions)
         for effect in model.effects:
@@ -67,7 +71,8 @@ class Search:
         return self.model.hypothesis(tuple(effects))
 
     def run(self) -> list[Fit]:
-        """Nothing, the unknown, each effect, and what is promising of several. Collective."""
+        """Weigh no effect, an unknown cause, each effect, and promising sets of several.
+        Collective."""
         model = self.model
         plain = [
             model.hypothesis((), name=NO_GAP),
@@ -109,11 +114,11 @@ class Search:
         return [f.fit for f in self._sampled(found)]
 
     def _simulate(self, alone: Sequence[Effect]) -> Misattribution:
-        """How often a cause outside the library is taken for one of it. Collective."""
+        """How often a cause outside the library is taken for one in it. Collective."""
         self.progress.step("simulating tests whose cause is not in the library")
         model, test = self.model, self.model.evidence
         if model.not_nominal is not None:
-            # What these are taken for changes from effect to effect.
+            # Which of the model's modes they are differs from effect to effect.
             test = test.without(np.broadcast_to(model.not_nominal, test.shape))
 
         def found() -> Misattribution:
@@ -126,7 +131,8 @@ class Search:
     # -- evidence ------------------------------------------------------------------------------
 
     def _all(self, tasks: Sequence[tuple[Hypothesis, Found | None]]) -> list[Found]:
-        """What the test says of hypotheses, each beside a parent. Collective."""
+        """Weigh hypotheses: each of one effect, or of a parent's effects and one more.
+        Collective."""
         library, test = self.library, self.model.evidence
 
         def work(task):
@@ -139,15 +145,14 @@ class Search:
         return spread(self.model.comm, tasks, work, _pack, _unpack)
 
     def _singles(self, hypotheses: Sequence[Hypothesis], nothing: Found) -> list[Found]:
-        """What the test says of each effect: of those that are far behind, by algebra alone.
-        Collective."""
+        """Weigh each effect; those that are far behind by algebra alone. Collective."""
         comm, library, test = self.model.comm, self.library, self.model.evidence
         looks = np.array(spread(comm, hypotheses, lambda h: library.promises(h, test)))
         order = np.argsort(-looks - self.log_prior(hypotheses), kind="stable")
         first = order[:_FIRST]
         found = dict(zip(first, self._all([(hypotheses[i], None) for i in first]), strict=True))
         best = max(f.fit.log_evidence for f in (nothing, *found.values()))
-        # What no prediction could exceed.
+        # No prediction could have more.
         most = max(-0.5 * np.linalg.slogdet(2 * np.pi * test.covariance())[1], best)
         least = most - _FAR_OFF * (most - best) - _AT_LEAST
         near = [i for i in order[_FIRST:] if looks[i] > least]
@@ -155,12 +160,12 @@ class Search:
         return [found.get(i) or library.glance(h, test) for i, h in enumerate(hypotheses)]
 
     def _near(self, found: Sequence[Found]) -> list[Found]:
-        """By their probability, the best first."""
+        """Hypotheses by their probability, the best first."""
         scores = self.scores([f.fit for f in found])
         return [found[i] for i in np.argsort(-scores, kind="stable")]
 
     def _leading(self, found: Sequence[Found], nats: float) -> list[int]:
-        """Which are that near the best of what the library has, the best first."""
+        """Indices of hypotheses of the library so near the best of them, the best first."""
         scores = self.scores([f.fit for f in found])
         listed = [i for i, f in enumerate(found) if not f.fit.hypothesis.unknown]
         listed.sort(key=lambda i: -scores[i])
@@ -204,12 +209,13 @@ class Search:
         return found
 
     def _is_another(self, effects: tuple[Effect, ...]) -> bool:
-        """Whether a set is another one in other words."""
+        """Whether a set of effects does the same to the model as another one."""
         same = self.met.same(effects)
         return same is not None and {e.key for e in same} != {e.key for e in effects}
 
     def _sampled(self, found: list[Found]) -> list[Found]:
-        """What leads with its evidence by sampling, if it has a rival. Collective."""
+        """The same with the evidence of the leading hypotheses by sampling, if there are several.
+        Collective."""
         near = self._leading(found, _SAMPLED)[:_SAMPLES]
         scores = self.scores([f.fit for f in found])
         if np.sum(scores > scores[near[0]] - _SAMPLED) < 2:
@@ -242,7 +248,7 @@ class Search:
         """Check leading hypotheses on the full model; enrich the basis and weigh again where
         needed, until it holds or `_ROUNDS` are over; `model_error` is what is left."""
         surrogate, found = self.model.surrogate, list(found)
-        limit = max(_REDUCED * self.model.evidence.discrepancy, 1e-4)
+        limit = max(_REDUCED * self.model.evidence.discrepancy, _LEAST)
 
         def near() -> list[Fit]:
             return [found[i].fit for i in self._leading(found, _AGAIN)]
@@ -307,9 +313,9 @@ class Search:
     def probabilities(self, fits: Sequence[Fit]) -> np.ndarray:
         """Posterior probability of each of the fitted hypotheses.
 
-        Those that fail their own check count together for no more than an unknown cause: the best
-        of wrong explanations is none. And what explains the test may be taken for a cause that is
-        outside the library (`fenics_joints.diagnosis.evidence.misattribution`).
+        Hypotheses whose own p-value is too small count together for no more than an unknown cause:
+        the best of wrong explanations is still wrong. And an explanation may be named in place of a
+        cause outside the library (`fenics_joints.diagnosis.evidence.misattribution`).
         """
         score = self.scores(fits)
         unknown = max(
@@ -318,7 +324,7 @@ class Search:
         known = np.array([not f.hypothesis.unknown for f in fits])
         failed = known & np.array([f.p_value < MISFIT for f in fits])
         if failed.any():
-            # Among themselves they keep their odds.
+            # Among each other they keep their odds.
             over = max(float(logsumexp(score[failed])) - unknown, 0.0)
             score = np.where(failed, score - over, score)
         found = np.exp(score - logsumexp(score))
@@ -333,10 +339,10 @@ class Search:
         return found
 
     def ranked(self, fits: Sequence[Fit]) -> tuple[np.ndarray, np.ndarray]:
-        """Which is the most probable, the next and so on, and their probabilities in that order.
+        """Indices of hypotheses, the most probable first, and their probabilities in that order.
 
-        Where all are so far behind an unknown cause that their probabilities underflow, they stand
-        in the order of their evidence.
+        Those so far behind an unknown cause that their probabilities underflow stand in the order
+        of their evidence.
         """
         found = self.probabilities(fits)
         order = np.lexsort((-self.scores(fits), -found))

@@ -1,4 +1,4 @@
-"""Which further measurement would tell the members of a class apart."""
+"""The further measurement that would best tell the members of a class apart."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ Offer = tuple[float, str]
 def best_measurement(model: Prepared, a: Fit, b: Fit) -> Offer | None:
     """The measurement with the largest expected separation of two hypotheses fitted to the test.
 
-    Offered are: the modes that the test did not see, the next ones it would see, an added known
-    mass at the best sensor, conditions outside the tested range, and damping, where it would
-    change with the level and was not measured. The first three come from the full model at the
-    middle condition. The other hypothesis is not fitted anew to what would be measured: that is
-    the most that it can tell.
+    Considered are the modes that the sensors miss, the next ones that they would see, a known mass
+    added at the best sensor, conditions outside the tested range, and damping if it changes with
+    the level and was not measured. The first three come from the full model at the middle
+    condition. The hypotheses are not fitted anew to the new measurement, so that the separation is
+    an upper bound.
 
     Args:
         model: The case with its test.
@@ -69,8 +69,8 @@ def best_measurement(model: Prepared, a: Fit, b: Fit) -> Offer | None:
 def separations(
     model: Prepared, fits: Sequence[Fit], grouped: Mapping[str, str], leader: Fit
 ) -> tuple[list[Separation], list[str]]:
-    """For each class of the leader with several members, what would split the leading two; and
-    notes of those whose models cannot be solved, for which what stands by now is not lost.
+    """For each class of the leader with several members, the measurement that would split the
+    leading two; and notes on those whose models cannot be solved, which must not stop a diagnosis.
 
     Args:
         model: The case with its test.
@@ -130,8 +130,8 @@ class MatchedPairs(NamedTuple):
 
 
 def same_in_both(a: Modes, b: Modes, surrogate: ReducedModel) -> MatchedPairs:
-    """Which modes are the same, by shapes all over: by order a mode that the sensors see in one of
-    the two alone would set all above it beside others. Collective.
+    """Pairs of modes by their shapes all over the structure. By order, a mode that the sensors see
+    in only one of the models would shift all modes above it. Collective.
 
     Args:
         a: Modes of the one model.
@@ -209,7 +209,7 @@ def _conditions(a: Fit, b: Fit, forward, baseline, condition, conditions, sd) ->
     for value, near, word in ends:
         log_f = []
         for f in (a, b):
-            # Followed from the nearest tested condition: modes change places beyond it.
+            # Tracked from the nearest tested condition, since modes change their order beyond it.
             follow = forward.of(forward.model)
             follow.track(f.hypothesis.values(f.z, float(near), baseline))
             log_f.append(
@@ -221,7 +221,7 @@ def _conditions(a: Fit, b: Fit, forward, baseline, condition, conditions, sd) ->
 
 
 def _damping(a: Fit, b: Fit, forward, baseline, condition) -> list[Offer]:
-    """How damping grows over the tested levels; its value at rest is free in every mode."""
+    """The growth of damping over the tested levels; its value at rest is free in every mode."""
     known = a.hypothesis.damped or not any(e.by_level for e in a.hypothesis.effects)
     if known or len(a.hypothesis.conditions) < 2:
         return []

@@ -1,4 +1,4 @@
-"""The verdict in words, and what held-out data set against it."""
+"""The verdict in words, and whether held-out data confirm it."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def decide(
         after: Its gap.
         at_once: Probability of a misfit as large as all effects at once leave
             (`fenics_joints.diagnosis.evidence.linear_fits`); None where it was not looked at.
-        doubtful: Classes that held-out data do not bear out, beside others that they do.
+        doubtful: Classes that held-out data do not confirm, beside others that they do.
     """
     by_label = {}
     for f, p in zip(fits, probability, strict=True):
@@ -93,8 +93,8 @@ def confirmed(s: Shrinkage) -> bool:
 def after_held_out(
     fits: Sequence[Fit], probability: np.ndarray, keys: Collection[str], s: Shrinkage
 ) -> tuple[list[Fit], np.ndarray]:
-    """Hypotheses and their probabilities, the most probable first, with what parts held out say of
-    what is named.
+    """Hypotheses and their probabilities, the most probable first, after the named effects were
+    tested on held-out parts.
 
     Args:
         fits: Hypotheses.
@@ -111,11 +111,11 @@ def after_held_out(
 
 
 def held_out_factor(won: int, parts: int) -> float:
-    """Bayes factor for a named cause from how many parts held out it predicts best, 1 at most, for
-    parts overlap.
+    """Bayes factor for a named cause from the number of held-out parts that it predicts best; at
+    most 1, since parts overlap.
 
-    A right cause wins more often than it loses, with any probability from a half to one equally
-    likely; a wrong one wins every other time.
+    A right cause wins with a probability between a half and one, all equally likely; a wrong one
+    wins every other time.
 
     Args:
         won: Number of parts that it predicts better than the nominal model and its best rival.
@@ -127,7 +127,7 @@ def held_out_factor(won: int, parts: int) -> float:
 
 
 def unproved(s: Shrinkage) -> list[str]:
-    """The causes that held-out data do not make surely more probable."""
+    """Names of the causes without which held-out data are not much less probable."""
     return [name for name, gain in s.gains.items() if not gain > np.log(STRONG)]
 
 
@@ -190,7 +190,7 @@ def unconfirmed(s: Shrinkage | None) -> str:
 
 
 def doubtful(effects: Sequence[EffectResult], s: Shrinkage | None) -> list[str]:
-    """Classes that held-out data do not bear out, beside others that they do.
+    """Classes that held-out data do not confirm, beside others that they do.
 
     Args:
         effects: All effects, the most probable first.
@@ -205,7 +205,7 @@ def doubtful(effects: Sequence[EffectResult], s: Shrinkage | None) -> list[str]:
 
 
 def label_of(members: Sequence[EffectResult]) -> str:
-    """How a class is called in `Shrinkage.gains`.
+    """The name of a class in `Shrinkage.gains`.
 
     Args:
         members: Its effects, the most probable first.
@@ -224,7 +224,7 @@ def sure_classes(classes: dict[str, float], unknown: float) -> list[str]:
 
 
 def least_sure(unknown: float) -> float:
-    """Probability from which a class is called a cause, when so much is left for the unknown."""
+    """Probability from which a class is called a cause, given that of an unknown cause."""
     return max(_SURE * (1.0 - unknown), 0.5)
 
 
@@ -282,19 +282,18 @@ def is_wrong(
     touched: Mapping[str, frozenset[str]],
     confusable: Mapping[str, Collection[str]],
 ) -> Callable[[Fit], bool]:
-    """Says whether a hypothesis is a placebo: it has nothing of the leader's main cause.
+    """A function that tells whether a hypothesis is a placebo: one without the leader's main cause.
 
     The main cause is the effect without which the evidence falls most, of those that move
-    frequencies, which S* is of (beside one that only damps, the other is no placebo), and all that
-    can stand for it. Of its kind are also effects of its family, and what acts on the same
-    parameters of the model: a joint that gives way at one place is no fair placebo for one that
-    gives way.
+    frequencies, since S* measures these. A placebo holds neither this effect nor one that can stand
+    for it, is of its family or acts on the same parameters of the model: a joint that is compliant
+    at one place would be no fair placebo for one that is compliant everywhere.
 
     Args:
         fits: Hypotheses, most probable first.
-        leader: The best that says what the gap is made of.
+        leader: The best explanation of the gap.
         touched: The model's parameters that each effect acts on, by its key.
-        alike: The keys of effects that can stand for each, by its key.
+        confusable: The keys of effects that can stand for each, by its key.
     """
 
     def holds(f: Fit, effect: Effect) -> bool:
@@ -315,7 +314,7 @@ def is_wrong(
 
     def wrong(f: Fit) -> bool:
         own = f.hypothesis.effects
-        # What few structures have did not have the same chance.
+        # Effects of few structures have lower prior odds, which would be unfair.
         fair = bool(own) and not any(e.beside for e in own)
         return fair and (main is None or not holds(f, main))
 
@@ -329,16 +328,16 @@ def several_causes(
     grouped: Mapping[str, str],
     confusable: Mapping[str, Collection[str]],
 ) -> dict[str, Callable[[Fit], bool]]:
-    """Several causes that are called so, each as whether a hypothesis holds one of its class, or
-    what can stand for one and is no member since it is rarer; by the most probable member's name.
-    A single one is S*'s to confirm.
+    """The causes of a verdict that names several, by the most probable member's name: functions
+    that tell whether a hypothesis holds a member of the cause's class, or an effect that can stand
+    for one. Empty for a single cause, which S* confirms.
 
     Args:
         fits: Hypotheses, most probable first.
         probability: Their probabilities.
         effects: Effects with their probability and class.
         grouped: The class of each effect, by its key.
-        alike: See `is_wrong`.
+        confusable: See `is_wrong`.
     """
     rated = class_probabilities(fits, probability, effects)
     other = sum(p for f, p in zip(fits, probability, strict=True) if f.hypothesis.unknown)

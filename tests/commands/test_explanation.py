@@ -22,7 +22,6 @@ from fenics_joints.commands.diagnose.words import heading_of, zone_words
 from fenics_joints.diagnosis import Diagnosis, EffectResult, HypothesisResult
 from fenics_joints.diagnosis.evidence.localised_unknown import LocalisedUnknown, PointMassFound
 from fenics_joints.diagnosis.result import Separation
-from fenics_joints.diagnosis.schema import DiagnosisJson, json_schema
 from fenics_joints.diagnosis.verdict import confirm
 from fenics_joints.files import json_text
 
@@ -435,11 +434,13 @@ def test_a_rival_of_more_evidence_is_not_said_to_be_negatively_lower():
 
 def test_the_json_keeps_to_its_schema():
     """Which is the one in docs; keys that nobody documented may come and go."""
+    jsonschema = pytest.importorskip("jsonschema")
     text = json_text({**diagnosis().to_json(), "in_words": explain(diagnosis()).to_json()})
-    found = DiagnosisJson.model_validate_json(text)
-    assert found.classes[0].probability == pytest.approx(0.96)
-    assert len(found.classes[0].effects) == 2 and found.effects[0].class_ == found.classes[0].name
-    with pytest.raises(ValueError, match="verdict"):
-        DiagnosisJson.model_validate_json(text.replace('"verdict": "cause"', '"verdict": "sure"'))
     path = Path(__file__).parents[2] / "docs" / "diagnosis.schema.json"
-    assert json.loads(path.read_text(encoding="utf-8")) == json_schema()
+    schema, found = json.loads(path.read_text(encoding="utf-8")), json.loads(text)
+    jsonschema.validate(found, schema)
+    assert found["classes"][0]["probability"] == pytest.approx(0.96)
+    assert len(found["classes"][0]["effects"]) == 2
+    assert found["effects"][0]["class"] == found["classes"][0]["name"]
+    with pytest.raises(jsonschema.ValidationError, match="sure"):
+        jsonschema.validate({**found, "verdict": "sure"}, schema)

@@ -4,43 +4,19 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from linear_forward import Linear, shift
 from scipy.integrate import trapezoid
 from scipy.special import logsumexp
 from scipy.stats import multivariate_normal, norm
 
-from fenics_joints.diagnosis import Effect, Prior
+from fenics_joints.diagnosis import Prior
 from fenics_joints.diagnosis.evidence import fit
 from fenics_joints.diagnosis.evidence.cells import PriorCells, prior_cells, sampled_evidence, weigh
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
-from fenics_joints.diagnosis.evidence.predictions import ManyPredictions, PointwiseForward, model_of
+from fenics_joints.diagnosis.evidence.predictions import ManyPredictions
 
 TORQUES = np.array([5.0, 10.0, 30.0])
-
-
-class Curved(PointwiseForward):
-    """ln f = 5 + A p + bend p0^2, for a banana; linear without the bend."""
-
-    def __init__(self, matrix, bend=None):
-        self.matrix = np.asarray(matrix, dtype=float)
-        self.bend = np.zeros(len(self.matrix)) if bend is None else np.asarray(bend)
-        names = [f"p{i}" for i in range(self.matrix.shape[1])]
-        self.model = model_of(names)
-        self.baseline = dict.fromkeys(names, 0.0)
-
-    def __call__(self, values):
-        p = np.array([values[name] for name in self.model.parameters])
-        slope = self.matrix.copy()
-        slope[:, 0] += 2 * self.bend * p[0]
-        return 5.0 + self.matrix @ p + self.bend * p[0] ** 2, slope
-
-
-def shift(index, spread=1.0, median=0.0, span=(-np.inf, np.inf)):
-    def apply(values, theta, condition):
-        values[f"p{index}"] += theta["d"]
-
-    prior = Prior("d", median, spread, log=False, span=span)
-    return Effect(f"effect {index}", "", (prior,), apply)
 
 
 def evidence_of(log_f, sd=0.01, discrepancy=0.01):
@@ -90,35 +66,11 @@ def test_cells_together_are_the_prior(priors):
     assert second == pytest.approx(np.eye(len(priors)), abs=0.2)
 
 
-def test_evidence_is_the_closed_form_when_linear():
-    """Two effects, a nuisance with a median, a missing entry: one multivariate normal."""
-    rng = np.random.default_rng(3)
-    forward = Curved(rng.standard_normal((4, 3)) * 0.05)
-    effects = (shift(0, 0.8), shift(1, 1.2, median=0.3))
-    nuisance = shift(2, 0.6, median=-0.2)
-    log_f = 5.0 + 0.05 * rng.standard_normal((3, 4))
-    log_f[1, 2] = np.nan
-    evidence = evidence_of(log_f)
-    found = fit(Hypothesis(effects, (nuisance,)), forward, evidence, forward.baseline)
-    used = evidence.used.ravel()
-    J = (np.tile(forward.matrix, (3, 1)) * [0.8, 1.2, 0.6])[used]
-    mean = (5.0 + np.tile(forward.matrix @ [0.0, 0.3, -0.2], 3))[used]
-    covariance = evidence.covariance() + J @ J.T
-    exact = multivariate_normal(mean, covariance).logpdf(log_f.ravel()[used])
-    # A prior ends at five standard deviations.
-    assert found.log_evidence == pytest.approx(exact, abs=1e-5)
-    gain = J.T @ np.linalg.solve(covariance, log_f.ravel()[used] - mean)
-    own = found.z[found.hypothesis.own]
-    assert own == pytest.approx(gain[:2], abs=1e-5)
-    again = fit(found.hypothesis, forward, evidence, forward.baseline)
-    assert again.log_evidence == found.log_evidence and np.array_equal(again.z, found.z)
-
-
 @pytest.mark.parametrize("narrow", [1.0, 1e-3])
 def test_one_parameter_is_enough(narrow):
     """As of a wrong modulus: the closed form, however sharp the test is against the prior."""
     rng = np.random.default_rng(4)
-    forward = Curved(rng.standard_normal((4, 2)) * 0.05)
+    forward = Linear(rng.standard_normal((4, 2)) * 0.05)
     log_f = 5.0 + 0.03 * narrow * rng.standard_normal((3, 4)) + forward.matrix @ [0.9, 0.0]
     evidence = evidence_of(log_f, sd=0.01 * narrow, discrepancy=0.01 * narrow)
     hypothesis = Hypothesis((shift(0, 0.8),), (shift(1, 0.6 * narrow),))
@@ -137,7 +89,7 @@ def test_one_parameter_is_enough(narrow):
 def test_two_modes_and_a_bend_against_a_grid(limit):
     """p0^2 is what the data see: two bent modes on both sides, or limits of a prior that no
     prediction reaches the data within: there what is bent has a residual that it acts on."""
-    forward = Curved([[0.0, 0.05], [0.0, 0.0]], bend=[0.05, 0.04])
+    forward = Linear([[0.0, 0.05], [0.0, 0.0]], bend=[0.05, 0.04])
     span = (-limit, limit)
     effects = (shift(0, 1.0, span=span), shift(1, 1.0))
     evidence = evidence_of([[5.02, 5.03]], sd=0.004, discrepancy=0.003)
@@ -157,7 +109,7 @@ def test_two_modes_and_a_bend_against_a_grid(limit):
 @pytest.mark.parametrize("size", [0.0, 0.4, 2.0])
 def test_limits_of_a_prior_cut_off_what_is_beyond(size):
     """Linear between limits: inside, at one and far beyond one, as many of a grid."""
-    forward = Curved([[0.05], [0.04]])
+    forward = Linear([[0.05], [0.04]])
     effect = shift(0, 1.0, span=(-0.5, 0.5))
     evidence = evidence_of(5.0 + size * forward.matrix.T, sd=0.004, discrepancy=0.002)
     x = np.linspace(-0.5, 0.5, 2001)
@@ -172,7 +124,7 @@ def test_limits_of_a_prior_cut_off_what_is_beyond(size):
 
 def test_evidence_agrees_with_another_sampler():
     dynesty = pytest.importorskip("dynesty")
-    forward = Curved([[0.0, 0.05, 0.03], [0.0, 0.0, 0.02]], bend=[0.05, 0.04])
+    forward = Linear([[0.0, 0.05, 0.03], [0.0, 0.0, 0.02]], bend=[0.05, 0.04])
     evidence = evidence_of([[5.02, 5.03]] * 3, sd=0.004, discrepancy=0.003)
     hypothesis = Hypothesis((shift(0), shift(1)), (shift(2, 0.3),))
     found = fit(hypothesis, forward, evidence, forward.baseline)

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
 import pytest
-from linear_forward import Linear
+from linear_forward import Linear, shift
 from scipy.stats import binom
 
 from fenics_joints.diagnosis import Effect, Prior, held_out
@@ -22,13 +23,7 @@ from fenics_joints.diagnosis.verdict import confirm, confirmed, unproved
 TORQUES = np.array([5.0, 10.0, 20.0, 40.0])
 MODES = ["a", "b", "c", "d", "e"]
 SD, DISCREPANCY = 0.003, 0.004
-
-
-def shift(index):
-    def apply(values, theta, condition):
-        values[f"p{index}"] += theta["d"]
-
-    return Effect(f"effect {index}", "", (Prior("d", 0.0, 1.0, log=False),), apply)
+MASKS = folds(TORQUES, MODES, ("torque", "N·m"))
 
 
 #: Three signatures, none like another, of about 10 %.
@@ -68,11 +63,7 @@ def library(evidence):
 def validate(evidence, wrong, masks=None):
     fits = candidates(evidence)
     return cross_validate(
-        fits,
-        np.zeros(len(fits)),
-        wrong,
-        library(evidence),
-        folds(TORQUES, MODES, ("torque", "N·m")) if masks is None else masks,
+        fits, np.zeros(len(fits)), wrong, library(evidence), MASKS if masks is None else masks
     )
 
 
@@ -80,13 +71,12 @@ def test_stated_intervals_hold_as_often_as_they_say():
     """The truth is drawn from the prior: nine of ten folds show what was stated, of each kind."""
     rng = np.random.default_rng(11)
     covered, sized, entries = [], [], []
-    masks = folds(TORQUES, MODES, ("torque", "N·m"))
     for i in range(150):
         truth = np.zeros(3)
         kind = rng.integers(4)
         if kind:
             truth[kind - 1] = rng.standard_normal()
-        found = validate(draw(rng, truth), lambda f: False, [masks[i % len(masks)]]).folds[0]
+        found = validate(draw(rng, truth), lambda f: False, [MASKS[i % len(MASKS)]]).folds[0]
         covered.append(found.covered)
         if found.shrink_covered is not None:
             sized.append(found.shrink_covered)
@@ -110,25 +100,13 @@ def test_the_right_effect_shrinks_what_a_wrong_one_cannot():
     assert found.shrink > 0.9 and found.placebo_shrink < 0.3
     assert found.claimed and found.excess_interval[0] > 0.5
     assert found.noise == pytest.approx(SD)
-    assert found.before == pytest.approx(
-        np.sqrt(
-            np.mean(
-                np.expm1(
-                    5.0
-                    - np.concatenate(
-                        [evidence.log_f[m] for _, m in folds(TORQUES, MODES, ("", ""))]
-                    )
-                )
-                ** 2
-            )
-        )
-    )
+    all_ = np.concatenate([evidence.log_f[mask] for _, mask in MASKS])
+    assert found.before == pytest.approx(np.sqrt(np.mean(np.expm1(5.0 - all_) ** 2)))
     assert json.loads(json.dumps(found.to_json()))["folds"][0]["n"] == 4
 
     # Where nothing but a wrong effect can be chosen nothing is claimed.
     others = [f for f in candidates(evidence) if wrong(f)]
-    masks = folds(TORQUES, MODES, ("torque", "N·m"))
-    lost = cross_validate(others, [0.0, 0.0], lambda f: True, library(evidence), masks)
+    lost = cross_validate(others, [0.0, 0.0], lambda f: True, library(evidence), MASKS)
     assert lost.shrink < 0.3 and lost.excess == 0.0 and not lost.claimed
 
 
@@ -146,7 +124,7 @@ def test_a_wrong_effect_that_predicts_the_same_is_no_rival():
         [0.0, 0.0, 0.0, 0.0, -1.0],
         lambda f: f.hypothesis.effects == (twin,),
         library(evidence),
-        folds(TORQUES, MODES, ("torque", "N·m")),
+        MASKS,
     )
     assert not any(f.placebo_chosen for f in found.folds)
     assert found.placebo == found.before and found.claimed and confirmed(found)
@@ -155,7 +133,7 @@ def test_a_wrong_effect_that_predicts_the_same_is_no_rival():
 def test_modes_that_the_nominal_model_lacks_are_held_out_too():
     """Its error is that of the others alone; all else is scored on all modes, as if it had them."""
     evidence = draw(np.random.default_rng(5), [0.9, 0.0, 0.0])
-    fits, masks = candidates(evidence), folds(TORQUES, MODES, ("torque", "N·m"))
+    fits = candidates(evidence)
     lacks = np.array([True, False, True, True, True])
     found, whole = (
         cross_validate(
@@ -163,7 +141,7 @@ def test_modes_that_the_nominal_model_lacks_are_held_out_too():
             np.zeros(4),
             lambda f: f.hypothesis.label == "effect 1",
             library(evidence),
-            masks,
+            MASKS,
             causes={"it": lambda f: f.hypothesis.label == "effect 0"},
             not_nominal=mask,
         )
@@ -173,9 +151,7 @@ def test_modes_that_the_nominal_model_lacks_are_held_out_too():
     assert found.before == pytest.approx(np.sqrt(np.mean(own**2)))
     for name in ("after", "placebo", "noise", "coverage", "entries_coverage", "gains"):
         assert getattr(found, name) == getattr(whole, name), name
-    assert [np.isfinite(f.before) for f in found.folds] == [
-        bool((m & ~lacks).any()) for _, m in masks
-    ]
+    assert [np.isfinite(f.before) for f in found.folds] == [(m & ~lacks).any() for _, m in MASKS]
     assert found.claimed and confirmed(found)
 
 
@@ -195,7 +171,7 @@ def test_what_is_held_out_is_not_in_what_states_the_forecast(monkeypatch):
     """
     monkeypatch.setattr(held_out, "moved", lambda *_: None)
     evidence = draw(np.random.default_rng(2), [0.0, 0.7, 0.0])
-    mask = dict(folds(TORQUES, MODES, ("torque", "N·m")))["top band, d to e"]
+    mask = dict(MASKS)["top band, d to e"]
     assert mask[:, 3:].all() and not mask[:, :3].any()
     blind = blinded(evidence, mask)
     assert np.isnan(blind.log_f[mask]).all() and np.isfinite(blind.log_f[~mask]).all()
@@ -211,7 +187,7 @@ def test_what_is_held_out_is_not_in_what_states_the_forecast(monkeypatch):
 def test_a_fit_to_a_part_is_linear_about_that_to_all_where_little_moves():
     evidence = draw(np.random.default_rng(7), [0.4, 0.0, 0.0])
     whole = fit(Hypothesis((shift(0), shift(1))), FORWARD, evidence, FORWARD.baseline)
-    mask = dict(folds(TORQUES, MODES, ("torque", "N·m")))["mode c"]
+    mask = dict(MASKS)["mode c"]
     blind = blinded(evidence, mask)
     near = moved(whole, blind)
     best = fit(Hypothesis((shift(0), shift(1))), FORWARD, blind, FORWARD.baseline)
@@ -228,7 +204,7 @@ def test_forecast_is_the_conditional_normal_when_linear(monkeypatch):
     all that is stated of the model is there."""
     monkeypatch.setattr(held_out, "share_of_stated", lambda *_: (1.0, np.inf))
     evidence = draw(np.random.default_rng(4), [0.5, 0.0, 0.0])
-    mask = dict(folds(TORQUES, MODES, ("torque", "N·m")))["torque 40 N·m"]
+    mask = dict(MASKS)["torque 40 N·m"]
     blind = blinded(evidence, mask)
     refit = fit(Hypothesis((shift(0),)), FORWARD, blind, FORWARD.baseline)
     held = mask.ravel()
@@ -288,18 +264,9 @@ def test_all_that_is_stated_is_there_where_it_is(between):
 
 
 def test_names_of_folds():
-    names = [name for name, _ in folds(TORQUES, MODES, ("torque", "N·m"))]
-    assert names == [
-        "mode a",
-        "mode b",
-        "mode c",
-        "mode d",
-        "mode e",
-        "top band, d to e",
-        "torque 5 to 10 N·m",
-        "torque 20 N·m",
-        "torque 40 N·m",
-    ]
+    by_torque = ["torque 5 to 10 N·m", "torque 20 N·m", "torque 40 N·m"]
+    by_mode = [f"mode {mode}" for mode in MODES]
+    assert [name for name, _ in MASKS] == [*by_mode, "top band, d to e", *by_torque]
     assert not any(name.startswith("top") for name, _ in folds(TORQUES, MODES[:3], ("", "")))
 
 
@@ -309,14 +276,7 @@ def test_each_of_several_causes_has_to_make_held_out_data_more_probable():
     Of 30 such tests one bears out the third, as often as odds of 20 to 1 may.
     """
     evidence = draw(np.random.default_rng(0), np.array([1.0, 0.8, 0.0]))
-    chosen = [
-        (),
-        *([(shift(i),) for i in range(3)]),
-        (shift(0), shift(1)),
-        (shift(0), shift(2)),
-        (shift(1), shift(2)),
-        tuple(map(shift, range(3))),
-    ]
+    chosen = [c for n in range(4) for c in combinations(map(shift, range(3)), n)]
     fits = [
         fit(Hypothesis(c, name="" if c else "none"), FORWARD, evidence, FORWARD.baseline)
         for c in chosen
@@ -331,7 +291,7 @@ def test_each_of_several_causes_has_to_make_held_out_data_more_probable():
         np.zeros(len(fits)),
         lambda f: not holds("effect 0")(f),
         library(evidence),
-        folds(TORQUES, MODES, ("torque", "N·m")),
+        MASKS,
         causes=causes,
     )
     assert found.gains["effect 0"] > 20 and found.gains["effect 1"] > 20

@@ -12,26 +12,31 @@ from fenics_joints.diagnosis.evidence.predictions import PointwiseForward, model
 
 
 class Linear(PointwiseForward):
-    """ln f = f0 + A p for parameters p0, p1, ...: every answer has a closed form."""
+    """ln f = 5 + A p + b p0^2 for parameters p0, p1, ...: without b every answer has a closed
+    form."""
 
-    def __init__(self, matrix):
+    def __init__(self, matrix, bend=None):
         self.matrix = np.asarray(matrix, dtype=float)
+        self.bend = np.zeros(len(self.matrix)) if bend is None else np.asarray(bend)
         names = [f"p{i}" for i in range(self.matrix.shape[1])]
         self.model = model_of(names)
         self.baseline = dict.fromkeys(names, 0.0)
 
     def __call__(self, values):
         p = np.array([values[name] for name in self.model.parameters])
-        return 5.0 + self.matrix @ p, self.matrix
+        slope = self.matrix.copy()
+        slope[:, 0] += 2 * self.bend * p[0]
+        return 5.0 + self.matrix @ p + self.bend * p[0] ** 2, slope
 
 
-def shift(index, spread=1.0, median=0.0):
+def shift(index, spread=1.0, median=0.0, span=(-np.inf, np.inf)):
     """An effect that adds a normal amount to parameter ``index``."""
 
     def apply(values, theta, condition):
         values[f"p{index}"] += theta["d"]
 
-    return Effect(f"effect {index}", "", (Prior("d", median, spread, log=False),), apply)
+    prior = Prior("d", median, spread, log=False, span=span)
+    return Effect(f"effect {index}", "", (prior,), apply)
 
 
 def linear_fit(causes: tuple[int, ...], slope: np.ndarray, log_f: np.ndarray, sd: float) -> Fit:

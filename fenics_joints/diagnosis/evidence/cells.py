@@ -1,8 +1,8 @@
 """Evidence of a hypothesis as a sum over Gaussian cells of its prior.
 
-The prior of the parameters z is cut into Gaussian cells, of which each has a share c_w, a mean m_w
-and standard deviations h_w, so that together they are the prior; tolerances and whatever else is
-uncertain in any case are one cell wide. Within a cell the prediction is linear about a point z_w,
+The prior of the parameters z is a mixture of Gaussian cells, each with a share c_w, a mean m_w and
+standard deviations h_w; tolerances and other parameters that are uncertain in any case have one
+cell. Within a cell the prediction is linear about a point z_w,
 
     g(z) = g_w + J_w (z - z_w),
 
@@ -10,18 +10,15 @@ so that its evidence, its posterior mean and its covariance are in closed form:
 
     p(y | hypothesis) = sum over w of  c_w N(y; g_w + J_w (m_w - z_w), S + J_w h_w^2 J_w^T).
 
-The point z_w is moved to the cell's own posterior mean by Gauss-Newton steps. No cell's result
-depends on another's, so there is no valley to be caught in: what is far from every cell would be,
-and cells are all over the prior.
+The point z_w is moved to the cell's own posterior mean by Gauss-Newton steps. Cells do not depend
+on each other and cover the whole prior, so that no local optimum hides a better one.
 
-Evidence by importance sampling from Gaussian cells.
-
-Cells are linear about one point each; where the model is bent within them, the sum of their
-evidence is too small, by up to three nats of two effects at eleven torques. As a density to draw
-from they serve all the same: the result does not rest on them, only its scatter does. How much is
-drawn from each follows what was drawn before (population Monte Carlo; Cappe, Guillin, Marin and
-Robert, J. Comput. Graph. Stat. 13, 2004), and every draw counts by the mixture of all rounds
-(Veach and Guibas, SIGGRAPH 1995).
+Where the model is bent within cells, the sum of their evidence is too small: by up to three nats
+for two effects at eleven torques. `sampled_evidence` then draws from the cells by importance
+sampling, whose result does not depend on how well they fit; only its scatter does. The number of
+draws from each cell follows the draws before (population Monte Carlo; Cappe, Guillin, Marin and
+Robert, J. Comput. Graph. Stat. 13, 2004), and every draw counts by the mixture of all rounds (Veach
+and Guibas, SIGGRAPH 1995).
 """
 
 from __future__ import annotations
@@ -38,25 +35,24 @@ from scipy.stats import multivariate_t, norm, qmc
 from fenics_joints.diagnosis.effects.effect import Prior
 from fenics_joints.diagnosis.evidence.linear import log_constant
 
-#: How far apart cells are over one, two and three smooth parameters, in standard deviations of the
-#: prior. [numerical: error of the lattice by Poisson's sum, see
-#: `_smooth_cells`]
+#: Distance between cells over one, two and three smooth parameters, in standard deviations of the
+#: prior. [numerical: error of the lattice by Poisson's sum, see `_smooth_cells`]
 _SPACING = {1: 0.5, 2: 0.9, 3: 1.05}
-#: The most that widths are of the spacing, and of the prior; ln of the share of the first below
-#: which cells are left out. [numerical: the same]
+#: Largest width of a cell, relative to the spacing and to the prior; ln of the share, relative to
+#: the largest, below which cells are left out. [numerical: the same]
 _OF_SPACING, _WIDEST, _LEAST = 0.8, 0.7, 11.0
-#: Cells within the limits of a prior at least. [numerical: chosen]
+#: Least number of cells within the limits of a prior. [numerical: chosen]
 _WITHIN = 4
-#: How far apart they are beside one that acts in steps or in many places, and log2 of the number
-#: over more of them, and of the number over more without such a one. [numerical: chosen for time]
+#: Distance of cells over one smooth parameter beside a stepped one (that acts in steps or at many
+#: places); log2 of the number of cells over several beside a stepped one, and over four or more
+#: without. [numerical: chosen for time]
 _BESIDE, _MORE_BESIDE, _MORE = {1: 1.15}, 4, 7
-#: Standard deviations of the prior beyond which a parameter that acts in steps is not looked for.
-#: [numerical: chosen]
+#: Standard deviations of the prior up to which a stepped parameter has cells. [numerical: chosen]
 _FARTHEST = 4.0
-#: Share of such a cell within the limits, at least. [numerical: chosen]
+#: Least share of a stepped parameter's cell within the limits. [numerical: chosen]
 _INSIDE = 0.1
-#: A slope from which on a cell says nothing, in standard deviations of the data by one of the cell:
-#: of the prior's 1 beside its square round-off leaves a hundredth. [numerical: 1e-2 / 1e-16]
+#: Slope above which a cell is left out, in standard deviations of the data per one of the cell: a
+#: sum of its square and the prior's 1 has the latter to a hundredth. [numerical: 1e-2 / 1e-16]
 STEEPEST = 1e7
 
 
@@ -96,7 +92,7 @@ class PriorCells:
 
 @dataclass(frozen=True)
 class CellPosterior:
-    """What data say of cells.
+    """Evidence and posterior of cells.
 
     Attributes:
         log_evidence: ln of each cell's evidence times its share, (n,); -inf where it cannot be.
@@ -114,15 +110,15 @@ class CellPosterior:
 def weigh(
     cells: PriorCells, data: np.ndarray, used: np.ndarray, lower: np.ndarray, limits: np.ndarray
 ) -> CellPosterior:
-    """What data say of cells in which predictions are linear.
+    """Weigh cells, in each of which predictions are linear, by data.
 
-    A parameter whose posterior mean would lie beyond a limit of its prior is held at the limit; of
-    a cell that reaches beyond one only the part within counts, against all of the prior within.
+    A parameter whose posterior mean would lie beyond a limit of its prior is held at the limit.
+    Only the part of a cell within the limits counts, relative to the part of the prior within.
 
     Args:
         cells: The cells.
         data: The data, (N,).
-        used: Mask of those that count, (N,); k of them.
+        used: Mask of the data that count, (N,); k of them.
         lower: Cholesky factor of their covariance, (k, k).
         limits: Least and largest z, (p, 2).
     """
@@ -164,7 +160,8 @@ def weigh(
     left = residual + np.einsum("npk,np->nk", slope, u)
     square = np.sum(left**2, axis=1) + np.sum(u**2, axis=1)
     pull = np.einsum("npk,nk->np", slope, left) + u
-    # With others held, one may be pulled back from its limit, which a product of shares overstates.
+    # With others held, a parameter may be pulled back from its limit; a product of shares would
+    # then be too large.
     pull = np.where(held & np.where(u >= high, pull < 0, pull > 0), pull, 0.0)
     inside = _inside(u, pull, np.diagonal(covariance, axis1=1, axis2=2), low, high, own.width > 0)
     found.log_evidence[good] = (
@@ -193,16 +190,16 @@ def _held(residual, slope, u, held) -> np.ndarray:
 
 
 def _inside(u, pull, variance, low, high, free) -> np.ndarray:
-    """ln of the share of each posterior within the limits, (n,), over its density at u, relative to
-    that at its mean, each parameter on its own.
+    """ln of the share of each posterior within the limits, (n,), over its density at u relative to
+    that at its mean; parameters as if independent.
 
     Args:
         u: Where each is, (n, p), at a limit where it is held.
-        pull: Slopes of what is least there, (n, p); 0 where it is not held.
+        pull: Slopes of the cost there, (n, p); 0 where it is not held.
         variance: Variances of the posterior without limits, (n, p).
         low: The least u, (n, p).
         high: The largest u, (n, p).
-        free: What is not fixed, (n, p).
+        free: Which parameters are not fixed, (n, p).
     """
     found, sd = np.zeros(u.shape), np.sqrt(variance)
     near = free & (np.minimum(u - low, high - u) < _FARTHEST * sd)
@@ -219,9 +216,9 @@ def _inside(u, pull, variance, low, high, free) -> np.ndarray:
 def prior_cells(priors: Sequence[Prior]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Means, (n, d), standard deviations, (n, d), and ln shares, (n,), of cells of a prior.
 
-    Smooth parameters have cells on a lattice, or at a Sobol sequence if they are many; those that
-    act in steps or in many places at each of these. Some are beyond the limits, where only the part
-    within counts (`weigh`).
+    Smooth parameters have cells on a lattice, or at a Sobol sequence if there are many; each is
+    combined with every value of the stepped ones. Some means are beyond the limits of the prior,
+    where only the part of a cell within counts (`weigh`).
 
     Args:
         priors: The parameters'.
@@ -260,9 +257,10 @@ def _smooth_cells(
     """Means, (n, d), standard deviations, (d,), and ln shares, (n,), of cells that are the prior up
     to its limits; some are beyond these.
 
-    On a lattice, normal densities of variance h^2 whose shares are one of variance 1 - h^2 add up
-    to the prior, tails and all, but for exp(-2 (pi h / s)^2 (1 - h^2)) if they are s apart
-    (Poisson's sum); at a Sobol sequence only about where that has points.
+    On a lattice of spacing s, normal densities of variance h^2 with shares by a normal density of
+    variance 1 - h^2 add up to the prior with its tails, except for a relative error of
+    exp(-2 (pi h / s)^2 (1 - h^2)) (Poisson's sum). A Sobol sequence only covers the part of the
+    prior in which it has points.
     """
     d = len(priors)
     if d == 0:
@@ -291,7 +289,7 @@ def _smooth_cells(
 
 
 def _steps(prior: Prior) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Values of z of a parameter that acts in steps, each with a width and ln of its share."""
+    """Values of z of a stepped parameter, (n,), their cells' widths and ln of their shares."""
     low, high = prior.limits(_FARTHEST)
     z = np.linspace(low, high, prior.scan)
     if prior.even or prior.also:
@@ -313,13 +311,13 @@ def total(log_evidence: np.ndarray) -> float:
     return float(logsumexp(log_evidence))
 
 
-#: Draws of a round, rounds at most, and the effective number of draws that ends them: the standard
+#: Draws of a round, rounds at most, and the effective number of draws that suffices: the standard
 #: deviation of ln of the evidence is then 0.12. [numerical: chosen for time]
 _DRAWS, _ROUNDS, _EFFECTIVE = 64, 8, 70.0
-#: Degrees of freedom of a t distribution, whose tails are heavier than those of a posterior, and
-#: the share of draws that goes to all cells alike. [numerical: chosen]
+#: Degrees of freedom of the t distribution of draws, which has heavier tails than a posterior;
+#: share of draws that goes to all cells equally. [numerical: chosen]
 _TAILS, _ALIKE = 6, 0.1
-#: Effective number of draws below which they tell nothing. [numerical: chosen]
+#: Effective number of draws below which there is no result. [numerical: chosen]
 _TOO_FEW = 10.0
 
 
@@ -341,7 +339,7 @@ def sampled_evidence(
         seed: Of the random numbers.
 
     Returns:
-        None where too few of the draws count.
+        None if the effective number of draws is too small.
     """
     k, p = mean.shape
     roots, rng = np.linalg.cholesky(covariance), np.random.default_rng(seed)

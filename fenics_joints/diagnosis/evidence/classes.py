@@ -1,9 +1,10 @@
 """Effects that a test cannot tell apart, and effects that it cannot see.
 
-Two hypotheses are apart by D = |W (y_i - y_j)| / 2, half the whitened distance from the prediction
-of one to the nearest that the other can make: with Gaussian noise the data of one are then taken
-for the other's with probability Phi(-D). For one parameter each, wide priors and a prediction d
-standard deviations from the nominal one it is d sin(alpha) / 2, alpha the angle of the signatures.
+Two hypotheses are D = |W (y_i - y_j)| / 2 apart, half the whitened distance from the prediction of
+one to the nearest prediction that the other can make: with Gaussian noise, data of one are then
+taken for the other's with probability Phi(-D). With one parameter each, wide priors and a
+prediction d standard deviations from the nominal one, D is d sin(alpha) / 2, where alpha is the
+angle between the signatures.
 """
 
 from __future__ import annotations
@@ -33,10 +34,10 @@ def confusion(distance: float) -> float:
 
 
 def distance(a: Fit, b: Fit, evidence: Evidence) -> float:
-    """D between two fitted hypotheses, the larger of both ways round.
+    """D between two fitted hypotheses, the larger of the two from one to the other.
 
-    The nearest prediction is found by one linear refit within the prior. The larger way counts: a
-    hypothesis that could mimic another, but not at the values it has, is told apart.
+    The nearest prediction is found by one linear refit within the prior. The larger one counts: a
+    hypothesis that could imitate another, but not the other it, is told apart.
     """
     return max(_one_way(a, b, evidence), _one_way(b, a, evidence)) / 2
 
@@ -46,7 +47,7 @@ def _one_way(a: Fit, b: Fit, evidence: Evidence) -> float:
     lower, used = evidence.at(a.scales).lower(), evidence.fitted
     residual = whiten(lower, (a.predicted - b.predicted)[used])
     slope = whiten(lower, b.jacobian[used])
-    # |residual - slope d|^2 + |z + d|^2 - |z|^2: what b loses of its prior counts as well.
+    # |residual - slope d|^2 + |z + d|^2 - |z|^2: that b gets less probable before the test counts.
     hessian = slope.T @ slope + np.eye(slope.shape[1])
     d = np.linalg.solve(hessian, slope.T @ residual - b.z)
     left = residual - slope @ d
@@ -86,10 +87,10 @@ def confusable_effects(
 ) -> dict[str, frozenset[str]]:
     """Effects that can stand for each other in some hypothesis.
 
-    Two can when hypotheses that differ by nothing but them are not apart (D < `APART`), be it alone
-    or beside what the leading hypothesis holds, and when this test does not decide between them
-    either (a Bayes factor below 100). Each must be called for: more probable than what it is put
-    beside (nothing, or the rest of the leader) is without it.
+    Two can if hypotheses that differ in them alone, each by itself or beside the rest of the
+    leading hypothesis, are too near each other (D < `APART`) and the test does not decide between
+    them either (a Bayes factor below 100). And each must be of use: its hypothesis has to be more
+    probable than the same without it.
 
     Args:
         fits: Fitted hypotheses.
@@ -97,10 +98,10 @@ def confusable_effects(
         evidence: The test.
 
     Returns:
-        Keys of what can stand for each effect, itself among them, by its key.
+        Keys of the effects that can stand for each effect, itself among them, by its key.
     """
     keys = list(dict.fromkeys(e.key for f in fits for e in f.hypothesis.effects))
-    # An unknown cause may lead, but holds nothing that others could be put beside.
+    # An unknown cause may lead, but no effect can be put in place of one of its own.
     known = [0.0 if f.hypothesis.unknown else p for f, p in zip(fits, probability, strict=True)]
     lead = {e.key for e in fits[int(np.argmax(known))].hypothesis.effects}
     together = DisjointSet(keys)
@@ -116,11 +117,11 @@ def confusable_effects(
             if swap is None or together.connected(*swap):
                 continue
             rest = {e.key for e in a.hypothesis.effects} - {swap[0]}
-            # Alone, one of several that lead explains a part, as others may.
+            # By itself, one of several leading effects explains only a part, as others may too.
             if rest - lead or (not rest and len(lead) > 1 and lead & set(swap)):
                 continue
             if min(p_a, p_b) <= alone.get(frozenset(rest), 0.0):
-                continue  # one of them is idle: equal effects that explain nothing are no class
+                continue  # effects that explain nothing are alike, but no class
             if abs(a.log_evidence - b.log_evidence) > UNDECIDED:
                 continue
             if distance(a, b, evidence) < APART:
@@ -131,14 +132,14 @@ def confusable_effects(
 def classes(
     fits: Sequence[Fit], probability: Sequence[float], confusable: Mapping[str, frozenset[str]]
 ) -> dict[str, str]:
-    """Class of every effect: what can stand for it, but for what with its prior odds is a twentieth
-    as probable as the likeliest of them, which is decided too: by a chain of neighbours a class
-    would hold most of a library.
+    """Class of every effect: those that can stand for it, without members that are less than a
+    twentieth as probable as the likeliest: the test decides against these, and with them a chain of
+    neighbours would put most of a library into one class.
 
     Args:
         fits: Fitted hypotheses.
         probability: Their posterior probabilities.
-        alike: See `confusable_effects`.
+        confusable: See `confusable_effects`.
 
     Returns:
         Name of the class by the effect's key: its members' names, joined by " or "; with their
@@ -154,14 +155,14 @@ def classes(
     for members in set(confusable.values()):
         best = max(at_work[key] for key in members)
         likely = {key for key in members if at_work[key] * STRONG >= best}
-        # In alphabetical order: by probability, round-off would have a say in the name.
+        # In alphabetical order: in that of probability, round-off would decide.
         one = " or ".join(sorted({names[key] for key in likely}))
         found |= {key: one if key in likely else names[key] for key in members}
     return found
 
 
 def labels(effects: Sequence[Effect]) -> dict[str, str]:
-    """What to call each effect, by its key: its name, or the key if places share the name."""
+    """A label for each effect, by its key: its name, or the key if several places share that."""
     regions: dict[str, set[str]] = {}
     for effect in effects:
         regions.setdefault(effect.name, set()).add(effect.region)

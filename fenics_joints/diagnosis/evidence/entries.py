@@ -1,4 +1,4 @@
-"""What each entry of a test is, and how modes of one nearby mix in its shapes."""
+"""What each entry of a test is, and how close modes mix in its shapes."""
 
 from __future__ import annotations
 
@@ -43,8 +43,8 @@ class Entries:
         return self.kind >= MASS
 
     def filled(self, log_f: np.ndarray, shapes: np.ndarray | None) -> np.ndarray:
-        """Changes of every entry, (N, k), the same at all rows; nought of other kinds, and of modes
-        beyond those that are known.
+        """Changes of every entry, (N, k), the same at all rows; zero for other kinds of data, and
+        for modes beyond the given ones.
 
         Args:
             log_f: Of ln f, (m, k).
@@ -59,14 +59,14 @@ class Entries:
         return found
 
 
-#: Share of the variance of a turn of two modes that is not tied: a third has a hand in what one has
-#: of the other. [decision: chosen]
+#: Share of the variance of a rotation of two modes in which both are independent, because a third
+#: mode takes part. [decision: chosen]
 _FREE = 0.1
 
 
 @dataclass(frozen=True)
 class Neighbours:
-    """All elastic modes of the nominal model, those that the test lacks among them.
+    """All elastic modes of the nominal model, also those that the test lacks.
 
     Attributes:
         log_f: ln of their frequencies, (k,).
@@ -79,7 +79,7 @@ class Neighbours:
     own: np.ndarray
 
 
-#: Modes that an error changes together, each with its change, (n_s,).
+#: Modes that one error changes together, each with its change at the sensors, (n_s,).
 Parts = tuple[tuple[int, np.ndarray], ...]
 
 
@@ -92,16 +92,16 @@ def mode_mixing(
 ) -> Iterator[Parts]:
     """Errors of shapes by modes nearby, each at one standard deviation.
 
-    An error of the model that is d in ln f of two modes turns them by d / |ln (f_i / f_j)|
-    (first-order perturbation; Fox and Kapoor, AIAA J. 6, 1968): half a per cent apart, what one
-    has of the other says nothing. Two modes turn by the same angle, since they stay orthogonal:
-    what the one gets of the other, that loses of it.
+    An error of the model that is d in ln f of two modes rotates them by d / |ln (f_i / f_j)|
+    (first-order perturbation; Fox and Kapoor, AIAA J. 6, 1968): half a per cent apart, their
+    mixture says nothing of the structure. Both rotate by the same angle, since they stay
+    orthogonal.
 
     Args:
         log_f: ln of the measured frequencies, (m,); nan where missing.
         shapes: Measured shapes, (n_s, m), of root mean square 1; nan where missing.
         by_mode: Standard deviation of the model's error in ln f, (m,).
-        least: Turn, radians, that other errors of a shape hold already.
+        least: Angle, radians, that other errors of a shape include already.
         near: The model's modes; None takes those of the test alone, as of one size.
     """
     m = len(log_f)
@@ -137,7 +137,7 @@ def _sizes(m: int, near: Neighbours | None) -> np.ndarray:
 
 
 def _lacking(i: int, there: np.ndarray, near: Neighbours | None):
-    """How far modes that the test lacks are from one of the test's, in ln f, and their shapes."""
+    """Distances in ln f of modes that the test lacks from one of the test's, and their shapes."""
     if near is None:
         return
     measured = set(near.own[there].tolist()) | {int(near.own[i])}
@@ -146,5 +146,5 @@ def _lacking(i: int, there: np.ndarray, near: Neighbours | None):
             yield abs(near.log_f[k] - near.log_f[near.own[i]]), near.shapes[:, k]
 
 
-#: What an unknown cause may do to each mode on its own: a shift. [decision: chosen]
+#: Standard deviation of the shift of ln f of each mode by an unknown cause. [decision: chosen]
 UNKNOWN = 0.10

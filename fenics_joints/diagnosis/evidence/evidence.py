@@ -1,4 +1,4 @@
-"""The test as the inference sees it: one vector of data, and how well a model should meet it."""
+"""The test for the inference: one vector of data, and the covariance of its errors."""
 
 from __future__ import annotations
 
@@ -32,8 +32,8 @@ from fenics_joints.diagnosis.evidence.scales import (
 from fenics_joints.diagnosis.evidence.signatures import Signatures
 from fenics_joints.measurements.data import TestData
 
-#: Of a mesh's error as one degree more finds it: what is left beyond that degree, expected, and its
-#: standard deviations, common to all modes and of each one's own. At an edge with the exponent
+#: Error of a mesh that remains beyond one degree more, relative to what that degree finds: expected
+#: value, and standard deviations common to all modes and of each mode. At an edge with the exponent
 #: lambda the error in energy falls with the degree p as p^(-4 lambda) (Babuska and Suri, SIAM J.
 #: Numer. Anal. 24, 1987): from degree 2 to 3, a share of 0.25 of what was found is left for
 #: lambda = 1, 0.8 for 1/2, and next to nothing without edges. And where joints give way there is
@@ -42,8 +42,8 @@ from fenics_joints.measurements.data import TestData
 BEYOND, _COMMON, _OWN = 0.3, 0.3, 0.2
 #: The share that stays uncertain in all.
 UNSURE = float(np.hypot(_COMMON, _OWN))
-#: Change of a shape by the mesh, relative to it, up to which it is taken off: beyond, modes turn.
-#: [decision: chosen]
+#: Change of a shape by the mesh, relative to it, up to which shapes are corrected for it: beyond,
+#: modes mix. [decision: chosen]
 _LITTLE = 0.3
 
 #: Share of the variance of a model's error that changes with the condition. [decision: chosen]
@@ -57,11 +57,11 @@ DAMPING_NOISE = 0.1
 
 @dataclass(frozen=True, repr=False)
 class Evidence:
-    """The test as the inference sees it.
+    """The test for the inference.
 
-    The data stand in one vector: ln of the frequencies, (n, m) row by row; behind it ln of the
-    damping ratios likewise, if used; behind it the shapes, (n_s, m) row by row, if measured;
-    behind these ln of single numbers, as masses that were weighed.
+    The data stand in one vector: ln of the frequencies, (n, m) row by row; then ln of the damping
+    ratios likewise, if used; then the shapes, (n_s, m) row by row, if measured; then ln of single
+    numbers, such as masses that were weighed.
 
     Attributes:
         conditions: Torque or level of each row, shape (n,).
@@ -153,8 +153,8 @@ class Evidence:
 
     @cached_property
     def as_row(self) -> tuple[int, ...]:
-        """For each row the row whose tightening it shares, (n,): its own, or after a known change
-        that of the nearest condition without one."""
+        """For each row the row whose tightening it shares, (n,): itself, or after a known change
+        the row of the nearest condition without one."""
         own = [i for i in range(len(self.conditions)) if not (self.known and self.known[i])]
         near = [int(np.argmin(np.abs(self.conditions[own] - c))) for c in self.conditions]
         return tuple(i if i in own else own[near[i]] for i in range(len(self.conditions)))
@@ -176,8 +176,8 @@ class Evidence:
     @property
     def _first(self) -> int | None:
         """The row at which tracking starts: that of the measured shapes. Without shapes, the last
-        row whose frequencies ascend, if those of other rows do not: whoever made the table has
-        tracked the modes too."""
+        row whose frequencies ascend, if those of other rows do not: whoever made such a table has
+        tracked the modes as well."""
         if self.shapes is not None:
             return self.shape_row
         f = [row[np.isfinite(row)] for row in self.log_f]
@@ -248,21 +248,22 @@ class Evidence:
     def on_mesh(
         self, error: np.ndarray, shape: np.ndarray | None = None, change: np.ndarray | None = None
     ) -> Evidence:
-        """The same test as a model whose mesh makes frequencies too high should give it.
+        """The same test with the error of the model's mesh, by which its frequencies are too high,
+        added to the data.
 
         The error of a mesh hardly depends on the parameters: of three bolted structures it stayed
         between 0.4 and 1.1 times that of the nominal model while joints went to 1e-5 of their
-        stiffness (docs/diagnosis.md). So it is taken off, with what is expected to be left beyond
-        one degree more; what is not known of that is mostly common to the modes.
+        stiffness (docs/diagnosis.md). So data are corrected for it and for the part that is
+        expected beyond one degree more, whose uncertainty is mostly common to the modes.
 
         Args:
             error: Relative error of each mode's frequency at the nominal model against the same
                 mesh one degree higher, (m,); nan where it is not known, which leaves the largest of
                 the others as uncertain.
-            shape: What the mesh does to each shape, relative to it, (m,); of it all stays as
-                uncertain, since a shape that turns goes on turning with finer meshes.
-            change: What the measured shapes have of it, (n_s, m), which is taken off of those that
-                the mesh changes little.
+            shape: Change of each shape by the mesh, relative to it, (m,); all of it stays as
+                uncertainty, since a shape that turns goes on turning with finer meshes.
+            change: The same change at the sensors, (n_s, m), by which shapes are corrected that the
+                mesh changes little.
         """
         known = np.isfinite(error)
         error = np.where(known, error, 0.0)
@@ -345,7 +346,7 @@ class Evidence:
 
 #: Standard deviation of ln f of a test that states neither noise nor resolution. [decision: chosen]
 _UNSTATED = 1e-3
-#: Distance between sensors, as a share of the largest, over which its error in a shape does.
+#: Correlation length of a model's error in a shape, over the largest distance between sensors.
 #: [decision: chosen]
 _REACH = 0.3
 #: Scatter of ln damping that no model explains: a joint dissipates otherwise after each tightening.
@@ -409,20 +410,21 @@ def _near(points: np.ndarray) -> np.ndarray:
     return np.exp(-0.5 * (distance / reach) ** 2)
 
 
-#: What else it may do to each mode on its own: a trend with the logarithm of the condition (5 %
-#: per factor e), and a bend of it (2 %). [decision: chosen]
+#: Standard deviations of the trend of ln f of each mode with the logarithm of the condition by an
+#: unknown cause (5 % per factor e), and of the bend of that trend (2 %). [decision: chosen]
 _TREND, _BEND = 0.05, 0.02
-#: How much more an unknown cause may do to damping than to a frequency. [decision: chosen]
+#: Factor by which an unknown cause may change ln damping more than ln f. [decision: chosen]
 _UNKNOWN_DAMPING = 10.0
-#: What it does to a shape, relative to its root mean square. [decision: chosen]
+#: Change of a shape by an unknown cause, relative to its root mean square. [decision: chosen]
 _UNKNOWN_SHAPE = 0.2
-#: Share of the variance of a model's error that is a row's own after a known change: all else is
-#: the same before and after, and cancels in what the change shifts. [decision: chosen]
+#: Share of the variance of a model's error that is independent in a row after a known change: the
+#: rest is the same before and after, and cancels in the shift. [decision: chosen]
 _OF_CHANGE = 0.0025
-#: Share of the variance of a model's error in a shape that is each sensor's own. [decision: chosen]
-_LOCAL = 0.5
-#: Power of the correlation of that, which so reaches a tenth as far: sensors at one place share it.
+#: Share of the variance of a model's error in a shape that is independent at each sensor.
 #: [decision: chosen]
+_LOCAL = 0.5
+#: Power of the correlation between sensors that makes that share almost independent: it reaches a
+#: tenth as far, so that sensors at one place share it. [decision: chosen]
 _NARROW = 100
 
 
@@ -468,8 +470,8 @@ class Covariance:
 
     @cached_property
     def _parts(self) -> tuple[np.ndarray, ...]:
-        """The covariances that `scales` are of, at one: between levels of ln f and ln damping, or
-        of what is stated of ln f and of shapes."""
+        """The covariances that `scales` multiply: of ln f and ln damping between levels, or of the
+        stated errors of ln f, of functions and of shapes."""
         if self._with_functions:
             return self._of_frequencies, self._of_scalars, self._of_shapes
         if not self.test.drifts:
@@ -484,7 +486,7 @@ class Covariance:
 
     @cached_property
     def _of_scalars(self) -> np.ndarray:
-        """What single numbers err together."""
+        """Covariance of the common errors of single numbers."""
         scalars, own = self.test.scalars, self.test.entries.of_scalars
         names = dict.fromkeys(name for scalar in scalars for name in scalar.common)
         common = np.zeros((len(own), len(names)))
@@ -537,7 +539,7 @@ class Covariance:
         return self._locally * least[self.test.entries.mode] ** 2
 
     def _stated(self, unknown: bool) -> np.ndarray:
-        """All but what `scales` are of."""
+        """All that `scales` do not multiply."""
         e = self.test.entries
         total = self._slowly * _blocks(e.kind, 0.0, self.test.damping_scatter)
         if self.test.scales is None or self.test.drifts:
@@ -554,8 +556,8 @@ class Covariance:
             wide = _wide(self.test.conditions)[np.ix_(e.row, e.row)] * self._same_mode
             total = total + wide * _blocks(e.kind, 1.0, _UNKNOWN_DAMPING)
         if self.test.shapes is not None:
-            # By what is stated, whatever the scales: what shapes of close modes are off by says
-            # little of the frequencies' error.
+            # By the stated error, whatever the scales: errors of shapes of close modes say little
+            # of the errors of frequencies.
             turns = self._mode_mixing(self._by_mode)
             total = total + turns @ turns.T
             if unknown:
@@ -591,7 +593,7 @@ class Covariance:
 def _blocks(
     kind: np.ndarray, of_frequency: float | np.ndarray, of_damping: float = 0.0
 ) -> np.ndarray:
-    """Products of the scales of frequencies and damping, nought between different kinds."""
+    """Products of the scales of frequencies and damping, zero between different kinds."""
     scale = np.where(kind == FREQUENCY, of_frequency, np.where(kind == DAMPING, of_damping, 0.0))
     return np.outer(scale, scale) * (kind[:, None] == kind[None, :])
 

@@ -11,18 +11,18 @@ import numpy as np
 from fenics_joints.diagnosis.effects.effect import Effect, Prior, Sensing
 from fenics_joints.structure.changes import OFFSETS
 
-#: Stand for the scatter of the preload, for what a mode moves the joint at the same level, and for
-#: the damping of what has no joint, in tables of parameters.
+#: Stand in tables of parameters for the scatter of the preload, for the motion of the joint in a
+#: mode at the common level, and for damping outside joints.
 _TIGHTENING = Effect("preload scatter", "bolts", (), None)
 _AMPLITUDE = Effect("motion of the joint at equal level", "", (), None)
 _DAMPING = Effect("damping at rest", "", (), None)
-#: The same force or response at a sensor moves the joint about five times more or less in one mode
-#: than in another. [prior: chosen]
+#: Motion of the joint in one mode over that in another, at the same force or response at a sensor:
+#: within a factor of five. [prior: chosen]
 _MOTION = (1.0, np.log(5.0), "", True, (0.02, 50.0))
 #: Damping of bolted metal structures, away from slip: 0.3 %, within a factor of 4 either way.
 #: [prior: bolted metal structures; spread chosen]
 _AT_REST = (0.003, np.log(4.0), "", True, (0.0, 0.5))
-#: Distance from a limit, in prior standard deviations, within which a parameter is at it.
+#: Distance from a limit, in prior standard deviations, up to which a parameter is at the limit.
 #: [numerical: chosen]
 _AT_LIMIT = 1e-3
 #: Standard deviation after the test, relative to that before, below which a parameter is
@@ -45,9 +45,9 @@ class Hypothesis:
         conditions: The torques of the test, each with a tightening of its own.
         modes: Names of the test's modes.
         damped: Whether it predicts damping too.
-        driven: Those measured at several levels, by their place, each with an amplitude of its own
-            at the same level for effects that depend on it; None for all. The first one's is the
-            level itself, and others than these are measured near rest, where it does not matter.
+        driven: Indices of the modes that were measured at several levels, each with an amplitude of
+            its own at the same level for effects that depend on it; None for all. The amplitude of
+            the first is the level itself. Other modes are measured near rest.
         known: Values that parameters of the model are known to have, by row of ``conditions``; see
             `fenics_joints.measurements.TestData`.
         as_row: The row whose tightening each one has, where rows share one; none for their own.
@@ -89,7 +89,7 @@ class Hypothesis:
         )
 
     def tightening(self, row: int | np.ndarray) -> int | np.ndarray:
-        """Which of the tightenings a row has; of many rows (b,) each one's."""
+        """Index of a row's tightening; of many rows (b,)."""
         return np.array(self.as_row)[row] if self.as_row else row
 
     @cached_property
@@ -108,12 +108,12 @@ class Hypothesis:
 
     @cached_property
     def views(self) -> tuple[int | None, ...]:
-        """Evaluations of the model that each condition needs: None for all modes at the common
-        level, and one for each mode in `moved`, at its own level."""
+        """Evaluations of the model that each condition needs: one of all modes at the common level,
+        None, and one for each mode in `moved`, at the mode's own level."""
         return (None, *self.moved)
 
     def view_of(self, n: int) -> list[int]:
-        """Which of `views` is that of each of n modes."""
+        """Index in `views` of each of n modes."""
         return [self.moved.index(i) + 1 if i in self.moved else 0 for i in range(n)]
 
     @cached_property
@@ -132,8 +132,8 @@ class Hypothesis:
 
     @cached_property
     def own(self) -> slice:
-        """Where the effects' parameters stand in z, behind the nuisances'; the others are free in
-        any case."""
+        """Where the effects' parameters stand in z: behind the nuisances', before the shared
+        ones."""
         first = sum(len(e.priors) for e in self.nuisances)
         return slice(first, len(self._own))
 
@@ -214,7 +214,7 @@ class Hypothesis:
         return values
 
     def _put_in(self, values: dict, row: int | np.ndarray) -> None:
-        """What is known at a row, or at each of many."""
+        """Put the known values at a row, or at each of many, into the values."""
         if not np.ndim(row):
             values.update(self.known[int(row)])
             return

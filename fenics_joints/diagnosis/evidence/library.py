@@ -1,14 +1,13 @@
-"""The library of a diagnosis: what the model predicts all over the priors of its effects.
+"""The library of a diagnosis: predictions all over the priors of its effects, and evidence.
 
-What is solved for depends on the model and its effects, not on the data: a mask that holds some of
-them out, another scale of errors or a further effect beside asks for little more than algebra.
+What is solved for depends on the model and its effects, not on the data: folds without some of the
+data, other scales of errors, and one more effect beside others ask for little more than algebra.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 from mpi4py import MPI
@@ -19,7 +18,6 @@ from fenics_joints.diagnosis.evidence.cells import (
     CellPosterior,
     PriorCells,
     prior_cells,
-    prior_points,
     sampled_evidence,
     total,
     weigh,
@@ -29,63 +27,38 @@ from fenics_joints.diagnosis.evidence.fitted import Fit
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.linear import left_by_stated, whiten
 from fenics_joints.diagnosis.evidence.localised_unknown import with_localised_unknown
-from fenics_joints.diagnosis.evidence.predictions import ManyPredictions
+from fenics_joints.diagnosis.evidence.predictor import Make, Predictor
 from fenics_joints.diagnosis.evidence.scales import Scales
 from fenics_joints.errors import InputError
-from fenics_joints.modal.modes import solve_modes
 from fenics_joints.parallel import spread
-from fenics_joints.reduction.arrays import freeze
-from fenics_joints.reduction.basis import pod
-from fenics_joints.reduction.prediction import (
-    SPARE,
-    BatchPrediction,
-    ModalPrediction,
-    batched,
-    match_modes_at,
-)
+from fenics_joints.reduction.prediction import ModalPrediction
 
-#: Step of differences, in standard deviations of the prior. [numerical: chosen]
-_STEP = 1e-4
-#: Cells that are made exact at a time and at most, of one hypothesis; nats by which the rest has to
-#: be behind. [numerical: chosen for time]
+#: Cells of one hypothesis that are solved for together, and in all at most; nats by which those
+#: that are not solved for have to be behind. [numerical: chosen for time]
 _AT_A_TIME, _MOST, _BEHIND = 4, 8, 2.0
-#: Nats below what an unknown cause has at which no more cells of a hypothesis are looked at.
-#: [numerical: e^-50 is nothing]
+#: Nats below an unknown cause at which no more cells of a hypothesis are solved for. [numerical:
+#: e^-50 is nothing]
 _HOPELESS = 50.0
-#: Gauss-Newton steps of a cell at most; shares of a step that are tried; the gain, in nats, that is
-#: worth one; how far a cell's point may be from its mean, in its own standard deviations.
+#: Gauss-Newton steps of a cell at most; shares of a step that are tried; the least gain of a step,
+#: in nats; the largest distance of a cell's point from its mean, in its own standard deviations.
 #: [numerical: chosen]
 _STEPS, _SHARES, _GAIN, _FAR = 8, (1.0, 0.4, 0.15), 0.02, 4.0
-#: Difference of ln Z of one cell and of many at which one is enough. [numerical: chosen]
+#: Largest difference in ln Z between one cell and many at which one serves. [numerical: chosen]
 _MOVED = 0.1
-#: The most that a model which is linear about one point may err in the cost one posterior standard
-#: deviation away; how much more probable than about that point a cell has to be about its own, and
-#: how near to all of them, in nats, to be looked at. [numerical: chosen]
-_BENT, _MORE, _UNTOLD = 0.3, 0.5, 3.0
-#: Cells of a hypothesis that a further effect is put beside. [numerical: chosen for time]
-_PARENTS = 6
-#: Screened at a time. [numerical: chosen for memory]
+#: When one cell, linear about its most probable point, serves: the largest error of its cost one
+#: posterior standard deviation away; and no other cell, of those whose evidence is within so many
+#: nats of it, may be so much more probable about its own point. [numerical: chosen]
+_BENT, _UNTOLD, _MORE = 0.3, 3.0, 0.5
+#: Cells of a hypothesis that a further effect is combined with, and how far they may be behind the
+#: best, in nats. [numerical: chosen for time]
+_PARENTS, _PARENTS_WITHIN = 6, 5.0
+#: Cells that are screened at a time. [numerical: chosen for memory]
 _CHUNK = 512
-#: Size of a reduced model from which a smaller basis pays, and number of bases that are kept.
-#: [numerical: chosen for time]
-_LARGE, _BASES = 80, 128
-#: What a basis is made of: modes at so many points of the prior of an effect of one or two
-#: parameters, of more, and of places. [numerical: chosen]
-_SAMPLES, _MORE_SAMPLES, _SAMPLES_OF_PLACES = {1: 6, 2: 8}, 12, 24
-#: How far out of the means of its cells, and out of tolerances, in standard deviations; the weight
-#: of modes that the test did not see. [numerical: chosen]
-_BEYOND, _WITHIN, _OTHERS = 1.6, 1.5, 0.1
-#: How often a basis is looked at where its hypothesis leads, and how much the squared misfit there
-#: may be off. [numerical: chosen; 0.25 nats of ln Z]
+#: How often a basis is checked where its hypothesis leads, and the error of the squared misfit
+#: there that is allowed. [numerical: chosen; 0.25 nats of ln Z]
 _LOOKED, _OFF = 3, 0.5
-#: Singular value, relative to the first, below which a vector is left out; share of a mode that is
-#: not rigid below which it is. [numerical: chosen]
-_SHARE, _SAME = 1e-3, 1e-3
-#: Points at which it is looked how well torques are interpolated, and how well they have to be, in
-#: standard deviations of noise. [numerical: chosen]
-_LOOKS, _AS_GOOD = 8, 0.1
-#: Points of a hypothesis that are remembered; widths of a cell within which they are its own.
-#: [numerical: chosen for memory]
+#: Solved points of a hypothesis that are remembered; distance from a cell, in its widths, within
+#: which it may start from them. [numerical: chosen for memory]
 _REMEMBERED, _SAME_CELL = 64, 2.0
 
 
@@ -112,13 +85,13 @@ class States:
 
 @dataclass(frozen=True)
 class Found:
-    """What a test says of a hypothesis.
+    """A hypothesis weighed by a test.
 
     Attributes:
         fit: The fit.
-        cells: Cells that count, exact; their shares of the prior include those of the rest.
+        cells: The cells that were solved for; their shares of the prior include all others'.
         log_evidence: ln of each one's evidence, at the most probable scales, (n,).
-        peak: The most probable point, as one cell that is the whole prior.
+        peak: The whole prior as one cell, linear about the most probable point.
     """
 
     fit: Fit
@@ -127,188 +100,43 @@ class Found:
     peak: PriorCells
 
 
-class Library:
+class Library(Predictor):
     """Predictions all over the priors of effects, and the evidence from them.
 
     Args:
-        forward: The reduced model's.
+        forward: Frequencies and shapes by the reduced model.
         evidence: The whole test.
         baseline: Parameter values of the nominal model.
         make: Makes a hypothesis of effects.
-        lean: Whether every hypothesis is predicted on a basis of its own, of some 40 vectors.
+        lean: Whether every hypothesis is predicted on a basis of its own.
     """
 
     def __init__(
-        self, forward, evidence: Evidence, baseline: dict[str, float], make, lean: bool = False
+        self,
+        forward: ModalPrediction,
+        evidence: Evidence,
+        baseline: dict[str, float],
+        make: Make,
+        lean: bool = False,
     ):
-        self.evidence, self.baseline, self.make, self.floor = evidence, baseline, make, -np.inf
-        self.forward = batched(forward)
-        #: Whether every hypothesis has a basis of its own.
-        self.lean = lean and self.forward.model.n_dofs > _LARGE
-        #: Forwards by the keys of the effects that they are good for.
-        self.bases: dict[tuple[str, ...], BatchPrediction] = {}
-        self._samples: dict[str, tuple[np.ndarray, np.ndarray]] = {}
-        #: Modes that the basis of a hypothesis was found to lack.
-        self._own: dict[str, list[tuple[np.ndarray, np.ndarray]]] = {}
-        self._smooth: dict[str, bool] = {}
-        self._changes: dict[str, set[str]] = {}
+        super().__init__(forward, evidence, baseline, make, lean)
+        #: ln of the evidence of the best of "no gap" and an unknown cause, once these are weighed.
+        self.floor = -np.inf
         self._states: dict[str, States] = {}
         self._nothing: tuple[np.ndarray, np.ndarray] | None = None
-        #: Points, predictions and derivatives of each hypothesis.
+        #: Points, predictions and derivatives of each hypothesis that were solved for.
         self._solved: dict[str, tuple[np.ndarray, ...]] = {}
 
-    # -- bases -----------------------------------------------------------------------------------
-
-    def _forward_of(self, h: Hypothesis) -> ModalPrediction:
-        """A forward on the vectors that hold the test's modes all over a hypothesis' prior."""
-        if not self.lean:
-            return self.forward
-        acting = [e for e in h.effects if e.apply is not None or e.loss is not None]
-        key = tuple(sorted(effect.key for effect in acting))
-        if h.label_of_keys in self._own:  # of this one alone, so that no order of work tells
-            key = (h.label_of_keys,)
-        if key not in self.bases:
-            parts = [self._sampled(None), *map(self._sampled, acting)]
-            parts += self._own.get(h.label_of_keys, ())
-            shapes, weights = (np.concatenate(part, axis=-1) for part in zip(*parts, strict=True))
-            model = self.forward.model
-            vectors, sizes = pod(model, shapes, weights)
-            vectors = np.hstack([self._rigid, vectors[:, sizes > _SHARE * sizes[0]]])
-            free = sorted(set(model.parameters) & set().union(*map(self._moved, [None, *acting])))
-            model = freeze(model, free, self.baseline) if free else model
-            own = BatchPrediction(self.forward, model.on(vectors))
-            own.model.pencil.set_reference(own.model.values())
-            while len(self.bases) >= _BASES:
-                del self.bases[next(iter(self.bases))]
-            self.bases[key] = own
-        return self.bases[key]
-
-    def _moved(self, effect: Effect | None) -> set[str]:
-        """The model's parameters that an effect and the tolerances change anywhere in their priors,
-        or that their losses are shares of."""
-        key = "" if effect is None else effect.key
-        if key not in self._changes:
-            h = self.make(() if effect is None else (effect,))
-            mean = np.zeros((1, 0)) if effect is None else prior_cells(effect.priors)[0]
-            z = np.repeat([[-1.0], [1.0]], len(mean), axis=0) * np.ones(len(h.priors))
-            z[:, h.own] = np.tile(mean, (2, 1))
-            z = z.clip(*h.limits.T)
-            many = ManyPredictions(h, self.forward, self.evidence, self.baseline)
-            found = {name for known in h.known for name in known}
-            for row in range(len(self.evidence.conditions)):
-                values = many.values(z, row)
-                found |= {k for k, v in values.items() if np.any(v != self.baseline[k])}
-            loss_factors = (h.loss_factors(point, self.evidence.conditions[0], 1.0) for point in z)
-            self._changes[key] = found.union(*loss_factors)
-        return self._changes[key]
-
-    @cached_property
-    def _rigid(self) -> np.ndarray:
-        """Rigid motions as they are: nearly rigid ones are far too stiff."""
-        modes = solve_modes(self.forward.model, self.baseline, n_modes=self.forward.n_modes)
-        return modes.shapes[:, : modes.n_rigid]
-
-    def _sampled(self, effect: Effect | None) -> tuple[np.ndarray, np.ndarray]:
-        """The test's modes and those between all over an effect's prior, (n_dofs, n), and their
-        weights, (n,); of the nominal model within its tolerances for None."""
-        key = "" if effect is None else effect.key
-        if key not in self._samples:
-            h = self.make(() if effect is None else (effect,))
-            p = len(h.priors)
-            z = np.vstack([np.zeros(p), _WITHIN * np.eye(p), -_WITHIN * np.eye(p)])
-            if effect is not None:
-                most = (
-                    _SAMPLES_OF_PLACES
-                    if any(q.scan for q in effect.priors)
-                    else (_SAMPLES.get(len(effect.priors), _MORE_SAMPLES))
-                )
-                z = np.array([h.at(own) for own in _BEYOND * prior_points(effect.priors, most)])
-            self._samples[key] = self._modes_at(h, z.clip(*h.limits.T))
-        return self._samples[key]
-
-    def _modes_at(self, h: Hypothesis, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        conditions = self.evidence.conditions
-        rows = np.arange(len(conditions) if h.varies else 1)
-        if not any(h.known):
-            rows = np.unique(rows[[0, len(rows) // 2, -1]])
-        wanted = [
-            h.values(point, conditions[row], self.baseline, row) for point in z for row in rows
-        ]
-        shapes, weights = [], []
-        for seen in match_modes_at(self.forward, wanted):
-            if len(seen.index):
-                most = int(seen.index.max()) + 1 + SPARE
-                there = np.isin(np.arange(seen.shapes.shape[1]), seen.index)
-                shapes.append(seen.shapes[:, :most])
-                weights.append(np.where(there, 1.0, _OTHERS)[:most])
-        model = self.forward.model
-        if not shapes:
-            return np.zeros((model.n_dofs, 0)), np.zeros(0)
-        x, weight = np.hstack(shapes), np.concatenate(weights)
-        left = x - self._rigid @ (self._rigid.T @ (model.mass() @ x))
-        elastic = np.linalg.norm(left, axis=0) > _SAME * np.linalg.norm(x, axis=0)
-        return left[:, elastic], weight[elastic]
-
-    # -- predictions ---------------------------------------------------------------------------
-
-    def predict(
-        self, h: Hypothesis, z: np.ndarray, by: Sequence[int] = ()
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Everything in `Evidence.data` at points (b, p): (b, N), and its derivatives by some of z,
-        (b, N, q); nan where the model has no such modes."""
-        by = list(by)
-        many = self._many(h)
-        data, slopes = many(z, by)
-        own = set(range(*h.own.indices(len(h.priors))))
-        if self._differs(h) and own & set(by):
-            slopes = slopes.copy()
-            for i, j in enumerate(by):
-                if j in own:
-                    step = np.where(z[:, j] < 0, _STEP, -_STEP)
-                    moved = z.copy()
-                    moved[:, j] += step
-                    change = (many(moved)[0] - data) / step[:, None]
-                    slopes[:, :, i] = change
-        return data, slopes
-
-    def _many(
-        self, h: Hypothesis, between: bool | None = None, forward: ModalPrediction | None = None
-    ) -> ManyPredictions:
-        """Predictions by default on its own basis, and between torques where all effects let it."""
-        between = all(map(self._is_smooth, h.effects)) if between is None else between
-        forward = self._forward_of(h) if forward is None else forward
-        return ManyPredictions(h, forward, self.evidence, self.baseline, between)
-
-    def _is_smooth(self, effect: Effect) -> bool:
-        """Whether interpolation between a few torques tells what an effect does at all, remembered;
-        not where contact opens from one torque to the next."""
-        if effect.key not in self._smooth:
-            h, good = self.make((effect,)), True
-            few = self._many(h, between=True)
-            if few.between:
-                z = np.array([h.at(own) for own in prior_points(effect.priors, _LOOKS)])
-                z = z.clip(*h.limits.T)
-                off = np.abs(few(z)[0] - self._many(h, between=False)(z)[0])
-                good = bool(np.nanmax(off / self.evidence.noise_sd(), initial=0.0) < _AS_GOOD)
-            self._smooth[effect.key] = good
-        return self._smooth[effect.key]
-
-    def _differs(self, h: Hypothesis) -> bool:
-        """Whether derivatives by the effects' own parameters are differences: of what acts on the
-        sensors, and of damping by what slips."""
-        slips = h.damped and any(e.by_level and e.loss for e in h.effects)
-        return slips or any(e.sensing is not None and e.priors for e in h.effects)
+    # -- states --------------------------------------------------------------------------------
 
     def states(self, effect: Effect) -> States:
-        """Those of an effect, remembered."""
+        """Predictions at the cells of an effect's prior, remembered."""
         if effect.key not in self._states:
             h = self.make((effect,))
-            own = list(range(*h.own.indices(len(h.priors))))
             mean, width, share = prior_cells(effect.priors)
             z = np.zeros((len(mean), len(h.priors)))
-            z[:, own] = mean
-            z = z.clip(*h.limits.T)
-            data, slopes = self.predict(h, z, own)
+            z[:, h.own] = mean
+            data, slopes = self.predict(h, z.clip(*h.limits.T), range(h.own.start, h.own.stop))
             others = self.predict(h, np.zeros((1, len(h.priors))), range(len(h.priors)))[1][0]
             self._states[effect.key] = States(mean, width, share, data, slopes, others)
         return self._states[effect.key]
@@ -328,7 +156,7 @@ class Library:
     def solve(
         self, effects: Sequence[Effect], comm: MPI.Intracomm, advance: Callable[[], None]
     ) -> None:
-        """States of effects, on all ranks. Collective.
+        """`states` of effects, the same on all ranks. Collective.
 
         Args:
             effects: The effects, shared out among the ranks.
@@ -344,22 +172,22 @@ class Library:
             self._states[effect.key] = states
 
     def with_forward(self, forward) -> Library:
-        """The same for a better model; states stay, for they only say where to look.
+        """The same for a better model; states stay, since they only say which cells to solve for.
 
         Args:
             forward: The better model's.
         """
         found = Library(forward, self.evidence, self.baseline, self.make, self.lean)
         found._states, found._smooth, found.floor = self._states, self._smooth, self.floor
-        # Made now where it was not yet, so that all ranks have it of the same model.
+        # Of this model on all ranks, whether they have asked for it by now or not.
         found._changes, found._nothing = self._changes, self.nothing
         return found
 
     def renewed(self, found: Found, test: Evidence) -> Found:
-        """Weigh a hypothesis again by this model, from what a slightly worse model found.
+        """Weigh a hypothesis again by this model, starting from a slightly worse one's result.
 
         Args:
-            found: By the other model.
+            found: That result.
             test: The test.
         """
         h, at = found.fit.hypothesis, test.at(found.fit.scales)
@@ -381,7 +209,7 @@ class Library:
         return self._held(h, test, weighed)
 
     def _cells(self, h: Hypothesis, states: States, index) -> PriorCells:
-        """Some of an effect's cells, all but the effect linear about the medians."""
+        """Some of an effect's cells, with all other parameters linear about their medians."""
         n, p = len(index), len(h.priors)
         mean, width = np.zeros((n, p)), np.ones((n, p))
         mean[:, h.own], width[:, h.own] = states.mean[index], states.width[index]
@@ -393,14 +221,13 @@ class Library:
     # -- evidence ------------------------------------------------------------------------------
 
     def single(self, h: Hypothesis, test: Evidence) -> Found:
-        """What a test says of a hypothesis of one effect, or none.
+        """Weigh a hypothesis of one effect, or none.
 
         Args:
             h: The hypothesis.
             test: The test, or a part of it.
         """
-        make, screened = self._screen(h, test)
-        return self._refined(h, make, screened, test, test)
+        return self._refined(h, *self._screen(h, test), test, test)
 
     def promises(self, h: Hypothesis, test: Evidence) -> float:
         """ln of the evidence of a hypothesis of one effect, by algebra alone.
@@ -412,7 +239,7 @@ class Library:
         return total(self._screen(h, test)[1])
 
     def glance(self, h: Hypothesis, test: Evidence) -> Found:
-        """What a test says of a hypothesis of one effect that is far from it, by algebra alone.
+        """Weigh a hypothesis of one effect that is far from the data, by algebra alone.
 
         Args:
             h: The hypothesis.
@@ -424,7 +251,8 @@ class Library:
         return self.summary(h, replace(best, log_share=share), test, _as_whole(best))
 
     def _screen(self, h: Hypothesis, test: Evidence):
-        """Makes some of a hypothesis' cells; and ln of the evidence of each, (n,)."""
+        """A function that makes some of a hypothesis' cells, and ln of the evidence of each, as
+        far as they are linear about their means, (n,)."""
         if not h.effects:
             p = len(h.priors)
             z = np.zeros((1, p))
@@ -444,12 +272,12 @@ class Library:
         return make, np.concatenate(screened)
 
     def beside(self, h: Hypothesis, parent: Found, test: Evidence) -> tuple[PriorCells, np.ndarray]:
-        """Cells of a hypothesis' last effect beside those of a parent, predictions added, and ln of
-        the evidence of each.
+        """Cells of a hypothesis' last effect combined with those of its other effects, changes of
+        the prediction added, and ln of the evidence of each.
 
         Args:
             h: The hypothesis.
-            parent: Without the last effect.
+            parent: The hypothesis without the last effect, weighed.
             test: The test, at the scales by which it is weighed.
         """
         effect, old = h.effects[-1], parent.fit.hypothesis
@@ -457,7 +285,7 @@ class Library:
         nominal = self.nominal
         share = parent.log_evidence - total(parent.log_evidence)
         top = np.argsort(-share, kind="stable")[:_PARENTS]
-        top = top[share[top] > share[top[0]] - 5.0]
+        top = top[share[top] > share[top[0]] - _PARENTS_WITHIN]
         n, m, p = len(top), len(states.mean), len(h.priors)
         i, j = np.repeat(top, m), np.tile(np.arange(m), n)
         mean, width, at = np.zeros((n * m, p)), np.ones((n * m, p)), np.zeros((n * m, p))
@@ -477,7 +305,7 @@ class Library:
         width[:, last] = states.width[j]
         slopes[:, :, last] = states.slopes[j]
         data = parent.cells.data[i] + states.data[j] - nominal
-        # Parents that are left out count as those do that are not.
+        # Cells of the parent that are left out are taken to gain as much as the others.
         log_share = parent.cells.log_share[i] + states.log_share[j] - total(share[top])
         cells = PriorCells(mean, width, log_share, at, data, slopes)
         found = weigh(cells, test.data, test.fitted, test.lower(h.unknown), h.limits)
@@ -488,11 +316,11 @@ class Library:
     ) -> dict[str, float]:
         """ln of the evidence of a parent with each of some effects besides, by its key.
 
-        Predictions are added, and all of the parent's parameters are linear about its best cell:
-        algebra alone, by which the few sets are chosen that are solved for.
+        Changes of the prediction are added, and all of the parent's parameters are linear about its
+        best cell: algebra alone, which chooses the few sets of effects that are solved for.
 
         Args:
-            parent: What is known of the parent.
+            parent: A hypothesis, weighed.
             effects: The effects.
             test: The test.
         """
@@ -523,8 +351,8 @@ class Library:
 
     @property
     def nothing(self) -> tuple[np.ndarray, np.ndarray]:
-        """What the nominal model predicts, (N,), and its derivatives by what is uncertain in any
-        case, (N, p)."""
+        """What the nominal model predicts, (N,), and its derivatives by the parameters that are
+        uncertain in any case, (N, p)."""
         if self._nothing is None:
             h = self.make(())
             p = len(h.priors)
@@ -533,11 +361,11 @@ class Library:
         return self._nothing
 
     def add_effect(self, h: Hypothesis, parent: Found, test: Evidence) -> Found:
-        """What a test says of a hypothesis of several effects.
+        """Weigh a hypothesis of several effects.
 
         Args:
             h: The hypothesis.
-            parent: What it says of that without the last effect.
+            parent: The same without the last effect, weighed.
             test: The test, or a part of it.
         """
         scales = None
@@ -545,18 +373,18 @@ class Library:
             at = test.at(parent.fit.scales if scales is None else scales)
             cells, screened = self.beside(h, parent, at)
             found = self._refined(h, cells.__getitem__, screened, test, at)
-            # With both at work the data may call for much smaller errors.
+            # With both effects the data may ask for much smaller errors.
             if scales is not None or not test.drifts or found.fit.scales == at.scales:
                 return found
             scales = found.fit.scales
 
     def of(self, h: Hypothesis, test: Evidence, known: dict[str, Found] | None = None) -> Found:
-        """What a part of a test says of a hypothesis, without any use of the rest of the test.
+        """Weigh a hypothesis by a part of a test, without any use of the rest.
 
         Args:
             h: The hypothesis.
             test: The part.
-            known: What it says of others, by their keys; grows.
+            known: Others that were weighed by it, by their keys; grows.
         """
         known = {} if known is None else known
         key = h.label_of_keys
@@ -568,22 +396,20 @@ class Library:
         return known[key]
 
     def _held(self, h: Hypothesis, test: Evidence, weighed: Callable[[], Found]) -> Found:
-        """What a test says of a hypothesis on a basis that holds its most probable point: modes
-        that it lacks there are taken in, and it is weighed again."""
+        """A hypothesis weighed on a basis that holds for its most probable point: the basis takes
+        in modes that it lacks there, and the hypothesis is weighed again."""
         for left in reversed(range(_LOOKED)):
             found = weighed()
             hopeless = found.fit.log_evidence < self.floor - _HOPELESS
             if not left or not self.lean or hopeless:
                 break
-            whole = self._many(h, forward=self.forward)
-            right = replace(found.peak, data=whole(found.peak.at)[0])
+            right = replace(found.peak, data=self.on_whole_model(h, found.peak.at))
             lower = test.at(found.fit.scales).lower(h.unknown)
             off = _costs(right, test, lower) - _costs(found.peak, test, lower)
             if not np.abs(off[0]) > _OFF:  # nan: neither has such modes
                 break
-            self._own.setdefault(h.label_of_keys, []).append(self._modes_at(h, found.peak.at))
+            self.enrich(h, found.peak.at)
             self._solved.pop(h.label_of_keys, None)
-            self.bases.pop((h.label_of_keys,), None)
         return found
 
     def _refined(
@@ -601,7 +427,7 @@ class Library:
             order = np.arange(1)
         whole = self._whole(h, make(order[:1]), at)
         if not self._is_bent(h, whole, at):
-            # Is there anything that the model linear about this point does not know of?
+            # Is there a cell that the model linear about this point misses?
             alone = weigh(whole, test.data, test.fitted, at.lower(h.unknown), h.limits)
             near = order[screened[order] > alone.log_evidence[0] - _UNTOLD]
             if not np.any(self._about(h, make(near), whole, at)[2] > _MORE):
@@ -629,8 +455,8 @@ class Library:
             if not len(rest) or done >= _MOST or hopeless or rest[0] < exact.max() - _BEHIND:
                 break
         if len(rest):
-            # The rest counts for as much as the screen has it, which is taken to be as far off as
-            # of the last ones that are exact.
+            # The others count by the screen, whose error is taken to be that of the last ones that
+            # were solved for.
             last = np.arange(max(done - 2 * _AT_A_TIME, 0), done)
             off = total(exact[last]) - total(screened[order[last]])
             rest = np.minimum(rest + off, exact.max())
@@ -639,9 +465,9 @@ class Library:
         return self.summary(h, cells, test)
 
     def _is_bent(self, h: Hypothesis, whole: PriorCells, test: Evidence) -> bool:
-        """Whether the model is not linear one posterior standard deviation away along one of the
-        effects' parameters."""
-        own, lower = np.arange(*h.own.indices(len(h.priors))), test.lower(h.unknown)
+        """Whether the model deviates from linear one posterior standard deviation away along any of
+        the effects' parameters."""
+        own, lower = np.arange(h.own.start, h.own.stop), test.lower(h.unknown)
         if not len(own):
             return False
         post = weigh(whole, test.data, test.fitted, lower, h.limits)
@@ -660,10 +486,13 @@ class Library:
     def _about(
         self, h: Hypothesis, cells: PriorCells, best: PriorCells, test: Evidence
     ) -> tuple[PriorCells, np.ndarray, np.ndarray]:
-        """Cells, linear about the best one's point where that finds them more probable than their
-        own, ln of the evidence of each, and how much more it is about their own: what is bent
-        within a cell leads it astray. Not where a parameter that acts in steps has another value,
-        which the best one's point says nothing of."""
+        """Cells, ln of the evidence of each, and how much larger it is if they are linear about
+        their own points and not about the best one's.
+
+        Those that are more probable about the best one's point are linear about that, since a model
+        that is bent within a cell may mislead it. Not so where a parameter that acts in steps has
+        another value there.
+        """
         n = len(cells)
         there = {f: np.repeat(getattr(best, f), n, axis=0) for f in ("at", "data", "slopes")}
         both = cells.joined(replace(cells, **there))
@@ -678,8 +507,8 @@ class Library:
     def reconverged(self, h: Hypothesis, cells: PriorCells, test: Evidence) -> PriorCells:
         """Cells linear about their own posterior means, by Gauss-Newton steps.
 
-        Each starts from a point that the hypothesis was solved at before, if that is better than
-        its own: other data or a finer cell then ask for few solutions.
+        Each starts from a point at which the hypothesis was solved before, if that is better than
+        its own, so that other data or a finer cell ask for few solutions.
 
         Args:
             h: The hypothesis.
@@ -709,7 +538,7 @@ class Library:
             target[:, own] = part.mean[:, own] + away
             step = np.clip(target, low + 1e-6, high - 1e-6) - part.at
             better, new = np.zeros(len(i), dtype=bool), ~exact[i]
-            # At last its own point, unless it is known what the model says there.
+            # At last its own point, unless the model was solved there.
             for share in (*_SHARES, 0.0):
                 k = np.flatnonzero(~better if share else ~better & new)
                 if not len(k):
@@ -740,7 +569,7 @@ class Library:
         self._solved[h.label_of_keys] = new
 
     def _recalled(self, h, cells: PriorCells, test: Evidence, lower, exact) -> np.ndarray:
-        """What cells cost, (n,), after those that gain by it took remembered points."""
+        """Costs of cells, (n,), after each took the best of the remembered points if it gains."""
         now = _costs(cells, test, lower)
         if h.label_of_keys not in self._solved:
             return now
@@ -749,7 +578,7 @@ class Library:
         width = np.where(cells.width > 0, cells.width, 1.0)
         away = (at - cells.mean[:, None]) / width[:, None]
         costs = np.sum(white**2, axis=0) + np.sum(away**2, axis=2)
-        # Or all would end where the first one did.
+        # Otherwise all cells would end where the first one did.
         costs[np.max(np.abs(away[:, :, h.own]), axis=2, initial=0.0) > _SAME_CELL] = np.inf
         best = np.argmin(costs, axis=1)
         least = costs[np.arange(len(cells)), best]
@@ -760,9 +589,9 @@ class Library:
 
     def _weighed(
         self, h: Hypothesis, cells: PriorCells, test: Evidence
-    ) -> tuple[np.ndarray, float, Scales | None, dict]:
-        """ln of each cell's evidence over all scales, (n,), that of all, the most probable scales,
-        and what is known of all at each."""
+    ) -> tuple[np.ndarray, float, Scales | None, CellPosterior]:
+        """ln of each cell's evidence over all scales, (n,), that of all cells, the most probable
+        scales, and the cells' posterior at these."""
 
         def at(scales) -> CellPosterior:
             lower = test.at(scales).lower(h.unknown)
@@ -770,13 +599,13 @@ class Library:
 
         if test.scales is None:
             post = at(None)
-            return post.log_evidence, total(post.log_evidence), None, {None: post}
+            return post.log_evidence, total(post.log_evidence), None, post
         tried = test.scales.tried()
         posts = {scales: at(scales) for scales, _ in tried}
         each = np.array([posts[scales].log_evidence + weight for scales, weight in tried])
         sums = [total(row) for row in each]
         best = tried[int(np.argmax(sums))][0]
-        return np.logaddexp.reduce(each, axis=0), total(np.array(sums)), best, posts
+        return np.logaddexp.reduce(each, axis=0), total(np.array(sums)), best, posts[best]
 
     def _peak(self, h: Hypothesis, cells: PriorCells, test: Evidence) -> PriorCells:
         """The most probable point, as one cell that is the whole prior."""
@@ -798,14 +627,13 @@ class Library:
             test: The test.
             peak: The most probable point; sought for None.
         """
-        each, log_z, scales, posts = self._weighed(h, cells, test)
-        post = posts[scales]
+        _, log_z, scales, post = self._weighed(h, cells, test)
         if not np.isfinite(log_z):
             raise InputError(f"{h.label}: the evidence is not finite; check the data.")
         used = test.fitted
         lower = test.at(scales).lower(h.unknown)
         peak = self._peak(h, cells, test.at(scales)) if peak is None else peak
-        # Of a linear model the whole prior as one cell is exact, which a sum of cells nearly is.
+        # If the model is linear, the whole prior as one cell is exact, a sum of cells only nearly.
         whole = self._weighed(h, peak, test)[1]
         straight = abs(whole - log_z) < _MOVED
         log_z = whole if straight else log_z
@@ -842,18 +670,18 @@ class Library:
         posteriors of its cells; all others are integrated in closed form at each draw.
 
         Args:
-            found: What is known.
+            found: The hypothesis, weighed.
             test: The test.
         """
         h, fit, used = found.fit.hypothesis, found.fit, test.fitted
-        own, (low, high) = np.arange(*h.own.indices(len(h.priors))), h.limits.T
+        own, (low, high) = np.arange(h.own.start, h.own.stop), h.limits.T
         stepped = any(prior.scan for _, prior in h.priors)  # cells that are left out are far away
         if stepped or not self._is_bent(h, found.peak, test.at(fit.scales)):
             return found
         lower = test.at(fit.scales).lower(h.unknown)
         post = weigh(found.cells, test.data, used, lower, h.limits)
         inner = post.covariance[:, own[:, None], own]
-        # What the others are on average once these are known.
+        # Conditional means of the others, given these.
         follow = np.linalg.solve(inner, post.covariance[:, own]).transpose(0, 2, 1)
         width = np.ones(len(low))
         width[own] = 0.0
@@ -912,7 +740,7 @@ def fit(
 
     Args:
         hypothesis: The hypothesis.
-        forward: Predicts frequencies: a reduced model's, or a `PointwiseForward` of one's own.
+        forward: Predicts frequencies: of a reduced model, or a `PointwiseForward` of your own.
         evidence: The test.
         baseline: Parameter values of the nominal model.
     """

@@ -51,7 +51,7 @@ def log_evidence(square: float, slope: np.ndarray, lower: np.ndarray) -> float:
 
 @dataclass(frozen=True)
 class LinearFit:
-    """A hypothesis linear about a point, whitened, as the residual of any data of the same test.
+    """A hypothesis linear about a point, whitened, to be held against any data of the same test.
 
     Attributes:
         lower: Cholesky factor of the covariance of the fitted entries, (k, k).
@@ -69,7 +69,7 @@ class LinearFit:
 
     @classmethod
     def of(cls, found: Fit, test: Evidence, lower: np.ndarray | None = None) -> LinearFit:
-        """That of a fit, to whatever entries, for the fitted entries of a test.
+        """A fit, to any data, as a linear model of the fitted entries of a test.
 
         Args:
             found: The fit.
@@ -90,7 +90,7 @@ class LinearFit:
         return replace(self, slope=slope, z=np.pad(self.z, more), free=free)
 
     def released(self) -> LinearFit:
-        """The same with parameters at a limit free to move: other data may take them off it."""
+        """The same with parameters at a limit free: other data may move them away from it."""
         return replace(self, free=np.ones_like(self.free))
 
     @cached_property
@@ -118,7 +118,7 @@ class LinearFit:
 
 
 def left_by_stated(found: Fit, test: Evidence) -> float | None:
-    """What a fit leaves if all of the errors that are stated at most are there; see `Fit.stated`.
+    """Misfit with the errors that are stated as limits at these limits; see `Fit.stated`.
 
     Args:
         found: The fit.

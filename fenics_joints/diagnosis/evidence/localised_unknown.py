@@ -1,22 +1,20 @@
-"""An unknown cause as a change of stiffness and mass somewhere.
+"""An unknown cause that has a place: a change of stiffness and mass somewhere, or a point mass.
 
-What no effect of the library is has mostly a place all the same: a lining, a filling, a hole, a
-part of another material. So ln of the stiffness and of the mass of every patch of the structure are
-random before the test: Gaussian, smooth over a length and of a size that are not known. All that is
-measured is linear in them (`fenics_joints.diagnosis.evidence.signatures`), so that the evidence is
-in closed form at each length and size, and is summed over these. Unlike a covariance that lets
-every mode do as it likes, it knows that what moves one mode turns others, and that one place moves
-them all.
+*A change somewhere.* Most causes outside the library have a place all the same: a lining, a
+filling, a hole, a part of another material. So ln of the stiffness and of the mass of every patch
+of the structure are a Gaussian random field before the test, smooth over a length and of a size
+that are not known. All data are linear in it (`fenics_joints.diagnosis.evidence.signatures`), so
+that the evidence is in closed form for each length and size, and is summed over these. The
+alternative is a covariance with independent changes of all modes, which ignores that a change at
+one place moves all frequencies and turns all shapes together.
 
-An unknown cause as one point mass: its size and place, by a scan over places and sizes.
-
-The size of an unmodelled mass is of interest even if the diagnosis does not look for effects with a
-place. In the basis of the nominal model's n modes,
+*A point mass*: its size and place, by a scan over both. Its size is of interest even if the
+diagnosis looks for no effects with a place. In the basis of the nominal model's n modes,
 
     (diag(lambda) - mu (I + m Phi^T Phi)) y = 0
 
-gives the modes with a mass m at a place where the n shapes have the displacements Phi, (3, n). So
-each place and size is a small eigenproblem; the nuisance parameters enter linearly.
+gives the modes with a mass m at a point at which the n shapes have the displacements Phi, (3, n).
+So each place and size is a small eigenproblem; nuisance parameters enter linearly.
 """
 
 from __future__ import annotations
@@ -195,7 +193,7 @@ def _shape_change(measured, seen: np.ndarray, index: np.ndarray, y: np.ndarray) 
 _SIZES = ((1 / 3, 0.25), (1.0, 0.5), (3.0, 0.25))
 #: Whether stiffness changes, and mass: either, or both. [decision: all there are]
 _KINDS = ((1.0, 0.0), (0.0, 1.0), (1.0, 1.0))
-#: Prior probability that an unknown cause is one of this kind, and none that may do anything.
+#: Prior probability that an unknown cause has a place, and does not move modes independently.
 #: [decision: indifference]
 _PLACED = 0.5
 
@@ -224,7 +222,7 @@ def _localised(residual: np.ndarray, slope: np.ndarray, test: Evidence, tried) -
         tried: Scales with ln of their weights; see `Scales.tried`.
     """
     t, own, scores = residual.shape[1], slope.shape[1], []
-    # No scales change what the patches' changes do.
+    # The patches' changes are the same at all scales.
     columns = [column[test.fitted] for column in test.patch_columns()]
     for scales, weight in tried:
         lower = test.at(scales).lower()
@@ -239,11 +237,11 @@ def _localised(residual: np.ndarray, slope: np.ndarray, test: Evidence, tried) -
 
 
 def with_localised_unknown(found: Fit, test: Evidence) -> Fit:
-    """A fit of an unknown cause with the evidence that it is somewhere, beside that it may do
-    anything; as it is where the test has no signatures.
+    """A fit of an unknown cause with the evidence of both kinds: a change somewhere, and one that
+    moves each mode independently; unchanged where the test has no signatures.
 
     Args:
-        found: The fit of the hypothesis that something else is at work.
+        found: The fit of an unknown cause of the second kind.
         test: The test.
     """
     if test.signatures is None:

@@ -1,17 +1,15 @@
-"""Effects that are one: those equal in the model, and those equal in this test but for their place.
+"""Effects that are weighed as one.
 
-Hypotheses that are one another in other words, which are weighed once.
+*The same model.* Two sets of effects may give the same values of the model at the same prior
+density, and are then one hypothesis: "compliance away from the bolts only" together with
+"compliance at one joint" may be compliance "graded from zone to zone".
 
-"Compliance away from the bolts only" with "compliance at one joint", the other one, is compliance
-"graded from zone to zone": the same values of the model at the same prior density. Two causes that
-merely look alike in a test are a class (`fenics_joints.diagnosis.evidence.classes`) and stay two.
+*The same predictions at different places.* A bolt and its mirror image, or two sets of loose bolts
+that the sensors cannot tell apart, are one cause, with the prior odds of both: the data do not say
+where it is.
 
-Effects at different places that predict the same of a test, which are weighed as one.
-
-A bolt and its mirror image, or two sets of loose bolts that the sensors cannot tell apart, are one
-cause whose place is a further parameter, of a few values: by the prior's share of each, for the
-data say nothing of it. Two causes of different kinds that look alike are a class
-(`fenics_joints.diagnosis.evidence.classes`) and stay two.
+Effects of different kinds that the test cannot tell apart stay separate and form a class
+(`fenics_joints.diagnosis.evidence.classes`).
 """
 
 from __future__ import annotations
@@ -51,7 +49,8 @@ class KnownEffects:
         self._met: dict[tuple, list[tuple[Effect, ...]]] = {}
 
     def same(self, effects: Sequence[Effect]) -> tuple[Effect, ...] | None:
-        """The first set that does the same to the model; None, and it is added, if none does."""
+        """The first known set that does the same to the model; None if there is none, and the set
+        is then known."""
         effects = tuple(effects)
         if not effects or any(e.sensing is not None for e in effects):
             return None
@@ -63,7 +62,7 @@ class KnownEffects:
         return None
 
     def _outline(self, effects: tuple[Effect, ...]) -> tuple:
-        """Key that equal sets share, found without evaluating the model."""
+        """A key that equal sets have in common, found without evaluating the model."""
         priors = sorted(repr(_known(p)) for e in effects for p in e.priors)
         touched = frozenset().union(*(self._touches(e) for e in effects))
         kinds = (
@@ -81,7 +80,8 @@ class KnownEffects:
 def distinct(
     effects: Iterable[Effect], baseline: Mapping[str, float], conditions: Iterable[float]
 ) -> tuple[Effect, ...]:
-    """Effects without those that do the same as an earlier one, whose description then names them.
+    """Effects without those that do the same to the model as an earlier one, whose description then
+    names them.
 
     Args:
         effects: The effects.
@@ -106,11 +106,11 @@ def equal(
     baseline: Mapping[str, float],
     conditions: Sequence[float],
 ) -> bool:
-    """Whether two sets of effects make the same of the model, with the same prior.
+    """Whether two sets of effects do the same to the model, with the same prior.
 
-    They do if their parameters can be paired, each with one of the same prior, so that all values
-    and losses are the same at every point: derivatives at the medians pair them, and points at
-    random check it.
+    They do if each parameter of one can be paired with a parameter of the other that has the same
+    prior, so that all values and losses agree at every point: small changes from the medians pair
+    them, and random points check the pairs.
 
     Args:
         a: Effects.
@@ -174,11 +174,12 @@ def _close(a: dict, b: dict) -> bool:
     return all(abs(a[k] - b[k]) <= ROUND_OFF * max(abs(a[k]), abs(b[k])) for k in a)
 
 
-#: How far from their medians, one by one, parameters are compared besides, in standard deviations:
-#: what no test sees at its expected size is not yet the same where it is large. [decision: chosen]
+#: Distances from the medians, in standard deviations, at which effects are compared besides, one
+#: parameter at a time: two that no test sees at their expected size may differ where they are
+#: large. [decision: chosen]
 _SIZES = (-3.0, -1.0, 1.0, 3.0)
-#: Effects of a kind that are compared at most; of more, as of every three of a dozen bolts, few are
-#: ever fitted. [numerical: chosen for time]
+#: Effects of a kind at most for which all are compared; of more, such as every three of a dozen
+#: bolts, few are ever fitted. [numerical: chosen for time]
 _MOST = 150
 
 
@@ -189,8 +190,7 @@ def merge_indistinguishable(
     baseline: dict[str, float],
     comm: MPI.Intracomm,
 ) -> tuple[Effect, ...]:
-    """The effects, those merged that differ by their place alone and predict the same of this test.
-
+    """The effects, with those merged that differ in their place alone and predict the same test.
     Collective.
 
     Args:
@@ -208,7 +208,7 @@ def merge_indistinguishable(
     for group in kinds.values():
         for chosen, others in _groups(group, comparison) if 1 < len(group) <= _MOST else ():
             first |= {other.key: chosen.key for other in others}
-    first = comm.bcast(first)  # one that is just alike on a rank may not be on another
+    first = comm.bcast(first)  # round-off may decide a close case differently on another rank
     members: dict[str, list[Effect]] = {}
     for effect in effects:
         members.setdefault(first[effect.key], []).append(effect)

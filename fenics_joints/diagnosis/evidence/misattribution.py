@@ -1,21 +1,20 @@
-"""What causes are taken for, by simulated tests: for others of the library, or for each other.
+"""How often a cause is taken for another one, by simulated tests.
 
-A hole can look like a softer part, a cable like an added mass: then an effect of the library fits,
-and no evidence tells. How often that happens depends on the structure, the sensors, the noise and
-what the model errs by. So tests of the same layout are simulated, each with one effect of the
-library for its cause, parameters by their priors, errors as stated. That effect is then taken out
-of the library, and with it all others of its name or on the same part, joint or attachment. Counted
-is how often one that acts elsewhere, or two of them, is named in its place: the sum of their
-probabilities, beside the nominal model and an unknown cause. Small gaps are explained by many
-effects and large ones by few, so that it is counted by the size of the gap (a logistic function of
-its logarithm).
+A hole can look like a softer part, a cable like an added mass: then an effect of the library fits
+although the cause is outside the library. How often that happens depends on the structure, the
+sensors, the noise and the error of the model. So tests of the same layout are simulated, each with
+one effect of the library as its cause, parameters by their priors, errors as stated. That effect is
+then taken out of the library, with all others of its name or on the same part, joint or attachment.
+The rate of misattribution is the probability that the remaining effects get together, alone or in
+pairs, against the nominal model and an unknown cause. Many effects explain a small gap and few a
+large one, so that the rate is a function of the gap (logistic in its logarithm).
 
-Those named in its place fit worse than right causes do, whose p-values are uniformly distributed.
-The density of theirs is taken to be a p^(a-1), with a from the simulated tests (Sellke, Bayarri and
+Effects that are named wrongly fit worse than right causes, whose p-values are uniform. The density
+of their p-values is taken to be a p^(a-1), with a from the simulated tests (Sellke, Bayarri and
 Berger, The American Statistician 55, 2001).
 
-With every effect in the library, such tests tell what each cause is taken for, and how often an
-answer is right that is given as 70 to 90 %.
+With every effect in the library, the same tests give the confusion matrix of causes, and show how
+many answers of 70 to 90 % probability are right.
 """
 
 from __future__ import annotations
@@ -43,9 +42,10 @@ _TESTS, _RIVALS, _STEPS = 100, 3, 2
 #: The least exponent, for p-values of a few tests may all be small; the least gap, in nats.
 #: [numerical: chosen]
 _LEAST, _LEAST_GAP = 0.1, 1.0
-#: What share of a test that is seen does not count. [numerical: the rate to 1e-3]
+#: Probability of some effect, against none, below which a simulated test shows no gap and does not
+#: count. [numerical: the rate to 1e-3]
 _NOT_SEEN = 1e-3
-#: Simulated tests of each cause for a table of what is taken for what; of all for a count of right
+#: Simulated tests of each cause for the confusion matrix, and of all causes for the count of right
 #: answers. [numerical: a share to 0.08]
 _EACH, _COUNTED = 40, 300
 #: Probabilities of the answers that are counted. [decision: convention: about 80 %]
@@ -54,7 +54,7 @@ SAID = (0.7, 0.9)
 
 @dataclass(frozen=True)
 class Misattribution:
-    """What simulated tests say of causes outside the library.
+    """How often causes outside the library are taken for effects of it, by simulated tests.
 
     Attributes:
         rate: Share of the simulated tests whose cause, taken out of the library, is taken for
@@ -186,8 +186,8 @@ class _Stack:
         self._flat = self.own.transpose(1, 0, 2).reshape(k, n * d)
 
     def beside(self, common: _Common) -> tuple[np.ndarray, np.ndarray]:
-        """ln of the evidence of each cell beside something, but for the data's constant, and its
-        least |r|^2 + |u|^2, for each test: (n, t) each."""
+        """ln of the evidence of each cell together with something, but for the data's constant, and
+        its least |r|^2 + |u|^2, for each test: (n, t) each."""
         n, _, d = self.own.shape
         hessian = common.slope.T @ common.slope + np.eye(common.slope.shape[1])
         down = whiten(np.linalg.cholesky(hessian), common.slope.T)
@@ -195,7 +195,7 @@ class _Stack:
         low_own = (down @ self._flat).reshape(len(down), n, d).transpose(1, 2, 0)
         pull = (self._flat.T @ common.residual).reshape(n, d, low.shape[1]) + self._pull
         pull -= low_own @ (low + low_away[:, :, None])
-        # One is added last: what the difference of large numbers loses is below it.
+        # One is added last, so that it hides what a difference of large numbers loses.
         inner = self._inner - low_own @ low_own.transpose(0, 2, 1) + np.eye(d)
         square = np.sum(common.residual**2, axis=0) - np.sum(low**2, axis=0)
         square = square + 2 * (self.away @ common.residual - low_away @ low)
@@ -250,7 +250,7 @@ class _WhitenedCells:
         effect: int,
         log_odds: float,
     ) -> list[_Point]:
-        """Most probable points of some cells, each for a test of its own, by Gauss-Newton steps.
+        """Most probable points of cells, each in a test of its own, by Gauss-Newton steps.
 
         Args:
             library: Predicts.
@@ -323,7 +323,7 @@ def simulate(
     scored = _scored(library, cells, odds, log_unknown, data, test)
     residual, score, leading, none, unknown = scored
     rest, k = np.logaddexp(none, unknown), len(residual)
-    # As of a leader of a test, whose evidence is that of one hypothesis and without its odds.
+    # As the gap of a real test is: by the best hypothesis' evidence, without its odds.
     gap = np.max(score - odds[:, None], axis=0, initial=-np.inf) - none
     visible = expit(logsumexp(score, axis=0) - none) if cells else np.zeros(count)
     others = np.array(

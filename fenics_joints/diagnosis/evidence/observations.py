@@ -1,4 +1,4 @@
-"""Single numbers that were measured besides modes, and what a hypothesis predicts of them."""
+"""Single numbers that were measured besides modes, and their predictions by a hypothesis."""
 
 from __future__ import annotations
 
@@ -40,16 +40,16 @@ class Observation(ABC):
 
     Attributes:
         kind: Kind of entry (`fenics_joints.diagnosis.evidence.entries`).
-        unknown: What an unknown cause may do to its logarithm, one standard deviation.
-        name: What it is of.
+        unknown: Standard deviation of its logarithm by an unknown cause.
+        name: What was measured.
         measured: The number, in its SI unit.
         sd: Relative standard deviation: of the instrument, of any such model, and of what is left
             of the mesh's error.
         row: The test's row at which it was measured; None if it does not depend on that.
-        index: Which of its model's this is.
+        index: Its index among those of its model.
         mesh: How much too high, in ln of it, the mesh makes it.
-        common: What any model of the structure, or the test, errs in it that it errs in others too:
-            change of its logarithm by one standard deviation of each such error, by its name.
+        common: Errors of the model or the test that it has in common with others: change of its
+            logarithm by one standard deviation of each such error, by the error's name.
         patches: Change of its logarithm by the stiffness and by the mass of each patch, (2, P);
             None where no unknown cause has a place.
     """
@@ -91,7 +91,7 @@ class Observation(ABC):
 
 
 def reach(measured: Sequence[Observation], hypothesis: Hypothesis) -> list[int]:
-    """Which of a hypothesis's parameters may change some of them."""
+    """Indices of a hypothesis' parameters that may change some of them."""
     rows = {scalar.row for scalar in measured} - {None}
     return [
         j
@@ -107,8 +107,8 @@ def scalars_at(
     by: Sequence[int],
     at: Callable[[np.ndarray, int | None], Values],
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Their logarithms as a hypothesis predicts them at many points, (b, k), and derivatives by
-    some of z, (b, k, len(by)); nan where the model has one not, as an antiresonance.
+    """Logarithms of measured numbers by a hypothesis at many points, (b, k), and derivatives by
+    some of z, (b, k, len(by)); nan where the model lacks one, such as an antiresonance.
 
     Args:
         measured: The numbers.
@@ -189,11 +189,11 @@ class StaticStiffness(Observation):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class FunctionLine(Observation):
-    """The model's receptance over the measured one: its logarithm to first order about one.
+    """The model's receptance over the measured one, minus one: a logarithm to first order.
 
-    That is what the magnitude is off, and of the other part what the phase is, rad; unlike a
-    logarithm it knows signs, and does not go to infinity where the model has an antiresonance.
-    ``measured`` is one, and ``sd`` that of the function relative to it.
+    Its real part is the error of the magnitude and its imaginary part that of the phase, rad.
+    Unlike a logarithm it has a sign, and stays finite where the model has an antiresonance.
+    ``measured`` is one, and ``sd`` is relative to the function.
 
     Attributes:
         functions: Has all lines.
@@ -209,7 +209,7 @@ class FunctionLine(Observation):
     kind: ClassVar[int] = FUNCTION
 
     def log_value(self, values: Mapping[str, float | np.ndarray]) -> np.ndarray:
-        """What the model is off, (b,) of values (b,); nan where it lacks a mode of the test."""
+        """The model's error, (b,) of values (b,); nan where it lacks a mode of the test."""
         return self._part(self.functions.at(values)[:, self.index] / self.over - 1.0)
 
     def log_slopes(self, values: Values, low: Values, high: Values, width: float) -> np.ndarray:

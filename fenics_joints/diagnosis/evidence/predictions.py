@@ -1,4 +1,4 @@
-"""What a hypothesis predicts of a test, at many values of its parameters together.
+"""Predictions of a test by a hypothesis, at many values of its parameters together.
 
 Frequencies, damping, shapes and single numbers, and their derivatives. All points, and all
 conditions of the test, are solved for together (`fenics_joints.reduction.BatchPrediction`):
@@ -27,15 +27,15 @@ from fenics_joints.reduction.prediction import Followed, ModalPrediction, batche
 
 @dataclass(frozen=True, eq=False)
 class ModelEvaluation:
-    """The model as one mode sees it, at many points.
+    """The model at many points, at the level of one mode or at the common one.
 
     Attributes:
-        mode: That mode, or None.
+        mode: The mode whose level it is; None for the common level.
         modes: The model's modes.
         values: The model's parameter values, each (b,).
-        along: Changes of the model by what acts; None where nothing does.
-        columns: Which of their directions is that of each parameter that acts.
-        felt: Which points feel one of these, (b, 1), where not all do.
+        along: Changes of the model along the directions of parameters; None if none moves it.
+        columns: Index of each parameter's direction among them.
+        felt: Points at which a parameter moves the model, (b, 1), where these are not all.
     """
 
     mode: int | None
@@ -75,7 +75,7 @@ def model_of(names: Iterable[str]) -> SimpleNamespace:
 
 @dataclass(frozen=True, eq=False)
 class PointwiseModes:
-    """What stands for `fenics_joints.reduction.batch_modes.BatchModes`, without shapes.
+    """Modes without shapes, in place of `fenics_joints.reduction.batch_modes.BatchModes`.
 
     Attributes:
         values: Values of the model's parameters, each (b,).
@@ -123,24 +123,19 @@ class PointwiseForward:
         return PointwiseModes(own, *(np.array(part) for part in zip(*each, strict=True)))
 
     def change(self, low, high, width: float, count: int = 1) -> np.ndarray:
-        """Derivatives of the values along directions, (b, n, count); a value that is nan, being
-        that of nothing, does not change."""
+        """Derivatives of the values along directions, (b, n, count); a value that is nan, since
+        nothing has it, does not change."""
         pairs = [(low[name], high[name]) for name in self.model.parameters]
         moved = [np.where(np.isnan(a) & np.isnan(b), 0.0, b - a) / width for a, b in pairs]
         return np.reshape(moved, (len(moved), count, -1)).transpose(2, 0, 1)
 
 
-#: Entries of the matrices that are solved for together, which should stay near the processor.
-#: [numerical: chosen for memory]
+#: Entries of the matrices of one batch, which should fit into the processor's cache. [numerical:
+#: chosen for memory]
 _ROOM = 4_000_000
-#: Torques that others are interpolated between, and how far beyond the test's they reach, in
-#: standard deviations of the tightening's scatter. [numerical: chosen; checked by `_LOOKS` of
-#: `library`]
+#: Number of torques between which others are interpolated, and their reach beyond the test's, in
+#: standard deviations of the tightening's scatter. [numerical: chosen; checked by `Predictor`]
 _TORQUES, _SCATTERED = 4, 2.0
-
-
-class _Apart(Exception):
-    """An effect that cannot be put in at several conditions together."""
 
 
 class ManyPredictions:
@@ -173,7 +168,8 @@ class ManyPredictions:
         self.baseline = baseline
         #: Whether they are.
         self.between = between and self._is_alike
-        self._singly, self._apart = False, False
+        #: Whether an effect has to be put in at one point at a time.
+        self._singly = False
         self._filled: dict[tuple[float, int], np.ndarray] = {}
 
     def __call__(self, z: np.ndarray, by: Sequence[int] = ()) -> tuple[np.ndarray, np.ndarray]:
@@ -191,7 +187,7 @@ class ManyPredictions:
         try:
             return self._solved(z, by)
         except (InputError, np.linalg.LinAlgError):
-            # One of them is beyond a law's limit, such as a specimen's.
+            # One of the points is beyond a limit of a law.
             if len(z) == 1:
                 n = len(self.evidence.data)
                 return np.full((1, n), np.nan), np.full((1, n, len(by)), np.nan)
@@ -223,11 +219,7 @@ class ManyPredictions:
     def _solved(self, z, by) -> tuple[np.ndarray, np.ndarray]:
         self._filled.clear()
         z, by = np.asarray(z, dtype=float), list(by)
-        try:
-            return self._together(z, by)
-        except _Apart:
-            self._apart = True
-            return self._together(z, by)
+        return self._interpolated(z, by) if self.between else self._together(z, by)
 
     def _parted(self, z, by, count: int) -> tuple[np.ndarray, np.ndarray]:
         """The same, part by part."""
@@ -236,7 +228,7 @@ class ManyPredictions:
 
     @property
     def _is_alike(self) -> bool:
-        """Whether all that tells one row from another is the torque, and there are many."""
+        """Whether rows differ in their torque alone, and are many."""
         h, test = self.hypothesis, self.evidence
         followed = test.shapes is not None or test.tracking[-1][1] is not None
         effects = (*h.nuisances, *h.effects)
@@ -285,8 +277,7 @@ class ManyPredictions:
         return tuple(np.concatenate(part, axis=1) for part in zip(*blocks, strict=True))
 
     def _together(self, z, by) -> tuple[np.ndarray, np.ndarray]:
-        if self.between:
-            return self._interpolated(z, by)
+        """At all rows, as many of them together as there is room for."""
         evidence, found, shapes, seen = self.evidence, {}, [], {}
         for rows in self._groups(len(z)):
             with_shapes = evidence.shapes is not None and rows[0] == self._shape_row
@@ -299,17 +290,8 @@ class ManyPredictions:
                 for i in self.hypothesis.views
             ]
             if evidence.tracking[-1][1] is not None:
-                modes = views[0].modes
-                at = modes.x, modes.log_f
-                seen |= dict(
-                    zip(
-                        rows,
-                        zip(*(np.split(part, len(rows)) for part in at), strict=True),
-                        strict=True,
-                    )
-                )
-            parts = [np.split(part, len(rows)) for part in self._rows(points, row, views, by)]
-            found |= dict(zip(rows, zip(*parts, strict=True), strict=True))
+                seen |= _by_row(rows, views[0].modes.x, views[0].modes.log_f)
+            found |= _by_row(rows, *self._rows(points, row, views, by))
             if with_shapes:
                 shapes = [self._shapes(z, views[0], by)]
         count, varies = len(evidence.conditions), self.hypothesis.varies
@@ -322,20 +304,21 @@ class ManyPredictions:
         return self.evidence.shape_row if self.hypothesis.varies else 0
 
     def _groups(self, count: int) -> list[list[int]]:
-        """Rows that are solved for together at so many points; that of the shapes, whose
-        derivatives take all modes, by itself."""
+        """Rows that are solved for together at so many points; the row of the shapes alone, since
+        derivatives of shapes take all modes."""
         tracking = self.evidence.tracking if self.hypothesis.varies else ((0, None),)
         rows = [row for row, _ in tracking]
         alone = [] if self.evidence.shapes is None else [self._shape_row]
         if tracking[-1][1] is not None:
             alone = rows[:1]  # the others are followed from it
         rows = [row for row in rows if row not in alone]
-        size = 1 if self._apart else max(_ROOM // (count * self.forward.model.n_dofs**2), 1)
+        size = max(_ROOM // (count * self.forward.model.n_dofs**2), 1)
         groups = [rows[i : i + size] for i in range(0, len(rows), size)]
         return [alone, *groups] if alone else groups
 
     def _followed(self, rows: Sequence[int], count: int, seen) -> Followed | None:
-        """What modes at some rows are matched to; None to the test's own shapes."""
+        """Modes at other rows to which those at some rows are matched; None for the test's
+        shapes."""
         after = dict(self.evidence.tracking)
         if not self.hypothesis.varies or after[rows[0]] is None:
             return None
@@ -393,8 +376,8 @@ class ManyPredictions:
     def _values(
         self, z, rows=None, mode=None, checked: bool = False, wanted: Collection[str] = ()
     ) -> dict[str, np.ndarray]:
-        """The model's parameter values, each (b,), all or those wanted: by effects that can be put
-        in at many values together, as all of the library can, or else one by one."""
+        """The model's parameter values, each (b,), all or those wanted. Effects of the library are
+        put in at all points together, others if they can be."""
         h, conditions = self.hypothesis, self.evidence.conditions
         several = rows is not None and np.any(rows != rows[0])
 
@@ -413,15 +396,13 @@ class ManyPredictions:
                     return many
             except (TypeError, ValueError):
                 pass
-            if several:
-                raise _Apart
             self._singly = True
         each = [one(i) for i in range(len(z))]
         return {name: np.array([values[name] for values in each]) for name in wanted or each[0]}
 
     def _each(self, value, count: int) -> np.ndarray:
-        """A value of each of so many points. A single number is filled in once: what is the same
-        below and above a step is the same array, and need not be compared."""
+        """A value for each of so many points. A single number is filled in once, so that a value
+        that is the same below and above a step is the same array and need not be compared."""
         if np.shape(value) == (count,):
             return value
         key = float(value), count
@@ -481,15 +462,12 @@ class ManyPredictions:
 
     def _loss_factors(self, z, rows, log_f, mode) -> dict[str, np.ndarray]:
         h, conditions, hz = self.hypothesis, self.evidence.conditions[rows], np.exp(log_f)
-        several = np.any(rows != rows[0])
         if not self._singly:
             try:
-                condition = conditions if several else conditions[0]
+                condition = conditions if np.any(rows != rows[0]) else conditions[0]
                 found = h.loss_factors(z.T, condition, hz, mode)
                 return {key: np.broadcast_to(eta, len(z)) for key, eta in found.items()}
-            except (TypeError, ValueError) as error:
-                if several:
-                    raise _Apart from error
+            except (TypeError, ValueError):
                 self._singly = True
         each = [h.loss_factors(*point, mode) for point in zip(z, conditions, hz, strict=True)]
         return {key: np.array([found[key] for found in each]) for key in each[0]}
@@ -502,9 +480,9 @@ class ManyPredictions:
     def _loss_slope(self, z, rows, log_f, view, loss_factors, shares, j) -> np.ndarray:
         """Derivative of mode i's lost part by parameter ``j``, (b,).
 
-        That of a share g by the stiffness itself is taken as for two springs in series,
-        dg / d ln stiffness = -g (1 - g), the joint and the rest: only the search's way and the
-        width of the posterior rest on it.
+        The derivative of a share g by the stiffness itself is that for two springs in series, the
+        joint and the rest: dg / d ln stiffness = -g (1 - g). Only the path of the search and the
+        width of the posterior depend on it.
         """
         found, h = np.zeros(len(z)), self.hypothesis
         if j not in view.columns:
@@ -557,8 +535,8 @@ class ManyPredictions:
         return found.reshape(flat), slope.reshape(*flat, len(by))
 
     def _read(self, z) -> tuple[np.ndarray | None, np.ndarray | None]:
-        """Gains, (b, n_s), and shifts, (b, n_ways, n_s), of the sensors; None where they are as
-        they should."""
+        """Gains, (b, n_s), and shifts, (b, n_ways, n_s), of the sensors; None where these are as
+        the case says."""
         h = self.hypothesis
         if not h.senses:
             return None, None
@@ -582,8 +560,14 @@ class ManyPredictions:
         return [scalars_at(measured, self.hypothesis, z, by, at)] if measured else []
 
 
+def _by_row(rows: Sequence[int], *arrays: np.ndarray) -> dict[int, tuple[np.ndarray, ...]]:
+    """Arrays that hold one row after the other, by row."""
+    parts = (np.split(array, len(rows)) for array in arrays)
+    return dict(zip(rows, zip(*parts, strict=True), strict=True))
+
+
 def _of_each(views: Sequence[ModelEvaluation], what) -> np.ndarray:
-    """What each mode has where it is looked at by itself, (b, m, ...)."""
+    """A quantity of each mode, from the evaluation at that mode's level, (b, m, ...)."""
     if all(view is views[0] for view in views):
         return what(views[0])
     return np.stack([what(view)[:, i] for i, view in enumerate(views)], axis=1)
@@ -596,7 +580,7 @@ def _moved(z, of: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _alike(many, one, count: int) -> bool:
-    """Whether values of a few of so many points are what they are one by one."""
+    """Whether values at a few of so many points are the same as one by one."""
     for i in {0, count // 2, count - 1}:
         values = one(i)
         for name, own in many.items():
@@ -615,8 +599,8 @@ def at_conditions(
     baseline: dict[str, float],
     n_modes: int,
 ) -> np.ndarray:
-    """What a hypothesis predicts at conditions that were not measured, of a structure that is as it
-    is and without the scatter of a tightening.
+    """What a hypothesis predicts at conditions that were not measured, without known changes and
+    without the scatter of a tightening.
 
     Args:
         hypothesis: The hypothesis.

@@ -1,19 +1,18 @@
-"""Standard deviations that the data infer, and of which a test says at most what to expect.
+"""Standard deviations that are inferred from the data, with a prior about their expected values.
 
 *Between levels.* A structure that is tested at one level after another warms, settles and is
 touched, and an identified frequency or damping ratio is off by more at one level than at another.
-How much, a test does not say. So each kind of data, ln f and ln damping, has an error between
-levels of its own: an Ornstein-Uhlenbeck process over the logarithm of the level, for each mode by
-itself.
+A test does not state by how much. So each kind of data, ln f and ln damping, has an error between
+levels: for each mode an independent Ornstein-Uhlenbeck process over the logarithm of the level.
 
-*Of the model.* What a case states as the error of any such model, of frequencies and of shapes, is
-mostly more than that of this one: twelve opened tests of the blind check's T, with shapes and a
-known cause, call for half of it or less. So each kind has a factor, one at most. There is none
-above: what calls for more is an unknown cause. Of measured functions alone there is one above:
-what their amplitudes are off by differs much from test to test, and no case says it.
+*Of the model.* A case states an error of frequencies and of shapes that any model of its kind has,
+mostly more than this one does: twelve opened tests of the blind check's T, with shapes and a known
+cause, need half of it or less. So each kind of data has a factor of at most one: a test that needs
+more has an unknown cause. Measured functions alone may have a factor above one: the errors of their
+amplitudes differ much from test to test, and no case states them.
 
-Either are log-normal before the test, and summed over a grid in every hypothesis, so that one that
-leaves much of the test pays for the error that it calls for.
+Both kinds are log-normal before the test, and every hypothesis is summed over a grid of them: one
+that leaves much of the test unexplained pays for the large error that it needs.
 """
 
 from __future__ import annotations
@@ -25,14 +24,14 @@ from itertools import product
 import numpy as np
 from scipy.special import logsumexp
 
-#: Change of the logarithm of the level over which the error between levels forgets itself, and of
-#: any condition over which a model's error does. [decision: chosen: a factor of 2]
+#: Correlation length of the error between levels over the logarithm of the level, and of a model's
+#: error over that of any condition. [decision: chosen: a factor of 2]
 MEMORY = 0.7
 
 
 @dataclass(frozen=True)
 class Kind:
-    """What standard deviations are of, and what is known of them before.
+    """A kind of standard deviations, and its prior.
 
     Attributes:
         medians: Expected ones, of each kind of data.
@@ -114,7 +113,8 @@ class Scales:
 def marginalise_scales(
     tried: Sequence[tuple[Scales, float]], log_evidence: Callable[[Scales], float]
 ) -> tuple[Scales, Callable[[Scales], float]]:
-    """The most probable of them, and ln(evidence of all / that at some).
+    """The most probable scales, and a function that gives ln of the evidence summed over all scales
+    over that at given ones.
 
     Args:
         tried: See `Scales.tried`.

@@ -7,8 +7,8 @@ from functools import cached_property
 
 import numpy as np
 
-#: Over how much of the structure's size changes of patches are alike, equally probable. [decision:
-#: chosen]
+#: Correlation lengths of the changes of patches over the structure's size, equally probable.
+#: [decision: chosen]
 LENGTHS = (0.05, 0.2, 1.0)
 
 #: Variance that keeps a correlation definite. [numerical: chosen]
@@ -55,7 +55,7 @@ class Signatures:
         """Correlation of the patches' changes, (P, P).
 
         Args:
-            length: Over how much of the structure's size they are alike.
+            length: Correlation length over the structure's size.
         """
         return np.exp(-0.5 * (self._apart / length) ** 2)
 
