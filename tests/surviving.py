@@ -79,7 +79,7 @@ CHOSEN = {
         diagnosis/held_out::*intervals* diagnosis/held_out::the_right* diagnosis/held_out::forecast*
         diagnosis/plan::*confus* diagnosis/search::the_true_pair* diagnosis/search::odds*
         diagnosis/search::an_effect* diagnosis/search::near_best* diagnosis/simulated::*
-        diagnosis/all_at_once::* diagnosis/equal::* diagnosis/alike::* diagnosis/resolution::*
+        diagnosis/linear_fits::* diagnosis/merging::* diagnosis/resolution::*
         diagnosis/somewhere::it_says* diagnosis/misattribution::* system/beam_diagnosis::*
     """,
     FAILING: """

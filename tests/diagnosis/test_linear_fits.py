@@ -1,4 +1,4 @@
-"""P-values of the best of many explanations, from simulated tests."""
+"""P-values of the best of many explanations, and of all effects at once."""
 
 from __future__ import annotations
 
@@ -7,12 +7,14 @@ from itertools import combinations
 import numpy as np
 import pytest
 from linear_forward import linear_fit
-from scipy.stats import binomtest
+from scipy.stats import binomtest, kstest
 
 from fenics_joints.diagnosis.evidence.evidence import Evidence
-from fenics_joints.diagnosis.evidence.linear_fits import with_simulated
+from fenics_joints.diagnosis.evidence.linear_fits import all_at_once, with_simulated
 
 MODES, CAUSES, SD, TESTS = 4, 10, 0.01, 200
+#: Of tests that all effects at once are fitted to.
+MANY, FEW = 12, 5
 SETS = list(combinations(range(CAUSES), 2))
 
 
@@ -92,3 +94,39 @@ def test_every_p_is_the_share_of_many_tests_that_are_fitted_one_by_one(rng):
     assert p == pytest.approx(share, abs=0.02)
     tail = share > 2e-3
     assert p[tail] == pytest.approx(share[tail], rel=0.4)
+
+
+# -- all effects at once ---------------------------------------------------------------------------
+
+
+def p_alone_and_at_once(made: np.ndarray, moves: np.ndarray, rng) -> np.ndarray:
+    """Of tests, (n, m), by the best single effect and by all at once, (n, 2)."""
+    found = []
+    for log_f in made + SD * rng.standard_normal(made.shape):
+        test = Evidence(np.array([1.0]), log_f[None, :], np.full((1, MANY), SD), 0.0)
+        fits = [linear_fit((i,), moves[:, [i]], log_f, SD) for i in range(FEW)]
+        best = max(fits, key=lambda f: f.log_evidence)
+        found.append((best.p_value, all_at_once(fits, best, test)))
+    return np.array(found)
+
+
+def test_of_several_effects_that_no_one_explains_p_is_even():
+    rng = np.random.default_rng(5)
+    moves = 0.05 * rng.standard_normal((MANY, FEW))
+    made = rng.standard_normal((TESTS, FEW)) @ moves.T
+    alone, at_once = p_alone_and_at_once(made, moves, rng).T
+    assert np.mean(alone < 0.01) > 0.9
+    assert kstest(at_once, "uniform").pvalue > 0.01
+
+
+def test_what_is_outside_the_span_of_all_is_found():
+    """Also beside effects that are in it; what is inside is not found, however large."""
+    rng = np.random.default_rng(5)
+    moves = 0.05 * rng.standard_normal((MANY, FEW))
+    outside = np.linalg.svd(moves)[0][:, FEW:] @ rng.standard_normal(MANY - FEW)
+    outside *= 0.1 / np.linalg.norm(outside)
+    made = rng.standard_normal((TESTS, FEW)) @ moves.T
+    assert np.mean(p_alone_and_at_once(made + outside, moves, rng)[:, 1] < 0.01) > 0.99
+    inside = moves @ np.ones(FEW)
+    inside *= 0.1 / np.linalg.norm(inside)
+    assert np.mean(p_alone_and_at_once(made + inside, moves, rng)[:, 1] < 0.01) < 0.05
