@@ -10,7 +10,6 @@ import os
 import re
 import sys
 import tempfile
-import zipfile
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -271,27 +270,12 @@ def replaced(path: str | Path, own: bool = False) -> Iterator[Path]:
 def sealed(path: str | Path) -> Iterator[Path]:
     """As `replaced`, of the user's own, for a file that ends with a digest of its content.
 
-    HDF5 and zip archives may be followed by other bytes, so that their own readers open the file.
+    HDF5 files may be followed by other bytes, so that their own readers open the file.
     """
     with replaced(path, own=True) as part:
         yield part
         with part.open("r+b") as file:
             file.write(_SEAL + _digest(file, part.stat().st_size))
-
-
-def open_own(path: str | Path) -> BinaryIO:
-    """A kept file, opened, if it is the user's own, which nobody else can write to.
-
-    Raises:
-        InputError: If it is not.
-        OSError: If it cannot be opened.
-    """
-    file = open(path, "rb")
-    reason = changed_by_others(os.fstat(file.fileno()))  # whatever has its name by now
-    if reason:
-        file.close()
-        raise InputError(f"{shown_path(path)}: {reason}; expected a file of your own")
-    return file
 
 
 @contextmanager
@@ -310,7 +294,11 @@ def unsealed(path: str | Path, own: bool = True) -> Iterator[BinaryIO]:
     if not is_file(path):
         raise InputError(f"{name}: there is no such file")
     try:
-        with open_own(path) if own else open(path, "rb") as file:
+        with open(path, "rb") as file:
+            # Of the file that is open, whatever has its name by now.
+            reason = changed_by_others(os.fstat(file.fileno())) if own else ""
+            if reason:
+                raise InputError(f"{name}: {reason}; expected a file of your own")
             length = os.fstat(file.fileno()).st_size - len(_SEAL) - _DIGITS
             if length < 0 or _SEAL + _digest(file, length) != file.read():
                 raise InputError(
@@ -341,38 +329,6 @@ def json_digest(content: object, default: Callable[[object], object] | None = No
     """
     text = json.dumps(content, sort_keys=True, default=default)
     return hashlib.sha256(text.encode()).hexdigest()
-
-
-def write_arrays(path: str | Path, **arrays: np.ndarray) -> None:
-    """Write arrays to an .npz file, whole or not at all, sealed.
-
-    Raises:
-        InputError: If it cannot be written.
-    """
-    with sealed(path) as part, part.open("wb") as file:
-        np.savez(file, **arrays)
-
-
-def read_arrays(path: str | Path) -> dict[str, np.ndarray]:
-    """What `write_arrays` wrote.
-
-    Raises:
-        InputError: If there is no such file, or as `unsealed`.
-    """
-    with unsealed(path) as file:
-        try:
-            with np.load(file, allow_pickle=False) as stored:
-                return {name: stored[name] for name in stored.files}
-        except (
-            KeyError,
-            ValueError,
-            TypeError,
-            EOFError,
-            MemoryError,
-            NotImplementedError,
-            zipfile.BadZipFile,
-        ) as error:
-            raise InputError(f"{shown_path(path)}: holds no arrays ({error})") from error
 
 
 def write_text(path: str | Path, text: str, own: bool = False) -> None:

@@ -9,13 +9,16 @@ import numpy as np
 
 from fenics_joints.bayes.priors import Prior
 from fenics_joints.errors import ConvergenceError, InputError
-from fenics_joints.reduction.arrays import freeze
+from fenics_joints.progress import Progress
+from fenics_joints.reduction.arrays import ArrayModel, freeze
+from fenics_joints.reduction.files import Cache, register
 from fenics_joints.reduction.prediction import (
     BatchPrediction,
     ModalPrediction,
     modes_at,
     truncate_basis,
 )
+from fenics_joints.structure.points import Sensors
 
 #: Draws of the prior whose modes make the small model, those that check it, rounds of both, and
 #: the sizes that are tried.
@@ -204,3 +207,51 @@ def check_reduced(
         int((~there).sum()),
         np.where(there, off.max(axis=1), 0.0),
     )
+
+
+@dataclass(frozen=True, eq=False)
+class KeptFrequencies:
+    """A small model as it is kept beside chains, so that a second run does not prepare it.
+
+    Attributes:
+        model: The small model.
+        n_test: See `ModalPrediction`; so are the next two.
+        n_modes: See `ModalPrediction`.
+        reference: See `ModalPrediction`.
+        error: Of its frequencies against the reduced model.
+        check: Against the full model.
+        bound: Estimated error.
+    """
+
+    model: ArrayModel
+    n_test: int
+    n_modes: int
+    reference: np.ndarray | None
+    error: float
+    check: ReducedCheck
+    bound: float
+
+
+register(KeptFrequencies, ReducedCheck)
+
+
+def write_frequencies(
+    cache: Cache, name: str, frequencies: Frequencies, check: ReducedCheck, bound: float
+) -> None:
+    """Keep a small model, its check against the full model, and its estimated error. Collective."""
+    f = frequencies.forward
+    kept = f.model, f.n_test, f.n_modes, f.reference, frequencies.error, check, bound
+    cache.write(name, KeptFrequencies(*kept))
+
+
+def read_frequencies(
+    cache: Cache, name: str, sensors: Sensors | None, progress: Progress
+) -> tuple[Frequencies, ReducedCheck, float] | None:
+    """What `write_frequencies` kept, for the sensors of the test; None if it cannot be read.
+    Collective."""
+    kept = cache.read(name, KeptFrequencies, progress)
+    if kept is None:
+        return None
+    forward = ModalPrediction(kept.model, sensors, kept.n_test, kept.n_modes, kept.reference)
+    lean = BatchPrediction(forward, kept.model)
+    return Frequencies(tuple(kept.model.parameters), lean, {}, kept.error), kept.check, kept.bound

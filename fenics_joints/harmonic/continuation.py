@@ -19,7 +19,8 @@ from scipy.interpolate import CubicHermiteSpline
 from scipy.optimize import brentq
 
 from fenics_joints.errors import ConvergenceError, InputError, flag, real, wanted, whole
-from fenics_joints.files import check_writable, read_arrays, write_arrays
+from fenics_joints.files import check_writable
+from fenics_joints.reduction.files import read_model, register, write_model
 
 # -- Newton's method -------------------------------------------------------------------------------
 
@@ -299,8 +300,12 @@ class Branch:
         )
 
 
+register(Branch)
+_FORMAT = "fenics_joints branch"
+
+
 def save_branch(path: str | Path, branch: Branch, name: str = "") -> None:
-    """Write a branch (npz) through a temporary sibling, so that no reader sees a part of it.
+    """Write a branch to an HDF5 file, whole or not at all.
 
     Args:
         path: The file.
@@ -310,7 +315,7 @@ def save_branch(path: str | Path, branch: Branch, name: str = "") -> None:
     Raises:
         InputError: If the file cannot be written.
     """
-    write_arrays(path, **vars(branch), name=name)
+    write_model(branch, path, _FORMAT, name)
 
 
 def load_branch(path: str | Path, name: str = "") -> Branch | None:
@@ -320,25 +325,15 @@ def load_branch(path: str | Path, name: str = "") -> Branch | None:
         InputError: If the file is not one of a branch of that name: a branch may be hours of work,
             so it is not replaced unasked.
     """
-    path = Path(path)
-    if not path.exists():
+    if not Path(path).exists():
         return None
-    anew = "made by another version or damaged: delete it to compute the branch anew"
     try:
-        stored = read_arrays(path)
+        return read_model(path, _FORMAT, Branch, name)
     except InputError as error:
-        raise InputError(f"{error}; {anew}") from error
-    try:
-        found = str(stored.pop("name"))
-        branch = Branch(**{key: value[()] for key, value in stored.items()})
-    except (KeyError, TypeError) as error:
-        raise InputError(f"{path}: holds no branch ({error}); {anew}") from error
-    if found != name:
         raise InputError(
-            f"{path}: holds a branch of {found!r}, expected {name!r}; delete it or choose another "
-            "file."
-        )
-    return branch
+            f"{error}; expected a branch of {name!r}: delete the file to compute the branch anew, "
+            "or choose another one"
+        ) from error
 
 
 # -- from point to point ---------------------------------------------------------------------------
@@ -380,7 +375,7 @@ def follow(
         bounds: Lower and upper bound of the parameter.
         settings: Steps and tolerances.
         direction: 1 if the parameter is to grow at first, -1 if it is to fall.
-        checkpoint: File (npz) that the branch is written to as it grows.
+        checkpoint: File (HDF5) that the branch is written to as it grows.
         resume: Go on from ``checkpoint`` if it is there.
         name: What is being solved, kept in the file: one of another name is not gone on from.
         on_point: Called with every new point; True ends the branch there, not complete, and a

@@ -77,7 +77,7 @@ def solve_harmonic(
         power: Of the frequency, rad/s, that the force is multiplied by, as `Load` has it.
         settings: Steps and tolerances of the continuation.
         initial: Responses of a near model at the same frequencies (``at``), to start from.
-        checkpoint: File (npz) that the branch is written to as it grows.
+        checkpoint: File (HDF5) that the branch is written to as it grows.
         resume: Go on from ``checkpoint`` if it is there; one of another problem is an error.
         progress: Told of every point.
         equations: Options of `Balance`: ``harmonics``, the highest, 5; ``samples`` of a period;

@@ -14,15 +14,18 @@ import numpy as np
 from mpi4py import MPI
 
 from fenics_joints.errors import InputError
-from fenics_joints.interfaces.reduced import ReducedInterfaceModel, read_interface_model
+from fenics_joints.interfaces.reduced import ReducedInterfaceModel
 from fenics_joints.modal.modes import solve_modes
 from fenics_joints.progress import Progress
+from fenics_joints.reduction.files import Cache
 
-MODEL_FILE = "model.h5"
-#: Relative to the largest value: what a case says, to the last digits but those that a contact's
-#: preload was solved with; and how well two reductions agree, whose bases also hold directions that
-#: iterative solutions made.
-_GIVEN, _SOLVED = 1e-6, 1e-4
+#: Largest difference, relative to the largest value, of the numbers that the case gives: some of
+#: them come from the solution of a contact's preload, which has a tolerance.
+_GIVEN = 1e-6
+#: The same of numbers that two reductions of one structure give: their bases also hold directions
+#: from iterative solutions.
+_SOLVED = 1e-4
+#: Modes that are compared; chosen.
 _MODES = 6
 
 
@@ -40,28 +43,20 @@ def kept_model(
         folder: The folder, which exists.
         band: Frequencies, Hz, at which the two are compared.
         comm: Communicator.
-        progress: Told why a model that is there cannot be read: it was written by another version,
-            is damaged, or others can write to it.
+        progress: Told why a model that is there cannot be read.
 
     Raises:
         InputError: If the folder's model is another one, or none can be written.
     """
-    path, kept, reason = folder / MODEL_FILE, None, ""
-    if comm.bcast(path.exists() if comm.rank == 0 else None):
-        try:
-            kept = read_interface_model(path, own=True)
-        except InputError as error:
-            reason = str(error)
-    if not comm.allreduce(kept is not None, op=MPI.LAND):
-        reason = next(filter(None, comm.allgather(reason)), "")
-        if reason and progress is not None:
-            progress.step(f"{reason}; making the model anew")
-        model.write(path)
+    cache = Cache(folder, "branches", comm)
+    kept = cache.read("model", ReducedInterfaceModel, progress)
+    if kept is None:
+        cache.write("model", model)
         return model
     if not _same(kept, model, band):
         raise InputError(
-            f"{path}: holds another model than the case describes; expected the one that the "
-            "branches beside it were made with. Empty the folder, or choose another."
+            f"{cache.path('model')}: holds another model than the case describes; expected the one "
+            "that the branches beside it were made with. Empty the folder, or choose another."
         )
     return kept
 

@@ -207,14 +207,13 @@ def _stretching(points: InterfacePoints, layer: LayerTerm, s: float, shapes) -> 
 register(InterfacePoints, LayerTerm, ReducedInterfaceModel)
 
 
-def read_interface_model(path: str | Path, *, own: bool = False) -> ReducedInterfaceModel:
+def read_interface_model(path: str | Path) -> ReducedInterfaceModel:
     """Read a model that `ReducedInterfaceModel.write` wrote. Any rank may do so by itself.
 
     Args:
         path: The file.
-        own: Whether the file has to belong to the user, with nobody else able to write to it.
 
     Raises:
         InputError: As `fenics_joints.reduction.files.read_model`.
     """
-    return read_model(path, _FORMAT, ReducedInterfaceModel, "" if own else None)
+    return read_model(path, _FORMAT, ReducedInterfaceModel)

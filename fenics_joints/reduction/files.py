@@ -1,9 +1,9 @@
-"""Reduced models as HDF5 files, which need no mesh to be read.
+"""Reduced models and other results as HDF5 files, which need no mesh to be read; and the `Cache`.
 
 A file holds plain arrays and text in groups that follow the objects' attributes, and a digest of
 them; nothing in it is run. A user's own law is found by its class, whose module must have been
-imported before reading; so must `fenics_joints.beams` for a model of beams. Higher rooms name what
-else a file may hold by `register`.
+imported before reading; so must `fenics_joints.beams` for a model of beams. Higher rooms name the
+further classes that a file may hold by `register`.
 """
 
 from __future__ import annotations
@@ -14,10 +14,13 @@ from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
+from mpi4py import MPI
 
 from fenics_joints.errors import InputError
 from fenics_joints.files import check_writable, is_file, path_of, sealed, shown_path, unsealed
 from fenics_joints.joint_laws import Backbone, JointLaw, LawKernel
+from fenics_joints.parallel import on_root
+from fenics_joints.progress import Progress
 from fenics_joints.reduction.affine import (
     POINT_MASS,
     SPRING,
@@ -34,7 +37,8 @@ from fenics_joints.structure.points import PlaceRows
 
 #: Name of the format of linear models.
 ARRAYS = "fenics_joints reduced model"
-_VERSION = 4
+#: The same of results that a `Cache` keeps, and the version of both.
+_KEPT, _VERSION = "fenics_joints kept result", 4
 _LAWS = LINEAR_LAWS | {law.name: law for law in (*CHANGES, SPRING, POINT_MASS)}
 _CLASSES = {
     c.__name__: c
@@ -114,8 +118,7 @@ def read_model(path: str | Path, what: str, kind: type, made: str | None = None)
     try:
         with unsealed(path, own=made is not None) as content, h5py.File(content, "r") as file:
             if file.attrs.get("format") != what:
-                nonlinear = "" if what == ARRAYS else " with nonlinear interfaces"
-                raise InputError(f"{path}: is no reduced model{nonlinear}.")
+                raise InputError(f"{path}: is no {what.removeprefix('fenics_joints ')}.")
             version = int(file.attrs["version"])
             if version != _VERSION:
                 raise InputError(
@@ -139,8 +142,74 @@ def read_model(path: str | Path, what: str, kind: type, made: str | None = None)
     ) as error:
         raise InputError(f"{path}: holds no such model ({error})") from error
     if not isinstance(model, kind):
-        raise InputError(f"{path}: holds {type(model).__name__}; expected a reduced model.")
+        raise InputError(f"{path}: holds {type(model).__name__}; expected {kind.__name__}.")
     return model
+
+
+class Cache:
+    """Results of a run in a folder, for the runs after it.
+
+    A file is written whole or not at all, ends with a digest of its content, and holds the key. One
+    that is damaged, that others can write to, or that has another version or key is not read. Of
+    two processes that write the same file the later one wins.
+
+        cache = Cache(folder, key, comm)
+        model = cache.read("model", ArrayModel)
+        if model is None:
+            model = make()
+            cache.write("model", model)
+
+    Args:
+        folder: The folder; it exists.
+        key: Digest of everything that determines the results.
+        comm: Rank 0 writes; all ranks read, or none does.
+        side_by_side: Whether the key is part of the files' names, so that results of several keys
+            stay in the folder; otherwise a result replaces that of another key.
+    """
+
+    def __init__(
+        self,
+        folder: str | Path,
+        key: str,
+        comm: MPI.Intracomm = MPI.COMM_SELF,
+        *,
+        side_by_side: bool = False,
+    ):
+        self.folder, self.key, self.comm = Path(folder), key, comm
+        self._ending = f"-{key}.h5" if side_by_side else ".h5"
+
+    def path(self, name: str) -> Path:
+        """The file of a result."""
+        return self.folder / f"{name}{self._ending}"
+
+    def read(self, name: str, kind: type, progress: Progress | None = None):
+        """A result of a class, or None if it cannot be read. Collective.
+
+        Args:
+            name: Name of the result.
+            kind: Its class, which files may hold (see `register`).
+            progress: Told why a file that exists cannot be read.
+        """
+        path, found, reason = self.path(name), None, ""
+        if self.comm.bcast(path.is_file()):
+            try:
+                found = read_model(path, _KEPT, kind, self.key)
+            except InputError as error:
+                reason = str(error)
+        if self.comm.allreduce(found is not None, op=MPI.LAND):
+            return found
+        reason = next(filter(None, self.comm.allgather(reason)), "")
+        if reason and progress is not None:
+            progress.step(f"{reason}; making it anew")
+        return None
+
+    def write(self, name: str, value: object) -> None:
+        """Keep a result, that of rank 0. Collective.
+
+        Raises:
+            InputError: As `write_model`.
+        """
+        on_root(self.comm, lambda: write_model(value, self.path(name), _KEPT, self.key))
 
 
 # -- a tree of groups ------------------------------------------------------------------------------

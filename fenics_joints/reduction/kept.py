@@ -1,29 +1,24 @@
-"""A reduced model of a structure in files, with its basis, for every test of that structure.
+"""A reduced model of a structure with its basis, and modes, in a cache.
 
-What a test brings by itself is not in them: its sensors, and the points where something may hang.
+A file serves every test of that structure: it holds neither a test's sensors nor the points at
+which the test's effects may attach something.
 """
 
 from __future__ import annotations
 
-import hashlib
-import os
-import re
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
-from pathlib import Path
+from dataclasses import dataclass, replace
 
 import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from fenics_joints.errors import InputError
-from fenics_joints.files import read_arrays, write_arrays
 from fenics_joints.modal.eigensolver import EigenSolver
 from fenics_joints.modal.modes import Modes, solve_modes
-from fenics_joints.parallel import on_root
+from fenics_joints.progress import Progress
 from fenics_joints.reduction.affine import RegionTerm
 from fenics_joints.reduction.arrays import ArrayModel
-from fenics_joints.reduction.files import ARRAYS, read_model, write_model
+from fenics_joints.reduction.files import Cache, register
 from fenics_joints.reduction.reduced import Projection
 from fenics_joints.structure import Sensors, Structure
 from fenics_joints.structure.changes import PlacedPoint
@@ -31,55 +26,84 @@ from fenics_joints.structure.node_keys import node_keys
 from fenics_joints.structure.sparse import vectors_like
 
 
+@dataclass(frozen=True, eq=False)
+class KeptVectors:
+    """Vectors of a structure, to be read by any number of ranks.
+
+    Attributes:
+        keys: Numbers by which nodes are known again, see `node_keys`, (n_nodes,).
+        rows: Values, (k, n_nodes block).
+    """
+
+    keys: np.ndarray
+    rows: np.ndarray
+
+    @staticmethod
+    def of(full: Structure, vectors: Sequence[PETSc.Vec]) -> KeptVectors | None:
+        """All ranks' parts on rank 0, None on the others. Collective."""
+        rows = np.array([vector.array_r for vector in vectors])
+        parts = full.comm.gather((node_keys(full.V), rows))
+        if parts is None:
+            return None
+        keys, rows = zip(*parts, strict=True)
+        return KeptVectors(np.concatenate(keys), np.concatenate(rows, axis=1))
+
+    def on(self, full: Structure) -> list[PETSc.Vec] | None:
+        """The vectors; None if some node of the structure is not among those kept. Collective."""
+        keys = node_keys(full.V)
+        _, own, kept = np.intersect1d(keys, self.keys, return_indices=True)
+        if not full.comm.allreduce(len(own) == len(keys), op=MPI.LAND):
+            return None
+        there = self.rows.reshape(len(self.rows), len(self.keys), -1)
+        rows = np.empty((len(there), len(keys), there.shape[2]))
+        rows[:, own] = there[:, kept]
+        like = PETSc.Vec().createMPI((full.n_local, None), comm=full.comm)
+        return vectors_like(like, rows.reshape(len(rows), -1))
+
+
+@dataclass(frozen=True, eq=False)
 class KeptModel:
-    """The files of a reduced model: its matrices, and beside them its basis, each rank's part of
-    it, to be read by any number of ranks. Collective.
+    """A reduced model without what is a test's own, and its basis."""
+
+    model: ArrayModel
+    basis: KeptVectors
+
+
+@dataclass(frozen=True, eq=False)
+class KeptModes:
+    """Modes at values of parameters, see `Modes`."""
+
+    values: Mapping[str, float]
+    eigenvalues: np.ndarray
+    shapes: KeptVectors
+    n_rigid: int
+
+
+register(KeptVectors, KeptModel, KeptModes)
+
+
+def read_reduced(
+    full: Structure, cache: Cache, progress: Progress | None = None
+) -> tuple[ArrayModel, list[PETSc.Vec]] | None:
+    """The model that `write_reduced` kept, and its basis; None if it cannot be read. Collective.
 
     Args:
         full: The full structure.
-        file: The file of the matrices; its name is part of the model's digest.
-
-    Attributes:
-        reason: Why `read` gave nothing although the file exists; else empty.
+        cache: Where it is.
+        progress: See `Cache.read`.
     """
+    kept = cache.read("model", KeptModel, progress)
+    basis = None if kept is None else kept.basis.on(full)
+    return None if basis is None else (kept.model, basis)
 
-    def __init__(self, full: Structure, file: Path):
-        self.full, self.file, self.reason = full, file, ""
-        self._made = f"{file.name} {full.tagged.digest}"
 
-    def read(self) -> tuple[ArrayModel, list[PETSc.Vec]] | None:
-        """The model without what is a test's own, and its basis; None if they are not to be had."""
-        if not self.full.comm.bcast(self.file.is_file()):
-            return None
-        model, stamp = None, ""
-        try:
-            model, stamp = read_model(self.file, ARRAYS, ArrayModel, self._made), self._stamp()
-        except (InputError, OSError) as error:
-            self.reason = str(error)
-        # Two runs that kept their models at a time may have left one's matrices, another's basis.
-        basis = read_vectors(self.full, self.file, stamp)
-        if model is None or basis is None or len(basis) != model.n_dofs:
-            self.reason = self.reason or f"{self.file}: the files of its basis are incomplete"
-            return None
-        return model, basis
-
-    def write(self, model: ArrayModel, basis: Sequence[PETSc.Vec]) -> None:
-        """Keep a model and its basis."""
-        regions = list(_lasting(self.full, model).values())
-        lasting = ArrayModel(replace(model.pencil, regions=regions), model.scale_hz)
-
-        def written() -> str:
-            write_model(lasting, self.file, ARRAYS, self._made)
-            return self._stamp()
-
-        comm = self.full.comm
-        write_vectors(self.full, self.file, basis, comm.bcast(on_root(comm, written)))
-
-    def _stamp(self) -> str:
-        """The digest at the end of the file of matrices, which the files of its basis repeat."""
-        with self.file.open("rb") as file:
-            file.seek(-64, os.SEEK_END)
-            return file.read().decode()
+def write_reduced(
+    full: Structure, cache: Cache, model: ArrayModel, basis: Sequence[PETSc.Vec]
+) -> None:
+    """Keep a reduced model and its basis. Collective."""
+    regions = list(_lasting(full, model).values())
+    lasting = ArrayModel(replace(model.pencil, regions=regions), model.scale_hz)
+    cache.write("model", KeptModel(lasting, KeptVectors.of(full, basis)))
 
 
 def for_test(
@@ -111,17 +135,19 @@ def kept_modes(
     full: Structure,
     values: Mapping[str, float],
     n_modes: int,
-    file: Path | None = None,
+    cache: Cache | None = None,
+    name: str = "modes",
     solver: EigenSolver | None = None,
 ) -> Modes:
-    """Modes of a structure, read from a file if they are there, else solved for and written to it.
-    Collective.
+    """Modes of a structure, read from a cache if they are there, otherwise solved for and kept
+    there. Collective.
 
     Args:
         full: The structure.
         values: Values of parameters that differ from their nominal value.
         n_modes: Number of modes.
-        file: The file; its name is part of the digest. None to solve and to keep nothing.
+        cache: Where they are kept; None to solve and to keep nothing.
+        name: Of the result in the cache.
         solver: See `solve_modes`.
 
     Returns:
@@ -130,105 +156,13 @@ def kept_modes(
     Raises:
         ConvergenceError: See `solve_modes`.
     """
-    if file is None:
-        return solve_modes(full, values, n_modes=n_modes, solver=solver)
-    at = hashlib.sha256(repr(sorted(values.items())).encode()).hexdigest()
-    made, more = f"{file.name} {full.tagged.digest} {at}", {}
-    shapes = read_vectors(full, file, made, more)
-    squares, rigid = more.get("eigenvalues"), more.get("n_rigid")
-    counted = squares is not None and rigid is not None
-    if shapes is not None and counted and len(squares) == len(shapes) == n_modes:
-        return Modes(full, dict(values), squares, shapes, int(rigid))
+    kept = None if cache is None else cache.read(name, KeptModes)
+    if kept is not None and kept.values == values and len(kept.eigenvalues) == n_modes:
+        shapes = kept.shapes.on(full)
+        if shapes is not None:
+            return Modes(full, dict(values), kept.eigenvalues, shapes, kept.n_rigid)
     found = solve_modes(full, values, n_modes=n_modes, solver=solver)
-    write_vectors(
-        full,
-        file,
-        found.shapes,
-        made,
-        eigenvalues=found.eigenvalues,
-        n_rigid=np.array(found.n_rigid),
-    )
+    if cache is not None:
+        shapes = KeptVectors.of(full, found.shapes)
+        cache.write(name, KeptModes(dict(values), found.eigenvalues, shapes, found.n_rigid))
     return found
-
-
-def write_vectors(
-    full: Structure, file: Path, vectors: Sequence[PETSc.Vec], stamp: str, **more: np.ndarray
-) -> None:
-    """Keep vectors of a structure, each rank its part; those that other ranks kept in this file's
-    name go. Collective.
-
-    Args:
-        full: The structure.
-        file: A file beside which they go, in one named by this rank.
-        vectors: The vectors.
-        stamp: What they belong to.
-        more: Further arrays, equal on all ranks.
-    """
-    rows = np.array([vector.array_r for vector in vectors])
-    keys, mine = node_keys(full.V), _of_rank(full, file)
-    write_arrays(mine, rows=rows, keys=keys, stamp=np.array(stamp), **more)
-    written = set(full.comm.allgather(mine.name))
-    on_root(
-        full.comm,
-        lambda: [path.unlink(missing_ok=True) for path in _parts(file) if path.name not in written],
-    )
-
-
-def read_vectors(
-    full: Structure, file: Path, stamp: str, more: dict[str, np.ndarray] | None = None
-) -> list[PETSc.Vec] | None:
-    """What `write_vectors` kept, on whichever ranks; None if it is not there. Collective.
-
-    Args:
-        full: The structure.
-        file: See `write_vectors`.
-        stamp: Likewise.
-        more: Gets the further arrays.
-    """
-    keys, rows, found = node_keys(full.V), None, {}
-    for path in _parts(file):
-        try:
-            kept = read_arrays(path)
-            if str(kept.pop("stamp")) == stamp:
-                rows = _taken(rows, keys, kept.pop("keys"), kept.pop("rows"))
-                found |= kept
-        except (InputError, KeyError):
-            continue
-    good = rows is not None and not np.isnan(rows).any()
-    if not full.comm.allreduce(good, op=MPI.LAND):
-        return None
-    if more is not None:
-        more |= found
-    rows = rows.reshape(len(rows), -1)
-    return vectors_like(PETSc.Vec().createMPI((full.n_local, None), comm=full.comm), rows)
-
-
-def _taken(
-    rows: np.ndarray | None, keys: np.ndarray, theirs: np.ndarray, kept: np.ndarray
-) -> np.ndarray:
-    """This rank's part of vectors, (k, n_nodes, block), with what a file has of it; nan elsewhere.
-
-    Args:
-        rows: What there is of it by now, or None.
-        keys: Its nodes', (n_nodes,).
-        theirs: The file's nodes', (n_theirs,).
-        kept: The file's part, (k, n_theirs block).
-    """
-    kept = kept.reshape(len(kept), len(theirs), -1)
-    if rows is None:
-        rows = np.full((len(kept), len(keys), kept.shape[2]), np.nan)
-    _, own, at = np.intersect1d(keys, theirs, return_indices=True)
-    rows[:, own] = kept[:, at]
-    return rows
-
-
-def _of_rank(full: Structure, file: Path) -> Path:
-    comm = full.comm
-    rank = "" if comm.size == 1 else f"-{comm.rank + 1}of{comm.size}"
-    return file.with_name(f"{file.stem}{rank}.npz")
-
-
-def _parts(file: Path) -> list[Path]:
-    """Files of vectors, kept by any number of ranks."""
-    name = re.compile(re.escape(file.stem) + r"(-\d+of\d+)?\.npz")
-    return sorted(path for path in file.parent.glob("*.npz") if name.fullmatch(path.name))

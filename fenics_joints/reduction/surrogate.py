@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import singledispatch
-from pathlib import Path
 
 import numpy as np
 import scipy.linalg
@@ -25,9 +24,10 @@ from fenics_joints.reduction.basis import (
     orthonormal,
     residual_directions,
 )
+from fenics_joints.reduction.files import Cache
 from fenics_joints.reduction.frf_basis import CombinedModel
 from fenics_joints.reduction.greedy import GreedyModel
-from fenics_joints.reduction.kept import KeptModel, for_test, kept_modes
+from fenics_joints.reduction.kept import for_test, kept_modes, read_reduced, write_reduced
 from fenics_joints.reduction.matched import MatchedModes, places_all_over
 from fenics_joints.reduction.prediction import SPARE, ModalPrediction
 from fenics_joints.reduction.reduced import (
@@ -63,8 +63,8 @@ class ReducedModel(MatchedModes):
         samples: Gives the parameter values at which its modes make the basis.
         travel: Gives the ranges of moving masses, see `ReducedStructure`.
         by_order: Of beams, see `fenics_joints.beams.tested.ExactModes`.
-        keep: Gives the file of the reduced model, which is then one of all modes and serves every
-            test of the structure: read if it is there, else written; None for neither.
+        keep: Cache of the reduced model, which is then one of all modes and serves every test of
+            the structure: read if it is there, otherwise written; None for neither.
         lacking: Share of a mode's energy at a sample that the basis may lack.
         still: Parameters that stay as they are at ``start``.
         progress: Told what is being done, and after each sample.
@@ -80,7 +80,7 @@ class ReducedModel(MatchedModes):
         *,
         samples: Callable[[], Points],
         travel: Callable[[], Mapping[str, tuple[float, float]]] | None = None,
-        keep: Callable[[], Path] | None = None,
+        keep: Cache | None = None,
         lacking: float = LACKING,
         still: Collection[str] = (),
         progress: Progress | None = None,
@@ -91,7 +91,7 @@ class ReducedModel(MatchedModes):
         self.progress, self.lacking = progress or Progress(silent=True), lacking
         self.n_samples = len(self.samples)
         self.progress.step("reduced model: sampling the parameters", self.n_samples)
-        self.kept = None if keep is None else KeptModel(full, keep())
+        self.kept = keep
         super().__init__(full, start, **given)
         self._basis: list[PETSc.Vec] = []
         self._refined: dict[tuple, Modes] = {}
@@ -105,10 +105,8 @@ class ReducedModel(MatchedModes):
         self.forward = self._forward(self._with_motions())
 
     def modes(self, name: str, values: Mapping[str, float]) -> Modes:
-        """See `MatchedModes.modes`; those of a model that is kept have a file."""
-        file = self.kept and self.kept.file
-        beside = file and file.with_name(f"{name}-{file.stem.removeprefix('model-')}.npz")
-        return kept_modes(self.full, values, self.n_modes, beside, self._solver)
+        """See `MatchedModes.modes`; they are kept if the model is."""
+        return kept_modes(self.full, values, self.n_modes, self.kept, name, self._solver)
 
     def _with_motions(self) -> ArrayModel:
         """`_trimmed`, with what moves by itself."""
@@ -120,13 +118,11 @@ class ReducedModel(MatchedModes):
         return trimmed(self._whole, self._still, self._start) if self._still else self._whole
 
     def _kept(self) -> ArrayModel:
-        """The model in its files, or made and kept there."""
-        found = self.kept.read()
+        """The model in its cache, or made and kept there."""
+        found = read_reduced(self.full, self.kept, self.progress)
         if found is None:
-            if self.kept.reason:
-                self.progress.step(f"{self.kept.reason}; making the model anew")
             model = self._reduce()
-            self.kept.write(model, self._basis)
+            write_reduced(self.full, self.kept, model, self._basis)
             return model
         model, self._basis = found
         return model

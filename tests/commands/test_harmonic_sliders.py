@@ -12,7 +12,7 @@ from fenics_joints.case import load_case
 from fenics_joints.commands.harmonic.model import harmonic_model
 from fenics_joints.commands.harmonic.run import run_harmonic
 from fenics_joints.harmonic import slider_ranges
-from fenics_joints.harmonic.kept import MODEL_FILE, kept_model
+from fenics_joints.harmonic.kept import kept_model
 from fenics_joints.progress import Progress
 
 QUIET, SELF = Progress(silent=True), MPI.COMM_SELF
@@ -65,7 +65,7 @@ def test_a_kept_model_that_cannot_be_read_is_made_anew(tmp_path):
     made = harmonic_model(case, SELF, QUIET).model
     given = tmp_path, case.harmonic.band, SELF, told
     assert kept_model(made, *given) is made and not told.steps
-    file = tmp_path / MODEL_FILE
+    file = tmp_path / "model.h5"
     whole = file.read_bytes()
     file.write_bytes(whole[:-100])
     assert kept_model(made, *given) is made and len(told.steps) == 1 and str(file) in told.steps[0]

@@ -17,6 +17,7 @@ from fenics_joints.measurements.gap import mac
 from fenics_joints.meshes import box
 from fenics_joints.modal import solve_modes
 from fenics_joints.progress import Progress
+from fenics_joints.reduction.files import Cache
 from fenics_joints.reduction.matched import MatchedModes
 from fenics_joints.structure import Sensors, Structure, part
 
@@ -37,14 +38,14 @@ def test_mesh_error_is_that_against_a_finer_mesh(degree, shared_tmp_path, monkey
     sensors = Sensors(line, [0.0, 0.0, 1.0])
     given = {"sensors": sensors, "n_test": 4, "n_modes": 24}
     small = MatchedModes(strip(30 if degree == 1 else 5, 2, 1, degree=degree), {}, **given)
-    silent, file = Progress(silent=True), shared_tmp_path / "errors.json"
-    found = mesh_errors(small, {}, silent, lambda: file)
+    silent, cache = Progress(silent=True), Cache(shared_tmp_path, "key", MPI.COMM_WORLD)
+    found = mesh_errors(small, {}, silent, cache)
     # From the file without a solution; another test of the same structure.
     few = Sensors(line[:7], [0.0, 0.0, 1.0])
     other = MatchedModes(small.full, {}, sensors=few, n_test=2, n_modes=24)
     with monkeypatch.context() as patched:
         patched.setattr("fenics_joints.reduction.kept.solve_modes", None)
-        kept = mesh_errors(other, {}, silent, lambda: file)
+        kept = mesh_errors(other, {}, silent, cache)
     assert kept.frequencies == pytest.approx(found.frequencies[:2], abs=1e-9)
     fine = MatchedModes(strip(30, 6, 2, degree=2), {}, **given)
     own, best = (s.nominal.frequencies_hz[s.pairing.index] for s in (small, fine))

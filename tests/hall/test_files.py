@@ -7,14 +7,7 @@ import os
 import pytest
 
 from fenics_joints.errors import InputError
-from fenics_joints.files import (
-    check_writable,
-    read_text,
-    read_toml,
-    unsealed,
-    write_arrays,
-    write_text,
-)
+from fenics_joints.files import check_writable, read_text, read_toml, sealed, unsealed, write_text
 
 
 @pytest.mark.parametrize(
@@ -76,14 +69,15 @@ def test_files_have_the_modes_of_the_mask_and_kept_ones_are_nobody_elses(tmp_pat
     try:
         write_text(tmp_path / "text", "")
         write_text(tmp_path / "own", "", own=True)
-        write_arrays(tmp_path / "kept.npz")
+        with sealed(tmp_path / "kept.h5") as part:
+            part.write_bytes(b"content")
     finally:
         os.umask(before)
     modes = {p.name: p.stat().st_mode & 0o777 for p in tmp_path.iterdir()}
     own = 0o644 & ~mask
-    assert modes == {"text": 0o666 & ~mask, "own": own, "kept.npz": own}
-    with unsealed(tmp_path / "kept.npz") as file:
-        assert file.read(2) == b"PK"
+    assert modes == {"text": 0o666 & ~mask, "own": own, "kept.h5": own}
+    with unsealed(tmp_path / "kept.h5") as file:
+        assert file.read(7) == b"content"
 
 
 def test_no_file_is_written_through_a_link_beside_it(tmp_path):

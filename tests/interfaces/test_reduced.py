@@ -95,7 +95,7 @@ def test_bad_files_are_named(small, tmp_path):
         read_interface_model(path)
     for change, message in (
         (lambda f: f.attrs.modify("version", 99), "has version 99"),
-        (lambda f: f.attrs.modify("format", "else"), "is no reduced model"),
+        (lambda f: f.attrs.modify("format", "else"), "is no interface model"),
         (lambda f: f["model"].__delitem__("0"), "holds no such model"),
     ):
         with sealed(path) as part:

@@ -11,10 +11,12 @@ from fenics_joints.errors import InputError
 from fenics_joints.measurements.gap import TooFewModes
 from fenics_joints.meshes import lap_plates
 from fenics_joints.modal import EigenSolver, frequency_sensitivity, solve_modes
-from fenics_joints.reduction import ReducedStructure, read_array_model, reduce
+from fenics_joints.progress import Progress
+from fenics_joints.reduction import ReducedStructure, reduce
 from fenics_joints.reduction.arrays import trimmed
 from fenics_joints.reduction.basis import SampledBasis, orthonormal
-from fenics_joints.reduction.kept import KeptModel
+from fenics_joints.reduction.files import Cache
+from fenics_joints.reduction.kept import KeptModel, read_reduced, write_reduced
 from fenics_joints.reduction.prediction import Slopes, ways_of
 from fenics_joints.reduction.surrogate import ReducedModel
 from fenics_joints.structure import Parameter, PointMass, Sensors, Spring, Structure, joint, part
@@ -276,16 +278,16 @@ def test_refined_modes_make_as_good_a_model_as_solved_ones(monkeypatch):
 @pytest.mark.parallel
 def test_a_kept_model_serves_another_test_of_the_structure(shared_tmp_path):
     """Other sensors, another number of modes: as good as what is made for it alone."""
-    world, file = build(MPI.COMM_WORLD), shared_tmp_path / "model.h5"
+    world, cache = build(MPI.COMM_WORLD), Cache(shared_tmp_path, "key", MPI.COMM_WORLD)
     start = {name: p.value for name, p in world.parameters.items()}
     points = [start, *samples(10, seed=3)]
 
-    surrogate(world, points, n_test=5, lacking=1e-3, keep=lambda: file)
+    surrogate(world, points, n_test=5, lacking=1e-3, keep=cache)
     few = Sensors([[0.02, 0.01, 0.008], [0.15, 0.07, 0.008], [0.3, 0.04, 0.016]], [0.0, 0.0, 1.0])
     seen = {"sensors": few, "lacking": 1e-3}
     alone = surrogate(world, points, **seen)
-    kept = surrogate(world, points, **seen, keep=lambda: file)
-    assert kept.model.n_dofs < read_array_model(file).n_dofs
+    kept = surrogate(world, points, **seen, keep=cache)
+    assert kept.model.n_dofs < cache.read("model", KeptModel).model.n_dofs
     elsewhere = samples(4, seed=11)
     own, best = (s.errors(elsewhere) for s in (kept, alone))
     assert np.all(own < 2 * best + 1e-4)
@@ -299,50 +301,44 @@ def test_a_kept_model_serves_another_test_of_the_structure(shared_tmp_path):
 @pytest.mark.parallel
 def test_a_model_kept_on_some_ranks_serves_any(shared_tmp_path):
     """Kept on all of them, read on one: the basis is that of the matrices."""
-    world, own, file = build(MPI.COMM_WORLD), build(), shared_tmp_path / "model.h5"
+    world, own = build(MPI.COMM_WORLD), build()
     start = {name: p.value for name, p in world.parameters.items()}
-    surrogate(world, [start], keep=lambda: file)
-    model, basis = KeptModel(own, file).read()
+    surrogate(world, [start], keep=Cache(shared_tmp_path, "key", MPI.COMM_WORLD))
+    model, basis = read_reduced(own, Cache(shared_tmp_path, "key"))
     Z = np.array([vector.array_r for vector in basis]).T
     K = own.stiffness(start)
     theirs = model.stiffness(start)
     assert Z.T @ product(K, Z) == pytest.approx(theirs, abs=1e-6 * np.abs(theirs).max())
-    kept = [path.name for path in sorted(file.parent.glob("model*.npz"))]
-    assert len(kept) == MPI.COMM_WORLD.size
     MPI.COMM_WORLD.barrier()
-    if MPI.COMM_WORLD.rank == 0 and len(kept) > 1:
-        # Kept anew by one: what the others kept is of no use any more.
-        KeptModel(own, file).write(model, basis)
-        assert [path.name for path in file.parent.glob("model*.npz")] == ["model.npz"]
+    if MPI.COMM_WORLD.rank == 0:
+        # Kept by one rank it serves all of them.
+        write_reduced(own, Cache(shared_tmp_path, "one rank"), model, basis)
+    MPI.COMM_WORLD.barrier()
+    _, again = read_reduced(world, Cache(shared_tmp_path, "one rank", MPI.COMM_WORLD))
+    assert sum(v.norm() for v in again) == pytest.approx(sum(v.norm() for v in basis), rel=1e-12)
 
 
-def test_a_basis_of_another_model_is_not_taken(tmp_path):
-    """As where two runs kept theirs at a time."""
-    model, file = build(), tmp_path / "model.h5"
+def test_a_model_that_was_damaged_or_is_of_another_mesh_is_not_taken(tmp_path):
+    model, cache, told = build(), Cache(tmp_path, "key"), []
     start = {name: p.value for name, p in model.parameters.items()}
-    first = surrogate(model, [start], keep=lambda: file)
-    assert KeptModel(model, file).read() is not None
-    basis = file.with_suffix(".npz").read_bytes()
-    file.unlink()
-    other = surrogate(model, [{**start, "layer.E": 1e7}], keep=lambda: file)
-    assert other.model.n_dofs == first.model.n_dofs
-    own = file.with_suffix(".npz").read_bytes()
-    file.with_suffix(".npz").write_bytes(basis)
-    kept = KeptModel(model, file)
-    assert kept.read() is None and "incomplete" in kept.reason
-    # Nor one that was damaged, nor matrices of a structure of which one node stood elsewhere.
-    rng = np.random.default_rng(2)
-    for bit in rng.integers(8 * len(own), size=20).tolist():
-        content = bytearray(own)
+    surrogate(model, [start], keep=cache)
+    assert read_reduced(model, cache) is not None
+    file, rng = cache.path("model"), np.random.default_rng(2)
+    whole = file.read_bytes()
+    for bit in rng.integers(8 * len(whole), size=20).tolist():
+        content = bytearray(whole)
         content[bit // 8] ^= 1 << bit % 8
-        file.with_suffix(".npz").write_bytes(content)
-        assert KeptModel(model, file).read() is None
-    file.with_suffix(".npz").write_bytes(own)
-    assert KeptModel(model, file).read() is not None
+        file.write_bytes(content)
+        assert read_reduced(model, cache) is None
+    file.write_bytes(whole)
+    progress = Progress(silent=True)
+    progress.step = told.append
+    assert read_reduced(model, Cache(tmp_path, "other"), progress) is None
+    assert "another structure" in told.pop() and not told
+    # Of the same key, but one node stands elsewhere.
     moved = build()
-    moved.mesh.geometry.x[0, 0] += 1e-9
-    kept = KeptModel(moved, file)
-    assert kept.read() is None and "another structure" in kept.reason
+    moved.mesh.geometry.x[0, 0] += 1e-6
+    assert read_reduced(moved, cache) is None
 
 
 @pytest.mark.parametrize("axis", [0, 1, 2])

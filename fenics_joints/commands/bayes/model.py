@@ -9,8 +9,7 @@ from pathlib import Path
 import numpy as np
 from mpi4py import MPI
 
-from fenics_joints.bayes.kept_lean import read_lean, write_lean
-from fenics_joints.bayes.model import Frequencies, ReducedCheck
+from fenics_joints.bayes.model import Frequencies, ReducedCheck, read_frequencies, write_frequencies
 from fenics_joints.bayes.priors import Prior, default_density, density
 from fenics_joints.bayes.sampled import SampledModel
 from fenics_joints.case import Case, build_structure
@@ -19,8 +18,8 @@ from fenics_joints.case.dimensions import refuse_unfit
 from fenics_joints.case.fingerprint import fingerprint
 from fenics_joints.case.update import Bayes
 from fenics_joints.errors import InputError
-from fenics_joints.parallel import on_root
 from fenics_joints.progress import Progress
+from fenics_joints.reduction.files import Cache
 from fenics_joints.reduction.surrogate import tested_models
 from fenics_joints.structure.components import Parameter, number
 from fenics_joints.units import parameter_unit
@@ -179,22 +178,16 @@ def _prior_line(case: Case, name: str, value: float) -> str:
 
 def _ready(case: Case, full, start, given, prior: Prior, tolerance, progress, keep):
     """A model's frequencies, check and estimated error, from their file if it is there."""
-    name = None
+    cache, name = None, ""
     if keep is not None:
         said = [start, prior.names, prior.exactly(), given["n_test"], tolerance]
         shapes = None if given["shapes"] is None else given["shapes"].tolist()
-        name = fingerprint(case, full, given["sensors"], *said, shapes)
-        kept, reason = None, ""
-        if full.comm.bcast(keep.is_file()):
-            try:
-                kept = read_lean(keep, name, given["sensors"])
-            except InputError as error:
-                reason = str(error)
-        if full.comm.allreduce(kept is not None, op=MPI.LAND):
+        key = fingerprint(case, full, given["sensors"], *said, shapes)
+        cache, name = Cache(keep.parent, key, full.comm), keep.name.removesuffix(".h5")
+        kept = read_frequencies(cache, name, given["sensors"], progress)
+        if kept is not None:
             return kept
-        if reason:
-            progress.step(f"{reason}; making the model anew")
     found = SampledModel(full, start, prior, tolerance, progress, **given).ready()
-    if keep is not None and found[1].error <= tolerance:
-        on_root(full.comm, lambda: write_lean(keep, name, *found))
+    if cache is not None and found[1].error <= tolerance:
+        write_frequencies(cache, name, *found)
     return found

@@ -244,7 +244,7 @@ def _kept(folder: Path | None, name: str) -> dict:
     """Where a branch is kept, as arguments of the solvers."""
     if folder is None:
         return {}
-    return {"checkpoint": folder / f"{name}.npz", "resume": True}
+    return {"checkpoint": folder / f"{name}.h5", "resume": True}
 
 
 def _facts(r: HarmonicResult, kind: str, curves: MeasuredCurves | None) -> LevelFacts:

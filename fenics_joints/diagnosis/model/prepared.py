@@ -46,6 +46,7 @@ from fenics_joints.measurements.data import TestData
 from fenics_joints.measurements.gap import ALIKE, CONTRADICTED, UNLIKE, Pairing, partnered, skipped
 from fenics_joints.modal.modes import Modes
 from fenics_joints.progress import Progress
+from fenics_joints.reduction.files import Cache
 from fenics_joints.reduction.matched import MatchedModes
 from fenics_joints.reduction.prediction import ModalPrediction
 from fenics_joints.reduction.surrogate import LACKING, tested_models
@@ -148,6 +149,7 @@ class Prepared(Subject):
             progress: Told after each sample.
             keep: Folder of the reduced models, named by a hash of all that makes them.
         """
+        cache = keep and Cache(keep, self.fingerprint(), self.full.comm, side_by_side=True)
         self.surrogate = tested_models(self.full).seen(
             self.full,
             self.baseline,
@@ -158,7 +160,7 @@ class Prepared(Subject):
             by_order=True,
             samples=lambda: self.samples(self.case.diagnose.samples),
             travel=self.travel,
-            keep=keep and (lambda: self._file(keep, "model", ".h5")),
+            keep=cache,
             progress=progress,
             still=self._unfit(),
             lacking=self._share,
@@ -168,12 +170,7 @@ class Prepared(Subject):
         if self.evidence.shapes is not None:
             self.evidence = replace(self.evidence, neighbours=self._neighbours())
         if self.case.diagnose.mesh_error:
-            errors = mesh_errors(
-                self.surrogate,
-                self.baseline,
-                progress,
-                keep and (lambda: self._file(keep, "finer", ".npz")),
-            )
+            errors = mesh_errors(self.surrogate, self.baseline, progress, cache)
             if errors is not None:
                 self.on_mesh(errors)
         self._take(measured_at_points(self, progress))
@@ -334,12 +331,9 @@ class Prepared(Subject):
         share = _LACKING * self.evidence.discrepancy**2
         return float(f"{np.clip(share, LACKING, _MOST_LACKING):.2g}")
 
-    def _file(self, keep: Path, what: str, suffix: str) -> Path:
-        """A file that serves every test of the structure with this discrepancy. Collective."""
-        return Path(keep) / f"{what}-{self.fingerprint()}{suffix}"
-
     def fingerprint(self) -> str:
-        """See `fenics_joints.case.fingerprint`. Collective."""
+        """The key of a model that serves every test of the structure with this discrepancy, see
+        `fenics_joints.case.fingerprint`. Collective."""
         more = sorted(self.full.parameters), self._share, _SAMPLED
         return fingerprint(self.case, self.full, None, *more)
 

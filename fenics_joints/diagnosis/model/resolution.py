@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -13,6 +12,7 @@ from fenics_joints.errors import InputError
 from fenics_joints.measurements.gap import ALIKE, mac, pair_modes
 from fenics_joints.modal.modes import Modes
 from fenics_joints.progress import Progress
+from fenics_joints.reduction.files import Cache
 from fenics_joints.reduction.kept import kept_modes
 from fenics_joints.reduction.matched import (
     PLACES,
@@ -49,10 +49,7 @@ class MeshErrors(NamedTuple):
 
 
 def mesh_errors(
-    small: MatchedModes,
-    values: Mapping[str, float],
-    progress: Progress,
-    keep: Callable[[], Path] | None = None,
+    small: MatchedModes, values: Mapping[str, float], progress: Progress, keep: Cache | None = None
 ) -> MeshErrors | None:
     """What the mesh does to the frequencies and shapes of the test's modes. Collective.
 
@@ -64,8 +61,8 @@ def mesh_errors(
         small: Knows the full model, its modes at ``values``, and which of them the test saw.
         values: Parameter values of the nominal model.
         progress: Told before the solution.
-        keep: Gives the file of the finer model's modes, for every test of the structure: read if
-            it is there, else written; None to keep nothing.
+        keep: Cache of the finer model's modes, for every test of the structure; None to keep
+            nothing.
 
     Returns:
         The errors; None for a model without a finer one, or one that would be too large.
@@ -76,7 +73,7 @@ def mesh_errors(
     if finer is None or finer.n_dofs > MOST:
         return None
     progress.step("measuring the mesh's own error, one degree higher")
-    better = kept_modes(finer, values, small.n_modes, keep and keep())
+    better = kept_modes(finer, values, small.n_modes, keep, "finer")
     # The same body has as many rigid motions, whatever round-off makes of their frequencies.
     better = replace(better, n_rigid=small.nominal.n_rigid)
     return MeshErrors(*small.full.comm.bcast(_measured(small, better)))
