@@ -9,7 +9,7 @@ from scipy.stats import norm
 
 from fenics_joints.bayes.priors import Prior
 from fenics_joints.errors import InputError
-from fenics_joints.updating.least_squares import LeastSquares
+from fenics_joints.least_squares import LeastSquares
 
 #: How far into its tails a prior is searched and where its edge begins; how far off a frequency may
 #: be there; all in standard deviations. Draws that the search starts from.

@@ -29,7 +29,7 @@ from fenics_joints.bayes.samplers import Settings, Task, grow
 from fenics_joints.bayes.straight import curvature
 from fenics_joints.bayes.walks import generator
 from fenics_joints.errors import InputError, flag, real
-from fenics_joints.updating.least_squares import LeastSquares
+from fenics_joints.least_squares import LeastSquares
 
 _FEWEST = 5
 

@@ -10,10 +10,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.optimize import least_squares
 
 from fenics_joints.beams.structure import BeamStructure
 from fenics_joints.errors import ConvergenceError, InputError, whole
+from fenics_joints.least_squares import LeastSquares
 from fenics_joints.modal.modes import solve_modes
 from fenics_joints.response.complex_modes import ComplexModes, solve_complex_modes
 from fenics_joints.structure.components import number
@@ -93,7 +93,7 @@ def identify_damping(
     at_zero = slope(np.zeros(len(names)))
     start = np.linalg.lstsq(at_zero, -residual(np.zeros(len(names))), rcond=None)[0]
     start = np.maximum(start, 1e-3 * np.max(np.abs(start)))
-    found = least_squares(residual, start, slope, bounds=(0, np.inf), x_scale=start)
+    found = LeastSquares(residual, slope, bounds=(0, np.inf)).solve(start, x_scale=start)
     if found.status <= 0:
         raise ConvergenceError(f"identifying {', '.join(names)} did not converge", found.message)
     # Damping that the joints cannot explain counts as noise.

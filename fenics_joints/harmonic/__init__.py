@@ -6,12 +6,7 @@ constant response, `solve_backbone` frequency and damping against amplitude, and
 responses.
 """
 
-from fenics_joints.harmonic.backbone import (
-    BackbonePoints,
-    NonlinearMode,
-    solve_backbone,
-    solve_backbone_at,
-)
+from fenics_joints.harmonic.backbone import NonlinearMode, solve_backbone
 from fenics_joints.harmonic.balance import Balance, Load, default_samples
 from fenics_joints.harmonic.bifurcations import (
     Bifurcation,
@@ -36,12 +31,7 @@ from fenics_joints.harmonic.kept import kept_model
 from fenics_joints.harmonic.measured_mode import MeasuredLoop, read_loops
 from fenics_joints.harmonic.result import HarmonicResult, Loops, Peak, Periodic, ResponseGradient
 from fenics_joints.harmonic.sliders import SliderRange, fitted_sliders, slider_ranges
-from fenics_joints.harmonic.stability import (
-    floquet_exponents,
-    floquet_multipliers,
-    hill_multipliers,
-    stable,
-)
+from fenics_joints.harmonic.stability import floquet_multipliers, hill_multipliers
 from fenics_joints.harmonic.static_mode import StaticBackbone, solve_static_backbone
 from fenics_joints.harmonic.tracking import (
     Folds,
@@ -53,7 +43,6 @@ from fenics_joints.harmonic.tracking import (
 
 __all__ = [
     "NonlinearMode",
-    "BackbonePoints",
     "Balance",
     "Bifurcation",
     "Branch",
@@ -77,7 +66,6 @@ __all__ = [
     "default_samples",
     "fitted_sliders",
     "find_bifurcations",
-    "floquet_exponents",
     "floquet_multipliers",
     "follow",
     "hill_multipliers",
@@ -91,13 +79,11 @@ __all__ = [
     "save_branch",
     "slider_ranges",
     "solve_backbone",
-    "solve_backbone_at",
     "solve_constant_response",
     "solve_harmonic",
     "solve_isola",
     "solve_static_backbone",
     "solve_to_tolerance",
-    "stable",
     "switch_branch",
     "track_folds",
     "track_resonance",

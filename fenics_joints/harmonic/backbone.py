@@ -22,10 +22,9 @@ from fenics_joints.harmonic.balance import Balance, BalanceOptions
 from fenics_joints.harmonic.continuation import (
     Branch,
     ContinuationSettings,
-    NotFound,
     check_settings,
-    correct,
     follow,
+    solve_at,
 )
 from fenics_joints.harmonic.frf import fingerprint, telling
 from fenics_joints.harmonic.result import (
@@ -42,12 +41,15 @@ if TYPE_CHECKING:
     from typing_extensions import Unpack
 
 _LN10 = float(np.log(10.0))
-#: Eigenvalues below this share of trace(K) / trace(M) are rigid-body motion.
+#: Eigenvalues below this share of trace(K) / trace(M) are rigid-body motion; far above round-off
+#: and far below the elastic ones.
 _RIGID = 1e-8
-#: Directions with this share of the mass per stiffness of the heaviest have none.
+#: Directions below this share of the heaviest one's mass per stiffness are without mass: round-off.
 _MASSLESS = 1e-12
-#: Least frequency of which steps are a share, as a share of the linear one.
+#: Least frequency of which steps are a share, as a share of the linear one; chosen.
 _SLOWEST = 1e-3
+#: Relative step of the differences of the residual by a parameter: half of the digits.
+_STEP = 1e-6
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -55,6 +57,8 @@ class NonlinearMode(Periodic):
     """A nonlinear mode over its amplitude.
 
     Attributes:
+        problem: The equations that it solves.
+        z: Their unknowns at each point, (N, size + 3).
         method: ``epmc`` or ``phase resonance``.
         damping_ratios: Energy that a cycle takes over 4 pi times the largest kinetic energy, (N,).
         modal_amplitudes: sqrt(x1^H M x1) of the first harmonic x1, m kg^1/2, (N,).
@@ -65,6 +69,8 @@ class NonlinearMode(Periodic):
             and left by the lowest; ``"short of it"`` if no solution was found on a bound.
     """
 
+    problem: FreeMode | PhaseResonance
+    z: np.ndarray
     method: str
     damping_ratios: np.ndarray
     modal_amplitudes: np.ndarray
@@ -85,6 +91,41 @@ class NonlinearMode(Periodic):
         head = ("modal amplitude, m kg^1/2", "Hz", "damping ratio")
         return html_table(f"Backbone, {self.method}: {self.end}", head, rows)
 
+    def by_parameters(
+        self, change: Callable[[Mapping[str, float]], InterfaceModel], values: Mapping[str, float]
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Derivatives of frequencies, Hz, and damping ratios by parameters, each (N, parameters).
+
+        Of a mode without a force, at the same amplitudes; no point is solved again.
+
+        Args:
+            change: The model for values of the parameters.
+            values: Present values, none of them zero.
+
+        Raises:
+            InputError: Of a mode with a force, or if a value is zero.
+            ConvergenceError: Where a point has none.
+        """
+        problem = self.problem
+        if self.force is not None:
+            raise InputError("derivatives by parameters: expected a mode without a force.")
+
+        def changed(values: Mapping[str, float]) -> Callable:
+            other = copy(problem)
+            other.balance = changed_balance(problem.balance, change(values))
+            return lambda z: other.evaluate(z, jacobian=False)[0]
+
+        made = slopes_by_parameters(
+            lambda z: problem.evaluate(z)[1][:, :-1],
+            changed,
+            self.z,
+            values,
+            _STEP,
+            lambda i: f"the mode at {10 ** self.z[i, -1]:.3g} m",
+        )
+        omega, zeta = np.array(made)[:, -2:].transpose(1, 0, 2)
+        return omega / (2 * np.pi), zeta
+
     def to_dict(self) -> dict:
         """Everything that people read, for JSON."""
         return {
@@ -100,12 +141,14 @@ class NonlinearMode(Periodic):
 
 def solve_backbone(
     model: InterfaceModel,
-    amplitudes: tuple[float, float],
+    amplitudes: tuple[float, float] | None = None,
     *,
+    at: Sequence[float] | None = None,
     force: str | None = None,
     near: float | None = None,
     sensor: str | None = None,
     settings: ContinuationSettings | None = None,
+    initial: NonlinearMode | None = None,
     checkpoint: str | Path | None = None,
     resume: bool = False,
     progress: Progress | None = None,
@@ -118,18 +161,30 @@ def solve_backbone(
 
     Args:
         model: The structure.
-        amplitudes: Lowest and highest first-harmonic amplitude of displacement at the sensor, m.
+        amplitudes: Lowest and highest first-harmonic amplitude of displacement at the sensor, m,
+            between which the mode is followed.
+        at: Instead: amplitudes, m, in any order; each point starts from that of its neighbour.
         force: Place of the force; None for a motion without one.
         near: The mode whose linear frequency, Hz, is nearest; the lowest elastic one by default.
         sensor: Sensor that moves in the mode; the model's first by default.
         settings: As for `solve_harmonic`; scaled arc length is about decades of the amplitude.
+        initial: The mode of a near model at the same amplitudes (``at``), to start from.
         checkpoint, resume, progress, equations: As for `solve_harmonic`.
 
     Raises:
         InputError: For an unknown name, a value out of range, or a sensor that does not move.
         ConvergenceError: If the branch cannot be followed.
     """
-    low, high = check_interval("amplitudes", amplitudes, "m")
+    if (amplitudes is None) == (at is None):
+        raise InputError("expected either amplitudes = (low, high), m, or at = [amplitudes], m.")
+    if initial is not None and not isinstance(initial, NonlinearMode):
+        raise wanted("initial", initial, "a NonlinearMode of a similar model, or None")
+    if at is None:
+        bounds = np.log10(check_interval("amplitudes", amplitudes, "m"))
+    else:
+        bounds = np.log10(reals("at", at, (None,), "m", above=0))
+        if not len(bounds):
+            raise InputError("at = []: expected one or more amplitudes, m.")
     if near is not None:
         real("near", near, "Hz", above=0)
     settings = check_settings(settings)
@@ -139,23 +194,39 @@ def solve_backbone(
     mode = _linear_mode(balance, near)
     if force is None:
         problem = FreeMode(balance, row, *mode)
-        words = "mode", sensor, *amplitudes, near
+        words = "mode", sensor, near
     else:
         problem = PhaseResonance(balance, row, model.row("forces", force), *mode)
-        words = "phase resonance", sensor, force, *amplitudes, near
+        words = "phase resonance", sensor, force, near
     step = f"{problem.method} of the mode near {problem.omega / (2 * np.pi):.4g} Hz"
+    tell = telling(progress, step, lambda z: f"{10 ** z[-1]:.3g} m")
+
+    def first(q: float) -> np.ndarray:
+        return np.append(problem.start(), q)
+
+    if at is not None:
+        warm = initial is not None and initial.z.shape == (len(bounds), balance.size + 3)
+        z = initial.z if warm else None
+        branch = solve_at(problem, bounds, first, settings, initial=z, on_point=tell)
+        if np.any(branch.z[:, -3] <= 0):
+            raise ConvergenceError("the mode stands still below the largest of the amplitudes")
+        return _backbone(problem, branch, sensor, force, "reached")
     branch = follow(
         problem,
-        np.append(problem.start(), np.log10(low)),
-        (np.log10(low), np.log10(high)),
+        first(bounds[0]),
+        tuple(bounds),
         settings=settings,
-        name=fingerprint(balance, *words),
+        name=fingerprint(balance, *words, *amplitudes),
         checkpoint=checkpoint,
         resume=resume,
-        on_point=telling(progress, step, lambda z: f"{10 ** z[-1]:.3g} m"),
+        on_point=tell,
         writes=balance.comm.rank == 0,
     )
-    return _backbone(problem, branch, sensor, force, (np.log10(low), np.log10(high)))
+    end = _end(branch.z[-1, -1], bounds)
+    if np.any(branch.z[:, -3] <= 0):  # beyond it the same motions follow, backwards in time
+        branch = branch.first(max(int(np.argmax(branch.z[:, -3] <= 0)), 1))
+        end = "stands still"
+    return _backbone(problem, branch, sensor, force, end)
 
 
 def free_mode(balance: Balance, sensor: str, near: float | None = None) -> FreeMode:
@@ -173,14 +244,9 @@ def free_mode(balance: Balance, sensor: str, near: float | None = None) -> FreeM
 
 
 def _backbone(
-    problem: _Mode, branch: Branch, sensor: str, force: str | None, bounds: tuple[float, float]
+    problem: _Mode, branch: Branch, sensor: str, force: str | None, end: str
 ) -> NonlinearMode:
     balance = problem.balance
-    if np.any(branch.z[:, -3] <= 0):  # beyond it the same motions follow, backwards in time
-        branch = branch.first(max(int(np.argmax(branch.z[:, -3] <= 0)), 1))
-        end = "stands still"
-    else:
-        end = _end(branch.z[-1, -1], bounds)
     X = np.array([problem.coefficients(z) for z in branch.z])
     omegas, extra = branch.z[:, -3], branch.z[:, -2]
     modal = np.sqrt(np.einsum("pnk,nm,pmk->p", X[..., 1:3], balance.model.M, X[..., 1:3]))
@@ -190,6 +256,8 @@ def _backbone(
         work = np.pi * forces * (X[:, :, 2] @ balance.model.row("forces", force))
         damping = work / (2 * np.pi * (omegas * modal) ** 2)
     return NonlinearMode(
+        problem=problem,
+        z=branch.z,
         balance=balance,
         frequencies_hz=omegas / (2 * np.pi),
         coefficients=X,
@@ -348,141 +416,3 @@ class PhaseResonance(_Mode):
 
     def add_extra(self, J, Y, omega: float, extra: float) -> None:
         J[:, -2] -= self.force
-
-
-# -- at given amplitudes ---------------------------------------------------------------------------
-
-
-#: How often the way from one amplitude to the next is halved where it is too far.
-_HALVINGS = 6
-#: Relative step of the differences of the residual by a parameter.
-_STEP = 1e-6
-
-
-@dataclass(frozen=True, eq=False)
-class BackbonePoints:
-    """A mode at some amplitudes.
-
-    Attributes:
-        problem: Its equations.
-        amplitudes: Displacement at the sensor, m, (N,).
-        z: Unknowns of each point, as of `FreeMode`, (N, size + 3).
-        iterations: Newton steps to each, (N,).
-    """
-
-    problem: FreeMode
-    amplitudes: np.ndarray
-    z: np.ndarray
-    iterations: np.ndarray
-
-    def __len__(self) -> int:
-        return len(self.amplitudes)
-
-    @property
-    def frequencies_hz(self) -> np.ndarray:
-        """Hz, (N,)."""
-        return self.z[:, -3] / (2 * np.pi)
-
-    @property
-    def damping_ratios(self) -> np.ndarray:
-        """(N,)."""
-        return self.z[:, -2]
-
-    def by_parameters(
-        self, change: Callable[[Mapping[str, float]], InterfaceModel], values: Mapping[str, float]
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Derivatives of frequencies, Hz, and damping ratios by parameters, each (N, parameters).
-
-        Through the equations R(z, p) = 0 at the same amplitude: no point is solved again.
-
-        Args:
-            change: The model for values of the parameters.
-            values: Present values, none of them zero.
-
-        Raises:
-            ConvergenceError: Where a point has none.
-        """
-        problem = self.problem
-
-        def changed(values: Mapping[str, float]) -> Callable:
-            other = copy(problem)
-            other.balance = changed_balance(problem.balance, change(values))
-            return lambda z: other.evaluate(z, jacobian=False)[0]
-
-        made = slopes_by_parameters(
-            lambda z: problem.evaluate(z)[1][:, :-1],
-            changed,
-            self.z,
-            values,
-            _STEP,
-            lambda i: f"the mode at {self.amplitudes[i]:.3g} m",
-        )
-        omega, zeta = np.array(made)[:, -2:].transpose(1, 0, 2)
-        return omega / (2 * np.pi), zeta
-
-
-def solve_backbone_at(
-    model: InterfaceModel,
-    amplitudes: Sequence[float],
-    *,
-    sensor: str | None = None,
-    near: float | None = None,
-    settings: ContinuationSettings | None = None,
-    initial: BackbonePoints | None = None,
-    **equations,
-) -> BackbonePoints:
-    """A mode by the extended periodic motion concept, at given amplitudes.
-
-    Args:
-        model: The structure.
-        amplitudes: First harmonic of displacement at the sensor, m, in any order.
-        sensor, near, settings, equations: As for `solve_backbone`.
-        initial: The same points of a near model.
-
-    Raises:
-        InputError: For an unknown name or a value out of range.
-        ConvergenceError: If a point is not found.
-    """
-    a = reals("amplitudes", amplitudes, (None,), "m", above=0)
-    if not len(a):
-        raise InputError("amplitudes: expected one or more, m.")
-    settings = check_settings(settings)
-    balance = Balance(model, **equations)
-    problem = free_mode(balance, check_sensor(model, sensor), near)
-    if initial is not None and not isinstance(initial, BackbonePoints):
-        raise wanted("initial", initial, "BackbonePoints of a similar model, or None")
-    warm = initial is not None and initial.z.shape == (len(a), balance.size + 3)
-    found, iterations, last = np.empty((len(a), balance.size + 3)), np.zeros(len(a), int), None
-    for i in np.argsort(a, kind="stable"):
-        q = np.log10(a[i])
-        starts = [initial.z[i]] if warm else []
-        if last is not None:
-            starts.append(last)
-        for start in starts or [np.append(problem.start(), q)]:
-            try:
-                last, iterations[i] = _reached(problem, start, q, settings)
-                break
-            except NotFound as error:
-                lost = ConvergenceError(f"the mode at {a[i]:.3g} m is not found", error.why)
-        else:
-            raise lost
-        found[i] = last
-    return BackbonePoints(problem, a, found, iterations)
-
-
-def _reached(problem: FreeMode, z: np.ndarray, q: float, settings: ContinuationSettings):
-    """(the point at q, Newton steps), from another one, in as many steps as it takes."""
-    steps, halvings, to = 0, 0, q
-    while True:
-        try:
-            point = correct(problem, np.append(z[:-1], to), None, settings)
-        except NotFound:
-            halvings += 1
-            if halvings > _HALVINGS or abs(to - z[-1]) < 1e-9:
-                raise
-            to = 0.5 * (z[-1] + to)
-            continue
-        z, steps = point.z, steps + point.iterations
-        if to == q:
-            return z, steps
-        to = q

@@ -25,9 +25,11 @@ from fenics_joints.reduction.files import read_model, register, write_model
 # -- Newton's method -------------------------------------------------------------------------------
 
 
+#: Trial lengths of a Newton step, each half of the last; chosen.
 _HALVINGS = 6
-#: A Jacobian is kept once a step is below this size, and while each is this much below the last;
-#: with a kept one, convergence asks for a step that much below the tolerance.
+#: A Jacobian is kept once a step is below the first, in the unknowns' scales, and while each step
+#: is below the second times the last; with a kept one, a step has to be below the third times the
+#: tolerance. Chosen for time: a Jacobian is worth many residuals.
 _NEAR, _CONTRACTION, _KEPT_TOLERANCE = 0.1, 0.4, 0.1
 
 
@@ -132,6 +134,10 @@ class Point:
         """Tangent in the unknowns' own units, (N + 1,)."""
         return self.direction * self.scales
 
+    def towards(self, way: np.ndarray, scales: np.ndarray) -> np.ndarray:
+        """`tangent`, or its opposite if that points in a direction of scaled unknowns."""
+        return self.tangent if self.tangent / scales @ way >= 0 else -self.tangent
+
 
 class NotFound(ConvergenceError):
     """A point that Newton's method did not find, and why."""
@@ -171,14 +177,16 @@ def correct(
     R, J = _evaluate(problem, z, jacobian=fresh)
     jacobians, last = int(fresh), np.inf
     J = J if fresh else kept
-    weights = 1 / np.maximum(np.abs(J * scales).max(axis=1), np.finfo(float).tiny)
-    factors = _factors(J, scales, weights, normal)
+    weights = _weights(J, scales)
+    factors = _factors(J, scales, normal, weights)
     for iteration in range(1, settings.max_iterations + 1):
         move = scales * _backsubstitute(factors, np.append(-weights * R, 0.0))
         size = np.linalg.norm(move / scales)
         # A kept Jacobian's steps fall by a factor, those of a fresh one are squared.
         if size <= settings.tolerance * (1.0 if fresh else _KEPT_TOLERANCE):
-            return _converged(problem, z + move, normal, scales, weights, iteration, jacobians)
+            J = _evaluate(problem, z + move)[1]
+            tangent = _tangent(J, scales, normal)
+            return Point(z + move, tangent, scales, J, iteration, jacobians + 1)
         if keep and size <= min(_CONTRACTION * last, _NEAR):
             z, last, fresh = z + move, size, False
             R = _evaluate(problem, z, jacobian=False)[0]
@@ -186,19 +194,11 @@ def correct(
         if fresh:
             z = _line_search(problem, z, move, weights, R)
         R, J = _evaluate(problem, z)
-        factors = _factors(J, scales, weights, normal)
+        factors = _factors(J, scales, normal, weights)
         jacobians, last, fresh = jacobians + 1, np.inf, True
     raise NotFound(
         f"the last of {settings.max_iterations} steps was {size:.2g} of the unknowns' scales"
     )
-
-
-def _converged(problem, z, normal, scales, weights, iterations, jacobians) -> Point:
-    J = _evaluate(problem, z)[1]
-    factors = _factors(J, scales, weights, normal)
-    tangent = _backsubstitute(factors, np.append(np.zeros(len(J)), 1.0))
-    tangent = tangent / np.linalg.norm(tangent)
-    return Point(z, tangent, scales, J, iterations, jacobians + 1)
 
 
 def _line_search(problem, z, move, weights, R):
@@ -228,9 +228,19 @@ def _evaluate(problem, z, *, jacobian: bool = True):
     return R, J
 
 
-def _factors(J, scales, weights, normal):
-    A = np.vstack([weights[:, None] * J * scales, normal])
-    lu, pivots, singular = scipy.linalg.lapack.dgetrf(A)
+def _weights(J, scales) -> np.ndarray:
+    """Factors that bring the largest entry of each row of the scaled Jacobian to 1, (N,)."""
+    return 1 / np.maximum(np.abs(J * scales).max(axis=1), np.finfo(float).tiny)
+
+
+def _bordered(J, scales, last, weights=None) -> np.ndarray:
+    """The scaled Jacobian, its rows weighted, above one more row, (N + 1, N + 1)."""
+    weights = _weights(J, scales) if weights is None else weights
+    return np.vstack([weights[:, None] * J * scales, last])
+
+
+def _factors(J, scales, last, weights=None):
+    lu, pivots, singular = scipy.linalg.lapack.dgetrf(_bordered(J, scales, last, weights))
     if singular:
         raise NotFound("the Jacobian is singular")
     return lu, pivots
@@ -241,6 +251,18 @@ def _backsubstitute(factors, right):
     if not np.isfinite(found).all():
         raise NotFound("the Jacobian is singular")
     return found
+
+
+def _tangent(J, scales, normal) -> np.ndarray:
+    """The tangent of length one in scaled unknowns that is along a normal, (N + 1,)."""
+    found = _backsubstitute(_factors(J, scales, normal), np.append(np.zeros(len(J)), 1.0))
+    return found / np.linalg.norm(found)
+
+
+def orientation(J: np.ndarray, scales: np.ndarray, direction: np.ndarray) -> float:
+    """Sign of the determinant of Jacobian and scaled direction: along a branch it changes where
+    another one crosses it."""
+    return float(np.linalg.slogdet(_bordered(J, scales, direction))[0])
 
 
 # -- points of a branch, and their file ------------------------------------------------------------
@@ -339,17 +361,20 @@ def load_branch(path: str | Path, name: str = "") -> Branch | None:
 # -- from point to point ---------------------------------------------------------------------------
 
 
-#: A predictor further off than this share of the step asks for smaller steps.
+#: Distance of the predictor from the branch, as a share of the step, above which steps shrink;
+#: twice as much is refused. Chosen.
 _FAR = 0.3
-#: Cosine of the largest angle between neighbouring tangents.
+#: Cosine of the angle between neighbouring tangents that steps aim at; chosen.
 _STRAIGHT = 0.8
-#: Share of the longest step below which a sharp turn is a kink, as where sliding sets in.
+#: Share of the longest step below which a sharp turn is a kink, as where sliding begins; chosen.
 _KINK = 0.02
-#: How far ahead, in scaled arc length, the tangent past a kink is taken, and with which shares of
-#: the step it is gone there.
+#: How far ahead, in scaled arc length, the tangent past a kink is taken, and the shares of the step
+#: that are tried along it; chosen.
 _AHEAD, _SHARES = (1e-5, 1e-4, 1e-3, 1e-2), (10.0, 1.0)
-#: Most points that the search for an extreme takes.
+#: Most points that the search for an extreme takes; nothing depends on it.
 _SECANTS = 12
+#: How often the way from one value of the parameter to the next is halved; chosen.
+_PARTS = 7
 
 
 def follow(
@@ -453,14 +478,13 @@ def _grown(problem, branch: Branch, bounds, settings, kept):
     direction = direction / np.linalg.norm(direction)
     why = ""
     while step >= settings.min_step:
+        small = step <= _KINK * settings.max_step
         try:
             point = correct(problem, z + step * scales * direction, direction, settings, kept)
-            small = step <= _KINK * settings.max_step
-            why = _bad(point, z, scales, direction, step, small)
-            why = why or (_runs_back(problem, z, point, scales, direction) if small else "")
+            why = _doubt(problem, point, z, scales, direction, step, small)
         except NotFound as failure:
             why = failure.why
-        if why and step <= _KINK * settings.max_step:
+        if why and small:
             around = _around(problem, z, scales, direction, step, settings)
             if around is not None:
                 point, direction = around
@@ -473,9 +497,7 @@ def _grown(problem, branch: Branch, bounds, settings, kept):
             f"no step down to {settings.min_step:.1g} led on ({why}); more samples may "
             "help, or some stiffness that is left when a joint slides"
         )
-    new, tangent = point.z, point.tangent
-    if np.dot(tangent / scales, direction) < 0:
-        tangent = -tangent
+    new, tangent = point.z, point.towards(direction, scales)
     low, high = bounds
     if not low <= new[-1] <= high:
         bound = high if new[-1] > high else low
@@ -493,6 +515,24 @@ def _grown(problem, branch: Branch, bounds, settings, kept):
     return branch.with_point(new, tangent, effort, step, False), point.jacobian
 
 
+def _doubt(problem, point: Point, z, scales, direction, step, small: bool) -> str:
+    """Why a point is not to be trusted; empty if it is. If the step is small already, the branch
+    has a kink, beyond which the point may be one that the branch came by."""
+    tangent = point.tangent / scales
+    tangent = tangent / np.linalg.norm(tangent)
+    along = float(tangent @ direction)
+    if not small and abs(along) < 0.5:
+        return "the branch turns too sharply"
+    off = np.linalg.norm((point.z - z) / scales - step * direction)
+    if off > (20 if small else 2 * _FAR) * step:
+        return "the predictor is too far off"
+    if abs(along) > 0.5:
+        return ""
+    before = orientation(_evaluate(problem, z)[1], scales, direction)
+    after = orientation(point.jacobian, scales, tangent * np.sign(along))
+    return "" if before == after else "the branch turns back at a kink"
+
+
 def _around(problem, z, scales, direction, step, settings):
     """A point on the other side of a kink, and the direction to it; None if it is not found.
 
@@ -501,15 +541,13 @@ def _around(problem, z, scales, direction, step, settings):
     Its sign is that of the determinant of Jacobian and tangent, which corners leave as it is: so
     neither does the branch run back on itself.
     """
-    try:
-        sign = orientation(_jacobian(problem, z), scales, direction)
+    with suppress(NotFound):
+        sign = orientation(_evaluate(problem, z)[1], scales, direction)
         for ahead, share in ((a, s) for a in _AHEAD for s in _SHARES):
-            J = _jacobian(problem, z + ahead * scales * direction)
-            normal = _tangent(J, scales, direction)
-            if normal is None:
-                continue
-            normal = normal * sign * orientation(J, scales, normal)
+            J = _evaluate(problem, z + ahead * scales * direction)[1]
             with suppress(NotFound):
+                normal = _tangent(J, scales, direction)
+                normal = normal * sign * orientation(J, scales, normal)
                 start = z + share * step * scales * normal
                 point = correct(problem, start, normal, settings)
                 tangent = point.direction * np.sign(point.direction @ normal)
@@ -518,58 +556,7 @@ def _around(problem, z, scales, direction, step, settings):
                 straight = way @ normal > 0.5 * np.linalg.norm(way)
                 if forward and straight and tangent @ normal > 0.5:
                     return point, normal
-    except NotFound:
-        return None
     return None
-
-
-def _runs_back(problem, z, point: Point, scales, direction) -> str:
-    """Why a point beyond a sharp turn is one that the branch came by; empty if it is not."""
-    tangent = point.tangent / scales
-    tangent = tangent / np.linalg.norm(tangent)
-    along = float(tangent @ direction)
-    if abs(along) > 0.5:
-        return ""
-    before = orientation(_jacobian(problem, z), scales, direction)
-    after = orientation(point.jacobian, scales, tangent * np.sign(along))
-    return "" if before == after else "the branch turns back at a kink"
-
-
-def _jacobian(problem, z) -> np.ndarray:
-    J = problem.evaluate(z)[1]
-    if not np.isfinite(J).all():
-        raise NotFound("the residual is not finite")
-    return J
-
-
-def _scaled(J, scales, last) -> np.ndarray:
-    rows = J * scales
-    size = np.maximum(np.abs(rows).max(axis=1, keepdims=True), np.finfo(float).tiny)
-    return np.vstack([rows / size, last])
-
-
-def _tangent(J, scales, direction) -> np.ndarray | None:
-    right = np.append(np.zeros(len(J)), 1.0)
-    try:
-        found = np.linalg.solve(_scaled(J, scales, direction), right)
-    except np.linalg.LinAlgError:
-        return None
-    return found / np.linalg.norm(found)
-
-
-def orientation(J: np.ndarray, scales: np.ndarray, direction: np.ndarray) -> float:
-    """Sign of the determinant of Jacobian and scaled direction: along a branch it changes where
-    another one crosses it."""
-    return float(np.linalg.slogdet(_scaled(J, scales, direction))[0])
-
-
-def _bad(point: Point, z, scales, direction, step, small: bool) -> str:
-    """Why a point is not to be trusted; where steps are small already, the branch has a kink."""
-    tangent = point.tangent / scales
-    if not small and abs(np.dot(tangent, direction)) < 0.5 * np.linalg.norm(tangent):
-        return "the branch turns too sharply"
-    off = np.linalg.norm((point.z - z) / scales - step * direction)
-    return "the predictor is too far off" if off > (20 if small else 2 * _FAR) * step else ""
 
 
 def _ended(problem, branch, beyond: Point, tangent, bound, settings, scales) -> Branch:
@@ -581,9 +568,7 @@ def _ended(problem, branch, beyond: Point, tangent, bound, settings, scales) -> 
         point = correct(problem, start, None, settings, beyond.jacobian)
     except NotFound:
         return replace(branch, complete=True)
-    last = point.tangent
-    if np.dot(last / scales, tangent / scales) < 0:
-        last = -last
+    last = point.towards(tangent / scales, scales)
     return branch.with_point(point.z, last, (point.iterations, point.jacobians), branch.step, True)
 
 
@@ -635,12 +620,80 @@ def locate(
         if s in ends:
             return ends[s]
         point = correct(problem, cubic(s), normal, settings, found and found[0].jacobian)
-        tangent = point.tangent / np.linalg.norm(point.tangent / scales)
-        if np.dot(tangent / scales, normal) < 0:
-            tangent = -tangent
+        tangent = point.towards(normal, scales) / np.linalg.norm(point.tangent / scales)
         found, f = (point, tangent), slope(point.z, tangent)
         return 0.0 if abs(f) <= tolerance * size else f
 
     brentq(at, 0.0, 1.0, xtol=1e-9, maxiter=_SECANTS, disp=False)
     point, tangent = found
     return branch.with_inserted(i + 1, point.z, tangent, (point.iterations, point.jacobians))
+
+
+# -- points at given values of the parameter -------------------------------------------------------
+
+
+def solve_at(
+    problem: BranchProblem,
+    parameters: np.ndarray,
+    first: Callable[[float], np.ndarray],
+    settings: ContinuationSettings,
+    *,
+    initial: np.ndarray | None = None,
+    on_point: Callable[[np.ndarray], object] = lambda z: None,
+) -> Branch:
+    """Solutions at given values of the parameter, each from that at the next lower value.
+
+    Args:
+        problem: The equations.
+        parameters: The values, in any order, (n,).
+        first: A guess of the solution at a value of the parameter, for the lowest one and where the
+            others' neighbours do not lead there.
+        settings: Tolerances.
+        initial: Guesses of all solutions that are tried first, (n, N + 1); None for none.
+        on_point: Called with every solution.
+
+    Returns:
+        The solutions in the order of the parameters, without tangents.
+
+    Raises:
+        ConvergenceError: If one is not found.
+    """
+    found, last = {}, None
+    for i in np.argsort(parameters, kind="stable").tolist():
+        value, point = parameters[i], None
+        if initial is not None:
+            point = _tried(problem, np.append(initial[i][:-1], value), settings)
+        if point is None and last is not None:
+            point = _stepped(problem, last, value, settings)
+        if point is None:
+            point = correct(problem, first(value), None, settings)
+        found[i] = last = point
+        on_point(point.z)
+    points = [found[i] for i in range(len(found))]
+    effort = np.array([(point.iterations, point.jacobians) for point in points])
+    return Branch(np.array([point.z for point in points]), None, *effort.T, 0.0, True)
+
+
+def _tried(problem, start, settings, kept=None) -> Point | None:
+    try:
+        return correct(problem, start, None, settings, kept)
+    except NotFound:
+        return None
+
+
+def _stepped(problem, last: Point, value: float, settings) -> Point | None:
+    """From one solution to that at another value of the parameter, by ever shorter steps."""
+    step = whole = value - last.z[-1]
+    while abs(step) >= 2.0**-_PARTS * abs(whole):
+        z, t = last.z, last.tangent
+        step = min(step, value - z[-1])
+        guess = z + t * (step / t[-1]) if t[-1] else z + 0.0
+        guess[-1] = value if step == value - z[-1] else z[-1] + step
+        found = _tried(problem, guess, settings, last.jacobian)
+        if found is None:
+            step /= 2
+            continue
+        last = found
+        if last.z[-1] == value:
+            return last
+    return None

@@ -24,6 +24,7 @@ from fenics_joints.harmonic.continuation import (
     correct,
     follow,
     locate,
+    solve_at,
 )
 from fenics_joints.harmonic.fourier import KINDS, amplitude_gradient, moving_size
 from fenics_joints.harmonic.result import HarmonicResult, check_interval, check_sensor
@@ -32,8 +33,6 @@ from fenics_joints.progress import Progress
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
-
-_HALVINGS = 7
 
 
 def solve_harmonic(
@@ -105,7 +104,16 @@ def solve_harmonic(
     named = {"force": force, "sensor": sensor, "measure": measure, "more": more, "power": power}
     tell = telling(progress, f"response to {amplitude:g} N at {force}")
     if at is not None:
-        found = _at_frequencies(balance, loading, at, settings, initial, tell)
+        omegas = 2 * np.pi * at
+        problem = ForcedResponse(balance, loading, float(np.ptp(omegas)) or omegas[0])
+        found = solve_at(
+            problem,
+            omegas,
+            lambda omega: first_response(problem, omega, settings),
+            settings,
+            initial=_starts(balance, initial, at),
+            on_point=tell,
+        )
         return responses(balance, found, amplitude, **named)
     band = check_band(band, direction)
     problem = ForcedResponse(balance, loading, 2 * np.pi * (band[1] - band[0]))
@@ -390,30 +398,6 @@ def with_extremes(problem, branch: Branch, slope, settings: ContinuationSettings
     return branch
 
 
-def _at_frequencies(balance, loading, at, settings, initial, tell):
-    """Responses at given frequencies, each from that of the frequency below it."""
-    frequencies = np.asarray(at, dtype=float)
-    starts = _starts(balance, initial, frequencies)
-    omegas = 2 * np.pi * frequencies
-    order = np.argsort(omegas)
-    problem = ForcedResponse(balance, loading, float(np.ptp(omegas)) or omegas[0])
-    z = np.empty((len(omegas), balance.size + 1))
-    iterations, jacobians = np.zeros((2, len(omegas)), dtype=int)
-    last = None
-    for i in order:
-        found = None
-        if starts is not None:
-            found = _tried(problem, np.append(starts[i], omegas[i]), settings)
-        if found is None and last is not None:
-            found = _stepped(problem, last, omegas[i], settings)
-        if found is None:
-            found = correct(problem, first_response(problem, omegas[i], settings), None, settings)
-        last = found
-        z[i], iterations[i], jacobians[i] = last.z, last.iterations, last.jacobians
-        tell(z[i])
-    return Branch(z, None, iterations, jacobians, 0.0, True)
-
-
 def _starts(balance: Balance, initial: HarmonicResult | None, frequencies):
     if initial is None:
         return None
@@ -426,32 +410,8 @@ def _starts(balance: Balance, initial: HarmonicResult | None, frequencies):
             "initial: expected responses at the same frequencies, with as many degrees of freedom "
             "and harmonics."
         )
-    return initial.coefficients.reshape(len(frequencies), -1)
-
-
-def _tried(problem, start, settings, kept=None):
-    try:
-        return correct(problem, start, None, settings, kept)
-    except ConvergenceError:
-        return None
-
-
-def _stepped(problem, last, omega: float, settings):
-    """From the response at one frequency to that at another, by ever shorter steps."""
-    step = whole = omega - last.z[-1]
-    while abs(step) >= 2.0**-_HALVINGS * abs(whole):
-        z, t = last.z, last.tangent
-        step = min(step, omega - z[-1])
-        guess = z + t * (step / t[-1]) if t[-1] else z + 0.0
-        guess[-1] = omega if step == omega - z[-1] else z[-1] + step
-        found = _tried(problem, guess, settings, last.jacobian)
-        if found is None:
-            step /= 2
-            continue
-        last = found
-        if last.z[-1] == omega:
-            return last
-    return None
+    flat = initial.coefficients.reshape(len(frequencies), -1)
+    return np.column_stack([flat, initial.omegas])
 
 
 def fingerprint(balance: Balance, *words: object) -> str:

@@ -14,15 +14,16 @@ from dataclasses import dataclass, field
 from textwrap import shorten
 
 import numpy as np
-from scipy.optimize import least_squares, minimize
+from scipy.optimize import minimize
 
 from fenics_joints.errors import ConvergenceError, InputError, reals, wanted, whole
-from fenics_joints.harmonic.backbone import BackbonePoints
+from fenics_joints.harmonic.backbone import NonlinearMode
 from fenics_joints.harmonic.fourier import basis
 from fenics_joints.harmonic.frf import solve_harmonic
 from fenics_joints.harmonic.measured_mode import MeasuredLoop, ModeData, Offset, as_motion
 from fenics_joints.harmonic.result import HarmonicResult
 from fenics_joints.interfaces.model import InterfaceModel
+from fenics_joints.least_squares import LeastSquares
 from fenics_joints.measurements.amplitude.backbone import MeasuredBackbone
 from fenics_joints.measurements.curves import MeasuredCurves
 from fenics_joints.modal.sensitivity import Identifiability, identifiability
@@ -403,7 +404,7 @@ class IdentificationResult:
         at_bound: Parameters that ended at a bound.
         message: How the optimiser ended.
         model: The model with these values.
-        responses: Its responses, one of the curve and one of each loop; `BackbonePoints` of a
+        responses: Its responses, one of the curve and one of each loop; a `NonlinearMode` of a
             backbone.
         mode: The backbone as it was fitted, with the widths of its errors; or None.
         offsets: What the model lacks at rest by that backbone: its frequency, relative, and its
@@ -431,7 +432,7 @@ class IdentificationResult:
     at_bound: tuple[str, ...]
     message: str
     model: InterfaceModel
-    responses: tuple[HarmonicResult | BackbonePoints, ...]
+    responses: tuple[HarmonicResult | NonlinearMode, ...]
     mode: ModeData | None = None
     offsets: Mapping[str, Offset] = field(default_factory=dict)
 
@@ -603,16 +604,11 @@ def _gradient(fit: CurveFit, x, low, high, tolerance, most):
         r = fit.tried(start + change)
         return np.full(size, np.inf) if r is None else r
 
-    found = least_squares(
-        residual,
-        np.zeros_like(x),
-        lambda change: fit.jacobian(start + change),
-        bounds=(low - start, high - start),
-        x_scale=stride,
-        xtol=tolerance,
-        ftol=tolerance,
-        gtol=1e-12,
-        max_nfev=most,
+    problem = LeastSquares(
+        residual, lambda change: fit.jacobian(start + change), bounds=(low - start, high - start)
+    )
+    found = problem.solve(
+        np.zeros_like(x), most, x_scale=stride, xtol=tolerance, ftol=tolerance, gtol=1e-12
     )
     return start + found.x, str(found.message)
 

@@ -9,7 +9,7 @@ import numpy as np
 import scipy.linalg
 
 from fenics_joints.errors import InputError, located, member
-from fenics_joints.harmonic.backbone import BackbonePoints, free_mode, solve_backbone_at
+from fenics_joints.harmonic.backbone import NonlinearMode, free_mode, solve_backbone
 from fenics_joints.harmonic.balance import Balance
 from fenics_joints.harmonic.fourier import basis
 from fenics_joints.interfaces.model import InterfaceModel
@@ -172,18 +172,18 @@ class ModeData:
         wide = [(np.maximum(width * sd, 1e-5 * common), common) for sd, width, common in parts]
         return tuple(np.linalg.cholesky(np.diag(sd**2) + common**2) for sd, common in wide)
 
-    def solve(self, model: InterfaceModel, force: str, options, warm) -> BackbonePoints:
+    def solve(self, model: InterfaceModel, force: str, options, warm) -> NonlinearMode:
         """The model's mode at the measured amplitudes."""
-        return solve_backbone_at(
+        return solve_backbone(
             model,
-            self.displacements,
+            at=self.displacements,
             sensor=self.sensor,
             near=float(self.measured.frequencies_hz[0]),
             initial=warm,
             **options,
         )
 
-    def apart(self, found: BackbonePoints) -> tuple[np.ndarray, np.ndarray]:
+    def apart(self, found: NonlinearMode) -> tuple[np.ndarray, np.ndarray]:
         """ln of the model's frequency over the measured one, and its damping less the measured."""
         m, d = self.measured, self._damped
         return (
@@ -191,11 +191,11 @@ class ModeData:
             found.damping_ratios[d] - m.damping[d],
         )
 
-    def residual(self, found: BackbonePoints) -> np.ndarray:
+    def residual(self, found: NonlinearMode) -> np.ndarray:
         """Whitened, times ``noise``, (len,)."""
         return self.noise * self._whitened(*self.apart(found))
 
-    def jacobian(self, found: BackbonePoints, change, values) -> np.ndarray:
+    def jacobian(self, found: NonlinearMode, change, values) -> np.ndarray:
         """Derivatives of the residual by the parameters, (len, parameters)."""
         hz, damping = found.by_parameters(change, values)
         ln_f = hz / found.frequencies_hz[:, None]
@@ -227,7 +227,7 @@ class ModeData:
             widths.append(max(1.0, width * float(np.sqrt(part @ part / free))))
         return replace(self, widths=tuple(widths))
 
-    def offsets(self, found: BackbonePoints) -> dict[str, Offset]:
+    def offsets(self, found: NonlinearMode) -> dict[str, Offset]:
         """What the model lacks at rest: frequency, relative, and damping ratio."""
         names = ("frequency at rest", "damping at rest")
         priors = (self.rest, self.rest_damping)

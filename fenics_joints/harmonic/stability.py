@@ -15,52 +15,20 @@ import numpy as np
 import scipy.linalg
 import scipy.sparse.linalg
 
-from fenics_joints.errors import InputError, whole
+from fenics_joints.errors import whole
 from fenics_joints.harmonic.balance import Balance
 from fenics_joints.harmonic.fourier import basis
-from fenics_joints.harmonic.result import HarmonicResult
 from fenics_joints.interfaces.model import InterfacePoints
-
-
-def floquet_exponents(balance: Balance, X: np.ndarray, omega: float) -> np.ndarray:
-    """Floquet exponents, 1/s, complex, (2 n,), of a periodic solution.
-
-    A disturbance e^(lambda t) times a Fourier series obeys J + lambda (C + 2 omega M d/d(wt)) +
-    lambda^2 M; of its 2 n K eigenvalues, those with the smallest imaginary part are the exponents
-    (Moore 2005).
-
-    Args:
-        balance: The equations.
-        X: Coefficients of the solution, (n, K).
-        omega: Its angular frequency, rad/s.
-
-    Raises:
-        InputError: If a law has memory: its disturbed states are not in the equations.
-    """
-    model = balance.model
-    for points in model.interfaces:
-        if points.kernel.m or points.kernel.rated:
-            what = "has memory" if points.kernel.m else "asks for the rate of strain"
-            raise InputError(
-                f"{points.name}: the law {points.law.label} {what}; expected laws of the present "
-                "strain alone for Hill's method."
-            )
-    J, damping, mass = _disturbed(balance, X, omega)
-    N = balance.size
-    A, B = np.zeros((2 * N, 2 * N)), np.eye(2 * N)
-    A[:N, N:], A[N:, :N], A[N:, N:] = np.eye(N), -J, -damping
-    B[N:, N:] = mass
-    values = scipy.linalg.eigvals(A, B)
-    values = values[np.isfinite(values)]
-    return values[np.argsort(np.abs(values.imag))][: 2 * model.n_dofs]
 
 
 def hill_multipliers(balance: Balance, X: np.ndarray, omega: float) -> np.ndarray:
     """Floquet multipliers by Hill's method with linearised sliders, complex, the largest first.
 
-    The derivative of harmonic balance stands for that of the laws' forces, which it is where a
-    multiplier is 1: a disturbance that grows slowly moves sliders as a lasting one does. Of the
-    exponents those count whose imaginary part is at most half the response's frequency.
+    A disturbance e^(lambda t) times a Fourier series obeys J + lambda (C + 2 omega M d/d(wt)) +
+    lambda^2 M (Moore 2005). Of laws with memory the derivative of harmonic balance stands for that
+    of their forces, which it is where a multiplier is 1: a disturbance that grows slowly moves
+    sliders as a lasting one does. Of the exponents those count whose imaginary part is at most half
+    the response's frequency.
 
     Args:
         balance: The equations; laws without the rate of strain.
@@ -87,23 +55,6 @@ def _disturbed(balance: Balance, X: np.ndarray, omega: float) -> tuple[np.ndarra
     model, one, G = balance.model, np.eye(balance.fourier.size), balance.fourier.derivative
     damping = np.kron(model.C, one) + 2 * omega * np.kron(model.M, G)
     return balance.evaluate(X, omega)[1], damping, np.kron(model.M, one)
-
-
-def stable(result: HarmonicResult, *, tolerance: float = 1e-6) -> np.ndarray:
-    """Whether each response is stable, (N,).
-
-    Args:
-        result: Responses of a model without memory.
-        tolerance: Largest growth rate that counts as none, relative to omega.
-
-    Raises:
-        InputError: If a law has memory.
-    """
-    growth = [
-        floquet_exponents(result.balance, X, omega).real.max() / omega
-        for X, omega in zip(result.coefficients, result.omegas, strict=True)
-    ]
-    return np.array(growth) < tolerance
 
 
 # -- map of a period -------------------------------------------------------------------------------

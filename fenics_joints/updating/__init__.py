@@ -5,7 +5,6 @@ from fenics_joints.updating.curves import Curves, fit_curves
 from fenics_joints.updating.cutoff import CutoffModel, CutoffSweep, sweep
 from fenics_joints.updating.cutoff_minimum import CutoffMinimum, minimise
 from fenics_joints.updating.fit import update
-from fenics_joints.updating.least_squares import LeastSquares
 from fenics_joints.updating.prediction import Prediction, Predictor
 from fenics_joints.updating.result import Iteration, Update
 from fenics_joints.updating.weighted import update_weighted
@@ -16,7 +15,6 @@ __all__ = [
     "CutoffModel",
     "CutoffSweep",
     "Iteration",
-    "LeastSquares",
     "Prediction",
     "Predictor",
     "Update",

@@ -13,11 +13,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fenics_joints.least_squares import LeastSquares
 from fenics_joints.measurements.target import Target
 from fenics_joints.updating.coordinates import LogScale
-from fenics_joints.updating.least_squares import LeastSquares, TargetFit
 from fenics_joints.updating.prediction import Predictor
 from fenics_joints.updating.result import Update
+from fenics_joints.updating.target_fit import TargetFit
 
 
 def _power(a, b, ratio):

@@ -26,15 +26,16 @@ from scipy.optimize import OptimizeResult
 
 from fenics_joints.errors import ConvergenceError, flag, mapping, member, real, whole
 from fenics_joints.formatting import number
+from fenics_joints.least_squares import information_root
 from fenics_joints.measurements.target import Target
 from fenics_joints.structure import Damping, Parameter
 from fenics_joints.updating.equations import condition_number
 from fenics_joints.updating.identification import Identification
-from fenics_joints.updating.least_squares import TargetFit, information_root
 from fenics_joints.updating.residuals import raw_rows
 from fenics_joints.updating.result import Update
 from fenics_joints.updating.rounds import OUT_OF_EVALUATIONS, in_rounds, is_stuck
 from fenics_joints.updating.starts import AS_GOOD, exchanged, other_starts
+from fenics_joints.updating.target_fit import TargetFit
 
 #: When FRF lines are moved along with the resonances: for the first of two fits, or throughout.
 MOVES = ("first", "always", "never")

@@ -19,8 +19,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fenics_joints.updating.least_squares import TargetFit
 from fenics_joints.updating.residuals import Widths
+from fenics_joints.updating.target_fit import TargetFit
 
 #: Why no answer was found, in words.
 OUT_OF_EVALUATIONS = "out of evaluations"

@@ -13,8 +13,8 @@ from scipy.stats import qmc
 from fenics_joints.measurements.gap import mac, nearest
 from fenics_joints.modal.modes import Modes
 from fenics_joints.reduction.matched import PLACES, places_all_over
-from fenics_joints.updating.least_squares import TargetFit
 from fenics_joints.updating.prediction import Predictor
+from fenics_joints.updating.target_fit import TargetFit
 
 #: Number of trial places, half of them within the bounds and half near the start; number of the
 #: best of these, and of exchanges, that become starts.

@@ -25,7 +25,7 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq, fsolve, minimize_scalar
 
 from fenics_joints.errors import ConvergenceError
-from fenics_joints.harmonic import solve_constant_response, solve_harmonic, stable
+from fenics_joints.harmonic import find_bifurcations, solve_constant_response, solve_harmonic
 from fenics_joints.interfaces import static_state
 from fenics_joints.transient import solve_transient, steady_harmonics
 
@@ -64,11 +64,11 @@ def test_duffing_peak_is_that_of_time_integration():
 
     assert peak.amplitude == pytest.approx(at(omega), rel=1e-5)
     assert at(0.999 * omega) < peak.amplitude
-    # Two turning points; Hill's method finds the branch between them unstable, and only that.
+    # Two turning points; only the branch between them is unstable.
     steps = np.diff(result.omegas)
     back = np.flatnonzero(steps < 0)
     assert len(back) > 5 and np.all(np.diff(back) == 1)
-    held = stable(result)
+    held = find_bifurcations(result).stable
     assert not held[back[2:-1]].any()
     assert held[: back[0]].all() and held[back[-1] + 3 :].all()
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from fenics_joints.errors import InputError
-from fenics_joints.harmonic import identify, solve_backbone, solve_backbone_at, solve_harmonic
+from fenics_joints.harmonic import identify, solve_backbone, solve_harmonic
 from fenics_joints.harmonic.identify import CurveFit
 from fenics_joints.harmonic.measured_mode import ModeData, as_motion
 from fenics_joints.interfaces import InterfaceModel, InterfacePoints
@@ -83,13 +83,13 @@ def test_a_law_is_found_from_a_backbone_whatever_the_model_is_off_at_rest(measur
 def test_points_are_those_of_the_branch_and_derivatives_those_of_differences(measured):
     model, at = chain(), [0.05, 0.8, 0.3]
     branch = solve_backbone(model, (0.02, 1.2), near=0.076, sensor="end", harmonics=3)
-    points = solve_backbone_at(model, at, near=0.076, sensor="end", harmonics=3)
+    points = solve_backbone(model, at=at, near=0.076, sensor="end", harmonics=3)
     reached = branch.amplitude("end")
     order = np.argsort(reached)
     for key in ("frequencies_hz", "damping_ratios"):
         on_branch = np.interp(np.log(at), np.log(reached[order]), getattr(branch, key)[order])
         assert getattr(points, key) == pytest.approx(on_branch, rel=1e-2)
-    warm = solve_backbone_at(model, at, near=0.076, sensor="end", harmonics=3, initial=points)
+    warm = solve_backbone(model, at=at, near=0.076, sensor="end", harmonics=3, initial=points)
     assert warm.frequencies_hz == pytest.approx(points.frequencies_hz, rel=1e-8)
     data = ModeData.of(measured, "end", 0.01)
     fit = CurveFit(model.with_parameters, TRUTH, [data], "push", {"harmonics": 3})
@@ -111,9 +111,9 @@ def test_from_curves_at_constant_force_to_the_law():
         h = h * (1 + 0.003 * (rng.normal(size=41) + 1j * rng.normal(size=41)))
         sweeps.append(SineSweep(level, f, h, np.full(41, level)))
     backbone = from_constant_force(sweeps, "acceleration")
-    free = solve_backbone_at(
+    free = solve_backbone(
         chain(33),
-        backbone.amplitudes / (2 * np.pi * backbone.frequencies_hz) ** 2,
+        at=backbone.amplitudes / (2 * np.pi * backbone.frequencies_hz) ** 2,
         near=0.076,
         sensor="end",
         harmonics=5,

@@ -12,10 +12,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import least_squares
 from scipy.stats import t as student
 
 from fenics_joints.errors import InputError, located, reals
+from fenics_joints.least_squares import LeastSquares
 from fenics_joints.measurements.amplitude.backbone import RESPONSES, MeasuredBackbone
 from fenics_joints.response.units import KINDS as TIMES
 
@@ -64,17 +64,12 @@ def fit_oscillator(
             f"{len(omega)} points near the resonance for {unknowns} unknowns; expected more of them"
         )
     line = _Line(omega, receptance, basis, phase)
-    found = least_squares(line.residual, line.start, x_scale=line.scale, max_nfev=500)
+    fit = LeastSquares(line.residual)
+    found = fit.solve(line.start, 500, x_scale=line.scale)
     scale = 1.4826 * float(np.median(np.abs(found.fun)))
     if scale > 0:
-        found = least_squares(
-            line.residual,
-            found.x,
-            x_scale=line.scale,
-            max_nfev=500,
-            loss="soft_l1",
-            f_scale=_OUTLIER * scale,
-        )
+        loss = {"loss": "soft_l1", "f_scale": _OUTLIER * scale}
+        found = fit.solve(found.x, 500, x_scale=line.scale, **loss)
     return line.result(found.x, found.jac, line.residual(found.x))
 
 
