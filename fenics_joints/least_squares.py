@@ -12,7 +12,7 @@ HeldBy = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 
 
 class LeastSquares:
-    """Residuals in standard deviations, whose sum of squares is least at the answer.
+    """A problem whose answer has the least sum of squared residuals, in standard deviations.
 
     Give the functions, or subclass it with methods `residual` and `jacobian` of the same arguments:
 
@@ -23,7 +23,7 @@ class LeastSquares:
     Args:
         residual: From coordinates, (n,), to residuals of the data, (r,); None in a subclass.
         jac: Their derivatives, (r, n); differences by default.
-        prior: Residuals that hold the coordinates beside the data, and their derivatives.
+        prior: Residuals of a prior and their derivatives.
         bounds: Of the coordinates; none by default.
     """
 

@@ -88,7 +88,7 @@ CHOSEN = {
         database/store::* database/sweep::* database/web/server::*
         reduction/files::* preload/solve::divergence measurements/tables::*
         measurements/measured_shapes::* measurements/frfs::* system/universal_shapes::*
-        bayes/calibration::* bayes/hierarchical::intervals* bayes/conflict::prior_that*
+        bayes/checks::intervals* bayes/checks::prior_that* bayes/hierarchical::intervals*
     """,
     "the order of the rooms": "system/rooms::*no_circle system/rooms::*imports*",
 }

@@ -42,8 +42,8 @@ from fenics_joints.bayes import (
     sample,
     sample_hierarchy,
 )
+from fenics_joints.bayes.gibbs import curvature
 from fenics_joints.bayes.simulated import FIGURE_7, anchored, simulate
-from fenics_joints.bayes.straight import curvature
 from fenics_joints.bayes.walks import generator
 from fenics_joints.case import load_case
 from fenics_joints.case.bayes import specimens

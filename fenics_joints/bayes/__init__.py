@@ -1,13 +1,11 @@
 """Bayesian identification: what the measured frequencies say about parameters, and how surely."""
 
-from fenics_joints.bayes.calibration import calibrate, rank
 from fenics_joints.bayes.chains import Chains
-from fenics_joints.bayes.conflict import check_prior
+from fenics_joints.bayes.checks import calibrate, check_predictive, check_prior, rank, replicate
 from fenics_joints.bayes.gibbs import Gibbs, Level
 from fenics_joints.bayes.hierarchical import Specimens, sample_hierarchy
 from fenics_joints.bayes.likelihood import FittedLikelihood, GaussianLikelihood
 from fenics_joints.bayes.posterior import Posterior
-from fenics_joints.bayes.predictive import check_predictive, replicate
 from fenics_joints.bayes.priors import Prior
 from fenics_joints.bayes.samplers import Settings, sample
 

@@ -17,15 +17,15 @@ from scipy import stats
 
 from fenics_joints.errors import InputError
 
-#: Samples of the distribution that give its p-value, and many more where that is small.
+#: Samples that give a p-value, more of them where it is below the last number; chosen.
 _TRIALS, _MORE, _LOOK = 199, 1999, 0.02
-#: A p-value below the first warns, below the second the distribution is refused.
+#: p-values below which a distribution is doubted, and refused; convention.
 WARN, REFUSE = 0.05, 0.001
-#: Values of which a distribution is asked.
+#: Least number of frequencies for a distribution.
 FEWEST = 5
 #: The paper names a Beta without its interval: the data's, widened by its own range on either side.
 _WIDER = 1.0
-#: Numbers taken from the data, where they are not two: the Beta's interval is.
+#: Parameters that are fitted, where they are not two: the Beta's interval counts too.
 _COUNT = {"beta": 4}
 
 
@@ -226,3 +226,29 @@ def _as_tested(family: str, x: np.ndarray):
         guess = {"a": (x.mean() / x.std()) ** 2, "scale": x.var() / x.mean()}
         return stats.gamma, x, {"known_params": {"loc": 0.0}, "guessed_params": guess}
     return _SCIPY[family], x, {}
+
+
+# -- densities without checks ----------------------------------------------------------------------
+
+
+def log_pdf(frozen) -> Callable[[np.ndarray], np.ndarray]:
+    """ln of a frozen distribution's density at (n,), by the formula that scipy evaluates.
+
+    Args:
+        frozen: A frozen continuous distribution of scipy.
+    """
+    family, (low, high) = frozen.dist, frozen.support()
+    args, n = list(frozen.args), frozen.dist.numargs
+    if len(args) < n or not set(frozen.kwds) <= {"loc", "scale"}:  # shapes by name
+        return frozen.logpdf
+    placed = dict(zip(("loc", "scale"), args[n:], strict=False)) | frozen.kwds
+    loc, scale = placed.get("loc", 0.0), placed.get("scale", 1.0)
+    shapes, constant = [np.asarray(shape, dtype=float) for shape in args[:n]], np.log(scale)
+
+    def without_checks(x: np.ndarray) -> np.ndarray:
+        inside = (x >= low) & (x <= high)
+        with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+            found = family._logpdf((x - loc) / scale, *shapes) - constant
+        return np.where(inside, found, -np.inf)
+
+    return without_checks

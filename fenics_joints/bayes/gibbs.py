@@ -16,13 +16,15 @@ from functools import cached_property
 
 import numpy as np
 
-from fenics_joints.bayes.straight import Straight
 from fenics_joints.bayes.walks import Walk
 
+#: Degrees of freedom of the scatter's prior, which makes its correlations even (Huang and Wand).
 _NU = 2.0
-#: Standard deviations of the linearisation's proposals; share of steps about the last point.
+#: Standard deviation of the linearisation's proposals, in its own; share of steps about the last
+#: point. Chosen for mixing: neither changes the posterior.
 _WIDER, _WALKS = 1.2, 0.3
-#: Share of near steps of the mean, and their correlation with where it was.
+#: Share of steps of the mean that stay near, and their correlation with the mean before them;
+#: likewise.
 _NEARS, _NEAR = 0.25, 0.85
 
 
@@ -220,12 +222,13 @@ class Gibbs(Walk):
         self.b = off / precision + self._normal(off.shape[1]) / np.sqrt(precision)
 
     def _shift(self) -> None:
-        """All x and mu by a step, and b back: along what the data leave open.
+        """Move all x and mu by one step and b by the opposite change of the frequencies, which the
+        data leave open.
 
-        The step is one of the coordinates in which the model is straight. b takes what it changes
-        in the specimens' mean, by the model itself, so that the data hardly notice. The step is
-        drawn as if that were all and the prior normal. Some steps stay near: far ones are refused
-        where it is less so.
+        The step is one of `straight`. b takes the change of the specimens' mean frequencies by the
+        model itself, so that the likelihood hardly changes. The step is drawn as if it did not
+        change at all and the prior were normal. Some steps stay near, since far ones are refused
+        where this is less true.
         """
         level, p, straight = self.level, self.x.shape[2], self.level.straight
         hold = 1 / level.spread**2
@@ -295,3 +298,76 @@ class Gibbs(Walk):
         squares, count = np.sum(off**2, axis=(1, 2)), self.there.sum(axis=(1, 2))
         aux = (1 / self.tau2 + 1 / self.level.noise**2) / self._gamma(np.ones(len(self.y)))
         self.tau2 = (0.5 * squares + 1 / aux) / self._gamma((1 + count) / 2)
+
+
+# -- coordinates in which the model is nearly linear -----------------------------------------------
+
+
+#: Step of second derivatives; Newton steps for an inverse, and its accuracy. Chosen: a step whose
+#: inverse is not found is refused.
+_STEP, _NEWTON, _CLOSE = 1e-3, 5, 1e-10
+
+
+def curvature(g: Callable[[np.ndarray], np.ndarray], x: np.ndarray) -> np.ndarray:
+    """Second derivatives of g, from (n, p) to (n, m), at x (p,): (m, p, p)."""
+    p, step = len(x), _STEP * np.eye(len(x))
+    pairs = [(i, j) for i in range(p) for j in range(i, p)]
+    points = [x + a * step[i] + b * step[j] for i, j in pairs for a in (1, -1) for b in (1, -1)]
+    found = g(np.array(points)).reshape(len(pairs), 4, -1)
+    second = np.empty((found.shape[2], p, p))
+    for (i, j), (pp, pm, mp, mm) in zip(pairs, found, strict=True):
+        second[:, i, j] = second[:, j, i] = (pp - pm - mp + mm) / (4 * _STEP**2)
+    return np.nan_to_num(second)
+
+
+class Straight:
+    """The coordinates, and steps in them.
+
+    Args:
+        centre: c, (p,).
+        bend: A, symmetric in its last two indices, (p, p, p); zero for steps of x itself.
+    """
+
+    def __init__(self, centre: np.ndarray, bend: np.ndarray):
+        self.centre, self.bend = np.asarray(centre), np.asarray(bend)
+
+    def __call__(self, x: np.ndarray) -> np.ndarray:
+        """u at x, (..., p)."""
+        off = x - self.centre
+        return off + 0.5 * np.einsum("pij,...i,...j->...p", self.bend, off, off)
+
+    def slope(self, x: np.ndarray) -> np.ndarray:
+        """Derivative of u, (..., p, p)."""
+        return np.eye(len(self.centre)) + np.einsum("pij,...j->...pi", self.bend, x - self.centre)
+
+    def moved(self, x: np.ndarray, step: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Where a step of u leads.
+
+        Args:
+            x: From where, (..., p).
+            step: Of u; broadcast with x.
+
+        Returns:
+            There, (..., p); ln of the determinant of the change of ``there`` by x, (...); and
+            whether the step exists and the same step back returns to x, (...). Where it does not,
+            x itself stands for the place.
+        """
+        there = self._solved(x, self(x) + step)
+        back = self._solved(there, self(there) - step)
+        size = np.abs(step).max(axis=-1) + 1e-300
+        good = np.abs(self(there) - self(x) - step).max(axis=-1) < _CLOSE * (1 + size)
+        good &= np.abs(back - x).max(axis=-1) < 1e-6 * (size + np.abs(x - self.centre).max(axis=-1))
+        here, far = np.linalg.det(self.slope(x)), np.linalg.det(self.slope(there))
+        good &= (here > 0) & (far > 0)
+        ratio = np.where(good, here, 1.0) / np.where(good, far, 1.0)
+        return np.where(good[..., None], there, x), np.log(ratio), good
+
+    def _solved(self, x: np.ndarray, u: np.ndarray) -> np.ndarray:
+        """x with u(x) given, by Newton's method from an x."""
+        for _ in range(_NEWTON):
+            slope = self.slope(x)
+            # A fold of the coordinates: kept away from it, and refused by who asked.
+            flat = np.abs(np.linalg.det(slope)) < 1e-6
+            slope = np.where(flat[..., None, None], np.eye(len(self.centre)), slope)
+            x = x + np.linalg.solve(slope, (u - self(x))[..., None])[..., 0]
+        return x

@@ -22,15 +22,15 @@ import numpy as np
 from mpi4py import MPI
 
 from fenics_joints.bayes.chains import Chains
-from fenics_joints.bayes.gibbs import Gibbs, Level
+from fenics_joints.bayes.gibbs import Gibbs, Level, curvature
 from fenics_joints.bayes.likelihood import checked_specimens
 from fenics_joints.bayes.priors import Prior
 from fenics_joints.bayes.samplers import Settings, Task, grow
-from fenics_joints.bayes.straight import curvature
 from fenics_joints.bayes.walks import generator
 from fenics_joints.errors import InputError, flag, real
 from fenics_joints.least_squares import LeastSquares
 
+#: Least number of specimens: fewer do not tell scatter from noise.
 _FEWEST = 5
 
 

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fenics_joints.bayes.densities import log_pdf
-from fenics_joints.bayes.distributions import FAMILIES, Fitted, choose
+from fenics_joints.bayes.distributions import FAMILIES, Fitted, choose, log_pdf
 from fenics_joints.errors import InputError
 
 

@@ -20,11 +20,11 @@ from fenics_joints.reduction.prediction import (
 )
 from fenics_joints.structure.points import Sensors
 
-#: Draws of the prior whose modes make the small model, those that check it, rounds of both, and
-#: the sizes that are tried.
+#: Draws of the prior whose modes make the small model, draws that check it, rounds of both, and the
+#: sizes of the model that are tried; the check decides whether they suffice.
 _DRAWS, _CHECKS, _ROUNDS = 64, 50, 3
 _SIZES = (12, 16, 20, 24, 28, 32, 40, 50, 60, 80)
-#: Modes beyond the highest of the test's.
+#: Modes beyond the highest of the test's; chosen.
 _SPARE = 2
 
 

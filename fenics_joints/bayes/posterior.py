@@ -6,30 +6,15 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.optimize import brentq
 from scipy.special import logsumexp
 
 from fenics_joints.bayes.priors import Prior
 from fenics_joints.errors import InputError
 
-_DRAWS = 256
-#: Effective number of draws, per chain, that starting points are taken from.
-_SPREAD = 4
-
-
-@dataclass(frozen=True, eq=False)
-class Starts:
-    """Where chains begin.
-
-    Attributes:
-        points: Coordinates, (n, d), spread wider than the posterior.
-        covariance: Of the flattened posterior they come from, (d, d).
-    """
-
-    points: np.ndarray
-    covariance: np.ndarray
-
-    def __repr__(self) -> str:
-        return f"Starts({self.points.shape[0]} points in {self.points.shape[1]} dimensions)"
+#: Draws of the prior for each parameter, and the effective number of draws for each chain, among
+#: which the starts are drawn; chosen.
+_DRAWS, _SPREAD = 256, 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,11 +55,15 @@ class Posterior:
             total[inside] += self.log_likelihood(x[inside])
         return total
 
-    def starts(self, n: int, seed: int) -> Starts:
+    def starts(self, n: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
         """Starting points for chains, spread over all that is likely, not at its maximum alone.
 
         Draws of the prior, taken by their likelihood to a power that leaves several for each
         point: a flattened posterior.
+
+        Returns:
+            Coordinates, (n, d), spread wider than the posterior; and the covariance, (d, d), of the
+            flattened posterior.
 
         Raises:
             InputError: If no draw of the prior has a likelihood.
@@ -95,7 +84,7 @@ class Posterior:
         # A tenth of the spread more: no two chains begin at one point.
         moved = x[picked] + 0.1 * rng.standard_normal((n, len(mean))) * np.sqrt(np.diag(spread))
         inside = np.isfinite(self(moved))
-        return Starts(np.where(inside[:, None], moved, x[picked]), spread + floor)
+        return np.where(inside[:, None], moved, x[picked]), spread + floor
 
 
 def _tempered(log_l: np.ndarray, n_effective: float) -> np.ndarray:
@@ -108,13 +97,7 @@ def _tempered(log_l: np.ndarray, n_effective: float) -> np.ndarray:
         )
         return np.exp(logs - logsumexp(logs))
 
-    low, high = 0.0, 1.0
-    if 1 / np.sum(weights(1.0) ** 2) >= n_effective:
-        return weights(1.0)
-    for _ in range(60):
-        middle = 0.5 * (low + high)
-        if 1 / np.sum(weights(middle) ** 2) >= n_effective:
-            low = middle
-        else:
-            high = middle
-    return weights(low)
+    def lacking(power: float) -> float:
+        return 1 / np.sum(weights(power) ** 2) - n_effective
+
+    return weights(1.0 if lacking(1.0) >= 0 else brentq(lacking, 0.0, 1.0))

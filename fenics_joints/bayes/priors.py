@@ -10,7 +10,7 @@ import numpy as np
 from scipy import stats
 from scipy.special import log_expit
 
-from fenics_joints.bayes.densities import log_pdf
+from fenics_joints.bayes.distributions import log_pdf
 from fenics_joints.errors import InputError
 from fenics_joints.formatting import interval
 from fenics_joints.structure.components import Parameter

@@ -17,7 +17,7 @@ from fenics_joints.bayes.walks import Ensembles, Independence, RandomWalk, gener
 from fenics_joints.errors import InputError, member, whole
 from fenics_joints.parallel import on_root
 
-#: Largest difference of ln f of one model, reduced once more.
+#: Largest difference of ln f between two reductions of one model: the default tolerance of both.
 _ALIKE = 1e-4
 _OTHER = {
     "prior": "another prior",
@@ -25,7 +25,7 @@ _OTHER = {
     "data": "other data, noise or discrepancy",
 }
 SAMPLERS = ("metropolis", "prior_metropolis", "emcee")
-#: Steps between two places where the file may be written, and the time, s, after which it is.
+#: Steps after which the file may be written, and the time, s, after which it is; chosen.
 CHUNK, EVERY = 250, 5.0
 
 
@@ -96,8 +96,8 @@ def sample(
     """
     d = posterior.prior.size
     w, (n_steps, burn_in) = settings.walkers(d), settings.steps(d)
-    starts = posterior.starts(settings.chains * w, settings.seed)
-    points = starts.points.reshape(settings.chains, w, d)
+    starts, covariance = posterior.starts(settings.chains * w, settings.seed)
+    points = starts.reshape(settings.chains, w, d)
 
     def walk(mine, states, burn_in):
         rngs = [generator(settings.seed, c) for c in mine]
@@ -105,7 +105,7 @@ def sample(
         if settings.sampler == "emcee":
             return Ensembles(posterior, own, rngs, states)
         if settings.sampler == "metropolis":
-            return RandomWalk(posterior, own[:, 0], starts.covariance, rngs, burn_in, states)
+            return RandomWalk(posterior, own[:, 0], covariance, rngs, burn_in, states)
         return Independence(
             posterior.log_likelihood, posterior.prior.sample, own[:, 0], rngs, states
         )

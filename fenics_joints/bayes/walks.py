@@ -1,8 +1,8 @@
-"""What makes a Markov chain move: Metropolis-Hastings, and emcee's ensembles.
+"""Steps of Markov chains: Metropolis-Hastings, and emcee's ensembles.
 
-A walk has some chains, moves them all together (the model is asked for many points at a time) and
-says the state that it can go on from. A chain depends on its own number and the seed alone, not on
-the others that it is moved with: chains may be spread over ranks.
+A `Walk` holds several chains and advances them together, since the model solves for many points at
+a time; its state can be saved and restored. A chain depends on its number and the seed alone, not
+on the other chains of its walk, so that chains may be spread over ranks.
 """
 
 from __future__ import annotations
@@ -14,9 +14,9 @@ import numpy as np
 #: Acceptance that the scale of the steps is led to, in a few dimensions (Roberts and Rosenthal,
 #: Stat. Sci. 16, 2001).
 _ACCEPT = 0.3
-#: Share of steps as wide as the starts: between separate maxima.
+#: Share of steps as wide as the starts, which lead from one maximum to another; chosen.
 _WIDE = 0.1
-#: Steps of the burn-in between new covariances, and before the first one.
+#: Steps of the burn-in between new covariances, and before the first one; chosen.
 _RENEW, _FIRST = 100, 200
 
 
@@ -26,7 +26,7 @@ def generator(seed: int, chain: int) -> np.random.Generator:
 
 
 class Walk:
-    """Chains, each with random numbers of its own, that can be kept and gone on from.
+    """Chains, each with its own random numbers, whose state can be saved and restored.
 
     Args:
         rngs: One for each chain.
@@ -41,7 +41,7 @@ class Walk:
         self.rngs = list(rngs)
 
     def states(self) -> list[dict]:
-        """What each chain goes on from, for JSON."""
+        """The state of each chain, for JSON."""
         return [
             {"rng": rng.bit_generator.state}
             | {key: np.asarray(getattr(self, key)[i]).tolist() for key in self.keys}

@@ -40,6 +40,7 @@ from fenics_joints.progress import Progress
 if TYPE_CHECKING:
     from typing_extensions import Unpack
 
+#: Derivative of ln of an amplitude by its decimal logarithm.
 _LN10 = float(np.log(10.0))
 #: Eigenvalues below this share of trace(K) / trace(M) are rigid-body motion; far above round-off
 #: and far below the elastic ones.

@@ -22,9 +22,9 @@ from fenics_joints.interfaces import InterfaceModel, InterfacePoints, static_sta
 from fenics_joints.interfaces.model import check_interfaces
 from fenics_joints.joint_laws.kernel import HarmonicStress, LawKernel
 
-#: Number of steps that integrates smooth hysteresis to some 1e-4.
+#: Samples of a period that integrate smooth hysteresis to some 1e-4 (measured).
 _SAMPLES_WITH_MEMORY = 128
-#: Most numbers of one product in the Jacobian's assembly.
+#: Most numbers of one product in the Jacobian's assembly; chosen for memory.
 _BLOCK = 4_000_000
 
 

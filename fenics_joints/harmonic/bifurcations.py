@@ -36,7 +36,7 @@ from fenics_joints.progress import Progress
 
 #: Kinds of bifurcations.
 FOLD, BRANCH_POINT, DOUBLING, TORUS = ("fold", "branch point", "period doubling", "Neimark-Sacker")
-#: Imaginary part over size below which a multiplier is real.
+#: Imaginary part over size below which a multiplier counts as real; chosen.
 _REAL = 1e-3
 
 
@@ -259,7 +259,7 @@ def _crossing(values: np.ndarray, kind: str) -> complex:
 # -- branches that leave ---------------------------------------------------------------------------
 
 
-#: How far along the null vector the first point is sought, in scaled unknowns.
+#: Distances along the null vector, in scaled unknowns, at which the first point is tried; chosen.
 _OFF = (0.02, 0.005, 0.1, 1e-3)
 
 

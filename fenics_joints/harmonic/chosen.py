@@ -1,4 +1,4 @@
-"""As many harmonics as a response needs, found by what those left out would do."""
+"""The number of harmonics that a response needs, from an estimate of the neglected ones."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
 
-#: Responses of a branch that are looked at, beside its peak.
+#: Responses of a branch, beside its peak, at which the neglected harmonics are estimated; chosen.
 _LOOKED_AT = 12
 
 

@@ -536,10 +536,10 @@ def _doubt(problem, point: Point, z, scales, direction, step, small: bool) -> st
 def _around(problem, z, scales, direction, step, settings):
     """A point on the other side of a kink, and the direction to it; None if it is not found.
 
-    Where a stop is met the branch may have a corner, sharper than a right angle even, so that no
-    plane across its old direction has a point beyond. The tangent is taken ahead, past the corner.
-    Its sign is that of the determinant of Jacobian and tangent, which corners leave as it is: so
-    neither does the branch run back on itself.
+    Where a stop is met the branch may have a corner, even one sharper than a right angle, so that
+    no plane across its old direction has a point of the branch beyond the corner. So the tangent is
+    taken ahead, past the corner. Its sense follows from the sign of the determinant of Jacobian and
+    tangent, which a corner does not change: thus the branch does not run back on itself.
     """
     with suppress(NotFound):
         sign = orientation(_evaluate(problem, z)[1], scales, direction)

@@ -15,9 +15,10 @@ from fenics_joints.errors import InputError, whole
 
 #: Time derivatives by name.
 KINDS = {"displacement": 0, "velocity": 1, "acceleration": 2}
-#: What is called amplitude: that of the first harmonic, or half of peak to peak.
+#: Definitions of amplitude: that of the first harmonic, or half of peak to peak.
 MEASURES = ("first", "peak")
-_EXTREMES = 32  # samples per highest harmonic in the search for extremes
+#: Samples per coefficient among which an extreme is sought before Newton's method; chosen.
+_EXTREMES = 32
 
 
 @dataclass(frozen=True)

@@ -1,8 +1,8 @@
 """Nonlinear frequency responses at constant force, and at constant response.
 
-At constant response the force is sought that a sensor's amplitude takes, as in a test with a
-controlled response: near a resonance the interfaces then move about equally at all frequencies, and
-the response is nearly that of a linear structure.
+At constant response the unknown is the force that keeps a sensor's amplitude constant, as in a test
+with a controlled response: near a resonance the interfaces then move about equally at all
+frequencies, and the response is nearly that of a linear structure.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import hashlib
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -161,7 +161,7 @@ def responses(
 
 
 def check_band(band, direction: str) -> tuple[float, float]:
-    """A band of frequencies, Hz, and which way it is gone through, or an `InputError`."""
+    """The band, Hz, checked together with the direction of the sweep."""
     member("direction", direction, ("up", "down"))
     return check_interval("band", band, "Hz")
 
@@ -189,20 +189,64 @@ def follow_band(
         InputError, ConvergenceError: As `follow`.
     """
     low, high = (2 * np.pi * f for f in band)
-    watch = BoundWatch(problem.balance.shape, options.pop("on_point"))
+    on_point, sizes, reason = options.pop("on_point"), [], None
+
+    def size(z: np.ndarray) -> tuple[float, float]:
+        """Frequency and size of the motion at a point."""
+        return z[-1], moving_size(z[: problem.balance.size].reshape(problem.balance.shape))
+
+    def grows(z: np.ndarray) -> bool:
+        on_point(z)
+        sizes.append(size(z))
+        return _has_no_bound(sizes, _MOST)
+
     try:
-        return follow(
+        branch = follow(
             problem,
             start(low if direction == "up" else high),
             (low, high),
             direction=1 if direction == "up" else -1,
             name=fingerprint(problem.balance, *words, *band, direction),
             writes=problem.balance.comm.rank == 0,
-            on_point=watch,
+            on_point=grows,
             **options,
         )
+        if branch.complete:
+            return branch
     except ConvergenceError as error:
-        raise unbounded(error, problem.balance.shape) from error
+        branch, reason = getattr(error, "branch", None), str(error)
+        if branch is None or not _has_no_bound([size(z) for z in branch.z], _MUCH):
+            raise
+    found = ConvergenceError(
+        f"the resonance at {branch.z[-1, -1] / (2 * np.pi):.6g} Hz has no bound: the motion grows "
+        "for ever, since nothing takes what the force puts in (no damping, or friction that slides "
+        "all the way and takes less); expected some damping, or a smaller force",
+        reason,
+    )
+    found.branch = branch
+    raise found
+
+
+#: Growth of the motion over the branch's least at which a resonance has no bound: no damping of a
+#: structure allows as much; and the growth from which a branch that stopped was on its way there.
+_MOST, _MUCH = 1e9, 1e4
+#: Relative change of frequency, while the motion grows tenfold, below which the frequency has a
+#: limit; chosen.
+_STILL = 1e-3
+
+
+def _has_no_bound(points: Sequence[tuple[float, float]], most: float) -> bool:
+    """Whether a motion grows more than so much, at a frequency that has a limit.
+
+    Args:
+        points: Frequency, rad/s, and size of the motion along a branch.
+        most: Growth over the least size.
+    """
+    omegas, sizes = np.array(points).T
+    if not sizes[-1] > most * sizes.min():
+        return False
+    since = int(np.flatnonzero(sizes < 0.1 * sizes[-1])[-1])
+    return bool(np.ptp(omegas[since:]) < _STILL * abs(omegas[-1]))
 
 
 def telling(
@@ -210,7 +254,7 @@ def telling(
     text: str,
     where: Callable[[np.ndarray], str] = lambda z: f"{z[-1] / (2 * np.pi):.4g} Hz",
 ) -> Callable[[np.ndarray], None]:
-    """What tells the progress of every new point, and where it is; of omega by default."""
+    """A function that reports every new point to the progress, with its frequency by default."""
     if progress is None:
         return lambda z: None
     progress.step(text)
@@ -260,21 +304,23 @@ class ForcedResponse:
         return np.append(np.full(len(z) - 1, size), self.width)
 
 
-class Condition(Protocol):
-    """A number of a response that vanishes at those looked for.
+class Condition:
+    """An equation g(X, omega) = 0 beside harmonic balance.
 
-    One whose attribute ``by_jacobian`` is true is computed from the residual's derivative.
+    Attributes:
+        by_jacobian: Whether g is computed from the residual's derivative.
     """
 
-    by_jacobian: bool
+    by_jacobian = False
 
     def value(
         self, X: np.ndarray, omega: float, J: np.ndarray | None
     ) -> tuple[float, np.ndarray, float]:
-        """The number and its derivatives by X, (n K,), and by omega; J: the residual's by X."""
+        """g and its derivatives by X, (n K,), and by omega; J is the residual's derivative by X."""
+        raise NotImplementedError
 
     def at(self, X: np.ndarray, omega: float, J: np.ndarray) -> None:
-        """Take a point of the branch as the present one."""
+        """Take a point of the branch as the present one, where g depends on it."""
 
 
 class ConditionedResponse:
@@ -388,7 +434,7 @@ def with_maxima(problem, branch: Branch, row: np.ndarray, measure: str, settings
 def with_extremes(problem, branch: Branch, slope, settings: ContinuationSettings) -> Branch:
     """The branch with the points where a slope along it goes from positive to negative.
 
-    Where Newton's method fails between two points, as it may at a kink, they have to do.
+    Where Newton's method fails between two points, as it may at a kink, none is inserted.
     """
     slopes = [slope(z, t) for z, t in zip(branch.z, branch.tangents, strict=True)]
     for i in reversed(range(len(branch) - 1)):
@@ -500,7 +546,7 @@ def _softer(z: np.ndarray, tangent: np.ndarray) -> float:
     return -float(np.sign(z[-2]) * tangent[-2])
 
 
-class HeldAmplitude:
+class HeldAmplitude(Condition):
     """A sensor's first harmonic has a given amplitude: (|u| omega^order / amplitude)^2 = 1.
 
     Args:
@@ -509,13 +555,8 @@ class HeldAmplitude:
         order: Which time derivative: 0, 1 or 2.
     """
 
-    by_jacobian = False
-
     def __init__(self, sensor: np.ndarray, amplitude: float, order: int):
         self.sensor, self.amplitude, self.order = sensor, amplitude, order
-
-    def at(self, X: np.ndarray, omega: float, J: np.ndarray) -> None:
-        """See `Condition`: nothing depends on it."""
 
     def value(
         self, X: np.ndarray, omega: float, J: np.ndarray | None
@@ -568,77 +609,3 @@ class ConstantResponse(ConditionedResponse):
         except ConvergenceError:
             X = linear_response(self.balance, omega, loading.at(omega)).reshape(-1)
         return np.concatenate([X, [force, omega]])
-
-
-# -- resonances without bound ----------------------------------------------------------------------
-
-
-#: Growth of the motion over the branch's least that no damping of a structure allows, and that at
-#: which a branch that stopped was on its way there.
-_MOST, _MUCH = 1e9, 1e4
-#: Relative change of frequency, while the motion grows tenfold, below which it stands still.
-_STILL = 1e-3
-
-
-class BoundWatch:
-    """Watches the points of a branch, and stops it at a resonance without bound.
-
-    Args:
-        shape: (n, K) of the coefficients, which come first in a point; omega is last.
-        on_point: Told of every point.
-    """
-
-    def __init__(self, shape: tuple[int, int], on_point: Callable[[np.ndarray], object]):
-        self.shape, self.on_point = shape, on_point
-        self.omegas, self.sizes = [], []
-
-    def __call__(self, z: np.ndarray) -> None:
-        """Take one more point.
-
-        Raises:
-            ConvergenceError: If the motion has become too large to have a bound.
-        """
-        self.on_point(z)
-        self.omegas.append(z[-1])
-        self.sizes.append(_size(z, self.shape))
-        if _grows(np.array(self.omegas), np.array(self.sizes), _MOST):
-            raise _error(z[-1])
-
-
-def unbounded(error: ConvergenceError, shape: tuple[int, int]) -> ConvergenceError:
-    """What to say of a branch that stopped: that it has no bound, if it looks so.
-
-    Args:
-        error: The error, with its ``branch`` if it has one.
-        shape: (n, K).
-    """
-    branch: Branch | None = getattr(error, "branch", None)
-    if branch is None:
-        return error
-    sizes = np.array([_size(z, shape) for z in branch.z])
-    if not _grows(branch.z[:, -1], sizes, _MUCH):
-        return error
-    found = _error(branch.z[-1, -1], str(error))
-    found.branch = branch
-    return found
-
-
-def _size(z: np.ndarray, shape: tuple[int, int]) -> float:
-    return moving_size(z[: shape[0] * shape[1]].reshape(shape))
-
-
-def _grows(omegas: np.ndarray, sizes: np.ndarray, most: float) -> bool:
-    """Whether a motion has grown so much, at a frequency that stands still in the end."""
-    if not sizes[-1] > most * sizes.min():
-        return False
-    since = int(np.flatnonzero(sizes < 0.1 * sizes[-1])[-1])
-    return bool(np.ptp(omegas[since:]) < _STILL * abs(omegas[-1]))
-
-
-def _error(omega: float, reason: str | None = None) -> ConvergenceError:
-    return ConvergenceError(
-        f"the resonance at {omega / (2 * np.pi):.6g} Hz has no bound: the motion grows for ever, "
-        "since nothing takes what the force puts in (no damping, or friction that slides all the "
-        "way and takes less); expected some damping, or a smaller force",
-        reason,
-    )

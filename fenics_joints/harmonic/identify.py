@@ -16,7 +16,7 @@ from textwrap import shorten
 import numpy as np
 from scipy.optimize import minimize
 
-from fenics_joints.errors import ConvergenceError, InputError, reals, wanted, whole
+from fenics_joints.errors import ConvergenceError, InputError, member, real, reals, wanted, whole
 from fenics_joints.harmonic.backbone import NonlinearMode
 from fenics_joints.harmonic.fourier import basis
 from fenics_joints.harmonic.frf import solve_harmonic
@@ -168,7 +168,7 @@ def predict(
 # -- residuals -------------------------------------------------------------------------------------
 
 
-#: Relative change of a width that asks for another search.
+#: Relative change of a width from which the search is repeated; chosen.
 _SAME_WIDTH = 0.1
 #: The model for values of its parameters.
 Change = Callable[[Mapping[str, float]], InterfaceModel]
@@ -267,8 +267,7 @@ class CurveFit:
     def __init__(self, change: Change, names, data, force: str, options: Mapping[str, object]):
         self.change, self.names, self.data = change, tuple(names), list(data)
         self.force, self.options = force, dict(options)
-        self.evaluations = self.gradients = self.failures = 0
-        self.solutions = self.iterations = 0
+        self.gradients = self.solutions = self.iterations = 0
         self.trials, self.history = [], []
         self.results: list = [None] * len(self.data)
         self._at = self._residual = None
@@ -281,7 +280,6 @@ class CurveFit:
         """Relative residuals, (n,). The last response is kept, and not computed twice."""
         if self._at is not None and np.array_equal(self._at, x):
             return self._residual
-        self.evaluations += 1
         model, found = self.change(self.values(x)), []
         for one, warm in zip(self.data, self.results, strict=True):
             result = one.solve(model, self.force, self.options, warm)
@@ -302,7 +300,8 @@ class CurveFit:
         return sum(one.objective(p) for one, p in zip(self.data, self.parts(r), strict=True))
 
     def widen(self, x: np.ndarray) -> bool:
-        """Take what the model does not follow of measured modes for noise; whether that changed."""
+        """Widen the errors of measured modes to the residuals that the model leaves; whether any
+        width changed."""
         r, changed = self.residual(x), False
         for i, (one, part) in enumerate(zip(self.data, self.parts(r), strict=True)):
             if isinstance(one, ModeData):
@@ -319,7 +318,6 @@ class CurveFit:
         try:
             return self.residual(x)
         except (ConvergenceError, InputError):
-            self.failures += 1
             self._note(x, np.inf)
             return None
 
@@ -349,9 +347,7 @@ def checked_data(curves, level, points, loops, sensor, modes=()) -> list:
         if level is None:
             raise InputError("level = None: expected the level of one of the curves, N.")
         frequencies, amplitudes = curves.at(level)
-        if not 3 <= points:
-            raise InputError(f"points = {points}: expected at least 3.")
-        kept = near_peak(amplitudes, points)
+        kept = near_peak(amplitudes, whole("points", points, 3))
         found.append(CurveData(level, frequencies[kept], amplitudes[kept], sensor, curves.response))
     elif level is not None:
         raise InputError(f"level = {level:g}: expected curves that have it.")
@@ -364,13 +360,14 @@ def checked_data(curves, level, points, loops, sensor, modes=()) -> list:
 # -- the search ------------------------------------------------------------------------------------
 
 
-#: Bounds of a parameter by default: its start over and times this.
+#: Default bounds of a parameter: its start divided by this, and times this; chosen.
 _RANGE = 1e3
-#: First steps of the search by gradient on a mode over its amplitude, of ln of the parameters.
+#: First steps, of ln of the parameters, of the search by gradient on a mode over its amplitude;
+#: chosen.
 _STRIDE = 0.3
-#: How often the errors of a backbone are made as wide as what the model leaves of it.
+#: Most searches with errors of a backbone that are widened in between; chosen.
 _WIDENINGS = 8
-#: First steps of the direct search, of ln of the parameters.
+#: First steps of the direct search, of ln of the parameters; chosen.
 _SIMPLEX = 0.3
 
 
@@ -389,12 +386,9 @@ class IdentificationResult:
         start_objective: Eq. 6 at the start.
         history: Eq. 6 at each evaluation; infinite where there was no response.
         trials: Parameters at each evaluation, (evaluations, parameters).
-        evaluations: Responses of the model that were asked for, at all selected frequencies (and
-            of all loops) each.
-        solutions: Single periodic solutions in them.
+        solutions: Single periodic solutions that were found.
         iterations: Newton iterations in them.
         gradients: Derivatives, each without a further solution.
-        failures: Evaluations without a response.
         residuals: Relative residuals at the values, (n,).
         jacobian: d residuals / d ln of the parameters, (n, parameters).
         noise: Relative standard deviation that a residual is taken to have, the larger of what was
@@ -420,11 +414,9 @@ class IdentificationResult:
     start_objective: float
     history: np.ndarray
     trials: np.ndarray
-    evaluations: int
     solutions: int
     iterations: int
     gradients: int
-    failures: int
     residuals: np.ndarray
     jacobian: np.ndarray
     noise: float
@@ -439,6 +431,17 @@ class IdentificationResult:
     def __repr__(self) -> str:
         values = ", ".join(f"{name} = {value:.4g}" for name, value in self.values.items())
         return f"IdentificationResult({shorten(values, 60)}; objective {self.objective:.3g})"
+
+    @property
+    def evaluations(self) -> int:
+        """Responses of the model that were asked for, at all selected frequencies (and of all
+        loops) each."""
+        return len(self.history)
+
+    @property
+    def failures(self) -> int:
+        """Evaluations without a response."""
+        return int(np.isinf(self.history).sum())
 
     @property
     def sd(self) -> dict[str, float]:
@@ -538,15 +541,12 @@ def identify(
         InputError: For an unknown name, a value out of range, or no data.
         ConvergenceError: If there is no response at the start.
     """
-    if method not in ("direct", "gradient"):
-        raise InputError(f"method = {method!r}: expected 'direct' or 'gradient'.")
+    member("method", method, ("direct", "gradient"))
     start = _checked_start(parameters)
     low, high = _checked_bounds(start, bounds or {})
     for key, value in (("noise", noise), ("tolerance", tolerance)):
-        if not 0 < value < 1:
-            raise InputError(f"{key} = {value}: expected between 0 and 1.")
-    if max_evaluations < 2:
-        raise InputError(f"max_evaluations = {max_evaluations}: expected at least 2.")
+        real(key, value, above=0, most=1)
+    whole("max_evaluations", max_evaluations, 2)
     modes = []
     if backbone is not None:
         moved = as_motion(backbone, change(start), force, sensor)
@@ -631,11 +631,9 @@ def _finished(fit, method, start, first, x, bounds, noise, message) -> Identific
         start_objective=first,
         history=np.array(fit.history),
         trials=np.array(fit.trials),
-        evaluations=fit.evaluations,
         solutions=fit.solutions,
         iterations=fit.iterations,
         gradients=fit.gradients,
-        failures=fit.failures,
         residuals=r,
         jacobian=J,
         noise=spread,
@@ -652,10 +650,9 @@ def _finished(fit, method, start, first, x, bounds, noise, message) -> Identific
 def _checked_start(parameters: Mapping[str, float]) -> dict[str, float]:
     if not parameters:
         raise InputError("parameters: there are none; expected a start value for each by name.")
-    for name, value in parameters.items():
-        if not (np.isfinite(value) and value > 0):
-            raise InputError(f"parameters[{name!r}] = {value}: expected a number > 0.")
-    return {name: float(value) for name, value in parameters.items()}
+    return {
+        name: real(f"parameters[{name!r}]", value, above=0) for name, value in parameters.items()
+    }
 
 
 def _checked_bounds(start: Mapping[str, float], bounds) -> tuple[np.ndarray, np.ndarray]:

@@ -20,7 +20,7 @@ from fenics_joints.measurements.tables import read_table
 # -- loops -----------------------------------------------------------------------------------------
 
 
-#: Largest distance of the force's samples from a sine, relative to its amplitude.
+#: Largest distance of the force's samples from a sine, relative to its amplitude; chosen.
 _NO_SINE = 0.1
 
 
@@ -106,14 +106,14 @@ def read_loops(path: str | Path, response: str) -> tuple[MeasuredLoop, ...]:
 # -- backbones -------------------------------------------------------------------------------------
 
 
-#: The model's frequency at rest is off by this, relative; its damping at rest, of the lowest
-#: damping measured: one standard deviation.
+#: Standard deviations of the model's errors at rest: of its frequency, relative, and of its damping
+#: ratio, relative to the lowest one measured; chosen.
 _AT_REST, _AT_REST_DAMPING = 0.01, 1.0
 
 
 @dataclass(frozen=True)
 class Offset:
-    """What the model lacks at rest, at all amplitudes the same, with its standard deviation."""
+    """Error of the model at rest, the same at all amplitudes, and its standard deviation."""
 
     value: float
     sd: float
@@ -228,7 +228,7 @@ class ModeData:
         return replace(self, widths=tuple(widths))
 
     def offsets(self, found: NonlinearMode) -> dict[str, Offset]:
-        """What the model lacks at rest: frequency, relative, and damping ratio."""
+        """Errors of the model at rest: of the frequency, relative, and of the damping ratio."""
         names = ("frequency at rest", "damping at rest")
         priors = (self.rest, self.rest_damping)
         m, d = self.measured, self._damped

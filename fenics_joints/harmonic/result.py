@@ -57,13 +57,6 @@ class ResponseGradient:
         gradient = amplitude_gradient(c, measure, self._fourier.periods)
         return np.einsum("pk,pjk->pj", gradient, self.sensor_coefficients(sensor, kind))
 
-    def frf(self, sensor: str, kind: str = "displacement") -> np.ndarray:
-        """Derivatives of the complex first harmonic over the force, (N, parameters)."""
-        change = self.sensor_coefficients(sensor, kind)
-        force = self.result.force_amplitudes[list(self.indices)]
-        first = self._fourier.cosine()
-        return (change[..., first] - 1j * change[..., first + 1]) / force[:, None]
-
 
 def slopes_by_parameters(
     problem, changed: Callable, points: Sequence, values: Mapping[str, float], step: float, what

@@ -12,9 +12,9 @@ from fenics_joints.harmonic.result import HarmonicResult
 from fenics_joints.interfaces.model import InterfaceModel
 from fenics_joints.joint_laws import Iwan
 
-#: Error of the dissipation above which sliders are said to be in the wrong place.
+#: Error of the dissipation above which a note says that sliders stand in the wrong place; chosen.
 _OFF = 0.05
-#: Share of the dissipation of points below, and above, the amplitudes that count as met.
+#: Share of the dissipation that is left out at either end of the amplitudes met; chosen.
 _TAIL = 0.02
 
 

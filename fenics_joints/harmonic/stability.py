@@ -60,12 +60,14 @@ def _disturbed(balance: Balance, X: np.ndarray, omega: float) -> tuple[np.ndarra
 # -- map of a period -------------------------------------------------------------------------------
 
 
-#: Steps of a period, without memory more: their stiffness may jump within a step.
+#: Steps of a period of laws with memory, and without, whose stiffness may jump within a step;
+#: chosen for errors of multipliers of some 1e-3.
 _STEPS, _MEMORYLESS = 512, 1024
-#: Most disturbances whose map is made whole; of more, the largest multipliers alone are found.
+#: Most disturbances whose map is formed, and the number of the largest multipliers that are found
+#: of more; chosen for time.
 LARGEST, _WANTED = 600, 8
-#: Most disturbances for which maps of single steps are multiplied, many at once; of more, stepping
-#: is quicker. Most numbers of such maps at a time.
+#: Most disturbances for which the maps of single steps are multiplied, many at once, since stepping
+#: is quicker for more; and most numbers of these maps at a time. Chosen for time and memory.
 _FEW, _BLOCK = 40, 2_000_000
 
 

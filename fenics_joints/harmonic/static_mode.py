@@ -24,10 +24,11 @@ from fenics_joints.interfaces.loading import Statics
 from fenics_joints.interfaces.motion import Motion
 from fenics_joints.modal.options import given_options, reason_of
 
-#: Decades below the lowest amplitude at which the load begins.
+#: Decades below the lowest amplitude at which the load begins; chosen.
 _BEFORE = 1.0
-#: How often a step is halved that finds no equilibrium, or in which the joint gives way.
+#: How often a step is halved that finds no equilibrium, or in which the joint gives way; chosen.
 _HALVINGS = 6
+#: Options of PETSc's SNES.
 _OPTIONS = {"snes_rtol": 1e-10, "snes_linesearch_type": "bt"}
 
 

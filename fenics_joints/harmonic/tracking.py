@@ -1,7 +1,7 @@
 """Folds and superharmonic resonances followed over the force, and isolas.
 
-One more equation g(X, omega) = 0 beside harmonic balance singles such responses out, and one more
-unknown, the share of the load, follows them.
+One more equation g(X, omega) = 0 beside harmonic balance is true of these responses alone, and one
+more unknown, the share of the load, is the parameter along them.
 """
 
 from __future__ import annotations
@@ -35,13 +35,13 @@ from fenics_joints.harmonic.frf import (
 from fenics_joints.harmonic.result import HarmonicResult, check_interval
 from fenics_joints.progress import Progress
 
-#: Step of the differences of Jacobians, relative to the motion.
+#: Step of the differences of Jacobians, relative to the motion; chosen.
 _JACOBIAN_STEP = 1e-5
-#: Share of the interfaces' force below which a harmonic of it is round-off.
+#: Share of the interfaces' force below which one of its harmonics is round-off.
 _NONE = 1e-10
 
 
-class FoldCondition:
+class FoldCondition(Condition):
     """The residual's derivative by X is singular: the branch turns back in frequency.
 
     The number is that which a bordered system of equations makes (Govaerts, Numerical Methods for
@@ -90,7 +90,7 @@ class FoldCondition:
         return g, by_X, by_omega
 
 
-class PhaseCondition:
+class PhaseCondition(Condition):
     """A harmonic is a quarter of its period behind what the lower ones excite it with.
 
     Variable phase resonance (Porter and Brake 2024, doi.org/10.1016/j.ymssp.2024.111410, eqs. 9
@@ -102,13 +102,8 @@ class PhaseCondition:
         harmonic: The harmonic, at least 2 and at most the balance's highest.
     """
 
-    by_jacobian = False
-
     def __init__(self, balance: Balance, harmonic: int):
         self.balance, self.first = balance, balance.fourier.cosine(harmonic)
-
-    def at(self, X: np.ndarray, omega: float, J: np.ndarray) -> None:
-        """See `Condition`: nothing depends on it."""
 
     def value(self, X: np.ndarray, omega: float, J: np.ndarray) -> tuple[float, np.ndarray, float]:
         """See `Condition`."""
@@ -134,9 +129,9 @@ class PhaseCondition:
 
 
 CUSP, ISOLA, MERGER = "cusp", "isola", "merger"
-#: Second-smallest singular value over the largest below which there are two null vectors.
+#: Smallest singular value over the median of all below which there are two null vectors; chosen.
 _TWO = 1e-3
-#: Step of second derivatives, relative to the unknowns' scales.
+#: Step of second derivatives, relative to the unknowns' scales; chosen.
 _BEND_STEP = 1e-4
 
 
@@ -350,9 +345,9 @@ def _responses(branch: Branch, result: HarmonicResult, kind=HarmonicResult) -> H
 # -- closed branches -------------------------------------------------------------------------------
 
 
-#: How far beyond the folds' frequencies a closed branch may reach, as shares of them.
+#: Default limits of a closed branch, as shares of the folds' lowest and highest frequency; chosen.
 _REACH = 0.5, 2.0
-#: Scaled way from a fold to the first point.
+#: Distance from a fold to the first point, in scaled unknowns; chosen.
 _FIRST_STEP = 1e-3
 
 

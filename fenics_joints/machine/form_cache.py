@@ -14,7 +14,6 @@ setuptools from the working folder, which may be a stranger's, see `fenics_joint
 
 from __future__ import annotations
 
-import atexit
 import fcntl
 import functools
 import logging
@@ -32,16 +31,16 @@ import ffcx
 import ffcx.naming
 
 from fenics_joints.machine.imports import without_local_settings
-from fenics_joints.machine.private import cache_folder
+from fenics_joints.machine.private import cache_folder, folder_of_process
 
 #: Name of the folder beside DOLFINx's own files, which users' settings of DOLFINx move.
 _FOLDER = "fenics_joints"
-#: Folders that nobody finished are removed at this age, s: no form takes a day to compile.
+#: Age, s, at which an unfinished folder is removed: no form takes a day to compile.
 _ABANDONED = 86400.0
 #: What a library that is not whole raises when it is loaded, and DOLFINx when files are missing.
 _DAMAGED = (ImportError, OSError, TimeoutError)
 
-#: Where this process has forms that it could not put into the cache.
+#: Folders of the forms that this process could not put into the cache.
 _own: dict[str, Path] = {}
 
 
@@ -116,8 +115,7 @@ def _made(key: str, cache: Path, at: Callable[[Path], tuple]) -> tuple:
 
 def _made_for_us(key: str, cache: Path, at: Callable[[Path], tuple], reason: Exception) -> tuple:
     """In a folder for this process alone, with a warning; what was wrong if that fails too."""
-    folder = Path(tempfile.mkdtemp(prefix="fenics_joints_"))
-    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    folder = folder_of_process()
     try:
         result = at(folder)
     except Exception:

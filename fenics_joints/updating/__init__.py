@@ -1,10 +1,8 @@
 """Updating a model's parameters on a test: frequencies, shapes, damping ratios, FRFs, contact."""
 
-from fenics_joints.updating.conditions import update_all
 from fenics_joints.updating.curves import Curves, fit_curves
-from fenics_joints.updating.cutoff import CutoffModel, CutoffSweep, sweep
-from fenics_joints.updating.cutoff_minimum import CutoffMinimum, minimise
-from fenics_joints.updating.fit import update
+from fenics_joints.updating.cutoff import CutoffMinimum, CutoffModel, CutoffSweep, minimise, sweep
+from fenics_joints.updating.fit import update, update_all
 from fenics_joints.updating.prediction import Prediction, Predictor
 from fenics_joints.updating.result import Iteration, Update
 from fenics_joints.updating.weighted import update_weighted

@@ -35,7 +35,8 @@ def _saturating(a, b, ratio):
 
 _POWER, _SATURATING = "a (T/T0)^b", "a (1 - exp(-b T/T0))"
 _FORMS = {_POWER: (_power, 0.5), _SATURATING: (_saturating, 0.5)}
-#: Weak pull of the shape numbers to their usual value: an open one must not run away.
+#: Standard deviation of the shape numbers about their usual value, so that one which the data leave
+#: open does not run away; chosen.
 _PULL = 1.0
 
 

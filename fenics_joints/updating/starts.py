@@ -17,12 +17,11 @@ from fenics_joints.updating.prediction import Predictor
 from fenics_joints.updating.target_fit import TargetFit
 
 #: Number of trial places, half of them within the bounds and half near the start; number of the
-#: best of these, and of exchanges, that become starts.
-_LOOKED_AT, _STARTED, _EXCHANGED = 16, 2, 3
+#: best of these, and of exchanges, that become starts; seed of the places. Chosen.
+_LOOKED_AT, _STARTED, _EXCHANGED, _SEED = 16, 2, 3, 1
 #: Range of the places near the start, in coordinates: a factor of 10; starts differ by 2 or more.
 _NEAR, _APART = float(np.log(10.0)), float(np.log(2.0))
-_SEED = 1
-#: Ratio of sums of squares up to which two minima are about as good.
+#: Ratio of sums of squares up to which two minima count as about as good; chosen.
 AS_GOOD = 4.0
 
 

@@ -22,9 +22,9 @@ from fenics_joints.bayes import (
     sample,
     sample_hierarchy,
 )
+from fenics_joints.bayes.gibbs import Straight, curvature
 from fenics_joints.bayes.priors import density
 from fenics_joints.bayes.simulated import Truth, anchored, simulate
-from fenics_joints.bayes.straight import Straight, curvature
 from fenics_joints.bayes.walks import generator
 from fenics_joints.errors import InputError
 from fenics_joints.structure import Parameter
@@ -195,12 +195,15 @@ def test_anchored_truth_scatters_as_stated():
         anchored(SLOPE, [1.0, 1.0], 0, 1e-4, noise=2e-4)
 
 
-def test_bad_specimens_are_named(specimens):
-    with pytest.raises(InputError, match="4 specimens: expected at least 5"):
-        Specimens(MODES, specimens[:4])
-    with pytest.raises(InputError, match="3: a specimen's frequency is -1 Hz"):
-        Specimens(MODES, np.where(np.arange(5) == 2, -1.0, specimens))
-    with pytest.raises(InputError, match="noise = 0"):
-        Specimens(MODES, specimens, noise=0.0)
-    with pytest.raises(InputError, match="5 columns"):
-        Specimens(MODES, specimens[:, :4])
+@pytest.mark.parametrize(
+    ("change", "given", "words"),
+    [
+        (lambda table: table[:4], {}, "4 specimens: expected at least 5"),
+        (lambda table: table * [1, 1, -1, 1, 1], {}, "3: a specimen's frequency is -"),
+        (lambda table: table, {"noise": 0.0}, "noise = 0"),
+        (lambda table: table[:, :4], {}, "5 columns"),
+    ],
+)
+def test_bad_specimens_are_named(specimens, change, given, words):
+    with pytest.raises(InputError, match=words):
+        Specimens(MODES, change(specimens), **given)

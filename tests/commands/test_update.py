@@ -27,7 +27,7 @@ from fenics_joints.modal import identifiability, solve_modes
 from fenics_joints.reduction.frf_basis import CombinedModel
 from fenics_joints.response import solve_frf
 from fenics_joints.structure import Damping, Parameter, Sensors, Structure, part, transition
-from fenics_joints.updating.checks import is_at
+from fenics_joints.updating.result import is_at
 
 E, NU, H, LOSS = 10e9, 0.24, 10e-3, 0.02
 BODIES = ("head_1", "neck_1", "neck_2", "head_2")

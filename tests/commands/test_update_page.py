@@ -23,8 +23,8 @@ from fenics_joints.modal.sensitivity import Identifiability
 from fenics_joints.report.html import as_page
 from fenics_joints.report.terminal import show
 from fenics_joints.updating import Iteration, Prediction, Update
-from fenics_joints.updating.checks import fit_notes
 from fenics_joints.updating.residuals import Widths
+from fenics_joints.updating.result import fit_notes
 
 MODES = ("bending 1", "bending <2>")
 TORQUES = np.array([2.0, 10.0, 22.0])

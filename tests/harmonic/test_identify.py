@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from mpi4py import MPI
+from slip_chain import PLACES, TRUTH, chain
 
 from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.harmonic import (
@@ -17,24 +18,10 @@ from fenics_joints.harmonic import (
     solve_harmonic,
 )
 from fenics_joints.harmonic.identify import CurveFit, checked_data, peak_of
-from fenics_joints.interfaces import InterfaceModel, InterfacePoints
-from fenics_joints.joint_laws import CubicSpring, Iwan, IwanLayer, RichardAbbott
+from fenics_joints.joint_laws import CubicSpring, Iwan, RichardAbbott
 from fenics_joints.measurements import MeasuredCurves
 
-TRUTH = {"lap.E_p": 0.2, "lap.S_y": 0.3, "lap.n": 2.5}
 LEVELS = (0.005, 0.015, 0.03)
-PLACES = {"force": "push", "sensor": "end"}
-
-
-def chain(sliders: int = 20, **changes) -> InterfaceModel:
-    """Three masses, a joint of ten points between the first two: normal strain and shear."""
-    K = np.array([[1.0, 0, 0], [0, 1.0, -1.0], [0, -1.0, 1.0]])
-    law = IwanLayer(RichardAbbott(1.0, 0.2, 0.3, 2.5), 0.4, sliders).change(**changes)
-    across = np.array([-1.0, 1.0, 0.0])
-    rows = np.array([[s * across, 0.3 * across] for s in np.linspace(0.2, 1.5, 10)])
-    joint = InterfacePoints("lap", law, rows, np.full(10, 0.15), normal=True)
-    end = np.eye(3)[2]
-    return InterfaceModel(np.eye(3), K, (joint,), 0.01 * np.eye(3), {"push": end}, {"end": end})
 
 
 #: The identified model by its parameters.
@@ -194,14 +181,14 @@ def test_loops_are_read_from_a_table(loop, shared_tmp_path):
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"method": "annealing"}, "method = 'annealing': expected 'direct' or 'gradient'"),
+        ({"method": "annealing"}, "method = 'annealing': expected one of: direct, gradient"),
         ({"parameters": {}}, "expected a start value"),
-        ({"parameters": {"lap.S_y": 0.0}}, r"parameters\['lap.S_y'\] = 0.0: expected a number > 0"),
+        ({"parameters": {"lap.S_y": 0.0}}, r"\['lap.S_y'\] = 0.0: expected a number above 0"),
         ({"parameters": {"lap.X": 1.0}}, "no parameter 'X'"),
         ({"level": 7.0}, "no curve was measured at 7 N"),
         ({"curves": None}, "expected curves that have it"),
         ({"curves": None, "level": None}, "there are no data"),
-        ({"points": 2}, "points = 2: expected at least 3"),
+        ({"points": 2}, "points = 2: expected a whole number of at least 3"),
         ({"bounds": {"lap.S_y": (1.0, 2.0)}}, "expected 0 < low < start = 0.4 < high"),
         ({"bounds": {"lap.n": (1.0, 2.0)}}, "'lap.n' is no parameter"),
         ({"force": "pull"}, "no 'pull'"),

@@ -11,7 +11,6 @@ from fenics_joints.harmonic import (
     find_bifurcations,
     solve_harmonic,
     solve_isola,
-    stable,
     track_folds,
     track_resonance,
 )
@@ -70,7 +69,7 @@ def test_an_isola_is_found_and_attracts():
     for isola in (small, large):
         assert isola.coefficients[-1] == pytest.approx(isola.coefficients[0])
     high = np.abs(large.amplitude() - 0.9 * large.peak.amplitude)
-    i = int(np.argmin(np.where(stable(large), high, np.inf)))
+    i = int(np.argmin(np.where(find_bifurcations(large, method="hill").stable, high, np.inf)))
     state, later = returns(model, large, i)
     assert later == pytest.approx(state, abs=0.02 * np.abs(state).max())
     assert large.peak.amplitude > 1.5 * result.peak.amplitude

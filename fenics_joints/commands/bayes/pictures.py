@@ -11,7 +11,7 @@ from matplotlib.ticker import FuncFormatter, MaxNLocator
 
 from fenics_joints.bayes.arviz_files import quantile_ess
 from fenics_joints.bayes.chains import Chains
-from fenics_joints.bayes.predictive import PredictiveCheck
+from fenics_joints.bayes.checks import PredictiveCheck
 from fenics_joints.commands.bayes.model import HeldModes
 from fenics_joints.formatting import prefixed
 from fenics_joints.report.panels import draw_matrix, panel_chart

@@ -10,7 +10,7 @@ import numpy as np
 
 import fenics_joints
 from fenics_joints.bayes import Chains, Settings
-from fenics_joints.bayes.predictive import PredictiveCheck
+from fenics_joints.bayes.checks import PredictiveCheck
 from fenics_joints.commands.bayes import pictures
 from fenics_joints.commands.bayes.model import CaseModel, HeldModes
 from fenics_joints.files import plain

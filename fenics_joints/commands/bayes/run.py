@@ -12,13 +12,18 @@ from threadpoolctl import threadpool_limits
 
 from fenics_joints.bayes.arviz_files import arviz
 from fenics_joints.bayes.chains import Chains
-from fenics_joints.bayes.conflict import check_prior
+from fenics_joints.bayes.checks import FEWEST as FEWEST_CHECKED
+from fenics_joints.bayes.checks import (
+    PredictiveCheck,
+    check_predictive,
+    check_prior,
+    outside,
+    replicate,
+)
 from fenics_joints.bayes.distributions import FEWEST
 from fenics_joints.bayes.hierarchical import Hierarchy, Specimens, sample_hierarchy
 from fenics_joints.bayes.likelihood import FittedLikelihood, GaussianLikelihood
 from fenics_joints.bayes.posterior import Posterior
-from fenics_joints.bayes.predictive import FEWEST as FEWEST_CHECKED
-from fenics_joints.bayes.predictive import PredictiveCheck, check_predictive, outside, replicate
 from fenics_joints.bayes.samplers import Settings, sample
 from fenics_joints.case import Case, build_structure
 from fenics_joints.case.bayes import bayes_data, specimens

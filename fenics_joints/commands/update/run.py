@@ -44,7 +44,7 @@ from fenics_joints.reduction.surrogate import tested_models
 from fenics_joints.response.frf import solve_frf
 from fenics_joints.structure import Damping, Sensors, Structure
 from fenics_joints.updating import Update, update, update_weighted
-from fenics_joints.updating.checks import bound_notes, fit_notes, too_far
+from fenics_joints.updating.result import bound_notes, fit_notes, too_far
 from fenics_joints.updating.weighted import noise_tolerances
 
 #: Modes beyond the rigid-body ones and those of the test: partners may lie among higher ones.

@@ -1,4 +1,4 @@
-"""Posterior-predictive checks: do new specimens scatter and correlate as the measured ones do?"""
+"""Checks of a prior before sampling, of draws against measured specimens, and of samplers."""
 
 from __future__ import annotations
 
@@ -6,14 +6,18 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import stats
 
 from fenics_joints.bayes.chains import Chains
-from fenics_joints.errors import InputError
+from fenics_joints.bayes.priors import Prior
+from fenics_joints.errors import InputError, real, reals, wanted, whole
+from fenics_joints.least_squares import LeastSquares
 
+#: Probability on either side below which scatter or correlation is called wrong; convention.
 _DOUBT = 0.025
 #: Specimens without gaps of which scatter and correlation are checked.
 FEWEST = 5
-#: Standard deviations from the prediction beyond which a measured frequency is doubted.
+#: Standard deviations from the prediction beyond which a measured frequency is doubted; convention.
 _FAR = 3.0
 
 
@@ -180,3 +184,143 @@ def check_predictive(
         p_sd,
         p_correlation,
     )
+
+
+# -- simulation-based calibration ------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class Calibration:
+    """Ranks of truths.
+
+    Attributes:
+        counts: Ranks in each bin, (n_bins,).
+        p_value: Of a chi-square test of their evenness.
+        covered: Share of truths inside of the central 90 % of the draws.
+        covered_half: Likewise of the central half.
+    """
+
+    counts: np.ndarray
+    p_value: float
+    covered: float
+    covered_half: float
+
+    def __repr__(self) -> str:
+        return f"Calibration({int(self.counts.sum())} truths, p = {self.p_value:.2g})"
+
+
+def rank(truth: float, draws: np.ndarray, n: int) -> int:
+    """Rank of the truth among n draws, taken evenly from a chain: 0 to n.
+
+    Raises:
+        InputError: If there are fewer draws.
+    """
+    truth, draws = real("truth", truth), np.ravel(reals("draws", draws))
+    whole("n", n)
+    if len(draws) < n:
+        raise InputError(f"n = {n}: expected at most {len(draws)}, the number of draws.")
+    picked = draws[np.linspace(0, len(draws) - 1, n).astype(int)]
+    return int(np.sum(picked < truth))
+
+
+def calibrate(ranks: np.ndarray, n: int, bins: int = 10) -> Calibration:
+    """Test whether ranks are even.
+
+    Args:
+        ranks: Of the truths, each 0 to n, (n_truths,).
+        n: Number of draws that they are ranks among; n + 1 is a multiple of ``bins``.
+        bins: Number of bins.
+
+    Raises:
+        InputError: If the bins do not divide the ranks, or there are fewer than five for each.
+    """
+    whole("n", n)
+    whole("bins", bins)
+    ranks = np.asarray(ranks)
+    if ranks.ndim != 1 or ranks.dtype.kind not in "iu" or np.any((ranks < 0) | (ranks > n)):
+        raise wanted("ranks", ranks.tolist(), f"whole numbers from 0 to {n}")
+    if (n + 1) % bins or len(ranks) < 5 * bins:
+        raise InputError(
+            f"bins = {bins}: expected a divisor of n + 1 = {n + 1}, and at least {5 * bins} ranks."
+        )
+    counts = np.bincount(ranks * bins // (n + 1), minlength=bins)
+
+    def inside(share: float) -> float:
+        """Of the central ones of n + 1 equally likely ranks."""
+        edge = 0.5 * (1 - share) * (n + 1)
+        return float(np.mean((ranks >= edge) & (ranks < n + 1 - edge)))
+
+    p_value = float(stats.chisquare(counts).pvalue)
+    return Calibration(counts, p_value, inside(0.9), inside(0.5))
+
+
+# -- before sampling: whether values within the prior can explain the data -------------------------
+
+
+#: How far into its tails a prior is searched, where its edge begins, and how far off a frequency
+#: may be at the best values, all in standard deviations; draws from the best of which the search
+#: starts. Chosen.
+_TAIL, _EDGE, _MISSED, _DRAWS = 4.0, 3.5, 6.0, 64
+#: Residual of a mode that the model lacks, in standard deviations.
+_LACKS = 1e3
+
+
+def check_prior(
+    prior: Prior,
+    frequencies: Callable[[np.ndarray], np.ndarray],
+    mode_names: Sequence[str],
+    log_f: np.ndarray,
+    sd: np.ndarray,
+) -> list[str]:
+    """Refuse a prior that excludes the data; warn of a model that cannot have them.
+
+    Args:
+        prior: Of the parameters.
+        frequencies: From values (n, d) to ln f, (n, m).
+        mode_names: Names of the modes, m of them.
+        log_f: Measured, (m,); nan where not measured.
+        sd: Standard deviation of ln f about the model's that is allowed for, (m,).
+
+    Returns:
+        Modes that the model cannot have, in words, where that is not for the prior's edges.
+
+    Raises:
+        InputError: If the values that come nearest to the data, yet not near, are at a prior's
+            edge.
+    """
+    there = np.isfinite(log_f) & np.isfinite(sd)
+
+    def residuals(values: np.ndarray) -> np.ndarray:
+        off = (frequencies(values)[:, there] - log_f[there]) / sd[there]
+        return np.nan_to_num(off, nan=_LACKS)
+
+    def allowed(z: np.ndarray) -> np.ndarray:
+        """Values at normal scores of the prior."""
+        shares = stats.norm.cdf(z)
+        values = np.array([d.ppf(p) for d, p in zip(prior.densities, shares, strict=True)])
+        low, high = np.array([(max(p.lower, 0.0), p.upper) for p in prior.parameters]).T
+        return np.clip(values, np.maximum(low, 1e-12 * np.abs(values)), high)
+
+    draws = prior.values(prior.sample(_DRAWS, np.random.default_rng(10)))
+    best = draws[np.argmin(np.sum(residuals(draws) ** 2, axis=1))]
+    shares = [d.cdf(v) for d, v in zip(prior.densities, best, strict=True)]
+    fit = LeastSquares(lambda z: residuals(allowed(z)[None])[0], bounds=(-_TAIL, _TAIL))
+    z = fit.solve(np.clip(stats.norm.ppf(shares), -_EDGE, _EDGE), 60, diff_step=1e-4).x
+    off = residuals(allowed(z)[None])[0]
+    if np.abs(off).max() <= _MISSED:
+        return []
+    names = [name for name, is_there in zip(mode_names, there, strict=True) if is_there]
+    said = [
+        f"{name} no nearer to its measured frequency than "
+        f"{100 * abs(np.expm1(miss * s)):.2g} %, {abs(miss):.0f} standard deviations of noise, "
+        "scatter and discrepancy"
+        for name, miss, s in zip(names, off, sd[there], strict=True)
+        if abs(miss) > _MISSED
+    ]
+    edge = [name for name, score in zip(prior.names, z, strict=True) if abs(score) > _EDGE]
+    if edge:
+        raise InputError(
+            f"prior of {', '.join(edge)}: excludes the data: up to its tails it brings {said[0]}. "
+            "Expected a prior that reaches the values which have these frequencies."
+        )
+    return [f"the model brings {line}: give it a discrepancy, or better it" for line in said]
