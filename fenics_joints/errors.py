@@ -1,7 +1,7 @@
-"""The exceptions of the suite: what is wrong, and what was expected; and checks that raise them.
+"""The exceptions of the suite, and checks that raise them.
 
-A check takes the name that its message shall have and the value, and returns the value as the plain
-type that it is. Texts, None, truth values, NaN and infinities are no numbers.
+A check takes the name for its message and the value, and returns the value as a plain type. Texts,
+None, truth values, NaN and infinities do not count as numbers.
 """
 
 from __future__ import annotations
@@ -21,10 +21,8 @@ from fenics_joints.formatting import printable
 MOST = 1e100
 #: No count is larger: it would not fit the index of an array.
 MOST_OF = 2**31 - 1
-#: Errors of one file that are shown; of more their number is.
-_SHOWN = 10
-#: Places in it that have one and the same error, of which so many are named.
-_PLACES = 4
+#: Errors of one file that are shown, and places of one error that are named; more are counted.
+_SHOWN, _PLACES = 10, 4
 
 T = TypeVar("T")
 
@@ -60,7 +58,7 @@ class ConvergenceError(JointsError, RuntimeError):
 
 @contextmanager
 def located(where: object) -> Iterator[None]:
-    """Says where an input error inside is from: its message begins with ``where``.
+    """Put ``where`` in front of the message of an input error that is raised inside.
 
     Raises:
         InputError: Of the same class as the one inside.
@@ -72,11 +70,11 @@ def located(where: object) -> Iterator[None]:
 
 
 class Problems:
-    """Errors of steps that do not need one another, so that all are said and not the first.
+    """Errors of independent steps, collected so that all are reported and not the first alone.
 
     Args:
-        where: What they all are in, such as a file: said once, and not with each. Without it they
-            are of several files.
+        where: Where all of them are, such as a file, to be named once. Without it they are of
+            several files.
     """
 
     def __init__(self, where: object = ""):
@@ -119,7 +117,7 @@ class Problems:
         raise several
 
     def _alike(self, texts: list[str]) -> list[str]:
-        """Errors in one file, those that say the same of several places in one line."""
+        """Errors in one file, with one line for several places that have the same error."""
         places: dict[str, list[str]] = {}
         for text in texts:
             place, colon, said = text.removeprefix(f"{self._where}: ").partition(": ")

@@ -27,15 +27,17 @@ else:
     import tomli as tomllib
 
 
-#: How deep tables and arrays of TOML may be nested, and its whole numbers (64 bits, as it says).
+#: How deep tables and arrays of TOML may be nested, and the limit of its whole numbers (64 bits, by
+#: its specification).
 _DEEPEST, _LARGEST = 50, 2**63
-#: Characters of the longest path that a message shows whole, and bytes of the longest name of a
-#: file: file systems take 255, and a file has a sibling with a longer name until it is whole.
+#: Characters of the longest path that a message shows in full; bytes of the longest name of a file:
+#: file systems take 255, and a file has a sibling with a longer name while it is written.
 _LONGEST_SHOWN, _LONGEST_NAME = 300, 230
 #: Text before the SHA-256 of the content, in hexadecimal digits, at the end of a sealed file.
 _SEAL = b"\nSHA-256 "
 _DIGITS = 64
-#: Bytes of the largest file of measured data, and of the largest text that is read as a whole.
+#: Bytes of the largest file of measured data, and of the largest text that is read at once; chosen
+#: for memory.
 _LARGEST_FILE, _LARGEST_TEXT = 2_000_000_000, 50_000_000
 #: First characters of a spreadsheet's formula, or of a formula written as text.
 FORMULA = re.compile(r"'*\s*[=+\-@\uff1d\uff0b\uff0d\uff20]|'*[\t\r\n]")
@@ -70,7 +72,7 @@ def paths_of(value: object) -> list[Path]:
 
 
 def is_file(path: str | Path) -> bool:
-    """Whether there is such a file, also of names that no file can have."""
+    """Whether a path is a file; False for names that no file can have."""
     return os.path.isfile(path)  # a Path raises for some of those
 
 
@@ -238,7 +240,7 @@ def check_outputs(outputs: Mapping[str, Path | None], inputs: Iterable[str | Pat
 
 @contextmanager
 def replaced(path: str | Path, own: bool = False) -> Iterator[Path]:
-    """A temporary sibling to write to, which takes the file's place at the end, or is not there.
+    """A temporary sibling to write to, which takes the file's place at the end, or disappears.
 
     Args:
         path: The file.
@@ -321,10 +323,10 @@ def _digest(file: BinaryIO, length: int) -> bytes:
 
 
 def json_digest(content: object, default: Callable[[object], object] | None = None) -> str:
-    """SHA-256 of what is written as JSON, in hexadecimal digits, whatever the order of its keys.
+    """SHA-256 of a content's JSON with sorted keys, in hexadecimal digits.
 
     Args:
-        content: What is written.
+        content: Nested values.
         default: See `json.dumps`.
     """
     text = json.dumps(content, sort_keys=True, default=default)
@@ -378,7 +380,7 @@ def csv_text(rows: Iterable[Sequence[object]]) -> str:
 
 
 def plain(value):
-    """Nested values as JSON has them: lists, Python's numbers, None for what is no number."""
+    """Nested values for JSON: lists, Python's numbers, None in place of nan and infinity."""
     if isinstance(value, dict):
         return {key: plain(v) for key, v in value.items()}
     if isinstance(value, (list, tuple, np.ndarray)):

@@ -1,4 +1,4 @@
-"""Ranks that share work and fail together: one clear message, an exit code, none left waiting."""
+"""Work shared by ranks, which also fail together: one message, one exit code, no rank waits."""
 
 from __future__ import annotations
 

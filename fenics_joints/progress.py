@@ -1,4 +1,4 @@
-"""What a long computation is doing, on the terminal, and how much of it the user wants to hear."""
+"""Progress of a long computation on the terminal, as verbose as the user wants it."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def is_terminal(stream: TextIO) -> bool:
 
 
 class Progress:
-    """Steps of a computation, told on rank 0: redrawn on a terminal, else plain lines.
+    """Steps of a computation, shown on rank 0: redrawn on a terminal, otherwise as plain lines.
 
     Use it as a context; `step` and `advance` may be called on every rank, and outside a context
     they do nothing, so that ``Progress(silent=True)`` suits tests and notebooks.

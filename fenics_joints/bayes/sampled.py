@@ -1,4 +1,4 @@
-"""A model made ready for sampling: small, lean, and checked against the full one."""
+"""A small model for sampling that is checked against the full one."""
 
 from __future__ import annotations
 
@@ -14,25 +14,26 @@ from fenics_joints.progress import Progress
 from fenics_joints.reduction.basis import Points, weak_greedy
 from fenics_joints.reduction.surrogate import tested_models
 
-#: Points that are rare in the prior are the worst, and thousands of samples will find them: the
-#: first ones are so much further out than draws.
+#: Factor by which the first points are further from the prior's middle than draws: errors are
+#: largest at rare points, which thousands of samples will meet. Chosen.
 _WIDER = 1.5
-#: Points of the prior in the basis at first; those of each round at which the error is estimated,
-#: of the first two and of the rest; how many of them are taken at most, and rounds.
+#: Points of the prior in the basis at first; points at which the error is estimated, in each of the
+#: first two rounds and of the rest; most of them that are taken in a round; most rounds. Chosen for
+#: time: the check decides whether they suffice.
 _FIRST, _FEW, _MANY, _WORST, _ROUNDS = 8, 64, 160, 8, 8
-#: Share of the tolerance that the estimate is brought to, at which a point is worth adding, and
-#: that of the lean model's own error; of an exact one's.
+#: Shares of the tolerance: to which the estimate is brought, above which a point is added, and of
+#: the small model's own error where the reduced model is estimated or exact. Chosen.
 _GOOD, _SOME, _LEAN, _LEAN_EXACT = 0.4, 0.05, 0.25, 0.1
-#: Points at which the full model is solved for the check, rounds of them, the seed of the first,
-#: and the share of the tolerance at which one is worth adding.
+#: Points at which the full model is solved for the check, most rounds of them, the seed of the
+#: first, and the share of the tolerance above which a point is added. Chosen.
 _CHECKED, _CHECKS, _SEED, _OFF = 50, 3, 12345, 0.1
 
 
 class SampledModel:
-    """Samples the full model where an estimate of the error is largest. Collective.
+    """A small model on a reduced one, made where an estimate of its error is largest. Collective.
 
-    It is a `fenics_joints.reduction.basis.SmallModel` itself: a lean model on a reduced one,
-    whose errors are those that a check finds.
+    It has the calls of `fenics_joints.reduction.basis.SmallModel`; its errors are those against the
+    full model.
 
     Args:
         full: The full model.

@@ -39,7 +39,8 @@ from fenics_joints.updating.target_fit import TargetFit
 
 #: When FRF lines are moved along with the resonances: for the first of two fits, or throughout.
 MOVES = ("first", "always", "never")
-#: Accuracy, in coordinates, at which the fit with moved lines may end.
+#: Accuracy, in coordinates, at which the first fit, with moved lines, ends; chosen: it only starts
+#: the second one.
 _ROUGH = 1e-3
 #: In that fit, standard deviation of ln H beside the noise: over moved lines FRFs differ by their
 #: shape, by a factor of about e where the model is far off, and until then the frequencies lead.
@@ -127,10 +128,11 @@ def update(
     return fit.finish(x, moved, converged, message)
 
 
-#: Root mean square of residuals, in standard deviations, above which the message speaks of them,
-#: and above which the data's standard deviations are widened.
+#: Root mean square of residuals, in standard deviations, above which the message mentions them, and
+#: above which the data's standard deviations are widened; chosen.
 _MISFIT, _FAR = 2.0, 3.0
-#: Difference of coordinates, and of sums of squares, below which two minima are the same.
+#: Difference of coordinates, and relative one of sums of squares, below which two minima are the
+#: same; chosen.
 _SAME_END = 1e-2
 #: Standard deviation of a parameter that needs a prior and has none, at most: a factor of 10.
 _WEAK = np.log(10.0)

@@ -1,4 +1,4 @@
-"""What a model says of a test's data, and how that changes with the parameters.
+"""A model's counterpart of a test's data, and its derivatives by the parameters.
 
 FRF lines may be taken where the model has what the test has there. A line between two resonances of
 the test is moved to the same place, in ln f, between the model's two:
@@ -28,15 +28,16 @@ from fenics_joints.response.complex_modes import damping_ratios
 from fenics_joints.response.units import KINDS
 from fenics_joints.structure.damping import Damping
 
-#: Modes beyond those of the test, so that none is missed when modes change places.
+#: Modes beyond those of the test, so that none is missed when modes change places; chosen.
 _SPARE = 4
-#: Modes of a full model reach this multiple of the highest FRF line.
+#: Modes of a full model reach this multiple of the highest FRF line; chosen: residual vectors stand
+#: for the rest.
 _REACH = 1.5
-#: Modes looked through for the test's, at most, as a multiple of the usual number.
+#: Most modes among which the test's are sought, as a multiple of the usual number; chosen.
 _SEARCHED = 4
 #: Relative step of a line for the FRF's slope by frequency: small beside a resonance's width.
 _STEP = 1e-5
-#: Damping ratio that is none: nothing measures it, and its logarithm would be round-off's.
+#: Damping ratio below which a mode counts as undamped: round-off.
 _UNDAMPED = 1e-12
 
 

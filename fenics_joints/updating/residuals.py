@@ -10,10 +10,11 @@ from fenics_joints.measurements.target import Target
 from fenics_joints.updating.equations import real_rows
 from fenics_joints.updating.prediction import Prediction
 
-#: Frequencies are widened to this relative standard deviation, no further: what any such model
-#: misses. They are few, and a model that need not meet them would leave them to a prior.
+#: Largest relative standard deviation to which those of frequencies are widened: the usual error of
+#: a finite element model. Frequencies are few, and a fit that need not meet them would follow the
+#: prior alone.
 _MODEL = 0.01
-#: Standard deviations by which a model misses what is left out.
+#: Standard deviations by which a model is taken to miss a frequency that is left out; chosen.
 _MISSED = 3.0
 
 

@@ -26,16 +26,17 @@ from fenics_joints.updating.target_fit import TargetFit
 OUT_OF_EVALUATIONS = "out of evaluations"
 PARTNERS = "too many modes change their partners near the answer"
 UNSETTLED = "the standard deviations of what is left do not settle"
-#: Most rounds from one start, and the change of a width's logarithm at which they end.
+#: Most rounds from one start, and the change of a width's logarithm at which they end; chosen.
 _ROUNDS, _SETTLED = 10, 0.05
 #: Change of the logarithm of the density in a step at which a round ends, and the coarsest relative
-#: accuracy of its sum of squares.
+#: accuracy of its sum of squares; chosen for time.
 _LITTLE, _COARSEST = 0.01, 1e-3
-#: Largest share of the modes that is left out; where more change partners nothing has settled.
+#: Largest share of the modes that is left out: if more of them change partners, the pairs are open.
+#: Chosen.
 _LEFT_OUT = 0.2
-#: Difference of that logarithm between ends that are as good.
+#: Difference of the logarithm of the density between ends that count as equally good; chosen.
 _SAME = 0.5
-#: Decrease of the sum of squares, as a share of one datum's part, that is worth a step.
+#: Decrease of the sum of squares, as a share of one datum's part, for which a step pays; chosen.
 _WORTH = 0.05
 
 

@@ -27,12 +27,13 @@ from fenics_joints.updating.identification import Identification
 from fenics_joints.updating.residuals import raw_rows, row_sd
 from fenics_joints.updating.result import Update
 
-#: Relative steps below which an iteration stands still.
+#: Relative steps below which an iteration stands still; round-off.
 _STILL = 1e-9
-#: Tolerances in standard deviations, where the noise is above their usual values.
+#: Tolerances of eq. 14 in standard deviations of the noise, where that is above their usual values;
+#: chosen.
 _EPS = 4.0
-#: Singular values below this share of the largest are none; the relative standard deviation of
-#: what is then open.
+#: Share of the largest singular value below which a direction is open: round-off; and the relative
+#: standard deviation that it gets, which stands for any.
 _NULL, _LARGE = 1e-10, 1e3
 
 
