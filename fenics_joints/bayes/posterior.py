@@ -97,7 +97,7 @@ def _tempered(log_l: np.ndarray, n_effective: float) -> np.ndarray:
         )
         return np.exp(logs - logsumexp(logs))
 
-    def lacking(power: float) -> float:
+    def surplus(power: float) -> float:
         return 1 / np.sum(weights(power) ** 2) - n_effective
 
-    return weights(1.0 if lacking(1.0) >= 0 else brentq(lacking, 0.0, 1.0))
+    return weights(1.0 if surplus(1.0) >= 0 else brentq(surplus, 0.0, 1.0))

@@ -149,8 +149,10 @@ class Prepared(Subject):
             progress: Told after each sample.
             keep: Folder of the reduced models, named by a hash of all that makes them.
         """
-        cache = keep and Cache(keep, self.fingerprint(), self.full.comm, side_by_side=True)
-        self.surrogate = tested_models(self.full).seen(
+        models, cache = tested_models(self.full), None
+        if keep is not None and not models.exact:
+            cache = Cache(keep, self.fingerprint(), self.full.comm, side_by_side=True)
+        self.surrogate = models.seen(
             self.full,
             self.baseline,
             sensors=self.data.sensors,
