@@ -137,7 +137,7 @@ assert first.region in case.joints and first.p_adjusted < 1e-6
 # parameters may be: a good fit raises it, freedom that was not needed lowers it. Here it is
 # approximated (Laplace), to be quick; the command samples that of the leading ones.
 
-say("", f"Which. {words.which}", answers["What was fitted?"])
+say("", f"Which. {words.which}")
 for effect in found.effects[:4]:
     say(f"  {effect.probability:7.1%}  {effect.name}")
 say(answers.get("What can these data not tell?", ""))
@@ -156,7 +156,7 @@ assert "compliance" in words.which
 # they will show is stated, as an interval; and only then are they looked at. The best wrong effect
 # has the same chance.
 
-say("", f"How far. {words.how_far}", answers["Does it predict?"])
+say("", f"How far. {words.how_far}")
 show(forecasts, found.shrinkage)
 
 # One torque was never used for anything: 28 N·m, beyond all others, from a figure's legend in the

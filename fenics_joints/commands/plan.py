@@ -11,7 +11,7 @@ from mpi4py import MPI
 
 from fenics_joints.case import Case
 from fenics_joints.case.check_structure import refuse_applied
-from fenics_joints.commands.diagnose.words import by_reason
+from fenics_joints.commands.diagnose.words import silent_blocks
 from fenics_joints.commands.outcome import Outcome
 from fenics_joints.diagnosis.evidence.classes import APART
 from fenics_joints.diagnosis.plan.planned import Plan, plan
@@ -94,7 +94,6 @@ def plan_document(p: Plan) -> doc.Document:
         "D of the row's effect, if it is at work, from the nearest that the column's can make; "
         "columns by the rows' numbers"
     )
-    silent = [f"{', '.join(names)}: {reason}" for reason, names in by_reason(p.silent)]
     return doc.Document(
         p.title,
         "what the planned test could tell",
@@ -108,14 +107,7 @@ def plan_document(p: Plan) -> doc.Document:
             *_groups(p),
             _effects(p),
             *_additions(p, seen),
-            doc.OnTerminal(
-                [doc.Text(f"this test says nothing of {line}", "note") for line in silent]
-            ),
-            doc.OnPage(
-                [doc.Heading("What such a test says nothing about", "silent", 3), doc.Items(silent)]
-                if silent
-                else []
-            ),
+            *silent_blocks(p.silent),
             doc.OnTerminal(
                 [
                     doc.Text(f"D above {APART} is less than 1 % confusion.", "note"),
@@ -183,7 +175,7 @@ def _effects(p: Plan) -> doc.Table:
             doc.Cell(f"{e.distance:.1f}", kind="" if e.seen else "flag"),
             *shares,
             size,
-            f"{e.least:.1f} to {e.most:.1f}",
+            f"{e.distance_least:.1f} to {e.distance_most:.1f}",
             style="" if e.seen else "dim",
         )
     return table
@@ -209,10 +201,10 @@ def _additions(p: Plan, seen: int) -> list:
     nothing = (MISSING, MISSING, "")
     table.add("the test as planned", str(p.n_apart), str(seen), *nothing, style="dim")
     for i, a in enumerate(p.additions):
-        pair = " and ".join(map(spaced, a.pair)) if a.largest >= 0.01 else MISSING
-        gains = (f"{a.mean:.2f}", f"{a.largest:.2f}")
+        pair = " and ".join(map(spaced, a.pair)) if a.largest_gain >= 0.01 else MISSING
+        gains = (f"{a.mean_gain:.2f}", f"{a.largest_gain:.2f}")
         style = "" if i else "lead"
-        table.add(a.name, str(a.classes), str(a.seen), *gains, pair, style=style)
+        table.add(a.measurement, str(a.apart), str(a.seen), *gains, pair, style=style)
     return [heading, doc.OnPage([doc.Text(words)]), table]
 
 

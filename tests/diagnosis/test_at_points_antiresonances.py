@@ -8,19 +8,27 @@ import numpy as np
 import pytest
 import scipy.optimize
 import scipy.sparse.linalg
-from measured_points import ALONG, TEST, check_derivatives, plates, said, sparse, write_frequencies
+from measured_points import (
+    ALONG,
+    TEST,
+    check_derivatives,
+    measure_again,
+    plates,
+    reduced,
+    said,
+    sparse,
+    write_frequencies,
+)
 from mpi4py import MPI
 
 from fenics_joints.case import build_structure, load_case
 from fenics_joints.diagnosis import diagnose
 from fenics_joints.diagnosis.evidence.entries import ANTIRESONANCE
 from fenics_joints.diagnosis.model.at_points import paired_zeros
-from fenics_joints.diagnosis.model.prepared import prepare
 from fenics_joints.errors import InputError
 from fenics_joints.measurements import pair_modes
 from fenics_joints.meshes import box
 from fenics_joints.modal import solve_modes
-from fenics_joints.progress import Progress
 from fenics_joints.reduction.matched import places_all_over
 from fenics_joints.reduction.receptances import Antiresonances, PointBasis
 from fenics_joints.structure import Parameter, Sensors, Structure, part
@@ -42,15 +50,14 @@ tolerance = "5 %"
 """
 
 
-def driven(hz, more: str = "", point: str = "10 mm") -> str:
+def driven(hz) -> str:
     listed = ", ".join(f'"{f} Hz"' for f in hz)
     return f"""
 [test.antiresonances.end]
-point = ["{point}", "40 mm", "0 mm"]
+point = ["10 mm", "40 mm", "0 mm"]
 direction = [0, 0, 1]
 frequencies = [{listed}]
 noise = "0.2 %"
-{more}
 """
 
 
@@ -109,10 +116,7 @@ def test_antiresonances_say_at_which_end(tmp_path, measured):
 
 
 def test_they_are_entries_with_derivatives(tmp_path, measured):
-    case = case_of(tmp_path / "case", measured, driven(measured[1]))
-    model = prepare(case, MPI.COMM_SELF, Progress(silent=True))
-    model.reduce(Progress(silent=True))
-    model.place_unknown()
+    model = reduced(case_of(tmp_path / "case", measured, driven(measured[1])))
     own = np.flatnonzero(model.evidence.entries.kind == ANTIRESONANCE)
     zeros = model.evidence.scalars
     assert np.exp(model.evidence.data[own]) == pytest.approx(measured[1])
@@ -128,18 +132,14 @@ def test_they_are_entries_with_derivatives(tmp_path, measured):
     for zero in zeros:
         stiff, mass = zero.patches[:, parts].sum(axis=1)
         assert [stiff, mass] == pytest.approx([0.075, -0.05], rel=0.02)
-
-
-def test_refusals(tmp_path, measured):
-    far = case_of(tmp_path / "far", measured, driven([30.0]))
-    with pytest.raises(InputError, match=r"test.antiresonances.end.frequencies: expected such as"):
-        diagnose(far, MPI.COMM_SELF)
-    beside = case_of(tmp_path / "beside", measured, driven(measured[1], point="900 mm"))
-    with pytest.raises(InputError, match="test.antiresonances.end"):
-        diagnose(beside, MPI.COMM_SELF)
-    late = case_of(tmp_path / "late", measured, driven(measured[1], "at = 7"))
-    with pytest.raises(InputError, match=r"test.antiresonances.end.at = 7: expected a condition"):
-        diagnose(late, MPI.COMM_SELF)
+    # What is refused of them, once the model is there.
+    for changes, said_ in (
+        ({"frequencies": [30.0]}, "test.antiresonances.end.frequencies: expected such as"),
+        ({"point": [0.9, 0.04, 0.0]}, "test.antiresonances.end"),
+        ({"at": 7.0}, "test.antiresonances.end.at = 7: expected a condition"),
+    ):
+        with pytest.raises(InputError, match=said_):
+            measure_again(model, "antiresonances", "end", **changes)
 
 
 def test_pairs_once_resonances_are_moved_onto_each_other():

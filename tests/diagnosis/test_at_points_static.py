@@ -2,24 +2,32 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 import scipy.sparse.linalg
-from measured_points import E, check_derivatives, plates, said, sparse, write_frequencies
+from measured_points import (
+    E,
+    check_derivatives,
+    measure_again,
+    plates,
+    reduced,
+    said,
+    sparse,
+    write_frequencies,
+)
 from mpi4py import MPI
 
 from fenics_joints.case import build_structure, load_case
 from fenics_joints.diagnosis import diagnose
 from fenics_joints.diagnosis.evidence.entries import STIFFNESS
-from fenics_joints.diagnosis.model.prepared import prepare
 from fenics_joints.diagnosis.plan.planned import plan
 from fenics_joints.errors import InputError
 from fenics_joints.measurements import pair_modes
 from fenics_joints.meshes import box
 from fenics_joints.modal import solve_modes
-from fenics_joints.progress import Progress
 from fenics_joints.reduction.receptances import StaticModel, StaticSolver
 from fenics_joints.structure import Parameter, Sensors, Structure, Support, part
 
@@ -99,10 +107,7 @@ def test_a_stiffness_splits_modulus_from_density(tmp_path, measured):
 
 
 def test_it_is_an_entry_that_the_mesh_and_any_model_err_in(tmp_path, measured):
-    case = case_of(tmp_path / "case", measured, static(measured[1]))
-    model = prepare(case, MPI.COMM_SELF, Progress(silent=True))
-    model.reduce(Progress(silent=True))
-    model.place_unknown()
+    model = reduced(case_of(tmp_path / "case", measured, static(measured[1])))
     (tip,) = model.evidence.scalars
     (own,) = np.flatnonzero(model.evidence.entries.kind == STIFFNESS)
     assert model.evidence.data[own] == pytest.approx(np.log(measured[1]))
@@ -111,10 +116,6 @@ def test_it_is_an_entry_that_the_mesh_and_any_model_err_in(tmp_path, measured):
     changed = {**model.baseline, "plates.E": 0.9 * E, "plates.rho": 2000.0}
     exact = exact_stiffness(model.full, TIP, changed)
     assert tip.log_value(changed) + tip.mesh == pytest.approx(np.log(exact), abs=5e-4)
-    many = {name: np.array([value, changed[name]]) for name, value in model.baseline.items()}
-    assert tip.log_value(many) == pytest.approx(
-        [tip.log_value(model.baseline), tip.log_value(changed)]
-    )
     # Its derivatives are those of what is predicted, one by one and of many points together.
     check_derivatives(model, model.hypothesis(model.effects[-1:]), np.array([own]), -1)
     # All patches softer by the expected size are a softer metal; near the clamp there is most.
@@ -123,26 +124,23 @@ def test_it_is_an_entry_that_the_mesh_and_any_model_err_in(tmp_path, measured):
     assert np.all(tip.patches[0, parts] >= 0)
     middle = model.evidence.signatures.middle[:, 0]
     assert middle[parts][np.argmax(tip.patches[0, parts])] < 0.12
-
-
-def test_refusals(tmp_path, measured):
-    free = case_of(tmp_path / "free", measured, static(1e5))
-    free = free.model_copy(update={"supports": {}})
+    # What is refused of it, once the model is there.
+    for changes, said_ in (
+        ({"point": [0.9, 0.04, 0.0165]}, "test.stiffness.tip"),
+        ({"at": 7.0}, "test.stiffness.tip.at = 7: expected a condition"),
+    ):
+        with pytest.raises(InputError, match=said_):
+            measure_again(model, "stiffness", "tip", **changes)
+    model.surrogate.nominal = replace(model.surrogate.nominal, n_rigid=6)
     with pytest.raises(InputError, match=r"test.stiffness: the structure is free to move \(6 "):
-        diagnose(free, MPI.COMM_SELF)
-    beside = static(1e5).replace("310 mm", "900 mm")
-    with pytest.raises(InputError, match=r"test.stiffness.tip"):
-        diagnose(case_of(tmp_path / "beside", measured, beside), MPI.COMM_SELF)
-    late = static(1e5, "at = 7")
-    with pytest.raises(InputError, match=r"test.stiffness.tip.at = 7: expected a condition"):
-        diagnose(case_of(tmp_path / "late", measured, late), MPI.COMM_SELF)
+        measure_again(model, "stiffness", "tip")
 
 
 def test_a_plan_ranks_it(tmp_path):
     """It would tell the metal's modulus from its density, at the free end."""
     planned = TEST.replace('frequencies = "frequencies.csv"\n', "") + "[test.planned]\nmodes = 4\n"
     found = plan(written(tmp_path, planned), MPI.COMM_SELF)
-    gained = {a.name: a.mean for a in found.additions}
+    gained = {a.measurement: a.mean_gain for a in found.additions}
     assert gained["the static stiffness at (310, 40, 16) mm, to 2 %"] > 0.5
 
 
@@ -193,9 +191,7 @@ def test_beams_have_it_without_a_reduced_model(tmp_path):
     """Softer than one beam as long and as thick as they are, stiffer than with a lap as thin."""
     (tmp_path / "case.toml").write_text(BEAMS, encoding="utf-8")
     (tmp_path / "frequencies.csv").write_text("mode 1 [Hz],mode 2 [Hz]\n20,125\n")
-    model = prepare(load_case(tmp_path), MPI.COMM_SELF, Progress(silent=True))
-    model.reduce(Progress(silent=True))
-    model.place_unknown()
+    model = reduced(load_case(tmp_path))
     (end,) = model.evidence.scalars
     k = np.exp(end.log_value(model.baseline))
     uniform = 3 * 208e9 * 0.02 * 0.01**3 / 12 / 0.64**3

@@ -125,12 +125,16 @@ def test_each_effect_changes_what_it_should_and_no_more(case, zones):
         assert touched(by_key[key], baseline) == names, key
     lost = by_key["contact lost at low pressure (joint)"]
     values = dict(baseline)
-    lost.apply(values, {"radius": 0.75 * np.nanmax(zones.distance), "cutoff": 1e-4}, 10.0)
+    lost.apply(
+        values,
+        {"radius": 0.75 * np.nanmax([zone.distance for zone in zones]), "cutoff": 1e-4},
+        10.0,
+    )
     gone = {key for key in values if values[key] != baseline[key]}
     assert gone and gone < E | G
     less = by_key["contact area smaller than modelled (joint)"]
     least = dict(baseline)
-    less.apply(least, {"radius": 0.75 * np.nanmax(zones.distance)}, 10.0)
+    less.apply(least, {"radius": 0.75 * np.nanmax([zone.distance for zone in zones])}, 10.0)
     assert least == pytest.approx(values, rel=0.01)
     # Nothing in the library but what was looked at here, or its like at another place.
     seen = map(by_key.get, [*expected, lost.key, less.key])

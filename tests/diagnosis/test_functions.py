@@ -13,6 +13,7 @@ from measured_points import (
     E,
     check_derivatives,
     plates,
+    reduced,
     said,
     sparse,
     write_frequencies,
@@ -22,13 +23,11 @@ from mpi4py import MPI
 from fenics_joints.case import build_structure, load_case
 from fenics_joints.diagnosis import diagnose
 from fenics_joints.diagnosis.evidence.entries import FUNCTION
-from fenics_joints.diagnosis.model.prepared import prepare
 from fenics_joints.diagnosis.plan.planned import plan
 from fenics_joints.errors import InputError
 from fenics_joints.measurements import pair_modes
 from fenics_joints.meshes import box
 from fenics_joints.modal import solve_modes
-from fenics_joints.progress import Progress
 from fenics_joints.reduction.matched import places_all_over
 from fenics_joints.reduction.prediction import ModalPrediction
 from fenics_joints.reduction.receptances import Lines, PointBasis, Poles, Receptances
@@ -116,10 +115,7 @@ def test_functions_split_modulus_from_density(tmp_path, measured):
 
 
 def test_they_are_entries_with_derivatives(tmp_path, measured):
-    case = case_of(tmp_path / "case", measured, frfs())
-    model = prepare(case, MPI.COMM_SELF, Progress(silent=True))
-    model.reduce(Progress(silent=True))
-    model.place_unknown()
+    model = reduced(case_of(tmp_path / "case", measured, frfs()))
     lines = model.evidence.scalars
     own = np.flatnonzero(model.evidence.entries.kind == FUNCTION)
     assert len(own) == len(lines) == 96 and not model.evidence.data[own].any()
@@ -141,10 +137,7 @@ def test_they_are_entries_with_derivatives(tmp_path, measured):
 
 def test_what_is_not_of_this_structure_is_left_out(tmp_path, measured):
     """Accelerations in g, and a sensor upside down."""
-    wrong = frfs('units = "g/N"')
-    case = case_of(tmp_path / "wrong", measured, wrong)
-    model = prepare(case, MPI.COMM_SELF, Progress(silent=True))
-    model.reduce(Progress(silent=True))
+    model = reduced(case_of(tmp_path / "wrong", measured, frfs('units = "g/N"')))
     assert not model.evidence.scalars
     left = [note for note in model.notes if "is left out: it is" in note]
     assert len(left) == 2 and "look at its unit" in left[0], model.notes
@@ -197,7 +190,7 @@ def test_a_plan_ranks_one(tmp_path):
     """It would tell the metal's modulus from its density, at an end, where all modes move."""
     planned = TEST.replace('frequencies = "frequencies.csv"\n', "") + "[test.planned]\nmodes = 4\n"
     found = plan(written(tmp_path, planned), MPI.COMM_SELF)
-    gained = {a.name: a.mean for a in found.additions}
+    gained = {a.measurement: a.mean_gain for a in found.additions}
     ends = ("(310, 40, 16)", "(10, 40, 0)")
     (one,) = (name for name in gained if name.startswith("the function of a force"))
     assert any(end in one for end in ends) and gained[one] > 0.3, gained

@@ -23,7 +23,7 @@ from fenics_joints.diagnosis.evidence import fit
 from fenics_joints.diagnosis.evidence.evidence import evidence_of
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.model.prepared import prepare
-from fenics_joints.diagnosis.plan.added import measurement
+from fenics_joints.diagnosis.plan.added import measured_by
 from fenics_joints.diagnosis.plan.study import Measurement, Study, combination, few_sensors, groups
 from fenics_joints.errors import InputError
 from fenics_joints.progress import Progress
@@ -265,9 +265,7 @@ def test_virtual_tests_are_confused_as_often_as_planned(tmp_path, planned):
     evidence = evidence_of(
         replace(model.data, frequencies_hz=np.tile(hz, (2, 1))), case.diagnose.discrepancy
     )
-    test = measurement(
-        model.nuisances, model.scatter, model.data.mode_names, evidence, model.forward
-    )
+    test = measured_by(model, evidence)
     effects = {e.name: e for e in model.effects}
     study = Study(test, [effects["thickness error"], effects["modulus error"]], model.baseline)
     rng, truth, n = np.random.default_rng(5), test.hypothesis(study.effects[0]), 40

@@ -22,48 +22,59 @@ from fenics_joints.reduction.matched import MatchedModes
 from fenics_joints.structure import Sensors, Structure, part
 
 SIZE = (0.3, 0.06, 0.006)
+SILENT = Progress(silent=True)
+#: On both edges of a strip, as bending and torsion need.
+EDGES = Sensors(
+    [[x, y, 0.006] for x in np.linspace(0, 0.3, 7) for y in (0.0, 0.06)], [0.0, 0.0, 1.0]
+)
 
 
-def strip(*elements, degree):
+def strip(*elements, degree=2, size=SIZE):
     body = part("strip", "body", E=69e9, nu=0.3, rho=2700.0)
-    return Structure(box(MPI.COMM_WORLD, SIZE, elements), [body], degree=degree)
+    return Structure(box(MPI.COMM_WORLD, size, elements), [body], degree=degree)
+
+
+def matched(full, sensors, n_test, shapes=None, n_modes=24):
+    return MatchedModes(full, {}, sensors=sensors, n_test=n_test, n_modes=n_modes, shapes=shapes)
+
+
+@pytest.fixture(scope="module")
+def fine():
+    """Modes of a mesh thrice as fine."""
+    return solve_modes(strip(30, 6, 2), n_modes=24)
 
 
 @pytest.mark.parallel
 @pytest.mark.parametrize("degree", [1, 2])
-def test_mesh_error_is_that_against_a_finer_mesh(degree, shared_tmp_path, monkeypatch):
+def test_mesh_error_is_that_against_a_finer_mesh(degree, fine, shared_tmp_path, monkeypatch):
     """Of four bending modes: 5 elements of degree 2 along a strip, or 30 of degree 1."""
     x = np.linspace(0.01, 0.29, 9)
     line = np.array([x, 0.03 + 0 * x, 0.006 + 0 * x]).T
-    sensors = Sensors(line, [0.0, 0.0, 1.0])
-    given = {"sensors": sensors, "n_test": 4, "n_modes": 24}
-    small = MatchedModes(strip(30 if degree == 1 else 5, 2, 1, degree=degree), {}, **given)
-    silent, cache = Progress(silent=True), Cache(shared_tmp_path, "key", MPI.COMM_WORLD)
-    found = mesh_errors(small, {}, silent, cache)
+    sensors, few = (Sensors(some, [0.0, 0.0, 1.0]) for some in (line, line[:7]))
+    small = matched(strip(30 if degree == 1 else 5, 2, 1, degree=degree), sensors, 4)
+    cache = Cache(shared_tmp_path, "key", MPI.COMM_WORLD)
+    found = mesh_errors(small, {}, SILENT, cache)
     # From the file without a solution; another test of the same structure.
-    few = Sensors(line[:7], [0.0, 0.0, 1.0])
-    other = MatchedModes(small.full, {}, sensors=few, n_test=2, n_modes=24)
+    other = matched(small.full, few, 2)
     with monkeypatch.context() as patched:
         patched.setattr("fenics_joints.reduction.kept.solve_modes", None)
-        kept = mesh_errors(other, {}, silent, cache)
+        kept = mesh_errors(other, {}, SILENT, cache)
     assert kept.frequencies == pytest.approx(found.frequencies[:2], abs=1e-9)
-    fine = MatchedModes(strip(30, 6, 2, degree=2), {}, **given)
-    own, best = (s.nominal.frequencies_hz[s.pairing.index] for s in (small, fine))
-    true = own / best - 1
+    index, theirs = small.pairing.index, pair_modes(fine, 4, sensors).index
+    true = small.nominal.frequencies_hz[index] / fine.frequencies_hz[theirs] - 1
     assert found.frequencies == pytest.approx(true, rel=0.15, abs=2e-5)
 
 
-def test_to_few_sensors_two_modes_may_look_alike():
+def test_to_few_sensors_two_modes_may_look_alike(fine):
     """One sensor on a corner, which bending and torsion move alike: each mode is still compared
     with itself on the finer mesh. Some are in another order there, and of these the mesh resolves
     no mode that a test counts."""
     corner = Sensors([[0.3, 0.06, 0.006]], [0.0, 0.0, 1.0])
-    given = {"sensors": corner, "n_test": 6, "n_modes": 24}
-    small = MatchedModes(strip(8, 2, 1, degree=2), {}, **given)
-    found = mesh_errors(small, {}, Progress(silent=True)).frequencies
+    small = matched(strip(8, 2, 1), corner, 6)
+    found = mesh_errors(small, {}, SILENT).frequencies
     at = np.array([[x, y, 0.006] for x in np.linspace(0, 0.3, 9) for y in (0.0, 0.03, 0.06)])
     grid = Sensors(at, [0.0, 0.0, 1.0])
-    index, fine = small.pairing.index, solve_modes(strip(30, 6, 2, degree=2), n_modes=24)
+    index = small.pairing.index
     best = pair_modes(fine, 6, grid, reference=small.nominal.at(grid)[:, index])
     true = small.nominal.frequencies_hz[index] / fine.frequencies_hz[best.index] - 1
     counted = fine.frequencies_hz[pair_modes(fine, 6, corner).index]
@@ -75,12 +86,10 @@ def test_to_few_sensors_two_modes_may_look_alike():
 
 def test_modes_that_any_error_turns_are_resolved():
     """Of a bar of square section bending comes in pairs, which each mesh turns as it likes."""
-    body = part("strip", "body", E=69e9, nu=0.3, rho=2700.0)
-    bar = Structure(box(MPI.COMM_WORLD, (0.3, 0.01, 0.01), (12, 1, 1)), [body], degree=2)
+    bar = strip(12, 1, 1, size=(0.3, 0.01, 0.01))
     at = np.array([[x, 0.0, 0.0] for x in np.linspace(0, 0.3, 7)])
     both = Sensors(np.repeat(at, 2, axis=0), np.tile([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], (7, 1)))
-    small = MatchedModes(bar, {}, sensors=both, n_test=4, n_modes=16)
-    found = mesh_errors(small, {}, Progress(silent=True)).frequencies
+    found = mesh_errors(matched(bar, both, 4, n_modes=16), {}, SILENT).frequencies
     assert found[0] == pytest.approx(found[1], rel=1e-3) and 0 < found[0] < found[2] < 0.01
 
 
@@ -145,37 +154,28 @@ def test_a_shape_that_the_mesh_changes_says_less():
     assert sd[(e.kind == SHAPE) & (e.mode == 1)] == pytest.approx([0.3] * 3, rel=1e-6)
 
 
-def test_what_a_mesh_does_to_shapes_is_that_against_a_finer_one():
+def test_what_a_mesh_does_to_shapes_is_that_against_a_finer_one(fine):
     """Torsion of a strip of bricks one across bends its shape at the test's sensors."""
-    at = np.array([[x, y, 0.006] for x in np.linspace(0, 0.3, 7) for y in (0.0, 0.06)])
-    given = {"sensors": Sensors(at, [0.0, 0.0, 1.0]), "n_test": 8, "n_modes": 24}
-    counted = MatchedModes(strip(4, 1, 1, degree=2), {}, **given)
-    small = MatchedModes(counted.full, {}, **given, shapes=counted.pairing.shapes)
-    found = mesh_errors(small, {}, Progress(silent=True)).shapes
-    fine = solve_modes(strip(30, 6, 2, degree=2), n_modes=24)
-    own = small.pairing.shapes
-    best = pair_modes(fine, 8, given["sensors"], reference=own)
+    counted = matched(strip(4, 1, 1), EDGES, 8)
+    own = counted.pairing.shapes
+    found = mesh_errors(matched(counted.full, EDGES, 8, own), {}, SILENT).shapes
+    best = pair_modes(fine, 8, EDGES, reference=own)
     true = np.sqrt(1 - np.diag(mac(own, best.shapes)))
     assert found == pytest.approx(true, rel=0.6, abs=0.02)
     assert true.max() > 0.2
 
 
-def test_what_a_mesh_does_to_shapes_is_taken_off_the_measured_ones():
+def test_what_a_mesh_does_to_shapes_is_taken_off_the_measured_ones(fine):
     """Shapes of a fine mesh, to the coarse model: nearer to its own than they were measured. One
     that is hardly the model's keeps what it is, and so does the sign."""
-    at = np.array([[x, y, 0.006] for x in np.linspace(0, 0.3, 7) for y in (0.0, 0.06)])
-    sensors = Sensors(at, [0.0, 0.0, 1.0])
-    fine = solve_modes(strip(30, 6, 2, degree=2), n_modes=24)
-    own = pair_modes(fine, 4, sensors)
+    own = pair_modes(fine, 4, EDGES)
     measured = own.shapes * np.array([1.0, -2.0, 1.0, 3.0])
     measured[0, 0] = np.nan
-    small = MatchedModes(
-        strip(3, 1, 1, degree=2), {}, sensors=sensors, n_test=4, n_modes=24, shapes=measured
-    )
+    small = matched(strip(3, 1, 1), EDGES, 4, measured)
     hz = fine.frequencies_hz[own.index][None]
-    data = TestData([1.0], hz, tuple("abcd"), sensors=sensors, shapes=measured, shape_noise=0.0)
+    data = TestData([1.0], hz, tuple("abcd"), sensors=EDGES, shapes=measured, shape_noise=0.0)
     raw = evidence_of(data, 0.01, 0.05)
-    errors = mesh_errors(small, {}, Progress(silent=True))
+    errors = mesh_errors(small, {}, SILENT)
     found = raw.on_mesh(*errors)
 
     def off(shapes):
@@ -186,19 +186,13 @@ def test_what_a_mesh_does_to_shapes_is_taken_off_the_measured_ones():
     assert np.nanmax(np.abs(found.shapes - raw.shapes)) < 0.5 and np.isnan(found.shapes[0, 0])
 
 
-def test_modes_that_the_finer_model_takes_for_others_are_left_out():
+def test_modes_that_the_finer_model_takes_for_others_are_left_out(fine):
     """Measured shapes of a fine mesh, and some of them exchanged with those of other modes of a
     coarse one, as it would have them to the test's sensors."""
-    at = np.array([[x, y, 0.006] for x in np.linspace(0, 0.3, 7) for y in (0.0, 0.06)])
-    sensors = Sensors(at, [0.0, 0.0, 1.0])
-    fine = solve_modes(strip(30, 6, 2, degree=2), n_modes=24)
-    own = pair_modes(fine, 4, sensors)
-    given = {"sensors": sensors, "n_test": 4, "n_modes": 24}
-    small = MatchedModes(strip(10, 2, 1, degree=2), {}, **given, shapes=own.shapes)
-    told = mesh_errors(small, {}, Progress(silent=True)).frequencies
-    assert np.all(np.abs(told) < 0.05)
+    small = matched(strip(10, 2, 1), EDGES, 4, pair_modes(fine, 4, EDGES).shapes)
+    assert np.all(np.abs(mesh_errors(small, {}, SILENT).frequencies) < 0.05)
     two = small.pairing.index.copy()
     two[[1, 3]] = two[[3, 1]]
     small.pairing = replace(small.pairing, index=two)
-    otherwise = mesh_errors(small, {}, Progress(silent=True)).frequencies
+    otherwise = mesh_errors(small, {}, SILENT).frequencies
     assert np.isnan(otherwise).tolist() == [False, True, False, True]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 pytest.importorskip("dolfinx")
@@ -11,8 +12,8 @@ pytest.importorskip("dolfinx")
 from effect_rig import RIG
 
 from fenics_joints.case import Case
-from fenics_joints.diagnosis.zones.joints import LayerZone, placed
-from fenics_joints.diagnosis.zones.zone import bonded_values
+from fenics_joints.diagnosis.zones.joints import bolt_labels, with_places
+from fenics_joints.diagnosis.zones.zone import Zone, bonded_values, equal_shares
 from fenics_joints.forms import lame_from_moduli
 
 
@@ -36,54 +37,69 @@ def test_given_joints_are_those_of_the_case():
         Case.model_validate(data | {"diagnose": {"joints": "glued"}})
 
 
-def zones_at(joints, axes):
-    """Zones without a mesh, two rings each."""
-    rows = [
-        LayerZone(f"{joint}_b1_r{ring}", joint, 1.0, 1, ring, span, axis)
-        for joint, axis in zip(joints, axes, strict=True)
-        for ring, span in ((1, (0.0, 5e-3)), (2, (6e-3, 9e-3)))
+def zones_at(*bolts, rings=1, given=()):
+    """Zones without a mesh, of bolts: joint, point on the axis, and face."""
+    sections = {
+        joint: SimpleNamespace(
+            bolted=False, normal=(0.0, 0.0, 1.0), bolts=[] if joint in given else None
+        )
+        for joint, *_ in bolts
+    }
+    points = {joint: [at for j, at, _ in bolts if j == joint] for joint in sections}
+    case = SimpleNamespace(joints=sections)
+    labels = {joint: iter(each) for joint, each in bolt_labels(case, points, 1e-5).items()}
+    spans = ((0.0, 5e-3), (6e-3, 9e-3))[:rings]
+    zones = [
+        Zone(
+            f"{joint}_b{n}_r{ring}",
+            joint=joint,
+            held=face or joint,
+            bolt=label,
+            ring=ring,
+            distance=span,
+        )
+        for n, (joint, _, face) in enumerate(bolts, start=1)
+        for label in [next(labels[joint])]
+        for ring, span in enumerate(spans, start=1)
     ]
-    own = {row.name: SimpleNamespace(bolted=False, normal=(0.0, 0.0, 1.0)) for row in rows}
-    return placed(SimpleNamespace(joints=own), rows)
+    own = {zone.name: sections[zone.joint] for zone in zones}
+    return with_places(SimpleNamespace(joints=own), zones)
 
 
 def test_bolts_of_stacked_layers_are_one_and_those_of_other_joints_are_not():
-    stacked = zones_at(["low", "up"], [[0.1, 0, 0], [0.1, 0, 0.02]])
+    stacked = zones_at(("low", [0.1, 0, 0], ""), ("up", [0.1, 0, 0.02], ""), given=("low", "up"))
     assert stacked.by("bolt") == {"bolt 1": stacked.names}
     assert stacked.places == {}
-    apart = zones_at(["left", "right"], [[0, 0, 0], [0.5, 0, 0]])
-    assert apart.by("bolt") == {"bolt 1": apart.names[:2], "right bolt 1": apart.names[2:]}
+    apart = zones_at(("left", [0, 0, 0], ""), ("right", [0.5, 0, 0], ""), rings=2)
+    names = apart.names
+    assert apart.by("bolt") == {"bolt 1": names[:2], "right bolt 1": names[2:]}
     # A joint with one bolt is that bolt's place.
-    assert apart.places == {"joint": {"left": apart.names[:2], "right": apart.names[2:]}}
-    assert apart.away == ("left_b1_r2", "right_b1_r2")
+    assert apart.places == {"joint": {"left": names[:2], "right": names[2:]}}
+    assert apart.away == names[1::2]
     (grading,) = apart.gradings
-    assert grading.groups == {
-        "ring 1": ("left_b1_r1", "right_b1_r1"),
-        "ring 2": ("left_b1_r2", "right_b1_r2"),
-    }
+    assert grading.groups == {"ring 1": names[::2], "ring 2": names[1::2]}
 
 
 def test_screws_in_line_in_one_joint_are_two():
     """As at both ends of a wall; and of joints whose bolts the mesh knows, by where they are."""
-    rows = [
-        LayerZone(f"{joint}_b{bolt}_r1", joint, 1.0, bolt, 1, (0.0, 5e-3), (0.1, 0, z), True, face)
-        for joint, bolt, z, face in (
-            ("all", 1, 0.0, "base and wall"),
-            ("all", 2, 0.07, "wall and lid"),
-            ("foot", 1, 0.0, ""),
-            ("top", 1, 0.2, ""),
-        )
-    ]
-    own = {row.name: SimpleNamespace(bolted=False, normal=(0.0, 0.0, 1.0)) for row in rows}
-    found = placed(SimpleNamespace(joints=own), rows)
-    assert found.by("bolt") == {
-        "bolt 1": ("all_b1_r1", "foot_b1_r1"),
-        "bolt 2": ("all_b2_r1",),
-        "top bolt 1": ("top_b1_r1",),
-    }
+    found = zones_at(
+        ("all", [0.1, 0, 0.0], "base and wall"),
+        ("all", [0.1, 0, 0.07], "wall and lid"),
+        ("foot", [0.1, 0, 0.0], ""),
+        ("top", [0.1, 0, 0.2], ""),
+    )
+    low, high, foot, top = ((name,) for name in found.names)
+    assert found.by("bolt") == {"bolt 1": low + foot, "bolt 2": high, "top bolt 1": top}
     # Faces of one joint are places of their own, but for what a bolt holds together.
     assert found.places["joint"] == {
-        "base and wall, foot": ("all_b1_r1", "foot_b1_r1"),
-        "wall and lid": ("all_b2_r1",),
-        "top": ("top_b1_r1",),
+        "base and wall, foot": low + foot,
+        "wall and lid": high,
+        "top": top,
     }
+
+
+def test_groups_have_equal_shares_and_equal_values_stay_together():
+    values = np.array([5.0, 1.0, 1.0, 2.0, 1.0 + 1e-9, 4.0])
+    weights = np.array([1.0, 1.0, 1.0, 3.0, 1.0, 2.0])
+    assert equal_shares(values, weights, 3).tolist() == [2, 0, 0, 1, 0, 2]
+    assert equal_shares(np.ones(4), np.ones(4), 3).tolist() == [0] * 4

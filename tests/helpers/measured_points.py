@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 import scipy.sparse
+from mpi4py import MPI
 
+from fenics_joints.case import Case
 from fenics_joints.diagnosis.evidence.predictions import ManyPredictions
+from fenics_joints.diagnosis.model.at_points import measured_at_points
+from fenics_joints.diagnosis.model.prepared import Prepared, prepare
+from fenics_joints.progress import Progress
 from fenics_joints.structure import Sensors
 
 E, RHO, NOISE = 69e9, 2750.0, 1e-3
@@ -82,6 +88,23 @@ def write_frequencies(folder: Path, hz: np.ndarray) -> None:
     hz = hz * np.exp(NOISE * np.random.default_rng(2).standard_normal(len(hz)))
     head = ",".join(f"mode {i + 1} [Hz]" for i in range(len(hz)))
     (folder / "frequencies.csv").write_text(f"{head}\n{','.join(map(str, hz))}\n")
+
+
+def reduced(case: Case) -> Prepared:
+    """A case ready to be diagnosed, with its reduced model and what a patch would do."""
+    model = prepare(case, MPI.COMM_SELF, Progress(silent=True))
+    model.reduce(Progress(silent=True))
+    model.place_unknown()
+    return model
+
+
+def measure_again(model: Prepared, table: str, name: str, **changes) -> None:
+    """Take single numbers of a test once more, of a section that is changed."""
+    case, section = model.case, getattr(model.case.test, table)[name]
+    sections = {name: section.model_copy(update=changes)}
+    test = case.test.model_copy(update={table: sections})
+    changed = replace(model, case=case.model_copy(update={"test": test}))
+    measured_at_points(changed, Progress(silent=True))
 
 
 def said(result) -> dict[str, float]:

@@ -346,7 +346,8 @@ def test_a_plan_of_a_test_on_beams(tmp_path):
     # What the eight frequencies do not surely see, one more measurement shows.
     unseen = [e.name for e in found.effects if e.distance < 2.33]
     assert sorted(unseen) == ["cable mass", "joint axial stiffness"]
-    assert found.additions[0].name.startswith("the mode shapes") and found.additions[0].seen == 4
+    best = found.additions[0]
+    assert best.measurement.startswith("the mode shapes") and best.seen == 4
 
 
 @pytest.mark.parallel

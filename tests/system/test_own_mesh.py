@@ -344,4 +344,4 @@ def test_zones_of_a_diagnosis(tmp_path, nominal):
         assert zone.thickness == pytest.approx(layer, rel=1e-6)
         assert stiffness == pytest.approx(K_N if nominal == "given" else E / layer, rel=1e-3)
         assert zone.bolt == "bolt 1"
-    assert subject.zones.area.sum() == pytest.approx(WIDTH**2, rel=1e-3)
+    assert sum(zone.area for zone in subject.zones) == pytest.approx(WIDTH**2, rel=1e-3)

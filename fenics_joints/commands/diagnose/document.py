@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Sequence
 
 import numpy as np
@@ -13,17 +12,17 @@ from fenics_joints.commands.diagnose.pictures import forecasts, gap_bars, level_
 from fenics_joints.commands.diagnose.view import diagnosis_view
 from fenics_joints.commands.diagnose.words import (
     EffectClass,
+    along,
     by_effect,
-    by_reason,
     change_words,
     effect_classes,
     group_words,
     heading_of,
-    in_words,
     joined,
     leading,
     named,
-    sure_causes,
+    parameter_words,
+    silent_blocks,
     value_words,
     with_place,
     zone_words,
@@ -31,7 +30,7 @@ from fenics_joints.commands.diagnose.words import (
 from fenics_joints.diagnosis.evidence.classes import APART, confusion
 from fenics_joints.diagnosis.location import Location
 from fenics_joints.diagnosis.result import Diagnosis, HypothesisResult
-from fenics_joints.diagnosis.shrinkage import Shrinkage
+from fenics_joints.diagnosis.shrinkage import Fold, Shrinkage
 from fenics_joints.diagnosis.verdict import NO_GAP, UNKNOWN
 from fenics_joints.diagnosis.where.score_tests import ScoreTest
 from fenics_joints.formatting import (
@@ -70,14 +69,15 @@ from fenics_joints.report.document import (
 from fenics_joints.report.panels import frequency_panels
 from fenics_joints.report.tables import facts_table, frequency_table, heat_table, largest_error
 
-#: What is known of the model and stands elsewhere.
-_SAID = ("notes", "order")
-#: Rows on the terminal of regions, parameters, classes of effects (named causes besides), and
-#: members of a class.
-_REGIONS, _PARAMETERS, _CLASSES, _MEMBERS = 3, 3, 2, 3
-#: Hypotheses that get a row of their own.
+#: Facts of the model that are shown elsewhere.
+_SHOWN = ("notes", "order")
+#: Rows on the terminal of regions, of parameters, of effects with their classes, and of further
+#: measurements.
+_REGIONS, _PARAMETERS, _EFFECTS, _SPLITS = 3, 3, 8, 2
+#: Hypotheses with a row: those behind have next to no probability.
 _MOST_HYPOTHESES = 8
-#: Classes of effects below this are folded away, but for so many.
+#: Probability of classes of effects below which they are folded away, and how many never are.
+#: Chosen: only the page depends on them.
 _PROBABLE, _FEWEST_CLASSES = 1e-3, 5
 _STYLES = {
     "cause": "bold cyan",
@@ -154,7 +154,7 @@ def diagnosis_document(
     Args:
         d: The diagnosis.
         log_sd: Standard deviations of the measured ln f, shape (n, m), for error bars.
-        assumed: Names and values of what it takes for granted, from `assumptions`.
+        assumed: Names and values of its assumptions, from `assumptions`.
     """
     words, kind = explain(d), f"v-{d.verdict.replace(' ', '-')}"
     verdict = Verdict(heading_of(d), words.sentences, kind, _STYLES.get(d.verdict, "bold red"))
@@ -167,7 +167,7 @@ def diagnosis_document(
         [
             verdict,
             Remarks("Before you rely on it", words.doubts, "but: ", id="doubts"),
-            OnTerminal([_gaps(d)]),
+            OnTerminal([_gap_table(d)]),
             OnPage(
                 [
                     *_map(d.location),
@@ -182,12 +182,11 @@ def diagnosis_document(
             *_places(d.location, d.condition),
             _errors(d),
             Heading("Which effect causes it", "which"),
-            OnTerminal(_effects_shortly(d)),
-            OnPage(_effects(d)),
+            *_effects(d),
             *_fitted(d),
             _hypotheses(d),
             Heading("How far the error shrinks: before and after", "how-far"),
-            Figure(lambda: _gap_picture(d)),
+            Figure(lambda: gap_bars(_gaps(d), d.noise)),
             *_held_out(d),
             Figure(
                 lambda: level_panels(d, log_sd),
@@ -197,7 +196,7 @@ def diagnosis_document(
             *_validation(d),
             _frequencies(d, log_sd),
             Heading("What to measure next", "next"),
-            OnPage(_next(d)),
+            *_next(d),
             Heading("What this rests on", "rests-on"),
             Folded(
                 "What was stated beforehand, the model, what was free in any case, and assumptions",
@@ -214,46 +213,37 @@ def _keys(d: Diagnosis) -> list[tuple[str, str, str]]:
     fitted = "" if lead is None else f": {named(lead)}"
     wrong = f", {d.placebo}" if d.placebo else ""
     nominal = error_percent(d.heldout_before)
-    return [
-        ("gap-before", error_percent(d.before.rms), "gap of the nominal model"),
-        (
-            "gap-after",
-            error_percent(d.after.rms),
-            f"gap with the leading hypothesis fitted{fitted}",
-        ),
-        (
-            "gap-heldout",
-            error_percent(d.heldout_after),
-            f"gap on held-out data, predicted (nominal {nominal})",
-        ),
-        (
-            "gap-placebo",
-            error_percent(d.placebo_after),
-            f"the same with the best wrong effect{wrong}",
-        ),
-        ("gap-noise", percent(d.noise), "noise of the measurement itself"),
-    ]
+    rows = (
+        ("before", d.before.rms, "gap of the nominal model"),
+        ("after", d.after.rms, f"gap with the leading hypothesis fitted{fitted}"),
+        ("heldout", d.heldout_after, f"gap on held-out data, predicted (nominal {nominal})"),
+        ("placebo", d.placebo_after, f"the same with the best wrong effect{wrong}"),
+        ("noise", d.noise, "noise of the measurement itself"),
+    )
+    return [(f"gap-{id}", error_percent(gap), words) for id, gap, words in rows]
 
 
-def _gaps(d: Diagnosis) -> Table:
-    table = Table("gap (RMS relative error) | >nominal | >best wrong | >chosen")
+def _gaps(d: Diagnosis) -> list[tuple[str, float, float, float]]:
+    """Gaps of the nominal model, of the best wrong effect and of the chosen one, by the data; nan
+    where there is none."""
     rows = [
-        ("all data, fitted", d.before.rms, None, d.after.rms),
-        ("held out, predicted", d.heldout_before, d.placebo_after, d.heldout_after),
+        ("All data, fitted", d.before.rms, np.nan, d.after.rms),
+        ("Held-out data, predicted", d.heldout_before, d.placebo_after, d.heldout_after),
     ]
     if d.validation is not None:
         old, new = d.validation
-        rows.append((f"validation, {_validated(d)}", old.rms, None, new.rms))
-    for name, *gaps in rows:
-        cells = ("" if gap is None else error_percent(gap) for gap in gaps)
-        table.add(name, *cells, style="lead" if name.startswith("held") else "")
-    table.add("noise of the test", "", "", percent(d.noise))
+        at = ", ".join(condition_value(x, d.condition[1]) for x in new.conditions)
+        rows.append((f"Validation at {at}, never fitted", old.rms, np.nan, new.rms))
+    return rows
+
+
+def _gap_table(d: Diagnosis) -> Table:
+    table = Table("gap (RMS relative error) | >nominal | >best wrong | >chosen")
+    for name, *gaps in _gaps(d):
+        cells = ("" if np.isnan(gap) else error_percent(gap) for gap in gaps)
+        table.add(name, *cells, style="lead" if name.startswith("Held") else "")
+    table.add("Noise of the test", "", "", percent(d.noise))
     return table
-
-
-def _validated(d: Diagnosis) -> str:
-    """The conditions of the validation data."""
-    return ", ".join(condition_value(x, d.condition[1]) for x in d.validation[1].conditions)
 
 
 # -- where -----------------------------------------------------------------------------------------
@@ -305,7 +295,7 @@ def _places(found: Location | None, condition: tuple[str, str]) -> list[Folded]:
     how = (
         "Each place was tested by itself: what of the misfit a change of its stiffness or mass "
         "alone explains, and whether what it leaves is no more than chance. Places stand in the "
-        "order of their evidence, that of a change of the expected size above that of none."
+        "order of their evidence: of a change of the expected size against none."
     )
     tests = [
         ("tests", "Regions of the model: tests against chance", found.regions, [Text(how)]),
@@ -353,7 +343,7 @@ def _axes(found: Location, condition: tuple[str, str]) -> list[Table]:
     names = {"mode": "mode", "band": "band", "condition": condition[0], "kind": "kind of data"}
     tables = []
     for by, name in names.items():
-        rows = [a for a in found.attribution if a.by == by]
+        rows = along(found, by)
         if len(rows) < 2:
             continue
         whole = sum(a.chi2 for a in rows)
@@ -384,39 +374,6 @@ def _errors(d: Diagnosis) -> Folded:
 # -- which effect ----------------------------------------------------------------------------------
 
 
-def _effects_shortly(d: Diagnosis) -> list:
-    """The first classes of effects, what would split them, and what is not seen."""
-    classes, often = effect_classes(d), Counter(effect.name for effect in d.effects)
-    table = Table("which effect | class | >probability | ")
-    # Every cause that is named has its row; a class takes one of its own beside its members'.
-    sure, shown = {group.name for group in sure_causes(d)}, 0
-    for i, group in enumerate(classes):
-        if i >= _CLASSES and group.name not in sure:
-            continue
-        members, indent = group.effects[: _MEMBERS if group.letter else 1], 0
-        if group.letter:
-            p, indent = group.probability, 2
-            name = f"one of {len(group.effects)} in"
-            table.add(name, group.letter, probability(p), bar(bounded(p)))
-        for e in members:
-            # Which of several of one name, as the loose bolts.
-            name = Cell(e.name if often[e.name] == 1 else in_words(e), indent=indent)
-            p = e.probability
-            table.add(name, group.letter, probability(p), bar(bounded(p)))
-        shown += len(members)
-    if (left := len(d.effects) - shown) > 0:
-        table.add(f"and {left} more", "", "", "", style="dim")
-    letters = {group.name: group.letter for group in classes if group.letter}
-    splits = [s for s in d.separations if s.class_name in letters][:2]
-    blocks = [table]
-    for s in splits:
-        apart = f"to tell class {letters[s.class_name]} apart: {s.measurement}"
-        blocks.append(Text(f"{apart} (up to {s.distance:.1f} standard deviations)"))
-    for reason, names in by_reason(d.silent):
-        blocks.append(Text(f"this test says nothing of {', '.join(names)}: {reason}", "note"))
-    return blocks
-
-
 def _effects(d: Diagnosis) -> list:
     """All effects by class; the improbable ones folded away."""
     words = (
@@ -432,7 +389,7 @@ def _effects(d: Diagnosis) -> list:
     classes = effect_classes(d)
     probable = sum(c.probability >= _PROBABLE for c in classes)
     shown = min(max(probable, _FEWEST_CLASSES), len(classes))
-    blocks = [Text(words), _effect_table("effects", caption, classes[:shown], lead=True)]
+    blocks = [OnPage([Text(words)]), _effect_table("effects", caption, classes[:shown])]
     if rest := classes[shown:]:
         table = _effect_table("effects-rest", "", rest)
         count = sum(len(c.effects) for c in rest)
@@ -440,25 +397,22 @@ def _effects(d: Diagnosis) -> list:
     return blocks
 
 
-def _effect_table(id: str, caption: str, classes: Sequence[EffectClass], lead=False) -> Table:
-    names = ("class", "effect", "region", ">probability", "", "in this test")
-    table = Table(names, caption=caption, id=id)
-    for i, group in enumerate(classes):
-        style = "lead" if lead and i == 0 else ""
+def _effect_table(id: str, caption: str, classes: Sequence[EffectClass]) -> Table:
+    names = ("which effect", "class", ">probability", "", "in this test")
+    table = Table(names, caption=caption, id=id, most=_EFFECTS, page_columns=1)
+    for group in classes:
+        style, indent, p = "" if table.rows else "lead", 0, group.probability
         if group.letter:
-            words = f"one of these {len(group.effects)}, which this test cannot tell apart"
-            p = group.probability
-            cells = (words, "", probability(p), bar(bounded(p)), "")
-            table.add(group.letter, *cells, style=style)
+            name, indent = f"one of these {len(group.effects)}", 2
+            table.add(name, group.letter, probability(p), bar(bounded(p)), "", style=style)
             style = ""
         for e in group.effects:
             seen = "visible" if e.detectable else "too small to see"
             if e.name in (NO_GAP, UNKNOWN):
                 seen = MISSING
             table.add(
+                Cell(with_place(e.key), note=e.describe, indent=indent),
                 group.letter,
-                Cell(e.name, note=e.describe),
-                spaced(e.region) or MISSING,
                 probability(e.probability),
                 bar(bounded(e.probability)),
                 Cell(seen, kind="nowrap"),
@@ -511,21 +465,18 @@ def _hypotheses(d: Diagnosis) -> Folded:
     table = Table(
         "hypothesis | >probability | >ln evidence | >below best | >gap | >p-value | "
         "at a limit of its range",
-        caption=f"The {len(shown)} most probable of {len(d.hypotheses)}; the leading one, whose "
-        "gap and frequencies this page shows, in bold",
+        caption=f"The {len(shown)} most probable of {len(d.hypotheses)}, with their fitted "
+        "parameters (68 % interval); the leading one, whose gap and frequencies this page shows, "
+        "in bold",
         id="hypotheses",
-    )
-    others = Table(
-        "hypothesis | fitted parameters (68 % interval)",
-        caption="Fitted parameters of the other hypotheses",
-        id="others",
     )
     for h in shown:
         p = f"{h.p_value:.2f}"
         if h.p_value < 0.01:
             p = Cell("< 0.001" if h.p_value < 0.001 else f"{h.p_value:.3f}", kind="flag")
+        fitted = "; ".join(parameter_words(rows) for _, rows in by_effect(h.parameters))
         table.add(
-            named(h),
+            Cell(named(h), note=fitted),
             probability(h.probability),
             f"{h.log_evidence:.1f}",
             f"{best - h.log_evidence:.1f}",
@@ -534,43 +485,14 @@ def _hypotheses(d: Diagnosis) -> Folded:
             Cell(", ".join(h.at_bound), kind="flag") if h.at_bound else MISSING,
             style="lead" if h is lead else "",
         )
-        if h is not lead:
-            others.add(named(h), _values(h) or MISSING)
     blocks = [Text(words), table]
     if rest:
         total = probability(sum(h.probability for h in rest))
         blocks.append(Text(f"{len(rest)} more hypotheses have {total} together.", "note"))
-    if lead is not None:
-        blocks.append(others)
     return Folded("All hypotheses: evidence, gap, p-value, fitted parameters", blocks)
 
 
-def _values(h: HypothesisResult) -> str:
-    """Fitted parameters of a hypothesis with their intervals, effect by effect."""
-    effects = []
-    for _, rows in by_effect(h.parameters):
-        each = [(p["name"], *value_words(p)) for p in rows]
-        words = (f"{n}: {value}{f' ({span})' if span else ''}" for n, value, span in each)
-        effects.append(", ".join(words))
-    return "; ".join(effects)
-
-
 # -- how far ---------------------------------------------------------------------------------------
-
-
-def _gap_picture(d: Diagnosis) -> str:
-    fitted = [("nominal model", d.before.rms, "nominal"), ("fitted", d.after.rms, "chosen")]
-    held_out = [
-        ("nominal model", d.heldout_before, "nominal"),
-        ("best wrong effect", d.placebo_after, "placebo"),
-        ("chosen effect", d.heldout_after, "chosen"),
-    ]
-    groups = [("All data, fitted", fitted), ("Held-out data, predicted", held_out)]
-    if d.validation is not None:
-        old, new = d.validation
-        bars = [("nominal model", old.rms, "nominal"), ("chosen effect", new.rms, "chosen")]
-        groups.append((f"Validation at {_validated(d)}, never fitted", bars))
-    return gap_bars(groups, d.noise)
 
 
 def _held_out(d: Diagnosis) -> list:
@@ -586,18 +508,7 @@ def _held_out(d: Diagnosis) -> list:
         "Bars were stated before the held-out data were looked at; the round points should lie in "
         "nine of ten of them, or to the left, which is better than stated."
     )
-    share = (
-        "S* is the share of the gap beyond noise that is gone, on held-out data: 0 is nothing, 1 "
-        "all but the noise, which no model can take away. The best wrong effect is the best of "
-        "those that are not the cause, given the same chance on the same data."
-    )
-    blocks = [
-        Text(how),
-        Figure(lambda: forecasts(s), caption),
-        Text(share),
-        _folds(s, d.placebo),
-        _shrinkage(s),
-    ]
+    blocks = [Text(how), Figure(lambda: forecasts(s), caption), _folds(s, d.placebo), _shrinkage(s)]
     summary = "Held-out data part by part, and how much of the gap beyond noise is gone"
     return [Folded(summary, blocks)]
 
@@ -609,33 +520,19 @@ def _folds(s: Shrinkage, placebo: str) -> Table:
         caption="Held-out data, part by part; intervals of 90 %",
         id="folds",
     )
+
+    def add(name: str, n: int, of: Fold | Shrinkage, stated: Cell, chosen: str, **style) -> None:
+        before, after = error_percent(of.before), error_percent(of.after)
+        others = error_percent(of.placebo), error_percent(of.noise), number(of.shrink, 2)
+        table.add(name, str(n), before, after, stated, *others, chosen, **style)
+
     for f in s.folds:
         low, high = map(error_percent, f.predicted_after)
         ended = ": better" if f.better else "" if f.covered else ": missed"
-        table.add(
-            f.name,
-            str(f.n),
-            error_percent(f.before),
-            error_percent(f.after),
-            Cell(f"{low} to {high}{ended}", kind="" if f.held else "flag"),
-            error_percent(f.placebo),
-            error_percent(f.noise),
-            number(f.shrink, 2),
-            f.chosen,
-        )
-    table.add(
-        "together",
-        str(sum(f.n for f in s.folds)),
-        error_percent(s.before),
-        error_percent(s.after),
-        "",
-        error_percent(s.placebo),
-        error_percent(s.noise),
-        number(s.shrink, 2),
-        f"best wrong: {placebo or MISSING}",
-        style="lead",
-        foot=True,
-    )
+        stated = Cell(f"{low} to {high}{ended}", kind="" if f.held else "flag")
+        add(f.name, f.n, f, stated, f.chosen)
+    total, wrong = sum(f.n for f in s.folds), f"best wrong: {placebo or MISSING}"
+    add("together", total, s, Cell(), wrong, style="lead", foot=True)
     return table
 
 
@@ -659,18 +556,13 @@ def _shrinkage(s: Shrinkage) -> Table:
     return table
 
 
-def _validation(d: Diagnosis) -> list:
+def _validation(d: Diagnosis) -> list[Folded]:
     if d.validation is None:
         return []
-    old, new = d.validation
-    gaps = f"{error_percent(old.rms)} with the nominal model, {error_percent(new.rms)} with the"
-    table = frequency_table("Validation", old, new, d.condition, ("nominal", "leading hypothesis"))
+    names = ("nominal", "leading hypothesis")
+    table = frequency_table("Validation", *d.validation, d.condition, names)
     title = "Validation: data that were never fitted and never used to choose"
-    return [
-        Heading(title, "validation", level=3),
-        OnPage([Text(f"Gap {gaps} leading hypothesis.")]),
-        Folded("Validation, frequency by frequency", [table]),
-    ]
+    return [Folded(title, [table], "validation")]
 
 
 def _frequencies(d: Diagnosis, log_sd: np.ndarray | None) -> Folded:
@@ -719,38 +611,26 @@ def _frequencies(d: Diagnosis, log_sd: np.ndarray | None) -> Folded:
 def _next(d: Diagnosis) -> list:
     """Measurements that would split a class, and what this test says nothing about."""
     letters = {c.name: c.letter for c in effect_classes(d)}
-    table = Table(
-        "class | members | measurement | >separation | >confusion",
-        caption="The expected separation of the members' predictions in standard deviations; "
-        f"{APART:.2f} leaves 1 % chance to take one for the other",
-        id="separations",
-    )
-    for s in d.separations:
-        alone = "the best there is, but not enough alone" if s.distance < APART else ""
-        table.add(
-            letters.get(s.class_name) or s.class_name,
-            "; ".join(s.members),
-            Cell(s.measurement, note=alone),
-            f"{s.distance:.2f}",
-            probability(confusion(s.distance)),
-        )
-    blocks = [Heading("What would tell a class apart", level=3), table]
-    if not d.separations:
-        words = "No likely class of effects has several members that a further measurement would "
-        blocks = [Text(f"{words}have to split.")]
-    if d.silent:
-        lines = [f"{'; '.join(names)}: {reason}." for reason, names in by_reason(d.silent)]
-        blocks.append(Folded("What this test says nothing about", [Items(lines)], "silent"))
-    words = (
+    lines = [
+        f"To tell class {letters.get(s.class_name) or s.class_name} ({'; '.join(s.members)}) "
+        f"apart: {s.measurement}, up to {s.distance:.1f} standard deviations, "
+        f"{probability(confusion(s.distance))} confusion"
+        f"{', the best there is, but not enough alone' if s.distance < APART else ''}."
+        for s in d.separations
+    ]
+    more = (
         "fenics-joints diagnose --plan says for every effect, likely or not, which added "
         "measurement would tell it from the others."
     )
-    return [*blocks, Text(words, "note")]
+    if not lines:
+        more = f"No likely class of effects has several members to be split. {more}"
+    first, rest = map(Text, lines[:_SPLITS]), map(Text, lines[_SPLITS:])
+    return [*first, OnPage([*rest, Text(more, "note")]), *silent_blocks(d.silent)]
 
 
 def _stated(d: Diagnosis, assumed: Sequence[tuple[str, str]]) -> list[Table]:
-    """What the case states, and facts on the model; one that is its own has no error."""
-    facts = {key: value for key, value in d.model.items() if key not in _SAID}
+    """What the case states, and facts on the model; the error of a reduced one among them."""
+    facts = {key: value for key, value in d.model.items() if key not in _SHOWN}
     if "basis" in facts:
         facts["frequency_error"] = d.model_error
     caption = "Stated by the case file before the test was looked at"
@@ -761,7 +641,7 @@ def _stated(d: Diagnosis, assumed: Sequence[tuple[str, str]]) -> list[Table]:
 
 
 def _nuisances(lead: HypothesisResult) -> list:
-    """Where what is uncertain in any case ended."""
+    """Fitted values of the nuisances."""
     words = (
         "Known only within a tolerance, these were free in every hypothesis. One that ends more "
         f"than {number(FAR, 2)} standard deviations from its expected value is marked: then "

@@ -5,14 +5,12 @@ Every number is one of the `Diagnosis`; nothing is computed here but ratios of t
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from textwrap import shorten
 
 import numpy as np
 
 from fenics_joints.commands.diagnose.words import (
-    LEVEL,
     LISTED,
     SHARE,
     EffectClass,
@@ -21,13 +19,10 @@ from fenics_joints.commands.diagnose.words import (
     best_without,
     by_effect,
     causes,
-    chance_words,
     effect_classes,
     from_to,
     group_words,
     in_test,
-    in_words,
-    is_loud,
     is_part,
     joined,
     leading,
@@ -35,15 +30,14 @@ from fenics_joints.commands.diagnose.words import (
     mesh_error,
     named,
     p_value_words,
+    parameter_words,
     place_words,
     point_mass_words,
     priors_in_words,
     probability_of,
-    share_words,
     shortened,
     sure_causes,
-    times_words,
-    value_words,
+    with_place,
     zone_words,
 )
 from fenics_joints.diagnosis.effects.damping import NAMES
@@ -63,15 +57,25 @@ from fenics_joints.diagnosis.verdict import (
     doubtful,
     unconfirmed,
 )
-from fenics_joints.formatting import condition_value, error_percent, percent, probability, spaced
+from fenics_joints.diagnosis.where.score_tests import LEVEL
+from fenics_joints.formatting import (
+    LEAST,
+    MOST,
+    error_percent,
+    number,
+    percent,
+    probability,
+    spaced,
+)
 from fenics_joints.report.document import sentence
 
-#: Difference of log odds up to which another region may be the one as well.
+#: Nats of log odds up to which another region may be the right one as well: 20 to 1. Chosen.
 _AS_PROBABLE = 3.0
-#: Probability of a cause outside the library that is not worth a word; error of the mesh that is.
+#: Probability of a cause outside the library below which no sentence names it (that of two digits),
+#: and relative error of the mesh from which on one does. Chosen: only words depend on them.
 _REMOTE, _SEEN = 0.01, 5e-4
 _COUNT = {2: "two", 3: "three"}
-#: Parameters of a cause that stand in its sentence.
+#: Parameters of a cause in its sentence: more would not be read.
 _SIZES = 2
 _HELD = "On data held out while the cause was chosen and fitted,"
 _MISFIT = "misfit (the gap weighed by noise)"
@@ -84,7 +88,7 @@ class Explanation:
     Attributes:
         which: Which effect causes the gap, with its place and size.
         how_far: How far the gap shrinks on data that were held out.
-        apart: What cannot be told apart, and the measurement that would; "" if that is nothing.
+        apart: Causes that cannot be told apart, and the measurement that would; "" without any.
         where: Where the model is wrong, if no cause is named; "" otherwise, since the cause says.
         start: What is compared with the test.
         points: The same in more words: questions, and their answers.
@@ -138,13 +142,13 @@ def _start(d: Diagnosis) -> str:
 
 
 def _mesh(d: Diagnosis) -> str:
-    """What the mesh adds to the gap no more."""
+    """The mesh's error, which is not in the gap."""
     off = mesh_error(d)
     return f", after the mesh's own {percent(off)} is taken off" if off > _SEEN else ""
 
 
 _JOINTS = {
-    "bonded": ", with its joints bonded, as one with the parts,",
+    "bonded": ", with its joints bonded to the parts,",
     "given": ", with its joints as stiff as the case gives them,",
     "": "",
 }
@@ -174,7 +178,7 @@ def _most_probable(found: Location | None) -> str:
     first = ranked[0]
     words = (
         f"the gap lies most probably in {place_words(found, first)}; a change there alone explains "
-        f"{share_words(first.share)} of the {_MISFIT}, by chance {chance_words(first.p_adjusted)}"
+        f"{percent(first.share, 0)} of the {_MISFIT} (by chance {p_value_words(first.p_adjusted)})"
     )
     least = first.log_odds - _AS_PROBABLE
     regions = {t.region: None for t in ranked if t.log_odds > least and t.region != first.region}
@@ -261,38 +265,32 @@ def _cause(d: Diagnosis) -> str:
 def _with_size(d: Diagnosis, group: EffectClass) -> str:
     """A cause with its probability, its size, and where it is unless its name says so."""
     lead, keys = leading(d), {e.key for e in group.effects}
-    own = [] if lead is None else [rows for key, rows in by_effect(lead.parameters) if key in keys]
-    found = [attached_words(rows) or _sizes(rows) for rows in own]
-    head = f"{members_in_words(group)}, {probability(group.probability)}"
-    return ": ".join([head, *(words for words in found if words)])
-
-
-def _sizes(rows: Sequence[dict]) -> str:
-    """The first parameters of an effect."""
-    known = [(p["name"], *value_words(p)) for p in rows if not p.get("at")][:_SIZES]
-    return ", ".join(
-        f"{name} {value} ({span})" if span else f"{name} {value}" for name, value, span in known
-    )
+    words = [f"{members_in_words(group)}, {probability(group.probability)}"]
+    for key, rows in [] if lead is None else by_effect(lead.parameters):
+        if key in keys:
+            sizes = [p for p in rows if not p.get("at")][:_SIZES]
+            words.append(attached_words(rows) or parameter_words(sizes))
+    return ": ".join(filter(None, words))
 
 
 def _apart(d: Diagnosis) -> str:
     """What else it can be, and the one measurement that would tell."""
-    sure, words = sure_causes(d), ""
-    lead, other = leading(d), best_without(d, sure)
-    if sure and lead is not None and other is not None:
-        ratio = lead.probability / max(other.probability, 1e-300)
-        words = f"the closest rival, {named(other)}, is {times_words(ratio)} less probable"
+    sure, words = sure_causes(d), []
     classes = {c.name: c for c in causes(d) if len(c.effects) > 1 and c.probability >= SHARE}
     split = next((s for s in d.separations if s.class_name in classes), None)
     if split is not None:
-        names = shortened([in_words(e) for e in classes[split.class_name].effects], "and")
+        names = shortened([with_place(e.key) for e in classes[split.class_name].effects])
         enough = "" if split.distance >= APART else ", which is not enough alone"
-        tell = (
+        words.append(
             f"{names} would be told apart best by {split.measurement} (up to "
             f"{split.distance:.1f} standard deviations{enough})"
         )
-        words = f"{tell}; {words}" if words else tell
-    return sentence(words) if words else ""
+    lead, other = leading(d), best_without(d, sure)
+    if sure and lead is not None and other is not None:
+        ratio, most = lead.probability / max(other.probability, 1e-300), round(MOST / LEAST)
+        times = f"{number(ratio, 2)} times" if ratio <= most else f"more than {most} times"
+        words.append(f"the closest rival, {named(other)}, is {times} less probable")
+    return sentence("; ".join(words)) if words else ""
 
 
 def _undecided(d: Diagnosis) -> str:
@@ -331,21 +329,20 @@ def _how_far(d: Diagnosis) -> str:
     return f"{words}; {best}{'' if s.claimed else ', which is not surely worse'}."
 
 
-#: Differences of ln evidence beyond this say no more: models of this kind are not that exact.
+#: Nats of ln evidence beyond which a difference says no more: no model of this kind is that exact.
+#: Chosen: only words depend on it.
 _FAR_LOWER = 10.0
 
 
 def questions(d: Diagnosis) -> dict[str, str]:
-    """Those of the questions that a diagnosis has an answer to, with the answers."""
+    """The questions that a diagnosis answers beside the sentences above, with the answers."""
     answers = (
         ("Is there more than chance?", _beyond_chance(d)),
         ("In which data?", _in_which_data(d)),
         ("In which part?", _in_which_part(d)),
-        ("What was fitted?", _fitted(d)),
         ("Why this and not another?", _why(d)),
         ("What if it is something else?", _something_else(d)),
         ("What can these data not tell?", _not_told(d)),
-        ("Does it predict?", _predicts(d)),
     )
     return {question: answer for question, answer in answers if answer}
 
@@ -364,28 +361,16 @@ def _beyond_chance(d: Diagnosis) -> str:
 
 
 def _in_which_data(d: Diagnosis) -> str:
-    if d.location is None:
-        return ""
+    """The modes and conditions that misfit by more than chance, all of their kind considered
+    (Bonferroni), the worst first."""
     words = []
-    for by, many in (("mode", "modes"), ("condition", f"values of the {d.condition[0]}")):
-        parts = along(d.location, by)
-        loud = sorted((a for a in parts if is_loud(a, parts)), key=lambda a: -a.chi2)
-        if not parts:
+    for by, kind in (("mode", "modes"), ("condition", f"values of the {d.condition[0]}")):
+        parts = [] if d.location is None else along(d.location, by)
+        if len(parts) < 2:
             continue
-        labels = joined([group_words(a, d.condition[1]) for a in loud])
-        if not loud:
-            none = f"None of {len(parts)} {many}" if len(parts) > 1 else f"The only {by} does not"
-            verb = "misfits" if len(parts) > 1 else "misfit"
-            words.append(f"{none} {verb} by more than chance.")
-        elif len(loud) == len(parts) == 1:
-            words.append(f"The only {by} misfits by more than chance.")
-        elif len(loud) == len(parts):
-            words.append(
-                f"All {len(parts)} {many} misfit by more than chance, most of them "
-                f"{group_words(loud[0], d.condition[1])}."
-            )
-        else:
-            words.append(f"Of {len(parts)} {many} these misfit by more than chance: {labels}.")
+        loud = sorted((a for a in parts if a.p * len(parts) < LEVEL), key=lambda a: -a.chi2)
+        labels = joined([group_words(a, d.condition[1]) for a in loud]) or "none"
+        words.append(f"Of {len(parts)} {kind} these misfit by more than chance: {labels}.")
     return " ".join(words)
 
 
@@ -416,40 +401,18 @@ def _in_which_part(d: Diagnosis) -> str:
     return " ".join(words)
 
 
-def _fitted(d: Diagnosis) -> str:
-    lead = leading(d)
-    if lead is None or not by_effect(lead.parameters):
-        return ""
-    items = [
-        f"{p['name']} = {value} ({span})" if span else f"{p['name']}: {value}"
-        for _, rows in by_effect(lead.parameters)
-        for p in rows
-        for value, span in [value_words(p)]
-    ]
-    more = f" and {len(items) - 2 * LISTED} more" if len(items) > 2 * LISTED else ""
-    return (
-        f"{sentence(named(lead))[:-1]}: {', '.join(items[: 2 * LISTED])}{more}, with 68 % "
-        f"intervals. The gap goes {from_to(d.before.rms, d.after.rms)}, noise is "
-        f"{percent(d.noise)}, and a misfit as large as what is left would come about with "
-        f"{p_value_words(lead.p_value)}."
-    )
-
-
 def _why(d: Diagnosis) -> str:
-    lead = leading(d)
-    if lead is None:
-        return ""
-    words, sure = [], sure_causes(d)
-    for group in sure:
+    """What the best explanation without each cause leaves, and its evidence."""
+    lead, words = leading(d), []
+    for group in [] if lead is None else sure_causes(d):
         other = best_without(d, [group])
         if other is None:
             continue
         like = " or its like" if len(group.effects) > 1 else ""
-        without = f" without {in_words(group.effects[0])}{like}"
         words.append(
-            f"The best explanation{without}, {named(other)}, leaves {percent(other.gap)} "
-            f"({p_value_words(other.p_value)}), and its ln evidence is "
-            f"{_beside(lead.log_evidence - other.log_evidence)}."
+            f"The best explanation without {with_place(group.effects[0].key)}{like}, "
+            f"{named(other)}, leaves {percent(other.gap)} ({p_value_words(other.p_value)}), and "
+            f"its ln evidence is {_beside(lead.log_evidence - other.log_evidence)}."
         )
     return " ".join(words)
 
@@ -468,11 +431,11 @@ def _not_told(d: Diagnosis) -> str:
     words = []
     for group in causes(d):
         if len(group.effects) > 1 and group.probability >= SHARE:
-            names = shortened([in_words(e) for e in group.effects], "or")
-            words.append(f"Which it is of {names}. {priors_in_words(group)}{_split(d, group)}")
+            names = shortened([with_place(e.key) for e in group.effects], "or")
+            words.append(f"Which it is of {names}. {priors_in_words(group)}")
     unseen = [e for c in causes(d) for e in c.effects if not e.detectable]
     if unseen:
-        names = shortened([in_words(e) for e in unseen])
+        names = shortened([with_place(e.key) for e in unseen])
         words.append(f"Too small to be seen at their expected size: {names}.")
     if d.between is not None:
         kinds = zip(("frequencies", "damping ratios"), (2, 0), d.between, strict=False)
@@ -481,9 +444,6 @@ def _not_told(d: Diagnosis) -> str:
             f"Why, beside what is explained and noise, {items} (one s.d.) are off from level to "
             "level: that is taken for drift."
         )
-    if d.silent:
-        names = shortened([spaced(s.effect) for s in d.silent])
-        words.append(f"Nothing at all is said of {names}.")
     return " ".join(words)
 
 
@@ -492,9 +452,9 @@ def _something_else(d: Diagnosis) -> str:
     words = [f"A cause outside the library has {probability(p)}."]
     if simulated is not None:
         words.append(
-            f"Before the test it had {share_words(simulated.prior)}. In {simulated.tests} "
+            f"Before the test it had {percent(simulated.prior, 0)}. In {simulated.tests} "
             "simulated tests of this structure with these sensors the cause was taken out of the "
-            f"library: {share_words(simulated.rate)} of them were taken for other effects of it."
+            f"library: {percent(simulated.rate, 0)} of them were taken for other effects of it."
         )
         if simulated.answers:
             low, high = (round(100 * x) for x in SAID)
@@ -511,53 +471,19 @@ def _something_else(d: Diagnosis) -> str:
     return " ".join(words)
 
 
-def _split(d: Diagnosis, group: EffectClass) -> str:
-    """What measurement would tell the members of a class apart, and whether it is enough."""
-    found = next((s for s in d.separations if s.class_name == group.name), None)
-    if found is None:
-        return ""
-    enough = "" if found.distance >= APART else ", which is not enough alone"
-    return (
-        f" Of further measurements this would split them best: {found.measurement} "
-        f"(up to {found.distance:.1f} standard deviations{enough})."
-    )
-
-
-def _predicts(d: Diagnosis) -> str:
-    s, words = d.shrinkage, []
-    if s is not None and s.folds:
-        worst = min(s.folds, key=lambda f: f.shrink if np.isfinite(f.shrink) else np.inf)
-        words.append(
-            f"Chosen and fitted anew without them, {len(s.folds)} parts of the data were predicted "
-            f"to {error_percent(s.after)} (the best wrong effect {error_percent(s.placebo)}, noise "
-            f"{percent(s.noise)})."
-        )
-        if np.isfinite(worst.shrink):
-            goes = from_to(worst.before, worst.after)
-            words.append(f"Least well predicted: {worst.name}, {goes}.")
-        if np.isfinite(s.entries_coverage):
-            words.append(
-                f"Of the held-out frequencies {share_words(s.entries_coverage)} lay in their own "
-                "90 % intervals, stated before they were looked at."
-            )
-    if d.validation is not None:
-        old, new = d.validation
-        at = ", ".join(condition_value(x, d.condition[1]) for x in new.conditions)
-        words.append(f"At {at}, never fitted, the gap goes {from_to(old.rms, new.rms)}.")
-    return " ".join(words)
-
-
-#: A nuisance further from its expected value, in standard deviations, is a doubt.
+#: Standard deviations from its expected value beyond which a nuisance is a doubt: 5 % by chance.
 FAR = 2.0
-#: A p-value above this says that the stated noise and model error are too large.
+#: A p-value above this says that the stated noise and model error are too large: one test in a
+#: thousand fits as well by chance.
 _TOO_GOOD = 0.999
-#: Of ten intervals of 90 %, seven hold with 99 % if they are right.
+#: Share of right intervals of 90 % below which there is a doubt: of ten, seven hold with 99 %.
 _COVERAGE = 0.7
-#: Of the gap beyond noise, so much should be gone for a cause to be the whole of it.
+#: Share of the gap beyond noise that a whole cause should remove at least: more than it leaves.
 _HALF = 0.5
-#: So many effects in a class are hardly an answer.
+#: Effects from which on a class is hardly an answer. Chosen: only words depend on it.
 _BROAD = 10
-#: What changes between levels and is not explained is much at so many times what is expected.
+#: Times the expected drift from level to level from which on it is large. Chosen: only words depend
+#: on it.
 _DRIFTS = 5.0
 
 
@@ -596,7 +522,7 @@ def doubts(d: Diagnosis) -> list[str]:
             )
         if s.coverage < _COVERAGE:
             words.append(
-                f"Only {share_words(s.coverage)} of the parts held out ended as well as the 90 % "
+                f"Only {percent(s.coverage, 0)} of the parts held out ended as well as the 90 % "
                 "interval that was stated before."
             )
     if d.model.get("order"):
@@ -611,9 +537,9 @@ def doubts(d: Diagnosis) -> list[str]:
 
 
 def _broad(d: Diagnosis) -> list[str]:
-    """That a class holds so much that it is hardly an answer."""
+    """That a class is so large that it is hardly an answer."""
     return [
-        f"Of {in_words(c.effects[0])} and its like there are {len(c.effects)} that this test "
+        f"Of {with_place(c.effects[0].key)} and its like there are {len(c.effects)} that this test "
         "cannot tell apart: it says little of what is to be changed in the model."
         for c in sure_causes(d)
         if len(c.effects) >= _BROAD
@@ -621,26 +547,26 @@ def _broad(d: Diagnosis) -> list[str]:
 
 
 def _of_mesh(d: Diagnosis) -> list[str]:
-    """That the mesh is too coarse for more to be told, where what is left of its error is much."""
+    """That the mesh is coarse, where the rest of its error is a large part of the gap."""
     off = mesh_error(d)
     if UNSURE * off < SHARE * d.before.rms:
         return []
     return [
         f"The mesh alone makes an error of {percent(off)} (root mean square over the modes). It is "
         f"taken off, but what stays uncertain of it is "
-        f"{share_words(UNSURE * off / d.before.rms)} of the gap: a finer one would tell more."
+        f"{percent(UNSURE * off / d.before.rms, 0)} of the gap: a finer one would tell more."
     ]
 
 
 def _counted(d: Diagnosis) -> str:
-    """How much of the discrepancies that the case states was counted, where it is not all."""
+    """How much of the stated discrepancies was counted, where it is not all."""
     kinds = zip(("frequencies", "shapes"), d.of_stated or (), strict=False)
     less = [f"{x:.2g} of it for {kind}" for kind, x in kinds if x < 1.0]
     return f", though no more than {joined(less)} was counted" if less else ""
 
 
 def _of_functions(d: Diagnosis) -> list[str]:
-    """That measured functions are off by more than is stated of them."""
+    """That errors of measured functions are larger than stated."""
     if (d.of_functions or 1.0) <= 1.0:
         return []
     return [
@@ -650,7 +576,7 @@ def _of_functions(d: Diagnosis) -> list[str]:
 
 
 def _drifts(d: Diagnosis) -> list[str]:
-    """What changes from level to level by more than a structure's drift does, and is put there."""
+    """That modes change from level to level by more than a structure usually drifts."""
     between = d.between or ()
     kinds = zip(("frequencies", "damping ratios"), between, BETWEEN.medians, strict=False)
     much = [
@@ -662,7 +588,7 @@ def _drifts(d: Diagnosis) -> list[str]:
         return []
     words = f"From level to level {joined(much)} are off beside what is explained, much for a drift"
     named = [
-        f"{in_words(e)} ({probability(e.probability)})"
+        f"{with_place(e.key)} ({probability(e.probability)})"
         for e in d.effects
         if e.name in NAMES and e.probability >= SHARE
     ]

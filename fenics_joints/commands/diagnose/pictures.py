@@ -15,7 +15,7 @@ from fenics_joints.report.style import CHOSEN, INK, NOISE, NOMINAL, PLACEBO, dra
 
 #: What was stated before, behind what was found.
 _STATED = "#b9d4ea"
-#: A bar of a larger gap would leave nothing of the others, and its length says nothing.
+#: Relative gap at which a bar ends: a longer one would hide the others.
 _LONGEST = 1.0
 
 
@@ -82,19 +82,23 @@ def _in_words(s: Shrinkage) -> str:
     return f"Errors on held-out data, before and after, by fold. {'; '.join(rows)}."
 
 
-def gap_bars(groups: Sequence[tuple[str, Sequence[tuple[str, float, str]]]], noise: float) -> str:
+def gap_bars(rows: Sequence[tuple[str, float, float, float]], noise: float) -> str:
     """Gaps as bars in groups, with the measurement's noise as a line.
 
     Args:
-        groups: Name of the group, and its bars: label, relative gap, and kind, one of
-            ``nominal``, ``placebo`` and ``chosen``. Bars that are nan are left out.
+        rows: Name of the data, and the relative gaps of the nominal model, of the best wrong effect
+            and of the chosen one. A bar that is nan is left out.
         noise: Root mean square of the measurement's standard deviation, relative.
     """
-    colours = {"nominal": NOMINAL, "placebo": PLACEBO, "chosen": CHOSEN}
-    groups = [(name, [b for b in bars if np.isfinite(b[1])]) for name, bars in groups]
-    groups = [(name, bars) for name, bars in groups if bars]
-    rows = sum(len(bars) for _, bars in groups)
-    with drawing(7.6, 0.34 * rows + 0.42 * len(groups) + 0.55) as figure:
+    kinds = (("nominal model", NOMINAL), ("best wrong effect", PLACEBO), ("chosen effect", CHOSEN))
+    groups = []
+    for name, *gaps in rows:
+        pairs = zip(kinds, gaps, strict=True)
+        bars = [(label, gap, colour) for (label, colour), gap in pairs if np.isfinite(gap)]
+        if bars:
+            groups.append((name, bars))
+    count = sum(len(bars) for _, bars in groups)
+    with drawing(7.6, 0.34 * count + 0.42 * len(groups) + 0.55) as figure:
         axes = figure.subplots()
         y, ticks, labels, largest = 0.0, [], [], 100 * noise
         for name, bars in groups:
@@ -102,9 +106,9 @@ def gap_bars(groups: Sequence[tuple[str, Sequence[tuple[str, float, str]]]], noi
                 name, (0, y), (2, -2), textcoords="offset points", va="center", weight="bold"
             )
             y -= 0.9
-            for label, value, kind in bars:
+            for label, value, colour in bars:
                 shown = min(value, _LONGEST)
-                axes.barh(y, 100 * shown, 0.72, color=colours[kind])
+                axes.barh(y, 100 * shown, 0.72, color=colour)
                 axes.annotate(
                     error_percent(value),
                     (100 * max(shown, noise), y),

@@ -18,9 +18,6 @@ from fenics_joints.formatting import percent, quantity, spaced
 from fenics_joints.measurements.data import TestData
 from fenics_joints.progress import Progress
 
-#: Sections whose entries may be known within a tolerance only.
-_KINDS = ("parts", "joints", "masses", "springs", "supports", "attached")
-
 
 def run_diagnose(
     case: Case, comm: MPI.Intracomm, progress: Progress, *, keep: Path | None = None
@@ -38,11 +35,10 @@ def run_diagnose(
     """
     refuse_applied(case, "diagnose")
     found, data = diagnose(case, comm, progress, keep=keep), case.diagnosed_test()
-    notes = found.model.get("notes", ())
     assumed = assumptions(case, data)
-    for note in notes:
+    for note in found.model.get("notes", ()):
         of = "of the model" if note.startswith(OF_MODEL) else "of the test's data"
-        assumed = [*assumed, (of, note.removeprefix(OF_MODEL))]
+        assumed.append((of, note.removeprefix(OF_MODEL)))
     return Outcome(found, diagnosis_document(found, log_sd=data.log_sd(), assumed=assumed))
 
 
@@ -54,31 +50,27 @@ def assumptions(case: Case, data: TestData) -> list[tuple[str, str]]:
         data: Its test.
     """
     given = case.diagnose
-    return [
+    rows = [
         *_noise(data),
         ("error of any such model, correlated along the conditions", percent(given.discrepancy)),
-        *(
-            []
-            if data.shapes is None
-            else [("the same of a shape's components", percent(given.shape_discrepancy, 1))]
-        ),
-        *(
-            []
-            if data.by_level
-            else [("scatter of the preload at a given torque", percent(given.preload_scatter, 0))]
-        ),
+    ]
+    if data.shapes is not None:
+        rows.append(("the same of a shape's components", percent(given.shape_discrepancy, 1)))
+    if not data.by_level:
+        scatter = percent(given.preload_scatter, 0)
+        rows.append(("scatter of the preload at a given torque", scatter))
+    effects = "all that the case has" if given.effects is None else ", ".join(given.effects)
+    return [
+        *rows,
         ("the nominal model's joints", _JOINTS[given.joints]),
         ("effects that may be at work together", f"up to {given.max_effects}"),
-        (
-            "effects that were considered",
-            "all that the case has" if given.effects is None else ", ".join(given.effects),
-        ),
+        ("effects that were considered", effects),
         *_tolerances(case),
     ]
 
 
 _JOINTS = {
-    "bonded": "as one with the parts: nothing of them is assumed",
+    "bonded": "bonded to the parts: nothing of them is assumed",
     "given": "with the stiffness that the case gives",
 }
 
@@ -96,10 +88,10 @@ def _noise(data: TestData) -> Iterator[tuple[str, str]]:
 
 
 def _tolerances(case: Case) -> Iterator[tuple[str, str]]:
-    for kind in _KINDS:
-        for name, section in (getattr(case, kind, None) or {}).items():
-            given = getattr(section, "tolerance", None)
-            each = {"": given} if isinstance(given, float) else dict(given or {})
-            words = ", ".join(f"{key} {percent(x, 1)}".strip() for key, x in each.items() if x)
-            if words:
-                yield f"{spaced(name)} known within (one s.d.)", words
+    words: dict[str, list[str]] = {}
+    for parameter, sd in case.tolerances().items():
+        owner, _, key = parameter.rpartition(".")
+        if sd:
+            words.setdefault(owner, []).append(f"{key} {percent(sd, 1)}")
+    for owner, each in words.items():
+        yield f"{spaced(owner)} known within (one s.d.)", ", ".join(each)

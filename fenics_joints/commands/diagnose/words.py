@@ -14,11 +14,9 @@ from fenics_joints.diagnosis.effects.rig import MISPLACED, MISSCALED, MISSED, SW
 from fenics_joints.diagnosis.evidence.localised_unknown import LocalisedUnknown
 from fenics_joints.diagnosis.location import Location
 from fenics_joints.diagnosis.verdict import NAMED, NO_GAP, UNKNOWN, confirmed, doubtful, least_sure
-from fenics_joints.diagnosis.where.score_tests import LEVEL, Attribution, ScoreTest
+from fenics_joints.diagnosis.where.score_tests import Attribution, ScoreTest
 from fenics_joints.diagnosis.where.zone_sensitivity import EXPECTED
 from fenics_joints.formatting import (
-    LEAST,
-    MOST,
     condition_value,
     error_percent,
     interval,
@@ -29,6 +27,7 @@ from fenics_joints.formatting import (
     quantity,
     spaced,
 )
+from fenics_joints.report.document import Folded, OnTerminal, Text
 
 #: Verdicts as headings.
 VERDICTS = {
@@ -44,10 +43,10 @@ NARROWED = {
     "cause": "Cause narrowed down to one of {n}, confirmed on held-out data",
     "likely": "Likely one of {n} causes, not confirmed on held-out data",
 }
-#: Members of a list that are worth a word.
+#: Members of a list that a sentence names: more would not be read.
 LISTED = 3
-#: Probability from which an unknown cause has a place; and standard deviations from which a change
-#: there is one.
+#: Probability from which an unknown cause has a place: more probable than not; and standard
+#: deviations from which a change there is sure: 5 % by chance.
 _HAS_PLACE, _SURELY = 0.5, 2.0
 
 
@@ -59,34 +58,32 @@ def is_part(d: Diagnosis) -> bool:
 
 def place_words(found: Location, test: ScoreTest) -> str:
     """What most probably changes at a place, and where that is."""
-    middle = found.middle(test)
-    name = f'"{zone_words(test.region if middle is not None else test.zone)}"'
-    words = joined(change_words(test))
-    if middle is not None:
-        return f"{name}, {words} near {point_mm(middle)} mm"
-    return f"{name}, {words}"
+    middle, words = found.middle(test), joined(change_words(test))
+    if middle is None:
+        return f'"{zone_words(test.zone)}", {words}'
+    return f'"{zone_words(test.region)}", {words} near {point_mm(middle)} mm'
 
 
 def change_words(test: ScoreTest) -> list[str]:
-    """What surely changes at a place, and by how much; of what is no part, which way."""
+    """Changes of a part that are sure, with their size; of a joint and others the direction."""
     if test.kind != "part":
         way = "softer" if test.kind == "joint" else "softer or heavier"
         return [f"{'stiffer' if test.log_f > 0 else way} than in the model"]
     rows = zip(("stiffness", "mass"), test.change, test.change_sd, ("E", "rho"), strict=False)
     changes = [(abs(mean) / sd, name, EXPECTED[key] * mean) for name, mean, sd, key in rows]
-    sure = [row for row in changes if row[0] > _SURELY] or [max(changes)]
-    return [_amount(name, mean) for _, name, mean in sure]
-
-
-def _amount(name: str, change: float) -> str:
-    """A change of a logarithm; beyond a factor of two first order says no number."""
-    if abs(change) > np.log(2.0):
-        return f"much {'more' if change > 0 else 'less'} {name}"
-    return f"{percent(np.expm1(change), 0, sign=True)} of {name}"
+    words = []
+    for _, name, change in [row for row in changes if row[0] > _SURELY] or [max(changes)]:
+        if abs(change) > np.log(
+            2.0
+        ):  # a logarithm: first order says no number beyond a factor of 2
+            words.append(f"much {'more' if change > 0 else 'less'} {name}")
+        else:
+            words.append(f"{percent(np.expm1(change), 0, sign=True)} of {name}")
+    return words
 
 
 def point_mass_words(found: LocalisedUnknown) -> str:
-    """Mass, interval and place of an unknown cause as one point mass; "" if it is none."""
+    """An unknown cause as a point mass: mass, interval and place; "" if it is none."""
     p = found.point
     if p is None or found.probability < _HAS_PLACE:
         return ""
@@ -115,6 +112,12 @@ def value_words(p: Mapping) -> tuple[str, str]:
     return quantity(p["value"], p["unit"]), interval(p["low"], p["high"], p["unit"])
 
 
+def parameter_words(rows: Iterable[Mapping]) -> str:
+    """Fitted parameters with their intervals: ``k_n 660 GPa/m (510 to 860 GPa/m)``."""
+    known = [(p["name"], *value_words(p)) for p in rows]
+    return ", ".join(f"{name} {value}{span and f' ({span})'}" for name, value, span in known)
+
+
 def joined(words: Sequence[str], last: str = "and") -> str:
     """A list in words: ``a, b and c``."""
     words = list(words)
@@ -132,29 +135,13 @@ def shortened(words: Sequence[str], last: str = "and") -> str:
     return joined(words, last)
 
 
-def chance_words(p: float) -> str:
-    """How often chance alone makes as much."""
-    return "less than once in a thousand" if p < 1e-3 else f"p = {number(p, 2)}"
-
-
-def times_words(ratio: float) -> str:
-    """A ratio of two probabilities: ``12 times``; no larger than that of those that are shown."""
-    most = round(MOST / LEAST)
-    return f"{number(ratio, 2)} times" if ratio <= most else f"more than {most} times"
-
-
-def share_words(x: float) -> str:
-    """A share in whole per cent."""
-    return percent(x, 0)
-
-
 def from_to(before: float, after: float) -> str:
     """Two gaps: ``from 5.00 % to 1.00 %``."""
     return f"from {error_percent(before)} to {error_percent(after)}"
 
 
 def p_value_words(p: float) -> str:
-    """A p-value of a misfit."""
+    """How often chance alone makes as large a misfit."""
     return "p below 0.001" if p < 0.001 else f"p = {number(p, 2)}"
 
 
@@ -183,11 +170,13 @@ def group_words(part: Attribution, unit: str) -> str:
         return part.label
 
 
-#: Share of the gap that is worth a word.
+#: Share of the gap, or probability, from which a sentence mentions it. Chosen: only words depend on
+#: it.
 SHARE = 0.1
-#: Effects in a class from which on its name is no find.
+#: Effects from which on a class is narrowed down and not found. Chosen: only a heading depends on
+#: it.
 _LARGE = 6
-#: Effects that are no change of the structure but of how it was measured.
+#: Effects that change the measurement and not the structure.
 _IN_TEST = (MISSCALED, MISPLACED, MISSED, SWAPPED)
 
 
@@ -228,12 +217,17 @@ def by_effect(parameters: list[dict]) -> list[tuple[str, list[dict]]]:
     return [(key, list(rows)) for key, rows in groupby(own, key=lambda p: p["effect"])]
 
 
-def by_reason(silent: Iterable[Silent]) -> list[tuple[str, list[str]]]:
-    """Effects that the test says nothing about, by reason, in the order of both."""
+def silent_blocks(silent: Iterable[Silent]) -> list:
+    """Effects that a test says nothing about, by reason; folded away on the page."""
     names: dict[str, list[str]] = {}
     for s in silent:
         names.setdefault(s.reason, []).append(s.effect)
-    return list(names.items())
+    lines = [
+        Text(f"This test says nothing of {', '.join(some)}: {reason}.", "note")
+        for reason, some in names.items()
+    ]
+    title = "What this test says nothing about"
+    return [OnTerminal(lines), Folded(title, lines, "silent")] if lines else []
 
 
 def named(hypothesis: HypothesisResult) -> str:
@@ -252,11 +246,6 @@ def with_place(key: str) -> str:
     return f"{name} ({region})"
 
 
-def in_words(effect: EffectResult) -> str:
-    """An effect with its place, where its name does not say that already."""
-    return with_place(effect.key)
-
-
 def along(found: Location, by: str) -> list[Attribution]:
     """What each group of one kind, such as ``mode``, adds to the misfit."""
     return [a for a in found.attribution if a.by == by]
@@ -266,11 +255,6 @@ def mesh_error(d: Diagnosis) -> float:
     """Root mean square over the modes of the mesh's own error; 0 where it was not measured."""
     errors = list(d.model.get("mesh_error", {}).values())
     return float(np.sqrt(np.mean(np.square(errors)))) if errors else 0.0
-
-
-def is_loud(part: Attribution, parts: Sequence[Attribution]) -> bool:
-    """Whether a group adds more than chance, all groups of the axis considered (Bonferroni)."""
-    return part.p * len(parts) < LEVEL
 
 
 def heading_of(d: Diagnosis) -> str:
@@ -305,7 +289,7 @@ def best_without(d: Diagnosis, sure: Sequence[EffectClass]) -> HypothesisResult 
 
 def members_in_words(group: EffectClass) -> str:
     """A class in words, the most probable member first."""
-    items = [in_words(e) for e in group.effects]
+    items = [with_place(e.key) for e in group.effects]
     if len(items) == 1:
         return items[0]
     return f"{shortened(items, 'or')}, which this test cannot tell apart"
@@ -316,7 +300,7 @@ def priors_in_words(group: EffectClass) -> str:
     total = sum(e.odds for e in group.effects)
     if total <= 0 or len({e.odds for e in group.effects}) == 1:
         return "Before the test they were equally likely."
-    items = [f"{in_words(e)} {probability(e.odds / total)}" for e in group.effects]
+    items = [f"{with_place(e.key)} {probability(e.odds / total)}" for e in group.effects]
     return f"Before the test: {shortened(items)}."
 
 

@@ -37,18 +37,18 @@ from fenics_joints.structure import Sensors, Structure
 
 #: `fenics_joints.diagnosis.model.prepared.Prepared`, which asks for these.
 Prepared = Any
-#: Places all over the structure by which modes with a point held are told. [numerical: chosen]
+#: Places all over the structure at which modes with a point held are compared. [numerical: chosen]
 _PLACES = 40
-#: Points of a round at which the reduced model is looked at. [numerical: chosen]
+#: Points at which the reduced model is checked in each round. [numerical: chosen]
 _FRESH = 6
-#: How far an antiresonance may be, in ln f, from the model's after what the test's frequencies say
-#: of all modes thereabouts; beyond, it is another's. [decision: chosen]
+#: Distance in ln f within which an antiresonance is taken for the model's, once the model's are
+#: shifted as the resonances nearby are. [decision: chosen]
 _NEAR = 0.15
 
 
 def measured_at_points(model: Prepared, progress: Progress) -> list[Observation]:
-    """Static stiffnesses, antiresonances and functions of a case's test, with what is to be said of
-    them in the model's notes. Collective; after the reduced model is made.
+    """Static stiffnesses, antiresonances and functions of a case's test; the model's notes get
+    what a reader must know of them. Collective; after the reduced model is made.
 
     Args:
         model: The case.
@@ -152,8 +152,7 @@ def _reduced(model: Prepared, at: Sensors, tolerance: float) -> tuple[StaticMode
 
 
 def most_yielding(full: Structure | BeamStructure, sensors: Sensors, baseline) -> tuple[int, float]:
-    """The sensor at which a held structure gives way most, and its stiffness there, N/m.
-    Collective."""
+    """The sensor at which a held structure is softest, and its stiffness there, N/m. Collective."""
     if full.is_dense:
         found = StaticModel(full.arrays(sensors)).log_compliance(baseline)
     else:
@@ -222,7 +221,7 @@ def paired_zeros(
         measured: ln f of the measured, ascending, (k,).
         zeros: ln f of the model's, ascending.
         tested: ln f of the test's resonances, (m,); nan where missing.
-        nominal: ln f of these in the model, (m,).
+        nominal: ln f of the model's, (m,).
     """
     there = np.flatnonzero(np.isfinite(tested))
     order = there[np.argsort(tested[there])]
@@ -235,7 +234,7 @@ def paired_zeros(
 
 
 def _of_mesh(log_f: np.ndarray, evidence: Evidence, nominal: np.ndarray) -> np.ndarray:
-    """How much too high the mesh makes antiresonances, as it does the test's modes thereabouts."""
+    """How much too high the mesh makes antiresonances, interpolated from the test's modes."""
     if evidence.mesh_shift is None:
         return np.zeros(len(log_f))
     order = np.argsort(nominal)
@@ -254,7 +253,7 @@ def by_patches(
 ) -> tuple:
     """The same numbers, with what a change of each patch does to them. Collective.
 
-    A patch of a joint is taken where all joints give way, as in
+    Changes of a joint's patches are those of a model with compliant joints, as in
     `fenics_joints.diagnosis.where.patches`.
 
     Args:
@@ -262,7 +261,7 @@ def by_patches(
         cells: The full model's cells.
         split: The patches.
         baseline: Parameter values of the nominal model.
-        soft: Those with all joints giving way.
+        soft: Those with all joints compliant.
     """
     of_joint = np.array([region in cells.joints for region in split.region], dtype=bool)
     size = np.array([EXPECTED["E"], EXPECTED["rho"]])[:, None]
@@ -271,7 +270,7 @@ def by_patches(
         both = cells.energies(x, omega, values)
         return np.array([cells.sums(split.number, each, len(split)) for each in both])
 
-    # All at one model, then all at the other: some know what the model was last.
+    # All at one model, then all at the other: some remember the model of their last call.
     placed = [s for s in measured if s.kind != MASS]
     changes = {s: size * s.by_logs(energies, baseline) for s in placed}
     if of_joint.any():
@@ -279,6 +278,6 @@ def by_patches(
             try:
                 with_compliant_joints = scalar.by_logs(energies, soft)[:, of_joint]
             except InputError:
-                continue  # the model has it no more: what stiff joints say stays
+                continue  # the compliant model lacks it: the change with stiff joints stays
             changes[scalar][:, of_joint] = np.array([[-1.0], [0.0]]) * with_compliant_joints
     return tuple(replace(s, patches=changes[s]) if s.kind != MASS else s for s in measured)

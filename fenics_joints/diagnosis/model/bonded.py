@@ -1,10 +1,10 @@
-"""What a model errs by having joints bonded: an error that all modes share.
+"""The error of a model with bonded joints, which all modes share.
 
 Clamped faces are always a little compliant, and no layer or bonded patch represents them exactly.
 So a part of the error that a case states is of this kind: all joints are compliant, across or along
-their planes, by so much that frequencies fall by a part of what is stated. That moves all modes
-together and changes their shapes, which many sensors can see; a covariance in which each mode errs
-by itself would take it for a joint that has come loose.
+their planes, enough to lower the frequencies by a part of the stated error. That moves all modes
+together and changes their shapes, which many sensors can see; a covariance of independent modes
+would take it for a joint that has come loose.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from fenics_joints.diagnosis.evidence.predictions import ManyPredictions
 from fenics_joints.diagnosis.where.zone_sensitivity import compliant_joints
 from fenics_joints.reduction.prediction import ModalPrediction
 
-#: Root mean square of ln f by each way of giving way, relative to the discrepancy that is stated.
+#: Root mean square of ln f by compliance across and along, each over the stated discrepancy.
 #: [decision: measured on the box of benchmarks/blind, docs/diagnosis.md]
 SHARE = 0.5
 #: ln of the compliance's range, over that of an interface of the prior's median stiffness; steps of
@@ -38,7 +38,7 @@ def joint_errors(
     baseline: Mapping[str, float],
     interfaces: Mapping[str, Mapping[str, float]],
 ) -> JointErrors | None:
-    """What a little compliance of all joints does, across their planes and along them, each at one
+    """Changes by a little compliance of all joints, across their planes and along them, each at one
     standard deviation.
 
     Args:
@@ -85,12 +85,12 @@ def _change(effect: Effect, forward, evidence: Evidence, baseline) -> np.ndarray
     soft, stiff = ManyPredictions(hypothesis, forward, evidence, baseline)(both)[0]
     (n, m), change = evidence.shape, soft - stiff
     own = np.concatenate([change[row * m : (row + 1) * m], _shapes(change, evidence, n * m)])
-    # What never gets so far is as stiff as it gets soft, or moves nothing that is measured.
+    # Not finite or all zero: no compliance in the range moves what is measured.
     return own if np.all(np.isfinite(own)) and np.any(own) else None
 
 
 def _shapes(change: np.ndarray, evidence: Evidence, after: int) -> np.ndarray:
-    """The part of a change that is of shapes, nought where none was measured, (n_s m,)."""
+    """A change's entries of shapes, 0 where none was measured, (n_s m,)."""
     if evidence.shapes is None:
         return np.zeros(0)
     own = change[after : after + evidence.shapes.size]

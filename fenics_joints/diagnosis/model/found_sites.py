@@ -1,8 +1,8 @@
 """Where on a structure something attached would explain a test best.
 
 All over the structure, and then ever nearer about the best places, a mass, a spring and a mass on a
-spring are put on: a small eigenproblem each in the modes of the nominal model, with what is
-uncertain in any case linear. Effects are then solved for near these places alone.
+spring are put on: a small eigenproblem each in the modes of the nominal model, linear in the
+nuisances. Effects are then solved for near these places alone.
 """
 
 from __future__ import annotations

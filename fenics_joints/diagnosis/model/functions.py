@@ -1,4 +1,4 @@
-"""Lines of a test's frequency response functions that a diagnosis takes, and what a model errs."""
+"""Lines of measured frequency response functions as data, and a model's errors in them."""
 
 from __future__ import annotations
 
@@ -20,18 +20,17 @@ from fenics_joints.reduction.prediction import ModalPrediction
 from fenics_joints.reduction.receptances import Lines, PointBasis, Poles, Receptances
 from fenics_joints.structure import Sensors
 
-#: How far a line may be off by the model's errors, and by where resonances are and how they are
-#: damped alone, relative to it: beyond, what it says is not linear in these any more. [decision:
-#: chosen]
+#: Most that a line may be off, relative to its value, by all errors of the model, and by errors of
+#: resonances and damping alone: beyond, it is not linear in these errors. [decision: chosen]
 _MOST_OFF, _NEAR_POLES = 0.3, 0.1
-#: Error of what modes beyond those at hand add, mostly what bends about the point, of itself.
-#: [decision: chosen]
+#: Relative error of the residual of higher modes, mostly local bending at the point. [decision:
+#: chosen]
 _BEYOND = 0.2
 #: Eigenvalue, over that of the lowest mode of the test, below which a mode is a rigid motion.
 #: [numerical: chosen]
 _RIGID = 1e-4
-#: What an unknown cause may do to a shape, in errors of any model of it. [decision: as of shapes:
-#: 0.2 over the usual 0.05]
+#: Change of a shape by an unknown cause, over the error of any model's shape. [decision: as of
+#: shapes: 0.2 over the usual 0.05]
 _UNKNOWN = 4.0
 
 
@@ -102,13 +101,13 @@ class Errors:
         known = lines.frequencies_hz <= self._last
         return known & (near < _NEAR_POLES) & (np.hypot(all_, sd) < _MOST_OFF)
 
-    def common(self, lines: Lines, n: int, value: complex) -> dict[Hashable, complex]:
-        """Errors of one of the lines that others have too, by their cause."""
-        one = Lines(
-            *(each[n : n + 1] for each in (lines.frequencies_hz, lines.response, lines.reference))
-        )
-        of_shapes, of_poles = self._columns(one)
-        return {name: complex(c[0] / value) for name, c in (of_shapes | of_poles).items()}
+    def common(self, lines: Lines, values: np.ndarray) -> list[dict[Hashable, complex]]:
+        """Errors of each line that others have too, by their cause, relative to values (n,)."""
+        of_shapes, of_poles = self._columns(lines)
+        return [
+            {name: complex(c[n] / v) for name, c in (of_shapes | of_poles).items() if c[n]}
+            for n, v in enumerate(values)
+        ]
 
     def unknown(self, common: Mapping[Hashable, complex]) -> float:
         """What an unknown cause may do to a line with such errors, one standard deviation."""
@@ -116,8 +115,7 @@ class Errors:
         return float(_UNKNOWN * np.sqrt(np.sum(np.square(shapes))))
 
     def _columns(self, lines: Lines) -> tuple[dict, dict]:
-        """Errors of the functions, m/N, each (n,): of shapes and what is beyond the modes; and of
-        resonances."""
+        """Errors of the functions, m/N, each (n,): by shapes and higher modes; by resonances."""
         square, shapes, poles = lines.omega**2, {}, {}
         one, other = self._moves[lines.response], self._moves[lines.reference]
         given, mode_of = self.poles.dynamic_stiffness(lines.omega), {}
@@ -145,7 +143,7 @@ class Errors:
         return shapes, poles
 
     def _add_shape(self, shapes: dict, lines: Lines, k: int, i: int | None, stiffness) -> None:
-        """What is wrong of a mode's shape at either point."""
+        """Add the errors of a mode's shape at either point."""
         error = self._evidence.shape_error
         if i is not None and self._evidence.mesh_shape is not None:
             error = max(error, float(self._evidence.mesh_shape[i]))
@@ -167,14 +165,14 @@ _GRID, _LOWEST = 800, 0.3
 #: See `PointBasis`: lines are off by 0.2 % in the median, 1 % near valleys (test plates).
 #: [numerical: measured on the test plates]
 _BASIS = 1e-4
-#: Lines over which what a function is off is taken in the median: single ones may be hum.
-#: [numerical: chosen]
+#: Lines over which the ratio to the model is a running median: single ones may be hum. [numerical:
+#: chosen]
 _BESIDE = 5
 #: How far a function may be off before it is another's: a unit, a scale or a sign is wrong.
 #: [decision: chosen]
 _OFF = 3.0
-#: Damping ratio of a mode of which it was not measured, which it is within a factor of e.
-#: [decision: chosen]
+#: Damping ratio of a mode for which none was measured, and its standard deviation of ln. [decision:
+#: chosen]
 _DAMPING, _UNSURE = 0.01, 1.0
 
 
@@ -184,11 +182,11 @@ class _Functions:
 
     Attributes:
         frfs: All that were measured.
-        calibration: What the scale of a sensor, or of a force, may be off.
+        calibration: Standard deviation of the scale of a sensor, or of a force.
         pairs: Response and reference of each, (n, 2).
         at: Points in which forces and responses are.
-        points: Which of these is its response's and its reference's, (n, 2).
-        values: m/N, (n_lines, n), signs as of these points.
+        points: Numbers of the points of its response and of its reference, (n, 2).
+        values: m/N, (n_lines, n), with the signs of these points.
         sd: Relative standard deviation, (n_lines, n).
     """
 
@@ -212,7 +210,7 @@ class _Functions:
         return Lines(self.frfs.frequencies_hz[at], points[:, 0], points[:, 1])
 
     def off(self, k: int) -> dict[Hashable, complex]:
-        """What the scales of a function's sensor and of its force are off."""
+        """Errors of the scales of a function's sensor and of its force."""
         i, j = map(int, self.pairs[k])
         names = (("sensor", i), ("force", j)) if self.calibration else ()
         return dict.fromkeys(names, self.calibration)
@@ -221,12 +219,12 @@ class _Functions:
 def measured_functions(
     model: Prepared, frfs: MeasuredFRFs, everywhere: Sensors
 ) -> tuple[tuple[FunctionLine, ...], list[str]]:
-    """Lines of ``[test.frfs]`` as data, and what is to be said of them. Collective.
+    """Lines of ``[test.frfs]`` as data, and notes on them. Collective.
 
     Args:
         model: The case, with its reduced model.
         frfs: The functions.
-        everywhere: Places by whose motion modes are told.
+        everywhere: Places at which modes are compared.
 
     Raises:
         InputError: If a point is beside the structure, or the condition none of the test's.
@@ -260,7 +258,7 @@ def planned_function(model: Prepared, at: Sensors, everywhere: Sensors) -> tuple
 
 
 def _errors(model: Prepared, at: Sensors, everywhere: Sensors, row: int) -> Errors:
-    """A model with these points, and what it errs there."""
+    """A model with these points, and its errors there."""
     samples, travel = model.to_span()
     basis = PointBasis(
         model.full, at, everywhere, samples, model.case.diagnose.n_modes, travel, tolerance=_BASIS
@@ -271,7 +269,7 @@ def _errors(model: Prepared, at: Sensors, everywhere: Sensors, row: int) -> Erro
 def _data(
     taken: _Functions, errors: Errors, row: int
 ) -> tuple[tuple[FunctionLine, ...], list[str]]:
-    """The lines as data, two entries each, and what is to be said of them."""
+    """The lines as data, two entries each, and notes on them."""
     count, notes = max(_LINES // len(taken.pairs), _FEW), []
     values, chosen = taken.values.copy(), []
     for k in range(len(taken.pairs)):
@@ -287,9 +285,10 @@ def _data(
     lines = taken.lines(chosen)
     functions = Receptances(errors.basis, lines, errors.poles, errors.forward)
     entries = []
-    for n, (k, at) in enumerate(chosen):
-        value = values[at, k]
-        of_model = errors.common(lines, n, value) | taken.off(k)
+    at_lines = [values[at, k] for k, at in chosen]
+    found = zip(chosen, at_lines, errors.common(lines, at_lines), strict=True)
+    for n, ((k, at), value, of_model) in enumerate(found):
+        common = of_model | taken.off(k)
         for phase in (False, True):
             entries.append(
                 FunctionLine(
@@ -301,7 +300,7 @@ def _data(
                     phase=phase,
                     functions=functions,
                     over=complex(value),
-                    common=_part(of_model, phase),
+                    common=_part(common, phase),
                     unknown=errors.unknown(of_model),
                 )
             )
@@ -317,9 +316,9 @@ def _lines_of(
         taken: The functions.
         k: Which of them.
         count: How many lines.
-        errors: What the model errs.
-        values: Its values, (n_lines,), of which what single lines alone have, as hum, is taken off.
-        notes: What is to be said, which grows.
+        errors: The model's errors.
+        values: Its values, (n_lines,), from which peaks of single lines, such as hum, are removed.
+        notes: Notes for the reader, which grow.
     """
     f, sd = taken.frfs.frequencies_hz, taken.sd[:, k]
     there = np.flatnonzero((f > 0) & (values != 0))
@@ -352,7 +351,7 @@ def _lines_of(
 
 
 def _part(common: Mapping[Hashable, complex], phase: bool) -> dict[Hashable, float]:
-    """What errors, each with a part in phase and one out of it, do to magnitude or phase."""
+    """Changes of magnitude or phase by errors, each with a part in phase and one out of it."""
     found = {}
     for name, c in common.items():
         found[name, "in phase"] = c.imag if phase else c.real
@@ -382,7 +381,7 @@ def _forward(model: Prepared, basis: PointBasis, everywhere: Sensors) -> ModalPr
 
 
 def _taken(frfs: MeasuredFRFs, section: FRFSection) -> _Functions:
-    """The driving points, and those whose responses are the farthest from others."""
+    """Functions at driving points, then those with the responses farthest from the others."""
     driving = {(i, j): sign for i, j, sign in frfs.driving_points()}
     pairs, rest = (
         list(driving)[:_FUNCTIONS],

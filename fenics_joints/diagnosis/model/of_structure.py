@@ -1,7 +1,7 @@
 """A structure and a test from a script as the case that a diagnosis takes.
 
-A diagnosis builds a model of its own, with the joints in zones and more parameters, so that of the
-structure it takes what the model is made of, and not its matrices.
+A diagnosis builds its own model, with the joints in zones and more parameters: it takes parts,
+joints, masses, springs and supports from the structure, and not its matrices.
 """
 
 from __future__ import annotations
@@ -35,6 +35,12 @@ _DIAGNOSE = [
     if key not in ("effects", "zones", "mesh", "nested", "frfs")
 ]
 _TEST = ["mass", "mass_noise", "stiffness", "antiresonances"]
+#: Parameters that may have a tolerance, by the table of their sections.
+_TOLERATED = {
+    "parts": ("E", "nu", "rho", "thickness", "width"),
+    "masses": ("mass",),
+    "springs": ("stiffness",),
+}
 #: What a part calls the properties of its law, and a joint; others have their own names.
 _CALLED = {"stretch": "thickness"}
 #: Normal of a part that nobody gave. [numerical: default of a case]
@@ -93,7 +99,7 @@ def case_of(
     title: str = "structure",
     **options: Any,
 ) -> Case:
-    """The case that says of a structure and its test what they say.
+    """The case that describes a structure and its test.
 
     Args:
         structure: The nominal model.
@@ -165,25 +171,23 @@ def _put_bolts(joints: dict[str, dict], bolts: Mapping | None, bolted: Sequence[
 
 
 def _put_tolerances(said: dict[str, Any], tolerances: Mapping[str, float]) -> None:
+    places = {
+        f"{owner}.{key}": (said[table][owner], key if table == "parts" else "")
+        for table, keys in _TOLERATED.items()
+        for owner in said[table]
+        for key in keys
+    }
     for name, value in tolerances.items():
-        owner, _, key = name.rpartition(".")
-        if owner in said["parts"]:
-            said["parts"][owner].setdefault("tolerance", {})[key] = value
-            continue
-        table = {"mass": "masses", "stiffness": "springs"}.get(key)
-        if table is None or owner not in said[table]:
-            known = [
-                f"{part}.{key}"
-                for part in said["parts"]
-                for key in ("E", "nu", "rho", "thickness", "width")
-            ]
-            known += [f"{mass}.mass" for mass in said["masses"]]
-            known += [f"{spring}.stiffness" for spring in said["springs"]]
+        if name not in places:
             raise InputError(
                 f"tolerances: {name!r} is no parameter of a part, mass or spring"
-                f"{did_you_mean(name, known)}"
+                f"{did_you_mean(name, list(places))}"
             )
-        said[table][owner]["tolerance"] = value
+        section, key = places[name]
+        if key:
+            section.setdefault("tolerance", {})[key] = value
+        else:
+            section["tolerance"] = value
 
 
 # -- what the structure says -----------------------------------------------------------------------
@@ -266,7 +270,7 @@ def _joint(structure: Structure, region: Region) -> dict[str, Any]:
 def _at_points(
     structure: Structure, components: Sequence[PointMass | Spring], key: str
 ) -> dict[str, dict]:
-    """Sections of point masses or springs: those of one parameter and one size are one section."""
+    """Sections of point masses or springs: one for all of the same parameter and size."""
     groups: dict[tuple, list] = {}
     for each in components:
         value = getattr(each, key)

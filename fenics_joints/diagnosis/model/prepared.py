@@ -22,7 +22,7 @@ from fenics_joints.diagnosis.effects.library import (
     check_parameters,
     for_zones,
 )
-from fenics_joints.diagnosis.effects.samples import is_rare, sample_ranges, sample_values
+from fenics_joints.diagnosis.effects.samples import sample_ranges, sample_values
 from fenics_joints.diagnosis.effects.sited import sited_effects
 from fenics_joints.diagnosis.evidence.cells import prior_points
 from fenics_joints.diagnosis.evidence.entries import FUNCTION, Neighbours
@@ -57,7 +57,7 @@ from fenics_joints.reduction.surrogate import LACKING, tested_models
 #: effects of the blind check's T the error is 0.06 % at a share of 0.5 %, of its box 0.01 % at 1 %.
 #: [numerical: measured on T and box of benchmarks/blind]
 _LACKING, _MOST_LACKING = 12.0, 1e-2
-#: What kept models were sampled at, so that one of another version is not taken for it.
+#: How models are sampled: a part of their key, so that one kept by another version is not used.
 _SAMPLED = "every place where a joint can give way, and all rigid"
 #: Stiffness of a joint as good as rigid, over its nominal one. [numerical: chosen]
 _RIGID = 100.0
@@ -85,7 +85,7 @@ class Prepared(Subject):
             unresolved, these modes stay. None without any.
         not_nominal: Mask of the modes that have a partner only with an effect, (m,): they are
             data, but have no part in the nominal model's gap.
-        notes: What is to be said of the data that are single numbers.
+        notes: Notes on the test's modes and on single numbers.
     """
 
     comm: MPI.Intracomm
@@ -116,20 +116,27 @@ class Prepared(Subject):
         """Name and unit of the conditions."""
         return self.data.condition_name, self.data.condition_unit
 
-    def hypothesis(self, effects: Sequence[Effect], **kwargs) -> Hypothesis:
-        """These effects, with what is uncertain in any case."""
-        return Hypothesis(
-            tuple(effects),
-            self.nuisances,
-            scatter=self.scatter,
-            conditions=tuple(float(c) for c in self.evidence.conditions),
-            modes=tuple(self.data.mode_names),
-            damped=self.evidence.log_damping is not None,
-            driven=self.evidence.driven,
-            known=self.evidence.known,
-            as_row=self.evidence.as_row if any(self.evidence.known) else (),
-            **kwargs,
-        )
+    def hypothesis(
+        self, effects: Sequence[Effect], evidence: Evidence | None = None, **changes
+    ) -> Hypothesis:
+        """These effects, with what is uncertain in any case.
+
+        Args:
+            effects: The effects.
+            evidence: The test's layout; that of the case's own by default.
+            changes: Of the `Hypothesis`.
+        """
+        evidence = self.evidence if evidence is None else evidence
+        known = {
+            "scatter": self.scatter,
+            "conditions": tuple(float(c) for c in evidence.conditions),
+            "modes": tuple(self.data.mode_names),
+            "damped": evidence.log_damping is not None,
+            "driven": evidence.driven,
+            "known": evidence.known,
+            "as_row": evidence.as_row if any(evidence.known) else (),
+        }
+        return Hypothesis(tuple(effects), self.nuisances, **(known | changes))
 
     def nominal_log_f(self) -> np.ndarray:
         """ln f of the nominal model at each row of the test, (n, m); nan for modes that have no
@@ -220,7 +227,7 @@ class Prepared(Subject):
 
     def _partners_at(self) -> Iterator[dict[str, float]]:
         """Parameter values at which partners are sought that the nominal model lacks: all joints
-        compliant, samples of every effect's prior, and those of many places at all of them."""
+        compliant, samples of every effect's prior, and effects with a place at many places."""
         yield with_compliant_joints(self.baseline, interfaces(self.zones, self.baseline))
         yield from self.samples(self.case.diagnose.samples)
         for effect in self.effects:
@@ -271,7 +278,7 @@ class Prepared(Subject):
         self.evidence = replace(self.evidence, scalars=scalars, scales=scales)
 
     def _share_joints(self) -> None:
-        """Take what joints that are as one do to all modes for an error that they share."""
+        """Add the error of bonded joints, which all modes share, to the evidence."""
         found = joint_errors(
             self.forward, self.evidence, self.baseline, interfaces(self.zones, self.baseline)
         )
@@ -279,7 +286,7 @@ class Prepared(Subject):
             self.evidence = replace(self.evidence, joint_f=found[0], joint_shapes=found[1])
 
     def yielding(self) -> tuple[Modes, Pairing] | None:
-        """The full model's modes with all joints giving way, and which of them the test saw; None
+        """The full model's modes with all joints compliant, and which of them the test saw; None
         without joints. Collective."""
         if not len(self.zones):
             return None
@@ -356,7 +363,7 @@ class Prepared(Subject):
         return replace(data, frequencies_hz=np.where(self.left_out, np.nan, data.frequencies_hz))
 
     def _neighbours(self) -> Neighbours:
-        """The nominal model's modes, which those of the test may turn into. Collective."""
+        """The nominal model's modes, with which the test's modes may mix. Collective."""
         modes, first = self.surrogate.nominal, self.surrogate.nominal.n_rigid
         return Neighbours(
             np.log(modes.frequencies_hz[first:]),
@@ -365,8 +372,8 @@ class Prepared(Subject):
         )
 
     def mesh_error(self) -> dict[str, float]:
-        """How much too high the mesh makes the test's modes, of those that it resolves; empty where
-        it was not measured."""
+        """How much too high the mesh makes each mode that it resolves, by name; empty where the
+        mesh's error was not measured."""
         shift = self.evidence.mesh_shift
         if shift is None:
             return {}
@@ -432,8 +439,8 @@ class Prepared(Subject):
         }
 
     def samples(self, count: int) -> list[dict[str, float]]:
-        """The baseline, with rigid joints, some parameters at the ends of their ranges, a Sobol
-        sequence of those that are no joint's, and every effect at places of its prior."""
+        """The baseline, one with rigid joints, ends of some parameters' ranges, a Sobol sequence of
+        the parameters that are no joint's, and every effect at places of its prior."""
         ranges, samples = self._ranges(), [self.baseline]
         joints = [f"{z.name}.{key}" for z in self.zones for key in z.interface.keys.values()]
         if joints:
@@ -476,12 +483,6 @@ class Prepared(Subject):
             lost.apply(values, {"cutoff": zone.pressure[0]}, self.data.conditions[0])
             found.append(values)
         return found
-
-    def rare(self) -> set[str]:
-        """Names of the effects that change what few samples of the reduced model are of: joints,
-        and what is put on."""
-        known = set(self._ranges())
-        return {e.name for e in self.effects if is_rare(e, self.baseline, known)}
 
     def _sample(self, ranges: dict, place: dict[str, float]) -> dict[str, float]:
         """Values at a place in the unit cube of the ranges; in their middle where not given."""

@@ -34,13 +34,13 @@ class MeshErrors(NamedTuple):
 
     Attributes:
         frequencies: How much too high it makes each frequency, relative, (m,).
-        shapes: Length of what each shape has at the test's sensors that the finer model's has not,
-            relative to its own, (m,); 0 without sensors.
-        change: That part itself, of the finer model's, as much as the measured shape, of root mean
-            square 1, has of it, (n_sensors, m); None without measured shapes.
+        shapes: Length of the part of each shape at the test's sensors that is orthogonal to the
+            finer model's, relative to its own, (m,); 0 without sensors.
+        change: The finer model's part that is orthogonal to the shape, as large as the measured
+            shape, of root mean square 1, has it, (n_sensors, m); None without measured shapes.
 
-    The first two are nan of a mode that the mesh does not resolve: it has no like in the finer
-    model, or is not the one that this takes for the test's.
+    The first two are nan for a mode that the mesh does not resolve: it has no match in the finer
+    model, or the finer model takes another one for the test's.
     """
 
     frequencies: np.ndarray
@@ -84,7 +84,7 @@ def _measured(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
     """What `MeshErrors` are made of."""
     modes, sensors = small.nominal, small.sensors
-    # The highest of one may have no like among those of the other.
+    # The highest of one may have no match among the other's.
     own = small.pairing.visible[: len(better) - better.n_rigid]
     index, same = match_modes(modes, own, better, places_all_over(small.full, PLACES))
     errors = modes.frequencies_hz[own] / better.frequencies_hz[index] - 1.0
@@ -102,7 +102,7 @@ def _measured(
 
 
 def _changed(ours: np.ndarray, theirs: np.ndarray, measured: np.ndarray) -> np.ndarray:
-    """What measured shapes have of others that they have not of ours, all (n_s, m); see
+    """Parts of measured shapes along those of others that are orthogonal to ours, all (n_s, m); see
     `MeshErrors.change`."""
     there = np.isfinite(measured)
     measured = np.where(there, measured, 0.0)
@@ -118,14 +118,13 @@ def _changed(ours: np.ndarray, theirs: np.ndarray, measured: np.ndarray) -> np.n
 
 
 def _told_otherwise(small: MatchedModes, better: Modes, like: Mapping[int, int]) -> np.ndarray:
-    """Mask of the test's modes, (m,), that are like one of the finer model, if that is not the like
-    of the mode that they are paired with, or this is not like them. Those of a test without shapes
-    are counted, in either model.
+    """Mask of the test's modes, (m,), for which the finer model has another partner than the one
+    that matches their partner here. Without shapes modes are counted, in either model.
 
     Args:
         small: Knows the test's shapes and their pairing.
         better: Modes of the finer model.
-        like: Those that are the model's own, by index.
+        like: The finer model's mode that matches each of this model's, by index.
     """
     own, sensors = small.pairing, small.sensors
     other, shaped = np.zeros(small.n_test, dtype=bool), own.mac is not None

@@ -1,4 +1,4 @@
-"""What a diagnosis looks at: the nominal model of a case in zones, of solids or of beams."""
+"""The nominal model of a case in zones, of solids or of beams."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class Subject:
         baseline: Parameter values of the nominal model.
         cells: Its cells.
         dimensions: Which thicknesses and widths it can represent; None: all, as beams can.
-        sites: Places where something may be that the nominal model has nothing of.
+        sites: Places of what the nominal model lacks.
     """
 
     case: Case
@@ -47,7 +47,7 @@ class Subject:
 
 
 def with_places(subject: Subject, sensors: Sensors | None) -> Subject:
-    """The same with what may be somewhere on it, as far as the case asks for that. Collective.
+    """The same with parameters for effects at a place, if the case asks for them. Collective.
 
     Args:
         subject: The nominal model.
@@ -67,23 +67,40 @@ def with_places(subject: Subject, sensors: Sensors | None) -> Subject:
 
 
 def subject_of(case: Case, comm: MPI.Intracomm, progress: Progress) -> Subject:
-    """The nominal model of a case in zones. Collective.
+    """The nominal model of a case: solid bodies with their layers or their contact in zones, or
+    beams with laps in zones. Collective.
+
+    By default the beams of a lap are bonded; with ``[diagnose] joints = "given"`` it has the case's
+    k1 and k2.
 
     Raises:
-        InputError: If the case has joints of a law that a diagnosis cannot soften.
+        InputError: If the case has joints of a law that a diagnosis cannot soften, a value is out
+            of range, or a bolt is beside its joint.
     """
+    more = {"attached": True, "width": True, "elastic_supports": True}
     if case.mesh.origin == "beams":
         progress.step("building the model")
-        return beam_subject(case, comm)
-    return solid_subject(case, comm, progress)
+        zones = lap_zones(case)
+        full = build_beams(zones.case, laps=zones.laps or None, **more)
+    else:
+        zones = _solid_zones(case, comm, progress)
+        full = build_structure(zones.case, comm, law="uncoupled", tagged=zones.tagged, **more)
+        zones = zones.with_thickness(layer_thickness(full))
+    case, bonded = zones.case, bonded_values(zones.case)
+    baseline = {name: bonded.get(name, p.value) for name, p in full.parameters.items()}
+    if isinstance(full, Structure):
+        dimensions = Dimensions(case, full, {zone.name: zone.joint for zone in zones.all})
+        return Subject(case, full, zones, baseline, MeshCells(full), dimensions)
+    if zones.laps and case.diagnose.joints == "bonded":
+        baseline |= lap_as_one(case, zones, baseline)
+    owners = {cell: name for name, part in case.parts.items() for cell in part.cells}
+    parts = [owners[f"beam_{i + 1}"] for i in range(len(full.beams))]
+    cells = BeamElements(full, comm, parts, [lap.zones for lap in zones.laps], zones.bolts)
+    return Subject(case, full, zones, baseline, cells, None)
 
 
-def solid_subject(case: Case, comm: MPI.Intracomm, progress: Progress) -> Subject:
-    """The nominal solid bodies of a case, their layers or their contact in zones. Collective.
-
-    Raises:
-        InputError: If the case has joints of a law that a diagnosis cannot soften.
-    """
+def _solid_zones(case: Case, comm: MPI.Intracomm, progress: Progress) -> Zones:
+    """Layers or the contact of solid bodies in zones. Collective."""
     for name, section in case.joints.items():
         if section.law == "transition":
             raise InputError(
@@ -97,40 +114,4 @@ def solid_subject(case: Case, comm: MPI.Intracomm, progress: Progress) -> Subjec
     progress.step("building the model")
     if not len(zones) and case.joints:
         zones = joint_zones(case, build_mesh(case, comm))
-    full = build_structure(
-        zones.case,
-        comm,
-        law="uncoupled",
-        attached=True,
-        width=True,
-        elastic_supports=True,
-        tagged=zones.tagged,
-    )
-    bonded = bonded_values(zones.case)
-    baseline = {name: bonded.get(name, p.value) for name, p in full.parameters.items()}
-    zones = zones.with_thickness(layer_thickness(full))
-    dimensions = Dimensions(zones.case, full, {zone.name: zone.joint for zone in zones.all})
-    return Subject(zones.case, full, zones, baseline, MeshCells(full), dimensions)
-
-
-def beam_subject(case: Case, comm: MPI.Intracomm) -> Subject:
-    """The nominal beams of a case, laps in zones.
-
-    By default each lap is as one piece; with ``[diagnose] joints = "given"`` it has the k1 and k2
-    of the case.
-
-    Raises:
-        InputError: For a value that is out of range, or a bolt beside its lap.
-    """
-    zones = lap_zones(case)
-    full = build_beams(
-        zones.case, attached=True, width=True, elastic_supports=True, laps=zones.laps or None
-    )
-    known = bonded_values(zones.case)
-    baseline = {name: known.get(name, p.value) for name, p in full.parameters.items()}
-    if zones.laps and case.diagnose.joints == "bonded":
-        baseline |= lap_as_one(zones.case, zones, baseline)
-    owners = {cell: name for name, part in case.parts.items() for cell in part.cells}
-    parts = [owners[f"beam_{i + 1}"] for i in range(len(full.beams))]
-    cells = BeamElements(full, comm, parts, [lap.zones for lap in zones.laps], zones.bolts)
-    return Subject(zones.case, full, zones, baseline, cells, None)
+    return zones

@@ -14,7 +14,6 @@ from fenics_joints.diagnosis.effects.library import case_effects
 from fenics_joints.diagnosis.evidence.classes import APART
 from fenics_joints.diagnosis.evidence.entries import FUNCTION, STIFFNESS
 from fenics_joints.diagnosis.evidence.evidence import DAMPING_NOISE, Evidence, evidence_of
-from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.observations import WHOLE, Observation, on_a_scale
 from fenics_joints.diagnosis.evidence.predictions import ManyPredictions
 from fenics_joints.diagnosis.model.at_points import most_yielding, stiffness_at
@@ -28,14 +27,19 @@ from fenics_joints.measurements.gap import VISIBLE
 from fenics_joints.modal.modes import solve_modes
 from fenics_joints.reduction import ArrayModel, ModalPrediction
 from fenics_joints.reduction.affine import mass_term
-from fenics_joints.reduction.batch_modes import BatchModes, BatchValues, Change
-from fenics_joints.reduction.prediction import batched
 from fenics_joints.structure.points import Sensors
 
 #: Added mass, as a share of the structure's. [decision: chosen]
 ADDED_MASS = 0.05
 #: Further modes of each kind that a longer test would see. [decision: chosen]
 MORE_MODES = 3
+#: Points, spread over the structure, at which modes are compared. [numerical: chosen]
+_POINTS = 24
+#: Stiffness of a suspension that a test could have instead, over the present one's. [decision:
+#: chosen]
+_SOFTER = 0.1
+#: Pairs that decide where a mass is put. [numerical: chosen for time]
+_PAIRS = 12
 
 
 def next_modes(n: int) -> str:
@@ -57,72 +61,6 @@ def missed_modes(n: int, kinds: str) -> str:
     )
 
 
-# -- models as another test sees them --------------------------------------------------------------
-
-
-class Joined:
-    """The modes of two forwards of one structure beside each other; shapes of the first's only, and
-    each told by itself at every condition.
-
-    Args:
-        first: ModalPrediction of the test's modes.
-        second: ModalPrediction of further modes.
-    """
-
-    #: See `ModalPrediction`.
-    batches, further = True, None
-
-    def __init__(self, first: ModalPrediction, second: ModalPrediction):
-        self._parts = batched(first), batched(second)
-        self.model, self.sensors = self._parts[0].model, first.sensors
-
-    def batch(self, values: BatchValues, every: bool = True, followed=None) -> _JoinedModes:
-        """See `BatchPrediction.batch`."""
-        first, second = self._parts  # whose derivatives of shapes nobody asks for
-        return _JoinedModes(first.batch(values, every), second.batch(values, every=False))
-
-    def change(self, *given) -> tuple[Change, ...]:
-        """See `BatchPrediction.change`."""
-        return tuple(part.change(*given) for part in self._parts)
-
-
-@dataclass(frozen=True, eq=False)
-class _JoinedModes:
-    """See `BatchModes`; changes are those of each."""
-
-    first: BatchModes
-    second: BatchModes
-
-    @property
-    def index(self) -> np.ndarray:
-        return np.concatenate([self.first.index, self.second.index], axis=1)
-
-    @property
-    def log_f(self) -> np.ndarray:
-        return np.concatenate([self.first.log_f, self.second.log_f], axis=1)
-
-    @property
-    def good(self) -> np.ndarray:
-        return self.first.good & self.second.good
-
-    @property
-    def x(self) -> np.ndarray:
-        return self._padded(self.first.x)
-
-    def _padded(self, shapes: np.ndarray) -> np.ndarray:
-        return np.pad(shapes, [(0, 0), (0, 0), (0, self.second.index.shape[1])])
-
-    def slopes(self, along: tuple[Change, ...]) -> np.ndarray:
-        parts = zip((self.first, self.second), along, strict=True)
-        return np.concatenate([modes.slopes(own) for modes, own in parts], axis=1)
-
-    def share(self, name: str) -> np.ndarray:
-        return np.concatenate([self.first.share(name), self.second.share(name)], axis=1)
-
-    def shape_slope(self, along: tuple[Change, ...], k: int) -> np.ndarray:
-        return self._padded(self.first.shape_slope(along[0], k))
-
-
 def loaded(model: ArrayModel, rows: np.ndarray, mass: float) -> ArrayModel:
     """A model with a known mass put on.
 
@@ -141,7 +79,7 @@ def altered(name: str, factor: float) -> Effect:
 
     Args:
         name: The parameter's.
-        factor: Factor on its value; 0 takes away what it is of.
+        factor: Factor on its value; 0 removes the mass or spring.
     """
 
     def apply(values, theta, condition):
@@ -150,110 +88,26 @@ def altered(name: str, factor: float) -> Effect:
     return Effect(f"{name} altered", "", (), apply)
 
 
-# -- tests -----------------------------------------------------------------------------------------
-
-
-def measurement(
-    nuisances: Sequence[Effect], scatter: float, modes: Sequence[str], evidence: Evidence, forward
+def measured_by(
+    model: Prepared, evidence: Evidence, forward: ModalPrediction | None = None, **changes
 ) -> Measurement:
-    """A test by what it would measure.
+    """A test of a case as a `Measurement`.
 
     Args:
-        nuisances: What is free in any case.
-        scatter: See `Hypothesis.scatter`.
-        modes: Names of the modes.
-        evidence: Its layout, noise and discrepancy; its values do not count, unless they are nan.
-        forward: Predicts frequencies and shapes.
+        model: The case.
+        evidence: The test's layout, noise and discrepancy; its values do not count, unless they are
+            nan.
+        forward: Predicts frequencies and shapes; the model's own by default.
+        changes: Of the `Hypothesis` without effects.
     """
-    bare = Hypothesis(
-        (),
-        tuple(nuisances),
-        scatter=scatter,
-        modes=tuple(modes),
-        conditions=tuple(float(c) for c in evidence.conditions),
-        damped=evidence.log_damping is not None,
-        driven=evidence.driven,
-    )
-    used = evidence.fitted
+    used, forward = evidence.fitted, forward or model.forward
 
     def predicted(hypothesis, z, baseline):
         values, slopes = ManyPredictions(hypothesis, forward, evidence, baseline).at(z)
         return values[used], slopes[used]
 
+    bare = model.hypothesis((), evidence, **changes)
     return Measurement(bare, predicted, evidence.covariance())
-
-
-def shifted(
-    test: Measurement, evidence: Evidence, forward, other, row: int, effects: Sequence[Effect] = ()
-) -> Measurement:
-    """A test and, at one of its conditions, the shifts of its frequencies by a known change.
-
-    The discrepancy cancels in a shift of the same mode, between measurements without a new
-    tightening; the noise counts twice.
-
-    Args:
-        test: The test.
-        evidence: The test's, for the noise.
-        forward: Frequencies of the structure as it is.
-        other: Those of the changed one.
-        row: Which condition.
-        effects: Without parameters: what else is changed.
-    """
-    there = np.flatnonzero(evidence.used[row])
-    noise = evidence.log_sd[row, there]
-    at_row = row * evidence.shape[1] + there
-    plain = replace(evidence, log_damping=None, shapes=None, scalars=())
-
-    def predicted(hypothesis, z, baseline):
-        values, slopes = test.predict(hypothesis, z, baseline)
-        kept = np.ones(len(z), dtype=bool)
-        kept[hypothesis.places["dampings"]] = False
-        undamped = replace(hypothesis, damped=False)
-        changed = replace(undamped, effects=(*hypothesis.effects, *effects))
-        before, after = (
-            ManyPredictions(h, f, plain, baseline).at(z[kept])
-            for h, f in ((undamped, forward), (changed, other))
-        )
-        more = np.zeros((len(there), len(z)))
-        more[:, kept] = (after[1] - before[1])[at_row]
-        return np.append(values, (after[0] - before[0])[at_row]), np.vstack([slopes, more])
-
-    n = len(test.covariance)
-    covariance = np.diag(np.append(np.zeros(n), 2 * noise**2))
-    covariance[:n, :n] = test.covariance
-    return Measurement(test.bare, predicted, covariance)
-
-
-def widened(evidence: Evidence, more: int = 0, conditions: Sequence[float] = ()) -> Evidence:
-    """A test's layout with further modes and conditions; values are placeholders.
-
-    Args:
-        evidence: The test.
-        more: Number of further modes, of which frequencies alone are measured.
-        conditions: Further conditions, behind the others.
-    """
-    rows = len(conditions)
-
-    def wider(a, value, columns=more):
-        return np.pad(a, [(0, rows), (0, columns)], constant_values=value)
-
-    noise = float(np.nanmedian(evidence.log_sd))
-    sd = wider(evidence.log_sd, noise)
-    if rows:
-        sd[-rows:, : len(evidence.log_sd[0])] = np.nanmedian(evidence.log_sd, axis=0)
-    changes = {
-        "conditions": np.append(evidence.conditions, conditions),
-        "log_f": wider(evidence.log_f, 0.0),
-        "log_sd": sd,
-        "used": wider(evidence.used, True),
-    }
-    if evidence.log_damping is not None:
-        damping = wider(evidence.log_damping, np.nan)
-        damping[len(evidence.conditions) :, : evidence.log_f.shape[1]] = 0.0
-        changes["log_damping"] = damping
-    if evidence.shapes is not None and more:
-        changes["shapes"] = np.pad(evidence.shapes, [(0, 0), (0, more)], constant_values=np.nan)
-    return replace(evidence, **changes)
 
 
 # -- what they are worth ---------------------------------------------------------------------------
@@ -265,13 +119,13 @@ class Candidate:
 
     Attributes:
         name: The measurement, in words.
-        measurement: The test with it.
-        effects: Effects that are others in this test, by their key: with a law over the torque
-            where the planned test has one torque only.
+        test: The test with it.
+        effects: Effects that have another form in this test, by their key: with a law over the
+            torque where the planned test has one torque only.
     """
 
     name: str
-    measurement: Measurement
+    test: Measurement
     effects: Mapping[str, Effect] | None = None
 
 
@@ -280,22 +134,20 @@ class Addition:
     """What a measurement would add.
 
     Attributes:
-        name: The measurement, in words.
-        classes: How many causes or classes of causes the test would then tell apart.
+        measurement: The measurement, in words.
+        apart: How many causes or classes of causes the test would then tell apart.
         seen: How many effects it would see.
-        mean: Mean gain of D over the pairs that the planned test leaves together.
-        largest: The largest.
+        mean_gain: Mean gain of D over the pairs that the planned test leaves together.
+        largest_gain: The largest.
         pair: The pair of that: the effect at work, and the one it is taken for (or "no gap").
-        distances: D of every pair with it, (n, n + 1), the last column "no gap".
     """
 
-    name: str
-    classes: int
+    measurement: str
+    apart: int
     seen: int
-    mean: float
-    largest: float
+    mean_gain: float
+    largest_gain: float
     pair: tuple[str, str]
-    distances: np.ndarray
 
 
 def rank(
@@ -304,8 +156,8 @@ def rank(
     """What each candidate adds to a planned test, the most telling first.
 
     For every pair of effects that the test leaves together the nearest prediction of the one to
-    the other is sought again, with all the freedom it had: so what one more measurement shows is
-    what cannot be explained by other parameters.
+    the other is sought again, with all the freedom it had: the gain is what no other parameters
+    can explain.
 
     Args:
         study: The planned test.
@@ -317,60 +169,50 @@ def rank(
         found.append(_worth(study, candidate))
         if progress:
             progress()
-    return sorted(found, key=lambda a: (-a.classes, -a.seen, -a.mean))
-
-
-def table(study: Study) -> np.ndarray:
-    """D of every pair, and from "no gap" in the last column, (n, n + 1)."""
-    return np.column_stack([study.distances, [s.d / 2 for s in study.expected]])
+    return sorted(found, key=lambda a: (-a.apart, -a.seen, -a.mean_gain))
 
 
 def _worth(study: Study, candidate: Candidate) -> Addition:
-    before = table(study)
+    before, n = study.table, len(study.effects)
     changed = candidate.effects or {}
-    effects, n = [changed.get(e.key, e) for e in study.effects], len(study.effects)
-    beneath = {e.key: study.baseline(e) for e in study.effects}
-    richer = Study(candidate.measurement, effects, {}, beneath=beneath)
-    after = before.copy()
+    richer = study.of(candidate.test, [changed.get(e.key, e) for e in study.effects])
 
     @cache
     def truth(i: int) -> Signature:
         """The signature of the same size in the richer test."""
-        return richer.signature(
-            effects[i], _by_name(study.effects[i], study.expected[i].own, effects[i])
-        )
+        effect, own = richer.effects[i], study.expected[i].own
+        return richer.signature(effect, _by_name(study.effects[i], own, effect))
 
     def again(i: int, j: int) -> float:
         """D of a pair in the richer test; ``j`` beyond the effects is "no gap"."""
         if j == n:
             return truth(i).d / 2
-        start = _by_name(study.effects[j], study.near[i, j], effects[j])
-        return richer.distance(truth(i), effects[j], start)
+        rival = richer.effects[j]
+        start = _by_name(study.effects[j], study.near[i, j], rival)
+        return richer.distance(truth(i), rival, start)
+
+    after = before.copy()
+
+    def look(pairs: Sequence[tuple[int, int]]) -> None:
+        for i, j in pairs:
+            after[i, j] = max(before[i, j], again(i, j))
 
     # All from an effect that is not seen is near: first whether it is seen now.
-    for i in np.flatnonzero(before[:, n] < APART):
-        after[i, n] = max(after[i, n], again(i, n))
+    unseen = [(i, n) for i in np.flatnonzero(before[:, n] < APART)]
+    look(unseen)
     seen = after[:, n] >= APART
-    together = [
-        (i, j)
-        for i in np.flatnonzero(seen)
-        for j in np.flatnonzero(seen)
-        if i != j and before[i, j] < APART
-    ]
-    for i, j in together:
-        after[i, j] = max(after[i, j], again(i, j))
-    open_ = [*together, *((i, n) for i in np.flatnonzero(before[:, n] < APART))]
-    gains = np.array([after[i, j] - before[i, j] for i, j in open_] or [0.0])
-    best = open_[int(np.argmax(gains))] if open_ else (0, n)
-    names = [*(e.key for e in study.effects), "no gap"]
+    near = (before[:, :n] < APART) & np.outer(seen, seen) & ~np.eye(n, dtype=bool)
+    together = list(zip(*np.nonzero(near), strict=True))
+    look(together)
+    gains = {pair: after[pair] - before[pair] for pair in [*together, *unseen]} or {(0, n): 0.0}
+    best, names = max(gains, key=gains.__getitem__), [*(e.key for e in study.effects), "no gap"]
     return Addition(
         candidate.name,
         len(groups(after[:, :n], seen)),
         int(seen.sum()),
-        float(gains.mean()),
-        float(gains.max()),
+        float(np.mean(list(gains.values()))),
+        float(gains[best]),
         (names[best[0]], names[best[1]]),
-        after,
     )
 
 
@@ -380,29 +222,22 @@ def _by_name(old: Effect, own: np.ndarray, new: Effect) -> np.ndarray:
     return np.array([values.get(prior.name, 0.0) for prior in new.priors])
 
 
-#: Points, spread over the structure, at which modes are told from each other. [numerical: chosen]
-_POINTS = 24
-#: A suspension that a test could have instead: this much softer. [decision: chosen]
-_SOFTER = 0.1
-#: Pairs that decide where a mass is put. [numerical: chosen for time]
-_PAIRS = 12
+# -- what there is ---------------------------------------------------------------------------------
 
 
-@dataclass(eq=False)
 class Candidates:
     """Tests with one more measurement each.
 
-    Attributes:
+    Args:
         model: The prepared diagnosis: case, data, effects, nuisances, surrogate, forward.
         evidence: The planned test.
-        test: The same by what it measures.
         study: Its signatures and distances.
     """
 
-    model: Prepared
-    evidence: Evidence
-    test: Measurement
-    study: Study
+    def __init__(self, model: Prepared, evidence: Evidence, study: Study):
+        self.model, self.evidence, self.study = model, evidence, study
+        #: The condition at which single models are compared.
+        self._row = len(evidence.conditions) // 2
 
     def all(self) -> list[Candidate]:
         """Every measurement that this case can offer. Collective."""
@@ -411,53 +246,15 @@ class Candidates:
             *self._conditions(),
             *self._damping(),
             *self._shapes(),
-            *self._weighing(),
-            *self._static(),
-            *self._driven(),
+            *self._single_numbers(),
             *self._mass(),
             *self._rig(),
         ]
 
-    def _measurement(self, evidence, forward=None, modes=None, scatter=None) -> Measurement:
-        m = self.model
-        return measurement(
-            m.nuisances,
-            m.scatter if scatter is None else scatter,
-            modes or m.data.mode_names,
-            evidence,
-            forward or m.forward,
-        )
+    # -- more of the same test ---------------------------------------------------------------
 
-    def _of(self, data: TestData) -> Measurement:
-        """A test that measures other quantities of the same modes."""
-        e = self.evidence
-        found = evidence_of(data, e.discrepancy, scalars=e.scalars, mesh_error=e.mesh_error)
-        return self._measurement(found)
-
-    def _with(self, *more: Observation) -> Measurement:
-        """The test with further single numbers."""
-        return self._measurement(replace(self.evidence, scalars=(*self.evidence.scalars, *more)))
-
-    def _has(self, kind: int) -> bool:
-        return any(scalar.kind == kind for scalar in self.evidence.scalars)
-
-    # -- further modes -----------------------------------------------------------------------
-
-    def _modes(self) -> list[Candidate]:
-        found = []
-        for words, names, forward in self._further:
-            more = len(forward(self.model.baseline)[0])
-            test = self._measurement(
-                widened(self.evidence, more),
-                Joined(self.model.forward, forward),
-                [*self.model.data.mode_names, *(f"{names} {i + 1}" for i in range(more))],
-            )
-            found.append(Candidate(words(more), test))
-        return found
-
-    @cached_property
-    def _further(self) -> list[tuple]:
-        """Words, a name and the forward of the next modes, and of those the sensors miss."""
+    def _modes(self) -> Iterator[Candidate]:
+        """The next modes, and those that the sensors miss."""
         surrogate, reduced = self.model.surrogate, self._wide
         modes = solve_modes(
             reduced, self.model.baseline, n_modes=min(surrogate.n_modes, reduced.n_dofs)
@@ -465,77 +262,67 @@ class Candidates:
         own = self.model.forward.paired(modes)
         elastic = np.arange(modes.n_rigid, len(modes))
         seen = np.isin(elastic, own.visible)
-        free = ~np.isin(elastic, own.index)
-        everywhere = self._everywhere
-        shapes, clear = modes.at(everywhere), modes.visibility(everywhere)[elastic] > VISIBLE
-        found = []
-        for words, name, which in (
-            (next_modes, "next mode", seen),
-            (lambda n: missed_modes(n, surrogate.unseen), "missed mode", ~seen),
+        shapes, moves = modes.at(self._everywhere), modes.visibility(self._everywhere)[elastic]
+        there = ~np.isin(elastic, own.index) & (moves > VISIBLE)
+        for which, words in (
+            (seen, next_modes),
+            (~seen, lambda n: missed_modes(n, surrogate.unseen)),
         ):
-            index = elastic[which & free & clear][:MORE_MODES]
+            index = elastic[which & there][:MORE_MODES]
             if len(index):
                 forward = ModalPrediction(
-                    _seen(reduced, everywhere),
-                    everywhere,
+                    _seen(reduced, self._everywhere),
+                    self._everywhere,
                     len(index),
                     len(modes),
                     reference=shapes[:, index],
                 )
-                found.append((words, name, forward))
-        return found
+                yield Candidate(words(len(index)), self._with_frequencies(forward, len(index)))
 
-    @cached_property
-    def _wide(self) -> ArrayModel:
-        """A reduced model with all modes, whether the test sees them or not. Collective."""
-        return self.model.surrogate.wide(self._points_of_sizes())
+    def _with_frequencies(self, forward: ModalPrediction, n: int) -> Measurement:
+        """The test with the frequencies of ``n`` modes that were not in it.
 
-    @cached_property
-    def _wide_forward(self) -> ModalPrediction:
-        """The test's modes from it."""
-        forward, model = self.model.forward, self._wide
-        n_modes = min(self.model.surrogate.n_modes, model.n_dofs)
-        return forward.of(_seen(model, forward.sensors), n_modes)
+        In a test by level they are measured at the first level alone, since nobody knows how much
+        they move the joint at the others.
+        """
+        e = self.evidence
+        frequencies, error = np.zeros((len(e.conditions), n)), e.mesh_error
+        if self.model.data.by_level:
+            frequencies[1:] = np.nan
+        more = replace(
+            e,
+            log_f=frequencies,
+            log_sd=np.full(frequencies.shape, np.nanmedian(e.log_sd)),
+            used=np.isfinite(frequencies),
+            log_damping=None,
+            shapes=None,
+            scalars=(),
+            mesh_error=None if error is None else np.full(n, error.max()),
+        )
+        further = measured_by(self.model, more, forward)
+        return self.study.test.beside(further.predict, further.covariance)
 
-    def _points_of_sizes(self) -> list[Mapping[str, float]]:
-        """The nominal values and those of every effect at its expected size: what to span."""
-        row = len(self.evidence.conditions) // 2
-        points = [dict(self.model.baseline)]
-        for signature in self.study.expected:
-            values = self._values(signature.effect, signature.own, row)
-            values = without_attached(values, self.model.baseline)
-            if values not in points:
-                points.append(values)
-        return points
-
-    def _values(self, effect: Effect, own: np.ndarray, row: int) -> dict[str, float]:
-        hypothesis = self.test.hypothesis(effect)
-        condition, base = float(self.evidence.conditions[row]), self.study.baseline(effect)
-        return hypothesis.values(hypothesis.at(own), condition, base, row)
-
-    @cached_property
-    def _everywhere(self) -> Sensors:
-        """Points all over the structure. Collective."""
-        return self.model.surrogate.everywhere(_POINTS)
-
-    # -- more of the same test ---------------------------------------------------------------
-
-    def _conditions(self) -> list[Candidate]:
-        data = self.model.data
-        at = self.evidence.conditions
+    def _conditions(self) -> Iterator[Candidate]:
+        data, e = self.model.data, self.evidence
+        at, ratios = e.conditions, e.log_damping
         effects = self._with_a_law() if len(at) == 1 else None
-        depends = any(e.depends_on_condition for e in (effects or {}).values())
-        depends |= any(e.depends_on_condition for e in self.study.effects)
-        if not depends or np.any(at <= 0):
-            return []
-        found = []
+        known = [*self.study.effects, *(effects or {}).values()]
+        if not any(effect.depends_on_condition for effect in known) or np.any(at <= 0):
+            return
+        changes = {"scatter": self.model.case.diagnose.preload_scatter} if effects else {}
         for value, word in ((at.min() / 2, "half the lowest"), (at.max() * 2, "twice the highest")):
+            more = replace(
+                e,
+                conditions=np.append(at, value),
+                log_f=np.pad(e.log_f, [(0, 1), (0, 0)]),
+                log_sd=np.vstack([e.log_sd, np.nanmedian(e.log_sd, axis=0)]),
+                used=np.pad(e.used, [(0, 1), (0, 0)], constant_values=True),
+                known=(*e.known, {}) if e.known else (),
+                log_damping=None if ratios is None else np.pad(ratios, [(0, 1), (0, 0)]),
+            )
             shown = condition_value(float(value), data.condition_unit)
             name = f"the same modes at {word} {data.condition_name} ({shown})"
-            scatter = self.model.case.diagnose.preload_scatter if effects else None
-            test = self._measurement(widened(self.evidence, 0, [value]), scatter=scatter)
-            found.append(Candidate(name, test, effects))
-        return found
+            yield Candidate(name, measured_by(self.model, more, **changes), effects)
 
     def _with_a_law(self) -> dict[str, Effect]:
         """Effects as they are when the test has a second torque too, by key."""
@@ -569,47 +356,101 @@ class Candidates:
             shapes = self.model.surrogate.pairing.shapes
             yield Candidate(name, self._of(replace(data, shapes=shapes)))
 
-    def _weighing(self) -> Iterator[Candidate]:
-        """A scale under all of it."""
-        m = self.model
-        if not any(scalar.name == WHOLE for scalar in self.evidence.scalars):
+    def _of(self, data: TestData) -> Measurement:
+        """A test that measures other quantities of the same modes."""
+        e = self.evidence
+        found = evidence_of(data, e.discrepancy, scalars=e.scalars, mesh_error=e.mesh_error)
+        return measured_by(self.model, found)
+
+    # -- single numbers ----------------------------------------------------------------------
+
+    def _single_numbers(self) -> Iterator[Candidate]:
+        """The mass of the whole structure; the static stiffness of a held one where it is softest;
+        and a frequency response function at a point where all modes move."""
+        m, e, sensors = self.model, self.evidence, self.model.data.sensors
+        kinds = {scalar.kind for scalar in e.scalars}
+        found: dict[str, Sequence[Observation]] = {}
+        if not any(scalar.name == WHOLE for scalar in e.scalars):
             scale = on_a_scale(m.case, m.full, m.baseline)
-            name = f"the mass of {scale.name}, to {100 * scale.sd:.3g} %"
-            yield Candidate(name, self._with(scale))
-
-    def _static(self) -> Iterator[Candidate]:
-        """A force on a structure that is held, where it gives way most."""
-        m, sensors = self.model, self.model.data.sensors
-        if m.surrogate.nominal.n_rigid or self._has(STIFFNESS) or sensors is None:
-            return
-        best, stiffness = most_yielding(m.full, sensors, m.baseline)
-        point = sensors.points[best]
-        given = StaticTest.model_construct(
-            point=point.tolist(), direction=sensors.directions[best].tolist(), stiffness=stiffness
-        )
-        name = f"the static stiffness at {point_mm(point)} mm, to {100 * given.noise:.3g} %"
-        yield Candidate(name, self._with(*stiffness_at(m, {"planned": given})))
-
-    def _driven(self) -> Iterator[Candidate]:
-        """A force where all modes move, and the motion there."""
-        m, sensors = self.model, self.model.data.sensors
-        if self._has(FUNCTION) or sensors is None or not m.case.diagnose.frfs:
-            return
-        moved = np.abs(m.surrogate.pairing.shapes)
-        best = int(np.argmax(np.mean(np.log(np.maximum(moved, 1e-9 * moved.max())), axis=1)))
-        at = Sensors(sensors.points[best], sensors.directions[best])
-        if lines := planned_function(m, at, self._everywhere):
+            found[f"the mass of {scale.name}, to {100 * scale.sd:.3g} %"] = [scale]
+        if sensors is not None and not m.surrogate.nominal.n_rigid and STIFFNESS not in kinds:
+            best, stiffness = most_yielding(m.full, sensors, m.baseline)
+            point, way = sensors.points[best].tolist(), sensors.directions[best].tolist()
+            given = StaticTest.model_construct(point=point, direction=way, stiffness=stiffness)
+            name = f"the static stiffness at {point_mm(point)} mm, to {100 * given.noise:.3g} %"
+            found[name] = stiffness_at(m, {"planned": given})
+        if sensors is not None and m.case.diagnose.frfs and FUNCTION not in kinds:
+            moved = np.abs(m.surrogate.pairing.shapes)
+            all_move = np.mean(np.log(np.maximum(moved, 1e-9 * moved.max())), axis=1)
+            best = int(np.argmax(all_move))
+            at = Sensors(sensors.points[best], sensors.directions[best])
             name = f"the function of a force and the motion at {point_mm(at.points[0])} mm"
-            yield Candidate(name, self._with(*lines))
+            found[name] = planned_function(m, at, self._everywhere)
+        for name, more in found.items():
+            if more:
+                test = measured_by(m, replace(e, scalars=(*e.scalars, *more)))
+                yield Candidate(name, test)
 
     # -- changes of the structure ------------------------------------------------------------
 
-    def _shifted(self, name: str, other: ModalPrediction, *effects: Effect) -> Candidate:
-        row = len(self.evidence.conditions) // 2
-        test = shifted(self.test, self.evidence, self._wide_forward, other, row, effects)
-        return Candidate(name, test)
+    @cached_property
+    def _everywhere(self) -> Sensors:
+        """Points all over the structure. Collective."""
+        return self.model.surrogate.everywhere(_POINTS)
 
-    def _mass(self) -> list[Candidate]:
+    @cached_property
+    def _wide(self) -> ArrayModel:
+        """A reduced model with all modes, whether the test sees them or not, at the nominal values
+        and with every effect of its expected size. Collective."""
+        points, baseline = [dict(self.model.baseline)], self.model.baseline
+        for signature in self.study.expected:
+            values = self._values(signature.effect, signature.own)
+            values = without_attached(values, baseline)
+            if values not in points:
+                points.append(values)
+        return self.model.surrogate.wide(points)
+
+    @cached_property
+    def _wide_forward(self) -> ModalPrediction:
+        """The test's modes from it."""
+        forward, model = self.model.forward, self._wide
+        n_modes = min(self.model.surrogate.n_modes, model.n_dofs)
+        return forward.of(_seen(model, forward.sensors), n_modes)
+
+    def _values(self, effect: Effect, own: np.ndarray) -> dict[str, float]:
+        """The model's parameter values with an effect."""
+        hypothesis = self.study.test.hypothesis(effect)
+        condition, base = float(self.evidence.conditions[self._row]), self.study.baseline(effect)
+        return hypothesis.values(hypothesis.at(own), condition, base, self._row)
+
+    def _shifted(self, name: str, other: ModalPrediction, *effects: Effect) -> Candidate:
+        """The test and, at one of its conditions, the shifts of its frequencies by a known change.
+
+        The discrepancy cancels in a shift of the same mode, between measurements without a new
+        tightening; the noise counts twice.
+
+        Args:
+            name: In words.
+            other: Frequencies of the changed structure.
+            effects: Without parameters: what else is changed.
+        """
+        row, e, forward = self._row, self.evidence, self._wide_forward
+        there = np.flatnonzero(e.used[row])
+        entries = row * e.shape[1] + there
+        plain = replace(e, log_damping=None, shapes=None, scalars=())
+
+        def shifts(hypothesis, z, baseline):
+            changed = replace(hypothesis, effects=(*hypothesis.effects, *effects))
+            before, after = (
+                ManyPredictions(h, f, plain, baseline).at(z)
+                for h, f in ((hypothesis, forward), (changed, other))
+            )
+            return tuple((b - a)[entries] for a, b in zip(before, after, strict=True))
+
+        covariance = np.diag(2 * e.log_sd[row, there] ** 2)
+        return Candidate(name, self.study.test.beside(shifts, covariance))
+
+    def _mass(self) -> Iterator[Candidate]:
         """A known mass where it moves the frequencies of the undecided pairs most apart."""
         m, surrogate = self.model, self.model.surrogate
         mass = ADDED_MASS * surrogate.full.total_mass(m.baseline)
@@ -617,61 +458,47 @@ class Candidates:
         places = np.unique(places, axis=0)
         rows = surrogate.point_rows(self._wide, places)
         best = self._best_place(rows)
-        if best is None:
-            return []
-        forward = self._wide_forward
-        other = forward.of(loaded(forward.model, rows[best], mass))
-        at = point_mm(places[best])
-        grams = f"{1e3 * mass:.0f} g" if mass < 1 else f"{mass:.2f} kg"
-        name = f"the shifts by a known mass of {grams} ({ADDED_MASS:.0%}) put on at {at} mm"
-        return [self._shifted(name, other)]
+        if best is not None:
+            forward = self._wide_forward
+            other = forward.of(loaded(forward.model, rows[best], mass))
+            grams = f"{1e3 * mass:.0f} g" if mass < 1 else f"{mass:.2f} kg"
+            at = f"({ADDED_MASS:.0%}) put on at {point_mm(places[best])} mm"
+            yield self._shifted(f"the shifts by a known mass of {grams} {at}", other)
 
     def _best_place(self, rows: np.ndarray) -> int | None:
         """By the first-order shift -m phi^2 / 2 of ln f for mass-normalised phi."""
-        D = table(self.study)
-        n = len(self.study.effects)
-        pairs = [
-            (i, j)
-            for i in range(n)
-            for j in range(n)
-            if i != j and D[i, n] >= APART and D[i, j] < APART
-        ]
+        D, n = self.study.table, len(self.study.effects)
+        near = (D[:, :n] < APART) & (D[:, n:] >= APART) & ~np.eye(n, dtype=bool)
+        pairs = np.argwhere(near).tolist()
         if not pairs:
             return None
-        step = max(len(pairs) // _PAIRS, 1)
         total = np.zeros(len(rows))
-        row = len(self.evidence.conditions) // 2
-        for i, j in pairs[::step]:
+        for i, j in pairs[:: max(len(pairs) // _PAIRS, 1)]:
             truth, rival = self.study.expected[i], self.study.effects[j]
-            first = self._squares(rows, self._values(truth.effect, truth.own, row))
-            near = self.study.near[i, j]
-            total += np.linalg.norm(
-                first - self._squares(rows, self._values(rival, near, row)), axis=1
-            )
+            first = self._squares(rows, self._values(truth.effect, truth.own))
+            other = self._squares(rows, self._values(rival, self.study.near[i, j]))
+            total += np.linalg.norm(first - other, axis=1)
         return int(np.argmax(total))
 
     def _squares(self, rows: np.ndarray, values: Mapping[str, float]) -> np.ndarray:
         """Squared motion of the test's modes at points, 1/kg, (n_points, m)."""
-        forward = self._wide_forward
-        modes = solve_modes(forward.model, values, n_modes=forward.n_modes)
-        pairing = forward.paired(modes)
+        modes, pairing = self._wide_forward.solve(values)
         return np.sum((rows @ modes.shapes[:, pairing.index]) ** 2, axis=1)
 
     def _rig(self) -> Iterator[Candidate]:
         """The same structure without a roving mass, or on a softer suspension."""
-        case, forward = self.model.case, self._wide_forward
+        case, softer = self.model.case, f"with a {1 / _SOFTER:.0f} times softer"
+        changes = []
         for name, section in case.attached.items():
             key = next(iter(section.nominal()))
-            if key == "mass" and section.travel is None:
-                continue  # part of the structure: it cannot be taken off
-            factor = 0.0 if key == "mass" else _SOFTER
-            what = "without the" if key == "mass" else f"with a {1 / _SOFTER:.0f} times softer"
-            words = f"the shifts of the frequencies {what} {spaced(name)}"
-            yield self._shifted(words, forward, altered(f"{name}.{key}", factor))
-        for name in case.springs:
-            softer = f"{1 / _SOFTER:.0f} times softer {spaced(name)}"
-            words = f"the shifts of the frequencies with a {softer}"
-            yield self._shifted(words, forward, altered(f"{name}.stiffness", _SOFTER))
+            if key != "mass":
+                changes.append((f"{name}.{key}", _SOFTER, softer))
+            elif section.travel is not None:  # else it is a part of the structure
+                changes.append((f"{name}.mass", 0.0, "without the"))
+        changes += [(f"{name}.stiffness", _SOFTER, softer) for name in case.springs]
+        for name, factor, how in changes:
+            words = f"the shifts of the frequencies {how} {spaced(name.rpartition('.')[0])}"
+            yield self._shifted(words, self._wide_forward, altered(name, factor))
 
 
 def _seen(model: ArrayModel, sensors: Sensors | None) -> ArrayModel:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from string import ascii_uppercase
 
 import numpy as np
 from mpi4py import MPI
@@ -21,8 +22,15 @@ from fenics_joints.diagnosis.evidence.evidence import Evidence, evidence_of
 from fenics_joints.diagnosis.evidence.library import Library
 from fenics_joints.diagnosis.evidence.misattribution import confusion_matrix
 from fenics_joints.diagnosis.model.prepared import Prepared, prepare
-from fenics_joints.diagnosis.plan.added import Addition, Candidates, measurement, rank, table
-from fenics_joints.diagnosis.plan.study import Signature, Study, combination, few_sensors, groups
+from fenics_joints.diagnosis.plan.added import Addition, Candidates, measured_by, rank
+from fenics_joints.diagnosis.plan.study import (
+    Signature,
+    Study,
+    combination,
+    few_sensors,
+    groups,
+    middle,
+)
 from fenics_joints.diagnosis.thresholds import NEGLIGIBLE
 from fenics_joints.files import plain
 from fenics_joints.formatting import number, quantity, spaced
@@ -44,12 +52,12 @@ class PlannedEffect:
         key: Its unique name.
         describe: What it means.
         size: Its expected size: value of each parameter, SI, by name.
-        units: Units of these.
+        units: Their units.
         distance: D from "no gap" at that size.
-        least: The same at the size, of the prior's median and one standard deviation either way,
-            that shows least.
-        most: At the one that shows most.
-        letter: Class of effects that the test would not tell apart; empty for one on its own.
+        distance_least: The same at the size, of the prior's median and one standard deviation
+            either way, that shows least.
+        distance_most: At the one that shows most.
+        letter: Class of effects that the test would not tell apart; empty for an effect alone.
     """
 
     name: str
@@ -59,8 +67,8 @@ class PlannedEffect:
     size: dict[str, float]
     units: dict[str, str]
     distance: float
-    least: float
-    most: float
+    distance_least: float
+    distance_most: float
     letter: str = ""
 
     @property
@@ -198,17 +206,18 @@ class Plan:
         if not (self.classes or self.unseen):
             return "Nothing more need be measured for that."
         best = self.additions[0] if self.additions else None
-        if best is None or best.largest < NEGLIGIBLE:
+        if best is None or best.largest_gain < NEGLIGIBLE:
             return "None of the further measurements that were looked at would help."
         seen = sum(e.seen for e in self.effects)
-        if best.classes > self.n_apart:
+        if best.apart > self.n_apart:
             more = f" and see {best.seen}" if best.seen > seen else ""
-            return f"Measure next {best.name}. Then it would tell {best.classes} apart{more}."
+            return f"Measure next {best.measurement}. Then it would tell {best.apart} apart{more}."
         if best.seen > seen:
-            return f"Measure next {best.name}. Then it would see {best.seen - seen} more."
+            return f"Measure next {best.measurement}. Then it would see {best.seen - seen} more."
         return (
-            f"No one further measurement would split them. Most would come from {best.name}: D of "
-            f"the undecided pairs would grow by {best.mean:.2f} on average."
+            "No one further measurement would split them. Most would come from "
+            f"{best.measurement}: D of the undecided pairs would grow by {best.mean_gain:.2f} on "
+            "average."
         )
 
     def to_json(self) -> dict:
@@ -216,7 +225,7 @@ class Plan:
         keys = [e.key for e in self.effects]
         others = [*keys, "no gap"]
         outcomes = [*others, "none of these"]
-        rows = list(zip(keys, self.distances.tolist(), strict=True))
+        distances, shares = self.distances.tolist(), self.taken_for.tolist()
         return plain(
             {
                 "version": fenics_joints.__version__,
@@ -234,57 +243,28 @@ class Plan:
                 "noise": self.noise,
                 "discrepancy": self.discrepancy,
                 "effects": [
-                    _row(
-                        e,
-                        "key",
-                        "name",
-                        "region",
-                        "seen",
-                        "size",
-                        "distance",
-                        distance_least="least",
-                        distance_most="most",
-                    )
-                    | {"class": e.letter or None}
-                    for e in self.effects
+                    asdict(e) | {"seen": e.seen, "class": e.letter or None} for e in self.effects
                 ],
-                "distance": {key: dict(zip(others, row, strict=True)) for key, row in rows},
+                "distance": {
+                    key: dict(zip(others, row, strict=True))
+                    for key, row in zip(keys, distances, strict=True)
+                },
                 "confusion": {
                     key: None if np.isnan(row).any() else dict(zip(outcomes, row, strict=True))
-                    for key, row in zip(keys, self.taken_for.tolist(), strict=True)
+                    for key, row in zip(keys, shares, strict=True)
                 },
-                "classes": [
-                    _row(c, "members", "collinearity", "combination", "left") | {"class": c.letter}
-                    for c in self.classes
-                ],
-                "additions": [
-                    _row(
-                        a,
-                        "seen",
-                        "pair",
-                        measurement="name",
-                        apart="classes",
-                        mean_gain="mean",
-                        largest_gain="largest",
-                    )
-                    for a in self.additions
-                ],
-                "silent": [_row(s, "effect", "reason") for s in self.silent],
+                "classes": [asdict(c) | {"class": c.letter} for c in self.classes],
+                "additions": [asdict(a) for a in self.additions],
+                "silent": [{"effect": s.effect, "reason": s.reason} for s in self.silent],
                 "model": self.model,
             }
         )
 
 
-def _row(result: object, *same: str, **named: str) -> dict:
-    """Attributes of a result, some under another name."""
-    return {key: getattr(result, name) for key, name in ({k: k for k in same} | named).items()}
-
-
 def _count(n: int, what: str) -> str:
-    return f"{n or 'no'} {what}{'' if n == 1 else 's'}"
+    return f"{n} {what}{'' if n == 1 else 's'}"
 
 
-_LETTERS = "ABCDEFGHIJKLMNOPQRSTUVWXYZ"
 #: Parameters of an effect that are named in words. [numerical: length of a sentence]
 _NAMED = 4
 
@@ -314,7 +294,7 @@ def plan(
     layout = case.planned()
     with threadpool_limits(1):
         model = prepare(case, comm, progress, extra=extra, data=layout)
-        # Several at once of what is looked at one by one.
+        # Effects that stand for several others at once are left out: each of these is in the plan.
         model.effects = tuple(e for e in model.effects if not e.holds)
         _without_missed_modes(model)
         model.reduce(progress, keep)
@@ -325,9 +305,7 @@ def plan(
             scalars=model.evidence.scalars,
             mesh_error=model.evidence.mesh_error,
         )
-        test = measurement(
-            model.nuisances, model.scatter, model.data.mode_names, evidence, model.forward
-        )
+        test = measured_by(model, evidence)
         model.effects, left = few_sensors(test, model.effects, model.baseline)
         model.silent = (*model.silent, *left)
         progress.step("signatures and distances", 2 * len(model.effects))
@@ -344,11 +322,10 @@ def plan(
         additions = []
         if classes or any(s.d / 2 < APART for s in study.expected):
             progress.step("looking for measurements that would help")
-            offered = Candidates(model, evidence, test, study).all()
+            offered = Candidates(model, evidence, study).all()
             progress.step("what they would tell apart", len(offered))
             additions = rank(study, offered, progress.advance)
-    letters = {i: c.letter for c, members in classes for i in members}
-    facts = {**model.surrogate.facts(), "seconds": time.perf_counter() - started}
+    letters = {key: c.letter for c in classes for key in c.members}
     picked = np.ix_(order, [*order, len(order)])
     return Plan(
         title=case.title,
@@ -359,13 +336,13 @@ def plan(
         measured=_measured(evidence),
         noise=float(np.sqrt(np.mean(evidence.log_sd[evidence.used] ** 2))),
         discrepancy=evidence.discrepancy,
-        effects=[_effect(study, i, letters.get(i, "")) for i in order],
-        distances=table(study)[picked],
+        effects=[_effect(sizes, letters) for sizes in (study.sizes[i] for i in order)],
+        distances=study.table[picked],
         taken_for=taken_for[np.ix_(order, [*order, len(order), len(order) + 1])],
-        classes=[c for c, _ in classes],
-        additions=[replace(a, distances=a.distances[picked]) for a in additions],
+        classes=classes,
+        additions=additions,
         silent=model.silent,
-        model=facts,
+        model={**model.surrogate.facts(), "seconds": time.perf_counter() - started},
     )
 
 
@@ -380,7 +357,7 @@ def _without_missed_modes(model: Prepared) -> None:
 
 def _taken_for(model: Prepared, evidence: Evidence, progress: Progress) -> np.ndarray:
     """What each effect is taken for, see `Plan.taken_for`, in the order of the model's effects."""
-    # What changes with the level does so in a joint that gives way: never alone.
+    # An effect of the level acts in a compliant joint only, so never alone.
     alone = [i for i, e in enumerate(model.effects) if not e.by_level]
     effects, n = [model.effects[i] for i in alone], len(model.effects)
     progress.step("simulating tests of each cause", len(effects))
@@ -414,21 +391,18 @@ def _nominal(model: Prepared, case: Case) -> TestData:
     return replace(data, frequencies_hz=np.where(there, hz, np.nan), shapes=shapes)
 
 
-def _measured(evidence) -> tuple[str, ...]:
-    kinds = (
-        ("frequencies", True),
-        ("damping", evidence.log_damping is not None),
-        ("shapes", evidence.shapes is not None),
-    )
-    single = dict.fromkeys(KINDS[scalar.kind] for scalar in evidence.scalars)
-    return (*(name for name, there in kinds if there), *single)
+def _measured(evidence: Evidence) -> tuple[str, ...]:
+    found = ["frequencies"]
+    if evidence.log_damping is not None:
+        found.append("damping")
+    if evidence.shapes is not None:
+        found.append("shapes")
+    return (*found, *dict.fromkeys(KINDS[scalar.kind] for scalar in evidence.scalars))
 
 
 def _beneath(model: Prepared) -> dict[str, dict[str, float]]:
-    """Baselines of the effects of the level: a joint that gives way as is expected of one.
-
-    Nothing slips in a joint that is as one with its bodies.
-    """
+    """Baselines of the effects of the level: a joint that is as compliant as is expected of one,
+    since nothing slips in a bonded joint."""
     joint = next(
         (e for e in model.effects if e.family == "joint compliance" and not e.by_level), None
     )
@@ -439,22 +413,21 @@ def _beneath(model: Prepared) -> dict[str, dict[str, float]]:
     return {e.key: values for e in model.effects if e.by_level}
 
 
-def _ordered(study: Study) -> tuple[list[int], list[tuple[PlannedClass, list[int]]]]:
+def _ordered(study: Study) -> tuple[list[int], list[PlannedClass]]:
     """The effects, members of a class together and the unseen last; and the classes."""
-    D = table(study)
+    D = study.table
     found = sorted(groups(D[:, :-1], D[:, -1] >= APART), key=lambda g: (-len(g), g))
     classes = []
-    for number_, members in enumerate(g for g in found if len(g) > 1):
-        some = [study.expected[i] for i in members]
-        keys, telling = tuple(s.effect.key for s in some), _of_families(some)
-        pair = combination([study.whitened(s) for s in telling])
-        words = _in_words(telling, pair.factors)
-        classes.append(
-            (PlannedClass(_letter(number_), keys, pair.index, words, pair.left), members)
-        )
+    for members in found:
+        if len(members) > 1:
+            some = [study.expected[i] for i in members]
+            keys, telling = tuple(s.effect.key for s in some), _of_families(some)
+            pair = combination([study.whitened(s) for s in telling])
+            words = _combined(telling, pair.factors)
+            letter = _letter(len(classes))
+            classes.append(PlannedClass(letter, keys, pair.index, words, pair.left))
     order = [i for g in found for i in g]
-    order += [i for i in range(len(study.effects)) if i not in order]
-    return order, classes
+    return order + [i for i in range(len(study.effects)) if i not in order], classes
 
 
 def _of_families(signatures: Sequence[Signature]) -> list[Signature]:
@@ -468,21 +441,22 @@ def _of_families(signatures: Sequence[Signature]) -> list[Signature]:
 
 def _letter(i: int) -> str:
     """A to Z, then A2 to Z2, ..."""
-    again = i // len(_LETTERS)
-    return _LETTERS[i % len(_LETTERS)] + (str(again + 1) if again else "")
+    again, i = divmod(i, len(ascii_uppercase))
+    return ascii_uppercase[i] + (str(again + 1) if again else "")
 
 
-def _in_words(signatures: Sequence[Signature], factors: np.ndarray) -> str:
-    """A combination of changes that cancel, without what hardly counts."""
+def _combined(signatures: Sequence[Signature], factors: np.ndarray) -> str:
+    """A combination of changes that cancel in words, without what hardly counts."""
     size = np.abs(factors)
-    order = [i for i in np.argsort(-size, kind="stable") if size[i] >= NEGLIGIBLE]
-    first = signatures[order[0]]
-    words = f"{spaced(first.effect.key)} ({size_in_words(first)})"
-    for i in order[1:]:
-        sign = "+" if factors[i] > 0 else "\N{MINUS SIGN}"
-        times = f"{number(abs(factors[i]), 2)} \N{MULTIPLICATION SIGN} "
-        name = spaced(signatures[i].effect.key)
-        words += f" {sign} {times}{name} ({size_in_words(signatures[i])})"
+    words = ""
+    for i in np.argsort(-size, kind="stable"):
+        s = signatures[i]
+        if size[i] < NEGLIGIBLE:
+            break
+        if words:
+            sign = "+" if factors[i] > 0 else "\N{MINUS SIGN}"
+            words += f" {sign} {number(size[i], 2)} \N{MULTIPLICATION SIGN} "
+        words += f"{spaced(s.effect.key)} ({size_in_words(s)})"
     return words
 
 
@@ -494,9 +468,10 @@ def size_in_words(signature: Signature) -> str:
     return ", ".join([*words[: _NAMED if more else None], *more])
 
 
-def _effect(study: Study, i: int, letter: str) -> PlannedEffect:
-    effect, expected = study.effects[i], study.expected[i]
-    distances = [s.d / 2 for s in study.sizes[i]]
+def _effect(sizes: Sequence[Signature], letters: Mapping[str, str]) -> PlannedEffect:
+    """An effect by its signatures at several sizes, the expected one among them."""
+    expected = middle(sizes)
+    effect, distances = expected.effect, [s.d / 2 for s in sizes]
     return PlannedEffect(
         effect.name,
         effect.region,
@@ -507,5 +482,5 @@ def _effect(study: Study, i: int, letter: str) -> PlannedEffect:
         expected.d / 2,
         min(distances),
         max(distances),
-        letter,
+        letters.get(effect.key, ""),
     )

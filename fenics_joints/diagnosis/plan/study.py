@@ -15,6 +15,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.linalg import block_diag
 from scipy.sparse.csgraph import connected_components
 
 from fenics_joints.diagnosis.effects.effect import Effect, Silent
@@ -101,7 +102,7 @@ class Measurement:
     Attributes:
         bare: The hypothesis without effects: nuisances, scatter, conditions, modes.
         predict: ``(hypothesis, z, baseline) -> (values (N,), derivatives by z (N, d))``.
-        covariance: Of what is measured about what is predicted, noise and discrepancy, (N, N).
+        covariance: Of the data about the prediction, noise and discrepancy, (N, N).
     """
 
     bare: Hypothesis
@@ -116,6 +117,27 @@ class Measurement:
     def hypothesis(self, *effects: Effect) -> Hypothesis:
         """The hypothesis of these effects for this test."""
         return replace(self.bare, effects=effects)
+
+    def beside(self, further: Predict, covariance: np.ndarray) -> Measurement:
+        """The same test with further frequencies, all at the common level.
+
+        Args:
+            further: Predicts them, of a hypothesis without damping and amplitudes.
+            covariance: Of their errors, which are independent of those of the test.
+        """
+
+        def predict(hypothesis, z, baseline):
+            values, slopes = self.predict(hypothesis, z, baseline)
+            kept = np.ones(len(z), dtype=bool)
+            for name in ("amplitudes", "dampings"):
+                kept[hypothesis.places[name]] = False
+            still = replace(hypothesis, damped=False, driven=(0,))
+            more, by_kept = further(still, z[kept], baseline)
+            by_all = np.zeros((len(more), len(z)))
+            by_all[:, kept] = by_kept
+            return np.append(values, more), np.vstack([slopes, by_all])
+
+        return Measurement(self.bare, predict, block_diag(self.covariance, covariance))
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,6 +163,11 @@ class Signature:
         return {prior.name: float(prior.value(z)) for prior, z in pairs}
 
 
+def middle(signatures: Sequence[Signature]) -> Signature:
+    """Of an effect's signatures the middle one by length: its expected size."""
+    return sorted(signatures, key=lambda s: s.d)[len(signatures) // 2]
+
+
 def own_at(effect: Effect, size: float) -> np.ndarray:
     """The effect's parameters at a size, in prior standard deviations and within limits, (k,).
 
@@ -159,18 +186,18 @@ class Study:
     """Signatures of effects in a test and the distances between them.
 
     Args:
-        measurement: The test.
+        test: The test.
         effects: The effects.
         baseline: Parameter values of the nominal model.
         beneath: Baselines of effects that are looked for in another model, by their key: slip, say,
-            in a joint that is not as one. Whatever is compared with such an effect is put in there.
+            in a joint that is not bonded. A rival of such an effect is put into that model too.
         progress: Called after the sizes of each effect, and after each row of the distances.
         comm: Communicator that the rows of the distances are spread over; None for one process.
     """
 
     def __init__(
         self,
-        measurement: Measurement,
+        test: Measurement,
         effects: Sequence[Effect],
         baseline: Mapping[str, float],
         *,
@@ -179,7 +206,7 @@ class Study:
         comm: MPI.Intracomm | None = None,
     ):
         self._comm = comm
-        self.measurement, self.effects = measurement, tuple(effects)
+        self.test, self.effects = test, tuple(effects)
         self._baseline, self._beneath = baseline, beneath or {}
         self._progress = progress or (lambda: None)
         #: Own parameters of the column's effect where it comes nearest to the row's; filled by
@@ -187,6 +214,10 @@ class Study:
         self.near: dict[tuple[int, int], np.ndarray] = {}
         self._known: dict[tuple, tuple[np.ndarray, np.ndarray, np.ndarray]] = {}
         self._factors: dict[int, tuple[np.ndarray, np.ndarray]] = {}
+
+    def of(self, test: Measurement, effects: Sequence[Effect]) -> Study:
+        """The same effects, or others of their keys, in another test."""
+        return Study(test, effects, self._baseline, beneath=self._beneath)
 
     def baseline(self, effect: Effect) -> Mapping[str, float]:
         """The model that an effect is put into."""
@@ -213,15 +244,19 @@ class Study:
 
     @cached_property
     def expected(self) -> list[Signature]:
-        """Of each effect's signatures the middle one by length: its expected size."""
-        return [sorted(some, key=lambda s: s.d)[len(some) // 2] for some in self.sizes]
+        """Those of each effect's expected size."""
+        return [middle(some) for some in self.sizes]
 
     def signature(self, effect: Effect, own: np.ndarray) -> Signature:
         """What an effect with these parameters does, exactly."""
-        hypothesis = self.measurement.hypothesis(effect)
-        predicted = self._prediction(hypothesis, hypothesis.at(own), self.baseline(effect))[0]
-        found = Signature(effect, own, predicted, np.nan)
+        found = self.change(effect, own)
         return replace(found, d=2 * self.distance(found, None))
+
+    def change(self, effect: Effect, own: np.ndarray) -> Signature:
+        """The same, without how much of it the nuisances cannot make."""
+        hypothesis = self.test.hypothesis(effect)
+        predicted = self._prediction(hypothesis, hypothesis.at(own), self.baseline(effect))[0]
+        return Signature(effect, own, predicted, np.nan)
 
     def whitened(self, signature: Signature) -> np.ndarray:
         """Its change of the prediction in the metric of noise and nuisances together, (N,)."""
@@ -231,9 +266,9 @@ class Study:
     def _blurred(self, base: Mapping[str, float]) -> tuple[np.ndarray, np.ndarray]:
         """The prediction without effects, and the Cholesky factor of noise and nuisances."""
         if id(base) not in self._factors:
-            bare = self.measurement.hypothesis()
-            nominal, slopes = self.measurement.predict(bare, bare.at(0.0), base)
-            covariance = self.measurement.covariance + slopes @ slopes.T
+            bare = self.test.hypothesis()
+            nominal, slopes = self.test.predict(bare, bare.at(0.0), base)
+            covariance = self.test.covariance + slopes @ slopes.T
             self._factors[id(base)] = nominal, np.linalg.cholesky(covariance)
         return self._factors[id(base)]
 
@@ -249,6 +284,11 @@ class Study:
             for j, (square, own) in row.items():
                 D[i, j], self.near[i, j] = np.sqrt(square) / 2, own
         return D
+
+    @property
+    def table(self) -> np.ndarray:
+        """D of every pair, and from "no gap" in the last column, (n, n + 1)."""
+        return np.column_stack([self.distances, [s.d / 2 for s in self.expected]])
 
     def _row(self, i: int) -> dict[int, tuple[float, np.ndarray]]:
         """`nearest` of every other effect to the expected size of one."""
@@ -291,20 +331,22 @@ class Study:
             start: Own parameters to start from; by default some all over their prior.
             steps: Gauss-Newton steps at most.
         """
-        base = self.baseline(truth.effect)
-        hypothesis = self.measurement.hypothesis(*([] if rival is None else [rival]))
-        search = _NearestSearch(self, hypothesis, base, truth.predicted)
-        at = [np.zeros(0)] if rival is None else [own_at(rival, s) for s in _STARTS]
-        at = at if start is None else [start]
-        places = [place for own in at if (place := search.begin(own)) is not None]
-        if not places:
+        hypothesis = self.test.hypothesis(*([] if rival is None else [rival]))
+        search = _NearestSearch(self, hypothesis, self.baseline(truth.effect), truth.predicted)
+        if rival is None:
+            starts = [np.zeros(0)]
+        else:
+            starts = [own_at(rival, s) for s in _STARTS] if start is None else [start]
+        begun = [each for own in starts if (each := search.begin(own)) is not None]
+        if not begun:
             raise InputError(f"{hypothesis.label}: the model has too few modes at all its sizes.")
-        places.sort(key=lambda p: p.cost)
-        often = places[: _BEST if steps > 1 else 1]
-        best = min((search.run(place, steps) for place in often), key=lambda p: p.cost)
-        own = best.z[hypothesis.own]
+        begun.sort(key=lambda each: each[0])
+        often = begun[: _BEST if steps > 1 else 1]
+        ends = [search.run(place, moved, steps) for _, place, moved in often]
+        best = min(ends, key=lambda place: place.cost)
+        own, others = best.z[hypothesis.own], np.delete(best.z, hypothesis.own)
         needed = own @ own - truth.own @ truth.own
-        return best.misfit + best.others + max(float(needed), 0.0), own
+        return best.misfit + float(others @ others) + max(float(needed), 0.0), own
 
     def _prediction(self, hypothesis, z, baseline) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """What is predicted, the same whitened, and its slopes whitened.
@@ -314,8 +356,8 @@ class Study:
         key = (hypothesis.effects, tuple(z), id(baseline))
         if key in self._known:
             return self._known[key]
-        predicted, slopes = self.measurement.predict(hypothesis, z, baseline)
-        lower = self.measurement.lower
+        predicted, slopes = self.test.predict(hypothesis, z, baseline)
+        lower = self.test.lower
         found = predicted, whiten(lower, predicted), whiten(lower, slopes)
         if not np.delete(z, hypothesis.own).any():
             self._known[key] = found
@@ -324,16 +366,11 @@ class Study:
 
 @dataclass(frozen=True, eq=False)
 class _Place:
-    """A point of a search: whitened residual and slopes, and what they cost.
-
-    ``exact`` is the point that it was extrapolated from; None if it is exact itself.
-    """
+    """A point of a search: whitened residual and slopes, and what they cost."""
 
     z: np.ndarray
     residual: np.ndarray
     slopes: np.ndarray
-    others: float
-    exact: _Place | None = None
 
     @property
     def misfit(self) -> float:
@@ -349,7 +386,7 @@ class _NearestSearch:
 
     def __init__(self, study: Study, hypothesis: Hypothesis, baseline, target: np.ndarray):
         self._study, self._hypothesis = study, hypothesis
-        self._baseline, self._target = baseline, whiten(study.measurement.lower, target)
+        self._baseline, self._target = baseline, whiten(study.test.lower, target)
         self._limits = hypothesis.limits.T
 
     def _place(self, z: np.ndarray) -> _Place | None:
@@ -358,26 +395,25 @@ class _NearestSearch:
             _, at, slopes = self._study._prediction(self._hypothesis, z, self._baseline)
         except InputError:
             return None
-        rest = np.delete(z, self._hypothesis.own)
-        return _Place(z, at - self._target, slopes, float(rest @ rest))
+        return _Place(z, at - self._target, slopes)
 
-    def begin(self, own: np.ndarray) -> _Place | None:
-        """The point of these own parameters, its nuisances refitted linearly to rank it."""
-        z = self._hypothesis.at(own)
-        place = self._place(z)
+    def begin(self, own: np.ndarray) -> tuple[float, _Place, np.ndarray] | None:
+        """The cost to expect from own parameters with the nuisances refitted linearly, the point
+        without that, and z with it; None where the model has no answer."""
+        place = self._place(self._hypothesis.at(own))
         if place is None:
             return None
-        free = np.delete(np.arange(len(z)), self._hypothesis.own)
-        S = place.slopes[:, free]
-        step = np.linalg.solve(S.T @ S + np.eye(len(free)), -S.T @ place.residual)
-        moved = z.copy()
-        moved[free] = step
-        return _Place(moved, place.residual + S @ step, place.slopes, float(step @ step), place)
+        free = np.delete(np.arange(len(place.z)), self._hypothesis.own)
+        S, moved = place.slopes[:, free], place.z.copy()
+        moved[free] = np.linalg.solve(S.T @ S + np.eye(len(free)), -S.T @ place.residual)
+        refitted = _Place(moved, place.residual + S @ moved[free], place.slopes)
+        return refitted.cost, place, moved
 
-    def run(self, place: _Place, steps: int) -> _Place:
+    def run(self, place: _Place, moved: np.ndarray, steps: int) -> _Place:
         """Gauss-Newton steps within the limits, halved where the cost would not fall."""
-        exact = self._place(np.clip(place.z, *self._limits))
-        place = place.exact if exact is None or exact.cost > place.exact.cost else exact
+        refitted = self._place(np.clip(moved, *self._limits))
+        if refitted is not None and refitted.cost <= place.cost:
+            place = refitted
         for _ in range(steps):
             better = self._step(place)
             if better is None:
@@ -405,50 +441,38 @@ class _NearestSearch:
         return None
 
 
-#: Of one kind of a sensor's faults so many stay. [numerical: chosen for time]
+#: Sensors whose faults of one kind stay. [numerical: chosen for time]
 _KEPT = 4
 
 
 def few_sensors(
-    measurement: Measurement, effects: Sequence[Effect], baseline: Mapping[str, float]
+    test: Measurement, effects: Sequence[Effect], baseline: Mapping[str, float]
 ) -> tuple[tuple[Effect, ...], tuple[Silent, ...]]:
-    """The effects without most sensors of a kind of fault, and what is to be said of these.
+    """The effects with a few sensors for each kind of fault, and a note on the others.
 
-    The distances of all from all others grow with the square of their number. Those stay whose
-    change, of the expected size and whitened, is the longest, the shortest and evenly between.
+    The distances of all from all others grow with the square of their number. The faults stay
+    whose change, of the expected size and whitened, is the longest, the shortest and evenly
+    between.
 
     Args:
-        measurement: The test.
+        test: The test.
         effects: All effects.
         baseline: Parameter values of the nominal model.
     """
-    kinds: dict[str, list[int]] = {}
-    for i, effect in enumerate(effects):
-        if effect.name in (MISPLACED, MISSCALED):
-            kinds.setdefault(effect.name, []).append(i)
-    study, left, silent = Study(measurement, effects, baseline), set(), []
-    for name, members in kinds.items():
+    study, left, silent = Study(test, effects, baseline), set(), []
+    for name in (MISPLACED, MISSCALED):
+        members = [effect for effect in effects if effect.name == name]
         if len(members) <= _KEPT:
             continue
-        lengths = np.array([_length(study, effects[i]) for i in members])
+        # Linear: half of the length is D.
+        lengths = [np.linalg.norm(study.whitened(study.change(e, own_at(e, 1.0)))) for e in members]
         order = np.argsort(lengths, kind="stable")
         kept = order[np.round(np.linspace(0, len(order) - 1, _KEPT)).astype(int)]
-        left |= {members[i] for i in set(range(len(members))) - set(kept.tolist())}
-        silent.append(Silent(name, _words(len(members), lengths)))
-    return tuple(e for i, e in enumerate(effects) if i not in left), tuple(silent)
-
-
-def _length(study: Study, effect: Effect) -> float:
-    """Of a sensor's change that the nuisances cannot make, linearly: half of it is D."""
-    own = own_at(effect, 1.0)
-    hypothesis, base = study.measurement.hypothesis(effect), study.baseline(effect)
-    predicted, _ = study.measurement.predict(hypothesis, hypothesis.at(own), base)
-    return float(np.linalg.norm(study.whitened(Signature(effect, own, predicted, np.nan))))
-
-
-def _words(count: int, lengths: np.ndarray) -> str:
-    low, high = lengths.min() / 2, lengths.max() / 2
-    return (
-        f"{count - _KEPT} of {count} sensors are left out of the plan; distances of all from no "
-        f"gap are {low:.2g} to {high:.2g}, and those listed lie evenly between"
-    )
+        left |= {e.key for i, e in enumerate(members) if i not in kept}
+        reason = (
+            f"{len(members) - _KEPT} of {len(members)} sensors are left out of the plan; distances "
+            f"of all from no gap are {min(lengths) / 2:.2g} to {max(lengths) / 2:.2g}, and those "
+            "listed lie evenly between"
+        )
+        silent.append(Silent(name, reason))
+    return tuple(effect for effect in effects if effect.key not in left), tuple(silent)

@@ -1,1 +1,1 @@
-"""How joints are split into zones that can change each by itself; how stiff they are nominally."""
+"""Joints split into zones that can change independently, and their nominal stiffness."""

@@ -19,7 +19,7 @@ from scipy.spatial import cKDTree
 from fenics_joints._compat import geometry_dofmap
 from fenics_joints.case import Case, build_mesh, build_preload
 from fenics_joints.case.sections import JointSection, MassSection
-from fenics_joints.diagnosis.zones.zone import Zone, Zones
+from fenics_joints.diagnosis.zones.zone import Zone, Zones, equal_shares
 from fenics_joints.errors import InputError
 from fenics_joints.forms import lame_parameters
 from fenics_joints.meshes import TaggedMesh
@@ -79,47 +79,23 @@ def contact_zones(case: Case, comm: MPI.Intracomm, n_zones: int = _ZONES) -> Zon
     tagged = _split(build_mesh(made, comm), middles, zone, labels)
     made = made.model_copy(update={"joints": _joints(case, labels)})
     rows = zip(labels, low.tolist(), high.tolist(), area.tolist(), strict=True)
-    return Zones(
-        made,
-        tuple(
-            Zone(
-                label,
-                thickness=thickness,
-                joint=names[0],
-                shown=names[0],
-                pressure=(a, b),
-                area=size,
-            )
-            for label, a, b, size in rows
-        ),
-        tagged,
-    )
+    common = {"thickness": thickness, "joint": names[0], "shown": names[0]}
+    zones = tuple(Zone(label, pressure=(a, b), area=size, **common) for label, a, b, size in rows)
+    return Zones(made, zones, tagged)
 
 
 def _zones(pressure: np.ndarray, area: np.ndarray, n: int):
     """Least and largest pressure and area of each zone, and the zone of each facet."""
     pressed = pressure > _OPEN * pressure.max()
-    order = np.argsort(pressure[pressed], kind="stable")
-    share = np.cumsum(area[pressed][order]) - 0.5 * area[pressed][order]
-    bins = np.minimum((n * share / area[pressed].sum()).astype(int), n - 1)
     zone = np.zeros(len(pressure), dtype=int)
-    inside = np.empty(len(order), dtype=int)
-    # Facets that are equal by symmetry stay together.
-    level = np.round(pressure[pressed][order] / pressure.max(), 6)
-    first = np.concatenate([[0], np.flatnonzero(np.diff(level) > 0) + 1])
-    inside[order] = bins[first][np.searchsorted(first, np.arange(len(order)), side="right") - 1]
-    zone[pressed] = 1 + np.unique(inside, return_inverse=True)[1]
-    if pressed.all():
-        zone -= 1
-    count = zone.max() + 1
-    sums = np.bincount(zone, area, minlength=count)
-    least = np.array([pressure[zone == k].min() for k in range(count)])
+    zone[pressed] = equal_shares(pressure[pressed], area[pressed], n) + (not pressed.all())
+    least = np.array([pressure[zone == k].min() for k in range(zone.max() + 1)])
     least[0] = 0.0
     # An open zone has no pressure: it is lost at any cut-off.
     high = np.append(least[1:], pressure.max() * (1 + 1e-9))
     if not pressed.all():
         high[0], least[1] = 0.0, 0.0
-    return least, high, sums, zone
+    return least, high, np.bincount(zone, area), zone
 
 
 def _split(tagged: TaggedMesh, middles: np.ndarray, zone: np.ndarray, labels) -> TaggedMesh:

@@ -4,12 +4,12 @@ Every cell of a joint belongs to its nearest bolt, and to a ring of distances fr
 The rings of a joint share its area equally; their radii are the same at all of its bolts, so that
 ring 2 means the same everywhere. Bolts share the cells that are half-way between them. Of bolts in
 line, such as screws into both ends of a wall, each has what is nearest along their axis. A joint
-that holds several pairs of parts is several faces, which can give way each by itself.
+that holds several pairs of parts has several faces, which can be compliant independently.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import dolfinx.mesh
@@ -23,50 +23,26 @@ from fenics_joints._compat import geometry_dofmap
 from fenics_joints.case import Case
 from fenics_joints.case.build import measured_joints
 from fenics_joints.case.sections import JointSection
-from fenics_joints.diagnosis.zones.zone import SAME, Grading, Zone, Zones, check_names
+from fenics_joints.diagnosis.zones.zone import (
+    SAME,
+    Grading,
+    Zone,
+    Zones,
+    check_names,
+    distinct_places,
+    equal_shares,
+)
 from fenics_joints.errors import InputError
 from fenics_joints.meshes import TaggedMesh
 
 #: Points of a builder that are axes of bolts.
 _BOLT_POINTS = ("bolts", "bolt")
 
-#: Groups of rings at most, as each has stiffnesses of its own. [decision: chosen]
+#: Groups of rings at most: each has its own stiffnesses. [decision: chosen]
 _GROUPS = 4
 #: Bolts closer than this, relative to the largest distance of a zone from its bolt, are one.
 #: [numerical: chosen]
 _SAME = 1e-3
-
-
-@dataclass(frozen=True)
-class LayerZone:
-    """A zone of a layer before it is known which bolts and joints are one.
-
-    Attributes:
-        name: Its name.
-        joint: The joint's.
-        area: m2.
-        bolt: Number of its bolt in the joint, from 1; 0 for a joint without.
-        ring: Number of its ring, 1 the innermost.
-        distance: Least and largest distance of its cells' middles from the bolt's axis, m.
-        axis: A point on that axis, m, (3,).
-        there: Whether that point is in the joint: bolts in line with others are others then.
-        face: The parts that it holds together, where its joint has several such; else ``""``.
-    """
-
-    name: str
-    joint: str
-    area: float = np.nan
-    bolt: int = 0
-    ring: int = 0
-    distance: tuple[float, float] = (np.nan, np.nan)
-    axis: Sequence[float] = (np.nan,) * 3
-    there: bool = False
-    face: str = ""
-
-    @property
-    def place(self) -> str:
-        """What it is a part of: its joint, or of a joint with several faces one of these."""
-        return self.face or self.joint
 
 
 def bolt_points(tagged: TaggedMesh) -> np.ndarray:
@@ -76,113 +52,78 @@ def bolt_points(tagged: TaggedMesh) -> np.ndarray:
     return np.pad(points, [(0, 0), (0, 3 - points.shape[1])])
 
 
-def placed(case: Case, rows: Sequence[LayerZone], tagged: TaggedMesh | None = None) -> Zones:
+def bolt_labels(case: Case, bolts: Mapping[str, np.ndarray], scale: float) -> dict[str, list[str]]:
+    """Names of each joint's bolts: bolts of several joints are one if they are in line.
+
+    Those that the mesh knows are one only if they are at one place: screws into both ends of a wall
+    are in line.
+
+    Args:
+        case: The case.
+        bolts: Points on the axes of each joint's bolts, m, (n, 3).
+        scale: Distance within which two are the same, m.
+    """
+    found: dict[str, list[str]] = {}
+    known: list[tuple[str, np.ndarray, str]] = []
+
+    def is_one(joint: str, point: np.ndarray, other: str, at: np.ndarray) -> bool:
+        off, normal = point - at, _unit(case.joints[joint].normal)
+        if any(case.joints[name].bolts is not None for name in (joint, other)):
+            off = off - (off @ normal) * normal
+        return joint != other and float(np.linalg.norm(off)) <= scale
+
+    for joint, points in bolts.items():
+        found[joint] = []
+        for number, point in enumerate(np.asarray(points, dtype=float), start=1):
+            same = next((label for *bolt, label in known if is_one(joint, point, *bolt)), None)
+            if same is None:
+                same = f"bolt {number}"
+                if same in (label for *_, label in known):
+                    same = f"{joint} {same}"
+                known.append((joint, point, same))
+            found[joint].append(same)
+    return found
+
+
+def with_places(case: Case, zones: Sequence[Zone], tagged: TaggedMesh | None = None) -> Zones:
     """The zones of a case's layers with the places in which an effect can act.
 
     Args:
         case: The case, with a joint section for each zone.
-        rows: The zones, joint by joint.
+        zones: The zones, joint by joint; ``held`` is the joint of each, or the face of it.
         tagged: Its mesh.
     """
-    labels = _labels(case, rows)
-    bolted = {row.name for row in rows if case.joints[row.name].bolted}
-    groups = _groups(rows)
-    zones = tuple(
-        Zone(r.name, joint=r.joint, shown=r.joint, bolt=label, distance=r.distance, area=r.area)
-        for r, label in zip(rows, labels, strict=True)
-    )
-    # Zones that are not under bolts: those of the joints that say so, else all but the innermost.
-    away = tuple(
-        r.name for r in rows if (r.name not in bolted if bolted else r.bolt and r.ring > 1)
-    )
+    faces = list(dict.fromkeys(zone.held for zone in zones))
+    one, first = DisjointSet(faces), {}
+    for zone in zones:
+        if zone.bolt:
+            one.merge(zone.held, first.setdefault(zone.bolt, zone.held))
+    together = {f: ", ".join(each for each in faces if one.connected(each, f)) for f in faces}
+    zones = tuple(replace(zone, held=together[zone.held]) for zone in zones)
+    # Zones away from bolts: of joints that are not ``bolted`` if any is, else all outer rings.
+    bolted = {zone.name for zone in zones if case.joints[zone.name].bolted}
+    away = tuple(z.name for z in zones if (z.name not in bolted if bolted else z.ring > 1))
+    groups = _groups(zones)
     gradings = (Grading("from zone to zone", groups),) if len(groups) > 1 else ()
-    joints = _by(zip(rows, _held_together(rows, labels), strict=True))
-    bolts = _by((row, label) for row, label in zip(rows, labels, strict=True) if label)
-    places = _single({"joint": joints, "bolt": bolts}, away)
-    return Zones(case, zones, tagged, None, places, away, gradings)
+    found = Zones(case, zones, tagged, away=away, gradings=gradings)
+    kinds = {"joint": found.by("held"), "bolt": found.by("bolt")}
+    return replace(found, places=distinct_places(kinds, away))
 
 
-def _single(kinds: Mapping[str, Mapping[str, tuple[str, ...]]], away: tuple[str, ...]):
-    """Zones of each distinct location, grouped by kind."""
-    seen, found = {frozenset(away)}, {}
-    for kind, places in kinds.items():
-        new = {k: zones for k, zones in places.items() if frozenset(zones) not in seen}
-        if len(places) > 1 and new:
-            found[kind] = new
-            seen |= {frozenset(zones) for zones in new.values()}
-    return found
-
-
-def _by(pairs: Iterable[tuple[LayerZone, str]]) -> dict[str, tuple[str, ...]]:
-    found: dict[str, tuple[str, ...]] = {}
-    for row, label in pairs:
-        found[label] = (*found.get(label, ()), row.name)
-    return found
-
-
-def _labels(case: Case, rows: Sequence[LayerZone]) -> list[str]:
-    """The name of the bolt of each zone: bolts of several joints are one if they are in line."""
-    scale = _SAME * max((r.distance[1] for r in rows if r.bolt), default=0.0)
-    known: list[tuple[LayerZone, str]] = []
-    labels = []
-    for row in rows:
-        if not row.bolt:
-            labels.append("")
-            continue
-        normal = np.asarray(case.joints[row.name].normal, dtype=float)
-        same = next((label for other, label in known if _is_one(row, other, normal, scale)), None)
-        if same is None:
-            same = f"bolt {row.bolt}"
-            if same in (label for _, label in known):
-                same = f"{row.joint} {same}"
-            known.append((row, same))
-        labels.append(same)
-    return labels
-
-
-def _is_one(a: LayerZone, b: LayerZone, normal: np.ndarray, scale: float) -> bool:
-    """Whether two zones have the same bolt."""
-    if a.joint == b.joint:
-        return a.bolt == b.bolt
-    off = np.asarray(a.axis, dtype=float) - np.asarray(b.axis, dtype=float)
-    if a.there and b.there:
-        return float(np.linalg.norm(off)) <= scale
-    return _off(off, normal / np.linalg.norm(normal)) <= scale
-
-
-def _off(vector: np.ndarray, normal: np.ndarray) -> float:
-    """Length of a vector's part across a normal."""
-    return float(np.linalg.norm(vector - (vector @ normal) * normal))
-
-
-def _held_together(rows: Sequence[LayerZone], labels: Sequence[str]) -> list[str]:
-    """For each zone the joints, or faces of one, that it is one with: those that share a bolt."""
-    joints = list(dict.fromkeys(row.place for row in rows))
-    one, first = DisjointSet(joints), {}
-    for row, label in zip(rows, labels, strict=True):
-        if label:
-            one.merge(row.place, first.setdefault(label, row.place))
-    return [", ".join(j for j in joints if one.connected(j, row.place)) for row in rows]
-
-
-def _groups(rows: Sequence[LayerZone]) -> dict[str, tuple[str, ...]]:
-    """Zones in a few groups by distance; a joint without bolts is a group of its own."""
-    found = {row.joint: (row.name,) for row in rows if not row.bolt}
-    bands = _bands(rows)
-    parts = np.array_split(np.arange(len(bands)), _GROUPS)
-    parts = [[name for k in part for name in bands[k]] for part in parts if len(part)]
-    return {f"ring {i + 1}": tuple(part) for i, part in enumerate(parts)} | found
-
-
-def _bands(rows: Sequence[LayerZone]) -> list[list[str]]:
-    """Zones in bands of distances that do not overlap, from the bolts outwards."""
-    bands, end = [], -np.inf
-    for row in sorted((r for r in rows if r.bolt), key=lambda r: np.mean(r.distance)):
-        if np.mean(row.distance) > end:
+def _groups(zones: Sequence[Zone]) -> dict[str, tuple[str, ...]]:
+    """Zones in a few groups by distance; each joint without bolts is a group."""
+    bands: list[list[str]] = []  # of distances that do not overlap, from the bolts outwards
+    end = -np.inf
+    for zone in sorted((z for z in zones if z.bolt), key=lambda z: np.mean(z.distance)):
+        if np.mean(zone.distance) > end:
             bands.append([])
-            end = row.distance[1]
-        bands[-1].append(row.name)
-    return bands
+            end = zone.distance[1]
+        bands[-1].append(zone.name)
+    found = {}
+    for i, part in enumerate(np.array_split(np.arange(len(bands)), _GROUPS)):
+        if len(part):
+            found[f"ring {i + 1}"] = tuple(name for k in part for name in bands[k])
+    return found | {zone.joint: (zone.name,) for zone in zones if not zone.bolt}
 
 
 #: Rings of the joint with the largest area per bolt. [decision: chosen]
@@ -216,14 +157,6 @@ class _JointLayer:
         good = (off <= SAME * room.max()) | (normal > 0.5)
         return bool(good.all() and (not along or np.all((off <= thin) | (normal <= 0.5))))
 
-    def distances(self, middles: np.ndarray, bolts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Distance of middles, (n, 3), from the bolts' axes and, along them, from their points, m,
-        each (n, n_bolts)."""
-        normal = _unit(self.section.normal)
-        off = middles[:, None] - bolts
-        along = off @ normal
-        return np.linalg.norm(off - along[..., None] * normal, axis=2), np.abs(along)
-
 
 def joint_zones(case: Case, tagged: TaggedMesh) -> Zones:
     """Split the joints of a case by nearest bolt and by distance to it. Collective.
@@ -248,39 +181,40 @@ def joint_zones(case: Case, tagged: TaggedMesh) -> Zones:
     case = _as_layers(measured_joints(case, tagged))
     layers = {name: _layer(tagged, joint, volumes) for name, joint in case.joints.items()}
     bolts = {name: _bolts(case, tagged, name, layer) for name, layer in layers.items()}
-    per_bolt = {n: layers[n].areas.sum() / len(b) for n, b in bolts.items() if len(b)}
-    largest = max(per_bolt.values(), default=0.0)
+    bolts = {name: points for name, points in bolts.items() if len(points)}
+    near = {name: _nearest(layers[name], points) for name, points in bolts.items()}
+    farthest = max((float(distance.max()) for _, distance in near.values()), default=0.0)
+    labels = bolt_labels(case, bolts, _SAME * farthest)
+    per_bolt = {name: layers[name].areas.sum() / len(points) for name, points in bolts.items()}
     values = tagged.cell_tags.values.copy()
-    sections, rows = {}, []
+    sections, zones = {}, []
     names, first = dict(tagged.cell_names), max(tagged.cell_names.values())
     for name, layer in layers.items():
-        if not len(bolts[name]):
+        if name not in bolts:
+            area = float(layer.areas.sum())
             sections[name] = layer.section
-            rows.append(LayerZone(name, name, area=float(layer.areas.sum())))
+            zones.append(Zone(name, joint=name, shown=name, held=name, area=area))
             continue
+        n = len(bolts[name])
         count = min(
-            max(1, round(_RINGS * per_bolt[name] / largest)),
-            max(1, len(layer.areas) // (_CELLS * len(bolts[name]))),
-            max(2, _MOST // len(bolts[name])),
+            max(1, round(_RINGS * per_bolt[name] / max(per_bolt.values()))),
+            max(1, len(layer.areas) // (_CELLS * n)),
+            max(2, _MOST // n),
         )
-        split = _split(case, tagged, name, layer, bolts[name], count)
         for cells in layer.section.cells:
             del names[cells]
-        for row, local in split:
+        for zone, local in _split(case, tagged, name, layer, near[name], labels[name], count):
             first += 1
-            names[row.name] = first
+            names[zone.name] = first
             values[np.searchsorted(tagged.cell_tags.indices, local)] = first
-            update = {"cells": [row.name], "bolts": None}
-            sections[row.name] = layer.section.model_copy(update=update)
-            rows.append(row)
-    check_names(case, [row.name for row in rows], "a joint")
+            update = {"cells": [zone.name], "bolts": None}
+            sections[zone.name] = layer.section.model_copy(update=update)
+            zones.append(zone)
+    check_names(case, [zone.name for zone in zones], "a joint")
     tags = tagged.cell_tags
     new = dolfinx.mesh.meshtags(tagged.mesh, tags.dim, tags.indices, values)
-    return placed(
-        case.model_copy(update={"joints": sections}),
-        rows,
-        replace(tagged, cell_tags=new, cell_names=names),
-    )
+    case = case.model_copy(update={"joints": sections})
+    return with_places(case, zones, replace(tagged, cell_tags=new, cell_names=names))
 
 
 def _as_layers(case: Case) -> Case:
@@ -356,36 +290,46 @@ def _bolts(case: Case, tagged: TaggedMesh, name: str, layer: _JointLayer) -> np.
 
 
 def _split(
-    case: Case, tagged: TaggedMesh, name: str, layer: _JointLayer, bolts: np.ndarray, count: int
-) -> list[tuple[LayerZone, np.ndarray]]:
-    """The zones of a joint, each with its local cells."""
-    nearest, distance = _nearest(layer, bolts)
-    edges = _radii(distance, layer.areas, count)
-    ring = np.searchsorted(edges, distance)
-    # This rank's cells, ghosts included, among those of all.
+    case: Case,
+    tagged: TaggedMesh,
+    name: str,
+    layer: _JointLayer,
+    near: tuple[np.ndarray, np.ndarray],
+    labels: Sequence[str],
+    count: int,
+) -> Iterator[tuple[Zone, np.ndarray]]:
+    """The zones of a joint, each with its local cells.
+
+    Args:
+        case: The case.
+        tagged: Its mesh.
+        name: The joint.
+        layer: Its cells.
+        near: The nearest bolt of each, and its distance, m.
+        labels: Names of its bolts.
+        count: Rings at most.
+    """
+    nearest, distance = near
+    ring = 1 + equal_shares(distance, layer.areas, count)
+    # Places of this rank's cells, ghosts included, among the cells of all ranks.
     place = cKDTree(layer.middles).query(layer.local)[1] if len(layer.cells) else np.array([], int)
-    faces = _faces(case, tagged, layer.cells, nearest[place], len(bolts))
-    rows = []
-    for b in range(len(bolts)):
-        for r in range(len(edges) + 1):
+    faces = _faces(case, tagged, layer.cells, nearest[place], len(labels))
+    for b, label in enumerate(labels):
+        at = f"_b{b + 1}" if len(labels) > 1 else ""
+        for r in range(1, ring.max() + 1):
             mask = (nearest == b) & (ring == r)
-            if not mask.any():
-                continue
-            zone = f"{name}_r{r + 1}" if len(bolts) == 1 else f"{name}_b{b + 1}_r{r + 1}"
-            span = float(distance[mask].min()), float(distance[mask].max())
-            row = LayerZone(
-                zone,
-                name,
-                float(layer.areas[mask].sum()),
-                b + 1,
-                r + 1,
-                span,
-                bolts[b],
-                layer.section.bolts is None,
-                faces[b],
-            )
-            rows.append((row, layer.cells[mask[place]]))
-    return rows
+            if mask.any():
+                zone = Zone(
+                    f"{name}{at}_r{r}",
+                    joint=name,
+                    shown=name,
+                    held=faces[b] or name,
+                    bolt=label,
+                    ring=r,
+                    distance=(float(distance[mask].min()), float(distance[mask].max())),
+                    area=float(layer.areas[mask].sum()),
+                )
+                yield zone, layer.cells[mask[place]]
 
 
 def _faces(
@@ -424,8 +368,10 @@ def _faces(
 def _nearest(layer: _JointLayer, bolts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Nearest bolt of all cells and its distance, m; of bolts in line that whose point is nearest,
     of equally near ones that with least area."""
-    distances, along = layer.distances(layer.middles, bolts)
-    least = distances.min(axis=1)
+    normal, off = _unit(layer.section.normal), layer.middles[:, None] - bolts
+    along = off @ normal
+    distances = np.linalg.norm(off - along[..., None] * normal, axis=2)
+    least, along = distances.min(axis=1), np.abs(along)
     size = np.linalg.norm(layer.high - layer.low)
     near = distances <= least[:, None] + SAME * size
     along = np.where(near, along, np.inf)
@@ -440,16 +386,3 @@ def _nearest(layer: _JointLayer, bolts: np.ndarray) -> tuple[np.ndarray, np.ndar
             nearest[i] = share.argmin()
             area[nearest[i]] += layer.areas[i]
     return nearest, least
-
-
-def _radii(distance: np.ndarray, area: np.ndarray, count: int) -> np.ndarray:
-    """Radii between the rings, m: equal shares of the area, equal distances staying together."""
-    order = np.argsort(distance, kind="stable")
-    d, a = distance[order], area[order]
-    level = np.concatenate([[0], np.cumsum(np.diff(d) > SAME * d[-1])])
-    weight = np.bincount(level, a)
-    share = (np.cumsum(weight) - 0.5 * weight) / weight.sum()
-    bins = np.minimum((count * share).astype(int), count - 1)
-    last = np.flatnonzero(np.diff(bins) > 0)
-    ends = np.searchsorted(level, last, side="right")
-    return 0.5 * (d[ends - 1] + d[ends])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -17,6 +17,7 @@ from fenics_joints.diagnosis.zones.zone import (
     Zone,
     Zones,
     check_names,
+    distinct_places,
 )
 from fenics_joints.errors import InputError
 
@@ -40,8 +41,8 @@ def lap_zones(case: Case) -> Zones:
     bolts: list[float] = []
     middles: list[float] = []
     interface = LAP if case.diagnose.joints == "bonded" else GIVEN_LAP
-    _check_bolts(case, owners)
-    for cells, (start, length) in zip(case.mesh.lap_cells(), _laps(case), strict=True):
+    _check_bolts(case)
+    for cells, start, length in _laps(case):
         joints = [owners[cell] for cell in cells]
         label = lap_name(case, cells, joints)
         zones = tuple(joints) if len(set(joints)) > 1 else tuple(_split(label, len(cells)))
@@ -71,19 +72,15 @@ def lap_zones(case: Case) -> Zones:
     if not laps:
         return Zones(case, laps=())
     check_names(case, sections, "a lap")
+    origin = "bolt" if bolts else "middle of the lap"
     zoned = Zones(
         case.model_copy(update={"joints": sections}),
         tuple(found.values()),
         laps=tuple(laps),
-        gradings=tuple(
-            _gradings(
-                found.values(), float(np.ptp(middles)), "bolt" if bolts else "middle of the lap"
-            )
-        ),
+        gradings=tuple(_gradings(found.values(), float(np.ptp(middles)), origin)),
         bolts=np.column_stack([bolts, np.zeros((len(bolts), 2))]),
     )
-    by_lap = zoned.by("shown")
-    return replace(zoned, places={"lap": by_lap} if len(by_lap) > 1 else {})
+    return replace(zoned, places=distinct_places({"lap": zoned.by("shown")}))
 
 
 def _gradings(zones: Collection[Zone], size: float, origin: str) -> Iterator[Grading]:
@@ -100,11 +97,11 @@ def _gradings(zones: Collection[Zone], size: float, origin: str) -> Iterator[Gra
         yield Grading("zone by zone", {zone.label: (zone.name,) for zone in zones})
 
 
-def _laps(case: Case) -> list[tuple[float, float]]:
-    """Where each lap starts, and its length, m."""
+def _laps(case: Case) -> list[tuple[Sequence[str], float, float]]:
+    """Cells of each lap, where it starts, and its length, m."""
     lengths, laps = np.array(case.mesh.lengths), case.mesh.of("laps")
     starts = np.cumsum(lengths[:-1]) - np.cumsum(laps)
-    return list(zip(starts.tolist(), laps, strict=True))
+    return list(zip(case.mesh.lap_cells(), starts.tolist(), laps, strict=True))
 
 
 def _axial(case: Case, joints) -> float | None:
@@ -134,17 +131,14 @@ def _bolts(case: Case, joints, start: float, length: float) -> list[float]:
     return found or ([start + length / 2] if any(section.bolted for section in own) else [])
 
 
-def _check_bolts(case: Case, owners: Mapping[str, str]) -> None:
+def _check_bolts(case: Case) -> None:
     """Every bolt has to be in a lap of its joint."""
     for name, section in case.joints.items():
-        laps = [
-            lap
-            for cells, lap in zip(case.mesh.lap_cells(), _laps(case), strict=True)
-            if name in {owners[cell] for cell in cells}
-        ]
+        own = set(section.cells)
+        laps = [(start, start + length) for cells, start, length in _laps(case) if own & set(cells)]
         for i, point in enumerate(section.bolts or ()):
-            if not any(start <= point[0] <= start + length for start, length in laps):
-                where = " or ".join(f"{start:g} to {start + length:g}" for start, length in laps)
+            if not any(start <= point[0] <= end for start, end in laps):
+                where = " or ".join(f"{start:g} to {end:g}" for start, end in laps)
                 raise InputError(
                     f"{case.path}: joints.{name}.bolts[{i}] = {list(point)} m is beside the lap: "
                     f"expected x from {where} m"

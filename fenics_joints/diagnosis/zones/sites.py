@@ -1,13 +1,13 @@
-"""Places of a structure where something may be that its nominal model has nothing of.
+"""Places of a structure where the nominal model may lack something.
 
 Points where something may be attached, patches that may have lost stiffness, and plates that may be
-bowed or of uneven thickness; and what changes the model there, by parameters that are all nought in
+bowed or of uneven thickness; and the changes of the model there, by parameters that are all 0 in
 the nominal one (`fenics_joints.structure.changes`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import combinations_with_replacement, product
@@ -90,19 +90,15 @@ class PartCells:
         return vertices[np.unique(np.round(vertices / size, 7), axis=0, return_index=True)[1]]
 
     def points(self, sensors: Sensors | None, count: int) -> np.ndarray:
-        """Vertices of the parts' cells near the sensors, and far from these and each other."""
+        """Vertices of the parts' cells far from each other, near sensors if there are so many."""
         vertices = self.vertices
-        at = (
-            vertices[:0]
-            if sensors is None
-            else np.unique(
-                np.pad(sensors.points, [(0, 0), (0, 3 - sensors.points.shape[1])]), axis=0
-            )
-        )
-        near = [int(np.argmin(np.linalg.norm(vertices - x, axis=1))) for x in at]
-        near = vertices[np.unique(np.array(near, dtype=int))]
-        chosen = _far_apart(near, near[:0], count)
-        return np.vstack([chosen, _far_apart(vertices, chosen, count - len(chosen))])
+        if sensors is not None:
+            at = np.unique(sensors.points, axis=0)
+            at = np.pad(at, [(0, 0), (0, 3 - at.shape[1])])
+            near = {int(np.argmin(np.linalg.norm(vertices - x, axis=1))) for x in at}
+            if len(near) >= count:
+                vertices = vertices[sorted(near)]
+        return _far_apart(vertices, count)
 
     # -- patches -------------------------------------------------------------------------------
 
@@ -166,44 +162,56 @@ class PartCells:
         a /= np.linalg.norm(a)
         return np.array([n, np.cross(a, n), a])
 
-    def _nominal(self, part: str, parameter: str, count: int, mass: bool) -> dict:
-        E, rho = (self.full.parameters[f"{part}.{key}"].value for key in ("E", "rho"))
-        return {
-            "amount": parameter,
-            "E": f"{part}.E",
-            "nominal": E,
-            "rho": f"{part}.rho" if mass else rho,
-            "nominal_rho": rho,
-            "count": float(count),
-        }
+    def _shape(
+        self,
+        parameter: str,
+        ways: np.ndarray,
+        bend: tuple[float, float, float],
+        across: np.ndarray,
+        most: float,
+        own: str = "",
+    ) -> Iterator[ShapeChange]:
+        """What a parameter of the shape changes in every part.
+
+        Args:
+            parameter: The parameter.
+            ways: Normal of the plate and the direction along which it changes, as rows.
+            bend: See `ShapeChange`.
+            across: Likewise.
+            most: Likewise, ``largest``.
+            own: The part whose mass and thickness change; none of a bow.
+        """
+        normal, along = map(tuple, ways)
+        for part in self.case.parts:
+            E, rho = (self.full.parameters[f"{part}.{key}"].value for key in ("E", "rho"))
+            amount = {
+                "amount": parameter,
+                "E": f"{part}.E",
+                "nominal": E,
+                "rho": f"{part}.rho" if part == own else rho,
+                "nominal_rho": rho,
+                "count": float(_DEGREE if part == own else 2),
+            }
+            yield ShapeChange(
+                f"{parameter} {part}", part, normal, along, bend, across, most, amount
+            )
 
     def bowed(self) -> tuple[tuple[Plate, ...], list[ShapeChange]]:
         """Directions in which the whole may be bowed, by the height of the bow, m."""
-        ways = [self._ways(part) for part in self.case.parts]
-        if any(abs(w[0] @ ways[0][0]) < 1 - 1e-6 for w in ways):
+        every = [self._ways(part) for part in self.case.parts]
+        ways = every[0]
+        if any(abs(w[0] @ ways[0]) < 1 - 1e-6 for w in every):
             return (), []
-        low, high, _ = self._box(self.names, ways[0])
+        low, high, _ = self._box(self.names, ways)
         size, plates, changes = high - low, [], []
-        ones = np.ones(len(self.corners))
+        evenly = np.array([np.ones(len(self.corners)), np.zeros(len(self.corners))])
         for i, how in ((1, "along"), (2, "across")):
             if size[i] < _SLENDER * size[0]:
                 continue
             middle, L, name = 0.5 * (low[i] + high[i]), float(size[i]), f"{BOW}.{how}"
             plates.append(Plate("the structure", "", name, L, how))
             bend = 1 - 4 * middle**2 / L**2, 8 * middle / L**2, -4 / L**2
-            for part in self.case.parts:
-                changes.append(
-                    ShapeChange(
-                        f"{name} {part}",
-                        part,
-                        tuple(ways[0][0]),
-                        tuple(ways[0][i]),
-                        bend,
-                        np.array([ones, 0 * ones]),
-                        MOST_BOW * L,
-                        self._nominal(part, name, 2, False),
-                    )
-                )
+            changes += self._shape(name, ways[[0, i]], bend, evenly, MOST_BOW * L)
         return tuple(plates), changes
 
     def tapered(self, dimensions) -> tuple[tuple[Plate, ...], list[ShapeChange]]:
@@ -228,36 +236,20 @@ class PartCells:
             across = np.array([np.where(above, half, -half), np.zeros(len(height))])
             across[:, self.cells[name]] = [[-middle[0]], [1.0]]
             bend = -2 * middle[i] / L, 2 / L, 0.0
-            changes += [
-                ShapeChange(
-                    f"{parameter} {other}",
-                    other,
-                    tuple(ways[0]),
-                    tuple(ways[i]),
-                    bend,
-                    across,
-                    MOST_TAPER,
-                    self._nominal(other, parameter, _DEGREE if other == part else 2, other == part),
-                )
-                for other in self.case.parts
-            ]
+            changes += self._shape(parameter, ways[[0, i]], bend, across, MOST_TAPER, own=part)
         return tuple(plates), changes
 
 
-def _far_apart(points: np.ndarray, first: np.ndarray, count: int) -> np.ndarray:
-    """Of points those that are furthest from the first and from each other, (count, 3)."""
-    chosen = list(first)
-    while len(chosen) - len(first) < min(count, len(points)):
-        if chosen:
-            away = np.min([np.linalg.norm(points - x, axis=1) for x in chosen], axis=0)
-        else:
-            away = np.linalg.norm(points - points.mean(axis=0), axis=1)
+def _far_apart(points: np.ndarray, count: int) -> np.ndarray:
+    """The point farthest from the middle, and those farthest from it and from each other, (count,
+    3)."""
+    chosen, away = [], np.linalg.norm(points - points.mean(axis=0), axis=1)
+    while len(chosen) < min(count, len(points)):
         # Rounded, so that round-off does not choose between places that are as far.
         away = np.round(away / max(float(away.max()), 1e-300), 6)
-        if chosen and not away.any():
-            break
         chosen.append(points[int(np.argmax(away))])
-    return np.array(chosen[len(first) :]).reshape(-1, 3)
+        away = np.min([np.linalg.norm(points - x, axis=1) for x in chosen], axis=0)
+    return np.array(chosen)
 
 
 def _tour(points: np.ndarray) -> list[int]:
@@ -291,7 +283,7 @@ def _by_part(number, middle, parts: Sequence[str], sizes: Sequence[int]):
     return np.split(rank[number], np.cumsum(sizes)[:-1]), middle[order], counts
 
 
-#: Prefixes of the parameters, besides those of `part_cells`.
+#: Prefixes of the parameters of what is attached.
 ON, HUNG = "put_on", "hung"
 #: Mass of what hangs on a spring where nothing does, over the structure's. [numerical: chosen]
 _IDLE = 1e-6
@@ -379,8 +371,8 @@ def sites_of(
         changes += losses
         values |= {f"{LOSS}.depth": 0.0, f"{LOSS}.place": 0.0, f"{LOSS}.size": 1.0}
         found = replace(found, patches=middles)
-    # A rotation, which is no strain, must be one of the elements' too; and without sensors modes
-    # are counted, those of a free body that is off by a little with the elastic ones.
+    # A rotation must be free of strain in the elements too. And without sensors modes are counted:
+    # the rigid motions of a body that is off by a little would be counted with the elastic ones.
     if full.degree > 1 and sensors is not None:
         bowed, more = cells.bowed() if BOW in wanted else ((), [])
         tapered, others = cells.tapered(dimensions) if TAPER in wanted else ((), [])

@@ -1,7 +1,7 @@
-"""Zones: parts of joints that can change each by itself, of layers, contacts and laps alike.
+"""Zones: parts of joints that can change independently, of layers, contacts and laps alike.
 
-K is proportional to a zone's parameters, and M knows nothing of them. What makes the zones of a
-case stands in `zones.joints` (layers around bolts), `zones.contacts` (layers by pressure) and
+K is proportional to a zone's parameters, and M does not depend on them. The zones of a case are
+made in `zones.joints` (layers around bolts), `zones.contacts` (layers by pressure) and
 `zones.laps` (joint elements of beams).
 """
 
@@ -26,7 +26,7 @@ SAME = 1e-6
 
 @dataclass(frozen=True)
 class ZoneInterface:
-    """What zones of one kind have for a stiffness, and how an interface in them enters K.
+    """The stiffness of one kind of zones, and how an interface in them enters K.
 
     Attributes:
         name: Its kind.
@@ -50,22 +50,24 @@ class ZoneInterface:
 LAYER = ZoneInterface("layer", {"n": "E", "t": "G"}, True, True, ("t",), ("n", "t"))
 #: Slip alone is damped, as in eq. 3 of Jalali et al. 2019.
 LAP = ZoneInterface("lap", {"slap": "k1", "slip": "k2"}, False, True, ("slip",), ("slip",))
-#: A lap whose k1 and k2 are the case's own, not those of one piece.
+#: A lap with the k1 and k2 of the case in place of those of one piece.
 GIVEN_LAP = replace(LAP, name="given lap", series=False)
 
 
 @dataclass(frozen=True)
 class Zone:
-    """A part of a joint that can change by itself.
+    """A part of a joint that can change independently of the others.
 
     Attributes:
         name: The prefix of its parameters in the model.
-        interface: What it has for a stiffness.
+        interface: Its kind of stiffness.
         thickness: Of its layer, m; nan for a lap.
         joint: The case's joint or contact that it is a part of.
-        shown: What it is called where zones are shown as one.
-        label: What it is called in the names of an effect's parameters.
+        shown: Name under which several zones are shown together.
+        held: The joints, or faces of one, that it is a part of: those that share a bolt.
+        label: Its name in those of an effect's parameters.
         bolt: Name of the bolt that presses it, such as ``bolt 2``; ``""`` without.
+        ring: Number of its ring about that bolt, 1 the innermost; 0 without.
         distance: Least and largest distance of its cells' middles from that bolt's axis, m.
         pressure: Least and largest contact pressure in it, Pa.
         area: Its area, m2.
@@ -76,8 +78,10 @@ class Zone:
     thickness: float = np.nan
     joint: str = ""
     shown: str = ""
+    held: str = ""
     label: str = ""
     bolt: str = ""
+    ring: int = 0
     distance: tuple[float, float] = (np.nan, np.nan)
     pressure: tuple[float, float] = (np.nan, np.nan)
     area: float = np.nan
@@ -151,18 +155,8 @@ class Zones:
         return tuple(zone.name for zone in self.all)
 
     @property
-    def distance(self) -> np.ndarray:
-        """Least and largest distance of each zone from its bolt, m, (n, 2); nan without."""
-        return np.array([zone.distance for zone in self.all]).reshape(-1, 2)
-
-    @property
-    def area(self) -> np.ndarray:
-        """Area of each zone, m2, (n,)."""
-        return np.array([zone.area for zone in self.all])
-
-    @property
     def by_pressure(self) -> bool:
-        """Whether they are those of a contact whose pressure was solved for."""
+        """Whether they are zones of a contact whose pressure was solved for."""
         return any(np.isfinite(zone.pressure).all() for zone in self.all)
 
     def pick(self, names: Sequence[str]) -> tuple[Zone, ...]:
@@ -180,7 +174,7 @@ class Zones:
 
     @property
     def shown(self) -> dict[str, str]:
-        """What each zone, and each lap along the beams, is called where zones are shown as one."""
+        """Name under which each zone, and each lap along the beams, is shown with others."""
         along = {lap.along: lap.name for lap in self.laps or ()}
         return {zone.name: zone.shown for zone in self.all} | along
 
@@ -191,13 +185,51 @@ class Zones:
         )
 
 
+def distinct_places(
+    kinds: Mapping[str, Mapping[str, tuple[str, ...]]], away: Sequence[str] = ()
+) -> dict[str, dict[str, tuple[str, ...]]]:
+    """Zones of each distinct location, see `Zones.places`.
+
+    Args:
+        kinds: Zones by the kind of place and by its name, all of them.
+        away: Zones that are a location already.
+    """
+    seen, found = {frozenset(away)}, {}
+    for kind, places in kinds.items():
+        new = {k: zones for k, zones in places.items() if frozenset(zones) not in seen}
+        if len(places) > 1 and new:
+            found[kind] = new
+            seen |= {frozenset(zones) for zones in new.values()}
+    return found
+
+
+def equal_shares(values: np.ndarray, weights: np.ndarray, count: int) -> np.ndarray:
+    """Group of each of some values, (n,), from 0 at the least value on.
+
+    Groups have equal weights, as nearly as can be, and equal values are in one group.
+
+    Args:
+        values: The values, none negative.
+        weights: Of each.
+        count: Groups at most.
+    """
+    order = np.argsort(values, kind="stable")
+    level = np.empty(len(values), dtype=int)
+    new = np.diff(values[order]) > SAME * values.max()
+    level[order] = np.concatenate([[0], np.cumsum(new)])
+    weight = np.bincount(level, weights)
+    share = (np.cumsum(weight) - 0.5 * weight) / weight.sum()
+    group = np.minimum((count * share).astype(int), count - 1)
+    return np.unique(group, return_inverse=True)[1][level]
+
+
 def check_names(case: Case, zones: Sequence[str], what: str) -> None:
     """Raise if a zone's name is another section's, or another zone's.
 
     Args:
         case: The case.
         zones: Names of the zones.
-        what: What they are zones of.
+        what: A word for their joints: ``a joint``, ``a lap``.
 
     Raises:
         InputError: With the name.
