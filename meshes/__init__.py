@@ -9,7 +9,7 @@ from fenics_joints.meshes.bolted_plates import (
 )
 from fenics_joints.meshes.c_beam import CBeams, c_beams
 from fenics_joints.meshes.cad import StepAssembly, read_step
-from fenics_joints.meshes.check import check_contact, check_mesh
+from fenics_joints.meshes.check import check_mesh
 from fenics_joints.meshes.dumbbell import Dumbbell, dumbbell
 from fenics_joints.meshes.engraving_machine import EngravingMachine, engraving_machine
 from fenics_joints.meshes.facets import separate
@@ -46,7 +46,6 @@ __all__ = [
     "bolted_plates_section",
     "box",
     "c_beams",
-    "check_contact",
     "check_mesh",
     "dumbbell",
     "engraving_machine",

@@ -147,9 +147,10 @@ class Arguments:
 
 @dataclass(frozen=True, kw_only=True)
 class Builder(Arguments):
-    """The arguments of a mesh builder; a further builder is a subclass.
+    """The arguments of a mesh builder, of which a further one is a subclass.
 
-    A case file asks it for the section ``[mesh]``. The ``function`` is `made_by` it.
+    One line registers it: ``name = made_by(Name, in_cases=True)`` makes the ``function``, and the
+    section ``[mesh]`` of case files with the same arguments.
     """
 
     def groups(self) -> tuple[list[str], list[str]]:
@@ -206,8 +207,22 @@ def check_squares(builder: Arguments, key: str, side: float, spans, *, apart: bo
             builder.require(side <= gap * (1 + 1e-9), "zone", expected, side)
 
 
-def made_by(builder: Callable[P, Builder]) -> Callable[Concatenate[MPI.Intracomm, P], TaggedMesh]:
-    """The function of a communicator and a builder's arguments that builds the mesh."""
+#: Builders that a case file can name, by their functions; see `made_by`.
+CASE_BUILDERS: dict[str, type[Builder]] = {}
+
+
+def made_by(
+    builder: Callable[P, Builder], *, in_cases: bool = False
+) -> Callable[Concatenate[MPI.Intracomm, P], TaggedMesh]:
+    """The function of a communicator and a builder's arguments that builds the mesh.
+
+    Args:
+        builder: The builder, a class.
+        in_cases: Whether ``builder = "NAME"`` in a case file means it; it then has `Builder.groups`
+            and `Builder.bricks`.
+    """
+    if in_cases:
+        CASE_BUILDERS[builder.function] = builder
 
     def make(comm, **arguments):
         return builder(**arguments).build(comm)

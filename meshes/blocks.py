@@ -11,7 +11,7 @@ from mpi4py import MPI
 from fenics_joints.meshes.arguments import Solid, holds, is_count, requirement
 from fenics_joints.meshes.arguments import lengths as are_lengths
 from fenics_joints.meshes.facets import Skin, separate
-from fenics_joints.meshes.grid import extruded, plane_mesh, tensor_grid
+from fenics_joints.meshes.grid import extruded, tensor_grid
 from fenics_joints.meshes.tagged import MeshLists, TaggedMesh, distribute
 from fenics_joints.parallel import on_root
 
@@ -119,10 +119,7 @@ def _blocks(plan, low, high, spans, cell) -> MeshLists:
         covered = np.outer(covered, (middle > first) & (middle < last)).ravel()
     n_low, n_high = len(low) - 1, len(high) - 1
     rows = np.array([np.full(len(covered), lower)] * n_low + [covered * upper] * n_high)
-    if len(plan) == 1:
-        lists = plane_mesh(*tensor_grid(plan[0], heights), rows.T.ravel(), cell, CELL_NAMES)
-    else:
-        lists = extruded(*tensor_grid(*plan), heights, rows, cell, CELL_NAMES)
+    lists = extruded(*tensor_grid(*plan), heights, rows, cell, CELL_NAMES)
     names = "interface_lower", "interface_upper"
     skin = Skin(separate(lists, CELL_NAMES, {("lower", "upper"): names}))
     sides = {"bottom": skin.at(len(plan), low[0]), "top": skin.at(len(plan), high[-1])}

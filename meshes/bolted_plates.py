@@ -25,7 +25,6 @@ from fenics_joints.meshes.grid import (
     graded_lines,
     grid_cells,
     grid_lines,
-    plane_mesh,
     tensor_grid,
 )
 from fenics_joints.meshes.tagged import MeshLists
@@ -143,6 +142,18 @@ class _Plates(Builder):
             values = values + found * (CELL_NAMES["bolt_lower"] + upper)
         return values
 
+    def plan(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Points; cells; and the radius at the middle of the ring in which each cell is."""
+        raise NotImplementedError
+
+    def lists(self) -> MeshLists:
+        """The whole mesh."""
+        points, cells, middle = self.plan()
+        z = self.z_lines()
+        rows = self.values(middle, _middle(z))
+        skin = Skin(self.parted(extruded(points, cells, z, rows, self.cell, CELL_NAMES)))
+        return skin.named(self.faces(skin, np.linalg.norm(skin.x[:, :, :-1], axis=2)))
+
     def parted(self, lists: MeshLists) -> MeshLists:
         """The parts as separate bodies, but for those that are bonded."""
         below, above = [["plate_1"], ["washer_1"], ["bolt_lower"]], [["plate_2"]]
@@ -240,16 +251,15 @@ class RoundPlatesSection(_Plates):
 
     cell: Literal["quadrilateral", "triangle"] = "quadrilateral"
 
-    def lists(self) -> MeshLists:
-        """The section, x[0] the radius and x[1] the height."""
-        r, z = self.r_lines(), self.z_lines()
-        points, quads = tensor_grid(r, z)
-        values = self.values(_middle(r), _middle(z)).T.ravel()
-        skin = Skin(self.parted(plane_mesh(points, quads, values, self.cell, CELL_NAMES)))
-        faces = self.faces(skin, skin.x[:, :, 0])
-        if self.parts == "bolt":
-            faces["axis"] = skin.at(0, 0.0)
-        return skin.named(faces)
+    def plan(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Points and cells along the radius; and the radius at the middle of each cell."""
+        r = self.r_lines()
+        return *tensor_grid(r), _middle(r)
+
+    def faces(self, skin: Skin, r: np.ndarray) -> dict[str, np.ndarray]:
+        """Those of all plates, and the axis of a bolt."""
+        axis = {"axis": skin.at(0, 0.0)} if self.parts == "bolt" else {}
+        return super().faces(skin, r) | axis
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -289,16 +299,10 @@ class RoundPlates(_Plates):
         expected = f"a multiple of {unit} with parts = {self.parts!r}"
         self.require(fits, "n_around", expected)
 
-    def lists(self) -> MeshLists:
-        """The section revolved."""
-        points, quads, middle = self.plan()
-        z = self.z_lines()
-        rows = self.values(middle, _middle(z))
-        skin = Skin(self.parted(extruded(points, quads, z, rows, self.cell, CELL_NAMES)))
-        faces = self.faces(skin, np.hypot(skin.x[:, :, 0], skin.x[:, :, 1]))
-        if self.quarter:
-            faces |= {"symmetry_x": skin.at(0, 0.0), "symmetry_y": skin.at(1, 0.0)}
-        return skin.named(faces)
+    def faces(self, skin: Skin, r: np.ndarray) -> dict[str, np.ndarray]:
+        """Those of all plates, and the planes of symmetry of a quarter."""
+        planes = {"symmetry_x": skin.at(0, 0.0), "symmetry_y": skin.at(1, 0.0)}
+        return super().faces(skin, r) | (planes if self.quarter else {})
 
     def plan(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Plane points; cells; and the radius at the middle of the ring in which each cell is."""

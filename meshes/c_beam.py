@@ -211,4 +211,4 @@ class CBeams(Builder):
         return skin.named(faces)
 
 
-c_beams = made_by(CBeams)
+c_beams = made_by(CBeams, in_cases=True)

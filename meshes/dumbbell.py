@@ -210,4 +210,4 @@ class Dumbbell(Builder):
         return grid_lines([*edges, *own.ravel()], self.element_size)
 
 
-dumbbell = made_by(Dumbbell)
+dumbbell = made_by(Dumbbell, in_cases=True)

@@ -322,4 +322,4 @@ def _in_plan(middle: np.ndarray, box) -> np.ndarray:
     return np.flatnonzero((x > box[0]) & (x < box[1]) & (y > box[2]) & (y < box[3]))
 
 
-engraving_machine = made_by(EngravingMachine)
+engraving_machine = made_by(EngravingMachine, in_cases=True)

@@ -10,7 +10,7 @@ import numpy as np
 
 from fenics_joints.errors import items, real, reals
 from fenics_joints.meshes.arguments import requirement
-from fenics_joints.meshes.facets import layer_cells, oriented
+from fenics_joints.meshes.facets import FACETS, layer_cells, oriented
 from fenics_joints.meshes.tagged import MeshLists
 
 # Quadrilaterals (v00, v10, v01, v11) cut along v00-v11 or v10-v01; all halves turn anticlockwise.
@@ -117,59 +117,37 @@ def cut_quads(points: np.ndarray, quads: np.ndarray) -> np.ndarray:
     return np.take_along_axis(quads, cut.reshape(-1, 6), axis=1).reshape(-1, 2, 3)
 
 
-def plane_mesh(points, quads, values, cell: str, cell_names: dict[str, int]) -> MeshLists:
-    """A mesh in the plane of those quadrilaterals that have a tag, without named faces.
-
-    Args:
-        points: Vertices, shape (n_points, 2), in metres.
-        quads: Cells (v00, v10, v01, v11), shape (n_quads, 4).
-        values: Tag of each cell, 0 where there is none, shape (n_quads,).
-        cell: ``"quadrilateral"``, or ``"triangle"`` for two of those in each quadrilateral.
-        cell_names: Tag of each named part.
-
-    Returns:
-        The mesh, without unused vertices.
-    """
-    quads, values = quads[values > 0], values[values > 0]
-    if cell == "triangle":
-        quads, values = cut_quads(points, quads).reshape(-1, 3), np.repeat(values, 2)
-    return _compressed(cell, points, quads, values, cell_names)
-
-
 def extruded(points, base, z, values, cell: str, cell_names: dict[str, int]) -> MeshLists:
-    """A mesh of the columns of cells over a plane mesh, without named faces.
+    """A mesh of the columns of cells over a plan, without named faces.
 
-    Tetrahedra are cut along the shorter diagonal of each quadrilateral, and upright along the
+    The plan is a line, for a mesh in the plane, or a plane mesh. Quadrilaterals that are cut, of
+    the section or of the plan, are cut along their shorter diagonal; tetrahedra upright along the
     diagonals that rise from the lower plane vertex number to the higher one. Neighbours see the
     same diagonal, so the cut conforms.
 
     Args:
-        points: Plane vertices, shape (n_points, 2), in metres.
-        base: Plane cells, quadrilaterals (v00, v10, v01, v11), or triangles where the columns are
-            of tetrahedra, shape (n_base, 4 or 3).
+        points: Vertices of the plan, shape (n_points, 1 or 2), in metres.
+        base: Its cells: intervals, quadrilaterals (v00, v10, v01, v11), or triangles where the
+            columns are of tetrahedra, shape (n_base, 2, 4 or 3).
         z: Levels, ascending, shape (n_levels,), in metres.
         values: Tag of each cell, 0 where there is none, shape (n_levels - 1, n_base).
-        cell: ``"hexahedron"`` or ``"tetrahedron"``.
+        cell: ``"quadrilateral"`` or ``"triangle"`` over a line, two for each quadrilateral;
+            ``"hexahedron"`` or ``"tetrahedron"`` over a plane, six for each hexahedron.
         cell_names: Tag of each named part.
 
     Returns:
         The mesh, without unused vertices.
     """
-    simplex = cell == "tetrahedron"
-    if simplex and base.shape[1] == 4:
+    if cell == "tetrahedron" and base.shape[1] == 4:
         base, values = cut_quads(points, base).reshape(-1, 3), np.repeat(values, 2, axis=1)
     layer, column = np.nonzero(values)
     x = np.column_stack([points.repeat(len(z), axis=0), np.tile(z, len(points))])
     lower = base[column] * len(z) + layer[:, None]
-    cells = oriented(cell, x, layer_cells(lower, lower + 1, simplex))
-    values = values[layer, column].repeat(3 if simplex else 1)
-    return _compressed(cell, x, cells, values, cell_names)
-
-
-def _compressed(cell: str, x, cells, values, cell_names) -> MeshLists:
+    cells = layer_cells(lower, lower + 1, cell == "tetrahedron")
+    cells = cut_quads(x, cells).reshape(-1, 3) if cell == "triangle" else oriented(cell, x, cells)
+    values = values[layer, column].repeat(len(cells) // len(column))
     used, numbers = np.unique(cells, return_inverse=True)
-    corners = {"quadrilateral": 2, "triangle": 2, "hexahedron": 4, "tetrahedron": 3}[cell]
-    none = np.empty((0, corners), dtype=np.int64), np.empty(0, dtype=np.int32)
+    none = np.empty((0, FACETS[cell].shape[1]), dtype=np.int64), np.empty(0, dtype=np.int32)
     return MeshLists(cell, x[used], numbers.reshape(cells.shape), values, *none, cell_names, {})
 
 
@@ -200,15 +178,19 @@ def thickened(flat: MeshLists, thickness: float) -> MeshLists:
     )
 
 
-def tensor_grid(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Points and quadrilaterals of the grid with lines ``x`` and ``y``.
+def tensor_grid(*lines: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Points and cells of the grid with lines ``x``, or ``x`` and ``y``.
 
     Returns:
-        Points, shape (len(x) * len(y), 2), point (i, j) in row ``i * len(y) + j``; and cells
-        (v00, v10, v01, v11), shape (n_cells, 4).
+        Points, shape (n_points, 1 or 2), point (i, j) in row ``i * len(y) + j``; and cells, those
+        of one line its intervals, (n_cells, 2), of two quadrilaterals (v00, v10, v01, v11),
+        (n_cells, 4).
     """
-    points = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2)
-    return points, grid_cells(np.arange(len(points)).reshape(len(x), len(y)))
+    points = np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1).reshape(-1, len(lines))
+    number = np.arange(len(points))
+    if len(lines) == 1:
+        return points, np.column_stack([number[:-1], number[1:]])
+    return points, grid_cells(number.reshape(len(lines[0]), -1))
 
 
 def grid_cells(number: np.ndarray) -> np.ndarray:

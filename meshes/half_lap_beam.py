@@ -10,14 +10,7 @@ import numpy as np
 
 from fenics_joints.meshes.arguments import Builder, Count, Gap, Size, Solid, made_by
 from fenics_joints.meshes.facets import Skin
-from fenics_joints.meshes.grid import (
-    PlaneGrid,
-    count_intervals,
-    extruded,
-    grid_lines,
-    plane_mesh,
-    tensor_grid,
-)
+from fenics_joints.meshes.grid import PlaneGrid, count_intervals, extruded, grid_lines, tensor_grid
 from fenics_joints.meshes.lap_beam import CELL_NAMES, lapped, lapped_groups
 from fenics_joints.meshes.tagged import MeshLists
 
@@ -79,9 +72,15 @@ class _HalfLap(Builder):
         """Where the bolts are along x, shape (n,)."""
         return self.start + self.lap * np.arange(1, self.bolts + 1) / (self.bolts + 1)
 
+    def plan(self) -> tuple[np.ndarray, np.ndarray]:
+        """Points and cells of the plan: lines along x, and in space the plane of x and y."""
+        return tensor_grid(self.x_lines(self.washer, self.lap / self.n_lap))
+
     def grid(self) -> MeshLists:
         """Cells alone; beams that touch share vertices."""
-        raise NotImplementedError
+        points, cells = self.plan()
+        pieces = self.pieces(points[cells].mean(axis=1)[:, 0])
+        return _joined([extruded(points, cells, *piece, self.cell, CELL_NAMES) for piece in pieces])
 
     def lists(self) -> MeshLists:
         """The whole mesh."""
@@ -221,14 +220,6 @@ class HalfLapBeam(_HalfLap):
         cells, faces = super().groups()
         return cells, faces + (["holes"] if self.hole > 0 else [])
 
-    def grid(self) -> MeshLists:
-        """Cells alone; beams that touch share vertices."""
-        plan = self.plan()
-        lists = []
-        for levels, rows in self.pieces(plan.middle[:, 0]):
-            lists.append(extruded(plan.points, plan.quads, levels, rows, self.cell, CELL_NAMES))
-        return _joined(lists)
-
     def bricks(self) -> list[tuple[float, float, float]]:
         """About how many cells the two beams and the layer have along x, y and z."""
         side, size_x, size_y = self.sizes()
@@ -247,14 +238,14 @@ class HalfLapBeam(_HalfLap):
         """Places across the beam that are lines."""
         return [-self.width / 2, -side / 2, side / 2, self.width / 2]
 
-    def plan(self) -> PlaneGrid:
-        """The plane of x and y."""
+    def plan(self) -> tuple[np.ndarray, np.ndarray]:
+        """Points and cells of the plane of x and y."""
         side, *sizes = self.sizes()
         plan = PlaneGrid(self.x_lines(side, sizes[0]), grid_lines(self.y_edges(side), sizes[1]))
         for place in self.places if self.hole > 0 else ():
             radii = self.hole / 2, self.washer / 2
             plan.fill(np.array([place, 0.0]), side, radii, min(sizes))
-        return plan
+        return plan.points, plan.quads
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -270,16 +261,6 @@ class HalfLapBeamSection(_HalfLap):
 
     cell: Literal["quadrilateral", "triangle"] = "quadrilateral"
 
-    def grid(self) -> MeshLists:
-        """Cells alone; beams that touch share vertices."""
-        x = self.x_lines(self.washer, self.lap / self.n_lap)
-        lists = []
-        for levels, rows in self.pieces(0.5 * (x[:-1] + x[1:])):
-            # Cells come with the height running fastest.
-            points, quads = tensor_grid(x, levels)
-            lists.append(plane_mesh(points, quads, rows.T.ravel(), self.cell, CELL_NAMES))
-        return _joined(lists)
-
 
 def _joined(lists: list[MeshLists]) -> MeshLists:
     """Meshes as one, in which vertices at the same place, to the last bit, are one."""
@@ -291,5 +272,5 @@ def _joined(lists: list[MeshLists]) -> MeshLists:
     return replace(lists[0], x=x, cells=number[np.vstack(cells)], cell_values=values)
 
 
-half_lap_beam = made_by(HalfLapBeam)
+half_lap_beam = made_by(HalfLapBeam, in_cases=True)
 half_lap_beam_section = made_by(HalfLapBeamSection)

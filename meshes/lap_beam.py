@@ -10,10 +10,19 @@ import numpy as np
 
 from fenics_joints.meshes.arguments import Builder, Count, Gap, Size, Solid, is_positive, made_by
 from fenics_joints.meshes.facets import Skin, add_faces, facets_between, separate
-from fenics_joints.meshes.grid import count_intervals, extruded, grid_lines, plane_mesh, tensor_grid
+from fenics_joints.meshes.grid import count_intervals, extruded, grid_lines, tensor_grid
 from fenics_joints.meshes.tagged import MeshLists
 
 CELL_NAMES = {"beam_1": 1, "beam_2": 2, "joint": 3, "root": 4}
+
+
+def _between(layer: float, bonded: bool) -> dict[str, tuple[str, str]]:
+    """Faces between two beams: the part that each belongs to, and the part on its other side."""
+    if layer > 0:
+        return {"joint_lower": ("beam_1", "joint"), "joint_upper": ("beam_2", "joint")}
+    if bonded:
+        return {"interface": ("beam_1", "beam_2")}
+    return {"interface_lower": ("beam_1", "beam_2"), "interface_upper": ("beam_2", "beam_1")}
 
 
 def lapped_groups(
@@ -27,12 +36,8 @@ def lapped_groups(
         cells: Names of other parts than those of the beams and the layer.
         faces: Names of other faces than those between the beams.
     """
-    cells = ["beam_1", "beam_2", *cells]
-    if layer > 0:
-        return [*cells, "joint"], [*faces, "joint_lower", "joint_upper"]
-    if bonded:
-        return cells, [*faces, "interface"]
-    return cells, [*faces, "interface_lower", "interface_upper"]
+    joint = ["joint"] if layer > 0 else []
+    return ["beam_1", "beam_2", *cells, *joint], [*faces, *_between(layer, bonded)]
 
 
 def lapped(lists: MeshLists, layer: float, bonded: bool) -> MeshLists:
@@ -43,15 +48,13 @@ def lapped(lists: MeshLists, layer: float, bonded: bool) -> MeshLists:
         layer: Thickness of the layer between the beams, in metres.
         bonded: Whether they go on to share vertices; those of a layer always do.
     """
-    if layer > 0:
-        faces = {"joint_lower": ("joint", "beam_1"), "joint_upper": ("joint", "beam_2")}
-    elif bonded:
-        faces = {"interface": ("beam_1", "beam_2")}
-    else:
-        names = "interface_lower", "interface_upper"
-        bodies = [("root", "beam_1"), "joint", "beam_2"]
-        return separate(lists, bodies, {("beam_1", "beam_2"): names})
-    return add_faces(lists, {name: facets_between(lists, *pair) for name, pair in faces.items()})
+    faces = _between(layer, bonded)
+    if layer > 0 or bonded:
+        return add_faces(
+            lists, {name: facets_between(lists, *pair) for name, pair in faces.items()}
+        )
+    bodies = [("root", "beam_1"), "joint", "beam_2"]
+    return separate(lists, bodies, {("beam_1", "beam_2"): tuple(faces)})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -103,9 +106,15 @@ class _Lap(Builder):
         """Height of the outer faces, above and below 0."""
         return self.thickness + self.layer / 2
 
+    def lines(self) -> list[np.ndarray]:
+        """Lines of the plan: along the beams, and in space also across them."""
+        return [self.x_lines()]
+
     def grid(self) -> MeshLists:
         """Cells alone."""
-        raise NotImplementedError
+        points, cells = tensor_grid(*self.lines())
+        values = self.values(points[cells][:, :, 0].mean(axis=1))
+        return extruded(points, cells, self.levels(), values, self.cell, CELL_NAMES)
 
     def lists(self) -> MeshLists:
         """The whole mesh."""
@@ -217,11 +226,9 @@ class LapBeam(_Lap):
         """Largest side of a washer, m."""
         return min(self.lap, self.width)
 
-    def grid(self) -> MeshLists:
-        """Cells alone."""
-        points, quads = tensor_grid(self.x_lines(), self.y_lines())
-        values = self.values(points[quads][:, :, 0].mean(axis=1))
-        return extruded(points, quads, self.levels(), values, self.cell, CELL_NAMES)
+    def lines(self) -> list[np.ndarray]:
+        """Lines of the plan along and across the beams."""
+        return [self.x_lines(), grid_lines(self.y_edges(), self.width / self.n_width)]
 
     def bricks(self) -> list[tuple[float, float, float]]:
         """About how many cells the two beams and the layer have along x, y and z."""
@@ -231,9 +238,6 @@ class LapBeam(_Lap):
     def y_edges(self) -> list[float]:
         half, edge = self.washer / 2, self.width / 2
         return [-edge, -half, half, edge]
-
-    def y_lines(self) -> np.ndarray:
-        return grid_lines(self.y_edges(), self.width / self.n_width)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -249,14 +253,6 @@ class LapBeamSection(_Lap):
 
     cell: Literal["quadrilateral", "triangle"] = "quadrilateral"
 
-    def grid(self) -> MeshLists:
-        """Cells alone."""
-        x = self.x_lines()
-        points, quads = tensor_grid(x, self.levels())
-        # Cells come with the height running fastest.
-        values = self.values((x[:-1] + x[1:]) / 2).T.ravel()
-        return plane_mesh(points, quads, values, self.cell, CELL_NAMES)
 
-
-lap_beam = made_by(LapBeam)
+lap_beam = made_by(LapBeam, in_cases=True)
 lap_beam_section = made_by(LapBeamSection)

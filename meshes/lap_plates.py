@@ -207,4 +207,4 @@ class LapPlates(Builder):
         return np.array(rows)
 
 
-lap_plates = made_by(LapPlates)
+lap_plates = made_by(LapPlates, in_cases=True)

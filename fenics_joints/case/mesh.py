@@ -31,18 +31,8 @@ from fenics_joints.case.values import (
 )
 from fenics_joints.database import JointSurfaces, TorqueToForce, query, seed_database
 from fenics_joints.errors import InputError, MeshError
-from fenics_joints.meshes import (
-    CBeams,
-    Dumbbell,
-    EngravingMachine,
-    HalfLapBeam,
-    LapBeam,
-    LapPlates,
-    TaggedMesh,
-    read_msh,
-    read_step,
-)
-from fenics_joints.meshes.arguments import Builder, Demand
+from fenics_joints.meshes import TaggedMesh, read_msh, read_step
+from fenics_joints.meshes.arguments import CASE_BUILDERS, Builder, Demand
 from fenics_joints.meshes.grow import Grown
 from fenics_joints.parallel import on_root
 from fenics_joints.preload.clearance import cone_radius
@@ -507,13 +497,7 @@ class FileMesh(MeshFile):
 
 
 #: Classes of the builders, by name.
-BUILDERS = named_by(
-    "builder",
-    (
-        *map(section_of, (LapPlates, CBeams, LapBeam, HalfLapBeam, Dumbbell, EngravingMachine)),
-        OffsetBeamsMesh,
-    ),
-)
+BUILDERS = named_by("builder", (*map(section_of, CASE_BUILDERS.values()), OffsetBeamsMesh))
 
 
 def _kind(data: Any) -> type[CaseSection] | None:

@@ -157,6 +157,7 @@ class JointField:
         if is_rated(law) and step is None:
             raise InputError(f"{law.label} asks for the rate of strain: expected a step, s.")
         self.law, self.u, self.dx, self.jacobian, self._step = law, u, dx, jacobian, step
+        self._space = space
         self._side, self._comm = side, u.function_space.mesh.comm
         self._modulus, self._unilateral = normal_modulus, unilateral
         self.opening, slip = strains(u)
@@ -174,7 +175,7 @@ class JointField:
         virtual += sum(self.traction[i] * slips[i] for i in range(n))
         self.residual = jacobian * virtual * dx
         self.work = self.dissipated = 0.0
-        self._prepare(space)
+        self._prepare()
 
     # -- makers ------------------------------------------------------------------------------------
 
@@ -356,7 +357,7 @@ class JointField:
 
     # -- steps -------------------------------------------------------------------------------------
 
-    def _prepare(self, space: Callable) -> None:
+    def _prepare(self) -> None:
         """Compile once what every update needs."""
         self._forms = {
             key: None if e is None else fem.form(self.jacobian * e * self.dx)
@@ -448,10 +449,7 @@ class JointField:
             if expression.ufl_shape
             else [expression]
         )
-        space = self._heat.function_space
-        element = space.ufl_element()
-        made = basix.ufl.blocked_element(_scalar(element), shape=(len(parts),))
-        function = fem.Function(fem.functionspace(space.mesh, made))
+        function = fem.Function(self._space(len(parts)))
         function.x.array[:] = self._at(ufl.as_vector(parts), function.function_space)()
         return function
 
@@ -467,15 +465,6 @@ class JointField:
 def integral(comm: MPI.Intracomm, form: fem.Form) -> float:
     """Value of a scalar form. Collective."""
     return float(comm.allreduce(np.real(fem.assemble_scalar(form)), op=MPI.SUM))
-
-
-def _scalar(element):
-    """The element of one component."""
-    return (
-        element.sub_elements[0]
-        if element.block_size > 1 or element.reference_value_shape
-        else element
-    )
 
 
 def _normal(normal, mesh):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from typing import ClassVar
 
 import numpy as np
@@ -29,7 +30,44 @@ def _split(state, n: int):
     return first, ufl.as_vector([state[i] for i in range(n, size)])
 
 
-class Iwan(JointLaw):
+class ElasticFriction(JointLaw):
+    """Elastic dry friction under a constant normal load: Jenkins' element.
+
+    A spring that slides at its strength, in one direction or in two of a plane. `CoulombStick` has
+    a normal load that varies.
+
+    Args:
+        stiffness: Stiffness of sticking, k.
+        strength: Traction, or force, of sliding: friction times the normal load; >= 0.
+    """
+
+    name = "elastic_friction"
+    exact_steps = True
+
+    def __init__(self, stiffness: ArrayLike, strength: ArrayLike):
+        super().__init__(stiffness=stiffness, strength=strength)
+
+    def check(self) -> None:
+        positive(self, "stiffness")
+        not_negative(self, "strength")
+
+    def state_size(self, n_slip: int) -> int:
+        return n_slip
+
+    def element(self, normal, slip, state, p):
+        traction, state = slider(slip, state, p["stiffness"], p["strength"])
+        return ufl.as_ufl(0.0), traction, state
+
+    def stored(self, normal, slip, state, p):
+        """Energy per area in the spring, with the state after the step."""
+        return slider_energy(slip, state, p["stiffness"])
+
+    def dissipated(self, normal, slip, old, new, p):
+        """Energy per area turned to heat in a step."""
+        return slider_dissipation(slip, old, new, p["stiffness"])
+
+
+class Iwan(ElasticFriction):
     """Parallel sliders that follow a backbone: microslip, macroslip, Masing's loops.
 
     Args:
@@ -51,7 +89,6 @@ class Iwan(JointLaw):
     """
 
     name = "iwan"
-    exact_steps = True
 
     def __init__(
         self,
@@ -118,58 +155,14 @@ class Iwan(JointLaw):
         other._make(self.backbone)
         return other
 
-    def state_size(self, n_slip: int) -> int:
-        return n_slip
-
     def element(self, normal, slip, state, p):
-        traction, state = slider(slip, state, p["stiffness"], p["strength"])
-        return ufl.as_ufl(0.0), traction + p["spring"] * slip, state
+        zero, traction, state = super().element(normal, slip, state, p)
+        return zero, traction + p["spring"] * slip, state
 
     def stored(self, normal, slip, state, p):
         """Energy per volume or area in the springs, with the state after the step."""
         spring = 0.5 * p["spring"] * ufl.dot(slip, slip)
-        return spring + slider_energy(slip, state, p["stiffness"])
-
-    def dissipated(self, normal, slip, old, new, p):
-        """Energy per volume or area turned to heat in a step."""
-        return slider_dissipation(slip, old, new, p["stiffness"])
-
-
-class ElasticFriction(JointLaw):
-    """Elastic dry friction under a constant normal load: Jenkins' element.
-
-    A spring that slides at its strength, in one direction or in two of a plane. `CoulombStick` has
-    a normal load that varies.
-
-    Args:
-        stiffness: Stiffness of sticking, k.
-        strength: Traction, or force, of sliding: friction times the normal load; >= 0.
-    """
-
-    name = "elastic_friction"
-    exact_steps = True
-
-    def __init__(self, stiffness: ArrayLike, strength: ArrayLike):
-        super().__init__(stiffness=stiffness, strength=strength)
-
-    def check(self) -> None:
-        positive(self, "stiffness")
-        not_negative(self, "strength")
-
-    def state_size(self, n_slip: int) -> int:
-        return n_slip
-
-    def element(self, normal, slip, state, p):
-        traction, state = slider(slip, state, p["stiffness"], p["strength"])
-        return ufl.as_ufl(0.0), traction, state
-
-    def stored(self, normal, slip, state, p):
-        """Energy per area in the spring, with the state after the step."""
-        return slider_energy(slip, state, p["stiffness"])
-
-    def dissipated(self, normal, slip, old, new, p):
-        """Energy per area turned to heat in a step."""
-        return slider_dissipation(slip, old, new, p["stiffness"])
+        return spring + super().stored(normal, slip, state, p)
 
 
 class CoulombStick(JointLaw):
@@ -282,8 +275,38 @@ class DilatantCoulomb(CoulombStick):
         return sigma * way + slider_dissipation(slip, before, after, p["tangential_stiffness"])
 
 
-class BoucWen(JointLaw):
+class _InternalSlip(JointLaw, ABC):
+    """Stress of an elastic share of the slip x, and of an internal variable z that follows it."""
+
+    def state_size(self, n_slip: int) -> int:
+        return 2 * n_slip
+
+    @abstractmethod
+    def moduli(self, p) -> tuple:
+        """Stiffness of x, and of z."""
+
+    @abstractmethod
+    def internal(self, slip, last, z, p):
+        """z after a step from the slip ``last``."""
+
+    def element(self, normal, slip, state, p):
+        n, (k_x, k_z) = slip.ufl_shape[0], self.moduli(p)
+        z = self.internal(slip, *_split(state, n), p)
+        traction = ufl.as_vector([k_x * slip[i] + k_z * z[i] for i in range(n)])
+        return ufl.as_ufl(0.0), traction, ufl.as_vector([*slip, *(z[i] for i in range(n))])
+
+    def stored(self, normal, slip, state, p):
+        """Recoverable energy per volume or area: that of the spring and that of z."""
+        _, z = _split(state, slip.ufl_shape[0])
+        k_x, k_z = self.moduli(p)
+        return 0.5 * (k_x * ufl.dot(slip, slip) + k_z * ufl.dot(z, z))
+
+
+class BoucWen(_InternalSlip):
     """Bouc and Wen's smooth hysteresis, isotropic: k (a x + (1 - a) z).
+
+    The energy of z is chosen so that the heat, (1 - a) k z (dx - dz), is not negative for
+    |gamma| <= beta (Erlicher and Point, C. R. Mecanique 332, 2004).
 
     Args:
         stiffness: Stiffness at rest, k.
@@ -316,29 +339,14 @@ class BoucWen(JointLaw):
         if np.any(p["ratio"] > 1) or np.any(p["n"] < 1) or np.any(abs(p["gamma"]) > p["beta"]):
             raise InputError("bouc_wen: expected ratio <= 1, n >= 1 and |gamma| <= beta.")
 
-    def state_size(self, n_slip: int) -> int:
-        return 2 * n_slip
+    def moduli(self, p) -> tuple:
+        return p["stiffness"] * p["ratio"], p["stiffness"] * (1.0 - p["ratio"])
 
-    def element(self, normal, slip, state, p):
-        n = slip.ufl_shape[0]
-        last, z = _split(state, n)
-        z = bouc_wen(slip, last, z, p["beta"], p["gamma"], p["n"], substeps=self.substeps)
-        k, a = p["stiffness"], p["ratio"]
-        traction = ufl.as_vector([k * (a * slip[i] + (1.0 - a) * z[i]) for i in range(n)])
-        return ufl.as_ufl(0.0), traction, ufl.as_vector([*slip, *(z[i] for i in range(n))])
-
-    def stored(self, normal, slip, state, p):
-        """Recoverable energy per volume or area: that of the spring and that of z.
-
-        The energy of z is chosen so that the heat, (1 - a) k z (dx - dz), is not negative for
-        |gamma| <= beta (Erlicher and Point, C. R. Mecanique 332, 2004).
-        """
-        _, z = _split(state, slip.ufl_shape[0])
-        k, a = p["stiffness"], p["ratio"]
-        return 0.5 * k * (a * ufl.dot(slip, slip) + (1.0 - a) * ufl.dot(z, z))
+    def internal(self, slip, last, z, p):
+        return bouc_wen(slip, last, z, p["beta"], p["gamma"], p["n"], substeps=self.substeps)
 
 
-class Valanis(JointLaw):
+class Valanis(_InternalSlip):
     """Valanis' endochronic law in its simplest form, isotropic: E_t x + (E_0 - E_t) z.
 
     Arrays of moduli and rates make a series of memories, side by side.
@@ -361,22 +369,11 @@ class Valanis(JointLaw):
         if np.any(self.parameters["E_t"] >= self.parameters["E_0"]):
             raise InputError("valanis: expected E_t < E_0.")
 
-    def state_size(self, n_slip: int) -> int:
-        return 2 * n_slip
+    def moduli(self, p) -> tuple:
+        return p["E_t"], p["E_0"] - p["E_t"]
 
-    def element(self, normal, slip, state, p):
-        n = slip.ufl_shape[0]
-        last, z = _split(state, n)
-        z = valanis(slip, last, z, p["rate"])
-        soft = p["E_0"] - p["E_t"]
-        traction = ufl.as_vector([p["E_t"] * slip[i] + soft * z[i] for i in range(n)])
-        return ufl.as_ufl(0.0), traction, ufl.as_vector([*slip, *(z[i] for i in range(n))])
-
-    def stored(self, normal, slip, state, p):
-        """Energy per volume or area that can be had back."""
-        _, z = _split(state, slip.ufl_shape[0])
-        spring = 0.5 * p["E_t"] * ufl.dot(slip, slip)
-        return spring + 0.5 * (p["E_0"] - p["E_t"]) * ufl.dot(z, z)
+    def internal(self, slip, last, z, p):
+        return valanis(slip, last, z, p["rate"])
 
 
 class IwanLayer(Iwan):

@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     )
     from fenics_joints.preload.conditions import OPEN, SLIP, STICK
     from fenics_joints.preload.contact_state import ContactState
+    from fenics_joints.preload.interface import check_contact
     from fenics_joints.preload.linear_joint import (
         LinearJoint,
         cutoff_conditions,
@@ -66,6 +67,7 @@ __all__ = [
     "Thread",
     "Traction",
     "WasherForce",
+    "check_contact",
     "cutoff_conditions",
     "friction_from",
     "motosh_force",
@@ -79,6 +81,15 @@ __all__ = [
 ]
 
 #: Files that hold the other names; each is imported with those before it at the latest.
-_FILES = ("components", "conditions", "model", "contact_state", "solve", "adjoint", "linear_joint")
+_FILES = (
+    "components",
+    "conditions",
+    "interface",
+    "model",
+    "contact_state",
+    "solve",
+    "adjoint",
+    "linear_joint",
+)
 
 __getattr__ = lazy(__name__, dict.fromkeys(__all__, _FILES))

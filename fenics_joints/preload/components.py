@@ -6,7 +6,9 @@ Plain data; `fenics_joints.preload.model` turns it into equations.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from functools import partial
+from typing import Annotated, get_args, get_type_hints
 
 import numpy as np
 
@@ -22,11 +24,89 @@ from fenics_joints.errors import (
     whole,
 )
 
-Gap = float | Callable[[np.ndarray], np.ndarray]
+
+def _friction(key: str, value: object) -> None:
+    if not isinstance(value, float) or value != np.inf:
+        real(key, value, least=0, most=100)
+
+
+def _gap(key: str, value: object) -> None:
+    if not callable(value):
+        real(key, value, "m")
+
+
+def _function(key: str, value: object, expected: str = "a function of positions") -> None:
+    if not callable(value):
+        raise wanted(key, value, expected)
+
+
+def _poisson(key: str, value: object) -> None:
+    if not -1 < real(key, value) < 0.5:
+        raise wanted(key, value, "-1 < nu < 0.5")
+
+
+def _force(key: str, value: object) -> None:
+    if len(reals(key, value, (None,), "N")) not in (2, 3):
+        raise wanted(key, value, "2 or 3 components, N")
+
+
+def _some_lengths(key: str, value: object) -> None:
+    found = items(key, value, (float, int, type(None)), "numbers, m, or None")
+    given = [v for v in found if v is not None]
+    if len(found) not in (2, 3) or not given:
+        raise wanted(key, value, "2 or 3 components, m, not all of them None")
+    reals(key, given, (None,), "m")
+
+
+#: Types of arguments, with the function of a key and a value that refuses others.
+Name = Annotated[str, text]
+Flag = Annotated[bool, flag]
+Friction = Annotated[float, _friction]
+Gap = Annotated[float | Callable[[np.ndarray], np.ndarray], _gap]
+Length = Annotated[float, partial(real, unit="m", above=0)]
+Vector = Annotated[tuple[float, ...], partial(reals, shape=(None,), unit="m")]
+Direction = Annotated[tuple[float, ...], direction]
+Shape = Annotated[
+    Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]],
+    partial(_function, expected="a Plane, a Sphere, a Cylinder or a function of positions"),
+]
+
+
+class _Checked:
+    """Arguments that are checked as their types are annotated; InputError names the first wrong."""
+
+    def __post_init__(self) -> None:
+        own = type(self).__name__.lower()
+        kinds = get_type_hints(type(self), include_extras=True)
+        for field in fields(self):
+            value, kind = getattr(self, field.name), kinds[field.name]
+            options = get_args(kind)
+            if type(None) in options:
+                kind = options[0]
+                if value is None:
+                    continue
+            name = own if field.name == "name" else getattr(self, "name", own)
+            kind.__metadata__[0](f"{name}.{field.name}", value)
 
 
 @dataclass(frozen=True)
-class Contact:
+class _Faces(_Checked):
+    """A name, and two faces."""
+
+    name: Name
+    lower: Name
+    upper: Name
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.lower == self.upper:
+            raise InputError(
+                f"{self.name}: lower and upper are both {self.lower!r}; expected two faces."
+            )
+
+
+@dataclass(frozen=True)
+class Contact(_Faces):
     """Two faces of different bodies that may touch.
 
     Where their vertices coincide they are paired; where their meshes differ, each vertex of the
@@ -46,24 +126,14 @@ class Contact:
             meshes differ, the farthest distance of two facets, by default half a facet's size.
     """
 
-    name: str
-    lower: str
-    upper: str
-    friction: float = 0.0
+    friction: Friction = 0.0
     gap: Gap = 0.0
-    bonded: bool = False
-    tolerance: float | None = None
-
-    def __post_init__(self):
-        _check_faces(self, "contact")
-        flag(f"{self.name}.bonded", self.bonded)
-        _check_touch(self)
-        if self.tolerance is not None:
-            real(f"{self.name}.tolerance", self.tolerance, "m", above=0)
+    bonded: Flag = False
+    tolerance: Length | None = None
 
 
 @dataclass(frozen=True)
-class Obstacle:
+class Obstacle(_Checked):
     """A face that may touch a body that does not give way: at rest, moved, or pushed by a force.
 
     The obstacle does not turn; one that is pushed moves along its force alone. Contact is that of
@@ -81,30 +151,18 @@ class Obstacle:
             (gdim,): how far it goes is found.
     """
 
-    name: str
-    facets: str
-    shape: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
-    friction: float = 0.0
+    name: Name
+    facets: Name
+    shape: Shape
+    friction: Friction = 0.0
     gap: Gap = 0.0
-    travel: tuple[float, ...] | None = None
-    force: tuple[float, ...] | None = None
+    travel: Vector | None = None
+    force: Direction | None = None
 
-    def __post_init__(self):
-        text("obstacle.name", self.name)
-        text(f"{self.name}.facets", self.facets)
-        if not callable(self.shape):
-            raise wanted(
-                f"{self.name}.shape",
-                self.shape,
-                "a Plane, a Sphere, a Cylinder or a function of positions",
-            )
-        _check_touch(self)
-        if self.travel is not None:
-            reals(f"{self.name}.travel", self.travel, (None,), "m")
-        if self.force is not None:
-            if self.travel is not None:
-                raise InputError(f"{self.name}: travel and force are given; expected one of them.")
-            direction(f"{self.name}.force", self.force)
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.travel is not None and self.force is not None:
+            raise InputError(f"{self.name}: travel and force are given; expected one of them.")
 
     @property
     def rests(self) -> bool:
@@ -112,38 +170,11 @@ class Obstacle:
         return self.travel is None and self.force is None
 
 
-def _check_touch(contact: Contact | Obstacle) -> None:
-    if not isinstance(contact.friction, float) or contact.friction != np.inf:
-        real(f"{contact.name}.friction", contact.friction, least=0, most=100)
-    if not callable(contact.gap):
-        real(f"{contact.name}.gap", contact.gap, "m")
-
-
 @dataclass(frozen=True)
-class _BoltBase:
-    """What all bolts have: a name, two faces and the force between them."""
+class _BoltBase(_Faces):
+    """A bolt: a name, two faces and the force between them."""
 
-    name: str
-    lower: str
-    upper: str
-    force: float
-
-    def __post_init__(self):
-        _check_faces(self, "bolt")
-        real(f"{self.name}.force", self.force, "N", least=0)
-        axis = getattr(self, "axis", None)
-        if axis is not None:
-            direction(f"{self.name}.axis", axis)
-
-
-def _check_faces(pair: Contact | _BoltBase, what: str) -> None:
-    text(f"{what}.name", pair.name)
-    text(f"{pair.name}.lower", pair.lower)
-    text(f"{pair.name}.upper", pair.upper)
-    if pair.lower == pair.upper:
-        raise InputError(
-            f"{pair.name}: lower and upper are both {pair.lower!r}; expected two faces."
-        )
+    force: Annotated[float, partial(real, unit="N", least=0)]
 
 
 @dataclass(frozen=True)
@@ -159,7 +190,7 @@ class WasherForce(_BoltBase):
             the last direction of space.
     """
 
-    axis: tuple[float, ...] | None = None
+    axis: Direction | None = None
 
 
 @dataclass(frozen=True)
@@ -177,7 +208,7 @@ class PretensionSection(_BoltBase):
         axis: Direction of the bolt's axis, shape (gdim,); by default the last direction of space.
     """
 
-    axis: tuple[float, ...] | None = None
+    axis: Direction | None = None
 
 
 @dataclass(frozen=True)
@@ -200,27 +231,16 @@ class BeamBolt(_BoltBase):
         n_elements: Elements along the beam.
     """
 
-    diameter: float
-    E: float = 210e9
-    nu: float = 0.3
-    rho: float = 7850.0
-    head_mass: float = 0.0
-    n_elements: int = 25
-
-    def __post_init__(self):
-        super().__post_init__()
-        name = self.name
-        real(f"{name}.diameter", self.diameter, "m", above=0)
-        real(f"{name}.E", self.E, "Pa", above=0)
-        if not -1 < real(f"{name}.nu", self.nu) < 0.5:
-            raise wanted(f"{name}.nu", self.nu, "-1 < nu < 0.5")
-        real(f"{name}.rho", self.rho, "kg/m3", least=0)
-        real(f"{name}.head_mass", self.head_mass, "kg", least=0)
-        whole(f"{name}.n_elements", self.n_elements)
+    diameter: Length
+    E: Annotated[float, partial(real, unit="Pa", above=0)] = 210e9
+    nu: Annotated[float, _poisson] = 0.3
+    rho: Annotated[float, partial(real, unit="kg/m3", least=0)] = 7850.0
+    head_mass: Annotated[float, partial(real, unit="kg", least=0)] = 0.0
+    n_elements: Annotated[int, whole] = 25
 
 
 @dataclass(frozen=True)
-class Traction:
+class Traction(_Checked):
     """A load spread evenly over a face.
 
     Attributes:
@@ -231,22 +251,14 @@ class Traction:
             instead of being even; its integral is scaled to the force.
     """
 
-    name: str
-    facets: str
-    force: tuple[float, ...]
-    profile: Callable[[np.ndarray], np.ndarray] | None = None
-
-    def __post_init__(self):
-        text("load.name", self.name)
-        text(f"{self.name}.facets", self.facets)
-        if len(reals(f"{self.name}.force", self.force, (None,), "N")) not in (2, 3):
-            raise wanted(f"{self.name}.force", self.force, "2 or 3 components, N")
-        if self.profile is not None and not callable(self.profile):
-            raise wanted(f"{self.name}.profile", self.profile, "a function of positions")
+    name: Name
+    facets: Name
+    force: Annotated[tuple[float, ...], _force]
+    profile: Annotated[Callable[[np.ndarray], np.ndarray], _function] | None = None
 
 
 @dataclass(frozen=True)
-class Pressure:
+class Pressure(_Checked):
     """An even pressure on a face, along its normal before it is deformed.
 
     Attributes:
@@ -255,18 +267,13 @@ class Pressure:
         pressure: Pressure, Pa; positive presses on the body.
     """
 
-    name: str
-    facets: str
-    pressure: float
-
-    def __post_init__(self):
-        text("load.name", self.name)
-        text(f"{self.name}.facets", self.facets)
-        real(f"{self.name}.pressure", self.pressure, "Pa")
+    name: Name
+    facets: Name
+    pressure: Annotated[float, partial(real, unit="Pa")]
 
 
 @dataclass(frozen=True)
-class Displacement:
+class Displacement(_Checked):
     """A face all of which is moved by the same given way, as a grip or a punch glued to it does.
 
     Attributes:
@@ -275,22 +282,9 @@ class Displacement:
         value: Displacement, m, (gdim,); None in directions in which the face stays free.
     """
 
-    name: str
-    facets: str
-    value: tuple[float | None, ...]
-
-    def __post_init__(self):
-        text("displacement.name", self.name)
-        text(f"{self.name}.facets", self.facets)
-        what = f"{self.name}.value"
-        given = [
-            v
-            for v in items(what, self.value, (float, int, type(None)), "numbers, m, or None")
-            if v is not None
-        ]
-        if len(self.value) not in (2, 3) or not given:
-            raise wanted(what, self.value, "2 or 3 components, m, not all of them None")
-        reals(what, given, (None,), "m")
+    name: Name
+    facets: Name
+    value: Annotated[tuple[float | None, ...], _some_lengths]
 
     @property
     def directions(self) -> tuple[int, ...]:
@@ -303,7 +297,7 @@ class Displacement:
 
 
 @dataclass(frozen=True)
-class Plane:
+class Plane(_Checked):
     """A plane, solid behind it.
 
     Attributes:
@@ -311,12 +305,8 @@ class Plane:
         normal: Its normal, away from the solid, (gdim,).
     """
 
-    point: tuple[float, ...]
-    normal: tuple[float, ...]
-
-    def __post_init__(self):
-        reals("plane.point", self.point, (None,), "m")
-        direction("plane.normal", self.normal)
+    point: Vector
+    normal: Direction
 
     def __call__(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         normal = np.asarray(self.normal, dtype=float)
@@ -325,7 +315,7 @@ class Plane:
 
 
 @dataclass(frozen=True)
-class Sphere:
+class Sphere(_Checked):
     """A ball; in two dimensions a disc, and with ``inside`` the hole of one.
 
     Attributes:
@@ -334,21 +324,16 @@ class Sphere:
         inside: Whether the body lies within the sphere, which is a cavity.
     """
 
-    centre: tuple[float, ...]
-    radius: float
-    inside: bool = False
-
-    def __post_init__(self):
-        reals("sphere.centre", self.centre, (None,), "m")
-        real("sphere.radius", self.radius, "m", above=0)
-        flag("sphere.inside", self.inside)
+    centre: Vector
+    radius: Length
+    inside: Flag = False
 
     def __call__(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         return _round(x - np.asarray(self.centre, dtype=float), self.radius, self.inside)
 
 
 @dataclass(frozen=True)
-class Cylinder:
+class Cylinder(_Checked):
     """A round pin without ends, in three dimensions, and with ``inside`` the bore of one.
 
     Attributes:
@@ -358,16 +343,10 @@ class Cylinder:
         inside: Whether the body lies within the cylinder, which is a bore.
     """
 
-    point: tuple[float, ...]
-    axis: tuple[float, ...]
-    radius: float
-    inside: bool = False
-
-    def __post_init__(self):
-        reals("cylinder.point", self.point, (3,), "m")
-        direction("cylinder.axis", self.axis)
-        real("cylinder.radius", self.radius, "m", above=0)
-        flag("cylinder.inside", self.inside)
+    point: Annotated[tuple[float, ...], partial(reals, shape=(3,), unit="m")]
+    axis: Direction
+    radius: Length
+    inside: Flag = False
 
     def __call__(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         axis = np.asarray(self.axis, dtype=float)

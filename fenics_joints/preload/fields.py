@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from xml.etree import ElementTree
+from xml.sax.saxutils import quoteattr
 
 import numpy as np
 from dolfinx import fem
@@ -136,57 +136,41 @@ def facet_status(state: ContactState) -> np.ndarray:
 
 def _contacts_xdmf(states: list[ContactState]) -> str:
     """Text of an XDMF file with one grid for each contact, its numbers within."""
-    root = ElementTree.Element("Xdmf", Version="3.0")
-    domain = ElementTree.SubElement(root, "Domain")
-    all_of_them = ElementTree.SubElement(
-        domain, "Grid", Name="contacts", GridType="Collection", CollectionType="Spatial"
+    grids = "".join(_contact_grid(state) for state in states)
+    return (
+        '<?xml version="1.0"?>\n<Xdmf Version="3.0">\n<Domain>\n'
+        '<Grid Name="contacts" GridType="Collection" CollectionType="Spatial">\n'
+        f"{grids}</Grid>\n</Domain>\n</Xdmf>\n"
     )
-    for state in states:
-        all_of_them.append(_contact_grid(state))
-    ElementTree.indent(root)
-    return '<?xml version="1.0"?>\n' + ElementTree.tostring(root, encoding="unicode") + "\n"
 
 
-def _contact_grid(state: ContactState) -> ElementTree.Element:
+def _contact_grid(state: ContactState) -> str:
     c = state.interface
     kind, order = _FACETS[c.facets.shape[1]]
-    grid = ElementTree.Element("Grid", Name=state.name, GridType="Uniform")
-    topology = ElementTree.SubElement(
-        grid,
-        "Topology",
-        TopologyType=kind,
-        NumberOfElements=str(len(c.facets)),
-        NodesPerElement=str(len(order)),
+    fields = {name: (values, "Node") for name, values in _contact_values(state).items()}
+    fields["facet_pressure"] = state.facet_pressure, "Cell"
+    fields["facet_status"] = facet_status(state).astype(float), "Cell"
+    attributes = "".join(
+        f'<Attribute Name="{name}" AttributeType="{"Scalar" if values.ndim == 1 else "Vector"}" '
+        f'Center="{centre}">\n{_numbers(values)}</Attribute>\n'
+        for name, (values, centre) in fields.items()
     )
-    _item(topology, c.facets[:, list(order)], "Int")
-    _item(ElementTree.SubElement(grid, "Geometry", GeometryType="XYZ"), _in_space(c.points))
-    for name, values in _contact_values(state).items():
-        _attribute(grid, name, values, "Node")
-    _attribute(grid, "facet_pressure", state.facet_pressure, "Cell")
-    _attribute(grid, "facet_status", facet_status(state).astype(float), "Cell")
-    return grid
-
-
-def _attribute(grid: ElementTree.Element, name: str, values: np.ndarray, centre: str) -> None:
-    kind = "Scalar" if values.ndim == 1 else "Vector"
-    attribute = ElementTree.SubElement(
-        grid, "Attribute", Name=name, AttributeType=kind, Center=centre
+    return (
+        f'<Grid Name={quoteattr(state.name)} GridType="Uniform">\n'
+        f'<Topology TopologyType="{kind}" NumberOfElements="{len(c.facets)}" '
+        f'NodesPerElement="{len(order)}">\n{_numbers(c.facets[:, order], "Int")}</Topology>\n'
+        f'<Geometry GeometryType="XYZ">\n{_numbers(c.points)}</Geometry>\n'
+        f"{attributes}</Grid>\n"
     )
-    _item(attribute, values if values.ndim == 1 else _in_space(values))
 
 
-def _in_space(vectors: np.ndarray) -> np.ndarray:
-    return np.pad(vectors, ((0, 0), (0, 3 - vectors.shape[1])))
-
-
-def _item(parent: ElementTree.Element, values: np.ndarray, kind: str = "Float") -> None:
-    item = ElementTree.SubElement(
-        parent,
-        "DataItem",
-        Dimensions=" ".join(map(str, values.shape)),
-        NumberType=kind,
-        Precision="8",
-        Format="XML",
+def _numbers(values: np.ndarray, kind: str = "Float") -> str:
+    """An array as a DataItem; vectors in space."""
+    if kind == "Float" and values.ndim == 2:
+        values = np.pad(values, ((0, 0), (0, 3 - values.shape[1])))
+    rows = "\n".join(" ".join(map(repr, row)) for row in np.atleast_2d(values).tolist())
+    shape = " ".join(map(str, values.shape))
+    return (
+        f'<DataItem Dimensions="{shape}" NumberType="{kind}" Precision="8" Format="XML">\n'
+        f"{rows}\n</DataItem>\n"
     )
-    rows = np.atleast_2d(values) if values.ndim == 1 else values
-    item.text = "\n" + "\n".join(" ".join(map(repr, row)) for row in rows.tolist()) + "\n"

@@ -6,12 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.linalg
-import scipy.sparse
 from mpi4py import MPI
 from petsc4py import PETSc
-from scipy.sparse.csgraph import connected_components
 
 from fenics_joints.errors import InputError
+from fenics_joints.meshes.grow import groups_of
 from fenics_joints.modal.rigid import node_positions, rigid_motions
 from fenics_joints.preload.bodies import at_blocks, body_numbers
 from fenics_joints.preload.components import Obstacle
@@ -162,9 +161,7 @@ def _groups(model: PreloadModel, body, n_bodies) -> np.ndarray:
     for glued in (*model.jumps.bonded, *model.jumps.sections):
         ends = [at_blocks(model.V, own, nodes[:1])[0] for nodes in (glued.lower, glued.upper)]
         links.append(ends)
-    pairs = np.array(links, dtype=int).reshape(-1, 2)
-    graph = scipy.sparse.coo_matrix((np.ones(len(pairs)), pairs.T), shape=(n_bodies, n_bodies))
-    return connected_components(graph, directed=False)[1]
+    return groups_of(n_bodies, links)
 
 
 def _in_x(model, u, moves, turns, k, centre) -> np.ndarray:

@@ -19,6 +19,7 @@ from scipy.spatial import cKDTree
 from fenics_joints._compat import geometry_dofmap
 from fenics_joints.errors import MeshError
 from fenics_joints.meshes import TaggedMesh
+from fenics_joints.meshes.facets import row_numbers
 from fenics_joints.preload.mortar import Coupling, Mortar, couple, hat_integrals
 from fenics_joints.structure.structure import Structure
 
@@ -26,6 +27,10 @@ from fenics_joints.structure.structure import Structure
 _TOLERANCE = 1e-3
 #: A face's vertex normals may be this far from opposed, as a cosine.
 _OPPOSED = -0.5
+_OTHER_EDGES = (
+    "the faces have the same vertices but other edges between them; expected matching facets (on "
+    "tetrahedra, the same diagonals)."
+)
 
 
 @dataclass(frozen=True, repr=False)
@@ -165,6 +170,42 @@ def pair_faces(
         low_mid,
         up_mid,
     )
+
+
+def check_contact(
+    tagged: TaggedMesh, lower: str, upper: str, tolerance: float | None = None
+) -> Interface:
+    """Refuse two faces whose contact cannot be computed vertex by vertex. Collective.
+
+    Args:
+        tagged: The mesh.
+        lower: Name of the one face.
+        upper: Name of the other face.
+        tolerance: Farthest distance of a pair of vertices, m; by default a thousandth of the
+            shortest edge.
+
+    Returns:
+        The pairs of vertices, with their gaps.
+
+    Raises:
+        MeshError: A face is unknown, or inside a body; the faces share vertices; a vertex of one
+            has no partner on the other, or two have the same; the facets on matching vertices
+            differ; or the faces look the same way.
+    """
+    V = fem.functionspace(tagged.mesh, ("Lagrange", 1, (tagged.mesh.geometry.dim,)))
+    low, up = (read_face(V, tagged, face) for face in (lower, upper))
+    name = f"{lower} and {upper}"
+    found = pair_faces(name, low, up, tolerance=tolerance)
+    if not len(low.nodes) == len(up.nodes) == len(found):
+        raise MeshError(
+            f"{name}: the faces have {len(low.nodes)} and {len(up.nodes)} vertices, of which "
+            f"{len(found)} match; expected two faces that cover one another."
+        )
+    below, _ = _common_facets(np.searchsorted(low.nodes, found.lower), low)
+    numbers = row_numbers(np.vstack([below, found.facets]))
+    if np.setxor1d(*np.split(numbers, [len(below)])).size:
+        raise MeshError(f"{name}: {_OTHER_EDGES}")
+    return found
 
 
 def couple_faces(
@@ -370,10 +411,7 @@ def _pair_edges(name: str, pairs: np.ndarray, lower: Face, upper: Face):
     low_keys = {tuple(e): m for e, m in zip(low_ends.tolist(), low.tolist(), strict=True)}
     keys = [tuple(e) for e in up_ends.tolist()]
     if any(key not in low_keys for key in keys):
-        raise MeshError(
-            f"{name}: the faces have the same vertices but other edges between them; expected "
-            "matching facets (on tetrahedra, the same diagonals)."
-        )
+        raise MeshError(f"{name}: {_OTHER_EDGES}")
     low = np.array([low_keys[key] for key in keys], dtype=np.int64)
     return up_ends.reshape(-1, 2), low, up
 

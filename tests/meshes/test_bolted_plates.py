@@ -6,7 +6,7 @@ import ufl
 from matching_faces import assert_pair, faces, parts
 from mpi4py import MPI
 
-from fenics_joints.meshes import bolted_plates, bolted_plates_section, check_contact, check_mesh
+from fenics_joints.meshes import bolted_plates, bolted_plates_section, check_mesh
 
 COMM = MPI.COMM_WORLD
 
@@ -113,4 +113,4 @@ def test_bonded_washers_share_vertices(seats, heads, bodies):
     assert check_mesh(tagged).bodies == bodies
     assert ("seat_1_lower" in tagged.facet_names) == (seats == "contact")
     assert ("head_2_upper" in tagged.facet_names) == (heads == "contact")
-    check_contact(tagged, "interface_lower", "interface_upper")
+    assert_pair(tagged, "interface_lower", "interface_upper", PAIRS["interface"])

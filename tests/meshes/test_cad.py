@@ -11,9 +11,10 @@ from mpi4py import MPI
 from step_files import FLANGE_BOLTS, bores, bracket, dumbbell_halves, flanges, spigot
 
 from fenics_joints.errors import MeshError
-from fenics_joints.meshes import check_contact, check_mesh, dumbbell, measure_ring, read_step
+from fenics_joints.meshes import check_mesh, dumbbell, measure_ring, read_step
 from fenics_joints.meshes.step_writer import write_step
 from fenics_joints.modal import solve_modes
+from fenics_joints.preload import check_contact
 from fenics_joints.structure import Structure, part, transition
 
 COMM = MPI.COMM_WORLD
@@ -189,7 +190,7 @@ def test_layer_and_contact(tmp_path):
     assert check_mesh(layer).bodies == 1
     contact = read_step(path, MPI.COMM_SELF, joint="contact", parts=parts, **sizes)
     assert check_mesh(contact).bodies == 2
-    assert check_contact(contact, "lower_to_upper", "upper_to_lower").facets > 50
+    assert len(check_contact(contact, "lower_to_upper", "upper_to_lower").facets) > 50
     area = faces(contact)["lower_to_upper"]
     assert area == pytest.approx(ring.area + wall, rel=1e-2)
 

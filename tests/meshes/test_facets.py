@@ -11,7 +11,7 @@ from mpi4py import MPI
 from fenics_joints.errors import MeshError
 from fenics_joints.meshes import check_mesh, separate
 from fenics_joints.meshes.facets import add_faces, facets_between
-from fenics_joints.meshes.grid import extruded, plane_mesh, tensor_grid
+from fenics_joints.meshes.grid import extruded, tensor_grid
 from fenics_joints.meshes.tagged import distribute
 from fenics_joints.parallel import on_root
 
@@ -19,15 +19,16 @@ COMM = MPI.COMM_WORLD
 
 
 def three_layers(cell):
-    """Three layers of cells, the third part beside the second; faces across and outside."""
-    points, quads = tensor_grid(np.arange(4.0), np.arange(3.0))
-    right = points[quads][:, :, 0].mean(axis=1) > 2
-    names = {"a": 1, "b": 2, "c": 3}
-    if cell in ("quadrilateral", "triangle"):
-        top = points[quads][:, :, 1].mean(axis=1) > 1
-        return plane_mesh(points, quads, np.where(top, 2 + right, 1), cell, names)
-    values = np.array([np.ones(len(quads), int), 2 + right])
-    return extruded(points, quads, np.arange(3.0), values, cell, names)
+    """Two layers of cells, a third part beside the second; faces across and outside."""
+    plan = (
+        [np.arange(4.0)]
+        if cell in ("quadrilateral", "triangle")
+        else [np.arange(4.0), np.arange(3.0)]
+    )
+    points, base = tensor_grid(*plan)
+    right = points[base][:, :, 0].mean(axis=1) > 2
+    values = np.array([np.ones(len(base), int), 2 + right])
+    return extruded(points, base, np.arange(3.0), values, cell, {"a": 1, "b": 2, "c": 3})
 
 
 @pytest.mark.parallel

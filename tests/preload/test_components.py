@@ -11,7 +11,7 @@ from mpi4py import MPI
 from fenics_joints.errors import InputError
 from fenics_joints.meshes import bolted_plates_section, separate, stacked_blocks
 from fenics_joints.meshes.facets import add_faces, exterior_facets
-from fenics_joints.meshes.grid import plane_mesh, tensor_grid
+from fenics_joints.meshes.grid import extruded, tensor_grid
 from fenics_joints.meshes.tagged import distribute
 from fenics_joints.parallel import on_root
 from fenics_joints.preload import (
@@ -34,11 +34,9 @@ def clamp():
     names = {"low": 1, "high": 2, "member": 3}
 
     def lists():
-        points, quads = tensor_grid(np.arange(5.0), np.array([-1.0, 0.0, 1.5, 3.0, 4.0]))
-        x, y = points[quads].mean(axis=1).T
-        values = np.where(x > 2, 3, np.where(x < 1, 1 + (y > 1.5), 0))
-        values[y < 0], values[y > 3] = 1, 2
-        whole = plane_mesh(points, quads, values, "quadrilateral", names)
+        y = np.array([-1.0, 0.0, 1.5, 3.0, 4.0])
+        values = np.array([[1, 1, 1, 1], [1, 0, 3, 3], [2, 0, 3, 3], [2, 2, 2, 2]])
+        whole = extruded(*tensor_grid(np.arange(5.0)), y, values, "quadrilateral", names)
         seams = {
             ("low", "high"): ("cut_low", "cut_high"),
             ("low", "member"): ("nut", "foot"),

@@ -35,7 +35,7 @@ from fenics_joints.commands.new.draft import (
     with_rings,
 )
 from fenics_joints.errors import InputError, MeshError, member
-from fenics_joints.meshes import TaggedMesh, check_contact, measure_ring, read_msh
+from fenics_joints.meshes import TaggedMesh, measure_ring, read_msh
 from fenics_joints.meshes.cad_survey import Solid, StepSurvey, ThroughHole
 from fenics_joints.meshes.check import check_mesh
 from fenics_joints.meshes.grow import Touch, glued, round_holes, touches
@@ -43,6 +43,7 @@ from fenics_joints.meshes.msh import read_lists
 from fenics_joints.meshes.rings import ring_names
 from fenics_joints.meshes.tagged import limits
 from fenics_joints.preload.clearance import ThreadGuess, cone_radius, guess_thread, head_radius
+from fenics_joints.preload.interface import check_contact
 from fenics_joints.preload.threads import thread
 from fenics_joints.units import to_si
 
