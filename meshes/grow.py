@@ -152,24 +152,27 @@ def part_numbers(lists: MeshLists) -> np.ndarray:
 
 def _measured(lists: MeshLists, parts, facets: np.ndarray, cells: np.ndarray) -> Touch:
     x = lists.x[facets]
-    middles = x.mean(axis=1)
-    if x.shape[2] == 2:
-        along = x[:, 1] - x[:, 0]
-        areas = np.column_stack([along[:, 1], -along[:, 0]])
-    else:
-        areas = area_vectors(x)
-    inside = lists.x[lists.cells[cells[:, 0]]].mean(axis=1)
-    areas = areas * np.sign(np.sum(areas * (middles - inside), axis=1))[:, None]
+    areas = outward_areas(x, lists.x[lists.cells[cells[:, 0]]].mean(axis=1))
     size = np.linalg.norm(areas, axis=1)
-    return Touch(parts, facets, middles, areas / size[:, None], size)
+    return Touch(parts, facets, x.mean(axis=1), areas / size[:, None], size)
 
 
 def area_vectors(x: np.ndarray) -> np.ndarray:
-    """Area times normal, m2, (n, 3), of triangles or quadrilaterals of corners x, (n, 3 or 4, 3).
+    """Area times normal, m2, (n, gdim), of facets by their corners, m, (n, k, gdim).
 
-    Corners are in DOLFINx's order: the diagonals of a quadrilateral are 0-3 and 1-2.
+    Edges in the plane have their length, m. The corners of quadrilaterals are in DOLFINx's order:
+    their diagonals are 0-3 and 1-2.
     """
+    if x.shape[2] == 2:
+        along = x[:, 1] - x[:, 0]
+        return np.column_stack([along[:, 1], -along[:, 0]])
     return np.cross(x[:, -1] - x[:, 0], x[:, 2] - x[:, 1]) / 2
+
+
+def outward_areas(x: np.ndarray, inside: np.ndarray) -> np.ndarray:
+    """`area_vectors` that point away from a point behind each facet, m, shape (n, gdim)."""
+    areas = area_vectors(x)
+    return areas * np.sign(np.sum(areas * (x.mean(axis=1) - inside), axis=1))[:, None]
 
 
 def _contacts(touch: Touch) -> list[Touch]:

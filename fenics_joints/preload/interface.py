@@ -20,6 +20,7 @@ from fenics_joints._compat import geometry_dofmap
 from fenics_joints.errors import MeshError
 from fenics_joints.meshes import TaggedMesh
 from fenics_joints.meshes.facets import row_numbers
+from fenics_joints.meshes.grow import outward_areas
 from fenics_joints.preload.mortar import Coupling, Mortar, couple, hat_integrals
 from fenics_joints.structure.structure import Structure
 
@@ -400,20 +401,17 @@ def frames(normals: np.ndarray) -> np.ndarray:
 def _pair_edges(name: str, pairs: np.ndarray, lower: Face, upper: Face):
     """Edges of both faces between the same pairs: ends by pair, and the midsides' blocks."""
     found = []
-    for face, column in ((lower, 0), (upper, 1)):
+    for face, rows in zip((lower, upper), pairs.T, strict=True):
         number = np.full(len(face.nodes), -1)
-        number[pairs[:, column]] = np.arange(len(pairs))
+        number[rows] = np.arange(len(pairs))
         ends = np.sort(number[face.edges], axis=1)
-        kept = (ends >= 0).all(axis=1) if len(ends) else np.zeros(0, bool)
-        order = np.lexsort(ends[kept].T[::-1]) if kept.any() else np.empty(0, int)
-        found.append((ends[kept][order], face.midsides[kept][order]))
-    (low_ends, low), (up_ends, up) = found
-    low_keys = {tuple(e): m for e, m in zip(low_ends.tolist(), low.tolist(), strict=True)}
-    keys = [tuple(e) for e in up_ends.tolist()]
-    if any(key not in low_keys for key in keys):
+        key = np.where(ends[:, 0] >= 0, ends @ [len(pairs), 1], -1)
+        order = np.argsort(key)[np.sum(key < 0) :]
+        found.append((ends[order], face.midsides[order], key[order]))
+    (_, low, low_key), (ends, up, key) = found
+    if not np.isin(key, low_key).all():
         raise MeshError(f"{name}: {_OTHER_EDGES}")
-    low = np.array([low_keys[key] for key in keys], dtype=np.int64)
-    return up_ends.reshape(-1, 2), low, up
+    return ends, low[np.searchsorted(low_key, key)], up
 
 
 # -- faces of a mesh -----------------------------------------------------------------------------
@@ -467,83 +465,52 @@ def read_face(V: fem.FunctionSpace, tagged: TaggedMesh, name: str) -> Face:
 
 def _local_facets(V, tagged: TaggedMesh, name: str):
     """This rank's facets: vertex blocks, positions, normals, edge blocks, edge ends, where."""
-    msh = V.mesh
-    tdim, gdim = msh.topology.dim, msh.geometry.dim
-    fdim = tdim - 1
-    msh.topology.create_connectivity(fdim, tdim)
-    msh.topology.create_connectivity(tdim, fdim)
-    to_cell, to_facet = msh.topology.connectivity(fdim, tdim), msh.topology.connectivity(tdim, fdim)
-    n_owned = msh.topology.index_map(tdim).size_local
-    corners, layout = _facet_layout(V)
-    geometry, imap = geometry_dofmap(msh), V.dofmap.index_map
-    rows, inside = [], False
-    for facet in tagged.facet_tags.find(tagged.facet_tag(name)):
-        cells = to_cell.links(facet)
-        inside |= len(cells) > 1
-        if cells[0] >= n_owned or len(cells) > 1:
-            continue
-        cell = cells[0]
-        local = int(np.flatnonzero(to_facet.links(cell) == facet)[0])
-        vertices, edges, ends = corners[local]
-        dofs = V.dofmap.cell_dofs(cell)
-        x = msh.geometry.x[geometry[cell]][:, :gdim]
-        normal = _outward(x[vertices], x.mean(axis=0))
-        at = dofs[[layout[0][v] for v in vertices]]
-        mid = dofs[[layout[1][e] for e in edges]] if edges else np.empty(0, np.int32)
-        end = dofs[[[layout[0][v] for v in pair] for pair in ends]] if ends else np.empty((0, 2))
-        rows.append((at, x[vertices], normal, mid, end, facet))
-    if msh.comm.allreduce(inside):
+    msh, topology = V.mesh, V.mesh.topology
+    tdim, gdim = topology.dim, msh.geometry.dim
+    topology.create_connectivity(tdim - 1, tdim)
+    topology.create_connectivity(tdim, tdim - 1)
+    to_cell = topology.connectivity(tdim - 1, tdim)
+    facets = tagged.facet_tags.find(tagged.facet_tag(name))
+    if msh.comm.allreduce(int(np.sum(np.diff(to_cell.offsets)[facets] > 1))):
         raise MeshError(
             f"face {name}: some of its facets lie inside a body; expected the surface of one body. "
             "Bodies in contact must not share vertices: see fenics_joints.meshes.separate."
         )
-    k, m = len(corners[0][0]), len(corners[0][1])
-    return (
-        _global(imap, _column(rows, 0, (k,), np.int32)),
-        _column(rows, 1, (k, gdim), float),
-        _column(rows, 2, (gdim,), float),
-        _global(imap, _column(rows, 3, (m,), np.int32)),
-        _global(imap, _column(rows, 4, (m, 2), np.int32)),
-        np.column_stack([np.full(len(rows), msh.comm.rank), _column(rows, 5, (), np.int64)]),
-    )
+    cells = to_cell.array[to_cell.offsets[facets]]
+    own = cells < topology.index_map(tdim).size_local
+    facets, cells = facets[own], cells[own]
+    vertices, *tables = _facet_layout(V)
+    of_cell = topology.connectivity(tdim, tdim - 1).array.reshape(-1, len(vertices))[cells]
+    local = np.argmax(of_cell == facets[:, None], axis=1)
+    x = msh.geometry.x[geometry_dofmap(msh)[cells]][:, :, :gdim]
+    corners = np.take_along_axis(x, vertices[local][:, :, None], axis=1)
+    areas = outward_areas(corners, x.mean(axis=1))
+    normals = areas / np.linalg.norm(areas, axis=1, keepdims=True)
+    found = []
+    for table in tables:
+        at = table[local].reshape(len(cells), table[0].size)
+        blocks = np.take_along_axis(V.dofmap.list[cells], at, axis=1)
+        blocks = V.dofmap.index_map.local_to_global(blocks.ravel())
+        found.append(blocks.reshape(len(cells), *table.shape[1:]))
+    where = np.column_stack([np.full(len(facets), msh.comm.rank), facets])
+    return found[0], corners, normals, *found[1:], where
 
 
-def _column(rows: list, i: int, shape: tuple, kind) -> np.ndarray:
-    return np.array([row[i] for row in rows], dtype=kind).reshape(len(rows), *shape)
-
-
-def _global(imap, blocks: np.ndarray) -> np.ndarray:
-    return imap.local_to_global(blocks.ravel()).reshape(blocks.shape)
-
-
-def _facet_layout(V):
-    """Of each facet of the reference cell: vertices, edges with a block, and their end vertices."""
-    msh = V.mesh
-    cell = getattr(basix.CellType, msh.topology.cell_name())
-    topology, tdim = basix.topology(cell), msh.topology.dim
-    layout = V.dofmap.dof_layout
-    at_vertex = [layout.entity_dofs(0, v)[0] for v in range(len(topology[0]))]
-    at_edge = [layout.entity_dofs(1, e) for e in range(len(topology[1]))]
-    at_edge = [d[0] if len(d) else None for d in at_edge]
-    facets = []
-    for vertices in topology[tdim - 1]:
-        edges = [
-            e
-            for e, ends in enumerate(topology[1])
-            if set(ends) <= set(vertices) and at_edge[e] is not None
-        ]
-        facets.append((list(vertices), edges, [list(topology[1][e]) for e in edges]))
-    return facets, (at_vertex, at_edge)
-
-
-def _outward(x: np.ndarray, inside: np.ndarray) -> np.ndarray:
-    if x.shape[1] == 2:
-        along = x[1] - x[0]
-        normal = np.array([along[1], -along[0]])
-    else:
-        normal = np.cross(x[1] - x[0], x[2] - x[0])
-    normal /= np.linalg.norm(normal)
-    return normal if (x.mean(axis=0) - inside) @ normal > 0 else -normal
+def _facet_layout(V) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Of each facet of the reference cell: its vertices, (f, k); and numbers of the cell's blocks:
+    at these vertices, on the facet's edges, (f, m), and at these edges' ends, (f, m, 2)."""
+    topology = basix.topology(getattr(basix.CellType, V.mesh.topology.cell_name()))
+    facets, layout = topology[V.mesh.topology.dim - 1], V.dofmap.dof_layout
+    at_vertex = np.array([layout.entity_dofs(0, v)[0] for v in range(len(topology[0]))])
+    at_edge = [layout.entity_dofs(1, e)[:1] for e in range(len(topology[1]))]
+    edges = [
+        [e for e, ends in enumerate(topology[1]) if set(ends) <= set(corners) and at_edge[e]]
+        for corners in facets
+    ]
+    middles = np.array([[at_edge[e][0] for e in own] for own in edges], dtype=int)
+    ends = np.array([[topology[1][e] for e in own] for own in edges], dtype=int)
+    ends = at_vertex[ends.reshape(*middles.shape, 2)]
+    return np.array(facets), at_vertex[np.array(facets)], middles, ends
 
 
 def edge_middle(structure: Structure) -> float:
