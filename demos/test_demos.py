@@ -103,11 +103,19 @@ def test_form(run_script, tmp_path):
 
 
 def test_page_preload(run_script, tmp_path):
-    """Its bolted plates carry the bolt's force, and touch as receding contact does."""
+    """Its bolted plates carry the bolt's force, and touch as receding contact does.
+
+    From 25 to 27 kN the area grows by what its slopes at both ends say.
+    """
     (script,) = [b for b in blocks("python") if "solve_preload(" in b]
-    path = tmp_path / "page_preload.py"
-    path.write_text(script, encoding="utf-8")
-    _, radius, mean, force = numbers(run_script(path))
+    path, areas, slopes = tmp_path / "page_preload.py", [], []
+    for newtons in ("27e3", "25e3"):
+        path.write_text(script.replace("25e3", newtons), encoding="utf-8")
+        _, radius, mean, force, _, area, _, slope = numbers(run_script(path))
+        areas.append(area)
+        slopes.append(slope)
+    assert areas[0] - areas[1] == pytest.approx(sum(slopes), rel=0.03)
+    assert areas[1] == pytest.approx(np.pi * (radius**2 - 6.75**2), rel=0.02)
     # Two independent studies of a loaded radius of 12 mm: 23.5 to 23.9 mm.
     assert 23.3 < radius < 24.2
     assert force == pytest.approx(25e3, abs=1e-3)

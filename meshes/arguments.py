@@ -19,9 +19,10 @@ from fenics_joints.meshes.tagged import MeshLists, TaggedMesh, distribute
 from fenics_joints.parallel import on_root
 
 P = ParamSpec("P")
-#: Largest number of cells of a mesh.
+#: Largest number of cells of a mesh. Chosen: some hundred times what one machine can hold, so that
+#: only mistaken units are refused.
 MOST_CELLS = 1e9
-#: Two bolts nearer than this, m, are one: no thread is thinner.
+#: Least distance of two bolts, m. Chosen: no thread is thinner, so that nearer ones are one bolt.
 ONE_BOLT = 1e-3
 
 
@@ -102,7 +103,7 @@ Gap = Annotated[
 Coordinate = Annotated[float, Demand(is_finite, "a coordinate in metres", "m")]
 Count = Annotated[int, Demand(is_count, "a whole number of at least 1")]
 Solid = Literal["hexahedron", "tetrahedron"]
-#: Points in the plan; the builders compare each with each.
+#: Most bolts in a plan. Chosen: the builders compare each with each, which takes a second then.
 _MOST_PLACES = 1000
 Places = Annotated[
     Sequence[tuple[Coordinate, Coordinate]],

@@ -38,7 +38,8 @@ CELL_NAMES = {
     "bolt_upper": 6,
 }
 PARTS = ("plates", "washers", "bolt")
-_TOLERANCE = 1e-9  # of a vertex on a plane or circle, relative to the plates' radius
+#: Radii that differ by less than this share of the plates' radius are one: round-off of lines.
+_TOLERANCE = 1e-9
 
 Parts = Annotated[str, Demand(PARTS.__contains__, f"one of {', '.join(PARTS)}")]
 Pair = Annotated[

@@ -23,7 +23,9 @@ from fenics_joints.meshes.grid import PlaneGrid, count_intervals, extruded, grad
 from fenics_joints.meshes.lap_beam import CELL_NAMES, lapped, lapped_groups
 from fenics_joints.meshes.tagged import MeshLists
 
-_GROWTH = math.log(1.3)  # of the elements from the pads to the slender middle, per element
+#: Logarithm of the ratio of neighbouring elements between the pads and the slender middle. Chosen,
+#: with the sizes by default, to have the published number of elements.
+_GROWTH = math.log(1.3)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -25,12 +25,14 @@ from fenics_joints.meshes.tagged import MeshLists, TaggedMesh, distribute
 from fenics_joints.parallel import on_root
 
 P = ParamSpec("P")
-#: Widest gap, m, that counts as touching where no thickness of a layer is given.
+#: Widest gap, m, that counts as touching where no thickness of a layer is given: about the layers
+#: of Machines 2022 (0.657 and 0.72 mm).
 _REACH = 0.7e-3
-#: Of gmsh, while a file is read: millimetres whatever the file's unit, which are
-#: OpenCASCADE's default (any other would stay for whatever the caller reads or writes next), and
-#: straight-sided cells.
+#: Millimetres in a metre.
 _MM = 1e3
+#: Options of gmsh while a file is read: millimetres whatever the file's unit, which are
+#: OpenCASCADE's default (any other would stay for whatever the caller reads or writes next);
+#: straight-sided cells; and gmsh's defaults, whatever the caller has set.
 _OPTIONS = {
     "Geometry.OCCTargetUnit": "MM",
     "Mesh.ElementOrder": 1,

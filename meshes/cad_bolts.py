@@ -15,9 +15,10 @@ from fenics_joints.errors import MeshError
 from fenics_joints.meshes.cad_faces import TOUCH, FacePair, Hole, Outline, hole_pairs
 from fenics_joints.meshes.step_file import Solids
 
-#: Axes of two holes may be apart by this share of the smaller one's radius.
+#: Distance of a given centre from a hole's axis, as a share of its radius, up to which it means the
+#: hole. Chosen: coordinates read from a drawing are better, and other holes are farther.
 _COAXIAL = 0.1
-#: Holes that differ by less than this share of their radius are one size.
+#: Radii that differ by less than this share are equal: round-off of CAD files.
 _SAME = 1e-6
 
 

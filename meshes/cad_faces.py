@@ -16,18 +16,21 @@ from scipy.spatial.distance import cdist
 from fenics_joints.meshes.grow import groups_of
 from fenics_joints.meshes.step_file import Solids
 
-#: Distances below this are those of round-off in CAD.
+#: Distance, mm, below which points are one: round-off of CAD (OpenCASCADE's is 1e-4 mm).
 TOUCH = 1e-3
 _SPLINES = ("BSpline surface", "Bezier surface", "BSpline", "Bezier")
-#: Points along each parameter at which a spline is looked at.
+#: Parameters, of 0 to 1, at which a spline is compared with a plane or a circle. Chosen: nothing
+#: depends on their number within a factor of two.
 _LOOK = (np.arange(7) + 0.5) / 7
-#: Sine by which the normals of faces that touch may differ.
+#: One less the cosine by which the normals of facing faces may be off: round-off, 0.08 degrees.
 _PARALLEL = 1e-6
-#: Overlap, m, up to which faces touch: drawings are rounded, to micrometres or inches.
+#: Overlap, mm, up to which faces touch. Chosen: drawings are rounded, at worst to thousandths of an
+#: inch (0.025 mm); a press fit overlaps by more.
 OVERLAP = 0.02
-#: Share of a face below which a common area is round-off.
+#: Share of a face below which an area that it has in common with another is round-off.
 _NO_AREA = 1e-6
-#: How far from a face a point is asked for being in the solid.
+#: Distance, mm, of a point from a face at which the solid's side is looked for. Chosen: ten times
+#: `TOUCH`, and less than the thickness of any sheet.
 _PROBE = 1e-2
 
 #: Progress callback: the task, its finished parts, and their total number.

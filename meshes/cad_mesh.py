@@ -21,9 +21,9 @@ from fenics_joints.meshes.cad_faces import TOUCH, FacePair, is_flat, surface_poi
 from fenics_joints.meshes.step_file import Solids
 from fenics_joints.meshes.tagged import MeshLists
 
-#: A mesh of more cells than this is refused before it is made.
+#: Most cells that gmsh is asked for. Chosen: more is a mistaken unit.
 _MOST = 2e7
-#: How much smaller than its two circles say a ring's face may be.
+#: Share by which a ring's face may be smaller than the area between its circles: round-off of CAD.
 _WHOLE = 1e-4
 
 

@@ -14,7 +14,7 @@ from fenics_joints.errors import MeshError
 from fenics_joints.meshes.grow import groups_of
 from fenics_joints.meshes.tagged import TaggedMesh
 
-# Corners at which each shape is measured, and per corner the ends of its edges; DOLFINx's order.
+#: Corners at which each shape is measured, and per corner the ends of its edges; DOLFINx's order.
 _CORNERS = {
     "triangle": [(0, 1, 2), (1, 2, 0), (2, 0, 1)],
     "tetrahedron": [(0, 1, 2, 3), (1, 2, 0, 3), (2, 0, 1, 3), (3, 1, 0, 2)],
@@ -31,7 +31,8 @@ _CORNERS = {
     ],
 }
 
-# Cells of thickness 1e-5 of their length still pass; round-off of a flat one lies far below.
+#: Scaled Jacobian below which a cell is flat. Cells of a thickness of 1e-5 of their length still
+#: pass; the round-off of a flat one lies far below.
 _FLAT = 1e-7
 
 

@@ -27,7 +27,7 @@ from fenics_joints.meshes.tagged import MeshLists
 
 FACES = ("bottom", "top", "joint_lower", "joint_upper")
 BODIES = ("bed", "column")
-#: Part of a ring's square that its polygon may reach, so that cells around it keep some width.
+#: Share of half a ring's square that its polygon may reach. Chosen: cells beside it keep a width.
 _ROOM = 0.98
 
 Two = Annotated[
@@ -39,7 +39,7 @@ Three = Annotated[
 ]
 
 
-#: Rows of bolts, and ribs: each is a box, and each box a line of the grid for all others.
+#: Most rows of bolts, and ribs. Chosen: each is a box, whose edges are lines of the whole grid.
 _MOST_ROWS = 100
 
 

@@ -11,7 +11,7 @@ from scipy.spatial import KDTree
 from fenics_joints.errors import MeshError
 from fenics_joints.meshes.tagged import MeshLists
 
-# Corners of a cell's facets, each facet's in DOLFINx's order.
+#: Corners of a cell's facets, each facet's in DOLFINx's order.
 FACETS = {
     "triangle": np.array([[1, 2], [0, 2], [0, 1]]),
     "quadrilateral": np.array([[0, 1], [0, 2], [1, 3], [2, 3]]),
@@ -20,7 +20,7 @@ FACETS = {
         [[0, 1, 2, 3], [0, 1, 4, 5], [0, 2, 4, 6], [1, 3, 5, 7], [2, 3, 6, 7], [4, 5, 6, 7]]
     ),
 }
-# Corners from 0 whose edges span a cell's volume, and the order of a mirrored cell's corners.
+#: Corners from 0 whose edges span a cell's volume, and the order of a mirrored cell's corners.
 _SPANS = {
     "triangle": ([1, 2], [0, 2, 1]),
     "quadrilateral": ([1, 2], [1, 0, 3, 2]),

@@ -13,7 +13,7 @@ from fenics_joints.meshes.arguments import requirement
 from fenics_joints.meshes.facets import FACETS, layer_cells, oriented
 from fenics_joints.meshes.tagged import MeshLists
 
-# Quadrilaterals (v00, v10, v01, v11) cut along v00-v11 or v10-v01; all halves turn anticlockwise.
+#: Quadrilaterals (v00, v10, v01, v11) cut along v00-v11 or v10-v01; all halves turn anticlockwise.
 _CUTS = np.array([[[0, 1, 3], [0, 3, 2]], [[0, 1, 2], [1, 3, 2]]])
 
 

@@ -32,18 +32,25 @@ from fenics_joints.meshes.facets import (
 )
 from fenics_joints.meshes.tagged import MeshLists
 
-#: Thickness of a layer that moves nothing as a share of the smallest extent of the parts, and its
-#: most as a share of the shortest edge of a cell, so that none is turned inside out.
-_THIN, _OF_EDGE = 1e-4, 0.1
-#: Most thickness of a layer that is given, as a share of the smallest extent of the parts.
+#: Thickness of a layer that is not given, as a share of the smallest extent of the parts. Chosen:
+#: frequencies change by less than a mesh's own error; `forms.thin_layer` is exact for any.
+_THIN = 1e-4
+#: Most thickness of any layer as a share of the shortest edge of a cell: none is turned inside out.
+_OF_EDGE = 0.1
+#: Most thickness of a layer that is given, as a share of the smallest extent of the parts. Chosen:
+#: the parts lose half of it each.
 _MOST = 5e-2
-#: Vertices of two parts nearer than this share of the shortest edge are one.
+#: Distance as a share of the shortest edge up to which vertices of two parts are one: round-off of
+#: mesh files.
 _ONE = 1e-3
-#: Cosine of the angle between neighbouring facets of one contact: 31 degrees, a circle of twelve.
+#: Cosine of the angle between neighbouring facets of one contact: 31 degrees, so that the facets of
+#: a circle of twelve edges are one.
 _SMOOTH = 0.855
-#: Sine by which the normals of a flat contact may differ.
+#: Sine by which normals of a flat contact may differ, and height as a share of its size by which it
+#: may be uneven: round-off of mesh files.
 _FLAT = 1e-3
-#: A loop is a circle if its corners miss it by less than this share of its radius.
+#: Share of its radius by which corners may miss a circle, and least number of them. Chosen: a hole
+#: of six edges is round, a square one is not.
 _ROUND, _CORNERS = 0.02, 6
 #: Ends of the edges of an edge (its two points), a triangle and a quadrilateral.
 _ENDS = {2: [(0,), (1,)], 3: [(0, 1), (1, 2), (0, 2)], 4: [(0, 1), (0, 2), (1, 3), (2, 3)]}

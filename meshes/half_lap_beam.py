@@ -14,8 +14,10 @@ from fenics_joints.meshes.grid import PlaneGrid, count_intervals, extruded, grid
 from fenics_joints.meshes.lap_beam import CELL_NAMES, lapped, lapped_groups
 from fenics_joints.meshes.tagged import MeshLists
 
-_MOST_BOLTS = 1000  # each has faces of its own
-_ZONE = 1.25  # side of an O-grid's square over the washer's diameter
+#: Most bolts. Chosen: each has faces of its own, which are looked for one after the other.
+_MOST_BOLTS = 1000
+#: Side of an O-grid's square over the washer's diameter. Chosen: cells around it keep some width.
+_ZONE = 1.25
 
 
 @dataclass(frozen=True, kw_only=True)

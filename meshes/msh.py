@@ -30,7 +30,7 @@ from fenics_joints.meshes.rings import ring_centres
 from fenics_joints.meshes.tagged import MeshLists, TaggedMesh, distribute
 from fenics_joints.parallel import on_root
 
-#: Size of a file's head that is checked, bytes.
+#: Bytes at the beginning of a file that are checked. Chosen: comments that come first are shorter.
 _HEAD = 65_536
 # gmsh's type of element -> our name, and its vertices in DOLFINx's order.
 _CELLS = {

@@ -11,11 +11,13 @@ from scipy.spatial import ConvexHull, QhullError
 from fenics_joints._compat import geometry_dofmap
 from fenics_joints.meshes.tagged import TaggedMesh
 
-#: An extent that is at most this share of the next is that of a plate or of a beam.
+#: Most extent, as a share of the next larger one, of a direction in which a body is thin. Chosen:
+#: what is thicker has two thicknesses that a test could mean.
 _CLEARLY = 2 / 3
-#: A direction this near to an axis is the axis.
+#: Sine of the angle below which a direction is an axis, and share by which extents are equal:
+#: round-off of mesh files.
 _SAME = 1e-6
-#: Points of a hull are few; planes of its faces that differ by less are one.
+#: Decimals of the normals of a hull's faces beyond which they are round-off.
 _DIGITS = 9
 
 

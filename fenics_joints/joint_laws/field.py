@@ -73,8 +73,9 @@ class PointValues:
         return np.where(self._inside, self._assemble(self._form) / self._weights, 0.0)
 
 
-#: Sums over a joint's strains, and over its stresses, by which steps are told apart, and the
-#: difference, relative to the largest, up to which they are the same.
+#: Number of random sums over a joint's strains, and over its stresses, by which steps are compared;
+#: and their difference, relative to the largest, up to which two steps are the same. Chosen: above
+#: the tolerance of load steps, far below the difference of two steps of a cycle.
 _PROJECTIONS, _SAME = 4, 1e-5
 
 

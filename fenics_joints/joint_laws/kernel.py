@@ -43,7 +43,8 @@ _FLAGS = ["-O3", "-fno-math-errno", "-fno-trapping-math"]
 #: Samples that a panel of Gauss's rule replaces, and nodes in it: at 8 H samples or more, what a
 #: Jacobian integrates, up to twice the highest harmonic, goes through 2 pi in a panel.
 _PANEL, _GAUSS = 4, np.polynomial.legendre.leggauss(8)
-#: Gauss's rules, from 0 to 1, of 1 to 6 nodes between two steps of a law with memory.
+#: Gauss's rules, from 0 to 1, of 1 to 6 nodes between two steps of a law with memory; `cycles.c`
+#: takes as many nodes as the harmonics of a piece need.
 _CYCLE_ORDER = 6
 _CYCLE_RULES = np.concatenate(
     [

@@ -8,9 +8,15 @@ from dataclasses import dataclass
 from fenics_joints.errors import real
 from fenics_joints.preload.threads import Thread, thread, thread_names
 
-#: What speaks against a reading, as a relative error of a diameter.
-_FINE, _COARSE, _TIGHT, _INCH, _RARE, _FAR = 0.01, 0.02, 0.035, 0.03, 0.01, 0.08
-#: Holes that differ by a larger share are a clearance hole and a tapped one.
+#: What speaks against a reading of a hole, as a relative error of its diameter: a clearance of the
+#: fine or the coarse series, none at all, an inch thread, a size of the second choice. Chosen, so
+#: that each hole of ISO 273 and each tapping drill has its own thread (tests/preload).
+_FINE, _COARSE, _TIGHT, _INCH, _RARE = 0.01, 0.02, 0.035, 0.03, 0.01
+#: Error beyond which no thread fits, and by which another fits nearly as well. Chosen: sizes of the
+#: first choice differ by a fifth or so.
+_FAR, _NEARLY = 0.08, 0.03
+#: Share by which a hole is wider than a tapped one on its axis. Chosen: tapping drills are 15 % and
+#: more below clearance holes.
 _TAPPED = 0.05
 
 
@@ -66,7 +72,7 @@ def guess_thread(widest: float, narrowest: float | None = None) -> ThreadGuess |
     error, why, best = found[0]
     if error > _FAR:
         return None
-    others = [name for other, _, name in found[1:] if other < error + 0.03]
+    others = [name for other, _, name in found[1:] if other < error + _NEARLY]
     return ThreadGuess(thread(best), why, tuple(others))
 
 

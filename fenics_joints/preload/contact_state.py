@@ -11,7 +11,7 @@ from fenics_joints.preload.interface import Interface
 from fenics_joints.preload.patch import contour_area, largest_radius, mean_within
 from fenics_joints.structure.grids import facet_mesh
 
-#: Share of the largest pressure above which a contact presses.
+#: Share of the largest pressure above which a contact presses: less is round-off.
 _PRESSES = 1e-9
 
 

@@ -18,9 +18,10 @@ from fenics_joints.preload.interface import Interface
 from fenics_joints.preload.model import PreloadModel
 from fenics_joints.structure.sparse import product
 
-#: A motion whose energy is below this share of its DOFs' own stiffness meets no resistance.
+#: Energy of a motion as a share of that of its DOFs' own stiffness below which nothing resists it:
+#: round-off of K.
 _FREE = 1e-11
-#: A load whose resultant is below this share of its sum of magnitudes is balanced.
+#: Resultant of a load as a share of its sum of magnitudes below which it is balanced: round-off.
 _BALANCED = 1e-9
 
 

@@ -24,9 +24,10 @@ from fenics_joints.meshes.grow import outward_areas
 from fenics_joints.preload.mortar import Coupling, Mortar, couple, hat_integrals
 from fenics_joints.structure.structure import Structure
 
-#: Pairs of vertices may be apart by this share of the shortest edge.
+#: Distance of the vertices of a pair as a share of the shortest edge: round-off of mesh files.
 _TOLERANCE = 1e-3
-#: A face's vertex normals may be this far from opposed, as a cosine.
+#: Cosine of the normals of two faces above which they do not look at each other: 120 degrees.
+#: Chosen: vertex normals at edges are off by up to 45.
 _OPPOSED = -0.5
 _OTHER_EDGES = (
     "the faces have the same vertices but other edges between them; expected matching facets (on "

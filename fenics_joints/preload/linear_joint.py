@@ -23,7 +23,7 @@ from fenics_joints.preload.model import PreloadModel
 from fenics_joints.preload.solve import PreloadResult
 from fenics_joints.structure.points import Sensors
 
-#: A facet's pressure below this share of the largest is numerical zero.
+#: Pressure of a facet as a share of the largest below which it is zero: round-off.
 _ZERO = 1e-9
 
 

@@ -26,9 +26,11 @@ import numpy as np
 import scipy.sparse
 from scipy.spatial import cKDTree
 
-#: Upper facets of which a smaller share is covered are not in contact.
+#: Least covered share of an upper facet that is in contact. Chosen: with less, the dual basis has
+#: large values.
 _COVERED = 0.5
-#: Facets that look the same way, or across one another, are not in contact; as a cosine.
+#: Cosine of the normals of two facets above which they do not look at each other: 120 degrees, as
+#: of vertices in `fenics_joints.preload.interface`.
 _OPPOSED = -0.5
 #: Reference cells of facets by their number of corners.
 _CELLS = {2: basix.CellType.interval, 3: basix.CellType.triangle, 4: basix.CellType.quadrilateral}
@@ -38,7 +40,7 @@ _RING = {2: [0, 1], 3: [0, 1, 2], 4: [0, 1, 3, 2]}
 _EDGES = {2: [(0, 1)], 3: [(1, 2), (0, 2), (0, 1)], 4: [(0, 1), (0, 2), (1, 3), (2, 3)]}
 #: Degree of the quadrature: exact for products of quadratic traces on affine facets.
 _DEGREE = 8
-#: Pieces of a smaller share of the upper facet are round-off.
+#: Share of an upper facet below which a piece of it is round-off.
 _SLIVER = 1e-12
 
 

@@ -27,7 +27,8 @@ from fenics_joints.modal.options import petsc_defaults
 #: share of n^(2/3), in which the ratio of a factorisation to a solution grows (nested dissection in
 #: 3-D), and this many, as GMRES keeps a vector for each.
 _SHARE, _MOST = 1 / 40, 40
-#: A spring that replaces one nearly held, relative to the stiffness that the held rows have.
+#: Stiffest spring in P relative to the bodies' stiffness there; stiffer ones count as so stiff.
+#: Chosen: P is a preconditioner, so that no solution depends on it.
 _STIFFEST = 1e4
 
 

@@ -25,15 +25,18 @@ from fenics_joints.preload.newton import NewtonMatrix, NewtonPreconditioner, set
 
 METHODS = ("semismooth", "vi", "penalty")
 
-#: Of every factorisation.
+#: PETSc options of every factorisation.
 _FACTOR = {"ksp_type": "preonly", "pc_factor_mat_solver_type": "mumps", "mat_mumps_icntl_14": "40"}
-#: Round-off of a residual, relative to the products of which it is the sum.
+#: Round-off of a residual, relative to the products of which it is the sum. Chosen: ten sums'.
 _ROUND_OFF = 10 * np.finfo(float).eps
-#: Relative to the loads; never is a larger residual taken for round-off.
+#: Largest residual, relative to the loads, that is taken for round-off. Chosen: forces are known to
+#: a hundredth of a per cent at best.
 _LEAST_ACCURATE = 1e-6
-#: Share of Coulomb's limit within which a pair is at it when a step begins.
+#: Share of Coulomb's limit by which a pair may be beyond it and count as stuck when a step begins:
+#: what round-off and the tolerance of the step before leave.
 _AT_LIMIT = 1e-6
-#: Relative to the loads; the last Newton step is exact, so it lands at round-off.
+#: Residual, relative to the loads, at which Newton ends. The last step is exact, so it lands at
+#: round-off, whatever the tolerance.
 _TOLERANCE = 1e-10
 _OPTIONS = {"snes_linesearch_type": "basic", **_FACTOR}
 _NEWTON_OPTIONS = {

@@ -16,6 +16,7 @@ from importlib import resources
 
 from fenics_joints.errors import InputError
 
+#: An inch, m.
 _INCH = 25.4e-3
 #: Columns of the tables.
 _LENGTHS = (
