@@ -1,4 +1,4 @@
-"""The pressure below a bolt's head and moduli graded by it."""
+"""The pressure below a bolt's head, moduli graded by it, and the stiffness of rough faces."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from form_bodies import FORCE, R_HEAD, R_HOLE, box, rotate, rotation, total
 from mpi4py import MPI
 
 from fenics_joints import forms
+from fenics_joints.errors import InputError
 
 
 @pytest.mark.parallel
@@ -87,3 +88,34 @@ def test_graded_modulus_derivatives():
     assert np.polyfit(np.log(steps), np.log(remainders), 1)[0] == pytest.approx(2, abs=0.1)
     beyond = ufl.conditional(ufl.gt(r, 14e-3), ufl.diff(modulus, var["beta"]), 0.0)
     assert total(beyond * dx, comm) == 0.0
+
+
+# -- rough faces ----------------------------------------------------------------------------------
+
+
+def test_a_bolt_s_stiffness_knows_no_radius():
+    """Summed over a cone of pressure it is F / (gamma h_rms), however far the cone reaches."""
+    force, h_rms, hole = 12e3, 2.5e-6, 4e-3
+    for reach in (8e-3, 20e-3):
+        r = np.linspace(hole, reach, 20_001)
+        middle = 0.5 * (r[1:] + r[:-1])
+        pressure = np.array(
+            [float(forms.pressure_cone(x, force, hole, reach, open_hole=True)) for x in middle]
+        )
+        k_n, k_t = forms.rough_contact_stiffness(pressure, h_rms, 0.3)
+        area = np.pi * np.diff(r**2)
+        assert (k_n * area).sum() == pytest.approx(force / (0.5 * h_rms), rel=1e-6)
+        # Mindlin, 1949: a round spot is softer along its plane by (2 - nu) / (2 - 2 nu).
+        assert k_n / k_t == pytest.approx(1.7 / 1.4, rel=1e-12)
+
+
+def test_roughness_of_two_faces():
+    """Heights of a Gaussian face, drawn: Rq = 1.2533 Ra, and squares add."""
+    z = np.random.default_rng(1).standard_normal((2, 1_000_000)) * [[1e-6], [2e-6]]
+    ra = np.abs(z).mean(axis=1)
+    assert forms.combined_roughness(*ra) == pytest.approx((z[0] + z[1]).std(), rel=3e-3)
+    assert forms.combined_roughness(ra[0]) == pytest.approx(np.sqrt(2) * z[0].std(), rel=3e-3)
+    with pytest.raises(InputError, match="ra_1"):
+        forms.combined_roughness(0.0)
+    with pytest.raises(InputError, match="pressure"):
+        forms.rough_contact_stiffness(-1.0, 1e-6, 0.3)

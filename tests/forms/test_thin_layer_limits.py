@@ -13,29 +13,13 @@ import pytest
 import scipy.linalg as sla
 import ufl
 from dolfinx import default_scalar_type, fem, mesh
-from dolfinx.la import InsertMode
-from gathering import gathered
-from mpi4py import MPI
+from form_bodies import DIMENSION, assembled_vector, box, element_of, gathered, tagged
 
 from fenics_joints import forms
 
 E, NU, RHO = 69e9, 0.283, 2750.0
 THICKNESS, WIDTH, LENGTH, LAP = 8e-3, 0.04, 0.32, (0.12, 0.20)
 K_N, K_T = 1e12, 4e11
-
-CELLS = {
-    "tri": mesh.CellType.triangle,
-    "quad": mesh.CellType.quadrilateral,
-    "tet": mesh.CellType.tetrahedron,
-    "hex": mesh.CellType.hexahedron,
-}
-DIMENSION = {"tri": 2, "quad": 2, "tet": 3, "hex": 3}
-
-
-def element_of(name):
-    """Vector element of a name such as hex-S2."""
-    cell, (family, degree) = name.split("-")[0], name.split("-")[1]
-    return basix.ufl.element(family, CELLS[cell].name, int(degree), shape=(DIMENSION[cell],))
 
 
 class Lap:
@@ -52,14 +36,7 @@ class Lap:
         heights = np.unique(slabs)
         lengths = [LENGTH, WIDTH, 1.0] if d == 3 else [LENGTH, 1.0]
         counts = [cells, 2, len(heights) - 1] if d == 3 else [cells, len(heights) - 1]
-        create = mesh.create_box if d == 3 else mesh.create_rectangle
-        self.msh = msh = create(
-            MPI.COMM_WORLD,
-            [np.zeros(d), np.array(lengths)],
-            counts,
-            CELLS[cell],
-            ghost_mode=mesh.GhostMode.shared_facet,
-        )
+        self.msh = msh = box(cell, counts, lengths)
         z = msh.geometry.x[:, d - 1]
         z[:] = np.interp(z, np.linspace(0, 1, len(heights)), heights)
         self.lower = self.inside(d, 0, LAP[1], slabs[0], slabs[1])
@@ -76,12 +53,6 @@ class Lap:
 
         return mesh.locate_entities(self.msh, dim, within)
 
-    def tags(self, dim, groups):
-        entities = np.concatenate(groups).astype(np.int32)
-        marks = np.repeat(np.arange(len(groups), dtype=np.int32), [len(g) for g in groups])
-        order = np.argsort(entities)
-        return mesh.meshtags(self.msh, dim, entities[order], marks[order])
-
     def constant(self, value):
         return fem.Constant(self.msh, default_scalar_type(value))
 
@@ -96,7 +67,7 @@ def layered_lap(name, cells, aspect, law="uncoupled", k_n=K_N, k_t=K_T):
     V, c = fem.functionspace(lap.msh, element_of(name)), lap.constant
     u, v = ufl.TrialFunction(V), ufl.TestFunction(V)
     plates = np.concatenate([lap.lower, lap.upper])
-    dx = ufl.Measure("dx", lap.msh, subdomain_data=lap.tags(lap.d, [plates, lap.joint]))
+    dx = ufl.Measure("dx", lap.msh, subdomain_data=tagged(lap.msh, lap.d, [plates, lap.joint]))
     normal = ufl.unit_vector(lap.d - 1, lap.d)
     moduli = c(k_n * h), c(k_t * h)
     if law == "isotropic":
@@ -114,8 +85,8 @@ def sprung_lap(name, cells, k_n=K_N, k_t=K_T, rule=None):
     c, e = lap.constant, element_of(name)
     W = fem.functionspace(lap.msh, basix.ufl.mixed_element([e, e]))
     (u1, u2), (v1, v2) = ufl.TrialFunctions(W), ufl.TestFunctions(W)
-    dx = ufl.Measure("dx", lap.msh, subdomain_data=lap.tags(lap.d, [lap.lower, lap.upper]))
-    facets = lap.tags(lap.d - 1, [lap.joint])
+    dx = ufl.Measure("dx", lap.msh, subdomain_data=tagged(lap.msh, lap.d, [lap.lower, lap.upper]))
+    facets = tagged(lap.msh, lap.d - 1, [lap.joint])
     metadata = {"quadrature_rule": rule, "quadrature_degree": 1} if rule else {}
     dS = ufl.Measure("dS", lap.msh, subdomain_data=facets, metadata=metadata)
     jumps = u1("+") - u2("+"), v1("+") - v2("+")
@@ -249,17 +220,12 @@ def bending_stiffness_ratio(name, size, through, nu):
     """
     cell, count = name.split("-")[0], 8
     d = DIMENSION[cell]
-    create = mesh.create_box if d == 3 else mesh.create_rectangle
-    corners = [np.zeros(d), np.array([count * size, 1.0, 1.0])[:d]]
-    msh = create(MPI.COMM_WORLD, corners, [count, through, 1][:d], CELLS[cell])
+    msh = box(cell, [count, through, 1][:d], [count * size, 1.0, 1.0][:d])
     V = fem.functionspace(msh, element_of(name))
     v = ufl.TestFunction(V)
     K = gathered(forms.elasticity(ufl.TrialFunction(V), v, 1.0, nu))
     y = ufl.SpatialCoordinate(msh)[1] - 0.5
-    b = fem.assemble_vector(fem.form(12 * y * ufl.FacetNormal(msh)[0] * v[0] * ufl.ds))
-    b.scatter_reverse(InsertMode.add)
-    owned = V.dofmap.index_map.size_local * V.dofmap.index_map_bs
-    f = np.concatenate(msh.comm.allgather(b.array[:owned].copy()))
+    f = assembled_vector(12 * y * ufl.FacetNormal(msh)[0] * v[0] * ufl.ds)
     # The load is in balance, so any stiffness added to the rigid motions leaves the work as it is.
     K = K.toarray()
     rigid = sla.eigh(K, subset_by_index=[0, d * (d + 1) // 2 - 1])[1]

@@ -9,7 +9,7 @@ import scipy.sparse as sp
 import scipy.sparse.linalg as spla
 import ufl
 from dolfinx import fem, mesh
-from gathering import gathered
+from form_bodies import box, gathered, interpolated
 from mpi4py import MPI
 from scipy.integrate import quad
 
@@ -27,11 +27,10 @@ TURN = np.linalg.qr(np.random.default_rng(5).standard_normal((3, 3)))[0]
 class Column:
     """A square column of body, layer and body along a slanting axis."""
 
-    def __init__(self, n_layer=1, cell=mesh.CellType.hexahedron, turn=TURN, n_side=2):
+    def __init__(self, n_layer=1, cell="hex", turn=TURN, n_side=2):
         counts = np.array([N_BODY, n_layer, N_BODY])
-        n, ghosts = int(counts.sum()), mesh.GhostMode.shared_facet
-        corners = [[0.0, 0.0, 0.0], [SIDE, SIDE, n]]
-        self.msh = mesh.create_box(COMM, corners, [n_side, n_side, n], cell, ghost_mode=ghosts)
+        n = int(counts.sum())
+        self.msh = box(cell, [n_side, n_side, n], [SIDE, SIDE, n])
         x = self.msh.geometry.x
         x[:, 2] = np.interp(x[:, 2], np.append(0, np.cumsum(counts)), LEVELS)
         x[:] = x @ turn.T
@@ -64,10 +63,7 @@ class Column:
 
     def field(self, function):
         """DOFs of a displacement along the own axes, (3, n), given at places in them."""
-        u = fem.Function(self.V)
-        u.interpolate(lambda x: self.turn @ function(self.turn.T @ x))
-        owned = self.V.dofmap.index_map.size_local * 3
-        return np.concatenate(COMM.allgather(u.x.array[:owned].copy()))
+        return interpolated(self.V, lambda x: self.turn @ function(self.turn.T @ x))
 
     def places(self):
         """Places of the DOFs' blocks in own axes, (n, 3): the DOFs of a linear field."""
@@ -88,13 +84,13 @@ def ramp(z, body, layer):
 
 
 @pytest.mark.parallel
-@pytest.mark.parametrize("cell", ["hexahedron", "tetrahedron"])
+@pytest.mark.parametrize("cell", ["hex", "tet"])
 def test_uniform_stress_passes_in_series(cell):
     """Tension with free sides, strain along the axis alone, shear: u = sum h_i / modulus_i.
 
     Unit stress leaves no force inside, and does the work A u on a layer H thick, meshed H0.
     """
-    column = Column(cell=getattr(mesh.CellType, cell))
+    column = Column(cell=cell)
     E, body = 0.8, LEVELS[-1] - H0
     x, tol = column.places(), 1e-9
     inside = (x[:, 2] > tol) & (x[:, 2] < LEVELS[-1] - tol)

@@ -1,10 +1,11 @@
-"""Threads against the standards' printed tables; torque against the paper's and inverses."""
+"""Threads against the standards' tables, also by holes; torque against the paper's and inverses."""
 
 import math
 
 import pytest
 
 from fenics_joints.errors import InputError
+from fenics_joints.preload.clearance import guess_thread
 from fenics_joints.preload.threads import thread, thread_names
 from fenics_joints.preload.torque import (
     bearing_radius,
@@ -89,3 +90,34 @@ def test_bad_input_is_an_input_error():
         friction_from(0.1, 50e3, "M12")
     with pytest.raises(InputError, match="expected the outer one larger"):
         bearing_radius(0.01, 0.02)
+
+
+@pytest.mark.parametrize(
+    "widest, narrowest, name",
+    [
+        (6.6, None, "M6"),
+        (9.0, None, "M8"),
+        (8.4, None, "M8"),
+        (11.0, None, "M10"),
+        (13.5, 10.2, "M12"),
+        (14.5, None, "M12"),
+        (17.5, None, "M16"),
+        (22.0, 17.5, "M20"),
+        (11.0, 8.5, "M10"),
+        (9.0, 6.8, "M8"),
+        (5.3, 4.2, "M5"),
+        (26.0, 21.0, "M24"),
+    ],
+)
+def test_threads_by_their_holes(widest, narrowest, name):
+    small = None if narrowest is None else 1e-3 * narrowest
+    assert guess_thread(1e-3 * widest, small).thread.name == name
+
+
+def test_doubts_and_none():
+    """12 mm is M10 coarse or M12 without clearance; a hole of 150 mm is no bolt's."""
+    guess = guess_thread(12e-3)
+    assert {guess.thread.name, *guess.others} >= {"M10", "M12"}
+    assert guess_thread(0.15) is None
+    with pytest.raises(InputError, match="widest"):
+        guess_thread(-1.0)
