@@ -1,4 +1,4 @@
-"""What is given to the builders: each argument once, with its unit and what it must be."""
+"""Arguments of the mesh builders: their units, the conditions on them, and the checks."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ ONE_BOLT = 1e-3
 
 
 def holds(test: Callable[[Any], bool], value: Any) -> bool:
-    """Whether a value passes a test; not where the test cannot be made of it, as of a text."""
+    """Whether a value passes a test; False where the test itself fails, as on a text."""
     try:
         return bool(test(value))
     except (TypeError, ValueError, OverflowError):
@@ -62,12 +62,12 @@ def two_counts(values: Any) -> bool:
 
 
 def apart(points: Any) -> bool:
-    """Whether points are as far apart as two bolts are at least."""
+    """Whether all points are at least `ONE_BOLT` apart."""
     return all(math.dist(a, b) >= ONE_BOLT for a, b in itertools.combinations(points, 2))
 
 
 def requirement(builder: str) -> Callable[[bool, str, object, str], None]:
-    """A function ``require(holds, name, value, expected)`` that raises in the builder's name."""
+    """``require(holds, name, value, expected)``, which raises in the builder's name unless it holds."""
 
     def require(holds: bool, name: str, value: object, expected: str) -> None:
         if not holds:
@@ -78,12 +78,12 @@ def requirement(builder: str) -> Callable[[bool, str, object, str], None]:
 
 @dataclass(frozen=True)
 class Demand:
-    """What an argument must be, to annotate its type with.
+    """A condition on an argument, for the annotation of its type.
 
     Attributes:
-        holds: Whether a value is so.
-        expected: The same in words.
-        unit: The SI unit of a quantity; None for what is none.
+        holds: Whether a value meets it.
+        expected: The condition in words.
+        unit: The SI unit of a quantity; None for other arguments.
     """
 
     holds: Callable[[Any], bool]
@@ -91,7 +91,7 @@ class Demand:
     unit: str | None = None
 
 
-#: A length, a thickness that may be none, a coordinate; a number of elements; shapes of cells.
+#: Types: a length, a thickness that may be zero, a coordinate, a number of elements, a cell shape.
 Size = Annotated[
     float,
     Demand(is_positive, "a length above 0 m, from 1e-12 to 1e9 m", "m"),
@@ -120,7 +120,7 @@ Places = Annotated[
 class Arguments:
     """The arguments of a function that makes a mesh, each with its type, default and unit.
 
-    The types are annotated with what they must be, a `Demand`.
+    The types are annotated with a `Demand`.
 
     Raises:
         MeshError: An argument is impossible; names it, its value and what was expected.
@@ -159,10 +159,10 @@ class Builder(Arguments):
         raise NotImplementedError
 
     def bricks(self) -> list[tuple[float, float, float]]:
-        """About how many cells the mesh has along three axes of the blocks that it is made of.
+        """Estimated number of cells along the three axes of each block that the mesh is made of.
 
-        Hexahedra, or as many times six tetrahedra; known before anything is built. Nothing where
-        it is not known.
+        Of hexahedra, each of which may be six tetrahedra. Nothing is built for it. Empty where
+        there is no estimate.
         """
         return []
 
@@ -186,21 +186,21 @@ class Builder(Arguments):
 
 
 def check_squares(builder: Arguments, key: str, side: float, spans, *, apart: bool) -> None:
-    """Refuse squares round bolts that leave a rectangle, or overlap where they have to be apart.
+    """Refuse squares round bolts that leave a rectangle, or overlap.
 
     Args:
         builder: The arguments, with ``centres`` of the bolts, shape (n, 2), m.
         key: Name of the bolts among them.
         side: Side of the squares, the argument ``zone``, m.
         spans: Where the rectangle begins and ends along x, and along y, m.
-        apart: Whether they have to be.
+        apart: Whether overlapping squares are refused.
     """
     for number, centre in enumerate(builder.centres):
         own = f"{key}[{number}]"
         for axis, value, (low, high) in zip("xy", centre.tolist(), spans, strict=True):
             room, span = min(value - low, high - value), f"{low:g} to {high:g} m along {axis}"
             builder.require(room > 0, f"{own} {axis}", f"a position within {span}", value)
-            expected = f"at most {2 * room:g} m, so that that of {own} stays within {span}"
+            expected = f"at most {2 * room:g} m, so that the square of {own} stays within {span}"
             builder.require(side / 2 <= room + 1e-9 * (high - low), "zone", expected, side)
         for other in range(number if apart else 0):
             gap = np.abs(centre - builder.centres[other]).max()
@@ -246,10 +246,10 @@ def described(make: Callable[..., TaggedMesh], arguments: type[Arguments]):
 
 
 def _demands(kind: Any, value: Any):
-    """Whether a value is what its type says, and the same in words."""
+    """The conditions of a type: whether a value meets each, and the condition in words."""
     if typing.get_origin(kind) in (typing.Union, types.UnionType):
         options = [k for k in typing.get_args(kind) if k is not type(None)]
-        # One of several, such as radii: what they must be is checked by the class.
+        # Of a list in place of one value, such as radii, the class checks the items.
         if value is not None and (len(options) == 1 or np.ndim(value) == 0):
             yield from _demands(options[0], value)
     elif typing.get_origin(kind) is Literal:

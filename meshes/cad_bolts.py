@@ -42,7 +42,7 @@ class BoltPlace:
     hole: float
     imprinted: bool
 
-    def said(self, number: int, solids: Solids) -> str:
+    def label(self, number: int, solids: Solids) -> str:
         """The bolt for a message."""
         at = ", ".join(f"{x:.6g}" for x in self.centre)
         a, b = (solids.names[i] for i in (self.contact.lower, self.contact.upper))
@@ -71,12 +71,12 @@ class _Holes:
     def listing(self) -> str:
         """All holes, for messages."""
         sides = [((c.faces[0], c.lower), (c.faces[1], c.upper)) for c in self.contacts]
-        said = []
+        found = []
         for face, solid in dict.fromkeys(side for pair in sides for side in pair):
             for hole in self.of(face):
                 at = ", ".join(f"{x:.6g}" for x in hole.centre)
-                said.append(f"{self.solids.names[solid]!r}: {2 * hole.radius:g} mm at ({at}) mm")
-        return "; ".join(sorted(said)) or "none"
+                found.append(f"{self.solids.names[solid]!r}: {2 * hole.radius:g} mm at ({at}) mm")
+        return "; ".join(sorted(found)) or "none"
 
 
 def hole_bolts(
@@ -111,7 +111,7 @@ def hole_bolts(
                 found.append(_bolt(contact, a.centre, [(0.0, a), (apart, b)], r_nei, r_wai))
                 if apart > TOUCH:
                     raise MeshError(
-                        f"{found[-1].said(len(found), solids)}: the axes of its two "
+                        f"{found[-1].label(len(found), solids)}: the axes of its two "
                         f"holes are {apart:.3g} mm apart, expected one axis (or bolts' centres "
                         "and r_nei)"
                     )
@@ -224,12 +224,12 @@ def check_rings(bolts: Sequence[BoltPlace], solids: Solids) -> None:
     for j, b in enumerate(bolts):
         if b.r_nei < b.hole * (1 - _SAME):
             raise MeshError(
-                f"{b.said(j + 1, solids)}: r_nei is {b.r_nei:g} mm, expected at least the hole's "
+                f"{b.label(j + 1, solids)}: r_nei is {b.r_nei:g} mm, expected at least the hole's "
                 f"radius, {b.hole:g} mm"
             )
         if not b.r_nei < b.r_wai:
             raise MeshError(
-                f"{b.said(j + 1, solids)}: r_wai is {b.r_wai:g} mm, expected more than the inner "
+                f"{b.label(j + 1, solids)}: r_wai is {b.r_wai:g} mm, expected more than the inner "
                 f"radius, {b.r_nei:g} mm"
             )
         for i, a in enumerate(bolts[:j]):
@@ -240,7 +240,7 @@ def check_rings(bolts: Sequence[BoltPlace], solids: Solids) -> None:
             distance, least = float(np.linalg.norm(between)), a.r_wai + b.r_wai
             if distance < least:
                 raise MeshError(
-                    f"the rings of {a.said(i + 1, solids)} and "
-                    f"{b.said(j + 1, solids)} overlap: {distance:.6g} mm apart, expected at "
+                    f"the rings of {a.label(i + 1, solids)} and "
+                    f"{b.label(j + 1, solids)} overlap: {distance:.6g} mm apart, expected at "
                     f"least the sum of their r_wai, {least:.6g} mm"
                 )

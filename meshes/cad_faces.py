@@ -34,10 +34,10 @@ _NO_AREA = 1e-6
 _PROBE = 1e-2
 
 #: Progress callback: the task, its finished parts, and their total number.
-Told = Callable[[str, int, int], None]
+Report = Callable[[str, int, int], None]
 
 
-def untold(words: str, done: int, of: int) -> None:
+def no_report(words: str, done: int, of: int) -> None:
     """Say nothing."""
 
 
@@ -115,7 +115,7 @@ class _Flat:
 
 
 def find_contacts(
-    model, solids: Solids, reach: float, told: Told = untold, *, tidy: bool = True
+    model, solids: Solids, reach: float, report: Report = no_report, *, tidy: bool = True
 ) -> list[FacePair]:
     """Pairs of flat faces that touch, or are apart by at most ``reach``; see `FacePair`.
 
@@ -126,7 +126,7 @@ def find_contacts(
         model: gmsh's model.
         solids: The solids.
         reach: How far apart faces may be.
-        told: Progress callback.
+        report: Progress callback.
         tidy: Whether to remove temporary shapes, which takes as long as the rest.
     """
     flats = [(i, flat) for i, tag in enumerate(solids.tags) for flat in _flats(model, tag)]
@@ -134,7 +134,7 @@ def find_contacts(
     found: list[tuple[FacePair, list]] = []
     for n, (k, m, gap) in enumerate(pairs):
         if n % 20 == 0:
-            told("pairs of faces", n, len(pairs))
+            report("pairs of faces", n, len(pairs))
         (i, a), (j, b) = flats[k], flats[m]
         common, area = _overlap(model, [(2, a.tag)], [(2, b.tag)], -gap * a.normal)
         if area > _NO_AREA * model.occ.getMass(2, a.tag):
@@ -169,7 +169,7 @@ def _facing(flats: Sequence[tuple[int, _Flat]], reach: float) -> list[tuple[int,
 
 
 def _kept_apart(model, item: tuple[FacePair, list], found) -> bool:
-    """Whether a solid lies between two faces: nearer to one than the other, where they meet."""
+    """Whether a third solid lies between two faces, on a part of the area that they share."""
     contact, common = item
     if contact.gap <= TOUCH:
         return False

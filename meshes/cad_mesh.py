@@ -249,7 +249,7 @@ def _check_whole(model, solids: Solids, pieces, bolts: Sequence[BoltPlace], disc
             for face in set().union(*parts)
             if len(set(model.getAdjacencies(2, face)[0].tolist()) & set(tags)) == 2
         }
-        where = "; ".join(bolts[i].said(i + 1, solids) for i in sorted(cut)) or "a ring"
+        where = "; ".join(bolts[i].label(i + 1, solids) for i in sorted(cut)) or "a ring"
         raise MeshError(
             f"{name!r} passes through the middle of {where}; expected an empty "
             "hole there (leave bolts and pins out of the file)"
@@ -284,7 +284,7 @@ def _ring(model, solids: Solids, sharing, number: int, bolt: BoltPlace, disc) ->
     expected = np.pi * (bolt.r_wai**2 - bolt.r_nei**2)
     if area < expected * (1 - _WHOLE):
         raise MeshError(
-            f"the ring of {bolt.said(number, solids)}, {bolt.r_nei:g} to "
+            f"the ring of {bolt.label(number, solids)}, {bolt.r_nei:g} to "
             f"{bolt.r_wai:g} mm, leaves the faces that touch: {100 * area / expected:.3g} % "
             "of it is on both; expected all (a smaller r_wai, or another centre)"
         )

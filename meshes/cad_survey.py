@@ -13,12 +13,12 @@ from fenics_joints.meshes.cad_faces import (
     FacePair,
     Hole,
     Outline,
-    Told,
+    Report,
     find_contacts,
     hole_pairs,
     is_flat,
     nearest,
-    untold,
+    no_report,
 )
 from fenics_joints.meshes.gmsh_apart import gmsh_model
 from fenics_joints.meshes.step_file import import_solids
@@ -105,12 +105,12 @@ class StepSurvey:
     holes: tuple[ThroughHole, ...]
 
 
-def survey_step(path: str | Path, told: Told = untold) -> StepSurvey:
+def survey_step(path: str | Path, report: Report = no_report) -> StepSurvey:
     """Look into a STEP file. Needs gmsh, and no MPI.
 
     Args:
         path: The file.
-        told: Progress callback.
+        report: Progress callback.
 
     Raises:
         MeshError: As `read_step` for a file that it cannot read; or solids overlap.
@@ -122,12 +122,12 @@ def survey_step(path: str | Path, told: Told = untold) -> StepSurvey:
             _solid(model, tag, i, name)
             for i, (tag, name) in enumerate(zip(found.tags, found.names, strict=True), start=1)
         )
-        contacts = find_contacts(model, found, _REACH, told, tidy=False)
+        contacts = find_contacts(model, found, _REACH, report, tidy=False)
         if not contacts:
             why = nearest(model, found, _REACH)
             if "overlap" in why:
                 raise MeshError(why.removeprefix("; "))
-        through = _through(model, contacts, told)
+        through = _through(model, contacts, report)
     touching = tuple(
         TouchingFaces((c.lower, c.upper), c.normal, c.gap / _MM, c.area / _MM**2) for c in contacts
     )
@@ -144,7 +144,7 @@ def _solid(model, tag: int, number: int, name: str) -> Solid:
     return Solid(plain, name, model.occ.getMass(3, tag) / _MM**3, area / _MM**2, box)
 
 
-def _through(model, contacts: list[FacePair], told: Told) -> list[ThroughHole]:
+def _through(model, contacts: list[FacePair], report: Report) -> list[ThroughHole]:
     """Pairs of holes with one axis, and how large rings around them may be."""
     outlines = {face: Outline.of(model, face) for c in contacts for face in c.faces}
     pairs = [
@@ -156,7 +156,7 @@ def _through(model, contacts: list[FacePair], told: Told) -> list[ThroughHole]:
     places, found = np.array([a.centre for _, a, _ in pairs]).reshape(-1, 3), []
     for n, (i, a, b) in enumerate(pairs):
         if n % 20 == 0:
-            told("pairs of holes", n, len(pairs))
+            report("pairs of holes", n, len(pairs))
         contact = contacts[i]
         between = places - a.centre
         distance = np.linalg.norm(between, axis=1)

@@ -38,7 +38,7 @@ _FLAT = 1e-7
 
 @dataclass(frozen=True)
 class MeshQuality:
-    """What ``check_mesh`` measured.
+    """Quality of a mesh by `check_mesh`.
 
     Attributes:
         scaled_jacobian: Smallest scaled Jacobian over all cells; 1 for right angles.

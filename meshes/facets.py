@@ -224,7 +224,7 @@ class Bodies:
         return np.searchsorted(self._pairs, rows * self._n + np.reshape(body, (-1, 1)))
 
     def lists(self) -> MeshLists:
-        """The mesh, in which a tagged facet between bodies is one of the first of them."""
+        """The mesh; a tagged facet between two bodies goes to the first of them."""
         lists = replace(self._lists, x=self.x, cells=self.cells)
         if not len(lists.facets):
             return lists

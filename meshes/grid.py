@@ -71,8 +71,8 @@ def graded_lines(edges: Sequence[float], sizes: Sequence[float]) -> np.ndarray:
 
     Between two edges the distance of the lines is a linear function of the position, from the
     size at the one to the size at the other, so neighbouring intervals have a fixed ratio, about
-    exp(difference of the sizes / distance of the edges). A growth by the factor g per interval is
-    had from a second size of ``first + log(g) * distance``.
+    exp(difference of the sizes / distance of the edges). A second size of
+    ``first + log(g) * distance`` gives a growth by the factor g per interval.
 
     Args:
         edges: Ascending positions that must be lines, in metres, shape (n,).

@@ -57,7 +57,7 @@ _ENDS = {2: [(0,), (1,)], 3: [(0, 1), (1, 2), (0, 2)], 4: [(0, 1), (0, 2), (1, 3
 
 
 def groups_of(n: int, pairs: Iterable[tuple[int, int]]) -> np.ndarray:
-    """Number of the group of each of n things, of which pairs are together, in their order."""
+    """Number of the group of each of n things, of which pairs are connected; the first is 0."""
     if not isinstance(pairs, np.ndarray):
         pairs = np.array(list(pairs), dtype=np.int64).reshape(-1, 2)
     graph = coo_array((np.ones(len(pairs), np.int8), pairs.T), shape=(n, n))
@@ -285,7 +285,7 @@ def fit_circle(corners: np.ndarray, normal: np.ndarray) -> tuple[np.ndarray, np.
     return middle + np.array(c) @ basis, np.linalg.norm(flat - c, axis=1)
 
 
-def said_pairs(found: Sequence[Touch]) -> str:
+def pair_list(found: Sequence[Touch]) -> str:
     """The contacts for a message."""
     return ", ".join(f"{a!r} and {b!r}" for a, b in dict.fromkeys(t.parts for t in found))
 
@@ -365,7 +365,7 @@ Pairs = Annotated[Sequence[tuple[str, str]], Demand(_are_several, "a sequence of
 
 @dataclass(frozen=True, kw_only=True)
 class Grown(Arguments):
-    """What joins parts where they touch.
+    """How parts are joined where they touch.
 
     Attributes:
         joint: ``"layer"`` on all that touches, ``"rings"`` round bolts, or ``"contact"``: none,
@@ -471,7 +471,7 @@ def grow(lists: MeshLists, wanted: Grown) -> MeshLists:
     grown = _with_free_facets(grown, layer_faces(layer_sides, bare))
     if centres is not None:
         grown = replace(grown, points={**grown.points, "bolts": centres})
-    return replace(grown, notes=(*grown.notes, *_said(layers, size), *notes))
+    return replace(grown, notes=(*grown.notes, *_layer_notes(layers, size), *notes))
 
 
 def _check_pairs(lists: MeshLists, wanted: Grown) -> None:
@@ -505,7 +505,7 @@ def _layers(lists: MeshLists, found: list[Touch], wanted: Grown):
             if not any(set(t.parts) == set(pair) for t in found):
                 raise MeshError(
                     f"between: {pair[0]!r} and {pair[1]!r} do not touch, expected two of: "
-                    f"{said_pairs(found)}"
+                    f"{pair_list(found)}"
                 )
         found = [t for t in found if frozenset(t.parts) in pairs]
     if wanted.joint == "contact":
@@ -588,7 +588,7 @@ def _given(x: np.ndarray, found: list[Touch], wanted: Grown):
             at = ", ".join(f"{1e3 * c:.6g}" for c in point)
             raise MeshError(
                 f"bolt {number} at ({at}) mm: no two flat faces touch within {1e3 * r_wai:g} mm, "
-                f"expected those of: {said_pairs(found)} (in which unit is it given?)"
+                f"expected those of: {pair_list(found)} (in which unit is it given?)"
             )
         n = best.normal
         centre = point - ((point - best.middles[0]) @ n) * n
@@ -615,7 +615,7 @@ def layer_faces(layers: Mapping[str, Sequence[np.ndarray]], bare) -> dict[str, n
 
 
 def _with_free_facets(lists: MeshLists, faces: Mapping[str, np.ndarray]) -> MeshLists:
-    """The mesh with names for those of the facets that have none."""
+    """The mesh with more named faces, but for facets that have a name already."""
     new = {}
     for name, facets in faces.items():
         numbers = row_numbers(np.vstack([facets, lists.facets]))
@@ -630,7 +630,7 @@ def _extent(area: float, touch: Touch) -> str:
     return f"{1e6 * area:.4g} mm2" if touch.middles.shape[1] == 3 else f"{1e3 * area:.4g} mm"
 
 
-def _said(layers, size: float) -> list[str]:
+def _layer_notes(layers, size: float) -> list[str]:
     if not layers:
         return []
     names = list(layers)

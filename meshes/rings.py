@@ -54,7 +54,7 @@ class Ring:
 
 
 def ring_names(names: Sequence[str]) -> list[str]:
-    """Those of the names that are ``ring_1``, ``ring_2``, ..., by their number."""
+    """The names ``ring_1``, ``ring_2``, ... among others, by their number."""
     found = (re.fullmatch(r"ring_(\d+)", name) for name in names)
     numbers = {match[0]: int(match[1]) for match in found if match}
     return sorted(numbers, key=numbers.get)

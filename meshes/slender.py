@@ -75,7 +75,7 @@ def _outermost(points: np.ndarray) -> np.ndarray:
 
 
 def _flattest(points: np.ndarray, normals: np.ndarray) -> np.ndarray:
-    """Of directions that in which points extend the least, an axis if it is one of several."""
+    """The direction along which points extend least; an axis if several are equal."""
     normals = np.unique(np.round(normals, _DIGITS) + 0.0, axis=0)
     extents = np.ptp(points @ normals.T, axis=0)
     least = normals[extents <= extents.min() * (1 + _SAME)]
@@ -84,7 +84,7 @@ def _flattest(points: np.ndarray, normals: np.ndarray) -> np.ndarray:
 
 
 def _towards(direction: np.ndarray) -> np.ndarray:
-    """With its largest component above zero; an axis where it is one but for round-off."""
+    """The direction with its largest component above zero; an axis if it is one up to round-off."""
     largest = np.argmax(np.abs(direction))
     rounded = np.where(np.abs(direction) < _SAME, 0.0, direction)
     return rounded * np.sign(direction[largest]) / np.linalg.norm(rounded) + 0.0

@@ -1,4 +1,4 @@
-"""Solids of a STEP file in gmsh's current model, read after a process of its own could, and named.
+"""Solids of a STEP file in gmsh's current model, named; a separate process reads it first.
 
 All lengths here are in millimetres, OpenCASCADE's own unit whatever the file's.
 """
@@ -25,7 +25,7 @@ from fenics_joints.meshes.gmsh_apart import run_apart
 
 #: A solid by its label in the file, its number there from 1, or a point inside.
 Place = str | int | Sequence[float]
-#: Letters that are more than a plain one with an accent.
+#: Spelling of letters that are no plain ones with an accent, or are usually spelt otherwise.
 _LETTERS = str.maketrans(
     {
         "ä": "ae",
@@ -58,7 +58,7 @@ class Solids:
 def import_solids(path: Path, model, names: Mapping[str, Place]) -> Solids:
     """Read a STEP file into gmsh's current model, and name its solids.
 
-    A copy is read, twice: what the user's file is by then may be another.
+    Both times a copy is read: somebody may change the user's file in between.
 
     Args:
         path: The file.
@@ -79,7 +79,7 @@ def import_solids(path: Path, model, names: Mapping[str, Place]) -> Solids:
             raise MeshError(f"cannot be read ({error.strerror})") from error
         _check_step(copy)
         try:
-            with _unheard():
+            with _silenced():
                 found = model.occ.importShapes(str(copy), format="step")
             model.occ.synchronize()
         except Exception as error:
@@ -93,7 +93,7 @@ def import_solids(path: Path, model, names: Mapping[str, Place]) -> Solids:
     return Solids(_named(model, tags, labels, names), tags)
 
 
-#: SHA-256 of files that gmsh could read in a process of its own.
+#: SHA-256 of files that gmsh has read in a separate process.
 _readable: set[bytes] = set()
 
 
@@ -120,7 +120,7 @@ def _check_step(copy: Path) -> None:
 
 
 @contextmanager
-def _unheard() -> Iterator[None]:
+def _silenced() -> Iterator[None]:
     """Keep the drawing kernel from the terminal, where it writes beside gmsh and Python."""
     if sys.stdout is not None:
         sys.stdout.flush()
@@ -148,8 +148,8 @@ def _label(path: str) -> list[str]:
 def _named(model, tags, labels, names: Mapping[str, Place]) -> list[str]:
     given: dict[int, str] = {}
     own = [label[-1] for label in labels]
-    said = ["/".join(label) if own.count(label[-1]) > 1 else label[-1] for label in labels]
-    listing = "; ".join(f"{i}: {label!r}" for i, label in enumerate(said, start=1))
+    shown = ["/".join(label) if own.count(label[-1]) > 1 else label[-1] for label in labels]
+    listing = "; ".join(f"{i}: {label!r}" for i, label in enumerate(shown, start=1))
     for name, place in names.items():
         which = _matching(model, tags, labels, place)
         if len(which) != 1:

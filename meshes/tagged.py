@@ -53,7 +53,7 @@ class TaggedMesh:
         mesh, nodes = self.mesh, np.uint64(0)
         for column in np.asarray(mesh.geometry.x, dtype=float).T + 0.0:  # without -0.0
             nodes = mixed(nodes ^ np.ascontiguousarray(column).view(np.uint64))
-        told = hashlib.sha256()
+        digest = hashlib.sha256()
         for tags, names in ((self.cell_tags, self.cell_names), (self.facet_tags, self.facet_names)):
             own = tags.indices < mesh.topology.index_map(tags.dim).size_local
             entities, cells = tags.indices[own], tags.dim == mesh.topology.dim
@@ -64,11 +64,11 @@ class TaggedMesh:
             )
             sums = nodes[at].sum(axis=1, dtype=np.uint64)
             found = mixed(sums ^ mixed(tags.values[own].astype(np.uint64)))
-            told.update(np.sort(np.concatenate(mesh.comm.allgather(found))).tobytes())
-            told.update(repr(sorted(names.items())).encode())
+            digest.update(np.sort(np.concatenate(mesh.comm.allgather(found))).tobytes())
+            digest.update(repr(sorted(names.items())).encode())
         for name in sorted(self.points):
-            told.update(repr((name, np.asarray(self.points[name]).tolist())).encode())
-        return told.hexdigest()
+            digest.update(repr((name, np.asarray(self.points[name]).tolist())).encode())
+        return digest.hexdigest()
 
     def cell_tag(self, name: str) -> int:
         """Tag of the part ``name``; raises MeshError when the mesh has no such part."""

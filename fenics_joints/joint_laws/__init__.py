@@ -2,7 +2,7 @@
 
 A law is made of parallel elements, each written once, as UFL. Those here are `Iwan` (sliders that
 follow a backbone: `RichardAbbott`, Iranzad and Ahmadian 2012's eq. 4; `Segalman`; `Bilinear`; or
-one of one's own), `IwanLayer`, `ElasticFriction` (Jenkins), `CoulombStick` (friction under a normal
+your own), `IwanLayer`, `ElasticFriction` (Jenkins), `CoulombStick` (friction under a normal
 load that varies), `DilatantCoulomb` (Iranzad and Ahmadian 2012's eqs. 1-2), `BoucWen` and
 `Valanis`; without memory `CubicSpring`, `UnilateralSpring`, `Gap`, `RateDamping` and `FluidFilm`.
 
@@ -22,7 +22,7 @@ In a finite-element model, on a layer of cells or on facets, 2-D or 3-D, serial 
 that can jump there. The tangent is ``ufl.derivative(F, u)``; `LawKernel` is the same law compiled
 for the points of a reduced model.
 
-A law of one's own gives its parameters to the constructor, and writes `JointLaw.element` with
+Your own law gives its parameters to the constructor, and writes `JointLaw.element` with
 whatever UFL can say, ready-made steps of `fenics_joints.forms.hysteresis` included::
 
     class WornSlider(JointLaw):
@@ -39,7 +39,7 @@ whatever UFL can say, ready-made steps of `fenics_joints.forms.hysteresis` inclu
 
 A law without memory may ask for the rate of strain, as a fifth argument ``rate`` of its element.
 It may also tell its energies: ``stored(normal, slip, state, p)``, with the state after the step,
-and ``dissipated(normal, slip, old, new, p)`` of the step. A backbone of one's own is a subclass of
+and ``dissipated(normal, slip, old, new, p)`` of the step. Your own backbone is a subclass of
 `Backbone` with ``value``, ``slope`` and ``reference``. Parameters may be arrays over parallel
 elements, so that two sliders are ``WornSlider(stiffness=[1e9, 2e9], ...)``.
 

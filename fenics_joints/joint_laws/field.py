@@ -1,4 +1,4 @@
-"""Joint laws in finite-element forms of one's own: thin layers of cells, or facets of no thickness.
+"""Joint laws in your own finite-element forms: thin layers of cells, or facets of no thickness.
 
 A `JointField` holds what the joint remembers at its quadrature points, and gives the virtual work
 of its stress as a UFL form; the consistent tangent is that form's ``ufl.derivative``. After every
@@ -320,10 +320,10 @@ class JointField:
         self.stress = stress + pressure
         self.traction = ufl.as_vector(traction)
         self._new = ufl.as_vector(new or [ufl.as_ufl(0.0)])
-        told = None if self._m and None in stored else [e for e in stored if e is not None]
+        known = None if self._m and None in stored else [e for e in stored if e is not None]
         self._energies = {
             "work": self._work(),
-            "stored": None if told is None else sum(told, pressed),
+            "stored": None if known is None else sum(known, pressed),
             "heat": None if None in heat else sum(heat, ufl.as_ufl(0.0)),
         }
 

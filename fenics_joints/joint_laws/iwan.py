@@ -45,7 +45,7 @@ _NODES, _WEIGHTS = 0.5 * (_NODES + 1), 0.5 * _WEIGHTS
 
 
 class Backbone(ABC):
-    """Stress of the first loading; one of one's own gives `value`, `slope` and `reference`.
+    """Stress of the first loading; a subclass gives `value`, `slope` and `reference`.
 
     It has to be odd, concave for positive strain, and straight in the end.
     """

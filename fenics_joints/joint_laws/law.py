@@ -72,7 +72,7 @@ class JointLaw(ABC):
 
     The strain of a point is that of a thin layer (normal strain, engineering shear strain) or the
     jump of a zero-thickness interface (opening, slip, m); the stress, Pa, is its work conjugate. A
-    law of one's own gives its parameters to this constructor and writes `element`; what it returns
+    law of yours gives its parameters to this constructor and writes `element`; what it returns
     may depend on strain, state and parameters in any way that UFL can say.
 
     Args:

@@ -64,7 +64,6 @@ class QuasiStatic:
         u: The unknown.
         bcs: Dirichlet conditions; their functions or constants may change between steps.
         joints: The joints, which are updated after each converged step.
-        tangent: Its derivative; ``ufl.derivative(residual, u)`` by default.
         petsc_options: SNES, KSP and PC options without prefix, over the defaults: Newton with a
             backtracking line search, and MUMPS. ``snes_rtol`` is relative to the first residual of
             the step, or to the largest first residual of the steps before if that is larger.
@@ -82,13 +81,12 @@ class QuasiStatic:
         bcs: Sequence[fem.DirichletBC] = (),
         joints: Sequence[JointField] = (),
         *,
-        tangent: ufl.Form | None = None,
         petsc_options: Mapping[str, object] | None = None,
         prefix: str = "joints_quasi_static_",
     ):
         self.u, self.bcs, self.joints = u, list(bcs), list(joints)
         self._F = fem.form(residual)
-        self._J = fem.form(ufl.derivative(residual, u) if tangent is None else tangent)
+        self._J = fem.form(ufl.derivative(residual, u))
         self._A = petsc.assemble_matrix(self._J, bcs=self.bcs)
         self._A.assemble()
         self._b, self._x = self._A.createVecLeft(), self._A.createVecRight()

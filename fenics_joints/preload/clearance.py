@@ -1,4 +1,4 @@
-"""Which thread a bolt has, by the holes that it goes through."""
+"""The thread of a bolt, guessed from the holes that it goes through."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ class ThreadGuess:
     """A thread that fits holes.
 
     Attributes:
-        thread: It.
-        why: What the holes are for it, in words.
+        thread: The thread.
+        why: How the holes fit it, in words.
         others: Names of others that fit nearly as well.
     """
 
@@ -77,7 +77,7 @@ def guess_thread(widest: float, narrowest: float | None = None) -> ThreadGuess |
 
 
 def _fit(t: Thread, widest: float, narrow: float) -> tuple[float, str]:
-    """How far holes are from those of a thread, relative, and what they are then."""
+    """Relative error of holes as those of a thread, and how they fit it, in words."""
     readings = [
         (0.0, t.hole_diameter, "a clearance hole of the medium series"),
         (_FINE, t.fine_hole_diameter, "a clearance hole of the fine series"),

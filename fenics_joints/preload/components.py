@@ -142,8 +142,8 @@ class Obstacle(_Checked):
     Attributes:
         name: Unique name of the contact, and of the factor of ``travel`` or ``force``.
         facets: Facet group of the body; those that look away from the obstacle are left out.
-        shape: `Plane`, `Sphere` or `Cylinder` of `fenics_joints.preload`, or a function such as
-            they are.
+        shape: `Plane`, `Sphere` or `Cylinder` of `fenics_joints.preload`, or a function like
+            these.
         friction: Coulomb's coefficient; 0 for none, infinity for none slides while it touches.
         gap: Gap, m, beyond the distance, see `Contact`.
         travel: Displacement of the obstacle, m, (gdim,), at a factor of one; None for none.

@@ -36,9 +36,9 @@ def status_conditions(result: PreloadResult) -> dict[str, np.ndarray]:
 
 
 def stuck_conditions(result: PreloadResult) -> dict[str, np.ndarray]:
-    """Obstacles held where the preload presses on them, for contacts stuck all over, (n,) each.
+    """Conditions of obstacles, (n,) each, for contacts that are stuck all over.
 
-    What of a face lies far from a ball does not touch it, whatever sticks.
+    Obstacles are held where the preload presses on them; the rest of the face does not touch them.
     """
     names = [c.name for c in result.model.contacts if isinstance(c, Obstacle)]
     return {name: np.where(result[name].closed, STICK, OPEN) for name in names}

@@ -120,7 +120,7 @@ class PreloadModel:
                 )
 
     def moves(self, forces: Mapping[str, float] | None = None) -> list[tuple]:
-        """What is moved at these factors: numbers in x, (gdim,), and displacements, m, (gdim,)."""
+        """Given displacements at these factors: numbers in x, (gdim,), and values, m, (gdim,)."""
         factors = self.force_values(forces)
         found = []
         for i, moved in enumerate(self.moved):

@@ -15,7 +15,7 @@ from petsc4py import PETSc
 from fenics_joints.errors import ConvergenceError, InputError, mapping, member, real, wanted
 from fenics_joints.formatting import html_table, quantity
 from fenics_joints.modal.options import given_options, last_line, petsc_defaults, reason_of
-from fenics_joints.preload.conditions import OPEN, SLIP, STICK, ContactPairs
+from fenics_joints.preload.conditions import ContactPairs
 from fenics_joints.preload.contact_state import ContactState
 from fenics_joints.preload.hold import find_hold
 from fenics_joints.preload.interface import Interface
@@ -602,11 +602,3 @@ class PreloadResult:
         # What pushes an obstacle is a load in x, not a reaction.
         pushed = self.model.jumps.gather(self.model.unit_load(name), numbers)
         return (held + self.forces.get(name, 0.0) * pushed) @ frame
-
-    def counts(self) -> dict[str, dict[str, int]]:
-        """Number of open, slipping and sticking pairs of each contact."""
-        kinds = {"open": OPEN, "slip": SLIP, "stick": STICK}
-        return {
-            name: {word: int(np.sum(c.status == kind)) for word, kind in kinds.items()}
-            for name, c in self.contacts.items()
-        }

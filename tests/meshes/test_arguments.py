@@ -84,7 +84,7 @@ REFUSED = {
         ({"cell": "prism"}, "cell is 'prism', expected 'hexahedron' or 'tetrahedron'"),
         ({"bolts": [0.14, 0.02]}, "bolts is [0.14, 0.02], expected a pair (x, y)"),
         ({"bolts": [(0.1, 0.04)]}, "bolts[0] x is 0.1, expected a position within 0.12 to 0.2 m"),
-        ({"zone": 0.05}, "zone is 0.05, expected at most 0.04 m, so that that of bolts[0] stays"),
+        ({"zone": 0.05}, "zone is 0.05, expected at most 0.04 m, so that the square of bolts[0]"),
         ({"hole_diameter": 0.019}, "hole_diameter is 0.019, expected a diameter above 0 m and"),
         ({"washer_diameter": 0.02}, "washer_diameter is 0.02, expected None when hole_diameter"),
         (
