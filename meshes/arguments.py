@@ -67,7 +67,7 @@ def apart(points: Any) -> bool:
 
 
 def requirement(builder: str) -> Callable[[bool, str, object, str], None]:
-    """``require(holds, name, value, expected)``, which raises in the builder's name unless it holds."""
+    """A function that raises MeshError, in the builder's name, unless something holds."""
 
     def require(holds: bool, name: str, value: object, expected: str) -> None:
         if not holds:

@@ -19,7 +19,7 @@ from fenics_joints.meshes.arguments import (
     lengths,
     made_by,
 )
-from fenics_joints.meshes.facets import Skin, add_faces, facets_between
+from fenics_joints.meshes.facets import Skin, name_between
 from fenics_joints.meshes.grid import PlaneGrid, count_intervals, extruded, grid_lines
 from fenics_joints.meshes.tagged import MeshLists
 
@@ -45,10 +45,8 @@ def with_joint_faces(
     """
     skin, layers = Skin(lists), [n for n in lists.cell_names if n.startswith(("joint", "ring_"))]
     lists = skin.named({name: skin.at(2, height) for name, height in ends.items()})
-    sides = {"joint_lower": below, "joint_upper": above}
-    return add_faces(
-        lists, {name: facets_between(lists, part, *layers) for name, part in sides.items()}
-    )
+    faces = {"joint_lower": (below, *layers), "joint_upper": (above, *layers)}
+    return name_between(lists, faces)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -120,6 +120,11 @@ def add_faces(lists: MeshLists, faces: Mapping[str, np.ndarray]) -> MeshLists:
     return replace(
         lists, facets=np.vstack(facets), facet_values=np.concatenate(values), facet_names=names
     )
+
+
+def name_between(lists: MeshLists, faces: Mapping[str, Sequence[str]]) -> MeshLists:
+    """The same mesh with more named faces, each between its first part and the others."""
+    return add_faces(lists, {name: facets_between(lists, *parts) for name, parts in faces.items()})
 
 
 class Skin:

@@ -9,7 +9,7 @@ from typing import ClassVar, Literal
 import numpy as np
 
 from fenics_joints.meshes.arguments import Builder, Count, Gap, Size, Solid, is_positive, made_by
-from fenics_joints.meshes.facets import Skin, add_faces, facets_between, separate
+from fenics_joints.meshes.facets import Skin, name_between, separate
 from fenics_joints.meshes.grid import count_intervals, extruded, grid_lines, tensor_grid
 from fenics_joints.meshes.tagged import MeshLists
 
@@ -50,9 +50,7 @@ def lapped(lists: MeshLists, layer: float, bonded: bool) -> MeshLists:
     """
     faces = _between(layer, bonded)
     if layer > 0 or bonded:
-        return add_faces(
-            lists, {name: facets_between(lists, *pair) for name, pair in faces.items()}
-        )
+        return name_between(lists, faces)
     bodies = [("root", "beam_1"), "joint", "beam_2"]
     return separate(lists, bodies, {("beam_1", "beam_2"): tuple(faces)})
 

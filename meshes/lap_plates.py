@@ -17,7 +17,7 @@ from fenics_joints.meshes.arguments import (
     check_squares,
     made_by,
 )
-from fenics_joints.meshes.facets import Skin, add_faces, facets_between
+from fenics_joints.meshes.facets import Skin, name_between
 from fenics_joints.meshes.grid import PlaneGrid, count_intervals, extruded, grid_lines
 from fenics_joints.meshes.tagged import MeshLists
 
@@ -165,12 +165,9 @@ class LapPlates(Builder):
         faces |= {"end_1": skin.at(0, 0.0), "end_2": skin.at(0, 2 * self.length - self.lap)}
         lists = skin.named(faces)
         if self.layer == 0:
-            return add_faces(lists, {"interface": facets_between(lists, "plate_1", "plate_2")})
-        sides = {"joint_lower": "plate_1", "joint_upper": "plate_2"}
-        joint = "joint_near", "joint_away"
-        return add_faces(
-            lists, {name: facets_between(lists, plate, *joint) for name, plate in sides.items()}
-        )
+            return name_between(lists, {"interface": ("plate_1", "plate_2")})
+        lower, upper = ((plate, "joint_near", "joint_away") for plate in ("plate_1", "plate_2"))
+        return name_between(lists, {"joint_lower": lower, "joint_upper": upper})
 
     def edges(self) -> tuple[list[float], list[float]]:
         """Places along x and y that are lines of the grid."""
