@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from typing import ClassVar
 
 import numpy as np
@@ -275,7 +275,7 @@ class DilatantCoulomb(CoulombStick):
         return sigma * way + slider_dissipation(slip, before, after, p["tangential_stiffness"])
 
 
-class _InternalSlip(JointLaw, ABC):
+class _InternalSlip(JointLaw):
     """Stress of an elastic share of the slip x, and of an internal variable z that follows it."""
 
     def state_size(self, n_slip: int) -> int:
