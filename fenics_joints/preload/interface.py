@@ -505,7 +505,7 @@ def _facet_layout(V) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     at_vertex = np.array([layout.entity_dofs(0, v)[0] for v in range(len(topology[0]))])
     at_edge = [layout.entity_dofs(1, e)[:1] for e in range(len(topology[1]))]
     edges = [
-        [e for e, ends in enumerate(topology[1]) if set(ends) <= set(corners) and at_edge[e]]
+        [e for e, ends in enumerate(topology[1]) if set(ends) <= set(corners) and len(at_edge[e])]
         for corners in facets
     ]
     middles = np.array([[at_edge[e][0] for e in own] for own in edges], dtype=int)
