@@ -15,14 +15,12 @@ prior beside what its own estimate says there and elsewhere.
 
 from __future__ import annotations
 
-import argparse
-import json
 import statistics
 import time
-from pathlib import Path
 
 import numpy as np
 import scipy.linalg
+from harness import ROOT, parser, timed, write
 from mpi4py import MPI
 from threadpoolctl import threadpool_limits
 
@@ -32,7 +30,7 @@ from fenics_joints.case.bayes import bayes_data, specimens
 from fenics_joints.commands.bayes.model import CaseModel, case_model
 from fenics_joints.modal import solve_modes
 
-DEMOS = Path(__file__).parents[1] / "demos"
+DEMOS = ROOT / "demos"
 COMM = MPI.COMM_WORLD
 #: What is allowed and asked for.
 LIMIT_S, LEAST_RATIO, LARGEST_ERROR = 30.0, 500.0, 1e-4
@@ -47,11 +45,9 @@ def say(text: str) -> None:
 def clock(run):
     """What ``run`` returns, its seconds of wall, and of this rank's processor."""
     COMM.barrier()
-    wall, own = time.perf_counter(), time.process_time()
-    found = run()
-    own = time.process_time() - own
+    found, wall, own = timed(run)
     COMM.barrier()
-    return found, time.perf_counter() - wall, own
+    return found, wall, own
 
 
 def described(model: CaseModel, wall: float) -> dict:
@@ -174,22 +170,20 @@ def pairs(case: Case, model: CaseModel, posterior: Posterior, args) -> dict:
 
 def main() -> None:
     parts = {"beams": beams, "plates": plates}
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("parts", nargs="*", choices=[*parts, []], help="both by default")
-    parser.add_argument("--quick", action="store_true", help="coarse plates, short chains")
-    parser.add_argument("--samples", type=int, default=20000, help="of a chain of the beams")
-    parser.add_argument("--chains", type=int, default=4)
-    parser.add_argument("--runs", type=int, default=5, help="pairs of the plates")
-    parser.add_argument("--segment", type=int, default=1000, help="samples of a chain in a pair")
-    parser.add_argument("--element-size", type=float, default=5e-3, help="of the plates, metres")
-    parser.add_argument("--json", type=Path, metavar="FILE")
-    args = parser.parse_args()
+    made = parser(__doc__, parts)
+    made.add_argument("--quick", action="store_true", help="coarse plates, short chains")
+    made.add_argument("--samples", type=int, default=20000, help="of a chain of the beams")
+    made.add_argument("--chains", type=int, default=4)
+    made.add_argument("--runs", type=int, default=5, help="pairs of the plates")
+    made.add_argument("--segment", type=int, default=1000, help="samples of a chain in a pair")
+    made.add_argument("--element-size", type=float, default=5e-3, help="of the plates, metres")
+    args = made.parse_args()
     if args.quick:
         args.samples, args.segment, args.runs, args.element_size = 2000, 200, 3, 0.02
     with threadpool_limits(1):
         found = {name: parts[name](args) for name in args.parts or parts}
-    if args.json and COMM.rank == 0:
-        args.json.write_text(json.dumps(found, indent=2) + "\n", encoding="utf-8")
+    if COMM.rank == 0:
+        write(args.json, found)
 
 
 if __name__ == "__main__":

@@ -11,19 +11,18 @@ our side runs through ``./with-fenicsx`` when DOLFINx is not at hand, CalculiX w
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import resource
+import shutil
 import statistics
-import sys
 import tempfile
 import time
 from pathlib import Path
 
-from modal import CORNERS, launcher, shutil, timed
+from harness import across_processes, parser, python_command, run, threads, timed, write
+from modal import CORNERS
 
-HERE = Path(__file__).resolve()
 E_MODULUS, NU, FORCE = 200e9, 0.3, 25e3
 PLATES = {"thickness": (0.015, 0.015), "radius": 0.06, "quarter": True}
 LIMIT = 0.03  # of the pressures' difference in L2, relative
@@ -67,13 +66,10 @@ def solve_ours(mesh, output: Path) -> None:
     from fenics_joints.preload import PreloadSolver
 
     comm = MPI.COMM_WORLD
-    times, begin = {"import": time.perf_counter() - START}, time.perf_counter()
-    _, model = make_model(comm, mesh)
-    times["mesh and model"], begin = time.perf_counter() - begin, time.perf_counter()
-    solver = PreloadSolver(model)
-    times["matrix"], begin = time.perf_counter() - begin, time.perf_counter()
-    result = solver.solve()
-    times["contact"] = time.perf_counter() - begin
+    times = {"import": time.perf_counter() - START}
+    (_, model), times["mesh and model"], _ = timed(lambda: make_model(comm, mesh))
+    solver, times["matrix"], _ = timed(lambda: PreloadSolver(model))
+    result, times["contact"], _ = timed(solver.solve)
     state = result["plates"]
     megabytes = comm.allreduce(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
     order = np.lexsort(np.round(state.interface.points.T, 9))
@@ -270,52 +266,41 @@ def iterations(log: Path) -> int:
     return sum(1 for line in log.read_text().splitlines() if line.split()[:1] == ["1"])
 
 
-class Commands:
-    """How to start both sides."""
+def ours(arguments, role: str, mesh, output: Path, ranks: int) -> dict[str, float]:
+    """Run a role of our side with two threads in all; its seconds."""
+    words = ["--mesh", *mesh, "--as", role, "--output", output]
+    command = python_command(arguments.launcher, __file__, *words, ranks=ranks)
+    scratch = output if output.is_dir() else output.parent
+    return run(command, scratch, threads(1 if ranks > 1 else 2))
 
-    def __init__(self, arguments):
-        self.start = launcher(arguments)
-        self.inner = ["python3" if self.start else sys.executable, str(HERE)]
-        self.ccx = arguments.ccx or shutil.which("ccx")
 
-    def ours(self, role: str, mesh, output: Path, ranks: int):
-        """Command and environment: two threads in all."""
-        wide = ["mpirun", "-n", str(ranks)] if ranks > 1 else []
-        threads = "1" if ranks > 1 else "2"
-        command = [*self.start, *wide, *self.inner, "--mesh", *map(str, mesh), "--as", role]
-        environment = {"OMP_NUM_THREADS": threads, "OPENBLAS_NUM_THREADS": threads}
-        return [*command, "--output", str(output)], environment
+def theirs(arguments, deck: str, scratch: Path) -> dict[str, float]:
+    """Run CalculiX on a deck; its seconds."""
+    return run([arguments.ccx, "-i", deck], scratch, {"OMP_NUM_THREADS": "2"})
 
 
 def run_beside(arguments, scratch: Path) -> dict:
-    commands, out = Commands(arguments), scratch / "ours.json"
-    mesh = arguments.mesh
-
-    def ours(role, mesh, output, ranks):
-        command, environment = commands.ours(role, mesh, output, ranks)
-        return timed(command, scratch, environment)
-
-    ours("ours", (4e-3, 16), out, 1)  # compiles forms
+    out, mesh = scratch / "ours.json", arguments.mesh
+    ours(arguments, "ours", (4e-3, 16), out, 1)  # compiles forms
     kinds, bonded = [], None
-    chosen = [kind for kind in KINDS if kind in (arguments.kinds or KINDS)]
-    if commands.ccx:
-        ours("deck", mesh, scratch, 1)
-        bonded = compare_bonded(commands, mesh, scratch, ours)
-        kinds = chosen
+    if arguments.ccx:
+        ours(arguments, "deck", mesh, scratch, 1)
+        bonded = compare_bonded(arguments, mesh, scratch)
+        kinds = [kind for kind in KINDS if kind in (arguments.kinds or KINDS)]
     runs = []
     for number in range(arguments.runs):
-        run = {}
+        rows = {}
         for ranks in (2, 1):
-            run[f"ours, {ranks} ranks"] = ours("ours", mesh, out, ranks)
-            run[f"detail {ranks}"] = json.loads(out.read_text())
+            rows[f"ours, {ranks} ranks"] = ours(arguments, "ours", mesh, out, ranks)
+            rows[f"detail {ranks}"] = json.loads(out.read_text())
         for kind in kinds:
-            run[kind] = timed([commands.ccx, "-i", _stem(kind)], scratch, {"OMP_NUM_THREADS": "2"})
-            run[kind] |= compare(run["detail 2"], scratch, kind)
-            run[kind]["iterations"] = iterations(scratch / f"{_stem(kind)}.cvg")
+            rows[kind] = theirs(arguments, _stem(kind), scratch)
+            rows[kind] |= compare(rows["detail 2"], scratch, kind)
+            rows[kind]["iterations"] = iterations(scratch / f"{_stem(kind)}.cvg")
         if number == 0:  # what is not within the limit need not be repeated
-            kinds = [kind for kind in kinds if run[kind]["difference"] <= LIMIT]
-        runs.append(run)
-        for who, row in run.items():
+            kinds = [kind for kind in kinds if rows[kind]["difference"] <= LIMIT]
+        runs.append(rows)
+        for who, row in rows.items():
             if "wall" in row:
                 print(
                     f"run {number + 1}: {who:20s}{row['wall']:8.1f} s wall{row['cpu']:8.1f} s cpu"
@@ -330,20 +315,20 @@ def run_beside(arguments, scratch: Path) -> dict:
     return summarise(runs, kinds, bonded)
 
 
-def compare_bonded(commands, mesh, scratch: Path, ours) -> float:
+def compare_bonded(arguments, mesh, scratch: Path) -> float:
     """Largest difference of the glued plates' displacements, less their rigid shift, relative."""
-    ours("bonded", mesh, scratch / "bonded.json", 1)
-    timed([commands.ccx, "-i", "bonded"], scratch, {"OMP_NUM_THREADS": "2"})
+    ours(arguments, "bonded", mesh, scratch / "bonded.json", 1)
+    theirs(arguments, "bonded", scratch)
     mine = json.loads((scratch / "bonded.json").read_text())
-    theirs = read_frd(scratch / "bonded.frd", "DISP", slice(0, 3))
-    theirs = [[1e-3 * value for value in theirs[i + 1]] for i in range(len(mine))]
+    read = read_frd(scratch / "bonded.frd", "DISP", slice(0, 3))
+    other = [[1e-3 * value for value in read[i + 1]] for i in range(len(mine))]
     worst = largest = 0.0
     for i in range(3):
         # Along the axis each side is held elsewhere.
-        shift = statistics.mean(a[i] - b[i] for a, b in zip(mine, theirs, strict=True))
+        shift = statistics.mean(a[i] - b[i] for a, b in zip(mine, other, strict=True))
         shift = shift if i == 2 else 0.0
-        worst = max(worst, *(abs(a[i] - b[i] - shift) for a, b in zip(mine, theirs, strict=True)))
-        largest = max(largest, *(abs(b[i]) for b in theirs))
+        worst = max(worst, *(abs(a[i] - b[i] - shift) for a, b in zip(mine, other, strict=True)))
+        largest = max(largest, *(abs(b[i]) for b in other))
     return worst / largest
 
 
@@ -388,17 +373,16 @@ def show(report: dict) -> None:
 
 
 def run_sizes(arguments, scratch: Path) -> dict:
-    commands, rows = Commands(arguments), []
-    out = scratch / "ours.json"
+    rows, out = [], scratch / "ours.json"
     print("     DOFs   pairs  iterations  factorisations  solutions   wall, s    cpu, s       MB")
     for mesh in ((4e-3, 16), *SIZES):
-        dofs = count_dofs(commands, mesh, scratch)
+        ours(arguments, "count", mesh, scratch / "count.json", 1)
+        dofs = json.loads((scratch / "count.json").read_text())
         need, there = MEMORY[0] + MEMORY[1] * dofs ** (4 / 3), available_megabytes()
         if need > there:
             print(f"{dofs:9,}  skipped: about {need:.0f} MB needed, {there:.0f} MB available")
             continue
-        command, environment = commands.ours("ours", mesh, out, 2)
-        row = timed(command, scratch, environment)
+        row = ours(arguments, "ours", mesh, out, 2)
         if mesh not in SIZES:
             continue  # compiled the forms
         row |= {
@@ -416,12 +400,6 @@ def run_sizes(arguments, scratch: Path) -> dict:
     return {"sizes": rows}
 
 
-def count_dofs(commands, mesh, scratch: Path) -> int:
-    command, environment = commands.ours("count", mesh, scratch / "count.json", 1)
-    timed(command, scratch, environment)
-    return json.loads((scratch / "count.json").read_text())
-
-
 def write_count(mesh, output: Path) -> None:
     from mpi4py import MPI
 
@@ -437,32 +415,26 @@ def available_megabytes() -> float:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--runs", type=int, default=3, help="alternating runs")
-    parser.add_argument("--sizes", action="store_true", help="growth over four meshes instead")
+    roles = {"ours": solve_ours, "bonded": solve_bonded, "deck": write_decks, "count": write_count}
+    made = across_processes(parser(__doc__), roles)
+    made.add_argument("--runs", type=int, default=3, help="alternating runs")
+    made.add_argument("--sizes", action="store_true", help="growth over four meshes instead")
     help_mesh = "radial size, m, and cells around the circle"
-    parser.add_argument(
+    made.add_argument(
         "--mesh", type=float, nargs=2, default=SIZES[1], metavar=("SIZE", "N"), help=help_mesh
     )
-    parser.add_argument("--kinds", nargs="*", choices=KINDS, help="CalculiX's kinds of contact")
-    parser.add_argument("--ccx", help="path of CalculiX")
-    parser.add_argument("--launcher", help="command that enters FEniCSx; '' for none")
-    parser.add_argument("--json", type=Path, help="write all numbers here")
-    roles = {"ours": solve_ours, "bonded": solve_bonded, "deck": write_decks, "count": write_count}
-    parser.add_argument("--as", dest="role", choices=roles, help=argparse.SUPPRESS)
-    parser.add_argument("--output", type=Path, help=argparse.SUPPRESS)
-    arguments = parser.parse_args()
+    made.add_argument("--kinds", nargs="*", choices=KINDS, help="CalculiX's kinds of contact")
+    made.add_argument("--ccx", default=shutil.which("ccx"), help="path of CalculiX")
+    arguments = made.parse_args()
     if arguments.role:
         roles[arguments.role](arguments.mesh, arguments.output)
         return
     os.environ.setdefault("PYTHONUNBUFFERED", "1")
     with tempfile.TemporaryDirectory() as scratch:
-        run = run_sizes if arguments.sizes else run_beside
-        report = run(arguments, Path(scratch))
+        report = (run_sizes if arguments.sizes else run_beside)(arguments, Path(scratch))
     if not arguments.sizes:
         show(report)
-    if arguments.json:
-        arguments.json.write_text(json.dumps(report, indent=2) + "\n")
+    write(arguments.json, report)
 
 
 if __name__ == "__main__":

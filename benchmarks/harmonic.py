@@ -16,14 +16,10 @@ the sum over 128 samples, as in two.
 
 from __future__ import annotations
 
-import argparse
-import json
-import time
-from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
+from harness import ROOT, parser, timed, write
 from mpi4py import MPI
 
 from fenics_joints.case import build_structure, load_case
@@ -41,7 +37,7 @@ from fenics_joints.joint_laws.kernel import LawKernel
 from fenics_joints.modal import solve_modes
 from fenics_joints.transient import solve_transient, steady_harmonics
 
-CASE = Path(__file__).resolve().parent.parent / "demos" / "lap_beam"
+CASE = ROOT / "demos" / "lap_beam"
 PLACES = {
     "forces": {"force": ((0.1, 0.0, -6e-3), (0, 0, 1))},
     "sensors": {"tip": ((0.415, 0.0, 6e-3), (0, 0, 1))},
@@ -55,13 +51,6 @@ FINER = (1000, 2e-4)
 ACCURACY = 0.005  # of the peak
 #: Newton's tolerance is the loosest that does not matter beside these.
 OPTIONS = {"snes_rtol": 1e-5}
-
-
-def timed(function: Callable):
-    """Result, wall and processor time, s."""
-    wall, processor = time.perf_counter(), time.process_time()
-    result = function()
-    return result, time.perf_counter() - wall, time.process_time() - processor
 
 
 # -- the lap beam ----------------------------------------------------------------------------------
@@ -329,18 +318,17 @@ def evaluations(args) -> dict:
 
 def main() -> None:
     parts = {"transient": beside_time_integration, "growth": growth, "evaluations": evaluations}
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("parts", nargs="*", choices=[*parts, []], help="all by default")
-    parser.add_argument("--harmonics", type=int, default=5)
-    parser.add_argument("--sliders", type=int, default=12)
-    parser.add_argument(
+    made = parser(__doc__, parts)
+    made.add_argument("--harmonics", type=int, default=5)
+    made.add_argument("--sliders", type=int, default=12)
+    made.add_argument(
         "--frequencies", type=int, default=3, choices=(3, 4), help="at which time is integrated"
     )
     counts = {"type": int, "nargs": "+"}
-    parser.add_argument("--points", default=[60, 120, 240, 480, 960], **counts)
-    parser.add_argument("--slider-counts", default=[4, 8, 16, 32], **counts)
-    parser.add_argument("--harmonic-counts", default=[1, 3, 5, 9], **counts)
-    parser.add_argument(
+    made.add_argument("--points", default=[60, 120, 240, 480, 960], **counts)
+    made.add_argument("--slider-counts", default=[4, 8, 16, 32], **counts)
+    made.add_argument("--harmonic-counts", default=[1, 3, 5, 9], **counts)
+    made.add_argument(
         "--coarse",
         action="store_const",
         dest="mesh",
@@ -348,11 +336,9 @@ def main() -> None:
         const={"n_length": 8, "n_lap": 5, "n_width": 3},
         help="a small mesh, to try this out",
     )
-    parser.add_argument("--json", type=Path, metavar="FILE")
-    args = parser.parse_args()
+    args = made.parse_args()
     found = {name: parts[name](args) for name in args.parts or parts}
-    if args.json:
-        args.json.write_text(json.dumps(found, indent=2) + "\n", encoding="utf-8")
+    write(args.json, found)
 
 
 if __name__ == "__main__":

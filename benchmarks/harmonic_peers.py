@@ -16,17 +16,14 @@ with solutions of ours at the peer's frequencies.
 
 from __future__ import annotations
 
-import argparse
 import contextlib
-import json
 import os
 import sys
 import tempfile
 from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
-from harmonic import timed  # beside this file
+from harness import parser, timed, write
 
 from fenics_joints.harmonic import ContinuationSettings, solve_harmonic
 from fenics_joints.interfaces import InterfaceModel, InterfacePoints
@@ -241,15 +238,14 @@ def beside(c: dict, peers: dict[str, Callable], steps: dict[str, float]) -> list
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--masses", type=int, default=20, help="of the chain")
-    parser.add_argument("--copies", type=int, default=1, help="of each element, side by side")
-    parser.add_argument("--kinds", nargs="+", default=["jenkins", "cubic"])
-    parser.add_argument("--harmonics", type=int, default=5)
-    parser.add_argument("--pyharm-step", type=float, default=0.1, help="pyHarm's longest step")
-    parser.add_argument("--tmdsimpy-step", type=float, default=0.1, help="tmdsimpy's longest step")
-    parser.add_argument("--json", type=Path, metavar="FILE")
-    args = parser.parse_args()
+    made = parser(__doc__)
+    made.add_argument("--masses", type=int, default=20, help="of the chain")
+    made.add_argument("--copies", type=int, default=1, help="of each element, side by side")
+    made.add_argument("--kinds", nargs="+", default=["jenkins", "cubic"])
+    made.add_argument("--harmonics", type=int, default=5)
+    made.add_argument("--pyharm-step", type=float, default=0.1, help="pyHarm's longest step")
+    made.add_argument("--tmdsimpy-step", type=float, default=0.1, help="tmdsimpy's longest step")
+    args = made.parse_args()
     target = args.json and args.json.resolve()
     steps = {"pyHarm": args.pyharm_step, "tmdsimpy": args.tmdsimpy_step}
     os.environ.setdefault("PYHARM_CONTEXT_FILE", f"{tempfile.mkdtemp()}/context.json")
@@ -271,8 +267,7 @@ def main() -> None:
                 f"{row['ratio_per_point']:6.1f} times ours{far}",
                 flush=True,
             )
-    if target:
-        target.write_text(json.dumps(found, indent=2) + "\n", encoding="utf-8")
+    write(target, found)
 
 
 if __name__ == "__main__":

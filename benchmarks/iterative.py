@@ -13,20 +13,15 @@ methods. Forms are compiled beforehand, by a run on the coarsest mesh.
 
 from __future__ import annotations
 
-import argparse
 import json
-import os
 import resource
-import shlex
-import subprocess
 import sys
 import tempfile
-import time
-from importlib.util import find_spec
 from pathlib import Path
 
-HERE = Path(__file__).resolve()
-CASE = HERE.parent.parent / "demos" / "engraving_machine"
+from harness import ROOT, across_processes, parser, python_command, run, threads, timed, write
+
+CASE = ROOT / "demos" / "engraving_machine"
 COARSEST = 0.15
 RIGID = 6
 GIB = 2**20  # in KiB, the unit of ru_maxrss on Linux
@@ -49,10 +44,8 @@ def solve(size: float, method: str, n_modes: int, output: Path) -> None:
     model.dilation_frequency()  # compiles and counts the forms' tables before the solution
     before = comm.allreduce(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
     comm.Barrier()
-    begin, cpu = time.perf_counter(), time.process_time()
-    modes = solve_modes(model, n_modes=n_modes, method=method)
-    seconds = time.perf_counter() - begin
-    cpu = comm.allreduce(time.process_time() - cpu)
+    modes, seconds, cpu = timed(lambda: solve_modes(model, n_modes=n_modes, method=method))
+    cpu = comm.allreduce(cpu)
     peak = comm.allreduce(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
     steps = modes.statistics.get("iterations", modes.statistics.get("block_solves"))
     applied = modes.statistics.get("preconditioner_applications", modes.statistics.get("solves"))
@@ -76,27 +69,13 @@ def solve(size: float, method: str, n_modes: int, output: Path) -> None:
 # -- all runs --------------------------------------------------------------------------------------
 
 
-def launcher(given: str | None) -> list[str]:
-    """Command that enters FEniCSx; none when DOLFINx is at hand."""
-    if given is not None:
-        return shlex.split(given)
-    return [] if find_spec("dolfinx") else [str(HERE.parent.parent / "with-fenicsx")]
-
-
-def run(enter, size, method, ranks, n_modes) -> dict:
+def one_run(arguments, size, method, ranks) -> dict:
     """One run as a process of its own, with its wall time from start to exit."""
-    with tempfile.TemporaryDirectory(dir=HERE.parent) as folder:
+    with tempfile.TemporaryDirectory() as folder:
         output = Path(folder) / "run.json"
-        child = ["python3", str(HERE), "--as", method, "--sizes", str(size)]
-        child += ["--modes", str(n_modes), "--output", str(output)]
-        if ranks > 1:
-            child = ["mpirun", "-n", str(ranks), *child]
-        environment = os.environ | {"OMP_NUM_THREADS": "1"}
-        begin = time.perf_counter()
-        done = subprocess.run([*enter, *child], env=environment, capture_output=True, text=True)
-        wall = time.perf_counter() - begin
-        if done.returncode:
-            sys.exit(f"{' '.join(child)} failed:\n{done.stdout[-2000:]}{done.stderr[-4000:]}")
+        words = ["--as", method, "--sizes", size, "--modes", arguments.modes, "--output", output]
+        command = python_command(arguments.launcher, __file__, *words, ranks=ranks)
+        wall = run(command, Path(folder), threads(1))["wall"]
         return json.loads(output.read_text()) | {"size": size, "wall_seconds": wall}
 
 
@@ -145,33 +124,28 @@ def show(rows, ratios) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    sizes = "element sizes, m; 0.06 has some 1e5 DOFs, 0.03 4e5, 0.018 1e6"
-    parser.add_argument("--sizes", type=float, nargs="+", default=[0.06, 0.03], help=sizes)
-    parser.add_argument("--ranks", type=int, nargs="+", default=[1, 2], help="MPI ranks")
     methods = ("direct", "iterative")
-    parser.add_argument("--methods", nargs="+", choices=methods, default=methods)
-    parser.add_argument("--modes", type=int, default=10, help="modes, rigid-body ones included")
-    parser.add_argument("--launcher", help="command that enters FEniCSx; '' for none")
-    parser.add_argument("--json", type=Path, help="write all numbers here")
-    parser.add_argument("--as", dest="role", choices=methods, help=argparse.SUPPRESS)
-    parser.add_argument("--output", type=Path, help=argparse.SUPPRESS)
-    arguments = parser.parse_args()
+    made = across_processes(parser(__doc__), methods)
+    sizes = "element sizes, m; 0.06 has some 1e5 DOFs, 0.03 4e5, 0.018 1e6"
+    made.add_argument("--sizes", type=float, nargs="+", default=[0.06, 0.03], help=sizes)
+    made.add_argument("--ranks", type=int, nargs="+", default=[1, 2], help="MPI ranks")
+    made.add_argument("--methods", nargs="+", choices=methods, default=methods)
+    made.add_argument("--modes", type=int, default=10, help="modes, rigid-body ones included")
+    arguments = made.parse_args()
     if arguments.role:
         solve(arguments.sizes[0], arguments.role, arguments.modes, arguments.output)
         return
-    enter, rows = launcher(arguments.launcher), []
+    rows = []
     for method in arguments.methods:
-        run(enter, COARSEST, method, 1, arguments.modes)
+        one_run(arguments, COARSEST, method, 1)  # compiles forms
     for size in arguments.sizes:
         for ranks in arguments.ranks:
             for method in arguments.methods:
-                rows.append(run(enter, size, method, ranks, arguments.modes))
+                rows.append(one_run(arguments, size, method, ranks))
                 print(f"{method}, {ranks} ranks, {rows[-1]['dofs']:,} DOFs: done", file=sys.stderr)
     ratios = compare(rows)
     show(rows, ratios)
-    if arguments.json:
-        arguments.json.write_text(json.dumps({"runs": rows, "ratios": ratios}, indent=1))
+    write(arguments.json, {"runs": rows, "ratios": ratios})
 
 
 if __name__ == "__main__":

@@ -9,21 +9,15 @@ in the same process on the same matrix: one MUMPS factorisation and the solves o
 
 from __future__ import annotations
 
-import argparse
 import json
-import os
-import resource
-import shlex
 import shutil
 import statistics
-import subprocess
-import sys
 import tempfile
 import time
-from importlib.util import find_spec
 from pathlib import Path
 
-HERE = Path(__file__).resolve()
+from harness import across_processes, parser, python_command, run, threads, timed, write
+
 PLATES = {"E": 69e9, "G": 26.9e9, "rho": 2750.0}
 LAYER = {"E": 3.00e9, "G": 1.15e9, "rho": 0.0}  # Tian et al. 2021's initial values, in both zones
 SINGLE_SOLVES = 36  # a Krylov basis without restart for 12 modes: 2 n + 12
@@ -53,12 +47,10 @@ def solve_ours(counts, n_modes: int, with_floor: bool, output: Path) -> None:
         part("plates", ("plate_1", "plate_2"), E=PLATES["E"], nu=nu, rho=PLATES["rho"]),
         joint("layer", "joint_away", law="isotropic", **LAYER),
     ]
-    begin = time.perf_counter()
-    model = Structure(make_mesh(comm, counts), regions)
-    times["mesh and structure"] = time.perf_counter() - begin
-    begin = time.perf_counter()
-    modes = solve_modes(model, n_modes=n_modes)
-    total = time.perf_counter() - begin
+    model, times["mesh and structure"], _ = timed(
+        lambda: Structure(make_mesh(comm, counts), regions)
+    )
+    modes, total, _ = timed(lambda: solve_modes(model, n_modes=n_modes))
     solving = float(modes.statistics["seconds"])
     times |= {"assembly": total - solving, "eigenproblem": solving}
     result = {
@@ -83,9 +75,8 @@ def measure_floor(model, modes, repeats: int = 3) -> list[dict[str, float]]:
     K, M = model.stiffness(), model.mass()
     rows = []
     for _ in range(repeats):
-        begin = time.perf_counter()
-        found = solver.solve(K, M).statistics
-        ours = time.perf_counter() - begin
+        solved, ours, _ = timed(lambda: solver.solve(K, M))
+        found = solved.statistics
         width = found["solves"] // found["block_solves"]
         row = {"ours": ours, "blocks": found["block_solves"], "width": width}
         rows.append(row | time_mumps(solver.solver.getST().getKSP(), width))
@@ -106,19 +97,12 @@ def time_mumps(ksp, width: int, repeats: int = 4) -> dict[str, float]:
     pair[0].setRandom()
     A.stateIncrease()  # so that PETSc believes in new values
     ksp.setOperators(A)
-    seconds = {"factor": clock(ksp.setUp, 1)}
-    seconds["single"] = clock(lambda: ksp.solve(right, left), repeats)
-    seconds["block"] = clock(lambda: ksp.matSolve(*pair), repeats)
+    seconds = {"factor": timed(ksp.setUp)[1]}
+    for name, solve, given in (("single", ksp.solve, (right, left)), ("block", ksp.matSolve, pair)):
+        seconds[name] = statistics.mean(timed(lambda: solve(*given))[1] for _ in range(repeats))  # noqa: B023
     for mat in pair:
         mat.destroy()
     return seconds
-
-
-def clock(function, repeats: int) -> float:
-    begin = time.perf_counter()
-    for _ in range(repeats):
-        function()
-    return (time.perf_counter() - begin) / repeats
 
 
 # -- CalculiX's deck -----------------------------------------------------------------------------
@@ -182,60 +166,36 @@ def read_frequencies(path: Path) -> list[float]:
 # -- the comparison ------------------------------------------------------------------------------
 
 
-def timed(command, cwd: Path, environment) -> dict[str, float]:
-    """Run a whole process; its wall-clock and processor seconds."""
-    before, begin = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
-    done = subprocess.run(
-        command, cwd=cwd, env={**os.environ, **environment}, capture_output=True, text=True
-    )
-    wall, after = time.perf_counter() - begin, resource.getrusage(resource.RUSAGE_CHILDREN)
-    if done.returncode:
-        said = done.stdout[-2000:] + done.stderr[-4000:]
-        sys.exit(f"{shlex.join(map(str, command))} failed:\n{said}")
-    cpu = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
-    return {"wall": wall, "cpu": cpu}
-
-
-def launcher(arguments) -> list[str]:
-    if arguments.launcher is not None:
-        return shlex.split(arguments.launcher)
-    return [] if find_spec("dolfinx") else [str(HERE.parents[1] / "with-fenicsx")]
-
-
 def run_benchmark(arguments, scratch: Path) -> dict:
-    start = launcher(arguments)
-    python = [*start, "python3" if start else sys.executable, str(HERE)]
-    ranks = ["mpirun", "-n", str(arguments.ranks)]
-    inner = ["python3" if start else sys.executable, str(HERE)]
     # One thread for each rank: two ranks with two threads each would fight for two cores.
-    threads = "1" if arguments.ranks > 1 else str(arguments.threads)
-    ours = {"OMP_NUM_THREADS": threads, "OPENBLAS_NUM_THREADS": threads}
-    size = ["--elements", *map(str, arguments.elements), "--modes", str(arguments.modes)]
-    coarse = ["--elements", "10", "4", "1", "--modes", str(arguments.modes)]
+    ours = threads(1 if arguments.ranks > 1 else arguments.threads)
+    size = ["--elements", *arguments.elements, "--modes", arguments.modes]
+    coarse = ["--elements", 10, 4, 1, "--modes", arguments.modes]
 
-    def command(extra):
-        return [*start, *(ranks if arguments.ranks > 1 else []), *inner, *extra]
+    def spent(role: str, extra, output: Path, ranks: int = arguments.ranks) -> dict:
+        words = [*extra, "--as", role, "--output", output]
+        command = python_command(arguments.launcher, __file__, *words, ranks=ranks)
+        return run(command, scratch, ours)
 
     out = scratch / "ours.json"
-    timed(command([*coarse, "--as", "ours", "--output", str(out)]), scratch, ours)  # compiles forms
+    spent("ours", coarse, out)  # compiles forms
     ccx = arguments.ccx or shutil.which("ccx")
     if ccx:
-        timed([*python, *size, "--as", "deck", "--output", str(scratch / "lap.inp")], scratch, {})
+        spent("deck", size, scratch / "lap.inp", ranks=1)
     runs = []
     for _ in range(arguments.runs):
-        run = {"ours": timed(command([*size, "--as", "ours", "--output", str(out)]), scratch, ours)}
-        run["detail"] = json.loads(out.read_text())
+        row = {"ours": spent("ours", size, out)}
+        row["detail"] = json.loads(out.read_text())
         if ccx:
-            both = str(arguments.threads)
-            run["ccx"] = timed([ccx, "-i", "lap"], scratch, {"OMP_NUM_THREADS": both})
-        runs.append(run)
+            row["ccx"] = run([ccx, "-i", "lap"], scratch, threads(arguments.threads))
+        runs.append(row)
         line = "   ".join(
-            f"{who} {run[who]['wall']:6.1f} s wall {run[who]['cpu']:6.1f} s cpu"
+            f"{who} {row[who]['wall']:6.1f} s wall {row[who]['cpu']:6.1f} s cpu"
             for who in ("ours", "ccx")
-            if who in run
+            if who in row
         )
         print(f"run {len(runs)}: {line}", flush=True)
-    timed(command([*size, "--as", "floor", "--output", str(out)]), scratch, ours)
+    spent("floor", size, out)
     theirs = read_frequencies(scratch / "lap.dat") if ccx else None
     return summarise(runs, json.loads(out.read_text()), theirs)
 
@@ -309,20 +269,16 @@ def show(report) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--runs", type=int, default=3, help="alternating pairs of runs")
-    parser.add_argument("--ranks", type=int, default=2, help="MPI ranks of ours")
+    roles = ("ours", "floor", "deck")  # of a child process
+    made = across_processes(parser(__doc__), roles)
+    made.add_argument("--runs", type=int, default=3, help="alternating pairs of runs")
+    made.add_argument("--ranks", type=int, default=2, help="MPI ranks of ours")
     threads = "threads of ccx, and of ours at 1 rank"
-    parser.add_argument("--threads", type=int, default=2, help=threads)
-    parser.add_argument("--elements", type=int, nargs=3, default=(60, 24, 4), metavar="N")
-    parser.add_argument("--modes", type=int, default=12)
-    parser.add_argument("--ccx", help="path of CalculiX")
-    parser.add_argument("--launcher", help="command that enters FEniCSx; '' for none")
-    parser.add_argument("--json", type=Path, help="write all numbers here")
-    roles = ("ours", "floor", "deck")  # what a child process does
-    parser.add_argument("--as", dest="role", choices=roles, help=argparse.SUPPRESS)
-    parser.add_argument("--output", type=Path, help=argparse.SUPPRESS)
-    arguments = parser.parse_args()
+    made.add_argument("--threads", type=int, default=2, help=threads)
+    made.add_argument("--elements", type=int, nargs=3, default=(60, 24, 4), metavar="N")
+    made.add_argument("--modes", type=int, default=12)
+    made.add_argument("--ccx", help="path of CalculiX")
+    arguments = made.parse_args()
     if arguments.role == "deck":
         write_deck(arguments.elements, arguments.modes, arguments.output)
     elif arguments.role:
@@ -332,8 +288,7 @@ def main() -> None:
         with tempfile.TemporaryDirectory() as scratch:
             report = run_benchmark(arguments, Path(scratch))
         show(report)
-        if arguments.json:
-            arguments.json.write_text(json.dumps(report, indent=2) + "\n")
+        write(arguments.json, report)
 
 
 if __name__ == "__main__":

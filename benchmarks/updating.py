@@ -18,16 +18,14 @@ solution alone with the same solver.
 
 from __future__ import annotations
 
-import argparse
-import json
 import statistics
 import time
 from collections import Counter
 from collections.abc import Callable
 from functools import cached_property
-from pathlib import Path
 
 import numpy as np
+from harness import parser, timed, write
 from mpi4py import MPI
 from scipy.stats import chi2, qmc
 
@@ -299,30 +297,23 @@ def cost(_, args) -> dict:
         frfs=FRFTarget(LINES, H, sensors, excitation),
     )
     predict = Predictor(model, target, list(TRUE), damping=DAMPING)
-    solver = None
-    ratios: dict[bool, list] = {False: [], True: []}
-    solve = []
+    solver, rows = None, []
     for run in range(args.runs + 1):
         values = {n: v * (1 + 0.01 * run) for n, v in TRUE.items()}
-        times = []
-        for moved in (None, False, True):
-            begin = time.perf_counter()
-            if moved is None:
-                solver = solve_modes(model, values, n_modes=predict.n_modes, solver=solver).solver
-            else:
-                predict(values, moved)
-            times.append(time.perf_counter() - begin)
-        if run:  # the first compiles the forms
-            solve.append(times[0])
-            for moved, own in zip((False, True), times[1:], strict=True):
-                ratios[moved].append(own / times[0])
+        found, alone, _ = timed(
+            lambda v=values, s=solver: solve_modes(model, v, n_modes=predict.n_modes, solver=s)
+        )
+        solver = found.solver
+        fixed, moved = (timed(lambda v=values, m=m: predict(v, m))[1] for m in (False, True))
+        rows.append((alone, fixed / alone, moved / alone))
+    alone, fixed, moved = np.median(rows[1:], axis=0).tolist()  # the first compiles the forms
     result = {
         "dofs": model.n_dofs,
         "modes": predict.n_modes,
         "lines": len(LINES),
-        "modal_solution_s": statistics.median(solve),
-        "ratio": statistics.median(ratios[False]),
-        "ratio_moved": statistics.median(ratios[True]),
+        "modal_solution_s": alone,
+        "ratio": fixed,
+        "ratio_moved": moved,
     }
     print(
         f"\n{model.n_dofs} DOFs, {predict.n_modes} modes: {result['modal_solution_s']:.2f} s; an "
@@ -335,20 +326,17 @@ def cost(_, args) -> dict:
 
 def main() -> None:
     parts = {"basin": basin, "noise": noise, "cost": cost}
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("parts", nargs="*", choices=[*parts, []], help="all by default")
-    parser.add_argument("--starts", type=int, default=100)
-    parser.add_argument("--draws", type=int, default=50)
-    parser.add_argument("--runs", type=int, default=5)
-    parser.add_argument("--element-size", type=float, default=0.045, help="metres")
-    parser.add_argument("--cost-size", type=float, default=0.02, help="metres, of cost")
-    parser.add_argument("--json", type=Path, metavar="FILE")
-    args = parser.parse_args()
+    made = parser(__doc__, parts)
+    made.add_argument("--starts", type=int, default=100)
+    made.add_argument("--draws", type=int, default=50)
+    made.add_argument("--runs", type=int, default=5)
+    made.add_argument("--element-size", type=float, default=0.045, help="metres")
+    made.add_argument("--cost-size", type=float, default=0.02, help="metres, of cost")
+    args = made.parse_args()
     wanted = args.parts or list(parts)
     world = World(args.element_size) if {"basin", "noise"} & set(wanted) else None
     found = {name: parts[name](world, args) for name in wanted}
-    if args.json:
-        args.json.write_text(json.dumps(found, indent=2) + "\n", encoding="utf-8")
+    write(args.json, found)
 
 
 if __name__ == "__main__":
