@@ -1,4 +1,4 @@
-"""What all tests share. Imports no DOLFINx, so that the launcher's tests run without it."""
+"""Fixtures of all tests. Imports no DOLFINx: the launcher's tests run without it."""
 
 from __future__ import annotations
 
@@ -10,21 +10,21 @@ from pathlib import Path
 
 import pytest
 
-#: For what several tests share that is no fixture, and for the benchmarks. The latter last: an
-#: installed package goes before the sources beside this folder.
+# For the helpers of several tests, and for the benchmarks. The repository comes last, so that an
+# installed package is found before the sources beside this folder.
 sys.path.insert(0, str(Path(__file__).parent / "helpers"))
 sys.path.append(str(Path(__file__).parents[1]))
 
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_cmdline_main(config: pytest.Config) -> None:
-    """With ``-n``, hand out tests in runs: fixtures of a module are then made by one worker."""
+    """With ``-n``, give each worker a run of tests: one worker makes a module's fixtures."""
     if getattr(config.option, "numprocesses", None) and config.option.dist == "no":
         config.option.dist = "worksteal"
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Leave slow tests out of any selection that does not speak of them, as ``-m parallel``."""
+    """Deselect slow tests unless ``-m`` names them; ``-m parallel`` does not."""
     if "slow" in (config.getoption("markexpr") or ""):
         return
     slow = [item for item in items if item.get_closest_marker("slow")]
@@ -34,7 +34,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
 
 def pytest_collection_finish() -> None:
-    """Collections need not look at what was imported, again after every test: 0.13 s each."""
+    """Exempt imported objects from garbage collection, which costs 0.13 s after every test."""
     if "dolfinx" in sys.modules:  # for tests that compile forms on meshes of their own
         from fenics_joints.machine import form_cache
 
@@ -45,10 +45,10 @@ def pytest_collection_finish() -> None:
 
 @pytest.hookimpl(trylast=True)
 def pytest_runtest_teardown(item: pytest.Item, nextitem: pytest.Item | None) -> None:
-    """Destroy PETSc objects at the same place on all ranks: their destructors are collective."""
+    """Destroy PETSc objects at the same time on all ranks: their destructors are collective."""
     gc.collect()
     if nextitem is None or nextitem.path != item.path:
-        # The module's fixtures are gone; what is left was imported by its tests.
+        # The module's fixtures are gone; its tests imported what is left.
         gc.freeze()
     mpi = sys.modules.get("mpi4py.MPI")
     if mpi is not None and mpi.Is_initialized():
@@ -63,6 +63,12 @@ def shared_tmp_path(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     comm = MPI.COMM_WORLD
     yield comm.bcast(tmp_path_factory.mktemp("shared") if comm.rank == 0 else None)
     comm.barrier()
+
+
+@pytest.fixture(scope="session")
+def models(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder for ``keep``: a reduced model is made once for all tests of a structure."""
+    return tmp_path_factory.mktemp("models")
 
 
 @pytest.fixture

@@ -1,10 +1,10 @@
 #!/usr/bin/env python3
-"""Numbers that have to stay: of demos, of README's and the documentation's scripts, of blind cases.
+"""Numbers that must not move: of demos, of scripts in README and documentation, of blind cases.
 
     python3 tests/frozen.py [NAME ...]     compare with `frozen.json`; exit status 1 if one moved
-    python3 tests/frozen.py --quick        a part of it, in minutes, as `.ci/run` does
-    python3 tests/frozen.py --make         compute what the table lacks, and write it; '*' for all
-    python3 tests/frozen.py --list         the entries, and the seconds that each took
+    python3 tests/frozen.py --quick        compare a part, in minutes, as `.ci/run` does
+    python3 tests/frozen.py --make         compute and write what the table lacks; '*' for all
+    python3 tests/frozen.py --list         show the entries, and the seconds that each took
 
 Each number stands in the table with what it may move by and why. Numbers of a command are known by
 their place in what ``--json`` writes; printed ones by their order, so that words around them are
@@ -40,6 +40,8 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 TABLE = Path(__file__).with_name("frozen.json")
+#: Forty opened cases: of each geometry and kind, drawn from the fast ones in which a recorded
+#: diagnosis saw something wrong, if anything was.
 CHOICE = Path(__file__).with_name("frozen_cases.json")
 CHECKS = ROOT / "benchmarks" / "blind" / "checks"
 #: Command that the environment of DOLFINx is entered with.
@@ -243,7 +245,7 @@ def _blind(case: dict) -> Callable[[Path], list[str]]:
 
 @cache
 def _work() -> Path:
-    """Where what was computed with these very sources is kept."""
+    """Folder of the results that were computed with these sources."""
     total = hashlib.sha256()
     rooms = [ROOT / room for room in ("fenics_joints", "forms", "meshes", "demos", "docs")]
     kinds = (".py", ".c", ".toml", ".csv", ".md", ".step")
@@ -337,7 +339,7 @@ def of_json(command: str, content: dict, least: float = LEAST) -> list[list]:
 
 
 def _deviation(flat: dict, base: str) -> float:
-    """The standard deviation that is said of a number, or a quarter of its interval."""
+    """A number's stated standard deviation, or a quarter of its interval."""
     if f"{base}.low" in flat:
         return abs(flat[f"{base}.high"] - flat[f"{base}.low"]) / 4
     relative = flat.get(f"{base}.relative_standard_deviation") or 0.0
@@ -400,7 +402,7 @@ def _short(value: float, digits: int = 3) -> float:
 
 
 def moved(kept: list[list], found: list[list], by_name: bool) -> list[str]:
-    """What of the kept numbers is not among the found ones, a line each."""
+    """A line for each kept number that is not among the new ones."""
     lines = []
     if by_name:
         now = {row[0]: row for row in found}
@@ -434,7 +436,7 @@ def _agree(kept: list, now: list) -> bool:
 
 
 def _unmatched(kept: list[list], found: list[list]) -> Iterator[tuple[list, list]]:
-    """Where two sequences differ: what stands there in each. The longest common subsequence."""
+    """Parts in which two sequences differ, by their longest common subsequence."""
     n, m = len(kept), len(found)
     best = [[0] * (m + 1) for _ in range(n + 1)]
     for i in reversed(range(n)):
@@ -458,68 +460,12 @@ def _unmatched(kept: list[list], found: list[list]) -> Iterator[tuple[list, list
         yield old, new
 
 
-# -- which blind cases -----------------------------------------------------------------------------
-
-#: Cases of each geometry and kind (none, single, pair, unknown): boxes take four times as long.
-SHARES = {"t_tubes": (4, 5, 4, 4), "flanged_pipe": (3, 5, 3, 3), "screw_box": (2, 3, 2, 2)}
-KINDS = ("none", "single", "pair", "unknown")
-
-
-def choose() -> list[dict]:
-    """Forty opened cases: of each geometry and kind, drawn from the fast ones.
-
-    Where something is wrong, of those in which a recorded diagnosis saw it: "no gap" is little to
-    hold on to. Seconds are the slowest recorded diagnosis's. Needs ``cryptography``.
-    """
-    import random
-
-    sys.path.insert(0, str(ROOT))
-    from benchmarks.blind import seal
-
-    cells: dict[tuple, list[dict]] = {}
-    for archive in sorted(p for p in CHECKS.glob("*.tar.xz") if "diagnoses" not in p.name):
-        check = archive.name.removesuffix(".tar.xz")
-        seconds: dict[str, float] = {}
-        said: dict[str, str] = {}
-        for path in sorted(CHECKS.glob(f"{check}-diagnoses*.tar.xz")):
-            with tarfile.open(path) as kept:
-                for member in (m for m in kept if m.name.startswith("diagnoses/") and m.isfile()):
-                    found = json.load(kept.extractfile(member))
-                    if "diagnosis" in found:
-                        name = found["id"]
-                        seconds[name] = max(seconds.get(name, 0.0), found["seconds"])
-                        said[name] = found["diagnosis"]["verdict"]
-        with tempfile.TemporaryDirectory() as scratch, tarfile.open(archive) as kept:
-            names = [m for m in kept if m.name.endswith((seal.SEALED, seal.ANSWERS))]
-            kept.extractall(scratch, names, filter="data")
-            answers = seal.answers_of(Path(scratch) / check, (CHECKS / f"{check}.key").read_bytes())
-        for name, answer in sorted(answers.items()):
-            if name in seconds:
-                case = {
-                    "check": check,
-                    "id": name,
-                    "geometry": answer["geometry"],
-                    "kind": answer["kind"],
-                    "seconds": round(seconds[name]),
-                    "said": said[name],
-                }
-                cells.setdefault((answer["geometry"], answer["kind"]), []).append(case)
-    draw, chosen = random.Random(44), []
-    for geometry, counts in SHARES.items():
-        for kind, count in zip(KINDS, counts, strict=True):
-            cell = sorted(cells[geometry, kind], key=lambda case: case["seconds"])
-            telling = [case for case in cell if kind == "none" or case["said"] != "no gap"]
-            some = draw.sample(telling[: max(count, len(cell) // 4)], count)
-            chosen += sorted(some, key=lambda case: case["id"])
-    return chosen
-
-
 # -- the command -----------------------------------------------------------------------------------
 
 
 @dataclass
 class Run:
-    """Entries on their way, until the time is over."""
+    """Computes entries in parallel until the time is over."""
 
     jobs: int
     minutes: float
@@ -527,7 +473,7 @@ class Run:
     started: float = field(default_factory=time.monotonic)
 
     def __call__(self, todo: list[Entry]) -> Iterator[tuple[Entry, dict]]:
-        """Each with what was found, as it is ready; those without time left are not there."""
+        """Yield entries with their results as they become ready, and none when time is over."""
         place, locks = _work(), defaultdict(threading.Lock)
         place.mkdir(parents=True, exist_ok=True)
 
@@ -581,18 +527,12 @@ def main() -> int:
     parser.add_argument("--quick", action="store_true", help="only what CI compares")
     parser.add_argument("--make", action="store_true", help="write the table")
     parser.add_argument("--list", action="store_true", help="show the entries; run nothing")
-    parser.add_argument("--choose", action="store_true", help="choose the blind cases anew")
     parser.add_argument("--again", action="store_true", help="use nothing that was kept")
     parser.add_argument("--jobs", type=int, default=1, help="processes at a time [1]")
     parser.add_argument("--minutes", type=float, default=600.0, help="time that it may take [600]")
     asked = parser.parse_args()
     if importlib.util.find_spec("dolfinx") is None and not asked.list:
         os.execv(LAUNCHER, [str(LAUNCHER), "python3", *sys.argv])
-    if asked.choose:
-        rows = ",\n".join(json.dumps(case) for case in choose())
-        CHOICE.write_text(f"[\n{rows}\n]\n", encoding="utf-8")
-        return 0
-
     table = {"entries": {}}
     if TABLE.exists():
         table = json.loads(TABLE.read_text(encoding="utf-8"))

@@ -1,10 +1,9 @@
 #!/usr/bin/env python3
-"""Do the tests of a room notice a fault in it? 200 faults, drawn once by a seed, each tried alone.
+"""Do the tests of a room catch a fault in it? 200 faults, drawn once by a seed, are tried in turn.
 
     python3 tests/mutations.py --draw         draw them into tests/mutations.json, from this tree
-    python3 tests/mutations.py --run before   try those that column "before" of the table lacks
-    python3 tests/mutations.py                how many are caught, by room
-
+    python3 tests/mutations.py --run before   try the faults that column "before" of the table lacks
+    python3 tests/mutations.py                show how many are caught, by room
 
 A fault changes one operator, comparison, number or argument of ``min`` and ``max`` in a function.
 It is known by its room, its function and the expression, so that it is found again after code has
@@ -49,7 +48,7 @@ _COMPARED = {ast.Lt: "<", ast.Gt: ">", ast.LtE: "<=", ast.GtE: ">=", ast.Eq: "==
 
 
 def rooms(root: Path) -> dict[str, list[Path]]:
-    """Files of each room; those of the package itself are the hall."""
+    """Files of each room; files of the package itself belong to the hall."""
     found = {name: sorted((root / name).rglob("*.py")) for name in ("forms", "meshes")}
     package = root / "fenics_joints"
     for path in sorted(package.rglob("*.py")):
@@ -156,7 +155,7 @@ def found_again(root: Path, fault: dict) -> dict | None:
 
 
 def tried(root: Path, fault: dict) -> str:
-    """What the room's tests say: ``caught``, ``missed``, ``gone``, or ``broken`` if not run."""
+    """Result of the room's tests: ``caught``, ``missed``, ``gone``, or ``broken`` if not run."""
     here = found_again(root, fault)
     if here is None:
         return "gone"

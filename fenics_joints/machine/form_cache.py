@@ -61,9 +61,9 @@ def install() -> None:
             handlers = logging.getLogger().handlers.copy()
             try:
                 with without_local_settings():
-                    return compiled(
-                        ufl_object, form_compiler_options, {**options, "cache_dir": folder}
-                    )
+                    # A folder with its name is whole: nobody is waited for to fill it.
+                    own = {**options, "cache_dir": folder, "timeout": 1}
+                    return compiled(ufl_object, form_compiler_options, own)
             finally:  # FFCx leaves the log to itself when a compiler fails
                 logging.getLogger().handlers = handlers
 

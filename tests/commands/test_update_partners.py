@@ -6,6 +6,8 @@ import json
 
 import numpy as np
 import pytest
+from case_tables import write_frequencies
+from virtual_beams import beams
 
 pytest.importorskip("dolfinx")
 
@@ -19,25 +21,8 @@ from fenics_joints.measurements.gap import TooFewModes
 from fenics_joints.modal import solve_modes
 
 #: Two beams of two elements each have eighteen degrees of freedom.
-CASE = """
-[mesh]
-builder = "offset_beams"
-lengths = ["360 mm", "260 mm"]
-laps = "50 mm"
-width = "21 mm"
-thickness = "10.6 mm"
-elements = [2, 2]
-lap_elements = 1
-[parts.beams]
-cells = ["beam_1", "beam_2"]
-E = "208 GPa"
-nu = 0.3
-rho = "7860 kg/m3"
-[joints.lap]
-cells = "lap"
-law = "generic"
-k1 = "2500 N m"
-k2 = "50000 N m"
+CASE = beams(elements=(2, 2), lap_elements=1, k1=2500.0, k2=50000.0)
+CASE += """
 [test]
 frequencies = "f.csv"
 noise = "0.5 %"
@@ -53,9 +38,7 @@ n_modes = 8
 
 def case_of(folder, hz, more="", text=CASE):
     (folder / "case.toml").write_text(text + more, encoding="utf-8")
-    head = ",".join(f"mode {i + 1} [Hz]" for i in range(len(hz)))
-    row = ",".join(f"{f:.6f}" for f in hz)
-    (folder / "f.csv").write_text(f"{head}\n{row}\n", encoding="utf-8")
+    write_frequencies(folder, hz, file="f.csv")
     return load_case(folder)
 
 
@@ -107,8 +90,7 @@ def of_data(folder, hz, shapes):
     """A case of these data, with shapes or without."""
     if shapes is None:
         return case_of(folder, hz, text=FINE)
-    head = ",".join(f"mode {i + 1}" for i in range(shapes.shape[1]))
-    np.savetxt(folder / "s.csv", shapes, delimiter=",", header=head, comments="")
+    write_frequencies(folder, shapes, file="s.csv", unit="")
     return case_of(folder, hz, text=FINE.replace('noise = "0.5 %"', SHAPED))
 
 

@@ -11,13 +11,13 @@ import scipy.sparse.linalg
 from measured_points import (
     ALONG,
     TEST,
+    case_text,
     check_derivatives,
     measure_again,
-    plates,
     reduced,
     said,
     sparse,
-    write_frequencies,
+    write_measured,
 )
 from mpi4py import MPI
 
@@ -63,7 +63,7 @@ noise = "0.2 %"
 
 def written(folder: Path, more: str = "", **values):
     effects = "left mass", "right mass", "modulus error"
-    case = plates(*effects, n_modes=20, tolerance=0.3, **values)
+    case = case_text(*effects, n_modes=20, tolerance=0.3, **values)
     (folder / "case.toml").write_text(case + WEIGHTS + more, encoding="utf-8")
     return load_case(folder)
 
@@ -103,20 +103,22 @@ def measured(tmp_path_factory):
 
 def case_of(folder: Path, measured, more: str):
     folder.mkdir()
-    write_frequencies(folder, measured[0])
+    write_measured(folder, measured[0])
     return written(folder, TEST + more)
 
 
-def test_antiresonances_say_at_which_end(tmp_path, measured):
+def test_antiresonances_say_at_which_end(tmp_path, measured, models):
     """Frequencies do not: they are the same with the weight at the other end."""
-    blind = diagnose(case_of(tmp_path / "blind", measured, ""), MPI.COMM_SELF)
+    blind = case_of(tmp_path / "blind", measured, "")
+    blind = diagnose(blind, MPI.COMM_SELF, keep=models)
     assert min(said(blind)[name] for name in ("left mass", "right mass")) > 0.2, blind.summary
-    seen = diagnose(case_of(tmp_path / "seen", measured, driven(measured[1])), MPI.COMM_SELF)
+    seen = case_of(tmp_path / "seen", measured, driven(measured[1]))
+    seen = diagnose(seen, MPI.COMM_SELF, keep=models)
     assert said(seen)["left mass"] > 0.5 and said(seen)["right mass"] < 0.05, seen.summary
 
 
-def test_they_are_entries_with_derivatives(tmp_path, measured):
-    model = reduced(case_of(tmp_path / "case", measured, driven(measured[1])))
+def test_they_are_entries_with_derivatives(tmp_path, measured, models):
+    model = reduced(case_of(tmp_path / "case", measured, driven(measured[1])), models)
     own = np.flatnonzero(model.evidence.entries.kind == ANTIRESONANCE)
     zeros = model.evidence.scalars
     assert np.exp(model.evidence.data[own]) == pytest.approx(measured[1])

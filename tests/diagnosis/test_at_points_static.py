@@ -8,17 +8,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 import scipy.sparse.linalg
+from case_tables import write_frequencies
 from measured_points import (
-    E,
+    case_text,
     check_derivatives,
     measure_again,
-    plates,
     reduced,
     said,
     sparse,
-    write_frequencies,
+    write_measured,
 )
 from mpi4py import MPI
+from virtual_beams import beams
+from virtual_plates import E
 
 from fenics_joints.case import build_structure, load_case
 from fenics_joints.diagnosis import diagnose
@@ -63,7 +65,7 @@ noise = "{noise} %"
 
 
 def written(folder: Path, more: str = "", **values):
-    case = plates(*METAL, "joint normal compliance", n_modes=18, tolerance=0.5, **values)
+    case = case_text(*METAL, "joint normal compliance", n_modes=18, tolerance=0.5, **values)
     (folder / "case.toml").write_text(case + SUPPORT + more, encoding="utf-8")
     return load_case(folder)
 
@@ -89,25 +91,26 @@ def measured(tmp_path_factory):
 
 def case_of(folder: Path, measured, more: str):
     folder.mkdir()
-    write_frequencies(folder, measured[0])
+    write_measured(folder, measured[0])
     return written(folder, TEST + more)
 
 
-def test_a_stiffness_splits_modulus_from_density(tmp_path, measured):
+def test_a_stiffness_splits_modulus_from_density(tmp_path, measured, models):
     """Frequencies alone do not: the metal is softer. Of one as stiff as it should be, the density
     is off."""
-    blind = diagnose(case_of(tmp_path / "blind", measured, ""), MPI.COMM_SELF)
+    given = {"blind": "", "seen": static(measured[1]), "other": static(measured[1] / 0.93)}
+    blind, seen, other = (
+        diagnose(case_of(tmp_path / name, measured, more), MPI.COMM_SELF, keep=models)
+        for name, more in given.items()
+    )
     assert {e.class_name for e in blind.effects if e.name in METAL} == {blind.effects[1].class_name}
     assert min(said(blind)[name] for name in METAL) > 0.2, blind.summary
-    seen = diagnose(case_of(tmp_path / "seen", measured, static(measured[1])), MPI.COMM_SELF)
     assert said(seen)["modulus error"] > 0.5 and said(seen)["density error"] < 0.01
-    as_given = static(measured[1] / 0.93)
-    other = diagnose(case_of(tmp_path / "other", measured, as_given), MPI.COMM_SELF)
     assert said(other)["density error"] > 0.5 and said(other)["modulus error"] < 0.01
 
 
-def test_it_is_an_entry_that_the_mesh_and_any_model_err_in(tmp_path, measured):
-    model = reduced(case_of(tmp_path / "case", measured, static(measured[1])))
+def test_it_is_an_entry_that_the_mesh_and_any_model_err_in(tmp_path, measured, models):
+    model = reduced(case_of(tmp_path / "case", measured, static(measured[1])), models)
     (tip,) = model.evidence.scalars
     (own,) = np.flatnonzero(model.evidence.entries.kind == STIFFNESS)
     assert model.evidence.data[own] == pytest.approx(np.log(measured[1]))
@@ -136,38 +139,15 @@ def test_it_is_an_entry_that_the_mesh_and_any_model_err_in(tmp_path, measured):
         measure_again(model, "stiffness", "tip")
 
 
-def test_a_plan_ranks_it(tmp_path):
+def test_a_plan_ranks_it(tmp_path, models):
     """It would tell the metal's modulus from its density, at the free end."""
     planned = TEST.replace('frequencies = "frequencies.csv"\n', "") + "[test.planned]\nmodes = 4\n"
-    found = plan(written(tmp_path, planned), MPI.COMM_SELF)
+    found = plan(written(tmp_path, planned), MPI.COMM_SELF, keep=models)
     gained = {a.measurement: a.mean_gain for a in found.additions}
     assert gained["the static stiffness at (310, 40, 16) mm, to 2 %"] > 0.5
 
 
-BEAMS = """
-title = "Clamped beams"
-
-[mesh]
-builder = "offset_beams"
-lengths = ["0.4 m", "0.3 m"]
-laps = "60 mm"
-width = "20 mm"
-thickness = "10 mm"
-elements = [14, 10]
-lap_elements = 4
-
-[parts.beams]
-cells = ["beam_1", "beam_2"]
-E = "208 GPa"
-nu = 0.3
-rho = "7860 kg/m3"
-
-[joints.lap]
-cells = "lap"
-law = "generic"
-k1 = "1763 N m"
-k2 = "37402 N m"
-
+CLAMPED = """
 [supports.clamp]
 facets = "left"
 
@@ -189,8 +169,10 @@ stiffness = "4 kN/m"
 
 def test_beams_have_it_without_a_reduced_model(tmp_path):
     """Softer than one beam as long and as thick as they are, stiffer than with a lap as thin."""
-    (tmp_path / "case.toml").write_text(BEAMS, encoding="utf-8")
-    (tmp_path / "frequencies.csv").write_text("mode 1 [Hz],mode 2 [Hz]\n20,125\n")
+    size = {"lengths": (0.4, 0.3), "lap": 0.06, "section": (0.02, 0.01)}
+    case = beams(**size, elements=(14, 10), lap_elements=4) + CLAMPED
+    (tmp_path / "case.toml").write_text(case, encoding="utf-8")
+    write_frequencies(tmp_path, [20.0, 125.0])
     model = reduced(load_case(tmp_path))
     (end,) = model.evidence.scalars
     k = np.exp(end.log_value(model.baseline))

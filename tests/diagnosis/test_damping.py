@@ -9,10 +9,13 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pytest
+from case_tables import write_frequencies
+from virtual_plates import LAP, LAYER, NU, RHO, SEES, E, along, noisy, plates
 
 from fenics_joints.diagnosis.evidence.predictions import PointwiseForward, model_of
 from fenics_joints.diagnosis.zones.zone import Zone
@@ -42,45 +45,21 @@ from fenics_joints.structure import Parameter, Sensors, Structure, joint, part
 
 LEVELS = np.array([1.0, 2.0, 4.0])
 NOISE, DAMPING_NOISE = 5e-4, 0.05
-E, G, RHO = 69e9, 26.9e9, 2750.0
-NU = E / (2 * G) - 1
-LAYER, STIFFNESS = 0.3e-3, 3e11
+#: Tangential stiffness of the joint at rest per area, Pa/m.
+STIFFNESS = 3e11
 AT_REST = np.array([2e-3, 1.5e-3, 3e-3])
 #: Exponent of the sliders' strengths, and shear strain at which the strongest slides.
 CHI, SLIDING = -0.4, 0.05
 
-_CASE = """
-title = "Virtual lap plates at several levels"
-
-[mesh]
-builder = "lap_plates"
-element_size = "20 mm"
-n_thickness = 1
-
-[parts.plates]
-cells = ["plate_1", "plate_2"]
-E = "69 GPa"
-G = "26.9 GPa"
-rho = "2750 kg/m3"
-
-[joints.lap]
-cells = ["joint_near", "joint_away"]
-E = "1 GPa"
-G = "0.4 GPa"
-
+_TEST = """
 [test]
 frequencies = "frequencies.csv"
 {damping}
 damping_noise = "5 %"
 condition = "level"
 noise = "0.05 %"
-
-[test.sees]
-along = "x"
-positions = ["10 mm", "60 mm", "110 mm", "160 mm", "210 mm", "260 mm", "310 mm"]
-at = {{ y = "40 mm", z = ["8 mm", "8 mm", "8 mm", "16.5 mm", "16.5 mm", "16.5 mm", "16.5 mm"] }}
-direction = [0, 0, 1]
-
+"""
+_DIAGNOSE = """
 [diagnose]
 n_modes = 16
 samples = 8
@@ -130,7 +109,7 @@ def linear(amplitude: float) -> tuple[float, float]:
     return 1.0, 0.0
 
 
-@dataclass
+@dataclass(eq=False)
 class Rig:
     """The true structure, reduced to its modes over the joint's stiffness.
 
@@ -151,19 +130,16 @@ class Rig:
         tagged = lap_plates(MPI.COMM_SELF, element_size=0.016, n_thickness=1, layer=LAYER)
         lmbda, mu = lame_parameters(E, NU)
         g = 1 / (1 / mu + 1 / (stiffness * LAYER))
-        plates = part("plates", ("plate_1", "plate_2"), E=E, nu=NU, rho=RHO)
+        metal = part("plates", ("plate_1", "plate_2"), E=E, nu=NU, rho=RHO)
         zones = [
             joint(zone, f"joint_{zone}", E=lmbda + 2 * mu, G=f"G_{zone}")
             for zone in ("near", "away")
         ]
         names = ["G_near", "G_away"]
-        full = Structure(tagged, [plates, *zones], [Parameter(name, g) for name in names])
+        full = Structure(tagged, [metal, *zones], [Parameter(name, g) for name in names])
         samples = [{names[0]: a * g, names[1]: b * g} for a, b in ((1, 1), (0.4, 1), (1, 0.4))]
-        along = (0.01, 0.06, 0.11, 0.16, 0.21, 0.26, 0.31)
-        heights = [0.008 if x < 0.12 else 0.016 + LAYER for x in along]
-        sensors = Sensors(np.array([along, [0.04] * 7, heights]).T, [0.0, 0.0, 1.0])
         volumes = dict(zip(names, full.volumes()[1:], strict=True))
-        return cls(reduce(full, samples, 16), dict.fromkeys(names, g), volumes, sensors)
+        return cls(reduce(full, samples, 16), dict.fromkeys(names, g), volumes, along(LAYER))
 
     def mode(self, i: int, force: float, law) -> tuple[float, float]:
         """Frequency, Hz, and damping ratio of a mode at resonance under a force on the end."""
@@ -187,10 +163,12 @@ class Rig:
                 return modes.frequencies_hz[k], damping
         pytest.fail("the fixed point was not found")
 
-    def test(self, law) -> tuple[np.ndarray, np.ndarray]:
-        """Frequencies, Hz, and damping ratios, (n, m)."""
-        found = [[self.mode(i, F, law) for i in range(len(AT_REST))] for F in LEVELS]
-        return tuple(np.moveaxis(found, -1, 0))
+
+@cache
+def tested(rig: Rig, law) -> tuple[np.ndarray, np.ndarray]:
+    """Frequencies, Hz, and damping ratios at all levels, (n, m)."""
+    found = [[rig.mode(i, force, law) for i in range(len(AT_REST))] for force in LEVELS]
+    return tuple(np.moveaxis(found, -1, 0))
 
 
 @pytest.fixture(scope="module")
@@ -200,41 +178,28 @@ def rig():
 
 def write(folder: Path, frequencies, damping=None, levels=LEVELS, *, few=False) -> Path:
     """A case's folder with the data of these levels."""
-    names = [f"bending {j + 1}" for j in range(frequencies.shape[1])]
-    for file, table, own in (("frequencies", frequencies, " [Hz]"), ("damping", damping, "")):
-        if table is None:
-            continue
-        lines = [",".join(["level [N]", *(f"{name}{own}" for name in names)])]
-        lines += [
-            ",".join(f"{x:.10g}" for x in (level, *row))
-            for level, row in zip(levels, table, strict=False)
-        ]
-        (folder / f"{file}.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    bending = "bending", "level [N]", levels
+    write_frequencies(folder, frequencies, *bending)
+    if damping is not None:
+        write_frequencies(folder, damping, *bending, "damping.csv", "")
     line = "" if damping is None else 'damping = "damping.csv"'
-    text = _CASE.format(damping=line, effects=f"effects = {json.dumps(_FEW)}" if few else "")
+    effects = f"effects = {json.dumps(_FEW)}" if few else ""
+    text = plates(LAP) + _TEST.format(damping=line) + SEES + _DIAGNOSE.format(effects=effects)
     (folder / "case.toml").write_text(text, encoding="utf-8")
     return folder
 
 
-def noisy(clean, sd, seed):
-    return clean * np.exp(sd * np.random.default_rng(seed).standard_normal(clean.shape))
-
-
 @pytest.fixture(scope="module")
-def diagnosed(rig, tmp_path_factory):
-    """A function that diagnoses noisy data of a law, with or without its damping.
-
-    The reduced model of the case is made once.
-    """
-    kept = tmp_path_factory.mktemp("kept")
+def diagnosed(rig, models, tmp_path_factory):
+    """A function that diagnoses noisy data of a law, with or without its damping."""
 
     def run(law, damped: bool, levels=LEVELS, *, few=False, rig=rig):
-        clean = rig.test(law)
+        clean = tested(rig, law)
         n = len(levels)
-        f = noisy(clean[0], NOISE, 1)[:n]
-        damping = noisy(clean[1], DAMPING_NOISE, 2)[:n] if damped else None
+        f = noisy(clean[0], NOISE, np.random.default_rng(1))[:n]
+        damping = noisy(clean[1], DAMPING_NOISE, np.random.default_rng(2))[:n] if damped else None
         folder = write(tmp_path_factory.mktemp("levels"), f, damping, levels, few=few)
-        return diagnose(load_case(folder), MPI.COMM_SELF, keep=kept)
+        return diagnose(load_case(folder), MPI.COMM_SELF, keep=models)
 
     return run
 
@@ -257,7 +222,7 @@ def class_of(result, name: str) -> set[str]:
     ("law", "cause", "few"),
     [
         pytest.param(iwan, "micro-slip in the joint", True, id="iwan"),
-        pytest.param(elastic, "gapping without slip", True, id="elastic"),
+        pytest.param(elastic, "gapping without slip", True, id="elastic", marks=pytest.mark.slow),
         pytest.param(
             iwan, "micro-slip in the joint", False, id="iwan, all", marks=pytest.mark.slow
         ),
@@ -315,6 +280,7 @@ def test_one_level_is_silent_and_says_so(diagnosed):
     assert result.damping is None
 
 
+@pytest.mark.slow
 def test_no_gap_at_any_level(diagnosed):
     """Plates that are one: frequencies and damping only scatter."""
     result = diagnosed(linear, damped=True, few=True, rig=Rig.make(np.inf))

@@ -10,15 +10,15 @@ import scipy.sparse.linalg
 from measured_points import (
     ALONG,
     TEST,
-    E,
+    case_text,
     check_derivatives,
-    plates,
     reduced,
     said,
     sparse,
-    write_frequencies,
+    write_measured,
 )
 from mpi4py import MPI
+from virtual_plates import E
 
 from fenics_joints.case import build_structure, load_case
 from fenics_joints.diagnosis import diagnose
@@ -53,7 +53,7 @@ points = {{ "1" = ["310 mm", "40 mm", "16.5 mm"], "2" = {node} }}
 
 
 def written(folder: Path, more: str = "", **values):
-    case = plates(*METAL, "joint normal compliance", n_modes=20, tolerance=0.5, **values)
+    case = case_text(*METAL, "joint normal compliance", n_modes=20, tolerance=0.5, **values)
     (folder / "case.toml").write_text(case + more, encoding="utf-8")
     return load_case(folder)
 
@@ -89,7 +89,7 @@ def measured(tmp_path_factory):
 def case_of(folder: Path, measured, more: str, scale: float = 1.0):
     """With 2 % of noise on accelerances, and hum."""
     folder.mkdir()
-    write_frequencies(folder, measured[0])
+    write_measured(folder, measured[0])
     rng = np.random.default_rng(4)
     both = scale * measured[1] * -((2 * np.pi * HZ) ** 2)
     noise = rng.standard_normal((2, *both.shape)) * 0.02 / np.sqrt(2)
@@ -102,20 +102,20 @@ def case_of(folder: Path, measured, more: str, scale: float = 1.0):
     return written(folder, TEST + more)
 
 
-def test_functions_split_modulus_from_density(tmp_path, measured):
+def test_functions_split_modulus_from_density(tmp_path, measured, models):
     """Frequencies alone do not: the metal is softer. By functions of a heavier one, it is that."""
-    blind = diagnose(case_of(tmp_path / "blind", measured, ""), MPI.COMM_SELF)
+    blind = diagnose(case_of(tmp_path / "blind", measured, ""), MPI.COMM_SELF, keep=models)
     assert min(said(blind)[name] for name in METAL) > 0.2, blind.summary
-    seen = diagnose(case_of(tmp_path / "seen", measured, frfs()), MPI.COMM_SELF)
+    seen = diagnose(case_of(tmp_path / "seen", measured, frfs()), MPI.COMM_SELF, keep=models)
     assert said(seen)["modulus error"] > 0.5 and said(seen)["density error"] < 0.1, seen.summary
     # Of a structure heavier by 7.5 % the frequencies are the same, and functions less by that.
     heavier = case_of(tmp_path / "heavier", measured, frfs(), scale=0.93)
-    other = diagnose(heavier, MPI.COMM_SELF)
+    other = diagnose(heavier, MPI.COMM_SELF, keep=models)
     assert said(other)["density error"] > 0.5 and said(other)["modulus error"] < 0.1, other.summary
 
 
-def test_they_are_entries_with_derivatives(tmp_path, measured):
-    model = reduced(case_of(tmp_path / "case", measured, frfs()))
+def test_they_are_entries_with_derivatives(tmp_path, measured, models):
+    model = reduced(case_of(tmp_path / "case", measured, frfs()), models)
     lines = model.evidence.scalars
     own = np.flatnonzero(model.evidence.entries.kind == FUNCTION)
     assert len(own) == len(lines) == 96 and not model.evidence.data[own].any()
@@ -135,18 +135,18 @@ def test_they_are_entries_with_derivatives(tmp_path, measured):
         assert [stiff, mass] == pytest.approx([0.0, 0.0 if line.phase else -0.1], abs=2e-3)
 
 
-def test_what_is_not_of_this_structure_is_left_out(tmp_path, measured):
+def test_what_is_not_of_this_structure_is_left_out(tmp_path, measured, models):
     """Accelerations in g, and a sensor upside down."""
-    model = reduced(case_of(tmp_path / "wrong", measured, frfs('units = "g/N"')))
+    model = reduced(case_of(tmp_path / "wrong", measured, frfs('units = "g/N"')), models)
     assert not model.evidence.scalars
     left = [note for note in model.notes if "is left out: it is" in note]
     assert len(left) == 2 and "look at its unit" in left[0], model.notes
 
 
-def test_refusals(tmp_path, measured):
+def test_refusals(tmp_path, measured, models):
     beside = case_of(tmp_path / "beside", measured, frfs(node='["900 mm", "40 mm", "0 mm"]'))
     with pytest.raises(InputError, match="test.frfs 2"):
-        diagnose(beside, MPI.COMM_SELF)
+        diagnose(beside, MPI.COMM_SELF, keep=models)
     with pytest.raises(InputError, match=r"test.frfs: row = 7 was not measured: expected one of 1"):
         case_of(tmp_path / "late", measured, frfs("at = 7"))
 
@@ -186,10 +186,10 @@ def test_of_a_free_bar_with_the_resonances_of_a_test():
         assert np.abs(functions.at(values)[0] / by_hand - 1).max() < 0.02
 
 
-def test_a_plan_ranks_one(tmp_path):
+def test_a_plan_ranks_one(tmp_path, models):
     """It would tell the metal's modulus from its density, at an end, where all modes move."""
     planned = TEST.replace('frequencies = "frequencies.csv"\n', "") + "[test.planned]\nmodes = 4\n"
-    found = plan(written(tmp_path, planned), MPI.COMM_SELF)
+    found = plan(written(tmp_path, planned), MPI.COMM_SELF, keep=models)
     gained = {a.measurement: a.mean_gain for a in found.additions}
     ends = ("(310, 40, 16)", "(10, 40, 0)")
     (one,) = (name for name in gained if name.startswith("the function of a force"))

@@ -17,14 +17,14 @@ from fenics_joints.reduction.matched import places_all_over
 
 
 @pytest.mark.parametrize("grams", [58.0, 0.0])
-def test_grams_of_a_mass_that_was_put_on_a_plate(grams, tmp_path):
+def test_grams_of_a_mass_that_was_put_on_a_plate(grams, tmp_path, models):
     """On a virtual test with another mesh and noise, at (20, 40, 0) mm of 0.7 kg of plates: within
     the interval that is stated, and a cell from there; nothing where nothing was put on."""
     measured = virtual_test(mass=1e-3 * grams).noisy()
     case = load_case(write_virtual_case(tmp_path, measured, shapes=True))
     quiet = Progress(silent=True)
     model = prepare(case, MPI.COMM_WORLD, quiet)
-    model.reduce(quiet)
+    model.reduce(quiet, models)
     model.place_unknown()
     unknown = model.hypothesis((), name="none of these", unknown=True)
     found = fit(unknown, model.forward, model.evidence, model.baseline)

@@ -6,7 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from case_tables import write_frequencies
 from mpi4py import MPI
+from virtual_beams import beams
+from virtual_plates import noisy
 
 from fenics_joints.case import build_structure, load_case
 from fenics_joints.diagnosis import diagnose
@@ -19,31 +22,10 @@ from fenics_joints.progress import Progress
 RHO, BOLT = 7860.0, 0.02
 BEAMS = 0.7 * 0.02 * 0.01 * RHO
 
-CASE = """
-title = "Weighed beams"
-
-[mesh]
-builder = "offset_beams"
-lengths = ["0.4 m", "0.3 m"]
-laps = "60 mm"
-width = "20 mm"
-thickness = "10 mm"
-elements = [14, 10]
-lap_elements = 4
-shear = 1.2
-
-[parts.beams]
-cells = ["beam_1", "beam_2"]
-E = "208 GPa"
-nu = 0.3
-rho = "7860 kg/m3"
-tolerance = { E = "0.5 %", rho = "0.3 %", thickness = "0.2 %" }
-
-[joints.lap]
-cells = "lap"
-law = "generic"
-k1 = "1763 N m"
-k2 = "37402 N m"
+SIZE = {"lengths": (0.4, 0.3), "lap": 0.06, "section": (0.02, 0.01)}
+KNOWN = 'tolerance = { E = "0.5 %", rho = "0.3 %", thickness = "0.2 %" }\n'
+CASE = beams(**SIZE, elements=(14, 10), lap_elements=4, more=KNOWN)
+CASE += """
 bolted = true
 
 [masses.bolt]
@@ -76,13 +58,12 @@ def case_of(folder: Path, rho: float, more: str = ""):
     """The nominal case with a test of beams of another density."""
     folder.mkdir()
     file = folder / "case.toml"
-    dense = CASE.replace("7860 kg/m3", f"{rho} kg/m3")
+    dense = CASE.replace("7860.0", str(rho))
     file.write_text(dense, encoding="utf-8")
     modes = solve_modes(build_structure(load_case(folder), MPI.COMM_SELF), n_modes=12)
     hz = modes.frequencies_hz[modes.n_rigid :][:5]
-    hz = hz * np.exp(5e-4 * np.random.default_rng(4).standard_normal(5))
-    names = ",".join(f"mode {i + 1} [Hz]" for i in range(5))
-    (folder / "frequencies.csv").write_text(f"{names}\n{','.join(map(str, hz))}\n")
+    hz = noisy(hz, 5e-4, np.random.default_rng(4))
+    write_frequencies(folder, hz)
     file.write_text(CASE + TEST.format(more=more), encoding="utf-8")
     return load_case(folder)
 

@@ -17,10 +17,10 @@ from fenics_joints.errors import InputError
 from fenics_joints.progress import Progress
 
 
-def prepared(folder, measured):
+def prepared(folder, measured, models):
     case = load_case(write_virtual_case(folder, measured, shapes=True))
     model = prepare(case, MPI.COMM_WORLD, Progress(silent=True))
-    model.reduce(Progress(silent=True))
+    model.reduce(Progress(silent=True), models)
     return model
 
 
@@ -32,25 +32,25 @@ def strange(measured, *which):
     return replace(measured, shapes=shapes)
 
 
-def test_a_mode_that_no_effect_makes_is_left_out_of_all(tmp_path):
+def test_a_mode_that_no_effect_makes_is_left_out_of_all(tmp_path, models):
     measured = virtual_test(mass=0.02).noisy()
-    model = prepared(tmp_path, strange(measured, 2))
+    model = prepared(tmp_path, strange(measured, 2), models)
     assert model.without_partner == ("bending 3",)
     assert model.left_out.tolist() == [False, False, True, False]
     assert not model.evidence.used[:, 2].any() and model.evidence.used[:, [0, 1, 3]].all()
     assert np.isnan(model.data.frequencies_hz[:, 2]).all()
     assert any("bending 3" in note and "Hz" in note for note in model.notes)
     # The others keep the partners that they have without it.
-    whole = prepared(tmp_path, measured)
+    whole = prepared(tmp_path, measured, models)
     assert whole.without_partner == () and whole.left_out is None
     kept = [0, 1, 3]
     own, theirs = (m.forward.pairing(m.baseline).index[kept] for m in (model, whole))
     assert own.tolist() == theirs.tolist()
 
 
-def test_a_test_of_something_else_is_refused(tmp_path):
+def test_a_test_of_something_else_is_refused(tmp_path, models):
     with pytest.raises(InputError, match="bending 2, bending 3, bending 4"):
-        prepared(tmp_path, strange(virtual_test(mass=0.02).noisy(), 1, 2, 3))
+        prepared(tmp_path, strange(virtual_test(mass=0.02).noisy(), 1, 2, 3), models)
 
 
 def test_no_verdict_rests_on_a_mode_without_a_partner():

@@ -1,4 +1,4 @@
-"""Two rods that overlap, with four bolts: matrices by hand, and what is measured of a truth."""
+"""Two overlapping rods with four bolts: matrices by hand, and virtual tests of them."""
 
 from __future__ import annotations
 
@@ -97,7 +97,7 @@ def forward_of(model, reference=None) -> ModalPrediction:
 
 
 def measured(*, places=PLACES, gains=(), seed=1, **truth) -> TestData:
-    """A test of a truth.
+    """A virtual test.
 
     Args:
         places: Where the sensors are in truth.

@@ -1,4 +1,4 @@
-"""Forwards of closed forms."""
+"""Predictions in closed form."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from fenics_joints.diagnosis.evidence.predictions import PointwiseForward, model
 
 
 class Function(PointwiseForward):
-    """Of a function of values by name: ln f, (m,), and its derivatives by them, (m, n)."""
+    """Predicts by a function from named values to ln f, (m,), and its derivatives, (m, n)."""
 
     def __init__(self, function, names):
         self._function, self.model = function, model_of(names)

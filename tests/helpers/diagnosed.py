@@ -1,4 +1,4 @@
-"""A diagnosis made by hand, with all that a result can hold."""
+"""A diagnosis made by hand, with every field that a result can have."""
 
 from __future__ import annotations
 
@@ -140,7 +140,7 @@ def parameter(effect, name, value, low, high, unit="", nuisance=False, z=0.3) ->
 
 
 def diagnosis(**changes) -> Diagnosis:
-    """A joint that gives way along or across, which are one class; a modulus that does not."""
+    """The joint is compliant, normal or tangential, which is one class; the modulus is right."""
     normal, along = "joint normal compliance (joint)", "joint tangential compliance (joint)"
     family = "joint normal compliance or joint tangential compliance"
     hypotheses = [
@@ -199,12 +199,12 @@ def diagnosis(**changes) -> Diagnosis:
 
 
 def page_of(d: Diagnosis, **more) -> str:
-    """Its page."""
+    """The diagnosis as an HTML page."""
     return as_page(diagnosis_document(d, **more))
 
 
 def shown(d: Diagnosis, width: int = 100) -> str:
-    """What stands on a terminal."""
+    """The diagnosis as printed on a terminal."""
     console = Console(width=width, record=True, file=io.StringIO())
     show(console, diagnosis_document(d))
     return console.export_text()

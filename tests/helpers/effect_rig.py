@@ -1,4 +1,4 @@
-"""A case of two lapped plates with all that effects act on, and what an effect touches."""
+"""A case of two lapped plates with everything that effects change, and the keys they change."""
 
 import numpy as np
 

@@ -23,7 +23,7 @@ def parts(tagged, weight=None):
 
 
 def faces(tagged, weight=None, inner=False):
-    """Integral of the weight over each face: what of it is outside, or what is inside a body."""
+    """Integral of the weight over each face: its exterior facets, or its interior ones."""
     ds = ufl.Measure("dS" if inner else "ds", tagged.mesh, subdomain_data=tagged.facet_tags)
     one = fem.Constant(tagged.mesh, 1.0) if weight is None else weight(tagged.mesh)
     one = one("+") if inner else one

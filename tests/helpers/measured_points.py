@@ -1,14 +1,17 @@
-"""Lap plates of a few effects, with a test of frequencies and of what is measured at a point."""
+"""Lap plates and a few effects, with a test of frequencies and of a quantity at one point."""
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 import scipy.sparse
+from case_tables import write_frequencies
 from mpi4py import MPI
+from virtual_plates import LAP, E, noisy, plates
 
 from fenics_joints.case import Case
 from fenics_joints.diagnosis.evidence.predictions import ManyPredictions
@@ -17,7 +20,7 @@ from fenics_joints.diagnosis.model.prepared import Prepared, prepare
 from fenics_joints.progress import Progress
 from fenics_joints.structure import Sensors
 
-E, RHO, NOISE = 69e9, 2750.0, 1e-3
+NOISE = 1e-3
 #: Sensors along the middle of both plates from end to end, and a test by them.
 ALONG = Sensors(
     [
@@ -38,27 +41,7 @@ at = { y = "40 mm", z = ["0 mm", "8 mm", "8 mm", "16.5 mm", "16.5 mm", "16.5 mm"
 direction = [0, 0, 1]
 """
 
-_PLATES = """
-title = "Lap plates"
-
-[mesh]
-builder = "lap_plates"
-element_size = "{size} mm"
-n_thickness = 1
-
-[parts.plates]
-cells = ["plate_1", "plate_2"]
-E = "{E} Pa"
-G = "{G} Pa"
-rho = "{rho} kg/m3"
-tolerance = {{ E = "{tolerance} %", rho = "{tolerance} %" }}
-
-[joints.lap]
-cells = ["joint_near", "joint_away"]
-bolted = true
-E = "1 GPa"
-G = "0.4 GPa"
-
+_DIAGNOSE = """
 [diagnose]
 n_modes = {n_modes}
 samples = 8
@@ -66,34 +49,27 @@ discrepancy = "0.3 %"
 max_effects = 1
 nested = 0
 patches = 0
-effects = [{effects}]
+effects = {effects}
 """
 
 
-def plates(*effects: str, n_modes: int, tolerance: float, size=20, E=E, rho=RHO) -> str:
-    """A case without a test."""
-    return _PLATES.format(
-        size=size,
-        E=E,
-        G=E / 2.566,
-        rho=rho,
-        tolerance=tolerance,
-        n_modes=n_modes,
-        effects=", ".join(f'"{name}"' for name in effects),
-    )
+def case_text(*effects: str, n_modes: int, tolerance: float, E: float = E, size=20) -> str:
+    """A case without a test; elements of ``size`` mm."""
+    within = f'tolerance = {{ E = "{tolerance} %", rho = "{tolerance} %" }}\n'
+    joint = LAP + "bolted = true\n"
+    nominal = plates(joint, within, size=size, E=E, G=E / 2.566)
+    return nominal + _DIAGNOSE.format(n_modes=n_modes, effects=json.dumps(effects))
 
 
-def write_frequencies(folder: Path, hz: np.ndarray) -> None:
+def write_measured(folder: Path, hz: np.ndarray) -> None:
     """The table of a test, with noise."""
-    hz = hz * np.exp(NOISE * np.random.default_rng(2).standard_normal(len(hz)))
-    head = ",".join(f"mode {i + 1} [Hz]" for i in range(len(hz)))
-    (folder / "frequencies.csv").write_text(f"{head}\n{','.join(map(str, hz))}\n")
+    write_frequencies(folder, noisy(hz, NOISE, np.random.default_rng(2)))
 
 
-def reduced(case: Case) -> Prepared:
+def reduced(case: Case, keep: Path | None = None) -> Prepared:
     """A case ready to be diagnosed, with its reduced model and what a patch would do."""
     model = prepare(case, MPI.COMM_SELF, Progress(silent=True))
-    model.reduce(Progress(silent=True))
+    model.reduce(Progress(silent=True), keep)
     model.place_unknown()
     return model
 
@@ -113,14 +89,14 @@ def said(result) -> dict[str, float]:
 
 
 def sparse(A) -> scipy.sparse.csc_matrix:
-    """A matrix of one rank, to be factorised by something that is not PETSc."""
+    """A matrix of one rank, to be factorised by SciPy."""
     rows, columns, values = A.getValuesCSR()
     return scipy.sparse.csr_matrix((values, columns, rows), shape=A.getSize()).tocsc()
 
 
 def check_derivatives(model, hypothesis, own: np.ndarray, j: int, floor: float = 1e-9) -> None:
-    """Of some entries of what is predicted: by differences along a parameter; and of one point as
-    of many together, by all of them."""
+    """Compare derivatives of some predicted entries with differences along parameter ``j``, and
+    predictions of one point with those of a batch."""
     z = 0.3 * np.random.default_rng(1).standard_normal((3, len(hypothesis.priors)))
     many = ManyPredictions(hypothesis, model.forward, model.evidence, model.baseline)
     found, by_z = zip(*map(many.at, z), strict=True)

@@ -1,4 +1,4 @@
-"""Odd input for whatever takes input, and what may come of it: refused clearly, or accepted."""
+"""Odd input for anything that takes input, which is refused with a clear message or accepted."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from fenics_joints.errors import JointsError
 
-#: What was tried, by area and outcome.
+#: Number of calls, by area and outcome.
 COUNTS: Counter[tuple[str, str]] = Counter()
 
 odd_number = st.one_of(
@@ -92,7 +92,7 @@ odd_toml = st.one_of(
 
 
 def tried(area: str, act: Callable[[], object]) -> object:
-    """The result of an act, None where it was refused in clear words; anything else is raised."""
+    """The result of a call, or None if it was refused with a clear message; else raises."""
     COUNTS[area, "tried"] += 1
     try:
         result = act()

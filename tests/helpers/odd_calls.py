@@ -1,4 +1,4 @@
-"""Calls of public constructors and functions that work, and which odd values each of them takes."""
+"""Valid calls of public constructors and functions, and the odd values that each accepts."""
 
 from __future__ import annotations
 

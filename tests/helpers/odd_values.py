@@ -1,4 +1,4 @@
-"""Values that make no sense, by the kind of argument, and whether calls refuse them."""
+"""Senseless values by the kind of argument, and whether calls refuse them."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ OBJECT = {"None": None, "text": "text", "1": 1.0, "[nan]": [nan], "words": ["a"]
 
 
 def kind_of(value) -> dict:
-    """Odd values in the place of one that works."""
+    """Odd values to replace a valid one."""
     for kind, odd in ((bool, FLAG), (int, COUNT), (float, NUMBER), (str, TEXT)):
         if isinstance(value, kind):
             return odd
@@ -47,7 +47,7 @@ def kind_of(value) -> dict:
 
 
 def outcome(make, good: dict, name: str, value) -> str:
-    """What becomes of one odd value: ``refused``, ``taken``, or the wrong error."""
+    """Result of a call with one odd value: ``refused``, ``taken``, or the wrong error."""
     try:
         make(**{**good, name: value})
     except InputError:
@@ -58,7 +58,7 @@ def outcome(make, good: dict, name: str, value) -> str:
 
 
 def arguments(make, good: dict) -> dict:
-    """All arguments with a value that works: what is given, and defaults."""
+    """All arguments with valid values: the given ones and the defaults."""
     named = {
         name: parameter.default
         for name, parameter in inspect.signature(make).parameters.items()

@@ -1,4 +1,4 @@
-"""What a hypothesis predicts of a test at one point: one mode of one condition after the other."""
+"""Predictions of a hypothesis by single solutions: one mode at one condition after another."""
 
 from __future__ import annotations
 

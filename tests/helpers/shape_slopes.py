@@ -1,4 +1,4 @@
-"""Derivatives of shapes by every parameter, as predictions have them along directions."""
+"""Derivatives of mode shapes by every parameter, from `BatchModes.shape_slope`."""
 
 from __future__ import annotations
 

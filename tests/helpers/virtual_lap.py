@@ -1,4 +1,4 @@
-"""Virtual tests of lap plates on given layers, read all over: what the library should name."""
+"""Virtual tests of lap plates with a known cause in the joint, seen by twelve sensors."""
 
 from __future__ import annotations
 
@@ -8,55 +8,28 @@ from pathlib import Path
 
 import numpy as np
 import ufl
+from case_tables import write_frequencies, write_table
 from mpi4py import MPI
+from virtual_plates import LAYER, RHO, ZONES, E, G, noisy, noisy_shapes, plates
 
 from fenics_joints.measurements import pair_modes
 from fenics_joints.meshes import lap_plates
 from fenics_joints.meshes.lap_plates import BOLTS
 from fenics_joints.modal import solve_modes
-from fenics_joints.structure import PointMass, Sensors, Structure, joint, part
+from fenics_joints.structure import Sensors, Structure, joint, part
 
-E, G, RHO = 69e9, 26.9e9, 2750.0
 #: Stiffness of the nominal joint per area, Pa/m, across it and along it.
 K_N, K_T = 2e12, 6e11
-TORQUES = np.array([24.0])
 COUNT, NOISE, SHAPE_NOISE = 7, 0.0005, 0.02
-_LAYER = 0.3e-3
 _X = (0.01, 0.08, 0.15, 0.17, 0.24, 0.31)
 
-_CASE = """
-title = "Virtual lap"
-
-[mesh]
-builder = "lap_plates"
-element_size = "20 mm"
-n_thickness = 1
-
-[parts.plates]
-cells = ["plate_1", "plate_2"]
-E = "69 GPa"
-G = "26.9 GPa"
-rho = "2750 kg/m3"
-tolerance = {{ E = "0.5 %", rho = "0.3 %", thickness = "0.2 %" }}
-
-[joints.near]
-cells = "joint_near"
-bolted = true
-E = "1 GPa"
-G = "0.3 GPa"
-
-[joints.away]
-cells = "joint_away"
-E = "1 GPa"
-G = "0.3 GPa"
-
+_TEST = """
 [test]
 frequencies = "frequencies.csv"
 condition = "torque"
 noise = "0.05 %"
 shapes = "shapes.csv"
 shape_noise = "2 %"
-{test}
 
 [test.sees]
 points = {points}
@@ -71,48 +44,36 @@ shape_discrepancy = "8 %"
 max_effects = 1
 nested = 0
 patches = 0
-{diagnose}
 """
 
 
 def virtual_lap(
-    *,
-    factor: Callable[[object], object] | None = None,
-    shear: float = 1.0,
-    modulus: float = 1.0,
-    density: float = 1.0,
-    mass: tuple[float, tuple[float, float, float]] | None = None,
+    *, factor: Callable[[object], object] | None = None, shear: float = 1.0
 ) -> tuple[np.ndarray, np.ndarray]:
     """Frequencies, Hz, (1, m), and shapes, (n_s, m), with noise.
 
     Args:
-        factor: What the layer's stiffness is of the nominal one, by place, in UFL.
+        factor: True over nominal stiffness of the layer as a function of position, in UFL.
         shear: True over nominal shear modulus of the plates.
-        modulus: True over nominal Young's modulus; the shear modulus goes with it.
-        density: True over nominal density.
-        mass: A mass, kg, and where it is, m.
     """
-    tagged = lap_plates(MPI.COMM_SELF, element_size=0.0134, n_thickness=2, layer=_LAYER)
+    tagged = lap_plates(MPI.COMM_SELF, element_size=0.0134, n_thickness=2, layer=LAYER)
     nu = E / (2 * shear * G) - 1
-    plates = part("plates", ("plate_1", "plate_2"), E=modulus * E, nu=nu, rho=density * RHO)
-    masses = [] if mass is None else [PointMass("more", *mass)]
-    sensors = _sensors(_LAYER)
+    metal = part("plates", ("plate_1", "plate_2"), E=E, nu=nu, rho=RHO)
+    sensors = _sensors(LAYER)
 
     def stiff(k):
-        return k * _LAYER if factor is None else lambda x, _: k * _LAYER * factor(x)
+        return k * LAYER if factor is None else lambda x, _: k * LAYER * factor(x)
 
     layer = joint("joint", ("joint_near", "joint_away"), E=stiff(K_N), G=stiff(K_T))
-    modes = solve_modes(Structure(tagged, [plates, layer], masses=masses), n_modes=20)
+    modes = solve_modes(Structure(tagged, [metal, layer]), n_modes=20)
     pairing = pair_modes(modes, COUNT, sensors)
-    rows = [modes.frequencies_hz[pairing.index]] * len(TORQUES)
-    rng, shapes = np.random.default_rng(3), pairing.shapes
-    hz = np.array(rows) * np.exp(NOISE * rng.standard_normal((len(rows), COUNT)))
-    size = np.sqrt(np.mean(shapes**2, axis=0))
-    return hz, shapes + SHAPE_NOISE * size * rng.standard_normal(shapes.shape)
+    rng = np.random.default_rng(3)
+    hz = noisy(modes.frequencies_hz[None, pairing.index], NOISE, rng)
+    return hz, noisy_shapes(pairing.shapes, SHAPE_NOISE, rng)
 
 
 def loose(*bolts: int) -> Callable[[object], object]:
-    """Bolts, numbered from 1, around which the faces only rest on each other."""
+    """Stiffness factor of a joint with loose bolts, numbered from 1."""
 
     def factor(x):
         found = 1.0
@@ -126,7 +87,7 @@ def loose(*bolts: int) -> Callable[[object], object]:
 
 
 def beyond(radius: float, times: float) -> Callable[[object], object]:
-    """A layer so many times as stiff further than a radius, m, from its bolts."""
+    """Stiffness factor of a layer: ``times`` beyond a radius, m, about its bolts."""
 
     def factor(x):
         near = [ufl.lt(_from(x, i), radius**2) for i in range(1, len(BOLTS) + 1)]
@@ -141,27 +102,14 @@ def _from(x, bolt: int):
     return (x[0] - a) ** 2 + (x[1] - b) ** 2
 
 
-def write_virtual_lap(
-    folder: Path, hz: np.ndarray, shapes: np.ndarray, diagnose: str = "", test: str = ""
-) -> Path:
-    """Put the nominal case and these data into a folder, and return it.
-
-    Args:
-        folder: Where to.
-        hz: Frequencies.
-        shapes: Shapes.
-        diagnose: What else ``[diagnose]`` says.
-        test: What else ``[test]`` says.
-    """
-    names = [f"mode {i + 1}" for i in range(COUNT)]
-    _table(
-        folder / "frequencies.csv",
-        ["torque [N·m]", *(f"{n} [Hz]" for n in names)],
-        np.column_stack([TORQUES, hz]),
-    )
-    _table(folder / "shapes.csv", names, shapes)
-    points = _sensors(0.5e-3).points.tolist()
-    text = _CASE.format(points=points, diagnose=diagnose, test=test)
+def write_virtual_lap(folder: Path, hz: np.ndarray, shapes: np.ndarray, *lines: str) -> Path:
+    """Put the nominal case, whose ``[diagnose]`` ends in some lines, and these data into a folder,
+    and return it."""
+    names = write_frequencies(folder, hz, "mode", "torque [N·m]", [24.0])
+    write_table(folder / "shapes.csv", names, shapes)
+    tolerance = 'tolerance = { E = "0.5 %", rho = "0.3 %", thickness = "0.2 %" }\n'
+    text = plates(ZONES.replace("0.4 GPa", "0.3 GPa"), tolerance)
+    text += _TEST.format(points=_sensors(0.5e-3).points.tolist()) + "\n".join([*lines, ""])
     (folder / "case.toml").write_text(text, encoding="utf-8")
     return folder
 
@@ -169,8 +117,3 @@ def write_virtual_lap(
 def _sensors(layer: float) -> Sensors:
     points = [[x, y, 0.008 if x < 0.12 else 0.016 + layer] for y in (0.0, 0.08) for x in _X]
     return Sensors(np.array(points), [0.0, 0.0, 1.0])
-
-
-def _table(path: Path, head: list[str], rows: np.ndarray) -> None:
-    lines = [",".join(head), *(",".join(f"{x:.10g}" for x in row) for row in rows)]
-    path.write_text("\n".join(lines) + "\n", encoding="utf-8")

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from case_tables import write_frequencies, write_table
 from mpi4py import MPI
 
 from fenics_joints.forms import lame_parameters
@@ -24,20 +25,22 @@ NU = E / (2 * G) - 1
 LAYER = 0.3e-3
 _ALONG = (0.01, 0.06, 0.11, 0.16, 0.21, 0.26, 0.31)
 
-_CASE = """
+_PLATES = """
 title = "Virtual lap plates"
 
 [mesh]
 builder = "lap_plates"
-element_size = "20 mm"
+element_size = "{size} mm"
 n_thickness = 1
 
 [parts.plates]
 cells = ["plate_1", "plate_2"]
-E = "69 GPa"
-G = "26.9 GPa"
-rho = "2750 kg/m3"
-
+E = "{E} Pa"
+G = "{G} Pa"
+rho = "{rho} kg/m3"
+"""
+#: The joint in two zones, and in one.
+ZONES = """
 [joints.near]
 cells = "joint_near"
 bolted = true
@@ -48,7 +51,22 @@ G = "0.4 GPa"
 cells = "joint_away"
 E = "1 GPa"
 G = "0.4 GPa"
-
+"""
+LAP = """
+[joints.lap]
+cells = ["joint_near", "joint_away"]
+E = "1 GPa"
+G = "0.4 GPa"
+"""
+#: What `along` sees, as the nominal model has it.
+SEES = """
+[test.sees]
+along = "x"
+positions = ["10 mm", "60 mm", "110 mm", "160 mm", "210 mm", "260 mm", "310 mm"]
+at = { y = "40 mm", z = ["8 mm", "8 mm", "8 mm", "16.5 mm", "16.5 mm", "16.5 mm", "16.5 mm"] }
+direction = [0, 0, 1]
+"""
+_ATTACHED = """
 [attached.accelerometer]
 kind = "mass"
 points = [["10 mm", "40 mm", "0 mm"]]
@@ -61,28 +79,42 @@ kind = "spring"
 points = [["20 mm", "0 mm", "4 mm"], ["300 mm", "0 mm", "12.5 mm"]]
 direction = [0, 1, 0]
 stiffness = "1 kN/m"
-
+"""
+_TEST = """
 [test]
 frequencies = "frequencies.csv"
 condition = "torque"
 noise = "0.3 %"
-{shapes}
-
-[test.sees]
-along = "x"
-positions = ["10 mm", "60 mm", "110 mm", "160 mm", "210 mm", "260 mm", "310 mm"]
-at = {{ y = "40 mm", z = ["8 mm", "8 mm", "8 mm", "16.5 mm", "16.5 mm", "16.5 mm", "16.5 mm"] }}
-direction = [0, 0, 1]
-
-[diagnose]
-n_modes = 18
-samples = 8
 """
+
+
+def plates(
+    joints: str, tolerance: str = "", *, size: float = 20, E: float = E, G: float = G, rho=RHO
+) -> str:
+    """The case of the nominal plates with these joints; elements of ``size`` mm."""
+    return _PLATES.format(size=size, E=E, G=G, rho=rho) + tolerance + joints
+
+
+def along(layer: float) -> Sensors:
+    """Sensors on the middle line of plates with a layer of this thickness, m."""
+    points = [[x, 0.04, 0.008 if x < 0.12 else 0.016 + layer] for x in _ALONG]
+    return Sensors(np.array(points), [0.0, 0.0, 1.0])
+
+
+def noisy(clean: np.ndarray, sd: float, rng: np.random.Generator) -> np.ndarray:
+    """Numbers with a relative noise."""
+    return clean * np.exp(sd * rng.standard_normal(clean.shape))
+
+
+def noisy_shapes(clean: np.ndarray, sd: float, rng: np.random.Generator) -> np.ndarray:
+    """Shapes with a noise relative to their root mean squares."""
+    size = np.sqrt(np.mean(clean**2, axis=0))
+    return clean + sd * size * rng.standard_normal(clean.shape)
 
 
 @dataclass(frozen=True)
 class Measured:
-    """What an instrument would say.
+    """Measured data.
 
     Attributes:
         frequencies_hz: Frequencies, Hz, of the bending modes at all torques, (n, m).
@@ -93,13 +125,10 @@ class Measured:
     shapes: np.ndarray
 
     def noisy(self, seed: int = 3) -> Measured:
-        """With the noise that the case speaks of."""
+        """The data with the noise that the case states."""
         rng = np.random.default_rng(seed)
-        f = self.frequencies_hz * np.exp(NOISE * rng.standard_normal(self.frequencies_hz.shape))
-        size = np.sqrt(np.mean(self.shapes**2, axis=0))
-        return Measured(
-            f, self.shapes + SHAPE_NOISE * size * rng.standard_normal(self.shapes.shape)
-        )
+        hz = noisy(self.frequencies_hz, NOISE, rng)
+        return Measured(hz, noisy_shapes(self.shapes, SHAPE_NOISE, rng))
 
     def ordered(self, frequencies: Sequence[int], shapes: Sequence[int]) -> Measured:
         """With the columns in another order."""
@@ -126,9 +155,7 @@ def virtual_test(
     layer = joint("joint", ("joint_near", "joint_away"), E=lmbda + 2 * mu, G="G")
     end = PointMass("accelerometer", mass, (0.02, 0.04, 0.0))
     model = Structure(tagged, [plates, layer], [Parameter("G", mu)], masses=[end])
-    top = 0.016 + LAYER
-    heights = [0.008 if x < 0.12 else top for x in _ALONG]
-    sensors = Sensors(np.array([_ALONG, [0.04] * len(_ALONG), heights]).T, [0.0, 0.0, 1.0])
+    sensors = along(LAYER)
     torques = TORQUES if np.isfinite(k_t) else TORQUES[-1:]
     rows = []
     for torque in torques:
@@ -148,29 +175,20 @@ def write_virtual_case(folder: Path, measured: Measured, *lines: str, shapes: bo
         lines: What else ``[diagnose]`` says.
         shapes: Whether the test has measured shapes.
     """
-    names = [f"bending {i + 1}" for i in range(measured.frequencies_hz.shape[1])]
-    _table(
-        folder / "frequencies.csv",
-        ["torque [N·m]", *(f"{name} [Hz]" for name in names)],
-        np.column_stack([TORQUES, measured.frequencies_hz]),
-    )
-    said = ""
+    names = write_frequencies(folder, measured.frequencies_hz, "bending", "torque [N·m]", TORQUES)
+    test = _TEST
     if shapes:
-        _table(folder / "shapes.csv", names, measured.shapes)
-        said = f'shapes = "shapes.csv"\nshape_noise = "{100 * SHAPE_NOISE:g} %"'
-    text = _CASE.format(shapes=said) + "".join(f"{line}\n" for line in lines)
+        write_table(folder / "shapes.csv", names, measured.shapes)
+        test += f'shapes = "shapes.csv"\nshape_noise = "{100 * SHAPE_NOISE:g} %"\n'
+    diagnose = ("", "[diagnose]", "n_modes = 18", "samples = 8", *lines, "")
+    text = plates(ZONES) + _ATTACHED + test + SEES + "\n".join(diagnose)
     (folder / "case.toml").write_text(text, encoding="utf-8")
     return folder
 
 
-def _table(path: Path, head: Sequence[str], rows: np.ndarray) -> None:
-    lines = [",".join(head), *(",".join(f"{x:.10g}" for x in row) for row in rows)]
-    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
-
-
 def assert_same_evidence(found, expected):
-    """ln of the evidence, to what the reduced model is good to: what is far behind the best is far
-    from the states that it holds."""
+    """Compare ln Z to the accuracy of the reduced model, which is lower for unlikely hypotheses:
+    their fits are far from its samples."""
     logs, others = ({h.label: h.log_evidence for h in d.hypotheses} for d in (found, expected))
     assert logs.keys() == others.keys()
     best = max(others.values())

@@ -1,7 +1,6 @@
-"""Virtual tests of a plate of one part, with something that its model knows nothing of.
+"""Virtual tests of a plate of one part, with a cause that its nominal model lacks.
 
-Made from matrices and meshes that really have it, finer than the diagnosed model's, and not by the
-effects' own code.
+The data come from finer meshes that contain the cause, not from the code of the effects.
 """
 
 from __future__ import annotations
@@ -11,8 +10,10 @@ from pathlib import Path
 import numpy as np
 import scipy.linalg
 from block_file import write_block
+from case_tables import write_frequencies, write_table
 from dolfinx import mesh
 from mpi4py import MPI
+from virtual_plates import noisy, noisy_shapes
 
 from fenics_joints.meshes import TaggedMesh
 from fenics_joints.modal import solve_modes
@@ -70,9 +71,9 @@ def strip(moved=None, soft=None, thick=SIZE[2], **more) -> Structure:
 
     Args:
         thick: Its thickness, m.
-        moved: Puts vertices, m, (n, 3), where they are.
-        soft: Between which x, m, it has less stiffness, and the share that is left.
-        more: What else `Structure` takes.
+        moved: Moves vertices, m, (n, 3).
+        soft: Two x, m, between which the stiffness is reduced, and the remaining share.
+        more: Further arguments of `Structure`.
     """
     cells = (20, 4, 1)
     msh = mesh.create_box(
@@ -112,9 +113,9 @@ def held_by(kg: float, k: float, point, ways=ALL_WAYS) -> tuple[np.ndarray, np.n
 def with_resonator(
     kg: float, hz: float, point, count: int = 60, own_share: float = 0.3, plate=None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The same with a mass on springs in all directions, whose motion is a DOF more of each: on so
-    many modes of the plate. Modes with more than that share of its own motion are not the plate's,
-    and not in the test."""
+    """The plate with a mass on springs in three directions: three more degrees of freedom beside
+    ``count`` modes of the plate. The test leaves out modes in which the mass has more than
+    ``own_share`` of the kinetic energy."""
     modes = solve_modes(plate or strip(), n_modes=count)
     at = modes.at(Sensors(np.repeat([point], 3, axis=0), np.eye(3)))
     k = kg * (2 * np.pi * hz) ** 2
@@ -132,9 +133,8 @@ def with_resonator(
 
 
 def on_springs(k: float, eta: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The same of the plate on an end that gives way, Pa/m both ways, and dissipates by a loss
-    factor, with the damping ratios of a plate that has 0.1 % by itself: complex modes on 40 real
-    ones."""
+    """The plate on an elastic end, Pa/m in both directions, with a loss factor: also its damping
+    ratios, 0.1 % of them the plate's own, from complex modes on a basis of 40 real ones."""
     msh = strip().mesh
     faces = mesh.locate_entities_boundary(msh, 2, lambda x: np.isclose(x[0], 0.0))
     tags = mesh.meshtags(msh, 2, np.sort(faces), np.ones(len(faces), dtype=np.int32))
@@ -173,24 +173,15 @@ def write_strip(
     ratios it is clamped."""
     write_block(folder / "strip.msh", [1e3 * L for L in (*SIZE[:2], thick)], cells)
     rng = np.random.default_rng(seed)
-    hz = hz * np.exp(NOISE * rng.standard_normal(len(hz)))
+    names = write_frequencies(folder, noisy(hz, NOISE, rng))
     size = np.sqrt(np.mean(shapes**2, axis=0))
-    shapes = (shapes + SHAPE_NOISE * size * rng.standard_normal(shapes.shape)) / size
-    names = [f"mode {i + 1}" for i in range(len(hz))]
-    _table(folder / "frequencies.csv", [f"{n} [Hz]" for n in names], hz[None])
-    _table(folder / "shapes.csv", names, shapes)
+    write_table(folder / "shapes.csv", names, noisy_shapes(shapes, SHAPE_NOISE, rng) / size)
     points = str([[float(c) for c in p] for p in PLACES])
     held = "" if ratios is None else '[supports.end]\nfacets = "left"\n'
     damped = "" if ratios is None else 'damping = "damping.csv"\ndamping_noise = "10 %"\n'
     if ratios is not None:
-        ratios = ratios * np.exp(0.1 * rng.standard_normal(len(hz)))
-        _table(folder / "damping.csv", names, ratios[None])
+        write_table(folder / "damping.csv", names, noisy(ratios, 0.1, rng)[None])
     text = _CASE.replace("HELD", held).replace("DAMPED", damped)
     text = text.replace("POINTS", points) + "".join(f"{line}\n" for line in lines)
     (folder / "case.toml").write_text(text, encoding="utf-8")
     return folder
-
-
-def _table(path: Path, head, rows) -> None:
-    lines = [",".join(head), *(",".join(f"{x:.10g}" for x in row) for row in rows)]
-    path.write_text("\n".join(lines) + "\n", encoding="utf-8")

@@ -12,7 +12,7 @@ from mpi4py import MPI
 from fenics_joints.beams import Beam, BeamStructure, GenericJoint, LumpedMass
 from fenics_joints.diagnosis.plan.added import loaded
 from fenics_joints.errors import InputError
-from fenics_joints.meshes import c_beams, lap_plates
+from fenics_joints.meshes import lap_plates, stacked_blocks
 from fenics_joints.modal import frequency_sensitivity, solve_modes
 from fenics_joints.preload import Contact, PreloadModel
 from fenics_joints.preload.linear_joint import LinearJoint
@@ -85,9 +85,9 @@ def reduced():
 
 
 def contact() -> LinearJoint:
-    sizes = {"element_size": 16e-3, "radial_size": 8e-3, "middle_size": 80e-3}
-    mesh = c_beams(MPI.COMM_SELF, n_thickness=(1, 1), **sizes)
-    parts = [part("beams", ("beam_1", "beam_2"), E="E", nu=0.29, rho="rho")]
+    x, y, z = np.linspace(0.0, 0.2, 9), np.linspace(0.0, 0.02, 3), np.linspace(0.0, 0.01, 2)
+    mesh = stacked_blocks(MPI.COMM_SELF, lower=(x, y, -z[::-1]), upper=z)
+    parts = [part("bars", ("lower", "upper"), E="E", nu=0.29, rho="rho")]
     structure = Structure(mesh, parts, [Parameter("E", 2e11), Parameter("rho", 8e3)], degree=1)
     pads = Contact("pads", "interface_lower", "interface_upper", friction=0.3)
     return LinearJoint(PreloadModel(structure, [pads]))
@@ -152,7 +152,7 @@ def sensors(kind: str, model: Model) -> Sensors:
     if kind in ("beams", "loaded"):
         points = POINTS * [1.0, 0.0, 0.0]
     elif kind == "contact":
-        points = model.structure.mesh.geometry.x[::29]
+        points = model.structure.mesh.geometry.x[::7]
     return Sensors(points, [0.0, 0.0, 1.0])
 
 

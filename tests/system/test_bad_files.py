@@ -10,6 +10,7 @@ import shutil
 
 import numpy as np
 import pytest
+from gmsh_files import gmsh_file
 from mpi4py import MPI
 from uff_files import mode_55, nodes_15, units_164
 
@@ -39,23 +40,16 @@ def plates(occ, unit=1.0):
 
 def msh(path, scale=1.0, mirrored=False, order=1):
     """The same with gmsh's groups, in the drawing's numbers times a scale."""
-    import gmsh
-
-    gmsh.initialize(readConfigFiles=False, interruptible=False)
-    gmsh.option.setNumber("General.Terminal", 0)
-    gmsh.model.add("plates")
-    plates(gmsh.model.occ, scale)
-    gmsh.model.occ.fragment([(3, 1)], [(3, 2)])
-    gmsh.model.occ.synchronize()
-    for tag, name in ((1, "lower-alu"), (2, "upper-alu")):
-        gmsh.model.addPhysicalGroup(3, [tag], name=name)
-    gmsh.option.setNumber("Mesh.MeshSizeMax", 40 * scale)
-    gmsh.model.mesh.generate(3)
-    gmsh.model.mesh.setOrder(order)
-    if mirrored:
-        gmsh.model.mesh.affineTransform([-1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0])
-    gmsh.write(str(path))
-    gmsh.finalize()
+    with gmsh_file(path, MeshSizeMax=40 * scale) as gmsh:
+        plates(gmsh.model.occ, scale)
+        gmsh.model.occ.fragment([(3, 1)], [(3, 2)])
+        gmsh.model.occ.synchronize()
+        for tag, name in ((1, "lower-alu"), (2, "upper-alu")):
+            gmsh.model.addPhysicalGroup(3, [tag], name=name)
+        gmsh.model.mesh.generate(3)
+        gmsh.model.mesh.setOrder(order)
+        if mirrored:
+            gmsh.model.mesh.affineTransform([-1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0])
     return path
 
 
@@ -120,8 +114,8 @@ def half(path, good):
     text(path, good.read_text(encoding="utf-8")[: good.stat().st_size // 2])
 
 
-#: Kind, what is bad, what makes it (path, good file), and what is said of it. None: by `new` it is
-#: read as it is meant, or by `check` it changes nothing.
+#: Kind, mistake, function that makes the file (path, good file), and patterns of the messages by
+#: `new` and by `check`; None: the command accepts the file.
 BAD = [
     ("step", "empty", lambda p, g: text(p, ""), "not a STEP file", "not a STEP file"),
     ("step", "cut", half, "truncated, expected END-ISO", "truncated, expected END-ISO"),
@@ -173,7 +167,7 @@ BAD = [
     "kind, name, make, by_new, by_check", BAD, ids=[f"{row[0]} {row[1]}" for row in BAD]
 )
 def test_a_bad_file(tmp_path, good, capfd, kind, name, make, by_new, by_check):
-    """What is said names the file or the sensors, and what would be right; no library talks too."""
+    """The message names the file or the sensors and what was expected; libraries print nothing."""
     folder, files = good
     bad = tmp_path / f"bad{files[kind].suffix}"
     make(bad, files[kind])
@@ -221,7 +215,7 @@ def test_several_bad_files(tmp_path, good):
 
 
 def test_check_reads_the_other_files_beside_a_bad_one(tmp_path, good):
-    """Drawing, frequencies and amplitude data, each wrong, are said in one go."""
+    """Mistakes in drawing, frequencies and amplitude data are reported together."""
     folder, _ = good
     for name in ("own_step.step", "hz.csv", "levels.csv"):
         text(tmp_path / name, "")
@@ -236,7 +230,7 @@ def test_check_reads_the_other_files_beside_a_bad_one(tmp_path, good):
 
 
 def several_in(folder, kind):
-    """A file with mistakes that do not need one another, and what each is said to be."""
+    """A file with independent mistakes, and a fragment of the message on each."""
     path = folder / f"several.{kind}"
     if kind == "uff":
         modes = [

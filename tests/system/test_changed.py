@@ -66,7 +66,7 @@ def test_a_known_mass_tells_modulus_from_density(tmp_path):
 
 
 def test_what_is_known_is_known_at_its_row_alone(tmp_path):
-    """One by one, all rows together, and the derivatives by differences."""
+    """Single predictions equal those of all rows together; derivatives equal differences."""
     model = prepare(case_of(tmp_path, 0.95), MPI.COMM_SELF, Progress(silent=True))
     model.reduce(Progress(silent=True))
     evidence, forward = model.evidence, model.forward
@@ -87,14 +87,14 @@ def test_what_is_known_is_known_at_its_row_alone(tmp_path):
     for j, s in enumerate(step):
         up, down = (many.at(z + d)[0][: 2 * m] for d in (s, -s))
         assert slopes[: 2 * m, j] == pytest.approx((up - down) / 2e-4, rel=1e-4, abs=1e-7)
-    # The nominal model at each row, too; and what does not ask of the change is not told of it.
+    # The nominal prediction differs by row too; data without the changed row have no known mass.
     nominal = model.nominal_log_f()
     assert np.all(nominal[1] < nominal[0])
     assert evidence.as_it_is.shape == (1, m) and model.data.as_it_is.known == ()
 
 
 def test_a_shift_by_a_change_is_known_better_than_either_frequency():
-    """What any model errs is the same before and after, but for a twentieth."""
+    """The model's error is the same before and after, but for a twentieth of it."""
     data = TestData([5.0, 20.0], [[99.0, 198.0], [100.0, 200.0]], ("a", "b"), "torque", "N·m")
     data = data.again("weight", np.array([97.0, np.nan]), {"weight.mass": 0.1})
     evidence = evidence_of(data, 0.01)

@@ -66,8 +66,8 @@ def test_modes(shared_tmp_path, write_case, run, capfd):
     assert content["rigid_body_modes"] == 6 and content["frequencies_hz"][:6] == [0.0] * 6
     assert content["dofs"] == structure.V.dofmap.index_map.size_global * 3
     assert content["frequencies_hz"][6:] == pytest.approx(modes.frequencies_hz[6:], rel=1e-8)
-    # What the test could see, by another way: torsion and in-plane bending do not move the middle
-    # line out of plane, compared with the plates' edge in all directions.
+    # Visible modes by another route: torsion and in-plane bending do not move the middle line out
+    # of plane, compared with the plates' edge in all directions.
     x = np.repeat([0.0, 0.06, 0.26, 0.32], 3)
     edge = np.column_stack([x, np.zeros(12), np.where(x < 0.2, 0.0, 0.0165)])
     everywhere = np.linalg.norm(modes.at(Sensors(edge, np.tile(np.eye(3), (4, 1)))), axis=0)
@@ -147,7 +147,7 @@ def test_no_input_is_overwritten_by_another_name(tmp_path, write_case, run, capf
     (tmp_path / "old.json").write_text("old")
     check = files.check_outputs
     check({"--json": tmp_path / "old.json", "--report": None}, load_case(tmp_path).files())
-    # A database is an input of what is said of it.
+    # A database is an input of the command that shows it.
     Store(tmp_path / "own.db", create=True).close()
     for option in ("--csv", "--json"):
         own = tmp_path / "own.db"
@@ -297,7 +297,7 @@ def test_commands_and_rooms_are_imported_when_asked_for():
 
 
 def test_progress_counts_to_what_is_done():
-    """Parts done in all, as samplers tell them, and one by one, as loops do."""
+    """Progress takes totals, as from samplers, and single steps, as from loops."""
     stream = io.StringIO()
     with Progress(stream=stream) as progress:
         progress.step("sampling", 100)

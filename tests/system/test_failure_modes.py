@@ -80,7 +80,7 @@ MODEL = Rods(0.05).model()
 
 @dataclass(frozen=True)
 class Answer:
-    """What the user reads, and the fits behind it."""
+    """The diagnosis as the user reads it, and the fits behind it."""
 
     verdict: str
     summary: str
@@ -96,7 +96,7 @@ class Answer:
 
 
 def prepared(data: TestData | Evidence, library=LIBRARY, shapes=False):
-    """What `Search` asks of a prepared diagnosis."""
+    """Stand-in for `Prepared` with the attributes that `Search` uses."""
     evidence, reference = data, None
     if isinstance(data, TestData):
         reference = data.shapes if shapes else None
@@ -148,7 +148,7 @@ def _answer(truth: tuple[tuple[str, float], ...], lacking: str) -> Answer:
 
 
 def answer_to(truth: dict[str, float], lacking: str = "") -> Answer:
-    """Diagnosis of what is measured of a truth, by a library without one effect; made once."""
+    """Diagnosis of a virtual test by a library that may lack one effect; made once."""
     return _answer(tuple(truth.items()), lacking)
 
 
@@ -211,7 +211,7 @@ def test_a_wrong_effect_that_fits_one_torque_is_not_constant(soft, of_soft):
 
 
 def test_what_compensates_is_seen_on_held_out_data(soft, of_soft):
-    """With the true effect in the library it wins in the folds, by far; without it nothing does."""
+    """In held-out data the true effect wins by far; without it in the library nothing wins."""
     masks = folds(TORQUES, MODES, ("torque", "N·m"))
 
     def shrunk(fits, wrong):
@@ -318,7 +318,7 @@ def test_frequencies_of_another_mode_are_called_so(truth):
 def test_a_truth_that_the_library_lacks_is_none_of_these(truth, name):
     with_it = answer_to(truth)
     assert with_it.verdict == "cause" and with_it.leader.startswith(name)
-    # What looks like a listed cause may be another: some is left for that.
+    # Some probability is left for causes outside the library that look like a listed one.
     assert with_it.probability[UNKNOWN] < 0.25
     without = answer_to(truth, lacking=name)
     assert without.verdict == "unknown", without.summary
@@ -363,7 +363,7 @@ def test_a_prior_twice_or_half_as_wide_turns_no_verdict_round(truth):
 
 @pytest.mark.parametrize("kind", [MISSCALED, MISPLACED])
 def test_a_sensor_that_is_wrong_acquits_the_joints(kind):
-    """The structure is as the model has it: what is wrong is named, and nothing of the joint."""
+    """The structure equals the model: the wrong sensor is named, and no effect of the joint."""
     if kind == MISSCALED:
         data = measured(gains=[(4, 1.4)])
     else:

@@ -1,4 +1,4 @@
-"""Meshes and drawings of a stranger: nothing in them is run, and no crash of gmsh is ours."""
+"""Meshes and drawings of a stranger: no script in them runs, no crash of gmsh ends the program."""
 
 from __future__ import annotations
 
@@ -237,7 +237,7 @@ def test_no_drawing_ends_the_program(tmp_path):
 
 
 def test_many_comments_before_a_drawing_cost_no_time(tmp_path):
-    """Each more doubled the time that the head's pattern took."""
+    """Each comment once doubled the time of the pattern that reads the file's head."""
     path = tmp_path / "comments.step"
     path.write_bytes(b"/**/" * 1000 + b"x")
     with pytest.raises(MeshError):

@@ -56,7 +56,7 @@ def test_two_loose_bolts_are_both_named(searched):
     first, second, *_ = fits
     assert first == "two loose bolts (bolt 1, bolt 4)"
     assert fits[first].log_evidence > fits[second].log_evidence + 50
-    # What is left is what was put in, 1e10 Pa/m, within a factor of 1.6.
+    # The fitted stiffness is the true one, 1e10 Pa/m, within a factor of 1.6.
     (k,) = (
         row["value"]
         for row in fits[first].hypothesis.table(fits[first].z, fits[first].covariance)
@@ -77,7 +77,7 @@ def test_two_loose_bolts_are_both_named(searched):
 def test_one_effect_is_named_and_not_its_look_alikes(searched, truth, cause):
     fits, model = searched(**truth)
     assert next(iter(fits)).startswith(cause), list(fits)[:3]
-    # At one torque a smaller area and one that follows the pressure are the same, and weighed once.
+    # At one torque a smaller area and one that follows the pressure are the same: counted once.
     assert AREA not in {e.name for e in model.effects}
     words = next(e.describe for e in model.effects if e.name == LOST)
     assert words.endswith(f"In this test that is also: {AREA} (joint).")

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from unittest.mock import Mock
 
 import numpy as np
 import pytest
+from gmsh_files import gmsh_file
 from mpi4py import MPI
 from step_files import flanges
 from touching_blocks import HALF, PART, WIDTH, E, bar_frequency, write_bar
@@ -78,7 +78,7 @@ def _halves(occ):
 
 
 def test_nothing_moves(tmp_path):
-    """The ends are where the file has them, the layer is thin, turned in space too; it is said."""
+    """A grown layer is thin and moves no end of the bar, also when turned; a note says so."""
     for turn in (0.0, 0.7):
         write_bar(tmp_path / "bar.msh", "tetrahedron", turn=turn)
         case, structure = built(tmp_path, MESH + PART + SPRINGS)
@@ -107,7 +107,7 @@ def test_limit_of_meshed_layers(tmp_path):
 
 
 def test_started_from_pressure_and_roughness(tmp_path):
-    """Without a stiffness: k_n = p / (0.5 h_rms), h_rms = sqrt(pi) Ra, k_t / k_n by nu; said."""
+    """Without a stiffness k_n = p / (0.5 h_rms), h_rms = sqrt(pi) Ra, k_t / k_n by nu; noted."""
     write_bar(tmp_path / "bar.msh")
     text = MESH + PART + '[joints.glue]\nlaw = "springs"\ncells = "joint"\n'
     case, structure = built(tmp_path, text + 'pressure = "5 MPa"\nroughness = "2 um"\n')
@@ -145,21 +145,13 @@ def write_flanges(folder, kind: str) -> str:
     if kind == "step":
         more = 'size = "30 mm"\nring_size = "5 mm"\ncircle = 12\nparts = {bed = 1, column = 2}'
         return RINGS.format("step").replace("[mesh.bolts]", more + "\n[mesh.bolts]", 1)
-    import gmsh
-
-    gmsh.initialize(readConfigFiles=False, interruptible=False)
-    gmsh.option.setNumber("General.Terminal", 0)
-    gmsh.option.setNumber("Mesh.MeshSizeMax", 5)
-    gmsh.model.add("flanges")
-    bed, column = (tag for _, tag in gmsh.model.occ.importShapes(str(folder / "machine.step")))
-    gmsh.model.occ.fragment([(3, bed)], [(3, column)])
-    gmsh.model.occ.synchronize()
-    gmsh.option.setNumber("Mesh.MeshSizeFromCurvature", 12)
-    gmsh.model.addPhysicalGroup(3, [bed], 1, "bed")
-    gmsh.model.addPhysicalGroup(3, [column], 2, "column")
-    gmsh.model.mesh.generate(3)
-    gmsh.write(str(folder / "machine.msh"))
-    gmsh.finalize()
+    with gmsh_file(folder / "machine.msh", MeshSizeMax=5, MeshSizeFromCurvature=12) as gmsh:
+        bed, column = (tag for _, tag in gmsh.model.occ.importShapes(str(folder / "machine.step")))
+        gmsh.model.occ.fragment([(3, bed)], [(3, column)])
+        gmsh.model.occ.synchronize()
+        gmsh.model.addPhysicalGroup(3, [bed], 1, "bed")
+        gmsh.model.addPhysicalGroup(3, [column], 2, "column")
+        gmsh.model.mesh.generate(3)
     return RINGS.format("msh").replace("[mesh.bolts]", 'scale = "1 mm"\n[mesh.bolts]', 1)
 
 
@@ -183,46 +175,6 @@ def test_rings_of_both_kinds_of_files(tmp_path):
     k_n = 20e3 / ring / (0.5 * np.sqrt(np.pi) * 1.6e-6)
     assert found["step"][1] == pytest.approx(k_n, rel=1e-9)
     assert found["step"][0] == pytest.approx(found["msh"][0], rel=0.15)
-
-
-def _lapped_plates(path):
-    """Volumes ``lower`` and ``upper`` in mm, 8 mm thick, with two holes of 6.6 mm."""
-    import gmsh
-
-    gmsh.initialize(readConfigFiles=False, interruptible=False)
-    gmsh.option.setNumber("General.Terminal", 0)
-    gmsh.option.setNumber("Mesh.MeshSizeMax", 5)
-    gmsh.option.setNumber("Mesh.MeshSizeFromCurvature", 10)
-    gmsh.model.add("plates")
-    occ = gmsh.model.occ
-    plates = {"lower": occ.addBox(0, 0, 0, 90, 40, 8), "upper": occ.addBox(40, 0, 8, 90, 40, 8)}
-    for tag in plates.values():
-        holes = [(3, occ.addCylinder(65, y, -1, 0, 0, 20, 3.3)) for y in (10, 30)]
-        occ.cut([(3, tag)], holes)
-    occ.fragment([(3, plates["lower"])], [(3, plates["upper"])])
-    occ.synchronize()
-    for name, tag in plates.items():
-        gmsh.model.addPhysicalGroup(3, [tag], name=name)
-    gmsh.model.mesh.generate(3)
-    gmsh.write(str(path))
-    gmsh.finalize()
-
-
-def test_the_example_of_the_page(tmp_path):
-    """The case of docs/own-mesh.md as it stands there: two rings round the holes, by the cone of
-    the M6's head, 10 mm across flats, through 8 mm; free, and joined."""
-    page = (Path(__file__).parents[2] / "docs" / "own-mesh.md").read_text(encoding="utf-8")
-    text = page.partition("```toml\n")[2].partition("```")[0]
-    _lapped_plates(tmp_path / "plates.msh")
-    case, structure = built(tmp_path, text.replace("[mesh]", "[mesh]\ndegree = 1"))
-    assert 1e3 * structure.tagged.points["bolts"] == pytest.approx(
-        np.array([[65, 10, 8], [65, 30, 8]]), abs=1e-3
-    )
-    outer = 5.0 + 8 * np.tan(np.pi / 6)
-    area = sum(ring.area for ring in structure.rings())
-    assert 1e6 * area == pytest.approx(2 * np.pi * (outer**2 - 3.3**2), rel=0.15)
-    f = solve_modes(structure, n_modes=7).frequencies_hz
-    assert f[5] < 1e-3 * f[6] and 500 < f[6] < 5000
 
 
 def _step_in_a_block(occ):
@@ -266,21 +218,14 @@ METAL = '[joints.{0}]\nlaw = "isotropic"\ncells = "{0}"\nE = 7e10\nG = 26.923e9\
 )
 def test_as_stiff_as_metal(tmp_path, draw, law, joints):
     """Layers in corners, where three parts meet, on a curved face and in the plane vanish."""
-    import gmsh
-
-    gmsh.initialize(readConfigFiles=False, interruptible=False)
-    gmsh.option.setNumber("General.Terminal", 0)
-    gmsh.option.setNumber("Mesh.MeshSizeMax", 5)
-    gmsh.option.setNumber("Mesh.MeshSizeFromCurvature", 16)
-    draw(gmsh.model.occ)
-    gmsh.model.occ.synchronize()
-    dim = gmsh.model.getDimension()
-    names = [f"p{i + 1}" for i, _ in enumerate(gmsh.model.getEntities(dim))]
-    for (_, tag), name in zip(gmsh.model.getEntities(dim), names, strict=True):
-        gmsh.model.addPhysicalGroup(dim, [tag], tag, name)
-    gmsh.model.mesh.generate(dim)
-    gmsh.write(str(tmp_path / "bar.msh"))
-    gmsh.finalize()
+    with gmsh_file(tmp_path / "bar.msh", MeshSizeMax=5, MeshSizeFromCurvature=16) as gmsh:
+        draw(gmsh.model.occ)
+        gmsh.model.occ.synchronize()
+        dim = gmsh.model.getDimension()
+        names = [f"p{i + 1}" for i, _ in enumerate(gmsh.model.getEntities(dim))]
+        for (_, tag), name in zip(gmsh.model.getEntities(dim), names, strict=True):
+            gmsh.model.addPhysicalGroup(dim, [tag], tag, name)
+        gmsh.model.mesh.generate(dim)
     part = PART.replace('["one", "two"]', str(names)).replace("nu = 0.0", "nu = 0.3")
     text = MESH + f"degree = 1\ngdim = {dim}\n" + part
     whole = first_modes(tmp_path, text.replace('joint = "layer"\n', ""), 9)

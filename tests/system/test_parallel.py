@@ -1,4 +1,4 @@
-"""Tasks spread over ranks: each done once, all told, and no rank left waiting for a failure."""
+"""Tasks spread over ranks: each is done once, all ranks know it, none waits for a failed one."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def test_every_task_is_done_once_and_known_everywhere():
 
     def work(task):
         done.append(task)
-        return {"twice": 2 * task, "by": lambda: None}  # what no message can hold
+        return {"twice": 2 * task, "by": lambda: None}  # cannot be sent
 
     tasks = list(range(7))
     found = spread(

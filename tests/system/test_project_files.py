@@ -1,4 +1,4 @@
-"""Files for those who come to stay: what they say of versions, requirements and paths holds."""
+"""Citation, changelog, recipe, lock and workflows: their versions, requirements and paths hold."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A library in the process of a stranger: it leaves all as it was, and is no more than itself."""
+"""Importing and calling the library leaves the rest of the process unchanged."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from mpi4py import MPI
 pytestmark = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="starts processes itself")
 ROOT = Path(__file__).resolve().parents[2]
 
-#: What belongs to the whole process, before and after the package is imported and used.
+#: Compares the state of the process before and after the package is imported and used.
 SCRIPT = """
 import ctypes, importlib, locale, os, pkgutil, signal, sys, threading, warnings
 import setuptools  # the compiler of DOLFINx's forms, which has an environment of its own

@@ -1,4 +1,4 @@
-"""Numbers and lists in a case that no structure and no machine can have."""
+"""Numbers and lists that are beyond any structure and any machine."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def test_mistakes(tmp_path, write_case, old, new, said):
 
 
 def test_a_byte_order_mark_is_read(tmp_path, write_case):
-    """As Windows' editors write it: the message was "Invalid statement"."""
+    """Windows' editors write it; the message once was "Invalid statement"."""
     write_case(tmp_path)
     file = tmp_path / "case.toml"
     file.write_bytes(b"\xef\xbb\xbf" + file.read_bytes())
@@ -58,7 +58,7 @@ def test_a_byte_order_mark_is_read(tmp_path, write_case):
 
 
 def test_point_masses_and_springs_are_counted_once():
-    """Their names were compared each with each: 100,000 took minutes."""
+    """Names were once compared pairwise: 100,000 took minutes."""
     body = box(MPI.COMM_SELF, (1.0, 1.0, 1.0), (1, 1, 1))
     parts = [part("body", "body", E=1e9, nu=0.3, rho=1e3)]
     start = time.perf_counter()
@@ -81,7 +81,7 @@ def test_sliders(make):
 
 @pytest.mark.parametrize("thickness", [1e300, 1e-300])
 def test_builders_make_no_mesh_of_such_a_size(thickness):
-    """The message was that the eigensolver's shift is nan."""
+    """The message once was that the eigensolver's shift is nan."""
     with pytest.raises(InputError, match="thickness is 1e.*from 1e-12 to 1e9 m"):
         lap_plates(MPI.COMM_SELF, thickness=thickness)
 

@@ -1,4 +1,4 @@
-"""Cases whose test is a universal file alone: from the file to modes, plan and update."""
+"""Cases whose test is a universal file alone: reading, comparison of modes, update."""
 
 from __future__ import annotations
 

@@ -1,5 +1,7 @@
 """Cut-off-pressure updating: the sweep against full solutions, and the minimum from few of them."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 from mpi4py import MPI
@@ -27,11 +29,22 @@ def result():
     return solve_preload(PreloadModel(structure, [pads], bolts))
 
 
+@pytest.fixture(scope="module")
+def swept(result):
+    """A function from a scheme to its model and sweep, which are made once."""
+
+    @cache
+    def of(scheme: str):
+        model = CutoffModel(result, scheme=scheme)
+        return model, sweep(model, interval=90)
+
+    return of
+
+
 @pytest.mark.parallel
 @pytest.mark.parametrize("scheme", ["two", "three"])
-def test_sweep_is_the_full_model_at_cutoffs_that_were_not_used(result, scheme):
-    model = CutoffModel(result, scheme=scheme)
-    found = sweep(model, interval=90)
+def test_sweep_is_the_full_model_at_cutoffs_that_were_not_used(swept, scheme):
+    model, found = swept(scheme)
     anchors = {a.step for a in found.anchors}
     assert model.solves == len(anchors) < len(model) / 3
     unused = [k for k in range(len(model)) if k not in anchors]
@@ -46,9 +59,9 @@ def test_sweep_is_the_full_model_at_cutoffs_that_were_not_used(result, scheme):
     assert found.error < 2e-4 and worst < 3 * found.error + 1e-7
 
 
-def test_frequencies_fall_with_the_cutoff_and_sliding_is_between(result):
+def test_frequencies_fall_with_the_cutoff_and_sliding_is_between(swept):
     """Holding less never raises a frequency (Courant-Fischer), and sliding holds more than open."""
-    two, three = (sweep(CutoffModel(result, scheme=s)).frequencies_hz for s in ("two", "three"))
+    two, three = (swept(scheme)[1].frequencies_hz for scheme in ("two", "three"))
     for found in (two, three):
         ordered = np.sort(found, axis=1)
         assert np.all(np.diff(ordered, axis=0) < 2e-4 * ordered[1:])
@@ -56,9 +69,8 @@ def test_frequencies_fall_with_the_cutoff_and_sliding_is_between(result):
     assert three[-5, 0] > 1.02 * two[-5, 0]
 
 
-def test_minimum_from_few_full_solutions_is_that_of_the_sweep(result):
-    model = CutoffModel(result)
-    found = sweep(model)
+def test_minimum_from_few_full_solutions_is_that_of_the_sweep(result, swept):
+    model, found = swept("two")
     truth = len(model) // 2
     measured = found.frequencies_hz[truth] * (1 + 2e-3 * np.array([1, -1, 1, -1, 1, -1]))
     least = minimise(CutoffModel(result), measured, max_solves=15)
