@@ -87,7 +87,7 @@ def measured(**truth) -> TestData:
 
 
 @pytest.mark.parallel
-def test_script_and_case_file_give_the_same_diagnosis(shared_tmp_path, models):
+def test_script_and_case_file_give_the_same_diagnosis(shared_tmp_path):
     """On one rank or two, of a joint on another mesh, of another thickness: and it is named."""
     comm = MPI.COMM_WORLD
     test = comm.bcast(measured(k_t=3e11))
@@ -95,7 +95,7 @@ def test_script_and_case_file_give_the_same_diagnosis(shared_tmp_path, models):
         lines = ("max_effects = 1", "patches = 0", "mesh_error = false", f"effects = {NAMES}")
         write_virtual_case(shared_tmp_path, virtual_test(k_t=3e11).noisy(), *lines)
     comm.barrier()
-    file = diagnose(load_case(shared_tmp_path), MPI.COMM_SELF, keep=models)
+    file = diagnose(load_case(shared_tmp_path), MPI.COMM_SELF)
     script = diagnose(
         plates(comm), test, effects=NAMES, bolted=["near"], attached=ATTACHED, **OPTIONS
     )
