@@ -9,7 +9,7 @@ the error at parameters that were not sampled.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Container, Iterable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -36,6 +36,7 @@ from fenics_joints.reduction.basis import (
 from fenics_joints.reduction.prediction import ways_of
 from fenics_joints.structure import PointMass, Region, Sensors, Spring, Structure
 from fenics_joints.structure.changes import Change, PlacedPoint, PlacedResonator, forms_of
+from fenics_joints.structure.components import number
 from fenics_joints.structure.laws import ELASTIC_SUPPORT
 from fenics_joints.structure.points import PlaceRows
 
@@ -180,38 +181,78 @@ class Projection:
             )
         return rows, slopes
 
-    def region(
+    def pencil(
         self,
-        region: Region,
-        properties: Mapping[str, float | str],
-        sampled: Sequence[np.ndarray],
-        inertia: np.ndarray | None = None,
-        volume: float = 0.0,
-        known: RegionTerm | None = None,
-    ) -> RegionTerm:
+        travel: Mapping[str, tuple[float, float]] | None = None,
+        known: Mapping[str, RegionTerm] | None = None,
+        free: Container[str] | None = None,
+        given: Mapping[str, float] | None = None,
+    ) -> AffinePencil:
+        """All components that do not vary in space, as terms on the basis.
+
+        Args:
+            travel: Range of each moving mass, m, by its name.
+            known: Terms on the vectors that are known, by name.
+            free: Names of parameters, no places; only parts, joints, supports, springs and masses
+                that name one of these are taken. None for all components.
+            given: With ``free``: values of all parameters, where those masses are.
+
+        Raises:
+            InputError: If a mass moves and ``travel`` has no range for it.
+        """
+        full, known, volumes = self.full, known or {}, self.full.volumes()
+
+        def taken(*values: object) -> bool:
+            return free is None or any(isinstance(v, str) and v in free for v in values)
+
+        regions = [
+            self.region(i, volumes[i], known.get(region.name))
+            for i, region in enumerate(full.regions)
+            if taken(*region.properties.values()) and not is_graded(region)
+        ]
+        regions += [
+            self.support(i, known.get(support.name))
+            for i, support in enumerate(full.elastic_supports)
+            if taken(*support.properties.values())
+        ]
+        masses = full.masses
+        if free is None:
+            regions += [self.change(c, known.get(c.name)) for c in self.changes]
+        else:
+            masses = [replace(m, travel=number(m.travel, given)) for m in masses if taken(m.mass)]
+        points = [self.spring(spring) for spring in full.springs if taken(spring.stiffness)]
+        points += [self.mass(mass, (travel or {}).get(mass.name)) for mass in masses]
+        return AffinePencil(full.parameters, regions, points)
+
+    def region(self, number: int, volume: float, known: RegionTerm | None = None) -> RegionTerm:
         """A part or joint.
 
         Args:
-            region: The region.
-            properties: Its properties, numbers or names of parameters.
-            sampled: Its projected stiffness at each of its law's samples, as `new` has it.
-            inertia: Its projected mass at a unit of its law's inertia, likewise; None for none.
+            number: Its index in the structure's ``regions``.
             volume: As meshed, m3.
             known: The term on the basis vectors of which it is known.
         """
-        law, shape = region.law, np.shape(sampled[0])
-        theta = np.array([law.stiffness_terms(q) for q in law.samples], dtype=float)
-        terms = np.linalg.solve(theta, np.reshape(sampled, (len(theta), -1))).reshape(-1, *shape)
-        heavy = np.zeros(shape) if inertia is None else inertia
-        return _term(region.name, law, properties, terms, heavy, float(volume), known)
+        region = self.full.regions[number]
+        law, samples = region.law, region.law.samples
 
-    def support(
-        self, number: int, properties: Mapping[str, float | str], known: RegionTerm | None = None
-    ) -> RegionTerm:
+        def projected(which: int, sample: int) -> np.ndarray:
+            A = self.full.law_matrix(number, which, sample)
+            found = self.new(A)
+            A.destroy()
+            return found
+
+        sampled = np.array([projected(0, i) for i in range(len(samples))])
+        theta = np.array([law.stiffness_terms(q) for q in samples], dtype=float)
+        terms = np.linalg.solve(theta, sampled.reshape(len(theta), -1)).reshape(sampled.shape)
+        heavy = projected(1, 0) / law.inertia_term(samples[0])
+        return _term(region.name, law, region.properties, terms, heavy, float(volume), known)
+
+    def support(self, number: int, known: RegionTerm | None = None) -> RegionTerm:
         """An elastic support as a region without volume: its law is linear in k_n and k_t."""
-        name = self.full.elastic_supports[number].name
+        support = self.full.elastic_supports[number]
         units = np.array([self.new(A) for A in self.full.support_matrices(number)])
-        return _term(name, ELASTIC_SUPPORT, properties, units, 0.0 * units[0], 0.0, known)
+        law, properties = ELASTIC_SUPPORT, support.properties
+        return _term(support.name, law, properties, units, 0.0 * units[0], 0.0, known)
 
     def change(self, change: Change, known: RegionTerm | None = None) -> RegionTerm:
         """What else changes of the structure, as a region of its own law."""
@@ -312,45 +353,15 @@ class ReducedStructure(ArrayModel):
         known: ArrayModel | None = None,
     ):
         self.full, self.basis = structure, basis
-        self.projection = on = Projection(structure, basis, known.n_dofs if known else 0)
-        terms = {r.name: r for r in known.regions} if known else {}
-        volumes, n = structure.volumes(), len(basis)
-        self._graded = [i for i, region in enumerate(structure.regions) if _is_graded(region)]
-        uniform = [i for i in range(len(structure.regions)) if i not in self._graded]
-        regions = [self._region_term(i, volumes[i], terms) for i in uniform]
-        regions += [
-            on.support(i, s.properties, terms.get(s.name))
-            for i, s in enumerate(structure.elastic_supports)
-        ]
-        regions += [on.change(c, terms.get(c.name)) for c in on.changes]
-        pencil = AffinePencil(
-            structure.parameters,
-            regions,
-            [
-                *(on.spring(s) for s in structure.springs),
-                *(on.mass(m, (travel or {}).get(m.name)) for m in structure.masses),
-            ],
-            (np.zeros((n, n)), np.zeros((n, n))) if self._graded else None,
-        )
+        self.projection = Projection(structure, basis, known.n_dofs if known else 0)
+        self._graded = [i for i, region in enumerate(structure.regions) if is_graded(region)]
+        pencil = self.projection.pencil(travel, {r.name: r for r in known.regions} if known else {})
+        if self._graded:
+            zero = np.zeros((len(basis), len(basis)))
+            pencil = replace(pencil, fixed=(zero, zero))
         super().__init__(pencil, structure.dilation_frequency())
         self.resolved = structure.resolved
         self._sensor_rows: dict[tuple, np.ndarray] = {}
-
-    def _region_term(self, number: int, volume: float, known: Mapping) -> RegionTerm:
-        region, on = self.full.regions[number], self.projection
-        samples = region.law.samples
-
-        def new(which: int, sample: int) -> np.ndarray:
-            A = self.full.law_matrix(number, which, sample)
-            found = on.new(A)
-            A.destroy()
-            return found
-
-        sampled = [new(0, i) for i in range(len(samples))]
-        inertia = new(1, 0) / region.law.inertia_term(samples[0])
-        return on.region(
-            region, region.properties, sampled, inertia, volume, known.get(region.name)
-        )
 
     # -- the calls of a model ------------------------------------------------------------------
 
@@ -441,7 +452,8 @@ class ReducedStructure(ArrayModel):
         return self.full.total_mass(given) if self._graded else super().total_mass(given)
 
 
-def _is_graded(region: Region) -> bool:
+def is_graded(region: Region) -> bool:
+    """Whether a property of a part or joint varies in space."""
     return any(callable(p) for p in region.properties.values())
 
 

@@ -175,7 +175,7 @@ class Structure(Assembly):
                 yield position[spring.stiffness], "K", None, form
         for mass in self.masses:
             if isinstance(mass.mass, str) or isinstance(mass.travel, str):
-                at, slope = self._mass_rows(mass, values)
+                at, slope = self.mass_rows(mass, values)
             if isinstance(mass.mass, str):
                 yield position[mass.mass], "M", None, RowForm(at, at, mass.share, self.comm)
             if isinstance(mass.travel, str):
@@ -219,7 +219,7 @@ class Structure(Assembly):
         self.field.put(self._direction, *change)
         return self.assembled(form)
 
-    def _mass_rows(self, mass, values) -> tuple[np.ndarray, np.ndarray]:
+    def mass_rows(self, mass, values) -> tuple[np.ndarray, np.ndarray]:
         """Rows of the displacement at a mass and of its slope along the travel, (n_local, gdim)."""
         place = np.array(self.place(mass, values))[: self.gdim]
         rows = self.rows(np.repeat(place[None], self.gdim, axis=0))

@@ -16,7 +16,6 @@ from fenics_joints.meshes import lap_plates, stacked_blocks
 from fenics_joints.modal import frequency_sensitivity, solve_modes
 from fenics_joints.preload import Contact, PreloadModel
 from fenics_joints.preload.linear_joint import LinearJoint
-from fenics_joints.reduction.greedy import FreeTerms
 from fenics_joints.reduction.reduced import reduce
 from fenics_joints.structure import (
     Damping,
@@ -98,10 +97,8 @@ KINDS = {
     "beams": beams,
     "reduced": reduced,
     "arrays": lambda: reduced().arrays(UP),
-    "free terms": lambda: FreeTerms(solid(), ["layer.E", "layer.G", "tip.mass"], {}),
     "mounted": mounted,
     "mounted, reduced": lambda: reduce(mounted(), [{}], 20, travel={"tip": (0.0, 0.02)}),
-    "mounted, free terms": lambda: FreeTerms(mounted(), ["layer.G", *MOUNT], {}),
     "contact": contact,
     "loaded": lambda: loaded(
         beams().arrays(sensors("loaded", None)), beams().displacement_rows(POINTS[:1])[0], 0.01
