@@ -18,17 +18,17 @@ smooth where modes meet and cross, and whatever depends on the span alone (`span
 along one direction, after the eigenvalue derivatives have told them apart (Dailey, AIAA J. 27,
 1989).
 
-On a full structure the share that w has of the other known modes is known by their eigenvalues. On
-what is left, K - lambda M is positive definite, and conjugate gradients with the factorised
-K - shift M as preconditioner need few steps, since no eigenvalue below the highest known one is
-left: one factorisation, that of the modal solution, serves all modes. A reduced model is solved
-with the bordered matrix (Nelson; with the whole cluster in the border).
+The share that w has of the other known modes follows from their eigenvalues. On what is left,
+K - lambda M is positive definite, and conjugate gradients with the factorised K - shift M as
+preconditioner need few steps, since no eigenvalue below the highest known one is left: one
+factorisation, that of the modal solution, serves all modes.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 import scipy.linalg
@@ -95,7 +95,7 @@ def shape_gradients(
         ConvergenceError: If a mode beyond those known is as low as a wanted one, or nearly so.
     """
     index = _checked(modes, index)
-    work = complement(modes, close)
+    work = Complement(modes, close)
     try:
         return _gradients(work, index, _membership(modes, index, close), work.rows(sensors))
     finally:
@@ -302,7 +302,7 @@ def split_modes(
     along = np.array([direction.get(name, 0.0) for name in names])
     if not along.any():
         raise InputError(f"direction = {dict(direction)}: expected at least one change.")
-    work = complement(modes, _EQUAL)
+    work = Complement(modes, _EQUAL)
     try:
         lam = float(np.mean(modes.eigenvalues[index]))
         images = _along(work, work.shapes[:, index], along)
@@ -350,27 +350,35 @@ def _bends(work, Z, along, values) -> tuple[np.ndarray, np.ndarray]:
 # -- (K - lambda M) w = r beside a cluster of known modes ------------------------------------------
 
 
-class FullComplement:
-    """Modes of a full structure, with the factorisation that found them. Collective.
+class Complement:
+    """Modes of a model, and what solves for the rest of its motion beside them. Collective.
 
     Args:
-        modes: Modes whose solver has solved nothing else since.
+        modes: Modes; those of a `Structure` with a solver that has solved nothing else since.
         close: Relative distance of eigenvalues within which no mode may be missing.
 
     Raises:
-        InputError: If the solver has solved something else.
+        InputError: If the solver is missing or has solved something else.
 
     Attributes:
         modes: The modes.
-        shapes: This rank's rows of their shapes, (n_local, n).
+        shapes: This rank's rows of their shapes, (n_local, n); of a dense model all of them.
     """
 
     def __init__(self, modes: Modes, close: float):
-        self.modes, self.structure, self.close = modes, modes.model, close
-        self.comm = self.structure.comm
-        self.shapes = np.column_stack([x.array_r for x in modes.shapes])
-        self._pencil = DampedPencil(self.structure, modes.given)
-        check_modes(self._pencil, modes, self.shapes)
+        self.modes, self.model, self.close = modes, modes.model, close
+        if not self.model.is_dense and modes.solver is None:
+            raise InputError("modes: expected modes with their solver.")
+        self._pencil = DampedPencil(self.model, modes.given)
+        self.comm = self._pencil.comm
+        if self.model.is_dense:
+            shift = (2 * np.pi * SHIFT_SHARE * self.model.dilation_frequency(modes.given)) ** 2
+            factor = scipy.linalg.cho_factor(self._pencil.K + shift * self._pencil.M)
+            self.shapes, self._inverse = modes.shapes, partial(scipy.linalg.cho_solve, factor)
+        else:
+            self.shapes = np.column_stack([x.array_r for x in modes.shapes])
+            self._inverse = modes.solver.inverse
+            check_modes(self._pencil, modes, self.shapes)
         self._heavy = product(self._pencil.M, self.shapes)
 
     def destroy(self) -> None:
@@ -379,7 +387,9 @@ class FullComplement:
 
     def rows(self, sensors: Sensors) -> np.ndarray:
         """Rows by which sensors read, as columns: this rank's, (n_local, n_sensors)."""
-        return self.structure.loads(sensors)
+        if self.model.is_dense:
+            return self.model.observe(np.eye(self.model.n_dofs), sensors).T
+        return self.model.loads(sensors)
 
     def inner(self, Y: np.ndarray, X: np.ndarray) -> np.ndarray:
         """Y^T X, equal on all ranks."""
@@ -434,61 +444,11 @@ class FullComplement:
         return q - self._heavy @ self.inner(self.shapes, q)
 
     def _precondition(self, r: np.ndarray) -> np.ndarray:
-        z = self.modes.solver.inverse(r)
+        z = self._inverse(r)
         return z - self.shapes @ self.inner(self._heavy, z)
 
     def _dots(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
         return self.comm.allreduce(np.sum(a * b, axis=0))
-
-
-class ReducedComplement:
-    """The same of a `ReducedStructure` or `ArrayModel`, whose arrays every rank has whole."""
-
-    def __init__(self, modes: Modes, close: float):
-        self.modes, self.model, self.shapes = modes, modes.model, modes.shapes
-        self._K, self._M = self.model.stiffness(modes.given), self.model.mass(modes.given)
-        shift = (2 * np.pi * SHIFT_SHARE * self.model.dilation_frequency(modes.given)) ** 2
-        every = scipy.linalg.eigvalsh(self._M, self._K + shift * self._M)[::-1]
-        # The next mode after the last one known; without a mass there is none.
-        count, last = len(modes), modes.eigenvalues[-1]
-        there = count < len(every) and every[count] > 0
-        self._next_is_near = there and 1 / every[count] - shift - last <= close * abs(last)
-
-    def destroy(self) -> None:
-        """Nothing to free."""
-
-    def rows(self, sensors: Sensors) -> np.ndarray:
-        """Rows by which sensors read, as columns, (n_dofs, n_sensors)."""
-        return self.model.observe(np.eye(self.model.n_dofs), sensors).T
-
-    def inner(self, Y: np.ndarray, X: np.ndarray) -> np.ndarray:
-        """Y^T X."""
-        return Y.T @ X
-
-    def solve(self, rights: np.ndarray, eigenvalues: np.ndarray, own: np.ndarray) -> np.ndarray:
-        """See `FullComplement.solve`."""
-        if self._next_is_near and own[-1].any():
-            raise _error()
-        found = np.empty_like(rights)
-        shift = abs(self.modes.eigenvalues).max()
-        key = np.vstack([eigenvalues, own])
-        for column in np.unique(key, axis=1).T:
-            mine = np.all(key == column[:, None], axis=0)
-            X = self.shapes[:, column[1:].astype(bool)]
-            heavy = self._M @ X
-            # The border as an added stiffness of the cluster alone: w has no share of it.
-            A = self._K - column[0] * self._M + shift * heavy @ heavy.T
-            r = rights[:, mine] - heavy @ (X.T @ rights[:, mine])
-            w = np.linalg.solve(A, r)
-            found[:, mine] = w - X @ (heavy.T @ w)
-        return found
-
-
-def complement(modes: Modes, close: float) -> FullComplement | ReducedComplement:
-    """For the model of the modes; see `FullComplement`."""
-    if not modes.model.is_dense and modes.solver is None:
-        raise InputError("modes: expected modes with their solver.")
-    return (ReducedComplement if modes.model.is_dense else FullComplement)(modes, close)
 
 
 def _error() -> ConvergenceError:

@@ -46,8 +46,11 @@ class RowForm:
         """Nothing to free."""
 
 
-def product(A: PETSc.Mat, X: np.ndarray) -> np.ndarray:
-    """``A X`` for this rank's rows of a block of columns; A need not be square. Collective."""
+def product(A: PETSc.Mat | np.ndarray, X: np.ndarray) -> np.ndarray:
+    """``A X`` for this rank's rows of a block of columns; A, which may be an array, need not be
+    square. Collective."""
+    if isinstance(A, np.ndarray):
+        return A @ X
     dense = dense_block(A, X.shape[1])
     dense.getDenseArray()[:] = X
     image = A.matMult(dense)
