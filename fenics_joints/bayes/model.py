@@ -12,20 +12,8 @@ from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.progress import Progress
 from fenics_joints.reduction.arrays import ArrayModel, freeze
 from fenics_joints.reduction.files import Cache, register
-from fenics_joints.reduction.prediction import (
-    BatchPrediction,
-    ModalPrediction,
-    modes_at,
-    truncate_basis,
-)
+from fenics_joints.reduction.prediction import BatchPrediction, ModalPrediction, compress
 from fenics_joints.structure.points import Sensors
-
-#: Draws of the prior whose modes make the small model, draws that check it, rounds of both, and the
-#: sizes of the model that are tried; the check decides whether they suffice.
-_DRAWS, _CHECKS, _ROUNDS = 64, 50, 3
-_SIZES = (12, 16, 20, 24, 28, 32, 40, 50, 60, 80)
-#: Modes beyond the highest of the test's; chosen.
-_SPARE = 2
 
 
 @dataclass(eq=False)
@@ -106,51 +94,17 @@ def narrow_frequencies(
     middle = ModalPrediction(
         frozen, forward.sensors, forward.n_test, forward.n_modes, forward.reference
     )
-    rng, snapshots, error = np.random.default_rng([seed, 6]), [], np.inf
+    rng = np.random.default_rng([seed, 6])
 
     def drawn(n: int) -> list[dict[str, float]]:
         rows = prior.values(prior.sample(n, rng)).tolist()
         return [dict(zip(names, row, strict=True)) for row in rows]
 
-    wanted = [{name: start[name] for name in names}, *drawn(_DRAWS)]
-    middle.n_modes = _enough(middle, wanted)
-    for _ in range(_ROUNDS):
-        snapshots += [modes_at(middle, values) for values in wanted]
-        checks = [values for values in drawn(_CHECKS) if _has_modes(middle, values)]
-        every = np.hstack(snapshots)
-        lean, error = truncate_basis(
-            middle,
-            frozen,
-            wanted[0],
-            every,
-            np.ones(every.shape[1]),
-            checks,
-            tolerance,
-            sizes=_SIZES,
-        )
-        if error <= tolerance:
-            break
-        wanted = checks
-    else:
+    lean, error = compress(middle, drawn, tolerance)
+    if error > tolerance:
         lean, error = BatchPrediction(middle, frozen), 0.0
     rest = {name: value for name, value in start.items() if name not in names}
     return Frequencies(tuple(names), lean, rest, error)
-
-
-def _enough(forward: ModalPrediction, points) -> int:
-    """Number of modes that holds the test's at all these points, and a few more."""
-    found = [
-        int(forward.pairing(values).index.max()) for values in points if _has_modes(forward, values)
-    ]
-    return min(forward.n_modes, max(found, default=forward.n_modes) + 1 + _SPARE)
-
-
-def _has_modes(forward: ModalPrediction, values: Mapping[str, float]) -> bool:
-    try:
-        forward(values)
-    except InputError:
-        return False
-    return True
 
 
 @dataclass(frozen=True)

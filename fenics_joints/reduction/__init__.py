@@ -1,10 +1,9 @@
 """Reduced models: parametric, plain arrays, checked, narrow enough to sample; and their files."""
 
 from fenics_joints.reduction.arrays import ArrayModel, freeze
-from fenics_joints.reduction.basis import Narrow, narrow
 from fenics_joints.reduction.files import read_array_model, write_array_model
 from fenics_joints.reduction.frf_basis import checked_frf_model, frf_basis, frf_error
-from fenics_joints.reduction.prediction import BatchPrediction, ModalPrediction
+from fenics_joints.reduction.prediction import BatchPrediction, ModalPrediction, Narrow, narrow
 from fenics_joints.reduction.reduced import ReducedStructure, reduce
 
 __all__ = [

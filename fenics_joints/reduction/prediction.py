@@ -6,7 +6,7 @@ them for many values at a time, from a basis of twenty to forty vectors.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -14,7 +14,17 @@ from typing import NamedTuple
 import numpy as np
 import scipy.linalg
 
-from fenics_joints.errors import ConvergenceError, InputError, capable, measured, whole
+from fenics_joints.errors import (
+    ConvergenceError,
+    InputError,
+    capable,
+    mapping,
+    measured,
+    real,
+    reals,
+    wanted,
+    whole,
+)
 from fenics_joints.measurements.gap import (
     ALIKE,
     FAINT,
@@ -30,8 +40,8 @@ from fenics_joints.measurements.gap import (
 )
 from fenics_joints.modal import frequency_sensitivity
 from fenics_joints.modal.modes import NOTHING, Modes, inverted_modes, solve_modes, upright
-from fenics_joints.reduction.arrays import ArrayModel
-from fenics_joints.reduction.basis import pod
+from fenics_joints.reduction.arrays import ArrayModel, freeze
+from fenics_joints.reduction.basis import Points, pod
 from fenics_joints.reduction.batch_modes import BatchModes, BatchValues, Change, change
 from fenics_joints.structure.points import Sensors
 
@@ -568,60 +578,113 @@ def modes_at(forward: ModalPrediction, values: Mapping[str, float]) -> np.ndarra
         return solve_modes(forward.model, own, n_modes=forward.n_modes).shapes
 
 
-def truncate_basis(
-    forward: ModalPrediction,
-    model: ArrayModel,
-    given: Mapping[str, float],
-    snapshots: np.ndarray,
-    weights: np.ndarray,
-    checks: Sequence[Mapping[str, float]],
-    limit: float,
-    sizes: Sequence[int] = (16, 20, 24, 28, 32, 36, 40, 50, 60, 80, 100),
-    beyond: bool = False,
+#: Draws whose modes make a small model, those of each round that check it, rounds, and the numbers
+#: of vectors that are tried: chosen; the error is measured and stated whatever they are.
+_DRAWS, CHECKS, _ROUNDS = 64, 50, 3
+_SIZES = (12, 16, 20, 24, 28, 32, 40, 50, 60, 80)
+#: Modes beyond the highest of the test's at any draw.
+_BEYOND = 2
+#: Singular value, relative to the largest, below which a vector of snapshots is round-off.
+_NOISE = 1e-7
+
+
+def compress(
+    forward: ModalPrediction, draw: Callable[[int], Points], tolerance: float
 ) -> tuple[BatchPrediction, float]:
-    """The leanest forward whose frequencies are good enough.
+    """The same on as few vectors as have good enough frequencies where parameters are drawn.
+
+    The vectors are from modes at the nominal values and at draws. Draws at which the model lacks a
+    mode that the test saw do not count in the check.
 
     Args:
-        forward: The reduced model's.
-        model: That model.
-        given: The most probable parameter values.
-        snapshots: Modes of the reduced model, (n_dofs, n).
-        weights: Of the snapshots, (n,).
-        checks: Parameter values at which frequencies are compared.
-        limit: Error of ln f that is good enough.
-        sizes: Sizes of the basis to try.
-        beyond: Whether the mode after the test's has to be good enough too (``further``).
+        forward: Of an `ArrayModel`.
+        draw: Gives so many sets of parameter values.
+        tolerance: Error of ln f that is good enough.
 
     Returns:
-        The forward, and its largest error of ln f at the checks: above ``limit`` if even the
-        largest basis is not good enough.
+        The small forward, and its largest error of ln f at `CHECKS` other draws: above
+        ``tolerance`` if even the largest basis is not good enough.
     """
-    vectors, energies = pod(model, snapshots, weights, given)
-    most = int(np.sum(energies > 1e-7 * energies[0]))
-    watched = forward.further if beyond else forward
-    exact = _log_f(watched, checks)
-    tried = [s for s in sizes if 6 + forward.n_test <= s < most] + [most]
-    for size in tried:
-        lean = BatchPrediction(forward, model.on(vectors[:, :size]))
-        error = frequency_error(lean.further if beyond else lean, checks, exact)
-        if error <= limit:
-            break
-    return lean, error
+    model, snapshots = forward.model, []
+    wanted = [model.values(), *draw(_DRAWS)]
+    seen = [each.index.max() for each in match_modes_at(forward, wanted) if len(each.index)]
+    enough = int(max(seen, default=forward.n_modes)) + 1 + _BEYOND
+    forward = forward.of(model, min(forward.n_modes, enough))
+    for _ in range(_ROUNDS):
+        snapshots += [modes_at(forward, values) for values in wanted]
+        checks = draw(CHECKS)
+        exact = batched(forward).log_f_at(checks)
+        there = np.isfinite(exact).all(axis=1)
+        wanted, exact = [v for v, good in zip(checks, there, strict=True) if good], exact[there]
+        vectors, sizes = pod(model, np.hstack(snapshots))
+        most = int(np.sum(sizes > _NOISE * sizes[0]))
+        for size in [s for s in _SIZES if 6 + forward.n_test <= s < most] + [most]:
+            lean = BatchPrediction(forward, model.on(vectors[:, :size]))
+            error = np.max(np.abs(lean.log_f_at(wanted) - exact), initial=0.0)
+            if error <= tolerance:
+                return lean, float(error)
+    return lean, float(np.nan_to_num(error, nan=np.inf))
 
 
-def frequency_error(lean: BatchPrediction, checks, exact: np.ndarray) -> float:
-    """Largest error of ln f at parameter values; infinite if the lean model lacks a mode."""
-    found = lean.log_f_at(checks)
-    return float(np.max(np.abs(found - exact))) if np.isfinite(found).all() else np.inf
+@dataclass(frozen=True)
+class Narrow:
+    """A small model and how good it is.
+
+    Attributes:
+        model: The model; its parameters are the free ones.
+        error: Largest relative error of a frequency at ``n_checked`` random points that the basis
+            was not made from.
+        n_checked: Number of those points.
+    """
+
+    model: ArrayModel
+    error: float
+    n_checked: int
 
 
-def _log_f(forward: ModalPrediction, wanted: Sequence[Mapping[str, float]]) -> np.ndarray:
-    """ln f at several values, (len(wanted), m).
+def narrow(
+    model: ArrayModel,
+    ranges: Mapping[str, tuple[float, float]],
+    n_modes: int,
+    *,
+    tolerance: float = 1e-5,
+) -> Narrow:
+    """A model on the modes that parameters in their ranges can make.
+
+    Args:
+        model: A model of plain arrays.
+        ranges: Least and largest value of each free parameter, positive; sampled evenly in the
+            logarithm. The others stay at their nominal values.
+        n_modes: Modes that must be right, rigid-body modes included.
+        tolerance: Largest accepted relative error of a frequency.
 
     Raises:
-        InputError: If the model lacks a mode there.
+        InputError: For a bad range or name.
+        ConvergenceError: If the error stays above the tolerance.
     """
-    found = batched(forward).log_f_at(wanted)
-    if np.isfinite(found).all():
-        return found
-    return np.array([forward(values)[0] for values in wanted])
+    whole("n_modes", n_modes)
+    real("tolerance", tolerance, above=0.0, most=0.1)
+    if not ranges:
+        raise wanted("ranges", ranges, "the range of a parameter at least")
+    for name, pair in mapping("ranges", ranges, "ranges by name").items():
+        low, high = reals(f"range of {name}", pair, (2,), above=0.0)
+        if not low < high:
+            raise InputError(f"range of {name} = {(low, high)}: expected 0 < low < high.")
+    low, high = np.log(list(ranges.values())).T
+    middle = dict(zip(ranges, np.exp(0.5 * (low + high)).tolist(), strict=True))
+    frozen, rng = freeze(model, list(ranges), middle), np.random.default_rng(0)
+
+    def draw(count: int) -> Points:
+        at = np.exp(low + rng.random((count, len(low))) * (high - low))
+        return [dict(zip(ranges, row.tolist(), strict=True)) for row in at]
+
+    n_rigid = solve_modes(frozen, n_modes=n_modes).n_rigid
+    found, error = compress(
+        ModalPrediction(frozen, None, n_modes - n_rigid, n_modes), draw, tolerance
+    )
+    if error > tolerance:
+        raise ConvergenceError(
+            f"the frequencies of the small model are off by {error:.1e}, more than "
+            f"{tolerance:.1e}, after {_ROUNDS} rounds: take narrower ranges, or a larger tolerance"
+        )
+    return Narrow(found.model, error, CHECKS)
