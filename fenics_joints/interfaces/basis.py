@@ -13,7 +13,6 @@ from typing import Protocol
 
 import numpy as np
 import scipy.linalg
-from mpi4py import MPI
 from petsc4py import PETSc
 
 from fenics_joints.errors import InputError
@@ -22,7 +21,7 @@ from fenics_joints.interfaces.reduced import LayerTerm, ReducedInterfaceModel
 from fenics_joints.modal.eigensolver import EigenSolver
 from fenics_joints.reduction.affine import AffinePencil
 from fenics_joints.reduction.reduced import ReducedStructure
-from fenics_joints.structure.sparse import product, vectors_like
+from fenics_joints.structure.sparse import cross, product, project, vectors_like
 from fenics_joints.structure.structure import Structure
 
 #: Places by name, and this rank's rows of their loads, (n_local, m).
@@ -84,11 +83,6 @@ def check_uniform(structure: Structure) -> None:
             )
 
 
-def as_columns(vectors: Sequence[PETSc.Vec]) -> np.ndarray:
-    """This rank's rows of vectors, (n_local, m)."""
-    return np.column_stack([v.array_r for v in vectors])
-
-
 def as_vectors(A: PETSc.Mat, columns: np.ndarray) -> list[PETSc.Vec]:
     """Columns of this rank's rows, (n_local, m), as vectors that a matrix can be applied to."""
     return vectors_like(A.createVecRight(), columns.T)
@@ -145,29 +139,22 @@ class Basis:
         self._comm, self.more = K.comm.tompi4py(), more
         more = more / _length(np.sqrt(self._energy(K, M, shift, more)))
         for _ in range(2):
-            more = more - modes @ self._dot(modes, product(M, more))
+            more = more - modes @ cross(M, modes, more)
         norms = _length(np.sqrt(self._energy(K, M, shift, more)))
         # A column that the modes hold already is round-off alone.
         more = (more / norms)[:, norms > np.sqrt(_DEPENDENT)]
-        gram = self._gram(K, M, shift, more)
+        gram = project(K, more) + shift * project(M, more)
         values, vectors = np.linalg.eigh(gram) if len(gram) else (np.ones(0), gram)
         keep = values > _DEPENDENT * values.max(initial=0.0)
         more = more @ (vectors[:, keep] / np.sqrt(values[keep]))
         self.columns = self._diagonal(K, M, shift, np.hstack([modes, more]), modes.shape[1])
 
-    def _dot(self, left, right) -> np.ndarray:
-        return self._comm.allreduce(left.T @ right, op=MPI.SUM)
-
-    def _gram(self, K, M, shift, X) -> np.ndarray:
-        gram = self._dot(X, product(K, X) + shift * product(M, X))
-        return 0.5 * (gram + gram.T)
-
     def _energy(self, K, M, shift, X) -> np.ndarray:
         return self._comm.allreduce(np.sum(X * (product(K, X) + shift * product(M, X)), axis=0))
 
     def _diagonal(self, K, M, shift, X, n_modes: int) -> np.ndarray:
-        stiff, heavy = self._gram(K, M, shift, X), self._dot(X, product(M, X))
-        theta, Y = scipy.linalg.eigh(0.5 * (heavy + heavy.T), stiff)
+        heavy = project(M, X)
+        theta, Y = scipy.linalg.eigh(heavy, project(K, X) + shift * heavy)
         theta, Y = theta[::-1], Y[:, ::-1]
         return X @ (Y / np.sqrt(np.maximum(theta, theta[n_modes - 1])))
 
@@ -210,14 +197,12 @@ def free_interface(
     lowest modes of the interface when it slides, and a proper orthogonal decomposition of the rest:
     stress patterns of unit norm in the order of the energy that their response stores.
     """
-    comm = K.comm.tompi4py()
     more = [solve(solver, loads)] + ([] if extra is None else [extra])
     if choose is None:
         return Basis(K, M, -solver.shift, modes, np.hstack(more))
     response = solve(solver, strains.stresses())
     for _ in range(2):
-        against = comm.allreduce(modes.T @ product(M, response))
-        response = response - modes @ against
+        response = response - modes @ cross(M, modes, response)
     flexibility = strains(response)
     energies, patterns = np.linalg.eigh(0.5 * (flexibility + flexibility.T))
     energies, patterns = energies[::-1], patterns[:, ::-1]
@@ -240,18 +225,18 @@ def _sliding(K, M, shift: float, modes, span, strains: Strains) -> np.ndarray:
     sliding, as many as there are modes, those come first that have most of their energy there,
     the low ones before the high.
     """
-    comm, k = K.comm.tompi4py(), modes.shape[1]
+    k = modes.shape[1]
     both = np.hstack([modes, span])
     stiff = np.eye(both.shape[1])
-    stiff[:k, :k] = comm.allreduce(modes.T @ (product(K, modes) + shift * product(M, modes)))
-    heavy = comm.allreduce(both.T @ product(M, both))
+    stiff[:k, :k] = project(K, modes) + shift * project(M, modes)
+    heavy = project(M, both)
     rows = strains(both)
     own = rows.T @ strains.tangent() @ rows
     for share in _SLIDING:
         soft = stiff - (1 - share) * own
         if np.linalg.eigvalsh(soft)[0] > 0:
             break
-    inverse, vectors = scipy.linalg.eigh(0.5 * (heavy + heavy.T), 0.5 * (soft + soft.T))
+    inverse, vectors = scipy.linalg.eigh(heavy, 0.5 * (soft + soft.T))
     # Of unit energy over frequency: the lowest weigh most.
     weighted = (vectors * np.sqrt(np.maximum(inverse, 0.0)))[k:, ::-1][:, :k]
     return np.linalg.svd(weighted, full_matrices=False)[0]
@@ -272,7 +257,6 @@ def fixed_interface(
         interface: Local row of each interface coordinate, (q,), -1 on all ranks but its own.
         choose: ``(stiffness, mass) -> (q, n)``, what to keep of the constraint modes.
     """
-    comm = K.comm.tompi4py()
     shift, rows = -solver.shift, np.flatnonzero(interface >= 0)
     unit = np.zeros((modes.shape[0], len(interface)))
     unit[interface[rows], rows] = 1.0
@@ -281,9 +265,8 @@ def fixed_interface(
     pull = -(product(K, unit) + shift * product(M, unit))
     pull[interface[rows]] = 0.0
     constraint = unit + solve(solver, pull)
-    stiff = comm.allreduce(constraint.T @ (product(K, constraint)))
-    heavy = comm.allreduce(constraint.T @ product(M, constraint))
-    combine = choose(0.5 * (stiff + stiff.T) + shift * heavy, 0.5 * (heavy + heavy.T))
+    stiff, heavy = project(K, constraint), project(M, constraint)
+    combine = choose(stiff + shift * heavy, heavy)
     more = np.hstack([constraint @ combine, solve(solver, held)])
     return Basis(K, M, shift, modes, more)
 

@@ -14,7 +14,6 @@ from fenics_joints.errors import InputError
 from fenics_joints.interfaces.basis import (
     Basis,
     Placed,
-    as_columns,
     as_vectors,
     assemble,
     characteristic,
@@ -31,7 +30,7 @@ from fenics_joints.preload import OPEN, SLIP, LinearJoint
 from fenics_joints.preload.interface import Interface
 from fenics_joints.reduction.affine import AffinePencil
 from fenics_joints.reduction.reduced import ReducedStructure
-from fenics_joints.structure.sparse import product
+from fenics_joints.structure.sparse import as_columns, product, project
 from fenics_joints.structure.structure import Places, place_loads
 
 #: The shift of static solutions and modes, as `modal.modes` takes it: its frequency as a
@@ -162,7 +161,7 @@ def _guided(
 def _bare(pairs: _Pairs, matrices, columns, forces: Placed, sensors: Placed) -> InterfaceModel:
     """The model of a basis without its parameters."""
     comm = pairs.joint.jumps.comm
-    K, M = (_projected(A, columns) for A in matrices)
+    K, M = (project(A, columns) for A in matrices)
     rows = [
         dict(zip(names, comm.allreduce(columns.T @ loads).T, strict=True))
         for names, loads in (forces, sensors)
@@ -331,15 +330,10 @@ def _with_contacts(
 ) -> AffinePencil:
     """The structure's pencil, with all that is not its own, as bolts and springs, fixed."""
     structure = joint.structure
-    whole = [_projected(A, columns) for A in matrices]
+    whole = [project(A, columns) for A in matrices]
     own = source.pencil.matrices(structure.values(given))
     return replace(
         source.pencil,
         fixed=tuple(a - b for a, b in zip(whole, own, strict=True)),
         fixed_mass=joint.total_mass(given) - structure.total_mass(given),
     )
-
-
-def _projected(A: PETSc.Mat, columns: np.ndarray) -> np.ndarray:
-    matrix = A.comm.tompi4py().allreduce(columns.T @ product(A, columns))
-    return 0.5 * (matrix + matrix.T)

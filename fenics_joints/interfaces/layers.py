@@ -23,7 +23,6 @@ from petsc4py import PETSc
 from fenics_joints._compat import coordinate_map, geometry_dofmap
 from fenics_joints.errors import InputError
 from fenics_joints.interfaces.basis import (
-    as_columns,
     as_vectors,
     assemble,
     check_uniform,
@@ -37,7 +36,7 @@ from fenics_joints.modal.modes import solve_modes
 from fenics_joints.preload.interface import frames
 from fenics_joints.reduction.affine import AffinePencil
 from fenics_joints.reduction.reduced import ReducedStructure
-from fenics_joints.structure.sparse import product
+from fenics_joints.structure.sparse import as_columns, product
 from fenics_joints.structure.structure import Places, Structure, place_loads
 
 #: Lines of a box cell in reference coordinates, and the cell of a section across one of them.

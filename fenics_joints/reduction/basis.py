@@ -15,13 +15,12 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Protocol
 
 import numpy as np
-from mpi4py import MPI
 from petsc4py import PETSc
 
 from fenics_joints.errors import InputError
 from fenics_joints.modal.modes import Modes
 from fenics_joints.reduction.arrays import ArrayModel
-from fenics_joints.structure.sparse import vectors_like
+from fenics_joints.structure.sparse import as_columns, project, vectors_like
 from fenics_joints.structure.structure import Structure
 
 #: Parameter values.
@@ -79,8 +78,6 @@ def weak_greedy(
 SNAPSHOT = 1e-4
 #: Share of the largest energy below which a direction among the rigid-body modes is none.
 _RIGID = 1e-10
-#: Share of the rows of a matrix that have entries, below which the others are left out.
-_FEW_ROWS = 0.5
 
 
 class Snapshots:
@@ -160,7 +157,7 @@ def orthonormal(
     soft = [k for s in structure.elastic_supports for k in (s.k_n, s.k_t) if isinstance(k, str)]
     given = {**(given or {}), **dict.fromkeys(soft, 0.0)}
     K, M = structure.stiffness(given), structure.mass(given)
-    Z = dense_columns(snapshots)
+    Z = as_columns(snapshots)
     blocks = (None, None) if known is None else (known.stiffness(given), known.mass(given))
     stiff, heavy = project(K, Z, blocks[0]), project(M, Z, blocks[1])
     K.destroy(), M.destroy()
@@ -180,79 +177,8 @@ def orthonormal(
     combine[first, rest], combine[rest, rest] = -onto @ rest_vectors, rest_vectors
     combine /= norms[:, None]
     left = 0 if known is None else whole
-    made = vectors_like(snapshots[0], (Z.getDenseArray() @ combine[:, left:]).T)
-    Z.destroy()
+    made = vectors_like(snapshots[0], (Z @ combine[:, left:]).T)
     return [*snapshots[:left], *made]
-
-
-def dense_columns(vectors: list[PETSc.Vec]) -> PETSc.Mat:
-    """Dense matrix with these columns."""
-    Z = PETSc.Mat().createDense((vectors[0].getSizes(), (None, len(vectors))), comm=vectors[0].comm)
-    Z.setUp()
-    array = Z.getDenseArray()
-    for column, vector in enumerate(vectors):
-        array[:, column] = vector.array_r
-    Z.assemble()
-    return Z
-
-
-def project(A: PETSc.Mat, Z: PETSc.Mat, known: np.ndarray | None = None) -> np.ndarray:
-    """Z^T A Z, made symmetric, equal on all ranks. Collective.
-
-    Args:
-        A: A symmetric matrix.
-        Z: Dense columns.
-        known: What it is of the first columns, (k, k); None for none.
-    """
-    known = np.zeros((0, 0)) if known is None else known
-    if not len(known):
-        return bordered(known, cross(A, Z, Z))
-    new = _columns_from(Z, len(known))
-    found = bordered(known, cross(A, Z, new))
-    new.destroy()
-    return found
-
-
-def cross(A: PETSc.Mat, Z: PETSc.Mat, X: PETSc.Mat) -> np.ndarray:
-    """Z^T A X, equal on all ranks. Collective."""
-    AX = A.matMult(X)
-    left, right = Z.getDenseArray(), AX.getDenseArray()
-    # The matrix of a part or joint is empty but for its own rows.
-    rows = np.flatnonzero(right.any(axis=1))
-    if len(rows) < _FEW_ROWS * len(right):
-        left, right = left[rows], right[rows]
-    local = np.ascontiguousarray(left.T @ right)
-    A.comm.tompi4py().Allreduce(MPI.IN_PLACE, local)
-    AX.destroy()
-    return local
-
-
-def bordered(first: np.ndarray, new: np.ndarray) -> np.ndarray:
-    """Symmetric matrices from a first block and the columns beside and below it.
-
-    Args:
-        first: (..., n, n).
-        new: (..., n + k, k).
-
-    Returns:
-        (..., n + k, n + k).
-    """
-    n, size = first.shape[-1], new.shape[-2]
-    whole = np.empty((*new.shape[:-2], size, size))
-    whole[..., :n, :n] = first
-    whole[..., n:] = new
-    whole[..., n:, :n] = np.swapaxes(new[..., :n, :], -1, -2)
-    return 0.5 * (whole + np.swapaxes(whole, -1, -2))
-
-
-def _columns_from(Z: PETSc.Mat, first: int) -> PETSc.Mat:
-    """A dense matrix of the columns of another from one on."""
-    count = Z.getSize()[1] - first
-    found = PETSc.Mat().createDense((Z.getSizes()[0], (None, count)), comm=Z.comm)
-    found.setUp()
-    found.getDenseArray()[:] = Z.getDenseArray()[:, first:]
-    found.assemble()
-    return found
 
 
 #: Share of the largest energy below which a combination of the vectors is round-off.
@@ -288,7 +214,7 @@ class SampledBasis:
         new = [modes.shapes[int(i)] for i in keep]
         if not new:
             return
-        Z, n = dense_columns([*self.vectors, *new]), len(self.vectors)
+        Z, n = as_columns([*self.vectors, *new]), len(self.vectors)
         given, shift, blocks = modes.given, modes.solver.shift, (None, None)
         if self.known is not None:
             blocks = self.known.stiffness(given), self.known.mass(given)
@@ -301,8 +227,7 @@ class SampledBasis:
             K.destroy(), M.destroy()
         size = np.sqrt(np.diag(gram))
         combine = residual_directions(gram / np.outer(size, size), n, self.share) / size[:, None]
-        self.vectors += vectors_like(new[0], (Z.getDenseArray() @ combine).T)
-        Z.destroy()
+        self.vectors += vectors_like(new[0], (Z @ combine).T)
 
 
 def residual_directions(gram: np.ndarray, n: int, share: float) -> np.ndarray:

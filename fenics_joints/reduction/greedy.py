@@ -25,7 +25,7 @@ from fenics_joints.reduction.matched import MatchedModes
 from fenics_joints.reduction.reduced import Projection, is_graded
 from fenics_joints.structure import Sensors, Structure
 from fenics_joints.structure.components import slopes
-from fenics_joints.structure.sparse import MatrixForm, RowForm, product
+from fenics_joints.structure.sparse import MatrixForm, RowForm, as_columns, product
 
 
 class FreePencil:
@@ -225,22 +225,23 @@ class GreedyModel(MatchedModes):
         )
 
     def _errors(self, points) -> np.ndarray:
-        columns, eigenvalues, where = [], [], []
+        shapes, eigenvalues, where = [], [], []
         for i, values in enumerate(points):
             modes = solve_modes(self.forward.model, values, n_modes=self.forward.n_modes)
             try:
                 pairing = self.forward.paired(modes)
             except InputError:
                 continue
-            columns.append(modes.shapes[:, pairing.index])
+            shapes.append(modes.shapes[:, pairing.index])
             eigenvalues.append(modes.eigenvalues[pairing.index])
             where += [i] * self.n_test
         found = np.full(len(points), np.nan)
         if not where:
             return found
         lam = np.concatenate(eigenvalues)
-        Z = np.array([vector.array_r for vector in self.basis]).T
-        R = self.terms.residuals(Z @ np.hstack(columns), lam, [points[i] for i in where])
+        R = self.terms.residuals(
+            as_columns(self.basis) @ np.hstack(shapes), lam, [points[i] for i in where]
+        )
         squares = self.full.comm.allreduce(np.sum(R * self.nominal.solver.inverse(R), axis=0))
         worst = np.max((squares / (2 * lam)).reshape(-1, self.n_test), axis=1)
         for i, error in zip(where[:: self.n_test], worst, strict=True):

@@ -26,7 +26,7 @@ from fenics_joints.reduction.batch_modes import (
 from fenics_joints.reduction.prediction import ModalPrediction, batched
 from fenics_joints.reduction.reduced import ReducedStructure, reduce
 from fenics_joints.structure import Sensors, Structure
-from fenics_joints.structure.sparse import combination, vectors_like
+from fenics_joints.structure.sparse import as_columns, combination, vectors_like
 
 #: See `PointBasis`: for antiresonances, which are where little is left of large sums.
 _BASIS = 1e-10
@@ -89,9 +89,8 @@ class PointBasis:
 def _beyond(modes: Modes, loads: np.ndarray, at: Sensors) -> np.ndarray:
     """This rank's rows of what forces bend besides the modes at hand, of which a free body's rigid
     ones would hide it, (n_local, n_sensors)."""
-    own = np.column_stack([shape.array_r for shape in modes.shapes])
     share = modes.at(at).T / (modes.eigenvalues - modes.solver.shift)[:, None]
-    return modes.solver.inverse(loads) - own @ share
+    return modes.solver.inverse(loads) - as_columns(modes.shapes) @ share
 
 
 class Antiresonances:

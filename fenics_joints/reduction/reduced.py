@@ -25,20 +25,14 @@ from fenics_joints.reduction.affine import (
     spring_term,
 )
 from fenics_joints.reduction.arrays import ArrayModel
-from fenics_joints.reduction.basis import (
-    SNAPSHOT,
-    Snapshots,
-    bordered,
-    cross,
-    dense_columns,
-    project,
-)
+from fenics_joints.reduction.basis import SNAPSHOT, Snapshots
 from fenics_joints.reduction.prediction import ways_of
 from fenics_joints.structure import PointMass, Region, Sensors, Spring, Structure
 from fenics_joints.structure.changes import Change, PlacedPoint, PlacedResonator, forms_of
 from fenics_joints.structure.components import number
 from fenics_joints.structure.laws import ELASTIC_SUPPORT
 from fenics_joints.structure.points import PlaceRows
+from fenics_joints.structure.sparse import as_columns, bordered, cross, project
 
 #: How far nodes count, over the largest distance of two sensors: a third further than a sensor may
 #: sit elsewhere (`fenics_joints.diagnosis.effects.rig.misplaced_sensor`), so that there are some.
@@ -134,9 +128,9 @@ class Projection:
 
     def __init__(self, structure: Structure, basis: Sequence[PETSc.Vec], n_known: int = 0):
         self.full, self.basis = structure, basis
-        self._dense = dense_columns(basis)
+        self._dense = as_columns(basis)
         self._moves: dict[bytes, np.ndarray] = {}
-        self._new = dense_columns(basis[n_known:]) if n_known else self._dense
+        self._new = self._dense[:, n_known:]
 
     @property
     def changes(self) -> list[Change]:
@@ -260,7 +254,7 @@ class Projection:
             a, b = self.moves(change)[list(change.pair)]
             own = a[:, :, None] * b[:, None, :]
             own = own if change.pair[0] == change.pair[1] else own + own.transpose(0, 2, 1)
-            own = own[:, :, -self._new.getSize()[1] :]
+            own = own[:, :, -self._new.shape[1] :]
             return _term(
                 change.name,
                 change.law,

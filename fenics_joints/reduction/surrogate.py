@@ -39,7 +39,7 @@ from fenics_joints.reduction.reduced import (
 )
 from fenics_joints.structure import Sensors, Structure
 from fenics_joints.structure.changes import Change, PlacedPoint, PlacedResonator
-from fenics_joints.structure.sparse import vectors_like
+from fenics_joints.structure.sparse import as_columns, vectors_like
 
 #: Share of a mode's energy at a sample that the basis may lack: 1e-4 of its frequency, well below
 #: what tests can see.
@@ -135,8 +135,7 @@ class ReducedModel(MatchedModes):
         lacking = max(self.lacking, _LACKING_FOR_TEST)
         turn = compress_basis(forward, self.samples, self._of_test, lacking)
         if turn.shape[1] < self._whole.n_dofs:
-            rows = np.array([vector.array_r for vector in self._basis])
-            self._basis = vectors_like(self._basis[0], turn.T @ rows)
+            self._basis = vectors_like(self._basis[0], (as_columns(self._basis) @ turn).T)
             self._whole = self._whole.on(turn)
 
     def _of_test(self, modes: Modes) -> np.ndarray:
@@ -189,7 +188,7 @@ class ReducedModel(MatchedModes):
 
     def _near(self, values: Mapping[str, float], shapes: np.ndarray) -> Modes:
         """Modes of the full model near shapes of the small one, (n_dofs, k)."""
-        rows = np.array([vector.array_r for vector in self._basis]).T
+        rows = as_columns(self._basis)
         return refine_modes(self.full, values, self._solver, rows @ shapes[: rows.shape[1]])
 
     def extend(self, points: Points) -> None:

@@ -17,7 +17,7 @@ Derivatives are those of the FRF at a fixed basis, the adjoint's own approximati
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -26,7 +26,7 @@ import numpy as np
 from fenics_joints.errors import InputError, reals
 from fenics_joints.modal.modes import SHIFT_SHARE, Modes, count_rigid, inverted_modes, solve_modes
 from fenics_joints.response.pencil import DampedPencil, Term, linear
-from fenics_joints.structure.sparse import product
+from fenics_joints.structure.sparse import as_columns, product, project
 
 #: Modes must reach this multiple of the highest line.
 _REACH = 1.5
@@ -288,7 +288,7 @@ def modal_pencil(
         ConvergenceError: If modes were not found.
     """
     modes = _modes_for(pencil, lines, n_modes) if modes is None else modes
-    shapes = np.column_stack([x.array_r for x in modes.shapes])
+    shapes = as_columns(modes.shapes)
     if modes.solver is None or modes.model is not pencil.structure:
         raise InputError("modes: expected those of this structure, with their solver.")
     check_modes(pencil, modes, shapes)
@@ -309,24 +309,16 @@ def with_terms(modal: ModalPencil, pencil: DampedPencil) -> ModalPencil:
     """The same with derivatives by the parameters. Collective."""
     terms = []
     for term in pencil.terms():
-        terms.append(replace(term, form=_projected(pencil, modal.basis, term.form.__matmul__)))
+        terms.append(replace(term, form=project(term.form, modal.basis)))
         term.destroy()
     return replace(modal, terms=terms)
 
 
-def _projected(pencil: DampedPencil, basis: np.ndarray, form: Callable) -> np.ndarray:
-    both = pencil.comm.allreduce(basis.T @ form(basis))
-    return 0.5 * (both + both.T)
-
-
 def _on_basis(pencil: DampedPencil, modes: Modes, rest: np.ndarray) -> ModalPencil:
     """The structure on modes and residual vectors that are orthonormal in A and beside them."""
-    shapes = np.column_stack([x.array_r for x in modes.shapes])
+    shapes = as_columns(modes.shapes)
     basis, stiff, heavy = _ritz(pencil, modes, shapes, rest)
-    parts = {
-        name: _projected(pencil, basis, lambda X, A=A: product(A, X))
-        for name, A in pencil.parts.items()
-    }
+    parts = {name: project(A, basis) for name, A in pencil.parts.items()}
     return ModalPencil(modes, basis, stiff, heavy, parts, pencil)
 
 
@@ -357,7 +349,7 @@ def reduced_pencil(pencil: DampedPencil, given, *, gradients: bool = False) -> M
     n_rigid = count_rigid(stiff[massive], shift_hz)  # a massless one has energy 1, near 0 too
     stiff[:n_rigid] = 0.0
     modes = Modes(model, dict(given or {}), stiff[massive], basis[:, massive], n_rigid)
-    parts = {name: basis.T @ A @ basis for name, A in pencil.parts.items()}
+    parts = {name: project(A, basis) for name, A in pencil.parts.items()}
     modal = ModalPencil(modes, basis, stiff, massive.astype(float), parts, pencil)
     return with_terms(modal, pencil) if gradients else modal
 
@@ -440,18 +432,15 @@ def _beside(pencil: DampedPencil, modes: Modes, shapes, whole: np.ndarray) -> np
 
 def _energy(pencil: DampedPencil, modes: Modes, X: np.ndarray) -> np.ndarray:
     """X^T A X, equal on all ranks."""
-    AX = product(pencil.K, X) - modes.solver.shift * product(pencil.M, X)
-    gram = pencil.comm.allreduce(X.T @ AX)
-    return 0.5 * (gram + gram.T)
+    return project(pencil.K, X) - modes.solver.shift * project(pencil.M, X)
 
 
 def _ritz(pencil: DampedPencil, modes: Modes, shapes, rest) -> tuple[np.ndarray, ...]:
     """The modes, and the residual vectors made into modes of energy 1; their stiffness and mass."""
     lam = modes.eigenvalues.copy()
     lam[: modes.n_rigid] = 0.0
-    heavy = pencil.comm.allreduce(rest.T @ product(pencil.M, rest))
     # In A = K - shift M they are orthonormal already.
-    mass, vectors = np.linalg.eigh(heavy)
+    mass, vectors = np.linalg.eigh(project(pencil.M, rest))
     mass, vectors = np.maximum(mass, 0.0)[::-1], vectors[:, ::-1]
     basis = np.hstack([shapes, rest @ vectors])
     stiff = np.concatenate([lam, 1 + modes.solver.shift * mass])

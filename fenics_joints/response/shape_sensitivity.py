@@ -39,7 +39,7 @@ from fenics_joints.response.modal_basis import check_modes
 from fenics_joints.response.pencil import DampedPencil
 from fenics_joints.structure.components import parameter_values
 from fenics_joints.structure.points import Sensors
-from fenics_joints.structure.sparse import product
+from fenics_joints.structure.sparse import as_columns, product
 
 #: Relative distance of eigenvalues below which modes are taken together.
 CLOSE = 1e-3
@@ -376,7 +376,7 @@ class Complement:
             factor = scipy.linalg.cho_factor(self._pencil.K + shift * self._pencil.M)
             self.shapes, self._inverse = modes.shapes, partial(scipy.linalg.cho_solve, factor)
         else:
-            self.shapes = np.column_stack([x.array_r for x in modes.shapes])
+            self.shapes = as_columns(modes.shapes)
             self._inverse = modes.solver.inverse
             check_modes(self._pencil, modes, self.shapes)
         self._heavy = product(self._pencil.M, self.shapes)

@@ -388,7 +388,7 @@ class _Scaled:
     """A number times what blocks are multiplied by, which another owns."""
 
     def __init__(self, part: MatrixForm | RowForm, factor: float):
-        self.part, self.factor = part, factor
+        self.part, self.factor, self.comm = part, factor, part.comm
 
     def __matmul__(self, X: np.ndarray) -> np.ndarray:
         return self.factor * (self.part @ X)

@@ -14,13 +14,15 @@ from fenics_joints.structure.laws import Law
 
 #: Parts of a matrix whose rows are copied one after the other.
 _CHUNKS = 8
+#: Share of the rows of a matrix that have entries, below which the others are left out.
+_FEW_ROWS = 0.5
 
 
 class MatrixForm:
     """A sparse matrix; ``owned`` if nobody else keeps it. Collective."""
 
     def __init__(self, A: PETSc.Mat, owned: bool = False):
-        self.A, self.owned = A, owned
+        self.A, self.owned, self.comm = A, owned, A.comm.tompi4py()
 
     def __matmul__(self, X: np.ndarray) -> np.ndarray:
         """This rank's rows of A X, of a block of its rows."""
@@ -46,10 +48,17 @@ class RowForm:
         """Nothing to free."""
 
 
-def product(A: PETSc.Mat | np.ndarray, X: np.ndarray) -> np.ndarray:
-    """``A X`` for this rank's rows of a block of columns; A, which may be an array, need not be
-    square. Collective."""
-    if isinstance(A, np.ndarray):
+Matrix = PETSc.Mat | np.ndarray | MatrixForm | RowForm
+
+
+def product(A: Matrix, X: np.ndarray) -> np.ndarray:
+    """``A X`` for this rank's rows of a block of columns. Collective.
+
+    Args:
+        A: A matrix, which need not be square; an array, or one of the forms of this module.
+        X: This rank's rows, (n_local, k).
+    """
+    if not isinstance(A, PETSc.Mat):
         return A @ X
     dense = dense_block(A, X.shape[1])
     dense.getDenseArray()[:] = X
@@ -58,6 +67,56 @@ def product(A: PETSc.Mat | np.ndarray, X: np.ndarray) -> np.ndarray:
     image.destroy()
     dense.destroy()
     return out
+
+
+def cross(A: Matrix, Z: np.ndarray, X: np.ndarray) -> np.ndarray:
+    """``Z^T A X``, equal on all ranks. Collective.
+
+    Args:
+        A: See `product`.
+        Z: This rank's rows, (n_local, m).
+        X: Likewise, (n_local, k).
+    """
+    image = product(A, X)
+    # The matrix of a part or joint is empty but for its own rows.
+    rows = np.flatnonzero(image.any(axis=1))
+    if len(rows) < _FEW_ROWS * len(image):
+        Z, image = Z[rows], image[rows]
+    found = Z.T @ image
+    if isinstance(A, np.ndarray):
+        return found
+    comm = A.comm.tompi4py() if isinstance(A, PETSc.Mat) else A.comm
+    return comm.allreduce(found)
+
+
+def project(A: Matrix, X: np.ndarray, known: np.ndarray | None = None) -> np.ndarray:
+    """``X^T A X``, made symmetric, equal on all ranks. Collective.
+
+    Args:
+        A: See `product`.
+        X: This rank's rows of a basis, (n_local, n).
+        known: What it is of the first vectors, (k, k); None for none.
+    """
+    known = np.zeros((0, 0)) if known is None else known
+    return bordered(known, cross(A, X, X[:, len(known) :]))
+
+
+def bordered(first: np.ndarray, new: np.ndarray) -> np.ndarray:
+    """Symmetric matrices from a first block and the columns beside and below it.
+
+    Args:
+        first: (..., n, n).
+        new: (..., n + k, k).
+
+    Returns:
+        (..., n + k, n + k).
+    """
+    n, size = first.shape[-1], new.shape[-2]
+    whole = np.empty((*new.shape[:-2], size, size))
+    whole[..., :n, :n] = first
+    whole[..., n:] = new
+    whole[..., n:, :n] = np.swapaxes(new[..., :n, :], -1, -2)
+    return 0.5 * (whole + np.swapaxes(whole, -1, -2))
 
 
 def absolute(A: PETSc.Mat) -> PETSc.Mat:
@@ -74,6 +133,11 @@ def dense_block(A: PETSc.Mat, columns: int) -> PETSc.Mat:
     return dense
 
 
+def as_columns(vectors: Sequence[PETSc.Vec]) -> np.ndarray:
+    """This rank's rows of vectors, (n_local, k)."""
+    return np.column_stack([vector.array_r for vector in vectors])
+
+
 def vectors_like(one: PETSc.Vec, rows: Iterable[np.ndarray]) -> list[PETSc.Vec]:
     """Vectors laid out like one, each with this rank's values of a row."""
     found = []
@@ -85,8 +149,7 @@ def vectors_like(one: PETSc.Vec, rows: Iterable[np.ndarray]) -> list[PETSc.Vec]:
 
 def combination(vectors: Sequence[PETSc.Vec], factors: np.ndarray) -> PETSc.Vec:
     """The sum of vectors times factors, (n,)."""
-    rows = np.column_stack([vector.array_r for vector in vectors])
-    return vectors_like(vectors[0], [rows @ factors])[0]
+    return vectors_like(vectors[0], [as_columns(vectors) @ factors])[0]
 
 
 def without_zeros(A: PETSc.Mat) -> PETSc.Mat:
@@ -98,7 +161,7 @@ def without_zeros(A: PETSc.Mat) -> PETSc.Mat:
     start, stop = A.getOwnershipRangeColumn()
     everything = PETSc.IS().createStride(stop - start, start, 1, comm=A.comm)
     bounds = np.linspace(first, last, _CHUNKS + 1).astype(PETSc.IntType)
-    counts, columns, values = [], [], []
+    counts, numbers, values = [], [], []
     for low, high in zip(bounds[:-1], bounds[1:], strict=True):
         some = PETSc.IS().createStride(high - low, low, 1, comm=A.comm)
         part = A.createSubMatrix(some, everything)
@@ -106,11 +169,11 @@ def without_zeros(A: PETSc.Mat) -> PETSc.Mat:
         part.destroy(), some.destroy()
         keep = value != 0.0
         counts.append(np.diff(np.concatenate([[0], np.cumsum(keep)])[at]))
-        columns.append(column[keep])
+        numbers.append(column[keep])
         values.append(value[keep])
     everything.destroy()
     at = np.concatenate([[0], np.cumsum(np.concatenate(counts))]).astype(PETSc.IntType)
-    csr = at, np.concatenate(columns), np.concatenate(values)
+    csr = at, np.concatenate(numbers), np.concatenate(values)
     lean = PETSc.Mat().createAIJ(A.getSizes(), csr=csr, comm=A.comm)
     lean.assemble()
     return lean

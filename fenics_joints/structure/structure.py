@@ -27,7 +27,7 @@ from fenics_joints.structure.components import Parameter, number, slopes
 from fenics_joints.structure.damping import Damping
 from fenics_joints.structure.grids import cell_grid, pyvista
 from fenics_joints.structure.points import PointRows, Sensors, observe
-from fenics_joints.structure.sparse import MatrixForm, RowForm
+from fenics_joints.structure.sparse import MatrixForm, RowForm, as_columns
 
 _SUBSET = PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN
 
@@ -113,7 +113,7 @@ class Structure(Assembly):
         Returns:
             Shape (len(shapes), n_parameters), in the order of `parameters`.
         """
-        values, X = self.values(given), np.column_stack([x.array_r for x in shapes])
+        values, X = self.values(given), as_columns(shapes)
         lam = np.asarray(eigenvalues, dtype=float)
         gradient = np.array(
             [

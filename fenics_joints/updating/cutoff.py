@@ -23,10 +23,9 @@ from scipy.interpolate import PchipInterpolator
 from scipy.optimize import linear_sum_assignment
 
 from fenics_joints.errors import ConvergenceError, InputError
-from fenics_joints.interfaces.basis import as_columns
 from fenics_joints.modal import EigenSolver, Modes, solve_modes
 from fenics_joints.preload import LinearJoint, PreloadResult, cutoff_conditions, pair_conditions
-from fenics_joints.structure.sparse import product, without_zeros
+from fenics_joints.structure.sparse import as_columns, product, without_zeros
 
 #: Pressures nearer than this, relative to the largest, are one step: round-off of symmetric facets.
 _SAME = 1e-6
