@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
 import numpy as np
@@ -65,18 +65,21 @@ class Stack:
             rows: Which of the matrices.
         """
         if factors.ndim == 1:
-            whole = len(factors) == len(self.whole)
-            return self._unpacked(self._near(factors) if whole else factors @ self._upper[rows])
-        if self.about and len(factors) == len(self.whole) and factors.shape[1] <= _FEW:
-            return np.array([self._unpacked(self._near(column)) for column in factors.T])
+            return self._unpacked(factors @ self._upper[rows])
         flat = self.whole[rows].reshape(len(factors), self.n**2)
         return (factors.T @ flat).reshape(-1, self.n, self.n)
 
+    def sum_near(self, factors: np.ndarray) -> np.ndarray:
+        """`sum` of all matrices, from the sum of `set_reference` where there is one."""
+        if self.about is None or (factors.ndim > 1 and factors.shape[1] > _FEW):
+            return self.sum(factors)
+        if factors.ndim == 1:
+            return self._unpacked(self._near(factors))
+        return np.array([self._unpacked(self._near(column)) for column in factors.T])
+
     def _near(self, factors: np.ndarray) -> np.ndarray:
-        """The upper triangle of the sum of all, from the one that is known, if any: mostly few
-        factors differ, and to read the matrices is the work."""
-        if self.about is None:
-            return factors @ self._upper
+        """The upper triangle of the sum of all: mostly few factors differ from the reference's, and
+        to read the matrices is the work."""
         first, total = self.about
         change = factors - first
         moved = np.flatnonzero(change)
@@ -93,10 +96,6 @@ class Stack:
         """Know a sum, from which others are formed: it must not be what happened to be asked for
         first, or round-off would hang on that."""
         self.about = factors.copy(), factors @ self._upper
-
-    def sums(self, factors: np.ndarray, rows) -> Iterator[np.ndarray]:
-        """`sum` of every column of the factors, one after the other."""
-        yield from map(self._unpacked, factors.T @ self._upper[rows])
 
     def _unpacked(self, row: np.ndarray) -> np.ndarray:
         full = np.empty((self.n, self.n))
@@ -164,10 +163,14 @@ class RegionTerm:
         self.law.check(self.name, q)
         return q
 
+    def at(self, values: Values) -> AtLaw:
+        """Its law's scalars."""
+        return AtLaw(self.law, self.values(values))
+
     def differs(self, a: Values, b: Values) -> bool:
         """Whether any of its properties is another at other values."""
         names = [name for name in self.properties.values() if isinstance(name, str)]
-        return any(_differ(a[name], b[name]) for name in names)
+        return any(a[n] is not b[n] and not np.array_equal(a[n], b[n]) for n in names)
 
 
 def _any(where: str, q: Mapping[str, object]) -> None:
@@ -251,7 +254,6 @@ class AtLaw:
 
     law: Law
     q: Mapping[str, float | np.ndarray]
-    known: dict[str, tuple[np.ndarray, float]] = field(default_factory=dict)
 
     @cached_property
     def theta(self) -> np.ndarray:
@@ -265,18 +267,10 @@ class AtLaw:
 
     def slopes(self, key: str) -> tuple[np.ndarray, float]:
         """Derivatives of the stiffness's and the mass's scalars by a property."""
-        if key not in self.known:
-            stiff = slopes(self.law.stiffness_terms, self.q, key) if len(self.theta) else self.theta
-            self.known[key] = stiff, float(slopes(self.law.inertia_term, self.q, key))
-        return self.known[key]
+        stiff = slopes(self.law.stiffness_terms, self.q, key) if len(self.theta) else self.theta
+        return stiff, float(slopes(self.law.inertia_term, self.q, key))
 
 
-def _differ(a, b) -> bool:
-    return a is not b and not np.array_equal(a, b)
-
-
-#: Sets of a law's values that are remembered.
-_MOST = 20000
 #: Sets of values at which derivatives are remembered.
 _NEXT = 64
 
@@ -377,22 +371,6 @@ class AffinePencil:
 
     # -- scalars ---------------------------------------------------------------------------------
 
-    @cached_property
-    def _known(self) -> dict[tuple, AtLaw]:
-        return {}
-
-    def _at_law(self, region: RegionTerm, values: Values) -> AtLaw:
-        """Remembered where values are numbers, since zones of a joint often share them."""
-        if values and np.ndim(next(iter(values.values()))):
-            return AtLaw(region.law, region.values(values))
-        q = tuple(number(region.properties[key], values) for key in region.law.properties)
-        key = region.law.name, q
-        if key not in self._known:
-            if len(self._known) > _MOST:
-                self._known.clear()
-            self._known[key] = AtLaw(region.law, region.values(values))
-        return self._known[key]
-
     def _at_laws(self, values: Values) -> list[AtLaw]:
         """Of every term; kept for the next call, since K, M and what changes them all ask."""
         last = self.__dict__.get("_last_laws")
@@ -404,7 +382,7 @@ class AffinePencil:
             key = tuple(values.values())
             if last is not None and last[0] == key:
                 return last[1]
-        found = [self._at_law(term, values) for term in self.terms_by_law]
+        found = [term.at(values) for term in self.terms_by_law]
         self.__dict__["_last_laws"] = key, found
         return found
 
@@ -421,7 +399,7 @@ class AffinePencil:
         theta, rho = (np.zeros((len(s.whole), *shape)) for s in (self._stiffness, self._inertia))
         for i, term in enumerate(self.terms_by_law):
             if term.differs(low, high):
-                below, above = self._at_law(term, low), self._at_law(term, high)
+                below, above = term.at(low), term.at(high)
                 theta[self._spans[i]] = above.theta - below.theta
                 rho[i] = above.rho - below.rho
         return theta, rho
@@ -483,7 +461,7 @@ class AffinePencil:
     def matrices(self, values: Values) -> tuple[np.ndarray, np.ndarray]:
         """(K, M) at all parameters' values, each (n, n); (b, n, n) of values of shape (b,) each."""
         theta, rho = self.scalars(values)
-        K, M = self._stiffness.sum(theta), self._inertia.sum(rho)
+        K, M = self._stiffness.sum_near(theta), self._inertia.sum_near(rho)
         for weight, at in self.travelling(values):
             M += weight[..., None, None] * (np.swapaxes(at, -1, -2) @ at)
         if self.fixed is not None:
@@ -493,7 +471,7 @@ class AffinePencil:
     def region_stiffness(self, name: str, values: Mapping[str, float]) -> np.ndarray:
         """Stiffness of one region alone, (n, n)."""
         region = next(r for r in self.regions if r.name == name)
-        return self._stiffness.sum(self._at_law(region, values).theta, self.rows[name])
+        return self._stiffness.sum(region.at(values).theta, self.rows[name])
 
     def total_mass(self, values: Values) -> float | np.ndarray:
         """Mass, kg, of regions, point masses and what is fixed; (b,) of values of shape (b,)."""
@@ -550,11 +528,8 @@ class AffinePencil:
         groups += [("K", name, self.rows[name], by_theta, self._stiffness) for name in apart]
         groups += [("M", None, slice(None), by_rho, self._inertia)]
         for kind, name, rows, by, stack in groups:
-            changed = np.flatnonzero(by[rows].any(axis=0))
-            for p, matrix in zip(
-                changed.tolist(), stack.sums(by[rows][:, changed], rows), strict=True
-            ):
-                yield p, kind, name, matrix
+            for p in np.flatnonzero(by[rows].any(axis=0)).tolist():
+                yield p, kind, name, stack.sum(by[rows, p], rows)
         for p, A, B in self._moved(values):
             yield p, "M", None, A.T @ B + B.T @ A
 

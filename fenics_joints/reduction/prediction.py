@@ -7,6 +7,7 @@ them for many values at a time, from a basis of twenty to forty vectors.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -164,6 +165,13 @@ class ModalPrediction:
         Args:
             wanted: Parameter values.
         """
+        many = batched(self)
+        if many.batches:
+            table = {name: np.array([v[name] for v in wanted]) for name in many.model.parameters}
+            try:
+                return many.batch(table, every=False).log_f
+            except (InputError, np.linalg.LinAlgError):
+                pass  # one of them is beyond a law's limit, as a specimen's
         return np.array([self._or_nan(values) for values in wanted])
 
     def _or_nan(self, values) -> np.ndarray:
@@ -308,14 +316,6 @@ class BatchPrediction(ModalPrediction):
     def _own(self, values) -> dict[str, float]:
         """Without parameters that the model does not have, which a solution would refuse."""
         return {name: values[name] for name in self.model.parameters}
-
-    def log_f_at(self, wanted: Sequence[Mapping[str, float]]) -> np.ndarray:
-        """See `ModalPrediction`; solved together."""
-        table = {name: np.array([v[name] for v in wanted]) for name in self.model.parameters}
-        try:
-            return self.batch(table, every=False).log_f
-        except (InputError, np.linalg.LinAlgError):
-            return super().log_f_at(wanted)  # one of them is beyond a law's limit, as a specimen's
 
     def batch(
         self, values: Mapping[str, np.ndarray], every: bool = True, followed: Followed | None = None
@@ -525,57 +525,33 @@ class MatchedAt(NamedTuple):
 
     Attributes:
         shapes: As columns, (n_dofs, n_modes).
-        index: The test's, (n_test,); (0,) where they are not all there.
-        log_f: ln f of these, (n_test,); nan where they are not all there.
+        index: The test's, (n_test,).
     """
 
     shapes: np.ndarray
     index: np.ndarray
-    log_f: np.ndarray
 
 
-def match_modes_at(
-    forward: ModalPrediction, wanted: Sequence[Mapping[str, float]]
-) -> list[MatchedAt]:
-    """`modes_at` each of several values, and which of them are the test's.
+def match_modes_at(forward: BatchPrediction, wanted: Points) -> list[MatchedAt]:
+    """Modes of a model at those of several values where all of the test's are there.
 
     Args:
-        forward: Of the reduced model.
+        forward: See `batched`; shapes are on its model's basis.
         wanted: Parameter values.
     """
-    many = batched(forward)
-    if many.batches:
-        table = {name: np.array([values[name] for values in wanted]) for name in wanted[0]}
-        try:
-            modes = many.batch(table, every=False)
-            most = np.maximum(modes.index.max(axis=1) + 1, many.n_modes)
-            each = zip(modes.vectors, most, modes.index, modes.log_f, strict=True)
-            return [
-                MatchedAt(x[:, :n], index, log_f) if good else _seen_modes(forward, values)
-                for good, values, (x, n, index, log_f) in zip(modes.good, wanted, each, strict=True)
-            ]
-        except (InputError, np.linalg.LinAlgError):
-            pass  # one of them is beyond a law's limit
-    return [_seen_modes(forward, values) for values in wanted]
-
-
-def _seen_modes(forward: ModalPrediction, values) -> MatchedAt:
+    table = {name: np.array([values[name] for values in wanted]) for name in wanted[0]}
     try:
-        modes, pairing = forward.solve(values)
-    except InputError:
-        nothing = np.full(forward.n_test, np.nan)
-        return MatchedAt(modes_at(forward, values), np.zeros(0, dtype=int), nothing)
-    log_f = np.log(modes.frequencies_hz[pairing.index])
-    return MatchedAt(modes.shapes, pairing.index, log_f)
-
-
-def modes_at(forward: ModalPrediction, values: Mapping[str, float]) -> np.ndarray:
-    """Modes of the reduced model, as many as the test's ask for, shape (n_dofs, n_modes)."""
-    try:
-        return forward.solve(values)[0].shapes
-    except InputError:
-        own = {name: values[name] for name in forward.model.parameters}
-        return solve_modes(forward.model, own, n_modes=forward.n_modes).shapes
+        modes = forward.batch(table, every=False)
+    except (InputError, np.linalg.LinAlgError):  # one of them is beyond a law's limit
+        found = []
+        for values in wanted:
+            with suppress(InputError, np.linalg.LinAlgError):
+                modes, pairing = forward.solve(values)
+                found.append(MatchedAt(modes.shapes, pairing.index))
+        return found
+    most = np.maximum(modes.index.max(axis=1) + 1, forward.n_modes)
+    each = zip(modes.vectors, most, modes.index, modes.good, strict=True)
+    return [MatchedAt(x[:, :n], index) for x, n, index, good in each if good]
 
 
 #: Draws whose modes make a small model, those of each round that check it, rounds, and the numbers
@@ -605,15 +581,15 @@ def compress(
         The small forward, and its largest error of ln f at `CHECKS` other draws: above
         ``tolerance`` if even the largest basis is not good enough.
     """
-    model, snapshots = forward.model, []
-    wanted = [model.values(), *draw(_DRAWS)]
-    seen = [each.index.max() for each in match_modes_at(forward, wanted) if len(each.index)]
-    enough = int(max(seen, default=forward.n_modes)) + 1 + _BEYOND
-    forward = forward.of(model, min(forward.n_modes, enough))
+    wanted, snapshots = [forward.model.values(), *draw(_DRAWS)], []
+    seen = match_modes_at(batched(forward), wanted)
+    enough = max((int(each.index.max()) + 1 + _BEYOND for each in seen), default=forward.n_modes)
+    forward = batched(forward.of(forward.model, min(forward.n_modes, enough)))
+    model = forward.model
     for _ in range(_ROUNDS):
-        snapshots += [modes_at(forward, values) for values in wanted]
+        snapshots += [each.shapes[:, : forward.n_modes] for each in match_modes_at(forward, wanted)]
         checks = draw(CHECKS)
-        exact = batched(forward).log_f_at(checks)
+        exact = forward.log_f_at(checks)
         there = np.isfinite(exact).all(axis=1)
         wanted, exact = [v for v, good in zip(checks, there, strict=True) if good], exact[there]
         vectors, sizes = pod(model, np.hstack(snapshots))
