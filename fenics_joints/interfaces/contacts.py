@@ -26,6 +26,7 @@ from fenics_joints.interfaces.model import InterfaceModel, InterfacePoints
 from fenics_joints.interfaces.reduced import ReducedInterfaceModel
 from fenics_joints.joint_laws.law import JointLaw
 from fenics_joints.modal.eigensolver import EigenSolver
+from fenics_joints.modal.modes import SHIFT_SHARE
 from fenics_joints.preload import OPEN, SLIP, LinearJoint
 from fenics_joints.preload.interface import Interface
 from fenics_joints.reduction.affine import AffinePencil
@@ -33,9 +34,6 @@ from fenics_joints.reduction.reduced import ReducedStructure
 from fenics_joints.structure.sparse import as_columns, product, project
 from fenics_joints.structure.structure import Places, place_loads
 
-#: The shift of static solutions and modes, as `modal.modes` takes it: its frequency as a
-#: share of the dilation frequency.
-_SHIFT_SHARE = 0.002
 #: Constraint modes that are kept, where shapes are asked for, of an interface that has more; and
 #: how many are if there are no shapes.
 _MOST, _WITHOUT = 1500, 60
@@ -97,7 +95,7 @@ def reduce_contacts(
     forces, sensors = _forces(joint, forces), _jump_places(joint, "sensors", sensors)
     loads = np.hstack([forces[1], sensors[1]])
     _zero_held(joint, np.concatenate([free.held(), pairs.bubbles()]), loads)
-    shift = -((2 * np.pi * _SHIFT_SHARE * joint.dilation_frequency(given)) ** 2)
+    shift = -((2 * np.pi * SHIFT_SHARE * joint.dilation_frequency(given)) ** 2)
     solver = EigenSolver(n_modes, shift=shift)
     elastic = pairs.with_tangents(K)
     basis = pairs, (K, elastic, M), solver, loads

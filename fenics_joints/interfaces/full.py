@@ -275,8 +275,7 @@ def _shear_stiffness(structure: Structure, number: int, q: Mapping[str, float]) 
         G = share * q["G"]
         # Of a constrained layer the normal modulus is lambda + 2 G, zero for E = 4 G.
         only = {"E": 4 * G if law == "constrained" else 0.0, "G": G}
-    K, _ = structure.region_matrices(number, {**q, **only})
-    return K
+    return structure.region_matrix(number, 0, {**q, **only})
 
 
 def _take_normal(K: PETSc.Mat, points: SparsePoints, modulus: float) -> None:

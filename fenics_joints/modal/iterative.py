@@ -37,7 +37,12 @@ from fenics_joints.structure.structure import Structure
 #: A rigid motion's forces, relative to the diagonal of K: round-off is 1e-13, a spring of 1 N/m on
 #: a steel part 1e-9.
 _NO_FORCE = 1e-11
-_DEPENDENT = 1e-12  # of an eigenvalue of the scaled Gram matrix: a direction twice in the basis
+#: Eigenvalue of the scaled Gram matrix, relative to the largest, of a direction that is in the
+#: basis twice.
+_DEPENDENT = 1e-12
+#: Columns beside the modes wanted: chosen; fewer take more iterations.
+_GUARD = 4
+_PREFIX = "fenics_joints_iterative_"
 
 _GAMG = {
     # Aggregates must not reach across a soft layer, nor skip a distance.
@@ -67,10 +72,8 @@ class IterativeEigenSolver:
         shift: Shift in (rad/s)^2, below zero.
         tol: Relative error of the shapes in the norm of A, by ``r^T B r`` of the residual r and
             the preconditioner B; an eigenvalue's is of the order of its square.
-        guard: Columns beside the modes wanted.
         max_iterations: Iterations before ConvergenceError.
         petsc_options: Options of the preconditioner, see `Multigrid`.
-        prefix: Their prefix.
 
     Raises:
         InputError: A value is out of range.
@@ -82,20 +85,17 @@ class IterativeEigenSolver:
         *,
         shift: float,
         tol: float = 1e-6,
-        guard: int = 4,
         max_iterations: int = 200,
         petsc_options: Mapping[str, object] | None = None,
-        prefix: str = "fenics_joints_iterative_",
     ):
         n = whole("n", n)
         if not real("shift", shift, "(rad/s)^2") < 0.0:
             raise InputError(f"shift is {shift}: expected a number below zero")
         real("tol", tol, above=0, most=1e-2)
-        whole("guard", guard, 0)
         whole("max_iterations", max_iterations)
         self.n, self.shift, self.tol = int(n), float(shift), float(tol)
-        self.guard, self.max_iterations = int(guard), int(max_iterations)
-        self.petsc_options, self.prefix = given_options(petsc_options), prefix
+        self.max_iterations = int(max_iterations)
+        self.petsc_options = given_options(petsc_options)
         self._multigrid: Multigrid | None = None
         self._A: PETSc.Mat | None = None
         self._M: PETSc.Mat | None = None
@@ -134,7 +134,7 @@ class IterativeEigenSolver:
         values, X = np.zeros(min(self.n, Y.shape[1])), Y[:, : self.n]
         steps = 0
         if more > 0:
-            width = min(more + self.guard, structure.n_dofs - Y.shape[1])
+            width = min(more + _GUARD, structure.n_dofs - Y.shape[1])
             start = _start(op, Y, width, list(initial)[-more:])
             theta, Z, steps = _lobpcg(op, Y, start, more, self.tol, self.max_iterations)
             values = np.concatenate([values, self.shift + 1.0 / theta])
@@ -158,7 +158,7 @@ class IterativeEigenSolver:
         """Matrices as their triangles, one after the other, so that few whole ones exist at once"""
         if self._multigrid is None or self._multigrid.structure is not structure:
             self.destroy()
-            self._multigrid = Multigrid(structure, self.petsc_options, self.prefix)
+            self._multigrid = Multigrid(structure, self.petsc_options)
         self._free_matrices()
         M = structure.mass(given)
         self._M = without_zeros(M)
@@ -385,20 +385,15 @@ class Multigrid:
 
     Args:
         structure: The structure.
-        petsc_options: PETSc options without prefix, such as ``mg_coarse_pc_type``.
-        prefix: Their prefix, so that the command line can set the same options.
+        petsc_options: PETSc options without prefix, such as ``mg_coarse_pc_type``; on the command
+            line they have the prefix ``fenics_joints_iterative_``.
 
     Attributes:
         solver: The KSP; its operator is A.
     """
 
-    def __init__(
-        self,
-        structure: Structure,
-        petsc_options: Mapping[str, object] | None = None,
-        prefix: str = "fenics_joints_iterative_",
-    ):
-        self.structure, self.prefix = structure, prefix
+    def __init__(self, structure: Structure, petsc_options: Mapping[str, object] | None = None):
+        self.structure = structure
         self.coarse = structure.coarser() if structure.degree > 1 else None
         ours = _ONE_LEVEL if self.coarse is None else _TWO_LEVELS
         self.options = {**ours, **given_options(petsc_options)}
@@ -413,14 +408,14 @@ class Multigrid:
         """
         self._forget()
         self.solver = PETSc.KSP().create(A.comm)
-        self.solver.setOptionsPrefix(self.prefix)
+        self.solver.setOptionsPrefix(_PREFIX)
         self.solver.setType(PETSc.KSP.Type.PREONLY)
         self.solver.setOperators(A)
         pc = self.solver.getPC()
         try:
-            with petsc_defaults(self.prefix, self.options):
+            with petsc_defaults(_PREFIX, self.options):
                 # The levels come before the other options, which are theirs.
-                pc.setType(PETSc.Options(self.prefix).getString("pc_type"))
+                pc.setType(PETSc.Options(_PREFIX).getString("pc_type"))
                 if self.coarse is None:
                     _set_near_null_space(A, self.structure)
                 elif pc.getType() == PETSc.PC.Type.MG:

@@ -9,7 +9,7 @@ model, and `checked_frf_model` adds samples until it is small enough where it wa
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields
 
 import numpy as np
@@ -136,7 +136,7 @@ def response_loads(structure: Structure, excitation: Sensors, sensors: Sensors) 
     return np.hstack([structure.loads(excitation, "excitation"), structure.loads(sensors)])
 
 
-def _sampled(structure, samples, n_modes, asked, done) -> ResponseSampler:
+def _sampled(structure, samples, n_modes, asked) -> ResponseSampler:
     """Modes and residual vectors at samples."""
     damping = asked.get("damping") or Damping()
     damping.check(structure.parameters, structure.layers)
@@ -145,7 +145,6 @@ def _sampled(structure, samples, n_modes, asked, done) -> ResponseSampler:
     sampler = ResponseSampler(structure, n_modes, loads, lines, damping)
     for given in samples:
         sampler.add(given, sampler.modes(given))
-        done()
     return sampler
 
 
@@ -156,7 +155,6 @@ def frf_basis(
     n_modes: int,
     tolerance: float = 1e-8,
     travel: Mapping[str, tuple[float, float]] | None = None,
-    progress: Callable[[], None] = lambda: None,
     **asked,
 ) -> ReducedStructure:
     """Reduced model on modes and residual vectors at samples of the parameters. Collective.
@@ -167,7 +165,6 @@ def frf_basis(
         n_modes: Modes at each sample, rigid-body ones included.
         tolerance: Directions with less than this share of the largest energy are left out.
         travel: Ranges of moving masses, see `ReducedStructure`.
-        progress: Called after each sample.
         asked: ``frequencies_hz`` (lines of interest, whose median weighs the layers' damping),
             ``excitation``, ``sensors`` and ``damping``, as `fenics_joints.response.solve_frf` has
             them. Damped layers get residual vectors of their own.
@@ -176,7 +173,7 @@ def frf_basis(
         InputError: Without samples, or if a value is out of range or a point outside the mesh.
         ConvergenceError: If modes were not found.
     """
-    sampler = _sampled(structure, samples, n_modes, asked, progress)
+    sampler = _sampled(structure, samples, n_modes, asked)
     return ReducedStructure(structure, sampler.snapshots.basis(tolerance), travel)
 
 
@@ -213,10 +210,8 @@ def checked_frf_model(
     error: float = 1e-3,
     lines: int | None = 5,
     rounds: int = 8,
-    strict: bool = True,
     tolerance: float = 1e-8,
     travel: Mapping[str, tuple[float, float]] | None = None,
-    progress: Callable[[], None] = lambda: None,
     **asked,
 ) -> CheckedFRFModel:
     """Reduced model whose FRFs have no larger error than asked at points. Collective.
@@ -231,24 +226,20 @@ def checked_frf_model(
         error: Largest relative error of any FRF at any of the points and lines.
         lines: At how many lines each point is checked, see `frf_error`.
         rounds: How many points may be added.
-        strict: Whether a larger error is an exception; otherwise it is there to be read.
         tolerance: As in `frf_basis`.
         travel: Ranges of moving masses.
-        progress: Called after each sample and each point.
         asked: As in `frf_basis`.
 
     Raises:
         InputError: As `frf_basis`.
-        ConvergenceError: If the error is still larger after all rounds, and ``strict``.
+        ConvergenceError: If the error is still larger after all rounds.
     """
     if not len(samples) or not len(points):
         raise InputError("samples and points: expected at least one set of values in each.")
-    used, exact = list(samples), []
-    sampler = _sampled(structure, used, n_modes, asked, progress)
+    used = list(samples)
+    sampler = _sampled(structure, used, n_modes, asked)
     asked |= {"frequencies_hz": _some(sampler.lines, lines)}
-    for given in points:
-        exact.append(_exact(structure, given, asked))
-        progress()
+    exact = [_exact(structure, given, asked) for given in points]
     history, own = [], np.zeros(len(points), dtype=bool)
     while True:
         reduced = ReducedStructure(structure, sampler.snapshots.basis(tolerance), travel)
@@ -261,8 +252,7 @@ def checked_frf_model(
         own[worst] = True
         used.append(points[worst])
         sampler.add(points[worst], sampler.modes(points[worst]))
-        progress()
-    if late and strict:
+    if late:
         raise ConvergenceError(
             f"the FRFs of the reduced model of {reduced.n_dofs} vectors have an error of "
             f"{found.worst:.1e} at the worst of {len(points)} points, more than the {error:.1e} "

@@ -40,7 +40,14 @@ from fenics_joints.measurements.gap import (
     with_untold,
 )
 from fenics_joints.modal import frequency_sensitivity
-from fenics_joints.modal.modes import NOTHING, Modes, inverted_modes, solve_modes, upright
+from fenics_joints.modal.modes import (
+    NOTHING,
+    SHIFT_SHARE,
+    Modes,
+    dense_modes,
+    rigid_below,
+    solve_modes,
+)
 from fenics_joints.reduction.arrays import ArrayModel, freeze
 from fenics_joints.reduction.basis import Points, pod
 from fenics_joints.reduction.batch_modes import BatchModes, BatchValues, Change, change
@@ -258,13 +265,9 @@ def ways_of(sensors: Sensors, gdim: int) -> np.ndarray:
     return np.stack([along, np.cross(normals, along)])
 
 
-#: As in `fenics_joints.modal.modes`: the shift below zero, and what counts as rigid.
-_SHIFT_SHARE, _RIGID_SHARE = 0.002, 0.01
 #: Round-off of a rigid mode's eigenvalue is to be below its limit by this much, at the nominal
 #: values: stiffnesses may grow from there.
 _MARGIN = 1e3
-#: Modes looked through for the test's, as `ModalPrediction.solve` does.
-_SEARCHED = 4
 #: Size of a model, and this over the number of modes wanted, from which these are solved for alone:
 #: all modes of smaller ones are found sooner.
 _LARGE, _FEW = 100, 2.0
@@ -395,7 +398,7 @@ class BatchPrediction(ModalPrediction):
         return index, good
 
     def _count_rigid(self, eigenvalues) -> np.ndarray:
-        rigid = (2 * np.pi * _RIGID_SHARE * _SHIFT_SHARE * self.model.scale_hz) ** 2
+        rigid = rigid_below(SHIFT_SHARE * self.model.scale_hz)
         return np.sum(np.abs(eigenvalues) < rigid, axis=1)
 
     def _modes(self, values, count: int | None = None) -> tuple[np.ndarray, np.ndarray]:
@@ -409,19 +412,17 @@ class BatchPrediction(ModalPrediction):
         k = n if count is None else count
         eigenvalues, vectors = np.empty((len(K), k)), np.empty((len(K), n, k))
         for i in range(len(K)):
-            eigenvalues[i], vectors[i] = self._one(K[i], M[i], k, few)
+            eigenvalues[i], vectors[i] = self._one(K[i], M[i], k)
         return eigenvalues, vectors
 
-    def _one(self, K, M, count: int, few: bool) -> tuple[np.ndarray, np.ndarray]:
+    def _one(self, K, M, count: int) -> tuple[np.ndarray, np.ndarray]:
         """Of one model: a third sooner than many together, whose products are not blocked."""
         if self._unit:
             return scipy.linalg.eigh(K, subset_by_index=[0, count - 1], check_finite=False)
-        shift = (2 * np.pi * _SHIFT_SHARE * self.model.scale_hz) ** 2
         try:
-            inverse, vectors = inverted_modes(K, M, shift, count if few else None)
+            return dense_modes(K, M, SHIFT_SHARE * self.model.scale_hz, count)
         except ConvergenceError as error:
             raise np.linalg.LinAlgError(str(error)) from error
-        return upright(inverse[:count], vectors[:, :count], shift)
 
     def _paired(self, values, eigenvalues, vectors) -> tuple[np.ndarray, np.ndarray]:
         """Index of the model's mode of each of the test's, (b, m), and whether there are enough.
@@ -495,8 +496,7 @@ def _of_unit_mass(model: ArrayModel) -> ArrayModel | None:
         return None
     inverse_root = np.linalg.inv(np.linalg.cholesky(model.mass()))
     highest = np.linalg.eigvalsh(inverse_root @ model.stiffness() @ inverse_root.T)[-1]
-    rigid = (2 * np.pi * _RIGID_SHARE * _SHIFT_SHARE * model.scale_hz) ** 2
-    if _MARGIN * np.finfo(float).eps * highest > rigid:
+    if _MARGIN * np.finfo(float).eps * highest > rigid_below(SHIFT_SHARE * model.scale_hz):
         return None
     found = model.on(inverse_root.T)
     if pencil.reference is not None:

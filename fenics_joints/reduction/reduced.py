@@ -379,8 +379,8 @@ class ReducedStructure(ArrayModel):
     def _varying(self, number: int, values) -> tuple[np.ndarray, np.ndarray]:
         """A region graded in space: assembled anew and projected."""
         self.full.field.update(values)
-        K, M = self.full.region_matrices(number, None)
-        return self.projection.matrix(K), self.projection.matrix(M)
+        matrices = (self.full.region_matrix(number, which, None) for which in (0, 1))
+        return tuple(map(self.projection.matrix, matrices))
 
     def values_of_slopes(self, given: Mapping[str, float] | None = None) -> dict[str, float]:
         """See `ArrayModel.values_of_slopes`.

@@ -25,6 +25,7 @@ from fenics_joints.response.modal_basis import Response
 from fenics_joints.response.pencil import DampedPencil, Term
 from fenics_joints.structure.sparse import dense_block
 
+_PREFIX = "fenics_joints_frf_"
 _OPTIONS = {
     "ksp_type": "preonly",
     "pc_type": "cholesky",
@@ -43,22 +44,17 @@ class DynamicStiffness:
 
     Args:
         pencil: The matrices and the damping; modal ratios are left out.
-        petsc_options: Options of KSP and PC, without prefix; ``{"pc_type": "lu"}`` for LU.
-        prefix: Options prefix, so that the command line can set the same options.
+        petsc_options: Options of KSP and PC, without prefix; ``{"pc_type": "lu"}`` for LU. On the
+            command line they have the prefix ``fenics_joints_frf_``.
     """
 
-    def __init__(
-        self,
-        pencil: DampedPencil,
-        petsc_options: Mapping[str, object] | None = None,
-        prefix: str = "fenics_joints_frf_",
-    ):
+    def __init__(self, pencil: DampedPencil, petsc_options: Mapping[str, object] | None = None):
         self.pencil = pencil
         self._align()
         self._lay_out()
         self._ksp = PETSc.KSP().create(pencil.comm)
-        self._ksp.setOptionsPrefix(prefix)
-        self._options, self._prefix = {**_OPTIONS, **given_options(petsc_options)}, prefix
+        self._ksp.setOptionsPrefix(_PREFIX)
+        self._options = {**_OPTIONS, **given_options(petsc_options)}
 
     @property
     def solver(self) -> PETSc.KSP:
@@ -150,7 +146,7 @@ class DynamicStiffness:
         self._matrix.assemble()
         self._s = s
         self._ksp.setOperators(self._matrix)
-        with petsc_defaults(self._prefix, self._options):
+        with petsc_defaults(_PREFIX, self._options):
             self._ksp.setFromOptions()
             try:
                 self._ksp.setUp()

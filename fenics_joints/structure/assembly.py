@@ -607,20 +607,17 @@ class Assembly:
         owned = self.mesh.topology.index_map(self.mesh.topology.dim).size_local
         return self._measure("dx", [(1, np.sort(cells[cells < owned]).astype(np.int32))], 1)
 
-    def region_matrices(self, number: int, q: Mapping[str, float] | None) -> tuple:
-        """Stiffness and mass of one region alone; rows and columns of held DOFs are zero.
+    def region_matrix(self, number: int, which: int, q: Mapping[str, float] | None) -> PETSc.Mat:
+        """Stiffness (0) or mass (1) of one region alone; rows and columns of held DOFs are zero.
 
         Args:
             number: Index of the region in `regions`.
+            which: 0 or 1.
             q: Property values to put into its cells, unchecked; None leaves the field as it is.
 
         Returns:
-            (K, M), PETSc matrices that the next call with the same ``number`` overwrites.
+            A matrix that the next call with the same ``number`` and ``which`` overwrites.
         """
-        return tuple(self.region_matrix(number, which, q) for which in (0, 1))
-
-    def region_matrix(self, number: int, which: int, q: Mapping[str, float] | None) -> PETSc.Mat:
-        """One of `region_matrices`: stiffness (0) or mass (1)."""
         if q is not None:
             self.field.fill(number, q)
         key = number, which
