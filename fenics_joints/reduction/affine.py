@@ -21,25 +21,34 @@ from fenics_joints.structure.changes import CHANGES
 from fenics_joints.structure.components import Parameter, number, parameter_values, slopes
 from fenics_joints.structure.laws import Law
 
-#: Sums that are formed one after the other from a near one; how many times larger a factor may have
-#: been there; and rows between two that are wanted which are read along with them.
-_FEW, _MAGNITUDES, _GAP = 12, 1e6, 4
+#: Number of sums up to which each is formed from the reference; of more, one product of matrices is
+#: faster. Chosen by timing; results agree to round-off.
+_FEW = 12
+#: Ratio of a factor of the reference to the one wanted above which its round-off would show.
+_MAGNITUDES = 1e6
+#: Unwanted rows between two wanted ones that are read along with them: chosen, for speed alone.
+_GAP = 4
 
-#: Values at which scalars are compared: what is in proportion at all of them, to round-off, is so
-#: everywhere, for they are rational functions and the values are any. How far they are apart.
-_SAMPLES, _ROUND_OFF, _APART = 6, 1e-11, 0.15
+#: Random values at which scalars are compared: rational functions that are in proportion at all of
+#: them are in proportion everywhere.
+_SAMPLES = 6
+#: Relative difference below which scalars are in proportion: round-off of a few operations.
+_ROUND_OFF = 1e-11
+#: Relative range of the random values: chosen; any range would do.
+_APART = 0.15
 
 
 class Stack:
-    """Matrices of which a sum is made.
+    """Symmetric matrices whose weighted sums are wanted.
 
     Attributes:
         whole: The matrices, (n_terms, n, n).
+        reference: Factors and upper triangle of the sum that `sum_near` starts from, or None.
     """
 
     def __init__(self, matrices: Sequence[np.ndarray], n: int):
         self.n, self.whole = n, np.array(matrices, dtype=float).reshape(len(matrices), n, n)
-        self.about: tuple[np.ndarray, np.ndarray] | None = None
+        self.reference: tuple[np.ndarray, np.ndarray] | None = None
 
     @cached_property
     def _indices(self) -> tuple[np.ndarray, np.ndarray]:
@@ -71,19 +80,19 @@ class Stack:
 
     def sum_near(self, factors: np.ndarray) -> np.ndarray:
         """`sum` of all matrices, from the sum of `set_reference` where there is one."""
-        if self.about is None or (factors.ndim > 1 and factors.shape[1] > _FEW):
+        if self.reference is None or (factors.ndim > 1 and factors.shape[1] > _FEW):
             return self.sum(factors)
         if factors.ndim == 1:
             return self._unpacked(self._near(factors))
         return np.array([self._unpacked(self._near(column)) for column in factors.T])
 
     def _near(self, factors: np.ndarray) -> np.ndarray:
-        """The upper triangle of the sum of all: mostly few factors differ from the reference's, and
-        to read the matrices is the work."""
-        first, total = self.about
+        """Upper triangle of the sum of all. Mostly few factors differ from the reference's, and
+        reading the matrices takes the time."""
+        first, total = self.reference
         change = factors - first
         moved = np.flatnonzero(change)
-        # Round-off of what is known must not show in what is left of it.
+        # Where a large term nearly vanishes, the reference's round-off would show.
         lost = np.abs(first[moved]) > _MAGNITUDES * np.abs(factors[moved])
         if len(moved) > len(factors) // 2 or np.any(lost & (factors[moved] != 0.0)):
             return factors @ self._upper
@@ -93,9 +102,11 @@ class Stack:
         return total
 
     def set_reference(self, factors: np.ndarray) -> None:
-        """Know a sum, from which others are formed: it must not be what happened to be asked for
-        first, or round-off would hang on that."""
-        self.about = factors.copy(), factors @ self._upper
+        """Keep the sum at these factors for `sum_near`.
+
+        The caller names it, so that round-off does not depend on which sum was asked for first.
+        """
+        self.reference = factors.copy(), factors @ self._upper
 
     def _unpacked(self, row: np.ndarray) -> np.ndarray:
         full = np.empty((self.n, self.n))
@@ -115,7 +126,7 @@ class Stack:
 
         Args:
             packed: From `pack`.
-            wanted: Which matrices, (n_terms,), bool; of others it is 0, or not. None for all.
+            wanted: Which matrices, (n_terms,), bool; entries of others are arbitrary. None for all.
         """
         if wanted is None:
             return packed @ self._upper.T
@@ -163,18 +174,18 @@ class RegionTerm:
         self.law.check(self.name, q)
         return q
 
-    def at(self, values: Values) -> AtLaw:
+    def at(self, values: Values) -> LawScalars:
         """Its law's scalars."""
-        return AtLaw(self.law, self.values(values))
+        return LawScalars(self.law, self.values(values))
 
     def differs(self, a: Values, b: Values) -> bool:
-        """Whether any of its properties is another at other values."""
+        """Whether any of its properties differs between two sets of values."""
         names = [name for name in self.properties.values() if isinstance(name, str)]
         return any(a[n] is not b[n] and not np.array_equal(a[n], b[n]) for n in names)
 
 
 def _any(where: str, q: Mapping[str, object]) -> None:
-    """Nothing is refused: a component was checked when it was made."""
+    """Accept all values: the component was checked when it was made."""
 
 
 #: A grounding spring and a point mass as laws of one property each.
@@ -233,7 +244,7 @@ class TravellingMass:
         return self._spline(travel), self._spline(travel, 1)
 
     def at(self, travel: float) -> RegionTerm:
-        """The mass that stays at one place."""
+        """The same mass fixed at one place."""
         return mass_term(self.name, self.mass, travel, self.share, None, self(travel)[0][None])
 
 
@@ -248,9 +259,11 @@ def mass_term(
 
 
 @dataclass
-class AtLaw:
-    """A law's scalars at values of its properties, and their derivatives, as they are asked for: of
-    a beam's dozen properties few are parameters."""
+class LawScalars:
+    """A law's scalars at values of its properties, and their derivatives.
+
+    Each is computed when it is asked for: few of a beam's dozen properties are parameters.
+    """
 
     law: Law
     q: Mapping[str, float | np.ndarray]
@@ -271,12 +284,12 @@ class AtLaw:
         return stiff, float(slopes(self.law.inertia_term, self.q, key))
 
 
-#: Sets of values at which derivatives are remembered.
+#: Sets of values whose derivatives are kept: chosen, for speed alone.
 _NEXT = 64
 
 
 def _same_arrays(kept, values) -> bool:
-    """Whether these are the very arrays that were kept in a list."""
+    """Whether the kept list holds these very arrays."""
     if not isinstance(kept, list) or len(kept) != len(values):
         return False
     return all(a is b for a, b in zip(kept, values, strict=True))
@@ -324,17 +337,17 @@ class AffinePencil:
 
     @property
     def terms_by_law(self) -> list[RegionTerm]:
-        """Regions, then springs and masses that stay: all in which K and M are affine."""
+        """Terms in which K and M are affine: regions, then springs and masses that do not move."""
         return [*self.regions, *(p for p in self.points if isinstance(p, RegionTerm))]
 
     @cached_property
     def moving(self) -> list[TravellingMass]:
-        """Masses that move."""
+        """Masses whose place is a parameter."""
         return [p for p in self.points if isinstance(p, TravellingMass)]
 
     @cached_property
     def travellers(self) -> tuple[str, ...]:
-        """Parameters of the masses that move."""
+        """Names of these masses' parameters."""
         named = (name for m in self.moving for name in (m.mass, m.travel))
         return tuple(dict.fromkeys(name for name in named if isinstance(name, str)))
 
@@ -351,8 +364,7 @@ class AffinePencil:
         return stack
 
     def _hold(self, own: Iterable[Mapping[str, np.ndarray]]) -> None:
-        """Let the regions look into a stack that has copies of their arrays, which then can go:
-        they are most of a model."""
+        """Make the regions' arrays views of a stack, so that a model holds them once."""
         held = [replace(r, **arrays) for r, arrays in zip(self.regions, own, strict=False)]
         object.__setattr__(self, "regions", held)
 
@@ -371,8 +383,8 @@ class AffinePencil:
 
     # -- scalars ---------------------------------------------------------------------------------
 
-    def _at_laws(self, values: Values) -> list[AtLaw]:
-        """Of every term; kept for the next call, since K, M and what changes them all ask."""
+    def _at_laws(self, values: Values) -> list[LawScalars]:
+        """Scalars of every term; kept for the next call, since K, M and derivatives need them."""
         last = self.__dict__.get("_last_laws")
         if np.ndim(next(iter(values.values()), 0.0)):
             if last is not None and _same_arrays(last[0], values.values()):
@@ -393,8 +405,7 @@ class AffinePencil:
         return theta, np.reshape([each.rho for each in at], (len(at), *shape))
 
     def change(self, low: Values, high: Values) -> tuple[np.ndarray, np.ndarray]:
-        """`scalars` at the high less those at the low values, of arrays (b,) each; only of terms
-        in which something differs."""
+        """`scalars` at the high values minus those at the low ones, of arrays (b,) each."""
         shape = np.shape(next(iter(high.values())))
         theta, rho = (np.zeros((len(s.whole), *shape)) for s in (self._stiffness, self._inertia))
         for i, term in enumerate(self.terms_by_law):
@@ -405,8 +416,11 @@ class AffinePencil:
         return theta, rho
 
     def scalar_slopes(self, values: Mapping[str, float]) -> tuple[np.ndarray, np.ndarray]:
-        """Derivatives of `scalars`, each (n_terms, n_parameters); kept for the next calls: where
-        each mode sees a model of its own, one after the other asks, and asks again."""
+        """Derivatives of `scalars`, each (n_terms, n_parameters).
+
+        Kept for the last sets of values: where each mode sees a model of its own, calls alternate
+        between these.
+        """
         key = tuple(values.values())
         if key not in self._slopes:
             if len(self._slopes) >= _NEXT:
@@ -432,7 +446,8 @@ class AffinePencil:
         return by_theta, by_rho
 
     def _moved(self, values) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
-        """Index of a parameter, and A and B, (gdim, n), for dM/dp = A^T B + B^T A of what moves."""
+        """Derivatives by the masses that move: index of the parameter, and A and B, (gdim, n), with
+        dM/dp = A^T B + B^T A."""
         position = {name: i for i, name in enumerate(self.parameters)}
         for mass in self.moving:
             at, slope = mass(values[mass.travel])
@@ -443,7 +458,7 @@ class AffinePencil:
     # -- sums ------------------------------------------------------------------------------------
 
     def set_reference(self, values: Values) -> None:
-        """Form sums at other values from those at these, of which most scalars are mostly the same.
+        """Form later sums as corrections of the sum at these values: most scalars rarely differ.
 
         Args:
             values: All parameters' values.
@@ -534,11 +549,11 @@ class AffinePencil:
             yield p, "M", None, A.T @ B + B.T @ A
 
     def mapped(self, matrix: Callable, rows: Callable) -> AffinePencil:
-        """The same in other unknowns.
+        """The same pencil in other unknowns.
 
         Args:
-            matrix: Gives matrices, (..., n, n), in these.
-            rows: Gives rows, (..., n), in these.
+            matrix: Transforms matrices, (..., n, n), to these.
+            rows: Transforms rows, (..., n), to these.
         """
 
         def term(t):
@@ -554,22 +569,22 @@ class AffinePencil:
         )
 
     def on(self, basis: np.ndarray) -> AffinePencil:
-        """The same on fewer vectors, which are the columns of ``basis``, (n, k)."""
+        """The pencil projected on the columns of ``basis``, (n, k)."""
         return self.mapped(lambda A: basis.T @ A @ basis, lambda rows: rows @ basis)
 
     def restricted(
         self, free: Collection[str], values: Values, only: Collection[str] | None = None
     ) -> AffinePencil:
-        """The same in fewer terms, where some parameters stand still.
+        """The same pencil with some parameters fixed, in fewer terms.
 
-        While most parameters stand still, most scalars do too, and others are in proportion, as the
-        moduli of one layer: their matrices are summed up once.
+        With most parameters fixed, most scalars are constant, and others are in proportion, such as
+        those of one layer's modulus: their matrices are summed once.
 
         Args:
             free: Names of the parameters that may change.
             values: Values of all parameters.
-            only: Terms that name none of these, and `structure.changes`, stay as they are; None to
-                look at all.
+            only: Terms that name none of these, and `structure.changes`, are kept as they are.
+                None to look at all terms.
         """
         zero = np.zeros((self.n, self.n))
         K, M = (np.array(A) for A in self.fixed or (zero, zero))
@@ -593,16 +608,15 @@ class AffinePencil:
 
 
 def _split(region: RegionTerm, free, values):
-    """What is left of a part or joint, or None; and its stiffness, inertia and mass, kg, that stand
-    still."""
+    """The varying rest of a part or joint, or None; its fixed stiffness, inertia and mass, kg."""
     law, q = region.law, region.values(values)
     named = {key: name for key, name in region.properties.items() if name in free}
     properties = {k: v if v in free else q.get(k, v) for k, v in region.properties.items()}
-    if named and law in CHANGES:  # nought at most values of a place, and not at all
+    if named and law in CHANGES:  # zero at most values of a place, but not at all
         return replace(region, properties=properties), 0.0, 0.0, 0.0
     chance = np.random.default_rng(1)
     factors = {name: 1 + _APART * chance.random(_SAMPLES) for name in dict.fromkeys(named.values())}
-    # Of what is nought all multiples are: it is compared at others.
+    # Zero times any factor is zero: such a property is compared at values about one.
     many = {k: np.full(_SAMPLES, v) for k, v in q.items()}
     many |= {k: (q[k] or 1.0) * factors[name] for k, name in named.items()}
     theta = np.reshape(law.stiffness_terms(many), (-1, _SAMPLES)).astype(float)
@@ -631,7 +645,7 @@ def _split(region: RegionTerm, free, values):
 
 
 def _groups(theta: np.ndarray, rows: Sequence[int]) -> list[tuple[list[int], list[float]]]:
-    """Rows in proportion, and each one's multiple of the first."""
+    """Groups of rows in proportion, with each row's multiple of its group's first."""
     found: list[tuple[list[int], list[float]]] = []
     for i in rows:
         for members, shares in found:

@@ -23,14 +23,14 @@ class ArrayModel:
         pencil: K(p) and M(p) on the basis.
         scale_hz: Dilation frequency, Hz, below which by far a mode is rigid.
         sensor_rows: What the sensors read of the basis, shape (n_sensors, n_dofs); None without.
-        shift_rows: The same per metre that a sensor sits further along each way that it may be off
-            (`fenics_joints.reduction.prediction.ways_of`), (n_ways, n_sensors, n_dofs), and of two
-            the `shape_curvature`, (9, n_sensors, n_dofs) in all; or None.
+        shift_rows: Derivatives of the sensors' readings by their positions along the directions of
+            `fenics_joints.reduction.prediction.ways_of`, (n_ways, n_sensors, n_dofs); with two
+            directions followed by the `shape_curvature`, (9, n_sensors, n_dofs) in all. Or None.
         places: Displacement of the basis where forces and responses are asked for; or None.
         dampers: Matrices of dashpots by name, (n_dofs, n_dofs), which are in neither K nor M:
             ``Damping.viscous`` has the coefficient of each.
-        hung: Name of the parameter that is the mass of what hangs on the structure, and its own
-            displacement, (gdim, n_dofs); None where nothing does.
+        hung: Of an attached oscillator the name of the parameter that is its mass, and its own
+            displacement, (gdim, n_dofs); None without one.
     """
 
     pencil: AffinePencil
@@ -102,8 +102,7 @@ class ArrayModel:
         return self.pencil.gradients(shapes, eigenvalues, self.values_of_slopes(given))
 
     def all_modes(self, given: Mapping[str, float] | None = None) -> tuple[np.ndarray, np.ndarray]:
-        """Eigenvalues, (n_dofs,), and M-normalised vectors of all modes; kept for the next call,
-        which may ask for more of them."""
+        """Eigenvalues, (n_dofs,), and M-normalised vectors of all modes; kept for the next call."""
         K, M = self._matrices(given)
         last = self.__dict__.get("_last_modes")
         if last is None or last[0] is not K:
@@ -172,14 +171,14 @@ class ArrayModel:
         return ArrayModel(pencil, self.scale_hz, sensors, shifts, places, dampers, hung)
 
     def hung_share(self, shapes: np.ndarray, values: Mapping[str, float]) -> np.ndarray | float:
-        """Share of mass-normalised shapes' kinetic energy that is in what hangs on the structure.
+        """Share of mass-normalised shapes' kinetic energy that is in the attached oscillator.
 
         Args:
             shapes: As columns, (n_dofs, k), or many such, (b, n_dofs, k).
             values: All parameters' values; of many (b,) each.
 
         Returns:
-            (k,) or (b, k); 0 where nothing hangs, or what does stands still.
+            (k,) or (b, k); 0 without an oscillator, or where its mass is fixed.
         """
         if self.hung is None or self.hung[0] not in values:
             return 0.0
@@ -209,8 +208,8 @@ def freeze(
     Args:
         model: A model of plain arrays.
         free: Names of the parameters that it keeps, one at least.
-        given: Values of parameters that differ from their nominal value; those that stand still
-            have them, and they are the nominal ones of the others.
+        given: Values of parameters that differ from their nominal value: fixed parameters keep
+            them, and they become the nominal values of the others.
 
     Raises:
         InputError: If a name is unknown.
@@ -226,13 +225,13 @@ def freeze(
 
 
 def trimmed(model: ArrayModel, still: Collection[str], given: Mapping[str, float]) -> ArrayModel:
-    """The same model, with the same parameters, in which some stand still: what of a part or joint
-    they alone set apart is one term.
+    """The same model with the same parameters, some of which must not be changed: matrices that
+    only these set apart are summed.
 
     Args:
         model: A model of plain arrays.
         still: Names of the parameters that keep their values.
-        given: These values, and any of the others.
+        given: Their values, and any of the others'.
     """
     free = frozenset(model.parameters) - set(still)
     return replace(model, pencil=model.pencil.restricted(free, model.values(given), still))

@@ -1,9 +1,10 @@
 """Bases from samples of a structure's parameters: orthonormal vectors, and what they still lack.
 
-A proper orthogonal decomposition in the energy of one sample leaves out what is small there: beside
-a joint that is stiff in it, modes with a soft joint are nearly all opening and slip, and what they
-bend of the parts is lost. A `SampledBasis` holds each mode to the energy of its own sample: by
-Rayleigh's principle a frequency is off by half the share of the energy that the basis lacks.
+A proper orthogonal decomposition in the energy of one sample drops motions with little energy
+there. Where the joint is stiff in that sample, modes of a soft joint are nearly all opening and
+slip, and the bending of the parts in them is lost. A `SampledBasis` measures each mode by the
+energy of its own sample: by Rayleigh's principle a frequency is off by half the share of the energy
+that the basis lacks.
 
 A model whose error is too large somewhere is extended by the points at which it is worst: the weak
 greedy algorithm of reduced bases (Binev et al., SIAM J. Math. Anal. 43, 2011).
@@ -28,13 +29,13 @@ Points = Sequence[Mapping[str, float]]
 
 
 class SmallModel(Protocol):
-    """A tested model: one that knows its error. Exact ones have none, and nothing to extend."""
+    """A model that knows its error and can be extended; an exact one has neither."""
 
     def errors(self, points: Points) -> np.ndarray:
         """Error at points, (n,), equal on all ranks; nan where it is not defined. Collective."""
 
     def extend(self, points: Points) -> None:
-        """Become better at points. Collective."""
+        """Take in the exact solutions at points. Collective."""
 
 
 def weak_greedy(
@@ -51,9 +52,9 @@ def weak_greedy(
 
     Args:
         model: The model.
-        points: Gives those of a round, such as what a fit to the model of that round finds.
+        points: Gives the points of a round, such as the optima of fits to the model.
         limit: Error that is good enough.
-        rounds: How often the error is looked at; after the last time nothing is added.
+        rounds: How often the error is found; after the last time nothing is added.
         most: How many points of a round are added at most; all by default.
         least: Share of the limit below which a point is not worth adding.
         after: Called after each extension.
@@ -63,7 +64,7 @@ def weak_greedy(
     """
     for left in reversed(range(rounds)):
         at = points()
-        # A point without what was asked for says nothing of those that have it.
+        # A point at which the model lacks the test's modes says nothing of the others.
         errors = np.nan_to_num(model.errors(at))
         if not left or errors.max(initial=0.0) <= limit:
             break
@@ -76,12 +77,12 @@ def weak_greedy(
 
 #: Tolerance of modes that span a basis; their own error matters by its square.
 SNAPSHOT = 1e-4
-#: Share of the largest energy below which a direction among the rigid-body modes is none.
+#: Share of the largest energy below which a direction among the rigid-body modes is round-off.
 _RIGID = 1e-10
 
 
 class Snapshots:
-    """Modes, and what else a basis shall hold, at samples of the parameters.
+    """Modes and further vectors at samples of the parameters, of which a basis is made.
 
     Args:
         structure: The full model.
@@ -121,8 +122,8 @@ class Snapshots:
         if not self._rigid and not self._others:
             raise InputError("samples: expected at least one set of parameter values.")
         full, given, whole = self.structure, self._first, []
-        # Rigid bodies are kept whole, or they would no longer be rigid; they are the same in all
-        # samples, but that soft springs may mix them.
+        # Truncated rigid motions would no longer be rigid. They are the same in all samples, except
+        # that soft springs may mix them.
         if self._rigid:
             whole = orthonormal(full, self._rigid, given, _RIGID, only_mass=True)
         if not self._others:
@@ -141,7 +142,7 @@ def orthonormal(
 ) -> list[PETSc.Vec]:
     """Snapshots made orthonormal in the energy of one sample, without the dependent ones.
 
-    The first ``whole`` of them are kept, and what the others have of them is taken off. Collective.
+    The first ``whole`` of them are kept, and the others made orthogonal to them. Collective.
 
     Args:
         structure: The structure.
@@ -153,7 +154,7 @@ def orthonormal(
         known: The structure on the first ``whole``, which are then left as they are; None to make
             them orthonormal too.
     """
-    # The energy of a support as good as rigid would hide how the snapshots differ elsewhere.
+    # The energy of a nearly rigid support would hide how the snapshots differ elsewhere.
     soft = [k for s in structure.elastic_supports for k in (s.k_n, s.k_t) if isinstance(k, str)]
     given = {**(given or {}), **dict.fromkeys(soft, 0.0)}
     K, M = structure.stiffness(given), structure.mass(given)
@@ -162,14 +163,14 @@ def orthonormal(
     stiff, heavy = project(K, Z, blocks[0]), project(M, Z, blocks[1])
     K.destroy(), M.destroy()
     scale = np.trace(stiff) / np.trace(heavy)
-    # Rigid bodies have no energy but round-off, which may be below zero: there the mass decides.
+    # Rigid motions have no strain energy but round-off, which may be negative: use their mass.
     gram = heavy if only_mass else stiff + scale * heavy
     norms = np.sqrt(np.diag(gram))
     gram = gram / np.outer(norms, norms)
     first, rest = slice(0, whole), slice(whole, None)
     onto = np.linalg.solve(gram[first, first], gram[first, rest])
     values, vectors = np.linalg.eigh(gram[rest, rest] - gram[rest, first] @ onto)
-    # A few that are new have little beyond the first: all together have as much as they are many.
+    # New vectors may all be small beside the first: the sum of all energies is their number.
     keep = values > tolerance * (values[-1] if known is None else len(gram))
     rest_vectors = vectors[:, keep] / np.sqrt(values[keep])
     combine = np.zeros((len(gram), whole + int(keep.sum())))
@@ -186,12 +187,12 @@ _NOISE = 1e-12
 
 
 class SampledBasis:
-    """A basis that grows by what it lacks of each sample's modes. All calls are collective.
+    """A basis that grows by the residuals of each sample's modes. All calls are collective.
 
     Args:
         share: Share of a mode's energy, in its own sample, that may be lacking.
         vectors: What it starts from.
-        known: The structure on these, if it is known: what is added costs much less.
+        known: The structure projected on these vectors, if known: then adding costs much less.
 
     Attributes:
         vectors: The basis; independent, but not orthonormal.
@@ -231,7 +232,7 @@ class SampledBasis:
 
 
 def residual_directions(gram: np.ndarray, n: int, share: float) -> np.ndarray:
-    """Combinations of unit energy, as columns, of what the first n vectors lack of the others.
+    """Combinations of unit energy, as columns, that span what the first n vectors lack of the rest.
 
     Args:
         gram: Energies of vectors of unit energy, (n + k, n + k).

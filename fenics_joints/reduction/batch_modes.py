@@ -1,8 +1,8 @@
 """Modes of a small model at many parameter values together, and how they change with these.
 
-K and M are sums of fixed matrices times scalars (`fenics_joints.reduction.affine`). So what any
-change of the values does to eigenvalues and shapes is known from the modes' products with the
-matrices of these sums, which are formed once, and from the change of the scalars, a few numbers.
+K and M are sums of fixed matrices times scalars (`fenics_joints.reduction.affine`). The derivative
+of an eigenvalue or shape along any direction follows from the modes' products with these matrices,
+which are formed once, and from the derivatives of the scalars.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy as np
 
 from fenics_joints.reduction.arrays import ArrayModel
 
-#: Step of a difference by the logarithm of a stiffness.
+#: Step of a central difference by the logarithm of a stiffness: its truncation error is 1e-12.
 _STEP = 1e-6
 
 #: Values of all parameters, each (b,).
@@ -24,14 +24,13 @@ BatchValues = Mapping[str, np.ndarray]
 
 @dataclass(frozen=True, eq=False)
 class Change:
-    """Derivatives, along p directions, of all that K and M are made of.
+    """Derivatives of the terms of K and M along p directions.
 
     Attributes:
         theta: Of the scalars of K, (b, n_terms, p).
         rho: Likewise of M.
-        moved: By direction, of those that change point masses that move: what is added to M and
-            what is taken from it, each a number before it, (b,), and displacements of the basis,
-            (b, gdim, n).
+        moved: By direction, for masses that move: terms w u^T u of dM, each a number w, (b,), and
+            the displacement u of the basis at the mass, (b, gdim, n).
     """
 
     theta: np.ndarray
@@ -100,7 +99,7 @@ class BatchModes:
         eigenvalues: Ascending, (b, k).
         vectors: Of unit modal mass, as columns, (b, n, k).
         index: Mode of each of the test's, (b, m).
-        good: Whether the test's modes are all there, (b,); what is said of others is nan.
+        good: Whether the test's modes are all there, (b,); results of other points are nan.
     """
 
     model: ArrayModel
@@ -146,7 +145,7 @@ class BatchModes:
 
     def share(self, name: str) -> np.ndarray:
         """Share of the modes' strain energy in stiffness proportional to a parameter, (b, m):
-        d ln lambda / d ln of that parameter, and never below nought."""
+        d ln lambda by d ln of that parameter, at least 0."""
         if name not in self._shares:
             low, high = (
                 {**self.values, name: self.values[name] * (1 + s * _STEP)} for s in (-1.0, 1.0)
@@ -182,8 +181,8 @@ class BatchModes:
         return {}
 
     def shape_slope(self, along: Change, k: int) -> np.ndarray:
-        """Derivative of `x` along direction k, (b, n, m), by expansion in all modes, which have to
-        be there (Fox and Kapoor, AIAA J. 6, 1968)."""
+        """Derivative of `x` along direction k, (b, n, m), by expansion in all modes, all of which
+        must be among `vectors` (Fox and Kapoor, AIAA J. 6, 1968)."""
         by_K, by_M = (part[:, k] for part in self._forced(along))
         for w, at in along.moved.get(k, ()):
             by_M = by_M + w[:, None, None] * (np.swapaxes(at @ self.vectors, 1, 2) @ (at @ self.x))

@@ -21,25 +21,25 @@ class MatchedModes:
 
     Args:
         full: The full model.
-        start: Values whose modes say, by order and visibility, which the test's are.
+        start: Values at which order and visibility decide which modes are the test's.
         sensors: What the test saw; None takes elastic modes in order.
         n_test: Number of modes that the test saw.
-        n_modes: Number of modes of the full model that are looked through.
-        shapes: Measured shapes at the sensors, (n_sensors, n_test), to match modes to by MAC; the
-            shapes at ``start`` take their place where there are none.
+        n_modes: Number of modes of the full model among which the test's are sought.
+        shapes: Measured shapes at the sensors, (n_sensors, n_test), that modes are matched to by
+            MAC; by default the shapes at ``start``.
 
     Attributes:
         forward: Frequencies and derivatives from the small model.
         nominal: Modes of the full model at ``start``.
         pairing: Which of them the test saw.
         reference: Shapes that modes are matched to.
-        crossings: Pairs of test modes whose order the model changes, where it was looked.
-        n_samples: Number of samples that it was made from.
+        crossings: Pairs of test modes that were found to change order.
+        n_samples: Number of samples that the small model was made from.
     """
 
-    #: Motions that a test may not see.
+    #: Motions that a test may miss, for messages.
     unseen = "torsion, in-plane motion"
-    #: What `errors` does.
+    #: What `errors` does, for progress.
     checking = "checking the reduced model against the full one"
     #: Tolerance of a solution of the full model.
     tolerance: float | None = None
@@ -67,10 +67,10 @@ class MatchedModes:
         self._solved: dict[tuple, Modes] = {}
 
     def modes(self, name: str, values: Mapping[str, float]) -> Modes:
-        """Modes of the full model that every test of it asks for. Collective.
+        """Modes of the full model that every test of it needs. Collective.
 
         Args:
-            name: What they are called where they are kept.
+            name: Name of the file in which they may be kept.
             values: Parameter values.
         """
         return solve_modes(self.full, values, n_modes=self.n_modes, solver=self._solver)
@@ -82,7 +82,7 @@ class MatchedModes:
 
     @property
     def quick(self) -> SmallModel:
-        """A check that takes less time, where there is one."""
+        """The same model with a check that takes less time, if there is one."""
         return self
 
     def is_solved(self, values: Mapping[str, float]) -> bool:
@@ -115,19 +115,19 @@ class MatchedModes:
     def _paired(
         self, values: Mapping[str, float], solve: Callable[..., Modes] | None = None
     ) -> tuple[Modes, Pairing]:
-        """Modes of the full model and which the test's are; those that cross are noted."""
+        """Modes of the full model, and which are the test's; records those that change order."""
         modes = (solve or self.solve)(values)
         pairing = self.forward.paired(modes)
         self.crossings.update(pairing.crossing)
         return modes, pairing
 
     def crossing_names(self, mode_names: Sequence[str]) -> list[str]:
-        """Pairs of test modes that were seen to change places, in words; MAC followed them."""
+        """Pairs of test modes that were found to change order, in words."""
         return [f"{mode_names[i]} and {mode_names[j]}" for i, j in sorted(self.crossings)]
 
     def untell(self, lost: np.ndarray) -> None:
-        """Leave some of the test's modes, mask (n_test,), unmatched from now on: no shape of theirs
-        then takes a mode from the others."""
+        """Ignore the shapes of some of the test's modes, mask (n_test,), from now on, so that they
+        take no mode from the others."""
         self.reference = np.where(lost, np.nan, self.reference)
         self.forward.reference = self.reference
         self.forward.forget()
@@ -140,15 +140,17 @@ class MatchedModes:
         return index[modes.visibility(self.sensors)[index] > FAINT][: self.n_test + SPARE]
 
     def _forward(self, model: ArrayModel) -> ModalPrediction:
-        """Of a model on a basis, which with sensors holds what they see alone, besides six
+        """Prediction by a reduced model, whose basis with sensors holds visible modes and six
         rigid-body modes."""
         enough = self.n_modes if self.sensors is None else 6 + 3 * self.n_test + SPARE
         return ModalPrediction(model, self.sensors, self.n_test, enough, self.reference)
 
 
 def places_all_over(full, count: int) -> Sensors:
-    """Points all over a structure, middles and corners of cells that are the farthest from each
-    other, in all directions: middles alone do not see a strip's torsion. Collective.
+    """Points spread over a structure, each in all directions. Collective.
+
+    They are middles and corners of cells, each the farthest from those before it. Middles alone
+    would miss the torsion of a strip.
 
     Args:
         full: A structure with a mesh.
@@ -170,20 +172,20 @@ def places_all_over(full, count: int) -> Sensors:
     return Sensors(points, np.tile(np.eye(full.gdim), (len(chosen), 1)))
 
 
-#: At how many places shapes are compared.
+#: Number of points at which shapes are compared: chosen.
 PLACES = 60
-#: MAC below which two modes are not the same one.
+#: MAC below which two modes are different: chosen.
 _SAME = 0.7
-#: Difference of ln f within which modes may turn into one another by any small difference.
+#: Difference of ln f within which modes of two models may be mixtures of one another: chosen.
 TURNED = 0.01
 
 
 class ModeMatch(NamedTuple):
-    """For each of some modes of one model its like in another.
+    """The best match in another model of each of m modes.
 
     Attributes:
-        index: The like's index, (m,).
-        same: Whether it is the same mode: the other model need not have it, (m,).
+        index: Index of the match, (m,).
+        same: Whether it is the same mode, which the other model may lack, (m,).
     """
 
     index: np.ndarray
@@ -191,15 +193,14 @@ class ModeMatch(NamedTuple):
 
 
 def match_modes(modes: Modes, own: np.ndarray, other: Modes, places: Sensors) -> ModeMatch:
-    """Which modes of another model are these. Collective.
+    """Match modes of one model to those of another. Collective.
 
-    All over the body: to a test's sensors two modes may look alike, and by order a mode that one of
-    the models lacks would set all above it beside others. Close modes are the same if what they
-    span is.
+    They are compared all over the body: at a test's sensors two modes may look alike, and by order
+    a mode that one model lacks would shift all above it. Close modes are compared by their span.
 
     Args:
         modes: Modes of the one model.
-        own: Which of them, by index, (m,); not more than the other has that are elastic.
+        own: Modes wanted, by index, (m,); at most as many as the other model has elastic ones.
         other: Modes of the other.
         places: Where shapes are compared; see `fenics_joints.reduction.matched.places_all_over`.
     """

@@ -53,24 +53,26 @@ from fenics_joints.reduction.basis import Points, pod
 from fenics_joints.reduction.batch_modes import BatchModes, BatchValues, Change, change
 from fenics_joints.structure.points import Sensors
 
-#: Modes looked through for the test's, at most, as a multiple of the usual number.
+#: Number of modes searched for the test's at most, over `ModalPrediction.n_modes`: chosen.
 _SEARCHED = 4
-#: Sensors that are so much nearer to a line than it is long stand in one; and a line that is so
-#: nearly normal to a face shows no way along it.
-_STRAIGHT, _STEEP = 1e-3, 0.1
-#: Parameter sets whose frequencies are remembered.
+#: Largest spread of sensors across a line, relative to its length, at which they count as in line.
+_STRAIGHT = 1e-3
+#: Sine of the angle between that line and a face's normal below which it gives no direction along
+#: the face: chosen, only to avoid a division by zero.
+_STEEP = 0.1
+#: Parameter sets whose frequencies are kept: chosen, for memory.
 _MOST = 4000
-#: Modes beyond those that the test saw, so that none is missed when modes change places.
+#: Modes computed beyond the test's, so that none is missed when modes change places: chosen.
 SPARE = 3
 
 
 class Slopes:
-    """Derivatives of ln f by all parameters, (m, n_parameters), which are formed when they are
-    asked for.
+    """Derivatives of ln f by all parameters, (m, n_parameters), formed when they are first used:
+    samplers need none, and they cost more than the frequencies.
 
     Args:
         modes: Modes of a model of plain arrays.
-        index: Which of them.
+        index: Modes wanted.
     """
 
     def __init__(self, modes: Modes, index: np.ndarray):
@@ -110,7 +112,7 @@ class ModalPrediction:
         InputError: If an argument is not what it should be.
 
     Attributes:
-        further: That of one mode more, where the test may have missed one; None where not.
+        further: Prediction of one mode more, where the test may have missed one; else None.
         batches: Whether it has ``batch``, for many parameter values at a time.
     """
 
@@ -166,8 +168,8 @@ class ModalPrediction:
         return Slopes(modes, index) if lazy else frequency_sensitivity(modes, index)
 
     def log_f_at(self, wanted: Sequence[Mapping[str, float]]) -> np.ndarray:
-        """ln f at all these values, shape (len(wanted), m); nan where the model has too few modes
-        that the test could see, and beyond the laws' limits.
+        """ln f at several sets of values, (len(wanted), m); nan where the model has too few visible
+        modes, and beyond the laws' limits.
 
         Args:
             wanted: Parameter values.
@@ -178,7 +180,7 @@ class ModalPrediction:
             try:
                 return many.batch(table, every=False).log_f
             except (InputError, np.linalg.LinAlgError):
-                pass  # one of them is beyond a law's limit, as a specimen's
+                pass  # some are beyond a law's limit: find which
         return np.array([self._or_nan(values) for values in wanted])
 
     def _or_nan(self, values) -> np.ndarray:
@@ -189,7 +191,7 @@ class ModalPrediction:
 
     def solve(self, values):
         """Modes and their pairing; more modes where a soft joint puts others between the test's."""
-        # From the start each time: what was asked before, or on which rank, must not matter.
+        # Start from n_modes each time, so that the result does not depend on earlier calls.
         count = min(self.n_modes, self.model.n_dofs)
         while True:
             modes = solve_modes(self.model, values, n_modes=count)
@@ -203,17 +205,17 @@ class ModalPrediction:
             return modes, pairing
 
     def paired(self, modes: Modes) -> Pairing:
-        """Which modes of such a model the test's are."""
+        """Which of a model's modes are the test's."""
         return pair_modes(
             modes, self.n_test, self.sensors, reference=self.reference, threshold=self.threshold
         )
 
     def of(self, model, n_modes: int | None = None) -> ModalPrediction:
-        """The same of another model of the structure.
+        """The same prediction by another model of the structure.
 
         Args:
             model: The model.
-            n_modes: Number of its modes to compute; by default as many.
+            n_modes: Number of its modes to compute; by default the same.
         """
         count = self.n_modes if n_modes is None else n_modes
         return ModalPrediction(
@@ -221,7 +223,7 @@ class ModalPrediction:
         )
 
     def pairing(self, values: Mapping[str, float]) -> Pairing:
-        """Which of the model's modes the test's are."""
+        """Which of the model's modes are the test's at these values."""
         return self.solve(values)[1]
 
     def track(self, values: Mapping[str, float]) -> None:
@@ -245,10 +247,11 @@ def line_of(points: np.ndarray) -> np.ndarray:
 
 
 def ways_of(sensors: Sensors, gdim: int) -> np.ndarray:
-    """Directions in which each sensor may sit elsewhere, (n_ways, n_sensors, gdim).
+    """Unit directions in which each sensor's position may be wrong, (n_ways, n_sensors, gdim).
 
-    Along the line of sensors where they stand in one, or in the plane; else along the face that
-    each measures normal to: as near to the longest extent of all as that goes, and across.
+    One along the line of the sensors, if they are in line or the model is plane. Else two in the
+    face that each sensor measures normal to: as nearly as possible along the longest extent of all
+    sensors, and across it.
     """
     points = np.asarray(sensors.points)[:, :gdim]
     line = line_of(points)
@@ -265,22 +268,22 @@ def ways_of(sensors: Sensors, gdim: int) -> np.ndarray:
     return np.stack([along, np.cross(normals, along)])
 
 
-#: Round-off of a rigid mode's eigenvalue is to be below its limit by this much, at the nominal
-#: values: stiffnesses may grow from there.
+#: Factor by which the round-off of a rigid mode's eigenvalue must stay below the limit of rigid
+#: modes at the nominal values; stiffnesses may grow by as much: chosen.
 _MARGIN = 1e3
-#: Size of a model, and this over the number of modes wanted, from which these are solved for alone:
-#: all modes of smaller ones are found sooner.
+#: Size of a model, and ratio to the number of modes wanted, above which only these are solved for;
+#: all modes of smaller models are found sooner. Measured; results do not depend on it.
 _LARGE, _FEW = 100, 2.0
 
 
 @dataclass(frozen=True, eq=False)
 class Followed:
-    """Of which modes those at each of many points are what these have become.
+    """Reference modes from which the modes of each of b points are tracked.
 
     Attributes:
-        after: Those of which other of the points, one before it, (b,); -1 for those given.
-        shapes: Given shapes on the model's basis, (b, n_dofs, m).
-        log_f: ln of the frequencies of these, (b, m).
+        after: Index of the earlier point whose modes are the reference, (b,); -1 for given modes.
+        shapes: Shapes of the given modes on the model's basis, (b, n_dofs, m).
+        log_f: ln of their frequencies, (b, m).
     """
 
     after: np.ndarray
@@ -289,13 +292,13 @@ class Followed:
 
 
 class BatchPrediction(ModalPrediction):
-    """A forward of a lean model that solves for many parameter values at a time.
+    """A `ModalPrediction` that solves for many parameter values at a time.
 
     Args:
-        forward: The one whose modes it follows.
-        model: Its model on fewer vectors.
-        turned: Whether it may take another basis, on which it is solved sooner; else its modes are
-            on the model's.
+        forward: The prediction whose modes it matches.
+        model: That prediction's model, or the same on fewer vectors.
+        turned: Whether it may change to a basis of unit mass, on which it is solved sooner;
+            otherwise modes stay on the model's basis.
     """
 
     batches = True
@@ -317,19 +320,19 @@ class BatchPrediction(ModalPrediction):
         return super().solve(self._own(values))
 
     def _own(self, values) -> dict[str, float]:
-        """Without parameters that the model does not have, which a solution would refuse."""
+        """The values of the model's own parameters; a solution would refuse others."""
         return {name: values[name] for name in self.model.parameters}
 
     def batch(
         self, values: Mapping[str, np.ndarray], every: bool = True, followed: Followed | None = None
     ) -> BatchModes:
-        """The test's modes at many parameter values together, and what their changes need.
+        """Modes at many parameter values together, and which of them are the test's.
 
         Args:
             values: Of every parameter of the model, (b,).
-            every: Whether all modes are wanted, which derivatives of shapes are made of; else the
-                lowest alone are there, as many as the test's ask for.
-            followed: Whose shapes modes are matched to; one's own reference for None.
+            every: Whether all modes are wanted, for derivatives of shapes; otherwise only the
+                lowest, enough to hold the test's.
+            followed: Modes to track; None to match the test's reference shapes.
 
         Raises:
             InputError: If any of the values is beyond a law's limit.
@@ -349,12 +352,12 @@ class BatchPrediction(ModalPrediction):
         return BatchModes(self.model, values, eigenvalues, vectors, index, good)
 
     def change(self, low: BatchValues, high: BatchValues, width: float, count: int = 1) -> Change:
-        """What `many` has to know of changes of the values; see `reduction.batch_modes.change`."""
+        """Derivatives of the terms along directions; see `reduction.batch_modes.change`."""
         return change(self.model, self._own(low), self._own(high), width, count)
 
     def _further(self, values, eigenvalues, vectors, index, good, most: int):
-        """More modes, up to ``most``, where the test's are not among the lowest; of the other
-        points as many are nought, and index and good are put right in place."""
+        """Modes up to ``most`` at points where the test's are not among the lowest; those of other
+        points are zero. Corrects ``index`` and ``good`` in place."""
         few, k = np.flatnonzero(~good), eigenvalues.shape[1]
         own = {name: value[few] for name, value in values.items()}
         found = self._modes(own, most)
@@ -365,7 +368,7 @@ class BatchPrediction(ModalPrediction):
         return eigenvalues, vectors
 
     def _among(self, values, eigenvalues, vectors) -> tuple[np.ndarray, np.ndarray]:
-        """`_paired` among as few modes as there must be, or more where the test's are not there."""
+        """`_paired` among ``n_modes`` modes, and among more where the test's are not all there."""
         most = min(_SEARCHED * self.n_modes, eigenvalues.shape[1])
         count = min(self.n_modes, most)
         index, good = self._paired(values, eigenvalues[:, :count], vectors[:, :, :count])
@@ -378,7 +381,7 @@ class BatchPrediction(ModalPrediction):
         return index, good
 
     def _followed(self, eigenvalues, vectors, followed: Followed) -> tuple[np.ndarray, np.ndarray]:
-        """Index of what modes of other points have become, (b, m), and whether there are enough."""
+        """Index of the tracked modes, (b, m), and whether all of them are there, (b,)."""
         count, m = min(self.n_modes, eigenvalues.shape[1]), self.n_test
         heavy = self.mass @ vectors[:, :, :count]
         f = np.sqrt(np.maximum(eigenvalues[:, :count], 0.0)) / (2 * np.pi)
@@ -416,7 +419,7 @@ class BatchPrediction(ModalPrediction):
         return eigenvalues, vectors
 
     def _one(self, K, M, count: int) -> tuple[np.ndarray, np.ndarray]:
-        """Of one model: a third sooner than many together, whose products are not blocked."""
+        """Of one model: LAPACK one at a time takes two thirds of numpy's time for a stack."""
         if self._unit:
             return scipy.linalg.eigh(K, subset_by_index=[0, count - 1], check_finite=False)
         try:
@@ -425,9 +428,9 @@ class BatchPrediction(ModalPrediction):
             raise np.linalg.LinAlgError(str(error)) from error
 
     def _paired(self, values, eigenvalues, vectors) -> tuple[np.ndarray, np.ndarray]:
-        """Index of the model's mode of each of the test's, (b, m), and whether there are enough.
+        """Index of the model's mode for each test mode, (b, m), and whether there are enough, (b,).
 
-        As `measurements.gap.pair_modes`.
+        By the rules of `measurements.gap.pair_modes`.
         """
         b, m = len(eigenvalues), self.n_test
         n_rigid = self._count_rigid(eigenvalues)
@@ -462,17 +465,17 @@ class BatchPrediction(ModalPrediction):
 def _matched(
     match: np.ndarray, f: np.ndarray, seen: np.ndarray, candidates: np.ndarray, good: np.ndarray
 ) -> np.ndarray:
-    """Index of the mode that each of the test's is like, (b, m), at many parameter values.
+    """Index of the model's mode matched to each test mode, (b, m), at many parameter values.
 
-    If each test mode is most like another model mode, and like it at all, these are the
-    assignment; only the rest needs an assignment problem.
+    If every test mode is most like a different model mode, and like it at all, these are the
+    matches; only the other points need an assignment problem.
 
     Args:
         match: MAC, (b, m, n).
         f: Frequencies of the model's modes, in any unit, (b, n).
         seen: Which of them the test could see, (b, n).
-        candidates: These, and fainter ones, (b, n).
-        good: At which values these are enough, (b,).
+        candidates: These and fainter ones, (b, n).
+        good: At which points there are enough of them, (b,).
     """
     first = np.argsort(~seen, axis=1, kind="stable")[:, : match.shape[1]]
     alike = likeness(match, f, np.take_along_axis(f, first, axis=1))
@@ -487,9 +490,9 @@ def _matched(
 
 
 def _of_unit_mass(model: ArrayModel) -> ArrayModel | None:
-    """The model on a basis in which its mass is the identity, a third cheaper to solve.
+    """The model on a basis in which its mass is the identity, which takes a third less time.
 
-    None where the mass varies, or where round-off of the stiffest vectors would reach rigid modes.
+    None if the mass varies, or if round-off of the stiffest vectors would disturb rigid modes.
     """
     pencil, values = model.pencil, model.values()
     if pencil.moving or pencil.scalar_slopes(values)[1].any():
@@ -505,10 +508,10 @@ def _of_unit_mass(model: ArrayModel) -> ArrayModel | None:
 
 
 def batched(forward: ModalPrediction) -> ModalPrediction:
-    """The same for many parameter values at a time (`ModalPrediction.batches`).
+    """The same prediction for many parameter values at a time.
 
-    The forward itself where its model is not one of plain arrays. Kept with it as long as it has
-    this model and follows these modes.
+    The forward itself if its model is not one of plain arrays. Kept with the forward as long as it
+    has this model and reference.
     """
     if forward.batches or type(forward.model) is not ArrayModel:
         return forward
@@ -554,11 +557,12 @@ def match_modes_at(forward: BatchPrediction, wanted: Points) -> list[MatchedAt]:
     return [MatchedAt(x[:, :n], index) for x, n, index, good in each if good]
 
 
-#: Draws whose modes make a small model, those of each round that check it, rounds, and the numbers
-#: of vectors that are tried: chosen; the error is measured and stated whatever they are.
+#: Draws whose modes make a small model, draws that check it in each round, and rounds: chosen; the
+#: error is measured whatever they are.
 _DRAWS, CHECKS, _ROUNDS = 64, 50, 3
+#: Numbers of vectors that are tried.
 _SIZES = (12, 16, 20, 24, 28, 32, 40, 50, 60, 80)
-#: Modes beyond the highest of the test's at any draw.
+#: Modes computed beyond the highest of the test's at any draw: chosen.
 _BEYOND = 2
 #: Singular value, relative to the largest, below which a vector of snapshots is round-off.
 _NOISE = 1e-7
@@ -567,18 +571,18 @@ _NOISE = 1e-7
 def compress(
     forward: ModalPrediction, draw: Callable[[int], Points], tolerance: float
 ) -> tuple[BatchPrediction, float]:
-    """The same on as few vectors as have good enough frequencies where parameters are drawn.
+    """The same prediction on the fewest vectors whose frequencies are good enough at draws.
 
-    The vectors are from modes at the nominal values and at draws. Draws at which the model lacks a
-    mode that the test saw do not count in the check.
+    The vectors span modes at the nominal values and at draws of the parameters. Draws at which the
+    model lacks a mode that the test saw are left out of the check.
 
     Args:
         forward: Of an `ArrayModel`.
-        draw: Gives so many sets of parameter values.
+        draw: ``n -> n`` sets of parameter values.
         tolerance: Error of ln f that is good enough.
 
     Returns:
-        The small forward, and its largest error of ln f at `CHECKS` other draws: above
+        The prediction, and its largest error of ln f at `CHECKS` other draws, which is above
         ``tolerance`` if even the largest basis is not good enough.
     """
     wanted, snapshots = [forward.model.values(), *draw(_DRAWS)], []
