@@ -568,10 +568,6 @@ class AffinePencil:
             fixed=self.fixed and tuple(map(matrix, self.fixed)),
         )
 
-    def on(self, basis: np.ndarray) -> AffinePencil:
-        """The pencil projected on the columns of ``basis``, (n, k)."""
-        return self.mapped(lambda A: basis.T @ A @ basis, lambda rows: rows @ basis)
-
     def restricted(
         self, free: Collection[str], values: Values, only: Collection[str] | None = None
     ) -> AffinePencil:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -159,16 +159,21 @@ class ArrayModel:
             raise InputError("sensors: expected a reduced model that was made with them.")
         return self.sensor_rows @ shapes
 
-    def on(self, basis: np.ndarray) -> ArrayModel:
-        """The same on fewer vectors, which are the columns of ``basis``, (n_dofs, k)."""
-        sensors, shifts = (
-            None if a is None else a @ basis for a in (self.sensor_rows, self.shift_rows)
+    def mapped(self, matrix: Callable, rows: Callable) -> ArrayModel:
+        """The same model in other unknowns; see `AffinePencil.mapped`."""
+        read = {key: getattr(self, key) for key in ("sensor_rows", "shift_rows")}
+        return ArrayModel(
+            self.pencil.mapped(matrix, rows),
+            self.scale_hz,
+            **{key: None if a is None else rows(a) for key, a in read.items()},
+            places=self.places and replace(self.places, rows=rows(self.places.rows)),
+            dampers={name: matrix(D) for name, D in self.dampers.items()},
+            hung=self.hung and (self.hung[0], rows(self.hung[1])),
         )
-        places = self.places and self.places.on(basis)
-        dampers = {name: basis.T @ D @ basis for name, D in self.dampers.items()}
-        hung = self.hung and (self.hung[0], self.hung[1] @ basis)
-        pencil = self.pencil.on(basis)
-        return ArrayModel(pencil, self.scale_hz, sensors, shifts, places, dampers, hung)
+
+    def on(self, basis: np.ndarray) -> ArrayModel:
+        """The model projected on the columns of ``basis``, (n_dofs, k)."""
+        return self.mapped(lambda A: basis.T @ A @ basis, lambda rows: rows @ basis)
 
     def hung_share(self, shapes: np.ndarray, values: Mapping[str, float]) -> np.ndarray | float:
         """Share of mass-normalised shapes' kinetic energy that is in the attached oscillator.

@@ -47,7 +47,7 @@ def own_values(model: ArrayModel, values: Mapping[str, float | np.ndarray]) -> d
     """A model's own parameters among values, all of one shape: numbers, or (b,) each."""
     names = list(model.parameters)
     own = [values[name] for name in names]
-    if any(np.ndim(value) for value in own):
+    if len({np.shape(value) for value in own}) > 1:
         own = np.broadcast_arrays(*own)
     return dict(zip(names, own, strict=True))
 
@@ -64,12 +64,13 @@ def change(
 
     Args:
         model: The model.
-        low: Values of all parameters, each (count * b,): all of one direction, then the next.
+        low: Values of the model's parameters and maybe others, each (count * b,): all of one
+            direction, then the next.
         high: Likewise.
         width: How far they are apart along the direction.
         count: Number of directions, p.
     """
-    pencil = model.pencil
+    pencil, (low, high) = model.pencil, (own_arrays(model, values) for values in (low, high))
     theta, rho = (
         np.moveaxis(part.reshape(len(part), count, part.shape[1] // count) / width, 2, 0)
         for part in pencil.change(low, high)

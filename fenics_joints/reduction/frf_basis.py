@@ -39,12 +39,10 @@ class FRFError:
     Attributes:
         frequencies_hz: Lines at which it was found, Hz, (n_f,).
         relative: |H - H_full| / |H_full|, (n_points, n_f, n_sensors, n_excitations).
-        log: ln(H / H_full), complex: the error of ln|H| and of the phase, rad; the same shape.
     """
 
     frequencies_hz: np.ndarray
     relative: np.ndarray
-    log: np.ndarray
 
     @property
     def by_point(self) -> np.ndarray:
@@ -63,26 +61,19 @@ class FRFError:
 
 @dataclass(frozen=True)
 class CheckedFRFModel:
-    """A reduced model and what it was found to be worth.
+    """A reduced model and its error.
 
     Attributes:
         reduced: The reduced model.
         arrays: The same as plain arrays, with displacements where forces and sensors are.
-        error: Its error at `points`.
-        points: Values at which it was checked.
-        samples: Values at which its basis was made, those of the points that were added last.
+        error: Its error at the points where it was checked.
         history: In each round: size of the basis, largest relative error over all points.
-        fresh: Largest relative error at points of which the basis has no vectors: what to expect
-            elsewhere among them. None if vectors of every point are in it.
     """
 
     reduced: ReducedStructure
     arrays: ArrayModel
     error: FRFError
-    points: tuple[Values, ...]
-    samples: tuple[Values, ...]
     history: tuple[tuple[int, float], ...]
-    fresh: float | None
 
     def __repr__(self) -> str:
         return f"CheckedFRFModel({self.reduced.n_dofs} vectors, {self.error!r})"
@@ -236,8 +227,7 @@ def checked_frf_model(
     """
     if not len(samples) or not len(points):
         raise InputError("samples and points: expected at least one set of values in each.")
-    used = list(samples)
-    sampler = _sampled(structure, used, n_modes, asked)
+    sampler = _sampled(structure, samples, n_modes, asked)
     asked |= {"frequencies_hz": _some(sampler.lines, lines)}
     exact = [_exact(structure, given, asked) for given in points]
     history, own = [], np.zeros(len(points), dtype=bool)
@@ -250,7 +240,6 @@ def checked_frf_model(
         if not late or len(history) > rounds or own.all() or found.by_point[worst] <= error:
             break
         own[worst] = True
-        used.append(points[worst])
         sampler.add(points[worst], sampler.modes(points[worst]))
     if late:
         raise ConvergenceError(
@@ -258,16 +247,8 @@ def checked_frf_model(
             f"{found.worst:.1e} at the worst of {len(points)} points, more than the {error:.1e} "
             "asked for: allow more rounds, more modes or a smaller tolerance."
         )
-    fresh = None if own.all() else float(found.by_point[~own].max())
-    return CheckedFRFModel(
-        reduced,
-        reduced.arrays(asked["excitation"], asked["sensors"]),
-        found,
-        tuple(points),
-        tuple(used),
-        tuple(history),
-        fresh,
-    )
+    arrays = reduced.arrays(asked["excitation"], asked["sensors"])
+    return CheckedFRFModel(reduced, arrays, found, tuple(history))
 
 
 def _some(lines: np.ndarray, count: int | None) -> np.ndarray:
@@ -288,8 +269,7 @@ def _exact(structure, given: Values, asked) -> np.ndarray:
 
 def _error(reduced, at: Sequence[Values], exact, asked) -> FRFError:
     found = np.array([solve_frf(reduced, given, **asked).values for given in at])
-    ratio = found / np.array(exact)
-    return FRFError(asked["frequencies_hz"], np.abs(ratio - 1), np.log(ratio))
+    return FRFError(asked["frequencies_hz"], np.abs(found / np.array(exact) - 1))
 
 
 #: Samples for each parameter, beside the start, and their range about it, a factor either way.

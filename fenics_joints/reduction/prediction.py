@@ -353,7 +353,7 @@ class BatchPrediction(ModalPrediction):
 
     def change(self, low: BatchValues, high: BatchValues, width: float, count: int = 1) -> Change:
         """Derivatives of the terms along directions; see `reduction.batch_modes.change`."""
-        return change(self.model, self._own(low), self._own(high), width, count)
+        return change(self.model, low, high, width, count)
 
     def _further(self, values, eigenvalues, vectors, index, good, most: int):
         """Modes up to ``most`` at points where the test's are not among the lowest; those of other

@@ -150,7 +150,7 @@ class Antiresonances:
             high: Likewise.
             width: Likewise.
         """
-        modes, (low, high) = self.at(values), (own_arrays(self._model, v) for v in (low, high))
+        modes = self.at(values)
         count = len(next(iter(low.values()))) // len(modes.index)
         return modes.slopes(change(modes.model, low, high, width, count))
 
@@ -519,9 +519,7 @@ class StaticModel:
         """
         row, n = self.model.sensor_rows[index], len(next(iter(values.values())))
         moved = self._moved(values, row[None])[..., 0]
-        low, high = (own_values(self.model, each) for each in (low, high))
-        count = len(next(iter(low.values()))) // n
-        along = change(self.model, low, high, width, count)
+        along = change(self.model, low, high, width, len(next(iter(low.values()))) // n)
         stiff, _ = self.model.pencil.squares(moved.T)
         return -np.einsum("bt,btp->bp", stiff, along.theta) / (moved @ row)[:, None]
 

@@ -546,12 +546,4 @@ def _wider(model: ArrayModel, more: int) -> ArrayModel:
     def both(a: np.ndarray) -> np.ndarray:
         return np.pad(a, [*[(0, 0)] * (a.ndim - 2), *[(0, more)] * 2])
 
-    sensors, shifts = model.sensor_rows, model.shift_rows
-    return replace(
-        model,
-        pencil=model.pencil.mapped(both, rows),
-        sensor_rows=None if sensors is None else rows(sensors),
-        shift_rows=None if shifts is None else rows(shifts),
-        places=model.places and model.places.on(np.eye(model.n_dofs, model.n_dofs + more)),
-        dampers={name: both(D) for name, D in model.dampers.items()},
-    )
+    return model.mapped(both, rows)

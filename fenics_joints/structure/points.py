@@ -471,10 +471,6 @@ class PlaceRows:
         gdim = self.points.shape[1]
         return np.einsum("kgn,kg->kn", self.rows[index], sensors.directions[:, :gdim])
 
-    def on(self, basis: np.ndarray) -> PlaceRows:
-        """The same on fewer vectors, which are the columns of ``basis``."""
-        return replace(self, rows=self.rows @ basis)
-
     def _index(self, sensors: Sensors) -> np.ndarray:
         """The point of each sensor, or -1, (n_sensors,)."""
         known = self.points
