@@ -1,6 +1,6 @@
-"""A reduced model for a prior: sampled where an estimate of its own error is largest.
+"""A reduced model for a prior, sampled where an estimate of its own error is largest.
 
-The error of a reduced frequency follows from its residual, without a full solution: for an
+The error of a reduced frequency follows from its residual, without a full solution. For an
 M-normalised Ritz vector x with r = K x - lambda M x, to first order the eigenvalue is too high by
 r^T (K - lambda M)^+ r, which for what the basis lacks, high modes, is nearly r^T A^-1 r with
 A = K + sigma M (Saad, Numerical Methods for Large Eigenvalue Problems, 2011, section 3.2.3, the
@@ -29,7 +29,9 @@ from fenics_joints.structure.sparse import MatrixForm, RowForm, as_columns, prod
 
 
 class FreePencil:
-    """K(p) and M(p) of a structure in few of its parameters, the rest of it as a whole. Collective.
+    """K(p) and M(p) of a structure as functions of few of its parameters. Collective.
+
+    Both are their values at ``given`` plus changes of the components that name these parameters.
 
     Args:
         structure: The full model.
@@ -147,10 +149,12 @@ class FreePencil:
         return total
 
 
-#: Share of the largest energy below which a direction is left out of the basis.
+#: Share of the largest energy below which a direction is left out of the basis: chosen.
 _BASIS = 1e-9
-#: Points whose residuals are formed together; deformations whose stiffness ratio is looked at.
-_CHUNK, _DIRECTIONS = 32, 40
+#: Points whose residuals are formed together: chosen, for memory.
+_CHUNK = 32
+#: Deformations of a layer whose stiffness ratio is found: chosen.
+_DIRECTIONS = 40
 
 
 class GreedyModel(MatchedModes):
@@ -160,7 +164,7 @@ class GreedyModel(MatchedModes):
         full: The full model.
         start: Values of all its parameters.
         free: Names of those that vary.
-        progress: Told of every solution of the full model.
+        progress: Advanced at every solution of the full model.
         given: See `MatchedModes`.
     """
 
@@ -179,7 +183,7 @@ class GreedyModel(MatchedModes):
         self.progress = progress or Progress(silent=True)
         self.progress.step("reduced model: the start")
         super().__init__(full, self.terms.given, **given)
-        # A solver of its own: the start's keeps its factorisation, for the residuals.
+        # The start's solver keeps its factorisation for the residuals: take another one.
         self._solver = None
         self._snapshots = Snapshots(full)
         self._add(self.nominal, np.arange(self.nominal.n_rigid))
@@ -250,10 +254,9 @@ class GreedyModel(MatchedModes):
 
 
 class _Softened:
-    """Least ratio of the stiffness of what varies at given values to that at the start, at most 1.
+    """Least ratio of the varying regions' stiffness to that at the start, at most 1.
 
-    A layer's ratio is that of its least favourable strain, looked for among the basis's stiffest
-    deformations of it.
+    A layer's ratio is the least over its deformations, of which the basis's stiffest are taken.
     """
 
     def __init__(self, model: ArrayModel, start: Mapping[str, float]):

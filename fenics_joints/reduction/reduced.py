@@ -34,16 +34,16 @@ from fenics_joints.structure.laws import ELASTIC_SUPPORT
 from fenics_joints.structure.points import PlaceRows
 from fenics_joints.structure.sparse import as_columns, bordered, cross, project
 
-#: How far nodes count, over the largest distance of two sensors: a third further than a sensor may
-#: sit elsewhere (`fenics_joints.diagnosis.effects.rig.misplaced_sensor`), so that there are some.
+#: Radius within which nodes are used, over the largest distance of two sensors: a third larger than
+#: a sensor may be misplaced (`fenics_joints.diagnosis.effects.rig.misplaced_sensor`).
 _REACH = 0.2
-#: Height of a node over a sensor's face, relative to its distance, up to which it is on that.
+#: Height of a node over a sensor's face, over its distance, up to which it is on that face: chosen.
 _FLAT = 0.25
-#: Share of the largest moment of the nodes below which these say nothing of a bend.
+#: Share of the largest moment of the nodes below which a curvature is not determined: chosen.
 _TOLD = 1e-3
-#: Nodes of a face at most, of more some at all distances.
+#: Nodes of a face at most; of more, some at all distances are taken: chosen, for time.
 _MOST = 60
-#: Powers of the distances along both ways, of two and three together.
+#: Exponents (i, j) of the monomials a^i b^j of degrees two and three.
 _POWERS = tuple((order - k, k) for order in (2, 3) for k in range(order + 1))
 #: How many these are.
 N_BENDS = len(_POWERS)
@@ -67,16 +67,16 @@ def shape_curvature(
     rows: np.ndarray,
     slopes: np.ndarray,
 ) -> np.ndarray:
-    """Second and third derivatives as factors of `monomials`, 1/m2 and 1/m3, (7, n_sensors, n).
-    Collective.
+    """Coefficients of `monomials` in what sensors read about their places, 1/m2 and 1/m3, (7,
+    n_sensors, n), by least squares over the nodes around each. Collective.
 
     Args:
         structure: The full model.
         basis: Vectors, owned entries.
-        sensors: Where they stand.
+        sensors: The sensors.
         ways: Two directions on the face of each, (2, n_sensors, gdim).
-        rows: What they read of each vector, (n_sensors, n).
-        slopes: The same per metre along each way, (2, n_sensors, n).
+        rows: Their readings of each vector, (n_sensors, n).
+        slopes: Derivatives of the readings along each direction, (2, n_sensors, n).
     """
     gdim = structure.gdim
     points, normals = sensors.points[:, :gdim], sensors.directions[:, :gdim]
@@ -100,7 +100,7 @@ def shape_curvature(
 
 
 def _round_about(structure: Structure, x: np.ndarray, normal: np.ndarray, reach: float):
-    """Nodes of the mesh on the face of a point, the nearest ones, (k, gdim). Collective."""
+    """Nodes of the mesh near a point and on its face, nearest first, (k, gdim). Collective."""
     nodes = structure.mesh.geometry.x[:, : structure.gdim]
     off = nodes - x
     along = np.linalg.norm(off - np.outer(off @ normal, normal), axis=1)
@@ -113,6 +113,7 @@ def _round_about(structure: Structure, x: np.ndarray, normal: np.ndarray, reach:
     return every[order[:: max(-(-len(order) // _MOST), 1)]]
 
 
+#: Stations of the spline along the path of a mass that moves: chosen.
 _TRAVEL_SAMPLES = 41
 
 
@@ -122,8 +123,8 @@ class Projection:
     Args:
         structure: The full model.
         basis: Vectors of the basis, linearly independent; held DOFs are zero.
-        n_known: Of how many of these, the first, terms are known: those of the others alone are
-            looked for.
+        n_known: Number of the first vectors on which terms are known; only the columns of the
+            others are computed.
     """
 
     def __init__(self, structure: Structure, basis: Sequence[PETSc.Vec], n_known: int = 0):
@@ -134,7 +135,7 @@ class Projection:
 
     @property
     def changes(self) -> list[Change]:
-        """Those of the structure without own motions (`fenics_joints.reduction.reduced`)."""
+        """The structure's changes, but for oscillators: see `with_motions`."""
         return [c for c in self.full.changes if not isinstance(c, PlacedResonator)]
 
     def matrix(self, A: PETSc.Mat) -> np.ndarray:
@@ -142,7 +143,7 @@ class Projection:
         return project(A, self._dense)
 
     def new(self, A: PETSc.Mat) -> np.ndarray:
-        """The columns of `matrix` of what is not known, shape (n, n - n_known)."""
+        """The columns of `matrix` that are not known, (n, n - n_known)."""
         return cross(A, self._dense, self._new)
 
     def points(self, points) -> np.ndarray:
@@ -155,15 +156,15 @@ class Projection:
         return self.full.observe(self.basis, sensors).reshape(len(points), gdim, len(self.basis))
 
     def moves(self, change: PlacedPoint | PlacedResonator) -> np.ndarray:
-        """Motion of what is attached, and its slopes along x, y and z, (4, gdim, n)."""
+        """Motion of the basis where something is attached, and its slopes along x, y and z, (4,
+        gdim, n)."""
         key = change.points.tobytes()
         if key not in self._moves:
             self._moves[key] = np.tensordot(change.weights, self.points(change.points), 1)
         return self._moves[key]
 
     def sensors(self, sensors: Sensors | None) -> tuple[np.ndarray | None, np.ndarray | None]:
-        """What sensors read of the basis, (n_s, n), and the same per metre that they sit further
-        along each of their ways, (n_ways, n_s, n); of two ways then `shape_curvature`."""
+        """See ``sensor_rows`` and ``shift_rows`` of `ArrayModel`."""
         if sensors is None:
             return None, None
         ways = ways_of(sensors, self.full.gdim)
@@ -249,7 +250,7 @@ class Projection:
         return _term(support.name, law, properties, units, 0.0 * units[0], 0.0, known)
 
     def change(self, change: Change, known: RegionTerm | None = None) -> RegionTerm:
-        """What else changes of the structure, as a region of its own law."""
+        """A change of the structure, as a region with its own law."""
         if isinstance(change, PlacedPoint):
             a, b = self.moves(change)[list(change.pair)]
             own = a[:, :, None] * b[:, None, :]
@@ -312,7 +313,7 @@ class Projection:
 
 
 def _term(name, law, properties, new: np.ndarray, heavy, volume, known) -> RegionTerm:
-    """A region's term from its columns that are new."""
+    """A region's term from its new columns and the known term."""
     if known is None:
         none = np.zeros((0, 0))
         before = np.zeros((len(new), 0, 0)), none
@@ -331,8 +332,8 @@ class ReducedStructure(ArrayModel):
         basis: Vectors of the basis, linearly independent; held DOFs are zero.
         travel: Range (low, high), m, over which a point mass with a parameter for its travel
             moves, by the mass's name.
-        known: The model on the first of these vectors, where it is known: what is new alone is
-            projected then. It has to have no graded joints.
+        known: The model on the first of these vectors, if known: then only the others are
+            projected. It must have no graded joints.
 
     Attributes:
         full: The full model.
@@ -377,7 +378,7 @@ class ReducedStructure(ArrayModel):
         return K, M
 
     def _varying(self, number: int, values) -> tuple[np.ndarray, np.ndarray]:
-        """A region graded in space: assembled anew and projected."""
+        """Stiffness and mass of a region graded in space, assembled anew and projected."""
         self.full.field.update(values)
         matrices = (self.full.region_matrix(number, which, None) for which in (0, 1))
         return tuple(map(self.projection.matrix, matrices))
@@ -428,7 +429,7 @@ class ReducedStructure(ArrayModel):
         points = [np.asarray(s.points)[:, : self.full.gdim] for s in places]
         found = ArrayModel(self.pencil, self.scale_hz, *self.projection.sensors(sensors))
         if points:
-            # Once each, in the order in which they are named.
+            # Each once, in the order given.
             first = np.sort(np.unique(np.vstack(points), axis=0, return_index=True)[1])
             distinct = np.vstack(points)[first]
             found.places = PlaceRows(distinct, self.projection.points(distinct))
@@ -467,11 +468,10 @@ def reduce(
         samples: Parameter values at which modes are computed.
         n_modes: Modes at each sample, rigid-body ones included.
         travel: Ranges of moving masses, see `ReducedStructure`.
-        tolerance: Directions with less than this share of the largest energy are left out. Of a
-            structure on elastic supports 1e-10 is better: a share of 1e-8 moves frequencies on
-            nearly rigid ones by some 1e-5.
-        more: This rank's rows of further vectors for the basis, (n_local, k), by a sample's modes,
-            whose solver has the factorisation there; none by default.
+        tolerance: Directions with less than this share of the largest energy are left out. On
+            nearly rigid elastic supports 1e-8 shifts frequencies by some 1e-5; take 1e-10 there.
+        more: ``modes -> (n_local, k)``, this rank's rows of further vectors at a sample; the modes'
+            solver holds the factorisation there. None by default.
 
     Raises:
         InputError: Without samples.
@@ -485,10 +485,10 @@ def reduce(
 
 
 class MovingModel(ArrayModel):
-    """A reduced model with motions of what hangs on it, that any sensors may look at.
+    """A reduced model with an attached oscillator's motion, which can be observed anywhere.
 
     Args:
-        reduced: The model without them.
+        reduced: The model without that motion.
     """
 
     def __init__(self, reduced: ReducedStructure):
@@ -507,16 +507,16 @@ class MovingModel(ArrayModel):
 
 
 def with_motions(model: ArrayModel, full: Structure, basis: Sequence[PETSc.Vec]) -> ArrayModel:
-    """A reduced model with a displacement of its own, in each direction, of what hangs on the
-    structure at one of its places; the model itself where nothing does. Collective.
+    """A reduced model with the displacement of an attached oscillator as further unknowns, one for
+    each direction; the model itself if there is none. Collective.
 
-    The spring is stretched by what the structure moves at a place less that displacement, in units
-    in which its idle stiffness is 1 N/m. Sensors see nothing of it.
+    The oscillator's spring is stretched by the structure's displacement at its place less that
+    displacement, which is in units in which its idle stiffness is 1 N/m. Sensors do not see it.
 
     Args:
-        model: The model, of plain arrays, without it.
+        model: The model of plain arrays without it.
         full: The structure.
-        basis: The model's basis, with no force of its own on masses that move.
+        basis: The model's basis.
     """
     hung = [c for c in full.changes if isinstance(c, PlacedResonator)]
     if not hung:
@@ -538,7 +538,7 @@ def with_motions(model: ArrayModel, full: Structure, basis: Sequence[PETSc.Vec])
 
 
 def _wider(model: ArrayModel, more: int) -> ArrayModel:
-    """A model with so many further displacements, which nothing holds or moves yet."""
+    """A model with further unknowns, which have neither stiffness nor mass yet."""
 
     def rows(a: np.ndarray) -> np.ndarray:
         return np.pad(a, [*[(0, 0)] * (a.ndim - 1), (0, more)])

@@ -1,4 +1,4 @@
-"""A reduced model in the service of a fit: built, asked for frequencies, checked, improved."""
+"""Reduced models for fits: made from samples, checked against the full model, extended."""
 
 from __future__ import annotations
 
@@ -42,20 +42,20 @@ from fenics_joints.structure.changes import Change, PlacedPoint, PlacedResonator
 from fenics_joints.structure.sparse import as_columns, vectors_like
 
 #: Share of a mode's energy at a sample that the basis may lack: 1e-4 of its frequency, well below
-#: what tests can see.
+#: the noise of tests.
 LACKING = 2e-4
-#: The same for the part of the basis that one test needs: the leading hypotheses are checked on the
-#: full model, and the basis is extended where it errs.
+#: The same for the part of the basis that one test needs: chosen; leading hypotheses are checked
+#: on the full model, and the basis is extended where it errs.
 _LACKING_FOR_TEST = 1e-3
 #: Share of the largest energy below which a combination of the basis's vectors is round-off.
 _DEPENDENT = 1e-13
 
 
 class ReducedModel(MatchedModes):
-    """A parametric reduced model of what a test sees, with its error under control. Collective.
+    """A parametric reduced model of the modes that a test sees, which knows its error. Collective.
 
-    Its basis holds the modes at the first few samples, and what it lacks of those at the others,
-    which are refined from the model's own (a weak greedy algorithm).
+    Its basis holds the modes at the first few samples and the residuals of those at the others,
+    which are refined from the reduced model's own modes (a weak greedy algorithm).
 
     Args:
         full: The full structure.
@@ -67,7 +67,7 @@ class ReducedModel(MatchedModes):
             the structure: read if it is there, otherwise written; None for neither.
         lacking: Share of a mode's energy at a sample that the basis may lack.
         still: Parameters that stay as they are at ``start``.
-        progress: Told what is being done, and after each sample.
+        progress: Told each step and sample.
         given: See `MatchedModes`.
     """
 
@@ -97,7 +97,7 @@ class ReducedModel(MatchedModes):
         self._refined: dict[tuple, Modes] = {}
         self._unbent: list[Change] = []
         self._start, self._still = dict(start), still
-        # Whether the model is kept or not, so that both give the same numbers.
+        # Also if the model is read from its file, so that both give the same numbers.
         self._solver = eigen_solver(full, self.samples[0], self.n_modes, SNAPSHOT)
         found = self._kept() if self.kept else self._reduce()
         self._whole = for_test(full, found, self._basis, self.sensors)
@@ -109,7 +109,7 @@ class ReducedModel(MatchedModes):
         return kept_modes(self.full, values, self.n_modes, self.kept, name, self._solver)
 
     def _with_motions(self) -> ArrayModel:
-        """`_trimmed`, with what moves by itself."""
+        """`_trimmed`, with an attached oscillator's motion."""
         model = with_motions(self._trimmed(), self.full, self._basis)
         model.pencil.set_reference(model.values(self._start))
         return model
@@ -128,7 +128,7 @@ class ReducedModel(MatchedModes):
         return model
 
     def _condense(self) -> None:
-        """Take what the test's modes need of a model that serves others too."""
+        """Restrict the basis to the vectors that this test's modes need."""
         model = self._trimmed()
         model.pencil.set_reference(model.values(self._start))
         forward = self._forward(model)
@@ -151,20 +151,19 @@ class ReducedModel(MatchedModes):
 
     @property
     def quick(self) -> SmallModel:
-        """The same against modes of the full model that are refined from the small one's: a third
-        of the time, but a mode that the small model lacks altogether goes unseen."""
+        """The same model with a check against modes refined from its own, in a third of the time.
+        It misses a mode that the reduced model lacks altogether."""
         return _Quick(self)
 
     def errors_by(self, points: Points, solve: Callable[..., Modes]) -> np.ndarray:
-        """See `errors`; ``solve`` gives modes of the full model at values. nan at a point where
-        either lacks a mode that the test saw."""
-        # Others are let go: they hold vectors of the full model's size.
+        """`errors` with ``solve``, which gives modes of the full model at values."""
+        # Forget modes at other points: they hold vectors of the full model's size.
         wanted = {tuple(values.items()) for values in points}
         for known in (self._solved, self._refined):
             for key in set(known) - wanted:
                 del known[key]
         errors = np.array([self._error(values, solve) for values in points])
-        # Every rank has to take the same way from here.
+        # All ranks must decide alike from here.
         return self.full.comm.bcast(errors)
 
     def _error(self, values: Mapping[str, float], solve: Callable[..., Modes]) -> float:
@@ -175,8 +174,8 @@ class ReducedModel(MatchedModes):
         return largest_difference(*both, self.sensors)
 
     def refined(self, values: Mapping[str, float]) -> Modes:
-        """Modes of the full model near the small one's; those that were solved for where they are
-        known, and remembered until they are in the basis. Collective."""
+        """Modes of the full model, known or refined from the reduced one's; kept until they are in
+        the basis. Collective."""
         key = tuple(values.items())
         if key in self._solved:
             return self._solved[key]
@@ -192,8 +191,7 @@ class ReducedModel(MatchedModes):
         return refine_modes(self.full, values, self._solver, rows @ shapes[: rows.shape[1]])
 
     def extend(self, points: Points) -> None:
-        """Take modes of the full model into the basis, solved for or refined where these are
-        known."""
+        """Take modes of the full model into the basis: known ones, or new solutions."""
         self._whole = self._with(points)
         self._refined.clear()
         self.forward.model = self._with_motions()
@@ -206,8 +204,7 @@ class ReducedModel(MatchedModes):
         return np.pad(found, [(0, 0), (0, 0), (0, self.model.n_dofs - found.shape[2])])
 
     def exchange(self, changes: Sequence[Change]) -> None:
-        """Put changes of the structure in the place of others, see `Structure.exchange`; of the
-        model nothing else changes. Collective."""
+        """Replace changes of the structure, see `Structure.exchange`. Collective."""
         new = {change.name for change in changes}
         self.full.exchange(changes)
         on = Projection(self.full, self._basis)
@@ -215,14 +212,14 @@ class ReducedModel(MatchedModes):
         regions = [terms.get(region.name, region) for region in self._whole.regions]
         self._whole = replace(self._whole, pencil=replace(self._whole.pencil, regions=regions))
         self._unbent = list(changes)
-        # The same values are of another structure from here.
+        # Kept modes are those of the structure before.
         self._solved.clear(), self._refined.clear()
         self.forward.model = self._with_motions()
         self.forward.forget()
 
     def bend(self) -> bool:
-        """Take in how the structure bends under forces where something is put on, which its modes
-        alone do not know; whether that was not known yet. Collective."""
+        """Add to the basis how the structure bends under forces where something was attached, which
+        modes alone do not span. Returns whether there was anything to add. Collective."""
         loads = [load for load in map(self._load, self._unbent) if load is not None]
         self._unbent = []
         if not loads:
@@ -237,7 +234,7 @@ class ReducedModel(MatchedModes):
         return True
 
     def _load(self, change: Change) -> np.ndarray | None:
-        """Loads of one newton in each direction by what is attached, (n_local, gdim)."""
+        """Loads of one newton in each direction where something is attached, (n_local, gdim)."""
         if not isinstance(change, PlacedPoint) or change.pair != (0, 0):
             return None
         gdim, count = self.full.gdim, len(change.points)
@@ -264,10 +261,10 @@ class ReducedModel(MatchedModes):
         }
 
     def wide(self, points: Points) -> ReducedStructure | MovingModel:
-        """A reduced model with all modes, whether the test sees them or not. Collective.
+        """A reduced model of all modes, visible to the test or not. Collective.
 
         Args:
-            points: Parameter values at which its modes make the basis.
+            points: Parameter values whose modes make the basis.
         """
         found = reduce(self.full, points, self.n_modes, travel=self.travel)
         hung = any(isinstance(change, PlacedResonator) for change in self.full.changes)
@@ -294,15 +291,15 @@ class ReducedModel(MatchedModes):
                 else:
                     own = solve_modes(whole, values, n_modes=min(2 * n, whole.n_dofs))
                     modes = self._near(values, own.shapes)
-                # All, kept or not, so that both give the same numbers; other tests see others.
+                # All modes, also if no file is kept, so that both give the same numbers.
                 sampled.add(modes, range(n), just_solved=True)
                 self.progress.advance()
             whole, taken = self._on(sampled, whole), taken + len(group)
         return whole
 
     def _on(self, sampled: SampledBasis, known: ArrayModel | None = None) -> ArrayModel:
-        """The reduced model on a basis, made orthonormal; of the first of its vectors it may be
-        known."""
+        """The reduced model on a basis, made orthonormal; ``known`` is the model on its first
+        vectors."""
         n = 0 if known is None else known.n_dofs
         self._basis = orthonormal(
             self.full, sampled.vectors, self.samples[0], _DEPENDENT, n, known=known
@@ -322,8 +319,8 @@ def compress_basis(
 
     Args:
         forward: Of the model.
-        samples: Parameter values; where the model lacks what the test saw they are passed over.
-        keep: Which modes are held, by index.
+        samples: Parameter values; those at which the model lacks the test's modes are skipped.
+        keep: ``modes -> indices`` of the modes to hold.
         share: Share of a mode's energy, in its own sample, that may be lacking.
     """
     model = forward.model
@@ -362,13 +359,13 @@ class _Quick:
 
 @dataclass(frozen=True)
 class SmallModels:
-    """Makers of small models that know their errors, see `fenics_joints.reduction.basis`.
+    """The classes of a structure's `fenics_joints.reduction.basis.SmallModel`s.
 
     Attributes:
         seen: For the modes that a test saw, see `ReducedModel`.
-        free: For these in a few parameters, see `GreedyModel`.
+        free: For these modes in few parameters, see `GreedyModel`.
         combined: For data of several kinds, see `CombinedModel`.
-        exact: Whether they are as good as the full model, and need neither samples nor files.
+        exact: Whether they are exact, and need neither samples nor files.
     """
 
     seen: Callable[..., MatchedModes]
