@@ -1,10 +1,10 @@
 """Reduced models for frequency response functions, checked against the full one.
 
-Modes alone are a poor basis for an FRF: a force at a point has a share of all modes, and what those
-beyond the basis answer decides where the antiresonances are. So the basis also holds, at every
+Modes alone are a poor basis for an FRF: a force at a point excites all modes, and the response of
+those beyond the basis decides where the antiresonances are. So the basis also holds, at every
 sample of the parameters, residual vectors for the forces, the sensors and the damped layers (see
-`response.modal_basis`). `frf_error` says what is left, against the direct solution of the full
-model, and `checked_frf_model` adds samples until it is small enough where it was asked to be.
+`response.modal_basis`). `frf_error` gives the error against the direct solution of the full model,
+and `checked_frf_model` adds samples until it is small enough at given points.
 """
 
 from __future__ import annotations
@@ -85,12 +85,12 @@ class ResponseSampler:
     Args:
         structure: The full model.
         n_modes: Modes at each sample.
-        loads: Forces, and what is read, as columns, (n_local, k); None for none.
+        loads: Forces and rows of sensors as columns, (n_local, k); None for none.
         lines: Lines of interest, Hz; None for the modes' own frequencies.
         damping: The damping.
 
     Attributes:
-        snapshots: What was found.
+        snapshots: The modes and residual vectors.
     """
 
     def __init__(
@@ -207,7 +207,7 @@ def checked_frf_model(
 ) -> CheckedFRFModel:
     """Reduced model whose FRFs have no larger error than asked at points. Collective.
 
-    The point with the largest error becomes a sample, and all are looked at again.
+    The point with the largest error becomes a sample, until all errors are small enough.
 
     Args:
         structure: The full model.
@@ -272,19 +272,21 @@ def _error(reduced, at: Sequence[Values], exact, asked) -> FRFError:
     return FRFError(asked["frequencies_hz"], np.abs(found / np.array(exact) - 1))
 
 
-#: Samples for each parameter, beside the start, and their range about it, a factor either way.
-_SAMPLES, _RANGE = 2, 30.0
-
-#: Share of the largest energy below which a direction is left out of the basis: at first, and by
-#: which factor it falls when the model is bettered.
+#: Samples for each parameter beside the start: chosen; the error is checked.
+_SAMPLES = 2
+#: Range of the samples, a factor up and down from the start: chosen.
+_RANGE = 30.0
+#: Share of the largest energy below which a direction is left out of the first basis, and its
+#: factor each time the model is extended: chosen; the error is checked.
 _BASIS, _FINER = 1e-5, 0.03
-#: Largest accepted relative error of the reduced model's frequencies; and of its functions and
-#: damping ratios, as a share of the noise.
-_FREQUENCY, _SHARE = 2e-4, 0.1
-#: Lines at which functions are checked against the direct solution.
+#: Largest accepted relative error of frequencies: well below the noise of tests.
+_FREQUENCY = 2e-4
+#: Largest accepted error of functions and damping ratios, as a share of their noise: chosen.
+_SHARE = 0.1
+#: Lines at which functions are checked against the direct solution: chosen, for time.
 _CHECKED = 6
-#: Modes of every sample reach this multiple of the highest line, but are no more than that many
-#: times as many as asked for: without the modes in its band a function is not in the basis.
+#: Frequency that the modes of a sample must reach, over the highest line, since the basis needs the
+#: modes in the band; and their largest number, over that asked for: chosen.
 _REACH, _MOST = 1.2, 6
 
 
@@ -308,23 +310,23 @@ class ModelError:
 
 
 class CombinedModel:
-    """A reduced model for the frequencies, shapes, ratios and functions of a target. Collective.
+    """A reduced model for the frequencies, shapes, damping ratios and functions of a target.
+    Collective.
 
-    Its basis holds modes and, for functions, residual vectors of their forces and sensors, and for
-    them and for damping ratios those of damped layers, at samples of the parameters; more samples
-    can be added.
+    Its basis holds modes at samples of the parameters. For functions it also holds residual vectors
+    of forces and sensors, and for functions and damping ratios those of damped layers.
 
     Args:
         full: The full model.
         target: The data.
         damping: The damping, its values numbers or parameters.
-        n_modes: Modes of the full model at a sample; more where they do not reach the lines.
+        n_modes: Modes of the full model at a sample; more if they do not reach the lines.
 
     Attributes:
-        arrays: The reduced model as it is now.
-        samples: How many samples are in it.
+        arrays: The current reduced model.
+        samples: Number of samples in it.
         limits: Largest accepted errors.
-        error: Of the reduced model at the last of the points that it was looked at.
+        error: Error of the reduced model at the last point where it was found.
     """
 
     arrays: ArrayModel
@@ -408,11 +410,11 @@ class CombinedModel:
         return self._last
 
     def ratios(self, values: Mapping[str, float], modes: Modes) -> np.ndarray | None:
-        """Damping ratios of the full model's modes that are the test's, (m,); None if no data.
+        """Damping ratios of the test's modes by the full model, (m,); None if not among the data.
 
         Args:
             values: Values of the parameters.
-            modes: Modes of the full model there, the last that were found; remembered.
+            modes: Modes of the full model there, the last that were solved for.
         """
         if "damping" not in self.target.kinds:
             return None
@@ -467,7 +469,7 @@ def error_limits(target: Target) -> ModelError:
 
 
 def paired(modes: Modes, target: Target) -> Pairing:
-    """A model's modes that are the test's."""
+    """The test's modes among a model's."""
     return pair_modes(modes, len(target), target.shape_sensors, reference=target.shapes)
 
 
@@ -482,9 +484,9 @@ def sample_values(
 
     Args:
         full: The full model.
-        parameters: What is varied.
+        parameters: Parameters to vary.
         start: Values of all parameters.
-        count: How many samples beside the start; by default some for each parameter.
+        count: Number of samples beside the start; by default two for each parameter.
         span: Range about the start, as factors down and up.
     """
     count = _SAMPLES * len(parameters) if count is None else count
@@ -503,7 +505,7 @@ def sample_values(
 
 
 def allowed(full: Structure, values: Mapping[str, float]) -> bool:
-    """Whether the laws of a structure take these values."""
+    """Whether the laws of a structure allow these values."""
     try:
         for number, region in enumerate(full.regions):
             q = full.field.region_values(number, values)

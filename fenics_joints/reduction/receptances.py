@@ -1,4 +1,4 @@
-"""What forces at points do: antiresonances, functions of motion by force, static stiffness."""
+"""Responses to forces at points: antiresonances, receptances and static stiffness."""
 
 from __future__ import annotations
 
@@ -28,28 +28,28 @@ from fenics_joints.reduction.reduced import ReducedStructure, reduce
 from fenics_joints.structure import Sensors, Structure
 from fenics_joints.structure.sparse import as_columns, combination, vectors_like
 
-#: See `PointBasis`: for antiresonances, which are where little is left of large sums.
+#: Default ``tolerance`` of `PointBasis`; chosen: at an antiresonance large terms cancel.
 _BASIS = 1e-10
-#: How far, in ln f, an antiresonance is from the nearest resonance at least: where both fall
-#: together neither is seen at the point.
+#: Least distance, in ln f, of an antiresonance from a resonance: chosen; closer ones cancel each
+#: other and cannot be seen at the point.
 _APART = 2e-3
 
 
 class PointBasis:
-    """A model on its modes and what forces at points bend, at samples. Collective.
+    """A model on its modes and on responses to forces at points, at samples. Collective.
 
     Args:
         full: The full model.
         at: Points and directions of the forces.
-        everywhere: Places all over it, by whose motion modes are told.
-        samples: Parameter values; the first are the nominal ones. None of beams, which need none.
-        n_modes: Modes at each.
+        everywhere: Places all over the structure at which modes are compared.
+        samples: Parameter values, the nominal ones first; not used for beams.
+        n_modes: Modes at each sample.
         travel: See `reduce`.
         tolerance: Share of the largest energy below which a direction is left out of the basis.
 
     Attributes:
         model: The model, whose ``sensor_rows`` are those of ``everywhere``.
-        rows: What the points read of its basis, (n, n_dofs).
+        rows: Displacements of its basis at the points, (n, n_dofs).
         everywhere: See above.
     """
 
@@ -82,28 +82,28 @@ class PointBasis:
         self.rows = full.observe(self._basis, at)
 
     def in_full(self, y: np.ndarray):
-        """A vector of the basis in the full model's unknowns, as a vector of its kind."""
+        """A vector of the basis in the full model's unknowns: an array or a PETSc vector."""
         return y if self._basis is None else combination(self._basis, y)
 
 
 def _beyond(modes: Modes, loads: np.ndarray, at: Sensors) -> np.ndarray:
-    """This rank's rows of what forces bend besides the modes at hand, of which a free body's rigid
-    ones would hide it, (n_local, n_sensors)."""
+    """This rank's rows of the responses to forces without the share of the modes, (n_local,
+    n_sensors); of a free body its rigid modes would dominate them."""
     share = modes.at(at).T / (modes.eigenvalues - modes.solver.shift)[:, None]
     return modes.solver.inverse(loads) - as_columns(modes.shapes) @ share
 
 
 class Antiresonances:
-    """Those of the motion at a point under a force there, some of which a test saw.
+    """Antiresonances of the receptance at a point, some of which a test saw.
 
-    What hangs on the structure and moves by itself (`fenics_joints.structure.changes`) is not in
-    this model: an attached resonator leaves antiresonances as they are.
+    An attached oscillator (`fenics_joints.structure.changes`) is not in this model: it leaves
+    antiresonances as they are.
 
     Args:
         basis: The model.
-        index: Which of its points.
+        index: Index of the point among the model's.
         baseline: Parameter values of the nominal model.
-        n_modes: Modes that are looked through.
+        n_modes: Number of modes among which they are sought.
     """
 
     def __init__(self, basis: PointBasis, index: int, baseline: Mapping[str, float], n_modes: int):
@@ -124,7 +124,7 @@ class Antiresonances:
         self._last: tuple | None = None
 
     def follow(self, which: np.ndarray) -> None:
-        """Which of the nominal ones, by their place in ``log_f``, are asked for from now on."""
+        """Select antiresonances by their index in ``log_f``; the other methods are of these."""
         index = self._own[which]
         shapes = self.nominal.at(self.basis.everywhere)[:, index]
         self.forward = ModalPrediction(
@@ -132,7 +132,7 @@ class Antiresonances:
         )
 
     def at(self, values: Mapping[str, float | np.ndarray]) -> BatchModes:
-        """Those that are asked for, at values (b,)."""
+        """The selected antiresonances at values (b,), as modes with the point held."""
         own = own_arrays(self._model, values)
         key = tuple(each.tobytes() for each in own.values())
         if self._last is None or self._last[0] != key:
@@ -155,10 +155,10 @@ class Antiresonances:
         return modes.slopes(change(modes.model, low, high, width, count))
 
     def shape(self, i: int, values: Mapping[str, float]):
-        """The full model's motion in one that is asked for, of unit modal mass; and its omega^2.
+        """The full model's motion in a selected one, of unit modal mass, and its omega^2.
 
         Raises:
-            InputError: If the model has it not at these values.
+            InputError: If the model does not have it at these values.
         """
         modes, pairing = self.forward.solve({name: values[name] for name in self._model.parameters})
         k = int(pairing.index[i])
@@ -166,21 +166,22 @@ class Antiresonances:
         return moved, float(modes.eigenvalues[k])
 
 
-#: How near a line may be to a resonance, in the square of the frequency and relative to that,
-#: before what a patch does there is bounded.
+#: Relative distance of a line from a resonance, in the square of the frequency, within which the
+#: effect of a patch is bounded: chosen.
 _CLOSE = 0.03
-#: Share of what modes add up to without their signs that is the least a function is compared with.
+#: Least magnitude by which changes of a function are divided, over the sum of the magnitudes of all
+#: modes: chosen; near an antiresonance the function itself vanishes.
 _VALLEY = 0.1
-#: Entries of eigenvectors that are held at a time.
+#: Entries of eigenvectors that are held at a time: chosen, for memory.
 _ROOM = 2**24
 
 
 @dataclass(frozen=True, eq=False)
 class Poles:
-    """Where a test has the resonances of its modes.
+    """Measured resonances of a test's modes.
 
     Attributes:
-        frequencies_hz: Hz, (m,); nan where the model's own stays.
+        frequencies_hz: Hz, (m,); nan where the model's own is used.
         damping: Damping ratios, (m,).
     """
 
@@ -188,7 +189,7 @@ class Poles:
     damping: np.ndarray
 
     def dynamic_stiffness(self, omega: np.ndarray) -> np.ndarray:
-        """That of each mode of unit mass, 1/s2, (m, n), at circular frequencies (n,)."""
+        """That of each mode of unit mass, 1/s2, (m, n), at circular frequencies (n,), rad/s."""
         own = 2 * np.pi * self.frequencies_hz[:, None]
         return own**2 - omega**2 + 2j * self.damping[:, None] * own * omega
 
@@ -199,8 +200,8 @@ class Lines:
 
     Attributes:
         frequencies_hz: Hz, (n,).
-        response: Which point of the basis moves, (n,).
-        reference: Where the force acts, (n,).
+        response: Index of the point whose motion is meant, (n,).
+        reference: Index of the point where the force acts, (n,).
     """
 
     frequencies_hz: np.ndarray
@@ -218,15 +219,15 @@ class Lines:
 
 @dataclass(frozen=True, eq=False)
 class About:
-    """What patches of the full model do to functions about some parameter values.
+    """Quantities from which derivatives of functions by patches of the full model are formed.
 
     Attributes:
-        omega: The lines, moved as the model's resonances are from the test's, rad/s, (n,).
-        value: The functions there, m/N, (n,), never nought.
-        by_pole: What a change of a resonance's eigenvalue does to them, which the test's
-            resonances take back, (n, k).
-        modes: Those of the test: motion of the full model and circular frequency, k of them.
-        motions: Of every line, the motions by unit forces at both points in the basis, (n_dofs, n).
+        omega: The lines, shifted as the model's resonances are from the test's, rad/s, (n,).
+        value: The functions there, m/N, (n,), never zero.
+        by_pole: Derivatives of the functions by the eigenvalues of the test's modes, (n, k), which
+            must be taken off, since measured resonances do not move.
+        modes: Motion of the full model and circular frequency of each of these k modes.
+        motions: Motions by unit forces at both points of every line, on the basis, (n_dofs, n).
     """
 
     omega: np.ndarray
@@ -237,12 +238,12 @@ class About:
     _pulls: list[np.ndarray] = field(default_factory=list)
 
     def pulls(self, energies: Callable, values: Mapping[str, float]) -> np.ndarray:
-        """Change of the eigenvalue of each of the modes by ln of the stiffness and of the mass of
-        each patch, (k, 2, P); the same each time. Collective.
+        """Derivatives of each mode's eigenvalue by ln of the stiffness and of the mass of each
+        patch, (k, 2, P); computed once. Collective.
 
         Args:
-            energies: Of a motion, at a circular frequency, with parameter values: x^T K x and
-                omega^2 x^T M x of each patch, (2, P).
+            energies: ``(motion, circular frequency, values)`` to x^T K x and omega^2 x^T M x of
+                each patch, (2, P).
             values: The parameter values.
         """
         if not self._pulls:
@@ -252,17 +253,16 @@ class About:
 
 
 class Receptances:
-    """Functions of motion by force as functions of a model's parameters.
+    """Receptances at lines as functions of a model's parameters.
 
-    All modes of the basis take part, those of the test with its resonances. The others are
-    undamped. What hangs on the structure and moves by itself is not in this model, as in
-    `fenics_joints.reduction.receptances.Antiresonances`.
+    They are sums over all modes of the basis. The test's modes have the measured resonances and
+    damping, the others are undamped. An attached oscillator is left out, as in `Antiresonances`.
 
     Args:
         basis: The model.
-        lines: Where they are asked for.
+        lines: The lines.
         poles: The test's resonances.
-        forward: Tells the test's modes among those of ``basis.model``.
+        forward: Matches modes of ``basis.model`` to the test's.
     """
 
     def __init__(self, basis: PointBasis, lines: Lines, poles: Poles, forward: ModalPrediction):
@@ -289,7 +289,7 @@ class Receptances:
         return self._once("at", (values,), found)
 
     def about(self, values: Mapping[str, float]) -> About:
-        """For what patches do to them. Collective.
+        """See `About`. Collective.
 
         Args:
             values: Parameter values.
@@ -353,8 +353,8 @@ class Receptances:
         return np.stack([self._slopes_at(modes, along, b) for b in range(len(modes.index))])
 
     def _slopes_at(self, modes: BatchModes, along: Change, b: int) -> np.ndarray:
-        """At one of the points, (n, p): -x^T dZ y of the motions x and y by forces at both points,
-        and what is to be added since the test's resonances stay where they are."""
+        """At one set of values, (n, p): -x^T dZ y of the motions x and y by forces at both points,
+        corrected since the measured resonances do not move."""
         lam, vectors = modes.eigenvalues[b], modes.vectors[b]
         moves, square, n = self.basis.rows @ vectors, self.lines.omega**2, len(self.lines)
         inverse = 1 / (lam - square[:, None])
@@ -365,7 +365,8 @@ class Receptances:
         by_K, by_M = _products(modes.model, along, b, np.hstack([y, own]))
         found = -np.einsum("nl,pnl->lp", x, by_K[..., :n] - square * by_M[..., :n]) + 0j
         pull, heavy = by_K[..., n:] - lam[index] * by_M[..., n:], by_M[..., n:]
-        # Of what a mode moves the points, by expansion in all (Fox and Kapoor, AIAA J. 6, 1968).
+        # Derivatives of shapes at the points by expansion in all modes (Fox and Kapoor, AIAA J. 6,
+        # 1968).
         gap = lam[index] - lam[:, None]
         gap[index, np.arange(len(index))] = np.inf
         mixed = np.einsum("ns,pnm->psm", vectors, pull) / gap
@@ -380,7 +381,7 @@ class Receptances:
         return found
 
     def _residues(self, moves: np.ndarray) -> np.ndarray:
-        """Products of what modes move the two points, (b, n, k), from those of all points."""
+        """Products of the modes' displacements at both points, (b, n, k), from those at all."""
         return moves[:, self.lines.response] * moves[:, self.lines.reference]
 
     def _compliance(self, modes: BatchModes) -> np.ndarray:
@@ -391,7 +392,7 @@ class Receptances:
         return found
 
     def _once(self, what: str, given: tuple, made: Callable):
-        """What was made last, if it was of these values: all lines ask for the same."""
+        """The last result if it was for these values: all lines share it."""
         kept = self._kept.get(what)
         if kept is not None and all(a is b for a, b in zip(kept[0], given, strict=True)):
             return kept[2]
@@ -414,7 +415,7 @@ def _products(model, along: Change, b: int, x: np.ndarray) -> tuple[np.ndarray, 
     return found[0], found[1]
 
 
-#: Share of the largest energy below which a combination of the responses is round-off.
+#: Share of the largest energy below which a combination of responses is round-off.
 _DEPENDENT = 1e-12
 
 
@@ -423,7 +424,7 @@ class StaticSolver:
 
     Args:
         full: A structure that is held.
-        sensors: Where the forces act, and along what.
+        sensors: Points and directions of the forces.
     """
 
     def __init__(self, full: Structure, sensors: Sensors):
@@ -453,11 +454,11 @@ class StaticSolver:
 
 
 class StaticModel:
-    """The same from a reduced model, by any parameter values, without other ranks.
+    """Static responses by a reduced model, at any parameter values, on each rank by itself.
 
     Args:
-        model: A model whose ``sensor_rows`` are those of the forces.
-        basis: The full model's vectors of its basis; None of one that is not reduced.
+        model: A model whose ``sensor_rows`` are the displacements at the forces.
+        basis: The full model's vectors of its basis; None if it is not reduced.
     """
 
     def __init__(self, model: ArrayModel, basis: list[PETSc.Vec] | None = None):
@@ -473,15 +474,15 @@ class StaticModel:
         fresh: Callable[[int], Points] | None = None,
         rounds: int = 4,
     ) -> StaticModel:
-        """From responses at samples, and at fresh points where those do not do. Collective.
+        """A model on responses at samples, and at further points if those do not do. Collective.
 
         Args:
             solver: Of the full model.
             samples: Parameter values of the responses.
             travel: See `ReducedStructure`.
             tolerance: Error of ln of a compliance that is good enough.
-            fresh: Gives points of a round to look at; None to look at none.
-            rounds: How often more are taken in.
+            fresh: ``round -> points`` at which the error is found; None for no check.
+            rounds: How often responses at such points may be added.
         """
         responses = [vector for values in samples for vector in solver(values)[1]]
         for turn in range(rounds):
@@ -507,11 +508,11 @@ class StaticModel:
     def log_slopes(
         self, index: int, values: BatchValues, low: BatchValues, high: BatchValues, width: float
     ) -> np.ndarray:
-        """Derivatives of one along directions in the parameters, (b, p): with K u = r and the
-        compliance r^T u, that is - u^T dK u / r^T u.
+        """Derivatives of one of them along directions, (b, p): with K u = r and the compliance
+        r^T u, these are -u^T dK u / r^T u.
 
         Args:
-            index: Which.
+            index: Index of the force.
             values: Parameter values, each (b,).
             low: See `fenics_joints.reduction.batch_modes.change`.
             high: Likewise.
