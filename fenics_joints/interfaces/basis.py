@@ -1,4 +1,4 @@
-"""Bases that keep an interface: modes, attachment modes and constraint modes.
+"""Bases of structures with an interface: modes, attachment modes and constraint modes.
 
 Free-interface: modes of the structure with its interface elastic, and what static stress at the
 interface adds to them (MacNeal 1971; Rubin 1975). Fixed-interface: modes with the interface held,
@@ -38,21 +38,21 @@ def assemble(
     forces: Placed,
     sensors: Placed,
 ) -> ReducedInterfaceModel:
-    """The model of a basis, at the parameters given. Collective.
+    """The model on a basis, at the parameters given. Collective.
 
     Args:
         basis: This rank's rows of the basis, (n_local, n).
         source: The structure in that basis, with its mesh.
         interfaces: Points with their strain rows in the basis.
-        pencil: K without the interfaces' stress, and M, in the basis.
-        layers: Strains of those interfaces that are layers, by name.
+        pencil: K without the interfaces' stress, and M, on the basis.
+        layers: Strains of interfaces that are layers, by name.
         given: Parameters that differ from their nominal value.
         forces: The forces and their loads.
-        sensors: Those of the sensors.
+        sensors: The sensors and their rows.
     """
     comm = source.full.comm
     rows = [comm.allreduce(basis.T @ loads).T for _, loads in (forces, sensors)]
-    identity = np.eye(basis.shape[1])  # until `at` puts in what the pencil is
+    identity = np.eye(basis.shape[1])  # replaced by `at`
     model = ReducedInterfaceModel(
         identity,
         identity,
@@ -70,7 +70,7 @@ def assemble(
 
 
 def check_uniform(structure: Structure) -> None:
-    """Refuse properties that vary in space, which no matrix of a parameter stands for.
+    """Refuse properties that vary in space: K is not affine in them.
 
     Raises:
         InputError: If there are any.
@@ -88,12 +88,12 @@ def as_vectors(A: PETSc.Mat, columns: np.ndarray) -> list[PETSc.Vec]:
     return vectors_like(A.createVecRight(), columns.T)
 
 
-#: Columns that are solved for at once: memory against the factor's traffic.
+#: Columns that are solved for at once: chosen, memory against time.
 _CHUNK = 64
-#: Share of its stiffness that the interface keeps in modes of sliding; the next one where points
-#: that integrate too little leave the structure no longer positive definite.
+#: Share of its stiffness that the interface keeps in modes of sliding: chosen; the next one is
+#: taken if the structure is not positive definite, as with too few points of integration.
 _SLIDING = (0.01, 0.1, 1.0)
-#: Directions of a basis with less than this share of the largest energy are dependent.
+#: Share of the largest energy below which a direction of a basis is dependent on the others.
 _DEPENDENT = 1e-9
 
 
@@ -119,7 +119,7 @@ class Strains(Protocol):
 
 
 class Basis:
-    """Columns that reduce (K, M), and what they were made with.
+    """Columns of a reduction basis of (K, M).
 
     Args:
         K: Stiffness with the interface elastic.
@@ -129,10 +129,10 @@ class Basis:
         more: Further columns, (n_local, m).
 
     Attributes:
-        columns: The basis, (n_local, n): of the columns' span that in which K and M are diagonal,
-            modes first. Up to the highest of the k modes it has unit mass; beyond, where mass
-            says little, unit stiffness times that mode's eigenvalue.
-        more: The further columns as they came.
+        columns: The basis of their span in which K and M are diagonal, (n_local, n), modes first.
+            Its vectors have unit mass up to the highest of the k modes; beyond, where some have
+            hardly any mass, unit stiffness times that mode's eigenvalue.
+        more: The further columns as given.
     """
 
     def __init__(self, K: PETSc.Mat, M: PETSc.Mat, shift: float, modes, more):
@@ -141,7 +141,7 @@ class Basis:
         for _ in range(2):
             more = more - modes @ cross(M, modes, more)
         norms = _length(np.sqrt(self._energy(K, M, shift, more)))
-        # A column that the modes hold already is round-off alone.
+        # What is left of a column in the span of the modes is round-off.
         more = (more / norms)[:, norms > np.sqrt(_DEPENDENT)]
         gram = project(K, more) + shift * project(M, more)
         values, vectors = np.linalg.eigh(gram) if len(gram) else (np.ones(0), gram)
@@ -192,10 +192,10 @@ def free_interface(
             no interface modes.
         extra: Further columns, (n_local, k).
 
-    All attachment modes together hold the exact static response to any stress at the interface,
-    whatever stiffness was used to find them (Woodbury). Of their span are kept, half and half, the
-    lowest modes of the interface when it slides, and a proper orthogonal decomposition of the rest:
-    stress patterns of unit norm in the order of the energy that their response stores.
+    All attachment modes together span the exact static response to any stress at the interface,
+    whatever stiffness they were found with (Woodbury). Half of the vectors kept are the lowest
+    modes with the interface sliding, the other half a proper orthogonal decomposition of the rest:
+    stress patterns of unit norm in the order of the energy of their responses.
     """
     more = [solve(solver, loads)] + ([] if extra is None else [extra])
     if choose is None:
@@ -219,11 +219,10 @@ def free_interface(
 
 
 def _sliding(K, M, shift: float, modes, span, strains: Strains) -> np.ndarray:
-    """What modes of the sliding interface have of a span, as orthonormal coordinates in it.
+    """Components of the modes with a sliding interface in a span, as orthonormal coordinates.
 
-    The span is orthonormal in K + shift M and orthogonal to the modes. Of the lowest modes of
-    sliding, as many as there are modes, those come first that have most of their energy there,
-    the low ones before the high.
+    The span is orthonormal in K + shift M and orthogonal to the modes. As many modes of sliding are
+    taken as there are modes; those with most energy in the span come first, low ones before high.
     """
     k = modes.shape[1]
     both = np.hstack([modes, span])
@@ -248,14 +247,14 @@ def fixed_interface(
     """Modes of the held interface with constraint modes. Collective.
 
     Args:
-        K: Stiffness with the interface elastic; constraint modes do not depend on how stiff it is,
-            but which of them matter does.
+        K: Stiffness with the interface elastic. Constraint modes do not depend on its stiffness,
+            but their order does.
         M: Mass.
         solver: The solver of the modes with the interface held.
         modes: Those modes, (n_local, k).
         loads: Loads of which the static response is kept, (n_local, m).
         interface: Local row of each interface coordinate, (q,), -1 on all ranks but its own.
-        choose: ``(stiffness, mass) -> (q, n)``, what to keep of the constraint modes.
+        choose: ``(stiffness, mass) -> (q, n)``, combinations of the constraint modes to keep.
     """
     shift, rows = -solver.shift, np.flatnonzero(interface >= 0)
     unit = np.zeros((modes.shape[0], len(interface)))
@@ -290,7 +289,7 @@ def energy_share(n: int | None, tolerance: float | None, default: int, size: int
 
 
 def characteristic(n: int | None, size: int) -> Callable:
-    """What to keep of constraint modes: all, or the n lowest eigenmodes of the elastic interface.
+    """Constraint modes to keep: all, or the n lowest eigenmodes of the elastic interface.
 
     Raises:
         InputError: If the number is out of range.

@@ -34,8 +34,7 @@ from fenics_joints.reduction.reduced import ReducedStructure
 from fenics_joints.structure.sparse import as_columns, product, project
 from fenics_joints.structure.structure import Places, place_loads
 
-#: Constraint modes that are kept, where shapes are asked for, of an interface that has more; and
-#: how many are if there are no shapes.
+#: Most constraint modes of the model that ``shapes`` gets, and those kept if it gives none: chosen.
 _MOST, _WITHOUT = 1500, 60
 _METHODS = ("craig-bampton", "free-interface")
 
@@ -56,9 +55,9 @@ def reduce_contacts(
     """Reduced model of bodies whose zero-thickness contacts follow nonlinear laws. Collective.
 
     The strains are the jumps of pairs, m: opening (of a coupled law) and slips; the weights are the
-    pairs' areas. With a law that is not `coupled` the interface is the pairs that are not OPEN in
-    ``joint``: they stay closed, and slip against the law. With a coupled law all pairs are, and
-    what ``joint`` says of the contact does not matter. Other contacts stay as in ``joint``.
+    pairs' areas. With a law that is not `coupled` the interface consists of the pairs that are not
+    OPEN in ``joint``: they stay closed, and slip against the law. With a coupled law it consists of
+    all pairs, whatever their state in ``joint``. Other contacts stay as in ``joint``.
 
     Args:
         joint: Bodies and contacts, about a preload state or all closed.
@@ -72,10 +71,9 @@ def reduce_contacts(
         tolerance: Instead of a number, of a free interface: the least energy of an interface mode
             under unit stress, relative to the largest.
         shapes: Gives displacements of a model that keeps all constraint modes (or 1,500 of
-            them), such as by `fenics_joints.interfaces.loading_shapes`. They and the modes at rest
-            are the basis then, and as many characteristic constraint modes as `interface_modes`,
-            by default none, or 60 if it gives no shape: far fewer than constraint modes alone that
-            do as well.
+            them), such as by `fenics_joints.interfaces.loading_shapes`. The basis is then these
+            shapes, the modes at rest, and `interface_modes` characteristic constraint modes: by
+            default none, or 60 if it gives no shape. Constraint modes alone would take far more.
         forces: Position, m, and direction of each force, by name. Bolts and loads of the model are
             forces too, by their names, per newton or factor.
         sensors: Position and direction of each sensor.

@@ -1,12 +1,12 @@
 """Reduced models of structures whose thin layers are nonlinear.
 
-A law takes the place of a layer's whole shear stress, and of its normal stress if it is coupled, at
-points on the middle plane, two in each direction of a box cell. What is left is positive
+A law replaces a layer's whole shear stress, and its normal stress if it is coupled, at points on
+the middle plane, two in each direction of a box cell. The remaining stiffness is positive
 semi-definite, so that a joint that slides freely is not unstable. With a law whose tangent at rest
-is the layer's the frequencies are the linear structure's, but for what one point through the
-thickness and two along a cell do not see: less than 1e-4 of a frequency on cells of 40 mm in a
-layer of 0.5 mm between plates of 8 mm, 2e-5 on cells of 10 mm; up to 7e-4 on the former with a
-coupled law, since the normal stress varies more within a cell (more points: ``points_degree``).
+is the layer's, frequencies differ from the linear structure's only by the error of that quadrature:
+less than 1e-4 on cells of 40 mm in a layer of 0.5 mm between plates of 8 mm, and 2e-5 on cells of
+10 mm; with a coupled law up to 7e-4 on the former, since the normal stress varies more within a
+cell (``points_degree`` gives more points).
 """
 
 from __future__ import annotations
@@ -49,8 +49,8 @@ _ALONG = 0.9
 class LayerPoints:
     """Strain rows of a layer at its points; the same points on any number of ranks.
 
-    The strain of a point is ``thin / stretch + flat`` times the displacement: what has to do with
-    the gradient through the thickness, and the rest. Rows go normal, tangents, point by point.
+    The strain of a point is ``thin / stretch + flat`` times the displacement: the gradient through
+    the thickness, and the rest. Rows are the normal, then the tangents, point by point.
 
     Attributes:
         points: Positions, m, (P, gdim), ordered by their coordinates.
@@ -240,11 +240,10 @@ def reduce_layers(
 ) -> ReducedInterfaceModel:
     """Reduced model of a structure whose thin layers follow nonlinear laws. Collective.
 
-    The basis is of free interfaces: the modes of the structure with its layers as linear as they
-    are in it (so give them the laws' stiffness at rest), what is missing of the static response to
-    loads at ``forces`` and ``sensors``, and interface modes, see
-    `fenics_joints.interfaces.basis.free_interface`. A fixed-interface basis has no place here: an
-    elastic layer has no state in which its strains are held.
+    The basis is one of free interfaces: modes of the structure with its layers linear (so give them
+    the laws' stiffness at rest), residual static responses to loads at ``forces`` and ``sensors``,
+    and interface modes, see `fenics_joints.interfaces.basis.free_interface`. A fixed-interface
+    basis is impossible: the strains of an elastic layer cannot be held.
 
     Args:
         structure: The structure; every region's properties uniform, its nonlinear layers
@@ -261,8 +260,8 @@ def reduce_layers(
         given: Parameters that differ from their nominal value; the basis is best there.
         points_degree: See `fenics_joints.interfaces.layers.layer_points`.
         extra: Displacements to keep in the basis, such as
-            `fenics_joints.interfaces.loading.loading_shapes`: a dozen of those show it how
-            the layer gives way, which takes interface modes by the hundred.
+            `fenics_joints.interfaces.loading.loading_shapes`: a dozen of them replace some hundred
+            interface modes.
 
     Raises:
         InputError: For an unknown layer, graded properties, a place outside the mesh, or a number
@@ -339,11 +338,10 @@ def layer_stretch(q: Mapping[str, float]) -> float:
 def _without_stress(
     pencil: AffinePencil, laws: Mapping[str, JointLaw], layers: Mapping[str, LayerTerm]
 ) -> AffinePencil:
-    """The pencil without the stress that laws take over.
+    """The pencil without the stress that laws replace.
 
-    Of the normal stress a coupled law takes what its points see. Strain that varies through the
-    thickness stays elastic: without that, nodes within the layer would shape themselves, in a basis
-    that lets them, so that there is no shear.
+    A coupled law replaces the normal stress at its points. Strain that varies through the thickness
+    stays elastic: otherwise nodes within the layer would be free to move so that there is no shear.
     """
     regions = list(pencil.regions)
     for name, layer in layers.items():

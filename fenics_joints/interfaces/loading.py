@@ -1,4 +1,4 @@
-"""Joints under static loads, how they give way as one grows, and reduced bases that know it."""
+"""Joints under growing static loads, and the displacements that a reduced basis needs for them."""
 
 from __future__ import annotations
 
@@ -16,21 +16,22 @@ from fenics_joints.structure.sparse import absolute
 
 _PREFIX = "fenics_joints_loading_"
 _DEFAULTS = {"snes_type": "newtonls", "snes_max_it": 40, "ksp_type": "preonly", "pc_type": "lu"}
-#: Line searches that are tried where another fails: round-off can mislead one that looks at the
-#: residual, and whole steps can go too far.
+#: Line searches tried where another fails: round-off can mislead one by the residual, and full
+#: steps can go too far.
 SEARCHES = "basic", "bt"
-#: Residual over the load beyond which there is no hope; PETSc's own default.
+#: Residual over the load at which an iteration has diverged; PETSc's own default.
 _DIVERGED = 1e4
-#: Last step over the displacement, and residual over the load, of a solution that stands still.
+#: Last step over the displacement, and residual over the load, at which an iteration counts as
+#: converged though round-off keeps the residual: chosen.
 _STILL, _LEFT = 1e-10, 1e-4
 
 
 class Statics:
     """Equilibrium of a motion under one load after another, by PETSc's SNES.
 
-    What of a load would accelerate a free structure is taken off it, and its mean place and turn
-    are none. A residual is small if it is below ``snes_rtol`` times the load, or below what
-    round-off alone makes of the terms that it is the sum of, or if Newton's steps stand still.
+    Of a free structure, the part of the load that would accelerate it is taken off, and its mean
+    displacement and rotation are zero. An iteration has converged if the residual is below
+    ``snes_rtol`` times the load or below the round-off of its terms, or if steps vanish.
 
     Args:
         motion: The motion.
@@ -84,8 +85,8 @@ class Statics:
         (rtol, atol), load = snes.getTolerances()[:2], max(self.load.norm(), self.scale)
         if size <= max(atol, rtol * load, self.round_off(snes.getSolution())):
             return reason.CONVERGED_FNORM_RELATIVE
-        # Stress that is the difference of large ones, as of a contact under pressure, has a
-        # round-off of its own: where steps no longer move anything the rest is that.
+        # Stress that is a difference of large numbers, as in a contact under pressure, has a large
+        # round-off: a residual that steps do not reduce is that.
         if iteration and norms[1] <= _STILL * norms[0] and size <= _LEFT * load:
             return reason.CONVERGED_SNORM_RELATIVE
         return reason.DIVERGED_DTOL if size > _DIVERGED * load else reason.CONVERGED_ITERATING
@@ -126,7 +127,7 @@ class Statics:
         return taken if found else None
 
     def keep(self) -> None:
-        """Take u as what the joints remember. Collective."""
+        """Let the joints remember u as their last state. Collective."""
         self.states = [new for _, _, new, _ in self.motion.step(self.u, self.states)]
 
     def destroy(self) -> None:
@@ -147,17 +148,17 @@ def _magnitudes(motion: Motion, rest: PETSc.Vec, states) -> PETSc.Mat:
     return A
 
 
-#: Compliance over that at rest beyond which a joint is taken to have failed.
+#: Compliance over that at rest beyond which a joint counts as failed: chosen.
 _COLLAPSED = 3.0
-#: Most halvings of the step to a load that fails, and most of them while no load has succeeded.
+#: Most halvings of the step to a load that fails, and most while no load has succeeded: chosen.
 _HALVINGS, _SEARCHED = 4, 12
-#: Load, relative to the least, that gives the compliance at rest; and displacement, relative to
-#: that of this compliance, from which a joint counts as failed.
+#: Load, over the least, that gives the compliance at rest; and displacement, over that of this
+#: compliance, beyond which a joint counts as failed: chosen.
 _AT_REST, _LOST = 1e-3, 30.0
-#: A load of which this share at most pushes a free structure as a whole is balanced.
+#: Largest share of a load on a free structure that is out of balance: round-off of input.
 _BALANCED = 1e-6
-#: A basis needs no exact shapes, and a load may have no equilibrium: with tight tolerances most of
-#: the time would go into the search for one.
+#: Options for shapes of a basis, which need not be exact: a load may have no equilibrium, and tight
+#: tolerances would spend most of the time on the search for one.
 _SHAPES = {"snes_rtol": 1e-6, "snes_max_it": 10, "snes_linesearch_type": "cp"}
 
 
@@ -227,10 +228,10 @@ def loading_shapes(
 ) -> list[PETSc.Vec]:
     """Displacements as a load grows from rest. Collective for a full model.
 
-    Put into a reduced basis they show it the slip that unloading and reloading have too: by
-    Masing's rule that is the same shape at half the amplitude. They end where the joint's strength
-    does: near a load that no static response carries, or that meets three times the compliance
-    at rest. Of a free structure's load its inertia bears what would accelerate it as a whole.
+    A reduced basis that holds them holds the slip of unloading and reloading, too: by Masing's rule
+    that has the same shape at half the amplitude. They end at the joint's strength: near a load
+    without static equilibrium, or with three times the compliance at rest. The part of the load
+    that would accelerate a free structure is borne by its inertia.
 
     Args:
         model: The model.

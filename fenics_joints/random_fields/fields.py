@@ -23,6 +23,7 @@ KINDS: dict[str, Callable[[np.ndarray], np.ndarray]] = {
     "exponential": lambda d: np.exp(-d),
     "squared_exponential": lambda d: np.exp(-0.5 * d**2),
 }
+#: Least share of a field's variance that its expansion keeps by default: chosen.
 _SHARE = 0.99
 _DISTRIBUTIONS = ("normal", "lognormal")
 
@@ -279,7 +280,7 @@ class FieldMap:
         return values, slopes @ self.root
 
 
-#: Step of xi for second derivatives; gradients are exact.
+#: Step of xi, of unit variance, for second derivatives by differences of exact gradients: chosen.
 _STEP = 1e-3
 
 

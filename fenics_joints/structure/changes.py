@@ -1,11 +1,11 @@
-"""Changes of a structure that no property of a part or joint has, by parameters of their own.
+"""Changes of a structure that are no property of a part or joint, with parameters of their own.
 
-A region that has lost stiffness somewhere, something put on at one of several places, a plate that
-is not flat or not evenly thick: K and M change by sums of matrices that are fixed, times scalars of
-a few parameters (`Law.stiffness_terms`). So a reduced model has them exactly as a region
+Local loss of stiffness, something attached at one of several places, a plate that is not flat or
+not evenly thick: K and M change by fixed matrices times scalars of a few parameters
+(`Law.stiffness_terms`). So a reduced model has them exactly, as regions
 (`fenics_joints.reduction.affine.RegionTerm`), and the full one assembles them only where they are
-not zero. Where one of several stations is meant, the parameter is a place along them, 0, 1, ...:
-between two of them each has its share, so that it may change continuously.
+not zero. The place of a change among several stations is a parameter with values 0, 1, ...: between
+two stations each has its share, so that the parameter is continuous.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from fenics_joints.structure.components import number, slopes
 from fenics_joints.structure.laws import Law
 from fenics_joints.structure.sparse import MatrixForm, RowForm
 
-#: Of a `PlacedPoint`, along x, y and z.
+#: Properties of a `PlacedPoint`: stiffness along x, y and z.
 STIFFNESSES = ("stiffness_x", "stiffness_y", "stiffness_z")
 #: Distances from a point, m.
 OFFSETS = ("x", "y", "z")
@@ -36,30 +36,30 @@ Assembly = Any
 
 
 def hat(x: np.ndarray, flat: float = 0.0) -> np.ndarray:
-    """1 as far as ``flat`` from 0, falling evenly to 0 from there on by 1; of complex steps too."""
+    """1 up to the distance ``flat`` from 0, then falling linearly to 0 over 1; complex x, too."""
     rest = 1 + flat - np.where(np.real(x) < 0, -x, x)
     rest = np.where(np.real(rest) > 0, rest, 0.0)
     return np.where(np.real(rest) < 1, rest, 1.0)
 
 
 def _any(where: str, q: Mapping[str, object]) -> None:
-    """Nothing is refused: what is put in comes from priors with limits."""
+    """Accept all values: they come from priors with limits."""
 
 
 def _lost(q) -> np.ndarray:
-    """- depth times each station's share, times actual over nominal modulus."""
+    """Minus the depth times each station's share, times actual over nominal modulus."""
     at = np.add.outer(np.arange(_count(q)), q["first"])
     near = hat(at - q["place"], 0.5 * (q["size"] - 1))
     return -q["depth"] * near * (q["E"] / q["nominal"])
 
 
 def _count(q) -> int:
-    """How many scalars there are."""
+    """Number of scalars."""
     return int(np.max(np.real(q["count"])))
 
 
 def _here(q) -> np.ndarray:
-    """Powers of the distances from one of the points; nought at others."""
+    """Product of powers of the distances from this point; zero if another one is meant."""
     here = 1.0 * (np.abs(np.real(q["place"]) - q["at"]) < 0.5)
     for way in OFFSETS:
         here = here * q[way] ** q[f"{way}_power"]
@@ -108,7 +108,7 @@ CHANGES = (_LOSS, _POINT, _RESONATOR, _SHAPE)
 
 
 class _Scalars:
-    """What all changes have: a law's scalars, at values of the parameters."""
+    """What all changes share: properties of a law at values of the parameters."""
 
     properties: Mapping[str, Value]
 
@@ -119,7 +119,7 @@ class _Scalars:
 
 @dataclass(frozen=True, eq=False)
 class LocalLoss(_Scalars):
-    """Stiffness of a part that is lost in one of several places.
+    """Loss of a part's stiffness in one of several places.
 
     Attributes:
         name: Name in messages.
@@ -146,17 +146,18 @@ class LocalLoss(_Scalars):
 
 @dataclass(frozen=True, eq=False)
 class _Attached(_Scalars):
-    """Something attached near one of several points of a solid, where it feels a mean motion and
-    its slopes: of the squares of these, what one product of two distances multiplies.
+    """One term of something attached near one of several points of a solid.
 
-    Reduced models alone have it (`fenics_joints.reduction.Projection.change`); the full one, whose
-    displacement at a point depends on the mesh, refuses what is not idle.
+    It moves with the mean displacement there and its slopes. Its energy is quadratic in both, and
+    this term is the part before one product of two distances from the point. Only reduced models
+    have it (`fenics_joints.reduction.reduced.Projection.change`): in the full one, whose
+    displacement at a point depends on the mesh, it must be idle.
 
     Attributes:
         name: Name in messages.
-        points: Points about it, m, (P, 3).
-        weights: Its motion, and what that changes by per metre along x, y and z, from those of the
-            points, (4, P).
+        points: Points around it, m, (P, 3).
+        weights: Weights of these points' motions in the mean and in its slopes along x, y and z,
+            (4, P).
         pair: Which two of 1, x, y and z the product is of.
         properties: See the law's.
     """
@@ -175,7 +176,7 @@ class _Attached(_Scalars):
         return float(self.pair == (0, 0))
 
     def check_idle(self, values: Mapping[str, float]) -> None:
-        """Refuse one that acts.
+        """Refuse one that is not idle.
 
         Raises:
             InputError: If it has more than its idle mass, or a spring to the ground.
@@ -194,16 +195,15 @@ class PlacedPoint(_Attached):
 
     Its properties are ``mass``, kg; ``stiffness_x``, ``stiffness_y``, ``stiffness_z``, N/m; near
     which point, ``place``, and ``at`` which this one is; the distances from it ``x``, ``y`` and
-    ``z``, m, and their powers here, such as ``x_power``; and ``idle``, the mass at which it is as
-    good as not there.
+    ``z``, m, and their powers here, such as ``x_power``; and ``idle``, a negligible mass.
     """
 
     law = _POINT
 
 
 class PlacedResonator(_Attached):
-    """A mass on a spring, the same in all directions: its motion is a displacement of its own,
-    which reduced models have beside those of their basis (`fenics_joints.reduction.reduced`).
+    """A mass on a spring, the same in all directions. Its displacement is a further unknown of
+    reduced models (`fenics_joints.reduction.reduced.with_motions`).
 
     Its properties are ``mass`` and ``stiffness``, and otherwise those of a `PlacedPoint`.
     """
@@ -213,7 +213,7 @@ class PlacedResonator(_Attached):
 
 @dataclass(frozen=True, eq=False)
 class ShapeChange(_Scalars):
-    """Cells of a part that are not where the mesh has them: at x + a s(x) c(x) n.
+    """Cells of a part displaced from where the mesh has them, to x + a s(x) c(x) n.
 
     ``a`` is the amount, n a direction, s = s0 + s1 x.d + s2 (x.d)^2 along another direction d at
     right angles to n, and c = c0 + c1 x.n with numbers of each cell: 1 for a plate that is bowed,
@@ -255,7 +255,7 @@ class ShapeChange(_Scalars):
         return isinstance(self.properties["rho"], str)
 
     def matrices(self, model: Assembly) -> Iterator[PETSc.Mat]:
-        """What each power of the amount multiplies; the caller's. Collective."""
+        """Matrices of the powers of the amount; the caller's to destroy. Collective."""
         count = int(self.properties["count"])
         nodes = np.linspace(-1.0, 1.0, count + 1 + count % 2)
         nodes = nodes[nodes != 0]
@@ -279,7 +279,7 @@ class ShapeChange(_Scalars):
             A.destroy()
 
     def inertia(self, model: Assembly) -> PETSc.Mat:
-        """What the amount multiplies in the mass; the caller's. Collective."""
+        """Derivative of the mass by the amount; the caller's to destroy. Collective."""
         form, amount = self._form(model, 1)
         before = model.assembled(form)
         amount.value = 1.0
@@ -344,7 +344,7 @@ def add_changes(model: Assembly, A: PETSc.Mat, which: int, values: Mapping[str, 
 def change_slopes(
     model: Assembly, values: Mapping[str, float]
 ) -> Iterator[tuple[int, str, None, MatrixForm | RowForm]]:
-    """As `Structure.slopes`, by what changes take. Collective."""
+    """`Structure.slopes` by the parameters of changes. Collective."""
     position = {name: i for i, name in enumerate(model.parameters)}
     for change in model.changes:
         if isinstance(change, _Attached):
@@ -371,7 +371,7 @@ def change_slopes(
 def forms_of(
     model: Assembly, change: Change, which: int, wanted
 ) -> Iterator[MatrixForm | RowForm | None]:
-    """What each scalar of a change multiplies in K (0) or M (1); None where it is not wanted.
+    """Matrices before each scalar of a change in K (0) or M (1); None where not wanted.
     Collective."""
     if isinstance(change, LocalLoss):
         for cells, asked in zip(
@@ -385,7 +385,7 @@ def forms_of(
 
 
 class _Scaled:
-    """A number times what blocks are multiplied by, which another owns."""
+    """A number times a form that another owns."""
 
     def __init__(self, part: MatrixForm | RowForm, factor: float):
         self.part, self.factor, self.comm = part, factor, part.comm
@@ -394,4 +394,4 @@ class _Scaled:
         return self.factor * (self.part @ X)
 
     def destroy(self) -> None:
-        """Nothing of its own."""
+        """Nothing: the form is another's."""

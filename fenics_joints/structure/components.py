@@ -420,6 +420,7 @@ class ElasticSupport:
         return {"k_n": self.k_n, "k_t": self.k_t}
 
 
+#: Imaginary step of derivatives: its error is of the order of its square, far below round-off.
 _COMPLEX_STEP = 1e-30
 
 

@@ -1,4 +1,4 @@
-"""Products of sparse matrices with blocks of columns, and K(p), M(p) as sums that are kept."""
+"""Products of sparse matrices with blocks of columns, and K(p), M(p) as sums of kept matrices."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from petsc4py import PETSc
 from fenics_joints.structure.components import number
 from fenics_joints.structure.laws import Law
 
-#: Parts of a matrix whose rows are copied one after the other.
+#: Parts in which the rows of a matrix are copied, one after the other: chosen, for memory.
 _CHUNKS = 8
-#: Share of the rows of a matrix that have entries, below which the others are left out.
+#: Share of rows with entries below which rows of zeros are left out of a product: chosen, for time.
 _FEW_ROWS = 0.5
 
 
 class MatrixForm:
-    """A sparse matrix; ``owned`` if nobody else keeps it. Collective."""
+    """A sparse matrix, to be destroyed with the form if it is ``owned``. Collective."""
 
     def __init__(self, A: PETSc.Mat, owned: bool = False):
         self.A, self.owned, self.comm = A, owned, A.comm.tompi4py()
@@ -181,8 +181,8 @@ def without_zeros(A: PETSc.Mat) -> PETSc.Mat:
 
 #: Share of a sample in a sum, relative to the largest, that is round-off.
 _ROUND_OFF = 1e-13
-#: Degrees of freedom above which nothing is kept: there a solution takes long in any case, and the
-#: iterative method is chosen for its memory.
+#: Degrees of freedom above which nothing is kept, to save memory: chosen; a solution takes long
+#: then in any case.
 _MOST = 300_000
 
 #: `fenics_joints.structure.assembly.Assembly`, which holds these.
@@ -192,7 +192,7 @@ Assembly = Any
 class LawMatrices:
     """A region's stiffness and mass at its law's samples, assembled when first asked for.
 
-    They share a pattern: 8 bytes an entry and sample, and 8 for the pattern and its place in K's.
+    They share a pattern: it takes 8 bytes for each entry and sample, and 8 for the pattern.
 
     Args:
         assembly: The structure.
@@ -221,7 +221,7 @@ class LawMatrices:
         return entries
 
     def matrix(self, which: int, sample: int) -> PETSc.Mat:
-        """One of these as a matrix, the caller's to destroy. Collective."""
+        """One of them as a matrix, the caller's to destroy. Collective."""
         entries = self.entries(which, sample)
         own, bs = self.assembly.V.dofmap.index_map, self.assembly.V.dofmap.index_map_bs
         sizes = own.size_local * bs, own.size_global * bs
@@ -234,14 +234,14 @@ class LawMatrices:
         return sum(shares[i] * self.entries(which, int(i)) for i in np.flatnonzero(shares))
 
     def places(self, keys: np.ndarray) -> np.ndarray:
-        """Where the entries are among those of a larger pattern, of these `_keys`."""
+        """Positions of the entries among those of a larger pattern, given by its `_keys`."""
         if self._places is None:
             found = np.searchsorted(keys, _keys(*self._pattern, self.assembly.n_dofs))
             self._places = found.astype(PETSc.IntType)
         return self._places
 
     def missing(self, which: int, shares: np.ndarray) -> int:
-        """How many samples of a sum with these shares have not been assembled."""
+        """Number of samples in a sum with these shares that have not been assembled."""
         return sum((which, int(i)) not in self._entries for i in np.flatnonzero(shares))
 
     def shares(self, which: int, q: Mapping[str, float]) -> np.ndarray:
@@ -258,10 +258,10 @@ class LawMatrices:
 
 
 class SummedMatrices:
-    """Stiffness and mass of all regions as sums.
+    """Stiffness and mass of all regions as sums of those at their laws' samples.
 
     Args:
-        assembly: The structure. Its regions graded in space are assembled each time.
+        assembly: The structure. Regions graded in space are assembled each time.
     """
 
     def __init__(self, assembly: Assembly):
@@ -281,7 +281,7 @@ class SummedMatrices:
             values: Of all parameters, which the property field holds too.
 
         Returns:
-            A new matrix; None as long as it is not worth it.
+            A new matrix; None as long as assembling the samples would take longer than it saves.
         """
         if self.assembly.n_dofs > _MOST or not self._uniform:
             return None
@@ -299,7 +299,7 @@ class SummedMatrices:
         return self._as_matrix(found, which)
 
     def learn(self, A: PETSc.Mat) -> None:
-        """Take the pattern of a matrix of all regions. Collective."""
+        """Keep the pattern of a matrix of all regions. Collective."""
         if self._like is None and self.assembly.n_dofs <= _MOST:
             self._like = A.duplicate(copy=False)
             *self._pattern, _ = A.getValuesCSR()
@@ -310,7 +310,7 @@ class SummedMatrices:
 
     @cached_property
     def _held(self) -> np.ndarray:
-        """Places of the diagonal of the DOFs that are held."""
+        """Positions of the diagonal entries of held DOFs."""
         own = np.flatnonzero(self.assembly.held_dofs[: self.assembly.n_local])
         first = self._like.getOwnershipRange()[0]
         return np.searchsorted(self._keys, own * self.assembly.n_dofs + first + own)
