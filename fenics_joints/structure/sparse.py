@@ -134,8 +134,8 @@ def dense_block(A: PETSc.Mat, columns: int) -> PETSc.Mat:
 
 
 def as_columns(vectors: Sequence[PETSc.Vec]) -> np.ndarray:
-    """This rank's rows of vectors, (n_local, k)."""
-    return np.column_stack([vector.array_r for vector in vectors])
+    """This rank's rows of vectors, (n_local, k), each column in one piece as PETSc has it."""
+    return np.array([vector.array_r for vector in vectors]).T
 
 
 def vectors_like(one: PETSc.Vec, rows: Iterable[np.ndarray]) -> list[PETSc.Vec]:
