@@ -1,4 +1,4 @@
-"""What a chain of lapped beams is made of. Wherever a value stands a parameter's name may stand."""
+"""Components of lapped beams. In place of any value, the name of a parameter may be given."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Value = float | str
 
 
 def _value(where: str, value: object, unit: str = "", **bounds: float) -> None:
-    """Refuse what is neither a number nor a parameter's name."""
+    """Accept only a number or a parameter's name."""
     # Whether a number is in its range, its law says when the matrices are made.
     text(where, value) if isinstance(value, str) else real(where, value, unit, **bounds)
 

@@ -168,7 +168,7 @@ _RANGES = {
     **{key: (_above_zero, f"{key} > 0") for key in ("stretch", "width", "shear", "axial")},
     **{key: (_above_zero, f"{key} > 0 m") for key in ("height", "breadth", "length")},
     **{key: (_above_zero, f"{key} > 0 N m") for key in ("k1", "k2")},
-    # Without any, what is left is a lap that slides.
+    # Zero leaves a lap that slides.
     "k_axial": (_not_below_zero, "k_axial >= 0 N/m"),
 }
 
@@ -179,7 +179,7 @@ def _check(where: str, q) -> None:
         good = inside is None or inside(value)
         if good is not True and not np.all(good):
             bad = np.atleast_1d(value)[~np.atleast_1d(good)][0]
-            # Regions of a joint are its name with what they are of it.
+            # Names of a joint's regions begin with the joint's.
             owner = where.partition(".")[0] if key in ("axial", "k1", "k2", "k_axial") else where
             raise InputError(f"{owner}.{key} = {bad:g} is out of range: expected {words}.")
 

@@ -93,7 +93,7 @@ _STATIONS = 8
 
 @dataclass(frozen=True)
 class ElementTerm:
-    """What a region of beams or joints is assembled from.
+    """Element matrices of a region of beams or joints.
 
     Attributes:
         beam: Number of the beam; -1 for a joint.
@@ -111,10 +111,10 @@ class ElementTerm:
 class BeamStructure(ArrayModel):
     """Beams in a row, each lapped with the next: above, below, above, ... the line of the nodes.
 
-    K, M are exact sums over the parameters, so that it is an `ArrayModel`, without a sample or a
-    basis; `arrays` has it without what is of beams alone. All of it is small and dense, and the
-    same on every rank. Regions are beams and joints; ``NAME.slap``, ``NAME.slip`` are a joint's k1,
-    k2. Dampers are the dashpots of slip, ``NAME.c``: see `joint_damping`.
+    K and M are exact sums over the parameters: it is an `ArrayModel` that needs no samples and no
+    basis, small and dense, and the same on every rank. `arrays` gives the plain `ArrayModel`.
+    Regions are beams and joints; ``NAME.slap`` and ``NAME.slip`` are a joint's k1 and k2. Dampers
+    are the dashpots of slip, ``NAME.c``: see `joint_damping`.
 
     The plane of motion is x, z: x along the beams from the free end of the first one, z above the
     interfaces, which lie at z = 0. Sensors, masses and springs stand at (x, y, z), y of no account.
@@ -136,7 +136,7 @@ class BeamStructure(ArrayModel):
 
     Attributes:
         layout: Nodes and elements.
-        element_terms: What the regions of beams and joints are assembled from, in their order.
+        element_terms: Element matrices of the regions of beams and joints, in their order.
         slips: (label, c, matrix) of each group of joint elements with one c.
     """
 
@@ -245,7 +245,7 @@ class BeamStructure(ArrayModel):
         q = {"k_n": clamp.k_n, "k_t": clamp.k_t}
         return RegionTerm(clamp.name, ELASTIC_SUPPORT, q, whole, np.zeros_like(whole[0]), 0.0)
 
-    # -- what a model is asked ---------------------------------------------------------------
+    # -- the calls of a model ----------------------------------------------------------------
 
     @property
     def size_m(self) -> np.ndarray:
@@ -283,7 +283,7 @@ class BeamStructure(ArrayModel):
         return self.read(sensors, what)[0].T
 
     def read(self, sensors: Sensors, what: str = "sensor") -> tuple[np.ndarray, np.ndarray]:
-        """What sensors read, and the same per metre that they sit further along x.
+        """Readings of sensors, and their derivatives by the sensors' positions along x.
 
         Returns:
             Two arrays (n_sensors, n_dofs).
@@ -314,7 +314,7 @@ class BeamStructure(ArrayModel):
         """The structure as plain arrays: exact, no reduction.
 
         Args:
-            sensors: What its ``sensor_rows`` see.
+            sensors: Sensors of its ``sensor_rows``.
             places: Further excitations and sensors, for functions.
 
         Raises:

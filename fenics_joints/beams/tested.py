@@ -1,4 +1,4 @@
-"""Beams in the service of a fit: as small models they are exact."""
+"""Beams as small models for fits: they are exact."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from fenics_joints.reduction.matched import MatchedModes
 from fenics_joints.reduction.surrogate import SmallModels, tested_models
 from fenics_joints.structure import Damping, Parameter, Sensors
 
-#: How much less visible a mode may become than the least visible one of the test's.
+#: Factor by which a mode may become less visible than the least visible of the test's: chosen.
 _CLEAR = 10.0
-#: What `ExactModes` is given as other small models are, and has no use for.
+#: Arguments of other small models that `ExactModes` ignores.
 _OF_A_BASIS = {"samples", "travel", "keep", "lacking", "still", "progress"}
 
 

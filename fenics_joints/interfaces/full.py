@@ -34,7 +34,7 @@ from fenics_joints.modal.options import reason_of
 from fenics_joints.structure.sparse import absolute, product
 from fenics_joints.structure.structure import Places, Structure, place_loads
 
-#: Modes that are asked of the eigensolver.
+#: Modes that `SparseMotion.elastic_modes` finds, rigid ones included: chosen.
 _MODES = 12
 _SUBSET = PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN
 
@@ -220,7 +220,7 @@ def _fill(block: PETSc.Mat, tangents: np.ndarray) -> None:
     block.assemble()
 
 
-#: Share of a layer's shear stiffness that stays beside its law.
+#: Share of a layer's shear stiffness that stays beside its law: chosen; it holds inner nodes.
 _LEFT = 1e-6
 _SUBSET = PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN
 
@@ -281,8 +281,8 @@ def _shear_stiffness(structure: Structure, number: int, q: Mapping[str, float]) 
 def _take_normal(K: PETSc.Mat, points: SparsePoints, modulus: float) -> None:
     """Take the normal stress at the points out of K.
 
-    What the points do not see, strain that varies through the thickness, stays elastic: without it
-    the nodes within the layer would be free, and shape themselves so that there is no shear.
+    Strain that varies through the thickness, which the points do not see, stays elastic: otherwise
+    the nodes within the layer would be free to move so that there is no shear.
     """
     normal = np.zeros((points.n_components,) * 2)
     normal[0, 0] = modulus

@@ -331,7 +331,7 @@ def linear_moduli(structure: Structure, number: int, q: Mapping[str, float]) -> 
 
 
 def layer_stretch(q: Mapping[str, float]) -> float:
-    """Actual over meshed thickness of a layer with these properties; of springs there is none."""
+    """Actual over meshed thickness of a layer with these properties; 1 for springs."""
     return q.get("stretch", 1.0)
 
 

@@ -38,7 +38,7 @@ from fenics_joints.joint_laws.law import JointLaw
 
 
 def check_interfaces(model: object) -> None:
-    """Refuse what is no `InterfaceModel`.
+    """Refuse an object that is no `InterfaceModel`.
 
     Raises:
         InputError: If it is none.

@@ -1,4 +1,4 @@
-"""The equation of motion M a + C v + K u + f(u, history) = load: what all models have of it.
+"""The equation of motion M a + C v + K u + f(u, history) = load, as all models share it.
 
 PETSc's integrators and nonlinear solvers ask for nothing else, so that a law goes one way to
 statics and to time integration: that of a layer or of a contact, in a reduced model or a full one.
@@ -22,7 +22,7 @@ from fenics_joints.joint_laws import JointLaw, LawKernel
 
 #: Energy, over that of the same terms without their signs, below which round-off is all there is.
 _ROUND_OFF = 100 * float(np.finfo(float).eps)
-#: Strain of a motion, over the largest of any, below which it is none.
+#: Strain of a motion, over the largest of any, below which it counts as zero: chosen.
 _STRAINLESS = 1e-6
 
 
@@ -44,10 +44,10 @@ class FreeMotions:
         return self.shapes.shape[1]
 
     def balance(self, load: PETSc.Vec) -> float:
-        """Take off the load what would accelerate the structure as a rigid body. Collective.
+        """Remove the part of a load that accelerates the structure as a rigid body. Collective.
 
         Returns:
-            The norm of that, relative to the load's.
+            The norm of that part over the load's.
         """
         size = load.norm()
         if not len(self) or size == 0.0:
@@ -58,7 +58,7 @@ class FreeMotions:
         return float(np.sqrt(self.comm.allreduce(float(taken @ taken)))) / size
 
     def take_off(self, u: PETSc.Vec) -> None:
-        """Move u as a rigid body so that its mean place and turn are none. Collective."""
+        """Remove the mean displacement and rotation from u. Collective."""
         if len(self):
             u.array[:] -= self.shapes @ self.comm.allreduce(self.inertia.T @ u.array_r)
 
@@ -83,12 +83,12 @@ class FreeMotions:
 
 
 def no_motions(n_local: int, comm: MPI.Comm) -> FreeMotions:
-    """Those of a structure that is held."""
+    """No free motions: those of a structure that is held."""
     return FreeMotions(np.zeros((n_local, 0)), np.zeros((n_local, 0)), comm)
 
 
 def unresisted(candidates: np.ndarray, terms, comm: MPI.Comm) -> np.ndarray:
-    """What of a few motions costs no energy but round-off. Collective.
+    """Combinations of a few motions whose energy is round-off. Collective.
 
     Args:
         candidates: This rank's rows, (n_local, m).
@@ -108,7 +108,7 @@ def unresisted(candidates: np.ndarray, terms, comm: MPI.Comm) -> np.ndarray:
 
 
 def strainless(shapes: np.ndarray, strains: np.ndarray, largest: float) -> np.ndarray:
-    """What of some motions strains no interface, M-orthonormal as they are.
+    """Combinations of M-orthonormal motions that strain no interface, M-orthonormal again.
 
     A joint that is open, or a spring that is weak, at rest resists nevertheless.
 
@@ -132,7 +132,7 @@ class LawPoints:
 
     Attributes:
         name: Name of the joint.
-        law: What makes stress of strain.
+        law: The law of stress by strain.
         rows: Strain of each point by the degrees of freedom: the normal strain first, if there is
             one, then one or two tangential ones.
         weights: Area (zero-thickness, m2) or volume (layer, m3) of each point, (P,); 1 for a
@@ -236,7 +236,7 @@ class Motion(ABC):
 
     @abstractmethod
     def product(self, name: str, x: PETSc.Vec) -> PETSc.Vec:
-        """The model's matrix of this name times a vector, nought if there is none. Collective."""
+        """The model's matrix of this name times a vector; zero without that matrix. Collective."""
 
     def inertia(self, a: PETSc.Vec) -> PETSc.Vec:
         """Force of the inertia, M a. Collective."""

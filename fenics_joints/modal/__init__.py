@@ -1,4 +1,4 @@
-"""Natural frequencies, mode shapes, and what they say of the parameters."""
+"""Natural frequencies, mode shapes and their derivatives by parameters."""
 
 from fenics_joints.modal.eigensolver import EigenResult, EigenSolver
 from fenics_joints.modal.iterative import IterativeEigenSolver

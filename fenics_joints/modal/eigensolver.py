@@ -64,7 +64,7 @@ class EigenResult:
             not swamped by the round-off of stiff thin layers.
         statistics: ``method``, ``seconds`` and ``basis``; from block Lanczos also ``solves``
             (right-hand sides) and ``block_solves``; from SLEPc ``restarts``.
-        round_off: What round-off may make of each eigenvalue, shape (n,): the unit round-off times
+        round_off: Bound of each eigenvalue's round-off, shape (n,): the unit round-off times
             x^T D x with D the diagonal of K; that of a layer of a micrometre is large.
     """
 
@@ -170,9 +170,8 @@ class EigenSolver:
         """Eigenpairs near a subspace, by two steps of inverse iteration and Rayleigh-Ritz on both.
 
         Two blocks of solves instead of the six or seven of `solve`. By Rayleigh's principle no
-        eigenvalue comes out too low, and what it is too high is a small part of what it is in the
-        subspace itself: there by the square of the angle, and a step shrinks the angle. A mode
-        that is not near the subspace is not found.
+        eigenvalue comes out too low. It is too high by the square of the angle between mode and
+        subspace, which each step reduces. A mode that is not near the subspace is not found.
 
         Args:
             K: See `solve`.

@@ -65,7 +65,7 @@ _ONE_LEVEL = {"pc_type": "gamg", **_GAMG}
 
 
 class IterativeEigenSolver:
-    """LOBPCG for a structure's modes; keeps what belongs to the mesh alone.
+    """LOBPCG for a structure's modes; keeps its multigrid hierarchy on the mesh.
 
     Args:
         n: Number of modes wanted, rigid-body modes included.

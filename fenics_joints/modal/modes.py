@@ -46,7 +46,7 @@ class Modes:
         residuals: Relative residuals, shape (n,); None for a dense solution.
         solver: The `EigenSolver` that was used; its ``solver`` is SLEPc's. With the iterative
             method an `IterativeEigenSolver`, whose ``solver`` is PETSc's. None when dense.
-        statistics: What the solver says of its work.
+        statistics: The solver's counts and times.
     """
 
     model: Model
@@ -132,7 +132,7 @@ class Modes:
 
         Root mean square of the shape at the sensors, relative to that of a rigid translation along
         them (which is 1): near 1 for a mode that moves as the sensors measure, near 0 for one that
-        they miss. What hangs on the structure and moves by itself has no part in it.
+        they miss. The motion of an attached oscillator is left out.
         """
         mass, own = self.model.total_mass(self.given), 0.0
         if hasattr(self.model, "hung_share"):
@@ -250,7 +250,7 @@ def eigen_solver(
 
 
 def check_model(model: object) -> None:
-    """Refuse what has no K(p) and M(p).
+    """Refuse an object without K(p) and M(p).
 
     Raises:
         InputError: If it is none.
@@ -300,7 +300,7 @@ def upright(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Eigenvalues and M-normalised vectors of `inverted_modes`, or of stacks of them.
 
-    What is so stiff that round-off decides on its mass has an infinite eigenvalue and no vector.
+    Where a vector's mass is round-off beside its stiffness, its eigenvalue is infinite and it is 0.
     """
     none = inverse <= np.finfo(float).eps * np.max(inverse, axis=-1, keepdims=True)
     inverse = np.where(none, np.inf, inverse)
@@ -342,7 +342,7 @@ def count_rigid(
     Args:
         eigenvalues: (rad/s)^2, shape (n,).
         shift_hz: The shift's frequency, Hz.
-        round_off: What round-off may make of each, as `EigenResult` has it.
+        round_off: Bound of each eigenvalue's round-off, see `EigenResult`.
     """
     least = np.maximum(rigid_below(shift_hz), _ROUND_OFFS * np.asarray(round_off))
     return int(np.sum(np.abs(eigenvalues) < least))

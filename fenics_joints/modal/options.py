@@ -54,8 +54,8 @@ def petsc_defaults(
 
     Args:
         prefix: The prefix.
-        ours: Those below what the command line says.
-        above: Those above it.
+        ours: Defaults, which options of the command line override.
+        above: Options that override those of the command line.
 
     Raises:
         InputError: If a solver is set up inside and PETSc does not take a value.
@@ -83,7 +83,7 @@ def petsc_defaults(
 def give_room(ksp: PETSc.KSP) -> None:
     """Factorise again with more slack where MUMPS underestimated its work space (INFOG(1) = -9).
 
-    Collective; for a solver that is set up, within the options that it was set up with.
+    Collective; to be called after ``setUp``, within the same options.
     """
     pc, A = ksp.getPC(), ksp.getOperators()[1]
     for slack in (100, 300):
@@ -108,5 +108,5 @@ def reason_of(solver: PETSc.Object) -> str:
 
 
 def last_line(error: PETSc.Error) -> str:
-    """What PETSc says of an error, without the way there."""
+    """The last line of PETSc's message, without its traceback."""
     return str(error).strip().splitlines()[-1]

@@ -1,4 +1,4 @@
-"""Derivatives of frequencies by the parameters, and what they say of identifiability."""
+"""Derivatives of frequencies by the parameters, and identifiability from them."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def frequency_sensitivity(modes: Modes, index: Sequence[int]) -> np.ndarray:
         Shape (len(index), n_parameters), 1 / unit of the parameter.
 
     Raises:
-        InputError: If a mode is none of these.
+        InputError: If an index is out of range.
     """
     capable("modes", modes, ("gradients", "eigenvalues"), "modes, as solve_modes gives them")
     found = np.asarray(index)
@@ -35,7 +35,7 @@ def frequency_sensitivity(modes: Modes, index: Sequence[int]) -> np.ndarray:
 
 @dataclass(frozen=True, repr=False)
 class Identifiability:
-    """What a set of data determines of a set of parameters.
+    """How well a set of data determines a set of parameters.
 
     Attributes:
         names: Names of the parameters.

@@ -1,4 +1,4 @@
-"""Random stiffnesses of joints, and what they do to frequencies (Jalali et al. 2019)."""
+"""Random stiffnesses of joints, and the frequencies they lead to (Jalali et al. 2019)."""
 
 from fenics_joints.random_fields.fields import (
     FieldMap,

@@ -286,7 +286,7 @@ _STEP = 1e-3
 
 @dataclass(frozen=True)
 class Moments:
-    """What random parameters do to frequencies.
+    """Moments of the frequencies of a model with random parameters.
 
     Attributes:
         mean: Hz, shape (m,).

@@ -370,7 +370,7 @@ class AffinePencil:
 
     @property
     def terms(self) -> tuple[np.ndarray, np.ndarray]:
-        """What the scalars multiply in K and in M, each (n_terms, n, n)."""
+        """Matrices before the scalars in K and in M, each (n_terms, n, n)."""
         return self._stiffness.whole, self._inertia.whole
 
     def travelling(self, values: Values) -> list[tuple[np.ndarray, np.ndarray]]:
@@ -489,7 +489,7 @@ class AffinePencil:
         return self._stiffness.sum(region.at(values).theta, self.rows[name])
 
     def total_mass(self, values: Values) -> float | np.ndarray:
-        """Mass, kg, of regions, point masses and what is fixed; (b,) of values of shape (b,)."""
+        """Mass, kg, of regions, point masses and the fixed part; (b,) of values of shape (b,)."""
         rho = self.scalars(values)[1]
         moving = sum(m.share * number(m.mass, values) for m in self.moving)
         return self.fixed_mass + np.array([t.volume for t in self.terms_by_law]) @ rho + moving
@@ -529,7 +529,7 @@ class AffinePencil:
 
         Args:
             values: All parameters' values.
-            apart: Regions whose share of dK/dp is wanted by itself.
+            apart: Regions whose share of dK/dp is yielded separately.
 
         Yields:
             Index of the parameter; ``"K"`` or ``"M"``; a name from ``apart``, or None for the sum

@@ -1,4 +1,4 @@
-"""A parametric reduced model of plain arrays: what a fit needs, on every rank, without a mesh."""
+"""A parametric reduced model of plain arrays for fits, on every rank, without a mesh."""
 
 from __future__ import annotations
 
@@ -22,11 +22,12 @@ class ArrayModel:
     Attributes:
         pencil: K(p) and M(p) on the basis.
         scale_hz: Dilation frequency, Hz, below which by far a mode is rigid.
-        sensor_rows: What the sensors read of the basis, shape (n_sensors, n_dofs); None without.
+        sensor_rows: Readings of the sensors for each vector of the basis, (n_sensors, n_dofs), or
+            None.
         shift_rows: Derivatives of the sensors' readings by their positions along the directions of
             `fenics_joints.reduction.prediction.ways_of`, (n_ways, n_sensors, n_dofs); with two
             directions followed by the `shape_curvature`, (9, n_sensors, n_dofs) in all. Or None.
-        places: Displacement of the basis where forces and responses are asked for; or None.
+        places: Displacement of the basis at forces and sensors of FRFs; or None.
         dampers: Matrices of dashpots by name, (n_dofs, n_dofs), which are in neither K nor M:
             ``Damping.viscous`` has the coefficient of each.
         hung: Of an attached oscillator the name of the parameter that is its mass, and its own
@@ -68,7 +69,7 @@ class ArrayModel:
         return self.pencil.values(given)
 
     def values_of_slopes(self, given: Mapping[str, float] | None = None) -> dict[str, float]:
-        """All parameters' values, where derivatives are asked for."""
+        """All parameters' values, for derivatives."""
         return self.values(given)
 
     def stiffness(self, given: Mapping[str, float] | None = None) -> np.ndarray:
@@ -80,7 +81,7 @@ class ArrayModel:
         return self._matrices(given)[1]
 
     def _matrices(self, given) -> tuple[np.ndarray, np.ndarray]:
-        """(K, M); kept for the next call, since both are asked for one after the other."""
+        """(K, M); kept for the next call, which mostly asks for the other of the two."""
         values = self.values(given)
         key = tuple(values.values())
         last = self.__dict__.get("_last")
@@ -111,7 +112,7 @@ class ArrayModel:
         return last[1]
 
     def region_stiffness(self, name: str, given: Mapping[str, float] | None = None) -> np.ndarray:
-        """What a layer's own damping multiplies, shape (n_dofs, n_dofs).
+        """Matrix before a layer's own damping, (n_dofs, n_dofs).
 
         The stiffness of one part, joint or elastic support alone; or the matrix of a dashpot.
         """
@@ -126,7 +127,7 @@ class ArrayModel:
 
         Args:
             given: Values of parameters that differ from their nominal value.
-            apart: Regions whose share of dK/dp is wanted by itself; dashpots have none.
+            apart: Regions whose share of dK/dp is yielded separately; dashpots have none.
 
         Yields:
             Index of the parameter; ``"K"`` or ``"M"``; a name from ``apart``, or None for the sum

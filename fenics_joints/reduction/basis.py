@@ -1,4 +1,4 @@
-"""Bases from samples of a structure's parameters: orthonormal vectors, and what they still lack.
+"""Bases from samples of a structure's parameters: orthonormal vectors, and their residuals.
 
 A proper orthogonal decomposition in the energy of one sample drops motions with little energy
 there. Where the joint is stiff in that sample, modes of a soft joint are nearly all opening and
@@ -191,7 +191,7 @@ class SampledBasis:
 
     Args:
         share: Share of a mode's energy, in its own sample, that may be lacking.
-        vectors: What it starts from.
+        vectors: The first vectors of the basis.
         known: The structure projected on these vectors, if known: then adding costs much less.
 
     Attributes:

@@ -44,7 +44,7 @@ _CLASSES = {
     c.__name__: c
     for c in (AffinePencil, ArrayModel, TravellingMass, Parameter, PlaceRows, RegionTerm)
 }
-#: What is not written: a mesh does not belong in the file.
+#: Fields that are not written: a mesh does not belong in the file.
 _LEFT_OUT = {"source"}
 
 
@@ -292,7 +292,7 @@ def _decode(parent, name: str, read: set):
     Args:
         parent: Group of the file.
         name: The value's name there.
-        read: Places in the file of what was read so far.
+        read: Addresses in the file that were read so far.
     """
     if name in parent.attrs:
         value = json.loads(parent.attrs[name])

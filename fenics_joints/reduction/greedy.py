@@ -2,7 +2,7 @@
 
 The error of a reduced frequency follows from its residual, without a full solution. For an
 M-normalised Ritz vector x with r = K x - lambda M x, to first order the eigenvalue is too high by
-r^T (K - lambda M)^+ r, which for what the basis lacks, high modes, is nearly r^T A^-1 r with
+r^T (K - lambda M)^+ r. For the high modes that the basis lacks this is nearly r^T A^-1 r with
 A = K + sigma M (Saad, Numerical Methods for Large Eigenvalue Problems, 2011, section 3.2.3, the
 residual in the norm of the inverse). A is factorised once, at the start; elsewhere its inverse is
 at most 1 / alpha times that, where alpha is the least ratio of the stiffnesses of what varies.

@@ -17,12 +17,12 @@ from fenics_joints.structure.points import Sensors
 
 
 class MatchedModes:
-    """What every `fenics_joints.reduction.basis.SmallModel` of a test's modes has.
+    """Base of every `fenics_joints.reduction.basis.SmallModel` of a test's modes.
 
     Args:
         full: The full model.
         start: Values at which order and visibility decide which modes are the test's.
-        sensors: What the test saw; None takes elastic modes in order.
+        sensors: The test's sensors; None takes elastic modes in order.
         n_test: Number of modes that the test saw.
         n_modes: Number of modes of the full model among which the test's are sought.
         shapes: Measured shapes at the sensors, (n_sensors, n_test), that modes are matched to by

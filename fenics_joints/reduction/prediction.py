@@ -101,7 +101,7 @@ class ModalPrediction:
 
     Args:
         model: A reduced (or full) structure.
-        sensors: What the test saw; None takes elastic modes in order.
+        sensors: The test's sensors; None takes elastic modes in order.
         n_test: Number of test modes.
         n_modes: Number of model modes to compute.
         reference: Shapes of the test's modes at the sensors, measured or of a near model; modes
@@ -109,7 +109,7 @@ class ModalPrediction:
         threshold: Least visibility of a mode that the test saw.
 
     Raises:
-        InputError: If an argument is not what it should be.
+        InputError: If an argument is out of range or has the wrong shape.
 
     Attributes:
         further: Prediction of one mode more, where the test may have missed one; else None.
@@ -233,7 +233,7 @@ class ModalPrediction:
             self.forget()
 
     def forget(self) -> None:
-        """Drop what was computed, after the model has changed."""
+        """Drop kept results after the model has changed."""
         self._cache.clear()
 
 

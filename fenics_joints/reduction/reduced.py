@@ -2,7 +2,7 @@
 
 The stiffness and mass of every region with uniform properties are linear in a few scalars
 (`structure.laws.Law.stiffness_terms`), so their projections are found once and the reduced
-K(p) and M(p) are exact sums, at any p, without the mesh. What is approximate is the basis alone;
+K(p) and M(p) are exact sums, at any p, without the mesh. The basis is the only approximation;
 by the Rayleigh-Ritz theorem reduced frequencies are never below the full ones. `check` measures
 the error at parameters that were not sampled.
 """
@@ -295,7 +295,7 @@ class Projection:
             span: Range of its travel, m.
 
         Raises:
-            InputError: If there is none and the mass moves.
+            InputError: If there is no range and the mass moves.
         """
         if not isinstance(mass.travel, str):
             stations = np.array([float(mass.travel)])
@@ -420,7 +420,7 @@ class ReducedStructure(ArrayModel):
 
         Args:
             places: Excitations and sensors for which it shall carry the displacements.
-            sensors: What its ``sensor_rows`` see.
+            sensors: Sensors of its ``sensor_rows``.
 
         Raises:
             InputError: If a region is graded, or a point outside the mesh.

@@ -30,9 +30,9 @@ from fenics_joints.response.pencil import DampedPencil, check_damped, check_damp
 from fenics_joints.structure import Damped, Damping, Sensors
 from fenics_joints.structure.sparse import product
 
-#: Residual above which what the dense solver found is no mode, of a reduced model.
+#: Residual above which a solution of the dense solver is no mode of a reduced model: chosen.
 _NO_MODE = 1e-2
-#: How often the basis may be widened.
+#: How often the basis may be extended: chosen; a failure is an error.
 _ROUNDS = 12
 
 
@@ -46,9 +46,9 @@ class ComplexModes:
         eigenvalues: s, rad/s, with positive imaginary part, (n,).
         shapes: This rank's rows of the shapes x, complex, (n_local, n), with x^T dZ/ds x = 2 s,
             which makes undamped ones M-normalised; of a reduced model (n_dofs, n).
-        residuals: |A^-1 Z(s) x| / |x| in the norm of energy, A = K - shift M, (n,): what one more
-            step would change of the shapes. Of a reduced model |Z(s) x| / |K x| on its modes of
-            energy 1.
+        residuals: |A^-1 Z(s) x| / |x| in the norm of energy, A = K - shift M, (n,): the
+            change of the shapes by one more step. Of a reduced model |Z(s) x| / |K x| on its modes
+            of energy 1.
         slopes: ds/dp for every parameter, (n, n_parameters); None unless they were asked for.
         shares: Which real modes each is made of: share of each real mode, rigid-body modes first,
             in the shape, in the norm of mass, (n_real, n).
@@ -123,7 +123,7 @@ def solve_complex_modes(
         n_modes: Number of modes, rigid-body modes, which are left out of the result, included.
         gradients: Whether derivatives by the parameters are wanted.
         modes: Real modes of the structure at the same values, as for `solve_frf`.
-        tolerance: `residuals` above which the basis is widened by what they lack. An eigenvalue's
+        tolerance: `residuals` above which they are added to the basis. An eigenvalue's
             relative error is of the order of its square.
 
     Raises:

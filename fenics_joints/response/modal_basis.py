@@ -4,9 +4,8 @@ The basis is the lowest modes, rigid-body modes among them, and residual vectors
 A^-1 b to the forces and sensors of interest, and A^-1 M A^-1 b, with A = K - sigma M and the shift
 sigma below zero of the modal solution, so that a free body needs no other hold. Likewise A^-1 K_c
 of the modes and of those, for the layers c with damping of their own, which makes complex modes of
-a damped joint right where real modes alone are not. What the modes have of them is taken off. Each
-then has its own stiffness and mass (Rayleigh and Ritz), so that the residual is not a constant over
-the band but follows it.
+a damped joint accurate where real modes alone are not. They are made orthogonal to the modes. Each
+then has its own stiffness and mass (Rayleigh and Ritz), so that the residual varies over the band.
 
 A model of plain arrays is taken on all of its modes, which are found at once: exact on its basis.
 There K and M are diagonal, and so is the dynamic stiffness unless a layer has damping of its own;
@@ -355,7 +354,7 @@ def reduced_pencil(pencil: DampedPencil, given, *, gradients: bool = False) -> M
 
 
 def _modes_for(pencil: DampedPencil, lines, n_modes: int | None) -> Modes:
-    """Modes, as many as asked for or as reach beyond the lines."""
+    """Modes: ``n_modes``, or as many as reach beyond the lines."""
     count = n_modes or 16
     while True:
         modes = solve_modes(pencil.structure, pencil.values, n_modes=count)

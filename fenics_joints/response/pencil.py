@@ -24,7 +24,7 @@ class Term:
 
     Attributes:
         parameter: Index of p.
-        kind: What changes: ``"K"``, ``"M"``, or ``"D"`` for the damping alone.
+        kind: Matrix that changes: ``"K"``, ``"M"``, or ``"D"`` for the damping alone.
         factor: s to its factor.
         form: Its matrix, dense on a basis, (m, m), or a form that multiplies blocks of columns.
     """
@@ -114,7 +114,7 @@ class DampedPencil:
 
 
 def check_damped(model: object) -> None:
-    """Refuse what is no model with layers that may be damped.
+    """Refuse an object that is no `Damped` model.
 
     Raises:
         InputError: If it is none.
@@ -138,10 +138,10 @@ def check_damping(damping: Damping | None) -> Damping:
 
 
 def imaginary(s: complex) -> complex:
-    """Factor of what a loss factor is before: i at any s."""
+    """Factor of a loss factor: i at any s."""
     return 1j
 
 
 def linear(s: complex) -> complex:
-    """Factor of what a viscous damping is before: s."""
+    """Factor of a viscous damping: s."""
     return s

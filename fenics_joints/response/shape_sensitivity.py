@@ -5,10 +5,10 @@ With K x = lambda M x, x^T M x = 1, and a cluster X of the modes whose eigenvalu
     dx_i = w_i + X a_i,    (K - lambda_i M) w_i = -(1 - M X X^T) (dK - lambda_i dM) x_i,
     X^T M w_i = 0
 
-(Nelson, AIAA J. 14, 1976). The shares a_ji are what the modes of the cluster turn into each other.
+(Nelson, AIAA J. 14, 1976). The a_ji are the shares of the cluster's modes in each other.
 
-What is differentiable. A mode by itself (a cluster of one, a_ii = -x^T dM x / 2) is. Of modes of
-equal eigenvalue only their span is: single shapes jump from one choice to another with the
+A single mode (a cluster of one, a_ii = -x^T dM x / 2) is differentiable. Of modes of equal
+eigenvalue only their span is: single shapes jump from one choice to another with the
 direction in which the parameters move. Of nearly equal ones single shapes do have derivatives, but
 they are of the order of 1 / gap and hold for steps of the order of the gap alone. So all functions
 here take modes closer than ``close`` together, and give the derivative of the basis of their span
@@ -77,7 +77,7 @@ def shape_gradients(
 
     By one solution for each mode and parameter, or for each mode and sensor if those are fewer (the
     adjoint). Without modes in a cluster it is the derivative of the shapes as they are; see the
-    head of this module for what it is of close ones.
+    head of this module for that of close ones.
 
     Args:
         modes: Modes of a `Structure`, whose solver has solved nothing else since, or of a
@@ -91,7 +91,7 @@ def shape_gradients(
         d(shape at sensor)/dp, kg^-1/2 per unit of p, (n_sensors, len(index), n_parameters).
 
     Raises:
-        InputError: For an index that is none, or a solver that has moved on.
+        InputError: For an index out of range, or a solver that has solved something else since.
         ConvergenceError: If a mode beyond those known is as low as a wanted one, or nearly so.
     """
     index = _checked(modes, index)
@@ -412,7 +412,7 @@ class Complement:
         return self.shapes @ weights + self._rest(rights - self._heavy @ share, eigenvalues)
 
     def _rest(self, r: np.ndarray, eigenvalues: np.ndarray) -> np.ndarray:
-        """Conjugate gradients of all columns on what is beside all known modes."""
+        """Conjugate gradients of all columns, orthogonal to all known modes."""
         w, z = np.zeros_like(r), self._precondition(r)
         d, size = z, self._dots(r, z)
         goal, active = _ACCURACY**2 * size, size > 0

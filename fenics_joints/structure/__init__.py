@@ -1,4 +1,4 @@
-"""What a model is made of, and K(p) and M(p) of a solid one with joints."""
+"""Components of models, and K(p) and M(p) of solids with joints."""
 
 from fenics_joints.structure.components import (
     ElasticSupport,

@@ -66,7 +66,7 @@ def check_components(
         owners: Components with ``properties``: regions, elastic supports, changes.
         masses: Point masses.
         springs: Grounding springs.
-        parameters: Those that the components may name.
+        parameters: Parameters that the components may name.
 
     Raises:
         InputError: Names the component.
@@ -182,7 +182,7 @@ def held_entities(tagged: TaggedMesh, support: Support) -> list[tuple[int, np.nd
 
 
 def held_nodes(tagged: TaggedMesh, support: Support) -> np.ndarray:
-    """This rank's geometry nodes at what the support holds. Collective."""
+    """This rank's geometry nodes that a support holds. Collective."""
     found = [
         entity_nodes(tagged.mesh, dim, entities).ravel()
         for dim, entities in held_entities(tagged, support)
@@ -395,7 +395,7 @@ class PropertyField:
 
 
 def _is_number(expr) -> bool:
-    """Whether UFL found a number, as for the derivative of what is linear; zero is one."""
+    """Whether UFL simplified an expression to a number, as the derivative of a linear one."""
     return isinstance(expr, ufl.constantvalue.Zero | ufl.constantvalue.ScalarValue)
 
 
@@ -418,7 +418,7 @@ class Assembly:
         masses: Point masses.
         springs: Grounding springs.
         supports: Held facets, and ones on springs that are spread over them.
-        changes: What else changes with parameters: `fenics_joints.structure.changes`.
+        changes: Further changes by parameters: `fenics_joints.structure.changes`.
         degree: Degree of the displacement, 1 to 3; on quadrilaterals and hexahedra degrees 2 and 3
             are the serendipity elements.
         quadrature_degree: Degree of the cell quadrature; 2 * degree by default, which is exact for
@@ -754,7 +754,7 @@ class Assembly:
     def rows(self, points, what: str = "point", names: Sequence[str] = ()) -> PointRows:
         """Rows that evaluate the displacement at points; cached. Collective.
 
-        Those of a test, whose ``what`` is given, are moved onto the mesh if they are near it.
+        Points of a test, whose ``what`` is given, are moved onto the mesh if they are near it.
         """
         points = np.atleast_2d(np.asarray(points, dtype=float))[:, : self.mesh.geometry.dim]
         key, snap = points.tobytes(), what != "point"

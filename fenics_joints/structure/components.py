@@ -1,4 +1,4 @@
-"""What a structure is made of: parameters, parts, joints, supports, springs and point masses.
+"""Components of structures: parameters, parts, joints, supports, springs and point masses.
 
 Plain data; `structure.structure` turns it into matrices. Wherever a number stands, the name of
 a parameter may stand instead; a material property may also be a function of position,
@@ -125,7 +125,7 @@ class Region:
 
 
 def _value(key: str, value: object, unit: str = "", **bounds: float) -> None:
-    """Refuse what is neither the name of a parameter nor a number within its bounds."""
+    """Accept only the name of a parameter or a number within its bounds."""
     if isinstance(value, str):
         text(key, value)
     else:
@@ -162,7 +162,7 @@ def part(
         stretch: Actual over meshed thickness along ``normal``.
         normal: Direction of the thickness, shape (gdim,).
         width: Actual over meshed width along ``across``.
-        across: Direction of the width; what it has along ``normal`` is left out.
+        across: Direction of the width; its component along ``normal`` is left out.
 
     Raises:
         InputError: If a width is given along the normal.
@@ -452,7 +452,7 @@ def parameter_values(
             raise InputError(
                 f"parameter {name!r} does not exist; expected one of: {', '.join(values)}."
             )
-        # A fit asks a hundred thousand times: what is plainly a number is not looked at twice.
+        # A fit comes here a hundred thousand times: plain numbers skip the full check.
         plain = isinstance(value, float) and -MOST <= value <= MOST
         values[name] = float(value) if plain else real(f"parameter {name}", value)
     return values

@@ -138,7 +138,7 @@ class Damping:
     # -- factors; of a damping in numbers ------------------------------------------------------
 
     def stiffness_factor(self, s: complex, name: str | None = None) -> complex:
-        """kappa(s) of a layer, or without a name of what has no damping of its own."""
+        """kappa(s) of a layer, or without a name of all that has no damping of its own."""
         own = 1j * self.hysteretic.get(name, 0.0) + s * self.viscous.get(name, 0.0)
         return 1.0 + 1j * self.structural + s * self.rayleigh[1] + own
 

@@ -136,7 +136,7 @@ def facet_mesh(
     return mesh
 
 
-#: What ADIOS2 puts into a folder that is one of its files.
+#: File by which a folder written by ADIOS2 is recognised.
 _BP_INDEX = "md.idx"
 
 
@@ -171,7 +171,7 @@ def write_fields(
         fields: The functions; for XDMF of degree 1, for VTX all of one element.
         path: Name of the file, ``.bp`` or ``.xdmf``, which has ``<name>.h5`` beside it; one that is
             there is replaced.
-        beside: What makes the text of other files, on rank 0.
+        beside: Functions that give the text of other files, on rank 0.
 
     Returns:
         The files, ``path`` first.
@@ -253,7 +253,7 @@ def _write_xdmf(fields: Sequence[fem.Function], path: Path) -> None:
             writer.write_function(field)
 
 
-#: What writes a file, by its ending.
+#: Writers of files, by ending.
 ENDINGS = {".bp": _write_vtx, ".xdmf": _write_xdmf}
 
 

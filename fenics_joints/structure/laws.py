@@ -1,7 +1,7 @@
 """The material laws a structure can hold, each built on the pure functions of `forms`.
 
-A `Law` adds to those functions what the analyses need besides: the names of the properties, the
-range where they make sense, and the scalars in which the stiffness is linear. A parametric reduced
+A `Law` adds to these functions the names of the properties, the range where they make sense, and
+the scalars in which the stiffness is linear. A parametric reduced
 model needs only these scalars to be exact in the properties (`fenics_joints.reduction.reduced`).
 """
 

@@ -1,4 +1,4 @@
-"""The contract of models: what has parameters and K(p), M(p), whatever it is made of.
+"""The contract of models: parameters and K(p), M(p), whatever the model is made of.
 
 Solids, beams, reduced models, plain arrays, preloaded contacts and interfaces at rest fulfil it, so
 that modes, their derivatives and FRFs never ask what kind a model is. Matrices are either plain
@@ -74,7 +74,7 @@ class Model(Protocol):
 
 @runtime_checkable
 class Damped(Model, Protocol):
-    """What FRFs, complex modes and derivatives of shapes need besides."""
+    """A model with what FRFs, complex modes and derivatives of shapes need."""
 
     @property
     def layers(self) -> tuple[str, ...]:
@@ -88,7 +88,7 @@ class Damped(Model, Protocol):
         """A damping that names parts and joints as a user does, by names of `layers`."""
 
     def region_stiffness(self, name: str, given: Values = None) -> Any:
-        """What a layer's own damping multiplies: its share of K, or the matrix of a dashpot."""
+        """Matrix before a layer's own damping: its share of K, or the matrix of a dashpot."""
 
     def slopes(
         self, given: Values = None, apart: Sequence[str] = ()
@@ -110,7 +110,7 @@ class Damped(Model, Protocol):
 
 @runtime_checkable
 class Pictured(Model, Protocol):
-    """What pages show."""
+    """A model that pages can draw."""
 
     @property
     def size_m(self) -> np.ndarray:

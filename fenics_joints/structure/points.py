@@ -197,7 +197,7 @@ def _box(msh) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _hint(msh, points: np.ndarray) -> str:
-    """What would bring all points onto the mesh: turned or exchanged axes, or another unit.
+    """A change that would bring all points onto the mesh: turned axes, or another unit.
 
     Smaller numbers nearly always lie within a mesh about the origin: of several units it is the
     largest that fits.
@@ -390,7 +390,7 @@ def _tabulate(V, element, points, cells, index) -> PointRows:
 
 
 def _orientation(V, element):
-    """What turns an element's functions, (k, n), from those of the reference to those of a cell.
+    """A function that turns an element's values, (k, n), from the reference cell to a cell.
 
     Only functions of degree 3 on edges that two cells see from different ends differ.
     """

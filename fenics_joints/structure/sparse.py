@@ -95,7 +95,7 @@ def project(A: Matrix, X: np.ndarray, known: np.ndarray | None = None) -> np.nda
     Args:
         A: See `product`.
         X: This rank's rows of a basis, (n_local, n).
-        known: What it is of the first vectors, (k, k); None for none.
+        known: The result of the first k vectors, (k, k); None if unknown.
     """
     known = np.zeros((0, 0)) if known is None else known
     return bordered(known, cross(A, X, X[:, len(known) :]))

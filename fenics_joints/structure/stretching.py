@@ -26,10 +26,10 @@ from fenics_joints.structure.components import Region, Support, number
 from fenics_joints.structure.laws import LAYER_LAWS, SPRINGS
 from fenics_joints.structure.structure import Structure
 
-#: Stretch at which motions are counted, and the singular value that counts as none: a misfit is
-#: of the order of the first, and of round-off where there is none.
+#: Stretch at which motions are counted: chosen; any that is not 1 would do.
+#: Singular value below which a motion has no misfit; others are of the order of the stretch.
 _TRIED, _NONE = 1.2, 1e-4
-#: Extents of a face and of a layer, as shares of the structure's, that are none.
+#: Extents of a face and of a layer, over the structure's, below which they count as zero: chosen.
 _POINT, _THIN = 1e-4, 1e-3
 
 
@@ -43,7 +43,7 @@ class _Body:
 
 @dataclass(frozen=True)
 class _Face:
-    """What two bodies share, or one and a support: its middle and its directions.
+    """Face that two bodies share, or a body and a support: its middle and its directions.
 
     Attributes:
         bodies: Indices of the bodies; one with a support.
@@ -59,7 +59,7 @@ class _Face:
 
 
 class Stretching:
-    """The parts of a structure with what they touch. Collective; the same on every rank.
+    """The bodies of a structure and their contacts. Collective; the same on every rank.
 
     Args:
         structure: The structure.
@@ -255,7 +255,7 @@ def _connected(region: np.ndarray, cells: np.ndarray) -> list[_Body]:
 
 
 def _faces(bodies: list[_Body], x: np.ndarray) -> list[_Face]:
-    """What every two bodies share."""
+    """Faces that two bodies share."""
     owners: list[list[int]] = [[] for _ in range(len(x))]
     for i, body in enumerate(bodies):
         for node in body.nodes.tolist():

@@ -1,4 +1,4 @@
-"""A jointed structure on a mesh: K(p) and M(p), their derivatives, and what is seen of it."""
+"""A jointed structure on a mesh: K(p) and M(p), their derivatives, and its motion at points."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ class Structure(Assembly):
         return self._again(self.degree + 1) if self.degree < 3 else None
 
     def with_changes(self, changes: Sequence[Change], more: Sequence[Parameter]) -> Structure:
-        """The same structure with what else may change of it, by further parameters."""
+        """The same structure with further changes and their parameters."""
         return self._again(self.degree, more, changes=(*self.changes, *changes))
 
     def _again(self, degree: int, more: Sequence[Parameter] = (), **changed) -> Structure:
@@ -149,7 +149,7 @@ class Structure(Assembly):
 
         Args:
             given: Values of parameters that differ from their nominal value.
-            apart: Regions and elastic supports whose share of dK/dp is told by its name.
+            apart: Regions and elastic supports whose share of dK/dp is yielded with its name.
 
         Yields:
             Index of the parameter; ``"K"`` or ``"M"``; a name from ``apart``, or None; a share of
@@ -521,7 +521,7 @@ def _place(gdim: int, what: str, name: str, place) -> np.ndarray:
 
 
 class CellForces:
-    """Forces of each cell by itself, at its own copy of the nodes that it shares with others.
+    """Forces of each single cell, at its own copy of the nodes that it shares with others.
 
     The sum over a cell of its forces by a motion x, times a motion y, is its part of x^T K y: one
     assembly for each x, whatever the number of y.

@@ -1,4 +1,4 @@
-"""Time integration of structures with nonlinear joints, and what a ring-down tells."""
+"""Time integration of structures with nonlinear joints; damping from ring-downs."""
 
 from fenics_joints.transient.transient import (
     RingDown,

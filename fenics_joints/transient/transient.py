@@ -20,7 +20,7 @@ from fenics_joints.modal.options import given_options, last_line, petsc_defaults
 
 @dataclass(frozen=True, repr=False)
 class RingDown:
-    """What a free decay says, cycle by cycle.
+    """Frequency and damping of a free decay, cycle by cycle.
 
     Attributes:
         amplitudes: Mean of the two peaks that bound each cycle, in the signal's unit, (n,).
@@ -120,7 +120,7 @@ class TransientResult:
 
 
 class _Record:
-    """What is kept of each step."""
+    """The quantities kept of each step."""
 
     def __init__(self, motion: Motion, sensors: Sequence[str]):
         self.motion = motion
