@@ -10,7 +10,7 @@ ROOT = Path(__file__).resolve().parents[2]
 EXPLAINED = {
     "LeanForward": "BatchPrediction",
     "Leans": "nothing",
-    "leanest": "truncate_basis",
+    "leanest": "compress",
     "SeenModes": "MatchedModes",
     "seen_at": "match_modes",
     "likes": "ModeMatch",
