@@ -105,7 +105,9 @@ def rich_table(table: Table) -> RichTable:
     heading, wrap only where that is not enough.
     """
     shown = len(table.names) - table.page_columns
-    made = _WrappedTable(box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False)
+    headed = any(table.names)
+    look = {"box": box.SIMPLE_HEAD if headed else None, "show_header": headed}
+    made = _WrappedTable(pad_edge=False, show_edge=False, **look)
     for name, right in list(zip(table.names, table.right, strict=True))[:shown]:
         justify = "right" if right else "left"
         made.add_column(name, justify=justify, overflow="fold", no_wrap=right or not name)

@@ -358,29 +358,25 @@ def over_amplitude(r: HarmonicReport) -> str:
     """Frequency and damping of the mode over its amplitude, with the levels' peaks."""
     both = [b for b in (r.backbone, r.static_backbone) if b is not None]
     tested = mode_records(r.identified[-1]) if r.identified else []
-    crosses = {key: [row[key] for row in tested] for key in tested[0]} if tested else {}
+    panels = (
+        ("frequencies_hz", "peak_hz", "test_hz", 1, "frequency, Hz"),
+        ("damping_ratios", "damping_ratio", "test_damping", 100, "damping ratio, %"),
+    )
     with drawing(7.6, 3.2) as figure:
-        for axes, values, peak, key, factor, words in zip(
-            figure.subplots(1, 2),
-            ("frequencies_hz", "damping_ratios"),
-            ("peak_hz", "damping_ratio"),
-            ("test_hz", "test_damping"),
-            (1, 100),
-            ("frequency, Hz", "damping ratio, %"),
-            strict=True,
+        for axes, (values, peak, test, factor, words) in zip(
+            figure.subplots(1, 2), panels, strict=True
         ):
             for b in both:
-                line = (
-                    {"color": INK, "ls": "--"} if b is r.static_backbone else {"color": SERIES[0]}
-                )
-                label = b.method.replace("epmc", "periodic")
-                axes.semilogx(b.amplitude(), factor * getattr(b, values), label=label, **line)
+                line = {"color": SERIES[0], "label": b.method.replace("epmc", "periodic")}
+                line |= {"color": INK, "ls": "--"} if b is r.static_backbone else {}
+                axes.semilogx(b.amplitude(), factor * getattr(b, values), **line)
             for shade, f in zip(cycle(SERIES), r.facts, strict=False):
                 at = f.peak_displacement_m, factor * getattr(f, peak)
                 axes.plot(*at, "o", color=shade, ms=4.5)
-            if tested:
-                test = factor * np.array(crosses[key], dtype=float)
-                axes.plot(crosses["displacement_m"], test, "x", color=INK, ms=5)
+            for row in tested:
+                if row[test] is not None:
+                    at = row["displacement_m"], factor * row[test]
+                    axes.plot(*at, "x", color=INK, ms=5)
             axes.set(xlabel="displacement at the sensor, m", ylabel=words)
             axes.ticklabel_format(axis="y", useOffset=False)
         if len(both) > 1:
