@@ -133,72 +133,70 @@ class Misattribution:
         return float(expit(logit(self.prior) + np.log(self.rate_at(gap)) + density))
 
 
-class _Common(NamedTuple):
-    """What cells of an effect are put beside: a prediction that is linear in parameters.
-
-    Attributes:
-        residual: Prediction less data of t tests, whitened, (k, t).
-        slope: Derivatives by the parameters, whitened and by their prior widths, (k, p).
-    """
-
-    residual: np.ndarray
-    slope: np.ndarray
-
-
 class _Point(NamedTuple):
-    """The most probable point of an effect's cell.
+    """The most probable point of an effect's cell, about which the prediction is linear.
 
     Attributes:
         log_evidence: ln of the cell's evidence times `prior`, but for the data's constant.
         square: Squared whitened residual and distance from the prior.
         prior: ln of the cell's share of the prior times the effect's odds.
         effect: Which of the effects.
-        common: The effect there, for others to be put beside.
+        residual: Prediction less data at the cell's mean, whitened, (k, 1); None without a point.
+        slope: Derivatives by the parameters, whitened and by their prior widths, (k, p).
     """
 
     log_evidence: float = -np.inf
     square: float = np.inf
     prior: float = -np.inf
     effect: int = -1
-    common: _Common | None = None
+    residual: np.ndarray | None = None
+    slope: np.ndarray | None = None
 
 
-class _Stack:
-    """Cells of effects that have equally many parameters.
+class _Cells:
+    """Cells of effects' priors, whitened, each linear in its effect's own parameters.
 
-    Attributes:
+    Args:
         effect: Which effect a cell is of, (n,).
-        away: See `_WhitenedCells`, (n, k).
-        own: See `_WhitenedCells`, (n, k, d).
-        log_share: See `_WhitenedCells`, (n,).
+        away: Predictions at the means of the cells less the nominal model's, (n, k).
+        own: Derivatives by the own parameters in standard deviations of the cells, (n, k, d).
+        log_share: ln of the shares of the cells; -inf where the model lacks modes, (n,).
     """
 
-    def __init__(self, cells: Sequence[_WhitenedCells], which: Sequence[int]):
-        self.effect = np.repeat(which, [len(cells[i].away) for i in which])
-        self.away = np.concatenate([cells[i].away for i in which])
-        self.own = np.concatenate([cells[i].own for i in which])
-        self.log_share = np.concatenate([cells[i].log_share for i in which])
-        transposed = self.own.transpose(0, 2, 1)
-        self._inner = transposed @ self.own
-        self._pull = transposed @ self.away[:, :, None]
-        self._square = np.sum(self.away**2, axis=1)
-        n, k, d = self.own.shape
-        self._flat = self.own.transpose(1, 0, 2).reshape(k, n * d)
+    def __init__(self, effect, away: np.ndarray, own: np.ndarray, log_share: np.ndarray):
+        self.effect, self.away, self.own, self.log_share = effect, away, own, log_share
+        transposed = own.transpose(0, 2, 1)
+        self._inner = transposed @ own
+        self._pull = transposed @ away[:, :, None]
+        self._square = np.sum(away**2, axis=1)
+        n, k, d = own.shape
+        self._flat = own.transpose(1, 0, 2).reshape(k, n * d)
 
-    def beside(self, common: _Common) -> tuple[np.ndarray, np.ndarray]:
-        """ln of the evidence of each cell together with something, but for the data's constant, and
-        its least |r|^2 + |u|^2, for each test: (n, t) each."""
+    @classmethod
+    def joined(cls, effects: Sequence[_WhitenedEffect]) -> _Cells:
+        """Those of effects that have equally many parameters."""
+        names = "effect", "away", "own", "log_share"
+        return cls(*(np.concatenate([getattr(e.cells, name) for e in effects]) for name in names))
+
+    def beside(self, residual: np.ndarray, slope: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """ln of the evidence of each cell together with a linear prediction, but for the data's
+        constant, and the least |r|^2 + |u|^2, for each of t tests: (n, t) each.
+
+        Args:
+            residual: That prediction less the tests' data, whitened, (k, t).
+            slope: Its derivatives by its parameters, (k, p).
+        """
         n, _, d = self.own.shape
-        hessian = common.slope.T @ common.slope + np.eye(common.slope.shape[1])
-        down = whiten(np.linalg.cholesky(hessian), common.slope.T)
-        low, low_away = down @ common.residual, self.away @ down.T
+        hessian = slope.T @ slope + np.eye(slope.shape[1])
+        down = whiten(np.linalg.cholesky(hessian), slope.T)
+        low, low_away = down @ residual, self.away @ down.T
         low_own = (down @ self._flat).reshape(len(down), n, d).transpose(1, 2, 0)
-        pull = (self._flat.T @ common.residual).reshape(n, d, low.shape[1]) + self._pull
+        pull = (self._flat.T @ residual).reshape(n, d, low.shape[1]) + self._pull
         pull -= low_own @ (low + low_away[:, :, None])
         # One is added last, so that it hides what a difference of large numbers loses.
         inner = self._inner - low_own @ low_own.transpose(0, 2, 1) + np.eye(d)
-        square = np.sum(common.residual**2, axis=0) - np.sum(low**2, axis=0)
-        square = square + 2 * (self.away @ common.residual - low_away @ low)
+        square = np.sum(residual**2, axis=0) - np.sum(low**2, axis=0)
+        square = square + 2 * (self.away @ residual - low_away @ low)
         square += (self._square - np.sum(low_away**2, axis=1))[:, None]
         square -= np.sum(pull * np.linalg.solve(inner, pull), axis=1)
         constant = self.log_share - 0.5 * np.linalg.slogdet(inner)[1]
@@ -206,21 +204,19 @@ class _Stack:
         return constant[:, None] - 0.5 * square, square
 
 
-class _WhitenedCells:
-    """Cells of an effect's prior, whitened, with all parameters but its own linear.
+class _WhitenedEffect:
+    """An effect's cells, with all parameters but its own linear about their medians.
 
     Attributes:
         hypothesis: That of the effect.
         free: Which of its parameters are not the effect's own.
         nuisances: Derivatives by these, whitened, (k, p).
-        away: Predictions at the means of the cells less the nominal model's, whitened, (n, k).
-        own: Derivatives by its own parameters in standard deviations of the cells, (n, k, d).
-        log_share: ln of the shares of the cells; -inf where the model lacks modes, (n,).
+        cells: The cells.
     """
 
-    def __init__(self, effect: Effect, library: Library, test: Evidence):
+    def __init__(self, number: int, effect: Effect, library: Library, test: Evidence):
         states, used, lower = library.states(effect), test.fitted, test.lower()
-        self.hypothesis = library.make((effect,))
+        self.number, self.hypothesis = number, library.make((effect,))
         self.free = np.ones(len(self.hypothesis.priors), dtype=bool)
         self.free[self.hypothesis.own] = False
         self.mean = states.mean
@@ -234,11 +230,11 @@ class _WhitenedCells:
         white = whiten(lower, np.nan_to_num(flat))
         first = nuisances.shape[1]
         self.nuisances, away, own = np.split(white, [first, first + n], axis=1)
-        self.away = away.T
-        self.own = own.reshape(k, n, d).transpose(1, 0, 2)
-        there &= np.all(np.abs(self.own) < STEEPEST, axis=(1, 2))
-        self.own = np.where(there[:, None, None], self.own, 0.0)
-        self.log_share = np.where(there, states.log_share, -np.inf)
+        own = own.reshape(k, n, d).transpose(1, 0, 2)
+        there &= np.all(np.abs(own) < STEEPEST, axis=(1, 2))
+        own = np.where(there[:, None, None], own, 0.0)
+        log_share = np.where(there, states.log_share, -np.inf)
+        self.cells = _Cells(np.full(n, number), away.T, own, log_share)
 
     def reconverged(
         self,
@@ -247,7 +243,6 @@ class _WhitenedCells:
         cell: np.ndarray,
         residual: np.ndarray,
         data: np.ndarray,
-        effect: int,
         log_odds: float,
     ) -> list[_Point]:
         """Most probable points of cells, each in a test of its own, by Gauss-Newton steps.
@@ -258,16 +253,15 @@ class _WhitenedCells:
             cell: Which cells, (n,).
             residual: Of the nominal model, whitened, (k, n).
             data: The tests' data, (n, k).
-            effect: Which of the effects it is.
             log_odds: ln of its prior odds.
         """
-        prior = self.log_share[cell] + log_odds
+        prior = self.cells.log_share[cell] + log_odds
         h, lower, used = self.hypothesis, test.lower(), test.fitted
         n, k, p = len(cell), len(lower), len(h.priors)
         mean, width = np.zeros((n, p)), np.ones((n, p))
         mean[:, h.own], width[:, h.own] = self.mean[cell], self.width[cell]
-        r, slope = residual.T + self.away[cell], np.zeros((n, k, p))
-        slope[:, :, self.free], slope[:, :, h.own] = self.nuisances, self.own[cell]
+        r, slope = residual.T + self.cells.away[cell], np.zeros((n, k, p))
+        slope[:, :, self.free], slope[:, :, h.own] = self.nuisances, self.cells.own[cell]
         u, best = np.zeros((n, p)), [_Point()] * n
         for _ in range(_STEPS):
             transposed = slope.transpose(0, 2, 1)
@@ -283,9 +277,10 @@ class _WhitenedCells:
                 log_det = np.linalg.slogdet(slope[i].T @ slope[i] + np.eye(p))[1]
                 value = prior[i] - 0.5 * (r[i] @ r[i] + u[i] @ u[i] + log_det)
                 if value > best[i].log_evidence:
-                    common = _Common((r[i] - slope[i] @ u[i])[:, None], slope[i])
-                    square = float(r[i] @ r[i] + z[i] @ z[i])
-                    best[i] = _Point(value, square, prior[i], effect, common)
+                    square, at_mean = float(r[i] @ r[i] + z[i] @ z[i]), r[i] - slope[i] @ u[i]
+                    best[i] = _Point(
+                        value, square, prior[i], self.number, at_mean[:, None], slope[i]
+                    )
             r, slope = np.nan_to_num(r), np.nan_to_num(slope)
         return best
 
@@ -319,13 +314,14 @@ def simulate(
 
     data, drawn = drawn_tests(_TESTS)
     cause, count = [effects[acting[i]] for i in drawn], len(data)
-    cells = [_WhitenedCells(e, library, test) for e in effects]
-    scored = _scored(library, cells, odds, log_unknown, data, test)
-    residual, score, leading, none, unknown = scored
+    whitened = _whitened(effects, library, test)
+    residual, score, leading, none, unknown = _scored(
+        library, whitened, odds, log_unknown, data, test
+    )
     rest, k = np.logaddexp(none, unknown), len(residual)
     # As the gap of a real test is: by the best hypothesis' evidence, without its odds.
     gap = np.max(score - odds[:, None], axis=0, initial=-np.inf) - none
-    visible = expit(logsumexp(score, axis=0) - none) if cells else np.zeros(count)
+    visible = expit(logsumexp(score, axis=0) - none) if whitened else np.zeros(count)
     others = np.array(
         [
             [e.name != c.name and not changed[e.key] & changed[c.key] for c in cause]
@@ -340,14 +336,16 @@ def simulate(
     for i in np.unique(near):
         tests = np.flatnonzero(np.any(near == i, axis=0) & others[i])
         if len(tests):
-            found = cells[i].reconverged(
-                library, test, leading[i, tests], residual[:, tests], data[tests], i, odds[i]
+            found = whitened[i].reconverged(
+                library, test, leading[i, tests], residual[:, tests], data[tests], odds[i]
             )
             for t, point in zip(tests, found, strict=True):
                 points[t].append(point)
 
-    size = np.array([each.own.shape[2] for each in cells])
-    stacks = [_Stack(cells, np.flatnonzero(size == d)) for d in np.unique(size)]
+    by_size: dict[int, list[_WhitenedEffect]] = {}
+    for each in whitened:
+        by_size.setdefault(each.cells.own.shape[2], []).append(each)
+    stacks = [_Cells.joined(by_size[size]) for size in sorted(by_size)]
     families = [e.family or e.key for e in effects]
     together = np.array([[a != b for b in families] for a in families], dtype=bool)
 
@@ -357,8 +355,8 @@ def simulate(
         found = [np.array([[p.log_evidence, p.square] for p in points[t]]).reshape(-1, 2).T]
         for first in points[t]:
             allowed = others[:, t] & together[first.effect]
-            for stack in stacks if first.common is not None else ():
-                value, square = (x[:, 0] for x in stack.beside(first.common))
+            for stack in stacks if first.residual is not None else ():
+                value, square = (x[:, 0] for x in stack.beside(first.residual, first.slope))
                 value += first.prior + odds[stack.effect]
                 found.append(np.array([value, square])[:, allowed[stack.effect]])
         return np.concatenate(found, axis=1)
@@ -373,8 +371,8 @@ def simulate(
         named[t], log_p[t] = share.sum(), share @ np.log(p)
     found = Misattribution.of(gap[seen], named[seen], log_p[seen], (visible - named)[seen], prior)
     data, drawn = drawn_tests(_COUNTED)
-    own = [cells[i] for i in acting]
-    score = _scored(library, own, odds[acting], log_unknown, data, test).score
+    own = [whitened[i] for i in acting]
+    score = _scored(library, own, odds[acting], log_unknown, data, test)[1]
     count, right = answers(score, drawn)
     return replace(found, answers=count, right=right)
 
@@ -401,9 +399,9 @@ def confusion_matrix(
     """
     counts, rng = [_EACH] * len(effects), np.random.default_rng(0)
     data, cause = _tests(effects, counts, library, test, rng)
-    cells = [_WhitenedCells(e, library, test) for e in effects]
+    whitened = _whitened(effects, library, test)
     odds = np.array([log_odds[e.key] for e in effects])
-    _, score, _, none, unknown = _scored(library, cells, odds, log_unknown, data, test)
+    _, score, _, none, unknown = _scored(library, whitened, odds, log_unknown, data, test)
     p = softmax(np.vstack([score, none, unknown]), axis=0)
     return np.array(
         [
@@ -413,44 +411,36 @@ def confusion_matrix(
     ).reshape(len(effects), len(effects) + 2)
 
 
-class _Scores(NamedTuple):
-    """Evidence of what may explain simulated tests.
-
-    Attributes:
-        residual: Nominal model less data, whitened, (k, t).
-        score: ln of the evidence of each effect times its odds, (n, t).
-        leading: Which of its cells has most of that, (n, t).
-        none: ln of the evidence of the nominal model, (t,).
-        unknown: The same of an unknown cause, times its odds, (t,).
-    """
-
-    residual: np.ndarray
-    score: np.ndarray
-    leading: np.ndarray
-    none: np.ndarray
-    unknown: np.ndarray
+def _whitened(effects: Sequence[Effect], library: Library, test: Evidence) -> list[_WhitenedEffect]:
+    return [_WhitenedEffect(i, effect, library, test) for i, effect in enumerate(effects)]
 
 
 def _scored(
     library: Library,
-    cells: Sequence[_WhitenedCells],
+    effects: Sequence[_WhitenedEffect],
     odds: np.ndarray,
     log_unknown: float,
     data: np.ndarray,
     test: Evidence,
-) -> _Scores:
-    """ln of evidence but for the constant that all have in common."""
+) -> tuple[np.ndarray, ...]:
+    """Evidence of what may explain simulated tests, but for the constant that all have in common.
+
+    Returns:
+        The nominal model less the data, whitened, (k, t); ln of the evidence of each effect times
+        its odds, (n, t); which of its cells has most of that, (n, t); ln of the evidence of the
+        nominal model, (t,), and of an unknown cause, times its odds, (t,).
+    """
     lower, used, count = test.lower(), test.fitted, len(data)
     nominal, slope = library.nothing
     white = whiten(lower, np.column_stack([nominal[used, None] - data.T, slope[used]]))
     residual = white[:, :count]
     unknown = log_unknown + unknown_evidence(nominal[used], slope[used], data, test)
     unknown += log_constant(lower)
-    score, leading = np.full((len(cells), count), -np.inf), np.zeros((len(cells), count), int)
-    for i, each in enumerate(cells):
-        value = _Stack(cells, [i]).beside(_Common(residual, each.nuisances))[0]
+    score, leading = np.full((len(effects), count), -np.inf), np.zeros((len(effects), count), int)
+    for i, each in enumerate(effects):
+        value = each.cells.beside(residual, each.nuisances)[0]
         score[i], leading[i] = odds[i] + logsumexp(value, axis=0), np.argmax(value, axis=0)
-    return _Scores(residual, score, leading, marginal(residual, white[:, count:]), unknown)
+    return residual, score, leading, marginal(residual, white[:, count:]), unknown
 
 
 def answers(score: np.ndarray, cause: np.ndarray) -> tuple[int, int]:
