@@ -1,4 +1,4 @@
-"""What a diagnosis says: where the gap lies, which effect causes it, how far it shrinks."""
+"""The result of a diagnosis: where the gap lies, which effect causes it, how far it shrinks."""
 
 from __future__ import annotations
 
@@ -128,7 +128,7 @@ class Diagnosis:
         shrinkage: How far the gap shrinks on held-out data, with what was stated before.
         joints: What the comparison starts from: joints ``bonded``, as one with the parts, or
             ``given``, as the case has them; empty if the model has none.
-        scales: What the leading hypothesis has of the standard deviations that the data infer.
+        scales: The standard deviations that are inferred from the data, by the leading hypothesis.
         damping: Measured and, by the leading hypothesis, predicted damping ratios, each of shape
             (n, m); None if damping was not used.
         somewhere: Whether an unknown cause is a change of stiffness or mass somewhere; None where
@@ -325,7 +325,7 @@ def _effect(e: EffectResult) -> dict:
 
 
 def _renamed(result: EffectResult | Separation, name: str, *without: str) -> dict:
-    """Its attributes, what JSON calls a class by that, and some left out."""
+    """Its attributes without some, and with one renamed to "class" as in the JSON."""
     return {
         "class" if key == name else key: value
         for key, value in asdict(result).items()

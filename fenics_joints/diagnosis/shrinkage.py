@@ -1,8 +1,8 @@
-"""How far the gap shrinks on data that were neither fitted nor used to choose: what is said of it.
+"""How far the gap shrinks on data that were neither fitted nor used to choose: the results.
 
-The measure is S* = (E_before - E_after) / (E_before - E_noise): 1 if what was chosen and fitted
-without the held-out data predicts them as well as noise lets anything, 0 if it is no better than
-the nominal model. `held_out` finds it.
+The measure is S* = (E_before - E_after) / (E_before - E_noise): 1 if the hypothesis chosen and
+fitted without the held-out data predicts them as well as noise lets anything, 0 if it is no better
+than the nominal model. `held_out` finds it.
 """
 
 from __future__ import annotations
@@ -13,8 +13,7 @@ import numpy as np
 
 from fenics_joints.files import plain
 
-#: S* is not told apart beyond these: all of what could go is gone; as much again has come.
-#: [decision: symmetry]
+#: Limits of S*: the whole gap is closed; the gap is doubled. [decision: symmetry]
 _LEAST, _MOST = -1.0, 1.0
 #: Error of the nominal model, relative to noise, below which a cause cannot show. [decision:
 #: chosen]
@@ -25,7 +24,7 @@ Interval = tuple[float, float]
 
 @dataclass(frozen=True, repr=False)
 class Forecast:
-    """What a fold will show, stated without its held-out data.
+    """Forecast of a fold, stated without its held-out data.
 
     Attributes:
         after: Interval (90 %) of the relative RMS error that is left.
@@ -47,7 +46,7 @@ class Forecast:
 
 @dataclass(frozen=True)
 class Fold:
-    """One fold: what was forecast, and what its held-out frequencies said.
+    """One fold: its forecast, and the result with its held-out frequencies.
 
     Attributes:
         name: What was held out.

@@ -1,1 +1,1 @@
-"""What a nominal model may lack: effects with parameters and priors, and the library of them."""
+"""Effects that a nominal model may lack, with parameters and priors, and their library."""

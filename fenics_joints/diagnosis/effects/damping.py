@@ -1,7 +1,7 @@
 """Effects that show in damping, and in how frequencies change with the level of a test.
 
-The level is what the joint's motion is proportional to, in each mode with a factor of its own: an
-amplitude, or a force as long as the damping does not change much.
+The level is proportional to the joint's motion, in each mode by another factor: it is an amplitude,
+or a force if the damping does not change much.
 """
 
 from __future__ import annotations
@@ -118,7 +118,7 @@ _RISE_BESIDE = replace(_RISE, median=0.01)
 _GROWN = Prior("eta", 0.001, np.log(4.0), span=(0.0, 1.0))
 #: Power of the level with which that grows. [prior: chosen]
 _GROWTH = Prior("power", 1.0, 0.5, log=False, span=(0.05, 3.0))
-#: What is left of a stiffness at least. [numerical: chosen]
+#: Least share of a stiffness that is left. [numerical: chosen]
 _LEFT = 0.05
 
 
@@ -237,7 +237,7 @@ def _elastic(name: str, priors, zones: Sequence[Zone], reference: float, factor,
 def growing_damping(reference: float) -> Effect:
     """Damping of all of the structure that grows with the level, at unchanged stiffness.
 
-    It says what is seen and not what dissipates: it has the prior odds of a description.
+    It describes an observation without a cause, and has lower prior odds for that.
 
     Args:
         reference: Level at which its loss factor ``eta`` holds.
@@ -253,7 +253,7 @@ def growing_damping(reference: float) -> Effect:
 
 
 def joint_damping(s: Setting) -> Found:
-    """What joints dissipate at any level."""
+    """Damping by joints at any level."""
     if not len(s.zones):
         return
     if not has_ratios(s.data):
@@ -264,7 +264,7 @@ def joint_damping(s: Setting) -> Found:
 
 
 def amplitude_effects(s: Setting) -> Found:
-    """What changes with the level of excitation or response."""
+    """Effects that change with the level of excitation or response."""
     data, zones = s.data, s.zones.all
     if not data.by_level or len(data) < 2:
         what = "level" if data.by_level else f"{data.condition_name} and not by level"

@@ -1,8 +1,7 @@
 """Effects that a nominal model may lack, each with its parameters, prior and way into the model.
 
-The library (`diagnosis.effects.library`) holds those of any bolted structure. One of your own
-is a function that changes the model's parameter values, and what is known of its parameters before
-the test::
+The library (`diagnosis.effects.library`) holds the effects of any bolted structure. An effect of
+your own is a function that changes the model's parameter values, with priors of its parameters::
 
     from fenics_joints.diagnosis import Effect, Prior
 
@@ -40,11 +39,11 @@ from fenics_joints.reduction.reduced import N_BENDS
 
 @dataclass
 class Sensing:
-    """What an effect in the test changes, in place.
+    """How the test reads the structure; an effect in the test changes it in place.
 
     Attributes:
         order: The model's mode whose frequency and damping stand in each of the test's columns,
-            shape (m,); m itself is the one after those that the test is taken for.
+            shape (m,); m itself stands for the mode after the m modes of the test.
         gains: Reading over true motion of each sensor, shape (n_s,).
         shifts: How far each sensor sits from where the case has it, m, along each of its ways
             (`fenics_joints.reduction.prediction.ways_of`), and their `monomials`, m2 and m3: what
@@ -62,8 +61,8 @@ class Sensing:
         return cls(np.arange(n_modes), np.ones(n_sensors), np.zeros((2 + N_BENDS, n_sensors)))
 
 
-#: Prior odds of what few structures have, and of a law that describes what is seen without a
-#: physical reason for it, against what any has, such as a modulus that is not quite the data
+#: Prior odds of an effect that few structures have, or of a law without a physical reason, against
+#: one that any structure has, such as a modulus that is not quite the data
 #: sheet's. [prior: chosen]
 RARE = 0.25
 #: Standard deviations of its prior beyond which no parameter is looked for. [numerical: 6e-7 of a
@@ -75,7 +74,7 @@ FACTOR = (0.3, 3.0)
 
 @dataclass(frozen=True)
 class Prior:
-    """What is known of a parameter before the test.
+    """Distribution of a parameter before the test.
 
     Attributes:
         name: Name, unique in its effect.
@@ -87,8 +86,8 @@ class Prior:
         scan: Number of values at which the evidence is integrated over this parameter, for one
             that acts in steps or in many places; 0 for one that acts smoothly.
         also: Further values at which the prior has a cell, beside those of `scan`.
-        even: Whether any value of ``span`` is as likely, as of a place; median and spread are then
-            those of this distribution.
+        even: Whether all values of ``span`` are equally likely, as for a place; median and spread
+            are then those of the uniform distribution.
     """
 
     name: str
@@ -260,7 +259,7 @@ class Setting:
         return float(self.data.conditions[-1]) if by_preload(self.data) else None
 
 
-#: What a function of the library yields for a `Setting`: effects, and those that are silent.
+#: Effects of the library for a `Setting`, and names of effects that the test can say nothing about.
 Found = Iterator[Effect | Silent]
 
 

@@ -2,7 +2,7 @@
 
 All act on zones, whatever these are of: a zone knows how an interface of a stiffness k enters the
 model's parameters (`fenics_joints.diagnosis.zones.zone.Zone.give_way`), and the table `PRIORS` has
-what is known of k beforehand, and how one speaks of it, for each kind of zones.
+the prior of k, and the names of the effects, for each kind of zones.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ AXIAL = float(np.log(3.0))
 
 @dataclass(frozen=True)
 class InterfacePrior:
-    """What is known of the stiffness of an interface before the test, and what it is called.
+    """Prior of the stiffness of an interface, and names of the effects that it is a parameter of.
 
     Attributes:
         known: Median, spread, unit, whether log-normal, and limits of its prior.
@@ -56,8 +56,8 @@ class InterfacePrior:
         graded: Name and description of the effect on groups of zones: ``what`` gives way, ``how``.
         graded_kinds: The kinds for which that is looked for.
         at_one: Name of the effect at one place of a ``kind``, and its description.
-        loose: Where a bolt does not press: the interface that what is left counts for, its prior,
-            and the end of a sentence on it.
+        loose: Where a bolt does not press: the kind of the remaining interface, the prior of its
+            stiffness, and the end of a sentence on it.
     """
 
     known: tuple
@@ -81,7 +81,7 @@ _RESTING = Prior("k", 1e10, np.log(10.0), "Pa/m", True, (1e6, 1e13))
 #: In series with a lap as one piece: as stiff as it, the same spread as of clamped faces. [prior:
 #: as of clamped faces]
 _IN_LAP = (1.0, np.log(30.0), "", True, (1e-5, 1e6))
-#: What is left of a lap around a loose bolt: a tenth of its stiffness, within a factor of 3.
+#: Share of a lap's stiffness that remains around a loose bolt: a tenth, within a factor of 3.
 #: [prior: chosen]
 _LEFT = Prior("left", 0.1, np.log(3.0), "", True, (0.0, 1.0))
 #: Where the lap's own stiffness was given, identified elsewhere or taken from a like joint, a
@@ -367,7 +367,7 @@ def pressed_by_bolts(
 STIFFER = "joint stiffer than given"
 #: Of a part of it.
 STIFFER_AT = "joint stiffer than given at one place"
-#: Actual over given stiffness. What is given comes from a like joint, a table or a handful of
+#: Actual over given stiffness. A given stiffness comes from a like joint, a table or a handful of
 #: decades in which measured interfaces lie: five times, within a factor of 5 either way. [prior:
 #: chosen]
 _FACTOR = Prior("factor", 5.0, np.log(5.0), "", True, (1.0, np.inf))
@@ -378,8 +378,7 @@ def stiffer_joint(
 ) -> Effect:
     """Zones whose given stiffness is too low, across and along alike: times a factor above one.
 
-    Softer ones are what an interface in series makes (`joint.compliant`), which no joint stiffer
-    than given is.
+    A joint softer than given is an interface in series (`compliant`).
 
     Args:
         name: `STIFFER`, or `STIFFER_AT` of some zones.
@@ -465,7 +464,7 @@ def lost_beyond(zones: Sequence[Zone], reference: float | None = None) -> Effect
         far = theta["radius"]
         if reference is not None:
             left = 1 - theta["cutoff"] * reference / condition
-            # What no torque of the test presses hard enough keeps a last bit of contact.
+            # Where no torque of the test presses hard enough, a last bit of contact remains.
             far = far * np.sqrt(np.maximum(left, _LAST_CONTACT))
         lose(values, far)
 
@@ -497,7 +496,8 @@ def smaller_contact(zones: Sequence[Zone]) -> Effect:
 
 
 def _beyond(zones: Sequence[Zone]) -> tuple[Callable[[dict[str, float], float], None], Prior]:
-    """What takes the contact beyond a distance from the bolts, m, and that distance's prior."""
+    """A function that removes the contact beyond a distance from the bolts, m, and the prior of
+    that distance."""
     low, high = distances(zones)
     middle = 0.5 * (low + high)
     width = np.maximum(high - low, _RING * np.max(high))
@@ -551,8 +551,8 @@ def loose_bolt(region: str, zones: Sequence[Zone], weight: float) -> Effect:
 def loose_together(bolts: Mapping[str, Sequence[Zone]]) -> tuple[Effect, ...]:
     """Every two and every three of several bolts loose at once, but never all of them.
 
-    What is left where they do not press is the same at each. The search puts those first that hold
-    what leads alone (`Effect.holds`), so that of many bolts few sets are fitted.
+    The stiffness that remains is the same at each. Of many bolts only those sets are solved for
+    that hold one of the best single ones (`Effect.holds`).
 
     Args:
         bolts: The zones nearest to each bolt, by its name.
@@ -615,7 +615,7 @@ def low_preload(region: str, zones: Sequence[Zone], name: str, weight: float = 1
 
 # -- which of them a case has ----------------------------------------------------------------------
 
-#: What layers may have, and joint elements of beams not.
+#: Effects of layers that joint elements of beams cannot have.
 _NOT_OF_LAPS = {
     "joint compliance that falls with the pressure": (
         "joint elements of beams know no pressure; a stiffness graded along the lap is looked for"
@@ -627,7 +627,7 @@ _NOT_OF_LAPS = {
 
 
 def compliances(s: Setting) -> Found:
-    """What the joints give way: all of them alike, by their pressure, and from place to place."""
+    """Compliance of joints: the same everywhere, by pressure, and at single places."""
     zones, reference = s.zones, s.reference
     if not len(zones):
         return
@@ -682,9 +682,9 @@ def _along_laps(zones: Zones) -> Found:
 
 
 def stiffer_than_given(s: Setting) -> Found:
-    """Layers stiffer than given: all of them, and those away from the bolts, or near them, alone.
+    """Layers stiffer than given: all of them, or only those near the bolts or away from them.
 
-    Laps with a stiffness of their own may be off either way as they are.
+    The stiffness of laps may be wrong either way in other effects.
     """
     zones = s.zones
     if not len(zones) or zones.laps is not None:

@@ -1,4 +1,4 @@
-"""The effects that a case gives rise to, and what is uncertain in any case.
+"""The library of effects, and the tolerances that are uncertain in any case.
 
 `LIBRARY` lists where effects come from. Each entry is a function of a `Setting` (the case, its test
 and its zones) that yields the effects which are possible there, and a `Silent` for each that the
@@ -114,7 +114,7 @@ def for_zones(effect: Effect, zones: Mapping[str, tuple[str, ...]]) -> Effect:
     def apply(values, theta, condition):
         for i in range(most):
             present = {name: own[i] for name, own in split.items() if i < len(own)}
-            # A joint with fewer zones shows its last one, and what is done to that is dropped.
+            # A joint with fewer zones shows its last one, whose changes are dropped.
             shown = {name: present.get(name, own[-1]) for name, own in split.items()}
             local = _Local(values, shown)
             effect.apply(local, theta, condition)
@@ -154,8 +154,8 @@ class _Local(dict):
         return super().__contains__(self._zone(str(key)))
 
     def write_back(self, present: Mapping[str, str], others: bool) -> None:
-        """Put what was changed into the values: of the zones that are present, and, if asked for,
-        of everything that is no zone shown."""
+        """Copy changed values back: of the zones that are present and, if ``others``, of all that
+        is no zone."""
         shown, own = set(self._shown.values()), set(present.values())
         for key, value in self.items():
             owner = key.rpartition(".")[0]
@@ -173,7 +173,7 @@ _MORE = 1.01
 def case_nuisances(
     case: Case, zones: Zones, dimensions: Dimensions | None = None
 ) -> tuple[Effect, ...]:
-    """What is known within tolerance only, and free in every hypothesis.
+    """Tolerances: properties that are free in every hypothesis, within their tolerance.
 
     Args:
         case: The case.

@@ -1,4 +1,4 @@
-"""Effects in the parts: what their material and dimensions are off by, and their temperature."""
+"""Effects in the parts: errors of their material and dimensions, and their temperature."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _WORDS = {"E": "modulus", "rho": "density", "thickness": "thickness", "width": "
 #: tables give more than a digit, is 0.25 to 0.4, which is some 6 % of G. [prior: handbooks of
 #: metals: Poisson's ratios]
 SHEAR = 0.06
-#: Poisson's ratio at most, of what is nearly incompressible: a model of it locks beyond.
+#: Largest Poisson's ratio: models of nearly incompressible material lock beyond.
 #: [numerical: chosen]
 NU = 0.49
 #: Relative change of Young's modulus with the temperature, 1/K. Handbooks of metals have some

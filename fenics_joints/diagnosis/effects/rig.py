@@ -1,4 +1,4 @@
-"""Effects around the structure: what is attached to it and holds it, and how the test reads it."""
+"""Effects around the structure: attachments, supports, and errors of the test."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ _SHIFT = 0.03
 #: Structural Vibration, 1996), and a foot that radiates into the ground as much; within a factor of
 #: 4 either way. [prior: Beards 1996]
 _HELD = Prior("eta", 0.05, np.log(4.0), "", True, (1e-4, 2.0))
-#: Relative spread of what is attached, at least. [numerical: chosen]
+#: Least relative spread of the mass or stiffness of an attachment. [numerical: chosen]
 _EXACT = 1e-3
 
 
@@ -161,7 +161,8 @@ def support_damping(supports: Sequence[str], weight: float = 1.0) -> Effect:
 
 
 def attachments(s: Setting) -> Found:
-    """What is attached, held and known beside the parts; not what the test itself put on."""
+    """Attachments that the nominal model leaves out, except those of the test itself; errors of
+    known masses and springs; compliance of supports."""
     case = s.case
     put_on = () if case.test is None else case.test.changed
     yield from (_attachment(case, name) for name in case.attached if name not in put_on)
@@ -174,7 +175,7 @@ def attachments(s: Setting) -> Found:
 
 
 def damping_around(s: Setting) -> Found:
-    """What supports and springs to the ground dissipate, where they are and damping says it."""
+    """Damping by supports and springs to the ground."""
     supports, springs = elastic_supports(s.case), list(s.case.springs)
     if not (supports or springs):
         return
@@ -194,7 +195,7 @@ def elastic_supports(case: Case) -> list[str]:
 
 
 def _attachment(case: Case, name: str) -> Effect:
-    """What the nominal model leaves out."""
+    """A mass or a spring that the nominal model leaves out."""
     section = case.attached[name]
     is_mass = isinstance(section, AttachedMass)
     key = "mass" if is_mass else "stiffness"
@@ -212,7 +213,7 @@ def _attachment(case: Case, name: str) -> Effect:
 
 
 def _in_test(name, region, read, words, weight, priors=(), family=None) -> Effect:
-    """A cause in the test: what ``read(sensing, theta)`` changes of how it reads the structure."""
+    """An error of the test: ``read(sensing, theta)`` changes how it reads the structure."""
     family = family or name
     return Effect(name, region, priors, None, words, family=family, weight=weight, sensing=read)
 

@@ -1,7 +1,7 @@
 """Effects at a place that is a parameter, and of the shape of plates.
 
-What they change stands in `fenics_joints.diagnosis.zones.sites`: nothing of it is in the nominal
-model. Most are rarer than a property that is off by a little, and have the odds of that.
+`fenics_joints.diagnosis.zones.sites` has the parameters that they change, which are zero in the
+nominal model. Most are rarer than a property that is off by a little, and have the odds of that.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ CABLE = "cable or stinger"
 RESONATOR = "attached resonator"
 BOWED = "plate not flat"
 TAPERED = "thickness not even"
-#: What each asks of the sites.
+#: Prefix of the parameters of each, which the model has only if a case asks for the effect.
 _ASKS = {
     ADDED: ON,
     CABLE: ON,
@@ -54,7 +54,7 @@ _ASKS = {
 }
 
 _PLACED = (ADDED, CABLE, RESONATOR, LOCAL_LOSS, LOCAL_GAIN)
-#: What few structures have, so that a case has to ask for it.
+#: Effects that few structures have, so that a case has to ask for them.
 _FEW = (BOWED, TAPERED, SUPPORTS)
 
 #: Share of the stiffness of a patch that is gone: a cut half way through a beam is as soft as 2 to
@@ -120,7 +120,7 @@ def needed(case: Case) -> set[str]:
 
 
 def sited_effects(s: Setting) -> Found:
-    """What may be somewhere on a structure, and shapes of its plates."""
+    """Effects at any place of a structure, and errors of the shape of its plates."""
     case, sites, found = s.case, s.sites, []
     if len(sites.patches) > 1:
         found += [local_change(name, sites.patches, case) for name in (LOCAL_LOSS, LOCAL_GAIN)]

@@ -26,7 +26,7 @@ class Fit:
         misfit: Squared whitened residual of the fitted entries.
         n_data: Number of fitted entries.
         scales: The most probable standard deviations of those that the data infer.
-        widening: ln of the evidence over that at those.
+        widening: ln of the evidence over the evidence at these.
         stated: Of errors that are stated at most: the least misfit + |z|^2 if all of them is there,
             linear about the fit; None where none are.
         placed: Of an unknown cause, the probability that it is a change somewhere

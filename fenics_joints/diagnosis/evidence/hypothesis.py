@@ -1,4 +1,4 @@
-"""A hypothesis on what the nominal model lacks: its parameters, and what they make of the model."""
+"""A hypothesis on effects that the nominal model lacks: its parameters, and the model with them."""
 
 from __future__ import annotations
 

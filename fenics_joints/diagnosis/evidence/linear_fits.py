@@ -63,7 +63,7 @@ _NEAR, _STRIDE = 0.3, 0.5
 
 
 def moved(found: Fit, evidence: Evidence) -> Fit | None:
-    """A fit to other data of the same test, linear about what it is; None where that is too far.
+    """A fit moved to other data of the same test by a linear step; None if the step is too large.
 
     Args:
         found: The fit, to all data.
@@ -160,7 +160,7 @@ def _left(
     """Misfit of the best of some hypotheses for each simulated test, (count,); `Fit.square` has the
     second number besides, which is of scales and the same for all."""
     best = fits[int(np.argmax(score))]
-    # Between levels errors are what the best calls for; of a model all that is stated.
+    # Errors between levels as the best hypothesis has them; of a model, all of the stated error.
     scales = evidence.scales
     if scales is not None:
         scales = best.scales if evidence.drifts else best.scales.stated

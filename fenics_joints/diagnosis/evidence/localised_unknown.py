@@ -106,7 +106,7 @@ def point_mass(
 
 
 class PointScan:
-    """How well a test is explained by what is attached at a point, in the modes of a model.
+    """How well an attachment at a point explains a test, in the modes of a model.
 
     Args:
         found: A prediction without it, its slopes by what is uncertain, and at which z: a `Fit`.
@@ -166,7 +166,8 @@ class PointScan:
         return -0.5 * self.linear.squares(whiten(self.lower, changes))
 
     def _likest(self, mu: np.ndarray, y: np.ndarray) -> np.ndarray:
-        """Which modes look to the sensors most like those that are unlike any without it."""
+        """Modes with the attachment whose shapes are most like those of the test's modes that no
+        mode without it is like."""
         measured = self.test.shapes[:, self.lost]
         there = np.isfinite(measured)
         t, x = np.where(there, measured, 0.0), self.seen @ y

@@ -52,11 +52,11 @@ class Kind:
 #: Frequencies of steel fall by 0.01 % per kelvin, of bolted joints that settle by some 0.1 %;
 #: damping ratios of one joint repeat to some 5 or 10 %. [decision: chosen]
 BETWEEN = Kind((5e-4, 0.05), float(np.log(3.0)), 2 * (tuple(np.arange(-2.0, 3.25, 0.5).tolist()),))
-#: Of what is stated of frequencies and of shapes: within a factor of 1.6, and no more. With 0.4 an
+#: Spread of the factor on the stated errors: within a factor of 1.6, and at most 1. With 0.4 an
 #: opened pair of causes had the wrong one of them (benchmarks/blind/README.md). [decision:
 #: benchmarks/blind, opened tests]
 _SPREAD = 0.5
-#: Those that are tried of what is stated. [decision: benchmarks/blind, opened tests]
+#: Factors on the stated errors that are tried. [decision: benchmarks/blind, opened tests]
 _OF_STATED = tuple((np.log([1.0, 0.8, 0.63]) / _SPREAD).tolist())
 #: The kind of these. [decision: benchmarks/blind, opened tests]
 ERRORS = Kind((1.0, 1.0), _SPREAD, (_OF_STATED, _OF_STATED))

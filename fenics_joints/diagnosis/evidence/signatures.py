@@ -1,4 +1,5 @@
-"""What changes of stiffness and mass in each patch of a structure do to a test, to first order."""
+"""Changes of a test by changes of stiffness and mass in each patch of a structure, to first
+order."""
 
 from __future__ import annotations
 
@@ -17,7 +18,7 @@ _JITTER = 1e-6
 
 @dataclass(frozen=True, repr=False)
 class Signatures:
-    """What changes of the expected size in each patch of a structure do to a test.
+    """Changes of a test by changes of the expected size in each patch of a structure.
 
     Attributes:
         names: Name of each patch, (P,).

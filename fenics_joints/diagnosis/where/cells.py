@@ -1,4 +1,4 @@
-"""Cells of a structure, of its mesh or elements of its beams, and what a change in each does."""
+"""Cells of a structure, of its mesh or elements of its beams, with their energies in motions."""
 
 from __future__ import annotations
 

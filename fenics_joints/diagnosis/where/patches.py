@@ -1,4 +1,5 @@
-"""Compact patches of a structure's cells: what a change of each does, and the map of the gap."""
+"""Compact patches of a structure's cells, the signatures of changes in them, and the map of the
+gap."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where the gap lies: one score test of each place, and what of the misfit lies along each axis.
+"""Where the gap lies: a score test of each place, and the misfit along each axis of the test.
 
 The residual of the nominal model is r = data - prediction. If nothing but noise, the error that
 any model has, and nuisances within their tolerance are at work, then r ~ N(0, C) with
@@ -41,7 +41,7 @@ LEVEL = 0.05
 
 @dataclass(frozen=True, repr=False)
 class Place:
-    """What changes at one place do.
+    """Changes of the data by changes at one place.
 
     Attributes:
         zone: Its name.
@@ -236,8 +236,8 @@ def score_tests(
 def shares(
     residual: np.ndarray, places: Sequence[Place], nuisance: np.ndarray | None, evidence: Evidence
 ) -> list[ZoneShare]:
-    """Split the misfit among regions: that of the most probable place takes what a change there
-    explains, then the next of what is left, as long as the evidence grows.
+    """Split the misfit among regions: the region of the most probable place takes the part that a
+    change there explains, then the next one its part of the rest, as long as the evidence grows.
 
     Args:
         residual: See `score_tests`.
@@ -246,7 +246,7 @@ def shares(
         evidence: The test.
 
     Returns:
-        Regions in that order, those that explain nothing more too, and ``unexplained`` last.
+        Regions in that order, then those that explain nothing more, and ``unexplained`` last.
     """
     r, *columns = whitened(evidence, nuisance, residual, *(place.columns for place in places))
     left = list(zip(places, columns, strict=True))

@@ -1,4 +1,4 @@
-"""What a change of the expected size in each zone of a model would do to everything measured."""
+"""Changes of all data by a change of the expected size in each zone of a model."""
 
 from __future__ import annotations
 
@@ -130,7 +130,8 @@ def _relative(regions, baseline, interfaces) -> list[tuple[str, Effect]]:
 
 
 def _parts_of_joints(regions, interfaces, forward, evidence, baseline, nominal):
-    """(zone, its part of what all joints giving way do), across their planes and along them."""
+    """Each zone with its part of the change by compliance of all joints, across and along their
+    planes."""
     zones = {
         zone: joints
         for zone, members in regions.items()
@@ -148,7 +149,7 @@ def _parts_of_joints(regions, interfaces, forward, evidence, baseline, nominal):
             _, slopes = _predict(effects, forward, evidence, baseline, node)
             parts += weight * slopes[:, : len(effects)]
         end, _ = _predict(effects, forward, evidence, baseline, 1.0)
-        # What the quadrature misses goes to the zones in proportion to their parts.
+        # The error of the quadrature goes to the zones in proportion to their parts.
         share = np.abs(parts) / np.maximum(np.abs(parts).sum(axis=1, keepdims=True), 1e-300)
         parts += share * (end - nominal - parts.sum(axis=1))[:, None]
         yield from zip(zones, parts.T, strict=True)
