@@ -111,14 +111,7 @@ class Library(Predictor):
         lean: Whether every hypothesis is predicted on a basis of its own.
     """
 
-    def __init__(
-        self,
-        forward: ModalPrediction,
-        evidence: Evidence,
-        baseline: dict[str, float],
-        make: Make,
-        lean: bool = False,
-    ):
+    def __init__(self, forward, evidence: Evidence, baseline, make: Make, lean: bool = False):
         super().__init__(forward, evidence, baseline, make, lean)
         #: ln of the evidence of the best of "no gap" and an unknown cause, once these are weighed.
         self.floor = -np.inf

@@ -314,14 +314,13 @@ def simulate(
 
     data, drawn = drawn_tests(_TESTS)
     cause, count = [effects[acting[i]] for i in drawn], len(data)
-    whitened = _whitened(effects, library, test)
-    residual, score, leading, none, unknown = _scored(
-        library, whitened, odds, log_unknown, data, test
-    )
+    own = [_WhitenedEffect(i, e, library, test) for i, e in enumerate(effects)]
+    scored = _scored(library, own, odds, log_unknown, data, test)
+    residual, score, leading, none, unknown = scored
     rest, k = np.logaddexp(none, unknown), len(residual)
     # As the gap of a real test is: by the best hypothesis' evidence, without its odds.
     gap = np.max(score - odds[:, None], axis=0, initial=-np.inf) - none
-    visible = expit(logsumexp(score, axis=0) - none) if whitened else np.zeros(count)
+    visible = expit(logsumexp(score, axis=0) - none) if own else np.zeros(count)
     others = np.array(
         [
             [e.name != c.name and not changed[e.key] & changed[c.key] for c in cause]
@@ -336,14 +335,14 @@ def simulate(
     for i in np.unique(near):
         tests = np.flatnonzero(np.any(near == i, axis=0) & others[i])
         if len(tests):
-            found = whitened[i].reconverged(
+            found = own[i].reconverged(
                 library, test, leading[i, tests], residual[:, tests], data[tests], odds[i]
             )
             for t, point in zip(tests, found, strict=True):
                 points[t].append(point)
 
     by_size: dict[int, list[_WhitenedEffect]] = {}
-    for each in whitened:
+    for each in own:
         by_size.setdefault(each.cells.own.shape[2], []).append(each)
     stacks = [_Cells.joined(by_size[size]) for size in sorted(by_size)]
     families = [e.family or e.key for e in effects]
@@ -371,8 +370,8 @@ def simulate(
         named[t], log_p[t] = share.sum(), share @ np.log(p)
     found = Misattribution.of(gap[seen], named[seen], log_p[seen], (visible - named)[seen], prior)
     data, drawn = drawn_tests(_COUNTED)
-    own = [whitened[i] for i in acting]
-    score = _scored(library, own, odds[acting], log_unknown, data, test)[1]
+    acted = [own[i] for i in acting]
+    score = _scored(library, acted, odds[acting], log_unknown, data, test)[1]
     count, right = answers(score, drawn)
     return replace(found, answers=count, right=right)
 
@@ -399,9 +398,9 @@ def confusion_matrix(
     """
     counts, rng = [_EACH] * len(effects), np.random.default_rng(0)
     data, cause = _tests(effects, counts, library, test, rng)
-    whitened = _whitened(effects, library, test)
+    own = [_WhitenedEffect(i, e, library, test) for i, e in enumerate(effects)]
     odds = np.array([log_odds[e.key] for e in effects])
-    _, score, _, none, unknown = _scored(library, whitened, odds, log_unknown, data, test)
+    _, score, _, none, unknown = _scored(library, own, odds, log_unknown, data, test)
     p = softmax(np.vstack([score, none, unknown]), axis=0)
     return np.array(
         [
@@ -409,10 +408,6 @@ def confusion_matrix(
             for i in range(len(effects))
         ]
     ).reshape(len(effects), len(effects) + 2)
-
-
-def _whitened(effects: Sequence[Effect], library: Library, test: Evidence) -> list[_WhitenedEffect]:
-    return [_WhitenedEffect(i, effect, library, test) for i, effect in enumerate(effects)]
 
 
 def _scored(
