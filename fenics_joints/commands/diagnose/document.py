@@ -45,27 +45,9 @@ from fenics_joints.formatting import (
     probability,
     spaced,
 )
+from fenics_joints.report import document as doc
 from fenics_joints.report import patch_map
 from fenics_joints.report.beam_pictures import beam_patches
-from fenics_joints.report.document import (
-    Beside,
-    Cell,
-    Document,
-    Figure,
-    Folded,
-    Heading,
-    Items,
-    Keys,
-    OnPage,
-    OnTerminal,
-    Remarks,
-    Table,
-    Terms,
-    Text,
-    Verdict,
-    View,
-    bar,
-)
 from fenics_joints.report.panels import frequency_panels
 from fenics_joints.report.tables import facts_table, frequency_table, heat_table, largest_error
 
@@ -148,7 +130,7 @@ _ASSUMPTIONS = (
 
 def diagnosis_document(
     d: Diagnosis, *, log_sd: np.ndarray | None = None, assumed: Sequence[tuple[str, str]] = ()
-) -> Document:
+) -> doc.Document:
     """What is said of a diagnosis.
 
     Args:
@@ -157,52 +139,52 @@ def diagnosis_document(
         assumed: Names and values of its assumptions, from `assumptions`.
     """
     words, kind = explain(d), f"v-{d.verdict.replace(' ', '-')}"
-    verdict = Verdict(heading_of(d), words.sentences, kind, _STYLES.get(d.verdict, "bold red"))
+    verdict = doc.Verdict(heading_of(d), words.sentences, kind, _STYLES.get(d.verdict, "bold red"))
     notes = [labelled(note) for note in d.model.get("notes", ())]
     lead = leading(d)
-    return Document(
+    return doc.Document(
         d.title,
         "diagnosis",
         "Diagnosis of model against vibration test",
         [
             verdict,
-            Remarks("Before you rely on it", words.doubts, "but: ", id="doubts"),
-            OnTerminal([_gap_table(d)]),
-            OnPage(
+            doc.Remarks("Before you rely on it", words.doubts, "but: ", id="doubts"),
+            doc.OnTerminal([_gap_table(d)]),
+            doc.OnPage(
                 [
                     *_map(d.location),
-                    Keys(_keys(d)),
-                    Heading("In plain words", "in-words"),
-                    Terms(list(words.points.items()), "words"),
-                    Folded("What the words mean", [Terms(_TERMS)]),
+                    doc.Keys(_keys(d)),
+                    doc.Heading("In plain words", "in-words"),
+                    doc.Terms(list(words.points.items()), "words"),
+                    doc.Folded("What the words mean", [doc.Terms(_TERMS)]),
                 ]
             ),
-            Heading("Where the model is wrong", "where"),
+            doc.Heading("Where the model is wrong", "where"),
             _regions(d),
             *_places(d.location, d.condition),
             _errors(d),
-            Heading("Which effect causes it", "which"),
+            doc.Heading("Which effect causes it", "which"),
             *_effects(d),
             *_fitted(d),
             _hypotheses(d),
-            Heading("How far the error shrinks: before and after", "how-far"),
-            Figure(lambda: gap_bars(_gaps(d), d.noise)),
+            doc.Heading("How far the error shrinks: before and after", "how-far"),
+            doc.Figure(lambda: gap_bars(_gaps(d), d.noise)),
             *_held_out(d),
-            Figure(
+            doc.Figure(
                 lambda: level_panels(d, log_sd),
                 "The same over the level, without the nominal model, whose distance hides how the "
                 "modes change.",
             ),
             *_validation(d),
             _frequencies(d, log_sd),
-            Heading("What to measure next", "next"),
+            doc.Heading("What to measure next", "next"),
             *_next(d),
-            Heading("What this rests on", "rests-on"),
-            Folded(
+            doc.Heading("What this rests on", "rests-on"),
+            doc.Folded(
                 "What was stated beforehand, the model, what was free in any case, and assumptions",
                 [*_stated(d, assumed), *([] if lead is None else _nuisances(lead)), *_taken(d)],
             ),
-            OnTerminal([Remarks("", notes)]),
+            doc.OnTerminal([doc.Remarks("", notes)]),
         ],
         lambda: {**d.to_json(), "in_words": words.to_json()},
     )
@@ -237,8 +219,8 @@ def _gaps(d: Diagnosis) -> list[tuple[str, float, float, float]]:
     return rows
 
 
-def _gap_table(d: Diagnosis) -> Table:
-    table = Table("gap (RMS relative error) | >nominal | >best wrong | >chosen")
+def _gap_table(d: Diagnosis) -> doc.Table:
+    table = doc.Table("gap (RMS relative error) | >nominal | >best wrong | >chosen")
     for name, *gaps in _gaps(d):
         cells = ("" if np.isnan(gap) else error_percent(gap) for gap in gaps)
         table.add(name, *cells, style="lead" if name.startswith("Held") else "")
@@ -271,11 +253,11 @@ def _map(found: Location | None) -> list:
         "patch alone explains, against noise and tolerances: red where the patch is softer or "
         f"heavier than in the model, blue where it is stiffer or lighter.{little}"
     )
-    return [View(diagnosis_view(patches), [Figure(lambda: draw(patches), caption)])]
+    return [doc.View(diagnosis_view(patches), [doc.Figure(lambda: draw(patches), caption)])]
 
 
-def _regions(d: Diagnosis) -> Table:
-    table = Table(
+def _regions(d: Diagnosis) -> doc.Table:
+    table = doc.Table(
         "where | >share | ",
         caption="What a change in each region explains of the misfit: the most probable region "
         "first, then the next of what is left; all of them and the rest make 100 %",
@@ -284,11 +266,11 @@ def _regions(d: Diagnosis) -> Table:
     )
     for zone in d.where:
         style = "dim" if zone.region == "unexplained" else ""
-        table.add(spaced(zone.region), percent(zone.share, 1), bar(zone.share), style=style)
+        table.add(spaced(zone.region), percent(zone.share, 1), doc.bar(zone.share), style=style)
     return table
 
 
-def _places(found: Location | None, condition: tuple[str, str]) -> list[Folded]:
+def _places(found: Location | None, condition: tuple[str, str]) -> list[doc.Folded]:
     """Tests of regions and zones, and in which data the misfit is."""
     if found is None:
         return []
@@ -298,11 +280,11 @@ def _places(found: Location | None, condition: tuple[str, str]) -> list[Folded]:
         "order of their evidence: of a change of the expected size against none."
     )
     tests = [
-        ("tests", "Regions of the model: tests against chance", found.regions, [Text(how)]),
+        ("tests", "Regions of the model: tests against chance", found.regions, [doc.Text(how)]),
         ("zones", "Joints zone by zone: tests against chance", found.zones, []),
     ]
     blocks = [
-        Folded(caption, [*words, _score_tests(id, caption, each)])
+        doc.Folded(caption, [*words, _score_tests(id, caption, each)])
         for id, caption, each, words in tests
         if each
     ]
@@ -312,12 +294,14 @@ def _places(found: Location | None, condition: tuple[str, str]) -> list[Folded]:
             "The squared misfit of the nominal model in standard deviations, and what chance alone "
             "would make. Each row counts what it adds to the rows above it."
         )
-        blocks.append(Folded("In which data the misfit is", [Text(words), Beside("pair", axes)]))
+        blocks.append(
+            doc.Folded("In which data the misfit is", [doc.Text(words), doc.Beside("pair", axes)])
+        )
     return blocks
 
 
-def _score_tests(id: str, caption: str, tests: Sequence[ScoreTest]) -> Table:
-    table = Table(
+def _score_tests(id: str, caption: str, tests: Sequence[ScoreTest]) -> doc.Table:
+    table = doc.Table(
         "where | most probably | >explains |  | >adjusted p | >p of the rest | >ln evidence",
         caption=caption,
         id=id,
@@ -330,7 +314,7 @@ def _score_tests(id: str, caption: str, tests: Sequence[ScoreTest]) -> Table:
             zone_words(t.zone),
             joined(change_words(t)),
             percent(t.share, 1),
-            bar(t.share),
+            doc.bar(t.share),
             p_value(t.p_adjusted),
             p_value(t.rest_p),
             f"{t.log_evidence:.1f}",
@@ -338,7 +322,7 @@ def _score_tests(id: str, caption: str, tests: Sequence[ScoreTest]) -> Table:
     return table
 
 
-def _axes(found: Location, condition: tuple[str, str]) -> list[Table]:
+def _axes(found: Location, condition: tuple[str, str]) -> list[doc.Table]:
     """What each mode, band, condition and kind of data adds, axes of several groups only."""
     names = {"mode": "mode", "band": "band", "condition": condition[0], "kind": "kind of data"}
     tables = []
@@ -347,15 +331,15 @@ def _axes(found: Location, condition: tuple[str, str]) -> list[Table]:
         if len(rows) < 2:
             continue
         whole = sum(a.chi2 for a in rows)
-        table = Table([f"by {name}", ">misfit", ">by chance", ">p", ""], kind="axis")
+        table = doc.Table([f"by {name}", ">misfit", ">by chance", ">p", ""], kind="axis")
         for a in rows:
             numbers = (f"{a.chi2:.1f}", str(a.expected), p_value(a.p))
-            table.add(group_words(a, condition[1]), *numbers, bar(a.chi2 / whole))
+            table.add(group_words(a, condition[1]), *numbers, doc.bar(a.chi2 / whole))
         tables.append(table)
     return tables
 
 
-def _errors(d: Diagnosis) -> Folded:
+def _errors(d: Diagnosis) -> doc.Folded:
     """Errors by mode and condition, on one scale of colours."""
     largest = largest_error(d.before, d.after)
     pairs = (("Nominal model", d.before), ("Leading hypothesis", d.after))
@@ -368,7 +352,7 @@ def _errors(d: Diagnosis) -> Folded:
         "share one colour scale."
     )
     summary = f"Errors by mode and {d.condition[0]}, before and after"
-    return Folded(summary, [Text(words), Beside("pair", tables)])
+    return doc.Folded(summary, [doc.Text(words), doc.Beside("pair", tables)])
 
 
 # -- which effect ----------------------------------------------------------------------------------
@@ -389,39 +373,39 @@ def _effects(d: Diagnosis) -> list:
     classes = effect_classes(d)
     probable = sum(c.probability >= _PROBABLE for c in classes)
     shown = min(max(probable, _FEWEST_CLASSES), len(classes))
-    blocks = [OnPage([Text(words)]), _effect_table("effects", caption, classes[:shown])]
+    blocks = [doc.OnPage([doc.Text(words)]), _effect_table("effects", caption, classes[:shown])]
     if rest := classes[shown:]:
         table = _effect_table("effects-rest", "", rest)
         count = sum(len(c.effects) for c in rest)
-        blocks.append(Folded(f"{count} more effects, less probable than these", [table]))
+        blocks.append(doc.Folded(f"{count} more effects, less probable than these", [table]))
     return blocks
 
 
-def _effect_table(id: str, caption: str, classes: Sequence[EffectClass]) -> Table:
+def _effect_table(id: str, caption: str, classes: Sequence[EffectClass]) -> doc.Table:
     names = ("which effect", "class", ">probability", "", "in this test")
-    table = Table(names, caption=caption, id=id, most=_EFFECTS, page_columns=1)
+    table = doc.Table(names, caption=caption, id=id, most=_EFFECTS, page_columns=1)
     for group in classes:
         style, indent, p = "" if table.rows else "lead", 0, group.probability
         if group.letter:
             name, indent = f"one of these {len(group.effects)}", 2
-            table.add(name, group.letter, probability(p), bar(bounded(p)), "", style=style)
+            table.add(name, group.letter, probability(p), doc.bar(bounded(p)), "", style=style)
             style = ""
         for e in group.effects:
             seen = "visible" if e.detectable else "too small to see"
             if e.name in (NO_GAP, UNKNOWN):
                 seen = MISSING
             table.add(
-                Cell(with_place(e.key), note=e.describe, indent=indent),
+                doc.Cell(with_place(e.key), note=e.describe, indent=indent),
                 group.letter,
                 probability(e.probability),
-                bar(bounded(e.probability)),
-                Cell(seen, kind="nowrap"),
+                doc.bar(bounded(e.probability)),
+                doc.Cell(seen, kind="nowrap"),
                 style=style,
             )
     return table
 
 
-def _fitted(d: Diagnosis) -> list[Table]:
+def _fitted(d: Diagnosis) -> list[doc.Table]:
     """Parameters of the leading hypothesis."""
     lead = leading(d)
     if lead is None:
@@ -438,21 +422,21 @@ def _fitted(d: Diagnosis) -> list[Table]:
 
 def _parameters(
     effects: Sequence[tuple[str, list[dict]]], caption: str, id: str, nothing: str
-) -> Table:
+) -> doc.Table:
     names = ("effect", "fitted", ">value", ">68 % interval", ">from expected, s.d.")
-    table = Table(names, caption=caption, id=id, most=_PARAMETERS, page_columns=1)
+    table = doc.Table(names, caption=caption, id=id, most=_PARAMETERS, page_columns=1)
     for effect, rows in effects:
         for p in rows:
             sigmas = p["prior_sigmas"]
             far = "flag" if p["nuisance"] and abs(sigmas) > FAR else ""
-            off = Cell(f"{sigmas:+.2f}", kind=far)
+            off = doc.Cell(f"{sigmas:+.2f}", kind=far)
             table.add(with_place(effect), p["name"], *value_words(p), off)
     if not table.rows:
         table.add(nothing)
     return table
 
 
-def _hypotheses(d: Diagnosis) -> Folded:
+def _hypotheses(d: Diagnosis) -> doc.Folded:
     """All hypotheses: evidence, gap, p-value, fitted parameters."""
     lead, best = leading(d), max((h.log_evidence for h in d.hypotheses), default=0.0)
     shown, rest = d.hypotheses[:_MOST_HYPOTHESES], d.hypotheses[_MOST_HYPOTHESES:]
@@ -462,7 +446,7 @@ def _hypotheses(d: Diagnosis) -> Folded:
         "units of ln evidence are odds of 20 to 1. The p-value is how often a misfit as large as "
         "this would come about if the hypothesis were right; below 1 % it fails, whatever its rank."
     )
-    table = Table(
+    table = doc.Table(
         "hypothesis | >probability | >ln evidence | >below best | >gap | >p-value | "
         "at a limit of its range",
         caption=f"The {len(shown)} most probable of {len(d.hypotheses)}, with their fitted "
@@ -473,23 +457,23 @@ def _hypotheses(d: Diagnosis) -> Folded:
     for h in shown:
         p = f"{h.p_value:.2f}"
         if h.p_value < 0.01:
-            p = Cell("< 0.001" if h.p_value < 0.001 else f"{h.p_value:.3f}", kind="flag")
+            p = doc.Cell("< 0.001" if h.p_value < 0.001 else f"{h.p_value:.3f}", kind="flag")
         fitted = "; ".join(parameter_words(rows) for _, rows in by_effect(h.parameters))
         table.add(
-            Cell(named(h), note=fitted),
+            doc.Cell(named(h), note=fitted),
             probability(h.probability),
             f"{h.log_evidence:.1f}",
             f"{best - h.log_evidence:.1f}",
             error_percent(h.gap),
             p,
-            Cell(", ".join(h.at_bound), kind="flag") if h.at_bound else MISSING,
+            doc.Cell(", ".join(h.at_bound), kind="flag") if h.at_bound else MISSING,
             style="lead" if h is lead else "",
         )
-    blocks = [Text(words), table]
+    blocks = [doc.Text(words), table]
     if rest:
         total = probability(sum(h.probability for h in rest))
-        blocks.append(Text(f"{len(rest)} more hypotheses have {total} together.", "note"))
-    return Folded("All hypotheses: evidence, gap, p-value, fitted parameters", blocks)
+        blocks.append(doc.Text(f"{len(rest)} more hypotheses have {total} together.", "note"))
+    return doc.Folded("All hypotheses: evidence, gap, p-value, fitted parameters", blocks)
 
 
 # -- how far ---------------------------------------------------------------------------------------
@@ -499,7 +483,7 @@ def _held_out(d: Diagnosis) -> list:
     """Held-out data part by part."""
     s = d.shrinkage
     if s is None or not s.folds:
-        return [OnPage([Text("Nothing could be held out.")])]
+        return [doc.OnPage([doc.Text("Nothing could be held out.")])]
     how = (
         "Each row puts some data aside, chooses and fits without them, states what they will show, "
         "and is then scored on them. Chosen is what was chosen without that part."
@@ -508,20 +492,27 @@ def _held_out(d: Diagnosis) -> list:
         "Bars were stated before the held-out data were looked at; the round points should lie in "
         "nine of ten of them, or to the left, which is better than stated."
     )
-    blocks = [Text(how), Figure(lambda: forecasts(s), caption), _folds(s, d.placebo), _shrinkage(s)]
+    blocks = [
+        doc.Text(how),
+        doc.Figure(lambda: forecasts(s), caption),
+        _folds(s, d.placebo),
+        _shrinkage(s),
+    ]
     summary = "Held-out data part by part, and how much of the gap beyond noise is gone"
-    return [Folded(summary, blocks)]
+    return [doc.Folded(summary, blocks)]
 
 
-def _folds(s: Shrinkage, placebo: str) -> Table:
-    table = Table(
+def _folds(s: Shrinkage, placebo: str) -> doc.Table:
+    table = doc.Table(
         "held out | >points | >nominal | >chosen | >stated before | >best wrong | >noise | >S* | "
         "chosen effects",
         caption="Held-out data, part by part; intervals of 90 %",
         id="folds",
     )
 
-    def add(name: str, n: int, of: Fold | Shrinkage, stated: Cell, chosen: str, **style) -> None:
+    def add(
+        name: str, n: int, of: Fold | Shrinkage, stated: doc.Cell, chosen: str, **style
+    ) -> None:
         before, after = error_percent(of.before), error_percent(of.after)
         others = error_percent(of.placebo), error_percent(of.noise), number(of.shrink, 2)
         table.add(name, str(n), before, after, stated, *others, chosen, **style)
@@ -529,16 +520,16 @@ def _folds(s: Shrinkage, placebo: str) -> Table:
     for f in s.folds:
         low, high = map(error_percent, f.predicted_after)
         ended = ": better" if f.better else "" if f.covered else ": missed"
-        stated = Cell(f"{low} to {high}{ended}", kind="" if f.held else "flag")
+        stated = doc.Cell(f"{low} to {high}{ended}", kind="" if f.held else "flag")
         add(f.name, f.n, f, stated, f.chosen)
     total, wrong = sum(f.n for f in s.folds), f"best wrong: {placebo or MISSING}"
-    add("together", total, s, Cell(), wrong, style="lead", foot=True)
+    add("together", total, s, doc.Cell(), wrong, style="lead", foot=True)
     return table
 
 
-def _shrinkage(s: Shrinkage) -> Table:
+def _shrinkage(s: Shrinkage) -> doc.Table:
     caption = "How much of the gap beyond noise is gone, with what was stated before"
-    table = Table(" | >share | >90 % interval", caption=caption, id="shrinkage")
+    table = doc.Table(" | >share | >90 % interval", caption=caption, id="shrinkage")
     for name, share, span in (
         ("S*, the chosen effects", s.shrink, s.shrink_interval),
         ("the same of the best wrong effect", s.placebo_shrink, s.placebo_interval),
@@ -556,16 +547,16 @@ def _shrinkage(s: Shrinkage) -> Table:
     return table
 
 
-def _validation(d: Diagnosis) -> list[Folded]:
+def _validation(d: Diagnosis) -> list[doc.Folded]:
     if d.validation is None:
         return []
     names = ("nominal", "leading hypothesis")
     table = frequency_table("Validation", *d.validation, d.condition, names)
     title = "Validation: data that were never fitted and never used to choose"
-    return [Folded(title, [table], "validation")]
+    return [doc.Folded(title, [table], "validation")]
 
 
-def _frequencies(d: Diagnosis, log_sd: np.ndarray | None) -> Folded:
+def _frequencies(d: Diagnosis, log_sd: np.ndarray | None) -> doc.Folded:
     """All frequencies and damping ratios: curves and tables."""
 
     def curves() -> str:
@@ -582,7 +573,7 @@ def _frequencies(d: Diagnosis, log_sd: np.ndarray | None) -> Folded:
     caption = "All frequencies, Hz, and relative errors"
     names = ("nominal", "leading hypothesis")
     blocks = [
-        Figure(
+        doc.Figure(
             curves,
             "Points are measured, lines are modelled. Where the test's resolution is coarse, its "
             "points step.",
@@ -590,7 +581,7 @@ def _frequencies(d: Diagnosis, log_sd: np.ndarray | None) -> Folded:
         frequency_table(caption, d.before, d.after, d.condition, names, d.row_names),
     ]
     if d.damping is not None:
-        table = Table(
+        table = doc.Table(
             [d.condition[0], "mode", ">measured", ">leading hypothesis"],
             caption="Damping ratios, which were fitted with the frequencies",
             id="damping",
@@ -602,7 +593,7 @@ def _frequencies(d: Diagnosis, log_sd: np.ndarray | None) -> Folded:
             table.add(at, d.after.mode_names[j], *ratios)
         blocks.append(table)
     also = "" if d.damping is None else " and damping ratios"
-    return Folded(f"All frequencies{also}: curves and table", blocks)
+    return doc.Folded(f"All frequencies{also}: curves and table", blocks)
 
 
 # -- what next, and what it rests on ---------------------------------------------------------------
@@ -624,17 +615,17 @@ def _next(d: Diagnosis) -> list:
     )
     if not lines:
         more = f"No likely class of effects has several members to be split. {more}"
-    first, rest = map(Text, lines[:_SPLITS]), map(Text, lines[_SPLITS:])
-    return [*first, OnPage([*rest, Text(more, "note")]), *silent_blocks(d.silent)]
+    first, rest = map(doc.Text, lines[:_SPLITS]), map(doc.Text, lines[_SPLITS:])
+    return [*first, doc.OnPage([*rest, doc.Text(more, "note")]), *silent_blocks(d.silent)]
 
 
-def _stated(d: Diagnosis, assumed: Sequence[tuple[str, str]]) -> list[Table]:
+def _stated(d: Diagnosis, assumed: Sequence[tuple[str, str]]) -> list[doc.Table]:
     """What the case states, and facts on the model; the error of a reduced one among them."""
     facts = {key: value for key, value in d.model.items() if key not in _SHOWN}
     if "basis" in facts:
         facts["frequency_error"] = d.model_error
     caption = "Stated by the case file before the test was looked at"
-    table = Table(" | ", caption=caption, id="assumed")
+    table = doc.Table(" | ", caption=caption, id="assumed")
     for name, value in assumed:
         table.add(name, value)
     return [*([table] if assumed else []), facts_table(facts)]
@@ -650,13 +641,13 @@ def _nuisances(lead: HypothesisResult) -> list:
     rows = [(p["effect"], [p]) for p in lead.parameters if p["nuisance"]]
     limits = ", ".join(lead.at_bound) or "none"
     return [
-        Heading("Uncertain in any case", level=3),
-        Text(words),
+        doc.Heading("Uncertain in any case", level=3),
+        doc.Text(words),
         _parameters(rows, f"Where they ended under {named(lead)}", "nuisances", "none"),
-        Text(f"Parameters at a limit of their range: {limits}."),
+        doc.Text(f"Parameters at a limit of their range: {limits}."),
     ]
 
 
 def _taken(d: Diagnosis) -> list:
     """Assumptions."""
-    return [Heading("Assumptions", level=3), Items([_LINEAR[d.by_level], *_ASSUMPTIONS])]
+    return [doc.Heading("Assumptions", level=3), doc.Items([_LINEAR[d.by_level], *_ASSUMPTIONS])]
