@@ -244,20 +244,16 @@ def matrix_picture(p: Plan) -> str:
         axes.get_xticklabels()[-1].set_rotation(90)
         axes.set_xlabel("taken for", labelpad=6)
         axes.xaxis.set_label_position("top")
-        _frame_classes(axes, p)
+        letters = [e.letter for e in p.effects]
+        for c in p.classes:
+            first, count = letters.index(c.letter), len(c.members)
+            corner = (first - 0.5, first - 0.5)
+            axes.add_patch(Rectangle(corner, count, count, fill=False, edgecolor="#1b2027", lw=1.6))
         return to_svg(figure, "matrix", _matrix_words(p))
 
 
 def _short(distance: float) -> str:
     return f"{distance:.1f}" if distance < 9.95 else f"{distance:.0f}"
-
-
-def _frame_classes(axes, p: Plan) -> None:
-    letters = [e.letter for e in p.effects]
-    for c in p.classes:
-        first, count = letters.index(c.letter), letters.count(c.letter)
-        corner = (first - 0.5, first - 0.5)
-        axes.add_patch(Rectangle(corner, count, count, fill=False, edgecolor="#1b2027", lw=1.6))
 
 
 def _matrix_words(p: Plan) -> str:

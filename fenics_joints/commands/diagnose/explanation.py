@@ -5,6 +5,7 @@ Every number is one of the `Diagnosis`; nothing is computed here but ratios of t
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from textwrap import shorten
 
@@ -46,7 +47,7 @@ from fenics_joints.diagnosis.evidence.evidence import UNSURE
 from fenics_joints.diagnosis.evidence.misattribution import SAID
 from fenics_joints.diagnosis.evidence.scales import BETWEEN
 from fenics_joints.diagnosis.location import Location
-from fenics_joints.diagnosis.result import Diagnosis
+from fenics_joints.diagnosis.result import Diagnosis, HypothesisResult
 from fenics_joints.diagnosis.thresholds import MISFIT
 from fenics_joints.diagnosis.verdict import (
     CAUSE,
@@ -336,85 +337,80 @@ _FAR_LOWER = 10.0
 
 def questions(d: Diagnosis) -> dict[str, str]:
     """The questions that a diagnosis answers beside the sentences above, with the answers."""
-    answers = (
-        ("Is there more than chance?", _beyond_chance(d)),
-        ("In which data?", _in_which_data(d)),
-        ("In which part?", _in_which_part(d)),
-        ("Why this and not another?", _why(d)),
-        ("What if it is something else?", _something_else(d)),
-        ("What can these data not tell?", _not_told(d)),
-    )
-    return {question: answer for question, answer in answers if answer}
+    answers = {
+        "Is there more than chance?": _beyond_chance(d),
+        "In which data?": _in_which_data(d),
+        "In which part?": _in_which_part(d),
+        "Why this and not another?": _why(d),
+        "What if it is something else?": _something_else(d),
+        "What can these data not tell?": _not_told(d),
+    }
+    found = {question: " ".join(sentences) for question, sentences in answers.items()}
+    return {question: answer for question, answer in found.items() if answer}
 
 
-def _beyond_chance(d: Diagnosis) -> str:
+def _beyond_chance(d: Diagnosis) -> Iterator[str]:
     found = d.location
     if found is None:
-        return ""
-    words = (
+        return
+    yield (
         f"The nominal model misses the {found.n_data} data by a squared misfit of "
         f"{found.misfit:.0f}, in standard deviations of noise, tolerances and model error; "
         f"chance alone makes about {found.n_data}."
     )
     kinds = [f"{a.label} {a.chi2:.0f} for {a.expected}" for a in along(found, "kind")]
-    return f"{words} By kind: {', '.join(kinds)}." if len(kinds) > 1 else words
+    if len(kinds) > 1:
+        yield f"By kind: {', '.join(kinds)}."
 
 
-def _in_which_data(d: Diagnosis) -> str:
+def _in_which_data(d: Diagnosis) -> Iterator[str]:
     """The modes and conditions that misfit by more than chance, all of their kind considered
     (Bonferroni), the worst first."""
-    words = []
     for by, kind in (("mode", "modes"), ("condition", f"values of the {d.condition[0]}")):
         parts = [] if d.location is None else along(d.location, by)
-        if len(parts) < 2:
-            continue
         loud = sorted((a for a in parts if a.p * len(parts) < LEVEL), key=lambda a: -a.chi2)
         labels = joined([group_words(a, d.condition[1]) for a in loud]) or "none"
-        words.append(f"Of {len(parts)} {kind} these misfit by more than chance: {labels}.")
-    return " ".join(words)
+        if len(parts) > 1:
+            yield f"Of {len(parts)} {kind} these misfit by more than chance: {labels}."
 
 
-def _in_which_part(d: Diagnosis) -> str:
+def _in_which_part(d: Diagnosis) -> Iterator[str]:
     found = d.location
-    if found is None or d.verdict == NO_GAP:
-        return ""
+    if found is None or d.verdict == NO_GAP or not (in_test(d) or found.ranked):
+        return
     if in_test(d):
-        return "What a region seems to ask for may be the echo of what is wrong in the test."
-    if not found.ranked:
-        return ""
-    first, words = found.ranked[0], []
+        yield "What a region seems to ask for may be the echo of what is wrong in the test."
+        return
+    first = found.ranked[0]
     inside = [t for t in found.ranked if t.region == first.region and t is not first]
     if inside:
         others = shortened([place_words(found, t) for t in inside])
-        words.append(f"Within {spaced(first.region)} also more than chance: {others}.")
+        yield f"Within {spaced(first.region)} also more than chance: {others}."
     if not first.sufficient:
-        words.append(
+        yield (
             "It is not all, or it is large: the tests are of the first order and say where, not "
             "how much."
         )
     if found.patches is not None:
         n, several = int(found.patches.significant.sum()), int(found.patches.sufficient.sum())
-        words.append(
+        yield (
             f"Of {len(found.patches.tests)} patches of the map {n} explain more than chance, and "
             f"{several} could each be the only one."
         )
-    return " ".join(words)
 
 
-def _why(d: Diagnosis) -> str:
+def _why(d: Diagnosis) -> Iterator[str]:
     """What the best explanation without each cause leaves, and its evidence."""
-    lead, words = leading(d), []
+    lead = leading(d)
     for group in [] if lead is None else sure_causes(d):
         other = best_without(d, [group])
-        if other is None:
-            continue
-        like = " or its like" if len(group.effects) > 1 else ""
-        words.append(
-            f"The best explanation without {with_place(group.effects[0].key)}{like}, "
-            f"{named(other)}, leaves {percent(other.gap)} ({p_value_words(other.p_value)}), and "
-            f"its ln evidence is {_beside(lead.log_evidence - other.log_evidence)}."
-        )
-    return " ".join(words)
+        if other is not None:
+            like = " or its like" if len(group.effects) > 1 else ""
+            yield (
+                f"The best explanation without {with_place(group.effects[0].key)}{like}, "
+                f"{named(other)}, leaves {percent(other.gap)} ({p_value_words(other.p_value)}), "
+                f"and its ln evidence is {_beside(lead.log_evidence - other.log_evidence)}."
+            )
 
 
 def _beside(lower: float) -> str:
@@ -427,48 +423,44 @@ def _beside(lower: float) -> str:
     return f"{words}, but it was less likely before the test"
 
 
-def _not_told(d: Diagnosis) -> str:
-    words = []
+def _not_told(d: Diagnosis) -> Iterator[str]:
     for group in causes(d):
         if len(group.effects) > 1 and group.probability >= SHARE:
             names = shortened([with_place(e.key) for e in group.effects], "or")
-            words.append(f"Which it is of {names}. {priors_in_words(group)}")
-    unseen = [e for c in causes(d) for e in c.effects if not e.detectable]
+            yield f"Which it is of {names}. {priors_in_words(group)}"
+    unseen = [with_place(e.key) for c in causes(d) for e in c.effects if not e.detectable]
     if unseen:
-        names = shortened([with_place(e.key) for e in unseen])
-        words.append(f"Too small to be seen at their expected size: {names}.")
+        yield f"Too small to be seen at their expected size: {shortened(unseen)}."
     if d.between is not None:
         kinds = zip(("frequencies", "damping ratios"), (2, 0), d.between, strict=False)
         items = joined([f"{kind} by {percent(x, n)}" for kind, n, x in kinds])
-        words.append(
+        yield (
             f"Why, beside what is explained and noise, {items} (one s.d.) are off from level to "
             "level: that is taken for drift."
         )
-    return " ".join(words)
 
 
-def _something_else(d: Diagnosis) -> str:
+def _something_else(d: Diagnosis) -> Iterator[str]:
     p, simulated = probability_of(d, UNKNOWN), d.misattribution
-    words = [f"A cause outside the library has {probability(p)}."]
+    yield f"A cause outside the library has {probability(p)}."
     if simulated is not None:
-        words.append(
+        yield (
             f"Before the test it had {percent(simulated.prior, 0)}. In {simulated.tests} "
             "simulated tests of this structure with these sensors the cause was taken out of the "
             f"library: {percent(simulated.rate, 0)} of them were taken for other effects of it."
         )
         if simulated.answers:
             low, high = (round(100 * x) for x in SAID)
-            words.append(
+            yield (
                 f"With the cause in it, {simulated.right} of {simulated.answers} answers given as "
                 f"{low} to {high} % were right."
             )
     if p >= SHARE and d.somewhere is not None:
         point = point_mass_words(d.somewhere)
-        words.append(
+        yield (
             "If there is one, it is a change of stiffness or mass in one place with "
-            f"{probability(d.somewhere.probability)}{f': {point}' if point else ''}."
+            f"{probability(d.somewhere.probability)}{point and f': {point}'}."
         )
-    return " ".join(words)
 
 
 #: Standard deviations from its expected value beyond which a nuisance is a doubt: 5 % by chance.
@@ -487,111 +479,93 @@ _BROAD = 10
 _DRIFTS = 5.0
 
 
-def doubts(d: Diagnosis) -> list[str]:
+def doubts(d: Diagnosis) -> Iterator[str]:
     """A sentence for each doubt."""
-    lead, s, words = leading(d), d.shrinkage, []
+    lead, s = leading(d), d.shrinkage
     if d.verdict == LIKELY:
-        words.append(f"Held-out data do not confirm the cause: {unconfirmed(s)}.")
+        yield f"Held-out data do not confirm the cause: {unconfirmed(s)}."
     if lead is not None:
-        if lead.p_value < LEVEL:
-            words.append(
-                "The leading explanation leaves more than noise and model error would: "
-                f"{p_value_words(lead.p_value)}."
-            )
-        elif lead.p_value > _TOO_GOOD:
-            words.append(
-                "It fits better than it should: noise or discrepancy is stated too large"
-                f"{_counted(d)}."
-            )
-        if lead.at_bound:
-            words.append(f"At a limit of their range: {joined(lead.at_bound)}.")
-        far = [p for p in lead.parameters if p["nuisance"] and abs(p["prior_sigmas"]) > FAR]
-        items = [f"{spaced(p['effect'])} ({p['prior_sigmas']:+.1f} s.d.)" for p in far]
-        if items:
-            words.append(f"Far from what was expected in any case: {joined(items)}.")
+        yield from _of_leader(d, lead)
     if s is not None and s.folds and d.verdict in NAMED:
         if d.verdict != LIKELY and np.isfinite(s.excess) and not s.claimed:
-            words.append(
+            yield (
                 "On held-out data the best wrong effect does nearly as well: how far the gap "
                 "shrinks is no evidence for the cause."
             )
         if s.after < s.before and s.shrink < _HALF:
-            words.append(
+            yield (
                 f"Of the gap in frequency beyond noise, {100 * (1 - s.shrink):.0f} % "
                 "remains on held-out data: something else may be missing."
             )
         if s.coverage < _COVERAGE:
-            words.append(
+            yield (
                 f"Only {percent(s.coverage, 0)} of the parts held out ended as well as the 90 % "
                 "interval that was stated before."
             )
     if d.model.get("order"):
-        words.append(d.model["order"])
-    words += [*_broad(d), *_of_functions(d), *_drifts(d), *_of_mesh(d)]
+        yield d.model["order"]
+    for c in sure_causes(d):
+        if len(c.effects) >= _BROAD:
+            yield (
+                f"Of {with_place(c.effects[0].key)} and its like there are {len(c.effects)} that "
+                "this test cannot tell apart: it says little of what is to be changed in the model."
+            )
+    if (d.of_functions or 1.0) > 1.0:
+        yield (
+            f"The measured functions are taken to be {d.of_functions:.2g} times as much off as is "
+            "stated of them (noise aside): calibration, places and directions of their sensors?"
+        )
+    yield from _drifts(d)
+    off = mesh_error(d)
+    if off and UNSURE * off >= SHARE * d.before.rms:
+        left = percent(UNSURE * off / d.before.rms, 0)
+        yield (
+            f"The mesh alone makes an error of {percent(off)} (root mean square over the modes). "
+            f"It is taken off, but what stays uncertain of it is {left} of the gap: a finer one "
+            "would tell more."
+        )
     if np.isfinite(d.model_error) and d.model_error > 0.5 * d.noise:
-        words.append(
+        yield (
             f"The reduced model's error, up to {percent(d.model_error, 3)}, is not small against "
             f"the noise, {percent(d.noise, 3)}."
         )
-    return words
 
 
-def _broad(d: Diagnosis) -> list[str]:
-    """That a class is so large that it is hardly an answer."""
-    return [
-        f"Of {with_place(c.effects[0].key)} and its like there are {len(c.effects)} that this test "
-        "cannot tell apart: it says little of what is to be changed in the model."
-        for c in sure_causes(d)
-        if len(c.effects) >= _BROAD
-    ]
+def _of_leader(d: Diagnosis, lead: HypothesisResult) -> Iterator[str]:
+    """Doubts of the fit of the leading hypothesis."""
+    if lead.p_value < LEVEL:
+        p = p_value_words(lead.p_value)
+        yield f"The leading explanation leaves more than noise and model error would: {p}."
+    elif lead.p_value > _TOO_GOOD:
+        kinds = zip(("frequencies", "shapes"), d.of_stated or (), strict=False)
+        less = [f"{x:.2g} of it for {kind}" for kind, x in kinds if x < 1.0]
+        counted = f", though no more than {joined(less)} was counted" if less else ""
+        yield f"It fits better than it should: noise or discrepancy is stated too large{counted}."
+    if lead.at_bound:
+        yield f"At a limit of their range: {joined(lead.at_bound)}."
+    far = [p for p in lead.parameters if p["nuisance"] and abs(p["prior_sigmas"]) > FAR]
+    if far:
+        items = [f"{spaced(p['effect'])} ({p['prior_sigmas']:+.1f} s.d.)" for p in far]
+        yield f"Far from what was expected in any case: {joined(items)}."
 
 
-def _of_mesh(d: Diagnosis) -> list[str]:
-    """That the mesh is coarse, where the rest of its error is a large part of the gap."""
-    off = mesh_error(d)
-    if UNSURE * off < SHARE * d.before.rms:
-        return []
-    return [
-        f"The mesh alone makes an error of {percent(off)} (root mean square over the modes). It is "
-        f"taken off, but what stays uncertain of it is "
-        f"{percent(UNSURE * off / d.before.rms, 0)} of the gap: a finer one would tell more."
-    ]
-
-
-def _counted(d: Diagnosis) -> str:
-    """How much of the stated discrepancies was counted, where it is not all."""
-    kinds = zip(("frequencies", "shapes"), d.of_stated or (), strict=False)
-    less = [f"{x:.2g} of it for {kind}" for kind, x in kinds if x < 1.0]
-    return f", though no more than {joined(less)} was counted" if less else ""
-
-
-def _of_functions(d: Diagnosis) -> list[str]:
-    """That errors of measured functions are larger than stated."""
-    if (d.of_functions or 1.0) <= 1.0:
-        return []
-    return [
-        f"The measured functions are taken to be {d.of_functions:.2g} times as much off as is "
-        "stated of them (noise aside): calibration, places and directions of their sensors?"
-    ]
-
-
-def _drifts(d: Diagnosis) -> list[str]:
+def _drifts(d: Diagnosis) -> Iterator[str]:
     """That modes change from level to level by more than a structure usually drifts."""
-    between = d.between or ()
-    kinds = zip(("frequencies", "damping ratios"), between, BETWEEN.medians, strict=False)
+    kinds = zip(("frequencies", "damping ratios"), d.between or (), BETWEEN.medians, strict=False)
     much = [
         f"{kind} by {percent(x, 0 if x > 0.1 else 2)}"
         for kind, x, median in kinds
         if x > _DRIFTS * median
     ]
-    if not much:
-        return []
-    words = f"From level to level {joined(much)} are off beside what is explained, much for a drift"
-    named = [
-        f"{with_place(e.key)} ({probability(e.probability)})"
-        for e in d.effects
-        if e.name in NAMES and e.probability >= SHARE
-    ]
-    if not named:
-        return [f"{words}."]
-    return [f"{words}: {joined(named, 'or')} may be what these few levels cannot bear out."]
+    if much:
+        dissipating = [
+            f"{with_place(e.key)} ({probability(e.probability)})"
+            for e in d.effects
+            if e.name in NAMES and e.probability >= SHARE
+        ]
+        perhaps = joined(dissipating, "or")
+        perhaps = perhaps and f": {perhaps} may be what these few levels cannot bear out"
+        yield (
+            f"From level to level {joined(much)} are off beside what is explained, much for a drift"
+            f"{perhaps}."
+        )

@@ -19,9 +19,8 @@ from scipy.spatial import cKDTree
 from fenics_joints._compat import geometry_dofmap
 from fenics_joints.case import Case, build_mesh, build_preload
 from fenics_joints.case.sections import JointSection, MassSection
-from fenics_joints.diagnosis.zones.zone import Zone, Zones, equal_shares
+from fenics_joints.diagnosis.zones.zone import Zone, Zones, bonded_moduli, equal_shares
 from fenics_joints.errors import InputError
-from fenics_joints.forms import lame_parameters
 from fenics_joints.meshes import TaggedMesh
 from fenics_joints.preload import PreloadModel, solve_preload
 
@@ -115,12 +114,8 @@ def _split(tagged: TaggedMesh, middles: np.ndarray, zone: np.ndarray, labels) ->
 
 def _joints(case: Case, labels) -> dict[str, JointSection]:
     """A joint for each zone, as stiff as the stiffest part."""
-    stiffest = max((p.nominal() for p in case.parts.values()), key=lambda q: q["E"])
-    lmbda, mu = lame_parameters(stiffest["E"], stiffest["nu"])
-    return {
-        label: JointSection(cells=[label], law="uncoupled", E=lmbda + 2 * mu, G=mu)
-        for label in labels
-    }
+    E, G = bonded_moduli(case)
+    return {name: JointSection(cells=[name], law="uncoupled", E=E, G=G) for name in labels}
 
 
 def _bolt_masses(case: Case, model: PreloadModel) -> dict[str, MassSection]:

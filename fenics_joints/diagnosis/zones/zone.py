@@ -253,6 +253,13 @@ def layer_thickness(structure: Structure) -> dict[str, float]:
     }
 
 
+def bonded_moduli(case: Case) -> tuple[float, float]:
+    """Constrained modulus and shear modulus, Pa, of the stiffest part."""
+    stiffest = max((part.nominal() for part in case.parts.values()), key=lambda part: part["E"])
+    lmbda, mu = lame_parameters(stiffest["E"], stiffest["nu"])
+    return lmbda + 2 * mu, mu
+
+
 def bonded_values(case: Case) -> dict[str, float]:
     """Parameter values of the nominal model, with widths and elastic supports, next to rigid.
 
@@ -263,16 +270,14 @@ def bonded_values(case: Case) -> dict[str, float]:
     values = {
         p.name: p.value for p in parameters(case, attached=True, width=True, elastic_supports=True)
     }
-    nominal = [part.nominal() for part in case.parts.values()]
-    stiffest = max(nominal, key=lambda part: part["E"])
-    bonded = lame_parameters(stiffest["E"], stiffest["nu"])
     for name, section in case.joints.items():
         if section.law == "generic":
             continue  # no layer: see `fenics_joints.diagnosis.zones.laps.lap_as_one`
-        lmbda, mu = bonded
+        moduli = bonded_moduli(case)
         if case.diagnose.joints == "given":
             if section.law == "uncoupled":
                 continue
             lmbda, mu = lame_from_moduli(section.E, section.G)
-        values[f"{name}.E"], values[f"{name}.G"] = lmbda + 2 * mu, mu
+            moduli = lmbda + 2 * mu, mu
+        values[f"{name}.E"], values[f"{name}.G"] = moduli
     return values
