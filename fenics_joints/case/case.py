@@ -148,8 +148,8 @@ class Case(CaseSection):
         return [self._path, *(self.folder / name for name in _file_names(self))]
 
     def diagnosed(self) -> Case:
-        """The case with the mesh that a diagnosis takes, and with the masses that were put on for
-        tests after a change; of such a case, itself."""
+        """The case as a diagnosis models it: with the mesh of [diagnose.mesh] and the masses put on
+        for tests after a change; the case itself if it has neither."""
         changed = {} if self.test is None else self.test.changed
         put_on = {
             name: AttachedMass(kind="mass", mass=section.mass, points=section.points)
@@ -165,7 +165,7 @@ class Case(CaseSection):
 
     @property
     def measured(self) -> TestData | None:
-        """The measured modes, or None; `measurements` refuses that."""
+        """The measured modes, or None; `measurements` raises an error instead."""
         return self._measured
 
     def with_modes(self, kept: Sequence[int]) -> Case:
@@ -205,10 +205,10 @@ class Case(CaseSection):
         return self._measured
 
     def diagnosed_test(self) -> TestData:
-        """The measured data that a diagnosis takes: with ``[test.amplitude]``, if there is one.
+        """The measured data of a diagnosis, with ``[test.amplitude]`` if it is there.
 
-        Modes without a level and the levels of the driven ones are one test. Of frequencies at
-        several torques the amplitude data are no part, which is said in its notes.
+        Driven modes at their levels and the other modes make one test. Beside frequencies at
+        several torques the amplitude data are left out, with a note.
 
         Raises:
             InputError: As `measurements`, or if the two do not go together.
@@ -235,7 +235,7 @@ class Case(CaseSection):
             return with_modes_at_rest(test_by_level(self._backbones), data)
 
     def planned(self) -> TestData:
-        """The planned test, or what was measured; nothing but its layout and noise count.
+        """The planned test, or else the measured one, of which only layout and noise count.
 
         The frequencies (and damping ratios) of a planned test are placeholders.
 
@@ -273,7 +273,7 @@ class Case(CaseSection):
         """What was left out or is doubtful in the files of the test, in sentences.
 
         Args:
-            by_amplitude: Also in those of modes over their amplitude beside other modes.
+            by_amplitude: Whether to include the files of [test.amplitude] beside other modes.
         """
         files = [self._measured, self._validation, self._shapes, self._frfs]
         if by_amplitude and self.test is not None and not self.test.is_by_amplitude:

@@ -29,7 +29,7 @@ _SOLID = {
     **dict.fromkeys(("contacts", "bolts", *APPLIED), "faces of solid parts"),
     "nonlinear": "layers or contacts of solid parts",
 }
-#: How far a place may be beyond the ends of beams, as a share of the length: by round-off.
+#: How far a point may be beyond the ends of beams, as a share of their length: round-off.
 _NEAR = 1e-9
 
 
@@ -125,7 +125,7 @@ def unknown_groups(case: Case, cells: Iterable[str], facets: Iterable[str]) -> l
 
 
 def matching(pattern: str, names: Iterable[str]) -> list[str]:
-    """Those of the names of cells that a pattern such as ``ring_*`` stands for, in their order."""
+    """Names of cells that match a pattern such as ``ring_*``, in their order."""
     names = list(names)
     if pattern in names:
         return [pattern]
@@ -173,7 +173,7 @@ def check_applied(case: Case) -> Iterator[str]:
 
 
 def refuse_applied(case: Case, what: str, tables: Iterable[str] = APPLIED) -> None:
-    """Raise InputError, naming what was asked for, if sections of these tables would not count."""
+    """Raise InputError if the case has sections of these tables, which ``what`` would ignore."""
     given = [f"[{table}]" for table in tables if getattr(case, table)]
     if given:
         raise InputError(
@@ -183,7 +183,7 @@ def refuse_applied(case: Case, what: str, tables: Iterable[str] = APPLIED) -> No
 
 
 def refuse_beams(case: Case, what: str) -> None:
-    """Raise InputError, naming what was asked for, if a case has beams in place of a mesh."""
+    """Raise InputError if the case has beams instead of a mesh, which ``what`` cannot use."""
     if case.mesh.origin == "beams":
         raise InputError(
             f"{case.path}: {what} needs solid parts: expected another mesh.builder than "
@@ -245,7 +245,7 @@ def _owners(case: Case) -> Iterator[str]:
 
 
 def _places(case: Case) -> Iterator[str]:
-    """What stands beside the beams, or moves across the plane in which they move."""
+    """Points beside the beams, and directions across the plane in which beams move."""
     moves = "beams move in x and z; expected a direction that is not y alone"
     for key, section in _items(case, "springs", "attached"):
         direction = getattr(section, "direction", None)

@@ -14,9 +14,9 @@ from fenics_joints.meshes.slender import BoxAround, box_around
 from fenics_joints.structure.stretching import Stretching
 from fenics_joints.structure.structure import Structure
 
-#: What of a part is a dimension, relative to the mesh's.
+#: Parameters of a part that are dimensions, relative to the mesh's.
 _DIMENSIONS = ("thickness", "width")
-#: Sine of the angle between directions that are one.
+#: Sine of the angle below which two directions are the same: round-off of a mesh file.
 _ONE = 1e-3
 _NO_PLATE = (
     "no plate or beam that is thin in one direction: its bodies are blocks, or thin in different "

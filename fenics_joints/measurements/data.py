@@ -45,10 +45,10 @@ class TestData:
         shape_noise: Standard deviation of a shape's component, relative to its root mean square.
         shapes_at: The condition that the shapes were measured at; the last by default.
         notes: What is doubtful in its files, in sentences.
-        known: Of a test with some of its rows after a known change of the structure, the values
-            that parameters of the model had then, by row, empty for one as it is; those rows are
-            the last, and their conditions are ones of the others. Empty: all are as it is.
-        row_names: Names of the rows, ``""`` for one as it is; as many as ``known``.
+        known: Values of the model's parameters after a known change of the structure, by row; empty
+            for rows of the structure as it is. The changed rows come last, at conditions of other
+            rows. Without any change an empty tuple.
+        row_names: Names of the changed rows, ``""`` for the others; as many as ``known``.
     """
 
     #: Not a test, whatever pytest thinks of the name.

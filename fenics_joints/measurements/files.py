@@ -12,7 +12,7 @@ from fenics_joints.errors import InputError, located
 from fenics_joints.measurements.frfs import MeasuredFRFs
 from fenics_joints.response.units import MOTION, a_kind, checked_kind, frf_unit, length_factor
 
-#: Share of a driving point's mobility below which its real part is not looked at.
+#: Real part of a driving point's mobility, as a share of all, below which its sign says nothing.
 _REACTIVE = 0.15
 #: Most values of a matrix of functions, 4.8 GB: 500 responses, 6 references, 100,000 lines.
 _VALUES = 300_000_000
@@ -182,9 +182,7 @@ def as_dof(node: str, direction: Sequence[float] | None, where: str) -> Dof:
     """A degree of freedom, whose direction is a vector or None; InputError if that is zero."""
     if direction is None:
         return Dof(str(node), None)
-    vector = np.asarray(direction, dtype=float)
-    if vector.shape != (3,) or not np.isfinite(vector).all() or not vector.any():
-        raise InputError(f"{where}: direction {direction!r}: expected three numbers, not all zero")
+    vector = _vector(direction, f"{where}: direction", zero=False)
     return Dof(str(node), tuple(float(c) for c in vector / np.linalg.norm(vector)))
 
 
@@ -364,9 +362,7 @@ class _Places:
                 f"{what} node {dof.node} has no direction (code 0 is a scalar): expected +-1, 2 or "
                 f"3 for x, y, z, or directions with the vector of node {dof.node}"
             )
-        vector = _vector(self.directions[dof.node], f"directions.{dof.node}")
-        if not vector.any():
-            raise InputError(f"directions.{dof.node}: expected a vector that is not zero")
+        vector = _vector(self.directions[dof.node], f"directions.{dof.node}", zero=False)
         return vector / np.linalg.norm(vector)
 
     def order(self, key: tuple) -> tuple:
@@ -378,13 +374,14 @@ class _Places:
         return np.array([p for p, _ in found]), np.array([d for _, d in found])
 
 
-def _vector(value: Sequence[float], key: str) -> np.ndarray:
+def _vector(value: Sequence[float], key: str, zero: bool = True) -> np.ndarray:
     try:
         vector = np.asarray(value, dtype=float)
     except (TypeError, ValueError):
         vector = np.full(1, np.nan)
-    if vector.shape != (3,) or not np.isfinite(vector).all():
-        raise InputError(f"{key} = {value!r}: expected three finite numbers")
+    if vector.shape != (3,) or not np.isfinite(vector).all() or not (zero or vector.any()):
+        more = "" if zero else ", not all zero"
+        raise InputError(f"{key} = {value!r}: expected three finite numbers{more}")
     return vector
 
 

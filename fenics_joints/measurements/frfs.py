@@ -17,8 +17,8 @@ from fenics_joints.structure.points import Sensors
 
 #: How far two points may be apart, relative to the extent of all, to be one.
 _SAME_POINT = 1e-6
-#: Relative standard deviation of functions of which nothing is said; and the least by coherence:
-#: one of 1 is not a perfect test.
+#: Relative standard deviation of functions whose test says none; and the least that follows from
+#: coherence: a coherence of 1 is no perfect test.
 _NOISE, _LEAST = 0.05, 1e-3
 
 

@@ -17,13 +17,13 @@ UNLIKE = (
     "does the model lack a component, or are the sensors' places and directions wrong "
     "([test.sees])?"
 )
-#: MAC below which two shapes have so little in common that order tells more; and how much MAC a
-#: place in the order is worth then.
+#: MAC below which the order of the modes says more than their shapes; and the MAC that one place in
+#: the order is worth then.
 ALIKE, _PLACE = 0.5, 0.2
-#: How much MAC a factor of e in frequency is worth, from that of the mode of the same place in the
-#: order: at few sensors a mode of thirty times the frequency may look the same.
+#: MAC that a factor of e in frequency is worth: at few sensors a mode of thirty times the frequency
+#: may look the same.
 _FAR = 0.1
-#: Frequencies that are off by a factor of e to this are of other modes, or of a joint that is not.
+#: |ln| of a ratio of frequencies from which they are of different modes, or a joint is far off.
 _ELSEWHERE = 0.4
 #: MAC below which the shapes contradict a pair whose frequencies agree.
 CONTRADICTED = 0.2
@@ -141,8 +141,8 @@ def pair_modes(
         modes: The model's modes.
         n_test: Number of test modes, the lowest that the test could see.
         sensors: Where and in which direction the test measured.
-        reference: Shapes at the sensors to match, shape (n_sensors, n_test); a column of nan for a
-            mode that is not to be told, which then gets one that is left.
+        reference: Shapes at the sensors to match, shape (n_sensors, n_test); nan in the column of a
+            mode that cannot be recognised: it gets one that the others leave.
         threshold: Least visibility, see `Modes.visibility`.
 
     Raises:
@@ -220,9 +220,9 @@ def partnered(
 def same_modes(
     modes: Modes, sensors: Sensors | None, shapes: np.ndarray | None, frequencies: np.ndarray
 ) -> np.ndarray:
-    """Modes of a model that are those of another which should be as good, by index, (m,).
+    """Modes of a model that correspond to given modes of another, by index, (m,).
 
-    Which modes the test's are may differ between the two by a hair, where several are as like one.
+    Where several modes look alike to the test, two models may take different ones for the test's.
 
     Args:
         modes: The model's modes.
@@ -238,7 +238,7 @@ def same_modes(
 
 
 def nearest(match: np.ndarray, candidates: np.ndarray, frequencies: np.ndarray) -> np.ndarray:
-    """Column of each row of MAC values, (m,), of modes that are hardly others.
+    """Column assigned to each row of MAC values, (m,), for modes of two models that differ little.
 
     Args:
         match: MAC of modes with candidates, shape (m, n).
@@ -253,8 +253,8 @@ def largest_difference(
 ) -> float:
     """Largest difference of ln f between two models, of all modes that either takes for the test's.
 
-    Modes are compared that are the same: which of two that look alike to the test is taken may be
-    decided by a hair, and a mode that one model has not has none that is like it.
+    Corresponding modes are compared, see `same_modes`. A mode that one model lacks has no similar
+    one there and shows as a large difference.
 
     Args:
         ours: Modes of the one model.
@@ -272,10 +272,10 @@ def largest_difference(
 
 
 def skipped(measured_hz: np.ndarray, seen_hz: np.ndarray) -> int:
-    """How many of a model's lowest modes a test seems to lack that was paired by order alone, >= 0.
+    """How many of a model's lowest modes a test seems to lack, if modes are paired by order alone.
 
-    Joints and tolerances move all frequencies one way or a little; that all measured ones fit the
-    model's only if some of its lowest are passed over says that the test did not have those.
+    Joints and tolerances shift all frequencies in one direction, or a little. If the measured ones
+    fit the model's only after some of its lowest are skipped, the test lacks these.
 
     Args:
         measured_hz: Frequencies of the test's modes, ascending, (m,).
@@ -291,7 +291,7 @@ def skipped(measured_hz: np.ndarray, seen_hz: np.ndarray) -> int:
 
 
 def likeness(match: np.ndarray, frequencies: np.ndarray, places: np.ndarray) -> np.ndarray:
-    """MAC, less what candidates are far in frequency from the mode of the same place in the order.
+    """MAC less a penalty for a frequency far from that of the mode of the same place in the order.
 
     Args:
         match: MAC of test modes with candidates, shape (..., m, n).
@@ -332,10 +332,10 @@ def assigned(match: np.ndarray, frequencies: np.ndarray, clear: np.ndarray) -> n
 
 
 def with_untold(columns: np.ndarray, told: np.ndarray, seen: np.ndarray) -> np.ndarray:
-    """Columns of all rows, (m,), those that are not told the first of what the others leave.
+    """Columns of all rows, (m,); rows that cannot be recognised get the first ones left over.
 
     Args:
-        columns: Of the rows that are told, (k,).
+        columns: Of the rows that are recognised, (k,).
         told: Which these are, mask (m,).
         seen: All columns, ascending, (n,), n >= m.
     """

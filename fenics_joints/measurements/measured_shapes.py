@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -82,18 +82,10 @@ class ShapeRecord:
     rotates: bool
 
 
-@dataclass(eq=False)
-class ShapeContents:
-    """What one or more files hold: shapes, nodes, and lines between nodes."""
-
-    shapes: list[ShapeRecord] = field(default_factory=list)
-    places: Contents = field(default_factory=Contents)
-    lines: list[list[str]] = field(default_factory=list)
-    notes: list[str] = field(default_factory=list)
-
-
-def read_uff_shapes(paths: Sequence[Path], metadata: FileMetadata) -> ShapeContents:
-    """What universal files hold; nodes, axes and units may stand in other files than shapes.
+def read_uff_shapes(
+    paths: Sequence[Path], metadata: FileMetadata
+) -> tuple[Contents, list[ShapeRecord]]:
+    """Nodes, lines and shapes of universal files; nodes and units may stand in other files.
 
     Args:
         paths: The files.
@@ -112,25 +104,25 @@ def read_uff_shapes(paths: Sequence[Path], metadata: FileMetadata) -> ShapeConte
         )
         or ()
     ]
-    found, others = ShapeContents(), []
+    found, shapes, others = Contents(), [], []
     length, _ = problems.tried(lambda: units_of(sets, metadata)) or (1.0, 1.0)
     axes = problems.tried(lambda: axes_of(sets)) or {}
     for where, data in sets:
         if data["type"] in (15, 2411):
-            problems.tried(lambda w=where, d=data: add_nodes(found.places, w, d, length, axes))
+            problems.tried(lambda w=where, d=data: add_nodes(found, w, d, length, axes))
         elif data["type"] == 82:
             found.lines += _lines(data)
         elif data["type"] in (55, 2414):
             record = problems.tried(lambda w=where, d=data: _shape(w, d["type"], d["lines"]))
             if isinstance(record, ShapeRecord):
-                found.shapes.append(record)
+                shapes.append(record)
             elif record is not None:
                 others.append(record)
     problems.check()
-    if not found.shapes:
+    if not shapes:
         _refuse_none(paths, sets, others)
-    found.notes += [*found.places.notes, *(f"{text}, left out" for text in others)]
-    return found
+    found.notes += [f"{text}, left out" for text in others]
+    return found, shapes
 
 
 def _refuse_none(paths: Sequence[Path], sets: Sequence[Dataset], others: Sequence[str]) -> None:
@@ -390,8 +382,8 @@ def read_shapes(
         if not is_file(path):
             name = shown_path(path)
             raise InputError(f"{name}: no such file, expected mode shapes in a universal file")
-    contents = read_uff_shapes(paths, FileMetadata(length_unit=length_unit))
-    records = sorted(contents.shapes, key=lambda record: record.frequency_hz)
+    contents, records = read_uff_shapes(paths, FileMetadata(length_unit=length_unit))
+    records = sorted(records, key=lambda record: record.frequency_hz)
     notes = list(contents.notes)
     still = [record for record in records if record.frequency_hz == 0]
     if still:
@@ -447,7 +439,7 @@ def made_real(shapes: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def _at_sensors(
-    contents: ShapeContents, records: Sequence[ShapeRecord], notes: list[str]
+    contents: Contents, records: Sequence[ShapeRecord], notes: list[str]
 ) -> tuple[Sensors, np.ndarray]:
     """Sensors, and complex shapes there, (n, m)."""
     nodes = list(dict.fromkeys(node for record in records for node in record.values))
@@ -470,7 +462,7 @@ def _at_sensors(
     if any(record.rotates for record in records):
         notes.append("Rotations in the files were not used")
     at, axis = np.nonzero(moves)
-    places = [contents.places.nodes[nodes[i]] for i in at]
+    places = [contents.nodes[nodes[i]] for i in at]
     sensors = Sensors(
         [place.point for place in places],
         [place.axes[k] for place, k in zip(places, axis, strict=True)],
@@ -479,8 +471,8 @@ def _at_sensors(
     return sensors, values[at, axis]
 
 
-def _check_places(contents: ShapeContents, records, nodes: Sequence[str]) -> None:
-    known = contents.places.nodes
+def _check_places(contents: Contents, records, nodes: Sequence[str]) -> None:
+    known = contents.nodes
     missing = [node for node in nodes if node not in known]
     if missing:
         there = f"{len(known)} others have" if known else "no node has"
@@ -543,8 +535,8 @@ def _complexity(records: Sequence[ShapeRecord], collinearity, mac) -> list[str]:
     return notes
 
 
-def _points_of_lines(contents: ShapeContents) -> tuple[np.ndarray, ...]:
-    known = contents.places.nodes
+def _points_of_lines(contents: Contents) -> tuple[np.ndarray, ...]:
+    known = contents.nodes
     lines = [[known[n].point for n in line if n in known] for line in contents.lines]
     return tuple(np.array(line) for line in lines if len(line) > 1)
 

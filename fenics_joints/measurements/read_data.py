@@ -179,18 +179,15 @@ def _conditions(table: Table, name: str | None) -> tuple[np.ndarray, str]:
 
 def _check_measured(table: Table, condition, conditions, modes, there: np.ndarray) -> None:
     """A row or a column without any frequency says nothing, and is likely to be a slip."""
+    names = [f" ({condition} = {c:g})" if condition is not None else "" for c in conditions]
+    rows = [f"data row {i}{name}" for i, name in enumerate(names, start=1)]
     problems = Problems(table.path)
-    for i in np.flatnonzero(~there.any(axis=1)):
-        where = f" ({condition} = {conditions[i]:g})" if condition is not None else ""
-        problems.add(
-            f"{table.path}: data row {i + 1}{where} has no frequency, expected one or more, or "
-            "no such row"
-        )
-    for j in np.flatnonzero(~there.any(axis=0)):
-        problems.add(
-            f"{table.path}: column {modes[j]!r} has no frequency, expected one or more, or no "
-            "such column"
-        )
+    for axis, what, places in ((1, "row", rows), (0, "column", [f"column {m!r}" for m in modes])):
+        for i in np.flatnonzero(~there.any(axis=axis)):
+            problems.add(
+                f"{table.path}: {places[i]} has no frequency, expected one or more, or no "
+                f"such {what}"
+            )
     problems.check()
 
 

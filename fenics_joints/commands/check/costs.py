@@ -15,10 +15,10 @@ _UPDATE, _EACH = 8, 3
 #: Those of a diagnosis: for each of its samples, of which it takes as many of parts as of effects,
 #: and to measure the mesh's error and to check what is fitted.
 _SAMPLE, _CHECKS = 2, 20
-#: Seconds of its fits, folds and looks on one rank at one condition and more for each further one;
-#: and of sampled evidence. The lap plates at eleven torques: 126 and 56 s beside 138 s of
-#: solutions; the bolted beams at one condition, which take none: 50 s in all. All within a factor
-#: of two or three: what it takes hangs on how many effects a case can have and how many count.
+#: Seconds of its fits, held-out fits and evaluations on one rank at one condition, and more for
+#: each further one; and of sampled evidence. The lap plates at eleven torques: 126 and 56 s beside
+#: 138 s of solutions; the bolted beams at one condition, which take none: 50 s in all. All within a
+#: factor of two or three: it depends on how many effects a case can have and how many count.
 _FITS, _SAMPLED = (20.0, 10.5), (25.0, 3.0)
 #: Memory of a rank's samples, fits and draws beside the model: box and lap plates, 0.9 and 0.8 GB.
 _BESIDE = 0.9e9

@@ -223,20 +223,16 @@ def same_bolts(case: Case, bolts: Sequence[Place]) -> list[str]:
         for i, point in enumerate(asked)
         if isinstance(point, list | tuple)  # a builder may want their number
     ]
-    errors = []
-    for found in (
-        listed,
-        [b for b in bolts if b.name in case.bolts],
-        [] if listed else [b for b in bolts if b.name not in case.bolts],
-    ):
-        for a, b in combinations(found, 2):
-            apart = math.dist(a.point, b.point)
-            if apart < ONE_BOLT:
-                errors.append(
-                    f"{a.name} and {b.name} are at one place, {list(b.point)} m (by "
-                    f"{1e3 * apart:.3g} mm); expected each bolt once"
-                )
-    return errors
+    own, of_mesh = (
+        [b for b in bolts if (b.name in case.bolts) == named] for named in (True, False)
+    )
+    return [
+        f"{a.name} and {b.name} are at one place, {list(b.point)} m (by "
+        f"{1e3 * math.dist(a.point, b.point):.3g} mm); expected each bolt once"
+        for found in (listed or of_mesh, own)
+        for a, b in combinations(found, 2)
+        if math.dist(a.point, b.point) < ONE_BOLT
+    ]
 
 
 def applied_places(case: Case, centres: Mapping[str, np.ndarray], gdim: int) -> Iterator[Place]:

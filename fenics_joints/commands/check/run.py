@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -347,12 +347,9 @@ def _meshed(found: Checked, examined: Examined, tagged: TaggedMesh) -> Checked:
         size_m=high - low,
     )
     size = float(np.max(high - low))
-    small = (
-        []
-        if any(" places of sensors span " in line for line in far)
-        else close_together(places, size)
-    )
-    odd = [*doubtful(case, weights), *small, *_odd_size(size), *_odd_cells(case, size)]
+    spans = any(" places of sensors span " in line for line in far)
+    small = [] if spans else close_together(places, size)
+    odd = [*doubtful(case, weights), *small, *_odd_sizes(case, size)]
     if case.mesh.origin == "file" and tagged.mesh.geometry.dim == 2:
         odd.append(
             "mesh.gdim = 2: the mesh is a section in plane strain, 1 m deep, and masses are per "
@@ -362,15 +359,12 @@ def _meshed(found: Checked, examined: Examined, tagged: TaggedMesh) -> Checked:
     moved = found.moved()
     if moved and not far:
         most = max(moved, key=lambda p: p.off)
-        found = _more(
-            found,
-            (),
-            [
-                f"{len(moved)} of {sum(p.kind in ('sensor', 'force') for p in places)} sensors and "
-                f"forces are beside the mesh and are moved onto it, the farthest ({most.name}) by "
-                f"{1e3 * most.off:.3g} mm"
-            ],
+        count = sum(p.kind in ("sensor", "force") for p in places)
+        note = (
+            f"{len(moved)} of {count} sensors and forces are beside the mesh and are moved onto "
+            f"it, the farthest ({most.name}) by {1e3 * most.off:.3g} mm"
         )
+        found = _more(found, (), [note])
     if not examined.whole:
         return found
     model = _model(found, tagged)
@@ -381,22 +375,16 @@ def _meshed(found: Checked, examined: Examined, tagged: TaggedMesh) -> Checked:
     return _more(found, (), odd)
 
 
-def _odd_size(size: float) -> list[str]:
-    """A sentence for a structure that is of no lab's size, m."""
-    if _SIZES[0] <= size <= _SIZES[1]:
-        return []
-    return [f"the structure is {quantity(size, 'm')} long: is the unit of its file right?"]
-
-
-def _odd_cells(case: Case, size: float) -> list[str]:
-    """A sentence if the requested cell size exceeds the structure's size, m."""
-    asked = getattr(case.mesh, "size", None)
-    if asked is None or asked <= size:
-        return []
-    return [
-        f"mesh.size = {quantity(asked, 'm')} is more than the structure's {quantity(size, 'm')}: "
-        "cells become as large as the geometry allows"
-    ]
+def _odd_sizes(case: Case, size: float) -> Iterator[str]:
+    """Sentences on a structure, or cells, that are of no lab's size; m."""
+    if not _SIZES[0] <= size <= _SIZES[1]:
+        yield f"the structure is {quantity(size, 'm')} long: is the unit of its file right?"
+    cells = getattr(case.mesh, "size", None)
+    if cells is not None and cells > size:
+        yield (
+            f"mesh.size = {quantity(cells, 'm')} is more than the structure's "
+            f"{quantity(size, 'm')}: cells become as large as the geometry allows"
+        )
 
 
 def _model(found: Checked, tagged: TaggedMesh) -> int | str:

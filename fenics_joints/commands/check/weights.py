@@ -18,7 +18,8 @@ from fenics_joints.formatting import percent, quantity
 from fenics_joints.meshes import TaggedMesh
 from fenics_joints.preload.threads import thread
 
-#: A mass that is off by more is said: castings and paint are within it, a wrong material is not.
+#: Relative difference of a mass from which a note is made: castings and paint are within it, a
+#: wrong material is not.
 _OFF = 0.05
 #: Range of the masses of structures in a lab, kg.
 USUAL_KG = (1e-3, 1e4)

@@ -19,7 +19,7 @@ RESPONSES = {"displacement": "m", "velocity": "m/s", "acceleration": "m/s2", "fo
 KINDS = ("backbone", "constant response", "constant force", "ring-down")
 #: Most levels of a test that is made of it: a diagnosis computes each.
 _LEVELS = 8
-#: Points that are known this much worse than the typical one do not make a level.
+#: Points whose deviation is larger than the median's by this factor make no level.
 _POOR = 10.0
 
 
@@ -245,8 +245,8 @@ def with_modes_at_rest(driven: TestData, rest: TestData) -> TestData:
     """A test by level of some modes, and of the others what was measured near rest, as one test.
 
     The others stand at a tenth of the lowest level, where what depends on the level hardly shows.
-    Of a mode that is in both the levels alone count: they were measured in another set-up, with a
-    shaker, as a rule. Frequencies keep the noise of their own test.
+    Of a mode in both tests only the levels count: as a rule they were measured in another set-up,
+    with a shaker. Frequencies keep the noise of their own test.
 
     Args:
         driven: From `test_by_level`.
