@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
 
 import numpy as np
 from scipy.signal import find_peaks
@@ -20,35 +21,6 @@ _SAME_POINT = 1e-6
 #: Relative standard deviation of functions whose test says none; and the least that follows from
 #: coherence: a coherence of 1 is no perfect test.
 _NOISE, _LEAST = 0.05, 1e-3
-
-
-@dataclass(frozen=True, eq=False)
-class Reciprocity:
-    """How far measured functions are from Maxwell's reciprocity, H_ij = H_ji.
-
-    Attributes:
-        pairs: Names of the degrees of freedom i and j of each pair, m of them.
-        relative: Root mean square over frequency of H_ij - H_ji, relative to that of their mean,
-            shape (m,).
-        by_line: |H_ij - H_ji| / |H_ij + H_ji| * 2 at each frequency, shape (n, m).
-    """
-
-    pairs: tuple[tuple[str, str], ...]
-    relative: np.ndarray
-    by_line: np.ndarray
-
-    def __repr__(self) -> str:
-        return f"Reciprocity({len(self.pairs)} pairs)"
-
-    def __str__(self) -> str:
-        if not self.pairs:
-            return "reciprocity: no pair was measured both ways"
-        worst = int(np.argmax(self.relative))
-        i, j = self.pairs[worst]
-        return (
-            f"reciprocity: {len(self.pairs)} pairs, defect {np.median(self.relative):.2g} in the "
-            f"median, {self.relative[worst]:.2g} at worst ({i} and {j})"
-        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,7 +114,7 @@ class MeasuredFRFs:
             [
                 f"{int(self.measured.sum())} functions, {self.kind} in {self.unit}: {shape[0]} "
                 f"responses, {shape[1]} references, {f[0]:g} to {f[-1]:g} Hz in {len(f)} lines",
-                str(self.reciprocity()),
+                self.reciprocity_words(),
                 self.coherence_words(),
                 *self.notes,
             ]
@@ -253,29 +225,35 @@ class MeasuredFRFs:
 
     # -- how good it is ----------------------------------------------------------------------------
 
-    def reciprocity(self) -> Reciprocity:
-        """Compare all pairs that were measured both ways: force here, response there."""
-        there = self.measured
-        # reference -> (response at the same place, sign)
-        at = dict.fromkeys(range(there.shape[1]))
+    def reciprocity(self) -> dict[tuple[str, str], float]:
+        """Defects of Maxwell's reciprocity, H_ij = H_ji, of all pairs that were measured both ways.
+
+        Root mean square over frequency of H_ij - H_ji, relative to that of their mean, by the names
+        of the degrees of freedom i and j.
+        """
+        there, found = self.measured, {}
+        at: dict[int, tuple[int, int]] = {}  # reference -> (response at the same place, sign)
         for i, j, sign in self.same_dofs():
-            at[j] = at[j] or (i, sign)
-        names, one, other = [], [], []
-        for a in range(there.shape[1]):
-            for b in range(a + 1, there.shape[1]):
-                if at[a] is None or at[b] is None:
-                    continue
-                (i, si), (j, sj) = at[a], at[b]
-                if there[i, b] and there[j, a]:
-                    names.append((self.reference_names[a], self.reference_names[b]))
-                    one.append(si * self.values[:, i, b])
-                    other.append(sj * self.values[:, j, a])
-        n = len(self)
-        one, other = (np.array(x, dtype=complex).reshape(-1, n).T for x in (one, other))
-        gap, mean = np.abs(one - other), 0.5 * np.abs(one + other)
-        tiny = np.finfo(float).tiny
-        relative = np.sqrt((gap**2).sum(axis=0) / np.maximum((mean**2).sum(axis=0), tiny))
-        return Reciprocity(tuple(names), relative, gap / np.maximum(mean, tiny))
+            at.setdefault(j, (i, sign))
+        for a, b in combinations(sorted(at), 2):
+            (i, si), (j, sj) = at[a], at[b]
+            if there[i, b] and there[j, a]:
+                one, other = si * self.values[:, i, b], sj * self.values[:, j, a]
+                mean = max(np.linalg.norm(one + other) / 2, np.finfo(float).tiny)
+                names = self.reference_names[a], self.reference_names[b]
+                found[names] = float(np.linalg.norm(one - other) / mean)
+        return found
+
+    def reciprocity_words(self) -> str:
+        """The median of the defects of reciprocity, and the largest."""
+        found = self.reciprocity()
+        if not found:
+            return "reciprocity: no pair was measured both ways"
+        (i, j), most = max(found.items(), key=lambda item: item[1])
+        return (
+            f"reciprocity: {len(found)} pairs, defect {np.median([*found.values()]):.2g} in the "
+            f"median, {most:.2g} at worst ({i} and {j})"
+        )
 
     def coherence_words(self, limit: float = 0.8) -> str:
         """Median of the coherence, and the share of lines where it is below ``limit``."""

@@ -191,7 +191,6 @@ class IdentifiedModes:
         shapes: Real shapes at the responses of ``frfs``, shape (n_responses, m); mass-normalised,
             1/sqrt(kg), where a driving point was measured, or else of largest component 1.
         shapes_sd: Of a component, in its unit, shape (n_responses, m).
-        complex_shapes: The same shapes as identified, turned to be as real as they can.
         phase_collinearity: 1 for a real mode, towards 0 for a complex one, shape (m,).
         mass_normalised: Whether the scale of the shapes is that of the modal mass.
         scatter: Relative standard deviations, over the orders, of the stable poles' frequency and
@@ -208,7 +207,6 @@ class IdentifiedModes:
     damping_sd: np.ndarray
     shapes: np.ndarray
     shapes_sd: np.ndarray
-    complex_shapes: np.ndarray
     phase_collinearity: np.ndarray
     mass_normalised: bool
     scatter: np.ndarray
@@ -243,7 +241,6 @@ class IdentifiedModes:
         names: Sequence[str] | None = None,
         condition: float = 1.0,
         condition_name: str = "row",
-        condition_unit: str = "",
         noise: Sequence[float] | float = 0.0,
     ) -> TestData:
         """The modes as a test of one condition, for updating and diagnosis. Needs DOLFINx.
@@ -252,7 +249,6 @@ class IdentifiedModes:
             names: Of the modes; ``mode 1`` and so on by default.
             condition: Such as the torque.
             condition_name: What it is.
-            condition_unit: Its unit.
             noise: Relative standard deviation of a frequency from test to test, of all or each
                 mode, which the fit cannot know; it is added to that of the fit, in squares.
 
@@ -269,7 +265,6 @@ class IdentifiedModes:
             self.frequencies_hz[None],
             names,
             condition_name,
-            condition_unit,
             damping=self.damping[None],
             noise=np.hypot(self.frequencies_sd / self.frequencies_hz, noise),
             sensors=self.frfs.sensors(),
@@ -518,7 +513,6 @@ def _modes(
         fit.damping_sd[chosen],
         scale * shapes.real,
         spread,
-        scale * shapes,
         collinearity,
         normalised,
         _scatter(poles, fit, chosen),

@@ -10,7 +10,6 @@ import numpy as np
 from fenics_joints.errors import InputError, Problems
 from fenics_joints.measurements.data import TestData, same_conditions
 from fenics_joints.measurements.tables import LISTED, Table, read_table
-from fenics_joints.structure.points import Sensors
 
 #: More columns of frequencies and conditions than any test has: such a table is of something else.
 _MODES, _CONDITIONS = 1000, 10_000
@@ -24,9 +23,7 @@ def read_test_data(
     condition: str | None = None,
     modes: Sequence[str] | None = None,
     damping: str | Path | None = None,
-    resolution_hz: Sequence[float] | float = 0.0,
     noise: Sequence[float] | float = 0.0,
-    sensors: Sensors | None = None,
 ) -> TestData:
     """Read a test from its tables; rows are put in the order of the condition.
 
@@ -37,9 +34,7 @@ def read_test_data(
         condition: Name of the condition's column; None if there is none, then rows are numbered.
         modes: Names of the modes' columns, in the order of the model's modes; all by default.
         damping: Table of damping ratios with the same columns; rows and cells may be missing.
-        resolution_hz: Spacing of the analyser's lines, Hz, for all or each mode.
         noise: Relative standard deviation of the frequencies, for all or each mode.
-        sensors: Where the test measured.
 
     Raises:
         InputError: For what is wrong in the files; names file, row and column.
@@ -79,9 +74,7 @@ def read_test_data(
         condition or "row",
         unit,
         None if ratios is None else ratios[order],
-        resolution_hz,
-        noise,
-        sensors,
+        noise=noise,
         notes=tuple(table.notes),
     )
 

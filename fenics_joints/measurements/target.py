@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -32,7 +32,6 @@ class FRFTarget:
         kind: ``"receptance"``, ``"mobility"`` or ``"accelerance"``.
         relative_sd: Relative standard deviation, a number or of the shape of ``values``, or one
             that can be spread to it.
-        absolute_sd: That of the real and of the imaginary part, in the values' unit, instead.
 
     Raises:
         InputError: For a shape, line, value or standard deviation that cannot be.
@@ -44,7 +43,6 @@ class FRFTarget:
     excitation: Sensors
     kind: str = "receptance"
     relative_sd: float | np.ndarray = 0.02
-    absolute_sd: float | np.ndarray | None = None
 
     def __post_init__(self):
         checked_kind(self.kind)
@@ -61,78 +59,38 @@ class FRFTarget:
         used = np.isfinite(values)
         if not used.any() or np.any(values[used] == 0):
             raise InputError("frfs.values: expected numbers other than 0, nan where not measured")
-        sd = self._relative(values)
+        sd = measured("relative_sd", self.relative_sd)
+        try:
+            sd = np.broadcast_to(sd, values.shape).copy()
+        except ValueError as error:
+            raise InputError(
+                f"frfs.relative_sd has shape {sd.shape}: expected a number or {values.shape}"
+            ) from error
         if not np.all((sd > 0) & np.isfinite(sd) | ~used):
             raise InputError("frfs: expected standard deviations above 0 where there are values")
         for key, value in (("frequencies_hz", lines), ("values", values), ("relative_sd", sd)):
             object.__setattr__(self, key, value)
-        object.__setattr__(self, "absolute_sd", None)
 
     def __repr__(self) -> str:
         lines, responses, forces = self.values.shape
         return f"FRFTarget({self.kind}, {lines} lines, {responses} x {forces} functions)"
 
-    def _relative(self, values: np.ndarray) -> np.ndarray:
-        key = "relative_sd" if self.absolute_sd is None else "absolute_sd"
-        sd = measured(key, getattr(self, key))
-        try:
-            sd = np.broadcast_to(sd, values.shape).copy()
-        except ValueError as error:
-            raise InputError(
-                f"frfs.{key} has shape {sd.shape}: expected a number or {values.shape}"
-            ) from error
-        return sd if self.absolute_sd is None else sd / np.abs(values)
-
     @classmethod
     def from_measured(
-        cls,
-        measured: MeasuredFRFs,
-        *,
-        lines: int | Iterable[float] | None = None,
-        band: tuple[float, float] | None = None,
-        relative_sd: float | np.ndarray = 0.02,
-        averages: int | None = None,
+        cls, frfs: MeasuredFRFs, lines: Sequence[int], relative_sd: float | np.ndarray = 0.02
     ) -> FRFTarget:
-        """The FRFs of a test at all of its lines, or at some.
+        """The FRFs of a test at some of its lines.
 
         Args:
-            measured: The functions; see `fenics_joints.measurements.files.read_frfs`.
-            lines: How many, spread evenly over the band; or frequencies, Hz, of which the nearest
-                measured lines are taken; all by default.
-            band: Lowest and highest line, Hz.
-            relative_sd: Relative standard deviation, a number or of the measured values' shape.
-            averages: Number of averages: the standard deviation is then that of an H1 estimate with
-                the measured coherence, which ``relative_sd`` is not less than if it is a number.
-
-        Raises:
-            InputError: If there is no such line, or no coherence for ``averages``.
+            frfs: The functions; see `fenics_joints.measurements.read_frfs`.
+            lines: Indices of the lines, such as `measurements.frfs.choose_lines` gives.
+            relative_sd: Relative standard deviation, a number or of the shape of the functions'
+                values, such as `MeasuredFRFs.stated_sd` gives.
         """
-        sd = np.broadcast_to(np.asarray(relative_sd, dtype=float), measured.values.shape)
-        if averages is not None:
-            noise = np.nan_to_num(measured.relative_sd(averages), nan=0.0)
-            sd = np.maximum(noise, sd)
-        f = measured.frequencies_hz
-        low, high = (0.0, np.inf) if band is None else band
-        there = np.flatnonzero((f > 0) & (f >= low) & (f <= high))
-        if not len(there):
-            raise InputError(f"band = [{low:g}, {high:g}] Hz: expected one with measured lines")
-        if isinstance(lines, int | np.integer):
-            if lines < 1:
-                raise InputError(f"lines = {lines}: expected at least 1")
-            some = np.linspace(0, len(there) - 1, min(lines, len(there)))
-            there = there[np.unique(some.round().astype(int))]
-        elif lines is not None:
-            wanted = np.asarray(list(lines), dtype=float)
-            there = there[np.unique([np.abs(f[there] - w).argmin() for w in wanted])]
-        excitation = Sensors(measured.reference_points, measured.reference_directions)
-        return cls(
-            f[there],
-            measured.values[there],
-            measured.sensors(),
-            excitation,
-            measured.kind,
-            sd[there],
-        )
+        sd = np.broadcast_to(relative_sd, frfs.values.shape)[lines]
+        force = Sensors(frfs.reference_points, frfs.reference_directions)
+        hz, values = frfs.frequencies_hz[lines], frfs.values[lines]
+        return cls(hz, values, frfs.sensors(), force, frfs.kind, sd)
 
     @property
     def used(self) -> np.ndarray:

@@ -330,7 +330,7 @@ def of_measurements():
     values = np.ones((2, len(at.points), 1), dtype=complex)
     force = sensors(((0.0, 0),))
     frfs = {"frequencies_hz": LINES[:2], "values": values, "sensors": at, "excitation": force}
-    yield measurements.FRFTarget, frfs, "absolute_sd:1 values:-1"
+    yield measurements.FRFTarget, frfs, "values:-1"
     yield (
         MeasuredFRFs,
         {

@@ -134,7 +134,7 @@ def _functions(case: Case, bands: list[tuple[float, float]]) -> dict:
     for name in (held.responses if held is not None else None) or ():
         out[:, frfs.response_names.index(name)] = True
     lines = _lines(case, frfs, sd, out)
-    target = FRFTarget.from_measured(frfs, lines=frfs.frequencies_hz[lines], relative_sd=sd)
+    target = FRFTarget.from_measured(frfs, lines, sd)
     seen = np.where(out[lines], np.nan, target.values)
     target = replace(target, values=seen)
     return {"target": target, "frfs": frfs, "relative_sd": sd, "lines": lines, "held": out}

@@ -196,17 +196,17 @@ _REST = 0.1
 _ONE_MODE = 0.02
 
 
-def test_by_level(backbones: Mapping[str, MeasuredBackbone], most: int = 8) -> TestData:
+def test_by_level(backbones: Mapping[str, MeasuredBackbone]) -> TestData:
     """A test of one or more modes by level, as a diagnosis takes it.
 
     Args:
-        backbones: By the modes' names.
-        most: Most levels of each mode: see `MeasuredBackbone.averaged`.
+        backbones: By the modes' names; of each some levels are taken, see
+            `MeasuredBackbone.averaged`.
 
     Raises:
         InputError: If their amplitudes are of different responses.
     """
-    few = {name: backbone.averaged(most) for name, backbone in backbones.items()}
+    few = {name: backbone.averaged() for name, backbone in backbones.items()}
     kinds = {one.response for one in few.values()}
     if len(kinds) != 1:
         raise InputError(
