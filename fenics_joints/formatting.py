@@ -40,6 +40,12 @@ def printable(text: str) -> str:
     return _CONTROL.sub(lambda found: ascii(found[0])[1:-1], text)
 
 
+def first_of(items: Sequence[object], most: int = 12, comma: str = ", ") -> str:
+    """The first of many things, and how many more there are."""
+    more = f" and {len(items) - most} more" if len(items) > most else ""
+    return comma.join(map(str, items[:most])) + more
+
+
 def _missing(value) -> bool:
     return value is None or not math.isfinite(value)
 

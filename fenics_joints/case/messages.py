@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Annotated, Any
 
-from fenics_joints.errors import InputError
+from fenics_joints.errors import InputError, shown
 
 
 def case_error(path: Path, errors: list[str]) -> InputError:
@@ -21,8 +21,7 @@ def case_error(path: Path, errors: list[str]) -> InputError:
 
 def message(key: str, value: Any, expected: str) -> str:
     """A line of the form ``key = value: expected ...``."""
-    shown = repr(value)
-    return f"{key} = {shown if len(shown) <= 80 else shown[:77] + '...'}: {expected}"
+    return f"{key} = {shown(value)}: {expected}"
 
 
 def describe(error: dict[str, Any], root: type) -> str:

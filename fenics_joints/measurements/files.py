@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from fenics_joints.errors import InputError, located
+from fenics_joints.formatting import first_of
 from fenics_joints.measurements.frfs import MeasuredFRFs
 from fenics_joints.response.units import MOTION, a_kind, checked_kind, frf_unit, length_factor
 
@@ -20,8 +21,6 @@ _VALUES = 300_000_000
 UFF_SUFFIXES = (".uff", ".unv", ".uf", ".ufb", ".58", ".bunv")
 #: Problem of a node whose axes no file defines.
 MISSING = "is not in the file"
-#: How many nodes a message names.
-_NAMED = 12
 
 Vector = tuple[float, float, float]
 
@@ -338,11 +337,10 @@ class _Places:
         node = self.nodes.get(dof.node)
         if node is None:
             known = sorted(self.nodes, key=_natural)
-            shown = ", ".join(known[:_NAMED]) + (", ..." if len(known) > _NAMED else "")
             raise InputError(
                 f"{what} node {dof.node} has no coordinates: expected them in a file (dataset 15 "
                 "or 2411, or a table of nodes) or in points; "
-                + (f"known are nodes {shown}" if known else "no node is known")
+                + (f"known are nodes {first_of(known)}" if known else "no node is known")
             )
         if node.problem:
             raise InputError(f"{what} node {dof.node}, from {node.where}: {node.problem}")

@@ -17,6 +17,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from fenics_joints.errors import InputError, real, reals, wanted, whole
+from fenics_joints.formatting import first_of
 from fenics_joints.measurements.data import TestData
 from fenics_joints.measurements.frfs import MeasuredFRFs
 from fenics_joints.measurements.poles import FRFColumns, ModeFit
@@ -73,9 +74,10 @@ class Links:
         reached = {one for (one, sign), _, _ in self.chain if sign > 0}
         lost = [one for one in np.unique(self.columns) if one not in reached]
         if lost:
+            responses, references = np.array(data.response_names), np.array(data.reference_names)
             texts = [
-                f"responses {_listed(data.response_names, self.rows == one)} by references "
-                f"{_listed(data.reference_names, self.columns == one)}"
+                f"responses {first_of(responses[self.rows == one], _NAMED)} by references "
+                f"{first_of(references[self.columns == one], _NAMED)}"
                 for one in (self.root, *lost)
             ]
             raise InputError(
@@ -131,12 +133,6 @@ class Links:
         own = (np.abs(a[..., self.rows == pair[0], :]) ** 2).sum(axis=-2)
         found = 2j * poles.imag * above / np.where(below > 0, below, 1.0)
         return np.where(below > _STILL * own, found, np.nan)
-
-
-def _listed(names, chosen: np.ndarray) -> str:
-    found = [name for name, here in zip(names, chosen, strict=True) if here]
-    more = f" and {len(found) - _NAMED} more" if len(found) > _NAMED else ""
-    return ", ".join(found[:_NAMED]) + more
 
 
 # -- modes -----------------------------------------------------------------------------------------

@@ -19,6 +19,7 @@ import numpy as np
 
 from fenics_joints.errors import InputError, Problems, measured
 from fenics_joints.files import is_file, paths_of, shown_path
+from fenics_joints.formatting import first_of
 from fenics_joints.measurements.files import Contents, FileMetadata
 from fenics_joints.measurements.uff import (
     DATA,
@@ -387,7 +388,7 @@ def read_shapes(
     notes = list(contents.notes)
     still = [record for record in records if record.frequency_hz == 0]
     if still:
-        notes.append(f"{_listed([r.where for r in still])}: without a frequency, left out")
+        notes.append(f"{first_of([r.where for r in still])}: without a frequency, left out")
     records = [record for record in records if record.frequency_hz > 0]
     if not records:
         raise InputError(f"{paths[0]}: no mode has a frequency, expected it in Hz in record 8")
@@ -487,8 +488,7 @@ def _check_places(contents: Contents, records, nodes: Sequence[str]) -> None:
         if known[node].problem
     ]
     if bad:
-        more = f"\n  and {len(bad) - _NAMED} more" if len(bad) > _NAMED else ""
-        raise InputError("\n  ".join(bad[:_NAMED]) + more)
+        raise InputError(first_of(bad, _NAMED, "\n  "))
 
 
 def _check_once(records: Sequence[ShapeRecord], shapes: np.ndarray) -> None:
@@ -530,7 +530,7 @@ def _complexity(records: Sequence[ShapeRecord], collinearity, mac) -> list[str]:
     if poor:
         notes.append(
             f"Too complex to be compared with modes without damping (MAC below {_REAL:g}): those "
-            f"at {_listed(poor)} Hz; sensors out of phase, close modes or local damping make them"
+            f"at {first_of(poor)} Hz; sensors out of phase, close modes or local damping make them"
         )
     return notes
 
@@ -542,9 +542,4 @@ def _points_of_lines(contents: Contents) -> tuple[np.ndarray, ...]:
 
 
 def _node_list(labels: Sequence[str]) -> str:
-    return f"node{'s' if len(labels) > 1 else ''} {_listed(labels)}"
-
-
-def _listed(items: Sequence[str]) -> str:
-    more = f" and {len(items) - _NAMED} more" if len(items) > _NAMED else ""
-    return ", ".join(items[:_NAMED]) + more
+    return f"node{'s' if len(labels) > 1 else ''} {first_of(labels)}"

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from fenics_joints.errors import InputError, Problems
+from fenics_joints.formatting import first_of
 from fenics_joints.measurements.data import TestData, same_conditions
 from fenics_joints.measurements.tables import LISTED, Table, read_table
 
@@ -188,11 +189,8 @@ def _check_values(table: Table, modes, good: np.ndarray, expected: str) -> None:
     columns = np.column_stack([table.column(name) for name in modes])
     bad = np.argwhere(~good & ~np.isnan(columns))
     if len(bad):
-        items = [
-            f"data row {i + 1}, column {modes[j]!r} = {columns[i, j]:g}" for i, j in bad[:_CELLS]
-        ]
-        more = f" and {len(bad) - _CELLS} more" if len(bad) > _CELLS else ""
-        raise InputError(f"{table.path}: {'; '.join(items)}{more}, expected {expected}")
+        cells = [f"data row {i + 1}, column {modes[j]!r} = {columns[i, j]:g}" for i, j in bad]
+        raise InputError(f"{table.path}: {first_of(cells, _CELLS, '; ')}, expected {expected}")
 
 
 def _damping(path, condition, unit, conditions, modes) -> np.ndarray:

@@ -14,9 +14,9 @@ from pathlib import Path
 
 import numpy as np
 
-from fenics_joints.errors import InputError, Problems, located
+from fenics_joints.errors import InputError, Problems, located, shown
 from fenics_joints.files import check_size, is_file, path_of, read_toml, shown_path
-from fenics_joints.formatting import control_character
+from fenics_joints.formatting import control_character, first_of
 from fenics_joints.progress import reading
 from fenics_joints.units import factor_to_si, plain_number
 
@@ -73,10 +73,9 @@ class Table:
             known = self.names[:LISTED]
             near = difflib.get_close_matches(name, known, 1)
             hint = f"; did you mean {near[0]!r}?" if near else ""
-            more = f" and {len(self.names) - LISTED} more" if len(self.names) > LISTED else ""
             raise InputError(
                 f"{self.path}: has no column {name!r}{hint} Expected one of: "
-                f"{', '.join(known)}{more}"
+                f"{first_of(self.names, LISTED)}"
             )
         if unit is None:
             return self.values[:, i]
@@ -305,7 +304,7 @@ def _number(cell: object, row: int, head: str, bad: _Some) -> float:
             return value
     except (TypeError, ValueError):
         pass
-    bad.add(f"row {row}, column {head!r} = {_short(cell)}")
+    bad.add(f"row {row}, column {head!r} = {shown(cell)}")
     return np.nan
 
 
@@ -313,12 +312,11 @@ def _toml_columns(path: Path, problems: Problems) -> tuple[list[str], np.ndarray
     columns = read_toml(path, _EXPECTED)
     for head, column in columns.items():
         if not isinstance(column, list) or not column:
-            shown = repr(column)[:80]
-            raise InputError(f"{path}: {head!r} = {shown}, expected an array of numbers")
+            raise InputError(f"{path}: {head!r} = {shown(column)}, expected an array of numbers")
     lengths = {head: len(column) for head, column in columns.items()}
     if len(set(lengths.values())) != 1:
-        shown = ", ".join(f"{head}: {n}" for head, n in list(lengths.items())[:_NAMED])
-        raise InputError(f"{path}: the arrays have lengths {shown}, expected one and the same")
+        each = first_of([f"{head}: {n}" for head, n in lengths.items()], _NAMED)
+        raise InputError(f"{path}: the arrays have lengths {each}, expected one and the same")
     bad = _Some()
     values = [
         [_number(cell, i, head, bad) for i, cell in enumerate(column, 1)]
@@ -327,8 +325,3 @@ def _toml_columns(path: Path, problems: Problems) -> tuple[list[str], np.ndarray
     if bad:
         problems.add(f"{path}: {bad}: {_NO_NUMBER}")
     return list(columns), np.array(values).T
-
-
-def _short(cell: object) -> str:
-    shown = repr(cell)
-    return shown if len(shown) <= 60 else f"{shown[:57]}..."
