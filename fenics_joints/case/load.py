@@ -5,7 +5,6 @@ from __future__ import annotations
 import copy
 import math
 import os
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import takewhile
 from pathlib import Path
@@ -207,7 +206,15 @@ def _read_test(case: Case, key: str, source: Test | ValidationTest) -> TestData:
         return replace(data, sensors=case.sensors(), shape_noise=test.shape_noise)
     if files["frequencies"] is None:
         with located(f"{key}.shapes"):
-            data = _modes_of(shapes, modes, test)
+            data = TestData.of_modes(
+                shapes.frequencies_hz,
+                modes,
+                1.0 if test.shapes_at is None else test.shapes_at,
+                test.condition or "row",
+                damping=None if np.isnan(shapes.damping).all() else shapes.damping[None],
+                sensors=shapes.sensors,
+                shapes=shapes.shapes,
+            )
         return replace(data, **_noise(test, len(data.mode_names)))
     with located(key):
         data = read_test_data(
@@ -308,36 +315,6 @@ def _per_mode(name: str, values: list[float], n: int) -> list[float] | float:
         expected = f"expected one value, or {n}: one for each of the modes"
         raise InputError(message(f"test.{name}", values, expected))
     return values if len(values) == n else values[0]
-
-
-def _modes_of(found: MeasuredShapes, names: Sequence[str] | None, test: Test) -> TestData:
-    """A test of these modes alone: frequencies, damping and shapes at one condition.
-
-    Args:
-        found: The modes.
-        names: Their names, as many as modes; numbered by default.
-        test: Says the condition.
-
-    Raises:
-        InputError: If there are other than as many names.
-    """
-    count = len(found.frequencies_hz)
-    names = [f"mode {i + 1}" for i in range(count)] if names is None else list(names)
-    if len(names) != count:
-        hertz = ", ".join(f"{f:.5g}" for f in found.frequencies_hz)
-        raise InputError(
-            f"{', '.join(found.sources)}: has {count} modes, at {hertz} Hz; expected {len(names)}, "
-            "as named in modes"
-        )
-    return TestData(
-        [1.0 if test.shapes_at is None else test.shapes_at],
-        found.frequencies_hz[None],
-        tuple(names),
-        test.condition or "row",
-        damping=None if np.isnan(found.damping).all() else found.damping[None],
-        sensors=found.sensors,
-        shapes=found.shapes,
-    )
 
 
 def _shapes_of(found: MeasuredShapes, data: TestData) -> np.ndarray:

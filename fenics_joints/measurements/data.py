@@ -121,6 +121,34 @@ class TestData:
             if not isinstance(getattr(self, key), str):
                 raise wanted(key, getattr(self, key), "a text")
 
+    @classmethod
+    def of_modes(
+        cls,
+        frequencies_hz: np.ndarray,
+        names: Sequence[str] | None = None,
+        condition: float = 1.0,
+        condition_name: str = "row",
+        **more: object,
+    ) -> TestData:
+        """A test of modes at one condition.
+
+        Args:
+            frequencies_hz: Hz, (m,).
+            names: Of the modes; ``mode 1`` and so on by default.
+            condition: Value of the condition.
+            condition_name: What the condition is.
+            more: Other attributes.
+
+        Raises:
+            InputError: If there are other than as many names as modes.
+        """
+        m = len(frequencies_hz)
+        names = tuple(names or (f"mode {i + 1}" for i in range(m)))
+        if len(names) != m:
+            hertz = ", ".join(f"{f:.5g}" for f in frequencies_hz)
+            raise InputError(f"{len(names)} modes are named: expected {m}, those at {hertz} Hz")
+        return cls([condition], frequencies_hz[None], names, condition_name, **more)
+
     def __repr__(self) -> str:
         shapes = "" if self.shapes is None else f", shapes at {len(self.sensors)} sensors"
         where = f"{len(self)} values of {self.condition_name}"

@@ -251,15 +251,11 @@ class IdentifiedModes:
         Raises:
             InputError: If the names do not fit.
         """
-        m = len(self.frequencies_hz)
-        names = tuple(names or (f"mode {i + 1}" for i in range(m)))
-        if len(names) != m:
-            raise InputError(f"names = {list(names)}: expected {m}, one for each mode")
         rms = np.sqrt(np.nanmean(self.shapes**2, axis=0))
-        return TestData(
-            [condition],
-            self.frequencies_hz[None],
+        return TestData.of_modes(
+            self.frequencies_hz,
             names,
+            condition,
             condition_name,
             damping=self.damping[None],
             noise=np.hypot(self.frequencies_sd / self.frequencies_hz, noise),
