@@ -188,9 +188,38 @@ class TestDraft:
         self.n_modes = self.n_modes or 1
 
     def add_amplitude(self, paths: Sequence[Path]) -> None:
-        """Modes over their amplitude, as a test of their own where nothing else gives modes."""
-        sections, found, questions = draft_amplitude(paths, self.refer, self.ask, self.known)
-        read = [name for name in sections if not name.startswith(OPEN)]
+        """Modes over their amplitude, as a test of their own where nothing else gives modes.
+
+        Each file is of one mode; files of one mode and kind are put together.
+        """
+        problems, groups = Problems(), []
+        for path in paths:
+            one = problems.tried(lambda path=path: _read_file(path, self.refer, self.ask))
+            if one is not None:
+                _merge(groups, one)
+        problems.check()
+        sections, found, questions = {}, [], [_NAMED]
+        for name, data in zip(_mode_names(groups, self.known), groups, strict=True):
+            files, section = ", ".join(data.files), {"files": data.files, **data.options}
+            if data.backbone is None:  # what was held constant no file says
+                questions.append(f"The levels of the {data.functions} functions in {files}.")
+                found.append(
+                    f"{data.functions} functions of one mode, of unknown levels, in {files}"
+                )
+                likely = [f"{5 * (i + 1)} m/s2" for i in range(data.functions)]
+                levels = guess(likely, "of each function, in the file's order, with their unit")
+                sections[f"{OPEN}{name}"] = {"files": data.files, "levels": levels}
+                continue
+            kind = data.backbone.kind
+            if kind == "backbone":
+                words = "of these frequencies alone; or a column frequency sd [Hz]"
+                section[f"{OPEN}noise"] = guess("0.1 %", words)
+                section[f"{OPEN}damping_noise"] = guess("10 %", "or a column damping sd [%]")
+            sections[name] = guess(section, f"{data.hz:.4g} Hz at its lowest level")
+            found.append(f"{name} at {len(data.backbone)} amplitudes ({kind}) in {files}")
+            if "sensor" in data.options:
+                questions.append(f"The sensor that the amplitude in {files} is of.")
+        read = sum(data.backbone is not None for data in groups)
         if not (read or self.n_modes):
             raise InputError(
                 f"{'; '.join(found)}: expected the levels (answer for them, without --yes), "
@@ -199,7 +228,7 @@ class TestDraft:
         self.table["amplitude"] = sections
         self.found += found
         self.questions += questions
-        self.n_modes = self.n_modes or len(read)
+        self.n_modes = self.n_modes or read
 
     def _unit_of(self, paths: Sequence[Path], points: np.ndarray) -> str:
         """The unit of places, by the size of the structure."""
@@ -333,70 +362,33 @@ class _ModeFiles:
         return np.nan if self.backbone is None else float(self.backbone.frequencies_hz[0])
 
 
-def draft_amplitude(
-    paths: Sequence[Path], refer: Callable[[Path], str], ask: Ask, known: Mapping[str, float]
-) -> tuple[dict[str, Remark], list[str], list[str]]:
-    """What files of modes over their amplitude say.
-
-    Args:
-        paths: The files: each of one mode; those of one mode are put together.
-        refer: The name that a file has in the case.
-        ask: Asks the user.
-        known: Frequencies, Hz, of the test's other modes by their names.
-
-    Returns:
-        ``[test.amplitude]``, what was found, and what was guessed.
-
-    Raises:
-        InputError: For what is wrong in the files, all of them.
-    """
-    problems, groups = Problems(), []
-    for path in paths:
-        one = problems.tried(lambda path=path: _read_file(path, refer, ask))
-        if one is not None:
-            _merge(groups, one)
-    problems.check()
-    sections, found, questions = {}, [], [_NAMED]
-    for name, data in zip(_mode_names(groups, known), groups, strict=True):
-        files = ", ".join(data.files)
-        if data.backbone is None:  # what was held constant no file says
-            questions.append(f"The levels of the {data.functions} functions in {files}.")
-            found.append(f"{data.functions} functions of one mode, of unknown levels, in {files}")
-            likely = [f"{5 * (i + 1)} m/s2" for i in range(data.functions)]
-            levels = guess(likely, "of each function, in the file's order, with their unit")
-            sections[f"{OPEN}{name}"] = {"files": data.files, "levels": levels}
-            continue
-        section = {"files": data.files, **data.options}
-        if data.backbone.kind == "backbone":
-            words = "of these frequencies alone; or a column frequency sd [Hz]"
-            section[f"{OPEN}noise"] = guess("0.1 %", words)
-            section[f"{OPEN}damping_noise"] = guess("10 %", "or a column damping sd [%]")
-        sections[name] = guess(section, f"{data.hz:.4g} Hz at its lowest level")
-        kind = data.backbone.kind
-        found.append(f"{name} at {len(data.backbone)} amplitudes ({kind}) in {files}")
-        if "sensor" in data.options:
-            questions.append(f"The sensor that the amplitude in {files} is of.")
-    return sections, found, questions
-
-
 def _read_file(path: Path, refer, ask: Ask) -> _ModeFiles:
     """One file, with what it leaves open."""
-    if path.suffix.lower() in (*UFF_SUFFIXES, ".mat") and not _is_record(path):
+    files, suffix = (refer(path),), path.suffix.lower()
+    sensors: list[str] = []
+    if suffix in UFF_SUFFIXES and _holds_time(path):
+        sensors = list(dict.fromkeys(n for history in histories_of(path) for n in history.signals))
+    elif suffix in (*UFF_SUFFIXES, ".mat"):
         count, units = _count_functions(path, ask)
-        levels = _asked_levels(path, count, ask)
         options = {} if units is None else {"units": units}
-        if not levels:
-            return _ModeFiles((refer(path),), options, functions=count)
+        if not (levels := _asked_levels(path, count, ask)):
+            return _ModeFiles(files, options, functions=count)
         read = read_amplitude(path, levels=levels, units=units)
-        return _ModeFiles((refer(path),), {"levels": levels, **options}, read)
-    sensors = _sensors(path)
-    if len(sensors) > 1:
-        question = f"Sensor that the amplitude in {path.name} is of ({', '.join(sensors)})"
-        sensor = ask(question, sensors[0], lambda answer: member("sensor", answer, sensors))
-        others = [other for other in sensors if other != sensor]
-        options = {"sensor": guess(sensor, f"or {', '.join(others)}")}
-        return _ModeFiles((refer(path),), options, read_amplitude(path, sensor=sensor))
-    return _ModeFiles((refer(path),), {}, read_amplitude(path))
+        return _ModeFiles(files, {"levels": levels, **options}, read)
+    elif suffix in (".csv", ".toml", ".txt") and is_history(table := read_table(path)):
+        sensors = list(history_of(table).signals)
+    if len(sensors) < 2:
+        return _ModeFiles(files, {}, read_amplitude(path))
+    question = f"Sensor that the amplitude in {path.name} is of ({', '.join(sensors)})"
+    sensor = ask(question, sensors[0], lambda answer: member("sensor", answer, sensors))
+    others = [other for other in sensors if other != sensor]
+    options = {"sensor": guess(sensor, f"or {', '.join(others)}")}
+    return _ModeFiles(files, options, read_amplitude(path, sensor=sensor))
+
+
+def _holds_time(path: Path) -> bool:
+    """Whether a universal file holds responses over time."""
+    return any(data["func_type"] == _TIME for _, data in read_sets(path, (58,)))
 
 
 def _count_functions(path: Path, ask: Ask) -> tuple[int, str | None]:
@@ -413,21 +405,6 @@ def _count_functions(path: Path, ask: Ask) -> tuple[int, str | None]:
         if not units:
             raise
         return read(units), units
-
-
-def _is_record(path: Path) -> bool:
-    """Whether a universal file holds responses over time."""
-    if path.suffix.lower() not in UFF_SUFFIXES:
-        return False
-    return any(data["func_type"] == _TIME for _, data in read_sets(path, (58,)))
-
-
-def _sensors(path: Path) -> list[str]:
-    """Sensors of records over time; none of other files."""
-    if path.suffix.lower() in UFF_SUFFIXES:
-        return list(dict.fromkeys(n for history in histories_of(path) for n in history.signals))
-    table = read_table(path) if path.suffix.lower() in (".csv", ".toml", ".txt") else None
-    return list(history_of(table).signals) if table is not None and is_history(table) else []
 
 
 def _asked_levels(path: Path, count: int, ask: Ask) -> list[str]:
