@@ -216,7 +216,7 @@ class MeshFile(MeshSection):
         layer: Thickness of the layers; without it they are so thin that nothing is moved.
         bonded: Pairs of parts that are welded.
         between: Pairs of parts that get a layer; all that touch by default.
-        bolts: Where the rings are.
+        bolts: Rings around the bolts.
     """
 
     origin = "file"
@@ -355,9 +355,9 @@ class OffsetBeamsMesh(MeshSection):
     touch. A single value of a list holds for all.
 
     Attributes:
-        builder: Its name.
+        builder: Name of the builder.
         degree: Has no meaning here.
-        lengths: Length of each beam.
+        lengths: Length of each beam, in a row.
         laps: Length of each lap.
         width: Width of each beam.
         thickness: Thickness of each beam.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 from typing import Any
 
 from pydantic.json_schema import GenerateJsonSchema
@@ -19,11 +20,17 @@ def case_schema() -> dict[str, object]:
     return {**head, "title": "A case of fenics-joints"}
 
 
-def meaning(path: tuple[str, ...]) -> str:
-    """What a key of the case file means, in a few words; empty where nothing says it."""
+def meaning(path: tuple[str, ...], beside: Iterable[str] = ()) -> str:
+    """What a key of the case file means, in a few words; empty where nothing says it.
+
+    Args:
+        path: The key with the tables that it is in.
+        beside: Keys of the same table, which tell of which kind it is.
+    """
     for kind in kinds_at(path[:-1], Case):
-        if hasattr(kind, "model_fields") and (text := docstring_keys(kind)[1].get(path[-1])):
-            return re.split(r"[.;:] ", text.rstrip("."))[0]
+        keys = docstring_keys(kind)[1] if hasattr(kind, "model_fields") else {}
+        if path[-1] in keys and set(beside) <= {*keys, "builder"}:
+            return re.split(r"[.;:] ", keys[path[-1]].rstrip("."))[0]
     return ""
 
 

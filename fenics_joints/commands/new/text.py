@@ -36,7 +36,7 @@ def text_of(title: str, draft: Draft, test: TestDraft) -> str:
         *(f"# ? {question}" for question in (*draft.questions, *test.questions)),
         "# fenics-joints check says what else is wrong or unlikely.",
         "",
-        *_lines(case),
+        *_lines(case, set()),
     ]
     return "\n".join(lines) + "\n"
 
@@ -61,16 +61,22 @@ def _work(joints: Mapping[str, Remark], test: TestDraft) -> dict[str, dict]:
 
 
 def _lines(
-    table: Mapping[str, object], path: tuple[str, ...] = (), begin: str = ""
+    table: Mapping[str, object], known: set[str], path: tuple[str, ...] = (), begin: str = ""
 ) -> Iterator[str]:
-    """Lines of a table: its values, then the tables inside; each line after ``begin``."""
-    tables = {}
-    for key, value in table.items():
-        own = (*path, key.removeprefix(OPEN))
-        words = value.words if isinstance(value, Remark) else meaning(own)
+    """Lines of a table: its values, then the tables inside; each line after ``begin``.
+
+    What a key means is written once; ``known`` are the comments that were.
+    """
+    tables, names = {}, [key.removeprefix(OPEN) for key in table]
+    for name, (key, value) in zip(names, table.items(), strict=True):
+        own, words = (*path, name), ""
+        if isinstance(value, Remark):
+            words = value.words
+        elif path and (text := meaning(own, names)) not in known:
+            known.add(words := text)
         end, value = f"  # {words}" if words else "", _bare(value)
         if isinstance(value, Mapping):
-            start = begin if own[-1] == key else OPEN
+            start = begin if name == key else OPEN
             tables[own] = value, start, end
         elif isinstance(value, list | tuple) and any(isinstance(item, Remark) for item in value):
             items = [
@@ -82,7 +88,7 @@ def _lines(
     for own, (inside, start, end) in tables.items():
         if not all(isinstance(_bare(value), Mapping) for value in inside.values()):
             yield from ("", f"{start}[{'.'.join(map(_key, own))}]{end}")
-        yield from _lines(inside, own, start)
+        yield from _lines(inside, known, own, start)
 
 
 def _bare(value: object) -> object:
