@@ -96,6 +96,10 @@ class Problems:
     def __bool__(self) -> bool:
         return bool(self._found)
 
+    def texts(self) -> list[str]:
+        """The messages."""
+        return [str(error) for error in self._found]
+
     def check(self) -> None:
         """Raise what was found, ten of them at most and how many more there are.
 

@@ -6,6 +6,7 @@ import copy
 import math
 import os
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import takewhile
 from pathlib import Path
 from typing import Any
@@ -20,7 +21,7 @@ from fenics_joints.case.mesh import Mesh
 from fenics_joints.case.messages import case_error, describe, message
 from fenics_joints.case.starting import start_joints
 from fenics_joints.case.test import ChangedTest, FRFSection, Test, ValidationTest
-from fenics_joints.errors import InputError, located
+from fenics_joints.errors import InputError, Problems, located
 from fenics_joints.files import is_file, read_toml, shown_path
 from fenics_joints.measurements import (
     MeasuredBackbone,
@@ -74,7 +75,6 @@ def finish_case(case: Case, path: Path, raw: dict) -> list[str]:
         *check_mesh(case),
         *check_applied(case),
         *_read_tests(case),
-        *_read_frfs(case),
         *check_update(case),
         *check_beams(case),
         *check_combined(case),
@@ -87,8 +87,7 @@ def read_part(case: Case, path: Path, has_mesh: bool) -> list[str]:
     """Check a case that lacks sections, as far as a check needs none of these; as `finish_case`."""
     case._path = path
     meshed = check_mesh(case) if has_mesh else []
-    tests = [*_read_tests(case), *_read_frfs(case)]
-    return [*check_names(case), *meshed, *tests, *_read_curves(case)]
+    return [*check_names(case), *meshed, *_read_tests(case), *_read_curves(case)]
 
 
 def _diagnosed_mesh(case: Case, raw: dict) -> Mesh | None:
@@ -104,49 +103,48 @@ def _diagnosed_mesh(case: Case, raw: dict) -> Mesh | None:
 
 
 def _read_tests(case: Case) -> list[str]:
-    test = case.test
+    """Read the files of the test; a line for each thing that is wrong in them."""
+    test, problems = case.test, Problems()
     if test is None:
         return []
-    errors: list[str] = []
-
-    def tried(read, *args):
-        try:
-            return read(*args)
-        except InputError as error:
-            errors.append(str(error))
-            return None
-
     if test.planned is not None:
-        case._planned = tried(_plan_test, case, test)
-    if not test.has_modes:
-        return errors
-    backbones = {name: tried(_read_amplitude, case, name) for name in test.amplitude}
+        case._planned = problems.tried(lambda: _plan_test(case, test))
+    if test.has_modes:
+        _read_modes(case, test, problems)
+    if test.frfs is not None:
+        problems.tried(lambda: _read_frfs(case, test.frfs))
+    return problems.texts()
+
+
+def _read_modes(case: Case, test: Test, problems: Problems) -> None:
+    backbones = {
+        name: problems.tried(lambda name=name: _read_amplitude(case, name))
+        for name in test.amplitude
+    }
     case._backbones = {name: one for name, one in backbones.items() if one is not None}
     if test.has_universal_shapes:
-        case._shapes = tried(_read_universal, case)
+        case._shapes = problems.tried(lambda: _read_universal(case))
     # Tables are read whatever is wrong in the files beside them.
-    if not errors or (test.frequencies is not None and not test.has_universal_shapes):
-        case._measured = tried(_read_test, case, "test", test)
-    if test.validation is not None and case._measured is not None:
-        case._validation = tried(_read_test, case, "test.validation", test.validation)
-    for name, section in test.changed.items() if case._measured is not None else ():
-        case._changed[name] = tried(_read_changed, case, name, section)
-    if errors:
-        return errors
-    measured, validation = case._measured, case._validation
-    if validation is not None and measured.condition_unit != validation.condition_unit:
-        return [
-            f"test.validation: {test.condition} is in {validation.condition_unit!r}, "
-            f"expected {measured.condition_unit!r} as in test.frequencies"
-        ]
-    return []
+    if not problems or (test.frequencies is not None and not test.has_universal_shapes):
+        case._measured = problems.tried(lambda: _read_test(case, "test", test))
+    measured = case._measured
+    if measured is None:
+        return
+    if test.validation is not None:
+        read = partial(_read_test, case, "test.validation", test.validation)
+        case._validation = problems.tried(read)
+    for name, section in test.changed.items():
+        case._changed[name] = problems.tried(partial(_read_changed, case, name, section))
+    other = case._validation
+    if not problems and other is not None and measured.condition_unit != other.condition_unit:
+        problems.add(
+            f"test.validation: {test.condition} is in {other.condition_unit!r}, expected "
+            f"{measured.condition_unit!r} as in test.frequencies"
+        )
 
 
-def _read_frfs(case: Case) -> list[str]:
-    section = None if case.test is None else case.test.frfs
-    if section is None:
-        return []
-    try:
+def _read_frfs(case: Case, section: FRFSection) -> None:
+    with located("test.frfs"):
         keys = ("kind", "units", "length_unit", "points", "directions", "keys")
         files = [case.file(file) for file in section.files]
         frfs = read_frfs(files, **{key: getattr(section, key) for key in keys})
@@ -155,9 +153,6 @@ def _read_frfs(case: Case) -> list[str]:
             case._measured = _identified(case, section)
         elif section.at is not None and case._measured is not None:
             case._measured.row(section.at)
-    except InputError as error:
-        return [f"test.frfs: {error}"]
-    return []
 
 
 def _identified(case: Case, section: FRFSection) -> TestData:
