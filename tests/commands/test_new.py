@@ -349,7 +349,7 @@ def test_a_plane_mesh_is_said_and_a_sheet_bends(tmp_path):
     modes = run_modes(case, MPI.COMM_SELF, QUIET, n_modes=8).result.modes
     beam = 22.37 / (2 * np.pi * 0.12**2) * np.sqrt(210e9 * 0.002**2 / (12 * 7850))
     assert modes.frequencies_hz[6] == pytest.approx(beam, rel=0.03)
-    (error,) = edited(tmp_path / "sheet", ("gdim = 2\n", "")).errors
+    (error,) = edited(tmp_path / "sheet", ("gdim = 2", "gdim = 3")).errors
     assert "thickness" in error
 
 
