@@ -104,10 +104,10 @@ Coordinate = Annotated[float, Demand(is_finite, "a coordinate in metres", "m")]
 Count = Annotated[int, Demand(is_count, "a whole number of at least 1")]
 Solid = Literal["hexahedron", "tetrahedron"]
 #: Most bolts in a plan. Chosen: the builders compare each with each, which takes a second then.
-_MOST_PLACES = 1000
+MOST_PLACES = 1000
 Places = Annotated[
     Sequence[tuple[Coordinate, Coordinate]],
-    Demand(lambda v: len(v) <= _MOST_PLACES, f"at most {_MOST_PLACES} bolts"),
+    Demand(lambda v: len(v) <= MOST_PLACES, f"at most {MOST_PLACES} bolts"),
     Demand(
         lambda v: all(np.shape(b) == (2,) and all(map(is_finite, b)) for b in v),
         "a pair (x, y) in metres for each bolt",

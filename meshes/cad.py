@@ -14,7 +14,7 @@ from fenics_joints.errors import MeshError, located
 from fenics_joints.files import path_of
 from fenics_joints.meshes.arguments import Demand, Size, described, holds, is_count
 from fenics_joints.meshes.cad_bolts import BoltPlace, check_rings, given_bolts, hole_bolts
-from fenics_joints.meshes.cad_faces import TOUCH, FacePair, find_contacts, nearest
+from fenics_joints.meshes.cad_faces import MM, TOUCH, FacePair, find_contacts, nearest
 from fenics_joints.meshes.cad_mesh import Glued, SharedFace, Sizes, closing, glue, opening
 from fenics_joints.meshes.check import check_mesh
 from fenics_joints.meshes.facets import Bodies, add_faces
@@ -28,8 +28,6 @@ P = ParamSpec("P")
 #: Widest gap, m, that counts as touching where no thickness of a layer is given: about the layers
 #: of Machines 2022 (0.657 and 0.72 mm).
 _REACH = 0.7e-3
-#: Millimetres in a metre.
-_MM = 1e3
 #: Options of gmsh while a file is read: millimetres whatever the file's unit, which are
 #: OpenCASCADE's default (any other would stay for whatever the caller reads or writes next);
 #: straight-sided cells; and gmsh's defaults, whatever the caller has set.
@@ -147,7 +145,7 @@ class StepAssembly(Grown):
     @property
     def _gap(self) -> float:
         """Thickness of the layer, or else the gap that one may fill."""
-        return (self.layer or _REACH) * _MM
+        return (self.layer or _REACH) * MM
 
     @property
     def _stays(self) -> bool:
@@ -185,7 +183,7 @@ class StepAssembly(Grown):
         half = [(b.contact.gap if self._stays else self._gap) / 2 * b.contact.normal for b in bolts]
         lower = [b.contact.lower for b in bolts]
         centres = np.array([b.centre for b in bolts]) + shifts[lower] + moves[body[lower]] + half
-        return replace(lists, points={"bolts": 1 / _MM * centres})
+        return replace(lists, points={"bolts": 1 / MM * centres})
 
     def _with_layers(self, glued: Glued, body, moves, contacts: Sequence[FacePair]) -> MeshLists:
         """The mesh opened by moves of the bodies, and filled, in metres."""
@@ -223,7 +221,7 @@ class StepAssembly(Grown):
         for name, (solid, triangles) in glued.faces.items():
             _check_new(name, faces, "face")
             faces[name] = parted.own(body[solid], triangles)
-        return replace(add_faces(lists, faces), x=lists.x / _MM, notes=notes)
+        return replace(add_faces(lists, faces), x=lists.x / MM, notes=notes)
 
     def _pairs(self, solids: Solids, key: str, pairs) -> list[tuple[int, int]]:
         found = []
@@ -280,7 +278,7 @@ class StepAssembly(Grown):
 
     def _sizes(self, bolts) -> Sizes:
         widths = [bolt.r_wai - bolt.r_nei for bolt in bolts]
-        size = self.element_size * _MM
+        size = self.element_size * MM
         ring = _in_mm(self.ring_size) or min(widths, default=2 * size) / 2
         return Sizes(size, min(ring, size), self.circle)
 
@@ -337,7 +335,7 @@ def _check_new(name: str, there, kind: str) -> None:
 
 
 def _in_mm(length):
-    return None if length is None else np.array(length, dtype=float) * _MM
+    return None if length is None else np.array(length, dtype=float) * MM
 
 
 def _reader(

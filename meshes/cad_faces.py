@@ -16,6 +16,8 @@ from scipy.spatial.distance import cdist
 from fenics_joints.meshes.grow import groups_of
 from fenics_joints.meshes.step_file import Solids
 
+#: Millimetres in a metre.
+MM = 1e3
 #: Distance, mm, below which points are one: round-off of CAD (OpenCASCADE's is 1e-4 mm).
 TOUCH = 1e-3
 _SPLINES = ("BSpline surface", "Bezier surface", "BSpline", "Bezier")

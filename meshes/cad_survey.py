@@ -9,6 +9,7 @@ import numpy as np
 
 from fenics_joints.errors import MeshError, located
 from fenics_joints.meshes.cad_faces import (
+    MM,
     TOUCH,
     FacePair,
     Hole,
@@ -23,8 +24,6 @@ from fenics_joints.meshes.cad_faces import (
 from fenics_joints.meshes.gmsh_apart import gmsh_model
 from fenics_joints.meshes.step_file import import_solids
 
-#: Millimetres in a metre.
-_MM = 1e3
 #: Distance, mm, up to which faces may belong together. Chosen: gaskets, paint and gaps of drawings
 #: are thinner.
 _REACH = 1.0
@@ -129,7 +128,7 @@ def survey_step(path: str | Path, report: Report = no_report) -> StepSurvey:
                 raise MeshError(why.removeprefix("; "))
         through = _through(model, contacts, report)
     touching = tuple(
-        TouchingFaces((c.lower, c.upper), c.normal, c.gap / _MM, c.area / _MM**2) for c in contacts
+        TouchingFaces((c.lower, c.upper), c.normal, c.gap / MM, c.area / MM**2) for c in contacts
     )
     return StepSurvey(solids, touching, tuple(through))
 
@@ -139,9 +138,9 @@ def _solid(model, tag: int, number: int, name: str) -> Solid:
     plain = "" if "CASCADE" in label or not any(c.isalpha() for c in label) else label
     faces = model.getBoundary([(3, tag)], oriented=False)
     area = sum(model.occ.getMass(2, face) for _, face in faces)
-    box = np.array(model.getBoundingBox(3, tag)).reshape(2, 3) / _MM
+    box = np.array(model.getBoundingBox(3, tag)).reshape(2, 3) / MM
     name = name if plain else f"solid_{number}"
-    return Solid(plain, name, model.occ.getMass(3, tag) / _MM**3, area / _MM**2, box)
+    return Solid(plain, name, model.occ.getMass(3, tag) / MM**3, area / MM**2, box)
 
 
 def _through(model, contacts: list[FacePair], report: Report) -> list[ThroughHole]:
@@ -167,9 +166,9 @@ def _through(model, contacts: list[FacePair], report: Report) -> list[ThroughHol
             _depth(model, face, hole.curves, contact.normal)
             for face, hole in zip(contact.faces, (a, b), strict=True)
         )
-        diameters = 2 * a.radius / _MM, 2 * b.radius / _MM
+        diameters = 2 * a.radius / MM, 2 * b.radius / MM
         found.append(
-            ThroughHole(i, a.centre / _MM, diameters, tuple(d / _MM for d in depths), room / _MM)
+            ThroughHole(i, a.centre / MM, diameters, tuple(d / MM for d in depths), room / MM)
         )
     return found
 

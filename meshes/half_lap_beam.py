@@ -8,14 +8,12 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from fenics_joints.meshes.arguments import Builder, Count, Gap, Size, Solid, made_by
+from fenics_joints.meshes.arguments import MOST_PLACES, Builder, Count, Gap, Size, Solid, made_by
 from fenics_joints.meshes.facets import Skin
 from fenics_joints.meshes.grid import PlaneGrid, count_intervals, extruded, grid_lines, tensor_grid
 from fenics_joints.meshes.lap_beam import CELL_NAMES, lapped, lapped_groups
 from fenics_joints.meshes.tagged import MeshLists
 
-#: Most bolts. Chosen: each has faces of its own, which are looked for one after the other.
-_MOST_BOLTS = 1000
 #: Side of an O-grid's square over the washer's diameter. Chosen: cells around it keep some width.
 _ZONE = 1.25
 
@@ -46,8 +44,8 @@ class _HalfLap(Builder):
         self.require(self.gap < room, "gap", f"less than {room:g} m, what is beside lap")
         expected = f"less than thickness = {self.thickness:g} m"
         self.require(self.layer < self.thickness, "layer", expected)
-        most = _MOST_BOLTS
-        self.require(self.bolts <= most, "bolts", f"a whole number of at most {most}")
+        expected = f"a whole number of at most {MOST_PLACES}"
+        self.require(self.bolts <= MOST_PLACES, "bolts", expected)
         room, where = min(self.rooms())
         expected = f"0 m, or at most {room:g} m, {where}"
         self.require(self.washer <= room * (1 + 1e-9), "washer", expected)

@@ -12,7 +12,7 @@ from fenics_joints.preload.patch import contour_area, largest_radius, mean_withi
 from fenics_joints.structure.grids import facet_mesh
 
 #: Share of the largest pressure above which a contact presses: less is round-off.
-_PRESSES = 1e-9
+PRESSES = 1e-9
 
 
 @dataclass(frozen=True, repr=False)
@@ -114,7 +114,7 @@ class ContactState:
     @property
     def area(self) -> float:
         """Area, m2, in which the pressure, linear between vertices, is more than zero."""
-        return self.area_above(_PRESSES * float(self.pressure.max(initial=0.0)))
+        return self.area_above(PRESSES * float(self.pressure.max(initial=0.0)))
 
     def area_above(self, limit: float) -> float:
         """Area, m2, in which the pressure, linear between vertices, is at least ``limit``, Pa."""

@@ -21,14 +21,11 @@ from fenics_joints.errors import MeshError
 from fenics_joints.meshes import TaggedMesh
 from fenics_joints.meshes.facets import row_numbers
 from fenics_joints.meshes.grow import outward_areas
-from fenics_joints.preload.mortar import Coupling, Mortar, couple, hat_integrals
+from fenics_joints.preload.mortar import OPPOSED, Coupling, Mortar, couple, hat_integrals
 from fenics_joints.structure.structure import Structure
 
 #: Distance of the vertices of a pair as a share of the shortest edge: round-off of mesh files.
 _TOLERANCE = 1e-3
-#: Cosine of the normals of two faces above which they do not look at each other: 120 degrees.
-#: Chosen: vertex normals at edges are off by up to 45.
-_OPPOSED = -0.5
 _OTHER_EDGES = (
     "the faces have the same vertices but other edges between them; expected matching facets (on "
     "tetrahedra, the same diagonals)."
@@ -150,7 +147,7 @@ def pair_faces(
     facets, rows = _common_facets(pairs[:, 1], upper)
     normals = -_vertex_normals(len(pairs), facets, upper.normals[rows])
     opposed = _vertex_normals(len(lower.nodes), lower.facets, lower.normals)[pairs[:, 0]]
-    if np.any(np.einsum("ij,ij->i", opposed, -normals) > _OPPOSED):
+    if np.any(np.einsum("ij,ij->i", opposed, -normals) > OPPOSED):
         raise MeshError(f"{name}: the two faces look the same way; expected opposed normals.")
     if held is not None:
         both = held(lower.nodes[pairs[:, 0]]) & held(upper.nodes[pairs[:, 1]])
@@ -280,7 +277,7 @@ def face_obstacle(
     """
     distance, normals = shape(face.points)
     mean = _vertex_normals(len(face.nodes), face.facets, face.normals)
-    looks = np.einsum("ij,ij->i", mean, normals) < _OPPOSED
+    looks = np.einsum("ij,ij->i", mean, normals) < OPPOSED
     facets = np.flatnonzero(looks[face.facets].all(axis=1))
     if not len(facets):
         raise MeshError(
@@ -382,7 +379,7 @@ def _upright(normals: np.ndarray, held: np.ndarray) -> np.ndarray:
     """Unit normals without their components in held directions, unless little else is left."""
     flat = np.where(held, 0.0, normals)
     length = np.linalg.norm(flat, axis=1, keepdims=True)
-    return np.where(length > -_OPPOSED, flat / np.where(length > 0, length, 1.0), normals)
+    return np.where(length > -OPPOSED, flat / np.where(length > 0, length, 1.0), normals)
 
 
 def frames(normals: np.ndarray) -> np.ndarray:

@@ -17,14 +17,11 @@ from petsc4py import PETSc
 from fenics_joints.errors import InputError
 from fenics_joints.preload.components import Obstacle
 from fenics_joints.preload.conditions import OPEN, SLIP, STICK
-from fenics_joints.preload.contact_state import ContactState
+from fenics_joints.preload.contact_state import PRESSES, ContactState
 from fenics_joints.preload.interface import Interface
 from fenics_joints.preload.model import PreloadModel
 from fenics_joints.preload.solve import PreloadResult
 from fenics_joints.structure.points import Sensors
-
-#: Pressure of a facet as a share of the largest below which it is zero: round-off.
-_ZERO = 1e-9
 
 
 def status_conditions(result: PreloadResult) -> dict[str, np.ndarray]:
@@ -60,7 +57,7 @@ def cutoff_conditions(state: ContactState, cutoff: float, scheme: str = "two") -
         raise InputError(f"scheme = {scheme!r}: expected 'two' or 'three'.")
     p = state.facet_pressure
     below = OPEN if scheme == "two" else SLIP
-    pressed = p > _ZERO * p.max(initial=0.0)
+    pressed = p > PRESSES * p.max(initial=0.0)
     # A facet without pressure is open at any cut-off, zero too.
     return np.where(pressed, np.where(p >= cutoff, STICK, below), OPEN)
 

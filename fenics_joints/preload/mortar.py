@@ -29,9 +29,9 @@ from scipy.spatial import cKDTree
 #: Least covered share of an upper facet that is in contact. Chosen: with less, the dual basis has
 #: large values.
 _COVERED = 0.5
-#: Cosine of the normals of two facets above which they do not look at each other: 120 degrees, as
-#: of vertices in `fenics_joints.preload.interface`.
-_OPPOSED = -0.5
+#: Cosine of the normals of two facets or vertices above which they do not look at each other, 120
+#: degrees. Chosen: normals of vertices at edges are off by up to 45.
+OPPOSED = -0.5
 #: Reference cells of facets by their number of corners.
 _CELLS = {2: basix.CellType.interval, 3: basix.CellType.triangle, 4: basix.CellType.quadrilateral}
 #: Corners of facets in order around them, and ends of their edges in DOLFINx's order, which numbers
@@ -276,7 +276,7 @@ def overlap(upper, lower, reach: float | None = None) -> Overlap:
             half of the size of the upper facet.
     """
     u, v = _near(upper, lower)
-    opposed = np.einsum("ij,ij->i", upper.normals[u], lower.normals[v]) < _OPPOSED
+    opposed = np.einsum("ij,ij->i", upper.normals[u], lower.normals[v]) < OPPOSED
     u, v = u[opposed], v[opposed]
     flat = _flat_boundary if upper.points.shape[1] == 2 else _flat_surface
     origin, basis = _planes(upper, u)
