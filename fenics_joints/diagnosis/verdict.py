@@ -246,30 +246,29 @@ def class_probabilities(
 def _no_effect(leader: Fit, after: Gap, at_once: float | None) -> str:
     """Why no effect of the library is the cause, and whether all of them could be."""
     best = f"{leader.hypothesis.label}, leaves {100 * after.rms:.1f} %"
-    p = f"(p {_equals(p_value(leader.p_value))})"
+    p = _p(leader.p_value)
     if leader.p_value < MISFIT:
-        return (
+        words = (
             f"No effect of the library explains the test. The best of them, {best}, which noise "
-            f"and model error do not explain {p}.{_all(at_once)}"
+            f"and model error do not explain {p}."
         )
+        if at_once is None:
+            return words
+        if at_once < MISFIT:
+            rest = "something of another kind is there"
+            return f"{words} Nor do all of its effects at once {_p(at_once)}: {rest}."
+        rest = "it can also be several that are in it"
+        return f"{words} All of its effects at once may {_p(at_once)}: {rest}."
     return (
         "No effect of the library is as probable as a cause that is not in it. The best of them, "
         f"{best}, as noise and model error may {p}."
     )
 
 
-def _all(at_once: float | None) -> str:
-    if at_once is None:
-        return ""
-    p = f"(p {_equals(p_value(at_once))})"
-    if at_once < MISFIT:
-        return f" Nor do all of its effects at once {p}: something of another kind is there."
-    return f" All of its effects at once may {p}: it can also be several that are in it."
-
-
-def _equals(p: str) -> str:
-    """A p-value as ``= 0.01`` or ``< 0.001``."""
-    return p if p.startswith("<") else f"= {p}"
+def _p(value: float) -> str:
+    """A p-value as ``(p = 0.01)`` or ``(p < 0.001)``."""
+    number = p_value(value)
+    return f"(p {number if number.startswith('<') else f'= {number}'})"
 
 
 def _sentence(name: str) -> str:

@@ -223,11 +223,6 @@ class Hypothesis:
             values[key] = np.where(np.isnan(at), values[key], at)
 
     @cached_property
-    def wide(self) -> bool:
-        """Whether an effect may act strongly: one of its parameters may be of any size."""
-        return any(p.log and p.spread > 1 for _, p in self.priors[self.own])
-
-    @cached_property
     def senses(self) -> bool:
         """Whether an effect changes how the test reads the structure."""
         return any(effect.sensing is not None for effect in (*self.nuisances, *self.effects))

@@ -537,7 +537,8 @@ class Library(Predictor):
                 if not len(k):
                     continue
                 at = part.at[k] + share * step[k]
-                data, slopes = self._solve(h, at)
+                data, slopes = self.predict(h, at, range(at.shape[1]))
+                self._remember(h, at, data, slopes)
                 costs = _costs(replace(part[k], at=at, data=data), test, lower)
                 good = costs < now[i[k]] - 1e-9 if share else np.ones(len(k), dtype=bool)
                 better[k[good]], j = share > 0, i[k[good]]
@@ -546,12 +547,6 @@ class Library(Predictor):
                     arrays[name][j] = value[good]
             exact[i], active[i[~better & ~new]] = True, False
         return cells
-
-    def _solve(self, h: Hypothesis, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Predictions and all derivatives, remembered."""
-        data, slopes = self.predict(h, at, range(at.shape[1]))
-        self._remember(h, at, data, slopes)
-        return data, slopes
 
     def _remember(self, h: Hypothesis, at, data, slopes) -> None:
         good = np.isfinite(data).all(1)
@@ -600,11 +595,6 @@ class Library(Predictor):
         best = tried[int(np.argmax(sums))][0]
         return np.logaddexp.reduce(each, axis=0), total(np.array(sums)), best, posts[best]
 
-    def _peak(self, h: Hypothesis, cells: PriorCells, test: Evidence) -> PriorCells:
-        """The most probable point, as one cell that is the whole prior."""
-        square = _costs(_as_whole(cells), test, test.lower(h.unknown))
-        return self._whole(h, cells[[int(np.argmin(square))]], test)
-
     def _whole(self, h: Hypothesis, cell: PriorCells, test: Evidence) -> PriorCells:
         """The whole prior as one cell, linear about its most probable point."""
         return self.reconverged(h, _as_whole(cell), test)
@@ -625,7 +615,9 @@ class Library(Predictor):
             raise InputError(f"{h.label}: the evidence is not finite; check the data.")
         used = test.fitted
         lower = test.at(scales).lower(h.unknown)
-        peak = self._peak(h, cells, test.at(scales)) if peak is None else peak
+        if peak is None:
+            cost = _costs(_as_whole(cells), test.at(scales), lower)
+            peak = self._whole(h, cells[[int(np.argmin(cost))]], test.at(scales))
         # If the model is linear, the whole prior as one cell is exact, a sum of cells only nearly.
         whole = self._weighed(h, peak, test)[1]
         straight = abs(whole - log_z) < _MOVED
