@@ -234,9 +234,7 @@ def folds(
 
 
 def _columns(n, m, columns) -> np.ndarray:
-    mask = np.zeros((n, m), dtype=bool)
-    mask[:, list(columns)] = True
-    return mask
+    return np.tile(np.isin(np.arange(m), list(columns)), (n, 1))
 
 
 def blinded(evidence: Evidence, held_out: np.ndarray) -> Evidence:

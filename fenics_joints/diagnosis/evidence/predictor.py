@@ -57,14 +57,7 @@ class Predictor:
         lean: Whether every hypothesis is predicted on a basis of its own.
     """
 
-    def __init__(
-        self,
-        forward: ModalPrediction,
-        evidence: Evidence,
-        baseline: dict[str, float],
-        make: Make,
-        lean: bool = False,
-    ):
+    def __init__(self, forward, evidence: Evidence, baseline, make: Make, lean: bool = False):
         self.evidence, self.baseline, self.make = evidence, baseline, make
         self.forward = batched(forward)
         #: Whether every hypothesis has a basis of its own.
