@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from diagnosed import diagnosis, page_of, parameter, shown
+from diagnosed import diagnosis, page_of, parameter, shown, shrinkage
 from html_page import Page, check_page
 
 from fenics_joints import formatting
@@ -110,39 +110,41 @@ def large_diagnosis() -> Diagnosis:
     """More of everything than a screen holds, with long names."""
     effects = [
         EffectResult(
-            f"an effect with quite a long name, number {i} [b]",
-            "joint",
-            0.1,
-            f"class {i // 2}",
-            True,
+            f"an effect with quite a long name, number {i} [b]", "", 0.1, f"{i // 2}", True
         )
         for i in range(14)
     ]
-    splits = [
-        Separation(f"class {i}", ("a", "b"), "a measurement that takes " + 8 * "many words ", 1.5)
-        for i in range(5)
-    ]
-    parameters = [
-        parameter("joint", f"away.k_{i}", 6.6e11, 5.1e9, 8.6e12, "Pa/m") for i in range(9)
-    ]
-    lead = HypothesisResult("lead", ("x",), 0.9, 1.0, 0.01, 0.4, parameters, ("away.k_0",) * 9)
-    where = [ZoneShare(f"region_{i}", 0.1) for i in range(10)]
+    long = "a measurement that takes " + 8 * "many words "
+    splits = [Separation(f"{i}", ("a", "b"), long.strip(), 1.5) for i in range(5)]
+    fitted = [parameter("joint", f"away.k_{i}", 6.6e11, 5.1e9, 8.6e12, "Pa/m") for i in range(9)]
+    far = [parameter(f"rho of {i}", "factor", 1, 1, 1, "", True, 3.0 + i) for i in range(9)]
+    limits = ("away.k_0",) * 9
+    lead = HypothesisResult("lead", ("x",), 0.9, 1.0, 0.01, 0.02, [*fitted, *far], limits)
     return diagnosis(
+        verdict="likely",
         summary="A long verdict. " * 18,
         effects=effects,
         separations=splits,
         hypotheses=[lead],
-        where=where,
+        where=[ZoneShare(f"region_{i}", 0.1) for i in range(10)],
+        shrinkage=shrinkage(shrink=0.2, coverage=0.5, claimed=False),
+        model_error=0.004,
     )
 
 
-def test_tables_are_short_and_no_line_is_too_wide():
-    """However much there is: rows are counted, sentences are not."""
+@pytest.mark.parametrize("width", [60, 80, 100])
+def test_tables_are_short_and_nothing_is_cut_or_too_wide(width):
+    """However much there is: rows are counted; sentences and doubts stand whole."""
     for d in (marked(), large_diagnosis()):
-        for width in (80, 100):
-            lines = shown(d, width).splitlines()
-            first = next(i for i, line in enumerate(lines) if line.startswith("gap (RMS"))
-            assert len(lines) - first <= 40 and max(map(len, lines)) <= width
+        text, words = shown(d, width), explain(d)
+        lines, whole = text.splitlines(), " ".join(text.split())
+        assert max(map(len, lines)) <= width and "…" not in text and "..." not in text
+        first = next(i for i, line in enumerate(lines) if line.startswith("gap (RMS"))
+        assert len(lines) - first <= (40 if width > 60 else 60)
+        assert all(f"but: {doubt}" in whole for doubt in words.doubts)
+        assert all(sentence in whole for _, sentence in words.sentences)
+        assert d.separations[0].measurement in whole
+    assert len(words.doubts) == 7 and "rho of 8 (+11.0 s.d.)" in " ".join(words.doubts)
 
 
 def test_the_leader_is_the_best_hypothesis_that_says_something():

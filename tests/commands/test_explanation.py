@@ -13,7 +13,7 @@ from markupsafe import escape
 
 pytest.importorskip("dolfinx")
 
-from diagnosed import diagnosis, fold, location, page_of, parameter, shown, shrinkage, zone
+from diagnosed import diagnosis, fold, location, page_of, shown, shrinkage, zone
 
 from fenics_joints.case import load_case
 from fenics_joints.commands.diagnose.explanation import explain
@@ -21,7 +21,6 @@ from fenics_joints.commands.diagnose.run import assumptions
 from fenics_joints.commands.diagnose.words import heading_of, zone_words
 from fenics_joints.diagnosis import Diagnosis, EffectResult, HypothesisResult
 from fenics_joints.diagnosis.evidence.localised_unknown import LocalisedUnknown, PointMassFound
-from fenics_joints.diagnosis.result import Separation
 from fenics_joints.diagnosis.verdict import confirm
 from fenics_joints.files import json_text
 
@@ -335,36 +334,6 @@ def test_assumptions_are_those_of_the_case(write_case, tmp_path):
     assert float(rows["noise of a frequency"].split()[0]) == pytest.approx(noise)
     assert rows["the nominal model's joints"].startswith("bonded to the parts")
     assert any("E 1.5 %" in value for value in rows.values())
-
-
-def test_nothing_is_cut_at_any_width():
-    """Every sentence and every doubt stands whole on the terminal, however many there are."""
-    key = "joint normal compliance (joint)"
-    far = [
-        parameter(f"rho of part {i} (part {i})", "factor", 1, 1, 1, "", True, 3.0 + i)
-        for i in range(9)
-    ]
-    lead = HypothesisResult("joint normal compliance", (key,), 0.66, 42.0, 0.011, 0.02, far, ("k",))
-    low = shrinkage(shrink=0.2, coverage=0.5, claimed=False)
-    long = " ".join(30 * ["many words"])
-    splits = [Separation(diagnosis().effects[0].class_name, ("a", "b"), long, 3.4)]
-    d = diagnosis(
-        verdict="likely",
-        hypotheses=[lead, *diagnosis().hypotheses[1:]],
-        shrinkage=low,
-        model_error=0.004,
-        separations=splits,
-    )
-    words = explain(d)
-    assert len(words.doubts) == 7 and "rho of part 8 (part 8) (+11.0 s.d.)" in words.doubts[3]
-    for width in (60, 80, 100):
-        text = shown(d, width)
-        whole = " ".join(text.split())
-        assert "…" not in text and "..." not in text
-        assert all(f"but: {doubt}" in whole for doubt in words.doubts)
-        assert all(sentence in whole for _, sentence in words.sentences)
-        assert splits[0].measurement.strip() in whole
-        assert max(map(len, text.splitlines())) <= width
 
 
 def test_folds_that_end_better_than_stated_have_held():
