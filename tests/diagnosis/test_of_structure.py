@@ -14,6 +14,7 @@ from virtual_plates import (
     RHO,
     TORQUES,
     E,
+    along,
     assert_same_evidence,
     virtual_test,
     write_virtual_case,
@@ -30,7 +31,6 @@ from fenics_joints.structure import (
     ElasticSupport,
     Parameter,
     PointMass,
-    Sensors,
     Spring,
     Structure,
     Support,
@@ -58,7 +58,6 @@ ATTACHED = {
         "stiffness": "1 kN/m",
     },
 }
-ALONG = np.array([0.01, 0.06, 0.11, 0.16, 0.21, 0.26, 0.31])
 
 
 def plates(comm, *, regions=None, **more) -> Structure:
@@ -77,12 +76,9 @@ def plates(comm, *, regions=None, **more) -> Structure:
 
 def measured(**truth) -> TestData:
     found = virtual_test(**truth).noisy()
-    sensors = Sensors(
-        np.array([ALONG, 0 * ALONG + 0.04, np.where(ALONG < 0.12, 8e-3, 16.5e-3)]).T, [0, 0, 1]
-    )
     names = [f"bending {i + 1}" for i in range(4)]
     return TestData(
-        TORQUES, found.frequencies_hz, names, "torque", "N·m", noise=NOISE, sensors=sensors
+        TORQUES, found.frequencies_hz, names, "torque", "N·m", noise=NOISE, sensors=along(0.5e-3)
     )
 
 

@@ -1,28 +1,6 @@
-"""The case of two beams of steel that overlap, on a generic joint (Jalali et al. 2019)."""
+"""The case of two overlapping steel beams with a generic joint (Jalali et al. 2019)."""
 
 from __future__ import annotations
-
-_CASE = """
-title = "Virtual beams"
-[mesh]
-builder = "offset_beams"
-lengths = {lengths}
-laps = {lap}
-width = {width}
-thickness = {thickness}
-elements = {elements}
-lap_elements = {lap_elements}
-[parts.beams]
-cells = ["beam_1", "beam_2"]
-E = "208 GPa"
-nu = 0.3
-rho = 7860.0
-{beams}[joints.lap]
-cells = "lap"
-law = "generic"
-k1 = {k1}
-k2 = {k2}
-"""
 
 
 def beams(
@@ -48,14 +26,24 @@ def beams(
         k2: Slip stiffness, N m.
         more: A line on the beams.
     """
-    return _CASE.format(
-        lengths=list(lengths),
-        lap=lap,
-        width=section[0],
-        thickness=section[1],
-        elements=list(elements),
-        lap_elements=lap_elements,
-        k1=k1,
-        k2=k2,
-        beams=more,
-    )
+    return f"""
+title = "Virtual beams"
+[mesh]
+builder = "offset_beams"
+lengths = {list(lengths)}
+laps = {lap}
+width = {section[0]}
+thickness = {section[1]}
+elements = {list(elements)}
+lap_elements = {lap_elements}
+[parts.beams]
+cells = ["beam_1", "beam_2"]
+E = "208 GPa"
+nu = 0.3
+rho = 7860.0
+{more}[joints.lap]
+cells = "lap"
+law = "generic"
+k1 = {k1}
+k2 = {k2}
+"""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -88,11 +87,9 @@ noise = "0.3 %"
 """
 
 
-def plates(
-    joints: str, tolerance: str = "", *, size: float = 20, E: float = E, G: float = G, rho=RHO
-) -> str:
+def plates(joints: str, tolerance: str = "", *, size=20, E: float = E, G: float = G) -> str:
     """The case of the nominal plates with these joints; elements of ``size`` mm."""
-    return _PLATES.format(size=size, E=E, G=G, rho=rho) + tolerance + joints
+    return _PLATES.format(size=size, E=E, G=G, rho=RHO) + tolerance + joints
 
 
 def along(layer: float) -> Sensors:
@@ -129,10 +126,6 @@ class Measured:
         rng = np.random.default_rng(seed)
         hz = noisy(self.frequencies_hz, NOISE, rng)
         return Measured(hz, noisy_shapes(self.shapes, SHAPE_NOISE, rng))
-
-    def ordered(self, frequencies: Sequence[int], shapes: Sequence[int]) -> Measured:
-        """With the columns in another order."""
-        return Measured(self.frequencies_hz[:, list(frequencies)], self.shapes[:, list(shapes)])
 
 
 @functools.cache
