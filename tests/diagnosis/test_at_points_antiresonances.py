@@ -90,15 +90,16 @@ def measured(tmp_path_factory):
     modes = solve_modes(full, bonded, n_modes=20)
     seen = pair_modes(modes, 4, ALONG).index
     h = motion(full, END, bonded)
-    hz = np.geomspace(150, 1500, 60)
-    signs, poles = np.sign([h(f) for f in hz]), modes.frequencies_hz
     # A change of sign is a zero where no resonance is.
-    found = [
-        scipy.optimize.brentq(h, a, b)
-        for a, b, s, t in zip(hz, hz[1:], signs, signs[1:], strict=False)
-        if s != t and not np.any((poles > a) & (poles < b))
-    ]
-    return modes.frequencies_hz[seen], np.array(found[:2])
+    poles, found, low, last = modes.frequencies_hz, [], 150.0, h(150.0)
+    for hz in np.geomspace(150, 1500, 60)[1:]:
+        value = h(hz)
+        if np.sign(value) != np.sign(last) and not np.any((poles > low) & (poles < hz)):
+            found.append(scipy.optimize.brentq(h, low, hz, rtol=1e-6))
+            if len(found) == 2:
+                break
+        low, last = hz, value
+    return modes.frequencies_hz[seen], np.array(found)
 
 
 def case_of(folder: Path, measured, more: str):
