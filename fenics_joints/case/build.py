@@ -192,7 +192,7 @@ def measured_joints(case: Case, tagged: TaggedMesh) -> Case:
     """The case with names, normals and thickness of layers of springs as the mesh has them.
 
     Raises:
-        MeshError: If one is no flat layer.
+        MeshError: If one of them is not a flat layer.
     """
     joints = dict(case.joints)
     for name, section in case.joints.items():

@@ -60,9 +60,8 @@ class Case(CaseSection):
         joints: Thin layers by name.
         contacts: Contacts between bodies, by name.
         bolts: Bolts that press them, by name.
-        obstacles: Rigid planes, balls and cylinders that faces may touch, by name. One rests, moves
-            by its ``travel``, or is pushed by a ``force``, along which it goes as far as the bodies
-            give way; it does not turn. ``gap`` is beside that of the mesh.
+        obstacles: Rigid planes, balls and cylinders that faces may touch, by name. Each rests, is
+            moved by its ``travel``, or is pushed by a ``force`` against the bodies.
         displacements: Faces that are moved by a given way in the preload, by name.
         loads: Forces and pressures on faces in the preload, by name.
         masses: Known masses, by name.

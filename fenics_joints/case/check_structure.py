@@ -22,7 +22,7 @@ PRESSES = (
 )
 #: Laws of joints whose cells may be patterns.
 PATTERNED = ("transition", "springs")
-#: Tables whose names are one set.
+#: Tables that share one set of names.
 _NAMED = ("parts", "joints", "contacts", "bolts", *APPLIED, "masses", "springs", "attached")
 #: Sections that beams cannot have, with what they need.
 _SOLID = {

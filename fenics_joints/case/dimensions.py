@@ -29,7 +29,7 @@ _UNFIT = (
 
 
 def _is_guessed(case: Case, part: PartSection, tagged: TaggedMesh) -> bool:
-    """Whether a part's directions are those of the mesh: it is from a file, and gives no normal."""
+    """Whether a part's directions are measured: its mesh is a file's, and it has no normal."""
     solid = case.mesh.origin == "file" and tagged.mesh.geometry.dim == 3
     return solid and "normal" not in part.model_fields_set
 

@@ -399,7 +399,7 @@ def _partly(path: Path, raw: dict, error: ValidationError) -> Examined:
 
 
 def _drop(raw: dict, loc: tuple, level: int | None) -> None:
-    """Take a place of pydantic's out of what a file says: the very one, or the first levels.
+    """Remove the key of an error of pydantic from the file's content, or its first levels.
 
     Lists are left out as a whole.
     """

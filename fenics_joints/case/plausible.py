@@ -41,8 +41,8 @@ Found = tuple[str, float, Usual]
 def plausibility(case: Case) -> tuple[str, ...]:
     """What of a case's values is unusual, a sentence each; empty if nothing is.
 
-    Each names the value, its unit and the usual range of its kind. Values that are alike in
-    sections that are alike are one sentence.
+    Each names the value, its unit and the usual range of its kind. Equal values of one key in
+    several sections make one sentence.
     """
     alike: dict[tuple, list[str]] = {}
     for key, value, usual in _quantities(case):
@@ -115,8 +115,8 @@ def _mesh(case: Case) -> Iterator[Found]:
 
 
 def _tolerances(case: Case) -> Iterator[Found]:
-    """Tolerances of parts, and those of a section that are all zero: some of its values may be
-    known exactly, but not all. Joints and attached masses may be known to a factor only."""
+    """Tolerances of parts, and zero ones of a section whose tolerances are all zero: some values
+    may be known exactly, but not all. Joints and attached masses may be known to a factor only."""
     for table in ("parts", "joints", "masses", "springs", "attached"):
         for name, section in getattr(case, table).items():
             given = section.tolerance

@@ -111,7 +111,7 @@ class PriorSection(CaseSection):
 
 
 def _a_table(value):
-    """A prior that is no table, in words."""
+    """Refuse a prior that is not a table."""
     if not isinstance(value, dict | PriorSection):
         such = '{ kind = "lognormal", median = 1, log_sd = 0.5 }'
         raise ValueError(f"expected a table such as {such}")

@@ -1,4 +1,4 @@
-"""Usual ranges of what stands in a case, wide: only what no choice explains is outside of them."""
+"""Usual ranges of the values of a case, so wide that no reasonable choice is outside."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Types of what stands in a case file: numbers with units, points, lists, tables with names."""
+"""Types of the values of a case file: numbers with units, points, lists, tables with names."""
 
 from __future__ import annotations
 

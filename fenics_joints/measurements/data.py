@@ -19,7 +19,7 @@ _LEVELS, _GRAVITY = ("N", "m", "m/s", "m/s2"), ("g", "gn", "g_n")
 _PRELOADS = re.compile(r"torque|preload|tension|clamp", re.IGNORECASE)
 #: Relative standard deviation of damping ratios of a test that does not say it: assumed.
 _DAMPING_NOISE = 0.1
-#: Relative distance of two values of a condition below which they are one: a torque or a preload is
+#: Relative distance below which two values of a condition are the same: a torque or a preload is
 #: known to a thousandth at best, so that nothing depends on it within a factor of a hundred.
 _ONE_CONDITION = 1e-6
 
@@ -111,7 +111,7 @@ class TestData:
             object.__setattr__(self, key, value)
 
     def _check_rest(self) -> None:
-        """What is no array of the modes."""
+        """Check the attributes that are not arrays."""
         real("shape_noise", self.shape_noise, least=0.0)
         if self.damping_noise is not None:
             real("damping_noise", self.damping_noise, least=0.0)
@@ -326,9 +326,9 @@ def _measures(unit: str, kind: str) -> bool:
 
 
 def same_conditions(conditions: Iterable[float]) -> str | None:
-    """What is wrong with conditions of which two are one, in words; None if none are.
+    """What is wrong with conditions that are not distinct, in words; None if they are.
 
-    Two that differ by less than a millionth are one that was rounded or copied.
+    Two that differ by less than a millionth are one condition, rounded or copied.
     """
     values = np.sort(np.asarray(list(conditions), dtype=float))
     size = np.maximum(np.abs(values[1:]), np.abs(values[:-1]))

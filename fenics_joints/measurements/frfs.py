@@ -159,7 +159,7 @@ class MeasuredFRFs:
         A line at 0 Hz is left out where it would have to be divided by zero.
 
         Raises:
-            InputError: If it is no kind.
+            InputError: If there is no such kind.
         """
         steps = KINDS[checked_kind(kind)] - KINDS[self.kind]
         kept = self if steps >= 0 else self._lines(self.frequencies_hz > 0)

@@ -1,4 +1,4 @@
-"""Pairs the modes of a test with those of a model, and says how far apart they are."""
+"""Pairs of test and model modes, and how far apart their frequencies are."""
 
 from __future__ import annotations
 
@@ -306,8 +306,8 @@ def assigned(match: np.ndarray, frequencies: np.ndarray, clear: np.ndarray) -> n
     """Column of each row of MAC values, (m,): the most alike, by order where none is like.
 
     Args:
-        match: MAC of test modes with candidates, shape (m, n); a row of 0 for one that is not to be
-            told: it gets what the others leave.
+        match: MAC of test modes with candidates, shape (m, n); a row of 0 for one that cannot be
+            recognised: it gets what the others leave.
         frequencies: Of the candidates, ascending, (n,).
         clear: Mask of the modes that the test sees clearly, (n,), at least m; other modes are used
             only for rows that match none of the clear modes.
@@ -336,7 +336,7 @@ def with_untold(columns: np.ndarray, told: np.ndarray, seen: np.ndarray) -> np.n
 
     Args:
         columns: Of the rows that are recognised, (k,).
-        told: Which these are, mask (m,).
+        told: Which rows are recognised, mask (m,).
         seen: All columns, ascending, (n,), n >= m.
     """
     found = np.empty(len(told), dtype=int)

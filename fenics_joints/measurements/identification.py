@@ -33,10 +33,11 @@ _NAMED = 6
 class Links:
     """Links that put all sensors of a test on one scale.
 
-    Functions that share a sensor or a force, directly or by others, are one set, in which residues
-    A_ij = a_i b_j say all ratios. By reciprocity a_i of one set and b_j of another (or the same, at
-    a driving point) are of one degree of freedom, which says the product of both sets' scales.
-    Ratios of scales follow over an even number of such products, a scale itself over an odd one.
+    Functions that share a sensor or a force, directly or through others, form a set, in which
+    residues A_ij = a_i b_j determine all ratios. By reciprocity a_i of one set and b_j of another
+    (or the same, at a driving point) are of one degree of freedom, which determines the product of
+    both sets' scales. Ratios of scales follow over an even number of such products, a scale itself
+    over an odd one.
 
     Attributes:
         rows: Set of each response, shape (n_responses,).
@@ -290,7 +291,7 @@ def identify_modes(
         order: Highest number of modes of a model; a few times that of the modes in the band.
         max_damping: Ratio above which a pole is none of a mode.
         exponential_window: Time, s, in which the analyser's exponential window falls to 1/e; the
-            damping that it adds, 1 / (2 pi f time), is taken away. By default there was none.
+        damping that it adds, 1 / (2 pi f time), is subtracted. By default there was none.
 
     Raises:
         InputError: If sdypy-EMA is missing, the lines are unevenly spaced or too few, no pole is
@@ -411,9 +412,8 @@ def _diagram(
 
 
 def _groups(poles: StabilisationDiagram, order: int) -> list[np.ndarray]:
-    """Indices of the stable poles of each mode: one a little away from the next begins another.
-
-    So do two that stand beside each other in many orders, however close.
+    """Indices of the stable poles of each mode. Poles are of different modes if there is a gap
+    between them, or if both occur in many orders, however close.
     """
     index = np.flatnonzero(poles.stable)
     index = index[np.argsort(poles.frequencies_hz[index])]

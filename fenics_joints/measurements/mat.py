@@ -152,7 +152,7 @@ class _Variables:
 
 
 def _scipy(path: Path, read: Callable, **options):
-    """What a reader of scipy gives; raises InputError for what is no such file."""
+    """What a reader of scipy returns; raises InputError for a file that is not MATLAB's."""
     try:
         return read(path, **options)
     except NotImplementedError as error:

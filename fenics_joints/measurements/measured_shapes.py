@@ -277,7 +277,8 @@ def _integers(where: str, line: str, least: int, record: str) -> list[int]:
 _NAMED = 12
 #: Below this MAC of a real shape with the complex one it stands for, the mode is doubtful.
 _REAL = 0.95
-#: Modes of one frequency (relative) and of one shape (1 - MAC) are one that is there twice.
+#: Relative distance of frequencies, and 1 - MAC, below which two modes are one that is there twice:
+#: round-off of the file.
 _SAME_HZ, _SAME_SHAPE = 1e-6, 1e-6
 
 

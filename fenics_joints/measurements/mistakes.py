@@ -31,7 +31,7 @@ _SLIPS = {
 #: How close a ratio is to a slip's; the joints may be off as well.
 _NEAR = 0.1
 #: Share of the misfit (root mean square of ln f, test to model) that may remain when a mistake is
-#: undone, and the misfit below which none is looked for.
+#: undone, and the misfit below which no mistake is looked for.
 _LEFT, _FITS = 1 / 3, 0.1
 #: ln of the ratio from which a single mode is off.
 _OUTLIER = math.log(1.4)

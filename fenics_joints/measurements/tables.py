@@ -63,7 +63,7 @@ class Table:
         return self.units[self._index[name]]
 
     def column(self, name: str, unit: str | None = None) -> np.ndarray:
-        """A column, in SI ``unit``, or as written when that is None.
+        """A column in an SI unit, or as written if ``unit`` is None.
 
         Raises:
             InputError: If there is no such column, or its unit measures something else.

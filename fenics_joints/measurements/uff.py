@@ -65,8 +65,8 @@ def read_sets(
     Args:
         path: The file.
         kinds: The types.
-        problems: Takes the errors of single datasets, so that the caller finds those of the others
-            too; without it they are raised.
+        problems: Collects the errors of single datasets, so that others are read too; without it
+            they are raised.
 
     Raises:
         InputError: If pyuff is missing, or a dataset cannot be read; names the file, the dataset

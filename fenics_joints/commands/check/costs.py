@@ -22,7 +22,7 @@ _SAMPLE, _CHECKS = 2, 20
 _FITS, _SAMPLED = (20.0, 10.5), (25.0, 3.0)
 #: Memory of a rank's samples, fits and draws beside the model: box and lap plates, 0.9 and 0.8 GB.
 _BESIDE = 0.9e9
-#: Of a model one degree finer: degrees of freedom, and memory, to those of the model.
+#: Degrees of freedom and memory of a model of one degree more, relative to the model's.
 _FINER = 3
 
 
@@ -86,7 +86,7 @@ def _costs(case: Case, found: CostEstimate, ranks: int) -> Iterator[Cost]:
 
 
 def _conditions(case: Case) -> int:
-    """Torques or levels of the test, those of modes over their amplitude among them."""
+    """Number of the test's torques or levels, with those of modes over their amplitude."""
     try:
         return len(case.diagnosed_test())
     except InputError:

@@ -97,7 +97,7 @@ def _places(case: Case) -> Iterator[Place]:
 
 
 def _responses(frfs: MeasuredFRFs, sensors: Sensors) -> Iterator[Place]:
-    """Those of functions that are none of the test's sensors."""
+    """Responses of functions that are not among the test's sensors."""
     known = sensors.points
     rows = zip(frfs.response_names, frfs.response_points, frfs.response_directions, strict=True)
     for name, point, way in rows:
@@ -236,7 +236,7 @@ def same_bolts(case: Case, bolts: Sequence[Place]) -> list[str]:
 
 
 def applied_places(case: Case, centres: Mapping[str, np.ndarray], gdim: int) -> Iterator[Place]:
-    """Of each the middle of its face; of an obstacle where it is nearest to that.
+    """The middle of each face; of an obstacle its point nearest to the middle.
 
     Args:
         case: The case.

@@ -271,7 +271,7 @@ def _beside(found: Checked, examined: Examined, tagged, comm, progress) -> Check
 
 
 def _diagnosed(case: Case, errors) -> list[str]:
-    """Why its test is none for a diagnosis, where each part of it is right by itself."""
+    """Why a diagnosis cannot take the test although each of its parts is right."""
     if errors or case.measured is None:
         return []
     try:

@@ -123,7 +123,7 @@ def _first_good(folder: Path, drafts, test: TestDraft, files: _Files, progress) 
 
 
 def _with_directions(folder: Path, written: Written) -> Written:
-    """With the directions that the mesh gives to parts that are thin in one."""
+    """Write the case again with the directions that the mesh gives to thin parts."""
     draft, parts = written.draft, {}
     for name, part in written.draft.tables["parts"].items():
         own, ways = {}, written.checked.directions.get(name)
@@ -137,7 +137,7 @@ def _with_directions(folder: Path, written: Written) -> Written:
 
 
 class _Files:
-    """Names of files in a case: relative where they are near, else those of copies."""
+    """Names of files in a case: relative paths of near files, and names of copies of far ones."""
 
     def __init__(self, folder: Path):
         self.folder, self.near = folder.resolve(), folder.resolve().parent
@@ -156,7 +156,7 @@ class _Files:
         return path.name
 
     def copy(self) -> None:
-        """Copy what is far."""
+        """Copy the files that are far."""
         for source, copy in self._wanted.items():
             if copy.exists():
                 raise InputError(f"{shown_path(copy)}: is there already; expected no such file")
@@ -164,7 +164,7 @@ class _Files:
             self.copied.append(copy)
 
     def undo(self) -> None:
-        """Take the copies away again."""
+        """Delete the copies."""
         for copy in self.copied:
             copy.unlink(missing_ok=True)
 

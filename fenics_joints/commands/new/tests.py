@@ -290,7 +290,7 @@ def draft_test(
 
 
 def _sorted(files: TestFiles) -> tuple[list[Path], list[Path]]:
-    """Universal files with shapes, and files with functions; those of nodes alone go with both."""
+    """Universal files with shapes, and files with functions; files of nodes alone go with both."""
     modal, functions = [], list(files.frfs)
     uff = list(files.uff)
     if files.shapes is not None and files.shapes.suffix.lower() in UFF_SUFFIXES:
@@ -408,7 +408,7 @@ def _count_functions(path: Path, ask: Ask) -> tuple[int, str | None]:
 
 
 def _asked_levels(path: Path, count: int, ask: Ask) -> list[str]:
-    """The levels of functions, which no file says; none if nobody does."""
+    """The levels of functions, which only the user knows; none if he does not say them."""
 
     def known(answer: str) -> None:
         if answer.strip() and len(_levels_in(answer)) != count:
@@ -423,7 +423,7 @@ def _levels_in(answer: str) -> list[str]:
 
 
 def _merge(groups: list[_ModeFiles], one: _ModeFiles) -> None:
-    """Add a file to those of its mode and kind, or as a mode of its own."""
+    """Add a file to the group of its mode and kind, or begin a new group."""
     for i, there in enumerate(groups):
         same = np.isfinite(there.hz) and abs(there.hz - one.hz) < _ONE_MODE * there.hz
         kinds = {(d.backbone.kind, d.backbone.response) for d in (there, one)} if same else ()

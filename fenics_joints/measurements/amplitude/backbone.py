@@ -13,7 +13,7 @@ from fenics_joints.response.units import KINDS as TIMES
 from fenics_joints.response.units import frf_unit
 from fenics_joints.units import factor_to_si
 
-#: SI unit of what an amplitude may be of.
+#: Quantities that an amplitude may have, with their SI units.
 RESPONSES = {"displacement": "m", "velocity": "m/s", "acceleration": "m/s2", "force": "N"}
 #: What a backbone may come from.
 KINDS = ("backbone", "constant response", "constant force", "ring-down")
@@ -23,7 +23,7 @@ _LEVELS = 8
 _POOR = 10.0
 
 
-#: Relative deviation of a frequency that nobody states.
+#: Relative deviation of a frequency where none is given: assumed.
 NOISE = 1e-3
 _BY_FUNCTION = dict(zip(TIMES, ("displacement", "velocity", "acceleration"), strict=True))
 
@@ -124,7 +124,7 @@ class MeasuredBackbone:
     def with_noise(
         self, frequency: float | np.ndarray = 0.0, damping: float = 0.0
     ) -> MeasuredBackbone:
-        """With further relative deviations, of what the files do not show: drift, reassembly."""
+        """With further relative deviations that the files do not show: drift, reassembly."""
         return replace(
             self,
             frequencies_sd=np.hypot(self.frequencies_sd, frequency * self.frequencies_hz),
@@ -188,9 +188,9 @@ def _mean(values: np.ndarray, sd: np.ndarray) -> tuple[float, float]:
     return mean, float(np.sqrt(max(spread, 1.0) / np.sum(weights)))
 
 
-#: Levels nearer than this are one.
+#: Relative distance below which two levels are the same.
 _SAME = 1e-5
-#: Level of what was measured near rest, as a share of the lowest level of all.
+#: Level of modes measured near rest, as a share of the lowest level: assumed.
 _REST = 0.1
 #: Frequencies of two modes nearer than this, relative, are of one mode by two names, as a rule.
 _ONE_MODE = 0.02
@@ -242,7 +242,7 @@ test_by_level.__test__ = False
 
 
 def with_modes_at_rest(driven: TestData, rest: TestData) -> TestData:
-    """A test by level of some modes, and of the others what was measured near rest, as one test.
+    """One test of driven modes at their levels and of other modes that were measured near rest.
 
     The others stand at a tenth of the lowest level, where what depends on the level hardly shows.
     Of a mode in both tests only the levels count: as a rule they were measured in another set-up,
@@ -314,7 +314,7 @@ def _rows_at_rest(driven: TestData, rest: TestData, names: list[str]) -> dict[st
 
 
 def _said(driven: TestData, rest: TestData) -> str:
-    """What was taken for granted, in a sentence."""
+    """A note on the level assumed for modes near rest."""
     level = f"{_REST * driven.conditions[0]:g} {driven.condition_unit}"
     words = f"modes measured without a level stand at {level}, a tenth of the lowest, as near rest"
     both = [name for name in driven.mode_names if name in rest.mode_names]
@@ -328,7 +328,7 @@ def _said(driven: TestData, rest: TestData) -> str:
 
 
 def _distinct(levels: np.ndarray) -> np.ndarray:
-    """Ascending levels of which none is there twice, as of two ring-downs."""
+    """Ascending levels, moved apart where two are equal, as of two ring-downs."""
     found = levels.copy()
     for i in range(1, len(found)):
         found[i] = max(found[i], found[i - 1] * (1 + 2 * _SAME))

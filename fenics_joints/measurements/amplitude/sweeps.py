@@ -375,7 +375,7 @@ def _knots(tops: list[float], n: int) -> np.ndarray:
 
 
 def _supported(x: np.ndarray, knots: np.ndarray) -> np.ndarray:
-    """The knots with points about them: one that has none, as in a jump, is nobody's."""
+    """The knots that have points about them; there are none in a jump."""
     while len(knots) > 2:
         weight = _hats(x, knots).sum(axis=0)
         if weight.min() >= 0.5 * _POINTS:
