@@ -37,7 +37,7 @@ from fenics_joints.report import geometry
 from fenics_joints.report.contact_pictures import pressure_map, pressure_profile
 from fenics_joints.report.style import to_svg
 from fenics_joints.report.surface import Surface, surface
-from fenics_joints.report.view import Colours, Look, scene
+from fenics_joints.report.view import Colours, SurfaceView, scene
 from fenics_joints.structure.grids import check_fields_path
 
 #: Pressure, Pa, that bounds the contact radius (Machines 2022, eq. 10).
@@ -495,14 +495,14 @@ def _scene(result: PreloadResult) -> list[doc.View] | None:
     level = geometry.stacked(vertices @ turn[2], number)
     most = max(float(pressure.max(initial=0.0)), 1e-12)
 
-    def looks(s: Surface) -> list[Look]:
+    def looks(s: Surface) -> list[SurfaceView]:
         shape, at = motion.reshape(-1, 3)[s.pick], status.ravel()[s.pick]
         way = quantity(float(np.abs(shape).max(initial=0.0)), "m")
         note = f"Bodies as the preload deforms them, up to {way}, enlarged."
         value = np.where(at >= 0, pressure.ravel()[s.pick] / most, np.nan)
         words, peak = ("pressure at the vertices", "no contact"), quantity(most, "Pa")
         return [
-            Look(
+            SurfaceView(
                 "contact pressure",
                 Colours(colormaps["YlGnBu"], "0", peak, *words),
                 motion=shape,
@@ -510,7 +510,7 @@ def _scene(result: PreloadResult) -> list[doc.View] | None:
                 shown=(0.0, most / 1e6, "MPa"),
                 note=note,
             ),
-            Look(
+            SurfaceView(
                 "open, slip, stick",
                 Colours(_STATUS, "open", "stick", "slip between them", "no contact"),
                 motion=shape,

@@ -14,7 +14,7 @@ from fenics_joints.report import geometry
 from fenics_joints.report.document import Beside, Figure, View
 from fenics_joints.report.style import drawing, to_svg
 from fenics_joints.report.surface import Surface, surface
-from fenics_joints.report.view import Arrows, Colours, Look, scene
+from fenics_joints.report.view import Arrows, Colours, SurfaceView, scene
 
 #: Red to blue through near white, which all kinds of colour vision tell apart.
 diverging = colormaps["RdBu_r"]
@@ -154,9 +154,9 @@ def shapes_view(
         more: Blocks below the pictures.
     """
 
-    def looks(s: Surface) -> list[Look]:
+    def looks(s: Surface) -> list[SurfaceView]:
         return [
-            Look(
+            SurfaceView(
                 shape.title,
                 Colours(
                     diverging, "one way", "the other", f"motion along {_direction_words(shape.way)}"

@@ -68,7 +68,7 @@ class Arrows:
 
 
 @dataclass(frozen=True)
-class Look:
+class SurfaceView:
     """One view of a surface, to choose from the list.
 
     Attributes:
@@ -96,7 +96,7 @@ class Look:
 
 def scene(
     surface: Surface,
-    looks: Callable[[Surface], Sequence[Look]],
+    looks: Callable[[Surface], Sequence[SurfaceView]],
     name: str,
     *,
     turn: np.ndarray | None = None,
@@ -140,7 +140,7 @@ def scene(
     return Markup(text)
 
 
-def _most(surface: Surface, looks: Sequence[Look]) -> int:
+def _most(surface: Surface, looks: Sequence[SurfaceView]) -> int:
     """Vertices that a view may have for its bytes and faces."""
     per_face = len(surface.faces) / max(len(surface.points), 1)
     of_faces = surface.faces.shape[1] * (2 if len(surface.points) < 65536 else 4) * per_face
@@ -149,7 +149,7 @@ def _most(surface: Surface, looks: Sequence[Look]) -> int:
     return int(min(_BYTES / each, _FACES / max(per_face, 1e-9)))
 
 
-def _look(look: Look, middle: np.ndarray, half: float) -> dict:
+def _look(look: SurfaceView, middle: np.ndarray, half: float) -> dict:
     size = 1.0
     found: dict[str, object] = {"name": look.name, "note": look.note, "texts": list(look.texts)}
     if look.colours is not None:

@@ -14,7 +14,7 @@ from matplotlib import colormaps
 from fenics_joints.report.document import Document, View
 from fenics_joints.report.html import as_page
 from fenics_joints.report.surface import coarsened, surface
-from fenics_joints.report.view import Arrows, Colours, Look, scene
+from fenics_joints.report.view import Arrows, Colours, SurfaceView, scene
 
 HOSTILE = "</script><script>document.title='taken'</script><img src=x onerror=alert(1)>"
 
@@ -60,13 +60,13 @@ def test_a_coarser_surface_has_vertices_that_were_there_and_is_closed():
     assert coarsened(fine, len(fine.points)) is fine
 
 
-def looks(s) -> list[Look]:
+def looks(s) -> list[SurfaceView]:
     moved = s.points * [0.0, 0.0, 1.0]
     arrows = [Arrows("measured", "#009e73", s.points[:2], moved[:2])]
     colours = Colours(colormaps["RdBu_r"], "low", "high", HOSTILE)
     return [
-        Look("moves", colours, motion=moved, way=np.array([0.0, 0.0, 1.0]), arrows=arrows),
-        Look(
+        SurfaceView("moves", colours, motion=moved, way=np.array([0.0, 0.0, 1.0]), arrows=arrows),
+        SurfaceView(
             HOSTILE,
             colours,
             values=np.linspace(0, 1, len(s.points)),

@@ -72,11 +72,11 @@ def run_bayes(
     with threadpool_limits(1):
         beside = None if keep is None else Path(keep).with_suffix(".model.h5")
         model = case_model(case, comm, progress, keep=beside)
-        found = _Run(case, model, comm, progress, keep).report()
+        found = _CasePosterior(case, model, comm, progress, keep).report()
     return Outcome(found, bayes_document(found), found.failure)
 
 
-class _Run:
+class _CasePosterior:
     def __init__(self, case: Case, model: CaseModel, comm, progress: Progress, keep):
         self.case, self.model, self.comm, self.keep = case, model, comm, keep
         self.section = case.update.bayes or Bayes()

@@ -11,7 +11,7 @@ from fenics_joints.formatting import percent
 from fenics_joints.report import geometry
 from fenics_joints.report.mesh_pictures import diverging
 from fenics_joints.report.surface import Surface, surface
-from fenics_joints.report.view import Colours, Look, scene
+from fenics_joints.report.view import Colours, SurfaceView, scene
 
 
 def diagnosis_view(patches: PatchMap | None) -> Markup | None:
@@ -33,7 +33,7 @@ def diagnosis_view(patches: PatchMap | None) -> Markup | None:
     )
 
 
-def _explained(s: Surface, patches: PatchMap) -> Look:
+def _explained(s: Surface, patches: PatchMap) -> SurfaceView:
     """Signed shares of the misfit, patch by patch."""
     most = max(float(patches.share.max(initial=0.0)), 1e-9)
     value = np.where(patches.seen, 0.5 + 0.5 * patches.signed_share / most, np.nan)
@@ -45,7 +45,7 @@ def _explained(s: Surface, patches: PatchMap) -> Look:
         "of the misfit, by a change in this patch alone",
         "" if patches.seen.all() else "not seen by this test",
     )
-    return Look(
+    return SurfaceView(
         "where the gap lies",
         colours,
         values=value[s.group],

@@ -195,7 +195,7 @@ def _identified(r: HarmonicReport) -> list:
     if left := last.undetermined:
         notes.append(f"not determined by these data: {', '.join(left)}")
     amplitude = doc.Table.of(
-        mode_records(last),
+        measured_mode_records(last),
         "displacement_m: >displacement | test_hz: >test, Hz | model_hz: >model, Hz | "
         "test_damping: >test, damping | model_damping: >model",
         write=_written,
@@ -279,7 +279,7 @@ def _mode_notes(found: IdentificationResult) -> list[str]:
     return [*notes, *found.mode.measured.notes]
 
 
-def mode_records(found: IdentificationResult) -> list[dict]:
+def measured_mode_records(found: IdentificationResult) -> list[dict]:
     """Displacement, measured and computed frequency and damping ratio at each amplitude.
 
     The computed ones with what the model lacks at rest.
@@ -357,7 +357,7 @@ def _stability(axes, found: LevelStability, response, amplitude, kind: str, shad
 def over_amplitude(r: HarmonicReport) -> str:
     """Frequency and damping of the mode over its amplitude, with the levels' peaks."""
     both = [b for b in (r.backbone, r.static_backbone) if b is not None]
-    tested = mode_records(r.identified[-1]) if r.identified else []
+    tested = measured_mode_records(r.identified[-1]) if r.identified else []
     panels = (
         ("frequencies_hz", "peak_hz", "test_hz", 1, "frequency, Hz"),
         ("damping_ratios", "damping_ratio", "test_damping", 100, "damping ratio, %"),

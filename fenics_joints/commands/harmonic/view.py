@@ -17,7 +17,7 @@ from fenics_joints.preload.bodies import body_numbers
 from fenics_joints.report import geometry
 from fenics_joints.report.mesh_pictures import diverging, mode_shape
 from fenics_joints.report.surface import Surface, surface
-from fenics_joints.report.view import Colours, Look, scene
+from fenics_joints.report.view import Colours, SurfaceView, scene
 
 #: Near white to dark red, ever darker: it reads in grey as well.
 _RISING = LinearSegmentedColormap.from_list("rising", ["#f4f2ee", "#f6c79b", "#dd6b4a", "#7d1128"])
@@ -112,7 +112,7 @@ def response_view(
     way[: len(direction)] = direction
     turn = geometry.upright(x)
 
-    def looks(s: Surface) -> list[Look]:
+    def looks(s: Surface) -> list[SurfaceView]:
         moved = [_moved(r, k, shapes.motions[k], s, way) for k in reversed(range(len(r.facts)))]
         return [*moved, *_slipped(r, shapes, s, loops)]
 
@@ -125,10 +125,12 @@ def response_view(
     return scene(whole, looks, name, turn=turn, apart=True), still
 
 
-def _moved(r: HarmonicReport, k: int, motion: np.ndarray, s: Surface, way: np.ndarray) -> Look:
+def _moved(
+    r: HarmonicReport, k: int, motion: np.ndarray, s: Surface, way: np.ndarray
+) -> SurfaceView:
     facts, at = r.facts[k], motion.reshape(-1, 3)[s.pick]
     most = float(np.linalg.norm(motion, axis=-1).max(initial=0.0))
-    return Look(
+    return SurfaceView(
         f"peak at {quantity(facts.level, r.level_unit)}, {facts.peak_hz:.3f} Hz",
         Colours(diverging, "one way", "the other", "motion along the sensor's direction"),
         motion=at,
@@ -140,7 +142,7 @@ def _moved(r: HarmonicReport, k: int, motion: np.ndarray, s: Surface, way: np.nd
 
 def _slipped(
     r: HarmonicReport, shapes: PeakShapes, s: Surface, loops: dict[str, Loops]
-) -> list[Look]:
+) -> list[SurfaceView]:
     """Slip and energy over all joints that have points, at the highest level's peak."""
     joints = [p for p in r.built.model.interfaces if p.points is not None]
     if not joints:
@@ -164,7 +166,7 @@ def _slipped(
         label = f"{words} in the {'layers' if layered else 'contacts'}"
         half = "; half of peak to peak over a cycle" if key == "slip_amplitude" else ""
         found.append(
-            Look(
+            SurfaceView(
                 f"{words} at {top}",
                 Colours(_RISING, "0", high, label, "elsewhere"),
                 motion=motion,

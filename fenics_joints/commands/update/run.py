@@ -92,7 +92,7 @@ def update_case(case: Case, comm: MPI.Intracomm, progress: Progress | None = Non
     with threadpool_limits(1):
         while True:
             try:
-                found = _Run(case, comm, progress, notes, spare).report()
+                found = _CaseUpdate(case, comm, progress, notes, spare).report()
                 return replace(found, without_partner=tuple(names))
             except TooFewModes as error:
                 there = case.measurements().mode_names
@@ -106,7 +106,7 @@ def update_case(case: Case, comm: MPI.Intracomm, progress: Progress | None = Non
                 names += error.names
 
 
-class _Run:
+class _CaseUpdate:
     def __init__(
         self, case: Case, comm, progress: Progress, notes: Sequence[str] = (), spare: int = 0
     ):
