@@ -21,7 +21,8 @@ from fenics_joints.errors import InputError, located
 from fenics_joints.files import FORMULA, check_writable, csv_text, is_file, write_text
 from fenics_joints.units import factor_to_si, plain_number
 
-_APPLICATION, _SCHEMA = 0x464A4442, 1  # "FJDB"
+#: SQLite's application_id of such a file, "FJDB", and the version of its tables.
+_APPLICATION, _SCHEMA = 0x464A4442, 1
 _COLUMNS = NUMBERS + TEXTS
 #: Seconds to wait for another process's transaction.
 _PATIENCE = 60.0

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 #: Rows of the picture, from below: beams under the interface, joint elements, beams above. Where
 #: each starts, and the height of the highest there.
 _BELOW, _JOINT, _ABOVE = (0.0, 1.0), (1.35, 0.5), (2.2, 1.0)
+#: Size of the picture, inches.
 _SIZE = (7.6, 2.5)
 _NAMES = "#14181d"
 #: Share of the whole length that a patch needs for its number.

@@ -36,9 +36,11 @@ from fenics_joints.report.style import CHOSEN, NOMINAL, PLACEBO, drawing, grid
 _LINE, _MUTED, _APART = "#cf3f16", "#8d949e", "#eceef1"
 _PRESSURE = colormaps["YlGnBu"]
 _STATUS = {OPEN: ("open", "#c9ced5"), SLIP: ("slip", PLACEBO), STICK: ("stick", CHOSEN)}
+#: Dashes of the circles, points.
 _DASHES = (0, (4, 3))
 #: Corners of a facet one after the other, by their number.
 _AROUND = {3: [0, 1, 2], 4: [0, 1, 3, 2]}
+#: Millimetres in a metre.
 _MM = 1e3
 #: Inches: width of a figure, most height of a row of panels.
 _WIDTH, _MOST = 7.6, 3.6

@@ -61,6 +61,7 @@ _WAYS = {
 }
 _OUTPUTS = {"radius": "Contact radius", "pressure": "Mean pressure"}
 _FIGURE = re.compile(r"[-+]?(\d{1,15}([.,]\d{0,15})?|[.,]\d{1,15})([eE][-+]?\d{1,2})?", re.ASCII)
+#: Most characters of a field, as the page's inputs allow.
 _LONGEST = 40
 
 

@@ -35,6 +35,7 @@ HOST = "127.0.0.1"
 _HOSTS = re.compile(r"(127\.0\.0\.1|localhost|\[::1\])(:\d{1,5})?", re.ASCII | re.IGNORECASE)
 #: Bytes of a request up to its empty line; a browser sends about 1,000.
 _LONGEST_HEAD = 16384
+#: Most fields of a query; the page sends half as many.
 _MOST_FIELDS = 20
 #: Most connections at once, while others wait; and most of them without a request yet, the oldest
 #: of which are closed for new ones.
