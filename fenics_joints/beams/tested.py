@@ -29,6 +29,7 @@ class ExactModes(MatchedModes):
     Args:
         full: The beams.
         start: See `MatchedModes`.
+        free: See `GreedyModel`; all parameters of beams are free.
         by_order: Whether modes go by their order, as the test's names of them do, where no shapes
             were measured. In one plane they do not cross but veer, and by the nominal shapes one
             along the beams, which shows little, would be taken for any other. The test may then
@@ -45,6 +46,7 @@ class ExactModes(MatchedModes):
         self,
         full: BeamStructure,
         start: Mapping[str, float],
+        free: Sequence[str] = (),
         *,
         by_order: bool = False,
         shapes: np.ndarray | None = None,
@@ -146,13 +148,6 @@ class ExactTarget(CombinedModel):
         return np.zeros(len(points))
 
 
-def _free(
-    full: BeamStructure, start: Mapping[str, float], free: Sequence[str], **given
-) -> ExactModes:
-    """See `GreedyModel`: of beams all parameters are free."""
-    return ExactModes(full, start, **given)
-
-
 @tested_models.register
 def _(full: BeamStructure) -> SmallModels:
-    return SmallModels(ExactModes, _free, ExactTarget, exact=True)
+    return SmallModels(ExactModes, ExactModes, ExactTarget, exact=True)

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 from petsc4py import PETSc
 
-from fenics_joints.errors import ConvergenceError, InputError, capable, real, reals, whole
+from fenics_joints.errors import ConvergenceError, InputError, capable, reals, whole
 from fenics_joints.interfaces.full import FullModel
 from fenics_joints.interfaces.model import InterfaceModel
 from fenics_joints.interfaces.motion import Motion
@@ -155,6 +155,8 @@ _HALVINGS, _SEARCHED = 4, 12
 #: Load, over the least, that gives the compliance at rest; and displacement, over that of this
 #: compliance, beyond which a joint counts as failed: chosen.
 _AT_REST, _LOST = 1e-3, 30.0
+#: Residual of an equilibrium over the load; round-off may leave more.
+_EQUILIBRIUM = 1e-10
 #: Largest share of a load on a free structure that is out of balance: round-off of input.
 _BALANCED = 1e-6
 #: Options for shapes of a basis, which need not be exact: a load may have no equilibrium, and tight
@@ -163,12 +165,7 @@ _SHAPES = {"snes_rtol": 1e-6, "snes_max_it": 10, "snes_linesearch_type": "cp"}
 
 
 def static_state(
-    model: InterfaceModel,
-    load: np.ndarray,
-    *,
-    steps: int = 1,
-    tolerance: float = 1e-10,
-    max_iterations: int = 40,
+    model: InterfaceModel, load: np.ndarray, *, steps: int = 1
 ) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     """Equilibrium under a load that grows from zero in equal steps, by Newton's method.
 
@@ -176,8 +173,6 @@ def static_state(
         model: The model.
         load: Static load, N, (n,).
         steps: Load steps; friction remembers the path.
-        tolerance: Residual relative to the load; round-off may leave more.
-        max_iterations: Newton iterations per step.
 
     Returns:
         (displacements (n,), states of each interface (P, E, m) by its name).
@@ -188,8 +183,6 @@ def static_state(
     """
     capable("model", model, ("motion", "n_dofs"), "an InterfaceModel")
     whole("steps", steps)
-    whole("max_iterations", max_iterations)
-    real("tolerance", tolerance, above=0.0, most=0.1)
     load = reals("load", load, unit="N")
     if load.shape != (model.n_dofs,):
         raise InputError(f"static has shape {load.shape}: expected ({model.n_dofs},).")
@@ -197,7 +190,7 @@ def static_state(
     for i in range(1, steps + 1):
         statics.load.array[:] = load * i / steps
         scale = max(statics.load.norm(), np.finfo(float).tiny)
-        statics.solver.setTolerances(rtol=tolerance, max_it=max_iterations)
+        statics.solver.setTolerances(rtol=_EQUILIBRIUM)
         taken = statics.solve()
         if taken is not None and taken > _BALANCED:
             raise InputError(

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fenics_joints.errors import capable, items, real, reals, wanted
+from fenics_joints.errors import capable, items, reals, wanted
 from fenics_joints.modal.modes import Modes
 
 
@@ -61,24 +61,23 @@ class Identifiability:
         )
 
 
-def identifiability(
-    whitened: np.ndarray, names: Sequence[str], *, open_sd: float = 1.0
-) -> Identifiability:
+#: Standard deviation of a log parameter, a factor e, above which the data leave a direction open.
+_OPEN = 1.0
+
+
+def identifiability(whitened: np.ndarray, names: Sequence[str]) -> Identifiability:
     """Condition number, collinearity index and undetermined parameters.
 
     Args:
         whitened: Sensitivities divided by the data's standard deviations, shape (n_data, p), by
             log parameters (or any with a common scale).
         names: Names of the p parameters.
-        open_sd: A direction known less well than this is left open by the data; 1 is a factor e
-            for log parameters.
 
     Raises:
         InputError: If these are no numbers, or the names are not of as many parameters.
     """
     whitened = reals("whitened", whitened, (None, None))
     names = items("names", names, str, "names of parameters")
-    real("open_sd", open_sd, above=0.0)
     p = whitened.shape[1]
     if len(set(names)) != p or not whitened.size:
         raise wanted("names", names, f"{p} names, each once, for sensitivities to some data")
@@ -95,7 +94,7 @@ def identifiability(
     with np.errstate(invalid="ignore"):
         terms = np.where(np.abs(vt.T) > 1e-12, vt.T * spread, 0.0)
     sd = np.sqrt(np.sum(terms**2, axis=1))
-    is_open = vt[spread > open_sd]
+    is_open = vt[spread > _OPEN]
     share = np.sqrt(np.sum(is_open**2, axis=0)) if len(is_open) else np.zeros(p)
     undetermined = tuple(name for name, part in zip(names, share, strict=True) if part > 0.5)
     return Identifiability(tuple(names), condition, collinearity, sd, vt[-1], undetermined)

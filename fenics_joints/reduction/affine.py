@@ -288,11 +288,11 @@ class LawScalars:
 _NEXT = 64
 
 
-def _same_arrays(kept, values) -> bool:
-    """Whether the kept list holds these very arrays."""
-    if not isinstance(kept, list) or len(kept) != len(values):
-        return False
-    return all(a is b for a, b in zip(kept, values, strict=True))
+def _same(kept: Sequence, values: Sequence) -> bool:
+    """Whether these are equal numbers, or the very same arrays."""
+    return len(kept) == len(values) and all(
+        a is b or (type(a) is float and a == b) for a, b in zip(kept, values, strict=True)
+    )
 
 
 @dataclass(frozen=True)
@@ -386,14 +386,9 @@ class AffinePencil:
     def _at_laws(self, values: Values) -> list[LawScalars]:
         """Scalars of every term; kept for the next call, since K, M and derivatives need them."""
         last = self.__dict__.get("_last_laws")
-        if np.ndim(next(iter(values.values()), 0.0)):
-            if last is not None and _same_arrays(last[0], values.values()):
-                return last[1]
-            key = list(values.values())  # held, so that no other array can take the place of one
-        else:
-            key = tuple(values.values())
-            if last is not None and last[0] == key:
-                return last[1]
+        key = list(values.values())  # held, so that no other array can take the place of one
+        if last is not None and _same(last[0], key):
+            return last[1]
         found = [term.at(values) for term in self.terms_by_law]
         self.__dict__["_last_laws"] = key, found
         return found

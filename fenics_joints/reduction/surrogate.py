@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import singledispatch
+from functools import partial, singledispatch
+from types import SimpleNamespace
 
 import numpy as np
 import scipy.linalg
@@ -153,7 +154,9 @@ class ReducedModel(MatchedModes):
     def quick(self) -> SmallModel:
         """The same model with a check against modes refined from its own, in a third of the time.
         It misses a mode that the reduced model lacks altogether."""
-        return _Quick(self)
+        return SimpleNamespace(
+            errors=partial(self.errors_by, solve=self.refined), extend=self.extend
+        )
 
     def errors_by(self, points: Points, solve: Callable[..., Modes]) -> np.ndarray:
         """`errors` with ``solve``, which gives modes of the full model at values."""
@@ -342,19 +345,6 @@ def compress_basis(
     values, turn = scipy.linalg.eigh(basis.T @ energy @ basis)
     kept = values > 1e-12 * values[-1]
     return basis @ (turn[:, kept] / np.sqrt(values[kept]))
-
-
-class _Quick:
-    """See `ReducedModel.quick`."""
-
-    def __init__(self, whole: ReducedModel):
-        self._whole = whole
-
-    def errors(self, points: Points) -> np.ndarray:
-        return self._whole.errors_by(points, self._whole.refined)
-
-    def extend(self, points: Points) -> None:
-        self._whole.extend(points)
 
 
 @dataclass(frozen=True)

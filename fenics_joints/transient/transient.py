@@ -371,7 +371,6 @@ def stepped_sine(
     harmonics: int = 5,
     initial: tuple | None = None,
     petsc_options: Mapping[str, object] | None = None,
-    progress: Callable[[float], None] | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Steady responses to a sinusoidal force at one frequency after another, as a test makes them.
 
@@ -390,7 +389,6 @@ def stepped_sine(
         harmonics: Harmonics of the answer.
         initial: As in `solve_transient`.
         petsc_options: As in `solve_transient`.
-        progress: Called with each frequency when it is done.
 
     Returns:
         (harmonics of the displacement, m, (n, 2 H + 1), as `steady_harmonics`; periods that each
@@ -425,6 +423,4 @@ def stepped_sine(
             now = steady_harmonics(run.times, run.displacements[sensor], frequency, harmonics)
         found.append(now)
         periods.append(count)
-        if progress is not None:
-            progress(frequency)
     return np.array(found), np.array(periods)
