@@ -413,7 +413,7 @@ def _dilation_frequency(pencil: AffinePencil, layout: Layout) -> float:
     x = np.repeat(layout.x - layout.x.mean(), 3)[layout.free]
     shape = np.where(layout.free % 3 == 0, x, 0.0)
     bodies = [r for r in pencil.regions if r.law is not ELASTIC_SUPPORT]
-    K, M = replace(pencil, regions=bodies).matrices(values)
+    K, M = replace(pencil, regions=bodies).assemble(values)
     if not pencil.total_mass(values) > 0:
         raise InputError("the structure has no mass: expected a density > 0 in some beam.")
     return float(np.sqrt((shape @ K @ shape) / (shape @ M @ shape)) / (2 * np.pi))

@@ -327,7 +327,7 @@ def _with_contacts(
     """The structure's pencil, with all that is not its own, as bolts and springs, fixed."""
     structure = joint.structure
     whole = [project(A, columns) for A in matrices]
-    own = source.pencil.matrices(structure.values(given))
+    own = source.pencil.assemble(structure.values(given))
     return replace(
         source.pencil,
         fixed=tuple(a - b for a, b in zip(whole, own, strict=True)),

@@ -90,7 +90,7 @@ class ReducedInterfaceModel(InterfaceModel):
             InputError: For an unknown parameter, or a value out of range.
         """
         values = self.values(given)
-        K, M = self.pencil.matrices(values)
+        K, M = self.pencil.assemble(values)
         interfaces = tuple(self._at(points, values) for points in self.interfaces)
         return replace(
             self, K=0.5 * (K + K.T), M=M, interfaces=interfaces, given={**self.given, **given}
@@ -130,7 +130,7 @@ class ReducedInterfaceModel(InterfaceModel):
 
     def mass(self, given: Mapping[str, float] | None = None) -> np.ndarray:
         """Mass, kg, (n, n)."""
-        return self.pencil.matrices(self.values(given))[1] if given else self.M
+        return self.pencil.assemble(self.values(given))[1] if given else self.M
 
     def dilation_frequency(self, given: Mapping[str, float] | None = None) -> float:
         """The structure's at its nominal parameters, Hz."""

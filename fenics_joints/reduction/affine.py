@@ -3,7 +3,7 @@
 The stiffness and mass of every region with uniform properties are linear in a few scalars
 (`structure.laws.Law.stiffness_terms`), those of springs and point masses in their number. What
 the sums need are projections on a basis, which are plain arrays. They are formed at one set of
-parameter values, or at many together (`AffinePencil.matrices`).
+parameter values, or at many together (`AffinePencil.assemble`).
 """
 
 from __future__ import annotations
@@ -297,7 +297,10 @@ def _same(kept: Sequence, values: Sequence) -> bool:
 
 @dataclass(frozen=True)
 class AffinePencil:
-    """K(p) and M(p) on a basis.
+    """K(p) = sum theta_i(p) K_i and M(p) = sum rho_i(p) M_i on a basis.
+
+    `assemble` gives both at one set of values or at many, `gradients` and `slopes` derivatives by
+    the parameters, `mapped` both in other unknowns, `restrict` both with some parameters fixed.
 
     Attributes:
         parameters: Parameters by name.
@@ -468,7 +471,7 @@ class AffinePencil:
         """The values of `set_reference`, or None."""
         return self.__dict__.get("_reference")
 
-    def matrices(self, values: Values) -> tuple[np.ndarray, np.ndarray]:
+    def assemble(self, values: Values) -> tuple[np.ndarray, np.ndarray]:
         """(K, M) at all parameters' values, each (n, n); (b, n, n) of values of shape (b,) each."""
         theta, rho = self.scalars(values)
         K, M = self._stiffness.sum_near(theta), self._inertia.sum_near(rho)
@@ -563,7 +566,7 @@ class AffinePencil:
             fixed=self.fixed and tuple(map(matrix, self.fixed)),
         )
 
-    def restricted(
+    def restrict(
         self, free: Collection[str], values: Values, only: Collection[str] | None = None
     ) -> AffinePencil:
         """The same pencil with some parameters fixed, in fewer terms.

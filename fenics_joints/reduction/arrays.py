@@ -90,7 +90,7 @@ class ArrayModel:
         return last[1]
 
     def _assemble(self, values: Mapping[str, float]) -> tuple[np.ndarray, np.ndarray]:
-        return self.pencil.matrices(values)
+        return self.pencil.assemble(values)
 
     def pencil_gradients(self, shapes: np.ndarray, eigenvalues, given=None) -> np.ndarray:
         """Derivatives of x^T (K - lambda M) x by every parameter, shape (k, n_parameters).
@@ -226,7 +226,7 @@ def freeze(
     if not free or len(set(free)) < len(free) or not set(free) <= set(values):
         raise InputError(f"free = {free}: expected some of: {', '.join(values)}.")
     parameters = {name: replace(model.parameters[name], value=values[name]) for name in free}
-    pencil = replace(model.pencil.restricted(free, values), parameters=parameters)
+    pencil = replace(model.pencil.restrict(free, values), parameters=parameters)
     return replace(model, pencil=pencil)
 
 
@@ -240,4 +240,4 @@ def trimmed(model: ArrayModel, still: Collection[str], given: Mapping[str, float
         given: Their values, and any of the others'.
     """
     free = frozenset(model.parameters) - set(still)
-    return replace(model, pencil=model.pencil.restricted(free, model.values(given), still))
+    return replace(model, pencil=model.pencil.restrict(free, model.values(given), still))

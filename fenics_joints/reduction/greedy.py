@@ -113,7 +113,7 @@ class FreePencil:
         """
         on = Projection(self.full, basis)
         pencil = on.pencil(free=self.free, given=self.given)
-        K, M = pencil.matrices(self.given)
+        K, M = pencil.assemble(self.given)
         self.terms = replace(
             pencil,
             fixed=(on.matrix(self.K) - K, on.matrix(self.M) - M),

@@ -407,7 +407,7 @@ class BatchPrediction(ModalPrediction):
     def _modes(self, values, count: int | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Lowest eigenvalues, (b, count), and M-normalised vectors, (b, n_dofs, count); of all
         modes for None."""
-        K, M = self.model.pencil.matrices(values)
+        K, M = self.model.pencil.assemble(values)
         n = self.model.n_dofs
         few = count is not None and n > max(_LARGE, _FEW * count)
         if self._unit and not few:

@@ -526,7 +526,7 @@ class StaticModel:
 
     def _moved(self, values, rows: np.ndarray) -> np.ndarray:
         """Responses to forces of these rows, (k, n): (n, k), or (b, n, k)."""
-        K, _ = self.model.pencil.matrices(own_values(self.model, values))
+        K, _ = self.model.pencil.assemble(own_values(self.model, values))
         return np.linalg.solve(K, np.broadcast_to(rows.T, (*K.shape[:-2], *rows.T.shape)))
 
     def response(self, values: Mapping[str, float], index: int):
