@@ -291,7 +291,8 @@ _NEXT = 64
 def _same(kept: Sequence, values: Sequence) -> bool:
     """Whether these are equal numbers, or the very same arrays."""
     return len(kept) == len(values) and all(
-        a is b or (type(a) is float and a == b) for a, b in zip(kept, values, strict=True)
+        a is b or (type(a) is type(b) is float and a == b)
+        for a, b in zip(kept, values, strict=True)
     )
 
 
