@@ -183,6 +183,7 @@ def _samples(*bases: dict) -> tuple[dict, ...]:
     return tuple({**base, "rho": 1.0, "stretch": s} for base in bases for s in (0.5, 1.0, 2.0))
 
 
+#: Properties of a layer that has a normal modulus alone.
 _UNCOUPLED_SAMPLES = ({"E": 1.0, "G": 0.0, "rho": 1.0, "stretch": 1.0},)
 
 SOLID = Law(
