@@ -56,16 +56,6 @@ def lengths(values: Any, n: int) -> bool:
     return holds(lambda v: np.shape(v) == (n,) and all(map(is_positive, v)), values)
 
 
-def two_counts(values: Any) -> bool:
-    """Whether ``values`` are two whole numbers of at least 1."""
-    return holds(lambda v: np.shape(v) == (2,) and all(map(is_count, v)), values)
-
-
-def apart(points: Any) -> bool:
-    """Whether all points are at least `ONE_BOLT` apart."""
-    return all(math.dist(a, b) >= ONE_BOLT for a, b in itertools.combinations(points, 2))
-
-
 def requirement(builder: str) -> Callable[[bool, str, object, str], None]:
     """A function that raises MeshError, in the builder's name, unless something holds."""
 
@@ -112,7 +102,10 @@ Places = Annotated[
         lambda v: all(np.shape(b) == (2,) and all(map(is_finite, b)) for b in v),
         "a pair (x, y) in metres for each bolt",
     ),
-    Demand(lambda v: apart(v), f"each bolt once, {1e3 * ONE_BOLT:g} mm or more from the others"),
+    Demand(
+        lambda v: all(math.dist(a, b) >= ONE_BOLT for a, b in itertools.combinations(v, 2)),
+        f"each bolt once, {1e3 * ONE_BOLT:g} mm or more from the others",
+    ),
 ]
 
 

@@ -15,8 +15,8 @@ from fenics_joints.meshes.arguments import (
     Gap,
     Size,
     Solid,
+    is_count,
     made_by,
-    two_counts,
 )
 from fenics_joints.meshes.facets import Skin
 from fenics_joints.meshes.grid import PlaneGrid, count_intervals, extruded, graded_lines, grid_lines
@@ -26,6 +26,11 @@ from fenics_joints.meshes.tagged import MeshLists
 #: Logarithm of the ratio of neighbouring elements between the pads and the slender middle. Chosen,
 #: with the sizes by default, to have the published number of elements.
 _GROWTH = math.log(1.3)
+
+Counts = Annotated[
+    tuple[Count, Count],
+    Demand(lambda v: len(v) == 2 and all(map(is_count, v)), "two whole numbers of at least 1"),
+]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -94,9 +99,7 @@ class CBeams(Builder):
     element_size: Size = 1.5e-3
     radial_size: Size = 1.1e-3
     middle_size: Size = 8e-3
-    n_thickness: Annotated[
-        tuple[Count, Count], Demand(two_counts, "two whole numbers of at least 1")
-    ] = (6, 2)
+    n_thickness: Counts = (6, 2)
     layer: Gap = 0.0
     bonded: bool = False
     cell: Solid = "hexahedron"

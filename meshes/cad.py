@@ -12,7 +12,7 @@ from mpi4py import MPI
 
 from fenics_joints.errors import MeshError, located
 from fenics_joints.files import path_of
-from fenics_joints.meshes.arguments import Demand, Size, described, holds, is_count
+from fenics_joints.meshes.arguments import Count, Demand, Size, described, holds
 from fenics_joints.meshes.cad_bolts import BoltPlace, check_rings, given_bolts, hole_bolts
 from fenics_joints.meshes.cad_faces import MM, TOUCH, FacePair, find_contacts, nearest
 from fenics_joints.meshes.cad_mesh import Glued, SharedFace, Sizes, closing, glue, opening
@@ -47,14 +47,6 @@ _OPTIONS = {
     "Mesh.SubdivisionAlgorithm": 0,
     "Mesh.SaveAll": 0,
 }
-
-
-def _is_few(cells) -> bool:
-    return is_count(cells) and cells <= 1000
-
-
-def _is_polygon(edges) -> bool:
-    return is_count(edges) and 6 <= edges <= 10_000
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -106,11 +98,11 @@ class StepAssembly(Grown):
     function: ClassVar[str] = "read_step"
 
     element_size: Size
-    n_layer: Annotated[int, Demand(_is_few, "a whole number from 1 to 1,000")] = 1
+    n_layer: Annotated[Count, Demand(lambda n: n <= 1000, "at most 1,000 cells")] = 1
     parts: Mapping[str, Place] | None = None
     faces: Mapping[str, Sequence[float] | Sequence[Sequence[float]]] | None = None
     ring_size: Size | None = None
-    circle: Annotated[int, Demand(_is_polygon, "a whole number from 6 to 10,000")] = 16
+    circle: Annotated[Count, Demand(lambda n: 6 <= n <= 10_000, "6 to 10,000 edges")] = 16
 
     def check(self) -> None:
         """Refuse arguments that do not fit each other, with MeshError."""

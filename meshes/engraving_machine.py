@@ -21,7 +21,7 @@ from fenics_joints.meshes.arguments import (
     lengths,
     made_by,
 )
-from fenics_joints.meshes.dumbbell import with_joint_faces
+from fenics_joints.meshes.dumbbell import Sides, with_joint_faces
 from fenics_joints.meshes.grid import PlaneGrid, count_intervals, extruded, grid_lines
 from fenics_joints.meshes.tagged import MeshLists
 
@@ -33,11 +33,6 @@ _ROOM = 0.98
 Two = Annotated[
     tuple[Size, Size], Demand(lambda v: lengths(v, 2), "2 lengths above 0 m, along -y and z")
 ]
-Three = Annotated[
-    tuple[Size, Size, Size],
-    Demand(lambda v: lengths(v, 3), "3 lengths above 0 m, along x, y and z"),
-]
-
 
 #: Most rows of bolts, and ribs. Chosen: each is a box, whose edges are lines of the whole grid.
 _MOST_ROWS = 100
@@ -100,7 +95,7 @@ class EngravingMachine(Builder):
 
     function: ClassVar[str] = "engraving_machine"
 
-    bed: Three = (0.924, 1.39, 0.263)
+    bed: Sides = (0.924, 1.39, 0.263)
     column: Size = 1.165
     arm: Two = (0.78, 0.262)
     wall: Size = 0.033

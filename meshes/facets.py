@@ -90,12 +90,17 @@ def interfaces(lists: MeshLists, mark: np.ndarray) -> tuple[np.ndarray, np.ndarr
     return facets[first], np.column_stack([cells[first], cells[second]])
 
 
+def by_part(lists: MeshLists, numbers: Mapping[str, int]) -> np.ndarray:
+    """The number of each cell's part, 0 for parts that have none, shape (n_cells,)."""
+    of_tag = np.zeros(max(lists.cell_names.values()) + 1, dtype=np.int64)
+    for name, number in numbers.items():
+        of_tag[lists.cell_names[name]] = number
+    return of_tag[lists.cell_values]
+
+
 def facets_between(lists: MeshLists, part: str, *others: str) -> np.ndarray:
     """Vertices of the facets between a part and others, in DOLFINx's order, (n, n_corners)."""
-    mark = np.zeros(max(lists.cell_names.values()) + 1, dtype=np.int64)
-    mark[[lists.cell_names[name] for name in others]] = 1
-    mark[lists.cell_names[part]] = 2
-    mark = mark[lists.cell_values]
+    mark = by_part(lists, dict.fromkeys(others, 1) | {part: 2})
     facets, cells = interfaces(lists, mark)
     return facets[(mark[cells] > 0).all(axis=1)]
 
@@ -317,10 +322,7 @@ def _body_of_cell(lists: MeshLists, body_of: Mapping[str, int]) -> np.ndarray:
     if missing:
         lost = ", ".join(missing)
         raise MeshError(f"separate: bodies lacks {lost}, expected each part in one body")
-    body = np.zeros(max(lists.cell_names.values()) + 1, dtype=np.int64)
-    for part, number in body_of.items():
-        body[lists.cell_names[part]] = number
-    return body[lists.cell_values]
+    return by_part(lists, body_of)
 
 
 def _tag_pair(lists: MeshLists, body_of: Mapping[str, int], pair) -> list[int]:

@@ -20,11 +20,12 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
 from fenics_joints.errors import MeshError
-from fenics_joints.meshes.arguments import Arguments, Demand, Size, is_positive
+from fenics_joints.meshes.arguments import Arguments, Demand, Size, is_positive, lengths
 from fenics_joints.meshes.facets import (
     FACETS,
     Bodies,
     add_faces,
+    by_part,
     interfaces,
     layer_cells,
     oriented,
@@ -152,9 +153,7 @@ def touches(lists: MeshLists, bonded: Iterable[tuple[str, str]] = ()) -> list[To
 
 def part_numbers(lists: MeshLists) -> np.ndarray:
     """Number of each cell's part in the order of the mesh's names, shape (n_cells,)."""
-    number = np.zeros(max(lists.cell_names.values()) + 1, dtype=np.int64)
-    number[list(lists.cell_names.values())] = np.arange(len(lists.cell_names))
-    return number[lists.cell_values]
+    return by_part(lists, {name: i for i, name in enumerate(lists.cell_names)})
 
 
 def _measured(lists: MeshLists, parts, facets: np.ndarray, cells: np.ndarray) -> Touch:
@@ -352,14 +351,16 @@ def fill(lists: MeshLists, layers: Mapping[str, Sequence[np.ndarray]], n_layer=1
     )
 
 
-def _is_range(hole) -> bool:
-    return np.shape(hole) == (2,) and all(map(is_positive, hole)) and hole[0] <= hole[1]
-
-
 def _are_several(values) -> bool:
     return np.iterable(values) and not isinstance(values, str)
 
 
+Range = Annotated[
+    tuple[float, float],
+    Demand(
+        lambda v: lengths(v, 2) and v[0] <= v[1], "the least and the largest diameter, in metres"
+    ),
+]
 Pairs = Annotated[Sequence[tuple[str, str]], Demand(_are_several, "a sequence of pairs of parts")]
 
 
@@ -388,12 +389,7 @@ class Grown(Arguments):
     r_wai: float | Sequence[float] | None = None
     r_nei: Size | None = None
     bolts: Annotated[Sequence[Sequence[float]], Demand(_are_several, "a sequence")] | None = None
-    hole: (
-        Annotated[
-            tuple[float, float], Demand(_is_range, "the least and the largest diameter, in metres")
-        ]
-        | None
-    ) = None
+    hole: Range | None = None
     layer: Size | None = None
     bonded: Pairs = ()
     between: Pairs | None = None

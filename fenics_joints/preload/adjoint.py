@@ -229,8 +229,9 @@ class PreloadAdjoint:
         rate, left = y.duplicate(), y.copy()
         rate.array[:] = V @ np.linalg.solve(gram, dots(comm, V, load.array_r))
         left.array[:] -= V @ np.linalg.solve(gram, dots(comm, heavy, y.array_r))
-        # The form of K - lambda M at the difference of two lambda is that of M.
-        scale = _inertia_scale(self.solver.K, M)
+        # The form of K - lambda M at the difference of two lambda is that of M; this lambda, in
+        # (rad/s)^2, makes the two of one size.
+        scale = self.solver.K.norm(PETSc.NormType.FROBENIUS) / M.norm(PETSc.NormType.FROBENIUS)
         slope = self._bilinear(left, rate, scale) - self._bilinear(left, rate, 0.0)
         for owned in (load, M, rate, left):
             owned.destroy()
@@ -260,8 +261,3 @@ class PreloadAdjoint:
         u = self.jumps.T * x
         u.array[self.model.structure.held_dofs[: u.getLocalSize()]] = 0.0
         return u
-
-
-def _inertia_scale(K: PETSc.Mat, M: PETSc.Mat) -> float:
-    """A lambda at which lambda M is of the size of K, (rad/s)^2."""
-    return K.norm(PETSc.NormType.FROBENIUS) / M.norm(PETSc.NormType.FROBENIUS)

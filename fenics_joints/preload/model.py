@@ -202,14 +202,9 @@ class PreloadModel:
         return at_blocks(self.V, held.reshape(-1, self.structure.gdim), nodes).astype(bool)
 
     def _axis(self, bolt) -> np.ndarray:
-        gdim = self.structure.gdim
-        axis = np.eye(gdim)[-1] if bolt.axis is None else np.asarray(bolt.axis, dtype=float)
-        length = np.linalg.norm(axis)
-        if axis.shape != (gdim,) or not length > 0:
-            raise InputError(
-                f"{bolt.name}.axis = {bolt.axis}: expected a vector of {gdim} numbers."
-            )
-        return axis / length
+        self._along(bolt.name, "axis", bolt.axis)
+        axis = np.eye(self.structure.gdim)[-1] if bolt.axis is None else np.array(bolt.axis)
+        return axis / np.linalg.norm(axis)
 
     def _spider(self, bolt: BeamBolt, side: str) -> Spider:
         face = self.face(getattr(bolt, side))

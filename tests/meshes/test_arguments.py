@@ -118,7 +118,7 @@ REFUSED = {
         ({"element_size": 1e-9}, "cells"),
     ],
     "engraving_machine": [
-        ({"bed": (0.5, 0.8)}, "bed is (0.5, 0.8), expected 3 lengths"),
+        ({"bed": (0.5, 0.8)}, "bed is (0.5, 0.8), expected three lengths"),
         ({"bed": (0.7, 0.8, 0.2)}, "expected a width of at least 0.77"),
         ({"bed": (0.8, 0.8, 0.2)}, "expected a length above 0.90"),
         ({"arm": (0.1, 0.2)}, "beyond the flange"),
