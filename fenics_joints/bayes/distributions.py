@@ -90,14 +90,12 @@ class Fitted:
     Attributes:
         family: A key of `FAMILIES`.
         frozen: The distribution, of scipy; Hz.
-        aicc: Akaike's criterion for small samples, by family that could be fitted.
         p_value: Of the Anderson-Darling distance.
         n: Number of specimens.
     """
 
     family: str
     frozen: object
-    aicc: dict[str, float]
     p_value: float
     n: int
 
@@ -171,7 +169,7 @@ def choose(
             f"{name}: no distribution fits its {n} frequencies; the best, {best}, has p = "
             f"{p:.4f}: expected data of one kind. Look for outliers, or for specimens of two kinds."
         )
-    return Fitted(best, found[best], aicc, p, n)
+    return Fitted(best, found[best], p, n)
 
 
 def _aicc(log_likelihood: float, k: int, n: int) -> float:

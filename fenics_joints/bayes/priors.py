@@ -178,14 +178,6 @@ class Prior:
             good &= values[:, E] < limit * values[:, G]
         return good
 
-    def ranges(self, tail: float = 1e-3) -> dict[str, tuple[float, float]]:
-        """Ranges that hold all but ``tail`` of each density on either side, within the bounds."""
-        found = {}
-        for p, d in zip(self.parameters, self.densities, strict=True):
-            low = max(float(d.ppf(tail)), p.lower, 1e-12 * float(d.median()))
-            found[p.name] = low, min(float(d.ppf(1 - tail)), p.upper)
-        return found
-
     def describe(self) -> Sequence[str]:
         """Each density in words, with the range that holds 95 % of what its bounds leave."""
         words = []

@@ -21,25 +21,16 @@ from fenics_joints.harmonic.continuation import (
     ContinuationSettings,
     follow,
     load_branch,
-    locate,
-    save_branch,
 )
 from fenics_joints.harmonic.fourier import Fourier
 from fenics_joints.harmonic.frf import solve_constant_response, solve_harmonic
 from fenics_joints.harmonic.identify import CurvePrediction, IdentificationResult, identify, predict
-from fenics_joints.harmonic.kept import kept_model
 from fenics_joints.harmonic.measured_mode import MeasuredLoop, read_loops
-from fenics_joints.harmonic.result import HarmonicResult, Loops, Peak, Periodic, ResponseGradient
-from fenics_joints.harmonic.sliders import SliderRange, fitted_sliders, slider_ranges
+from fenics_joints.harmonic.result import HarmonicResult, Loops, Periodic
+from fenics_joints.harmonic.sliders import fitted_sliders, slider_ranges
 from fenics_joints.harmonic.stability import floquet_multipliers, hill_multipliers
 from fenics_joints.harmonic.static_mode import StaticBackbone, solve_static_backbone
-from fenics_joints.harmonic.tracking import (
-    Folds,
-    FoldTurn,
-    solve_isola,
-    track_folds,
-    track_resonance,
-)
+from fenics_joints.harmonic.tracking import Folds, solve_isola, track_folds, track_resonance
 
 __all__ = [
     "NonlinearMode",
@@ -47,7 +38,6 @@ __all__ = [
     "Bifurcation",
     "Branch",
     "CurvePrediction",
-    "FoldTurn",
     "Folds",
     "Fourier",
     "HarmonicResult",
@@ -55,11 +45,8 @@ __all__ = [
     "Load",
     "Loops",
     "MeasuredLoop",
-    "Peak",
     "Periodic",
     "BranchProblem",
-    "SliderRange",
-    "ResponseGradient",
     "ContinuationSettings",
     "Stability",
     "StaticBackbone",
@@ -70,13 +57,10 @@ __all__ = [
     "follow",
     "hill_multipliers",
     "identify",
-    "kept_model",
     "load_branch",
-    "locate",
     "neglected_harmonics",
     "predict",
     "read_loops",
-    "save_branch",
     "slider_ranges",
     "solve_backbone",
     "solve_constant_response",

@@ -49,8 +49,6 @@ _RIGID = 1e-8
 _MASSLESS = 1e-12
 #: Least frequency of which steps are a share, as a share of the linear one; chosen.
 _SLOWEST = 1e-3
-#: Relative step of the differences of the residual by a parameter: half of the digits.
-_STEP = 1e-6
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -121,7 +119,6 @@ class NonlinearMode(Periodic):
             changed,
             self.z,
             values,
-            _STEP,
             lambda i: f"the mode at {10 ** self.z[i, -1]:.3g} m",
         )
         omega, zeta = np.array(made)[:, -2:].transpose(1, 0, 2)

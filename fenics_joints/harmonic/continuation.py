@@ -326,22 +326,8 @@ register(Branch)
 _FORMAT = "fenics_joints branch"
 
 
-def save_branch(path: str | Path, branch: Branch, name: str = "") -> None:
-    """Write a branch to an HDF5 file, whole or not at all.
-
-    Args:
-        path: The file.
-        branch: The branch.
-        name: What it is a branch of.
-
-    Raises:
-        InputError: If the file cannot be written.
-    """
-    write_model(branch, path, _FORMAT, name)
-
-
 def load_branch(path: str | Path, name: str = "") -> Branch | None:
-    """A branch from its file; None if there is no such file.
+    """A branch from the file that `follow` writes; None if there is no such file.
 
     Raises:
         InputError: If the file is not one of a branch of that name: a branch may be hours of work,
@@ -449,7 +435,7 @@ def follow(
 
 def _save(path, branch, name, writes) -> None:
     if path is not None and writes:
-        save_branch(path, branch, name)
+        write_model(branch, path, _FORMAT, name)
 
 
 def _stopped(branch: Branch, why: str) -> ConvergenceError:

@@ -23,27 +23,21 @@ class ResponseGradient:
         coefficients: d X / d p, (N, n, K, parameters).
         parameters: Their names.
         result: The `HarmonicResult` it belongs to.
-        indices: The responses in it, N of them.
     """
 
     coefficients: np.ndarray
     parameters: tuple[str, ...]
     result: object
-    indices: tuple[int, ...]
 
     def __repr__(self) -> str:
-        return f"ResponseGradient({len(self.indices)} responses by {', '.join(self.parameters)})"
-
-    @property
-    def _fourier(self):
-        return self.result.balance.fourier
+        return f"ResponseGradient({len(self.result)} responses by {', '.join(self.parameters)})"
 
     def sensor_coefficients(self, sensor: str, kind: str = "displacement") -> np.ndarray:
         """Derivatives of the harmonics at a sensor, (N, parameters, K)."""
         row = self.result.model.row("sensors", sensor)
         change = np.einsum("n,pnkj->pjk", row, self.coefficients)
-        omegas, periods = self.result.omegas[list(self.indices)], self._fourier.periods
-        return differentiated(change, omegas[:, None], kind, periods)
+        periods = self.result.balance.fourier.periods
+        return differentiated(change, self.result.omegas[:, None], kind, periods)
 
     def amplitude(
         self, sensor: str, kind: str = "displacement", measure: str | None = None
@@ -52,14 +46,18 @@ class ResponseGradient:
 
         At a peak that is the derivative of the peak's amplitude too, whose frequency may move.
         """
-        c = self.result.sensor_coefficients(sensor, kind)[list(self.indices)]
-        measure = measure or self.result.measure
-        gradient = amplitude_gradient(c, measure, self._fourier.periods)
+        c = self.result.sensor_coefficients(sensor, kind)
+        periods = self.result.balance.fourier.periods
+        gradient = amplitude_gradient(c, measure or self.result.measure, periods)
         return np.einsum("pk,pjk->pj", gradient, self.sensor_coefficients(sensor, kind))
 
 
+#: Relative step of the central differences of the equations by a parameter; chosen.
+_STEP = 1e-5
+
+
 def slopes_by_parameters(
-    problem, changed: Callable, points: Sequence, values: Mapping[str, float], step: float, what
+    problem, changed: Callable, points: Sequence, values: Mapping[str, float], what
 ) -> list[np.ndarray]:
     """Derivatives of solutions of R(y, p) = 0 by parameters p, each (unknowns, parameters).
 
@@ -71,7 +69,6 @@ def slopes_by_parameters(
         changed: Function of values of the parameters: the residual as a function of a point.
         points: The solutions.
         values: Present values.
-        step: Relative step of the central differences.
         what: Function of an index: what has no derivatives where R_y is singular.
 
     Raises:
@@ -82,8 +79,8 @@ def slopes_by_parameters(
     for key, value in values.items():
         if value == 0:
             raise InputError(f"{key} = 0: expected a value that a relative step can change.")
-        ends = [changed({**values, key: value * (1 + s * step)}) for s in (1, -1)]
-        pairs.append((*ends, 2 * step * value))
+        ends = [changed({**values, key: value * (1 + s * _STEP)}) for s in (1, -1)]
+        pairs.append((*ends, 2 * _STEP * value))
     found = []
     for i, point in enumerate(points):
         by_values = [(up(point) - down(point)).reshape(-1) / way for up, down, way in pairs]
@@ -350,27 +347,18 @@ class HarmonicResult(Periodic):
         return work + load_work(self.balance, self.more, self.coefficients, self.omegas)
 
     def by_parameters(
-        self,
-        change: Callable[[Mapping[str, float]], InterfaceModel],
-        values: Mapping[str, float],
-        *,
-        step: float = 1e-5,
-        indices: Sequence[int] | None = None,
+        self, change: Callable[[Mapping[str, float]], InterfaceModel], values: Mapping[str, float]
     ) -> ResponseGradient:
         """Derivatives of the responses, each at its own frequency and force, by parameters.
 
         Args:
             change: The model for values of the parameters; the result's for ``values``.
-            values: Present values by name.
-            step: Step of the central differences of the equations, relative to the value. The
-                equations are only evaluated with it, not solved.
-            indices: Responses; all by default.
+            values: Present values by name. The equations are evaluated beside them, not solved.
 
         Raises:
             InputError: If a parameter's value is zero or ``change`` gives another size.
         """
-        indices = tuple(range(len(self)) if indices is None else indices)
-        balance, points = self.balance, [(self.coefficients[i], self.omegas[i]) for i in indices]
+        balance, points = self.balance, list(zip(self.coefficients, self.omegas, strict=True))
 
         def changed(values: Mapping[str, float]) -> Callable:
             other = changed_balance(balance, change(values))
@@ -381,11 +369,10 @@ class HarmonicResult(Periodic):
             changed,
             points,
             values,
-            step,
             lambda i: f"the response at {points[i][1] / (2 * np.pi):.6g} Hz, a turning point,",
         )
         made = np.reshape(made, (len(points), *balance.shape, len(values)))
-        return ResponseGradient(made, tuple(values), self, indices)
+        return ResponseGradient(made, tuple(values), self)
 
     def to_dict(self) -> dict:
         """Everything that people read, for JSON."""

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import scipy.linalg
-from oscillators import oscillator
+from oscillators import oscillator, start_of
 from scipy.optimize import brentq, fsolve
 
 from fenics_joints.harmonic import Balance, solve_harmonic
@@ -130,8 +130,7 @@ def test_a_stop_with_a_gap_goes_through_with_the_folds_of_the_physics(k):
     assert result.omegas[turns[0]] == pytest.approx(first_touch(), rel=5e-4)
     for i in (turns[1] - 3, turns[1], turns[1] + 3):
         omega, X = result.omegas[i], result.coefficients[i]
-        h = np.arange(1, 22)
-        start = np.concatenate([X[:, 0] + X[:, 1::2].sum(axis=1), omega * X[:, 2::2] @ h])
+        start = start_of(X, omega)
         found, _, flag, words = fsolve(
             lambda y, w=omega: period_later(y, k, w)[0] - y, start, full_output=True
         )

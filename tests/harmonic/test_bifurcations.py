@@ -2,7 +2,17 @@
 
 import numpy as np
 import pytest
-from oscillators import BAND, TURN, VISCOUS, absorber, duffing, escape, jenkins, oscillator
+from oscillators import (
+    BAND,
+    TURN,
+    VISCOUS,
+    absorber,
+    duffing,
+    escape,
+    jenkins,
+    oscillator,
+    start_of,
+)
 from scipy.integrate import solve_ivp
 
 from fenics_joints.harmonic import (
@@ -59,9 +69,9 @@ def test_multipliers_with_a_slider_are_those_of_its_equations_of_motion():
         made = solve_ivp(flow, (0, 2 * np.pi / omega), y, rtol=1e-9, atol=1e-11, max_step=5e-3)
         return made.y[:, -1]
 
-    X, h = result.coefficients[0], np.arange(1, 22)
+    X = result.coefficients[0]
     z = result.balance.stresses(X, omega)["joint"].state[0, 0, 0]
-    y = np.array([X[0, 0] + X[0, 1::2].sum(), omega * X[0, 2::2] @ h, z])
+    y = np.append(start_of(X, omega), z)
     assert later(y) == pytest.approx(y, abs=0.02)
     steps = np.diag([1e-4, 1e-4, 1e-4])
     J = np.column_stack([(later(y + d) - later(y - d)) / 2e-4 for d in steps])
@@ -111,12 +121,6 @@ def shot_multipliers(model, force, omega, state, stiffness, push):
         # The null direction of a branch point is not that of the start's error.
         state = state + np.linalg.lstsq(np.eye(2 * n) - W, end[: 2 * n] - state, rcond=1e-3)[0]
     return np.linalg.eigvals(W)
-
-
-def start_of(X, omega):
-    """Displacements and velocities at the start of a period."""
-    h = np.arange(1, X.shape[1] // 2 + 1)
-    return np.concatenate([X[:, 0] + X[:, 1::2].sum(axis=1), omega * X[:, 2::2] @ h])
 
 
 def test_symmetry_breaks_where_shooting_says():

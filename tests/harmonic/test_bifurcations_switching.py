@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from oscillators import TURN, duffing, escape, oscillator
+from oscillators import TURN, duffing, escape, oscillator, start_of
 from scipy.integrate import solve_ivp
 
 from fenics_joints.errors import InputError
@@ -10,11 +10,8 @@ from fenics_joints.harmonic import find_bifurcations, solve_harmonic, switch_bra
 from fenics_joints.joint_laws import CubicSpring
 
 
-def start_of(result, i):
-    """Displacement and velocity of a response of one mass at the start of its period."""
-    X, periods = result.coefficients[i, 0], result.balance.fourier.periods
-    h = np.arange(1, len(X) // 2 + 1) / periods
-    return np.array([X[0] + X[1::2].sum(), result.omegas[i] * (h @ X[2::2])])
+def state_of(result, i):
+    return start_of(result.coefficients[i], result.omegas[i], result.balance.fourier.periods)
 
 
 def later(result, i, state, spring, damping, push, periods):
@@ -39,7 +36,7 @@ def test_motions_of_broken_symmetry_attract():
         assert branch.frequencies_hz[-1] == pytest.approx(second.frequency_hz, rel=5e-3)
         i = int(np.argmax(np.abs(branch.coefficients[:, 0, 0])))
         assert find_bifurcations(branch).stable[i]
-        state = start_of(branch, i)
+        state = state_of(branch, i)
         found = later(branch, i, 1.02 * state, lambda x: x**3, 0.1, 2.0, 40)
         assert found == pytest.approx(state, abs=2e-3)
         ends.append(branch.coefficients[i, 0, 0])
@@ -56,7 +53,7 @@ def test_a_doubled_period_attracts_and_doubles_again():
     stability = find_bifurcations(branch)
     i = int(np.argmin(np.abs(stability.multipliers)))
     assert branch.balance.fourier.periods == 2 and branch.omegas[i] < TURN * at.frequency_hz
-    state = start_of(branch, i)
+    state = state_of(branch, i)
     once, twice, many = (
         later(branch, i, factor * state, lambda x: -(x**2), 0.1, 0.06, n)
         for n, factor in ((1, 1.0), (2, 1.0), (40, 1.001))
@@ -74,7 +71,7 @@ def test_a_doubled_period_attracts_and_doubles_again():
     assert again.kind == "period doubling" and again.frequency_hz < at.frequency_hz
     four = switch_branch(branch, again)
     assert four.balance.fourier.periods == 4
-    state = start_of(four, 2)
+    state = state_of(four, 2)
     assert later(four, 2, state, lambda x: -(x**2), 0.1, 0.06, 4) == pytest.approx(state, abs=1e-4)
 
 

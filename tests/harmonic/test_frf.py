@@ -20,6 +20,7 @@ from oscillators import (
     duffing,
     jenkins,
     oscillator,
+    start_of,
 )
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq, fsolve, minimize_scalar
@@ -58,9 +59,7 @@ def test_duffing_peak_is_that_of_time_integration():
 
     def at(omega):
         i = int(np.argmin(np.abs(result.omegas[: peak.index + 1] - omega)))
-        X = result.coefficients[i, 0]
-        h = np.arange(1, 10)
-        return duffing_amplitude(omega, [X[0] + X[1::2].sum(), result.omegas[i] * (h @ X[2::2])])
+        return duffing_amplitude(omega, start_of(result.coefficients[i], result.omegas[i]))
 
     assert peak.amplitude == pytest.approx(at(omega), rel=1e-5)
     assert at(0.999 * omega) < peak.amplitude

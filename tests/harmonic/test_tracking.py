@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from oscillators import TURN, absorber, oscillator
+from oscillators import TURN, absorber, oscillator, start_of
 from scipy.integrate import solve_ivp
 
 from fenics_joints.errors import InputError
@@ -40,8 +40,7 @@ def test_folds_of_duffing_begin_at_its_cusp():
 def returns(model, result, i):
     """State of a response, and that after twenty periods from beside it, by time integration."""
     X, omega = result.coefficients[i], result.omegas[i]
-    h, n = np.arange(1, X.shape[1] // 2 + 1), model.n_dofs
-    state = np.concatenate([X[:, 0] + X[:, 1::2].sum(axis=1), omega * X[:, 2::2] @ h])
+    n, state = model.n_dofs, start_of(X, omega)
     inverse, push = np.linalg.inv(model.M), result.force_amplitudes[i] * model.forces["push"]
     joints = [(p.rows[0, 0], float(p.law.parameters["k3"])) for p in model.interfaces]
 

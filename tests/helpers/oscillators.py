@@ -90,3 +90,15 @@ def block(pressure=0.0, n_points=5, seed=0):
         {"x": axes[1], "z": axes[0]},
         {"x": axes[1], "y": axes[2], "z": axes[0]},
     )
+
+
+def start_of(X, omega, periods=1):
+    """Displacements and velocities at the start of a period, by harmonics of displacement (n, K).
+
+    Args:
+        X: The harmonics.
+        omega: Angular frequency of the force.
+        periods: Of the force, that the motion takes.
+    """
+    h = np.arange(1, X.shape[1] // 2 + 1) / periods
+    return np.concatenate([X[:, 0] + X[:, 1::2].sum(axis=1), omega * X[:, 2::2] @ h])
