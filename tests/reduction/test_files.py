@@ -13,10 +13,12 @@ import numpy as np
 
 from fenics_joints.errors import InputError
 from fenics_joints.files import sealed
+from fenics_joints.progress import Progress
 from fenics_joints.reduction import ArrayModel
 from fenics_joints.reduction.affine import AffinePencil, RegionTerm
 from fenics_joints.reduction.files import (
     ARRAYS,
+    Cache,
     read_array_model,
     read_model,
     write_array_model,
@@ -108,6 +110,23 @@ def test_another_users_file_is_not_kept(model):
         os.chown(model, 1234, -1)
         with pytest.raises(InputError, match="1234"):
             read_model(model, ARRAYS, ArrayModel, "this mesh")
+
+
+@pytest.mark.parametrize("side_by_side", [True, False])
+def test_a_cache_gives_a_result_to_the_key_that_made_it(model, tmp_path, side_by_side):
+    """Of another key it keeps both or the later one; what others can write to is not taken."""
+    small, told, progress = read_array_model(model), [], Progress(silent=True)
+    progress.step = told.append
+    one, other = (Cache(tmp_path, key, side_by_side=side_by_side) for key in ("one", "other"))
+    one.write("small", small)
+    assert one.read("small", ArrayModel).n_dofs == 12
+    assert other.read("small", ArrayModel) is None and one.read("none", ArrayModel) is None
+    other.write("small", small)
+    assert (one.read("small", ArrayModel) is not None) is side_by_side
+    assert other.read("small", RegionTerm) is None
+    other.path("small").chmod(0o646)
+    assert other.read("small", ArrayModel, progress) is None
+    assert len(told) == 1 and "other users" in told[0] and str(other.path("small")) in told[0]
 
 
 @pytest.mark.parametrize("what", ["other file", "virtual", "text", "references"])
