@@ -33,8 +33,9 @@ _DEEPEST, _LARGEST = 50, 2**63
 #: Characters of the longest path that a message shows in full; bytes of the longest name of a file:
 #: file systems take 255, and a file has a sibling with a longer name while it is written.
 _LONGEST_SHOWN, _LONGEST_NAME = 300, 230
-#: Text before the SHA-256 of the content, in hexadecimal digits, at the end of a sealed file.
+#: Text before the SHA-256 of the content at the end of a sealed file.
 _SEAL = b"\nSHA-256 "
+#: Hexadecimal digits of a SHA-256.
 _DIGITS = 64
 #: Bytes of the largest file of measured data, and of the largest text that is read at once; chosen
 #: for memory.

@@ -6,9 +6,9 @@ import ctypes
 import gc
 from contextlib import suppress
 
-#: ``M_TRIM_THRESHOLD`` and ``M_MMAP_THRESHOLD`` of glibc's ``mallopt``; bytes up to which arrays
-#: share the heap, and how much of that may lie idle at its end.
+#: ``M_TRIM_THRESHOLD`` and ``M_MMAP_THRESHOLD`` of glibc's ``mallopt``.
 _TRIM, _MMAP = -1, -3
+#: Bytes up to which arrays share the heap, and bytes of it that may lie idle at its end; chosen.
 _SHARED, _IDLE = 64 << 20, 1 << 30
 
 

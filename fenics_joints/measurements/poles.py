@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+#: Rounds of weights, and most Gauss-Newton steps in each; chosen: fits converge in fewer.
 _SWEEPS, _STEPS = 3, 30
 #: Number of lines over which a function's noise is taken as constant.
 _WINDOW = 9
