@@ -47,7 +47,7 @@ LEVELS = np.array([1.0, 2.0, 4.0])
 NOISE, DAMPING_NOISE = 5e-4, 0.05
 #: Tangential stiffness of the joint at rest per area, Pa/m.
 STIFFNESS = 3e11
-AT_REST = np.array([2e-3, 1.5e-3, 3e-3])
+AT_REST = np.array([2e-3, 1.5e-3])
 #: Exponent of the sliders' strengths, and shear strain at which the strongest slides.
 CHI, SLIDING = -0.4, 0.05
 
@@ -165,7 +165,7 @@ class Rig:
 
 
 @cache
-def tested(rig: Rig, law) -> tuple[np.ndarray, np.ndarray]:
+def virtual_levels(rig: Rig, law) -> tuple[np.ndarray, np.ndarray]:
     """Frequencies, Hz, and damping ratios at all levels, (n, m)."""
     found = [[rig.mode(i, force, law) for i in range(len(AT_REST))] for force in LEVELS]
     return tuple(np.moveaxis(found, -1, 0))
@@ -194,7 +194,7 @@ def diagnosed(rig, models, tmp_path_factory):
     """A function that diagnoses noisy data of a law, with or without its damping."""
 
     def run(law, damped: bool, levels=LEVELS, *, few=False, rig=rig):
-        clean = tested(rig, law)
+        clean = virtual_levels(rig, law)
         n = len(levels)
         f = noisy(clean[0], NOISE, np.random.default_rng(1))[:n]
         damping = noisy(clean[1], DAMPING_NOISE, np.random.default_rng(2))[:n] if damped else None
