@@ -1,4 +1,4 @@
-"""Reading a user's own gmsh mesh with named physical groups, as a mesh and as nothing else.
+"""Reading a user's own gmsh mesh with named physical groups: as a mesh, never as a script.
 
 gmsh guesses a file's format from its name and first line, runs unknown formats as gmsh scripts,
 which can start programs, and reads ``NAME.opt`` beside the file. So a file's first lines are

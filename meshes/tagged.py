@@ -31,7 +31,7 @@ class TaggedMesh:
         facet_names: Tag of each named face.
         points: Named points, each of shape (n, 3) in metres, such as the centres of the bolts, or
             the vertices of a line.
-        notes: What a user should know of how it was made.
+        notes: Remarks for the user on how the mesh was made.
     """
 
     mesh: dolfinx.mesh.Mesh
@@ -143,7 +143,7 @@ class MeshLists:
         cell_names: Tag of each named part.
         facet_names: Tag of each named face.
         points: Named points, each of shape (n, 3), in metres.
-        notes: What a user should know of how it was made.
+        notes: Remarks for the user on how the mesh was made.
     """
 
     cell: str

@@ -293,7 +293,9 @@ class LawKernel:
         if sampled:
             strain = np.ascontiguousarray((X @ synthesis.T).transpose(0, 2, 1))
             stress, _ = self.history(strain, begun, values)
-        return HarmonicStress(F, J, strain, stress, state, _closure(begun, state))
+        largest = max(float(np.abs(state).max(initial=0.0)), np.finfo(float).tiny)
+        closure = float(np.abs(state - begun).max(initial=0.0)) / largest
+        return HarmonicStress(F, J, strain, stress, state, closure)
 
     def _run(self, name: str, sizes: tuple[int, ...], *arrays: np.ndarray | None) -> None:
         """Call a function of the library; None is an array that is not asked for."""
@@ -307,17 +309,7 @@ def _key(n_slip: int, normal: bool) -> str:
     return f"_kernel_{n_slip}_{int(normal)}"
 
 
-def _closure(begun: np.ndarray, ended: np.ndarray) -> float:
-    scale = max(float(np.abs(ended).max(initial=0.0)), np.finfo(float).tiny)
-    return float(np.abs(ended - begun).max(initial=0.0)) / scale
-
-
 # -- compiled --------------------------------------------------------------------------------------
-
-
-def _cache_folder() -> Path:
-    root = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
-    return cache_folder(Path(root) / "fenics_joints" / "laws")
 
 
 def _compile(source: str):
@@ -325,7 +317,8 @@ def _compile(source: str):
     flags, cpu = _machine()
     text = "".join([source, _DECLARATIONS, *flags, cpu, sys.version, cffi.__version__])
     name = f"law_{hashlib.sha256(text.encode()).hexdigest()[:24]}"
-    folder = _cache_folder()
+    root = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    folder = cache_folder(Path(root) / "fenics_joints" / "laws")
     found = list(folder.glob(f"{name}.*"))
     return _load(name, found[0] if found else _build(name, source, folder, flags))
 

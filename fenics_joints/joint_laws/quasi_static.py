@@ -30,10 +30,10 @@ _OPTIONS = {
 
 @dataclass(repr=False)
 class QuasiStaticHistory:
-    """What a run through load steps gave; arrays have one entry for each step.
+    """Results of a sequence of load steps; arrays have one entry for each step.
 
     Attributes:
-        load: What each step was called with, (n,) or as the steps are.
+        load: Load of each step, (n,) or in the shape of the steps.
         outputs: Values of the outputs by name, (n,).
         stored: Energy in the joints, J, (n,); nan where a law does not tell.
         work: Work done on the joints so far, J, (n,).
@@ -166,7 +166,7 @@ def solve_quasi_static(
     petsc_options: Mapping[str, object] | None = None,
     prefix: str = "joints_quasi_static_",
 ) -> QuasiStaticHistory:
-    """Go through load steps, and return what came of it. Collective.
+    """Solve a sequence of load steps, and return their history. Collective.
 
     Args:
         residual: Form F(u; v) = 0, joints included.

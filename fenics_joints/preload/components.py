@@ -1,4 +1,4 @@
-"""What presses parts together: contacts between their faces, rigid obstacles, bolts and loads.
+"""Contacts between faces, rigid obstacles, bolts and loads.
 
 Plain data; `fenics_joints.preload.model` turns it into equations.
 """
@@ -144,7 +144,7 @@ class Obstacle(_Checked):
         facets: Facet group of the body; those that look away from the obstacle are left out.
         shape: `Plane`, `Sphere` or `Cylinder` of `fenics_joints.preload`, or a function like
             these.
-        friction: Coulomb's coefficient; 0 for none, infinity for none slides while it touches.
+        friction: Coulomb's coefficient; 0 for none, infinity for no sliding while it touches.
         gap: Gap, m, beyond the distance, see `Contact`.
         travel: Displacement of the obstacle, m, (gdim,), at a factor of one; None for none.
         force: Force that pushes the obstacle instead, N (in plane strain N per metre of depth),
@@ -274,7 +274,7 @@ class Pressure(_Checked):
 
 @dataclass(frozen=True)
 class Displacement(_Checked):
-    """A face all of which is moved by the same given way, as a grip or a punch glued to it does.
+    """A face that is moved as a whole by a given displacement, as by a grip or punch glued to it.
 
     Attributes:
         name: Unique name; also that of its factor, of which 1 is ``value``.

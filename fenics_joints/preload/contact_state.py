@@ -1,4 +1,4 @@
-"""What a preload leaves at a contact: pressures, gaps, slips and status."""
+"""State of a contact after a preload: pressures, gaps, slips and status."""
 
 from __future__ import annotations
 

@@ -154,7 +154,7 @@ class Jumps:
         return self.start + len(self.sections) + 6 * spider + np.arange(6)
 
     def shift(self, moved: int) -> np.ndarray:
-        """Global numbers in x of the displacement of what is moved, (gdim,)."""
+        """Global numbers in x of the displacement of a moved face or obstacle, (gdim,)."""
         first = self.start + len(self.sections) + 6 * len(self.spiders)
         return first + self.gdim * moved + np.arange(self.gdim)
 

@@ -64,8 +64,8 @@ class PreloadModel:
         contacts: The contacts that can open, in order.
         interfaces: Their pairs of vertices, in the same order.
         jumps: The map u = T x and its numbering.
-        forces: Nominal force of every bolt, N, and 1 for every load, way or pushed obstacle, by
-            name.
+        forces: Nominal force of every bolt, N, and 1 for every load, displacement or pushed
+            obstacle, by name.
         resultants: Force of every load as given, N, (gdim,), by name.
         supported: Global numbers of the entries of x that supports hold at zero, owned ones.
     """

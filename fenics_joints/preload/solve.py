@@ -249,7 +249,7 @@ class PreloadSolver:
         return numbers[jumps.owned(numbers)]
 
     def driven(self, forces: Mapping[str, float] | None = None) -> PETSc.Vec | None:
-        """Displacements in x of what is moved, and zero elsewhere; None if nothing is."""
+        """Given displacements in x, zero elsewhere; None if there are none."""
         given = self.model.moves(forces)
         if not any(np.any(value) for _, value in given):
             return None
@@ -260,7 +260,7 @@ class PreloadSolver:
         return x
 
     def unit_load(self, name: str) -> PETSc.Vec:
-        """Derivative of the load in x, with what is moved on its side, by a force or factor."""
+        """Derivative of the load in x, given displacements included, by a force or factor."""
         unit = self.model.unit_load(name).copy()
         driven = self.driven(dict.fromkeys(self.model.forces, 0.0) | {name: 1.0})
         if driven is not None:
@@ -571,7 +571,7 @@ class PreloadResult:
         return float(self.model.jumps.gather(self.x, np.array([number]))[0])
 
     def _shift(self, name: str) -> tuple[np.ndarray, np.ndarray]:
-        """Numbers in x of the displacement of what is moved, and their directions as rows."""
+        """Numbers in x of a moved face's or obstacle's displacement, and its directions."""
         names = [m.name for m in self.model.moved]
         if name not in names:
             raise InputError(
@@ -590,7 +590,7 @@ class PreloadResult:
         return self.model.jumps.gather(self.x, numbers) @ frame
 
     def reaction(self, name: str) -> np.ndarray:
-        """Force on the bodies by an obstacle or by what moves a face, N, (gdim,).
+        """Force of an obstacle, or of a grip that moves a face, on the bodies, N, (gdim,).
 
         On a half section the first component is summed along the radius, all round.
 
