@@ -76,8 +76,8 @@ def test_bolts_of_stacked_layers_are_one_and_those_of_other_joints_are_not():
     # A joint with one bolt is that bolt's place.
     assert apart.places == {"joint": {"left": names[:2], "right": names[2:]}}
     assert apart.away == names[1::2]
-    (grading,) = apart.gradings
-    assert grading.groups == {"ring 1": names[::2], "ring 2": names[1::2]}
+    groups = {"ring 1": names[::2], "ring 2": names[1::2]}
+    assert apart.gradings == {"from zone to zone": groups}
 
 
 def test_screws_in_line_in_one_joint_are_two():

@@ -269,11 +269,13 @@ def test_zones_of_laps(tmp_path):
     case = write_case(tmp_path, measured(), text=finer)
     zones = lap_zones(case)
     assert [zones.laps[0].zones.count(z) for z in zones.names] == [2, 1, 2, 1, 2]
-    assert [len(group) for group in zones.gradings[0].groups.values()] == [1, 2, 2]
+    by_distance = zones.gradings["by the distance from the bolt"]
+    assert [len(group) for group in by_distance.values()] == [1, 2, 2]
     assert zone_words(zones.names[1]) == "lap, stretch 2"
     off = CASE.replace("bolted = true", "bolts = [[0.32, 0, 0]]")
     zones = lap_zones(write_case(tmp_path, measured(), text=off))
-    assert list(zones.gradings[0].groups.values())[0] == ("lap_s1", "lap_s2")
+    by_distance = zones.gradings["by the distance from the bolt"]
+    assert next(iter(by_distance.values())) == ("lap_s1", "lap_s2")
     beside = CASE.replace("bolted = true", "bolts = [[0.3, 0, 0]]")
     wrong = write_case(tmp_path, measured(), text=beside)
     with pytest.raises(InputError, match=r"lap.bolts\[0\].*0.31 to 0.36"):

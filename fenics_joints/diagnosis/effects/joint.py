@@ -644,9 +644,9 @@ def compliances(s: Setting) -> Found:
         words = "The plates are as one under the bolts and barely touch elsewhere."
         yield compliant("compliance away from the bolts only", where, away, None, reference, words)
     for kinds in law.graded_kinds:
-        for grading in zones.gradings:
-            groups = {group: zones.pick(names) for group, names in grading.groups.items()}
-            yield graded(groups, kinds, grading.how, reference)
+        for how, named in zones.gradings.items():
+            groups = {group: zones.pick(names) for group, names in named.items()}
+            yield graded(groups, kinds, how, reference)
     yield from _by_distance(zones, reference) if zones.laps is None else _along_laps(zones)
     for kind, places in zones.places.items():
         for place, names in places.items():

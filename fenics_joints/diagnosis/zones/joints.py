@@ -25,7 +25,6 @@ from fenics_joints.case.build import measured_joints
 from fenics_joints.case.sections import JointSection
 from fenics_joints.diagnosis.zones.zone import (
     SAME,
-    Grading,
     Zone,
     Zones,
     check_names,
@@ -104,7 +103,7 @@ def with_places(case: Case, zones: Sequence[Zone], tagged: TaggedMesh | None = N
     bolted = {zone.name for zone in zones if case.joints[zone.name].bolted}
     away = tuple(z.name for z in zones if (z.name not in bolted if bolted else z.ring > 1))
     groups = _groups(zones)
-    gradings = (Grading("from zone to zone", groups),) if len(groups) > 1 else ()
+    gradings = {"from zone to zone": groups} if len(groups) > 1 else {}
     found = Zones(case, zones, tagged, away=away, gradings=gradings)
     kinds = {"joint": found.by("held"), "bolt": found.by("bolt")}
     return replace(found, places=distinct_places(kinds, away))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -13,7 +13,6 @@ from fenics_joints.diagnosis.zones.zone import (
     GIVEN_LAP,
     LAP,
     SAME,
-    Grading,
     Zone,
     Zones,
     check_names,
@@ -77,13 +76,13 @@ def lap_zones(case: Case) -> Zones:
         case.model_copy(update={"joints": sections}),
         tuple(found.values()),
         laps=tuple(laps),
-        gradings=tuple(_gradings(found.values(), float(np.ptp(middles)), origin)),
+        gradings=_gradings(found.values(), float(np.ptp(middles)), origin),
         bolts=np.column_stack([bolts, np.zeros((len(bolts), 2))]),
     )
     return replace(zoned, places=distinct_places({"lap": zoned.by("shown")}))
 
 
-def _gradings(zones: Collection[Zone], size: float, origin: str) -> Iterator[Grading]:
+def _gradings(zones: Collection[Zone], size: float, origin: str) -> dict[str, dict]:
     """By the distance from the bolts, those equally far on either side together; and each alone."""
     groups: list[tuple[float, list[str]]] = []
     for zone in sorted(zones, key=lambda zone: zone.distance[0]):
@@ -91,10 +90,10 @@ def _gradings(zones: Collection[Zone], size: float, origin: str) -> Iterator[Gra
             groups.append((zone.distance[0], []))
         groups[-1][1].append(zone.name)
     symmetric = {f"at {1e3 * d:.4g} mm": tuple(names) for d, names in groups}
-    if len(symmetric) > 1:
-        yield Grading(f"by the distance from the {origin}", symmetric)
+    found = {f"by the distance from the {origin}": symmetric} if len(symmetric) > 1 else {}
     if len(zones) > len(symmetric):
-        yield Grading("zone by zone", {zone.label: (zone.name,) for zone in zones})
+        found["zone by zone"] = {zone.label: (zone.name,) for zone in zones}
+    return found
 
 
 def _laps(case: Case) -> list[tuple[Sequence[str], float, float]]:

@@ -107,19 +107,6 @@ class Zone:
 
 
 @dataclass(frozen=True)
-class Grading:
-    """A way in which the stiffness of a joint may differ from zone to zone.
-
-    Attributes:
-        how: In words: ``by the distance from the bolt``.
-        groups: Names of the zones that have one stiffness, by the group's name.
-    """
-
-    how: str
-    groups: Mapping[str, tuple[str, ...]]
-
-
-@dataclass(frozen=True)
 class Zones:
     """A case with its joints in zones; a sequence of them.
 
@@ -131,7 +118,8 @@ class Zones:
         places: Names of the zones at each single place, by the kind of place and by its name, where
             there are several: ``{"bolt": {"bolt 1": (...), ...}}``.
         away: Names of the zones away from the bolts.
-        gradings: How stiffnesses may differ from zone to zone.
+        gradings: Names of the zones that have one stiffness, by the way in which the stiffness of a
+            joint may differ from zone to zone, in words, and by the name of the group.
         bolts: Places of the bolts of laps, m, (n_bolts, 3).
     """
 
@@ -141,7 +129,7 @@ class Zones:
     laps: tuple[ZonedLap, ...] | None = None
     places: Mapping[str, Mapping[str, tuple[str, ...]]] = field(default_factory=dict, repr=False)
     away: tuple[str, ...] = ()
-    gradings: tuple[Grading, ...] = field(default=(), repr=False)
+    gradings: Mapping[str, Mapping[str, tuple[str, ...]]] = field(default_factory=dict, repr=False)
     bolts: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)), repr=False)
 
     def __iter__(self) -> Iterator[Zone]:
