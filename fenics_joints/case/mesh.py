@@ -61,10 +61,6 @@ class MeshSection(CaseSection):
         """Whether its layers are as thin as can be."""
         return False
 
-    def bolt_points(self) -> tuple[str, Any]:
-        """Where the file gives the bolts' places, and what it gives there."""
-        return "mesh.bolts", getattr(self, "bolts", None)
-
 
 STEP_SUFFIXES = (".step", ".stp", ".p21")
 #: Least and largest hole of a thread as shares of its diameter: tapped, and coarse (ISO 273).
@@ -232,10 +228,6 @@ class MeshFile(MeshSection):
     def grows(self) -> bool:
         """See `MeshSection.grows`."""
         return self.layer is None and self.joint != "contact"
-
-    def bolt_points(self) -> tuple[str, Any]:
-        """See `MeshSection.bolt_points`."""
-        return "mesh.bolts.at", None if self.bolts is None else self.bolts.at
 
     @model_validator(mode="after")
     def _bolts_for_rings(self) -> MeshFile:

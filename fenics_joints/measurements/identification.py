@@ -216,23 +216,6 @@ class IdentifiedModes:
         low, high = self.frequencies_hz.min(), self.frequencies_hz.max()
         return f"IdentifiedModes({len(self.damping)} modes, {low:.4g} to {high:.4g} Hz)"
 
-    def __str__(self) -> str:
-        rows = [
-            f"  {f:10.3f} Hz +- {sf:.2g} Hz   {100 * z:7.3f} % +- {100 * sz:.2g} %   {c:.3f}"
-            for f, sf, z, sz, c in zip(
-                self.frequencies_hz,
-                self.frequencies_sd,
-                self.damping,
-                self.damping_sd,
-                self.phase_collinearity,
-                strict=True,
-            )
-        ]
-        head = f"{len(rows)} modes, residual {100 * self.residual:.2g} %"
-        return "\n".join(
-            [head, "   frequency, damping ratio, phase collinearity", *rows, *self.notes]
-        )
-
     def test_data(
         self,
         names: Sequence[str] | None = None,

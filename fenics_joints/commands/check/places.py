@@ -11,6 +11,7 @@ import numpy as np
 
 from fenics_joints.case import Case
 from fenics_joints.case.harmonic import HarmonicSection
+from fenics_joints.case.mesh import BoltsSection
 from fenics_joints.case.sections import MassSection
 from fenics_joints.case.test import Test
 from fenics_joints.errors import InputError
@@ -216,7 +217,9 @@ def _rows(points) -> np.ndarray:
 
 def same_bolts(case: Case, bolts: Sequence[Place]) -> list[str]:
     """A line for each two bolts at one place, of the file and of the mesh."""
-    key, asked = case.mesh.bolt_points()
+    key, asked = "mesh.bolts", getattr(case.mesh, "bolts", None)
+    if isinstance(asked, BoltsSection):
+        key, asked = "mesh.bolts.at", asked.at
     asked = asked if isinstance(asked, list | tuple) else []
     listed = [
         Place("bolt", f"{key}[{i}]", _three(point))
