@@ -100,12 +100,6 @@ class _HalfLap(Builder):
         around = np.concatenate([self.places - side / 2, self.places + side / 2])
         return [self.start, self.length - self.start, *around]
 
-    def plane_bricks(self, side: float, size: float) -> list[tuple[float, float]]:
-        """About how many cells the two beams and the layer have along x and z."""
-        lap, n = count_intervals(self.lap_edges(side), size), self.n_thickness
-        pieces = [(self.n_length + 1, 2 * n), (lap, n)] * 2
-        return [*pieces, (lap, 1)] if self.layer > 0 else pieces
-
     def pieces(self, x: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
         """Levels of beam 1, the layer and beam 2, and tags per layer of cells and place x.
 
@@ -223,8 +217,10 @@ class HalfLapBeam(_HalfLap):
     def bricks(self) -> list[tuple[float, float, float]]:
         """About how many cells the two beams and the layer have along x, y and z."""
         side, size_x, size_y = self.sizes()
+        lap, n = count_intervals(self.lap_edges(side), size_x), self.n_thickness
         n_y = count_intervals(self.y_edges(side), size_y)
-        return [(n_x, n_y, n_z) for n_x, n_z in self.plane_bricks(side, size_x)]
+        pieces = [(self.n_length + 1, n_y, 2 * n), (lap, n_y, n)] * 2
+        return [*pieces, (lap, n_y, 1)] if self.layer > 0 else pieces
 
     def sizes(self) -> tuple[float, float, float]:
         """Side of the squares around the bolts, longest elements along x and y, m."""

@@ -132,12 +132,6 @@ class _Lap(Builder):
         half = self.washer / 2
         return [self.length - self.lap, self.bolt - half, self.bolt + half, self.length]
 
-    def plane_bricks(self) -> list[tuple[float, float]]:
-        """About how many cells the two beams and the layer have along x and z."""
-        lap = count_intervals(self.lap_edges(), self.lap / self.n_lap)
-        beams = [(self.n_length + lap, self.n_thickness)] * 2
-        return [*beams, (lap, 1)] if self.layer > 0 else beams
-
     def levels(self) -> np.ndarray:
         up = np.linspace(0.0, self.thickness, self.n_thickness + 1) + self.layer / 2
         return np.concatenate([-up[::-1], up if self.layer > 0 else up[1:]])
@@ -230,8 +224,10 @@ class LapBeam(_Lap):
 
     def bricks(self) -> list[tuple[float, float, float]]:
         """About how many cells the two beams and the layer have along x, y and z."""
+        lap = count_intervals(self.lap_edges(), self.lap / self.n_lap)
         n_y = count_intervals(self.y_edges(), self.width / self.n_width)
-        return [(n_x, n_y, n_z) for n_x, n_z in self.plane_bricks()]
+        beams = [(self.n_length + lap, n_y, self.n_thickness)] * 2
+        return [*beams, (lap, n_y, 1)] if self.layer > 0 else beams
 
     def y_edges(self) -> list[float]:
         half, edge = self.washer / 2, self.width / 2

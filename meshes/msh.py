@@ -148,10 +148,10 @@ def read_lists(path: Path, gdim: int, scale: float) -> MeshLists:
 def _points(file: MshFile, gdim: int, scale: float) -> dict[str, np.ndarray]:
     """Vertices, m, (n, 3), of the named groups of points and lines that are no faces."""
     found: dict[str, list[np.ndarray]] = {}
-    for i, group in enumerate(file.groups):
+    for i, (dim, _, name, _) in enumerate(file.groups):
         # The rings' centres are named after the bolts.
-        if group.dim < gdim - 1 and group.name and group.name != "bolts" and len(file.points[i]):
-            found.setdefault(group.name, []).append(scale * file.points[i])
+        if dim < gdim - 1 and name not in ("", "bolts") and len(file.points[i]):
+            found.setdefault(name, []).append(scale * file.points[i])
     return {name: np.vstack(x) for name, x in found.items()}
 
 
@@ -167,16 +167,15 @@ def _groups(
     """Name and entities of each physical group that has any, by the group's number."""
     groups: dict[int, tuple[str, list[int]]] = {}
     group_of: dict[int, str] = {}
-    for group in file.groups:
-        if group.dim != dim:
+    for own, tag, name, entities in file.groups:
+        if own != dim:
             continue
-        tag, name = group.tag, group.name
         if not name:
             problems.add(MeshError(f"{path}: {_KINDS[dim]} group {tag} has no name, expected one"))
         elif name in (other for other, _ in groups.values()):
             what = f"two {_KINDS[dim]} groups are named {name!r}"
             problems.add(MeshError(f"{path}: {what}, expected one"))
-        entities = [abs(entity) for entity in group.entities]
+        entities = [abs(entity) for entity in entities]
         for entity in entities:
             if group_of.setdefault(entity, name) != name:
                 what = f"{_KINDS[dim]} {entity} is in {group_of[entity]!r} and {name!r}"
@@ -253,21 +252,11 @@ def _check_facets_found(path: Path, tagged: TaggedMesh, lists: MeshLists | None)
 
 
 @dataclass(frozen=True)
-class MshGroup:
-    """A physical group: its dimension, number, name (may be empty) and entities."""
-
-    dim: int
-    tag: int
-    name: str
-    entities: tuple[int, ...]
-
-
-@dataclass(frozen=True)
 class MshFile:
     """The content of a ``.msh`` file.
 
     Attributes:
-        groups: The physical groups.
+        groups: Dimension, number, name (may be empty) and entities of each physical group.
         blocks: Dimension, entity, gmsh's type of element, and the vertices, (n, n_vertices).
         kinds: Title and order of each type of element.
         tags: Numbers of the vertices, shape (n,).
@@ -275,7 +264,7 @@ class MshFile:
         points: Coordinates of the vertices of groups of points and lines, by the group's index.
     """
 
-    groups: tuple[MshGroup, ...]
+    groups: list[tuple[int, int, str, list[int]]]
     blocks: tuple[tuple[int, int, int, np.ndarray], ...]
     kinds: dict[int, tuple[str, int]]
     tags: np.ndarray
@@ -330,13 +319,15 @@ def _check_head(head: bytes) -> None:
 def _loaded(file: Path) -> MshFile:
     with np.load(file, allow_pickle=False) as found:
         head = json.loads(found["head"].tobytes())
-        groups = tuple(MshGroup(d, t, n, tuple(e)) for d, t, n, e in head["groups"])
+        groups = [tuple(group) for group in head["groups"]]
         kinds = {int(k): v for k, v in head["kinds"].items()}
         blocks = tuple(
             (dim, entity, kind, found[f"block{i}"].astype(np.int64).reshape(-1, kinds[kind][2]))
             for i, (dim, entity, kind) in enumerate(head["blocks"])
         )
-        points = {i: found[f"points{i}"].reshape(-1, 3) for i, g in enumerate(groups) if g.dim < 2}
+        points = {
+            i: found[f"points{i}"].reshape(-1, 3) for i, (dim, *_) in enumerate(groups) if dim < 2
+        }
         tags, x = found["tags"].astype(np.int64), found["x"].reshape(-1, 3)
     if not np.all(np.isfinite(x)):
         raise MeshError("a vertex is not finite, expected numbers")
