@@ -28,9 +28,10 @@ NO_GMSH = (
     "reading it needs gmsh's Python module, expected python3-gmsh (Debian) "
     "or python-gmsh (conda) to be installed"
 )
-#: Most seconds that reading may take, and more for each byte of the file; most bytes of memory, and
-#: more for each byte. Chosen: far above what sound files take.
+#: Most seconds that reading may take, and more for each byte of the file. Chosen: far above what
+#: sound files take.
 _SECONDS, _SECONDS_A_BYTE = 60.0, 1e-4
+#: Most bytes of memory, and more for each byte of the file. Chosen likewise.
 _MEMORY, _MEMORY_A_BYTE = 4 << 30, 300
 _CHILD = Path(__file__).with_name("gmsh_child.py")
 

@@ -39,8 +39,9 @@ MOST_SLIDERS = 1000
 #: Multiple of the reference strain at which a backbone has become its asymptote. Chosen: powers of
 #: strain have fallen to round-off there.
 _FAR = 1e8
-#: Gauss's rule from 0 to 1 for integrals over a bin. Chosen: exact to 1e-12 for the backbones here.
+#: Gauss's rule for integrals over a bin. Chosen: exact to 1e-12 for the backbones here.
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(24)
+#: The same from 0 to 1; the rule above is from -1 to 1.
 _NODES, _WEIGHTS = 0.5 * (_NODES + 1), 0.5 * _WEIGHTS
 
 

@@ -18,6 +18,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+#: Names of states, in arrays of a status for each pair.
 OPEN, SLIP, STICK = 0, 1, 2
 
 #: Factor of c in the equation of friction. Measured: 0.01 to 0.1 takes the fewest iterations; the
