@@ -1,9 +1,9 @@
-"""Universal files (UFF), their heads read by pyuff: functions, units, nodes and axes.
+"""Read universal files (UFF): functions, units, nodes and coordinate systems.
 
-Used are datasets 58 (functions, ASCII or binary) of type 4 (frequency response), 6 and 26
-(coherence), 15 and 2411 (nodes), 18 and 2420 (axes in which a node moves) and 164 (units), in any
-order. The meaning of the fields: "Universal file formats", Structural Dynamics Research Laboratory,
-University of Cincinnati.
+Datasets 58 (functions, ASCII or binary) of type 4 (frequency response), 6 and 26 (coherence), 15
+and 2411 (nodes), 18 and 2420 (coordinate systems) and 164 (units) are read, in any order. pyuff
+parses them, but for the values of datasets 58, which are read here. The meaning of the fields:
+"Universal file formats", Structural Dynamics Research Laboratory, University of Cincinnati.
 """
 
 from __future__ import annotations
@@ -35,16 +35,17 @@ from fenics_joints.progress import reading
 from fenics_joints.response.units import MOTION, a_kind, frf_unit, length_factor, ratio_unit
 from fenics_joints.units import factor_to_si
 
-#: Place in a file, and content, of a dataset.
+#: A dataset: its place in the file, for messages, and its content.
 Dataset = tuple[str, dict[str, Any]]
-#: Datasets of nodes, axes and units.
+#: Datasets of nodes, coordinate systems and units.
 GEOMETRY = (15, 18, 164, 2411, 2420)
 #: Ordinate data types of dataset 58.
 FORMS = {2: "real single", 4: "real double", 5: "complex single", 6: "complex double"}
 
-#: Datasets of shapes, of which the lines are given.
+#: Datasets of mode shapes, which are returned as lines of text.
 _SHAPES = (55, 2414)
-#: The mark between datasets, alone in its line, and after binary data, which end without a line.
+#: The mark -1 between datasets: alone on a line; or right behind binary data, which need not end
+#: with a line break.
 _MARK = re.compile(rb"^[ \t]{0,5}-1[ \t]*(?:\r?\n|\Z)", re.MULTILINE)
 _BINARY_MARK = re.compile(rb"[\r\n]{0,2} {4}-1[ \t]*(?:\r?\n|\Z)")
 _D = re.compile(r"(\d\.?)[Dd]([+-]?\d)")
@@ -64,9 +65,9 @@ def read_sets(
 
     Args:
         path: The file.
-        kinds: The types.
-        problems: Collects the errors of single datasets, so that others are read too; without it
-            they are raised.
+        kinds: Types of the datasets to read.
+        problems: Collects the errors of single datasets, so that the others are still read; if
+            None, they are raised.
 
     Raises:
         InputError: If pyuff is missing, or a dataset cannot be read; names the file, the dataset
@@ -105,8 +106,8 @@ def read_sets(
 def _blocks(path: Path, data: mmap.mmap) -> Iterator[tuple[int, int, int, int]]:
     """Type, start, end of the head, and end of each dataset.
 
-    The head is the line with the number, and of a dataset 58 eleven records more. Binary data are
-    skipped by the number of their bytes: after them the mark may stand without a new line.
+    The head is the line with the type; that of a dataset 58 has eleven more records. Binary data
+    are skipped by their number of bytes, since the mark after them need not start a new line.
     """
     at, n = 0, 0
     while (mark := _MARK.search(data, at)) is not None:
@@ -168,7 +169,7 @@ def _pyuff():
 def _read_set(pyuff, kind: int, where: str, head: bytes, body: bytes) -> dict[str, Any]:
     text = _text(head if kind == 58 else head + body).replace("\r", "").replace("\t", " ")
     lines = text.splitlines()
-    if kind == 58:  # but not the labels
+    if kind == 58:  # only in the record of numbers: labels stay as they are
         lines[7:8] = [_D.sub(r"\1E\2", line) for line in lines[7:8]]
         text = "\n".join(lines)
     else:
@@ -189,7 +190,7 @@ def _read_set(pyuff, kind: int, where: str, head: bytes, body: bytes) -> dict[st
 
 
 def _form(code: int, spacing: int) -> tuple[int, int, int]:
-    """Numbers of a value, with its abscissa; of a row in ASCII; and bytes of one."""
+    """How many numbers a value has (with an uneven abscissa) and an ASCII row; bytes of one."""
     count = (2 if code in (5, 6) else 1) + (spacing == 0)
     size = 8 if code in (4, 6) else 4
     row = 6 if size == 4 else 4 if spacing or code == 4 else 3
@@ -197,7 +198,7 @@ def _form(code: int, spacing: int) -> tuple[int, int, int]:
 
 
 def _bytes(heads: Sequence[bytes]) -> int:
-    """Bytes of binary data by their record 7."""
+    """Number of bytes of binary data, from record 7; 0 if that cannot be read."""
     try:
         code, points, spacing = (int(x) for x in heads[7][:30].split())
     except ValueError:
@@ -209,7 +210,7 @@ def _bytes(heads: Sequence[bytes]) -> int:
 def _function_values(where: str, head: dict[str, Any], body: bytes) -> dict[str, np.ndarray]:
     """Abscissa and values of a dataset 58, ``x`` and ``data``.
 
-    A last row that is filled up is cut to the number of values in record 7.
+    Padding behind the last value is cut off: record 7 has the number of values.
     """
     code, spacing, points = (head[k] for k in ("ord_data_type", "abscissa_spacing", "num_pts"))
     count, row, size = _form(code, spacing)
@@ -218,7 +219,7 @@ def _function_values(where: str, head: dict[str, Any], body: bytes) -> dict[str,
         values = np.zeros(0)
     elif head["binary"]:
         kind = f"{'<' if head['byte_ordering'] == 1 else '>'}f{size}"
-        # A new line, or what fills a record, may come after the last value.
+        # A line break, or the padding of a record, may follow the last value.
         values = np.frombuffer(body[: len(body) // size * size], kind).astype(float)
         values = values[:wanted] if len(body) < wanted * size + 2 * row * size else values
     else:
@@ -233,7 +234,7 @@ def _function_values(where: str, head: dict[str, Any], body: bytes) -> dict[str,
 
 
 def _numbers(where: str, head: dict[str, Any], body: bytes) -> np.ndarray:
-    """Numbers of a text: with D as exponent, without one before three digits, or touching."""
+    """Numbers as Fortran writes them: 1.0D+02, 1.0-103 (no letter), or with no blanks between."""
     text = body.decode("latin-1").replace("D", "E").replace("d", "e")
     if (last := text[-90:].split()[-1:]) and _NUMBER.sub("", last[0]) == last[0][-1]:
         text = text.rstrip()[: -len(last[0])]  # half a number, where a file was cut
@@ -261,9 +262,9 @@ def word(words: Mapping[int, str], code: int) -> str:
 
 
 def units_of(sets: Sequence[Dataset], metadata: FileMetadata) -> tuple[float | None, float | None]:
-    """Metres and newtons of one unit of the file's, each None where it does not say.
+    """The file's units of length and force, in m and N; each None where it is not stated.
 
-    Dataset 164 has the factors by which to divide.
+    Values divided by the factors of dataset 164 are in SI units.
     """
     found = [(where, d) for where, d in sets if d["type"] == 164]
     for where, data in found:
@@ -305,9 +306,9 @@ class CoordinateSystem:
     problem: str = ""
 
     def directions(self, point: np.ndarray) -> tuple[np.ndarray, str]:
-        """The system's directions at a place, as rows, and what is wrong with them, or "".
+        """The system's directions at a point, as rows, and what is wrong with them, or "".
 
-        In a cylindrical system they are outwards, around and along its z.
+        Those of a cylindrical system are radial, tangential and axial.
         """
         if self.problem or self.kind == 0:
             return self.axes, self.problem
@@ -320,13 +321,13 @@ class CoordinateSystem:
         return np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]]) @ self.axes, ""
 
     def on_axis(self, point: np.ndarray) -> bool:
-        """Whether a place is on the axis of a cylindrical system, where x counts as outwards."""
+        """Whether a point is on the axis of a cylindrical system, where x is taken as radial."""
         x, y, z = self.axes @ (point - self.origin)
         return self.kind == 1 and np.hypot(x, y) <= 1e-9 * abs(z)
 
 
 def axes_of(sets: Sequence[Dataset]) -> dict[int, CoordinateSystem]:
-    """Coordinate systems of datasets 18 and 2420 by their labels."""
+    """Coordinate systems of datasets 18 and 2420, by label."""
     found = {}
     for where, data in sets:
         if data["type"] == 2420:
@@ -362,7 +363,7 @@ def axes_of(sets: Sequence[Dataset]) -> dict[int, CoordinateSystem]:
 
 
 def _frame(origin: np.ndarray, on_x: np.ndarray, on_xz: np.ndarray) -> np.ndarray:
-    """Axes as rows, and the origin, by a point on x and one in the plane of x and z."""
+    """Axes and origin, as four rows, from the origin, a point on x and a point in the xz plane."""
     with np.errstate(invalid="ignore", divide="ignore"):
         x = (on_x - origin) / np.linalg.norm(on_x - origin)
         y = np.cross(on_xz - origin, x)
@@ -371,7 +372,10 @@ def _frame(origin: np.ndarray, on_x: np.ndarray, on_xz: np.ndarray) -> np.ndarra
 
 
 def add_nodes(contents: Contents, where: str, data, length: float | None, axes) -> None:
-    """Add the nodes of a dataset 15 or 2411, with the metres of a unit of length and `axes_of`."""
+    """Add the nodes of a dataset 15 or 2411 to ``contents``.
+
+    ``length`` is the file's unit of length, m (None if not known); ``axes`` are those of `axes_of`.
+    """
     columns = [np.asarray(data[key], dtype=float) for key in ("x", "y", "z")]
     labels = np.asarray(data["node_nums"], dtype=float)
     systems = [np.asarray(data[key], dtype=float) for key in ("def_cs", "disp_cs")]
@@ -412,16 +416,16 @@ def add_nodes(contents: Contents, where: str, data, length: float | None, axes) 
 
 
 def _system(label: int, axes: Mapping[int, CoordinateSystem]) -> CoordinateSystem:
-    """A coordinate system; 0, and 1 if it is not defined, are the global system."""
+    """The coordinate system of a label; 0, and 1 unless the file defines it, are the global one."""
     if label in axes:
         return axes[label]
     return CoordinateSystem(problem="" if label in (0, 1) else MISSING)
 
 
-# -- functions -------------------------------------------------------------------------------------
+# -- the whole file --------------------------------------------------------------------------------
 
 
-#: Function types of dataset 58 that files of FRFs often hold too.
+#: Function types of dataset 58, by code; most are only named in notes and messages.
 _TYPES = {
     0: "unknown",
     1: "time response",
@@ -436,7 +440,7 @@ _TYPES = {
     12: "spectrum",
     26: "multiple coherence",
 }
-#: Types of functions that are read: frequency response, coherence, multiple coherence.
+#: Function types that are read: frequency response, coherence, multiple coherence.
 _FRF, _COHERENCE, _MULTIPLE = 4, 6, 26
 
 #: Specific data types of dataset 58.
@@ -458,28 +462,28 @@ DATA = {
 }
 #: Kinds of functions by the type of the response.
 _MOTIONS = {8: "receptance", 11: "mobility", 12: "accelerance"}
-#: Types of data: not said, and what a reference and an abscissa must be of.
+#: Specific data types: unspecified; of a reference; of an abscissa.
 _UNSAID, _FORCE, _FREQUENCY = (0, 1), 13, 18
-#: What data of the response alone would need.
+#: Advice where responses were measured without their force.
 _NO_FORCE = (
-    "From responses alone no function by a force follows: needed is a test with a hammer or a "
-    "shaker whose force is measured too; or, for frequencies and shapes only, the modes that an "
+    "Responses alone give no frequency response function: test with a hammer or a shaker whose "
+    "force is measured too; or, for frequencies and shapes only, give the modes that an "
     "operational modal analysis found in these data, as datasets 55: shapes = 'FILE.uff' in [test]"
 )
-#: Formats of binary numbers that are not read.
+#: Formats of binary numbers that are refused.
 _NOT_IEEE = {1: "DEC VMS", 3: "IBM 370"}
 
 
 def read_uff(path: Path, metadata: FileMetadata) -> Contents:
-    """What a universal file holds.
+    """Functions, coherences and nodes of a universal file.
 
     Args:
         path: The file.
         metadata: What the user says about it.
 
     Raises:
-        InputError: If pyuff is missing, or for what is wrong in the file; names the file, the
-            dataset by its place (from 1) and type, and what was expected.
+        InputError: If pyuff is missing, or the file has errors; names the file, the dataset by its
+            place (from 1) and type, and what was expected.
     """
     problems, contents = Problems(path), Contents()
     sets = read_sets(path, (58, *GEOMETRY), problems)
@@ -588,8 +592,9 @@ def _dof(where: str, data, side: str, word: str) -> Dof:
 def _scale(where: str, data, units, metadata: FileMetadata, notes: list[str]) -> tuple[str, float]:
     """Kind of a function and its factor to SI.
 
-    The user's units go first, then the axes' labels, then dataset 164: many programs write a
-    dataset 164 of SI units whatever the units of their data.
+    The user's units come first, then the labels of the axes, then dataset 164. Labels may
+    contradict a dataset 164 of SI units, since many programs write that whatever the units of
+    their data; other contradictions are errors.
     """
     kind = _file_kind(where, data, metadata)
     if metadata.units is not None:
@@ -599,19 +604,19 @@ def _scale(where: str, data, units, metadata: FileMetadata, notes: list[str]) ->
     if kind is None:
         raise InputError(
             f"{where}: response is of type {word(DATA, data['ordinate_spec_data_type'])}, "
-            "expected 8, 11 or 12 (displacement, velocity, acceleration), or kind"
+            "expected 8, 11 or 12 (displacement, velocity, acceleration), or the key kind"
         )
     if label_kind not in (None, kind):
         raise InputError(
             f"{where}: units {axis_label(data, 'ordinate')!r} are those of {a_kind(label_kind)}, "
-            f"expected those of {a_kind(kind)} as its response type says, or units"
+            f"expected those of {a_kind(kind)} as its response type says, or the key units"
         )
     length, force = units
     by_set = None if length is None or force is None else length / force
     if by_label is None and by_set is None:
         raise InputError(
             f"{where}: the units are not known; expected a dataset 164, labels of the axes' units, "
-            f"or units such as '{MOTION[kind]}/N'"
+            f"or the key units, such as '{MOTION[kind]}/N'"
         )
     if by_label is not None and length == force == 1 and by_label != 1:
         text = f"{axis_label(data, 'ordinate')!r} by {axis_label(data, 'orddenom') or 'force'!r}"
@@ -624,7 +629,7 @@ def _scale(where: str, data, units, metadata: FileMetadata, notes: list[str]) ->
         raise InputError(
             f"{where}: the unit {axis_label(data, 'ordinate')!r} by {by!r} is {by_label:.6g} "
             f"{MOTION[kind]}/N, but by dataset 164 it is {by_set:.6g}; expected them to agree, or "
-            "units"
+            "the key units"
         )
     return kind, by_set if by_label is None else by_label
 
@@ -647,7 +652,7 @@ def _file_kind(where: str, data, metadata: FileMetadata) -> str | None:
 
 
 def _by_labels(where: str, data, force: float | None) -> tuple[str | None, float | None]:
-    """Kind and factor by the labels of the axes' units; None where there are none."""
+    """Kind and factor to SI from the labels of the axes' units; None where there are none."""
     motion, by = axis_label(data, "ordinate"), axis_label(data, "orddenom")
     if not motion:
         return None, None
@@ -659,16 +664,16 @@ def _by_labels(where: str, data, force: float | None) -> tuple[str | None, float
         except InputError:
             kind, factor = ratio_unit(motion, "N")
     except InputError as error:
-        raise InputError(f"{where}: labels of the units: {error}; or say units") from error
+        raise InputError(f"{where}: labels of the units: {error}; or the key units") from error
     if force is None:
         raise InputError(
             f"{where}: the unit of the reference is not known; expected a dataset 164, its label, "
-            "or units"
+            "or the key units"
         )
     return kind, factor / force
 
 
 def axis_label(data, axis: str) -> str:
-    """Label of an axis's unit; empty where there is none."""
+    """Label of the unit of an axis; empty where there is none."""
     text = str(data.get(f"{axis}_axis_units_lab", "")).strip()
     return "" if text.upper() == "NONE" else text

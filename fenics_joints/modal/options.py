@@ -1,4 +1,4 @@
-"""PETSc's option database and its errors, in words."""
+"""PETSc's option database, and PETSc's errors in words."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from fenics_joints.errors import InputError, mapping, shown, wanted
 
 
 def given_options(petsc_options: object) -> dict[str, object]:
-    """PETSc's options as a user gives them; none for None.
+    """PETSc's options as a user gives them; an empty dict for None.
 
     Raises:
-        InputError: If they are not a mapping from names to texts, numbers, truth values or None.
+        InputError: If they are not a mapping from names to strings, numbers, booleans or None.
     """
     expected = "PETSc options by name, such as {'eps_type': 'krylovschur'}"
     found = mapping("petsc_options", petsc_options, expected)
@@ -50,15 +50,15 @@ _UNKNOWN_TYPE = 86
 def petsc_defaults(
     prefix: str, ours: Mapping[str, object], above: Mapping[str, object] | None = None
 ) -> Iterator[PETSc.Options]:
-    """Options under ``prefix`` for a while.
+    """Set options under ``prefix`` while the context lasts; then the former ones are back.
 
     Args:
         prefix: The prefix.
-        ours: Defaults, which options of the command line override.
-        above: Options that override those of the command line.
+        ours: Defaults; options that are set already, as by the command line, override them.
+        above: Options that override even those.
 
     Raises:
-        InputError: If a solver is set up inside and PETSc does not take a value.
+        InputError: If PETSc refuses a value when a solver is set up within the context.
     """
     options = PETSc.Options(prefix)
     new = {k: v for k, v in ours.items() if not options.hasName(k)} | dict(above or {})
@@ -81,9 +81,9 @@ def petsc_defaults(
 
 
 def give_room(ksp: PETSc.KSP) -> None:
-    """Factorise again with more slack where MUMPS underestimated its work space (INFOG(1) = -9).
+    """Factorise again with more work space if MUMPS had too little of it (INFOG(1) = -9).
 
-    Collective; to be called after ``setUp``, within the same options.
+    Collective; to be called after ``setUp``, within the same `petsc_defaults`.
     """
     pc, A = ksp.getPC(), ksp.getOperators()[1]
     for slack in (100, 300):
@@ -98,7 +98,7 @@ def give_room(ksp: PETSc.KSP) -> None:
 
 
 def reason_of(solver: PETSc.Object) -> str:
-    """PETSc's or SLEPc's name of why a solver stopped, or why a preconditioner failed."""
+    """PETSc's or SLEPc's name of the reason why a solver stopped, or a preconditioner failed."""
     if isinstance(solver, PETSc.PC):
         enum, value = solver.FailedReason, solver.getFailedReason()
     else:
@@ -108,5 +108,5 @@ def reason_of(solver: PETSc.Object) -> str:
 
 
 def last_line(error: PETSc.Error) -> str:
-    """The last line of PETSc's message, without its traceback."""
+    """The last line of PETSc's message, which follows its traceback."""
     return str(error).strip().splitlines()[-1]
