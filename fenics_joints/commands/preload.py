@@ -1,4 +1,4 @@
-"""The ``preload`` command: contacts under the bolts' preload, and what it does to frequencies."""
+"""The ``preload`` command: contacts under bolt preload, and the frequencies about that state."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ from fenics_joints.structure.grids import check_fields_path
 
 #: Pressure, Pa, that bounds the contact radius (Machines 2022, eq. 10).
 LIMIT = 1e6
-#: Friction and pressure, Pa, above any metal's: a hard steel's indentation has some 8 GPa.
+#: Friction coefficient and pressure, Pa, that no metal reaches: hard steel indents at some 8 GPa.
 _ROUGH, _HARDEST = 2.0, 1e10
 #: Gap over a face's size that counts as zero.
 _FLAT = 1e-9
@@ -50,16 +50,17 @@ _FLAT = 1e-9
 _ZERO = 1e-9
 #: Elastic modes whose frequencies are compared.
 _ELASTIC = 6
-#: Relative difference of the frequencies of a symmetric structure's pair, whose shapes may turn.
+#: Relative difference of frequencies below which modes are a symmetric structure's pair, whose
+#: shapes may mix.
 _EQUAL = 1e-3
-#: Of open, slipping and sticking: distinct for all kinds of colour vision.
+#: Colours of open, slipping and sticking, distinct for all kinds of colour vision.
 _STATUS = colormaps["cividis"]
 
 
 def run_preload(
     case: Case, comm: MPI.Intracomm, progress: Progress, *, fields: Path | None = None
 ) -> Outcome[PreloadReport]:
-    """Contacts at the case's bolt forces and loads, and the frequencies about it. Collective.
+    """Contacts at the case's bolt forces and loads, and frequencies about that state. Collective.
 
     Args:
         case: The case.
@@ -102,14 +103,16 @@ def run_preload(
 
 
 def _become(joint: LinearJoint, stuck: Modes, loose: Modes) -> np.ndarray:
-    """Frequencies, Hz, (n,), of the preloaded modes that the stuck elastic modes turn into: of the
-    mode, or of modes of equal frequency, with more than half of the kinetic energy of the stuck
-    shape; nan where there is none."""
+    """Frequency, Hz, (n,), of the preloaded mode that has the shape of each stuck elastic mode.
+
+    That mode, or modes of equal frequency together, must hold more than half of the kinetic energy
+    of the stuck shape; nan where none do.
+    """
     mass, hz = joint.free_matrices()[1], loose.frequencies_hz[loose.n_rigid :]
     moved = [mass * shape for shape in loose.shapes[loose.n_rigid :]]
     found = np.full(len(stuck) - stuck.n_rigid, np.nan)
     for i, shape in enumerate(stuck.shapes[stuck.n_rigid :]):
-        # Shapes have unit modal mass, so that these are shares, 1 in sum over all modes.
+        # Shapes have unit modal mass: these shares of all modes together sum to 1.
         shares = np.array([shape.dot(other) ** 2 for other in moved])
         near = hz[np.argmax(shares)]
         if shares[np.abs(hz / near - 1) < _EQUAL].sum() > 0.5:
@@ -118,9 +121,9 @@ def _become(joint: LinearJoint, stuck: Modes, loose: Modes) -> np.ndarray:
 
 
 def _elastic_modes(joint: LinearJoint, before: Modes | None = None) -> Modes:
-    """Modes up to the compared elastic ones, however many free motions come before them.
+    """Enough modes to hold the compared elastic ones behind all motions at 0 Hz.
 
-    Faces that slide or are open let bodies move against one another.
+    Faces that slide or are open add such motions: bodies move freely against one another.
     """
     wanted = (6 if before is None else before.n_rigid) + _ELASTIC + 1
     solver = None if before is None else before.solver
@@ -142,8 +145,8 @@ class PreloadReport:
         case: The case.
         result: The preload state.
         contacts: A dict of facts for each contact, see `contact_facts`.
-        stuck_hz: Elastic frequencies with all contacts fully stuck, and obstacles where they press,
-            Hz, (n,).
+        stuck_hz: Elastic frequencies with all contacts fully stuck, and obstacles stuck where they
+            press, Hz, (n,).
         preloaded_hz: Elastic frequencies with each pair as the preload leaves it, Hz, (n,).
         written: Files of fields.
         applied: A dict of facts for each obstacle, displacement and load, see `applied_facts`.
@@ -164,8 +167,8 @@ class PreloadReport:
     become_hz: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
     def records(self) -> list[dict]:
-        """Frequencies, stuck and preloaded, of the same shapes; then of the preloaded modes whose
-        shapes no stuck mode has."""
+        """Rows of the table: each stuck mode beside the preloaded mode of its shape; then preloaded
+        modes whose shape no stuck mode has."""
         other = self.preloaded_hz[~np.isin(self.preloaded_hz, self.become_hz)]
         stuck = np.append(self.stuck_hz, np.full(len(other), np.nan))
         preloaded = np.append(self.become_hz, other)
@@ -185,14 +188,14 @@ class PreloadReport:
             if c.friction > _ROUGH
         ] + [
             f"contact {c['name']}: a peak pressure of {quantity(c['peak_pressure_pa'], 'Pa')} is "
-            "more than metals bear: are the bolts' forces right?"
+            "more than metals bear: are the bolt forces right?"
             for c in self.contacts
             if c["peak_pressure_pa"] > _HARDEST
         ]
         if not np.isfinite(self.become_hz).all():
             found.append(
-                "a mode without a frequency beside it has no mode of its shape in the other state: "
-                "what slides or opens mixes them anew"
+                "a mode with only one frequency has no counterpart of its shape in the other "
+                "state: faces that slide or open change the shapes"
             )
         if self.free_motions:
             found.append(
@@ -242,7 +245,7 @@ class PreloadReport:
 
 
 def _recedes(result: PreloadResult) -> bool:
-    """Whether only bolts press, and the faces have no gap: the state is then proportional.
+    """Whether only bolts press, and faces have no gap: pressures then scale with the bolt forces.
 
     Dundurs and Stippes, J. Appl. Mech. 37, 1970.
     """
@@ -260,9 +263,10 @@ def applied_facts(result: PreloadResult) -> list[dict]:
     """Obstacles, displacements and loads on faces, with their forces. Collective.
 
     Returns:
-        Of each a dict with ``name``, ``kind`` (``obstacle``, ``displacement``, ``load``),
-        ``displacement_m`` by direction (of an obstacle its own; None where a face is free, and of a
-        load) and ``force_n`` on the bodies by direction: of a displacement what holds the face.
+        A dict for each, with ``name``; ``kind`` (``obstacle``, ``displacement``, ``load``);
+        ``displacement_m``, the components of the motion of the obstacle or face, None for those
+        that are free and for a load; and ``force_n``, the components of the force on the bodies
+        (for a displacement, the force that holds the face).
     """
     model, found = result.model, []
     for moved in sorted(model.moved, key=lambda m: isinstance(m, Displacement)):
@@ -288,21 +292,21 @@ def bolt_axes(result: PreloadResult) -> dict[str, np.ndarray]:
 
 
 def contact_facts(state: ContactState, axes: dict[str, np.ndarray]) -> dict:
-    """Facts on a contact.
+    """Forces, pressures, areas and radii of a contact, as ``--json`` writes them.
 
     Args:
         state: The contact in its state.
-        axes: A point on each bolt's axis, by bolt.
+        axes: A point on the axis of each bolt, by name, as from `bolt_axes`.
 
     Returns:
         Keys ``name``; ``force_n``; ``peak_pressure_pa``, the largest of the facets' means, and
         ``peak_nodal_pressure_pa``; ``mean_pressure_pa``, over the area that presses; ``area_m2``,
         where the pressure, linear between vertices, is above zero, ``area_above_1_mpa_m2``, with
         the same pressure, and ``whole_area_m2``; ``radius_m`` by bolt, to the farthest place with
-        1 MPa or more among those nearest to the bolt; ``equal_radius_m`` by bolt, in space only:
-        radius of the circle around the hole with the area above 1 MPa, and the least and largest
-        radius within the mesh's resolution; ``open``, ``slip``, ``stick``: numbers of pairs;
-        ``matching``, whether these are pairs of vertices.
+        1 MPa or more among those nearest to the bolt; ``equal_radius_m`` by bolt, in 3-D only:
+        outer radius of a ring around the hole with the area above 1 MPa, and its least and largest
+        value within the mesh's resolution; ``open``, ``slip``, ``stick``: numbers of pairs;
+        ``matching``, whether these are pairs of vertices (else mortar).
     """
     area, farthest, equal = state.area, {}, {}
     nearest = nearest_axis(state.interface.points, axes.values()) if axes else None
@@ -346,7 +350,7 @@ def preload_document(p: PreloadReport) -> doc.Document:
         id="frequencies",
     )
     press = ", and to obstacles where they press" if p.applied else ""
-    held = f"Stuck: all of each face is held to the other{press}."
+    held = f"Stuck: each face is held to the other everywhere{press}."
     return doc.Document(
         p.case.name,
         "contact under preload",
@@ -391,14 +395,14 @@ def _applied(facts: Sequence[dict]) -> list:
     table = doc.Table.of(
         rows,
         "name: what acts | kind: kind | way: moved by | force: force on the bodies",
-        caption="By direction x, y, z. Of a face that is moved, the force is what holds it there",
+        caption="Components x, y, z. The force of a face that is moved is what holds it there",
         id="applied",
     )
     return [doc.Heading("What acts on the bodies"), table]
 
 
 def _words(vector: Sequence[float | None], unit: str) -> str:
-    """A vector in the unit that suits its largest component."""
+    """A vector in words, with the prefix of the unit that suits its largest component."""
     size = max(abs(v or 0.0) for v in vector)
     factor, unit = prefixed(size, unit)
     parts = (
@@ -453,7 +457,7 @@ def bolt_centres(result: PreloadResult) -> np.ndarray | None:
 
 
 def _pressures(result: PreloadResult) -> list[doc.Figure] | None:
-    """Pressure of each contact in plan, and along the longest direction of its face. Collective."""
+    """Pictures of each contact's pressure: in plan, and along its longest direction. Collective."""
     centres = bolt_centres(result)
     if result.model.comm.rank != 0:
         return None
@@ -474,8 +478,8 @@ def _pressures(result: PreloadResult) -> list[doc.Figure] | None:
 
 
 def _scene(result: PreloadResult) -> list[doc.View] | None:
-    """Pressure and status of the contacts on the bodies, taken apart, to be looked at from all
-    sides; nothing for bodies in the plane. Collective; None but on rank 0."""
+    """A 3-D view of the bodies taken apart, with pressure and status of the contacts; none of plane
+    bodies. Collective; None on all ranks but 0."""
     model = result.model
     if model.structure.gdim < 3 or not result.contacts:
         return [] if model.comm.rank == 0 else None
@@ -528,7 +532,7 @@ def _scene(result: PreloadResult) -> list[doc.View] | None:
 
 
 def _upright(result: PreloadResult) -> np.ndarray:
-    """Turns the contacts' mean normal upwards, and the longest way across it to the right."""
+    """Rotation of the contacts' mean normal upwards and their longest extent to the right."""
     normals = np.concatenate([s.interface.frames[:, 0] for s in result.contacts.values()])
     points = np.concatenate([s.interface.points for s in result.contacts.values()])
     up = normals.mean(axis=0)

@@ -1,4 +1,4 @@
-"""The ``check`` command: all errors and unlikely values of a case, compared with its modes."""
+"""The ``check`` command: all errors and unlikely values of a case, and its model's modes."""
 
 from __future__ import annotations
 
@@ -69,31 +69,32 @@ from fenics_joints.report.document import (
     Text,
 )
 
-#: Between these lengths, m, a structure is taken to be of the unit that its file is read in.
+#: Lengths, m, between which a structure is plausible; beyond, the unit of its file is doubted.
 _SIZES = (2e-3, 100.0)
-#: Rows of a table on the terminal, so that all of it fits on a screen.
+#: Most rows of a table on the terminal, so that it fits on a screen.
 _ROWS = 16
 
 
 @dataclass(frozen=True, eq=False)
 class Checked:
-    """A case, looked at.
+    """The result of the ``check`` command.
 
     Attributes:
         path: The case file.
         case: The case, or what can be read of it; None if nothing can.
-        errors: What is wrong: a command would refuse it.
+        errors: What is wrong, so that other commands would refuse the case.
         notes: What is unlikely, or was moved or left out.
-        weights: Masses of parts, joints and what is put on.
+        weights: Masses of parts, joints, bolts, ``[masses]`` and ``[attached]``.
         places: Sensors, forces, masses, springs; obstacles, displacements and loads, at faces.
         bolts: Bolts.
         body: The mesh, on rank 0; None where there is none.
         size_m: Its extents, m.
         dofs: Degrees of freedom; None where no model could be made.
-        estimate: What one modal solution takes; None where it is not known.
-        costs: What the commands take.
-        directions: Normal and across that the mesh gives to parts without any.
-        solved: The modes that test and bands were compared with, in words, or why none.
+        estimate: Size, time and memory of one modal solution; None where they are not known.
+        costs: Time and memory of each command.
+        directions: Directions ``normal`` and ``across``, measured on the mesh, of parts for which
+            the case gives none.
+        solved: Which modes of the model test and bands were compared with, or why none, in words.
     """
 
     path: Path
@@ -121,11 +122,11 @@ class Checked:
 
     @property
     def mass(self) -> float:
-        """Mass of the model, kg: without what is attached but not in it."""
+        """Mass of the model, kg, without ``[attached]`` masses, which are not in it."""
         return sum(w.mass for w in self.weights if w.kind != "attached")
 
     def moved(self) -> list[Place]:
-        """Sensors and forces that are beside the mesh."""
+        """Sensors and forces that are not on the mesh, and are moved onto it."""
         return [p for p in self.places if p.kind in ("sensor", "force") and p.off > 1e-6]
 
     def test_words(self) -> str:
@@ -159,7 +160,7 @@ class Checked:
         return ", ".join(words) or ("planned" if case.test.planned else "not read")
 
     def place_words(self) -> str:
-        """How many sensors, forces, bolts there are, and what acts on faces."""
+        """Numbers of sensors, forces, obstacles, displacements, loads and bolts, in words."""
         counts = dict.fromkeys(("sensor", "force", "obstacle", "displacement", "load"), 0)
         for place in self.places:
             if place.kind in counts:
@@ -167,13 +168,13 @@ class Checked:
         words = [f"{n} {kind}{'s' if n > 1 else ''}" for kind, n in counts.items() if n]
         if self.bolts:
             n, rings = len(self.bolts), self.case is not None and not self.case.bolts
-            # A bolt has a ring on each pair of faces that it presses together.
+            # These are rings of contact, one for each pair of faces that a bolt presses together.
             kind, where = ("ring", " at bolts") if rings else ("bolt", "")
             words.append(f"{n} {kind}{'s' if n > 1 else ''}{where}")
         return ", ".join(words)
 
     def to_json(self) -> dict[str, object]:
-        """What ``--json`` writes.
+        """The content of ``--json``.
 
         Keys: ``version``, ``title``, ``errors`` and ``notes`` in sentences; ``masses`` (``name``,
         ``kind``, ``kg``, ``weighed_kg``), ``mass_kg`` of the model; ``places`` (``kind``, ``name``,
@@ -202,13 +203,13 @@ class Checked:
 def run_check(
     path: str | Path, comm: MPI.Intracomm, progress: Progress, *, large: bool = False
 ) -> Outcome[Checked]:
-    """Look at a case. Collective.
+    """Check a case. Collective.
 
     Args:
         path: The case file, or its folder.
         comm: Communicator.
         progress: Told what is being done.
-        large: Whether a mesh is made also where the model seems too large for the machine.
+        large: Whether the mesh is made even if the model seems too large for the machine.
     """
     found = check_case(path, comm, progress, large=large)
     n = len(found.errors)
@@ -224,7 +225,7 @@ def check_case(
     large: bool = False,
     solve: bool = True,
 ) -> Checked:
-    """What `run_check` shows, without the model's modes if ``solve`` is false."""
+    """The result that `run_check` shows, without the model's modes if ``solve`` is false."""
     progress.step("reading the case")
     examined = comm.bcast(on_root(comm, lambda: examine_case(path)))
     case = examined.case
@@ -244,7 +245,7 @@ def check_case(
     if not large and _is_too_large(found, comm):
         note = (
             "the mesh was not made, as it seems too large: are the size of its cells and the unit "
-            "of its file right? --large makes it all the same"
+            "of its file right? --large makes it anyway"
         )
         return _with_costs(_more(found, same_bolts(case, []), [note]), comm)
     progress.step("making the mesh")
@@ -271,7 +272,7 @@ def _beside(found: Checked, examined: Examined, tagged, comm, progress) -> Check
 
 
 def _diagnosed(case: Case, errors) -> list[str]:
-    """Why a diagnosis cannot take the test although each of its parts is right."""
+    """Why a diagnosis would refuse the test, although each section of it is valid."""
     if errors or case.measured is None:
         return []
     try:
@@ -282,7 +283,7 @@ def _diagnosed(case: Case, errors) -> list[str]:
 
 
 def _more(found: Checked, errors=(), notes=()) -> Checked:
-    """With further errors and notes, each once."""
+    """The result with further errors and notes, each only once."""
     return replace(
         found,
         errors=tuple(dict.fromkeys([*found.errors, *errors])),
@@ -291,12 +292,12 @@ def _more(found: Checked, errors=(), notes=()) -> Checked:
 
 
 def _own(case: Case, error: Exception) -> str:
-    """A message without the name of the case file, which stands above all of them."""
+    """A message without the name of the case file, which heads the list of messages."""
     return str(error).removeprefix(f"{case.path}: ")
 
 
 def _lines(message: str) -> list[str]:
-    """Groups of the mesh that are not there, one by one; any other message as it is."""
+    """Messages on missing groups of the mesh, one by one; any other message as it is."""
     head, *lines = message.split("\n  ")
     return lines if head.startswith("names groups") else [message]
 
@@ -312,7 +313,7 @@ def _is_too_large(found: Checked, comm: MPI.Intracomm) -> bool:
 
 
 def _beams(found: Checked, examined: Examined, comm: MPI.Intracomm) -> Checked:
-    """What beams weigh, and where things are on them."""
+    """The result with masses and size of the beams, and errors of their model and sensors."""
     case, errors = found.case, []
     dofs, size = None, np.empty(0)
     if examined.whole and not found.errors:
@@ -329,7 +330,7 @@ def _beams(found: Checked, examined: Examined, comm: MPI.Intracomm) -> Checked:
 
 
 def _meshed(found: Checked, examined: Examined, tagged: TaggedMesh) -> Checked:
-    """What can be said with the mesh: masses, places, and whether a model can be made."""
+    """The result with what the mesh tells: masses, places, and whether a model can be made."""
     case, comm = found.case, tagged.mesh.comm
     centres = face_centres(tagged)
     places, far = far_places(found.places, tagged)
@@ -376,7 +377,7 @@ def _meshed(found: Checked, examined: Examined, tagged: TaggedMesh) -> Checked:
 
 
 def _odd_sizes(case: Case, size: float) -> Iterator[str]:
-    """Sentences on a structure, or cells, that are of no lab's size; m."""
+    """Notes on an implausible length of the structure, m, and on cells larger than it."""
     if not _SIZES[0] <= size <= _SIZES[1]:
         yield f"the structure is {quantity(size, 'm')} long: is the unit of its file right?"
     cells = getattr(case.mesh, "size", None)
@@ -388,7 +389,7 @@ def _odd_sizes(case: Case, size: float) -> Iterator[str]:
 
 
 def _model(found: Checked, tagged: TaggedMesh) -> int | str:
-    """Degrees of freedom of the model; or why there can be none. Points are looked at elsewhere."""
+    """Degrees of freedom of the model; or why there can be none. Points are checked elsewhere."""
     case, comm = found.case, tagged.mesh.comm
     bare = case.model_copy(update={"masses": {}, "springs": {}, "attached": {}})
     try:
@@ -400,18 +401,18 @@ def _model(found: Checked, tagged: TaggedMesh) -> int | str:
 
 
 def _apart(case: Case, tagged: TaggedMesh) -> list[str]:
-    """Bodies that nothing joins."""
+    """A note if the mesh has bodies that nothing joins."""
     bodies = check_mesh(tagged).bodies
     if bodies < 2 or case.contacts:
         return []
     return [
-        f"the mesh has {bodies} bodies that share no vertices, and the case no [contacts]: nothing "
-        "joins them, and each moves by itself"
+        f"the mesh has {bodies} bodies that share no vertices, and the case has no [contacts]: "
+        "nothing joins them, so that each moves on its own"
     ]
 
 
 def _with_costs(found: Checked, comm: MPI.Intracomm) -> Checked:
-    """With what the commands will take."""
+    """The result with time and memory of the commands, and notes on those that take too much."""
     try:
         rough = comm.bcast(on_root(comm, lambda: estimate(found.case, ranks=comm.size)))
     except InputError:
@@ -421,11 +422,11 @@ def _with_costs(found: Checked, comm: MPI.Intracomm) -> Checked:
     return _more(found, (), too_much(costs))
 
 
-# -- what is said of it ----------------------------------------------------------------------------
+# -- the document ----------------------------------------------------------------------------------
 
 
 def check_document(result: Checked) -> Document:
-    """What is said of a checked case: what is wrong, a picture, masses, places, costs."""
+    """The document of a checked case: errors, notes, a picture, masses, places, costs."""
     keys = [("errors", len(result.errors), "errors"), ("notes", len(result.notes), "unlikely")]
     if result.weights:
         keys.append(("mass", quantity(result.mass, "kg", 4), "mass of the model"))
@@ -440,7 +441,7 @@ def check_document(result: Checked) -> Document:
     said = [text for text in (estimated, result.place_words(), test, result.solved) if text]
     wrong = [
         Remarks("Wrong", result.errors, "error {}: ", "bad", "error-list"),
-        Remarks("Unlikely, or to know", result.notes, "note: ", id="note-list"),
+        Remarks("Unlikely, or worth knowing", result.notes, "note: ", id="note-list"),
     ]
     if not result.errors and not result.notes:
         wrong = [Text("nothing is wrong or unlikely", "good")]
@@ -462,13 +463,12 @@ def check_document(result: Checked) -> Document:
 
 
 def _weights(result: Checked) -> list:
-    """Masses, and in the last row all that is in the model."""
+    """Table of masses; the last row is the mass of the whole model."""
     if not result.weights:
         return []
     table = Table(
         "mass of | what | >in the model | >on the scales",
-        caption="To weigh against the real thing; mass in [parts.NAME] and [test] says what that "
-        "weighs",
+        caption="To compare with scales; give what they show as mass in [parts.NAME] and [test]",
         id="masses",
         most=_ROWS,
     )
@@ -487,7 +487,7 @@ def _costs_said(costs: Sequence[Cost]) -> list:
         return []
     table = Table(
         "command | >time | >memory",
-        caption="Rough, on a quiet machine: a factor of two either way",
+        caption="Rough, on a quiet machine: within a factor of two either way",
         id="costs",
     )
     for cost in costs:
@@ -501,7 +501,7 @@ def _places(result: Checked) -> list:
         return []
     table = Table(
         "name | what | >at, mm | >looks along | >off the mesh, mm",
-        caption="Bolts, sensors and what else is at points",
+        caption="Bolts, sensors and other things at points or faces",
         id="places",
     )
     for p in places:
@@ -512,7 +512,7 @@ def _places(result: Checked) -> list:
 
 
 def _pictures(result: Checked) -> list[Figure]:
-    """The structure from above and from below, with all that is on it."""
+    """Pictures of the structure from above and from below, with all places."""
     body, places = result.body, [*result.bolts, *result.places]
     if body is None:
         return []
@@ -521,7 +521,7 @@ def _pictures(result: Checked) -> list[Figure]:
         partial(structure_picture, body.vertices, body.group, body.names, by_kind, below=below)
         for below in (False, True)
     )
-    behind = "What is behind the structure shows through."
+    behind = "Marks behind the structure show through."
     return [
         Figure(draw, f"From {side}. {behind}")
         for side, draw in zip(("above", "below"), drawn, strict=True)

@@ -1,4 +1,4 @@
-"""The ``harmonic`` command: nonlinear responses at the levels of force that a case names."""
+"""The ``harmonic`` command: nonlinear responses at the force levels of a case."""
 
 from __future__ import annotations
 
@@ -43,12 +43,12 @@ from fenics_joints.parallel import on_root
 from fenics_joints.progress import Progress
 
 #: The backbone reaches down to this share of the smallest response at resonance, and up to this
-#: multiple of the largest; chosen, to show what is beyond the levels.
+#: multiple of the largest; chosen, to show the mode beyond the levels too.
 _BELOW, _ABOVE = 0.1, 1.2
-#: How often sliders are moved to where the responses are, which change with them; chosen: what is
-#: still off after that is noted.
+#: Most times that sliders are moved to the amplitudes of the responses, which change with them;
+#: chosen. A note names the laws whose sliders are still off after that.
 _PLACED = 3
-#: Static steps of half a loop of a contact, whose pressure changes; chosen.
+#: Static steps of half a hysteresis loop of a contact, whose pressure changes; chosen.
 _LOOP_STEPS = 24
 
 
@@ -61,8 +61,8 @@ def run_harmonic(
         case: The case.
         comm: Communicator; the joints' points are shared out over its ranks.
         progress: Told what is being done, point by point.
-        branches: Folder in which every branch is kept as it grows, and gone on from if it is there;
-            with it the model whose basis they are in.
+        branches: Folder in which every branch is saved as it grows and from which it is resumed,
+            with the reduced model in whose basis the branches are.
 
     Raises:
         JointsError: If the case, the mesh or a solution fails.
@@ -73,7 +73,7 @@ def run_harmonic(
     if branches is not None:
         band = case.harmonic.band
         built = replace(built, model=kept_model(built.model, branches, band, comm, progress))
-    # The matrices are small: threads only get in each other's way.
+    # The matrices are small: more threads only make it slower.
     with threadpool_limits(1):
         found = _solved(case, built, comm, progress, branches)
     return Outcome(found, harmonic_document(found))
@@ -121,11 +121,11 @@ def _solved(case: Case, built: HarmonicModel, comm, progress, branches) -> Harmo
 def _responses(
     case: Case, built: HarmonicModel, branches: Path | None, common: dict
 ) -> tuple[HarmonicModel, tuple[HarmonicResult, ...]]:
-    """The response at every level, and the model with the sliders that these have.
+    """The model with the sliders that were used, and its response at every level.
 
-    Where the case does not say which amplitudes the sliders of a law are for, they are moved first
-    to those that the responses at the highest and the lowest level meet, as far as their
-    dissipation is off there.
+    Sliders of a law represent a range of amplitudes. Where the case does not give that range, and
+    their dissipation is off in the responses at the highest and the lowest level, they are moved to
+    the amplitudes of these responses first.
     """
     h, free, levels = case.harmonic, _free_sliders(case), sorted(case.harmonic.levels)
     solved: dict[float, HarmonicResult] = {}
@@ -161,7 +161,7 @@ def _responses(
 
 
 def _free_sliders(case: Case) -> set[str]:
-    """Laws whose sliders the case does not place; none of a law whose parameters it identifies."""
+    """Laws whose sliders may be moved: without ``amplitudes``; none if the case identifies any."""
     if case.harmonic.identify is not None:
         return set()
     return {
@@ -172,7 +172,7 @@ def _free_sliders(case: Case) -> set[str]:
 
 
 def _more(case: Case, level: float) -> list[Load]:
-    """The further loads at a level."""
+    """Loads that act beside the main one at a level."""
     return [
         Load(load_name(i), load.share * level, load.harmonic, float(np.radians(load.phase_degrees)))
         for i, load in enumerate(case.harmonic.loads)
@@ -182,7 +182,7 @@ def _more(case: Case, level: float) -> list[Load]:
 def _static_backbone(
     case: Case, built: HarmonicModel, span: tuple[float, float], near: float, progress: Progress
 ) -> StaticBackbone | None:
-    """The mode over its amplitude from static loads, if the case wants it. Collective."""
+    """Frequency and damping over amplitude from static loads, if the case asks. Collective."""
     kind = case.harmonic.quasi_static
     if kind == "no":
         return None
@@ -198,7 +198,7 @@ def _static_backbone(
     )
     if built.full is None:
         return found
-    # The full model has no damping: that of the mode, as the reduced one's.
+    # The full model has no viscous damping: add that of the mode in the reduced one.
     damping = case.harmonic.damping
     viscous = damping[min(built.mode, len(damping) - 1)] * near / found.frequencies_hz
     return replace(found, damping_ratios=found.damping_ratios + viscous)
@@ -207,7 +207,7 @@ def _static_backbone(
 def _identify(
     case: Case, built: HarmonicModel, equations: dict, progress: Progress
 ) -> tuple[IdentificationResult, ...]:
-    """The laws' parameters by each method that the case asks for."""
+    """Parameters of the laws, identified by each method that the case asks for."""
     wanted = case.harmonic.identify
     if wanted is None:
         return ()
@@ -241,13 +241,14 @@ def _identify(
 
 
 def _kept(folder: Path | None, name: str) -> dict:
-    """Where a branch is kept, as arguments of the solvers."""
+    """Arguments of the solvers that save a branch and resume it; none without a folder."""
     if folder is None:
         return {}
     return {"checkpoint": folder / f"{name}.h5", "resume": True}
 
 
 def _facts(r: HarmonicResult, kind: str, curves: MeasuredCurves | None) -> LevelFacts:
+    """Facts on the peak of a response, beside the measured one of the same level."""
     peak, level = r.peak, float(r.force_amplitudes[0])
     i = peak.index
     turns = np.diff(np.sign(np.diff(r.frequencies_hz)))
@@ -271,7 +272,7 @@ def _facts(r: HarmonicResult, kind: str, curves: MeasuredCurves | None) -> Level
 
 
 def _damping(r: HarmonicResult, i: int) -> float:
-    """Work per cycle over 4 pi times the kinetic energy of the first harmonic."""
+    """Damping ratio: work per cycle over 4 pi times the kinetic energy of the first harmonic."""
     cosine, sine = r.coefficients[i, :, 1], r.coefficients[i, :, 2]
     M = r.model.M
     kinetic = 0.5 * r.omegas[i] ** 2 * (cosine @ M @ cosine + sine @ M @ sine)
