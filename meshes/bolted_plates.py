@@ -51,7 +51,7 @@ Touching = Literal["contact", "bonded"]
 
 @dataclass(frozen=True, kw_only=True)
 class _Plates(Builder):
-    """What the plates and their section have in common; see `RoundPlatesSection`."""
+    """What `RoundPlates` and `RoundPlatesSection` have in common; see the latter."""
 
     parts: Parts = "plates"
     thickness: Pair = (0.02, 0.02)
@@ -97,6 +97,7 @@ class _Plates(Builder):
         return min(self.washer_diameter / 2 + max(self.thickness), self.radius)
 
     def r_lines(self) -> np.ndarray:
+        """Radii of the grid lines, m, from the innermost part to the rim."""
         edges = [self.hole_diameter / 2, self.washer_diameter / 2, self.reach]
         if self.parts != "plates":
             edges += [self.washer_hole / 2, self.head_diameter / 2]
@@ -110,6 +111,7 @@ class _Plates(Builder):
         return np.append(fine[:-1], graded_lines([self.reach, self.radius], [self.size, last]))
 
     def z_lines(self) -> np.ndarray:
+        """Heights of the grid lines, m, from the lowest part to the highest."""
         rate = math.log(self.growth)
         lower, upper = self.thickness
         edges = [-lower, -lower / 2, 0.0, upper / 2, upper]
@@ -125,7 +127,7 @@ class _Plates(Builder):
         return graded_lines(edges, sizes)
 
     def values(self, r: np.ndarray, z: np.ndarray) -> np.ndarray:
-        """Tags of the cells whose middles are at ``z`` and ``r``, 0 for none, (n_z, n_r)."""
+        """Tags of cells with their middles at ``z`` and ``r``, 0 for no cell, (n_z, n_r)."""
         r, z = r[None, :], z[:, None]
         reach = np.where(z < 0, *self.thickness)
         height = np.abs(z)
@@ -144,7 +146,7 @@ class _Plates(Builder):
         return values
 
     def plan(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Points; cells; and the radius at the middle of the ring in which each cell is."""
+        """Points; cells; and for each cell the mid-radius of the ring in which it lies."""
         raise NotImplementedError
 
     def lists(self) -> MeshLists:
@@ -156,7 +158,7 @@ class _Plates(Builder):
         return skin.named(self.faces(skin, np.linalg.norm(skin.x[:, :, :-1], axis=2)))
 
     def parted(self, lists: MeshLists) -> MeshLists:
-        """The parts as separate bodies, but for those that are bonded."""
+        """The mesh with parts as separate bodies, except those that are bonded."""
         below, above = [["plate_1"], ["washer_1"], ["bolt_lower"]], [["plate_2"]]
         above += [["washer_2"], ["bolt_upper"]]
         faces = {("plate_1", "plate_2"): ("interface_lower", "interface_upper")}
@@ -175,7 +177,7 @@ class _Plates(Builder):
         return separate(lists, bodies, faces)
 
     def faces(self, skin: Skin, r: np.ndarray) -> dict[str, np.ndarray]:
-        """Which facets belong to each face, from the radius of their corners, (n, n_corners)."""
+        """Mask of each face's facets, by the radii of the facets' corners, (n, n_corners)."""
         plate, height = skin.tag <= CELL_NAMES["plate_2"], skin.x.shape[2] - 1
         faces = {
             "hole": plate & skin.equal(r, self.hole_diameter / 2),
@@ -199,11 +201,11 @@ class RoundPlatesSection(_Plates):
 
     The plates touch at height 0: plate 1 lies below, plate 2 above. The bolt is an M12 by default:
     hole of the medium series (ISO 273), washer of the normal series (ISO 7089), head and nut as
-    round as their width across flats, 18 mm.
+    discs with their width across flats, 18 mm, as diameter.
 
     Cells are ``size`` wide from the axis to ``fine_radius`` and grow outwards from there by the
     factor ``growth``; in height they are ``size`` at the faces of the plates, and grow towards
-    their middles and away from head and nut. Radii of bolt, holes, head and washers are lines.
+    their middles and to the ends of head and nut. The surfaces of all parts lie on grid lines.
 
     Each part is a body of its own, whose vertices coincide with its neighbour's where they touch:
 
@@ -216,16 +218,17 @@ class RoundPlatesSection(_Plates):
     ``section_lower``, ``_upper``       the halves of the shank at height 0, to pretension it
     ==================================  =====================================================
 
-    Parts and other faces: always ``plate_1``, ``plate_2``, with the faces ``hole`` (the wall of
-    both plates' holes) and ``rim`` (both plates at ``radius``). With ``parts="plates"`` no more,
-    and the faces ``washer_1`` and ``washer_2`` are the rings on the plates' outer faces from the
-    hole to the washer's diameter. With ``parts="washers"`` also ``washer_1``, ``washer_2``, and the
-    faces ``load_1`` and ``load_2`` are the rings on the washers' outer faces under nut and head.
-    With ``parts="bolt"`` the washers and ``bolt_lower`` (nut and lower half of the shank),
-    ``bolt_upper``, and the face ``axis`` (of the bolt, at radius 0). The shank touches no hole.
+    Parts and other faces: always ``plate_1`` and ``plate_2``, with the faces ``hole`` (the wall of
+    both plates' holes) and ``rim`` (both plates at ``radius``). With ``parts="plates"`` there are
+    no other parts, and the faces ``washer_1`` and ``washer_2`` are the rings on the plates' outer
+    faces from the hole to the washer's diameter. With ``parts="washers"`` there are the washers
+    ``washer_1`` and ``washer_2`` too, and the faces ``load_1`` and ``load_2`` are the rings on the
+    washers' outer faces under nut and head. With ``parts="bolt"`` there are the washers, the parts
+    ``bolt_lower`` (nut and lower half of the shank) and ``bolt_upper``, and the face ``axis`` (of
+    the bolt, at radius 0). The shank touches no hole.
 
     Attributes:
-        parts: ``"plates"``, ``"washers"`` for plates and washers, or ``"bolt"`` for all.
+        parts: ``"plates"``; ``"washers"`` for plates and washers; or ``"bolt"`` for all parts.
         thickness: Thickness of plate 1 and of plate 2, in metres.
         radius: Outer radius of the plates, in metres.
         hole_diameter: Diameter of the plates' holes, in metres.
@@ -239,9 +242,9 @@ class RoundPlatesSection(_Plates):
         heads: ``"contact"``, or ``"bonded"`` for head and nut that share vertices with washers.
         size: Longest side of a cell near the joint, in metres.
         fine_radius: Radius up to which cells are ``size`` wide, in metres; None for the washer's
-            radius and the thickness of the thicker plate.
+            radius plus the thickness of the thicker plate, at most ``radius``.
         growth: Ratio of the sides of neighbouring cells where they grow.
-        cell: ``"quadrilateral"``, or ``"triangle"`` for two of those in each quadrilateral.
+        cell: ``"quadrilateral"``, or ``"triangle"`` for two triangles in each quadrilateral.
 
     Raises:
         MeshError: A dimension or word is impossible; the message names the argument, its value and
@@ -253,12 +256,12 @@ class RoundPlatesSection(_Plates):
     cell: Literal["quadrilateral", "triangle"] = "quadrilateral"
 
     def plan(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Points and cells along the radius; and the radius at the middle of each cell."""
+        """Points and cells along the radius; and the mid-radius of each cell."""
         r = self.r_lines()
         return *tensor_grid(r), _middle(r)
 
     def faces(self, skin: Skin, r: np.ndarray) -> dict[str, np.ndarray]:
-        """Those of all plates, and the axis of a bolt."""
+        """Faces that both meshes have, and the axis of a bolt."""
         axis = {"axis": skin.at(0, 0.0)} if self.parts == "bolt" else {}
         return super().faces(skin, r) | axis
 
@@ -267,18 +270,18 @@ class RoundPlatesSection(_Plates):
 class RoundPlates(_Plates):
     """Two round plates under a bolt in 3-D, the bolt's axis along z.
 
-    The section of `RoundPlatesSection` revolved, with its parts and faces of the same names
-    but ``axis``; circles are polygons whose corners lie on them. The shank has a square grid along
-    its axis, so that no cell is degenerate.
+    The section of `RoundPlatesSection` revolved, with parts and faces of the same names except
+    ``axis``; circles are polygons whose corners lie on them. The core of the shank has a square
+    grid, so that no cell is degenerate.
 
     The other arguments are those of `RoundPlatesSection`.
 
     Attributes:
         size: Longest side of a cell near the joint along the radius and in height, in metres.
         n_around: Cells around the whole circle, a multiple of 4; with a bolt, of 8.
-        quarter: Only the quarter of x and y above 0, with the faces ``symmetry_x`` (at x = 0) and
+        quarter: Only the quarter with x and y above 0, with the faces ``symmetry_x`` (at x = 0) and
             ``symmetry_y`` (at y = 0).
-        cell: ``"hexahedron"``, or ``"tetrahedron"`` for six of those in each hexahedron.
+        cell: ``"hexahedron"``, or ``"tetrahedron"`` for six tetrahedra in each hexahedron.
 
     Raises:
         MeshError: A dimension, count or word is impossible; the message names the argument, its
@@ -301,12 +304,12 @@ class RoundPlates(_Plates):
         self.require(fits, "n_around", expected)
 
     def faces(self, skin: Skin, r: np.ndarray) -> dict[str, np.ndarray]:
-        """Those of all plates, and the planes of symmetry of a quarter."""
+        """Faces that both meshes have, and the planes of symmetry of a quarter."""
         planes = {"symmetry_x": skin.at(0, 0.0), "symmetry_y": skin.at(1, 0.0)}
         return super().faces(skin, r) | (planes if self.quarter else {})
 
     def plan(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Plane points; cells; and the radius at the middle of the ring in which each cell is."""
+        """Points in the plane; cells; and for each cell the mid-radius of its ring."""
         r = self.r_lines()
         if self.parts == "bolt":
             r = r[r > self.bolt_diameter / 2 - _TOLERANCE * self.radius]

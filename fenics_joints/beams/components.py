@@ -1,4 +1,4 @@
-"""Components of lapped beams. In place of any value, the name of a parameter may be given."""
+"""Components of lapped beams. A `Value` is a number, or the name of a parameter."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Value = float | str
 
 def _value(where: str, value: object, unit: str = "", **bounds: float) -> None:
     """Accept only a number or a parameter's name."""
-    # Whether a number is in its range, its law says when the matrices are made.
+    # Physical ranges are checked by the laws, when the matrices are made.
     text(where, value) if isinstance(value, str) else real(where, value, unit, **bounds)
 
 
@@ -35,8 +35,8 @@ class Beam:
         stretch: Actual over nominal height.
         width: Actual over nominal breadth.
         shear: Shear area coefficient; 1.2 for a rectangle.
-        offset: Height of the neutral axis above the line of the nodes, over the height; None for a
-            half above that of the first, third, ... beam of a chain and below that of the others.
+        offset: Height of the neutral axis above the line of the nodes, relative to ``height``; None
+            for 0.5 in the first, third, ... beam of a chain and -0.5 in the others.
     """
 
     name: str
@@ -68,14 +68,14 @@ class Beam:
 class GenericJoint:
     """The lap of two beams, as generic joint elements (Jalali et al. 2019, eqs. 2 and 3).
 
-    A sequence in place of a value has one for each element: the joint's parameters as a field.
+    k1, k2 and c may be sequences with a value for each element: a field of parameters.
 
     Attributes:
         name: Its name.
         length: Length of the lap, m.
         n_elements: Number of joint elements.
-        k1: Slap, N m.
-        k2: Slip, N m.
+        k1: Stiffness of slap, N m.
+        k2: Stiffness of slip, N m.
         c: Damping of slip, N m s.
         k_axial: Axial stiffness of each element, N/m; None for that of the two beams.
         axial: Actual over nominal axial stiffness.
@@ -125,9 +125,9 @@ class LumpedMass:
         mass: Mass, kg.
         point: Position, m: x along the beams, y ignored, z above the reference line.
         radius: Radius of gyration about its centre, m: the square root of inertia over mass.
-        travel: Distance from ``point`` along x, m.
-        range: Least and largest travel, m; needed where the travel is a parameter.
-        share: Share of ``mass`` that is at this point.
+        travel: Distance of the mass from ``point`` along x, m.
+        range: Least and largest travel, m; needed if the travel is a parameter.
+        share: Share of ``mass`` that sits at this point, if it is spread over several.
     """
 
     name: str
@@ -153,11 +153,11 @@ class LumpedMass:
 
 @dataclass(frozen=True)
 class Held:
-    """A place that cannot move.
+    """A node that cannot move, in some directions or at all.
 
     Attributes:
         x: Position along the beams, m; a node.
-        motions: Of ``"x"``, ``"z"`` and ``"turn"`` those that are held; all of them by default.
+        motions: What is held: some of ``"x"``, ``"z"`` and ``"turn"`` (rotation); all by default.
     """
 
     x: float
@@ -172,13 +172,13 @@ class Held:
 
 @dataclass(frozen=True)
 class Clamp:
-    """An end face that is held by springs spread over it, instead of not moving at all.
+    """An elastic clamp: springs spread over an end face, where `Held` would make it rigid.
 
     Attributes:
         name: Its name.
-        last: Whether it is the last beam's right end, else the first one's left end.
-        k_n: Stiffness per area along the beam, Pa/m; it also holds the face from turning.
-        k_t: Stiffness per area across it, Pa/m.
+        last: True for the right end of the last beam, False for the left end of the first.
+        k_n: Stiffness per area along the beam, Pa/m; it also resists rotation of the face.
+        k_t: Stiffness per area across the beam, Pa/m.
     """
 
     name: str

@@ -62,17 +62,17 @@ class Case(CaseSection):
         bolts: Bolts that press them, by name.
         obstacles: Rigid planes, balls and cylinders that faces may touch, by name. Each rests, is
             moved by its ``travel``, or is pushed by a ``force`` against the bodies.
-        displacements: Faces that are moved by a given way in the preload, by name.
+        displacements: Faces that are moved by given displacements in the preload, by name.
         loads: Forces and pressures on faces in the preload, by name.
         masses: Known masses, by name.
         springs: Known springs to the ground, by name.
-        supports: Held facets, by name.
-        attached: Masses and springs that are there, but not in the nominal model, by name.
+        supports: Held facets and points, by name.
+        attached: Masses and springs on the structure that are not in the nominal model, by name.
         test: The test, or None.
         update: What to update, or None.
         diagnose: What a diagnosis may assume.
-        nonlinear: Laws of nonlinear joints and contacts, by their name.
-        harmonic: What response to sinusoidal forces is wanted, or None.
+        nonlinear: Laws of nonlinear joints and contacts, by the name of the joint or contact.
+        harmonic: Responses to sinusoidal forces that are wanted, or None.
         damping: Linear damping of the model, or None.
     """
 
@@ -130,11 +130,11 @@ class Case(CaseSection):
 
     @property
     def folder(self) -> Path:
-        """The folder that the files named in the case stand in."""
+        """The folder of the case file, to which names of files are relative."""
         return self._path.parent
 
     def file(self, name: str) -> Path:
-        """The path of a file that the case names; without ``..`` where that is the same file."""
+        """The path of a file that the case names, free of ``..`` if that is the same file."""
         path = self.folder / name
         short = Path(os.path.normpath(path))
         try:
@@ -143,12 +143,12 @@ class Case(CaseSection):
             return path
 
     def files(self) -> list[Path]:
-        """All files that the case is read from, itself the first."""
+        """All files that the case is read from, its own first."""
         return [self._path, *(self.folder / name for name in _file_names(self))]
 
     def diagnosed(self) -> Case:
-        """The case as a diagnosis models it: with the mesh of [diagnose.mesh] and the masses put on
-        for tests after a change; the case itself if it has neither."""
+        """The case as a diagnosis models it: with the mesh of [diagnose.mesh] and, as attached
+        masses, those of [test.changed]; the case itself if it has neither."""
         changed = {} if self.test is None else self.test.changed
         put_on = {
             name: AttachedMass(kind="mass", mass=section.mass, points=section.points)
@@ -168,7 +168,7 @@ class Case(CaseSection):
         return self._measured
 
     def with_modes(self, kept: Sequence[int]) -> Case:
-        """The case with some of the test's modes alone, by index."""
+        """The case with only these modes of the test, by index."""
         case = self.model_copy()
         case._measured = self.measurements().with_modes(kept)
         return case
@@ -206,11 +206,11 @@ class Case(CaseSection):
     def diagnosed_test(self) -> TestData:
         """The measured data of a diagnosis, with ``[test.amplitude]`` if it is there.
 
-        Driven modes at their levels and the other modes make one test. Beside frequencies at
-        several torques the amplitude data are left out, with a note.
+        Driven modes, each at its levels, and the other modes together make one test. If there are
+        frequencies at several torques, the amplitude data are left out, with a note.
 
         Raises:
-            InputError: As `measurements`, or if the two do not go together.
+            InputError: As `measurements`, or if the data cannot be combined.
         """
         data = self.measurements()
         for name, section in self.test.changed.items():
@@ -226,17 +226,17 @@ class Case(CaseSection):
             return data
         if len(data) > 1:
             note = (
-                f"test.amplitude is no part of the diagnosis, since the frequencies have "
-                f"{len(data)} values of {data.condition_name}; of one row it would be"
+                f"test.amplitude is no part of the diagnosis, since there are frequencies at "
+                f"{len(data)} values of {data.condition_name}; it would be with one row of them"
             )
             return replace(data, notes=(*data.notes, note))
         with located(f"{self._path}: test.amplitude"):
             return with_modes_at_rest(test_by_level(self._backbones), data)
 
     def planned(self) -> TestData:
-        """The planned test, or else the measured one, of which only layout and noise count.
+        """The planned test, or else the measured one, for its layout and noise alone.
 
-        The frequencies (and damping ratios) of a planned test are placeholders.
+        Frequencies and damping ratios of a planned test are placeholders.
 
         Raises:
             InputError: If the case has no test.
@@ -244,7 +244,7 @@ class Case(CaseSection):
         return self.diagnosed_test() if self._planned is None else self._planned
 
     def validation(self) -> TestData | None:
-        """The data that is never fitted, or None."""
+        """Data that are never fitted, or None."""
         return self._validation
 
     def curves(self) -> MeasuredCurves | None:
@@ -252,9 +252,9 @@ class Case(CaseSection):
         return self._curves
 
     def backbones(self) -> dict[str, MeasuredBackbone]:
-        """Frequency and damping over amplitude by the modes' names.
+        """Frequency and damping over amplitude, by name of the mode.
 
-        Of ``[test.amplitude]``; without it, of a test by level.
+        From ``[test.amplitude]``, or else from a test by level.
         """
         if self._backbones or self._measured is None or not self._measured.by_level:
             return self._backbones
@@ -265,7 +265,7 @@ class Case(CaseSection):
         return self._frfs
 
     def shapes(self) -> MeasuredShapes | None:
-        """The modes of universal files with their sensors, or None."""
+        """Mode shapes from universal files, with their sensors, or None."""
         return self._shapes
 
     def test_notes(self, by_amplitude: bool = True) -> tuple[str, ...]:
@@ -284,9 +284,9 @@ class Case(CaseSection):
         return self._joint_notes
 
     def sensors(self) -> Sensors | None:
-        """Where and how the test saw the structure, or None if the case does not say."""
+        """Points and directions of the test's sensors, or None if the case does not say them."""
         if self.test is None or self.test.sees is None:
-            # Modes that were identified are seen by what measured the functions.
+            # Modes identified from functions have the sensors of these functions.
             if self._shapes is not None:
                 return self._shapes.sensors
             seen = self.test is not None and self.test.frequencies is None
@@ -300,23 +300,23 @@ class Case(CaseSection):
         return {} if self.update is None else _si(self.update.start)
 
     def published(self) -> dict[str, float]:
-        """Somebody's values of the parameters, SI; those in ``update.published.parameters``."""
+        """Published values of parameters, SI; those in ``update.published.parameters``."""
         published = None if self.update is None else self.update.published
         return {} if published is None else _si(published.parameters)
 
     def combined(self) -> bool:
-        """Whether an update takes more than frequencies (or says what), at one condition."""
+        """Whether an update fits more than frequencies, or names its data, at one condition."""
         update = self.update
         if update is None or update.cutoff is not None:
             return False
         return bool(update.combined_keys()) or bool({"damping", "frfs"} & set(self.fitted_data()))
 
     def fitted_data(self) -> tuple[str, ...]:
-        """Kinds of data that a combined update fits: what there is, unless the case says it.
+        """Kinds of data that a combined update fits: those of ``update.data``, or else all it can.
 
-        Without ``[damping]``, or the c of a lap of beams, the model has no functions to compare
-        with those of the test. Damping ratios are data by default where a parameter of damping is
-        to be fitted, unless they were identified from functions that are fitted themselves.
+        Frequency response functions need a damped model: ``[damping]``, or the c of a lap of beams.
+        Damping ratios are fitted by default if a parameter of damping is, unless they were
+        identified from functions that are fitted themselves.
         """
         if self.update is not None and self.update.data is not None:
             return tuple(dict.fromkeys(self.update.data))
@@ -339,12 +339,12 @@ class Case(CaseSection):
         return bool(np.isfinite(data.damping[row]).any())
 
     def row(self) -> int | None:
-        """Row of the measured data at the condition of the update; None if there is none."""
+        """Row of the measured data at the condition of the update, or None."""
         try:
             at = None if self.update is None else self.update.at
             return None if self._measured is None else self._measured.row(at)
         except InputError:
-            return None  # said where the condition is checked
+            return None  # check_update.py reports it
 
     def damping_names(self) -> set[str]:
         """Names of the parameters of damping: of ``[damping]``, and the c of laps of beams."""
@@ -366,10 +366,10 @@ class Case(CaseSection):
     def nominal(
         self, attached: bool = False, width: bool = False, damping: bool = False
     ) -> dict[str, float]:
-        """Value of every parameter of the model, SI, by name (``near.E``), in order.
+        """Value of every parameter of the model, SI, by name (such as ``near.E``), in order.
 
         Args:
-            attached: Whether to add those of ``[attached]``, at zero: not there.
+            attached: Whether to add those of ``[attached]``, as zero: absent.
             width: Whether to add the widths of the parts, relative to the mesh's: 1.
             damping: Whether to add those of ``[damping]``.
         """
@@ -384,7 +384,7 @@ class Case(CaseSection):
     def tolerances(self) -> dict[str, float]:
         """Relative standard deviations that the case gives, by parameter.
 
-        For what is in ``[attached]`` they are relative to the mass or stiffness in the case.
+        Those of ``[attached]`` are relative to the mass or stiffness in the case.
         """
         found = {}
         for name, section in {**self.parts, **self.joints}.items():
@@ -410,5 +410,5 @@ def _file_names(value: object) -> Iterator[FileName]:
 
 
 def _si(given: Mapping[str, float | str]) -> dict[str, float]:
-    """Values of parameters, as people write them, in SI units."""
+    """Values of parameters in SI units, from numbers or from text with a unit."""
     return {name: to_si(value, parameter_unit(name)) for name, value in given.items()}

@@ -1,4 +1,4 @@
-"""The sections of a case file about the structure, and about what a diagnosis may assume."""
+"""Sections of a case file: the structure, its damping, and what a diagnosis may assume."""
 
 from __future__ import annotations
 
@@ -53,8 +53,8 @@ class PartSection(CaseSection):
         G: Shear modulus, instead of nu.
         nu: Poisson's ratio.
         rho: Density.
-        mass: What the part weighs, for check and diagnose to compare with the model.
-        normal: Direction of the thickness; of a part of a mesh file it is measured unless given.
+        mass: Weighed mass of the part, which check and diagnose compare with the model's.
+        normal: Direction of the thickness; measured for a part of a mesh file unless given.
         across: Direction of the width; y by default, or z if the normal is y.
         tolerance: Relative standard deviations of the values.
         bounds: Ranges of the values, [low, high].
@@ -91,7 +91,7 @@ class PartSection(CaseSection):
         return self
 
     def nominal(self, width: bool = False) -> dict[str, float]:
-        """Value of each parameter; thickness, and width if asked for, relative to the mesh's."""
+        """Value of each parameter; thickness (and width, if asked for) relative to the mesh's."""
         nu = self.E / (2 * self.G) - 1 if self.nu is None else self.nu
         values = {"E": self.E, "nu": nu, "rho": self.rho, "thickness": 1.0}
         return values | ({"width": 1.0} if width else {})
@@ -116,7 +116,7 @@ JointTolerance, JointBounds = tolerance_and_bounds(
     k_axial=Stiffness,
     c=Damper,
 )
-#: What a joint must have by its law, and what it may have; all else is refused.
+#: Keys that a joint must have and may have, by its law; others are refused.
 _JOINT_KEYS = {
     "transition": (("E", "nu", "h"), ("meshed", "rho")),
     "springs": ((), ("k_n", "k_t", "meshed", "pressure", "roughness")),
@@ -128,7 +128,7 @@ _LAYER_KEYS = ("E", "G"), ("rho",)
 class JointSection(CaseSection):
     """``[joints.NAME]``: a thin layer of cells, or a lap of beams.
 
-    Which values it has depends on the law: E and G of a layer as thick as its mesh; E, nu and h of
+    Its values depend on the law: E and G of a layer as thick as in the mesh; E, nu and h of
     a ``transition`` layer (Machines 2022); k_n and k_t of ``springs``, or pressure and roughness
     from which they are computed (`fenics_joints.case.starting`); k1, k2 and c of a ``generic`` lap
     of beams (Jalali et al. 2019).
@@ -146,10 +146,10 @@ class JointSection(CaseSection):
         pressure: Pressure between the faces; by default that of the bolts of [mesh.bolts].
         roughness: Ra of the faces, 1.6 um by default.
         rho: Density; "average" is the mean of the two parts; of a transition layer 0 by default.
-        k1: Stiffness of slap of each joint element.
-        k2: Stiffness of slip of each joint element.
-        k_axial: Axial stiffness of a lap's elements; that of the beams by default.
-        c: Damping of slip of each joint element.
+        k1: Slap stiffness of each joint element.
+        k2: Slip stiffness of each joint element.
+        k_axial: Axial stiffness of each joint element; that of the beams by default.
+        c: Slip damping of each joint element.
         bolted: Whether the layer lies under bolts.
         bolts: Points on the axes of its bolts, around which a diagnosis makes zones; by default
             those of the mesh.
@@ -237,10 +237,10 @@ class JointSection(CaseSection):
 
 
 class PointsSection(CaseSection):
-    """Something at points.
+    """What sections of masses and springs at points have in common.
 
     Attributes:
-        points: Its places.
+        points: Where it is: one point or more.
         tolerance: Relative standard deviation of its value.
     """
 
@@ -262,8 +262,8 @@ class MassSection(PointsSection):
     Attributes:
         mass: The total.
         inertia: Rotary inertia of each point, on beams.
-        travel: Range of the first point's coordinate, if its place is unknown; the others move with
-            it.
+        travel: Range of the first point's coordinate, if its position is unknown; the other points
+            move with it.
         along: Axis of the travel.
     """
 
@@ -288,7 +288,7 @@ class MassSection(PointsSection):
         return {"mass": self.mass} | ({} if self.travel is None else {"travel": 0.0})
 
     def shift(self) -> tuple[float, float] | None:
-        """Range of the distance from the first point, m."""
+        """Range of the travel relative to the first point, m; None without one."""
         if self.travel is None:
             return None
         start = self.points[0][AXES.index(self.along)]
@@ -307,12 +307,12 @@ class SpringSection(PointsSection):
     stiffness: usual(Stiffness, "stiffness")
 
     def nominal(self) -> dict[str, float]:
-        """Value of each parameter; the stiffness is that of each spring."""
+        """Value of each parameter; the stiffness is that of one spring."""
         return {"stiffness": self.stiffness}
 
 
 class AttachedMass(MassSection):
-    """``[attached.NAME]`` with ``kind = "mass"``: there, but not in the nominal model.
+    """``[attached.NAME]`` with ``kind = "mass"``: on the structure, not in the nominal model.
 
     Attributes:
         kind: What it is.
@@ -321,7 +321,7 @@ class AttachedMass(MassSection):
     kind: Literal["mass"]
 
     def nominal(self) -> dict[str, float]:
-        """Value of each parameter in the case; where it sits is not one of them."""
+        """Value of each parameter in the case; the travel is not one of them."""
         return {"mass": self.mass}
 
     def absent(self) -> dict[str, float]:
@@ -330,7 +330,7 @@ class AttachedMass(MassSection):
 
 
 class AttachedSpring(SpringSection):
-    """``[attached.NAME]`` with ``kind = "spring"``: there, but not in the nominal model.
+    """``[attached.NAME]`` with ``kind = "spring"``: on the structure, not in the nominal model.
 
     Attributes:
         kind: What it is.
@@ -351,8 +351,8 @@ class SupportSection(CaseSection):
 
     Attributes:
         facets: Group of facets.
-        directions: In which they are held.
-        points: Name of a group of points or lines of a .msh file, or places, of which the nearest
+        directions: Directions in which facets or points are held.
+        points: Name of a group of points or lines of a .msh file, or positions, whose nearest
             vertices are held.
     """
 
@@ -371,24 +371,25 @@ class Diagnose(CaseSection):
     """``[diagnose]``: what `fenics-joints diagnose` may assume.
 
     Attributes:
-        n_modes: How many modes of each model are computed.
-        discrepancy: Relative error of frequencies that any model of the structure has.
-        shape_discrepancy: Error of a shape's components, relative to its root mean square.
+        n_modes: Number of modes that are computed of each model.
+        discrepancy: Relative error of frequencies that even the right model has.
+        shape_discrepancy: Error of a shape's components that even the right model has, relative to
+            their root mean square.
         preload_scatter: Relative scatter of the bolts' forces.
-        max_effects: How many causes a gap may have at once.
+        max_effects: Most causes that a gap may have at once.
         effects: Which causes are looked for; by default all that the case can have.
         zones: Number of zones of equal pressure of a contact.
         mesh: Keys of [mesh] that differ in the diagnosis, such as larger elements.
-        samples: How many full models the reduced one is trained on, at least.
+        samples: Least number of full models that the reduced model is trained on.
         joints: Whether the nominal model is bonded where the joints are, or has their given
             stiffness.
-        nested: Without effect; earlier versions sampled evidence.
+        nested: Without effect; kept for case files of earlier versions, which sampled evidence.
         patches: Number of patches of each region in which the gap is looked for; 0 for no map.
-        mesh_error: Whether the mesh's error of each frequency is measured and subtracted; part of
-            it stays as uncertainty.
-        rare: Whether causes that few structures have are looked for too.
-        outside: Probability before the test that the cause is none of the library.
-        frfs: Whether measured functions are data beside the modes.
+        mesh_error: Whether the discretisation error of each frequency is estimated and subtracted;
+            part of it stays as uncertainty.
+        rare: Whether causes that occur in few structures are looked for too.
+        outside: Prior probability that the cause is not in the library.
+        frfs: Whether measured frequency response functions are used beside the modes.
     """
 
     n_modes: ModeCount = 20
@@ -410,7 +411,7 @@ class Diagnose(CaseSection):
 
 
 def _parallel(a, b) -> bool:
-    """Whether two vectors in space span less than a thousandth of a right angle, about."""
+    """Whether two vectors in space are parallel, to within 0.08 degrees."""
     cosine = sum(x * y for x, y in zip(a, b, strict=True)) / (math.hypot(*a) * math.hypot(*b))
     return abs(cosine) > 1 - 1e-6
 
@@ -423,7 +424,7 @@ def with_average_densities(
     Machines 2022, section 2, end: the layer's density is zero or the average of the two bodies'.
 
     Raises:
-        ValueError: If there are more than two parts, of unlike densities.
+        ValueError: If there are more than two parts, and their densities differ.
     """
     densities, found = [part.rho for part in parts.values()], dict(joints)
     for name, joint in joints.items():
@@ -432,7 +433,7 @@ def with_average_densities(
         if len(densities) != 2 and len(set(densities)) > 1:
             raise ValueError(
                 f'joints.{name}.rho = "average": expected two parts, or parts of one density, so '
-                "that it is clear whose; give the density as a number"
+                "that it is clear which to average; else give the density as a number"
             )
         found[name] = joint.model_copy(update={"rho": fmean(densities)})
     return found
@@ -448,8 +449,8 @@ _Ratios = Annotated[list[Ratio], BeforeValidator(listed), Field(min_length=1)]
 class DampingSection(CaseSection):
     """``[damping]``: linear damping of the model; see `fenics_joints.structure.damping.Damping`.
 
-    Each value above 0 is a parameter, which an update may fit: ``damping.ratio`` (of a list
-    ``damping.ratio_1``, ``damping.ratio_2``, ...) of ``modal``, ``damping.alpha`` and
+    Each value above 0 is a parameter, which an update may fit: ``damping.ratio`` of ``modal`` (or
+    ``damping.ratio_1``, ``damping.ratio_2``, ... of a list), ``damping.alpha`` and
     ``damping.beta`` of ``rayleigh``, ``damping.loss_factor`` of ``structural``,
     ``NAME.loss_factor`` of ``hysteretic`` and ``NAME.relaxation`` of ``viscous``, where NAME is a
     part or joint.
@@ -477,13 +478,13 @@ class DampingSection(CaseSection):
         return self
 
     def _ratios(self) -> dict[str, float]:
-        """The modes' ratios by their names."""
+        """Modal damping ratios by the names of their parameters."""
         ratios = self.modal or [0.0]
         names = ["ratio"] if len(ratios) == 1 else [f"ratio_{i + 1}" for i in range(len(ratios))]
         return dict(zip(names, ratios, strict=True))
 
     def nominal(self) -> dict[str, float]:
-        """Value of each parameter, SI, by its name."""
+        """Value of each parameter above 0, SI, by its name."""
         own = self._ratios()
         own |= dict(zip(("alpha", "beta"), self.rayleigh, strict=True))
         own["loss_factor"] = self.structural
