@@ -1,7 +1,7 @@
 """Effects that show in damping, and in how frequencies change with the level of a test.
 
-The level is proportional to the joint's motion, in each mode by another factor: it is an amplitude,
-or a force if the damping does not change much.
+The level stands for the motion of the joint, to which it is proportional by a factor of each mode's
+own: it is an amplitude, or a force as long as damping changes little.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ from fenics_joints.measurements.data import TestData
 HYSTERETIC = "joint hysteretic damping"
 VISCOUS = "joint viscous damping"
 _DAMPING = "joint damping"
-#: Why a test without them is silent on effects that show in damping alone.
+#: Why effects that show in damping alone are not looked for without usable damping ratios.
 NO_RATIOS = "the test has no damping ratios of known accuracy ([test] damping, damping_noise)"
 #: Loss factor of a joint's interface at small motion: 0.02, within a factor of 4 either way. With a
-#: tenth of the strain energy in the joint that is a damping ratio of 0.1 %, and bolted structures
-#: of metal have 0.05 to 0.5 %, most of it from their joints. [prior: damping ratios of bolted
-#: metal; spread chosen]
+#: tenth of the strain energy in the joint it gives a damping ratio of 0.1 %; bolted structures of
+#: metal have 0.05 to 0.5 %, most of it from their joints. [prior: damping ratios of bolted metal;
+#: spread chosen]
 _LOSS_FACTOR = (0.02, np.log(4.0), "", True, (0.0, 2.0))
 
 
@@ -35,7 +35,7 @@ def has_damping(data: TestData) -> bool:
 
 
 def has_ratios(data: TestData) -> bool:
-    """Whether a test's damping ratios count: it says how good they are, or has several levels."""
+    """Whether damping ratios are usable: their noise is stated, or they are of several levels."""
     stated = data.damping is not None and data.damping_noise is not None
     return has_damping(data) or bool(
         stated and not data.by_level and np.any(np.nan_to_num(data.damping) > 0)
@@ -52,12 +52,12 @@ def hysteretic_damping(zones: Sequence[Zone]) -> Effect:
     def loss(theta, condition, hz):
         return dict.fromkeys(_lossy(zones), theta["eta"])
 
-    words = "The joint dissipates a share of what it stores in a cycle, at any frequency."
+    words = "Per cycle, the joint dissipates the same share of its energy at any frequency."
     return _damping(HYSTERETIC, "eta", loss, words)
 
 
 def viscous_damping(zones: Sequence[Zone], hz_ref: float) -> Effect:
-    """A loss factor of the joint proportional to the frequency, as of a film of oil.
+    """A loss factor of the joint proportional to the frequency, like that of an oil film.
 
     Args:
         zones: Zones of the joint.
@@ -67,7 +67,7 @@ def viscous_damping(zones: Sequence[Zone], hz_ref: float) -> Effect:
     def loss(theta, condition, hz):
         return dict.fromkeys(_lossy(zones), theta["eta_ref"] * hz / hz_ref)
 
-    words = "The joint dissipates in proportion to the frequency, as a film of oil does."
+    words = "The joint dissipates in proportion to the frequency, as an oil film does."
     return _damping(VISCOUS, "eta_ref", loss, words)
 
 
@@ -90,40 +90,40 @@ _BY_LEVEL = "stiffness by the level"
 #: Drop of the stiffness at the highest level: a tenth, within a factor of 4 either way. [prior:
 #: chosen]
 _DROP = Prior("drop", 0.1, np.log(4.0), span=(0.0, 20.0))
-#: Segalman's chi of bolted joints: dissipation grows with the force to the power chi + 3, which was
-#: measured as 2.2 to 2.9 (Segalman 2005; Smallwood, Gregory and Coleman 2000). [prior: Segalman
-#: 2005; Smallwood, Gregory and Coleman 2000]
+#: Segalman's chi of bolted joints: dissipation grows with the force to the power chi + 3, measured
+#: as 2.2 to 2.9 (Segalman 2005; Smallwood, Gregory and Coleman 2000). [prior: Segalman 2005;
+#: Smallwood, Gregory and Coleman 2000]
 _CHI = Prior("chi", -0.4, 0.25, log=False, span=(-0.98, 0.0))
-#: Exponent of an elastic drop: 1 where a gap opens, 2 for large deflections; less where rough faces
-#: part. [prior: 1 and 2 by mechanics, spread chosen]
+#: Power of the level with which stiffness drops elastically: 1 where a gap opens, 2 for large
+#: deflections; less where rough faces part. [prior: 1 and 2 by mechanics, spread chosen]
 _POWER = Prior("power", 1.0, 0.6, log=False, span=(0.1, np.inf))
-#: Dissipation over that of an Iwan joint of the same drop, within a factor of 3 either way, and by
-#: what power of the level it grows faster: Masing's rule holds for sliders in parallel, and a
-#: measured joint slaps, rubs and is pressed otherwise at each amplitude; a force level, too, tells
-#: its motion only roughly. [prior: Masing; spread chosen]
+#: Dissipation relative to an Iwan joint with the same drop of stiffness, within a factor of 3
+#: either way: Masing's rule holds for sliders in parallel, but a real joint also slaps and rubs,
+#: and its pressure changes with the amplitude; and a level of force fixes its motion only roughly.
+#: [prior: Masing; spread chosen]
 _LOSS = Prior("loss", 1.0, np.log(3.0), span=(0.02, 50.0))
-#: Power of the level by which that grows faster. [prior: chosen]
+#: Power of the level by which dissipation grows faster than in that Iwan joint. [prior: chosen]
 _FASTER = Prior("faster", 0.0, 0.5, log=False, span=(-2.0, 2.0))
-#: Rise of the joint's stiffness at the highest level, by the square of the level, as by symmetry
-#: any elastic stiffening begins: by itself as large as a drop, beside slip a tenth of that. [prior:
+#: Relative rise of the joint's stiffness at the highest level, as large as a drop. It goes with the
+#: square of the level, as any elastic stiffening of a symmetric structure does at first. [prior:
 #: square by symmetry, size chosen]
 _RISE = Prior("rise", 0.1, np.log(4.0), span=(0.0, 10.0))
-#: The same beside slip. [prior: chosen]
+#: Relative rise of the stiffness of a joint that also slips: a tenth of `_RISE`. [prior: chosen]
 _RISE_BESIDE = replace(_RISE, median=0.01)
-#: Loss factor of all of the structure at the highest level, within a factor of 4 either way. Of
-#: air it grows with the velocity, and of material with a power of the stress up to about 1. Most of
-#: what a built-up structure dissipates is its joints' (Ungar, J. Sound Vib. 26, 1973): of a damping
-#: ratio of 0.3 % in all some 0.05 % is left, a loss factor of 0.001. [prior: Ungar 1973; spread
-#: chosen]
+#: Loss factor of the whole structure at the highest level, from air and material, within a factor
+#: of 4 either way. That of air grows with the velocity, that of a material with up to about the
+#: first power of the stress. Joints dissipate most of the energy of a built-up structure (Ungar, J.
+#: Sound Vib. 26, 1973): of a damping ratio of 0.3 % they leave some 0.05 %, a loss factor of 0.001.
+#: [prior: Ungar 1973; spread chosen]
 _GROWN = Prior("eta", 0.001, np.log(4.0), span=(0.0, 1.0))
-#: Power of the level with which that grows. [prior: chosen]
+#: Power of the level with which that loss factor grows. [prior: chosen]
 _GROWTH = Prior("power", 1.0, 0.5, log=False, span=(0.05, 3.0))
-#: Least share of a stiffness that is left. [numerical: chosen]
+#: Share of a stiffness that is left however large its drop. [numerical: chosen]
 _LEFT = 0.05
 
 
 def relative_drop(x: float) -> float:
-    """The drop x of a stiffness, kept smoothly below all of it: within 2 % of x up to x = 0.5."""
+    """A relative drop x of a stiffness, limited smoothly to below 1; within 2 % of x to x = 0.5."""
     most = 1 - _LEFT
     y = x / most
     return most * y / (1 + y**4) ** 0.25
@@ -133,9 +133,9 @@ def iwan_loss_factor(drop: float, chi: float) -> float:
     """Loss factor of an Iwan joint whose secant stiffness has fallen by a share ``drop``.
 
     Sliders of unit stiffness with strengths distributed as R phi^chi (Segalman, J. Appl. Mech. 72,
-    2005) give at the amplitude u, below macro-slip and with K the stiffness at rest, the backbone
+    2005) give at the amplitude u, below macro-slip and with the initial stiffness K, the backbone
     K u - R u^(chi + 2) / ((chi + 1) (chi + 2)), hence drop = R u^(chi + 1) / (K (chi + 1)
-    (chi + 2)), and dissipate in a cycle D = 4 R u^(chi + 3) / ((chi + 2) (chi + 3)). The loss
+    (chi + 2)), and dissipate per cycle D = 4 R u^(chi + 3) / ((chi + 2) (chi + 3)). The loss
     factor is D / (2 pi K (1 - drop) u^2 / 2).
 
     Args:
@@ -148,12 +148,13 @@ def iwan_loss_factor(drop: float, chi: float) -> float:
 def micro_slip(zones: Sequence[Zone], reference: float) -> Effect:
     """Micro-slip: the tangential stiffness falls by a power of the level, and damping grows.
 
-    With x = level / reference, G (1 - s) (1 + rise x^2), s = drop x^(1 + chi); all other stiffness
-    of the joint has the rise alone: parts that rock on each other touch further out, and large
-    rotations and a suspension stiffen while the joint slips. The loss factor is
-    `iwan_loss_factor` of s times ``loss`` x^``faster``: in an Iwan joint Masing's rule ties
-    dissipation to softening, in a measured one they go together only roughly. What a structure
-    drifts between levels is no law's (`fenics_joints.diagnosis.evidence.scales`).
+    With x = level / reference, G becomes G (1 - s) (1 + rise x^2), where s is the `relative_drop`
+    of drop x^(1 + chi). All other stiffness of the joint has the factor 1 + rise x^2 alone: while
+    the joint slips, parts that rock on each other touch further out, and large rotations and a
+    suspension stiffen. The loss factor is `iwan_loss_factor` of s times ``loss`` x^``faster``: in
+    an Iwan joint Masing's rule ties dissipation to softening, in a real joint they go together only
+    roughly. A drift of the structure from level to level belongs to no law; see
+    `fenics_joints.diagnosis.evidence.scales`.
 
     Args:
         zones: Zones of the joint.
@@ -176,8 +177,8 @@ def micro_slip(zones: Sequence[Zone], reference: float) -> Effect:
         return dict.fromkeys(slipping, eta * iwan_loss_factor(drop(theta, level), theta["chi"]))
 
     words = (
-        "Parts of the interface slip before all of it does: it damps and softens with the level, "
-        "unless something in it stiffens besides."
+        "Parts of the interface slip before the whole does: with the level damping grows and "
+        "stiffness falls, unless something else in the joint stiffens."
     )
     priors = (_DROP, _CHI, _LOSS, _FASTER, _RISE_BESIDE)
     return Effect(
@@ -186,9 +187,9 @@ def micro_slip(zones: Sequence[Zone], reference: float) -> Effect:
 
 
 def gapping(zones: Sequence[Zone], reference: float) -> Effect:
-    """Gapping, or any other elastic softening of the joint: no damping comes with it.
+    """Gapping, or any other elastic softening of the joint, without damping.
 
-    E and G fall by s = drop (level / reference)^power.
+    E and G fall by the `relative_drop` of drop (level / reference)^power.
 
     Args:
         zones: Zones of the joint.
@@ -204,7 +205,7 @@ def gapping(zones: Sequence[Zone], reference: float) -> Effect:
 
 
 def stiffening(zones: Sequence[Zone], reference: float) -> Effect:
-    """Elastic stiffening by the square of the level, as in `micro_slip` and without slip.
+    """Elastic stiffening with the square of the level, as in `micro_slip` but without slip.
 
     Args:
         zones: Zones of the joint.
@@ -212,8 +213,8 @@ def stiffening(zones: Sequence[Zone], reference: float) -> Effect:
     """
 
     words = (
-        "The joint stiffens with the level, as faces touch further out, large rotations or the "
-        "suspension do; a drift from one level to the next looks like it."
+        "The joint stiffens with the level: faces touch further out, rotations become large or "
+        "the suspension stiffens; a drift from one level to the next looks the same."
     )
 
     def factor(theta, x):
@@ -223,7 +224,7 @@ def stiffening(zones: Sequence[Zone], reference: float) -> Effect:
 
 
 def _elastic(name: str, priors, zones: Sequence[Zone], reference: float, factor, words) -> Effect:
-    """A factor on all stiffness of the joint, by ``factor(theta, level / reference)``."""
+    """Multiply all stiffness of the joint by ``factor(theta, level / reference)``."""
     keys = [key for zone in zones for key in zone.parameters()]
 
     def apply(values, theta, level):
@@ -235,9 +236,9 @@ def _elastic(name: str, priors, zones: Sequence[Zone], reference: float, factor,
 
 
 def growing_damping(reference: float) -> Effect:
-    """Damping of all of the structure that grows with the level, at unchanged stiffness.
+    """Damping of the whole structure that grows with the level, at unchanged stiffness.
 
-    It describes an observation without a cause, and has lower prior odds for that.
+    It describes an observation, not a cause, and therefore has lower prior odds.
 
     Args:
         reference: Level at which its loss factor ``eta`` holds.
@@ -246,14 +247,14 @@ def growing_damping(reference: float) -> Effect:
     def loss(theta, level, hz):
         return {"": theta["eta"] * (level / reference) ** theta["power"]}
 
-    words = "Damping grows with the level and the stiffness stays: air, material, the suspension."
+    words = "Damping grows with the level, stiffness stays: air, material or the suspension."
     return Effect(
         GROWING, "", (_GROWN, _GROWTH), None, words, True, by_level=True, loss=loss, weight=RARE
     )
 
 
 def joint_damping(s: Setting) -> Found:
-    """Damping by joints at any level."""
+    """Hysteretic and viscous damping of the joint, which do not depend on the level."""
     if not len(s.zones):
         return
     if not has_ratios(s.data):
