@@ -21,20 +21,18 @@ along one direction, after the eigenvalue derivatives have told them apart (Dail
 The share that w has of the other known modes follows from their eigenvalues. On what is left,
 K - lambda M is positive definite, and conjugate gradients with the factorised K - shift M as
 preconditioner need few steps, since no eigenvalue below the highest known one is left: one
-factorisation, that of the modal solution, serves all modes.
+factorisation, that of the modal solution, serves all modes. A dense model is solved directly.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import partial
 
 import numpy as np
-import scipy.linalg
 
 from fenics_joints.errors import ConvergenceError, InputError
-from fenics_joints.modal.modes import SHIFT_SHARE, Modes
+from fenics_joints.modal.modes import Modes
 from fenics_joints.response.modal_basis import check_modes
 from fenics_joints.response.pencil import DampedPencil
 from fenics_joints.structure.components import parameter_values
@@ -50,8 +48,6 @@ _COLUMNS = 64
 _STEP, _EQUAL = 1e-4, 1e-5
 #: Steps of conjugate gradients, and the residual in the norm of energy at which they end.
 _STEPS, _ACCURACY = 300, 1e-10
-#: Share of a load that round-off leaves when what the known modes carry is taken off.
-_ROUND_OFF = 1e-12
 
 
 def clusters(modes: Modes, close: float = CLOSE) -> list[np.ndarray]:
@@ -373,13 +369,8 @@ class Complement:
             raise InputError("modes: expected modes with their solver.")
         self._pencil = DampedPencil(self.model, modes.given)
         self.comm = self._pencil.comm
-        if self.model.is_dense:
-            shift = (2 * np.pi * SHIFT_SHARE * self.model.dilation_frequency(modes.given)) ** 2
-            factor = scipy.linalg.cho_factor(self._pencil.K + shift * self._pencil.M)
-            self.shapes, self._inverse = modes.shapes, partial(scipy.linalg.cho_solve, factor)
-        else:
-            self.shapes = as_columns(modes.shapes)
-            self._inverse = modes.solver.inverse
+        self.shapes = modes.shapes if self.model.is_dense else as_columns(modes.shapes)
+        if not self.model.is_dense:
             check_modes(self._pencil, modes, self.shapes)
         self._heavy = product(self._pencil.M, self.shapes)
 
@@ -412,9 +403,20 @@ class Complement:
         gap = self.modes.eigenvalues[:, None] - eigenvalues
         weights = np.where(own, 0.0, share / np.where(own, 1.0, gap))
         rest = rights - self._heavy @ share
-        # Of a load that the known modes carry only round-off is left, which is no load.
-        rest[:, self._dots(rest, rest) <= _ROUND_OFF**2 * self._dots(rights, rights)] = 0.0
-        return self.shapes @ weights + self._rest(rest, eigenvalues)
+        solve = self._direct if self.model.is_dense else self._rest
+        return self.shapes @ weights + solve(rest, eigenvalues)
+
+    def _direct(self, r: np.ndarray, eigenvalues: np.ndarray) -> np.ndarray:
+        """`_rest` of a dense model. Its matrices may be so badly conditioned that conjugate
+        gradients break down."""
+        w, M = np.empty_like(r), self._pencil.M
+        border = np.abs(self.modes.eigenvalues).max() * self._heavy @ self._heavy.T
+        for eigenvalue in np.unique(eigenvalues):
+            mine = eigenvalues == eigenvalue
+            # The border is a stiffness of the known modes alone, of which r has no share.
+            w[:, mine] = np.linalg.solve(self._pencil.K - eigenvalue * M + border, r[:, mine])
+        w -= self.shapes @ (self._heavy.T @ w)
+        return self._check(w, eigenvalues)
 
     def _rest(self, r: np.ndarray, eigenvalues: np.ndarray) -> np.ndarray:
         """Conjugate gradients of all columns, orthogonal to all known modes."""
@@ -449,7 +451,7 @@ class Complement:
         return q - self._heavy @ self.inner(self.shapes, q)
 
     def _precondition(self, r: np.ndarray) -> np.ndarray:
-        z = self._inverse(r)
+        z = self.modes.solver.inverse(r)
         return z - self.shapes @ self.inner(self._heavy, z)
 
     def _dots(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
