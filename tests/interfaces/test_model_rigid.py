@@ -130,7 +130,9 @@ def test_steps_up_to_slip_are_found_of_a_beam_that_is_free_or_hung(hung):
     load = model.M * modes.shapes[3]
     load.scale(float(modes.eigenvalues[3]))
     factors = np.geomspace(1e-4, 1e-2, 6)
-    found = loading_shapes(model, load, factors, petsc_options={"snes_rtol": 1e-14})
+    # At round-off the residual moves by chance: some steps more reach its bound.
+    options = {"snes_rtol": 1e-14, "snes_max_it": 40}
+    found = loading_shapes(model, load, factors, petsc_options=options)
     assert len(found) >= len(factors)
     compliance = np.array([u.dot(load) for u in found[:6]]) / factors
     # The joint gives way more and more.
