@@ -169,19 +169,22 @@ class Case(CaseSection):
 
     def with_modes(self, kept: Sequence[int]) -> Case:
         """The case with only these modes of the test, by index."""
-        case = self.model_copy()
-        case._measured = self.measurements().with_modes(kept)
-        return case
+        return self._with_test(self.measurements().with_modes(kept))
 
     def without_modes(self, out: Sequence[int]) -> Case:
         """The case without some of the test's modes, by index; see `TestData.without_modes`."""
-        changed, update = {}, self.update
-        if update is not None and update.published is not None:
-            hz = [f for i, f in enumerate(update.published.frequencies) if i not in set(out)]
+        return self._with_test(self.measurements().without_modes(out))
+
+    def _with_test(self, data: TestData) -> Case:
+        """The case with some of its test's modes, and the published frequencies of these."""
+        names, changed, update = self.measurements().mode_names, {}, self.update
+        if update is not None and update.published is not None and update.published.frequencies:
+            theirs = dict(zip(names, update.published.frequencies, strict=True))
+            hz = [theirs[name] for name in data.mode_names]
             published = update.published.model_copy(update={"frequencies": hz})
             changed["update"] = update.model_copy(update={"published": published})
         case = self.model_copy(update=changed)
-        case._measured = self.measurements().without_modes(out)
+        case._measured = data
         return case
 
     def measurements(self) -> TestData:

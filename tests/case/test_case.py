@@ -281,4 +281,5 @@ def test_published_frequencies_go_with_the_modes_that_are_left_out():
     fewer = case.without_modes([1, 4])
     assert fewer.update.published.frequencies == [hz[i] for i in (0, 2, 3, 5)]
     assert len(fewer.measurements().mode_names) == len(hz) - 2
+    assert case.with_modes([0, 2]).update.published.frequencies == [hz[0], hz[2]]
     assert case.update.published.frequencies == hz

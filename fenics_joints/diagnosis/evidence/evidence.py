@@ -37,8 +37,8 @@ from fenics_joints.measurements.data import TestData
 #: lambda the error in energy falls with the degree p as p^(-4 lambda) (Babuska and Suri, SIAM J.
 #: Numer. Anal. 24, 1987): from degree 2 to 3, a share of 0.25 of what was found is left for
 #: lambda = 1, 0.8 for 1/2, and next to nothing without edges. And where joints give way there is
-#: between 0.4 and 1.1 times the error of the nominal model (docs/diagnosis.md). [decision: Babuska
-#: and Suri 1987; three structures, docs/diagnosis.md]
+#: between 0.4 and 1.1 times the error of the nominal model. [decision: Babuska and Suri 1987;
+#: three structures, docs/diagnosis-method.md]
 BEYOND, _COMMON, _OWN = 0.3, 0.3, 0.2
 #: The share that stays uncertain in all.
 UNSURE = float(np.hypot(_COMMON, _OWN))
@@ -253,7 +253,7 @@ class Evidence:
 
         The error of a mesh hardly depends on the parameters: of three bolted structures it stayed
         between 0.4 and 1.1 times that of the nominal model while joints went to 1e-5 of their
-        stiffness (docs/diagnosis.md). So data are corrected for it and for the part that is
+        stiffness (docs/diagnosis-method.md). So data are corrected for it and for the part that is
         expected beyond one degree more, whose uncertainty is mostly common to the modes.
 
         Args:

@@ -21,7 +21,7 @@ from fenics_joints.diagnosis.where.zone_sensitivity import compliant_joints
 from fenics_joints.reduction.prediction import ModalPrediction
 
 #: Root mean square of ln f by compliance across and along, each over the stated discrepancy.
-#: [decision: measured on the box of benchmarks/blind, docs/diagnosis.md]
+#: [decision: measured on the box of benchmarks/blind, docs/diagnosis-method.md]
 SHARE = 0.5
 #: ln of the compliance's range, over that of an interface of the prior's median stiffness; steps of
 #: its bisection. [numerical: chosen]
