@@ -28,11 +28,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
+import scipy.linalg
 
 from fenics_joints.errors import ConvergenceError, InputError
-from fenics_joints.modal.modes import Modes
+from fenics_joints.modal.modes import SHIFT_SHARE, Modes
 from fenics_joints.response.modal_basis import check_modes
 from fenics_joints.response.pencil import DampedPencil
 from fenics_joints.structure.components import parameter_values
@@ -403,8 +405,20 @@ class Complement:
         gap = self.modes.eigenvalues[:, None] - eigenvalues
         weights = np.where(own, 0.0, share / np.where(own, 1.0, gap))
         rest = rights - self._heavy @ share
-        solve = self._direct if self.model.is_dense else self._rest
-        return self.shapes @ weights + solve(rest, eigenvalues)
+        if not self.model.is_dense:
+            return self.shapes @ weights + self._rest(rest, eigenvalues)
+        if own[-1].any() and self._next_is_near:
+            raise _error()
+        return self.shapes @ weights + self._direct(rest, eigenvalues)
+
+    @cached_property
+    def _next_is_near(self) -> bool:
+        """Whether a dense model's next mode is as low as the last one known, or nearly so."""
+        K, M, last, n = self._pencil.K, self._pencil.M, self.modes.eigenvalues[-1], len(self.modes)
+        shift = (2 * np.pi * SHIFT_SHARE * self.model.dilation_frequency(self.modes.given)) ** 2
+        every = scipy.linalg.eigvalsh(M, K + shift * M)[::-1]
+        there = n < len(every) and every[n] > 0  # without mass there is none
+        return there and 1 / every[n] - shift - last <= self.close * abs(last)
 
     def _direct(self, r: np.ndarray, eigenvalues: np.ndarray) -> np.ndarray:
         """`_rest` of a dense model. Its matrices may be so badly conditioned that conjugate
@@ -415,8 +429,7 @@ class Complement:
             mine = eigenvalues == eigenvalue
             # The border is a stiffness of the known modes alone, of which r has no share.
             w[:, mine] = np.linalg.solve(self._pencil.K - eigenvalue * M + border, r[:, mine])
-        w -= self.shapes @ (self._heavy.T @ w)
-        return self._check(w, eigenvalues)
+        return w - self.shapes @ (self._heavy.T @ w)
 
     def _rest(self, r: np.ndarray, eigenvalues: np.ndarray) -> np.ndarray:
         """Conjugate gradients of all columns, orthogonal to all known modes."""
