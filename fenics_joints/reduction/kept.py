@@ -31,10 +31,12 @@ class KeptVectors:
     """Vectors of a structure, to be read by any number of ranks.
 
     Attributes:
+        mesh: Digest of the structure's mesh.
         keys: Numbers by which nodes are known again, see `node_keys`, (n_nodes,).
         rows: Values, (k, n_nodes block).
     """
 
+    mesh: str
     keys: np.ndarray
     rows: np.ndarray
 
@@ -46,10 +48,13 @@ class KeptVectors:
         if parts is None:
             return None
         keys, rows = zip(*parts, strict=True)
-        return KeptVectors(np.concatenate(keys), np.concatenate(rows, axis=1))
+        merged = np.concatenate(keys), np.concatenate(rows, axis=1)
+        return KeptVectors(full.tagged.digest, *merged)
 
     def on(self, full: Structure) -> list[PETSc.Vec] | None:
-        """The vectors; None if some node of the structure is not among those kept. Collective."""
+        """The vectors; None if they are of another mesh, or lack a node. Collective."""
+        if full.tagged.digest != self.mesh:
+            return None
         keys = node_keys(full.V)
         _, own, kept = np.intersect1d(keys, self.keys, return_indices=True)
         if not full.comm.allreduce(len(own) == len(keys), op=MPI.LAND):
