@@ -11,7 +11,7 @@ from scipy import stats
 from fenics_joints.bayes.chains import Chains
 from fenics_joints.bayes.priors import Prior
 from fenics_joints.errors import InputError, real, reals, wanted, whole
-from fenics_joints.least_squares import LeastSquares
+from fenics_joints.measurements.least_squares import LeastSquares
 
 #: Probability on either side below which scatter or correlation is called wrong; convention.
 _DOUBT = 0.025

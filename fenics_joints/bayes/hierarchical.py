@@ -28,7 +28,7 @@ from fenics_joints.bayes.priors import Prior
 from fenics_joints.bayes.samplers import Settings, Task, grow
 from fenics_joints.bayes.walks import generator
 from fenics_joints.errors import InputError, flag, real
-from fenics_joints.least_squares import LeastSquares
+from fenics_joints.measurements.least_squares import LeastSquares
 
 #: Least number of specimens: fewer do not tell scatter from noise.
 _FEWEST = 5

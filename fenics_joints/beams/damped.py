@@ -13,7 +13,7 @@ import numpy as np
 
 from fenics_joints.beams.structure import BeamStructure
 from fenics_joints.errors import ConvergenceError, InputError, whole
-from fenics_joints.least_squares import LeastSquares
+from fenics_joints.measurements.least_squares import LeastSquares
 from fenics_joints.modal.modes import solve_modes
 from fenics_joints.response.complex_modes import ComplexModes, solve_complex_modes
 from fenics_joints.structure.components import number

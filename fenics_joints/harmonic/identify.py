@@ -23,9 +23,9 @@ from fenics_joints.harmonic.frf import solve_harmonic
 from fenics_joints.harmonic.measured_mode import MeasuredLoop, ModeData, Offset, as_motion
 from fenics_joints.harmonic.result import HarmonicResult
 from fenics_joints.interfaces.model import InterfaceModel
-from fenics_joints.least_squares import LeastSquares
 from fenics_joints.measurements.amplitude.backbone import MeasuredBackbone
 from fenics_joints.measurements.curves import MeasuredCurves
+from fenics_joints.measurements.least_squares import LeastSquares
 from fenics_joints.modal.sensitivity import Identifiability, identifiability
 
 # -- measured curves against a model's -------------------------------------------------------------

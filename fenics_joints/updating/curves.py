@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fenics_joints.least_squares import LeastSquares
+from fenics_joints.measurements.least_squares import LeastSquares
 from fenics_joints.measurements.target import Target
 from fenics_joints.updating.coordinates import LogScale
 from fenics_joints.updating.prediction import Predictor

@@ -26,7 +26,7 @@ from scipy.optimize import OptimizeResult
 
 from fenics_joints.errors import ConvergenceError, flag, mapping, member, real, whole
 from fenics_joints.formatting import number
-from fenics_joints.least_squares import information_root
+from fenics_joints.measurements.least_squares import information_root
 from fenics_joints.measurements.target import Target
 from fenics_joints.structure import Damping, Parameter
 from fenics_joints.updating.equations import condition_number

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.optimize import OptimizeResult
 
 from fenics_joints.errors import ConvergenceError, InputError
-from fenics_joints.least_squares import HeldBy, LeastSquares
+from fenics_joints.measurements.least_squares import HeldBy, LeastSquares
 from fenics_joints.updating.prediction import Prediction, Predictor
 from fenics_joints.updating.residuals import Residuals
 

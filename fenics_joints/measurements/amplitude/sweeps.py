@@ -15,8 +15,8 @@ import numpy as np
 from scipy.stats import t as student
 
 from fenics_joints.errors import InputError, located, reals
-from fenics_joints.least_squares import LeastSquares
 from fenics_joints.measurements.amplitude.backbone import RESPONSES, MeasuredBackbone
+from fenics_joints.measurements.least_squares import LeastSquares
 from fenics_joints.response.units import KINDS as TIMES
 
 #: Residuals beyond this many deviations count by their size, no longer by its square.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fenics_joints.least_squares import LeastSquares
+from fenics_joints.measurements.least_squares import LeastSquares
 
 rng = np.random.default_rng(3)
 A, y = rng.normal(size=(8, 3)), rng.normal(size=8)
