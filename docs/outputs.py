@@ -61,11 +61,10 @@ def _written(block: re.Match) -> str:
 def _printed(command: str, columns: str) -> str:
     """What a command prints, without its progress."""
     name, *arguments = shlex.split(command)
-    modules = {"fenics-joints": "fenics_joints", "python3": None}
-    module = modules[name]
-    words = [sys.executable, *(["-m", module] if module else []), *arguments]
+    if name != "fenics-joints":
+        raise SystemExit(f"{command}: expected a command of fenics-joints")
     done = subprocess.run(
-        words,
+        [sys.executable, "-m", "fenics_joints", *arguments],
         cwd=REPOSITORY,
         env={**os.environ, "COLUMNS": columns, "NO_COLOR": "1"},
         stdout=subprocess.PIPE,

@@ -103,12 +103,7 @@ class Found:
 class Library(Predictor):
     """Predictions all over the priors of effects, and the evidence from them.
 
-    Args:
-        forward: Frequencies and shapes by the reduced model.
-        evidence: The whole test.
-        baseline: Parameter values of the nominal model.
-        make: Makes a hypothesis of effects.
-        lean: Whether every hypothesis is predicted on a basis of its own.
+    The arguments are those of `Predictor`.
     """
 
     def __init__(self, forward, evidence: Evidence, baseline, make: Make, lean: bool = False):
