@@ -36,9 +36,9 @@ SMALL = {
 E_RING = 6.111e9  # Machines 2022, Table 11
 
 
-def machine(single=True):
+def machine(degree=1, single=True, comm=COMM):
     """The small frame; a modulus for each ring, or one for all."""
-    tagged = engraving_machine(COMM, **SMALL)
+    tagged = engraving_machine(comm, **SMALL)
     names = [n for n in tagged.cell_names if n.startswith("ring")]
     groups = {n: (n,) for n in names} if single else {"rings": tuple(names)}
     joints = [
@@ -46,7 +46,7 @@ def machine(single=True):
     ]
     parameters = [*(Parameter(n, E_RING, "Pa") for n in groups), Parameter("h", 0.72e-3, "m")]
     return Structure(
-        tagged, [part("frame", ("bed", "column"), **IRON), *joints], parameters, degree=1
+        tagged, [part("frame", ("bed", "column"), **IRON), *joints], parameters, degree=degree
     )
 
 
@@ -137,6 +137,16 @@ def test_bolts_matter_alike_where_the_frame_is_symmetric():
         for s in (1 / step, step)
     )
     assert slopes[:, 1] * h == pytest.approx(np.log(high / low) / np.log(step**2), rel=2e-3)
+
+
+def test_more_freedom_lowers_every_mode():
+    """Quadratic cells hold the linear ones' motions, so frequencies fall (Rayleigh-Ritz)."""
+    linear, quadratic = (
+        solve_modes(machine(degree=d, single=False, comm=MPI.COMM_SELF), n_modes=11) for d in (1, 2)
+    )
+    fall = 1 - (quadratic.frequencies_hz / np.maximum(linear.frequencies_hz, 1e-9))[6:]
+    assert quadratic.n_rigid == 6 and np.all(fall > 0.02)
+    assert quadratic.model.total_mass() == pytest.approx(linear.model.total_mass(), rel=1e-12)
 
 
 def test_case_names_each_ring(tmp_path):

@@ -6,6 +6,7 @@ import asyncio
 import os
 import shutil
 import threading
+from contextlib import AsyncExitStack
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from urllib.parse import urlsplit
@@ -74,13 +75,19 @@ class Page:
         raise AssertionError(f"{element}: {shown!r}, expected {text!r}")
 
 
-def _in_browser(url: str, steps) -> None:
-    """Go through steps with a page in a browser, which is then killed."""
+def _in_browser(url: str, steps, browsers: int = 1) -> None:
+    """Go through steps with a page in each of some browsers, which are then killed."""
 
     async def run() -> None:
-        options = {"browser_cls": Chromium, "headless": True, "enable_sandbox": False}
-        async with choreographer.Browser(CHROMIUM, **options) as browser:
-            await steps(Page(await browser.create_tab(url)))
+        async with AsyncExitStack() as stack:
+            pages = []
+            for _ in range(browsers):
+                browser = choreographer.Browser(
+                    CHROMIUM, browser_cls=Chromium, headless=True, enable_sandbox=False
+                )
+                await stack.enter_async_context(browser)
+                pages.append(Page(await browser.create_tab(url)))
+            await steps(*pages)
 
     asyncio.run(asyncio.wait_for(run(), 90))
 
@@ -145,6 +152,25 @@ def test_a_typed_torque_gives_the_radius_and_what_is_outside_the_data_is_said(pa
         await page.until("error", "torque: expected a number")
 
     _in_browser(page_url, steps)
+
+
+def test_two_browsers_do_not_write_into_each_other_and_closing_one_ends_nothing(page_url):
+    async def steps(one: Page, two: Page) -> None:
+        for page in (one, two):
+            await page.until("force-value", "50.0 kN")
+        await one.type("input-torque", "90")
+        await two.type("input-torque", "60")
+        await one.until("force-value", "37.5 kN")
+        await two.until("force-value", "25.0 kN")
+        assert await one.text("force-value") == "37.5 kN"
+        assert await one.picture() != await two.picture()
+        # What was typed is there after a reload.
+        await one.js("location.reload()")
+        assert await one.until("force-value", "37.5 kN") == "37.5 kN"
+        await two.type("input-torque", "70")  # left while the answer is on its way
+
+    for _ in range(2):
+        _in_browser(page_url, steps, browsers=2)
 
 
 def test_what_is_typed_before_the_script_is_there_is_answered_too(page_url):
