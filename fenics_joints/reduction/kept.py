@@ -44,12 +44,12 @@ class KeptVectors:
     def of(full: Structure, vectors: Sequence[PETSc.Vec]) -> KeptVectors | None:
         """All ranks' parts on rank 0, None on the others. Collective."""
         rows = np.array([vector.array_r for vector in vectors])
+        digest = full.tagged.digest
         parts = full.comm.gather((node_keys(full.V), rows))
         if parts is None:
             return None
         keys, rows = zip(*parts, strict=True)
-        merged = np.concatenate(keys), np.concatenate(rows, axis=1)
-        return KeptVectors(full.tagged.digest, *merged)
+        return KeptVectors(digest, np.concatenate(keys), np.concatenate(rows, axis=1))
 
     def on(self, full: Structure) -> list[PETSc.Vec] | None:
         """The vectors; None if they are of another mesh, or lack a node. Collective."""
