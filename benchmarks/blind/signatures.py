@@ -310,9 +310,9 @@ class Reckoning:
         self._geometries: dict[str, _Geometry] = {}
 
     def __call__(self, name: str, answer: Mapping) -> tuple[float | None, dict[str, float]]:
-        """D against all other effects and none, and probabilities, of a case with one effect; of
-        others none, as no score rests on theirs."""
-        if answer["kind"] != "single":
+        """D against all other effects and none, and probabilities, of a case with one effect, of
+        the library or not; of others none, as no score rests on theirs."""
+        if answer["kind"] not in ("single", "unknown"):
             return None, {}
         self.say(f"oracle: case {name}")
         geometry = answer["geometry"]
