@@ -7,18 +7,19 @@
 # # Why do model and test disagree? The story of two bolted plates
 #
 # Two aluminium plates, lapped and held together by four M10 bolts, hang on ropes and are struck
-# with a hammer. Tian et al. 2021 (Appl. Sci. 11, 9134) measured four bending frequencies so, at
-# eleven bolt torques from 2 to 22 N·m. A finite-element model of the plates is easily made. It does
-# not give these frequencies. What is wrong with it?
+# with a hammer. Tian et al. 2021 (Appl. Sci. 11, 9134) measured four bending frequencies in this
+# way, at eleven bolt torques from 2 to 22 N·m. A simple finite-element model of the plates does not
+# have these frequencies. What is wrong with it?
 #
-# This page asks in the order of an experienced test engineer: how large is the gap, and is it more
-# than chance? What could this test tell at all? Where is the gap? Which effect causes it? How far
-# does it go away, on data that nobody has looked at? And what should be measured next?
+# This page asks the questions of an experienced test engineer, in this order. What can the test
+# tell at all? How large is the error of the model, and is it more than chance? Where in the
+# structure is the model wrong? Which effect causes the error? How much smaller does the error
+# become on held-out data? What should be measured next?
 #
 # Run it as a script, `./with-fenicsx python3 demos/lap_plates/demo_diagnosis.py [PICTURE]`, on as
 # many ranks as you like, or make a page of it (`README.md`, "As a page"). To be quick it has
-# elements of 20 mm, four times the case's, and a few effects of the library; `fenics-joints
-# diagnose demos/lap_plates` has all of both.
+# elements of 20 mm, four times as long as those of the case, and five effects of the library.
+# `fenics-joints diagnose demos/lap_plates` uses the finer mesh and the whole library.
 
 # +
 import sys
@@ -53,7 +54,7 @@ case = case.model_copy(
         "diagnose": case.diagnose.model_copy(update=quick),
     }
 )
-# The reduced model is made once, and kept for what follows.
+# The reduced model is made once and kept for both steps, plan and diagnosis.
 folder = tempfile.TemporaryDirectory() if comm.rank == 0 else None
 keep = Path(comm.bcast(folder.name if folder else None))
 
@@ -65,7 +66,7 @@ def say(*lines: str) -> None:
 
 
 def show(draw, *arguments) -> None:
-    """On a notebook's page, a picture; in a script, nothing."""
+    """Show a picture in a notebook; do nothing in a script."""
     if comm.rank == 0 and "get_ipython" in globals():
         from IPython.display import HTML, display
 
@@ -74,25 +75,26 @@ def show(draw, *arguments) -> None:
 
 # -
 
-# ## What could this test tell? Asked before any data
+# ## What this test can tell, before any data are read
 #
-# The model starts from as little as can be: two plates that are as one over the whole lap, nothing
-# attached. Each effect is put into it at its expected size, every other one is fitted to what the
-# test would then measure, and what is left is D, in standard deviations. Below 2.33 the two would
-# be taken for one another in more than one test of a hundred. Only the layout of the test goes in
-# here: four modes, eleven torques, their noise. No measured frequency does.
+# The baseline model is two plates bonded over the whole lap, with nothing attached. Each effect is
+# put into it at its expected size. Every other effect is then fitted to the data that the test
+# would measure. The remaining difference, in standard deviations, is D. If D is below 2.33, the two
+# effects are mistaken for each other in more than one test of a hundred. This step uses only the
+# layout of the test (four modes, eleven torques, their noise) and no measured frequency.
 
 planned = plan(case, comm, keep=keep)
 say(*planned.sentences())
 show(matrix_picture, planned)
 
-# Frames hold what this test cannot tell apart. That is no failure: knowing it beforehand is what
-# keeps one from believing the wrong half of an answer later.
+# Frames enclose the effects that this test cannot tell apart. If you know them beforehand, you will
+# not take one of them for the cause when the answer names them together.
 
-# ## The gap
+# ## How large the error is
 #
-# Now the data are read, and the diagnosis runs: each effect alone, and in pairs, fitted with all
-# that is uncertain in any case (moduli, densities, thickness, torques).
+# Now the data are read, and the diagnosis runs. Each effect is fitted alone and in pairs, together
+# with the quantities that are always uncertain (moduli, densities, thickness, torques). The output
+# calls the error "gap", and the bonded plates "the plates as one".
 
 found = diagnose(case, comm, keep=keep)
 words = explain(found)
@@ -103,8 +105,8 @@ say(
     answers["Is there more than chance?"],
 )
 
-# The plates as one are too stiff in every mode, by far more than the test's noise, and they know
-# nothing of the torque.
+# The bonded plates are too stiff in every mode, by far more than the noise of the test, and their
+# frequencies do not depend on the torque.
 
 show(
     lambda: frequency_panels(
@@ -116,50 +118,51 @@ show(
     )
 )
 
-# ## Where
+# ## Where the model is wrong
 #
-# Before any cause is assumed: each region of the model, and each patch of its mesh, is allowed to
-# be softer or heavier, by itself. What part of the misfit would that explain, and is what it leaves
-# no more than chance? The answer is a p-value, corrected for the number of places that were tried.
+# This step assumes no cause. Each region of the model, and each patch of its mesh, is allowed to
+# become softer or heavier on its own. Which share of the misfit does the change explain, and could
+# this share be chance? The answer is a p-value, corrected for the number of places that were tried.
 
 say("", f"Where. {words.where}", answers["In which part?"])
 if comm.rank == 0:
     show(patch_map, found.location.patches)
 
-# The lap is where the plates are not as one. The test knows that from four frequencies alone.
+# The model is wrong in the lap: there the plates are not bonded. Four frequencies at eleven torques
+# are enough to show it.
 
 first = found.location.ranked[0]
 assert first.region in case.joints and first.p_adjusted < 1e-6
 
-# ## Which
+# ## Which effect causes the error
 #
-# The evidence of a hypothesis is the probability of the measured data, averaged over all that its
-# parameters may be: a good fit raises it, freedom that was not needed lowers it. Here it is
-# approximated (Laplace), to be quick; the command samples that of the leading ones.
+# The evidence of a hypothesis is the probability of the measured data, averaged over the prior of
+# its parameters. A good fit raises it; parameters that the data do not need lower it.
 
 say("", f"Which. {words.which}")
 for effect in found.effects[:4]:
     say(f"  {effect.probability:7.1%}  {effect.name}")
 say(answers.get("What can these data not tell?", ""))
 
-# The joint gives way, and mass is missing in the lap: the bolts and nuts, which the paper's model
-# leaves out. With both in, the second mode falls into place, which no stiffness of the joint could
-# do for it.
+# The joint is compliant, and mass is missing in the lap: that of the bolts and nuts, which the
+# paper's model leaves out. With both in the model the second mode agrees with the test, which no
+# stiffness of the joint alone can achieve.
 
 assert found.verdict == "cause"
 assert "compliance" in words.which
 
-# ## How far
+# ## How much of the error the cause removes
 #
-# A fit that shrinks the gap proves little: any freedom shrinks it. So each mode in turn, the top
-# band, and blocks of torques are put aside; cause and parameters are found anew without them; what
-# they will show is stated, as an interval; and only then are they looked at. The best wrong effect
-# has the same chance.
+# A fit that reduces the error proves little, because any free parameter reduces it. So parts of the
+# data are held out: each mode in turn, the highest modes together, and blocks of torques. For each
+# part, cause and parameters are found again without it, the held-out data are predicted with an
+# interval, and only then are the two compared. The best alternative effect (in the output: "best
+# wrong effect") is fitted and tested in the same way.
 
 say("", f"How far. {words.how_far}")
 show(forecasts, found.shrinkage)
 
-# One torque was never used for anything: 28 N·m, beyond all others, from a figure's legend in the
+# One torque was never used in any fit: 28 N·m, above all others, from the legend of a figure in the
 # paper.
 
 before, after = found.validation
@@ -171,21 +174,21 @@ say(
 assert after.rms < 0.02 < 0.1 < before.rms
 assert found.shrinkage.shrink > 0.5 and found.shrinkage.excess > 0
 
-# ## What next, and what to doubt
+# ## What to measure next, and what to doubt
 #
-# What would decide what these data leave open, and what speaks against taking the answer at its
-# word:
+# Which measurement would decide between the effects that these data cannot tell apart, and what
+# makes the answer doubtful:
 
 for separation in found.separations:
     say(f"to tell apart {separation.class_name}: {separation.measurement}")
 say(*(f"but: {doubt}" for doubt in words.doubts))
 
-# And the whole answer on one page, with every number of this one:
+# This command writes the whole answer on one page, from the finer mesh and the whole library:
 # `./with-fenicsx fenics-joints diagnose demos/lap_plates --report diagnosis.html`.
 
 
 def picture(path: str) -> None:
-    """Held-out errors as stated before and as found, and the probabilities."""
+    """Draw held-out errors as predicted and as found, and the probabilities."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(10, 3.6), layout="constrained")

@@ -12,11 +12,11 @@
 # isotropic material that is stiff under the bolts (E1, G1) and soft away from them (E2, G2).
 #
 # This demo builds that model, puts the paper's own values in, updates it to the frequencies at
-# 20 N·m, and then asks what the model of two plates without any knowledge of the joint lacks. All
-# its numbers stand in `case.toml`, with their sources; `README.md` says what they mean.
+# 20 N·m, and then diagnoses what a model of two plates bonded to each other lacks. All its numbers
+# stand in `case.toml`, with their sources; `README.md` discusses the results.
 #
 # Run it with `./with-fenicsx python3 demos/lap_plates/demo_lap_plates.py [PICTURE]`, on as many
-# ranks as you like. To be quick it uses elements of 10 mm, twice the case's.
+# ranks as you like. To be quick it uses elements of 10 mm, twice as long as those of the case.
 
 # +
 import sys
@@ -52,17 +52,16 @@ def row(name: str, values, digits: int = 2) -> str:
 
 # ## The model, with the paper's values
 #
-# The stiffness of the layer is the isotropic law of the paper's equations 6 to 8: Lamé's
-# parameters from E and G, all six strains. (Equation 7 is printed with E - 3G below the line; it
-# must be 3G - E.) The case gives E1, G1, E2, G2 the values that the paper identified at 20 N·m,
-# its Table 6.
+# The layer has the isotropic law of the paper's equations 6 to 8: Lamé's parameters from E and G,
+# and all six strain components. (Equation 7 is printed with the denominator E - 3G; it must be
+# 3G - E.) The case gives E1, G1, E2, G2 the values that the paper identified at 20 N·m (Table 6).
 
 structure = build_structure(case, comm)
 modes = solve_modes(structure, n_modes=case.diagnose.n_modes)
 
-# The plates hang free, so six modes are rigid motions. Of the others the test saw only those that
-# bend the plates out of their plane, at 13 points on the middle line; torsion and in-plane bending
-# lie between them and must not be compared with what was measured.
+# The plates are free, so six modes are rigid-body motions. Of the others the test measured only
+# out-of-plane bending, at 13 points on the middle line. Torsion and in-plane bending modes lie
+# between the measured ones and must not be paired with them.
 
 pairing = pair_modes(modes, 4, case.sensors())
 ours = modes.frequencies_hz[pairing.index]
@@ -76,18 +75,19 @@ say(
     row("ours against the paper's, %", 100 * (ours / printed - 1)),
 )
 
-# The paper prints neither the size of the zones round the bolts nor its mesh; ours are fitted, and
-# the difference, about 1 %, is within what they change. It is not tuned away.
+# The paper prints neither the size of the zones around the bolts nor its mesh; ours are fitted. The
+# remaining difference, about 1 %, is within what a change of either would make. We do not tune it
+# away.
 
 assert np.all(np.abs(ours / printed - 1) < 0.015)
 
 # ## Updating at 20 N·m
 #
-# Equations 17 and 18 of the paper: weighted least squares on the sensitivities of the frequencies,
-# started from its initial values. Ours runs in the logarithms of the parameters and within the
-# bounds of the law (E < 3G), and weights each frequency by what the test could resolve. Four
-# parameters meet four frequencies here, and the weakest direction says which of them these
-# frequencies do not determine.
+# The paper's equations 17 and 18 are weighted least squares with the sensitivities of the
+# frequencies, from its initial values. Ours does the same in the logarithms of the parameters and
+# within the bounds of the law (E < 3G), and weights each frequency by the resolution of the test.
+# Four parameters are fitted to four frequencies. The directions of smallest sensitivity say which
+# parameters these frequencies do not determine.
 
 updated = run_update(case, comm).result
 theirs = np.array([0.49, 2.42, -0.69, -0.53])  # Table 7, error after updating, %
@@ -101,18 +101,18 @@ for parameter in updated.parameters:
         + ("" if known else "   not determined by these frequencies")
     )
 
-# Both come within 1 % of three modes, and neither of the second, which stays too high: a joint soft
-# enough to lower it would lower the others as well.
+# Both models come within 1 % of three modes. The second mode stays too high in both: a joint soft
+# enough to lower it would lower the other modes as well.
 
 assert abs(errors[1]) > 2 * np.max(np.abs(np.delete(errors, 1)))
 
 # ## The diagnosis
 #
-# What is missing then? The diagnosis starts from plates that are bonded over the whole lap, and
-# asks of each effect that such a model may lack how probable it is, given all 44 frequencies. To be
-# quick, six effects of the library take part here: four ways for the joint to give way, a wrong
+# What is missing in the model? The baseline model has the plates bonded over the whole lap. For
+# each effect that it may lack, the diagnosis computes the probability, given all 44 frequencies. To
+# be quick, six effects of the library take part here: four kinds of joint compliance, a wrong
 # modulus, and the mass of bolts and nuts, which the paper leaves out. `fenics-joints diagnose
-# demos/lap_plates` takes all of them, on the finer mesh.
+# demos/lap_plates` uses the whole library, on the finer mesh.
 
 few = [
     "joint normal compliance",
@@ -134,15 +134,16 @@ say(
 before, after = diagnosis.validation
 say(f"28 N·m, measured but never fitted: {before.rms:.2%} -> {after.rms:.2%}")
 
-# A joint that gives way both across and along its plane, and mass in the lap: with both, the second
-# mode falls into place, and the frequencies at 28 N·m, beyond all torques used, come out right.
+# The joint is compliant both across and along its plane, and mass is missing in the lap. With both
+# in the model the second mode agrees with the test, and so do the frequencies at 28 N·m, a torque
+# above all fitted ones.
 
 assert diagnosis.verdict == "cause"
 assert after.rms < 0.01
 
 # ## A picture
 #
-# Frequencies over the torque, if a path was given.
+# If a path was given: the frequencies over the torque.
 
 
 def picture(path: str) -> None:
