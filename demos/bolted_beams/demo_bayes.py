@@ -6,14 +6,15 @@
 
 # # Two bolted beams: how sure are k1 and k2, and how much do specimens scatter?
 #
-# The paper behind this demo (Jalali et al. 2019, see `README.md`) measures 25 nominally equal pairs
-# of beams and asks for the distribution of the joint's stiffness against slap, k1, and slip, k2. It
-# fits a distribution to each measured frequency over the specimens, multiplies these densities at
-# the model's frequencies (eq. 8), and samples with Metropolis-Hastings.
+# The paper behind this demo (Jalali et al. 2019, see `README.md`) tests 25 nominally equal pairs of
+# beams and identifies the distribution of the joint's normal stiffness k1 ("slap") and tangential
+# stiffness k2 ("slip"). It fits a distribution to each measured frequency over the specimens. Its
+# likelihood is the product of these densities at the model's frequencies (eq. 8), and it samples
+# with Metropolis-Hastings.
 #
-# The raw data are in figures alone. Here 25 specimens are simulated from a stated truth, so that
-# it can be said which method finds it: the paper's, by three samplers, or a hierarchical model, in
-# which every specimen has a k1 and a k2 of its own.
+# The paper shows its raw data only in figures. Here 25 specimens are simulated from a known truth,
+# which shows which method finds it: the paper's likelihood, by three samplers, or a hierarchical
+# model, in which every specimen has its own k1 and k2.
 #
 # Run it with `./with-fenicsx python3 demos/bolted_beams/demo_bayes.py [PICTURE]`, on as many ranks
 # as you like.
@@ -71,10 +72,10 @@ say(
 )
 # -
 
-# ## Specimens from a stated truth
+# ## Specimens from a known truth
 #
-# Median values as in the paper's Table 2 at 23 N m; k1 and k2 scatter alike and independently, by
-# as much as gives mode 1 the standard deviation of Figure 7, 0.625 Hz.
+# The medians are those of the paper's Table 2 at 23 N m. k1 and k2 scatter equally and
+# independently, by the amount that gives mode 1 the standard deviation of Figure 7, 0.625 Hz.
 
 # +
 median, noise = np.array([1763.2, 37402.0]), 2e-4
@@ -84,14 +85,15 @@ truth = anchored(slope, median, mode - 1, figure_7.std() / figure_7.mean(), nois
 table = simulate(frequencies, truth, 25, seed=2019)
 scatter = np.sqrt(np.diag(truth.covariance))
 say("", f"truth: k1 {median[0]} N m, k2 {median[1]:.0f} N m, scatter {100 * scatter[0]:.2f} %")
-# They are those of the case's table, which `fenics-joints update --bayes` reads.
+# The case's table, which `fenics-joints update --bayes` reads, has the same specimens.
 assert np.allclose(table, specimens(case), atol=2e-3)
 # -
 
 # ## The paper's likelihood, by three samplers
 #
-# Metropolis-Hastings with proposals from the prior, 20,000 samples of which 5,000 are thrown away,
-# as in the paper; the same with steps that are learnt; and emcee's ensembles.
+# The first sampler is the paper's: Metropolis-Hastings with proposals from the prior, with 20,000
+# samples of which 5,000 are discarded. The second is a random walk with adapted steps, the third is
+# emcee with its ensembles.
 
 # +
 likelihood = FittedLikelihood.from_specimens(modes, table)
@@ -140,8 +142,8 @@ assert np.all(apart < 0.15)
 
 # ## The hierarchical model
 #
-# Each specimen has parameters of its own: the scatter, which more specimens do not make smaller, is
-# told apart from the lack of knowledge of the mean, which they do.
+# Each specimen has its own parameters. This separates the scatter of the specimens from the
+# uncertainty of the mean. More specimens reduce the uncertainty, but not the scatter.
 
 # +
 data = Specimens(modes, table, noise=noise)
@@ -157,10 +159,10 @@ say(
 assert max(abs(value) for value in z.values()) < 3
 # -
 
-# ## New specimens, beside the measured ones
+# ## New specimens, beside the data
 #
-# The paper takes its posterior for the distribution of the specimens. New specimens drawn from it
-# should scatter and correlate as the measured ones do.
+# The paper takes its posterior as the distribution of the specimens. New specimens drawn from it
+# should then scatter and correlate like the data.
 
 # +
 checks = {
@@ -181,14 +183,14 @@ assert checks["independent frequencies"].p_sd < 0.025 < checks["hierarchical"].p
 
 # ## Is it chance?
 #
-# Other sets of 25 specimens, on a model in closed form with the slope of the beams: linear in
-# flexibilities, as they nearly are. In half of them k1 and k2 scatter together, by a correlation
-# of 0.8.
+# The comparison is repeated with other sets of 25 specimens. They come from a closed-form model
+# with the same sensitivities as the beams. It is linear in the flexibilities, as the beams nearly
+# are. In half of the sets k1 and k2 have a correlation of 0.8.
 
 
 # +
 def flexible(x: np.ndarray) -> np.ndarray:
-    """ln f, less a constant, at logarithms of k1 and k2 less their medians'."""
+    """ln f minus a constant, at the logarithms of k1 and k2 over their medians."""
     return -np.expm1(-x) @ slope.T
 
 
@@ -222,16 +224,16 @@ for together in (0.0, 0.8):
 
 # ## Are the intervals calibrated?
 #
-# Truths drawn from the priors, data made from them: the rank of the truth among draws of the
-# posterior must be even, and intervals hold it as often as they say. All sets of data are sampled
-# at once, on the model in closed form. Each rank takes its share of the sets.
+# Truths are drawn from the priors, and data are simulated from each. The rank of the truth among
+# draws of the posterior must be uniform, and intervals must contain the truth as often as stated.
+# All data sets are sampled at once, with the closed-form model, and shared among the MPI ranks.
 
 # +
 N, S, SCATTER, NOISE, OFFSET, SD = 120, 8, 0.03, 1e-3, 1e-3, 0.05
 
 
 def calibration_set() -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """Data (N, S, 5), and the truths that they were made from."""
+    """Data, shape (N, S, 5), and the truths from which they were simulated."""
     rng = np.random.default_rng(12)
     mu = rng.normal(0, SD, (N, 2))
     aux = stats.invgamma(0.5, scale=1 / SCATTER**2).rvs((N, 2), random_state=rng)
@@ -295,7 +297,7 @@ for (name, values), chain in zip(truths.items(), draws, strict=True):
         f"{name:28s}{100 * found.covered_half:10.0f}{100 * found.covered:8.0f}   {counts}"
         f"   p = {found.p_value:.2f}"
     )
-# Of seven tests the least p-value is below 0.002 once in seventy times.
+# The smallest p-value of seven tests is below 0.002 once in seventy times.
 assert min(evenness) > 0.002
 # -
 

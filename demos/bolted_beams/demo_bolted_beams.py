@@ -4,15 +4,16 @@
 #     formats: py:light
 # ---
 
-# # Two bolted beams: what slaps, what slips, and what scatters
+# # Two bolted beams: joint stiffness, scatter and damping
 #
-# Two steel beams in a lap with one bolt hang free. The paper behind this demo (Jalali et al. 2019,
-# see `README.md`) models them by offset Timoshenko beams and five generic joint elements, which
-# have a stiffness against slap, k1, and one against slip, k2; identifies both from five
-# frequencies; and predicts three more.
+# Two steel beams, lapped and held by one bolt, hang free. The paper behind this demo (Jalali et al.
+# 2019, see `README.md`) models them with offset Timoshenko beams and five generic joint elements.
+# A joint element has a normal stiffness k1 ("slap") and a tangential stiffness k2 ("slip"). The
+# paper identifies both from five frequencies and predicts three more.
 #
-# This demo does the same, then asks what two choices of the paper are worth: a mass matrix without
-# the offset, and a joint that is the same all along the lap. It ends with scatter and damping.
+# This demo does the same. Then it shows the effect of two simplifications of the paper: a mass
+# matrix without the offset, and a joint that is uniform along the lap. It ends with scatter and
+# damping.
 #
 # Run it with `./with-fenicsx python3 demos/bolted_beams/demo_bolted_beams.py [PICTURE]`, on as many
 # ranks as you like.
@@ -59,8 +60,8 @@ TABLE_1 = np.array([158.37, 443.5, 861.6, 1382.7, 2045.3, 2809.0, 3613.4, 4172.2
 
 # ## The paper's model
 #
-# With the k1 and k2 of Table 2 the model has the frequencies of Table 1; at the lower torques one
-# measured frequency each stands in Figure 7.
+# With the k1 and k2 of Table 2 the model reproduces the frequencies of Table 1. At each of the two
+# lower torques Figure 7 gives one measured frequency.
 
 # +
 TABLE_2 = {7: (1690.2, 31047.0), 15: (1715.9, 34810.0), 23: (1763.2, 37402.0)}
@@ -81,7 +82,7 @@ assert np.max(np.abs(at[23] / TABLE_1 - 1)) < 2e-3
 
 # ## Five modes fitted, three predicted
 #
-# The case keeps modes 6 to 8 from the fit, by `[update.held]`.
+# `[update.held]` in the case keeps modes 6 to 8 out of the fit.
 
 # +
 fit = run_update(case, comm).result
@@ -96,9 +97,9 @@ assert np.allclose(errors[5:], [-2.10, 5.07, -2.50], atol=0.4)
 
 # ## What the paper leaves out
 #
-# First the offset in the mass, then a lap whose middle element, under the bolt, and whose ends have
-# stiffness of their own, fitted to all eight modes: the prediction is gone, but not the question
-# whether a joint of this kind can have these frequencies at all.
+# First, the offset in the mass matrix. Second, a lap with separate stiffnesses at its ends, beside
+# the bolt and under it. These are fitted to all eight modes, so nothing is predicted any more. The
+# fit shows whether a joint of this kind can have these frequencies at all.
 
 # +
 mesh = case.mesh.model_copy(update={"offset_mass": True})
@@ -144,9 +145,10 @@ say(row("k2 of ends, near, bolted, kN m", split.values[3:] / 1e3, 1))
 
 # ## Scatter
 #
-# Figure 7 has the first frequency at 23 N m with a standard deviation of 0.625 Hz over 25
-# specimens. If k1 and k2 scatter alike, by how much? And how do the frequencies then correlate? The
-# samples are of a model for these two parameters alone, which is cheap, and whose error is known.
+# In Figure 7 the first frequency at 23 N m has a standard deviation of 0.625 Hz over 25 specimens.
+# If k1 and k2 have the same coefficient of variation, how large is it? And how do the frequencies
+# then correlate? The samples are solutions of a reduced model in these two parameters. It is cheap,
+# and its error is known.
 
 # +
 small = narrow(beams.arrays(sensors), {"lap.k1": (1000.0, 3000.0), "lap.k2": (2e4, 7e4)}, 14)
@@ -171,9 +173,9 @@ assert np.allclose(drawn.sd, linear.sd, rtol=0.15)
 
 # ## Damping
 #
-# The paper's c damps slip, and with it what bends the line of the lap. It identifies c from the
-# mean damping ratios of five modes, which are in a figure only; here from those of the model, as if
-# each had been measured to 10 %.
+# The paper's viscous damper c acts on slip, so it damps the modes that bend the lap. The paper
+# identifies c from the mean damping ratios of five modes, which it shows only in a figure. Here c
+# is identified from the model's own damping ratios with 10 % of noise.
 
 # +
 damped = solve_complex_modes(beams, damping=beams.joint_damping(), n_modes=3 + 8)
@@ -188,10 +190,10 @@ say(f"c from five such ratios: {again.values[0]:.3f} N m s, s.d. {again.sd[0]:.3
 assert abs(again.values[0] - 0.15) < 3 * again.sd[0]
 # -
 
-# ## Functions
+# ## Frequency response functions
 #
-# As in Figure 13: the accelerance at the free end of the longer beam, under a force 10 mm beside
-# it, at the three torques, each with its k1, k2 and c.
+# As in Figure 13: the accelerance at the free end of the longer beam, with the force 10 mm from
+# that end. Each of the three torques has its own k1, k2 and c.
 
 # +
 C = {7: 0.14, 15: 0.12, 23: 0.15}

@@ -4,13 +4,15 @@
 #     formats: py:light
 # ---
 
-# # A joint that is not the same all along: random fields on the interface
+# # A joint that varies along the lap: random fields on the interface
 #
-# The paper behind this demo (Jalali et al. 2019, see `README.md`) makes the stiffness of slap and
-# of slip random, k_i = k_i0 (1 + eps f_i), with f_i a random field over the interface, and then
-# takes one random variable for the whole lap. This demo asks what that choice does: each of the
-# five joint elements gets a k1 and a k2 of its own, with a correlation length along the lap, from
-# much longer than the lap, which is one variable, to much shorter, which is five independent ones.
+# The paper behind this demo (Jalali et al. 2019, see `README.md`) makes the normal stiffness k1 and
+# the tangential stiffness k2 random: k_i = k_i0 (1 + eps f_i), where f_i is a random field over the
+# interface. It then takes one random variable for the whole lap.
+#
+# This demo shows the effect of that choice. Each of the five joint elements gets its own k1 and k2,
+# with a correlation length along the lap. A correlation length much longer than the lap amounts to
+# one variable, a much shorter one to five independent variables.
 #
 # Run it with `./with-fenicsx python3 demos/bolted_beams/demo_random_field.py [PICTURE]`, on as many
 # ranks as you like. It takes some seconds.
@@ -51,9 +53,9 @@ def row(name: str, values, digits: int = 2) -> str:
 
 # ## The lap in five zones
 #
-# The case has one joint; here each element of the lap is a joint by itself. Its ten stiffnesses are
-# then all that a model has to depend on: `narrow` makes one that is small enough to be sampled, and
-# says how far its frequencies are off where all of them are within a factor of 1.3.
+# The case has one joint. Here each of the five elements of the lap is a separate joint, which makes
+# ten stiffnesses. `narrow` makes a reduced model that depends on these alone and is small enough to
+# be sampled. It also gives the error of its frequencies for stiffnesses within a factor of 1.3.
 
 # +
 case = load_case(Path(__file__).parent)
@@ -76,8 +78,8 @@ say(
 
 # ## The fields
 #
-# The middles of the elements are 10 mm apart. The Karhunen-Loeve expansion says how many
-# independent variables a field of a given correlation length has; all of them are kept here.
+# The midpoints of the elements are 10 mm apart. The Karhunen-Loeve expansion shows how many
+# independent variables a field of a given correlation length needs. Here all of them are kept.
 
 # +
 places = (np.arange(5) + 0.5) * case.mesh.laps[0] / 5
@@ -97,11 +99,12 @@ for name, length in LENGTHS.items():
         say(row(name, 100 * np.cumsum(values) / values.sum(), 1))
 # -
 
-# ## What they do to the frequencies
+# ## Scatter of the frequencies
 #
-# By samples, each a solution of its own, and by sensitivities, first and second derivatives at the
-# mean. Both say: a field that varies along the lap averages out, and the frequencies scatter less;
-# and since other modes bend the lap elsewhere, their frequencies go together less, too.
+# It is computed in two ways: by samples, each of which is solved, and by sensitivities, which are
+# first and second derivatives at the mean. Both give the same result. A field that varies along the
+# lap averages out, so the frequencies scatter less. Different modes bend the lap at different
+# places, so their frequencies also correlate less.
 
 
 # +
