@@ -6,16 +6,16 @@
 
 # # Bolted dumbbells: a joint's stiffness from frequencies, and from functions
 #
-# Two blocks with a neck each, bolted neck to neck, hung on a rope and struck with a hammer: the
-# specimen of "A Three-Dimensional Transition Interface Model for Bolt Joint" ("the paper"). Its
-# joint is a layer of material between the necks, with three numbers to find: modulus E,
-# Poisson's ratio and thickness h. The paper fits them to frequencies and frequency response
-# functions together, in weighted equations (its equations 15 to 20).
+# The specimen of "A Three-Dimensional Transition Interface Model for Bolt Joint" ("the paper") is
+# two blocks, bolted neck to neck, hung on a rope and struck with a hammer. Its joint is a layer of
+# material between the necks with three parameters: modulus E, Poisson's ratio nu and thickness h.
+# The paper fits them to frequencies and frequency response functions together, in weighted
+# equations (its equations 15 to 20).
 #
-# This demo puts the paper's three numbers in, asks what six frequencies know of them, lets each
-# frequency be predicted from the other five, and then shows on a test made by another model what
-# functions add. The numbers stand in `case.toml`, `case_bodies.toml` and `sandwich/case.toml`,
-# with their sources; `README.md` says what they mean.
+# This demo solves the model with the paper's three values, finds which of them six frequencies
+# determine, predicts each frequency from the other five, and shows on a simulated test what
+# response functions add. The values and their sources are in `case.toml`, `case_bodies.toml` and
+# `sandwich/case.toml`; `README.md` discusses the results.
 #
 # Run it with `./with-fenicsx python3 demos/dumbbell/demo_dumbbell.py [PICTURE]`, on as many
 # ranks as you like.
@@ -54,11 +54,12 @@ def row(name: str, values, digits: int = 2) -> str:
 
 # ## The paper's joint, in our model of the specimen
 #
-# The layer is the paper's transition material; its thickness is a parameter, not the mesh's. Two
-# lengths of the specimen were in a figure that is lost, the heads' thickness and the necks'
-# length: they are reconstructed, by a fit to the frequencies that the paper *computed*. So its
-# Table 7 must give its Table 9 back, within what two lengths leave open. Which mode is which is
-# told by shapes that follow from their names alone: the heads turn or move against each other.
+# The layer is the paper's transition material. Its thickness h is a parameter and can differ from
+# the thickness in the mesh. The figure with the thickness of the heads and the length of the necks
+# is lost, so both were fitted to the frequencies that the paper *computed*. With the values of
+# Table 7 our model must therefore give the frequencies of Table 9, as closely as two fitted lengths
+# allow. The modes of test and model are paired by shapes that follow from the names of the modes:
+# the heads rotate or translate against each other as rigid bodies.
 
 structure = build_structure(case, comm)
 data = case.measurements()
@@ -79,14 +80,14 @@ say(
 assert np.all(np.abs(ours / printed - 1) < 0.012)  # Table 9, theoretical frequencies
 assert agreement.min() > 0.9
 
-# (The paper's error of translation X is printed 3.08 %; its own two frequencies make it 3.03 %.)
+# (The paper prints an error of 3.08 % for translation X; its two frequencies give 3.03 %.)
 #
-# ## What six frequencies know
+# ## What six frequencies determine
 #
-# Next the three numbers are fitted to the six measured frequencies. The layer is thin: to all
-# that a frequency sees it is a spring of stiffness E / h, so that E and h can grow together
-# without any frequency moving. The paper names both to three digits. The case keeps h below 2
-# mm, or the fit would make a third neck of it.
+# Next the three parameters are fitted to the six measured frequencies. A thin layer acts as a
+# spring of stiffness E / h: if E and h grow by the same factor, no frequency changes. The paper
+# prints both to three digits. The case keeps h below 2 mm; otherwise the fit would make the layer
+# a third neck.
 
 once = case.model_copy(update={"update": case.update.model_copy(update={"held": None})})
 three = run_update(once, comm).result
@@ -96,19 +97,19 @@ assert "joint.h" in three.update.identifiability.undetermined
 theirs, before = 100 * (printed / measured - 1), 100 * three.modes.error_after
 say("", row("the paper's errors, fitted, %", theirs), row("ours, joint fitted, %", before))
 
-# (The paper counts test minus model: its 5.39 % is our -5.39 %.) No uniform layer does much
-# better: the test says that bending about X is 6.5 % stiffer relative to bending about Y than
-# the model has it, and that moving along Y is 7 % softer relative to moving along X. A layer
-# that is the same everywhere and in all directions cannot tell X from Y.
+# (The paper's errors are test minus model: its 5.39 % is our -5.39 %.) No uniform layer does much
+# better. In the test, bending about X is 6.5 % stiffer (in frequency) relative to bending about
+# Y than in the model, and translation along Y is 7 % softer relative to translation along X. A
+# layer with the same properties everywhere and in all directions cannot represent this.
 #
-# ## Is it the joint at all?
+# ## Is the joint the cause?
 #
-# The paper gives the bodies' modulus, 130 GPa, for its numerical example, and says nothing of
-# the specimen's. So let that modulus and the joint's be the two unknowns, with the layer's
-# Poisson's ratio and thickness left at the paper's values, and let each frequency be predicted
-# from the other five. The paper's errors are those of a model that was fitted to all six, and to
-# functions: a lower bar for the paper than for us. Five of the six predictions are nearer all
-# the same. The one that is not is the mode that the paper hits to 0.02 %.
+# The paper gives a modulus of the bodies, 130 GPa, for its numerical example but none for the
+# specimen. So this modulus and the modulus of the joint are fitted; Poisson's ratio and thickness
+# of the layer keep the paper's values. Each frequency is predicted by a fit to the other five. The
+# paper fitted its model to all six frequencies and to functions, which is easier than predicting
+# them. Still, five of the six predictions are better than the paper's fit. The sixth is the mode
+# that the paper fits to 0.02 %.
 
 bodies = run_update(load_case(here / "case_bodies.toml"), comm).result
 held = np.array([h["error_percent"] for h in bodies.held])
@@ -124,18 +125,18 @@ say(
 assert better.sum() == 5 and not better[2]
 assert np.sqrt(np.mean(held**2)) < 0.7 * np.sqrt(np.mean(theirs**2))
 
-# 101 GPa at 7850 kg/m3 is the speed of sound of a grey cast iron. The joint is then nearly as
-# stiff as if there were none, and how stiff cannot be told. Both readings of the same six
-# numbers are given; the frequencies do not decide between a soft joint in stiff blocks and a
-# stiff joint in softer ones but by what they predict.
+# 101 GPa at 7850 kg/m3 gives the speed of sound of a grey cast iron. The joint is then almost as
+# stiff as a bonded one, and its stiffness cannot be identified. The six frequencies allow two
+# explanations: a soft joint between stiff blocks, or a stiff joint between softer blocks. The
+# second predicts held-out modes better, which is the only evidence for it.
 #
-# ## What functions add
+# ## What response functions add
 #
-# The paper's numerical proof: a thick, soft sandwich of 10 mm, 10 GPa and 0.24 between the
-# necks, to be found from a start of 20 mm, 35 GPa and 0.27. The test is made by
-# `sandwich/make_test.py`: another mesh, direct solutions, 0.1 % noise on frequencies and 2 % on
-# functions, written to a universal file and read back. (Coarse cells and few lines here; the
-# files beside the script have more.)
+# In the paper's numerical example a thick, soft layer (10 mm, 10 GPa, nu 0.24) between the necks is
+# identified from a start at 20 mm, 35 GPa and 0.27. `sandwich/make_test.py` simulates the test with
+# another mesh, direct solutions, 0.1 % noise on frequencies and 2 % on functions; they are written
+# to a universal file and read back. (The elements are coarse here, and the lines few; the files in
+# `sandwich` have more.)
 
 folder = Path(comm.bcast(tempfile.mkdtemp() if comm.rank == 0 else None))
 sys.path.insert(0, str(here / "sandwich"))
@@ -168,7 +169,7 @@ say(
 
 # ## A picture
 #
-# Errors of the six modes, and one of the functions, if a path was given.
+# If a path is given, it is drawn: errors of the six modes, and one response function.
 
 
 def picture(path: str) -> None:

@@ -1,8 +1,8 @@
-"""Makes the test of the sandwich: frequencies and functions of a model, with noise, as files.
+"""Simulate the test of the sandwich layer: frequencies and response functions with noise, as files.
 
-The layer is that of the paper's "material parameters 1" (Table 6), in a mesh of its own thickness;
-the functions are direct solutions of the full model. Nothing of it is shared with the update, which
-maps its own, thicker layer and runs on a reduced model. Run it with
+The layer has the paper's "material parameters 1" (Table 6) and is meshed in its true thickness. The
+functions are direct solutions of the full model. The update shares nothing with this model: its
+layer is meshed thicker and mapped to the thickness h, and it runs on a reduced model. Run it with
 
     ./with-fenicsx python3 demos/dumbbell/sandwich/make_test.py [FOLDER]
 """
@@ -25,14 +25,14 @@ H, E, NU = 10e-3, 10e9, 0.24  # Table 6, material parameters 1
 LOSS, STRUCTURAL = 0.02, 0.002
 FREQUENCY_NOISE, FUNCTION_NOISE = 1e-3, 0.02  # relative standard deviations
 LINES = np.arange(400.0, 3001.0, 10.0)
-MESHED = 20e-3  # thickness of the layer in the case's mesh, in which the nodes' places are written
-#: Nodes at corners of the heads, m, in the case's mesh: 57 is where the hammer strikes.
+MESHED = 20e-3  # thickness of the layer in the case's mesh, to which the coordinates of NODES refer
+#: Nodes at corners of the heads, m, in the case's mesh. The hammer strikes at node 57.
 NODES = {57: (0.12, 0.09, -0.13), 12: (-0.12, 0.09, 0.13 + MESHED)}
 BODIES = ("head_1", "neck_1", "neck_2", "head_2")
 
 
 def structure(element_size: float) -> Structure:
-    """The dumbbells with the true layer, in a mesh of its thickness."""
+    """The dumbbells with the true layer, meshed in its thickness."""
     tagged = dumbbell(MPI.COMM_WORLD, layer=H, element_size=element_size)
     bodies = part("bodies", BODIES, E=130e9, nu=0.27, rho=7850.0)
     layer = transition("sandwich", "joint", E=E, nu=NU, h=H, meshed=H, rho=7850.0)
@@ -40,7 +40,7 @@ def structure(element_size: float) -> Structure:
 
 
 def places(axes: str, nodes) -> tuple[Sensors, list[tuple[int, int]]]:
-    """Sensors at nodes along axes, and (node, direction) of each as universal files number them."""
+    """Sensors at nodes along axes; (node, direction) of each, as universal files number them."""
     there = [(node, axis) for node in nodes for axis in axes]
     points = np.array([NODES[node] for node, _ in there])
     # Body 2 sits lower on the thinner layer.
@@ -75,7 +75,7 @@ def main(folder: Path, element_size: float = 0.045, lines: np.ndarray = LINES) -
 
 
 def write_uff(path: Path, lines, values: np.ndarray, responses, references) -> None:
-    """Nodes, units and one dataset 58 for each function."""
+    """Write units, nodes and one dataset 58 for each function."""
     xyz, n = np.array(list(NODES.values())), len(NODES)
     sets = [
         dict(
