@@ -6,20 +6,20 @@
 
 # # Which of a machine's 16 bolts matter?
 #
-# "A Three-Dimensional Transition Interface Model for Bolt Joint" (Machines 2022, 10, 511) ends with
-# an engraving machine: a cast bed and a cast column, joined by 16 M12
-# bolts, each of them a ring of "transition material" between the flanges. It prints the bolts, the
-# material and five frequencies; the dimensions of the frame were in a figure that is lost.
+# The last section of "A Three-Dimensional Transition Interface Model for Bolt Joint" ("the paper",
+# Machines 2022, 10, 511) is about an engraving machine: a cast bed and a cast column, joined by 16
+# M12 bolts. Each bolt is modelled as a ring of "transition material" between the flanges. The paper
+# prints the bolts, the materials and five frequencies; the figure with the dimensions is lost.
 #
-# So the frame here is a **stand-in**: a bed and a column of that class, whose overall dimensions
-# were fitted to the five frequencies that the paper computed (Table 12). That they are near is
-# therefore no validation of anything. What can be learnt is what such a frame's bolts do: how the
-# frequencies move with the rings' modulus and thickness, which bolts matter to which mode, and
-# what one loose bolt does.
+# So the frame here is a **stand-in**: a bed and a column whose overall dimensions were fitted to
+# the five frequencies that the paper computed (Table 12). Their agreement therefore validates
+# nothing. The demo shows how the frequencies depend on the modulus and thickness of the rings,
+# which bolts matter to which mode, and what one loose bolt changes.
 #
 # Run it with `./with-fenicsx python3 demos/engraving_machine/demo_engraving_machine.py [PICTURE
-# [SIZE]]`, on as many ranks as you like. SIZE is the elements' size in mm, by default that of
-# `case.toml`, 150, which is quick; 30 has more unknowns than the paper's model, and needs 8 GB.
+# [SIZE]]`, on as many ranks as you like. SIZE is the size of the elements in mm. The default is
+# that of `case.toml`, 150, which is quick; 30 has more degrees of freedom than the paper's model
+# and needs 8 GB.
 
 # +
 import sys
@@ -58,9 +58,9 @@ def row(name: str, values, form: str = "9.2f") -> str:
 
 # ## The rings, from the database
 #
-# A tightening torque of 120 N·m, M12, flanges of 25 mm: the database's Kriging over the paper's own
-# contact analyses gives the radius to which the flanges touch, and the nearest identified joint its
-# material.
+# The input is an M12 bolt, a tightening torque of 120 N·m and flanges of 25 mm. The database gives
+# the radius to which the flanges touch (Kriging over the paper's contact analyses) and the material
+# of the ring (from the nearest identified joint).
 
 answer = query(seed_database(), bolt="M12", torque=120.0, thickness=25e-3, roughness=1.6e-6)
 ring = answer.identified
@@ -91,14 +91,14 @@ say(
     row("stand-in against computed, %", 100 * (hz / computed - 1)),
     row("modes 6 to 10 of the stand-in", modes.frequencies_hz[RIGID + SHOWN :]),
 )
-# The dimensions are fitted to these, on the fine mesh.
+# The dimensions were fitted to these frequencies on the fine mesh.
 assert np.all(np.abs(hz / computed - 1) < 0.06)
 
 # ## Which bolts matter
 #
-# One adjoint evaluation for each mode gives the slopes by all 16 moduli at once: d ln f / d ln E,
-# the percentage by which a frequency rises when one bolt's ring is 1 % stiffer. The frame is the
-# same on the left and on the right, so bolts come in pairs.
+# One adjoint evaluation for each mode gives the derivatives by all 16 moduli at once: d ln f / d ln
+# E, the percentage by which a frequency rises when the modulus of one ring rises by 1 %. The frame
+# is symmetric about x = 0, so bolts come in pairs.
 
 names = list(model.parameters)
 slopes = modes.gradients(first_five) / (2 * modes.eigenvalues[first_five, None])
@@ -128,10 +128,11 @@ say(
 )
 assert np.allclose(by_E, by_E[:, mirror], rtol=1e-3, atol=1e-8)
 
-# ## From a weld to a rattle
+# ## All rings together, from welded to loose
 #
-# The same frame with one modulus for all rings, reduced to its modes at four moduli: the curves
-# over E and h cost nothing then. Their slopes at Table 11's values check the adjoint ones.
+# The same frame with one modulus for all rings is reduced to its modes at four moduli. The curves
+# over E and h then cost almost nothing. Their slopes at the values of Table 11 check the adjoint
+# derivatives.
 
 together = {"rings": case.joints["ring_1"].model_copy(update={"cells": list(case.joints)})}
 common = build_structure(case.model_copy(update={"joints": together}), comm, tagged=tagged)
@@ -168,8 +169,9 @@ say(
 
 # ## One loose bolt
 #
-# A loose bolt's ring keeps a thousandth of its modulus. The model is solved again for each bolt,
-# and compared with what the slopes of the tight state foretell: f falls by 0.999 d ln f / d ln E.
+# The ring of a loose bolt keeps a thousandth of its modulus. The model is solved again for each
+# bolt and compared with the prediction by the derivatives of the tight state: f falls by
+# 0.999 d ln f / d ln E.
 
 loose, solver = {}, None
 for i in left:
@@ -184,7 +186,7 @@ foretold = -0.999 * by_E.T
 say("", "change of the frequencies by one loose bolt, %", row("bolt", range(1, SHOWN + 1), "9d"))
 say(*(row(f"{i + 1:2d}", 100 * exact[i], "9.4f") for i in left))
 worst = left[np.abs(exact[left]).argmax(axis=0)]
-# Ranks of the bolts, each pair once: 1 if the slopes foretell the order.
+# Rank correlation over the bolts, each pair once: 1 if the derivatives give the right order.
 agree = [spearmanr(exact[left, j], foretold[left, j]).statistic for j in range(SHOWN)]
 ratio = np.median(exact[left] / foretold[left], axis=0)
 say(
@@ -196,12 +198,12 @@ assert np.all(exact < 1e-6) and np.all(ratio > 1) and np.mean(agree) > 0.7
 
 # ## A picture
 #
-# The frame with its column taken off, the five shapes, the bolts by what they matter, and the
-# curves, if a path was given.
+# If a path is given, it is drawn: the frame with the column lifted, the five mode shapes, the
+# derivatives by bolt, and the curves.
 
 
 def parts() -> np.ndarray:
-    """0 for the bed's cells, 1 for the column's, 2 for rings', in the order of `corner_motion`."""
+    """0 for cells of the bed, 1 of the column, 2 of rings, in the order of `corner_motion`."""
     owned = tagged.mesh.topology.index_map(tagged.mesh.topology.dim).size_local
     tags = tagged.cell_tags.values[np.argsort(tagged.cell_tags.indices)][:owned]
     kinds = np.minimum(tags - tagged.cell_tag("bed"), 2)

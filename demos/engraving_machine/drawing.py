@@ -1,4 +1,4 @@
-"""The pictures of the demo: the frame taken apart, its shapes, its bolts, and the curves."""
+"""The picture of the demo: the frame, its mode shapes, the derivatives by bolt, and the curves."""
 
 from __future__ import annotations
 
@@ -12,31 +12,31 @@ from matplotlib.collections import PolyCollection
 from matplotlib.colors import Normalize, to_rgba
 from matplotlib.figure import Figure
 
-#: Corners of a hexahedron's faces, in DOLFINx's order, each around its face.
+#: Corners of the faces of a hexahedron, numbered as in DOLFINx, in order around each face.
 FACES = np.array(
     [(0, 1, 3, 2), (4, 5, 7, 6), (0, 1, 5, 4), (2, 3, 7, 6), (0, 2, 6, 4), (1, 3, 7, 5)]
 )
-#: The view: from the front (-y), turned to the right, and from above.
+#: Direction of view: from the front (-y), rotated to the right, and from above.
 TURN, TILT = np.radians(-32.0), np.radians(24.0)
 CASTINGS, RINGS = ("#b9c3cf", "#d9dee4"), "#c8322b"
-LIFT = 0.22  # of the column when it is taken off, m
+LIFT = 0.22  # how far the column is lifted in the first panel, m
 
 
 @dataclass
 class Story:
-    """What the demo found.
+    """Results of the demo.
 
     Attributes:
         corners: Corners of all cells, m, shape (n_cells, 8, 3).
-        part: Of each cell: 0 for the bed, 1 for the column, 2 for rings.
-        motions: Motion of the corners in each mode, shape (5, n_cells, 8, 3).
-        hz: Frequencies, shape (5,).
-        bolts: Places, m, shape (16, 2).
+        part: Part of each cell: 0 for the bed, 1 for the column, 2 for rings.
+        motions: Displacement of the corners in each mode, shape (5, n_cells, 8, 3).
+        hz: Frequencies, Hz, shape (5,).
+        bolts: Positions of the bolts, m, shape (16, 2).
         by_E: d ln f / d ln E, shape (5, 16).
-        exact: Change of f by one loose bolt, shape (16, 5).
-        foretold: The same by the slopes.
-        over_E: Factors on E, and the frequencies, shape (n,) and (n, 5).
-        over_h: Factors on h, likewise.
+        exact: Relative change of f by one loose bolt, shape (16, 5).
+        foretold: The same as predicted by the derivatives.
+        over_E: Factors on E, shape (n,), and the frequencies, Hz, shape (n, 5).
+        over_h: The same for h.
     """
 
     corners: np.ndarray
@@ -66,7 +66,7 @@ def draw(story: Story, path: str, title: str) -> None:
 
 
 def _skin(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Cell and face of every face that belongs to one cell only."""
+    """Cell and face number of every face that belongs to one cell only."""
     whole = np.round(corners.reshape(-1, 3) / 1e-6).astype(np.int64)
     _, ids = np.unique(whole, axis=0, return_inverse=True)
     faces = np.sort(ids.reshape(corners.shape[:2])[:, FACES].reshape(-1, 4), axis=1)
@@ -75,7 +75,7 @@ def _skin(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _paint(axes: Axes, corners, cell, face, colours) -> None:
-    """Faces towards the viewer, far ones first, shaded by where they point."""
+    """Draw the faces that point to the viewer, far ones first, shaded by their direction."""
     right = np.array([np.cos(TURN), -np.sin(TURN), 0.0])
     into = np.array([np.sin(TURN), np.cos(TURN), 0.0]) * np.cos(TILT) - [0, 0, np.sin(TILT)]
     polygons = corners[cell[:, None], FACES[face]]
@@ -103,7 +103,7 @@ def _taken_apart(axes: Axes, story: Story) -> None:
     corners, cells, faces, colours = story.corners.copy(), [], [], []
     corners[parts[1], :, 2] += LIFT
     for members in parts:
-        # Each body's own skin, as the rings' faces show when the column is off.
+        # The surface of each body, as the faces of the rings are visible with the column lifted.
         cell, face = _skin(corners[members])
         cells.append(members[cell])
         faces.append(face)
