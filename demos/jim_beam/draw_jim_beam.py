@@ -2,9 +2,8 @@
 
     ./with-fenicsx python3 demos/jim_beam/draw_jim_beam.py [FILE]
 
-Lengths in millimetres, read off the nodes of the test's public model: two plates of 300 x 150 x 10,
-apart by a third of 100 x 150 x 10 between their ends. The screws are not in that model, and so not
-here.
+Lengths are in millimetres, read off the nodes of the test's public model: two plates of 300 x 150 x
+10, and a third of 100 x 150 x 10 between their ends. This model has no screws, so none are drawn.
 """
 
 from __future__ import annotations
