@@ -169,7 +169,7 @@ say(
 
 # ## A picture
 #
-# If a path is given, it is drawn: errors of the six modes, and one response function.
+# Drawn if a path is given: the errors of the six modes, and one response function.
 
 
 def picture(path: str) -> None:

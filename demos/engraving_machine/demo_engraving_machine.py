@@ -198,7 +198,7 @@ assert np.all(exact < 1e-6) and np.all(ratio > 1) and np.mean(agree) > 0.7
 
 # ## A picture
 #
-# If a path is given, it is drawn: the frame with the column lifted, the five mode shapes, the
+# Drawn if a path is given: the frame with the column lifted, the five mode shapes, the
 # derivatives by bolt, and the curves.
 
 
