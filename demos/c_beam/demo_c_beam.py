@@ -4,16 +4,17 @@
 #     formats: py:light
 # ---
 
-# # Two C-shaped beams: how much of a bolted joint holds
+# # Two C-shaped beams: how much of a bolted joint is in contact
 #
-# Two steel beams touch on pads at their ends, and a bolt in each end presses them together. The
+# Two steel beams touch on pads at their ends, and a bolt at each end presses them together. The
 # paper behind this demo (Fronk et al. 2019, see `README.md`) measured the first six elastic modes
-# of the free assembly, and its model with the pads fully stuck is 1 to 5 % too stiff. Its cure has
-# one number: a contact pressure below which the pads are taken not to hold.
+# of the free assembly. The frequencies of its model with the pads fully stuck are 1 to 5 % too
+# high. It corrects them by one number, the cut-off pressure: where the contact pressure is lower,
+# the pads are taken as not stuck.
 #
-# This demo computes that pressure from the bolts' preload, the frequencies at every cut-off, and
-# the cut-off that fits the test. Its numbers stand in `case.toml`, with their sources; to be quick
-# the mesh here is far coarser.
+# This demo computes the contact pressure from the bolt preload, the frequencies at every cut-off
+# pressure, and the cut-off pressure that fits the test best. `case.toml` has all numbers with their
+# sources. Here the mesh is far coarser, to be quick.
 #
 # Run it with `./with-fenicsx python3 demos/c_beam/demo_c_beam.py [PICTURE]`, on as many ranks as
 # you like.
@@ -58,8 +59,8 @@ def row(name: str, values, digits: int = 1) -> str:
 
 # ## From the torque to the bolt force
 #
-# The bolts are 5/16-24. Motosh's equation (the paper's eq. 8) turns the torque into a force; the
-# paper prints three pairs, but not the frictions, which are then about 0.107.
+# The bolts are 5/16-24. Motosh's equation (the paper's eq. 8) gives the force for a torque. The
+# paper prints three pairs of torque and force, but not the friction; 0.107 reproduces them.
 
 forces = [motosh_force(torque, "5/16-24", 0.107, 0.107) for torque in (10.2, 16.9, 25.1)]
 say("bolt force at 10.2, 16.9, 25.1 N·m, kN: " + ", ".join(f"{f / 1e3:.1f}" for f in forces))
@@ -67,8 +68,8 @@ assert np.allclose(forces, [8.6e3, 14.3e3, 21.2e3], rtol=6e-3)  # Table 3
 
 # ## Fully stuck
 #
-# The model with the pads stuck all over, bolts as beams between rigid spiders, and four
-# accelerometers of 20 g whose places the paper does not print.
+# In this model the pads are stuck all over, and the bolts are beams between rigid spiders. It has
+# four accelerometers of 20 g, whose places the paper does not print.
 
 stuck = solve_modes(LinearJoint(build_preload(case, comm)), n_modes=12)
 ours = stuck.frequencies_hz[stuck.n_rigid :]
@@ -83,14 +84,14 @@ say(
 )
 assert np.all(np.abs(ours / printed - 1) < 0.045)
 
-# Modes 7 and 11 (the paper counts the rigid ones) open and close the joint, mode 12 shears it: they
-# are the ones that are too high.
+# Modes 7 and 11 open and close the joint, and mode 12 shears it (the paper also counts the six
+# rigid-body modes). These three are the modes whose frequencies are too high.
 
 # ## Every cut-off pressure
 #
-# `run_cutoff` calibrates Young's modulus on mode 10, which hardly feels the joint, solves the
-# contact at the case's 28 kN, and follows the six frequencies as facet after facet is lost. Either
-# a lost facet is open ("two" conditions) or it still slides ("three").
+# `run_cutoff` calibrates Young's modulus on mode 10, which hardly depends on the joint. It solves
+# the contact at the case's 28 kN, and computes the six frequencies as one facet after the other
+# falls below the cut-off pressure. These facets are open ("two" conditions) or slide ("three").
 
 found = run_cutoff(case, comm).result
 peak = found.contacts[0]["peak_pressure_pa"]
@@ -110,10 +111,10 @@ for scheme in found.schemes:
 before = float(np.sum(np.abs(found.stuck_hz / test - 1)))
 say(f"fully stuck: sum of errors {100 * before:.1f} %")
 
-# As in the paper, letting lost facets open fits far better than letting them slide, since sliding
-# faces cannot clap. Its best cut-off, 23 MPa, is 0.47 of its peak pressure, 49 MPa. Our peak is
-# higher, as our contact has no penalty stiffness that lets the faces overlap (see `README.md`), so
-# it is this ratio that can be compared.
+# As in the paper, open facets fit far better than sliding ones, since sliding faces cannot clap.
+# The paper's best cut-off, 23 MPa, is 0.47 of its peak pressure, 49 MPa. Our peak is higher,
+# because our contact has no penalty stiffness that lets the faces overlap (see `README.md`). So
+# only this ratio can be compared.
 
 two, three = found.schemes
 assert two.objective < 0.6 * three.objective < 0.6 * before
