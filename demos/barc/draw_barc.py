@@ -2,10 +2,10 @@
 
     ./with-fenicsx python3 demos/barc/draw_barc.py [FILE]
 
-Lengths in millimetres, read off the nodes of the test's public model (inches: box 6 x 6 x 3 of 1/4
-with a slot of 1/2 across its roof, channels 2 x 1 of 1/8, 1 long, beam 5 x 1 of 1/8). The screws'
-holes are left out: their clamped area is the whole of each foot, and holes of 4 mm would make
-most of the mesh.
+Lengths are in millimetres, read off the nodes of the test's public model. In inches: a box of
+6 x 6 x 3 with walls of 1/4 and a slot of 1/2 across its roof; channels of 2 x 1, 1/8 thick and 1
+long; a beam of 5 x 1, 1/8 thick. The holes of the screws are left out: the screws clamp the whole
+of each foot, and most of the mesh would be around holes of 4 mm.
 """
 
 from __future__ import annotations
