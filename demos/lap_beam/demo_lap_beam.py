@@ -4,17 +4,17 @@
 #     formats: py:light
 # ---
 
-# # A bolted lap beam: what three frequencies say of a joint
+# # A bolted lap beam: what three frequencies say about a joint
 #
-# Two steel beams, lapped over 50 mm, held by one bolt and clamped at one end. The paper behind this
-# demo (Iranzad and Ahmadian 2012, see `README.md`) models the joint as a layer of an isotropic
+# Two steel beams are lapped over 50 mm, held by one bolt, and clamped at one end. The paper of this
+# demo (Iranzad and Ahmadian 2012, see `README.md`) models the joint as a layer of isotropic
 # material as thick as the distance of the beams' axes, and identifies its moduli E and G from three
 # bending frequencies.
 #
-# This demo puts that layer into a solid model, identifies it again, with and without masses that
-# the paper does not print, and looks at the paper's reason for choosing E and G rather than E and
-# Poisson's ratio. Its numbers stand in `case.toml`, with their sources; to be quick the mesh here
-# is coarser.
+# This demo puts the layer into a solid model and identifies it again, with and without masses that
+# the paper does not print. It also examines why the paper chooses E and G instead of E and
+# Poisson's ratio. `case.toml` has all numbers and their sources; the mesh here is coarser, to be
+# quick.
 #
 # Run it with `./with-fenicsx python3 demos/lap_beam/demo_lap_beam.py [PICTURE]`, on as many ranks
 # as you like.
@@ -51,7 +51,7 @@ def say(*lines: str) -> None:
 
 
 def row(name: str, values, digits: int = 2) -> str:
-    """A line of numbers."""
+    """Format a line of numbers."""
     return f"{name:44s}" + "".join(f"{v:10.{digits}f}" for v in values)
 
 
@@ -62,12 +62,12 @@ test = nominal.measurements().frequencies_hz[0]  # Table 1
 
 # ## The paper's layer in a solid
 #
-# The paper's layer fills the distance h = 6 mm of the neutral axes. Plane sections turn by w', so
-# its shear strain, (u2 - u1) / h + w', is the slip of the faces over h; its normal strain is their
-# opening over h. Stiff beams let it strain in no other way, so in plane stress the interface has,
-# per area, k_t = G / h and k_n = E / (1 - nu^2) / h. A mesh has a layer of its own thickness t
-# between the faces, and the moduli k t. (A layer of thickness t that is told to be 6 mm thick, by a
-# stretch, would be wrong: w' would count twice.)
+# The paper's layer fills the distance h = 6 mm between the neutral axes. Plane sections rotate by
+# w', so its shear strain, (u2 - u1) / h + w', is the slip of the faces over h, and its normal
+# strain is the opening of the faces over h. The stiff beams prevent any other strain. In plane
+# stress the interface therefore has, per area, k_t = G / h and k_n = E / (1 - nu^2) / h. The mesh
+# has a layer of thickness t between the faces, with the moduli k_t t and k_n t. (A `stretch` that
+# makes this layer 6 mm thick would be wrong: w' would count twice.)
 
 T, H = 6e-5, 6e-3
 
@@ -111,17 +111,17 @@ say(
     "from these frequencies alone, to a factor of: "
     + ", ".join(f"{name} {np.exp(sd):.2g}" for name, sd in zip(("k_n", "k_t"), known, strict=True))
 )
-assert known[1] > 1  # so much for the digits of Table 2
+assert known[1] > 1  # k_t is not determined, although Table 2 has five digits of it
 assert np.all((without / test > 1.03) & (without / test < 1.06))
 assert np.all(np.abs(added / test - 1) < 0.017)
 
-# The bolt set and an accelerometer close most of the gap, as masses of 7 g in the lap and 10 g at
-# the tip would. The layer hardly matters: if k_n doubles, the second frequency rises by 0.9 %, the
+# Masses of 7 g in the lap (the bolt set) and 10 g at the tip (an accelerometer) remove most of the
+# error. The layer has little influence: if k_n doubles, the second frequency rises by 0.9 %, the
 # others by 0.1 %.
 
 # ## Updating: the layer from the three frequencies
 #
-# The model without masses has to make the joint give way without limit to come down to the test.
+# Without masses only an extremely soft joint lowers the frequencies towards those of the test.
 
 for words, case in (("without masses", nominal), ("with 7 g and 10 g", with_masses)):
     found = run_update(case, comm).result
@@ -140,10 +140,10 @@ say(f"the paper's: k_n {paper[0] / H / 1e9:.1f}, k_t {paper[1] / H / 1e9:.1f} GP
 
 # ## Appendix A: is Poisson's ratio a bad design variable?
 #
-# The paper finds that the derivatives of an element's stiffness by nu change their sign with nu,
-# and takes G instead. The frequencies do the same, near nu = 0.1. But at a fixed E so do the
-# derivatives by G, as nu = E / 2G - 1: nothing is gained. The two stiffnesses k_n and k_t have
-# derivatives of one sign everywhere.
+# The paper finds that the derivatives of an element's stiffness by nu change sign as nu changes,
+# and uses G instead. The derivatives of the frequencies by nu change sign too, near nu = 0.1. But
+# at fixed E the derivatives by G do the same, because nu = E / 2G - 1, so G is no improvement. The
+# derivatives by the stiffnesses k_n and k_t have the same sign everywhere.
 
 COORDINATES = {
     "E, nu": lambda x: stiffness(np.exp(x[0]), x[1]),
@@ -180,12 +180,12 @@ assert np.all(by_nu[0] < 0) and np.all(by_nu[-1] > 0)
 assert np.all(by_G[0] > 0) and np.all(by_G[-1] < 0)
 assert np.all(by_k > 0)
 
-# What it does to an identification: plain eigen-sensitivity steps as the paper's, on frequencies
-# that the model itself has at E = 200 MPa and nu = 0.4864, from nu = -0.1 and E = 300 MPa.
+# The effect on an identification: plain eigen-sensitivity steps, like the paper's, from E = 300 MPa
+# and nu = -0.1 to the model's own frequencies at E = 200 MPa and nu = 0.4864.
 
 
 def identify(name: str, data: np.ndarray) -> tuple[int, np.ndarray | None]:
-    """Gauss-Newton steps, and the moduli (k_n h, k_t h), or None where a step left what exists."""
+    """Gauss-Newton steps, and the moduli (k_n h, k_t h); None if a stiffness turns negative."""
     k = stiffness(300e6, -0.1)
     x = {"E, nu": [np.log(300e6), -0.1], "E, G": np.log([300e6, k[1]]), "k_n, k_t": np.log(k)}
     x = np.array(x[name])
@@ -212,7 +212,8 @@ assert np.allclose(ends["k_n, k_t"][1], truth, rtol=1e-3)
 
 # ## Diagnosis: what the identified model lacks
 #
-# The layer as the paper identified it, no masses, a clamp that may give way.
+# The baseline model has the layer as the paper identified it and no masses; its clamp may be
+# compliant.
 
 answer = diagnose(coarse("identified.toml"), comm)
 say("", answer.summary)
@@ -220,16 +221,16 @@ for effect in sorted(answer.effects[:8], key=lambda effect: effect.name):
     where = f" ({effect.region})" if effect.region else ""
     say(f"  {100 * effect.probability:5.1f} %  {effect.name}{where}")
 
-# A heavier tip, denser, softer or thinner beams and a clamp that gives way all lower all three
-# frequencies by nearly the same percentage. These data cannot tell them apart, and the diagnosis
-# says so.
+# A heavier tip, denser, softer or thinner beams, and a compliant clamp each lower all three
+# frequencies by nearly the same percentage. These data cannot tell the effects apart, and the
+# diagnosis says so.
 
 members = {e.name for e in answer.effects if e.class_name == answer.effects[0].class_name}
 assert {"tip accelerometer mass", "density error", "modulus error"} <= members
 
 # ## A picture
 #
-# The slopes over Poisson's ratio, and the gap, if a path was given.
+# If a path was given: the slopes over Poisson's ratio, and the errors of the models.
 
 
 def picture(path: str) -> None:

@@ -6,18 +6,18 @@
 
 # # A bolted lap beam: how a joint slips, from the response to one force
 #
-# Near its first resonance a bolted beam answers a larger force at a lower frequency, and with more
-# damping. The paper behind this demo (Iranzad and Ahmadian 2012, see `README.md`) puts that into a
-# thin layer that yields: stress over strain by its eq. 4, with stiffness E_e at rest, E_p when all
-# slips, and a strength S_y. It finds E_p and S_y from the response to 6 N alone, and predicts those
-# to 3 and 1.5 N.
+# The larger the force on a bolted beam, the lower is its first resonance and the higher its
+# damping. The paper of this demo (Iranzad and Ahmadian 2012, see `README.md`) models this by a thin
+# layer that yields. Its eq. 4 is the stress over the strain, with stiffness E_e at rest, E_p when
+# all of the layer slips, and a strength S_y. E_p and S_y are found from the response to 6 N alone;
+# the responses to 3 and 1.5 N are predicted.
 #
-# The paper's measured curves are figures only. Here the test is another model: two beams in contact
-# with friction under the paper's preload of 120 N, integrated in time, with 1 % of noise
-# (`virtual_test.py`, whose output is `frf.csv`).
+# The paper shows its measured curves only as figures. The test here is therefore another model: two
+# beams in contact with friction under the paper's preload of 120 N, integrated in time, with 1 % of
+# noise (`virtual_test.py`, whose output is `frf.csv`).
 #
 # Run it with `./with-fenicsx python3 demos/lap_beam/demo_nonlinear.py [PICTURE]`, on as many ranks
-# as you like. `stage_two.py` makes the further numbers of `README.md`.
+# as you like. `stage_two.py` computes the other numbers of `README.md`.
 
 # +
 import sys
@@ -52,7 +52,8 @@ for level in curves.levels:
 
 # ## Stage one: the layer at rest, from low-level frequencies
 #
-# On the same coarse mesh as all that follows, so that its errors go into the layer.
+# This stage uses the same coarse mesh as the next, so that the layer makes up for errors of the
+# mesh.
 
 structure = beams(bolt_and_accelerometer(5.7e-3, 10e-3))
 (E, G), frequencies = linear_stage(structure, test.frequencies_hz)
@@ -63,8 +64,8 @@ say(
 
 # ## Stage two: how it yields, from the response to 6 N
 #
-# The law is that of a layer whose equivalent stress, of opening and slip together, follows eq. 4,
-# loading, unloading and reloading (Masing). Harmonic balance gives the response, and its exact
+# The equivalent stress of the layer, from opening and slip together, follows eq. 4 when it loads,
+# and Masing's rule when it unloads and reloads. Harmonic balance gives the response and its exact
 # derivatives by E_p and S_y.
 
 start = {"lap.E_p": 0.02 * E, "lap.S_y": 6e4}
@@ -77,8 +78,8 @@ say("", "a layer that never yields")
 tell_errors(linear)
 tell("identified from 6 N", found, predictions)
 
-# From one level the others follow to a few per cent of amplitude; without slip they are off by up
-# to several times as much.
+# The law identified at one level predicts the amplitudes at the others to a few per cent. A layer
+# that never yields is off by up to several times as much.
 
 for before, after in zip(linear, predictions, strict=True):
     assert after.mean_error < 0.08
@@ -88,7 +89,7 @@ assert found.evaluations < 40
 
 # ## A picture
 #
-# If a path was given.
+# If a path was given: amplitude per force, and the objective of the search.
 
 
 def picture(path: str) -> None:

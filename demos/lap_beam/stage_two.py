@@ -1,7 +1,7 @@
 """Stage two of the lap beam: a layer that yields, identified from the virtual test.
 
-What `demo_nonlinear.py` shows in short; run as a script it makes the numbers of `README.md`, on a
-finer mesh and with the direct search of the paper too:
+`demo_nonlinear.py` shows this in short. Run as a script, this file computes the numbers of
+`README.md`, also with the direct search of the paper:
 
     python3 demos/lap_beam/stage_two.py
 """
@@ -24,7 +24,7 @@ from fenics_joints.structure import Parameter, PointMass, Structure, Support, jo
 
 HERE = Path(__file__).parent
 COMM = MPI.COMM_WORLD
-T, H = 6e-5, 6e-3  # thickness of the layer as meshed, and that of the paper's, m
+T, H = 6e-5, 6e-3  # thickness of the layer in the mesh, and in the paper, m
 TIP = (0.42, 0.0, 6e-3)
 COUNTS = {"n_length": 10, "n_lap": 8, "n_width": 3}
 PLACES = {"force": "shaker", "sensor": "tip"}
@@ -36,7 +36,7 @@ PAPER = {"E": 654.72e6, "G": 168.13e6, "E_p": 1.01e5, "S_y": 5.7426e5, "n": 2.5}
 
 @dataclass(frozen=True)
 class Test:
-    """What the virtual test knows of itself: see the heads of its files."""
+    """Data of the virtual test, from the heads of its files."""
 
     shaker: float
     damping: float
@@ -52,12 +52,12 @@ def read_test() -> Test:
     modes = [float(f) for f in head.split("Modes at rest, Hz: ")[1].split(". ")[0].split(",")]
     damping = float(head.split("viscous damping ")[1].split(",")[0])
     shaker = float(head.split("shaker at x = ")[1].split(" m")[0])
-    # The second of them bends in the plane.
+    # The second mode bends in the plane.
     return Test(shaker, damping, np.array(modes)[[0, 2, 3]])
 
 
 def beams(masses) -> Structure:
-    """The beams with a layer of parameters ``E`` and ``G``, Pa, of one as thick as the paper's."""
+    """The beams with a layer of parameters ``E`` and ``G``, Pa, scaled to its thickness."""
     mesh = lap_beam(COMM, layer=T, **COUNTS)
     lap = joint("lap", "joint", E="E", G="G")
     steel = part("beams", ("beam_1", "beam_2"), E=207e9, nu=0.3, rho=7800.0)
@@ -75,7 +75,8 @@ def bolt_and_accelerometer(bolt: float, accelerometer: float):
 def linear_stage(structure: Structure, frequencies_hz: np.ndarray, bending=(0, 2, 3)):
     """E and G of the layer from low-level frequencies, Pa; and the model's frequencies, Hz.
 
-    The first one counts most: the curves near it are to be followed to a hundredth of a percent.
+    The first frequency has the largest weight, because the curves near it have to be fitted to a
+    hundredth of a percent.
     """
     noise = np.array([1e-4, 1e-3, 1e-2])
 
@@ -97,7 +98,7 @@ def linear_stage(structure: Structure, frequencies_hz: np.ndarray, bending=(0, 2
 
 
 def layer_law(E, G, E_p, S_y, n, *, shear: bool = False, sliders: int = SLIDERS):
-    """Eq. 4 of the equivalent stress; or read literally, of the shear stress alone."""
+    """Eq. 4 for the equivalent stress, or, as printed, for the shear stress alone."""
     if shear:
         return Iwan(RichardAbbott(G, E_p, S_y, n), sliders, thickness=H / T)
     return IwanLayer(RichardAbbott(E, E_p, S_y, n), G, sliders, thickness=H / T)
@@ -126,7 +127,7 @@ def nonlinear_model(
 
 
 def summary(model: InterfaceModel, levels, band) -> list[dict]:
-    """Peak, its frequency and the damping it stands for, by level."""
+    """Peak, its frequency, and the damping, by level."""
     rows = []
     for level in levels:
         response = solve_harmonic(
@@ -134,7 +135,7 @@ def summary(model: InterfaceModel, levels, band) -> list[dict]:
         )
         i, omega = response.peak.index, 2 * np.pi * response.peak.frequency_hz
         X = response.coefficients[i]
-        # Energy of the first harmonic's motion at its largest speed.
+        # Kinetic energy of the first harmonic at its largest speed.
         kinetic = 0.5 * omega**2 * sum(X[:, k] @ model.M @ X[:, k] for k in (1, 2))
         rows.append(
             {
@@ -151,12 +152,12 @@ def summary(model: InterfaceModel, levels, band) -> list[dict]:
 
 
 def options() -> dict:
-    """What all responses here are computed with; ranks share the interface's points."""
+    """Options of all responses here; ranks share the points of the interface."""
     return {"harmonics": HARMONICS, "samples": SAMPLES, "comm": COMM, **PLACES}
 
 
 def identified(model, curves, start, method: str, loops=()):
-    """Parameters from the highest level alone, and what they predict of all levels."""
+    """Parameters from the highest level alone, and their predictions at all levels."""
     level = max(curves.levels)
     found = identify(
         model.with_parameters,
@@ -178,7 +179,7 @@ def say(*lines: str) -> None:
 
 
 def tell(words: str, found, predictions) -> None:
-    """An identification in a few lines."""
+    """Print an identification in a few lines."""
     values = ", ".join(
         f"{name[4:]} {value:.4g} (+-{100 * found.sd[name]:.0f} %)"
         for name, value in found.values.items()
@@ -193,7 +194,7 @@ def tell(words: str, found, predictions) -> None:
 
 
 def tell_errors(predictions) -> None:
-    """Errors by level."""
+    """Print the errors by level."""
     for p in predictions:
         say(
             f"  {p.level:g} N: mean error {100 * p.mean_error:.1f} %, peak "
@@ -202,7 +203,7 @@ def tell_errors(predictions) -> None:
 
 
 def paper_parameters() -> None:
-    """The paper's own parameters in the solid model, with the masses of README.md."""
+    """Print what the paper's parameters give in the solid model, with the masses of README.md."""
     structure = beams(bolt_and_accelerometer(7e-3, 10e-3))
     say("the paper's parameters, shaker at 0.1 m, damping 0.3 %")
     for shear in (False, True):
@@ -218,7 +219,7 @@ def paper_parameters() -> None:
 
 
 def main() -> None:
-    """All numbers of README.md, section Stage two."""
+    """Print all numbers of README.md on stage two."""
     began = time.time()
     test = read_test()
     curves = read_curves(HERE / "frf.csv", "acceleration")
