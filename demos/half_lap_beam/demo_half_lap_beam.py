@@ -4,15 +4,15 @@
 #     formats: py:light
 # ---
 
-# # The Brake-Reuss beam: what six frequencies and eight levels say of a lap
+# # The Brake-Reuss beam: what six frequencies and eight levels say about a lap
 #
-# Two steel beams, cut to half their height where they overlap, held by three bolts and hung free: a
-# benchmark of the jointed-structures community. The test is public (`README.md` says whose): six
-# bending frequencies from a hammer, and frequency and damping of the first mode at eight levels of
-# acceleration, from 5 to 80 m/s2.
+# Two steel beams, cut to half their height where they overlap, are held by three bolts and hung
+# free. This is a benchmark of the jointed-structures community with a public test (source in
+# `README.md`): six bending frequencies from a hammer test, and frequency and damping of the first
+# mode at eight levels of acceleration, from 5 to 80 m/s2.
 #
 # Run it with `./with-fenicsx python3 demos/half_lap_beam/demo_half_lap_beam.py [PICTURE]`, on as
-# many ranks as you like. To be quick the mesh here is coarser than that of `case.toml`.
+# many ranks as you like. The mesh is coarser than that of `case.toml`, to save time.
 
 # +
 import sys
@@ -57,14 +57,14 @@ test = case.measurements().frequencies_hz[0]
 
 # ## Six frequencies
 #
-# Were the lap as one with the beams, the first mode would be half as high again as the test's. A
-# layer of two stiffnesses, one across and one along, is enough for all six.
+# With the lap bonded, the first mode of the model is about half as high again as the measured one.
+# A layer with two fitted stiffnesses, normal and tangential, is enough for all six modes.
 
 structure = build_structure(case, comm)
 
 
 def frequencies(values) -> np.ndarray:
-    """Frequencies, Hz, of the modes that the test saw."""
+    """Frequencies, Hz, of the modes that were measured."""
     modes = solve_modes(structure, values, n_modes=22)
     return modes.frequencies_hz[pair_modes(modes, len(test), case.sensors()).index]
 
@@ -83,8 +83,9 @@ assert np.abs(found.modes.after / test - 1).max() < 0.02
 
 # ## Eight levels
 #
-# First a check that needs no joint. At resonance the acceleration over the force at the same place
-# is phi^2 / (2 zeta), phi the mode's shape at unit modal mass. From measured damping and force:
+# First a check that needs no joint model. At resonance, acceleration over force at the same point
+# is phi^2 / (2 zeta), where phi is the mode shape at unit modal mass. From measured damping and
+# force:
 
 level = np.array([5, 20, 30, 40, 50, 60, 70, 80.0])  # m/s2
 hz, zeta = (
@@ -100,8 +101,8 @@ phi = float(built.model.row("sensors", "sensor") @ modes.vector(built.mode))
 say("", row("measured phi^2, 1/kg", participation, 3), f"model's phi^2 {phi**2:.3f} 1/kg")
 assert abs(phi**2 / participation.mean() - 1) < 0.15
 
-# Now the lap slips: its shear follows Richard and Abbott's curve, without hardening, with Masing's
-# rule. The beam is free, so its rigid motions are part of the response.
+# Now the lap slips: its shear stress follows Richard and Abbott's curve without hardening, with
+# Masing's rule. The beam hangs free, so the response includes its rigid-body motions.
 
 w = 2 * np.pi * built.frequencies_hz[built.mode]
 backbone = solve_backbone(
@@ -126,13 +127,14 @@ say(
 assert np.abs(damping[:5] / zeta[:5] - 1).max() < 0.12
 assert softer[0] - softer[-1] > 0.3 and hz[-1] > hz[0]
 
-# Slip explains how damping grows. It does not explain the frequency: Masing's rule ties one to the
-# other, and while the model falls by more than 0.5 Hz, the test falls by half of that and comes
-# back. So something stiffens too as the amplitude grows, which no law of sliders has.
+# Slip explains how the damping grows. It does not explain the frequency. Masing's rule ties
+# softening to damping: the model's frequency falls by more than 0.5 Hz, while the measured one
+# falls by half of that and rises again. So something also stiffens as the amplitude grows, and no
+# law made of sliders does that.
 
 # ## A picture
 #
-# Damping and frequency over the level, if a path was given.
+# Damping and frequency over the level, drawn if a path is given.
 
 
 def picture(path: str) -> None:

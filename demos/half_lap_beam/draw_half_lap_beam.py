@@ -2,7 +2,7 @@
 
     ./with-fenicsx python3 demos/half_lap_beam/draw_half_lap_beam.py [FILE]
 
-Lengths in millimetres; their sources stand in `README.md`. x is along the beam, the bolts along z.
+Lengths are in millimetres; `README.md` names their sources. The beam is along x, the bolts along z.
 """
 
 from __future__ import annotations
