@@ -7,12 +7,13 @@
 # # Two bolted plates: how far they touch, beside a published table
 #
 # "A Three-Dimensional Transition Interface Model for Bolt Joint" (Machines 2022) computes how far
-# two plates under one M12 bolt touch: R is the largest radius at which the pressure between them is
-# still 1 MPa (its equation 10), for seven thicknesses and five forces (Table 2), with the mean
-# pressure inside it (Table 3). It prints neither the washers nor the contact's settings.
+# two plates under one M12 bolt touch. R is the largest radius at which the pressure between them is
+# still 1 MPa (its equation 10). The paper prints R for seven thicknesses and five forces (Table 2),
+# and the mean pressure inside R (Table 3). It prints neither the washers nor the contact settings.
 #
-# This demo computes all 35 cases with what an engineer would assume, shows both side by side, and
-# then with the one fact that `investigate.py` finds missing. `README.md` has the whole story.
+# This demo computes all 35 cases twice: with the assumptions that an engineer would make, and with
+# the one change that `investigate.py` finds, a soft contact. It shows both beside the printed
+# values. `README.md` has the details.
 #
 # Run it with `./with-fenicsx python3 demos/bolted_plates/demo_bolted_plates.py [PICTURE [CSV]]`,
 # on as many ranks as you like.
@@ -46,7 +47,7 @@ def say(*things) -> None:
 
 # ## The published tables
 #
-# They come with the package, as the first rows of its database.
+# The package contains them as the first rows of its database.
 
 with resources.files("fenics_joints.database").joinpath("seed000.csv").open() as file:
     rows = [r for r in csv.DictReader(file) if r["force [N]"] and r["radius [m]"]]
@@ -59,9 +60,10 @@ printed_radius, printed_pressure = (
 
 # ## All 35 cases
 #
-# Without an initial gap the problem is homogeneous: twice the force, twice the pressure, and the
-# same contact. So one solution for each thickness gives all forces; its radius at 1 MPa and a
-# force F is that at a level of 1 MPa x F0 / F. The sections are small, so each rank solves some.
+# Without an initial gap the problem is homogeneous: twice the force gives twice the pressure on the
+# same contact area. So one solution per thickness, at the force F0, covers all forces: the radius
+# for 1 MPa at a force F is the radius for 1 MPa x F0 / F in this solution. The models are small, so
+# each rank solves some of them.
 
 
 def all_cases(settings: BoltedPlates) -> tuple[np.ndarray, np.ndarray]:
@@ -79,24 +81,24 @@ def all_cases(settings: BoltedPlates) -> tuple[np.ndarray, np.ndarray]:
 
 rigid = all_cases(BoltedPlates())
 
-# Is it so? The largest case, solved at its own force:
+# A check: the largest case, solved at its own force.
 
 check = solve_bolted_plates("M12", thicknesses[-1], forces[-1], BoltedPlates())["plates"]
 assert abs(check.radius(1e6) / rigid[0][-1, -1] - 1) < 1e-6
 assert abs(check.mean_pressure(1e6) / rigid[1][-1, -1] - 1) < 1e-6
 
-# Contact without penetration, no friction, the load on rings of 24 mm as the washers have: every
-# radius is smaller than printed. What presses the plates (rings, washers, a whole bolt, with or
-# without friction) changes that by a few millimetres at most; the README has the numbers.
+# With contact without penetration, no friction, and the load on rings of 24 mm (the diameter of the
+# washers), every radius is smaller than printed. Other loads (washers or a whole bolt, with or
+# without friction) change the radii by a few millimetres at most; `README.md` has the numbers.
 
 assert np.all(rigid[0] < printed_radius)
 
-# ## The missing fact
+# ## The missing assumption
 #
-# `investigate.py` weighs what the paper may have done otherwise: sizes of washers and plates,
-# thicknesses, friction, coarse meshes, other forces and limits. One fact alone explains the table:
-# a contact that gives way, as penalty contact does, with a stiffness of 1.0e12 Pa/m. It is a fit to
-# the 35 radii, the only one here.
+# `investigate.py` compares what the paper may have assumed: sizes of washers and plates,
+# thicknesses, friction, coarse meshes, other forces and limits. One assumption alone explains the
+# table: a soft contact, as the penalty method gives it, with a stiffness of 1.0e12 Pa/m. The
+# stiffness is fitted to the 35 radii; nothing else here is fitted.
 
 soft = all_cases(BoltedPlates(penalty=1.03e12))
 
@@ -130,15 +132,16 @@ for name, found in (("rigid", rigid), ("soft", soft)):
         f"mean pressure {rms(found[1], printed_pressure):.0f} %"
     )
 
-# The paper's Table 1, plates of 20 mm, within 1.5 mm (it reads radii in steps of 0.91 mm); all 35
-# radii to 4 % rms, from one number.
+# With this one number the radii for plates of 20 mm (the paper's Table 1, read in steps of 0.91 mm)
+# agree within 1.5 mm, and all 35 radii to 4 % rms.
 
 assert np.all(np.abs(soft[0][:, 2] - printed_radius[:, 2]) < 1.5e-3)
 assert rms(soft[0], printed_radius) < 4.5 < rms(rigid[0], printed_radius)
 
 # ## A picture and a file
 #
-# Radius over force, if a path was given; and all numbers, if a second one was.
+# The first argument is the path of a picture (radius over force), the second that of a CSV file
+# with all numbers.
 
 
 def picture(path: str) -> None:

@@ -1,22 +1,22 @@
-"""Which fact, missing from the paper, explains its Tables 2 and 3: the tables as test, the contact
-analysis as model.
+"""Which assumption, not printed in the paper, explains its Tables 2 and 3.
 
-Each hypothesis frees one or more facts, with the priors below, written down before any fit (but
-"k over height", added after the first look). Parameters and evidence come from
-`diagnosis.evidence`: rows of the test are the forces, columns the thicknesses, data
-ln R, or ln R and ln P. P is the mean within the printed radius, so that a wrong radius does not
+The tables are the test, the contact analysis is the model. Each hypothesis frees one or more
+assumptions ("facts" in the code) with the priors below. The priors were written down before any
+fit, except that of "k over height", which was added after a first look. Parameters and evidence
+come from `diagnosis.evidence`. Rows of the test are the forces, columns the thicknesses; the data
+are ln R, or ln R and ln P. P is the mean within the printed radius, so that a wrong radius does not
 count twice.
 
 Errors of the test: the printed radii lie on steps that differ from column to column (1.05 mm at
-thicknesses of 15, 25 and 30 mm, 0.91 at 20 mm, 0.53 at 35 mm; at 10 and 40 mm no common step, and
-the smallest differences, 0.62 and 1.34 mm, are taken), so each has that step over sqrt(12);
-pressures are known to 0.005 MPa. On top every cell has an error s / 2 of its own, and every column
-one of scale s that changes slowly with the force; s is common to all cells, and integrated over 0.3
-to 50 % with an even prior in ln s. A hypothesis that needs a large s has not explained the table,
-and "nothing missing" with a large s is "none of these".
+thicknesses of 15, 25 and 30 mm, 0.91 at 20 mm, 0.53 at 35 mm; 10 and 40 mm have no common step, and
+their smallest differences, 0.62 and 1.34 mm, are used). The error of a radius is its step over
+sqrt(12). Pressures are known to 0.005 MPa. In addition, every cell has an independent error s / 2,
+and every column an error of scale s that changes slowly with the force. s is common to all cells,
+and integrated over 0.3 to 50 % with a uniform prior in ln s. A hypothesis that needs a large s does
+not explain the table; "nothing missing" with a large s means "none of these".
 
-Run: python3 investigate.py TABLES.npz [RESULT.json]; without the first file it makes it, by about
-4500 small contact analyses (a quarter of an hour).
+Run: python3 investigate.py TABLES.npz [RESULT.json]. If the first file does not exist, the script
+makes it by about 4500 small contact analyses (a quarter of an hour).
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ from fenics_joints.diagnosis.evidence import (
 P_LIM = 1e6
 STEPS = np.array([0.62, 1.053, 0.911, 1.053, 1.053, 0.527, 1.34]) * 1e-3
 SCALES = np.geomspace(0.003, 0.5, 11)
-#: The scale at which the misfit is tested: what two contact programs may differ by.
+#: Scale at which the misfit is tested: the difference expected between two contact programs.
 PLAIN = 0.03
 
 
@@ -111,7 +111,7 @@ def effect(name: str, *priors: Prior) -> Effect:
     return Effect(name, "", priors, _set)
 
 
-#: Facts with their priors: median, spread of the logarithm, unit, limits of the grids.
+#: Assumptions with their priors: median, standard deviation of the logarithm, unit, grid limits.
 FACTS = {
     e.name: e
     for e in (
@@ -121,7 +121,7 @@ FACTS = {
             "soft contact",
             Prior("penalty", 1e13, np.log(10), "Pa/m", True, (PENALTY[0], PENALTY[-1])),
         ),
-        # As programs set it: k = factor x E / height of the elements, here so many per thickness.
+        # As programs set it: k = factor x E / element height, with a fixed number per thickness.
         Effect(
             "soft contact, k over height",
             "",
@@ -138,7 +138,7 @@ FACTS = {
             Prior("washer", 15e-3, 0.4, "m", True, (12e-3, 40e-3)),
             Prior("washer_t", 3e-3, np.log(2), "m", True, (1.25e-3, 20e-3)),
         ),
-        # exp(-2) to exp(2) of the axis -2 to 2: see _crown
+        # The logarithm of this parameter runs along the axis CROWN: see `places`.
         effect("crowned plates", Prior("crown", 1.0, 1.0, "", True, (np.exp(-3.9), np.exp(3.9)))),
         effect("coarse mesh", Prior("cell", 2e-3, np.log(2), "m", True, (0.5e-3, 8e-3))),
         effect("Poisson's ratio", Prior("nu", 0.28, 0.15, "", True, (0.1, 0.4))),
@@ -150,7 +150,7 @@ FACTS = {
 
 
 class Forward(PointwiseForward):
-    """Row of ln R, and ln P, at the seven thicknesses, with slopes by central differences."""
+    """Row of ln R, and ln P, at the seven thicknesses; derivatives by central differences."""
 
     def __init__(self, table, free: tuple[str, ...], both: bool):
         self.table, self.both = table, both
@@ -168,7 +168,7 @@ class Forward(PointwiseForward):
         force = v["force"] * v["force factor"]
         at = places(self.table.axes, v)
         radius, _ = self.table(P_LIM * v["P_lim factor"] / force, **at)
-        # A reading at the neighbouring node or edge: in steps of the paper's mesh.
+        # Readings at a neighbouring node or edge: an offset in steps of the paper's mesh.
         radius = np.log(np.exp(radius) + np.log(v["reading"]) * STEPS)
         if not self.both:
             return radius
@@ -189,19 +189,21 @@ def places(axes, v: dict[str, float]) -> dict[str, np.ndarray]:
         found["penalty"] = v["penalty"] * (20e-3 / THICKNESSES) ** v["power"]
     if np.isfinite(v["second"]):
         found["ratio"] = v["second"] / t
-    if "crown" in found:  # the axis is in steps of the arcsine hyperbolic, over the force
+    if "crown" in found:  # the axis is the arsinh of the crown over the force
         slope = np.sinh(np.log(v["crown"])) * 25e3 / v["force"] / v["force factor"]
         found["crown"] = np.full(7, np.arcsinh(slope))
     return found
 
 
 def direct(w: Weighed) -> dict[str, float]:
-    """The best fit without the tables, by solutions at its parameters: relative errors, rms.
+    """Rms relative errors of the best fit, solved at its parameters instead of interpolated.
 
     Returns:
-        radius; pressure, the mean within our radius; within, that within the printed one, and with
-        two other ways to average there: hole, the force over pi R^2; line, of points evenly
-        spaced along the radius.
+        radius: error of R.
+        pressure: error of the mean pressure within our radius.
+        within: the same within the printed radius.
+        hole: within the printed radius, as force over pi R^2 (the hole counts as area).
+        line: within the printed radius, as the mean over points evenly spaced along the radius.
     """
     family, h = w.candidate.family, w.best.hypothesis
     errors = {n: [] for n in ("radius", "pressure", "within", "hole", "line")}
@@ -229,7 +231,7 @@ def direct(w: Weighed) -> dict[str, float]:
 
 
 def force_within(r: np.ndarray, p: np.ndarray, radius: float) -> float:
-    """Force within a radius, of a pressure linear between its points."""
+    """Force within a radius; the pressure is linear between its points."""
     x = np.linspace(r[0], radius, 4000)
     q = np.interp(x, r, p, right=0.0)
     return float(np.sum(np.pi * np.diff(x**2) * (q[1:] + q[:-1]) / 2))
@@ -240,7 +242,7 @@ _SOLVED: dict = {}
 
 @dataclass(frozen=True)
 class Candidate:
-    """A hypothesis with the table of responses it needs."""
+    """A hypothesis with the table of responses that it needs."""
 
     name: str
     facts: tuple[str, ...]
@@ -272,7 +274,7 @@ _NEEDS = {
 }
 
 
-#: Pairs that stand for each other; and facts that are looked at alone.
+#: Assumptions that are not combined with each other; and assumptions that are only tried alone.
 _ALONE = (
     {"second plate scaled", "second plate fixed"},
     {"P_lim in effect", "force in effect"},
@@ -282,7 +284,7 @@ _MINOR = {"coarse mesh", "Poisson's ratio", "reading off by part of a cell"}
 
 
 def candidates(tables) -> list[Candidate]:
-    """Nothing missing; bodies; every fact; every pair and some triples that a grid covers."""
+    """No change, loads by bodies, each assumption, and the pairs and some triples with a grid."""
     found = [Candidate("nothing missing", (), "loaded, penalty")]
     found += [Candidate(f"bodies: {f}", (), f) for f in tables if f.startswith(("washers", "bolt"))]
     names = list(FACTS)
@@ -313,7 +315,7 @@ def candidates(tables) -> list[Candidate]:
 
 
 def evidence(scale: float, both: bool) -> Evidence:
-    """The tables with their errors at a scale of discrepancy."""
+    """The paper's tables with their errors at a scale of the discrepancy."""
     step = STEPS / np.sqrt(12) / RADIUS
     sds = [step]
     logs = [np.log(RADIUS)]
@@ -337,14 +339,14 @@ class Weighed:
 
     @property
     def rms(self) -> tuple[float, float]:
-        """Relative errors of radii and pressures, root mean square."""
+        """Root mean square relative errors of radii and of pressures."""
         error = self.best.log_f - evidence(1.0, self.best.log_f.shape[1] > 7).log_f
         parts = error[:, :7], error[:, 7:]
         return tuple(float(np.sqrt(np.mean(e**2))) if e.size else np.nan for e in parts)
 
 
 def weigh(candidate: Candidate, tables, both: bool) -> Weighed:
-    """Fit at every scale of discrepancy, sum the evidence, and hold out each row and column."""
+    """Fit at each scale of the discrepancy, sum the evidence, hold out each row and column."""
     h, forward = candidate.hypothesis(), candidate.forward(tables, both)
     fits = [fit(h, forward, evidence(scale, both), NOMINAL) for scale in SCALES[::-1]]
     logs = np.array([f.log_evidence for f in fits])
@@ -361,7 +363,7 @@ def weigh(candidate: Candidate, tables, both: bool) -> Weighed:
 
 
 def held_out(h, forward, scale: float, both: bool) -> dict[str, float]:
-    """Root mean square relative error of radii that took no part, by thickness and by force."""
+    """Root mean square relative error of held-out radii, by thickness and by force."""
     whole, errors = evidence(scale, both), {}
     for name, n, axis in (("thickness", 7, 1), ("force", 5, 0)):
         squares = []
@@ -396,7 +398,7 @@ def show(title: str, weighed: list[Weighed], n: int) -> None:
 
 
 def fitted(w: Weighed) -> str:
-    """Parameters in words."""
+    """Fitted parameters as text."""
     rows = w.best.hypothesis.table(w.best.z, w.best.covariance)
     texts = []
     for r in rows:
@@ -433,7 +435,7 @@ def main() -> None:
             }
             for w in weighed
         ]
-        # Pressures cost more: single facts, and what the radii leave possible.
+        # Pressures cost more: use single assumptions and the 20 best hypotheses by the radii.
         chosen = [
             w.candidate for i, w in enumerate(weighed) if i < 20 or len(w.candidate.facts) < 2
         ]

@@ -1,10 +1,10 @@
-"""Contact radius and force inside it on grids of what the paper does not print.
+"""Contact radius and force inside it, on grids of the parameters that the paper does not print.
 
 Without an initial gap the contact is homogeneous: pressure over force does not depend on the
-force, so a single solution gives the radius R at every level p / F = P_lim / F. Tables hold ln R
-and ln phi, phi the share of the force within R, over the logarithms of the levels and of the
-parameters. All axes are evenly spaced, and the tables linear in between: near the largest pressure
-the radius falls steeply, where splines would overshoot.
+force, so a single solution gives the radius R at every level p / F = P_lim / F. The tables hold
+ln R and ln phi, where phi is the share of the force within R, over the logarithms of the levels and
+of the parameters. All axes are evenly spaced. The tables are interpolated linearly: near the
+largest pressure the radius falls steeply, and splines would overshoot.
 """
 
 from __future__ import annotations
@@ -31,14 +31,14 @@ RIM = np.geomspace(40e-3, 300e-3, 6)
 RATIO = np.geomspace(0.2, 5, 7)
 WASHER_RADIUS = np.geomspace(12e-3, 40e-3, 4)
 WASHER_THICKNESS = np.geomspace(1.25e-3, 20e-3, 4)
-#: Crown of the plates, m at 100 mm from the axis and 1 N, even in the arcsine hyperbolic.
+#: Crown of the plates: gap in m at 100 mm from the axis at 1 N, evenly spaced in its arsinh.
 CROWN = np.linspace(-4, 4, 9)
 CROWN_UNIT = 2e-6 / 25e3
 CELL = np.geomspace(0.5e-3, 8e-3, 5)
 
 
 def crown(index: np.ndarray) -> np.ndarray:
-    """Gap at 100 mm over the force, m/N, at a place on the axis CROWN."""
+    """Gap at 100 mm over the force, m/N, at a point on the axis CROWN."""
     return CROWN_UNIT * np.sinh(index)
 
 
@@ -60,7 +60,7 @@ FAMILIES = {
 
 
 def solution(family: str, p: dict[str, float]):
-    """Radii, m, and pressures over the force, 1/m2, at the pairs of one solution."""
+    """Radii, m, and pressures over the force, 1/m2, at the contact points of one solution."""
     t, ratio = p["t"], p.get("ratio", 1.0)
     given = {"plate_radius": p.get("rim", 0.3), "upper_thickness": ratio, "nu": p.get("nu", 0.3)}
     given["size"] = p.get("cell", float(np.clip(0.05 * t * max(1, ratio), 1e-3, 2.5e-3)))
@@ -92,11 +92,11 @@ def solution(family: str, p: dict[str, float]):
 
 
 def curves(r: np.ndarray, p: np.ndarray, levels=LEVELS) -> tuple[np.ndarray, np.ndarray]:
-    """Largest radius at which the pressure, linear in between, reaches each level; and share of
-    the force inside, both of the shape of ``levels``.
+    """Largest radius at which the pressure, linear between the points, reaches each level, and the
+    share of the force inside it. Both have the shape of ``levels``.
 
-    Where the pressure reaches a level nowhere, the radius is that of the hole, continued
-    downwards so that a fit sees which way to go.
+    If the pressure reaches a level nowhere, the radius is that of the hole plus a small term that
+    falls with the level, so that a fit has a slope to follow.
     """
     fine = np.unique(np.concatenate([r, np.linspace(r[0], r[-1], 2000)]))
     q = np.interp(fine, r, p)
@@ -122,7 +122,7 @@ class Table:
     """Responses on one grid.
 
     Attributes:
-        axes: Values of each parameter, the first the thickness.
+        axes: Values of each parameter; the first is the thickness.
         radius: Of shape (*axes, levels), m.
         share: Of the force inside, of the same shape.
     """
@@ -147,7 +147,7 @@ class Table:
 
 
 def _place(axis: np.ndarray, value, name: str) -> np.ndarray:
-    """Index on an evenly spaced axis, in logarithms but for those that are not positive."""
+    """Index on an evenly spaced axis: in logarithms, except for the plain axes crown and nu."""
     plain = name in ("crown", "nu")
     low, high = (axis[0], axis[-1]) if plain else np.log([axis[0], axis[-1]])
     x = np.asarray(value, dtype=float)
@@ -156,7 +156,7 @@ def _place(axis: np.ndarray, value, name: str) -> np.ndarray:
 
 
 def compute(file: Path) -> None:
-    """Solve all that the file does not have yet; it is written after each family."""
+    """Solve all points that the file lacks; the file is written after each family."""
     done = dict(np.load(file)) if file.exists() else {}
     for family, axes in FAMILIES.items():
         shape = tuple(len(a) for a in axes.values())
@@ -168,7 +168,7 @@ def compute(file: Path) -> None:
             p = {n: float(a[i]) for (n, a), i in zip(axes.items(), index, strict=True)}
             try:
                 both[(slice(None), *index)] = curves(*solution(family, p))
-            except JointsError as error:  # stays open, and is tried again next time
+            except JointsError as error:  # stays NaN, so the next run tries it again
                 said.add(f"{p}: {error}"[:200])
         print(f"{family}: {len(todo) - len(said)} solved", *said, sep="\n  ", flush=True)
         done[family] = both
