@@ -6,11 +6,10 @@
 
 # # From a STEP file to the bolts that matter
 #
-# A bracket is bolted on a plate with four M12; the assembly comes as a STEP file, as any CAD
-# program writes it. `case.toml` beside this file names the solids by their labels and gives the
-# bolts' thread and torque. That is all: the faces that touch, the holes and the contact radius are
-# found, and around each bolt a ring of transition material (see `README.md`) holds the two
-# together.
+# A bracket is bolted on a plate with four M12. The assembly is a STEP file, as any CAD program
+# writes it. `case.toml` beside this file names the solids by their labels and gives the thread and
+# torque of the bolts. The faces that touch, the holes and the contact radius are found
+# automatically. A ring of transition material around each bolt (see `README.md`) joins the parts.
 #
 # Run it with `./with-fenicsx python3 demos/cad_bracket/demo_cad_bracket.py [PICTURE]`, on as many
 # ranks as you like. To use your own file, change the first lines of `case.toml`.
@@ -40,8 +39,8 @@ def say(*lines: str) -> None:
 
 # ## From the file to a mesh
 #
-# The bracket is moved up by the thickness of the layer, 0.72 mm; the two then hang together by the
-# rings alone. `measure_ring` says what came out, and `check_mesh` counts the bodies.
+# The bracket is moved up by the thickness of the layer, 0.72 mm, so that only the rings connect the
+# two parts. `measure_ring` measures the rings, and `check_mesh` counts the bodies.
 
 tagged = build_mesh(case, comm)
 rings = [measure_ring(tagged, f"ring_{number}") for number in (1, 2, 3, 4)]
@@ -65,9 +64,10 @@ say("frequencies, Hz: " + ", ".join(f"{f:.0f}" for f in frequencies))
 
 # ## Which bolts matter
 #
-# One adjoint evaluation gives the derivative of each frequency by all parameters: here, 100 times
-# the relative change of a frequency by that of the modulus of a bolt's ring. Bolts 1 and 2 mirror 3
-# and 4, and so do their numbers, up to the mesh. With the plate and the bracket a mode's sum is 50.
+# One adjoint evaluation gives the derivative of each frequency by all parameters. The table has 100
+# times the relative change of a frequency over that of the modulus of a bolt's ring. Bolts 1 and 2
+# mirror bolts 3 and 4, so their numbers agree except for the mesh. Each mode's sum over all moduli
+# (rings, plate and bracket) is 50.
 
 names = list(structure.parameters)
 gradients = modes.gradients(elastic)
@@ -83,9 +83,9 @@ assert np.allclose(slopes.sum(axis=1) + iron / (2 * modes.eigenvalues[elastic]),
 
 # ## One bolt loose
 #
-# The modulus of one ring falls by a factor of 1000. The first order (slope times the change) is no
-# guide to so large a change, but the order of the bolts stands: the one with the largest slope of
-# the first mode costs it most.
+# The modulus of one ring falls by a factor of 1000. The first order (derivative times change) does
+# not predict so large a change, but it ranks the bolts correctly: the bolt with the largest
+# derivative of the first frequency lowers this frequency most when it is loose.
 
 loose = []
 for number in (1, 2):
@@ -102,7 +102,7 @@ assert np.argmin([change[0] for change in loose]) == np.argmax(slopes[0, :2])
 
 
 def draw(path: str) -> None:
-    """The bolts on the foot, their area and colour the slope, a panel for each mode."""
+    """The bolts on the bracket's foot, coloured by their derivative; a panel for each mode."""
     import matplotlib
 
     matplotlib.use("Agg")

@@ -2,8 +2,8 @@
 
     ./with-fenicsx python3 demos/cad_bracket/draw_bracket.py [FILE]
 
-A plate of 200 x 160 x 20 mm with four tapped holes for M12 (10.2 mm), and on it an L-shaped
-bracket with a foot of 160 x 120 x 12 mm, holes of 13.5 mm and a rib. Lengths in millimetres.
+A plate of 200 x 160 x 20 mm has four tapped holes for M12 (10.2 mm). On it stands an L-shaped
+bracket with a foot of 160 x 120 x 12 mm, holes of 13.5 mm and a rib. Lengths are in millimetres.
 """
 
 from __future__ import annotations
