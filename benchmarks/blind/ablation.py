@@ -51,7 +51,9 @@ MECHANISMS: dict[str, dict[str, object]] = {
     "leaders held to the full model": {f"{_SEARCH}._checked": _as_found},
     "a basis held to the reduced model": {f"{_LIBRARY}._LOOKED": 1},
     "a basis for each effect": {f"{_PREDICTOR}._LARGE": math.inf},
-    "interpolation between torques": {f"{_PREDICTOR}.Predictor._is_smooth": lambda *a: False},
+    "interpolation between torques": {
+        f"{_PREDICTOR}.HypothesisPredictor._is_smooth": lambda *a: False
+    },
     "unknown cause as a random field": {
         f"{_LIBRARY}.with_localised_unknown": lambda found, test: found
     },

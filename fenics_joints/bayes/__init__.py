@@ -6,7 +6,7 @@ from fenics_joints.bayes.gibbs import Gibbs, Level
 from fenics_joints.bayes.hierarchical import Specimens, sample_hierarchy
 from fenics_joints.bayes.likelihood import FittedLikelihood, GaussianLikelihood
 from fenics_joints.bayes.posterior import Posterior
-from fenics_joints.bayes.priors import Prior
+from fenics_joints.bayes.priors import PriorDensity
 from fenics_joints.bayes.samplers import Settings, sample
 
 __all__ = [
@@ -16,7 +16,7 @@ __all__ = [
     "Gibbs",
     "Level",
     "Posterior",
-    "Prior",
+    "PriorDensity",
     "Settings",
     "Specimens",
     "calibrate",

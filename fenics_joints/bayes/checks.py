@@ -9,7 +9,7 @@ import numpy as np
 from scipy import stats
 
 from fenics_joints.bayes.chains import Chains
-from fenics_joints.bayes.priors import Prior
+from fenics_joints.bayes.priors import PriorDensity
 from fenics_joints.errors import InputError, real, reals, wanted, whole
 from fenics_joints.measurements.least_squares import LeastSquares
 
@@ -266,7 +266,7 @@ _LACKS = 1e3
 
 
 def check_prior(
-    prior: Prior,
+    prior: PriorDensity,
     frequencies: Callable[[np.ndarray], np.ndarray],
     mode_names: Sequence[str],
     log_f: np.ndarray,

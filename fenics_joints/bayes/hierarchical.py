@@ -24,7 +24,7 @@ from mpi4py import MPI
 from fenics_joints.bayes.chains import Chains
 from fenics_joints.bayes.gibbs import Gibbs, Level, curvature
 from fenics_joints.bayes.likelihood import checked_specimens
-from fenics_joints.bayes.priors import Prior
+from fenics_joints.bayes.priors import PriorDensity
 from fenics_joints.bayes.samplers import Settings, Task, grow
 from fenics_joints.bayes.walks import generator
 from fenics_joints.errors import InputError, flag, real
@@ -93,7 +93,7 @@ class Hierarchy:
     """
 
     chains: Chains
-    prior: Prior
+    prior: PriorDensity
     specimens: Specimens
 
     def __repr__(self) -> str:
@@ -142,7 +142,7 @@ class Hierarchy:
 
 def sample_hierarchy(
     specimens: Specimens,
-    prior: Prior,
+    prior: PriorDensity,
     model: Callable[[np.ndarray], np.ndarray],
     settings: Settings,
     comm: MPI.Intracomm = MPI.COMM_SELF,
@@ -227,14 +227,14 @@ def _names(parameters: Sequence[str], specimens: Specimens) -> tuple[str, ...]:
     return tuple(names)
 
 
-def _slopes(prior: Prior, mu: np.ndarray) -> np.ndarray:
+def _slopes(prior: PriorDensity, mu: np.ndarray) -> np.ndarray:
     """Derivatives of the logarithms by the coordinates, (n, d, d)."""
     if not prior.scale.pairs:
         return np.broadcast_to(np.eye(prior.size), (len(mu), prior.size, prior.size))
     return np.array([prior.scale.slope(row) for row in mu])
 
 
-def _packed(points: np.ndarray, prior: Prior, specimens: Specimens) -> np.ndarray:
+def _packed(points: np.ndarray, prior: PriorDensity, specimens: Specimens) -> np.ndarray:
     """From the sampler's numbers, (n, q), to the quantities."""
     p = prior.size
     upper = np.triu_indices(p)
@@ -251,7 +251,7 @@ def _packed(points: np.ndarray, prior: Prior, specimens: Specimens) -> np.ndarra
     return np.concatenate(parts, axis=1)
 
 
-def _unpacked(rows: np.ndarray, prior: Prior, specimens: Specimens):
+def _unpacked(rows: np.ndarray, prior: PriorDensity, specimens: Specimens):
     """The inverse of `_packed`: mu, Sigma, tau and b."""
     p, n, m = prior.size, len(rows), len(specimens.mode_names)
     mu, sd = prior.coordinates(rows[:, :p]), rows[:, p : 2 * p]
@@ -271,7 +271,7 @@ def _unpacked(rows: np.ndarray, prior: Prior, specimens: Specimens):
 # -- where the model is linearised -----------------------------------------------------------------
 
 
-def _nearest(specimens: Specimens, prior: Prior, g, draws: np.ndarray) -> np.ndarray:
+def _nearest(specimens: Specimens, prior: PriorDensity, g, draws: np.ndarray) -> np.ndarray:
     """Coordinates at which the model is nearest to the mean of the specimens."""
     log_f = np.nanmean(np.log(specimens.frequencies_hz), axis=0)
     sd = np.nanstd(np.log(specimens.frequencies_hz), axis=0) + specimens.noise

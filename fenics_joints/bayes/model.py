@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from fenics_joints.bayes.priors import Prior
+from fenics_joints.bayes.priors import PriorDensity
 from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.progress import Progress
 from fenics_joints.reduction.arrays import ArrayModel, freeze
@@ -69,7 +69,7 @@ class Frequencies:
 
 def narrow_frequencies(
     forward: ModalPrediction,
-    prior: Prior,
+    prior: PriorDensity,
     given: Mapping[str, float],
     *,
     tolerance: float = 1e-5,

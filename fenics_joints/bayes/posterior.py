@@ -9,7 +9,7 @@ import numpy as np
 from scipy.optimize import brentq
 from scipy.special import logsumexp
 
-from fenics_joints.bayes.priors import Prior
+from fenics_joints.bayes.priors import PriorDensity
 from fenics_joints.errors import InputError
 
 #: Draws of the prior for each parameter, and the effective number of draws for each chain, among
@@ -27,7 +27,7 @@ class Posterior:
         likelihood: From ln f (n, m) to ln of the likelihood, (n,).
     """
 
-    prior: Prior
+    prior: PriorDensity
     frequencies: Callable[[np.ndarray], np.ndarray]
     likelihood: Callable[[np.ndarray], np.ndarray]
 

@@ -95,7 +95,7 @@ def default_density(parameter: Parameter, start: float, log_sd: float):
 
 
 @dataclass(frozen=True, eq=False)
-class Prior:
+class PriorDensity:
     """Independent densities of positive parameters, on coordinates x in which all are allowed.
 
     Attributes:
@@ -121,7 +121,7 @@ class Prior:
         object.__setattr__(self, "_logs", [log_pdf(d) for d in self.densities])
 
     def __repr__(self) -> str:
-        return f"Prior({shorten(', '.join(self.names), 80)})"
+        return f"PriorDensity({shorten(', '.join(self.names), 80)})"
 
     @property
     def names(self) -> tuple[str, ...]:

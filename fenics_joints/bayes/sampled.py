@@ -8,7 +8,7 @@ from itertools import count
 import numpy as np
 
 from fenics_joints.bayes.model import Frequencies, ReducedCheck, check_reduced, narrow_frequencies
-from fenics_joints.bayes.priors import Prior
+from fenics_joints.bayes.priors import PriorDensity
 from fenics_joints.errors import InputError
 from fenics_joints.progress import Progress
 from fenics_joints.reduction.basis import Points, weak_greedy
@@ -57,7 +57,7 @@ class SampledModel:
         self,
         full,
         start: Mapping[str, float],
-        prior: Prior,
+        prior: PriorDensity,
         tolerance: float,
         progress: Progress,
         **given,

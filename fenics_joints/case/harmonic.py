@@ -32,7 +32,7 @@ from fenics_joints.joint_laws import (
     Bilinear,
     CoulombStick,
     ElasticFriction,
-    Gap,
+    GapSpring,
     Iwan,
     IwanLayer,
     JointLaw,
@@ -165,7 +165,7 @@ class GapSection(ContactLawSection):
 
     def contact_law(self, state: ContactState | None) -> JointLaw:
         """See `ContactLawSection`."""
-        return Gap(self.stiffness, self.gap)
+        return GapSpring(self.stiffness, self.gap)
 
 
 Force = quantity("N", 0, above=True)

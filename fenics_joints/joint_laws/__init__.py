@@ -4,7 +4,8 @@ A law is made of parallel elements, each written once, as UFL. Those here are `I
 follow a backbone: `RichardAbbott`, Iranzad and Ahmadian 2012's eq. 4; `Segalman`; `Bilinear`; or
 your own), `IwanLayer`, `ElasticFriction` (Jenkins), `CoulombStick` (friction under a normal
 load that varies), `DilatantCoulomb` (Iranzad and Ahmadian 2012's eqs. 1-2), `BoucWen` and
-`Valanis`; without memory `CubicSpring`, `UnilateralSpring`, `Gap`, `RateDamping` and `FluidFilm`.
+`Valanis`; without memory `CubicSpring`, `UnilateralSpring`, `GapSpring`, `RateDamping` and
+`FluidFilm`.
 
 In a finite-element model, on a layer of cells or on facets, 2-D or 3-D, serial or parallel::
 
@@ -73,7 +74,7 @@ from fenics_joints.joint_laws.library import (
 from fenics_joints.joint_laws.memoryless import (
     CubicSpring,
     FluidFilm,
-    Gap,
+    GapSpring,
     RateDamping,
     UnilateralSpring,
 )
@@ -92,7 +93,7 @@ __all__ = [
     "DilatantCoulomb",
     "ElasticFriction",
     "FluidFilm",
-    "Gap",
+    "GapSpring",
     "HarmonicStress",
     "Iwan",
     "IwanLayer",

@@ -33,7 +33,7 @@ class UnilateralSpring(JointLaw):
         if slip.ufl_shape[0] != 1:
             raise InputError(
                 f"{self.label}: {slip.ufl_shape[0]} components of slip; expected one, as a stop is "
-                "met along a line (Gap is met all round)."
+                "met along a line (GapSpring is met all round)."
             )
         beyond = ufl.max_value(slip[0] - p["gap"], 0.0)
         return ufl.as_ufl(0.0), ufl.as_vector([p["stiffness"] * beyond]), None
@@ -43,7 +43,7 @@ class UnilateralSpring(JointLaw):
         return 0.5 * p["stiffness"] * ufl.max_value(slip[0] - p["gap"], 0.0) ** 2
 
 
-class Gap(JointLaw):
+class GapSpring(JointLaw):
     """Spring without memory that is met beyond a gap to all sides: k max(|x| - gap, 0) x / |x|.
 
     Args:

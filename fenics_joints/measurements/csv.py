@@ -28,7 +28,7 @@ from fenics_joints.measurements.files import (
     Node,
     node_label,
 )
-from fenics_joints.measurements.tables import Table, read_table
+from fenics_joints.measurements.tables import DataTable, read_table
 from fenics_joints.response.units import a_kind, length_factor
 
 _DOF = r"([^\s:/]+)(?::([+-]?)([xyz]))?"
@@ -77,7 +77,7 @@ def _dof(node: str, sign: str, axis: str) -> Dof:
     return Dof(node, tuple(direction))
 
 
-def _values(table: Table, where: str, columns: dict[str, str], metadata: FileMetadata):
+def _values(table: DataTable, where: str, columns: dict[str, str], metadata: FileMetadata):
     have = set(columns) - {"coherence"}
     if have == {"re", "im"}:
         (kind, re_factor), (other, im_factor) = (
@@ -102,11 +102,11 @@ def _values(table: Table, where: str, columns: dict[str, str], metadata: FileMet
     )
 
 
-def _unit(table: Table, column: str, metadata: FileMetadata) -> tuple[str, float]:
+def _unit(table: DataTable, column: str, metadata: FileMetadata) -> tuple[str, float]:
     return metadata.scale(f"{table.path}: column {column!r}", table.unit(column))
 
 
-def _nodes(table: Table, metadata: FileMetadata) -> Contents:
+def _nodes(table: DataTable, metadata: FileMetadata) -> Contents:
     labels, contents = table.numbers("node"), Contents()
     columns = []
     for axis in ("x", "y", "z"):

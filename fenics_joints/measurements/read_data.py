@@ -10,7 +10,7 @@ import numpy as np
 from fenics_joints.errors import InputError, Problems
 from fenics_joints.formatting import first_of
 from fenics_joints.measurements.data import TestData, same_conditions
-from fenics_joints.measurements.tables import LISTED, Table, read_table
+from fenics_joints.measurements.tables import LISTED, DataTable, read_table
 
 #: More columns of frequencies and conditions than any test has: such a table is of something else.
 _MODES, _CONDITIONS = 1000, 10_000
@@ -80,7 +80,7 @@ def read_test_data(
     )
 
 
-def _beside(table: Table, condition: str | None) -> list[str]:
+def _beside(table: DataTable, condition: str | None) -> list[str]:
     """Columns of damping ratios beside those of frequencies."""
     names = [name for name in table.names if name != condition]
     return [
@@ -92,7 +92,7 @@ def _beside(table: Table, condition: str | None) -> list[str]:
     ]
 
 
-def _damping_beside(table: Table, columns: Sequence[str], modes, damping) -> np.ndarray:
+def _damping_beside(table: DataTable, columns: Sequence[str], modes, damping) -> np.ndarray:
     """Damping ratios that stand in the table of frequencies, (n, m)."""
     if damping is not None:
         raise InputError(
@@ -112,7 +112,7 @@ def _damping_beside(table: Table, columns: Sequence[str], modes, damping) -> np.
     return _ratios(table, places, range(n), (n, len(modes)))
 
 
-def _ratios(table: Table, places: Mapping[str, int | None], rows, shape) -> np.ndarray:
+def _ratios(table: DataTable, places: Mapping[str, int | None], rows, shape) -> np.ndarray:
     """Damping ratios of a table by the index of their modes, None for one that is not wanted."""
     read = np.column_stack([table.column(name, "") for name in places])
     good = (read >= 0) & (read < 1)
@@ -125,7 +125,7 @@ def _ratios(table: Table, places: Mapping[str, int | None], rows, shape) -> np.n
     return ratios
 
 
-def _check_size(table: Table, modes: Sequence[str], condition: str | None) -> None:
+def _check_size(table: DataTable, modes: Sequence[str], condition: str | None) -> None:
     if not modes:
         raise InputError(
             f"{table.path}: has no column but that of the condition, {condition!r}; expected one "
@@ -139,7 +139,7 @@ def _check_size(table: Table, modes: Sequence[str], condition: str | None) -> No
             raise InputError(f"{table.path}: has {n} {what}, expected at most {most} of a test")
 
 
-def _frequencies(table: Table, name: str, condition: str | None) -> np.ndarray:
+def _frequencies(table: DataTable, name: str, condition: str | None) -> np.ndarray:
     try:
         return table.column(name, "Hz")
     except InputError as error:
@@ -153,7 +153,7 @@ def _frequencies(table: Table, name: str, condition: str | None) -> np.ndarray:
         ) from error
 
 
-def _conditions(table: Table, name: str | None) -> tuple[np.ndarray, str]:
+def _conditions(table: DataTable, name: str | None) -> tuple[np.ndarray, str]:
     if name is None:
         return np.arange(1.0, len(table.values) + 1), ""
     conditions = table.column(name)
@@ -171,7 +171,7 @@ def _conditions(table: Table, name: str | None) -> tuple[np.ndarray, str]:
     return conditions, unit
 
 
-def _check_measured(table: Table, condition, conditions, modes, there: np.ndarray) -> None:
+def _check_measured(table: DataTable, condition, conditions, modes, there: np.ndarray) -> None:
     """A row or a column without any frequency says nothing, and is likely to be a slip."""
     names = [f" ({condition} = {c:g})" if condition is not None else "" for c in conditions]
     rows = [f"data row {i}{name}" for i, name in enumerate(names, start=1)]
@@ -185,7 +185,7 @@ def _check_measured(table: Table, condition, conditions, modes, there: np.ndarra
     problems.check()
 
 
-def _check_values(table: Table, modes, good: np.ndarray, expected: str) -> None:
+def _check_values(table: DataTable, modes, good: np.ndarray, expected: str) -> None:
     columns = np.column_stack([table.column(name) for name in modes])
     bad = np.argwhere(~good & ~np.isnan(columns))
     if len(bad):

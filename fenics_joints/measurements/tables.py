@@ -34,7 +34,7 @@ _STEP, _LONGEST = 1000, 50_000_000
 
 
 @dataclass(frozen=True)
-class Table:
+class DataTable:
     """Columns of numbers from a file.
 
     Attributes:
@@ -52,7 +52,7 @@ class Table:
     notes: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
-        return f"Table({self.path.name}: {len(self.values)} rows of {len(self.names)} columns)"
+        return f"DataTable({self.path.name}: {len(self.values)} rows of {len(self.names)} columns)"
 
     @cached_property
     def _index(self) -> dict[str, int]:
@@ -128,7 +128,7 @@ def column_head(text: str) -> tuple[str, str]:
     return text[:start].rstrip(), text[start + 1 : -1].strip()
 
 
-def read_table(path: str | Path) -> Table:
+def read_table(path: str | Path) -> DataTable:
     """Read columns of numbers from CSV, or from TOML with an array for each column.
 
     A column's head is its name and its unit in brackets, such as ``torque [N·m]``. An empty CSV
@@ -160,7 +160,7 @@ def read_table(path: str | Path) -> Table:
             what = f"column name {name!r}, expected a name for each, used once"
             problems.add(f"{path}: {what}")
     problems.check()
-    return Table(path, names, tuple(unit for _, unit in split), values, notes)
+    return DataTable(path, names, tuple(unit for _, unit in split), values, notes)
 
 
 class _Csv:

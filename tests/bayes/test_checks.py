@@ -9,7 +9,7 @@ from scipy import stats
 
 from fenics_joints.bayes import (
     GaussianLikelihood,
-    Prior,
+    PriorDensity,
     calibrate,
     check_predictive,
     check_prior,
@@ -85,7 +85,7 @@ def test_prior_that_excludes_the_data():
 def test_prior_beside_its_bounds_is_named():
     far = (Parameter("a", 30.0, lower=20.0),)
     with pytest.raises(InputError, match="prior of a: has .* of its probability"):
-        Prior(far, prior().densities[:1], LogScale("a", NoLaws()))
+        PriorDensity(far, prior().densities[:1], LogScale("a", NoLaws()))
 
 
 def test_intervals_hold_the_truth():

@@ -12,7 +12,7 @@ from fenics_joints.bayes import (
     Gibbs,
     Level,
     Posterior,
-    Prior,
+    PriorDensity,
     Settings,
     Specimens,
     calibrate,
@@ -52,7 +52,7 @@ def prior():
     parameters = tuple(Parameter(name, 1.0) for name in "ab")
     given = {"median": 1.0, "log_sd": 0.2}
     densities = tuple(density(name, "lognormal", given) for name in "ab")
-    return Prior(parameters, densities, LogScale("ab", NoLaws()))
+    return PriorDensity(parameters, densities, LogScale("ab", NoLaws()))
 
 
 @pytest.fixture(scope="module")

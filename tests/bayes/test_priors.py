@@ -7,7 +7,7 @@ import pytest
 from linear_posterior import NoLaws, linear, prior
 from scipy import stats
 
-from fenics_joints.bayes import Posterior, Prior, Settings, sample
+from fenics_joints.bayes import Posterior, PriorDensity, Settings, sample
 from fenics_joints.bayes.priors import density
 from fenics_joints.errors import InputError
 from fenics_joints.structure import Parameter
@@ -49,7 +49,7 @@ def test_priors_in_words():
     """Units, and the range that bounds leave."""
     given = {"mean": 2e9, "sd": 1e8}
     p = Parameter("lap.E", 2e9, unit="Pa", upper=2e9)
-    (words,) = Prior(
+    (words,) = PriorDensity(
         (p,), (density("lap.E", "normal", given),), LogScale(["lap.E"], NoLaws())
     ).describe()
     assert words == "lap.E: normal, 95 % in 1.78 to 2.00 GPa"

@@ -7,7 +7,14 @@ import pytest
 from linear_posterior import MODES, SLOPE, NoLaws, gaussian, linear, prior
 from mpi4py import MPI
 
-from fenics_joints.bayes import GaussianLikelihood, Posterior, Prior, Settings, sample, samplers
+from fenics_joints.bayes import (
+    GaussianLikelihood,
+    Posterior,
+    PriorDensity,
+    Settings,
+    sample,
+    samplers,
+)
 from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.updating.coordinates import LogScale
 
@@ -114,7 +121,7 @@ def test_chains_of_another_task_are_refused(tmp_path_factory):
     with pytest.raises(InputError, match="seed = 1, not 2"):
         sample(Posterior(prior(), linear, gaussian()), Settings(seed=2), comm, keep=file)
     other = prior()
-    one = Prior(other.parameters[:1], other.densities[:1], LogScale("a", NoLaws()))
+    one = PriorDensity(other.parameters[:1], other.densities[:1], LogScale("a", NoLaws()))
     posterior = Posterior(one, lambda v: np.log(v) @ SLOPE[:, :1].T, gaussian(-np.log(100)))
     with pytest.raises(InputError, match="holds chains of a, b; expected a"):
         sample(posterior, settings, comm, keep=file)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from fenics_joints.bayes import GaussianLikelihood, Prior
+from fenics_joints.bayes import GaussianLikelihood, PriorDensity
 from fenics_joints.bayes.priors import density
 from fenics_joints.structure import Parameter
 from fenics_joints.updating.coordinates import LogScale
@@ -21,7 +21,7 @@ def prior(log_sd=0.5, **bounds):
     parameters = tuple(Parameter(name, 1.0, **bounds) for name in "ab")
     given = {"median": 1.0, "log_sd": log_sd}
     densities = tuple(density(name, "lognormal", given) for name in "ab")
-    return Prior(parameters, densities, LogScale("ab", NoLaws()))
+    return PriorDensity(parameters, densities, LogScale("ab", NoLaws()))
 
 
 def linear(values):

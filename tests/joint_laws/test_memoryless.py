@@ -14,7 +14,7 @@ from fenics_joints.joint_laws import (
     CoulombStick,
     ElasticFriction,
     FluidFilm,
-    Gap,
+    GapSpring,
     LawKernel,
     UnilateralSpring,
 )
@@ -39,8 +39,8 @@ def test_describing_functions_of_gap_and_elastic_friction():
     k, g, a = 3.0, 0.4, 1.1
     r = g / a
     exact = k * (1 - 2 / np.pi * (np.arcsin(r) + r * np.sqrt(1 - r**2)))
-    assert first_harmonic(Gap(k, g), a) == pytest.approx([exact, 0.0], abs=1e-9)
-    assert first_harmonic(Gap(k, 2 * a), a) == pytest.approx([0.0, 0.0], abs=1e-12)
+    assert first_harmonic(GapSpring(k, g), a) == pytest.approx([exact, 0.0], abs=1e-9)
+    assert first_harmonic(GapSpring(k, 2 * a), a) == pytest.approx([0.0, 0.0], abs=1e-12)
     strength = k * g
     turn = np.arccos(1 - 2 * r)
     real, loss = k / np.pi * (turn - 0.5 * np.sin(2 * turn)), 4 * k * r * (1 - r) / np.pi
@@ -51,13 +51,13 @@ def test_gap_is_met_all_round_and_a_stop_from_one_side():
     path = np.random.default_rng(0).normal(size=(40, 2))
     length = np.linalg.norm(path, axis=1, keepdims=True)
     expected = 2.0 * np.maximum(length - 0.7, 0.0) * path / length
-    assert np.allclose(history(Gap(2.0, 0.7), path), expected, atol=1e-13)
+    assert np.allclose(history(GapSpring(2.0, 0.7), path), expected, atol=1e-13)
     x = np.linspace(-2, 2, 41)[:, None]
     assert np.allclose(history(UnilateralSpring(3.0, -0.5), x), 3.0 * np.maximum(x + 0.5, 0.0))
     with pytest.raises(InputError, match="2 components of slip; expected one"):
         history(UnilateralSpring(1.0), path)
     with pytest.raises(InputError, match=r"gap\.gap"):
-        Gap(1.0, -0.1)
+        GapSpring(1.0, -0.1)
 
 
 def test_a_slider_on_a_circle_lags_by_its_stretch():

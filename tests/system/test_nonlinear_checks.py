@@ -32,7 +32,7 @@ from fenics_joints.joint_laws import (
     CoulombStick,
     CubicSpring,
     ElasticFriction,
-    Gap,
+    GapSpring,
     Iwan,
     JointLaw,
     LawKernel,
@@ -470,7 +470,7 @@ def _():
 def _():
     r = 4 / 11
     closed = 1 - 2 / np.pi * (np.arcsin(r) + r * np.sqrt(1 - r**2))
-    return closed, force(Gap(3.0, 0.4), 1.1, 1)[0] / 3.3
+    return closed, force(GapSpring(3.0, 0.4), 1.1, 1)[0] / 3.3
 
 
 @cache

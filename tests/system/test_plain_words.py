@@ -44,3 +44,12 @@ def test_names_that_had_to_be_explained_do_not_come_back():
         if isinstance(node, (ast.ClassDef, ast.FunctionDef)) and node.name in EXPLAINED
     }
     assert found == set()
+
+
+def test_a_class_name_means_one_thing():
+    places: dict[str, list[str]] = {}
+    for path in (ROOT / "fenics_joints").rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.ClassDef):
+                places.setdefault(node.name, []).append(str(path.relative_to(ROOT)))
+    assert {name: files for name, files in places.items() if len(files) > 1} == {}

@@ -10,7 +10,7 @@ import numpy as np
 from mpi4py import MPI
 
 from fenics_joints.bayes.model import Frequencies, ReducedCheck, read_frequencies, write_frequencies
-from fenics_joints.bayes.priors import Prior, default_density, density
+from fenics_joints.bayes.priors import PriorDensity, default_density, density
 from fenics_joints.bayes.sampled import SampledModel
 from fenics_joints.case import Case, build_structure
 from fenics_joints.case.bayes import bayes_data, prior_numbers
@@ -62,7 +62,7 @@ class CaseModel:
         n_basis: Of the model that is sampled.
     """
 
-    prior: Prior
+    prior: PriorDensity
     frequencies: Frequencies
     check: ReducedCheck
     bound: float
@@ -71,7 +71,7 @@ class CaseModel:
     n_basis: int
 
 
-def case_prior(case: Case, parameters: list[Parameter], start, model) -> Prior:
+def case_prior(case: Case, parameters: list[Parameter], start, model) -> PriorDensity:
     """The priors of a case; lognormal about the start where it has none."""
     section, densities = case.update.bayes or Bayes(), []
     for p in parameters:
@@ -81,7 +81,7 @@ def case_prior(case: Case, parameters: list[Parameter], start, model) -> Prior:
             found = default_density(p, start[p.name], case.update.regularisation)
         densities.append(found)
     scale = LogScale([p.name for p in parameters], model)
-    return Prior(tuple(parameters), tuple(densities), scale)
+    return PriorDensity(tuple(parameters), tuple(densities), scale)
 
 
 def case_model(
@@ -176,7 +176,7 @@ def _prior_line(case: Case, name: str, value: float) -> str:
     return f'"{name}" = {{ kind = "lognormal", median = {median}, log_sd = 0.5 }}'
 
 
-def _ready(case: Case, full, start, given, prior: Prior, tolerance, progress, keep):
+def _ready(case: Case, full, start, given, prior: PriorDensity, tolerance, progress, keep):
     """A model's frequencies, check and estimated error, from their file if it is there."""
     cache, name = None, ""
     if keep is not None:

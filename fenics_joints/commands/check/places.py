@@ -34,7 +34,7 @@ _SPAN = 0.1
 
 
 @dataclass(frozen=True)
-class Place:
+class CasePoint:
     """A point of a case.
 
     Attributes:
@@ -66,24 +66,24 @@ class Place:
         }
 
 
-def places_of(case: Case) -> list[Place]:
+def places_of(case: Case) -> list[CasePoint]:
     """All points of a case but its bolts and the places of faces."""
     return list(_places(case))
 
 
-def _places(case: Case) -> Iterator[Place]:
+def _places(case: Case) -> Iterator[CasePoint]:
     sensors, frfs = case.sensors(), case.frfs()
     if sensors is not None:
         names = sensors.names or [f"sensor {i + 1}" for i in range(len(sensors))]
         for name, point, way in zip(names, sensors.points, sensors.directions, strict=True):
-            yield Place("sensor", name, _three(point), _three(way))
+            yield CasePoint("sensor", name, _three(point), _three(way))
     if frfs is not None:
         if case.test.sees is not None:
             yield from _responses(frfs, sensors)
         for i, (point, way) in enumerate(
             zip(frfs.reference_points, frfs.reference_directions, strict=True)
         ):
-            yield Place("force", f"force {i + 1}", _three(point), _three(way))
+            yield CasePoint("force", f"force {i + 1}", _three(point), _three(way))
     if case.test is not None:
         yield from _besides(case.test)
     if case.harmonic is not None:
@@ -94,42 +94,44 @@ def _places(case: Case) -> Iterator[Place]:
             way = getattr(section, "direction", None)
             for label, point in section.labelled(name):
                 spread = isinstance(section, MassSection) and section.travel is None
-                yield Place(kind, label, tuple(point), way, spread=spread)
+                yield CasePoint(kind, label, tuple(point), way, spread=spread)
 
 
-def _responses(frfs: MeasuredFRFs, sensors: Sensors) -> Iterator[Place]:
+def _responses(frfs: MeasuredFRFs, sensors: Sensors) -> Iterator[CasePoint]:
     """Responses of functions that are not among the test's sensors."""
     known = sensors.points
     rows = zip(frfs.response_names, frfs.response_points, frfs.response_directions, strict=True)
     for name, point, way in rows:
         if np.min(np.linalg.norm(known - point[: known.shape[1]], axis=1)) > _ON:
-            yield Place("sensor", name, _three(point), _three(way))
+            yield CasePoint("sensor", name, _three(point), _three(way))
 
 
-def _besides(test: Test) -> Iterator[Place]:
+def _besides(test: Test) -> Iterator[CasePoint]:
     """Where single numbers were measured, and what was put on for a second test."""
     for key, table in (("stiffness", test.stiffness), ("antiresonances", test.antiresonances)):
         for name, at in table.items():
-            yield Place("force", f"test.{key}.{name}", _three(at.point), _three(at.direction))
+            yield CasePoint("force", f"test.{key}.{name}", _three(at.point), _three(at.direction))
     for name, changed in test.changed.items():
         for point in changed.points:
-            yield Place("mass", f"test.changed.{name}", _three(point))
+            yield CasePoint("mass", f"test.changed.{name}", _three(point))
 
 
-def _harmonic(section: HarmonicSection) -> Iterator[Place]:
+def _harmonic(section: HarmonicSection) -> Iterator[CasePoint]:
     """Its forces, those that are at a place, and its sensor."""
     found = [(kind, f"harmonic.{kind}", getattr(section, kind)) for kind in ("force", "sensor")]
     found += [("force", f"harmonic.loads[{i}]", load) for i, load in enumerate(section.loads)]
     for kind, label, at in found:
         if at is not None:
-            yield Place(kind, label, tuple(at.point), tuple(at.direction))
+            yield CasePoint(kind, label, tuple(at.point), tuple(at.direction))
 
 
 def _three(vector: Sequence[float]) -> tuple[float, ...]:
     return (*map(float, vector), 0.0)[:3]
 
 
-def far_places(places: Sequence[Place], tagged: TaggedMesh) -> tuple[list[Place], list[str]]:
+def far_places(
+    places: Sequence[CasePoint], tagged: TaggedMesh
+) -> tuple[list[CasePoint], list[str]]:
     """The places with their distance from the mesh, and what is wrong with them. Collective.
 
     What a test measured by hand may be near the mesh, masses and springs must be on it.
@@ -163,7 +165,7 @@ def far_places(places: Sequence[Place], tagged: TaggedMesh) -> tuple[list[Place]
     return [replace(p, off=float(d)) for p, d in zip(places, off, strict=True)], errors
 
 
-def twice(places: Sequence[Place]) -> list[str]:
+def twice(places: Sequence[CasePoint]) -> list[str]:
     """Sensors at one place that look the same way; forgotten commas and copied rows."""
     seen: dict[tuple, list[str]] = {}
     for place in places:
@@ -177,7 +179,7 @@ def twice(places: Sequence[Place]) -> list[str]:
     ]
 
 
-def close_together(places: Sequence[Place], size: float) -> list[str]:
+def close_together(places: Sequence[CasePoint], size: float) -> list[str]:
     """A sentence where the sensors see a small part of a structure of this size, m, alone."""
     points = {place.point for place in places if place.kind == "sensor"}
     if len(points) < 3:
@@ -193,7 +195,7 @@ def close_together(places: Sequence[Place], size: float) -> list[str]:
 
 def bolts_of(
     case: Case, points: np.ndarray | None = None, centres: Mapping[str, np.ndarray] | None = None
-) -> list[Place]:
+) -> list[CasePoint]:
     """The bolts of a case.
 
     Args:
@@ -202,12 +204,12 @@ def bolts_of(
         centres: Of the mesh's named faces, m.
     """
     if not case.bolts:
-        return [Place("bolt", f"bolt {i + 1}", _three(p)) for i, p in enumerate(_rows(points))]
+        return [CasePoint("bolt", f"bolt {i + 1}", _three(p)) for i, p in enumerate(_rows(points))]
     found = []
     for name, bolt in case.bolts.items():
         ends = [(centres or {}).get(face) for face in (bolt.lower, bolt.upper)]
         if all(end is not None for end in ends):
-            found.append(Place("bolt", name, _three(0.5 * (ends[0] + ends[1]))))
+            found.append(CasePoint("bolt", name, _three(0.5 * (ends[0] + ends[1]))))
     return found
 
 
@@ -215,14 +217,14 @@ def _rows(points) -> np.ndarray:
     return np.empty((0, 3)) if points is None else np.atleast_2d(points)
 
 
-def same_bolts(case: Case, bolts: Sequence[Place]) -> list[str]:
+def same_bolts(case: Case, bolts: Sequence[CasePoint]) -> list[str]:
     """A line for each two bolts at one place, of the file and of the mesh."""
     key, asked = "mesh.bolts", getattr(case.mesh, "bolts", None)
     if isinstance(asked, BoltsSection):
         key, asked = "mesh.bolts.at", asked.at
     asked = asked if isinstance(asked, list | tuple) else []
     listed = [
-        Place("bolt", f"{key}[{i}]", _three(point))
+        CasePoint("bolt", f"{key}[{i}]", _three(point))
         for i, point in enumerate(asked)
         if isinstance(point, list | tuple)  # a builder may want their number
     ]
@@ -238,7 +240,7 @@ def same_bolts(case: Case, bolts: Sequence[Place]) -> list[str]:
     ]
 
 
-def applied_places(case: Case, centres: Mapping[str, np.ndarray], gdim: int) -> Iterator[Place]:
+def applied_places(case: Case, centres: Mapping[str, np.ndarray], gdim: int) -> Iterator[CasePoint]:
     """The middle of each face; of an obstacle its point nearest to the middle.
 
     Args:
@@ -256,13 +258,13 @@ def applied_places(case: Case, centres: Mapping[str, np.ndarray], gdim: int) -> 
             if section.facets in centres:
                 at = _three(centres[section.facets])
                 unit = _three(way / np.linalg.norm(way)) if way.any() else None
-                yield Place(kind, name, at, unit)
+                yield CasePoint(kind, name, at, unit)
 
 
-def _nearest(name: str, obstacle, centre: np.ndarray, gdim: int) -> Iterator[Place]:
+def _nearest(name: str, obstacle, centre: np.ndarray, gdim: int) -> Iterator[CasePoint]:
     try:
         shape = obstacle.shape(f"obstacles.{name}", gdim)
     except InputError:
         return  # said where the model is made
     distance, normal = shape(centre[None])
-    yield Place("obstacle", name, _three(centre - distance[0] * normal[0]), _three(normal[0]))
+    yield CasePoint("obstacle", name, _three(centre - distance[0] * normal[0]), _three(normal[0]))

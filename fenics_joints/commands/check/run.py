@@ -28,7 +28,7 @@ from fenics_joints.case.preload import APPLIED
 from fenics_joints.case.size import available_bytes, duration, gibibytes
 from fenics_joints.commands.check.costs import Cost, costs_of, known, too_much
 from fenics_joints.commands.check.places import (
-    Place,
+    CasePoint,
     applied_places,
     bolts_of,
     close_together,
@@ -102,8 +102,8 @@ class Checked:
     errors: tuple[str, ...]
     notes: tuple[str, ...] = ()
     weights: tuple[Weight, ...] = ()
-    places: tuple[Place, ...] = ()
-    bolts: tuple[Place, ...] = ()
+    places: tuple[CasePoint, ...] = ()
+    bolts: tuple[CasePoint, ...] = ()
     body: Body | None = field(default=None, repr=False)
     size_m: np.ndarray = field(default_factory=lambda: np.empty(0))
     dofs: int | None = None
@@ -125,7 +125,7 @@ class Checked:
         """Mass of the model, kg, without ``[attached]`` masses, which are not in it."""
         return sum(w.mass for w in self.weights if w.kind != "attached")
 
-    def moved(self) -> list[Place]:
+    def moved(self) -> list[CasePoint]:
         """Sensors and forces that are not on the mesh, and are moved onto it."""
         return [p for p in self.places if p.kind in ("sensor", "force") and p.off > 1e-6]
 

@@ -21,7 +21,7 @@ from fenics_joints.measurements import (
 from fenics_joints.measurements.amplitude.files import histories_of, history_of, is_history
 from fenics_joints.measurements.files import UFF_SUFFIXES, FileMetadata
 from fenics_joints.measurements.readers import reader_of
-from fenics_joints.measurements.tables import Table
+from fenics_joints.measurements.tables import DataTable
 from fenics_joints.measurements.uff import read_sets
 from fenics_joints.units import factor_to_si, to_si
 
@@ -313,7 +313,7 @@ def _sorted(files: TestFiles) -> tuple[list[Path], list[Path]]:
     return modal + nodes * bool(modal), functions + nodes * bool(universal)
 
 
-def _is_condition(table: Table, name: str) -> bool:
+def _is_condition(table: DataTable, name: str) -> bool:
     """Whether a column is what the test was repeated at, by its unit, or its name."""
     unit = table.unit(name)
     if not unit:

@@ -27,7 +27,7 @@ from fenics_joints.diagnosis.evidence.fitted import Fit
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.linear import left_by_stated, whiten
 from fenics_joints.diagnosis.evidence.localised_unknown import with_localised_unknown
-from fenics_joints.diagnosis.evidence.predictor import Make, Predictor
+from fenics_joints.diagnosis.evidence.predictor import HypothesisPredictor, Make
 from fenics_joints.diagnosis.evidence.scales import Scales
 from fenics_joints.errors import InputError
 from fenics_joints.parallel import spread
@@ -100,10 +100,10 @@ class Found:
     peak: PriorCells
 
 
-class Library(Predictor):
+class Library(HypothesisPredictor):
     """Predictions all over the priors of effects, and the evidence from them.
 
-    The arguments are those of `Predictor`.
+    The arguments are those of `HypothesisPredictor`.
     """
 
     def __init__(self, forward, evidence: Evidence, baseline, make: Make, lean: bool = False):

@@ -134,7 +134,8 @@ class PointwiseForward:
 #: chosen for memory]
 _ROOM = 4_000_000
 #: Number of torques between which others are interpolated, and their reach beyond the test's, in
-#: standard deviations of the tightening's scatter. [numerical: chosen; checked by `Predictor`]
+#: standard deviations of the tightening's scatter. [numerical: chosen; checked by
+#: `HypothesisPredictor`]
 _TORQUES, _SCATTERED = 4, 2.0
 
 

@@ -46,7 +46,7 @@ _CHECKS, _AS_GOOD = 8, 0.1
 Make = Callable[[Sequence[Effect]], Hypothesis]
 
 
-class Predictor:
+class HypothesisPredictor:
     """Predicts everything in a test by hypotheses of any effects.
 
     Args:

@@ -30,7 +30,7 @@ from fenics_joints.measurements.amplitude.sweeps import (
 )
 from fenics_joints.measurements.files import UFF_SUFFIXES, FileMetadata
 from fenics_joints.measurements.readers import reader_of
-from fenics_joints.measurements.tables import LISTED, Table, read_table
+from fenics_joints.measurements.tables import LISTED, DataTable, read_table
 from fenics_joints.measurements.uff import axis_label, read_sets, units_of, word
 from fenics_joints.response.units import frf_unit
 
@@ -39,7 +39,7 @@ LEVELS = ("level", "amplitude", "acceleration", "velocity", "displacement", "for
 MOTIONS = ("amplitude", "response", "acceleration", "velocity", "displacement")
 
 
-def only_unit(table: Table, name: str) -> tuple[str, float]:
+def only_unit(table: DataTable, name: str) -> tuple[str, float]:
     """`level_unit` of a column, with the file and the column in its message."""
     with located(f"{table.path}: column {name!r}"):
         unit = table.unit(name)
@@ -48,7 +48,7 @@ def only_unit(table: Table, name: str) -> tuple[str, float]:
         return level_unit(unit)
 
 
-def motion_column(table: Table, names: Iterable[str]) -> tuple[str, np.ndarray] | None:
+def motion_column(table: DataTable, names: Iterable[str]) -> tuple[str, np.ndarray] | None:
     """(kind, values in SI units, above 0) of the first of these columns; None if none is there."""
     name = next((n for n in names if n in table.names), None)
     if name is None:
@@ -88,12 +88,12 @@ class History:
     where: str
 
 
-def is_history(table: Table) -> bool:
+def is_history(table: DataTable) -> bool:
     """Whether a table is of a response over time."""
     return "time" in table.names
 
 
-def is_sweeps(table: Table) -> bool:
+def is_sweeps(table: DataTable) -> bool:
     """Whether a table is of sweeps: a level, and what was measured at it over frequency."""
     if "level" not in table.names or "frequency" not in table.names:
         return False
@@ -104,7 +104,7 @@ def is_sweeps(table: Table) -> bool:
 
 
 def plain(
-    table: Table, noise: float | None = None, damping_noise: float | None = None
+    table: DataTable, noise: float | None = None, damping_noise: float | None = None
 ) -> MeasuredBackbone:
     """A backbone as it stands: level, frequency, damping, perhaps with their deviations.
 
@@ -132,7 +132,7 @@ def plain(
     return MeasuredBackbone(kind, amplitudes, f, f_sd, ratios, sd, notes=tuple(notes))
 
 
-def _frequency(table: Table) -> str:
+def _frequency(table: DataTable) -> str:
     if "frequency" in table.names:
         return "frequency"
     found = [n for n in table.names if table.unit(n).lower() in ("hz", "khz") and "sd" not in n]
@@ -145,7 +145,7 @@ def _frequency(table: Table) -> str:
     )
 
 
-def _level(table: Table, hz: str) -> tuple[str, np.ndarray]:
+def _level(table: DataTable, hz: str) -> tuple[str, np.ndarray]:
     """Kind and values of the level's column."""
     for name in LEVELS:
         if name in table.names:
@@ -163,7 +163,7 @@ def _level(table: Table, hz: str) -> tuple[str, np.ndarray]:
     )
 
 
-def _ratios(table: Table, hz: str) -> np.ndarray:
+def _ratios(table: DataTable, hz: str) -> np.ndarray:
     name = next((n for n in ("damping", f"{hz} damping") if n in table.names), None)
     if name is None:
         return np.full(len(table.values), np.nan)
@@ -178,14 +178,14 @@ def _ratios(table: Table, hz: str) -> np.ndarray:
     return ratios
 
 
-def _stated(table: Table, name: str, unit: str) -> np.ndarray | None:
+def _stated(table: DataTable, name: str, unit: str) -> np.ndarray | None:
     return table.numbers(name, unit, above=0) if name in table.names else None
 
 
 # -- sweeps ----------------------------------------------------------------------------------------
 
 
-def sweeps_of(table: Table) -> Sweeps:
+def sweeps_of(table: DataTable) -> Sweeps:
     """Sweeps, a level each: of the response (then with the force) or of the force.
 
     Columns: ``level``, ``frequency``, and ``re`` and ``im``, or ``abs``, of the response over the
@@ -212,7 +212,7 @@ def sweeps_of(table: Table) -> Sweeps:
     return Sweeps(held, kind, tuple(sweeps), tuple(notes))
 
 
-def _functions(table: Table, held: str, levels: np.ndarray):
+def _functions(table: DataTable, held: str, levels: np.ndarray):
     """(kind of response, functions, forces, responses or None) of each row."""
     spin = np.exp(1j * table.phase()) if "phase" in table.names else 1.0
     given = [name for name in ("re", "im", "abs") if name in table.names]
@@ -242,7 +242,7 @@ def _functions(table: Table, held: str, levels: np.ndarray):
     return kind, values / forces * spin, forces, None if motion is None else values
 
 
-def _written(table: Table, given: list[str], spin) -> tuple[str, np.ndarray]:
+def _written(table: DataTable, given: list[str], spin) -> tuple[str, np.ndarray]:
     """Functions that stand in the table: real and imaginary part, or size and phase."""
     if given not in (["re", "im"], ["abs"]):
         raise InputError(
@@ -265,7 +265,7 @@ def _written(table: Table, given: list[str], spin) -> tuple[str, np.ndarray]:
 # -- histories -------------------------------------------------------------------------------------
 
 
-def history_of(table: Table) -> History:
+def history_of(table: DataTable) -> History:
     """A record over time: ``time`` and a column for each sensor; one in newtons is left out.
 
     Raises:
