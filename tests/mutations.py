@@ -7,8 +7,9 @@
 
 A fault changes one operator, comparison, number or argument of ``min`` and ``max`` in a function.
 It is known by its room, its function and the expression, so that it is found again after code has
-moved; one whose expression is gone is said to be so. A fault is caught if the room's own tests
-fail or do not end. Runs in copies of the tree, and writes nothing but the table.
+moved; one whose expression is gone is said to be so. A fault is caught if one of the room's own
+tests that run its line fails or does not end. Runs in copies of the tree, and writes nothing but
+the table.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ import random
 import shutil
 import subprocess
 import tempfile
+import time
 from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -27,7 +29,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 TABLE = Path(__file__).with_name("mutations.json")
 SEED, COUNT, LEAST = 20261128, 200, 4
-#: A room's tests that take longer than this many seconds have caught the fault.
+#: Tests that take longer than this many seconds have caught the fault.
 LIMIT = 1800
 _SWAPS = {
     ast.Add: "-",
@@ -154,29 +156,117 @@ def found_again(root: Path, fault: dict) -> dict | None:
     return None
 
 
-def tried(root: Path, fault: dict) -> str:
-    """Result of the room's tests: ``caught``, ``missed``, ``gone``, or ``broken`` if not run."""
-    here = found_again(root, fault)
-    if here is None:
-        return "gone"
-    with tempfile.TemporaryDirectory() as folder:
-        copy = Path(folder) / "tree"
+def places(root: Path, table: list[dict]) -> dict[int, dict]:
+    """Faults of the table by number, as they stand in a tree; without those that are gone."""
+    found = {i: found_again(root, fault) for i, fault in enumerate(table)}
+    return {i: fault for i, fault in found.items() if fault is not None}
+
+
+def statement(source: str, line: int) -> tuple[int, int]:
+    """First and last line of the innermost statement around a line; of one with a body its head."""
+    best = 1, len(source.splitlines())
+    for node in ast.walk(ast.parse(source)):
+        if (
+            isinstance(node, (ast.stmt, ast.ExceptHandler))
+            and node.lineno <= line <= node.end_lineno
+        ):
+            inside = getattr(node, "body", None)
+            last = inside[0].lineno - 1 if inside else node.end_lineno
+            first = node.lineno, max(last, node.lineno)
+            if line <= first[1] and first[1] - first[0] < best[1] - best[0]:
+                best = first
+    return best
+
+
+class Copy:
+    """A copy of the tree, in which tests run with one fault at a time.
+
+    Args:
+        root: The tree.
+        folder: Of the copy.
+    """
+
+    def __init__(self, root: Path, folder: Path):
+        self.folder = folder
         left = shutil.ignore_patterns(".git", "build", "cache", "__pycache__")
-        shutil.copytree(root, copy, ignore=left, symlinks=True)
-        path = copy / here["file"]
-        path.write_text(mutated(path.read_text(encoding="utf-8"), here), encoding="utf-8")
-        command = ["./with-fenicsx", "python3", "-m", "pytest", "-qx", "-p", "no:cacheprovider"]
-        try:
-            run = subprocess.run(
-                [*command, f"tests/{fault['room']}"],
-                cwd=copy,
-                stdin=subprocess.DEVNULL,
-                capture_output=True,
-                timeout=LIMIT,
+        shutil.copytree(root, folder, ignore=left, symlinks=True)
+        shutil.copy(Path(__file__).parent / "helpers" / "fault_trace.py", folder)
+
+    def pytest(self, *arguments: str) -> int:
+        """The exit status."""
+        command = ["./with-fenicsx", "python3", "-m", "pytest", "-q", "-p", "no:cacheprovider"]
+        return subprocess.run(
+            [*command, *arguments],
+            cwd=self.folder,
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            timeout=LIMIT,
+        ).returncode
+
+    def trace(self, room: str, here: dict[int, dict]) -> dict[int, list[str]]:
+        """Tests of a room, the fastest first, that run each fault's statement. Tests with processes
+        of their own, which cannot be followed, run with every fault."""
+        lines: dict[str, list] = {}
+        for i, fault in here.items():
+            source = (self.folder / fault["file"]).read_text(encoding="utf-8")
+            span = statement(source, fault["place"]["line"])
+            lines.setdefault(fault["file"], []).append([*span, i])
+        (self.folder / "fault_lines.json").write_text(json.dumps(lines))
+        self.pytest("-p", "fault_trace", f"tests/{room}")
+        found = json.loads((self.folder / "fault_trace.json").read_text())
+        seconds = found["seconds"]
+        alone = {
+            test
+            for test in seconds
+            if "subprocess" in (self.folder / test.split("::")[0]).read_text(encoding="utf-8")
+        }
+        return {
+            i: sorted(
+                (alone | set(found["ran"].get(str(i), ()))) & set(seconds), key=seconds.__getitem__
             )
+            for i in here
+        }
+
+    def tried(self, fault: dict, tests: list[str]) -> str:
+        """Result of tests with a fault: ``caught``, ``missed``, or ``broken`` if none ran."""
+        if not tests:
+            return "missed"
+        path = self.folder / fault["file"]
+        source = path.read_text(encoding="utf-8")
+        path.write_text(mutated(source, fault), encoding="utf-8")
+        try:
+            status = self.pytest("-x", *tests)
         except subprocess.TimeoutExpired:
             return "caught"
-    return {0: "missed", 1: "caught", 2: "caught"}.get(run.returncode, "broken")
+        finally:
+            path.write_text(source, encoding="utf-8")
+        return {0: "missed", 1: "caught", 2: "caught"}.get(status, "broken")
+
+
+def run(root: Path, faults: list[dict], results: dict[str, str], jobs: int, save) -> None:
+    """Try the faults that have no result yet, room by room."""
+    here = places(root, faults)
+    todo = [i for i in range(len(faults)) if str(i) not in results]
+    results.update({str(i): "gone" for i in todo if i not in here})
+    rooms_left = {faults[i]["room"]: None for i in todo if i in here}
+    started, count = time.monotonic(), len(todo)
+    with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor(jobs) as pool:
+        free = [Copy(root, Path(folder) / f"tree{j}") for j in range(jobs)]
+
+        def of_room(room: str) -> None:
+            copy = free.pop()
+            mine = {i: here[i] for i in todo if i in here and faults[i]["room"] == room}
+            tests = copy.trace(room, mine)
+            for i, fault in mine.items():
+                results[str(i)] = copy.tried(fault, tests[i])
+                save()
+                done = sum(str(k) in results for k in todo)
+                left = (time.monotonic() - started) * (count / done - 1) / 60
+                said = f"{done} of {count}: {room}, {len(tests[i])} tests, {results[str(i)]}"
+                print(f"{said}; about {left:.0f} min left", flush=True)
+            free.append(copy)
+
+        list(pool.map(of_room, rooms_left))
 
 
 def main() -> None:
@@ -196,14 +286,12 @@ def main() -> None:
     table = json.loads(TABLE.read_text(encoding="utf-8"))
     if asked.run:
         results = table["results"].setdefault(asked.run, {})
-        todo = [i for i in range(len(table["faults"])) if str(i) not in results]
-        with ThreadPoolExecutor(asked.jobs) as pool:
-            for i, said in zip(
-                todo, pool.map(lambda i: tried(asked.tree, table["faults"][i]), todo), strict=True
-            ):
-                results[str(i)] = said
-                TABLE.write_text(json.dumps(table, indent=1) + "\n", encoding="utf-8")
-                print(f"{len(results)} of {len(table['faults'])}: {said}", flush=True)
+
+        def save() -> None:
+            TABLE.write_text(json.dumps(table, indent=1) + "\n", encoding="utf-8")
+
+        run(asked.tree.resolve(), table["faults"], results, asked.jobs, save)
+        save()
     for name, results in table["results"].items():
         print(name, dict(Counter(results.values())))
         for room in sorted({fault["room"] for fault in table["faults"]}):
