@@ -172,9 +172,9 @@ def statement(source: str, line: int) -> tuple[int, int]:
         ):
             inside = getattr(node, "body", None)
             last = inside[0].lineno - 1 if inside else node.end_lineno
-            first = node.lineno, max(last, node.lineno)
-            if line <= first[1] and first[1] - first[0] < best[1] - best[0]:
-                best = first
+            span = node.lineno, max(last, node.lineno)
+            if line <= span[1] and span[1] - span[0] < best[1] - best[0]:
+                best = span
     return best
 
 

@@ -23,9 +23,8 @@ _now = ""
 
 
 def _started(code, offset):
-    spans = _LINES.get(os.path.realpath(code.co_filename), ())
-    lines = {line for *_, line in code.co_lines() if line is not None}
-    if any(lines.intersection(span) for span, _ in spans):
+    spans = _LINES.get(os.path.realpath(code.co_filename))
+    if spans and any(line in span for *_, line in code.co_lines() for span, _ in spans):
         sys.monitoring.set_local_events(_TOOL, code, _LINE)
     return sys.monitoring.DISABLE
 

@@ -280,8 +280,8 @@ def _data(
             0,
             f"Measured functions: {len(chosen)} lines of {used} of {there} are data, magnitude and "
             "phase, away from resonances and valleys, with the test's resonances in the place of "
-            "the model's. Where a structure has modes that the test does not list, as most have, "
-            "they made answers worse in the blind check: compare with frfs = false in [diagnose].",
+            "the model's. In the blind check they made answers worse: compare with frfs = false in "
+            "[diagnose].",
         )
     lines = taken.lines(chosen)
     functions = Receptances(errors.basis, lines, errors.poles, errors.forward)
