@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import basix.ufl
 import numpy as np
 import scipy.linalg
+import ufl
 from dolfinx import fem
 from petsc4py import PETSc
 
@@ -16,7 +17,7 @@ from fenics_joints.errors import ConvergenceError, InputError, capable, member, 
 from fenics_joints.formatting import hertz, html_table
 from fenics_joints.modal.eigensolver import EigenSolver
 from fenics_joints.modal.iterative import IterativeEigenSolver
-from fenics_joints.structure import Model, Sensors
+from fenics_joints.structure import FormModel, Model, Sensors
 from fenics_joints.structure.grids import cell_grid, pyvista, write_fields
 
 #: The shift's frequency as a share of the structure's dilation frequency: far enough below zero
@@ -151,9 +152,10 @@ class Modes:
 
 
 def solve_modes(
-    model: Model,
-    given: Mapping[str, float] | None = None,
+    model: Model | ufl.Form,
+    given: Mapping[str, float] | ufl.Form | None = None,
     *,
+    bcs: Iterable[fem.DirichletBC] = (),
     n_modes: int = 20,
     shift_hz: float | None = None,
     petsc_options: Mapping[str, object] | None = None,
@@ -164,9 +166,13 @@ def solve_modes(
 ) -> Modes:
     """Lowest modes of K(p) x = omega^2 M(p) x.
 
+    Of two bilinear forms, on any function space: ``solve_modes(a, m, bcs=bcs, n_modes=12)``.
+
     Args:
-        model: Any model: a structure; a reduced one or beams, which are solved densely.
-        given: Values of parameters that differ from their nominal value.
+        model: Any model: a structure; a reduced one or beams, which are solved densely; or a
+            bilinear form, the stiffness.
+        given: Values of parameters that differ from their nominal value; beside a form the mass.
+        bcs: Dirichlet conditions beside forms, see `fenics_joints.structure.FormModel`.
         n_modes: Number of modes, rigid-body modes included.
         shift_hz: The factorised matrix is K + (2 pi shift_hz)^2 M; by default a five-hundredth of
             the frequency at which the whole body would breathe, which suits free and held bodies.
@@ -183,6 +189,8 @@ def solve_modes(
             of something that is no `Structure`.
         ConvergenceError: If fewer modes converged than asked for.
     """
+    if isinstance(model, ufl.Form):
+        model, given = FormModel(model, given, bcs), None
     check_model(model)
     n_modes = whole("n_modes", n_modes)
     member("method", method, ("direct", "iterative"))

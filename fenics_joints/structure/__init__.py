@@ -13,6 +13,7 @@ from fenics_joints.structure.components import (
     transition,
 )
 from fenics_joints.structure.damping import Damping
+from fenics_joints.structure.form_model import FormModel
 from fenics_joints.structure.model import Damped, Model, Pictured
 from fenics_joints.structure.points import Sensors
 from fenics_joints.structure.structure import Structure
@@ -21,6 +22,7 @@ __all__ = [
     "Damped",
     "Damping",
     "ElasticSupport",
+    "FormModel",
     "Model",
     "Parameter",
     "Pictured",

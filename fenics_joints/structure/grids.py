@@ -8,10 +8,12 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from xml.etree import ElementTree
 
+import basix
 import numpy as np
 from dolfinx import fem, io
 from mpi4py import MPI
 
+from fenics_joints._compat import geometry_dofmap
 from fenics_joints.errors import InputError
 from fenics_joints.files import check_writable, write_text
 from fenics_joints.parallel import on_root
@@ -76,6 +78,38 @@ def cell_arrays(
     cells = np.column_stack([np.full(n, k), ids]).ravel()
     given = {name: flat[name][first].reshape(-1, *np.shape(v)[2:]) for name, v in values.items()}
     return cells, np.full(n, kind, dtype=np.uint8), flat[""][first], given
+
+
+def corner_motion(
+    motions: Sequence[fem.Function], V: fem.FunctionSpace, element
+) -> tuple[np.ndarray, np.ndarray]:
+    """Corners of all cells and how they move. Collective.
+
+    Args:
+        motions: Displacements.
+        V: Their space, of one component along each axis of the mesh.
+        element: Of a component; not every element has its corner values as degrees of freedom.
+
+    Returns:
+        On rank 0 the corners, m, shape (n_cells, n_corners, 3), and the displacements, shape
+        (n_motions, n_cells, n_corners, 3), zero in a direction that the mesh does not have; empty
+        on the other ranks.
+    """
+    msh, gdim = V.mesh, V.mesh.geometry.dim
+    n_owned = msh.topology.index_map(msh.topology.dim).size_local
+    corners = msh.geometry.x[geometry_dofmap(msh)[:n_owned]]
+    cell = getattr(basix.CellType, msh.topology.cell_name())
+    values = element.tabulate(0, basix.geometry(cell))[0]
+    nodes = V.dofmap.list[:n_owned]
+    moved = np.zeros((len(motions), *corners.shape))
+    for i, u in enumerate(motions):
+        block = u.x.array.reshape(-1, gdim)[nodes]
+        moved[i, :, :, :gdim] = np.einsum("cn,eni->eci", values, block)
+    gathered = msh.comm.gather((corners, moved), root=0)
+    if gathered is None:
+        return np.empty((0, 0, 3)), np.empty((len(motions), 0, 0, 3))
+    parts, shares = zip(*gathered, strict=True)
+    return np.concatenate(parts), np.concatenate(shares, axis=1)
 
 
 def cell_grid(

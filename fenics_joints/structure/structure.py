@@ -25,7 +25,7 @@ from fenics_joints.structure.assembly import Assembly
 from fenics_joints.structure.changes import Change, change_slopes
 from fenics_joints.structure.components import Parameter, number, slopes
 from fenics_joints.structure.damping import Damping
-from fenics_joints.structure.grids import cell_grid, pyvista
+from fenics_joints.structure.grids import cell_grid, corner_motion, pyvista
 from fenics_joints.structure.points import PointRows, Sensors, observe
 from fenics_joints.structure.sparse import MatrixForm, RowForm, as_columns
 
@@ -414,27 +414,7 @@ class Structure(Assembly):
             (n_vectors, n_cells, n_corners, 3), zero in a direction that the mesh does not have;
             empty on the other ranks.
         """
-        V, msh = self.V, self.mesh
-        n_owned = msh.topology.index_map(msh.topology.dim).size_local
-        corners = msh.geometry.x[geometry_dofmap(msh)[:n_owned]]
-        # Not every element has its corner values as DOFs, so evaluate it there.
-        cell = getattr(basix.CellType, msh.topology.cell_name())
-        values = self.element.tabulate(0, basix.geometry(cell))[0]
-        nodes = V.dofmap.list[:n_owned]
-        u, gdim = fem.Function(V), self.gdim
-        motions = np.zeros((len(vectors), *corners.shape))
-        for i, vector in enumerate(vectors):
-            u.x.array[: self.n_local] = vector.array_r
-            u.x.scatter_forward()
-            block = u.x.array.reshape(-1, gdim)[nodes]
-            motions[i, :, :, :gdim] = np.einsum("cn,eni->eci", values, block)
-        gathered = msh.comm.gather((corners, motions), root=0)
-        if gathered is None:
-            return np.empty((0, 0, 3)), np.empty((len(vectors), 0, 0, 3))
-        return (
-            np.concatenate([part[0] for part in gathered]),
-            np.concatenate([part[1] for part in gathered], axis=1),
-        )
+        return corner_motion([self.displacement(v) for v in vectors], self.V, self.element)
 
 
 #: Position, m, and direction of each place, by name; a force without a position (None) is that of a
