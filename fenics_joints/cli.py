@@ -180,6 +180,15 @@ def diagnose(
             "FOLDER",
         ),
     ] = None,
+    effects: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--effects",
+            metavar="NAME",
+            help="What is looked for, instead of [diagnose] effects: a name, all, or module:name; "
+            "several times.",
+        ),
+    ] = None,
     json: JsonOption = None,
     report: ReportOption = None,
     large: LargeOption = False,
@@ -200,7 +209,7 @@ def diagnose(
     """
     name = "run_plan" if plan else "run_diagnose"
     outputs = {"--json": json, "--report": report}
-    _command(name, {"keep": keep}, case, outputs, large, debug)
+    _command(name, {"keep": keep, "effects": effects or None}, case, outputs, large, debug)
 
 
 @app.command()
@@ -295,7 +304,7 @@ def _command(
         from fenics_joints import commands
         from fenics_joints.case import load_case
         from fenics_joints.files import check_outputs
-        from fenics_joints.machine import form_cache, memory
+        from fenics_joints.machine import form_cache, memory, own_code
         from fenics_joints.parallel import on_root
         from fenics_joints.progress import Progress
 
@@ -310,6 +319,7 @@ def _command(
             return case
 
         case = comm.bcast(on_root(comm, read))
+        own_code.allow_if_trusted(case.path.parent)
         _check_size(comm, case, name, options, large)
         notes = _say_unusual(comm, case, name)
         with Progress(silent=comm.rank != 0) as progress:

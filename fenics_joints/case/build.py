@@ -36,6 +36,7 @@ from fenics_joints.structure.components import (
     part,
     transition,
 )
+from fenics_joints.structure.laws import SPRINGS
 from fenics_joints.structure.points import round_bolts
 from fenics_joints.structure.structure import Structure
 
@@ -196,7 +197,7 @@ def measured_joints(case: Case, tagged: TaggedMesh) -> Case:
     """
     joints = dict(case.joints)
     for name, section in case.joints.items():
-        if section.law != "springs":
+        if not section.is_measured:
             continue
         cells = _cells(section, tagged)
         normal = section.normal if "normal" in section.model_fields_set else None
@@ -219,12 +220,13 @@ def _joints(case: Case, tagged: TaggedMesh, law: str | None) -> Iterator[Region]
         own = {"normal": section.normal}
         # Where the thickness is measured, the normal is checked by it.
         measured = section.law == "transition" and section.meshed is None
-        if solid and section.law != "springs" and not measured:
+        if solid and not section.is_measured and not measured:
             with located(f"joints.{name}"):
                 check_normal(tagged, cells, section.normal)
-        if section.law == "springs":
-            stiffness = {key: f"{name}.{key}" for key in ("k_n", "k_t")}
-            yield interface(name, cells, **stiffness, meshed=section.meshed, **own)
+        if section.is_measured:
+            names = {key: f"{name}.{key}" for key in section.nominal()}
+            own |= {"law": section.own_law or SPRINGS, "meshed": section.meshed}
+            yield interface(name, cells, **names, **own)
         elif section.law == "transition":
             with located(f"joints.{name}"):
                 meshed = section.meshed or _thickness(case, section, tagged)

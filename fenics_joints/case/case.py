@@ -246,6 +246,13 @@ class Case(CaseSection):
         """
         return self.diagnosed_test() if self._planned is None else self._planned
 
+    def looking_for(self, effects: Sequence[str] | None) -> Case:
+        """The case with other ``[diagnose] effects``; itself for None."""
+        if effects is None:
+            return self
+        diagnose = self.diagnose.model_copy(update={"effects": list(effects)})
+        return self.model_copy(update={"diagnose": diagnose})
+
     def validation(self) -> TestData | None:
         """Data that are never fitted, or None."""
         return self._validation

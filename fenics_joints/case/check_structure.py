@@ -20,8 +20,6 @@ PRESSES = (
     "expected a section [bolts.NAME], [loads.NAME] or [displacements.NAME], an obstacle's travel "
     "or force, or a negative gap"
 )
-#: Laws of joints whose cells may be patterns.
-PATTERNED = ("transition", "springs")
 #: Tables that share one set of names.
 _NAMED = ("parts", "joints", "contacts", "bolts", *APPLIED, "masses", "springs", "attached")
 #: Sections that beams cannot have, with what they need.
@@ -86,11 +84,13 @@ def _check_bounds(key: str, section: PartSection | JointSection) -> Iterator[str
 
 
 def check_mesh(case: Case) -> list[str]:
-    """Names of cells and facets against the builder's; a file's are checked when it is read."""
+    """Names of cells and facets against the builder's; others' are checked when they are read."""
     if case.mesh.origin == "file":
         file = case.folder / case.mesh.file
         expected = f"no such file, expected a mesh at {shown_path(file)}"
         return [] if is_file(file) else [message("mesh.file", case.mesh.file, expected)]
+    if case.mesh.origin == "own":
+        return []
     try:
         groups = case.mesh.groups()
     except MeshError as error:
@@ -109,7 +109,7 @@ def unknown_groups(case: Case, cells: Iterable[str], facets: Iterable[str]) -> l
     cells, facets = list(cells), list(facets)
     named = []
     for key, section in _items(case, "parts", "joints"):
-        patterned = getattr(section, "law", "") in PATTERNED
+        patterned = getattr(section, "is_patterned", False)
         wanted = [c for c in section.cells if not (patterned and matching(c, cells))]
         named += [(f"{key}.cells", cell, cells) for cell in wanted]
     for key, section in _items(case, "supports", *APPLIED):

@@ -10,7 +10,7 @@ import numpy as np
 
 from fenics_joints.case.bayes import check_bayes
 from fenics_joints.case.case import Case
-from fenics_joints.case.harmonic import ContactLawSection, identifiable
+from fenics_joints.case.harmonic import ContactLawSection, Hysteretic, identifiable
 from fenics_joints.case.messages import did_you_mean, indexed, message, refused, unknown
 from fenics_joints.case.parameters import parameters as case_parameters
 from fenics_joints.case.update import HeldSection
@@ -382,7 +382,7 @@ def _check_nonlinear(case: Case, name: str, section) -> Iterator[str]:
                 f"{key}: expected stress = 'shear' and an elastic modulus, since a contact has no "
                 "moduli of its own"
             )
-        elif not of_contact and section.thickness is None:
+        elif isinstance(section, Hysteretic) and section.thickness is None:
             yield f"{key}.thickness: expected that of the layer whose strain is slip / thickness"
         elif of_contact and section.presses and section.gap > 0 and case.is_pressed:
             yield message(f"{key}.gap", section.gap, "expected none: the preload says it")
@@ -391,5 +391,6 @@ def _check_nonlinear(case: Case, name: str, section) -> Iterator[str]:
         yield f"{key}: no joint or contact has that name{known}"
     elif of_contact:
         yield message(f"{key}.law", section.law, "expected a contact of that name, not a layer")
-    elif case.joints[name].law == "transition":
-        yield f"{key}: joints.{name} has law = 'transition', expected a layer with E and G"
+    elif case.joints[name].law == "transition" or case.joints[name].own_law is not None:
+        law = case.joints[name].law
+        yield f"{key}: joints.{name} has law = {law!r}, expected a layer with E and G, or springs"

@@ -42,6 +42,7 @@ def fingerprint(case: Case, full: Structure, sensors: Sensors | None, *more: obj
         seen,
         full.n_dofs,
         full.tagged.digest if full.is_meshed else "",
+        [region.law.digest for region in getattr(full, "regions", ())],
         case.diagnose.n_modes,
         case.diagnose.samples,
         more,

@@ -23,6 +23,7 @@ from fenics_joints.case.values import (
     Written,
     ascending,
     chosen,
+    in_si,
     listed,
     quantity,
 )
@@ -39,6 +40,7 @@ from fenics_joints.joint_laws import (
     RichardAbbott,
     Segalman,
 )
+from fenics_joints.machine.own_code import find
 from fenics_joints.units import to_si
 
 if TYPE_CHECKING:
@@ -282,6 +284,53 @@ class BilinearSection(Hysteretic):
     S_y: Stress
 
 
+class OwnLawSection(CaseSection):
+    """``[nonlinear.NAME]`` with ``law = "module:name"``: a joint law of your own, on a layer.
+
+    Attributes:
+        law: A subclass of `fenics_joints.joint_laws.JointLaw`.
+        values: What its constructor takes, by name: numbers in SI units, or with a unit if the
+            class has ``units``, a unit by name.
+    """
+
+    law: str
+    values: dict[str, Written] = {}
+
+    @model_validator(mode="after")
+    def _can_be_made(self) -> OwnLawSection:
+        self.make(None, None, 1.0)
+        return self
+
+    @property
+    def units(self) -> dict[str, str]:
+        """Units of the values, ``""`` where the class gives none."""
+        units = getattr(self._class, "units", {})
+        return {key: units.get(key, "") for key in self.values}
+
+    @property
+    def _class(self) -> type[JointLaw]:
+        what = "a subclass of fenics_joints.joint_laws.JointLaw"
+        found = find(self.law, type, what)
+        if not issubclass(found, JointLaw):
+            raise ValueError(f"{self.law}: expected {what}")
+        return found
+
+    def numbers(self) -> dict[str, float]:
+        """The values in SI units."""
+        return in_si(self.values, self.units)
+
+    def make(self, E: float | None, G: float | None, meshed: float) -> JointLaw:
+        """The law; it has its own moduli, see `Hysteretic.make`."""
+        try:
+            return self._class(**self.numbers())
+        except TypeError as error:
+            raise ValueError(f"values: {error}") from None
+
+    def needs_modulus(self) -> bool:
+        """Whether moduli must come from the joint: never."""
+        return False
+
+
 NonlinearSection = chosen(
     "law",
     RichardAbbottSection,
@@ -291,6 +340,7 @@ NonlinearSection = chosen(
     UnilateralSection,
     ElasticFrictionSection,
     GapSection,
+    own=OwnLawSection,
 )
 
 
@@ -480,8 +530,9 @@ def identifiable(nonlinear: Mapping[str, NonlinearSection]) -> dict[str, tuple[f
     """Value and unit of every number of the nonlinear laws, by NAME.KEY."""
     found = {}
     for name, section in nonlinear.items():
+        own = section.numbers() if isinstance(section, OwnLawSection) else vars(section)
         for key, unit in section.units.items():
-            value = getattr(section, key)
+            value = own[key]
             if value is not None:
                 found[f"{name}.{key}"] = (value, unit)
     return found

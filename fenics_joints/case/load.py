@@ -23,6 +23,7 @@ from fenics_joints.case.starting import start_joints
 from fenics_joints.case.test import ChangedTest, FRFSection, Test, ValidationTest
 from fenics_joints.errors import InputError, Problems, located
 from fenics_joints.files import is_file, read_toml, shown_path
+from fenics_joints.machine import own_code
 from fenics_joints.measurements import (
     MeasuredBackbone,
     MeasuredShapes,
@@ -37,16 +38,21 @@ from fenics_joints.measurements import (
 from fenics_joints.measurements.amplitude import test_by_level
 
 
-def load_case(path: str | Path) -> Case:
+def load_case(path: str | Path, *, allow_code: bool = False) -> Case:
     """Read and check a case and its measured data. Needs no MPI.
 
     Args:
         path: The case file, or a folder with a ``case.toml``.
+        allow_code: Whether laws, effects and meshes that the case names as ``module:name`` may be
+            of modules beside it, which run; otherwise these are of installed packages that declare
+            them.
 
     Raises:
         InputError: Names the file and, for each error, the key, the value and what was expected.
     """
     path, raw = read_case(path)
+    if allow_code:
+        own_code.allow_code(path.parent)
     try:
         case = Case.model_validate(raw)
     except ValidationError as error:
@@ -62,6 +68,7 @@ def read_case(path: str | Path) -> tuple[Path, dict]:
     path = Path(path)
     if os.path.isdir(path):
         path = path / "case.toml"
+    own_code.allow_if_trusted(path.parent)
     return path, read_toml(path, "a case file or a folder with case.toml")
 
 

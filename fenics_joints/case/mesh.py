@@ -31,6 +31,7 @@ from fenics_joints.case.values import (
 )
 from fenics_joints.database import JointSurfaces, TorqueToForce, query, seed_database
 from fenics_joints.errors import InputError, MeshError
+from fenics_joints.machine.own_code import find, is_reference
 from fenics_joints.meshes import TaggedMesh, read_msh, read_step
 from fenics_joints.meshes.arguments import CASE_BUILDERS, Builder, Demand
 from fenics_joints.meshes.grow import Grown
@@ -44,8 +45,9 @@ from fenics_joints.units import to_si
 class MeshSection(CaseSection):
     """``[mesh]``."""
 
-    #: Where the structure is from: its own builder, a file, or beams in place of a mesh.
-    origin: ClassVar[Literal["builder", "file", "beams"]]
+    #: Where the structure is from: a builder, a file, a function of the user's own, or beams in
+    #: place of a mesh.
+    origin: ClassVar[Literal["builder", "file", "own", "beams"]]
 
     def build(self, folder: Path, comm: MPI.Intracomm) -> TaggedMesh:
         """The mesh; ``folder`` is the case's. Collective.
@@ -488,6 +490,40 @@ class FileMesh(MeshFile):
         return self
 
 
+class OwnMesh(MeshSection):
+    """``builder = "module:name"``: a function of your own that makes the mesh.
+
+    Attributes:
+        builder: It takes a communicator and the arguments, and returns a
+            `fenics_joints.meshes.TaggedMesh` on all ranks.
+        arguments: Its further arguments by name.
+        degree: Degree of the displacement.
+    """
+
+    origin = "own"
+    builder: str
+    arguments: dict[str, Any] = {}
+    degree: Literal[1, 2] = 2
+
+    @model_validator(mode="after")
+    def _there(self) -> OwnMesh:
+        self._function()
+        return self
+
+    def _function(self) -> types.FunctionType:
+        return find(self.builder, types.FunctionType, "a function that returns a TaggedMesh")
+
+    def build(self, folder: Path, comm: MPI.Intracomm) -> TaggedMesh:
+        """See `MeshSection.build`."""
+        try:
+            made = self._function()(comm, **self.arguments)
+        except TypeError as error:
+            raise InputError(f"mesh.arguments: {error}") from error
+        if not isinstance(made, TaggedMesh):
+            raise MeshError(f"{self.builder}: returns {type(made).__name__}, expected a TaggedMesh")
+        return made
+
+
 #: Classes of the builders, by name.
 BUILDERS = named_by("builder", (*map(section_of, CASE_BUILDERS.values()), OffsetBeamsMesh))
 
@@ -498,12 +534,14 @@ def _kind(data: Any) -> type[CaseSection] | None:
     if "file" in data:
         return StepMesh if str(data["file"]).lower().endswith(STEP_SUFFIXES) else FileMesh
     name = data["builder"]
-    return BUILDERS.get(name) if isinstance(name, str) else None
+    if not isinstance(name, str):
+        return None
+    return BUILDERS.get(name) or (OwnMesh if is_reference(name) else None)
 
 
 Mesh = either(
     _kind,
-    (*BUILDERS.values(), FileMesh, StepMesh),
+    (*BUILDERS.values(), OwnMesh, FileMesh, StepMesh),
     key="builder",
     known=" ".join(BUILDERS),
     instead="file = 'NAME.msh' or 'NAME.step'",

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from fenics_joints.case.case import Case
 from fenics_joints.case.sections import JointSection, MassSection, PartSection
 from fenics_joints.structure import Damped, Damping
@@ -24,6 +26,8 @@ _BOUNDS = {
 _FACTORS = {"h": 30.0, **dict.fromkeys(("k1", "k2", "k_axial"), 1e3)}
 #: Likewise of any other known property. Chosen: wide enough for a wrong material, and no more.
 _KNOWN = 3.0
+#: Likewise of a property of a law of somebody's own, where it is above zero and has no bounds.
+_OWN, _ANY = 1e3, (-math.inf, math.inf)
 #: Stiffness of a support, Pa/m, that is as good as rigid: E / (k L) of a metal body of size L is
 #: below 1e-6. A steel cantilever's frequencies are 2e-6 below those of a rigidly held one.
 RIGID_SUPPORT = 1e19
@@ -58,8 +62,16 @@ def parameters(
             values[name] = value
             high = value * _DAMPING
             bounds[name] = value / _DAMPING, high if _unit(name) else min(high, max(1.0, value))
+    units = {
+        f"{name}.{key}": unit
+        for name, section in case.joints.items()
+        if section.own_law is not None
+        for key, unit in section.own_law.units.items()
+    }
     return [
-        Parameter(name, value, _unit(name), *bounds[name], log=_is_log(name, value))
+        Parameter(
+            name, value, units.get(name, _unit(name)), *bounds[name], log=_is_log(name, value)
+        )
         for name, value in values.items()
     ]
 
@@ -96,6 +108,9 @@ def _bounds(case: Case) -> dict[str, tuple[float, float]]:
 
 def _usual(section: PartSection | JointSection, key: str, value: float) -> tuple[float, float]:
     """Bounds for a property whose section gives none."""
+    law = section.own_law if isinstance(section, JointSection) else None
+    if law is not None:
+        return law.bounds.get(key) or ((value / _OWN, value * _OWN) if value > 0 else _ANY)
     if isinstance(section, JointSection) and key in ("E", "G"):
         low, high = _JOINT_MODULUS
     else:

@@ -30,18 +30,33 @@ from fenics_joints.case.values import (
     Size,
     Stiffness,
     Turning,
+    Written,
     ascending,
+    check_values,
     chosen,
+    in_si,
     listed,
+    one_of_or_own,
     quantity,
     tolerance_and_bounds,
 )
+from fenics_joints.machine.own_code import find
 from fenics_joints.meshes.arguments import ONE_BOLT
 from fenics_joints.structure.damping import Damping
+from fenics_joints.structure.laws import LAYER_LAWS, Law
 
 PartTolerance, PartBounds = tolerance_and_bounds(
     "Part", E=Modulus, nu=Poisson, rho=Density, thickness=Positive, width=Positive
 )
+
+
+#: Keys that a joint must have and may have, by its law; others are refused.
+_JOINT_KEYS = {
+    "transition": (("E", "nu", "h"), ("meshed", "rho")),
+    "springs": ((), ("k_n", "k_t", "meshed", "pressure", "roughness")),
+    "generic": (("k1", "k2"), ("c", "k_axial")),
+}
+_LAYER_KEYS = ("E", "G"), ("rho",)
 
 
 class PartSection(CaseSection):
@@ -116,13 +131,6 @@ JointTolerance, JointBounds = tolerance_and_bounds(
     k_axial=Stiffness,
     c=Damper,
 )
-#: Keys that a joint must have and may have, by its law; others are refused.
-_JOINT_KEYS = {
-    "transition": (("E", "nu", "h"), ("meshed", "rho")),
-    "springs": ((), ("k_n", "k_t", "meshed", "pressure", "roughness")),
-    "generic": (("k1", "k2"), ("c", "k_axial")),
-}
-_LAYER_KEYS = ("E", "G"), ("rho",)
 
 
 class JointSection(CaseSection):
@@ -135,7 +143,8 @@ class JointSection(CaseSection):
 
     Attributes:
         cells: Groups of cells; patterns such as "ring_*" with law "transition" or "springs".
-        law: How the layer deforms.
+        law: How the layer deforms; a law of your own is named as "module:name".
+        values: Values of such a law's properties, by name.
         E: Modulus across the layer.
         G: Shear modulus of the layer.
         nu: Poisson's ratio of a transition layer.
@@ -159,9 +168,8 @@ class JointSection(CaseSection):
     """
 
     cells: Names
-    law: Literal["isotropic", "uncoupled", "constrained", "transition", "springs", "generic"] = (
-        "uncoupled"
-    )
+    law: one_of_or_own(*LAYER_LAWS, *_JOINT_KEYS) = "uncoupled"
+    values: dict[str, Written] = {}
     E: usual(Modulus, "layer") | None = None
     G: usual(Modulus, "layer") | None = None
     nu: usual(Poisson, "nu") | None = None
@@ -187,6 +195,9 @@ class JointSection(CaseSection):
         if self.rho == "average" and self.law != "transition":
             raise ValueError('rho = "average": expected a density, or law = "transition"')
         own, more = _JOINT_KEYS.get(self.law, _LAYER_KEYS)
+        if self.own_law is not None:
+            own, more = (), ("meshed", "values")
+            check_values(self.values, self.own_law.units, self.law)
         allowed = {"cells", "law", "bolted", "bolts", "normal", "tolerance", "bounds", *own, *more}
         missing = [key for key in own if getattr(self, key) is None]
         given = [key for key in self.model_fields_set if getattr(self, key) is not None]
@@ -223,8 +234,27 @@ class JointSection(CaseSection):
                 )
         return self
 
+    @property
+    def own_law(self) -> Law | None:
+        """The law that the file names as module:name; None for one of the suite's."""
+        if self.law in (*LAYER_LAWS, *_JOINT_KEYS):
+            return None
+        return find(self.law, Law, "a law by fenics_joints.structure.joint_law")
+
+    @property
+    def is_measured(self) -> bool:
+        """Whether its thickness and normal are measured in the mesh."""
+        return self.law == "springs" or self.own_law is not None
+
+    @property
+    def is_patterned(self) -> bool:
+        """Whether its cells may be patterns."""
+        return self.law == "transition" or self.is_measured
+
     def nominal(self) -> dict[str, float]:
         """Value of each parameter; a density only if the file gives one."""
+        if self.own_law is not None:
+            return in_si(self.values, self.own_law.units)
         rho = {} if self.rho is None else {"rho": self.rho}
         if self.law == "transition":
             return {"E": self.E, "nu": self.nu, **rho, "h": self.h}
@@ -377,7 +407,8 @@ class Diagnose(CaseSection):
             their root mean square.
         preload_scatter: Relative scatter of the bolts' forces.
         max_effects: Most causes that a gap may have at once.
-        effects: Which causes are looked for; by default all that the case can have.
+        effects: Which causes are looked for; by default all that the case can have, which "all"
+            stands for. "module:name" is one of your own.
         zones: Number of zones of equal pressure of a contact.
         mesh: Keys of [mesh] that differ in the diagnosis, such as larger elements.
         samples: Least number of full models that the reduced model is trained on.

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from fenics_joints.case.case import Case
-from fenics_joints.case.mesh import MeshFile, OffsetBeamsMesh, SolidMesh, StepMesh
+from fenics_joints.case.mesh import MeshFile, OffsetBeamsMesh, OwnMesh, SolidMesh, StepMesh
 from fenics_joints.errors import InputError
 from fenics_joints.formatting import number
 
@@ -157,6 +157,8 @@ def estimate(case: Case, *, method: str = "direct", ranks: int = 1) -> CostEstim
     if isinstance(mesh, OffsetBeamsMesh):
         n = 6.0 * (sum(mesh.of("elements")) + sum(mesh.of("lap_elements")))
         return CostEstimate(n, ranks * _PROCESS + 40 * 8 * n**2, 1.0)
+    if isinstance(mesh, OwnMesh):  # nothing says its size before it is made
+        return CostEstimate(0.0, ranks * _PROCESS, BEGIN)
     if isinstance(mesh, SolidMesh):
         made = mesh.made()
         bricks = made.bricks()

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import difflib
 import inspect
 import math
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Annotated, Any, ClassVar, Union, get_args
 
 import numpy as np
@@ -17,11 +18,13 @@ from pydantic import (
     Discriminator,
     Field,
     Tag,
+    WithJsonSchema,
     create_model,
     model_validator,
 )
 
 from fenics_joints.errors import InputError, real
+from fenics_joints.machine.own_code import is_reference
 from fenics_joints.units import sizes, to_si
 
 _NAME = r"[A-Za-z][A-Za-z0-9_-]*"
@@ -113,6 +116,44 @@ def _ascending(pair: tuple[float, float]) -> tuple[float, float]:
     if not pair[0] < pair[1]:
         raise ValueError("expected [low, high] with low < high")
     return pair
+
+
+def one_of_or_own(*words: str):
+    """The type of a word that is one of these, or names an object of the user's own, see
+    `fenics_joints.machine.own_code`."""
+    known = " or ".join([", ".join(repr(word) for word in words[:-1]), repr(words[-1])])
+
+    def check(word: str) -> str:
+        if word not in words and not is_reference(word):
+            near = difflib.get_close_matches(word, words, 1)
+            mean = f"; did you mean {near[0]!r}?" if near else ""
+            raise ValueError(f"expected {known}, or module:name of your own{mean}")
+        return word
+
+    schema = {"anyOf": [{"enum": list(words)}, {"pattern": "^[A-Za-z][A-Za-z0-9_.]*:[A-Za-z]"}]}
+    return Annotated[str, AfterValidator(check), WithJsonSchema({"type": "string"} | schema)]
+
+
+def check_values(given: Mapping[str, float | str], units: Mapping[str, str], name: str) -> None:
+    """ValueError unless these are the values of all properties of an object of the user's own."""
+    for key in given:
+        if key not in units:
+            raise ValueError(f"values.{key}: unknown, expected {', '.join(units)} of {name}")
+    for key in units:
+        if key not in given:
+            raise ValueError(f"values.{key} is missing: expected {', '.join(units)} of {name}")
+    in_si(given, units)
+
+
+def in_si(given: Mapping[str, float | str], units: Mapping[str, str]) -> dict[str, float]:
+    """Values in SI units, in the order of the units."""
+    found = {}
+    for key, unit in units.items():
+        try:
+            found[key] = float(to_si(given[key], unit))
+        except InputError as error:
+            raise ValueError(f"values.{key}: {error}") from None
+    return found
 
 
 Number = Annotated[float, BeforeValidator(_bare)]
@@ -221,15 +262,24 @@ def named_by(key: str, sections) -> dict[str, type[CaseSection]]:
     return {get_args(s.model_fields[key].annotation)[0]: s for s in sections}
 
 
-def chosen(key: str, *sections: type[CaseSection]):
-    """The type of a section whose ``key`` says of which class it is, each with its own word."""
+def chosen(key: str, *sections: type[CaseSection], own: type[CaseSection] | None = None):
+    """The type of a section whose ``key`` says of which class it is, each with its own word.
+
+    Args:
+        key: The key.
+        sections: The classes.
+        own: The class where the word names an object of the user's own.
+    """
     known = named_by(key, sections)
 
     def kind(data: Any) -> type[CaseSection] | None:
         word = data.get(key) if isinstance(data, dict) else None
-        return known.get(word) if isinstance(word, str) else None
+        if not isinstance(word, str):
+            return None
+        return known.get(word) or (own if is_reference(word) else None)
 
-    return either(kind, sections, key=key, known=" ".join(known))
+    every = sections if own is None else (*sections, own)
+    return either(kind, every, key=key, known=" ".join(known))
 
 
 def _names(table: Any) -> Any:

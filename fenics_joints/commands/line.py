@@ -4,11 +4,13 @@ an example for each command."""
 from __future__ import annotations
 
 import difflib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
+import click
 import typer
 from typer.core import TyperCommand, TyperGroup, TyperOption
 
+from fenics_joints.machine.own_code import trust_cases
 from fenics_joints.progress import set_loudness
 
 #: What the help of each command shows, by the words that call it.
@@ -85,7 +87,7 @@ class _Command(_Plain, TyperCommand):
     def __init__(self, name, *, params=None, epilog=None, **settings):
         super().__init__(
             name,
-            params=[*(params or ()), *_how_much()],
+            params=[*(params or ()), *_how_much(), *_trust(params or ())],
             epilog=epilog or _examples(name),
             **settings,
         )
@@ -134,6 +136,21 @@ def _how_much() -> list[TyperOption]:
             **settings,
         ),
     ]
+
+
+def _trust(params: Sequence[click.Parameter]) -> list[TyperOption]:
+    """The option ``--allow-code`` of commands that read a case."""
+    if not any(param.name == "case" for param in params):
+        return []
+    words = "Run laws, effects and meshes that the case names, of modules beside it."
+    settings = {"is_flag": True, "default": False, "expose_value": False, "help": words}
+    return [TyperOption(param_decls=["--allow-code"], callback=_allow, **settings)]
+
+
+def _allow(ctx, param, wanted: bool) -> bool:
+    if wanted:
+        trust_cases()
+    return wanted
 
 
 def _sets(loudness: str) -> Callable:

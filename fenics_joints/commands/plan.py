@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -48,7 +49,12 @@ _ASSUMPTIONS = (
 
 
 def run_plan(
-    case: Case, comm: MPI.Intracomm, progress: Progress, *, keep: Path | None = None
+    case: Case,
+    comm: MPI.Intracomm,
+    progress: Progress,
+    *,
+    keep: Path | None = None,
+    effects: Sequence[str] | None = None,
 ) -> Outcome[Plan]:
     """Which causes a test could tell apart, before any data. Collective.
 
@@ -57,12 +63,13 @@ def run_plan(
         comm: Communicator.
         progress: Told what is being done.
         keep: Folder of the reduced model, which the next run goes on from.
+        effects: In place of ``[diagnose] effects``.
 
     Raises:
         JointsError: If the case, the mesh or a solution fails.
     """
     refuse_applied(case, "diagnose --plan")
-    found = plan(case, comm, progress, keep=keep)
+    found = plan(case.looking_for(effects), comm, progress, keep=keep)
     return Outcome(found, plan_document(found))
 
 

@@ -39,7 +39,7 @@ from fenics_joints.structure.points import PlaceRows
 ARRAYS = "fenics_joints reduced model"
 #: The same of results that a `Cache` keeps, and the version of both.
 _KEPT, _VERSION = "fenics_joints kept result", 4
-_LAWS = LINEAR_LAWS | {law.name: law for law in (*CHANGES, SPRING, POINT_MASS)}
+_LAWS = {law.name: law for law in (*CHANGES, SPRING, POINT_MASS)}
 _CLASSES = {
     c.__name__: c
     for c in (AffinePencil, ArrayModel, TravellingMass, Parameter, PlaceRows, RegionTerm)
@@ -339,9 +339,10 @@ def _linear_law(name: str) -> Law:
         if not all(0 <= row < len(law.samples) for row in rows):
             raise InputError(f"{name}: expected indices of {len(law.samples)} scalars.")
         return of_few(law, rows)
-    if name not in _LAWS:
+    laws = LINEAR_LAWS | _LAWS
+    if name not in laws:
         raise InputError(f"{name} is not known here; expected its module to be imported before.")
-    return _LAWS[name]
+    return laws[name]
 
 
 def _object(kind: str, content: dict):

@@ -15,6 +15,7 @@ from fenics_joints.structure.components import (
 from fenics_joints.structure.damping import Damping
 from fenics_joints.structure.form_model import FormModel
 from fenics_joints.structure.model import Damped, Model, Pictured
+from fenics_joints.structure.own_laws import joint_law
 from fenics_joints.structure.points import Sensors
 from fenics_joints.structure.structure import Structure
 
@@ -34,6 +35,7 @@ __all__ = [
     "Support",
     "interface",
     "joint",
+    "joint_law",
     "part",
     "transition",
 ]

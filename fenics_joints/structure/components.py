@@ -121,7 +121,7 @@ class Region:
 
     @property
     def is_joint(self) -> bool:
-        return self.law.name in (TRANSITION.name, SPRINGS.name, *LAYER_LAWS)
+        return self.law.is_joint
 
 
 def _value(key: str, value: object, unit: str = "", **bounds: float) -> None:
@@ -266,10 +266,10 @@ def interface(
     name: str,
     cells: str | tuple[str, ...],
     *,
-    k_n: Property,
-    k_t: Property,
-    meshed: float,
+    meshed: float | None = None,
     normal=(0.0, 0.0, 1.0),
+    law: Law = SPRINGS,
+    **properties: Property,
 ) -> Region:
     """A joint by its stiffness per area, without mass: springs between two faces.
 
@@ -279,18 +279,26 @@ def interface(
     Args:
         name: Name of the joint or of one of its zones.
         cells: Name or names of cell groups.
-        k_n: Stiffness along the normal, Pa/m.
-        k_t: Stiffness in the plane, Pa/m.
-        meshed: Thickness of the layer in the mesh, m.
+        meshed: Thickness of the layer in the mesh, m; a law of strains needs none.
         normal: Normal of the layer, shape (gdim,).
+        law: Springs, or a law by `fenics_joints.structure.joint_law`.
+        properties: Those of the law: of springs ``k_n``, the stiffness along the normal, and
+            ``k_t``, that in the plane, Pa/m.
 
     Raises:
-        InputError: If ``meshed`` is not a thickness.
+        InputError: If ``meshed`` is not a thickness, or a property is missing or unknown.
     """
-    meshed = real(f"{name}.meshed", meshed, "m, the mesh's thickness", above=0)
-    properties = {"k_n": k_n, "k_t": k_t, "rho": 0.0, "meshed": meshed}
+    if not isinstance(law, Law) or not law.is_joint:
+        raise wanted(f"{name}.law", law, "a law by fenics_joints.structure.joint_law")
+    own = [key for key in law.properties if key not in ("rho", "meshed")]
+    for key in properties:
+        if key not in own:
+            raise InputError(f"{name}.{key}: unknown property, expected {', '.join(own)}.")
+    properties |= {"rho": 0.0}
+    if "meshed" in law.properties:
+        properties["meshed"] = real(f"{name}.meshed", meshed, "m, the mesh's thickness", above=0)
     way = direction(f"{name}.normal", normal)
-    return Region(name, _cell_names(name, cells), SPRINGS, properties, way)
+    return Region(name, _cell_names(name, cells), law, properties, way)
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ model needs only these scalars to be exact in the properties (`fenics_joints.red
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import ufl
@@ -51,6 +51,10 @@ class Law:
         ratio_limit: E / G must stay below this, if the law couples them.
         inertia: ``(u, v, q, dx) -> Form``, the consistent mass.
         inertia_term: ``q -> rho(q)``, the scalar in which the mass is linear.
+        is_joint: Whether it holds a thin layer between parts.
+        units: SI units of properties that are its own (`fenics_joints.structure.joint_law`).
+        bounds: Bounds of these for updating, where it has any.
+        digest: Of such a law's numbers, for results that are kept.
     """
 
     name: str
@@ -62,6 +66,10 @@ class Law:
     ratio_limit: float | None = None
     inertia: Callable = _mass
     inertia_term: Callable[[Properties], float] = lambda q: q["rho"] * q["stretch"]
+    is_joint: bool = False
+    units: Mapping[str, str] = field(default_factory=dict)
+    bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    digest: str = ""
 
 
 def _radius(dx):
@@ -225,6 +233,7 @@ TRANSITION = Law(
     _check,
     inertia=_transition_mass,
     inertia_term=lambda q: q["rho"] * q["h"] / q["meshed"],
+    is_joint=True,
 )
 
 #: Springs of zero thickness: a joint by its stiffness per area, on a layer as thick as meshed.
@@ -240,6 +249,7 @@ SPRINGS = Law(
     _check,
     inertia=_spring_mass,
     inertia_term=lambda q: q["rho"],
+    is_joint=True,
 )
 
 # Stretched along its axis a body of revolution has the same scalars as any solid.
@@ -258,6 +268,7 @@ LAYER_LAWS = {
             _samples({"E": 2.0, "G": 1.0}, {"E": 2.6, "G": 1.0}),
             _check_isotropic,
             3.0,
+            is_joint=True,
         ),
         Law(
             "uncoupled",
@@ -266,6 +277,7 @@ LAYER_LAWS = {
             _uncoupled_terms,
             _UNCOUPLED_SAMPLES + _samples({"E": 1.0, "G": 1.0}),
             _check,
+            is_joint=True,
         ),
         Law(
             "constrained",
@@ -275,6 +287,7 @@ LAYER_LAWS = {
             ({"E": 2.0, "G": 1.0, "rho": 1.0, "stretch": 1.0},) + _samples({"E": 2.6, "G": 1.0}),
             _check_isotropic,
             3.0,
+            is_joint=True,
         ),
     )
 }
@@ -290,7 +303,8 @@ ELASTIC_SUPPORT = Law(
     inertia_term=lambda q: 0.0 * q["k_n"],
 )
 
-#: Of a body of revolution the law of a part is another object with the same scalars.
+#: All laws by name, also those of `fenics_joints.structure.joint_law`. Of a body of revolution the
+#: law of a part is another object with the same scalars.
 LINEAR_LAWS = {
     law.name: law
     for law in (SOLID, WIDE_SOLID, TRANSITION, SPRINGS, ELASTIC_SUPPORT, *LAYER_LAWS.values())

@@ -55,7 +55,7 @@ def costs_of(case: Case, found: CostEstimate, dofs: int | None, ranks: int) -> t
 
 def known(case: Case, found: CostEstimate, dofs: int | None, ranks: int) -> CostEstimate:
     """An estimate by the degrees of freedom that a file's mesh has; builders' are known before."""
-    if not dofs or case.mesh.origin != "file":
+    if not dofs or case.mesh.origin not in ("file", "own"):
         return found
     return estimate_of(dofs, case.mesh.degree, ranks=ranks)
 

@@ -50,6 +50,7 @@ from fenics_joints.commands.outcome import Outcome
 from fenics_joints.errors import InputError, JointsError
 from fenics_joints.files import plain
 from fenics_joints.formatting import extents, number, quantity
+from fenics_joints.machine.own_code import allow_if_trusted
 from fenics_joints.measurements.amplitude.backbone import RESPONSES
 from fenics_joints.measurements.mistakes import mistakes_within
 from fenics_joints.meshes import TaggedMesh, check_mesh
@@ -228,6 +229,7 @@ def check_case(
     """The result that `run_check` shows, without the model's modes if ``solve`` is false."""
     progress.step("reading the case")
     examined = comm.bcast(on_root(comm, lambda: examine_case(path)))
+    allow_if_trusted(examined.path.parent)
     case = examined.case
     if case is None:
         return Checked(examined.path, None, examined.errors)
@@ -257,7 +259,8 @@ def check_case(
         errors = [line for line in lines if not line.startswith("note: ")]
         found = _more(found, [*same_bolts(case, []), *errors], notes)
         # The size of a file's mesh is known only once it is read.
-        return found if case.mesh.origin == "file" else _with_costs(found, comm)
+        unread = case.mesh.origin in ("file", "own")
+        return found if unread else _with_costs(found, comm)
     found = _meshed(found, examined, tagged)
     found = _beside(found, examined, tagged, comm, progress) if solve else found
     return _with_costs(found, comm)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +20,12 @@ from fenics_joints.progress import Progress
 
 
 def run_diagnose(
-    case: Case, comm: MPI.Intracomm, progress: Progress, *, keep: Path | None = None
+    case: Case,
+    comm: MPI.Intracomm,
+    progress: Progress,
+    *,
+    keep: Path | None = None,
+    effects: Sequence[str] | None = None,
 ) -> Outcome[Diagnosis]:
     """Where a case's model is wrong, which effect causes it, and how far the gap goes. Collective.
 
@@ -29,11 +34,13 @@ def run_diagnose(
         comm: Communicator.
         progress: Told what is being done.
         keep: Folder of the reduced model, which the next run takes.
+        effects: In place of ``[diagnose] effects``.
 
     Raises:
         JointsError: If the case, the mesh or a solution fails.
     """
     refuse_applied(case, "diagnose")
+    case = case.looking_for(effects)
     found, data = diagnose(case, comm, progress, keep=keep), case.diagnosed_test()
     assumed = assumptions(case, data)
     for note in found.model.get("notes", ()):

@@ -240,6 +240,27 @@ def graded(
     return compliant(name, "joint", groups, kinds, reference, words, weight=RARE)
 
 
+#: Spread of the logarithm of a property of a law of the user's own, as a cause, where it has no
+#: bounds: within a factor of 3 either way. [prior: chosen]
+_OWN_SPREAD = float(np.log(3.0))
+
+
+def own_law_errors(s: Setting) -> Found:
+    """Properties of joint laws of the user's own that are not what the case says."""
+    for name, section in s.case.joints.items():
+        law = section.own_law
+        for key, value in ({} if law is None else section.nominal()).items():
+            if value <= 0:
+                yield Silent(f"{key} of {name}", "it is zero in the model: give what it may be")
+                continue
+            low, high = law.bounds.get(key, (0.0, np.inf))
+            span = max(low / value, 0.0), high / value
+            words = f"{key} of {name} is not what the model says."
+            yield relative_error(
+                f"{key} of {name}", name, [f"{name}.{key}"], _OWN_SPREAD, words, span=span
+            )
+
+
 # -- by pressure -----------------------------------------------------------------------------------
 
 

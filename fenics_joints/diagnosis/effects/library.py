@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from types import FunctionType
 
 from fenics_joints.case import Case
 from fenics_joints.case.dimensions import Dimensions, unfit
@@ -24,10 +25,12 @@ from fenics_joints.diagnosis.effects.effect import (
 from fenics_joints.diagnosis.zones.zone import Zones
 from fenics_joints.errors import InputError
 from fenics_joints.formatting import spaced
+from fenics_joints.machine.own_code import find, is_reference
 
 #: Where effects come from, in the order in which they are listed where nothing else tells.
 LIBRARY: list[Callable[[Setting], Found]] = [
     joint.compliances,
+    joint.own_law_errors,
     joint.stiffer_than_given,
     joint.bolts,
     damping.joint_damping,
@@ -48,21 +51,41 @@ def case_effects(setting: Setting) -> tuple[tuple[Effect, ...], tuple[Silent, ..
     Raises:
         InputError: If the case asks for an effect that does not exist.
     """
+    case = setting.case
+    asked = [name for name in case.diagnose.effects or () if name != "all"]
+    own = [one for name in asked if is_reference(name) for one in _own(name, setting)]
     found = [one for effects in LIBRARY for one in effects(setting)]
     effects = [one for one in found if isinstance(one, Effect)]
     silent = [one for one in found if isinstance(one, Silent)]
-    case = setting.case
     names = {e.name for e in effects} | {s.effect for s in silent} | set(damping.NAMES)
-    for name in case.diagnose.effects or ():
-        if name not in names:
+    for name in asked:
+        if name not in names and not is_reference(name):
             raise InputError(
                 f"{case.path}: diagnose.effects: {name!r} does not exist; expected some of: "
                 f"{', '.join(sorted(names))}."
             )
+    mine = [one for one in own if isinstance(one, Effect)]
     return (
-        tuple(e for e in effects if sited.looked_for(case, e.name)),
-        tuple(s for s in silent if sited.looked_for(case, s.effect)),
+        (*(e for e in effects if sited.looked_for(case, e.name)), *mine),
+        tuple(s for s in silent if sited.looked_for(case, s.effect))
+        + tuple(one for one in own if isinstance(one, Silent)),
     )
+
+
+def _own(reference: str, setting: Setting) -> list[Effect | Silent]:
+    """Effects that the case names as ``module:name``: an `Effect`, or a function as in `LIBRARY`.
+
+    Raises:
+        InputError: If it is something else, or speaks of parameters that the model does not have.
+    """
+    what = "an Effect, or a function of a Setting that yields effects"
+    given = find(reference, (Effect, FunctionType), what)
+    found = [given] if isinstance(given, Effect) else list(given(setting))
+    for one in found:
+        if not isinstance(one, Effect | Silent):
+            raise InputError(f"{reference}: yields {type(one).__name__}, expected Effect or Silent")
+    zones = setting.zones.by("joint")
+    return [for_zones(one, zones) if isinstance(one, Effect) else one for one in found]
 
 
 def check_parameters(

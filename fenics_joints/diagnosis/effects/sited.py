@@ -111,7 +111,9 @@ def looked_for(case: Case, name: str) -> bool:
     """Whether a case asks for an effect: by default for all but those of few structures, and for
     these too if it says so."""
     asked = case.diagnose.effects
-    return (name not in _FEW or case.diagnose.rare) if asked is None else name in asked
+    if asked is None or "all" in asked:
+        return name not in _FEW or case.diagnose.rare or name in (asked or ())
+    return name in asked
 
 
 def needed(case: Case) -> set[str]:

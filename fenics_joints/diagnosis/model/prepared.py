@@ -529,7 +529,7 @@ def prepare(
             f"{case.path}: test.known: {name!r}: expected one of the model's parameters: "
             f"{', '.join(subject.baseline)}"
         )
-    for effect in extra:
+    for effect in (*effects, *extra):
         check_parameters(effect, subject.baseline, float(own.conditions[-1]), zones.by("joint"))
     effects = distinct((*effects, *extra), subject.baseline, own.conditions)
     return Prepared(

@@ -171,14 +171,16 @@ def joint_zones(case: Case, tagged: TaggedMesh) -> Zones:
 
     Returns:
         Zones named ``JOINT_b2_r1`` at bolt 2, ring 1 the innermost; ``JOINT_r1`` where there is one
-        bolt; ``JOINT`` where there is none.
+        bolt; ``JOINT`` where there is none. A joint with a law of the user's own has no zones.
 
     Raises:
         InputError: If a bolt is outside its joint, or a zone's name is taken.
     """
     volumes = _cell_volumes(tagged)
     case = _as_layers(measured_joints(case, tagged))
-    layers = {name: _layer(tagged, joint, volumes) for name, joint in case.joints.items()}
+    own = {name: joint for name, joint in case.joints.items() if joint.own_law is not None}
+    zoned = {name: joint for name, joint in case.joints.items() if name not in own}
+    layers = {name: _layer(tagged, joint, volumes) for name, joint in zoned.items()}
     bolts = {name: _bolts(case, tagged, name, layer) for name, layer in layers.items()}
     bolts = {name: points for name, points in bolts.items() if len(points)}
     near = {name: _nearest(layers[name], points) for name, points in bolts.items()}
@@ -212,7 +214,7 @@ def joint_zones(case: Case, tagged: TaggedMesh) -> Zones:
     check_names(case, [zone.name for zone in zones], "a joint")
     tags = tagged.cell_tags
     new = dolfinx.mesh.meshtags(tagged.mesh, tags.dim, tags.indices, values)
-    case = case.model_copy(update={"joints": sections})
+    case = case.model_copy(update={"joints": sections | own})
     return with_places(case, zones, replace(tagged, cell_tags=new, cell_names=names))
 
 

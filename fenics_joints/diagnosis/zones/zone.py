@@ -259,8 +259,8 @@ def bonded_values(case: Case) -> dict[str, float]:
         p.name: p.value for p in parameters(case, attached=True, width=True, elastic_supports=True)
     }
     for name, section in case.joints.items():
-        if section.law == "generic":
-            continue  # no layer: see `fenics_joints.diagnosis.zones.laps.lap_as_one`
+        if section.law == "generic" or section.own_law is not None:
+            continue  # no moduli: see `fenics_joints.diagnosis.zones.laps.lap_as_one`
         moduli = bonded_moduli(case)
         if case.diagnose.joints == "given":
             if section.law == "uncoupled":

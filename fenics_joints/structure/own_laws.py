@@ -1,0 +1,258 @@
+"""Linear joint laws of your own: a traction or a stress in UFL becomes a `Law` like the suite's."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from textwrap import shorten
+
+import numpy as np
+import scipy.linalg
+import ufl
+
+from fenics_joints.errors import InputError, member, real, wanted
+from fenics_joints.files import json_digest
+from fenics_joints.forms.kinematics import layer_strain, strain
+from fenics_joints.structure.laws import LINEAR_LAWS, Law
+from fenics_joints.units import to_si
+
+#: Normals at which a law is looked at: any that are along no axis.
+_NORMALS = ((0.6, 0.64, 0.48), (2 / 3, -1 / 3, 2 / 3))
+#: Relative difference by which a law may miss linearity and symmetry: round-off.
+_ROUND_OFF = 1e-10
+#: Numbers of property sets among which a law's samples are sought; the last is more than a
+#: symmetric 6 by 6 matrix has entries.
+_TRIED = (4, 8, 24)
+#: Properties that every law has beside its own.
+_TAKEN = ("rho", "meshed", "normal", "cells", "name", "law")
+
+
+@dataclass(frozen=True)
+class _Kind:
+    """What a law answers: motions of a unit size, and the work of a response on a motion."""
+
+    motions: tuple
+    work: Callable
+
+
+_ONE = np.eye(3)
+_SHEAR = [(i, j) for i in range(3) for j in range(i)]
+_KINDS = {
+    "jump": _Kind(tuple(_ONE), ufl.dot),
+    "strain": _Kind(
+        (
+            *(np.outer(e, e) for e in _ONE),
+            *((np.outer(_ONE[i], _ONE[j]) + np.outer(_ONE[j], _ONE[i])) / 2 for i, j in _SHEAR),
+        ),
+        ufl.inner,
+    ),
+}
+
+
+def joint_law(of: str = "jump", /, **properties: str | tuple[str, float, float]):
+    """Make a linear joint law of a function that gives its traction or stress in UFL.
+
+    The law is then one of the suite's: `interface` takes it, and case files name it. For example,
+    an interface that opens when it slides::
+
+        @joint_law(k_n="Pa/m", k_t="Pa/m", k_nt="Pa/m")
+        def dilatant(jump, normal, q):
+            opening = ufl.dot(jump, normal)
+            slip = jump - opening * normal
+            first = ufl.as_vector([1, 0, 0])
+            across = q["k_nt"] * (ufl.dot(slip, first) * normal + opening * first)
+            return q["k_n"] * opening * normal + q["k_t"] * slip + across
+
+    Args:
+        of: What the function is given: ``"jump"``, the displacement of the second face relative to
+            the first, m, for which it returns the traction, Pa; or ``"strain"``, the strain of a
+            layer of cells, for which it returns the stress, Pa.
+        properties: Units of its properties by name, such as ``"Pa/m"`` or ``""``; with bounds for
+            updating as ``(unit, lower, upper)``.
+
+    Returns:
+        A decorator of ``(jump or strain, normal, q) -> UFL``, linear in the first, with ``q`` the
+        properties by name. It returns a `fenics_joints.structure.laws.Law`.
+
+    Raises:
+        InputError: If a unit is not known, or the function is not linear and symmetric: what the
+            joint stores must not depend on the path. A law with memory is a
+            `fenics_joints.joint_laws.JointLaw`.
+    """
+    kind = _KINDS[member("of", of, _KINDS)]
+    if not properties:
+        raise InputError('joint_law: expected properties with units, such as k_n = "Pa/m".')
+    units, bounds = {}, {}
+    for key, given in properties.items():
+        unit, *limits = given if isinstance(given, tuple) else (given,)
+        if key in _TAKEN or not isinstance(unit, str) or len(limits) not in (0, 2):
+            raise wanted(f"joint_law: {key}", given, "a unit, or (unit, lower, upper)")
+        to_si(1.0, unit)
+        units[key] = unit
+        if limits:
+            bounds[key] = tuple(real(f"{key}, a bound", limit) for limit in limits)
+
+    def register(function: Callable) -> Law:
+        response = _Response(function, kind, tuple(units))
+        law = response.law(of, units, bounds)
+        LINEAR_LAWS[law.name] = law
+        return law
+
+    return register
+
+
+class _Response:
+    """A user's function, looked at with numbers.
+
+    Args:
+        function: The function.
+        kind: What it is given.
+        keys: Names of its properties.
+    """
+
+    def __init__(self, function: Callable, kind: _Kind, keys: tuple[str, ...]):
+        self.function, self.kind, self.keys = function, kind, keys
+        self.name = f"{function.__module__}:{function.__qualname__}"
+        rng = np.random.default_rng(7)
+        random = rng.uniform(0.6, 1.4, (_TRIED[-1], len(keys))).tolist()
+        tried = [dict(zip(keys, row, strict=True)) for row in random]
+        self._check(tried[0])
+        self.digest = json_digest([self.matrix(q).tolist() for q in tried[:2]])
+        self.linear = self._linear(tried)
+        if self.linear:
+            self.samples = tuple({k: float(k == key) for k in keys} for key in keys)
+        else:
+            self.samples = tuple(self._independent(tried))
+        self.matrices = np.array([self.matrix(q) for q in self.samples])
+        self._inverse = np.linalg.pinv(self.matrices.reshape(len(self.samples), -1).T)
+
+    def _work(self, motion: np.ndarray, normal, q: Mapping[str, complex]) -> list[complex]:
+        """Work of the response to a motion on each unit motion."""
+        given = ufl.as_tensor(motion.tolist()), ufl.as_vector(list(normal))
+        q = {key: np.asarray(value).item() for key, value in q.items()}  # UFL knows Python's own
+        try:
+            answer = self.function(*given, q)
+            units = (ufl.as_tensor(unit.tolist()) for unit in self.kind.motions)
+            return [self.kind.work(answer, unit)(()) for unit in units]
+        except Exception as error:  # whatever a user's function may raise
+            words = shorten(f"{type(error).__name__}: {error}", 200)
+            raise InputError(f"{self.name}: {words}") from error
+
+    def matrix(self, q: Mapping[str, complex]) -> np.ndarray:
+        """Work of the response to each unit motion on each other, (n_normals, n, n)."""
+        units = self.kind.motions
+        return np.array([[self._work(unit, n, q) for unit in units] for n in _NORMALS])
+
+    def _check(self, q: Mapping[str, float]) -> None:
+        matrix = self.matrix(q)
+        size = np.abs(matrix).max()
+        if not np.isfinite(matrix).all() or size == 0:
+            raise InputError(f"{self.name}: expected a finite response other than zero.")
+        shares = np.arange(2.0, 2.0 + len(self.kind.motions))
+        both = self._work(np.tensordot(shares, self.kind.motions, axes=1), _NORMALS[0], q)
+        if np.abs(both - shares @ matrix[0]).max() > _ROUND_OFF * size * shares.sum():
+            raise InputError(
+                f"{self.name}: expected a response that is linear in the motion; a law that is not "
+                "is a fenics_joints.joint_laws.JointLaw."
+            )
+        if np.abs(matrix - matrix.transpose(0, 2, 1)).max() > _ROUND_OFF * size:
+            raise InputError(
+                f"{self.name}: expected a symmetric law: the work of the response to one motion on "
+                "another must be that of the other on the one."
+            )
+
+    def _linear(self, tried) -> bool:
+        """Whether it is a sum of its properties times matrices."""
+        try:
+            units = [self.matrix({k: float(k == key) for k in self.keys}) for key in self.keys]
+        except InputError:  # a division by zero
+            return False
+        for q in tried[:2]:
+            whole = self.matrix(q)
+            rest = whole - np.tensordot([q[k] for k in self.keys], units, axes=1)
+            if not np.abs(rest).max() <= _ROUND_OFF * np.abs(whole).max():
+                return False
+        return True
+
+    def _independent(self, tried) -> list[dict]:
+        """Property sets whose matrices span those of all."""
+        columns = np.zeros((len(_NORMALS) * len(self.kind.motions) ** 2, 0))
+        for count in _TRIED:
+            new = [self.matrix(q).ravel() for q in tried[columns.shape[1] : count]]
+            columns = np.column_stack([columns, *new])
+            _, r, order = scipy.linalg.qr(columns, mode="economic", pivoting=True)
+            rank = int(np.sum(np.abs(np.diag(r)) > _ROUND_OFF * abs(r[0, 0])))
+            if rank < count:
+                break
+        return [tried[i] for i in order[:rank]]
+
+    def scalars(self, q: Mapping[str, object]) -> np.ndarray:
+        """Weights of the matrices at the samples, (n_samples, ...)."""
+        if self.linear:
+            return np.array(np.broadcast_arrays(*(q[key] for key in self.keys)))
+        values = np.broadcast_arrays(*(q[key] for key in self.keys))
+        shape = values[0].shape
+        many = zip(*(np.ravel(v) for v in values), strict=True)
+        rows = [self.matrix(dict(zip(self.keys, row, strict=True))).ravel() for row in many]
+        return (self._inverse @ np.array(rows).T).reshape(-1, *shape)
+
+    def check(self, where: str, q: Mapping[str, object]) -> None:
+        """Refuse properties at which the law would feed energy in."""
+        for key in ("rho", "meshed"):
+            if key in q and not np.all(np.asarray(q[key]) >= 0):
+                raise InputError(f"{where}.{key} = {np.min(q[key]):g}: expected none below zero.")
+        theta = self.scalars(q)
+        matrix = np.tensordot(theta.T, self.matrices[:, 0], axes=1)
+        least = np.linalg.eigvalsh(matrix)[..., 0]
+        size = np.abs(matrix).max(axis=(-1, -2))
+        good = np.isfinite(size) & (least >= -_ROUND_OFF * size)
+        if not np.all(good):
+            at = int(np.argmin(np.ravel(good)))
+            said = ", ".join(
+                f"{k} = {np.ravel(np.broadcast_to(q[k], good.shape))[at]:g}" for k in self.keys
+            )
+            raise InputError(f"{where}: {said}: expected values at which the law stores energy.")
+
+    def law(self, of: str, units: Mapping[str, str], bounds) -> Law:
+        """The law, with a density of its own, and for jumps the thickness as meshed, m."""
+        more = {"rho": 1.0, "meshed": 1.0} if of == "jump" else {"rho": 1.0}
+        return Law(
+            self.name,
+            (*self.keys, *more),
+            self.of_jump if of == "jump" else self.of_strain,
+            self.in_layer if of == "jump" else self.scalars,
+            tuple(q | more for q in self.samples),
+            self.check,
+            inertia=_mass,
+            inertia_term=lambda q: q["rho"],
+            is_joint=True,
+            units=dict(units),
+            bounds=dict(bounds),
+            digest=self.digest,
+        )
+
+    def in_layer(self, q: Mapping[str, object]) -> np.ndarray:
+        """`scalars` of a layer as thick as meshed."""
+        return self.scalars(q) * q["meshed"]
+
+    def of_jump(self, u, v, q, normal, dx) -> ufl.Form:
+        """Stiffness of a layer of cells whose jump is its strain times its thickness."""
+        one, other = (_opened(w, normal) for w in (u, v))
+        own = {key: q[key] for key in self.keys}
+        return ufl.dot(self.function(q["meshed"] * one, normal, own), other) * dx
+
+    def of_strain(self, u, v, q, normal, dx) -> ufl.Form:
+        """Stiffness of a layer of cells."""
+        one, other = (strain(ufl.grad(w)) for w in (u, v))
+        own = {key: q[key] for key in self.keys}
+        return ufl.inner(self.function(one, normal, own), other) * dx
+
+
+def _opened(u, normal):
+    """Jump over a layer, per metre of its thickness, as `forms.uncoupled_layer` takes it."""
+    opening, slip = layer_strain(ufl.grad(u), normal)
+    return opening * normal + slip
+
+
+def _mass(u, v, q, dx) -> ufl.Form:
+    return q["rho"] * ufl.dot(u, v) * dx
