@@ -170,11 +170,16 @@ def _places(model: Prepared, groups: Mapping[str, list[str]]) -> Iterator[Place]
         interfaces=soft,
         by_torque=by_preload(model.data),
         added=added,
+        own={
+            name: [f"{name}.{key}" for key in section.nominal()]
+            for name, section in model.case.joints.items()
+            if section.own_law is not None
+        },
     )
     regions = [shown.get(zone, zone) for zone in columns]
     for region, (zone, by_parameter) in zip(regions, columns.items(), strict=True):
         first = groups[zone][0]
-        kind = "joint" if first in soft else ""
+        kind = "joint" if first in soft or first in model.case.joints else ""
         if not kind and {f"{first}.E", f"{first}.rho"} <= model.baseline.keys():
             kind = "part"
         yield Place(zone, region, kind, by_parameter, 1 / regions.count(region))

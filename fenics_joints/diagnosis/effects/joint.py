@@ -242,7 +242,7 @@ def graded(
 
 #: Spread of the logarithm of a property of a law of the user's own, as a cause, where it has no
 #: bounds: within a factor of 3 either way. [prior: chosen]
-_OWN_SPREAD = float(np.log(3.0))
+OWN_SPREAD = float(np.log(3.0))
 
 
 def own_law_errors(s: Setting) -> Found:
@@ -257,7 +257,7 @@ def own_law_errors(s: Setting) -> Found:
             span = max(low / value, 0.0), high / value
             words = f"{key} of {name} is not what the model says."
             yield relative_error(
-                f"{key} of {name}", name, [f"{name}.{key}"], _OWN_SPREAD, words, span=span
+                f"{key} of {name}", name, [f"{name}.{key}"], OWN_SPREAD, words, span=span
             )
 
 

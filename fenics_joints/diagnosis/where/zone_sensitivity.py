@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from fenics_joints.diagnosis.effects.effect import Effect, Prior, in_series, relative_error
-from fenics_joints.diagnosis.effects.joint import AXIAL, EXPONENT
+from fenics_joints.diagnosis.effects.joint import AXIAL, EXPONENT, OWN_SPREAD
 from fenics_joints.diagnosis.effects.part import CAUSES
 from fenics_joints.diagnosis.effects.rig import MASS, SPRING, support_compliance
 from fenics_joints.diagnosis.evidence.evidence import Evidence
@@ -38,6 +38,7 @@ def zone_sensitivities(
     interfaces: Mapping[str, Mapping[str, float]],
     by_torque: bool = False,
     added: Mapping[str, float] | None = None,
+    own: Mapping[str, Sequence[str]] | None = None,
 ) -> dict[str, np.ndarray]:
     """Change of the data by a change of the expected size of each parameter of each zone.
 
@@ -67,6 +68,8 @@ def zone_sensitivities(
             parameter that it is in series with (`effects.joint.interfaces`); others are no joints.
         by_torque: Whether the conditions are torques, by which joints may stiffen.
         added: Expected mass, kg, of components that have none in the nominal model, as of a cable.
+        own: Names of the parameters of joints with a law of the user's own, by joint; each has a
+            column.
 
     Returns:
         Arrays (N, k) by zone; a zone without parameters is left out.
@@ -74,12 +77,14 @@ def zone_sensitivities(
     if not isinstance(regions, Mapping):
         regions = {name: (name,) for name in regions}
     columns: dict[str, list[np.ndarray]] = {}
-    relative = _relative(regions, baseline, interfaces)
+    own = own or {}
+    relative = _relative(regions, baseline, interfaces, own)
     nominal, slopes = _predict(tuple(e for _, e in relative), forward, evidence, baseline)
     for (zone, _), column in zip(relative, slopes.T, strict=False):
         columns.setdefault(zone, []).append(column)
     for zone, members in regions.items():
-        for effect in (*_supports(members, baseline), *_added(zone, members, added or {})):
+        held = [name for name in members if name not in own]
+        for effect in (*_supports(held, baseline), *_added(zone, members, added or {})):
             changed, _ = _predict((effect,), forward, evidence, baseline)
             columns.setdefault(zone, []).append(changed - nominal)
     for zone, change in _parts_of_joints(regions, interfaces, forward, evidence, baseline, nominal):
@@ -114,7 +119,7 @@ def _predict(effects: Sequence[Effect], forward, evidence: Evidence, baseline, z
     return ManyPredictions(hypothesis, forward, evidence, baseline).at(hypothesis.at(z))
 
 
-def _relative(regions, baseline, interfaces) -> list[tuple[str, Effect]]:
+def _relative(regions, baseline, interfaces, own) -> list[tuple[str, Effect]]:
     """(zone, effect) for each parameter of a zone that changes by a factor."""
     found = []
     for zone, members in regions.items():
@@ -126,6 +131,8 @@ def _relative(regions, baseline, interfaces) -> list[tuple[str, Effect]]:
             ]
             if names:
                 found.append((zone, relative_error(f"{key} of {zone}", zone, names, spread, "")))
+        names = [name for member in members for name in own.get(member, ()) if baseline[name] > 0]
+        found += [(zone, relative_error(name, zone, [name], OWN_SPREAD, "")) for name in names]
     return found
 
 
