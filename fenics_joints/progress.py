@@ -142,7 +142,7 @@ class Progress:
         if now - self._said > self.interval:
             # Repeated work, such as a fit from another start, is not part of the total.
             of = ""
-            if self._total and self._done <= self._total:
+            if self._total and 0 < self._done <= self._total:
                 left = (now - self._begun) * (self._total - self._done) / self._done
                 of = f" of {self._total}" + (f", about {left:.0f} s left" if left >= 1 else "")
             print(f"{self._text}: {self._done}{of}{note}", file=self._stream, flush=True)

@@ -29,6 +29,7 @@ SECTIONS = {
         "own-law",
         "own-effect",
         "own-model",
+        "own-package",
         "cluster",
     ),
     "Look up": (

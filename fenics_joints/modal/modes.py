@@ -191,6 +191,8 @@ def solve_modes(
     """
     if isinstance(model, ufl.Form):
         model, given = FormModel(model, given, bcs), None
+    elif list(bcs):
+        raise InputError(f"bcs: expected none beside a {type(model).__name__}, which has its own.")
     check_model(model)
     n_modes = whole("n_modes", n_modes)
     member("method", method, ("direct", "iterative"))

@@ -300,7 +300,10 @@ def test_progress_counts_to_what_is_done():
     """Progress takes totals, as from samplers, and single steps, as from loops."""
     stream = io.StringIO()
     with Progress(stream=stream) as progress:
+        progress.interval = -1.0
         progress.step("sampling", 100)
+        progress.advance(0)
+        progress.interval = 10.0
         progress.reach(30)
         progress.advance(5)
         progress.interval = 0.0
@@ -308,6 +311,7 @@ def test_progress_counts_to_what_is_done():
         progress.reach(104)
     assert stream.getvalue().splitlines() == [
         "sampling ...",
+        "sampling: 0",
         "sampling: 80 of 100 (half)",
         "sampling: 104",
     ]
