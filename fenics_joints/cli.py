@@ -302,9 +302,9 @@ def _command(
         from mpi4py import MPI
 
         from fenics_joints import commands
-        from fenics_joints.case import load_case
+        from fenics_joints.case import load_case, own_code
         from fenics_joints.files import check_outputs
-        from fenics_joints.machine import form_cache, memory, own_code
+        from fenics_joints.machine import form_cache, memory
         from fenics_joints.parallel import on_root
         from fenics_joints.progress import Progress
 

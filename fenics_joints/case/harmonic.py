@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 import numpy as np
 from pydantic import BeforeValidator, Field, model_validator
 
+from fenics_joints.case.own_code import find
 from fenics_joints.case.usual import usual
 from fenics_joints.case.values import (
     CaseSection,
@@ -40,7 +41,6 @@ from fenics_joints.joint_laws import (
     RichardAbbott,
     Segalman,
 )
-from fenics_joints.machine.own_code import find
 from fenics_joints.units import to_si
 
 if TYPE_CHECKING:

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from pydantic import ValidationError
 
+from fenics_joints.case import own_code
 from fenics_joints.case.case import Case
 from fenics_joints.case.check_structure import check_applied, check_beams, check_mesh, check_names
 from fenics_joints.case.check_update import check_combined, check_harmonic, check_update
@@ -23,7 +24,6 @@ from fenics_joints.case.starting import start_joints
 from fenics_joints.case.test import ChangedTest, FRFSection, Test, ValidationTest
 from fenics_joints.errors import InputError, Problems, located
 from fenics_joints.files import is_file, read_toml, shown_path
-from fenics_joints.machine import own_code
 from fenics_joints.measurements import (
     MeasuredBackbone,
     MeasuredShapes,

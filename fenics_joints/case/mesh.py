@@ -14,6 +14,7 @@ from typing import Annotated, Any, ClassVar, Literal
 from mpi4py import MPI
 from pydantic import AfterValidator, BeforeValidator, Field, create_model, model_validator
 
+from fenics_joints.case.own_code import find, is_reference
 from fenics_joints.case.preload import known_thread
 from fenics_joints.case.usual import usual
 from fenics_joints.case.values import (
@@ -31,7 +32,6 @@ from fenics_joints.case.values import (
 )
 from fenics_joints.database import JointSurfaces, TorqueToForce, query, seed_database
 from fenics_joints.errors import InputError, MeshError
-from fenics_joints.machine.own_code import find, is_reference
 from fenics_joints.meshes import TaggedMesh, read_msh, read_step
 from fenics_joints.meshes.arguments import CASE_BUILDERS, Builder, Demand
 from fenics_joints.meshes.grow import Grown

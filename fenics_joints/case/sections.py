@@ -9,6 +9,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, model_validator
 
+from fenics_joints.case.own_code import find
 from fenics_joints.case.usual import usual
 from fenics_joints.case.values import (
     AXES,
@@ -40,7 +41,6 @@ from fenics_joints.case.values import (
     quantity,
     tolerance_and_bounds,
 )
-from fenics_joints.machine.own_code import find
 from fenics_joints.meshes.arguments import ONE_BOLT
 from fenics_joints.structure.damping import Damping
 from fenics_joints.structure.laws import LAYER_LAWS, Law

@@ -23,8 +23,8 @@ from pydantic import (
     model_validator,
 )
 
+from fenics_joints.case.own_code import is_reference
 from fenics_joints.errors import InputError, real
-from fenics_joints.machine.own_code import is_reference
 from fenics_joints.units import sizes, to_si
 
 _NAME = r"[A-Za-z][A-Za-z0-9_-]*"
@@ -120,7 +120,7 @@ def _ascending(pair: tuple[float, float]) -> tuple[float, float]:
 
 def one_of_or_own(*words: str):
     """The type of a word that is one of these, or names an object of the user's own, see
-    `fenics_joints.machine.own_code`."""
+    `fenics_joints.case.own_code`."""
     known = " or ".join([", ".join(repr(word) for word in words[:-1]), repr(words[-1])])
 
     def check(word: str) -> str:

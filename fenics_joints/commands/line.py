@@ -10,7 +10,6 @@ import click
 import typer
 from typer.core import TyperCommand, TyperGroup, TyperOption
 
-from fenics_joints.machine.own_code import trust_cases
 from fenics_joints.progress import set_loudness
 
 #: What the help of each command shows, by the words that call it.
@@ -149,6 +148,8 @@ def _trust(params: Sequence[click.Parameter]) -> list[TyperOption]:
 
 def _allow(ctx, param, wanted: bool) -> bool:
     if wanted:
+        from fenics_joints.case.own_code import trust_cases
+
         trust_cases()
     return wanted
 

@@ -49,7 +49,7 @@ class FormModel:
     #: See `fenics_joints.structure.model.Model`.
     is_dense, is_meshed = False, False
     dampers: Mapping[str, PETSc.Mat] = MappingProxyType({})
-    #: All of K, which a damping may name; and regions with a law of the suite, of which it has none.
+    #: All of K, which a damping may name; and regions with a law of the suite: none.
     layers, regions = ("all",), ()
 
     def __init__(

@@ -11,9 +11,8 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from fenics_joints.case import build_structure, load_case
+from fenics_joints.case import build_structure, load_case, own_code
 from fenics_joints.errors import InputError
-from fenics_joints.machine import own_code
 from fenics_joints.modal import solve_modes
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "own-package.md"
@@ -41,13 +40,12 @@ def blocks() -> dict[str, str]:
 
 
 @pytest.fixture
-def folder(tmp_path, monkeypatch):
+def folder(tmp_path):
     """A folder with them, and nothing allowed before or after."""
     for name, text in blocks().items():
         (tmp_path / name).write_text(text, encoding="utf-8")
-    monkeypatch.setattr(own_code, "_folders", [])
-    monkeypatch.setattr(own_code, "_trusted", [])
     yield tmp_path
+    own_code.forbid_code()
     sys.modules.pop("sealed_joints", None)
 
 

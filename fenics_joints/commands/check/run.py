@@ -24,6 +24,7 @@ from fenics_joints.case import (
     plausibility,
 )
 from fenics_joints.case.dimensions import long_normals, measured_directions
+from fenics_joints.case.own_code import allow_if_trusted
 from fenics_joints.case.preload import APPLIED
 from fenics_joints.case.size import available_bytes, duration, gibibytes
 from fenics_joints.commands.check.costs import Cost, costs_of, known, too_much
@@ -50,7 +51,6 @@ from fenics_joints.commands.outcome import Outcome
 from fenics_joints.errors import InputError, JointsError
 from fenics_joints.files import plain
 from fenics_joints.formatting import extents, number, quantity
-from fenics_joints.machine.own_code import allow_if_trusted
 from fenics_joints.measurements.amplitude.backbone import RESPONSES
 from fenics_joints.measurements.mistakes import mistakes_within
 from fenics_joints.meshes import TaggedMesh, check_mesh

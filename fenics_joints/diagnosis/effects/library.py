@@ -13,6 +13,7 @@ from types import FunctionType
 
 from fenics_joints.case import Case
 from fenics_joints.case.dimensions import Dimensions, unfit
+from fenics_joints.case.own_code import find, is_reference
 from fenics_joints.diagnosis.effects import damping, joint, part, rig, sited
 from fenics_joints.diagnosis.effects.effect import (
     FACTOR,
@@ -25,7 +26,6 @@ from fenics_joints.diagnosis.effects.effect import (
 from fenics_joints.diagnosis.zones.zone import Zones
 from fenics_joints.errors import InputError
 from fenics_joints.formatting import spaced
-from fenics_joints.machine.own_code import find, is_reference
 
 #: Where effects come from, in the order in which they are listed where nothing else tells.
 LIBRARY: list[Callable[[Setting], Found]] = [

@@ -47,6 +47,12 @@ def allow_if_trusted(folder: str | Path) -> None:
         allow_code(folder)
 
 
+def forbid_code() -> None:
+    """Take back what `allow_code` and `trust_cases` allowed; what has run stays."""
+    _folders.clear()
+    _trusted.clear()
+
+
 def is_reference(name: str) -> bool:
     """Whether a word of a case file may name an object: ``module:name``, or an entry point."""
     return ":" in name or any(point.name == name for point in entry_points(group=GROUP))
