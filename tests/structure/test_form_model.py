@@ -12,9 +12,12 @@ from mpi4py import MPI
 
 from fenics_joints.errors import InputError
 from fenics_joints.forms import elasticity, mass
+from fenics_joints.measurements import FRFTarget, Target
 from fenics_joints.meshes import box
 from fenics_joints.modal import solve_modes
-from fenics_joints.structure import FormModel, Sensors, Structure, Support, part
+from fenics_joints.response import solve_frf
+from fenics_joints.structure import Damping, FormModel, Sensors, Structure, Support, part
+from fenics_joints.updating import update
 
 SIZE, CELLS = (0.3, 0.06, 0.01), (12, 3, 1)
 
@@ -99,8 +102,27 @@ def test_a_model_by_forms_sees_and_moves_as_the_library_s():
     assert one.frequencies_hz == pytest.approx(other.frequencies_hz, rel=1e-7)
     assert np.abs(one.at(at)) == pytest.approx(np.abs(other.at(at)), rel=1e-4, abs=1e-5)
     assert own.total_mass() == pytest.approx(theirs.total_mass(), rel=1e-12)
+    lines = {"frequencies_hz": np.linspace(20.0, 400.0, 5), "excitation": at, "sensors": at}
+    one_frf, other_frf = (
+        solve_frf(x, **lines, damping=Damping(structural=0.02), method="direct")
+        for x in (own, theirs)
+    )
+    assert one_frf.values == pytest.approx(other_frf.values, rel=1e-6)
     work = own.comm.allreduce(own.loads(at).T @ np.column_stack([x.array_r for x in one.shapes]))
     assert work == pytest.approx(one.at(at), rel=1e-9, abs=1e-12)
+
+
+@pytest.mark.parallel
+def test_constants_of_the_forms_are_identified():
+    a, m, bcs, constants = beam()
+    model = FormModel(a, m, bcs, constants)
+    truth = {"E": 190e9, "rho": 8200.0}
+    hz = solve_modes(model, truth, n_modes=4).frequencies_hz
+    at, lines = Sensors([[0.3, 0.03, 0.01]], [0.0, 0.0, 1.0]), np.array([15.0, 60.0])
+    frf = solve_frf(model, truth, frequencies_hz=lines, excitation=at, sensors=at)
+    target = Target(hz, frfs=FRFTarget(lines, frf.values, at, at))
+    found = update(model, list(model.parameters.values()), target, model.values())
+    assert found.values == pytest.approx(list(truth.values()), rel=1e-5)
 
 
 @pytest.mark.parallel
