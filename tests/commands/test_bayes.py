@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -64,10 +65,8 @@ def test_command(tmp_path_factory, keeps_rules):
     """The paper's likelihood; chains in a file; JSON, page and summary."""
     comm = MPI.COMM_WORLD
     folder = comm.bcast(tmp_path_factory.mktemp("bayes") if comm.rank == 0 else None)
-    changes = {
-        SPECIMENS: SPECIMENS + '\nlikelihood = "fitted"\nsamples = 2000\n'
-        'distributions = ["normal", "weibull"]'
-    }
+    fitted = 'likelihood = "fitted"\nsamples = 2000\ndistributions = ["normal", "weibull"]'
+    changes = {SPECIMENS: f"{SPECIMENS}\n{fitted}"}
     path = comm.bcast(written(folder, changes) if comm.rank == 0 else None)
     found = run_bayes(load_case(path), comm, Progress(silent=True), keep=folder / "chains.nc")
     content = json.loads(json_text(found.json()))
@@ -99,12 +98,9 @@ def test_without_specimens_and_held_modes(tmp_path):
     assert np.max(np.abs(off[:5])) < 2.5e-3
     np.testing.assert_allclose(100 * off[5:], [-2.10, 5.07, -2.50], atol=0.4)
     assert [row["held"] for row in rows] == [False] * 5 + [True] * 3
-    said = [line.split(", held out: predicted ") for line in found.doubts if "held out" in line]
-    assert [(mode, words.split(" the")[0].split(" % ")[1]) for mode, words in said] == [
-        ("mode 6", "below"),
-        ("mode 7", "above"),
-        ("mode 8", "below"),
-    ]
+    said = " ".join(line for line in found.doubts if "held out" in line)
+    ways = re.findall(r"(mode \d), held out: predicted [\d.]+ % (\w+) the", said)
+    assert ways == [("mode 6", "below"), ("mode 7", "above"), ("mode 8", "below")]
     assert any("update.bayes.noise = 0.0002 has no effect" in line for line in found.doubts)
     # The held modes move with k1 and k2 as the beams themselves say.
     beams, sensors = build_structure(case, MPI.COMM_SELF), case.sensors()
@@ -150,8 +146,6 @@ def test_chains_that_did_not_converge(tmp_path, capfd, monkeypatch):
         ('{ kind = "normal", mean = "37402', '{ kind = "norm", mean = "37402', "kind = 'norm'"),
         ('"lap.k2" = { kind', '"lap.k3" = { kind', "lap.k3: is not in update.parameters"),
         (SPECIMENS, 'likelihood = "fitted"', "expected update.bayes.specimens too"),
-        (SPECIMENS, 'specimens = "nowhere.csv"', "no such file"),
-        (SPECIMENS, SPECIMENS + "\nsampler = 'nuts'", "update.bayes.sampler"),
         (SPECIMENS, SPECIMENS + "\nchains = 1", "update.bayes.chains"),
         (SPECIMENS, SPECIMENS + "\nsamples = 20\nburn_in = 20", "expected below samples = 20"),
         (SPECIMENS, SPECIMENS + "\ndistributions = ['weibul']", "did you mean 'weibull'"),

@@ -10,6 +10,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from block_file import write_block
+from case_tables import write_frequencies, write_table
 from mpi4py import MPI
 
 from fenics_joints.case import build_structure, load_case
@@ -49,20 +51,13 @@ def shaped(tmp_path_factory) -> Path:
     hz = modes.frequencies_hz[elastic]
     seen = modes.at(case.sensors())[:, elastic]
     seen = seen / np.abs(seen).max(axis=0) + 0.02 * rng.standard_normal(seen.shape)
-    names = [f"mode {i + 1}" for i in range(len(hz))]
-    write(folder / TABLE, ["torque [N·m]", *(f"{n} [Hz]" for n in names)], [[23.0, *hz]])
-    write(folder / SHAPES, names, seen)
+    names = write_frequencies(folder, hz, condition="torque [N·m]", conditions=[23.0])
+    write_table(folder / SHAPES, names, seen)
     text = (folder / CASE).read_text(encoding="utf-8")
     text = text.partition("[update.held]")[0] + "[diagnose]\nn_modes = 16\n"
     text = text.replace("[test]\n", '[test]\nshapes = "shapes.csv"\n')
     (folder / CASE).write_text(text, encoding="utf-8")
     return folder
-
-
-def write(path: Path, head, rows) -> None:
-    lines = [",".join(head)]
-    lines += [",".join("" if np.isnan(x) else f"{x:.8g}" for x in row) for row in rows]
-    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
 Edit = Callable[[Path], None]
@@ -91,7 +86,9 @@ def table(change: Callable[[np.ndarray], np.ndarray | None], file: str = TABLE) 
         found = change(numbers)
         numbers = numbers if found is None else found
         names = head.split(",")[: first + numbers.shape[1]]
-        write(folder / file, names, np.hstack([values[: len(numbers), :first], numbers]))
+        write_table(folder / file, names, np.hstack([values[: len(numbers), :first], numbers]))
+        blanks = (folder / file).read_text(encoding="utf-8").replace("nan", "")
+        (folder / file).write_text(blanks, encoding="utf-8")
 
     return edit
 
@@ -127,8 +124,12 @@ def sensors(*places: str) -> Edit:
 
 #: Without somebody's values and what is held out, which name all modes.
 PLAIN = text(r"^\[update.held\](.|\n)*(?=^\[diagnose\])", "")
+THREE = text('"lap.k2"\\]', '"lap.k2", "beams.E"]')
+#: A joint that is softer than the test's.
+SOFT = text("^k2 = .*", "k2 = 1e4")
 SWAP, ROTATED, REVERSED = (1, 0, 2, 3, 4, 5, 6, 7), (1, 2, 3, 4, 5, 6, 7, 0), range(7, -1, -1)
 N = 15  # sensors of the beams
+LAST = range(10, N)
 
 #: Base, what a note or an error has to name, and what is changed.
 WRONG = {
@@ -136,35 +137,22 @@ WRONG = {
     "two modes exchanged": ("beams", "'mode 1'", table(columns(*SWAP))),
     "a mode twice": ("beams", "'mode 3'", table(setting((0, 2), lambda x: x[0, 1]))),
     "first times ten": ("beams", "'mode 1'", table(times(10, 0))),
-    "third in kHz": ("beams", "'mode 3'", table(times(1e-3, 2))),
-    "first times ten with shapes": ("shaped", "'mode 1'", table(times(10, 0))),
     "all halved": ("beams", "0.5 times", table(times(0.5))),
-    "all halved on plates": ("plates", "0.5 times", table(times(0.5))),
     "all halved with shapes": ("shaped", "0.5 times", table(times(0.5))),
     "rad/s called Hz": ("beams", "6.28 times", table(times(2 * np.pi))),
-    "kHz called Hz": ("beams", "0.001 times", table(times(1e-3))),
     "Hz called kHz": ("plates", "test.frequencies", table(times(1e3))),
-    "per minute": ("beams", "60 times", table(times(60))),
     "an eigenvalue's square": ("beams", "times the model's", table(lambda x: (2 * np.pi * x) ** 2)),
     "one mode": ("beams", "test.frequencies", table(columns(0)), PLAIN),
-    "two modes for three parameters": (
-        "beams",
-        "update.parameters",
-        table(columns(0, 1)),
-        PLAIN,
-        text('"lap.k2"\\]', '"lap.k2", "beams.E"]'),
-    ),
+    "two modes for three": ("beams", "update.parameters", table(columns(0, 1)), PLAIN, THREE),
     "a jump at one torque": ("plates", "torque 8", table(setting((3, 2), 1900.0))),
     "a blank mode": ("beams", "mode 1", table(setting((0, 0), np.nan))),
     "a rigid motion": ("plates", "'bending 1'", table(setting((slice(None), 0), 3.2))),
     "a mode of another structure": ("beams", "'mode 3'", table(setting((0, 2), 600.0))),
-    "in a row alone": ("plates", "torque 8", table(setting((3, 1), 98.7))),
     # -- the sensors
     "one sensor": ("beams", "test.sees", sensors("0 mm")),
     "sensors that see nothing": ("plates", "test.sees", text("^direction = .*1]", ACROSS)),
     "sensors in mm": ("beams", "test.sees", text(r'"([\d]+) mm",', r'"\1 m",')),
     "sensors 5 m away": ("plates", "sensor 1", text(r'y = "40 mm"', 'y = "5 m"')),
-    "sensors 5 m beside beams": ("beams", "test.sees", text("^along.*", r"\g<0>\nat = {y = 5}")),
     "a sensor twice": ("beams", "sensor 2", text(r'"40 mm", "80 mm"', '"40 mm", "40 mm"')),
     "direction of zero": ("beams", "direction", text("^direction = .*", "direction = [0, 0, 0]")),
     "a direction of beams across": ("beams", "direction", text("^direction = .*", ACROSS)),
@@ -172,16 +160,10 @@ WRONG = {
     "a dead sensor": ("shaped", "sensor 5", shapes(setting(4, 0.0))),
     "a nearly dead sensor": ("shaped", "sensor 5", shapes(setting(4, lambda x: 1e-5 * x[4]))),
     "a flipped sensor": ("shaped", "sensor 5", shapes(setting(4, lambda x: -x[4]))),
-    "two flipped": ("shaped", "sensor 12", shapes(setting([4, 11], lambda x: -x[[4, 11]]))),
-    "sensors exchanged": (
-        "shaped",
-        "sensor 10",
-        shapes(rows(0, 1, 2, 3, 9, 5, 6, 7, 8, 4, *range(10, N))),
-    ),
+    "sensors exchanged": ("shaped", "sensor 10", shapes(rows(0, 1, 2, 3, 9, 5, 6, 7, 8, 4, *LAST))),
     "rows rotated": ("shaped", "test.sees", shapes(rows(*range(1, N), 0))),
     "rows reversed": ("shaped", "test.sees", shapes(rows(*range(N - 1, -1, -1)))),
     "identical shapes": ("shaped", "'mode 8'", shapes(lambda x: x[:, :1] + 0 * x)),
-    "two identical shapes": ("shaped", "'mode 4'", shapes(columns(0, 1, 2, 2, 4, 5, 6, 7))),
     "columns rotated": ("shaped", "7 columns", shapes(columns(*ROTATED))),
     "two columns exchanged": ("shaped", "'mode 2'", shapes(columns(*SWAP))),
     "a mode twice with its shape": (
@@ -192,13 +174,7 @@ WRONG = {
     ),
     "columns reversed": ("shaped", "reverse", shapes(columns(*REVERSED))),
     "a gain of ten": ("shaped", "sensor 5", shapes(setting(4, lambda x: 10 * x[4]))),
-    "a sensor in mV": ("shaped", "sensor 5", shapes(setting(4, lambda x: 1e-3 * x[4]))),
-    "all halved with joints softer": (
-        "shaped",
-        "0.5 times",
-        table(times(0.5)),
-        text("^k2 = .*", "k2 = 1e4"),
-    ),
+    "all halved with joints softer": ("shaped", "0.5 times", table(times(0.5)), SOFT),
     "one doubled with its shape": ("shaped", "'mode 6'", table(times(2, 5))),
     "no shape": ("shaped", "shapes", shapes(setting((slice(None), 3), np.nan))),
     # -- how good it is
@@ -224,8 +200,6 @@ WRONG = {
     # -- the model
     "beams 10.6 m thick": ("beams", "mesh.thickness", text(r'"10.6 mm"', '"10.6 m"')),
     "beams 3.6 mm long": ("beams", "mesh.lengths", text('"360 mm"', '"3.6 mm"')),
-    "lengths in m": ("beams", "mesh.lengths", text('"360 mm", "260 mm"', '"360 m", "260 m"')),
-    "E in MPa": ("beams", "parts.beams", text(r'"208 GPa"', '"208 MPa"')),
     "density of 7.85": ("beams", "parts.beams.rho", text(r'"7860 kg/m3"', "7.86")),
     "nu of 0.5": ("beams", "parts.beams.nu", text(r"^nu = 0.3 .*", "nu = 0.5")),
     "a bolt of 12 kg": ("beams", "masses.bolt", text(r'mass = "12 g"', "mass = 12")),
@@ -275,7 +249,7 @@ RIGHT = {
     "five sensors with shapes and a softer joint": (
         "shaped",
         shapes(rows(0, 4, 7, 11, 14)),
-        text("^k2 = .*", "k2 = 1e4"),
+        SOFT,
         sensors("0 mm", "160 mm", "280 mm", "440 mm", "570 mm"),
     ),
     "three sensors": ("beams", sensors("10 mm", "200 mm", "500 mm")),
@@ -287,7 +261,7 @@ RIGHT = {
         text("^bounds = .*", ""),
     ),
 }
-for factor in (0.001, 0.1, 3, 100):  # the gap is 20 to 300 %, and the joint's
+for factor in (0.001, 0.1, 100):  # the gap is 20 to 300 %, and the joint's
     softer = [
         text(f"^{key} = .*", f"{key} = {value * factor}")
         for key, value in (("k1", 1763.2), ("k2", 37402))
@@ -326,17 +300,7 @@ def test_a_large_model_is_solved_on_larger_elements(tmp_path, write_case):
 
 
 def test_a_large_mesh_of_a_file_is_not_solved(tmp_path):
-    import gmsh
-
-    gmsh.initialize(readConfigFiles=False, interruptible=False)
-    gmsh.option.setNumber("General.Terminal", 0)
-    gmsh.model.occ.addBox(0, 0, 0, 0.3, 0.1, 0.1)
-    gmsh.model.occ.synchronize()
-    gmsh.model.addPhysicalGroup(3, [1], name="block")
-    gmsh.option.setNumber("Mesh.MeshSizeMax", 0.009)
-    gmsh.model.mesh.generate(3)
-    gmsh.write(str(tmp_path / "block.msh"))
-    gmsh.finalize()
+    write_block(tmp_path / "block.msh", (0.3, 0.1, 0.1), (32, 11, 11))
     (tmp_path / TABLE).write_text("row,a [Hz]\n1,5000\n", encoding="utf-8")
     (tmp_path / CASE).write_text(BLOCK, encoding="utf-8")
     found = checked(tmp_path)

@@ -18,7 +18,7 @@ from diagnosed import diagnosis, fold, location, page_of, shown, shrinkage, zone
 from fenics_joints.case import load_case
 from fenics_joints.commands.diagnose.explanation import explain
 from fenics_joints.commands.diagnose.run import assumptions
-from fenics_joints.commands.diagnose.words import heading_of, zone_words
+from fenics_joints.commands.diagnose.words import heading_of
 from fenics_joints.diagnosis import Diagnosis, EffectResult, HypothesisResult
 from fenics_joints.diagnosis.evidence.localised_unknown import LocalisedUnknown, PointMassFound
 from fenics_joints.diagnosis.verdict import confirm
@@ -51,20 +51,14 @@ def test_sentences_of_a_cause():
         "is 20 times less probable."
     )
     # Where it is, the cause says; a score test beside it may say something else.
-    assert words.where == "" and [h for h, _ in words.sentences] == [
-        "Cause",
-        "How far",
-        "Rivals",
-        "Compared",
-    ]
+    assert words.where == ""
+    assert [h for h, _ in words.sentences] == ["Cause", "How far", "Rivals", "Compared"]
 
 
 def test_what_the_test_does_not_identify_has_no_value():
-    plain = diagnosis()
-    rows = [{**plain.hypotheses[0].parameters[0], "identified": False}]
-    d = replace(
-        plain, hypotheses=[replace(plain.hypotheses[0], parameters=rows), *plain.hypotheses[1:]]
-    )
+    first, *others = diagnosis().hypotheses
+    rows = [{**first.parameters[0], "identified": False}]
+    d = diagnosis(hypotheses=[replace(first, parameters=rows), *others])
     assert "96 %: k_n not identified." in explain(d).which and "660" not in explain(d).which
     for text in (shown(d), page_of(d)):
         assert "not identified" in text and "660 GPa/m" not in text
@@ -93,16 +87,18 @@ def test_where_is_one_place_with_its_change_and_what_may_as_well_be_it():
 
 
 def test_a_cause_in_the_test_is_not_put_into_the_structure():
-    effect = EffectResult("sensor mis-scaled", "sensor 3", 0.97, "sensor mis-scaled", True)
-    key = "sensor mis-scaled (sensor 3)"
-    d = diagnosis(
-        effects=[effect],
-        hypotheses=[HypothesisResult("sensor mis-scaled", (key,), 0.97, 3.0, 0.01, 0.3)],
-    )
+    name = "sensor mis-scaled"
+    lead = HypothesisResult(name, (f"{name} (sensor 3)",), 0.97, 3.0, 0.01, 0.3)
+    d = diagnosis(effects=[EffectResult(name, "sensor 3", 0.97, name, True)], hypotheses=[lead])
     words = explain(d)
     assert words.where.startswith("In the test, not in the structure: sensor 3.")
     assert words.which.startswith("Sensor mis-scaled (sensor 3), 97 %")
     assert "echo" in point(d, "In which part?")
+    # Two sensors misplaced stood as one name twice.
+    plain, away = diagnosis(), "sensor misplaced"
+    two = [EffectResult(away, f"sensor {i}", 0.2, "family", True) for i in (3, 9)]
+    text = shown(replace(plain, effects=[*two, *plain.effects[2:]])).partition("which effect")[2]
+    assert f"{away} (sensor 3)" in text and f"{away} (sensor 9)" in text
 
 
 def test_two_causes_name_the_rival_that_lacks_one():
@@ -127,6 +123,10 @@ def test_two_causes_name_the_rival_that_lacks_one():
     assert "without modulus error (plate 1), joint normal compliance, leaves 5.00 %" in why
     # Beyond 10 a difference says no more: no model of this kind is that exact.
     assert re.findall(r"ln evidence is (.*?)\.(?: |$)", why) == ["more than 10 lower", "3.4 lower"]
+    h = diagnosis().hypotheses
+    ahead = [replace(h[0], probability=0.9), replace(h[2], log_evidence=43.0)]
+    why = point(diagnosis(hypotheses=ahead), "Why this and not another?")
+    assert why.endswith("its ln evidence is 1.0 higher, but it was less likely before the test.")
 
 
 def test_no_gap_needs_no_cause():
@@ -169,43 +169,32 @@ def test_an_unknown_cause(p_value, changes, said):
     assert d.to_json().get("at_once") == changes.get("at_once")
 
 
-def test_an_unknown_cause_beside_the_nominal_model():
-    words = explain(unknown(best=3, **AT_CHANCE))
-    assert "the best, the nominal model within its tolerances, leaves" in words.which
-    assert "79 to 93 %), by what is within tolerance alone." in words.how_far
-
-
-def test_an_unknown_cause_may_have_a_place_or_be_a_point_mass():
+def test_an_unknown_cause_may_have_a_place_or_stand_beside_the_nominal_model():
     mass = PointMassFound(0.058, 0.05, 0.065, (0.02, 0.04, 0.0), 12.0)
     d = unknown(somewhere=LocalisedUnknown(0.97, mass))
     said = point(d, "What if it is something else?")
     assert "stiffness or mass in one place with 97 %: as one point mass 58 g" in said
     assert d.to_json()["somewhere"]["point"]["kg"] == 0.058
     assert "; as one point mass 58 g" in explain(d).where
+    words = explain(unknown(best=3, **AT_CHANCE))
+    assert "the best, the nominal model within its tolerances, leaves" in words.which
+    assert "79 to 93 %), by what is within tolerance alone." in words.how_far
 
 
 def test_a_class_of_many_is_a_doubt():
     """A cause that is one of a dozen is hardly known, and no heading says that it is found."""
     plain = diagnosis()
-    name = plain.effects[0].class_name
-    assert not [w for w in explain(plain).doubts if "cannot tell apart" in w]
-    more = [
-        replace(plain.effects[0], name=f"effect {i}", class_name=name, probability=0.001)
-        for i in range(10)
-    ]
+    assert "cannot tell apart" not in " ".join(explain(plain).doubts)
+    more = [replace(plain.effects[0], name=f"{i}", probability=0.001) for i in range(10)]
     many = replace(plain, effects=[*plain.effects, *more])
-    count = sum(e.class_name == name for e in many.effects)
-    said = f"and its like there are {count} that this test cannot tell"
-    assert [w for w in explain(many).doubts if said in w]
+    said = "and its like there are 12 that this test cannot tell"
+    assert said in " ".join(explain(many).doubts)
     for d, heading in (
         (plain, "Cause found, confirmed on held-out data"),
-        (many, f"Cause narrowed down to one of {count}, confirmed on held-out data"),
-        (
-            replace(many, verdict="likely"),
-            f"Likely one of {count} causes, not confirmed on held-out data",
-        ),
+        (many, "Cause narrowed down to one of 12, confirmed on held-out data"),
+        (replace(many, verdict="likely"), "Likely one of 12 causes, not confirmed on held-out"),
     ):
-        assert heading_of(d) == heading
+        assert heading_of(d).startswith(heading)
 
 
 def test_a_mesh_that_makes_much_of_the_gap_is_a_doubt():
@@ -224,25 +213,6 @@ def test_a_mesh_that_makes_much_of_the_gap_is_a_doubt():
     assert explain(fine).doubts == explain(plain).doubts
 
 
-def test_a_wrong_effect_that_predicts_nothing_has_no_number():
-    """It was 5,612 % once, of a mass that one part held out did not bear."""
-    d = diagnosis(placebo_after=56.12, shrinkage=shrinkage(placebo=56.12, after=0.21))
-    page, text = page_of(d), shown(d)
-    assert "over 100 %" in text and "over 100 %" in page and "over 100 %" in explain(d).how_far
-    assert "5612" not in text + page
-
-
-def test_rows_of_one_name_say_which():
-    """Two sensors misplaced stood as one name twice."""
-    plain = diagnosis()
-    two = [
-        EffectResult("sensor misplaced", f"sensor {i}", p, "family", True)
-        for i, p in ((3, 0.25), (9, 0.15))
-    ]
-    text = shown(replace(plain, effects=[*two, *plain.effects[2:]])).partition("which effect")[2]
-    assert "sensor misplaced (sensor 3)" in text and "sensor misplaced (sensor 9)" in text
-
-
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
@@ -253,6 +223,8 @@ def test_rows_of_one_name_say_which():
         ),
         ({"shrink": np.nan}, "already as good as noise allows"),
         ({"folds": []}, "chosen and fitted, the gap goes from 20.00 % to 3.30 %."),
+        # It was 5,612 % once, of a mass that one part held out did not bear.
+        ({"placebo": 56.12, "after": 0.21}, "over 100 %"),
     ],
 )
 def test_how_far_says_when_it_is_no_evidence(changes, said):
@@ -302,22 +274,20 @@ def test_points_hold_the_numbers_behind_the_sentences():
         assert "This test says nothing of micro-slip in the joint" in " ".join(text.split())
 
 
-def test_zone_names_in_words():
-    assert zone_words("away_b3_r2") == "away, bolt 3, ring 2"
-    assert zone_words("the_lap_r1") == "the lap, ring 1"
-    assert zone_words("plate_1") == "plate 1"
-
-
 def test_page_and_terminal_lead_with_the_sentences():
-    d = diagnosis()
+    """And folds that end better than was stated have held."""
+    better = fold("mode bending 2", after=0.002, covered=False, better=True)
+    folds = [fold("mode bending 1"), better, fold("torque 5 N·m", after=0.09, covered=False)]
+    d = diagnosis(shrinkage=shrinkage(folds=folds, coverage=2 / 3))
     page, words = page_of(d), explain(d)
+    assert "1.00 % to 3.00 %: better" in page and page.count("1.00 % to 3.00 %: missed") == 1
+    assert [f["better"] for f in d.to_json()["folds"]] == [False, True, False]
     assert "41.2</td>" in page
     which, apart = escape(words.which), escape(words.apart)
     assert page.index(which) < page.index(words.how_far) < page.index(apart)
     assert page.index(apart) < page.index('id="words"') < page.index('id="tests"')
     for table in ("tests", "zones", "folds", "shrinkage"):
         assert f'id="{table}"' in page
-    assert "1.00 % to 3.00 %: missed" in page
     assert "not seen by this test" in page
 
     text = " ".join(shown(d, 80).split())
@@ -334,16 +304,6 @@ def test_assumptions_are_those_of_the_case(write_case, tmp_path):
     assert float(rows["noise of a frequency"].split()[0]) == pytest.approx(noise)
     assert rows["the nominal model's joints"].startswith("bonded to the parts")
     assert any("E 1.5 %" in value for value in rows.values())
-
-
-def test_folds_that_end_better_than_stated_have_held():
-    better = fold("mode bending 2", after=0.002, covered=False, better=True)
-    missed = fold("torque 5 N·m", after=0.09, covered=False)
-    s = shrinkage(folds=[fold("mode bending 1"), better, missed], coverage=2 / 3)
-    d = diagnosis(shrinkage=s)
-    page = page_of(d)
-    assert "1.00 % to 3.00 %: better" in page and page.count(": missed") == 1
-    assert [f["better"] for f in d.to_json()["folds"]] == [False, True, False]
 
 
 def test_a_cause_that_held_out_data_speak_against_is_likely_at_most():
@@ -383,13 +343,6 @@ def test_no_probability_is_shown_as_certain_but_files_have_all_of_it():
     tables = re.findall(r'<table id="(?:effects|hypotheses)">.*?</table>', page_of(d), re.S)
     shown = {x for t in tables for x in re.findall(r'<td class="n">([^<]*\d+ %)<', t)}
     assert {"&gt; 99 %", "&lt; 1 %"} < shown and not {"100 %", "0 %"} & shown
-
-
-def test_a_rival_of_more_evidence_is_not_said_to_be_negatively_lower():
-    h = diagnosis().hypotheses
-    ahead = [replace(h[0], probability=0.9), replace(h[2], log_evidence=43.0)]
-    why = point(diagnosis(hypotheses=ahead), "Why this and not another?")
-    assert why.endswith("its ln evidence is 1.0 higher, but it was less likely before the test.")
 
 
 def test_the_json_keeps_to_its_schema():

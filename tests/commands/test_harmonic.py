@@ -110,10 +110,8 @@ def test_small_forces_give_the_linear_resonance_and_large_ones_soften_and_damp(s
     assert large.damping_ratio > 1.02 * small.damping_ratio
     # All that the force puts in beyond the modes' damping goes to the joint.
     assert large.joint_energy_j["lap"] > 0
-    assert (large.measured_peak_hz, large.measured_peak) == (
-        27.8,
-        90.0,
-    ) and small.measured_peak is None
+    assert (large.measured_peak_hz, large.measured_peak) == (27.8, 90.0)
+    assert small.measured_peak is None
     # The backbone passes the peaks: phase resonance and amplitude resonance differ by zeta^2.
     b = report.backbone
     at = np.interp(large.peak_displacement_m, b.amplitude("sensor"), b.frequencies_hz)
@@ -165,7 +163,7 @@ def test_command_writes_the_same_on_any_number_of_ranks_and_goes_on_from_branche
 
 @serial
 @pytest.mark.parametrize(
-    "changes", [(), BONDED, (HUNG,), SPRINGS], ids=["free", "bonded", "hung", "springs"]
+    "changes", [(), BONDED, (HUNG, *SPRINGS)], ids=["free", "bonded", "hung on springs"]
 )
 def test_a_free_beam_resonates_as_its_linear_modes_say_and_slips(tmp_path, changes):
     """Its rigid motions take part in the response, and determine nothing of the joint."""
@@ -189,6 +187,7 @@ def test_a_free_beam_resonates_as_its_linear_modes_say_and_slips(tmp_path, chang
     assert np.abs(mean @ free.inertia).max() < 1e-9
 
 
+IDENTIFY = 'frf.csv"\n[harmonic.identify]\nlevel = "{}"\nparameters = "{}'
 FORCE_LINE = 'force = { point = ["100 mm", "0 mm", "-6 mm"], direction = [0, 0, 1] }\n'
 SMALL = (
     ('measured = "frf.csv"\n', "backbone = false\n"),
@@ -253,13 +252,8 @@ def test_identification_finds_the_strength_that_made_the_curves(tmp_path):
         around = range(max(r.peak.index - 8, 0), r.peak.index + 9)
         a = r.amplitude("sensor", "acceleration")
         rows += [f"{level},{r.frequencies_hz[i]:.8g},{a[i]:.8g}" for i in around]
-    wanted = """measured = "frf.csv"
-[harmonic.identify]
-level = "10 N"
-parameters = "lap.S_y"
-method = "gradient"
-"""
-    write(tmp_path, LAYER, one, no_backbone, ('measured = "frf.csv"\n', wanted))
+    wanted = IDENTIFY.format("10 N", "lap.S_y") + '"\nmethod = "gradient'
+    write(tmp_path, LAYER, one, no_backbone, ("frf.csv", wanted))
     (tmp_path / "frf.csv").write_text("\n".join(rows), encoding="utf-8")
     outcome = run_harmonic(load_case(tmp_path), SELF, QUIET)
     report = outcome.result
@@ -329,17 +323,10 @@ def test_contact_with_friction_under_preload(tmp_path, keeps_rules):
         ('measured = "frf.csv"', 'measured = "frs.csv"', "harmonic.measured: .*no such file"),
         ('stress = "equivalent"', 'stress = "peel"', "nonlinear.lap.stress"),
         (FORCE_LINE, "", "either force or base"),
+        ("samples = 64", 'samples = 64\nbifurcations = "perhaps"', "harmonic.bifurcations"),
         ("harmonics = 3", "harmonics = 3\nbase = { direction = [0, 0, 1] }", "levels of a base"),
-        (
-            'measured = "frf.csv"',
-            'measured = "frf.csv"\n[harmonic.identify]\nlevel = "10 N"\nparameters = "lap.S_z"',
-            "did you mean 'lap.S_y'",
-        ),
-        (
-            'measured = "frf.csv"',
-            'measured = "frf.csv"\n[harmonic.identify]\nlevel = "0.01 N"\nparameters = "lap.S_y"',
-            "not among the measured curves",
-        ),
+        ("frf.csv", IDENTIFY.format("10 N", "lap.S_z"), "did you mean 'lap.S_y'"),
+        ("frf.csv", IDENTIFY.format("0.01 N", "lap.S_y"), "not among the measured curves"),
     ],
 )
 def test_mistakes_are_named(tmp_path, old, new, message):

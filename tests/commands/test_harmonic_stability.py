@@ -17,7 +17,6 @@ from fenics_joints.case import load_case
 from fenics_joints.commands.harmonic.document import harmonic_document
 from fenics_joints.commands.harmonic.run import run_harmonic
 from fenics_joints.commands.harmonic.stability import level_stability
-from fenics_joints.errors import InputError
 from fenics_joints.harmonic import Stability, solve_harmonic
 from fenics_joints.progress import Progress
 from fenics_joints.report.html import as_page
@@ -58,9 +57,3 @@ def test_a_doubled_period_is_followed_and_told(tmp_path):
     branches = ((drawn.bifurcations[0], report.responses[0]),)
     drawn = replace(found, level=report.facts[0].level, stability=drawn, branches=branches)
     assert "period doubling" in as_page(harmonic_document(replace(report, stability=(drawn,))))
-
-
-def test_a_word_that_is_none_is_refused(tmp_path):
-    edit = "samples = 64", 'samples = 64\nbifurcations = "perhaps"'
-    with pytest.raises(InputError, match=r"harmonic\.bifurcations"):
-        load_case(write(tmp_path, LAYER, edit))

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import itertools
 import shutil
 import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+from gmsh_files import gmsh_file
 from mpi4py import MPI
 from step_files import bores, bracket, spigot
 from uff_files import mode_55, nodes_15, nodes_2411, units_164
@@ -122,49 +124,43 @@ def test_steps_that_are_turned_or_centred(tmp_path, draw, bolts, normal):
 
 def write_msh(path, unit=1e3, layer=True, holes=()):
     """Two plates, lapped, with a layer or holes of 6.6 mm, in some unit (by a metre)."""
-    import gmsh
-
-    gmsh.initialize(readConfigFiles=False, interruptible=False)
-    gmsh.option.setNumber("General.Terminal", 0)
-    occ, u = gmsh.model.occ, unit
-    t = 0.001 * layer
-    low = occ.addBox(0, 0, 0, 0.1 * u, 0.06 * u, 0.01 * u)
-    up = occ.addBox(0.04 * u, 0, (0.01 + t) * u, 0.1 * u, 0.06 * u, 0.01 * u)
-    parts = {"lower plate": low, "upper-alu": up}
-    if layer:
-        parts["joint"] = occ.addBox(0.04 * u, 0, 0.01 * u, 0.06 * u, 0.06 * u, t * u)
-    for x, y in holes:
-        for tag in (low, up):
-            hole = occ.addCylinder(x * u, y * u, -u, 0, 0, 2 * u, 0.0033 * u)
-            occ.cut([(3, tag)], [(3, hole)])
-    occ.fragment([(3, tag) for tag in parts.values()], [])
-    occ.synchronize()
-    for name, tag in parts.items():
-        gmsh.model.addPhysicalGroup(3, [tag], name=name)
-    gmsh.option.setNumber("Mesh.MeshSizeMax", (0.005 if holes else 0.03) * u)
-    gmsh.model.mesh.generate(3)
-    gmsh.write(str(path))
-    gmsh.finalize()
+    u, t = unit, 0.001 * layer
+    with gmsh_file(path, MeshSizeMax=(0.005 if holes else 0.03) * u) as gmsh:
+        occ = gmsh.model.occ
+        low = occ.addBox(0, 0, 0, 0.1 * u, 0.06 * u, 0.01 * u)
+        up = occ.addBox(0.04 * u, 0, (0.01 + t) * u, 0.1 * u, 0.06 * u, 0.01 * u)
+        parts = {"lower plate": low, "upper-alu": up}
+        if layer:
+            parts["joint"] = occ.addBox(0.04 * u, 0, 0.01 * u, 0.06 * u, 0.06 * u, t * u)
+        for x, y in holes:
+            for tag in (low, up):
+                hole = occ.addCylinder(x * u, y * u, -u, 0, 0, 2 * u, 0.0033 * u)
+                occ.cut([(3, tag)], [(3, hole)])
+        occ.fragment([(3, tag) for tag in parts.values()], [])
+        occ.synchronize()
+        for name, tag in parts.items():
+            gmsh.model.addPhysicalGroup(3, [tag], name=name)
+        gmsh.model.mesh.generate(3)
     return path
 
 
-@pytest.mark.parametrize("unit, scale", [(1e3, 1e-3), (1.0, 1.0)])
-def test_msh(tmp_path, unit, scale):
+def test_msh(tmp_path):
     """Its unit by its size, a layer by its name and thickness; masses are those by hand."""
-    folder = tmp_path / "case"
-    found, case = written(folder, Source(msh=write_msh(tmp_path / "plates.msh", unit)))
+    found, case = written(tmp_path / "case", Source(msh=write_msh(tmp_path / "plates.msh")))
     assert found.checked.errors == () and found.checked.notes == ()
-    assert case.mesh.scale == pytest.approx(scale)
+    assert case.mesh.scale == pytest.approx(1e-3)
     assert case.joints["joint"].h == pytest.approx(1e-3)
     assert found.checked.mass == pytest.approx(0.1 * 0.06 * 0.01 * (7850 + 2700))
     assert frequencies(case, 7)[6] > 100
 
 
 def test_msh_without_joints(tmp_path):
-    """Plates that touch get a layer where they do; with holes, rings round the bolts in them."""
-    bare = write_msh(tmp_path / "bare.msh", layer=False)
+    """Plates that touch get a layer where they do; with holes, rings round the bolts in them. One
+    is in metres."""
+    bare = write_msh(tmp_path / "bare.msh", unit=1.0, layer=False)
     found, case = written(tmp_path / "layer", Source(msh=bare))
     assert found.checked.errors == () and case.mesh.joint == "layer"
+    assert case.mesh.scale == pytest.approx(1.0)
     assert case.joints["contact"].k_n > 1e11 and frequencies(case, 7)[6] > 100
     holed = write_msh(tmp_path / "holed.msh", layer=False, holes=[(0.055, 0.02), (0.085, 0.04)])
     found, case = written(tmp_path / "rings", Source(msh=holed))
@@ -179,9 +175,7 @@ def test_shapes_of_a_builder(tmp_path):
     written(tmp_path / "plain", Source(builder="dumbbell"))
     model = build_structure(load_case(tmp_path / "plain"), MPI.COMM_SELF)
     modes = solve_modes(model, n_modes=10)
-    points = np.array(
-        [[x, y, z] for x in (-0.12, 0.12) for y in (-0.09, 0.09) for z in (-0.13, 0.13)]
-    )
+    points = np.array([*itertools.product((-0.12, 0.12), (-0.09, 0.09), (-0.13, 0.13))])
     ways = np.eye(3)
     shapes = np.array([modes.at(Sensors(points, way))[:, 6:10] for way in ways])
     nodes = {i + 1: 1e3 * point for i, point in enumerate(points)}
@@ -266,8 +260,8 @@ def test_command(tmp_path, monkeypatch, capfd):
 # -- files of strangers: sheets, stacks, inches, names that are taken ------------------------------
 
 
-def edited(folder, *edits) -> list[str]:
-    """What check says against the case after some edits."""
+def edited(folder, *edits):
+    """What check finds in the case after some edits."""
     path = folder / "case.toml"
     text = path.read_text(encoding="utf-8")
     for old, new in edits:
@@ -282,49 +276,12 @@ def edited(folder, *edits) -> list[str]:
     [("washers", 2, 3, 5), ("sheet_between_plates", 4, 3, 3), ("overlap_0001", 2, 1, 1)],
 )
 def test_stacks(tmp_path, name, bolts, faces, joints):
-    """Each bolt once, a ring on each pair of faces; and joint = "layer" on the same."""
+    """Each bolt once, a ring on each pair of faces."""
     found, case = written(tmp_path / "case", Source(step=DATA / f"{name}.step"))
     assert found.checked.errors == () and found.checked.notes == ()
     assert len(case.mesh.bolts.at) == bolts * faces and len(case.joints) == joints
     each = "" if faces == 1 else f" of {faces} pressed faces each"
     assert f"{bolts} bolts{each}: " in " ".join(found.draft.found)
-    if name == "sheet_between_plates":
-        folder = tmp_path / "layers"
-        folder.mkdir()
-        text = (tmp_path / "case" / "case.toml").read_text(encoding="utf-8")
-        mesh, rest = text.split("[mesh.bolts]")
-        mesh = mesh.replace("ring_size", 'joint = "layer"\n# ring_size')
-        mesh = mesh.replace('"sheet', '"../case/sheet')
-        _, rest = rest.split("\n]\n", 1)
-        for i in range(3):
-            rings = ", ".join(f'"ring_{4 * i + k}"' for k in (1, 2, 3, 4))
-            rest = rest.replace(f"[{rings}]", f'["joint_{i + 1}"]\npressure = "1 MPa"')
-        (folder / "case.toml").write_text(mesh + rest, encoding="utf-8")
-        assert check_case(folder, MPI.COMM_SELF, QUIET).errors == ()
-
-
-def test_bolts_on_one_axis():
-    """One bolt through three plates; two in blind holes from both sides of a block."""
-    z, at = np.array([0.0, 0.0, 1.0]), np.zeros(3)
-    through = [
-        BoltHole((0, 1), at, z, (0.008,), depths=(0.01, 0.02)),
-        BoltHole((1, 2), at + 0.02 * z, z, (0.008,), depths=(0.02, 0.01)),
-    ]
-    blind = [
-        BoltHole((0, 1), at, z, (0.008,), depths=(0.01, 0.008)),
-        BoltHole((1, 2), at + 0.02 * z, -z, (0.008,), depths=(0.008, 0.01)),
-    ]
-    beside = [
-        BoltHole((0, 1), at, z, (0.008,)),
-        BoltHole((1, 2), at + 0.02 * z + [0.01, 0, 0], z, (0.008,)),
-    ]
-    far = [BoltHole((0, 1), at, z, (0.008,)), BoltHole((2, 3), at + 0.5 * z, z, (0.008,))]
-    assert [stacked(rings) for rings in (through, blind, beside, far)] == [
-        [1, 1],
-        [1, 2],
-        [1, 2],
-        [1, 2],
-    ]
 
 
 def test_a_mesh_in_inches(tmp_path):
@@ -359,25 +316,36 @@ def flanges_named(occ):
         occ.cut([(3, plate)], bores(occ, [(25, 30), (75, 30)], z - 1, z + 11, 4.5))
 
 
+def test_bolts_on_one_axis():
+    """One bolt through three plates; two in blind holes from both sides of a block, or beside one
+    another, or far apart."""
+    z, at = np.array([0.0, 0.0, 1.0]), np.zeros(3)
+    top = at + 0.02 * z
+
+    def bolts(place, way=z, depths=(None, None), second=(1, 2)):
+        first = BoltHole((0, 1), at, z, (0.008,), depths=depths[0])
+        return stacked([first, BoltHole(second, place, way, (0.008,), depths=depths[1])])
+
+    assert bolts(top, depths=((0.01, 0.02), (0.02, 0.01))) == [1, 1]
+    assert bolts(top, -z, depths=((0.01, 0.008), (0.008, 0.01))) == [1, 2]
+    assert bolts(top + [0.01, 0, 0]) == bolts(25 * top, second=(2, 3)) == [1, 2]
+
+
 @pytest.mark.parametrize("labels", [("ring_1", "joint"), ("joint_2", "ring_2")])
 def test_names_of_layers_are_taken(tmp_path, labels):
-    """Solids that are called as layers are get other names; a case with such a name is refused."""
+    """Solids that are called as layers are get other names; a case with such a name is refused,
+    and one with cells larger than all is noted."""
     step = write_step(tmp_path / "a.step", flanges_named, labels=labels)
     found, case = written(tmp_path / "case", Source(step=step))
     assert found.checked.errors == () and set(case.parts) == {f"part_{x}" for x in labels}
-    bad = next(label for label in labels if label.startswith("ring"))
-    again = edited(tmp_path / "case", (f"part_{bad}", bad))
-    (error,) = [line for line in again.errors if bad in line]
-    assert "expected another" in error and again.estimate is None
-
-
-def test_cells_larger_than_all(tmp_path):
-    step = write_step(tmp_path / "a.step", flanges_named)
-    written(tmp_path / "case", Source(step=step))
     text = (tmp_path / "case" / "case.toml").read_text(encoding="utf-8")
     (line,) = [line for line in text.splitlines() if line.startswith("size = ")]
     (note,) = edited(tmp_path / "case", (line, "size = 5")).notes
     assert "mesh.size = 5" in note
+    bad = next(label for label in labels if label.startswith("ring"))
+    again = edited(tmp_path / "case", (f"part_{bad}", bad))
+    (error,) = [line for line in again.errors if bad in line]
+    assert "expected another" in error and again.estimate is None
 
 
 def test_a_mass_on_a_bolt(tmp_path):

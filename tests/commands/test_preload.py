@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -40,20 +39,15 @@ COARSE = [
 serial = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="about one process")
 
 
-@pytest.fixture
-def write_beams() -> Callable[..., Path]:
-    """``write_beams(folder, (old, new), ...)`` puts the coarse case there; on rank 0 only."""
-
-    def write(folder: Path, *edits: tuple[str, str]) -> Path:
-        shutil.copy(DEMO / "frequencies.csv", folder)
-        text = (DEMO / "case.toml").read_text(encoding="utf-8")
-        for old, new in (*COARSE, *edits):
-            assert old in text, f"{old!r} is not in the case"
-            text = text.replace(old, new, 1)
-        (folder / "case.toml").write_text(text, encoding="utf-8")
-        return folder
-
-    return write
+def write_beams(folder: Path, *edits: tuple[str, str]) -> Path:
+    """Put the coarse case there; on rank 0 only."""
+    shutil.copy(DEMO / "frequencies.csv", folder)
+    text = (DEMO / "case.toml").read_text(encoding="utf-8")
+    for old, new in (*COARSE, *edits):
+        assert old in text, f"{old!r} is not in the case"
+        text = text.replace(old, new, 1)
+    (folder / "case.toml").write_text(text, encoding="utf-8")
+    return folder
 
 
 MISTAKES = [
@@ -73,7 +67,7 @@ MISTAKES = [
 
 @serial
 @pytest.mark.parametrize(("old", "new", "said"), MISTAKES)
-def test_mistakes(tmp_path, write_beams, old, new, said):
+def test_mistakes(tmp_path, old, new, said):
     write_beams(tmp_path, (old, new))
     with pytest.raises(InputError) as caught:
         load_case(tmp_path)
@@ -83,7 +77,7 @@ def test_mistakes(tmp_path, write_beams, old, new, said):
 
 @serial
 @pytest.mark.parametrize("torque, force", [(10.2, 8.6e3), (16.9, 14.3e3), (25.1, 21.2e3)])
-def test_torque_is_the_papers_force(tmp_path, write_beams, torque, force):
+def test_torque_is_the_papers_force(tmp_path, torque, force):
     """Fronk et al. 2019, Table 3."""
     given = f'torque = "{torque} N m"\nthread = "5/16-24"\nfriction = 0.107'
     case = load_case(write_beams(tmp_path, ('force = "28.0 kN"', given)))
@@ -101,16 +95,11 @@ def test_builder_knows_its_groups(kind):
 
 def by_hand(comm) -> PreloadModel:
     """The coarse case without its file."""
-    mass = dict(
-        middle_a=((0.254, 0, 0.0127), 0.02),
-        middle_b=((0.254, 0, -0.0127), 0.02),
-        left=((0.102, 0, 0.0127), 0.02),
-        right=((0.406, 0, -0.0127), 0.02),
-    )
+    places = ((0.254, 0.0127), (0.254, -0.0127), (0.102, 0.0127), (0.406, -0.0127))
     structure = Structure(
         c_beams(comm, **SMALL, n_thickness=(2, 1)),
         [part("beams", ("beam_1", "beam_2"), E=194e9, nu=0.29, rho=8000.0)],
-        masses=[PointMass(name, kg, point) for name, (point, kg) in mass.items()],
+        masses=[PointMass(f"at {x}, {z}", 0.02, (x, 0, z)) for x, z in places],
         degree=1,
     )
     given = {"E": 194e9, "nu": 0.29, "rho": 8000.0, "head_mass": 8e-3}
@@ -123,7 +112,7 @@ def by_hand(comm) -> PreloadModel:
 
 
 @pytest.mark.parallel
-def test_preload_command(shared_tmp_path, write_beams, keeps_rules):
+def test_preload_command(shared_tmp_path, keeps_rules):
     """The command finds, on any number of ranks, what the objects make of the same numbers."""
     comm = MPI.COMM_WORLD
     if comm.rank == 0:
@@ -156,13 +145,12 @@ def test_preload_command(shared_tmp_path, write_beams, keeps_rules):
 
 
 @serial
-def test_update_command(tmp_path, write_beams, keeps_rules):
+def test_update_command(tmp_path, keeps_rules):
     """The cut-off of least error, its crossings and its page, from the sweep's own numbers."""
     write_beams(tmp_path, ('scheme = "both"', 'scheme = "two"'))
     out, page = tmp_path / "u.json", tmp_path / "u.html"
-    done = CliRunner().invoke(
-        app, ["update", str(tmp_path), "--json", str(out), "--report", str(page)]
-    )
+    options = ["--json", str(out), "--report", str(page)]
+    done = CliRunner().invoke(app, ["update", str(tmp_path), *options])
     assert done.exit_code == 0, done.output
     found = json.loads(out.read_text())
     test = np.array([258, 331, 478, 567, 710, 855.0])  # Fronk et al. 2019, Table 1

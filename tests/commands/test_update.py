@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from case_tables import write_frequencies, write_table
 from dumbbell_case import SANDWICH
 
 pytest.importorskip("dolfinx")
@@ -105,20 +106,15 @@ def test_files(shared_module_path) -> Path:
 
 
 def _write(folder: Path, f, shapes, H_ij) -> None:
-    rows = [",".join(f"{name} [Hz]" for name in NAMES), ",".join(f"{v:.6f}" for v in f)]
-    (folder / "f.csv").write_text("\n".join(rows), encoding="utf-8")
-    rows = [",".join(NAMES), *(",".join(f"{v:.6g}" for v in row) for row in shapes)]
-    (folder / "x.csv").write_text("\n".join(rows), encoding="utf-8")
+    write_frequencies(folder, f, file="f.csv")
+    write_table(folder / "x.csv", NAMES, shapes)
     pairs = [f"{r}/{s}" for r in ("1:+x", "1:+z", "4:+x", "4:+z") for s in ("1:+x", "1:+z")]
     heads = [f"{pair} {part} [m/s2/N]" for pair in pairs for part in ("re", "im")]
     flat = H_ij.reshape(len(LINES), -1)
     table = np.stack([flat.real, flat.imag], axis=2).reshape(len(LINES), -1)
-    rows = [",".join(["frequency [Hz]", *heads])]
-    rows += [",".join(f"{v:.8g}" for v in (hz, *row)) for hz, row in zip(LINES, table, strict=True)]
-    (folder / "frf.csv").write_text("\n".join(rows), encoding="utf-8")
-    rows = ["node,x [m],y [m],z [m]"]
-    rows += [f"{i + 1},{x},{y},{z}" for i, (x, y, z) in enumerate(POINTS)]
-    (folder / "nodes.csv").write_text("\n".join(rows), encoding="utf-8")
+    write_table(folder / "frf.csv", ["frequency [Hz]", *heads], np.column_stack([LINES, table]))
+    nodes = [(i + 1, *point) for i, point in enumerate(POINTS)]
+    write_table(folder / "nodes.csv", ["node", "x [m]", "y [m]", "z [m]"], nodes)
 
 
 @pytest.fixture(scope="module")
@@ -159,10 +155,8 @@ def test_finds_the_truth(everything):
     """From twice the thickness, on another mesh: within the stated standard deviations."""
     assert everything.kinds == ("frequencies", "shapes", "frfs")
     for p, true in zip(everything.parameters, (E, NU, H, LOSS), strict=True):
-        assert abs(p["value"] / true - 1) < max(3.5 * p["relative_standard_deviation"], 1e-4), p[
-            "name"
-        ]
-        assert p["relative_standard_deviation"] < 0.01
+        sd = p["relative_standard_deviation"]
+        assert abs(p["value"] / true - 1) < max(3.5 * sd, 1e-4) and sd < 0.01, p["name"]
     found = everything.update
     assert found.chi2 / found.degrees_of_freedom == pytest.approx(1, abs=0.25)
     assert not everything.notes
@@ -232,17 +226,15 @@ modes = "each"
 
 def test_words():
     """The direction that data leave open, in words, is that of the smallest singular value."""
-    slopes = np.array([[100.0, -100.0, 3.0], [50.0, -50.0, -8.0], [0.1, 0.1, 0.0]])
-    ratio, product = slopes.copy(), slopes.copy()
-    product[:2, 1] *= -1
-    product[2, 1] *= -1
-    said = " ".join(in_words(identifiability(ratio, ("E", "h", "nu"))))
-    assert "do not determine E and h; they do nu" in said and "their ratio" in said
-    said = " ".join(in_words(identifiability(product, ("E", "h", "nu"))))
-    assert "their product" in said
-    said = " ".join(in_words(identifiability(ratio[:1, :2], ("E", "h"))))
+    ratio = np.array([[100.0, -100.0, 3.0], [50.0, -50.0, -8.0], [0.1, 0.1, 0.0]])
+    for slopes, words in (
+        (ratio, ["do not determine E and h; they do nu", "their ratio"]),
+        (ratio * [1, -1, 1], ["their product"]),
+        (ratio[:1, :2], ["do not know it at all"]),
+    ):
+        said = " ".join(in_words(identifiability(slopes, ("E", "h", "nu")[: slopes.shape[1]])))
+        assert all(word in said for word in words) and "∞" not in said
     assert accuracy(1.4e5) == "open" and accuracy(0.012) == "1.2 %"
-    assert "do not know it at all" in said and "∞" not in said
 
 
 def test_weighted(test_files):
@@ -306,9 +298,8 @@ def test_a_start_beyond_its_bounds_is_refused(test_files):
 parameters = ["joint.E", "joint.loss_factor"]
 start = { "joint.loss_factor" = 3 }
 """
-    case = _case(test_files, update, "beyond")
     with pytest.raises(InputError, match=r"update.start.joint.loss_factor = 3.*to 1"):
-        update_case(case, MPI.COMM_WORLD)
+        update_case(_case(test_files, update, "beyond"), MPI.COMM_WORLD)
 
 
 def test_bounds_have_the_parameters_size():

@@ -90,12 +90,15 @@ def page_of(report: UpdateReport) -> str:
     return as_page(update_document(report))
 
 
-def test_page_is_well_formed_and_keeps_the_rules(keeps_rules):
+def summary(found: UpdateReport, width: int = 100) -> str:
+    console = Console(width=width, record=True, file=io.StringIO())
+    show(console, update_document(found))
+    return console.export_text()
+
+
+def test_update_page_shows_the_numbers_of_the_result(keeps_rules):
     check_page(page_of(report()))
     keeps_rules(page_of(report()))
-
-
-def test_update_page_shows_the_numbers_of_the_result():
     shown = Page(page_of(report()))
     row = shown.tables["values"][1]
     assert row == ["near.E", "3.000 GPa", "863.0 MPa", "8.1 %", "870.0 MPa"]
@@ -114,12 +117,11 @@ def test_update_page_shows_the_numbers_of_the_result():
     assert "from 10.00 % to 2.00 %" in verdict_words(report())
     bare = page_of(report(sweep=None, published=None))
     assert "fits" not in Page(bare).tables
-    # One condition, and no curves.
-    alone = Sweep(report().sweep.fits[:1], [], None, None, np.full((1, 2), 0.01))
+    alone = Sweep(report().sweep.fits[:1], [], None, None, np.full((1, 2), 0.01))  # and no curves
     check_page(page_of(report(sweep=alone)))
 
 
-def test_json_holds_what_the_command_line_promises():
+def test_json_holds_what_the_command_line_promises_and_the_summary_fits_a_screen():
     data = json.loads(json.dumps(report().to_json(), allow_nan=False))
     assert data["condition"] == {"name": "torque", "value": 2.0, "unit": "N·m"}
     assert data["frequencies_hz"]["test"] == [375.04, 962.47] and data["iterations"] == 7
@@ -130,13 +132,8 @@ def test_json_holds_what_the_command_line_promises():
     assert gaps["validation"] is None
     np.testing.assert_allclose([gaps["fitted"], gaps["heldout"]], 0.005)
     assert len(repr(report())) <= 120 and len(repr(report().update)) <= 120
-
-
-def test_summary_fits_a_screen():
     for width in (80, 100):
-        console = Console(width=width, record=True, file=io.StringIO())
-        show(console, update_document(report()))
-        lines = console.export_text().splitlines()
+        lines = summary(report(), width).splitlines()
         assert len(lines) <= 40 and max(map(len, lines)) <= width
 
 
@@ -145,9 +142,7 @@ def test_modes_whose_partners_change_are_said_once_and_with_the_reason():
     (note,) = fit_notes(found, ("mode 1", "mode 2"))
     assert note.startswith("mode 1 and mode 2 change their partners among the model's modes")
     unfitted = replace(report().modes, fitted=np.zeros(2, dtype=bool))
-    console = Console(width=100, record=True, file=io.StringIO())
-    show(console, update_document(report(update=found, modes=unfitted, notes=[note])))
-    said = console.export_text()
+    said = summary(report(update=found, modes=unfitted, notes=[note]))
     assert said.index("but: mode 1 and mode 2") < said.index(
         "* its frequency was not fitted: left out for the reason given above"
     )

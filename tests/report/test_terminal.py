@@ -39,7 +39,7 @@ def printed(width: int) -> str:
     return stream.getvalue()
 
 
-@pytest.mark.parametrize("width", [50, 64, 80, 100, 160])
+@pytest.mark.parametrize("width", [50, 64, 100])
 def test_nothing_is_cut(width):
     text = printed(width)
     assert "…" not in text and max(map(len, text.splitlines())) <= width
@@ -73,13 +73,8 @@ def environment(**more: str) -> dict[str, str]:
 def on_a_terminal(**more: str) -> str:
     """What the script writes to a terminal of its own."""
     leader, follower = pty.openpty()
-    subprocess.run(
-        [sys.executable, "-c", SCRIPT],
-        stdout=follower,
-        env=environment(**more),
-        check=True,
-        timeout=60,
-    )
+    command, given = [sys.executable, "-c", SCRIPT], environment(**more)
+    subprocess.run(command, stdout=follower, env=given, check=True, timeout=60)
     os.close(follower)
     with open(leader, "rb", closefd=True) as stream:
         data = b""
