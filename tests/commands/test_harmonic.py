@@ -13,6 +13,7 @@ import pytest
 pytest.importorskip("dolfinx")
 
 import ufl
+from case_tables import write_table
 from dolfinx import fem
 from harmonic_case import CONTACT, LAYER, write
 from mpi4py import MPI
@@ -24,6 +25,7 @@ from fenics_joints.commands.harmonic.model import harmonic_model
 from fenics_joints.commands.harmonic.run import run_harmonic
 from fenics_joints.commands.harmonic.view import peak_shapes
 from fenics_joints.errors import InputError
+from fenics_joints.harmonic import solve_backbone
 from fenics_joints.modal import solve_modes
 from fenics_joints.progress import Progress
 from fenics_joints.structure import Sensors
@@ -61,7 +63,7 @@ levels = ["1e-8 N", "2 N"]
 band = ["78 Hz", "84 Hz"]
 damping = "0.2 %"
 harmonics = 3
-samples = 64
+samples = 32
 interface_modes = 0
 """
 BONDED = (
@@ -134,7 +136,7 @@ def test_small_forces_give_the_linear_resonance_and_large_ones_soften_and_damp(s
 def test_command_writes_the_same_on_any_number_of_ranks_and_goes_on_from_branches(
     shared_tmp_path, monkeypatch
 ):
-    write(shared_tmp_path)
+    write(shared_tmp_path, LAYER, *NARROW, FEW)
     branches = shared_tmp_path / "branches"
     runner, contents = CliRunner(), []
     for name in ("first", "again"):
@@ -148,10 +150,10 @@ def test_command_writes_the_same_on_any_number_of_ranks_and_goes_on_from_branche
     rest = [c.pop("frequencies_at_rest_hz") for c in contents]
     assert rest[1] == pytest.approx(rest[0], rel=1e-9) and contents[0] == contents[1]
     # A case that has changed has no business with them.
-    write(shared_tmp_path, LAYER, ('damping = "1 %"', 'damping = "1.01 %"'))
+    write(shared_tmp_path, LAYER, *NARROW, FEW, ('damping = "1 %"', 'damping = "1.01 %"'))
     with pytest.raises(InputError, match=r"model.h5: holds another model"):
         run_harmonic(load_case(shared_tmp_path), MPI.COMM_WORLD, QUIET, branches=branches)
-    write(shared_tmp_path)
+    write(shared_tmp_path, LAYER, *NARROW, FEW)
     if MPI.COMM_WORLD.size > 1:
         peaks = [level["peak"] for level in contents[0]["levels"]]
         alone = run_harmonic(load_case(shared_tmp_path), SELF, QUIET).result
@@ -187,6 +189,11 @@ def test_a_free_beam_resonates_as_its_linear_modes_say_and_slips(tmp_path, chang
     assert np.abs(mean @ free.inertia).max() < 1e-9
 
 
+NARROW = (
+    ('band = ["25 Hz", "31 Hz"]', 'band = ["26.8 Hz", "29.2 Hz"]'),
+    ("samples = 64", "samples = 32"),
+)
+FEW = ("harmonics = 3", "harmonics = 3\ninterface_modes = 0\nmodes = 6")
 IDENTIFY = 'frf.csv"\n[harmonic.identify]\nlevel = "{}"\nparameters = "{}'
 FORCE_LINE = 'force = { point = ["100 mm", "0 mm", "-6 mm"], direction = [0, 0, 1] }\n'
 SMALL = (
@@ -243,18 +250,19 @@ def test_loads_of_a_case_add_up_with_their_phases(tmp_path):
 def test_identification_finds_the_strength_that_made_the_curves(tmp_path):
     """Curves of one strength, with other sliders; the level that is not fitted is met as well."""
     one = '"0.01 N", "10 N"]', '"7 N", "10 N"]'
-    no_backbone = "samples = 64", "samples = 64\nbackbone = false"
+    edits = one, *NARROW, FEW, ('damping = "1 %"', 'damping = "1 %"\nbackbone = false')
     true = ('S_y = "500 kPa"', 'S_y = "400 kPa"\nsliders = 30')
-    true_case = load_case(write(tmp_path, LAYER, one, no_backbone, true))
+    true_case = load_case(write(tmp_path, LAYER, *edits, true))
     made = run_harmonic(true_case, SELF, QUIET).result
-    rows = ["level [N],frequency [Hz],amplitude [m/s2]"]
+    rows = []
     for level, r in zip((7, 10), made.responses, strict=True):
-        around = range(max(r.peak.index - 8, 0), r.peak.index + 9)
         a = r.amplitude("sensor", "acceleration")
-        rows += [f"{level},{r.frequencies_hz[i]:.8g},{a[i]:.8g}" for i in around]
+        around = range(max(r.peak.index - 8, 0), r.peak.index + 9)
+        rows += [(level, r.frequencies_hz[i], a[i]) for i in around]
     wanted = IDENTIFY.format("10 N", "lap.S_y") + '"\nmethod = "gradient'
-    write(tmp_path, LAYER, one, no_backbone, ("frf.csv", wanted))
-    (tmp_path / "frf.csv").write_text("\n".join(rows), encoding="utf-8")
+    write(tmp_path, LAYER, *edits, ("frf.csv", wanted))
+    heads = ["level [N]", "frequency [Hz]", "amplitude [m/s2]"]
+    write_table(tmp_path / "frf.csv", heads, rows)
     outcome = run_harmonic(load_case(tmp_path), SELF, QUIET)
     report = outcome.result
     (found,) = report.identified
@@ -270,11 +278,12 @@ def test_identification_finds_the_strength_that_made_the_curves(tmp_path):
 def test_contact_with_friction_under_preload(tmp_path, keeps_rules):
     # 120 N on beams of 6 mm open gaps of nanometres, which the smaller force must not close.
     levels = 'levels = ["0.01 N", "10 N"]', 'levels = ["0.00002 N", "3 N"]'
+    edits = levels, *NARROW, ('measured = "frf.csv"\n', "")
     full = "interface_modes = 30", 'interface_modes = 30\nquasi_static = "full"'
     with pytest.raises(InputError, match="quasi_static = 'full': expected layers"):
         run_harmonic(load_case(write(tmp_path, CONTACT, full)), SELF, QUIET)
-    static = full[0], full[1].replace("full", "reduced")
-    case = load_case(write(tmp_path, CONTACT, levels, static))
+    static = full[0], 'interface_modes = 15\nquasi_static = "reduced"'
+    case = load_case(write(tmp_path, CONTACT, *edits, static))
     outcome = run_harmonic(case, SELF, QUIET)
     report = outcome.result
     (small, large), built = report.facts, report.built
@@ -339,3 +348,44 @@ def test_a_band_without_a_mode_is_named(tmp_path):
     case = load_case(write(tmp_path, LAYER, ('["25 Hz", "31 Hz"]', '["5 Hz", "8 Hz"]')))
     with pytest.raises(InputError, match="no mode is near it"):
         run_harmonic(case, SELF, QUIET)
+
+
+@serial
+@pytest.mark.slow
+def test_a_backbone_identifies_the_law_and_the_answer_says_what_it_cannot(tmp_path):
+    """Phase resonance of the truth, with noise; the case's damping and modulus are a bit wrong."""
+    few = "interface_modes = 0\nmodes = 6\n"
+    bare = LAYER.replace('measured = "frf.csv"\n', few).replace("500 kPa", "200 kPa")
+    built = harmonic_model(load_case(write(tmp_path, bare)), SELF, QUIET)
+    truth = solve_backbone(
+        built.model, (1e-4, 5e-3), force="force", near=28, sensor="sensor", harmonics=3, samples=64
+    )
+    at, rng = np.linspace(0, len(truth) - 1, 8).astype(int), np.random.default_rng(3)
+    levels = truth.amplitude("sensor", "acceleration")[at] / 9.80665
+    hz = truth.frequencies_hz[at] * (1 + 2e-4 * rng.normal(size=8))
+    percent = 100 * truth.damping_ratios[at] * (1 + 0.01 * rng.normal(size=8))
+    heads = ["level [g]", "frequency [Hz]", "damping [%]"]
+    write_table(tmp_path / "data.csv", heads, zip(levels, hz, percent, strict=True))
+    write(
+        tmp_path,
+        bare + '[harmonic.identify]\nparameters = ["lap.S_y"]\n[test]\namplitude = '
+        '{ "bending 1" = { files = "data.csv", noise = "0.02 %", damping_noise = "1 %" } }\n',
+        ('S_y = "200 kPa"', 'S_y = "400 kPa"'),
+        ('damping = "1 %"', 'damping = "0.8 %"'),
+        ('E = "207 GPa"', 'E = "208 GPa"'),
+        ('levels = ["0.01 N", "10 N"]', 'levels = ["0.1 N"]'),
+    )
+    found, page = tmp_path / "found.json", tmp_path / "page.html"
+    files = ["--json", str(found), "--report", str(page)]
+    run = CliRunner().invoke(app, ["harmonic", str(tmp_path), *files])
+    assert run.exit_code == 0, run.output
+    (one,) = json.loads(found.read_text(encoding="utf-8"))["identified"]
+    assert abs(np.log(one["values"]["lap.S_y"] / 200e3)) < 2.5 * one["sd_ln"]["lap.S_y"] < 0.1
+    rest = one["backbone"]["at_rest"]
+    assert rest["damping at rest"]["value"] == pytest.approx(2e-3, abs=3e-4)
+    assert rest["frequency at rest"]["value"] < 0
+    words = " ".join(run.output.split())
+    assert "Identified from a mode at 8 amplitudes (backbone)" in words
+    assert "below the model's" in words and "more than the model, at all" in words
+    html = page.read_text(encoding="utf-8")
+    assert "from a mode at 8 amplitudes" in html and "Crosses: the test." in html

@@ -14,10 +14,8 @@ from fenics_joints.files import check_writable, read_text, read_toml, sealed, un
     ("content", "said"),
     [
         (b"a = " + b"[" * 20_000 + b"]" * 20_000, "nested more than"),
-        (b"a = " + b"[" * 60 + b"]" * 60, "nested more than"),
         (b"a" + b".a" * 60 + b" = 1", "nested more than"),
         (b"a = {a" + b'."a"' * 200_000 + b" = 1}", "nested more than"),  # at once
-        (b"a = " + b"1" * 5000, "64 bits"),
         (b"a = " + b"1" * 400, "64 bits"),
         (b"a = 0x" + b"f" * 5000, "64 bits"),
         (b'a = "\\u001b[31mred"', "U[+]001B"),
@@ -48,10 +46,7 @@ def test_names_that_no_file_can_have(tmp_path, name):
     with pytest.raises(InputError, match="no such file") as error:
         read_text(tmp_path / name, "a case")
     assert len(str(error.value)) < 500
-
-
-def test_outputs_with_names_that_no_file_can_have(tmp_path):
-    for name in ("a" * 5000, "a/" * 2500 + "a"):
+    if name.startswith("a"):
         with pytest.raises(InputError, match=r"--json .*(no folder|a name of 5000)") as error:
             check_writable(tmp_path / name, "--json")
         assert len(str(error.value)) < 900

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import signal
-import stat
 import subprocess
 import sys
 import time
@@ -111,18 +110,16 @@ def test_without_a_place_forms_are_compiled_all_the_same(tmp_path, place):
     cache = tmp_path / "cache"
     if place == "a file":
         cache.write_text("not a folder")
-    elif place == "open to all":  # what is loaded from there is anybody's code
-        cache.mkdir()
-        cache.chmod(0o777)
-    elif place == "another's":
-        cache.mkdir()
-        try:
-            os.chown(cache, 12345, 12345)
-        except PermissionError:
-            pytest.skip("only the superuser can make a folder that is another user's")
     else:
         cache.mkdir()
-        cache.chmod(stat.S_IRUSR | stat.S_IXUSR)
+    if place == "open to all":  # what is loaded from there is anybody's code
+        cache.chmod(0o777)
+    elif place == "another's":
+        if os.geteuid():
+            pytest.skip("only the superuser can make a folder that is another user's")
+        os.chown(cache, 12345, 12345)
+    elif place == "read-only":
+        cache.chmod(0o500)
         if os.access(cache, os.W_OK):
             pytest.skip("this user may write anywhere")
     temporary = tmp_path / "tmp"

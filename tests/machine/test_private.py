@@ -99,13 +99,8 @@ except Exception:
 print("settings:", not made, matplotlib.rcParams["figure.dpi"] == 7,
       any("petscrc" in name for name in PETSc.Options().getAll()), os.getcwd())
 """
-    done = subprocess.run(
-        [sys.executable, "-c", code],
-        cwd=tmp_path,
-        text=True,
-        capture_output=True,
-        env={**os.environ, "XDG_CACHE_HOME": str(tmp_path / "cache")},
-    )
+    env, line = {**os.environ, "XDG_CACHE_HOME": f"{tmp_path}/cache"}, [sys.executable, "-c", code]
+    done = subprocess.run(line, cwd=tmp_path, text=True, capture_output=True, env=env)
     assert done.returncode == 0, done.stderr
     found = done.stdout.partition("settings: ")[2].splitlines()[0].split()
     assert found == [*[str(not command)] * 3, str(tmp_path)]

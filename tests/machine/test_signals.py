@@ -71,17 +71,17 @@ def test_further_signals_while_it_leaves_print_no_traceback():
 @serial
 def test_a_reader_that_goes_away_is_not_the_end():
     """PETSc's handler would abort; so would a web page whose tab is closed."""
-    code = (
-        "import os, sys\n"
-        "from fenics_joints.parallel import guarded\n"
-        "with guarded():\n"
-        "    from petsc4py import PETSc\n"
-        "    r, w = os.pipe(); os.close(r)\n"
-        "    try:\n"
-        "        os.write(w, b'x')\n"
-        "    except BrokenPipeError:\n"
-        "        print('goes on')\n"
-    )
+    code = """
+import os
+from fenics_joints.parallel import guarded
+with guarded():
+    from petsc4py import PETSc
+    r, w = os.pipe(); os.close(r)
+    try:
+        os.write(w, b"x")
+    except BrokenPipeError:
+        print("goes on")
+"""
     found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert (found.returncode, found.stdout) == (0, "goes on\n"), found.stderr
 
@@ -90,12 +90,8 @@ def test_a_reader_that_goes_away_is_not_the_end():
 def test_output_into_a_closed_pipe():
     read, write = os.pipe()
     os.close(read)
-    process = subprocess.run(
-        [sys.executable, "-m", "fenics_joints", "database", "show"],
-        stdout=write,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
+    command = [sys.executable, "-m", "fenics_joints", "database", "show"]
+    process = subprocess.run(command, stdout=write, stderr=subprocess.PIPE, text=True)
     os.close(write)
     assert "Traceback" not in process.stderr and "PETSC" not in process.stderr, process.stderr
     assert process.returncode in (0, 1, 141)

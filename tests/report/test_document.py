@@ -1,4 +1,4 @@
-"""Tables of records: what a page shows, and what its CSV and the JSON file hold."""
+"""Tables of records, on a page, in its CSV and in the JSON file; charts in a page."""
 
 from __future__ import annotations
 
@@ -9,11 +9,13 @@ from urllib.parse import unquote
 
 import numpy as np
 from html_page import Page
+from matplotlib.figure import Figure
 
 from fenics_joints.files import plain
 from fenics_joints.formatting import MISSING
 from fenics_joints.report.document import Cell, Document, Table, records
 from fenics_joints.report.html import as_page
+from fenics_joints.report.style import style, to_svg
 
 ROWS = records(
     name=["=1+1", "b, <c>"],
@@ -58,3 +60,19 @@ def test_rows_have_styles_and_no_record_leaves_the_headings():
     assert [row.style for row in made.rows] == ["", "dim"]
     assert Table.of([], COLUMNS).names == ["mode", "test, Hz", "MAC", "error", "force"]
     assert table().page_columns == 1
+
+
+def test_names_are_text_and_powers_of_ten_are_not():
+    """Half a formula of mathematics ends nothing; ticks keep their powers."""
+    name = r"cost $\frac{1$ & <b onclick=x>"
+    with style():
+        figure = Figure()
+        axes, named = figure.subplots(1, 2)
+        named.set_yticks([0.0, 1.0], [name, "b"])
+        axes.loglog([1e-3, 1e3], [1.0, 2e5], label=name)
+        axes.set(title=name, xlabel=name)
+        axes.legend()
+    text = to_svg(figure, "x", f'"{name}')
+    assert text.count(r"cost $\frac{1$ &amp; &lt;b onclick=x&gt;") >= 4
+    assert "mathdefault" not in re.sub("<!--.*?-->", "", text, flags=re.DOTALL)
+    assert "<b " not in text and 'aria-label="&quot;cost' in text
