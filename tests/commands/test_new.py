@@ -145,18 +145,13 @@ def write_msh(path, unit=1e3, layer=True, holes=()):
 
 
 def test_msh(tmp_path):
-    """Its unit by its size, a layer by its name and thickness; masses are those by hand."""
+    """Its unit by its size, a layer by its name and thickness; masses are those by hand. Plates
+    that touch get a layer where they do; with holes, rings round the bolts in them."""
     found, case = written(tmp_path / "case", Source(msh=write_msh(tmp_path / "plates.msh")))
     assert found.checked.errors == () and found.checked.notes == ()
-    assert case.mesh.scale == pytest.approx(1e-3)
-    assert case.joints["joint"].h == pytest.approx(1e-3)
+    assert case.mesh.scale == pytest.approx(1e-3) and case.joints["joint"].h == pytest.approx(1e-3)
     assert found.checked.mass == pytest.approx(0.1 * 0.06 * 0.01 * (7850 + 2700))
     assert frequencies(case, 7)[6] > 100
-
-
-def test_msh_without_joints(tmp_path):
-    """Plates that touch get a layer where they do; with holes, rings round the bolts in them. One
-    is in metres."""
     bare = write_msh(tmp_path / "bare.msh", unit=1.0, layer=False)
     found, case = written(tmp_path / "layer", Source(msh=bare))
     assert found.checked.errors == () and case.mesh.joint == "layer"

@@ -80,24 +80,18 @@ def test_a_table_without_units(tmp_path):
         sketch(TestFiles(shapes=table))
 
 
-def test_what_a_table_of_frequencies_leaves_open(tmp_path):
-    """Where the sensors were: asked, and a place for it in the case."""
-    table = tmp_path / "hz.csv"
-    table.write_text("first [Hz],second [Hz]\n80,300\n", encoding="utf-8")
-    found = sketch(TestFiles(frequencies=table))
-    assert any("[test.sees]" in line for line in lines(found))
-    assert any(question.startswith("What the test saw") for question in found.questions)
-
-
 LEVELS = "level [m/s2],frequency [Hz],damping [%]\n5,80.4,0.15\n20,80.2,0.2\n80,80.0,0.6\n"
 
 
 def test_levels_of_a_mode_that_the_table_of_frequencies_names(tmp_path):
-    """By its frequency; alone it is the lowest; the data read as the case says it."""
+    """By its frequency; alone it is the lowest; the data read as the case says it. Where the
+    sensors were is asked, and has a place in the case."""
     (tmp_path / "hz.csv").write_text("row,a [Hz],b [Hz]\n1,30,80.5\n", encoding="utf-8")
     (tmp_path / "levels.csv").write_text(LEVELS, encoding="utf-8")
     tests = TestFiles(frequencies=tmp_path / "hz.csv", amplitude=(tmp_path / "levels.csv",))
     found = sketch(tests)
+    assert any("[test.sees]" in line for line in lines(found))
+    assert any(question.startswith("What the test saw") for question in found.questions)
     assert found.n_modes == 2 and 'condition = "row"  # ? without a unit' in lines(found)
     (tmp_path / "test.toml").write_text("\n".join(lines(found)), encoding="utf-8")
     section = read_toml(tmp_path / "test.toml", "a test")["test"]["amplitude"]
