@@ -9,11 +9,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from markupsafe import escape
-
-pytest.importorskip("dolfinx")
-
 from diagnosed import diagnosis, fold, location, page_of, shown, shrinkage, zone
+from markupsafe import escape
 
 from fenics_joints.case import load_case
 from fenics_joints.commands.diagnose.explanation import explain

@@ -9,9 +9,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-
-pytest.importorskip("dolfinx")
-
 import ufl
 from case_tables import write_table
 from dolfinx import fem

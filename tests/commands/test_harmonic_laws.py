@@ -5,9 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-
-pytest.importorskip("dolfinx")
-
 from harmonic_case import CONTACT, LAYER, write
 from mpi4py import MPI
 from oscillators import TURN, escape

@@ -9,9 +9,6 @@ import numpy as np
 import pytest
 from case_tables import write_frequencies, write_table
 from dumbbell_case import SANDWICH
-
-pytest.importorskip("dolfinx")
-
 from mpi4py import MPI
 from rich.console import Console
 

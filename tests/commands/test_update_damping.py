@@ -9,9 +9,6 @@ import numpy as np
 import pytest
 from case_tables import write_frequencies
 from dumbbell_case import SANDWICH
-
-pytest.importorskip("dolfinx")
-
 from mpi4py import MPI
 
 from fenics_joints.beams import identify_damping
@@ -20,6 +17,7 @@ from fenics_joints.commands.outcome import Outcome
 from fenics_joints.commands.update.document import update_document
 from fenics_joints.commands.update.run import update_case
 from fenics_joints.errors import InputError
+from fenics_joints.formatting import percent
 from fenics_joints.measurements import Target
 from fenics_joints.meshes import dumbbell
 from fenics_joints.modal import solve_modes
@@ -129,6 +127,7 @@ def test_taken_by_default_where_damping_is_sought(measured, tmp_path):
     assert outcome.json()["held_modes"][0]["damping_error_percent"] is None
     page = outcome.page()
     assert 'id="damping-ratios"' in page and 'id="damping-after"' in page
+    assert f">{percent(after / 100, 1, sign=True)}<" in page
     assert "The error of the frequencies went from" in page
     assert "that of the damping ratios from" in page
     # Without a parameter of damping nothing changes.

@@ -8,12 +8,9 @@ import re
 import numpy as np
 import pytest
 from case_tables import write_frequencies
-from virtual_beams import beams
-
-pytest.importorskip("dolfinx")
-
 from mpi4py import MPI
 from typer.testing import CliRunner
+from virtual_beams import beams
 
 from fenics_joints.case import build_structure, load_case
 from fenics_joints.cli import app
