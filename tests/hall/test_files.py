@@ -14,6 +14,7 @@ from fenics_joints.files import check_writable, read_text, read_toml, sealed, un
     ("content", "said"),
     [
         (b"a = " + b"[" * 20_000 + b"]" * 20_000, "nested more than"),
+        (b"a = " + b"[" * 60 + b"]" * 60, "nested more than"),
         (b"a" + b".a" * 60 + b" = 1", "nested more than"),
         (b"a = {a" + b'."a"' * 200_000 + b" = 1}", "nested more than"),  # at once
         (b"a = " + b"1" * 400, "64 bits"),
