@@ -152,6 +152,7 @@ WRONG = {
     "one sensor": ("beams", "test.sees", sensors("0 mm")),
     "sensors that see nothing": ("plates", "test.sees", text("^direction = .*1]", ACROSS)),
     "sensors in mm": ("beams", "test.sees", text(r'"([\d]+) mm",', r'"\1 m",')),
+    "sensors 5 m beside beams": ("beams", "test.sees", text("^along.*", r"\g<0>\nat = {y = 5}")),
     "sensors 5 m away": ("plates", "sensor 1", text(r'y = "40 mm"', 'y = "5 m"')),
     "a sensor twice": ("beams", "sensor 2", text(r'"40 mm", "80 mm"', '"40 mm", "40 mm"')),
     "direction of zero": ("beams", "direction", text("^direction = .*", "direction = [0, 0, 0]")),

@@ -185,9 +185,11 @@ def test_a_doubled_period_is_followed_and_told(tmp_path):
     case = load_case(write(tmp_path, LAYER, one, narrow, plain))
     report = run_harmonic(case, SELF, QUIET).result
     assert report.to_json()["stability"] == []
-    shown, told = io.StringIO(), replace(report, stability=(found,))
+    turned = [replace(fact, turning_points=2) for fact in report.facts]
+    shown, told = io.StringIO(), replace(report, stability=(found,), facts=turned)
     show(Console(file=shown, width=110), harmonic_document(told))
-    assert "period doubling" in shown.getvalue() and "0, 1" in shown.getvalue()
+    for words in ("period doubling", "0, 1", "turn back in frequency"):
+        assert words in shown.getvalue()
     # In the picture at its own level.
     unstable = np.arange(len(report.responses[0])) % 2
     (at,) = found.stability.bifurcations

@@ -244,6 +244,7 @@ ALL_HELD = 'data = "damping"\nheld = { modes = ["mode 1", "mode 2"] }'
 @pytest.mark.parametrize(
     ("update", "ratios", "words"),
     [
+        ('data = "damping"', SOME, "damping is missing.* a lap of"),
         ('data = "frequencies"', SOME, "depend on damping.*'damping'"),
         ("", NONE, "do not depend on damping"),
         ('data = "damping"', NONE, r"update.data\[0\] = 'damping': there are none.*test.damping"),
@@ -253,8 +254,11 @@ ALL_HELD = 'data = "damping"\nheld = { modes = ["mode 1", "mode 2"] }'
     ],
 )
 def test_mistakes(tmp_path, update, ratios, words):
+    text = beam_text(f'parameters = ["lap.c"]\n{update}\n')
+    if "damping is missing" in words:
+        text = text.replace('c = "0.15 N m s"', "")
     with pytest.raises(InputError, match=words):
-        put(tmp_path, beam_text(f'parameters = ["lap.c"]\n{update}\n'), table(ratios))
+        put(tmp_path, text, table(ratios))
 
 
 def test_a_mode_that_nothing_damps_is_said():
