@@ -93,11 +93,9 @@ def test_modes(shared_tmp_path, write_case, run, capfd):
     ("arguments", "code", "said"),
     [
         (["modes", "{}/nowhere"], 1, ["nowhere", "no such file"]),
-        (["modes", "{}", "--json", "{}/none/a.json"], 1, ["--json", "no folder"]),
         (["modes", "{}", "--report", "{}"], 1, ["--report", "is a folder"]),
         (["modes", "{}", "--json", "{}/a", "--report", "{}/a"], 1, ["--json's file too"]),
         (["modes", "{}", "--json", "{}/case.toml"], 1, ["--json", "case.toml", "overwritten"]),
-        (["modes", "{}", "--report", "{}/frequencies.csv"], 1, ["--report", "overwritten"]),
         (["diagnose", "{}", "--json", "{}/frequencies_28Nm.csv"], 1, ["--json", "overwritten"]),
         (["update", "{}", "--report", "{}/./damping.csv"], 1, ["damping.csv", "overwritten"]),
         (["preload", "{}", "--vtx", "{}/a.xdmf", "--json", "{}/a.h5"], 1, ["--json's file too"]),
@@ -107,12 +105,7 @@ def test_modes(shared_tmp_path, write_case, run, capfd):
         (["update", "{}", "--bayes", "--keep", "{}/a", "--json", "{}/a"], 1, ["file too"]),
         (["modes", "{}", "--json", ""], 2, ["--json", "is empty"]),
         (["modes", ""], 2, ["CASE", "is empty"]),
-        (["modes", "a" * 5000], 1, ["no such file"]),
-        (["modes", "{}", "--json", "{}/" + "a" * 5000], 1, ["--json", "a name of 5000"]),
         (["modes", "{}", "-n", "0"], 2, ["-n"]),
-        (["modes"], 2, ["CASE"]),
-        (["mods", "{}"], 2, ["mods"]),
-        (["--version"], 0, [__version__]),
     ],
 )
 def test_exit_codes(tmp_path, write_case, run, capfd, monkeypatch, arguments, code, said):
@@ -136,14 +129,12 @@ def test_no_input_is_overwritten_by_another_name(tmp_path, write_case, run, capf
     write_case(tmp_path)
     (tmp_path / "soft.json").symlink_to("case.toml")
     (tmp_path / "hard.json").hardlink_to(tmp_path / "frequencies.csv")
-    before = (tmp_path / "case.toml").read_bytes(), (tmp_path / "frequencies.csv").read_bytes()
+    inputs = [tmp_path / name for name in ("case.toml", "frequencies.csv")]
+    before = [path.read_bytes() for path in inputs]
     for name in ("soft.json", "hard.json"):
         assert run("modes", tmp_path, "--json", tmp_path / name) == 1
         assert "overwritten" in capfd.readouterr().err
-    assert before == (
-        (tmp_path / "case.toml").read_bytes(),
-        (tmp_path / "frequencies.csv").read_bytes(),
-    )
+    assert before == [path.read_bytes() for path in inputs]
     (tmp_path / "old.json").write_text("old")
     check = files.check_outputs
     check({"--json": tmp_path / "old.json", "--report": None}, load_case(tmp_path).files())
@@ -258,33 +249,33 @@ def test_a_rank_that_fails_alone_ends_the_others(tmp_path):
 def imported(arguments: list[str], modules: tuple[str, ...]) -> tuple[str, list[str]]:
     """What a command prints, and those of some modules that it has imported."""
     code = (
-        f"import sys; sys.argv = ['fenics-joints', *{arguments}]\n"
-        "from fenics_joints.cli import main\n"
-        "try:\n    main()\nexcept SystemExit as end:\n    assert not end.code\n"
-        f"print([m for m in {modules} if m in sys.modules])"
+        "import atexit, runpy, sys\n"
+        f"atexit.register(lambda: print([m for m in {modules} if m in sys.modules]))\n"
+        "runpy.run_module('fenics_joints', run_name='__main__')"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=120
-    )
+    command = [sys.executable, "-c", code, *arguments]
+    done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=120)
     *printed, loaded = done.stdout.splitlines()
     return "\n".join(printed), ast.literal_eval(loaded)
 
 
 @serial
-def test_help_is_quick():
-    """Showing help loads neither DOLFINx nor the case's machinery."""
-    text, loaded = imported(["modes", "--help"], ("dolfinx", "mpi4py", "fenics_joints.case.case"))
-    assert "frequencies_hz" in text and loaded == []
-    module = [sys.executable, "-m", "fenics_joints", "--version"]
-    assert __version__ in subprocess.run(module, capture_output=True, text=True).stdout
-
-
-@serial
-def test_an_answer_of_the_database_loads_neither_dolfinx_nor_matplotlib():
-    """They take a second to load, and an answer needs neither."""
-    asked = ["--bolt", "M12", "--torque", "120 N·m", "--thickness", "25 mm"]
-    text, loaded = imported(["database", "query", *asked], ("dolfinx", "matplotlib"))
-    assert "contact radius" in text and loaded == []
+@pytest.mark.parametrize(
+    ("line", "said", "without"),
+    [
+        ("modes --help", "frequencies_hz", ("dolfinx", "mpi4py", "fenics_joints.case.case")),
+        (
+            "database query --bolt M12 --torque 120N·m --thickness 25mm",
+            "contact radius",
+            ("dolfinx", "matplotlib"),
+        ),
+        ("--version", __version__, ("dolfinx", "mpi4py")),
+    ],
+)
+def test_what_needs_no_model_is_quick(line, said, without):
+    """Neither DOLFINx, which takes a second to load, nor the case's machinery."""
+    text, loaded = imported(line.split(), without)
+    assert said in text and loaded == []
 
 
 @serial

@@ -92,10 +92,8 @@ class Machine:
             start_new_session=True,
         )
 
-    def run(
-        self, *command: str, stdin: str = "", cwd: Path | None = None, **environment: str | None
-    ) -> tuple[int, str, str]:
-        process = self.start(*command, cwd=cwd, **environment)
+    def run(self, *command: str, stdin: str = "", **options) -> tuple[int, str, str]:
+        process = self.start(*command, **options)
         out, err = process.communicate(stdin, timeout=60)
         return process.returncode, out, err
 
@@ -109,6 +107,14 @@ class Machine:
 @pytest.fixture
 def machine(tmp_path: Path) -> Machine:
     return Machine(tmp_path)
+
+
+def give_away(folder: Path) -> None:
+    """Make it another user's."""
+    try:
+        os.chown(folder, 12345, 12345)
+    except PermissionError:
+        pytest.skip("only the superuser can make a folder that is another user's")
 
 
 def wait_for(condition, seconds: float = 20.0) -> None:
@@ -145,7 +151,7 @@ def test_interrupted_build_is_never_used(machine: Machine, kill: signal.Signals)
 def test_killed_at_random_moments_it_installs_all_the_same(machine: Machine) -> None:
     """A start takes half a second here, of which half waits for the root."""
     draw = random.Random(3)
-    for _ in range(20):
+    for _ in range(8):
         process = machine.start("true", STUB_SECONDS="0.2")
         time.sleep(draw.uniform(0.0, 0.6))
         os.killpg(process.pid, signal.SIGKILL)
@@ -206,8 +212,6 @@ def test_root_user_installs_the_tools(machine: Machine) -> None:
         ("tar: ./usr/lib/x: Cannot write: No space left on device", "disk"),
         ("W: GPG error: m trixie InRelease: ... NO_PUBKEY 6ED0E7B8\nE: ... is not signed.", "keys"),
         ("E: InRelease  Clearsigned file isn't valid, got 'NOSPLIT'\nE: is not signed.", "send"),
-        ("W: ... InRelease into data and signature failed\nE: ... is not signed.", "send"),
-        ("W: signatures were invalid: BADSIG 6ED0E7B8\nE: ... is not signed.", "send"),
         ("E: The repository 'm trixie Release' does not have a Release file.", "send"),
         ("E: Failed to fetch http://m/dists/trixie/InRelease  500  Internal Server Error", "send"),
     ],
@@ -222,26 +226,21 @@ def test_failed_build_says_why_and_leaves_nothing(
     assert machine.roots() == []
 
 
-def test_signal_to_the_launcher_reaches_the_command(machine: Machine) -> None:
-    assert machine.run("true")[0] == 0
-    script = 'trap "echo cleaned; exit 3" INT; echo up >>"$RECORD"; while :; do sleep 0.05; done'
-    process = machine.start("sh", "-c", script)
-    wait_for(lambda: machine.count("up") == 1)
-    process.send_signal(signal.SIGINT)
-    assert process.communicate(timeout=20)[0] == "cleaned\n"
-    assert process.returncode == 3
-
-
-def test_ctrl_c_of_several_ranks_is_said_in_one_sentence(machine: Machine) -> None:
+def test_a_signal_reaches_the_command_and_is_said_once_for_several_ranks(machine: Machine) -> None:
     """mpirun ends with 1 then, and shows nothing more of what its ranks say."""
-    script = 'trap "exit 1" INT; echo up >>"$RECORD"; while :; do sleep 0.05; done'
-    machine.install("mpirun", f"#!/bin/sh\n{script}\n")
+    loop = 'echo up >>"$RECORD"; while :; do sleep 0.05; done'
+    machine.install("mpirun", f'#!/bin/sh\ntrap "exit 1" INT; {loop}\n')
     assert machine.run("true")[0] == 0
-    process = machine.start("mpirun", "-n", "2", "true")
-    wait_for(lambda: machine.count("up") == 1)
-    process.send_signal(signal.SIGINT)
-    _, err = process.communicate(timeout=20)
-    assert (process.returncode, err.count("\n")) == (130, 1) and "INT" in err
+    alone = "sh", "-c", f'trap "echo cleaned; exit 3" INT; {loop}'
+    ranks = "mpirun", "-n", "2", "true"
+    for command, ended in ((alone, (3, "cleaned\n", 0)), (ranks, (130, "", 1))):
+        machine.record.write_text("")
+        process = machine.start(*command)
+        wait_for(lambda: machine.count("up") == 1)
+        process.send_signal(signal.SIGINT)
+        out, err = process.communicate(timeout=20)
+        assert (process.returncode, out, err.count("\n")) == ended
+    assert "INT" in err
 
 
 def test_new_dependency_makes_a_new_environment_and_gone_checkouts_lose_theirs(
@@ -326,10 +325,7 @@ def test_only_own_folders_are_removed_for_a_killed_build(machine: Machine) -> No
     for folder in (left, other):
         folder.mkdir(parents=True)
     (left / "work").symlink_to(other)
-    try:
-        os.chown(other, 12345, 12345)
-    except PermissionError:
-        pytest.skip("only the superuser can make a folder that is another user's")
+    give_away(other)
     assert machine.run("true")[0] == 0
     assert (other.is_dir(), left.exists()) == (True, False)
 
@@ -367,15 +363,13 @@ def is_refused(machine: Machine, **environment: str) -> bool:
     return status == 1 and machine.count("build") == 0 and "safe" in err
 
 
-@pytest.mark.parametrize(
-    "folder", [".", "fenics-joints", "fenics-joints/roots", "fenics-joints/venvs"]
-)
-def test_cache_that_others_can_write_to_is_refused(machine: Machine, folder: str) -> None:
-    at = machine.cache.parent / folder
-    at.mkdir(parents=True)
-    at.chmod(0o777)
-    assert is_refused(machine)
-    at.chmod(0o755)
+def test_cache_that_others_can_write_to_is_refused(machine: Machine) -> None:
+    places = [machine.cache.parent, machine.cache, machine.cache / "roots", machine.cache / "venvs"]
+    for at in places:
+        at.mkdir()
+        at.chmod(0o777)
+        assert is_refused(machine), at
+        at.chmod(0o755)
     assert not is_refused(machine)
 
 
@@ -400,13 +394,9 @@ def test_cache_of_another_user_or_through_his_link_is_refused(machine: Machine) 
     (other / "link").symlink_to(machine.checkout.parent)
     link = machine.checkout.parent / "way"
     link.symlink_to("other/link")
-    try:
-        os.chown(other, 12345, 12345)
-    except PermissionError:
-        pytest.skip("only the superuser can make a folder that is another user's")
-    assert is_refused(machine, XDG_CACHE_HOME=str(other))
-    assert is_refused(machine, XDG_CACHE_HOME=str(other / "link"))
-    assert is_refused(machine, XDG_CACHE_HOME=str(link))
+    give_away(other)
+    for place in (other, other / "link", link):
+        assert is_refused(machine, XDG_CACHE_HOME=str(place))
     os.chown(other, os.getuid(), os.getgid())
     assert not is_refused(machine, XDG_CACHE_HOME=str(link))
 
