@@ -114,61 +114,47 @@ def half(path, good):
     text(path, good.read_text(encoding="utf-8")[: good.stat().st_size // 2])
 
 
-#: Kind, mistake, function that makes the file (path, good file), and patterns of the messages by
-#: `new` and by `check`; None: the command accepts the file.
+def metres(path, good):
+    text(path, good.read_text(encoding="utf-8").replace(".MILLI.,.METRE.", "$,.METRE."))
+
+
+def mirrored(path, good):
+    write_step(path, lambda occ: plates(occ, -1.0))
+
+
+def empty(path, good):
+    text(path, "")
+
+
+#: Kind, mistake, function that makes the file (path, good file), and the pattern of the message by
+#: `new`, which is also that by `check` unless one is given; None: the command accepts the file.
 BAD = [
-    ("step", "empty", lambda p, g: text(p, ""), "not a STEP file", "not a STEP file"),
-    ("step", "cut", half, "truncated, expected END-ISO", "truncated, expected END-ISO"),
-    (
-        "step",
-        "metres",
-        lambda p, g: text(p, g.read_text().replace(".MILLI.,.METRE.", "$,.METRE.")),
-        "unit of their coordinates, or that of the structure's",
-        "unit of its file right",
-    ),
-    (
-        "step",
-        "mirrored",
-        lambda p, g: write_step(p, lambda occ: plates(occ, -1.0)),
-        r"outside the mesh.*\(-x, -y, -z\)",
-        None,
-    ),
-    ("msh", "empty", lambda p, g: text(p, ""), "not a gmsh .msh file", "not a gmsh .msh file"),
-    ("msh", "cut", half, "gmsh cannot read it", "gmsh cannot read it"),
+    ("step", "empty", empty, "not a STEP file"),
+    ("step", "cut", half, "truncated, expected END-ISO"),
+    ("step", "metres", metres, "unit of their coordinates, or that of", "unit of its file right"),
+    ("step", "mirrored", mirrored, r"outside the mesh.*\(-x, -y, -z\)", None),
+    ("msh", "empty", empty, "not a gmsh .msh file"),
+    ("msh", "cut", half, "gmsh cannot read it"),
     ("msh", "metres", lambda p, g: msh(p, 1e-3), None, "unit"),
-    ("msh", "mirrored", lambda p, g: msh(p, mirrored=True), "mesh mirrored", "mesh mirrored"),
-    ("uff", "empty", lambda p, g: text(p, ""), "is empty", "is empty"),
-    ("uff", "cut", half, "stops within a dataset|truncated", "stops within a dataset|truncated"),
-    ("uff", "metres", lambda p, g: uff(p, said=1.0), "mm and not m", "mm and not m"),
-    ("uff", "mirrored", lambda p, g: uff(p, PLACES * [-1, 1, 1]), r"\(-x, y, z\)", r"\(-x, y, z\)"),
-    (
-        "uff",
-        "fewer nodes",
-        lambda p, g: uff(p, without=(2, 5)),
-        "nodes 2, 5 of the 6",
-        "nodes 2, 5 of the 6",
-    ),
-    ("csv", "empty", lambda p, g: text(p, ""), "0 rows", "0 rows"),
-    (
-        "csv",
-        "cut",
-        lambda p, g: text(p, HEAD + "60,12\n60,120,1\n6"),
-        "row 2 has 2 cells; row 4 has 1 cells, expected 3",
-        "row 2 has 2 cells; row 4",
-    ),
-    ("csv", "no numbers", lambda p, g: text(p, HEAD + "x,120,-\n"), "'x'; .*'-'", "'x'; .*'-'"),
-    ("shapes", "empty", lambda p, g: text(p, ""), "0 rows", "0 rows"),
+    ("msh", "mirrored", lambda p, g: msh(p, mirrored=True), "mesh mirrored"),
+    ("uff", "empty", empty, "is empty"),
+    ("uff", "cut", half, "stops within a dataset|truncated"),
+    ("uff", "metres", lambda p, g: uff(p, said=1.0), "mm and not m"),
+    ("uff", "mirrored", lambda p, g: uff(p, PLACES * [-1, 1, 1]), r"\(-x, y, z\)"),
+    ("uff", "fewer nodes", lambda p, g: uff(p, without=(2, 5)), "nodes 2, 5 of the 6"),
+    ("csv", "empty", empty, "0 rows"),
+    ("csv", "cut", lambda p, g: text(p, HEAD + "60,12\n60,120,1\n6"), "row 2 has 2 .*row 4 has 1 "),
+    ("csv", "no numbers", lambda p, g: text(p, HEAD + "x,120,-\n"), "'x'; .*'-'"),
+    ("shapes", "empty", empty, "0 rows"),
     ("shapes", "metres", lambda p, g: text(p, shape_rows(unit="m")), "mm and not m", None),
     ("shapes", "fewer rows", lambda p, g: text(p, shape_rows(5)), None, r"expected \(6, 3\)"),
 ]
 
 
-@pytest.mark.parametrize(
-    "kind, name, make, by_new, by_check", BAD, ids=[f"{row[0]} {row[1]}" for row in BAD]
-)
-def test_a_bad_file(tmp_path, good, capfd, kind, name, make, by_new, by_check):
+@pytest.mark.parametrize("row", BAD, ids=lambda row: f"{row[0]} {row[1]}")
+def test_a_bad_file(tmp_path, good, capfd, row):
     """The message names the file or the sensors and what was expected; libraries print nothing."""
-    folder, files = good
+    (_, files), (kind, _, make, by_new, *other) = good, row
     bad = tmp_path / f"bad{files[kind].suffix}"
     make(bad, files[kind])
     capfd.readouterr()
@@ -180,14 +166,20 @@ def test_a_bad_file(tmp_path, good, capfd, kind, name, make, by_new, by_check):
         assert not (tmp_path / "new").exists()
     assert (said == []) is (by_new is None), said
     expect(said, by_new)
+    checked = checked_with(bad, good, kind)
+    expect([*checked.errors, *checked.notes], other[0] if other else by_new)
+    assert capfd.readouterr().out == ""
+
+
+def checked_with(bad, good, kind):
+    """What `check` says of a case with a bad file in place of its own."""
+    folder, files = good
     own = folder / f"own_{kind}{files[kind].suffix}"
     shutil.copy(bad, own)
     try:
-        checked = check_case(folder / kind, MPI.COMM_SELF, Progress(silent=True))
+        return check_case(folder / kind, MPI.COMM_SELF, Progress(silent=True))
     finally:
         shutil.copy(files[kind], own)
-    expect([*checked.errors, *checked.notes], by_check)
-    assert capfd.readouterr().out == ""
 
 
 def expect(said, pattern):
@@ -259,17 +251,12 @@ def several_in(folder, kind):
 @pytest.mark.parametrize("kind", ["uff", "csv", "msh"])
 def test_all_that_is_wrong_in_one_file(tmp_path, good, kind):
     """Its name once, and a line for each mistake, by new and by check."""
-    folder, files = good
+    _, files = good
     bad, wanted = several_in(tmp_path, kind)
     with pytest.raises(InputError) as refused:
         run_new(tmp_path / "new", *sources(files, kind, bad), silent, Progress(silent=True))
     said = str(refused.value)
     assert re.search(r"several\.\w+: \d errors:", said) and said.count("several.") == 1
     assert all(any(words in line for line in said.splitlines()[1:]) for words in wanted), said
-    own = folder / f"own_{kind}.{kind}"
-    shutil.copy(bad, own)
-    try:
-        found = check_case(folder / kind, MPI.COMM_SELF, Progress(silent=True))
-    finally:
-        shutil.copy(files[kind], own)
+    found = checked_with(bad, good, kind)
     assert all(words in "\n".join(found.errors) for words in wanted), found.errors

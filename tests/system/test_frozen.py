@@ -19,14 +19,10 @@ E = 6.90e10 Pa of plate_1, M10: 3 of 6
 
 
 def test_numbers_are_read_with_their_last_digit():
-    rows = [(row[1], row[2]) for row in printed(BEFORE, "exact")]
-    assert rows == [
-        (424.91, pytest.approx(0.01)),
-        (1012.5, pytest.approx(0.01)),
-        (6.9e10, pytest.approx(1e8)),
-        (3.0, 1.0),
-        (6.0, 1.0),
-    ]
+    rows = [row[1:3] for row in printed(BEFORE, "exact")]
+    values, digits = zip(*rows, strict=True)
+    assert values == (424.91, 1012.5, 6.9e10, 3.0, 6.0)
+    assert digits == pytest.approx((0.01, 0.01, 1e8, 1.0, 1.0))
 
 
 @pytest.mark.parametrize(
@@ -35,11 +31,10 @@ def test_numbers_are_read_with_their_last_digit():
         (BEFORE, 0),
         ("The test has 424.92 Hz,\nthen 1,012.5; E is 6.9e10 Pa by 3\nof the 6.", 0),
         (BEFORE.replace("424.91", "424.95"), 1),
-        (BEFORE.replace("6.90e10", "7.10e10").replace("424.91", "422"), 2),
         (BEFORE.replace("   1,012.50", ""), 1),
         ("", 5),
     ],
-    ids=["same", "other words", "one", "two", "one is gone", "nothing"],
+    ids=["same", "other words", "one", "one is gone", "nothing"],
 )
 def test_words_may_change_and_numbers_not(after, lines):
     found = moved(printed(BEFORE, "exact"), printed(after, "exact"), False)
@@ -49,20 +44,9 @@ def test_words_may_change_and_numbers_not(after, lines):
 
 
 def diagnosis(verdict="cause", modulus=0.7, other=0.3, value=1.2):
-    hypothesis = {
-        "label": "modulus",
-        "probability": modulus,
-        "parameters": [
-            {
-                "effect": "modulus (stem)",
-                "name": "factor",
-                "value": value,
-                "low": 1.1,
-                "high": 1.3,
-                "nuisance": False,
-            }
-        ],
-    }
+    factor = {"effect": "modulus (stem)", "name": "factor", "nuisance": False}
+    factor |= {"value": value, "low": 1.1, "high": 1.3}
+    hypothesis = {"label": "modulus", "probability": modulus, "parameters": [factor]}
     effects = [("modulus", "stem", modulus), ("no gap", "", other), ("mass", "bolts", 0.001)]
     return {
         "verdict": verdict,

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import re
-import struct
 import subprocess
 import sys
 from pathlib import Path
@@ -21,20 +20,8 @@ from fenics_joints.meshes.cad_survey import survey_step
 
 pytestmark = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="one process reads files")
 
-#: What a script of gmsh's does to a machine; MARK is a file that is not to appear.
+#: What a script of gmsh's can do to a machine; MARK is a file that is not to appear.
 RUN = 'SystemCall "echo ran > MARK";'
-SCRIPTS = {
-    "system call": RUN,
-    "in the background": 'NonBlockingSystemCall "echo ran > MARK";',
-    "merged": 'Merge "other.geo";',
-    "included": 'Include "other.geo";',
-    "printed": 'Printf("ran") > "MARK";',
-    "saved": 'Point(1) = {0, 0, 0}; Save "MARK";',
-    "options saved": 'Save Options "MARK";',
-    "error file": 'General.ErrorFileName = "MARK"; Error("ran");',
-    "solver": 'Solver.Executable0 = "/usr/bin/touch"; OnelabRun("s", "/usr/bin/touch MARK");',
-    "from a string": 'Parse "SystemCall \\"echo ran > MARK\\";";',
-}
 #: Heads that a sniffer may take for those of a mesh; gmsh takes all but the last for a script.
 HEADS = {
     "comment": "// $MeshFormat\n{}",
@@ -48,27 +35,8 @@ HEADS = {
     "old format": "$NOD\n0\n$ENDNOD\n// $MeshFormat\n{}",
     "after a mesh": "$MeshFormat\n4.1 0 8\n$EndMeshFormat\n{}\n",
 }
-NAMES = (
-    "mesh.msh",
-    "mesh.geo",
-    "mesh.msh4",
-    "mesh",
-    "mesh.pos",
-    "mesh.opt",
-    "mesh.py",
-    "mesh.exe",
-    "mesh.msh.gz",
-    "a;echo ran > MARK;.msh.gz",
-    "mesh.stl",
-    "mesh.brep",
-    "mesh.step",
-)
-ATTACKS = [
-    *((head, "system call", "mesh.msh") for head in HEADS),
-    *(("comment", script, "mesh.msh") for script in SCRIPTS),
-    *(("comment", "system call", name) for name in NAMES),
-    *(("after a mesh", "system call", name) for name in NAMES[1:9:3]),
-]
+#: With the first line of a mesh a file is read: its name must not make a script of it.
+NAMES = ("mesh.geo", "mesh", "mesh.pos", "mesh.py", "mesh.msh.gz", "a;echo ran > MARK;.msh.gz")
 DRAWINGS = {
     "comment": "/* ISO-10303-21; */\n{}",
     "line comment": "// ISO-10303-21;\n{}",
@@ -96,32 +64,39 @@ def everything(folder: Path) -> set[Path]:
     return {path for path in folder.parent.rglob("*") if not own & set(path.parts)}
 
 
-def attack(folder: Path, head: str, script: str, name: str) -> Path:
+def attack(folder: Path, head: str, name: str) -> Path:
     path = folder / name
-    path.write_text(HEADS[head].format(SCRIPTS[script]), encoding="utf-8")
+    path.write_text(HEADS[head].format(RUN), encoding="utf-8")
     (folder / f"{name}.opt").write_text(RUN, encoding="utf-8")
     return path
 
 
 def test_gmsh_itself_runs_such_files(victim):
     """Without a guard: else the tests below could not fail."""
-    path = attack(victim, "comment", "system call", "mesh.msh")
+    path = attack(victim, "comment", "mesh.msh")
     code = f"import gmsh; gmsh.initialize(); gmsh.merge({str(path)!r})"
     subprocess.run([sys.executable, "-c", code], check=False, capture_output=True, timeout=60)
     assert (victim / "MARK").read_text().strip() == "ran"
 
 
-@pytest.mark.parametrize("head, script, name", ATTACKS)
-def test_no_mesh_runs_a_script(victim, head, script, name):
-    path = attack(victim, head, script, name)
+@pytest.mark.parametrize(
+    "head, name", [*((head, "mesh.msh") for head in HEADS), *(("after a mesh", n) for n in NAMES)]
+)
+def test_no_mesh_runs_a_script(victim, head, name):
+    path = attack(victim, head, name)
     before = everything(victim)
     with pytest.raises(MeshError) as caught:
         read_msh(path, MPI.COMM_SELF)
     assert name in str(caught.value) and everything(victim) == before
 
 
-@pytest.mark.parametrize("name", ["mesh.step", "mesh.brep", "mesh.geo", "mesh.py"])
-@pytest.mark.parametrize("head", DRAWINGS)
+@pytest.mark.parametrize(
+    "head, name",
+    [
+        *((head, "mesh.step") for head in DRAWINGS),
+        *(("after a head", f"mesh.{ending}") for ending in ("brep", "geo", "py")),
+    ],
+)
 def test_no_drawing_runs_a_script(victim, head, name):
     path = victim / name
     path.write_text(DRAWINGS[head].format(RUN), encoding="utf-8")
@@ -131,7 +106,7 @@ def test_no_drawing_runs_a_script(victim, head, name):
     assert everything(victim) == before
 
 
-@pytest.mark.parametrize("name", ["plain.msh", "plain.geo", "plain.py", "plain.msh.gz", "plain"])
+@pytest.mark.parametrize("name", ["plain.msh", "plain.geo", "plain.msh.gz"])
 def test_a_mesh_is_read_whatever_its_name_and_neighbours(victim, name):
     """Its options beside it are not read; a link and gmsh's own comments do not matter."""
     whole = write_msh(victim).read_text()
@@ -146,7 +121,7 @@ def test_a_mesh_is_read_whatever_its_name_and_neighbours(victim, name):
     assert set(tagged.cell_names) == {"left", "right"} and everything(victim) == before
 
 
-@pytest.mark.parametrize("name", ["mesh.msh", "mesh.geo", "mesh.step"])
+@pytest.mark.parametrize("name", ["mesh.msh", "mesh.step"])
 def test_commands_run_nothing(victim, name, capsys, monkeypatch):
     """The command line, and a case file that names the file."""
     step = name.endswith(".step")
@@ -179,33 +154,22 @@ def test_commands_run_nothing(victim, name, capsys, monkeypatch):
 # -- files that crash gmsh or fill the memory ------------------------------------------------------
 
 
-def msh4(nodes: str = "", elements: str = "", entities: str = "0 0 0 0") -> bytes:
+def mesh(version: str, nodes: str, elements: str = "") -> bytes:
     return (
-        f"$MeshFormat\n4.1 0 8\n$EndMeshFormat\n$Entities\n{entities}\n$EndEntities\n"
-        f"$Nodes\n{nodes}\n$EndNodes\n$Elements\n{elements}\n$EndElements\n"
-    ).encode()
-
-
-def msh2(nodes: str, elements: str) -> bytes:
-    return (
-        f"$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n{nodes}\n$EndNodes\n"
+        f"$MeshFormat\n{version} 0 8\n$EndMeshFormat\n$Nodes\n{nodes}\n$EndNodes\n"
         f"$Elements\n{elements}\n$EndElements\n"
     ).encode()
 
 
 FOUR = "4\n1 0 0 0\n2 1 0 0\n3 0 1 0\n4 0 0 1"
 BROKEN = {
-    "1e18 vertices": msh4("1 1000000000000000000 1 1"),
-    "1e11 vertices": msh4("1 100000000000 1 1"),
-    "1e12 groups in binary": b"$MeshFormat\n4.1 1 8\n\1\0\0\0\n$EndMeshFormat\n$Entities\n"
-    + struct.pack("<4Qi6dQ", 0, 0, 0, 1, 1, *[0.0] * 6, 10**12)
-    + b"\n$EndEntities\n",
-    "2e9 elements": msh2(FOUR, "2000000000"),
-    "vertex not a number": msh2(FOUR.replace("2 1 0 0", "2 nan 0 0"), "1\n1 4 2 1 1 1 2 3 4"),
-    "infinite vertex": msh2(FOUR.replace("2 1 0 0", "2 1e999 0 0"), "1\n1 4 2 1 1 1 2 3 4"),
-    "parent that is not there": msh2(FOUR, "1\n1 4 6 1 1 1 1 99 0 1 2 3 4"),
-    "negative polygon": msh2(FOUR, "1\n1 34 2 1 1 -5 1 2 3 4"),
-    "entity of dimension 77": msh4("1 1 1 1\n77 1 0 1\n1\n0 0 0", "1 1 1 1\n77 1 4 1\n1 1 1 1 1"),
+    "1e11 vertices": mesh("4.1", "1 100000000000 1 1"),
+    "2e9 elements": mesh("2.2", FOUR, "2000000000"),
+    "infinite vertex": mesh("2.2", FOUR.replace("2 1 0 0", "2 1e999 0 0"), "1\n1 4 2 1 1 1 2 3 4"),
+    "parent that is not there": mesh("2.2", FOUR, "1\n1 4 6 1 1 1 1 99 0 1 2 3 4"),
+    "entity of dimension 77": mesh(
+        "4.1", "1 1 1 1\n77 1 0 1\n1\n0 0 0", "1 1 1 1\n77 1 4 1\n1 1 1 1 1"
+    ),
     "version 9": b"$MeshFormat\n9 0 8\n$EndMeshFormat\n",
     "cut off": b"$MeshFormat\n4.1 0",
     "sections without end": b"$MeshFormat\n4.1 0 8\n" + b"$Nodes\n" * 100_000,

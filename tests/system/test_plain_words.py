@@ -35,21 +35,15 @@ EXPLAINED = {
 }
 
 
-def test_names_that_had_to_be_explained_do_not_come_back():
-    found = {
-        f"{path.relative_to(ROOT)}: {node.name}, expected a name such as {EXPLAINED[node.name]}"
-        for folder in ("fenics_joints", "forms", "meshes")
-        for path in (ROOT / folder).rglob("*.py")
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
-        if isinstance(node, (ast.ClassDef, ast.FunctionDef)) and node.name in EXPLAINED
-    }
-    assert found == set()
-
-
-def test_a_class_name_means_one_thing():
-    places: dict[str, list[str]] = {}
-    for path in (ROOT / "fenics_joints").rglob("*.py"):
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            if isinstance(node, ast.ClassDef):
-                places.setdefault(node.name, []).append(str(path.relative_to(ROOT)))
-    assert {name: files for name, files in places.items() if len(files) > 1} == {}
+def test_names_are_plain_and_those_of_classes_mean_one_thing():
+    """Names that had to be explained do not come back."""
+    found, places = {}, {}
+    for folder in ("fenics_joints", "forms", "meshes"):
+        for path in (ROOT / folder).rglob("*.py"):
+            for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+                if isinstance(node, ast.ClassDef | ast.FunctionDef) and node.name in EXPLAINED:
+                    found[path, node.name] = f"expected a name such as {EXPLAINED[node.name]}"
+                if isinstance(node, ast.ClassDef):
+                    places.setdefault(node.name, []).append(str(path))
+    assert found == {}
+    assert {name: paths for name, paths in places.items() if len(paths) > 1} == {}
