@@ -86,22 +86,26 @@ def write_case(folder, hz, *more: str, text: str = CASE):
     return load_case(folder)
 
 
+def reduced(case):
+    model = prepare(case, MPI.COMM_SELF, QUIET)
+    model.reduce(QUIET)
+    return model
+
+
 GRADED = {"slap": (2.5, 1.0, 0.4, 1.0, 2.5)}
 
 
 @pytest.mark.parametrize(
-    ("truth", "cause", "region", "verdict"),
+    ("truth", "cause", "region"),
     [
-        (GRADED, "joint slap stiffness graded by the distance from the bolt", "lap", "cause"),
-        ({"cable": 0.02}, "cable mass", "cable", "cause"),
-        # One mode in eight depends on it: if that is held out, the others hardly see the cause.
-        ({"axial": 0.3}, "joint axial stiffness", "lap", "likely"),
+        (GRADED, "joint slap stiffness graded by the distance from the bolt", "lap"),
+        ({"cable": 0.02}, "cable mass", "cable"),
     ],
 )
-def test_the_cause_is_named(tmp_path, truth, cause, region, verdict):
+def test_the_cause_is_named(tmp_path, truth, cause, region):
     case = write_case(tmp_path, measured(**truth), "max_effects = 1", "patches = 0")
     result = diagnose(case, MPI.COMM_SELF)
-    assert result.verdict == verdict, result.summary
+    assert result.verdict == "cause", result.summary
     assert result.effects[0].name == cause, result.effects[:4]
     assert result.after.rms < 0.3 * result.before.rms
     shares = {zone.region: zone.share for zone in result.where}
@@ -132,8 +136,7 @@ def test_patches_and_zones_say_where(tmp_path):
     soft = {"slap": (1, 0.5, 1, 1, 1), "slip": (1, 0.5, 1, 1, 1)}
     cases = ((soft, "lap", "lap", 0.32, 0.33), ({"cable": 0.02}, "cable", "beams", 0, 1))
     for truth, region, place, low, high in cases:
-        model = prepare(write_case(tmp_path, measured(**truth)), MPI.COMM_SELF, QUIET)
-        model.reduce(QUIET)
+        model = reduced(write_case(tmp_path, measured(**truth)))
         location = locate_gap(model)
         found, first = location.patches, location.ranked[0]
         assert first.region == location.shares[0].region == region and first.log_f < 0
@@ -163,8 +166,7 @@ def test_energies_of_elements_are_all_there_is(tmp_path, axial):
 def test_evidence_of_a_missed_mode_is_that_of_a_sampler(tmp_path):
     """Importance sampling of the whole likelihood, tolerances and scales of errors; and with the
     mode missed the test is explained."""
-    model = prepare(write_case(tmp_path, measured(missed=4)), MPI.COMM_SELF, QUIET)
-    model.reduce(QUIET)
+    model = reduced(write_case(tmp_path, measured(missed=4)))
     named = {effect.key: effect for effect in model.effects}
     keys = "mode missed by the test (mode 5)", "joint slap stiffness (joint)"
     for chosen in (keys, [*keys[:1], "modulus error (beams)"]):
@@ -176,11 +178,8 @@ def test_evidence_of_a_missed_mode_is_that_of_a_sampler(tmp_path):
         assert found.log_evidence == pytest.approx(log_z, abs=0.15), chosen
     # The batched prediction takes the threshold of visible modes from the model it was made of.
     lean = BatchPrediction(model.forward, model.forward.model)
-    assert (
-        lean.threshold
-        == model.forward.threshold
-        != ModalPrediction(lean.model, None, 1, 1).threshold
-    )
+    usual = ModalPrediction(lean.model, None, 1, 1).threshold
+    assert lean.threshold == model.forward.threshold != usual
     for a, b in ((lean, model.forward), (lean.further, model.forward.further)):
         prepared = a.log_f_at([model.baseline])[0]
         np.testing.assert_allclose(prepared, b(model.baseline)[0], rtol=1e-9)
@@ -191,30 +190,20 @@ def drawn(model, found, count=4000) -> tuple[float, float]:
     h, evidence = found.hypothesis, model.evidence
     many = ManyPredictions(h, model.forward, evidence, model.baseline)
     used, (low, high) = evidence.fitted, h.limits.T
-
-    def likelihood(y):
-        """Over all scales of the stated errors."""
-        parts = [(evidence.at(s).lower(), weight) for s, weight in evidence.scales.tried()]
-        return logsumexp(
-            [
-                weight + multivariate_normal(evidence.data[used], lower @ lower.T).logpdf(y)
-                for lower, weight in parts
-            ],
-            axis=0,
-        )
-
     proposal = multivariate_t(found.z, 1.2 * found.covariance, df=5, seed=1)
     z = proposal.rvs(count)
     z = z[np.all((z > low) & (z < high), axis=1)]
     predicted = many(z)[0][:, used]
     there = np.isfinite(predicted).all(axis=1)
+    z, predicted = z[there], predicted[there]
+    log_l = []  # over all scales of the stated errors
+    for scale, weight in evidence.scales.tried():
+        lower = evidence.at(scale).lower()
+        law = multivariate_normal(evidence.data[used], lower @ lower.T)
+        log_l.append(weight + law.logpdf(predicted))
     log_w = np.full(count, -np.inf)
-    log_w[: there.sum()] = (
-        likelihood(predicted[there])
-        + norm.logpdf(z[there]).sum(axis=1)
-        - proposal.logpdf(z[there])
-        - np.log(norm.cdf(high) - norm.cdf(low)).sum()
-    )
+    log_w[: len(z)] = logsumexp(log_l, axis=0) + norm.logpdf(z).sum(axis=1) - proposal.logpdf(z)
+    log_w -= np.log(norm.cdf(high) - norm.cdf(low)).sum()
     w = np.exp(log_w - log_w.max())
     return np.log(w.mean()) + log_w.max(), w.std() / w.mean() / np.sqrt(count)
 
@@ -222,16 +211,12 @@ def drawn(model, found, count=4000) -> tuple[float, float]:
 def test_a_lap_as_one_piece_is_a_beam_of_twice_the_height(tmp_path):
     text = CASE.replace('joints = "given"', "")
     model = prepare(write_case(tmp_path, measured(), text=text), MPI.COMM_SELF, QUIET)
-    q = STEEL | {
-        "stretch": 1.0,
-        "width": 1.0,
-        "height": 2 * HEIGHT,
-        "breadth": WIDTH,
-        "length": LAP / 5,
-        "shear": 1.2,
-        "offset": 0.0,
-        "mass_offset": 0.0,
-    }
+    q = (
+        STEEL
+        | dict.fromkeys(("stretch", "width"), 1.0)
+        | dict.fromkeys(("offset", "mass_offset"), 0.0)
+    )
+    q |= {"height": 2 * HEIGHT, "breadth": WIDTH, "length": LAP / 5, "shear": 1.2}
     _, _, bending, shear = BEAM.stiffness_terms(q)
     assert model.baseline["lap_s3.k2"] == pytest.approx(bending * 5 / LAP, rel=1e-9)
     assert model.baseline["lap_s3.k1"] == pytest.approx(3 * shear * 5 / LAP, rel=1e-9)
@@ -309,23 +294,17 @@ def test_laps_without_bolts(tmp_path):
     text = text.replace("[[0.54, 0, 0]]", "[[0.54, 0, 0], [0.4, 0, 0]]")
     with pytest.raises(InputError, match=r"bolts\[1\].*0.31 to 0.36 or 0.51 to 0.57 m"):
         lap_zones(write_case(tmp_path, measured(), text=text))
+    left = '[joints.left]\ncells = "zone_1"\nlaw = "generic"\nk1 = 1763.2\nk2 = 37402.0\n'
     zoned = CASE.replace("lap_elements = 5", "lap_elements = 5\nlap_zones = [2, 3]")
-    zoned = zoned.replace(
-        "[joints.lap]",
-        '[joints.left]\ncells = "zone_1"\nlaw = "generic"\nk1 = 1763.2\nk2 = 37402.0\n[joints.lap]',
-    )
+    zoned = zoned.replace("[joints.lap]", f"{left}[joints.lap]")
     zoned = zoned.replace('cells = "lap"', 'cells = "zone_2"\nk_axial = 1e9')
     with pytest.raises(InputError, match="joints.lap.k_axial: expected none"):
         lap_zones(write_case(tmp_path, measured(), text=zoned))
 
 
 def test_a_plan_of_a_test_on_beams(tmp_path):
-    case = write_case(
-        tmp_path,
-        measured(),
-        'effects = ["joint slap stiffness", '
-        '"joint slip stiffness", "joint axial stiffness", "cable mass"]',
-    )
+    joint = '"joint slap stiffness", "joint slip stiffness", "joint axial stiffness"'
+    case = write_case(tmp_path, measured(), f'effects = [{joint}, "cable mass"]')
     found = plan(case, MPI.COMM_SELF)
     assert not found.classes
     # One more measurement shows what the eight frequencies do not surely detect.
@@ -341,11 +320,8 @@ def test_two_ranks_say_the_same(tmp_path_factory):
     comm = MPI.COMM_WORLD
     folder = comm.bcast(tmp_path_factory.mktemp("beams") if comm.rank == 0 else None)
     if comm.rank == 0:
-        write_case(
-            folder,
-            measured(axial=0.3),
-            'effects = ["joint slap stiffness", "joint axial stiffness"]',
-        )
+        listed = 'effects = ["joint slap stiffness", "joint axial stiffness"]'
+        write_case(folder, measured(axial=0.3), listed)
     comm.barrier()
     case = load_case(folder)
     ours, alone = diagnose(case, comm), diagnose(case, MPI.COMM_SELF)

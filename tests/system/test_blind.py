@@ -188,15 +188,9 @@ def test_calibration_of_a_perfect_and_of_a_bold_forecaster():
 
 def said(hypotheses, *, verdict="cause", groups=None, gap=None):
     """A diagnosis with four effects: ``a`` at two places, ``b`` and ``c``."""
-    names = [("a", "near"), ("a", "away"), ("b", ""), ("c", "")]
+    names, same = [("a", "near"), ("a", "away"), ("b", ""), ("c", "")], {"probability": 0.0}
     effects = [
-        {
-            "name": n,
-            "region": r,
-            "probability": 0.0,
-            "detectable": True,
-            "class": (groups or {}).get(n, forecast.key(n, r)),
-        }
+        {"name": n, "region": r, "class": (groups or {}).get(n, forecast.key(n, r)), **same}
         for n, r in names
     ]
     rows = [
@@ -210,13 +204,8 @@ def said(hypotheses, *, verdict="cause", groups=None, gap=None):
 
 
 def record(kind, effects, forecast_, **kwargs):
-    truth = {
-        "kind": kind,
-        "geometry": "g",
-        "noise": "small",
-        "final_only": False,
-        "effects": [{"name": n, "region": r} for n, r in effects],
-    }
+    truth = {"kind": kind, "geometry": "g", "noise": "small", "final_only": False}
+    truth["effects"] = [{"name": n, "region": r} for n, r in effects]
     return score.Record("id", truth, forecast_, **kwargs)
 
 
@@ -229,14 +218,9 @@ def test_weights_are_those_counted_with():
     looks alike by p = 1."""
     effects = [{"name": n, "region": "", "odds": 1.0, "probability": 0.5} for n in "ab"]
     rows = [("a", 0.0, 1.0), ("b", 3.0, 1e-5), ("no gap", -2.0, 1.0), ("none of these", -1.0, 1.0)]
+    same = {"probability": 0.01}
     hypotheses = [
-        {
-            "label": n,
-            "effects": [n] if n in "ab" else [],
-            "log_evidence": z,
-            "p_value": p,
-            "probability": 0.01,
-        }
+        {"label": n, "effects": [n] if n in "ab" else [], "log_evidence": z, "p_value": p, **same}
         for n, z, p in rows
     ]
     other = 0.2 * math.exp(-1)
@@ -249,7 +233,7 @@ def test_weights_are_those_counted_with():
     assert shares("effect")["none of these"] == pytest.approx(expected[3])
     # Once held-out data have spoken, an unknown cause keeps what is said of it.
     later = [
-        h | {"probability": 0.394 if h["label"] == "none of these" else 0.2} for h in hypotheses
+        h | {"probability": p} for h, p in zip(hypotheses, (0.2, 0.2, 0.2, 0.394), strict=True)
     ]
     found = weights.weights_of({"effects": effects, "hypotheses": later})
     assert found[3] == 0.394
@@ -345,16 +329,9 @@ def test_wrong_answers_are_told(tmp_path):
     }
     records = [replace(r, name=name) for name, r in cases.items()]
     (tmp_path / "scores.json").write_text(json_text(score.score(records)))
-    of_test = {
-        "geometry": "g",
-        "noise": [1e-3, 0.02],
-        "spec": {"shapes": True},
-        "test": "torque",
-        "frequencies": [[1.0] * 4] * 3,
-        "shapes": [[1.0] * 4] * 7,
-        "missing": [2],
-        "gap": 0.05,
-    }
+    of_test = {"geometry": "g", "noise": [1e-3, 0.02], "spec": {"shapes": True}, "test": "torque"}
+    of_test |= {"frequencies": [[1.0] * 4] * 3, "shapes": [[1.0] * 4] * 7, "missing": [2]}
+    of_test |= {"gap": 0.05}
     (tmp_path / seal.UNSEALED).write_text(json_text({"answers": dict.fromkeys(cases, of_test)}))
     (tmp_path / "diagnoses").mkdir()
     for r in records:
@@ -381,15 +358,8 @@ def test_what_a_stated_error_turns_is_no_difference():
     error = 0.02
 
     def covariance(hz, joints=()) -> np.ndarray:
-        test = TestData(
-            [30.0],
-            [hz],
-            ["mode 1", "mode 2"],
-            noise=1e-6,
-            sensors=Sensors(x, [0, 0, 1]),
-            shapes=shapes,
-            shape_noise=1e-6,
-        )
+        seen = {"sensors": Sensors(x, [0, 0, 1]), "shapes": shapes, "shape_noise": 1e-6}
+        test = TestData([30.0], [hz], ["mode 1", "mode 2"], noise=1e-6, **seen)
         errors = counted.Errors(discrepancy=error, of_shapes=1e-4, mesh={})
         near = Neighbours(np.log(hz), shapes, np.arange(2))
         return errors.covariance(test, near, joints)
@@ -442,10 +412,9 @@ def test_oracle_along_sizes():
     families = {"line": [oracle.Curve(corners, scatter)], "point": [oracle.Curve(corners[0])]}
     t = (np.arange(4000) + 0.5)[:, None] / 4000
     density = []
-    for i in range(2):
-        points = corners[i] + t * (corners[i + 1] - corners[i])
-        law = multivariate_normal(cov=np.eye(4) + scatter[i] @ scatter[i].T)
-        density.append(np.mean(law.pdf(data - points)))
+    for start, end, s in zip(corners[:-1], corners[1:], scatter, strict=True):
+        law = multivariate_normal(cov=np.eye(4) + s @ s.T)
+        density.append(np.mean(law.pdf(data - start - t * (end - start))))
     point = multivariate_normal(corners[0], np.eye(4)).pdf(data)
     expected = np.mean(density) / (np.mean(density) + point)
     assert oracle.posterior(data, families, white)["line"] == pytest.approx(expected, rel=1e-5)
@@ -467,19 +436,12 @@ def test_page_of_a_synthetic_check(keeps_rules):
         p = random.dirichlet([0.4, 0.4, 3.0, 0.4, 0.5])
         keys = [NEAR, AWAY, {"none": ("no gap",), "unknown": ("none of these",)}.get(kind, B), C]
         verdict = {"none": "no gap", "unknown": "unknown"}.get(kind, "cause")
-        gap = {
-            "heldout_before": 0.05,
-            "heldout_after": random.uniform(0.011, 0.03),
-            "placebo_after": random.uniform(0.02, 0.05),
-            "noise": 0.01,
-        }
+        gap = {"heldout_before": 0.05, "heldout_after": random.uniform(0.011, 0.03), "noise": 0.01}
+        gap["placebo_after"] = random.uniform(0.02, 0.05)
         r = record(kind, true, said(dict(zip(keys, p, strict=False)), verdict=verdict, gap=gap))
         r.truth.update(geometry="xy"[i % 2], final_only=bool(i % 2))
-        records.append(
-            score.Record(
-                f"id{i}", r.truth, r.forecast, random.uniform(0.2, 9), {"b": 0.9, "c": 0.1}
-            )
-        )
+        told = random.uniform(0.2, 9), {"b": 0.9, "c": 0.1}
+        records.append(score.Record(f"id{i}", r.truth, r.forecast, *told))
     scores = score.score(records) | {"rules_changed": False}
     json_text(scores)  # no nan, nothing that JSON has not
     assert [t.outcome for t in targets.targets(scores["summary"])].count("no cases") == 0
