@@ -74,17 +74,13 @@ def test_what_is_known_is_known_at_its_row_alone(tmp_path):
     z = 0.3 * np.ones(len(hypothesis.priors))
     loaded = hypothesis.values(z, 1.0, model.baseline, 1)
     bare = hypothesis.values(z, 1.0, model.baseline, 0)
-    assert loaded["weight.mass"] == KG and bare["weight.mass"] == 0.0
-    assert {k: v for k, v in loaded.items() if k != "weight.mass"} == {
-        k: v for k, v in bare.items() if k != "weight.mass"
-    }
+    assert bare["weight.mass"] == 0.0 and loaded == bare | {"weight.mass": KG}
     many, m = ManyPredictions(hypothesis, forward, evidence, model.baseline), evidence.shape[1]
     together, slopes = many.at(z)
     rows = [forward(values)[0] for values in (bare, loaded)]
     assert together[: 2 * m] == pytest.approx(np.concatenate(rows), rel=1e-9)
     assert np.all(rows[1] < rows[0])
-    step = 1e-4 * np.eye(len(z))
-    for j, s in enumerate(step):
+    for j, s in enumerate(1e-4 * np.eye(len(z))):
         up, down = (many.at(z + d)[0][: 2 * m] for d in (s, -s))
         assert slopes[: 2 * m, j] == pytest.approx((up - down) / 2e-4, rel=1e-4, abs=1e-7)
     # The nominal prediction differs by row too; data without the changed row have no known mass.
@@ -104,21 +100,13 @@ def test_a_shift_by_a_change_is_known_better_than_either_frequency():
     noise = 2e-6  # of a test that states neither noise nor resolution
     assert shift @ C @ shift == pytest.approx(0.0025 * 0.01**2 + noise, rel=1e-6)
     # One tightening for both rows at 20 N·m; the row is no block of torques.
-    hypothesis = Hypothesis(
-        (), scatter=0.2, conditions=tuple(data.conditions), known=data.known, as_row=evidence.as_row
-    )
+    rows = {"conditions": tuple(data.conditions), "known": data.known, "as_row": evidence.as_row}
+    hypothesis = Hypothesis((), scatter=0.2, **rows)
     assert hypothesis.tightening(np.arange(3)).tolist() == [0, 1, 1]
-    measured_ = np.isfinite(data.frequencies_hz)
-    held = folds(
-        data.conditions, ("a", "b"), ("torque", "N·m"), measured=measured_, names=data.row_names
-    )
-    assert [name for name, _ in held] == [
-        "mode a",
-        "mode b",
-        "torque 5 N·m",
-        "torque 20 N·m",
-        "weight",
-    ]
+    there = {"measured": np.isfinite(data.frequencies_hz), "names": data.row_names}
+    held = folds(data.conditions, ("a", "b"), ("torque", "N·m"), **there)
+    names = ["mode a", "mode b", "torque 5 N·m", "torque 20 N·m", "weight"]
+    assert [name for name, _ in held] == names
     assert held[-1][1].tolist() == [[False, False], [False, False], [True, False]]
 
 
@@ -138,9 +126,6 @@ def test_bad_input_is_named(tmp_path, lines, expected):
     path.write_text(path.read_text() + f"\n[test.changed.weight]\n{lines}\n")
     with pytest.raises(InputError, match=expected):
         load_case(path)
-
-
-def test_a_test_by_level_has_none():
-    data = TestData([1.0, 2.0], [[99.0], [98.0]], ("a",), "force", "N")
+    by_level = TestData([1.0, 2.0], [[99.0], [98.0]], ("a",), "force", "N")
     with pytest.raises(InputError, match="no levels"):
-        data.again("weight", np.array([97.0]), {"weight.mass": 0.1})
+        by_level.again("weight", np.array([97.0]), {"weight.mass": 0.1})
