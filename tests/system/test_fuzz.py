@@ -111,12 +111,9 @@ def test_case_files(tmp_path, source, size):
 
 
 TABLES = {
-    "frequencies": (DEMOS / "lap_plates" / "frequencies.csv", read_table),
-    "test data": (
-        DEMOS / "lap_plates" / "frequencies.csv",
-        lambda p: read_test_data(p, condition="torque"),
-    ),
-    "curves": (None, lambda p: read_curves(p, "acceleration")),
+    "frequencies": read_table,
+    "test data": lambda p: read_test_data(p, condition="torque"),
+    "curves": lambda p: read_curves(p, "acceleration"),
 }
 CURVES = "level [N],frequency [Hz],amplitude [m/s2]\n10,27,40\n10,27.8,90\n10,29,50\n"
 
@@ -124,8 +121,8 @@ CURVES = "level [N],frequency [Hz],amplitude [m/s2]\n10,27,40\n10,27.8,90\n10,29
 @pytest.mark.parametrize("size", SIZES)
 @pytest.mark.parametrize("table", TABLES)
 def test_tables(tmp_path, table, size):
-    source, read = TABLES[table]
-    text = CURVES if source is None else source.read_text(encoding="utf-8")
+    of_test = (DEMOS / "lap_plates" / "frequencies.csv").read_text(encoding="utf-8")
+    read, text = TABLES[table], CURVES if table == "curves" else of_test
     path = tmp_path / "table.csv"
     cell = st.one_of(odd_text, st.sampled_from(["", "-1", "nan", "1e400", "1;2", '"', "1,2", "x"]))
 
@@ -163,11 +160,8 @@ def shapes_file(path: Path) -> None:
 
 def functions_file(path: Path) -> None:
     few = {"x": FREQUENCIES[:6]}
-    write_uff(
-        path,
-        *geometry(),
-        *[function(i, 0, **few, data=accelerance()[:6, i, 0] / 9.80665) for i in range(2)],
-    )
+    g = accelerance()[:6] / 9.80665
+    write_uff(path, *geometry(), *[function(i, 0, **few, data=g[:, i, 0]) for i in range(2)])
 
 
 def shapes_fit(found) -> None:

@@ -24,20 +24,8 @@ pytestmark = [
 DEMOS = Path(__file__).parents[2] / "demos"
 KILLS = int(os.environ.get("KILLS", 20))
 #: Keys of what differs between any two runs: times, counts of what was found ready, folders.
-RUNTIME = {
-    "seconds",
-    "evaluations",
-    "full_solutions",
-    "calls",
-    "computed",
-    "kept",
-    "path",
-    "iterations",
-    "history",
-    "profile",
-    "points",
-    "branch",
-}
+COUNTS = {"evaluations", "full_solutions", "calls", "computed", "kept", "iterations", "points"}
+RUNTIME = COUNTS | {"seconds", "path", "history", "profile", "branch"}
 
 
 def diagnosis(folder: Path) -> list[str]:

@@ -97,10 +97,8 @@ def test_a_universal_file_is_the_whole_test(lap, truth):
     outcome = run_modes(case, MPI.COMM_SELF, Progress(silent=True))
     notes = outcome.result.notes
     assert "5 complex shapes were made real: MAC of real with complex from 1.000" in notes[0]
-    assert notes[1] == (
-        "12 of 12 sensors stood beside the mesh and were moved onto it, the farthest (101:z) by "
-        "0.4 mm"
-    )
+    moved = "12 of 12 sensors stood beside the mesh and were moved onto it, the farthest (101:z) by"
+    assert notes[1] == f"{moved} 0.4 mm"
     console = Console(record=True, width=80)
     outcome.summary(console)
     words = " ".join(console.export_text().split())
@@ -118,20 +116,12 @@ def test_modes_are_paired_by_their_shapes_where_frequencies_mislead(lap, truth):
     """A file whose second and third mode have each other's frequency, one sensor missing."""
     hz, shapes = truth
     order = [0, 2, 1, 3, 4]
-    nodes = list(NODES)
-    real = [
-        mode_55(
-            i + 1,
-            hz[i],
-            {
-                n: (0, 0, z)
-                for n, z in zip(nodes, shapes[:, order[i]], strict=True)
-                if n != nodes[0] or i
-            },
-        )
-        for i in range(N_MODES)
-    ]
-    file = "".join([units_164(), nodes_2411(NODES), *real])
+    file = units_164() + nodes_2411(NODES)
+    for i, f in enumerate(hz):
+        shape = {n: (0, 0, z) for n, z in zip(NODES, shapes[:, order[i]], strict=True)}
+        if i == 0:
+            del shape[next(iter(NODES))]
+        file += mode_55(i + 1, f, shape)
     case = load_case(lap('[test]\nshapes = "shapes.uff"\n\n', "", shapes=file))
     outcome = run_modes(case, MPI.COMM_SELF, Progress(silent=True))
     beside = outcome.result.beside
@@ -203,22 +193,18 @@ def test_files_that_do_not_fit_the_model_are_one_error(lap, truth):
         assert words in str(caught.value)
 
 
+SEEN = '[test.sees]\nalong = "x"\npositions = [0.1]\ndirection = [0, 0, 1]\n\n'
+IN_MM = '[test.shapes]\nfiles = "shapes.csv"\nlength_unit = "mm"\n\n'
+
+
 @pytest.mark.parametrize(
     ("test", "words"),
     [
-        (
-            '[test]\nshapes = "shapes.uff"\n[test.sees]\nalong = "x"\npositions = [0.1]\n'
-            "direction = [0, 0, 1]\n\n",
-            "whose nodes are the sensors",
-        ),
+        (f'[test]\nshapes = "shapes.uff"\n{SEEN}', "whose nodes are the sensors"),
         ('[test]\nshapes = "shapes.csv"\n\n', "expected frequencies, shapes in a universal"),
         ('[test]\nshapes = "other.uff"\n\n', r"test.shapes: .*other.uff: no such file"),
         ('[test]\nshapes = "shapes.uff"\nmodes = ["one"]\n\n', "1 modes are named: expected 5"),
-        (
-            '[test]\nfrequencies = "f.csv"\n[test.shapes]\nfiles = "shapes.csv"\nlength_unit = "mm"'
-            "\n\n",
-            "expected one table, or universal files",
-        ),
+        (f'[test]\nfrequencies = "f.csv"\n{IN_MM}', "expected one table, or universal files"),
     ],
 )
 def test_mistakes_in_the_case_are_named(lap, truth, test, words):
