@@ -39,17 +39,6 @@ def has_calculix() -> bool:
 needs_calculix = pytest.mark.skipif(not has_calculix(), reason=calculix.MISSING)
 
 
-def test_without_calculix_it_says_so(monkeypatch, tmp_path):
-    monkeypatch.setenv("CCX", str(tmp_path / "none"))
-    with pytest.raises(calculix.CalculixError, match="none: no such program"):
-        calculix.find_program()
-    monkeypatch.delenv("CCX")
-    monkeypatch.setenv("PATH", str(tmp_path))
-    monkeypatch.setattr(program, "LENT", tmp_path / "ccx")
-    with pytest.raises(calculix.CalculixError, match="calculix-ccx"):
-        calculix.find_program()
-
-
 def test_plan_of_three_hundred():
     """Kinds as they should be, half of the new geometry, and every cause of every geometry."""
     cases = calculix.plan(300, 1, True)

@@ -18,13 +18,6 @@ E = 6.90e10 Pa of plate_1, M10: 3 of 6
 """
 
 
-def test_numbers_are_read_with_their_last_digit():
-    rows = [row[1:3] for row in printed(BEFORE, "exact")]
-    values, digits = zip(*rows, strict=True)
-    assert values == (424.91, 1012.5, 6.9e10, 3.0, 6.0)
-    assert digits == pytest.approx((0.01, 0.01, 1e8, 1.0, 1.0))
-
-
 @pytest.mark.parametrize(
     ("after", "lines"),
     [

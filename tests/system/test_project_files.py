@@ -81,11 +81,8 @@ def test_locked_versions_are_those_that_the_project_asks_for():
     hashes = r"(?:--hash=sha256:[0-9a-f]{64}[\s\\]*)+"
     assert all(re.fullmatch(hashes, given.strip()) for _, _, given in entries)
     locked = {canonicalize_name(name): version for name, version, _ in entries}
-    asked = [
-        Requirement(line)
-        for line in (*PROJECT["dependencies"], *PROJECT["optional-dependencies"]["test"])
-    ]
-    for each in asked:
+    asked = (*PROJECT["dependencies"], *PROJECT["optional-dependencies"]["test"])
+    for each in map(Requirement, asked):
         if (version := locked.get(canonicalize_name(each.name))) is not None:
             assert each.specifier.contains(version), each
     assert {"h5py", "pint", "pytest", "cryptography"} <= locked.keys()
@@ -96,9 +93,8 @@ def test_hosted_tests_run_on_every_version_and_name_files_that_are_there():
     workflow = read(".github/workflows/tests.yml")
     assert {"push", "pull_request"} <= workflow[True].keys()  # YAML reads "on" as a truth value
     jobs = workflow["jobs"]
-    oldest, newest = 9, 11
     versions = jobs["conda"]["strategy"]["matrix"]["dolfinx"]
-    assert versions == [f"0.{v}" for v in range(oldest, newest + 1)]  # texts: 0.10 is not 0.1
+    assert versions == ["0.9", "0.10", "0.11"]  # texts: 0.10 is not 0.1
     for job in jobs.values():
         assert job["timeout-minutes"] and job["runs-on"]
         matrix = job.get("strategy", {}).get("matrix", {})
@@ -113,10 +109,8 @@ def test_hosted_tests_run_on_every_version_and_name_files_that_are_there():
 
 
 def test_issue_forms_have_what_their_schema_asks_for():
-    for form in (REPOSITORY / ".github/ISSUE_TEMPLATE").glob("*.yml"):
+    for form in (REPOSITORY / ".github/ISSUE_TEMPLATE").glob("[!c]*.yml"):
         content = read(form)
-        if form.name == "config.yml":
-            continue
         assert {"name", "description", "body"} <= content.keys()
         ids = [part["id"] for part in content["body"]]
         assert len(set(ids)) == len(ids)
