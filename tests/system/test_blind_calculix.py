@@ -39,6 +39,12 @@ def has_calculix() -> bool:
 needs_calculix = pytest.mark.skipif(not has_calculix(), reason=calculix.MISSING)
 
 
+def test_without_calculix_it_says_so(monkeypatch, tmp_path):
+    monkeypatch.setenv("CCX", str(tmp_path / "none"))
+    with pytest.raises(calculix.CalculixError, match="none: no such program"):
+        calculix.find_program()
+
+
 def test_plan_of_three_hundred():
     """Kinds as they should be, half of the new geometry, and every cause of every geometry."""
     cases = calculix.plan(300, 1, True)
@@ -135,9 +141,9 @@ def test_class_of_nearly_all_is_no_answer():
         assert "".join(c for c in sizes if said.says_little(c)) == little
 
 
-def test_every_effect_makes_a_deck():
+@pytest.mark.parametrize("name", ["t_tubes", "screw_box"])
+def test_every_effect_makes_a_deck(name):
     """Each cause, listed or not, changes the input that CalculiX gets; those of the test do not."""
-    name = NEW
     rig, mesh, random = RIGS[name], mesh_of(name), np.random.default_rng(0)
     observed = calculix.specimen.pool_of(name).observed
     plain = write_deck(rig, mesh, Build(), observed, 10)

@@ -154,6 +154,7 @@ def test_too_large_a_model(tmp_path, write_case, run, capfd, monkeypatch):
     for command in ("modes", "preload", "update", "diagnose", "harmonic"):
         assert run(command, tmp_path) == 1
         assert "--large" in capfd.readouterr().err
+        assert run(command, "--large", "--help") == 0
     assert run("modes", tmp_path, "--large") == 1
     assert "work began" in capfd.readouterr().err
 
