@@ -22,12 +22,13 @@ E = 6.90e10 Pa of plate_1, M10: 3 of 6
     ("after", "lines"),
     [
         (BEFORE, 0),
-        ("The test has 424.92 Hz,\nthen 1,012.5; E is 6.9e10 Pa by 3\nof the 6.", 0),
+        ("The test has 424.92 Hz,\nthen 1,012.5; E is 6.91e10 Pa by 3\nof the 6.", 0),
         (BEFORE.replace("424.91", "424.95"), 1),
+        (BEFORE.replace("e10", "e11"), 1),
         (BEFORE.replace("   1,012.50", ""), 1),
         ("", 5),
     ],
-    ids=["same", "other words", "one", "one is gone", "nothing"],
+    ids=["same", "other words", "one", "power", "one is gone", "nothing"],
 )
 def test_words_may_change_and_numbers_not(after, lines):
     found = moved(printed(BEFORE, "exact"), printed(after, "exact"), False)

@@ -6,7 +6,9 @@ import contextlib
 import re
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
+from uuid import uuid4
 
 import numpy as np
 import pytest
@@ -20,8 +22,10 @@ from fenics_joints.meshes.cad_survey import survey_step
 
 pytestmark = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="one process reads files")
 
-#: What a script of gmsh's can do to a machine; MARK is a file that is not to appear.
-RUN = 'SystemCall "echo ran > MARK";'
+#: What a script of gmsh's can do to a machine; MARK is a file that is not to appear, wherever the
+#: process that reads the mesh works.
+MARK = Path(tempfile.gettempdir()) / f"fenics-joints-{uuid4()}"
+RUN = f'SystemCall "echo ran > {MARK}";'
 #: Heads that a sniffer may take for those of a mesh; gmsh takes all but the last for a script.
 HEADS = {
     "comment": "// $MeshFormat\n{}",
@@ -55,13 +59,15 @@ def victim(tmp_path, monkeypatch):
     monkeypatch.chdir(folder)
     monkeypatch.setenv("HOME", str(tmp_path))
     (folder / "other.geo").write_text(RUN, encoding="utf-8")
-    return folder
+    yield folder
+    MARK.unlink(missing_ok=True)
 
 
 def everything(folder: Path) -> set[Path]:
-    """All files but those that libraries keep in a user's home."""
+    """All files but those that libraries keep in a user's home, and the mark."""
     own = {".fltk", ".config", ".cache"}
-    return {path for path in folder.parent.rglob("*") if not own & set(path.parts)}
+    found = {path for path in folder.parent.rglob("*") if not own & set(path.parts)}
+    return found | {path for path in (MARK,) if path.exists()}
 
 
 def attack(folder: Path, head: str, name: str) -> Path:
@@ -76,7 +82,7 @@ def test_gmsh_itself_runs_such_files(victim):
     path = attack(victim, "comment", "mesh.msh")
     code = f"import gmsh; gmsh.initialize(); gmsh.merge({str(path)!r})"
     subprocess.run([sys.executable, "-c", code], check=False, capture_output=True, timeout=60)
-    assert (victim / "MARK").read_text().strip() == "ran"
+    assert MARK.read_text().strip() == "ran"
 
 
 @pytest.mark.parametrize(
@@ -115,7 +121,7 @@ def test_a_mesh_is_read_whatever_its_name_and_neighbours(victim, name):
     (victim / name).symlink_to(target)
     for sidecar in (f"{name}.opt", "target.opt", ".gmshrc", ".gmsh-options"):
         (victim / sidecar).write_text(RUN, encoding="utf-8")
-    (victim / "numpy.py").write_text("open('MARK', 'w')", encoding="utf-8")
+    (victim / "numpy.py").write_text(f"open({str(MARK)!r}, 'w')", encoding="utf-8")
     before = everything(victim)
     tagged = read_msh(victim / name, MPI.COMM_SELF)
     assert set(tagged.cell_names) == {"left", "right"} and everything(victim) == before
