@@ -75,13 +75,13 @@ def test_units(size):
         st.lists(parts, max_size=8).map("".join),
     )
 
-    @often(400, size)
+    @often(150, size)
     @given(st.one_of(quantity, odd_text, odd_value), unit)
     def check(value, unit):
         got = tried("units", lambda: to_si(value, unit))
         assert got is None or (isinstance(got, float) and math.isfinite(got))
 
-    @often(100, size)
+    @often(50, size)
     @given(st.floats(-1e9, 1e9), st.sampled_from(["mm", "µm", "km", "inch", "m"]))
     def right(number, name):
         expected = REGISTRY.Quantity(number, name).to("m").magnitude
