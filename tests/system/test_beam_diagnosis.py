@@ -174,8 +174,8 @@ def test_evidence_of_a_missed_mode_is_that_of_a_sampler(tmp_path):
         found = fit(hypothesis, model.forward, model.evidence, model.baseline)
         assert found.p_value > 0.05
         log_z, error = drawn(model, found)
-        assert error < 0.05
-        assert found.log_evidence == pytest.approx(log_z, abs=0.15), chosen
+        assert error < 0.03
+        assert found.log_evidence == pytest.approx(log_z, abs=0.08), chosen
     # The batched prediction takes the threshold of visible modes from the model it was made of.
     lean = BatchPrediction(model.forward, model.forward.model)
     usual = ModalPrediction(lean.model, None, 1, 1).threshold
@@ -185,7 +185,7 @@ def test_evidence_of_a_missed_mode_is_that_of_a_sampler(tmp_path):
         np.testing.assert_allclose(prepared, b(model.baseline)[0], rtol=1e-9)
 
 
-def drawn(model, found, count=4000) -> tuple[float, float]:
+def drawn(model, found, count=1000) -> tuple[float, float]:
     """ln Z by importance sampling from a wide Student distribution about a fit, and its error."""
     h, evidence = found.hypothesis, model.evidence
     many = ManyPredictions(h, model.forward, evidence, model.baseline)

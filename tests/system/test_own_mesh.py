@@ -212,7 +212,7 @@ METAL = '[joints.{0}]\nlaw = "isotropic"\ncells = "{0}"\nE = 7e10\nG = 26.923e9\
 )
 def test_as_stiff_as_metal(tmp_path, draw, law, joints):
     """Layers in corners, where three parts meet, on a curved face and in the plane vanish."""
-    with gmsh_file(tmp_path / "bar.msh", MeshSizeMax=5, MeshSizeFromCurvature=16) as gmsh:
+    with gmsh_file(tmp_path / "bar.msh", MeshSizeMax=10, MeshSizeFromCurvature=16) as gmsh:
         draw(gmsh.model.occ)
         gmsh.model.occ.synchronize()
         dim = gmsh.model.getDimension()
