@@ -1,6 +1,6 @@
 """Odd input everywhere: it is refused in clear words, or accepted and right; nothing else.
 
-Small here; ``-m slow`` tries fifty times as much. At its end it prints what came of it.
+Small here; ``-m slow`` tries fifty times as much.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from measured_world import FREQUENCIES, accelerance, function, geometry, write_uff
 from mpi4py import MPI
-from odd import COUNTS, mutated, odd_text, odd_value, tried
+from odd import mutated, odd_text, odd_value, tried
 from odd_calls import CALLS
 from uff_files import mode_55, nodes_2411, units_164
 
@@ -44,13 +44,6 @@ SOURCES = {
     "lap beam": (DEMOS / "lap_beam" / "nonlinear.toml", DEMOS / "lap_beam"),
 }
 REGISTRY = pint.UnitRegistry()
-
-
-@pytest.fixture(autouse=True, scope="module")
-def told():
-    yield
-    for area in sorted({a for a, _ in COUNTS}):
-        print(area, {kind: n for (a, kind), n in sorted(COUNTS.items()) if a == area})
 
 
 def often(examples: int, size: int):
