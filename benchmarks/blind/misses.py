@@ -34,7 +34,7 @@ def told(folder: Path) -> str:
     answers = seal.read_json(folder / seal.UNSEALED)["answers"]
     lines = []
     for title, names in misses(rows).items():
-        lines += [f"### {title}", "", _line(_HEAD), _line(["---"] * len(_HEAD))]
+        lines += [f"## {title}", "", _line(_HEAD), _line(["---"] * len(_HEAD))]
         for name in names:
             path = folder / "diagnoses" / f"{name}.json"
             diagnosis = seal.read_json(path).get("diagnosis")

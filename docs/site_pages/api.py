@@ -39,7 +39,9 @@ def _page(room: str, module, seen: dict[int, str]) -> str:
     name = f"fenics_joints.{room}"
     text = f"{room}\n{'=' * len(room)}\n\n.. automodule:: {name}\n   :no-members:\n\n"
     text += f".. currentmodule:: {name}\n\n"
-    for member in module.__all__:
+    # `errors` is one file, of which all that it defines is public.
+    own = [key for key, thing in vars(module).items() if getattr(thing, "__module__", "") == name]
+    for member in getattr(module, "__all__", [key for key in own if not key.startswith("_")]):
         thing = getattr(module, member)
         first = seen.setdefault(id(thing), f"{name}.{member}")
         same = first != f"{name}.{member}"

@@ -44,7 +44,7 @@ SECTIONS = {
         "limits",
         "security",
     ),
-    "Judge": ("blind", "nonlinear_checks", "benchmarks", "speed", "peers"),
+    "Judge": ("blind", "blind-misses", "nonlinear_checks", "benchmarks", "speed", "peers"),
     "Project": ("contributing", "changelog"),
 }
 #: Pages that stand elsewhere in the repository.
@@ -54,6 +54,7 @@ ELSEWHERE = {
     "CHANGELOG.md": "changelog",
     "benchmarks/README.md": "benchmarks",
     "benchmarks/blind/README.md": "blind",
+    "benchmarks/blind/checks/2026-11-28-misses.md": "blind-misses",
 }
 LINK = re.compile(r"(?<!`)\]\((?!https?:|mailto:|#)([^)\s#]+)(#[^)\s]*)?\)")
 
