@@ -2,33 +2,16 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 import scipy.optimize
-import scipy.sparse.linalg
-from measured_points import (
-    ALONG,
-    TEST,
-    case_text,
-    check_derivatives,
-    measure_again,
-    reduced,
-    said,
-    sparse,
-    write_measured,
-)
+from measured_points import Plates, check_derivatives, measure_again, reduced, said, solved, sparse
 from mpi4py import MPI
 
-from fenics_joints.case import build_structure, load_case
-from fenics_joints.diagnosis import diagnose
 from fenics_joints.diagnosis.evidence.entries import ANTIRESONANCE
 from fenics_joints.diagnosis.model.at_points import paired_zeros
 from fenics_joints.errors import InputError
-from fenics_joints.measurements import pair_modes
 from fenics_joints.meshes import box
-from fenics_joints.modal import solve_modes
 from fenics_joints.reduction.matched import places_all_over
 from fenics_joints.reduction.receptances import Antiresonances, PointBasis
 from fenics_joints.structure import Parameter, Sensors, Structure, part
@@ -61,72 +44,54 @@ noise = "0.2 %"
 """
 
 
-def written(folder: Path, more: str = "", **values):
-    effects = "left mass", "right mass", "modulus error"
-    case = case_text(*effects, n_modes=20, tolerance=0.3, **values)
-    (folder / "case.toml").write_text(case + WEIGHTS + more, encoding="utf-8")
-    return load_case(folder)
+PLATES = Plates(("left mass", "right mass", "modulus error"), 20, 0.3, WEIGHTS)
 
 
-def motion(full: Structure, at: Sensors, given):
-    """Of a point under a unit force there over the frequency, by factorisations not PETSc's."""
-    K, M, load = sparse(full.stiffness(given)), sparse(full.mass(given)), full.loads(at)[:, 0]
-    return lambda hz: load @ scipy.sparse.linalg.spsolve(K - (2 * np.pi * hz) ** 2 * M, load)
+def exact_zeros(full: Structure, given, near) -> np.ndarray:
+    """Where the motion of a point under a unit force there is nought, within 2 % of some
+    frequencies, by factorisations that are not PETSc's."""
+    K, M, load = sparse(full.stiffness(given)), sparse(full.mass(given)), full.loads(END)[:, 0]
 
+    def motion(hz):
+        return load @ solved(K - (2 * np.pi * hz) ** 2 * M, load)
 
-def exact_zeros(full: Structure, at: Sensors, given, near) -> np.ndarray:
-    """Roots of that motion within 2 % of some frequencies."""
-    h = motion(full, at, given)
-    return np.array([scipy.optimize.brentq(h, 0.98 * f, 1.02 * f, rtol=1e-8) for f in near])
+    return np.array(
+        [scipy.optimize.brentq(motion, 0.98 * f, 1.02 * f, xtol=1e-4, rtol=1e-6) for f in near]
+    )
 
 
 @pytest.fixture(scope="module")
 def measured(tmp_path_factory):
     """Resonances and the first two antiresonances at the left end, where the weight is."""
-    folder = tmp_path_factory.mktemp("true")
-    case = written(folder, size=16)
-    full = build_structure(case, MPI.COMM_SELF, law="uncoupled", attached=True)
-    bonded = {"lap.E": 3e11, "lap.G": 1e11, "left.mass": 0.04}
-    modes = solve_modes(full, bonded, n_modes=20)
-    seen = pair_modes(modes, 4, ALONG).index
-    h = motion(full, END, bonded)
-    # A change of sign is a zero where no resonance is.
-    poles, found, low, last = modes.frequencies_hz, [], 150.0, h(150.0)
-    for hz in np.geomspace(150, 1500, 60)[1:]:
-        value = h(hz)
-        if np.sign(value) != np.sign(last) and not np.any((poles > low) & (poles < hz)):
-            found.append(scipy.optimize.brentq(h, low, hz, rtol=1e-6))
-            if len(found) == 2:
-                break
-        low, last = hz, value
-    return modes.frequencies_hz[seen], np.array(found)
-
-
-def case_of(folder: Path, measured, more: str):
-    folder.mkdir()
-    write_measured(folder, measured[0])
-    return written(folder, TEST + more)
+    full, values, modes, hz = PLATES.true(
+        tmp_path_factory.mktemp("true"), 60, **{"left.mass": 0.04}
+    )
+    # By 60 modes a change of sign is nearly a zero, or a resonance.
+    found, at = np.linspace(150, 1500, 2000), modes.at(END)[0]
+    sign = np.sign(at**2 @ (1 / (modes.eigenvalues[:, None] - (2 * np.pi * found) ** 2)))
+    near = found[:-1][np.diff(sign) > 0]
+    return hz, exact_zeros(full, values, near[:2])
 
 
 def test_antiresonances_say_at_which_end(tmp_path, measured, models):
     """Frequencies do not: they are the same with the weight at the other end."""
-    blind = case_of(tmp_path / "blind", measured, "")
-    blind = diagnose(blind, MPI.COMM_SELF, keep=models)
-    assert min(said(blind)[name] for name in ("left mass", "right mass")) > 0.2, blind.summary
-    seen = case_of(tmp_path / "seen", measured, driven(measured[1]))
-    seen = diagnose(seen, MPI.COMM_SELF, keep=models)
-    assert said(seen)["left mass"] > 0.5 and said(seen)["right mass"] < 0.05, seen.summary
+    blind, seen = (
+        said(PLATES.tested(tmp_path / name, measured[0], more), models)
+        for name, more in {"blind": "", "seen": driven(measured[1])}.items()
+    )
+    assert min(blind[name] for name in ("left mass", "right mass")) > 0.2
+    assert seen["left mass"] > 0.5 and seen["right mass"] < 0.05
 
 
 def test_they_are_entries_with_derivatives(tmp_path, measured, models):
-    model = reduced(case_of(tmp_path / "case", measured, driven(measured[1])), models)
+    model = reduced(PLATES.tested(tmp_path / "case", measured[0], driven(measured[1])), models)
     own = np.flatnonzero(model.evidence.entries.kind == ANTIRESONANCE)
     zeros = model.evidence.scalars
     assert np.exp(model.evidence.data[own]) == pytest.approx(measured[1])
     assert np.all(model.evidence.noise_sd()[own] > np.hypot(0.002, 0.003) - 1e-12)
     changed = {**model.baseline, "left.mass": 0.07, "plates.rho": 2600.0}
     found = np.array([z.log_value(changed)[0] + z.mesh for z in zeros])
-    exact = exact_zeros(model.full, END, changed, np.exp(found))
+    exact = exact_zeros(model.full, changed, np.exp(found))
     assert np.exp(found) == pytest.approx(exact, rel=2e-4)
     hypothesis = model.hypothesis(model.effects[:1])
     check_derivatives(model, hypothesis, own, hypothesis.own.start)

@@ -3,96 +3,51 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
-import scipy.sparse.linalg
 from case_tables import write_frequencies
-from measured_points import (
-    case_text,
-    check_derivatives,
-    measure_again,
-    reduced,
-    said,
-    sparse,
-    write_measured,
-)
+from measured_points import Plates, check_derivatives, measure_again, reduced, said, solved, sparse
 from mpi4py import MPI
 from virtual_beams import beams
 from virtual_plates import E
 
-from fenics_joints.case import build_structure, load_case
-from fenics_joints.diagnosis import diagnose
+from fenics_joints.case import load_case
 from fenics_joints.diagnosis.evidence.entries import STIFFNESS
-from fenics_joints.diagnosis.plan.planned import plan
 from fenics_joints.errors import InputError
-from fenics_joints.measurements import pair_modes
 from fenics_joints.meshes import box
-from fenics_joints.modal import solve_modes
 from fenics_joints.reduction.receptances import StaticModel, StaticSolver
 from fenics_joints.structure import Parameter, Sensors, Structure, Support, part
 
-SUPPORT = """
+CLAMP = """
 [supports.clamp]
 facets = "end_1"
 """
-TEST = """
-[test]
-frequencies = "frequencies.csv"
-noise = "0.1 %"
-
-[test.sees]
-along = "x"
-positions = ["60 mm", "110 mm", "160 mm", "210 mm", "260 mm", "310 mm"]
-at = { y = "40 mm", z = ["8 mm", "8 mm", "16.5 mm", "16.5 mm", "16.5 mm", "16.5 mm"] }
-direction = [0, 0, 1]
-"""
-ALONG = (0.06, 0.11, 0.16, 0.21, 0.26, 0.31)
-TIP = Sensors([0.31, 0.04, 0.0165], [0, 0, 1])
 METAL = ("modulus error", "density error")
+PLATES = Plates((*METAL, "joint normal compliance"), 18, 0.5, CLAMP)
+TIP = Sensors([0.31, 0.04, 0.0165], [0, 0, 1])
 
 
-def static(k: float, more: str = "", noise: float = 0.5) -> str:
+def static(k: float) -> str:
     return f"""
 [test.stiffness.tip]
 point = ["310 mm", "40 mm", "16.5 mm"]
 direction = [0, 0, 1]
 stiffness = "{k} N/m"
-noise = "{noise} %"
-{more}
+noise = "0.5 %"
 """
 
 
-def written(folder: Path, more: str = "", **values):
-    case = case_text(*METAL, "joint normal compliance", n_modes=18, tolerance=0.5, **values)
-    (folder / "case.toml").write_text(case + SUPPORT + more, encoding="utf-8")
-    return load_case(folder)
-
-
-def exact_stiffness(full: Structure, sensors: Sensors, given=None) -> float:
-    """By a factorisation that is not PETSc's."""
-    load = full.loads(sensors)[:, 0]
-    return 1 / float(load @ scipy.sparse.linalg.spsolve(sparse(full.stiffness(given)), load))
+def exact_stiffness(full: Structure, given) -> float:
+    load = full.loads(TIP)[:, 0]
+    return 1 / float(load @ solved(sparse(full.stiffness(given)), load))
 
 
 @pytest.fixture(scope="module")
 def measured(tmp_path_factory):
-    """A test of plates of a softer metal, bonded, on another mesh; and their stiffness."""
-    folder = tmp_path_factory.mktemp("true")
-    full = build_structure(written(folder, E=0.93 * E, size=16), MPI.COMM_SELF, law="uncoupled")
-    bonded = {"lap.E": 3e11, "lap.G": 1e11}
-    modes = solve_modes(full, bonded, n_modes=18)
-    points = [[x, 0.04, 0.008 if x < 0.12 else 0.0165] for x in ALONG]
-    sensors = Sensors(points, [0, 0, 1])
-    seen = pair_modes(modes, 4, sensors).index
-    return modes.frequencies_hz[seen], exact_stiffness(full, TIP, bonded)
-
-
-def case_of(folder: Path, measured, more: str):
-    folder.mkdir()
-    write_measured(folder, measured[0])
-    return written(folder, TEST + more)
+    """Frequencies of plates of a softer metal, and their stiffness."""
+    full, bonded, _, hz = PLATES.true(tmp_path_factory.mktemp("true"), 18, E=0.93 * E)
+    return hz, exact_stiffness(full, bonded)
 
 
 def test_a_stiffness_splits_modulus_from_density(tmp_path, measured, models):
@@ -100,24 +55,23 @@ def test_a_stiffness_splits_modulus_from_density(tmp_path, measured, models):
     is off."""
     given = {"blind": "", "seen": static(measured[1]), "other": static(measured[1] / 0.93)}
     blind, seen, other = (
-        diagnose(case_of(tmp_path / name, measured, more), MPI.COMM_SELF, keep=models)
+        said(PLATES.tested(tmp_path / name, measured[0], more), models)
         for name, more in given.items()
     )
-    assert {e.class_name for e in blind.effects if e.name in METAL} == {blind.effects[1].class_name}
-    assert min(said(blind)[name] for name in METAL) > 0.2, blind.summary
-    assert said(seen)["modulus error"] > 0.5 and said(seen)["density error"] < 0.01
-    assert said(other)["density error"] > 0.5 and said(other)["modulus error"] < 0.01
+    assert min(blind[name] for name in METAL) > 0.2
+    assert seen["modulus error"] > 0.5 and seen["density error"] < 0.01
+    assert other["density error"] > 0.5 and other["modulus error"] < 0.01
 
 
 def test_it_is_an_entry_that_the_mesh_and_any_model_err_in(tmp_path, measured, models):
-    model = reduced(case_of(tmp_path / "case", measured, static(measured[1])), models)
+    model = reduced(PLATES.tested(tmp_path / "case", measured[0], static(measured[1])), models)
     (tip,) = model.evidence.scalars
     (own,) = np.flatnonzero(model.evidence.entries.kind == STIFFNESS)
     assert model.evidence.data[own] == pytest.approx(np.log(measured[1]))
     assert 0.0078 < model.evidence.noise_sd()[own] < 0.02  # noise, and twice 0.3 %, and the mesh's
     assert 0 < tip.mesh < 0.05
     changed = {**model.baseline, "plates.E": 0.9 * E, "plates.rho": 2000.0}
-    exact = exact_stiffness(model.full, TIP, changed)
+    exact = exact_stiffness(model.full, changed)
     assert tip.log_value(changed) + tip.mesh == pytest.approx(np.log(exact), abs=5e-4)
     # Its derivatives are those of what is predicted, one by one and of many points together.
     check_derivatives(model, model.hypothesis(model.effects[-1:]), np.array([own]), -1)
@@ -141,9 +95,7 @@ def test_it_is_an_entry_that_the_mesh_and_any_model_err_in(tmp_path, measured, m
 
 def test_a_plan_ranks_it(tmp_path, models):
     """It would tell the metal's modulus from its density, at the free end."""
-    planned = TEST.replace('frequencies = "frequencies.csv"\n', "") + "[test.planned]\nmodes = 4\n"
-    found = plan(written(tmp_path, planned), MPI.COMM_SELF, keep=models)
-    gained = {a.measurement: a.mean_gain for a in found.additions}
+    gained = PLATES.gains(tmp_path, models)
     assert gained["the static stiffness at (310, 40, 16) mm, to 2 %"] > 0.5
 
 

@@ -6,26 +6,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import scipy.sparse.linalg
-from measured_points import (
-    ALONG,
-    TEST,
-    case_text,
-    check_derivatives,
-    reduced,
-    said,
-    sparse,
-    write_measured,
-)
+from measured_points import Plates, check_derivatives, reduced, said, solved, sparse
 from mpi4py import MPI
 from virtual_plates import E
 
-from fenics_joints.case import build_structure, load_case
 from fenics_joints.diagnosis import diagnose
 from fenics_joints.diagnosis.evidence.entries import FUNCTION
-from fenics_joints.diagnosis.plan.planned import plan
 from fenics_joints.errors import InputError
-from fenics_joints.measurements import pair_modes
 from fenics_joints.meshes import box
 from fenics_joints.modal import solve_modes
 from fenics_joints.reduction.matched import places_all_over
@@ -35,8 +22,8 @@ from fenics_joints.structure import Parameter, Sensors, Structure, part
 
 #: A force at the right end, and motion there and at the left.
 ENDS = Sensors([[0.31, 0.04, 0.0165], [0.01, 0.04, 0.0]], [0, 0, 1])
-BONDED = {"lap.E": 3e11, "lap.G": 1e11}
 METAL = ("modulus error", "density error")
+PLATES = Plates((*METAL, "joint normal compliance"), 20, 0.5)
 LOSS = 0.004
 HZ = np.arange(100.0, 1600.0, 2.0)
 
@@ -52,44 +39,25 @@ points = {{ "1" = ["310 mm", "40 mm", "16.5 mm"], "2" = {node} }}
 """
 
 
-def written(folder: Path, more: str = "", **values):
-    case = case_text(*METAL, "joint normal compliance", n_modes=20, tolerance=0.5, **values)
-    (folder / "case.toml").write_text(case + more, encoding="utf-8")
-    return load_case(folder)
-
-
-def exact(full: Structure, given, hz, response: int, loss: float = LOSS) -> np.ndarray:
-    """Receptances by factorisations that are not PETSc's, m/N."""
-    K, M, at = sparse(full.stiffness(given)), sparse(full.mass(given)), full.loads(ENDS)
-    solved = (
-        scipy.sparse.linalg.spsolve(K * (1 + 1j * loss) - (2 * np.pi * f) ** 2 * M, at[:, 0] + 0j)
-        for f in hz
-    )
-    return np.array([at[:, response] @ x for x in solved])
-
-
 @pytest.fixture(scope="module")
 def measured(tmp_path_factory):
-    """Resonances of plates of a softer metal, bonded, on another mesh, and both functions, m/N."""
-    folder = tmp_path_factory.mktemp("true")
-    case = written(folder, E=0.93 * E, size=16)
-    full = build_structure(case, MPI.COMM_SELF, law="uncoupled")
-    modes = solve_modes(full, BONDED, n_modes=60)
-    seen = pair_modes(modes, 4, ALONG).index
+    """Resonances of plates of a softer metal, and both functions, m/N."""
+    full, bonded, modes, hz = PLATES.true(tmp_path_factory.mktemp("true"), 60, E=0.93 * E)
     at, lam = modes.at(ENDS), np.maximum(modes.eigenvalues, 0.0)
     gap = lam * (1 + 1j * LOSS) - (2 * np.pi * HZ[:, None]) ** 2
     found = np.stack([np.sum(at[0] * at[i] / gap, axis=1) for i in range(2)])
-    # What modes beyond add hardly changes with the frequency.
-    some = HZ[::250]
-    rest = [exact(full, BONDED, some, i) - found[i, ::250] for i in range(2)]
-    found = found + np.array([np.interp(HZ, some, r.real) for r in rest])
-    return modes.frequencies_hz[seen], found
+    # What modes beyond add hardly changes with the frequency: by factorisations not PETSc's.
+    K, M, load = sparse(full.stiffness(bonded)), sparse(full.mass(bonded)), full.loads(ENDS)
+    lossy = K * (1 + 1j * LOSS)
+    some = slice(None, None, 250)
+    exact = [load.T @ solved(lossy - (2 * np.pi * f) ** 2 * M, load[:, 0] + 0j) for f in HZ[some]]
+    rest = np.transpose(exact) - found[:, some]
+    return hz, found + np.array([np.interp(HZ, HZ[some], r.real) for r in rest])
 
 
 def case_of(folder: Path, measured, more: str, scale: float = 1.0):
     """With 2 % of noise on accelerances, and hum."""
     folder.mkdir()
-    write_measured(folder, measured[0])
     rng = np.random.default_rng(4)
     both = scale * measured[1] * -((2 * np.pi * HZ) ** 2)
     noise = rng.standard_normal((2, *both.shape)) * 0.02 / np.sqrt(2)
@@ -99,19 +67,18 @@ def case_of(folder: Path, measured, more: str, scale: float = 1.0):
     rows = np.column_stack([HZ, *(part for h in both for part in (h.real, h.imag))])
     table = [",".join(["frequency [Hz]", *heads]), *(",".join(map(repr, r)) for r in rows.tolist())]
     (folder / "frfs.csv").write_text("\n".join(table) + "\n", encoding="utf-8")
-    return written(folder, TEST + more)
+    return PLATES.tested(folder, measured[0], more)
 
 
 def test_functions_split_modulus_from_density(tmp_path, measured, models):
     """Frequencies alone do not: the metal is softer. By functions of a heavier one, it is that."""
-    blind = diagnose(case_of(tmp_path / "blind", measured, ""), MPI.COMM_SELF, keep=models)
-    assert min(said(blind)[name] for name in METAL) > 0.2, blind.summary
-    seen = diagnose(case_of(tmp_path / "seen", measured, frfs()), MPI.COMM_SELF, keep=models)
-    assert said(seen)["modulus error"] > 0.5 and said(seen)["density error"] < 0.1, seen.summary
+    blind = said(case_of(tmp_path / "blind", measured, ""), models)
+    assert min(blind[name] for name in METAL) > 0.2
+    seen = said(case_of(tmp_path / "seen", measured, frfs()), models)
+    assert seen["modulus error"] > 0.5 and seen["density error"] < 0.1
     # Of a structure heavier by 7.5 % the frequencies are the same, and functions less by that.
-    heavier = case_of(tmp_path / "heavier", measured, frfs(), scale=0.93)
-    other = diagnose(heavier, MPI.COMM_SELF, keep=models)
-    assert said(other)["density error"] > 0.5 and said(other)["modulus error"] < 0.1, other.summary
+    other = said(case_of(tmp_path / "heavier", measured, frfs(), scale=0.93), models)
+    assert other["density error"] > 0.5 and other["modulus error"] < 0.1
 
 
 def test_they_are_entries_with_derivatives(tmp_path, measured, models):
@@ -188,9 +155,7 @@ def test_of_a_free_bar_with_the_resonances_of_a_test():
 
 def test_a_plan_ranks_one(tmp_path, models):
     """It would tell the metal's modulus from its density, at an end, where all modes move."""
-    planned = TEST.replace('frequencies = "frequencies.csv"\n', "") + "[test.planned]\nmodes = 4\n"
-    found = plan(written(tmp_path, planned), MPI.COMM_SELF, keep=models)
-    gained = {a.measurement: a.mean_gain for a in found.additions}
+    gained = PLATES.gains(tmp_path, models)
     ends = ("(310, 40, 16)", "(10, 40, 0)")
     (one,) = (name for name in gained if name.startswith("the function of a force"))
     assert any(end in one for end in ends) and gained[one] > 0.3, gained

@@ -73,21 +73,25 @@ def lighter() -> Effect:
     return Effect("lighter", "", (Prior("factor", 1.0, 0.1),), apply)
 
 
-def evidence_for(forward, damped: bool) -> Evidence:
-    rng = np.random.default_rng(5)
+def evidence_for(forward, damped: bool, torques=TORQUES) -> Evidence:
+    """Without shapes if the torques are not the usual ones."""
+    rng, n = np.random.default_rng(5), len(torques)
     shapes = forward.pairing(BASELINE).shapes + 0.1 * rng.standard_normal((5, 3))
     shapes[3, 1] = np.nan
-    f = np.tile(forward(BASELINE)[0], (2, 1))
-    return Evidence(
-        np.array(TORQUES),
-        f,
-        np.full((2, 3), 0.01),
-        0.01,
-        log_damping=np.full((2, 3), np.log(0.01)) if damped else None,
-        shapes=shapes,
-        shape_row=1,
-        near=np.eye(5),
-    )
+    seen = dict(shapes=shapes, shape_row=1, near=np.eye(5)) if torques == TORQUES else {}
+    log_damping = np.full((n, 3), np.log(0.01)) if damped else None
+    log_f, sd = np.tile(forward(BASELINE)[0], (n, 1)), np.full((n, 3), 0.01)
+    return Evidence(np.array(torques), log_f, sd, 0.01, log_damping=log_damping, **seen)
+
+
+def one_with(*effects: Effect, scatter=0.2, conditions=TORQUES, **more) -> Hypothesis:
+    """These effects, and a density that is not known."""
+    known = {"scatter": scatter, "conditions": conditions, "modes": MODES}
+    return Hypothesis(effects, (lighter(),), **known, **more)
+
+
+def drawn(hypothesis: Hypothesis, *shape: int) -> np.ndarray:
+    return 0.5 * np.random.default_rng(7).standard_normal((*shape, len(hypothesis.priors)))
 
 
 EFFECTS = {
@@ -104,17 +108,9 @@ EFFECTS = {
 @pytest.mark.parametrize("damped", [False, True], ids=["", "damped"])
 @pytest.mark.parametrize("kind", list(EFFECTS))
 def test_derivatives_are_differences(forward, kind, damped):
-    hypothesis = Hypothesis(
-        (stiffer(depends=True), *EFFECTS[kind]),
-        (lighter(),),
-        scatter=0.2,
-        conditions=TORQUES,
-        modes=MODES,
-        damped=damped,
-    )
+    hypothesis = one_with(stiffer(depends=True), *EFFECTS[kind], damped=damped)
     evidence = evidence_for(forward, damped)
-    rng = np.random.default_rng(6)
-    z = 0.6 * rng.standard_normal(len(hypothesis.priors))
+    z = 1.2 * drawn(hypothesis)
 
     def at(z):
         return one_by_one(hypothesis, forward, evidence, z, BASELINE)
@@ -134,7 +130,7 @@ def test_derivatives_are_differences(forward, kind, damped):
 def test_drift_of_the_temperature_is_seen_where_nothing_depends_on_the_torque(forward):
     """It changes from row to row by their order, and is no effect of the torque."""
     drifting = temperature(["ground"], TORQUES, drifts=True)
-    hypothesis = Hypothesis((drifting,), (lighter(),), conditions=TORQUES, modes=MODES)
+    hypothesis = one_with(drifting, scatter=0.0)
     evidence = evidence_for(forward, damped=False)
     z = np.array([0.3, -0.5, 0.8])
     step = np.array([0.0, 0.0, 1e-4])
@@ -202,11 +198,9 @@ def joint_loss() -> Effect:
 def test_many_at_once_are_as_one_by_one(forward, kind, damped):
     """On another basis too; and a point alone is as among others, with its derivatives."""
     effects = (stiffer(depends=True), *EFFECTS[kind], *([joint_loss()] if damped else []))
-    hypothesis = Hypothesis(
-        effects, (lighter(),), scatter=0.2, conditions=TORQUES, modes=MODES, damped=damped
-    )
+    hypothesis = one_with(*effects, damped=damped)
     evidence = evidence_for(forward, damped)
-    z = 0.5 * np.random.default_rng(7).standard_normal((4, len(hypothesis.priors)))
+    z = drawn(hypothesis, 4)
     rotation = np.linalg.qr(np.random.default_rng(9).standard_normal((N, N)))[0]
     lean = BatchPrediction(forward, forward.model.on(rotation))
     many = ManyPredictions(hypothesis, lean, evidence, BASELINE)
@@ -257,7 +251,7 @@ def test_an_effect_that_takes_one_condition_at_a_time(forward):
         values["a.G"] *= theta["factor"] if torque > 10.0 else 1.0
 
     own = Effect("own", "", (Prior("factor", 1.0, 0.5),), apply, depends_on_condition=True)
-    hypothesis = Hypothesis((own,), (lighter(),), scatter=0.1, conditions=TORQUES, modes=MODES)
+    hypothesis = one_with(own)
     evidence, z = evidence_for(forward, damped=False), np.array([0.2, 0.7, 0.1, -0.2])
     one, up, down = (
         one_by_one(hypothesis, forward, evidence, z + s, BASELINE)
@@ -278,7 +272,7 @@ def test_an_effect_that_takes_no_arrays_is_put_in_one_by_one(forward):
         values["a.G"] *= theta["factor"] if theta["factor"] > 0.5 else -1.0
 
     own = Effect("own", "", (Prior("factor", 1.0, 0.5),), apply)
-    hypothesis = Hypothesis((own,), (lighter(),), conditions=TORQUES, modes=MODES)
+    hypothesis = one_with(own, scatter=0.0)
     evidence = evidence_for(forward, damped=False)
     z = np.array([[0.2, 0.3], [0.1, -2.0], [0.4, -0.4]])
     many = ManyPredictions(hypothesis, forward, evidence, BASELINE)
@@ -299,16 +293,10 @@ def test_modes_of_one_level_have_no_amplitude_of_their_own(forward, driven):
     log_f = np.where(there, measured.log_f, np.nan)
     evidence = replace(measured, log_f=log_f, log_damping=log_f - 4, used=None)
     assert evidence.driven == driven
-    hypothesis = Hypothesis(
-        (micro_slip([Zone("a")], 20.0),),
-        (lighter(),),
-        conditions=TORQUES,
-        modes=MODES,
-        damped=True,
-        driven=evidence.driven,
-    )
+    slips = micro_slip([Zone("a")], 20.0)
+    hypothesis = one_with(slips, scatter=0.0, damped=True, driven=evidence.driven)
     assert [p.name for p in hypothesis.amplitudes] == ["three over two"][: len(driven) - 1]
-    z = 0.4 * np.random.default_rng(8).standard_normal((2, len(hypothesis.priors)))
+    z = drawn(hypothesis, 2)
     many = ManyPredictions(hypothesis, forward, evidence, BASELINE)
     got, slopes = many.at(z[0])
     there, step = np.isfinite(evidence.data), 1e-4
@@ -332,23 +320,9 @@ def test_modes_of_one_level_have_no_amplitude_of_their_own(forward, driven):
 def test_many_torques_lie_between_few(forward, damped):
     """Each torque solved for by itself says the same of all of them, and so do derivatives."""
     torques = tuple(np.linspace(2.0, 22.0, 11).tolist())
-    f = np.tile(forward(BASELINE)[0], (11, 1))
-    evidence = Evidence(
-        np.array(torques),
-        f,
-        np.full((11, 3), 0.01),
-        0.01,
-        log_damping=np.full((11, 3), np.log(0.01)) if damped else None,
-    )
-    hypothesis = Hypothesis(
-        (stiffer(depends=True),),
-        (lighter(),),
-        scatter=0.2,
-        conditions=torques,
-        modes=MODES,
-        damped=damped,
-    )
-    z = 0.6 * np.random.default_rng(6).standard_normal((4, len(hypothesis.priors)))
+    evidence = evidence_for(forward, damped, torques)
+    hypothesis = one_with(stiffer(depends=True), conditions=torques, damped=damped)
+    z = drawn(hypothesis, 4)
     few, each = (
         ManyPredictions(hypothesis, forward, evidence, BASELINE, between=between)
         for between in (True, False)

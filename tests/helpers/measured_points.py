@@ -3,22 +3,26 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-import scipy.sparse
+import scipy.sparse.linalg
 from case_tables import write_frequencies
 from mpi4py import MPI
 from virtual_plates import LAP, E, noisy, plates
 
-from fenics_joints.case import Case
+from fenics_joints.case import Case, build_structure, load_case
+from fenics_joints.diagnosis import Diagnosis, diagnose
 from fenics_joints.diagnosis.evidence.predictions import ManyPredictions
 from fenics_joints.diagnosis.model.at_points import measured_at_points
 from fenics_joints.diagnosis.model.prepared import Prepared, prepare
+from fenics_joints.diagnosis.plan.planned import plan
+from fenics_joints.measurements import pair_modes
+from fenics_joints.modal import Modes, solve_modes
 from fenics_joints.progress import Progress
-from fenics_joints.structure import Sensors
+from fenics_joints.structure import Sensors, Structure
 
 NOISE = 1e-3
 #: Sensors along the middle of both plates from end to end, and a test by them.
@@ -53,17 +57,59 @@ effects = {effects}
 """
 
 
-def case_text(*effects: str, n_modes: int, tolerance: float, E: float = E, size=20) -> str:
-    """A case without a test; elements of ``size`` mm."""
-    within = f'tolerance = {{ E = "{tolerance} %", rho = "{tolerance} %" }}\n'
-    joint = LAP + "bolted = true\n"
-    nominal = plates(joint, within, size=size, E=E, G=E / 2.566)
-    return nominal + _DIAGNOSE.format(n_modes=n_modes, effects=json.dumps(effects))
+@dataclass(frozen=True)
+class Plates:
+    """Lap plates of which some effects are weighed.
+
+    Attributes:
+        effects: Their names.
+        n_modes: Number of modes of each model.
+        tolerance: Of modulus and density, %.
+        more: What else the case says.
+    """
+
+    effects: tuple[str, ...]
+    n_modes: int
+    tolerance: float
+    more: str = ""
+
+    def written(self, folder: Path, test: str = "", E: float = E, size=20) -> Case:
+        """The case with this test, in a folder; elements of ``size`` mm."""
+        within = f'tolerance = {{ E = "{self.tolerance} %", rho = "{self.tolerance} %" }}\n'
+        text = plates(LAP + "bolted = true\n", within, size=size, E=E, G=E / 2.566)
+        text += _DIAGNOSE.format(n_modes=self.n_modes, effects=json.dumps(self.effects))
+        folder.mkdir(exist_ok=True)
+        (folder / "case.toml").write_text(text + self.more + test, encoding="utf-8")
+        return load_case(folder)
+
+    def true(
+        self, folder: Path, n_modes: int, E: float = E, **own: float
+    ) -> tuple[Structure, dict[str, float], Modes, np.ndarray]:
+        """Bonded plates on another mesh: structure, values, modes, and measured frequencies, Hz."""
+        case = self.written(folder, E=E, size=16)
+        full = build_structure(case, MPI.COMM_SELF, law="uncoupled", attached=True)
+        values = {"lap.E": 3e11, "lap.G": 1e11, **own}
+        modes = solve_modes(full, values, n_modes=n_modes)
+        return full, values, modes, modes.frequencies_hz[pair_modes(modes, 4, ALONG).index]
+
+    def tested(self, folder: Path, hz: np.ndarray, more: str = "") -> Case:
+        """The case with a test of frequencies, with noise, and of what ``more`` says."""
+        folder.mkdir(exist_ok=True)
+        write_frequencies(folder, noisy(hz, NOISE, np.random.default_rng(2)))
+        return self.written(folder, TEST + more)
+
+    def gains(self, folder: Path, keep: Path) -> dict[str, float]:
+        """What each further measurement would gain beside a planned test of frequencies."""
+        listed = TEST.replace('frequencies = "frequencies.csv"\n', "")
+        case = self.written(folder, listed + "[test.planned]\nmodes = 4\n")
+        found = plan(case, MPI.COMM_SELF, keep=keep)
+        return {each.measurement: each.mean_gain for each in found.additions}
 
 
-def write_measured(folder: Path, hz: np.ndarray) -> None:
-    """The table of a test, with noise."""
-    write_frequencies(folder, noisy(hz, NOISE, np.random.default_rng(2)))
+def said(case: Case, keep: Path) -> dict[str, float]:
+    """Probability of each effect."""
+    result: Diagnosis = diagnose(case, MPI.COMM_SELF, keep=keep)
+    return {e.name: e.probability for e in result.effects}
 
 
 def reduced(case: Case, keep: Path | None = None) -> Prepared:
@@ -83,15 +129,15 @@ def measure_again(model: Prepared, table: str, name: str, **changes) -> None:
     measured_at_points(changed, Progress(silent=True))
 
 
-def said(result) -> dict[str, float]:
-    """Probability of each effect."""
-    return {e.name: e.probability for e in result.effects}
-
-
 def sparse(A) -> scipy.sparse.csc_matrix:
     """A matrix of one rank, to be factorised by SciPy."""
     rows, columns, values = A.getValuesCSR()
     return scipy.sparse.csr_matrix((values, columns, rows), shape=A.getSize()).tocsc()
+
+
+def solved(A: scipy.sparse.csc_matrix, b: np.ndarray) -> np.ndarray:
+    """A^-1 b of a symmetric matrix, by a factorisation that is not PETSc's."""
+    return scipy.sparse.linalg.spsolve(A, b, permc_spec="MMD_AT_PLUS_A")
 
 
 def check_derivatives(model, hypothesis, own: np.ndarray, j: int, floor: float = 1e-9) -> None:
