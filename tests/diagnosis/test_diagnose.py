@@ -123,7 +123,7 @@ def test_a_suggestion_that_fails_takes_no_answer_with_it(diagnosed, monkeypatch)
 
 @pytest.mark.smoke
 def test_no_gap_without_an_effect(diagnosed):
-    result = diagnosed(virtual_test(), library=None)
+    result = diagnosed(virtual_test())
     assert result.verdict == "no gap", result.summary
     assert result.effects[0].name == "no gap"
     total = sum(h.probability for h in result.hypotheses)
@@ -147,7 +147,7 @@ def test_what_no_effect_explains_is_unknown(diagnosed, mode, factor):
 
 def test_small_mass_is_left_open_by_a_coarse_model(diagnosed):
     """Neither a false cause nor a false all-clear where the discrepancy hides the effect."""
-    result = diagnosed(virtual_test(mass=0.02), "1 %", library=None)
+    result = diagnosed(virtual_test(mass=0.02))
     assert result.verdict == "ambiguous", result.summary
     causes = [e for e in result.effects if e.name != "no gap"]
     assert causes[0].name == "accelerometer mass" and causes[0].probability > 0.15

@@ -127,7 +127,7 @@ def test_without_damping_nothing_is_sure():
 @pytest.mark.parametrize("drift", [0.0, 0.002], ids=["linear", "drifting"])
 def test_neither_drift_nor_scatter_is_friction(drift):
     """Constant damping; frequencies constant, or 0.2 % higher at the end than at first."""
-    for seed in range(3):
+    for seed in range(2):
         hertz = 80.3 * (1 + drift * np.arange(8) / 7) * scatter(seed, NOISE)
         found = fitted(hertz, 0.002 * scatter(seed + 10, DAMPING_NOISE))
         p = odds(found)
@@ -273,7 +273,8 @@ effects = ["joint normal and tangential compliance", {", ".join(f'"{name}"' for 
 
 def test_diagnosis_of_the_brake_reuss_beam_names_friction_and_what_it_cannot_tell(tmp_path):
     rows = ["level [m/s2],bending 1 [Hz],damping [%]"]
-    rows += [f"{a},{f},{100 * z}" for a, f, z in zip(LEVELS, HERTZ, RATIOS, strict=True)]
+    three = np.column_stack([LEVELS, HERTZ, 100 * RATIOS])[[0, 3, 7]]
+    rows += [",".join(map(str, row)) for row in three]
     (tmp_path / "backbone.csv").write_text("\n".join(rows) + "\n", encoding="utf-8")
     (tmp_path / "case.toml").write_text(_CASE, encoding="utf-8")
     result = diagnose(load_case(tmp_path), MPI.COMM_SELF)

@@ -22,7 +22,7 @@ from fenics_joints.diagnosis.search import Search
 from fenics_joints.progress import Progress
 
 TORQUES = np.array([5.0, 10.0, 20.0])
-COUNT, M = 20, 8
+COUNT, M = 17, 8
 
 
 class Bent(PointwiseForward):
