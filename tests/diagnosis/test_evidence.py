@@ -40,6 +40,15 @@ def measured(**changes) -> TestData:
     return TestData(**(given | changes))
 
 
+def on_twelve(hz, shapes) -> Evidence:
+    """One torque, and twelve sensors in a line."""
+    points = np.column_stack([np.linspace(0, 1, 12), np.zeros((12, 2))])
+    sensors = Sensors(points, [0.0, 0.0, 1.0])
+    seen = dict(shapes=shapes, shape_noise=0.01, sensors=sensors)
+    undamped = dict(damping=None, damping_noise=None)
+    return evidence_of(measured(conditions=[5.0], frequencies_hz=[hz], **undamped, **seen), 0.01)
+
+
 def test_every_entry_of_the_covariance_by_hand():
     evidence = evidence_of(measured(), 0.01)
     C, e = evidence.full_covariance(), evidence.entries
@@ -160,20 +169,10 @@ def test_close_modes_may_turn_into_one_another_as_far_as_the_models_error_turns_
     """Eigenvectors of two close modes under an error of 1 % between them; none of distant ones."""
     rng = np.random.default_rng(4)
     shapes, _ = np.linalg.qr(rng.standard_normal((12, 2)))
-    points = np.column_stack([np.linspace(0, 1, 12), np.zeros((12, 2))])
 
     def squares(hz, turned):
         """Mahalanobis' square of a pair of shapes, beside the other shapes' error and noise."""
-        data = measured(
-            conditions=[5.0],
-            frequencies_hz=[hz],
-            damping=None,
-            damping_noise=None,
-            shapes=shapes,
-            shape_noise=0.01,
-            sensors=Sensors(points, [0.0, 0.0, 1.0]),
-        )
-        evidence = evidence_of(data, 0.01)
+        evidence = on_twelve(hz, shapes)
         is_shape = evidence.entries.kind == SHAPE
         C = evidence.full_covariance()[np.ix_(is_shape, is_shape)]
         off = (np.sqrt(12) * turned).ravel() - evidence.data[is_shape]
@@ -199,21 +198,11 @@ def test_a_shape_may_turn_into_a_mode_that_the_test_lacks():
     """As the model has it beside, to its scale; and one that is held out is still there."""
     rng = np.random.default_rng(5)
     modes, _ = np.linalg.qr(rng.standard_normal((12, 3)))  # of a body of 1 kg a node
-    points = np.column_stack([np.linspace(0, 1, 12), np.zeros((12, 2))])
     hz = np.array([100.0, 160.0, 163.0])
     angle = np.radians(20.0)
     turn = modes.copy()
     turn[:, 1] = np.cos(angle) * modes[:, 1] + np.sin(angle) * modes[:, 2]
-    data = measured(
-        conditions=[5.0],
-        frequencies_hz=[hz[:2]],
-        damping=None,
-        damping_noise=None,
-        shapes=turn[:, :2],
-        shape_noise=0.01,
-        sensors=Sensors(points, [0.0, 0.0, 1.0]),
-    )
-    alone = evidence_of(data, 0.01)
+    alone = on_twelve(hz[:2], turn[:, :2])
     beside = replace(alone, neighbours=Neighbours(np.log(hz), modes, np.arange(2)))
 
     def squares(evidence, mode):

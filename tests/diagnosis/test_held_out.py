@@ -47,24 +47,28 @@ def draw(rng, truth, shape=(4, 5)):
     return Evidence(TORQUES, log_f, np.full(shape, SD), DISCREPANCY)
 
 
+def fitted(evidence, *effects, forward=FORWARD):
+    return fit(
+        Hypothesis(effects, name="" if effects else "none"), forward, evidence, FORWARD.baseline
+    )
+
+
 def candidates(evidence):
-    effects = [shift(i) for i in range(3)]
-    chosen = [(), *[(e,) for e in effects]]
-    return [
-        fit(Hypothesis(c, name="" if c else "none"), FORWARD, evidence, FORWARD.baseline)
-        for c in chosen
-    ]
+    return [fitted(evidence), *(fitted(evidence, shift(i)) for i in range(3))]
 
 
 def library(evidence):
     return Library(FORWARD, evidence, FORWARD.baseline, lambda effects: Hypothesis(tuple(effects)))
 
 
-def validate(evidence, wrong, masks=None):
-    fits = candidates(evidence)
-    return cross_validate(
-        fits, np.zeros(len(fits)), wrong, library(evidence), MASKS if masks is None else masks
-    )
+def validate(evidence, wrong, masks=MASKS, fits=None, log_odds=None, **more):
+    fits = candidates(evidence) if fits is None else fits
+    odds = np.zeros(len(fits)) if log_odds is None else log_odds
+    return cross_validate(fits, odds, wrong, library(evidence), masks, **more)
+
+
+def holds(name):
+    return lambda f: any(e.name == name for e in f.hypothesis.effects)
 
 
 def test_stated_intervals_hold_as_often_as_they_say():
@@ -106,7 +110,7 @@ def test_the_right_effect_shrinks_what_a_wrong_one_cannot():
 
     # Where nothing but a wrong effect can be chosen nothing is claimed.
     others = [f for f in candidates(evidence) if wrong(f)]
-    lost = cross_validate(others, [0.0, 0.0], lambda f: True, library(evidence), MASKS)
+    lost = validate(evidence, lambda f: True, fits=others)
     assert lost.shrink < 0.3 and lost.excess == 0.0 and not lost.claimed
 
 
@@ -118,14 +122,8 @@ def test_a_wrong_effect_that_predicts_the_same_is_no_rival():
         values["p0"] += (1 + 1e-7) * theta["d"]
 
     twin = Effect("twin", "", (Prior("d", 0.0, 1.0, log=False),), apply)
-    fits = [*candidates(evidence), fit(Hypothesis((twin,)), FORWARD, evidence, FORWARD.baseline)]
-    found = cross_validate(
-        fits,
-        [0.0, 0.0, 0.0, 0.0, -1.0],
-        lambda f: f.hypothesis.effects == (twin,),
-        library(evidence),
-        MASKS,
-    )
+    fits, odds = [*candidates(evidence), fitted(evidence, twin)], [0.0, 0.0, 0.0, 0.0, -1.0]
+    found = validate(evidence, holds("twin"), fits=fits, log_odds=odds)
     assert not any(f.placebo_chosen for f in found.folds)
     assert found.placebo == found.before and found.claimed and confirmed(found)
 
@@ -133,18 +131,10 @@ def test_a_wrong_effect_that_predicts_the_same_is_no_rival():
 def test_modes_that_the_nominal_model_lacks_are_held_out_too():
     """Its error is that of the others alone; all else is scored on all modes, as if it had them."""
     evidence = draw(np.random.default_rng(5), [0.9, 0.0, 0.0])
-    fits = candidates(evidence)
+    causes = {"it": holds("effect 0")}
     lacks = np.array([True, False, True, True, True])
     found, whole = (
-        cross_validate(
-            fits,
-            np.zeros(4),
-            lambda f: f.hypothesis.label == "effect 1",
-            library(evidence),
-            MASKS,
-            causes={"it": lambda f: f.hypothesis.label == "effect 0"},
-            not_nominal=mask,
-        )
+        validate(evidence, holds("effect 1"), causes=causes, not_nominal=mask)
         for mask in (lacks, None)
     )
     own = np.expm1(5.0 - evidence.log_f[:, 1])
@@ -186,11 +176,11 @@ def test_what_is_held_out_is_not_in_what_states_the_forecast(monkeypatch):
 
 def test_a_fit_to_a_part_is_linear_about_that_to_all_where_little_moves():
     evidence = draw(np.random.default_rng(7), [0.4, 0.0, 0.0])
-    whole = fit(Hypothesis((shift(0), shift(1))), FORWARD, evidence, FORWARD.baseline)
+    whole = fitted(evidence, shift(0), shift(1))
     mask = dict(MASKS)["mode c"]
     blind = blinded(evidence, mask)
     near = moved(whole, blind)
-    best = fit(Hypothesis((shift(0), shift(1))), FORWARD, blind, FORWARD.baseline)
+    best = fitted(blind, shift(0), shift(1))
     assert near.z == pytest.approx(best.z, abs=1e-4)
     assert near.log_evidence == pytest.approx(best.log_evidence, abs=1e-4)
     assert near.predicted == pytest.approx(best.predicted, abs=1e-6) and near.n_data < whole.n_data
@@ -206,7 +196,7 @@ def test_forecast_is_the_conditional_normal_when_linear(monkeypatch):
     evidence = draw(np.random.default_rng(4), [0.5, 0.0, 0.0])
     mask = dict(MASKS)["torque 40 N·m"]
     blind = blinded(evidence, mask)
-    refit = fit(Hypothesis((shift(0),)), FORWARD, blind, FORWARD.baseline)
+    refit = fitted(blind, shift(0))
     held = mask.ravel()
     stated = forecast([refit], np.ones(1), refit, np.full(5, 5.0), blind, held, SD, count=40000)
     slope = np.tile(FORWARD.matrix[:, :1], (4, 1))
@@ -234,7 +224,7 @@ def test_intervals_hold_though_less_than_is_stated_is_wrong(stated):
             )
             mask = np.arange(12)[None] == 0
             blind = blinded(evidence, mask)
-            refit = fit(Hypothesis((), name="none"), one, blind, one.baseline)
+            refit = fitted(blind, forward=one)
             found = forecast([refit], np.ones(1), refit, np.full(1, 5.0), blind, mask[0], SD)
             value = abs(np.expm1(5.0 - log_f[0, 0]))
             held_.append(found.after[0] <= value <= found.after[1])
@@ -250,7 +240,7 @@ def test_all_that_is_stated_is_there_where_it_is(between):
     squares = []
     for seed in range(200):
         evidence = draw(np.random.default_rng(seed), np.zeros(3))
-        refit = fit(Hypothesis((), name="none"), FORWARD, evidence, FORWARD.baseline)
+        refit = fitted(evidence)
         mean, known = held_out.share_of_stated(refit, evidence, between)
         prior = known - (15 if between else 5)  # modes that it is worth, each as stated
         squares.append(mean * known - prior)
@@ -259,8 +249,7 @@ def test_all_that_is_stated_is_there_where_it_is(between):
     # Where nothing changes between the torques little of it is there.
     still = np.broadcast_to(evidence.log_f[:1], (4, 5))
     calm = Evidence(TORQUES, still, np.full((4, 5), SD), DISCREPANCY)
-    refit = fit(Hypothesis((), name="none"), FORWARD, calm, FORWARD.baseline)
-    assert held_out.share_of_stated(refit, calm, True)[0] < 0.2
+    assert held_out.share_of_stated(fitted(calm), calm, True)[0] < 0.2
 
 
 def test_each_of_several_causes_has_to_make_held_out_data_more_probable():
@@ -270,23 +259,9 @@ def test_each_of_several_causes_has_to_make_held_out_data_more_probable():
     """
     evidence = draw(np.random.default_rng(0), np.array([1.0, 0.8, 0.0]))
     chosen = [c for n in range(4) for c in combinations(map(shift, range(3)), n)]
-    fits = [
-        fit(Hypothesis(c, name="" if c else "none"), FORWARD, evidence, FORWARD.baseline)
-        for c in chosen
-    ]
-
-    def holds(name):
-        return lambda f: any(e.name == name for e in f.hypothesis.effects)
-
+    fits = [fitted(evidence, *c) for c in chosen]
     causes = {f"effect {i}": holds(f"effect {i}") for i in range(3)}
-    found = cross_validate(
-        fits,
-        np.zeros(len(fits)),
-        lambda f: not holds("effect 0")(f),
-        library(evidence),
-        MASKS,
-        causes=causes,
-    )
+    found = validate(evidence, lambda f: not causes["effect 0"](f), fits=fits, causes=causes)
     assert found.gains["effect 0"] > 20 and found.gains["effect 1"] > 20
     assert found.gains["effect 2"] < 1
     assert unproved(found) == ["effect 2"] and confirmed(found)

@@ -43,21 +43,6 @@ from fenics_joints.structure import (
 CELLS = ("plate_1", "plate_2")
 NAMES = ["accelerometer mass", "joint tangential compliance", "modulus error"]
 OPTIONS = {"n_modes": 18, "samples": 8, "max_effects": 1, "patches": 0, "mesh_error": False}
-ATTACHED = {
-    "accelerometer": {
-        "kind": "mass",
-        "points": [[0.01, 0.04, 0.0]],
-        "mass": 0.02,
-        "tolerance": 0.1,
-        "travel": [0.005, 0.195],
-    },
-    "suspension": {
-        "kind": "spring",
-        "points": [[0.02, 0.0, 4e-3], [0.3, 0.0, 12.5e-3]],
-        "direction": [0, 1, 0],
-        "stiffness": "1 kN/m",
-    },
-}
 
 
 def plates(comm, *, regions=None, **more) -> Structure:
@@ -91,9 +76,11 @@ def test_script_and_case_file_give_the_same_diagnosis(shared_tmp_path):
         lines = ("max_effects = 1", "patches = 0", "mesh_error = false", f"effects = {NAMES}")
         write_virtual_case(shared_tmp_path, virtual_test(k_t=3e11).noisy(), *lines)
     comm.barrier()
-    file = diagnose(load_case(shared_tmp_path), MPI.COMM_SELF)
+    case = load_case(shared_tmp_path)
+    attached = {name: own.model_dump(exclude_unset=True) for name, own in case.attached.items()}
+    file = diagnose(case, MPI.COMM_SELF)
     script = diagnose(
-        plates(comm), test, effects=NAMES, bolted=["near"], attached=ATTACHED, **OPTIONS
+        plates(comm), test, effects=NAMES, bolted=["near"], attached=attached, **OPTIONS
     )
     assert script.verdict == file.verdict == "cause"
     assert script.effects[0].name == "joint tangential compliance"

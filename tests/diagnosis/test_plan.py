@@ -167,23 +167,16 @@ def planned(write_case):
 
 
 def test_planned_test_needs_no_data(tmp_path, planned):
-    case = load_case(planned(tmp_path))
+    """As the page on case files has it, ``damping = true`` is all that has to be said of it."""
+    damped = ("conditions = [20, 5]", "conditions = [20, 5]\ndamping = true")
+    (tmp_path / "damped").mkdir()
+    case, spoken = load_case(planned(tmp_path)), load_case(planned(tmp_path / "damped", damped))
     layout = case.planned()
     assert layout.conditions.tolist() == [5.0, 20.0] and layout.condition_unit == "N·m"
     assert len(layout.mode_names) == 4 and layout.sensors is not None and not layout.by_level
     with pytest.raises(InputError, match=r"test\.frequencies is missing.*--plan"):
         case.measurements()
-
-
-def test_planned_damping_speaks_of_damping_without_more(tmp_path, planned):
-    """As the page on case files has it, ``damping = true`` is all that has to be said."""
-    for name in "ab":
-        (tmp_path / name).mkdir()
-    silent, spoken = (
-        load_case(planned(folder, ("conditions = [20, 5]", f"conditions = [20, 5]\n{more}")))
-        for folder, more in ((tmp_path / "a", ""), (tmp_path / "b", "damping = true"))
-    )
-    assert has_ratios(spoken.planned()) and not has_ratios(silent.planned())
+    assert has_ratios(spoken.planned()) and not has_ratios(layout)
     assert spoken.planned().damping_noise == pytest.approx(0.1)
 
 
@@ -216,7 +209,7 @@ serial = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="about one process")
 
 
 @serial
-def test_plan_of_the_lap_plates(tmp_path, planned, capfd, keeps_rules):
+def test_plan_of_the_lap_plates(tmp_path, planned, models, capfd, keeps_rules):
     """On the command line, without a data file.
 
     Bending frequencies see the plates' thickness, modulus and density as one; torsion and in-plane
@@ -224,8 +217,8 @@ def test_plan_of_the_lap_plates(tmp_path, planned, capfd, keeps_rules):
     """
     folder = planned(tmp_path, ("[diagnose]\n", FEW), ('noise = "0.3 %"', 'noise = "0.1 %"'))
     out, page = tmp_path / "plan.json", tmp_path / "plan.html"
-    arguments = ["diagnose", "--plan", str(folder), "--json", str(out), "--report", str(page)]
-    done = CliRunner().invoke(app, arguments)
+    arguments = ["--json", str(out), "--report", str(page), "--keep", str(models)]
+    done = CliRunner().invoke(app, ["diagnose", "--plan", str(folder), *arguments])
     assert done.exit_code == 0, done.output
     content = json.loads(out.read_text())
     assert [set(c["members"]) for c in content["classes"]] == [MATERIAL]
@@ -256,11 +249,11 @@ def test_plan_of_the_lap_plates(tmp_path, planned, capfd, keeps_rules):
 
 
 @serial
-def test_virtual_tests_are_confused_as_often_as_planned(tmp_path, planned):
+def test_virtual_tests_are_confused_as_often_as_planned(tmp_path, planned, models):
     """Data of a plate that is too thick, with noise, model error and tolerances drawn, fitted."""
     case = load_case(planned(tmp_path, ("[diagnose]\n", FEW)))
     model = prepare(case, MPI.COMM_SELF, Progress(silent=True), data=case.planned())
-    model.reduce(Progress(silent=True))
+    model.reduce(Progress(silent=True), models)
     hz = np.exp(model.forward(model.baseline)[0])
     evidence = evidence_of(
         replace(model.data, frequencies_hz=np.tile(hz, (2, 1))), case.diagnose.discrepancy

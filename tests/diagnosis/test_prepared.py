@@ -18,7 +18,8 @@ from fenics_joints.progress import Progress
 
 
 def prepared(folder, measured, models):
-    case = load_case(write_virtual_case(folder, measured, shapes=True))
+    few = 'effects = ["accelerometer mass", "joint tangential compliance", "modulus error"]'
+    case = load_case(write_virtual_case(folder, measured, few, shapes=True))
     model = prepare(case, MPI.COMM_WORLD, Progress(silent=True))
     model.reduce(Progress(silent=True), models)
     return model

@@ -210,6 +210,19 @@ def test_attribution_names_what_was_put_in():
     assert labels == ["100 to 200 Hz", "200 to 400 Hz", "400 to 800 Hz", "800 to 1600 Hz"]
 
 
+def by_differences(log_f, names) -> Function:
+    """A forward model of ln f with its derivatives."""
+
+    def forward(values):
+        slope = []
+        for n in names:
+            up, down = (log_f(values | {n: values[n] * (1 + d)}) for d in (1e-6, -1e-6))
+            slope.append((up - down) / (2e-6 * values[n]))
+        return log_f(values), np.array(slope).T
+
+    return Function(forward, names)
+
+
 def test_zone_sensitivities_are_changes_of_the_prediction():
     """A bar of a part, a bonded layer and a spring in series: f by hand from the flexibilities."""
     h, area = 1e-3, 1e-4
@@ -221,18 +234,9 @@ def test_zone_sensitivities_are_changes_of_the_prediction():
         two = 0.3 / (values["bar.E"] * area) + h / (values["layer.G"] * area)
         return -0.5 * np.log([one * rho, two * rho])
 
-    names = list(baseline)
-
-    def forward(values):
-        slope = []
-        for n in names:
-            up, down = (log_f(values | {n: values[n] * (1 + d)}) for d in (1e-6, -1e-6))
-            slope.append((up - down) / (2e-6 * values[n]))
-        return log_f(values), np.array(slope).T
-
     evidence = Evidence(TORQUES, np.tile(log_f(baseline), (4, 1)), np.full((4, 2), 0.003), 0.005)
     zones = zone_sensitivities(
-        Function(forward, names),
+        by_differences(log_f, list(baseline)),
         evidence,
         baseline,
         ["bar", "layer"],
@@ -253,23 +257,15 @@ def test_zone_sensitivities_are_changes_of_the_prediction():
 def test_zones_of_joints_share_what_the_joints_do_together():
     """Two layers in series, of which one holds both modes and one the first only: their parts sum
     to the change by both, and the first mode's is split as their compliances, 1 to 3."""
-    h, names = 1e-3, ("one.E", "one.G", "two.E", "two.G")
-    baseline = dict.fromkeys(names, 1e11)
+    h, baseline = 1e-3, dict.fromkeys(("one.E", "one.G", "two.E", "two.G"), 1e11)
 
     def log_f(values):
         own = 1e-12 + h / values["one.E"]
         return -0.5 * np.log([own + 3 * h / values["two.E"], own])
 
-    def forward(values):
-        slope = np.zeros((2, 4))
-        for j, n in enumerate(names):
-            up, down = (log_f(values | {n: values[n] * (1 + d)}) for d in (1e-6, -1e-6))
-            slope[:, j] = (up - down) / (2e-6 * values[n])
-        return log_f(values), slope
-
     evidence = Evidence(np.ones(1), log_f(baseline)[None], np.full((1, 2), 0.003), 0.005)
     zones = zone_sensitivities(
-        Function(forward, names),
+        by_differences(log_f, list(baseline)),
         evidence,
         baseline,
         ["one", "two"],
