@@ -74,12 +74,8 @@ def measured(tmp_path_factory):
 
 
 def test_antiresonances_say_at_which_end(tmp_path, measured, models):
-    """Frequencies do not: they are the same with the weight at the other end."""
-    blind, seen = (
-        said(PLATES.tested(tmp_path / name, measured[0], more), models)
-        for name, more in {"blind": "", "seen": driven(measured[1])}.items()
-    )
-    assert min(blind[name] for name in ("left mass", "right mass")) > 0.2
+    """Frequencies are the same with the weight at the other end."""
+    seen = said(PLATES.tested(tmp_path / "seen", measured[0], driven(measured[1])), models)
     assert seen["left mass"] > 0.5 and seen["right mass"] < 0.05
 
 

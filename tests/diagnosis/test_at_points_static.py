@@ -24,7 +24,7 @@ CLAMP = """
 facets = "end_1"
 """
 METAL = ("modulus error", "density error")
-PLATES = Plates((*METAL, "joint normal compliance"), 18, 0.5, CLAMP)
+PLATES = Plates(METAL, 18, 0.5, CLAMP)
 TIP = Sensors([0.31, 0.04, 0.0165], [0, 0, 1])
 
 
@@ -53,18 +53,17 @@ def measured(tmp_path_factory):
 def test_a_stiffness_splits_modulus_from_density(tmp_path, measured, models):
     """Frequencies alone do not: the metal is softer. Of one as stiff as it should be, the density
     is off."""
-    given = {"blind": "", "seen": static(measured[1]), "other": static(measured[1] / 0.93)}
-    blind, seen, other = (
-        said(PLATES.tested(tmp_path / name, measured[0], more), models)
-        for name, more in given.items()
+    seen, other = (
+        said(PLATES.tested(tmp_path / name, measured[0], static(k)), models)
+        for name, k in (("seen", measured[1]), ("other", measured[1] / 0.93))
     )
-    assert min(blind[name] for name in METAL) > 0.2
     assert seen["modulus error"] > 0.5 and seen["density error"] < 0.01
     assert other["density error"] > 0.5 and other["modulus error"] < 0.01
 
 
 def test_it_is_an_entry_that_the_mesh_and_any_model_err_in(tmp_path, measured, models):
-    model = reduced(PLATES.tested(tmp_path / "case", measured[0], static(measured[1])), models)
+    plates = replace(PLATES, effects=("joint normal compliance",))
+    model = reduced(plates.tested(tmp_path / "case", measured[0], static(measured[1])), models)
     (tip,) = model.evidence.scalars
     (own,) = np.flatnonzero(model.evidence.entries.kind == STIFFNESS)
     assert model.evidence.data[own] == pytest.approx(np.log(measured[1]))

@@ -7,9 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-
-pytest.importorskip("dolfinx")
-
 from mpi4py import MPI
 
 from fenics_joints.case import build_preload, build_structure, load_case
@@ -88,7 +85,7 @@ def test_virtual(cause):
         pairs = CutoffModel(solve_preload(finer))
         step = pairs.step_at(20e6)
         truth = pairs.solve(step).frequencies_hz[6:12]
-    few = {"samples": 4, "max_effects": 1, "zones": 12, "nested": 0, "patches": 0}
+    few = {"samples": 4, "max_effects": 1, "zones": 12, "patches": 0}
     case = on_mesh(2, 6e-3, 60e-3, **few)
     noise = np.random.default_rng(1).normal(0, 2e-3, 6)
     data = replace(case.measurements(), frequencies_hz=(truth * np.exp(noise))[None])

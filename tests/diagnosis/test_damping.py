@@ -15,14 +15,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from case_tables import write_frequencies
-from virtual_plates import LAP, LAYER, NU, RHO, SEES, E, along, noisy, plates
-
-from fenics_joints.diagnosis.evidence.predictions import PointwiseForward, model_of
-from fenics_joints.diagnosis.zones.zone import Zone
-
-pytest.importorskip("dolfinx")
-
 from mpi4py import MPI
+from virtual_plates import LAP, LAYER, NU, RHO, SEES, E, along, noisy, plates
 
 from fenics_joints.case import load_case
 from fenics_joints.diagnosis import diagnose
@@ -35,7 +29,13 @@ from fenics_joints.diagnosis.effects.damping import (
 )
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
-from fenics_joints.diagnosis.evidence.predictions import ManyPredictions, at_conditions
+from fenics_joints.diagnosis.evidence.predictions import (
+    ManyPredictions,
+    PointwiseForward,
+    at_conditions,
+    model_of,
+)
+from fenics_joints.diagnosis.zones.zone import Zone
 from fenics_joints.forms import lame_parameters
 from fenics_joints.measurements import pair_modes
 from fenics_joints.meshes import lap_plates
@@ -65,7 +65,6 @@ n_modes = 16
 samples = 8
 discrepancy = "0.5 %"
 max_effects = 2
-nested = 0
 patches = 0
 mesh_error = false  # the data are of this mesh
 {effects}

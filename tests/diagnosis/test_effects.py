@@ -6,11 +6,6 @@ import inspect
 
 import numpy as np
 import pytest
-
-from fenics_joints.diagnosis.evidence.predictions import PointwiseForward, model_of
-
-pytest.importorskip("dolfinx")
-
 from effect_rig import TORQUES, touched
 
 from fenics_joints.diagnosis.effects import effect as effects_module
@@ -20,27 +15,26 @@ from fenics_joints.diagnosis.effects.part import temperature
 from fenics_joints.diagnosis.effects.rig import misplaced_sensor, misscaled_sensor, swapped_modes
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
-from fenics_joints.diagnosis.evidence.predictions import ManyPredictions
+from fenics_joints.diagnosis.evidence.predictions import ManyPredictions, PointwiseForward, model_of
 from fenics_joints.diagnosis.zones.zone import Zone
 
 MODES = ("a", "b", "c")
 
 
-class Springs(PointwiseForward):
-    """f^2 of a series of the parts' spring and the joint's: shares of the energy by hand."""
+def at_one_condition(count: int, damped=False) -> Evidence:
+    flat = np.zeros((1, count))
+    return Evidence(np.ones(1), flat, flat + 0.01, 0.01, log_damping=flat if damped else None)
 
-    model = model_of(["lap.E", "lap.G"])
+
+class Springs(PointwiseForward):
+    """Three modes with given shares of their energy in a joint's spring."""
+
+    model, shares = model_of(["lap.E", "lap.G"]), np.array([0.2, 0.1, 0.3])
 
     def __call__(self, values):
-        shares = self.shares(values)
-        soft = np.array([0.0, np.log(2.0), np.log(4.0)]) + np.log(100.0)
         by = np.zeros((3, 2))
-        by[:, 1] = 0.5 * shares / values["lap.G"]
-        return soft, by
-
-    @staticmethod
-    def shares(values):
-        return np.array([0.2, 0.1, 0.3])
+        by[:, 1] = 0.5 * self.shares / values["lap.G"]
+        return np.log([100.0, 200.0, 400.0]), by
 
 
 @pytest.mark.parametrize("kind", ["hysteretic", "viscous"])
@@ -48,15 +42,14 @@ def test_damping_is_the_share_of_the_energy_at_the_frequency(kind):
     make = {"hysteretic": hysteretic_damping, "viscous": lambda z: viscous_damping(z, 200.0)}
     effect = make[kind]([Zone("lap")])
     hypothesis = Hypothesis((effect,), modes=MODES, damped=True)
-    flat = np.zeros((1, 3))
-    evidence = Evidence(np.ones(1), flat, flat + 0.01, 0.01, log_damping=flat)
+    evidence = at_one_condition(3, damped=True)
     baseline = {"lap.E": 1e11, "lap.G": 4e10}
     z = np.zeros(len(hypothesis.priors))
     z[0] = 0.5
     predicted, _ = ManyPredictions(hypothesis, Springs(), evidence, baseline).at(z)
     eta = 0.02 * 4**0.5
     by_hz = np.array([0.5, 1.0, 2.0]) if kind == "viscous" else np.ones(3)
-    expected = 0.003 + 0.5 * eta * by_hz * np.array([0.2, 0.1, 0.3])
+    expected = 0.003 + 0.5 * eta * by_hz * Springs.shares
     assert np.exp(predicted[3:]) == pytest.approx(expected, rel=1e-9)
     assert touched(effect, baseline) == set()
 
@@ -87,8 +80,7 @@ def test_causes_in_the_test_change_how_it_reads():
     assert sensing.shifts[5:, 1] == pytest.approx([1e-9, 4e-9, 16e-9, 64e-9])
     assert misplaced_sensor(0, 0.3, 0.5).priors[0].spread == pytest.approx(9e-3)
     hypothesis = Hypothesis((swapped_modes(1, MODES),), modes=MODES)
-    flat = np.zeros((1, 3))
-    evidence = Evidence(np.ones(1), flat, flat + 0.01, 0.01)
+    evidence = at_one_condition(3)
     baseline = {"lap.E": 1.0, "lap.G": 1.0}
     got, slopes = ManyPredictions(hypothesis, Springs(), evidence, baseline).at(np.zeros(0))
     assert np.exp(got) == pytest.approx([100.0, 400.0, 200.0]) and slopes.shape == (3, 0)
@@ -110,8 +102,7 @@ def test_ten_lines_in_the_documentation_make_an_effect():
             E = values["lid.E"]
             return np.full(2, 0.5 * np.log(E)), np.full((2, 1), 0.5 / E)
 
-    flat = np.zeros((1, 2))
-    evidence = Evidence(np.ones(1), flat, flat + 0.01, 0.01)
+    evidence = at_one_condition(2)
     hypothesis = Hypothesis((effect,), modes=("a", "b"))
     got, slopes = ManyPredictions(hypothesis, Lid(), evidence, {"lid.E": 7e10}).at(np.ones(1))
     lost = 0.1 * np.exp(0.7)

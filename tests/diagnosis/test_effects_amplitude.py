@@ -9,13 +9,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
-
-from fenics_joints.diagnosis.evidence.predictions import PointwiseForward, model_of
-
-pytest.importorskip("dolfinx")
-
 from mpi4py import MPI
+from scipy.integrate import solve_ivp
 from scipy.stats import norm
 
 from fenics_joints.case import load_case
@@ -33,6 +28,7 @@ from fenics_joints.diagnosis.effects.effect import Effect, Setting, relative_err
 from fenics_joints.diagnosis.evidence import fit
 from fenics_joints.diagnosis.evidence.evidence import evidence_of
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
+from fenics_joints.diagnosis.evidence.predictions import PointwiseForward, model_of
 from fenics_joints.diagnosis.evidence.scales import BETWEEN, correlation
 from fenics_joints.diagnosis.zones.zone import Zone, Zones
 from fenics_joints.measurements.data import TestData
@@ -265,7 +261,6 @@ direction = [0, 0, 1]
 n_modes = 8
 samples = 4
 max_effects = 2
-nested = 0
 patches = 0
 effects = ["joint normal and tangential compliance", {", ".join(f'"{name}"' for name in NAMES)}]
 """

@@ -4,9 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-
-pytest.importorskip("dolfinx")
-
 from effect_rig import LAYER, theta_of
 
 from fenics_joints.diagnosis.effects.joint import (

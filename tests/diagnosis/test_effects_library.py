@@ -4,9 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-
-pytest.importorskip("dolfinx")
-
 from effect_rig import LAYER, RIG, TORQUES, theta_of, touched, whole
 from mpi4py import MPI
 

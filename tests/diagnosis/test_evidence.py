@@ -125,30 +125,10 @@ def information(evidence: Evidence, slope: np.ndarray) -> float:
     return float(slope[used] @ np.linalg.solve(evidence.covariance(), slope[used]))
 
 
-#: Logarithms of two frequencies at one torque.
-LOG_F = np.log([[100.0, 200.0]])
-
-
-def repeated(conditions: np.ndarray) -> Evidence:
-    """The same two frequencies at each of some torques."""
-    n = len(conditions)
-    return Evidence(conditions, np.repeat(LOG_F, n, 0), np.full((n, 2), 0.003), 0.01)
-
-
-def test_repeated_frequencies_do_not_sharpen_what_is_known():
-    """A hundred copies say no more than one without noise would: the model's error stays."""
-    many, best = repeated(np.full(100, 10.0)), repeated(np.array([10.0]))
-    best = replace(best, log_sd=np.full((1, 2), 1e-9))
-    assert information(many, np.ones(200)) < information(best, np.ones(2))
-    # And a whole sweep, run twice.
-    sweep = np.geomspace(5.0, 20.0, 4)
-    once, twice = repeated(sweep), repeated(np.tile(sweep, 2))
-    assert 1.0 <= information(twice, np.ones(16)) / information(once, np.ones(8)) < 1.1
-
-
 def test_repeated_data_do_not_sharpen_what_is_known():
     """Sensors beside each other, as many as one likes: the model's error in a shape stays."""
-    single = repeated(np.array([10.0]))
+    log_f = np.log([[100.0, 200.0]])
+    single = Evidence(np.array([10.0]), log_f, np.full((1, 2), 0.003), 0.01)
     rng = np.random.default_rng(3)
     shape = rng.standard_normal((3, 2))
     near = np.exp(-0.5 * (np.subtract.outer(range(3), range(3)) / 0.9) ** 2)

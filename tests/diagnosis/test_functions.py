@@ -72,8 +72,6 @@ def case_of(folder: Path, measured, more: str, scale: float = 1.0):
 
 def test_functions_split_modulus_from_density(tmp_path, measured, models):
     """Frequencies alone do not: the metal is softer. By functions of a heavier one, it is that."""
-    blind = said(case_of(tmp_path / "blind", measured, ""), models)
-    assert min(blind[name] for name in METAL) > 0.2
     seen = said(case_of(tmp_path / "seen", measured, frfs()), models)
     assert seen["modulus error"] > 0.5 and seen["density error"] < 0.1
     # Of a structure heavier by 7.5 % the frequencies are the same, and functions less by that.

@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from mpi4py import MPI
+from measured_points import reduced
 from virtual_plates import virtual_test, write_virtual_case
 
 from fenics_joints.case import load_case
 from fenics_joints.commands.diagnose.words import attached_words, point_mass_words
 from fenics_joints.diagnosis.evidence import fit
 from fenics_joints.diagnosis.evidence.localised_unknown import LocalisedUnknown, point_mass
-from fenics_joints.diagnosis.model.prepared import prepare
-from fenics_joints.progress import Progress
 from fenics_joints.reduction.matched import places_all_over
 
 
@@ -23,10 +21,7 @@ def test_grams_of_a_mass_that_was_put_on_a_plate(grams, tmp_path, models):
     measured = virtual_test(mass=1e-3 * grams).noisy()
     few = 'effects = ["accelerometer mass", "joint tangential compliance", "modulus error"]'
     case = load_case(write_virtual_case(tmp_path, measured, few, shapes=True))
-    quiet = Progress(silent=True)
-    model = prepare(case, MPI.COMM_WORLD, quiet)
-    model.reduce(quiet, models)
-    model.place_unknown()
+    model = reduced(case, models)
     unknown = model.hypothesis((), name="none of these", unknown=True)
     found = fit(unknown, model.forward, model.evidence, model.baseline)
     seen = model.surrogate

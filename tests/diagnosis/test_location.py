@@ -5,14 +5,13 @@ from __future__ import annotations
 import json
 
 import pytest
+from measured_points import reduced
 from mpi4py import MPI
 
 from fenics_joints.case import build_structure, load_case
 from fenics_joints.diagnosis.location import locate_gap
-from fenics_joints.diagnosis.model.prepared import prepare
 from fenics_joints.measurements import pair_modes
 from fenics_joints.modal import solve_modes
-from fenics_joints.progress import Progress
 
 pytestmark = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="writes a case in a folder")
 
@@ -32,9 +31,7 @@ def test_the_measured_gap_lies_in_the_joint_away_from_the_bolts(write_case, tmp_
     (tmp_path / "case.toml").write_text(
         text.replace('damping = "damping.csv"', 'shapes = "shapes.csv"'), encoding="utf-8"
     )
-    model = prepare(load_case(tmp_path / "case.toml"), MPI.COMM_SELF, Progress(silent=True))
-    model.reduce(Progress(silent=True))
-    found = locate_gap(model, n_patches=6)
+    found = locate_gap(reduced(load_case(tmp_path)), n_patches=6)
     regions = {test.zone: test for test in found.regions}
     assert max(regions, key=lambda name: regions[name].share) == "away"
     first = found.ranked[0]

@@ -37,7 +37,6 @@ n_modes = 12
 joints = "given"
 discrepancy = "0.2 %"
 max_effects = 1
-nested = 0
 patches = 0
 effects = ["modulus error", "density error", "thickness error", "width error"]
 """

@@ -7,9 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-
-pytest.importorskip("dolfinx")
-
 from mpi4py import MPI
 from scipy.stats import norm
 from typer.testing import CliRunner

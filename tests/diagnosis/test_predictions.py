@@ -12,7 +12,7 @@ from fenics_joints.diagnosis import Effect, Prior
 from fenics_joints.diagnosis.effects.damping import micro_slip
 from fenics_joints.diagnosis.effects.part import temperature
 from fenics_joints.diagnosis.effects.rig import misplaced_sensor, misscaled_sensor, swapped_modes
-from fenics_joints.diagnosis.evidence.entries import FREQUENCY, SHAPE
+from fenics_joints.diagnosis.evidence.entries import FREQUENCY
 from fenics_joints.diagnosis.evidence.evidence import Evidence
 from fenics_joints.diagnosis.evidence.hypothesis import Hypothesis
 from fenics_joints.diagnosis.evidence.predictions import ManyPredictions
@@ -141,34 +141,6 @@ def test_drift_of_the_temperature_is_seen_where_nothing_depends_on_the_torque(fo
     found, exact = slope[3:6], (up - down)[3:6] / 2e-4
     # One mode hardly feels the ground: there is nothing but round-off in its difference.
     assert found == pytest.approx(exact, rel=1e-4, abs=1e-5 * np.abs(found).max())
-
-
-def test_swapped_modes_swap_frequencies_and_damping_and_leave_shapes(forward):
-    evidence = evidence_for(forward, damped=True)
-    z = np.linspace(-0.3, 0.4, 6)
-    bare = Hypothesis((stiffer(False),), modes=MODES, damped=True)
-    swapped = Hypothesis((stiffer(False), swapped_modes(0, MODES)), modes=MODES, damped=True)
-    z = z[: len(bare.priors)]
-    a, b = (ManyPredictions(h, forward, evidence, BASELINE).at(z)[0] for h in (bare, swapped))
-    shapes = evidence.entries.kind == SHAPE
-    assert b[shapes] == pytest.approx(a[shapes], rel=1e-8, abs=1e-12)
-    order = [1, 0, 2]
-    for got, plain in zip(b[~shapes].reshape(-1, 3), a[~shapes].reshape(-1, 3), strict=True):
-        assert got == pytest.approx(plain[order], rel=1e-10)
-
-
-def test_scale_and_sign_of_a_shape_are_free(forward):
-    """What is measured in another unit or of the other sign leaves no residual."""
-    evidence = evidence_for(forward, damped=False)
-    bare = Hypothesis((), modes=MODES)
-    there = np.isfinite(evidence.shapes)
-    true = np.where(there, forward.pairing(BASELINE).shapes * [-3.0, 0.01, 7.0], np.nan)
-    measured = Evidence(
-        evidence.conditions, evidence.log_f, evidence.log_sd, 0.01, shapes=true, shape_row=1
-    )
-    got, _ = ManyPredictions(bare, forward, measured, BASELINE).at(np.zeros(0))
-    kept = (measured.entries.kind == SHAPE) & np.isfinite(measured.data)
-    assert got[kept] == pytest.approx(measured.data[kept], rel=1e-9)
 
 
 @pytest.mark.parametrize("kind", ["structure", "both", "swapped and gain"])

@@ -6,23 +6,19 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from mpi4py import MPI
+from measured_points import reduced
 from virtual_plates import virtual_test, write_virtual_case
 
 from fenics_joints.case import load_case
-from fenics_joints.diagnosis.model.prepared import prepare
 from fenics_joints.diagnosis.shrinkage import Shrinkage
 from fenics_joints.diagnosis.verdict import confirmed, with_strangers
 from fenics_joints.errors import InputError
-from fenics_joints.progress import Progress
 
 
 def prepared(folder, measured, models):
     few = 'effects = ["accelerometer mass", "joint tangential compliance", "modulus error"]'
     case = load_case(write_virtual_case(folder, measured, few, shapes=True))
-    model = prepare(case, MPI.COMM_WORLD, Progress(silent=True))
-    model.reduce(Progress(silent=True), models)
-    return model
+    return reduced(case, models)
 
 
 def strange(measured, *which):

@@ -9,9 +9,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-
-pytest.importorskip("dolfinx")
-
 from mpi4py import MPI
 from virtual_strip import (
     SENSORS,

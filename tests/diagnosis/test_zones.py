@@ -6,9 +6,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-
-pytest.importorskip("dolfinx")
-
 from effect_rig import RIG
 
 from fenics_joints.case import Case

@@ -51,7 +51,6 @@ n_modes = {n_modes}
 samples = 8
 discrepancy = "0.3 %"
 max_effects = 1
-nested = 0
 patches = 0
 effects = {effects}
 """

@@ -42,7 +42,6 @@ joints = "given"
 discrepancy = "1 %"
 shape_discrepancy = "8 %"
 max_effects = 1
-nested = 0
 patches = 0
 """
 

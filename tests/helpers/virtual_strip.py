@@ -57,7 +57,6 @@ direction = [0, 0, 1]
 [diagnose]
 n_modes = 18
 samples = 6
-nested = 0
 patches = 0
 max_effects = 1
 discrepancy = "0.5 %"
