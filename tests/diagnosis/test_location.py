@@ -19,7 +19,8 @@ pytestmark = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="writes a case i
 def test_the_measured_gap_lies_in_the_joint_away_from_the_bolts(write_case, tmp_path):
     """The paper's own finding, from tests of zones alone: the layer away from the bolts is the
     most probable place, with a signed map and shares that agree; the lowest torque misfits most."""
-    few = '[diagnose]\nsamples = 4\neffects = ["modulus error"]\n'
+    few = '[diagnose]\nsamples = 8\neffects = ["joint normal and tangential compliance", '
+    few += '"compliance away from the bolts only", "compliance at one bolt"]\n'
     case = load_case(write_case(tmp_path, ("[diagnose]\n", few)))
     full = build_structure(case, MPI.COMM_SELF)
     modes = solve_modes(full, n_modes=16)
