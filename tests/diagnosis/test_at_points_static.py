@@ -24,7 +24,7 @@ CLAMP = """
 facets = "end_1"
 """
 METAL = ("modulus error", "density error")
-PLATES = Plates(METAL, 18, 0.5, CLAMP)
+PLATES = Plates((*METAL, "joint normal compliance"), 18, 0.5, CLAMP)
 TIP = Sensors([0.31, 0.04, 0.0165], [0, 0, 1])
 
 
@@ -62,8 +62,7 @@ def test_a_stiffness_splits_modulus_from_density(tmp_path, measured, models):
 
 
 def test_it_is_an_entry_that_the_mesh_and_any_model_err_in(tmp_path, measured, models):
-    plates = replace(PLATES, effects=("joint normal compliance",))
-    model = reduced(plates.tested(tmp_path / "case", measured[0], static(measured[1])), models)
+    model = reduced(PLATES.tested(tmp_path / "case", measured[0], static(measured[1])), models)
     (tip,) = model.evidence.scalars
     (own,) = np.flatnonzero(model.evidence.entries.kind == STIFFNESS)
     assert model.evidence.data[own] == pytest.approx(np.log(measured[1]))
