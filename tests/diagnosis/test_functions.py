@@ -23,7 +23,7 @@ from fenics_joints.structure import Parameter, Sensors, Structure, part
 #: A force at the right end, and motion there and at the left.
 ENDS = Sensors([[0.31, 0.04, 0.0165], [0.01, 0.04, 0.0]], [0, 0, 1])
 METAL = ("modulus error", "density error")
-PLATES = Plates((*METAL, "joint normal compliance"), 20, 0.5)
+PLATES = Plates(METAL, 20, 0.5)
 LOSS = 0.004
 HZ = np.arange(100.0, 1600.0, 2.0)
 
