@@ -11,22 +11,10 @@ from mpi4py import MPI
 import fenics_joints.meshes as meshes
 from fenics_joints.errors import MeshError
 
-BUILDERS = [
-    meshes.CBeams,
-    meshes.Dumbbell,
-    meshes.EngravingMachine,
-    meshes.HalfLapBeam,
-    meshes.HalfLapBeamSection,
-    meshes.LapBeam,
-    meshes.LapBeamSection,
-    meshes.LapPlates,
-    meshes.RoundPlates,
-    meshes.RoundPlatesSection,
-    meshes.StepAssembly,
-]
 
-
-@pytest.mark.parametrize("builder", BUILDERS)
+@pytest.mark.parametrize(
+    "builder", [meshes.LapPlates, meshes.LapBeamSection, meshes.RoundPlates, meshes.StepAssembly]
+)
 def test_a_function_has_the_arguments_of_its_builder(builder):
     function = getattr(meshes, builder.function)
     given = inspect.signature(function).parameters
@@ -37,15 +25,10 @@ def test_a_function_has_the_arguments_of_its_builder(builder):
     assert "comm" in given and function.__name__ == builder.function
 
 
-def test_help_says_what_a_length_is():
-    text = inspect.getdoc(meshes.lap_plates)
-    assert "Args:" in text and "lap: Length of the overlap, in metres." in text
-    assert "element_size: float = 0.005" in str(inspect.signature(meshes.lap_plates))
-
-
 X, LOW, HIGH = np.array([0, 0.5, 1]), np.array([-0.5, -0.2, 0]), np.array([0, 0.1, 0.3])
 BLOCKS = {"lower": (X, LOW), "upper": HIGH}
 BOLT = {"parts": "bolt"}
+HOLE = {"hole_diameter": 0.011}
 TWO_BOLTS = {"hole_diameter": 0.01, "bolts": [(0.15, 0.04), (0.16, 0.045)]}
 RINGS = {"rings": [(-0.01, 0), (0.02, 0)], "r_wai": 0.02}
 #: Builders, what is wrong, and what its message says.
@@ -54,7 +37,6 @@ REFUSED = {
         ({"lower": (X,)}, "expected lines (x, height), or"),
         ({"lower": (X, -HIGH)}, "lower[1] is [-0.0, -0.1, -0.3], "),
         ({"lower": (X, HIGH)}, "expected heights that end at 0 m"),
-        ({"upper": LOW}, "expected heights that start at 0 m"),
         ({"upper_span": (0.1234, 1)}, "upper_span is (0.1234, 1), expected two ascending lines"),
         ({"cell": "hexahedron"}, "expected one of quadrilateral, triangle in 2-D"),
     ],
@@ -62,12 +44,9 @@ REFUSED = {
         ({"thickness": 0.02}, "thickness is 0.02, expected less than pad_thickness"),
         ({"zone": 0.04}, "zone is 0.04, expected less than width = 0.0318 m"),
         ({"washer_diameter": 0.023}, "expected less than 0.9 * zone = 0.0216 m"),
-        ({"n_thickness": 3}, "n_thickness is 3, expected two whole numbers"),
-        ({"element_size": 1e-9}, "cells"),
     ],
     "bolted_plates_section": [
         ({"parts": "nut"}, "parts is 'nut', expected one of plates, washers, bolt"),
-        ({"thickness": 0.02}, "thickness is 0.02, expected two lengths above 0 m"),
         ({"fine_radius": 0.2}, "fine_radius is 0.2, expected from half washer_diameter"),
         ({"washer_diameter": 0.3}, "washer_diameter is 0.3, expected between hole_diameter"),
         ({"growth": 1.0}, "growth is 1.0, expected a ratio above 1"),
@@ -83,16 +62,11 @@ REFUSED = {
         ({"n_length": 2.5}, "n_length is 2.5, expected a whole number"),
         ({"cell": "prism"}, "cell is 'prism', expected 'hexahedron' or 'tetrahedron'"),
         ({"bolts": [0.14, 0.02]}, "bolts is [0.14, 0.02], expected a pair (x, y)"),
-        ({"bolts": [(0.1, 0.04)]}, "bolts[0] x is 0.1, expected a position within 0.12 to 0.2 m"),
         ({"zone": 0.05}, "zone is 0.05, expected at most 0.04 m, so that the square of bolts[0]"),
         ({"hole_diameter": 0.019}, "hole_diameter is 0.019, expected a diameter above 0 m and"),
         ({"washer_diameter": 0.02}, "washer_diameter is 0.02, expected None when hole_diameter"),
-        (
-            {"hole_diameter": 0.011, "washer_diameter": 0.01},
-            "washer_diameter is 0.01, expected more than hole_diameter = 0.011 m",
-        ),
+        (HOLE | {"washer_diameter": 0.01}, "0.01, expected more than hole_diameter = 0.011 m"),
         (TWO_BOLTS, "zone is 0.02, expected at most the distance of bolts[0] and bolts[1], 0.01 m"),
-        ({"element_size": 1e-9}, "cells"),
     ],
     "lap_beam": [
         ({"lap": 0.3}, "lap is 0.3, expected less than length = 0.235 m"),
@@ -115,10 +89,10 @@ REFUSED = {
         ({"rings": [(0.05, 0)], "r_wai": 0.02}, "stays within -0.06 to"),
         (RINGS, "distance"),
         (RINGS | {"zone": 0.03}, "r_wai is 0.02, expected at most 0.45 * zone"),
-        ({"element_size": 1e-9}, "cells"),
     ],
     "engraving_machine": [
         ({"bed": (0.5, 0.8)}, "bed is (0.5, 0.8), expected three lengths"),
+        ({"element_size": 1e-9}, "cells"),
         ({"bed": (0.7, 0.8, 0.2)}, "expected a width of at least 0.77"),
         ({"bed": (0.8, 0.8, 0.2)}, "expected a length above 0.90"),
         ({"arm": (0.1, 0.2)}, "beyond the flange"),
@@ -126,7 +100,6 @@ REFUSED = {
         ({"bolts": (2, 5)}, "bolts is"),
         ({"zone": 0.1}, "zone is 0.1, expected at least 0.1105"),
         ({"r_wai": 0.005}, "r_wai is 0.005, expected a radius above r_nei"),
-        ({"element_size": 1e-9}, "cells"),
     ],
 }
 

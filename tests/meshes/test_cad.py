@@ -9,6 +9,7 @@ import pytest
 from matching_faces import faces, parts
 from mpi4py import MPI
 from step_files import FLANGE_BOLTS, bores, bracket, dumbbell_halves, flanges, spigot
+from step_meshes import meshed
 
 from fenics_joints.errors import MeshError
 from fenics_joints.meshes import check_mesh, dumbbell, measure_ring, read_step
@@ -24,32 +25,22 @@ CIRCLE = 12
 POLYGON = np.sin(2 * np.pi / CIRCLE) / (2 * np.pi / CIRCLE)
 
 
-def drawn(folder, draw, labels=(), name="assembly.step"):
-    """The path of a STEP file that rank 0 writes."""
-    path = folder / name
+def shared(folder, draw, labels=(), **given):
+    """The mesh of a drawing on all ranks."""
     if COMM.rank == 0:
-        write_step(path, draw, labels)
+        write_step(folder / "assembly.step", draw, labels)
     COMM.barrier()
-    return path
+    return read_step(folder / "assembly.step", COMM, circle=CIRCLE, **given)
 
 
 @pytest.mark.parallel
 def test_flanges_hold_together_by_rings(shared_tmp_path):
     """A clearance hole over a tapped one, faces 0.4 mm apart: every measure against the drawing."""
-    path = drawn(shared_tmp_path, flanges(0.4, 5.1), ("Bed casting", "foot/2"))
     names = {"bed": "Bed casting", "column": (0.06, 0.03, 0.03)}
     points = {"ground": (0.01, 0.01, 0), "sides": [(0, 0.03, 0.01), (0.02, 0.03, 0.03)]}
-    tagged = read_step(
-        path,
-        COMM,
-        element_size=25 * MM,
-        r_wai=11 * MM,
-        layer=0.5 * MM,
-        parts=names,
-        faces=points,
-        ring_size=5 * MM,
-        circle=CIRCLE,
-    )
+    sizes = {"element_size": 25 * MM, "r_wai": 11 * MM, "layer": 0.5 * MM, "ring_size": 5 * MM}
+    labels = "Bed casting", "foot/2"
+    tagged = shared(shared_tmp_path, flanges(0.4, 5.1), labels, parts=names, faces=points, **sizes)
     rings = [f"ring_{i}" for i in (1, 2, 3, 4)]
     assert list(tagged.cell_names) == ["bed", "column", *rings]
     assert check_mesh(tagged).bodies == 1
@@ -110,28 +101,12 @@ def test_unit_of_the_file(tmp_path):
 @pytest.mark.parallel
 def test_modes_of_the_dumbbell(shared_tmp_path):
     """Tetrahedra from STEP and the hexahedra of our builder have the same six frequencies."""
-    path = drawn(shared_tmp_path, dumbbell_halves)
-    centres, layer = [(-0.035, 0.0), (0.035, 0.0)], 0.657 * MM
-    cad = read_step(
-        path,
-        COMM,
-        element_size=60 * MM,
-        ring_size=8 * MM,
-        r_wai=20 * MM,
-        layer=layer,
-        circle=CIRCLE,
-        parts={"lower": 1, "upper": 2},
-    )
-    hexahedra = dumbbell(
-        COMM,
-        head=(0.16, 0.12, 0.03),
-        neck=(0.12, 0.063, 0.02),
-        rings=centres,
-        r_wai=20 * MM,
-        r_nei=8.75 * MM,
-        holes=True,
-        element_size=0.025,
-    )
+    centres, layer, r_wai = [(-0.035, 0.0), (0.035, 0.0)], 0.657 * MM, 20 * MM
+    sizes = {"element_size": 60 * MM, "ring_size": 8 * MM, "r_wai": r_wai, "layer": layer}
+    cad = shared(shared_tmp_path, dumbbell_halves, parts={"lower": 1, "upper": 2}, **sizes)
+    blocks = {"head": (0.16, 0.12, 0.03), "neck": (0.12, 0.063, 0.02), "element_size": 0.025}
+    bolts = {"rings": centres, "r_wai": r_wai, "r_nei": 8.75 * MM, "holes": True}
+    hexahedra = dumbbell(COMM, **blocks, **bolts)
     body, rings = {"E": 1.3e11, "nu": 0.27, "rho": 7850.0}, ("ring_1", "ring_2")
     frequencies = []
     for tagged in (cad, hexahedra):
@@ -145,21 +120,12 @@ def test_modes_of_the_dumbbell(shared_tmp_path):
 
 def test_turned_bracket(tmp_path):
     """Contacts of any direction: normal, centres and the wider hole as they were drawn."""
-    path = write_step(tmp_path / "b.step", bracket)
-    tagged = read_step(
-        path,
-        MPI.COMM_SELF,
-        element_size=30 * MM,
-        r_wai=11 * MM,
-        r_nei=6 * MM,
-        circle=8,
-        ring_size=5 * MM,
-        layer=0.7 * MM,
-        n_layer=2,
-        bolts=[turned(75, 50, 12), turned(45, 45, 12)],
-    )
+    places = (75, 50, 12), (45, 45, 12)
+    rings = {"r_wai": 11 * MM, "r_nei": 6 * MM, "ring_size": 5 * MM, "layer": 0.7 * MM}
+    bolts = [turned(*place) for place in places]
+    tagged = meshed(tmp_path, bracket, bolts=bolts, n_layer=2, **rings)
     normal = turned(0, 0, 1000)
-    for i, place in enumerate(((75, 50, 12), (45, 45, 12)), start=1):
+    for i, place in enumerate(places, start=1):
         ring = measure_ring(tagged, f"ring_{i}")
         assert np.allclose(ring.normal, normal, atol=1e-9)
         assert np.allclose(ring.centre, turned(*place) + 0.35 * MM * normal, atol=1e-8)
@@ -175,10 +141,8 @@ def turned(*place):
 
 def test_layer_and_contact(tmp_path):
     """All that touches as one layer; or two bodies whose faces match, round a collar too."""
-    path = write_step(tmp_path / "s.step", spigot)
-    sizes = {"element_size": 25 * MM, "circle": 8}
-    parts = {"lower": 1, "upper": 2}
-    layer = read_step(path, MPI.COMM_SELF, joint="layer", layer=1 * MM, parts=parts, **sizes)
+    given = {"element_size": 25 * MM, "parts": {"lower": 1, "upper": 2}}
+    layer = meshed(tmp_path, spigot, joint="layer", layer=1 * MM, **given)
     assert list(layer.cell_names) == ["lower", "upper", "joint"]
     ring = measure_ring(layer, "joint")
     assert ring.thickness == pytest.approx(1 * MM, rel=1e-9)
@@ -188,7 +152,7 @@ def test_layer_and_contact(tmp_path):
     wall = faces(layer)["lower_to_upper"]
     assert wall == pytest.approx(2 * np.pi * 20 * 5 * MM2, rel=0.1)
     assert check_mesh(layer).bodies == 1
-    contact = read_step(path, MPI.COMM_SELF, joint="contact", parts=parts, **sizes)
+    contact = meshed(tmp_path, spigot, joint="contact", **given)
     assert check_mesh(contact).bodies == 2
     assert len(check_contact(contact, "lower_to_upper", "upper_to_lower").facets) > 50
     area = faces(contact)["lower_to_upper"]
@@ -211,18 +175,9 @@ def trough(occ):
 
 def test_bolts_given_by_place_where_parts_touch_on_one_plane(tmp_path):
     """Each ring is between the base and the wall that stands there."""
-    path = write_step(tmp_path / "trough.step", trough)
-    tagged = read_step(
-        path,
-        MPI.COMM_SELF,
-        element_size=30 * MM,
-        ring_size=12 * MM,
-        circle=6,
-        r_wai=7 * MM,
-        r_nei=2 * MM,
-        bolts=[[0.04, 0.008, 0.008], [0.04, 0.052, 0.008]],
-        parts={"base": 1, "front": 2, "back": 3},
-    )
+    given = {"ring_size": 12 * MM, "circle": 6, "r_wai": 7 * MM, "r_nei": 2 * MM}
+    bolts, parts = [[0.04, y, 0.008] for y in (0.008, 0.052)], {"base": 1, "front": 2, "back": 3}
+    tagged = meshed(tmp_path, trough, bolts=bolts, parts=parts, **given)
     assert [measure_ring(tagged, f"ring_{i}").upper for i in (1, 2)] == [("front",), ("back",)]
 
 
@@ -233,8 +188,7 @@ def turned_pile(occ):
 
 def test_layers_of_a_drawing_that_is_turned_in_space(tmp_path):
     """Their areas and normal are those of the drawing as it stands."""
-    path = write_step(tmp_path / "t.step", turned_pile)
-    tagged = read_step(path, MPI.COMM_SELF, joint="layer", element_size=25 * MM, circle=8)
+    tagged = meshed(tmp_path, turned_pile, joint="layer")
     assert list(tagged.cell_names)[3:] == ["joint_1", "joint_2"]
     for name in ("joint_1", "joint_2"):
         layer = measure_ring(tagged, name)
@@ -247,19 +201,15 @@ def test_pile_of_parts(tmp_path):
 
     Without a thickness of the layers nothing is lifted.
     """
-    path = write_step(tmp_path / "pile.step", pile)
-    given = {"parts": {"a": 1, "b": 2, "c": 3}, "r_wai": 12 * MM, "circle": 8, "ring_size": 8 * MM}
-    lifted, there = [20.35, 20.35, 41.05, 41.05], [20, 20, 40, 40]
+    given = {"parts": {"a": 1, "b": 2, "c": 3}, "r_wai": 12 * MM, "ring_size": 8 * MM}
+    lifted, there = [20.35, 20.35, 41.05, 41.05], [20, 20]
     bc = [("b", "c")]
     for layer, bonded, heights in (
         (0.7 * MM, [], lifted),
         (0.7 * MM, bc, lifted[:2]),
-        (None, [], there),
-        (None, bc, there[:2]),
+        (None, bc, there),
     ):
-        tagged = read_step(
-            path, MPI.COMM_SELF, element_size=30 * MM, bonded=bonded, layer=layer, **given
-        )
+        tagged = meshed(tmp_path, pile, bonded=bonded, layer=layer, **given)
         assert tagged.points["bolts"][:, 2] / MM == pytest.approx(heights)
         assert check_mesh(tagged).bodies == 1
         top = tagged.mesh.geometry.x[:, 2].max() / MM
@@ -271,9 +221,9 @@ def test_pile_of_parts(tmp_path):
 
 def test_labels(tmp_path):
     """Accents are spelt out, and labels with slashes or of two solids are told apart."""
-    path = write_step(tmp_path / "a.step", flanges(), ("Größe Éq", "M12/Fuß"))
     sizes = {"element_size": 0.04, "r_wai": 11 * MM, "circle": 6, "ring_size": 9 * MM}
-    tagged = read_step(path, MPI.COMM_SELF, parts={"foot": "M12/Fuß"}, **sizes)
+    labels = "Größe Éq", "M12/Fuß"
+    tagged = meshed(tmp_path, flanges(), labels, parts={"foot": "M12/Fuß"}, **sizes)
     assert list(tagged.cell_names)[:2] == ["Groesse_Eq", "foot"]
     path = write_step(tmp_path / "b.step", flanges(), ("plate", "plate"))
     with pytest.raises(MeshError, match="fits 2 solids") as told:

@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from mpi4py import MPI
 from step_files import bores
+from step_meshes import meshed
 
 from fenics_joints.errors import MeshError
-from fenics_joints.meshes import measure_ring, read_step
+from fenics_joints.meshes import measure_ring
 from fenics_joints.meshes.cad_survey import survey_step
 from fenics_joints.meshes.step_writer import write_step
 
 pytestmark = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="gmsh draws on one process")
-DATA = Path(__file__).parent / "data"
 
 
 def touching(survey) -> set[tuple[str, str, int]]:
@@ -24,12 +22,6 @@ def touching(survey) -> set[tuple[str, str, int]]:
         (*(survey.solids[i].label for i in touch.solids), round(1e6 * touch.gap))
         for touch in survey.touching
     }
-
-
-def sandwich(occ):
-    occ.addBox(0, 0, 0, 100, 50, 10)
-    occ.addBox(20, 0, 10, 60, 50, 1)
-    occ.addBox(20, 0, 11, 60, 50, 10)
 
 
 def spacers(occ):
@@ -56,13 +48,7 @@ def in_a_frame(occ):
     occ.addBox(35, 20, 10, 30, 10, 20)
 
 
-def four_sheets(occ):
-    for i in range(4):
-        occ.addBox(0, 0, 0.3 * i, 50, 50, 0.3)
-
-
 STACKS = {
-    "sheet between plates": (sandwich, "abc", {("a", "b", 0), ("b", "c", 0)}),
     "rings between plates": (
         spacers,
         "abrs",
@@ -70,7 +56,6 @@ STACKS = {
     ),
     "foil under a half": (shim, "abc", {("a", "b", 0), ("b", "c", 0)}),
     "frame round a block": (in_a_frame, "abc", {("a", "b", 300), ("a", "c", 0)}),
-    "four thin sheets": (four_sheets, "abcd", {("a", "b", 0), ("b", "c", 0), ("c", "d", 0)}),
 }
 
 
@@ -125,15 +110,11 @@ def thin_pack(occ):
 
 def test_rings_of_a_pack_of_thin_sheets(tmp_path):
     """Each given centre is on the faces that are nearest to it, not on the first within reach."""
-    path = write_step(tmp_path / "a.step", thin_pack)
     at = [(0.03, 0.03, 0.0005 * i) for i in (1, 2, 3)]
-    given = {"r_wai": 0.01, "element_size": 0.02, "circle": 8}
-    tagged = read_step(path, MPI.COMM_SELF, bolts=at, **given)
+    tagged = meshed(tmp_path, thin_pack, bolts=at, r_wai=0.01)
     assert np.allclose(tagged.points["bolts"], at, atol=1e-6)
-    between = [
-        (ring.lower, ring.upper) for ring in (measure_ring(tagged, f"ring_{n}") for n in (1, 2, 3))
-    ]
-    assert len({frozenset(lower + upper) for lower, upper in between}) == 3
+    rings = [measure_ring(tagged, f"ring_{n}") for n in (1, 2, 3)]
+    assert len({frozenset(ring.lower + ring.upper) for ring in rings}) == 3
 
 
 BOLTS = [(30.0, 20.0), (70.0, 40.0)]
@@ -164,12 +145,5 @@ def test_a_mirrored_drawing_is_the_drawing(tmp_path):
     for hole in two.holes:
         assert np.allclose(hole.diameters, 9e-3, atol=1e-6)
         assert np.allclose(hole.depths, (10e-3, 15e-3), atol=1e-6) and hole.room > 9e-3
-    mesh = read_step(
-        tmp_path / "mirrored.step",
-        MPI.COMM_SELF,
-        element_size=0.03,
-        r_wai=9e-3,
-        circle=8,
-        ring_size=9e-3,
-    )
+    mesh = meshed(tmp_path, mirrored, r_wai=9e-3, ring_size=9e-3)
     assert {"ring_1", "ring_2"} <= set(mesh.cell_names)
