@@ -9,18 +9,13 @@ from mpi4py import MPI
 from fenics_joints.meshes import c_beams, check_mesh
 
 COMM = MPI.COMM_WORLD
-SMALL_BEAMS = {
-    "element_size": 6e-3,
-    "radial_size": 3e-3,
-    "middle_size": 25e-3,
-    "n_thickness": (2, 1),
-}
+SMALL_BEAMS = {"element_size": 6e-3, "radial_size": 3e-3, "middle_size": 25e-3}
 
 
 @pytest.mark.parallel
 @pytest.mark.parametrize(("layer", "bonded"), [(0.0, False), (0.0, True), (5e-4, False)])
 def test_c_beams_measures(layer, bonded):
-    tagged = c_beams(COMM, layer=layer, bonded=bonded, **SMALL_BEAMS)
+    tagged = c_beams(COMM, layer=layer, bonded=bonded, n_thickness=(2, 1), **SMALL_BEAMS)
     n = 16  # four elements along the zone's side
     hole = polygon(8.43e-3)
     pads = 2 * (0.0497 * 0.0318 - hole)
@@ -34,12 +29,10 @@ def test_c_beams_measures(layer, bonded):
         for i in (1, 2)
         for side in ("lower", "upper")
     }
-    inside = ("joint_lower", "joint_upper") if layer else ("interface",)
-    between = (
-        dict.fromkeys(inside, 0.0)
-        if layer or bonded
-        else dict.fromkeys(("interface_lower", "interface_upper"), pads)
-    )
+    names = ("interface",) if bonded else ("interface_lower", "interface_upper")
+    between = dict.fromkeys(("joint_lower", "joint_upper") if layer else names, 0.0)
+    if not (layer or bonded):
+        between = dict.fromkeys(names, pads)
     assert found == pytest.approx({"holes": wall} | rings | between)
     assert check_mesh(tagged).bodies == (1 if layer or bonded else 2)
     if not (layer or bonded):

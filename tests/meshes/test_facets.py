@@ -20,11 +20,8 @@ COMM = MPI.COMM_WORLD
 
 def three_layers(cell):
     """Two layers of cells, a third part beside the second; faces across and outside."""
-    plan = (
-        [np.arange(4.0)]
-        if cell in ("quadrilateral", "triangle")
-        else [np.arange(4.0), np.arange(3.0)]
-    )
+    flat = cell in ("quadrilateral", "triangle")
+    plan = [np.arange(4.0)] if flat else [np.arange(4.0), np.arange(3.0)]
     points, base = tensor_grid(*plan)
     right = points[base][:, :, 0].mean(axis=1) > 2
     values = np.array([np.ones(len(base), int), 2 + right])
@@ -63,13 +60,7 @@ def test_separate_says_what_is_wrong():
     ]:
         with pytest.raises(MeshError, match=re.escape(message)):
             separate(lists, bodies, names)
-    lists = replace(
-        lists,
-        cell_values=np.where(
-            lists.x[lists.cells][:, :, 0].min(axis=1) < 1,
-            3,
-            np.where(lists.x[lists.cells][:, :, 0].max(axis=1) > 2, 2, 1),
-        ),
-    )
+    column = lists.x[lists.cells][:, :, 0].min(axis=1).round().astype(int)
+    lists = replace(lists, cell_values=np.array([3, 1, 2])[column])
     with pytest.raises(MeshError, match=re.escape("faces has ('b', 'c'), expected parts that")):
         separate(lists, "abc", {("b", "c"): ("1", "2")})

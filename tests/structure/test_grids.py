@@ -2,26 +2,19 @@
 
 from __future__ import annotations
 
-import builtins
-
 import numpy as np
 import pytest
 from dolfinx import mesh
 from mpi4py import MPI
 
 from fenics_joints._compat import geometry_dofmap
-from fenics_joints.errors import InputError
 from fenics_joints.formatting import html_table
 from fenics_joints.meshes import box
 from fenics_joints.modal import solve_modes
 from fenics_joints.structure import Structure, part
-from fenics_joints.structure.grids import cell_arrays, facet_mesh, pyvista
+from fenics_joints.structure.grids import cell_arrays, facet_mesh
 
 pytestmark = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="about one process")
-
-
-def corners_of(msh: mesh.Mesh) -> np.ndarray:
-    return msh.geometry.x[geometry_dofmap(msh)]
 
 
 @pytest.mark.parametrize(
@@ -29,7 +22,7 @@ def corners_of(msh: mesh.Mesh) -> np.ndarray:
 )
 def test_cells_are_vtks_and_share_points_that_carry_the_same(cell, kind):
     msh = mesh.create_unit_cube(MPI.COMM_SELF, 2, 1, 1, cell)
-    corners = corners_of(msh)
+    corners = msh.geometry.x[geometry_dofmap(msh)]
     cells, kinds, points, values = cell_arrays(corners, 3, {"x": corners})
     assert set(kinds) == {kind} and len(points) == 12
     np.testing.assert_allclose(values["x"], points)
@@ -43,19 +36,6 @@ def test_cells_are_vtks_and_share_points_that_carry_the_same(cell, kind):
     # What differs from cell to cell keeps its points apart.
     number = np.broadcast_to(np.arange(len(corners))[:, None], corners.shape[:2])
     assert len(cell_arrays(corners, 3, {"cell": number})[2]) == corners.shape[0] * corners.shape[1]
-
-
-def test_without_pyvista_it_is_said_what_to_install(monkeypatch):
-    imported = builtins.__import__
-
-    def refuse(name, *more):
-        if name == "pyvista":
-            raise ImportError(name)
-        return imported(name, *more)
-
-    monkeypatch.setattr(builtins, "__import__", refuse)
-    with pytest.raises(InputError, match=r"pip install 'fenics-joints\[view\]'"):
-        pyvista()
 
 
 def test_tables_of_notebooks_are_escaped():

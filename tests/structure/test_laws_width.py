@@ -19,17 +19,9 @@ ELASTIC = slice(6, None)
 
 def bar(width=0.05, across=(0, 1, 0), comm=MPI.COMM_SELF):
     parameters = [Parameter("w", 1.0), Parameter("s", 1.0)]
-    body = part(
-        "bar",
-        "body",
-        E=2e11,
-        nu=0.3,
-        rho=7800.0,
-        stretch="s",
-        width="w",
-        across=across,
-        normal=(0.0, 0.6, 0.8) if across == (1, 0, 0) else (0.0, 0.0, 1.0),
-    )
+    normal = (0.0, 0.6, 0.8) if across == (1, 0, 0) else (0.0, 0.0, 1.0)
+    changed = {"stretch": "s", "width": "w", "across": across, "normal": normal}
+    body = part("bar", "body", E=2e11, nu=0.3, rho=7800.0, **changed)
     return Structure(box(comm, (0.2, width, 0.01), (4, 2, 1)), [body], parameters)
 
 

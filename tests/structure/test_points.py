@@ -40,15 +40,12 @@ def test_a_sensor_beside_the_mesh_reads_at_the_nearest_point_of_it():
         read(model, [[0.12, 0.03, 0.0251]])
 
 
-def test_a_mass_beside_the_mesh_is_not_moved():
+def test_masses_beside_the_mesh_are_not_moved():
+    """As they are they are near enough for a sensor: no other axes are offered."""
     model = block(masses=[PointMass("m", 1.0, (0.12, 0.03, 0.0201))])
     with pytest.raises(InputError, match=r"outside the mesh, by 0.1 mm: .* 0.02\] m\.$"):
         model.mass()
-
-
-def test_masses_a_little_beside_the_mesh_are_not_said_to_be_turned():
-    """As they are they are near enough for a sensor: no other axes are offered."""
-    places, model = [[0.05, 0.02, 0.0201], [0.1, 0.05, 0.0201], [0.25, 0.07, 0.0201]], block()
+    places = [[0.05, 0.02, 0.0201], [0.1, 0.05, 0.0201], [0.25, 0.07, 0.0201]]
     with pytest.raises(InputError, match="3 of 3 masses are outside the mesh") as caught:
         locate(model.V, model.element, places, "mass")
     assert "in place of" not in str(caught.value)

@@ -21,19 +21,12 @@ from fenics_joints.structure import (
     transition,
 )
 
-START = {
-    "E": 7e10,
-    "nu": 0.3,
-    "rho": 2700.0,
-    "s": 1.0,
-    "w": 1.0,
-    "near": 1e9,
-    "away": 2e6,
-    "h": 1e-3,
-    "k": 1e4,
-    "m": 0.1,
-    "x": 0.01,
-}
+START = {"E": 7e10, "nu": 0.3, "rho": 2700.0, "s": 1.0, "w": 1.0, "near": 1e9, "away": 2e6}
+START |= {"h": 1e-3, "k": 1e4, "m": 0.1, "x": 0.01}
+#: A coarse lap with four bolts.
+LAP = {"length": 0.2, "width": 0.08, "thickness": 0.008, "lap": 0.08, "layer": 0.002, "zone": 0.02}
+LAP |= {"n_length": 10, "n_width": 4, "n_thickness": 1}
+LAP |= {"bolts": [(0.14, 0.02), (0.14, 0.06), (0.18, 0.02), (0.18, 0.06)]}
 
 
 def plates(law: str, wide: bool = False) -> Structure:
@@ -46,21 +39,8 @@ def plates(law: str, wide: bool = False) -> Structure:
         "graded": lambda: joint("away", cells, E=lambda x, p: p["away"] * x[0], G=4e5),
     }.get(law, lambda: joint("away", cells, E="away", G=2e6, law=law, stretch="s"))()
     near = joint("near", "joint_near", E="near", G=4e8, rho="rho")
-    mesh = lap_plates(
-        MPI.COMM_WORLD,
-        length=0.2,
-        width=0.08,
-        thickness=0.008,
-        lap=0.08,
-        layer=0.002,
-        zone=0.02,
-        bolts=[(0.14, 0.02), (0.14, 0.06), (0.18, 0.02), (0.18, 0.06)],
-        n_length=10,
-        n_width=4,
-        n_thickness=1,
-    )
     return Structure(
-        mesh,
+        lap_plates(MPI.COMM_WORLD, **LAP),
         [body, near, away],
         [Parameter(*item) for item in START.items()],
         masses=[PointMass("m", "m", (0.02, 0.04, 0.0), travel="x")],
