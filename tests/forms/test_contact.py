@@ -11,7 +11,6 @@ from mpi4py import MPI
 from scipy.integrate import trapezoid
 
 from fenics_joints import forms
-from fenics_joints.errors import InputError
 
 K_N, K_T, MU = 7.0, 3.0, 0.4
 
@@ -210,13 +209,3 @@ def test_frictionless_residual_is_the_gradient_of_the_energy():
     upper = interface.u.x.array.reshape(-1, 3) @ interface.upward < -0.25
     np.testing.assert_allclose(nodal[upper].sum(axis=0), -K_N * 0.4 * interface.upward, atol=1e-13)
     np.testing.assert_allclose(nodal.sum(axis=0), 0, atol=1e-13)
-
-
-def test_bad_input_is_named():
-    """Negative coefficients are refused with the key, the value and the range."""
-    point = Point()
-    zero = point.constant(np.zeros(3))
-    with pytest.raises(InputError, match=r"friction = -0\.1.*at least 0"):
-        forms.coulomb_traction(zero, 1.0, -0.1, 1.0)
-    with pytest.raises(InputError, match=r"stiffness = -1.*Pa/m"):
-        forms.penalty_pressure(zero[0], -1.0)

@@ -14,7 +14,6 @@ from mpi4py import MPI
 from scipy.integrate import quad
 
 from fenics_joints import forms
-from fenics_joints.errors import InputError
 
 COMM = MPI.COMM_WORLD
 
@@ -193,17 +192,3 @@ def test_pressure_along_the_radius():
     edge = lambda at: float(forms.ring_pressure(ufl.as_ufl(at), force, r_nei, r_wai))  # noqa: E731
     assert edge(r_wai) == pytest.approx(1e6) and edge(r_wai * 1.01) == 0.0 == edge(0.5 * r_nei)
     assert edge(r_nei) > 1e6
-
-
-@pytest.mark.parametrize(
-    ("make", "said"),
-    [
-        (lambda: forms.transition_mass(1, 1, 1, thickness=1.0), "expected both"),
-        (lambda: forms.transition_mass(1, 1, 1, thickness=-1.0, meshed=1.0), "thickness = -1.0"),
-        (lambda: forms.transition_modulus(0.5, 1, 2, 2, through=0), "through = 0"),
-        (lambda: forms.ring_pressure(0.01, 10.0, 0.005, 0.02), "force = 10 N"),
-    ],
-)
-def test_mistakes_are_named(make, said):
-    with pytest.raises(InputError, match=said):
-        make()
