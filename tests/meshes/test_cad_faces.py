@@ -67,8 +67,7 @@ def test_what_lies_between_keeps_faces_apart(tmp_path, name):
 
 
 @pytest.mark.parametrize(
-    "apart, touches",
-    [(-0.05, False), (-0.015, True), (-0.001, True), (0.0, True), (0.3, True), (1.2, False)],
+    "apart, touches", [(-0.05, False), (-0.015, True), (0.3, True), (1.2, False)]
 )
 def test_small_overlaps_touch(tmp_path, apart, touches):
     def draw(occ):

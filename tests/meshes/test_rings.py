@@ -15,6 +15,7 @@ from fenics_joints.modal import solve_modes
 COMM = MPI.COMM_WORLD
 CENTRES = [(0.02, 0.02), (0.062, 0.018)]
 R_NEI, R_WAI = 0.006, 0.012
+Z = "[0, 0, 1]"
 
 
 def rings_between_plates(path, layers=(0.002, 0.002), turn=0.0, short=None):
@@ -104,14 +105,13 @@ def test_rings_of_two_thicknesses(tmp_path):
     At h as meshed a joint is what it is in the mesh: the same as with ``meshed`` given.
     """
     rings_between_plates(tmp_path / "rings.msh", layers=(0.002, 0.003))
-    z = "[0, 0, 1]"
     with pytest.raises(MeshError, match="joints.rings: ring_2 is 3 mm thick, ring_1 2 mm"):
-        structure(tmp_path, ("rings", '"ring_*"', 2, z))
-    own = structure(tmp_path, ("a", '"ring_1"', 2, z), ("b", '"ring_2"', 3, z))
+        structure(tmp_path, ("rings", '"ring_*"', 2, Z))
+    own = structure(tmp_path, ("a", '"ring_1"', 2, Z), ("b", '"ring_2"', 3, Z))
     given = structure(
         tmp_path,
-        ("a", '"ring_1"', 2, z + "\nmeshed = 0.002"),
-        ("b", '"ring_2"', 3, z + "\nmeshed = 0.003"),
+        ("a", '"ring_1"', 2, Z + "\nmeshed = 0.002"),
+        ("b", '"ring_2"', 3, Z + "\nmeshed = 0.003"),
     )
     frequencies = [solve_modes(s, n_modes=9).frequencies_hz[6:] for s in (own, given)]
     assert frequencies[0] == pytest.approx(frequencies[1], rel=1e-8)
@@ -119,33 +119,33 @@ def test_rings_of_two_thicknesses(tmp_path):
     assert meshed == pytest.approx([2e-3, 3e-3], rel=1e-9)
 
 
-Z = "[0, 0, 1]"
 FLAT = r"joints.rings: ring_1: it is flat along \(0.199, 0, 0.98\), .*not \(0, 0, 1\)"
-
-
-@pytest.mark.parametrize(
-    "drawn, cells, h, normal, message",
-    [
-        ({"turn": 0.2}, '"ring_*"', 2, Z, "ring_1: its face towards .* is 11.5 degrees off"),
+#: Cells, thickness, normal, and what is said of them, by the drawing.
+REFUSED = {
+    "turned": (
+        {"turn": 0.2},
+        ('"ring_*"', 2, Z, "ring_1: its face towards .* is 11.5 degrees off the normal"),
         # Also where no thickness is measured: a given one, and the law of a thin layer.
-        ({"turn": 0.2}, '"ring_*"', 2, Z + "\nmeshed = 0.002", FLAT),
-        ({"turn": 0.2}, '["ring_1", "ring_2"]', None, Z, FLAT),
-        (
-            {},
-            '"ring_*"',
-            2,
-            "[1, 0, 0]",
-            "ring_1: its face towards .* is 90 degrees off the normal",
-        ),
-        ({"short": 2}, '"ring_*"', 2, Z, "ring_2: it touches lower on one side only"),
-        ({}, '["ring_1", "ring_3"]', 2, Z, "joints.rings.cells = 'ring_3': is not in the"),
-        ({}, '"bolt_*"', 2, Z, r"joints.rings.cells = 'bolt_\*': is not in the mesh"),
+        ('"ring_*"', 2, Z + "\nmeshed = 0.002", FLAT),
+        ('["ring_1", "ring_2"]', None, Z, FLAT),
+    ),
+    "short": (
+        {"short": 2},
+        ('"ring_*"', 2, Z, "ring_2: it touches lower on one side only"),
+        ('"ring_*"', 2, "[1, 0, 0]", "ring_1: its face towards .* is 90 degrees off the normal"),
+        ('["ring_1", "ring_3"]', 2, Z, "joints.rings.cells = 'ring_3': is not in the"),
+        ('"bolt_*"', 2, Z, r"joints.rings.cells = 'bolt_\*': is not in the mesh"),
         # Millimetres without a scale.
-        ({}, '"ring_*"', 0.002, Z, "rings: its layer is 2 mm thick .* h is 0.002 mm; .*scale"),
-    ],
-)
-def test_refusals(tmp_path, drawn, cells, h, normal, message):
+        ('"ring_1"', 0.002, Z, "rings: its layer is 2 mm thick .* h is 0.002 mm; .*scale"),
+    ),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_refusals(tmp_path, name):
     """Each names the ring and what was expected."""
-    rings_between_plates(tmp_path / "rings.msh", **drawn)
-    with pytest.raises(MeshError, match=message):
-        structure(tmp_path, ("rings", cells, h, normal))
+    drawing, *cases = REFUSED[name]
+    rings_between_plates(tmp_path / "rings.msh", **drawing)
+    for cells, h, normal, message in cases:
+        with pytest.raises(MeshError, match=message):
+            structure(tmp_path, ("rings", cells, h, normal))
