@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from eigen_slopes import assert_second_order
 from mpi4py import MPI
 from scipy.optimize import brentq
 
@@ -84,17 +85,9 @@ def test_reduced_model_and_derivatives():
         exact = solve_modes(full, given, n_modes=9).frequencies_hz
         assert solve_modes(small, given, n_modes=9).frequencies_hz == pytest.approx(exact, rel=1e-6)
     for model in (full, small):
-        modes, index = solve_modes(model, point, n_modes=9), np.arange(8)
-        slopes = modes.gradients(index)
-        for i, name in enumerate(NAMES):
-            left = []
-            for share in (0.04, 0.02):
-                step = share * point[name]
-                moved = solve_modes(model, point | {name: point[name] + step}, n_modes=9)
-                change = moved.eigenvalues[index] - modes.eigenvalues[index]
-                left.append(np.abs(change - step * slopes[:, i]))
-            seen = left[1] > 1e-8 * modes.eigenvalues[index]
-            assert seen.any() and np.all(np.log2(left[0][seen] / left[1][seen]) > 1.85)
+        steps = {name: 0.04 * value for name, value in point.items()}
+        bounds = {"least": 1, "floor": 1e-8, "order": 1.85}
+        assert_second_order(model, steps, np.arange(8), point, **bounds, n_modes=9)
 
 
 def test_mistakes_are_named():

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import ufl
+from eigen_slopes import assert_same, assert_second_order, assert_terms_reproduce, difference
 from mpi4py import MPI
 
 from fenics_joints import forms
@@ -12,7 +13,7 @@ from fenics_joints.case import build_structure, load_case
 from fenics_joints.errors import InputError
 from fenics_joints.meshes import dumbbell
 from fenics_joints.modal import solve_modes
-from fenics_joints.reduction import ReducedStructure, reduce
+from fenics_joints.reduction import reduce
 from fenics_joints.structure import Parameter, Structure, part, transition
 from fenics_joints.structure.laws import TRANSITION
 
@@ -47,13 +48,8 @@ def test_thickness_is_a_remeshed_layer():
     model = sandwich(0.01)
     for h in (0.005, 0.01, 0.02):
         remeshed = sandwich(h)
-        for made, wanted in (
-            (model.stiffness({"h": h}), remeshed.stiffness({"h": h})),
-            (model.mass({"h": h}), remeshed.mass({"h": h})),
-        ):
-            size = wanted.norm()
-            wanted.axpy(-1.0, made)
-            assert wanted.norm() < 1e-12 * size
+        assert_same(model.stiffness({"h": h}), remeshed.stiffness({"h": h}), 1e-12)
+        assert_same(model.mass({"h": h}), remeshed.mass({"h": h}), 1e-12)
         assert model.total_mass({"h": h}) == pytest.approx(remeshed.total_mass({"h": h}))
 
 
@@ -88,36 +84,15 @@ def test_adjoint_derivatives(kind):
     if kind == "reduced":
         model = reduce(model, [{}, {"h": 0.02, "nu": 0.35}, {"E": 3e10}], N_MODES)
     at = {"h": 0.013, "E": 8e9, "nu": 0.26}
-    modes = solve_modes(model, at, n_modes=N_MODES, tolerance=1e-10)
-    elastic = np.arange(6, N_MODES - 1)
-    gradients = modes.gradients(elastic)
     steps = {"h": 1e-3, "E": 1e9, "nu": 0.04, "rho": 500.0}
-    for column, name in enumerate(model.parameters):
-        remainder = []
-        for step in (steps[name], steps[name] / 2):
-            moved = {**at, name: at.get(name, BODY["rho"]) + step}
-            values = solve_modes(model, moved, n_modes=N_MODES, tolerance=1e-10).eigenvalues
-            change = values[elastic] - modes.eigenvalues[elastic]
-            remainder.append(np.abs(change - step * gradients[:, column]))
-        seen = remainder[1] > 1e-8 * modes.eigenvalues[elastic]
-        assert seen.sum() >= 2, name
-        assert np.all(np.log2(remainder[0][seen] / remainder[1][seen]) > 1.8), name
+    bounds = {"least": 2, "floor": 1e-8, "order": 1.8}
+    options = {"n_modes": N_MODES, "tolerance": 1e-10}
+    assert_second_order(model, steps, np.arange(6, N_MODES - 1), at, **bounds, **options)
 
 
 def test_terms_reproduce_the_assembled_matrices():
-    """On vectors that were never modes."""
-    model, rng = sandwich(comm=MPI.COMM_SELF, rho=2000.0), np.random.default_rng(3)
-    vectors = [model.mass().createVecRight() for _ in range(4)]
-    for x in vectors:
-        x.array[:] = rng.standard_normal(x.local_size)
-    small = ReducedStructure(model, vectors)
-    given = {"h": 0.017, "E": 3e9, "nu": 0.1}
-    for reduced, assembled in (
-        (small.stiffness(given), small.projection.matrix(model.stiffness(given))),
-        (small.mass(given), small.projection.matrix(model.mass(given))),
-    ):
-        assert reduced == pytest.approx(assembled, rel=1e-9, abs=1e-9 * np.abs(assembled).max())
-    assert small.total_mass(given) == pytest.approx(model.total_mass(given))
+    model = sandwich(comm=MPI.COMM_SELF, rho=2000.0)
+    assert_terms_reproduce(model, model, [{"h": 0.017, "E": 3e9, "nu": 0.1}], 4)
 
 
 def test_case_names_the_layer(tmp_path):
@@ -185,12 +160,8 @@ def test_rings_are_parameters_of_their_own():
     elastic = slice(6, N_MODES - 1)
     by_h1, by_h2 = modes.gradients(range(6, N_MODES - 1)).T
     assert np.all(np.abs(by_h1 - by_h2) > 0.05 * np.abs(by_h1))
-    step = 1e-3 * at["h2"]
-    lam = [
-        solve_modes(model, {**at, "h2": at["h2"] + d}, n_modes=N_MODES, tolerance=1e-10).eigenvalues
-        for d in (-step, step)
-    ]
-    assert by_h2 == pytest.approx((lam[1] - lam[0])[elastic] / (2 * step), rel=1e-3)
+    exact = difference(model, at, "h2", elastic, 1e-3, n_modes=N_MODES, tolerance=1e-10)
+    assert by_h2 == pytest.approx(exact, rel=1e-3)
 
 
 def test_mistakes_are_named():

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from eigen_slopes import assert_second_order, assert_terms_reproduce
 from mpi4py import MPI
 
 from fenics_joints.case import Case, build_structure
 from fenics_joints.errors import InputError
 from fenics_joints.meshes import box
 from fenics_joints.modal import solve_modes
-from fenics_joints.reduction import ReducedStructure, reduce
+from fenics_joints.reduction import reduce
 from fenics_joints.structure import Parameter, Structure, part
 
 N_MODES = 14
@@ -48,20 +49,9 @@ def test_width_is_a_wider_mesh():
 @pytest.mark.parametrize("across", [(0, 1, 0), (1, 0, 0)])
 def test_terms_reproduce_the_assembled_matrices(across):
     """On vectors that were never modes; the second has a slanting normal."""
-    model, rng = bar(across=across), np.random.default_rng(3)
-    vectors = [model.mass().createVecRight() for _ in range(5)]
-    for x in vectors:
-        x.array[:] = rng.standard_normal(x.local_size)
-    small = ReducedStructure(model, vectors)
-    model = bar(across=across)  # which has no samples to sum up
-    for w, s in ((1.1, 1.0), (0.7, 1.9), (3.0, 0.4)):
-        given = {"w": w, "s": s}
-        for reduced, assembled in (
-            (small.stiffness(given), small.projection.matrix(model.stiffness(given))),
-            (small.mass(given), small.projection.matrix(model.mass(given))),
-        ):
-            assert reduced == pytest.approx(assembled, rel=1e-9, abs=1e-9 * np.abs(assembled).max())
-    assert small.total_mass({"w": 1.2}) == pytest.approx(model.total_mass({"w": 1.2}))
+    cases = [{"w": w, "s": s} for w, s in ((1.1, 1.0), (0.7, 1.9), (3.0, 0.4))]
+    fresh = bar(across=across)  # which has no samples to sum up
+    assert_terms_reproduce(bar(across=across), fresh, cases, 5)
 
 
 @pytest.mark.parallel
@@ -71,16 +61,8 @@ def test_derivative_by_the_width(kind):
     model = bar(comm=MPI.COMM_WORLD)
     if kind == "reduced":
         model = reduce(model, [{}, {"w": 1.2}], N_MODES)
-    modes = solve_modes(model, {"s": 1.2}, n_modes=N_MODES)
     elastic = np.arange(6, N_MODES - 1)
-    slope, remainder = modes.gradients(elastic)[:, 0], []
-    for h in (0.02, 0.01):
-        moved = solve_modes(model, {"s": 1.2, "w": 1 + h}, n_modes=N_MODES)
-        change = moved.eigenvalues[elastic] - modes.eigenvalues[elastic]
-        remainder.append(np.abs(change - h * slope))
-    seen = remainder[1] > 1e-9 * modes.eigenvalues[elastic]
-    assert seen.sum() >= 3
-    assert np.all(np.log2(remainder[0][seen] / remainder[1][seen]) > 1.9)
+    assert_second_order(model, {"w": 0.02}, elastic, {"s": 1.2}, n_modes=N_MODES)
 
 
 def test_bad_widths_are_named():
