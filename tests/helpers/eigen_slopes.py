@@ -40,13 +40,12 @@ def assert_second_order(
         assert np.all(np.log2(left[0][seen] / left[1][seen]) > order), name
 
 
-def difference(model, given, name, index, step, **options):
-    """Central difference of eigenvalues by a parameter, over a share of its value."""
-    step *= model.values(given)[name]
-    low, high = (
-        solve_modes(model, {**(given or {}), name: model.values(given)[name] + s}, **options)
-        for s in (-step, step)
-    )
+def difference(model, given, name, index, step, *, zero=None, **options):
+    """Central difference of eigenvalues by a parameter, over a share of its value or of ``zero``,
+    which stands for a value of 0."""
+    value = model.values(given)[name]
+    step *= value or zero
+    low, high = (solve_modes(model, {**given, name: value + s}, **options) for s in (-step, step))
     return (high.eigenvalues[index] - low.eigenvalues[index]) / (2 * step)
 
 

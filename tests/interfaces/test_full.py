@@ -59,13 +59,8 @@ class Beam:
 
     def reduced(self, n_modes: int = 6, n_shapes: int = 12, **options) -> InterfaceModel:
         shapes = self.shapes(n_shapes) if n_shapes else []
-        model = reduce_layers(
-            self.structure,
-            {"lap": law()},
-            n_modes=n_modes,
-            extra=shapes,
-            **({"interface_modes": 0} | PLACES | options),
-        )
+        options = {"n_modes": n_modes, "extra": shapes, "interface_modes": 0} | PLACES | options
+        model = reduce_layers(self.structure, {"lap": law()}, **options)
         return InterfaceModel(
             model.M, model.K, model.interfaces, self.rate * model.M, model.forces, model.sensors
         )
@@ -161,6 +156,12 @@ def start(beam: Beam, value: complex, hertz: float) -> tuple:
 # -- two ways to one response ----------------------------------------------------------------------
 
 
+def stepped(beam: Beam, hertz: float, steps: int, tolerance: float, **options) -> np.ndarray:
+    """Harmonics at the tip by time integration of the full model."""
+    options |= {"sensor": "tip", "steps_per_period": steps, "tolerance": tolerance}
+    return stepped_sine(beam.full, "push", FORCE, [hertz], petsc_options=OPTIONS, **options)[0]
+
+
 def test_full_model_in_time_is_the_reduced_one_in_harmonics(beam, reduced):
     """At the peak: amplitude and phase, where the response is a seventh off the linear one."""
     f1 = float(beam.modes.frequencies_hz[0])
@@ -168,18 +169,8 @@ def test_full_model_in_time_is_the_reduced_one_in_harmonics(beam, reduced):
     (balance,) = response(reduced, [peak.frequency_hz], harmonics=15, samples=256)
     assert abs(balance) < 0.87 * abs(linear_response(reduced, f1))
     assert abs(balance - linear_response(reduced, peak.frequency_hz)) > 0.1 * abs(balance)
-    c, _ = stepped_sine(
-        beam.full,
-        "push",
-        FORCE,
-        [peak.frequency_hz],
-        sensor="tip",
-        steps_per_period=100,
-        tolerance=2e-3,
-        initial=start(beam, 1.02 * balance, peak.frequency_hz),
-        harmonics=3,
-        petsc_options=OPTIONS,
-    )
+    near = start(beam, 1.02 * balance, peak.frequency_hz)
+    c = stepped(beam, peak.frequency_hz, 100, 2e-3, initial=near, harmonics=3)
     time = c[0, 1] - 1j * c[0, 2]
     assert abs(time) == pytest.approx(abs(balance), rel=3e-3)
     # The integrator's period is longer by (omega step)^2 / 12 of it: 0.01 rad of phase.
@@ -192,16 +183,7 @@ def test_full_and_reduced_models_agree_over_the_resonance(beam, reduced):
     for hertz in near_resonance(beam)[1:4]:
         found = solve_harmonic(reduced, "push", FORCE, at=[hertz], harmonics=15, samples=512)
         exact = found.sensor_coefficients("tip")[0]
-        c, _ = stepped_sine(
-            beam.full,
-            "push",
-            FORCE,
-            [hertz],
-            sensor="tip",
-            steps_per_period=300,
-            tolerance=5e-4,
-            petsc_options=OPTIONS,
-        )
+        c = stepped(beam, hertz, 300, 5e-4)
         size = np.hypot(*exact[1:3])
         assert np.abs(c[0, 1:3] - exact[1:3]).max() < 5e-3 * size
         assert np.abs(c[0, 5:7] - exact[5:7]).max() < 5e-4 * size
