@@ -104,7 +104,7 @@ def test_gradient_through_a_graded_joint():
     plates = part("plates", ("plate_1", "plate_2"), E=69e9, nu=0.283, rho=2750.0)
     values = {"force": 8e3, "reach": 0.04, "alpha": 1e8, "beta": 0.5}
     parameters = [Parameter(name, value) for name, value in values.items()]
-    model = Structure(tagged, [plates, layer], parameters, degree=1)
+    model = Structure(tagged, [plates, layer], parameters)
     check_taylor(model, {"force": 500.0, "alpha": 6.25e6, "beta": 0.0125, "reach": 2.5e-4})
 
 
