@@ -37,6 +37,7 @@ REFUSED = {
         ({"lower": (X,)}, "expected lines (x, height), or"),
         ({"lower": (X, -HIGH)}, "lower[1] is [-0.0, -0.1, -0.3], "),
         ({"lower": (X, HIGH)}, "expected heights that end at 0 m"),
+        ({"upper": LOW}, "expected heights that start at 0 m"),
         ({"upper_span": (0.1234, 1)}, "upper_span is (0.1234, 1), expected two ascending lines"),
         ({"cell": "hexahedron"}, "expected one of quadrilateral, triangle in 2-D"),
     ],
