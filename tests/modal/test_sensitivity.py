@@ -33,7 +33,7 @@ STEPS = {
 
 
 def build(law="uncoupled", comm=MPI.COMM_SELF):
-    tagged = lap_plates(comm, element_size=0.04, n_thickness=1)
+    tagged = lap_plates(comm, element_size=0.02, n_thickness=1)
     own = {key: f"plates.{key}" for key in ("E", "nu", "rho")} | {"stretch": "plates.thickness"}
     plates = part("plates", ("plate_1", "plate_2"), **own)
     layers = [
