@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from linear_posterior import prior
 from mpi4py import MPI
 from scipy import stats
 
@@ -12,7 +13,6 @@ from fenics_joints.bayes import (
     Gibbs,
     Level,
     Posterior,
-    PriorDensity,
     Settings,
     Specimens,
     calibrate,
@@ -23,12 +23,9 @@ from fenics_joints.bayes import (
     sample_hierarchy,
 )
 from fenics_joints.bayes.gibbs import Straight, curvature
-from fenics_joints.bayes.priors import density
 from fenics_joints.bayes.simulated import Truth, anchored, simulate
 from fenics_joints.bayes.walks import generator
 from fenics_joints.errors import InputError
-from fenics_joints.structure import Parameter
-from fenics_joints.updating.coordinates import LogScale
 
 pytest.importorskip("arviz")
 
@@ -38,21 +35,13 @@ SLOPE = np.array([[0.0, 0.12], [0.01, 0.05], [0.015, 0.04], [0.01, 0.08], [0.04,
 TRUTH = Truth(np.array([1.02, 0.97]), np.diag([0.03, 0.04]) ** 2, 2e-4)
 
 
-class NoLaws:
-    regions = ()
-
-
 def model(values):
     """ln f, with a little curvature."""
     logs = np.log(values)
     return np.log([158.0, 443, 861, 1383, 2046]) + logs @ SLOPE.T - 0.5 * logs**2 @ SLOPE.T
 
 
-def prior():
-    parameters = tuple(Parameter(name, 1.0) for name in "ab")
-    given = {"median": 1.0, "log_sd": 0.2}
-    densities = tuple(density(name, "lognormal", given) for name in "ab")
-    return PriorDensity(parameters, densities, LogScale("ab", NoLaws()))
+PRIOR = prior(0.2)
 
 
 @pytest.fixture(scope="module")
@@ -63,19 +52,13 @@ def specimens():
 @pytest.fixture(scope="module")
 def hierarchy(specimens):
     data = Specimens(MODES, specimens, noise=3e-4)
-    return sample_hierarchy(data, prior(), model, Settings(samples=2500, burn_in=500))
+    return sample_hierarchy(data, PRIOR, model, Settings(samples=2500, burn_in=500))
 
 
 def test_scatter_and_mean_are_recovered(hierarchy):
     rows = {row["name"]: row for row in hierarchy.chains.require_converged().table()}
-    truth = {
-        "a": 1.02,
-        "b": 0.97,
-        "scatter a": 0.03,
-        "scatter b": 0.04,
-        "noise": 2e-4,
-        "correlation a, b": 0.0,
-    }
+    truth = {"a": 1.02, "b": 0.97, "scatter a": 0.03, "scatter b": 0.04}
+    truth |= {"noise": 2e-4, "correlation a, b": 0.0}
     for name, value in truth.items():
         assert abs(rows[name]["mean"] - value) < 3.3 * rows[name]["sd"], name
     # The mean of n specimens is known to their scatter over the root of n, and no better.
@@ -88,7 +71,7 @@ def test_new_specimens_correlate_as_the_measured_ones_do(hierarchy, specimens):
     check = check_predictive(MODES, specimens, hierarchy.replicate(model))
     assert 0.025 < check.p_correlation < 0.975 and 0.025 < check.p_sd < 0.975
     likelihood = FittedLikelihood.from_specimens(MODES, specimens)
-    found = sample(Posterior(prior(), model, likelihood), Settings(samples=8000, burn_in=2000))
+    found = sample(Posterior(PRIOR, model, likelihood), Settings(samples=8000, burn_in=2000))
     theirs = check_predictive(MODES, specimens, replicate(found, model, 25))
     assert theirs.p_sd < 0.025 and "under-stated" in theirs.words()[0]
     assert theirs.mean_correlation[1] < check.mean_correlation[1]
@@ -116,19 +99,14 @@ def test_intervals_of_the_two_levels_hold_the_truth():
     )
     data = g(x.reshape(-1, 2)).reshape(n, S, 3) + b[:, None]
     data += tau[:, None, None] * rng.standard_normal(data.shape)
+    two, wide = np.zeros(2), np.full(2, sd)
+    bend = curvature(g, two)
+
+    def log_prior(m):
+        return -0.5 * np.sum(m**2, axis=1) / sd**2
+
     level = Level(
-        lambda m: -0.5 * np.sum(m**2, axis=1) / sd**2,
-        g,
-        np.zeros(2),
-        slope,
-        np.zeros(3),
-        np.zeros(2),
-        np.full(2, sd),
-        scatter,
-        noise,
-        False,
-        off,
-        curvature(g, np.zeros(2)),
+        log_prior, g, two, slope, np.zeros(3), two, wide, scatter, noise, False, off, bend
     )
     walk = Gibbs(level, data, [generator(1, c) for c in range(n)])
     walk.advance(150)
@@ -177,11 +155,11 @@ def test_two_levels_on_ranks(specimens, tmp_path_factory):
     table[3, 1] = np.nan
     data = Specimens(MODES, table, noise=3e-4, discrepancy=1e-3)
     settings = Settings(samples=120, burn_in=40, chains=3)
-    found = sample_hierarchy(data, prior(), model, settings, comm, keep=folder / "levels.nc")
-    alone = sample_hierarchy(data, prior(), model, settings)
+    found = sample_hierarchy(data, PRIOR, model, settings, comm, keep=folder / "levels.nc")
+    alone = sample_hierarchy(data, PRIOR, model, settings)
     np.testing.assert_allclose(found.chains.values, alone.chains.values, rtol=1e-6, atol=1e-12)
     # Kept, read again, and prolonged, since so few have not converged.
-    again = sample_hierarchy(data, prior(), model, settings, comm, keep=folder / "levels.nc")
+    again = sample_hierarchy(data, PRIOR, model, settings, comm, keep=folder / "levels.nc")
     np.testing.assert_array_equal(again.chains.values[:, :80], found.chains.values)
     assert again.chains.values.shape[1] == 160
     assert len(found.chains.names) == 2 + 2 + 1 + 1 + 5

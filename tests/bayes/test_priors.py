@@ -45,11 +45,12 @@ def test_bad_priors_are_named(kind, numbers, words):
         density("lap.k1", kind, numbers)
 
 
-def test_priors_in_words():
-    """Units, and the range that bounds leave."""
-    given = {"mean": 2e9, "sd": 1e8}
-    p = Parameter("lap.E", 2e9, unit="Pa", upper=2e9)
-    (words,) = PriorDensity(
-        (p,), (density("lap.E", "normal", given),), LogScale(["lap.E"], NoLaws())
-    ).describe()
+def test_priors_in_words_and_beside_their_bounds():
+    """Units, and the range that bounds leave, which may be none."""
+    normal = density("lap.E", "normal", {"mean": 2e9, "sd": 1e8})
+    p, scale = Parameter("lap.E", 2e9, unit="Pa", upper=2e9), LogScale(["lap.E"], NoLaws())
+    (words,) = PriorDensity((p,), (normal,), scale).describe()
     assert words == "lap.E: normal, 95 % in 1.78 to 2.00 GPa"
+    far = Parameter("lap.E", 3e9, lower=2.9e9)
+    with pytest.raises(InputError, match="prior of lap.E: has .* of its probability"):
+        PriorDensity((far,), (normal,), scale)

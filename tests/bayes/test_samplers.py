@@ -28,10 +28,8 @@ def test_conjugate_posterior(kind):
     weight = np.linalg.inv(likelihood.covariance)
     covariance = np.linalg.inv(SLOPE.T @ weight @ SLOPE + np.eye(2) / 0.25)
     mean = covariance @ SLOPE.T @ weight @ (likelihood.log_f - np.log(100))
-    found = sample(
-        Posterior(prior(), linear, likelihood),
-        Settings(kind, 6000 if kind == "metropolis" else 16000, 2000, 4),
-    )
+    settings = Settings(kind, 6000 if kind == "metropolis" else 16000, 2000, 4)
+    found = sample(Posterior(prior(), linear, likelihood), settings)
     logs = np.log(found.draws())
     sd, n = np.sqrt(np.diag(covariance)), min(c["ess_bulk"] for c in found.convergence.values())
     assert np.all(np.abs(logs.mean(axis=0) - mean) < 4.5 * sd / np.sqrt(n))
@@ -57,14 +55,8 @@ def test_chains_that_did_not_converge_are_not_used():
     with pytest.raises(ConvergenceError, match="did not converge"):
         found.draws()
     # Two maxima that chains cannot leave.
-    apart = found.__class__(
-        ("a",),
-        np.repeat([[[0.0]], [[5.0]]], 2000, axis=1)
-        + np.random.default_rng(0).standard_normal((2, 2000, 1)),
-        np.zeros((2, 2000)),
-        np.ones(2),
-        "by hand",
-    )
+    at = np.array([[[0.0]], [[5.0]]]) + np.random.default_rng(0).standard_normal((2, 2000, 1))
+    apart = found.__class__(("a",), at, np.zeros((2, 2000)), np.ones(2), "by hand")
     assert "the chains disagree" in apart.problems[0]
 
 

@@ -71,6 +71,10 @@ def write(folder: Path, *edits: tuple[str, str]) -> Path:
     return folder
 
 
+ALL = ('data = ["frequencies", "frfs"]\n', "")
+NO_LOSS = [(', "joint.loss_factor"]', "]"), ('start = { "joint.loss_factor" = "3 %" }\n', "")]
+
+
 def test_meaning(tmp_path):
     case = load_case(write(tmp_path))
     assert case.combined() and case.fitted_data() == ("frequencies", "frfs")
@@ -88,33 +92,14 @@ def test_meaning(tmp_path):
 
 
 def test_what_there_is(tmp_path):
-    """Without a word on the data all of them are fitted; without functions nothing changes."""
-    every = load_case(write(tmp_path, ('data = ["frequencies", "frfs"]\n', "")))
-    assert every.fitted_data() == ("frequencies", "frfs")
+    """Without a word on the data all of them are fitted; without functions nothing changes; a
+    frequency may be missing, at the update's condition or at another."""
+    lone = ('modes = ["two"]\n', "")
+    for edits in ([ALL], [("20,160,360", "20,160,"), lone], [("10,150,350", "10,,350"), lone]):
+        assert load_case(write(tmp_path, *edits)).fitted_data() == ("frequencies", "frfs")
     frfs = '[test.frfs]\nfiles = ["frf.csv", "nodes.csv"]\nnoise = "2 %"\n'
-    rest = """data = ["frequencies", "frfs"]
-lines = 3
-[update.held]
-modes = ["two"]
-bands = [["450 Hz", "1 kHz"]]
-"""
-    plain = load_case(
-        write(
-            tmp_path,
-            (frfs, ""),
-            (rest, ""),
-            (', "joint.loss_factor"]', "]"),
-            ('start = { "joint.loss_factor" = "3 %" }\n', ""),
-        )
-    )
-    assert not plain.combined()
-
-
-def test_a_frequency_may_be_missing(tmp_path):
-    """At the update's condition or at another."""
-    for old, new in (("20,160,360", "20,160,"), ("10,150,350", "10,,350")):
-        case = load_case(write(tmp_path, (old, new), ('modes = ["two"]\n', "")))
-        assert case.fitted_data() == ("frequencies", "frfs")
+    rest = CASE[CASE.index('data = ["freq') :]
+    assert not load_case(write(tmp_path, (frfs, ""), (rest, ""), *NO_LOSS)).combined()
 
 
 def test_noise_from_coherence(tmp_path):
@@ -131,22 +116,10 @@ MISTAKES = [
     ("[parts.bodies]", "[parts.damping]", ["parts.damping", "expected another"]),
     ('\nnoise = "2 %"', '\nnoise = "2 %"\naverages = 8', ["either noise or averages"]),
     ('\nnoise = "2 %"', "\naverages = 1", ["test.frfs.averages = 1"]),
-    (
-        '\nfiles = ["frf.csv", "nodes.csv"]',
-        '\nfiles = ["frf.csv", "nodes.csv"]\nat = 10',
-        ["test.frfs.at = 10", "20 N·m"],
-    ),
-    (
-        'data = ["frequencies", "frfs"]',
-        'data = ["frequencies"]',
-        ["update.parameters[2] = 'joint.loss_factor'", "update.lines", "update.held.bands"],
-    ),
-    (
-        'data = ["frequencies", "frfs"]',
-        'data = ["shapes", "frfs"]',
-        ["update.data[0] = 'shapes'", "update.held.modes"],
-    ),
-    ('data = ["frequencies", "frfs"]', 'data = ["frequencies", "frf"]', ["'frfs'"]),
+    ("[test.frfs]", "[test.frfs]\nat = 10", ["test.frfs.at = 10", "20 N·m"]),
+    ('s", "frfs"]', 's"]', ["parameters[2] = 'joint.loss_factor'", "update.lines", "held.bands"]),
+    ('["frequencies", "frfs"]', '["shapes", "frfs"]', ["data[0] = 'shapes'", "update.held.modes"]),
+    ('"frequencies", "frfs"', '"frequencies", "frf"', ["'frfs'"]),
     ('"joint.E", "joint.h"', '"joint.E", "joint.E"', ["update.parameters[1]", "once"]),
     ("lines = 3", "lines = 0", ["update.lines", "from 1 on"]),
     ("lines = 3", "lines = 6", ["update.lines = 6", "at most the 5"]),
@@ -174,8 +147,7 @@ def test_mistakes(tmp_path, old, new, said):
 
 
 def test_no_damping(tmp_path):
-    start = 'start = { "joint.loss_factor" = "3 %" }\n'
     section = '[damping]\nrayleigh = ["6 1/s", "0 s"]\nhysteretic = { joint = "1 %" }\n'
-    write(tmp_path, (section, ""), (start, ""), (', "joint.loss_factor"]', "]"))
+    write(tmp_path, (section, ""), *NO_LOSS)
     with pytest.raises(InputError, match=r"damping is missing: expected a section \[damping\]"):
         load_case(tmp_path)

@@ -29,15 +29,10 @@ E = "70 GPa"
 nu = 0.33
 rho = "2700 kg/m3"
 """
-JOINTS = """
-[joints.edge]
+JOINT = """
+[joints.{0}]
 law = "springs"
-cells = "joint_1"
-k_n = "1 TPa/m"
-k_t = "1 TPa/m"
-[joints.top]
-law = "springs"
-cells = "joint_2"
+cells = "{1}"
 k_n = "1 TPa/m"
 k_t = "1 TPa/m"
 """
@@ -53,7 +48,8 @@ def angle(occ):
 def angled(folder, *edits):
     if COMM.rank == 0:
         write_step(folder / "a.step", angle)
-        text = MESH + "".join(map(PART.format, ("flat", "upright", "block"))) + JOINTS
+        text = MESH + "".join(map(PART.format, ("flat", "upright", "block")))
+        text += JOINT.format("edge", "joint_1") + JOINT.format("top", "joint_2")
         for old, new in edits:
             text = text.replace(old, new)
         (folder / "case.toml").write_text(text, encoding="utf-8")

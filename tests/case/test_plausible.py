@@ -16,43 +16,32 @@ from fenics_joints.case import load_case, plausibility
 from fenics_joints.case.plausible import USUAL
 from fenics_joints.cli import main
 from fenics_joints.errors import InputError
-from fenics_joints.measurements import read_table
+from fenics_joints.measurements import read_table, read_test_data
 from fenics_joints.preload import thread
 
 BOLT = """
-[bolts.m10]
+[bolts.{}]
 kind = "washers"
 lower = "bottom"
 upper = "top"
 thread = "M10"
+force = "20 kN"
 """
 #: Text of the case, what takes its place, and what is said.
+SOFT = ('E = "69 GPa"\nG = "26.9 GPa"', "E = 69\nnu = 0.3")
 UNUSUAL = [
-    (
-        'E = "69 GPa"\nG = "26.9 GPa"',
-        "E = 69\nnu = 0.3",
-        "parts.plates.E = 69 Pa is unusual: solid materials have 100 MPa to 1.20 TPa; was '69 GPa'",
-    ),
-    (
-        'rho = "2750 kg/m3"',
-        "rho = 2.75",
-        "parts.plates.rho = 2.75 kg/m3 is unusual: solid materials have 100 kg/m³ to 23000 kg/m³; "
-        "was '2.75 g/cm3'",
-    ),
+    (*SOFT, "plates.E = 69 Pa is unusual: solid materials have 100 MPa to 1.20 TPa; was '69 GPa'"),
+    ('rho = "2750 kg/m3"', "rho = 2.75", "23000 kg/m³; was '2.75 g/cm3'"),
     ('thickness = "8 mm"', "thickness = 800", "mesh.thickness = 800 m is unusual: dimensions"),
-    (
-        'E = "0.933 MPa"\nG = "0.446 MPa"',
-        'E = 933\nG = "0.446 MPa"',
-        "joints.away.E = 933 Pa is unusual: layers of joints have 10.0 kPa to",
-    ),
+    ('E = "0.933 MPa"', "E = 933", "joints.away.E = 933 Pa is unusual: layers of joints have"),
     ('mass = "20 g"', "mass = 2e5", "attached.accelerometer.mass = 200000 kg is unusual"),
     ('stiffness = "1 kN/m"', "stiffness = 0.1", "attached.rope.stiffness = 0.1 N/m is unusual"),
     ('E = "1.5 %", rho', "E = 1.5, rho", "parts.plates.tolerance.E = 1.5 is unusual"),
     ('noise = "0.3 %"', "noise = 0.3", "test.noise = 0.3 is unusual: relative scatter"),
     (
         "[test]",
-        "[damping]\nmodal = 0.5\n\n[test]",
-        "damping.modal[0] = 0.5 is unusual: damping ratios",
+        "[damping]\nmodal = 0.5\n[test]",
+        "damping.modal[0] = 0.5 is unusual: damping ratio",
     ),
 ]
 
@@ -65,13 +54,7 @@ def test_what_is_unusual_is_said(tmp_path, write_case, old, new, said):
 
 
 def test_measured_values_count_too(tmp_path, write_case):
-    path = write_case(tmp_path)
-    table = path / "frequencies.csv"
-    head, *rows = table.read_text().splitlines()
-    row = next(i for i, line in enumerate(rows) if line and line[0].isdigit())
-    cells = rows[row].split(",")
-    rows[row] = ",".join([cells[0], "0.01", *cells[2:]])
-    table.write_text("\n".join([head, *rows]) + "\n")
+    path = write_case(tmp_path, ("375.04", "0.01"), file="frequencies.csv")
     (found,) = plausibility(load_case(path))
     assert "test.frequencies.bending 1 = 0.01 Hz is unusual" in found
 
@@ -90,17 +73,16 @@ def test_ranges_are_in_order_and_know_their_units():
 def test_a_command_says_it_once(tmp_path, write_case, monkeypatch, capfd):
     """On stderr before the work, in the JSON and on the page; the answer is there all the same."""
     out, page = tmp_path / "m.json", tmp_path / "m.html"
-    case = write_case(tmp_path, UNUSUAL[0][:2])
-    arguments = ["modes", case, "-n", "8", "--json", out, "--report", page]
+    arguments = ["modes", write_case(tmp_path, SOFT), "-n", "8", "--json", out, "--report", page]
     monkeypatch.setattr(sys, "argv", ["fenics-joints", *map(str, arguments)])
     with pytest.raises(SystemExit) as end:
         main()
-    assert not end.value.code
     said, made = capfd.readouterr().err, json.loads(out.read_text())
+    assert not end.value.code and made["frequencies_hz"][-1] > 0
     assert said.count("parts.plates.E = 69 Pa") == 1
     assert said.index("parts.plates.E = 69 Pa") < said.index("building the model")
-    assert "parts.plates.E = 69 Pa" in made["notes"][0] and made["frequencies_hz"][-1] > 0
-    assert "parts.plates.E = 69 Pa" in page.read_text()
+    for text in (made["notes"][0], page.read_text()):
+        assert "parts.plates.E = 69 Pa" in text
 
 
 #: Text of the case, what takes its place, and what is said of it.
@@ -122,6 +104,11 @@ REFUSED = [
         ('{ "near.E" = "3 GPa" }', f'{{ "near.E" = {value} }}', f"update.start.near.E = {said}: ")
         for value, said in (("-1", "-1.0"), ("0", "0.0"), ("true", "True"), ("1e300", "1e.300"))
     ],
+    (
+        "[test]",
+        BOLT.format("left") + BOLT.format("right") + "[test]",
+        "bolts.right.lower = 'bottom': is a face of bolts.left",
+    ),
     ("hold_out = [4,", "hold_out = [true,", "update.hold_out.0. = True: expected a finite number"),
 ]
 
@@ -141,21 +128,11 @@ def test_what_makes_no_sense_is_refused(tmp_path, write_case, old, new, said):
         ("5,1,2\n5.0000000001,1,2\n", "5.0 and 5.0000000001 are one within 1e-06"),
     ],
 )
-def test_tables_that_make_no_sense_are_refused(tmp_path, write_case, rows, said):
-    from fenics_joints.measurements import read_test_data
-
+def test_tables_that_make_no_sense_are_refused(tmp_path, rows, said):
     table = tmp_path / "f.csv"
     table.write_text(f"torque [N·m],a [Hz],b [Hz]\n{rows}")
     with pytest.raises(InputError, match=said):
         read_test_data(table, condition="torque")
-
-
-def test_one_washer_of_two_bolts_is_refused(tmp_path, write_case):
-    path = write_case(tmp_path)
-    two = "".join(BOLT.replace("m10", name) + 'force = "20 kN"\n' for name in ("left", "right"))
-    (path / "case.toml").write_text((path / "case.toml").read_text() + two)
-    with pytest.raises(InputError, match="bolts.right.lower = 'bottom': is a face of bolts.left"):
-        load_case(path)
 
 
 def test_a_comma_before_three_digits_is_said(tmp_path):

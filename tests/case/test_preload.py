@@ -66,12 +66,6 @@ MISTAKES = [
 ]
 
 
-def obstacle_free(text: str) -> str:
-    """The beam's case without its obstacle."""
-    start, end = text.index("[obstacles.ball]"), text.index("[displacements.grip]")
-    return text[:start] + text[end:]
-
-
 @pytest.mark.parametrize(("old", "new", "words"), MISTAKES)
 def test_mistakes(tmp_path, old, new, words):
     file = tmp_path / "case.toml"
@@ -88,20 +82,23 @@ def test_mistakes(tmp_path, old, new, words):
 def test_what_does_not_count_is_refused(tmp_path):
     """Ways and loads without contact; a rest on obstacles; models and fits that have no contact."""
     file = tmp_path / "case.toml"
-    file.write_text(obstacle_free(BEAM))
-    with pytest.raises(InputError, match=r"displacements and loads: expected.*obstacles.NAME"):
-        load_case(file)
-    rest = BEAM.replace('travel = [0, 0, "0.1 mm"]\n', "")
-    file.write_text(rest[: rest.index("[displacements")])
-    with pytest.raises(InputError, match="nothing presses the bodies on them; expected.*bolts"):
-        load_case(file)
-    file.write_text(BEAM)
-    with pytest.raises(InputError, match=r"knows no \[obstacles\], \[displacements\], \[loads\]"):
+
+    def refused(text, words, load=load_case):
+        file.write_text(text)
+        with pytest.raises(InputError, match=words):
+            load(file)
+
+    def build(file):
         build_structure(load_case(file), SELF)
+
+    start, obstacle = BEAM[: BEAM.index("[obst")], BEAM[BEAM.index("[obst") : BEAM.index("[disp")]
+    loads = BEAM[BEAM.index("[disp") :]
+    refused(start + loads, r"displacements and loads: expected.*obstacles.NAME")
+    rest = obstacle.replace('travel = [0, 0, "0.1 mm"]\n', "")
+    refused(start + rest, "nothing presses the bodies on them; expected.*bolts")
+    refused(BEAM, r"knows no \[obstacles\], \[displacements\], \[loads\]", build)
     contact = '[contacts.lap]\nlower = "interface_lower"\nupper = "interface_upper"\n'
-    file.write_text(BEAM[: BEAM.index("[obstacles")] + contact)
-    with pytest.raises(InputError, match=r"without contact knows no \[contacts\]"):
-        build_structure(load_case(file), SELF)
+    refused(start + contact, r"without contact knows no \[contacts\]", build)
     file.write_text(BEAM.replace('"-0.1 mm"]', "-0.1]"))
     said = " ".join(check_case(file, SELF, QUIET).notes)
     assert "displacements.grip.value[2] = -0.1 m is unusual" in said
@@ -165,18 +162,11 @@ def test_bar_between_floor_and_grip(folder, keeps_rules):
     assert floor["force_n"] == pytest.approx([0, 0, FORCE], abs=1e-6 * FORCE)
     assert facts["bolt_forces_n"] == {}
     keeps_rules(outcome.page())
-    supports = '[supports.{0}]\nfacets = "{1}"\ndirections = {2}\n'
-    held = elastic(block(folder, *(supports.format(n, n, ["z"]) for n in ("bottom", "top"))))
-    stuck = elastic(
-        block(
-            folder,
-            supports.format("bottom", "bottom", ["x", "y", "z"]),
-            supports.format("top", "top", ["z"]),
-        )
-    )
-    case = block(folder, FLOOR, GRIP)
-    assert elastic(case, state="preload") == pytest.approx(held[: 10 - 3], rel=1e-6)
-    assert elastic(case) == pytest.approx(stuck[: len(elastic(case))], rel=1e-6)
+    support = '[supports.{0}]\nfacets = "{0}"\ndirections = {1}\n'
+    top, found = support.format("top", ["z"]), (elastic(case, state="preload"), elastic(case))
+    for modes, ways in zip(found, (["z"], ["x", "y", "z"]), strict=True):
+        held = elastic(block(folder, support.format("bottom", ways), top))
+        assert modes == pytest.approx(held[: len(modes)], rel=1e-6)
 
 
 def test_loads_on_faces(folder):

@@ -10,6 +10,7 @@ import pytest
 
 pytest.importorskip("dolfinx")
 
+from gmsh_files import gmsh_file
 from mpi4py import MPI
 
 from fenics_joints.case import build_preload, build_structure, check_size, estimate, load_case, size
@@ -18,7 +19,11 @@ from fenics_joints.errors import InputError
 from fenics_joints.meshes.grid import count_intervals, grid_lines
 
 DEMOS = Path(__file__).parents[2] / "demos"
-BODY = '[parts.body]\ncells = "{}"\nE = "70 GPa"\nnu = 0.3\nrho = 2700\n'
+BODY = '[parts.body]\ncells = "body"\nE = "70 GPa"\nnu = 0.3\nrho = 2700\n'
+
+
+def changed(case, **mesh):
+    return case.model_copy(update={"mesh": case.mesh.model_copy(update=mesh)})
 
 
 def dofs(case) -> int:
@@ -41,30 +46,21 @@ def dofs(case) -> int:
 )
 def test_degrees_of_freedom(demo, mesh):
     """Within a third of those of the mesh when it is there."""
-    case = load_case(DEMOS / demo)
-    case = case.model_copy(update={"mesh": case.mesh.model_copy(update=mesh)})
+    case = changed(load_case(DEMOS / demo), **mesh)
     assert estimate(case).dofs == pytest.approx(dofs(case), rel=0.33)
 
 
 def test_files_are_counted_by_their_heads(tmp_path):
-    gmsh = pytest.importorskip("gmsh")
-    gmsh.initialize(interruptible=False)
-    try:
-        gmsh.model.occ.addBox(0, 0, 0, 0.1, 0.1, 0.1)
-        gmsh.model.occ.synchronize()
-        gmsh.model.addPhysicalGroup(3, [1], 1, "body")
-        gmsh.option.setNumber("General.Verbosity", 1)
-        gmsh.option.setNumber("Mesh.MeshSizeMax", 0.012)
-        gmsh.model.mesh.generate(3)
-        for version, binary in ((4.1, 0), (4.1, 1), (2.2, 0), (2.2, 1)):
-            gmsh.option.setNumber("Mesh.MshFileVersion", version)
-            gmsh.option.setNumber("Mesh.Binary", binary)
-            gmsh.write(str(tmp_path / f"{version}_{binary}.msh"))
-    finally:
-        gmsh.finalize()
+    pytest.importorskip("gmsh")
     found = []
-    for file in sorted(tmp_path.glob("*.msh")):
-        (tmp_path / "case.toml").write_text(f'[mesh]\nfile = "{file.name}"\n' + BODY.format("body"))
+    for version, binary in ((4.1, 0), (4.1, 1), (2.2, 0), (2.2, 1)):
+        options = {"MeshSizeMax": 0.02, "MshFileVersion": version, "Binary": binary}
+        with gmsh_file(tmp_path / "a.msh", **options) as gmsh:
+            gmsh.model.occ.addBox(0, 0, 0, 0.1, 0.1, 0.1)
+            gmsh.model.occ.synchronize()
+            gmsh.model.addPhysicalGroup(3, [1], 1, "body")
+            gmsh.model.mesh.generate(3)
+        (tmp_path / "case.toml").write_text('[mesh]\nfile = "a.msh"\n' + BODY)
         case = load_case(tmp_path)
         found.append(estimate(case).dofs)
     assert len(set(found)) == 1 and found[0] == pytest.approx(dofs(case), rel=0.33)
@@ -73,10 +69,7 @@ def test_files_are_counted_by_their_heads(tmp_path):
 def test_step_files_by_the_size_of_elements():
     """Half the size, eight times as many; at 15 mm the count is that of the mesh to a factor."""
     case = load_case(DEMOS / "cad_bracket")
-    counts = [
-        estimate(case.model_copy(update={"mesh": case.mesh.model_copy(update={"size": h})})).dofs
-        for h in (2e-3, 1e-3, 1e-12)
-    ]
+    counts = [estimate(changed(case, size=h)).dofs for h in (2e-3, 1e-3, 1e-12)]
     assert counts[1] / counts[0] == pytest.approx(8, rel=0.1) and counts[2] > 1e20
 
 
@@ -107,47 +100,28 @@ def test_too_large_a_model_is_refused_at_once(tmp_path, write_case, monkeypatch,
     assert check_size(case, large=True).bytes > 16 * 2**30
 
 
+STEP = {"max": "3000000000", "current": "1500000000", "stat": "anon 5\ninactive_file 500000000\n"}
+SLURM = {"limit_in_bytes": "5000", "usage_in_bytes": "6000"}
+
+
 @pytest.mark.parametrize(
-    ("files", "expected"),
+    ("group", "files", "expected"),
     [
-        ({}, 8e9),
-        (
-            {
-                "self/cgroup": "0::/job/step\n",
-                "memory.max": "max",
-                "job/memory.max": "max",
-                "job/step/memory.max": "3000000000",
-                "job/step/memory.current": "1500000000",
-                "job/step/memory.stat": "anon 5\ninactive_file 500000000\n",
-            },
-            2e9,
-        ),
-        (
-            {
-                "self/cgroup": "0::/../../other\n",
-                "memory.max": "4000000000",
-                "memory.current": "1000000000",
-            },
-            3e9,
-        ),
-        (
-            {
-                "self/cgroup": "3:cpu,memory:/slurm\n",
-                "memory/slurm/memory.limit_in_bytes": "5000",
-                "memory/slurm/memory.usage_in_bytes": "6000",
-            },
-            0.0,
-        ),
+        ("", {}, 8e9),
+        ("0::/job/step\n", {f"job/step/memory.{k}": v for k, v in STEP.items()}, 2e9),
+        ("0::/../../other\n", {"memory.max": "4000000000", "memory.current": "1000000000"}, 3e9),
+        ("3:cpu,memory:/s\n", {f"memory/s/memory.{k}": v for k, v in SLURM.items()}, 0.0),
     ],
 )
-def test_memory_is_the_least_of_all_limits(tmp_path, files, expected):
+def test_memory_is_the_least_of_all_limits(tmp_path, group, files, expected):
     """Containers and batch systems give less than the machine has."""
-    proc, groups = tmp_path / "proc", tmp_path / "sys/fs/cgroup"
-    proc.mkdir()
-    (proc / "meminfo").write_text("MemTotal: 16000000 kB\nMemAvailable:    7812500 kB\n")
+    if files:
+        files = {"sys/fs/cgroup/job/memory.max": "max", "proc/self/cgroup": group} | {
+            f"sys/fs/cgroup/{name}": text for name, text in files.items()
+        }
+    files = {"proc/meminfo": "MemTotal: 16000000 kB\nMemAvailable:    7812500 kB\n"} | files
     for name, text in files.items():
-        file = proc / name if name.startswith("self") else groups / name
-        file.parent.mkdir(parents=True, exist_ok=True)
-        file.write_text(text)
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text(text)
     assert available_bytes(tmp_path) == expected
     assert 0 < available_bytes() < 1e15

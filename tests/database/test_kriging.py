@@ -11,7 +11,7 @@ from mpi4py import MPI
 from fenics_joints.database import Kriging, seed_database
 from fenics_joints.errors import InputError
 
-serial = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="about one process")
+pytestmark = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="about one process")
 
 
 #: Machines 2022, Table 4: force in N, thickness in m. Table 5 has the paper's errors there, in per
@@ -32,7 +32,6 @@ def _fit(x, y):
     return Kriging(x, y, ("force", "thickness"), "radius")
 
 
-@serial
 def test_errors_at_the_papers_testing_points_are_below_its_own(seed_tables):
     """30 sample points, 5 testing points; the latter have no part in fit or choice of the model."""
     x, radius, pressure = seed_tables
@@ -49,7 +48,6 @@ def test_errors_at_the_papers_testing_points_are_below_its_own(seed_tables):
     assert errors["pressure"].mean() < 2 * np.mean(PAPER_ERRORS) / 100
 
 
-@serial
 def test_leave_one_out_over_all_rows_is_what_the_conditional_gaussian_says(seed_surfaces):
     """One process's leave-one-out by removing each point in turn; and the spread is calibrated."""
     for kriging in seed_surfaces.kriging.values():
@@ -71,7 +69,6 @@ def test_leave_one_out_over_all_rows_is_what_the_conditional_gaussian_says(seed_
         assert left.standardised[i] == pytest.approx(z_score, rel=1e-6)
 
 
-@serial
 def test_a_power_law_is_found_from_few_points_and_its_uncertainty_covers_noise():
     rng = np.random.default_rng(4)
     x = np.column_stack([rng.uniform(1e4, 7e4, 40), rng.uniform(0.01, 0.04, 40)])
@@ -88,7 +85,6 @@ def test_a_power_law_is_found_from_few_points_and_its_uncertainty_covers_noise()
     assert np.all(predicted.sd / predicted.value < 1.5 * noise)
 
 
-@serial
 def test_extrapolation_is_refused_or_marked():
     """A triangle of data: the corner opposite is inside the box of the data, but not the hull."""
     i, j = np.array([(i, j) for i in range(5) for j in range(5 - i)]).T
@@ -104,7 +100,6 @@ def test_extrapolation_is_refused_or_marked():
     assert both.sd[1] / both.value[1] > both.sd[0] / both.value[0]
 
 
-@serial
 def test_rows_on_a_line_are_interpolated_along_it_alone():
     """Force and thickness that were only ever raised together have a hull of one dimension."""
     i = np.arange(1.0, 7.0)

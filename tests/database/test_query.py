@@ -28,10 +28,9 @@ from fenics_joints.preload import thread
 from fenics_joints.preload.torque import motosh_force
 from fenics_joints.report.document import Table
 
-serial = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="about one process")
+pytestmark = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="about one process")
 
 
-@serial
 def test_torque_bolt_and_plates_to_radius_pressure_and_the_identified_interface(seed_surfaces):
     """The engraving machine of Machines 2022: Table 10 to Table 11, and Table 2 at 50 kN, 25 mm."""
     answer = query(seed_surfaces, bolt="M12", torque=120.0, thickness=0.025, roughness=1.6e-6)
@@ -44,7 +43,6 @@ def test_torque_bolt_and_plates_to_radius_pressure_and_the_identified_interface(
     json.dumps(answer.json(), allow_nan=False)
 
 
-@serial
 def test_another_way_to_force_and_other_conditions_are_said(seed_surfaces):
     how = TorqueToForce(friction=0.12)
     motosh = query(seed_surfaces, bolt="M12", torque=60.0, thickness=0.02, torque_to_force=how)
@@ -58,7 +56,6 @@ def test_another_way_to_force_and_other_conditions_are_said(seed_surfaces):
     assert other.identified.h == 0.657e-3 and "thickness is not known" in other.identified_note
 
 
-@serial
 @pytest.mark.parametrize(
     ("arguments", "match"),
     [
@@ -73,7 +70,6 @@ def test_a_bad_question_is_an_input_error(seed_surfaces, arguments, match):
         query(seed_surfaces, **arguments)
 
 
-@serial
 def test_rows_of_two_models_are_never_mixed():
     store = seed_database()
     store.add(
@@ -91,7 +87,6 @@ def _run(words: str) -> subprocess.CompletedProcess:
     return subprocess.run(command, capture_output=True, text=True, timeout=120)
 
 
-@serial
 def test_command_adds_and_answers(tmp_path):
     own, rows, out = (tmp_path / name for name in ("own.db", "rows.csv", "answer.json"))
     seed_database().export_csv(rows)
@@ -110,7 +105,6 @@ def test_command_adds_and_answers(tmp_path):
     assert "error: --torque '96': expected a number with its unit" in wrong.stderr
 
 
-@serial
 def test_rows_and_what_the_others_predict_of_each(seed_surfaces):
     """The table, its CSV and the JSON have the same numbers, those of the rows."""
     rows = seed_surfaces.rows

@@ -16,7 +16,7 @@ from fenics_joints.database import JointRow, Store, seed_database
 from fenics_joints.database.joints import settings_text
 from fenics_joints.errors import InputError
 
-serial = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="about one process")
+pytestmark = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="about one process")
 
 
 def _awkward() -> list[JointRow]:
@@ -37,7 +37,6 @@ def _awkward() -> list[JointRow]:
     ]
 
 
-@serial
 def test_csv_keeps_every_digit_and_letter(tmp_path):
     rows = _awkward() + seed_database().joints()
     with Store(tmp_path / "a.db", create=True) as a, Store(tmp_path / "b.db", create=True) as b:
@@ -52,7 +51,6 @@ def test_csv_keeps_every_digit_and_letter(tmp_path):
         assert (last.diameter, last.force, last.radius) == pytest.approx((0.012, 50e3, 0.043))
 
 
-@serial
 @pytest.mark.parametrize(
     ("text", "match"),
     [
@@ -71,7 +69,6 @@ def test_a_wrong_csv_is_named_and_nothing_of_it_is_kept(tmp_path, text, match):
         assert store.joints() == []
 
 
-@serial
 def test_what_is_no_such_database_is_a_clear_error(tmp_path):
     with pytest.raises(InputError, match="no such file"):
         Store(tmp_path / "none.db")
@@ -107,7 +104,6 @@ os.kill(os.getpid(), signal.SIGKILL)
 """
 
 
-@serial
 def test_what_a_killed_writer_left_half_written_is_undone_even_by_a_reader(tmp_path):
     path = tmp_path / "a.db"
     with Store(path, create=True) as store:
@@ -119,7 +115,6 @@ def test_what_a_killed_writer_left_half_written_is_undone_even_by_a_reader(tmp_p
         assert store.joints() == seed_database().joints()
 
 
-@serial
 def test_several_writers_at_once_lose_nothing(tmp_path):
     Store(tmp_path / "a.db", create=True).close()
 
@@ -137,7 +132,6 @@ def test_several_writers_at_once_lose_nothing(tmp_path):
         assert len({(j.force, j.thickness) for j in store.joints()}) == 40
 
 
-@serial
 def test_no_empty_file_is_left_where_the_disk_is_full(tmp_path):
     """As of a disk that is full: no file may grow beyond 1 kB."""
     code = (
@@ -156,7 +150,6 @@ def test_no_empty_file_is_left_where_the_disk_is_full(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-@serial
 def test_a_new_database_takes_no_other_place(tmp_path):
     """One that another process made meanwhile stays, with its rows."""
     with Store(tmp_path / "one.db", create=True) as first:
@@ -166,7 +159,6 @@ def test_a_new_database_takes_no_other_place(tmp_path):
     assert [file.name for file in tmp_path.iterdir()] == ["one.db"]
 
 
-@serial
 def test_text_is_no_formula_in_a_spreadsheet_and_comes_back(tmp_path):
     """What Excel and LibreOffice would run (OWASP, CSV injection), and what only looks like it."""
     texts = ['=cmd|"/C calc"!A0', "@SUM(1+9)*cmd", "-2+3", "+1", "\t=1", " =1", "'=1", "''=1"]
@@ -183,7 +175,6 @@ def test_text_is_no_formula_in_a_spreadsheet_and_comes_back(tmp_path):
     assert not starts & set("=+-@\t\r\uff1d") and cells.count("-0.25") == len(rows)
 
 
-@serial
 @pytest.mark.parametrize(
     "what",
     [

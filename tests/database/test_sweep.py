@@ -99,10 +99,9 @@ def test_a_killed_sweep_goes_on_and_loses_or_repeats_nothing_finished(tmp_path):
     environment["PYTHONPATH"] = str(tmp_path)
 
     def rows() -> list[JointRow]:
-        if not database.exists():
-            return []
-        with Store(database) as store:
+        with contextlib.suppress(InputError), Store(database) as store:
             return store.joints()
+        return []  # it is not there, or without its tables for a moment
 
     def start():
         pipes = {"stdout": subprocess.DEVNULL, "stderr": subprocess.PIPE}
@@ -110,7 +109,7 @@ def test_a_killed_sweep_goes_on_and_loses_or_repeats_nothing_finished(tmp_path):
 
     run = start()
     end = time.monotonic() + 60
-    while not 3 <= len(_rows_or_none(rows)) < 12:
+    while not 3 <= len(rows()) < 12:
         assert run.poll() is None and time.monotonic() < end, run.stderr.read()
         time.sleep(0.02)
     _kill_ranks(str(database))
@@ -131,30 +130,18 @@ def test_a_killed_sweep_goes_on_and_loses_or_repeats_nothing_finished(tmp_path):
     assert not {f"{j.force:g} {j.thickness:g}" for j in before} & set(later)
 
 
-def _rows_or_none(rows) -> list[JointRow]:
-    """The database may be there without its tables for a moment."""
-    try:
-        return rows()
-    except InputError:
-        return []
-
-
 def _kill_ranks(word: str) -> None:
     """SIGKILL to what has the word, which only this test uses, among its arguments."""
+
+    def has_word(process: Path) -> bool:
+        with contextlib.suppress(OSError):
+            return word.encode() in (process / "cmdline").read_bytes()
+        return False
+
     end = time.monotonic() + 20
-    while time.monotonic() < end:
-        alive = [p for p in Path("/proc").glob("[0-9]*") if word.encode() in _arguments(p)]
-        if not alive:
-            return
+    while alive := [p for p in Path("/proc").glob("[0-9]*") if has_word(p)]:
+        assert time.monotonic() < end, f"not killed: {alive}"
         for process in alive:
             with contextlib.suppress(ProcessLookupError):
                 os.kill(int(process.name), signal.SIGKILL)
         time.sleep(0.05)
-    raise AssertionError(f"not killed: {alive}")
-
-
-def _arguments(process: Path) -> bytes:
-    try:
-        return (process / "cmdline").read_bytes()
-    except OSError:
-        return b""

@@ -94,6 +94,11 @@ class Browser:
         assert "exceptionDetails" not in answer, answer["exceptionDetails"]
         return answer["result"].get("value")
 
+    def type(self, element: str, text: str) -> None:
+        """Replace what is in a field, as by keys."""
+        self.js(f"document.getElementById('{element}').select()")
+        self._send("Input.insertText", text=text)
+
     def rules(self, *names: str) -> list[str]:
         """What axe-core finds wrong with the page as it is shown, and where; by some rules only."""
         pytest.importorskip("axe_core_python", reason="checks rules of pages")

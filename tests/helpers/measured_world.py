@@ -94,6 +94,12 @@ def units(length: float = 1000.0) -> dict:
     )
 
 
+def system(label: int, axes, kind: int = 0) -> dict:
+    """Dataset 2420: a coordinate system, rows of its matrix the axes and the origin."""
+    one = dict(CS_sys_labels=[label], CS_types=[kind], CS_colors=[8], CS_names=[f"CS{label}"])
+    return dict(type=2420, Part_UID=1, Part_Name="p", CS_matrices=[np.array(axes, float)]) | one
+
+
 def write_uff(path, *sets: dict):
     """Write datasets to a universal file, by pyuff."""
     import pyuff

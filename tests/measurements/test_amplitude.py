@@ -38,6 +38,9 @@ BRB = """level [m/s2],frequency [Hz],damping [%]
 """
 
 
+HELD = "level [m/s2],frequency [Hz],force [N]\n"
+
+
 def write(folder, name: str, text: str):
     path = folder / name
     path.write_text(text, encoding="utf-8")
@@ -49,12 +52,12 @@ def off(found: MeasuredBackbone) -> np.ndarray:
     w = 2 * np.pi * found.frequencies_hz
     times = {"displacement": 0, "acceleration": 2}[found.response]
     f, zeta = JOINT.backbone(found.amplitudes / w**times)
-    return np.array(
-        [
-            (found.frequencies_hz - f) / found.frequencies_sd,
-            (found.damping - zeta) / found.damping_sd,
-        ]
-    )
+    off_f = (found.frequencies_hz - f) / found.frequencies_sd
+    return np.array([off_f, (found.damping - zeta) / found.damping_sd])
+
+
+def noisy(h: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    return h * (1 + 0.005 * (rng.normal(size=len(h)) + 1j * rng.normal(size=len(h))))
 
 
 def check(errors: list[np.ndarray], most: float = 2.0) -> None:
@@ -96,11 +99,8 @@ def test_ring_down_of_two_sensors_and_two_modes(decay, tmp_path):
         for share, way in ((1.0, 1.0), (-1.5, 0.7))
     )
     hammer = np.where(times < 2e-3, 100.0, 0.0)
-    path = write(
-        tmp_path,
-        "hit.csv",
-        table("time [ms],a1 [m/s2],a2 [g],hammer [N]", 1e3 * times, a, b / 9.80665, hammer),
-    )
+    text = table("time [ms],a1 [m/s2],a2 [g],hammer [N]", 1e3 * times, a, b / 9.80665, hammer)
+    path = write(tmp_path, "hit.csv", text)
     found = read_amplitude(path, sensor="a1", band=(70, 90))
     assert found.response == "acceleration"
     check([off(found)])
@@ -117,17 +117,11 @@ def test_constant_force_gives_the_closed_form_whatever_it_folds(tmp_path):
         rng, columns = np.random.default_rng(seed), []
         for level in (0.03, 0.1, 0.4):
             h = -((2 * np.pi * f) ** 2) * JOINT.held(level, f)
-            h = h * (1 + 0.005 * (rng.normal(size=len(f)) + 1j * rng.normal(size=len(f))))
+            h = noisy(h, rng)
             columns.append((np.full(len(f), level), f, level * np.abs(h), -np.angle(h, deg=True)))
-        path = write(
-            tmp_path,
-            "sweeps.csv",
-            table(
-                "level [N],frequency [Hz],amplitude [m/s2],phase [deg]",
-                *np.concatenate(columns, axis=1),
-            ),
-        )
-        found = read_amplitude(path)
+        head = "level [N],frequency [Hz],amplitude [m/s2],phase [deg]"
+        text = table(head, *np.concatenate(columns, axis=1))
+        found = read_amplitude(write(tmp_path, "sweeps.csv", text))
         assert found.kind == "constant force" and found.response == "acceleration"
         assert len(found) >= 6
         errors.append(off(found))
@@ -142,7 +136,7 @@ def test_constant_response_gives_the_closed_form(tmp_path, phase):
         rng, columns = np.random.default_rng(seed), []
         for level in (2.0, 8.0, 15.0, 30.0, 60.0):
             h = JOINT.at_acceleration(level, f)
-            h = h * (1 + 0.005 * (rng.normal(size=len(f)) + 1j * rng.normal(size=len(f))))
+            h = noisy(h, rng)
             columns.append((np.full(len(f), level), f, level / np.abs(h), np.angle(h, deg=True)))
         columns = np.concatenate(columns, axis=1)[: 4 if phase else 3]
         head = "level [m/s2],frequency [Hz],force [N]" + phase * ",phase [deg]"
@@ -238,6 +232,10 @@ def test_two_modes_at_levels_of_their_own_and_back(tmp_path):
         ("level [m/s2],frequency [Hz],phase [deg]\n5,80,3\n", "expected the force that held it"),
         ("level [N],frequency [Hz],force [N]\n5,80,3\n", "expected the response too"),
         ("level [N],frequency [Hz],amplitude [m/s2]\n5,80,3\n", "1 different frequencies"),
+        (
+            HELD + "".join(f"5,{70 + i},{9 - i}\n" for i in range(9)),
+            "5 m/s2: .*largest at .* 78 Hz",
+        ),
         ("time [s],force [N]\n0,1\n1,2\n", "has no response beside the time"),
         ("time [s],a [m/s2]\n0,1\n1,2\n", "has 2 samples; expected 64"),
         ("time [s],a\n0,1\n1,2\n", "column 'a': the unit is missing"),
@@ -246,28 +244,20 @@ def test_two_modes_at_levels_of_their_own_and_back(tmp_path):
 def test_what_is_wrong_in_a_table_is_said(tmp_path, text, words):
     with pytest.raises(InputError, match=words):
         read_amplitude(write(tmp_path, "bad.csv", text))
+    with pytest.raises(InputError, match="no such file, expected amplitude data"):
+        read_amplitude(tmp_path / "none.csv")
 
 
-def test_what_is_wrong_in_a_record_is_said(decay, tmp_path):
+def test_what_is_wrong_in_a_record_is_said(decay):
     times, signal = decay
     swapped = times.copy()
     swapped[[100, 101]] = times[[101, 100]]
-    with pytest.raises(InputError, match=r"at sample 10[123]; expected ascending"):
-        from_ring_down(swapped, signal, "acceleration")
-    with pytest.raises(InputError, match="expected one between 0 and"):
-        from_ring_down(times, signal, "acceleration", band=(1e3, 1e4))
     noise = np.random.default_rng(0).normal(size=len(times))
-    with pytest.raises(InputError, match="free decay above the noise|decay is"):
-        from_ring_down(times, noise, "acceleration", band=(70, 90))
-    with pytest.raises(InputError, match="decay is .* s long; expected more than"):
-        from_ring_down(times[:200], signal[:200], "acceleration", band=(70, 90))
-    ends = table(
-        "level [m/s2],frequency [Hz],force [N]",
-        np.full(9, 5.0),
-        np.linspace(70, 79, 9),
-        np.linspace(9, 1, 9),
-    )
-    with pytest.raises(InputError, match="level 5 m/s2: .*largest at the end of the sweep, 79 Hz"):
-        read_amplitude(write(tmp_path, "end.csv", ends))
-    with pytest.raises(InputError, match="no such file, expected amplitude data"):
-        read_amplitude(tmp_path / "none.csv")
+    for t, a, band, words in (
+        (swapped, signal, None, r"at sample 10[123]; expected ascending"),
+        (times, signal, (1e3, 1e4), "expected one between 0 and"),
+        (times, noise, (70, 90), "free decay above the noise|decay is"),
+        (times[:200], signal[:200], (70, 90), "decay is .* s long; expected more than"),
+    ):
+        with pytest.raises(InputError, match=words):
+            from_ring_down(t, a, "acceleration", band=band)

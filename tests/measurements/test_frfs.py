@@ -61,19 +61,19 @@ def test_uff_of_two_files_in_any_order(tmp_path, binary, spacing):
     assert len(read.notes) == 1 and "auto spectrum" in read.notes[0]
 
 
+def _mat(at=slice(None), **more):
+    """What a MATLAB file has of the functions between some points."""
+    ways = np.eye(3)[[2, 1, 2]][at]
+    places = dict(response_points=POINTS[at], reference_points=POINTS[at])
+    ways = dict(response_directions=ways, reference_directions=ways)
+    return dict(frequency=F, frf=H[:, at, at], units="m/s2/N", **places, **ways) | more
+
+
 def test_mat(tmp_path):
-    content = dict(
-        f=F,
-        H=1e3 * H,
-        units="mm/s2/N",
-        length_unit="mm",
-        response_points=1e3 * POINTS,
-        response_directions=np.eye(3)[[2, 1, 2]],
-        reference_points=1e3 * POINTS,
-        reference_directions=np.eye(3)[[2, 1, 2]],
-        coherence=np.full(H.shape, 0.9),
-    )
     path, keys = tmp_path / "a.mat", {"frequency": "f", "frf": "H"}
+    content = _mat(f=F, H=1e3 * H, units="mm/s2/N", coherence=np.full(H.shape, 0.9))
+    content |= {k: 1e3 * POINTS for k in content if k.endswith("points")} | {"length_unit": "mm"}
+    del content["frequency"], content["frf"]
     scipy.io.savemat(path, content)
     read = read_frfs(path, keys=keys)
     _same(read)
@@ -169,23 +169,15 @@ def test_decimal_commas_and_long_labels(tmp_path):
 
 def test_power_at_driving_points(tmp_path):
     """A kind that is wrong by one derivative; and a band of springs whose phase is a little off."""
-    path = tmp_path / "a.mat"
-    whole = dict(
-        frequency=F,
-        response_points=POINTS[:1],
-        response_directions=[0, 0, 1],
-        reference_points=POINTS[:1],
-        reference_directions=[0, 0, 1],
-        units="m/s2/N",
-        frf=H[:, 0, 0],
-    )
-    scipy.io.savemat(path, whole)
-    assert not read_frfs(path).notes
-    scipy.io.savemat(path, whole | {"units": "m/s/N"})
-    assert "has both signs, for a mobility as said" in str(read_frfs(path))
+
+    def read(**changes):
+        scipy.io.savemat(tmp_path / "a.mat", _mat(slice(1)) | changes)
+        return read_frfs(tmp_path / "a.mat")
+
+    assert not read().notes
+    assert "has both signs, for a mobility as said" in str(read(units="m/s/N"))
     low = F < 90
-    scipy.io.savemat(path, whole | {"frequency": F[low], "frf": H[low, 0, 0] * np.exp(0.05j)})
-    assert not read_frfs(path).notes
+    assert not read(frequency=F[low], frf=H[low, 0, 0] * np.exp(0.05j)).notes
 
 
 def test_what_a_file_does_not_say_can_be_said(tmp_path):
@@ -203,34 +195,15 @@ def test_what_a_file_does_not_say_can_be_said(tmp_path):
     assert np.abs(read.values - signs * H[:, 1:, ::2]).max() < 1e-6 * np.abs(H).max()
 
     # Rows are the axes: what is along its own z is along x of all.
-    axes = np.array([[0, 1, 0], [0, 0, 1], [1, 0, 0], [0, 0, 0]], dtype=float)
-    system = dict(
-        type=2420,
-        Part_UID=1,
-        Part_Name="p",
-        CS_sys_labels=[5],
-        CS_types=[0],
-        CS_colors=[8],
-        CS_names=["CS5"],
-        CS_matrices=[axes],
-    )
+    system = world.system(5, [[0, 1, 0], [0, 0, 1], [1, 0, 0], [0, 0, 0]])
     nodes = world.geometry(disp_cs=[5, 0, 0])
     nodes[0] = world.units(1.0)  # so y is 10 m
     files = _uff(tmp_path, [world.function(0, 0)], "b.uff", [*nodes, system])
     read = read_frfs(files)
     assert read.response_names == ("1:+x",) and read.response_points[0, 1] == 10.0
-    older = dict(
-        type=18,
-        cs_num=[5],
-        cs_type=[0],
-        ref_cs_num=[0],
-        color=[8],
-        method=[1],
-        cs_name=["CS5"],
-        ref_o=[[1.0, 2.0, 3.0]],
-        x_point=[[1.0, 4.0, 3.0]],
-        xz_point=[[2.0, 9.0, 3.0]],
-    )
+    older = dict(type=18, cs_num=[5], cs_type=[0], ref_cs_num=[0], color=[8], method=[1])
+    older |= dict(cs_name=["CS5"], ref_o=[[1, 2, 3.0]], x_point=[[1, 4, 3.0]])
+    older |= dict(xz_point=[[2, 9, 3.0]])
     local = [world.units(1.0), world.geometry(15, disp_cs=[5, 0, 0], def_cs=[5, 0, 0])[1]]
     read = read_frfs(_uff(tmp_path, [world.function(0, 0)], "d.uff", [*local, older]))
     assert read.response_names == ("1:+x",)
@@ -308,34 +281,26 @@ def test_broken_files(tmp_path):
 def test_broken_company(tmp_path):
     """Files that are right in themselves and wrong together."""
     good = _uff(tmp_path, [world.function(0, 0)])
-    other = world.write_uff(tmp_path / "b.uff", *world.geometry(x=np.array([0.0, 250.0, 501.0])))
-    with pytest.raises(InputError, match="b.uff.*: node 7 is at .0.501.*expected .0.5,.*nodes.uff"):
-        read_frfs([*good, other])
-    one = world.write_uff(tmp_path / "c.uff", world.units(), world.function(1, 1))
-    with pytest.raises(InputError, match="unit 'g' by 'N' is 9.80665 .*by dataset 164 it is 0.001"):
-        read_frfs([*good, one])
+    mixed = dict(ordinate_spec_data_type=11, ordinate_axis_units_lab="m/s")
+    for sets, said in (
+        (world.geometry(x=[0.0, 250.0, 501.0]), "node 7 is at .0.501.*expected .0.5,.*nodes.uff"),
+        ([world.units(), world.function(1, 1)], "unit 'g' by 'N' is 9.80665 .*by dataset 164 it"),
+        ([world.function(1, 1, **mixed)], "is a mobility, expected an accelerance as in .*a.u"),
+        ([world.coherence(0, 1)], "coherence of response 1:.z, reference 2:.y has no"),
+    ):
+        with pytest.raises(InputError, match=f"b.uff.*{said}"):
+            read_frfs([*good, world.write_uff(tmp_path / "b.uff", *sets)])
     many = world.write_uff(tmp_path / "d.uff", world.function(0, 1, func_type=3))
-    with pytest.raises(
-        InputError, match=r"1 of type 3 \(cross spectrum\); expected some of type 4"
+    bare = world.write_uff(tmp_path / "bare.uff", *world.geometry()[1:])
+    for files, said in (
+        ([many], r"1 of type 3 \(cross spectrum\); expected some of type 4"),
+        ([good[0], bare], "bare.uff.*2411.: the unit of coordinates is not known"),
+        ([*good, good[1]], "nodes.uff: is named twice"),
     ):
-        read_frfs([many])
-    mixed = world.function(1, 1, ordinate_spec_data_type=11, ordinate_axis_units_lab="m/s")
-    mixed = world.write_uff(tmp_path / "e.uff", mixed)
-    with pytest.raises(
-        InputError, match="e.uff.*is a mobility, expected an accelerance as in .*a.u"
-    ):
-        read_frfs([*good, mixed])
-    lone = world.write_uff(tmp_path / "f.uff", world.coherence(0, 1))
-    with pytest.raises(
-        InputError, match="f.uff.*coherence of response 1:.z, reference 2:.y has no"
-    ):
-        read_frfs([*good, lone])
-    with pytest.raises(InputError, match="nodes.uff: is named twice"):
-        read_frfs([*good, good[1]])
+        with pytest.raises(InputError, match=said):
+            read_frfs(files)
     with pytest.raises(InputError, match="units = 'm/N': are those of a receptance, expected"):
         read_frfs(good, units="m/N", kind="mobility")
-    with pytest.raises(InputError, match="nodes.uff.*2411.: the unit of coordinates is not known"):
-        read_frfs(_uff(tmp_path, [world.function(0, 0)], "g.uff", world.geometry()[1:]))
 
 
 def test_without_pyuff(tmp_path, monkeypatch):

@@ -8,52 +8,32 @@ from pathlib import Path
 import measured_world as world
 import numpy as np
 import pytest
+from uff_files import ints, reals
 
 from fenics_joints.errors import InputError
 from fenics_joints.measurements import read_frfs, read_shapes
 
 pytest.importorskip("pyuff")
 
+H = world.accelerance()
 DATA = Path(__file__).parent / "data"
 D = re.compile(rb"(\d)[Ee]([+-]\d)")
-
-
-def _written(tmp_path, *sets, change=lambda text: text, name="a.uff"):
-    path = world.write_uff(tmp_path / name, *sets)
-    path.write_bytes(change(path.read_bytes()))
-    return path
-
-
-def _crlf(text):
-    return text.replace(b"\n", b"\r\n")
 
 
 VARIANTS = {
     "D": lambda text: D.sub(rb"\1D\2", text),
     "three digits": lambda text: re.sub(rb"(?<=\d{5})E([+-])(?=\d\d)", rb"\g<1>0", text),
     "touching": lambda text: text.replace(b" -", b"-") if b"58b" not in text else text,
-    "CRLF": _crlf,
+    "CRLF": lambda text: text.replace(b"\n", b"\r\n"),
     "80 columns": lambda text: b"\n".join(line.ljust(80) for line in text.split(b"\n")),
     "no last line": lambda text: text.rstrip(),
     "tabs": lambda text: re.sub(rb"(\d{5}E[+-]\d\d) +(?=[\d-])", rb"\1\t", text),
 }
 
 
-@pytest.mark.parametrize("spacing", [0, 1])
-@pytest.mark.parametrize("change", ["D", "CRLF", "80 columns", "no last line", "tabs"])
-def test_ascii_variants(tmp_path, change, spacing):
-    nodes = world.write_uff(tmp_path / "nodes.uff", *world.geometry())
-    sets = [world.function(i, 0, abscissa_spacing=spacing) for i in range(3)]
-    right = read_frfs([nodes, _written(tmp_path, *sets)])
-    path = _written(tmp_path, *sets, change=VARIANTS[change], name="b.uff")
-    read = read_frfs([nodes, path])
-    assert read.values == pytest.approx(right.values, rel=1e-6)
-    assert read.frequencies_hz == pytest.approx(right.frequencies_hz, rel=1e-6)
-
-
 def _single(n, label="m/s^2", kind=12, rows=None):
     """A dataset 58 of single precision, its rows of six filled up with zeros."""
-    values = world.accelerance()[: n + 2, 0, 0] if rows is None else rows
+    values = H[: n + 2, 0, 0] if rows is None else rows
     numbers = np.column_stack([values.real, values.imag]).ravel()
     text = "".join(
         "".join(f"{x:13.5E}" for x in numbers[i : i + 6]) + "\n" for i in range(0, len(numbers), 6)
@@ -71,27 +51,33 @@ def _single(n, label="m/s^2", kind=12, rows=None):
 
 
 @pytest.mark.parametrize("change", list(VARIANTS))
-def test_padded_rows_and_numbers_of_any_form(tmp_path, change):
-    """598 values in rows of three: two more fill the last row, and are none."""
-    nodes = world.write_uff(tmp_path / "nodes.uff", *world.geometry())
-    path = tmp_path / "a.uff"
+def test_ascii_variants(tmp_path, change):
+    """598 values in rows of three: two more fill the last row, and are none; and what pyuff
+    writes, in double precision at lines that are given or evenly spaced."""
+    nodes, path = world.write_uff(tmp_path / "nodes.uff", *world.geometry()), tmp_path / "a.uff"
     path.write_bytes(VARIANTS[change](_single(598).encode()))
-    read = read_frfs([nodes, path])
-    assert read.values[:, 0, 0] == pytest.approx(world.accelerance()[:598, 0, 0], rel=1e-5)
-    path.write_bytes(_single(598).replace("       598", "       594").encode())
-    with pytest.raises(InputError, match="600 values, expected 594"):
-        read_frfs([nodes, path])
+    assert read_frfs([nodes, path]).values[:, 0, 0] == pytest.approx(H[:598, 0, 0], rel=1e-5)
+    if change in ("touching", "three digits"):  # of single precision
+        return
+    for spacing in (0, 1):
+        world.write_uff(path, *(world.function(i, 0, abscissa_spacing=spacing) for i in range(3)))
+        path.write_bytes(VARIANTS[change](path.read_bytes()))
+        read = read_frfs([nodes, path])
+        assert read.values[:, :, 0] == pytest.approx(H[:, :, 0], rel=1e-6)
+        assert read.frequencies_hz == pytest.approx(world.FREQUENCIES, rel=1e-6)
 
 
-def test_labels_in_latin_1(tmp_path):
+def test_labels_in_latin_1_and_too_many_values(tmp_path):
     path = tmp_path / "a.uff"
     si = world.write_uff(tmp_path / "si.uff", world.units(1.0)).read_bytes()
-    w = 2 * np.pi * world.FREQUENCIES
-    receptance = world.accelerance()[:, 0, 0] / -(w**2)
+    receptance = H[:, 0, 0] / -((2 * np.pi * world.FREQUENCIES) ** 2)
     path.write_bytes(si + _single(600, "µm", 8, 1e6 * receptance).encode("latin-1"))
     read = read_frfs(path, points={"1": [0, 0, 0]})
     assert read.kind == "receptance" and "µm" in read.notes[0]
     assert read.values[:, 0, 0] == pytest.approx(receptance, rel=1e-4)
+    path.write_bytes(si + _single(598).replace("       598", "       594").encode())
+    with pytest.raises(InputError, match="600 values, expected 594"):
+        read_frfs(path, points={"1": [0, 0, 0]})
 
 
 def test_binary_data_that_end_without_a_line():
@@ -106,7 +92,7 @@ def test_binary_data_that_end_without_a_line():
 @pytest.mark.parametrize("order", ["<", ">"])
 @pytest.mark.parametrize("after", [b"", b"\n", b"\r\n"])
 def test_marks_within_binary_data(tmp_path, order, after):
-    values = world.accelerance()[:, 0, 0] / 9.80665
+    values = H[:, 0, 0] / 9.80665
     raw = np.column_stack([values.real, values.imag]).astype(f"{order}f8")
     raw.view(np.uint8).reshape(-1)[100:115] = np.frombuffer(b"\n    -1\n    -1\n", np.uint8)[:15]
     head = _single(600, "g").split("\n")[1:13]
@@ -126,22 +112,12 @@ def test_marks_within_binary_data(tmp_path, order, after):
 
 
 def _cylindrical(kind=1):
-    nodes = world.geometry(
-        x=[0.1, 0.0, -0.1], y=[0.0, 0.1, 0.0], z=[0.0, 0.0, 0.0], disp_cs=[7, 7, 7]
-    )
-    nodes[0] = world.units(1.0)
-    matrix = np.vstack([np.eye(3), np.zeros(3)])
-    system = dict(
-        type=2420,
-        Part_UID=1,
-        Part_Name="p",
-        CS_sys_labels=[7],
-        CS_types=[kind],
-        CS_colors=[8],
-        CS_names=["CS7"],
-        CS_matrices=[matrix],
-    )
-    return [*nodes, system]
+    places = dict(x=[0.1, 0.0, -0.1], y=[0.0, 0.1, 0.0], z=[0.0, 0.0, 0.0], disp_cs=[7, 7, 7])
+    return [
+        world.units(1.0),
+        world.geometry(**places)[1],
+        world.system(7, [*np.eye(3), np.zeros(3)], kind),
+    ]
 
 
 def test_axes_of_a_cylinder(tmp_path):
@@ -155,8 +131,7 @@ def test_axes_of_a_cylinder(tmp_path):
         assert read.response_directions == pytest.approx(along)
         # Along -x is turned, and the function with it.
         signs = np.array([-1, 1, -1])  # of the data of function(0) itself
-        H = world.accelerance()[:, :, 1]
-        assert read.values[:, :, 0] == pytest.approx(signs * H, rel=1e-5)
+        assert read.values[:, :, 0] == pytest.approx(signs * H[:, :, 1], rel=1e-5)
     spherical = world.write_uff(tmp_path / "nodes.uff", *_cylindrical(2))
     for points in (None, {str(k): [0.1, 0, 0] for k in world.NODES}):
         with pytest.raises(InputError, match="spherical"):
@@ -165,28 +140,16 @@ def test_axes_of_a_cylinder(tmp_path):
 
 def _as_2414(text: str) -> str:
     """Datasets 55 of normal modes as 2414."""
-    sets = []
-    for part in text.split("    -1\n"):
+    sets = text.split("    -1\n")
+    for i, part in enumerate(sets):
         lines = part.splitlines()
         if lines and lines[0].strip() == "55":
-            mode, f, _, viscous, hysteretic = lines[7].split()[3:4] + lines[8].split()
-            zero = f"{0.0:13.5E}"
-            real = [0.0, float(f), 0.0, 1.0, float(viscous), float(hysteretic)]
-            lines = [
-                "  2414",
-                "         1",
-                "mode",
-                "         1",
-                *lines[1:6],
-                lines[6],
-                "         0" * 5 + f"{mode:>10}" + "         0" * 2,
-                "         0" * 2,
-                "".join(f"{x:13.5E}" for x in real),
-                6 * zero,
-                *lines[9:],
-            ]
-            part = "\n".join(lines) + "\n"
-        sets.append(part)
+            mode, f = lines[7].split()[3], float(lines[8].split()[0])
+            damping = map(float, lines[8].split()[2:])
+            head = [ints(2414)[4:], ints(1), "mode", ints(1), *lines[1:7]]
+            head += [ints(0, 0, 0, 0, 0, int(mode), 0, 0), ints(0, 0)]
+            head += [reals(0, f, 0, 1, *damping), reals(*[0] * 6)]
+            sets[i] = "\n".join([*head, *lines[9:]]) + "\n"
     return "    -1\n".join(sets)
 
 

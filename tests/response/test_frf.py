@@ -5,24 +5,24 @@ from __future__ import annotations
 from dataclasses import replace
 
 import dolfinx.mesh
+import moving_plates
 import numpy as np
 import pytest
 import scipy.linalg
+from moving_plates import PLACES
 from mpi4py import MPI
 from scipy.sparse import csr_matrix
 from scipy.sparse.linalg import LinearOperator, eigs
 
 from fenics_joints.errors import ConvergenceError, InputError
-from fenics_joints.meshes import box, lap_plates
+from fenics_joints.meshes import box
 from fenics_joints.modal import solve_modes
 from fenics_joints.response import solve_complex_modes, solve_frf
 from fenics_joints.structure import (
     Damping,
     ElasticSupport,
     Parameter,
-    PointMass,
     Sensors,
-    Spring,
     Structure,
     Support,
     joint,
@@ -91,6 +91,12 @@ def chain_receptance(p, lines):
     return np.linalg.inv(K + s * C + s**2 * M)[:, 3, 3]
 
 
+def central(function, p, name):
+    """Derivative of a function of values by differences."""
+    h = 1e-4 * p[name]
+    return (function({**p, name: p[name] + h}) - function({**p, name: p[name] - h})) / (2 * h)
+
+
 @pytest.mark.parametrize("method", ["direct", "modal"])
 def test_chain_and_the_derivatives_of_its_response(method):
     lines = np.array([60.0, 380.0, 900.0, 1430.0, 2100.0])
@@ -106,12 +112,9 @@ def test_chain_and_the_derivatives_of_its_response(method):
         gradients=True,
     )
     values, slopes = evenly(frf)
-    exact = chain_receptance(CHAIN, lines)
-    assert values == pytest.approx(exact, rel=1e-7)
-    for i, (name, value) in enumerate(CHAIN.items()):
-        h = 1e-4 * value
-        up, down = (chain_receptance({**CHAIN, name: value + d}, lines) for d in (h, -h))
-        expected = (up - down) / (2 * h)
+    assert values == pytest.approx(chain_receptance(CHAIN, lines), rel=1e-7)
+    for i, name in enumerate(CHAIN):
+        expected = central(lambda p: chain_receptance(p, lines), CHAIN, name)
         assert slopes[:, i] == pytest.approx(expected, rel=1e-6), name
 
 
@@ -136,9 +139,7 @@ def test_complex_modes_of_a_chain(tau):
     assert found.frequencies_hz == pytest.approx(expected[0], rel=1e-9)
     assert found.damping_ratios == pytest.approx(expected[1], rel=1e-8)
     for i, (name, value) in enumerate(p.items()):
-        h = 1e-4 * value
-        slope = (exact({**p, name: value + h}) - exact({**p, name: value - h})) / (2 * h)
-        scale = expected / value
+        slope, scale = central(exact, p, name), expected / value
         for mine, theirs, size in zip(found.gradients(), slope, scale, strict=True):
             assert np.abs(mine[:, i] - theirs) == pytest.approx(0.0, abs=1e-6 * size.max()), name
 
@@ -172,25 +173,9 @@ def test_rod_with_a_loss_factor():
     assert mobility.to("accelerance").values == pytest.approx(frf.values, rel=1e-12)
 
 
-# -- free lap plates with a massless layer, a mass that moves and a soft spring -----------------
+# -- free lap plates ------------------------------------------------------------------------------
 
-VALUES = {
-    "plates.E": 69e9,
-    "nu": 0.283,
-    "plates.rho": 2750.0,
-    "layer.E": 8e7,
-    "layer.G": 3e7,
-    "tip.mass": 0.03,
-    "tip.travel": 0.004,
-    "cord": 4e3,
-    "eta": 0.03,
-    "tau": 4e-6,
-    "zeta": 0.01,
-}
-PLACES = Sensors(
-    np.array([[0.013, 0.031, 0.008], [0.307, 0.071, 0.012], [0.151, 0.017, 0.0165]]),
-    np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.4], [0.3, 0.2, 1.0]]),
-)
+VALUES = moving_plates.VALUES | {"eta": 0.03, "tau": 4e-6, "zeta": 0.01}
 LAYER = Damping(hysteretic={"layer": "eta"}, viscous={"layer": "tau"}, rayleigh=(4.0, 0.0))
 LINES = np.array([140.0, 410.0, 900.0])
 
@@ -200,18 +185,7 @@ def graded(x, p):
 
 
 def plates(comm=MPI.COMM_SELF, cord=True):
-    regions = [
-        part("plates", ("plate_1", "plate_2"), E="plates.E", nu="nu", rho="plates.rho"),
-        joint("layer", ("joint_near", "joint_away"), E=graded, G="layer.G"),
-    ]
-    spring = Spring("cord", "cord", (0.3, 0.03, 0.012), (0.0, 0.0, 1.0))
-    return Structure(
-        lap_plates(comm, element_size=0.08, n_thickness=1),
-        regions,
-        [Parameter(name, value) for name, value in VALUES.items()],
-        masses=[PointMass("tip", "tip.mass", (0.01, 0.033, 0.0), travel="tip.travel")],
-        springs=[spring] if cord else (),
-    )
+    return moving_plates.plates(comm, VALUES, graded, cord)
 
 
 def response(model, given=None, **changes):

@@ -5,12 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import scipy.linalg
+from moving_plates import PLACES, VALUES, plates
 from mpi4py import MPI
 from shape_slopes import shape_slopes
 
 from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.measurements import mac
-from fenics_joints.meshes import box, lap_plates
+from fenics_joints.meshes import box
 from fenics_joints.modal import solve_modes
 from fenics_joints.reduction import reduce
 from fenics_joints.response import (
@@ -20,51 +21,15 @@ from fenics_joints.response import (
     span_gradients,
     split_modes,
 )
-from fenics_joints.structure import (
-    Parameter,
-    PointMass,
-    Sensors,
-    Spring,
-    Structure,
-    Support,
-    joint,
-    part,
-)
+from fenics_joints.structure import Parameter, PointMass, Sensors, Spring, Structure, Support, part
 
 # -- free plates with a layer, a mass that moves and a spring: no mode near another ---------------
 
-VALUES = {
-    "plates.E": 69e9,
-    "nu": 0.283,
-    "rho": 2750.0,
-    "layer.E": 8e7,
-    "layer.G": 3e7,
-    "tip.mass": 0.03,
-    "tip.travel": 0.004,
-    "cord": 4e3,
-}
-FEW = Sensors(
-    np.array([[0.013, 0.031, 0.008], [0.307, 0.071, 0.012], [0.151, 0.017, 0.0165]]),
-    np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.4], [0.3, 0.2, 1.0]]),
-)
 LINE = np.concatenate([np.linspace(0.01, 0.12, 6), np.linspace(0.2, 0.31, 6)])
 MANY = Sensors(
     np.column_stack([LINE, 0.02 + 0 * LINE, np.where(LINE < 0.16, 0.004, 0.012)]), [0.0, 0.3, 1.0]
 )
 WANTED = [7, 9, 6]
-
-
-def plates(comm=MPI.COMM_SELF):
-    return Structure(
-        lap_plates(comm, element_size=0.08, n_thickness=1),
-        [
-            part("plates", ("plate_1", "plate_2"), E="plates.E", nu="nu", rho="rho"),
-            joint("layer", ("joint_near", "joint_away"), E="layer.E", G="layer.G"),
-        ],
-        [Parameter(name, value) for name, value in VALUES.items()],
-        masses=[PointMass("tip", "tip.mass", (0.01, 0.033, 0.0), travel="tip.travel")],
-        springs=[Spring("cord", "cord", (0.3, 0.03, 0.012), (0.0, 0.0, 1.0))],
-    )
 
 
 def shapes_at(model, given, sensors, like):
@@ -82,7 +47,7 @@ def differences(model, sensors, like):
     return np.stack(slopes, axis=-1)
 
 
-@pytest.mark.parametrize("sensors", [FEW, MANY], ids=["adjoint", "forward"])
+@pytest.mark.parametrize("sensors", [PLACES, MANY], ids=["adjoint", "forward"])
 def test_single_modes_of_the_full_and_of_the_reduced_model(sensors):
     model = plates()
     modes = solve_modes(model, n_modes=14, tolerance=1e-10)
@@ -259,7 +224,7 @@ def test_two_ranks_agree():
         single = [
             shape_gradients(modes, WANTED, sensors)
             * np.sign(modes.at(sensors)[0, WANTED])[None, :, None]
-            for sensors in (FEW, MANY)
+            for sensors in (PLACES, MANY)
         ]
         modes, _ = pair_at(beam(comm))
         parted = split_modes(modes, PAIR, TIP, PARTING)

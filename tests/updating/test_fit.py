@@ -83,21 +83,13 @@ def full():
 @functools.cache
 def reduced():
     """A reduced model over a factor of ten in E and five in h, with none of the true values."""
-    corners = [
-        {"E": E, "nu": nu, "h": h}
-        for E, nu, h in (
-            (3e9, 0.1, 5e-3),
-            (3e10, 0.4, 5e-3),
-            (3e9, 0.4, 2.5e-2),
-            (3e10, 0.1, 2.5e-2),
-            (3e9, 0.4, 5e-3),
-            (3e10, 0.4, 2.5e-2),
-        )
-    ]
+    low, high, thin, thick = 3e9, 3e10, 5e-3, 2.5e-2
+    corners = [(low, 0.1, thin), (high, 0.4, thin), (low, 0.4, thick), (high, 0.1, thick)]
+    corners += [(low, 0.4, thin), (high, 0.4, thick)]
     excitation, sensors, seen = places(START["h"])
     model = frf_basis(
         full(),
-        corners,
+        [dict(zip(NAMES, values, strict=True)) for values in corners],
         n_modes=14,
         frequencies_hz=LINES,
         excitation=excitation,
@@ -161,13 +153,8 @@ def test_weighted_steps_that_become_nothing_are_told():
 def test_complex_rows():
     """Both ways are the slope of what they compare."""
     rng = np.random.default_rng(1)
-    slopes, H, other = (
-        rng.standard_normal((2, 5, n)) @ [1, 1j]
-        if n == 0
-        else rng.standard_normal((5, n)) + 1j * rng.standard_normal((5, n))
-        for n in (2, 1, 1)
-    )
-    H, other, step = H[:, 0], other[:, 0], np.array([2e-6, -1e-6])
+    numbers = rng.standard_normal((5, 4)) + 1j * rng.standard_normal((5, 4))
+    slopes, H, other, step = numbers[:, :2], numbers[:, 2], numbers[:, 3], np.array([2e-6, -1e-6])
     moved = H + slopes @ step
     rows, right = real_rows(slopes, other, H, "magnitude")
     assert rows @ step == pytest.approx(np.abs(moved) - np.abs(H), rel=1e-4)
@@ -225,10 +212,8 @@ def test_frequencies_and_frfs_find_the_sandwich():
     assert found.history[0].condition_before > 1e10 * found.history[0].condition_after
     limited = update_weighted(reduced(), JOINT, target(), START, damping=DAMPING, step_limit=0.5)
     assert errors(limited).max() < 5e-3
-    assert all(
-        np.abs(it.values / last.values - 1).max() <= 0.5 + 1e-12
-        for last, it in zip(limited.history, limited.history[1:], strict=False)
-    )
+    values = np.array([it.values for it in limited.history])
+    assert np.abs(values[1:] / values[:-1] - 1).max() <= 0.5 + 1e-12
 
 
 def test_frequencies_alone_say_that_they_cannot():
@@ -304,16 +289,8 @@ def test_target_of_measured_frfs():
     _, _, H = test_data()
     coherence = np.full(H.shape, 0.9)
     coherence[:, 1] = 1.0
-    measured = MeasuredFRFs(
-        LINES,
-        H,
-        "receptance",
-        sensors.points,
-        sensors.directions,
-        excitation.points,
-        excitation.directions,
-        coherence=coherence,
-    )
+    where = sensors.points, sensors.directions, excitation.points, excitation.directions
+    measured = MeasuredFRFs(LINES, H, "receptance", *where, coherence=coherence)
     made = FRFTarget.from_measured(measured, [3, 7, 9], measured.stated_sd(None, averages=10))
     assert made.frequencies_hz == pytest.approx(LINES[[3, 7, 9]])
     assert made.values == pytest.approx(H[[3, 7, 9]])
@@ -325,6 +302,11 @@ def test_target_of_measured_frfs():
 def test_bad_input_is_named():
     f, shapes, H = test_data()
     excitation, sensors, corners = places(0.01)
+
+    def weighted(parameters, data, start=START):
+        return update_weighted(reduced(), parameters, data, start)
+
+    lossy, eta = [*JOINT, ETA], {**START, "eta": 0.01}
     for make, message in (
         (lambda: Target(), "expected data"),
         (lambda: Target(-f), "frequencies_hz"),
@@ -339,11 +321,9 @@ def test_bad_input_is_named():
         (lambda: update(reduced(), [], target(), START), "at least one"),
         (lambda: update(reduced(), JOINT, target(), {"E": 1e9}), "start of nu"),
         (lambda: update(reduced(), [Parameter("x", 1.0)], target(), {"x": 1.0}), "not the model's"),
-        (lambda: update_weighted(reduced(), JOINT, target(shape_sd=0.1), START), "data 'shapes'"),
+        (lambda: weighted(JOINT, target(shape_sd=0.1)), "data 'shapes'"),
         (
-            lambda: update_weighted(
-                reduced(), [*JOINT, ETA], target().only("frequencies"), {**START, "eta": 0.01}
-            ),
+            lambda: weighted(lossy, target().only("frequencies"), eta),
             "parameters eta: expected some that change",
         ),
     ):

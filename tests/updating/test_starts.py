@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from dolfinx import mesh
 from mpi4py import MPI
 
+from fenics_joints import meshes
 from fenics_joints.errors import ConvergenceError
 from fenics_joints.measurements import Target
-from fenics_joints.meshes import TaggedMesh
 from fenics_joints.modal import solve_modes
 from fenics_joints.structure import Parameter, Structure, joint, part
 from fenics_joints.updating import update
@@ -23,34 +25,19 @@ STARTS = [{"E": 200e9, "G": 0.4e9}, {"E": 200e9, "G": 0.1e9}]
 @pytest.fixture(scope="module")
 def stack():
     """Two steel beams, free, with a soft layer between."""
-    box = mesh.create_box(
-        MPI.COMM_WORLD,
-        [[0, 0, 0], [0.2, 0.04, 0.021]],
-        [6, 1, 21],
-        mesh.CellType.hexahedron,
-        ghost_mode=mesh.GhostMode.shared_facet,
-    )
+    tagged = meshes.box(MPI.COMM_WORLD, (0.2, 0.04, 5.0), (6, 1, 5))
+    box, x = tagged.mesh, tagged.mesh.geometry.x
+    x[:, 2] = np.interp(x[:, 2], np.arange(6.0), [0, 0.005, 0.01, 0.011, 0.016, 0.021])
     index = box.topology.index_map(3)
     cells = np.arange(index.size_local + index.num_ghosts, dtype=np.int32)
     z = mesh.compute_midpoints(box, 3, cells)[:, 2]
     tags = np.where(z < 0.01, 1, np.where(z < 0.011, 2, 3)).astype(np.int32)
-    box.topology.create_connectivity(2, 3)
-    none = np.empty(0, dtype=np.int32)
-    tagged = TaggedMesh(
-        box,
-        mesh.meshtags(box, 3, cells, tags),
-        mesh.meshtags(box, 2, none, none),
-        {"lower": 1, "joint": 2, "upper": 3},
-        {},
-    )
-    return Structure(
-        tagged,
-        [
-            part("steel", ("lower", "upper"), E="E", nu=0.3, rho=7850),
-            joint("layer", "joint", E=1e9, G="G", normal=(0, 0, 1)),
-        ],
-        parameters=PARAMETERS,
-    )
+    names = {"lower": 1, "joint": 2, "upper": 3}
+    tags = mesh.meshtags(box, 3, cells, tags)
+    steel = part("steel", ("lower", "upper"), E="E", nu=0.3, rho=7850)
+    layer = joint("layer", "joint", E=1e9, G="G", normal=(0, 0, 1))
+    tagged = replace(tagged, cell_tags=tags, cell_names=names)
+    return Structure(tagged, [steel, layer], parameters=PARAMETERS)
 
 
 @pytest.fixture(scope="module")
