@@ -165,19 +165,6 @@ stiffness = "1 MN/m"
     assert wider == pytest.approx(7860 * 0.021 * 0.0106 * 0.62)
 
 
-def test_three_beams_in_a_row(tmp_path):
-    changes = {
-        'lengths = ["360 mm", "260 mm"]': 'lengths = ["200 mm", "300 mm", "170 mm"]',
-        "elements = [30, 20]": "elements = 12",
-        'cells = ["beam_1", "beam_2"]': 'cells = ["beam_1", "beam_2", "beam_3"]',
-        'cells = "lap"': 'cells = ["lap_1", "lap_2"]',
-    }
-    structure = build_structure(load_case(written(tmp_path, changes)), MPI.COMM_WORLD)
-    assert structure.layout.x[-1] == pytest.approx(0.57)
-    assert solve_modes(structure, n_modes=5).n_rigid == 3
-    assert {"lap_1.slip", "lap_2.slip"} <= {r.name for r in structure.regions}
-
-
 def test_zones_of_a_lap(tmp_path):
     """Equal zones are the lap; the middle one, under the bolt, on its own is another structure."""
     zones = {

@@ -70,13 +70,6 @@ MISTAKES = [
 ]
 
 
-def test_all_at_once(tmp_path, write_case):
-    write_case(tmp_path, ('"0.3 %"', '"x"'), ("at = 20", 'at = "x"'), ("title =", "titel ="))
-    with pytest.raises(InputError, match="3 errors") as caught:
-        load_case(tmp_path / "case.toml")
-    assert all(key in str(caught.value) for key in ("test.noise", "update.at", "titel"))
-
-
 CSV_MISTAKES = [
     ("375.04", "-375.04", ["data row 1", "'bending 1'", "above 0 Hz"]),
     ("\n4,387", "\n2,387", ["torque = 2 is repeated"]),

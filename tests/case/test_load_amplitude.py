@@ -34,7 +34,9 @@ def case(
     (folder / "data.csv").write_text(text, encoding="utf-8")
     (folder / "modes.csv").write_text(modes, encoding="utf-8")
     layer = LAYER.replace('measured = "frf.csv"\n', "")
-    (folder / "case.toml").write_text(f"{layer}[test]\n{test}\n{more}", encoding="utf-8")
+    (folder / "case.toml").write_text(
+        f"{layer}{test and '[test]'}\n{test}\n{more}", encoding="utf-8"
+    )
     return load_case(folder)
 
 

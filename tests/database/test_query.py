@@ -5,13 +5,13 @@ from __future__ import annotations
 import csv
 import json
 import shlex
-import subprocess
 import sys
 
 import numpy as np
 import pytest
 from mpi4py import MPI
 
+from fenics_joints.cli import main
 from fenics_joints.commands.database_document import rows_document
 from fenics_joints.database import (
     Answer,
@@ -82,27 +82,27 @@ def test_rows_of_two_models_are_never_mixed():
     assert len(JointSurfaces.fit(store, "other").rows) == 6
 
 
-def _run(words: str) -> subprocess.CompletedProcess:
-    command = [sys.executable, "-m", "fenics_joints", "database", *shlex.split(words)]
-    return subprocess.run(command, capture_output=True, text=True, timeout=120)
-
-
-def test_command_adds_and_answers(tmp_path):
+def test_command_adds_and_answers(tmp_path, monkeypatch, capfd):
     own, rows, out = (tmp_path / name for name in ("own.db", "rows.csv", "answer.json"))
+
+    def run(words: str) -> tuple[int, str, str]:
+        monkeypatch.setattr(sys, "argv", ["fenics-joints", "database", *shlex.split(words)])
+        with pytest.raises(SystemExit) as end:
+            main()
+        return end.value.code or 0, *capfd.readouterr()
+
     seed_database().export_csv(rows)
-    assert _run(f"add --db {own} --csv {rows}").returncode == 0
+    assert run(f"add --db {own} --csv {rows}")[0] == 0
     joint = "--bolt M12 --torque '96 N·m' --thickness '25 mm'"
-    added = _run(f"add --db {own} {joint} --E '5 GPa' --nu 0.25 --h '0.7 mm'")
-    assert added.returncode == 0 and "has 38 now" in added.stdout
-    asked = _run(f"query --db {own} {joint} --json {out}")
-    assert asked.returncode == 0, asked.stderr
+    status, said, _ = run(f"add --db {own} {joint} --E '5 GPa' --nu 0.25 --h '0.7 mm'")
+    assert status == 0 and "has 38 now" in said
+    status, said, errors = run(f"query --db {own} {joint} --json {out}")
+    assert status == 0 and "T = K d F" in said and "mm" in said, errors
     answer = json.loads(out.read_text())
     assert answer["force_N"] == pytest.approx(40e3) and answer["identified"]["E"] == 5e9
     assert answer["radius_m"]["low"] < 0.0502 < answer["radius_m"]["high"]
-    assert "T = K d F" in asked.stdout and "mm" in asked.stdout
-    wrong = _run(f"query {joint.replace(' N·m', '')}")
-    assert wrong.returncode == 1
-    assert "error: --torque '96': expected a number with its unit" in wrong.stderr
+    status, _, errors = run(f"query {joint.replace(' N·m', '')}")
+    assert status == 1 and "error: --torque '96': expected a number with its unit" in errors
 
 
 def test_rows_and_what_the_others_predict_of_each(seed_surfaces):

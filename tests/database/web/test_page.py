@@ -88,9 +88,3 @@ def test_the_widest_questions_have_an_answer_and_a_picture(page, hostile_page):
             typed = wide | {"force": force, "thickness": thickness}
             assert 'id="extrapolated"' in shown(p, **typed) and "nan" not in shown(p, **typed)
             ElementTree.fromstring(p.reply("picture.svg", typed).body)
-
-
-def test_a_reply_depends_on_its_own_question_only(page):
-    first = shown(page, torque="100")
-    assert "50.0 kN" in shown(page) and "41.7 kN" in first
-    assert shown(page, torque="100") == first
