@@ -28,7 +28,7 @@ def test_conjugate_posterior(kind):
     weight = np.linalg.inv(likelihood.covariance)
     covariance = np.linalg.inv(SLOPE.T @ weight @ SLOPE + np.eye(2) / 0.25)
     mean = covariance @ SLOPE.T @ weight @ (likelihood.log_f - np.log(100))
-    settings = Settings(kind, 6000 if kind == "metropolis" else 8000, 1000, 4)
+    settings = Settings(kind, 6000 if kind == "metropolis" else 16000, 2000, 4)
     found = sample(Posterior(prior(), linear, likelihood), settings)
     logs = np.log(found.draws())
     sd, n = np.sqrt(np.diag(covariance)), min(c["ess_bulk"] for c in found.convergence.values())
