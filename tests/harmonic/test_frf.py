@@ -7,12 +7,11 @@ import numpy as np
 import pytest
 from oscillators import (
     BAND,
-    CUBIC,
-    DAMPING,
     FORCE,
     PUSH,
     SLIDE,
     STICK,
+    TURN,
     VISCOUS,
     Cubic,
     Jenkins,
@@ -22,34 +21,20 @@ from oscillators import (
     oscillator,
     start_of,
 )
-from scipy.integrate import solve_ivp
 from scipy.optimize import brentq, fsolve, minimize_scalar
+from shooting import later, motion, slider_motion
 
 from fenics_joints.errors import ConvergenceError
 from fenics_joints.harmonic import find_bifurcations, solve_constant_response, solve_harmonic
-from fenics_joints.interfaces import static_state
 from fenics_joints.transient import solve_transient, steady_harmonics
 
 
 def duffing_amplitude(omega, start):
     """Amplitude of the periodic motion through shooting, by integration to 1e-11."""
-
-    def flow(state, dense=False):
-        def rate(t, y):
-            return [y[1], FORCE * np.cos(omega * t) - DAMPING * y[1] - y[0] - CUBIC * y[0] ** 3]
-
-        period = 2 * np.pi / omega
-        return solve_ivp(
-            rate, (0, period), state, method="DOP853", rtol=1e-11, atol=1e-12, dense_output=dense
-        )
-
-    def gap(state):
-        return flow(state).y[:, -1] - state
-
-    found = fsolve(gap, start, xtol=1e-11)
-    orbit = flow(found, dense=True).sol
-    times = np.linspace(0, 2 * np.pi / omega, 20001)
-    return np.abs(orbit(times)[0]).max()
+    exact = {"rtol": 1e-11, "atol": 1e-12}
+    found = fsolve(lambda y: later(duffing(), FORCE, omega, y, **exact) - y, start, xtol=1e-11)
+    orbit = motion(duffing(), FORCE, omega, found, dense_output=True, **exact).sol
+    return np.abs(orbit(np.linspace(0, TURN / omega, 20001))[0]).max()
 
 
 def test_duffing_peak_is_that_of_time_integration():
@@ -84,46 +69,9 @@ def test_duffing_converges_with_harmonics():
 
 def jenkins_amplitude(omega, periods=25):
     """Half of peak to peak once steady, sticking and sliding integrated between their events."""
-
-    def rate(t, y, mode):
-        traction = STICK * (y[0] - y[2]) if mode == 0 else mode * SLIDE
-        acceleration = PUSH * np.cos(omega * t) - VISCOUS * y[1] - y[0] - traction
-        return [y[1], acceleration, 0.0 if mode == 0 else y[1]]
-
-    def event(mode):
-        def sliding_begins(t, y, _):
-            return SLIDE - abs(STICK * (y[0] - y[2]))
-
-        def sliding_ends(t, y, _):
-            return mode * y[1]
-
-        made = sliding_begins if mode == 0 else sliding_ends
-        made.terminal, made.direction = True, -1
-        return made
-
-    t, y, mode, end = 0.0, np.zeros(3), 0, periods * 2 * np.pi / omega
-    extremes = [0.0, 0.0]
-    while t < end:
-        run = solve_ivp(
-            rate,
-            (t, end),
-            y,
-            method="DOP853",
-            rtol=1e-10,
-            atol=1e-11,
-            args=(mode,),
-            events=event(mode),
-            dense_output=True,
-        )
-        late = np.linspace(max(t, end - 2 * np.pi / omega), run.t[-1], 2000)
-        if run.t[-1] > end - 2 * np.pi / omega:
-            x = run.sol(late)[0]
-            extremes = [min(extremes[0], x.min()), max(extremes[1], x.max())]
-        t, y = run.t[-1], run.y[:, -1].copy()
-        mode = int(np.sign(y[0] - y[2])) if mode == 0 else 0
-        if mode == 0:  # just inside, so that the next event is not this one
-            y[2] = y[0] - np.sign(y[0] - y[2]) * SLIDE / STICK * (1 - 1e-12)
-    return 0.5 * (extremes[1] - extremes[0])
+    times = TURN / omega * np.linspace(periods - 1, periods, 4000)
+    x = slider_motion(lambda t: PUSH * np.cos(omega * t), times, STICK, SLIDE, VISCOUS)
+    return 0.5 * np.ptp(x)
 
 
 def test_jenkins_peak_is_that_of_time_integration():
@@ -201,36 +149,19 @@ def test_preloaded_friction_is_that_of_time_integration():
         model, "x", 0.3, at=[frequency], harmonics=9, samples=512, static=load, cycles=4
     )
     assert max(v[0] for v in result.dissipation().values()) > 0.01
-    # Time integration knows forces only: the preload is brought in by the state of rest.
-    pressed = replace(model, forces={**model.forces, "static": load})
-    history = steady(pressed, frequency)
+    # From the motion found, so that it is steady soon; what is off in it is left behind.
+    u, v = np.split(start_of(result.coefficients[0], TURN * frequency), 2)
+    run = solve_transient(
+        replace(model, forces={**model.forces, "static": load}),
+        step=1 / frequency / 300,
+        n_steps=30 * 300,
+        loads={"x": lambda t: 0.3 * np.cos(TURN * frequency * t), "static": lambda t: 1.0},
+        initial=(u, v, None),
+    )
+    steady = {k: steady_harmonics(run.times, u, frequency, 3) for k, u in run.displacements.items()}
     for sensor in ("x", "y", "z"):
         c = result.sensor_coefficients(sensor)[0]
-        scale = np.abs(history["x"][1:]).max()
-        assert np.abs(c[:7] - history[sensor]).max() < 1e-3 * scale
-
-
-def steady(model, frequency, periods=60, steps=300):
-    u, states = static_state(model, model.forces["static"])
-    omega = 2 * np.pi * frequency
-
-    def push(t):
-        return 0.3 * np.cos(omega * t)
-
-    def rest(t):
-        return 1.0
-
-    run = solve_transient(
-        model,
-        step=1 / frequency / steps,
-        n_steps=periods * steps,
-        loads={"x": push, "static": rest},
-        initial=(u, np.zeros(3), None),
-    )
-    return {
-        key: steady_harmonics(run.times, run.displacements[key], frequency, 3)
-        for key in model.sensors
-    }
+        assert np.abs(c[:7] - steady[sensor]).max() < 1e-3 * np.abs(steady["x"][1:]).max()
 
 
 def test_results_for_people():

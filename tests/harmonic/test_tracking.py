@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from oscillators import TURN, absorber, oscillator, start_of
-from scipy.integrate import solve_ivp
+from shooting import later
 
 from fenics_joints.errors import InputError
 from fenics_joints.harmonic import (
@@ -37,22 +37,6 @@ def test_folds_of_duffing_begin_at_its_cusp():
         assert found == pytest.approx((push, omega, np.sqrt(square)), rel=1e-6)
 
 
-def returns(model, result, i):
-    """State of a response, and that after twenty periods from beside it, by time integration."""
-    X, omega = result.coefficients[i], result.omegas[i]
-    n, state = model.n_dofs, start_of(X, omega)
-    inverse, push = np.linalg.inv(model.M), result.force_amplitudes[i] * model.forces["push"]
-    joints = [(p.rows[0, 0], float(p.law.parameters["k3"])) for p in model.interfaces]
-
-    def rate(t, y):
-        u, v = y[:n], y[n:]
-        spring = sum(k * (r @ u) ** 3 * r for r, k in joints)
-        return [*v, *(inverse @ (push * np.cos(omega * t) - model.C @ v - model.K @ u - spring))]
-
-    start, end = 1.002 * state, 20 * TURN / omega
-    return state, solve_ivp(rate, (0, end), start, method="DOP853", rtol=1e-8).y[:, -1]
-
-
 def test_an_isola_is_found_and_attracts():
     """The absorber's detached branch of Detroux et al. 2015: it begins, and merges with the main
     branch, where folds turn back in force; a motion on it is that of time integration."""
@@ -69,8 +53,9 @@ def test_an_isola_is_found_and_attracts():
         assert isola.coefficients[-1] == pytest.approx(isola.coefficients[0])
     high = np.abs(large.amplitude() - 0.9 * large.peak.amplitude)
     i = int(np.argmin(np.where(find_bifurcations(large, method="hill").stable, high, np.inf)))
-    state, later = returns(model, large, i)
-    assert later == pytest.approx(state, abs=0.02 * np.abs(state).max())
+    state, push = start_of(large.coefficients[i], large.omegas[i]), large.force_amplitudes[i]
+    found = later(model, push, large.omegas[i], 1.002 * state, 20)
+    assert found == pytest.approx(state, abs=0.02 * np.abs(state).max())
     assert large.peak.amplitude > 1.5 * result.peak.amplitude
     with pytest.raises(InputError, match="has no fold there"):
         solve_isola(curve, 0.99 * begins)
