@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import ufl
+from contact_blocks import COMM, both, pressed
 from dolfinx import fem
-from mpi4py import MPI
 
 from fenics_joints.errors import InputError
 from fenics_joints.meshes import bolted_plates_section, separate, stacked_blocks
@@ -25,8 +25,6 @@ from fenics_joints.preload import (
     solve_preload,
 )
 from fenics_joints.structure import Structure, Support, part
-
-COMM = MPI.COMM_WORLD
 
 
 def clamp():
@@ -118,18 +116,11 @@ def test_solid_bolt_in_plates(degree):
     assert shank < result.shortening("bolt") < 2 * shank
 
 
-def plates(bolts, *, friction=0.0, E=1e15, loads=(), supports=()):
+def plates(bolts, E=200e9, **more):
     """Two blocks 0.1 m wide and 0.02 and 0.03 m high, with a washer face on each."""
     x = np.linspace(-0.05, 0.05, 5)
     tagged = stacked_blocks(COMM, lower=(x, x, (-0.02, 0.0)), upper=(0.0, 0.03))
-    structure = Structure(
-        tagged,
-        [part("both", ("lower", "upper"), E=E, nu=0.3, rho=7800.0)],
-        supports=supports,
-        degree=1,
-    )
-    contact = Contact("c", "interface_lower", "interface_upper", friction=friction)
-    return PreloadModel(structure, [contact], bolts, loads)
+    return pressed(tagged, parts=both(E=E), bolts=bolts, **{"held": (), "friction": 0.2} | more)
 
 
 def beam(force=2e4, **options):
@@ -144,7 +135,7 @@ def test_beam_bends():
     """
     Q, E, d, L, nu = 100.0, 210e9, 0.012, 0.05, 0.3
     push = Traction("push", "top", (Q, 0.0, 0.0))
-    model = plates([beam()], loads=[push], supports=[Support("bottom")])
+    model = plates([beam()], 1e15, loads=[push], held=["bottom"], friction=0.0)
     kappa = 6 * (1 + nu) / (7 + 6 * nu)
     shear = L * 2 * (1 + nu) / (kappa * E * np.pi * d**2 / 4)
     closed = Q * (L**3 / (12 * E * np.pi * d**4 / 64) + shear)
@@ -158,7 +149,7 @@ def test_beam_bends():
 
 def test_free_beam_bolt():
     """A bolt of spiders presses free plates with its force, and its axis may be any."""
-    state = solve_preload(plates([beam()], E=200e9, friction=0.2))["c"]
+    state = solve_preload(plates([beam()]))["c"]
     assert abs(state.normal_force / 2e4 - 1) < 1e-6
     assert np.abs(state.resultant[:2]).max() < 1e-6 * 2e4
     with pytest.raises(InputError, match="bolt.diameter|diameter = -0.01"):
@@ -168,7 +159,7 @@ def test_free_beam_bolt():
 def test_washer_force():
     """A washer carries its bolt's force; one that pushes parts apart, or is two bolts', is not."""
     bolts = [WasherForce(n, "bottom", "top", f) for n, f in (("a", 1e4), ("b", 3e4))]
-    model = plates(bolts[:1], E=200e9, friction=0.2)
+    model = plates(bolts[:1])
     assert abs(solve_preload(model)["c"].normal_force / 1e4 - 1) < 1e-6
     assert abs(solve_preload(model, {"a": 3e4})["c"].normal_force / 3e4 - 1) < 1e-6
     with pytest.raises(InputError, match="a = -30000.0: expected a number of at least 0 N"):

@@ -1,7 +1,10 @@
 """The linearised joint: stuck, sliding, open and springs, and that preload changes frequencies."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from contact_blocks import both, pressed
 from mpi4py import MPI
 from scipy.optimize import brentq
 
@@ -41,12 +44,8 @@ def bare(degree=2, cell="hexahedron", bonded=False, parameters=()):
 
 def beams(degree=2, bolts=True, **more):
     pads = Contact("pads", "interface_lower", "interface_upper", friction=0.3)
-    spiders = [
-        BeamBolt(
-            f"bolt_{i}", f"washer_{i}_lower", f"washer_{i}_upper", 28e3, 7.9e-3, head_mass=0.01
-        )
-        for i in (1, 2)
-    ]
+    ends = [(f"bolt_{i}", f"washer_{i}_lower", f"washer_{i}_upper") for i in (1, 2)]
+    spiders = [BeamBolt(*end, 28e3, 7.9e-3, head_mass=0.01) for end in ends]
     return PreloadModel(bare(degree, **more), [pads], spiders if bolts else [])
 
 
@@ -93,15 +92,13 @@ def test_preload_changes_frequencies():
 
 def test_a_gap_closes_with_the_force_and_frequencies_follow():
     """Pads machined slightly apart at their rims: more bolt force closes more of them."""
-    model = beams()
-    crown = Contact(
-        "pads",
-        "interface_lower",
-        "interface_upper",
-        0.3,
-        gap=lambda x: 0.2 * np.minimum(x[:, 0] - 0.02485, 0.48315 - x[:, 0]) ** 2,
-    )
-    model = PreloadModel(model.structure, [crown], model.bolts)
+    model = beams(1)
+
+    def crown(x):
+        return 0.2 * np.minimum(x[:, 0] - 0.02485, 0.48315 - x[:, 0]) ** 2
+
+    pads = replace(model.contacts[0], gap=crown)
+    model = PreloadModel(model.structure, [pads], model.bolts)
     areas, first = [], []
     for force in (2e3, 20e3, 60e3):
         result = solve_preload(model, {"bolt_1": force, "bolt_2": force})
@@ -116,10 +113,8 @@ def rods(bolts=(), loads=(), supports=()):
     """Two rods of 0.1 m with a square section of 0.01 m, end to end."""
     plan, height = np.linspace(0.0, 0.01, 2), np.linspace(0.0, 0.1, 21)
     mesh = stacked_blocks(MPI.COMM_WORLD, lower=(plan, plan, -height[::-1]), upper=height)
-    parts = [part("rods", ("lower", "upper"), E=E, nu=0.0, rho=RHO)]
-    structure = Structure(mesh, parts, supports=supports, degree=2)
-    contact = Contact("joint", "interface_lower", "interface_upper")
-    return PreloadModel(structure, [contact], bolts, loads)
+    parts = both(E=E, nu=0.0, rho=RHO)
+    return pressed(mesh, loads, parts=parts, held=supports, bolts=bolts, degree=2)
 
 
 @pytest.mark.parallel
@@ -128,21 +123,17 @@ def test_springs_of_pressure_against_two_rods_and_a_spring(force):
     """Two free rods with K = alpha P^beta between them: a tan a = 2 K L / E, a = omega L / c."""
     model, length = rods([WasherForce("bolt", "bottom", "top", 100.0)]), 0.1
     result = solve_preload(model, {"bolt": force})
-    state = result["joint"]
+    state = result["c"]
     springs = pressure_stiffness(state, (3e8, 0.5), (1e9, 0.5))
-    joint = LinearJoint(model, springs={"joint": springs})
+    joint = LinearJoint(model, springs={"c": springs})
     modes = solve_modes(joint, n_modes=24)
     K = 3e8 * (force / 1e-4) ** 0.5
     a = brentq(lambda a: a * np.tan(a) - 2 * K * length / E, 1e-6, np.pi / 2 - 1e-9)
     exact = a / length * np.sqrt(E / RHO) / (2 * np.pi)
-    axial = np.abs(modes.at(Sensors([[0.005, 0.005, -0.1]], [[0, 0, 1.0]]))[0])
-    side = np.abs(modes.at(Sensors([[0.005, 0.005, -0.1]], [[1.0, 0, 0]]))[0])
-    stretching = [
-        f
-        for f, z, x in zip(modes.frequencies_hz, axial, side, strict=True)
-        if f > 10 and z > 10 * x
-    ]
-    assert min(abs(f / exact - 1) for f in stretching) < 2e-4
+    end = Sensors(2 * [[0.005, 0.005, -0.1]], [[0, 0, 1.0], [1.0, 0, 0]])
+    axial, side = np.abs(modes.at(end))
+    stretching = modes.frequencies_hz[(modes.frequencies_hz > 10) & (axial > 10 * side)]
+    assert np.abs(stretching / exact - 1).min() < 2e-4
 
 
 def test_a_support_of_one_side_holds_both_where_they_are_stuck():
@@ -182,8 +173,6 @@ def test_bad_input_is_named():
         cutoff_conditions(state, 1e6, "four")
     with pytest.raises(InputError, match="alpha >= 0"):
         pressure_stiffness(state, (-1.0, 0.5), (1.0, 0.5))
-    with pytest.raises(InputError, match="neither a bolt nor a load"):
-        solve_preload(model, {"bolt_3": 1.0})
 
 
 def test_the_gradient_by_the_modulus_is_half_the_frequency():
@@ -199,5 +188,5 @@ def test_traction_profile_and_bolt_are_loads():
     half = Traction("press", "top", (0.0, 0.0, -50.0), profile=lambda x: 1.0 * (x[:, 0] < 1.0))
     model = rods(loads=[half, Traction("base", "bottom", (0.0, 0.0, 50.0))])
     for factor in (1.0, 2.0):
-        state = solve_preload(model, {"press": factor, "base": factor})["joint"]
+        state = solve_preload(model, {"press": factor, "base": factor})["c"]
         assert state.normal_force == pytest.approx(50.0 * factor, rel=1e-9)
