@@ -334,7 +334,7 @@ def test_work_is_stored_or_lost(law):
     """Opening and slip out of phase: the balance closes as steps shrink, and heat never falls."""
     normal = {} if law.coupled else {"normal_modulus": 2e10}
     gaps = []
-    for number in (60, 240):
+    for number in (40, 160):
         blocks = Blocks("quad", law, False, **normal)
         t = np.linspace(0, 2.5 * np.pi, number + 1)[1:]
         steps = 1e-4 * np.column_stack([np.sin(t), 0.3 * np.sin(1.7 * t)])

@@ -45,7 +45,7 @@ def plates(friction=0.3, push=(-25e3, 25e3)):
 
 def blocks(friction=0.2):
     """A soft block pressed unevenly on a stiff one and pushed sideways, in space."""
-    x, y, z = (np.linspace(0.0, a, n + 1) for a, n in ((0.06, 6), (0.05, 5), (0.01, 2)))
+    x, y, z = (np.linspace(0.0, a, n + 1) for a, n in ((0.06, 5), (0.05, 4), (0.01, 2)))
     tagged = stacked_blocks(COMM, lower=(x, y, -z[::-1]), upper=z)
 
     def uneven(x):

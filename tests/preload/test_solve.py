@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -70,8 +71,9 @@ def test_patch(cell, degree):
         solver.destroy()
 
 
-def hertz(kind: str, per_a: float, method: str | None = None, size: float = 25.0):
-    """Peak pressure and half-width of a cylinder or sphere on a block, over Hertz's.
+@cache
+def hertz(kind: str, per_a: float, method: str = "semismooth", size: float = 25.0):
+    """Peak pressure and half-width of a cylinder or sphere on a block, over Hertz's; iterations.
 
     Half or quarter of two equal blocks, one of which is round by its gap r^2 / 2R; ``per_a``
     elements along the half-width a.
@@ -102,7 +104,7 @@ def hertz(kind: str, per_a: float, method: str | None = None, size: float = 25.0
     state = result["c"]
     assert result.complementarity < 1e-8
     assert abs(state.normal_force / force - 1) < 1e-8
-    return state.pressure.max() / peak, half_width(state, len(plan)) / a, result
+    return state.pressure.max() / peak, half_width(state, len(plan)) / a, result.iterations
 
 
 def test_hertz_line():
@@ -170,12 +172,12 @@ def test_receding_contact(friction):
 @pytest.mark.parametrize("method", ["semismooth", "vi"])
 def test_iterations(method):
     """From coarse to fine the iterations stay below 25, and both methods stop at exact contact."""
-    for n in (2, 4, 8, 16):
+    for n in (2, 4, 8):
         solver = PreloadSolver(discs(n), method=method)
         result = solver.solve({"low": 2.5e4, "up": 2.5e4})
         assert 1 < result.iterations < 25
         assert result.complementarity < 1e-8
-        assert hertz("round", 2 * n, method)[2].iterations < 25
+        assert hertz("round", 2 * n, method)[2] < 25
 
 
 @pytest.mark.smoke

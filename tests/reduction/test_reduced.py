@@ -266,7 +266,7 @@ def test_refined_modes_make_as_good_a_model_as_solved_ones(monkeypatch):
     world, solved, solve = build(MPI.COMM_WORLD), [], EigenSolver.solve
     monkeypatch.setattr(EigenSolver, "solve", lambda *a, **k: solved.append(a) or solve(*a, **k))
     start = {name: p.value for name, p in world.parameters.items()}
-    points = [start, *samples(12, seed=3)]
+    points = [start, *samples(8, seed=3)]
     model = surrogate(world, points, n_test=5, lacking=1e-3)
     assert len(solved) == 6
     best = sampled(world, points, 1e-3)
@@ -280,7 +280,7 @@ def test_a_kept_model_serves_another_test_of_the_structure(shared_tmp_path):
     """Other sensors, another number of modes: as good as what is made for it alone."""
     world, cache = build(MPI.COMM_WORLD), Cache(shared_tmp_path, "key", MPI.COMM_WORLD)
     start = {name: p.value for name, p in world.parameters.items()}
-    points = [start, *samples(10, seed=3)]
+    points = [start, *samples(8, seed=3)]
 
     surrogate(world, points, n_test=5, lacking=1e-3, keep=cache)
     few = Sensors([[0.02, 0.01, 0.008], [0.15, 0.07, 0.008], [0.3, 0.04, 0.016]], [0.0, 0.0, 1.0])
