@@ -10,15 +10,7 @@ from fenics_joints.harmonic import Balance, solve_harmonic
 from fenics_joints.harmonic.backbone import FreeMode, PhaseResonance
 from fenics_joints.harmonic.frf import ConstantResponse
 from fenics_joints.interfaces import InterfaceModel, InterfacePoints, static_state
-from fenics_joints.joint_laws import (
-    BoucWen,
-    CoulombStick,
-    ElasticFriction,
-    Iwan,
-    RichardAbbott,
-    Segalman,
-    Valanis,
-)
+from fenics_joints.joint_laws import BoucWen, CoulombStick, ElasticFriction, Iwan, Segalman, Valanis
 
 RANGE = (0.12, 0.3)
 
@@ -135,17 +127,13 @@ def test_ranks_share_the_points():
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"amplitude": -1.0}, "amplitude = -1.0"),
         ({"force": "pull"}, "no 'pull'"),
         ({"sensor": "wall"}, "no 'wall'"),
         ({"band": (3.0, 1.0)}, "band ="),
         ({"at": [0.1]}, "either band"),
-        ({"harmonics": 0}, "harmonics = 0"),
         ({"samples": 8}, "samples = 8"),
         ({"static": np.ones(2)}, "static has shape"),
-        ({"measure": "rms"}, "measure = 'rms'"),
         ({"direction": "left"}, "direction = 'left'"),
-        ({"cycles": 0}, "cycles = 0"),
     ],
 )
 def test_wrong_requests_are_named(change, message):
@@ -158,13 +146,12 @@ def test_wrong_requests_are_named(change, message):
     "law, normal, samples",
     [
         (ElasticFriction(1.0, 0.2), False, None),
-        (Iwan(RichardAbbott(1.0, 0.05, 0.2, 1.5)), False, None),
         (Iwan(Segalman(0.3, 1.0, -0.5, 0.2)), False, None),
         (BoucWen(1.0, 0.1, 2.0, 1.0), False, 512),  # whose own steps are of second order
         (Valanis(1.0, 0.1, 4.0), False, 256),
         (CoulombStick(5.0, 1.0, 0.2, 1.0), True, None),
     ],
-    ids=["jenkins", "richard_abbott", "segalman", "bouc_wen", "valanis", "coulomb"],
+    ids=["jenkins", "segalman", "bouc_wen", "valanis", "coulomb"],
 )
 def test_peak_does_not_depend_on_the_direction_of_the_sweep(law, normal, samples):
     """At a flat top the amplitude says more than the frequency."""

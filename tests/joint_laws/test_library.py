@@ -44,10 +44,6 @@ def history(law, strain, normal=False, state=None):
     return stress[0], state[0]
 
 
-def loop_area(x, f):
-    return float(np.sum(0.5 * (f[1:] + f[:-1]) * np.diff(x)))
-
-
 @pytest.mark.parametrize("curve", CURVES, ids=lambda c: type(c).__name__)
 def test_backbones_slope_and_dissipation(curve):
     """Slopes are derivatives; dissipation is Masing's, by another quadrature."""
@@ -59,12 +55,9 @@ def test_backbones_slope_and_dissipation(curve):
         area = quad(curve.value, 0, min(a, curve.limit), epsabs=0, epsrel=1e-12)[0]
         area += quad(curve.value, min(a, curve.limit), a, epsabs=0)[0]
         masing = 8 * area - 4 * a * float(curve.value(a))
-        assert curve.dissipation(a) == pytest.approx(
-            masing, rel=1e-7, abs=1e-9 * curve.strength * a
-        )
-        assert Backbone.dissipation(curve, a) == pytest.approx(
-            float(curve.dissipation(a)), rel=1e-9
-        )
+        lost = float(curve.dissipation(a))
+        assert lost == pytest.approx(masing, rel=1e-7, abs=1e-9 * curve.strength * a)
+        assert Backbone.dissipation(curve, a) == pytest.approx(lost, rel=1e-9)
         assert curve.secant(-a) == pytest.approx(float(curve.value(a)) / a)
     far = 1e7 * curve.reference
     assert curve.value(far) - far * curve.final_slope == pytest.approx(curve.strength, rel=1e-6)
@@ -112,13 +105,12 @@ def test_few_sliders_dissipate_within_one_per_cent():
     a = 0.8 * SEED.reference
     stiffness, strength = iwan_sliders(SEED, 8, (0.5 * a, a))
     loop = np.sum(4 * strength * np.maximum(a - strength / stiffness, 0.0))
-    assert loop == pytest.approx(float(SEED.dissipation(a)), rel=1e-6)
+    exact = float(SEED.dissipation(a))
+    assert loop == pytest.approx(exact, rel=1e-6)
     law = Iwan(SEED, 8, amplitudes=(0.5 * a, a))
     x = a * np.concatenate([np.linspace(0, 1, 100), np.cos(np.linspace(0, 2 * np.pi, 2001))])
     stress, _ = history(law, x[:, None])
-    assert loop_area(x[100:], stress[100:, 0]) == pytest.approx(
-        float(SEED.dissipation(a)), rel=0.01
-    )
+    assert np.trapezoid(stress[100:, 0], x[100:]) == pytest.approx(exact, rel=0.01)
 
 
 def test_iwan_loads_on_its_backbone_and_unloads_by_masing():
@@ -293,11 +285,8 @@ def test_change_is_smooth():
     "make, word",
     [
         (lambda: RichardAbbott(1e6, 2e6, 1.0, 2.0), "E_p < E_e"),
-        (lambda: Segalman(1.0, 1.0, -1.0, 0.0), "chi"),
-        (lambda: Iwan(SEED, 0), "n_sliders"),
         (lambda: Iwan(SEED, 9, amplitudes=(2.0, 1.0)), "amplitudes"),
         (lambda: Iwan(SEED).change(S_z=1.0), "S_z"),
-        (lambda: CoulombStick(1e9, -1e9, 0.3), "tangential_stiffness"),
         (lambda: BoucWen(1e6, 0.1, 1.0, 2.0), "gamma"),
         (lambda: Valanis(1e6, 2e6, 1.0), "E_t"),
         (lambda: Valanis(1e6, 1e5, 1.0).with_values(E_t=2e6), "E_t"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from contextlib import contextmanager
 
 import pytest
 
@@ -27,12 +28,20 @@ from fenics_joints.reduction.files import (
 from fenics_joints.structure.laws import SOLID
 
 
+@contextmanager
+def written(path):
+    """A file of arrays, to be filled by hand."""
+    with sealed(path) as part, h5py.File(part, "w") as file:
+        file.attrs["format"], file.attrs["version"] = ARRAYS, 4
+        file.attrs["made"] = ""
+        yield file
+
+
 @pytest.mark.parametrize("inside", [False, True])
 def test_links_in_a_circle(tmp_path, inside):
     """A link to itself, and a group that holds itself."""
     path = tmp_path / "model.h5"
-    with sealed(path) as part, h5py.File(part, "w") as file:
-        file.attrs["format"], file.attrs["version"] = "fenics_joints reduced model", 4
+    with written(path) as file:
         if inside:
             group = file.create_group("model")
             group.attrs["kind"], group.attrs["keys"] = "sequence", "1"
@@ -47,8 +56,7 @@ def test_links_in_a_circle(tmp_path, inside):
 def test_a_small_file_that_would_become_a_large_model(tmp_path, more):
     """One group at many places; an array of zeros that the file does not hold."""
     path = tmp_path / "model.h5"
-    with sealed(path) as part, h5py.File(part, "w") as file:
-        file.attrs["format"], file.attrs["version"] = "fenics_joints reduced model", 4
+    with written(path) as file:
         group = file.create_group("model")
         group.attrs["kind"], group.attrs["keys"] = "sequence", "2"
         if more == "linked":
@@ -135,8 +143,7 @@ def test_arrays_of_a_file_are_numbers_in_that_file(tmp_path, what):
     secret.write_bytes(b"0123456789abcdef")
     with h5py.File(tmp_path / "other.h5", "w") as file:
         file["x"] = np.ones(2)
-    with sealed(path) as part, h5py.File(part, "w") as file:
-        file.attrs["format"], file.attrs["version"] = ARRAYS, 4
+    with written(path) as file:
         if what == "other file":
             file.create_dataset("model", (2,), "f8", external=[(str(secret), 0, 16)])
         elif what == "virtual":
@@ -170,9 +177,7 @@ def test_symmetric_matrices_come_back_to_the_last_bit(tmp_path):
 @pytest.mark.parametrize("n", [7, -5, 10**9])
 def test_halves_of_matrices_of_another_size_are_none(tmp_path, n):
     path = tmp_path / "model.h5"
-    with sealed(path) as part, h5py.File(part, "w") as file:
-        file.attrs["format"], file.attrs["version"] = ARRAYS, 4
-        file.attrs["made"] = ""
+    with written(path) as file:
         file.create_dataset("model", data=np.zeros(10)).attrs["symmetric"] = n
     with pytest.raises(InputError, match="no upper halves"):
         read_array_model(path)
