@@ -22,11 +22,10 @@ from oscillators import (
     start_of,
 )
 from scipy.optimize import brentq, fsolve, minimize_scalar
-from shooting import later, motion, slider_motion
+from shooting import later, motion, slider_motion, steady_run
 
 from fenics_joints.errors import ConvergenceError
 from fenics_joints.harmonic import find_bifurcations, solve_constant_response, solve_harmonic
-from fenics_joints.transient import solve_transient, steady_harmonics
 
 
 def duffing_amplitude(omega, start):
@@ -149,16 +148,9 @@ def test_preloaded_friction_is_that_of_time_integration():
         model, "x", 0.3, at=[frequency], harmonics=9, samples=512, static=load, cycles=4
     )
     assert max(v[0] for v in result.dissipation().values()) > 0.01
-    # From the motion found, so that it is steady soon; what is off in it is left behind.
-    u, v = np.split(start_of(result.coefficients[0], TURN * frequency), 2)
-    run = solve_transient(
-        replace(model, forces={**model.forces, "static": load}),
-        step=1 / frequency / 300,
-        n_steps=30 * 300,
-        loads={"x": lambda t: 0.3 * np.cos(TURN * frequency * t), "static": lambda t: 1.0},
-        initial=(u, v, None),
-    )
-    steady = {k: steady_harmonics(run.times, u, frequency, 3) for k, u in run.displacements.items()}
+    loads = {"x": lambda t: 0.3 * np.cos(TURN * frequency * t), "static": lambda t: 1.0}
+    pressed = replace(model, forces={**model.forces, "static": load})
+    _, steady = steady_run(pressed, result, loads, periods=30, steps=300)
     for sensor in ("x", "y", "z"):
         c = result.sensor_coefficients(sensor)[0]
         assert np.abs(c[:7] - steady[sensor]).max() < 1e-3 * np.abs(steady["x"][1:]).max()

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from oscillators import TURN, Cubic, Square
+from oscillators import TURN, Cubic, Square, start_of
 from scipy.integrate import solve_ivp
 
 from fenics_joints.joint_laws import CubicSpring
+from fenics_joints.transient import solve_transient, steady_harmonics
 
 #: Name of the stiffness, and the power of the stretch.
 POWERS = {Cubic: ("k", 3), CubicSpring: ("k3", 3), Square: ("k", 2)}
@@ -82,3 +83,18 @@ def slider_motion(force, times, stiffness: float, strength: float, damping: floa
             y[2] = y[0] - stretch * strength / stiffness * (1 - 1e-12)
         slips = 0 if slips else int(stretch)
     return found
+
+
+def steady_run(model, result, loads, periods: int, steps: int = 400):
+    """A run of `solve_transient`, and by sensor the harmonics of its last period.
+
+    It starts from the motion that harmonic balance found, so that it is steady soon; what is off
+    in that motion is left behind.
+    """
+    (X, *_), (omega, *_) = result.coefficients, result.omegas
+    start = (*np.split(start_of(X, omega), 2), None)
+    given = {"step": TURN / omega / steps, "n_steps": periods * steps, "initial": start}
+    run = solve_transient(model, loads=loads, **given)
+    return run, {
+        key: steady_harmonics(run.times, u, omega / TURN, 3) for key, u in run.displacements.items()
+    }
