@@ -86,19 +86,25 @@ def unlike_blocks(lower, upper, cell: str, warp=None) -> TaggedMesh:
 
 
 def _unlike(lower, upper, cell: str, warp) -> MeshLists:
-    parts = [_block(counts, cell, base) for counts, base in ((lower, -1.0), (upper, 0.0))]
-    shift = len(parts[0][0])
-    x = np.vstack([part[0] for part in parts])
-    cells = np.vstack([parts[0][1], parts[1][1] + shift])
-    facets = [parts[0][2], parts[0][3], parts[1][2] + shift, parts[1][3] + shift]
-    tags = np.repeat([1, 2, 3, 4], [len(f) for f in facets])
-    values = np.repeat([1, 2], [len(part[1]) for part in parts])
-    if warp is not None:
-        warp(x)
+    sides = []
+    for tag, counts, base in ((1, lower, -1.0), (2, upper, 0.0)):
+        x, cells, *faces = _block(counts, cell, base)
+        tags = np.repeat([2 * tag - 1, 2 * tag], [len(face) for face in faces])
+        sides.append((x, cells, np.full(len(cells), tag), np.vstack(faces), tags))
     names = {"bottom": 1, "interface_lower": 2, "interface_upper": 3, "top": 4}
-    return MeshLists(
-        cell, x, cells, values, np.vstack(facets), tags, {"lower": 1, "upper": 2}, names
-    )
+    lists = two_bodies(cell, sides, names)
+    if warp is not None:
+        warp(lists.x)
+    return lists
+
+
+def two_bodies(cell: str, sides, names) -> MeshLists:
+    """Lower and upper bodies of (points, cells, their values, facets, their tags) as one mesh."""
+    (x0, c0, v0, f0, t0), (x1, c1, v1, f1, t1) = sides
+    cells, facets = np.vstack([c0, c1 + len(x0)]), np.vstack([f0, f1 + len(x0)])
+    values, tags = np.append(v0, v1), np.append(t0, t1)
+    parts = {"lower": 1, "upper": 2}
+    return MeshLists(cell, np.vstack([x0, x1]), cells, values, facets, tags, parts, names)
 
 
 def _block(counts, cell: str, base: float):

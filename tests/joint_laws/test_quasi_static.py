@@ -121,6 +121,22 @@ class Blocks:
             residual, self.u, steps, apply, joints=[self.joint], outputs=outputs, **options
         )
 
+    def push(self, loads, **options):
+        """Load the top, which is free to slide only, along x and, in space, y."""
+
+        def apply(load):
+            self.load.value[:-1] = load
+
+        V, z = self.u.function_space, self.gdim - 1
+        bottom = fem.locate_dofs_geometrical(V, lambda x: x[z] < 1e-9)
+        W, _ = V.sub(z).collapse()
+        top = fem.locate_dofs_geometrical((V.sub(z), W), lambda x: x[z] > 3 * SIZE - 1e-9)
+        held = fem.dirichletbc(np.zeros(self.gdim), bottom, V)
+        level = fem.dirichletbc(fem.Function(W), top, V.sub(z))
+        residual = self.F - ufl.dot(self.load, self.v) * self.ds(2)
+        given = {"bcs": [held, level], "joints": [self.joint]} | options
+        return solve_quasi_static(residual, self.u, loads, apply, **given)
+
 
 def by_sliders(law, x):
     """Traction (T, d) and heat so far (T,) of sliders along x (T, d), J per area or volume."""
@@ -173,20 +189,6 @@ def order(norms):
     return np.log(norms[-1] / norms[-2]) / np.log(norms[-2] / norms[-3])
 
 
-def clamped(blocks):
-    """Conditions that leave the top free to slide only, under a load."""
-    V, z = blocks.u.function_space, blocks.gdim - 1
-    top = (3.0) * SIZE
-    bottom = fem.locate_dofs_geometrical(V, lambda x: x[z] < 1e-9)
-    W, _ = V.sub(z).collapse()
-    free = fem.locate_dofs_geometrical((V.sub(z), W), lambda x: x[z] > top - 1e-9)
-    nothing = fem.Function(W)
-    return [
-        fem.dirichletbc(np.zeros(blocks.gdim), bottom, V),
-        fem.dirichletbc(nothing, free, V.sub(z)),
-    ]
-
-
 @pytest.mark.parametrize("name", ["iwan", "valanis"])
 def test_newton_converges_quadratically_under_loads(name):
     """Load control along a turning path in space: order of the last residuals, and the answer."""
@@ -197,19 +199,8 @@ def test_newton_converges_quadratically_under_loads(name):
     # The last step asks for what is there already.
     loads = strength * np.array([[0.7, 0.0], [0.75, 0.5], [0.1, 0.9], [0.1, 0.9]])
 
-    def apply(load):
-        blocks.load.value[:2] = load
-
-    found = solve_quasi_static(
-        blocks.F - ufl.dot(blocks.load, blocks.v) * blocks.ds(2),
-        blocks.u,
-        loads,
-        apply,
-        bcs=clamped(blocks),
-        joints=[blocks.joint],
-        outputs={"0": blocks.mean(blocks.joint.slip[0])},
-        petsc_options={"snes_rtol": 1e-9},
-    )
+    slip = {"0": blocks.mean(blocks.joint.slip[0])}
+    found = blocks.push(loads, outputs=slip, petsc_options={"snes_rtol": 1e-9})
     orders = [order(r) for r in found.residuals if np.sum(r > 1e-10 * r[0]) >= 3]
     assert orders and max(orders) > 1.8
     assert found.iterations.max() <= 12
@@ -228,19 +219,8 @@ def test_more_than_the_joint_can_carry():
     law = Iwan(RichardAbbott(CURVE.E_e, 0.0, CURVE.S_y, 2.5), 3)
     blocks = Blocks("quadrilateral", law, True, young=2e13, normal_modulus=5e8)
 
-    def apply(load):
-        blocks.load.value[0] = load
-
-    residual = blocks.F - ufl.dot(blocks.load, blocks.v) * blocks.ds(2)
     with pytest.raises(ConvergenceError, match="load step 1") as told:
-        solve_quasi_static(
-            residual,
-            blocks.u,
-            [0.5 * CURVE.S_y, 1.2 * CURVE.S_y],
-            apply,
-            bcs=clamped(blocks),
-            joints=[blocks.joint],
-        )
+        blocks.push([0.5 * CURVE.S_y, 1.2 * CURVE.S_y])
     assert "DIVERGED" in str(told.value)
     slip = np.abs(blocks.u.x.array).max()
     assert blocks.msh.comm.allreduce(slip, op=MPI.MAX) < CURVE.reference * SIZE

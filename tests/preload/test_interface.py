@@ -4,13 +4,13 @@ import re
 
 import numpy as np
 import pytest
-from contact_blocks import COMM
+from contact_blocks import COMM, two_bodies
 
 from fenics_joints.errors import MeshError
 from fenics_joints.meshes import box, c_beams, check_mesh, graded_lines
 from fenics_joints.meshes.facets import Skin
 from fenics_joints.meshes.grid import extruded, tensor_grid
-from fenics_joints.meshes.tagged import MeshLists, distribute
+from fenics_joints.meshes.tagged import distribute
 from fenics_joints.parallel import on_root
 from fenics_joints.preload import check_contact
 
@@ -36,17 +36,7 @@ def two_blocks(change):
             one = skin.named({"face": skin.at(2, 0.0)})
             rest = one.cells, one.cell_values, one.facets, tag * one.facet_values
             sides.append((one.x, *rest) if tag == 1 else change(one.x, *rest))
-        (x0, c0, v0, f0, t0), (x1, c1, v1, f1, t1) = sides
-        names = {"lower": 1, "upper": 2}, {"low": 1, "high": 2}
-        return MeshLists(
-            "tetrahedron",
-            np.vstack([x0, x1]),
-            np.vstack([c0, c1 + len(x0)]),
-            np.append(v0, v1),
-            np.vstack([f0, f1 + len(x0)]),
-            np.append(t0, t1),
-            *names,
-        )
+        return two_bodies("tetrahedron", sides, {"low": 1, "high": 2})
 
     return distribute(COMM, on_root(COMM, build))
 

@@ -24,6 +24,11 @@ PLACES = (np.arange(N) + 0.5) * 0.01
 K1, K2 = ([f"{key}[{i}]" for i in range(N)] for key in ("k1", "k2"))
 
 
+def both(*more) -> list[RandomField]:
+    """Fields of k1 and of k2."""
+    return [RandomField(tuple(names), *more) for names in (K1, K2)]
+
+
 def forward_of(each: bool) -> ModalPrediction:
     """Five frequencies of two steel beams, of a joint in five elements or with one k1 and k2."""
     k1, k2 = (K1, K2) if each else ("k1", "k2")
@@ -74,16 +79,11 @@ def test_one_variable_of_the_joint_is_its_long_field():
     whole, each = forward_of(False), forward_of(True)
     fields = [RandomField(("k1",), 0.05), RandomField(("k2",), 0.05)]
     a = propagate_sensitivities(whole, fields, whole.model.values())
-    b = propagate_sensitivities(
-        each, [RandomField(tuple(K1), 0.05), RandomField(tuple(K2), 0.05)], each.model.values()
-    )
+    b = propagate_sensitivities(each, both(0.05), each.model.values())
     np.testing.assert_allclose(a.mean, b.mean, rtol=1e-9)
     np.testing.assert_allclose(a.covariance, b.covariance, rtol=1e-6)
     # A field that varies along the lap averages out.
-    short = [
-        RandomField(tuple(names), 0.05, karhunen_loeve(PLACES, 0.01, n_terms=N))
-        for names in (K1, K2)
-    ]
+    short = both(0.05, karhunen_loeve(PLACES, 0.01, n_terms=N))
     c = propagate_sensitivities(each, short, each.model.values())
     assert np.all(c.sd < 0.9 * a.sd)
 
@@ -91,10 +91,7 @@ def test_one_variable_of_the_joint_is_its_long_field():
 @pytest.mark.parametrize("distribution", ["normal", "lognormal"])
 def test_samples_agree_with_sensitivities(distribution):
     forward, n, eps = forward_of(True), 500, 0.08
-    fields = [
-        RandomField(tuple(names), eps, karhunen_loeve(PLACES, 0.03), distribution)
-        for names in (K1, K2)
-    ]
+    fields = both(eps, karhunen_loeve(PLACES, 0.03), distribution)
     start, correlation = forward.model.values(), [[1.0, 0.6], [0.6, 1.0]]
     drawn = propagate_samples(forward, fields, start, n, seed=2, correlation=correlation)
     first, second = (

@@ -13,6 +13,9 @@ from fenics_joints.interfaces import InterfaceModel
 from fenics_joints.joint_laws import Iwan, Segalman
 from fenics_joints.transient import solve_transient, steady_harmonics, stepped_sine
 
+#: Of the end of the chain, so that its joints slip.
+SWAY = {"end": lambda t: 0.2 * np.sin(0.3 * t)}
+
 
 def linear(c=0.02):
     one = np.ones((1, 1))
@@ -74,9 +77,7 @@ def test_slider_agrees_with_an_integrator_that_stops_at_every_change_of_stick_an
 
 
 def test_work_of_the_load_is_stored_or_dissipated():
-    run = solve_transient(
-        chain(), step=0.02, n_steps=2500, loads={"end": lambda t: 0.2 * np.sin(0.3 * t)}
-    )
+    run = solve_transient(chain(), step=0.02, n_steps=2500, loads=SWAY)
     spent = run.energy + run.damped + run.joint_work["joint"]
     assert np.abs(spent - run.work).max() < 1e-3 * run.work.max()
     assert run.joint_work["joint"][-1] > 0.1 * run.work[-1]
@@ -84,9 +85,8 @@ def test_work_of_the_load_is_stored_or_dissipated():
 
 @pytest.mark.parallel
 def test_full_model_on_any_number_of_ranks_is_the_dense_one():
-    loads = {"end": lambda t: 0.2 * np.sin(0.3 * t)}
     runs = [
-        solve_transient(model, step=0.1, n_steps=100, loads=loads)
+        solve_transient(model, step=0.1, n_steps=100, loads=SWAY)
         for model in (chain(), chain(MPI.COMM_WORLD))
     ]
     for key in ("displacements", "accelerations"):
@@ -97,11 +97,10 @@ def test_full_model_on_any_number_of_ranks_is_the_dense_one():
 
 
 def test_a_run_goes_on_from_where_another_ended():
-    loads = {"end": lambda t: 0.2 * np.sin(0.3 * t)}
-    whole = solve_transient(chain(), step=0.05, n_steps=600, loads=loads)
-    first = solve_transient(chain(), step=0.05, n_steps=300, loads=loads)
+    whole = solve_transient(chain(), step=0.05, n_steps=600, loads=SWAY)
+    first = solve_transient(chain(), step=0.05, n_steps=300, loads=SWAY)
     rest = solve_transient(
-        chain(), step=0.05, n_steps=300, loads=loads, initial=first.final, start=15.0
+        chain(), step=0.05, n_steps=300, loads=SWAY, initial=first.final, start=15.0
     )
     # The method starts anew with its own acceleration: the same to its order.
     scale = np.abs(whole.displacements["end"]).max()
