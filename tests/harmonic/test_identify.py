@@ -183,7 +183,7 @@ def test_trials_without_a_model_are_turned_away(curves):
     """A slope beyond slip above that at rest is no backbone: the search goes round it."""
     start = {"lap.E_p": 0.9, "lap.S_y": 0.3}
     for method in ("direct", "gradient"):
-        few = {"method": method, "max_evaluations": 15}
+        few = {"method": method, "max_evaluations": 10}
         found = identify(CHAIN, curves, LEVELS[-1], start, **few, **PLACES)
         assert found.values["lap.E_p"] < 1.0 and found.objective < found.start_objective
         assert found.failures == np.isinf(found.history).sum()

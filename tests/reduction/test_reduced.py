@@ -45,7 +45,7 @@ def build(comm=MPI.COMM_SELF):
     plates = part("plates", ("plate_1", "plate_2"), **solid)
     layer = joint("layer", ("joint_near", "joint_away"), E="layer.E", G="layer.G")
     return Structure(
-        lap_plates(comm, element_size=0.02, n_thickness=1),
+        lap_plates(comm, element_size=0.04, n_thickness=1),
         [plates, layer],
         [Parameter(n, (a * b) ** 0.5 or 0.05, log=False) for n, (a, b) in RANGES.items()],
         masses=[PointMass("tip", "tip.mass", (0.01, 0.03, 0.0), travel="tip.travel")],
