@@ -19,11 +19,10 @@ def motion(model, push: float, omega: float, states, periods: float = 1, **optio
     Columns of the states are motions of their own, which are integrated together.
     """
     n, inverse = model.n_dofs, np.linalg.inv(model.M)
-    springs = [
-        (p.rows[0, 0], *(float(p.law.parameters[key]), power))
-        for p in model.interfaces
-        for key, power in [POWERS[type(p.law)]]
-    ]
+    springs = []
+    for p in model.interfaces:
+        key, power = POWERS[type(p.law)]
+        springs.append((p.rows[0, 0], float(p.law.parameters[key]), power))
 
     def rate(t, y):
         u, v = y.reshape(2, n, -1)

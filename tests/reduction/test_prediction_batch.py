@@ -205,22 +205,17 @@ def test_evidence_on_few_vectors_is_that_of_all():
     more["log_damping"] = np.log([[0.004, 0.006, 0.005, 0.004]])
     log_f = forward(BASELINE)[0][None] + 0.002 * np.array([1.0, -1.0, 0.5, -0.3])
     evidence = Evidence(np.ones(1), log_f, sds, 0.003, **more)
+
+    def misread(sensing, theta):
+        sensing.gains[40] = theta["gain"]
+
+    def loss(theta, condition, hz):
+        return {"right.G": theta["eta"]}
+
     effects = (
         stiffer("right.G", 0.5),
-        Effect(
-            "mis-scaled",
-            "",
-            (Prior("gain", 1.0, 0.5),),
-            None,
-            sensing=lambda sensing, theta: sensing.gains.__setitem__(40, theta["gain"]),
-        ),
-        Effect(
-            "loss",
-            "",
-            (Prior("eta", 0.01, 0.5),),
-            None,
-            loss=lambda theta, condition, hz: {"right.G": theta["eta"]},
-        ),
+        Effect("mis-scaled", "", (Prior("gain", 1.0, 0.5),), None, sensing=misread),
+        Effect("loss", "", (Prior("eta", 0.01, 0.5),), None, loss=loss),
     )
 
     def make(effects):
@@ -229,7 +224,7 @@ def test_evidence_on_few_vectors_is_that_of_all():
 
     few = Library(forward, evidence, BASELINE, make, lean=True)
     found = few.sampled(few.of(make(effects), evidence), evidence).fit
-    assert all(basis.model.n_dofs < 60 < forward.model.n_dofs for basis in few.bases.values())
+    assert max(b.model.n_dofs for b in few.bases.values()) < 60 < forward.model.n_dofs
     alone = fit(make(effects), forward, evidence, BASELINE)
     assert found.log_evidence == pytest.approx(alone.log_evidence, abs=0.05)
     assert found.z == pytest.approx(alone.z, abs=0.05)
