@@ -207,6 +207,16 @@ POINT_MASS = Law(
     _any,
     inertia_term=lambda q: q["mass"],
 )
+#: A constant of forms, in which both matrices are linear.
+CONSTANT = Law(
+    "constant",
+    ("value",),
+    None,
+    lambda q: np.array([q["value"]]),
+    ({"value": 1.0},),
+    _any,
+    inertia_term=lambda q: q["value"],
+)
 
 
 def spring_term(name: str, stiffness: float | str, share: float, row: np.ndarray) -> RegionTerm:

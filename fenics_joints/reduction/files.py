@@ -22,6 +22,7 @@ from fenics_joints.joint_laws import Backbone, JointLaw, LawKernel
 from fenics_joints.parallel import on_root
 from fenics_joints.progress import Progress
 from fenics_joints.reduction.affine import (
+    CONSTANT,
     POINT_MASS,
     SPRING,
     AffinePencil,
@@ -39,7 +40,7 @@ from fenics_joints.structure.points import PlaceRows
 ARRAYS = "fenics_joints reduced model"
 #: The same of results that a `Cache` keeps, and the version of both.
 _KEPT, _VERSION = "fenics_joints kept result", 4
-_LAWS = {law.name: law for law in (*CHANGES, SPRING, POINT_MASS)}
+_LAWS = {law.name: law for law in (*CHANGES, SPRING, POINT_MASS, CONSTANT)}
 _CLASSES = {
     c.__name__: c
     for c in (AffinePencil, ArrayModel, TravellingMass, Parameter, PlaceRows, RegionTerm)

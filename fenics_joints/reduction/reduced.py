@@ -26,8 +26,9 @@ from fenics_joints.reduction.affine import (
 )
 from fenics_joints.reduction.arrays import ArrayModel
 from fenics_joints.reduction.basis import SNAPSHOT, Snapshots
+from fenics_joints.reduction.forms import ReducedForms
 from fenics_joints.reduction.prediction import ways_of
-from fenics_joints.structure import PointMass, Region, Sensors, Spring, Structure
+from fenics_joints.structure import FormModel, PointMass, Region, Sensors, Spring, Structure
 from fenics_joints.structure.changes import Change, PlacedPoint, PlacedResonator, forms_of
 from fenics_joints.structure.components import number
 from fenics_joints.structure.laws import ELASTIC_SUPPORT
@@ -453,18 +454,18 @@ def is_graded(region: Region) -> bool:
 
 
 def reduce(
-    structure: Structure,
+    structure: Structure | FormModel,
     samples: Iterable[Mapping[str, float]],
     n_modes: int,
     *,
     travel: Mapping[str, tuple[float, float]] | None = None,
     tolerance: float = 1e-8,
     more: Callable[[Modes], np.ndarray] | None = None,
-) -> ReducedStructure:
+) -> ReducedStructure | ReducedForms:
     """Reduced model on the modes of the structure at samples of its parameters.
 
     Args:
-        structure: The full model.
+        structure: The full model: a structure, or one by forms that are linear in its parameters.
         samples: Parameter values at which modes are computed.
         n_modes: Modes at each sample, rigid-body ones included.
         travel: Ranges of moving masses, see `ReducedStructure`.
@@ -474,14 +475,17 @@ def reduce(
             solver holds the factorisation there. None by default.
 
     Raises:
-        InputError: Without samples.
+        InputError: Without samples, or of forms that are not linear in a parameter.
     """
     snapshots, solver = Snapshots(structure), None
     for given in samples:
         modes = solve_modes(structure, given, n_modes=n_modes, solver=solver, tolerance=SNAPSHOT)
         solver = modes.solver
         snapshots.add(modes, more=more and more(modes))
-    return ReducedStructure(structure, snapshots.basis(tolerance), travel)
+    basis = snapshots.basis(tolerance)
+    if isinstance(structure, FormModel):
+        return ReducedForms(structure, basis)
+    return ReducedStructure(structure, basis, travel)
 
 
 class MovingModel(ArrayModel):

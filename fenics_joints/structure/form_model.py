@@ -49,8 +49,8 @@ class FormModel:
     #: See `fenics_joints.structure.model.Model`.
     is_dense, is_meshed = False, False
     dampers: Mapping[str, PETSc.Mat] = MappingProxyType({})
-    #: All of K, which a damping may name; and regions with a law of the suite: none.
-    layers, regions = ("all",), ()
+    #: All of K, which a damping may name; and what the suite makes: none.
+    layers, regions, elastic_supports = ("all",), (), ()
 
     def __init__(
         self,
@@ -151,6 +151,13 @@ class FormModel:
         symbol = ufl.variable(constant)
         slope = expand_derivatives(ufl.diff(ufl.replace(form, {constant: symbol}), symbol))
         return None if slope.empty() else slope
+
+    def not_linear(self) -> list[str]:
+        """Names of the parameters in which K and M together are not linear."""
+        own = set(self._constants.values())
+        slopes = [(n, self._slope(f, n)) for n in self.parameters for f in (self._a, self._m)]
+        bent = [name for name, slope in slopes if slope is not None and own & {*slope.constants()}]
+        return list(dict.fromkeys(bent))
 
     def _energy(self, form: ufl.Form) -> ufl.Form:
         """x^T A x with the matrix A of a form."""

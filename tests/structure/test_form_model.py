@@ -15,6 +15,7 @@ from fenics_joints.forms import elasticity, mass
 from fenics_joints.measurements import FRFTarget, Target
 from fenics_joints.meshes import box
 from fenics_joints.modal import solve_modes
+from fenics_joints.reduction import reduce
 from fenics_joints.response import solve_frf
 from fenics_joints.structure import Damping, FormModel, Sensors, Structure, Support, part
 from fenics_joints.updating import update
@@ -121,6 +122,12 @@ def test_constants_of_the_forms_are_identified():
     at, lines = Sensors([[0.3, 0.03, 0.01]], [0.0, 0.0, 1.0]), np.array([15.0, 60.0])
     frf = solve_frf(model, truth, frequencies_hz=lines, excitation=at, sensors=at)
     target = Target(hz, frfs=FRFTarget(lines, frf.values, at, at))
+    small = reduce(model, [{}, truth, {"E": 190e9}], n_modes=8)
+    assert solve_modes(small, truth, n_modes=4).frequencies_hz == pytest.approx(hz, rel=1e-7)
+    assert small.total_mass(truth) == pytest.approx(model.total_mass(truth), rel=1e-12)
+    fast = update(small, list(model.parameters.values()), target, model.values())
+    # The receptance lacks what the eight modes leave out.
+    assert fast.values == pytest.approx(list(truth.values()), rel=3e-3)
     found = update(model, list(model.parameters.values()), target, model.values())
     assert found.values == pytest.approx(list(truth.values()), rel=1e-5)
 
@@ -155,6 +162,11 @@ def test_what_is_no_model_is_refused_with_the_user_s_words():
     mesh = next(iter(constants.values())).ufl_domain()
     with pytest.raises(InputError, match="a = .*bilinear"):
         FormModel(1.0, m)
+    square = FormModel(constants["E"] * a / 2e11, m, bcs, constants)
+    with pytest.raises(InputError, match="E: a or m is not linear in it"):
+        reduce(square, [{}], n_modes=3)
+    with pytest.raises(InputError, match="bcs: expected none beside a FormModel"):
+        solve_modes(square, bcs=bcs)
     with pytest.raises(InputError, match="parameters..nu..*fem.Constant of a or m"):
         FormModel(a, m, bcs, {"nu": fem.Constant(mesh, 0.3)})
     test, trial = a.arguments()
