@@ -162,7 +162,7 @@ def test_what_is_no_model_is_refused_with_the_user_s_words():
     mesh = next(iter(constants.values())).ufl_domain()
     with pytest.raises(InputError, match="a = .*bilinear"):
         FormModel(1.0, m)
-    square = FormModel(constants["E"] * a / 2e11, m, bcs, constants)
+    square = FormModel(constants["E"] / 2e11 * a, m, bcs, constants)
     with pytest.raises(InputError, match="E: a or m is not linear in it"):
         reduce(square, [{}], n_modes=3)
     with pytest.raises(InputError, match="bcs: expected none beside a FormModel"):
