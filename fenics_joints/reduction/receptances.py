@@ -490,9 +490,9 @@ class StaticModel:
             reduced = ReducedStructure(solver.full, basis, travel)
             found = cls(reduced.arrays(), basis)
             found.model.sensor_rows = solver.full.observe(basis, solver.sensors)
-            if fresh is None or turn == rounds - 1:
+            points = [] if fresh is None or turn == rounds - 1 else fresh(turn)
+            if not points:
                 break
-            points = fresh(turn)
             exact, more = zip(*(solver(values) for values in points), strict=True)
             off = np.array([found.log_compliance(values) for values in points]) - exact
             if np.max(np.abs(off)) <= tolerance:

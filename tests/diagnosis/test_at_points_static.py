@@ -148,7 +148,7 @@ def test_a_cantilever_bends_as_by_hand():
     tip = Sensors([length, width / 2, height / 2], [0, 0, 1])
     solver = StaticSolver(full, tip)
     samples = [{"E": 2e11, "s": s} for s in (0.8, 1.0, 1.25)]
-    model = StaticModel.made(solver, samples)
+    model = StaticModel.made(solver, samples, fresh=lambda turn: [])  # none that was not used
     for modulus, s in ((1.5e11, 0.9), (2.3e11, 1.15)):
         area, inertia = width * s * height, width * (s * height) ** 3 / 12
         by_hand = length**3 / (3 * modulus * inertia) + length / (5 / 6 * modulus / 2 * area)
