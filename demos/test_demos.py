@@ -137,7 +137,8 @@ def test_page_slip(run_script, tmp_path):
 
 def test_page_effect(run_script, tmp_path):
     """Its own effect takes part in a diagnosis; on a coarse mesh, to be quick."""
-    (script,) = [b for b in blocks("python") if "Effect(" in b]
+    (page,) = [p for p in DOCS if p.stem == "own-effect"]
+    (script,) = blocks("python", page)
     shutil.copytree(REPOSITORY / "demos" / "lap_plates", tmp_path / "case")
     few = 'effects = ["joint normal compliance"]\nsamples = 4\nmax_effects = 1'
     changes = ('element_size = "5 mm"', 'element_size = "20 mm"'), ("max_effects = 2", few)

@@ -13,7 +13,16 @@ import ufl
 from dolfinx import fem
 from petsc4py import PETSc
 
-from fenics_joints.errors import ConvergenceError, InputError, capable, member, real, wanted, whole
+from fenics_joints.errors import (
+    ConvergenceError,
+    InputError,
+    capable,
+    items,
+    member,
+    real,
+    wanted,
+    whole,
+)
 from fenics_joints.formatting import hertz, html_table
 from fenics_joints.modal.eigensolver import EigenSolver
 from fenics_joints.modal.iterative import IterativeEigenSolver
@@ -189,9 +198,10 @@ def solve_modes(
             of something that is no `Structure`.
         ConvergenceError: If fewer modes converged than asked for.
     """
+    bcs = items("bcs", bcs, fem.DirichletBC, "Dirichlet conditions")
     if isinstance(model, ufl.Form):
         model, given = FormModel(model, given, bcs), None
-    elif list(bcs):
+    elif bcs:
         raise InputError(f"bcs: expected none beside a {type(model).__name__}, which has its own.")
     check_model(model)
     n_modes = whole("n_modes", n_modes)

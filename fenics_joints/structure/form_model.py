@@ -13,7 +13,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 from ufl.algorithms import expand_derivatives
 
-from fenics_joints.errors import InputError, mapping, text, wanted, whole
+from fenics_joints.errors import InputError, items, mapping, text, wanted, whole
 from fenics_joints.structure.components import Parameter, parameter_values
 from fenics_joints.structure.damping import Damping
 from fenics_joints.structure.grids import corner_motion
@@ -63,7 +63,7 @@ class FormModel:
         self._arguments = _arguments(a, m)
         self.V: fem.FunctionSpace = self._arguments[0].ufl_function_space()
         self.mesh, self.comm = self.V.mesh, self.V.mesh.comm
-        self.bcs = list(bcs)
+        self.bcs = list(items("bcs", bcs, fem.DirichletBC, "Dirichlet conditions"))
         self._a, self._m = a, m
         self._constants: dict[str, fem.Constant] = {}
         self.parameters: dict[str, Parameter] = {}

@@ -6,9 +6,15 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from textwrap import shorten
 
+import basix.ufl
 import numpy as np
 import scipy.linalg
 import ufl
+from ufl.algebra import Division, Power, Product, Sum
+from ufl.algorithms.apply_algebra_lowering import apply_algebra_lowering
+from ufl.algorithms.expand_indices import expand_indices
+from ufl.constantvalue import ComplexValue, ScalarValue, Zero
+from ufl.mathfunctions import MathFunction
 
 from fenics_joints.errors import InputError, member, real, wanted
 from fenics_joints.files import json_digest
@@ -124,7 +130,29 @@ class _Response:
         else:
             self.samples = tuple(self._independent(tried))
         self.matrices = np.array([self.matrix(q) for q in self.samples])
-        self._inverse = np.linalg.pinv(self.matrices.reshape(len(self.samples), -1).T)
+        if not self.linear:
+            self._pick_entries()
+
+    def _pick_entries(self) -> None:
+        """As many entries of the matrices as there are samples, by which the weights follow, as one
+        function of the properties."""
+        rank = len(self.samples)
+        rows = self.matrices.reshape(rank, -1)
+        chosen = scipy.linalg.qr(rows, mode="r", pivoting=True)[1][:rank]
+        self._inverse = np.linalg.inv(rows[:, chosen].T)
+        line = ufl.Mesh(basix.ufl.element("Lagrange", "interval", 1, shape=(1,)))
+        symbols = {ufl.Constant(line): f"q{i}" for i in range(len(self.keys))}
+        given, units = dict(zip(self.keys, symbols, strict=True)), self.kind.motions
+        texts = []
+        for at in chosen:
+            normal, one, other = np.unravel_index(at, self.matrices.shape[1:])
+            answer = self.function(
+                ufl.as_tensor(units[one].tolist()), ufl.as_vector(list(_NORMALS[normal])), given
+            )
+            entry = self.kind.work(answer, ufl.as_tensor(units[other].tolist()))
+            texts.append(_as_python(expand_indices(apply_algebra_lowering(entry)), symbols))
+        arguments = ", ".join(symbols.values())
+        self._entries = eval(f"lambda {arguments}: ({', '.join(texts)},)", {"np": np})
 
     def _work(self, motion: np.ndarray, normal, q: Mapping[str, complex]) -> list[complex]:
         """Work of the response to a motion on each unit motion."""
@@ -188,13 +216,11 @@ class _Response:
 
     def scalars(self, q: Mapping[str, object]) -> np.ndarray:
         """Weights of the matrices at the samples, (n_samples, ...)."""
-        if self.linear:
-            return np.array(np.broadcast_arrays(*(q[key] for key in self.keys)))
         values = np.broadcast_arrays(*(q[key] for key in self.keys))
-        shape = values[0].shape
-        many = zip(*(np.ravel(v) for v in values), strict=True)
-        rows = [self.matrix(dict(zip(self.keys, row, strict=True))).ravel() for row in many]
-        return (self._inverse @ np.array(rows).T).reshape(-1, *shape)
+        if self.linear:
+            return np.array(values)
+        found = np.broadcast_arrays(*self._entries(*values), values[0])[:-1]
+        return np.tensordot(self._inverse, found, axes=1)
 
     def check(self, where: str, q: Mapping[str, object]) -> None:
         """Refuse properties at which the law would feed energy in."""
@@ -256,3 +282,33 @@ def _opened(u, normal):
 
 def _mass(u, v, q, dx) -> ufl.Form:
     return q["rho"] * ufl.dot(u, v) * dx
+
+
+#: Operators of UFL in Python, and functions of NumPy whose names differ.
+_OPERATORS = {Sum: " + ", Product: " * ", Division: " / ", Power: " ** "}
+_FUNCTIONS = {"ln": "log"}
+
+
+def _as_python(expression, symbols: Mapping[object, str]) -> str:
+    """An algebraic expression of symbols as Python's, for numbers and arrays alike.
+
+    Raises:
+        InputError: If it has something else.
+    """
+    if expression in symbols:
+        return symbols[expression]
+    if isinstance(expression, ScalarValue | Zero):
+        return repr(
+            complex(expression) if isinstance(expression, ComplexValue) else float(expression)
+        )
+    inside = [_as_python(each, symbols) for each in expression.ufl_operands]
+    for kind, sign in _OPERATORS.items():
+        if isinstance(expression, kind):
+            return f"({sign.join(inside)})"
+    if isinstance(expression, MathFunction):
+        name = expression._name
+        return f"np.{_FUNCTIONS.get(name, name)}({inside[0]})"
+    raise InputError(
+        f"joint_law: {type(expression).__name__} of the properties: expected sums, products, "
+        "quotients, powers and functions such as sqrt and exp."
+    )

@@ -1,5 +1,6 @@
 """Updating a model's parameters on a test: frequencies, shapes, damping ratios, FRFs, contact."""
 
+from fenics_joints.measurements import FRFTarget, Target
 from fenics_joints.updating.curves import Curves, fit_curves
 from fenics_joints.updating.cutoff import CutoffMinimum, CutoffModel, CutoffSweep, minimise, sweep
 from fenics_joints.updating.fit import update, update_all
@@ -12,9 +13,11 @@ __all__ = [
     "CutoffMinimum",
     "CutoffModel",
     "CutoffSweep",
+    "FRFTarget",
     "Iteration",
     "Prediction",
     "Predictor",
+    "Target",
     "Update",
     "fit_curves",
     "minimise",

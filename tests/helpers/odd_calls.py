@@ -266,7 +266,7 @@ def of_preload():
 
 def of_responses():
     modes = {"model": plates(), "n_modes": 8}
-    yield modal.solve_modes, modes, "shift_hz:1 solver:*"
+    yield modal.solve_modes, modes, "shift_hz:1 solver:* bcs:[],nans,-1"
     yield modal.EigenSolver, {"n": 3}, "shift:-1,0 prefix:*"
     yield modal.IterativeEigenSolver, {"n": 3, "shift": -1.0}, "prefix:* shift:-1"
     frf = {"model": plates(), "frequencies_hz": [10.0], "excitation": AT, "sensors": AT}

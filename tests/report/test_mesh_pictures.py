@@ -6,7 +6,6 @@ import base64
 import io
 import re
 import xml.etree.ElementTree as ElementTree
-from types import SimpleNamespace
 
 import basix.ufl
 import matplotlib.image
@@ -18,7 +17,7 @@ from mpi4py import MPI
 
 from fenics_joints.meshes import lap_plates
 from fenics_joints.report import mesh_pictures
-from fenics_joints.structure import Structure
+from fenics_joints.structure.grids import corner_motion
 from fenics_joints.structure.points import Sensors
 
 
@@ -53,10 +52,7 @@ def test_motion_of_corners_is_the_field_there(cell):
     A = np.array([[1.0, 2.0, -1.0], [0.5, 0.0, 3.0], [-2.0, 1.0, 0.25]])
     u = fem.Function(V)
     u.interpolate(lambda x: A @ x)
-    n = V.dofmap.index_map.size_local * 3
-    structure = SimpleNamespace(V=V, mesh=msh, element=element, gdim=3, n_local=n)
-    vector = SimpleNamespace(array_r=u.x.array[:n])
-    vertices, motions = Structure.corner_motion(structure, [vector])
+    vertices, motions = corner_motion([u], V, element)
     if msh.comm.rank == 0:
         assert len(vertices) == msh.topology.index_map(3).size_global
         np.testing.assert_allclose(motions[0], vertices @ A.T, atol=1e-12)

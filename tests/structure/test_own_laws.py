@@ -18,7 +18,7 @@ from fenics_joints.structure import Parameter, Structure, interface, joint, join
 def by_ratio(jump, normal, q):
     """Springs whose tangential stiffness is not linear in the properties."""
     opening = ufl.dot(jump, normal)
-    k_t = q["k_n"] * q["ratio"] / (1 + q["ratio"])
+    k_t = q["k_n"] * ufl.sqrt(q["ratio"] ** 2) / (1 + q["ratio"])
     return q["k_n"] * opening * normal + k_t * (jump - opening * normal)
 
 

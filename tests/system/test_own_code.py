@@ -121,7 +121,8 @@ def test_commands_take_own_laws_effects_and_meshes(folder):
     head, row = ",".join(f"f{i} [Hz]" for i in range(5)), ",".join(map(repr, hz.tolist()))
     (folder / "f.csv").write_text(f"{head}\n{row}\n", encoding="utf-8")
     more = '[test]\nfrequencies = "f.csv"\nnoise = 0.001\n[update]\nparameters = ["lap.k_t"]\n'
-    path = changed(folder, "tested.toml", more=more)
+    quick = ("[diagnose]", "[diagnose]\nsamples = 4\nmax_effects = 1")
+    path = changed(folder, "tested.toml", quick, more=more)
     run(path, "update", "lap.k_t +400.0 GPa/m +(39.9|40.0)")
     asked = ["--effects", "k_t of lap", "--effects", "sealed_joints:wet"]
     assert "wet plates" in run(path, "diagnose", *asked, "K t of lap, 9")
