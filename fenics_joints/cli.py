@@ -319,7 +319,7 @@ def _command(
             return case
 
         case = comm.bcast(on_root(comm, read))
-        own_code.allow_if_trusted(case.path.parent)
+        own_code.find_again(comm.bcast(own_code.references()), case.path.parent)
         _check_size(comm, case, name, options, large)
         notes = _say_unusual(comm, case, name)
         with Progress(silent=comm.rank != 0) as progress:
@@ -351,10 +351,10 @@ _SAY_TEST_NOTES = ("run_modes", "run_update", "run_diagnose")
 
 def _say_unusual(comm, case: Case, name: str) -> tuple[str, ...]:
     """Print notes on unusual values of the case and on its files, before the work starts."""
-    from fenics_joints.case import plausibility
+    from fenics_joints.case import own_code, plausibility
 
     own = () if name in _SAY_TEST_NOTES else (*case.test_notes(), *case.joint_notes())
-    notes = (*own, *plausibility(case))
+    notes = (*own, *plausibility(case), *own_code.used())
     if comm.rank == 0 and loudness() != "quiet":
         for note in notes:
             typer.echo(f"note: {note}", err=True)

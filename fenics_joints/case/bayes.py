@@ -14,7 +14,7 @@ from fenics_joints.case.case import Case
 from fenics_joints.case.messages import did_you_mean, message, unknown
 from fenics_joints.errors import InputError, located
 from fenics_joints.measurements import TestData, read_table
-from fenics_joints.units import parameter_unit, to_si
+from fenics_joints.units import to_si
 
 _WITHOUT_UNIT = ("log_sd",)
 
@@ -26,7 +26,7 @@ def prior_numbers(case: Case, name: str) -> dict[str, float]:
         InputError: If a unit is wrong, or the kind or a number is not usable.
     """
     section = case.update.bayes.priors[name]
-    unit, found = parameter_unit(name), {}
+    unit, found = case.unit_of(name), {}
     for key, value in (section.model_extra or {}).items():
         with located(f"{key} = {value!r}"):
             found[key] = to_si(value, "" if key in _WITHOUT_UNIT else unit)

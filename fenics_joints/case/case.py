@@ -13,6 +13,7 @@ from pydantic import Field, PrivateAttr, model_validator
 
 from fenics_joints.case.harmonic import HarmonicSection, NonlinearSection
 from fenics_joints.case.mesh import Mesh
+from fenics_joints.case.own_code import find_all, reading
 from fenics_joints.case.preload import (
     APPLIED,
     Bolt,
@@ -250,6 +251,8 @@ class Case(CaseSection):
         """The case with other ``[diagnose] effects``; itself for None."""
         if effects is None:
             return self
+        with reading(self.folder):
+            find_all(effects)
         diagnose = self.diagnose.model_copy(update={"effects": list(effects)})
         return self.model_copy(update={"diagnose": diagnose})
 
@@ -307,12 +310,21 @@ class Case(CaseSection):
 
     def start(self) -> dict[str, float]:
         """Values at which updating starts, SI, by parameter; those in ``update.start``."""
-        return {} if self.update is None else _si(self.update.start)
+        return {} if self.update is None else self._si(self.update.start)
 
     def published(self) -> dict[str, float]:
         """Published values of parameters, SI; those in ``update.published.parameters``."""
         published = None if self.update is None else self.update.published
-        return {} if published is None else _si(published.parameters)
+        return {} if published is None else self._si(published.parameters)
+
+    def _si(self, given: Mapping[str, float | str]) -> dict[str, float]:
+        return {name: to_si(value, self.unit_of(name)) for name, value in given.items()}
+
+    def unit_of(self, name: str) -> str:
+        """SI unit of a parameter; ``""`` for a ratio."""
+        owner, _, key = name.rpartition(".")
+        law = self.joints[owner].own_law if owner in self.joints else None
+        return parameter_unit(name) if law is None else law.units.get(key, "")
 
     def combined(self) -> bool:
         """Whether an update fits more than frequencies, or names its data, at one condition."""
@@ -417,8 +429,3 @@ def _file_names(value: object) -> Iterator[FileName]:
     elif isinstance(value, dict | list | tuple):
         for inside in value.values() if isinstance(value, dict) else value:
             yield from _file_names(inside)
-
-
-def _si(given: Mapping[str, float | str]) -> dict[str, float]:
-    """Values of parameters in SI units, from numbers or from text with a unit."""
-    return {name: to_si(value, parameter_unit(name)) for name, value in given.items()}

@@ -17,7 +17,7 @@ from fenics_joints.case.update import HeldSection
 from fenics_joints.errors import InputError, real
 from fenics_joints.files import is_file, shown_path
 from fenics_joints.structure import Parameter
-from fenics_joints.units import parameter_unit, to_si
+from fenics_joints.units import to_si
 
 
 def check_update(case: Case) -> list[str]:
@@ -69,9 +69,9 @@ def _check_cutoff(case: Case) -> Iterator[str]:
             yield from unknown(given, names, f"no such {key}")
 
 
-def _check_value(value: float | str, parameter: Parameter | None, name: str) -> None:
+def _check_value(value: float | str, parameter: Parameter | None, name: str, unit: str) -> None:
     """Refuse a value that its parameter cannot have; one beyond its bounds is moved there."""
-    number = real(name, to_si(value, parameter_unit(name)))
+    number = real(name, to_si(value, unit))
     if parameter is None:
         return
     if parameter.log and number <= 0:
@@ -87,7 +87,7 @@ def _check_values(case: Case, table: str, given: Mapping[str, float | str]) -> I
         known = {p.name: p for p in case_parameters(case, damping=True)}
     for name, value in given.items():
         if name in names:
-            read = partial(_check_value, value, known.get(name), name)
+            read = partial(_check_value, value, known.get(name), name, case.unit_of(name))
             yield from refused(f"{table}.{name}", value, read)
         else:
             hint = did_you_mean(name, list(names))

@@ -51,13 +51,12 @@ def load_case(path: str | Path, *, allow_code: bool = False) -> Case:
         InputError: Names the file and, for each error, the key, the value and what was expected.
     """
     path, raw = read_case(path)
-    if allow_code:
-        own_code.allow_code(path.parent)
-    try:
-        case = Case.model_validate(raw)
-    except ValidationError as error:
-        raise case_error(path, [describe(e, Case) for e in error.errors()]) from None
-    errors = finish_case(case, path, raw)
+    with own_code.reading(path.parent, allow_code):
+        try:
+            case = Case.model_validate(raw)
+        except ValidationError as error:
+            raise case_error(path, [describe(e, Case) for e in error.errors()]) from None
+        errors = finish_case(case, path, raw)
     if errors:
         raise case_error(path, errors)
     return case
@@ -68,7 +67,6 @@ def read_case(path: str | Path) -> tuple[Path, dict]:
     path = Path(path)
     if os.path.isdir(path):
         path = path / "case.toml"
-    own_code.allow_if_trusted(path.parent)
     return path, read_toml(path, "a case file or a folder with case.toml")
 
 

@@ -9,6 +9,7 @@ import typing
 from collections.abc import Sequence
 from dataclasses import fields
 from pathlib import Path
+from textwrap import shorten
 from typing import Annotated, Any, ClassVar, Literal
 
 from mpi4py import MPI
@@ -22,6 +23,7 @@ from fenics_joints.case.values import (
     Count,
     File,
     Length,
+    Number,
     Positive,
     Size,
     either,
@@ -490,19 +492,22 @@ class FileMesh(MeshFile):
         return self
 
 
+_Numbers = bool | Number | list[Number] | list[list[Number]]
+
+
 class OwnMesh(MeshSection):
     """``builder = "module:name"``: a function of your own that makes the mesh.
 
     Attributes:
         builder: It takes a communicator and the arguments, and returns a
             `fenics_joints.meshes.TaggedMesh` on all ranks.
-        arguments: Its further arguments by name.
+        arguments: Its further arguments by name: numbers in SI units, or lists of them.
         degree: Degree of the displacement.
     """
 
     origin = "own"
     builder: str
-    arguments: dict[str, Any] = {}
+    arguments: dict[str, _Numbers] = {}
     degree: Literal[1, 2] = 2
 
     @model_validator(mode="after")
@@ -517,8 +522,9 @@ class OwnMesh(MeshSection):
         """See `MeshSection.build`."""
         try:
             made = self._function()(comm, **self.arguments)
-        except TypeError as error:
-            raise InputError(f"mesh.arguments: {error}") from error
+        except Exception as error:  # whatever a function of somebody's own may raise
+            words = shorten(f"{type(error).__name__}: {error}", 300)
+            raise MeshError(f"mesh.builder: {self.builder}: {words}") from error
         if not isinstance(made, TaggedMesh):
             raise MeshError(f"{self.builder}: returns {type(made).__name__}, expected a TaggedMesh")
         return made

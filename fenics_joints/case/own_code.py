@@ -1,8 +1,9 @@
-"""Laws, effects, meshes and readers of your own, which a case names as ``module:name``.
+"""Laws, effects and meshes of your own, which a case names as ``module:name``.
 
-A case from a stranger must not run anything. So a name is taken from a package that was installed
-and declares it as an entry point of the group ``fenics_joints``; from a module beside the case only
-after `allow_code`, which ``--allow-code`` and ``load_case(path, allow_code=True)`` call.
+A case from a stranger must not run anything. So a name is taken from an installed package that
+declares it as an entry point of the group ``fenics_joints``; from a module beside the case only
+where the user allows it (``--allow-code``, ``load_case(path, allow_code=True)``), and then for that
+case alone.
 """
 
 from __future__ import annotations
@@ -10,7 +11,9 @@ from __future__ import annotations
 import importlib.util
 import re
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from textwrap import shorten
@@ -20,20 +23,15 @@ from fenics_joints.errors import InputError
 
 #: Group of entry points by which a package brings what is its own.
 GROUP = "fenics_joints"
-_NAME = re.compile(r"[A-Za-z]\w*(\.\w+)*(:[A-Za-z]\w*)?")
-#: Folders whose modules may run.
-_folders: list[Path] = []
-#: Whether the folder of every case that is read may be one of them.
+_NAME = re.compile(r"[A-Za-z_][\w-]*(\.\w+)*(:[A-Za-z_]\w*)?")
+#: Whether ``--allow-code`` was given.
 _trusted: list[bool] = []
-#: Where each name that was used was found.
+#: Of each case that is being read: its folder if its modules may run, else None.
+_reading: list[Path | None] = []
+#: Objects of modules beside cases, by what named them.
+_found: dict[str, Any] = {}
+#: Where each object that was used is from.
 _used: dict[str, str] = {}
-
-
-def allow_code(folder: str | Path) -> None:
-    """Let cases name objects of the modules in a folder. Their code then runs."""
-    folder = Path(folder).resolve()
-    if folder not in _folders:
-        _folders.insert(0, folder)
 
 
 def trust_cases() -> None:
@@ -41,24 +39,42 @@ def trust_cases() -> None:
     _trusted.append(True)
 
 
-def allow_if_trusted(folder: str | Path) -> None:
-    """`allow_code`, if `trust_cases` was called."""
-    if _trusted:
-        allow_code(folder)
-
-
 def forbid_code() -> None:
-    """Take back what `allow_code` and `trust_cases` allowed; what has run stays."""
-    _folders.clear()
-    _trusted.clear()
+    """Take back what was allowed, and forget what was found; what has run stays."""
+    for kept in (_trusted, _reading, _found, _used):
+        kept.clear()
+    _declared_points.cache_clear()
+
+
+@contextmanager
+def reading(folder: str | Path, allow_code: bool = False) -> Iterator[None]:
+    """While a case is read: whether modules in its folder may run."""
+    _reading.append(Path(folder).resolve() if allow_code or _trusted else None)
+    try:
+        yield
+    finally:
+        _reading.pop()
+
+
+def references() -> list[str]:
+    """What was taken from modules beside cases, for `find_again` on other ranks."""
+    return list(_found)
+
+
+def find_again(names: Sequence[str], folder: str | Path) -> None:
+    """Take objects from modules in a folder, as rank 0 did."""
+    with reading(folder):
+        for name in names:
+            if name not in _found:
+                _beside(name)
 
 
 def is_reference(name: str) -> bool:
     """Whether a word of a case file may name an object: ``module:name``, or an entry point."""
-    return ":" in name or any(point.name == name for point in entry_points(group=GROUP))
+    return (":" in name and bool(_NAME.fullmatch(name))) or name in _declared_points()
 
 
-def find(reference: str, kind: type | tuple[type, ...], what: str) -> Any:
+def find(reference: str, kind: type, what: str) -> Any:
     """The object that a case names.
 
     Args:
@@ -72,11 +88,27 @@ def find(reference: str, kind: type | tuple[type, ...], what: str) -> Any:
     """
     if not _NAME.fullmatch(reference):
         raise InputError(f"{reference!r}: expected module:name, or a name that a package declares")
-    found, where = _declared(reference) or _beside(reference)
+    point = _declared_points().get(reference)
+    if point is not None:
+        try:
+            found = point.load()
+        except Exception as error:  # whatever a module of somebody's own may raise
+            raise _failed(reference, error) from error
+        _used[reference] = f"the package {point.dist.name}"
+    elif not _reading and reference in _found:
+        found = _found[reference]
+    else:
+        found = _beside(reference)
     if not isinstance(found, kind):
         raise InputError(f"{reference}: is {type(found).__name__}, expected {what}")
-    _used[reference] = where
     return found
+
+
+def find_all(names: Sequence[str]) -> None:
+    """Find those of some words that name objects, for later."""
+    for name in names:
+        if is_reference(name):
+            find(name, object, "")
 
 
 def used() -> Iterator[str]:
@@ -85,51 +117,43 @@ def used() -> Iterator[str]:
         yield f"{reference} is code from {where}"
 
 
-def _declared(reference: str) -> tuple[Any, str] | None:
-    """The object of an entry point, and where it is from."""
+@cache
+def _declared_points() -> dict[str, EntryPoint]:
+    """Entry points by their names and by what they name; not those of the working folder, where a
+    case may lie."""
+    found, here = {}, Path.cwd().resolve()
     for point in entry_points(group=GROUP):
-        if reference in (point.name, point.value):
-            package = getattr(point.dist, "name", "an installed package")
-            return _loaded(reference, point), f"the package {package}"
-    return None
+        if point.dist is not None and Path(str(point.dist.locate_file(""))).resolve() != here:
+            found |= {point.name: point, point.value: point}
+    return found
 
 
-def _loaded(reference: str, point: EntryPoint) -> Any:
-    try:
-        return point.load()
-    except Exception as error:  # whatever a module of somebody's own may raise
-        raise _failed(reference, error) from error
-
-
-def _beside(reference: str) -> tuple[Any, str]:
-    """The object of a module in one of the folders that may run, and its file."""
+def _beside(reference: str) -> Any:
+    """The object of a module in the folder of the case that is being read."""
     module, _, name = reference.partition(":")
-    known = ", ".join(sorted(point.name for point in entry_points(group=GROUP)))
-    also = f", or one of {known}" if known else ""
+    folder = _reading[-1] if _reading else None
     if not name:
-        raise InputError(
-            f"{reference!r}: no installed package declares it: expected module:name{also}"
-        )
-    if not _folders:
+        raise InputError(f"{reference!r}: no package declares it, expected module:name")
+    if folder is None:
         raise InputError(
             f"{reference}: is code beside the case, which runs only with --allow-code; add that if "
-            f"you trust it{also}"
+            "you trust it"
         )
-    for folder in _folders:
-        path = folder.joinpath(*module.split(".")).with_suffix(".py")
-        if path.is_file():
-            try:
-                return getattr(_module(module, path), name), str(path)
-            except InputError:
-                raise
-            except Exception as error:
-                raise _failed(reference, error) from error
-    folders = ", ".join(map(str, _folders))
-    raise InputError(f"{reference}: there is no {module.replace('.', '/')}.py in {folders}{also}")
+    path = folder.joinpath(*module.split(".")).with_suffix(".py")
+    if not path.is_file():
+        raise InputError(f"{reference}: there is no {path}")
+    try:
+        found = getattr(_module(module, path), name)
+    except InputError:
+        raise
+    except Exception as error:
+        raise _failed(reference, error) from error
+    _found[reference], _used[reference] = found, str(path)
+    return found
 
 
 def _module(name: str, path: Path):
-    """The module of a file; run once."""
+    """The module of a file; run once. While it runs it may import what stands beside it."""
     there = sys.modules.get(name)
     if there is not None:
         if getattr(there, "__file__", None) != str(path):
@@ -138,11 +162,14 @@ def _module(name: str, path: Path):
     spec = importlib.util.spec_from_file_location(name, path)
     module = importlib.util.module_from_spec(spec)
     sys.modules[name] = module
+    sys.path.insert(0, str(path.parent))
     try:
         spec.loader.exec_module(module)
     except BaseException:
         del sys.modules[name]
         raise
+    finally:
+        sys.path.remove(str(path.parent))
     return module
 
 

@@ -62,15 +62,13 @@ def parameters(
             values[name] = value
             high = value * _DAMPING
             bounds[name] = value / _DAMPING, high if _unit(name) else min(high, max(1.0, value))
-    units = {
-        f"{name}.{key}": unit
-        for name, section in case.joints.items()
-        if section.own_law is not None
-        for key, unit in section.own_law.units.items()
-    }
     return [
         Parameter(
-            name, value, units.get(name, _unit(name)), *bounds[name], log=_is_log(name, value)
+            name,
+            value,
+            case.unit_of(name).replace("*", " "),
+            *bounds[name],
+            log=_is_log(name, value) and bounds[name][0] >= 0,
         )
         for name, value in values.items()
     ]

@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, model_validator
 
-from fenics_joints.case.own_code import find
+from fenics_joints.case.own_code import find, find_all
 from fenics_joints.case.usual import usual
 from fenics_joints.case.values import (
     AXES,
@@ -204,7 +204,7 @@ class JointSection(CaseSection):
         extra = sorted(set(given) - allowed)
         if missing or extra:
             wrong = [f"{key} is missing" for key in missing] + [f"{key} is given" for key in extra]
-            expected = ", ".join(own)
+            expected = ", ".join(own) or "values"
             raise ValueError(f"{', '.join(wrong)}: expected {expected} with law = '{self.law}'")
         if self.law == "springs":
             self._one_start()
@@ -439,6 +439,11 @@ class Diagnose(CaseSection):
     rare: Annotated[bool, Field(strict=True)] = False
     outside: Annotated[float, Field(ge=0.001, le=0.9, strict=True)] = 0.25
     frfs: Annotated[bool, Field(strict=True)] = True
+
+    @model_validator(mode="after")
+    def _effects_there(self) -> Diagnose:
+        find_all(self.effects or ())
+        return self
 
 
 def _parallel(a, b) -> bool:

@@ -43,11 +43,12 @@ class ReducedForms(ArrayModel):
         for p, kind, _, form in model.slopes():
             terms[names[p]]["KM".index(kind)] += project(form.A, dense)
             form.destroy()
-        weight = model.total_mass()
+        weigh = model.total_mass if model.has_displacement else lambda given=None: 0.0
+        weight = weigh()
         regions = []
         for name, (K, M) in terms.items():
             step = nominal[name] or 1.0
-            volume = (model.total_mass({name: nominal[name] + step}) - weight) / step
+            volume = (weigh({name: nominal[name] + step}) - weight) / step
             regions.append(RegionTerm(name, CONSTANT, {"value": name}, K[None], M, volume))
         pencil = AffinePencil(model.parameters, regions)
         K, M = pencil.assemble(nominal) if regions else (np.zeros((n, n)),) * 2

@@ -298,6 +298,7 @@ def interface(
     if "meshed" in law.properties:
         properties["meshed"] = real(f"{name}.meshed", meshed, "m, the mesh's thickness", above=0)
     way = direction(f"{name}.normal", normal)
+    law = law if law.along is None else law.along(law, way)
     return Region(name, _cell_names(name, cells), law, properties, way)
 
 

@@ -73,6 +73,10 @@ class FormModel:
             if constant not in known or constant.ufl_shape != ():
                 raise wanted(f"parameters[{name!r}]", constant, "a scalar fem.Constant of a or m")
             value = float(constant.value)
+            if constant in self._constants.values():
+                raise InputError(f"parameters[{name!r}]: expected a constant for each name.")
+            if parameter is not None and parameter.name != name:
+                raise wanted(f"parameters[{name!r}]", parameter.name, "a Parameter of that name")
             self._constants[text("parameters", name)] = constant
             self.parameters[name] = parameter or Parameter(name, value, log=value > 0)
         if displacement is not None:
@@ -80,7 +84,6 @@ class FormModel:
             displacement = whole("displacement", displacement, 0, most)
         self._displacement, self._rows = displacement, dict[bytes, PointRows]()
         self._forms: dict[object, fem.Form | None] = {}
-        self._symmetric: set[object] = set()
         self._vector = fem.Function(self.V)
         self.n_local = self.V.dofmap.index_map.size_local * self.V.dofmap.index_map_bs
 
@@ -123,8 +126,7 @@ class FormModel:
         # The name of the fourth argument changed in 0.10.
         fem_petsc.assemble_matrix(A, form, self.bcs, diagonal)
         A.assemble()
-        if key not in self._symmetric:
-            self._check_symmetry(key, A)
+        self._check_symmetry(key, A)
         A.setOption(PETSc.Mat.Option.SYMMETRIC, True)
         A.setOption(PETSc.Mat.Option.SYMMETRY_ETERNAL, True)
         return A
@@ -139,7 +141,6 @@ class FormModel:
         A.mult(x, other)
         if not abs(one - y.dot(other)) <= _SYMMETRIC * size:
             raise InputError(f"{key}: expected a symmetric form, without nan.")
-        self._symmetric.add(key)
 
     # -- derivatives ---------------------------------------------------------------------------
 
@@ -311,6 +312,14 @@ class FormModel:
         return u
 
     # -- size, mass and pictures ---------------------------------------------------------------
+
+    @property
+    def has_displacement(self) -> bool:
+        """Whether its space, or the named subspace, is one of displacements."""
+        try:
+            return self._space() is not None
+        except InputError:
+            return False
 
     def total_mass(self, given=None) -> float:
         """m(e, e) of a unit translation e along the first axis: the mass, kg. Collective."""

@@ -55,6 +55,7 @@ class Law:
         units: SI units of properties that are its own (`fenics_joints.structure.joint_law`).
         bounds: Bounds of these for updating, where it has any.
         digest: Of such a law's numbers, for results that are kept.
+        along: ``(law, normal) -> Law``, such a law with its check for a layer of that normal.
     """
 
     name: str
@@ -70,6 +71,7 @@ class Law:
     units: Mapping[str, str] = field(default_factory=dict)
     bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     digest: str = ""
+    along: Callable[[Law, tuple[float, ...]], Law] | None = None
 
 
 def _radius(dx):

@@ -70,6 +70,28 @@ def test_derivatives_and_reduced_models_follow_a_law_that_is_not_linear_in_its_p
     )
 
 
+@joint_law(k_t="Pa/m")
+def fixed_opening(jump, normal, q):
+    opening = ufl.dot(jump, normal)
+    return 1e12 * opening * normal + q["k_t"] * (jump - opening * normal)
+
+
+@joint_law(k="Pa/m")
+def saturating(jump, normal, q):
+    return q["k"] / (1 + q["k"] / 5e11) * jump
+
+
+def test_constants_in_si_units_are_in_the_sum():
+    """Numbers of the size that metal has, which values about one would not show."""
+    q = {"k_t": 4e11, "meshed": 1.0}
+    weights, samples = fixed_opening.stiffness_terms(q), fixed_opening.samples
+    assert sum(weights) == pytest.approx(1.0)  # of the constant 1e12
+    assert weights @ [s["k_t"] for s in samples] == pytest.approx(4e11, rel=1e-9)
+    at = saturating.stiffness_terms({"k": np.array([1e6, 1e12]), "meshed": 1.0})
+    own = [s["k"] / (1 + s["k"] / 5e11) for s in saturating.samples]
+    assert own @ at == pytest.approx([1e6 / (1 + 2e-6), 1e12 / 3], rel=1e-9)
+
+
 @pytest.mark.parametrize(
     ("law", "words"),
     [
@@ -77,6 +99,8 @@ def test_derivatives_and_reduced_models_follow_a_law_that_is_not_linear_in_its_p
         (lambda j, n, q: q["k"] * j[0] * ufl.as_vector([0, 1, 0]), "expected a symmetric law"),
         (lambda j, n, q: q["stiffness"] * j, "KeyError: 'stiffness'"),
         (lambda j, n, q: 0 * q["k"] * j, "other than zero"),
+        (lambda j, n, q: q["k"] * ufl.max_value(ufl.dot(j, n), 0) * n, "linear in the motion"),
+        (lambda j, n, q: ufl.min_value(q["k"], 5e11) * j, "MinValue of the properties"),
     ],
 )
 def test_what_is_no_linear_law_is_refused(law, words):
@@ -87,7 +111,7 @@ def test_what_is_no_linear_law_is_refused(law, words):
 
 
 def test_properties_that_feed_energy_in_are_refused():
-    with pytest.raises(InputError, match=r"lap: k_n = -1e\+12, ratio = 2: expected values"):
+    with pytest.raises(InputError, match=r"lap: k_n = -1e\+12, ratio = 2: expected values for"):
         interface("lap", "joint", law=by_ratio, meshed=1e-3, k_n=-1e12, ratio=2.0)
     with pytest.raises(InputError, match="lap.k_t: unknown property, expected k_n, ratio"):
         interface("lap", "joint", law=by_ratio, meshed=1e-3, k_n=1e12, k_t=2.0)

@@ -250,11 +250,13 @@ def own_law_errors(s: Setting) -> Found:
     for name, section in s.case.joints.items():
         law = section.own_law
         for key, value in ({} if law is None else section.nominal()).items():
-            if value <= 0:
+            if value == 0:
                 yield Silent(f"{key} of {name}", "it is zero in the model: give what it may be")
                 continue
-            low, high = law.bounds.get(key, (0.0, np.inf))
-            span = max(low / value, 0.0), high / value
+            low, high = sorted(
+                b / value for b in law.bounds.get(key, (0.0, np.sign(value) * np.inf))
+            )
+            span = max(low, 0.0), high
             words = f"{key} of {name} is not what the model says."
             yield relative_error(
                 f"{key} of {name}", name, [f"{name}.{key}"], OWN_SPREAD, words, span=span

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from types import FunctionType
 
 from fenics_joints.case import Case
 from fenics_joints.case.dimensions import Dimensions, unfit
@@ -53,7 +52,7 @@ def case_effects(setting: Setting) -> tuple[tuple[Effect, ...], tuple[Silent, ..
     """
     case = setting.case
     asked = [name for name in case.diagnose.effects or () if name != "all"]
-    own = [one for name in asked if is_reference(name) for one in _own(name, setting)]
+    own = [_own(name, setting.zones) for name in asked if is_reference(name)]
     found = [one for effects in LIBRARY for one in effects(setting)]
     effects = [one for one in found if isinstance(one, Effect)]
     silent = [one for one in found if isinstance(one, Silent)]
@@ -64,28 +63,19 @@ def case_effects(setting: Setting) -> tuple[tuple[Effect, ...], tuple[Silent, ..
                 f"{case.path}: diagnose.effects: {name!r} does not exist; expected some of: "
                 f"{', '.join(sorted(names))}."
             )
-    mine = [one for one in own if isinstance(one, Effect)]
     return (
-        (*(e for e in effects if sited.looked_for(case, e.name)), *mine),
-        tuple(s for s in silent if sited.looked_for(case, s.effect))
-        + tuple(one for one in own if isinstance(one, Silent)),
+        (*(e for e in effects if sited.looked_for(case, e.name)), *own),
+        tuple(s for s in silent if sited.looked_for(case, s.effect)),
     )
 
 
-def _own(reference: str, setting: Setting) -> list[Effect | Silent]:
-    """Effects that the case names as ``module:name``: an `Effect`, or a function as in `LIBRARY`.
+def _own(reference: str, zones: Zones) -> Effect:
+    """An effect that the case names as ``module:name``.
 
     Raises:
-        InputError: If it is something else, or speaks of parameters that the model does not have.
+        InputError: If it is something else.
     """
-    what = "an Effect, or a function of a Setting that yields effects"
-    given = find(reference, (Effect, FunctionType), what)
-    found = [given] if isinstance(given, Effect) else list(given(setting))
-    for one in found:
-        if not isinstance(one, Effect | Silent):
-            raise InputError(f"{reference}: yields {type(one).__name__}, expected Effect or Silent")
-    zones = setting.zones.by("joint")
-    return [for_zones(one, zones) if isinstance(one, Effect) else one for one in found]
+    return for_zones(find(reference, Effect, "a diagnosis.Effect"), zones.by("joint"))
 
 
 def check_parameters(
