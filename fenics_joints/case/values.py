@@ -130,7 +130,7 @@ def one_of_or_own(*words: str):
             raise ValueError(f"expected {known}, or module:name of your own{mean}")
         return word
 
-    schema = {"anyOf": [{"enum": list(words)}, {"pattern": "^[A-Za-z_][A-Za-z0-9_.:-]*$"}]}
+    schema = {"anyOf": [{"enum": list(words)}, {"pattern": "^[A-Za-z_][A-Za-z0-9_.-]*:[A-Za-z_]"}]}
     return Annotated[str, AfterValidator(check), WithJsonSchema({"type": "string"} | schema)]
 
 

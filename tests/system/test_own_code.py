@@ -35,7 +35,7 @@ class Slider(JointLaw):
 def blocks() -> dict[str, str]:
     """The page's module, case and project file."""
     found = re.findall(r"```(\w+)\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
-    code, case, project = (text for _, text in found)
+    code, case, project = (text for kind, text in found if kind in ("python", "toml"))
     return {"sealed_joints.py": code, "case.toml": case, "pyproject.toml": project}
 
 
