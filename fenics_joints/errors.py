@@ -10,6 +10,7 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from numbers import Integral, Real
+from textwrap import shorten
 from typing import TypeVar
 
 import numpy as np
@@ -138,6 +139,11 @@ def shown(value: object) -> str:
     """A value as a message shows it: on one line, and short."""
     line = " ".join(repr(value).split())
     return line if len(line) <= 80 else f"{line[:77]}..."
+
+
+def raised(where: str, error: Exception) -> str:
+    """What code of somebody else's raised, as a message shows it: on one line, and short."""
+    return shorten(f"{where}: {type(error).__name__}: {error}", 300)
 
 
 def wanted(key: str, value: object, expected: str) -> InputError:

@@ -9,7 +9,6 @@ import typing
 from collections.abc import Sequence
 from dataclasses import fields
 from pathlib import Path
-from textwrap import shorten
 from typing import Annotated, Any, ClassVar, Literal
 
 from mpi4py import MPI
@@ -33,7 +32,7 @@ from fenics_joints.case.values import (
     quantity,
 )
 from fenics_joints.database import JointSurfaces, TorqueToForce, query, seed_database
-from fenics_joints.errors import InputError, MeshError
+from fenics_joints.errors import InputError, MeshError, raised
 from fenics_joints.meshes import TaggedMesh, read_msh, read_step
 from fenics_joints.meshes.arguments import CASE_BUILDERS, Builder, Demand
 from fenics_joints.meshes.grow import Grown
@@ -523,8 +522,7 @@ class OwnMesh(MeshSection):
         try:
             made = self._function()(comm, **self.arguments)
         except Exception as error:  # whatever a function of somebody's own may raise
-            words = shorten(f"{type(error).__name__}: {error}", 300)
-            raise MeshError(f"mesh.builder: {self.builder}: {words}") from error
+            raise MeshError(raised(f"mesh.builder: {self.builder}", error)) from error
         if not isinstance(made, TaggedMesh):
             raise MeshError(f"{self.builder}: returns {type(made).__name__}, expected a TaggedMesh")
         return made

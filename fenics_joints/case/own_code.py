@@ -16,10 +16,9 @@ from contextlib import contextmanager
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
-from textwrap import shorten
 from typing import Any
 
-from fenics_joints.errors import InputError
+from fenics_joints.errors import InputError, raised
 
 #: Group of entry points by which a package brings what is its own.
 GROUP = "fenics_joints"
@@ -93,7 +92,7 @@ def find(reference: str, kind: type, what: str) -> Any:
         try:
             found = point.load()
         except Exception as error:  # whatever a module of somebody's own may raise
-            raise _failed(reference, error) from error
+            raise InputError(raised(reference, error)) from error
         _used[reference] = f"the package {point.dist.name}"
     elif not _reading and reference in _found:
         found = _found[reference]
@@ -147,7 +146,7 @@ def _beside(reference: str) -> Any:
     except InputError:
         raise
     except Exception as error:
-        raise _failed(reference, error) from error
+        raise InputError(raised(reference, error)) from error
     _found[reference], _used[reference] = found, str(path)
     return found
 
@@ -171,7 +170,3 @@ def _module(name: str, path: Path):
     finally:
         sys.path.remove(str(path.parent))
     return module
-
-
-def _failed(reference: str, error: Exception) -> InputError:
-    return InputError(shorten(f"{reference}: {type(error).__name__}: {error}", 300))

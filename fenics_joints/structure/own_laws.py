@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
-from textwrap import shorten
 
 import basix.ufl
 import numpy as np
@@ -17,10 +16,10 @@ from ufl.algorithms.expand_indices import expand_indices
 from ufl.constantvalue import ComplexValue, ScalarValue, Zero
 from ufl.mathfunctions import MathFunction
 
-from fenics_joints.errors import InputError, member, real, wanted
+from fenics_joints.errors import InputError, member, raised, real, wanted
 from fenics_joints.files import json_digest
 from fenics_joints.forms.kinematics import layer_strain, strain
-from fenics_joints.structure.laws import LINEAR_LAWS, Law
+from fenics_joints.structure.laws import LINEAR_LAWS, SPRINGS, Law
 from fenics_joints.units import sizes, to_si
 
 #: Normals at which a law is looked at: any that are along no axis.
@@ -130,6 +129,7 @@ class _Response:
     def __init__(self, function: Callable, kind: _Kind, units: Mapping[str, str], bounds):
         self.function, self.kind, self.keys = function, kind, tuple(units)
         self.name = f"{function.__module__}:{function.__qualname__}"
+        self._seen: dict[tuple, np.ndarray] = {}  # an evaluation takes milliseconds
         rng, columns = np.random.default_rng(7), []
         for key, unit in units.items():
             low, high = bounds.get(key) or (_RATIOS if not unit else _range(unit))
@@ -175,8 +175,8 @@ class _Response:
             try:
                 answer = self.function(motion, n, given)
             except Exception as error:  # such as math.sqrt, which knows no symbols
-                words = shorten(f"{type(error).__name__}: {error}", 200)
-                raise InputError(f"{self.name}: {words}: expected functions of UFL") from error
+                what = f"{self.name}: expected functions of UFL"
+                raise InputError(raised(what, error)) from error
             entry = self.kind.work(answer, ufl.as_tensor(units[other].tolist()))
             texts.append(_as_python(expand_indices(apply_algebra_lowering(entry)), symbols))
         arguments = ", ".join(symbols.values())
@@ -191,13 +191,15 @@ class _Response:
             units = (ufl.as_tensor(unit.tolist()) for unit in (kind or self.kind).motions)
             return [self.kind.work(answer, unit)(()) for unit in units]
         except Exception as error:  # whatever a user's function may raise
-            words = shorten(f"{type(error).__name__}: {error}", 200)
-            raise InputError(f"{self.name}: {words}") from error
+            raise InputError(raised(self.name, error)) from error
 
     def matrix(self, q: Mapping[str, complex]) -> np.ndarray:
         """Work of the response to each unit motion on each other, (n_normals, n, n)."""
-        units = self.kind.motions
-        return np.array([[self._work(unit, n, q) for unit in units] for n in _NORMALS])
+        key, units = tuple(q.values()), self.kind.motions
+        if key not in self._seen:
+            rows = [[self._work(unit, n, q) for unit in units] for n in _NORMALS]
+            self._seen[key] = np.array(rows)
+        return self._seen[key]
 
     def _check(self, q: Mapping[str, float]) -> None:
         matrix = self.matrix(q)
@@ -288,8 +290,8 @@ class _Response:
             self.in_layer if of == "jump" else self.scalars,
             tuple(q | more for q in self.samples),
             lambda where, q: None,  # it depends on the normal, see `along`
-            inertia=_mass,
-            inertia_term=lambda q: q["rho"],
+            inertia=SPRINGS.inertia,
+            inertia_term=SPRINGS.inertia_term,
             is_joint=True,
             units=dict(units),
             bounds=dict(bounds),
@@ -318,10 +320,6 @@ def _opened(u, normal):
     """Jump over a layer, per metre of its thickness, as `forms.uncoupled_layer` takes it."""
     opening, slip = layer_strain(ufl.grad(u), normal)
     return opening * normal + slip
-
-
-def _mass(u, v, q, dx) -> ufl.Form:
-    return q["rho"] * ufl.dot(u, v) * dx
 
 
 #: Operators of UFL in Python, and its functions in NumPy.
