@@ -127,11 +127,21 @@ def _refuse(tagged, bad, inverted, centres) -> None:
 
 
 def count_bodies(tagged: TaggedMesh) -> int:
-    """Number of bodies that share no vertex with each other; the call is collective."""
+    """Number of bodies that neither share a vertex nor are tied; the call is collective."""
     topology = tagged.mesh.topology
     vertices = topology.connectivity(topology.dim, 0).array
     cells = vertices.reshape(-1, len(_CORNERS[topology.cell_name()]))
-    return body_numbers(topology.index_map(0), cells, tagged.mesh.comm)[1]
+    body, n = body_numbers(topology.index_map(0), cells, tagged.mesh.comm)
+    facet = topology.dim - 1
+
+    def body_of(face: str) -> int:
+        topology.create_connectivity(facet, 0)
+        facets = tagged.facet_tags.find(tagged.facet_tag(face))
+        here = [body[topology.connectivity(facet, 0).links(f)[0]] for f in facets[:1]]
+        return tagged.mesh.comm.allreduce(max(here, default=-1), op=MPI.MAX)
+
+    pairs = [(body_of(tie.face), body_of(tie.to[0])) for tie in tagged.ties]
+    return int(groups_of(n, pairs).max()) + 1
 
 
 def body_numbers(imap: IndexMap, cells: np.ndarray, comm: MPI.Intracomm) -> tuple[np.ndarray, int]:

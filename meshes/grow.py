@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
+from itertools import combinations, pairwise
 from typing import Annotated, ClassVar, Literal
 
 import numpy as np
@@ -26,12 +26,14 @@ from fenics_joints.meshes.facets import (
     Bodies,
     add_faces,
     by_part,
+    exterior_facets,
     interfaces,
     layer_cells,
     oriented,
     row_numbers,
 )
-from fenics_joints.meshes.tagged import MeshLists
+from fenics_joints.meshes.mortar import TIED, overlap
+from fenics_joints.meshes.tagged import MeshLists, Tie
 
 #: Thickness of a layer that is not given, as a share of the smallest extent of the parts. Chosen:
 #: frequencies change by less than a mesh's own error; `forms.thin_layer` is exact for any.
@@ -53,6 +55,9 @@ _FLAT = 1e-3
 #: Share of its radius by which corners may miss a circle, and least number of them. Chosen: a hole
 #: of six edges is round, a square one is not.
 _ROUND, _CORNERS = 0.02, 6
+#: Most distance of two faces that touch though their meshes differ, as a share of the size of their
+#: facets: of flat ones, and of curved ones, where chords are apart. Chosen.
+_APART, _CHORDS = 0.02, 0.1
 #: Ends of the edges of an edge (its two points), a triangle and a quadrilateral.
 _ENDS = {2: [(0,), (1,)], 3: [(0, 1), (1, 2), (0, 2)], 4: [(0, 1), (0, 2), (1, 3), (2, 3)]}
 
@@ -75,6 +80,10 @@ class Touch:
         middles: Middles, m, shape (n, gdim).
         normals: Unit normals from the first part to the second, shape (n, gdim).
         areas: m2 (m in the plane), shape (n,).
+        opposite: Of faces whose meshes differ the facets of the first part, with its vertices,
+            shape (m, n_corners); the others are then those of the second.
+        covered: Area that both have in common, m2, by facet: also that of facets of which too
+            little is covered, shared out over the others; shape (n,).
     """
 
     parts: tuple[str, str]
@@ -82,11 +91,18 @@ class Touch:
     middles: np.ndarray
     normals: np.ndarray
     areas: np.ndarray
+    opposite: np.ndarray | None = None
+    covered: np.ndarray | None = None
 
     def pick(self, rows: np.ndarray) -> Touch:
         """Some of its facets."""
-        keys = ("facets", "middles", "normals", "areas")
-        return replace(self, **{key: getattr(self, key)[rows] for key in keys})
+        return replace(self, **{key: getattr(self, key)[rows] for key in self.by_facet})
+
+    @property
+    def by_facet(self) -> tuple[str, ...]:
+        """Names of the attributes that have an entry for each facet."""
+        own = ("facets", "middles", "normals", "areas")
+        return own if self.covered is None else (*own, "covered")
 
     @property
     def normal(self) -> np.ndarray:
@@ -127,14 +143,21 @@ def glued(lists: MeshLists) -> MeshLists:
     return replace(lists, x=lists.x[first], cells=new[lists.cells], facets=new[lists.facets])
 
 
-def touches(lists: MeshLists, bonded: Iterable[tuple[str, str]] = ()) -> list[Touch]:
+def touches(
+    lists: MeshLists,
+    bonded: Sequence[tuple[str, str]] = (),
+    between: Iterable[tuple[str, str]] = (),
+) -> list[Touch]:
     """The contacts of a glued mesh: smooth faces on which two parts touch.
 
     Flat faces of one pair of parts in one plane are one contact, even with a gap between them.
+    Parts whose meshes do not match touch too if nothing else connects them, or if ``between`` names
+    them; the second part of such a contact is the one with the smaller facets.
 
     Args:
-        lists: The mesh; parts that touch share their vertices.
+        lists: The mesh; vertices of parts at one place are one.
         bonded: Pairs of parts that are left out.
+        between: Pairs of parts that may touch though their meshes do not match.
 
     Returns:
         The contacts in the order of the parts, then of x, y and z.
@@ -148,7 +171,70 @@ def touches(lists: MeshLists, bonded: Iterable[tuple[str, str]] = ()) -> list[To
         if {names[a], names[b]} not in left_out:
             touch = _measured(lists, (names[a], names[b]), facets[own], cells[own])
             found += _contacts(touch)
+    connected = [*bonded, *(touch.parts for touch in found)]
+    return found + _unlike_touches(lists, connected, between)
+
+
+@dataclass(frozen=True)
+class _Skin:
+    """Outer facets of a part: vertices, m, those of each facet, outward normals and areas, m2."""
+
+    points: np.ndarray
+    facets: np.ndarray
+    normals: np.ndarray
+    areas: np.ndarray
+
+    def near(self, other: _Skin) -> _Skin:
+        """The facets in the box around another's."""
+        x, y = self.points[self.facets], other.points[other.facets]
+        slack = np.ptp(x, axis=1).max()
+        low, high = x.min(axis=1), x.max(axis=1)
+        inside = (high >= y.min(axis=(0, 1)) - slack) & (low <= y.max(axis=(0, 1)) + slack)
+        rows = inside.all(axis=1)
+        return _Skin(self.points, self.facets[rows], self.normals[rows], self.areas[rows])
+
+
+def _unlike_touches(lists: MeshLists, connected, between) -> list[Touch]:
+    """Contacts of parts whose meshes do not match, see `touches`."""
+    names, (facets, cells) = list(lists.cell_names), exterior_facets(lists)
+    body = groups_of(len(names), [[names.index(name) for name in pair] for pair in connected])
+    asked = {frozenset(pair) for pair in between} - {frozenset(pair) for pair in connected}
+    part = part_numbers(lists)[cells]
+    areas = outward_areas(lists.x[facets], lists.x[lists.cells[cells]].mean(axis=1))
+    size = np.linalg.norm(areas, axis=1)
+    skins = []
+    for i in range(len(names)):
+        own = part == i
+        skins.append(_Skin(lists.x, facets[own], areas[own] / size[own, None], size[own]))
+    found = []
+    for a, b in combinations(range(len(names)), 2):
+        pair = names[a], names[b]
+        if body[a] != body[b] or frozenset(pair) in asked:
+            found += _unlike(lists, pair, skins[a], skins[b])
     return found
+
+
+def _unlike(lists: MeshLists, parts: tuple[str, str], a: _Skin, b: _Skin) -> list[Touch]:
+    a, b = a.near(b), b.near(a)
+    if not len(a.facets) or not len(b.facets):
+        return []
+    edge = (lambda s: s.mean()) if lists.x.shape[1] == 2 else (lambda s: np.sqrt(s.mean()))
+    if edge(a.areas) < edge(b.areas):
+        parts, a, b = parts[::-1], b, a
+    reach = _CHORDS * edge(b.areas)
+    for share in (1.0, _APART / _CHORDS):
+        common = overlap(b, a, share * reach)
+        covered = np.bincount(common.upper, common.weight, len(b.facets))
+        rows = np.flatnonzero(covered > TIED * b.areas)
+        if not len(rows):
+            return []
+        x = lists.x[b.facets[rows]].mean(axis=1)
+        touch = Touch(parts, b.facets[rows], x, -b.normals[rows], b.areas[rows])
+        if not touch.is_flat:
+            break
+    opposite = a.facets[np.unique(common.lower)]
+    covered = covered[rows] * covered.sum() / covered[rows].sum()
+    return _contacts(replace(touch, opposite=opposite, covered=covered))
 
 
 def part_numbers(lists: MeshLists) -> np.ndarray:
@@ -193,9 +279,10 @@ def _contacts(touch: Touch) -> list[Touch]:
                 break
         else:
             found.append([piece])
-    keys = ("facets", "middles", "normals", "areas")
     merged = [
-        replace(group[0], **{k: np.concatenate([getattr(p, k) for p in group]) for k in keys})
+        replace(
+            group[0], **{k: np.concatenate([getattr(p, k) for p in group]) for k in touch.by_facet}
+        )
         for group in found
     ]
     return sorted(merged, key=lambda t: tuple(np.round(t.middles.min(axis=0), 9)))
@@ -299,7 +386,9 @@ def _smallest_extent(lists: MeshLists, parts: Iterable[str]) -> float:
     return min(float(np.ptp(lists.x[own], axis=(0, 1)).min()) for own in cells)
 
 
-def spread(x: np.ndarray, sides: Sequence[np.ndarray], areas: np.ndarray, size: float) -> None:
+def spread(
+    x: np.ndarray, sides: Sequence[np.ndarray], areas: np.ndarray, size: float, ways=(-0.5, 0.5)
+) -> None:
     """Move the vertices of two faces that coincide apart, half of a distance each.
 
     Args:
@@ -308,8 +397,9 @@ def spread(x: np.ndarray, sides: Sequence[np.ndarray], areas: np.ndarray, size: 
         areas: Normals from the first to the second, as long as the facets' areas,
             shape (n_facets, gdim).
         size: The distance, in the unit of ``x``.
+        ways: The share of either face.
     """
-    for corners, way in zip(sides, (-0.5, 0.5), strict=True):
+    for corners, way in zip(sides, ways, strict=True):
         nodes, local = np.unique(corners, return_inverse=True)
         total = np.zeros((len(nodes), x.shape[1]))
         np.add.at(total, local.ravel(), areas.repeat(corners.shape[1], axis=0))
@@ -426,6 +516,10 @@ def grow(lists: MeshLists, wanted: Grown) -> MeshLists:
     and ``joint_upper`` between layers and parts, and ``A_to_B`` and ``B_to_A`` where parts A and B
     touch with no layer. ``notes`` of the mesh say what was done.
 
+    Where meshes do not match (`touches`) the layer stands on those facets of one part of which the
+    other covers at least a tenth. Its free face, ``joint_tied``, follows the other part
+    (`MeshLists.ties`).
+
     Raises:
         MeshError: No parts touch vertex by vertex, a part is unknown, a bolt is on no contact or
             has no facets, or the layer is too thick for the mesh.
@@ -435,12 +529,11 @@ def grow(lists: MeshLists, wanted: Grown) -> MeshLists:
         lists = replace(lists, facets=np.empty((0, corners), np.int64))
     whole = glued(lists)
     _check_pairs(whole, wanted)
-    found = touches(whole, wanted.bonded)
+    found = touches(whole, wanted.bonded, wanted.between or ())
     if not found:
         raise MeshError(
-            f"no two of the parts {', '.join(map(repr, whole.cell_names))} touch with vertices at "
-            "the same places, expected faces whose meshes match (in gmsh: fragment the solids, or "
-            "Coherence, before meshing)"
+            f"no two of the parts {', '.join(map(repr, whole.cell_names))} touch, expected faces "
+            "that lie on one another, with or without vertices at the same places"
         )
     names = list(whole.cell_names)
     bonds = [[names.index(name) for name in pair] for pair in wanted.bonded]
@@ -448,8 +541,22 @@ def grow(lists: MeshLists, wanted: Grown) -> MeshLists:
     parted = Bodies(whole, body[part_numbers(whole)])
     layers, centres, notes = _layers(whole, found, wanted)
 
+    def own(part: str, facets: np.ndarray) -> np.ndarray:
+        return parted.own(body[names.index(part)], facets)
+
+    #: Vertices of the second parts' faces, and the first of their copies, for unlike meshes.
+    copies: dict[int, tuple[np.ndarray, int]] = {}
+
     def sides(touch: Touch, rows) -> list[np.ndarray]:
-        return [parted.own(body[names.index(part)], touch.facets[rows]) for part in touch.parts]
+        upper = own(touch.parts[1], touch.facets[rows])
+        if touch.opposite is None:
+            return [own(touch.parts[0], touch.facets[rows]), upper]
+        if id(touch) not in copies:
+            nodes = np.unique(upper)
+            copies[id(touch)] = nodes, len(parted.x)
+            parted.x = np.vstack([parted.x, parted.x[nodes]])
+        nodes, first = copies[id(touch)]
+        return [first + np.searchsorted(nodes, upper), upper]
 
     size, bare = _thickness(whole, wanted, found) if layers else 0.0, []
     for touch in found:
@@ -459,12 +566,31 @@ def grow(lists: MeshLists, wanted: Grown) -> MeshLists:
         if len(rows):
             rows = rows.astype(int)
             normals = touch.normal if touch.is_flat else touch.normals[rows]
-            spread(parted.x, sides(touch, rows), normals * touch.areas[rows, None], size)
-        if len(rest):
+            ways = (-0.5, 0.5) if touch.opposite is None else (0.0, 1.0)
+            faces = sides(touch, rows)
+            spread(parted.x, faces, normals * touch.areas[rows, None], size, ways)
+        if touch.opposite is not None and not len(rows):
+            upper = own(touch.parts[1], touch.facets)
+            bare.append((touch.parts, (own(touch.parts[0], touch.opposite), upper)))
+        elif len(rest) and touch.opposite is None:
             bare.append((touch.parts, sides(touch, rest)))
     layer_sides = {name: sides(*layer) for name, layer in layers.items()}
     grown = fill(parted.lists(), layer_sides)
-    grown = _with_free_facets(grown, layer_faces(layer_sides, bare))
+    grown = replace(grown, shares=_cell_shares(len(whole.cells), len(grown.cells), layers))
+    unlike = {name: touch for name, (touch, _) in layers.items() if touch.opposite is not None}
+    tied = {f"{name}_tied": layer_sides[name][0] for name in unlike}
+    like = {name: pair for name, pair in layer_sides.items() if name not in unlike}
+    opposite = {f"{t.parts[0]}_to_{t.parts[1]}": t for t in unlike.values()}
+    opposite = {name: own(t.parts[0], t.opposite) for name, t in opposite.items()}
+    faces = {**tied, **opposite}
+    for name, facets in layer_faces(like, bare).items():
+        faces[name] = np.vstack([*([faces[name]] if name in faces else []), facets])
+    grown = _with_free_facets(grown, faces)
+    ties = tuple(
+        Tie(f"{name}_tied", _face_names(grown, own(touch.parts[0], touch.opposite)), touch.parts[0])
+        for name, touch in unlike.items()
+    )
+    grown = replace(grown, ties=(*grown.ties, *ties))
     if centres is not None:
         grown = replace(grown, points={**grown.points, "bolts": centres})
     return replace(grown, notes=(*grown.notes, *_layer_notes(layers, size), *notes))
@@ -621,6 +747,25 @@ def _with_free_facets(lists: MeshLists, faces: Mapping[str, np.ndarray]) -> Mesh
     return add_faces(lists, new)
 
 
+def _cell_shares(before: int, n: int, layers) -> np.ndarray | None:
+    """Share of each cell that counts, with layers on facets that are not covered whole."""
+    of_facet = [
+        np.ones(len(rows)) if t.covered is None else t.covered[rows] / t.areas[rows]
+        for t, rows in layers.values()
+    ]
+    if all(t.covered is None for t, _ in layers.values()):
+        return None
+    shares = np.concatenate(of_facet)
+    return np.append(np.ones(before), shares.repeat((n - before) // len(shares)))
+
+
+def _face_names(lists: MeshLists, facets: np.ndarray) -> tuple[str, ...]:
+    """Names of the faces that facets are of."""
+    numbers = row_numbers(np.vstack([facets, lists.facets]))
+    tags = set(lists.facet_values[np.isin(numbers[len(facets) :], numbers[: len(facets)])].tolist())
+    return tuple(name for name, tag in lists.facet_names.items() if tag in tags)
+
+
 def _extent(area: float, touch: Touch) -> str:
     """An area, or in the plane a length, in words."""
     return f"{1e6 * area:.4g} mm2" if touch.middles.shape[1] == 3 else f"{1e3 * area:.4g} mm"
@@ -635,7 +780,15 @@ def _layer_notes(layers, size: float) -> list[str]:
         for name, (t, rows) in list(layers.items())[:12]
     )
     more = f"; and {len(names) - 12} more" if len(names) > 12 else ""
+    unlike = [
+        f"{name}: the meshes of {t.parts[0]} and {t.parts[1]} do not match. The layer stands on "
+        f"facets of {t.parts[1]}, {_extent(t.areas[rows].sum(), t)}, and counts as the "
+        f"{_extent(t.covered[rows].sum(), t)} that the parts have in common"
+        for name, (t, rows) in layers.items()
+        if t.opposite is not None
+    ]
     return [
+        *unlike,
         f"the mesh had no layer where its parts touch: one of {1e6 * size:.3g} um was grown, half "
-        f"into each part ({pairs}{more})"
+        f"into each part ({pairs}{more})",
     ]

@@ -302,6 +302,9 @@ def _outline(tagged: TaggedMesh, name: str):
     first, last = cells_of.array[cells_of.offsets[facets]], cells_of.offsets[facets + 1] - 1
     other = np.where(first == own, cells_of.array[last], first)
     neighbour = np.where(other == own, -1, of_cell[other])
+    for tie in tagged.ties:
+        tied = np.isin(facets, tagged.facet_tags.find(tagged.facet_tag(tie.face)))
+        neighbour[tied] = tagged.cell_tag(tie.part)
     outer = neighbour != tag
     x = mesh.geometry.x[facet_nodes(mesh, facets[outer].astype(np.int32))]
     gathered = mesh.comm.allgather((x, neighbour[outer]))

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from textwrap import shorten
+from typing import NamedTuple
 
 import dolfinx.mesh
 import numpy as np
@@ -14,6 +15,20 @@ from mpi4py import MPI
 
 from fenics_joints import _compat
 from fenics_joints.errors import MeshError
+
+
+class Tie(NamedTuple):
+    """A face of a layer that follows a part whose mesh differs.
+
+    Attributes:
+        face: Name of the face.
+        to: Names of faces of the part that cover it, of which they may be larger.
+        part: Name of the part.
+    """
+
+    face: str
+    to: tuple[str, ...]
+    part: str
 
 
 @dataclass(frozen=True)
@@ -32,6 +47,9 @@ class TaggedMesh:
         points: Named points, each of shape (n, 3) in metres, such as the centres of the bolts, or
             the vertices of a line.
         notes: Remarks for the user on how the mesh was made.
+        ties: Faces that follow others whose mesh differs.
+        shares: Share of each cell of this rank, ghosts included, that counts, (n_cells,), where the
+            cells of a layer are not covered whole; None if all are.
     """
 
     mesh: dolfinx.mesh.Mesh
@@ -41,6 +59,8 @@ class TaggedMesh:
     facet_names: dict[str, int]
     points: dict[str, np.ndarray] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+    ties: tuple[Tie, ...] = ()
+    shares: np.ndarray | None = None
 
     def __repr__(self) -> str:
         parts, faces = ", ".join(self.cell_names), len(self.facet_names)
@@ -68,6 +88,8 @@ class TaggedMesh:
             digest.update(repr(sorted(names.items())).encode())
         for name in sorted(self.points):
             digest.update(repr((name, np.asarray(self.points[name]).tolist())).encode())
+        if self.ties:
+            digest.update(repr([tuple(tie) for tie in self.ties]).encode())
         return digest.hexdigest()
 
     def cell_tag(self, name: str) -> int:
@@ -144,6 +166,8 @@ class MeshLists:
         facet_names: Tag of each named face.
         points: Named points, each of shape (n, 3), in metres.
         notes: Remarks for the user on how the mesh was made.
+        ties: Faces that follow others whose mesh differs.
+        shares: As `TaggedMesh.shares`, of all cells.
     """
 
     cell: str
@@ -156,6 +180,8 @@ class MeshLists:
     facet_names: dict[str, int]
     points: dict[str, np.ndarray] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+    ties: tuple[Tie, ...] = ()
+    shares: np.ndarray | None = None
 
     def __repr__(self) -> str:
         return f"MeshLists({len(self.cells)} {self.cell} cells, {len(self.x)} vertices)"
@@ -180,26 +206,29 @@ def distribute(comm: MPI.Intracomm, lists: MeshLists | None) -> TaggedMesh:
             lists.facets.shape[1],
             _used(lists.cell_names, lists.cell_values),
             _used(lists.facet_names, lists.facet_values),
-            (lists.points, lists.notes),
+            (lists.points, lists.notes, lists.ties),
         )
     cell, gdim, cell_corners, facet_corners, cell_names, facet_names, more = comm.bcast(shapes)
     if comm.rank == 0:
         x, cells = lists.x, lists.cells
         facets, facet_values = lists.facets, lists.facet_values
-        cell_values = lists.cell_values.astype(np.int32)
+        cell_values, shares = lists.cell_values.astype(np.int32), lists.shares
     else:
         x, cells = np.empty((0, gdim)), np.empty((0, cell_corners), np.int64)
         facets, facet_values = np.empty((0, facet_corners), np.int64), np.empty(0, np.int32)
-        cell_values = None
+        cell_values = shares = None
     mesh = _compat.create_mesh(comm, cells, x, cell)
-    cell_values = comm.bcast(cell_values)
+    cell_values, shares = comm.bcast((cell_values, shares))
+    # Rank 0 gave all cells, so the original index of any cell is its row in rank 0's list.
+    original = np.asarray(mesh.topology.original_cell_index)
     return TaggedMesh(
         mesh,
-        _cell_tags(mesh, cell_values),
+        _cell_tags(mesh, cell_values[original]),
         _compat.distribute_facet_tags(mesh, facets, facet_values),
         cell_names,
         facet_names,
         *more,
+        None if shares is None else shares[original],
     )
 
 
@@ -209,10 +238,7 @@ def _used(names: dict[str, int], values: np.ndarray) -> dict[str, int]:
 
 
 def _cell_tags(mesh: dolfinx.mesh.Mesh, values: np.ndarray) -> dolfinx.mesh.MeshTags:
-    # Rank 0 gave all cells, so the original index of any cell is its row in rank 0's list.
-    topology = mesh.topology
-    original = np.asarray(topology.original_cell_index)
-    cells = np.arange(len(original), dtype=np.int32)
-    tags = dolfinx.mesh.meshtags(mesh, topology.dim, cells, values[original])
+    cells = np.arange(len(values), dtype=np.int32)
+    tags = dolfinx.mesh.meshtags(mesh, mesh.topology.dim, cells, values)
     tags.name = "cell_tags"
     return tags

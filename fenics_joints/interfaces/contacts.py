@@ -28,9 +28,9 @@ from fenics_joints.joint_laws.law import JointLaw
 from fenics_joints.modal.eigensolver import EigenSolver
 from fenics_joints.modal.modes import SHIFT_SHARE
 from fenics_joints.preload import OPEN, SLIP, LinearJoint
-from fenics_joints.preload.interface import Interface
 from fenics_joints.reduction.affine import AffinePencil
 from fenics_joints.reduction.reduced import ReducedStructure
+from fenics_joints.structure.faces import Interface
 from fenics_joints.structure.sparse import as_columns, product, project
 from fenics_joints.structure.structure import Places, place_loads
 

@@ -33,9 +33,9 @@ from fenics_joints.interfaces.model import InterfacePoints
 from fenics_joints.interfaces.reduced import LayerTerm, ReducedInterfaceModel
 from fenics_joints.joint_laws.law import JointLaw
 from fenics_joints.modal.modes import solve_modes
-from fenics_joints.preload.interface import frames
 from fenics_joints.reduction.affine import AffinePencil
 from fenics_joints.reduction.reduced import ReducedStructure
+from fenics_joints.structure.faces import frames
 from fenics_joints.structure.sparse import as_columns, product
 from fenics_joints.structure.structure import Places, Structure, place_loads
 
@@ -97,22 +97,29 @@ def layer_points(structure: Structure, number: int, degree: int | None = None) -
     msh = structure.mesh
     imap = msh.topology.index_map(msh.topology.dim)
     cells = cells[cells < imap.size_local]
-    normal = np.asarray(region.normal[: structure.gdim], dtype=float)
+    normals = structure.normals(number, cells)
     x = msh.geometry.x[geometry_dofmap(msh)[cells]][..., : structure.gdim]
     rules = _rules(structure, degree)
-    axis = _axes(structure, region.name, x, normal) if len(rules) > 1 else np.zeros(len(cells), int)
-    place, weight, gradient, nodes = [], [], [], []
+    axis = (
+        _axes(structure, region.name, x, normals) if len(rules) > 1 else np.zeros(len(cells), int)
+    )
+    place, weight, gradient, nodes, turned = [], [], [], [], []
     for which, (reference, w) in enumerate(rules):
         at = axis == which
         tables = _tabulate(structure, x[at], reference)
-        place.append(tables[0]), weight.append(tables[1] * w), gradient.append(tables[2])
+        counts = (
+            1.0 if structure.tagged.shares is None else structure.tagged.shares[cells[at], None]
+        )
+        place.append(tables[0]), gradient.append(tables[2])
+        weight.append(tables[1] * w * counts)
         blocks = structure.V.dofmap.list[cells[at]]
         nodes.append(np.repeat(blocks[:, None], len(w), axis=1))
+        turned.append(np.repeat(frames(normals[at])[:, None], len(w), axis=1))
     flat = [
         np.concatenate([a.reshape(-1, *a.shape[2:]) for a in part])
-        for part in (place, weight, gradient, nodes)
+        for part in (turned, place, weight, gradient, nodes)
     ]
-    return _collect(structure, region.name, frames(normal[None])[0], *flat)
+    return _collect(structure, region.name, *flat)
 
 
 def _rules(structure: Structure, degree: int | None) -> list[tuple[np.ndarray, np.ndarray]]:
@@ -126,16 +133,16 @@ def _rules(structure: Structure, degree: int | None) -> list[tuple[np.ndarray, n
     return [(np.insert(x, k, 0.5, axis=1), w) for k in range(x.shape[1] + 1)]
 
 
-def _axes(structure: Structure, name: str, x: np.ndarray, normal: np.ndarray) -> np.ndarray:
-    """Which line of each cell is along the layer's normal, (n_cells,)."""
+def _axes(structure: Structure, name: str, x: np.ndarray, normals: np.ndarray) -> np.ndarray:
+    """Which line of each cell is along the layer's normal there, (n_cells,)."""
     tdim = structure.mesh.topology.dim
     J = _jacobians(structure, x, np.full((1, tdim), 0.5))[:, 0]
-    along = np.abs(np.einsum("i,cik->ck", normal, J)) / np.linalg.norm(J, axis=1)
+    along = np.abs(np.einsum("ci,cik->ck", normals, J)) / np.linalg.norm(J, axis=1)
     bad = bool(len(along)) and float(along.max(axis=1).min()) < _ALONG
     if structure.comm.allreduce(bad, op=MPI.LOR):
         raise InputError(
-            f"{name}: its cells do not stand along its normal {normal.tolist()}; expected a layer "
-            "one cell thick, extruded along its normal."
+            f"{name}: its cells do not stand along its normal; expected a layer one cell thick, "
+            "extruded along its normal."
         )
     return np.argmax(along, axis=1)
 
@@ -182,22 +189,23 @@ def _order(points: np.ndarray) -> np.ndarray:
 
 
 def _strain_rows(axes: np.ndarray, gradients: np.ndarray):
-    """Rows of `forms.layer_strain` of a stretched gradient, two of (p, gdim, n_basis, gdim).
+    """Rows of `forms.layer_strain` of a stretched gradient, two of (p, gdim, n_basis, gdim), with a
+    normal and tangents for each point, (p, gdim, gdim).
 
     With G the meshed gradient the stretched one is G t in the plane and G n / s along the normal:
     eps = n.G n / s, gamma_t = t.G n / s + n.G t.
     """
-    normal, tangents = axes[0], axes[1:]
-    across = gradients @ normal
-    thin = np.einsum("pn,di->pdni", across, axes)
+    normal, tangents = axes[:, 0], axes[:, 1:]
+    across = np.einsum("pni,pi->pn", gradients, normal)
+    thin = np.einsum("pn,pdi->pdni", across, axes)
     flat = np.zeros_like(thin)
-    along = np.einsum("pni,ti->ptn", gradients, tangents)
-    flat[:, 1:] = along[..., None] * normal
+    along = np.einsum("pni,pti->ptn", gradients, tangents)
+    flat[:, 1:] = along[..., None] * normal[:, None, None]
     return thin, flat
 
 
 def _sparse(structure: Structure, rows: np.ndarray, nodes: np.ndarray) -> PETSc.Mat:
-    """Rows over the displacement DOFs as a matrix; held DOFs, which are zero, are left out."""
+    """Rows over the free DOFs as a matrix; held ones, which are zero, are left out."""
     V, gdim = structure.V, structure.gdim
     imap = V.dofmap.index_map
     local = nodes[:, :, None] * gdim + np.arange(gdim)
@@ -205,7 +213,8 @@ def _sparse(structure: Structure, rows: np.ndarray, nodes: np.ndarray) -> PETSc.
     # A rank may have no cell of the layer.
     width = nodes.shape[1] * gdim
     columns = (blocks[:, :, None] * gdim + np.arange(gdim)).reshape(len(nodes), width)
-    values = np.where(structure.held_dofs[local][:, None], 0.0, rows)
+    ties = structure.ties
+    values = rows if ties else np.where(structure.held_dofs[local][:, None], 0.0, rows)
     n_rows = len(nodes) * gdim
     columns = np.repeat(columns[:, None], gdim, axis=1)
     matrix = PETSc.Mat().createAIJ(
@@ -218,7 +227,7 @@ def _sparse(structure: Structure, rows: np.ndarray, nodes: np.ndarray) -> PETSc.
         comm=structure.comm,
     )
     matrix.assemble()
-    return matrix
+    return matrix.matMult(ties.T) if ties else matrix
 
 
 #: Layers whose normal and shear stress are apart.

@@ -11,13 +11,14 @@ def lazy(package: str, files: Mapping[str, Sequence[str]]) -> Callable[[str], ob
 
     Args:
         package: Its name.
-        files: Modules of the package that may hold each name; they are imported in their order
-            until one has it. A module's own name stands for the module.
+        files: Modules of the package, or of another by their full names, that may hold each name;
+            they are imported in their order until one has it. A module's own name stands for the
+            module.
     """
 
     def imported(name: str) -> object:
         for file in files.get(name, ()):
-            module = import_module(f"{package}.{file}")
+            module = import_module(file if "." in file else f"{package}.{file}")
             if file == name:
                 return module
             if hasattr(module, name):

@@ -31,7 +31,6 @@ if TYPE_CHECKING:
     )
     from fenics_joints.preload.conditions import OPEN, SLIP, STICK
     from fenics_joints.preload.contact_state import ContactState
-    from fenics_joints.preload.interface import check_contact
     from fenics_joints.preload.linear_joint import (
         LinearJoint,
         cutoff_conditions,
@@ -42,6 +41,7 @@ if TYPE_CHECKING:
     )
     from fenics_joints.preload.model import PreloadModel
     from fenics_joints.preload.solve import METHODS, PreloadResult, PreloadSolver, solve_preload
+    from fenics_joints.structure.faces import check_contact
 
 __all__ = [
     "METHODS",
@@ -84,7 +84,7 @@ __all__ = [
 _FILES = (
     "components",
     "conditions",
-    "interface",
+    "fenics_joints.structure.faces",
     "model",
     "contact_state",
     "solve",

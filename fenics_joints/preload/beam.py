@@ -15,7 +15,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
-from fenics_joints.preload.interface import frames
+from fenics_joints.structure.faces import frames
 
 #: Deflection at x = t L by (w1, L theta1, w2, L theta2), coefficients of 1, t, t^2, t^3: what is
 #: there without shear, and what multiplies phi; both over 1 + phi.

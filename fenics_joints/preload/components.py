@@ -110,7 +110,7 @@ class Contact(_Faces):
     """Two faces of different bodies that may touch.
 
     Where their vertices coincide they are paired; where their meshes differ, each vertex of the
-    upper face meets an average of the lower one (`fenics_joints.preload.mortar`).
+    upper face meets an average of the lower one (`fenics_joints.meshes.mortar`).
 
     Attributes:
         name: Unique name.

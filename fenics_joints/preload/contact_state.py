@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from fenics_joints.preload.conditions import OPEN
-from fenics_joints.preload.interface import Interface
 from fenics_joints.preload.patch import contour_area, largest_radius, mean_within
+from fenics_joints.structure.faces import Interface
 from fenics_joints.structure.grids import facet_mesh
 
 #: Share of the largest pressure above which a contact presses: less is round-off.

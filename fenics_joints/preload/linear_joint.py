@@ -3,7 +3,7 @@
 Vibration of small amplitude neither opens a pressed contact nor makes it slide much, so about a
 preload state each pair is stuck, slides freely or is open (Fronk et al. 2019, section 2.2), or has
 springs that stiffen with the pressure (Tian et al. 2021, eqs. 22-25). In the unknowns of
-`fenics_joints.preload.jumps` that holds entries of x at zero, or adds to the diagonal.
+`fenics_joints.structure.jumps` that holds entries of x at zero, or adds to the diagonal.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ from fenics_joints.errors import InputError
 from fenics_joints.preload.components import Obstacle
 from fenics_joints.preload.conditions import OPEN, SLIP, STICK
 from fenics_joints.preload.contact_state import PRESSES, ContactState
-from fenics_joints.preload.interface import Interface
 from fenics_joints.preload.model import PreloadModel
 from fenics_joints.preload.solve import PreloadResult
+from fenics_joints.structure.faces import Interface
 from fenics_joints.structure.points import Sensors
 
 

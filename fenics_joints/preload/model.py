@@ -11,7 +11,7 @@ from dolfinx.fem import petsc as fem_petsc
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from fenics_joints.errors import InputError, items, mapping, real, wanted
+from fenics_joints.errors import InputError, MeshError, items, mapping, real, wanted
 from fenics_joints.preload.beam import beam_matrices, condense_to_ends
 from fenics_joints.preload.bodies import at_blocks
 from fenics_joints.preload.components import (
@@ -24,18 +24,18 @@ from fenics_joints.preload.components import (
     Traction,
     WasherForce,
 )
-from fenics_joints.preload.interface import (
+from fenics_joints.structure.faces import (
     Interface,
     couple_faces,
-    edge_middle,
     face_obstacle,
     frames,
     matching,
     pair_faces,
     read_face,
 )
-from fenics_joints.preload.jumps import Jumps, Moved, Section, Spider
+from fenics_joints.structure.jumps import Jumps, Moved, Section, Spider
 from fenics_joints.structure.structure import Structure
+from fenics_joints.structure.ties import edge_middle
 
 Bolt = WasherForce | PretensionSection | BeamBolt
 _BOLTS = (WasherForce, PretensionSection, BeamBolt)
@@ -79,6 +79,11 @@ class PreloadModel:
     ):
         if not isinstance(structure, Structure):
             raise wanted("structure", structure, "a Structure")
+        if structure.ties is not None:
+            raise MeshError(
+                "structure: the mesh has layers between faces that do not match; expected a mesh "
+                'made with joint = "contact", whose contacts may have such faces too.'
+            )
         contacts = list(items("contacts", contacts, (Contact, Obstacle), "Contact, Obstacle"))
         self.bolts = list(items("bolts", bolts, _BOLTS, "WasherForce, PretensionSection, BeamBolt"))
         self.loads = list(items("loads", loads, _LOADS, "Traction, Pressure, Displacement"))

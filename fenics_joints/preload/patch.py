@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from fenics_joints.preload.interface import Interface, frames
+from fenics_joints.structure.faces import Interface, frames
 
 
 def _edges(interface: Interface) -> np.ndarray:

@@ -18,10 +18,10 @@ from fenics_joints.modal.options import given_options, last_line, petsc_defaults
 from fenics_joints.preload.conditions import ContactPairs
 from fenics_joints.preload.contact_state import ContactState
 from fenics_joints.preload.hold import find_hold
-from fenics_joints.preload.interface import Interface
-from fenics_joints.preload.jumps import Jumps
 from fenics_joints.preload.model import PreloadModel
 from fenics_joints.preload.newton import NewtonMatrix, NewtonPreconditioner, set_blocks
+from fenics_joints.structure.faces import Interface
+from fenics_joints.structure.jumps import Jumps
 
 METHODS = ("semismooth", "vi", "penalty")
 
@@ -476,7 +476,7 @@ class PreloadResult:
         model: The model.
         solver: The solver, with its matrices.
         forces: Forces of the bolts, N, and factors of the loads.
-        x: Displacements and jumps, see `fenics_joints.preload.jumps`.
+        x: Displacements and jumps, see `fenics_joints.structure.jumps`.
         load: The load f in x.
         iterations: Newton iterations.
         balance: Resultant of the loads that the inertia of the free structure took, relative.

@@ -49,6 +49,7 @@ from fenics_joints.structure.components import (
 from fenics_joints.structure.laws import AXISYMMETRIC_SOLID, ELASTIC_SUPPORT, WIDE_SOLID
 from fenics_joints.structure.points import PointRows, locate
 from fenics_joints.structure.sparse import SummedMatrices
+from fenics_joints.structure.ties import Ties
 
 #: Most point masses, and most springs: each is a search for its cell and a block in K or M.
 MOST_POINTS = 10_000
@@ -351,14 +352,15 @@ class PropertyField:
                     ufl.algorithms.apply_algebra_lowering.apply_algebra_lowering(expr)
                 )
             self._expressions[place] = (
-                float(expr) if _is_number(expr) else fem.Expression(expr, self._middle())
+                float(expr) if _is_number(expr) else fem.Expression(expr, self.middle())
             )
         expression = self._expressions[place]
         if isinstance(expression, float):
             return np.full(len(cells), expression)
         return expression.eval(self.mesh, cells).reshape(len(cells))
 
-    def _middle(self) -> np.ndarray:
+    def middle(self) -> np.ndarray:
+        """Middle of the reference cell, (1, tdim)."""
         cell = getattr(basix.CellType, self.mesh.topology.cell_name())
         return basix.geometry(cell).mean(axis=0, keepdims=True)
 
@@ -491,7 +493,14 @@ class Assembly:
         )
         self._make_spaces(degree)
         self.field = PropertyField(self.mesh, region_cells(tagged, self.regions), self.parameters)
+        #: Share of each cell that counts, of degree 0; None if all do (`TaggedMesh.shares`).
+        self.share: fem.Function | None = None
+        if tagged.shares is not None:
+            self.share = fem.Function(fem.functionspace(self.mesh, ("DG", 0)))
+            self.share.x.array[self.share.function_space.dofmap.list[:, 0]] = tagged.shares
         self.bcs = self._dirichlet()
+        #: Faces of the mesh that follow others, None if there are none.
+        self.ties = Ties(self, self._supported()[: self.n_local]) if tagged.ties else None
         self._forms: dict[object, fem.Form] = {}
         self._direction: fem.Function | None = None
         self._rows: dict[bytes, PointRows] = {}
@@ -559,17 +568,33 @@ class Assembly:
 
     def _form(self, which: int, region: Region, u, v, dx) -> ufl.Form:
         """Stiffness (0) or mass (1) by a region's law and directions."""
+        form = self._law_form(which, region, u, v, dx)
+        if self.share is None or not region.is_joint:
+            return form
+        return ufl.Form([i.reconstruct(self.share * i.integrand()) for i in form.integrals()])
+
+    def _law_form(self, which: int, region: Region, u, v, dx) -> ufl.Form:
         law = region.law
         q = {name: self.field.q[i] for i, name in enumerate(law.properties)}
         if which:
             return law.inertia(u, v, q, dx)
         ways = {"normal": region.normal, "across": region.across}
         ways = {
-            key: ufl.as_vector([float(c) for c in way[: self.gdim]])
+            key: way(ufl.SpatialCoordinate(self.mesh))
+            if callable(way)
+            else ufl.as_vector([float(c) for c in way[: self.gdim]])
             for key, way in ways.items()
             if way is not None
         }
         return law.stiffness(u, v, q, ways.pop("normal"), dx, **ways)
+
+    def normals(self, number: int, cells: np.ndarray) -> np.ndarray:
+        """Unit normals of a region at the middles of some of its cells, (n_cells, gdim)."""
+        normal = self.regions[number].normal
+        if not callable(normal):
+            return np.tile(np.asarray(normal[: self.gdim], dtype=float), (len(cells), 1))
+        expression = fem.Expression(normal(ufl.SpatialCoordinate(self.mesh)), self.field.middle())
+        return expression.eval(self.mesh, cells).reshape(len(cells), self.gdim)
 
     def compiled(self, key, make: Callable[[], ufl.Form]) -> fem.Form:
         """A compiled form, kept under a key."""
@@ -734,6 +759,8 @@ class Assembly:
 
     def assembled(self, form: fem.Form, out=None, diagonal: float = 0.0) -> PETSc.Mat:
         """A symmetric form as a matrix; rows and columns of held DOFs have the diagonal alone."""
+        if self.ties is not None:
+            return self._tied(form, out, diagonal)
         if out is None:
             out = fem_petsc.create_matrix(form)
             out.setOption(PETSc.Mat.Option.SYMMETRIC, True)
@@ -744,6 +771,20 @@ class Assembly:
         # The name of the fourth argument changed in 0.10.
         fem_petsc.assemble_matrix(out, form, self.bcs, diagonal)
         out.assemble()
+        return out
+
+    def _tied(self, form: fem.Form, out, diagonal: float) -> PETSc.Mat:
+        whole = fem_petsc.create_matrix(form)
+        fem_petsc.assemble_matrix(whole, form)
+        whole.assemble()
+        found = self.ties.matrix(whole, self.held_dofs[: self.n_local], diagonal)
+        for option in ("SYMMETRIC", "SYMMETRY_ETERNAL"):
+            found.setOption(getattr(PETSc.Mat.Option, option), True)
+        if out is None:
+            return found
+        out.zeroEntries()
+        out.axpy(1.0, found, structure=PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
+        found.destroy()
         return out
 
     def place(self, mass: PointMass, values) -> tuple:
@@ -765,6 +806,8 @@ class Assembly:
     def add_point(self, A: PETSc.Mat, point, block: np.ndarray) -> None:
         """Put a block, (3, 3), between the displacements at a point, in place. Collective."""
         gdim, rows = self.gdim, self.rows(point)
+        if self.ties is not None:
+            return self._add_rows(A, self.unit_loads(rows, np.eye(gdim)), block[:gdim, :gdim])
         for nodes, N in zip(rows.nodes, rows.values, strict=True):
             dofs = (nodes[:, None] * gdim + np.arange(gdim)).ravel().astype(np.int32)
             values = np.kron(np.outer(N, N), block[:gdim, :gdim])
@@ -773,9 +816,29 @@ class Assembly:
             A.setValuesLocal(dofs, dofs, values, PETSc.InsertMode.ADD_VALUES)
         A.assemble()
 
+    def _add_rows(self, A: PETSc.Mat, rows: np.ndarray, block: np.ndarray) -> None:
+        """Add rows block rows^T, of this rank's rows, (n_local, gdim), in place. Collective."""
+        at = np.flatnonzero(rows.any(axis=1))
+        mine = (at + A.getOwnershipRange()[0]).astype(PETSc.IntType)
+        columns, values = (np.concatenate(self.comm.allgather(part)) for part in (mine, rows[at]))
+        A.setOption(PETSc.Mat.Option.NEW_NONZERO_ALLOCATION_ERR, False)
+        A.setValues(mine, columns, rows[at] @ block @ values.T, PETSc.InsertMode.ADD_VALUES)
+        A.assemble()
+
     @cached_property
     def held_dofs(self) -> np.ndarray:
-        """Which DOFs of this rank supports hold, then which ghosts, (n_local + n_ghosts,)."""
+        """Which DOFs of this rank supports hold or ties govern, then which ghosts,
+        (n_local + n_ghosts,)."""
+        held = self._supported()
+        if self.ties is not None:
+            tied = fem.Function(self.V)
+            tied.x.array[: self.n_local] = self.ties.tied
+            tied.x.scatter_forward()
+            held |= tied.x.array != 0.0
+        return held
+
+    def _supported(self) -> np.ndarray:
+        """Which DOFs supports hold, as `held_dofs`."""
         imap, bs = self.V.dofmap.index_map, self.V.dofmap.index_map_bs
         held = np.zeros((imap.size_local + imap.num_ghosts) * bs, dtype=bool)
         for bc in self.bcs:

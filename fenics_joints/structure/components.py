@@ -93,7 +93,8 @@ class Region:
         cells: Names of the mesh's cell groups.
         law: Material law.
         properties: A value for each of the law's properties.
-        normal: Unit normal of the layer, or direction in which a part's thickness stretches.
+        normal: Unit normal of the layer, for a curved one as a function of position,
+            ``x -> UFL``; or direction in which a part's thickness stretches.
         across: Direction in which a part's width stretches, at right angles to ``normal``; None
             where the law has no width.
     """
@@ -102,7 +103,7 @@ class Region:
     cells: tuple[str, ...]
     law: Law
     properties: Mapping[str, Property]
-    normal: tuple[float, ...] = (0.0, 0.0, 1.0)
+    normal: tuple[float, ...] | Callable = (0.0, 0.0, 1.0)
     across: tuple[float, ...] | None = None
 
     def __post_init__(self):
@@ -190,6 +191,11 @@ def _at_right_angles(across, normal, name) -> tuple[float, ...]:
     )
 
 
+def _normal(name: str, normal) -> tuple[float, ...] | Callable:
+    """A layer's unit normal, or the function that gives it."""
+    return normal if callable(normal) else direction(f"{name}.normal", normal)
+
+
 def joint(
     name: str,
     cells: str | tuple[str, ...],
@@ -212,7 +218,8 @@ def joint(
             (eq. 8).
         rho: Density, kg/m3; zero as in the paper unless given.
         stretch: Actual over meshed layer thickness.
-        normal: Normal of the layer, shape (gdim,).
+        normal: Normal of the layer, shape (gdim,); of a curved one the unit normal as a function of
+            position, ``x -> UFL``.
 
     Raises:
         InputError: If the law's name is unknown.
@@ -220,7 +227,7 @@ def joint(
     member(f"{name}.law", law, LAYER_LAWS)
     cells = _cell_names(name, cells)
     properties = {"E": E, "G": G, "rho": rho, "stretch": stretch}
-    return Region(name, cells, LAYER_LAWS[law], properties, direction(f"{name}.normal", normal))
+    return Region(name, cells, LAYER_LAWS[law], properties, _normal(name, normal))
 
 
 def transition(
@@ -251,7 +258,8 @@ def transition(
         meshed: Thickness of the layer in the mesh, m.
         rho: Density, kg/m3: zero, or `fenics_joints.forms.average_density` of the bodies'; with
             ``lambda x, p: average_density(p["a.rho"], p["b.rho"])`` it follows theirs.
-        normal: Normal of the layer, shape (gdim,).
+        normal: Normal of the layer, shape (gdim,); of a curved one the unit normal as a function of
+            position, ``x -> UFL``.
 
     Raises:
         InputError: If ``meshed`` is not a thickness.
@@ -259,7 +267,7 @@ def transition(
     meshed = real(f"{name}.meshed", meshed, "m, the mesh's thickness", above=0)
     cells = _cell_names(name, cells)
     properties = {"E": E, "nu": nu, "rho": rho, "h": h, "meshed": meshed}
-    return Region(name, cells, TRANSITION, properties, direction(f"{name}.normal", normal))
+    return Region(name, cells, TRANSITION, properties, _normal(name, normal))
 
 
 def interface(
@@ -280,7 +288,8 @@ def interface(
         name: Name of the joint or of one of its zones.
         cells: Name or names of cell groups.
         meshed: Thickness of the layer in the mesh, m; a law of strains needs none.
-        normal: Normal of the layer, shape (gdim,).
+        normal: Normal of the layer, shape (gdim,); of a curved one the unit normal as a function of
+            position, ``x -> UFL``.
         law: Springs, or a law by `fenics_joints.structure.joint_law`.
         properties: Those of the law: of springs ``k_n``, the stiffness along the normal, and
             ``k_t``, that in the plane, Pa/m.
@@ -297,8 +306,9 @@ def interface(
     properties |= {"rho": 0.0}
     if "meshed" in law.properties:
         properties["meshed"] = real(f"{name}.meshed", meshed, "m, the mesh's thickness", above=0)
-    way = direction(f"{name}.normal", normal)
-    law = law if law.along is None else law.along(law, way)
+    way = _normal(name, normal)
+    # A normal that varies is known by the mesh alone: an own law's sign is not checked then.
+    law = law if law.along is None or callable(way) else law.along(law, way)
     return Region(name, _cell_names(name, cells), law, properties, way)
 
 

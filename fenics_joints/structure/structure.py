@@ -57,7 +57,8 @@ class Structure(Assembly):
     def finer(self) -> Structure | None:
         """The same structure on the same mesh with displacements of one degree more; None beyond
         the third."""
-        return self._again(self.degree + 1) if self.degree < 3 else None
+        most = 3 if self.ties is None else 2
+        return self._again(self.degree + 1) if self.degree < most else None
 
     def with_changes(self, changes: Sequence[Change], more: Sequence[Parameter]) -> Structure:
         """The same structure with further changes and their parameters."""
@@ -91,8 +92,7 @@ class Structure(Assembly):
         """
         self.update(given)
         form = self.compiled("gradient", self._energy_slope)
-        self._phi.x.array[: self.n_local] = shape.array_r
-        self._phi.x.scatter_forward()
+        self.put_displacement(self._phi, shape)
         self._lambda.value = eigenvalue
         # Cell integrals reach no other cell's property: nothing is to be summed over ranks.
         vector = fem.assemble_vector(form)
@@ -257,20 +257,27 @@ class Structure(Assembly):
         for column, direction in enumerate(directions):
             v = PETSc.Vec().createMPI((self.n_local, None), comm=self.comm)
             for at in np.flatnonzero(rows.index == column):
-                dofs = rows.nodes[at][:, None] * gdim + np.arange(gdim)
-                value = np.where(self.held_dofs[dofs], 0.0, np.outer(rows.values[at], direction))
+                value = np.outer(rows.values[at], direction)
                 blocks = imap.local_to_global(rows.nodes[at])
                 numbers = (blocks[:, None] * gdim + np.arange(gdim)).astype(PETSc.IntType)
                 v.setValues(numbers.ravel(), value.ravel(), PETSc.InsertMode.ADD_VALUES)
             v.assemble()
             loads[:, column] = v.array_r
             v.destroy()
+        return self.free_loads(loads)
+
+    def free_loads(self, loads: np.ndarray) -> np.ndarray:
+        """Loads on the DOFs that are free, of those on all, (n_local, k): held DOFs bear none, and
+        tied ones pass them on. Collective."""
+        if self.ties is not None:
+            return self.ties.loads(loads)
+        loads[self.held_dofs[: self.n_local]] = 0.0
         return loads
 
     def observe(self, shapes, sensors: Sensors) -> np.ndarray:
         """Displacement shapes at sensors, shape (n_sensors, n_shapes), equal on all ranks."""
         rows = self.rows(sensors.points, "sensor", sensors.names)
-        return observe(rows, sensors.directions[:, : self.gdim], list(shapes), self.V)
+        return observe(rows, sensors.directions[:, : self.gdim], self._motions(shapes), self.V)
 
     def observe_slopes(self, shapes, sensors: Sensors, directions: ArrayLike) -> np.ndarray:
         """Change of what sensors read of displacements per metre that they move. Collective.
@@ -293,7 +300,11 @@ class Structure(Assembly):
         towards = Sensors(sensors.points[:, :gdim], np.atleast_2d(directions)[:, :gdim]).directions
         rows = self.rows(sensors.points, "sensor", sensors.names)
         turned = replace(rows, values=np.einsum("pnj,pj->pn", rows.gradients, towards[rows.index]))
-        return observe(turned, sensors.directions[:, :gdim], list(shapes), self.V)
+        return observe(turned, sensors.directions[:, :gdim], self._motions(shapes), self.V)
+
+    def _motions(self, shapes) -> list[PETSc.Vec]:
+        """Displacements of all DOFs, of vectors over the free ones."""
+        return list(shapes if self.ties is None else map(self.ties.displacement, shapes))
 
     # -- size and mass -------------------------------------------------------------------------
 
@@ -349,9 +360,10 @@ class Structure(Assembly):
         return self.comm.allreduce(np.array(sums))
 
     def cell_volumes(self) -> np.ndarray:
-        """Volume as meshed, m3, of every cell that this rank owns."""
+        """Volume as meshed, m3, of every cell that this rank owns; of layers the covered share."""
         space = fem.functionspace(self.mesh, ("DG", 0))
-        vector = fem.assemble_vector(fem.form(self.weight * ufl.TestFunction(space) * ufl.dx))
+        weight = self.weight if self.share is None else self.weight * self.share
+        vector = fem.assemble_vector(fem.form(weight * ufl.TestFunction(space) * ufl.dx))
         owned = self.mesh.topology.index_map(self.mesh.topology.dim).size_local
         return vector.array[space.dofmap.list[:owned, 0]]
 
@@ -360,9 +372,13 @@ class Structure(Assembly):
     def displacement(self, vector: PETSc.Vec) -> fem.Function:
         """A displacement vector, owned entries, as a function on the mesh. Collective."""
         u = fem.Function(self.V, name="displacement")
-        u.x.array[: self.n_local] = vector.array_r
-        u.x.scatter_forward()
+        self.put_displacement(u, vector)
         return u
+
+    def put_displacement(self, u: fem.Function, vector: PETSc.Vec) -> None:
+        """Put a displacement vector, owned entries, into a function. Collective."""
+        u.x.array[: self.n_local] = self._motions([vector])[0].array_r
+        u.x.scatter_forward()
 
     @property
     def size_m(self) -> np.ndarray:
@@ -468,9 +484,8 @@ def base_load(structure: Structure, direction: np.ndarray) -> np.ndarray:
     form = fem.form(structure.inertia_form(way, ufl.TestFunction(structure.V)))
     v = fem_petsc.assemble_vector(form)
     v.ghostUpdate(PETSc.InsertMode.ADD_VALUES, PETSc.ScatterMode.REVERSE)
-    load = -v.array_r[: structure.n_local].copy()
+    load = structure.free_loads(-v.array_r[: structure.n_local, None])[:, 0]
     v.destroy()
-    load[structure.held_dofs[: structure.n_local]] = 0.0
     for mass in structure.masses:
         row = structure.unit_loads(structure.rows(structure.place(mass, values)), direction[None])
         load -= number(mass.mass, values) * mass.share * row[:, 0]
@@ -552,5 +567,4 @@ class CellForces:
         return stiff, inertia
 
     def _put(self, shape: PETSc.Vec) -> None:
-        self._x.x.array[: self._structure.n_local] = shape.array_r
-        self._x.x.scatter_forward()
+        self._structure.put_displacement(self._x, shape)

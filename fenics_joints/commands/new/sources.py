@@ -43,8 +43,8 @@ from fenics_joints.meshes.msh import read_lists
 from fenics_joints.meshes.rings import ring_names
 from fenics_joints.meshes.tagged import limits
 from fenics_joints.preload.clearance import ThreadGuess, cone_radius, guess_thread, head_radius
-from fenics_joints.preload.interface import check_contact
 from fenics_joints.preload.threads import thread
+from fenics_joints.structure.faces import check_contact
 from fenics_joints.units import to_si
 
 #: Factors to metres of the units that files are in, the largest first.

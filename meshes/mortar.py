@@ -29,6 +29,9 @@ from scipy.spatial import cKDTree
 #: Least covered share of an upper facet that is in contact. Chosen: with less, the dual basis has
 #: large values.
 _COVERED = 0.5
+#: Likewise of one that is tied, which bears tension too. Chosen: down to there, frequencies of a
+#: lap whose end cuts facets come nearer to those of a matching mesh.
+TIED = 0.1
 #: Cosine of the normals of two facets or vertices above which they do not look at each other, 120
 #: degrees. Chosen: normals of vertices at edges are off by up to 45.
 OPPOSED = -0.5
@@ -97,20 +100,23 @@ class Mortar:
     coupling: Coupling
 
 
-def couple(lower, upper, bubble: float, reach: float | None = None, weight=None) -> Mortar | None:
+def couple(
+    lower, upper, bubble: float, reach: float | None = None, weight=None, tied: bool = False
+) -> Mortar | None:
     """Couple two faces; None where they do not lie on one another.
 
     Args:
-        lower: The face that is averaged (`fenics_joints.preload.faces.Face`).
+        lower: The face that is averaged (`fenics_joints.structure.faces.Face`).
         upper: The face whose vertices carry the jumps; better the smaller and the finer one.
         bubble: Value of a midside's shape function in the middle of its edge.
         reach: Farthest distance of facets along the normal, m; see `overlap`.
         weight: Weight of the surface measure as a function of positions, or None.
+        tied: Whether also facets are taken of which less than half is covered.
     """
     found = overlap(upper, lower, reach)
     if weight is not None:
         found = replace(found, weight=found.weight * weight(found.points))
-    shares, duals, kept = _duals(found, upper, weight)
+    shares, duals, kept = _duals(found, upper, weight, TIED if tied else _COVERED)
     if not kept.any():
         return None
     inside = kept[found.upper]
@@ -124,7 +130,7 @@ def couple(lower, upper, bubble: float, reach: float | None = None, weight=None)
     return Mortar(rows, facets, corners, shares[facets], nearest, coupling)
 
 
-def _duals(found: Overlap, upper, weight):
+def _duals(found: Overlap, upper, weight, least: float):
     """Integrals of hats over covered parts, (n, k), dual bases, (n, k, k), and facets kept."""
     n, k = upper.facets.shape
     hat = hats(found.at_upper, k)
@@ -134,7 +140,7 @@ def _duals(found: Overlap, upper, weight):
     covered = np.zeros(n)
     plain = found.weight if weight is None else found.weight / weight(found.points)
     np.add.at(covered, found.upper, plain)
-    kept = covered > _COVERED * hat_integrals(upper.points, upper.facets).sum(axis=1)
+    kept = covered > least * hat_integrals(upper.points, upper.facets).sum(axis=1)
     duals = np.zeros((n, k, k))
     duals[kept] = shares[kept][:, :, None] * np.linalg.inv(products[kept])
     return shares, duals, kept

@@ -5,7 +5,7 @@ in the pair's frame: opening, then slips. The elastic energy in x is that of T^T
 condition is one on single entries of x, and bonded, sliding and open are entries held or free.
 Pretension sections, rigid spiders, obstacles and faces that are moved add a few entries at the end
 of x. Of faces that do not match, the lower body's displacement is an average
-(`fenics_joints.preload.mortar`); of an obstacle it is that of the obstacle.
+(`fenics_joints.meshes.mortar`); of an obstacle it is that of the obstacle.
 
 At degree 2 the jump of a midside is that of a linear function plus a bubble, which is an entry of
 its own. A contact holds the bubbles at zero: its jump is piecewise linear, so that its forces act
@@ -25,7 +25,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from fenics_joints.errors import InputError, MeshError
-from fenics_joints.preload.interface import Interface
+from fenics_joints.structure.faces import Interface
 
 
 @dataclass(frozen=True)

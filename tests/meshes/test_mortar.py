@@ -10,6 +10,7 @@ from contact_blocks import STEEL, both, half_width, pair, pressed, unlike_blocks
 from dolfinx import fem
 
 from fenics_joints.errors import MeshError
+from fenics_joints.meshes.mortar import hats, overlap
 from fenics_joints.preload import (
     Contact,
     LinearJoint,
@@ -19,7 +20,6 @@ from fenics_joints.preload import (
     WasherForce,
     solve_preload,
 )
-from fenics_joints.preload.mortar import hats, overlap
 from fenics_joints.structure import Parameter, Structure
 
 

@@ -1,13 +1,13 @@
 """Faces that touch as pairs of nodes, or vertices and what is opposite, with normals and areas.
 
-Faces with the same vertices are paired vertex by vertex; others by `fenics_joints.preload.mortar`;
+Faces with the same vertices are paired vertex by vertex; others by `fenics_joints.meshes.mortar`;
 and one face alone with an obstacle that does not give way. An interface is small beside its bodies,
 so every rank holds all of it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -21,8 +21,7 @@ from fenics_joints.errors import MeshError
 from fenics_joints.meshes import TaggedMesh
 from fenics_joints.meshes.facets import row_numbers
 from fenics_joints.meshes.grow import outward_areas
-from fenics_joints.preload.mortar import OPPOSED, Coupling, Mortar, couple, hat_integrals
-from fenics_joints.structure.structure import Structure
+from fenics_joints.meshes.mortar import OPPOSED, Coupling, Mortar, couple, hat_integrals
 
 #: Distance of the vertices of a pair as a share of the shortest edge: round-off of mesh files.
 _TOLERANCE = 1e-3
@@ -218,8 +217,9 @@ def couple_faces(
     weight: Callable | None = None,
     held: Callable | None = None,
     bonded: bool = False,
+    tied: bool = False,
 ) -> Interface:
-    """Couple two faces whose vertices do not match, see `fenics_joints.preload.mortar`.
+    """Couple two faces whose vertices do not match, see `fenics_joints.meshes.mortar`.
 
     The upper face carries the pressure. It should be the smaller one: its facets that stick out by
     more than half are not in contact.
@@ -228,13 +228,14 @@ def couple_faces(
         bubble: Value of a midside's shape function in the middle of its edge.
         tolerance: Farthest distance of facets, m; by default half the size of the upper one.
         bonded: Whether it is to be glued: supports of the upper face then go before the glue.
+        tied: Whether facets that stick out by more than half are coupled too.
         name, lower, upper, gap, weight, held: See `pair_faces`.
 
     Raises:
         MeshError: The faces share vertices or do not lie on one another.
     """
     _check_apart(name, lower, upper)
-    mortar = couple(lower, upper, bubble, tolerance, weight)
+    mortar = couple(lower, upper, bubble, tolerance, weight, tied)
     if mortar is None:
         raise MeshError(
             f"{name}: the two faces do not lie on one another, or look the same way; expected two "
@@ -441,13 +442,13 @@ class Face:
         return f"Face({len(self.nodes)} vertices, {len(self.facets)} facets)"
 
 
-def read_face(V: fem.FunctionSpace, tagged: TaggedMesh, name: str) -> Face:
-    """Gather a named exterior face with its blocks of ``V``. Collective.
+def read_face(V: fem.FunctionSpace, tagged: TaggedMesh, *names: str) -> Face:
+    """Gather a named exterior face, or several together, with blocks of ``V``. Collective.
 
     Raises:
         MeshError: If the mesh has no such face or a facet of it is inside a body.
     """
-    local = _local_facets(V, tagged, name)
+    local = _local_facets(V, tagged, names)
     comm = V.mesh.comm
     gathered = [np.concatenate(parts) for parts in zip(*comm.allgather(local), strict=True)]
     vertex_ids, x, normals, edge_ids, ends, where = gathered
@@ -461,18 +462,20 @@ def read_face(V: fem.FunctionSpace, tagged: TaggedMesh, name: str) -> Face:
     return Face(nodes, points, facets.reshape(vertex_ids.shape), normals, edges, midsides, where)
 
 
-def _local_facets(V, tagged: TaggedMesh, name: str):
+def _local_facets(V, tagged: TaggedMesh, names: Sequence[str]):
     """This rank's facets: vertex blocks, positions, normals, edge blocks, edge ends, where."""
     msh, topology = V.mesh, V.mesh.topology
     tdim, gdim = topology.dim, msh.geometry.dim
     topology.create_connectivity(tdim - 1, tdim)
     topology.create_connectivity(tdim, tdim - 1)
     to_cell = topology.connectivity(tdim - 1, tdim)
-    facets = tagged.facet_tags.find(tagged.facet_tag(name))
+    found = [tagged.facet_tags.find(tagged.facet_tag(name)) for name in names]
+    facets = np.sort(np.concatenate(found))
     if msh.comm.allreduce(int(np.sum(np.diff(to_cell.offsets)[facets] > 1))):
         raise MeshError(
-            f"face {name}: some of its facets lie inside a body; expected the surface of one body. "
-            "Bodies in contact must not share vertices: see fenics_joints.meshes.separate."
+            f"face {', '.join(names)}: some of its facets lie inside a body; expected the surface "
+            "of one body. Bodies in contact must not share vertices: see "
+            "fenics_joints.meshes.separate."
         )
     cells = to_cell.array[to_cell.offsets[facets]]
     own = cells < topology.index_map(tdim).size_local
@@ -509,14 +512,3 @@ def _facet_layout(V) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     ends = np.array([[topology[1][e] for e in own] for own in edges], dtype=int)
     ends = at_vertex[ends.reshape(*middles.shape, 2)]
     return np.array(facets), at_vertex[np.array(facets)], middles, ends
-
-
-def edge_middle(structure: Structure) -> float:
-    """Value of a midside's shape function in the middle of its edge; 0 if there is none."""
-    if structure.degree == 1:
-        return 0.0
-    V = structure.V
-    cell = getattr(basix.CellType, V.mesh.topology.cell_name())
-    middle = basix.geometry(cell)[basix.topology(cell)[1][0]].mean(axis=0, keepdims=True)
-    dof = V.dofmap.dof_layout.entity_dofs(1, 0)[0]
-    return float(structure.element.tabulate(0, middle)[0][0, dof])
