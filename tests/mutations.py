@@ -3,6 +3,7 @@
 
     python3 tests/mutations.py --draw         draw them into tests/mutations.json, from this tree
     python3 tests/mutations.py --run before   try the faults that column "before" of the table lacks
+    python3 tests/mutations.py --run before --missed-by after    only those that "after" missed
     python3 tests/mutations.py                show how many are caught, by room
 
 A fault changes one operator, comparison, number or argument of ``min`` and ``max`` in a function.
@@ -243,10 +244,10 @@ class Copy:
         return {0: "missed", 1: "caught", 2: "caught"}.get(status, "broken")
 
 
-def run(root: Path, faults: list[dict], results: dict[str, str], jobs: int, save) -> None:
-    """Try the faults that have no result yet, room by room."""
+def run(root: Path, faults: list[dict], results: dict[str, str], jobs: int, save, asked) -> None:
+    """Try those of the asked faults that have no result yet, room by room."""
     here = places(root, faults)
-    todo = [i for i in range(len(faults)) if str(i) not in results]
+    todo = [i for i in asked if str(i) not in results]
     results.update({str(i): "gone" for i in todo if i not in here})
     rooms_left = {faults[i]["room"]: None for i in todo if i in here}
     started, count = time.monotonic(), len(todo)
@@ -274,6 +275,7 @@ def main() -> None:
     parser.add_argument("--draw", action="store_true")
     parser.add_argument("--run", metavar="NAME", help="column of the table, as 'before'")
     parser.add_argument("--tree", type=Path, default=ROOT, help="checkout whose tests are tried")
+    parser.add_argument("--missed-by", metavar="NAME", help="try only what that column missed")
     parser.add_argument("--jobs", type=int, default=1)
     asked = parser.parse_args()
     if asked.draw:
@@ -290,7 +292,11 @@ def main() -> None:
         def save() -> None:
             TABLE.write_text(json.dumps(table, indent=1) + "\n", encoding="utf-8")
 
-        run(asked.tree.resolve(), table["faults"], results, asked.jobs, save)
+        chosen = range(len(table["faults"]))
+        if asked.missed_by:
+            other = table["results"][asked.missed_by]
+            chosen = [i for i in chosen if other.get(str(i)) in ("missed", "broken")]
+        run(asked.tree.resolve(), table["faults"], results, asked.jobs, save, chosen)
         save()
     for name, results in table["results"].items():
         print(name, dict(Counter(results.values())))

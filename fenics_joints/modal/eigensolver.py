@@ -247,9 +247,7 @@ class EigenSolver:
         same = K.comm.tompi4py().allreduce(pattern == self._pattern, op=MPI.LAND)
         structure = PETSc.Mat.Structure
         if not same:
-            if self.shifted is not None:
-                self.solver.getST().getKSP().reset()
-                self.shifted.destroy()
+            self._forget()
             self.shifted = K.duplicate(copy=True)
             self.shifted.axpy(-self.shift, M, structure.UNKNOWN_NONZERO_PATTERN)
         else:
@@ -259,6 +257,13 @@ class EigenSolver:
         self.shifted.setOption(PETSc.Mat.Option.SPD, True)
         self._pattern = pattern
         return self.shifted
+
+    def _forget(self) -> None:
+        """Free the matrix of the last call and its analysis."""
+        if self.shifted is not None:
+            self.solver.getST().getKSP().reset()
+            self.shifted.destroy()
+        self.shifted = self._pattern = None
 
     def _factorised(self, K, M) -> tuple[PETSc.Mat, PETSc.KSP]:
         """``K - shift M`` and what solves with it."""
@@ -273,9 +278,12 @@ class EigenSolver:
             ksp.setUp()
             give_room(ksp)
         except PETSc.Error as error:
+            self._forget()
             raise ConvergenceError(advice, str(error)) from error
         if ksp.getPC().getFailedReason():
-            raise ConvergenceError(advice, reason_of(ksp.getPC()))
+            reason = reason_of(ksp.getPC())
+            self._forget()  # after a failure PETSc would leave MUMPS's factor as it is
+            raise ConvergenceError(advice, reason)
         return A, ksp
 
     def _solve_block(self, K, M, initial):

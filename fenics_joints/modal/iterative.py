@@ -30,7 +30,8 @@ from fenics_joints.errors import ConvergenceError, InputError, items, real, whol
 from fenics_joints.meshes.tagged import limits
 from fenics_joints.modal.eigensolver import EigenResult
 from fenics_joints.modal.options import given_options, petsc_defaults
-from fenics_joints.modal.rigid import node_positions, rigid_motions
+from fenics_joints.modal.rigid import rigid_motions
+from fenics_joints.structure.points import node_positions
 from fenics_joints.structure.sparse import product, vectors_like, without_zeros
 from fenics_joints.structure.structure import Structure
 

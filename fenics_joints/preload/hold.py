@@ -11,11 +11,12 @@ from petsc4py import PETSc
 
 from fenics_joints.errors import InputError
 from fenics_joints.meshes.grow import groups_of
-from fenics_joints.modal.rigid import node_positions, rigid_motions
+from fenics_joints.modal.rigid import rigid_motions
 from fenics_joints.preload.bodies import at_blocks, body_numbers
 from fenics_joints.preload.components import Obstacle
 from fenics_joints.preload.model import PreloadModel
 from fenics_joints.structure.faces import Interface
+from fenics_joints.structure.points import node_positions
 from fenics_joints.structure.sparse import product
 
 #: Energy of a motion as a share of that of its DOFs' own stiffness below which nothing resists it:

@@ -409,6 +409,25 @@ def _orientation(V, element):
     return turned
 
 
+def node_positions(V: fem.FunctionSpace) -> np.ndarray:
+    """Positions of all local blocks, m, (n, gdim): vertices, and the middles of edges and so on.
+
+    For elements whose DOFs are moments the middle of an edge is where a linear function takes the
+    moment's value.
+    """
+    msh = V.mesh
+    gdim, layout = msh.geometry.dim, V.dofmap.dof_layout
+    topology = basix.topology(getattr(basix.CellType, msh.topology.cell_name()))
+    imap, cells = V.dofmap.index_map, V.dofmap.list
+    corners = msh.geometry.x[geometry_dofmap(msh)][:, :, :gdim]
+    x = np.zeros((imap.size_local + imap.num_ghosts, gdim))
+    for dim, entities in enumerate(topology):
+        for number, vertices in enumerate(entities):
+            for dof in layout.entity_dofs(dim, number):
+                x[cells[:, dof]] = corners[: len(cells), vertices].mean(axis=1)
+    return x
+
+
 def observe(rows: PointRows, directions: np.ndarray, vectors: list[PETSc.Vec], V) -> np.ndarray:
     """Components of displacement vectors at points. Collective.
 

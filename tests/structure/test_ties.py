@@ -17,7 +17,8 @@ from fenics_joints.meshes import check_mesh
 from fenics_joints.meshes.tagged import extent
 from fenics_joints.modal import solve_modes
 from fenics_joints.preload import PreloadModel
-from fenics_joints.structure import Sensors, Support
+from fenics_joints.reduction import reduce
+from fenics_joints.structure import Parameter, Sensors, Support
 from fenics_joints.updating import Target, update
 
 K_N, K_T = 3e10, 2e10
@@ -172,7 +173,7 @@ def thickness(tagged) -> float:
 def test_a_lap_of_unlike_meshes_is_that_of_like_ones():
     """Cells three times as large in one plate: frequencies differ by no more than the meshes' own
     error, and their slopes are those of differences."""
-    coarse, fine = (10, 4, 1), (30, 12, 1)
+    coarse, fine = (10, 2, 1), (30, 6, 1)
     pairs = ((coarse, coarse), (coarse, fine), (fine, fine))
     found = [solve_modes(springs(lap(*pair)), n_modes=12) for pair in pairs]
     like, unlike, exact = (modes.frequencies_hz[6:] for modes in found)
@@ -184,7 +185,9 @@ def test_a_lap_of_unlike_meshes_is_that_of_like_ones():
     for i, name in enumerate(("k_n", "k_t")):
         ends = [solve_modes(modes.model, {name: k}, n_modes=12) for k in (0.999e12, 1.001e12)]
         difference = np.diff([end.eigenvalues[6:] for end in ends], axis=0)[0] / 0.002e12
-        np.testing.assert_allclose(slopes[:, i], difference, rtol=1e-4)
+        np.testing.assert_allclose(
+            slopes[:, i], difference, rtol=1e-4, atol=1e-6 * difference.max()
+        )
 
 
 @pytest.mark.parallel
@@ -204,15 +207,15 @@ def test_a_law_as_stiff_as_the_springs_gives_the_linear_lap(cell, law):
 def test_stiffness_is_found_with_unlike_meshes():
     """From frequencies and shapes of a finer lap whose meshes match."""
     grid = [[x, y, z] for x, z in ((0.01, 0), (0.16, 0), (0.31, 0.02)) for y in (0, 0.04)]
-    places = Sensors(grid, [[0, 0, 1.0]] * len(grid))
-    modes = solve_modes(springs(lap((30, 6, 1), (30, 6, 1)), 2, 3e10, 2e10), n_modes=12)
+    places = Sensors(grid * 2, [[0, 0, 1.0]] * len(grid) + [[0, 1.0, 0]] * len(grid))
+    modes = solve_modes(springs(lap((30, 6, 1), (30, 6, 1)), 2, 3e10, 2e10), n_modes=10)
     shapes = modes.at(places)[:, 6:]
     target = Target(modes.frequencies_hz[6:], 1e-3, shapes, places, shape_sd=0.02)
-    model = springs(lap((20, 4, 1), (30, 6, 1)))
-    start = {"k_n": 1e11, "k_t": 1e11}
-    found = update(model, list(model.parameters.values()), target, start)
-    assert found.values["k_n"] == pytest.approx(3e10, rel=0.05)
-    assert found.values["k_t"] == pytest.approx(2e10, rel=0.02)
+    samples = [{"k_n": a, "k_t": b} for a in (1e10, 1e11) for b in (1e10, 1e11)]
+    model = reduce(springs(lap((10, 2, 1), (30, 6, 1))), samples, 12)
+    unknown = [Parameter(k, 6e10, "Pa/m", 5e9, 5e11) for k in ("k_n", "k_t")]
+    found = update(model, unknown, target, {"k_n": 6e10, "k_t": 6e10})
+    assert found.values == pytest.approx([3e10, 2e10], rel=0.03)
 
 
 def test_what_ties_cannot_do_is_said():
