@@ -22,6 +22,7 @@ from fenics_joints.diagnosis.evidence.merging import merge_indistinguishable
 from fenics_joints.diagnosis.evidence.predictions import ManyPredictions, at_conditions
 from fenics_joints.diagnosis.held_out import cross_validate, folds
 from fenics_joints.diagnosis.location import locate_gap
+from fenics_joints.diagnosis.model.of_forms import form_case
 from fenics_joints.diagnosis.model.of_structure import case_of
 from fenics_joints.diagnosis.model.prepared import Prepared, prepare
 from fenics_joints.diagnosis.result import Diagnosis, EffectResult, HypothesisResult
@@ -50,7 +51,7 @@ from fenics_joints.measurements import Gap, TestData
 from fenics_joints.parallel import on_root
 from fenics_joints.progress import Progress
 from fenics_joints.reduction.matched import places_all_over
-from fenics_joints.structure import Structure
+from fenics_joints.structure import FormModel, Structure
 
 #: Number of the best wrong hypotheses that stand against the cause in every fold. [decision:
 #: chosen]
@@ -67,7 +68,7 @@ _STAGES = (
 
 
 def diagnose(
-    model: Structure | Case,
+    model: Structure | FormModel | Case,
     of: TestData | MPI.Intracomm,
     /,
     progress: Progress | None = None,
@@ -135,7 +136,8 @@ def diagnose(
             chosen = [each for each in given if isinstance(each, str)]
             if not given:
                 raise InputError("effects = []: expected one at least, or None for all that apply.")
-        case = case_of(model, of, effects=chosen, **options)
+        describe = form_case if isinstance(model, FormModel) else case_of
+        case = describe(model, of, effects=chosen, **options)
         comm, data = model.comm, of
     progress = progress or Progress(silent=True)
     started = time.perf_counter()

@@ -18,7 +18,9 @@ def lazy(package: str, files: Mapping[str, Sequence[str]]) -> Callable[[str], ob
 
     def imported(name: str) -> object:
         for file in files.get(name, ()):
-            module = import_module(file if "." in file else f"{package}.{file}")
+            module = import_module(
+                file if file.startswith("fenics_joints.") else f"{package}.{file}"
+            )
             if file == name:
                 return module
             if hasattr(module, name):

@@ -26,6 +26,7 @@ from fenics_joints.reduction.basis import (
     residual_directions,
 )
 from fenics_joints.reduction.files import Cache
+from fenics_joints.reduction.forms import ReducedForms
 from fenics_joints.reduction.frf_basis import CombinedModel
 from fenics_joints.reduction.greedy import GreedyModel
 from fenics_joints.reduction.kept import for_test, kept_modes, read_reduced, write_reduced
@@ -38,7 +39,7 @@ from fenics_joints.reduction.reduced import (
     reduce,
     with_motions,
 )
-from fenics_joints.structure import Sensors, Structure
+from fenics_joints.structure import FormModel, Sensors, Structure
 from fenics_joints.structure.changes import Change, PlacedPoint, PlacedResonator
 from fenics_joints.structure.sparse import as_columns, vectors_like
 
@@ -101,7 +102,7 @@ class ReducedModel(MatchedModes):
         # Also if the model is read from its file, so that both give the same numbers.
         self._solver = eigen_solver(full, self.samples[0], self.n_modes, SNAPSHOT)
         found = self._kept() if self.kept else self._reduce()
-        self._whole = for_test(full, found, self._basis, self.sensors)
+        self._whole = self._with_sensors(found)
         self._condense()
         self.forward = self._forward(self._with_motions())
 
@@ -309,8 +310,26 @@ class ReducedModel(MatchedModes):
         )
         if known is not None and len(self._basis) == n:
             return known
+        return self._projected(known)
+
+    def _projected(self, known: ArrayModel | None) -> ArrayModel:
+        """The reduced model on the basis."""
         reduced = ReducedStructure(self.full, self._basis, self.travel, known)
         return reduced.arrays(sensors=self.sensors)
+
+    def _with_sensors(self, found: ArrayModel) -> ArrayModel:
+        """A reduced model with the test's sensors and points."""
+        return for_test(self.full, found, self._basis, self.sensors)
+
+
+class ReducedFormModel(ReducedModel):
+    """The same of a `FormModel`; nothing is kept in files."""
+
+    def _projected(self, known: ArrayModel | None) -> ArrayModel:
+        return ReducedForms(self.full, self._basis).arrays(sensors=self.sensors)
+
+    def _with_sensors(self, found: ArrayModel) -> ArrayModel:
+        return found
 
 
 def compress_basis(
@@ -368,3 +387,8 @@ class SmallModels:
 def tested_models(full) -> SmallModels:
     """The small models of a structure; those of solids are reduced on samples of parameters."""
     return SmallModels(ReducedModel, GreedyModel, CombinedModel)
+
+
+@tested_models.register
+def _(full: FormModel) -> SmallModels:
+    return SmallModels(ReducedFormModel, GreedyModel, CombinedModel)

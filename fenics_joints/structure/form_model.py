@@ -51,6 +51,7 @@ class FormModel:
     dampers: Mapping[str, PETSc.Mat] = MappingProxyType({})
     #: All of K, which a damping may name; and what the suite makes: none.
     layers, regions, elastic_supports = ("all",), (), ()
+    masses, changes = (), ()
 
     def __init__(
         self,
@@ -84,11 +85,17 @@ class FormModel:
             displacement = whole("displacement", displacement, 0, most)
         self._displacement, self._rows = displacement, dict[bytes, PointRows]()
         self._forms: dict[object, fem.Form | None] = {}
-        self._vector = fem.Function(self.V)
+        self._vector, self._other = fem.Function(self.V), fem.Function(self.V)
+        self._by_cell: tuple | None = None
         self.n_local = self.V.dofmap.index_map.size_local * self.V.dofmap.index_map_bs
 
     def __repr__(self) -> str:
         return f"FormModel({self.n_dofs} DOFs, {len(self.parameters)} parameters)"
+
+    @property
+    def gdim(self) -> int:
+        """Geometric dimension of the mesh."""
+        return self.mesh.geometry.dim
 
     @property
     def n_dofs(self) -> int:
@@ -310,6 +317,47 @@ class FormModel:
         u = fem.Function(W, name="displacement")
         u.x.array[:] = self._vector.x.array[slice(None) if dofs is None else dofs]
         return u
+
+    # -- cells ---------------------------------------------------------------------------------
+
+    def cell_energies(self, x: PETSc.Vec, y: PETSc.Vec, given=None) -> tuple:
+        """x^T K y and x^T M y of each cell that this rank owns, (n_owned_cells,) both. Integrals
+        over facets are left out. Collective."""
+        self.update(given)
+        self._put(x)
+        self._other.x.array[: self.n_local] = y.array_r
+        self._other.x.scatter_forward()
+        space, forms = self._cell_space()
+        first = self.mesh.topology.index_map(self.mesh.topology.dim).size_local
+        rows = space.dofmap.list[:first, 0]
+        return tuple(
+            np.zeros(first) if form is None else fem.assemble_vector(form).array[rows]
+            for form in forms
+        )
+
+    def cell_volumes(self) -> np.ndarray:
+        """Volume, m3, of each cell that this rank owns. Collective."""
+        space, _ = self._cell_space()
+        vector = fem.assemble_vector(fem.form(ufl.TestFunction(space) * ufl.dx(self.mesh)))
+        first = self.mesh.topology.index_map(self.mesh.topology.dim).size_local
+        return vector.array[space.dofmap.list[:first, 0]]
+
+    def _cell_space(self):
+        """Functions constant in each cell, and the forms of the cells' energies by them."""
+        if self._by_cell is None:
+            space = fem.functionspace(self.mesh, ("DG", 0))
+            test, trial = self._arguments
+            forms = []
+            for form in (self._a, self._m):
+                energy = ufl.replace(form, {test: self._vector, trial: self._other})
+                inside = [
+                    i.reconstruct(ufl.TestFunction(space) * i.integrand())
+                    for i in energy.integrals()
+                    if i.integral_type() == "cell"
+                ]
+                forms.append(fem.form(ufl.Form(inside)) if inside else None)
+            self._by_cell = space, forms
+        return self._by_cell
 
     # -- size, mass and pictures ---------------------------------------------------------------
 

@@ -35,6 +35,7 @@ from fenics_joints.diagnosis.zones.zone import Zones
 from fenics_joints.errors import flag, real, text, whole
 from fenics_joints.measurements.data import TestData
 from fenics_joints.reduction.reduced import N_BENDS
+from fenics_joints.structure import Parameter
 
 
 @dataclass
@@ -244,6 +245,7 @@ class Setting:
         dimensions: Which thicknesses and widths the model can represent; None: all.
         sites: Places where something may be that the nominal model has nothing of.
         mass: Of the structure, kg.
+        parameters: Parameters of a model by forms that may be wrong, by name.
     """
 
     case: Case
@@ -252,6 +254,7 @@ class Setting:
     dimensions: Dimensions | None = None
     sites: Sites = field(default_factory=Sites.none)
     mass: float = 1.0
+    parameters: Mapping[str, Parameter] = field(default_factory=dict)
 
     @property
     def reference(self) -> float | None:

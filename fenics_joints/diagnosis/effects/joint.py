@@ -253,14 +253,34 @@ def own_law_errors(s: Setting) -> Found:
             if value == 0:
                 yield Silent(f"{key} of {name}", "it is zero in the model: give what it may be")
                 continue
-            low, high = sorted(
-                b / value for b in law.bounds.get(key, (0.0, np.sign(value) * np.inf))
-            )
-            span = max(low, 0.0), high
-            words = f"{key} of {name} is not what the model says."
-            yield relative_error(
-                f"{key} of {name}", name, [f"{name}.{key}"], OWN_SPREAD, words, span=span
-            )
+            bounds = law.bounds.get(key, (0.0, np.sign(value) * np.inf))
+            yield _own_error(f"{key} of {name}", name, f"{name}.{key}", value, bounds)
+
+
+def parameter_errors(s: Setting) -> Found:
+    """Parameters of a model by forms that are not what it says."""
+    for name, parameter in s.parameters.items():
+        if parameter.value == 0:
+            yield Silent(f"error of {name}", "it is zero in the model: give what it may be")
+            continue
+        bounds = parameter.lower, parameter.upper
+        yield _own_error(f"error of {name}", "", name, parameter.value, bounds)
+
+
+def parameter_tolerances(spreads: Mapping[str, float]) -> tuple[Effect, ...]:
+    """Parameters of a model by forms that are free within their tolerance."""
+    return tuple(
+        relative_error(f"{name}, within tolerance", "", [name], spread, "")
+        for name, spread in spreads.items()
+    )
+
+
+def _own_error(title: str, region: str, name: str, value: float, bounds) -> Effect:
+    """A parameter of the user's own that is off by a factor, within its bounds."""
+    low, high = sorted(bound / value for bound in bounds)
+    words = f"{title.removeprefix('error of ')} is not what the model says."
+    span = max(low, 0.0), high
+    return relative_error(title, region, [name], OWN_SPREAD, words, span=span)
 
 
 # -- by pressure -----------------------------------------------------------------------------------

@@ -30,6 +30,7 @@ from fenics_joints.formatting import spaced
 LIBRARY: list[Callable[[Setting], Found]] = [
     joint.compliances,
     joint.own_law_errors,
+    joint.parameter_errors,
     joint.stiffer_than_given,
     joint.bolts,
     damping.joint_damping,

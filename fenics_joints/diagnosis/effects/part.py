@@ -135,6 +135,8 @@ def temperature(parts: Sequence[str], conditions: Sequence[float], drifts: bool)
 def part_effects(s: Setting) -> Found:
     """Errors of the parts of a case, and those that its model cannot represent."""
     parts, alike = tuple(s.case.parts), {}
+    if not parts:  # a model by forms
+        return
     for name, part in s.case.parts.items():
         nominal = part.nominal()
         alike.setdefault((nominal["E"], nominal["nu"], nominal["rho"]), []).append(name)

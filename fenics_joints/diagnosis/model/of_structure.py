@@ -29,12 +29,12 @@ from fenics_joints.structure.laws import LAYER_LAWS, SOLID, SPRINGS, TRANSITION,
 
 #: Keys of a case's sections that are options; of ``[diagnose]`` all that say something of a model
 #: of solids without contact.
-_DIAGNOSE = [
+DIAGNOSE = [
     key
     for key in Diagnose.model_fields
     if key not in ("effects", "zones", "mesh", "nested", "frfs")
 ]
-_TEST = ["mass", "mass_noise", "stiffness", "antiresonances"]
+TEST = ["mass", "mass_noise", "stiffness", "antiresonances"]
 #: Parameters that may have a tolerance, by the table of their sections.
 _TOLERATED = {
     "parts": ("E", "nu", "rho", "thickness", "width"),
@@ -78,7 +78,7 @@ class _Support(SupportSection):
     k_t: PerArea | None = None
 
 
-class _Case(Case):
+class ScriptedCase(Case):
     """A case without a file."""
 
     mesh: _Mesh
@@ -124,23 +124,23 @@ def case_of(
         what = "axisymmetric" if structure.axisymmetric else "with changes"
         raise InputError(f"structure: is {what}; expected a solid, or a section in plane strain.")
     for key in options:
-        if key not in _DIAGNOSE + _TEST:
-            raise InputError(f"{key}: unknown option{did_you_mean(key, _DIAGNOSE + _TEST)}")
+        if key not in DIAGNOSE + TEST:
+            raise InputError(f"{key}: unknown option{did_you_mean(key, DIAGNOSE + TEST)}")
     said = {
         "title": title,
         "mesh": {"degree": structure.degree},
         **_tables(structure),
         "attached": mapping("attached", attached, "sections of masses and springs by name"),
-        "test": {key: value for key, value in options.items() if key in _TEST},
+        "test": {key: value for key, value in options.items() if key in TEST},
         "diagnose": {"effects": effects}
-        | {key: value for key, value in options.items() if key in _DIAGNOSE},
+        | {key: value for key, value in options.items() if key in DIAGNOSE},
     }
     _put_bolts(said["joints"], bolts, items("bolted", bolted, str, "names of joints"))
     _put_tolerances(said, mapping("tolerances", tolerances, "standard deviations by parameter"))
     try:
-        case = _Case.model_validate(said)
+        case = ScriptedCase.model_validate(said)
     except ValidationError as error:
-        lines = [describe(e, _Case) for e in error.errors()]
+        lines = [describe(e, ScriptedCase) for e in error.errors()]
         raise case_error(Path("structure"), lines) from None
     case.mesh._tagged, case._measured = structure.tagged, test
     case._joint_notes = _notes(case, structure)

@@ -15,7 +15,7 @@ from fenics_joints.case.dimensions import unfit
 from fenics_joints.case.fingerprint import fingerprint
 from fenics_joints.case.notes import OF_MODEL
 from fenics_joints.diagnosis.effects.effect import Effect, Setting, Silent, by_preload
-from fenics_joints.diagnosis.effects.joint import interfaces
+from fenics_joints.diagnosis.effects.joint import interfaces, parameter_tolerances
 from fenics_joints.diagnosis.effects.library import (
     case_effects,
     case_nuisances,
@@ -34,6 +34,7 @@ from fenics_joints.diagnosis.evidence.scales import ERRORS, WITH_FUNCTIONS
 from fenics_joints.diagnosis.model.at_points import by_patches, measured_at_points
 from fenics_joints.diagnosis.model.bonded import joint_errors
 from fenics_joints.diagnosis.model.found_sites import found_sites
+from fenics_joints.diagnosis.model.of_forms import FormCase
 from fenics_joints.diagnosis.model.resolution import MeshErrors, mesh_errors
 from fenics_joints.diagnosis.model.subject import Subject, subject_of, with_places
 from fenics_joints.diagnosis.where.patches import PATCHES, Patches, patches, signatures
@@ -50,6 +51,7 @@ from fenics_joints.reduction.files import Cache
 from fenics_joints.reduction.matched import MatchedModes
 from fenics_joints.reduction.prediction import ModalPrediction
 from fenics_joints.reduction.surrogate import LACKING, tested_models
+from fenics_joints.structure import FormModel
 
 #: Share of a mode's energy that the reduced model may lack where it was sampled, over the square of
 #: the discrepancy, and at most. Half of it bounds the error in frequency there: 3 % of a
@@ -154,10 +156,11 @@ class Prepared(Subject):
 
         Args:
             progress: Told after each sample.
-            keep: Folder of the reduced models, named by a hash of all that makes them.
+            keep: Folder of the reduced models, named by a hash of all that makes them; nothing is
+                kept of a model by forms, whose forms have none.
         """
         models, cache = tested_models(self.full), None
-        if keep is not None and not models.exact:
+        if keep is not None and not models.exact and not isinstance(self.full, FormModel):
             cache = Cache(keep, self.fingerprint(), self.full.comm, side_by_side=True)
         self.surrogate = models.seen(
             self.full,
@@ -520,8 +523,12 @@ def prepare(
     case, zones = subject.case, subject.zones
     mass = subject.full.total_mass(subject.baseline)
     own = data.as_it_is
+    known = case.known_parameters if isinstance(case, FormCase) else {}
+    unknown = {}
+    if isinstance(case, FormCase):
+        unknown = {n: p for n, p in subject.full.parameters.items() if n not in known}
     effects, silent = case_effects(
-        Setting(case, own, zones, subject.dimensions, subject.sites, mass)
+        Setting(case, own, zones, subject.dimensions, subject.sites, mass, unknown)
     )
     extra = [for_zones(effect, zones.by("joint")) for effect in extra]
     for name in {name for row in data.known for name in row} - subject.baseline.keys():
@@ -538,7 +545,7 @@ def prepare(
         data=data,
         effects=effects,
         silent=silent,
-        nuisances=case_nuisances(case, zones, subject.dimensions),
+        nuisances=case_nuisances(case, zones, subject.dimensions) + parameter_tolerances(known),
         scatter=case.diagnose.preload_scatter if by_preload(own) else 0.0,
         evidence=evidence_of(
             data,

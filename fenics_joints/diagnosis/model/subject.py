@@ -11,7 +11,8 @@ from fenics_joints.case import Case, build_mesh, build_structure
 from fenics_joints.case.build_beams import build_beams
 from fenics_joints.case.dimensions import Dimensions
 from fenics_joints.diagnosis.effects.sited import needed
-from fenics_joints.diagnosis.where.cells import BeamElements, MeshCells, StructureCells
+from fenics_joints.diagnosis.model.of_forms import FormCase
+from fenics_joints.diagnosis.where.cells import BeamElements, FormCells, MeshCells, StructureCells
 from fenics_joints.diagnosis.zones.contacts import contact_zones
 from fenics_joints.diagnosis.zones.joints import joint_zones
 from fenics_joints.diagnosis.zones.laps import lap_as_one, lap_zones
@@ -19,7 +20,7 @@ from fenics_joints.diagnosis.zones.sites import Sites, sites_of
 from fenics_joints.diagnosis.zones.zone import Zones, bonded_values, layer_thickness
 from fenics_joints.errors import InputError
 from fenics_joints.progress import Progress
-from fenics_joints.structure import Parameter, Sensors
+from fenics_joints.structure import FormModel, Parameter, Sensors
 from fenics_joints.structure.structure import Structure
 
 
@@ -38,7 +39,7 @@ class Subject:
     """
 
     case: Case
-    full: Structure | BeamStructure
+    full: Structure | BeamStructure | FormModel
     zones: Zones
     baseline: dict[str, float]
     cells: StructureCells
@@ -77,6 +78,11 @@ def subject_of(case: Case, comm: MPI.Intracomm, progress: Progress) -> Subject:
         InputError: If the case has joints of a law that a diagnosis cannot soften, a value is out
             of range, or a bolt is beside its joint.
     """
+    if isinstance(case, FormCase):
+        progress.step("building the model")
+        return Subject(
+            case, case.model, Zones(case), case.model.values(), FormCells(case.model), None
+        )
     more = {"attached": True, "width": True, "elastic_supports": True}
     if case.mesh.origin == "beams":
         progress.step("building the model")

@@ -12,7 +12,7 @@ from fenics_joints._compat import geometry_dofmap
 from fenics_joints.beams.structure import JOINT_KEYS, BeamStructure, cell_energies
 from fenics_joints.diagnosis.zones.joints import bolt_points
 from fenics_joints.modal.modes import Modes
-from fenics_joints.structure import Structure
+from fenics_joints.structure import FormModel, Structure
 from fenics_joints.structure.structure import CellForces
 
 
@@ -152,6 +152,34 @@ class MeshCells(StructureCells):
         # Stiffness is of the first degree in all moduli together, mass in the density.
         stiff = sum(self._by_log(gradient, key) for key in self.stiffness)
         return stiff, -self._by_log(gradient, "rho")
+
+
+class FormCells(StructureCells):
+    """Cells of the mesh of a model by forms; what its forms integrate over facets is left out."""
+
+    replicated, side_view, stiffness, joints = False, False, (), ()
+
+    def __init__(self, model: FormModel):
+        self.structure, self.comm = model, model.comm
+        mesh = model.mesh
+        owned = mesh.topology.index_map(mesh.topology.dim).size_local
+        self.regions, self.groups = ("model",), ("model",)
+        self.corners = mesh.geometry.x[geometry_dofmap(mesh)[:owned]]
+        self.region = self.group = np.zeros(owned, dtype=int)
+        self.volume, self.bolts = model.cell_volumes(), np.empty((0, 3))
+
+    def crossed(self, modes: Modes, index: Sequence[int]):
+        for i in index:
+            own = modes.vector(int(i))
+            found = [
+                self.structure.cell_energies(own, modes.vector(k), modes.given)
+                for k in range(len(modes))
+            ]
+            yield tuple(np.array(part).T for part in zip(*found, strict=True))
+
+    def energies(self, x, omega: float, given) -> tuple[np.ndarray, np.ndarray]:
+        stiff, mass = self.structure.cell_energies(x, x, given)
+        return stiff, omega**2 * mass
 
 
 class BeamElements(StructureCells):
