@@ -4,8 +4,9 @@ A block of text in a Markdown page is replaced by what a command prints if a com
 
     <!-- output: fenics-joints diagnose demos/lap_plates | until Compared | columns 80 -->
 
-``until`` leaves out the first line that begins with these words, and all after it; ``columns`` is
-the width of the terminal, 100 by default. Commands run in the repository, each once. All pages by
+``output: the script above`` stands for the last block of Python before it. ``until`` leaves out the
+first line that begins with these words, and all after it; ``columns`` is the width of the terminal,
+100 by default. Commands run in the repository, each once; scripts in an empty folder. All pages by
 default. With ``--check`` nothing is written, and the exit status is 1 if a page would change.
 """
 
@@ -17,6 +18,7 @@ import re
 import shlex
 import subprocess
 import sys
+import tempfile
 from functools import cache
 from pathlib import Path
 
@@ -49,12 +51,26 @@ def main() -> int:
 
 def _written(block: re.Match) -> str:
     command, *options = (part.strip() for part in block["what"].split("|"))
+    if command == "the script above":
+        return block["mark"] + script_output(block.string[: block.start()])
     given = dict(option.split(" ", 1) for option in options)
     lines = _printed(command, given.get("columns", "100")).splitlines()
     if "until" in given:
         last = next(i for i, line in enumerate(lines) if line.startswith(given["until"]))
         lines = lines[:last]
     return block["mark"] + "\n".join(lines).strip("\n") + "\n"
+
+
+def script_output(text: str) -> str:
+    """What the last block of Python in a text prints."""
+    script = re.findall(r"^```python\n(.*?)^```$", text, re.DOTALL | re.M)[-1]
+    with tempfile.TemporaryDirectory() as folder:
+        environment = {**os.environ, "PYTHONPATH": str(REPOSITORY), "OMP_NUM_THREADS": "1"}
+        run = [sys.executable, "-c", script]
+        done = subprocess.run(run, cwd=folder, env=environment, capture_output=True, text=True)
+    if done.returncode:
+        raise SystemExit(done.stderr)
+    return done.stdout.strip("\n") + "\n"
 
 
 @cache

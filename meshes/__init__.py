@@ -24,7 +24,7 @@ from fenics_joints.meshes.half_lap_beam import (
 from fenics_joints.meshes.lap_beam import LapBeam, LapBeamSection, lap_beam, lap_beam_section
 from fenics_joints.meshes.lap_plates import LapPlates, lap_plates
 from fenics_joints.meshes.msh import read_msh
-from fenics_joints.meshes.rings import Ring, layer_thickness, measure_ring
+from fenics_joints.meshes.rings import Ring, layer_thickness, measure_layer, measure_ring
 from fenics_joints.meshes.tagged import TaggedMesh, extent
 
 __all__ = [
@@ -58,6 +58,7 @@ __all__ = [
     "lap_beam_section",
     "lap_plates",
     "layer_thickness",
+    "measure_layer",
     "measure_ring",
     "read_msh",
     "read_step",

@@ -33,7 +33,7 @@ class _HalfLap(Builder):
     n_length: Count = 12
     n_lap: Count = 12
     n_thickness: Count = 1
-    #: Diameter of the bolts' holes; a section has none.
+    # Of the bolts; a section has none.
     hole: ClassVar[float] = 0.0
 
     def check(self) -> None:

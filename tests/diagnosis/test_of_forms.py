@@ -71,7 +71,7 @@ def test_an_effect_of_one_s_own_and_the_refusals():
     for more, words in (
         ({"bolts": {}}, "bolts: unknown option"),
         ({"tolerances": {"e": 0.1}}, "tolerances: 'e': expected one of E, k, rho"),
-        ({"effects": ["error of e"]}, "'error of e' does not exist; expected some of: .*error of E"),
+        ({"effects": ["error of e"]}, "'error of e' does not exist; .*error of E"),
     ):
         with pytest.raises(InputError, match=words):
             diagnose(model, test, **more)

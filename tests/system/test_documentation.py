@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import html
+import importlib.util
 import re
 import shlex
 import subprocess
@@ -10,6 +11,7 @@ import sys
 from pathlib import Path
 from urllib.parse import unquote
 
+import numpy as np
 import pytest
 
 pytest.importorskip("dolfinx")
@@ -141,6 +143,30 @@ def test_case_files_in_pages_have_keys_that_exist(page):
         except ValidationError as error:
             wrong = [e for e in error.errors() if e["type"] not in expected]
         assert not wrong, name(page)
+
+
+def _scripts():
+    for page in sorted((REPOSITORY / "docs").glob("*.md")):
+        text = page.read_text(encoding="utf-8")
+        for found in re.finditer(
+            r"<!-- output: the script above -->\n\n```text\n(.*?)```", text, re.S
+        ):
+            marks = [pytest.mark.slow] if page.stem == "own-model" else []
+            name = f"{page.stem}-{text[: found.start()].count('script above')}"
+            yield pytest.param(text[: found.start()], found[1], id=name, marks=marks)
+
+
+@pytest.mark.parametrize(("text", "shown"), _scripts())
+def test_scripts_print_what_their_page_shows(text, shown):
+    """The same words, and numbers within two per cent, as other versions of gmsh may give."""
+    number = r"[-+]?\d+\.?\d*(?:e[-+]?\d+)?"
+    spec = importlib.util.spec_from_file_location("outputs", REPOSITORY / "docs" / "outputs.py")
+    outputs = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(outputs)
+    printed = outputs.script_output(text)
+    assert re.sub(number, "#", printed).split() == re.sub(number, "#", shown).split()
+    found, wanted = (np.array(re.findall(number, t), dtype=float) for t in (printed, shown))
+    np.testing.assert_allclose(found, wanted, rtol=0.02, atol=0.011)
 
 
 @pytest.mark.slow
