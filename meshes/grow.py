@@ -787,8 +787,9 @@ def _layer_notes(layers, size: float) -> list[str]:
         for name, (t, rows) in layers.items()
         if t.opposite is not None
     ]
+    where = "half into each part" if len(unlike) < len(layers) else "into one part"
     return [
         *unlike,
-        f"the mesh had no layer where its parts touch: one of {1e6 * size:.3g} um was grown, half "
-        f"into each part ({pairs}{more})",
+        f"the mesh had no layer where its parts touch: one of {1e6 * size:.3g} um was grown, "
+        f"{where} ({pairs}{more})",
     ]

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from itertools import takewhile
 from pathlib import Path
+from types import FunctionType
 from typing import Any
 
 import numpy as np
@@ -22,7 +23,7 @@ from fenics_joints.case.mesh import Mesh
 from fenics_joints.case.messages import case_error, describe, message
 from fenics_joints.case.starting import start_joints
 from fenics_joints.case.test import ChangedTest, FRFSection, Test, ValidationTest
-from fenics_joints.errors import InputError, Problems, located
+from fenics_joints.errors import InputError, Problems, located, raised
 from fenics_joints.files import is_file, read_toml, shown_path
 from fenics_joints.measurements import (
     MeasuredBackbone,
@@ -216,6 +217,9 @@ def _read_test(case: Case, key: str, source: Test | ValidationTest) -> TestData:
                 shapes=shapes.shapes,
             )
         return replace(data, **_noise(test, len(data.mode_names)))
+    if source is test and test.reader is not None:
+        with located("test.reader"):
+            return _own_read(case, files["frequencies"])
     with located(key):
         data = read_test_data(
             files["frequencies"], condition=test.condition, modes=modes, damping=files["damping"]
@@ -232,6 +236,22 @@ def _read_test(case: Case, key: str, source: Test | ValidationTest) -> TestData:
                 table = read_table(file)
                 found = np.column_stack([table.column(mode) for mode in data.mode_names])
         return replace(data, shapes=found)
+
+
+def _own_read(case: Case, file: Path) -> TestData:
+    """A test by the user's own reader; its noise is the case's where that gives any."""
+    test = case.test
+    read = own_code.find(test.reader, FunctionType, "a function that returns a TestData")
+    try:
+        data = read(file)
+    except Exception as error:  # whatever somebody's own code may raise
+        raise InputError(raised(f"{test.reader}: {shown_path(file)}", error)) from error
+    if not isinstance(data, TestData):
+        raise InputError(f"{test.reader}: returned {type(data).__name__}, expected a TestData")
+    given = {"resolution_hz" if key == "resolution" else key for key in test.model_fields_set}
+    noise = {k: v for k, v in _noise(test, len(data.mode_names)).items() if k in given}
+    seen = case.sensors() if data.sensors is None else data.sensors
+    return replace(data, **noise, sensors=seen)
 
 
 def _read_changed(case: Case, name: str, section: ChangedTest) -> TestData:

@@ -347,7 +347,9 @@ class Test(CaseSection):
 
     Attributes:
         frequencies: Table with a column for each mode and a row for each condition, such as a
-            torque.
+            torque; or, with a ``reader``, a file of any format.
+        reader: Function of your own, ``module:name``, from the file's path to a
+            `fenics_joints.measurements.TestData`.
         damping: Table of damping ratios with the same columns.
         shapes: Mode shapes; universal files bring frequencies, damping and sensors with them.
         condition: Name of the condition's column.
@@ -373,6 +375,7 @@ class Test(CaseSection):
     __test__ = False
 
     frequencies: File | None = None
+    reader: str | None = None
     damping: File | None = None
     shapes: Annotated[ShapesSection, BeforeValidator(in_files)] | None = None
     condition: str | None = None
@@ -422,6 +425,12 @@ class Test(CaseSection):
             needs = key != "shapes" or not self.has_modes
             if self.frequencies is None and needs and getattr(self, key) is not None:
                 raise ValueError(f"{key}: expected frequencies too")
+        beside = self.damping, self.shapes, self.validation, self.modes, self.condition
+        if self.reader is not None and (self.frequencies is None or any(beside)):
+            raise ValueError(
+                "reader: expected frequencies, the file that it reads, and not damping, shapes, "
+                "validation, modes or condition, which its result has"
+            )
         if self.has_universal_shapes and self.sees is not None:
             raise ValueError(
                 "sees: expected it only without shapes in a universal file, whose "

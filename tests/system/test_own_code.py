@@ -141,6 +141,44 @@ def test_commands_take_own_laws_effects_and_meshes(folder):
     run(path, "harmonic", "1.00 N ")
 
 
+READER = """
+from fenics_joints.measurements import TestData
+
+
+def lines(path):
+    hz = np.array([float(line) for line in path.read_text().split()])
+    return TestData([1.0], hz[None], [f"mode {i + 1}" for i in range(len(hz))], noise=0.004)
+
+
+def nothing(path):
+    return None
+"""
+
+
+def test_a_reader_of_one_s_own(folder):
+    (folder / "f.dat").write_text("101.5\n200.25\n", encoding="utf-8")
+    code = blocks()["sealed_joints.py"]
+    (folder / "sealed_joints.py").write_text(f"import numpy as np\n{code}{READER}")
+    test = '[test]\nfrequencies = "f.dat"\nreader = "sealed_joints:lines"\n'
+    path = changed(folder, "read.toml", more=test)
+    found = load_case(path, allow_code=True).measured
+    assert found.frequencies_hz.tolist() == [[101.5, 200.25]] and found.noise == pytest.approx(
+        0.004
+    )
+    path = changed(folder, "noisy.toml", more=test + "noise = 0.01\n")
+    assert load_case(path, allow_code=True).measured.noise == pytest.approx(0.01)
+    with pytest.raises(InputError, match="only with --allow-code"):
+        load_case(path)
+    for old, new, words in (
+        (":lines", ":nothing", "test.reader: sealed_joints:nothing: returned NoneType, expected a"),
+        ("f.dat", "case.toml", "could not convert string to float"),
+        ("[test]", '[test]\nmodes = ["a"]', "reader: expected frequencies, .* and not .*modes"),
+    ):
+        path = changed(folder, "wrong.toml", more=test.replace(old, new))
+        with pytest.raises(InputError, match=words):
+            load_case(path, allow_code=True)
+
+
 SLIP = """[nonlinear.lap]
 law = "sealed_joints:Slider"
 values = { stiffness = "100 MPa", strength = "5 kPa" }
