@@ -577,19 +577,22 @@ def grow(lists: MeshLists, wanted: Grown) -> MeshLists:
     layer_sides = {name: sides(*layer) for name, layer in layers.items()}
     grown = fill(parted.lists(), layer_sides)
     grown = replace(grown, shares=_cell_shares(len(whole.cells), len(grown.cells), layers))
-    unlike = {name: touch for name, (touch, _) in layers.items() if touch.opposite is not None}
-    tied = {f"{name}_tied": layer_sides[name][0] for name in unlike}
-    like = {name: pair for name, pair in layer_sides.items() if name not in unlike}
-    opposite = {f"{t.parts[0]}_to_{t.parts[1]}": t for t in unlike.values()}
-    opposite = {name: own(t.parts[0], t.opposite) for name, t in opposite.items()}
-    faces = {**tied, **opposite}
-    for name, facets in layer_faces(like, bare).items():
-        faces[name] = np.vstack([*([faces[name]] if name in faces else []), facets])
+    like, tied = {}, {}
+    for name, pair in layer_sides.items():
+        touch = layers[name][0]
+        if touch.opposite is None:
+            like[name] = pair
+        else:  # layers of one contact may share vertices
+            tied.setdefault(id(touch), (touch, f"{name}_tied", []))[2].append(pair[0])
+    faces = layer_faces(like, bare)
+    for touch, face, facets in tied.values():
+        faces[face] = np.vstack(facets)
+        faces["{}_to_{}".format(*touch.parts)] = own(touch.parts[0], touch.opposite)
     grown = _with_free_facets(grown, faces)
-    ties = tuple(
-        Tie(f"{name}_tied", _face_names(grown, own(touch.parts[0], touch.opposite)), touch.parts[0])
-        for name, touch in unlike.items()
-    )
+    ties = [
+        Tie(face, _face_names(grown, own(touch.parts[0], touch.opposite)), touch.parts[0])
+        for touch, face, _ in tied.values()
+    ]
     grown = replace(grown, ties=(*grown.ties, *ties))
     if centres is not None:
         grown = replace(grown, points={**grown.points, "bolts": centres})

@@ -193,7 +193,7 @@ class Copy:
         shutil.copytree(root, folder, ignore=left, symlinks=True)
         shutil.copy(Path(__file__).parent / "helpers" / "fault_trace.py", folder)
 
-    def pytest(self, *arguments: str) -> int:
+    def pytest(self, *arguments: str, limit: float = LIMIT) -> int:
         """The exit status."""
         command = ["./with-fenicsx", "python3", "-m", "pytest", "-q", "-p", "no:cacheprovider"]
         return subprocess.run(
@@ -201,7 +201,7 @@ class Copy:
             cwd=self.folder,
             stdin=subprocess.DEVNULL,
             capture_output=True,
-            timeout=LIMIT,
+            timeout=limit,
         ).returncode
 
     def trace(self, room: str, here: dict[int, dict]) -> dict[int, list[str]]:
@@ -213,7 +213,7 @@ class Copy:
             span = statement(source, fault["place"]["line"])
             lines.setdefault(fault["file"], []).append([*span, i])
         (self.folder / "fault_lines.json").write_text(json.dumps(lines))
-        self.pytest("-p", "fault_trace", f"tests/{room}")
+        self.pytest("-p", "fault_trace", f"tests/{room}", limit=3 * LIMIT)
         found = json.loads((self.folder / "fault_trace.json").read_text())
         seconds = found["seconds"]
         alone = {

@@ -442,13 +442,17 @@ class Face:
         return f"Face({len(self.nodes)} vertices, {len(self.facets)} facets)"
 
 
-def read_face(V: fem.FunctionSpace, tagged: TaggedMesh, *names: str) -> Face:
+def read_face(
+    V: fem.FunctionSpace, tagged: TaggedMesh, *names: str, outer_alone: bool = False
+) -> Face:
     """Gather a named exterior face, or several together, with blocks of ``V``. Collective.
+
+    With ``outer_alone`` their facets inside a body are left out.
 
     Raises:
         MeshError: If the mesh has no such face or a facet of it is inside a body.
     """
-    local = _local_facets(V, tagged, names)
+    local = _local_facets(V, tagged, names, outer_alone)
     comm = V.mesh.comm
     gathered = [np.concatenate(parts) for parts in zip(*comm.allgather(local), strict=True)]
     vertex_ids, x, normals, edge_ids, ends, where = gathered
@@ -462,7 +466,7 @@ def read_face(V: fem.FunctionSpace, tagged: TaggedMesh, *names: str) -> Face:
     return Face(nodes, points, facets.reshape(vertex_ids.shape), normals, edges, midsides, where)
 
 
-def _local_facets(V, tagged: TaggedMesh, names: Sequence[str]):
+def _local_facets(V, tagged: TaggedMesh, names: Sequence[str], outer_alone: bool):
     """This rank's facets: vertex blocks, positions, normals, edge blocks, edge ends, where."""
     msh, topology = V.mesh, V.mesh.topology
     tdim, gdim = topology.dim, msh.geometry.dim
@@ -471,6 +475,8 @@ def _local_facets(V, tagged: TaggedMesh, names: Sequence[str]):
     to_cell = topology.connectivity(tdim - 1, tdim)
     found = [tagged.facet_tags.find(tagged.facet_tag(name)) for name in names]
     facets = np.sort(np.concatenate(found))
+    if outer_alone:
+        facets = facets[np.diff(to_cell.offsets)[facets] == 1]
     if msh.comm.allreduce(int(np.sum(np.diff(to_cell.offsets)[facets] > 1))):
         raise MeshError(
             f"face {', '.join(names)}: some of its facets lie inside a body; expected the surface "

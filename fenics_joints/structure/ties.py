@@ -64,7 +64,11 @@ class Ties:
         if assembly.axisymmetric:
             options["weight"] = lambda x: 2 * np.pi * x[:, 0]
         faces = [
-            (tie.face, *(read_face(assembly.V, tagged, *names) for names in (tie.to, (tie.face,))))
+            (
+                tie.face,
+                read_face(assembly.V, tagged, *tie.to, outer_alone=True),
+                read_face(assembly.V, tagged, tie.face),
+            )
             for tie in tagged.ties
         ]
         pairs = [couple_faces(*each, **options) for each in faces]
