@@ -58,6 +58,8 @@ _ROUND, _CORNERS = 0.02, 6
 #: Most distance of two faces that touch though their meshes differ, as a share of the size of their
 #: facets: of flat ones, and of curved ones, where chords are apart. Chosen.
 _APART, _CHORDS = 0.02, 0.1
+#: Share of the area that matches above which what does not match counts: round-off of areas.
+_REST = 1e-2
 #: Ends of the edges of an edge (its two points), a triangle and a quadrilateral.
 _ENDS = {2: [(0,), (1,)], 3: [(0, 1), (1, 2), (0, 2)], 4: [(0, 1), (0, 2), (1, 3), (2, 3)]}
 
@@ -75,13 +77,16 @@ class Touch:
     """Facets on which two parts touch.
 
     Attributes:
-        parts: Names of the two, in the mesh's order.
+        parts: Names of the two, in the mesh's order; of meshes that differ, that with the larger
+            facets first.
         facets: Vertices of the glued mesh as the first part's cell has them, shape (n, n_corners).
         middles: Middles, m, shape (n, gdim).
         normals: Unit normals from the first part to the second, shape (n, gdim).
         areas: m2 (m in the plane), shape (n,).
         opposite: Of faces whose meshes differ the facets of the first part, with its vertices,
             shape (m, n_corners); the others are then those of the second.
+        hidden: Which of these are covered by more than half, (m,).
+        reach: Farthest distance of the two faces, m.
         covered: Area that both have in common, m2, by facet: also that of facets of which too
             little is covered, shared out over the others; shape (n,).
     """
@@ -92,6 +97,8 @@ class Touch:
     normals: np.ndarray
     areas: np.ndarray
     opposite: np.ndarray | None = None
+    hidden: np.ndarray | None = None
+    reach: float = 0.0
     covered: np.ndarray | None = None
 
     def pick(self, rows: np.ndarray) -> Touch:
@@ -127,8 +134,13 @@ def shortest_edge(lists: MeshLists) -> float:
     return min(float(np.linalg.norm(x[:, a] - x[:, b], axis=1).min()) for a, b in ends)
 
 
-def glued(lists: MeshLists) -> MeshLists:
-    """The same mesh with one vertex where vertices of different parts coincide."""
+def glued(lists: MeshLists, apart: Iterable[tuple[str, str]] = ()) -> MeshLists:
+    """The same mesh with one vertex where vertices of different parts coincide.
+
+    Args:
+        lists: The mesh.
+        apart: Pairs of parts whose vertices stay two.
+    """
     n, tree = len(lists.x), KDTree(lists.x)
     pairs = tree.query_pairs(_ONE * shortest_edge(lists), output_type="ndarray")
     if not len(pairs):
@@ -137,6 +149,13 @@ def glued(lists: MeshLists) -> MeshLists:
     rows, of = lists.cells.ravel(), np.repeat(values, lists.cells.shape[1])
     has = coo_array((np.ones(len(rows), np.int32), (rows, of)), (n, values.max() + 1)).tocsr()
     common = np.asarray(has[pairs[:, 0]].multiply(has[pairs[:, 1]]).sum(axis=1)).ravel()
+    tags = np.unique(lists.cell_values).tolist()
+    for a, b in apart:
+        one, other = (
+            has[:, [tags.index(lists.cell_names[name])]].toarray()[:, 0] for name in (a, b)
+        )
+        one, other = one[pairs] > 0, other[pairs] > 0
+        common[(one[:, 0] & other[:, 1]) | (other[:, 0] & one[:, 1])] = 1
     _, first, new = np.unique(
         groups_of(n, pairs[common == 0]), return_index=True, return_inverse=True
     )
@@ -160,7 +179,8 @@ def touches(
         between: Pairs of parts that may touch though their meshes do not match.
 
     Returns:
-        The contacts in the order of the parts, then of x, y and z.
+        The contacts in the order of the parts, then of x, y and z; those of meshes that do not
+        match last.
     """
     names, left_out = list(lists.cell_names), {frozenset(pair) for pair in bonded}
     facets, cells = interfaces(lists, part_numbers(lists))
@@ -175,8 +195,40 @@ def touches(
     return found + _unlike_touches(lists, connected, between)
 
 
+def _whole_contacts(lists: MeshLists, wanted: Grown) -> tuple[MeshLists, list[Touch]]:
+    """The glued mesh and its contacts; parts of which some facets match and others do not are taken
+    as parts whose meshes do not match.
+
+    Raises:
+        MeshError: If parts that are to be one body do not match.
+    """
+    whole = glued(lists)
+    sides = _sides_of(whole)
+    names = list(whole.cell_names)
+    pairs = {t.parts: 0.0 for t in touches(whole, between=wanted.between or ())}
+    for touch in touches(whole):
+        pairs[touch.parts] = pairs.get(touch.parts, 0.0) + touch.areas.sum() * (
+            touch.opposite is None
+        )
+    apart = []
+    for (a, b), matched in {**dict.fromkeys(map(tuple, wanted.bonded), 0.0), **pairs}.items():
+        one, other = (sides[names.index(name)] for name in (a, b))
+        rest = sum(t.covered[:, 1].sum() for t in _unlike((a, b), one, other, exact=True))
+        if rest > _REST * matched:
+            if {a, b} in map(set, wanted.bonded):
+                raise MeshError(
+                    f"bonded has {[a, b]}, whose meshes do not match; expected common vertices "
+                    "(in gmsh: fragment the solids before meshing), or a joint"
+                )
+            if matched:
+                apart.append((a, b))
+    if apart:
+        whole = glued(lists, apart)
+    return whole, touches(whole, wanted.bonded, [*(wanted.between or ()), *apart])
+
+
 @dataclass(frozen=True)
-class _Skin:
+class _Side:
     """Outer facets of a part: vertices, m, those of each facet, outward normals and areas, m2."""
 
     points: np.ndarray
@@ -184,57 +236,74 @@ class _Skin:
     normals: np.ndarray
     areas: np.ndarray
 
-    def near(self, other: _Skin) -> _Skin:
+    def near(self, other: _Side) -> _Side:
         """The facets in the box around another's."""
         x, y = self.points[self.facets], other.points[other.facets]
         slack = np.ptp(x, axis=1).max()
         low, high = x.min(axis=1), x.max(axis=1)
         inside = (high >= y.min(axis=(0, 1)) - slack) & (low <= y.max(axis=(0, 1)) + slack)
         rows = inside.all(axis=1)
-        return _Skin(self.points, self.facets[rows], self.normals[rows], self.areas[rows])
+        return _Side(self.points, self.facets[rows], self.normals[rows], self.areas[rows])
 
 
 def _unlike_touches(lists: MeshLists, connected, between) -> list[Touch]:
     """Contacts of parts whose meshes do not match, see `touches`."""
-    names, (facets, cells) = list(lists.cell_names), exterior_facets(lists)
+    names, sides = list(lists.cell_names), _sides_of(lists)
     body = groups_of(len(names), [[names.index(name) for name in pair] for pair in connected])
     asked = {frozenset(pair) for pair in between} - {frozenset(pair) for pair in connected}
-    part = part_numbers(lists)[cells]
-    areas = outward_areas(lists.x[facets], lists.x[lists.cells[cells]].mean(axis=1))
-    size = np.linalg.norm(areas, axis=1)
-    skins = []
-    for i in range(len(names)):
-        own = part == i
-        skins.append(_Skin(lists.x, facets[own], areas[own] / size[own, None], size[own]))
     found = []
     for a, b in combinations(range(len(names)), 2):
         pair = names[a], names[b]
         if body[a] != body[b] or frozenset(pair) in asked:
-            found += _unlike(lists, pair, skins[a], skins[b])
+            found += _unlike(pair, sides[a], sides[b])
     return found
 
 
-def _unlike(lists: MeshLists, parts: tuple[str, str], a: _Skin, b: _Skin) -> list[Touch]:
+def _sides_of(lists: MeshLists) -> list[_Side]:
+    """Each part's outer facets, in the order of the mesh's names."""
+    facets, cells = exterior_facets(lists)
+    part = part_numbers(lists)[cells]
+    areas = outward_areas(lists.x[facets], lists.x[lists.cells[cells]].mean(axis=1))
+    size = np.linalg.norm(areas, axis=1)
+    normals = areas / size[:, None]
+    own = [part == i for i in range(len(lists.cell_names))]
+    return [_Side(lists.x, facets[i], normals[i], size[i]) for i in own]
+
+
+def _unlike(parts: tuple[str, str], a: _Side, b: _Side, exact: bool = False) -> list[Touch]:
+    """Contacts of two parts by their outer facets; ``exact`` where the faces coincide."""
+    if not len(a.facets) or not len(b.facets):  # inside others
+        return []
     a, b = a.near(b), b.near(a)
     if not len(a.facets) or not len(b.facets):
         return []
-    edge = (lambda s: s.mean()) if lists.x.shape[1] == 2 else (lambda s: np.sqrt(s.mean()))
+    edge = (lambda s: s.mean()) if a.points.shape[1] == 2 else (lambda s: np.sqrt(s.mean()))
     if edge(a.areas) < edge(b.areas):
         parts, a, b = parts[::-1], b, a
-    reach = _CHORDS * edge(b.areas)
-    for share in (1.0, _APART / _CHORDS):
-        common = overlap(b, a, share * reach)
-        covered = np.bincount(common.upper, common.weight, len(b.facets))
-        rows = np.flatnonzero(covered > TIED * b.areas)
-        if not len(rows):
-            return []
-        x = lists.x[b.facets[rows]].mean(axis=1)
-        touch = Touch(parts, b.facets[rows], x, -b.normals[rows], b.areas[rows])
-        if not touch.is_flat:
-            break
-    opposite = a.facets[np.unique(common.lower)]
-    covered = covered[rows] * covered.sum() / covered[rows].sum()
-    return _contacts(replace(touch, opposite=opposite, covered=covered))
+    covered = np.empty((len(b.facets), 2))
+    for i, share in enumerate((_ONE, _ONE) if exact else (_CHORDS, _APART)):
+        common = overlap(b, a, share * edge(b.areas))
+        covered[:, i] = np.bincount(common.upper, common.weight, len(b.facets))
+        if not i:
+            lower, reach = np.unique(common.lower), share * edge(b.areas)
+            hidden = np.bincount(common.lower, common.weight, len(a.facets)) > 0.5 * a.areas
+    rows = np.flatnonzero(covered[:, 0] > TIED * b.areas)
+    if not len(rows):
+        return []
+    # What is covered of facets that are left out is shared out over the others.
+    covered = covered[rows] * covered.sum(axis=0) / np.maximum(covered[rows].sum(axis=0), 1e-300)
+    x = b.points[b.facets[rows]].mean(axis=1)
+    face = b.facets[rows], x, -b.normals[rows], b.areas[rows]
+    whole = Touch(parts, *face, a.facets[lower], hidden[lower], reach, covered)
+    if exact:
+        return [whole]
+    found = []
+    for touch in _contacts(whole):
+        near = touch.covered[:, 1 if touch.is_flat else 0]
+        kept = np.flatnonzero(near > TIED * touch.areas)
+        if len(kept):
+            found.append(replace(touch.pick(kept), covered=near[kept]))
+    return found
 
 
 def part_numbers(lists: MeshLists) -> np.ndarray:
@@ -386,20 +455,18 @@ def _smallest_extent(lists: MeshLists, parts: Iterable[str]) -> float:
     return min(float(np.ptp(lists.x[own], axis=(0, 1)).min()) for own in cells)
 
 
-def spread(
-    x: np.ndarray, sides: Sequence[np.ndarray], areas: np.ndarray, size: float, ways=(-0.5, 0.5)
-) -> None:
+def spread(x: np.ndarray, sides: Sequence[np.ndarray], areas: np.ndarray, size: float) -> None:
     """Move the vertices of two faces that coincide apart, half of a distance each.
 
     Args:
         x: Vertices, shape (n, gdim), which are moved.
-        sides: Vertices of the facets of either face, each of shape (n_facets, n_corners).
+        sides: Vertices of the facets of either face, or of the first alone, each of shape
+            (n_facets, n_corners).
         areas: Normals from the first to the second, as long as the facets' areas,
             shape (n_facets, gdim).
         size: The distance, in the unit of ``x``.
-        ways: The share of either face.
     """
-    for corners, way in zip(sides, ways, strict=True):
+    for corners, way in zip(sides, (-0.5, 0.5), strict=False):
         nodes, local = np.unique(corners, return_inverse=True)
         total = np.zeros((len(nodes), x.shape[1]))
         np.add.at(total, local.ravel(), areas.repeat(corners.shape[1], axis=0))
@@ -460,7 +527,7 @@ class Grown(Arguments):
 
     Attributes:
         joint: ``"layer"`` on all that touches, ``"rings"`` round bolts, or ``"contact"``: none,
-            but separate parts whose faces match vertex by vertex.
+            but separate parts.
         r_wai: Outer radius of the rings, m, or of each, with ``bolts``.
         r_nei: Inner radius, m; None: that of the holes.
         bolts: Points on the bolts' axes, m, shape (n, 3); None: in all round holes.
@@ -517,19 +584,19 @@ def grow(lists: MeshLists, wanted: Grown) -> MeshLists:
     touch with no layer. ``notes`` of the mesh say what was done.
 
     Where meshes do not match (`touches`) the layer stands on those facets of one part of which the
-    other covers at least a tenth. Its free face, ``joint_tied``, follows the other part
-    (`MeshLists.ties`).
+    other covers at least a tenth. Its free face, ``NAME_tied`` of the first layer of a contact,
+    follows the other part (`MeshLists.ties`), whose facets there become ``A_to_B`` if more than
+    half of them is covered. Faces of which only a part matches are taken so as a whole.
 
     Raises:
-        MeshError: No parts touch vertex by vertex, a part is unknown, a bolt is on no contact or
+        MeshError: No parts touch, a part is unknown, a bolt is on no contact or
             has no facets, or the layer is too thick for the mesh.
     """
     if not len(lists.facets):  # of whatever shape, without any
         corners = FACETS[lists.cell].shape[1]
         lists = replace(lists, facets=np.empty((0, corners), np.int64))
-    whole = glued(lists)
-    _check_pairs(whole, wanted)
-    found = touches(whole, wanted.bonded, wanted.between or ())
+    _check_pairs(lists, wanted)
+    whole, found = _whole_contacts(lists, wanted)
     if not found:
         raise MeshError(
             f"no two of the parts {', '.join(map(repr, whole.cell_names))} touch, expected faces "
@@ -566,9 +633,14 @@ def grow(lists: MeshLists, wanted: Grown) -> MeshLists:
         if len(rows):
             rows = rows.astype(int)
             normals = touch.normal if touch.is_flat else touch.normals[rows]
-            ways = (-0.5, 0.5) if touch.opposite is None else (0.0, 1.0)
-            faces = sides(touch, rows)
-            spread(parted.x, faces, normals * touch.areas[rows, None], size, ways)
+            faces = sides(touch, rows)  # may add vertices
+            spread(parted.x, faces, normals * touch.areas[rows, None], size)
+            if touch.opposite is not None:
+                lower = own(touch.parts[0], touch.opposite)
+                areas, near = area_vectors(parted.x[lower]), KDTree(touch.middles)
+                ways = touch.normals[near.query(parted.x[lower].mean(axis=1))[1]]
+                areas *= np.sign(np.sum(areas * ways, axis=1))[:, None]
+                spread(parted.x, [lower], areas, size)
         if touch.opposite is not None and not len(rows):
             upper = own(touch.parts[1], touch.facets)
             bare.append((touch.parts, (own(touch.parts[0], touch.opposite), upper)))
@@ -587,12 +659,15 @@ def grow(lists: MeshLists, wanted: Grown) -> MeshLists:
     faces = layer_faces(like, bare)
     for touch, face, facets in tied.values():
         faces[face] = np.vstack(facets)
-        faces["{}_to_{}".format(*touch.parts)] = own(touch.parts[0], touch.opposite)
+        lower = own(touch.parts[0], touch.opposite)
+        faces["{}_to_{}".format(*touch.parts)] = lower
+        # As where meshes match, a named face is what the contact leaves of it.
+        grown = _without_names(grown, lower[touch.hidden])
     grown = _with_free_facets(grown, faces)
-    ties = [
-        Tie(face, _face_names(grown, own(touch.parts[0], touch.opposite)), touch.parts[0])
-        for touch, face, _ in tied.values()
-    ]
+    ties = []
+    for touch, face, _ in tied.values():
+        to = _face_names(grown, own(touch.parts[0], touch.opposite))
+        ties.append(Tie(face, to, touch.parts[0], float(1.5 * touch.reach + size)))
     grown = replace(grown, ties=(*grown.ties, *ties))
     if centres is not None:
         grown = replace(grown, points={**grown.points, "bolts": centres})
@@ -762,6 +837,13 @@ def _cell_shares(before: int, n: int, layers) -> np.ndarray | None:
     return np.append(np.ones(before), shares.repeat((n - before) // len(shares)))
 
 
+def _without_names(lists: MeshLists, facets: np.ndarray) -> MeshLists:
+    """The mesh without names for some facets."""
+    numbers = row_numbers(np.vstack([facets, lists.facets]))
+    kept = ~np.isin(numbers[len(facets) :], numbers[: len(facets)])
+    return replace(lists, facets=lists.facets[kept], facet_values=lists.facet_values[kept])
+
+
 def _face_names(lists: MeshLists, facets: np.ndarray) -> tuple[str, ...]:
     """Names of the faces that facets are of."""
     numbers = row_numbers(np.vstack([facets, lists.facets]))
@@ -790,9 +872,8 @@ def _layer_notes(layers, size: float) -> list[str]:
         for name, (t, rows) in layers.items()
         if t.opposite is not None
     ]
-    where = "half into each part" if len(unlike) < len(layers) else "into one part"
     return [
         *unlike,
-        f"the mesh had no layer where its parts touch: one of {1e6 * size:.3g} um was grown, "
-        f"{where} ({pairs}{more})",
+        f"the mesh had no layer where its parts touch: one of {1e6 * size:.3g} um was grown, half "
+        f"into each part ({pairs}{more})",
     ]

@@ -24,11 +24,13 @@ class Tie(NamedTuple):
         face: Name of the face.
         to: Names of faces of the part that cover it, of which they may be larger.
         part: Name of the part.
+        reach: Farthest distance of the two faces, m.
     """
 
     face: str
     to: tuple[str, ...]
     part: str
+    reach: float
 
 
 @dataclass(frozen=True)
@@ -90,6 +92,9 @@ class TaggedMesh:
             digest.update(repr((name, np.asarray(self.points[name]).tolist())).encode())
         if self.ties:
             digest.update(repr([tuple(tie) for tie in self.ties]).encode())
+        if self.shares is not None:
+            own = self.shares[: mesh.topology.index_map(mesh.topology.dim).size_local]
+            digest.update(np.sort(np.concatenate(mesh.comm.allgather(own))).tobytes())
         return digest.hexdigest()
 
     def cell_tag(self, name: str) -> int:

@@ -425,11 +425,12 @@ class Test(CaseSection):
             needs = key != "shapes" or not self.has_modes
             if self.frequencies is None and needs and getattr(self, key) is not None:
                 raise ValueError(f"{key}: expected frequencies too")
-        beside = self.damping, self.shapes, self.validation, self.modes, self.condition
+        keys = ("damping", "shapes", "validation", "changed", "modes", "condition")
+        beside = [getattr(self, key) for key in keys]
         if self.reader is not None and (self.frequencies is None or any(beside)):
             raise ValueError(
                 "reader: expected frequencies, the file that it reads, and not damping, shapes, "
-                "validation, modes or condition, which its result has"
+                "validation, changed, modes or condition"
             )
         if self.has_universal_shapes and self.sees is not None:
             raise ValueError(

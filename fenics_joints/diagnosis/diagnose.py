@@ -90,12 +90,17 @@ def diagnose(
     they have one, without ``.mass`` or ``.stiffness``. Of a part whose ``stretch`` is no parameter
     and whose ``normal`` is the default the thickness is where the mesh is thinnest.
 
+    ``diagnose(form_model, test, ...)`` takes a `fenics_joints.structure.FormModel` whose forms are
+    linear in its parameters. Each of them may be wrong but for those with ``tolerances``, which are
+    by the parameters' names. Options are ``title`` and keys of ``[diagnose]``; nothing is kept.
+
     ``diagnose(case, comm, progress=None, extra=(), data=None, keep=None)`` takes a
     `fenics_joints.case.Case` and a communicator, with the case's test unless ``data`` is given.
 
     Args:
-        model: The nominal model, a structure on a mesh in space or in plane strain; or a case.
-        of: Of a structure what was measured, (n, m) frequencies at n conditions, such as torques;
+        model: The nominal model, a structure on a mesh in space or in plane strain, or one by
+            forms; or a case.
+        of: Of a model what was measured, (n, m) frequencies at n conditions, such as torques;
             of a case the communicator.
         progress: Told what is being done.
         effects: All that is weighed: names choose effects of the library, effects are your own.
@@ -124,7 +129,7 @@ def diagnose(
     if isinstance(model, Case):
         if effects is not None or options:
             key = next(iter(options), "effects")
-            raise InputError(f"{key}: is for a structure; expected it in the sections of the case.")
+            raise InputError(f"{key}: is for a model; expected it in the sections of the case.")
         case, comm = model, of
     elif data is not None:
         raise InputError("data: is for a case; the test of a structure is the second argument.")

@@ -227,7 +227,11 @@ def _sparse(structure: Structure, rows: np.ndarray, nodes: np.ndarray) -> PETSc.
         comm=structure.comm,
     )
     matrix.assemble()
-    return matrix.matMult(ties.T) if ties else matrix
+    if not ties:
+        return matrix
+    found = matrix.matMult(ties.T)
+    matrix.destroy()
+    return found
 
 
 #: Layers whose normal and shear stress are apart.

@@ -247,7 +247,9 @@ class EigenSolver:
         same = K.comm.tompi4py().allreduce(pattern == self._pattern, op=MPI.LAND)
         structure = PETSc.Mat.Structure
         if not same:
-            self._forget()
+            if self.shifted is not None:
+                self.solver.getST().getKSP().reset()
+                self.shifted.destroy()
             self.shifted = K.duplicate(copy=True)
             self.shifted.axpy(-self.shift, M, structure.UNKNOWN_NONZERO_PATTERN)
         else:
@@ -257,13 +259,6 @@ class EigenSolver:
         self.shifted.setOption(PETSc.Mat.Option.SPD, True)
         self._pattern = pattern
         return self.shifted
-
-    def _forget(self) -> None:
-        """Free the matrix of the last call and its analysis."""
-        if self.shifted is not None:
-            self.solver.getST().getKSP().reset()
-            self.shifted.destroy()
-        self.shifted = self._pattern = None
 
     def _factorised(self, K, M) -> tuple[PETSc.Mat, PETSc.KSP]:
         """``K - shift M`` and what solves with it."""
@@ -278,12 +273,12 @@ class EigenSolver:
             ksp.setUp()
             give_room(ksp)
         except PETSc.Error as error:
-            self._forget()
+            self._pattern = None
             raise ConvergenceError(advice, str(error)) from error
         if ksp.getPC().getFailedReason():
-            reason = reason_of(ksp.getPC())
-            self._forget()  # after a failure PETSc would leave MUMPS's factor as it is
-            raise ConvergenceError(advice, reason)
+            # PETSc would leave MUMPS's failed factor as it is: the next solution begins anew.
+            self._pattern = None
+            raise ConvergenceError(advice, reason_of(ksp.getPC()))
         return A, ksp
 
     def _solve_block(self, K, M, initial):

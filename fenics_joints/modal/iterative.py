@@ -481,6 +481,9 @@ def _prolongation(coarse: Structure, fine: Structure) -> PETSc.Mat:
     """Interpolation from degree 1 to degree 2 of displacements, zero at held DOFs of both."""
     P = fem_petsc.interpolation_matrix(coarse.V, fine.V)
     P.assemble()
+    if coarse.ties is not None:
+        whole, P = P, P.matMult(coarse.ties.T)
+        whole.destroy()
     left, right = P.createVecLeft(), P.createVecRight()
     left.array[:], right.array[:] = (
         ~structure.held_dofs[: structure.n_local] for structure in (fine, coarse)

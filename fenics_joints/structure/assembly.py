@@ -14,7 +14,6 @@ from itertools import product
 
 import basix
 import basix.ufl
-import dolfinx.mesh
 import numpy as np
 import ufl
 from dolfinx import fem
@@ -155,6 +154,8 @@ def region_cells(tagged: TaggedMesh, regions: Sequence[Region]) -> list[tuple[Re
     return found
 
 
+#: Difference to 1 of the length of a normal that is a function: round-off.
+_UNIT = 1e-6
 #: Vertices as near to a point as the nearest one, up to this share of the mesh's extent, are at it:
 #: bodies that touch without sharing vertices have one each.
 _SAME = 1e-9
@@ -170,7 +171,7 @@ def held_entities(tagged: TaggedMesh, support: Support) -> list[tuple[int, np.nd
     if support.facets:
         facets = tagged.facet_tags.find(tagged.facet_tag(support.facets))
         return [(mesh.topology.dim - 1, facets)]
-    vertices = _vertices(mesh, *_points(tagged, support))
+    vertices = _vertices(tagged, *_points(tagged, support))
     if mesh.topology.dim == 1:
         return [(0, vertices)]
     mesh.topology.create_entities(1)
@@ -201,12 +202,19 @@ def _points(tagged: TaggedMesh, support: Support) -> tuple[str, np.ndarray]:
     return "support.points", x[:, :gdim]
 
 
-def _vertices(mesh: dolfinx.mesh.Mesh, name: str, points: np.ndarray) -> np.ndarray:
-    """This rank's vertices nearest to each point."""
+def _vertices(tagged: TaggedMesh, name: str, points: np.ndarray) -> np.ndarray:
+    """This rank's vertices nearest to each point, but for those that ties govern."""
+    mesh = tagged.mesh
     gdim, comm = mesh.geometry.dim, mesh.comm
     mesh.topology.create_connectivity(0, mesh.topology.dim)
     count = mesh.topology.index_map(0)
     vertices = np.arange(count.size_local + count.num_ghosts, dtype=np.int32)
+    for tie in tagged.ties:
+        facets = tagged.facet_tags.find(tagged.facet_tag(tie.face))
+        mesh.topology.create_connectivity(mesh.topology.dim - 1, 0)
+        of_facet = mesh.topology.connectivity(mesh.topology.dim - 1, 0)
+        tied = [of_facet.links(facet) for facet in facets]
+        vertices = np.setdiff1d(vertices, np.concatenate([np.empty(0, np.int32), *tied]))
     x = mesh.geometry.x[entity_nodes(mesh, 0, vertices).ravel()][:, :gdim]
     tree = cKDTree(x) if len(x) else None
     near = np.full(len(points), np.inf) if tree is None else tree.query(points)[0]
@@ -224,7 +232,7 @@ def _vertices(mesh: dolfinx.mesh.Mesh, name: str, points: np.ndarray) -> np.ndar
         return vertices
     slack = _SAME * comm.allreduce(float(np.abs(x).max(initial=0.0)), op=MPI.MAX)
     found = tree.query_ball_point(points, near + slack)
-    return np.unique(np.concatenate([np.empty(0, int), *found])).astype(np.int32)
+    return vertices[np.unique(np.concatenate([np.empty(0, int), *found])).astype(np.int32)]
 
 
 class PropertyField:
@@ -498,6 +506,7 @@ class Assembly:
         if tagged.shares is not None:
             self.share = fem.Function(fem.functionspace(self.mesh, ("DG", 0)))
             self.share.x.array[self.share.function_space.dofmap.list[:, 0]] = tagged.shares
+        self._check_normals()
         self.bcs = self._dirichlet()
         #: Faces of the mesh that follow others, None if there are none.
         self.ties = Ties(self, self._supported()[: self.n_local]) if tagged.ties else None
@@ -518,6 +527,14 @@ class Assembly:
         self.element = basix.ufl.element(*self.element_of)
         gdim = self.mesh.geometry.dim
         self.V = fem.functionspace(self.mesh, basix.ufl.element(*self.element_of, shape=(gdim,)))
+
+    def _check_normals(self) -> None:
+        for i, (region, cells) in enumerate(self.field.regions):
+            if callable(region.normal):
+                lengths = np.linalg.norm(self.normals(i, cells), axis=1)
+                off = float(np.abs(lengths - 1).max(initial=0.0))
+                if self.comm.allreduce(off, op=MPI.MAX) > _UNIT:
+                    raise InputError(f"{region.name}.normal: expected a function of unit vectors.")
 
     def _dirichlet(self) -> list:
         bcs, gdim = [], self.mesh.geometry.dim
@@ -675,6 +692,11 @@ class Assembly:
         """
         if number not in self._support_matrices:
             support = self.elastic_supports[number]
+            if support.facets in [tie.face for tie in self.tagged.ties]:
+                raise MeshError(
+                    f"{support.name}.facets = {support.facets!r}: is tied to a part; expected the "
+                    "part's face."
+                )
             tag = self.tagged.facet_tag(support.facets)
             ds = self._measure("ds", self.tagged.facet_tags, tag)
             area = fem.assemble_scalar(fem.form(fem.Constant(self.mesh, 1.0) * ds))
@@ -798,16 +820,23 @@ class Assembly:
         Points of a test, whose ``what`` is given, are moved onto the mesh if they are near it.
         """
         points = np.atleast_2d(np.asarray(points, dtype=float))[:, : self.mesh.geometry.dim]
-        key, snap = points.tobytes(), what != "point"
+        key, snap = points.tobytes(), what != "point" or self.ties is not None
         if key not in self._rows:
-            self._rows[key] = locate(self.V, self.element, points, what, names=names, snap=snap)
+            # What stands on a tied face is on one of the parts, not on the layer.
+            cells = None if self.ties is None else self.ties.outside
+            self._rows[key] = locate(
+                self.V, self.element, points, what, names=names, snap=snap, cells=cells
+            )
         return self._rows[key]
 
     def add_point(self, A: PETSc.Mat, point, block: np.ndarray) -> None:
         """Put a block, (3, 3), between the displacements at a point, in place. Collective."""
-        gdim, rows = self.gdim, self.rows(point)
+        gdim = self.gdim
         if self.ties is not None:
-            return self._add_rows(A, self.unit_loads(rows, np.eye(gdim)), block[:gdim, :gdim])
+            place = np.atleast_2d(np.asarray(point, dtype=float))[:, :gdim]
+            rows = self.unit_loads(self.rows(np.repeat(place, gdim, axis=0)), np.eye(gdim))
+            return self._add_rows(A, rows, block[:gdim, :gdim])
+        rows = self.rows(point)
         for nodes, N in zip(rows.nodes, rows.values, strict=True):
             dofs = (nodes[:, None] * gdim + np.arange(gdim)).ravel().astype(np.int32)
             values = np.kron(np.outer(N, N), block[:gdim, :gdim])

@@ -442,17 +442,15 @@ class Face:
         return f"Face({len(self.nodes)} vertices, {len(self.facets)} facets)"
 
 
-def read_face(
-    V: fem.FunctionSpace, tagged: TaggedMesh, *names: str, outer_alone: bool = False
-) -> Face:
+def read_face(V: fem.FunctionSpace, tagged: TaggedMesh, *names: str, of: str | None = None) -> Face:
     """Gather a named exterior face, or several together, with blocks of ``V``. Collective.
 
-    With ``outer_alone`` their facets inside a body are left out.
+    With the name of a part, ``of``, only its outer facets.
 
     Raises:
         MeshError: If the mesh has no such face or a facet of it is inside a body.
     """
-    local = _local_facets(V, tagged, names, outer_alone)
+    local = _local_facets(V, tagged, names, of)
     comm = V.mesh.comm
     gathered = [np.concatenate(parts) for parts in zip(*comm.allgather(local), strict=True)]
     vertex_ids, x, normals, edge_ids, ends, where = gathered
@@ -466,7 +464,7 @@ def read_face(
     return Face(nodes, points, facets.reshape(vertex_ids.shape), normals, edges, midsides, where)
 
 
-def _local_facets(V, tagged: TaggedMesh, names: Sequence[str], outer_alone: bool):
+def _local_facets(V, tagged: TaggedMesh, names: Sequence[str], of: str | None):
     """This rank's facets: vertex blocks, positions, normals, edge blocks, edge ends, where."""
     msh, topology = V.mesh, V.mesh.topology
     tdim, gdim = topology.dim, msh.geometry.dim
@@ -475,8 +473,11 @@ def _local_facets(V, tagged: TaggedMesh, names: Sequence[str], outer_alone: bool
     to_cell = topology.connectivity(tdim - 1, tdim)
     found = [tagged.facet_tags.find(tagged.facet_tag(name)) for name in names]
     facets = np.sort(np.concatenate(found))
-    if outer_alone:
+    if of is not None:
         facets = facets[np.diff(to_cell.offsets)[facets] == 1]
+        tags = tagged.cell_tags
+        inside = np.isin(to_cell.array[to_cell.offsets[facets]], tags.find(tagged.cell_tag(of)))
+        facets = facets[inside]
     if msh.comm.allreduce(int(np.sum(np.diff(to_cell.offsets)[facets] > 1))):
         raise MeshError(
             f"face {', '.join(names)}: some of its facets lie inside a body; expected the surface "

@@ -60,16 +60,17 @@ class Nearest:
         return self.distance <= self.reach
 
 
-def nearest(msh, points: np.ndarray) -> Nearest:
+def nearest(msh, points: np.ndarray, among: np.ndarray | None = None) -> Nearest:
     """The nearest places on a mesh with straight-sided cells. Collective.
 
     Args:
         msh: The mesh.
         points: m, shape (n, 3).
+        among: Cells of this rank that count; None for all.
     """
     comm, tdim, n = msh.comm, msh.topology.dim, len(points)
     points = np.ascontiguousarray(points, dtype=msh.geometry.x.dtype)
-    owned = np.arange(msh.topology.index_map(tdim).size_local, dtype=np.int32)
+    owned = _owned(msh, among)
     cells = np.full(n, -1, dtype=np.int32)
     if len(owned) and n:
         trees = (
@@ -298,18 +299,24 @@ class PointRows:
     moved: np.ndarray | None = None
 
 
-def _owned_candidates(msh, points: np.ndarray) -> np.ndarray:
+def _owned(msh, cells: np.ndarray | None) -> np.ndarray:
+    """The cells that this rank owns, or those of some."""
+    n = msh.topology.index_map(msh.topology.dim).size_local
+    return np.arange(n, dtype=np.int32) if cells is None else cells[cells < n]
+
+
+def _owned_candidates(msh, points: np.ndarray, cells: np.ndarray | None) -> np.ndarray:
     """A cell that this rank owns around each point, or -1; shape (n,)."""
     tdim = msh.topology.dim
-    owned = np.arange(msh.topology.index_map(tdim).size_local, dtype=np.int32)
+    owned = _owned(msh, cells)
     found = np.full(len(points), -1, dtype=np.int32)
     if len(owned) == 0:
         return found
     tree = geometry.bb_tree(msh, tdim, entities=owned, padding=1e-9)
     near = geometry.compute_collisions_points(tree, points)
-    cells = geometry.compute_colliding_cells(msh, near, points)
+    around = geometry.compute_colliding_cells(msh, near, points)
     for i in range(len(points)):
-        links = cells.links(i)
+        links = around.links(i)
         if len(links):
             found[i] = links[0]
     return found
@@ -323,6 +330,7 @@ def locate(
     *,
     names: Sequence[str] = (),
     snap: bool = False,
+    cells: np.ndarray | None = None,
 ) -> PointRows:
     """Rows that evaluate ``V`` at points. Collective.
 
@@ -334,6 +342,7 @@ def locate(
         names: What the points are called, for the message; n of them, or none.
         snap: Whether points beside the mesh are moved onto it if they are within 1 mm, or half of
             the nearest cell's shortest edge; those of a test, which are measured by hand.
+        cells: Cells of this rank in which points may be; None for all.
 
     Returns:
         The rows of the points that this rank owns.
@@ -348,12 +357,12 @@ def locate(
     padded[:, :gdim] = points
     if snap:
         too_close_together(msh, padded, what)
-    candidate = _owned_candidates(msh, padded)
+    candidate = _owned_candidates(msh, padded, cells)
     rank = np.where(candidate >= 0, msh.comm.rank, msh.comm.size)
     owner, moved = all_min(msh.comm, rank), np.zeros(len(points))
     lost = np.flatnonzero(owner == msh.comm.size)
     if len(lost):
-        found = nearest(msh, padded[lost])
+        found = nearest(msh, padded[lost], cells)
         if not (snap and found.is_near.all()):
             far = found if snap else replace(found, reach=np.zeros(len(lost)))
             called = [names[i] if len(names) else "" for i in lost]

@@ -56,7 +56,7 @@ class Structure(Assembly):
 
     def finer(self) -> Structure | None:
         """The same structure on the same mesh with displacements of one degree more; None beyond
-        the third."""
+        the third, or with ties beyond the second."""
         most = 3 if self.ties is None else 2
         return self._again(self.degree + 1) if self.degree < most else None
 
@@ -277,7 +277,7 @@ class Structure(Assembly):
     def observe(self, shapes, sensors: Sensors) -> np.ndarray:
         """Displacement shapes at sensors, shape (n_sensors, n_shapes), equal on all ranks."""
         rows = self.rows(sensors.points, "sensor", sensors.names)
-        return observe(rows, sensors.directions[:, : self.gdim], self._motions(shapes), self.V)
+        return self._observed(rows, sensors.directions[:, : self.gdim], shapes)
 
     def observe_slopes(self, shapes, sensors: Sensors, directions: ArrayLike) -> np.ndarray:
         """Change of what sensors read of displacements per metre that they move. Collective.
@@ -300,11 +300,17 @@ class Structure(Assembly):
         towards = Sensors(sensors.points[:, :gdim], np.atleast_2d(directions)[:, :gdim]).directions
         rows = self.rows(sensors.points, "sensor", sensors.names)
         turned = replace(rows, values=np.einsum("pnj,pj->pn", rows.gradients, towards[rows.index]))
-        return observe(turned, sensors.directions[:, :gdim], self._motions(shapes), self.V)
+        return self._observed(turned, sensors.directions[:, :gdim], shapes)
 
-    def _motions(self, shapes) -> list[PETSc.Vec]:
-        """Displacements of all DOFs, of vectors over the free ones."""
-        return list(shapes if self.ties is None else map(self.ties.displacement, shapes))
+    def _observed(self, rows: PointRows, directions: np.ndarray, shapes) -> np.ndarray:
+        """What is read of shapes at points."""
+        if self.ties is None:
+            return observe(rows, directions, list(shapes), self.V)
+        moved = [self.ties.displacement(shape) for shape in shapes]
+        found = observe(rows, directions, moved, self.V)
+        for vector in moved:  # Python's collector cannot, on several ranks
+            vector.destroy()
+        return found
 
     # -- size and mass -------------------------------------------------------------------------
 
@@ -337,7 +343,8 @@ class Structure(Assembly):
         """Largest extent, m, of a region's cells along its normal: a layer's thickness."""
         region, cells = self.field.regions[number]
         corners = self.mesh.geometry.x[geometry_dofmap(self.mesh)[cells]]
-        along = corners[..., : self.gdim] @ np.asarray(region.normal[: self.gdim])
+        normals = self.normals(number, cells)
+        along = np.einsum("cki,ci->ck", corners[..., : self.gdim], normals)
         local = float(np.ptp(along, axis=1).max()) if len(cells) else 0.0
         return self.comm.allreduce(local, op=MPI.MAX)
 
@@ -377,7 +384,12 @@ class Structure(Assembly):
 
     def put_displacement(self, u: fem.Function, vector: PETSc.Vec) -> None:
         """Put a displacement vector, owned entries, into a function. Collective."""
-        u.x.array[: self.n_local] = self._motions([vector])[0].array_r
+        if self.ties is None:
+            u.x.array[: self.n_local] = vector.array_r
+        else:
+            moved = self.ties.displacement(vector)
+            u.x.array[: self.n_local] = moved.array_r
+            moved.destroy()
         u.x.scatter_forward()
 
     @property

@@ -14,6 +14,7 @@ from typing import Any
 import basix
 import numpy as np
 import scipy.sparse
+from dolfinx import fem
 from petsc4py import PETSc
 from scipy.spatial import cKDTree
 
@@ -51,9 +52,11 @@ class Ties:
     Attributes:
         T: The matrix.
         tied: This rank's DOFs that follow others, (n_local,).
+        outside: Cells of this rank, ghosts included, that are not of a tied layer.
 
     Raises:
-        MeshError: If displacements are of the third degree, or faces do not lie on one another.
+        MeshError: If displacements are of the third degree, faces do not lie on one another, or a
+            support holds a tied one.
     """
 
     def __init__(self, assembly: Assembly, held: np.ndarray):
@@ -63,15 +66,13 @@ class Ties:
         options = {"bubble": edge_middle(assembly), "bonded": True, "tied": True}
         if assembly.axisymmetric:
             options["weight"] = lambda x: 2 * np.pi * x[:, 0]
-        faces = [
-            (
-                tie.face,
-                read_face(assembly.V, tagged, *tie.to, outer_alone=True),
-                read_face(assembly.V, tagged, tie.face),
-            )
-            for tie in tagged.ties
-        ]
-        pairs = [couple_faces(*each, **options) for each in faces]
+        pairs = []
+        for tie in tagged.ties:
+            lower = read_face(assembly.V, tagged, *tie.to, of=tie.part)
+            upper = read_face(assembly.V, tagged, tie.face)
+            pairs.append(couple_faces(tie.face, lower, upper, tolerance=tie.reach, **options))
+        layers = np.any([_layer_cells(assembly.V, pair) for pair in pairs], axis=0)
+        self.outside = np.flatnonzero(~layers).astype(np.int32)
         jumps = Jumps(assembly.V, [], pairs)
         self.T, self.tied = jumps.T, np.zeros(assembly.n_local, dtype=bool)
         self.tied[jumps.local(jumps.unused)] = True
@@ -81,6 +82,9 @@ class Ties:
             self.tied[jumps.local(middles[jumps.owned(middles)])] = True
             self.T = self.T.matMult(bubbles)
             jumps.T.destroy(), bubbles.destroy()
+        if assembly.comm.allreduce(bool(np.any(held & self.tied))):
+            faces = ", ".join(tie.face for tie in tagged.ties)
+            raise MeshError(f"a support holds {faces}, which follows a part: expected that held.")
         kept = self.T.createVecRight()
         kept.array[:] = ~(held | self.tied)
         self.T.diagonalScale(None, kept)
@@ -88,6 +92,7 @@ class Ties:
         kept.array[:] = 0.0
         self._diagonal = PETSc.Mat().createDiagonal(kept)
         self._diagonal.convert(PETSc.Mat.Type.AIJ)
+        kept.destroy()
 
     def displacement(self, x: PETSc.Vec) -> PETSc.Vec:
         """u = T x, a new vector."""
@@ -112,31 +117,34 @@ class Ties:
         number.array[:] = diagonal * fixed
         # Zeros are stored too, so that all matrices have a diagonal.
         self._diagonal.setDiagonal(number)
+        number.destroy()
         found.axpy(1.0, self._diagonal, structure=PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
         return found
+
+
+def _layer_cells(V: fem.FunctionSpace, pair: Interface) -> np.ndarray:
+    """Mask of the cells of this rank, ghosts included, that are of the layer on a tied face: each
+    has a vertex there. Its other face it shares with a part."""
+    imap = V.dofmap.index_map
+    known = imap.local_to_global(np.arange(imap.size_local + imap.num_ghosts, dtype=np.int32))
+    return np.isin(known, pair.upper)[V.dofmap.list].any(axis=1)
 
 
 def _opposite_bubbles(assembly: Assembly, pairs: list[Interface]) -> PETSc.Mat:
     """The identity, but for bubbles of free faces, which are those of the layers' other faces."""
     V, gdim, comm = assembly.V, assembly.gdim, assembly.comm
     imap, cells = V.dofmap.index_map, V.dofmap.list
-    # Every cell of a layer has a vertex on its free face, and shares its other face with a part.
-    known = imap.local_to_global(np.arange(imap.size_local + imap.num_ghosts, dtype=np.int32))
-    free = np.isin(known, np.concatenate([pair.upper for pair in pairs]))
-    inside = free[cells].any(axis=1)
-    both = np.intersect1d(cells[inside], cells[~inside])
-    x = node_positions(V)
-    told = comm.allgather((known[both], x[both]))
-    numbers, places = (np.concatenate(part) for part in zip(*told, strict=True))
-    tree = cKDTree(places)
-    rows, columns, values = [], [], []
+    x, rows, columns, values = node_positions(V), [], [], []
     for pair in pairs:
-        ends = pair.coupling.edges
+        inside = _layer_cells(V, pair)
+        both = np.intersect1d(cells[inside], cells[~inside])
+        told = comm.allgather((imap.local_to_global(both.astype(np.int32)), x[both]))
+        numbers, places = (np.concatenate(part) for part in zip(*told, strict=True))
+        tree, ends = cKDTree(places), pair.coupling.edges
         x_ends = pair.points[ends]
-        opposite = [
-            numbers[tree.query(at)[1]] for at in (x_ends.mean(axis=1), *x_ends.swapaxes(0, 1))
-        ]
-        for blocks, value in zip(opposite, (1.0, -0.5, -0.5), strict=True):
+        at = x_ends.mean(axis=1), *x_ends.swapaxes(0, 1)
+        for points, value in zip(at, (1.0, -0.5, -0.5), strict=True):
+            blocks = numbers[tree.query(points)[1]]
             rows.append(pair.coupling.midsides), columns.append(blocks)
             values.append(np.full(len(blocks), value))
     rows, columns, values = map(np.concatenate, (rows, columns, values))

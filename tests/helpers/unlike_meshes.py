@@ -16,7 +16,7 @@ COMM = MPI.COMM_WORLD
 STEEL = {"E": 2e11, "nu": 0.3, "rho": 7800.0}
 
 
-def two_parts(cell: str, blocks, change=None, faces=()) -> TaggedMesh:
+def two_parts(cell: str, blocks, change=None, faces=(), **grown) -> TaggedMesh:
     """Parts "low" and "high" with a layer "joint".
 
     Args:
@@ -24,6 +24,7 @@ def two_parts(cell: str, blocks, change=None, faces=()) -> TaggedMesh:
         blocks: Lowest and highest corner and counts of cells of either part.
         change: Changes the positions of all vertices, (n, gdim), in place.
         faces: Names of outer faces with axis and place, before the change.
+        grown: Arguments of `Grown`.
     """
 
     def build() -> MeshLists:
@@ -44,16 +45,15 @@ def two_parts(cell: str, blocks, change=None, faces=()) -> TaggedMesh:
         lists = skin.named({name: skin.at(axis, place) for name, axis, place in faces})
         if change is not None:
             change(lists.x)
-        return grow(lists, Grown(joint="layer"))
+        return grow(lists, Grown(joint="layer", **grown))
 
     return distribute(COMM, on_root(COMM, build))
 
 
-def lap(low, high, cell="hexahedron") -> TaggedMesh:
+def lap(low, high, cell="hexahedron", **more) -> TaggedMesh:
     """Two plates of 200 x 40 x 10 mm that overlap by 80 mm, with counts of cells each."""
-    return two_parts(
-        cell, [([0, 0, 0], [0.2, 0.04, 0.01], low), ([0.12, 0, 0.01], [0.32, 0.04, 0.02], high)]
-    )
+    blocks = [([0, 0, 0], [0.2, 0.04, 0.01], low), ([0.12, 0, 0.01], [0.32, 0.04, 0.02], high)]
+    return two_parts(cell, blocks, **more)
 
 
 def springs(tagged: TaggedMesh, degree=2, k_n=1e12, k_t=1e12, normal=(0.0, 0.0, 1.0), **more):

@@ -18,7 +18,7 @@ from fenics_joints.meshes.tagged import extent
 from fenics_joints.modal import solve_modes
 from fenics_joints.preload import PreloadModel
 from fenics_joints.reduction import reduce
-from fenics_joints.structure import Parameter, Sensors, Support
+from fenics_joints.structure import ElasticSupport, Parameter, PointMass, Sensors, Spring, Support
 from fenics_joints.updating import Target, update
 
 K_N, K_T = 3e10, 2e10
@@ -60,7 +60,7 @@ def test_even_pressure_passes(cell, low, high, degree):
     thin = extent(tagged, ["joint"], up)
 
     def exact(x):
-        z = x[gdim - 1]
+        z = x[gdim - 1] + 0.5 * thin
         solid = np.minimum(z, 0) + np.maximum(z - thin, 0)
         return np.outer(up, solid / E + np.clip(z / thin, 0, 1) / K_N)
 
@@ -136,12 +136,9 @@ def test_curved_faces():
             [("bore", 1, inner), ("start", 0, 0.0), ("end", 0, 1.0)],
         )
 
-        def normal(x):
-            return x / ufl.sqrt(ufl.dot(x, x))
-
         held = [Support("start", directions=(1,)), Support("end", directions=(0,))]
         s = springs(
-            tagged, 1, k, 1e3, normal, meshed=thickness(tagged), solid={"nu": nu}, supports=held
+            tagged, 1, k, 1e3, radially, meshed=thickness(tagged), solid={"nu": nu}, supports=held
         )
         v, out = ufl.TestFunction(s.V), ufl.FacetNormal(s.mesh)
         ds = ufl.Measure("ds", s.mesh, subdomain_data=tagged.facet_tags)
@@ -162,9 +159,13 @@ def test_curved_faces():
     assert np.log2(errors[0] / errors[2]) > 3.6, errors
 
 
+def radially(x):
+    return x / ufl.sqrt(ufl.dot(x, x))
+
+
 def thickness(tagged) -> float:
     """Mean thickness of a curved layer, m: its area in the plane over its length."""
-    s = springs(tagged, 1, normal=lambda x: x, meshed=1.0)
+    s = springs(tagged, 1, normal=radially, meshed=1.0)
     return s.volumes()[-1] / (0.06 * np.pi / 2)
 
 
@@ -218,6 +219,52 @@ def test_stiffness_is_found_with_unlike_meshes():
     assert found.values == pytest.approx([3e10, 2e10], rel=0.03)
 
 
+@pytest.mark.survives
+@pytest.mark.parallel
+def test_what_stands_on_an_unlike_lap_is_as_on_a_like_one():
+    """A mass, a spring and a held vertex on the contact, a support of the whole lower face's
+    springs, and a sensor where the lap's end cuts facets; full, reduced and iterative."""
+    found = []
+    for low, high in (((30, 6, 1), (30, 6, 1)), ((20, 4, 1), (28, 6, 1))):
+        tagged = lap(low, high, faces=[("top", 2, 0.01)])
+        s = springs(
+            tagged,
+            k_n=3e10,
+            k_t=3e10,
+            masses=[PointMass("m", 0.2, (0.14, 0.04, 0.01))],
+            springs=[Spring("y", 1e7, (0.18, 0.0, 0.01), (0.0, 1.0, 0.0))],
+            supports=[
+                Support(points=[[0.12, 0.0, 0.01]], directions=(0,)),
+                ElasticSupport("bed", "top", 1e9, 1e9),
+            ],
+        )
+        modes = solve_modes(s, n_modes=8)
+        places = Sensors([[0.2003, 0.01, 0.01], [0.16, 0.04, 0.02]], [[0, 0, 1.0]] * 2)
+        found.append((modes.frequencies_hz, np.abs(modes.at(places)[0])))
+        again = solve_modes(s, n_modes=6, method="iterative").frequencies_hz
+        np.testing.assert_allclose(again, modes.frequencies_hz[:6], rtol=1e-6)
+        small = solve_modes(reduce(s, [{}, {"k_t": 6e10}], 8), n_modes=8).frequencies_hz
+        np.testing.assert_allclose(small, modes.frequencies_hz, rtol=1e-5)
+    (like, there), (unlike, here) = found
+    np.testing.assert_allclose(unlike, like, rtol=6e-3)
+    np.testing.assert_allclose(here, there, rtol=0.03, atol=0.02 * there.max())
+
+
+def test_faces_that_match_in_part_are_joined_as_a_whole():
+    """Half of the lap's facets have vertices at the same places."""
+
+    def graded(x):
+        upper = np.arange(len(x)) >= 21 * 5 * 2
+        far = upper & (x[:, 0] > 0.1601)
+        x[far, 0] += 0.004 * np.sin(np.pi * (x[far, 0] - 0.16) / 0.16)
+
+    tagged = lap((20, 4, 1), (20, 4, 1), change=graded)
+    area = springs(tagged, 1).volumes()[-1] / extent(tagged, ["joint"], (0, 0, 1))
+    assert len(tagged.ties) == 1 and area == pytest.approx(0.08 * 0.04, rel=1e-9)
+    with pytest.raises(MeshError, match="bonded has .*whose meshes do not match"):
+        lap((20, 4, 1), (20, 4, 1), change=graded, bonded=[("low", "high")])
+
+
 def test_what_ties_cannot_do_is_said():
     tagged = lap((2, 1, 1), (3, 1, 1))
     with pytest.raises(MeshError, match="expected 1 or 2 with faces that are tied"):
@@ -227,3 +274,7 @@ def test_what_ties_cannot_do_is_said():
     assert check_mesh(tagged).bodies == 1
     with pytest.raises(MeshError, match="faces that do not match"):
         PreloadModel(s, [])
+    with pytest.raises(MeshError, match="a support holds joint_tied"):
+        springs(tagged, supports=[Support("joint_tied")])
+    with pytest.raises(MeshError, match="'joint_tied': is tied to a part"):
+        springs(tagged, supports=[ElasticSupport("e", "joint_tied", 1.0, 1.0)]).stiffness()

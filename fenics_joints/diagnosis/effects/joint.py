@@ -254,17 +254,20 @@ def own_law_errors(s: Setting) -> Found:
                 yield Silent(f"{key} of {name}", "it is zero in the model: give what it may be")
                 continue
             bounds = law.bounds.get(key, (0.0, np.sign(value) * np.inf))
-            yield _own_error(f"{key} of {name}", name, f"{name}.{key}", value, bounds)
+            what = f"{key} of {name}"
+            yield _own_error(what, what, name, f"{name}.{key}", value, bounds)
 
 
 def parameter_errors(s: Setting) -> Found:
     """Parameters of a model by forms that are not what it says."""
     for name, parameter in s.parameters.items():
         if parameter.value == 0:
-            yield Silent(f"error of {name}", "it is zero in the model: give what it may be")
+            yield Silent(
+                f"error of {name}", "it is zero in the model, and a factor changes nothing"
+            )
             continue
         bounds = parameter.lower, parameter.upper
-        yield _own_error(f"error of {name}", "", name, parameter.value, bounds)
+        yield _own_error(f"error of {name}", name, "", name, parameter.value, bounds)
 
 
 def parameter_tolerances(spreads: Mapping[str, float]) -> tuple[Effect, ...]:
@@ -275,11 +278,10 @@ def parameter_tolerances(spreads: Mapping[str, float]) -> tuple[Effect, ...]:
     )
 
 
-def _own_error(title: str, region: str, name: str, value: float, bounds) -> Effect:
+def _own_error(title: str, what: str, region: str, name: str, value: float, bounds) -> Effect:
     """A parameter of the user's own that is off by a factor, within its bounds."""
     low, high = sorted(bound / value for bound in bounds)
-    words = f"{title.removeprefix('error of ')} is not what the model says."
-    span = max(low, 0.0), high
+    words, span = f"{what} is not what the model says.", (max(low, 0.0), high)
     return relative_error(title, region, [name], OWN_SPREAD, words, span=span)
 
 

@@ -15,7 +15,7 @@ from pydantic import PrivateAttr, ValidationError
 from fenics_joints.case.messages import case_error, describe, did_you_mean
 from fenics_joints.case.sections import PartSection
 from fenics_joints.case.values import named
-from fenics_joints.diagnosis.model.of_structure import DIAGNOSE, TEST, ScriptedCase
+from fenics_joints.diagnosis.model.of_structure import DIAGNOSE, ScriptedCase
 from fenics_joints.errors import InputError, mapping, real, wanted
 from fenics_joints.measurements import TestData
 from fenics_joints.structure import FormModel
@@ -57,7 +57,7 @@ def form_case(
             parameters, such as ``error of E``; None for all.
         tolerances: Relative standard deviations of parameters that are known so well.
         title: For people.
-        options: Keys of ``[diagnose]`` and of ``[test]``.
+        options: Keys of ``[diagnose]``.
 
     Raises:
         InputError: If K or M is not linear in a parameter, or an option is unknown or out of range.
@@ -73,20 +73,20 @@ def form_case(
             "are, such as Lame's instead of Poisson's ratio"
         )
     for key in options:
-        if key not in DIAGNOSE + TEST:
-            raise InputError(f"{key}: unknown option{did_you_mean(key, DIAGNOSE + TEST)}")
+        if key not in DIAGNOSE:
+            raise InputError(f"{key}: unknown option{did_you_mean(key, DIAGNOSE)}")
     known = dict(mapping("tolerances", tolerances, "standard deviations by parameter"))
     for name, spread in known.items():
         if name not in model.parameters or not model.parameters[name].value:
             there = [n for n, p in model.parameters.items() if p.value]
-            raise InputError(f"tolerances: {name!r}: expected one of {', '.join(there)}")
+            expected = ", ".join(there) or "none, as the model has no parameters"
+            raise InputError(f"tolerances: {name!r}: expected one of {expected}")
         real(f"tolerances[{name!r}]", spread, above=0)
     said = {
         "title": title,
         "mesh": {"degree": 1},
-        "test": {key: value for key, value in options.items() if key in TEST},
-        "diagnose": {"effects": effects}
-        | {key: value for key, value in options.items() if key in DIAGNOSE},
+        "test": {},
+        "diagnose": {"effects": effects, **options},
     }
     try:
         case = FormCase.model_validate(said)

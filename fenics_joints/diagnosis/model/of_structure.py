@@ -264,6 +264,11 @@ def _joint(structure: Structure, region: Region) -> dict[str, Any]:
     if region.law.name not in LAYER_LAWS or not found["rho"]:
         found.pop("rho")
     law = "springs" if region.law.name == SPRINGS.name else region.law.name
+    if callable(region.normal):
+        raise InputError(
+            f"structure: {region.name}.normal is a function of position: expected a vector, since "
+            "a diagnosis knows flat joints only"
+        )
     return {"cells": list(region.cells), "law": law, "normal": list(region.normal), **found}
 
 

@@ -185,6 +185,11 @@ class Prepared(Subject):
             errors = mesh_errors(self.surrogate, self.baseline, progress, cache)
             if errors is not None:
                 self.on_mesh(errors)
+            elif getattr(self.full, "ties", None) is not None and self.full.degree > 1:
+                self.notes.append(
+                    f"{OF_MODEL}the mesh's own error is not known: parts whose meshes do not match "
+                    "have no model one degree higher"
+                )
         self._take(measured_at_points(self, progress))
         give_back()
         self._share_joints()

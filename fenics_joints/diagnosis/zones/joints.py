@@ -243,12 +243,13 @@ def _unit(normal) -> np.ndarray:
 
 
 def _cell_volumes(tagged: TaggedMesh) -> np.ndarray:
-    """Volumes of the cells that this rank owns, m3."""
+    """Volumes of the cells that this rank owns, m3; of layers the covered share."""
     mesh = tagged.mesh
     space = fem.functionspace(mesh, ("DG", 0))
     vector = fem.assemble_vector(fem.form(ufl.TestFunction(space) * ufl.dx))
     owned = mesh.topology.index_map(mesh.topology.dim).size_local
-    return vector.array[space.dofmap.list[:owned, 0]]
+    found = vector.array[space.dofmap.list[:owned, 0]]
+    return found if tagged.shares is None else found * tagged.shares[:owned]
 
 
 def _layer(tagged: TaggedMesh, section: JointSection, volumes: np.ndarray) -> _JointLayer:
