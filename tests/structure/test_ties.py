@@ -222,17 +222,17 @@ def test_stiffness_is_found_with_unlike_meshes():
 @pytest.mark.survives
 @pytest.mark.parallel
 def test_what_stands_on_an_unlike_lap_is_as_on_a_like_one():
-    """A mass, a spring and a held vertex on the contact, a support of the whole lower face's
-    springs, and a sensor where the lap's end cuts facets; full, reduced and iterative."""
+    """A mass, a spring, a held vertex on the contact, a support of the whole lower face's
+    springs, and a sensor at the end of the lap; full, reduced and iterative."""
     found = []
-    for low, high in (((30, 6, 1), (30, 6, 1)), ((20, 4, 1), (28, 6, 1))):
+    for low, high in (((30, 6, 1), (30, 6, 1)), ((20, 4, 1), (30, 6, 1))):
         tagged = lap(low, high, faces=[("top", 2, 0.01)])
         s = springs(
             tagged,
             k_n=3e10,
             k_t=3e10,
-            masses=[PointMass("m", 0.2, (0.14, 0.04, 0.01))],
-            springs=[Spring("y", 1e7, (0.18, 0.0, 0.01), (0.0, 1.0, 0.0))],
+            masses=[PointMass("m", 0.2, (0.14, 0.04, 0.015))],
+            springs=[Spring("y", 1e7, (0.18, 0.0, 0.005), (0.0, 1.0, 0.0))],
             supports=[
                 Support(points=[[0.12, 0.0, 0.01]], directions=(0,)),
                 ElasticSupport("bed", "top", 1e9, 1e9),
