@@ -156,7 +156,7 @@ def _scripts():
             yield pytest.param(text[: found.start()], found[1], id=name, marks=marks)
 
 
-@pytest.mark.parametrize(("text", "shown"), _scripts())
+@pytest.mark.parametrize(("text", "shown"), list(_scripts()))
 def test_scripts_print_what_their_page_shows(text, shown):
     """The same words, and numbers within two per cent, as other versions of gmsh may give."""
     number = r"[-+]?\d+\.?\d*(?:e[-+]?\d+)?"
