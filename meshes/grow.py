@@ -202,29 +202,30 @@ def _whole_contacts(lists: MeshLists, wanted: Grown) -> tuple[MeshLists, list[To
     Raises:
         MeshError: If parts that are to be one body do not match.
     """
-    whole = glued(lists)
-    sides = _sides_of(whole)
-    names = list(whole.cell_names)
-    pairs = {t.parts: 0.0 for t in touches(whole, between=wanted.between or ())}
-    for touch in touches(whole):
-        pairs[touch.parts] = pairs.get(touch.parts, 0.0) + touch.areas.sum() * (
-            touch.opposite is None
-        )
-    apart = []
-    for (a, b), matched in {**dict.fromkeys(map(tuple, wanted.bonded), 0.0), **pairs}.items():
-        one, other = (sides[names.index(name)] for name in (a, b))
+    whole, between = glued(lists), wanted.between or ()
+    names, sides, found = list(whole.cell_names), _sides_of(whole), touches(whole, between=between)
+    matched, apart = dict.fromkeys(map(frozenset, wanted.bonded), 0.0), []
+    for touch in found:
+        if touch.opposite is None:
+            pair = frozenset(touch.parts)
+            matched[pair] = matched.get(pair, 0.0) + touch.areas.sum()
+    for pair, area in matched.items():
+        a, b = sorted(pair, key=names.index)
+        one, other = sides[names.index(a)], sides[names.index(b)]
         rest = sum(t.covered[:, 1].sum() for t in _unlike((a, b), one, other, exact=True))
-        if rest > _REST * matched:
-            if {a, b} in map(set, wanted.bonded):
-                raise MeshError(
-                    f"bonded has {[a, b]}, whose meshes do not match; expected common vertices "
-                    "(in gmsh: fragment the solids before meshing), or a joint"
-                )
-            if matched:
-                apart.append((a, b))
+        if rest <= _REST * area:
+            continue
+        if pair in map(frozenset, wanted.bonded):
+            raise MeshError(
+                f"bonded has {[a, b]}, whose meshes do not match; expected common vertices "
+                "(in gmsh: fragment the solids before meshing), or a joint"
+            )
+        apart.append((a, b))
     if apart:
         whole = glued(lists, apart)
-    return whole, touches(whole, wanted.bonded, [*(wanted.between or ()), *apart])
+    if apart or wanted.bonded:
+        found = touches(whole, wanted.bonded, [*between, *apart])
+    return whole, found
 
 
 @dataclass(frozen=True)

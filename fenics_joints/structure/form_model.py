@@ -307,9 +307,10 @@ class FormModel:
             self._rows[key] = locate(W, element, points, what, names=sensors.names, snap=True)
         return self._rows[key]
 
-    def _put(self, shape: PETSc.Vec) -> None:
-        self._vector.x.array[: self.n_local] = shape.array_r
-        self._vector.x.scatter_forward()
+    def _put(self, shape: PETSc.Vec, into: fem.Function | None = None) -> None:
+        vector = self._vector if into is None else into
+        vector.x.array[: self.n_local] = shape.array_r
+        vector.x.scatter_forward()
 
     def _function(self, shape: PETSc.Vec, W, dofs) -> fem.Function:
         """A vector's values on a space, whose degrees of freedom in the whole are given."""
@@ -325,8 +326,7 @@ class FormModel:
         over facets are left out. Collective."""
         self.update(given)
         self._put(x)
-        self._other.x.array[: self.n_local] = y.array_r
-        self._other.x.scatter_forward()
+        self._put(y, self._other)
         space, forms = self._cell_space()
         first = self.mesh.topology.index_map(self.mesh.topology.dim).size_local
         rows = space.dofmap.list[:first, 0]
@@ -334,13 +334,6 @@ class FormModel:
             np.zeros(first) if form is None else fem.assemble_vector(form).array[rows]
             for form in forms
         )
-
-    def cell_volumes(self) -> np.ndarray:
-        """Volume, m3, of each cell that this rank owns. Collective."""
-        space, _ = self._cell_space()
-        vector = fem.assemble_vector(fem.form(ufl.TestFunction(space) * ufl.dx(self.mesh)))
-        first = self.mesh.topology.index_map(self.mesh.topology.dim).size_local
-        return vector.array[space.dofmap.list[:first, 0]]
 
     def _cell_space(self):
         """Functions constant in each cell, and the forms of the cells' energies by them."""

@@ -10,6 +10,7 @@ from xml.etree import ElementTree
 
 import basix
 import numpy as np
+import ufl
 from dolfinx import fem, io
 from mpi4py import MPI
 
@@ -137,6 +138,15 @@ def cell_grid(
     for name, value in (cells or {}).items():
         grid.cell_data[name] = np.asarray(value)
     return grid
+
+
+def cell_volumes(mesh, weight=1.0) -> np.ndarray:
+    """Integral of a weight over each cell that this rank owns, (n_owned,); by default its volume,
+    m3."""
+    space = fem.functionspace(mesh, ("DG", 0))
+    form = weight * ufl.TestFunction(space) * ufl.dx(mesh)
+    owned = mesh.topology.index_map(mesh.topology.dim).size_local
+    return fem.assemble_vector(fem.form(form)).array[space.dofmap.list[:owned, 0]]
 
 
 def facet_mesh(

@@ -25,7 +25,7 @@ from fenics_joints.structure.assembly import Assembly
 from fenics_joints.structure.changes import Change, change_slopes
 from fenics_joints.structure.components import Parameter, number, slopes
 from fenics_joints.structure.damping import Damping
-from fenics_joints.structure.grids import cell_grid, corner_motion, pyvista
+from fenics_joints.structure.grids import cell_grid, cell_volumes, corner_motion, pyvista
 from fenics_joints.structure.points import PointRows, Sensors, observe
 from fenics_joints.structure.sparse import MatrixForm, RowForm, as_columns
 
@@ -368,11 +368,8 @@ class Structure(Assembly):
 
     def cell_volumes(self) -> np.ndarray:
         """Volume as meshed, m3, of every cell that this rank owns; of layers the covered share."""
-        space = fem.functionspace(self.mesh, ("DG", 0))
         weight = self.weight if self.share is None else self.weight * self.share
-        vector = fem.assemble_vector(fem.form(weight * ufl.TestFunction(space) * ufl.dx))
-        owned = self.mesh.topology.index_map(self.mesh.topology.dim).size_local
-        return vector.array[space.dofmap.list[:owned, 0]]
+        return cell_volumes(self.mesh, weight)
 
     # -- pictures ------------------------------------------------------------------------------
 

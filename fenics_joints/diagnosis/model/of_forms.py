@@ -18,7 +18,7 @@ from fenics_joints.case.values import named
 from fenics_joints.diagnosis.model.of_structure import DIAGNOSE, ScriptedCase
 from fenics_joints.errors import InputError, mapping, real, wanted
 from fenics_joints.measurements import TestData
-from fenics_joints.structure import FormModel
+from fenics_joints.structure import FormModel, Parameter
 
 
 class FormCase(ScriptedCase):
@@ -37,6 +37,11 @@ class FormCase(ScriptedCase):
     def known_parameters(self) -> dict[str, float]:
         """Relative standard deviations of the parameters that are known so well, by name."""
         return self._tolerances
+
+    @property
+    def unknown_parameters(self) -> dict[str, Parameter]:
+        """The other parameters, which may be wrong."""
+        return {n: p for n, p in self._model.parameters.items() if n not in self._tolerances}
 
 
 def form_case(

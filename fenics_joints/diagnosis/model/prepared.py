@@ -528,10 +528,9 @@ def prepare(
     case, zones = subject.case, subject.zones
     mass = subject.full.total_mass(subject.baseline)
     own = data.as_it_is
-    known = case.known_parameters if isinstance(case, FormCase) else {}
-    unknown = {}
-    if isinstance(case, FormCase):
-        unknown = {n: p for n, p in subject.full.parameters.items() if n not in known}
+    by_forms = isinstance(case, FormCase)
+    known = case.known_parameters if by_forms else {}
+    unknown = case.unknown_parameters if by_forms else {}
     effects, silent = case_effects(
         Setting(case, own, zones, subject.dimensions, subject.sites, mass, unknown)
     )

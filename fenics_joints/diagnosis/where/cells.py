@@ -13,6 +13,7 @@ from fenics_joints.beams.structure import JOINT_KEYS, BeamStructure, cell_energi
 from fenics_joints.diagnosis.zones.joints import bolt_points
 from fenics_joints.modal.modes import Modes
 from fenics_joints.structure import FormModel, Structure
+from fenics_joints.structure.grids import cell_volumes
 from fenics_joints.structure.structure import CellForces
 
 
@@ -166,7 +167,7 @@ class FormCells(StructureCells):
         self.regions, self.groups = ("model",), ("model",)
         self.corners = mesh.geometry.x[geometry_dofmap(mesh)[:owned]]
         self.region = self.group = np.zeros(owned, dtype=int)
-        self.volume, self.bolts = model.cell_volumes(), np.empty((0, 3))
+        self.volume, self.bolts = cell_volumes(mesh), np.empty((0, 3))
 
     def crossed(self, modes: Modes, index: Sequence[int]):
         for i in index:

@@ -14,8 +14,6 @@ from dataclasses import dataclass, replace
 
 import dolfinx.mesh
 import numpy as np
-import ufl
-from dolfinx import fem
 from scipy.cluster.hierarchy import DisjointSet
 from scipy.spatial import cKDTree
 
@@ -33,6 +31,7 @@ from fenics_joints.diagnosis.zones.zone import (
 )
 from fenics_joints.errors import InputError
 from fenics_joints.meshes import TaggedMesh
+from fenics_joints.structure.grids import cell_volumes
 
 #: Points of a builder that are axes of bolts.
 _BOLT_POINTS = ("bolts", "bolt")
@@ -176,7 +175,10 @@ def joint_zones(case: Case, tagged: TaggedMesh) -> Zones:
     Raises:
         InputError: If a bolt is outside its joint, or a zone's name is taken.
     """
-    volumes = _cell_volumes(tagged)
+    # Of layers the covered share.
+    volumes = cell_volumes(tagged.mesh)
+    if tagged.shares is not None:
+        volumes = volumes * tagged.shares[: len(volumes)]
     case = _as_layers(measured_joints(case, tagged))
     own = {name: joint for name, joint in case.joints.items() if joint.own_law is not None}
     zoned = {name: joint for name, joint in case.joints.items() if name not in own}
@@ -240,16 +242,6 @@ def _as_layers(case: Case) -> Case:
 
 def _unit(normal) -> np.ndarray:
     return np.asarray(normal, dtype=float) / np.linalg.norm(normal)
-
-
-def _cell_volumes(tagged: TaggedMesh) -> np.ndarray:
-    """Volumes of the cells that this rank owns, m3; of layers the covered share."""
-    mesh = tagged.mesh
-    space = fem.functionspace(mesh, ("DG", 0))
-    vector = fem.assemble_vector(fem.form(ufl.TestFunction(space) * ufl.dx))
-    owned = mesh.topology.index_map(mesh.topology.dim).size_local
-    found = vector.array[space.dofmap.list[:owned, 0]]
-    return found if tagged.shares is None else found * tagged.shares[:owned]
 
 
 def _layer(tagged: TaggedMesh, section: JointSection, volumes: np.ndarray) -> _JointLayer:
