@@ -9,6 +9,7 @@ from mpi4py import MPI
 
 from fenics_joints.beams import BeamStructure
 from fenics_joints.case.build_beams import build_beams, springs_of
+from fenics_joints.case.build_matrices import build_matrices
 from fenics_joints.case.case import Case
 from fenics_joints.case.check_structure import (
     PRESSES,
@@ -23,6 +24,7 @@ from fenics_joints.case.preload import APPLIED
 from fenics_joints.case.sections import JointSection, MassSection, SupportSection
 from fenics_joints.case.values import AXES
 from fenics_joints.errors import InputError, MeshError, located
+from fenics_joints.matrices import MatrixStructure
 from fenics_joints.meshes import TaggedMesh, extent, layer_thickness
 from fenics_joints.meshes.rings import check_normal, layer_normal, measure_layer
 from fenics_joints.preload import Contact, PreloadModel
@@ -74,7 +76,7 @@ def build_structure(
     width: bool = False,
     elastic_supports: bool = False,
     damping: bool = False,
-) -> Structure | BeamStructure:
+) -> Structure | BeamStructure | MatrixStructure:
     """The structure of a case, all its numbers as parameters. Collective.
 
     The parameters are named NAME.KEY: E, nu, rho and thickness of a part; E, G, thickness, and rho
@@ -108,6 +110,8 @@ def build_structure(
     }
     if case.mesh.origin == "beams":
         return build_beams(case, **options)
+    if case.mesh.origin == "matrices":
+        return build_matrices(case, comm, **options)
     refuse_applied(case, "a model without contact", ("contacts", *APPLIED))
     return _build_solid(case, comm, law, tagged, **options)
 

@@ -400,7 +400,13 @@ class Case(CaseSection):
         values |= {name: section.nominal() for name, section in sections.items()}
         if attached:
             values |= {name: section.absent() for name, section in self.attached.items()}
-        found = {f"{name}.{key}": v for name, own in values.items() for key, v in own.items()}
+        lacks = self.mesh.lacks
+        found = {
+            f"{name}.{key}": v
+            for name, own in values.items()
+            for key, v in own.items()
+            if key not in lacks
+        }
         return found | (self.damping.nominal() if damping and self.damping is not None else {})
 
     def tolerances(self) -> dict[str, float]:

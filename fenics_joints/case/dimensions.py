@@ -148,7 +148,25 @@ class Dimensions:
         return f"{where}, where what is stretched {_UNFIT}"
 
 
-def unfit(dimensions: Dimensions | None, names: Sequence[str]) -> str | None:
+class AsGiven:
+    """Dimensions and Poisson's ratio of parts whose matrices are given: none can change.
+
+    Args:
+        case: The case.
+
+    Attributes:
+        names: Of the parameters in question.
+    """
+
+    def __init__(self, case: Case):
+        self.names = {f"{part}.{key}" for part in case.parts for key in case.mesh.lacks}
+
+    def reason(self, names: Sequence[str]) -> str | None:
+        """Why these parameters cannot change."""
+        return "the model has matrices of this part, which E and rho alone scale; it needs a mesh"
+
+
+def unfit(dimensions: Dimensions | AsGiven | None, names: Sequence[str]) -> str | None:
     """`Dimensions.reason` of those names that are thicknesses and widths of parts."""
     wanted = [] if dimensions is None else [n for n in names if n in dimensions.names]
     return dimensions.reason(wanted) if wanted else None

@@ -46,9 +46,11 @@ from fenics_joints.units import to_si
 class MeshSection(CaseSection):
     """``[mesh]``."""
 
-    #: Where the structure is from: a builder, a file, a function of the user's own, or beams in
-    #: place of a mesh.
-    origin: ClassVar[Literal["builder", "file", "own", "beams"]]
+    #: Where the structure is from: a builder, a file, a function of the user's own; or beams, or
+    #: matrices, in place of a mesh.
+    origin: ClassVar[Literal["builder", "file", "own", "beams", "matrices"]]
+    #: Keys of parts and joints that its models do not have as parameters.
+    lacks: ClassVar[frozenset[str]] = frozenset()
 
     def build(self, folder: Path, comm: MPI.Intracomm) -> TaggedMesh:
         """The mesh; ``folder`` is the case's. Collective.
@@ -491,6 +493,119 @@ class FileMesh(MeshFile):
         return self
 
 
+class PartMatrices(CaseSection):
+    """``[mesh.matrices.NAME]``: the matrices of one part, which ``cells`` of a part name.
+
+    Attributes:
+        stiffness: K: ``.mtx`` of Matrix Market or Abaqus, ``.npz``, ``.mat``, CalculiX's ``.sti``,
+            Nastran's ``.op4``, ``.op2`` or DMIG in ``.pch``, ANSYS' ``.full``.
+        mass: M: likewise, CalculiX's ``.mas``.
+        damping: Viscous damping, likewise.
+        nodes: Table 'node, x, y, z', or CalculiX's or Abaqus' deck with its sets of nodes.
+        dofs: Node and direction of each row: CalculiX's ``.dof``, or a table 'node, direction';
+            where the matrices do not say it.
+        names: Names of K, M (and the damping) in files of several matrices.
+        thickness: Of a flat shell of CalculiX, which has several nodes through it.
+    """
+
+    stiffness: File
+    mass: File
+    damping: File | None = None
+    nodes: File
+    dofs: File | None = None
+    names: Annotated[list[str], Field(min_length=2, max_length=3)] | None = None
+    thickness: usual(Size, "length") | None = None
+
+
+class NodeSet(CaseSection):
+    """``[mesh.nodes.NAME]``: nodes of a part, for joints and supports.
+
+    Attributes:
+        part: The part's matrices.
+        set: A set of the part's deck.
+        numbers: Numbers of the nodes, as the other code has them.
+        box: Two corners of a box that holds them.
+    """
+
+    part: str
+    set: str | None = None
+    numbers: list[int] | None = None
+    box: Annotated[list[_Space], Field(min_length=2, max_length=2)] | None = None
+
+    @model_validator(mode="after")
+    def _one_way(self) -> NodeSet:
+        if sum(each is not None for each in (self.set, self.numbers, self.box)) != 1:
+            raise ValueError("expected one of set, numbers and box")
+        return self
+
+
+class MatrixInterface(CaseSection):
+    """``[mesh.interfaces.NAME]``: where two parts touch, which ``cells`` of a joint name.
+
+    Attributes:
+        between: The matrices of the two parts.
+        nodes: Sets of nodes of the two faces; by default the nodes at which the parts are nearest.
+        area: Area, if it is known better than by triangles between the nodes.
+    """
+
+    between: _Pair
+    nodes: _Pair | None = None
+    area: quantity("m2", 0, above=True) | None = None
+
+
+class MatricesMesh(MeshSection):
+    """``[mesh]`` of parts by stiffness and mass matrices of another code.
+
+    E and rho of a part are factors on its matrices: the values in the case are those at which the
+    matrices were made.
+
+    Attributes:
+        matrices: Files of each part.
+        interfaces: Where parts touch.
+        nodes: Sets of nodes.
+        length_unit: Unit of length of the files.
+        force_unit: Unit of force of the files; that of mass is force times s2 over length, as
+            tonnes with N and mm.
+        degree: Has no meaning here.
+    """
+
+    origin = "matrices"
+    lacks = frozenset({"nu", "thickness", "width"})
+    matrices: Annotated[named(PartMatrices), Field(min_length=1)]
+    interfaces: named(MatrixInterface) = {}
+    nodes: named(NodeSet) = {}
+    length_unit: str = "m"
+    force_unit: str = "N"
+    degree: Literal[1, 2] = 1
+
+    @model_validator(mode="after")
+    def _known(self) -> MatricesMesh:
+        for unit, kind in ((self.length_unit, "m"), (self.force_unit, "N")):
+            try:
+                to_si(f"1 {unit}", kind)
+            except InputError as error:
+                raise ValueError(str(error)) from None
+        for key, each in self.interfaces.items():
+            for part in each.between:
+                if part not in self.matrices:
+                    raise ValueError(
+                        f"interfaces.{key}.between: {part!r}: expected two of "
+                        f"{', '.join(self.matrices)}"
+                    )
+        return self
+
+    def build(self, folder: Path, comm: MPI.Intracomm) -> TaggedMesh:
+        """Refused: matrices have no mesh.
+
+        Raises:
+            MeshError: Always.
+        """
+        raise MeshError(
+            "[mesh.matrices] has no mesh of cells: expected a builder or a file for what this "
+            "command does; modes, update, bayes and diagnose work on matrices"
+        )
+
+
 _Numbers = bool | Number | list[Number] | list[list[Number]]
 
 
@@ -533,8 +648,10 @@ BUILDERS = named_by("builder", (*map(section_of, CASE_BUILDERS.values()), Offset
 
 
 def _kind(data: Any) -> type[CaseSection] | None:
-    if not isinstance(data, dict) or ("file" in data) == ("builder" in data):
+    if not isinstance(data, dict) or sum(k in data for k in ("file", "builder", "matrices")) != 1:
         return None
+    if "matrices" in data:
+        return MatricesMesh
     if "file" in data:
         return StepMesh if str(data["file"]).lower().endswith(STEP_SUFFIXES) else FileMesh
     name = data["builder"]
@@ -545,7 +662,7 @@ def _kind(data: Any) -> type[CaseSection] | None:
 
 Mesh = either(
     _kind,
-    (*BUILDERS.values(), OwnMesh, FileMesh, StepMesh),
+    (*BUILDERS.values(), OwnMesh, FileMesh, StepMesh, MatricesMesh),
     key="builder",
     known=" ".join(BUILDERS),
     instead="file = 'NAME.msh' or 'NAME.step'",

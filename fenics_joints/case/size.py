@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from fenics_joints.case.case import Case
-from fenics_joints.case.mesh import MeshFile, OffsetBeamsMesh, OwnMesh, SolidMesh, StepMesh
+from fenics_joints.case.mesh import MatricesMesh, MeshFile, OffsetBeamsMesh, OwnMesh, SolidMesh, StepMesh
 from fenics_joints.errors import InputError
 from fenics_joints.formatting import number
 
@@ -159,6 +159,8 @@ def estimate(case: Case, *, method: str = "direct", ranks: int = 1) -> CostEstim
         return CostEstimate(n, ranks * _PROCESS + 40 * 8 * n**2, 1.0)
     if isinstance(mesh, OwnMesh):  # nothing says its size before it is made
         return CostEstimate(0.0, ranks * _PROCESS, BEGIN)
+    if isinstance(mesh, MatricesMesh):
+        return estimate_of(_rows(case, mesh), mesh.degree, method=method, ranks=ranks)
     if isinstance(mesh, SolidMesh):
         made = mesh.made()
         bricks = made.bricks()
@@ -230,6 +232,25 @@ def _nodes(brick: Iterable[float], degree: int, cell: str) -> float:
     lines = [n + 1 for n in sides]
     along = [n * math.prod(lines[:i] + lines[i + 1 :]) for i, n in enumerate(sides)]
     return math.prod(lines) + sum(along)
+
+
+#: Bytes of a row in a table of degrees of freedom, and of its part of a matrix written as text.
+_ROW_BYTES, _MATRIX_BYTES = 9.0, 1400.0
+
+
+def _rows(case: Case, mesh: MatricesMesh) -> float:
+    """Degrees of freedom of matrices, from the size of their files."""
+    total = 0.0
+    for files in mesh.matrices.values():
+        name, each = files.stiffness, _MATRIX_BYTES
+        if files.dofs is not None:
+            name, each = files.dofs, _ROW_BYTES
+        path = case.folder / name
+        try:
+            total += path.stat().st_size / each
+        except OSError as error:
+            raise InputError(f"{path}: cannot be read ({error.strerror})") from error
+    return total
 
 
 def _vertices(case: Case) -> float:

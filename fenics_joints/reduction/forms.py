@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from petsc4py import PETSc
@@ -15,15 +15,64 @@ from fenics_joints.structure.points import PlaceRows
 from fenics_joints.structure.sparse import as_columns, project
 
 
-class ReducedForms(ArrayModel):
+class ProjectedModel(ArrayModel):
+    """A model on a fixed basis, which reads its sensors from the full one.
+
+    Args:
+        model: The full model.
+        basis: Vectors of the basis, linearly independent.
+        pencil: K(p) and M(p) on it.
+
+    Attributes:
+        full: The full model.
+    """
+
+    def __init__(self, model, basis: Sequence[PETSc.Vec], pencil: AffinePencil):
+        super().__init__(pencil, model.dilation_frequency())
+        self.full, self._basis, self._seen = model, basis, dict[tuple, np.ndarray]()
+
+    def observe(self, shapes: np.ndarray, sensors: Sensors) -> np.ndarray:
+        """Displacement of shapes at sensors, (n_sensors, n_shapes). Collective at first."""
+        key = sensors.points.tobytes(), sensors.directions.tobytes()
+        if key not in self._seen:
+            self._seen[key] = self.full.observe(self._basis, sensors)
+        return self._seen[key] @ shapes
+
+    def loads(self, sensors: Sensors, what: str = "sensor") -> np.ndarray:
+        """Loads of one newton on the basis, and what sensors read of it, (n_dofs, n_sensors)."""
+        return self.observe(np.eye(self.n_dofs), sensors).T
+
+    def arrays(self, *places: Sensors, sensors: Sensors | None = None) -> ArrayModel:
+        """The same model as plain arrays, which need no mesh. Collective.
+
+        Args:
+            places: Excitations and sensors for which it shall carry the displacements.
+            sensors: Sensors of its ``sensor_rows``.
+        """
+        gdim = self.full.gdim
+        found = ArrayModel(self.pencil, self.scale_hz)
+        if sensors is not None:
+            found.sensor_rows = self.observe(np.eye(self.n_dofs), sensors)
+        if places:
+            points = np.unique(np.vstack([s.points[:, :gdim] for s in places]), axis=0)
+            ways = np.tile(np.eye(gdim), (len(points), 1))
+            every = Sensors(np.repeat(points, gdim, axis=0), ways)
+            rows = self.observe(np.eye(self.n_dofs), every)
+            found.places = PlaceRows(points, rows.reshape(len(points), gdim, -1))
+        return found
+
+
+def on_basis(full, basis: Sequence[PETSc.Vec]) -> ProjectedModel:
+    """A model by forms, or one that can put itself on a basis, on that basis. Collective."""
+    return ReducedForms(full, basis) if isinstance(full, FormModel) else full.on_basis(basis)
+
+
+class ReducedForms(ProjectedModel):
     """A `FormModel` on a fixed basis. Making one is collective; its sensors need the mesh.
 
     Args:
         model: The full model.
         basis: Vectors of the basis, linearly independent.
-
-    Attributes:
-        full: The full model.
 
     Raises:
         InputError: If K or M is not linear in a parameter.
@@ -36,7 +85,7 @@ class ReducedForms(ArrayModel):
                 f"{', '.join(bent)}: a or m is not linear in it: expected parameters in which both "
                 "are, such as Lame's instead of Poisson's ratio, or the full model"
             )
-        self.full, self._basis, nominal = model, basis, model.values()
+        nominal = model.values()
         dense, n = as_columns(basis), len(basis)
         terms = {name: np.zeros((2, n, n)) for name in nominal}
         names = list(nominal)
@@ -58,8 +107,7 @@ class ReducedForms(ArrayModel):
             A.destroy()
         known = float(pencil.total_mass(nominal)) if regions else 0.0
         pencil = AffinePencil(model.parameters, regions, (), fixed, weight - known)
-        super().__init__(pencil, model.dilation_frequency())
-        self._seen: dict[tuple, np.ndarray] = {}
+        super().__init__(model, basis, pencil)
 
     @property
     def layers(self) -> tuple[str, ...]:
@@ -71,33 +119,3 @@ class ReducedForms(ArrayModel):
         if name not in self.layers:
             raise InputError(f"damping: {name!r}: expected 'all', the whole of a.")
         return self.stiffness(given)
-
-    def observe(self, shapes: np.ndarray, sensors: Sensors) -> np.ndarray:
-        """Displacement of shapes at sensors, (n_sensors, n_shapes). Collective at first."""
-        key = sensors.points.tobytes(), sensors.directions.tobytes()
-        if key not in self._seen:
-            self._seen[key] = self.full.observe(self._basis, sensors)
-        return self._seen[key] @ shapes
-
-    def loads(self, sensors: Sensors, what: str = "sensor") -> np.ndarray:
-        """Loads of one newton on the basis, and what sensors read of it, (n_dofs, n_sensors)."""
-        return self.observe(np.eye(self.n_dofs), sensors).T
-
-    def arrays(self, *places: Sensors, sensors: Sensors | None = None) -> ArrayModel:
-        """The same model as plain arrays, which need no mesh. Collective.
-
-        Args:
-            places: Excitations and sensors for which it shall carry the displacements.
-            sensors: Sensors of its ``sensor_rows``.
-        """
-        gdim = self.full.mesh.geometry.dim
-        found = ArrayModel(self.pencil, self.scale_hz)
-        if sensors is not None:
-            found.sensor_rows = self.observe(np.eye(self.n_dofs), sensors)
-        if places:
-            points = np.unique(np.vstack([s.points[:, :gdim] for s in places]), axis=0)
-            ways = np.tile(np.eye(gdim), (len(points), 1))
-            every = Sensors(np.repeat(points, gdim, axis=0), ways)
-            rows = self.observe(np.eye(self.n_dofs), every)
-            found.places = PlaceRows(points, rows.reshape(len(points), gdim, -1))
-        return found

@@ -26,7 +26,7 @@ from fenics_joints.reduction.affine import (
 )
 from fenics_joints.reduction.arrays import ArrayModel
 from fenics_joints.reduction.basis import SNAPSHOT, Snapshots
-from fenics_joints.reduction.forms import ReducedForms
+from fenics_joints.reduction.forms import ProjectedModel, on_basis
 from fenics_joints.reduction.prediction import ways_of
 from fenics_joints.structure import FormModel, PointMass, Region, Sensors, Spring, Structure
 from fenics_joints.structure.changes import Change, PlacedPoint, PlacedResonator, forms_of
@@ -461,7 +461,7 @@ def reduce(
     travel: Mapping[str, tuple[float, float]] | None = None,
     tolerance: float = 1e-8,
     more: Callable[[Modes], np.ndarray] | None = None,
-) -> ReducedStructure | ReducedForms:
+) -> ReducedStructure | ProjectedModel:
     """Reduced model on the modes of the structure at samples of its parameters.
 
     Args:
@@ -483,8 +483,8 @@ def reduce(
         solver = modes.solver
         snapshots.add(modes, more=more and more(modes))
     basis = snapshots.basis(tolerance)
-    if isinstance(structure, FormModel):
-        return ReducedForms(structure, basis)
+    if isinstance(structure, FormModel) or hasattr(structure, "on_basis"):
+        return on_basis(structure, basis)
     return ReducedStructure(structure, basis, travel)
 
 

@@ -26,7 +26,7 @@ from fenics_joints.reduction.basis import (
     residual_directions,
 )
 from fenics_joints.reduction.files import Cache
-from fenics_joints.reduction.forms import ReducedForms
+from fenics_joints.reduction.forms import on_basis
 from fenics_joints.reduction.frf_basis import CombinedModel
 from fenics_joints.reduction.greedy import GreedyModel
 from fenics_joints.reduction.kept import for_test, kept_modes, read_reduced, write_reduced
@@ -323,10 +323,11 @@ class ReducedModel(MatchedModes):
 
 
 class ReducedFormModel(ReducedModel):
-    """The same of a `FormModel`; nothing is kept in files."""
+    """The same of a `FormModel`, or of another that is on a basis by `on_basis`; nothing is kept
+    in files."""
 
     def _projected(self, known: ArrayModel | None) -> ArrayModel:
-        return ReducedForms(self.full, self._basis).arrays(sensors=self.sensors)
+        return on_basis(self.full, self._basis).arrays(sensors=self.sensors)
 
     def _with_sensors(self, found: ArrayModel) -> ArrayModel:
         return found

@@ -56,6 +56,8 @@ class Law:
         bounds: Bounds of these for updating, where it has any.
         digest: Of such a law's numbers, for results that are kept.
         along: ``(law, normal) -> Law``, such a law with its check for a layer of that normal.
+        at_jump: ``normal -> [(3, 3), ...]``, of such a law of the displacement jump: the traction
+            by the jump at each sample.
     """
 
     name: str
@@ -72,6 +74,7 @@ class Law:
     bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     digest: str = ""
     along: Callable[[Law, tuple[float, ...]], Law] | None = None
+    at_jump: Callable[[np.ndarray], list[np.ndarray]] | None = None
 
 
 def _radius(dx):

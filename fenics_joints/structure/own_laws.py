@@ -260,6 +260,11 @@ class _Response:
         matrices = [[self._work(m, one, q, kind) for m in kind.motions] for q in self.samples]
         return replace(law, check=partial(self.check, np.array(matrices)))
 
+    def at_jump(self, normal: np.ndarray) -> list[np.ndarray]:
+        """Traction by the jump at each sample, for a layer of one normal."""
+        motions = self.kind.motions
+        return [np.array([self._work(m, normal, q) for m in motions]) for q in self.samples]
+
     def check(self, matrices: np.ndarray, where: str, q: Mapping[str, object]) -> None:
         """Refuse properties at which these matrices' sum is not positive semi-definite."""
         for key in ("rho", "meshed"):
@@ -297,6 +302,7 @@ class _Response:
             bounds=dict(bounds),
             digest=self.digest,
             along=partial(self.along, of),
+            at_jump=self.at_jump if of == "jump" else None,
         )
 
     def in_layer(self, q: Mapping[str, object]) -> np.ndarray:

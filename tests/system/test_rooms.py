@@ -24,7 +24,7 @@ ORDER = (
     ("joint_laws", "preload", "response"),
     ("measurements",),
     ("reduction",),
-    ("beams",),
+    ("beams", "matrices"),
     ("interfaces",),
     ("harmonic", "transient", "random_fields"),
     ("updating",),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 from mpi4py import MPI
@@ -9,16 +10,25 @@ from mpi4py import MPI
 from fenics_joints.beams import BeamStructure
 from fenics_joints.case import Case, build_mesh, build_structure
 from fenics_joints.case.build_beams import build_beams
-from fenics_joints.case.dimensions import Dimensions
+from fenics_joints.case.build_matrices import build_matrices, read_matrices
+from fenics_joints.case.build_matrices import layer_thickness as layer_thickness_of_matrices
+from fenics_joints.case.dimensions import AsGiven, Dimensions
 from fenics_joints.diagnosis.effects.sited import needed
 from fenics_joints.diagnosis.model.of_forms import FormCase
-from fenics_joints.diagnosis.where.cells import BeamElements, FormCells, MeshCells, StructureCells
+from fenics_joints.diagnosis.where.cells import (
+    BeamElements,
+    FormCells,
+    MatrixCells,
+    MeshCells,
+    StructureCells,
+)
 from fenics_joints.diagnosis.zones.contacts import contact_zones
-from fenics_joints.diagnosis.zones.joints import joint_zones
+from fenics_joints.diagnosis.zones.joints import interface_zones, joint_zones
 from fenics_joints.diagnosis.zones.laps import lap_as_one, lap_zones
 from fenics_joints.diagnosis.zones.sites import Sites, sites_of
 from fenics_joints.diagnosis.zones.zone import Zones, bonded_values, layer_thickness
 from fenics_joints.errors import InputError
+from fenics_joints.matrices import MatrixStructure
 from fenics_joints.progress import Progress
 from fenics_joints.structure import FormModel, Parameter, Sensors
 from fenics_joints.structure.structure import Structure
@@ -39,11 +49,11 @@ class Subject:
     """
 
     case: Case
-    full: Structure | BeamStructure | FormModel
+    full: Structure | BeamStructure | FormModel | MatrixStructure
     zones: Zones
     baseline: dict[str, float]
     cells: StructureCells
-    dimensions: Dimensions | None
+    dimensions: Dimensions | AsGiven | None
     sites: Sites = field(default_factory=Sites.none)
 
 
@@ -84,6 +94,9 @@ def subject_of(case: Case, comm: MPI.Intracomm, progress: Progress) -> Subject:
             case, case.model, Zones(case), case.model.values(), FormCells(case.model), None
         )
     more = {"attached": True, "width": True, "elastic_supports": True}
+    if case.mesh.origin == "matrices":
+        progress.step("reading the matrices")
+        return _of_matrices(case, comm, more)
     if case.mesh.origin == "beams":
         progress.step("building the model")
         zones = lap_zones(case)
@@ -103,6 +116,16 @@ def subject_of(case: Case, comm: MPI.Intracomm, progress: Progress) -> Subject:
     parts = [owners[f"beam_{i + 1}"] for i in range(len(full.beams))]
     cells = BeamElements(full, comm, parts, [lap.zones for lap in zones.laps], zones.bolts)
     return Subject(case, full, zones, baseline, cells, None)
+
+
+def _of_matrices(case: Case, comm: MPI.Intracomm, more: Mapping[str, bool]) -> Subject:
+    """Parts by matrices, with their interfaces in zones. Collective."""
+    zones, mesh = interface_zones(case, read_matrices(case, comm))
+    full = build_matrices(zones.case, comm, mesh, **more)
+    zones = zones.with_thickness(layer_thickness_of_matrices(zones.case))
+    bonded = bonded_values(zones.case)
+    baseline = {name: bonded.get(name, p.value) for name, p in full.parameters.items()}
+    return Subject(zones.case, full, zones, baseline, MatrixCells(full), AsGiven(case))
 
 
 def _solid_zones(case: Case, comm: MPI.Intracomm, progress: Progress) -> Zones:

@@ -11,6 +11,7 @@ from mpi4py import MPI
 from fenics_joints._compat import geometry_dofmap
 from fenics_joints.beams.structure import JOINT_KEYS, BeamStructure, cell_energies
 from fenics_joints.diagnosis.zones.joints import bolt_points
+from fenics_joints.matrices import MatrixStructure
 from fenics_joints.modal.modes import Modes
 from fenics_joints.structure import FormModel, Structure
 from fenics_joints.structure.grids import cell_volumes
@@ -181,6 +182,32 @@ class FormCells(StructureCells):
     def energies(self, x, omega: float, given) -> tuple[np.ndarray, np.ndarray]:
         stiff, mass = self.structure.cell_energies(x, x, given)
         return stiff, omega**2 * mass
+
+
+class MatrixCells(StructureCells):
+    """Parts and joints of a model by matrices, each one cell: no finer energies are known."""
+
+    replicated, side_view, stiffness = True, False, ()
+
+    def __init__(self, model: MatrixStructure):
+        self.structure, self.comm = model, model.comm
+        self.regions = self.groups = model.layers
+        self.joints = {joint.name for joint in model.joints}
+        self.region = self.group = np.arange(len(model.layers))
+        boxes, self.volume = model.boxes()
+        unit = np.array([(x, y, z) for z in (0, 1) for y in (0, 1) for x in (0, 1)])
+        low, high = boxes[:, 0], boxes[:, 1]
+        self.corners = low[:, None] + unit * (high - low)[:, None]
+        self.bolts = np.empty((0, 3))
+
+    def crossed(self, modes: Modes, index: Sequence[int]):
+        vectors = [modes.vector(k) for k in range(len(modes))]
+        for i in index:
+            yield self.structure.layer_energies(modes.vector(int(i)), vectors, modes.given)
+
+    def energies(self, x, omega: float, given) -> tuple[np.ndarray, np.ndarray]:
+        stiff, mass = self.structure.layer_energies(x, [x], given)
+        return stiff[:, 0], omega**2 * mass[:, 0]
 
 
 class BeamElements(StructureCells):

@@ -20,6 +20,7 @@ from scipy.spatial import cKDTree
 from fenics_joints._compat import geometry_dofmap
 from fenics_joints.case import Case
 from fenics_joints.case.build import measured_joints
+from fenics_joints.case.build_matrices import LAYER, MatrixMesh, as_layers, with_zones
 from fenics_joints.case.sections import JointSection
 from fenics_joints.diagnosis.zones.zone import (
     SAME,
@@ -183,20 +184,79 @@ def joint_zones(case: Case, tagged: TaggedMesh) -> Zones:
     own = {name: joint for name, joint in case.joints.items() if joint.own_law is not None}
     zoned = {name: joint for name, joint in case.joints.items() if name not in own}
     layers = {name: _layer(tagged, joint, volumes) for name, joint in zoned.items()}
-    bolts = {name: _bolts(case, tagged, name, layer) for name, layer in layers.items()}
+    values = tagged.cell_tags.values.copy()
+    sections, zones = {}, []
+    names, first = dict(tagged.cell_names), max(tagged.cell_names.values())
+    for zone, section, local in _all_zones(case, layers, bolt_points(tagged), tagged):
+        zones.append(zone)
+        sections[zone.name] = section
+        if zone.bolt:
+            for cells in layers[zone.joint].section.cells:
+                names.pop(cells, None)
+            first += 1
+            names[zone.name] = first
+            values[np.searchsorted(tagged.cell_tags.indices, local)] = first
+    check_names(case, [zone.name for zone in zones], "a joint")
+    tags = tagged.cell_tags
+    new = dolfinx.mesh.meshtags(tagged.mesh, tags.dim, tags.indices, values)
+    case = case.model_copy(update={"joints": sections | own})
+    return with_places(case, zones, replace(tagged, cell_tags=new, cell_names=names))
+
+
+def interface_zones(case: Case, mesh: MatrixMesh) -> tuple[Zones, MatrixMesh]:
+    """The same of joints between parts by matrices; and their interfaces split likewise.
+
+    Args:
+        case: The case.
+        mesh: Its parts and interfaces.
+    """
+    case = _as_layers(as_layers(case, mesh))
+    own = {name: joint for name, joint in case.joints.items() if joint.own_law is not None}
+    layers = {}
+    for name, section in case.joints.items():
+        if name not in own:
+            there = mesh.interfaces[section.cells[0]]
+            box = there.points.min(axis=0), there.points.max(axis=0)
+            at, cells = there.points, np.arange(len(there.points))
+            layers[name] = _JointLayer(section, cells, at, at, there.areas, *box)
+    sections, zones, split = {}, [], {}
+    for zone, section, local in _all_zones(case, layers, np.zeros((0, 3))):
+        zones.append(zone)
+        sections[zone.name] = section.model_copy(update={"meshed": LAYER})
+        if zone.bolt:
+            whole = layers[zone.joint].section.cells[0]
+            mask = np.isin(np.arange(len(mesh.interfaces[whole].points)), local)
+            split[zone.name] = whole, mask
+    check_names(case, [zone.name for zone in zones], "a joint")
+    case = case.model_copy(update={"joints": sections | own})
+    return with_places(case, zones), with_zones(mesh, split)
+
+
+def _all_zones(
+    case: Case,
+    layers: Mapping[str, _JointLayer],
+    there: np.ndarray,
+    tagged: TaggedMesh | None = None,
+) -> Iterator[tuple[Zone, JointSection, np.ndarray]]:
+    """Each zone with its section of the case and its local cells.
+
+    Args:
+        case: The case.
+        layers: The joints.
+        there: Points on the axes of bolts that the mesh knows, m, (n, 3).
+        tagged: The mesh, by which a joint between several pairs of parts has several faces.
+    """
+    bolts = {name: _bolts(case, there, name, layer) for name, layer in layers.items()}
     bolts = {name: points for name, points in bolts.items() if len(points)}
     near = {name: _nearest(layers[name], points) for name, points in bolts.items()}
     farthest = max((float(distance.max()) for _, distance in near.values()), default=0.0)
     labels = bolt_labels(case, bolts, _SAME * farthest)
     per_bolt = {name: layers[name].areas.sum() / len(points) for name, points in bolts.items()}
-    values = tagged.cell_tags.values.copy()
-    sections, zones = {}, []
-    names, first = dict(tagged.cell_names), max(tagged.cell_names.values())
     for name, layer in layers.items():
         if name not in bolts:
             area = float(layer.areas.sum())
-            sections[name] = layer.section
-            zones.append(Zone(name, joint=name, shown=name, held=name, area=area))
+            zone = Zone(name, joint=name, shown=name, held=name, area=area)
+            yield zone, layer.section, layer.cells
             continue
         n = len(bolts[name])
         count = min(
@@ -204,20 +264,9 @@ def joint_zones(case: Case, tagged: TaggedMesh) -> Zones:
             max(1, len(layer.areas) // (_CELLS * n)),
             max(2, _MOST // n),
         )
-        for cells in layer.section.cells:
-            del names[cells]
         for zone, local in _split(case, tagged, name, layer, near[name], labels[name], count):
-            first += 1
-            names[zone.name] = first
-            values[np.searchsorted(tagged.cell_tags.indices, local)] = first
             update = {"cells": [zone.name], "bolts": None}
-            sections[zone.name] = layer.section.model_copy(update=update)
-            zones.append(zone)
-    check_names(case, [zone.name for zone in zones], "a joint")
-    tags = tagged.cell_tags
-    new = dolfinx.mesh.meshtags(tagged.mesh, tags.dim, tags.indices, values)
-    case = case.model_copy(update={"joints": sections | own})
-    return with_places(case, zones, replace(tagged, cell_tags=new, cell_names=names))
+            yield zone, layer.section.model_copy(update=update), local
 
 
 def _as_layers(case: Case) -> Case:
@@ -268,11 +317,10 @@ def _layer(tagged: TaggedMesh, section: JointSection, volumes: np.ndarray) -> _J
     )
 
 
-def _bolts(case: Case, tagged: TaggedMesh, name: str, layer: _JointLayer) -> np.ndarray:
-    """Points on the axes of a joint's bolts, m, (n, 3)."""
+def _bolts(case: Case, there: np.ndarray, name: str, layer: _JointLayer) -> np.ndarray:
+    """Points on the axes of a joint's bolts, m, (n, 3), by default those that are there."""
     if layer.section.bolts is None:
-        points = bolt_points(tagged)
-        return points[[layer.inside(point, along=True) for point in points]]
+        return there[[layer.inside(point, along=True) for point in there]]
     points = np.array(layer.section.bolts)
     for i, point in enumerate(points):
         if not layer.inside(point, along=False):
@@ -285,7 +333,7 @@ def _bolts(case: Case, tagged: TaggedMesh, name: str, layer: _JointLayer) -> np.
 
 def _split(
     case: Case,
-    tagged: TaggedMesh,
+    tagged: TaggedMesh | None,
     name: str,
     layer: _JointLayer,
     near: tuple[np.ndarray, np.ndarray],
@@ -307,7 +355,9 @@ def _split(
     ring = 1 + equal_shares(distance, layer.areas, count)
     # Places of this rank's cells, ghosts included, among the cells of all ranks.
     place = cKDTree(layer.middles).query(layer.local)[1] if len(layer.cells) else np.array([], int)
-    faces = _faces(case, tagged, layer.cells, nearest[place], len(labels))
+    faces = [""] * len(labels)
+    if tagged is not None:
+        faces = _faces(case, tagged, layer.cells, nearest[place], len(labels))
     for b, label in enumerate(labels):
         at = f"_b{b + 1}" if len(labels) > 1 else ""
         for r in range(1, ring.max() + 1):

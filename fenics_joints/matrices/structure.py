@@ -1,0 +1,480 @@
+"""K(p) and M(p) of parts by matrices, their joints, masses, springs and supports."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from types import MappingProxyType
+
+import numpy as np
+import scipy.sparse as sp
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from fenics_joints.errors import InputError, wanted
+from fenics_joints.matrices.faces import Interface
+from fenics_joints.matrices.part import MatrixPart
+from fenics_joints.reduction.affine import POINT_MASS, SPRING, AffinePencil, LawScalars, RegionTerm
+from fenics_joints.reduction.forms import ProjectedModel
+from fenics_joints.reduction.frf_basis import CombinedModel
+from fenics_joints.reduction.greedy import GreedyModel
+from fenics_joints.reduction.surrogate import ReducedFormModel, SmallModels, tested_models
+from fenics_joints.structure import Damping, Parameter, PointMass, Sensors, Spring
+from fenics_joints.structure.components import by_name, number, parameter_values
+from fenics_joints.structure.laws import ELASTIC_SUPPORT, LAYER_LAWS, SPRINGS, Law
+from fenics_joints.structure.sparse import MatrixForm, as_columns, project
+
+#: A part's matrices are those at E = rho = 1: K is in proportion to one, M to the other.
+MATRICES = Law(
+    "matrices",
+    ("E", "rho"),
+    None,
+    lambda q: np.array([q["E"]]),
+    ({"E": 1.0, "rho": 1.0},),
+    lambda where, q: _positive(where, q),
+    inertia_term=lambda q: q["rho"],
+)
+#: Half of the edge of the cube that shows a node, over the spacing of nodes.
+_CUBE = 0.25
+
+
+def _positive(where: str, q: Mapping[str, object]) -> None:
+    for key, value in q.items():
+        if not np.all(np.asarray(value) > 0):
+            raise InputError(f"{where}.{key} = {np.min(value):g}: expected more than 0")
+
+
+@dataclass(frozen=True)
+class MatrixJoint:
+    """A joint law on an interface between parts by matrices.
+
+    Attributes:
+        name: Its name.
+        interface: Where the faces touch.
+        properties: Values of the law's properties, or names of parameters: ``k_n`` and ``k_t``,
+            Pa/m, of springs.
+        law: `structure.laws.SPRINGS`, a law of the jump by `structure.joint_law`, or the uncoupled
+            layer with E and G.
+        thickness: Of a layer with E and G, m.
+        which: Mask of the interface's points that it holds, (n,); None for all.
+    """
+
+    name: str
+    interface: Interface
+    properties: Mapping[str, float | str]
+    law: Law = SPRINGS
+    thickness: float = 1.0
+    which: np.ndarray | None = field(default=None, repr=False)
+
+    def matrices(self) -> list[sp.csr_matrix]:
+        """The matrix of each of the law's scalars."""
+        n = self.interface.normal
+        across, along = np.outer(n, n), np.eye(3) - np.outer(n, n)
+        if self.law is SPRINGS:
+            tensors = [across, along]
+        elif self.law is LAYER_LAWS["uncoupled"]:
+            # In a layer without extent only gradients across it count: E / s and G / s.
+            tensors = [across / self.thickness, along / self.thickness]
+            tensors += [np.zeros((3, 3))] * 2
+        elif self.law.at_jump is not None:
+            tensors = self.law.at_jump(n)
+        else:
+            raise InputError(
+                f"{self.name}: law {self.law.name!r} is of a layer of cells: expected springs, or "
+                "a law of the jump"
+            )
+        return [self.interface.matrix(tensor, self.which) for tensor in tensors]
+
+    def all_properties(self) -> dict[str, float | str]:
+        """With those that every layer has: it has no mass, and is as thick as meshed."""
+        rest = {"rho": 0.0, "meshed": 1.0, "stretch": 1.0}
+        return {k: self.properties.get(k, rest.get(k)) for k in self.law.properties}
+
+
+@dataclass
+class _Term:
+    """A part, joint, mass, spring or elastic support: this rank's rows of its matrices."""
+
+    name: str
+    law: Law
+    properties: Mapping[str, float | str]
+    stiffness: list[sp.csr_matrix]
+    inertia: sp.csr_matrix | None = None
+    weight: float = 0.0
+    is_layer: bool = True
+
+    def at(self, values: Mapping[str, float]) -> LawScalars:
+        q = {key: number(self.properties[key], values) for key in self.law.properties}
+        self.law.check(self.name, q)
+        return LawScalars(self.law, q)
+
+
+class MatrixStructure:
+    """Parts by matrices, joined by joint laws; fulfils `fenics_joints.structure.Damped`.
+
+    K and M are exact sums over the parameters. Modes, FRFs, updating, reduced models, sampling and
+    diagnosis take it as they take a `Structure`. Each rank keeps its rows of the matrices.
+
+    Args:
+        parts: The parts.
+        joints: The joints between them.
+        parameters: Parameters that the properties name.
+        properties: By part ``E`` and ``rho``, with which K and M grow in proportion: the values at
+            which the matrices were made, or names of parameters whose values now are these.
+        masses: Point masses, at nodes or near them.
+        springs: Springs to the ground, likewise.
+        supports: Pairs (part's name, rows) of held degrees of freedom.
+        elastic: (name, interface-like matrices across and along, k_n, k_t) of elastic supports.
+        damping: Viscous matrices of parts by name, N s/m.
+        comm: Communicator.
+
+    Raises:
+        InputError: If names do not match, or a mass or spring is on no part.
+    """
+
+    is_dense, is_meshed = False, False
+    gdim = 3
+    #: What a `Structure` has and this one does not: masses that travel, changes at sites.
+    masses, changes, elastic_supports = (), (), ()
+
+    def __init__(
+        self,
+        parts: Sequence[MatrixPart],
+        joints: Sequence[MatrixJoint] = (),
+        parameters: Sequence[Parameter] = (),
+        *,
+        properties: Mapping[str, Mapping[str, float | str]] = MappingProxyType({}),
+        masses: Sequence[PointMass] = (),
+        springs: Sequence[Spring] = (),
+        supports: Sequence[tuple[str, np.ndarray]] = (),
+        elastic: Sequence[tuple] = (),
+        damping: Mapping[str, sp.csr_matrix] = MappingProxyType({}),
+        comm: MPI.Intracomm = MPI.COMM_WORLD,
+    ):
+        self.parts, self.joints, self.comm = tuple(parts), tuple(joints), comm
+        self.parameters: dict[str, Parameter] = by_name(parameters)
+        names = [each.name for each in (*self.parts, *self.joints)]
+        for name in names:
+            if names.count(name) > 1:
+                raise InputError(f"{name} is the name of two parts or joints: expected each once")
+        sizes = [len(part.dofs) for part in self.parts]
+        self._first = dict(zip((p.name for p in parts), np.cumsum([0, *sizes]), strict=False))
+        held = np.zeros(sum(sizes), dtype=bool)
+        for name, rows in supports:
+            held[self._first[name] + np.asarray(rows, dtype=int)] = True
+        self._free = np.flatnonzero(~held)
+        layout = PETSc.Vec().createMPI(len(self._free), comm=comm)
+        self._range = layout.getOwnershipRange()
+        layout.destroy()
+        self.n_dofs, self.n_local = len(self._free), self._range[1] - self._range[0]
+        self._terms = list(self._all_terms(properties, masses, springs, elastic))
+        self.layers = tuple(term.name for term in self._terms if term.is_layer)
+        self.regions = tuple(term for term in self._terms if term.is_layer)
+        self.dampers = {f"{k}.C": self._petsc(self._own(k, C)) for k, C in damping.items()}
+        self._seen: dict[tuple, sp.csr_matrix] = {}
+
+    def __repr__(self) -> str:
+        return f"MatrixStructure({self.n_dofs} DOFs, {len(self.parameters)} parameters)"
+
+    # -- terms ---------------------------------------------------------------------------------
+
+    def _wide(self, name: str, n: int) -> sp.csr_matrix:
+        """Free DOFs to those of a part: (n, n_dofs)."""
+        rows = np.arange(n)
+        columns = np.searchsorted(self._free, self._first[name] + rows)
+        there = (columns < len(self._free)) & (
+            self._free[np.minimum(columns, len(self._free) - 1)] == self._first[name] + rows
+        )
+        flat = (np.ones(there.sum()), (rows[there], columns[there]))
+        return sp.csr_matrix(flat, shape=(n, self.n_dofs))
+
+    def _mine(self, matrix) -> sp.csr_matrix:
+        return sp.csr_matrix(matrix)[slice(*self._range)]
+
+    def _own(self, name: str, matrix) -> sp.csr_matrix:
+        """This rank's rows of a matrix of one part."""
+        wide = self._wide(name, matrix.shape[0])
+        return self._mine(wide.T @ matrix @ wide)
+
+    def _all_terms(self, properties, masses, springs, elastic) -> Iterator[_Term]:
+        for part in self.parts:
+            q = {"E": 1.0, "rho": 1.0} | dict(properties.get(part.name, {}))
+            known = {key: p.value for key, p in self.parameters.items()}
+            E, rho = (float(number(q[key], known)) for key in ("E", "rho"))
+            shift = part.rigid_motion()[:, 0]
+            yield _Term(
+                part.name,
+                MATRICES,
+                q,
+                [self._own(part.name, part.stiffness) / E],
+                self._own(part.name, part.mass) / rho,
+                float(shift @ part.mass @ shift) / rho,
+            )
+        for joint in self.joints:
+            first, second = joint.interface.parts
+            wide = sp.vstack([self._wide(p.name, len(p.dofs)) for p in (first, second)])
+            own = [self._mine(wide.T @ A @ wide) for A in joint.matrices()]
+            yield _Term(joint.name, joint.law, joint.all_properties(), own)
+        for name, matrices, k_n, k_t in elastic:
+            own = [self._own(part, A) for part, A in matrices]
+            yield _Term(name, ELASTIC_SUPPORT, {"k_n": k_n, "k_t": k_t}, own)
+        for mass in masses:
+            rows = self.displacement(np.atleast_2d(mass.point), f"mass {mass.name}")
+            own = self._mine(mass.share * (rows.T @ rows))
+            q = {"mass": mass.mass}
+            yield _Term(mass.name, POINT_MASS, q, [], own, mass.share, is_layer=False)
+        for spring in springs:
+            rows = self.displacement(np.atleast_2d(spring.point), f"spring {spring.name}")
+            row = sp.csr_matrix(np.asarray(spring.direction, dtype=float)[None] @ rows)
+            own = self._mine(spring.share * (row.T @ row))
+            yield _Term(spring.name, SPRING, {"stiffness": spring.stiffness}, [own], is_layer=False)
+
+    def displacement(self, points: np.ndarray, what: str = "point") -> sp.csr_matrix:
+        """Displacement at points on the nearest parts, rows over the DOFs, (3 n_points, n_dofs).
+
+        Raises:
+            InputError: If a point is on no part; ``what`` names it.
+        """
+        points = np.atleast_2d(np.asarray(points, dtype=float))
+        key = points.tobytes()
+        if not hasattr(self, "_rows"):
+            self._rows: dict[bytes, sp.csr_matrix] = {}
+        if key not in self._rows:
+            off = np.array([part.distance(points) * part.spacing for part in self.parts])
+            found = []
+            for i, nearest in enumerate(off.argmin(axis=0)):
+                part = self.parts[nearest]
+                try:
+                    rows = part.displacement(points[i])
+                except InputError as error:
+                    raise InputError(f"{what}: {error}") from None
+                found.append(rows @ self._wide(part.name, len(part.dofs)))
+            self._rows[key] = sp.vstack(found, format="csr")
+        return self._rows[key]
+
+    def _petsc(self, rows: sp.csr_matrix) -> PETSc.Mat:
+        rows.sort_indices()
+        csr = tuple(a.astype(PETSc.IntType) for a in (rows.indptr, rows.indices))
+        size = (self.n_local, self.n_dofs)
+        A = PETSc.Mat().createAIJ((size, size), csr=(*csr, rows.data), comm=self.comm)
+        A.setOption(PETSc.Mat.Option.SYMMETRIC, True)
+        A.setOption(PETSc.Mat.Option.SYMMETRY_ETERNAL, True)
+        return A
+
+    # -- K and M -------------------------------------------------------------------------------
+
+    def values(self, given: Mapping[str, float] | None = None) -> dict[str, float]:
+        """All parameters' values."""
+        return parameter_values(self.parameters, given)
+
+    def stiffness(self, given: Mapping[str, float] | None = None) -> PETSc.Mat:
+        """K(p), N/m; the caller's to destroy. Collective."""
+        return self._petsc(self._stiff(self._terms, self.values(given)))
+
+    def _stiff(self, terms: Sequence[_Term], values) -> sp.csr_matrix:
+        pairs = [
+            (A, t)
+            for term in terms
+            for A, t in zip(term.stiffness, term.at(values).theta, strict=True)
+        ]
+        return self._sum(pairs)
+
+    def _sum(self, pairs) -> sp.csr_matrix:
+        total = sp.csr_matrix((self.n_local, self.n_dofs))
+        for A, factor in pairs:
+            total = total + float(factor) * A
+        return total
+
+    def mass(self, given: Mapping[str, float] | None = None) -> PETSc.Mat:
+        """M(p), kg; the caller's to destroy. Collective."""
+        values = self.values(given)
+        own = [t for t in self._terms if t.inertia is not None]
+        return self._petsc(self._sum([(t.inertia, t.at(values).rho) for t in own]))
+
+    def region_stiffness(self, name: str, given: Mapping[str, float] | None = None) -> PETSc.Mat:
+        """The share of K of one part, joint or elastic support, or the matrix of a damper."""
+        if name in self.dampers:
+            return self.dampers[name].copy()
+        if name not in self.layers:
+            raise wanted("damping", name, f"one of {', '.join((*self.layers, *self.dampers))}")
+        own = [term for term in self._terms if term.name == name]
+        return self._petsc(self._stiff(own, self.values(given)))
+
+    def resolved(self, damping: Damping) -> Damping:
+        """A damping by names of `layers`; parts with a viscous matrix have it."""
+        own = dict.fromkeys(self.dampers, 1.0)
+        return replace(damping, viscous={**own, **damping.viscous}) if own else damping
+
+    def total_mass(self, given: Mapping[str, float] | None = None) -> float:
+        """Mass, kg, that of held degrees of freedom included."""
+        values = self.values(given)
+        weighed = [t for t in self._terms if t.weight]
+        return float(sum(t.weight * t.at(values).rho for t in weighed))
+
+    def dilation_frequency(self, given: Mapping[str, float] | None = None) -> float:
+        """Order of the frequency, Hz, of a wave that crosses the structure: a scale for shifts."""
+        fastest = []
+        values = self.values(given)
+        for part, term in zip(self.parts, self._terms, strict=False):
+            rows = part.rows[part.moved, :3].ravel()
+            at, q = term.at(values), np.asarray(part.mass.diagonal())[rows]
+            k = part.stiffness.diagonal()[rows]
+            speed = np.median(k[q > 0] / q[q > 0]) if (q > 0).any() else 0.0
+            own = {"E": 1.0, "rho": 1.0}
+            nominal = term.at({n: p.value for n, p in self.parameters.items()})
+            ratio = (at.theta[0] / nominal.theta[0]) / (at.rho / nominal.rho) if own else 1.0
+            fastest.append(np.sqrt(speed * ratio) * part.spacing)
+        if not max(fastest) > 0:
+            raise InputError("no degree of freedom has both stiffness and mass.")
+        return float(max(fastest) / np.max(self.size_m) / (2 * np.pi))
+
+    # -- derivatives ---------------------------------------------------------------------------
+
+    def not_linear(self) -> list[str]:
+        """Parameters in which K or M is not linear: those of a law of the user's own may be."""
+        return []
+
+    def _slopes(self, values) -> Iterator[tuple[int, _Term, np.ndarray, float]]:
+        """Number of a parameter, a term that it changes, and how its scalars change."""
+        for i, name in enumerate(self.parameters):
+            for term in self._terms:
+                keys = [k for k in term.law.properties if term.properties[k] == name]
+                for key in keys:
+                    theta, rho = term.at(values).slopes(key)
+                    yield i, term, theta, rho
+
+    def pencil_gradients(self, shapes, eigenvalues, given=None) -> np.ndarray:
+        """Derivative of x^T (K - lambda M) x by every parameter at fixed x,
+        (n_shapes, n_parameters). Collective."""
+        whole = self._whole(shapes)
+        own = whole[slice(*self._range)]
+        gradient = np.zeros((whole.shape[1], len(self.parameters)))
+        eigenvalues = np.asarray(eigenvalues)
+        for i, term, theta, rho in self._slopes(self.values(given)):
+            for A, slope in zip(term.stiffness, theta, strict=True):
+                if slope:
+                    gradient[:, i] += slope * np.einsum("dk,dk->k", own, A @ whole)
+            if rho and term.inertia is not None:
+                found = np.einsum("dk,dk->k", own, term.inertia @ whole)
+                gradient[:, i] -= rho * eigenvalues * found
+        return self.comm.allreduce(gradient)
+
+    def slopes(
+        self, given: Mapping[str, float] | None = None, apart: Sequence[str] = ()
+    ) -> Iterator[tuple[int, str, str | None, MatrixForm]]:
+        """dK/dp and dM/dp of all parameters that change them; see `structure.Damped`."""
+        for i, term, theta, rho in self._slopes(self.values(given)):
+            if np.any(theta):
+                A = self._sum(zip(term.stiffness, theta, strict=True))
+                layer = term.name if term.name in apart else None
+                yield i, "K", layer, MatrixForm(self._petsc(A), owned=True)
+            if rho and term.inertia is not None:
+                yield i, "M", None, MatrixForm(self._petsc(rho * term.inertia), owned=True)
+
+    # -- what sensors see, and pictures ----------------------------------------------------------
+
+    def _whole(self, shapes) -> np.ndarray:
+        """Vectors with the rows of all ranks, (n_dofs, k)."""
+        own = as_columns(shapes) if len(shapes) else np.zeros((self.n_local, 0))
+        return np.concatenate(self.comm.allgather(own))
+
+    def observe(self, shapes, sensors: Sensors) -> np.ndarray:
+        """Displacements of shapes at sensors, (n_sensors, n_shapes), equal on all ranks."""
+        return self._read(sensors, "sensor") @ self._whole(shapes)
+
+    def _read(self, sensors: Sensors, what: str) -> sp.csr_matrix:
+        if sensors.points.shape[1] != 3:
+            raise InputError(f"{what}s: expected points (x, y, z)")
+        rows = self.displacement(sensors.points, what)
+        ways = sp.block_diag([way[None] for way in sensors.directions], format="csr")
+        return ways @ rows
+
+    def loads(self, sensors: Sensors, what: str = "sensor") -> np.ndarray:
+        """This rank's rows of the loads of one newton at points, (n_local, n)."""
+        return self._read(sensors, what)[:, slice(*self._range)].toarray().T
+
+    def layer_energies(self, x, others, given=None) -> tuple[np.ndarray, np.ndarray]:
+        """x^T K y and x^T M y of each of `layers` with every vector y, both (n_layers, k).
+        Collective."""
+        values, layers = self.values(given), [t for t in self._terms if t.is_layer]
+        own, whole = x.array_r, self._whole(others)
+        found = np.zeros((2, len(layers), whole.shape[1]))
+        for i, term in enumerate(layers):
+            at = term.at(values)
+            for A, factor in zip(term.stiffness, at.theta, strict=True):
+                found[0, i] += factor * (own @ (A @ whole))
+            if term.inertia is not None:
+                found[1, i] = at.rho * (own @ (term.inertia @ whole))
+        return tuple(self.comm.allreduce(found))
+
+    def boxes(self) -> tuple[np.ndarray, np.ndarray]:
+        """Least and largest coordinates of each of `layers`, m, (n_layers, 2, 3), and their
+        volumes, m3, (n_layers,)."""
+        clouds = {part.name: part.points for part in self.parts}
+        clouds |= {
+            j.name: j.interface.points if j.which is None else j.interface.points[j.which]
+            for j in self.joints
+        }
+        every = np.vstack([part.points for part in self.parts])
+        boxes = np.array([
+            (cloud.min(axis=0), cloud.max(axis=0))
+            for cloud in (clouds.get(name, every) for name in self.layers)
+        ])  # fmt: skip
+        size = np.ptp(boxes, axis=1)
+        return boxes, np.prod(np.maximum(size, 1e-3 * size.max(axis=1, keepdims=True)), axis=1)
+
+    @property
+    def size_m(self) -> np.ndarray:
+        """Extents along the axes, m, (3,)."""
+        return np.ptp(np.vstack([part.points for part in self.parts]), axis=0)
+
+    def rings(self) -> tuple:
+        """None: matrices have no cells."""
+        return ()
+
+    def corner_motion(self, shapes) -> tuple[np.ndarray, np.ndarray]:
+        """A small cube at each node: corners, m, (n_nodes, 8, 3), and how they move in shapes,
+        (n_shapes, n_nodes, 8, 3); on rank 0, elsewhere none of them. Collective."""
+        whole, corners, moved = self._whole(shapes), [], []
+        unit = np.array([(x, y, z) for z in (-1, 1) for y in (-1, 1) for x in (-1, 1)])
+        for part in self.parts:
+            size = _CUBE * (part.spacing or 1e-3)
+            corners.append(part.points[part.moved][:, None] + size * unit)
+            wide = self._wide(part.name, len(part.dofs)) @ whole
+            motion = wide[part.rows[part.moved, :3]]
+            moved.append(np.repeat(motion.transpose(2, 0, 1)[:, :, None], 8, axis=2))
+        if self.comm.rank:
+            return np.zeros((0, 8, 3)), np.zeros((whole.shape[1], 0, 8, 3))
+        return np.concatenate(corners), np.concatenate(moved, axis=1)
+
+    # -- on a basis ------------------------------------------------------------------------------
+
+    def on_basis(self, basis: Sequence[PETSc.Vec]) -> ProjectedModel:
+        """The structure on the vectors of a basis: exact sums over the parameters. Collective."""
+        dense, n = as_columns(basis), len(basis)
+
+        def projected(rows: sp.csr_matrix) -> np.ndarray:
+            A = self._petsc(rows)
+            found = project(A, dense)
+            A.destroy()
+            return found
+
+        terms = [
+            RegionTerm(
+                term.name,
+                term.law,
+                term.properties,
+                np.array([projected(A) for A in term.stiffness]).reshape(-1, n, n),
+                np.zeros((n, n)) if term.inertia is None else projected(term.inertia),
+                term.weight,
+            )
+            for term in self._terms
+        ]
+        split = [[t for t, own in zip(terms, self._terms, strict=True) if own.is_layer is layer]
+                 for layer in (True, False)]  # fmt: skip
+        return ProjectedModel(self, basis, AffinePencil(self.parameters, *split))
+
+
+@tested_models.register
+def _(full: MatrixStructure) -> SmallModels:
+    return SmallModels(ReducedFormModel, GreedyModel, CombinedModel)
