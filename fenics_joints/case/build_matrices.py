@@ -211,10 +211,8 @@ def build_matrices(
             list(mesh.parts.values()),
             [_joint(case, *item, mesh) for item in case.joints.items()],
             _movable(known),
-            properties={
-                cells: {"E": f"{owners[cells]}.E", "rho": f"{owners[cells]}.rho"}
-                for cells in mesh.parts
-            },
+            properties={name: {k: f"{name}.{k}" for k in ("E", "rho")} for name in case.parts},
+            regions={name: part.cells for name, part in case.parts.items()},
             masses=[m for item in pointed.items() for m in _masses(*item)],
             springs=[s for item in pointed.items() for s in springs_of(*item)],
             supports=supports,

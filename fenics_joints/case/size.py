@@ -14,7 +14,14 @@ from pathlib import Path
 import numpy as np
 
 from fenics_joints.case.case import Case
-from fenics_joints.case.mesh import MatricesMesh, MeshFile, OffsetBeamsMesh, OwnMesh, SolidMesh, StepMesh
+from fenics_joints.case.mesh import (
+    MatricesMesh,
+    MeshFile,
+    OffsetBeamsMesh,
+    OwnMesh,
+    SolidMesh,
+    StepMesh,
+)
 from fenics_joints.errors import InputError
 from fenics_joints.formatting import number
 

@@ -119,8 +119,10 @@ class MatrixStructure:
         parts: The parts.
         joints: The joints between them.
         parameters: Parameters that the properties name.
-        properties: By part ``E`` and ``rho``, with which K and M grow in proportion: the values at
-            which the matrices were made, or names of parameters whose values now are these.
+        properties: By region ``E`` and ``rho``, with which K and M grow in proportion: the values
+            at which the matrices were made, or names of parameters whose values now are these.
+        regions: Names of parts that are of one material, by the name of the region that they make;
+            a part in none is one by itself.
         masses: Point masses, at nodes or near them.
         springs: Springs to the ground, likewise.
         supports: Pairs (part's name, rows) of held degrees of freedom.
@@ -144,6 +146,7 @@ class MatrixStructure:
         parameters: Sequence[Parameter] = (),
         *,
         properties: Mapping[str, Mapping[str, float | str]] = MappingProxyType({}),
+        regions: Mapping[str, Sequence[str]] = MappingProxyType({}),
         masses: Sequence[PointMass] = (),
         springs: Sequence[Spring] = (),
         supports: Sequence[tuple[str, np.ndarray]] = (),
@@ -167,6 +170,12 @@ class MatrixStructure:
         self._range = layout.getOwnershipRange()
         layout.destroy()
         self.n_dofs, self.n_local = len(self._free), self._range[1] - self._range[0]
+        owned = {name for own in regions.values() for name in own}
+        alone = {part.name: (part.name,) for part in self.parts if part.name not in owned}
+        self._of_region = {
+            name: [part for part in self.parts if part.name in own]
+            for name, own in (dict(regions) | alone).items()
+        }
         self._terms = list(self._all_terms(properties, masses, springs, elastic))
         self.layers = tuple(term.name for term in self._terms if term.is_layer)
         self.regions = tuple(term for term in self._terms if term.is_layer)
@@ -197,18 +206,18 @@ class MatrixStructure:
         return self._mine(wide.T @ matrix @ wide)
 
     def _all_terms(self, properties, masses, springs, elastic) -> Iterator[_Term]:
-        for part in self.parts:
-            q = {"E": 1.0, "rho": 1.0} | dict(properties.get(part.name, {}))
+        for name, own in self._of_region.items():
+            q = {"E": 1.0, "rho": 1.0} | dict(properties.get(name, {}))
             known = {key: p.value for key, p in self.parameters.items()}
             E, rho = (float(number(q[key], known)) for key in ("E", "rho"))
-            shift = part.rigid_motion()[:, 0]
+            shifts = [(part.rigid_motion()[:, 0], part.mass) for part in own]
             yield _Term(
-                part.name,
+                name,
                 MATRICES,
                 q,
-                [self._own(part.name, part.stiffness) / E],
-                self._own(part.name, part.mass) / rho,
-                float(shift @ part.mass @ shift) / rho,
+                [sum(self._own(part.name, part.stiffness) for part in own) / E],
+                sum(self._own(part.name, part.mass) for part in own) / rho,
+                sum(float(x @ mass @ x) for x, mass in shifts) / rho,
             )
         for joint in self.joints:
             first, second = joint.interface.parts
@@ -314,16 +323,11 @@ class MatrixStructure:
     def dilation_frequency(self, given: Mapping[str, float] | None = None) -> float:
         """Order of the frequency, Hz, of a wave that crosses the structure: a scale for shifts."""
         fastest = []
-        values = self.values(given)
-        for part, term in zip(self.parts, self._terms, strict=False):
+        for part in self.parts:
             rows = part.rows[part.moved, :3].ravel()
-            at, q = term.at(values), np.asarray(part.mass.diagonal())[rows]
-            k = part.stiffness.diagonal()[rows]
-            speed = np.median(k[q > 0] / q[q > 0]) if (q > 0).any() else 0.0
-            own = {"E": 1.0, "rho": 1.0}
-            nominal = term.at({n: p.value for n, p in self.parameters.items()})
-            ratio = (at.theta[0] / nominal.theta[0]) / (at.rho / nominal.rho) if own else 1.0
-            fastest.append(np.sqrt(speed * ratio) * part.spacing)
+            k, m = part.stiffness.diagonal()[rows], part.mass.diagonal()[rows]
+            squares = k[m > 0] / m[m > 0]
+            fastest.append(np.sqrt(np.median(squares)) * part.spacing if len(squares) else 0.0)
         if not max(fastest) > 0:
             raise InputError("no degree of freedom has both stiffness and mass.")
         return float(max(fastest) / np.max(self.size_m) / (2 * np.pi))
@@ -410,15 +414,16 @@ class MatrixStructure:
     def boxes(self) -> tuple[np.ndarray, np.ndarray]:
         """Least and largest coordinates of each of `layers`, m, (n_layers, 2, 3), and their
         volumes, m3, (n_layers,)."""
-        clouds = {part.name: part.points for part in self.parts}
+        clouds = {
+            name: np.vstack([part.points for part in own]) for name, own in self._of_region.items()
+        }
         clouds |= {
             j.name: j.interface.points if j.which is None else j.interface.points[j.which]
             for j in self.joints
         }
-        every = np.vstack([part.points for part in self.parts])
         boxes = np.array([
             (cloud.min(axis=0), cloud.max(axis=0))
-            for cloud in (clouds.get(name, every) for name in self.layers)
+            for cloud in (clouds.get(name, self.nodes) for name in self.layers)
         ])  # fmt: skip
         size = np.ptp(boxes, axis=1)
         return boxes, np.prod(np.maximum(size, 1e-3 * size.max(axis=1, keepdims=True)), axis=1)
@@ -426,7 +431,12 @@ class MatrixStructure:
     @property
     def size_m(self) -> np.ndarray:
         """Extents along the axes, m, (3,)."""
-        return np.ptp(np.vstack([part.points for part in self.parts]), axis=0)
+        return np.ptp(self.nodes, axis=0)
+
+    @property
+    def nodes(self) -> np.ndarray:
+        """Places of the nodes that have all translations, m, (n, 3)."""
+        return np.vstack([part.points[part.moved] for part in self.parts])
 
     def rings(self) -> tuple:
         """None: matrices have no cells."""
@@ -477,4 +487,4 @@ class MatrixStructure:
 
 @tested_models.register
 def _(full: MatrixStructure) -> SmallModels:
-    return SmallModels(ReducedFormModel, GreedyModel, CombinedModel)
+    return SmallModels(ReducedFormModel, GreedyModel, CombinedModel, kept=False)

@@ -10,9 +10,13 @@ from petsc4py import PETSc
 from fenics_joints.errors import InputError
 from fenics_joints.reduction.affine import CONSTANT, AffinePencil, RegionTerm
 from fenics_joints.reduction.arrays import ArrayModel
+from fenics_joints.reduction.prediction import ways_of
 from fenics_joints.structure import FormModel, Sensors
 from fenics_joints.structure.points import PlaceRows
 from fenics_joints.structure.sparse import as_columns, project
+
+#: Step, over the size of the model, of derivatives by a sensor's place. [numerical: chosen]
+_STEP = 1e-4
 
 
 class ProjectedModel(ArrayModel):
@@ -53,6 +57,7 @@ class ProjectedModel(ArrayModel):
         found = ArrayModel(self.pencil, self.scale_hz)
         if sensors is not None:
             found.sensor_rows = self.observe(np.eye(self.n_dofs), sensors)
+            found.shift_rows = self._by_place(sensors)
         if places:
             points = np.unique(np.vstack([s.points[:, :gdim] for s in places]), axis=0)
             ways = np.tile(np.eye(gdim), (len(points), 1))
@@ -60,6 +65,17 @@ class ProjectedModel(ArrayModel):
             rows = self.observe(np.eye(self.n_dofs), every)
             found.places = PlaceRows(points, rows.reshape(len(points), gdim, -1))
         return found
+
+    def _by_place(self, sensors: Sensors) -> np.ndarray:
+        """Derivatives of the sensors' readings by their places, see ``ArrayModel.shift_rows``, by
+        differences: (n_ways, n_sensors, n_dofs). Collective."""
+        gdim, found = self.full.gdim, []
+        step = _STEP * float(np.max(self.full.size_m))
+        for way in ways_of(sensors, gdim):
+            ends = (Sensors(sensors.points + s * step * way, sensors.directions) for s in (1, -1))
+            high, low = (self.full.observe(self._basis, end) for end in ends)
+            found.append((high - low) / (2 * step))
+        return np.array(found)
 
 
 def on_basis(full, basis: Sequence[PETSc.Vec]) -> ProjectedModel:

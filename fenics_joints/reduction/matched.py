@@ -149,18 +149,21 @@ class MatchedModes:
 def places_all_over(full, count: int) -> Sensors:
     """Points spread over a structure, each in all directions. Collective.
 
-    They are middles and corners of cells, each the farthest from those before it. Middles alone
-    would miss the torsion of a strip.
+    They are middles and corners of cells, each the farthest from those before it; of parts by
+    matrices nodes. Middles alone would miss the torsion of a strip.
 
     Args:
-        full: A structure with a mesh.
+        full: A structure with a mesh, or of parts by matrices.
         count: Number of points.
     """
-    msh = full.mesh
-    owned = msh.topology.index_map(msh.topology.dim).size_local
-    cells = msh.geometry.x[geometry_dofmap(msh)[:owned]]
-    own = np.concatenate([cells.mean(axis=1), cells.reshape(-1, 3)])
-    there = np.concatenate(msh.comm.allgather(own))[:, : full.gdim]
+    if hasattr(full, "mesh"):
+        msh = full.mesh
+        owned = msh.topology.index_map(msh.topology.dim).size_local
+        cells = msh.geometry.x[geometry_dofmap(msh)[:owned]]
+        own = np.concatenate([cells.mean(axis=1), cells.reshape(-1, 3)])
+        there = np.concatenate(msh.comm.allgather(own))[:, : full.gdim]
+    else:
+        there = full.nodes
     there = there[np.unique(np.round(there, 9), axis=0, return_index=True)[1]]
     there = there[np.lexsort(np.round(there, 9).T)]
     chosen = [0]

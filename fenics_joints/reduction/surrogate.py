@@ -375,13 +375,15 @@ class SmallModels:
         seen: For the modes that a test saw, see `ReducedModel`.
         free: For these modes in few parameters, see `GreedyModel`.
         combined: For data of several kinds, see `CombinedModel`.
-        exact: Whether they are exact, and need neither samples nor files.
+        exact: Whether they are exact, and need no samples.
+        kept: Whether they can be kept in files: nothing of forms, which have no hash.
     """
 
     seen: Callable[..., MatchedModes]
     free: Callable[..., MatchedModes]
     combined: Callable[..., CombinedModel]
     exact: bool = False
+    kept: bool = True
 
 
 @singledispatch
@@ -392,4 +394,4 @@ def tested_models(full) -> SmallModels:
 
 @tested_models.register
 def _(full: FormModel) -> SmallModels:
-    return SmallModels(ReducedFormModel, GreedyModel, CombinedModel)
+    return SmallModels(ReducedFormModel, GreedyModel, CombinedModel, kept=False)

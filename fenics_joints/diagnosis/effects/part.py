@@ -151,10 +151,10 @@ def part_effects(s: Setting) -> Found:
             effect = shear_error(group, s.case.parts[group[0]].nominal()["nu"], *more)
         else:
             effect = part_error(key, group, *more)
-            reason = unfit(s.dimensions, [f"{part}.{key}" for part in group])
-            if reason is not None:
-                left_out.setdefault((effect.name, reason), []).append(effect.region)
-                continue
+        reason = unfit(s.dimensions, [f"{part}.{key}" for part in group])
+        if reason is not None:
+            left_out.setdefault((effect.name, reason), []).append(effect.region)
+            continue
         yield with_laps(effect, s.case, s.zones)
     # By level a mode's amplitude stands in for the condition, whose order is then lost.
     warmer = temperature(parts, s.data.conditions, drifts=not s.data.by_level)

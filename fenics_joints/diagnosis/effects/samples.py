@@ -33,7 +33,10 @@ def sample_ranges(case: Case) -> dict[str, tuple[float, float, bool]]:
         for key, spread in CAUSES.items():
             # Two standard deviations: a basis from nearer samples is too stiff for a plate of
             # another thickness, and the hypothesis would lose for that.
-            ranges[f"{name}.{key}"] = _about(values[f"{name}.{key}"], spread)
+            if f"{name}.{key}" in values:  # matrices have no thickness
+                ranges[f"{name}.{key}"] = _about(values[f"{name}.{key}"], spread)
+        if "nu" in case.mesh.lacks:
+            continue
         nu = values[f"{name}.nu"]
         low, high = ((1 + nu) * np.exp(2 * sign * SHEAR) - 1 for sign in (-1, 1))
         ranges[f"{name}.nu"] = max(low, _NU[0]), min(high, max(nu, _NU[1])), False

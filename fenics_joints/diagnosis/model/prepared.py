@@ -51,7 +51,6 @@ from fenics_joints.reduction.files import Cache
 from fenics_joints.reduction.matched import MatchedModes
 from fenics_joints.reduction.prediction import ModalPrediction
 from fenics_joints.reduction.surrogate import LACKING, tested_models
-from fenics_joints.structure import FormModel
 
 #: Share of a mode's energy that the reduced model may lack where it was sampled, over the square of
 #: the discrepancy, and at most. Half of it bounds the error in frequency there: 3 % of a
@@ -156,11 +155,11 @@ class Prepared(Subject):
 
         Args:
             progress: Told after each sample.
-            keep: Folder of the reduced models, named by a hash of all that makes them; nothing is
-                kept of a model by forms, whose forms have none.
+            keep: Folder of the reduced models, named by a hash of all that makes them; None keeps
+                nothing.
         """
         models, cache = tested_models(self.full), None
-        if keep is not None and not models.exact and not isinstance(self.full, FormModel):
+        if keep is not None and models.kept:
             cache = Cache(keep, self.fingerprint(), self.full.comm, side_by_side=True)
         self.surrogate = models.seen(
             self.full,
