@@ -134,6 +134,12 @@ class MatrixPart:
             found[way == 3 + k, 3 + k] = 1.0
         return found
 
+    @property
+    def total_mass(self) -> float:
+        """Mass, kg: twice the kinetic energy of a translation at 1 m/s along x."""
+        x = self.rigid_motion()[:, 0]
+        return float(x @ self.mass @ x)
+
     def distance(self, points: np.ndarray) -> np.ndarray:
         """Distance of points from the nearest node, over the spacing of nodes, (n,)."""
         return self._tree.query(points)[0] / max(self.spacing, 1e-12)

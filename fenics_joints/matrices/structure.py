@@ -136,8 +136,9 @@ class MatrixStructure:
 
     is_dense, is_meshed = False, False
     gdim = 3
-    #: What a `Structure` has and this one does not: masses that travel, changes at sites.
-    masses, changes, elastic_supports = (), (), ()
+    #: What a `Structure` has and this one does not: cells with laws, masses that travel, changes
+    #: at sites.
+    regions, masses, changes, elastic_supports = (), (), (), ()
 
     def __init__(
         self,
@@ -178,7 +179,6 @@ class MatrixStructure:
         }
         self._terms = list(self._all_terms(properties, masses, springs, elastic))
         self.layers = tuple(term.name for term in self._terms if term.is_layer)
-        self.regions = tuple(term for term in self._terms if term.is_layer)
         self.dampers = {f"{k}.C": self._petsc(self._own(k, C)) for k, C in damping.items()}
         self._seen: dict[tuple, sp.csr_matrix] = {}
 
@@ -210,14 +210,13 @@ class MatrixStructure:
             q = {"E": 1.0, "rho": 1.0} | dict(properties.get(name, {}))
             known = {key: p.value for key, p in self.parameters.items()}
             E, rho = (float(number(q[key], known)) for key in ("E", "rho"))
-            shifts = [(part.rigid_motion()[:, 0], part.mass) for part in own]
             yield _Term(
                 name,
                 MATRICES,
                 q,
                 [sum(self._own(part.name, part.stiffness) for part in own) / E],
                 sum(self._own(part.name, part.mass) for part in own) / rho,
-                sum(float(x @ mass @ x) for x, mass in shifts) / rho,
+                sum(part.total_mass for part in own) / rho,
             )
         for joint in self.joints:
             first, second = joint.interface.parts
@@ -319,6 +318,20 @@ class MatrixStructure:
         values = self.values(given)
         weighed = [t for t in self._terms if t.weight]
         return float(sum(t.weight * t.at(values).rho for t in weighed))
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the matrices, as `volume` takes them, and of the joints."""
+        return [each.name for each in (*self.parts, *self.joints)]
+
+    def volume(self, names: Sequence[str]) -> float:
+        """Volume of parts, m3: their mass over the density of their region; joints have none."""
+        values, total = self.values(), 0.0
+        for term in self._terms[: len(self._of_region)]:
+            for part in self._of_region[term.name]:
+                if part.name in names:
+                    total += part.total_mass / term.at(values).rho
+        return total
 
     def dilation_frequency(self, given: Mapping[str, float] | None = None) -> float:
         """Order of the frequency, Hz, of a wave that crosses the structure: a scale for shifts."""

@@ -240,7 +240,7 @@ def check_case(
     found = _more(found, _diagnosed(case, examined.errors), twice(found.places))
     if not examined.has_mesh:
         return found
-    if case.mesh.origin == "beams":
+    if case.mesh.origin in ("beams", "matrices"):
         found = _beams(found, examined, comm)
         found = _beside(found, examined, None, comm, progress) if solve else found
         return _with_costs(found, comm)
@@ -316,19 +316,24 @@ def _is_too_large(found: Checked, comm: MPI.Intracomm) -> bool:
 
 
 def _beams(found: Checked, examined: Examined, comm: MPI.Intracomm) -> Checked:
-    """The result with masses and size of the beams, and errors of their model and sensors."""
+    """The result with masses and size of beams or parts by matrices, and errors of their model and
+    sensors."""
     case, errors = found.case, []
-    dofs, size = None, np.empty(0)
+    dofs, size, body = None, np.empty(0), None
     if examined.whole and not found.errors:
         try:
             model = build_structure(case, comm)
             dofs, size = model.n_dofs, np.asarray(model.size_m)
+            body = model if case.mesh.origin == "matrices" else None
             if (sensors := case.sensors()) is not None:
-                model.read(sensors)
+                model.loads(sensors)  # refuses those beside it
         except JointsError as error:
             errors.append(_own(case, error))
-    weights = weights_of(case, None, {})
+    if case.mesh.origin == "matrices" and body is None:
+        return _more(found, errors)
+    weights = weights_of(case, body, {})
     found = replace(found, weights=weights, dofs=dofs, size_m=size)
+    found = _more(found, (), getattr(body, "notes", ()))
     return _more(found, errors, doubtful(case, weights))
 
 

@@ -141,7 +141,7 @@ def weights_of(
 
     Args:
         case: The case.
-        body: Its mesh; None for beams.
+        body: Its mesh, or its parts by matrices; None for beams.
         centres: Of the mesh's named faces, m.
     """
     found = []
