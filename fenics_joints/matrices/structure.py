@@ -15,9 +15,10 @@ from fenics_joints.errors import InputError, wanted
 from fenics_joints.matrices.faces import Interface
 from fenics_joints.matrices.part import MatrixPart
 from fenics_joints.reduction.affine import POINT_MASS, SPRING, AffinePencil, LawScalars, RegionTerm
+from fenics_joints.reduction.arrays import ArrayModel
 from fenics_joints.reduction.forms import ProjectedModel
 from fenics_joints.reduction.frf_basis import CombinedModel
-from fenics_joints.reduction.greedy import GreedyModel
+from fenics_joints.reduction.greedy import FreePencil, GreedyModel, free_pencil
 from fenics_joints.reduction.surrogate import ReducedFormModel, SmallModels, tested_models
 from fenics_joints.structure import Damping, Parameter, PointMass, Sensors, Spring
 from fenics_joints.structure.components import by_name, number, parameter_values
@@ -102,6 +103,11 @@ class _Term:
     inertia: sp.csr_matrix | None = None
     weight: float = 0.0
     is_layer: bool = True
+
+    def varies(self, free: Sequence[str], key: str | None = None) -> bool:
+        """Whether some parameters are its properties, or that of one key."""
+        named = self.properties.values() if key is None else [self.properties[key]]
+        return any(isinstance(name, str) and name in free for name in named)
 
     def at(self, values: Mapping[str, float]) -> LawScalars:
         q = {key: number(self.properties[key], values) for key in self.law.properties}
@@ -472,8 +478,15 @@ class MatrixStructure:
 
     # -- on a basis ------------------------------------------------------------------------------
 
-    def on_basis(self, basis: Sequence[PETSc.Vec]) -> ProjectedModel:
-        """The structure on the vectors of a basis: exact sums over the parameters. Collective."""
+    def on_basis(
+        self, basis: Sequence[PETSc.Vec], free: Sequence[str] | None = None
+    ) -> ProjectedModel:
+        """The structure on the vectors of a basis: exact sums over the parameters. Collective.
+
+        Args:
+            basis: The vectors.
+            free: Parameters that vary, where the rest is one sum, at nominal values; None: all.
+        """
         dense, n = as_columns(basis), len(basis)
 
         def projected(rows: sp.csr_matrix) -> np.ndarray:
@@ -482,20 +495,59 @@ class MatrixStructure:
             A.destroy()
             return found
 
-        terms = [
-            RegionTerm(
-                term.name,
-                term.law,
-                term.properties,
-                np.array([projected(A) for A in term.stiffness]).reshape(-1, n, n),
-                np.zeros((n, n)) if term.inertia is None else projected(term.inertia),
-                term.weight,
-            )
-            for term in self._terms
-        ]
-        split = [[t for t, own in zip(terms, self._terms, strict=True) if own.is_layer is layer]
-                 for layer in (True, False)]  # fmt: skip
+        split = [], []
+        for term in self._terms:
+            if free is None or term.varies(free):
+                stiff = [projected(A) for A in term.stiffness]
+                heavy = np.zeros((n, n)) if term.inertia is None else projected(term.inertia)
+                matrices = np.array(stiff).reshape(-1, n, n), heavy, term.weight
+                made = RegionTerm(term.name, term.law, term.properties, *matrices)
+                split[not term.is_layer].append(made)
         return ProjectedModel(self, basis, AffinePencil(self.parameters, *split))
+
+    def varying(self, free: Sequence[str]) -> Iterator[tuple[list[MatrixForm], MatrixForm | None]]:
+        """Matrices of stiffness and mass of each term that some parameters change, in the order of
+        `on_basis`; the mass only if they change it. Collective."""
+        for layer in (True, False):
+            for term in self._terms:
+                if term.is_layer is layer and term.varies(free):
+                    q = term.at(self.values())
+                    named = [k for k in term.law.properties if term.varies(free, k)]
+                    heavy = None
+                    if term.inertia is not None and any(q.slopes(key)[1] for key in named):
+                        heavy = MatrixForm(self._petsc(term.inertia), True)
+                    yield [MatrixForm(self._petsc(A), True) for A in term.stiffness], heavy
+
+
+class _MatrixPencil(FreePencil):
+    """K(p) and M(p) of parts by matrices in some of their parameters."""
+
+    def _take_regions(self) -> None:
+        for stiff, heavy in self.full.varying(self.free):
+            if stiff:
+                self._stiff.append((np.eye(len(stiff)), stiff))
+            self._heavy.append(heavy)
+
+    def _take_points(self) -> None:
+        """Masses and springs are terms like any other."""
+
+    def on(self, basis: list[PETSc.Vec], sensors: Sensors | None) -> ArrayModel:
+        """See `FreePencil.on`."""
+        whole, pencil = self.full.on_basis(basis), self.full.on_basis(basis, self.free).pencil
+        rest = [
+            a - b
+            for a, b in zip(
+                whole.pencil.assemble(self.given), pencil.assemble(self.given), strict=True
+            )
+        ]
+        mass = whole.pencil.total_mass(self.given) - pencil.total_mass(self.given)
+        self.terms = replace(pencil, fixed=tuple(rest), fixed_mass=float(mass))
+        return replace(whole.arrays(sensors=sensors), pencil=self.terms)
+
+
+@free_pencil.register
+def _(full: MatrixStructure, free: Sequence[str], given: Mapping[str, float]) -> FreePencil:
+    return _MatrixPencil(full, free, given)
 
 
 @tested_models.register

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import singledispatch
 
 import numpy as np
 from petsc4py import PETSc
@@ -149,6 +150,12 @@ class FreePencil:
         return total
 
 
+@singledispatch
+def free_pencil(full, free: Sequence[str], given: Mapping[str, float]) -> FreePencil:
+    """K(p) and M(p) of a structure in some of its parameters. Collective."""
+    return FreePencil(full, free, given)
+
+
 #: Share of the largest energy below which a direction is left out of the basis: chosen.
 _BASIS = 1e-9
 #: Points whose residuals are formed together: chosen, for memory.
@@ -179,7 +186,7 @@ class GreedyModel(MatchedModes):
         progress: Progress | None = None,
         **given,
     ):
-        self.terms = FreePencil(full, free, start)
+        self.terms = free_pencil(full, free, start)
         self.progress = progress or Progress(silent=True)
         self.progress.step("reduced model: the start")
         super().__init__(full, self.terms.given, **given)
