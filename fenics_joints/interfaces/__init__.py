@@ -6,6 +6,7 @@ of a linear structure for small vibrations, and whose linear parameters can stil
 `full_layers` is the same model, not reduced.
 """
 
+from fenics_joints.interfaces.between_matrices import reduce_matrix_joints
 from fenics_joints.interfaces.contacts import reduce_contacts
 from fenics_joints.interfaces.full import FullModel, SparsePoints, full_layers
 from fenics_joints.interfaces.layers import reduce_layers
@@ -29,6 +30,7 @@ __all__ = [
     "read_interface_model",
     "reduce_contacts",
     "reduce_layers",
+    "reduce_matrix_joints",
     "static_state",
     "with_modal_damping",
     "with_rayleigh_damping",

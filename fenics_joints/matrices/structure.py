@@ -174,9 +174,9 @@ class MatrixStructure:
             held[self._first[name] + np.asarray(rows, dtype=int)] = True
         self._free = np.flatnonzero(~held)
         layout = PETSc.Vec().createMPI(len(self._free), comm=comm)
-        self._range = layout.getOwnershipRange()
+        self.range = layout.getOwnershipRange()
         layout.destroy()
-        self.n_dofs, self.n_local = len(self._free), self._range[1] - self._range[0]
+        self.n_dofs, self.n_local = len(self._free), self.range[1] - self.range[0]
         owned = {name for own in regions.values() for name in own}
         alone = {part.name: (part.name,) for part in self.parts if part.name not in owned}
         self._of_region = {
@@ -204,7 +204,7 @@ class MatrixStructure:
         return sp.csr_matrix(flat, shape=(n, self.n_dofs))
 
     def _mine(self, matrix) -> sp.csr_matrix:
-        return sp.csr_matrix(matrix)[slice(*self._range)]
+        return sp.csr_matrix(matrix)[slice(*self.range)]
 
     def _own(self, name: str, matrix) -> sp.csr_matrix:
         """This rank's rows of a matrix of one part."""
@@ -225,8 +225,7 @@ class MatrixStructure:
                 sum(part.total_mass for part in own) / rho,
             )
         for joint in self.joints:
-            first, second = joint.interface.parts
-            wide = sp.vstack([self._wide(p.name, len(p.dofs)) for p in (first, second)])
+            wide = self._wide_of(joint)
             own = [self._mine(wide.T @ A @ wide) for A in joint.matrices()]
             yield _Term(joint.name, joint.law, joint.all_properties(), own)
         for name, matrices, k_n, k_t in elastic:
@@ -242,6 +241,14 @@ class MatrixStructure:
             row = sp.csr_matrix(np.asarray(spring.direction, dtype=float)[None] @ rows)
             own = self._mine(spring.share * (row.T @ row))
             yield _Term(spring.name, SPRING, {"stiffness": spring.stiffness}, [own], is_layer=False)
+
+    def _wide_of(self, joint: MatrixJoint) -> sp.csr_matrix:
+        """Free DOFs to those of the two parts of a joint."""
+        return sp.vstack([self._wide(p.name, len(p.dofs)) for p in joint.interface.parts])
+
+    def jump(self, joint: MatrixJoint) -> sp.csr_matrix:
+        """Jump at the points of a joint as rows over the DOFs, (3 n_points, n_dofs)."""
+        return sp.csr_matrix(joint.interface.jump @ self._wide_of(joint))
 
     def displacement(self, points: np.ndarray, what: str = "point") -> sp.csr_matrix:
         """Displacement at points on the nearest parts, rows over the DOFs, (3 n_points, n_dofs).
@@ -370,7 +377,7 @@ class MatrixStructure:
         """Derivative of x^T (K - lambda M) x by every parameter at fixed x,
         (n_shapes, n_parameters). Collective."""
         whole = self._whole(shapes)
-        own = whole[slice(*self._range)]
+        own = whole[slice(*self.range)]
         gradient = np.zeros((whole.shape[1], len(self.parameters)))
         eigenvalues = np.asarray(eigenvalues)
         for i, term, theta, rho in self._slopes(self.values(given)):
@@ -414,7 +421,7 @@ class MatrixStructure:
 
     def loads(self, sensors: Sensors, what: str = "sensor") -> np.ndarray:
         """This rank's rows of the loads of one newton at points, (n_local, n)."""
-        return self._read(sensors, what)[:, slice(*self._range)].toarray().T
+        return self._read(sensors, what)[:, slice(*self.range)].toarray().T
 
     def layer_energies(self, x, others, given=None) -> tuple[np.ndarray, np.ndarray]:
         """x^T K y and x^T M y of each of `layers` with every vector y, both (n_layers, k).

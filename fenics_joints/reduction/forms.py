@@ -33,13 +33,13 @@ class ProjectedModel(ArrayModel):
 
     def __init__(self, model, basis: Sequence[PETSc.Vec], pencil: AffinePencil):
         super().__init__(pencil, model.dilation_frequency())
-        self.full, self._basis, self._seen = model, basis, dict[tuple, np.ndarray]()
+        self.full, self.basis, self._seen = model, basis, dict[tuple, np.ndarray]()
 
     def observe(self, shapes: np.ndarray, sensors: Sensors) -> np.ndarray:
         """Displacement of shapes at sensors, (n_sensors, n_shapes). Collective at first."""
         key = sensors.points.tobytes(), sensors.directions.tobytes()
         if key not in self._seen:
-            self._seen[key] = self.full.observe(self._basis, sensors)
+            self._seen[key] = self.full.observe(self.basis, sensors)
         return self._seen[key] @ shapes
 
     def loads(self, sensors: Sensors, what: str = "sensor") -> np.ndarray:
@@ -73,7 +73,7 @@ class ProjectedModel(ArrayModel):
         step = _STEP * float(np.max(self.full.size_m))
         for way in ways_of(sensors, gdim):
             ends = (Sensors(sensors.points + s * step * way, sensors.directions) for s in (1, -1))
-            high, low = (self.full.observe(self._basis, end) for end in ends)
+            high, low = (self.full.observe(self.basis, end) for end in ends)
             found.append((high - low) / (2 * step))
         return np.array(found)
 

@@ -18,6 +18,7 @@ from fenics_joints.interfaces import (
     ReducedInterfaceModel,
     reduce_contacts,
     reduce_layers,
+    reduce_matrix_joints,
     with_modal_damping,
 )
 from fenics_joints.interfaces.full import full_layers
@@ -33,6 +34,8 @@ FORCE, SENSOR = "force", "sensor"
 _LOADINGS, _LEAST = 12, 0.01
 #: Interface modes of contacts beside those shapes, unless the case says how many.
 _CONTACT_MODES = 12
+#: Interface modes of joints between parts by matrices.
+_JUMP_MODES = 60
 
 
 @dataclass(frozen=True)
@@ -92,6 +95,8 @@ def harmonic_model(case: Case, comm: MPI.Intracomm, progress: Progress) -> Harmo
             "the 'reduced' model"
         )
     make = _with_contacts if contacts else _with_layers
+    if case.mesh.origin == "matrices":
+        make = _between_matrices
     model, n_dofs, modes, full = make(case, comm, progress)
     damping = case.harmonic.damping
     model = with_modal_damping(model, damping, damping[-1])
@@ -152,6 +157,21 @@ def _with_layers(case: Case, comm, progress: Progress):
         **places,
     )
     return model, structure.n_dofs, modes, full
+
+
+def _between_matrices(case: Case, comm, progress: Progress):
+    progress.step("building the model")
+    structure = build_structure(case, comm)
+    h, laws = case.harmonic, {}
+    for name, section in case.nonlinear.items():
+        joint = case.joints[name]
+        laws[name] = section.make(joint.k_n, joint.k_t, 1.0)  # by the jump, m
+    progress.step(f"reducing {structure.n_dofs} degrees of freedom")
+    given = {"n_modes": h.modes, **_places(case)}
+    # All that the joint can do, and of that what the loads ask for.
+    whole = reduce_matrix_joints(structure, laws, interface_modes=_JUMP_MODES, **given)
+    modes = solve_modes(whole, n_modes=min(h.modes, whole.n_dofs))
+    return whole, structure.n_dofs, modes, None
 
 
 def _loadings(case: Case, full: FullModel, modes: Modes, progress: Progress) -> list:

@@ -53,10 +53,10 @@ def peak_shapes(r: HarmonicReport) -> PeakShapes | None:
 
     Returns:
         The shapes on rank 0; None on the others, and of a model without its mesh (one that was
-        kept beside its branches) or in the plane.
+        kept beside its branches, or parts by matrices) or in the plane.
     """
     source = r.built.model.source
-    if source is None or source.full.gdim < 3:
+    if source is None or source.full.gdim < 3 or not source.full.is_meshed:
         return None
     structure, vectors = source.full, []
     for response in r.responses:
