@@ -103,6 +103,7 @@ class _Term:
     inertia: sp.csr_matrix | None = None
     weight: float = 0.0
     is_layer: bool = True
+    pieces: list[tuple[str, sp.csr_matrix, sp.csr_matrix]] = field(default_factory=list)
 
     def varies(self, free: Sequence[str], key: str | None = None) -> bool:
         """Whether some parameters are its properties, or that of one key."""
@@ -216,14 +217,17 @@ class MatrixStructure:
             q = {"E": 1.0, "rho": 1.0} | dict(properties.get(name, {}))
             known = {key: p.value for key, p in self.parameters.items()}
             E, rho = (float(number(q[key], known)) for key in ("E", "rho"))
-            yield _Term(
-                name,
-                MATRICES,
-                q,
-                [sum(self._own(part.name, part.stiffness) for part in own) / E],
-                sum(self._own(part.name, part.mass) for part in own) / rho,
-                sum(part.total_mass for part in own) / rho,
-            )
+            pieces = [
+                (
+                    part.name,
+                    self._own(part.name, part.stiffness) / E,
+                    self._own(part.name, part.mass) / rho,
+                )
+                for part in own
+            ]
+            K, M = (sum(each[k] for each in pieces[1:]) + pieces[0][k] for k in (1, 2))
+            weight = sum(part.total_mass for part in own) / rho
+            yield _Term(name, MATRICES, q, [K], M, weight, pieces=pieces)
         for joint in self.joints:
             wide = self._wide_of(joint)
             own = [self._mine(wide.T @ A @ wide) for A in joint.matrices()]
@@ -423,36 +427,37 @@ class MatrixStructure:
         """This rank's rows of the loads of one newton at points, (n_local, n)."""
         return self._read(sensors, what)[:, slice(*self.range)].toarray().T
 
-    def layer_energies(self, x, others, given=None) -> tuple[np.ndarray, np.ndarray]:
-        """x^T K y and x^T M y of each of `layers` with every vector y, both (n_layers, k).
+    def cell_energies(self, x, others, given=None) -> tuple[np.ndarray, np.ndarray]:
+        """x^T K y and x^T M y of each of `cells` with every vector y, both (n_cells, k).
         Collective."""
-        values, layers = self.values(given), [t for t in self._terms if t.is_layer]
-        own, whole = x.array_r, self._whole(others)
-        found = np.zeros((2, len(layers), whole.shape[1]))
-        for i, term in enumerate(layers):
-            at = term.at(values)
-            for A, factor in zip(term.stiffness, at.theta, strict=True):
-                found[0, i] += factor * (own @ (A @ whole))
-            if term.inertia is not None:
-                found[1, i] = at.rho * (own @ (term.inertia @ whole))
-        return tuple(self.comm.allreduce(found))
+        values, own, whole = self.values(given), x.array_r, self._whole(others)
+        found = []
+        for term in self._terms:
+            if term.pieces:
+                at = term.at(values)
+                for _, K, M in term.pieces:
+                    stiff, heavy = at.theta[0] * (K @ whole), at.rho * (M @ whole)
+                    found.append((own @ stiff, own @ heavy))
+            elif term.is_layer:
+                theta = term.at(values).theta
+                stiff = sum(f * (A @ whole) for A, f in zip(term.stiffness, theta, strict=True))
+                found.append((own @ stiff, np.zeros(whole.shape[1])))
+        return tuple(self.comm.allreduce(np.array(found)).swapaxes(0, 1))
 
-    def boxes(self) -> tuple[np.ndarray, np.ndarray]:
-        """Least and largest coordinates of each of `layers`, m, (n_layers, 2, 3), and their
-        volumes, m3, (n_layers,)."""
-        clouds = {
-            name: np.vstack([part.points for part in own]) for name, own in self._of_region.items()
-        }
-        clouds |= {
-            j.name: j.interface.points if j.which is None else j.interface.points[j.which]
-            for j in self.joints
-        }
-        boxes = np.array([
-            (cloud.min(axis=0), cloud.max(axis=0))
-            for cloud in (clouds.get(name, self.nodes) for name in self.layers)
-        ])  # fmt: skip
-        size = np.ptp(boxes, axis=1)
-        return boxes, np.prod(np.maximum(size, 1e-3 * size.max(axis=1, keepdims=True)), axis=1)
+    @property
+    def cells(self) -> list[tuple[str, np.ndarray]]:
+        """Region and nodes' places, m, of each part, joint and elastic support: what energies are
+        known of."""
+        points, found = {part.name: part.points for part in self.parts}, []
+        for joint in self.joints:
+            every = slice(None) if joint.which is None else joint.which
+            points[joint.name] = joint.interface.points[every]
+        for term in self._terms:
+            if term.pieces:
+                found += [(term.name, points[name]) for name, *_ in term.pieces]
+            elif term.is_layer:
+                found.append((term.name, points.get(term.name, self.nodes)))
+        return found
 
     @property
     def size_m(self) -> np.ndarray:

@@ -191,22 +191,24 @@ class MatrixCells(StructureCells):
 
     def __init__(self, model: MatrixStructure):
         self.structure, self.comm = model, model.comm
-        self.regions = self.groups = model.layers
+        self.regions, self.groups = model.layers, [name for name, _ in model.cells]
         self.joints = {joint.name for joint in model.joints}
-        self.region = self.group = np.arange(len(model.layers))
-        boxes, self.volume = model.boxes()
-        unit = np.array([(x, y, z) for z in (0, 1) for y in (0, 1) for x in (0, 1)])
-        low, high = boxes[:, 0], boxes[:, 1]
-        self.corners = low[:, None] + unit * (high - low)[:, None]
-        self.bolts = np.empty((0, 3))
+        self.region = np.array([self.regions.index(name) for name in self.groups])
+        self.group = np.arange(len(self.groups))
+        low, high = (np.array([end(p, axis=0) for _, p in model.cells]) for end in (np.min, np.max))
+        # A joint is flat: as a box it has two faces.
+        size = np.maximum(high - low, 1e-3 * (high - low).max(axis=1, keepdims=True))
+        unit = np.array([(x, y, z) for z in (-1, 1) for y in (-1, 1) for x in (-1, 1)])
+        self.corners = 0.5 * ((low + high)[:, None] + unit * size[:, None])
+        self.volume, self.bolts = np.prod(size, axis=1), np.empty((0, 3))
 
     def crossed(self, modes: Modes, index: Sequence[int]):
         vectors = [modes.vector(k) for k in range(len(modes))]
         for i in index:
-            yield self.structure.layer_energies(modes.vector(int(i)), vectors, modes.given)
+            yield self.structure.cell_energies(modes.vector(int(i)), vectors, modes.given)
 
     def energies(self, x, omega: float, given) -> tuple[np.ndarray, np.ndarray]:
-        stiff, mass = self.structure.layer_energies(x, [x], given)
+        stiff, mass = self.structure.cell_energies(x, [x], given)
         return stiff[:, 0], omega**2 * mass[:, 0]
 
 
