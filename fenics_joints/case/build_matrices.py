@@ -8,7 +8,6 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import scipy.sparse as sp
 from mpi4py import MPI
-from scipy.spatial import cKDTree
 
 from fenics_joints.case.build_beams import springs_of
 from fenics_joints.case.case import Case
@@ -132,7 +131,7 @@ def _picked(asked, part: MatrixPart, nodes: Nodes, where: str) -> np.ndarray:
 def _interface(asked: MatrixInterface, parts, nodes) -> Interface:
     first, second = (parts[name] for name in asked.between)
     if asked.nodes is None:
-        return Interface(first, *_nearest(first, second), area=asked.area)
+        return Interface.between(first, second, area=asked.area)
     own = []
     for name, part in zip(asked.nodes, (first, second), strict=True):
         if name not in nodes or nodes[name][0] != part.name:
@@ -143,23 +142,6 @@ def _interface(asked: MatrixInterface, parts, nodes) -> Interface:
             )
         own.append(nodes[name][1])
     return Interface(first, own[0], second, own[1], area=asked.area)
-
-
-def _nearest(first: MatrixPart, second: MatrixPart) -> tuple[np.ndarray, MatrixPart, np.ndarray]:
-    """The nodes of two parts at which they are nearest, on the plane between them."""
-    clouds = [part.points for part in (first, second)]
-    reach = 0.75 * max(first.spacing, second.spacing)
-    off = [cKDTree(clouds[1 - k]).query(clouds[k])[0] for k in (0, 1)]
-    near = [np.flatnonzero(each <= each.min() + reach) for each in off]
-    both = np.vstack([cloud[own] for cloud, own in zip(clouds, near, strict=True)])
-    normal = np.linalg.svd(both - both.mean(axis=0), full_matrices=False)[2][2]
-    if normal @ (clouds[1].mean(axis=0) - clouds[0].mean(axis=0)) < 0:
-        normal = -normal
-    found = []
-    for k, (cloud, own) in enumerate(zip(clouds, near, strict=True)):
-        height = (1 - 2 * k) * (cloud[own] @ normal)
-        found.append(own[height >= height.max() - 0.05 * reach])
-    return found[0], second, found[1]
 
 
 def as_layers(case: Case, mesh: MatrixMesh) -> Case:

@@ -32,6 +32,10 @@ def new(
     ],
     step: Annotated[Path | None, file_option("--step", "An assembly from CAD.")] = None,
     msh: Annotated[Path | None, file_option("--msh", "A gmsh mesh with named groups.")] = None,
+    matrices: Annotated[
+        list[Path] | None,
+        file_option("--matrices", "Stiffness of a part from another code; several times."),
+    ] = None,
     beams: Annotated[bool, typer.Option("--beams", help="Lapped beams, without a mesh.")] = False,
     builder: Annotated[
         str | None, typer.Option("--builder", metavar="NAME", help="Such as half_lap_beam.")
@@ -86,7 +90,8 @@ def new(
         comm = MPI.COMM_WORLD
         if beams and builder is not None:
             raise typer.BadParameter("has a builder of its own", param_hint="--beams")
-        source = Source(step, msh, "offset_beams" if beams else builder)
+        chosen = "offset_beams" if beams else builder
+        source = Source(step, msh, chosen, tuple(matrices) if matrices else None)
         tests = TestFiles(
             frequencies, shapes, tuple(frfs or ()), tuple(uff or ()), tuple(amplitude or ())
         )

@@ -13,11 +13,16 @@ from fenics_joints.matrices.part import MatrixPart
 
 #: Points in a triangle for products of linear functions, and their shares.
 _INSIDE = np.array([[4, 1, 1], [1, 4, 1], [1, 1, 4]]) / 6
+#: Gauss' points in a parallelogram, along its edges from 0 to 1.
+_GAUSS = [(0.5 + i / 12**0.5, 0.5 + j / 12**0.5) for i in (-1, 1) for j in (-1, 1)]
 #: How far a face may stand off a plane, over its extent. [numerical: chosen]
 _FLAT = 0.05
 #: Distance between faces of nodes without rotations, over the spacing of nodes: farther apart they
 #: would resist being turned together. [numerical: chosen]
 _APART = 0.05
+#: Distance from the other part's nodes, beyond the least, over the spacing of nodes, up to which a
+#: node may be on the face: less than a layer of cells. [numerical: chosen]
+_NEXT = 0.75
 #: Triangles smaller than this share of the mean are round-off of nodes in line.
 _SLIVER = 1e-6
 
@@ -25,8 +30,9 @@ _SLIVER = 1e-6
 class Interface:
     """Where the faces of two parts touch.
 
-    The nodes of each face are joined to triangles in the plane of both; a triangle counts if its
-    nodes share elements, so that holes and notches stay open. Displacements are linear in it.
+    The nodes of each face are joined to triangles and parallelograms in the plane of both, which
+    count if their nodes share elements, so that holes and notches stay open. Displacements are
+    linear, or bilinear, in them.
     Where only one of the faces is, there is no interface.
 
     Args:
@@ -78,7 +84,7 @@ class Interface:
         flat = [(cloud - middle) @ axes[:2].T for cloud in clouds]
         faces = [_Face(*each, what) for each in zip(self.parts, sets, flat, strict=True)]
         # The finer face carries the points, the other one is looked up.
-        fine = int(len(faces[1].triangles) > len(faces[0].triangles))
+        fine = int(faces[1].spacing < faces[0].spacing)
         own, other = faces[fine], faces[1 - fine]
         shares, nodes, at, weights = own.points_inside()
         there, found = other.at(at)
@@ -87,6 +93,7 @@ class Interface:
             raise InputError(
                 f"{what}: the faces do not overlap: expected nodes of faces that touch"
             )
+        #: Share of the finer face that is opposite the other one.
         self.covered = float(weights.sum() / own.area)
         rows = {fine: (nodes, shares), 1 - fine: (there[0][found], there[1][found])}
         places = [
@@ -105,6 +112,29 @@ class Interface:
                 )
         sides = [_moving(part, *rows[k], self.points) for k, part in enumerate(self.parts)]
         self.jump = sp.hstack([-sides[0], sides[1]], format="csr")
+
+    @classmethod
+    def between(cls, first: MatrixPart, second: MatrixPart, area: float | None = None) -> Interface:
+        """The interface of two parts by their nodes on the plane on which they are nearest.
+
+        Raises:
+            InputError: As the class.
+        """
+        clouds = [part.points for part in (first, second)]
+        reach = _NEXT * max(first.spacing, second.spacing)
+        off = [cKDTree(clouds[1 - k]).query(clouds[k])[0] for k in (0, 1)]
+        near = [np.flatnonzero(each <= each.min() + reach) for each in off]
+        both = np.vstack([cloud[own] for cloud, own in zip(clouds, near, strict=True)])
+        normal = np.linalg.svd(both - both.mean(axis=0), full_matrices=False)[2][2]
+        if normal @ (clouds[1].mean(axis=0) - clouds[0].mean(axis=0)) < 0:
+            normal = -normal
+        sets = []
+        for k, (cloud, own) in enumerate(zip(clouds, near, strict=True)):
+            height = (1 - 2 * k) * (cloud @ normal)
+            sets.append(np.flatnonzero(np.abs(height - height[own].max()) <= _FLAT * reach))
+        found = cls(first, sets[0], second, sets[1], area)
+        found.covered = 1.0  # the nodes are those of all that is on the plane
+        return found
 
     def __repr__(self) -> str:
         names = " and ".join(part.name for part in self.parts)
@@ -128,7 +158,12 @@ class Interface:
 
 
 class _Face:
-    """Nodes of one part as triangles in a plane."""
+    """Nodes of one part as triangles and parallelograms in a plane.
+
+    Attributes:
+        area: Its area, m2.
+        spacing: Length of its edges, m: the median.
+    """
 
     def __init__(self, part: MatrixPart, nodes: np.ndarray, flat: np.ndarray, what: str):
         self.nodes, self.flat = nodes, flat
@@ -140,29 +175,57 @@ class _Face:
                 "more that are not in line"
             ) from error
         corners = self._all.simplices
-        linked = part.is_linked
-        one = [nodes[corners[:, i]] for i in (0, 1, 2)]
+        linked = part.is_linked[nodes][:, nodes]
         sizes = _areas(flat[corners])
         real = sizes > _SLIVER * sizes.mean()
         for i, j in ((0, 1), (1, 2), (2, 0)):
-            real &= np.asarray(linked[one[i], one[j]]).ravel() != 0
+            real &= np.asarray(linked[corners[:, i], corners[:, j]]).ravel() != 0
         if not real.any():
             raise InputError(
                 f"{what}: no three of the nodes of {part.name} share an element: expected all "
                 "nodes of a face"
             )
-        self._is_real = real
-        self.triangles, self.sizes = corners[real], sizes[real]
-        self.area = float(self.sizes.sum())
-        self.spacing = float(np.sqrt(2 * np.median(self.sizes)))
+        self._is_real, self.area = real, float(sizes[real].sum())
+        self.spacing = float(np.sqrt(2 * np.median(sizes[real])))
+        self._pair(linked)
+        self._sizes = sizes
+
+    def _pair(self, linked: sp.csr_matrix) -> None:
+        """Join triangles to parallelograms, faces of hexahedra: which diagonal parts one of these
+        is left to chance."""
+        corners, beside = self._all.simplices, self._all.neighbors
+        #: Corners of the parallelograms, one after the other; and which of them a triangle is in.
+        quads, self._quad = [], np.full(len(corners), -1)
+        near = _SLIVER**0.5 * self.spacing
+        for i, j in np.argwhere(beside >= 0):
+            other = beside[i, j]
+            if other < i or not self._is_real[[i, other]].all():
+                continue
+            if self._quad[i] >= 0 or self._quad[other] >= 0:
+                continue
+            one, (first, second) = corners[i, j], np.delete(corners[i], j)
+            far = int(np.setdiff1d(corners[other], corners[i])[0])
+            middle = self.flat[[one, far]].mean(axis=0) - self.flat[[first, second]].mean(axis=0)
+            if linked[one, far] != 0 and np.abs(middle).max() < near:
+                self._quad[[i, other]] = len(quads)
+                quads.append((one, first, far, second))
+        self._quads = np.array(quads, dtype=int).reshape(-1, 4)
 
     def points_inside(self):
-        """Shares and nodes of three points in each triangle, their places, and areas."""
-        n = len(self.triangles)
-        shares = np.tile(_INSIDE, (n, 1))
-        corners = np.repeat(self.triangles, 3, axis=0)
+        """Shares of four nodes (three and none of a triangle) at points of integration, the nodes,
+        the places in the plane, and areas."""
+        alone = self._is_real & (self._quad < 0)
+        triangles = self._all.simplices[alone]
+        own = np.column_stack([triangles, triangles[:, 0]])
+        in_quad = np.array([_bilinear(*at) for at in _GAUSS])
+        shares = [np.tile(np.pad(_INSIDE, [(0, 0), (0, 1)]), (len(own), 1))]
+        shares.append(np.tile(in_quad, (len(self._quads), 1)))
+        corners = np.vstack([np.repeat(own, 3, axis=0), np.repeat(self._quads, 4, axis=0)])
+        shares = np.vstack(shares)
+        twice = 2 * _areas(self.flat[self._quads[:, :3]])
+        areas = np.concatenate([np.repeat(self._sizes[alone] / 3, 3), np.repeat(twice / 4, 4)])
         at = np.einsum("pk,pkc->pc", shares, self.flat[corners])
-        return shares, self.nodes[corners], at, np.repeat(self.sizes / 3, 3)
+        return shares, self.nodes[corners], at, areas
 
     def at(self, places: np.ndarray):
         """Nodes and shares at places in the plane, and which of these are on the face."""
@@ -170,8 +233,22 @@ class _Face:
         found = (number >= 0) & self._is_real[number]
         turn = self._all.transform[number]
         two = np.einsum("pij,pj->pi", turn[:, :2], places - turn[:, 2])
-        shares = np.column_stack([two, 1 - two.sum(axis=1)])
-        return (self.nodes[self._all.simplices[number]], shares), found
+        shares = np.column_stack([two, 1 - two.sum(axis=1), np.zeros(len(two))])
+        corners = self._all.simplices[number]
+        corners = np.column_stack([corners, corners[:, 0]])
+        in_quad = found & (self._quad[number] >= 0)
+        quads = self._quads[self._quad[number[in_quad]]]
+        origin, first, _, second = self.flat[quads].swapaxes(0, 1)
+        edges = np.stack([first - origin, second - origin], axis=2)
+        local = np.linalg.solve(edges, (places[in_quad] - origin)[..., None])[..., 0]
+        corners[in_quad] = quads
+        shares[in_quad] = np.array(_bilinear(*local.T)).T.reshape(-1, 4)
+        return (self.nodes[corners], shares), found
+
+
+def _bilinear(s, t):
+    """Shares of the corners of a parallelogram, one after the other."""
+    return (1 - s) * (1 - t), s * (1 - t), s * t, (1 - s) * t
 
 
 def _areas(corners: np.ndarray) -> np.ndarray:

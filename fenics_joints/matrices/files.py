@@ -13,7 +13,7 @@ import scipy.io
 import scipy.sparse as sp
 
 from fenics_joints.errors import InputError
-from fenics_joints.files import check_size
+from fenics_joints.files import check_size, is_file
 from fenics_joints.matrices.part import MatrixPart
 from fenics_joints.units import to_si
 
@@ -23,6 +23,8 @@ NAMES = {
     "mass": ("M", "MGG", "MAA", "MXX", "MMAA", "MLL", "MASS"),
     "damping": ("C", "BGG", "BAA", "BXX", "MBAA", "DAMPING"),
 }
+#: Keywords of a deck whose first line of numbers is kept.
+_SAID = ("*ELASTIC", "*DENSITY", "*SHELL SECTION")
 #: Bytes that a packed file may unpack to.
 _MOST = 16_000_000_000
 #: Residual of a rigid rotation, over what the largest entries of K give, from which a part is not
@@ -51,10 +53,13 @@ class Nodes:
     Attributes:
         points: Their places by number, in the file's unit of length.
         sets: Numbers of the nodes of each named set.
+        values: Modulus, Poisson's ratio and density, and the thickness of shells, by the deck's
+            keyword, in its units; those of its first material and section.
     """
 
     points: dict[int, np.ndarray]
     sets: dict[str, np.ndarray] = field(default_factory=dict)
+    values: dict[str, list[float]] = field(default_factory=dict)
 
 
 def read_matrix(path: Path, what: str, name: str | None = None) -> Found:
@@ -73,7 +78,7 @@ def read_matrix(path: Path, what: str, name: str | None = None) -> Found:
     read = _READERS.get(path.suffix.lower())
     if read is None:
         raise InputError(f"{path}: expected a file of {', '.join(_READERS)}")
-    check_size(path)
+    _check_file(path)
     try:
         found = read(path, what, name)
     except InputError:
@@ -86,10 +91,15 @@ def read_matrix(path: Path, what: str, name: str | None = None) -> Found:
     if n != m:
         raise InputError(f"{path}: has {n} rows and {m} columns: expected a square matrix")
     matrix = sp.csr_matrix(found.matrix, dtype=float)
-    below, above = sp.tril(matrix, -1), sp.triu(matrix, 1)
-    if not below.count_nonzero() or not above.count_nonzero():
-        matrix = sp.csr_matrix(matrix + (below + above).T)
-    return Found(matrix, found.labels)
+    # Of a symmetric matrix each pair may be there once.
+    other = sp.csr_matrix(matrix.T)
+    return Found(sp.csr_matrix(matrix + other - other.multiply(matrix != 0)), found.labels)
+
+
+def _check_file(path: Path) -> None:
+    if not is_file(path):
+        raise InputError(f"{path}: no such file")
+    check_size(path)
 
 
 def _picked(path: Path, there: Mapping[str, object], what: str, name: str | None):
@@ -228,7 +238,7 @@ def read_dofs(path: Path) -> np.ndarray:
         InputError: If it is none of these.
     """
     expected = "lines 'node.direction', or a table 'node, direction'"
-    check_size(path)
+    _check_file(path)
     text = path.read_text(encoding="latin-1")
     pairs = re.findall(r"^\s*(\d+)\s*[.,;\s]\s*(\d+)\s*$", text, re.MULTILINE)
     if not pairs:
@@ -243,7 +253,7 @@ def read_nodes(path: Path) -> Nodes:
     Raises:
         InputError: If it is none of these.
     """
-    check_size(path)
+    _check_file(path)
     if path.suffix.lower() != ".inp":
         rows = _table(path, 4, "a table 'node, x, y, z'")
         return Nodes(dict(zip(rows[:, 0].astype(int).tolist(), rows[:, 1:], strict=True)))
@@ -258,6 +268,8 @@ def read_nodes(path: Path) -> Nodes:
             continue
         values = [value.strip() for value in line.split(",") if value.strip()]
         name = options.get("NSET")
+        if keyword in _SAID and keyword not in found.values:
+            found.values[keyword] = [float(value) for value in values]
         if keyword == "*NODE" and len(values) >= 4:
             found.points[int(values[0])] = np.array(values[1:4], dtype=float)
             if name:
@@ -329,20 +341,12 @@ def matrix_part(
     labels = np.asarray(labels, dtype=int)
     count = _occurrence(labels)
     keys, place = np.unique(np.column_stack([labels[:, 0], count]), axis=0, return_inverse=True)
-    missing = sorted({int(node) for node, _ in keys if int(node) not in nodes.points})
     inner = labels[:, 1] == 0
-    outer = (
-        np.array([not inner[place == k].all() for k in range(len(keys))]) if inner.any() else None
-    )
-    if outer is not None:
-        missing = sorted(
-            {int(k[0]) for k, out in zip(keys, outer, strict=True) if out} - set(nodes.points)
-        )
+    outer = np.unique(labels[~inner, 0])
+    missing = [int(node) for node in outer if int(node) not in nodes.points]
     if missing:
-        raise InputError(
-            f"{name}: no place is known of node {missing[0]}"
-            + (f" and {len(missing) - 1} more" if missing[1:] else "")
-        )
+        more = f" and {len(missing) - 1} more" if missing[1:] else ""
+        raise InputError(f"{name}: no place is known of node {missing[0]}{more}")
     points = length * np.array([nodes.points.get(int(node), np.zeros(3)) for node, _ in keys])
     if count.max() > 0:
         points = _through(name, points, keys, thickness, labels, place, stiffness.matrix)
@@ -373,6 +377,12 @@ def _through(name, points, keys, thickness, labels, place, stiffness) -> np.ndar
         raise InputError(
             f"{name}: rows of node {keys[keys[:, 1] > 0][0, 0]} are there several times, as of a "
             "shell of CalculiX: expected its thickness"
+        )
+    if keys[:, 1].max() > 2:
+        raise InputError(
+            f"{name}: rows of node {keys[keys[:, 1] > 2][0, 0]} are there "
+            f"{1 + keys[:, 1].max()} times: expected a shell of second order, S6 or S8, whose "
+            "elements share their nodes"
         )
     middle = points - points.mean(axis=0)
     normal = np.linalg.svd(middle, full_matrices=False)[2][2]

@@ -16,8 +16,9 @@ from fenics_joints.errors import InputError, reals, text
 WAYS = 6
 #: Relative difference of a matrix from its transpose that files with few digits leave.
 _SYMMETRIC = 1e-6
-#: Nodes through which a displacement between nodes is fitted: a patch of a surface or of a body.
-_AROUND = 8
+#: Nodes through which a displacement between nodes is fitted, a patch of a surface or of a body; and
+#: how many, the nearest of a node, say how far apart nodes are. [numerical: chosen]
+_AROUND, _BESIDE = 16, 6
 #: Distance from the nearest node, over the spacing of nodes there, up to which a point is on the
 #: part. [numerical: chosen]
 _REACH = 1.5
@@ -101,11 +102,11 @@ class MatrixPart:
 
     @cached_property
     def spacing(self) -> float:
-        """Distance between neighbouring nodes, m: the median."""
-        if len(self.moved) < 2:
-            return 0.0
-        apart = self._tree.query(self.points[self.moved], k=2)[0][:, 1]
-        return float(np.median(apart[apart > 0])) if np.any(apart > 0) else 0.0
+        """Distance between neighbouring nodes, m: the median; of shells, whose nodes are several
+        through the thickness, that along them."""
+        count = min(_BESIDE + 1, len(self.moved))
+        apart = self._tree.query(self.points[self.moved], k=count)[0]
+        return float(np.median(apart.reshape(-1, count)[:, -1]))
 
     @cached_property
     def is_linked(self) -> sp.csr_matrix:
@@ -180,10 +181,12 @@ class MatrixPart:
             if near[i, 0] <= 1e-9 * size or self.turned[node]:
                 nodes, weights = nodes[:1], np.ones(1)
             else:
-                # Affine and exact at linear fields; of a flat patch that in its plane.
-                off = self.points[nodes] - point
-                system = np.vstack([np.ones(len(nodes)), off.T / self.spacing])
-                weights = np.linalg.pinv(system, rcond=1e-6)[:, 0]
+                # Exact at linear fields, of a flat patch at those in its plane; near nodes count
+                # most.
+                off = (self.points[nodes] - point) / self.spacing
+                root = 1 / np.sqrt(np.sum(off**2, axis=1) + 0.01)
+                system = root * np.vstack([np.ones(len(nodes)), off.T])
+                weights = root * np.linalg.pinv(system, rcond=1e-6)[:, 0]
             for c in range(3):
                 for one, weight in zip(nodes, weights, strict=True):
                     put(3 * i + c, self.rows[one, c], weight)

@@ -172,7 +172,13 @@ class MatrixStructure:
         self._first = dict(zip((p.name for p in parts), np.cumsum([0, *sizes]), strict=False))
         held = np.zeros(sum(sizes), dtype=bool)
         for name, rows in supports:
-            held[self._first[name] + np.asarray(rows, dtype=int)] = True
+            own = np.asarray(rows, dtype=int)
+            if name not in self._first:
+                raise wanted("supports", name, f"one of {', '.join(self._first)}")
+            size = len(next(part.dofs for part in self.parts if part.name == name))
+            if own.size and not (0 <= own.min() and own.max() < size):
+                raise InputError(f"supports of {name}: expected rows from 0 to {size - 1}")
+            held[self._first[name] + own] = True
         self._free = np.flatnonzero(~held)
         layout = PETSc.Vec().createMPI(len(self._free), comm=comm)
         self.range = layout.getOwnershipRange()

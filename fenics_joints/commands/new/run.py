@@ -13,6 +13,7 @@ from rich.console import Console
 
 from fenics_joints.commands.check.run import Checked, check_case, check_document
 from fenics_joints.commands.new.draft import MATERIALS, Ask, Draft, Remark, direction, guess
+from fenics_joints.commands.new.matrices import matrices_draft
 from fenics_joints.commands.new.sources import Source
 from fenics_joints.commands.new.tests import TestDraft, TestFiles, draft_test
 from fenics_joints.commands.new.text import text_of
@@ -67,12 +68,14 @@ def run_new(
     member("material", material, MATERIALS)
     given = [option for option in vars(source).values() if option is not None]
     if len(given) != 1:
-        raise InputError("expected one of --step FILE, --msh FILE, --beams and --builder NAME")
+        raise InputError(
+            "expected one of --step FILE, --msh FILE, --matrices FILE, --beams and --builder NAME"
+        )
     case = folder / "case.toml"
     if case.exists():
         raise InputError(f"{shown_path(case)}: is there already; expected a folder without a case")
     problems = Problems()
-    for path in (source.step, source.msh, *tests.all()):
+    for path in (source.step, source.msh, *(source.matrices or ()), *tests.all()):
         if path is not None and not is_file(path):
             problems.add(f"{shown_path(path)}: no such file")
     problems.check()
@@ -91,6 +94,9 @@ def run_new(
         path = source.step or source.msh
         file, places = "" if path is None else files.name(path), (test or TestDraft()).places
         drafts = source.drafts(survey, file, places, material, ask)
+        if source.matrices:
+            given = source.matrices, files.name, places, material, ask
+            drafts = (matrices_draft(*one) for one in [given])
         first = problems.tried(lambda: next(drafts))  # a mesh is read here
         drafts = chain([] if first is None else [first], drafts)
     problems.check()

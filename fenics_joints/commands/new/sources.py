@@ -62,6 +62,7 @@ class Source:
     step: Path | None = None
     msh: Path | None = None
     builder: str | None = None
+    matrices: tuple[Path, ...] | None = None
 
     def extents(self, survey: StepSurvey | None) -> np.ndarray | None:
         """Along the axes, m, shape (2,) or (3,); None if they cannot be known.
