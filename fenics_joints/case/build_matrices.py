@@ -48,6 +48,7 @@ class MatrixMesh:
         nodes: Part, and places of its nodes, by the name of a set.
         damping: Viscous matrices by part.
         zones: Interface and mask of its points, by the name of a zone; others are whole.
+        held: Rows that cannot move, by part, beside those of ``[supports]``.
         notes: What was found that a user should know.
     """
 
@@ -56,6 +57,7 @@ class MatrixMesh:
     nodes: dict[str, tuple[str, np.ndarray]]
     damping: dict[str, sp.csr_matrix] = field(default_factory=dict)
     zones: Mapping[str, tuple[str, np.ndarray]] = field(default_factory=dict)
+    held: Sequence[tuple[str, np.ndarray]] = ()
     notes: tuple[str, ...] = ()
 
 
@@ -65,7 +67,8 @@ def read_matrices(case: Case, comm: MPI.Intracomm) -> MatrixMesh:
     Raises:
         InputError: Names the file or section, what is wrong and what was expected.
     """
-    return comm.bcast(on_root(comm, lambda: _read(case)))
+    made = getattr(case.mesh, "made", None)  # of a script, there already
+    return comm.bcast(on_root(comm, lambda: _read(case))) if made is None else made
 
 
 def _read(case: Case) -> MatrixMesh:
@@ -185,7 +188,7 @@ def build_matrices(
     elastic = options.pop("elastic_supports", False)
     known = parameters(case, elastic_supports=elastic, **options)
     with located(case.path):
-        supports, springs = [], []
+        supports, springs = list(mesh.held), []
         for name, section in case.supports.items():
             own = _support(name, section, mesh, elastic)
             (springs if elastic and section.holds_all else supports).extend(own)

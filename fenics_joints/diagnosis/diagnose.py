@@ -47,6 +47,7 @@ from fenics_joints.diagnosis.verdict import (
 from fenics_joints.errors import InputError, items
 from fenics_joints.files import writable_folder
 from fenics_joints.machine.memory import give_back
+from fenics_joints.matrices import MatrixStructure
 from fenics_joints.measurements import Gap, TestData
 from fenics_joints.parallel import on_root
 from fenics_joints.progress import Progress
@@ -68,7 +69,7 @@ _STAGES = (
 
 
 def diagnose(
-    model: Structure | FormModel | Case,
+    model: Structure | MatrixStructure | FormModel | Case,
     of: TestData | MPI.Intracomm,
     /,
     progress: Progress | None = None,
@@ -89,6 +90,10 @@ def diagnose(
     elastic supports and held facets, and of masses and springs, which their parameter names where
     they have one, without ``.mass`` or ``.stiffness``. Of a part whose ``stretch`` is no parameter
     and whose ``normal`` is the default the thickness is where the mesh is thinnest.
+
+    ``diagnose(matrix_structure, test, ...)`` does the same with a
+    `fenics_joints.matrices.MatrixStructure`: E and rho of its parts scale their matrices, and what
+    needs a mesh is listed as not looked for.
 
     ``diagnose(form_model, test, ...)`` takes a `fenics_joints.structure.FormModel` whose forms are
     linear in its parameters. Each of them may be wrong but for those with ``tolerances``, which are

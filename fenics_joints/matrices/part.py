@@ -16,8 +16,8 @@ from fenics_joints.errors import InputError, reals, text
 WAYS = 6
 #: Relative difference of a matrix from its transpose that files with few digits leave.
 _SYMMETRIC = 1e-6
-#: Nodes through which a displacement between nodes is fitted, a patch of a surface or of a body; and
-#: how many, the nearest of a node, say how far apart nodes are. [numerical: chosen]
+#: Nodes through which a displacement between nodes is fitted, a patch of a surface or of a body;
+#: and how many, the nearest of a node, say how far apart nodes are. [numerical: chosen]
 _AROUND, _BESIDE = 16, 6
 #: Distance from the nearest node, over the spacing of nodes there, up to which a point is on the
 #: part. [numerical: chosen]

@@ -137,15 +137,17 @@ class MatrixStructure:
         damping: Viscous matrices of parts by name, N s/m.
         comm: Communicator.
 
+    Attributes:
+        parts_of_regions: The parts that each region is made of, by its name.
+
     Raises:
         InputError: If names do not match, or a mass or spring is on no part.
     """
 
     is_dense, is_meshed = False, False
     gdim = 3
-    #: What a `Structure` has and this one does not: cells with laws, masses that travel, changes
-    #: at sites.
-    regions, masses, changes, elastic_supports = (), (), (), ()
+    #: What a `Structure` has and this one does not: cells with laws, changes at sites.
+    regions, changes, elastic_supports = (), (), ()
 
     def __init__(
         self,
@@ -164,6 +166,9 @@ class MatrixStructure:
     ):
         self.parts, self.joints, self.comm = tuple(parts), tuple(joints), comm
         self.parameters: dict[str, Parameter] = by_name(parameters)
+        self.masses, self.springs = tuple(masses), tuple(springs)
+        self.held = [(name, np.asarray(rows, dtype=int)) for name, rows in supports]
+        self.viscous = dict(damping)
         names = [each.name for each in (*self.parts, *self.joints)]
         for name in names:
             if names.count(name) > 1:
@@ -171,8 +176,7 @@ class MatrixStructure:
         sizes = [len(part.dofs) for part in self.parts]
         self._first = dict(zip((p.name for p in parts), np.cumsum([0, *sizes]), strict=False))
         held = np.zeros(sum(sizes), dtype=bool)
-        for name, rows in supports:
-            own = np.asarray(rows, dtype=int)
+        for name, own in self.held:
             if name not in self._first:
                 raise wanted("supports", name, f"one of {', '.join(self._first)}")
             size = len(next(part.dofs for part in self.parts if part.name == name))
@@ -186,7 +190,7 @@ class MatrixStructure:
         self.n_dofs, self.n_local = len(self._free), self.range[1] - self.range[0]
         owned = {name for own in regions.values() for name in own}
         alone = {part.name: (part.name,) for part in self.parts if part.name not in owned}
-        self._of_region = {
+        self.parts_of_regions = {
             name: [part for part in self.parts if part.name in own]
             for name, own in (dict(regions) | alone).items()
         }
@@ -219,7 +223,7 @@ class MatrixStructure:
         return self._mine(wide.T @ matrix @ wide)
 
     def _all_terms(self, properties, masses, springs, elastic) -> Iterator[_Term]:
-        for name, own in self._of_region.items():
+        for name, own in self.parts_of_regions.items():
             q = {"E": 1.0, "rho": 1.0} | dict(properties.get(name, {}))
             known = {key: p.value for key, p in self.parameters.items()}
             E, rho = (float(number(q[key], known)) for key in ("E", "rho"))
@@ -342,6 +346,12 @@ class MatrixStructure:
         weighed = [t for t in self._terms if t.weight]
         return float(sum(t.weight * t.at(values).rho for t in weighed))
 
+    def properties_of(self, region: str) -> dict[str, float]:
+        """E and rho of a region, nominal."""
+        term = next(t for t in self._terms if t.name == region)
+        values = self.values()
+        return {key: float(number(value, values)) for key, value in term.properties.items()}
+
     @property
     def names(self) -> list[str]:
         """Names of the matrices, as `volume` takes them, and of the joints."""
@@ -350,8 +360,8 @@ class MatrixStructure:
     def volume(self, names: Sequence[str]) -> float:
         """Volume of parts, m3: their mass over the density of their region; joints have none."""
         values, total = self.values(), 0.0
-        for term in self._terms[: len(self._of_region)]:
-            for part in self._of_region[term.name]:
+        for term in self._terms[: len(self.parts_of_regions)]:
+            for part in self.parts_of_regions[term.name]:
                 if part.name in names:
                     total += part.total_mass / term.at(values).rho
         return total

@@ -15,13 +15,15 @@ from mpi4py import MPI
 from pydantic import PrivateAttr, ValidationError, model_validator
 
 from fenics_joints.case import Case
-from fenics_joints.case.mesh import MeshSection
+from fenics_joints.case.build_matrices import MatrixMesh
+from fenics_joints.case.mesh import MatricesMesh, MeshSection, PartMatrices
 from fenics_joints.case.messages import case_error, describe, did_you_mean
 from fenics_joints.case.sections import Diagnose, SupportSection
 from fenics_joints.case.test import Test
 from fenics_joints.case.values import AXES, PerArea, named
 from fenics_joints.diagnosis.zones.joints import bolt_points
 from fenics_joints.errors import InputError, items, mapping, wanted
+from fenics_joints.matrices import MatrixStructure
 from fenics_joints.measurements import TestData
 from fenics_joints.meshes import TaggedMesh
 from fenics_joints.structure import PointMass, Region, Spring, Structure, Support
@@ -43,6 +45,8 @@ _TOLERATED = {
 }
 #: What a part calls the properties of its law, and a joint; others have their own names.
 _CALLED = {"stretch": "thickness"}
+#: Poisson's ratio of parts by matrices. [decision: of metals]
+_NU = 0.3
 #: Normal of a part that nobody gave. [numerical: default of a case]
 _UPWARDS = (0.0, 0.0, 1.0)
 #: Cosine from which a direction is along an axis. [numerical: chosen]
@@ -87,8 +91,26 @@ class ScriptedCase(Case):
     _path: Path = PrivateAttr(Path("structure"))
 
 
+class _Matrices(MatricesMesh):
+    """Parts by matrices from a script."""
+
+    matrices: dict[str, PartMatrices] = {}
+    _made: MatrixMesh = PrivateAttr()
+
+    @property
+    def made(self) -> MatrixMesh:
+        """What stands in place of a mesh."""
+        return self._made
+
+
+class MatrixCase(ScriptedCase):
+    """A case of parts by matrices without a file."""
+
+    mesh: _Matrices
+
+
 def case_of(
-    structure: Structure,
+    structure: Structure | MatrixStructure,
     test: TestData,
     *,
     effects: Sequence[str] | None = None,
@@ -116,11 +138,12 @@ def case_of(
         InputError: If the structure has something that a diagnosis cannot take, or an option is
             unknown or out of range; names it and says what was expected.
     """
-    if not isinstance(structure, Structure):
+    by_matrices = isinstance(structure, MatrixStructure)
+    if not isinstance(structure, Structure | MatrixStructure):
         raise wanted("structure", structure, "a Structure, or a Case with a communicator")
     if not isinstance(test, TestData):
         raise wanted("test", test, "a TestData")
-    if structure.axisymmetric or structure.changes:
+    if not by_matrices and (structure.axisymmetric or structure.changes):
         what = "axisymmetric" if structure.axisymmetric else "with changes"
         raise InputError(f"structure: is {what}; expected a solid, or a section in plane strain.")
     for key in options:
@@ -128,8 +151,8 @@ def case_of(
             raise InputError(f"{key}: unknown option{did_you_mean(key, DIAGNOSE + TEST)}")
     said = {
         "title": title,
-        "mesh": {"degree": structure.degree},
-        **_tables(structure),
+        "mesh": {} if by_matrices else {"degree": structure.degree},
+        **(_matrix_tables(structure) if by_matrices else _tables(structure)),
         "attached": mapping("attached", attached, "sections of masses and springs by name"),
         "test": {key: value for key, value in options.items() if key in TEST},
         "diagnose": {"effects": effects}
@@ -137,20 +160,54 @@ def case_of(
     }
     _put_bolts(said["joints"], bolts, items("bolted", bolted, str, "names of joints"))
     _put_tolerances(said, mapping("tolerances", tolerances, "standard deviations by parameter"))
+    kind = MatrixCase if by_matrices else ScriptedCase
     try:
-        case = ScriptedCase.model_validate(said)
+        case = kind.model_validate(said)
     except ValidationError as error:
-        lines = [describe(e, ScriptedCase) for e in error.errors()]
+        lines = [describe(e, kind) for e in error.errors()]
         raise case_error(Path("structure"), lines) from None
-    case.mesh._tagged, case._measured = structure.tagged, test
+    case._measured = test
+    if by_matrices:
+        parts, joints = (
+            {each.name: each for each in s} for s in (structure.parts, structure.joints)
+        )
+        interfaces = {name: joint.interface for name, joint in joints.items()}
+        made = MatrixMesh(parts, interfaces, {}, structure.viscous, held=structure.held)
+        case.mesh._made = made
+    else:
+        case.mesh._tagged = structure.tagged
     case._joint_notes = _notes(case, structure)
     return case
+
+
+def _matrix_tables(structure: MatrixStructure) -> dict[str, dict[str, dict]]:
+    """Sections of parts by matrices, their joints, masses and springs."""
+    parts = {}
+    for name, own in structure.parts_of_regions.items():
+        values = structure.properties_of(name)
+        # Poisson's ratio is in the matrices: it says only how stiff what is bonded is.
+        parts[name] = {"cells": [part.name for part in own], "nu": _NU, **values}
+    joints = {}
+    for joint in structure.joints:
+        if joint.law is not SPRINGS or joint.which is not None:
+            raise InputError(
+                f"structure: {joint.name}: expected a joint of springs on a whole interface, in a "
+                "diagnosis"
+            )
+        q = {k: _value(structure, f"{joint.name}.{k}", joint.properties[k]) for k in ("k_n", "k_t")}
+        joints[joint.name] = {"cells": [joint.name], "law": "springs", **q}
+    return {
+        "parts": parts,
+        "joints": joints,
+        "masses": _at_points(structure, structure.masses, "mass"),
+        "springs": _at_points(structure, structure.springs, "stiffness"),
+    }
 
 
 def _notes(case: Case, structure: Structure) -> tuple[str, ...]:
     """What is left out since nobody said where the bolts are."""
     without = [name for name, joint in case.joints.items() if joint.bolts is None]
-    if not without or len(bolt_points(structure.tagged)):
+    if not without or (case.mesh.origin == "file" and len(bolt_points(structure.tagged))):
         return ()
     return (
         f"no bolts of {', '.join(without)} are known (bolts = {{name: points}}): loose bolts, and "
