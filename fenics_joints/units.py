@@ -151,6 +151,8 @@ def factor_to_si(text: str, unit: str) -> float:
     for spelt in (text, _spelt(text, (*_JOINED, *_WEIGHTS))) if unit != "N" else (text,):
         try:
             return _factor(spelt, unit)
+        except ImportError as error:
+            raise InputError(f"units need the package pint: {error}") from error
         except Exception as error:  # pint, its tokenizer and Python's raise many kinds
             problem = problem or error
     shown = text if len(text) <= 40 else f"{text[:37]}..."

@@ -14,7 +14,7 @@ import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from functools import cache
-from importlib.metadata import EntryPoint, entry_points
+from importlib.metadata import EntryPoint, entry_points, packages_distributions
 from pathlib import Path
 from typing import Any
 
@@ -66,6 +66,11 @@ def find_again(names: Sequence[str], folder: str | Path) -> None:
         for name in names:
             if name not in _found:
                 _beside(name)
+
+
+def declared() -> list[str]:
+    """Names under which packages declare objects."""
+    return list(_declared_points())
 
 
 def is_reference(name: str) -> bool:
@@ -133,6 +138,11 @@ def _beside(reference: str) -> Any:
     folder = _reading[-1] if _reading else None
     if not name:
         raise InputError(f"{reference!r}: no package declares it, expected module:name")
+    if folder is None and (dists := packages_distributions().get(module.partition(".")[0])):
+        raise InputError(
+            f"{reference}: the installed package {dists[0]} does not declare it: expected it among "
+            f'its entry points, [project.entry-points.{GROUP}] {name} = "{reference}"'
+        )
     if folder is None:
         raise InputError(
             f"{reference}: is code beside the case, which runs only with --allow-code; add that if "

@@ -23,7 +23,7 @@ from pydantic import (
     model_validator,
 )
 
-from fenics_joints.case.own_code import is_reference
+from fenics_joints.case.own_code import declared, is_reference
 from fenics_joints.errors import InputError, real
 from fenics_joints.units import sizes, to_si
 
@@ -125,7 +125,7 @@ def one_of_or_own(*words: str):
 
     def check(word: str) -> str:
         if word not in words and not is_reference(word):
-            near = difflib.get_close_matches(word, words, 1)
+            near = difflib.get_close_matches(word, (*words, *declared()), 1)
             mean = f"; did you mean {near[0]!r}?" if near else ""
             raise ValueError(f"expected {known}, or module:name of your own{mean}")
         return word

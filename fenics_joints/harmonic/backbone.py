@@ -7,6 +7,7 @@ motion of a sensor, as a phase-locked loop finds it in a test.
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass
@@ -76,6 +77,10 @@ class NonlinearMode(Periodic):
     force: str | None
     force_amplitudes: np.ndarray
     end: str = "reached"
+
+    def __repr__(self) -> str:
+        own = super().__repr__()
+        return own if self.end == "reached" else f"{own[:-1]}: {self.end})"
 
     def _repr_html_(self) -> str:
         shown = np.unique(np.linspace(0, len(self.modal_amplitudes) - 1, 8).round().astype(int))
@@ -224,6 +229,12 @@ def solve_backbone(
     if np.any(branch.z[:, -3] <= 0):  # beyond it the same motions follow, backwards in time
         branch = branch.first(max(int(np.argmax(branch.z[:, -3] <= 0)), 1))
         end = "stands still"
+    if end in ("came back", "short of it"):
+        warnings.warn(
+            f"the backbone ends ({end}) after {10 ** branch.z[:, -1].max():.3g} m of the "
+            f"{amplitudes[1]:.3g} m that were asked for; other harmonics may lead on",
+            stacklevel=2,
+        )
     return _backbone(problem, branch, sensor, force, end)
 
 

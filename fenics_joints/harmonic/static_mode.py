@@ -105,13 +105,15 @@ def solve_static_backbone(
         sensor: Sensor that moves in the mode; the model's first by default.
         per_decade: Loads in a decade of amplitude.
         loop_steps: Steps of half a loop that is gone through at every load. With 0 the loops are
-            the first loading's by Masing's rule, which contacts whose pressure changes do not obey.
+            the first loading's by Masing's rule, which neither contacts whose pressure changes nor
+            laws with a nonlinear spring obey.
         static: Static load, N, (n,), that joints bear before; None for none.
         petsc_options: Options of PETSc's SNES and KSP, without prefix.
 
     Raises:
         InputError: For an unknown name, a value out of range, or a sensor that does not move.
-        ConvergenceError: If not even the first load has an equilibrium.
+        ConvergenceError: If not even the first load has an equilibrium, or Masing's rule cannot
+            hold.
     """
     low, high = check_interval("amplitudes", amplitudes, "m")
     if near is not None:
@@ -275,6 +277,10 @@ def _loop(path: _Path, alpha: float, steps: int) -> tuple[float, PETSc.Vec]:
     return float(np.sum(0.5 * (loads[1:] + loads[:-1]) * np.diff(q))), half
 
 
+#: Share of a cycle's work below which a loop that makes energy is round-off. [numerical: chosen]
+_HARDENS = 1e-3
+
+
 def _backbone(points, omega2: float, sensor: str, end: str, low: float) -> StaticBackbone:
     """Frequency and damping of the points of a path, those below the lowest amplitude left out."""
     looped = [point for point in points if point[-1] is not None]
@@ -284,6 +290,11 @@ def _backbone(points, omega2: float, sensor: str, end: str, low: float) -> Stati
         energy = _masing(alpha, first, omega2)[keep]
         alpha, q, size, drag = (v[keep] for v in (alpha, q, size, drag))
     omega = np.sqrt(alpha / q)
+    if not looped and np.any(energy < -_HARDENS * alpha * q):
+        raise ConvergenceError(
+            "Masing's rule gives a loop that makes energy, as of a law that grows stiffer: "
+            "expected loop_steps above 0, such as 40"
+        )
     taken = energy + np.pi * omega * drag
     return StaticBackbone(
         frequencies_hz=omega / (2 * np.pi),

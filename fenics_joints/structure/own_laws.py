@@ -76,9 +76,9 @@ def joint_law(of: str = "jump", /, **properties: str | tuple[str, float, float])
             return q["k_n"] * opening * normal + q["k_t"] * slip + across
 
     Args:
-        of: What the function is given: ``"jump"``, the displacement of the second face relative to
-            the first, m, for which it returns the traction, Pa; or ``"strain"``, the strain of a
-            layer of cells, for which it returns the stress, Pa.
+        of: What the function is given: ``"jump"``, the displacement of the face on the normal's
+            side relative to the other one, m, for which it returns the traction, Pa; or
+            ``"strain"``, the strain of a layer of cells, for which it returns the stress, Pa.
         properties: Units of its properties by name, such as ``"Pa/m"`` or ``""``; with bounds for
             updating as ``(unit, lower, upper)``.
 

@@ -26,6 +26,7 @@ from scipy.optimize import OptimizeResult
 
 from fenics_joints.errors import ConvergenceError, flag, mapping, member, real, whole
 from fenics_joints.formatting import number
+from fenics_joints.measurements.gap import Pairing, partnered
 from fenics_joints.measurements.least_squares import information_root
 from fenics_joints.measurements.target import Target
 from fenics_joints.structure import Damping, Parameter
@@ -89,7 +90,8 @@ def update(
         InputError: For a parameter, start or data that cannot be.
         ConvergenceError: If the iteration does not converge, or the model is not solved at the
             start; or if modes exchange places between two minima of similar cost, both far from the
-            data: which of the test's modes is which is then open.
+            data: which of the test's modes is which is then open; or if no mode of the model
+            matches a measured shape.
     """
     member("moves", moves, MOVES)
     whole("max_evaluations", max_evaluations)
@@ -124,6 +126,11 @@ def update(
             f"updating {', '.join(fit.names)} did not converge in {max_evaluations} "
             "evaluations; start nearer, or identify fewer parameters",
             message,
+        )
+    if strict and (lost := fit.without_partner(x)):
+        raise ConvergenceError(
+            f"updating {', '.join(fit.names)}: no mode of the model matches {lost} of the test, "
+            "before the fit or after: expected shapes that the sensors see, or the test without it"
         )
     return fit.finish(x, moved, converged, message)
 
@@ -227,6 +234,18 @@ class _Fit(Identification):
                     f"values and {at}, which fit about as well; expected shapes or another start"
                 )
         return ""
+
+    def without_partner(self, x: np.ndarray) -> str:
+        """Modes of the test with shapes that match none of the model's, at the start and at these
+        coordinates; or ""."""
+        if self.target.shapes is None or not len(self.target):
+            return ""
+        alone, hz = np.ones(len(self.target), dtype=bool), self.target.frequencies_hz
+        for at in (self.start, x):
+            p = self.problem.predict(0, at)
+            pairing = Pairing(np.arange(len(hz)), np.arange(len(hz)), p.shapes, p.mac)
+            alone &= ~partnered(pairing, p.frequencies_hz, hz, self.target.shapes)
+        return ", ".join(f"mode {i + 1} ({hz[i]:.4g} Hz)" for i in np.flatnonzero(alone))
 
     def needs_rounds(self, done) -> bool:
         """Whether a fit has to be made again in rounds: see the module."""

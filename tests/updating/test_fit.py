@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 from scipy.stats import chi2
+from unlike_meshes import springs, two_parts
 
 from fenics_joints.errors import ConvergenceError, InputError
 from fenics_joints.measurements import FRFTarget, MeasuredFRFs, Target
@@ -329,3 +330,25 @@ def test_bad_input_is_named():
     ):
         with pytest.raises(InputError, match=message):
             make()
+
+
+def test_a_mode_that_the_sensors_do_not_see_is_named():
+    """A strip glued end to end bends across the sensors' direction, too: that shape is noise, which
+    any mode resembles more than its own."""
+    ends = (
+        ([0, 0, 0], [0.12, 0.03, 0.008], (12, 4, 1)),
+        ([0.12, 0, 0], [0.3, 0.03, 0.008], (18, 4, 1)),
+    )
+    model = springs(two_parts("hexahedron", ends), 1, 1e13, 2e12, (1.0, 0.0, 0.0))
+    x = np.linspace(0.0, 0.11, 6)
+    across = Sensors(np.array([x, 0 * x + [0.0, 0.03] * 3, 0 * x + 0.0055]).T, [0, 0, 1])
+    modes = solve_modes(model, {"k_n": 1.5e12, "k_t": 5e11}, n_modes=14)
+    seen = np.arange(6, 11)
+    sight = modes.visibility(across)[seen]
+    assert sight.min() < 1e-3
+    noise = 1 + 1e-3 * np.random.default_rng(48).standard_normal((2, 6, 5))
+    hz, shapes = modes.frequencies_hz[seen] * noise[0, 0], modes.at(across)[:, seen] * noise[1]
+    target = Target(hz, 1e-3, shapes, across, shape_sd=1e-3)
+    words = rf"no mode of the model matches .*mode {np.argmin(sight) + 1} \("
+    with pytest.raises(ConvergenceError, match=words):
+        update(model, list(model.parameters.values()), target, model.values())

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+import warnings
 from dataclasses import replace
 from pathlib import Path
 
@@ -94,7 +95,9 @@ def _solved(case: Case, built: HarmonicModel, comm, progress, branches) -> Harmo
     backbone, predictions = None, ()
     if h.backbone:
         kept = _kept(branches, "backbone")
-        backbone = solve_backbone(built.model, span, near=near, **common, **kept)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # the report says where it ends
+            backbone = solve_backbone(built.model, span, near=near, **common, **kept)
     static = _static_backbone(case, built, span, near, progress)
     if curves is not None:
         progress.step("responses at the measured frequencies", len(curves.levels))
