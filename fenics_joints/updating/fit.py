@@ -121,17 +121,20 @@ def update(
         if strict:
             raise ConvergenceError(f"updating {', '.join(fit.names)}: {rival}")
         converged, message = False, rival
+    lost = fit.without_partner(x) if strict else ""
+    if lost:
+        lost = (
+            f"no mode of the model matches {lost} of the test, before the fit or after: expected "
+            "shapes that the sensors see, or the test without it"
+        )
     if strict and not converged:
         raise ConvergenceError(
             f"updating {', '.join(fit.names)} did not converge in {max_evaluations} "
             "evaluations; start nearer, or identify fewer parameters",
-            message,
+            f"{message}; {lost}" if lost else message,
         )
-    if strict and (lost := fit.without_partner(x)):
-        raise ConvergenceError(
-            f"updating {', '.join(fit.names)}: no mode of the model matches {lost} of the test, "
-            "before the fit or after: expected shapes that the sensors see, or the test without it"
-        )
+    if lost:
+        raise ConvergenceError(f"updating {', '.join(fit.names)}: {lost}")
     return fit.finish(x, moved, converged, message)
 
 
