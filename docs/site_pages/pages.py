@@ -14,6 +14,7 @@ SECTIONS = {
     "Do": (
         "case",
         "own-mesh",
+        "own-matrices",
         "own-data",
         "diagnosis-data",
         "levels",
