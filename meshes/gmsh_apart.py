@@ -33,25 +33,31 @@ NO_GMSH = (
 _SECONDS, _SECONDS_A_BYTE = 60.0, 1e-4
 #: Most bytes of memory, and more for each byte of the file. Chosen likewise.
 _MEMORY, _MEMORY_A_BYTE = 4 << 30, 300
-_CHILD = Path(__file__).with_name("gmsh_child.py")
+_CHILDREN = {
+    name: Path(__file__).with_name(f"{name}_child.py").resolve() for name in ("gmsh", "deck")
+}
 
 
-def run_apart(folder: Path, file: str, size: int) -> None:
-    """Run ``gmsh_child.py``, which reads a file and writes what is in it.
+def run_apart(folder: Path, file: str, size: int, child: str = "gmsh") -> None:
+    """Run ``gmsh_child.py``, or another child, which reads a file and writes what is in it.
 
     Args:
         folder: A private folder, where it runs and writes.
         file: What it reads, in the folder: ``"mesh.msh"``, or a STEP file of another name.
         size: Bytes of the file.
+        child: ``"gmsh"``, or ``"deck"`` for decks of other codes.
 
     Raises:
         MeshError: gmsh is not installed, refuses the file, crashes on it or takes too long.
     """
-    if find_spec("gmsh") is None:
+    if child == "gmsh" and find_spec("gmsh") is None:
         raise MeshError(NO_GMSH)
+    reader = "gmsh" if child == "gmsh" else "the reader of decks"
     # Isolated: nothing is imported from the user's working folder.
     where, most = [each for each in sys.path if each], _MEMORY + _MEMORY_A_BYTE * size
-    command = [sys.executable, "-I", str(_CHILD), json.dumps(where), str(most), file]
+    script = _CHILDREN[child]
+    command = [sys.executable, "-I", str(script), json.dumps(where), str(most), file]
+    command.append(str(script.parent))
     # Without MPI's variables, or the process would take itself for a rank.
     mine = {k: v for k, v in os.environ.items() if not k.startswith(("OMPI_", "PMI", "MPI"))}
     mine["HOME"] = str(folder)
@@ -68,17 +74,17 @@ def run_apart(folder: Path, file: str, size: int) -> None:
             stderr=subprocess.PIPE,
         )
     except subprocess.TimeoutExpired:
-        raise MeshError(f"gmsh was still reading it after {limit:.0f} s") from None
+        raise MeshError(f"{reader} was still reading it after {limit:.0f} s") from None
     refused = folder / "error.txt"
     if refused.exists():
         words = refused.read_text(encoding="utf-8", errors="replace")[:300]
-        raise MeshError(f"gmsh cannot read it: {words or 'no reason is given'}")
+        raise MeshError(f"{reader} cannot read it: {words or 'no reason is given'}")
     if done.returncode < 0:
         how = signal.Signals(-done.returncode).name
-        raise MeshError(f"gmsh crashes on it ({how}); expected an undamaged file")
+        raise MeshError(f"{reader} crashes on it ({how}); expected an undamaged file")
     if done.returncode:
         words = done.stderr.decode(errors="replace").strip().rpartition("\n")[2][:300]
-        raise MeshError(f"gmsh cannot read it: {words}")
+        raise MeshError(f"{reader} cannot read it: {words}")
 
 
 @contextmanager

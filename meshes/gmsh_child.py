@@ -18,10 +18,10 @@ def main() -> None:
 
     gmsh.initialize(readConfigFiles=False, interruptible=False)
     gmsh.option.setNumber("General.Terminal", 0)
-    _limit(int(sys.argv[2]))
+    limit_memory(int(sys.argv[2]))
     try:
-        if sys.argv[3] == "mesh.msh":
-            gmsh.merge("mesh.msh")
+        if sys.argv[3] in ("mesh.msh", "mesh.unv"):
+            gmsh.merge(sys.argv[3])
             np.savez("mesh.npz", **_content(gmsh.model, np))
         else:
             _look_at(gmsh, sys.argv[3])
@@ -43,7 +43,8 @@ def _look_at(gmsh, path: str) -> None:
             model.getBoundingBox(dim - 1, face)
 
 
-def _limit(most: int) -> None:
+def limit_memory(most: int) -> None:
+    """Limit this process's memory, bytes."""
     try:
         import resource
     except ImportError:  # Windows

@@ -23,6 +23,7 @@ from fenics_joints.errors import MeshError, Problems, located
 from fenics_joints.files import is_file, path_of, shown_path
 from fenics_joints.meshes.arguments import is_positive, requirement
 from fenics_joints.meshes.check import check_mesh
+from fenics_joints.meshes.decks import DECKS, read_deck
 from fenics_joints.meshes.gmsh_apart import run_apart
 from fenics_joints.meshes.grid import thickened
 from fenics_joints.meshes.grow import Grown, grow
@@ -142,6 +143,7 @@ def read_lists(path: Path, gdim: int, scale: float) -> MeshLists:
         _names(cell_groups, cell_values),
         _names(facet_groups, facet_values),
         _points(file, gdim, scale),
+        file.notes,
     )
 
 
@@ -262,6 +264,7 @@ class MshFile:
         tags: Numbers of the vertices, shape (n,).
         x: Coordinates of the vertices in the file's unit, shape (n, 3).
         points: Coordinates of the vertices of groups of points and lines, by the group's index.
+        notes: What was left out or changed of a deck.
     """
 
     groups: list[tuple[int, int, str, list[int]]]
@@ -270,6 +273,7 @@ class MshFile:
     tags: np.ndarray
     x: np.ndarray
     points: dict[int, np.ndarray]
+    notes: tuple[str, ...] = ()
 
     def elements(
         self, dim: int, entity: int | None = None
@@ -288,17 +292,27 @@ def _read(path: Path) -> MshFile:
             crashes on it, or takes too long.
     """
     if not is_file(path):
-        raise MeshError("no such file, expected a gmsh .msh file")
+        raise MeshError("no such file, expected a mesh, such as gmsh's .msh")
+    if path.suffix.lower() in DECKS:
+        return MshFile(*read_deck(path).as_msh())
     with tempfile.TemporaryDirectory(prefix="fenics-joints-") as folder:
-        copy = Path(folder) / "mesh.msh"
+        universal = path.suffix.lower() in (".unv", ".uff")
+        copy = Path(folder) / ("mesh.unv" if universal else "mesh.msh")
         try:
             shutil.copyfile(path, copy)
         except OSError as error:
             raise MeshError(f"cannot be read ({error.strerror})") from error
         with copy.open("rb") as file:
-            _check_head(file.read(_HEAD))
-        run_apart(Path(folder), "mesh.msh", copy.stat().st_size)
+            (_check_universal if universal else _check_head)(file.read(_HEAD))
+        run_apart(Path(folder), copy.name, copy.stat().st_size)
         return _loaded(Path(folder) / "mesh.npz")
+
+
+def _check_universal(head: bytes) -> None:
+    """Refuse a file that is no universal file."""
+    first = [line.strip() for line in head.split(b"\n", 2)[:2]]
+    if len(first) < 2 or first[0] != b"-1" or not first[1].isdigit():
+        raise MeshError("not a universal file, expected it to begin with -1 and a dataset")
 
 
 def _check_head(head: bytes) -> None:

@@ -31,7 +31,16 @@ def new(
         typer.Argument(metavar="FOLDER", parser=named_path, help="Where case.toml is written."),
     ],
     step: Annotated[Path | None, file_option("--step", "An assembly from CAD.")] = None,
-    msh: Annotated[Path | None, file_option("--msh", "A gmsh mesh with named groups.")] = None,
+    mesh: Annotated[
+        Path | None,
+        typer.Option(
+            "--mesh",
+            "--msh",
+            metavar="FILE",
+            parser=named_path,
+            help="A mesh or deck: .msh, .bdf, .inp, .cdb, .unv, .vtu.",
+        ),
+    ] = None,
     matrices: Annotated[
         list[Path] | None,
         file_option("--matrices", "Stiffness of a part from another code; several times."),
@@ -91,7 +100,7 @@ def new(
         if beams and builder is not None:
             raise typer.BadParameter("has a builder of its own", param_hint="--beams")
         chosen = "offset_beams" if beams else builder
-        source = Source(step, msh, chosen, tuple(matrices) if matrices else None)
+        source = Source(step, mesh, chosen, tuple(matrices) if matrices else None)
         tests = TestFiles(
             frequencies, shapes, tuple(frfs or ()), tuple(uff or ()), tuple(amplitude or ())
         )

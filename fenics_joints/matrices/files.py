@@ -15,6 +15,7 @@ import scipy.sparse as sp
 from fenics_joints.errors import InputError
 from fenics_joints.files import check_size, is_file
 from fenics_joints.matrices.part import MatrixPart
+from fenics_joints.meshes.decks import inp_lines
 from fenics_joints.units import to_si
 
 #: Names under which files hold K and M, in the order in which they are sought.
@@ -176,19 +177,19 @@ def _read_mat(path: Path, what: str, name: str | None) -> Found:
 
 
 def _read_op4(path: Path, what: str, name: str | None) -> Found:
-    op4 = _library("pyyeti.nastran.op4", "nastran")
+    op4 = _library("pyyeti.nastran.op4", "decks")
     return Found(sp.csr_matrix(_picked(path, op4.read(str(path), sparse=True), what, name)))
 
 
 def _read_op2(path: Path, what: str, name: str | None) -> Found:
-    op2 = _library("pyyeti.nastran.op2", "nastran")
+    op2 = _library("pyyeti.nastran.op2", "decks")
     with op2.OP2(str(path)) as file:
         there = file.rdop2mats()
     return Found(sp.csr_matrix(_picked(path, there, what, name)))
 
 
 def _read_dmig(path: Path, what: str, name: str | None) -> Found:
-    bulk = _library("pyyeti.nastran.bulk", "nastran")
+    bulk = _library("pyyeti.nastran.bulk", "decks")
     names = {f"{k}2GG": k for k in ("K", "M", "B")} | {f"{k}AAX": k for k in ("K", "M", "B")}
     there = bulk.rddmig(str(path))
     first = {"stiffness": "K", "mass": "M", "damping": "B"}[what]
@@ -257,31 +258,26 @@ def read_nodes(path: Path) -> Nodes:
     if path.suffix.lower() != ".inp":
         rows = _table(path, 4, "a table 'node, x, y, z'")
         return Nodes(dict(zip(rows[:, 0].astype(int).tolist(), rows[:, 1:], strict=True)))
-    found, keyword, options = Nodes({}), "", {}
-    collected: dict[str, list[int]] = {}
-    for line in path.read_text(encoding="latin-1").splitlines():
-        if line.startswith("**") or not line.strip():
-            continue
-        if line.startswith("*"):
-            keyword, *rest = (part.strip() for part in line.upper().split(","))
-            options = dict(part.replace(" ", "").partition("=")[::2] for part in rest)
-            continue
-        values = [value.strip() for value in line.split(",") if value.strip()]
+    found, collected = Nodes({}), dict[str, list[int]]()
+    for keyword, options, rows in inp_lines(path.read_text(encoding="latin-1")):
         name = options.get("NSET")
-        if keyword in _SAID and keyword not in found.values:
-            found.values[keyword] = [float(value) for value in values]
-        if keyword == "*NODE" and len(values) >= 4:
-            found.points[int(values[0])] = np.array(values[1:4], dtype=float)
-            if name:
-                collected.setdefault(name, []).append(int(values[0]))
+        if keyword in _SAID and rows:
+            found.values.setdefault(keyword, [float(value) for value in rows[0]])
+        elif keyword == "*NODE":
+            for row in (row for row in rows if len(row) >= 4):
+                found.points[int(row[0])] = np.array(row[1:4], dtype=float)
+                if name:
+                    collected.setdefault(name, []).append(int(row[0]))
         elif keyword == "*NSET" and name:
             own = collected.setdefault(name, [])
-            if "GENERATE" in options:
-                first, last, *step = map(int, values)
-                own.extend(range(first, last + 1, *(step or [1])))
-            else:
-                for value in values:
-                    own += [int(value)] if value.isdigit() else collected.get(value.upper(), [])
+            for row in rows:
+                if "GENERATE" in options:
+                    first, last, *step = map(int, row)
+                    own.extend(range(first, last + 1, *(step or [1])))
+                else:
+                    for value in row:
+                        named = collected.get(value.upper(), [])
+                        own += [int(value)] if value.isdigit() else named
     if not found.points:
         raise InputError(f"{path}: has no *NODE: expected the nodes of the part")
     found.sets = {name: np.unique(numbers) for name, numbers in collected.items()}

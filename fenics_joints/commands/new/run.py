@@ -69,7 +69,7 @@ def run_new(
     given = [option for option in vars(source).values() if option is not None]
     if len(given) != 1:
         raise InputError(
-            "expected one of --step FILE, --msh FILE, --matrices FILE, --beams and --builder NAME"
+            "expected one of --step FILE, --mesh FILE, --matrices FILE, --beams and --builder NAME"
         )
     case = folder / "case.toml"
     if case.exists():

@@ -38,6 +38,7 @@ from fenics_joints.errors import InputError, MeshError, member
 from fenics_joints.meshes import TaggedMesh, measure_ring, read_msh
 from fenics_joints.meshes.cad_survey import Solid, StepSurvey, ThroughHole
 from fenics_joints.meshes.check import check_mesh
+from fenics_joints.meshes.decks import DECKS, Deck, read_deck
 from fenics_joints.meshes.grow import Touch, glued, round_holes, touches
 from fenics_joints.meshes.msh import read_lists
 from fenics_joints.meshes.rings import ring_names
@@ -314,7 +315,7 @@ def msh_drafts(
     scale = UNITS[unit]
     words = f"the file is in {unit}: it is {size * scale:.4g} m long"
     mesh = {"file": file, "scale": guess(f"{scale:g} m", words)}
-    questions, thickness = ["The unit of the mesh, which a .msh file does not say."], None
+    questions, thickness = [f"The unit of the mesh, which {path.name} does not say."], None
     if gdim == 2:
         thickness = _thickness(path, ask)
         mesh["gdim"] = 2
@@ -328,10 +329,59 @@ def msh_drafts(
             )
     tagged = read_msh(path, MPI.COMM_SELF, gdim=gdim, scale=scale, thickness=thickness)
     found = _draft(tagged, mesh, material, ask, None)
-    found = replace(found, questions=(*questions, *found.questions))
+    if path.suffix.lower() in DECKS:
+        found = _with_deck(found, read_deck(path), scale)
+    said = tuple(f"the mesh: {note}" for note in tagged.notes)
+    found = replace(found, found=(*said, *found.found), questions=(*questions, *found.questions))
     if not (found.tables.keys() & {"joints", "contacts"} or thickness):
         yield from _grown(found, path, gdim, scale)
     yield found
+
+
+def _with_deck(draft: Draft, deck: Deck, scale: float) -> Draft:
+    """The case with the materials and point masses that a deck says.
+
+    Their units follow from the size of a modulus: Pa, or MPa with tonnes and mm, or psi.
+    """
+    parts, units, odd = dict(draft.tables["parts"]), None, []
+    for name, values in deck.materials.items():
+        part, (E, nu, rho) = parts.get(_plain(name)), values
+        if part is None or E is None:
+            continue
+        units = next((u for u in _SYSTEMS if u[0] * E > 1e8 and abs(u[1] / scale - 1) < 0.01), None)
+        if units is None:
+            odd.append(f"The deck's modulus of {name}, {E:g}, is in no usual unit.")
+            continue
+        said = {"E": Remark(f"{1e-9 * units[0] * E:.6g} GPa", f"of the deck, in {units[3]}")}
+        said |= {} if nu is None else {"nu": Remark(nu, "of the deck")}
+        said |= {} if rho is None else {"rho": Remark(f"{units[2] * rho:.6g} kg/m3", "of the deck")}
+        parts[_plain(name)] = Remark({**part.value, **said}, part.words)
+    known = units is not None and len(deck.materials) == len(parts)
+    questions = [q for q in draft.questions if q != _MATERIALS or not known]
+    tables = {**draft.tables, "parts": parts}
+    if len(deck.masses) and units is not None:
+        kilograms = units[2] * units[1] ** 3 * deck.masses[:, 3]
+        tables["masses"] = {
+            f"mass_{i + 1}": {
+                "mass": f"{kg:.6g} kg",
+                "points": [[millimetres(scale * c) for c in place]],
+            }
+            for i, (kg, place) in enumerate(zip(kilograms, deck.masses[:, :3], strict=True))
+            if kg > 0
+        }
+    return replace(draft, tables=tables, questions=(*questions, *odd))
+
+
+_MATERIALS = "The materials: a mesh has none."
+#: Consistent units of decks: Pa in one of stress, metres in one of length, kg/m3 in one of density,
+#: and their names.
+_SYSTEMS = (
+    (1.0, 1.0, 1.0, "Pa"),
+    (1e6, 1e-3, 1e12, "MPa with mm and t"),
+    (6894.757, 0.0254, 1.0686895e7, "psi with inches and lbf s2/in"),
+    (1e3, 1e-3, 1e9, "kPa with mm and kg"),
+    (1e9, 1e-3, 1e9, "GPa with mm, ms and kg"),
+)
 
 
 def _thickness(path: Path, ask: Ask) -> float | None:
@@ -489,7 +539,7 @@ def _draft(tagged: TaggedMesh, mesh: Mapping, material: str, ask: Ask, hole: flo
     contacts, bolts = _pairs(tagged, bool(joints))
     bodies = check_mesh(tagged).bodies
     tables = {"mesh": mesh, "parts": parts_of(parts, ask), "joints": joints}
-    questions = ["The materials: a mesh has none.", *odd]
+    questions = [_MATERIALS, *odd]
     if contacts and bolts:
         tables |= {"contacts": _contacts(contacts), "bolts": _bolt_sections(bolts, hole)}
         questions += ["The bolts: their thread and force.", "The friction of the contacts."]

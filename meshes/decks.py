@@ -1,0 +1,300 @@
+"""Meshes of other codes: Nastran's, CalculiX's and Abaqus', ANSYS' decks, and VTU.
+
+Their nodes and solids are read by meshlane and pyYeti, in a process of their own
+(`fenics_joints.meshes.gmsh_apart`). What stands here is what those leave: which elements are a
+part, of what material, and what a mesh for DOLFINx needs: one shape of cells, by their corners.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+import tempfile
+from dataclasses import dataclass, field
+from importlib.util import find_spec
+from pathlib import Path
+
+import numpy as np
+
+from fenics_joints.errors import MeshError
+from fenics_joints.files import check_size
+from fenics_joints.meshes.gmsh_apart import run_apart
+
+#: Suffixes of decks, with the package that reads each.
+DECKS = {
+    ".bdf": "pyyeti",
+    ".dat": "pyyeti",
+    ".nas": "pyyeti",
+    ".inp": "meshlane",
+    ".cdb": "meshlane",
+    ".vtu": "meshlane",
+}
+#: Lines that would read another file.
+_INCLUDE = re.compile(rb"^\s*(\*?INCLUDE\b|/INPUT\b)", re.IGNORECASE | re.MULTILINE)
+#: Corners of each shape, its faces by corners, and gmsh's number of it.
+_CORNERS = {"tetra": 4, "hexahedron": 8, "wedge": 6, "pyramid": 5}
+_FACES = {
+    "tetra": [(0, 1, 2), (0, 1, 3), (0, 2, 3), (1, 2, 3)],
+    "pyramid": [(0, 1, 2, 3), (0, 1, 4), (1, 2, 4), (2, 3, 4), (3, 0, 4)],
+    "wedge": [(0, 1, 2), (3, 4, 5), (0, 1, 4, 3), (1, 2, 5, 4), (2, 0, 3, 5)],
+    "hexahedron": [
+        (0, 1, 2, 3), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7),
+    ],
+}  # fmt: skip
+_GMSH = {"tetra": (4, "Tetrahedron 4", 4), "hexahedron": (5, "Hexahedron 8", 8)}
+#: Ends of the edges of which the nodes of second order are the middles, by shape and number of
+#: nodes; of other orders than Abaqus' and Nastran's all are near some edge's middle.
+_EDGES = {
+    "tetra": [(0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3)],
+    "hexahedron": [
+        (0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4), (0, 4), (1, 5), (2, 6), (3, 7),
+    ],
+    "wedge": [(0, 1), (1, 2), (2, 0), (3, 4), (4, 5), (5, 3), (0, 3), (1, 4), (2, 5)],
+    "pyramid": [(0, 1), (1, 2), (2, 3), (3, 0), (0, 4), (1, 4), (2, 4), (3, 4)],
+}  # fmt: skip
+#: Distance of a middle node from the middle of its edge, over the edge, from which an edge is
+#: curved. [numerical: chosen]
+_CURVED = 0.02
+
+
+@dataclass
+class Deck:
+    """The solids of a deck.
+
+    Attributes:
+        x: Places of the nodes in the deck's unit of length, (n, 3).
+        kind: ``"tetra"`` or ``"hexahedron"``.
+        cells: Corners of each cell by the place among ``x``, (n_cells, n_corners).
+        group: Number of each cell's part, (n_cells,).
+        names: Name of each part, by its number.
+        materials: E, nu and rho of parts in the deck's units, None where it does not say; by name.
+        masses: Place and mass of each point mass, in the deck's units, (n, 4).
+        notes: What was left out or changed.
+    """
+
+    x: np.ndarray
+    kind: str
+    cells: np.ndarray
+    group: np.ndarray
+    names: dict[int, str]
+    materials: dict[str, tuple[float | None, float | None, float | None]] = field(default_factory=dict)
+    masses: np.ndarray = field(default_factory=lambda: np.zeros((0, 4)))
+    notes: tuple[str, ...] = ()
+
+    def as_msh(self):
+        """What `fenics_joints.meshes.msh.MshFile` is made of."""
+        number, title, corners = _GMSH[self.kind]
+        groups = [(3, n, name, [n]) for n, name in self.names.items()]
+        blocks = tuple((3, n, number, self.cells[self.group == n]) for n in self.names)
+        kinds = {number: (title, 1)}
+        return groups, blocks, kinds, np.arange(len(self.x)), self.x, {}, self.notes
+
+
+def read_deck(path: Path) -> Deck:
+    """Read a deck on one rank.
+
+    Raises:
+        MeshError: If it has no solids, includes other files, or cannot be read; or the package that
+            reads it is not installed.
+    """
+    package = DECKS[path.suffix.lower()]
+    if find_spec(package) is None:
+        raise MeshError(f"reading it needs {package}: pip install 'fenics-joints[decks]'")
+    check_size(path)
+    content = path.read_bytes()
+    if _INCLUDE.search(content):
+        raise MeshError("includes another file: expected one file that holds all")
+    suffix = ".bdf" if package == "pyyeti" else path.suffix.lower()
+    with tempfile.TemporaryDirectory(prefix="fenics-joints-") as folder:
+        shutil.copyfile(path, Path(folder) / f"mesh{suffix}")
+        run_apart(Path(folder), f"mesh{suffix}", len(content), "deck")
+        with np.load(Path(folder) / "mesh.npz", allow_pickle=False) as found:
+            head = json.loads(found["head"].tobytes())
+            arrays = {key: found[key] for key in found.files if key != "head"}
+    return _deck(head, arrays, content.decode("latin-1"), suffix)
+
+
+def _deck(head: dict, arrays: dict[str, np.ndarray], text: str, suffix: str) -> Deck:
+    x, tags = arrays["x"].reshape(-1, 3), arrays["tags"].astype(np.int64)
+    if not np.isfinite(x).all():
+        raise MeshError("a node is not finite, expected numbers")
+    order, notes, found = np.argsort(tags), [], []
+    for b, (kind, _) in enumerate(head["blocks"]):
+        nodes = arrays[f"block{b}"]
+        at = np.searchsorted(tags, nodes, sorter=order)
+        own = order[np.minimum(at, len(order) - 1)]
+        if len(tags) == 0 or not np.array_equal(tags[own], nodes):
+            raise MeshError("an element has a node that is not there")
+        found.append((kind, own, arrays[f"group{b}"].astype(np.int64)))
+    if not found:
+        kinds = ", ".join(head["counts"]) or "none"
+        raise MeshError(
+            f"has no solids (its elements: {kinds}): expected tetrahedra, hexahedra, wedges or "
+            "pyramids; of shells and beams export the matrices, see [mesh.matrices]"
+        )
+    groups, names, materials = _parts(head, arrays, found, text, suffix)
+    curved = sum(_curved(x, kind, nodes) for kind, nodes, _ in found)
+    if any(nodes.shape[1] > _CORNERS[kind] for kind, nodes, _ in found):
+        notes.append(
+            "cells are taken by their corners; the order of the displacement is mesh.degree"
+            + (f"; {curved} of their edges are curved and become straight" if curved else "")
+        )
+    if head["counts"]:
+        said = ", ".join(f"{count} {name}" for name, count in head["counts"].items())
+        notes.append(f"left out, as they are no solids: {said}")
+    solids = [(kind, nodes[:, : _CORNERS[kind]]) for kind, nodes, _ in found]
+    kinds = {kind for kind, _ in solids}
+    folded = any(_folded(nodes) for _, nodes in solids)
+    if len(kinds) == 1 and kinds <= _GMSH.keys() and not folded:
+        (kind,), cells, group = kinds, np.vstack([n for _, n in solids]), np.concatenate(groups)
+    else:
+        notes.append("cells of several shapes are cut into tetrahedra")
+        kind = "tetra"
+        cut = [_tetrahedra(k, nodes, g) for (k, nodes), g in zip(solids, groups, strict=True)]
+        cells, group = (np.concatenate(parts) for parts in zip(*cut, strict=True))
+    cells = _upright(x, kind, cells)
+    if kind == "hexahedron":  # in gmsh's order all along
+        cells = np.ascontiguousarray(cells)
+    masses = np.array(head["masses"], dtype=float).reshape(-1, 4)
+    return Deck(x, kind, cells, group, names, materials, masses, tuple(notes))
+
+
+def _folded(nodes: np.ndarray) -> bool:
+    """Whether a cell has a node twice, as a tetrahedron in the place of a hexahedron."""
+    ordered = np.sort(nodes, axis=1)
+    return bool(np.any(ordered[:, 1:] == ordered[:, :-1]))
+
+
+def _curved(x: np.ndarray, kind: str, nodes: np.ndarray) -> int:
+    """Number of edges whose middle node is off their middle."""
+    extra = nodes[:, _CORNERS[kind] :]
+    if not extra.shape[1]:
+        return 0
+    ends = np.array(_EDGES[kind])
+    one, other = x[nodes[:, ends[:, 0]]], x[nodes[:, ends[:, 1]]]
+    middle, length = 0.5 * (one + other), np.linalg.norm(other - one, axis=2)
+    off = np.linalg.norm(x[extra][:, :, None] - middle[:, None], axis=3).min(axis=2)
+    return int(np.sum(off > _CURVED * length.max(axis=1)[:, None]))
+
+
+def _tetrahedra(kind: str, nodes: np.ndarray, group: np.ndarray):
+    """Cells as tetrahedra, (n, 4), and their groups.
+
+    Each is a cone from its least node over the faces that do not have it, and a face of four nodes
+    is cut from its least one: neighbours cut the face between them alike (Dompierre and others,
+    Proc. 8th Int. Meshing Roundtable, 1999).
+    """
+    cells, groups = [], []
+    for cell, own in zip(nodes.tolist(), group.tolist(), strict=True):
+        least = min(cell)
+        for face in _FACES[kind]:
+            corners = list(dict.fromkeys(cell[i] for i in face))
+            if least in corners or len(corners) < 3:
+                continue
+            first = corners.index(min(corners))
+            turned = corners[first:] + corners[:first]
+            for k in range(1, len(turned) - 1):
+                cells.append((least, turned[0], turned[k], turned[k + 1]))
+                groups.append(own)
+    return np.array(cells, dtype=np.int64).reshape(-1, 4), np.array(groups, dtype=np.int64)
+
+
+def _upright(x: np.ndarray, kind: str, cells: np.ndarray) -> np.ndarray:
+    """Cells with a positive volume."""
+    if kind != "tetra":
+        return cells
+    edges = x[cells[:, 1:]] - x[cells[:, :1]]
+    volume = np.linalg.det(edges)
+    keep = np.abs(volume) > 1e-12 * np.abs(volume).max(initial=0.0)
+    cells = cells.copy()
+    cells[volume < 0, :2] = cells[volume < 0, 1::-1]
+    if not keep.all():
+        raise MeshError(f"{int((~keep).sum())} cells are flat, expected solids")
+    return cells
+
+
+def _parts(head, arrays, found, text: str, suffix: str):
+    """Number of each cell's part by block, names of parts, and materials by name."""
+    groups = [group for *_, group in found]
+    known = {int(n): value for n, value in head["groups"].items()}
+    materials: dict[str, tuple] = {}
+    if known:  # Nastran: by property
+        names = {n: known.get(n, [f"property_{n}", None])[0] for n in np.unique(np.concatenate(groups)).tolist()}
+        for n, name in names.items():
+            values = known.get(n, [name, None])[1]
+            if values is not None:
+                materials[name] = tuple(values)
+        return groups, names, materials
+    sections = _sections(text) if suffix == ".inp" else {}
+    sets: dict[str, list[np.ndarray]] = {}
+    for s, (name, block) in enumerate(head.get("sets", [])):
+        own = sets.setdefault(name.upper(), [np.zeros(len(g), bool) for g in groups])
+        own[block][arrays[f"set{s}"]] = True
+    wanted = [name for name in (sections or sets) if name in sets]
+    covered = [sum((sets[n][b] for n in wanted), np.zeros(len(g), int)) for b, g in enumerate(groups)]
+    own = _ansys(text) if suffix == ".cdb" else None
+    if wanted and all(np.all(count == 1) for count in covered):
+        groups = [sum((k + 1) * sets[n][b] for k, n in enumerate(wanted)) for b in range(len(groups))]
+        names = {k + 1: name.lower() for k, name in enumerate(wanted)}
+        materials = {n.lower(): sections.get(n) or own for n in wanted}
+        return groups, names, {n: value for n, value in materials.items() if value is not None}
+    numbers = np.unique(np.concatenate(groups)).tolist()
+    names = {n: f"part_{n}" if len(numbers) > 1 else "part" for n in numbers}
+    one = [values for values in sections.values() if values is not None]
+    value = one[0] if len(one) == 1 else own
+    return groups, names, {name: value for name in names.values() if value is not None}
+
+
+def inp_lines(text: str):
+    """Keyword, its options, and the lines of data below it, of CalculiX' and Abaqus' decks."""
+    keyword, options, rows = "", {}, []
+    for line in (*text.splitlines(), "*END"):
+        if line.startswith("**") or not line.strip():
+            continue
+        if not line.startswith("*"):
+            rows.append([value.strip() for value in line.split(",") if value.strip()])
+            continue
+        if keyword:
+            yield keyword, options, rows
+        keyword, *rest = (part.strip() for part in line.upper().split(","))
+        options = dict(part.replace(" ", "").partition("=")[::2] for part in rest)
+        rows = []
+
+
+def _sections(text: str) -> dict[str, tuple | None]:
+    """E, nu and rho of each element set with a solid section; None where the deck lacks them."""
+    materials: dict[str, list] = {}
+    sections: dict[str, str] = {}
+    name = ""
+    for keyword, options, rows in inp_lines(text):
+        if keyword == "*MATERIAL":
+            name = options.get("NAME", "")
+            materials[name] = [None, None, None]
+        elif keyword == "*ELASTIC" and name and rows and len(rows[0]) > 1:
+            materials[name][:2] = _floats(rows[0][:2])
+        elif keyword == "*DENSITY" and name and rows:
+            materials[name][2:] = _floats(rows[0][:1])
+        elif keyword == "*SOLID SECTION" and "ELSET" in options:
+            sections[options["ELSET"]] = options.get("MATERIAL", "")
+    found = {name: materials.get(material) for name, material in sections.items()}
+    return {name: None if v is None else tuple(v) for name, v in found.items()}
+
+
+def _floats(values) -> list[float | None]:
+    found = []
+    for value in values:
+        try:
+            found.append(float(value.upper().replace("D", "E")))
+        except ValueError:
+            found.append(None)
+    return found
+
+
+def _ansys(text: str) -> tuple | None:
+    """E, nu and rho of the one material of a deck of ANSYS; None if it has none, or several."""
+    rows = re.findall(r"^MPDATA,[^,]*,\s*\d+,\s*(\w+)\s*,\s*(\d+)\s*,\s*1\s*,\s*([-+.\dEeDd]+)", text, re.MULTILINE)
+    if len({number for _, number, _ in rows}) != 1:
+        return None
+    values = {key: _floats([value])[0] for key, _, value in rows}
+    return values.get("EX"), values.get("NUXY", values.get("PRXY")), values.get("DENS")
