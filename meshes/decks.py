@@ -1,8 +1,9 @@
 """Meshes of other codes: Nastran's, CalculiX's and Abaqus', ANSYS' decks, and VTU.
 
-Their nodes and solids are read by meshlane and pyYeti, in a process of their own
-(`fenics_joints.meshes.gmsh_apart`). What stands here is what those leave: which elements are a
-part, of what material, and what a mesh for DOLFINx needs: one shape of cells, by their corners.
+Their nodes and solids are read by pyYeti, mapdl-archive and meshlane, in a process of their own
+(`fenics_joints.meshes.gmsh_apart`), CalculiX' and Abaqus' input here, as no library reads all of
+CalculiX' own examples. Here stands which elements are a part, of what material, and what a mesh for
+DOLFINx needs: one shape of cells, by their corners.
 """
 
 from __future__ import annotations
@@ -26,8 +27,8 @@ DECKS = {
     ".bdf": "pyyeti",
     ".dat": "pyyeti",
     ".nas": "pyyeti",
-    ".inp": "meshlane",
-    ".cdb": "meshlane",
+    ".inp": "",
+    ".cdb": "mapdl_archive",
     ".vtu": "meshlane",
 }
 #: Lines that would read another file.
@@ -53,6 +54,7 @@ _EDGES = {
     "wedge": [(0, 1), (1, 2), (2, 0), (3, 4), (4, 5), (5, 3), (0, 3), (1, 4), (2, 5)],
     "pyramid": [(0, 1), (1, 2), (2, 3), (3, 0), (0, 4), (1, 4), (2, 4), (3, 4)],
 }  # fmt: skip
+_CUT = "cells of several shapes are cut into tetrahedra"
 #: Distance of a middle node from the middle of its edge, over the edge, from which an edge is
 #: curved. [numerical: chosen]
 _CURVED = 0.02
@@ -99,20 +101,23 @@ def read_deck(path: Path) -> Deck:
             reads it is not installed.
     """
     package = DECKS[path.suffix.lower()]
-    if find_spec(package) is None:
+    if package and find_spec(package) is None:
         raise MeshError(f"reading it needs {package}: pip install 'fenics-joints[decks]'")
     check_size(path)
     content = path.read_bytes()
     if _INCLUDE.search(content):
         raise MeshError("includes another file: expected one file that holds all")
     suffix = ".bdf" if package == "pyyeti" else path.suffix.lower()
+    text = content.decode("latin-1")
+    if suffix == ".inp":
+        return _deck(*_by_keywords(text), text, suffix)
     with tempfile.TemporaryDirectory(prefix="fenics-joints-") as folder:
         shutil.copyfile(path, Path(folder) / f"mesh{suffix}")
         run_apart(Path(folder), f"mesh{suffix}", len(content), "deck")
         with np.load(Path(folder) / "mesh.npz", allow_pickle=False) as found:
             head = json.loads(found["head"].tobytes())
             arrays = {key: found[key] for key in found.files if key != "head"}
-    return _deck(head, arrays, content.decode("latin-1"), suffix)
+    return _deck(head, arrays, text, suffix)
 
 
 def _deck(head: dict, arrays: dict[str, np.ndarray], text: str, suffix: str) -> Deck:
@@ -149,13 +154,11 @@ def _deck(head: dict, arrays: dict[str, np.ndarray], text: str, suffix: str) -> 
     if len(kinds) == 1 and kinds <= _GMSH.keys() and not folded:
         (kind,), cells, group = kinds, np.vstack([n for _, n in solids]), np.concatenate(groups)
     else:
-        notes.append("cells of several shapes are cut into tetrahedra")
+        notes.append(_CUT)
         kind = "tetra"
         cut = [_tetrahedra(k, nodes, g) for (k, nodes), g in zip(solids, groups, strict=True)]
         cells, group = (np.concatenate(parts) for parts in zip(*cut, strict=True))
-    cells = _upright(x, kind, cells)
-    if kind == "hexahedron":  # in gmsh's order all along
-        cells = np.ascontiguousarray(cells)
+    cells, group = _upright(x, kind, cells, group, cut=notes[-1:] == [_CUT])
     masses = np.array(head["masses"], dtype=float).reshape(-1, 4)
     return Deck(x, kind, cells, group, names, materials, masses, tuple(notes))
 
@@ -200,18 +203,17 @@ def _tetrahedra(kind: str, nodes: np.ndarray, group: np.ndarray):
     return np.array(cells, dtype=np.int64).reshape(-1, 4), np.array(groups, dtype=np.int64)
 
 
-def _upright(x: np.ndarray, kind: str, cells: np.ndarray) -> np.ndarray:
-    """Cells with a positive volume."""
+def _upright(x: np.ndarray, kind: str, cells: np.ndarray, group: np.ndarray, cut: bool):
+    """Cells with a positive volume and their groups; flat pieces of cut cells are left out."""
     if kind != "tetra":
-        return cells
-    edges = x[cells[:, 1:]] - x[cells[:, :1]]
-    volume = np.linalg.det(edges)
-    keep = np.abs(volume) > 1e-12 * np.abs(volume).max(initial=0.0)
+        return cells, group
+    volume = np.linalg.det(x[cells[:, 1:]] - x[cells[:, :1]])
+    keep = np.abs(volume) > 1e-9 * np.median(np.abs(volume))
+    if not (keep.all() or cut):
+        raise MeshError(f"{int((~keep).sum())} cells are flat, expected solids")
     cells = cells.copy()
     cells[volume < 0, :2] = cells[volume < 0, 1::-1]
-    if not keep.all():
-        raise MeshError(f"{int((~keep).sum())} cells are flat, expected solids")
-    return cells
+    return cells[keep], group[keep]
 
 
 def _parts(head, arrays, found, text: str, suffix: str):
@@ -233,17 +235,101 @@ def _parts(head, arrays, found, text: str, suffix: str):
         own[block][arrays[f"set{s}"]] = True
     wanted = [name for name in (sections or sets) if name in sets]
     covered = [sum((sets[n][b] for n in wanted), np.zeros(len(g), int)) for b, g in enumerate(groups)]
-    own = _ansys(text) if suffix == ".cdb" else None
     if wanted and all(np.all(count == 1) for count in covered):
         groups = [sum((k + 1) * sets[n][b] for k, n in enumerate(wanted)) for b in range(len(groups))]
-        names = {k + 1: name.lower() for k, name in enumerate(wanted)}
-        materials = {n.lower(): sections.get(n) or own for n in wanted}
-        return groups, names, {n: value for n, value in materials.items() if value is not None}
-    numbers = np.unique(np.concatenate(groups)).tolist()
-    names = {n: f"part_{n}" if len(numbers) > 1 else "part" for n in numbers}
-    one = [values for values in sections.values() if values is not None]
-    value = one[0] if len(one) == 1 else own
-    return groups, names, {name: value for name in names.values() if value is not None}
+        names = {k + 1: _section_name(name) for k, name in enumerate(wanted)}
+        materials = {n: sections.get(w) for n, w in zip(names.values(), wanted, strict=True)}
+    else:
+        numbers = np.unique(np.concatenate(groups)).tolist()
+        word = "material" if suffix == ".cdb" else "part"
+        names = {n: f"{word}_{n}" if len(numbers) > 1 else "part" for n in numbers}
+        one = [values for values in sections.values() if values is not None]
+        materials = dict.fromkeys(names.values(), one[0] if len(one) == 1 else None)
+    if suffix == ".cdb":
+        known = _ansys(text)
+        for n, name in names.items():
+            own = {m for b, g in enumerate(groups) for m in arrays[f"material{b}"][g == n].tolist()}
+            materials[name] = known.get(own.pop()) if len(own) == 1 else None
+    return groups, names, {name: value for name, value in materials.items() if value is not None}
+
+
+def _section_name(name: str) -> str:
+    return re.sub(r"[^a-z0-9_-]+", "_", name.lower()).strip("_") or "part"
+
+
+#: Solids of CalculiX and Abaqus by their nodes.
+_BY_NODES = {4: "tetra", 10: "tetra", 6: "wedge", 15: "wedge", 8: "hexahedron", 20: "hexahedron", 5: "pyramid"}
+
+
+def _by_keywords(text: str) -> tuple[dict, dict[str, np.ndarray]]:
+    """Nodes, solids and sets of CalculiX' and Abaqus' input, as the child writes those of others.
+
+    A part of Abaqus counts its nodes and elements by itself; an instance may move it.
+    """
+    points: dict[tuple[str, int], list[float]] = {}
+    cells: dict[int, list[tuple[tuple[str, int], list[tuple[str, int]]]]] = {}
+    sets: dict[str, list[tuple[str, int]]] = {}
+    moved: dict[str, list[list[float]]] = {}
+    part, counts = "", {}
+    for keyword, options, rows in inp_lines(text):
+        name = options.get("ELSET")
+        if keyword == "*PART":
+            part = options.get("NAME", "")
+        elif keyword in ("*END PART", "*ASSEMBLY"):
+            part = ""
+        elif keyword == "*INSTANCE":
+            moved.setdefault(options.get("PART", ""), []).append([float(v) for row in rows for v in row])
+        elif keyword == "*NODE":
+            for row in (row for row in rows if len(row) > 1):
+                x = [_floats([value])[0] or 0.0 for value in row[1:4]]
+                points[part, int(row[0])] = x + [0.0] * (3 - len(x))
+        elif keyword == "*ELEMENT":
+            kind = options.get("TYPE", "")
+            size = re.match(r"(?:DC3D|AC3D|C3D|F3D|SC)(\d+)", kind)
+            values = [int(value) for row in rows for value in row]
+            if size is None or int(size[1]) not in _BY_NODES:
+                counts[kind] = counts.get(kind, 0) + len(rows)
+                continue
+            n = int(size[1])
+            if len(values) % (n + 1):
+                raise MeshError(f"*ELEMENT, TYPE={kind}: expected {n} nodes for each element")
+            for k in range(0, len(values), n + 1):
+                number, *nodes = values[k : k + n + 1]
+                cells.setdefault(n, []).append(((part, number), [(part, i) for i in nodes]))
+                if name:
+                    sets.setdefault(name, []).append((part, number))
+        elif keyword == "*ELSET" and name:
+            own = sets.setdefault(name, [])
+            for row in rows:
+                if "GENERATE" in options:
+                    first, last, *step = map(int, row)
+                    own += [(part, i) for i in range(first, last + 1, *(step or [1]))]
+                else:
+                    for value in row:
+                        named = sets.get(value.upper(), [])
+                        own += [(part, int(value))] if value.isdigit() else named
+    for name, instances in moved.items():
+        if len(instances) > 1 or len(instances[0]) > 3:
+            raise MeshError(f"part {name} is there several times, or turned: expected each once")
+        shift = instances[0] or [0.0] * 3
+        for key in (key for key in points if key[0] == name):
+            points[key] = [a + b for a, b in zip(points[key], shift, strict=True)]
+    tag = {key: i for i, key in enumerate(points)}
+    head = {"blocks": [], "groups": {}, "counts": counts, "masses": [], "sets": []}
+    arrays = {"x": np.array(list(points.values())).reshape(-1, 3), "tags": np.arange(len(points))}
+    for b, (n, own) in enumerate(cells.items()):
+        if any(node not in tag for _, nodes in own for node in nodes):
+            raise MeshError("an element has a node that is not there")
+        arrays[f"block{b}"] = np.array([[tag[node] for node in nodes] for _, nodes in own])
+        arrays[f"group{b}"] = np.zeros(len(own), np.int64)
+        head["blocks"].append([_BY_NODES[n], n])
+        at = {number: i for i, (number, _) in enumerate(own)}
+        for name, numbers in sets.items():
+            inside = sorted({at[number] for number in numbers if number in at})
+            if inside:
+                arrays[f"set{len(head['sets'])}"] = np.array(inside)
+                head["sets"].append([name, b])
+    return head, arrays
 
 
 def inp_lines(text: str):
@@ -291,10 +377,15 @@ def _floats(values) -> list[float | None]:
     return found
 
 
-def _ansys(text: str) -> tuple | None:
-    """E, nu and rho of the one material of a deck of ANSYS; None if it has none, or several."""
-    rows = re.findall(r"^MPDATA,[^,]*,\s*\d+,\s*(\w+)\s*,\s*(\d+)\s*,\s*1\s*,\s*([-+.\dEeDd]+)", text, re.MULTILINE)
-    if len({number for _, number, _ in rows}) != 1:
-        return None
-    values = {key: _floats([value])[0] for key, _, value in rows}
-    return values.get("EX"), values.get("NUXY", values.get("PRXY")), values.get("DENS")
+def _ansys(text: str) -> dict[int, tuple]:
+    """E, nu and rho of the materials of a deck of ANSYS, by their numbers."""
+    found: dict[int, dict[str, float | None]] = {}
+    number = r"\s*([-+.\dEeDd]+)"
+    for pattern in (r"^MPDATA,[^,]*,\s*\d+,\s*(\w+)\s*,\s*(\d+)\s*,\s*1\s*,", r"^MP,\s*(\w+)\s*,\s*(\d+)\s*,"):
+        for key, material, value in re.findall(pattern + number, text, re.MULTILINE):
+            found.setdefault(int(material), {})[key.upper()] = _floats([value])[0]
+    return {
+        m: (values["EX"], values.get("NUXY", values.get("PRXY")), values.get("DENS"))
+        for m, values in found.items()
+        if "EX" in values
+    }

@@ -310,7 +310,9 @@ def msh_drafts(
     volume = float(body_of(tagged).volumes.sum()) if gdim == 3 else None
     sizes = ", ".join(f"{1e3 * size * scale:.4g} mm in {name}" for name, scale in UNITS.items())
     question = f"Unit of the lengths in {path.name} (its extent is {size:.6g}: {sizes})"
-    likely = _unit(size, volume, places)
+    deck = read_deck(path) if path.suffix.lower() in DECKS else None
+    system = None if deck is None else _system(deck)
+    likely = _unit(size, volume, places) if system is None else _SYSTEMS[system][0]
     unit = ask(question, likely, lambda answer: member("unit", answer, UNITS))
     scale = UNITS[unit]
     words = f"the file is in {unit}: it is {size * scale:.4g} m long"
@@ -329,8 +331,8 @@ def msh_drafts(
             )
     tagged = read_msh(path, MPI.COMM_SELF, gdim=gdim, scale=scale, thickness=thickness)
     found = _draft(tagged, mesh, material, ask, None)
-    if path.suffix.lower() in DECKS:
-        found = _with_deck(found, read_deck(path), scale)
+    if deck is not None:
+        found = _with_deck(found, deck, scale, system)
     said = tuple(f"the mesh: {note}" for note in tagged.notes)
     found = replace(found, found=(*said, *found.found), questions=(*questions, *found.questions))
     if not (found.tables.keys() & {"joints", "contacts"} or thickness):
@@ -338,50 +340,72 @@ def msh_drafts(
     yield found
 
 
-def _with_deck(draft: Draft, deck: Deck, scale: float) -> Draft:
+def _system(deck: Deck) -> str | None:
+    """The consistent units in which a deck's materials are usual; None if it says none."""
+    for name, (_, pascal, density) in _SYSTEMS.items():
+        usual = [
+            _MODULI[0] <= pascal * E <= _MODULI[1]
+            and (not rho or _DENSITIES[0] <= density * rho <= _DENSITIES[1])
+            for E, _, rho in deck.materials.values()
+            if E
+        ]
+        if usual and all(usual):
+            return name
+    return None
+
+
+def _with_deck(draft: Draft, deck: Deck, scale: float, system: str | None) -> Draft:
     """The case with the materials and point masses that a deck says.
 
-    Their units follow from the size of a modulus: Pa, or MPa with tonnes and mm, or psi.
+    Args:
+        draft: The case.
+        deck: The deck.
+        scale: Length of its unit, m.
+        system: Its units, of `_SYSTEMS`; None if they are not known.
     """
-    parts, units, odd = dict(draft.tables["parts"]), None, []
-    for name, values in deck.materials.items():
-        part, (E, nu, rho) = parts.get(_plain(name)), values
-        if part is None or E is None:
+    if system is None:
+        odd = "The deck's materials are in no usual units." if deck.materials else ""
+        return replace(draft, questions=(*draft.questions, *([odd] if odd else [])))
+    parts, (unit, pascal, density) = dict(draft.tables["parts"]), _SYSTEMS[system]
+    whole = 0
+    for name, (E, nu, rho) in deck.materials.items():
+        part = parts.get(_plain(name))
+        if part is None or not E:
             continue
-        units = next((u for u in _SYSTEMS if u[0] * E > 1e8 and abs(u[1] / scale - 1) < 0.01), None)
-        if units is None:
-            odd.append(f"The deck's modulus of {name}, {E:g}, is in no usual unit.")
-            continue
-        said = {"E": Remark(f"{1e-9 * units[0] * E:.6g} GPa", f"of the deck, in {units[3]}")}
+        said = {"E": Remark(f"{1e-9 * pascal * E:.6g} GPa", f"of the deck, in {system}")}
         said |= {} if nu is None else {"nu": Remark(nu, "of the deck")}
-        said |= {} if rho is None else {"rho": Remark(f"{units[2] * rho:.6g} kg/m3", "of the deck")}
+        said |= {"rho": Remark(f"{density * rho:.6g} kg/m3", "of the deck")} if rho else {}
         parts[_plain(name)] = Remark({**part.value, **said}, part.words)
-    known = units is not None and len(deck.materials) == len(parts)
-    questions = [q for q in draft.questions if q != _MATERIALS or not known]
+        whole += len(said) == 3
+    questions = [q for q in draft.questions if q != _MATERIALS or whole < len(parts)]
     tables = {**draft.tables, "parts": parts}
-    if len(deck.masses) and units is not None:
-        kilograms = units[2] * units[1] ** 3 * deck.masses[:, 3]
-        tables["masses"] = {
-            f"mass_{i + 1}": {
-                "mass": f"{kg:.6g} kg",
-                "points": [[millimetres(scale * c) for c in place]],
-            }
-            for i, (kg, place) in enumerate(zip(kilograms, deck.masses[:, :3], strict=True))
-            if kg > 0
+    kilograms = density * UNITS[unit] ** 3 * deck.masses[:, 3]
+    masses = {
+        f"mass_{i + 1}": {
+            "mass": f"{kg:.6g} kg",
+            "points": [[millimetres(scale * c) for c in place]],
         }
-    return replace(draft, tables=tables, questions=(*questions, *odd))
+        for i, (kg, place) in enumerate(zip(kilograms, deck.masses[:, :3], strict=True))
+        if kg > 0
+    }
+    return replace(
+        draft,
+        tables={**tables, **({"masses": masses} if masses else {})},
+        questions=tuple(questions),
+    )
 
 
 _MATERIALS = "The materials: a mesh has none."
-#: Consistent units of decks: Pa in one of stress, metres in one of length, kg/m3 in one of density,
-#: and their names.
-_SYSTEMS = (
-    (1.0, 1.0, 1.0, "Pa"),
-    (1e6, 1e-3, 1e12, "MPa with mm and t"),
-    (6894.757, 0.0254, 1.0686895e7, "psi with inches and lbf s2/in"),
-    (1e3, 1e-3, 1e9, "kPa with mm and kg"),
-    (1e9, 1e-3, 1e9, "GPa with mm, ms and kg"),
-)
+#: Units of lengths, Pa in one of stress and kg/m3 in one of density, of consistent units of decks.
+_SYSTEMS = {
+    "Pa, m and kg": ("m", 1.0, 1.0),
+    "MPa, mm and t": ("mm", 1e6, 1e12),
+    "psi, inches and lbf s2/in": ("inch", 6894.757, 1.0686895e7),
+    "kPa, mm and kg": ("mm", 1e3, 1e9),
+    "GPa, mm and kg": ("mm", 1e9, 1e9),
+}
+#: Moduli, Pa, and densities, kg/m3, of usual solids.
+_MODULI, _DENSITIES = (1e8, 1.2e12), (400.0, 25e3)
 
 
 def _thickness(path: Path, ask: Ask) -> float | None:
