@@ -1,9 +1,10 @@
 """Meshes of other codes: Nastran's, CalculiX's and Abaqus', ANSYS' decks, and VTU.
 
-Their nodes and solids are read by pyYeti, mapdl-archive and meshlane, in a process of their own
-(`fenics_joints.meshes.gmsh_apart`), CalculiX' and Abaqus' input here, as no library reads all of
-CalculiX' own examples. Here stands which elements are a part, of what material, and what a mesh for
-DOLFINx needs: one shape of cells, by their corners.
+Those of ANSYS and VTU are read by mapdl-archive and meshlane, in a process of their own
+(`fenics_joints.meshes.gmsh_apart`). Keywords and cards are read here: meshlane and meshio stop at
+many of CalculiX' examples and at rigid elements of Nastran, and pyYeti brings Numba, with which
+DOLFINx and h5py disagree. Here stands, too, which elements are a part, of what material, and what a
+mesh for DOLFINx needs: one shape of cells, by their corners.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ import json
 import re
 import shutil
 import tempfile
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from importlib.util import find_spec
 from pathlib import Path
@@ -24,9 +26,9 @@ from fenics_joints.meshes.gmsh_apart import run_apart
 
 #: Suffixes of decks, with the package that reads each.
 DECKS = {
-    ".bdf": "pyyeti",
-    ".dat": "pyyeti",
-    ".nas": "pyyeti",
+    ".bdf": "",
+    ".dat": "",
+    ".nas": "",
     ".inp": "",
     ".cdb": "mapdl_archive",
     ".vtu": "meshlane",
@@ -107,10 +109,11 @@ def read_deck(path: Path) -> Deck:
     content = path.read_bytes()
     if _INCLUDE.search(content):
         raise MeshError("includes another file: expected one file that holds all")
-    suffix = ".bdf" if package == "pyyeti" else path.suffix.lower()
-    text = content.decode("latin-1")
-    if suffix == ".inp":
-        return _deck(*_by_keywords(text), text, suffix)
+    suffix, text = path.suffix.lower(), content.decode("latin-1")
+    if not package:
+        read = _by_keywords if suffix == ".inp" else _by_cards
+        with bad_numbers():
+            return _deck(*read(text), text, suffix)
     with tempfile.TemporaryDirectory(prefix="fenics-joints-") as folder:
         shutil.copyfile(path, Path(folder) / f"mesh{suffix}")
         run_apart(Path(folder), f"mesh{suffix}", len(content), "deck")
@@ -375,6 +378,102 @@ def _floats(values) -> list[float | None]:
         except ValueError:
             found.append(None)
     return found
+
+
+@contextmanager
+def bad_numbers():
+    """What Python says of a word that is no number, as our error."""
+    try:
+        yield
+    except (ValueError, IndexError) as error:
+        raise MeshError(f"a line is not as expected: {error}") from error
+
+
+#: Nastran's solids by card, with the numbers of nodes that they may have.
+_CARDS = {
+    "CTETRA": ("tetra", (4, 10)),
+    "CHEXA": ("hexahedron", (8, 20)),
+    "CPENTA": ("wedge", (6, 15)),
+    "CPYRAM": ("pyramid", (5, 13)),
+}
+
+
+def cards(text: str) -> dict[str, list[list[str]]]:
+    """Fields of the cards of a bulk data deck, in fields of 8, of 16 or between commas, by name."""
+    found: dict[str, list[list[str]]] = {}
+    row: list[str] = []
+    _, begin, bulk = text.partition("BEGIN BULK") if "BEGIN BULK" in text else ("", "", text)
+    for line in bulk.splitlines()[1 if begin else 0 :]:
+        line = line.partition("$")[0].rstrip().expandtabs(8)
+        if not line:
+            continue
+        if "," in line:
+            fields = [field.strip() for field in line.split(",")]
+            fields, name = fields[1:9], fields[0]
+        else:
+            wide, name = 16 if "*" in line[:8] else 8, line[:8].strip()
+            fields = [line[i : i + wide].strip() for i in range(8, min(len(line), 72), wide)]
+            fields += [""] * ((4 if wide == 16 else 8) - len(fields))
+        if name and name[0] not in "+*":
+            row = []
+            found.setdefault(name.rstrip("*").upper(), []).append(row)
+        row.extend(fields)
+    return found
+
+
+def _real(text: str) -> float | None:
+    """A number of Nastran, such as 7.85-9; None where there is none."""
+    if not text:
+        return None
+    return float(re.sub(r"(?<=[\d.])([+-]\d+)$", r"e\1", text.upper().replace("D", "E")))
+
+
+def _by_cards(text: str) -> tuple[dict, dict[str, np.ndarray]]:
+    """Nodes, solids by property and point masses of a bulk data deck, as the child writes those of
+    others."""
+    found = cards(text)
+    grids = [(int(row[0]), row[1], [_real(c) or 0.0 for c in (*row[2:5], "", "", "")[:3]]) for row in found.get("GRID", ())]
+    systems = sorted({system for _, system, _ in grids if system not in ("", "0")})
+    if systems:
+        raise MeshError(
+            f"its nodes are in coordinate system {', '.join(systems)}: expected all in the basic one"
+        )
+    head = {"blocks": [], "groups": {}, "counts": {}, "masses": [], "sets": []}
+    arrays = {
+        "x": np.array([x for *_, x in grids]).reshape(-1, 3),
+        "tags": np.array([number for number, *_ in grids], dtype=np.int64),
+    }
+    blocks: dict[tuple[str, int], list[tuple[int, list[int]]]] = {}
+    for name, (kind, sizes) in _CARDS.items():
+        for row in found.get(name, ()):
+            nodes = [int(node) for node in row[2:] if node not in ("", "0")]
+            size = max((s for s in sizes if s <= len(nodes)), default=0)
+            if not size:
+                raise MeshError(f"{name} {row[0]}: has {len(nodes)} nodes, expected {sizes[0]}")
+            blocks.setdefault((kind, size), []).append((int(row[1]), nodes[:size]))
+    for b, (shape, own) in enumerate(blocks.items()):
+        arrays[f"block{b}"] = np.array([nodes for _, nodes in own], dtype=np.int64)
+        arrays[f"group{b}"] = np.array([group for group, _ in own], dtype=np.int64)
+        head["blocks"].append(list(shape))
+    for name, rows in found.items():
+        if name[0] == "C" and name[1:] and name not in _CARDS and _ELEMENT.fullmatch(name) or name[:2] == "RB":
+            head["counts"][name] = len(rows)
+    materials = {
+        int(row[0]): [_real(value) for value in (row[1], row[3], row[4])] for row in found.get("MAT1", ())
+    }
+    solids = [row for row in found.get("PSOLID", ()) if len(row) > 1 and row[1]]
+    properties = {int(row[0]): materials.get(int(row[1])) for row in solids}
+    used = {group for own in blocks.values() for group, _ in own}
+    head["groups"] = {group: [f"property_{group}", properties.get(group)] for group in used}
+    places = dict(zip(arrays["tags"].tolist(), arrays["x"].tolist(), strict=True))
+    for row in found.get("CONM2", ()):
+        if int(row[1]) in places and (mass := _real(row[3])):
+            head["masses"].append([*places[int(row[1])], mass])
+    return head, arrays
+
+
+#: Nastran's elements that are no solids.
+_ELEMENT = re.compile(r"C(QUAD|TRIA|BAR|BEAM|BEND|ROD|TUBE|BUSH|ELAS|GAP|FAST|WELD|SHEAR|DAMP)\w*")
 
 
 def _ansys(text: str) -> dict[int, tuple]:

@@ -177,19 +177,19 @@ def _read_mat(path: Path, what: str, name: str | None) -> Found:
 
 
 def _read_op4(path: Path, what: str, name: str | None) -> Found:
-    op4 = _library("pyyeti.nastran.op4", "decks")
+    op4 = _library("pyyeti.nastran.op4", "nastran")
     return Found(sp.csr_matrix(_picked(path, op4.read(str(path), sparse=True), what, name)))
 
 
 def _read_op2(path: Path, what: str, name: str | None) -> Found:
-    op2 = _library("pyyeti.nastran.op2", "decks")
+    op2 = _library("pyyeti.nastran.op2", "nastran")
     with op2.OP2(str(path)) as file:
         there = file.rdop2mats()
     return Found(sp.csr_matrix(_picked(path, there, what, name)))
 
 
 def _read_dmig(path: Path, what: str, name: str | None) -> Found:
-    bulk = _library("pyyeti.nastran.bulk", "decks")
+    bulk = _library("pyyeti.nastran.bulk", "nastran")
     names = {f"{k}2GG": k for k in ("K", "M", "B")} | {f"{k}AAX": k for k in ("K", "M", "B")}
     there = bulk.rddmig(str(path))
     first = {"stiffness": "K", "mass": "M", "damping": "B"}[what]

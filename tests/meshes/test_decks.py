@@ -11,7 +11,7 @@ from fenics_joints.meshes.msh import read_lists
 
 gmsh = pytest.importorskip("gmsh")
 pytest.importorskip("meshlane")
-pytest.importorskip("pyyeti")
+pytest.importorskip("mapdl_archive")
 
 #: Two blocks of 20 by 10 by 10 mm on one another, two hexahedra each, that share no nodes.
 STEEL, ALLOY = (210000.0, 0.3, 7.85e-9), (70000.0, 0.33, 2.7e-9)
