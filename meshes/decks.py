@@ -385,6 +385,8 @@ def bad_numbers():
     """What Python says of a word that is no number, as our error."""
     try:
         yield
+    except MeshError:
+        raise
     except (ValueError, IndexError) as error:
         raise MeshError(f"a line is not as expected: {error}") from error
 

@@ -29,6 +29,7 @@ from fenics_joints.measurements import (
     MeasuredBackbone,
     MeasuredShapes,
     TestData,
+    TimeSettings,
     read_amplitude,
     read_curves,
     read_frfs,
@@ -153,7 +154,8 @@ def _read_frfs(case: Case, section: FRFSection) -> None:
     with located("test.frfs"):
         keys = ("kind", "units", "length_unit", "points", "directions", "keys")
         files = [case.file(file) for file in section.files]
-        frfs = read_frfs(files, **{key: getattr(section, key) for key in keys})
+        time = None if section.time is None else TimeSettings(**section.time.model_dump())
+        frfs = read_frfs(files, **{key: getattr(section, key) for key in keys}, time=time)
         case._frfs = frfs.band(*section.band) if section.band else frfs
         if section.identify is not None:
             case._measured = _identified(case, section)
@@ -166,7 +168,10 @@ def _identified(case: Case, section: FRFSection) -> TestData:
     # The libraries that it needs are an option.
     from fenics_joints.measurements.identification import identify_modes
 
-    test, found = case.test, identify_modes(case._frfs, **section.identify.model_dump())
+    test, how = case.test, section.identify.model_dump()
+    if section.time is not None and how["exponential_window"] is None:
+        how["exponential_window"] = section.time.exponential
+    found = identify_modes(case._frfs, **how)
     noise = _per_mode("noise", test.noise, len(found.frequencies_hz))
     data = found.test_data(
         test.modes, 1.0 if section.at is None else section.at, test.condition or "row", noise=noise

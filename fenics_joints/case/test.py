@@ -164,7 +164,25 @@ class FRFSection(CaseSection):
         averages: Number of averages, from which and the coherence the noise comes instead.
         calibration: Relative standard deviation of each sensor's and each force's scale.
         identify: Modes from the functions, in place of frequencies.
+        time: How functions are made of time records.
     """
+
+    class Time(CaseSection):
+        """``[test.frfs.time]``: how functions are made of time records.
+
+        Attributes:
+            block: Length of a block; by default a tenth of the record, of a hammer to the next hit.
+            overlap: Share by which blocks overlap.
+            window: "hann" for random, "rectangular" for periodic excitation, "hammer" for hits.
+            estimator: "H1", noise on responses; "H2", on the force; "Hv", on both.
+            exponential: Time in which an exponential window on both falls to 1/e.
+        """
+
+        block: quantity("s", 0, above=True) | None = None
+        overlap: Annotated[float, Field(ge=0, lt=1)] = 0.5
+        window: Literal["hann", "rectangular", "hammer"] = "hann"
+        estimator: Literal["H1", "H2", "Hv"] = "H1"
+        exponential: quantity("s", 0, above=True) | None = None
 
     class Identify(CaseSection):
         """``[test.frfs.identify]``: modes from the functions, in place of ``frequencies``.
@@ -195,6 +213,7 @@ class FRFSection(CaseSection):
     averages: Annotated[int, Field(ge=2, strict=True)] | None = None
     calibration: Share = 0.02
     identify: Identify | None = None
+    time: Time | None = None
 
     @model_validator(mode="after")
     def _one_of_noise_and_averages(self) -> FRFSection:

@@ -11,6 +11,7 @@ from fenics_joints.measurements.read_data import read_test_data
 from fenics_joints.measurements.readers import read_frfs
 from fenics_joints.measurements.tables import read_table
 from fenics_joints.measurements.target import FRFTarget, Target
+from fenics_joints.measurements.time_records import TimeFRFs, TimeSettings, frfs_from_time
 
 __all__ = [
     "FRFTarget",
@@ -23,6 +24,9 @@ __all__ = [
     "Pairing",
     "Target",
     "TestData",
+    "TimeFRFs",
+    "TimeSettings",
+    "frfs_from_time",
     "identify_modes",
     "mac",
     "made_real",

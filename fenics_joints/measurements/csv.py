@@ -7,6 +7,11 @@ and imaginary part or magnitude and phase, and perhaps a third::
     frequency [Hz], 12:+z/5:-x re [m/s2/N], 12:+z/5:-x im [m/s2/N], 12:+z/5:-x coherence
     frequency [Hz], 12:+z/5:-x abs [g/N],   12:+z/5:-x phase [deg]
 
+A table of time records has a column ``time [s]``, a column for each force and for each response,
+all of one unit::
+
+    time [s], force 5:-x [N], 12:+z [m/s2], 13:+z [m/s2]
+
 Node 12 is that of the response and node 5 that of the force. The direction may be left out where
 the user says it, and the unit too.
 """
@@ -29,10 +34,12 @@ from fenics_joints.measurements.files import (
     node_label,
 )
 from fenics_joints.measurements.tables import DataTable, read_table
+from fenics_joints.measurements.time_records import frfs_from_time, sampling_rate
 from fenics_joints.response.units import a_kind, length_factor
 
 _DOF = r"([^\s:/]+)(?::([+-]?)([xyz]))?"
 _HEAD = re.compile(rf"({_DOF}/{_DOF})\s+(re|im|abs|phase|coherence)")
+_TIME_HEAD = re.compile(rf"(force\s+)?{_DOF}")
 _EXAMPLE = "'12:+z/5:-x re [m/s2/N]', with re, im, abs, phase or coherence"
 
 
@@ -45,6 +52,8 @@ def read_csv(path: Path, metadata: FileMetadata) -> Contents:
     table = read_table(path)
     if "node" in table.names:
         return _nodes(table, metadata)
+    if "time" in table.names:
+        return _of_time(table, metadata)
     f = table.column("frequency", "Hz")
     parts: dict[str, dict[str, str]] = {}
     dofs = {}
@@ -66,6 +75,38 @@ def read_csv(path: Path, metadata: FileMetadata) -> Contents:
         if "coherence" in columns:
             gamma = table.column(columns["coherence"], "")
             contents.coherences.append(CoherenceRecord(response, reference, f, gamma, where))
+    return contents
+
+
+def _of_time(table: DataTable, metadata: FileMetadata) -> Contents:
+    """Functions of time records."""
+    sides: dict[bool, list[tuple[str, Dof]]] = {True: [], False: []}
+    for name in table.names:
+        if name == "time":
+            continue
+        match = _TIME_HEAD.fullmatch(name)
+        if not match:
+            raise InputError(
+                f"{table.path}: column {name!r}: expected 'force 5:-x [N]' or '12:+z [m/s2]'"
+            )
+        sides[bool(match[1])].append((name, _dof(*match.groups()[1:4])))
+    units = [{table.unit(name) for name, _ in sides[is_force]} for is_force in (False, True)]
+    if not all(len(own) == 1 for own in units):
+        raise InputError(f"{table.path}: expected forces of one unit, and responses of one unit")
+    (response,), (force,) = units
+    kind, factor = metadata.scale(str(table.path), f"{response}/{force}" if response else None)
+    with located(table.path):
+        rate = sampling_rate(table.column("time", "s"))
+        records = [np.column_stack([table.numbers(n) for n, _ in sides[s]]) for s in (True, False)]
+        made = frfs_from_time(rate, *records, metadata.time)
+    contents = Contents(notes=[*table.notes, *(f"{table.path}: {note}" for note in made.notes)])
+    for i, (name, dof) in enumerate(sides[False]):
+        for j, (_, reference) in enumerate(sides[True]):
+            where, f = f"{table.path}: {name}", made.frequencies_hz
+            record = dof, reference, f, factor * made.values[:, i, j], kind, where
+            contents.functions.append(FRFRecord(*record))
+            gamma = made.coherence[:, i]
+            contents.coherences.append(CoherenceRecord(dof, reference, f, gamma, where))
     return contents
 
 

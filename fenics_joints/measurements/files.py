@@ -11,6 +11,7 @@ import numpy as np
 from fenics_joints.errors import InputError, located
 from fenics_joints.formatting import first_of
 from fenics_joints.measurements.frfs import MeasuredFRFs
+from fenics_joints.measurements.time_records import TimeSettings
 from fenics_joints.response.units import MOTION, a_kind, checked_kind, frf_unit, length_factor
 
 #: Real part of a driving point's mobility, as a share of all, below which its sign says nothing.
@@ -34,12 +35,14 @@ class FileMetadata:
         units: Unit of the functions, such as ``g/N``; it goes before what a file says. Or None.
         length_unit: Unit of the nodes' coordinates; or None.
         keys: Names of MATLAB variables, by those of `fenics_joints.measurements.mat.KEYS`.
+        time: How functions are made of time records.
     """
 
     kind: str | None = None
     units: str | None = None
     length_unit: str | None = None
     keys: Mapping[str, str] = field(default_factory=dict)
+    time: TimeSettings = TimeSettings()
 
     def __post_init__(self):
         if self.kind is not None:

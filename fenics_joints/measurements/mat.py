@@ -1,15 +1,16 @@
-"""Measured functions from MATLAB's files, to version 7."""
+"""Measured functions, or time records, from MATLAB's files and from HDF5."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 import scipy.io
 
-from fenics_joints.errors import InputError
+from fenics_joints.errors import InputError, located
 from fenics_joints.files import check_size
 from fenics_joints.measurements.files import (
     CoherenceRecord,
@@ -20,6 +21,7 @@ from fenics_joints.measurements.files import (
     as_dof,
     node_label,
 )
+from fenics_joints.measurements.time_records import TimeFRFs, frfs_from_time, sampling_rate
 from fenics_joints.progress import reading
 from fenics_joints.response.units import length_factor
 
@@ -39,9 +41,14 @@ KEYS = {
     "kind": "text",
     "units": "text, such as 'm/s2/N'",
     "length_unit": "text, such as 'mm'",
+    "time": "s, n numbers in equal steps",
+    "force": "n x n_references, in place of frequency and frf",
+    "response": "n x n_responses",
 }
 #: Numbers of one variable, far more than any test has: a packed file says so before it unpacks.
 _MOST = 200_000_000
+#: Suffixes of HDF5 files.
+HDF5 = (".h5", ".hdf5")
 #: Kinds of variables that contain other variables, of any size.
 _HOLDERS = ("cell", "struct", "object", "function", "opaque", "sparse")
 
@@ -53,13 +60,19 @@ def read_mat(path: Path, metadata: FileMetadata) -> Contents:
         InputError: Names the file, the variable and what was expected.
     """
     file = _Variables(path, metadata)
-    f = file.numbers("frequency").ravel()
     where = f"{path}: {file.name('units')}"
     kind, factor = metadata.scale(where, file.text("units"), file.text("kind"))
     length = length_factor(metadata.length_unit or file.text("length_unit") or "m")
-    frf = file.cube("frf", len(f))
-    coherence = file.cube("coherence", len(f), frf.shape) if file.has("coherence") else None
     contents = Contents()
+    if file.has("force") and not file.has("frf"):
+        made = _from_time(file, metadata)
+        f, frf = made.frequencies_hz, made.values
+        coherence = np.repeat(made.coherence[:, :, None], frf.shape[2], axis=2)
+        contents.notes += [f"{path}: {note}" for note in made.notes]
+    else:
+        f = file.numbers("frequency").ravel()
+        frf = file.cube("frf", len(f))
+        coherence = file.cube("coherence", len(f), frf.shape) if file.has("coherence") else None
     dofs = [
         _dofs(file, contents, side, n, length)
         for side, n in (("response", frf.shape[1]), ("reference", frf.shape[2]))
@@ -77,6 +90,14 @@ def read_mat(path: Path, metadata: FileMetadata) -> Contents:
     return contents
 
 
+def _from_time(file: _Variables, metadata: FileMetadata) -> TimeFRFs:
+    """Functions of time records."""
+    t = file.numbers("time").ravel().astype(float)
+    with located(file.path):
+        rate = sampling_rate(t)
+        return frfs_from_time(rate, file.numbers("force"), file.numbers("response"), metadata.time)
+
+
 class _Variables:
     """Variables of a file by the suite's names."""
 
@@ -87,7 +108,8 @@ class _Variables:
         self.path, self.keys = path, metadata.keys
         check_size(path)
         reading(path.name, path.stat().st_size)
-        listed = _scipy(path, scipy.io.whosmat)
+        is_hdf = path.suffix.lower() in HDF5 or _is_hdf(path)
+        listed = _hdf_list(path) if is_hdf else _scipy(path, scipy.io.whosmat)
         shapes = {name: shape for name, shape, _ in listed}
         kinds = {name: kind for name, _, kind in listed}
         self.there = list(shapes)
@@ -100,7 +122,10 @@ class _Variables:
                     f"{path}: {name} is {' x '.join(map(str, shapes[name]))}: expected at most "
                     f"{_MOST:,} numbers"
                 )
-        self.found = _scipy(path, scipy.io.loadmat, variable_names=used)
+        if is_hdf:
+            self.found = _hdf_load(path, used)
+        else:
+            self.found = _scipy(path, scipy.io.loadmat, variable_names=used)
 
     def name(self, key: str) -> str:
         return self.keys.get(key, key)
@@ -155,12 +180,69 @@ def _scipy(path: Path, read: Callable, **options):
     """What a reader of scipy returns; raises InputError for a file that is not MATLAB's."""
     try:
         return read(path, **options)
-    except NotImplementedError as error:
-        raise InputError(
-            f"{path}: is of MATLAB's version 7.3; expected one saved with '-v7'"
-        ) from error
     except Exception as error:  # scipy raises many kinds for a damaged file
         raise InputError(f"{path}: cannot be read as a MATLAB file ({error})") from error
+
+
+def _is_hdf(path: Path) -> bool:
+    """Whether a file is HDF5, as MATLAB's version 7.3 is, behind a header of 512 bytes."""
+    with path.open("rb") as file:
+        head = file.read(520)
+    return any(head[at : at + 8] == b"\x89HDF\r\n\x1a\n" for at in (0, 512))
+
+
+@contextmanager
+def hdf(path: Path):
+    """An HDF5 file; raises InputError for what it cannot read."""
+    import h5py
+
+    try:
+        with h5py.File(path, "r") as file:
+            yield file
+    except InputError:
+        raise
+    except Exception as error:  # h5py raises many kinds for a damaged file
+        raise InputError(f"{path}: cannot be read as HDF5 ({error})") from error
+
+
+def _hdf_list(path: Path) -> list[tuple[str, tuple, str]]:
+    """Name, shape and kind of each dataset at the top; no links to elsewhere, nothing virtual."""
+    import h5py
+
+    found = []
+    with hdf(path) as file:
+        for name in file:
+            hard = isinstance(file.get(name, getlink=True), h5py.HardLink)
+            item = file[name] if hard else None
+            if isinstance(item, h5py.Dataset) and not item.is_virtual and not item.external:
+                kind = _decoded(item.attrs.get("MATLAB_class", b""))
+                refers = item.dtype.kind == "O" and h5py.check_string_dtype(item.dtype) is None
+                found.append((name, item.shape, "struct" if refers else kind or "numbers"))
+            elif not name.startswith("#"):
+                found.append((name, (), "struct"))
+    return found
+
+
+def _decoded(value) -> str:
+    return value.decode(errors="replace") if isinstance(value, bytes) else str(value)
+
+
+def _hdf_load(path: Path, names: Sequence[str]) -> dict[str, np.ndarray]:
+    """Datasets as loadmat gives them: MATLAB stores its arrays turned, text as numbers, and complex
+    ones in pairs."""
+    found = {}
+    with hdf(path) as file:
+        for name in names:
+            item = file[name]
+            value, kind = item[()], _decoded(item.attrs.get("MATLAB_class", b""))
+            if kind == "char":
+                value = np.array(["".join(map(chr, np.ravel(value, order="F")))])
+            elif item.dtype.kind in "OS":
+                value = np.array([_decoded(each) for each in np.ravel(value)])
+            elif item.dtype.names and set(item.dtype.names) == {"real", "imag"}:
+                value = value["real"] + 1j * value["imag"]
+            found[name] = np.asarray(value).T if kind and kind != "char" else np.asarray(value)
+    return found
 
 
 def _dofs(file: _Variables, contents: Contents, side: str, n: int, length: float) -> list:
