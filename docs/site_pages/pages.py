@@ -15,6 +15,7 @@ SECTIONS = {
         "case",
         "own-mesh",
         "own-matrices",
+        "formats",
         "own-data",
         "diagnosis-data",
         "levels",

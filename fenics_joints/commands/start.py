@@ -58,6 +58,10 @@ def new(
     frfs: Annotated[
         list[Path] | None, file_option("--frfs", "Measured functions; may be given several times.")
     ] = None,
+    time: Annotated[
+        list[Path] | None,
+        file_option("--time", "Time records of forces and responses; several times."),
+    ] = None,
     uff: Annotated[
         list[Path] | None, file_option("--uff", "Universal files of shapes or functions.")
     ] = None,
@@ -102,7 +106,11 @@ def new(
         chosen = "offset_beams" if beams else builder
         source = Source(step, mesh, chosen, tuple(matrices) if matrices else None)
         tests = TestFiles(
-            frequencies, shapes, tuple(frfs or ()), tuple(uff or ()), tuple(amplitude or ())
+            frequencies,
+            shapes,
+            (*(frfs or ()), *(time or ())),
+            tuple(uff or ()),
+            tuple(amplitude or ()),
         )
         ask = _prompt if not yes and comm.size == 1 and sys.stdin.isatty() else _silent
 

@@ -135,7 +135,7 @@ def read_table(path: str | Path) -> DataTable:
     cell, or ``nan`` in TOML, is a value that was not measured. Lines that begin with # are skipped.
     Between the cells of CSV stand commas, or semicolons or tabs and then perhaps decimal commas.
     CSV is text in UTF-8, UTF-16 with its mark, or Latin-1; columns without a head and a cell at the
-    right are left out.
+    right are left out. A table whose heads stand in its first column is turned.
 
     Raises:
         InputError: Names the file, the row (the line, for CSV), the column and what was expected.
@@ -163,6 +163,11 @@ def read_table(path: str | Path) -> DataTable:
     return DataTable(path, names, tuple(unit for _, unit in split), values, notes)
 
 
+#: A number, as the cells of the first row are where heads stand in the first column; and rows of
+#: such a table at most.
+_PLAIN, _WIDE = re.compile(r"[-+]?\d+([.,]\d+)?([eE][-+]?\d+)?"), 10_000
+
+
 class _Csv:
     """Rows of a CSV file, read line by line: a table takes the memory of its numbers alone."""
 
@@ -174,6 +179,7 @@ class _Csv:
         with path.open("rb") as stream:
             mark = stream.read(2)
         self.encoding = "utf-16" if mark in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig"
+        self._turned: list[str] = []
         try:
             self._look()
         except UnicodeDecodeError:
@@ -181,8 +187,23 @@ class _Csv:
             self._look()
         except OSError as error:
             raise InputError(f"{shown_path(path)}: cannot be read ({error.strerror})") from error
+        if self._is_turned():
+            rows = [self._cells(i, text) for i, text in self._lines()]
+            width = max(map(len, rows))
+            columns = zip(*(row + [""] * (width - len(row)) for row in rows), strict=True)
+            self._turned = [self.comma.join(column) for column in columns if any(column)]
+            self._look()
+
+    def _is_turned(self) -> bool:
+        """Whether heads stand in the first column, and numbers in the first row."""
+        first, *rest = self.heads
+        numbers = rest and all(_PLAIN.fullmatch(cell) for cell in rest)
+        return bool(numbers and not _PLAIN.fullmatch(first) and self.n_rows < _WIDE)
 
     def _lines(self) -> Iterator[tuple[int, str]]:
+        if self._turned:
+            yield from enumerate(self._turned, 1)
+            return
         with self.path.open(encoding=self.encoding) as stream:
             for i, text in enumerate(iter(lambda: stream.readline(_LONGEST), ""), 1):
                 if len(text) == _LONGEST:
@@ -263,12 +284,17 @@ class _Csv:
         return values, self._notes(either)
 
     def _notes(self, either: _Some) -> tuple[str, ...]:
-        """A note on a comma before three digits, which may separate thousands."""
+        """Notes on a table that was turned, and on a comma before three digits, which may separate
+        thousands."""
+        turned = (
+            (f"{self.path}: has a row for each quantity, and was turned",) if self._turned else ()
+        )
         if not either:
-            return ()
+            return turned
         cell = either.first[0]
         more = f" (and {either.count - 1} cells like it)" if either.count > 1 else ""
         return (
+            *turned,
             f"{self.path}: {cell!r}{more} is read as {float(cell.replace(',', '.')):g}, with a "
             f"decimal comma; for {cell.replace(',', '')} write it without a comma",
         )

@@ -193,3 +193,16 @@ def test_a_backbone_is_one_table(tmp_path):
     table.write_text("level [N],a [Hz],damping\n1,10,1.5\n")
     with pytest.raises(InputError, match=r"below 1 \(or a unit \[%\]"):
         read_test_data(table, condition="level")
+
+
+def test_heads_in_the_first_column(tmp_path):
+    """The same table either way round, with empty columns at the right; shapes have no such head."""
+    wide = "torque [N*m],mode 1 [Hz],mode 2 [Hz],,\n4,100.5,200,,\n8,101,,,\n"
+    tall = "torque [N*m];4;8\nmode 1 [Hz];100,5;101\nmode 2 [Hz];200;\n"
+    found = []
+    for name, text in (("wide.csv", wide), ("tall.csv", tall)):
+        (tmp_path / name).write_text(text)
+        found.append(read_table(tmp_path / name))
+    assert found[0].names == found[1].names == ("torque", "mode 1", "mode 2")
+    np.testing.assert_array_equal(found[0].values, found[1].values)
+    assert "was turned" in found[1].notes[0] and not found[0].notes
