@@ -82,6 +82,7 @@ class StepAssembly(Grown):
         n_layer: Cells through the layer.
         parts: Our name of each solid, and its label in the file, its number there from 1, or a
             point inside it, m. A solid without one is called by its label.
+        without: Solids that are left out, such as bolts and nuts: by label, number or point.
         bonded: Pairs of parts that are one body where they touch, as if welded.
         between: Pairs of parts that are joined by bolts or layers; None: any.
         faces: Names of outer faces, each with a point on it, m, or several, as in the file.
@@ -89,7 +90,7 @@ class StepAssembly(Grown):
         circle: Edges of a whole circle, at least.
 
     Raises:
-        MeshError: The file is no STEP file or has one solid; solids overlap, no faces touch, a
+        MeshError: The file is no STEP file; solids overlap, no faces touch, a
             bolt has no contact or no hole, its ring leaves the faces or overlaps another, the
             parts do not hang together, gmsh fails, or cells are flat; the message names the solid,
             the bolt, or the argument.
@@ -100,6 +101,7 @@ class StepAssembly(Grown):
     element_size: Size
     n_layer: Annotated[Count, Demand(lambda n: n <= 1000, "at most 1,000 cells")] = 1
     parts: Mapping[str, Place] | None = None
+    without: Sequence[Place] | None = None
     faces: Mapping[str, Sequence[float] | Sequence[Sequence[float]]] | None = None
     ring_size: Size | None = None
     circle: Annotated[Count, Demand(lambda n: 6 <= n <= 10_000, "6 to 10,000 edges")] = 16
@@ -147,11 +149,9 @@ class StepAssembly(Grown):
     def _lists(self, path: Path) -> MeshLists:
         """The whole mesh, in metres."""
         with gmsh_model(_OPTIONS) as model:
-            parts = {
-                name: place if isinstance(place, str | int) else _in_mm(place)
-                for name, place in (self.parts or {}).items()
-            }
-            solids = import_solids(path, model, parts)
+            parts = {name: _solid_at(place) for name, place in (self.parts or {}).items()}
+            without = [_solid_at(place) for place in self.without or ()]
+            solids = import_solids(path, model, parts, without)
             bonded = self._pairs(solids, "bonded", self.bonded)
             contacts = self._contacts(model, solids, bonded)
             bolts = self._bolts(model, solids, contacts)
@@ -189,7 +189,7 @@ class StepAssembly(Grown):
 
         layers, notes = self._layers(glued), ()
         filled = [face for found in layers.values() for face in found]
-        if self._stays:
+        if self._stays and filled:
             touching = {names[solid] for face in filled for solid in face.solids}
             thin = thin_layer(parted.lists(), touching)
             for number, contact in enumerate(contacts):
@@ -240,7 +240,7 @@ class StepAssembly(Grown):
                     f"at most {reach:.6g} mm; expected some, as between names them"
                     f"{nearest(model, solids, reach, [(a, b)])}"
                 )
-        if not contacts:
+        if not contacts and len(solids.names) > 1:
             raise MeshError(
                 f"no two of {', '.join(map(repr, solids.names))} have flat faces that "
                 f"touch, or are apart by at most {reach:.6g} mm; expected some"
@@ -251,6 +251,10 @@ class StepAssembly(Grown):
     def _bolts(self, model, solids: Solids, contacts) -> list[BoltPlace]:
         if self.joint != "rings":
             return []
+        if not contacts:
+            raise MeshError(
+                f"it has one solid, {solids.names[0]!r}; expected at least two for bolts to join"
+            )
         r_wai, r_nei = _in_mm(self.radii()).tolist(), _in_mm(self.r_nei)
         if self.bolts is None:
             hole = None if self.hole is None else tuple(_in_mm(self.hole).tolist())
@@ -324,6 +328,10 @@ def _check_new(name: str, there, kind: str) -> None:
             f"{kind}s has the name {name!r}, which is that of a {kind} of the joints; expected "
             "another"
         )
+
+
+def _solid_at(place: Place) -> Place:
+    return place if isinstance(place, str | int) else _in_mm(place)
 
 
 def _in_mm(length):

@@ -21,8 +21,9 @@ from fenics_joints.meshes.cad_faces import (
     nearest,
     no_report,
 )
+from fenics_joints.meshes.cad_fasteners import find_fasteners, find_twins
 from fenics_joints.meshes.gmsh_apart import gmsh_model
-from fenics_joints.meshes.step_file import import_solids
+from fenics_joints.meshes.step_file import Solids, import_solids
 
 #: Distance, mm, up to which faces may belong together. Chosen: gaskets, paint and gaps of drawings
 #: are thinner.
@@ -31,6 +32,7 @@ _REACH = 1.0
 _STEP = 0.93
 #: Least radius of a ring over its hole's. Chosen: heads of screws have 1.35 and more.
 _LEAST = 1.15
+_Z = np.array([0.0, 0.0, 1.0])
 
 
 @dataclass(frozen=True)
@@ -90,6 +92,25 @@ class ThroughHole:
 
 
 @dataclass(frozen=True)
+class LeftOut:
+    """A solid that is no part of a model; lengths in m.
+
+    Attributes:
+        solid: Its index.
+        kind: ``"bolt"``, ``"ring"`` (a nut or washer on one), or ``"twin"`` of another solid.
+        centre: On the bolt's axis, shape (3,); of a twin, its middle.
+        axis: The bolt's axis, shape (3,).
+        radius: Of its hole.
+    """
+
+    solid: int
+    kind: str
+    centre: np.ndarray
+    axis: np.ndarray
+    radius: float = 0.0
+
+
+@dataclass(frozen=True)
 class StepSurvey:
     """A STEP file.
 
@@ -97,11 +118,13 @@ class StepSurvey:
         solids: In the order of the file.
         touching: Flat faces that touch, or nearly.
         holes: Those that a bolt may go through.
+        left_out: Solids that neither touch nor have holes here: bolts, nuts, washers, twins.
     """
 
     solids: tuple[Solid, ...]
     touching: tuple[TouchingFaces, ...]
     holes: tuple[ThroughHole, ...]
+    left_out: tuple[LeftOut, ...] = ()
 
 
 def survey_step(path: str | Path, report: Report = no_report) -> StepSurvey:
@@ -121,16 +144,35 @@ def survey_step(path: str | Path, report: Report = no_report) -> StepSurvey:
             _solid(model, tag, i, name)
             for i, (tag, name) in enumerate(zip(found.tags, found.names, strict=True), start=1)
         )
-        contacts = find_contacts(model, found, _REACH, report, tidy=False)
-        if not contacts:
-            why = nearest(model, found, _REACH)
+        twins = [LeftOut(i, "twin", solids[i].box.mean(0), _Z) for i, _ in find_twins(model, found)]
+        own, kept = _without(found, twins)
+        contacts = find_contacts(model, own, _REACH, report, tidy=False)
+        if not contacts and len(kept) > 1:
+            why = nearest(model, own, _REACH)
             if "overlap" in why:
                 raise MeshError(why.removeprefix("; "))
-        through = _through(model, contacts, report)
+        outlines = {face: Outline.of(model, face) for c in contacts for face in c.faces}
+        pairs = _pairs(contacts, outlines)
+        wider = [(contacts[i], max(a, b, key=lambda hole: hole.radius)) for i, a, b in pairs]
+        fasteners = find_fasteners(model, own, contacts, wider)
+        out = {fastener.solid for fastener in fasteners}
+        contacts = [c for c in contacts if not out & {c.lower, c.upper}]
+        through = _through(model, contacts, outlines, report)
+    left_out = [
+        *(LeftOut(kept[f.solid], f.kind, f.centre / MM, f.axis, f.radius / MM) for f in fasteners),
+        *twins,
+    ]
     touching = tuple(
-        TouchingFaces((c.lower, c.upper), c.normal, c.gap / MM, c.area / MM**2) for c in contacts
+        TouchingFaces((kept[c.lower], kept[c.upper]), c.normal, c.gap / MM, c.area / MM**2)
+        for c in contacts
     )
-    return StepSurvey(solids, touching, tuple(through))
+    return StepSurvey(solids, touching, tuple(through), tuple(left_out))
+
+
+def _without(found: Solids, out: list[LeftOut]) -> tuple[Solids, list[int]]:
+    """The solids that are not left out, and their indices."""
+    kept = [i for i in range(len(found.tags)) if i not in {o.solid for o in out}]
+    return Solids([found.names[i] for i in kept], [found.tags[i] for i in kept]), kept
 
 
 def _solid(model, tag: int, number: int, name: str) -> Solid:
@@ -143,15 +185,19 @@ def _solid(model, tag: int, number: int, name: str) -> Solid:
     return Solid(plain, name, model.occ.getMass(3, tag) / MM**3, area / MM**2, box)
 
 
-def _through(model, contacts: list[FacePair], report: Report) -> list[ThroughHole]:
-    """Pairs of holes with one axis, and how large rings around them may be."""
-    outlines = {face: Outline.of(model, face) for c in contacts for face in c.faces}
-    pairs = [
+def _pairs(contacts: list[FacePair], outlines) -> list[tuple[int, Hole, Hole]]:
+    """Index of a contact, and two holes with one axis in its faces."""
+    return [
         (i, a, b)
         for i, contact in enumerate(contacts)
         for a, b, apart in hole_pairs(*map(outlines.get, contact.faces), contact)
         if apart <= TOUCH
     ]
+
+
+def _through(model, contacts: list[FacePair], outlines, report: Report) -> list[ThroughHole]:
+    """Pairs of holes with one axis, and how large rings around them may be."""
+    pairs = _pairs(contacts, outlines)
     places, found = np.array([a.centre for _, a, _ in pairs]).reshape(-1, 3), []
     for n, (i, a, b) in enumerate(pairs):
         if n % 20 == 0:

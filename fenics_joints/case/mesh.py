@@ -253,6 +253,7 @@ class StepMesh(MeshFile):
         ring_size: Size of the cells in the rings.
         circle: Edges of a circle.
         parts: Names of the solids, each by its label, its number in the file or a point inside.
+        without: Solids that are left out, such as bolts and nuts.
         faces: Names of faces, each by points on it.
     """
 
@@ -261,6 +262,7 @@ class StepMesh(MeshFile):
     ring_size: Size | None = None
     circle: Annotated[int, Field(ge=6, le=10_000, strict=True)] | None = None
     parts: named(_Place) | None = None
+    without: list[_Place] | None = None
     faces: named(_Points) | None = None
 
     def build(self, folder: Path, comm: MPI.Intracomm) -> TaggedMesh:

@@ -17,6 +17,7 @@ from fenics_joints.case.mesh import BUILDERS
 from fenics_joints.commands.check.weights import USUAL_KG, body_of
 from fenics_joints.commands.new.draft import (
     BOLT_FORCE,
+    MATERIALS,
     NO_BOLTS,
     START,
     UNBOLTED,
@@ -36,7 +37,7 @@ from fenics_joints.commands.new.draft import (
 )
 from fenics_joints.errors import InputError, MeshError, member
 from fenics_joints.meshes import TaggedMesh, measure_ring, read_msh
-from fenics_joints.meshes.cad_survey import Solid, StepSurvey, ThroughHole
+from fenics_joints.meshes.cad_survey import LeftOut, Solid, StepSurvey, ThroughHole
 from fenics_joints.meshes.check import check_mesh
 from fenics_joints.meshes.grow import Touch, glued, round_holes, touches
 from fenics_joints.meshes.msh import read_lists
@@ -133,6 +134,12 @@ def likely_unit(spans: Sequence[float], extents: np.ndarray | None) -> str:
 _VERTICES = 300
 #: Gaps between faces that a layer closes without a thickness of its own, m.
 _GAP = 0.7e-3
+#: Kinds of solids that are left out.
+_KINDS = {"bolt": "bolt or pin", "ring": "nut or washer", "twin": "solid drawn twice"}
+_PLURALS = {"bolt": "bolts or pins", "ring": "nuts or washers", "twin": "solids drawn twice"}
+#: Where the mass of a bolt without a ring is put, as a multiple of its hole's radius. Chosen: heads
+#: have 1.35 and more.
+_UNDER_HEAD = 1.2
 #: Names of the joints' layers.
 _LAYERS = re.compile(r"ring_\d+|joint(_\d+)?")
 #: Edges of a circle: a ring's area is short by 10 %, twelve: by 5 %.
@@ -153,7 +160,11 @@ def step_drafts(survey: StepSurvey, file: str, material: str, ask: Ask) -> Itera
     base = _without_joints(survey, names, file, material, ask)
     bolts = [hole for hole in survey.holes if hole.room > 0]
     if bolts:
-        yield _with_rings(survey, names, base, bolts, ask)
+        yield _with_rings(survey, names, _with_masses(base, survey, bolts), bolts, ask)
+    base = _with_masses(base, survey, [])
+    if len(survey.solids) - len(survey.left_out) == 1:
+        yield replace(base, found=(*base.found, "one part, and so no joint"))
+        return
     joints, several = {}, len(survey.touching) > 1
     for number, touch in enumerate(survey.touching, start=1):
         a, b = (names[i] for i in touch.solids)
@@ -169,19 +180,36 @@ def _without_joints(
 ) -> Draft:
     """What is the same for any kind of joint."""
     parts, numbers = {}, {}
+    out = {item.solid for item in survey.left_out}
     for number, (name, solid) in enumerate(zip(names, survey.solids, strict=True), start=1):
+        if number - 1 in out:
+            continue
         volume = f"{1e6 * solid.volume:.4g} cm3"
         words = f"{solid.label!r}, {volume}" if solid.label else volume
         parts[name] = ((name,), words, material_of(solid.label, material))
         numbers[name] = Remark(number, words)
-    size = millimetres(_size(survey.solids), 2)
+    own = [solid for i, solid in enumerate(survey.solids) if i not in out]
+    size = millimetres(_size(own), 2)
     mesh = {
         "file": file,
         "size": guess(size, "of the largest cells; smaller is finer"),
         "circle": _CIRCLE,
         "parts": numbers,
     }
-    found = [f"{len(names)} solids: {', '.join(names)}"]
+    found = [f"{len(names)} solid{'s' * (len(names) > 1)}: {', '.join(names)}"]
+    questions = ["The materials: a STEP file has none."]
+    if out:
+        left = sorted(survey.left_out, key=lambda item: item.solid)
+        words = {i.solid: f"{_KINDS[i.kind]}, {names[i.solid]}" for i in left}
+        mesh["without"] = [guess(i + 1, said) for i, said in words.items()]
+        counts = {kind: sum(item.kind == kind for item in left) for kind in _KINDS}
+        said = [
+            f"{n} {_PLURALS[kind] if n > 1 else _KINDS[kind]}" for kind, n in counts.items() if n
+        ]
+        found.append(f"left out: {', '.join(said)} ({', '.join(names[i] for i in sorted(out))})")
+        questions.append(
+            "Solids that are left out, by their shape and place: are they what it says?"
+        )
     for index, touch in enumerate(survey.touching):
         a, b = (names[i] for i in touch.solids)
         apart = f", {millimetres(touch.gap, 3)} apart" if touch.gap > 1e-6 else ""
@@ -191,11 +219,62 @@ def _without_joints(
     return Draft(
         {"mesh": mesh, "parts": parts_of(parts, ask)},
         found=tuple(found),
-        questions=(
-            "The materials: a STEP file has none.",
-            "The size of the cells: halve it and see what the frequencies do.",
-        ),
+        questions=(*questions, "The size of the cells: halve it and see what the frequencies do."),
     )
+
+
+def _with_masses(base: Draft, survey: StepSurvey, rings: Sequence[ThroughHole]) -> Draft:
+    """The case with the mass of bolts, nuts and washers that are left out.
+
+    It is put into the middle of a hole with a ring, which takes it, or else around the hole.
+
+    Args:
+        base: The case.
+        survey: What is in the file.
+        rings: Holes that have a ring.
+    """
+    rho, bolts = MATERIALS["steel"].rho, []
+    for item in survey.left_out:
+        if item.kind == "twin":
+            continue
+        kilograms = to_si(rho, "kg/m3") * survey.solids[item.solid].volume
+        for there in bolts:
+            if _on_axis(item.centre, there[0].centre, there[0]):
+                there[1] += kilograms
+                break
+        else:
+            bolts.append([item, kilograms])
+    groups: dict[str, list] = {}
+    for item, kilograms in bolts:
+        groups.setdefault(f"{kilograms:.3g}", []).append((item, kilograms))
+    masses = {}
+    for number, own in enumerate(groups.values(), start=1):
+        points = []
+        for item, _ in own:
+            here = [hole.centre for hole in rings if _on_axis(hole.centre, item.centre, item)]
+            points += here[:1] or _around(item)
+        name = f"fasteners_{number}" if len(groups) > 1 else "fasteners"
+        words = f"{len(own)} bolt{'s' * (len(own) > 1)} with nuts and washers, {1e3 * own[0][1]:.3g} g each"
+        masses[name] = Remark(
+            {
+                "mass": guess(f"{1e3 * sum(m for _, m in own):.4g} g", f"by volume, {rho}"),
+                "points": [[millimetres(c) for c in point] for point in points],
+            },
+            words,
+        )
+    return replace(base, tables={**base.tables, **({"masses": masses} if masses else {})})
+
+
+def _on_axis(point: np.ndarray, centre: np.ndarray, item: LeftOut) -> bool:
+    beside = np.cross(point - centre, item.axis)
+    return bool(np.linalg.norm(beside) < 0.5 * item.radius)
+
+
+def _around(item: LeftOut) -> list[np.ndarray]:
+    """Four points on the face around a bolt's hole, under its head or nut."""
+    first, second = np.linalg.svd(item.axis[None])[2][1:]
+    ways = (first, second, -first, -second)
+    return [item.centre + _UNDER_HEAD * item.radius * way for way in ways]
 
 
 def _size(solids: Sequence[Solid]) -> float:
