@@ -13,9 +13,23 @@ from mpi4py import MPI
 from fenics_joints.errors import MeshError, located
 from fenics_joints.files import path_of
 from fenics_joints.meshes.arguments import Count, Demand, Size, described, holds
-from fenics_joints.meshes.cad_bolts import BoltPlace, check_rings, given_bolts, hole_bolts
-from fenics_joints.meshes.cad_faces import MM, TOUCH, FacePair, find_contacts, nearest
-from fenics_joints.meshes.cad_mesh import Glued, SharedFace, Sizes, closing, glue, opening
+from fenics_joints.meshes.cad_bolts import (
+    BoltPlace,
+    check_rings,
+    given_bolts,
+    hole_bolts,
+    washer_face,
+)
+from fenics_joints.meshes.cad_faces import MM, OVERLAP, TOUCH, FacePair, find_contacts, nearest
+from fenics_joints.meshes.cad_mesh import (
+    Glued,
+    SharedFace,
+    Sizes,
+    WasherPlace,
+    closing,
+    glue,
+    opening,
+)
 from fenics_joints.meshes.check import check_mesh
 from fenics_joints.meshes.facets import Bodies, add_faces
 from fenics_joints.meshes.gmsh_apart import gmsh_model
@@ -86,7 +100,9 @@ class StepAssembly(Grown):
         bonded: Pairs of parts that are one body where they touch, as if welded.
         between: Pairs of parts that are joined by bolts or layers; None: any.
         faces: Names of outer faces, each with a point on it, m, or several, as in the file.
-        ring_size: Size of the cells in the rings, m; None: half of R_wai - R_nei.
+        washers: Faces under heads and nuts, by name: the centre, m, in a round hole of an outer
+            flat face, and the outer radius, m.
+        ring_size: Size of the cells in rings and under washers, m; None: half of R_wai - R_nei.
         circle: Edges of a whole circle, at least.
 
     Raises:
@@ -103,13 +119,14 @@ class StepAssembly(Grown):
     parts: Mapping[str, Place] | None = None
     without: Sequence[Place] | None = None
     faces: Mapping[str, Sequence[float] | Sequence[Sequence[float]]] | None = None
+    washers: Mapping[str, tuple[Sequence[float], float]] | None = None
     ring_size: Size | None = None
     circle: Annotated[Count, Demand(lambda n: 6 <= n <= 10_000, "6 to 10,000 edges")] = 16
 
     def check(self) -> None:
         """Refuse arguments that do not fit each other, with MeshError."""
         super().check()
-        for key in ("parts", "faces"):
+        for key in ("parts", "faces", "washers"):
             named = isinstance(getattr(self, key) or {}, Mapping)
             self.require(named, key, "places by their names")
         self.points()
@@ -165,7 +182,12 @@ class StepAssembly(Grown):
             elif self.joint != "contact":
                 moves = opening(solids, body, contacts, self._gap)
             faces = {name: _in_mm(points) for name, points in self.points().items()}
-            glued = glue(model, solids, shifts, contacts, bolts, faces, self._sizes(bolts))
+            washers = [
+                self._washer(model, solids, contacts, name, *given)
+                for name, given in (self.washers or {}).items()
+            ]
+            sizes = self._sizes(bolts)
+            glued = glue(model, solids, shifts, contacts, bolts, faces, washers, sizes)
         self._check_bonds(solids, bonded, glued)
         if self.joint != "contact":
             self._check_one(solids, body, contacts)
@@ -226,7 +248,7 @@ class StepAssembly(Grown):
         return found
 
     def _contacts(self, model, solids: Solids, bonded) -> list[FacePair]:
-        reach = TOUCH if self.joint == "contact" else self._gap * (1 + 1e-6) + TOUCH
+        reach = OVERLAP if self.joint == "contact" else self._gap * (1 + 1e-6) + TOUCH
         contacts = [
             c for c in find_contacts(model, solids, reach) if (c.lower, c.upper) not in bonded
         ]
@@ -271,6 +293,17 @@ class StepAssembly(Grown):
             )
         check_rings(bolts, solids)
         return bolts
+
+    def _washer(self, model, solids: Solids, contacts, name: str, at, radius) -> WasherPlace:
+        _check_new(name, self.faces or {}, "face")
+        solid, hole, normal = washer_face(model, solids, contacts, name, _in_mm(at))
+        outer = float(_in_mm(radius))
+        if outer <= hole.radius:
+            raise MeshError(
+                f"washers.{name}: the radius is {outer:g} mm, expected more than the hole's, "
+                f"{hole.radius:g} mm"
+            )
+        return WasherPlace(name, hole.centre, normal, outer, hole.radius, solid)
 
     def _sizes(self, bolts) -> Sizes:
         widths = [bolt.r_wai - bolt.r_nei for bolt in bolts]

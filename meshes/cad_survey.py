@@ -20,6 +20,7 @@ from fenics_joints.meshes.cad_faces import (
     is_flat,
     nearest,
     no_report,
+    surface_points,
 )
 from fenics_joints.meshes.cad_fasteners import find_fasteners, find_twins
 from fenics_joints.meshes.gmsh_apart import gmsh_model
@@ -32,6 +33,9 @@ _REACH = 1.0
 _STEP = 0.93
 #: Least radius of a ring over its hole's. Chosen: heads of screws have 1.35 and more.
 _LEAST = 1.15
+#: Radius of a round face over its hole's up to which a head covers all of it. Chosen: heads and
+#: washers have 1.35 to 2.8 (ISO 7093), and bosses are turned to fit them.
+_COVERED = 3.0
 _Z = np.array([0.0, 0.0, 1.0])
 
 
@@ -72,6 +76,24 @@ class TouchingFaces:
 
 
 @dataclass(frozen=True)
+class Seat:
+    """Where a bolt ends: under its head or nut, or its thread in a part; lengths in m.
+
+    Attributes:
+        kind: ``"flat"``; ``"cone"``, of a countersunk head; or ``"thread"``, the hole's wall.
+        centre: On the axis, in the face's plane; shape (3,).
+        point: On the face, in no hole of it; shape (3,).
+        room: Radius of the largest circle in the face; 0 if the face itself is one that a head
+            covers, or is no flat one.
+    """
+
+    kind: str
+    centre: np.ndarray
+    point: np.ndarray
+    room: float = 0.0
+
+
+@dataclass(frozen=True)
 class ThroughHole:
     """Two round holes with one axis in two faces that touch: a bolt's; lengths in m.
 
@@ -82,6 +104,7 @@ class ThroughHole:
         depths: How deep the two holes are.
         room: Largest radius of a ring around the hole that stays on both faces and meets no other
             hole, nor half way to the next bolt; 0 if there is none.
+        seats: Where the bolt ends in the first solid and in the second; None where it goes on.
     """
 
     touch: int
@@ -89,6 +112,7 @@ class ThroughHole:
     diameters: tuple[float, float]
     depths: tuple[float, float]
     room: float
+    seats: tuple[Seat | None, Seat | None]
 
 
 @dataclass(frozen=True)
@@ -198,6 +222,7 @@ def _pairs(contacts: list[FacePair], outlines) -> list[tuple[int, Hole, Hole]]:
 def _through(model, contacts: list[FacePair], outlines, report: Report) -> list[ThroughHole]:
     """Pairs of holes with one axis, and how large rings around them may be."""
     pairs = _pairs(contacts, outlines)
+    taken = {face for i, _, _ in pairs for face in contacts[i].faces}
     places, found = np.array([a.centre for _, a, _ in pairs]).reshape(-1, 3), []
     for n, (i, a, b) in enumerate(pairs):
         if n % 20 == 0:
@@ -208,13 +233,14 @@ def _through(model, contacts: list[FacePair], outlines, report: Report) -> list[
         others = distance[(np.abs(between @ contact.normal) < TOUCH) & (distance > TOUCH)]
         most = 0.98 * min(others / 2, default=np.inf)
         room = _room(contact, [outlines[face] for face in contact.faces], (a, b), most)
-        depths = tuple(
-            _depth(model, face, hole.curves, contact.normal)
-            for face, hole in zip(contact.faces, (a, b), strict=True)
-        )
+        sides = list(zip(contact.faces, (a, b), strict=True))
+        depths = tuple(_depth(model, face, hole.curves, contact.normal) for face, hole in sides)
+        seats = tuple(_seat(model, face, hole, contact.normal, taken) for face, hole in sides)
         diameters = 2 * a.radius / MM, 2 * b.radius / MM
         found.append(
-            ThroughHole(i, a.centre / MM, diameters, tuple(d / MM for d in depths), room / MM)
+            ThroughHole(
+                i, a.centre / MM, diameters, tuple(d / MM for d in depths), room / MM, seats
+            )
         )
     return found
 
@@ -238,11 +264,48 @@ def _room(
     return best if best >= least else 0.0
 
 
+def _seat(model, face: int, hole: Hole, normal: np.ndarray, taken: set[int]) -> Seat | None:
+    """Where a bolt ends in a solid, seen from one of its faces; not on faces that are taken."""
+    walls = _walls(model, face, hole.curves)
+    edges = {abs(c) for w in walls for _, c in model.getBoundary([(2, w)], oriented=False)}
+    beyond = {int(f) for c in edges for f in model.getAdjacencies(1, c)[0]} - walls - {face}
+    for other in sorted(beyond):
+        if not is_flat(model, other):
+            points = surface_points(model, other)
+            away = np.linalg.norm(np.cross(points - hole.centre, normal), axis=1)
+            if away.min() > 0.9 * hole.radius and away.max() > _LEAST * hole.radius:
+                return Seat("cone", hole.centre / MM, points[len(points) // 2] / MM)
+            continue
+        outline = Outline.of(model, other)
+        for end in outline.holes:
+            beside = np.cross(end.centre - hole.centre, normal)
+            if np.linalg.norm(beside) > TOUCH:
+                continue
+            if other in taken:
+                return None
+            across = np.linalg.svd(normal[None])[2][1]
+            room = outline.clearance(end.centre, end)
+            rim = np.linalg.norm(outline.pieces.reshape(-1, 3) - end.centre, axis=1)
+            covered = np.ptp(rim) < TOUCH and room < _COVERED * end.radius
+            place = end.centre + 0.5 * (end.radius + room) * across
+            return Seat("flat", end.centre / MM, place / MM, 0.0 if covered else room / MM)
+    wall = min(walls, default=None)
+    if wall is None:
+        return None
+    points = surface_points(model, wall)
+    return Seat("thread", hole.centre / MM, points[len(points) // 2] / MM)
+
+
+def _walls(model, face: int, edge: list[int]) -> set[int]:
+    """The round walls of a hole, that meet its edge in a face."""
+    walls = {int(wall) for curve in edge for wall in model.getAdjacencies(1, curve)[0]} - {face}
+    return {wall for wall in walls if not is_flat(model, wall)}
+
+
 def _depth(model, face: int, edge: list[int], normal: np.ndarray) -> float:
     """How deep a hole is: the extent along the normal of the walls that meet its edge, mm."""
-    walls = {int(wall) for curve in edge for wall in model.getAdjacencies(1, curve)[0]} - {face}
-    round_walls = (wall for wall in walls if not is_flat(model, wall))
-    return max((_extent(model, wall, normal) for wall in round_walls), default=0.0)
+    walls = _walls(model, face, edge)
+    return max((_extent(model, wall, normal) for wall in walls), default=0.0)
 
 
 def _extent(model, wall: int, normal: np.ndarray) -> float:
