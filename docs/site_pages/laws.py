@@ -1,28 +1,41 @@
-"""Keys of the laws of ``[nonlinear.NAME]``: ``python3 docs/site_pages/laws.py`` prints their table.
+"""Keys of ``[nonlinear.NAME]``, a table: ``./with-fenicsx python3 docs/site_pages/laws.py`` writes it.
 
-Made from the classes of the case file; `docs/slip.md` has it, and `tests/system/test_documentation.py`
-says if it is out of date.
+It is made from the schema of the case file and stands in `docs/slip.md`;
+`tests/system/test_documentation.py` says if it is out of date.
 """
 
 from __future__ import annotations
 
+import re
+from pathlib import Path
+
+PAGE = Path(__file__).resolve().parents[1] / "slip.md"
+TABLE = re.compile(r"^\| law \| key .*?\n\n", re.DOTALL | re.MULTILINE)
+
 
 def table() -> str:
-    """The table in Markdown: law, key, unit, what it means."""
-    from typing import get_args
+    """In Markdown: keys that mean the same in several laws once, and what it is without the key."""
+    from fenics_joints.case.schema import case_schema
 
-    from fenics_joints.case import harmonic
-    from fenics_joints.case.values import docstring_keys, named_by
+    rows: dict[tuple[str, ...], list[str]] = {}
+    for kind in case_schema()["$defs"].values():
+        keys = dict(kind.get("properties", {}))
+        law = keys.pop("law", {}).get("const")
+        if law is None or "[nonlinear.NAME]" not in kind["description"]:
+            continue
+        for key, value in keys.items():
+            words = re.sub(r"\.? \([^()]* text [^()]*\)$", "", value["description"]).rstrip(".")
+            choices = (value, *value.get("anyOf", ()))
+            unit = next((c["unit"] for c in choices if c.get("unit")), "")
+            default = "needed" if key in kind.get("required", ()) else value.get("default")
+            row = f"`{key}`", unit, "" if default is None else str(default), words
+            rows.setdefault(row, []).append(f"`{law}`")
+    lines = ["| law | key | unit | default | |", "|---|---|---|---|---|"]
+    lines += [f"| {' | '.join((', '.join(laws), *row))} |" for row, laws in rows.items()]
+    return "\n".join(lines) + "\n\n"
 
-    laws = [kind for kind in vars(harmonic).values() if _is_law(kind, harmonic)]
-    lines = ["| law | key | unit | |", "|---|---|---|---|"]
-    for word, kind in named_by("law", laws).items():
-        keys = docstring_keys(kind)[1]
-        for key, field in kind.model_fields.items():
-            if key == "law":
-                continue
-            unit = _unit(field) or ("" if get_args(field.annotation) else "")
-            words = keys[key].rstrip(".").replace("|", "or")
-            need = "**required**" if field.is_required() else "optional"
-            lines.append(f"| `{word}` | `{key}` | {unit} | {words}; {need} |")
-    return "\n".join(lines)
+
+if __name__ == "__main__":
+    PAGE.write_text(
+        TABLE.sub(lambda _: table(), PAGE.read_text(encoding="utf-8")), encoding="utf-8"
+    )
