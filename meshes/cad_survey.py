@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -24,7 +25,7 @@ from fenics_joints.meshes.cad_faces import (
 )
 from fenics_joints.meshes.cad_fasteners import find_fasteners, find_twins
 from fenics_joints.meshes.gmsh_apart import gmsh_model
-from fenics_joints.meshes.step_file import Solids, import_solids
+from fenics_joints.meshes.step_file import Place, Solids, import_solids
 
 #: Distance, mm, up to which faces may belong together. Chosen: gaskets, paint and gaps of drawings
 #: are thinner.
@@ -36,6 +37,8 @@ _LEAST = 1.15
 #: Radius of a round face over its hole's up to which a head covers all of it. Chosen: heads and
 #: washers have 1.35 to 2.8 (ISO 7093), and bosses are turned to fit them.
 _COVERED = 3.0
+#: Vertices of surfaces up to which they are meshed to be counted, in a second or two. Chosen.
+_COUNTED = 1e5
 _Z = np.array([0.0, 0.0, 1.0])
 
 
@@ -197,6 +200,43 @@ def _without(found: Solids, out: list[LeftOut]) -> tuple[Solids, list[int]]:
     """The solids that are not left out, and their indices."""
     kept = [i for i in range(len(found.tags)) if i not in {o.solid for o in out}]
     return Solids([found.names[i] for i in kept], [found.tags[i] for i in kept]), kept
+
+
+def count_vertices(
+    path: str | Path, *, size: float, circle: int = 16, without: Sequence[Place] = ()
+) -> float:
+    """About how many vertices the mesh of a STEP file has, also where its solids cannot be joined.
+
+    Surfaces are meshed, each solid's on its own; vertices inside come from the volume.
+
+    Args:
+        path: The file.
+        size: Largest size of a cell, m.
+        circle: Edges of a circle.
+        without: Solids that are left out; points in m.
+
+    Raises:
+        MeshError: As `read_step` for a file that it cannot read.
+    """
+    path = Path(path)
+    options = {
+        "Geometry.OCCTargetUnit": "MM",
+        "Mesh.MeshSizeMax": size * MM,
+        "Mesh.MeshSizeFromCurvature": circle,
+    }
+    with located(path), gmsh_model(options) as model:
+        places = [p if isinstance(p, str | int) else np.array(p) * MM for p in without]
+        tags = import_solids(path, model, {}, places).tags
+        volume = sum(model.occ.getMass(3, tag) for tag in tags)
+        area = sum(model.occ.getMass(2, face) for _, face in model.getEntities(2))
+        inside, around = 1.41 * volume / (size * MM) ** 3, 0.58 * area / (size * MM) ** 2
+        if around > _COUNTED:
+            return inside + around
+        try:
+            model.mesh.generate(2)
+        except Exception as error:
+            raise MeshError(f"gmsh cannot mesh its faces: {error}") from error
+        return max(inside - around, 0.0) + len(model.mesh.getNodes()[0])
 
 
 def _solid(model, tag: int, number: int, name: str) -> Solid:

@@ -1,4 +1,4 @@
-"""Keys of ``[nonlinear.NAME]``, a table: ``./with-fenicsx python3 docs/site_pages/laws.py`` writes it.
+"""Keys of ``[nonlinear.NAME]``: ``./with-fenicsx python3 docs/site_pages/laws.py`` writes them.
 
 It is made from the schema of the case file and stands in `docs/slip.md`;
 `tests/system/test_documentation.py` says if it is out of date.
