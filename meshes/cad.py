@@ -13,9 +13,23 @@ from mpi4py import MPI
 from fenics_joints.errors import MeshError, located
 from fenics_joints.files import path_of
 from fenics_joints.meshes.arguments import Count, Demand, Size, described, holds
-from fenics_joints.meshes.cad_bolts import BoltPlace, check_rings, given_bolts, hole_bolts
-from fenics_joints.meshes.cad_faces import MM, TOUCH, FacePair, find_contacts, nearest
-from fenics_joints.meshes.cad_mesh import Glued, SharedFace, Sizes, closing, glue, opening
+from fenics_joints.meshes.cad_bolts import (
+    BoltPlace,
+    check_rings,
+    given_bolts,
+    hole_bolts,
+    washer_face,
+)
+from fenics_joints.meshes.cad_faces import MM, OVERLAP, TOUCH, FacePair, find_contacts, nearest
+from fenics_joints.meshes.cad_mesh import (
+    Glued,
+    SharedFace,
+    Sizes,
+    WasherPlace,
+    closing,
+    glue,
+    opening,
+)
 from fenics_joints.meshes.check import check_mesh
 from fenics_joints.meshes.facets import Bodies, add_faces
 from fenics_joints.meshes.gmsh_apart import gmsh_model
@@ -82,14 +96,17 @@ class StepAssembly(Grown):
         n_layer: Cells through the layer.
         parts: Our name of each solid, and its label in the file, its number there from 1, or a
             point inside it, m. A solid without one is called by its label.
+        without: Solids that are left out, such as bolts and nuts: by label, number or point.
         bonded: Pairs of parts that are one body where they touch, as if welded.
         between: Pairs of parts that are joined by bolts or layers; None: any.
         faces: Names of outer faces, each with a point on it, m, or several, as in the file.
-        ring_size: Size of the cells in the rings, m; None: half of R_wai - R_nei.
+        washers: Faces under heads and nuts, by name: the centre, m, in a round hole of an outer
+            flat face, and the outer radius, m.
+        ring_size: Size of the cells in rings and under washers, m; None: half of R_wai - R_nei.
         circle: Edges of a whole circle, at least.
 
     Raises:
-        MeshError: The file is no STEP file or has one solid; solids overlap, no faces touch, a
+        MeshError: The file is no STEP file; solids overlap, no faces touch, a
             bolt has no contact or no hole, its ring leaves the faces or overlaps another, the
             parts do not hang together, gmsh fails, or cells are flat; the message names the solid,
             the bolt, or the argument.
@@ -100,14 +117,16 @@ class StepAssembly(Grown):
     element_size: Size
     n_layer: Annotated[Count, Demand(lambda n: n <= 1000, "at most 1,000 cells")] = 1
     parts: Mapping[str, Place] | None = None
+    without: Sequence[Place] | None = None
     faces: Mapping[str, Sequence[float] | Sequence[Sequence[float]]] | None = None
+    washers: Mapping[str, tuple[Sequence[float], float]] | None = None
     ring_size: Size | None = None
     circle: Annotated[Count, Demand(lambda n: 6 <= n <= 10_000, "6 to 10,000 edges")] = 16
 
     def check(self) -> None:
         """Refuse arguments that do not fit each other, with MeshError."""
         super().check()
-        for key in ("parts", "faces"):
+        for key in ("parts", "faces", "washers"):
             named = isinstance(getattr(self, key) or {}, Mapping)
             self.require(named, key, "places by their names")
         self.points()
@@ -147,11 +166,9 @@ class StepAssembly(Grown):
     def _lists(self, path: Path) -> MeshLists:
         """The whole mesh, in metres."""
         with gmsh_model(_OPTIONS) as model:
-            parts = {
-                name: place if isinstance(place, str | int) else _in_mm(place)
-                for name, place in (self.parts or {}).items()
-            }
-            solids = import_solids(path, model, parts)
+            parts = {name: _solid_at(place) for name, place in (self.parts or {}).items()}
+            without = [_solid_at(place) for place in self.without or ()]
+            solids = import_solids(path, model, parts, without)
             bonded = self._pairs(solids, "bonded", self.bonded)
             contacts = self._contacts(model, solids, bonded)
             bolts = self._bolts(model, solids, contacts)
@@ -165,7 +182,12 @@ class StepAssembly(Grown):
             elif self.joint != "contact":
                 moves = opening(solids, body, contacts, self._gap)
             faces = {name: _in_mm(points) for name, points in self.points().items()}
-            glued = glue(model, solids, shifts, contacts, bolts, faces, self._sizes(bolts))
+            washers = [
+                self._washer(model, solids, contacts, name, *given)
+                for name, given in (self.washers or {}).items()
+            ]
+            sizes = self._sizes(bolts)
+            glued = glue(model, solids, shifts, contacts, bolts, faces, washers, sizes)
         self._check_bonds(solids, bonded, glued)
         if self.joint != "contact":
             self._check_one(solids, body, contacts)
@@ -189,7 +211,7 @@ class StepAssembly(Grown):
 
         layers, notes = self._layers(glued), ()
         filled = [face for found in layers.values() for face in found]
-        if self._stays:
+        if self._stays and filled:
             touching = {names[solid] for face in filled for solid in face.solids}
             thin = thin_layer(parted.lists(), touching)
             for number, contact in enumerate(contacts):
@@ -226,7 +248,7 @@ class StepAssembly(Grown):
         return found
 
     def _contacts(self, model, solids: Solids, bonded) -> list[FacePair]:
-        reach = TOUCH if self.joint == "contact" else self._gap * (1 + 1e-6) + TOUCH
+        reach = OVERLAP if self.joint == "contact" else self._gap * (1 + 1e-6) + TOUCH
         contacts = [
             c for c in find_contacts(model, solids, reach) if (c.lower, c.upper) not in bonded
         ]
@@ -240,7 +262,7 @@ class StepAssembly(Grown):
                     f"at most {reach:.6g} mm; expected some, as between names them"
                     f"{nearest(model, solids, reach, [(a, b)])}"
                 )
-        if not contacts:
+        if not contacts and len(solids.names) > 1:
             raise MeshError(
                 f"no two of {', '.join(map(repr, solids.names))} have flat faces that "
                 f"touch, or are apart by at most {reach:.6g} mm; expected some"
@@ -251,6 +273,10 @@ class StepAssembly(Grown):
     def _bolts(self, model, solids: Solids, contacts) -> list[BoltPlace]:
         if self.joint != "rings":
             return []
+        if not contacts:
+            raise MeshError(
+                f"it has one solid, {solids.names[0]!r}; expected at least two for bolts to join"
+            )
         r_wai, r_nei = _in_mm(self.radii()).tolist(), _in_mm(self.r_nei)
         if self.bolts is None:
             hole = None if self.hole is None else tuple(_in_mm(self.hole).tolist())
@@ -267,6 +293,17 @@ class StepAssembly(Grown):
             )
         check_rings(bolts, solids)
         return bolts
+
+    def _washer(self, model, solids: Solids, contacts, name: str, at, radius) -> WasherPlace:
+        _check_new(name, self.faces or {}, "face")
+        solid, hole, normal = washer_face(model, solids, contacts, name, _in_mm(at))
+        outer = float(_in_mm(radius))
+        if outer <= hole.radius:
+            raise MeshError(
+                f"washers.{name}: the radius is {outer:g} mm, expected more than the hole's, "
+                f"{hole.radius:g} mm"
+            )
+        return WasherPlace(name, hole.centre, normal, outer, hole.radius, solid)
 
     def _sizes(self, bolts) -> Sizes:
         widths = [bolt.r_wai - bolt.r_nei for bolt in bolts]
@@ -324,6 +361,10 @@ def _check_new(name: str, there, kind: str) -> None:
             f"{kind}s has the name {name!r}, which is that of a {kind} of the joints; expected "
             "another"
         )
+
+
+def _solid_at(place: Place) -> Place:
+    return place if isinstance(place, str | int) else _in_mm(place)
 
 
 def _in_mm(length):

@@ -12,7 +12,7 @@ from functools import cache
 import numpy as np
 
 from fenics_joints.errors import MeshError
-from fenics_joints.meshes.cad_faces import TOUCH, FacePair, Hole, Outline, hole_pairs
+from fenics_joints.meshes.cad_faces import TOUCH, FacePair, Hole, Outline, hole_pairs, is_flat
 from fenics_joints.meshes.step_file import Solids
 
 #: Distance of a given centre from a hole's axis, as a share of its radius, up to which it means the
@@ -179,6 +179,35 @@ def given_bolts(
             near += own
         found.append(_bolt(contact, centre, near, r_nei, outer))
     return found
+
+
+def washer_face(
+    model, solids: Solids, contacts: Sequence[FacePair], name: str, place: np.ndarray
+) -> tuple[int, Hole, np.ndarray]:
+    """Solid, hole, and unit normal of the outer flat face that has a round hole about a place.
+
+    Raises:
+        MeshError: There is no such face, or several.
+    """
+    taken, found, there = {face for c in contacts for face in c.faces}, [], []
+    for i, tag in enumerate(solids.tags):
+        for _, face in model.getBoundary([(3, tag)], oriented=False):
+            box = np.array(model.getBoundingBox(2, face)).reshape(2, 3)
+            near = np.all(place > box[0] - TOUCH) and np.all(place < box[1] + TOUCH)
+            if not near or face in taken or not is_flat(model, face):
+                continue
+            for hole in Outline.of(model, face).holes:
+                there.append(f"({', '.join(f'{x:.6g}' for x in hole.centre)})")
+                if np.linalg.norm(hole.centre - place) < _COAXIAL * hole.radius:
+                    uv = np.mean(model.getParametrizationBounds(2, face), axis=0).tolist()
+                    found.append((i, hole, np.array(model.getNormal(face, uv))))
+    if len(found) != 1:
+        at = ", ".join(f"{x:.6g}" for x in place)
+        raise MeshError(
+            f"washers.{name}: {len(found)} outer flat faces have a round hole about ({at}) mm, "
+            f"expected one; the holes in such faces near it are at: {', '.join(there) or 'none'}"
+        )
+    return found[0]
 
 
 def _contact_at(seen: _Holes, centre, radius: float, reach: float) -> FacePair | None:

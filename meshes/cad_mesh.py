@@ -121,6 +121,27 @@ def _placed(n: int, steps) -> np.ndarray:
 
 
 @dataclass(frozen=True)
+class WasherPlace:
+    """A round face under a head or nut, drawn on an outer face around a hole.
+
+    Attributes:
+        name: Of the face.
+        centre: In the hole, in the face's plane, in the file's coordinates; shape (3,).
+        normal: Unit normal of the face, shape (3,).
+        radius: Its outer radius.
+        hole: The hole's.
+        solid: Index of its solid.
+    """
+
+    name: str
+    centre: np.ndarray
+    normal: np.ndarray
+    radius: float
+    hole: float
+    solid: int
+
+
+@dataclass(frozen=True)
 class SharedFace:
     """Triangles that two solids share.
 
@@ -159,6 +180,7 @@ def glue(
     contacts: Sequence[FacePair],
     bolts: Sequence[BoltPlace],
     faces: Mapping[str, np.ndarray],
+    washers: Sequence[WasherPlace],
     sizes: Sizes,
 ) -> Glued:
     """Close the gaps, glue the solids, draw the rings, and mesh.
@@ -171,6 +193,7 @@ def glue(
         bolts: The bolts.
         faces: Points on each face that is to have a name, shape (n, 3), in the file's
             coordinates.
+        washers: Faces under heads and nuts.
         sizes: Sizes of the cells.
 
     Raises:
@@ -179,7 +202,7 @@ def glue(
     for tag, shift in zip(solids.tags, shifts, strict=True):
         if np.any(shift):
             model.occ.translate([(3, tag)], *shift)
-    pieces, discs = _fragments(model, solids, shifts, bolts)
+    pieces, discs, under = _fragments(model, solids, shifts, bolts, washers)
     sharing = _sharing(model, pieces)
     planes = [(c.normal, c.point + shifts[c.lower]) for c in contacts]
     rings = [
@@ -191,9 +214,14 @@ def glue(
         name: _face(model, solids, pieces, sharing, shifts, name, points)
         for name, points in faces.items()
     }
+    named |= {
+        washer.name: _washer(model, solids, pieces, sharing, washer, disc)
+        for washer, disc in zip(washers, under, strict=True)
+    }
     _check_once(solids, named)
-    _check_sizes(model, solids, pieces, ring_of, sizes)
-    _set_sizes(model, ring_of, sizes)
+    fine = [*ring_of, *(face for washer in washers for face in named[washer.name])]
+    _check_sizes(model, solids, pieces, fine, sizes)
+    _set_sizes(model, fine, sizes)
     try:
         model.mesh.generate(3)
     except Exception as error:
@@ -203,8 +231,8 @@ def glue(
     return _extract(model, solids, pieces, sharing, contacts, planes, ring_of, named)
 
 
-def _fragments(model, solids: Solids, shifts, bolts: Sequence[BoltPlace]):
-    """gmsh's volume of each solid after gluing; and of each bolt, faces in its two circles."""
+def _fragments(model, solids: Solids, shifts, bolts: Sequence[BoltPlace], washers):
+    """gmsh's volume of each solid, after gluing; and the faces in bolts' and washers' circles."""
     tools, owner = [], []
     for i, bolt in enumerate(bolts):
         centre = bolt.centre + shifts[bolt.contact.lower]
@@ -212,20 +240,28 @@ def _fragments(model, solids: Solids, shifts, bolts: Sequence[BoltPlace]):
             disc = model.occ.addDisk(*centre, radius, radius, zAxis=bolt.contact.normal.tolist())
             tools.append((2, disc))
             owner.append(i)
+    for i, washer in enumerate(washers, start=len(bolts)):
+        centre = washer.centre + shifts[washer.solid]
+        disc = model.occ.addDisk(*centre, *2 * [washer.radius], zAxis=washer.normal.tolist())
+        tools.append((2, disc))
+        owner.append(i)
     volumes = [(3, tag) for tag in solids.tags]
     try:
-        _, parts = model.occ.fragment(volumes, tools)
+        parts = [volumes]  # one solid, and nothing to glue
+        if len(volumes) + len(tools) > 1:
+            _, parts = model.occ.fragment(volumes, tools)
         model.occ.synchronize()
     except Exception as error:
         raise MeshError(f"gmsh cannot glue the solids: {error}") from error
     pieces = [[tag for dim, tag in part if dim == 3] for part in parts[: len(volumes)]]
     _check_apart(model, solids, pieces)
-    discs = [[] for _ in bolts]
+    discs = [[] for _ in (*bolts, *washers)]
     for i, part in zip(owner, parts[len(volumes) :], strict=True):
         discs[i].append({tag for dim, tag in part if dim == 2})
     _check_whole(model, solids, pieces, bolts, discs)
     _remove_loose(model, discs)
-    return [tags[0] for tags in pieces], discs
+    n = len(bolts)
+    return [tags[0] for tags in pieces], discs[:n], [disc for (disc,) in discs[n:]]
 
 
 def _check_apart(model, solids: Solids, pieces) -> None:
@@ -291,6 +327,22 @@ def _ring(model, solids: Solids, sharing, number: int, bolt: BoltPlace, disc) ->
     return found
 
 
+def _washer(model, solids: Solids, pieces, sharing, washer: WasherPlace, disc) -> dict[int, int]:
+    """gmsh's faces under a washer, and the solid of each."""
+    own = {face for _, face in model.getBoundary([(3, pieces[washer.solid])], oriented=False)}
+    found = [face for face in disc if face in own and face not in sharing]
+    area = sum(model.occ.getMass(2, face) for face in found)
+    expected = np.pi * (washer.radius**2 - washer.hole**2)
+    if area < expected * (1 - _WHOLE):
+        at = ", ".join(f"{x:.6g}" for x in washer.centre)
+        raise MeshError(
+            f"washers.{washer.name}: {100 * area / expected:.3g} % of the face of "
+            f"{washer.radius:g} mm around ({at}) mm is on the outside of "
+            f"{solids.names[washer.solid]!r}; expected all (a smaller radius, or another centre)"
+        )
+    return dict.fromkeys(found, washer.solid)
+
+
 def _face(model, solids: Solids, pieces, sharing, shifts, name: str, points) -> dict[int, int]:
     """gmsh's faces with a name, and the solid of each."""
     found = {}
@@ -333,10 +385,10 @@ def _check_once(solids: Solids, named) -> None:
             used[face] = name
 
 
-def _check_sizes(model, solids: Solids, pieces, ring_of, sizes: Sizes) -> None:
+def _check_sizes(model, solids: Solids, pieces, fine, sizes: Sizes) -> None:
     """Refuse sizes that would fill the memory; often a length in another unit than metres."""
     volume = sum(model.occ.getMass(3, tag) for tag in pieces)
-    area = sum(model.occ.getMass(2, face) for face in ring_of)
+    area = sum(model.occ.getMass(2, face) for face in fine)
     # A regular tetrahedron of size s has the volume s^3 / 8.5, a triangle the area 0.43 s^2.
     for key, size, n in (
         ("element_size", sizes.element, 8.5 * volume / sizes.element**3),
@@ -349,17 +401,17 @@ def _check_sizes(model, solids: Solids, pieces, ring_of, sizes: Sizes) -> None:
             )
 
 
-def _set_sizes(model, ring_of, sizes: Sizes) -> None:
+def _set_sizes(model, fine, sizes: Sizes) -> None:
     import gmsh
 
     gmsh.option.setNumber("Mesh.MeshSizeMax", sizes.element)
     gmsh.option.setNumber("Mesh.MeshSizeFromCurvature", sizes.circle)
-    if not ring_of:
+    if not fine:
         return
-    curves = {abs(c) for f in ring_of for _, c in model.getBoundary([(2, f)], oriented=False)}
+    curves = {abs(c) for f in fine for _, c in model.getBoundary([(2, f)], oriented=False)}
     distance, threshold = (model.mesh.field.add(kind) for kind in ("Distance", "Threshold"))
     model.mesh.field.setNumbers(distance, "CurvesList", sorted(curves))
-    model.mesh.field.setNumbers(distance, "SurfacesList", sorted(ring_of))
+    model.mesh.field.setNumbers(distance, "SurfacesList", sorted(fine))
     model.mesh.field.setNumber(distance, "Sampling", 40)
     reach = 2 * max(sizes.element - sizes.ring, sizes.ring)
     for key, value in {

@@ -8,6 +8,7 @@ file cannot be read, the reason is in ``error.txt``.
 import json
 import sys
 
+
 def main() -> None:
     """Read the file and write what is in it."""
     sys.path[:] = json.loads(sys.argv[1])
@@ -27,7 +28,30 @@ def main() -> None:
 
 
 #: Numbers of ANSYS' solid elements.
-_ANSYS = {5, 45, 62, 64, 65, 69, 70, 73, 87, 90, 92, 95, 96, 97, 98, 117, 122, 123, 148, 185, 186, 187}
+_ANSYS = {
+    5,
+    45,
+    62,
+    64,
+    65,
+    69,
+    70,
+    73,
+    87,
+    90,
+    92,
+    95,
+    96,
+    97,
+    98,
+    117,
+    122,
+    123,
+    148,
+    185,
+    186,
+    187,
+}
 _ANSYS |= {190, 226, 227, 231, 232, 236, 237, 239, 240, 278, 279, 285}
 
 
@@ -97,7 +121,9 @@ def by_meshlane(path: str, np):
 
 
 def _tells(key: str) -> bool:
-    return any(word in key.lower() for word in ("physical", "material", "part", "region", "ref", "group"))
+    return any(
+        word in key.lower() for word in ("physical", "material", "part", "region", "ref", "group")
+    )
 
 
 def _whole(arrays, np) -> bool:

@@ -51,7 +51,8 @@ _GMSH = {"tetra": (4, "Tetrahedron 4", 4), "hexahedron": (5, "Hexahedron 8", 8)}
 _EDGES = {
     "tetra": [(0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3)],
     "hexahedron": [
-        (0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4), (0, 4), (1, 5), (2, 6), (3, 7),
+        (0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4),
+        (0, 4), (1, 5), (2, 6), (3, 7),
     ],
     "wedge": [(0, 1), (1, 2), (2, 0), (3, 4), (4, 5), (5, 3), (0, 3), (1, 4), (2, 5)],
     "pyramid": [(0, 1), (1, 2), (2, 3), (3, 0), (0, 4), (1, 4), (2, 4), (3, 4)],
@@ -82,7 +83,9 @@ class Deck:
     cells: np.ndarray
     group: np.ndarray
     names: dict[int, str]
-    materials: dict[str, tuple[float | None, float | None, float | None]] = field(default_factory=dict)
+    materials: dict[str, tuple[float | None, float | None, float | None]] = field(
+        default_factory=dict
+    )
     masses: np.ndarray = field(default_factory=lambda: np.zeros((0, 4)))
     notes: tuple[str, ...] = ()
 
@@ -225,7 +228,10 @@ def _parts(head, arrays, found, text: str, suffix: str):
     known = {int(n): value for n, value in head["groups"].items()}
     materials: dict[str, tuple] = {}
     if known:  # Nastran: by property
-        names = {n: known.get(n, [f"property_{n}", None])[0] for n in np.unique(np.concatenate(groups)).tolist()}
+        names = {
+            n: known.get(n, [f"property_{n}", None])[0]
+            for n in np.unique(np.concatenate(groups)).tolist()
+        }
         for n, name in names.items():
             values = known.get(n, [name, None])[1]
             if values is not None:
@@ -237,9 +243,13 @@ def _parts(head, arrays, found, text: str, suffix: str):
         own = sets.setdefault(name.upper(), [np.zeros(len(g), bool) for g in groups])
         own[block][arrays[f"set{s}"]] = True
     wanted = [name for name in (sections or sets) if name in sets]
-    covered = [sum((sets[n][b] for n in wanted), np.zeros(len(g), int)) for b, g in enumerate(groups)]
+    covered = [
+        sum((sets[n][b] for n in wanted), np.zeros(len(g), int)) for b, g in enumerate(groups)
+    ]
     if wanted and all(np.all(count == 1) for count in covered):
-        groups = [sum((k + 1) * sets[n][b] for k, n in enumerate(wanted)) for b in range(len(groups))]
+        groups = [
+            sum((k + 1) * sets[n][b] for k, n in enumerate(wanted)) for b in range(len(groups))
+        ]
         names = {k + 1: _section_name(name) for k, name in enumerate(wanted)}
         materials = {n: sections.get(w) for n, w in zip(names.values(), wanted, strict=True)}
     else:
@@ -261,7 +271,15 @@ def _section_name(name: str) -> str:
 
 
 #: Solids of CalculiX and Abaqus by their nodes.
-_BY_NODES = {4: "tetra", 10: "tetra", 6: "wedge", 15: "wedge", 8: "hexahedron", 20: "hexahedron", 5: "pyramid"}
+_BY_NODES = {
+    4: "tetra",
+    10: "tetra",
+    6: "wedge",
+    15: "wedge",
+    8: "hexahedron",
+    20: "hexahedron",
+    5: "pyramid",
+}
 
 
 def _by_keywords(text: str) -> tuple[dict, dict[str, np.ndarray]]:
@@ -281,7 +299,9 @@ def _by_keywords(text: str) -> tuple[dict, dict[str, np.ndarray]]:
         elif keyword in ("*END PART", "*ASSEMBLY"):
             part = ""
         elif keyword == "*INSTANCE":
-            moved.setdefault(options.get("PART", ""), []).append([float(v) for row in rows for v in row])
+            moved.setdefault(options.get("PART", ""), []).append(
+                [float(v) for row in rows for v in row]
+            )
         elif keyword == "*NODE":
             for row in (row for row in rows if len(row) > 1):
                 x = [_floats([value])[0] or 0.0 for value in row[1:4]]
@@ -434,11 +454,15 @@ def _by_cards(text: str) -> tuple[dict, dict[str, np.ndarray]]:
     """Nodes, solids by property and point masses of a bulk data deck, as the child writes those of
     others."""
     found = cards(text)
-    grids = [(int(row[0]), row[1], [_real(c) or 0.0 for c in (*row[2:5], "", "", "")[:3]]) for row in found.get("GRID", ())]
+    grids = [
+        (int(row[0]), row[1], [_real(c) or 0.0 for c in (*row[2:5], "", "", "")[:3]])
+        for row in found.get("GRID", ())
+    ]
     systems = sorted({system for _, system, _ in grids if system not in ("", "0")})
     if systems:
         raise MeshError(
-            f"its nodes are in coordinate system {', '.join(systems)}: expected all in the basic one"
+            f"its nodes are in coordinate system {', '.join(systems)}: expected all in the "
+            "basic one"
         )
     head = {"blocks": [], "groups": {}, "counts": {}, "masses": [], "sets": []}
     arrays = {
@@ -458,10 +482,17 @@ def _by_cards(text: str) -> tuple[dict, dict[str, np.ndarray]]:
         arrays[f"group{b}"] = np.array([group for group, _ in own], dtype=np.int64)
         head["blocks"].append(list(shape))
     for name, rows in found.items():
-        if name[0] == "C" and name[1:] and name not in _CARDS and _ELEMENT.fullmatch(name) or name[:2] == "RB":
+        if (
+            name[0] == "C"
+            and name[1:]
+            and name not in _CARDS
+            and _ELEMENT.fullmatch(name)
+            or name[:2] == "RB"
+        ):
             head["counts"][name] = len(rows)
     materials = {
-        int(row[0]): [_real(value) for value in (row[1], row[3], row[4])] for row in found.get("MAT1", ())
+        int(row[0]): [_real(value) for value in (row[1], row[3], row[4])]
+        for row in found.get("MAT1", ())
     }
     solids = [row for row in found.get("PSOLID", ()) if len(row) > 1 and row[1]]
     properties = {int(row[0]): materials.get(int(row[1])) for row in solids}
@@ -482,7 +513,10 @@ def _ansys(text: str) -> dict[int, tuple]:
     """E, nu and rho of the materials of a deck of ANSYS, by their numbers."""
     found: dict[int, dict[str, float | None]] = {}
     number = r"\s*([-+.\dEeDd]+)"
-    for pattern in (r"^MPDATA,[^,]*,\s*\d+,\s*(\w+)\s*,\s*(\d+)\s*,\s*1\s*,", r"^MP,\s*(\w+)\s*,\s*(\d+)\s*,"):
+    for pattern in (
+        r"^MPDATA,[^,]*,\s*\d+,\s*(\w+)\s*,\s*(\d+)\s*,\s*1\s*,",
+        r"^MP,\s*(\w+)\s*,\s*(\d+)\s*,",
+    ):
         for key, material, value in re.findall(pattern + number, text, re.MULTILINE):
             found.setdefault(int(material), {})[key.upper()] = _floats([value])[0]
     return {

@@ -55,7 +55,9 @@ class Solids:
     tags: list[int]
 
 
-def import_solids(path: Path, model, names: Mapping[str, Place]) -> Solids:
+def import_solids(
+    path: Path, model, names: Mapping[str, Place], without: Sequence[Place] = ()
+) -> Solids:
     """Read a STEP file into gmsh's current model, and name its solids.
 
     Both times a copy is read: somebody may change the user's file in between.
@@ -64,10 +66,11 @@ def import_solids(path: Path, model, names: Mapping[str, Place]) -> Solids:
         path: The file.
         model: gmsh's model; its option ``Geometry.OCCTargetUnit`` is ``MM``.
         names: Where the solid of each name is; others are called by their label, or ``solid_1``.
+        without: Solids that are left out.
 
     Raises:
-        MeshError: The file is missing, is no STEP file, or has less than two solids; or a name
-            fits no solid, or two.
+        MeshError: The file is missing, is no STEP file, or has no solid; or a name or a place fits
+            no solid, or two; or all are left out.
     """
     if not is_file(path):
         raise MeshError("no such file, expected a STEP file")
@@ -87,10 +90,18 @@ def import_solids(path: Path, model, names: Mapping[str, Place]) -> Solids:
             raise MeshError(f"gmsh cannot read it: {words}") from error
     tags = [tag for dim, tag in found if dim == 3]
     labels = [_label(model.getEntityName(3, tag)) for tag in tags]
-    if len(tags) < 2:
-        there = f"one solid, {labels[0][-1] or 'unnamed'!r}" if tags else "no solid"
-        raise MeshError(f"it has {there}; expected an assembly of at least two")
-    return Solids(_named(model, tags, labels, names), tags)
+    if not tags:
+        raise MeshError("it has no solid; expected one or more")
+    every = {f"without[{i}]": place for i, place in enumerate(without)}
+    found = _named(model, tags, labels, {**names, **every})
+    kept = [(name, tag) for name, tag in zip(found, tags, strict=True) if name not in every]
+    out = [(3, tag) for name, tag in zip(found, tags, strict=True) if name in every]
+    if not kept:
+        raise MeshError("without leaves out all solids; expected some that stay")
+    if out:
+        model.occ.remove(out, recursive=True)
+        model.occ.synchronize()
+    return Solids([name for name, _ in kept], [tag for _, tag in kept])
 
 
 #: SHA-256 of files that gmsh has read in a separate process.
@@ -156,11 +167,12 @@ def _named(model, tags, labels, names: Mapping[str, Place]) -> list[str]:
             if not isinstance(place, str | int):
                 place = f"({', '.join(f'{x:.6g}' for x in np.ravel(place))}) mm"
             raise MeshError(
-                f"parts.{name} = {place!r} fits {len(which)} solids, expected one by its "
+                f"{_key(name)} = {place!r} fits {len(which)} solids, expected one by its "
                 f"label, its number from 1, or a point inside; there are: {listing}"
             )
         if which[0] in given:
-            twice = f"parts.{given[which[0]]} and parts.{name} are both solid {which[0] + 1}"
+            both = f"{_key(given[which[0]])} and {_key(name)}"
+            twice = f"{both} are both solid {which[0] + 1}"
             raise MeshError(f"{twice}, expected one name for it; there are: {listing}")
         given[which[0]] = name
     used, found = set(given.values()), []
@@ -169,6 +181,10 @@ def _named(model, tags, labels, names: Mapping[str, Place]) -> list[str]:
         used.add(name)
         found.append(name)
     return found
+
+
+def _key(name: str) -> str:
+    return name if name.startswith("without[") else f"parts.{name}"
 
 
 def _matching(model, tags, labels, place: Place) -> list[int]:

@@ -18,7 +18,7 @@ from fenics_joints.case.preload import APPLIED
 from fenics_joints.case.sections import JointSection, MassSection
 from fenics_joints.case.values import AXES
 from fenics_joints.errors import InputError, located
-from fenics_joints.matrices import Interface, MatrixJoint, MatrixPart, MatrixStructure
+from fenics_joints.matrices import MatrixJoint, MatrixPart, MatrixStructure, NodeInterface
 from fenics_joints.matrices.faces import face_of
 from fenics_joints.matrices.files import (
     Nodes,
@@ -47,13 +47,13 @@ class MatrixMesh:
         interfaces: Interfaces by name.
         nodes: Part, and places of its nodes, by the name of a set.
         damping: Viscous matrices by part.
-        zones: Interface and mask of its points, by the name of a zone; others are whole.
+        zones: NodeInterface and mask of its points, by the name of a zone; others are whole.
         held: Rows that cannot move, by part, beside those of ``[supports]``.
         notes: What was found that a user should know.
     """
 
     parts: dict[str, MatrixPart]
-    interfaces: dict[str, Interface]
+    interfaces: dict[str, NodeInterface]
     nodes: dict[str, tuple[str, np.ndarray]]
     damping: dict[str, sp.csr_matrix] = field(default_factory=dict)
     zones: Mapping[str, tuple[str, np.ndarray]] = field(default_factory=dict)
@@ -131,10 +131,10 @@ def _picked(asked, part: MatrixPart, nodes: Nodes, where: str) -> np.ndarray:
     return found
 
 
-def _interface(asked: MatrixInterface, parts, nodes) -> Interface:
+def _interface(asked: MatrixInterface, parts, nodes) -> NodeInterface:
     first, second = (parts[name] for name in asked.between)
     if asked.nodes is None:
-        return Interface.between(first, second, area=asked.area)
+        return NodeInterface.between(first, second, area=asked.area)
     own = []
     for name, part in zip(asked.nodes, (first, second), strict=True):
         if name not in nodes or nodes[name][0] != part.name:
@@ -144,7 +144,7 @@ def _interface(asked: MatrixInterface, parts, nodes) -> Interface:
                 f"{there or 'none'}"
             )
         own.append(nodes[name][1])
-    return Interface(first, own[0], second, own[1], area=asked.area)
+    return NodeInterface(first, own[0], second, own[1], area=asked.area)
 
 
 def as_layers(case: Case, mesh: MatrixMesh) -> Case:

@@ -244,6 +244,18 @@ class MeshFile(MeshSection):
         return self
 
 
+class WasherSection(CaseSection):
+    """``[mesh.washers.NAME]``: a round face that a head or nut presses, around a hole.
+
+    Attributes:
+        at: Its centre, in a round hole of an outer flat face.
+        radius: Its outer radius.
+    """
+
+    at: _Space
+    radius: Size
+
+
 class StepMesh(MeshFile):
     """``[mesh]`` with a STEP file.
 
@@ -253,7 +265,9 @@ class StepMesh(MeshFile):
         ring_size: Size of the cells in the rings.
         circle: Edges of a circle.
         parts: Names of the solids, each by its label, its number in the file or a point inside.
+        without: Solids that are left out, such as bolts and nuts.
         faces: Names of faces, each by points on it.
+        washers: Names of round faces under heads and nuts.
     """
 
     size: Size
@@ -261,12 +275,15 @@ class StepMesh(MeshFile):
     ring_size: Size | None = None
     circle: Annotated[int, Field(ge=6, le=10_000, strict=True)] | None = None
     parts: named(_Place) | None = None
+    without: list[_Place] | None = None
     faces: named(_Points) | None = None
+    washers: named(WasherSection) | None = None
 
     def build(self, folder: Path, comm: MPI.Intracomm) -> TaggedMesh:
         """See `MeshSection.build`."""
         given = self.model_dump(exclude={"file", "degree", "size", "bolts"}, exclude_none=True)
         given["joint"] = self.joint or ("layer" if self.bolts is None else "rings")
+        given["washers"] = {name: (w.at, w.radius) for name, w in (self.washers or {}).items()}
         more = {} if self.bolts is None else comm.bcast(on_root(comm, self.bolts.arguments))
         return read_step(folder / self.file, comm, element_size=self.size, **given, **more)
 

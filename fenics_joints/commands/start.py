@@ -79,6 +79,12 @@ def new(
             "cast-iron, ductile-iron, stainless, titanium or brass.",
         ),
     ] = "steel",
+    preload: Annotated[
+        bool,
+        typer.Option(
+            "--preload", help="Parts of --step in contact under their bolts, for preload."
+        ),
+    ] = False,
     yes: Annotated[
         bool, typer.Option("--yes", help='Ask nothing: guesses stand in the case with a "?".')
     ] = False,
@@ -104,7 +110,7 @@ def new(
         if beams and builder is not None:
             raise typer.BadParameter("has a builder of its own", param_hint="--beams")
         chosen = "offset_beams" if beams else builder
-        source = Source(step, mesh, chosen, tuple(matrices) if matrices else None)
+        source = Source(step, mesh, chosen, tuple(matrices) if matrices else None, preload)
         tests = TestFiles(
             frequencies,
             shapes,

@@ -27,7 +27,7 @@ _NEXT = 0.75
 _SLIVER = 1e-6
 
 
-class Interface:
+class NodeInterface:
     """Where the faces of two parts touch.
 
     The nodes of each face are joined to triangles and parallelograms in the plane of both, which
@@ -82,7 +82,7 @@ class Interface:
             if np.ptp(off) > _FLAT * np.ptp(cloud, axis=0).max():
                 raise InputError(f"{what}: the nodes of {part.name} are not on a flat face")
         flat = [(cloud - middle) @ axes[:2].T for cloud in clouds]
-        faces = [_Face(*each, what) for each in zip(self.parts, sets, flat, strict=True)]
+        faces = [_NodeFace(*each, what) for each in zip(self.parts, sets, flat, strict=True)]
         # The finer face carries the points, the other one is looked up.
         fine = int(faces[1].spacing < faces[0].spacing)
         own, other = faces[fine], faces[1 - fine]
@@ -114,7 +114,9 @@ class Interface:
         self.jump = sp.hstack([-sides[0], sides[1]], format="csr")
 
     @classmethod
-    def between(cls, first: MatrixPart, second: MatrixPart, area: float | None = None) -> Interface:
+    def between(
+        cls, first: MatrixPart, second: MatrixPart, area: float | None = None
+    ) -> NodeInterface:
         """The interface of two parts by their nodes on the plane on which they are nearest.
 
         Raises:
@@ -138,7 +140,7 @@ class Interface:
 
     def __repr__(self) -> str:
         names = " and ".join(part.name for part in self.parts)
-        return f"Interface({names}, {1e6 * self.areas.sum():.4g} mm2)"
+        return f"NodeInterface({names}, {1e6 * self.areas.sum():.4g} mm2)"
 
     def matrix(self, tensor: np.ndarray, which: np.ndarray | None = None) -> sp.csr_matrix:
         """The integral of jump . D jump over the interface, (n_dofs, n_dofs).
@@ -157,7 +159,7 @@ class Interface:
         return sp.csr_matrix(0.5 * (found + found.T))
 
 
-class _Face:
+class _NodeFace:
     """Nodes of one part as triangles and parallelograms in a plane.
 
     Attributes:
@@ -309,7 +311,7 @@ def face_of(part: MatrixPart, nodes: Sequence[int]) -> list[sp.csr_matrix]:
     cloud = part.points[nodes]
     middle = cloud.mean(axis=0)
     axes = np.linalg.svd(cloud - middle, full_matrices=False)[2]
-    face = _Face(part, nodes, (cloud - middle) @ axes[:2].T, part.name)
+    face = _NodeFace(part, nodes, (cloud - middle) @ axes[:2].T, part.name)
     shares, own, _, weights = face.points_inside()
     places = np.einsum("pk,pkc->pc", shares, part.points[own])
     moving, areas = _moving(part, own, shares, places), sp.diags(np.repeat(weights, 3))

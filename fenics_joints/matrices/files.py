@@ -34,7 +34,7 @@ _HELD = 1e-4
 
 
 @dataclass
-class Found:
+class LabelledMatrix:
     """A matrix of a file.
 
     Attributes:
@@ -63,7 +63,7 @@ class Nodes:
     values: dict[str, list[float]] = field(default_factory=dict)
 
 
-def read_matrix(path: Path, what: str, name: str | None = None) -> Found:
+def read_matrix(path: Path, what: str, name: str | None = None) -> LabelledMatrix:
     """A symmetric matrix.
 
     Args:
@@ -94,7 +94,7 @@ def read_matrix(path: Path, what: str, name: str | None = None) -> Found:
     matrix = sp.csr_matrix(found.matrix, dtype=float)
     # Of a symmetric matrix each pair may be there once.
     other = sp.csr_matrix(matrix.T)
-    return Found(sp.csr_matrix(matrix + other - other.multiply(matrix != 0)), found.labels)
+    return LabelledMatrix(sp.csr_matrix(matrix + other - other.multiply(matrix != 0)), found.labels)
 
 
 def _check_file(path: Path) -> None:
@@ -139,24 +139,26 @@ def _numbers(path: Path, columns: int, what: str) -> np.ndarray:
         raise InputError(f"{path}: {error}: expected {what}") from error
 
 
-def _read_calculix(path: Path, what: str, name: str | None) -> Found:
+def _read_calculix(path: Path, what: str, name: str | None) -> LabelledMatrix:
     rows = _numbers(path, 3, "lines 'row column value'")
     i, j = rows[:, :2].astype(int).T - 1
-    return Found(sp.csr_matrix((rows[:, 2], (i, j)), shape=(max(i.max(), j.max()) + 1,) * 2))
+    return LabelledMatrix(
+        sp.csr_matrix((rows[:, 2], (i, j)), shape=(max(i.max(), j.max()) + 1,) * 2)
+    )
 
 
-def _read_mtx(path: Path, what: str, name: str | None) -> Found:
+def _read_mtx(path: Path, what: str, name: str | None) -> LabelledMatrix:
     with path.open(encoding="latin-1") as file:
         if file.readline().startswith("%%MatrixMarket"):
-            return Found(sp.csr_matrix(scipy.io.mmread(path)))
+            return LabelledMatrix(sp.csr_matrix(scipy.io.mmread(path)))
     rows = _table(path, 5, "Matrix Market, or lines 'node, DOF, node, DOF, value' of Abaqus")
     ends = rows[:, :4].astype(int).reshape(-1, 2)
     labels, place = np.unique(ends, axis=0, return_inverse=True)
     i, j = place.reshape(-1, 2).T
-    return Found(sp.csr_matrix((rows[:, 4], (i, j)), shape=(len(labels),) * 2), labels)
+    return LabelledMatrix(sp.csr_matrix((rows[:, 4], (i, j)), shape=(len(labels),) * 2), labels)
 
 
-def _read_npz(path: Path, what: str, name: str | None) -> Found:
+def _read_npz(path: Path, what: str, name: str | None) -> LabelledMatrix:
     with zipfile.ZipFile(path) as packed:
         if sum(member.file_size for member in packed.infolist()) > _MOST:
             raise InputError(f"{path}: unpacks to more than {_MOST / 1e9:g} GB")
@@ -164,31 +166,33 @@ def _read_npz(path: Path, what: str, name: str | None) -> Found:
         if {"data", "indices", "indptr", "shape"} <= set(there.files):
             csr = there["data"], there["indices"], there["indptr"]
             # Symmetric, so rows of one format are columns of the other.
-            return Found(sp.csr_matrix(csr, shape=tuple(there["shape"])))
+            return LabelledMatrix(sp.csr_matrix(csr, shape=tuple(there["shape"])))
         arrays = {key: there[key] for key in there.files}
-    return Found(sp.csr_matrix(_picked(path, arrays, what, name)))
+    return LabelledMatrix(sp.csr_matrix(_picked(path, arrays, what, name)))
 
 
-def _read_mat(path: Path, what: str, name: str | None) -> Found:
+def _read_mat(path: Path, what: str, name: str | None) -> LabelledMatrix:
     if "function" in {kind for *_, kind in scipy.io.whosmat(path)}:
         raise InputError(f"{path}: holds a function: expected matrices")
     there = {k: v for k, v in scipy.io.loadmat(path).items() if not k.startswith("__")}
-    return Found(sp.csr_matrix(_picked(path, there, what, name)))
+    return LabelledMatrix(sp.csr_matrix(_picked(path, there, what, name)))
 
 
-def _read_op4(path: Path, what: str, name: str | None) -> Found:
+def _read_op4(path: Path, what: str, name: str | None) -> LabelledMatrix:
     op4 = _library("pyyeti.nastran.op4", "nastran")
-    return Found(sp.csr_matrix(_picked(path, op4.read(str(path), sparse=True), what, name)))
+    return LabelledMatrix(
+        sp.csr_matrix(_picked(path, op4.read(str(path), sparse=True), what, name))
+    )
 
 
-def _read_op2(path: Path, what: str, name: str | None) -> Found:
+def _read_op2(path: Path, what: str, name: str | None) -> LabelledMatrix:
     op2 = _library("pyyeti.nastran.op2", "nastran")
     with op2.OP2(str(path)) as file:
         there = file.rdop2mats()
-    return Found(sp.csr_matrix(_picked(path, there, what, name)))
+    return LabelledMatrix(sp.csr_matrix(_picked(path, there, what, name)))
 
 
-def _read_dmig(path: Path, what: str, name: str | None) -> Found:
+def _read_dmig(path: Path, what: str, name: str | None) -> LabelledMatrix:
     bulk = _library("pyyeti.nastran.bulk", "nastran")
     names = {f"{k}2GG": k for k in ("K", "M", "B")} | {f"{k}AAX": k for k in ("K", "M", "B")}
     there = bulk.rddmig(str(path))
@@ -196,14 +200,14 @@ def _read_dmig(path: Path, what: str, name: str | None) -> Found:
     own = {key: frame for key, frame in there.items() if names.get(key.upper()) == first}
     frame = _picked(path, there, what, name if name or len(own) != 1 else next(iter(own)))
     labels = np.array([(int(node), max(int(way), 0)) for node, way in frame.index])
-    return Found(sp.csr_matrix(frame.to_numpy()), labels)
+    return LabelledMatrix(sp.csr_matrix(frame.to_numpy()), labels)
 
 
-def _read_full(path: Path, what: str, name: str | None) -> Found:
+def _read_full(path: Path, what: str, name: str | None) -> LabelledMatrix:
     reader = _library("ansys.mapdl.reader", "ansys")
     labels, stiffness, mass = reader.read_binary(str(path)).load_km()
     labels = np.column_stack([labels[:, 0], labels[:, 1] + 1])  # directions count from 0 there
-    return Found(sp.csr_matrix(stiffness if what == "stiffness" else mass), labels)
+    return LabelledMatrix(sp.csr_matrix(stiffness if what == "stiffness" else mass), labels)
 
 
 def _library(module: str, extra: str):
@@ -217,7 +221,7 @@ def _library(module: str, extra: str):
         ) from error
 
 
-_READERS: dict[str, Callable[[Path, str, str | None], Found]] = {
+_READERS: dict[str, Callable[[Path, str, str | None], LabelledMatrix]] = {
     ".sti": _read_calculix,
     ".mas": _read_calculix,
     ".mtx": _read_mtx,
@@ -286,8 +290,8 @@ def read_nodes(path: Path) -> Nodes:
 
 def matrix_part(
     name: str,
-    stiffness: Found,
-    mass: Found,
+    stiffness: LabelledMatrix,
+    mass: LabelledMatrix,
     nodes: Nodes,
     dofs: np.ndarray | None = None,
     *,

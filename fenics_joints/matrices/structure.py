@@ -12,7 +12,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from fenics_joints.errors import InputError, wanted
-from fenics_joints.matrices.faces import Interface
+from fenics_joints.matrices.faces import NodeInterface
 from fenics_joints.matrices.part import MatrixPart
 from fenics_joints.reduction.affine import POINT_MASS, SPRING, AffinePencil, LawScalars, RegionTerm
 from fenics_joints.reduction.arrays import ArrayModel
@@ -61,7 +61,7 @@ class MatrixJoint:
     """
 
     name: str
-    interface: Interface
+    interface: NodeInterface
     properties: Mapping[str, float | str]
     law: Law = SPRINGS
     thickness: float = 1.0

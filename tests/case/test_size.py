@@ -10,13 +10,15 @@ import pytest
 
 pytest.importorskip("dolfinx")
 
+import step_files
 from gmsh_files import gmsh_file
 from mpi4py import MPI
 
 from fenics_joints.case import build_preload, build_structure, check_size, estimate, load_case, size
-from fenics_joints.case.size import available_bytes
+from fenics_joints.case.size import available_bytes, estimate_refused
 from fenics_joints.errors import InputError
 from fenics_joints.meshes.grid import count_intervals, grid_lines
+from fenics_joints.meshes.step_writer import write_step
 
 DEMOS = Path(__file__).parents[2] / "demos"
 BODY = '[parts.body]\ncells = "body"\nE = "70 GPa"\nnu = 0.3\nrho = 2700\n'
@@ -125,3 +127,27 @@ def test_memory_is_the_least_of_all_limits(tmp_path, group, files, expected):
         (tmp_path / name).write_text(text)
     assert available_bytes(tmp_path) == expected
     assert 0 < available_bytes() < 1e15
+
+
+#: Drawings, and a size of the cells in mm.
+DRAWN = {
+    "plates": (lambda occ: step_files.joined(occ, [(30, 20), (70, 20)]), 10),
+    "flanges": (step_files.flanges(), 12),
+    "bracket": (step_files.bracket, 8),
+    "spigot": (step_files.spigot, 15),
+    "dumbbell": (step_files.dumbbell_halves, 20),
+}
+
+
+@pytest.mark.parametrize("name", DRAWN)
+def test_drawings_are_estimated_by_their_surfaces(tmp_path, name):
+    """Within a factor of two, also where their solids cannot be joined."""
+    draw, millimetres = DRAWN[name]
+    write_step(tmp_path / "a.step", draw)
+    parts = BODY.replace('"body"', '["solid_1", "solid_2"]') + '[joints.j]\ncells = "joint*"\n'
+    mesh = f'[mesh]\nfile = "a.step"\nsize = "{millimetres} mm"\ncircle = 8\njoint = "layer"\n'
+    solids = "[mesh.parts]\nsolid_1 = 1\nsolid_2 = 2\n"
+    law = 'law = "springs"\nk_n = "1e12 Pa/m"\nk_t = "1e12 Pa/m"\n'
+    (tmp_path / "case.toml").write_text(mesh + solids + parts + law, encoding="utf-8")
+    case = load_case(tmp_path)
+    assert 0.5 < estimate_refused(case).dofs / dofs(case) < 2

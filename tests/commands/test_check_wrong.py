@@ -16,6 +16,7 @@ from mpi4py import MPI
 
 from fenics_joints.case import build_structure, load_case
 from fenics_joints.commands.check.run import check_case
+from fenics_joints.meshes.step_writer import write_step
 from fenics_joints.modal.modes import solve_modes
 from fenics_joints.progress import Progress
 
@@ -307,6 +308,48 @@ def test_a_large_mesh_of_a_file_is_not_solved(tmp_path):
     found = checked(tmp_path)
     assert not found.errors and found.dofs > 40_000
     assert found.solved.startswith("not compared") and str(found.dofs) in found.solved
+
+
+LOOSE = """
+[mesh]
+file = "a.step"
+size = "10 mm"
+joint = "layer"
+[mesh.parts]
+plate = 1
+box = 2
+[parts.plate]
+cells = "plate"
+E = "70 GPa"
+nu = 0.3
+rho = 2700
+[parts.box]
+cells = "box"
+E = "70 GPa"
+nu = 0.3
+rho = 2700
+[joints.foot]
+cells = "joint"
+law = "springs"
+k_n = "STIFF Pa/m"
+k_t = "STIFF Pa/m"
+"""
+
+
+@pytest.mark.parametrize("stiff, size", [("1e9", 10), ("1e12", 10), ("1e9", 4)])
+def test_a_part_that_moves_alone_is_named(tmp_path, stiff, size):
+    """Without a test, too: 22 g on 1e9 Pa/m over 4 cm2 bounce far below the plate's first mode."""
+
+    def draw(occ):
+        occ.addBox(0, 0, 0, 120, 80, 10)
+        occ.addBox(50, 30, 10, 20, 20, 20)
+
+    write_step(tmp_path / "a.step", draw)
+    text = LOOSE.replace("STIFF", stiff).replace("10 mm", f"{size} mm")
+    (tmp_path / CASE).write_text(text, encoding="utf-8")
+    found = checked(tmp_path)
+    assert not found.errors and found.solved.startswith("looked at 12 modes")
+    assert any("moves box alone" in note for note in found.notes) == (stiff == "1e9"), found.notes
 
 
 BLOCK = """

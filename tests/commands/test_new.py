@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from gmsh_files import gmsh_file
 from mpi4py import MPI
-from step_files import bores, bracket, spigot
+from step_files import bores, bracket, joined, screws, spigot
 from uff_files import mode_55, nodes_15, nodes_2411, units_164
 
 from fenics_joints.case import build_structure, load_case
@@ -21,6 +21,7 @@ from fenics_joints.commands.modes import run_modes
 from fenics_joints.commands.new.draft import BoltHole, stacked
 from fenics_joints.commands.new.run import Source, run_new
 from fenics_joints.commands.new.tests import TestFiles
+from fenics_joints.commands.preload import run_preload
 from fenics_joints.commands.update.run import update_case
 from fenics_joints.errors import InputError
 from fenics_joints.meshes.step_writer import write_step
@@ -413,3 +414,64 @@ def test_the_box_is_updated_to_its_end():
     assert "mode 9 changes its partner" in said and "reduced model is still off" not in said
     errors = report.modes.error_after
     assert np.sqrt(np.mean(errors[:8] ** 2)) < 0.03
+
+
+def test_one_solid_is_a_case_without_joints(tmp_path):
+    """A free bar from CAD bends at the frequency of Euler and Bernoulli's beam."""
+    step = write_step(tmp_path / "bar.step", lambda occ: occ.addBox(0, 0, 0, 300, 12, 6))
+    _, case = written(tmp_path / "case", Source(step=step))
+    assert not case.joints and not check_case(tmp_path / "case", MPI.COMM_SELF, QUIET).errors
+    wave, radius = 4.730041 / 0.3, 6e-3 / np.sqrt(12)
+    expected = wave**2 * radius * np.sqrt(210e9 / 7850) / (2 * np.pi)
+    assert frequencies(case)[6] == pytest.approx(expected, rel=5e-3)
+
+
+def test_bolts_in_a_drawing_leave_their_mass(tmp_path):
+    """Two M8 with nuts: the mass of their cylinders, in the middle of two rings."""
+
+    def draw(occ):
+        joined(occ, [(30, 20), (70, 20)])
+        screws(occ, [(30, 20), (70, 20)], 0, 20, nut=True)
+
+    found, case = written(tmp_path / "case", Source(step=write_step(tmp_path / "a.step", draw)))
+    each = np.pi * (6.5**2 * 8 + 4**2 * 28 + (6.5**2 - 4**2) * 6.5) * 1e-9 * 7850
+    assert case.mesh.without == [3, 4, 5, 6] and list(case.joints) == ["joint"]
+    assert case.masses["fasteners"].mass == pytest.approx(2 * each, rel=1e-3)
+    assert not found.checked.errors
+    assert np.all(frequencies(case)[6:] > 1000)
+
+
+def test_preload_of_a_drawing(tmp_path):
+    """What is written runs: bolts by Motosh's equation, contact that carries their force.
+
+    One bolt has a nut and one is screwed into the lower plate, all turned in space.
+    """
+
+    def draw(occ):
+        lower, upper = occ.addBox(0, 0, 0, 100, 40, 20), occ.addBox(0, 0, 20, 100, 40, 10)
+        occ.cut(
+            [(3, lower)], bores(occ, [(30, 20)], -1, 21, 4.5) + bores(occ, [(70, 20)], 6, 21, 3.4)
+        )
+        occ.cut([(3, upper)], bores(occ, [(30, 20), (70, 20)], 19, 31, 4.5))
+        occ.rotate(occ.getEntities(3), 0, 0, 0, 1, 2, -0.5, 0.7)
+
+    step = write_step(tmp_path / "a.step", draw)
+    found, case = written(tmp_path / "case", Source(step=step, preload=True))
+    assert not found.checked.errors and len(case.mesh.washers) == 3 and len(case.mesh.faces) == 1
+    # M8: pitch 1.25, pitch diameter 7.188, flats 13, hole 9 mm; cos 30 degrees.
+    arm = 1.25 / (2 * np.pi) + 0.12 * 7.188 / 2 / np.cos(np.pi / 6) + 0.12 * (13 + 9) / 4
+    for bolt in case.bolts.values():
+        assert bolt.preload() == pytest.approx(1e3 * bolt.torque / arm, rel=1e-3)
+        assert bolt.preload() == pytest.approx(0.6 * 580 * 36.6, rel=0.05)  # N/mm2, mm2
+    coarse = case.model_copy(update={"mesh": case.mesh.model_copy(update={"degree": 1})})
+    (contact,) = run_preload(coarse, MPI.COMM_SELF, QUIET).result.result.contacts.values()
+    total = sum(bolt.preload() for bolt in case.bolts.values())
+    assert contact.normal_force == pytest.approx(total, rel=1e-3)
+
+
+def test_preload_without_bolts_is_refused(tmp_path):
+    step = write_step(tmp_path / "bar.step", lambda occ: occ.addBox(0, 0, 0, 300, 12, 6))
+    with pytest.raises(InputError, match="--preload: no bolt was found"):
+        written(tmp_path / "case", Source(step=step, preload=True))
+    with pytest.raises(InputError, match="--preload is for --step"):
+        written(tmp_path / "case", Source(builder="lap_plates", preload=True))

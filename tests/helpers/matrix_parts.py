@@ -11,7 +11,7 @@ from mpi4py import MPI
 from unlike_meshes import COMM, STEEL
 
 from fenics_joints import forms
-from fenics_joints.matrices import Interface, MatrixJoint, MatrixPart, MatrixStructure
+from fenics_joints.matrices import MatrixJoint, MatrixPart, MatrixStructure, NodeInterface
 from fenics_joints.structure import Parameter
 
 #: The plates of `unlike_meshes.lap`.
@@ -46,7 +46,9 @@ def lap_structure(low, high, k_n=1e12, k_t=1e12, law=None, **more) -> MatrixStru
     """Both plates with springs between them, of parameters k_n, k_t, and E and rho of steel."""
     parts = lap_parts(low, high)
     own = {"k_n": "k_n", "k_t": "k_t"}
-    joint = MatrixJoint("joint", Interface.between(*parts), own, **({"law": law} if law else {}))
+    joint = MatrixJoint(
+        "joint", NodeInterface.between(*parts), own, **({"law": law} if law else {})
+    )
     known = [Parameter("k_n", k_n, "Pa/m"), Parameter("k_t", k_t, "Pa/m")]
     known += [Parameter(f"steel.{key}", STEEL[key]) for key in ("E", "rho")]
     return MatrixStructure(

@@ -57,3 +57,21 @@ def dumbbell_halves(occ):
         half, _ = occ.fuse([(3, neck)], [(3, head)])
         low, high = (-51, 1) if sign < 0 else (-1, 51)
         occ.cut(half, bores(occ, [(-35, 0), (35, 0)], low, high, 8.75))
+
+
+def joined(occ, at, gap=0.0, radii=(4.5, 4.5)):
+    """Two plates of 100 x 40 x 10 mm, one upon the other, with holes of two radii."""
+    for z, radius in zip((0, 10 + gap), radii, strict=True):
+        plate = occ.addBox(0, 0, z, 100, 40, 10)
+        occ.cut([(3, plate)], bores(occ, at, z - 1, z + 11, radius))
+
+
+def screws(occ, at, low, high, nut=False):
+    """M8 with a round head of 13 x 8 mm below a face; with a nut, 6.5 mm, above another."""
+    for x, y in at:
+        head = occ.addCylinder(x, y, low - 8, 0, 0, 8, 6.5)
+        shank = occ.addCylinder(x, y, low, 0, 0, high - low + 8 * nut, 4)
+        occ.fuse([(3, head)], [(3, shank)])
+        if nut:
+            ring = occ.addCylinder(x, y, high, 0, 0, 6.5, 6.5)
+            occ.cut([(3, ring)], bores(occ, [(x, y)], high - 1, high + 8, 4))

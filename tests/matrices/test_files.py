@@ -11,7 +11,7 @@ import scipy.sparse as sp
 
 from fenics_joints.errors import InputError
 from fenics_joints.matrices.files import (
-    Found,
+    LabelledMatrix,
     Nodes,
     held_note,
     matrix_part,
@@ -57,8 +57,10 @@ def test_a_shell_of_calculix():
 def test_units_of_mm_and_newtons():
     """The same springs and masses, one in N and m, one in N, mm and t."""
     K, M = matrix(), matrix(1)
-    metres = matrix_part("p", Found(sp.csr_matrix(K)), Found(sp.csr_matrix(M)), PLACES, LABELS)
-    mm = Found(sp.csr_matrix(K / 1e3)), Found(sp.csr_matrix(M / 1e3))
+    metres = matrix_part(
+        "p", LabelledMatrix(sp.csr_matrix(K)), LabelledMatrix(sp.csr_matrix(M)), PLACES, LABELS
+    )
+    mm = LabelledMatrix(sp.csr_matrix(K / 1e3)), LabelledMatrix(sp.csr_matrix(M / 1e3))
     part = matrix_part("p", *mm, PLACES, LABELS, length=1e-3)
     assert part.stiffness.toarray() == pytest.approx(K)
     assert part.mass.toarray() == pytest.approx(M)
@@ -152,7 +154,7 @@ def test_strangers_files_are_refused(tmp_path):
     ):
         with pytest.raises(InputError, match=words):
             read_matrix(tmp_path / name, "stiffness")
-    K = Found(sp.csr_matrix(matrix()))
+    K = LabelledMatrix(sp.csr_matrix(matrix()))
     with pytest.raises(InputError, match="no place is known of node 7"):
         matrix_part("p", K, K, Nodes({2: np.zeros(3), 5: np.ones(3)}), LABELS)
     with pytest.raises(InputError, match="8 degrees of freedom are named"):

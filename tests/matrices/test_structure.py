@@ -12,7 +12,7 @@ from fenics_joints.errors import InputError
 from fenics_joints.harmonic import solve_backbone
 from fenics_joints.interfaces import reduce_layers, reduce_matrix_joints
 from fenics_joints.joint_laws import Iwan, RichardAbbott
-from fenics_joints.matrices import Interface, MatrixJoint, MatrixPart, MatrixStructure
+from fenics_joints.matrices import MatrixJoint, MatrixPart, MatrixStructure, NodeInterface
 from fenics_joints.modal import solve_modes
 from fenics_joints.reduction import reduce
 from fenics_joints.reduction.surrogate import tested_models as small_models
@@ -159,7 +159,7 @@ def shell(name: str, z: float) -> MatrixPart:
 
 def test_shells_apart_by_their_thickness_turn_together():
     low, high = shell("low", 0.0), shell("high", 0.006)
-    faces = Interface(low, range(18), high, range(18))
+    faces = NodeInterface(low, range(18), high, range(18))
     rigid = np.vstack([low.rigid_motion(), high.rigid_motion()])
     assert np.abs(faces.jump @ rigid).max() < 1e-15
     assert faces.areas.sum() == pytest.approx(0.1 * 0.04)
@@ -176,12 +176,12 @@ def test_what_does_not_touch_is_refused():
     top = np.flatnonzero(np.isclose(low.points[:, 2], 0.01))
     away = box("away", ([0, 0.1, 0.01], [0.2, 0.14, 0.02]), (10, 2, 1))
     with pytest.raises(InputError, match="do not overlap"):
-        Interface(low, top, away, np.flatnonzero(np.isclose(away.points[:, 2], 0.01)))
+        NodeInterface(low, top, away, np.flatnonzero(np.isclose(away.points[:, 2], 0.01)))
     raised = box("raised", ([0.12, 0, 0.013], [0.32, 0.04, 0.023]), (10, 2, 1))
     with pytest.raises(InputError, match="3 mm apart"):
-        Interface.between(low, raised)
+        NodeInterface.between(low, raised)
     with pytest.raises(InputError, match="not on a flat face"):
-        Interface(low, range(len(low.points)), high, range(len(high.points)))
+        NodeInterface(low, range(len(low.points)), high, range(len(high.points)))
     with pytest.raises(InputError, match=r"sensor.*mm from the nearest node"):
         lap_structure(*UNLIKE).observe([], Sensors([[0.1, 0.5, 0.0]], [0, 0, 1]))
     with pytest.raises(InputError, match="not symmetric"):
@@ -202,9 +202,9 @@ def test_a_hole_stays_open():
         low.points[~gone],
         np.column_stack([number[low.dofs[keep, 0]], low.dofs[keep, 1]]),
     )
-    assert Interface.between(low, high).areas.sum() == pytest.approx(0.08 * 0.04)
+    assert NodeInterface.between(low, high).areas.sum() == pytest.approx(0.08 * 0.04)
     # Nine nodes less: of the sixteen cells of 10 mm around them the corners are half there.
-    assert Interface.between(holed, high).areas.sum() == pytest.approx(0.08 * 0.04 - 14e-4)
+    assert NodeInterface.between(holed, high).areas.sum() == pytest.approx(0.08 * 0.04 - 14e-4)
 
 
 def test_it_is_a_structure_like_others():

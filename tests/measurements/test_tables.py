@@ -196,7 +196,7 @@ def test_a_backbone_is_one_table(tmp_path):
 
 
 def test_heads_in_the_first_column(tmp_path):
-    """The same table either way round, with empty columns at the right; shapes have no such head."""
+    """The same table either way round, with empty columns at the right."""
     wide = "torque [N*m],mode 1 [Hz],mode 2 [Hz],,\n4,100.5,200,,\n8,101,,,\n"
     tall = "torque [N*m];4;8\nmode 1 [Hz];100,5;101\nmode 2 [Hz];200;\n"
     found = []

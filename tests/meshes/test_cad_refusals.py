@@ -61,7 +61,7 @@ AB = {"parts": {"a": 1, "b": 2}}
 FIRST, SECOND = r"bolt 1 at \(45, 15, 20\) mm", r"bolt 2 at \(45, 45, 20\) mm"
 LEAVES = f"ring of {FIRST} between 'a' and 'b', 6 to 14.9 mm, leaves the faces"
 REFUSED = {
-    "one solid": (one_box, {}, "it has one solid, .*expected an assembly of at least two"),
+    "one solid": (one_box, {}, "it has one solid, .*expected at least two for bolts"),
     "overlap": (overlapping, {"parts": {"b": 1, "s": 3}}, r"'b' and 's' overlap by 29\d\d.* mm3"),
     "no contact": (far_apart, AB, r"no two of 'a', 'b' have .* 'b' are 5 mm apart \(layer says"),
     "hanging": (with_lone_block, {"parts": ABC}, "no bolt joins 'a', 'b' with 'c'"),

@@ -188,3 +188,13 @@ def test_the_site_builds_without_a_warning(tmp_path):
                 if not target.exists() or anchor not in known:
                     lost.append((page.name, link))
     assert len(built) > 60 and not lost
+
+
+def test_table_of_nonlinear_laws():
+    """`docs/site_pages/laws.py` writes it from the classes of the case file."""
+    path = REPOSITORY / "docs" / "site_pages" / "laws.py"
+    spec = importlib.util.spec_from_file_location("laws", path)
+    laws = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(laws)
+    found = laws.table()
+    assert "`E_p` | Pa | needed" in found and found in laws.PAGE.read_text(encoding="utf-8")

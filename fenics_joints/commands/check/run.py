@@ -26,7 +26,7 @@ from fenics_joints.case import (
 from fenics_joints.case.dimensions import long_normals, measured_directions
 from fenics_joints.case.own_code import find_again, references
 from fenics_joints.case.preload import APPLIED
-from fenics_joints.case.size import available_bytes, duration, gibibytes
+from fenics_joints.case.size import available_bytes, duration, estimate_refused, gibibytes
 from fenics_joints.commands.check.costs import Cost, costs_of, known, too_much
 from fenics_joints.commands.check.places import (
     CasePoint,
@@ -260,7 +260,10 @@ def check_case(
         found = _more(found, [*same_bolts(case, []), *errors], notes)
         # The size of a file's mesh is known only once it is read.
         unread = case.mesh.origin in ("file", "own")
-        return found if unread else _with_costs(found, comm)
+        if not unread:
+            return _with_costs(found, comm)
+        about = comm.bcast(on_root(comm, lambda: estimate_refused(case, ranks=comm.size)))
+        return found if about is None else _with_costs(found, comm, about)
     found = _meshed(found, examined, tagged)
     found = _beside(found, examined, tagged, comm, progress) if solve else found
     return _with_costs(found, comm)
@@ -419,14 +422,18 @@ def _apart(case: Case, tagged: TaggedMesh) -> list[str]:
     ]
 
 
-def _with_costs(found: Checked, comm: MPI.Intracomm) -> Checked:
-    """The result with time and memory of the commands, and notes on those that take too much."""
+def _with_costs(found: Checked, comm: MPI.Intracomm, about: CostEstimate | None = None) -> Checked:
+    """The result with time and memory of the commands, and notes on those that take too much.
+
+    By the model's size, or by an estimate of it that is better than one from the files' heads.
+    """
     try:
         rough = comm.bcast(on_root(comm, lambda: estimate(found.case, ranks=comm.size)))
     except InputError:
         return found  # said where the mesh is made
-    costs = costs_of(found.case, rough, found.dofs, comm.size)
-    found = replace(found, costs=costs, estimate=known(found.case, rough, found.dofs, comm.size))
+    dofs = found.dofs if about is None else about.dofs
+    costs = costs_of(found.case, rough, dofs, comm.size)
+    found = replace(found, costs=costs, estimate=known(found.case, rough, dofs, comm.size))
     return _more(found, (), too_much(costs))
 
 

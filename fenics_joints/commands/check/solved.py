@@ -31,6 +31,14 @@ _STIFFNESSES = ("E", "G", "k_n", "k_t", "k1", "k2", "k_axial")
 _MARGIN = 1.5
 #: Error of a frequency, by the mesh, from which a note is made.
 _COARSE = 0.05
+#: Modes that are looked at where no test says how many, rigid ones included. Chosen.
+_LOOKED = 12
+#: Kinetic energy of a mode, and mass, as shares of parts that move alone. Chosen: what hangs
+#: loosely on a structure moves so; a thin cover may too.
+_ALONE, _SMALL = 0.9, 0.2
+#: Lowest and highest first frequency times length over the speed of sound. A compact block has 0.5
+#: at most, a strip 300 times as long as it is thick 0.003; the rest is margin. Chosen.
+_SLOW, _FAST = 1e-5, 2.0
 
 
 def beside_model(
@@ -46,19 +54,21 @@ def beside_model(
         progress: Told before the solution.
 
     Returns:
-        What was solved, and in what time, or why nothing was; empty without a test and bands.
-        And what is unlikely, in sentences.
+        What was solved, and in what time, or why nothing was. And what is unlikely, in sentences.
     """
     bands = {} if case.harmonic is None else {"harmonic.band": case.harmonic.band}
     if case.frfs() is not None and case.test.frfs.band is not None:
         bands["test.frfs.band"] = case.test.frfs.band
-    if case.measured is None and not bands:
-        return "", []
+    compared = bool(case.measured is not None or bands)
     begin = time.perf_counter()
     try:
         if case.obstacles:
             raise InputError("where obstacles touch is known only after the preload")
-        case, tagged = _small_enough(case, tagged, dofs)
+        if not compared and dofs > _MOST and getattr(case.mesh, "degree", 1) == 2:
+            # Too stiff, in a sixth of the size: it shows what is loose.
+            case = case.model_copy(update={"mesh": case.mesh.model_copy(update={"degree": 1})})
+        else:
+            case, tagged = _small_enough(case, tagged, dofs)
         progress.step("modes of the nominal model")
         if case.contacts:
             model = LinearJoint(build_preload(case, comm, tagged=tagged, at_rest=True))
@@ -69,16 +79,62 @@ def beside_model(
                 f"{model.n_dofs} degrees of freedom are too many for a check; run "
                 "fenics-joints modes"
             )
-        modes = solve_modes(model, n_modes=min(case.diagnose.n_modes, model.n_dofs))
-        notes = _of_bands(bands, modes.frequencies_hz[modes.n_rigid :])
+        wanted = case.diagnose.n_modes if compared else _LOOKED
+        modes = solve_modes(model, n_modes=min(wanted, model.n_dofs))
+        notes = _of_modes(case, modes)
+        notes += _of_bands(bands, modes.frequencies_hz[modes.n_rigid :])
         if case.measured is not None:
             notes += [*_of_test(case, modes), *_of_mesh(case, comm, model, modes)]
     except JointsError as error:
         reason = str(error).removeprefix(f"{case.path}: ")
-        return f"not compared with the model's modes: {reason}", []
+        what = "not compared with the model's modes" if compared else "modes not looked at"
+        return f"{what}: {reason}", []
     spent = number(comm.bcast(time.perf_counter() - begin), 2)
-    words = f"compared with {len(modes)} modes of a model of {model.n_dofs} degrees of freedom"
+    words = f"{len(modes)} modes of a model of {model.n_dofs} degrees of freedom"
+    words = f"compared with {words}" if compared else f"looked at {words}"
     return f"{words}, solved in {spent} s", notes
+
+
+def _of_modes(case: Case, modes: Modes) -> list[str]:
+    """Notes on modes that no sound structure has: too many rigid ones, parts that move alone."""
+    notes, values = [], modes.model.values(modes.given)
+    free = 3 if getattr(case.mesh, "gdim", 3) == 2 else 6
+    if modes.n_rigid > free and not case.contacts:
+        notes.append(
+            f"the model has {modes.n_rigid} motions without stiffness, expected at most {free}: "
+            "are all parts joined?"
+        )
+    hz, index = modes.frequencies_hz, range(modes.n_rigid, len(modes))
+    if len(index) == 0 or case.contacts:
+        return notes
+    ratio = hz[index[0]] / modes.model.dilation_frequency(modes.given)
+    if not _SLOW < ratio < _FAST:
+        notes.append(
+            f"the first elastic frequency is {hz[index[0]]:.3g} Hz, {ratio:.2g} times that at "
+            "which a block of this size and material swells: are moduli, densities, units right?"
+        )
+    parts = [name for name in case.parts if f"{name}.rho" in values]
+    if len(parts) < 2:
+        return notes
+    columns = [list(values).index(f"{name}.rho") for name in parts]
+    rho = np.array([values[f"{name}.rho"] for name in parts])
+    # Of a mode with unit modal mass -dlambda / drho rho / lambda is a part's kinetic energy.
+    moving = -modes.gradients(index)[:, columns] * rho / modes.eigenvalues[index.start :, None]
+    total = modes.model.total_mass(modes.given)
+    twice = ({**(modes.given or {}), f"{n}.rho": 2 * r} for n, r in zip(parts, rho, strict=True))
+    mass = np.array([modes.model.total_mass(given) for given in twice]) / total - 1
+    for k, share in zip(index, moving, strict=True):
+        order = np.argsort(-share)
+        few = order[: 1 + int(np.argmax(np.cumsum(share[order]) >= _ALONE))]
+        if share[few].sum() >= _ALONE and mass[few].sum() < _SMALL:
+            names = ", ".join(parts[i] for i in sorted(few))
+            notes.append(
+                f"mode {k + 1} at {hz[k]:.4g} Hz moves {names} alone ("
+                f"{percent(share[few].sum())} of the energy, {percent(mass[few].sum())} of the "
+                "mass): joined as they should be?"
+            )
+            break
+    return notes
 
 
 def _small_enough(case: Case, tagged, dofs: int) -> tuple[Case, TaggedMesh | None]:

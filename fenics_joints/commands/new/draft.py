@@ -14,6 +14,7 @@ from scipy.sparse.csgraph import connected_components
 from fenics_joints.errors import member
 from fenics_joints.preload.clearance import ThreadGuess
 from fenics_joints.preload.threads import Thread
+from fenics_joints.preload.torque import motosh_force
 
 #: Pressure between faces where no bolt is, Pa: assumed.
 UNBOLTED = 1e6
@@ -21,6 +22,9 @@ UNBOLTED = 1e6
 #: class 8.8 (ISO 898-1: 580 MPa). The class and the 60 % are assumed; for joints that are taken
 #: apart again 75 % are recommended (Shigley's Mechanical Engineering Design, 9th ed., eq. 8-31).
 STRESS = 0.6 * 580e6
+#: Friction of thread and head, which a torque needs: steel bolts as delivered, 0.10 to 0.16 (VDI
+#: 2230-1, table A5, class B).
+FRICTION = 0.12
 #: Force, N, of a bolt of which not even the thread is known: assumed.
 FORCE = 10e3
 BOLT_FORCE = "of each bolt; assumed: 60 % of the proof stress of class 8.8 (ISO 898-1)"
@@ -240,6 +244,11 @@ class BoltHole:
         return max(deep) > abs(along) * (1 - 1e-3)
 
 
+def torque_of(thread: Thread) -> float:
+    """The torque of its likely force, N·m, with `FRICTION` (`preload.torque.motosh_force`)."""
+    return float(f"{force_of(thread) / motosh_force(1.0, thread, FRICTION, FRICTION):.2g}")
+
+
 def stacked(holes: Sequence[BoltHole]) -> list[int]:
     """The number, from 1, of each hole's bolt: a bolt presses all parts that it passes through."""
     n = len(holes)
@@ -310,7 +319,7 @@ def with_rings(
         {},
         ["The threads of the bolts, by the holes (ISO 273), and their force.", START],
     )
-    if unbolted := _unbolted(touching, [hole.parts for hole in holes]):
+    if unbolted := unbolted_pairs(touching, [hole.parts for hole in holes]):
         mesh["bonded"] = guess(unbolted, "they touch and have no bolt: welded?")
         questions.append("Parts that touch without bolts are taken as welded.")
     mesh["bolts"] = bolts
@@ -323,7 +332,7 @@ def with_rings(
     return draft.joined(mesh, joints, [found], [*questions, *more])
 
 
-def _unbolted(
+def unbolted_pairs(
     touching: Sequence[tuple[str, str]], bolted: Sequence[tuple[str, str]]
 ) -> list[list[str]]:
     """Pairs of parts that something other than bolts must join, or the structure falls apart."""

@@ -21,7 +21,7 @@ from fenics_joints.commands.new.draft import (
 from fenics_joints.commands.new.sources import UNITS, likely_unit
 from fenics_joints.errors import InputError, member
 from fenics_joints.files import is_file, shown_path
-from fenics_joints.matrices import Interface, MatrixPart
+from fenics_joints.matrices import MatrixPart, NodeInterface
 from fenics_joints.matrices.files import NAMES, matrix_part, read_dofs, read_matrix, read_nodes
 
 #: Suffixes of the mass of files that hold one matrix each, by that of the stiffness.
@@ -133,6 +133,6 @@ def _touching(parts: Mapping[str, MatrixPart]) -> Iterator[tuple[tuple[str, str]
     """Pairs of parts with an interface, and its area, m2."""
     for one, two in itertools.combinations(parts, 2):
         try:
-            yield (one, two), float(Interface.between(parts[one], parts[two]).areas.sum())
+            yield (one, two), float(NodeInterface.between(parts[one], parts[two]).areas.sum())
         except InputError:
             continue

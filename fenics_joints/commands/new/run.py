@@ -66,11 +66,14 @@ def run_new(
         InputError: If there is a case already, or for what is wrong in a file.
     """
     member("material", material, MATERIALS)
-    given = [option for option in vars(source).values() if option is not None]
+    doors = (source.step, source.msh, source.matrices, source.builder)
+    given = [option for option in doors if option is not None]
     if len(given) != 1:
         raise InputError(
             "expected one of --step FILE, --mesh FILE, --matrices FILE, --beams and --builder NAME"
         )
+    if source.preload and source.step is None:
+        raise InputError("--preload is for --step FILE; a .msh file names its faces itself")
     case = folder / "case.toml"
     if case.exists():
         raise InputError(f"{shown_path(case)}: is there already; expected a folder without a case")

@@ -17,6 +17,8 @@ from fenics_joints.case.mesh import BUILDERS
 from fenics_joints.commands.check.weights import USUAL_KG, body_of
 from fenics_joints.commands.new.draft import (
     BOLT_FORCE,
+    FRICTION,
+    MATERIALS,
     NO_BOLTS,
     START,
     UNBOLTED,
@@ -32,11 +34,14 @@ from fenics_joints.commands.new.draft import (
     millimetres,
     parts_of,
     springs_joint,
+    stacked,
+    torque_of,
+    unbolted_pairs,
     with_rings,
 )
 from fenics_joints.errors import InputError, MeshError, member
 from fenics_joints.meshes import TaggedMesh, measure_ring, read_msh
-from fenics_joints.meshes.cad_survey import Solid, StepSurvey, ThroughHole
+from fenics_joints.meshes.cad_survey import LeftOut, Solid, StepSurvey, ThroughHole
 from fenics_joints.meshes.check import check_mesh
 from fenics_joints.meshes.decks import DECKS, Deck, read_deck
 from fenics_joints.meshes.grow import Touch, glued, round_holes, touches
@@ -58,12 +63,16 @@ _ROOM, _BESIDE = 1.02, 1e-3
 
 @dataclass(frozen=True)
 class Source:
-    """Where the structure of a case comes from: a STEP file, a .msh file or a builder."""
+    """Where the structure of a case comes from: a STEP file, a .msh file or a builder.
+
+    With ``preload`` the parts of a STEP file are in contact under the force of its bolts.
+    """
 
     step: Path | None = None
     msh: Path | None = None
     builder: str | None = None
     matrices: tuple[Path, ...] | None = None
+    preload: bool = False
 
     def extents(self, survey: StepSurvey | None) -> np.ndarray | None:
         """Along the axes, m, shape (2,) or (3,); None if they cannot be known.
@@ -100,7 +109,8 @@ class Source:
             InputError: If there is no such builder.
         """
         if survey is not None:
-            yield from step_drafts(survey, file, material, ask)
+            drafted = preload_draft if self.preload else step_drafts
+            yield from drafted(survey, file, material, ask)
         elif self.msh is not None:
             yield from msh_drafts(self.msh, file, places, material, ask)
         elif self.builder is not None:
@@ -134,10 +144,18 @@ def likely_unit(spans: Sequence[float], extents: np.ndarray | None) -> str:
 _VERTICES = 300
 #: Gaps between faces that a layer closes without a thickness of its own, m.
 _GAP = 0.7e-3
+#: Kinds of solids that are left out.
+_KINDS = {"bolt": "bolt or pin", "ring": "nut or washer", "twin": "solid drawn twice"}
+_PLURALS = {"bolt": "bolts or pins", "ring": "nuts or washers", "twin": "solids drawn twice"}
+#: Where the mass of a bolt without a ring is put, as a multiple of its hole's radius. Chosen: heads
+#: have 1.35 and more.
+_UNDER_HEAD = 1.2
 #: Names of the joints' layers.
 _LAYERS = re.compile(r"ring_\d+|joint(_\d+)?")
 #: Edges of a circle: a ring's area is short by 10 %, twelve: by 5 %.
 _CIRCLE = 8
+#: Edges of a circle in a preload, which shows the pressure around holes.
+_FINE_CIRCLE = 16
 
 
 def step_drafts(survey: StepSurvey, file: str, material: str, ask: Ask) -> Iterator[Draft]:
@@ -149,12 +167,15 @@ def step_drafts(survey: StepSurvey, file: str, material: str, ask: Ask) -> Itera
         material: Of parts whose label names none.
         ask: Asks the user.
     """
-    # A solid's name is changed where it is that of a joint's layer.
-    names = [f"part_{s.name}" if _LAYERS.fullmatch(s.name) else s.name for s in survey.solids]
+    names = _names(survey)
     base = _without_joints(survey, names, file, material, ask)
     bolts = [hole for hole in survey.holes if hole.room > 0]
     if bolts:
-        yield _with_rings(survey, names, base, bolts, ask)
+        yield _with_rings(survey, names, _with_masses(base, survey, bolts), bolts, ask)
+    base = _with_masses(base, survey, [])
+    if len(survey.solids) - len(survey.left_out) == 1:
+        yield replace(base, found=(*base.found, "one part, and so no joint"))
+        return
     joints, several = {}, len(survey.touching) > 1
     for number, touch in enumerate(survey.touching, start=1):
         a, b = (names[i] for i in touch.solids)
@@ -165,24 +186,163 @@ def step_drafts(survey: StepSurvey, file: str, material: str, ask: Ask) -> Itera
     yield base.joined({"joint": "layer", **_layer(survey)}, joints, (), [NO_BOLTS])
 
 
+def preload_draft(survey: StepSurvey, file: str, material: str, ask: Ask) -> Iterator[Draft]:
+    """The case of a STEP file whose parts are in contact, with bolts and faces under their heads.
+
+    Args:
+        survey: What is in the file.
+        file: Its name in the case.
+        material: Of parts whose label names none.
+        ask: Asks the user.
+
+    Raises:
+        InputError: If there is no bolt whose two ends are found.
+    """
+    names = _names(survey)
+    base = _with_masses(_without_joints(survey, names, file, material, ask), survey, [])
+    threads = _threads(survey.holes, ask)
+    holes = [
+        _bolt_hole(survey, names, hole, likely)
+        for hole, likely in zip(survey.holes, threads, strict=True)
+    ]
+    stacks: dict[int, list[int]] = {}
+    for i, number in enumerate(stacked(holes)):
+        stacks.setdefault(number, []).append(i)
+    washers, faces, bolts, widths, bolted = {}, {}, {}, [], []
+    for own in stacks.values():
+        ends = _ends(survey, holes, own)
+        if ends is None:
+            continue
+        axis = holes[own[0]].normal
+        widest = max(own, key=lambda i: holes[i].radius)
+        radius, likely = holes[widest].radius, threads[widest]
+        name = f"bolt_{len(bolts) + 1}"
+        for end, seat in zip(("lower", "upper"), ends, strict=True):
+            if seat.room == 0:
+                faces[f"{name}_{end}"] = [[millimetres(c) for c in seat.point]]
+                continue
+            outer = min(head_radius(radius, likely), 0.98 * seat.room)
+            washers[f"{name}_{end}"] = {
+                "at": [millimetres(c) for c in seat.centre],
+                "radius": guess(
+                    millimetres(outer, 4), "half the width across flats, if there is room"
+                ),
+            }
+            widths.append(outer - radius)
+        words = ", ".join(dict.fromkeys(holes[i].words for i in own))
+        bolts[name] = Remark(_bolt(f"{name}_lower", f"{name}_upper", likely, axis), words)
+        bolted += [holes[i].parts for i in own]
+    if not bolts:
+        raise InputError(
+            "--preload: no bolt was found; expected a round hole through two parts that touch, "
+            "with a flat face or a cone for a head at one end at least"
+        )
+    largest = sorted(survey.touching, key=lambda touch: -touch.area)
+    pairs = list(dict.fromkeys(tuple(names[i] for i in touch.solids) for touch in largest))
+    mesh = {"joint": "contact", "circle": _FINE_CIRCLE}
+    questions = [
+        "The bolts: their threads, by the holes (ISO 273), torque and friction.",
+        "The friction of the contacts.",
+    ]
+    if glued_pairs := unbolted_pairs(pairs, bolted):
+        mesh["bonded"] = guess(glued_pairs, "they touch and have no bolt: welded?")
+        questions.append("Parts that touch without bolts are taken as welded.")
+    if missing := len(stacks) - len(bolts):
+        questions.append(f"Holes through parts whose ends show no bolt, taken as none: {missing}.")
+    if widths:
+        mesh["ring_size"] = Remark(millimetres(min(widths), 2), "of the cells under the washers")
+    mesh |= {key: table for key, table in (("washers", washers), ("faces", faces)) if table}
+    kept = [pair for pair in pairs if list(pair) not in glued_pairs]
+    contacts = _contacts([(f"{a}_{b}", f"{a}_to_{b}", f"{b}_to_{a}") for a, b in kept])
+    tables = {
+        **base.tables,
+        "mesh": {**base.tables["mesh"], **mesh},
+        "contacts": contacts,
+        "bolts": bolts,
+    }
+    found = f"{len(bolts)} bolts under their force, {len(contacts)} contacts"
+    yield replace(
+        base, tables=tables, found=(*base.found, found), questions=(*base.questions, *questions)
+    )
+
+
+def _names(survey: StepSurvey) -> list[str]:
+    """Names of the solids, changed where they are those of a joint's layer."""
+    return [f"part_{s.name}" if _LAYERS.fullmatch(s.name) else s.name for s in survey.solids]
+
+
+def _bolt_hole(
+    survey: StepSurvey, names: Sequence[str], hole: ThroughHole, likely: ThreadGuess | None
+) -> BoltHole:
+    touch = survey.touching[hole.touch]
+    parts = tuple(names[i] for i in touch.solids)
+    ring = _ring(hole, likely)
+    return BoltHole(parts, hole.centre, touch.normal, hole.diameters, ring, likely, hole.depths)
+
+
+def _ends(survey: StepSurvey, holes: Sequence[BoltHole], own: Sequence[int]):
+    """The first and the last seat of a bolt along its axis; None where an end is not found."""
+    axis = holes[own[0]].normal
+    seats = [seat for i in own for seat in survey.holes[i].seats if seat is not None]
+    if len(seats) != 2 or all(seat.kind == "thread" for seat in seats):
+        return None
+    return sorted(seats, key=lambda seat: float(seat.point @ axis))
+
+
+def _bolt(
+    lower: str, upper: str, likely: ThreadGuess | None, axis: np.ndarray
+) -> dict[str, object]:
+    """A bolt as a force on the faces under head and nut, by its torque if it has a thread."""
+    bolt = {"kind": "washers", "lower": lower, "upper": upper, "axis": direction(axis)}
+    if likely is None:
+        return {
+            **bolt,
+            "force": guess(f"{force_of(None) / 1e3:g} kN", "assumed; or thread and torque"),
+        }
+    why = "for 60 % of the proof stress of class 8.8 (ISO 898-1): assumed"
+    return {
+        **bolt,
+        "thread": guess(likely.thread.name, likely.why),
+        "torque": guess(f"{torque_of(likely.thread):g} N m", why),
+        "friction": guess(FRICTION, "of thread and head; VDI 2230-1, table A5: 0.10 to 0.16"),
+    }
+
+
 def _without_joints(
     survey: StepSurvey, names: Sequence[str], file: str, material: str, ask: Ask
 ) -> Draft:
     """What is the same for any kind of joint."""
     parts, numbers = {}, {}
+    out = {item.solid for item in survey.left_out}
     for number, (name, solid) in enumerate(zip(names, survey.solids, strict=True), start=1):
+        if number - 1 in out:
+            continue
         volume = f"{1e6 * solid.volume:.4g} cm3"
         words = f"{solid.label!r}, {volume}" if solid.label else volume
         parts[name] = ((name,), words, material_of(solid.label, material))
         numbers[name] = Remark(number, words)
-    size = millimetres(_size(survey.solids), 2)
+    own = [solid for i, solid in enumerate(survey.solids) if i not in out]
+    size = millimetres(_size(own), 2)
     mesh = {
         "file": file,
         "size": guess(size, "of the largest cells; smaller is finer"),
         "circle": _CIRCLE,
         "parts": numbers,
     }
-    found = [f"{len(names)} solids: {', '.join(names)}"]
+    found = [f"{len(names)} solid{'s' * (len(names) > 1)}: {', '.join(names)}"]
+    questions = ["The materials: a STEP file has none."]
+    if out:
+        left = sorted(survey.left_out, key=lambda item: item.solid)
+        words = {i.solid: f"{_KINDS[i.kind]}, {names[i.solid]}" for i in left}
+        mesh["without"] = [guess(i + 1, said) for i, said in words.items()]
+        counts = {kind: sum(item.kind == kind for item in left) for kind in _KINDS}
+        said = [
+            f"{n} {_PLURALS[kind] if n > 1 else _KINDS[kind]}" for kind, n in counts.items() if n
+        ]
+        found.append(f"left out: {', '.join(said)} ({', '.join(names[i] for i in sorted(out))})")
+        questions.append(
+            "Solids that are left out, by their shape and place: are they what it says?"
+        )
     for index, touch in enumerate(survey.touching):
         a, b = (names[i] for i in touch.solids)
         apart = f", {millimetres(touch.gap, 3)} apart" if touch.gap > 1e-6 else ""
@@ -192,11 +352,63 @@ def _without_joints(
     return Draft(
         {"mesh": mesh, "parts": parts_of(parts, ask)},
         found=tuple(found),
-        questions=(
-            "The materials: a STEP file has none.",
-            "The size of the cells: halve it and see what the frequencies do.",
-        ),
+        questions=(*questions, "The size of the cells: halve it and see what the frequencies do."),
     )
+
+
+def _with_masses(base: Draft, survey: StepSurvey, rings: Sequence[ThroughHole]) -> Draft:
+    """The case with the mass of bolts, nuts and washers that are left out.
+
+    It is put into the middle of a hole with a ring, which takes it, or else around the hole.
+
+    Args:
+        base: The case.
+        survey: What is in the file.
+        rings: Holes that have a ring.
+    """
+    rho, bolts = MATERIALS["steel"].rho, []
+    for item in survey.left_out:
+        if item.kind == "twin":
+            continue
+        kilograms = to_si(rho, "kg/m3") * survey.solids[item.solid].volume
+        for there in bolts:
+            if _on_axis(item.centre, there[0].centre, there[0]):
+                there[1] += kilograms
+                break
+        else:
+            bolts.append([item, kilograms])
+    groups: dict[str, list] = {}
+    for item, kilograms in bolts:
+        groups.setdefault(f"{kilograms:.3g}", []).append((item, kilograms))
+    masses = {}
+    for number, own in enumerate(groups.values(), start=1):
+        points = []
+        for item, _ in own:
+            here = [hole.centre for hole in rings if _on_axis(hole.centre, item.centre, item)]
+            points += here[:1] or _around(item)
+        name = f"fasteners_{number}" if len(groups) > 1 else "fasteners"
+        each = f"{1e3 * own[0][1]:.3g} g each"
+        words = f"{len(own)} bolt{'s' * (len(own) > 1)} with nuts and washers, {each}"
+        masses[name] = Remark(
+            {
+                "mass": guess(f"{1e3 * sum(m for _, m in own):.4g} g", f"by volume, {rho}"),
+                "points": [[millimetres(c) for c in point] for point in points],
+            },
+            words,
+        )
+    return replace(base, tables={**base.tables, **({"masses": masses} if masses else {})})
+
+
+def _on_axis(point: np.ndarray, centre: np.ndarray, item: LeftOut) -> bool:
+    beside = np.cross(point - centre, item.axis)
+    return bool(np.linalg.norm(beside) < 0.5 * item.radius)
+
+
+def _around(item: LeftOut) -> list[np.ndarray]:
+    """Four points on the face around a bolt's hole, under its head or nut."""
+    first, second = np.linalg.svd(item.axis[None])[2][1:]
+    ways = (first, second, -first, -second)
+    return [item.centre + _UNDER_HEAD * item.radius * way for way in ways]
 
 
 def _size(solids: Sequence[Solid]) -> float:
@@ -213,20 +425,10 @@ def _size(solids: Sequence[Solid]) -> float:
 def _with_rings(
     survey: StepSurvey, names: Sequence[str], base: Draft, bolts: Sequence[ThroughHole], ask: Ask
 ) -> Draft:
-    holes = []
-    for bolt, thread_guess in zip(bolts, _threads(bolts, ask), strict=True):
-        touch = survey.touching[bolt.touch]
-        holes.append(
-            BoltHole(
-                tuple(names[i] for i in touch.solids),
-                bolt.centre,
-                touch.normal,
-                bolt.diameters,
-                _ring(bolt, thread_guess),
-                thread_guess,
-                bolt.depths,
-            )
-        )
+    holes = [
+        _bolt_hole(survey, names, bolt, likely)
+        for bolt, likely in zip(bolts, _threads(bolts, ask), strict=True)
+    ]
     largest = sorted(survey.touching, key=lambda touch: -touch.area)
     touching = [tuple(names[i] for i in touch.solids) for touch in largest if touch.gap < 1e-6]
     skipped = len(survey.holes) - len(bolts)

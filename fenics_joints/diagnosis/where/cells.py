@@ -184,6 +184,10 @@ class FormCells(StructureCells):
         return stiff, omega**2 * mass
 
 
+#: Thickness of the box that shows a joint, over its length. [numerical: chosen for the eye]
+_THIN = 1e-3
+
+
 class MatrixCells(StructureCells):
     """Parts and joints of a model by matrices, each one cell: no finer energies are known."""
 
@@ -197,7 +201,7 @@ class MatrixCells(StructureCells):
         self.group = np.arange(len(self.groups))
         low, high = (np.array([end(p, axis=0) for _, p in model.cells]) for end in (np.min, np.max))
         # A joint is flat: as a box it has two faces.
-        size = np.maximum(high - low, 1e-3 * (high - low).max(axis=1, keepdims=True))
+        size = np.maximum(high - low, _THIN * (high - low).max(axis=1, keepdims=True))
         unit = np.array([(x, y, z) for z in (-1, 1) for y in (-1, 1) for x in (-1, 1)])
         self.corners = 0.5 * ((low + high)[:, None] + unit * size[:, None])
         self.volume, self.bolts = np.prod(size, axis=1), np.empty((0, 3))
