@@ -46,7 +46,7 @@ class Fastener:
     radius: float
 
 
-class _Body:
+class _Solid:
     """Volume, centre of mass and inertia of a solid."""
 
     def __init__(self, model, tag: int):
@@ -73,7 +73,7 @@ class _Body:
         across = (np.trace(self.inertia) - along) / 2
         return float(np.sqrt(max(12 * (across - along / 2) / self.volume, 0.0)))
 
-    def is_twin(self, other: _Body) -> bool:
+    def is_twin(self, other: _Solid) -> bool:
         """Whether it is the other once more, at the same place."""
         size = self.volume ** (1 / 3)
         return (
@@ -85,7 +85,7 @@ class _Body:
 
 def find_twins(model, solids: Solids) -> list[tuple[int, int]]:
     """Solids that stand in the file before, at the same place: their index, and the first's."""
-    bodies = [_Body(model, tag) for tag in solids.tags]
+    bodies = [_Solid(model, tag) for tag in solids.tags]
     first = {}
     for j, body in enumerate(bodies):
         for i in range(j):
@@ -106,7 +106,7 @@ def find_fasteners(
         contacts: Faces that touch.
         holes: For each pair of holes with one axis, the contact and the wider hole.
     """
-    bodies = [_Body(model, tag) for tag in solids.tags]
+    bodies = [_Solid(model, tag) for tag in solids.tags]
     found: dict[int, Fastener] = {}
     for contact, hole in holes:
         for i, body in enumerate(bodies):
