@@ -12,6 +12,7 @@ from fenics_joints.measurements.files import UFF_SUFFIXES, Contents, FileMetadat
 from fenics_joints.measurements.frfs import MeasuredFRFs
 from fenics_joints.measurements.mat import HDF5, read_mat
 from fenics_joints.measurements.rattlesnake import read_rattlesnake
+from fenics_joints.measurements.sdynpy import read_sdynpy
 from fenics_joints.measurements.time_records import TimeSettings
 from fenics_joints.measurements.uff import read_uff
 
@@ -20,6 +21,7 @@ READERS: dict[str, Callable[[Path, FileMetadata], Contents]] = {
     **dict.fromkeys(UFF_SUFFIXES, read_uff),
     **dict.fromkeys((".mat", *HDF5), read_mat),
     ".nc4": read_rattlesnake,
+    ".npz": read_sdynpy,
     **dict.fromkeys((".csv", ".toml"), read_csv),
 }
 
